@@ -1,0 +1,35 @@
+// Strong integer ids: a FaceId is no VertexId and no int.
+#ifndef TESSERA_COMMON_BASE_IDS_H_
+#define TESSERA_COMMON_BASE_IDS_H_
+
+#include <compare>
+#include <cstdint>
+#include <functional>
+
+namespace tessera {
+
+template <class Tag, class Value = int32_t>
+class Id {
+ public:
+  constexpr Id() = default;
+  constexpr explicit Id(Value value) : value_(value) {}
+  constexpr Value value() const { return value_; }
+  friend constexpr auto operator<=>(Id, Id) = default;
+
+ private:
+  Value value_ = -1;
+};
+
+// Index of a view in SceneDescription::views.
+using ViewId = Id<struct ViewTag>;
+// Index of a tile in a job's plan.
+using TileId = Id<struct TileTag>;
+
+}  // namespace tessera
+
+template <class Tag, class Value>
+struct std::hash<tessera::Id<Tag, Value>> {
+  size_t operator()(tessera::Id<Tag, Value> id) const { return std::hash<Value>()(id.value()); }
+};
+
+#endif  // TESSERA_COMMON_BASE_IDS_H_

@@ -1,0 +1,37 @@
+#include "common/base/parallel.h"
+
+#include <tbb/global_control.h>
+#include <tbb/info.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+namespace tessera {
+
+void ParallelFor(int64_t count, int64_t grain, const std::function<void(int64_t, int64_t)>& body) {
+  const int64_t step = std::max<int64_t>(grain, 1);
+  const int64_t chunks = (count + step - 1) / step;
+  tbb::parallel_for(int64_t{0}, chunks,
+                    [&](int64_t chunk) { body(chunk * step, std::min(count, (chunk + 1) * step)); });
+}
+
+double ParallelSum(int64_t count, int64_t grain, const std::function<double(int64_t, int64_t)>& body) {
+  const int64_t step = std::max<int64_t>(grain, 1);
+  std::vector<double> partial((std::max<int64_t>(count, 0) + step - 1) / step);
+  ParallelFor(count, step, [&](int64_t begin, int64_t end) { partial[begin / step] = body(begin, end); });
+  double sum = 0;
+  for (double part : partial) sum += part;
+  return sum;
+}
+
+struct ThreadLimit::Impl {
+  tbb::global_control control;
+};
+
+ThreadLimit::ThreadLimit(int threads)
+    : impl_(new Impl{tbb::global_control(tbb::global_control::max_allowed_parallelism,
+                                         threads > 0 ? threads : tbb::info::default_concurrency())}) {}
+
+ThreadLimit::~ThreadLimit() = default;
+
+}  // namespace tessera

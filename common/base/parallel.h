@@ -1,0 +1,35 @@
+// Parallel loops over fixed chunks, so that sums reduced chunk by chunk do not depend on the number of threads.
+#ifndef TESSERA_COMMON_BASE_PARALLEL_H_
+#define TESSERA_COMMON_BASE_PARALLEL_H_
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <vector>
+
+namespace tessera {
+
+// Calls body(begin, end) for the chunks [0, grain), [grain, 2 grain), ... of [0, count), in any order, on the threads
+// of the process. The chunks are the same for every number of threads. `body` must not throw.
+void ParallelFor(int64_t count, int64_t grain, const std::function<void(int64_t begin, int64_t end)>& body);
+
+// Sum of body(begin, end) over the same chunks, added in the order of the chunks: the same bytes for every number of
+// threads.
+double ParallelSum(int64_t count, int64_t grain, const std::function<double(int64_t begin, int64_t end)>& body);
+
+// Bounds the threads that ParallelFor uses in the whole process while it lives; 0 means one for each core.
+class ThreadLimit {
+ public:
+  explicit ThreadLimit(int threads);
+  ~ThreadLimit();
+  ThreadLimit(const ThreadLimit&) = delete;
+  ThreadLimit& operator=(const ThreadLimit&) = delete;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_BASE_PARALLEL_H_

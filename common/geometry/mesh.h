@@ -1,0 +1,40 @@
+// The triangle mesh as flat arrays: what files hold and hot code reads.
+#ifndef TESSERA_COMMON_GEOMETRY_MESH_H_
+#define TESSERA_COMMON_GEOMETRY_MESH_H_
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+namespace tessera {
+
+// Indices of a face's three vertices, counter-clockwise seen from outside.
+using Triangle = std::array<uint32_t, 3>;
+
+// Vertices in metres, in whatever frame the owner says (the scene's local frame inside the product).
+// `labels`: class index a face, or empty if the mesh has none. -1 means "not labelled".
+struct TriangleMesh {
+  std::vector<Eigen::Vector3d> vertices;
+  std::vector<Triangle> faces;
+  std::vector<int32_t> labels;
+
+  const Eigen::Vector3d& Corner(size_t face, int k) const { return vertices[faces[face][k]]; }
+};
+
+// Twice the area times the unit normal of `face`.
+inline Eigen::Vector3d FaceCross(const TriangleMesh& mesh, size_t face) {
+  const Eigen::Vector3d& a = mesh.Corner(face, 0);
+  return (mesh.Corner(face, 1) - a).cross(mesh.Corner(face, 2) - a);
+}
+
+inline double FaceArea(const TriangleMesh& mesh, size_t face) { return 0.5 * FaceCross(mesh, face).norm(); }
+
+// Unit normal; zero for a face without area.
+inline Eigen::Vector3d FaceNormal(const TriangleMesh& mesh, size_t face) {
+  return FaceCross(mesh, face).stableNormalized();
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_GEOMETRY_MESH_H_

@@ -1,0 +1,37 @@
+// Pixels in memory: planes of one value type.
+#ifndef TESSERA_COMMON_IMAGING_RASTER_H_
+#define TESSERA_COMMON_IMAGING_RASTER_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace tessera {
+
+// `channels` planes of height x width values each, plane after plane, rows from the top, no padding.
+template <class T>
+struct Raster {
+  int width = 0;
+  int height = 0;
+  int channels = 1;
+  std::vector<T> data;
+
+  Raster() = default;
+  Raster(int w, int h, int c = 1, T value = T()) : width(w), height(h), channels(c) {
+    data.assign(static_cast<size_t>(w) * h * c, value);
+  }
+  bool empty() const { return data.empty(); }
+  size_t plane_size() const { return static_cast<size_t>(width) * height; }
+  T* plane(int c) { return data.data() + plane_size() * c; }
+  const T* plane(int c) const { return data.data() + plane_size() * c; }
+  T& at(int x, int y, int c = 0) { return data[plane_size() * c + static_cast<size_t>(y) * width + x]; }
+  const T& at(int x, int y, int c = 0) const { return data[plane_size() * c + static_cast<size_t>(y) * width + x]; }
+};
+
+using FloatImage = Raster<float>;
+using ByteImage = Raster<uint8_t>;
+using LabelImage = Raster<uint8_t>;  // class index a pixel, 255: nothing
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_IMAGING_RASTER_H_

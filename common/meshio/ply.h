@@ -1,0 +1,41 @@
+// PLY files: strict reading, atomic writing.
+#ifndef TESSERA_COMMON_MESHIO_PLY_H_
+#define TESSERA_COMMON_MESHIO_PLY_H_
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/geometry/mesh.h"
+
+namespace tessera {
+
+struct PlyContent {
+  TriangleMesh mesh;             // labels empty if the file has no face property `label`
+  bool float_positions = false;  // x, y, z were stored as 32-bit floats
+};
+
+// ASCII or binary of either byte order; float or double; polygons must be triangles; other elements and properties
+// (lists too) are read past. Errors are INVALID_ARGUMENT (NOT_FOUND if there is no such file) with line (header, ASCII)
+// or byte offset (binary), what was found and what was expected: truncation, trailing bytes, an index out of range, a
+// face that is no triangle, NaN. Never allocates more than a small multiple of the file's size.
+StatusOr<PlyContent> ReadPly(const std::string& path);
+
+// The same from memory; `name` stands for the file in messages. For fuzzing and tests.
+StatusOr<PlyContent> ParsePly(const std::string& bytes, const std::string& name);
+
+struct PlyWriteOptions {
+  std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // if given, faces get red, green, blue by label
+  std::vector<float> face_confidence;                    // if given, faces get `confidence`
+};
+
+// Binary little-endian, double positions, faces with int `label` if the mesh has labels. Written to a temporary name in
+// the same folder, synced, renamed.
+Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWriteOptions& options = {});
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_MESHIO_PLY_H_

@@ -1,0 +1,71 @@
+// The scene: the input contract (scene.json and all that it names).
+#ifndef TESSERA_COMMON_SCENE_SCENE_H_
+#define TESSERA_COMMON_SCENE_SCENE_H_
+
+#include <Eigen/Core>
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/geodesy/frame.h"
+#include "common/geometry/mesh.h"
+#include "common/imaging/camera.h"
+
+namespace tessera {
+
+struct SceneClass {
+  std::string name;
+  std::array<uint8_t, 3> color_rgb = {200, 200, 200};
+  // Normal prior (paper, section 3.2): the class is penalised where the angle between the normal and up is further than
+  // alpha from beta. alpha = pi: never.
+  double prior_alpha_rad = 3.141592653589793;
+  double prior_beta_rad = 0;
+  double smoothness = 1;
+};
+
+struct Flight {
+  std::string name;
+  std::string date;  // ISO 8601, may be empty
+};
+
+// One image with its pose. Paths are relative to the scene's folder; `likelihood_path` is empty if it has none.
+struct SceneView {
+  std::string name;  // file name relative to the images folder, as COLMAP names it
+  std::string image_path;
+  std::string likelihood_path;
+  LensModel lens;
+  PosedCamera camera;  // undistorted; local frame
+  int flight = 0;      // index into SceneDescription::flights
+};
+
+// Everything about a scene but its pixels and its mesh. A plain value.
+struct SceneDescription {
+  std::string folder;  // where the paths start
+  std::string name;
+  std::vector<SceneClass> classes;
+  std::vector<Flight> flights;
+  Frame frame;                    // the scene's own coordinates <-> the local metric frame used inside
+  Eigen::Vector3d up_in_local;    // unit
+  std::vector<SceneView> views;   // in COLMAP's order of image ids
+  std::string mesh_path;          // relative to folder
+  bool has_likelihoods = false;
+  std::vector<std::string> files; // every file of the scene that a job reads, relative to folder, sorted
+};
+
+// Reads scene.json, the camera model and the list of files. `path` is the scene's folder or its scene.json. Every fault
+// that can be found without reading pixels or the mesh is in the returned INVALID_ARGUMENT, one a line.
+StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings);
+
+// The start mesh in the local frame, as stored in the file (not repaired). Refuses a float PLY whose rounding exceeds
+// a hundredth of `gsd_m` (pass 0 to skip that test).
+StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m);
+
+// Median ground sampling distance over a fixed sample of faces and the views that see them (frustum only), metres;
+// FAILED_PRECONDITION if no view sees any face.
+StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& mesh);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_SCENE_SCENE_H_

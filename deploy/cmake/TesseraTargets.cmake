@@ -1,0 +1,53 @@
+# One function for a module, one for its test.
+
+# Warnings and sanitizers, for our own targets alone.
+add_library(tessera_options INTERFACE)
+target_compile_options(tessera_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor
+  $<$<BOOL:${TESSERA_WARNINGS_AS_ERRORS}>:-Werror>)
+target_include_directories(tessera_options INTERFACE ${PROJECT_SOURCE_DIR})
+if(TESSERA_SANITIZE)
+  target_compile_options(tessera_options INTERFACE -fsanitize=${TESSERA_SANITIZE} -fno-omit-frame-pointer)
+  target_link_options(tessera_options INTERFACE -fsanitize=${TESSERA_SANITIZE})
+endif()
+
+# tessera_module(NAME SOURCES a.cc ... [HEADERS a.h ...] [DEPS public ...] [PRIVATE_DEPS ...])
+# A static library tessera_NAME made of this folder's files; includes are written from the project's root.
+# DEPS are those that the headers name; PRIVATE_DEPS those that only the .cc files include.
+function(tessera_module NAME)
+  cmake_parse_arguments(ARG "" "" "SOURCES;HEADERS;DEPS;PRIVATE_DEPS" ${ARGN})
+  set(target tessera_${NAME})
+  add_library(${target} STATIC ${ARG_SOURCES})
+  target_sources(${target} PUBLIC FILE_SET HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR} FILES ${ARG_HEADERS})
+  target_link_libraries(${target} PUBLIC ${ARG_DEPS} PRIVATE tessera_options ${ARG_PRIVATE_DEPS})
+endfunction()
+
+# tessera_executable(NAME SOURCES main.cc DEPS ...): an installed program in bin/.
+function(tessera_executable NAME)
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS" ${ARGN})
+  add_executable(${NAME} ${ARG_SOURCES})
+  target_link_libraries(${NAME} PRIVATE tessera_options ${ARG_DEPS})
+  install(TARGETS ${NAME} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+endfunction()
+
+# tessera_test(DIR [DEPS ...] [LABELS ...] [TIMEOUT seconds])
+# One test program of all tests/DIR/*_test.cc, e.g. DIR = unit/common/base; the name is DIR with underscores.
+# Call it from the module's own CMakeLists.txt.
+function(tessera_test DIR)
+  if(NOT TESSERA_BUILD_TESTS)
+    return()
+  endif()
+  cmake_parse_arguments(ARG "" "TIMEOUT" "DEPS;LABELS" ${ARGN})
+  if(NOT ARG_TIMEOUT)
+    set(ARG_TIMEOUT 300)
+  endif()
+  string(REPLACE "/" "_" name ${DIR})
+  file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/${DIR}/*_test.cc)
+  if(NOT sources)
+    message(FATAL_ERROR "tessera_test(${DIR}): no tests/${DIR}/*_test.cc")
+  endif()
+  add_executable(${name} ${sources})
+  target_link_libraries(${name} PRIVATE tessera_options ${ARG_DEPS} GTest::gmock GTest::gtest_main)
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+  gtest_discover_tests(${name} TEST_PREFIX "${DIR}:" DISCOVERY_TIMEOUT 60
+    PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+endfunction()

@@ -1,0 +1,45 @@
+// From a job to its tasks: ingest first, then, from what ingest found, cut, refine, stitch and publish.
+#ifndef TESSERA_SERVER_PLAN_GRAPH_H_
+#define TESSERA_SERVER_PLAN_GRAPH_H_
+
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+
+namespace tessera {
+
+// A file that a task reads: either a file of the scene, or the output `output` of an earlier task of the graph.
+struct PlannedInput {
+  std::string name;        // how the task sees it: a path relative to its input folder
+  std::string scene_file;  // path relative to the scene's folder; empty if it comes from a task
+  int task = -1;           // index of the producing task in the job's list of tasks
+  std::string output;      // name of that task's output
+};
+
+struct PlannedTask {
+  std::string kind;        // see TaskRequest
+  std::string name;        // unique in the job, for people: "refine tile 3"
+  int tile = -1;           // -1: the whole job
+  std::string parameters;  // canonical JSON (sorted keys, no spaces)
+  double cost = 1;         // predicted work, relative; for progress, ETA and order
+  std::vector<PlannedInput> inputs;
+};
+
+// What a user asks of a job; everything in it enters the tasks' parameters. JSON in proto Job.settings_json.
+struct JobSettings {
+  int tiles = 0;             // 0: as many as fit; 1: the untiled run
+  int rounds = 0;            // outer loop; 0: the default
+  std::string method = "tessera";
+};
+
+// The first task of a job. `scene_files`: every file of the scene, relative, sorted.
+StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
+
+// The rest of the job, to be appended behind the ingest task (index 0), in an order where producers come first. `survey`:
+// content of ingest's output "survey.json". Deterministic.
+StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_PLAN_GRAPH_H_

@@ -1,0 +1,68 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cmath>
+
+#include "common/base/parallel.h"
+#include "common/base/random.h"
+#include "common/base/status.h"
+
+namespace tessera {
+namespace {
+
+TEST(InputErrorTest, NamesFilePlaceFoundAndExpected) {
+  const Status status = InputError("mesh.ply", "line 4", "'elment'", "'element'");
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(status.message(), "mesh.ply: line 4: found 'elment', expected 'element'");
+}
+
+TEST(FaultsTest, KeepsEveryFault) {
+  Faults faults;
+  EXPECT_TRUE(faults.ToStatus().ok());
+  faults.Add(absl::OkStatus());
+  EXPECT_TRUE(faults.empty());
+  faults.Add(absl::NotFoundError("one"));
+  faults.Add(absl::NotFoundError("two"));
+  EXPECT_EQ(faults.ToStatus().message(), "one\ntwo");
+}
+
+TEST(ParallelForTest, VisitsEachIndexOnce) {
+  std::vector<std::atomic<int>> visits(1003);
+  ParallelFor(1003, 10, [&](int64_t begin, int64_t end) {
+    EXPECT_LE(end - begin, 10);
+    for (int64_t i = begin; i < end; ++i) ++visits[i];
+  });
+  for (const auto& count : visits) EXPECT_EQ(count, 1);
+  ParallelFor(0, 10, [](int64_t, int64_t) { FAIL(); });
+}
+
+TEST(ParallelSumTest, DoesNotDependOnThreads) {
+  const auto run = [](int threads) {
+    ThreadLimit limit(threads);
+    return ParallelSum(100000, 7, [](int64_t begin, int64_t end) {
+      double sum = 0;
+      for (int64_t i = begin; i < end; ++i) sum += 1.0 / (1.0 + static_cast<double>(i));
+      return sum;
+    });
+  };
+  EXPECT_EQ(run(1), run(2));
+  EXPECT_EQ(run(1), run(0));
+}
+
+TEST(RandomTest, SameSeedSameNumbersAndUnitMoments) {
+  Random a(7), b(7), c(8);
+  EXPECT_EQ(a.Bits(), b.Bits());
+  EXPECT_NE(a.Bits(), c.Bits());
+  double mean = 0, square = 0;
+  for (int i = 0; i < 100000; ++i) {
+    const double x = a.Normal();
+    mean += x / 100000;
+    square += x * x / 100000;
+  }
+  EXPECT_NEAR(mean, 0, 0.02);
+  EXPECT_NEAR(square, 1, 0.02);
+}
+
+}  // namespace
+}  // namespace tessera

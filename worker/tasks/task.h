@@ -1,0 +1,33 @@
+// What a worker can do: a task is a pure function from a folder of input files to a folder of output files.
+#ifndef TESSERA_WORKER_TASKS_TASK_H_
+#define TESSERA_WORKER_TASKS_TASK_H_
+
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/base/task_control.h"
+
+namespace tessera {
+
+// Everything that determines the outputs: kind, parameters and the bytes of the inputs; nothing else may be read.
+struct TaskRequest {
+  std::string kind;        // "ingest", "cut", "refine", "stitch", "publish"
+  std::string parameters;  // canonical JSON, made by server/plan
+  std::string input_dir;   // inputs lie here under their names (which may contain folders), read-only
+  std::string output_dir;  // empty folder to write to
+};
+
+struct TaskOutcome {
+  std::vector<std::string> outputs;  // names of the files written, relative to output_dir
+  std::string stats;                 // JSON for the report: energies, counts, seconds; never part of a key
+  Warnings warnings;
+};
+
+// Runs one task. Errors: INVALID_ARGUMENT and NOT_FOUND are the input's fault and not retried, RESOURCE_EXHAUSTED is
+// memory, CANCELLED follows `control`, anything else may be retried. Outputs are byte-equal for equal inputs.
+StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TASKS_TASK_H_
