@@ -1,0 +1,201 @@
+#include "common/imaging/image_io.h"
+
+#include <cmath>
+#include <cstring>
+#include <opencv2/imgcodecs.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "common/imaging/file_bytes.h"
+#include "common/imaging/tiff_file.h"
+#include "common/imaging/undistort.h"
+
+namespace tessera {
+namespace {
+
+using Bytes = std::vector<uint8_t>;
+
+bool StartsWith(const Bytes& bytes, const char* magic, size_t size) {
+  return bytes.size() >= size && std::memcmp(bytes.data(), magic, size) == 0;
+}
+bool IsPng(const Bytes& bytes) { return StartsWith(bytes, "\x89PNG\r\n\x1a\n", 8); }
+bool IsJpeg(const Bytes& bytes) { return StartsWith(bytes, "\xff\xd8\xff", 3); }
+bool IsTiff(const Bytes& bytes) {
+  return StartsWith(bytes, "II*\0", 4) || StartsWith(bytes, "MM\0*", 4) || StartsWith(bytes, "II+\0", 4) ||
+         StartsWith(bytes, "MM\0+", 4);
+}
+
+uint32_t BigEndian(const Bytes& bytes, size_t at, int count) {
+  uint32_t value = 0;
+  for (int i = 0; i < count; ++i) value = value << 8 | bytes[at + i];
+  return value;
+}
+
+struct JpegLayout {
+  ImageSize size;
+  size_t scan_offset = 0;  // of the first entropy-coded segment's marker; 0 if it was not reached
+};
+
+// Walks the marker segments up to the first scan (ITU T.81, annex B).
+JpegLayout WalkJpeg(const Bytes& bytes) {
+  JpegLayout layout;
+  size_t at = 2;
+  while (at + 4 <= bytes.size() && bytes[at] == 0xff) {
+    const uint8_t marker = bytes[at + 1];
+    if (marker == 0xff) {  // fill byte
+      ++at;
+      continue;
+    }
+    if (marker == 0xda) {
+      layout.scan_offset = at;
+      break;
+    }
+    const bool is_frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
+    if (is_frame && at + 9 <= bytes.size()) {
+      layout.size = {static_cast<int>(BigEndian(bytes, at + 7, 2)), static_cast<int>(BigEndian(bytes, at + 5, 2))};
+    }
+    at += 2 + BigEndian(bytes, at + 2, 2);
+  }
+  return layout;
+}
+
+// Decoders fill what a truncated JPEG lacks with grey and say nothing.
+bool JpegEnds(const Bytes& bytes) {
+  const size_t scan = WalkJpeg(bytes).scan_offset;
+  if (scan == 0) return false;
+  for (size_t i = bytes.size() - 1; i > scan; --i) {
+    if (bytes[i] == 0xd9 && bytes[i - 1] == 0xff) return true;
+  }
+  return false;
+}
+
+StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, int flags) {
+  if (IsJpeg(bytes) && !JpegEnds(bytes)) {
+    return InputError(path, absl::StrCat("byte ", bytes.size()), "the end of the file", "the end of the JPEG image");
+  }
+  if (!IsJpeg(bytes) && !IsPng(bytes) && !IsTiff(bytes)) {
+    return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "another kind of file",
+                      "a JPEG, PNG or TIFF image");
+  }
+  cv::Mat image;
+  try {
+    image = cv::imdecode(bytes, flags | cv::IMREAD_IGNORE_ORIENTATION);
+  } catch (const cv::Exception& error) {
+    return InputError(path, "", error.err, "a JPEG, PNG or TIFF image");
+  }
+  if (image.empty()) return InputError(path, "", "a damaged image", "a readable JPEG, PNG or TIFF image");
+  return image;
+}
+
+Status EncodeAndReplace(const std::string& path, const ByteImage& image, const std::string& extension,
+                        const std::vector<int>& parameters) {
+  if (image.empty() || (image.channels != 1 && image.channels != 3)) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": cannot write an image of ", image.width, " x ",
+                                                   image.height, " pixels and ", image.channels, " channels"));
+  }
+  cv::Mat mat(image.height, image.width, CV_8UC(image.channels));
+  for (int y = 0; y < image.height; ++y) {
+    uint8_t* row = mat.ptr<uint8_t>(y);
+    for (int x = 0; x < image.width; ++x) {
+      for (int c = 0; c < image.channels; ++c) row[image.channels * x + c] = image.at(x, y, image.channels - 1 - c);
+    }
+  }
+  Bytes bytes;
+  try {
+    if (!cv::imencode(extension, mat, bytes, parameters)) return absl::InternalError(path + ": cannot encode");
+  } catch (const cv::Exception& error) {
+    return absl::InternalError(absl::StrCat(path, ": cannot encode: ", error.err));
+  }
+  return ReplaceFile(path, bytes);
+}
+
+}  // namespace
+
+StatusOr<ImageSize> ReadImageSize(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(Bytes bytes, ReadFileBytes(path, 64 * 1024));
+  if (IsTiff(bytes)) {
+    TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadTiffSize(path));
+    return ImageSize{size.width, size.height};
+  }
+  ImageSize size;
+  if (IsPng(bytes) && bytes.size() >= 24) {
+    size = {static_cast<int>(BigEndian(bytes, 16, 4)), static_cast<int>(BigEndian(bytes, 20, 4))};
+  } else if (IsJpeg(bytes)) {
+    size = WalkJpeg(bytes).size;
+    if (size.width == 0) {  // long metadata before the frame header
+      TESSERA_ASSIGN_OR_RETURN(bytes, ReadFileBytes(path));
+      size = WalkJpeg(bytes).size;
+    }
+  } else {
+    return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "another kind of file",
+                      "a JPEG, PNG or TIFF image");
+  }
+  if (size.width <= 0 || size.height <= 0) return InputError(path, "", "no image size", "a readable image");
+  return size;
+}
+
+StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH));
+  if (mat.cols != lens.pinhole.width || mat.rows != lens.pinhole.height) {
+    return InputError(path, "", absl::StrCat(mat.cols, " x ", mat.rows, " pixels"),
+                      absl::StrCat(lens.pinhole.width, " x ", lens.pinhole.height, " (its camera's size)"));
+  }
+  if (mat.depth() != CV_8U && mat.depth() != CV_16U) {
+    return InputError(path, "", "samples of another kind", "8- or 16-bit unsigned samples");
+  }
+  FloatImage image(mat.cols, mat.rows);
+  const bool wide = mat.depth() == CV_16U;
+  const float scale = wide ? 1.0f / 65535 : 1.0f / 255;
+  for (int y = 0; y < mat.rows; ++y) {
+    float* out = image.data.data() + static_cast<size_t>(y) * image.width;
+    const uint8_t* row8 = mat.ptr<uint8_t>(y);
+    const uint16_t* row16 = mat.ptr<uint16_t>(y);
+    for (int x = 0; x < mat.cols; ++x) {
+      const float b = wide ? row16[3 * x] : row8[3 * x], g = wide ? row16[3 * x + 1] : row8[3 * x + 1];
+      const float r = wide ? row16[3 * x + 2] : row8[3 * x + 2];
+      out[x] = scale * (0.299f * r + 0.587f * g + 0.114f * b);
+    }
+  }
+  return Undistort(std::move(image), lens, NAN);
+}
+
+StatusOr<ByteImage> ReadRgb(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, cv::IMREAD_COLOR));
+  ByteImage image(mat.cols, mat.rows, 3);
+  for (int y = 0; y < mat.rows; ++y) {
+    const uint8_t* row = mat.ptr<uint8_t>(y);
+    for (int x = 0; x < mat.cols; ++x) {
+      for (int c = 0; c < 3; ++c) image.at(x, y, c) = row[3 * x + 2 - c];
+    }
+  }
+  return image;
+}
+
+StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
+  if (!IsPng(bytes)) return InputError(path, "byte 0", "another kind of file", "a PNG image of class ids");
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, cv::IMREAD_UNCHANGED));
+  if (mat.type() != CV_8UC1) {
+    return InputError(path, "", absl::StrCat(mat.channels(), " channels of ", 8 * mat.elemSize1(), " bits"),
+                      "one channel of 8 bits (class ids)");
+  }
+  LabelImage image(mat.cols, mat.rows);
+  for (int y = 0; y < mat.rows; ++y) {
+    std::memcpy(image.data.data() + static_cast<size_t>(y) * image.width, mat.ptr<uint8_t>(y), image.width);
+  }
+  return image;
+}
+
+Status WritePng(const std::string& path, const ByteImage& image) { return EncodeAndReplace(path, image, ".png", {}); }
+
+Status WriteJpeg(const std::string& path, const ByteImage& image, int quality) {
+  return EncodeAndReplace(path, image, ".jpg", {cv::IMWRITE_JPEG_QUALITY, quality});
+}
+
+Status WriteLikelihoodTiff(const std::string& path, const ByteImage& pages) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, EncodeTiffPages(pages));
+  return ReplaceFile(path, bytes);
+}
+
+}  // namespace tessera

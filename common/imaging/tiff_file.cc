@@ -1,0 +1,225 @@
+#include "common/imaging/tiff_file.h"
+
+#include <stdlib.h>
+#include <tiffio.h>
+
+#include <algorithm>
+#include <cstdarg>
+#include <cstdio>
+#include <cstring>
+#include <memory>
+
+#include "absl/strings/str_cat.h"
+
+namespace tessera {
+namespace {
+
+struct TiffCloser {
+  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
+};
+using TiffPtr = std::unique_ptr<TIFF, TiffCloser>;
+
+// libtiff's own words about the first thing that went wrong.
+int KeepFirstError(TIFF*, void* user, const char*, const char* format, va_list arguments) {
+  std::string& message = *static_cast<std::string*>(user);
+  if (message.empty()) {
+    char text[256];
+    std::vsnprintf(text, sizeof text, format, arguments);
+    message = text;
+  }
+  return 1;
+}
+
+int IgnoreWarning(TIFF*, void*, const char*, const char*, va_list) { return 1; }
+
+TiffPtr OpenTiff(const std::string& path, std::string* error) {
+  TIFFOpenOptions* options = TIFFOpenOptionsAlloc();
+  TIFFOpenOptionsSetErrorHandlerExtR(options, KeepFirstError, error);
+  TIFFOpenOptionsSetWarningHandlerExtR(options, IgnoreWarning, nullptr);
+  TiffPtr tiff(TIFFOpenExt(path.c_str(), "rm", options));
+  TIFFOpenOptionsFree(options);
+  return tiff;
+}
+
+TiffSize CurrentSize(TIFF* tiff) {
+  uint32_t width = 0, height = 0;
+  TIFFGetField(tiff, TIFFTAG_IMAGEWIDTH, &width);
+  TIFFGetField(tiff, TIFFTAG_IMAGELENGTH, &height);
+  return {static_cast<int>(std::min<uint32_t>(width, INT32_MAX)),
+          static_cast<int>(std::min<uint32_t>(height, INT32_MAX)), 0};
+}
+
+struct SampleLayout {
+  int bytes = 1;
+  bool is_float = false;
+};
+
+float Sample(const uint8_t* p, SampleLayout layout) {
+  if (layout.is_float) {
+    float value;
+    std::memcpy(&value, p, 4);
+    return value;
+  }
+  if (layout.bytes == 1) return *p;
+  uint16_t value;
+  std::memcpy(&value, p, 2);
+  return value;
+}
+
+Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& place, SampleLayout layout, int width,
+                 int height, const std::string& error, float* plane) {
+  uint32_t tile_width = 0, tile_height = 0;
+  TIFFGetField(tiff, TIFFTAG_TILEWIDTH, &tile_width);
+  TIFFGetField(tiff, TIFFTAG_TILELENGTH, &tile_height);
+  if (tile_width == 0 || tile_height == 0 || tile_width > 4096 || tile_height > 4096) {
+    return InputError(path, place, absl::StrCat("tiles of ", tile_width, " x ", tile_height), "at most 4096 x 4096");
+  }
+  const size_t tile_bytes = size_t{tile_width} * tile_height * layout.bytes;
+  if (TIFFTileSize(tiff) != static_cast<tmsize_t>(tile_bytes)) {
+    return InputError(path, place, absl::StrCat("tiles of ", TIFFTileSize(tiff), " bytes"), absl::StrCat(tile_bytes));
+  }
+  std::vector<uint8_t> tile(tile_bytes);
+  for (int y0 = 0; y0 < height; y0 += static_cast<int>(tile_height)) {
+    for (int x0 = 0; x0 < width; x0 += static_cast<int>(tile_width)) {
+      if (TIFFReadTile(tiff, tile.data(), x0, y0, 0, 0) < 0) {
+        return InputError(path, absl::StrCat(place, ", tile at ", x0, ", ", y0), error, "readable pixels");
+      }
+      for (int y = y0; y < std::min<int>(height, y0 + tile_height); ++y) {
+        for (int x = x0; x < std::min<int>(width, x0 + tile_width); ++x) {
+          const size_t index = size_t(y - y0) * tile_width + (x - x0);
+          plane[size_t(y) * width + x] = Sample(tile.data() + index * layout.bytes, layout);
+        }
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+Status ReadPage(TIFF* tiff, const std::string& path, int page, const TiffSize& expected, const std::string& error,
+                float* plane) {
+  const std::string place = absl::StrCat("page ", page);
+  const TiffSize size = CurrentSize(tiff);
+  if (size.width != expected.width || size.height != expected.height) {
+    return InputError(path, place, absl::StrCat(size.width, " x ", size.height, " pixels"),
+                      absl::StrCat(expected.width, " x ", expected.height));
+  }
+  uint16_t samples = 1, bits = 1, format = SAMPLEFORMAT_UINT;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLESPERPIXEL, &samples);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_BITSPERSAMPLE, &bits);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLEFORMAT, &format);
+  if (samples != 1) return InputError(path, place, absl::StrCat(samples, " samples a pixel"), "1 (a page a class)");
+  const bool is_float = format == SAMPLEFORMAT_IEEEFP && bits == 32;
+  if (!is_float && !(format == SAMPLEFORMAT_UINT && (bits == 8 || bits == 16))) {
+    return InputError(path, place, absl::StrCat(bits, "-bit samples of format ", format),
+                      "8- or 16-bit unsigned or 32-bit float");
+  }
+  const SampleLayout layout{bits / 8, is_float};
+  if (TIFFIsTiled(tiff)) return ReadTiles(tiff, path, place, layout, size.width, size.height, error, plane);
+  const tmsize_t row_bytes = static_cast<tmsize_t>(size.width) * layout.bytes;
+  if (TIFFScanlineSize(tiff) != row_bytes) {
+    return InputError(path, place, absl::StrCat("rows of ", TIFFScanlineSize(tiff), " bytes"), absl::StrCat(row_bytes));
+  }
+  std::vector<uint8_t> row(row_bytes);
+  for (int y = 0; y < size.height; ++y) {
+    if (TIFFReadScanline(tiff, row.data(), y) < 0) {
+      return InputError(path, absl::StrCat(place, ", row ", y), error.empty() ? "unreadable pixels" : error,
+                        "readable pixels");
+    }
+    float* out = plane + size_t(y) * size.width;
+    for (int x = 0; x < size.width; ++x) out[x] = Sample(row.data() + size_t(x) * layout.bytes, layout);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+StatusOr<TiffSize> ReadTiffSize(const std::string& path) {
+  std::string error;
+  const TiffPtr tiff = OpenTiff(path, &error);
+  if (!tiff) return InputError(path, "", error, "a TIFF file");
+  TiffSize size = CurrentSize(tiff.get());
+  size.pages = static_cast<int>(TIFFNumberOfDirectories(tiff.get()));
+  if (size.width <= 0 || size.height <= 0) return InputError(path, "page 1", "no size", "an image");
+  return size;
+}
+
+StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expected) {
+  std::string error;
+  const TiffPtr tiff = OpenTiff(path, &error);
+  if (!tiff) return InputError(path, "", error, "a TIFF file");
+  const int pages = static_cast<int>(TIFFNumberOfDirectories(tiff.get()));
+  if (pages != expected.pages) {
+    return InputError(path, "", absl::StrCat(pages, " pages"), absl::StrCat(expected.pages));
+  }
+  FloatImage image(expected.width, expected.height, expected.pages);
+  for (int page = 0; page < pages; ++page) {
+    error.clear();
+    if (!TIFFSetDirectory(tiff.get(), static_cast<tdir_t>(page))) {
+      return InputError(path, absl::StrCat("page ", page + 1), error, "a readable page");
+    }
+    TESSERA_RETURN_IF_ERROR(ReadPage(tiff.get(), path, page + 1, expected, error, image.plane(page)));
+  }
+  return image;
+}
+
+namespace {
+
+// libtiff's client that writes into memory.
+struct Memory {
+  std::vector<uint8_t> bytes;
+  size_t position = 0;
+
+  static tmsize_t Read(thandle_t handle, void* out, tmsize_t count) {
+    Memory& m = *static_cast<Memory*>(handle);
+    const size_t n = m.position < m.bytes.size() ? std::min<size_t>(count, m.bytes.size() - m.position) : 0;
+    if (n > 0) std::memcpy(out, m.bytes.data() + m.position, n);
+    m.position += n;
+    return static_cast<tmsize_t>(n);
+  }
+  static tmsize_t Write(thandle_t handle, void* in, tmsize_t count) {
+    Memory& m = *static_cast<Memory*>(handle);
+    if (m.position + count > m.bytes.size()) m.bytes.resize(m.position + count);
+    std::memcpy(m.bytes.data() + m.position, in, count);
+    m.position += count;
+    return count;
+  }
+  static toff_t Seek(thandle_t handle, toff_t offset, int whence) {
+    Memory& m = *static_cast<Memory*>(handle);
+    m.position = offset + (whence == SEEK_CUR ? m.position : whence == SEEK_END ? m.bytes.size() : 0);
+    return m.position;
+  }
+  static int Close(thandle_t) { return 0; }
+  static toff_t Size(thandle_t handle) { return static_cast<Memory*>(handle)->bytes.size(); }
+};
+
+}  // namespace
+
+StatusOr<std::vector<uint8_t>> EncodeTiffPages(const ByteImage& pages) {
+  if (pages.empty()) return absl::InvalidArgumentError("a TIFF needs at least one pixel and one page");
+  Memory memory;
+  {
+    const TiffPtr tiff(TIFFClientOpen("memory", "w", &memory, Memory::Read, Memory::Write, Memory::Seek, Memory::Close,
+                                      Memory::Size, nullptr, nullptr));
+    if (!tiff) return absl::InternalError("libtiff cannot write to memory");
+    for (int page = 0; page < pages.channels; ++page) {
+      TIFFSetField(tiff.get(), TIFFTAG_IMAGEWIDTH, static_cast<uint32_t>(pages.width));
+      TIFFSetField(tiff.get(), TIFFTAG_IMAGELENGTH, static_cast<uint32_t>(pages.height));
+      TIFFSetField(tiff.get(), TIFFTAG_BITSPERSAMPLE, 8);
+      TIFFSetField(tiff.get(), TIFFTAG_SAMPLESPERPIXEL, 1);
+      TIFFSetField(tiff.get(), TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK);
+      TIFFSetField(tiff.get(), TIFFTAG_COMPRESSION, COMPRESSION_LZW);
+      TIFFSetField(tiff.get(), TIFFTAG_ROWSPERSTRIP, TIFFDefaultStripSize(tiff.get(), 0));
+      TIFFSetField(tiff.get(), TIFFTAG_SUBFILETYPE, FILETYPE_PAGE);
+      TIFFSetField(tiff.get(), TIFFTAG_PAGENUMBER, page, pages.channels);
+      for (int y = 0; y < pages.height; ++y) {
+        // libtiff takes a non-const row but does not change it where the byte order is its own.
+        auto* row = const_cast<uint8_t*>(pages.plane(page) + size_t(y) * pages.width);
+        if (TIFFWriteScanline(tiff.get(), row, y) < 0) return absl::InternalError("libtiff cannot write a row");
+      }
+      if (!TIFFWriteDirectory(tiff.get())) return absl::InternalError("libtiff cannot write a page");
+    }
+  }
+  return std::move(memory.bytes);
+}
+
+}  // namespace tessera

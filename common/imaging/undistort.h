@@ -1,0 +1,17 @@
+// Undistortion of photographs and of what shares their frame.
+#ifndef TESSERA_COMMON_IMAGING_UNDISTORT_H_
+#define TESSERA_COMMON_IMAGING_UNDISTORT_H_
+
+#include "common/imaging/camera.h"
+#include "common/imaging/raster.h"
+
+namespace tessera {
+
+// `distorted` (of lens.pinhole's size) resampled bilinearly onto lens.pinhole, all channels alike; pixels that the
+// photograph does not show get `outside`. A pinhole's image comes back untouched. Beyond the radius where a lens
+// polynomial folds back, nothing is shown.
+FloatImage Undistort(FloatImage distorted, const LensModel& lens, float outside);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_IMAGING_UNDISTORT_H_
