@@ -1,0 +1,159 @@
+#include "common/storage/blob_store.h"
+
+#include <unistd.h>
+
+#include <atomic>
+#include <cstdio>
+#include <fstream>
+
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+// Copies `from` to `to` and hashes what it wrote; durable on return.
+StatusOr<Digest> CopyAndHash(const std::string& from, const std::string& to) {
+  TESSERA_RETURN_IF_ERROR(CopyFileDurably(from, to));
+  return HashFile(to);
+}
+
+}  // namespace
+
+StatusOr<std::unique_ptr<BlobStore>> BlobStore::Open(const std::string& root) {
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(root + "/partial"));
+  return std::unique_ptr<BlobStore>(new BlobStore(root));
+}
+
+std::string BlobStore::Path(const Digest& digest) const {
+  return root_ + "/" + digest.sha256.substr(0, 2) + "/" + digest.sha256;
+}
+
+std::string BlobStore::PartialPath(const Digest& digest) const { return root_ + "/partial/" + digest.sha256; }
+
+std::string BlobStore::NewTemporary() const {
+  static std::atomic<int64_t> count{0};
+  return root_ + "/partial/put-" + std::to_string(::getpid()) + "-" + std::to_string(count++);
+}
+
+bool BlobStore::Has(const Digest& digest) const {
+  if (!CheckDigest(digest).ok()) return false;
+  const auto stamp = StampOf(Path(digest));
+  return stamp.ok() && stamp->size_bytes == digest.size_bytes;
+}
+
+Status BlobStore::Verify(const Digest& digest) const {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  if (!FileExists(Path(digest))) return absl::NotFoundError("no blob " + digest.sha256);
+  TESSERA_ASSIGN_OR_RETURN(const Digest found, HashFile(Path(digest)));
+  if (found == digest) return absl::OkStatus();
+  return absl::DataLossError(Path(digest) + " is damaged: its " + std::to_string(found.size_bytes) + " bytes hash to " +
+                             found.sha256);
+}
+
+StatusOr<std::string> BlobStore::Read(const Digest& digest, int64_t max_bytes) const {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  TESSERA_ASSIGN_OR_RETURN(std::string content, ReadFile(Path(digest), max_bytes));
+  if (Sha256Hex(content) != digest.sha256) return absl::DataLossError(Path(digest) + " is damaged");
+  return content;
+}
+
+Status BlobStore::Publish(const std::string& temporary, const Digest& digest) {
+  Status status = EnsureFolder(root_ + "/" + digest.sha256.substr(0, 2));
+  if (status.ok()) status = RenameDurably(temporary, Path(digest));
+  if (!status.ok()) std::remove(temporary.c_str());
+  return status;
+}
+
+StatusOr<Digest> BlobStore::PutFile(const std::string& path) {
+  const std::string temporary = NewTemporary();
+  const StatusOr<Digest> digest = CopyAndHash(path, temporary);
+  if (!digest.ok()) {
+    std::remove(temporary.c_str());
+    return digest.status();
+  }
+  TESSERA_RETURN_IF_ERROR(Publish(temporary, *digest));
+  return digest;
+}
+
+StatusOr<Digest> BlobStore::MoveFile(const std::string& path) {
+  const std::string temporary = NewTemporary();
+  if (std::rename(path.c_str(), temporary.c_str()) != 0) {  // another file system, or no such file
+    TESSERA_ASSIGN_OR_RETURN(const Digest digest, PutFile(path));
+    std::remove(path.c_str());
+    return digest;
+  }
+  StatusOr<Digest> digest = HashFile(temporary);
+  if (digest.ok()) {
+    const Status synced = SyncPath(temporary);
+    if (!synced.ok()) digest = synced;
+  }
+  if (!digest.ok()) {
+    std::rename(temporary.c_str(), path.c_str());
+    return digest.status();
+  }
+  TESSERA_RETURN_IF_ERROR(Publish(temporary, *digest));
+  return digest;
+}
+
+StatusOr<Digest> BlobStore::PutBytes(const std::string& bytes) {
+  const Digest digest{Sha256Hex(bytes), static_cast<int64_t>(bytes.size())};
+  if (Has(digest)) return digest;
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(root_ + "/" + digest.sha256.substr(0, 2)));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(Path(digest), bytes));
+  return digest;
+}
+
+StatusOr<int64_t> BlobStore::CommittedBytes(const Digest& digest) const {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  std::lock_guard lock(UploadMutex(digest));
+  if (Has(digest)) return digest.size_bytes;
+  const auto stamp = StampOf(PartialPath(digest));
+  return stamp.ok() ? stamp->size_bytes : 0;
+}
+
+StatusOr<int64_t> BlobStore::Append(const Digest& digest, int64_t offset, const std::string& bytes) {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  const int64_t end = offset + static_cast<int64_t>(bytes.size());
+  if (offset < 0 || end > digest.size_bytes) {
+    return absl::InvalidArgumentError("bytes " + std::to_string(offset) + " to " + std::to_string(end) +
+                                      " of a blob of " + std::to_string(digest.size_bytes));
+  }
+  std::lock_guard lock(UploadMutex(digest));
+  if (Has(digest)) return digest.size_bytes;
+  const std::string path = PartialPath(digest);
+  const auto stamp = StampOf(path);
+  const int64_t committed = stamp.ok() ? stamp->size_bytes : 0;
+  if (offset > committed) {
+    return absl::FailedPreconditionError("upload of " + digest.sha256 + " has " + std::to_string(committed) +
+                                         " bytes, the next chunk starts at " + std::to_string(offset));
+  }
+  if (end <= committed) return committed;
+  std::ofstream file(path, std::ios::binary | std::ios::app);
+  file.write(bytes.data() + (committed - offset), end - committed);
+  file.close();
+  if (!file) return absl::ResourceExhaustedError("cannot write " + path);
+  return end;
+}
+
+Status BlobStore::Complete(const Digest& digest) {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  std::lock_guard lock(UploadMutex(digest));
+  if (Has(digest)) return absl::OkStatus();
+  const std::string path = PartialPath(digest);
+  if (digest.size_bytes == 0 && !FileExists(path)) std::ofstream(path, std::ios::binary);
+  TESSERA_ASSIGN_OR_RETURN(const Digest found, HashFile(path));
+  if (found.size_bytes < digest.size_bytes) {
+    return absl::FailedPreconditionError("upload of " + digest.sha256 + " has only " +
+                                         std::to_string(found.size_bytes) + " of " + std::to_string(digest.size_bytes) +
+                                         " bytes");
+  }
+  if (found != digest) {
+    std::remove(path.c_str());
+    return absl::DataLossError("the bytes received hash to " + found.sha256 + ", not to " + digest.sha256 +
+                               "; upload dropped");
+  }
+  TESSERA_RETURN_IF_ERROR(SyncPath(path));
+  return Publish(path, digest);
+}
+
+}  // namespace tessera

@@ -1,0 +1,75 @@
+#include "common/storage/hash.h"
+
+#include <openssl/evp.h>
+#include <xxhash.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <vector>
+
+namespace tessera {
+
+struct Sha256Hasher::Impl {
+  EVP_MD_CTX* context = EVP_MD_CTX_new();
+  Impl() {
+    // Fails only without memory or with a broken OpenSSL: nothing can go on then.
+    if (context == nullptr || EVP_DigestInit_ex(context, EVP_sha256(), nullptr) != 1) std::abort();
+  }
+  ~Impl() { EVP_MD_CTX_free(context); }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+};
+
+Sha256Hasher::Sha256Hasher() : impl_(std::make_unique<Impl>()) {}
+Sha256Hasher::~Sha256Hasher() = default;
+Sha256Hasher::Sha256Hasher(Sha256Hasher&&) noexcept = default;
+Sha256Hasher& Sha256Hasher::operator=(Sha256Hasher&&) noexcept = default;
+
+void Sha256Hasher::Update(const void* data, size_t size) { EVP_DigestUpdate(impl_->context, data, size); }
+
+std::string Sha256Hasher::Finish() {
+  unsigned char digest[EVP_MAX_MD_SIZE];
+  unsigned int size = 0;
+  EVP_DigestFinal_ex(impl_->context, digest, &size);
+  static const char kDigits[] = "0123456789abcdef";
+  std::string hex;
+  for (unsigned int i = 0; i < size; ++i) {
+    hex += kDigits[digest[i] >> 4];
+    hex += kDigits[digest[i] & 15];
+  }
+  return hex;
+}
+
+std::string Sha256Hex(const std::string& bytes) {
+  Sha256Hasher hasher;
+  hasher.Update(bytes);
+  return hasher.Finish();
+}
+
+StatusOr<Digest> HashFile(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return absl::NotFoundError("cannot open " + path);
+  Sha256Hasher hasher;
+  Digest digest;
+  std::vector<char> buffer(1 << 18);
+  while (file) {
+    file.read(buffer.data(), static_cast<std::streamsize>(buffer.size()));
+    hasher.Update(buffer.data(), static_cast<size_t>(file.gcount()));
+    digest.size_bytes += file.gcount();
+  }
+  if (file.bad() || !file.eof()) return absl::InternalError("cannot read " + path);
+  digest.sha256 = hasher.Finish();
+  return digest;
+}
+
+Status CheckDigest(const Digest& digest) {
+  bool good = digest.sha256.size() == 64 && digest.size_bytes >= 0;
+  for (const char c : digest.sha256) good = good && ((c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'));
+  if (good) return absl::OkStatus();
+  return absl::InvalidArgumentError("not a digest: sha256 '" + digest.sha256.substr(0, 80) + "', " +
+                                    std::to_string(digest.size_bytes) + " bytes");
+}
+
+uint64_t Xxh3(const void* data, size_t size) { return XXH3_64bits(data, size); }
+
+}  // namespace tessera

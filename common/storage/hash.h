@@ -1,0 +1,61 @@
+// Content hashes: SHA-256 names content, XXH3 checks chunks on their way.
+#ifndef TESSERA_COMMON_STORAGE_HASH_H_
+#define TESSERA_COMMON_STORAGE_HASH_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "common/base/status.h"
+
+namespace tessera {
+
+// Name of a content.
+struct Digest {
+  std::string sha256;  // 64 lower-case hex digits
+  int64_t size_bytes = 0;
+  friend bool operator==(const Digest&, const Digest&) = default;
+};
+
+// A file by name and content.
+struct NamedDigest {
+  std::string name;
+  Digest digest;
+  friend bool operator==(const NamedDigest&, const NamedDigest&) = default;
+};
+
+// SHA-256 of bytes that come in pieces. Not thread-safe.
+class Sha256Hasher {
+ public:
+  Sha256Hasher();
+  ~Sha256Hasher();
+  Sha256Hasher(Sha256Hasher&&) noexcept;
+  Sha256Hasher& operator=(Sha256Hasher&&) noexcept;
+  void Update(const void* data, size_t size);
+  void Update(const std::string& bytes) { Update(bytes.data(), bytes.size()); }
+  // The digest of all bytes so far, in hex. Ends the hasher: nothing may be called after it.
+  std::string Finish();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// SHA-256 in lower-case hex.
+std::string Sha256Hex(const std::string& bytes);
+
+// Digest of a file, read once in pieces.
+StatusOr<Digest> HashFile(const std::string& path);
+
+// INVALID_ARGUMENT unless the digest has 64 lower-case hex digits and a size of at least 0; a checked digest is safe
+// in a path.
+Status CheckDigest(const Digest& digest);
+
+// XXH3-64.
+uint64_t Xxh3(const void* data, size_t size);
+inline uint64_t Xxh3(const std::string& bytes) { return Xxh3(bytes.data(), bytes.size()); }
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_STORAGE_HASH_H_

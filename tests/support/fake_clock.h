@@ -1,0 +1,23 @@
+// A clock that moves only when told to.
+#ifndef TESSERA_TESTS_SUPPORT_FAKE_CLOCK_H_
+#define TESSERA_TESTS_SUPPORT_FAKE_CLOCK_H_
+
+#include <atomic>
+
+#include "common/base/clock.h"
+
+namespace tessera {
+
+class FakeClock : public Clock {
+ public:
+  int64_t UnixTimeUs() const override { return 1'700'000'000'000'000 + elapsed_us_; }
+  int64_t MonotonicUs() const override { return elapsed_us_; }
+  void Advance(double seconds) { elapsed_us_ += static_cast<int64_t>(seconds * 1e6); }
+
+ private:
+  std::atomic<int64_t> elapsed_us_{0};
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_SUPPORT_FAKE_CLOCK_H_

@@ -1,0 +1,121 @@
+#include "common/storage/blob_store.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <thread>
+#include <vector>
+
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+TEST(HashTest, KnownValues) {
+  EXPECT_EQ(Sha256Hex("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  EXPECT_EQ(Sha256Hex(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(Xxh3(""), 0x2d06800538d394c2ull);
+  Sha256Hasher hasher;
+  hasher.Update("a");
+  hasher.Update("bc");
+  EXPECT_EQ(hasher.Finish(), Sha256Hex("abc"));
+  EXPECT_FALSE(CheckDigest({"../../etc/passwd", 3}).ok());
+  EXPECT_FALSE(CheckDigest({std::string(64, 'A'), 3}).ok());
+}
+
+class BlobStoreTest : public testing::Test {
+ protected:
+  std::string File(const std::string& content) {
+    const std::string path = folder_.path() + "/file";
+    std::ofstream(path, std::ios::binary) << content;
+    return path;
+  }
+  static Digest DigestOf(const std::string& content) {
+    return {Sha256Hex(content), static_cast<int64_t>(content.size())};
+  }
+  size_t FileCount() const { return ListFiles(store_->root())->size(); }
+
+  TempFolder folder_ = *TempFolder::Create(testing::TempDir());
+  std::unique_ptr<BlobStore> store_ = *BlobStore::Open(folder_.path() + "/blobs");
+  const std::string content_ = std::string(300000, 'x') + "end";
+};
+
+TEST_F(BlobStoreTest, PutMoveAndBytesGiveTheSameBlob) {
+  const Digest digest = DigestOf(content_);
+  EXPECT_FALSE(store_->Has(digest));
+  EXPECT_EQ(*store_->PutFile(File(content_)), digest);
+  EXPECT_TRUE(store_->Has(digest));
+  EXPECT_EQ(*store_->MoveFile(File(content_)), digest);
+  EXPECT_FALSE(FileExists(folder_.path() + "/file"));
+  EXPECT_EQ(*store_->PutBytes(content_), digest);
+  EXPECT_EQ(*store_->Read(digest), content_);
+  EXPECT_EQ(FileCount(), 1u);
+  EXPECT_FALSE(store_->PutFile(folder_.path() + "/none").ok());
+  EXPECT_FALSE(store_->MoveFile(folder_.path() + "/none").ok());
+  EXPECT_EQ(FileCount(), 1u);
+}
+
+TEST_F(BlobStoreTest, FindsDamage) {
+  const Digest digest = *store_->PutFile(File(content_));
+  EXPECT_TRUE(store_->Verify(digest).ok());
+  std::string damaged = content_;
+  damaged[5] = 'y';
+  std::ofstream(store_->Path(digest), std::ios::binary) << damaged;
+  EXPECT_EQ(store_->Verify(digest).code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(store_->Read(digest).status().code(), absl::StatusCode::kDataLoss);
+  std::ofstream(store_->Path(digest), std::ios::binary) << "short";
+  EXPECT_FALSE(store_->Has(digest));
+  // Stored again, it is whole again.
+  EXPECT_TRUE(store_->PutBytes(content_).ok());
+  EXPECT_TRUE(store_->Verify(digest).ok());
+}
+
+TEST_F(BlobStoreTest, UploadResumesAfterReopening) {
+  const Digest digest = DigestOf(content_);
+  EXPECT_EQ(*store_->CommittedBytes(digest), 0);
+  EXPECT_EQ(*store_->Append(digest, 0, content_.substr(0, 1000)), 1000);
+  store_ = *BlobStore::Open(folder_.path() + "/blobs");
+  EXPECT_EQ(*store_->CommittedBytes(digest), 1000);
+  EXPECT_EQ(store_->Append(digest, 2000, "gap").status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(store_->Append(digest, digest.size_bytes, "x").status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(store_->Complete(digest).code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(*store_->Append(digest, 500, content_.substr(500)), digest.size_bytes);  // overlaps
+  EXPECT_FALSE(store_->Has(digest));
+  EXPECT_TRUE(store_->Complete(digest).ok());
+  EXPECT_EQ(*store_->Read(digest), content_);
+  EXPECT_TRUE(store_->Complete(digest).ok());
+}
+
+TEST_F(BlobStoreTest, WrongBytesLeaveNothing) {
+  const Digest digest = DigestOf(content_);
+  std::string wrong = content_;
+  wrong[7] = 'z';
+  ASSERT_TRUE(store_->Append(digest, 0, wrong).ok());
+  EXPECT_EQ(store_->Complete(digest).code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(FileCount(), 0u);
+  EXPECT_EQ(*store_->CommittedBytes(digest), 0);
+}
+
+TEST_F(BlobStoreTest, EmptyBlob) {
+  EXPECT_TRUE(store_->Complete(DigestOf("")).ok());
+  EXPECT_EQ(*store_->Read(DigestOf("")), "");
+}
+
+TEST_F(BlobStoreTest, ConcurrentUploadsOfOneBlob) {
+  const Digest digest = DigestOf(content_);
+  std::vector<std::thread> threads;
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([&] {
+      for (int64_t at = 0; at < digest.size_bytes; at += 5000) {
+        EXPECT_TRUE(store_->Append(digest, at, content_.substr(static_cast<size_t>(at), 5000)).ok());
+      }
+      EXPECT_TRUE(store_->Complete(digest).ok());
+    });
+  }
+  for (auto& thread : threads) thread.join();
+  EXPECT_EQ(*store_->Read(digest), content_);
+}
+
+}  // namespace
+}  // namespace tessera
