@@ -3,6 +3,7 @@
 #define TESSERA_COMMON_GEOMETRY_MESH_H_
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
 #include <vector>

@@ -28,7 +28,7 @@ StatusOr<PlyContent> ReadPly(const std::string& path);
 StatusOr<PlyContent> ParsePly(const std::string& bytes, const std::string& name);
 
 struct PlyWriteOptions {
-  std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // if given, faces get red, green, blue by label
+  std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // if given, faces get red, green, blue by label (-1: black)
   std::vector<float> face_confidence;                    // if given, faces get `confidence`
 };
 

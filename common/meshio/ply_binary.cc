@@ -1,0 +1,197 @@
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "common/meshio/ply_body.h"
+
+namespace tessera {
+namespace {
+
+static_assert(std::endian::native == std::endian::little);
+
+template <class Value, bool kSwap>
+Value Load(const char* bytes) {
+  char ordered[sizeof(Value)];
+  for (size_t i = 0; i < sizeof(Value); ++i) ordered[i] = bytes[kSwap ? sizeof(Value) - 1 - i : i];
+  Value value;
+  std::memcpy(&value, ordered, sizeof(Value));
+  return value;
+}
+
+template <bool kSwap>
+int64_t LoadInteger(const char* bytes, PlyType type) {
+  switch (type) {
+    case PlyType::kInt8:
+      return Load<int8_t, kSwap>(bytes);
+    case PlyType::kUint8:
+      return Load<uint8_t, kSwap>(bytes);
+    case PlyType::kInt16:
+      return Load<int16_t, kSwap>(bytes);
+    case PlyType::kUint16:
+      return Load<uint16_t, kSwap>(bytes);
+    case PlyType::kInt32:
+      return Load<int32_t, kSwap>(bytes);
+    case PlyType::kUint32:
+      return Load<uint32_t, kSwap>(bytes);
+    default:
+      return 0;
+  }
+}
+
+template <bool kSwap>
+double LoadNumber(const char* bytes, PlyType type) {
+  if (type == PlyType::kFloat64) return Load<double, kSwap>(bytes);
+  if (type == PlyType::kFloat32) return Load<float, kSwap>(bytes);
+  return static_cast<double>(LoadInteger<kSwap>(bytes, type));
+}
+
+// What to do with the next bytes of an element: one property that matters, or a run of those that do not.
+struct Step {
+  PlyRole role = PlyRole::kOther;
+  bool is_list = false;
+  PlyType type = PlyType::kInt8;
+  PlyType count_type = PlyType::kInt8;
+  size_t bytes = 0;  // of the number, or of the list's count
+  std::string name;
+};
+
+std::vector<Step> StepsOf(const PlyElement& element) {
+  std::vector<Step> steps;
+  for (const PlyProperty& property : element.properties) {
+    Step step{property.role, property.is_list, property.type, property.count_type, 0, property.name};
+    step.bytes = static_cast<size_t>(PlyTypeBytes(property.is_list ? property.count_type : property.type));
+    const bool plain = step.role == PlyRole::kOther && !step.is_list;
+    if (plain && !steps.empty() && steps.back().role == PlyRole::kOther && !steps.back().is_list) {
+      steps.back().bytes += step.bytes;
+    } else {
+      steps.push_back(std::move(step));
+    }
+  }
+  return steps;
+}
+
+template <bool kSwap>
+class BinaryReader {
+ public:
+  BinaryReader(ByteSource& source, const PlyHeader& header, const std::string& name, TriangleMesh& mesh)
+      : source_(source), header_(header), name_(name), mesh_(mesh) {}
+
+  Status Read() {
+    for (const PlyElement& element : header_.elements) {
+      if (element.properties.empty()) continue;
+      const std::vector<Step> steps = StepsOf(element);
+      const bool is_other = element.kind == PlyElementKind::kOther;
+      if (is_other && steps.size() == 1 && !steps[0].is_list) {
+        // The header's check has shown that this cannot overflow.
+        index_ = element.count;
+        if (!source_.Skip(steps[0].bytes * static_cast<uint64_t>(element.count))) return Truncated(element);
+        continue;
+      }
+      for (index_ = 0; index_ < element.count; ++index_) TESSERA_RETURN_IF_ERROR(ReadElement(element, steps));
+    }
+    if (!source_.AtEnd()) {
+      return InputError(name_, absl::StrCat("byte ", source_.offset_bytes()),
+                        absl::StrCat(source_.size_bytes() - source_.offset_bytes(), " bytes after the last element"),
+                        "the end of the file");
+    }
+    return source_.status();
+  }
+
+ private:
+  Status ReadElement(const PlyElement& element, const std::vector<Step>& steps) {
+    Eigen::Vector3d position = Eigen::Vector3d::Zero();
+    Triangle triangle{};
+    int32_t label = 0;
+    for (const Step& step : steps) {
+      const char* bytes = source_.Peek(step.bytes);
+      if (bytes == nullptr) return Truncated(element);
+      switch (step.role) {
+        case PlyRole::kX:
+        case PlyRole::kY:
+        case PlyRole::kZ: {
+          const double value = LoadNumber<kSwap>(bytes, step.type);
+          if (!std::isfinite(value)) return Error(element, absl::StrCat(step.name, " = ", value), "a finite number");
+          position[static_cast<int>(step.role) - static_cast<int>(PlyRole::kX)] = value;
+          source_.Advance(step.bytes);
+          break;
+        }
+        case PlyRole::kLabel: {
+          const int64_t value = LoadInteger<kSwap>(bytes, step.type);
+          if (value < -1 || value > std::numeric_limits<int32_t>::max()) {
+            return Error(element, absl::StrCat("label ", value), "a class index, or -1 for none");
+          }
+          label = static_cast<int32_t>(value);
+          source_.Advance(step.bytes);
+          break;
+        }
+        case PlyRole::kIndices:
+          TESSERA_RETURN_IF_ERROR(ReadIndices(element, step, triangle));
+          break;
+        case PlyRole::kOther: {
+          const int64_t count = step.is_list ? LoadInteger<kSwap>(bytes, step.count_type) : 0;
+          if (count < 0) {
+            return Error(element, absl::StrCat("a list ", Quoted(step.name), " of ", count, " values"),
+                         "a whole number from 0 on");
+          }
+          source_.Advance(step.bytes);
+          if (!source_.Skip(static_cast<uint64_t>(count) * PlyTypeBytes(step.type))) return Truncated(element);
+          break;
+        }
+      }
+    }
+    if (element.kind == PlyElementKind::kVertex) mesh_.vertices.push_back(position);
+    if (element.kind == PlyElementKind::kFace) {
+      mesh_.faces.push_back(triangle);
+      if (header_.has_label) mesh_.labels.push_back(label);
+    }
+    return absl::OkStatus();
+  }
+
+  Status ReadIndices(const PlyElement& element, const Step& step, Triangle& triangle) {
+    const size_t item_bytes = static_cast<size_t>(PlyTypeBytes(step.type));
+    const int64_t count = LoadInteger<kSwap>(source_.Peek(step.bytes), step.count_type);
+    if (count != 3) return Error(element, absl::StrCat("a face of ", count, " vertices"), "3");
+    const char* bytes = source_.Peek(step.bytes + 3 * item_bytes);
+    if (bytes == nullptr) return Truncated(element);
+    bytes += step.bytes;
+    for (int k = 0; k < 3; ++k, bytes += item_bytes) {
+      const int64_t index = LoadInteger<kSwap>(bytes, step.type);
+      if (index < 0 || index >= header_.vertex_count) {
+        return Error(element, absl::StrCat("vertex index ", index),
+                     absl::StrCat("an index below ", header_.vertex_count));
+      }
+      triangle[k] = static_cast<uint32_t>(index);
+    }
+    source_.Advance(step.bytes + 3 * item_bytes);
+    return absl::OkStatus();
+  }
+
+  Status Error(const PlyElement& element, const std::string& found, const std::string& expected) const {
+    if (!source_.status().ok()) return source_.status();
+    return InputError(name_, absl::StrCat("byte ", source_.offset_bytes(), " (", element.name, " ", index_, ")"), found,
+                      expected);
+  }
+  Status Truncated(const PlyElement& element) const {
+    return Error(element, absl::StrCat("the end of the file (", source_.size_bytes(), " bytes)"),
+                 absl::StrCat(element.count, " elements ", Quoted(element.name)));
+  }
+
+  ByteSource& source_;
+  const PlyHeader& header_;
+  const std::string& name_;
+  TriangleMesh& mesh_;
+  int64_t index_ = 0;
+};
+
+}  // namespace
+
+Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, TriangleMesh& mesh) {
+  ReserveMesh(source, header, mesh);
+  if (header.format == PlyFormat::kBinaryBigEndian) return BinaryReader<true>(source, header, name, mesh).Read();
+  return BinaryReader<false>(source, header, name, mesh).Read();
+}
+
+}  // namespace tessera
