@@ -1,0 +1,37 @@
+#include "common/rpc/status_conversion.h"
+
+#include <grpcpp/support/status.h>
+
+#include <string>
+
+namespace tessera {
+namespace {
+
+constexpr size_t kMaxMessageBytes = 96 << 10;  // percent-encoded at worst three times as long
+
+std::string Shortened(std::string message) {
+  if (message.size() <= kMaxMessageBytes) return message;
+  size_t end = message.rfind('\n', kMaxMessageBytes);
+  if (end == std::string::npos) end = kMaxMessageBytes;
+  while (end > 0 && (static_cast<unsigned char>(message[end]) & 0xC0) == 0x80) --end;  // not inside a UTF-8 character
+  const size_t left_out = message.size() - end;
+  message.resize(end);
+  return message + "\n... and " + std::to_string(left_out) + " more bytes of messages";
+}
+
+}  // namespace
+
+Status FromGrpc(const grpc::Status& status) {
+  if (status.ok()) return absl::OkStatus();
+  const int code = status.error_code();
+  const bool known = code > 0 && code <= static_cast<int>(absl::StatusCode::kUnauthenticated);
+  return Status(known ? static_cast<absl::StatusCode>(code) : absl::StatusCode::kUnknown, status.error_message());
+}
+
+grpc::Status ToGrpc(const Status& status) {
+  if (status.ok()) return grpc::Status::OK;
+  return grpc::Status(static_cast<grpc::StatusCode>(status.code()),
+                      Shortened(std::string(status.message().data(), status.message().size())));
+}
+
+}  // namespace tessera

@@ -1,0 +1,162 @@
+// A blob service that keeps blobs in memory and can be told to break.
+#ifndef TESSERA_TESTS_SUPPORT_FAKE_BLOB_SERVICE_H_
+#define TESSERA_TESTS_SUPPORT_FAKE_BLOB_SERVICE_H_
+
+#include <grpcpp/grpcpp.h>
+
+#include <algorithm>
+#include <map>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "common/storage/hash.h"
+#include "tessera/v1/blobs.grpc.pb.h"
+
+namespace tessera {
+
+class FakeBlobService : public v1::Blobs::Service {
+ public:
+  static constexpr int64_t kChunkBytes = 1 << 20;
+
+  Digest Add(const std::string& bytes) {
+    std::lock_guard lock(mutex_);
+    const Digest digest{Sha256Hex(bytes), static_cast<int64_t>(bytes.size())};
+    blobs_[digest.sha256] = bytes;
+    return digest;
+  }
+  // Serves other bytes than the digest says.
+  void Replace(const Digest& digest, const std::string& bytes) {
+    std::lock_guard lock(mutex_);
+    blobs_[digest.sha256] = bytes;
+  }
+  bool Holds(const Digest& digest) {
+    std::lock_guard lock(mutex_);
+    return blobs_.contains(digest.sha256);
+  }
+  std::string Content(const Digest& digest) {
+    std::lock_guard lock(mutex_);
+    return blobs_[digest.sha256];
+  }
+  // Each of the next `streams` streams breaks with UNAVAILABLE after `chunks` chunks.
+  void BreakStreams(int streams, int chunks) {
+    std::lock_guard lock(mutex_);
+    streams_to_break_ = streams;
+    chunks_before_break_ = chunks;
+  }
+  // The next `count` chunks that are read have a flipped bit.
+  void DamageChunks(int count) {
+    std::lock_guard lock(mutex_);
+    chunks_to_damage_ = count;
+  }
+  // Offsets that streams started from.
+  std::vector<int64_t> read_offsets() {
+    std::lock_guard lock(mutex_);
+    return read_offsets_;
+  }
+  std::vector<int64_t> write_offsets() {
+    std::lock_guard lock(mutex_);
+    return write_offsets_;
+  }
+
+  grpc::Status ReadBlob(grpc::ServerContext*, const v1::ReadBlobRequest* request,
+                        grpc::ServerWriter<v1::BlobChunk>* writer) override {
+    std::string bytes;
+    {
+      std::lock_guard lock(mutex_);
+      read_offsets_.push_back(request->offset());
+      const auto found = blobs_.find(request->digest().sha256());
+      if (found == blobs_.end()) return grpc::Status(grpc::StatusCode::NOT_FOUND, "no such blob");
+      bytes = found->second;
+    }
+    int chunks = 0;
+    for (int64_t offset = request->offset(); offset < static_cast<int64_t>(bytes.size()); offset += kChunkBytes) {
+      if (Breaks(chunks++)) return grpc::Status(grpc::StatusCode::UNAVAILABLE, "told to break");
+      v1::BlobChunk chunk;
+      chunk.set_offset(offset);
+      chunk.set_data(bytes.substr(offset, kChunkBytes));
+      chunk.set_xxh3(Xxh3(chunk.data()));
+      {
+        std::lock_guard lock(mutex_);
+        if (chunks_to_damage_ > 0) {
+          --chunks_to_damage_;
+          (*chunk.mutable_data())[0] ^= 1;
+        }
+      }
+      if (!writer->Write(chunk)) break;
+    }
+    return grpc::Status::OK;
+  }
+
+  grpc::Status WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+                         v1::WriteBlobResponse* response) override {
+    v1::WriteBlobRequest request;
+    std::string sha256;
+    int64_t size_bytes = 0;
+    int chunks = 0;
+    while (reader->Read(&request)) {
+      const int64_t offset = request.chunk().offset();
+      {
+        std::lock_guard lock(mutex_);
+        if (request.has_digest()) {
+          sha256 = request.digest().sha256();
+          size_bytes = request.digest().size_bytes();
+          write_offsets_.push_back(offset);
+        }
+        if (Xxh3(request.chunk().data()) != request.chunk().xxh3()) {
+          return grpc::Status(grpc::StatusCode::DATA_LOSS, "damaged chunk");
+        }
+      }
+      if (Breaks(chunks++)) return grpc::Status(grpc::StatusCode::UNAVAILABLE, "told to break");
+      std::lock_guard lock(mutex_);
+      std::string& partial = partial_[sha256];
+      if (offset > static_cast<int64_t>(partial.size())) {
+        return grpc::Status(grpc::StatusCode::FAILED_PRECONDITION, "gap");
+      }
+      partial.resize(offset);
+      partial += request.chunk().data();
+    }
+    std::lock_guard lock(mutex_);
+    std::string& partial = partial_[sha256];
+    response->set_committed_bytes(static_cast<int64_t>(partial.size()));
+    if (static_cast<int64_t>(partial.size()) == size_bytes) {
+      const bool whole = Sha256Hex(partial) == sha256;
+      if (whole) blobs_[sha256] = partial;
+      partial_.erase(sha256);
+      if (!whole) return grpc::Status(grpc::StatusCode::DATA_LOSS, "does not hash to its digest");
+    }
+    return grpc::Status::OK;
+  }
+
+  grpc::Status QueryWrite(grpc::ServerContext*, const v1::QueryWriteRequest* request,
+                          v1::QueryWriteResponse* response) override {
+    std::lock_guard lock(mutex_);
+    const auto held = blobs_.find(request->digest().sha256());
+    response->set_complete(held != blobs_.end());
+    response->set_committed_bytes(held != blobs_.end()
+                                      ? request->digest().size_bytes()
+                                      : static_cast<int64_t>(partial_[request->digest().sha256()].size()));
+    return grpc::Status::OK;
+  }
+
+ private:
+  bool Breaks(int chunks) {
+    std::lock_guard lock(mutex_);
+    if (streams_to_break_ == 0 || chunks < chunks_before_break_) return false;
+    --streams_to_break_;
+    return true;
+  }
+
+  std::mutex mutex_;
+  std::map<std::string, std::string> blobs_;
+  std::map<std::string, std::string> partial_;
+  int streams_to_break_ = 0;
+  int chunks_before_break_ = 0;
+  int chunks_to_damage_ = 0;
+  std::vector<int64_t> read_offsets_;
+  std::vector<int64_t> write_offsets_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_SUPPORT_FAKE_BLOB_SERVICE_H_
