@@ -1,0 +1,33 @@
+// RecordStore and DigestCache in one SQLite file (write-ahead log, every commit synced).
+#ifndef TESSERA_SERVER_STORE_SQLITE_STORE_H_
+#define TESSERA_SERVER_STORE_SQLITE_STORE_H_
+
+#include <memory>
+#include <string>
+
+#include "server/store/record_store.h"
+
+namespace tessera {
+
+class SqliteStore : public RecordStore, public DigestCache {
+ public:
+  // Opens or makes the file. FAILED_PRECONDITION if it is another program's or of a later version; DATA_LOSS if it is
+  // damaged.
+  static StatusOr<std::unique_ptr<SqliteStore>> Open(const std::string& path);
+  ~SqliteStore() override;
+
+  Status Append(const std::string& record) override;
+  Status Replay(const std::function<Status(const std::string& record)>& visit) override;
+  int64_t StartCount() const override;
+  std::optional<Digest> Find(const std::string& path, const FileStamp& stamp) override;
+  Status Remember(const std::string& path, const FileStamp& stamp, const Digest& digest) override;
+
+ private:
+  struct Impl;
+  explicit SqliteStore(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_STORE_SQLITE_STORE_H_

@@ -1,0 +1,141 @@
+#include "server/store/sqlite_store.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sqlite3.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <fstream>
+#include <vector>
+
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+std::vector<std::string> All(SqliteStore& store) {
+  std::vector<std::string> records;
+  const Status status = store.Replay([&](const std::string& record) {
+    records.push_back(record);
+    return absl::OkStatus();
+  });
+  EXPECT_TRUE(status.ok()) << status;
+  return records;
+}
+
+class SqliteStoreTest : public testing::Test {
+ protected:
+  std::unique_ptr<SqliteStore> Open() {
+    auto store = SqliteStore::Open(path_);
+    EXPECT_TRUE(store.ok()) << store.status();
+    return *std::move(store);
+  }
+  void Execute(const std::string& sql) {
+    sqlite3* db = nullptr;
+    ASSERT_EQ(sqlite3_open(path_.c_str(), &db), SQLITE_OK);
+    EXPECT_EQ(sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(db);
+    sqlite3_close(db);
+  }
+
+  TempFolder folder_ = *TempFolder::Create(testing::TempDir());
+  const std::string path_ = folder_.path() + "/state.sqlite";
+};
+
+TEST_F(SqliteStoreTest, KeepsRecordsInOrderAndCountsStarts) {
+  const std::string binary("a\0b", 3);
+  {
+    auto store = Open();
+    EXPECT_EQ(store->StartCount(), 1);
+    EXPECT_TRUE(store->Append("one").ok());
+    EXPECT_TRUE(store->Append(binary).ok());
+    EXPECT_TRUE(store->Append("").ok());
+  }
+  auto store = Open();
+  EXPECT_EQ(store->StartCount(), 2);
+  EXPECT_THAT(All(*store), ElementsAre("one", binary, ""));
+}
+
+TEST_F(SqliteStoreTest, ReplayStopsAtTheVisitorsError) {
+  auto store = Open();
+  ASSERT_TRUE(store->Append("one").ok());
+  ASSERT_TRUE(store->Append("two").ok());
+  int seen = 0;
+  const Status status =
+      store->Replay([&](const std::string&) { return ++seen == 2 ? absl::InternalError("no") : Status(); });
+  EXPECT_EQ(status.code(), absl::StatusCode::kInternal);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("record 2: no"));
+}
+
+// A process that dies without closing the store loses nothing that was acknowledged.
+TEST_F(SqliteStoreTest, SurvivesAKilledProcess) {
+  int acknowledged[2];
+  ASSERT_EQ(pipe(acknowledged), 0);
+  const pid_t child = fork();
+  if (child == 0) {
+    auto store = SqliteStore::Open(path_);
+    for (int i = 0; i < 20; ++i) {
+      if (!store.ok() || !(*store)->Append("record " + std::to_string(i)).ok()) _exit(1);
+    }
+    (void)!write(acknowledged[1], "k", 1);
+    raise(SIGKILL);  // no destructor, no checkpoint of the log
+  }
+  char byte = 0;
+  close(acknowledged[1]);
+  ASSERT_EQ(read(acknowledged[0], &byte, 1), 1);
+  int wait_status = 0;
+  waitpid(child, &wait_status, 0);
+  ASSERT_TRUE(WIFSIGNALED(wait_status));
+  EXPECT_TRUE(FileExists(path_ + "-wal"));
+  const auto records = All(*Open());
+  ASSERT_EQ(records.size(), 20u);
+  EXPECT_EQ(records[19], "record 19");
+}
+
+TEST_F(SqliteStoreTest, FindsDamage) {
+  {
+    auto store = Open();
+    ASSERT_TRUE(store->Append("one").ok());
+    ASSERT_TRUE(store->Append("two").ok());
+  }
+  Execute("UPDATE records SET content = 'owt' WHERE id = 2");
+  const Status damaged = Open()->Replay([](const std::string&) { return absl::OkStatus(); });
+  EXPECT_EQ(damaged.code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(std::string(damaged.message()), HasSubstr("record 2 is damaged"));
+  Execute("DELETE FROM records WHERE id = 1");
+  const Status missing = Open()->Replay([](const std::string&) { return absl::OkStatus(); });
+  EXPECT_THAT(std::string(missing.message()), HasSubstr("record 1 is missing"));
+}
+
+TEST_F(SqliteStoreTest, RefusesWhatIsNotIts) {
+  std::ofstream(path_) << std::string(5000, 'x');
+  EXPECT_EQ(SqliteStore::Open(path_).status().code(), absl::StatusCode::kDataLoss);
+  ASSERT_TRUE(RemoveTree(path_).ok());
+  Execute("CREATE TABLE other (x)");
+  EXPECT_EQ(SqliteStore::Open(path_).status().code(), absl::StatusCode::kFailedPrecondition);
+  ASSERT_TRUE(RemoveTree(path_).ok());
+  { Open(); }
+  Execute("PRAGMA user_version = 99");
+  const auto later = SqliteStore::Open(path_);
+  EXPECT_THAT(std::string(later.status().message()), HasSubstr("schema version 99"));
+  EXPECT_FALSE(SqliteStore::Open(folder_.path() + "/none/x").ok());
+}
+
+TEST_F(SqliteStoreTest, DigestsHoldWhileTheStampHolds) {
+  auto store = Open();
+  const Digest digest{std::string(64, 'a'), 7};
+  EXPECT_FALSE(store->Find("/x", {7, 1}).has_value());
+  ASSERT_TRUE(store->Remember("/x", {7, 1}, digest).ok());
+  EXPECT_EQ(store->Find("/x", {7, 1}), digest);
+  EXPECT_FALSE(store->Find("/x", {7, 2}).has_value());
+  EXPECT_FALSE(store->Find("/x", {8, 1}).has_value());
+  ASSERT_TRUE(store->Remember("/x", {8, 2}, {std::string(64, 'b'), 8}).ok());
+  EXPECT_FALSE(store->Find("/x", {7, 1}).has_value());
+}
+
+}  // namespace
+}  // namespace tessera
