@@ -18,9 +18,9 @@ struct Crs {
   bool north = true;                              // kUtm
 };
 
-// A rigid change of coordinates between the scene's own frame and the local frame: p_local = rotation (p_scene − origin).
-// For local, enu and utm the rotation is the identity and the origin a multiple of 1,024 m in each axis, near the scene,
-// so that nothing is rounded. For ecef the local frame is east-north-up at a point near the scene.
+// A rigid change of coordinates between the scene's own frame and the local frame: p_local = rotation (p_scene −
+// origin). For local, enu and utm the rotation is the identity and the origin a multiple of 1,024 m in each axis, near
+// the scene, so that nothing is rounded. For ecef the local frame is east-north-up at a point near the scene.
 class Frame {
  public:
   Frame() = default;  // the identity
