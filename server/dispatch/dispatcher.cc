@@ -1,0 +1,425 @@
+#include "server/dispatch/dispatcher.h"
+
+#include <algorithm>
+#include <chrono>
+#include <set>
+#include <utility>
+
+#include "common/base/version.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+namespace {
+
+void ToProto(const Digest& digest, v1::Digest* proto) {
+  proto->set_sha256(digest.sha256);
+  proto->set_size_bytes(digest.size_bytes);
+}
+
+int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
+
+// An output that some later task reads but `outputs` lacks, as a message; empty if all are there.
+std::string MissingOutput(const Job& job, int task, const std::vector<NamedDigest>& outputs) {
+  for (const JobTask& reader : job.tasks) {
+    for (const PlannedInput& input : reader.plan.inputs) {
+      if (!input.scene_file.empty() || input.task != task) continue;
+      const bool found = std::any_of(outputs.begin(), outputs.end(),
+                                     [&](const NamedDigest& output) { return output.name == input.output; });
+      if (!found) return "no output " + input.output + ", which '" + reader.plan.name + "' reads";
+    }
+  }
+  return "";
+}
+
+}  // namespace
+
+Dispatcher::Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options)
+    : environment_(environment), options_(options), ledger_(kAlgorithmVersion) {}
+
+StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment& environment,
+                                                       const DispatchOptions& options) {
+  std::unique_ptr<Dispatcher> dispatcher(new Dispatcher(environment, options));
+  Ledger& ledger = dispatcher->ledger_;
+  TESSERA_RETURN_IF_ERROR(environment.store->Replay([&](const std::string& bytes) -> Status {
+    v1::Record record;
+    if (!record.ParseFromString(bytes)) return absl::DataLossError("not a record");
+    if (const Status status = ledger.Check(record); !status.ok()) {
+      return absl::DataLossError("does not follow from those before it: " + std::string(status.message()));
+    }
+    ledger.Apply(record);
+    return absl::OkStatus();
+  }));
+  const int64_t now_us = environment.clock->MonotonicUs();
+  for (const int job : ledger.active_jobs()) {
+    const auto& tasks = ledger.jobs()[job].tasks;
+    for (int i = 0; i < static_cast<int>(tasks.size()); ++i) {
+      if (tasks[i].state != TaskState::kLeased) continue;
+      dispatcher->leases_.leases()[{job, i}] = {
+          tasks[i].worker(), tasks[i].attempt(), now_us, now_us + Micros(options.lease_s), 0, ""};
+      dispatcher->leases_.workers()[tasks[i].worker()].last_seen_us = now_us;
+    }
+  }
+  return dispatcher;
+}
+
+void Dispatcher::ChangedLocked() {
+  ++version_;
+  changed_.notify_all();
+}
+
+Status Dispatcher::CommitLocked(v1::Record& record) {
+  record.set_time_us(environment_.clock->UnixTimeUs());
+  TESSERA_RETURN_IF_ERROR(ledger_.Check(record));
+  TESSERA_RETURN_IF_ERROR(environment_.store->Append(record.SerializeAsString()));
+  ledger_.Apply(record);
+  ChangedLocked();
+  return absl::OkStatus();
+}
+
+// --- Jobs ---
+
+JobStatus Dispatcher::JobStatusLocked(int job) const {
+  return StatusOfJob(ledger_.jobs()[job], job, leases_, environment_.clock->MonotonicUs());
+}
+
+StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& job) {
+  int index = -1;
+  {
+    std::lock_guard lock(mutex_);
+    if (!job.request_id.empty()) index = ledger_.FindRequest(job.request_id);
+    if (index >= 0) {
+      const JobHeader& header = ledger_.jobs()[index].header;
+      if (header.scene_path != job.scene_path) {
+        return absl::AlreadyExistsError("request " + job.request_id + " was used for " + header.name + " on " +
+                                        header.scene_path);
+      }
+      return JobStatusLocked(index);
+    }
+    index = static_cast<int>(ledger_.jobs().size());
+    v1::Record record;
+    v1::JobAccepted& accepted = *record.mutable_job_accepted();
+    accepted.set_job(JobName(index));
+    accepted.set_request_id(job.request_id);
+    accepted.set_display_name(job.display_name);
+    accepted.set_scene_path(job.scene_path);
+    accepted.mutable_settings()->set_tiles(job.settings.tiles);
+    accepted.mutable_settings()->set_rounds(job.settings.rounds);
+    accepted.mutable_settings()->set_method(job.settings.method);
+    for (const NamedDigest& file : job.scene_files) {
+      v1::SceneFileRecord& added = *accepted.add_scene_files();
+      added.set_path(file.name);
+      ToProto(file.digest, added.mutable_digest());
+    }
+    for (const std::string& warning : job.warnings) accepted.add_warnings(warning);
+    TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  }
+  // The job is accepted whatever comes of this; Tick tries again and tells.
+  Advance().IgnoreError();
+  std::lock_guard lock(mutex_);
+  return JobStatusLocked(index);
+}
+
+std::optional<JobStatus> Dispatcher::FindRequest(const std::string& request_id) const {
+  std::lock_guard lock(mutex_);
+  const int index = request_id.empty() ? -1 : ledger_.FindRequest(request_id);
+  if (index < 0) return std::nullopt;
+  return JobStatusLocked(index);
+}
+
+StatusOr<JobStatus> Dispatcher::GetJob(const std::string& name) const {
+  std::lock_guard lock(mutex_);
+  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+  return JobStatusLocked(job);
+}
+
+std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
+  std::lock_guard lock(mutex_);
+  std::vector<JobStatus> jobs;
+  const int size = static_cast<int>(ledger_.jobs().size());
+  int index = before < 0 || before > size ? size : before;
+  while (--index >= 0 && static_cast<int>(jobs.size()) < count) jobs.push_back(JobStatusLocked(index));
+  return jobs;
+}
+
+StatusOr<JobStatus> Dispatcher::CancelJob(const std::string& name) {
+  std::lock_guard lock(mutex_);
+  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+  if (!HasEnded(ledger_.jobs()[job].header.state)) {
+    TESSERA_RETURN_IF_ERROR(EndJobLocked(job, JobState::kCancelled, "cancelled", {}));
+  }
+  return JobStatusLocked(job);
+}
+
+StatusOr<std::vector<TaskStatus>> Dispatcher::ListTasks(const std::string& name, int first, int count) const {
+  std::lock_guard lock(mutex_);
+  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+  std::vector<TaskStatus> tasks;
+  const int size = static_cast<int>(ledger_.jobs()[job].tasks.size());
+  for (int i = std::max(0, first); i < size && static_cast<int>(tasks.size()) < count; ++i) {
+    tasks.push_back(StatusOfTask(ledger_.jobs()[job], {job, i}, leases_));
+  }
+  return tasks;
+}
+
+StatusOr<std::vector<TaskStatus>> Dispatcher::RunningTasks(const std::string& name) const {
+  std::lock_guard lock(mutex_);
+  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+  std::vector<TaskStatus> tasks;
+  for (const auto& [ref, lease] : leases_.leases()) {
+    if (ref.job == job) tasks.push_back(StatusOfTask(ledger_.jobs()[job], ref, leases_));
+  }
+  return tasks;
+}
+
+std::string Dispatcher::FindSceneFile(const Digest& digest) const {
+  std::lock_guard lock(mutex_);
+  return ledger_.FindSceneFile(digest);
+}
+
+// --- Workers ---
+
+std::string Dispatcher::RegisterWorker(const WorkerInfo& info) {
+  std::lock_guard lock(mutex_);
+  // The store's start count keeps a worker of before a restart from sharing its name with a new one.
+  const std::string name =
+      "workers/" + std::to_string(environment_.store->StartCount()) + "-" + std::to_string(next_worker_++);
+  leases_.workers()[name] = {info, environment_.clock->MonotonicUs()};
+  ChangedLocked();
+  return name;
+}
+
+Status Dispatcher::SeenLocked(const std::string& worker) {
+  const auto it = leases_.workers().find(worker);
+  if (it == leases_.workers().end()) {
+    return absl::NotFoundError("no such worker: '" + worker + "'; it has to register again");
+  }
+  it->second.last_seen_us = environment_.clock->MonotonicUs();
+  return absl::OkStatus();
+}
+
+std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker) const {
+  const int64_t now_us = environment_.clock->UnixTimeUs();
+  for (const int index : ledger_.active_jobs()) {
+    const Job& job = ledger_.jobs()[index];
+    std::optional<TaskRef> best;
+    for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {
+      const JobTask& task = job.tasks[i];
+      if (task.state == TaskState::kFailed) {  // the job is about to end
+        best.reset();
+        break;
+      }
+      if (task.state != TaskState::kReady || task.retry_us > now_us) continue;
+      if (RanOutOfMemory(task, worker) && leases_.workers().size() > 1) continue;
+      if (!best || task.plan.cost > ledger_.task(*best).plan.cost) best = TaskRef{index, i};
+    }
+    if (best) return best;
+  }
+  return std::nullopt;
+}
+
+StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& worker) {
+  const Job& job = ledger_.jobs()[ref.job];
+  GrantedLease granted;
+  granted.task = TaskName(ref);
+  granted.attempt = ledger_.task(ref).attempt() + 1;
+  granted.plan = ledger_.task(ref).plan;
+  granted.key = ledger_.task(ref).key;
+  for (const PlannedInput& input : granted.plan.inputs) {
+    TESSERA_ASSIGN_OR_RETURN(const Digest digest, ledger_.InputDigest(job, input));
+    granted.inputs.push_back(
+        {{input.name, digest},
+         input.scene_file.empty() ? environment_.blobs->Path(digest) : job.header.scene_path + "/" + input.scene_file});
+  }
+  v1::Record record;
+  record.mutable_attempt_started()->set_task(granted.task);
+  record.mutable_attempt_started()->set_attempt(granted.attempt);
+  record.mutable_attempt_started()->set_worker(worker);
+  TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  leases_.leases()[ref] = {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), 0, ""};
+  return granted;
+}
+
+StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& worker, double wait_s,
+                                                            const std::function<bool()>& gone) {
+  const auto until = std::chrono::steady_clock::now() + std::chrono::microseconds(Micros(wait_s));
+  std::unique_lock lock(mutex_);
+  while (true) {
+    TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
+    if (stopped_ || (gone && gone())) return std::nullopt;
+    TESSERA_RETURN_IF_ERROR(ExpireLeasesLocked());
+    if (const auto ref = NextReadyLocked(worker)) {
+      TESSERA_ASSIGN_OR_RETURN(const bool reused, ReuseLocked(*ref));
+      if (!reused) return GrantLocked(*ref, worker);
+      lock.unlock();
+      TESSERA_RETURN_IF_ERROR(Advance());
+      lock.lock();
+      continue;
+    }
+    const auto now = std::chrono::steady_clock::now();
+    if (now >= until) return std::nullopt;
+    // In short slices: a back-off may end, a lease expire, the caller go.
+    changed_.wait_until(lock, std::min(until, now + std::chrono::milliseconds(500)));
+  }
+}
+
+StatusOr<std::vector<std::string>> Dispatcher::Heartbeat(const std::string& worker,
+                                                         const std::vector<ReportedProgress>& tasks) {
+  std::lock_guard lock(mutex_);
+  TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
+  std::vector<std::string> stop;
+  for (const ReportedProgress& reported : tasks) {
+    const auto ref = ledger_.FindTask(reported.task);
+    LeaseState* lease = ref.ok() ? leases_.FindCurrent(*ref, worker, reported.attempt) : nullptr;
+    if (lease == nullptr) {
+      stop.push_back(reported.task);
+      continue;
+    }
+    lease->expires_us = environment_.clock->MonotonicUs() + Micros(options_.lease_s);
+    // NaN and the like become 0.
+    lease->progress = reported.progress >= 0 ? std::min(1.0, reported.progress) : 0.0;
+    lease->stage = reported.stage;
+  }
+  if (!tasks.empty()) ChangedLocked();
+  return stop;
+}
+
+Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bool lease_expired) {
+  const JobTask& task = ledger_.task(ref);
+  const RetryVerdict verdict = JudgeFailure(task, failure, lease_expired, options_.retry);
+  v1::Record record;
+  v1::AttemptFailed& failed = *record.mutable_attempt_failed();
+  failed.set_task(TaskName(ref));
+  failed.set_attempt(task.attempt());
+  failed.mutable_error()->set_error_class(static_cast<v1::ErrorClass>(verdict.failure.error_class));
+  failed.mutable_error()->set_message(verdict.failure.message);
+  failed.set_final(verdict.final);
+  failed.set_lease_expired(lease_expired);
+  if (verdict.delay_s > 0) {
+    failed.set_retry_time_us(environment_.clock->UnixTimeUs() + Micros(verdict.delay_s));
+  }
+  TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  leases_.leases().erase(ref);
+  return absl::OkStatus();
+}
+
+Status Dispatcher::ExpireLeasesLocked() {
+  for (const TaskRef ref : leases_.Expired(environment_.clock->MonotonicUs())) {
+    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {}, true));
+  }
+  return absl::OkStatus();
+}
+
+Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& task, int attempt,
+                                 const ReportedResult& result) {
+  {
+    std::lock_guard lock(mutex_);
+    SeenLocked(worker).IgnoreError();  // the attempt number is what counts
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ledger_.FindTask(task));
+    const JobTask& target = ledger_.task(ref);
+    if (target.state == TaskState::kSucceeded && !target.reused && target.attempt() == attempt &&
+        target.worker() == worker) {
+      return absl::OkStatus();  // said twice: the first answer was lost
+    }
+    if (leases_.FindCurrent(ref, worker, attempt) == nullptr) {
+      return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
+                                           " is not the current one");
+    }
+    v1::Record record;
+    v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();
+    succeeded.set_task(task);
+    succeeded.set_attempt(attempt);
+    succeeded.set_key(target.key);
+    succeeded.set_stats_json(result.stats);
+    for (const std::string& warning : result.warnings) succeeded.add_warnings(warning);
+    TaskFailure failure;
+    for (const NamedDigest& output : result.outputs) {
+      v1::OutputFile& added = *succeeded.add_outputs();
+      added.set_name(output.name);
+      ToProto(output.digest, added.mutable_digest());
+      if (!environment_.blobs->Has(output.digest)) {
+        failure = {ErrorClass::kTransient, "output " + output.name + " was reported but is not stored"};
+      }
+    }
+    if (const std::string missing = MissingOutput(ledger_.jobs()[ref.job], ref.task, result.outputs);
+        !missing.empty()) {
+      failure = {ErrorClass::kInput, missing};
+    }
+    if (failure.error_class != ErrorClass::kNone) {
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure, false));
+    } else {
+      TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+      leases_.leases().erase(ref);
+    }
+  }
+  Advance().IgnoreError();  // Tick tries again and tells
+  return absl::OkStatus();
+}
+
+Status Dispatcher::ReportFailure(const std::string& worker, const std::string& task, int attempt,
+                                 const TaskFailure& failure) {
+  {
+    std::lock_guard lock(mutex_);
+    SeenLocked(worker).IgnoreError();
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ledger_.FindTask(task));
+    if (leases_.FindCurrent(ref, worker, attempt) == nullptr) {
+      return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
+                                           " is not the current one");
+    }
+    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure, false));
+  }
+  Advance().IgnoreError();
+  return absl::OkStatus();
+}
+
+Status Dispatcher::UnregisterWorker(const std::string& worker) {
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
+    for (const TaskRef ref : leases_.HeldBy(worker)) {
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kAborted, worker + " has left"}, false));
+    }
+    leases_.workers().erase(worker);
+    ChangedLocked();
+  }
+  Advance().IgnoreError();
+  return absl::OkStatus();
+}
+
+std::vector<WorkerStatus> Dispatcher::ListWorkers() const {
+  std::lock_guard lock(mutex_);
+  std::vector<WorkerStatus> workers;
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  for (const auto& [name, worker] : leases_.workers()) {
+    WorkerStatus status{name, worker.info, {}, static_cast<double>(now_us - worker.last_seen_us) / 1e6};
+    for (const TaskRef ref : leases_.HeldBy(name)) status.tasks.push_back(TaskName(ref));
+    workers.push_back(std::move(status));
+  }
+  return workers;
+}
+
+// --- Waiting ---
+
+int64_t Dispatcher::Version() const {
+  std::lock_guard lock(mutex_);
+  return version_;
+}
+
+int64_t Dispatcher::WaitForChange(int64_t seen, double seconds) const {
+  std::unique_lock lock(mutex_);
+  changed_.wait_for(lock, std::chrono::microseconds(Micros(seconds)), [&] { return stopped_ || version_ > seen; });
+  return version_;
+}
+
+void Dispatcher::Stop() {
+  std::lock_guard lock(mutex_);
+  stopped_ = true;
+  ChangedLocked();
+}
+
+bool Dispatcher::stopped() const {
+  std::lock_guard lock(mutex_);
+  return stopped_;
+}
+
+}  // namespace tessera

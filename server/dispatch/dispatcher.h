@@ -1,0 +1,171 @@
+// The coordinator's core: accepts jobs, hands out their tasks under leases, and carries results on to the tasks that
+// wait for them.
+#ifndef TESSERA_SERVER_DISPATCH_DISPATCHER_H_
+#define TESSERA_SERVER_DISPATCH_DISPATCHER_H_
+
+#include <condition_variable>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/base/clock.h"
+#include "common/base/status.h"
+#include "common/storage/blob_store.h"
+#include "server/dispatch/job.h"
+#include "server/dispatch/job_status.h"
+#include "server/dispatch/lease_table.h"
+#include "server/dispatch/ledger.h"
+#include "server/dispatch/planner.h"
+#include "server/dispatch/retry_rule.h"
+#include "server/store/record_store.h"
+
+namespace tessera {
+
+struct DispatchOptions {
+  double lease_s = 30;          // a lease lives that long after its last heartbeat
+  double forget_worker_s = 90;  // a silent worker without a task is forgotten after that
+  RetryOptions retry;
+};
+
+// What the dispatcher stands on; all of it must outlive it.
+struct DispatchEnvironment {
+  RecordStore* store = nullptr;
+  BlobStore* blobs = nullptr;
+  Planner* planner = nullptr;
+  Clock* clock = nullptr;
+};
+
+struct NewJob {
+  std::string request_id;  // may be empty
+  std::string display_name;
+  std::string scene_path;  // absolute
+  JobSettings settings;
+  std::vector<NamedDigest> scene_files;
+  Warnings warnings;
+};
+
+struct LeasedInput {
+  NamedDigest file;
+  std::string path;  // where the coordinator has it
+};
+
+// A task given to a worker.
+struct GrantedLease {
+  std::string task;
+  int attempt = 0;  // the fencing token
+  PlannedTask plan;
+  std::vector<LeasedInput> inputs;
+  std::string key;
+};
+
+struct ReportedProgress {
+  std::string task;
+  int attempt = 0;
+  double progress = 0;
+  std::string stage;
+};
+
+struct ReportedResult {
+  std::vector<NamedDigest> outputs;  // stored as blobs already
+  std::string stats;
+  Warnings warnings;
+};
+
+struct WorkerStatus {
+  std::string name;
+  WorkerInfo info;
+  std::vector<std::string> tasks;
+  double last_seen_s = 0;  // ago
+};
+
+// Thread-safe. Every change is durable before a call returns OK; on error nothing was changed.
+class Dispatcher {
+ public:
+  // Brings back the state that the store's records describe. Tasks leased before keep their lease for a full term, so
+  // that their workers can go on. DATA_LOSS if a record does not fit.
+  static StatusOr<std::unique_ptr<Dispatcher>> Open(const DispatchEnvironment& environment,
+                                                    const DispatchOptions& options);
+
+  const DispatchOptions& options() const { return options_; }
+
+  // Jobs. A request_id that was used gives its job again (ALREADY_EXISTS if it asks for something else).
+  StatusOr<JobStatus> CreateJob(const NewJob& job);
+  std::optional<JobStatus> FindRequest(const std::string& request_id) const;
+  StatusOr<JobStatus> GetJob(const std::string& name) const;
+  // Newest first: those before `before` (a job's index; -1: from the newest), at most `count`.
+  std::vector<JobStatus> ListJobs(int before, int count) const;
+  StatusOr<JobStatus> CancelJob(const std::string& name);
+  // Tasks [first, first + count) in the plan's order.
+  StatusOr<std::vector<TaskStatus>> ListTasks(const std::string& job, int first, int count) const;
+  StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
+  // Absolute path of a scene file with this content; empty if there is none.
+  std::string FindSceneFile(const Digest& digest) const;
+
+  // Workers.
+  std::string RegisterWorker(const WorkerInfo& info);
+  // Waits up to `wait_s` for a task; none if there was none. `gone`: whether the caller still waits for the answer.
+  // NOT_FOUND for a worker that is not registered (it was forgotten).
+  StatusOr<std::optional<GrantedLease>> LeaseTask(const std::string& worker, double wait_s,
+                                                  const std::function<bool()>& gone);
+  // Renews leases. Gives the tasks that the worker must stop.
+  StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<ReportedProgress>& tasks);
+  // FAILED_PRECONDITION if the attempt is not the current one. The same report again is OK.
+  Status ReportSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result);
+  Status ReportFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure);
+  // Its tasks return to the queue at once.
+  Status UnregisterWorker(const std::string& worker);
+  std::vector<WorkerStatus> ListWorkers() const;
+
+  // Ends expired leases, plans and finishes jobs where that could not be done at once. To be called about once a
+  // second.
+  Status Tick();
+
+  // Changes with every change of what is shown.
+  int64_t Version() const;
+  // Waits until Version() is above `seen`, Stop is called or `seconds` of real time have passed. Gives Version().
+  int64_t WaitForChange(int64_t seen, double seconds) const;
+  // Ends all waits, now and later.
+  void Stop();
+  bool stopped() const;
+
+ private:
+  Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options);
+  // Those below named ...Locked need mutex_.
+  Status CommitLocked(v1::Record& record);
+  Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bool lease_expired);
+  Status ExpireLeasesLocked();
+  // Succeeds a ready task whose result is known and still stored. True if it did.
+  StatusOr<bool> ReuseLocked(TaskRef ref);
+  std::optional<TaskRef> NextReadyLocked(const std::string& worker) const;
+  StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
+  Status SeenLocked(const std::string& worker);
+  JobStatus JobStatusLocked(int job) const;
+  void ChangedLocked();
+
+  // Does all that follows from the state without a worker: planning, reusing results, ending jobs.
+  Status Advance();
+  struct PendingStep;
+  std::optional<PendingStep> NextStepLocked() const;
+  Status PlanJob(const PendingStep& step);
+  Status EndJob(const PendingStep& step);
+  Status EndJobLocked(int job, JobState state, const std::string& error, const std::vector<NamedDigest>& artifacts);
+  Status ReuseReady();
+
+  const DispatchEnvironment environment_;
+  const DispatchOptions options_;
+  std::mutex advance_mutex_;  // one Advance at a time; taken before mutex_
+  mutable std::mutex mutex_;
+  mutable std::condition_variable changed_;
+  Ledger ledger_;
+  LeaseTable leases_;
+  int next_worker_ = 1;
+  int64_t version_ = 1;
+  bool stopped_ = false;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_DISPATCH_DISPATCHER_H_

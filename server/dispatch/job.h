@@ -1,0 +1,95 @@
+// A job and its tasks as the coordinator knows them. Plain values; times are Unix time in microseconds, 0 for "not
+// yet".
+#ifndef TESSERA_SERVER_DISPATCH_JOB_H_
+#define TESSERA_SERVER_DISPATCH_JOB_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/storage/hash.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+
+// The numbers of these are those of tessera.v1.
+enum class JobState { kQueued = 1, kRunning = 2, kSucceeded = 3, kFailed = 4, kCancelled = 5 };
+enum class TaskState { kWaiting = 1, kReady = 2, kLeased = 3, kSucceeded = 4, kFailed = 5, kCancelled = 6 };
+enum class ErrorClass { kNone = 0, kInput = 1, kTransient = 2, kMemory = 3, kPoison = 4, kAborted = 5 };
+
+inline bool HasEnded(JobState state) { return state >= JobState::kSucceeded; }
+
+struct TaskFailure {
+  ErrorClass error_class = ErrorClass::kNone;
+  std::string message;
+};
+
+// One run of a task by one worker, under one lease.
+struct Attempt {
+  std::string worker;
+  int64_t start_us = 0;
+  int64_t end_us = 0;
+  TaskFailure failure;  // kNone: it runs or has succeeded
+  bool lease_expired = false;
+};
+
+struct JobTask {
+  PlannedTask plan;
+  TaskState state = TaskState::kWaiting;
+  std::string key;                // once all inputs are known
+  std::vector<Attempt> attempts;  // attempt number n is attempts[n - 1]
+  int64_t retry_us = 0;           // not leased again before
+  TaskFailure error;              // the last
+  bool reused = false;            // its result was found under its key; nothing ran
+  std::string stats;              // JSON
+  std::vector<NamedDigest> outputs;
+  Warnings warnings;
+  int64_t start_us = 0;  // of the first attempt
+  int64_t end_us = 0;
+
+  int attempt() const { return static_cast<int>(attempts.size()); }
+  std::string worker() const { return attempts.empty() ? "" : attempts.back().worker; }
+};
+
+// What a job is, without its tasks.
+struct JobHeader {
+  std::string name;  // "jobs/J"
+  std::string request_id;
+  std::string display_name;
+  std::string scene_path;  // absolute
+  JobSettings settings;
+  JobState state = JobState::kQueued;
+  std::string error;
+  int64_t create_us = 0;
+  int64_t start_us = 0;
+  int64_t end_us = 0;
+  std::vector<NamedDigest> artifacts;
+  Warnings warnings;
+};
+
+struct Job {
+  JobHeader header;
+  std::vector<NamedDigest> scene_files;  // sorted by name
+  std::vector<JobTask> tasks;            // [0] is ingest
+};
+
+// "jobs/J/tasks/T": which task, by its places in the ledger.
+struct TaskRef {
+  int job = -1;
+  int task = -1;
+  friend auto operator<=>(const TaskRef&, const TaskRef&) = default;
+};
+
+std::string JobName(int job);
+std::string TaskName(TaskRef ref);
+// INVALID_ARGUMENT unless the name has the form; whether it exists is the ledger's to say.
+StatusOr<int> ParseJobName(const std::string& name);
+StatusOr<TaskRef> ParseTaskName(const std::string& name);
+
+// "transient", "lease expired", ...; for people.
+std::string ErrorClassName(ErrorClass error_class);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_DISPATCH_JOB_H_

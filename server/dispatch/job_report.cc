@@ -1,0 +1,103 @@
+#include "server/dispatch/job_report.h"
+
+#include <map>
+#include <nlohmann/json.hpp>
+
+namespace tessera {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+double Seconds(int64_t from_us, int64_t to_us) {
+  return from_us > 0 && to_us > from_us ? static_cast<double>(to_us - from_us) / 1e6 : 0;
+}
+
+const char* Name(TaskState state) {
+  switch (state) {
+    case TaskState::kWaiting:
+      return "waiting";
+    case TaskState::kReady:
+      return "ready";
+    case TaskState::kLeased:
+      return "running";
+    case TaskState::kSucceeded:
+      return "succeeded";
+    case TaskState::kFailed:
+      return "failed";
+    case TaskState::kCancelled:
+      return "cancelled";
+  }
+  return "unknown";
+}
+
+Json TaskJson(const JobTask& task, int64_t end_us) {
+  Json json = {{"kind", task.plan.kind},    {"title", task.plan.name}, {"tile", task.plan.tile},
+               {"state", Name(task.state)}, {"reused", task.reused},   {"attempts", task.attempt()},
+               {"worker", task.worker()},   {"cost", task.plan.cost},  {"key", task.key}};
+  double seconds = 0;
+  Json runs = Json::array();
+  for (const Attempt& attempt : task.attempts) {
+    const double run_s = Seconds(attempt.start_us, attempt.end_us > 0 ? attempt.end_us : end_us);
+    seconds = run_s;
+    Json run = {{"worker", attempt.worker}, {"seconds", run_s}};
+    if (attempt.failure.error_class != ErrorClass::kNone) {
+      run["error_class"] = attempt.lease_expired ? "lease expired" : ErrorClassName(attempt.failure.error_class);
+      run["error"] = attempt.failure.message;
+    }
+    runs.push_back(std::move(run));
+  }
+  json["seconds"] = seconds;
+  json["runs"] = std::move(runs);
+  const Json stats = Json::parse(task.stats, nullptr, /*allow_exceptions=*/false);
+  json["stats"] = stats.is_discarded() ? Json(nullptr) : stats;
+  Json outputs = Json::object();
+  for (const NamedDigest& output : task.outputs) {
+    outputs[output.name] = {{"sha256", output.digest.sha256}, {"size_bytes", output.digest.size_bytes}};
+  }
+  json["outputs"] = std::move(outputs);
+  if (!task.warnings.empty()) json["warnings"] = task.warnings;
+  return json;
+}
+
+}  // namespace
+
+std::string JobReportJson(const Job& job, const std::string& error, int64_t end_us) {
+  const JobHeader& header = job.header;
+  Json json = {
+      {"tessera_job", 1},
+      {"name", header.name},
+      {"display_name", header.display_name},
+      {"scene", header.scene_path},
+      {"settings",
+       {{"tiles", header.settings.tiles}, {"rounds", header.settings.rounds}, {"method", header.settings.method}}},
+      {"state", error.empty() ? "succeeded" : "failed"}};
+  if (!error.empty()) json["error"] = error;
+  json["warnings"] = header.warnings;
+  int attempts = 0, reused = 0;
+  std::map<std::string, double> seconds_of_kind, seconds_of_worker;
+  std::map<std::string, int> tasks_of_kind;
+  Json tasks = Json::array();
+  for (const JobTask& task : job.tasks) {
+    tasks.push_back(TaskJson(task, end_us));
+    attempts += task.attempt();
+    reused += task.reused ? 1 : 0;
+    ++tasks_of_kind[task.plan.kind];
+    for (const Attempt& attempt : task.attempts) {
+      const double run_s = Seconds(attempt.start_us, attempt.end_us > 0 ? attempt.end_us : end_us);
+      seconds_of_kind[task.plan.kind] += run_s;
+      seconds_of_worker[attempt.worker] += run_s;
+    }
+  }
+  json["totals"] = {{"seconds", Seconds(header.create_us, end_us)},
+                    {"tasks", job.tasks.size()},
+                    {"attempts", attempts},
+                    {"reused", reused},
+                    {"tasks_of_kind", tasks_of_kind},
+                    {"seconds_of_kind", seconds_of_kind},
+                    {"seconds_of_worker", seconds_of_worker}};
+  json["tasks"] = std::move(tasks);
+  // Names may hold bytes that are not UTF-8.
+  return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace tessera

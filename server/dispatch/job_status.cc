@@ -1,0 +1,79 @@
+#include "server/dispatch/job_status.h"
+
+#include <algorithm>
+#include <set>
+
+namespace tessera {
+namespace {
+
+// Share of the progress bar that reading the scene gets: before it has ended, the rest of the work is not known.
+constexpr double kIngestShare = 0.02;
+
+}  // namespace
+
+JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us) {
+  JobStatus status;
+  status.header = job.header;
+  std::set<int> tiles, unfinished_tiles;
+  double total = 0, done = 0;          // cost, without ingest
+  double timed_cost = 0, timed_s = 0;  // where cost meets seconds
+  double ingest = 0;
+  int running = 0;
+  for (size_t i = 0; i < job.tasks.size(); ++i) {
+    const JobTask& task = job.tasks[i];
+    ++status.tasks_total;
+    double fraction = 0;
+    if (task.state == TaskState::kSucceeded) {
+      ++status.tasks_done;
+      fraction = 1;
+      if (!task.reused && i > 0) {
+        timed_cost += task.plan.cost;
+        timed_s += static_cast<double>(task.end_us - task.attempts.back().start_us) / 1e6;
+      }
+      status.header.warnings.insert(status.header.warnings.end(), task.warnings.begin(), task.warnings.end());
+    } else if (const LeaseState* lease = leases.Find({job_index, static_cast<int>(i)})) {
+      ++running;
+      fraction = lease->progress;
+      if (i > 0) {
+        timed_cost += task.plan.cost * fraction;
+        timed_s += static_cast<double>(now_us - lease->start_us) / 1e6;
+      }
+    }
+    if (i == 0) {
+      ingest = fraction;
+    } else {
+      total += task.plan.cost;
+      done += task.plan.cost * fraction;
+    }
+    if (task.plan.kind == "refine" && task.plan.tile >= 0) {
+      tiles.insert(task.plan.tile);
+      if (task.state != TaskState::kSucceeded) unfinished_tiles.insert(task.plan.tile);
+    }
+  }
+  status.tiles_total = static_cast<int>(tiles.size());
+  status.tiles_done = static_cast<int>(tiles.size() - unfinished_tiles.size());
+  const double rest = total > 0 ? done / total : 0.0;
+  status.progress = kIngestShare * ingest + (1 - kIngestShare) * rest;
+  if (job.header.state == JobState::kSucceeded) status.progress = 1;
+  if (HasEnded(job.header.state)) {
+    status.eta_s = 0;
+  } else if (total > 0 && timed_cost > 0) {
+    status.eta_s = (total - done) * timed_s / timed_cost / std::max(1, running);
+  }
+  return status;
+}
+
+TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases) {
+  TaskStatus status;
+  status.name = TaskName(ref);
+  status.task = job.tasks[ref.task];
+  if (const LeaseState* lease = leases.Find(ref)) {
+    status.progress = lease->progress;
+    status.stage = lease->stage;
+  } else if (status.task.state == TaskState::kSucceeded) {
+    status.progress = 1;
+  }
+  return status;
+}
+
+}  // namespace tessera

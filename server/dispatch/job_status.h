@@ -1,0 +1,36 @@
+// Jobs and tasks as they are shown: the ledger's state together with what the workers say now.
+#ifndef TESSERA_SERVER_DISPATCH_JOB_STATUS_H_
+#define TESSERA_SERVER_DISPATCH_JOB_STATUS_H_
+
+#include <string>
+#include <vector>
+
+#include "server/dispatch/job.h"
+#include "server/dispatch/lease_table.h"
+
+namespace tessera {
+
+struct JobStatus {
+  JobHeader header;     // its warnings followed by the tasks' own
+  int tasks_total = 0;  // known so far
+  int tasks_done = 0;
+  int tiles_total = 0;
+  int tiles_done = 0;   // refined
+  double progress = 0;  // in [0, 1], by predicted cost; never goes back
+  double eta_s = -1;    // negative: not known
+};
+
+struct TaskStatus {
+  std::string name;
+  JobTask task;
+  double progress = 0;  // of the current attempt
+  std::string stage;
+};
+
+// `now_us`: Clock::MonotonicUs.
+JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us);
+TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_DISPATCH_JOB_STATUS_H_

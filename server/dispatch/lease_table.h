@@ -1,0 +1,62 @@
+// What is true only while this process lives: who holds which task until when, and which workers there are.
+#ifndef TESSERA_SERVER_DISPATCH_LEASE_TABLE_H_
+#define TESSERA_SERVER_DISPATCH_LEASE_TABLE_H_
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "server/dispatch/job.h"
+
+namespace tessera {
+
+struct WorkerInfo {
+  std::string host;
+  int pid = 0;
+  int threads = 0;
+  int64_t memory_bytes = 0;
+};
+
+// Times are Clock::MonotonicUs.
+struct LeaseState {
+  std::string worker;
+  int attempt = 0;
+  int64_t start_us = 0;
+  int64_t expires_us = 0;
+  double progress = 0;
+  std::string stage;
+};
+
+struct WorkerState {
+  WorkerInfo info;
+  int64_t last_seen_us = 0;
+};
+
+// Not thread-safe.
+class LeaseTable {
+ public:
+  std::map<TaskRef, LeaseState>& leases() { return leases_; }
+  const std::map<TaskRef, LeaseState>& leases() const { return leases_; }
+  std::map<std::string, WorkerState>& workers() { return workers_; }
+  const std::map<std::string, WorkerState>& workers() const { return workers_; }
+
+  // Null if the task is not leased.
+  const LeaseState* Find(TaskRef ref) const;
+  // The lease of just this attempt by just this worker; null otherwise.
+  LeaseState* FindCurrent(TaskRef ref, const std::string& worker, int attempt);
+  // Leases that ran out before `now_us`.
+  std::vector<TaskRef> Expired(int64_t now_us) const;
+  std::vector<TaskRef> HeldBy(const std::string& worker) const;
+  void DropJob(int job);
+  // Forgets workers without a lease that were not seen since `before_us`.
+  void ForgetSilentWorkers(int64_t before_us);
+
+ private:
+  std::map<TaskRef, LeaseState> leases_;
+  std::map<std::string, WorkerState> workers_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_DISPATCH_LEASE_TABLE_H_

@@ -1,0 +1,338 @@
+#include "server/dispatch/ledger.h"
+
+#include <algorithm>
+#include <set>
+
+#include "server/dispatch/task_key.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+namespace {
+
+Digest FromProto(const v1::Digest& digest) { return {digest.sha256(), digest.size_bytes()}; }
+
+template <class List>
+std::vector<NamedDigest> NamedDigests(const List& files) {
+  std::vector<NamedDigest> result;
+  for (const auto& file : files) result.push_back({file.name(), FromProto(file.digest())});
+  return result;
+}
+
+PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
+  PlannedTask task;
+  task.kind = record.kind();
+  task.name = record.title();
+  task.tile = record.tile();
+  task.parameters = record.parameters_json();
+  task.cost = record.cost();
+  for (const auto& input : record.inputs()) {
+    task.inputs.push_back({input.name(), input.scene_file(), input.task(), input.output()});
+  }
+  return task;
+}
+
+const NamedDigest* FindName(const std::vector<NamedDigest>& sorted, const std::string& name) {
+  const auto it = std::lower_bound(sorted.begin(), sorted.end(), name,
+                                   [](const NamedDigest& file, const std::string& value) { return file.name < value; });
+  return it != sorted.end() && it->name == name ? &*it : nullptr;
+}
+
+}  // namespace
+
+StatusOr<int> Ledger::FindJob(const std::string& name) const {
+  TESSERA_ASSIGN_OR_RETURN(const int job, ParseJobName(name));
+  if (job >= static_cast<int>(jobs_.size())) return absl::NotFoundError("no such job: " + name);
+  return job;
+}
+
+StatusOr<TaskRef> Ledger::FindTask(const std::string& name) const {
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ParseTaskName(name));
+  if (ref.job >= static_cast<int>(jobs_.size()) || ref.task >= static_cast<int>(jobs_[ref.job].tasks.size())) {
+    return absl::NotFoundError("no such task: " + name);
+  }
+  return ref;
+}
+
+int Ledger::FindRequest(const std::string& request_id) const {
+  const auto it = job_of_request_.find(request_id);
+  return it == job_of_request_.end() ? -1 : it->second;
+}
+
+StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) const {
+  if (!input.scene_file.empty()) {
+    if (const NamedDigest* file = FindName(job.scene_files, input.scene_file)) return file->digest;
+    return absl::NotFoundError("the scene has no file " + input.scene_file);
+  }
+  for (const NamedDigest& output : job.tasks[input.task].outputs) {
+    if (output.name == input.output) return output.digest;
+  }
+  return absl::NotFoundError("no output " + input.output + " of '" + job.tasks[input.task].plan.name + "' yet");
+}
+
+const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const {
+  const auto it = result_of_key_.find(key);
+  return it == result_of_key_.end() ? nullptr : &it->second;
+}
+
+std::string Ledger::FindSceneFile(const Digest& digest) const {
+  const auto it = scene_file_of_sha256_.find(digest.sha256);
+  return it == scene_file_of_sha256_.end() ? "" : it->second;
+}
+
+StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attempt) const {
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(name));
+  const JobTask& target = task(ref);
+  if (HasEnded(jobs_[ref.job].header.state)) {
+    return absl::FailedPreconditionError(name + ": its job has ended");
+  }
+  if (target.state != TaskState::kLeased || target.attempt() != attempt) {
+    return absl::FailedPreconditionError(name + ": attempt " + std::to_string(attempt) + " is not the current one (" +
+                                         std::to_string(target.attempt()) +
+                                         (target.state == TaskState::kLeased ? ")" : ", not leased)"));
+  }
+  return ref;
+}
+
+Status Ledger::Check(const v1::Record& record) const {
+  switch (record.change_case()) {
+    case v1::Record::kJobAccepted:
+      return CheckAccepted(record.job_accepted());
+    case v1::Record::kTasksPlanned:
+      return CheckPlanned(record.tasks_planned());
+    case v1::Record::kAttemptStarted:
+      return CheckStarted(record.attempt_started());
+    case v1::Record::kTaskSucceeded:
+      return CheckSucceeded(record.task_succeeded());
+    case v1::Record::kAttemptFailed:
+      return CheckFailed(record.attempt_failed());
+    case v1::Record::kJobEnded:
+      return CheckEnded(record.job_ended());
+    case v1::Record::CHANGE_NOT_SET:
+      break;
+  }
+  return absl::InvalidArgumentError("a record of unknown kind");
+}
+
+Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
+  const std::string next = JobName(static_cast<int>(jobs_.size()));
+  if (change.job() != next) return absl::FailedPreconditionError("the next job is " + next + ", not " + change.job());
+  if (!change.request_id().empty() && FindRequest(change.request_id()) >= 0) {
+    return absl::AlreadyExistsError("request " + change.request_id() + " has a job already");
+  }
+  std::set<std::string> names;
+  for (const auto& file : change.scene_files()) {
+    TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(file.digest())));
+    if (!names.insert(file.path()).second) return absl::InvalidArgumentError("scene file named twice: " + file.path());
+  }
+  return absl::OkStatus();
+}
+
+Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
+  TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
+  const Job& job = jobs_[index];
+  if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
+  if (change.tasks().empty()) return absl::InvalidArgumentError("a plan without tasks");
+  int count = static_cast<int>(job.tasks.size());
+  for (const auto& planned : change.tasks()) {
+    const auto fault = [&](const std::string& what) {
+      return absl::InvalidArgumentError("plan of " + change.job() + ", '" + planned.title() + "': " + what);
+    };
+    std::set<std::string> names;
+    if (planned.kind().empty()) return fault("no kind");
+    if (!(planned.cost() >= 0)) return fault("cost is not a number of at least 0");
+    for (const auto& input : planned.inputs()) {
+      if (!names.insert(input.name()).second) return fault("two inputs named " + input.name());
+      if (!input.scene_file().empty()) {
+        if (FindName(job.scene_files, input.scene_file()) == nullptr)
+          return fault("no scene file " + input.scene_file());
+      } else if (input.task() < 0 || input.task() >= count) {
+        return fault("input " + input.name() + " comes from task " + std::to_string(input.task()) +
+                     ", which is not before it");
+      }
+    }
+    ++count;
+  }
+  return absl::OkStatus();
+}
+
+Status Ledger::CheckStarted(const v1::AttemptStarted& change) const {
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
+  const JobTask& target = task(ref);
+  if (HasEnded(jobs_[ref.job].header.state) || target.state != TaskState::kReady) {
+    return absl::FailedPreconditionError(change.task() + " is not ready");
+  }
+  if (change.attempt() != target.attempt() + 1) {
+    return absl::FailedPreconditionError(change.task() + ": the next attempt is " +
+                                         std::to_string(target.attempt() + 1));
+  }
+  return absl::OkStatus();
+}
+
+Status Ledger::CheckSucceeded(const v1::TaskSucceeded& change) const {
+  std::set<std::string> names;
+  for (const auto& output : change.outputs()) {
+    TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(output.digest())));
+    if (!names.insert(output.name()).second) return absl::InvalidArgumentError("two outputs named " + output.name());
+  }
+  if (!change.reused()) return CheckCurrentAttempt(change.task(), change.attempt()).status();
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
+  if (HasEnded(jobs_[ref.job].header.state) || task(ref).state != TaskState::kReady) {
+    return absl::FailedPreconditionError(change.task() + " is not ready");
+  }
+  return absl::OkStatus();
+}
+
+Status Ledger::CheckFailed(const v1::AttemptFailed& change) const {
+  return CheckCurrentAttempt(change.task(), change.attempt()).status();
+}
+
+Status Ledger::CheckEnded(const v1::JobEnded& change) const {
+  TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
+  const Job& job = jobs_[index];
+  if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
+  if (!HasEnded(static_cast<JobState>(change.state()))) return absl::InvalidArgumentError("not an end of a job");
+  if (change.state() == v1::JOB_SUCCEEDED) {
+    for (const JobTask& each : job.tasks) {
+      if (each.state != TaskState::kSucceeded) {
+        return absl::FailedPreconditionError(change.job() + ": '" + each.plan.name + "' has not succeeded");
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+void Ledger::Apply(const v1::Record& record) {
+  switch (record.change_case()) {
+    case v1::Record::kJobAccepted:
+      return ApplyAccepted(record.job_accepted(), record.time_us());
+    case v1::Record::kTasksPlanned:
+      return ApplyPlanned(record.tasks_planned());
+    case v1::Record::kAttemptStarted:
+      return ApplyStarted(record.attempt_started(), record.time_us());
+    case v1::Record::kTaskSucceeded:
+      return ApplySucceeded(record.task_succeeded(), record.time_us());
+    case v1::Record::kAttemptFailed:
+      return ApplyFailed(record.attempt_failed(), record.time_us());
+    case v1::Record::kJobEnded:
+      return ApplyEnded(record.job_ended(), record.time_us());
+    case v1::Record::CHANGE_NOT_SET:
+      return;
+  }
+}
+
+void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
+  Job job;
+  job.header.name = change.job();
+  job.header.request_id = change.request_id();
+  job.header.display_name = change.display_name();
+  job.header.scene_path = change.scene_path();
+  job.header.settings.tiles = change.settings().tiles();
+  job.header.settings.rounds = change.settings().rounds();
+  if (!change.settings().method().empty()) job.header.settings.method = change.settings().method();
+  job.header.create_us = time_us;
+  job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
+  for (const auto& file : change.scene_files()) {
+    job.scene_files.push_back({file.path(), FromProto(file.digest())});
+    scene_file_of_sha256_[file.digest().sha256()] = change.scene_path() + "/" + file.path();
+  }
+  std::sort(job.scene_files.begin(), job.scene_files.end(),
+            [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
+  const int index = static_cast<int>(jobs_.size());
+  if (!change.request_id().empty()) job_of_request_[change.request_id()] = index;
+  jobs_.push_back(std::move(job));
+  active_jobs_.push_back(index);
+}
+
+void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
+  Job& job = jobs_[*FindJob(change.job())];
+  for (const auto& planned : change.tasks()) {
+    JobTask added;
+    added.plan = FromProto(planned);
+    job.tasks.push_back(std::move(added));
+  }
+  ReadyTasks(job);
+}
+
+void Ledger::ReadyTasks(Job& job) {
+  for (JobTask& waiting : job.tasks) {
+    if (waiting.state != TaskState::kWaiting) continue;
+    std::vector<NamedDigest> inputs;
+    for (const PlannedInput& input : waiting.plan.inputs) {
+      if (input.scene_file.empty() && job.tasks[input.task].state != TaskState::kSucceeded) break;
+      const auto digest = InputDigest(job, input);
+      if (!digest.ok()) break;
+      inputs.push_back({input.name, *digest});
+    }
+    if (inputs.size() != waiting.plan.inputs.size()) continue;
+    waiting.state = TaskState::kReady;
+    waiting.key = TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, std::move(inputs));
+  }
+}
+
+void Ledger::ApplyStarted(const v1::AttemptStarted& change, int64_t time_us) {
+  const TaskRef ref = *FindTask(change.task());
+  JobHeader& header = jobs_[ref.job].header;
+  JobTask& target = jobs_[ref.job].tasks[ref.task];
+  target.state = TaskState::kLeased;
+  target.attempts.push_back({change.worker(), time_us, 0, {}, false});
+  if (target.start_us == 0) target.start_us = time_us;
+  if (header.state == JobState::kQueued) {
+    header.state = JobState::kRunning;
+    header.start_us = time_us;
+  }
+}
+
+void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
+  const TaskRef ref = *FindTask(change.task());
+  Job& job = jobs_[ref.job];
+  JobTask& target = job.tasks[ref.task];
+  target.state = TaskState::kSucceeded;
+  target.key = change.key();
+  target.reused = change.reused();
+  target.outputs = NamedDigests(change.outputs());
+  target.stats = change.stats_json();
+  target.warnings.assign(change.warnings().begin(), change.warnings().end());
+  target.end_us = time_us;
+  if (change.reused()) {
+    target.start_us = time_us;
+  } else {
+    target.attempts.back().end_us = time_us;
+  }
+  if (job.header.state == JobState::kQueued) {
+    job.header.state = JobState::kRunning;
+    job.header.start_us = time_us;
+  }
+  result_of_key_[change.key()] = target.outputs;
+  ReadyTasks(job);
+}
+
+void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
+  const TaskRef ref = *FindTask(change.task());
+  JobTask& target = jobs_[ref.job].tasks[ref.task];
+  Attempt& attempt = target.attempts.back();
+  attempt.end_us = time_us;
+  attempt.failure = {static_cast<ErrorClass>(change.error().error_class()), change.error().message()};
+  attempt.lease_expired = change.lease_expired();
+  target.error = attempt.failure;
+  target.retry_us = change.retry_time_us();
+  target.state = change.final() ? TaskState::kFailed : TaskState::kReady;
+  if (change.final()) target.end_us = time_us;
+}
+
+void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
+  const int index = *FindJob(change.job());
+  Job& job = jobs_[index];
+  job.header.state = static_cast<JobState>(change.state());
+  job.header.error = change.error();
+  job.header.end_us = time_us;
+  job.header.artifacts = NamedDigests(change.artifacts());
+  for (JobTask& each : job.tasks) {
+    if (each.state == TaskState::kSucceeded || each.state == TaskState::kFailed) continue;
+    if (each.state == TaskState::kLeased) each.attempts.back().end_us = time_us;
+    each.state = TaskState::kCancelled;
+    each.end_us = time_us;
+  }
+  active_jobs_.erase(std::find(active_jobs_.begin(), active_jobs_.end(), index));
+}
+
+}  // namespace tessera

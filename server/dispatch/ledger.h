@@ -1,0 +1,83 @@
+// The coordinator's durable state in memory: what all records so far add up to. A pure state machine without time,
+// files or threads.
+#ifndef TESSERA_SERVER_DISPATCH_LEDGER_H_
+#define TESSERA_SERVER_DISPATCH_LEDGER_H_
+
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "common/base/status.h"
+#include "server/dispatch/job.h"
+
+namespace tessera {
+
+namespace v1 {
+class Record;
+class JobAccepted;
+class TasksPlanned;
+class AttemptStarted;
+class TaskSucceeded;
+class AttemptFailed;
+class JobEnded;
+}  // namespace v1
+
+// Change of state: Check (may fail) → store the record → Apply (cannot fail). Equal records give equal ledgers. Not
+// thread-safe.
+class Ledger {
+ public:
+  // `algorithm_version` enters the keys of tasks.
+  explicit Ledger(std::string algorithm_version) : algorithm_version_(std::move(algorithm_version)) {}
+
+  // Whether the record may follow: NOT_FOUND for what does not exist, FAILED_PRECONDITION for what is no longer or not
+  // yet so, INVALID_ARGUMENT for a malformed record.
+  Status Check(const v1::Record& record) const;
+  // The only way in which state changes. The record must have passed Check on this very state.
+  void Apply(const v1::Record& record);
+
+  const std::vector<Job>& jobs() const { return jobs_; }
+  // Indices of the jobs that have not ended, oldest first.
+  const std::vector<int>& active_jobs() const { return active_jobs_; }
+  // NOT_FOUND or INVALID_ARGUMENT with the name.
+  StatusOr<int> FindJob(const std::string& name) const;
+  StatusOr<TaskRef> FindTask(const std::string& name) const;
+  // Index of the job of this request; -1 if there is none.
+  int FindRequest(const std::string& request_id) const;
+  const JobTask& task(TaskRef ref) const { return jobs_[ref.job].tasks[ref.task]; }
+
+  // Where the input's bytes are known by content; NOT_FOUND while its producer has not succeeded.
+  StatusOr<Digest> InputDigest(const Job& job, const PlannedInput& input) const;
+  // Outputs of an earlier task with this key; null if none is known.
+  const std::vector<NamedDigest>* FindResult(const std::string& key) const;
+  // Absolute path of a scene file with this content; empty if no job has one.
+  std::string FindSceneFile(const Digest& digest) const;
+
+ private:
+  Status CheckAccepted(const v1::JobAccepted& change) const;
+  Status CheckPlanned(const v1::TasksPlanned& change) const;
+  Status CheckStarted(const v1::AttemptStarted& change) const;
+  Status CheckSucceeded(const v1::TaskSucceeded& change) const;
+  Status CheckFailed(const v1::AttemptFailed& change) const;
+  Status CheckEnded(const v1::JobEnded& change) const;
+  void ApplyAccepted(const v1::JobAccepted& change, int64_t time_us);
+  void ApplyPlanned(const v1::TasksPlanned& change);
+  void ApplyStarted(const v1::AttemptStarted& change, int64_t time_us);
+  void ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us);
+  void ApplyFailed(const v1::AttemptFailed& change, int64_t time_us);
+  void ApplyEnded(const v1::JobEnded& change, int64_t time_us);
+  // Checks that the task exists in an active job and that `attempt` is its current one under lease.
+  StatusOr<TaskRef> CheckCurrentAttempt(const std::string& name, int attempt) const;
+  // Waiting tasks whose inputs are all there become ready and get their key.
+  void ReadyTasks(Job& job);
+
+  const std::string algorithm_version_;
+  std::vector<Job> jobs_;
+  std::vector<int> active_jobs_;
+  std::unordered_map<std::string, int> job_of_request_;
+  std::unordered_map<std::string, std::vector<NamedDigest>> result_of_key_;
+  std::unordered_map<std::string, std::string> scene_file_of_sha256_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_DISPATCH_LEDGER_H_

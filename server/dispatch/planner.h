@@ -1,0 +1,23 @@
+// What dispatch asks of server/plan, as an interface so that tests can plan small graphs of their own.
+#ifndef TESSERA_SERVER_DISPATCH_PLANNER_H_
+#define TESSERA_SERVER_DISPATCH_PLANNER_H_
+
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+
+// The functions of server/plan/graph.h. Thread-safe.
+class Planner {
+ public:
+  virtual ~Planner() = default;
+  virtual StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) = 0;
+  virtual StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey) = 0;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_DISPATCH_PLANNER_H_
