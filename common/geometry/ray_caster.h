@@ -10,14 +10,14 @@
 namespace tessera {
 
 struct RayHit {
-  int64_t face = -1;   // index in the mesh; -1: nothing was hit
-  double distance = 0; // in lengths of the ray's direction vector
-  double u = 0, v = 0; // barycentric weights of the face's second and third corner
+  int64_t face = -1;    // index in the mesh; -1: nothing was hit
+  double distance = 0;  // in lengths of the ray's direction vector
+  double u = 0, v = 0;  // barycentric weights of the face's second and third corner
   bool hit() const { return face >= 0; }
 };
 
-// Keeps float copies of the vertices relative to the mesh's own centre, so that meshes far from the origin lose nothing;
-// the mesh itself need not outlive it. Const member functions may be called from any thread at once.
+// Keeps float copies of the vertices relative to the mesh's own centre, so that meshes far from the origin lose
+// nothing; the mesh itself need not outlive it. Const member functions may be called from any thread at once.
 class RayCaster {
  public:
   explicit RayCaster(const TriangleMesh& mesh);

@@ -1,0 +1,212 @@
+#include "common/geometry/mesh_defects.h"
+
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+
+#include <algorithm>
+#include <array>
+#include <compare>
+#include <limits>
+#include <numeric>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+
+constexpr int64_t kGrain = 1 << 14;
+
+void Count(DefectCount& defect, int64_t index) {
+  if (defect.count++ == 0) defect.first = index;
+}
+
+Status CheckArrays(const TriangleMesh& mesh) {
+  if (mesh.faces.size() > std::numeric_limits<uint32_t>::max() / 3) {
+    return absl::InvalidArgumentError("mesh is too large to be checked at once");
+  }
+  if (!mesh.labels.empty() && mesh.labels.size() != mesh.faces.size()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("mesh of ", mesh.faces.size(), " faces has ", mesh.labels.size(), " labels"));
+  }
+  for (size_t v = 0; v < mesh.vertices.size(); ++v) {
+    if (!mesh.vertices[v].allFinite()) return absl::InvalidArgumentError(absl::StrCat("vertex ", v, " is not finite"));
+  }
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (const uint32_t vertex : mesh.faces[f]) {
+      if (vertex >= mesh.vertices.size()) {
+        return absl::InvalidArgumentError(
+            absl::StrCat("face ", f, " names vertex ", vertex, " of a mesh with ", mesh.vertices.size(), " vertices"));
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+Kernel::Point_3 ToPoint(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
+
+// Exact: true for zero area alone.
+bool IsCollinear(const TriangleMesh& mesh, size_t face) {
+  return CGAL::collinear(ToPoint(mesh.Corner(face, 0)), ToPoint(mesh.Corner(face, 1)), ToPoint(mesh.Corner(face, 2)));
+}
+
+// Items sorted by their smallest vertex first: one bucket a vertex, each sorted.
+template <class Item>
+struct Buckets {
+  std::vector<int64_t> offsets;
+  std::vector<Item> items;
+};
+
+// emit(face, add) calls add(vertex, item) for what `face` contributes.
+template <class Item, class Emit>
+Buckets<Item> SortIntoBuckets(const TriangleMesh& mesh, const Emit& emit) {
+  Buckets<Item> out;
+  out.offsets.assign(mesh.vertices.size() + 1, 0);
+  for (size_t f = 0; f < mesh.faces.size(); ++f) emit(f, [&](uint32_t v, const Item&) { ++out.offsets[v + 1]; });
+  std::partial_sum(out.offsets.begin(), out.offsets.end(), out.offsets.begin());
+  out.items.resize(static_cast<size_t>(out.offsets.back()));
+  std::vector<int64_t> next(out.offsets.begin(), out.offsets.end() - 1);
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    emit(f, [&](uint32_t v, const Item& item) { out.items[static_cast<size_t>(next[v]++)] = item; });
+  }
+  ParallelFor(static_cast<int64_t>(mesh.vertices.size()), kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t v = begin; v < end; ++v) {
+      std::sort(out.items.begin() + out.offsets[v], out.items.begin() + out.offsets[v + 1]);
+    }
+  });
+  return out;
+}
+
+void FindDegenerateFaces(const TriangleMesh& mesh, MeshAnalysis& out) {
+  enum : uint8_t { kGood, kRepeated, kZeroArea, kDuplicate };
+  std::vector<uint8_t>& kind = out.is_degenerate;
+  kind.assign(mesh.faces.size(), kGood);
+  ParallelFor(static_cast<int64_t>(mesh.faces.size()), kGrain, [&](int64_t begin, int64_t end) {
+    for (auto f = static_cast<size_t>(begin); f < static_cast<size_t>(end); ++f) {
+      const auto [a, b, c] = mesh.faces[f];
+      if (a == b || b == c || c == a) {
+        kind[f] = kRepeated;
+      } else if (IsCollinear(mesh, f)) {
+        kind[f] = kZeroArea;
+      }
+    }
+  });
+  struct Others {
+    uint32_t middle, last, face;
+    auto operator<=>(const Others&) const = default;
+  };
+  const auto buckets = SortIntoBuckets<Others>(mesh, [&](size_t f, const auto& add) {
+    if (kind[f] != kGood) return;
+    Triangle sorted = mesh.faces[f];
+    std::sort(sorted.begin(), sorted.end());
+    add(sorted[0], Others{sorted[1], sorted[2], static_cast<uint32_t>(f)});
+  });
+  for (size_t v = 0; v < mesh.vertices.size(); ++v) {
+    for (int64_t i = buckets.offsets[v] + 1; i < buckets.offsets[v + 1]; ++i) {
+      const Others& before = buckets.items[static_cast<size_t>(i - 1)];
+      const Others& here = buckets.items[static_cast<size_t>(i)];
+      if (before.middle == here.middle && before.last == here.last) kind[here.face] = kDuplicate;
+    }
+  }
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    const auto index = static_cast<int64_t>(f);
+    if (kind[f] == kRepeated) Count(out.defects.repeated_vertex_faces, index);
+    if (kind[f] == kZeroArea) Count(out.defects.zero_area_faces, index);
+    if (kind[f] == kDuplicate) Count(out.defects.duplicate_faces, index);
+  }
+}
+
+// Union-find whose representative is the lowest member.
+class Fans {
+ public:
+  explicit Fans(size_t size) : parent_(size) { std::iota(parent_.begin(), parent_.end(), 0u); }
+  uint32_t Find(uint32_t i) {
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+  void Join(uint32_t i, uint32_t j) {
+    i = Find(i);
+    j = Find(j);
+    parent_[std::max(i, j)] = std::min(i, j);
+  }
+  std::vector<uint32_t> Flattened() {
+    for (uint32_t i = 0; i < parent_.size(); ++i) parent_[i] = parent_[parent_[i]];  // parents come first
+    return std::move(parent_);
+  }
+
+ private:
+  std::vector<uint32_t> parent_;
+};
+
+void FindFans(const TriangleMesh& mesh, MeshAnalysis& out) {
+  MeshDefects& defects = out.defects;
+  // One for each side that a face has of an edge; the edge starts at the smaller vertex.
+  struct Side {
+    uint32_t other;
+    uint32_t corner;  // where the face's directed edge starts
+    auto operator<=>(const Side&) const = default;
+  };
+  const auto buckets = SortIntoBuckets<Side>(mesh, [&](size_t f, const auto& add) {
+    if (out.is_degenerate[f] != 0) return;
+    for (uint32_t k = 0; k < 3; ++k) {
+      const uint32_t from = mesh.faces[f][k], to = mesh.faces[f][(k + 1) % 3];
+      add(std::min(from, to), Side{std::max(from, to), static_cast<uint32_t>(3 * f + k)});
+    }
+  });
+  const auto vertex_of = [&](uint32_t corner) { return mesh.faces[corner / 3][corner % 3]; };
+  const auto next_corner = [](uint32_t corner) { return corner % 3 == 2 ? corner - 2 : corner + 1; };
+
+  Fans fans(3 * mesh.faces.size());
+  std::vector<uint8_t> on_cut_edge(mesh.vertices.size(), 0);
+  for (uint32_t v = 0; v < mesh.vertices.size(); ++v) {
+    for (int64_t i = buckets.offsets[v]; i < buckets.offsets[v + 1];) {
+      const Side* side = &buckets.items[static_cast<size_t>(i)];
+      int64_t faces = 1;
+      while (i + faces < buckets.offsets[v + 1] && side[faces].other == side->other) ++faces;
+      i += faces;
+      if (faces == 1) {
+        ++defects.boundary_edges;
+      } else if (faces == 2 && vertex_of(side[0].corner) != vertex_of(side[1].corner)) {
+        fans.Join(side[0].corner, next_corner(side[1].corner));
+        fans.Join(side[1].corner, next_corner(side[0].corner));
+      } else {
+        Count(faces == 2 ? defects.conflicting_edges : defects.non_manifold_edges, v);
+        on_cut_edge[v] = on_cut_edge[side->other] = 1;
+      }
+    }
+  }
+  out.fan_of_corner = fans.Flattened();
+
+  std::vector<uint32_t> fans_of_vertex(mesh.vertices.size(), 0);
+  for (uint32_t corner = 0; corner < out.fan_of_corner.size(); ++corner) {
+    if (out.is_degenerate[corner / 3] == 0 && out.fan_of_corner[corner] == corner) ++fans_of_vertex[vertex_of(corner)];
+  }
+  for (size_t v = 0; v < mesh.vertices.size(); ++v) {
+    if (fans_of_vertex[v] == 0) Count(defects.unreferenced_vertices, static_cast<int64_t>(v));
+    if (fans_of_vertex[v] > 1 && on_cut_edge[v] == 0) Count(defects.non_manifold_vertices, static_cast<int64_t>(v));
+  }
+}
+
+}  // namespace
+
+bool MeshDefects::IsClean() const {
+  return repeated_vertex_faces.count == 0 && zero_area_faces.count == 0 && duplicate_faces.count == 0 &&
+         non_manifold_edges.count == 0 && conflicting_edges.count == 0 && non_manifold_vertices.count == 0 &&
+         unreferenced_vertices.count == 0;
+}
+
+StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh) {
+  TESSERA_RETURN_IF_ERROR(CheckArrays(mesh));
+  MeshAnalysis analysis;
+  FindDegenerateFaces(mesh, analysis);
+  FindFans(mesh, analysis);
+  return analysis;
+}
+
+StatusOr<MeshDefects> CheckMesh(const TriangleMesh& mesh) {
+  TESSERA_ASSIGN_OR_RETURN(const MeshAnalysis analysis, AnalyseMesh(mesh));
+  return analysis.defects;
+}
+
+}  // namespace tessera
