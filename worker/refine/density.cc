@@ -1,0 +1,145 @@
+#include "worker/refine/density.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr int64_t kGrain = 1024;
+constexpr uint32_t kNone = 0xffffffffu;
+
+struct Edge {
+  uint32_t low, high;
+  bool operator==(const Edge&) const = default;
+  bool operator<(const Edge& o) const { return low != o.low ? low < o.low : high < o.high; }
+};
+
+Edge MakeEdge(uint32_t a, uint32_t b) { return {std::min(a, b), std::max(a, b)}; }
+
+// Longest squared projection of the segment over the cameras that see both ends.
+double LongestSquaredPx(const Vector3d& a, const Vector3d& b, const std::vector<PosedCamera>& cameras) {
+  double longest = 0;
+  for (const PosedCamera& camera : cameras) {
+    const Vector3d p = camera.Project(a);
+    if (!camera.InImage(p)) continue;
+    const Vector3d q = camera.Project(b);
+    if (!camera.InImage(q)) continue;
+    longest = std::max(longest, (p - q).head<2>().squaredNorm());
+  }
+  return longest;
+}
+
+// Sorted edges of the mesh, each once, and for each face its three edges (k: from corner k to k + 1).
+struct EdgeTable {
+  std::vector<Edge> edges;
+  std::vector<std::array<uint32_t, 3>> of_face;
+};
+
+EdgeTable MakeEdges(const std::vector<Triangle>& faces) {
+  struct Use {
+    Edge edge;
+    uint32_t face_corner;
+    bool operator<(const Use& o) const { return edge == o.edge ? face_corner < o.face_corner : edge < o.edge; }
+  };
+  std::vector<Use> uses;
+  uses.reserve(faces.size() * 3);
+  for (size_t f = 0; f < faces.size(); ++f) {
+    for (int k = 0; k < 3; ++k) {
+      uses.push_back({MakeEdge(faces[f][k], faces[f][(k + 1) % 3]), static_cast<uint32_t>(3 * f + k)});
+    }
+  }
+  std::sort(uses.begin(), uses.end());
+  EdgeTable table;
+  table.of_face.resize(faces.size());
+  for (const Use& use : uses) {
+    if (table.edges.empty() || !(table.edges.back() == use.edge)) table.edges.push_back(use.edge);
+    table.of_face[use.face_corner / 3][use.face_corner % 3] = static_cast<uint32_t>(table.edges.size() - 1);
+  }
+  return table;
+}
+
+// Appends the parts of a face whose edge k has the midpoint mid[k] (kNone: whole).
+void AppendParts(const Triangle& face, const std::array<uint32_t, 3>& mid, std::vector<Triangle>* out) {
+  const int split = (mid[0] != kNone) + (mid[1] != kNone) + (mid[2] != kNone);
+  if (split == 0) {
+    out->push_back(face);
+  } else if (split == 3) {
+    out->push_back({face[0], mid[0], mid[2]});
+    out->push_back({mid[0], face[1], mid[1]});
+    out->push_back({mid[2], mid[1], face[2]});
+    out->push_back({mid[0], mid[1], mid[2]});
+  } else if (split == 1) {
+    const int k = mid[0] != kNone ? 0 : mid[1] != kNone ? 1 : 2;
+    const uint32_t a = face[k], b = face[(k + 1) % 3], c = face[(k + 2) % 3];
+    out->push_back({a, mid[k], c});
+    out->push_back({mid[k], b, c});
+  } else {
+    // Edge k whole, from a to b; c opposite; the quadrilateral a, b, p, q is cut at the lower id of a and b.
+    const int k = mid[0] == kNone ? 0 : mid[1] == kNone ? 1 : 2;
+    const uint32_t a = face[k], b = face[(k + 1) % 3], c = face[(k + 2) % 3];
+    const uint32_t p = mid[(k + 1) % 3], q = mid[(k + 2) % 3];
+    out->push_back({q, p, c});
+    if (a < b) {
+      out->push_back({a, b, p});
+      out->push_back({a, p, q});
+    } else {
+      out->push_back({a, b, q});
+      out->push_back({b, p, q});
+    }
+  }
+}
+
+}  // namespace
+
+SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
+                          const DensityOptions& options) {
+  SplitMesh out;
+  out.mesh = mesh;
+  out.parent_face.resize(mesh.faces.size());
+  for (size_t f = 0; f < mesh.faces.size(); ++f) out.parent_face[f] = static_cast<uint32_t>(f);
+  // Side of the equilateral triangle with the limit's area.
+  const double limit_px2 = options.max_footprint_px2 * 4 / std::sqrt(3.0);
+
+  for (int round = 0; round < options.max_rounds; ++round) {
+    const EdgeTable table = MakeEdges(out.mesh.faces);
+    std::vector<uint32_t> midpoint(table.edges.size(), kNone);
+    ParallelFor(static_cast<int64_t>(table.edges.size()), kGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t e = begin; e < end; ++e) {
+        const Vector3d &a = out.mesh.vertices[table.edges[e].low], &b = out.mesh.vertices[table.edges[e].high];
+        if (LongestSquaredPx(a, b, cameras) > limit_px2) midpoint[e] = 0;
+      }
+    });
+    bool any = false;
+    for (size_t e = 0; e < table.edges.size(); ++e) {
+      if (midpoint[e] == kNone) continue;
+      any = true;
+      midpoint[e] = static_cast<uint32_t>(out.mesh.vertices.size());
+      const Vector3d middle = 0.5 * (out.mesh.vertices[table.edges[e].low] + out.mesh.vertices[table.edges[e].high]);
+      out.mesh.vertices.push_back(middle);
+    }
+    if (!any) break;
+    std::vector<Triangle> faces;
+    std::vector<int32_t> labels;
+    std::vector<uint32_t> parents;
+    faces.reserve(out.mesh.faces.size() * 2);
+    for (size_t f = 0; f < out.mesh.faces.size(); ++f) {
+      const std::array<uint32_t, 3>& edges = table.of_face[f];
+      AppendParts(out.mesh.faces[f], {midpoint[edges[0]], midpoint[edges[1]], midpoint[edges[2]]}, &faces);
+      parents.resize(faces.size(), out.parent_face[f]);
+      if (!out.mesh.labels.empty()) labels.resize(faces.size(), out.mesh.labels[f]);
+    }
+    out.mesh.faces = std::move(faces);
+    out.mesh.labels = std::move(labels);
+    out.parent_face = std::move(parents);
+  }
+  return out;
+}
+
+}  // namespace tessera

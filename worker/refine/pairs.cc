@@ -1,0 +1,111 @@
+#include "worker/refine/pairs.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+
+struct Sample {
+  Vector3d point;
+  Vector3d normal;
+};
+
+// How a view sees a sample; footprint 0: not at all.
+struct Sight {
+  Vector3d direction;  // unit, from the sample to the camera
+  double footprint_m = 0;
+};
+
+std::vector<Sample> DrawSamples(const TriangleMesh& mesh, int count) {
+  std::vector<Sample> samples;
+  const size_t step = std::max<size_t>(1, mesh.faces.size() / std::max(count, 1));
+  for (size_t f = step / 2; f < mesh.faces.size(); f += step) {
+    const Vector3d normal = FaceNormal(mesh, f);
+    if (normal.isZero()) continue;
+    samples.push_back({(mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3, normal});
+  }
+  return samples;
+}
+
+Sight Look(const Sample& sample, const PosedCamera& camera) {
+  constexpr double kMinCosine = 0.15;
+  Sight sight;
+  const Vector3d pixel = camera.Project(sample.point);
+  if (!camera.InImage(pixel)) return sight;
+  sight.direction = (camera.Centre() - sample.point).normalized();
+  if (sight.direction.dot(sample.normal) < kMinCosine) return sight;
+  sight.footprint_m = pixel.z() / camera.intrinsics.fx;
+  return sight;
+}
+
+double PairQuality(const Sight& a, const Sight& b, const PairOptions& options) {
+  if (a.footprint_m == 0 || b.footprint_m == 0) return 0;
+  const double angle = std::acos(std::clamp(a.direction.dot(b.direction), -1.0, 1.0));
+  if (angle < options.min_angle_rad || angle > options.max_angle_rad) return 0;
+  const double scale = std::max(a.footprint_m / b.footprint_m, b.footprint_m / a.footprint_m);
+  if (scale > options.max_scale_ratio) return 0;
+  // Rises quickly to the best angle (depth is well determined), falls slowly after it (views grow unlike).
+  const double spread = angle < options.best_angle_rad ? options.best_angle_rad / 2 : options.best_angle_rad;
+  const double t = (angle - options.best_angle_rad) / spread;
+  return std::exp(-0.5 * t * t) / (scale * scale);
+}
+
+}  // namespace
+
+std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
+                                  const PairOptions& options) {
+  const std::vector<Sample> samples = DrawSamples(mesh, options.samples);
+  const int views = static_cast<int>(cameras.size());
+  std::vector<std::vector<Sight>> sights(views);
+  ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      for (const Sample& sample : samples) sights[i].push_back(Look(sample, cameras[i]));
+    }
+  });
+
+  std::vector<std::vector<int>> chosen(views);
+  ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      std::vector<double> covered(samples.size());
+      while (static_cast<int>(chosen[i].size()) < options.partners) {
+        int best = -1;
+        double best_gain = 1e-3 * static_cast<double>(samples.size()) / std::max(views, 1);
+        for (int j = 0; j < views; ++j) {
+          if (j == i || std::count(chosen[i].begin(), chosen[i].end(), j) > 0) continue;
+          double gain = 0;
+          for (size_t s = 0; s < samples.size(); ++s) {
+            gain += PairQuality(sights[i][s], sights[j][s], options) / (1 + 2 * covered[s]);
+          }
+          if (gain > best_gain) {
+            best_gain = gain;
+            best = j;
+          }
+        }
+        if (best < 0) break;
+        for (size_t s = 0; s < samples.size(); ++s) covered[s] += PairQuality(sights[i][s], sights[best][s], options);
+        chosen[i].push_back(best);
+      }
+    }
+  });
+
+  std::set<std::pair<int, int>> ordered;
+  for (int i = 0; i < views; ++i) {
+    for (int j : chosen[i]) {
+      ordered.insert({i, j});
+      ordered.insert({j, i});
+    }
+  }
+  std::vector<ViewPair> pairs;
+  for (const auto& [i, j] : ordered) pairs.push_back({i, j});
+  return pairs;
+}
+
+}  // namespace tessera

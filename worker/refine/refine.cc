@@ -1,0 +1,244 @@
+#include "worker/refine/refine.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
+#include "common/imaging/pyramid.h"
+#include "worker/refine/descent.h"
+#include "worker/refine/photo_term.h"
+#include "worker/refine/smooth_term.h"
+#include "worker/visibility/rasterizer.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr int kMaxLevel = 5;
+// Room about the mesh's projection, so that windows and moved faces stay inside.
+constexpr int kMarginPx = 24;
+
+Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) {
+  const auto bad = [](const std::string& what) { return absl::InvalidArgumentError("refinement: " + what); };
+  if (!(problem.gsd_m > 0)) return bad("the ground sampling distance must be positive");
+  if (!problem.fixed_vertices.empty() && problem.fixed_vertices.size() != problem.mesh.vertices.size()) {
+    return bad(absl::StrCat(problem.fixed_vertices.size(), " flags for ", problem.mesh.vertices.size(), " vertices"));
+  }
+  for (const Triangle& face : problem.mesh.faces) {
+    for (uint32_t v : face) {
+      if (v >= problem.mesh.vertices.size()) return bad(absl::StrCat("a face names vertex ", v));
+    }
+  }
+  for (size_t i = 0; i < problem.views.size(); ++i) {
+    const RefineView& view = problem.views[i];
+    if (view.luminance == nullptr || view.luminance->width != view.camera.intrinsics.width ||
+        view.luminance->height != view.camera.intrinsics.height) {
+      return bad(absl::StrCat("the image of view ", i, " has not the camera's size"));
+    }
+  }
+  const int views = static_cast<int>(problem.views.size());
+  for (size_t p = 0; p < problem.pairs.size(); ++p) {
+    const ViewPair& pair = problem.pairs[p];
+    if (pair.reference < 0 || pair.reference >= views || pair.other < 0 || pair.other >= views ||
+        pair.reference == pair.other || (p > 0 && problem.pairs[p - 1].reference > pair.reference)) {
+      return bad(absl::StrCat("view pair ", p, " is out of range or order"));
+    }
+  }
+  if (options.levels.empty() || options.levels.size() != options.iterations.size()) {
+    return bad("levels and iterations must be as many, and at least one");
+  }
+  for (int level : options.levels) {
+    if (level < 0 || level > kMaxLevel) return bad(absl::StrCat("pyramid level ", level));
+  }
+  if (options.window_px % 2 == 0 || options.window_px < 3 || options.window_px > 2 * ZnccWindow::kMaxRadius + 1) {
+    return bad(absl::StrCat("a window of ", options.window_px, " pixels; expected 3, 5, ... ",
+                            2 * ZnccWindow::kMaxRadius + 1));
+  }
+  return absl::OkStatus();
+}
+
+// The part of each photograph that the mesh covers, its corners on pixel edges of every level.
+std::vector<PixelRect> ViewWindows(const RefineProblem& problem, int coarsest) {
+  const int align = 1 << coarsest;
+  std::vector<PixelRect> windows;
+  for (const RefineView& view : problem.views) {
+    PixelRect rect = ProjectedBounds(problem.mesh, view.camera, kMarginPx, align);
+    rect.x1 = rect.x0 + rect.width() / align * align;
+    rect.y1 = rect.y0 + rect.height() / align * align;
+    if (rect.empty()) rect = {0, 0, align, align};
+    windows.push_back(rect);
+  }
+  return windows;
+}
+
+PhotoView MakePhotoView(const RefineView& view, const PixelRect& rect, int level) {
+  PhotoView out;
+  out.camera = PyramidCamera(CroppedCamera(view.camera, rect), level);
+  FloatImage image(rect.width(), rect.height());
+  for (int y = 0; y < rect.height(); ++y) {
+    for (int x = 0; x < rect.width(); ++x) {
+      const int sx = rect.x0 + x, sy = rect.y0 + y;
+      const bool inside = sx < view.luminance->width && sy < view.luminance->height;
+      image.at(x, y) = inside ? view.luminance->at(sx, sy) : std::nanf("");
+    }
+  }
+  for (int i = 0; i < level; ++i) image = HalfResolution(image);
+  out.luminance = ToPaddedPlane(image);
+  return out;
+}
+
+PhotoOptions MakePhotoOptions(const RefineOptions& options) {
+  PhotoOptions out;
+  out.window = MakeWindow(options.window_px, options.gaussian_window);
+  out.window.min_valid = static_cast<float>(options.min_valid);
+  out.window.min_variance = static_cast<float>(options.min_sigma * options.min_sigma);
+  out.window.max_mean_difference = static_cast<float>(options.max_mean_difference);
+  out.window.max_variance_ratio = static_cast<float>(options.max_variance_ratio);
+  out.window.epsilon = 1e-6f;
+  out.window.noise_variance = static_cast<float>(options.noise_sigma * options.noise_sigma);
+  out.min_cosine = options.min_cosine;
+  out.occlusion_px = options.occlusion_px;
+  return out;
+}
+
+double MeanEnergy(const ZnccSums& sums) { return sums.weight > 0 ? sums.energy / sums.weight : 0; }
+
+double Rms(const std::vector<Vector3d>& moves) {
+  double sum = 0;
+  for (const Vector3d& m : moves) sum += m.squaredNorm();
+  return moves.empty() ? 0 : std::sqrt(sum / static_cast<double>(moves.size()));
+}
+
+double Seconds(const Clock* clock) { return clock ? 1e-6 * static_cast<double>(clock->MonotonicUs()) : 0; }
+
+// The descent with its state: positions, views of the level at hand, report.
+class Refiner {
+ public:
+  Refiner(const RefineProblem& problem, const RefineOptions& options)
+      : problem_(problem), options_(options), mesh_(problem.mesh), smooth_(problem.mesh, problem.fixed_vertices) {
+    double start_s = Seconds(options.clock);
+    pairs_ = problem.pairs;
+    if (pairs_.empty()) {
+      std::vector<PosedCamera> cameras;
+      for (const RefineView& view : problem.views) cameras.push_back(view.camera);
+      PairOptions pair_options;
+      constexpr double kRadians = 3.14159265358979323846 / 180;
+      pair_options.partners = options.partners;
+      pair_options.min_angle_rad = options.min_angle_deg * kRadians;
+      pair_options.max_angle_rad = options.max_angle_deg * kRadians;
+      pair_options.best_angle_rad = options.best_angle_deg * kRadians;
+      pairs_ = SelectPairs(mesh_, cameras, pair_options);
+    }
+    report_.pairs = static_cast<int>(pairs_.size());
+    windows_ = ViewWindows(problem, *std::max_element(options.levels.begin(), options.levels.end()));
+    report_.seconds_prepare = Seconds(options.clock) - start_s;
+    double weight = 0;
+    for (size_t i = 0; i < options.levels.size(); ++i) {
+      total_work_ += options.iterations[i] * std::pow(0.25, options.levels[i]);
+      weight = std::pow(0.25, Finest());
+    }
+    total_work_ += 2 * weight;
+  }
+
+  StatusOr<RefineReport> Run(const TaskControl& control) {
+    TESSERA_ASSIGN_OR_RETURN(report_.energy_start, Measure(control));
+    for (size_t i = 0; i < options_.levels.size(); ++i) TESSERA_RETURN_IF_ERROR(Descend(i, control));
+    TESSERA_ASSIGN_OR_RETURN(report_.energy_end, Measure(control));
+    std::vector<Vector3d> moves(mesh_.vertices.size());
+    for (size_t v = 0; v < moves.size(); ++v) {
+      moves[v] = mesh_.vertices[v] - problem_.mesh.vertices[v];
+      report_.moved_max_m = std::max(report_.moved_max_m, moves[v].norm());
+    }
+    report_.moved_rms_m = Rms(moves);
+    return report_;
+  }
+
+  std::vector<Vector3d> TakeVertices() { return std::move(mesh_.vertices); }
+
+ private:
+  int Finest() const { return *std::min_element(options_.levels.begin(), options_.levels.end()); }
+
+  void EnterLevel(int level) {
+    if (level == level_) return;
+    const double start_s = Seconds(options_.clock);
+    std::vector<PhotoView> views(problem_.views.size());
+    ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t i = begin; i < end; ++i) views[i] = MakePhotoView(problem_.views[i], windows_[i], level);
+    });
+    views_ = std::move(views);
+    photo_ = std::make_unique<PhotoTerm>(views_, pairs_, MakePhotoOptions(options_));
+    level_ = level;
+    report_.seconds_prepare += Seconds(options_.clock) - start_s;
+  }
+
+  void Evaluate() {
+    photo_->Evaluate(mesh_, problem_.occluders, options_.clock, &derivatives_);
+    report_.seconds_visibility += derivatives_.seconds_visibility;
+    report_.seconds_photo += derivatives_.seconds_photo;
+    report_.warped_pixels += derivatives_.warped_pixels;
+    work_ += std::pow(0.25, level_);
+  }
+
+  StatusOr<double> Measure(const TaskControl& control) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    EnterLevel(Finest());
+    Evaluate();
+    return MeanEnergy(derivatives_.sums);
+  }
+
+  Status Descend(size_t stage, const TaskControl& control) {
+    const int level = options_.levels[stage];
+    EnterLevel(level);
+    const double pixel_m = problem_.gsd_m * std::pow(2.0, level);
+    StepOptions step_options;
+    const double unit = 1 / (pixel_m * pixel_m);
+    step_options.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit};
+    step_options.smoothing_sweeps = options_.smoothing_sweeps;
+    step_options.max_step_m = options_.max_step_px * pixel_m;
+    for (int iteration = 0; iteration < options_.iterations[stage]; ++iteration) {
+      TESSERA_RETURN_IF_ERROR(control.Check());
+      control.Report(work_ / total_work_,
+                     absl::StrCat("level ", level, ", step ", iteration + 1, " of ", options_.iterations[stage]));
+      Evaluate();
+      const double start_s = Seconds(options_.clock);
+      const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, step_options);
+      for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
+      step_options.max_step_m *= options_.step_decay;
+      report_.seconds_step += Seconds(options_.clock) - start_s;
+      report_.iterations.push_back(
+          {level, MeanEnergy(derivatives_.sums), Rms(step) / pixel_m, derivatives_.sums.windows});
+    }
+    return absl::OkStatus();
+  }
+
+  const RefineProblem& problem_;
+  const RefineOptions& options_;
+  TriangleMesh mesh_;
+  SmoothTerm smooth_;
+  std::vector<ViewPair> pairs_;
+  std::vector<PixelRect> windows_;
+  std::vector<PhotoView> views_;
+  std::unique_ptr<PhotoTerm> photo_;
+  PhotoDerivatives derivatives_;
+  int level_ = -1;
+  double work_ = 0, total_work_ = 0;
+  RefineReport report_;
+};
+
+}  // namespace
+
+StatusOr<RefineReport> RefineGeometry(const RefineProblem& problem, std::vector<Vector3d>* vertices,
+                                      const RefineOptions& options, const TaskControl& control) {
+  TESSERA_RETURN_IF_ERROR(CheckProblem(problem, options));
+  Refiner refiner(problem, options);
+  TESSERA_ASSIGN_OR_RETURN(RefineReport report, refiner.Run(control));
+  *vertices = refiner.TakeVertices();
+  return report;
+}
+
+}  // namespace tessera
