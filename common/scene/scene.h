@@ -37,7 +37,7 @@ struct SceneView {
   std::string likelihood_path;
   LensModel lens;
   PosedCamera camera;  // undistorted; local frame
-  int flight = 0;      // index into SceneDescription::flights
+  int flight = 0;      // index into SceneDescription::flights; the first with a pattern for the name
 };
 
 // Everything about a scene but its pixels and its mesh. A plain value.
@@ -46,12 +46,13 @@ struct SceneDescription {
   std::string name;
   std::vector<SceneClass> classes;
   std::vector<Flight> flights;
-  Frame frame;                    // the scene's own coordinates <-> the local metric frame used inside
-  Eigen::Vector3d up_in_local;    // unit
-  std::vector<SceneView> views;   // in COLMAP's order of image ids
-  std::string mesh_path;          // relative to folder
+  Frame frame;                   // the scene's own coordinates <-> the local metric frame used inside
+  Eigen::Vector3d up_in_local;   // unit
+  std::vector<SceneView> views;  // in COLMAP's order of image ids
+  std::string cameras_folder;    // of the COLMAP model, relative to folder
+  std::string mesh_path;         // relative to folder
   bool has_likelihoods = false;
-  std::vector<std::string> files; // every file of the scene that a job reads, relative to folder, sorted
+  std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
 };
 
 // Reads scene.json, the camera model and the list of files. `path` is the scene's folder or its scene.json. Every fault
@@ -62,7 +63,8 @@ StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings
 // a hundredth of `gsd_m` (pass 0 to skip that test).
 StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m);
 
-// Median ground sampling distance over a fixed sample of faces and the views that see them (frustum only), metres;
+// Median ground sampling distance over a fixed sample of faces and the views that face them (frustum only), metres: the
+// width depth / focal length of a pixel on a surface that looks at the camera, not stretched by the angle of incidence.
 // FAILED_PRECONDITION if no view sees any face.
 StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& mesh);
 

@@ -1,0 +1,274 @@
+#include "common/scene/scene.h"
+
+#include <fnmatch.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
+#include "common/imaging/image_io.h"
+#include "common/scene/colmap.h"
+#include "common/scene/loading.h"
+#include "common/scene/scene_json.h"
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string WithoutExtension(const std::string& name) { return fs::path(name).replace_extension().generic_string(); }
+
+bool IsFolder(const std::string& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
+}
+
+// The mesh's header alone: whether its faces have labels.
+bool MeshHasLabels(const std::string& path) {
+  const StatusOr<std::string> head = ReadFileRange(path, 0, 1 << 16);
+  if (!head.ok()) return false;
+  const std::string header = head->substr(0, head->find("end_header"));
+  const size_t faces = header.find("element face");
+  if (faces == std::string::npos) return false;
+  const std::string properties = header.substr(faces, header.find("\nelement", faces) - faces);
+  for (size_t at = properties.find(" label"); at != std::string::npos; at = properties.find(" label", at + 1)) {
+    const char after = at + 6 < properties.size() ? properties[at + 6] : '\n';
+    if (after == '\n' || after == '\r' || after == ' ') return true;
+  }
+  return false;
+}
+
+class SceneLoader {
+ public:
+  SceneLoader(std::string folder, Warnings* warnings, Faults* faults) : warnings_(warnings), faults_(*faults) {
+    scene_.folder = std::move(folder);
+  }
+
+  SceneDescription Load(const std::string& file) {
+    StatusOr<std::string> text = ReadFile(file, 64 << 20);
+    if (!text.ok()) {
+      faults_.Add(absl::IsNotFound(text.status()) ? InputError(file, "", "no such file", "a scene.json")
+                                                  : text.status());
+      return std::move(scene_);
+    }
+    json_ = ParseSceneFile(*text, file, &faults_);
+    scene_.name = json_.name.empty() ? fs::path(scene_.folder).filename().string() : json_.name;
+    scene_.up_in_local = Eigen::Vector3d::UnitZ();
+    scene_.files.push_back(fs::path(file).filename().string());
+    LoadCameras();
+    FindImages();
+    FindLikelihoods();
+    FindMesh();
+    ChooseClasses();
+    AssignFlights();
+    PlaceUp();
+    std::sort(scene_.files.begin(), scene_.files.end());
+    return std::move(scene_);
+  }
+
+ private:
+  std::string Full(const std::string& relative) const { return absl::StrCat(scene_.folder, "/", relative); }
+  void Warn(const std::string& text) {
+    if (warnings_ != nullptr) warnings_->push_back(text);
+  }
+
+  void LoadCameras() {
+    if (!IsFolder(Full(json_.cameras.path))) {
+      faults_.Add(InputError(Full(json_.cameras.path), "", "no such folder", "the COLMAP model of the cameras"));
+      return;
+    }
+    scene_.cameras_folder = json_.cameras.path;
+    const ColmapModel model = ReadColmapModel(Full(json_.cameras.path), ColmapContent::kCameras, &faults_);
+    for (const char* stem : {"cameras", "images"}) {
+      const std::string file = absl::StrCat(json_.cameras.path, "/", stem, model.binary ? ".bin" : ".txt");
+      if (FileExists(Full(file))) scene_.files.push_back(file);
+    }
+    if (model.images.empty()) {
+      if (faults_.empty()) faults_.Add(InputError(Full(json_.cameras.path), "", "no images", "at least one"));
+      return;
+    }
+    std::vector<double> centres[3];
+    for (const ColmapImage& image : model.images) {
+      const Eigen::Vector3d c = -image.rotation_cam_from_world.transpose() * image.translation_cam_from_world;
+      for (int k = 0; k < 3; ++k) centres[k].push_back(c[k]);
+    }
+    Eigen::Vector3d median;
+    for (int k = 0; k < 3; ++k) {
+      std::nth_element(centres[k].begin(), centres[k].begin() + centres[k].size() / 2, centres[k].end());
+      median[k] = centres[k][centres[k].size() / 2];
+    }
+    StatusOr<Frame> frame = Frame::Around(json_.crs, median);
+    if (!frame.ok()) {
+      faults_.Add(absl::InvalidArgumentError(
+          absl::StrCat(Full(scene_.files.front()), ": ", std::string(frame.status().message()))));
+      return;
+    }
+    scene_.frame = *frame;
+    const Eigen::Matrix3d scene_from_local = frame->rotation_local_from_scene().transpose();
+    for (const ColmapImage& image : model.images) {
+      SceneView view;
+      view.name = image.name;
+      view.lens = model.cameras.at(image.camera_id);
+      view.camera.intrinsics = view.lens.pinhole;
+      view.camera.rotation_cam_from_world = image.rotation_cam_from_world * scene_from_local;
+      view.camera.translation_cam_from_world =
+          image.rotation_cam_from_world * frame->origin_in_scene() + image.translation_cam_from_world;
+      scene_.views.push_back(std::move(view));
+    }
+  }
+
+  // Headers only, in parallel; the faults in the order of the views.
+  void FindImages() {
+    std::vector<Status> found(scene_.views.size());
+    ParallelFor(static_cast<int64_t>(scene_.views.size()), 1, [&](int64_t i, int64_t) {
+      SceneView& view = scene_.views[i];
+      const StatusOr<std::string> inside = JoinInside(json_.images.path, view.name);
+      if (!inside.ok()) {
+        found[i] = InputError(Full(json_.cameras.path), "images", absl::StrCat("the name '", view.name, "'"),
+                              "a name inside the images folder");
+        return;
+      }
+      const std::string path = Full(*inside);
+      if (!FileExists(path)) {
+        found[i] = InputError(path, "", "no such file", absl::StrCat("the image '", view.name, "' of the cameras"));
+        return;
+      }
+      const StatusOr<ImageSize> size = ReadImageSize(path);
+      if (!size.ok()) {
+        found[i] = size.status();
+      } else if (size->width != view.lens.pinhole.width || size->height != view.lens.pinhole.height) {
+        found[i] =
+            InputError(path, "", absl::StrCat(size->width, " x ", size->height, " pixels"),
+                       absl::StrCat(view.lens.pinhole.width, " x ", view.lens.pinhole.height, " (its camera's size)"));
+      } else {
+        view.image_path = *inside;
+      }
+    });
+    for (size_t i = 0; i < found.size(); ++i) {
+      faults_.Add(found[i]);
+      if (!scene_.views[i].image_path.empty()) scene_.files.push_back(scene_.views[i].image_path);
+    }
+  }
+
+  void FindLikelihoods() {
+    const std::string folder = json_.likelihoods.path;
+    if (!IsFolder(Full(folder))) {
+      if (json_.likelihoods.given) {
+        faults_.Add(InputError(Full(folder), "", "no such folder", "the likelihoods that scene.json names"));
+      }
+      return;
+    }
+    const StatusOr<std::vector<std::string>> files = ListFiles(Full(folder));
+    if (!files.ok()) return faults_.Add(files.status());
+    std::map<std::string, std::vector<std::string>> by_stem;
+    for (const std::string& file : *files) {
+      const std::string extension = fs::path(file).extension().string();
+      if (extension == ".tif" || extension == ".tiff" || extension == ".npy" || extension == ".png") {
+        by_stem[WithoutExtension(file)].push_back(file);
+      }
+    }
+    scene_.has_likelihoods = true;
+    for (SceneView& view : scene_.views) {
+      const std::string stem = WithoutExtension(view.name);
+      const auto it = by_stem.find(stem);
+      if (it == by_stem.end()) {
+        faults_.Add(InputError(absl::StrCat(Full(folder), "/", stem), "", "no .tif, .tiff, .npy or .png",
+                               absl::StrCat("the likelihoods of image '", view.name, "'")));
+      } else if (it->second.size() > 1) {
+        faults_.Add(InputError(absl::StrCat(Full(folder), "/", stem), "", absl::StrCat(it->second.size(), " files"),
+                               absl::StrCat("one for image '", view.name, "'")));
+      } else {
+        view.likelihood_path = absl::StrCat(folder, "/", it->second.front());
+        scene_.files.push_back(view.likelihood_path);
+      }
+    }
+  }
+
+  void FindMesh() {
+    if (!FileExists(Full(json_.mesh.path)) || IsFolder(Full(json_.mesh.path))) {
+      faults_.Add(InputError(Full(json_.mesh.path), "", "no such file", "the start mesh"));
+      return;
+    }
+    scene_.mesh_path = json_.mesh.path;
+    scene_.files.push_back(json_.mesh.path);
+    mesh_has_labels_ = MeshHasLabels(Full(json_.mesh.path));
+  }
+
+  void ChooseClasses() {
+    scene_.classes = json_.classes;
+    if (scene_.has_likelihoods || mesh_has_labels_) return;
+    if (json_.classes_given && scene_.classes.size() > 1) {
+      Warn("classes are given, but neither labels nor likelihoods: the scene is refined as one class");
+    }
+    SceneClass surface;
+    surface.name = "surface";
+    scene_.classes = {surface};
+  }
+
+  // An image belongs to the first flight that has a pattern for it.
+  void AssignFlights() {
+    for (const FlightEntry& entry : json_.flights) scene_.flights.push_back(entry.flight);
+    std::vector<int64_t> images(json_.flights.size());
+    for (SceneView& view : scene_.views) {
+      view.flight = -1;
+      for (size_t f = 0; f < json_.flights.size() && view.flight < 0; ++f) {
+        for (const std::string& pattern : json_.flights[f].patterns) {
+          if (fnmatch(pattern.c_str(), view.name.c_str(), 0) == 0) view.flight = static_cast<int>(f);
+        }
+      }
+      if (view.flight >= 0) {
+        ++images[view.flight];
+      } else if (!json_.flights.empty()) {
+        faults_.Add(InputError(Full("scene.json"), "flights", absl::StrCat("none with image '", view.name, "'"),
+                               "each image in a flight"));
+      }
+    }
+    for (size_t f = 0; f < images.size(); ++f) {
+      if (images[f] == 0) Warn(absl::StrCat("flight '", json_.flights[f].flight.name, "' has no image"));
+    }
+  }
+
+  void PlaceUp() {
+    if (!json_.up) return;
+    if (scene_.frame.crs().kind == Crs::Kind::kLocal) {
+      scene_.up_in_local = *json_.up;
+    } else if (scene_.frame.crs().kind == Crs::Kind::kEcef
+                   ? (scene_.frame.rotation_local_from_scene() * *json_.up).z() < 0.999
+                   : json_.up->z() < 0.999999) {
+      Warn("'up' is ignored, since the coordinate system says where up is");
+    }
+  }
+
+  Warnings* warnings_;
+  Faults& faults_;
+  SceneDescription scene_;
+  SceneFile json_;
+  bool mesh_has_labels_ = false;
+};
+
+}  // namespace
+
+SceneDescription LoadSceneCollecting(const std::string& path, Warnings* warnings, Faults* faults) {
+  const bool is_file = !IsFolder(path) && fs::path(path).extension() == ".json";
+  std::string folder = is_file ? fs::path(path).parent_path().string() : path;
+  while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
+  if (folder.empty()) folder.push_back('.');
+  const std::string file = is_file ? path : absl::StrCat(folder, "/scene.json");
+  if (!is_file && !IsFolder(folder)) {
+    faults->Add(InputError(path, "", "no such folder", "a scene (a folder with a scene.json)"));
+    return {};
+  }
+  return SceneLoader(folder, warnings, faults).Load(file);
+}
+
+StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings) {
+  Faults faults;
+  SceneDescription scene = LoadSceneCollecting(path, warnings, &faults);
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return scene;
+}
+
+}  // namespace tessera

@@ -1,0 +1,307 @@
+#include "common/scene/scene_json.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <set>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+
+namespace tessera {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr double kRadiansPerDegree = std::numbers::pi / 180;
+
+std::string Shown(const Json& value) {
+  const std::string text = value.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return text.size() <= 60 ? text : text.substr(0, 57) + "...";
+}
+
+// Reads one JSON object key by key; what stays unread is unknown.
+class ObjectReader {
+ public:
+  ObjectReader(const Json& object, std::string place, const std::string& file, Faults* faults)
+      : object_(object), place_(std::move(place)), file_(file), faults_(*faults) {}
+
+  const Json* Find(const std::string& key) {
+    known_.push_back(key);
+    const auto it = object_.find(key);
+    return it == object_.end() ? nullptr : &*it;
+  }
+  std::string KeyPlace(const std::string& key) const { return place_.empty() ? key : absl::StrCat(place_, ".", key); }
+  void Fault(const std::string& key, const Json& found, const std::string& expected) {
+    faults_.Add(InputError(file_, KeyPlace(key), Shown(found), expected));
+  }
+
+  bool String(const std::string& key, std::string* out) {
+    const Json* value = Find(key);
+    if (value == nullptr) return false;
+    if (!value->is_string()) {
+      Fault(key, *value, "a string");
+      return false;
+    }
+    *out = value->get<std::string>();
+    return true;
+  }
+  bool Number(const std::string& key, double low, double high, double* out) {
+    const Json* value = Find(key);
+    if (value == nullptr) return false;
+    if (!value->is_number() || !(value->get<double>() >= low && value->get<double>() <= high)) {
+      Fault(key, *value, absl::StrCat("a number from ", low, " to ", high));
+      return false;
+    }
+    *out = value->get<double>();
+    return true;
+  }
+  void Path(const std::string& key, ScenePath* out) {
+    if (!String(key, &out->path)) return;
+    out->given = true;
+    if (out->path.empty() || out->path.front() == '/' ||
+        absl::StrCat("/", out->path, "/").find("/../") != std::string::npos) {
+      Fault(key, out->path, "a path inside the scene's folder");
+    }
+  }
+  void RefuseUnknown() {
+    for (const auto& [key, value] : object_.items()) {
+      if (std::find(known_.begin(), known_.end(), key) == known_.end()) {
+        faults_.Add(InputError(file_, place_, absl::StrCat("unknown key '", key, "'"),
+                               absl::StrCat("one of ", absl::StrJoin(known_, ", "))));
+      }
+    }
+  }
+
+ private:
+  const Json& object_;
+  std::string place_;
+  const std::string& file_;
+  Faults& faults_;
+  std::vector<std::string> known_;
+};
+
+SceneClass MakeClass(const char* name, std::array<uint8_t, 3> color, double alpha_deg, double beta_deg,
+                     double smoothness) {
+  return {name, color, alpha_deg * kRadiansPerDegree, beta_deg * kRadiansPerDegree, smoothness};
+}
+
+bool ParseColor(const std::string& text, std::array<uint8_t, 3>* color) {
+  if (text.size() != 7 || text[0] != '#' || text.find_first_not_of("0123456789abcdefABCDEF", 1) != std::string::npos) {
+    return false;
+  }
+  for (int k = 0; k < 3; ++k) (*color)[k] = static_cast<uint8_t>(std::stoi(text.substr(1 + 2 * k, 2), nullptr, 16));
+  return true;
+}
+
+SceneClass ClassOfName(const std::string& name) {
+  for (const SceneClass& known : KnownClasses()) {
+    if (known.name == name) return known;
+  }
+  SceneClass other;
+  other.name = name;
+  return other;
+}
+
+void ParseClasses(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
+  scene->classes_given = true;
+  scene->classes.clear();
+  if (!value.is_array() || value.empty() || value.size() > 254) {
+    faults->Add(InputError(file, "classes", Shown(value), "a list of 1 to 254 classes"));
+    return;
+  }
+  std::set<std::string> names;
+  for (size_t i = 0; i < value.size(); ++i) {
+    const std::string place = absl::StrCat("classes[", i, "]");
+    SceneClass entry;
+    if (value[i].is_string()) {
+      const std::string name = value[i].get<std::string>();
+      entry = ClassOfName(name);
+      const auto& known = KnownClasses();
+      if (std::none_of(known.begin(), known.end(), [&](const SceneClass& c) { return c.name == name; })) {
+        faults->Add(InputError(file, place, Shown(value[i]),
+                               "ground, facade, roof or vegetation, or an object {\"name\": ...}"));
+      }
+    } else if (value[i].is_object()) {
+      ObjectReader in(value[i], place, file, faults);
+      std::string name, color;
+      if (!in.String("name", &name) || name.empty()) {
+        faults->Add(InputError(file, place, Shown(value[i]), "a class with a name"));
+      }
+      entry = ClassOfName(name);
+      if (in.String("color", &color) && !ParseColor(color, &entry.color_rgb)) in.Fault("color", color, "\"#rrggbb\"");
+      double degrees = 0;
+      if (in.Number("prior_alpha_deg", 0, 180, &degrees)) entry.prior_alpha_rad = degrees * kRadiansPerDegree;
+      if (in.Number("prior_beta_deg", 0, 180, &degrees)) entry.prior_beta_rad = degrees * kRadiansPerDegree;
+      in.Number("smoothness", 0, 1000, &entry.smoothness);
+      in.RefuseUnknown();
+    } else {
+      faults->Add(InputError(file, place, Shown(value[i]), "a class name or an object"));
+    }
+    if (!entry.name.empty() && !names.insert(entry.name).second) {
+      faults->Add(InputError(file, place, absl::StrCat("class '", entry.name, "' again"), "each class once"));
+    }
+    scene->classes.push_back(std::move(entry));
+  }
+}
+
+void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faults) {
+  if (!value.is_object()) {
+    faults->Add(InputError(file, "crs", Shown(value), "an object with a type"));
+    return;
+  }
+  ObjectReader in(value, "crs", file, faults);
+  std::string type;
+  if (!in.String("type", &type) || (type != "local" && type != "enu" && type != "utm" && type != "ecef")) {
+    faults->Add(InputError(file, "crs.type", type.empty() ? "nothing" : absl::StrCat("'", type, "'"),
+                           "local, enu, utm or ecef"));
+    return;
+  }
+  const auto require = [&](const char* key, bool found) {
+    if (!found && value.find(key) == value.end()) {
+      faults->Add(InputError(file, "crs", absl::StrCat("no ", key), absl::StrCat("one for type '", type, "'")));
+    }
+  };
+  if (type == "enu") {
+    crs->kind = Crs::Kind::kEnu;
+    double lat_deg = 0, lon_deg = 0;
+    require("lat_deg", in.Number("lat_deg", -90, 90, &lat_deg));
+    require("lon_deg", in.Number("lon_deg", -180, 360, &lon_deg));
+    in.Number("height_m", -12000, 1e5, &crs->height_m);
+    crs->lat_rad = lat_deg * kRadiansPerDegree;
+    crs->lon_rad = lon_deg * kRadiansPerDegree;
+  } else if (type == "utm") {
+    crs->kind = Crs::Kind::kUtm;
+    double zone = 0;
+    const bool found = in.Number("zone", 1, 60, &zone);
+    require("zone", found);
+    if (found && zone != std::floor(zone)) in.Fault("zone", zone, "a whole number");
+    crs->zone = static_cast<int>(zone);
+    if (const Json* north = in.Find("north"); north != nullptr) {
+      if (north->is_boolean()) {
+        crs->north = north->get<bool>();
+      } else {
+        in.Fault("north", *north, "true or false");
+      }
+    }
+  } else if (type == "ecef") {
+    crs->kind = Crs::Kind::kEcef;
+  }
+  in.RefuseUnknown();
+}
+
+void ParseUp(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();
+  bool good = value.is_array() && value.size() == 3;
+  for (int k = 0; good && k < 3; ++k) {
+    good = value[k].is_number();
+    if (good) up[k] = value[k].get<double>();
+  }
+  if (!good || !up.allFinite() || !(up.norm() > 1e-9)) {
+    faults->Add(InputError(file, "up", Shown(value), "three numbers, not all zero"));
+    return;
+  }
+  scene->up = up.normalized();
+}
+
+bool IsIsoDate(const std::string& date) {
+  const auto digits = [&](size_t at, size_t n) {
+    return std::all_of(date.begin() + at, date.begin() + at + n, [](char c) { return c >= '0' && c <= '9'; });
+  };
+  return date.size() >= 10 && digits(0, 4) && date[4] == '-' && digits(5, 2) && date[7] == '-' && digits(8, 2) &&
+         (date.size() == 10 || date[10] == 'T');
+}
+
+void ParseFlights(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
+  scene->flights.clear();
+  if (!value.is_array() || value.empty()) {
+    faults->Add(InputError(file, "flights", Shown(value), "a list of flights"));
+    return;
+  }
+  std::set<std::string> names;
+  for (size_t i = 0; i < value.size(); ++i) {
+    const std::string place = absl::StrCat("flights[", i, "]");
+    if (!value[i].is_object()) {
+      faults->Add(InputError(file, place, Shown(value[i]), "an object with name, date and images"));
+      continue;
+    }
+    ObjectReader in(value[i], place, file, faults);
+    FlightEntry entry;
+    if (!in.String("name", &entry.flight.name) || entry.flight.name.empty()) {
+      faults->Add(InputError(file, place, Shown(value[i]), "a flight with a name"));
+    } else if (!names.insert(entry.flight.name).second) {
+      faults->Add(InputError(file, place, absl::StrCat("flight '", entry.flight.name, "' again"), "each flight once"));
+    }
+    if (in.String("date", &entry.flight.date) && !entry.flight.date.empty() && !IsIsoDate(entry.flight.date)) {
+      in.Fault("date", entry.flight.date, "a date as 2026-05-14");
+    }
+    const Json* images = in.Find("images");
+    bool good = images == nullptr || images->is_array();
+    for (size_t k = 0; good && images != nullptr && k < images->size(); ++k) {
+      good = (*images)[k].is_string();
+      if (good) entry.patterns.push_back((*images)[k].get<std::string>());
+    }
+    if (!good) in.Fault("images", *images, "a list of patterns as \"north/*.jpg\"");
+    if (images == nullptr) entry.patterns = {"*"};
+    in.RefuseUnknown();
+    scene->flights.push_back(std::move(entry));
+  }
+}
+
+// Line and column, both from 1, of a byte of the text.
+std::string LineAndColumn(const std::string& text, size_t byte) {
+  const size_t end = std::min(byte, text.size());
+  const auto line = 1 + std::count(text.begin(), text.begin() + end, '\n');
+  const size_t break_before = end == 0 ? std::string::npos : text.rfind('\n', end - 1);
+  return absl::StrCat("line ", line, ", column ", end - (break_before == std::string::npos ? 0 : break_before + 1) + 1);
+}
+
+}  // namespace
+
+const std::vector<SceneClass>& KnownClasses() {
+  // Priors: design.md's table (paper, section 3.2). Colours as in the paper.
+  static const auto* classes = new std::vector<SceneClass>{
+      MakeClass("ground", {128, 128, 128}, 30, 0, 1), MakeClass("facade", {128, 0, 128}, 30, 90, 1),
+      MakeClass("roof", {230, 190, 30}, 60, 0, 1), MakeClass("vegetation", {40, 150, 50}, 180, 0, 1)};
+  return *classes;
+}
+
+SceneFile ParseSceneFile(const std::string& text, const std::string& file, Faults* faults) {
+  SceneFile scene;
+  scene.classes = KnownClasses();
+  scene.flights = {{{"all", ""}, {"*"}}};
+  Json json;
+  try {
+    json = Json::parse(text);
+  } catch (const Json::parse_error& error) {
+    // nlohmann counts bytes from 1, and one past the text at its end.
+    std::string what = error.what();
+    const size_t reason = what.find("syntax error");
+    faults->Add(InputError(file, LineAndColumn(text, error.byte == 0 ? 0 : error.byte - 1),
+                           reason == std::string::npos ? what : what.substr(reason), "JSON"));
+    return scene;
+  }
+  if (!json.is_object()) {
+    faults->Add(InputError(file, "line 1", Shown(json), "a JSON object"));
+    return scene;
+  }
+  ObjectReader in(json, "", file, faults);
+  const Json* version = in.Find("tessera_scene");
+  if (version == nullptr || *version != 1) {
+    faults->Add(InputError(file, "tessera_scene", version == nullptr ? "nothing" : Shown(*version), "1"));
+  }
+  in.String("name", &scene.name);
+  in.Path("cameras", &scene.cameras);
+  in.Path("images", &scene.images);
+  in.Path("likelihoods", &scene.likelihoods);
+  in.Path("mesh", &scene.mesh);
+  if (const Json* value = in.Find("classes")) ParseClasses(*value, file, &scene, faults);
+  if (const Json* value = in.Find("crs")) ParseCrs(*value, file, &scene.crs, faults);
+  if (const Json* value = in.Find("up")) ParseUp(*value, file, &scene, faults);
+  if (const Json* value = in.Find("flights")) ParseFlights(*value, file, &scene, faults);
+  in.RefuseUnknown();
+  return scene;
+}
+
+}  // namespace tessera

@@ -1,0 +1,75 @@
+// The start mesh of a scene, and the ground sampling distance that everything scales with.
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
+#include "common/meshio/ply.h"
+#include "common/scene/scene.h"
+
+namespace tessera {
+namespace {
+
+// Largest error of a 32-bit float that stands for a coordinate of this size: half a unit in the last place.
+double FloatRounding(double coordinate) {
+  if (coordinate == 0) return 0;
+  return std::ldexp(1.0, std::ilogb(coordinate) - 24);
+}
+
+}  // namespace
+
+StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m) {
+  if (scene.mesh_path.empty()) return InputError(scene.folder, "", "no mesh", "a scene with a mesh");
+  const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
+  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  TriangleMesh& mesh = content.mesh;
+  if (mesh.faces.empty()) return InputError(path, "", "no faces", "a mesh");
+  const int classes = static_cast<int>(scene.classes.size());
+  for (size_t f = 0; f < mesh.labels.size(); ++f) {
+    if (mesh.labels[f] < -1 || mesh.labels[f] >= classes) {
+      return InputError(path, absl::StrCat("face ", f), absl::StrCat("label ", mesh.labels[f]),
+                        absl::StrCat("0 to ", classes - 1, " (index into classes), or -1 for none"));
+    }
+  }
+  if (content.float_positions && gsd_m > 0) {
+    double largest = 0;
+    for (const Eigen::Vector3d& p : mesh.vertices) largest = std::max(largest, p.cwiseAbs().maxCoeff());
+    const double rounding_m = FloatRounding(largest);
+    if (rounding_m > gsd_m / 100) {
+      return InputError(path, "header",
+                        absl::StrCat("x, y, z as 32-bit floats, which round coordinates of ", largest, " m by up to ",
+                                     rounding_m, " m"),
+                        absl::StrCat("doubles: more than a hundredth of the GSD (", gsd_m, " m) would be lost"));
+    }
+  }
+  for (Eigen::Vector3d& p : mesh.vertices) p = scene.frame.LocalFromScene(p);
+  return std::move(mesh);
+}
+
+StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& mesh) {
+  constexpr int64_t kSamples = 4096;
+  const int64_t faces = static_cast<int64_t>(mesh.faces.size());
+  const int64_t samples = std::min(faces, kSamples);
+  constexpr int64_t kGrain = 64;
+  std::vector<std::vector<double>> chunks((samples + kGrain - 1) / kGrain);
+  ParallelFor(samples, kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      const int64_t face = i * faces / samples;
+      const Eigen::Vector3d centroid = (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
+      const Eigen::Vector3d normal = FaceCross(mesh, face);
+      for (const SceneView& view : scene.views) {
+        const Eigen::Vector3d projected = view.camera.Project(centroid);
+        if (!view.camera.InImage(projected) || normal.dot(centroid - view.camera.Centre()) >= 0) continue;
+        const PinholeCamera& camera = view.camera.intrinsics;
+        chunks[begin / kGrain].push_back(projected.z() / std::sqrt(camera.fx * camera.fy));
+      }
+    }
+  });
+  std::vector<double> gsds;
+  for (const std::vector<double>& chunk : chunks) gsds.insert(gsds.end(), chunk.begin(), chunk.end());
+  if (gsds.empty()) return absl::FailedPreconditionError("no view sees any face of the mesh");
+  std::nth_element(gsds.begin(), gsds.begin() + gsds.size() / 2, gsds.end());
+  return gsds[gsds.size() / 2];
+}
+
+}  // namespace tessera
