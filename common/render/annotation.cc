@@ -82,7 +82,8 @@ void DrawDisplacementBar(ByteImage* image, double range_m) {
     }
     cv::rectangle(canvas, {left - 1, top - 1, width + 2, height + 2}, cv::Scalar(60, 60, 60), 1);
     for (int tick = -2; tick <= 2; ++tick) {
-      const std::string text = absl::StrFormat(tick == 2 ? "%+g m" : "%+g", 0.5 * tick * range_m);
+      const double value_m = 0.5 * tick * range_m;
+      const std::string text = (tick == 0 ? "0" : absl::StrFormat("%+g", value_m)) + (tick == 2 ? " m" : "");
       const cv::Size size = cv::getTextSize(text, kFont, scale, 1, nullptr);
       const int x = left + (tick + 2) * width / 4;
       DrawText(canvas, text, {x - size.width / 2, top + height + static_cast<int>(34 * scale)}, scale);

@@ -78,7 +78,7 @@ double DisplacementRange(const TriangleMesh& mesh, const NearestSurface& referen
   for (const auto& [distance_m, area_m2] : distance_and_area) {
     quantile_m = distance_m;
     passed += area_m2;
-    if (passed >= 0.95 * total) break;
+    if (passed >= 0.9 * total) break;
   }
   if (!(quantile_m > 1e-6)) return 1e-6;
   const double power = std::pow(10.0, std::floor(std::log10(quantile_m)));

@@ -36,7 +36,7 @@ Color DivergingColor(double value);
 // DivergingColor of SignedDistance / range_m.
 SurfaceColor DisplacementColor(const TriangleMesh& reference, const NearestSurface& surface, double range_m);
 
-// A round range (1, 2 or 5 times a power of ten, metres) that holds 95 % of the mesh's face centres, by area, of their
+// A round range (1, 2 or 5 times a power of ten, metres) that holds 90 % of the mesh's face centres, by area, of their
 // distances from `reference`.
 double DisplacementRange(const TriangleMesh& mesh, const NearestSurface& reference);
 

@@ -12,9 +12,10 @@
 namespace tessera {
 namespace {
 
-constexpr float kSky = 0.55f, kSun = 0.5f;  // shares of light at a surface that is open to the sky and faces the sun
-constexpr double kShadeReach = 0.05;        // of the mesh's diagonal
-constexpr double kLift = 1e-4;              // rays leave the surface by this share of the camera's distance
+// Shares of light at a surface that is open to the sky, faces the sun, and faces the camera.
+constexpr float kSky = 0.45f, kSun = 0.4f, kFill = 0.25f;
+constexpr double kShadeReach = 0.05;  // of the mesh's diagonal
+constexpr double kLift = 1e-4;        // rays leave the surface by this share of the camera's distance
 
 double Diagonal(const TriangleMesh& mesh) {
   Eigen::AlignedBox3d box;
@@ -84,7 +85,8 @@ ByteImage Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedC
     const float open = Openness(caster, lifted, normal, options.occlusion_rays, light.shade_reach_m, random);
     const float sky = kSky * static_cast<float>(0.65 + 0.35 * normal.dot(light.up)) * open;
     const float sun = kSun * static_cast<float>(std::max(0.0, normal.dot(light.to_sun))) * (0.5f + 0.5f * open);
-    return surface * (sky + sun);
+    const float fill = kFill * static_cast<float>(-normal.dot(ray) / ray.norm()) * open;
+    return surface * (sky + sun + fill);
   };
 
   ParallelFor(image.height, 4, [&](int64_t begin, int64_t end) {

@@ -20,16 +20,16 @@ using SurfaceColor = std::function<Color(size_t face, const Eigen::Vector3d& poi
 
 struct RenderOptions {
   int samples_per_axis = 2;  // rays a pixel are the square of it
-  int occlusion_rays = 4;    // for each of them; 0: no ambient shade
+  int occlusion_rays = 16;   // for each of them; 0: no ambient shade
   bool lit = true;           // false: the surface's colour as it is
   bool edges = false;        // faces' edges drawn dark
   Color background = Color(1, 1, 1);
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit, the mesh's frame
 };
 
-// RGB picture of `mesh` (of which `caster` was made) from `camera`, in one frame, metres. Daylight comes from above and
-// from behind the camera's left shoulder; ambient shade reaches a twentieth of the mesh's diagonal. Faces are flat and
-// lit from whichever side is seen. The same bytes for any number of threads.
+// RGB picture of `mesh` (of which `caster` was made) from `camera`, in one frame, metres. Daylight comes from above,
+// from behind the camera's left shoulder and a little from the camera itself; ambient shade reaches a twentieth of the
+// mesh's diagonal. Faces are flat and lit from whichever side is seen. The same bytes for any number of threads.
 ByteImage Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedCamera& camera,
                  const SurfaceColor& color, const RenderOptions& options);
 

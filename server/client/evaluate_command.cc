@@ -1,7 +1,175 @@
+// tessera evaluate: how good a mesh is, against the scene's truth.
+#include <CLI/CLI.hpp>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/base/parallel.h"
+#include "common/evaluate/evaluator.h"
+#include "common/evaluate/report.h"
+#include "common/imaging/image_io.h"
+#include "common/meshio/ply.h"
+#include "common/scene/scene.h"
+#include "common/storage/files.h"
 #include "server/client/commands.h"
 
 namespace tessera {
+namespace {
 
-void AddEvaluateCommand(CLI::App&, int*) {}
+namespace fs = std::filesystem;
+
+constexpr double kRimInGsd = 30;  // default of --rim
+
+struct EvaluateArguments {
+  std::string mesh;
+  std::string scene;
+  std::string truth;  // folder; empty: SCENE/truth
+  std::string json;
+  std::optional<double> rim_m;
+  bool no_start = false;
+  int threads = 0;
+  EvaluationOptions options;
+};
+
+StatusOr<TriangleMesh> ReadMeshInLocalFrame(const std::string& path, const Frame& frame) {
+  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  for (Eigen::Vector3d& v : content.mesh.vertices) v = frame.LocalFromScene(v);
+  return std::move(content.mesh);
+}
+
+// Checks here what the evaluator calls "the mesh", to name the file.
+Status CheckMesh(const TriangleMesh& mesh, const std::string& path, size_t classes) {
+  if (mesh.faces.empty()) return InputError(path, "", "no faces", "at least one");
+  for (size_t f = 0; f < mesh.labels.size(); ++f) {
+    if (mesh.labels[f] < -1 || mesh.labels[f] >= static_cast<int64_t>(classes)) {
+      return InputError(path, "faces[" + std::to_string(f) + "]", "label " + std::to_string(mesh.labels[f]),
+                        "one of the scene's " + std::to_string(classes) + " classes from 0, or -1 for none");
+    }
+  }
+  return absl::OkStatus();
+}
+
+std::string TruthImagePath(const std::string& truth_folder, const SceneView& view) {
+  const fs::path name(view.name);
+  return (fs::path(truth_folder) / name.parent_path() / (name.stem().string() + "_label.png")).string();
+}
+
+std::vector<std::string> ClassNames(const SceneDescription& scene) {
+  std::vector<std::string> names;
+  for (const SceneClass& c : scene.classes) names.push_back(c.name);
+  return names;
+}
+
+Status Evaluate(EvaluateArguments arguments) {
+  const ThreadLimit limit(arguments.threads);
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.scene, &warnings));
+  for (const std::string& warning : warnings) std::cerr << "warning: " << warning << "\n";
+  if (arguments.truth.empty()) arguments.truth = (fs::path(scene.folder) / "truth").string();
+  const std::string truth_path = (fs::path(arguments.truth) / "mesh.ply").string();
+  if (!fs::exists(truth_path)) {
+    return InputError(truth_path, "", "no such file",
+                      "the true mesh; a scene without truth cannot be evaluated (another folder: --truth DIR)");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene.frame));
+  TESSERA_RETURN_IF_ERROR(CheckMesh(mesh, arguments.mesh, scene.classes.size()));
+  TESSERA_ASSIGN_OR_RETURN(TriangleMesh truth, ReadMeshInLocalFrame(truth_path, scene.frame));
+  TESSERA_RETURN_IF_ERROR(CheckMesh(truth, truth_path, scene.classes.size()));
+
+  EvaluationOptions& options = arguments.options;
+  options.up_in_local = scene.up_in_local;
+  if (arguments.rim_m) {
+    options.rim_m = *arguments.rim_m;
+  } else {
+    TESSERA_ASSIGN_OR_RETURN(const double gsd_m, MedianGsd(scene, truth));
+    options.rim_m = 0.01 * std::round(100 * kRimInGsd * gsd_m);
+  }
+
+  size_t truth_images = 0;
+  for (const SceneView& view : scene.views) truth_images += fs::exists(TruthImagePath(arguments.truth, view));
+  if (mesh.labels.empty()) {
+    std::cerr << "note: " << arguments.mesh << " has no labels: geometry only\n";
+  } else if (truth_images == 0) {
+    std::cerr << "note: " << arguments.truth << " has no IMAGE_label.png: no labels by rendered pixels\n";
+  } else if (truth_images < scene.views.size()) {
+    std::cerr << "note: " << truth_images << " of " << scene.views.size() << " views have a truth image\n";
+  }
+  const TruthLabelSource truth_labels = [&](size_t view) -> StatusOr<LabelImage> {
+    const std::string path = TruthImagePath(arguments.truth, scene.views[view]);
+    if (!fs::exists(path)) return LabelImage();
+    return ReadLabelImage(path);
+  };
+
+  TESSERA_ASSIGN_OR_RETURN(
+      const Evaluator evaluator,
+      Evaluator::Create(std::move(truth), scene.views, static_cast<int>(scene.classes.size()), truth_labels, options));
+  std::vector<NamedEvaluation> evaluations;
+  if (!arguments.no_start) {
+    TESSERA_ASSIGN_OR_RETURN(const TriangleMesh start, LoadSceneMesh(scene, 0));
+    TESSERA_ASSIGN_OR_RETURN(Evaluation evaluation, evaluator.Evaluate(start));
+    evaluations.push_back({"start", std::move(evaluation)});
+  }
+  TESSERA_ASSIGN_OR_RETURN(Evaluation evaluation, evaluator.Evaluate(mesh));
+  evaluations.push_back({"result", std::move(evaluation)});
+  std::cout << EvaluationTable(evaluations, ClassNames(scene), options) << std::flush;
+  if (arguments.json.empty()) return absl::OkStatus();
+  return WriteFileAtomic(arguments.json, EvaluationJson(evaluations, ClassNames(scene), options));
+}
+
+}  // namespace
+
+void AddEvaluateCommand(CLI::App& app, int* exit_code) {
+  auto arguments = std::make_shared<EvaluateArguments>();
+  CLI::App* command = app.add_subcommand(
+      "evaluate",
+      "Measures a mesh against the scene's truth: geometry and labels, beside the start mesh's figures.\n\n"
+      "Points are drawn by area on the mesh (accuracy) and on the truth (completeness); those that enough cameras "
+      "see,\n"
+      "ray-tested on their own surface, count with their exact distance to the other surface. Labels are measured by\n"
+      "area and by rendered pixels.\n\n"
+      "  tessera evaluate out/mesh.ply --scene city\n"
+      "  tessera evaluate peer.ply --scene campus --rim 3 --json peer.json");
+  EvaluationOptions& options = arguments->options;
+  command->add_option("mesh", arguments->mesh, "PLY in the scene's own coordinates, as a job writes it")->required();
+  command->add_option("--scene", arguments->scene, "the scene's folder or its scene.json")->required();
+  command->add_option("--truth", arguments->truth,
+                      "folder of mesh.ply and IMAGE_label.png, in the scene's coordinates (default SCENE/truth)");
+  command->add_option("--rim", arguments->rim_m, "metres inside the truth's horizontal box left out (default 30 GSD)")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--cap", options.cap_m, "metres; larger distances count as this in capped means")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--f-distances", options.f_distances_m, "metres at which the F-score is taken")
+      ->check(CLI::PositiveNumber)
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--min-views", options.min_views, "cameras that must see a point for it to count")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command->add_option("--samples", options.samples, "points drawn on each surface")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "of the points drawn")->capture_default_str();
+  command->add_option("--boundary-px", options.boundary_reach_px, "pixels within which class boundaries match")
+      ->check(CLI::Range(0, 50))
+      ->capture_default_str();
+  command->add_option("--json", arguments->json, "also write all figures to this file");
+  command->add_flag("--no-start", arguments->no_start, "leave out the column of the start mesh");
+  command->add_option("--threads", arguments->threads, "0: one for each core; the figures are the same for any number")
+      ->check(CLI::NonNegativeNumber);
+  command->callback([arguments, exit_code] {
+    const Status status = Evaluate(*arguments);
+    if (status.ok()) return;
+    std::cerr << "tessera evaluate: " << std::string(status.message()) << "\n";
+    const bool input =
+        absl::IsInvalidArgument(status) || absl::IsNotFound(status) || absl::IsFailedPrecondition(status);
+    *exit_code = input ? kExitBadInput : kExitFailed;
+  });
+}
 
 }  // namespace tessera
