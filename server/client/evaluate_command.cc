@@ -118,7 +118,9 @@ Status Evaluate(EvaluateArguments arguments) {
   evaluations.push_back({"result", std::move(evaluation)});
   std::cout << EvaluationTable(evaluations, ClassNames(scene), options) << std::flush;
   if (arguments.json.empty()) return absl::OkStatus();
-  return WriteFileAtomic(arguments.json, EvaluationJson(evaluations, ClassNames(scene), options));
+  const Status written = WriteFileAtomic(arguments.json, EvaluationJson(evaluations, ClassNames(scene), options));
+  // Not the input's fault, whatever the code.
+  return written.ok() ? written : absl::InternalError(written.message());
 }
 
 }  // namespace

@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
-#include <map>
 #include <memory>
 #include <numbers>
 #include <optional>
@@ -31,6 +30,7 @@ namespace {
 namespace fs = std::filesystem;
 
 enum class Mode { kShaded, kLabels, kErrors, kDisplacement, kNormals };
+const std::vector<std::string> kModeNames = {"shaded", "labels", "errors", "displacement", "normals"};  // in that order
 
 struct RenderArguments {
   std::string mesh, out;
@@ -39,6 +39,7 @@ struct RenderArguments {
   std::string reference;
   std::string truth;
   std::string view = "oblique";
+  std::string mode_name = kModeNames[0];
   Mode mode = Mode::kShaded;
   std::string size;
   std::vector<double> zoom;
@@ -259,21 +260,16 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
       "  tessera render out/mesh.ply --compare city/mesh.ply --caption before --caption after --out both.png\n"
       "  tessera render out/mesh.ply --scene city --mode displacement --zoom 0.5,0.4,0.25 --out moved.png\n"
       "  tessera render out/mesh.ply --scene city --mode errors --view 0003.jpg --out wrong.png");
-  const std::map<std::string, Mode> modes = {{"shaded", Mode::kShaded},
-                                             {"labels", Mode::kLabels},
-                                             {"errors", Mode::kErrors},
-                                             {"displacement", Mode::kDisplacement},
-                                             {"normals", Mode::kNormals}};
   command->add_option("mesh", arguments->mesh, "PLY; in the scene's own coordinates if --scene is given")->required();
   command->add_option("--out", arguments->out, "the PNG to write")->required();
   command->add_option("--scene", arguments->scene, "gives class colours, up, views, start mesh and truth");
   command->add_option("--compare", arguments->compare, "another mesh, drawn to the left (before) from the same camera");
   command
-      ->add_option("--mode", arguments->mode,
+      ->add_option("--mode", arguments->mode_name,
                    "shaded; labels: class colours; errors: labels other than the truth's red; displacement: signed\n"
                    "distance from the reference, red outwards, blue inwards; normals")
-      ->transform(CLI::CheckedTransformer(modes, CLI::ignore_case))
-      ->default_str("shaded");
+      ->check(CLI::IsMember(kModeNames))
+      ->capture_default_str();
   command->add_option("--view", arguments->view, "nadir, oblique, or the name of an image of the scene")
       ->capture_default_str();
   command->add_option("--azimuth", arguments->azimuth_deg, "oblique: degrees clockwise from north to look along")
@@ -281,7 +277,10 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
   command->add_option("--pitch", arguments->pitch_deg, "oblique: degrees below the horizon")
       ->check(CLI::Range(1.0, 89.0))
       ->capture_default_str();
-  command->add_option("--size", arguments->size, "WIDTHxHEIGHT in pixels (default 1600x1200, or the image's)");
+  command->add_option("--size", arguments->size, "WIDTHxHEIGHT in pixels (default 1600x1200, or the image's)")
+      ->check([](const std::string& text) {
+        return ParseSize(text).ok() ? std::string() : text + " is not WIDTHxHEIGHT in pixels, such as 1600x1200";
+      });
   command
       ->add_option("--zoom", arguments->zoom,
                    "X,Y,SHARE: the part of the picture around (X, Y) and SHARE as wide, 0 to 1")
@@ -303,6 +302,8 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str();
   command->add_option("--threads", arguments->threads, "0: one for each core")->check(CLI::NonNegativeNumber);
   command->callback([arguments, exit_code] {
+    const auto name = std::find(kModeNames.begin(), kModeNames.end(), arguments->mode_name);
+    arguments->mode = static_cast<Mode>(name - kModeNames.begin());
     const Status status = RenderPicture(*arguments);
     if (status.ok()) return;
     std::cerr << "tessera render: " << std::string(status.message()) << "\n";
