@@ -15,19 +15,19 @@ struct DensityOptions {
   int max_rounds = 8;             // an edge is halved at most this often
 };
 
-// `mesh` contains the input's vertices first, in their order; then the new ones, round by round, in the order of the ids of
-// their edges' ends (lower id, higher id).
+// `mesh` contains the input's vertices first, in their order; then the new ones, round by round, in the order of the
+// ids of their edges' ends (lower id, higher id).
 struct SplitMesh {
   TriangleMesh mesh;                  // labels inherited
   std::vector<uint32_t> parent_face;  // the input face each face lies in
 };
 
-// Halves edges until no face's footprint should exceed the limit: an edge is split where its longest projection (over the cameras
-// that have both of its ends inside the image, each end in front) is longer than the side of an equilateral triangle of that
-// area. Decided from the edge's two end points and the cameras alone, so that everyone who shares an edge splits it
-// alike; orientation and occlusion are not asked. A face takes the template of its 1, 2 or 3 split edges (of two, the
-// diagonal starts at the lower id), so the surface itself does not change. Conforming, deterministic.
-// Mesh and cameras in one frame.
+// Halves edges until no face's footprint should exceed the limit: an edge is split where its longest projection (over
+// the cameras that have both of its ends inside the image, each end in front) is longer than the side of an equilateral
+// triangle of that area. Decided from the edge's two end points and the cameras alone, so that everyone who shares an
+// edge splits it alike; orientation and occlusion are not asked. A face takes the template of its 1, 2 or 3 split edges
+// (of two, the diagonal starts at the lower id), so the surface itself does not change. Conforming, deterministic. Mesh
+// and cameras in one frame.
 SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
                           const DensityOptions& options);
 

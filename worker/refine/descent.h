@@ -13,7 +13,7 @@
 namespace tessera {
 
 struct StepOptions {
-  SmoothWeights weights;       // per metre²
+  SmoothWeights weights;  // per metre²
   int smoothing_sweeps = 10;
   double max_step_m = 0;
   double min_turn_cosine = 0.4;  // a face's normal turns by less than this angle's arc cosine in a step
@@ -22,8 +22,8 @@ struct StepOptions {
 // Shortens `step` at the corners of faces whose normals would turn too far: halved a few times, then dropped.
 void LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, std::vector<Eigen::Vector3d>* step);
 
-// The Gauss-Newton step of photo and smoothness term at `mesh`: (curvature + A) step = -(gradients), every vertex's length
-// bounded. Depends on no sum over the mesh. Zero at fixed vertices.
+// The Gauss-Newton step of photo and smoothness term at `mesh`: (curvature + A) step = -(gradients), every vertex's
+// length bounded. Depends on no sum over the mesh. Zero at fixed vertices.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
                                          const SmoothTerm& smooth, const StepOptions& options);
 

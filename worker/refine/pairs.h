@@ -17,7 +17,7 @@ struct ViewPair {
 };
 
 struct PairOptions {
-  int partners = 4;            // that a view chooses; being chosen by others may give it more
+  int partners = 4;  // that a view chooses; being chosen by others may give it more
   double min_angle_rad = 0.0436;
   double max_angle_rad = 0.785;
   double best_angle_rad = 0.26;
@@ -25,10 +25,10 @@ struct PairOptions {
   int samples = 4000;          // points of the mesh that vote
 };
 
-// Chooses partners of each view by what sample faces of the mesh (at even steps through its list) see of both: triangulation
-// angle, scale, both fronts visible within the frusta (occlusion is not asked); each further partner counts most where the earlier
-// ones see little. Symmetric: (i, j) and (j, i) are both in the result, which is sorted by reference, then other. A pure
-// function of its arguments.
+// Chooses partners of each view by what sample faces of the mesh (at even steps through its list) see of both:
+// triangulation angle, scale, both fronts visible within the frusta (occlusion is not asked); each further partner
+// counts most where the earlier ones see little. Symmetric: (i, j) and (j, i) are both in the result, which is sorted
+// by reference, then other. A pure function of its arguments.
 std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
                                   const PairOptions& options);
 

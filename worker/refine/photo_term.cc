@@ -124,7 +124,8 @@ void PhotoTerm::GatherFaces(const TriangleMesh& mesh, int view) {
       if (!(x_max > 0 && y_max > 0 && x_min < k.width && y_min < k.height)) continue;
       const int x0 = std::max(0, static_cast<int>(x_min)), x1 = std::min(k.width, static_cast<int>(x_max) + 1);
       const int y0 = std::max(0, static_cast<int>(y_min)), y1 = std::min(k.height, static_cast<int>(y_max) + 1);
-      const double ax = p[1].x() - p[0].x(), ay = p[1].y() - p[0].y(), bx = p[2].x() - p[0].x(), by = p[2].y() - p[0].y();
+      const double ax = p[1].x() - p[0].x(), ay = p[1].y() - p[0].y(), bx = p[2].x() - p[0].x(),
+                   by = p[2].y() - p[0].y();
       const double area = ax * by - ay * bx;
       if (std::abs(area) < 1e-12) continue;
       const double inverse_area = 1 / area;
@@ -229,8 +230,8 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders
       for (int64_t strip = begin; strip < end; ++strip) {
         const int row_begin = static_cast<int>(strip) * kStripRows, row_end = std::min(height, row_begin + kStripRows);
         for (const ZnccPair& warp : warps) {
-          const ZnccSums part = AccumulateZncc(warp, options_.window, row_begin, row_end, &gradient_, &curvature_,
-                                               &count_, &scratch);
+          const ZnccSums part =
+              AccumulateZncc(warp, options_.window, row_begin, row_end, &gradient_, &curvature_, &count_, &scratch);
           sums[strip].energy += part.energy;
           sums[strip].weight += part.weight;
           sums[strip].windows += part.windows;

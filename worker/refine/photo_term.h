@@ -28,17 +28,17 @@ PaddedPlane ToPaddedPlane(const FloatImage& image);
 
 struct PhotoOptions {
   ZnccWindow window;
-  double min_cosine = 0.1;    // of the angle between a face's normal and the ray
-  double occlusion_px = 6;    // slack of the depth test, in pixels of the other view
+  double min_cosine = 0.1;  // of the angle between a face's normal and the ray
+  double occlusion_px = 6;  // slack of the depth test, in pixels of the other view
 };
 
-// Sums over windows and their derivatives. A vertex's entries are the sum over pairs divided by the mean number of pairs
-// that see its faces.
+// Sums over windows and their derivatives. A vertex's entries are the sum over pairs divided by the mean number of
+// pairs that see its faces.
 struct PhotoDerivatives {
   ZnccSums sums;
   std::vector<Eigen::Vector3d> gradient;   // per metre
   std::vector<Eigen::Matrix3d> curvature;  // per metre²; positive semidefinite, upper bound of Gauss-Newton's
-  std::vector<float> pairs;                // mean number of accepted pairs on the vertex's faces; 0: no view pair sees it
+  std::vector<float> pairs;  // mean number of accepted pairs on the vertex's faces; 0: no view pair sees it
   int64_t warped_pixels = 0;
   double seconds_visibility = 0, seconds_photo = 0;
 };

@@ -1,5 +1,5 @@
-// The geometry step: moves a mesh's vertices so that the images agree, topology fixed (Vu et al. 2012; Bláha et al. 2017,
-// sections 2 and 3.1), from coarse to fine over an image pyramid.
+// The geometry step: moves a mesh's vertices so that the images agree, topology fixed (Vu et al. 2012; Bláha et al.
+// 2017, sections 2 and 3.1), from coarse to fine over an image pyramid.
 #ifndef TESSERA_WORKER_REFINE_REFINE_H_
 #define TESSERA_WORKER_REFINE_REFINE_H_
 
@@ -25,12 +25,12 @@ struct RefineView {
 
 // Everything in one metric frame near its origin (a tile's own).
 struct RefineProblem {
-  TriangleMesh mesh;                     // oriented; already split (SplitLargeFaces)
-  std::vector<uint8_t> fixed_vertices;   // 1: stays where it is (tile cuts); empty: none
-  TriangleMesh occluders;                // hides, but is not refined; may be empty
+  TriangleMesh mesh;                    // oriented; already split (SplitLargeFaces)
+  std::vector<uint8_t> fixed_vertices;  // 1: stays where it is (tile cuts); empty: none
+  TriangleMesh occluders;               // hides, but is not refined; may be empty
   std::vector<RefineView> views;
-  double gsd_m = 0;                      // the job's median ground sampling distance
-  std::vector<ViewPair> pairs;           // ordered, sorted by reference; empty: chosen here (SelectPairs)
+  double gsd_m = 0;             // the job's median ground sampling distance
+  std::vector<ViewPair> pairs;  // ordered, sorted by reference; empty: chosen here (SelectPairs)
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
 };
 
@@ -40,54 +40,55 @@ struct RefineOptions {
   std::vector<int> iterations = {12, 10, 10};  // one entry a level
 
   // Windowed ZNCC.
-  int window_px = 7;               // odd, 3..11
-  bool gaussian_window = true;     // sigma = window_px / 4; else a box
-  double noise_sigma = 0.02;       // of luminance: a reference window of variance v weighs v / (v + sigma²)
-  double min_sigma = 0.004;        // windows of less standard deviation in either image are rejected
+  int window_px = 7;            // odd, 3..11
+  bool gaussian_window = true;  // sigma = window_px / 4; else a box
+  double noise_sigma = 0.02;    // of luminance: a reference window of variance v weighs v / (v + sigma²)
+  double min_sigma = 0.004;     // windows of less standard deviation in either image are rejected
   double max_mean_difference = 0.3;
   double max_variance_ratio = 10;
-  double min_valid = 0.5;          // share of a window that both images must see
-  double min_cosine = 0.1;         // flatter views of a face than this are skipped
-  double occlusion_px = 6;         // slack of the depth test, in pixels of the level
+  double min_valid = 0.5;   // share of a window that both images must see
+  double min_cosine = 0.1;  // flatter views of a face than this are skipped
+  double occlusion_px = 6;  // slack of the depth test, in pixels of the level
 
-  // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements count in
-  // pixels of the level.
+  // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
+  // count in pixels of the level.
   double thin_plate = 0.3;
   double membrane = 0.02;
-  double rim = 0.3;                // keeps the displacement of mesh rims smooth along the rim
-  int smoothing_sweeps = 10;       // Chebyshev sweeps of the semi-implicit step
+  double rim = 0.3;           // keeps the displacement of mesh rims smooth along the rim
+  int smoothing_sweeps = 10;  // Chebyshev sweeps of the semi-implicit step
 
   // Descent.
-  double max_step_px = 1.0;        // per iteration, pixels of the level
-  double step_decay = 0.9;         // of the step cap per iteration
+  double max_step_px = 1.0;  // per iteration, pixels of the level
+  double step_decay = 0.9;   // of the step cap per iteration
 
   // Pairs.
-  int partners = 4;                // that a view chooses (SelectPairs)
+  int partners = 4;  // that a view chooses (SelectPairs)
   double min_angle_deg = 2.5, max_angle_deg = 45, best_angle_deg = 15;
 
-  const Clock* clock = nullptr;    // for the seconds of the report; null: they stay zero
+  const Clock* clock = nullptr;  // for the seconds of the report; null: they stay zero
 };
 
 // What one iteration saw before its step.
 struct RefineIteration {
   int level = 0;
-  double energy = 0;       // mean 1 - ZNCC over accepted windows, weighted
-  double moved_px = 0;     // RMS over free vertices, pixels of the level
-  int64_t pair_pixels = 0; // accepted windows
+  double energy = 0;        // mean 1 - ZNCC over accepted windows, weighted
+  double moved_px = 0;      // RMS over free vertices, pixels of the level
+  int64_t pair_pixels = 0;  // accepted windows
 };
 
 struct RefineReport {
   double energy_start = 0, energy_end = 0;  // at the finest level, measured alike before and after
   double moved_rms_m = 0, moved_max_m = 0;
-  int pairs = 0;                            // ordered pairs
+  int pairs = 0;  // ordered pairs
   std::vector<RefineIteration> iterations;
   double seconds_prepare = 0, seconds_visibility = 0, seconds_photo = 0, seconds_step = 0;
-  int64_t warped_pixels = 0;                // reference pixels x partners x evaluations
+  int64_t warped_pixels = 0;  // reference pixels x partners x evaluations
 };
 
 // Refines problem.mesh and writes the new positions to `vertices` (all of them, fixed ones unchanged). Nothing that is
-// summed over the whole mesh steers a vertex: what happens to it depends on its surroundings alone. The result does not depend on the
-// number of threads. Errors: INVALID_ARGUMENT for a problem or options that do not fit together; CANCELLED.
+// summed over the whole mesh steers a vertex: what happens to it depends on its surroundings alone. The result does not
+// depend on the number of threads. Errors: INVALID_ARGUMENT for a problem or options that do not fit together;
+// CANCELLED.
 StatusOr<RefineReport> RefineGeometry(const RefineProblem& problem, std::vector<Eigen::Vector3d>* vertices,
                                       const RefineOptions& options, const TaskControl& control);
 

@@ -85,8 +85,7 @@ SmoothTerm::SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fix
   }
 }
 
-void SmoothTerm::Umbrella(const Positions& x, const Positions* rim_reference,
-                          Positions* out) const {
+void SmoothTerm::Umbrella(const Positions& x, const Positions* rim_reference, Positions* out) const {
   out->resize(x.size());
   ForVertices(x.size(), [&](size_t v) {
     const uint32_t begin = ring_begin_[v], end = ring_begin_[v + 1];

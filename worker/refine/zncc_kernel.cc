@@ -32,7 +32,9 @@ class Rows {
     scratch->data.assign(size, 0.0f);
     base_ = scratch->data.data();
   }
-  float* Ring(Plane plane, int y) { return base_ + stride_ * static_cast<size_t>(plane * ring_ + ((y % ring_) + ring_) % ring_) + kEdge; }
+  float* Ring(Plane plane, int y) {
+    return base_ + stride_ * static_cast<size_t>(plane * ring_ + ((y % ring_) + ring_) % ring_) + kEdge;
+  }
   float* Line(int i) { return base_ + stride_ * static_cast<size_t>(ring_ * kRingPlanes + i) + kEdge; }
   void Clear(Plane plane, int y) { std::fill_n(Ring(plane, y) - kEdge, stride_, 0.0f); }
 
@@ -84,7 +86,8 @@ void WarpRow(const ZnccPair& pair, int y, Rows& rows) {
     mask = hn::And(mask, hn::Gt(q2, zero));
     const Vec inverse = hn::Div(one, hn::IfThenElse(mask, q2, one));
     const Vec u = hn::Mul(hn::MulAdd(z, m0, t0), inverse), v = hn::Mul(hn::MulAdd(z, m1, t1), inverse);
-    mask = hn::And(mask, hn::And(hn::And(hn::Ge(u, half), hn::Lt(u, u_max)), hn::And(hn::Ge(v, half), hn::Lt(v, v_max))));
+    mask =
+        hn::And(mask, hn::And(hn::And(hn::Ge(u, half), hn::Lt(u, u_max)), hn::And(hn::Ge(v, half), hn::Lt(v, v_max))));
     const Vec us = hn::IfThenElse(mask, u, half), vs = hn::IfThenElse(mask, v, half);
     // Bilinear cell about (u, v), whose corners are pixel centres.
     const Vec uc = hn::Sub(us, half), vc = hn::Sub(vs, half);
@@ -286,11 +289,16 @@ ZnccSums RunStrip(const ZnccPair& pair, const ZnccWindow& window, int row_begin,
 ZnccSums Run(const ZnccPair& pair, const ZnccWindow& window, int row_begin, int row_end, PaddedPlane* gradient,
              PaddedPlane* curvature, PaddedPlane* count, ZnccScratch* scratch) {
   switch (window.radius) {
-    case 1: return RunStrip<1>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
-    case 2: return RunStrip<2>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
-    case 3: return RunStrip<3>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
-    case 4: return RunStrip<4>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
-    default: return RunStrip<5>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+    case 1:
+      return RunStrip<1>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+    case 2:
+      return RunStrip<2>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+    case 3:
+      return RunStrip<3>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+    case 4:
+      return RunStrip<4>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+    default:
+      return RunStrip<5>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
   }
 }
 

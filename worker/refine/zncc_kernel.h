@@ -27,18 +27,18 @@ struct PaddedPlane {
 // What the score needs to know about windows. Intensities in [0, 1].
 struct ZnccWindow {
   static constexpr int kMaxRadius = 5;
-  int radius = 3;                        // the window has 2·radius + 1 pixels a side; 1..kMaxRadius
-  float taps[2 * kMaxRadius + 1] = {};   // one-dimensional weights, sum 1
-  float min_valid = 0.5f;                // share of the window's weight that must be valid
-  float min_variance = 0;                // in either image
-  float max_mean_difference = 1;         // |μ1 - μ2|
-  float max_variance_ratio = 1e30f;      // of the greater variance to the smaller
-  float epsilon = 0;                     // added to both variances
-  float noise_variance = 0;              // r = v1 / (v1 + noise_variance)
+  int radius = 3;                       // the window has 2·radius + 1 pixels a side; 1..kMaxRadius
+  float taps[2 * kMaxRadius + 1] = {};  // one-dimensional weights, sum 1
+  float min_valid = 0.5f;               // share of the window's weight that must be valid
+  float min_variance = 0;               // in either image
+  float max_mean_difference = 1;        // |μ1 - μ2|
+  float max_variance_ratio = 1e30f;     // of the greater variance to the smaller
+  float epsilon = 0;                    // added to both variances
+  float noise_variance = 0;             // r = v1 / (v1 + noise_variance)
 };
 
-// An ordered pair at one pyramid level. A reference pixel centre x̃ = (x + ½, y + ½, 1) at depth z lands in the other image
-// at q = z·M x̃ + t, (u, v) = (q0, q1)/q2.
+// An ordered pair at one pyramid level. A reference pixel centre x̃ = (x + ½, y + ½, 1) at depth z lands in the other
+// image at q = z·M x̃ + t, (u, v) = (q0, q1)/q2.
 struct ZnccPair {
   const PaddedPlane* reference = nullptr;     // luminance
   const PaddedPlane* depth = nullptr;         // z of the face a reference pixel sees
@@ -47,7 +47,7 @@ struct ZnccPair {
   const float* other_depth = nullptr;         // depth of the nearest surface in the other view, rows of other->width
   float m[9] = {};                            // M, row-major
   float t[3] = {};
-  float depth_slack = 0;                      // hidden where q2 > other depth · (1 + depth_slack)
+  float depth_slack = 0;  // hidden where q2 > other depth · (1 + depth_slack)
 };
 
 struct ZnccSums {
@@ -61,11 +61,11 @@ struct ZnccScratch {
   std::vector<float> data;
 };
 
-// For every reference pixel in rows [row_begin, row_end): adds to `gradient` ∂E/∂(plane offset of the face along its normal)
-// = ∂₂h · [∇I_j · DΠ_j r] z/h, with the exact derivative of all windows the pixel is in; to `curvature` the Gauss-Newton
-// second derivative; to `count` 1 where the window about the pixel was accepted. Energies are those of windows centred in the rows.
-// Planes have the reference's size. Windows that reach into other rows are computed from them, so strips add up to the
-// whole exactly. Concurrent calls must not share scratch or rows of the output planes.
+// For every reference pixel in rows [row_begin, row_end): adds to `gradient` ∂E/∂(plane offset of the face along its
+// normal) = ∂₂h · [∇I_j · DΠ_j r] z/h, with the exact derivative of all windows the pixel is in; to `curvature` the
+// Gauss-Newton second derivative; to `count` 1 where the window about the pixel was accepted. Energies are those of
+// windows centred in the rows. Planes have the reference's size. Windows that reach into other rows are computed from
+// them, so strips add up to the whole exactly. Concurrent calls must not share scratch or rows of the output planes.
 // Instructions are chosen at run time, AVX2 at most, so that machines agree to the bit.
 ZnccSums AccumulateZncc(const ZnccPair& pair, const ZnccWindow& window, int row_begin, int row_end,
                         PaddedPlane* gradient, PaddedPlane* curvature, PaddedPlane* count, ZnccScratch* scratch);

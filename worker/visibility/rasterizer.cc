@@ -108,7 +108,8 @@ struct InverseDepth {
 
 InverseDepth MakeInverseDepth(const Triangle& face, const ProjectedMesh& projected, const PinholeCamera& k,
                               double near_m) {
-  const Vector3d &a = projected.in_camera[face[0]], &b = projected.in_camera[face[1]], &c = projected.in_camera[face[2]];
+  const Vector3d &a = projected.in_camera[face[0]], &b = projected.in_camera[face[1]],
+                 &c = projected.in_camera[face[2]];
   const Vector3d n = (b - a).cross(c - a);
   const double h = n.dot(a);
   InverseDepth out;

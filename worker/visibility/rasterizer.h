@@ -29,11 +29,11 @@ struct FaceMap {
   std::vector<float> depth;   // z in the camera's frame of whatever is nearest, occluders included; kNothing: nothing
 };
 
-// Draws `mesh`, and `occluders` (may be null) into depth alone, as `camera` sees them through its pixel centres. Both sides
-// of faces count. A pixel centre on an edge belongs to exactly one of two faces that share it; of equally deep faces the one
-// of lower index wins, and the mesh wins over occluders. Parts nearer than `near_m` are clipped. Depth is exact on
-// planes (perspective-correct), to float rounding. Meshes and camera in the same frame, metres. Uses the process's threads;
-// the result does not depend on their number.
+// Draws `mesh`, and `occluders` (may be null) into depth alone, as `camera` sees them through its pixel centres. Both
+// sides of faces count. A pixel centre on an edge belongs to exactly one of two faces that share it; of equally deep
+// faces the one of lower index wins, and the mesh wins over occluders. Parts nearer than `near_m` are clipped. Depth is
+// exact on planes (perspective-correct), to float rounding. Meshes and camera in the same frame, metres. Uses the
+// process's threads; the result does not depend on their number.
 FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const PosedCamera& camera,
                        double near_m = 1e-3);
 
@@ -45,8 +45,8 @@ PosedCamera CroppedCamera(const PosedCamera& camera, const PixelRect& rect);
 PosedCamera PyramidCamera(const PosedCamera& camera, int level);
 
 // Smallest rectangle with all pixels that `mesh` may cover, grown by `margin_px` and clipped to the image, its corners
-// rounded outward to multiples of `alignment_px` (but never past the image). The whole image where a face crosses the near plane
-// inside the image's cone; empty where nothing is in sight.
+// rounded outward to multiples of `alignment_px` (but never past the image). The whole image where a face crosses the
+// near plane inside the image's cone; empty where nothing is in sight.
 PixelRect ProjectedBounds(const TriangleMesh& mesh, const PosedCamera& camera, int margin_px, int alignment_px,
                           double near_m = 1e-3);
 

@@ -1,0 +1,178 @@
+#include "worker/refine/refine.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/base/parallel.h"
+#include "tests/unit/worker/refine/relief_scene.h"
+#include "worker/refine/density.h"
+#include "worker/refine/descent.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+using Positions = std::vector<Vector3d>;
+
+double Hills(double x, double y) { return 0.5 * std::sin(0.9 * x) * std::cos(0.8 * y); }
+
+// Photographs of hills and a start surface that is off by about two pixels, smooth and rough.
+struct Bed {
+  std::vector<FloatImage> images;
+  RefineProblem problem;
+  RefineOptions options;
+
+  explicit Bed(double error_m = 0.2) {
+    const TriangleMesh truth = HeightField(80, 5, Hills);
+    problem.mesh = HeightField(36, 4.2, Hills);
+    Random random(2);
+    for (Vector3d& v : problem.mesh.vertices) {
+      v.z() += error_m * (0.7 * std::sin(1.7 * v.x() + 1) + 0.5 * random.Normal());
+    }
+    const std::vector<PosedCamera> cameras = ReliefCameras(160);
+    for (size_t i = 0; i < cameras.size(); ++i)
+      images.push_back(Photograph(truth, cameras[i], 0.9 + 0.03 * i, 0.005, i));
+    for (size_t i = 0; i < cameras.size(); ++i) problem.views.push_back({cameras[i], &images[i]});
+    problem.gsd_m = 14.0 / (1.25 * 160);
+    options.levels = {1, 0};
+    options.iterations = {8, 8};
+  }
+  Positions Refine() const {
+    Positions out;
+    const StatusOr<RefineReport> report = RefineGeometry(problem, &out, options, TaskControl());
+    EXPECT_TRUE(report.ok()) << report.status();
+    if (report.ok()) {
+      EXPECT_LT(report->energy_end, report->energy_start);
+    }
+    return out;
+  }
+};
+
+// RMS height error over what lies well inside.
+double Error(const Positions& vertices) {
+  double sum = 0;
+  int count = 0;
+  for (const Vector3d& v : vertices) {
+    if (std::max(std::abs(v.x()), std::abs(v.y())) > 3.2) continue;
+    sum += std::pow(v.z() - Hills(v.x(), v.y()), 2);
+    ++count;
+  }
+  return std::sqrt(sum / count);
+}
+
+TEST(Refine, FindsTheSurface) {
+  const Bed bed;
+  const double before = Error(bed.problem.mesh.vertices);
+  const double after = Error(bed.Refine());
+  EXPECT_LT(after, 0.15 * before);
+  EXPECT_LT(after, 0.3 * bed.problem.gsd_m);
+}
+
+TEST(Refine, StaysAtTheTrueSurface) {
+  const Bed bed(0);
+  EXPECT_LT(Error(bed.Refine()), 0.15 * bed.problem.gsd_m);
+}
+
+TEST(Refine, IsEqualForAnyNumberOfThreads) {
+  const Bed bed;
+  Positions one, two;
+  {
+    ThreadLimit limit(1);
+    one = bed.Refine();
+  }
+  {
+    ThreadLimit limit(2);
+    two = bed.Refine();
+  }
+  EXPECT_EQ(one, two);
+}
+
+TEST(Refine, CommutesWithARigidMotion) {
+  Bed bed;
+  const Positions still = bed.Refine();
+  const Eigen::Matrix3d turn = Eigen::AngleAxisd(0.7, Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  const Vector3d shift(10, -20, 5);
+  for (Vector3d& v : bed.problem.mesh.vertices) v = turn * v + shift;
+  for (RefineView& view : bed.problem.views) {
+    view.camera.rotation_cam_from_world = view.camera.rotation_cam_from_world * turn.transpose();
+    view.camera.translation_cam_from_world -= view.camera.rotation_cam_from_world * shift;
+  }
+  const Positions moved = bed.Refine();
+  std::vector<double> difference;
+  for (size_t v = 0; v < still.size(); ++v) difference.push_back((turn * still[v] + shift - moved[v]).norm());
+  std::sort(difference.begin(), difference.end());
+  EXPECT_LT(difference[difference.size() / 2], 1e-3 * bed.problem.gsd_m);
+  EXPECT_LT(difference[difference.size() * 95 / 100], 0.05 * bed.problem.gsd_m);
+}
+
+TEST(Refine, FixedVerticesStay) {
+  Bed bed;
+  bed.problem.fixed_vertices.assign(bed.problem.mesh.vertices.size(), 0);
+  for (size_t v = 0; v < 300; ++v) bed.problem.fixed_vertices[v] = 1;
+  const Positions out = bed.Refine();
+  size_t moved = 0;
+  for (size_t v = 0; v < out.size(); ++v) {
+    if (v < 300) {
+      EXPECT_EQ(out[v], bed.problem.mesh.vertices[v]);
+    }
+    moved += out[v] != bed.problem.mesh.vertices[v];
+  }
+  EXPECT_GT(moved, 500u);
+}
+
+TEST(Refine, FarPartsDoNotSteerEachOther) {
+  // The same part, with and without a second sheet far beside it that is in other views alone.
+  const Bed bed;
+  Bed wide;
+  const Vector3d away(400, 0, 0);
+  const uint32_t base = static_cast<uint32_t>(wide.problem.mesh.vertices.size());
+  for (const Vector3d& v : bed.problem.mesh.vertices) wide.problem.mesh.vertices.push_back(v + away);
+  for (const Triangle& f : bed.problem.mesh.faces) {
+    wide.problem.mesh.faces.push_back({f[0] + base, f[1] + base, f[2] + base});
+  }
+  for (const RefineView& view : bed.problem.views) {
+    RefineView other = view;
+    other.camera.translation_cam_from_world -= other.camera.rotation_cam_from_world * away;
+    wide.problem.views.push_back(other);
+  }
+  const Positions alone = bed.Refine(), together = wide.Refine();
+  for (size_t v = 0; v < alone.size(); ++v) ASSERT_EQ(alone[v], together[v]);
+}
+
+TEST(Refine, FoldingStepsAreShortened) {
+  const TriangleMesh mesh = HeightField(6, 3, [](double, double) { return 0.0; });
+  Positions step(mesh.vertices.size(), Vector3d::Zero());
+  step[24] = Vector3d(2.5, 0, 0);  // across its neighbours
+  step[8] = Vector3d(0, 0, 0.1);
+  LimitFolding(mesh, 0.4, &step);
+  TriangleMesh moved = mesh;
+  for (size_t v = 0; v < step.size(); ++v) moved.vertices[v] += step[v];
+  for (size_t f = 0; f < mesh.faces.size(); ++f) EXPECT_GE(FaceNormal(moved, f).dot(FaceNormal(mesh, f)), 0.4 - 1e-12);
+  EXPECT_GT(step[24].x(), 0);
+  EXPECT_EQ(step[8].z(), 0.1);
+}
+
+TEST(Refine, RefusesWhatDoesNotFitTogether) {
+  Positions out;
+  Bed bed;
+  bed.problem.fixed_vertices = {1};
+  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  bed = Bed();
+  bed.options.iterations = {1};
+  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  bed = Bed();
+  bed.options.window_px = 4;
+  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  bed = Bed();
+  bed.problem.pairs = {{0, 9}};
+  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}).status().code(), absl::StatusCode::kInvalidArgument);
+  bed = Bed();
+  const TaskControl stop{nullptr, [] { return true; }};
+  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, stop).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_TRUE(out.empty());
+}
+
+}  // namespace
+}  // namespace tessera
