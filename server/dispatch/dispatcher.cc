@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <set>
 #include <utility>
 
 #include "common/base/version.h"
@@ -72,6 +71,7 @@ Status Dispatcher::CommitLocked(v1::Record& record) {
   TESSERA_RETURN_IF_ERROR(ledger_.Check(record));
   TESSERA_RETURN_IF_ERROR(environment_.store->Append(record.SerializeAsString()));
   ledger_.Apply(record);
+  if (environment_.on_change) environment_.on_change(record);
   ChangedLocked();
   return absl::OkStatus();
 }
@@ -82,7 +82,15 @@ JobStatus Dispatcher::JobStatusLocked(int job) const {
   return StatusOfJob(ledger_.jobs()[job], job, leases_, environment_.clock->MonotonicUs());
 }
 
+Status Dispatcher::CheckJob(const NewJob& job) const {
+  std::vector<std::string> names;
+  for (const NamedDigest& file : job.scene_files) names.push_back(file.name);
+  std::sort(names.begin(), names.end());
+  return environment_.planner->Ingest(job.settings, names).status();
+}
+
 StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& job) {
+  TESSERA_RETURN_IF_ERROR(CheckJob(job));
   int index = -1;
   {
     std::lock_guard lock(mutex_);

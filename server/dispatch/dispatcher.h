@@ -36,6 +36,8 @@ struct DispatchEnvironment {
   BlobStore* blobs = nullptr;
   Planner* planner = nullptr;
   Clock* clock = nullptr;
+  // Told of every change once it is stored and applied; for logs. Must be quick and not call back. May be empty.
+  std::function<void(const v1::Record&)> on_change;
 };
 
 struct NewJob {
@@ -91,7 +93,10 @@ class Dispatcher {
 
   const DispatchOptions& options() const { return options_; }
 
-  // Jobs. A request_id that was used gives its job again (ALREADY_EXISTS if it asks for something else).
+  // Whether the job's settings and scene can be planned; the error is the user's to read. Changes nothing.
+  Status CheckJob(const NewJob& job) const;
+  // Jobs. A request_id that was used gives its job again (ALREADY_EXISTS if it was for another
+  // scene).
   StatusOr<JobStatus> CreateJob(const NewJob& job);
   std::optional<JobStatus> FindRequest(const std::string& request_id) const;
   StatusOr<JobStatus> GetJob(const std::string& name) const;

@@ -1,0 +1,98 @@
+#include <algorithm>
+
+#include "common/rpc/status_conversion.h"
+#include "common/storage/files.h"
+#include "server/api/conversion.h"
+#include "server/api/services.h"
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kChunkBytes = int64_t{1} << 20;
+
+}  // namespace
+
+StatusOr<std::string> BlobsService::Locate(const Digest& digest) const {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  if (environment_.blobs->Has(digest)) return environment_.blobs->Path(digest);
+  const std::string path = environment_.dispatcher->FindSceneFile(digest);
+  if (path.empty()) return absl::NotFoundError("no blob " + digest.sha256);
+  TESSERA_ASSIGN_OR_RETURN(const Digest found, DigestOfFile(path, *environment_.digests, *environment_.clock));
+  if (found == digest) return path;
+  return absl::FailedPreconditionError(path + " was changed after its job was submitted");
+}
+
+grpc::Status BlobsService::StatBlobs(grpc::ServerContext*, const v1::StatBlobsRequest* request,
+                                     v1::StatBlobsResponse* response) {
+  for (const auto& digest : request->digests()) response->add_held(Locate(FromProto(digest)).ok());
+  return grpc::Status::OK;
+}
+
+grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::ReadBlobRequest* request,
+                                    grpc::ServerWriter<v1::BlobChunk>* writer) {
+  const Digest digest = FromProto(request->digest());
+  const auto path = Locate(digest);
+  if (!path.ok()) return ToGrpc(path.status());
+  if (request->offset() < 0 || request->offset() > digest.size_bytes) {
+    return ToGrpc(absl::InvalidArgumentError("offset " + std::to_string(request->offset()) + " of a blob of " +
+                                             std::to_string(digest.size_bytes) + " bytes"));
+  }
+  // A stream from the start is hashed on its way, so that a file damaged on disk is told here and not taken for damage
+  // of the transfer.
+  Sha256Hasher hasher;
+  int64_t offset = request->offset();
+  while (offset < digest.size_bytes && !context->IsCancelled()) {
+    const auto bytes = ReadFileRange(*path, offset, std::min(kChunkBytes, digest.size_bytes - offset));
+    if (!bytes.ok()) return ToGrpc(bytes.status());
+    if (bytes->empty()) return ToGrpc(absl::DataLossError(*path + " has become shorter"));
+    hasher.Update(*bytes);
+    const bool last = offset + static_cast<int64_t>(bytes->size()) == digest.size_bytes;
+    if (last && request->offset() == 0 && hasher.Finish() != digest.sha256) {
+      return ToGrpc(absl::DataLossError(*path + " is damaged: it no longer hashes to " + digest.sha256));
+    }
+    v1::BlobChunk chunk;
+    chunk.set_offset(offset);
+    chunk.set_xxh3(Xxh3(*bytes));
+    offset += static_cast<int64_t>(bytes->size());
+    *chunk.mutable_data() = *bytes;
+    if (!writer->Write(chunk)) break;
+  }
+  return grpc::Status::OK;
+}
+
+grpc::Status BlobsService::WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+                                     v1::WriteBlobResponse* response) {
+  v1::WriteBlobRequest request;
+  Digest digest;
+  bool first = true;
+  while (reader->Read(&request)) {
+    if (first) {
+      digest = FromProto(request.digest());
+      if (const Status status = CheckDigest(digest); !status.ok()) return ToGrpc(status);
+      first = false;
+    }
+    const v1::BlobChunk& chunk = request.chunk();
+    if (Xxh3(chunk.data()) != chunk.xxh3()) {
+      return ToGrpc(absl::DataLossError("the chunk at " + std::to_string(chunk.offset()) + " was damaged on its way"));
+    }
+    const auto committed = environment_.blobs->Append(digest, chunk.offset(), chunk.data());
+    if (!committed.ok()) return ToGrpc(committed.status());
+    response->set_committed_bytes(*committed);
+  }
+  if (first) return ToGrpc(absl::InvalidArgumentError("an upload that names no blob"));
+  // A stream that ended early keeps what came; the writer goes on from there.
+  if (response->committed_bytes() < digest.size_bytes) return grpc::Status::OK;
+  return ToGrpc(environment_.blobs->Complete(digest));
+}
+
+grpc::Status BlobsService::QueryWrite(grpc::ServerContext*, const v1::QueryWriteRequest* request,
+                                      v1::QueryWriteResponse* response) {
+  const Digest digest = FromProto(request->digest());
+  const auto committed = environment_.blobs->CommittedBytes(digest);
+  if (!committed.ok()) return ToGrpc(committed.status());
+  response->set_committed_bytes(*committed);
+  response->set_complete(environment_.blobs->Has(digest));
+  return grpc::Status::OK;
+}
+
+}  // namespace tessera

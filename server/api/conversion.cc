@@ -1,0 +1,116 @@
+#include "server/api/conversion.h"
+
+namespace tessera {
+namespace {
+
+google::protobuf::Timestamp ToTimestamp(int64_t time_us) {
+  google::protobuf::Timestamp time;
+  time.set_seconds(time_us / 1'000'000);
+  time.set_nanos(static_cast<int32_t>(time_us % 1'000'000 * 1000));
+  return time;
+}
+
+template <class List>
+void AddFiles(const std::vector<NamedDigest>& files, List* list) {
+  for (const NamedDigest& file : files) {
+    auto* added = list->Add();
+    added->set_name(file.name);
+    ToProto(file.digest, added->mutable_digest());
+  }
+}
+
+}  // namespace
+
+Digest FromProto(const v1::Digest& digest) { return {digest.sha256(), digest.size_bytes()}; }
+
+void ToProto(const Digest& digest, v1::Digest* proto) {
+  proto->set_sha256(digest.sha256);
+  proto->set_size_bytes(digest.size_bytes);
+}
+
+JobSettings FromProto(const v1::JobSettings& proto) {
+  JobSettings settings;
+  settings.tiles = proto.tiles();
+  settings.rounds = proto.rounds();
+  if (!proto.method().empty()) settings.method = proto.method();
+  return settings;
+}
+
+TaskFailure FromProto(const v1::TaskError& error) {
+  const bool known = v1::ErrorClass_IsValid(error.error_class());
+  return {known ? static_cast<ErrorClass>(error.error_class()) : ErrorClass::kTransient, error.message()};
+}
+
+ReportedResult FromProto(const v1::TaskResult& proto) {
+  ReportedResult result;
+  for (const auto& output : proto.outputs()) result.outputs.push_back({output.name(), FromProto(output.digest())});
+  result.stats = proto.stats_json();
+  result.warnings.assign(proto.warnings().begin(), proto.warnings().end());
+  return result;
+}
+
+void ToProto(const JobStatus& status, v1::Job* proto) {
+  const JobHeader& header = status.header;
+  proto->set_name(header.name);
+  proto->set_display_name(header.display_name);
+  proto->set_scene_path(header.scene_path);
+  proto->mutable_settings()->set_tiles(header.settings.tiles);
+  proto->mutable_settings()->set_rounds(header.settings.rounds);
+  proto->mutable_settings()->set_method(header.settings.method);
+  proto->set_state(static_cast<v1::JobState>(header.state));
+  proto->set_error(header.error);
+  if (header.create_us != 0) *proto->mutable_create_time() = ToTimestamp(header.create_us);
+  if (header.start_us != 0) *proto->mutable_start_time() = ToTimestamp(header.start_us);
+  if (header.end_us != 0) *proto->mutable_end_time() = ToTimestamp(header.end_us);
+  proto->set_tasks_total(status.tasks_total);
+  proto->set_tasks_done(status.tasks_done);
+  proto->set_tiles_total(status.tiles_total);
+  proto->set_tiles_done(status.tiles_done);
+  proto->set_progress(status.progress);
+  proto->set_eta_s(status.eta_s);
+  AddFiles(header.artifacts, proto->mutable_artifacts());
+  for (const std::string& warning : header.warnings) proto->add_warnings(warning);
+}
+
+void ToProto(const TaskStatus& status, v1::Task* proto) {
+  const JobTask& task = status.task;
+  proto->set_name(status.name);
+  proto->set_kind(task.plan.kind);
+  proto->set_title(task.plan.name);
+  proto->set_tile(task.plan.tile);
+  proto->set_state(static_cast<v1::TaskState>(task.state));
+  proto->set_attempt(task.attempt());
+  proto->set_worker(task.worker());
+  proto->set_progress(status.progress);
+  proto->set_stage(status.stage);
+  proto->set_cost(task.plan.cost);
+  proto->set_reused(task.reused);
+  if (task.error.error_class != ErrorClass::kNone) {
+    proto->mutable_error()->set_error_class(static_cast<v1::ErrorClass>(task.error.error_class));
+    proto->mutable_error()->set_message(task.error.message);
+  }
+  proto->set_stats_json(task.stats);
+  AddFiles(task.outputs, proto->mutable_outputs());
+  if (task.start_us != 0) *proto->mutable_start_time() = ToTimestamp(task.start_us);
+  if (task.end_us != 0) *proto->mutable_end_time() = ToTimestamp(task.end_us);
+  proto->set_key(task.key);
+  for (const std::string& warning : task.warnings) proto->add_warnings(warning);
+}
+
+void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto) {
+  v1::TaskSpec& spec = *proto->mutable_spec();
+  spec.set_task(lease.task);
+  spec.set_kind(lease.plan.kind);
+  spec.set_title(lease.plan.name);
+  spec.set_parameters_json(lease.plan.parameters);
+  spec.set_key(lease.key);
+  for (const LeasedInput& input : lease.inputs) {
+    v1::InputFile& added = *spec.add_inputs();
+    added.set_name(input.file.name);
+    ToProto(input.file.digest, added.mutable_digest());
+    if (shared_paths) added.set_shared_path(input.path);
+  }
+  proto->set_attempt(lease.attempt);
+}
+
+}  // namespace tessera

@@ -1,0 +1,62 @@
+#include "server/api/coordinator_server.h"
+
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/health_check_service_interface.h>
+
+#include <chrono>
+
+#include "common/rpc/channel.h"
+#include "server/api/services.h"
+
+namespace tessera {
+
+struct CoordinatorServer::Impl {
+  explicit Impl(const ServerEnvironment& services_environment)
+      : environment(services_environment), jobs(environment), workers(environment), blobs(environment) {}
+
+  const ServerEnvironment environment;
+  JobsService jobs;
+  WorkersService workers;
+  BlobsService blobs;
+  std::string address;
+  std::unique_ptr<grpc::Server> server;
+};
+
+CoordinatorServer::CoordinatorServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+
+StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const std::string& address,
+                                                                      const ServerEnvironment& environment) {
+  const size_t colon = address.rfind(':');
+  if (colon == std::string::npos) return absl::InvalidArgumentError("not host:port: '" + address + "'");
+  auto impl = std::make_unique<Impl>(environment);
+  grpc::EnableDefaultHealthCheckService(true);
+  grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+  grpc::ServerBuilder builder;
+  int port = 0;
+  builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port);
+  builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // a second coordinator on the port is an error
+  AllowKeepalive(builder);
+  builder.RegisterService(&impl->jobs);
+  builder.RegisterService(&impl->workers);
+  builder.RegisterService(&impl->blobs);
+  impl->server = builder.BuildAndStart();
+  if (impl->server == nullptr || port == 0) return absl::UnavailableError("cannot listen on " + address);
+  impl->address = address.substr(0, colon + 1) + std::to_string(port);
+  return std::unique_ptr<CoordinatorServer>(new CoordinatorServer(std::move(impl)));
+}
+
+CoordinatorServer::~CoordinatorServer() { Shutdown(0); }
+
+const std::string& CoordinatorServer::address() const { return impl_->address; }
+
+void CoordinatorServer::Shutdown(double grace_s) {
+  if (impl_->server == nullptr) return;
+  impl_->environment.dispatcher->Stop();
+  impl_->server->Shutdown(std::chrono::system_clock::now() +
+                          std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));
+  impl_->server->Wait();
+  impl_->server.reset();
+}
+
+}  // namespace tessera

@@ -1,0 +1,154 @@
+#include <algorithm>
+#include <filesystem>
+#include <thread>
+
+#include "common/rpc/status_conversion.h"
+#include "server/api/conversion.h"
+#include "server/api/services.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kWatchIntervalS = 0.25;        // between two messages of a watch
+constexpr size_t kPageBytes = size_t{2} << 20;  // a page of tasks ends there, below gRPC's usual limit of 4 MiB
+
+// Page sizes as asked for, within limits.
+int PageSize(int asked, int by_default) { return asked <= 0 ? by_default : std::min(asked, 1000); }
+
+// A token is the index where the next page starts; empty: `by_default`.
+StatusOr<int> ParseToken(const std::string& token, int by_default) {
+  if (token.empty()) return by_default;
+  if (token.size() > 9 || !std::all_of(token.begin(), token.end(), [](char c) { return c >= '0' && c <= '9'; })) {
+    return absl::InvalidArgumentError("not a page token: '" + token + "'");
+  }
+  return std::stoi(token);
+}
+
+Status CheckSettings(const v1::JobSettings& settings) {
+  Faults faults;
+  if (settings.tiles() < 0) {
+    faults.Add(InputError("settings", "tiles", std::to_string(settings.tiles()), "0 or more"));
+  }
+  if (settings.rounds() < 0) {
+    faults.Add(InputError("settings", "rounds", std::to_string(settings.rounds()), "0 or more"));
+  }
+  return faults.ToStatus();
+}
+
+StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::CreateJobRequest& request,
+                           const grpc::ServerContext& context) {
+  if (auto known = environment.dispatcher->FindRequest(request.request_id()); known && !request.validate_only()) {
+    return *std::move(known);
+  }
+  TESSERA_RETURN_IF_ERROR(CheckSettings(request.settings()));
+  if (!std::filesystem::path(request.scene_path()).is_absolute()) {
+    return InputError("scene_path", "", "'" + request.scene_path() + "'", "an absolute path");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const SceneListing scene, environment.list_scene(request.scene_path()));
+  NewJob job;
+  job.request_id = request.request_id();
+  job.display_name = request.display_name().empty() ? scene.name : request.display_name();
+  job.scene_path = scene.folder;
+  job.settings = FromProto(request.settings());
+  job.warnings = scene.warnings;
+  TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene, *environment.digests, *environment.clock));
+  // Whoever asked may have gone meanwhile, and would not know of the job.
+  if (context.IsCancelled()) return absl::CancelledError("the caller has gone");
+  if (!request.validate_only()) return environment.dispatcher->CreateJob(job);
+  TESSERA_RETURN_IF_ERROR(environment.dispatcher->CheckJob(job));
+  JobStatus status;
+  status.header.display_name = job.display_name;
+  status.header.scene_path = job.scene_path;
+  status.header.settings = job.settings;
+  status.header.warnings = job.warnings;
+  return status;
+}
+
+}  // namespace
+
+grpc::Status JobsService::CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request,
+                                    v1::Job* response) {
+  const auto job = Create(environment_, *request, *context);
+  if (!job.ok()) return ToGrpc(job.status());
+  ToProto(*job, response);
+  return grpc::Status::OK;
+}
+
+grpc::Status JobsService::GetJob(grpc::ServerContext*, const v1::GetJobRequest* request, v1::Job* response) {
+  const auto job = environment_.dispatcher->GetJob(request->name());
+  if (!job.ok()) return ToGrpc(job.status());
+  ToProto(*job, response);
+  return grpc::Status::OK;
+}
+
+grpc::Status JobsService::ListJobs(grpc::ServerContext*, const v1::ListJobsRequest* request,
+                                   v1::ListJobsResponse* response) {
+  const auto before = ParseToken(request->page_token(), -1);
+  if (!before.ok()) return ToGrpc(before.status());
+  const auto jobs = environment_.dispatcher->ListJobs(*before, PageSize(request->page_size(), 100));
+  for (const JobStatus& job : jobs) ToProto(job, response->add_jobs());
+  if (!jobs.empty()) {
+    const int last = *ParseJobName(jobs.back().header.name);
+    if (last > 0) response->set_next_page_token(std::to_string(last));
+  }
+  return grpc::Status::OK;
+}
+
+grpc::Status JobsService::CancelJob(grpc::ServerContext*, const v1::CancelJobRequest* request, v1::Job* response) {
+  const auto job = environment_.dispatcher->CancelJob(request->name());
+  if (!job.ok()) return ToGrpc(job.status());
+  ToProto(*job, response);
+  return grpc::Status::OK;
+}
+
+grpc::Status JobsService::WatchJob(grpc::ServerContext* context, const v1::WatchJobRequest* request,
+                                   grpc::ServerWriter<v1::WatchJobResponse>* writer) {
+  Dispatcher& dispatcher = *environment_.dispatcher;
+  std::string last;
+  while (!context->IsCancelled()) {
+    const int64_t version = dispatcher.Version();
+    const auto job = dispatcher.GetJob(request->name());
+    if (!job.ok()) return ToGrpc(job.status());
+    const auto running = dispatcher.RunningTasks(request->name());
+    v1::WatchJobResponse response;
+    ToProto(*job, response.mutable_job());
+    if (running.ok()) {
+      for (const TaskStatus& task : *running) ToProto(task, response.add_running());
+    }
+    // The estimate drifts with time alone; that is no change worth a message.
+    const double eta_s = response.job().eta_s();
+    response.mutable_job()->clear_eta_s();
+    std::string now = response.SerializeAsString();
+    response.mutable_job()->set_eta_s(eta_s);
+    if (now != last && !writer->Write(response)) break;
+    last = std::move(now);
+    if (HasEnded(job->header.state)) return grpc::Status::OK;
+    if (dispatcher.stopped()) return ToGrpc(absl::UnavailableError("the coordinator stops"));
+    // The pause bounds the rate; then the next change, or soon enough to see that the caller has gone.
+    std::this_thread::sleep_for(std::chrono::duration<double>(kWatchIntervalS));
+    dispatcher.WaitForChange(version, 1.0);
+  }
+  return ToGrpc(absl::CancelledError("the caller has gone"));
+}
+
+grpc::Status JobsService::ListTasks(grpc::ServerContext*, const v1::ListTasksRequest* request,
+                                    v1::ListTasksResponse* response) {
+  const auto first = ParseToken(request->page_token(), 0);
+  if (!first.ok()) return ToGrpc(first.status());
+  // One more than the page tells whether there is another.
+  const int page_size = PageSize(request->page_size(), 1000);
+  const auto tasks = environment_.dispatcher->ListTasks(request->parent(), *first, page_size + 1);
+  if (!tasks.ok()) return ToGrpc(tasks.status());
+  size_t bytes = 0;
+  for (const TaskStatus& task : *tasks) {
+    if (response->tasks_size() == page_size || bytes > kPageBytes) {
+      response->set_next_page_token(std::to_string(*first + response->tasks_size()));
+      break;
+    }
+    ToProto(task, response->add_tasks());
+    bytes += response->tasks(response->tasks_size() - 1).ByteSizeLong();
+  }
+  return grpc::Status::OK;
+}
+
+}  // namespace tessera

@@ -1,0 +1,44 @@
+#include "server/api/scene_files.h"
+
+#include "common/base/parallel.h"
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+// A file changed again within the clock tick of its last change shows the same time: only older times are trusted.
+constexpr int64_t kSettledNs = 2'000'000'000;
+
+}  // namespace
+
+StatusOr<Digest> DigestOfFile(const std::string& path, DigestCache& cache, const Clock& clock) {
+  TESSERA_ASSIGN_OR_RETURN(const FileStamp before, StampOf(path));
+  if (const auto known = cache.Find(path, before)) return *known;
+  TESSERA_ASSIGN_OR_RETURN(const Digest digest, HashFile(path));
+  TESSERA_ASSIGN_OR_RETURN(const FileStamp after, StampOf(path));
+  if (!(before == after) || digest.size_bytes != after.size_bytes) {
+    return absl::FailedPreconditionError(path + " changed while it was read");
+  }
+  if (after.modified_ns + kSettledNs < clock.UnixTimeUs() * 1000) {
+    TESSERA_RETURN_IF_ERROR(cache.Remember(path, after, digest));
+  }
+  return digest;
+}
+
+StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const SceneListing& scene, DigestCache& cache, const Clock& clock) {
+  std::vector<NamedDigest> digests(scene.files.size());
+  std::vector<Status> statuses(scene.files.size());
+  ParallelFor(static_cast<int64_t>(scene.files.size()), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      const auto digest = DigestOfFile(scene.folder + "/" + scene.files[i], cache, clock);
+      statuses[i] = digest.status();
+      if (digest.ok()) digests[i] = {scene.files[i], *digest};
+    }
+  });
+  Faults faults;
+  for (const Status& status : statuses) faults.Add(status);
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return digests;
+}
+
+}  // namespace tessera

@@ -1,0 +1,37 @@
+// Files of scenes: what a job reads, by content; hashed once, and known to be unchanged later.
+#ifndef TESSERA_SERVER_API_SCENE_FILES_H_
+#define TESSERA_SERVER_API_SCENE_FILES_H_
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "common/base/clock.h"
+#include "common/base/status.h"
+#include "common/storage/hash.h"
+#include "server/store/record_store.h"
+
+namespace tessera {
+
+// What a coordinator needs to know of a scene.
+struct SceneListing {
+  std::string folder;  // absolute
+  std::string name;
+  std::vector<std::string> files;  // relative to folder, sorted
+  Warnings warnings;
+};
+
+// Reads and validates the scene at a path; every fault is in the returned INVALID_ARGUMENT. Thread-safe.
+using SceneLister = std::function<StatusOr<SceneListing>(const std::string& path)>;
+
+// Digest of the file as it is now: remembered while its size and time of change stay the same, else computed.
+// FAILED_PRECONDITION if it changes while it is read. Thread-safe.
+StatusOr<Digest> DigestOfFile(const std::string& path, DigestCache& cache, const Clock& clock);
+
+// Digests of all files of the scene, in their order, several at a time. INVALID_ARGUMENT lists every file that cannot
+// be read.
+StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const SceneListing& scene, DigestCache& cache, const Clock& clock);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_API_SCENE_FILES_H_

@@ -1,0 +1,70 @@
+// The service classes: each method converts, calls the dispatcher, converts back. Included by .cc files only.
+#ifndef TESSERA_SERVER_API_SERVICES_H_
+#define TESSERA_SERVER_API_SERVICES_H_
+
+#include "server/api/coordinator_server.h"
+#include "tessera/v1/blobs.grpc.pb.h"
+#include "tessera/v1/jobs.grpc.pb.h"
+#include "tessera/v1/workers.grpc.pb.h"
+
+namespace tessera {
+
+class JobsService final : public v1::Jobs::Service {
+ public:
+  explicit JobsService(const ServerEnvironment& environment) : environment_(environment) {}
+  grpc::Status CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request, v1::Job* response) override;
+  grpc::Status GetJob(grpc::ServerContext* context, const v1::GetJobRequest* request, v1::Job* response) override;
+  grpc::Status ListJobs(grpc::ServerContext* context, const v1::ListJobsRequest* request,
+                        v1::ListJobsResponse* response) override;
+  grpc::Status CancelJob(grpc::ServerContext* context, const v1::CancelJobRequest* request, v1::Job* response) override;
+  grpc::Status WatchJob(grpc::ServerContext* context, const v1::WatchJobRequest* request,
+                        grpc::ServerWriter<v1::WatchJobResponse>* writer) override;
+  grpc::Status ListTasks(grpc::ServerContext* context, const v1::ListTasksRequest* request,
+                         v1::ListTasksResponse* response) override;
+
+ private:
+  const ServerEnvironment& environment_;
+};
+
+class WorkersService final : public v1::Workers::Service {
+ public:
+  explicit WorkersService(const ServerEnvironment& environment) : environment_(environment) {}
+  grpc::Status RegisterWorker(grpc::ServerContext* context, const v1::RegisterWorkerRequest* request,
+                              v1::RegisterWorkerResponse* response) override;
+  grpc::Status LeaseTask(grpc::ServerContext* context, const v1::LeaseTaskRequest* request,
+                         v1::LeaseTaskResponse* response) override;
+  grpc::Status Heartbeat(grpc::ServerContext* context, const v1::HeartbeatRequest* request,
+                         v1::HeartbeatResponse* response) override;
+  grpc::Status ReportTask(grpc::ServerContext* context, const v1::ReportTaskRequest* request,
+                          v1::ReportTaskResponse* response) override;
+  grpc::Status UnregisterWorker(grpc::ServerContext* context, const v1::UnregisterWorkerRequest* request,
+                                v1::UnregisterWorkerResponse* response) override;
+  grpc::Status ListWorkers(grpc::ServerContext* context, const v1::ListWorkersRequest* request,
+                           v1::ListWorkersResponse* response) override;
+
+ private:
+  const ServerEnvironment& environment_;
+};
+
+class BlobsService final : public v1::Blobs::Service {
+ public:
+  explicit BlobsService(const ServerEnvironment& environment) : environment_(environment) {}
+  grpc::Status StatBlobs(grpc::ServerContext* context, const v1::StatBlobsRequest* request,
+                         v1::StatBlobsResponse* response) override;
+  grpc::Status ReadBlob(grpc::ServerContext* context, const v1::ReadBlobRequest* request,
+                        grpc::ServerWriter<v1::BlobChunk>* writer) override;
+  grpc::Status WriteBlob(grpc::ServerContext* context, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+                         v1::WriteBlobResponse* response) override;
+  grpc::Status QueryWrite(grpc::ServerContext* context, const v1::QueryWriteRequest* request,
+                          v1::QueryWriteResponse* response) override;
+
+ private:
+  // Path of a file with this content: a blob, or a scene's own file that is still what it was.
+  StatusOr<std::string> Locate(const Digest& digest) const;
+
+  const ServerEnvironment& environment_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_API_SERVICES_H_

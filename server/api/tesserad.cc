@@ -1,0 +1,174 @@
+// tesserad: the coordinator.
+#include <pthread.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <random>
+#include <string>
+
+#include "common/base/clock.h"
+#include "common/scene/scene.h"
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "server/api/coordinator_server.h"
+#include "server/api/logging.h"
+#include "server/dispatch/dispatcher.h"
+#include "server/plan/graph.h"
+#include "server/store/sqlite_store.h"
+
+namespace tessera {
+namespace {
+
+struct Flags {
+  std::string data;
+  std::string listen = "127.0.0.1:7575";
+  std::string port_file;
+  double lease_s = 30;
+  bool no_shared_storage = false;
+  std::string log_level = "info";
+  bool json_logs = false;
+  bool exit_with_parent = false;
+};
+
+class TilePlanner : public Planner {
+ public:
+  StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) override {
+    return PlanIngest(settings, scene_files);
+  }
+  StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey) override {
+    return PlanTiles(settings, survey);
+  }
+};
+
+std::string DefaultDataFolder() {
+  if (const char* data = std::getenv("XDG_DATA_HOME"); data != nullptr && data[0] == '/') {
+    return std::string(data) + "/tessera";
+  }
+  const char* home = std::getenv("HOME");
+  return home != nullptr ? std::string(home) + "/.local/share/tessera" : "";
+}
+
+StatusOr<SceneListing> ListScene(const std::string& path) {
+  SceneListing listing;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(path, &listing.warnings));
+  listing.folder = std::filesystem::absolute(scene.folder).lexically_normal().string();
+  while (listing.folder.size() > 1 && listing.folder.back() == '/') listing.folder.pop_back();
+  listing.name = scene.name;
+  listing.files = scene.files;
+  return listing;
+}
+
+// A content that no other machine's folder has by chance.
+std::string RandomToken() {
+  std::random_device device;
+  std::string token;
+  for (int i = 0; i < 4; ++i) token += std::to_string(device()) + "-";
+  return token;
+}
+
+// Ends the process when its parent ends, also if that has happened already.
+Status FollowParent() {
+  const pid_t parent = ::getppid();
+  if (::prctl(PR_SET_PDEATHSIG, SIGTERM) != 0) return absl::InternalError("cannot follow the parent process");
+  if (::getppid() != parent || parent == 1) return absl::CancelledError("the parent process has gone");
+  return absl::OkStatus();
+}
+
+// Serves until a signal of `stop_signals` comes.
+Status Serve(const Flags& flags, const sigset_t& stop_signals) {
+  if (flags.data.empty()) return absl::InvalidArgumentError("no --data folder, and no home to put one");
+  const std::string data = std::filesystem::absolute(flags.data).lexically_normal().string();
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(data));
+  const auto lock = FileLock::Acquire(data + "/lock");
+  if (!lock.ok()) {
+    return Status(lock.status().code(),
+                  "another coordinator uses " + data + "? " + std::string(lock.status().message()));
+  }
+  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite"));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
+  SystemClock clock;
+  TilePlanner planner;
+  DispatchOptions options;
+  options.lease_s = flags.lease_s;
+  options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
+  TESSERA_ASSIGN_OR_RETURN(const auto dispatcher,
+                           Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord}, options));
+
+  ServerEnvironment environment;
+  environment.dispatcher = dispatcher.get();
+  environment.blobs = blobs.get();
+  environment.digests = store.get();
+  environment.clock = &clock;
+  environment.list_scene = ListScene;
+  if (!flags.no_shared_storage) {
+    environment.shared_probe_path = blobs->root() + "/probe";
+    environment.shared_probe_content = RandomToken();
+    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
+  }
+  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(flags.listen, environment));
+  if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));
+  std::cout << "tesserad listens on " << server->address() << std::endl;
+  LogEvent(LogLevel::kInfo, "coordinator started",
+           {{"address", server->address()}, {"data", data}, {"start", std::to_string(store->StartCount())}});
+
+  const double tick_s = std::clamp(flags.lease_s / 4, 0.05, 1.0);
+  const timespec tick = {static_cast<time_t>(tick_s), static_cast<long>((tick_s - static_cast<time_t>(tick_s)) * 1e9)};
+  std::string last_error;
+  while (::sigtimedwait(&stop_signals, nullptr, &tick) < 0) {
+    const Status status = dispatcher->Tick();
+    const std::string error = status.ok() ? "" : status.ToString();
+    // Each trouble once, not at every tick.
+    if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "cannot go on", {{"error", error}});
+    last_error = error;
+  }
+  LogEvent(LogLevel::kInfo, "coordinator stops");
+  server->Shutdown(5);
+  return absl::OkStatus();
+}
+
+int Main(int argc, char** argv) {
+  Flags flags;
+  flags.data = DefaultDataFolder();
+  CLI::App app("Coordinator of Tessera: takes jobs, plans tiles and hands out tasks to workers.", "tesserad");
+  app.set_version_flag("--version", TESSERA_VERSION);
+  app.add_option("--data", flags.data, "folder for state and results")->capture_default_str();
+  app.add_option("--listen", flags.listen, "HOST:PORT to listen on; port 0: any")->capture_default_str();
+  app.add_option("--port-file", flags.port_file, "write the bound HOST:PORT to this file");
+  app.add_option("--lease-s", flags.lease_s, "a task returns to the queue when its worker is silent for so long")
+      ->check(CLI::Range(0.2, 86400.0))
+      ->capture_default_str();
+  app.add_flag("--no-shared-storage", flags.no_shared_storage, "workers move all data through the blob service");
+  app.add_option("--log-level", flags.log_level, "debug, info, warning, error or off")->capture_default_str();
+  app.add_flag("--json-logs", flags.json_logs, "one JSON object a line");
+  app.add_flag("--exit-with-parent", flags.exit_with_parent, "stop when the process that started this one ends");
+  CLI11_PARSE(app, argc, argv);
+
+  if (const Status status = ConfigureLogging(flags.log_level, flags.json_logs); !status.ok()) {
+    std::cerr << "tesserad: " << status.message() << "\n";
+    return 2;
+  }
+  // Blocked in every thread and taken by Serve alone.
+  sigset_t stop_signals;
+  sigemptyset(&stop_signals);
+  sigaddset(&stop_signals, SIGTERM);
+  sigaddset(&stop_signals, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &stop_signals, nullptr);
+  ::signal(SIGPIPE, SIG_IGN);
+  Status status = flags.exit_with_parent ? FollowParent() : absl::OkStatus();
+  if (status.ok()) status = Serve(flags, stop_signals);
+  if (status.ok()) return 0;
+  std::cerr << "tesserad: " << status.message() << "\n";
+  return status.code() == absl::StatusCode::kInvalidArgument ? 2 : 1;
+}
+
+}  // namespace
+}  // namespace tessera
+
+int main(int argc, char** argv) { return tessera::Main(argc, argv); }
