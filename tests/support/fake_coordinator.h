@@ -1,0 +1,143 @@
+// What a dispatcher stands on, in memory or in a temporary folder: records in a vector, a planner of small graphs, a
+// clock that moves when told to.
+#ifndef TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_
+#define TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/storage/files.h"
+#include "server/dispatch/dispatcher.h"
+#include "tests/support/fake_clock.h"
+
+namespace tessera {
+
+class MemoryStore : public RecordStore {
+ public:
+  Status Append(const std::string& record) override {
+    if (fail) return absl::ResourceExhaustedError("disk full");
+    records.push_back(record);
+    return absl::OkStatus();
+  }
+  Status Replay(const std::function<Status(const std::string&)>& visit) override {
+    ++starts;
+    for (const std::string& record : records) TESSERA_RETURN_IF_ERROR(visit(record));
+    return absl::OkStatus();
+  }
+  int64_t StartCount() const override { return starts; }
+
+  std::vector<std::string> records;
+  int64_t starts = 0;
+  bool fail = false;
+};
+
+// ingest -> `tiles` refine tasks (tile t costs t + 1) -> publish. The survey's text enters the refine tasks'
+// parameters.
+class FakePlanner : public Planner {
+ public:
+  StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) override {
+    if (settings.method != "tessera") return absl::InvalidArgumentError("no method " + settings.method);
+    PlannedTask task{"ingest", "read the scene", -1, "{}", 1, {}};
+    for (const std::string& file : scene_files) task.inputs.push_back({file, file, -1, ""});
+    return task;
+  }
+  StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey) override {
+    if (survey == "bad") return absl::InvalidArgumentError("bad survey");
+    std::vector<PlannedTask> tasks;
+    PlannedTask publish{"publish", "publish", -1, "{}", 1, {}};
+    for (int tile = 0; tile < settings.tiles; ++tile) {
+      const std::string name = "tile" + std::to_string(tile);
+      tasks.push_back({"refine",
+                       "refine tile " + std::to_string(tile),
+                       tile,
+                       "{\"survey\":\"" + survey + "\",\"tile\":" + std::to_string(tile) + "}",
+                       tile + 1.0,
+                       {{"mesh", "", 0, "mesh"}, {"scene.json", "scene.json", -1, ""}}});
+      publish.inputs.push_back({name, "", tile + 1, "refined"});
+    }
+    tasks.push_back(publish);
+    return tasks;
+  }
+};
+
+class CoordinatorTest : public testing::Test {
+ protected:
+  CoordinatorTest() { Restart(); }
+
+  // As after a crash: only the records and blobs are left.
+  void Restart() {
+    dispatcher_.reset();
+    auto dispatcher =
+        Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, DispatchOptions());
+    ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
+    dispatcher_ = *std::move(dispatcher);
+  }
+
+  NewJob AJob(int tiles, const std::string& scene_content = "{}") {
+    NewJob job;
+    job.scene_path = "/scene";
+    job.settings.tiles = tiles;
+    job.scene_files = {{"scene.json", {Sha256Hex(scene_content), static_cast<int64_t>(scene_content.size())}}};
+    return job;
+  }
+  std::string Create(const NewJob& job) {
+    const auto status = dispatcher_->CreateJob(job);
+    EXPECT_TRUE(status.ok()) << status.status();
+    return status.ok() ? status->header.name : "";
+  }
+  std::string Worker() { return dispatcher_->RegisterWorker({"host", 1, 2, 1000}); }
+
+  std::optional<GrantedLease> Lease(const std::string& worker) {
+    const auto lease = dispatcher_->LeaseTask(worker, 0, {});
+    EXPECT_TRUE(lease.ok()) << lease.status();
+    return lease.ok() ? *lease : std::nullopt;
+  }
+  // The outputs that FakePlanner's graph expects of the task, stored.
+  ReportedResult Result(const GrantedLease& lease, const std::string& survey = "survey") {
+    ReportedResult result;
+    result.stats = "{\"energy\":1}";
+    const auto add = [&](const std::string& name, const std::string& content) {
+      result.outputs.push_back({name, *blobs_->PutBytes(content)});
+    };
+    if (lease.plan.kind == "ingest") {
+      add("survey.json", survey);
+      add("mesh", "mesh of " + lease.key);
+    } else if (lease.plan.kind == "refine") {
+      add("refined", "refined " + lease.key);
+    } else {
+      add("mesh.ply", "published " + lease.key);
+    }
+    return result;
+  }
+  Status Succeed(const std::string& worker, const GrantedLease& lease) {
+    return dispatcher_->ReportSuccess(worker, lease.task, lease.attempt, Result(lease));
+  }
+  Status Fail(const std::string& worker, const GrantedLease& lease, ErrorClass error_class) {
+    return dispatcher_->ReportFailure(worker, lease.task, lease.attempt, {error_class, "it broke"});
+  }
+  // Works until there is nothing to do. Gives the number of attempts.
+  int WorkAll(const std::string& worker) {
+    int attempts = 0;
+    while (auto lease = Lease(worker)) {
+      EXPECT_TRUE(Succeed(worker, *lease).ok());
+      ++attempts;
+    }
+    return attempts;
+  }
+  JobStatus Job(const std::string& name) { return *dispatcher_->GetJob(name); }
+  TaskStatus Task(const std::string& job, int index) { return dispatcher_->ListTasks(job, index, 1)->at(0); }
+
+  TempFolder folder_ = *TempFolder::Create(testing::TempDir());
+  std::unique_ptr<BlobStore> blobs_ = *BlobStore::Open(folder_.path() + "/blobs");
+  MemoryStore store_;
+  FakePlanner planner_;
+  FakeClock clock_;
+  std::unique_ptr<Dispatcher> dispatcher_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_

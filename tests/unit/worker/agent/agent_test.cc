@@ -1,0 +1,358 @@
+#include "worker/agent/agent.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <new>
+#include <stdexcept>
+#include <thread>
+
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "tests/support/fake_coordinator.h"
+#include "worker/agent/log.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+class AgentTest : public testing::Test {
+ protected:
+  AgentTest() : folder_(TempFolder::Create(testing::TempDir()).value()) { EXPECT_TRUE(SetUpLog("off", false).ok()); }
+  ~AgentTest() override { StopAgent(); }
+
+  // A task that reads "in.txt" and "sub/other.bin" where they are there, and writes "out.txt" with what it read.
+  static StatusOr<TaskOutcome> Concatenate(const TaskRequest& request, const TaskControl&) {
+    std::string content = request.kind + "(" + request.parameters + ")";
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListFiles(request.input_dir));
+    for (const std::string& name : names) {
+      content += name + "=" + ReadFile(request.input_dir + "/" + name).value() + ";";
+    }
+    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(request.output_dir + "/out.txt", content));
+    TaskOutcome outcome;
+    outcome.outputs = {"out.txt"};
+    outcome.stats = "{\"n\":1}";
+    outcome.warnings = {"odd \xff byte"};
+    return outcome;
+  }
+
+  void StartAgent(TaskRunner runner, bool use_shared_storage = true) {
+    AgentOptions options;
+    options.coordinator = coordinator_.address();
+    options.work_dir = folder_.path() + "/work";
+    options.use_shared_storage = use_shared_storage;
+    options.retry.first_delay_s = 0.01;
+    options.retry.max_delay_s = 0.05;
+    auto agent = Agent::Create(options, std::move(runner));
+    ASSERT_TRUE(agent.ok()) << agent.status();
+    agent_ = *std::move(agent);
+    thread_ = std::thread([this] { agent_status_ = agent_->Run(); });
+  }
+  void StopAgent() {
+    if (agent_ == nullptr) return;
+    agent_->Drain();
+    if (thread_.joinable()) thread_.join();
+    agent_ = nullptr;
+  }
+
+  v1::Lease NewLease(const std::string& task, int attempt = 1) {
+    v1::Lease lease;
+    lease.set_attempt(attempt);
+    lease.mutable_spec()->set_task(task);
+    lease.mutable_spec()->set_kind("cut");
+    lease.mutable_spec()->set_parameters_json("{}");
+    return lease;
+  }
+  void AddInput(v1::Lease& lease, const std::string& name, const std::string& content,
+                const std::string& shared_path = "") {
+    AddInput(lease, name, coordinator_.blobs().Add(content), shared_path);
+  }
+  static void AddInput(v1::Lease& lease, const std::string& name, const Digest& digest,
+                       const std::string& shared_path) {
+    v1::InputFile* input = lease.mutable_spec()->add_inputs();
+    input->set_name(name);
+    input->mutable_digest()->set_sha256(digest.sha256);
+    input->mutable_digest()->set_size_bytes(digest.size_bytes);
+    input->set_shared_path(shared_path);
+  }
+  v1::ReportTaskRequest WaitForReport(size_t count = 1) {
+    EXPECT_TRUE(coordinator_.WaitFor([&](const FakeCoordinator& c) { return c.reports.size() >= count; }));
+    StopAgent();
+    return coordinator_.reports.empty() ? v1::ReportTaskRequest() : coordinator_.reports.back();
+  }
+  static Digest DigestOf(const v1::OutputFile& output) {
+    return {output.digest().sha256(), output.digest().size_bytes()};
+  }
+
+  TempFolder folder_;
+  FakeCoordinator coordinator_;
+  std::unique_ptr<Agent> agent_;
+  std::thread thread_;
+  Status agent_status_;
+};
+
+TEST_F(AgentTest, RunsATaskThroughTheBlobService) {
+  v1::Lease lease = NewLease("jobs/1/tasks/1", 3);
+  AddInput(lease, "in.txt", "hello");
+  AddInput(lease, "sub/other.bin", "");
+  coordinator_.Queue(lease);
+  StartAgent(Concatenate);
+  const v1::ReportTaskRequest report = WaitForReport();
+  ASSERT_TRUE(report.has_success()) << report.failure().message();
+  EXPECT_EQ(report.task(), "jobs/1/tasks/1");
+  EXPECT_EQ(report.attempt(), 3);
+  EXPECT_EQ(report.worker(), "workers/1");
+  EXPECT_EQ(report.success().stats_json(), "{\"n\":1}");
+  EXPECT_THAT(report.success().warnings(), ElementsAre("odd ? byte"));
+  ASSERT_EQ(report.success().outputs_size(), 1);
+  EXPECT_EQ(report.success().outputs(0).name(), "out.txt");
+  EXPECT_EQ(coordinator_.blobs().Content(DigestOf(report.success().outputs(0))), "cut({})in.txt=hello;sub/other.bin=;");
+  EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
+  EXPECT_TRUE(agent_status_.ok());
+}
+
+TEST_F(AgentTest, SharedFilesAreLinkedAndOutputsGoToTheSharedFolder) {
+  const std::string shared = folder_.path() + "/blobs";
+  ASSERT_TRUE(BlobStore::Open(shared).ok());
+  ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "secret").ok());
+  ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/scene.txt", "hello").ok());
+  coordinator_.ShareFolder(shared, folder_.path() + "/probe", "secret");
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  AddInput(lease, "in.txt", Digest{Sha256Hex("hello"), 5}, folder_.path() + "/scene.txt");
+  coordinator_.Queue(lease);
+  StartAgent([](const TaskRequest& request, const TaskControl& control) {
+    EXPECT_TRUE(fs::is_symlink(request.input_dir + "/in.txt"));
+    return Concatenate(request, control);
+  });
+  const v1::ReportTaskRequest report = WaitForReport();
+  ASSERT_TRUE(report.has_success()) << report.failure().message();
+  EXPECT_EQ(BlobStore::Open(shared).value()->Read(DigestOf(report.success().outputs(0))).value(),
+            "cut({})in.txt=hello;");
+  EXPECT_THAT(coordinator_.blobs().read_offsets(), testing::IsEmpty());
+  EXPECT_THAT(coordinator_.blobs().write_offsets(), testing::IsEmpty());
+}
+
+TEST_F(AgentTest, ASharedFileWithOtherContentIsNotUsed) {
+  ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/scene.txt", "jello").ok());
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  AddInput(lease, "in.txt", "hello", folder_.path() + "/scene.txt");
+  coordinator_.Queue(lease);
+  StartAgent(Concatenate);
+  const v1::ReportTaskRequest report = WaitForReport();
+  ASSERT_TRUE(report.has_success()) << report.failure().message();
+  EXPECT_EQ(coordinator_.blobs().Content(DigestOf(report.success().outputs(0))), "cut({})in.txt=hello;");
+}
+
+TEST_F(AgentTest, WithoutSharedStorageNoSharedPathIsTouched) {
+  const std::string shared = folder_.path() + "/blobs";
+  ASSERT_TRUE(BlobStore::Open(shared).ok());
+  ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "secret").ok());
+  ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/scene.txt", "hello").ok());
+  coordinator_.ShareFolder(shared, folder_.path() + "/probe", "secret");
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  AddInput(lease, "in.txt", "hello", folder_.path() + "/scene.txt");
+  coordinator_.Queue(lease);
+  StartAgent(Concatenate, /*use_shared_storage=*/false);
+  const v1::ReportTaskRequest report = WaitForReport();
+  ASSERT_TRUE(report.has_success()) << report.failure().message();
+  EXPECT_THAT(coordinator_.blobs().read_offsets(), ElementsAre(0));
+  EXPECT_TRUE(coordinator_.blobs().Holds(DigestOf(report.success().outputs(0))));
+}
+
+TEST_F(AgentTest, AWrongProbeMeansBlobService) {
+  const std::string shared = folder_.path() + "/blobs";
+  ASSERT_TRUE(BlobStore::Open(shared).ok());
+  ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "of another coordinator").ok());
+  coordinator_.ShareFolder(shared, folder_.path() + "/probe", "secret");
+  coordinator_.Queue(NewLease("jobs/1/tasks/1"));
+  StartAgent(Concatenate);
+  EXPECT_TRUE(coordinator_.blobs().Holds(DigestOf(WaitForReport().success().outputs(0))));
+}
+
+TEST_F(AgentTest, AnInputChangedDuringTheTaskFailsIt) {
+  const std::string path = folder_.path() + "/scene.txt";
+  ASSERT_TRUE(WriteFileAtomic(path, "hello").ok());
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  AddInput(lease, "in.txt", Digest{Sha256Hex("hello"), 5}, path);
+  coordinator_.Queue(lease);
+  StartAgent([&](const TaskRequest& request, const TaskControl& control) {
+    EXPECT_TRUE(WriteFileAtomic(path, "other content").ok());
+    return Concatenate(request, control);
+  });
+  const v1::ReportTaskRequest report = WaitForReport();
+  EXPECT_EQ(report.failure().error_class(), v1::INPUT);
+  EXPECT_THAT(report.failure().message(), HasSubstr("scene.txt was changed"));
+}
+
+TEST_F(AgentTest, InputNamesThatLeaveTheFolderAreRefused) {
+  for (const std::string name : {"../evil", "/tmp/evil", "a/../../evil", ""}) {
+    v1::Lease lease = NewLease("jobs/1/tasks/1");
+    AddInput(lease, name, "hello");
+    coordinator_.Queue(lease);
+  }
+  std::atomic<int> runs{0};
+  StartAgent([&](const TaskRequest& request, const TaskControl& control) {
+    ++runs;
+    return Concatenate(request, control);
+  });
+  WaitForReport(4);
+  EXPECT_EQ(runs, 0);
+  for (const v1::ReportTaskRequest& report : coordinator_.reports) {
+    EXPECT_EQ(report.failure().error_class(), v1::INPUT);
+  }
+}
+
+TEST_F(AgentTest, FailuresHaveTheirClassAndTheWorkerLivesOn) {
+  const std::vector<std::pair<std::function<StatusOr<TaskOutcome>()>, v1::ErrorClass>> cases = {
+      {[] { return absl::InvalidArgumentError("line 3 is wrong"); }, v1::INPUT},
+      {[] { return absl::NotFoundError("no image"); }, v1::INPUT},
+      {[] { return absl::ResourceExhaustedError("too big"); }, v1::MEMORY},
+      {[]() -> StatusOr<TaskOutcome> { throw std::bad_alloc(); }, v1::MEMORY},
+      {[]() -> StatusOr<TaskOutcome> { throw std::runtime_error("odd"); }, v1::TRANSIENT},
+      {[]() -> StatusOr<TaskOutcome> { throw 5; }, v1::TRANSIENT},
+      {[] { return absl::UnavailableError("disk full"); }, v1::TRANSIENT},
+      {[]() -> StatusOr<TaskOutcome> {
+         TaskOutcome outcome;
+         outcome.outputs = {"never written"};
+         return outcome;
+       },
+       v1::TRANSIENT},
+  };
+  for (size_t i = 0; i < cases.size(); ++i) coordinator_.Queue(NewLease("jobs/1/tasks/" + std::to_string(i)));
+  std::atomic<size_t> next{0};
+  StartAgent([&](const TaskRequest&, const TaskControl&) { return cases[next++].first(); });
+  WaitForReport(cases.size());
+  ASSERT_EQ(coordinator_.reports.size(), cases.size());
+  for (size_t i = 0; i < cases.size(); ++i) {
+    EXPECT_EQ(coordinator_.reports[i].failure().error_class(), cases[i].second) << i;
+    EXPECT_FALSE(coordinator_.reports[i].failure().message().empty()) << i;
+  }
+}
+
+TEST_F(AgentTest, AVoidLeaseStopsTheWorkAndIsNotReported) {
+  coordinator_.Queue(NewLease("jobs/1/tasks/1"));
+  std::atomic<bool> stopped{false};
+  StartAgent([&](const TaskRequest& request, const TaskControl& control) -> StatusOr<TaskOutcome> {
+    if (request.parameters == "second") return Concatenate(request, control);
+    control.Report(0.5, "half");
+    coordinator_.Void("jobs/1/tasks/1");
+    while (control.Check().ok()) std::this_thread::yield();
+    stopped = true;
+    return Concatenate(request, control);  // ends in success all the same
+  });
+  v1::Lease second = NewLease("jobs/1/tasks/2");
+  second.mutable_spec()->set_parameters_json("second");
+  coordinator_.Queue(second);
+  EXPECT_EQ(WaitForReport().task(), "jobs/1/tasks/2");
+  EXPECT_TRUE(stopped);
+  EXPECT_EQ(coordinator_.reports.size(), 1u);
+}
+
+TEST_F(AgentTest, ProgressGoesWithHeartbeats) {
+  coordinator_.Queue(NewLease("jobs/1/tasks/1", 7));
+  StartAgent([&](const TaskRequest& request, const TaskControl& control) {
+    control.Report(0.25, "level 1");
+    EXPECT_TRUE(coordinator_.WaitFor([](const FakeCoordinator& c) {
+      return !c.progress.empty() && c.progress.back().stage() == "level 1" && c.progress.back().progress() == 0.25 &&
+             c.progress.back().attempt() == 7;
+    }));
+    return Concatenate(request, control);
+  });
+  EXPECT_TRUE(WaitForReport().has_success());
+}
+
+TEST_F(AgentTest, ACoordinatorThatForgetsTheWorkerGetsItAndItsWorkBack) {
+  coordinator_.Queue(NewLease("jobs/1/tasks/1", 2));
+  StartAgent([&](const TaskRequest& request, const TaskControl& control) {
+    coordinator_.Stop();
+    coordinator_.Start(/*forget=*/true);
+    EXPECT_TRUE(control.Check().ok());
+    return Concatenate(request, control);
+  });
+  const v1::ReportTaskRequest report = WaitForReport();
+  EXPECT_TRUE(report.has_success());
+  EXPECT_EQ(report.attempt(), 2);
+  EXPECT_EQ(report.worker(), "workers/2");
+}
+
+TEST_F(AgentTest, AResultWaitsForACoordinatorThatIsAway) {
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  coordinator_.Queue(lease);
+  std::atomic<bool> away{false};
+  StartAgent([&](const TaskRequest& request, const TaskControl& control) {
+    coordinator_.Stop();
+    away = true;
+    return Concatenate(request, control);
+  });
+  while (!away) std::this_thread::yield();
+  coordinator_.Start();
+  EXPECT_TRUE(WaitForReport().has_success());
+}
+
+TEST_F(AgentTest, AReportOfAnOldAttemptIsDroppedAndWorkGoesOn) {
+  coordinator_.AnswerReportsWith(grpc::StatusCode::FAILED_PRECONDITION);
+  coordinator_.Queue(NewLease("jobs/1/tasks/1"));
+  coordinator_.Queue(NewLease("jobs/1/tasks/2"));
+  StartAgent(Concatenate);
+  WaitForReport(2);
+  ASSERT_EQ(coordinator_.reports.size(), 2u);
+  EXPECT_EQ(coordinator_.reports[0].task(), "jobs/1/tasks/1");
+  EXPECT_EQ(coordinator_.reports[1].task(), "jobs/1/tasks/2");
+}
+
+TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsAborted) {
+  coordinator_.Queue(NewLease("jobs/1/tasks/1"));
+  StartAgent([&](const TaskRequest&, const TaskControl& control) -> StatusOr<TaskOutcome> {
+    std::thread([this] { agent_->Drain(); }).detach();
+    while (control.Check().ok()) std::this_thread::yield();
+    return control.Check();
+  });
+  const v1::ReportTaskRequest report = WaitForReport();
+  EXPECT_EQ(report.failure().error_class(), v1::ABORTED);
+  EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
+}
+
+TEST_F(AgentTest, DrainingEndsAnIdleWorkerAndOneThatFindsNobody) {
+  StartAgent(Concatenate);
+  ASSERT_TRUE(coordinator_.WaitFor([](const FakeCoordinator& c) { return c.leases_asked > 0; }));
+  StopAgent();
+  EXPECT_TRUE(agent_status_.ok());
+  coordinator_.Stop();
+  StartAgent(Concatenate);
+  StopAgent();
+  EXPECT_TRUE(agent_status_.ok());
+  coordinator_.Start();
+}
+
+TEST_F(AgentTest, ARefusedVersionEndsTheWorker) {
+  coordinator_.AnswerRegistrationsWith(grpc::StatusCode::FAILED_PRECONDITION);
+  StartAgent(Concatenate);
+  thread_.join();
+  EXPECT_EQ(agent_status_.code(), absl::StatusCode::kFailedPrecondition);
+}
+
+TEST_F(AgentTest, AWorkFolderBelongsToOneProcess) {
+  StartAgent(Concatenate);
+  AgentOptions options;
+  options.work_dir = folder_.path() + "/work";
+  EXPECT_EQ(Agent::Create(options, Concatenate).status().code(), absl::StatusCode::kFailedPrecondition);
+}
+
+TEST_F(AgentTest, AnInterruptedDownloadGoesOn) {
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  AddInput(lease, "in.txt", std::string(5 << 20, 'x'));
+  coordinator_.blobs().BreakStreams(2, 2);
+  coordinator_.Queue(lease);
+  StartAgent(Concatenate);
+  EXPECT_TRUE(WaitForReport().has_success());
+  EXPECT_THAT(coordinator_.blobs().read_offsets(), ElementsAre(0, 2 << 20, 4 << 20));
+}
+
+}  // namespace
+}  // namespace tessera

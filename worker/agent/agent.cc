@@ -1,0 +1,330 @@
+#include "worker/agent/agent.h"
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <new>
+#include <optional>
+#include <thread>
+
+#include "common/rpc/blob_client.h"
+#include "common/rpc/channel.h"
+#include "common/storage/files.h"
+#include "worker/agent/attempt.h"
+#include "worker/agent/log.h"
+#include "worker/agent/task_files.h"
+
+namespace tessera {
+namespace {
+
+constexpr int kMaxForgotten = 3;  // times that one call may find the worker forgotten
+
+std::string MessageOf(const Status& status) { return std::string(status.message().data(), status.message().size()); }
+
+// Calls the task and turns whatever it throws into a status: a worker never dies of a task's exception.
+StatusOr<TaskOutcome> RunGuarded(const TaskRunner& runner, const TaskRequest& request, const TaskControl& control) {
+  try {
+    return runner(request, control);
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError(request.kind + " task: out of memory");
+  } catch (const std::exception& error) {
+    return absl::InternalError(request.kind + " task: unexpected exception: " + error.what());
+  } catch (...) {
+    return absl::InternalError(request.kind + " task: unexpected exception of unknown type");
+  }
+}
+
+FailureClass Classify(const Status& status, bool draining) {
+  switch (status.code()) {
+    case absl::StatusCode::kInvalidArgument:
+    case absl::StatusCode::kNotFound:
+      return FailureClass::kInput;
+    case absl::StatusCode::kResourceExhausted:
+      return FailureClass::kMemory;
+    case absl::StatusCode::kCancelled:
+      return draining ? FailureClass::kAborted : FailureClass::kTransient;
+    default:
+      return FailureClass::kTransient;
+  }
+}
+
+RetryPolicy Endless(RetryPolicy policy) {
+  policy.max_attempts = 0;
+  return policy;
+}
+
+}  // namespace
+
+class Agent::Impl {
+ public:
+  Impl(const AgentOptions& options, TaskRunner runner, FileLock lock, std::unique_ptr<BlobCache> cache)
+      : options_(options),
+        runner_(std::move(runner)),
+        lock_(std::move(lock)),
+        channel_(MakeChannel(options.coordinator)),
+        link_(channel_),
+        files_(BlobClient(channel_, Endless(options.retry), [this](double seconds) { return Wait(seconds); }),
+               std::move(cache), options.use_shared_storage) {}
+
+  Status Run() {
+    Status status = Register("");
+    if (status.ok()) {
+      std::thread heartbeats([this] { SendHeartbeats(); });
+      status = LeaseLoop();
+      {
+        std::lock_guard lock(mutex_);
+        ended_ = true;
+      }
+      changed_.notify_all();
+      heartbeats.join();
+      const Status gone = link_.Unregister(worker());
+      LogInfo("stopped", {{"worker", worker()}, {"unregistered", gone.ok() ? "yes" : MessageOf(gone)}});
+    }
+    return draining_ ? absl::OkStatus() : status;
+  }
+
+  void Drain() {
+    {
+      std::lock_guard lock(mutex_);
+      draining_ = true;
+    }
+    changed_.notify_all();
+    link_.StopLeasing();
+  }
+
+ private:
+  std::string worker() const {
+    std::lock_guard lock(mutex_);
+    return registration_.worker;
+  }
+
+  // False, at once, when the worker drains or the attempt at hand is void: nothing is worth waiting for then.
+  bool Wait(double seconds) {
+    std::unique_lock lock(mutex_);
+    return !changed_.wait_for(lock, std::chrono::duration<double>(seconds),
+                              [&] { return draining_ || (attempt_ != nullptr && attempt_->IsVoid()); });
+  }
+
+  // Registers unless another thread has done so since the worker was called `forgotten`. Waits for the coordinator as
+  // long as it takes; CANCELLED when draining.
+  Status Register(const std::string& forgotten) {
+    std::lock_guard one_at_a_time(registering_);
+    if (worker() != forgotten) return absl::OkStatus();
+    bool told = false;
+    Registration registration;
+    const auto call = [&] {
+      auto answer = link_.Register(options_.description);
+      if (answer.ok()) {
+        registration = *std::move(answer);
+      } else if (!told) {
+        told = true;
+        LogWarning("cannot register yet",
+                   {{"coordinator", options_.coordinator}, {"reason", MessageOf(answer.status())}});
+      }
+      return answer.status();
+    };
+    const Status status = Retry(
+        Endless(options_.retry), Idempotency::kIdempotent, [this](double seconds) { return WaitToRegister(seconds); },
+        call);
+    if (!status.ok()) return status;
+    std::lock_guard lock(mutex_);
+    registration_ = registration;
+    to_probe_ = true;
+    LogInfo("registered", {{"worker", registration.worker}, {"coordinator", options_.coordinator}});
+    return absl::OkStatus();
+  }
+
+  bool WaitToRegister(double seconds) {
+    std::unique_lock lock(mutex_);
+    return !changed_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return draining_ || ended_; });
+  }
+
+  // Calls `call` with the worker's name; registers again where the coordinator has forgotten it.
+  Status CallAs(const std::function<Status(const std::string& worker)>& call) {
+    for (int forgotten = 0;; ++forgotten) {
+      const std::string name = worker();
+      const Status status = call(name);
+      if (status.code() != absl::StatusCode::kNotFound || forgotten >= kMaxForgotten) return status;
+      TESSERA_RETURN_IF_ERROR(Register(name));
+    }
+  }
+
+  Status LeaseLoop() {
+    Backoff backoff(options_.retry);
+    bool away = false;
+    while (!draining_) {
+      std::optional<LeasedTask> lease;
+      const Status status = CallAs([&](const std::string& name) -> Status {
+        auto answer = link_.Lease(name, options_.lease_wait_s);
+        if (answer.ok()) lease = *std::move(answer);
+        return answer.status();
+      });
+      if (draining_) break;
+      if (status.ok()) {
+        if (away) LogInfo("coordinator is back", {{"coordinator", options_.coordinator}});
+        away = false;
+        backoff.Reset();
+        if (lease.has_value()) RunLease(*lease);
+        continue;
+      }
+      if (status.code() == absl::StatusCode::kFailedPrecondition) return status;  // refused for good on registering
+      if (!away) LogWarning("coordinator is away", {{"reason", MessageOf(status)}});
+      away = true;
+      Wait(backoff.NextDelay());
+    }
+    return absl::OkStatus();
+  }
+
+  void RunLease(const LeasedTask& lease) {
+    const auto attempt = std::make_shared<Attempt>(lease.task, lease.attempt);
+    SetAttempt(attempt);
+    const LogFields who = {{"task", lease.task}, {"attempt", std::to_string(lease.attempt)}};
+    LogInfo("started", {who[0], who[1], {"title", lease.title}});
+    AttemptReport report = Work(lease, *attempt);
+    files_.Release();
+    if (attempt->IsVoid()) {
+      LogInfo("lease void, work dropped", who);
+    } else {
+      Deliver(report, *attempt, who);
+    }
+    SetAttempt(nullptr);
+  }
+
+  void SetAttempt(std::shared_ptr<Attempt> attempt) {
+    std::lock_guard lock(mutex_);
+    attempt_ = std::move(attempt);
+  }
+
+  // Everything from the inputs to the stored outputs.
+  AttemptReport Work(const LeasedTask& lease, Attempt& attempt) {
+    AttemptReport report;
+    report.task = lease.task;
+    report.attempt = lease.attempt;
+    TaskControl control;
+    control.report = [&attempt](double fraction, const std::string& stage) { attempt.SetProgress(fraction, stage); };
+    control.cancelled = [this, &attempt] { return draining_ || attempt.IsVoid(); };
+    const Status status = WorkIn(lease, control, report);
+    report.succeeded = status.ok();
+    if (!status.ok()) {
+      report.failure_class = Classify(status, draining_);
+      report.failure = MessageOf(status);
+    }
+    return report;
+  }
+
+  Status WorkIn(const LeasedTask& lease, const TaskControl& control, AttemptReport& report) {
+    ProbeIfNew();
+    auto folder = TempFolder::Create(options_.work_dir + "/tasks", "task-");
+    if (!folder.ok()) return absl::UnavailableError(MessageOf(folder.status()));
+    TaskRequest request;
+    request.kind = lease.kind;
+    request.parameters = lease.parameters;
+    request.input_dir = folder->path() + "/in";
+    request.output_dir = folder->path() + "/out";
+    for (const std::string& path : {request.input_dir, request.output_dir}) {
+      if (const Status made = EnsureFolder(path); !made.ok()) return absl::UnavailableError(MessageOf(made));
+    }
+    control.Report(0, "bringing inputs");
+    TESSERA_RETURN_IF_ERROR(files_.BringInputs(lease.inputs, request.input_dir, control));
+    TESSERA_ASSIGN_OR_RETURN(const TaskOutcome outcome, RunGuarded(runner_, request, control));
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    TESSERA_RETURN_IF_ERROR(files_.CheckInputsUnchanged());
+    control.Report(1, "storing outputs");
+    TESSERA_ASSIGN_OR_RETURN(report.outputs, files_.StoreOutputs(outcome.outputs, request.output_dir, control));
+    report.stats = outcome.stats;
+    report.warnings = outcome.warnings;
+    return absl::OkStatus();
+  }
+
+  void ProbeIfNew() {
+    Registration registration;
+    {
+      std::lock_guard lock(mutex_);
+      if (!to_probe_) return;
+      to_probe_ = false;
+      registration = registration_;
+    }
+    const bool shared = files_.Probe(registration);
+    LogInfo(shared ? "shared storage" : "blob service", {{"folder", registration.shared_blob_dir}});
+  }
+
+  // Tells the coordinator, however long it is away; gives up only when draining or when the lease is void.
+  void Deliver(const AttemptReport& report, const Attempt& attempt, const LogFields& who) {
+    const Status status = Retry(
+        Endless(options_.retry), Idempotency::kIdempotent, [this](double seconds) { return Wait(seconds); },
+        [&] { return CallAs([&](const std::string& name) { return link_.Report(name, report); }); });
+    if (!report.succeeded) {
+      LogWarning("failed", {who[0], who[1], {"reason", report.failure}});
+    } else if (status.ok()) {
+      LogInfo("succeeded", who);
+    }
+    if (status.ok()) return;
+    if (status.code() == absl::StatusCode::kFailedPrecondition || attempt.IsVoid()) {
+      LogInfo("report refused: not the current attempt", who);
+    } else {
+      LogError("could not report", {who[0], who[1], {"reason", MessageOf(status)}});
+    }
+  }
+
+  void SendHeartbeats() {
+    while (true) {
+      std::shared_ptr<Attempt> sent;
+      {
+        std::unique_lock lock(mutex_);
+        const double every_s = registration_.heartbeat_s > 0 ? registration_.heartbeat_s : 1.0;
+        if (changed_.wait_for(lock, std::chrono::duration<double>(every_s), [&] { return ended_; })) return;
+        sent = attempt_;
+      }
+      std::vector<AttemptProgress> running;
+      if (sent != nullptr && !sent->IsVoid()) running.push_back(sent->Progress());
+      std::vector<std::string> stop;
+      const Status status = CallAs([&](const std::string& name) -> Status {
+        auto answer = link_.Heartbeat(name, running);
+        if (answer.ok()) stop = *std::move(answer);
+        return answer.status();
+      });
+      if (!status.ok()) LogDebug("heartbeat lost", {{"reason", MessageOf(status)}});
+      for (const std::string& task : stop) {
+        // What was sent, not what runs by now: the same task may have been leased again as a new attempt meanwhile.
+        if (sent == nullptr || sent->task() != task) continue;
+        sent->MakeVoid();
+        changed_.notify_all();
+      }
+    }
+  }
+
+  const AgentOptions options_;
+  const TaskRunner runner_;
+  const FileLock lock_;
+  const std::shared_ptr<grpc::Channel> channel_;
+  CoordinatorLink link_;
+
+  std::mutex registering_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  Registration registration_;          // guarded by mutex_
+  bool to_probe_ = false;              // guarded by mutex_: the registration is new to files_
+  std::shared_ptr<Attempt> attempt_;   // guarded by mutex_
+  bool ended_ = false;                 // guarded by mutex_: no lease will come any more
+  std::atomic<bool> draining_{false};  // written under mutex_
+
+  TaskFiles files_;  // of the task's thread alone
+};
+
+Agent::Agent(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Agent::~Agent() = default;
+
+StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options, TaskRunner runner) {
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(options.work_dir));
+  TESSERA_ASSIGN_OR_RETURN(FileLock lock, FileLock::Acquire(options.work_dir + "/lock"));
+  TESSERA_RETURN_IF_ERROR(RemoveTree(options.work_dir + "/tasks"));  // of a process that was killed
+  TESSERA_ASSIGN_OR_RETURN(auto cache, BlobCache::Open(options.work_dir + "/cache", options.cache_bytes));
+  return std::unique_ptr<Agent>(
+      new Agent(std::make_unique<Impl>(options, std::move(runner), std::move(lock), std::move(cache))));
+}
+
+Status Agent::Run() { return impl_->Run(); }
+void Agent::Drain() { impl_->Drain(); }
+
+}  // namespace tessera

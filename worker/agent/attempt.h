@@ -1,0 +1,48 @@
+// The attempt that a worker runs now, as its threads see it: the task's own, and the one that sends heartbeats.
+#ifndef TESSERA_WORKER_AGENT_ATTEMPT_H_
+#define TESSERA_WORKER_AGENT_ATTEMPT_H_
+
+#include <algorithm>
+#include <atomic>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "worker/agent/coordinator_link.h"
+
+namespace tessera {
+
+// Thread-safe.
+class Attempt {
+ public:
+  Attempt(std::string task, int number) : task_(std::move(task)), number_(number) {}
+
+  const std::string& task() const { return task_; }
+  int number() const { return number_; }
+
+  void SetProgress(double fraction, const std::string& stage) {
+    std::lock_guard lock(mutex_);
+    fraction_ = std::clamp(fraction, 0.0, 1.0);
+    stage_ = stage;
+  }
+  AttemptProgress Progress() const {
+    std::lock_guard lock(mutex_);
+    return {task_, number_, fraction_, stage_};
+  }
+
+  // The lease is gone: stop, drop everything, report nothing.
+  void MakeVoid() { void_ = true; }
+  bool IsVoid() const { return void_; }
+
+ private:
+  const std::string task_;
+  const int number_;
+  mutable std::mutex mutex_;
+  double fraction_ = 0;
+  std::string stage_;
+  std::atomic<bool> void_{false};
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_AGENT_ATTEMPT_H_

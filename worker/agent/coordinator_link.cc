@@ -1,0 +1,197 @@
+#include "worker/agent/coordinator_link.h"
+
+#include <grpcpp/grpcpp.h>
+
+#include <algorithm>
+#include <mutex>
+
+#include "common/rpc/channel.h"
+#include "common/rpc/status_conversion.h"
+#include "tessera/v1/workers.grpc.pb.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kCallSeconds = 10.0;
+constexpr double kReportSeconds = 30.0;  // the coordinator stores it durably
+constexpr size_t kMaxTextBytes = 256 << 10;
+
+// protobuf refuses strings that are not UTF-8, and messages from libraries may hold anything of any length.
+std::string PrintableText(const std::string& text) {
+  std::string result = text.substr(0, kMaxTextBytes);
+  const bool ascii = std::all_of(result.begin(), result.end(), [](char c) { return (c & 0x80) == 0; });
+  if (ascii) return result;
+  // Keeps well-formed sequences, replaces every other byte.
+  std::string clean;
+  for (size_t i = 0; i < result.size();) {
+    const auto byte = static_cast<unsigned char>(result[i]);
+    const size_t length = byte < 0x80                   ? 1
+                          : byte >= 0xC2 && byte < 0xE0 ? 2
+                          : byte >= 0xE0 && byte < 0xF0 ? 3
+                          : byte >= 0xF0 && byte < 0xF5 ? 4
+                                                        : 0;
+    bool whole = length > 0 && i + length <= result.size();
+    for (size_t k = 1; whole && k < length; ++k) whole = (static_cast<unsigned char>(result[i + k]) & 0xC0) == 0x80;
+    if (whole && length == 3) {
+      const auto next = static_cast<unsigned char>(result[i + 1]);
+      whole = !(byte == 0xE0 && next < 0xA0) && !(byte == 0xED && next >= 0xA0);
+    }
+    if (whole && length == 4) {
+      const auto next = static_cast<unsigned char>(result[i + 1]);
+      whole = !(byte == 0xF0 && next < 0x90) && !(byte == 0xF4 && next >= 0x90);
+    }
+    if (whole) {
+      clean.append(result, i, length);
+      i += length;
+    } else {
+      clean += '?';
+      ++i;
+    }
+  }
+  return clean;
+}
+
+v1::ErrorClass ToProto(FailureClass failure) {
+  switch (failure) {
+    case FailureClass::kInput:
+      return v1::INPUT;
+    case FailureClass::kMemory:
+      return v1::MEMORY;
+    case FailureClass::kAborted:
+      return v1::ABORTED;
+    case FailureClass::kTransient:
+      break;
+  }
+  return v1::TRANSIENT;
+}
+
+LeasedTask FromProto(const v1::Lease& lease) {
+  LeasedTask task;
+  task.task = lease.spec().task();
+  task.attempt = lease.attempt();
+  task.kind = lease.spec().kind();
+  task.title = lease.spec().title();
+  task.parameters = lease.spec().parameters_json();
+  for (const v1::InputFile& input : lease.spec().inputs()) {
+    task.inputs.push_back({input.name(), {input.digest().sha256(), input.digest().size_bytes()}, input.shared_path()});
+  }
+  return task;
+}
+
+}  // namespace
+
+struct CoordinatorLink::Impl {
+  std::unique_ptr<v1::Workers::Stub> stub;
+  std::mutex mutex;
+  grpc::ClientContext* leasing = nullptr;  // of the running Lease call
+  bool stopped = false;
+};
+
+CoordinatorLink::CoordinatorLink(std::shared_ptr<grpc::Channel> channel) : impl_(std::make_unique<Impl>()) {
+  impl_->stub = v1::Workers::NewStub(std::move(channel));
+}
+
+CoordinatorLink::~CoordinatorLink() = default;
+
+StatusOr<Registration> CoordinatorLink::Register(const WorkerDescription& description) {
+  grpc::ClientContext context;
+  SetDeadline(context, kCallSeconds);
+  v1::RegisterWorkerRequest request;
+  request.set_host(PrintableText(description.host));
+  request.set_pid(description.pid);
+  request.set_threads(description.threads);
+  request.set_memory_bytes(description.memory_bytes);
+  request.set_version(description.version);
+  v1::RegisterWorkerResponse response;
+  TESSERA_RETURN_IF_ERROR(FromGrpc(impl_->stub->RegisterWorker(&context, request, &response)));
+  Registration registration;
+  registration.worker = response.worker();
+  registration.lease_s = response.lease_s();
+  registration.heartbeat_s = response.heartbeat_s();
+  registration.shared_blob_dir = response.shared_blob_dir();
+  registration.shared_probe_path = response.shared_probe_path();
+  registration.shared_probe_content = response.shared_probe_content();
+  return registration;
+}
+
+StatusOr<std::optional<LeasedTask>> CoordinatorLink::Lease(const std::string& worker, double wait_s) {
+  grpc::ClientContext context;
+  SetDeadline(context, wait_s + kCallSeconds);
+  {
+    std::lock_guard lock(impl_->mutex);
+    if (impl_->stopped) return absl::CancelledError("no longer leasing");
+    impl_->leasing = &context;
+  }
+  v1::LeaseTaskRequest request;
+  request.set_worker(worker);
+  request.set_wait_s(wait_s);
+  v1::LeaseTaskResponse response;
+  const Status status = FromGrpc(impl_->stub->LeaseTask(&context, request, &response));
+  {
+    std::lock_guard lock(impl_->mutex);
+    impl_->leasing = nullptr;
+  }
+  TESSERA_RETURN_IF_ERROR(status);
+  if (!response.has_lease()) return std::optional<LeasedTask>();
+  return std::optional<LeasedTask>(FromProto(response.lease()));
+}
+
+void CoordinatorLink::StopLeasing() {
+  std::lock_guard lock(impl_->mutex);
+  impl_->stopped = true;
+  if (impl_->leasing != nullptr) impl_->leasing->TryCancel();
+}
+
+StatusOr<std::vector<std::string>> CoordinatorLink::Heartbeat(const std::string& worker,
+                                                              const std::vector<AttemptProgress>& running) {
+  grpc::ClientContext context;
+  SetDeadline(context, kCallSeconds);
+  v1::HeartbeatRequest request;
+  request.set_worker(worker);
+  for (const AttemptProgress& progress : running) {
+    v1::TaskProgress* message = request.add_tasks();
+    message->set_task(progress.task);
+    message->set_attempt(progress.attempt);
+    message->set_progress(progress.fraction);
+    message->set_stage(PrintableText(progress.stage));
+  }
+  v1::HeartbeatResponse response;
+  TESSERA_RETURN_IF_ERROR(FromGrpc(impl_->stub->Heartbeat(&context, request, &response)));
+  return std::vector<std::string>(response.stop_tasks().begin(), response.stop_tasks().end());
+}
+
+Status CoordinatorLink::Report(const std::string& worker, const AttemptReport& report) {
+  grpc::ClientContext context;
+  SetDeadline(context, kReportSeconds);
+  v1::ReportTaskRequest request;
+  request.set_worker(worker);
+  request.set_task(report.task);
+  request.set_attempt(report.attempt);
+  if (report.succeeded) {
+    v1::TaskResult* success = request.mutable_success();
+    for (const NamedDigest& output : report.outputs) {
+      v1::OutputFile* message = success->add_outputs();
+      message->set_name(output.name);
+      message->mutable_digest()->set_sha256(output.digest.sha256);
+      message->mutable_digest()->set_size_bytes(output.digest.size_bytes);
+    }
+    success->set_stats_json(report.stats);
+    for (const std::string& warning : report.warnings) success->add_warnings(PrintableText(warning));
+  } else {
+    request.mutable_failure()->set_error_class(ToProto(report.failure_class));
+    request.mutable_failure()->set_message(PrintableText(report.failure));
+  }
+  v1::ReportTaskResponse response;
+  return FromGrpc(impl_->stub->ReportTask(&context, request, &response));
+}
+
+Status CoordinatorLink::Unregister(const std::string& worker) {
+  grpc::ClientContext context;
+  SetDeadline(context, kCallSeconds / 2);
+  v1::UnregisterWorkerRequest request;
+  request.set_worker(worker);
+  v1::UnregisterWorkerResponse response;
+  return FromGrpc(impl_->stub->UnregisterWorker(&context, request, &response));
+}
+
+}  // namespace tessera

@@ -1,0 +1,104 @@
+// The worker's side of the Workers service, in the project's own types.
+#ifndef TESSERA_WORKER_AGENT_COORDINATOR_LINK_H_
+#define TESSERA_WORKER_AGENT_COORDINATOR_LINK_H_
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/storage/hash.h"
+
+namespace grpc {
+class Channel;
+}  // namespace grpc
+
+namespace tessera {
+
+// What a worker tells of itself.
+struct WorkerDescription {
+  std::string host;
+  int pid = 0;
+  int threads = 0;
+  int64_t memory_bytes = 0;
+  std::string version;  // of the algorithms
+};
+
+// What the coordinator answers.
+struct Registration {
+  std::string worker;  // "workers/W"
+  double lease_s = 0;
+  double heartbeat_s = 0;
+  // A worker that reads `shared_probe_content` at `shared_probe_path` may write blobs to `shared_blob_dir`; empty:
+  // none.
+  std::string shared_blob_dir;
+  std::string shared_probe_path;
+  std::string shared_probe_content;
+};
+
+struct TaskInput {
+  std::string name;  // relative to the task's input folder
+  Digest digest;
+  std::string shared_path;  // where a worker with access may read it; empty: blob service only
+};
+
+// A task under a lease.
+struct LeasedTask {
+  std::string task;  // "jobs/J/tasks/T"
+  int attempt = 0;   // fencing token
+  std::string kind;
+  std::string title;
+  std::string parameters;
+  std::vector<TaskInput> inputs;
+};
+
+struct AttemptProgress {
+  std::string task;
+  int attempt = 0;
+  double fraction = 0;
+  std::string stage;
+};
+
+// How a failure is to be treated; as the proto's ErrorClass.
+enum class FailureClass { kInput, kTransient, kMemory, kAborted };
+
+// How an attempt ended.
+struct AttemptReport {
+  std::string task;
+  int attempt = 0;
+  bool succeeded = false;
+  std::vector<NamedDigest> outputs;  // of a success; stored as blobs already
+  std::string stats;
+  Warnings warnings;
+  FailureClass failure_class = FailureClass::kTransient;  // of a failure
+  std::string failure;
+};
+
+// Each call is one attempt with a deadline; errors are the coordinator's own, or UNAVAILABLE and DEADLINE_EXCEEDED of
+// the way there. Thread-safe.
+class CoordinatorLink {
+ public:
+  explicit CoordinatorLink(std::shared_ptr<grpc::Channel> channel);
+  ~CoordinatorLink();
+
+  StatusOr<Registration> Register(const WorkerDescription& description);
+  // Waits up to `wait_s` for a task; nothing if there was none.
+  StatusOr<std::optional<LeasedTask>> Lease(const std::string& worker, double wait_s);
+  // Ends a running Lease call, and every later one at once, with CANCELLED.
+  void StopLeasing();
+  // The tasks to stop, of those named.
+  StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<AttemptProgress>& running);
+  // FAILED_PRECONDITION: the attempt is no longer the current one.
+  Status Report(const std::string& worker, const AttemptReport& report);
+  Status Unregister(const std::string& worker);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_AGENT_COORDINATOR_LINK_H_

@@ -1,0 +1,124 @@
+// `tessera-worker`: runs a coordinator's tasks.
+#include <pthread.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <optional>
+#include <thread>
+
+#include "common/base/parallel.h"
+#include "common/base/version.h"
+#include "common/storage/files.h"
+#include "worker/agent/agent.h"
+#include "worker/agent/log.h"
+#include "worker/tasks/task.h"
+
+namespace {
+
+struct Flags {
+  std::string coordinator = "127.0.0.1:7575";
+  std::string work_dir;
+  int threads = 0;
+  bool no_shared_storage = false;
+  double cache_gib = 20;
+  bool exit_with_parent = false;
+  std::string log_level = "info";
+  bool json_logs = false;
+};
+
+void AddFlags(CLI::App& app, Flags& flags) {
+  app.add_option("--coordinator", flags.coordinator, "Where tesserad listens, HOST:PORT")
+      ->envname("TESSERA_COORDINATOR")
+      ->capture_default_str();
+  app.add_option(
+      "--work", flags.work_dir,
+      "Folder for cache and scratch, kept; without it one in the system's temporary folder, removed at the end");
+  app.add_option("--threads", flags.threads, "Threads of a task; 0: one for each core")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  app.add_flag("--no-shared-storage", flags.no_shared_storage,
+               "Never read or write the coordinator's folders: all goes through its blob service");
+  app.add_option("--cache-gib", flags.cache_gib, "Bound of the cache of fetched files; the oldest go first")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+  app.add_flag("--exit-with-parent", flags.exit_with_parent, "Drain when the process that started this one ends");
+  app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();
+  app.add_flag("--json-logs", flags.json_logs, "One JSON object a line");
+}
+
+std::string HostName() {
+  char name[256] = {};
+  return gethostname(name, sizeof(name) - 1) == 0 ? name : "unknown";
+}
+
+int CoreCount() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
+
+int Fail(const tessera::Status& status) {
+  std::fprintf(stderr, "tessera-worker: %s\n", std::string(status.message().data(), status.message().size()).c_str());
+  return 1;
+}
+
+// First signal: drain. Second: out, at once.
+void HandleSignals(sigset_t signals, tessera::Agent& agent) {
+  int signal = 0;
+  sigwait(&signals, &signal);
+  tessera::LogInfo("draining", {{"signal", std::to_string(signal)}});
+  agent.Drain();
+  sigwait(&signals, &signal);
+  _exit(128 + signal);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "Runs the tasks of a Tessera coordinator.\n"
+      "Example: tessera-worker --coordinator city-server:7575 --work /scratch/tessera");
+  app.name("tessera-worker");
+  app.set_version_flag("--version", TESSERA_VERSION);
+  Flags flags;
+  AddFlags(app, flags);
+  CLI11_PARSE(app, argc, argv);
+
+  // Signals are for one thread of ours; every other one inherits the block.
+  sigset_t signals;
+  sigemptyset(&signals);
+  sigaddset(&signals, SIGTERM);
+  sigaddset(&signals, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  if (flags.exit_with_parent) {
+    const pid_t parent = getppid();
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    if (getppid() != parent) return 1;  // it ended in between
+  }
+  if (const auto status = tessera::SetUpLog(flags.log_level, flags.json_logs); !status.ok()) return Fail(status);
+
+  std::optional<tessera::TempFolder> own_folder;
+  if (flags.work_dir.empty()) {
+    auto folder = tessera::TempFolder::Create("", "tessera-worker-");
+    if (!folder.ok()) return Fail(folder.status());
+    own_folder = *std::move(folder);
+    flags.work_dir = own_folder->path();
+  }
+  tessera::AgentOptions options;
+  options.coordinator = flags.coordinator;
+  options.work_dir = std::filesystem::absolute(flags.work_dir).string();
+  options.use_shared_storage = !flags.no_shared_storage;
+  options.cache_bytes = static_cast<int64_t>(flags.cache_gib * (int64_t{1} << 30));
+  options.description = {HostName(), getpid(), flags.threads > 0 ? flags.threads : CoreCount(),
+                         static_cast<int64_t>(sysconf(_SC_PHYS_PAGES)) * sysconf(_SC_PAGESIZE),
+                         tessera::kAlgorithmVersion};
+  options.retry.seed = static_cast<uint64_t>(getpid());
+
+  const tessera::ThreadLimit thread_limit(flags.threads);
+  const auto agent = tessera::Agent::Create(options, tessera::RunTask);
+  if (!agent.ok()) return Fail(agent.status());
+  std::thread([signals, &agent] { HandleSignals(signals, **agent); }).detach();
+  const tessera::Status status = (*agent)->Run();
+  return status.ok() ? 0 : Fail(status);
+}

@@ -1,0 +1,134 @@
+#include "worker/agent/task_files.h"
+
+#include <filesystem>
+#include <set>
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kMaxProbeBytes = 4096;
+
+std::string MessageOf(const Status& status) { return std::string(status.message().data(), status.message().size()); }
+
+// What a failed transfer means for the task: a full disk is no lack of memory, which is what RESOURCE_EXHAUSTED tells
+// of a task; and a file that the coordinator finds changed since the job was submitted is an input that is wrong.
+Status DiskStatus(const Status& status) {
+  if (status.code() == absl::StatusCode::kFailedPrecondition) return absl::InvalidArgumentError(MessageOf(status));
+  if (status.code() != absl::StatusCode::kResourceExhausted) return status;
+  return absl::UnavailableError(MessageOf(status));
+}
+
+}  // namespace
+
+bool TaskFiles::Probe(const Registration& registration) {
+  shared_blobs_ = nullptr;
+  if (!use_shared_storage_ || registration.shared_blob_dir.empty() || registration.shared_probe_path.empty()) {
+    return false;
+  }
+  const auto content = ReadFile(registration.shared_probe_path, kMaxProbeBytes);
+  if (!content.ok() || *content != registration.shared_probe_content) return false;
+  if (!std::filesystem::is_directory(registration.shared_blob_dir)) return false;
+  auto store = BlobStore::Open(registration.shared_blob_dir);
+  if (!store.ok()) return false;
+  shared_blobs_ = *std::move(store);
+  return true;
+}
+
+bool TaskFiles::ReadableAt(const std::string& path, const Digest& digest) {
+  const auto stamp = StampOf(path);
+  if (!stamp.ok() || stamp->size_bytes != digest.size_bytes) return false;
+  const auto known = verified_.find(path);
+  if (known == verified_.end() || !(known->second.stamp == *stamp)) {
+    const auto found = HashFile(path);
+    if (!found.ok()) return false;
+    const auto after = StampOf(path);
+    if (!after.ok() || !(*after == *stamp)) return false;  // written to while it was read
+    verified_[path] = {*stamp, *found};
+  }
+  if (verified_[path].digest != digest) return false;
+  in_use_.emplace_back(path, *stamp);
+  return true;
+}
+
+StatusOr<std::string> TaskFiles::Locate(const TaskInput& input, const TaskControl& control) {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(input.digest));
+  if (use_shared_storage_ && !input.shared_path.empty() && ReadableAt(input.shared_path, input.digest)) {
+    return input.shared_path;
+  }
+  if (shared_blobs_ != nullptr && ReadableAt(shared_blobs_->Path(input.digest), input.digest)) {
+    return shared_blobs_->Path(input.digest);
+  }
+  const auto cached = cache_->Get(
+      input.digest, [&](const Digest& digest, BlobStore& store) { return blobs_.Fetch(digest, store, control); });
+  if (!cached.ok()) {
+    const Status status = DiskStatus(cached.status());
+    return Status(status.code(), "input " + input.name + ": " + MessageOf(status));
+  }
+  return *cached;
+}
+
+Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir,
+                              const TaskControl& control) {
+  in_use_.clear();
+  std::set<std::string> folders;
+  for (const TaskInput& input : inputs) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    TESSERA_ASSIGN_OR_RETURN(const std::string link, JoinInside(input_dir, input.name));
+    TESSERA_ASSIGN_OR_RETURN(const std::string file, Locate(input, control));
+    const std::string folder = std::filesystem::path(link).parent_path().string();
+    if (folders.insert(folder).second) TESSERA_RETURN_IF_ERROR(DiskStatus(EnsureFolder(folder)));
+    std::error_code error;
+    std::filesystem::create_symlink(std::filesystem::absolute(file), link, error);
+    if (error == std::errc::file_exists) {
+      return absl::InvalidArgumentError("two inputs of the task are named " + input.name);
+    }
+    if (error) return absl::UnavailableError("cannot make " + link + ": " + error.message());
+  }
+  return absl::OkStatus();
+}
+
+Status TaskFiles::CheckInputsUnchanged() const {
+  for (const auto& [path, stamp] : in_use_) {
+    const auto now = StampOf(path);
+    if (!now.ok() || !(*now == stamp)) {
+      return absl::InvalidArgumentError(path + " was changed while a task read it; submit the job again");
+    }
+  }
+  return absl::OkStatus();
+}
+
+StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskControl& control) {
+  if (shared_blobs_ != nullptr) {
+    const auto stored = shared_blobs_->MoveFile(path);
+    if (stored.ok() || stored.status().code() != absl::StatusCode::kPermissionDenied) return stored;
+  }
+  TESSERA_ASSIGN_OR_RETURN(const Digest digest, HashFile(path));
+  TESSERA_RETURN_IF_ERROR(blobs_.Send(path, digest, control));
+  TESSERA_RETURN_IF_ERROR(cache_->Adopt(path, digest));  // often the next task's input
+  return digest;
+}
+
+StatusOr<std::vector<NamedDigest>> TaskFiles::StoreOutputs(const std::vector<std::string>& names,
+                                                           const std::string& output_dir, const TaskControl& control) {
+  std::vector<NamedDigest> outputs;
+  for (const std::string& name : names) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    const auto path = JoinInside(output_dir, name);
+    if (!path.ok() || !FileExists(*path))
+      return absl::InternalError("the task named an output that is not there: " + name);
+    const auto digest = StoreOutput(*path, control);
+    if (!digest.ok()) {
+      const Status status = DiskStatus(digest.status());
+      return Status(status.code(), "output " + name + ": " + MessageOf(status));
+    }
+    outputs.push_back({name, *digest});
+  }
+  return outputs;
+}
+
+void TaskFiles::Release() {
+  in_use_.clear();
+  cache_->Release();
+}
+
+}  // namespace tessera
