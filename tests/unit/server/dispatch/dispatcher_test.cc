@@ -1,0 +1,337 @@
+#include "server/dispatch/dispatcher.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+using DispatcherTest = CoordinatorTest;
+
+TEST_F(DispatcherTest, RunsAJobToItsEnd) {
+  const std::string job = Create(AJob(2));
+  EXPECT_EQ(Job(job).header.state, JobState::kQueued);
+  const std::string worker = Worker();
+  const auto ingest = Lease(worker);
+  ASSERT_TRUE(ingest);
+  EXPECT_EQ(ingest->plan.kind, "ingest");
+  EXPECT_EQ(ingest->attempt, 1);
+  ASSERT_EQ(ingest->inputs.size(), 1u);
+  EXPECT_EQ(ingest->inputs[0].path, "/scene/scene.json");
+  EXPECT_EQ(Job(job).header.state, JobState::kRunning);
+  EXPECT_FALSE(Lease(worker));  // nothing else is known yet
+  clock_.Advance(2);
+  ASSERT_TRUE(Succeed(worker, *ingest).ok());
+  EXPECT_EQ(Job(job).tasks_total, 4);
+  EXPECT_EQ(Job(job).tiles_total, 2);
+
+  // The dearest first.
+  const auto tile1 = Lease(worker);
+  ASSERT_TRUE(tile1);
+  EXPECT_EQ(tile1->plan.name, "refine tile 1");
+  EXPECT_EQ(tile1->inputs[0].path, blobs_->Path(tile1->inputs[0].file.digest));
+  clock_.Advance(10);
+  EXPECT_TRUE(Succeed(worker, *tile1).ok());
+  EXPECT_EQ(Job(job).tiles_done, 1);
+  EXPECT_NEAR(Job(job).progress, 0.02 + 0.98 * 2 / 4, 1e-12);
+  EXPECT_NEAR(Job(job).eta_s, 2 * 10 / 2, 1e-9);  // 2 of cost left, 5 s each
+  EXPECT_EQ(WorkAll(worker), 2);
+
+  const JobStatus done = Job(job);
+  EXPECT_EQ(done.header.state, JobState::kSucceeded);
+  EXPECT_EQ(done.progress, 1);
+  ASSERT_EQ(done.header.artifacts.size(), 2u);
+  EXPECT_EQ(done.header.artifacts[0].name, "mesh.ply");
+  EXPECT_EQ(done.header.artifacts[1].name, "job.json");
+  const auto report = nlohmann::json::parse(*blobs_->Read(done.header.artifacts[1].digest));
+  EXPECT_EQ(report["totals"]["tasks"], 4);
+  EXPECT_EQ(report["tasks"][2]["title"], "refine tile 1");
+  EXPECT_EQ(report["tasks"][2]["attempts"], 1);
+  EXPECT_EQ(report["tasks"][2]["seconds"], 10.0);
+  EXPECT_EQ(report["tasks"][2]["stats"]["energy"], 1);
+}
+
+TEST_F(DispatcherTest, ExpiredLeaseGoesToAnotherAndTheLateReportIsRefused) {
+  const std::string job = Create(AJob(1));
+  const std::string first = Worker(), second = Worker();
+  const auto lost = Lease(first);
+  ASSERT_TRUE(lost);
+  clock_.Advance(29);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_FALSE(Lease(second));
+  clock_.Advance(2);
+  const auto again = Lease(second);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->task, lost->task);
+  EXPECT_EQ(again->attempt, 2);
+  EXPECT_EQ(Succeed(first, *lost).code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(Fail(first, *lost, ErrorClass::kInput).code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(*dispatcher_->Heartbeat(first, {{lost->task, 1, 0.5, ""}}), ElementsAre(lost->task));
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
+  EXPECT_TRUE(Succeed(second, *again).ok());
+  EXPECT_TRUE(Succeed(second, *again).ok());  // said twice
+  EXPECT_EQ(Succeed(first, *again).code(), absl::StatusCode::kFailedPrecondition);
+}
+
+TEST_F(DispatcherTest, HeartbeatsKeepALease) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  const auto lease = Lease(worker);
+  ASSERT_TRUE(lease);
+  for (int i = 0; i < 5; ++i) {
+    clock_.Advance(20);
+    EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{lease->task, 1, 0.1 * i, "reading"}}), IsEmpty());
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+  }
+  EXPECT_NEAR(Task(job, 0).progress, 0.4, 1e-12);
+  EXPECT_EQ(Task(job, 0).stage, "reading");
+  EXPECT_EQ(dispatcher_->ListWorkers().at(0).tasks, std::vector<std::string>{lease->task});
+  EXPECT_TRUE(Succeed(worker, *lease).ok());
+}
+
+TEST_F(DispatcherTest, TransientErrorsBackOffAndEndTheTask) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  const double delays_s[] = {1, 2, 4};
+  for (const double delay_s : delays_s) {
+    const auto lease = Lease(worker);
+    ASSERT_TRUE(lease);
+    ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kTransient).ok());
+    clock_.Advance(delay_s - 0.1);
+    EXPECT_FALSE(Lease(worker));
+    clock_.Advance(0.2);
+  }
+  const auto last = Lease(worker);
+  ASSERT_TRUE(last);
+  EXPECT_EQ(last->attempt, 4);
+  ASSERT_TRUE(Fail(worker, *last, ErrorClass::kTransient).ok());
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_THAT(Job(job).header.error, HasSubstr("read the scene: it broke (transient, attempt 4)"));
+  EXPECT_EQ(Job(job).header.artifacts.at(0).name, "job.json");
+}
+
+TEST_F(DispatcherTest, InputErrorFailsTheJobAtOnceAndStopsTheRest) {
+  const std::string job = Create(AJob(2));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  const auto a = Lease(worker), b = Lease(worker);
+  ASSERT_TRUE(a && b);
+  ASSERT_TRUE(Fail(worker, *a, ErrorClass::kInput).ok());
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_EQ(Job(job).header.error, "refine tile 1: it broke");
+  EXPECT_EQ(Task(job, 2).task.state, TaskState::kFailed);
+  EXPECT_EQ(Task(job, 1).task.state, TaskState::kCancelled);
+  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{b->task, 1, 0, ""}}), ElementsAre(b->task));
+  EXPECT_EQ(Succeed(worker, *b).code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_FALSE(Lease(worker));
+}
+
+TEST_F(DispatcherTest, ThreeSilentWorkersMakeATaskPoison) {
+  const std::string job = Create(AJob(1));
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_TRUE(Lease(Worker())) << i;
+    clock_.Advance(31);
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+  }
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_EQ(Task(job, 0).task.error.error_class, ErrorClass::kPoison);
+  EXPECT_THAT(Job(job).header.error, HasSubstr("'read the scene'"));
+}
+
+TEST_F(DispatcherTest, MemoryErrorGoesToAnotherWorkerThenFails) {
+  const std::string job = Create(AJob(1));
+  const std::string small = Worker(), large = Worker();
+  ASSERT_TRUE(Fail(small, *Lease(small), ErrorClass::kMemory).ok());
+  EXPECT_FALSE(Lease(small));
+  const auto lease = Lease(large);
+  ASSERT_TRUE(lease);
+  ASSERT_TRUE(Fail(large, *lease, ErrorClass::kMemory).ok());
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+}
+
+TEST_F(DispatcherTest, LeavingReturnsTheTaskAtOnce) {
+  Create(AJob(1));
+  const std::string first = Worker(), second = Worker();
+  ASSERT_TRUE(Lease(first));
+  ASSERT_TRUE(dispatcher_->UnregisterWorker(first).ok());
+  const auto lease = Lease(second);
+  ASSERT_TRUE(lease);
+  EXPECT_EQ(lease->attempt, 2);
+  EXPECT_EQ(dispatcher_->LeaseTask(first, 0, {}).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(dispatcher_->Heartbeat(first, {}).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(DispatcherTest, AbortedAttemptIsLeasedAgainAtOnce) {
+  Create(AJob(1));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kAborted).ok());
+  const auto lease = Lease(worker);
+  ASSERT_TRUE(lease);
+  EXPECT_EQ(lease->attempt, 2);
+}
+
+TEST_F(DispatcherTest, SilentWorkersAreForgotten) {
+  const std::string worker = Worker();
+  clock_.Advance(100);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_TRUE(dispatcher_->ListWorkers().empty());
+  EXPECT_EQ(dispatcher_->Heartbeat(worker, {}).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(DispatcherTest, NothingIsDoneTwice) {
+  const std::string worker = Worker();
+  const std::string first = Create(AJob(2));
+  EXPECT_EQ(WorkAll(worker), 4);
+  // The same again: no task runs, not even for a moment.
+  const std::string second = Create(AJob(2));
+  EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);
+  EXPECT_EQ(Job(second).header.artifacts[0], Job(first).header.artifacts[0]);
+  EXPECT_TRUE(Task(second, 1).task.reused);
+  EXPECT_EQ(Task(second, 1).task.attempt(), 0);
+  // Another number of tiles shares what it can: ingest and the first two tiles.
+  const std::string third = Create(AJob(3));
+  EXPECT_EQ(WorkAll(worker), 2);
+  EXPECT_EQ(Job(third).header.state, JobState::kSucceeded);
+  // Another content shares nothing.
+  Create(AJob(2, "{\"other\":1}"));
+  EXPECT_EQ(WorkAll(worker), 4);
+}
+
+TEST_F(DispatcherTest, LostBlobsAreMadeAnew) {
+  const std::string worker = Worker();
+  const std::string first = Create(AJob(1));
+  WorkAll(worker);
+  ASSERT_TRUE(RemoveTree(blobs_->Path(Task(first, 1).task.outputs[0].digest)).ok());
+  const std::string second = Create(AJob(1));
+  EXPECT_EQ(WorkAll(worker), 1);
+  EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);
+  EXPECT_FALSE(Task(second, 1).task.reused);
+}
+
+TEST_F(DispatcherTest, OutputsMustBeThere) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  const auto ingest = Lease(worker);
+  ReportedResult result = Result(*ingest);
+  result.outputs.push_back({"more", {std::string(64, 'a'), 5}});
+  ASSERT_TRUE(dispatcher_->ReportSuccess(worker, ingest->task, 1, result).ok());
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady);
+  EXPECT_THAT(Task(job, 0).task.error.message, HasSubstr("not stored"));
+  clock_.Advance(2);
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  const auto refine = Lease(worker);
+  ASSERT_TRUE(dispatcher_->ReportSuccess(worker, refine->task, 1, {}).ok());
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_THAT(Job(job).header.error, HasSubstr("no output refined, which 'publish' reads"));
+}
+
+TEST_F(DispatcherTest, PlanFaultsFailTheJob) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  const auto ingest = Lease(worker);
+  ASSERT_TRUE(dispatcher_->ReportSuccess(worker, ingest->task, 1, Result(*ingest, "bad")).ok());
+  EXPECT_EQ(Job(job).header.error, "cannot plan the job: bad survey");
+  NewJob unknown = AJob(1);
+  unknown.settings.method = "magic";
+  EXPECT_EQ(dispatcher_->CreateJob(unknown).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST_F(DispatcherTest, CancelStopsAndIsFinal) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  const auto lease = Lease(worker);
+  EXPECT_EQ(dispatcher_->CancelJob(job)->header.state, JobState::kCancelled);
+  EXPECT_EQ(dispatcher_->CancelJob(job)->header.state, JobState::kCancelled);
+  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{lease->task, 1, 0, ""}}), ElementsAre(lease->task));
+  EXPECT_FALSE(Succeed(worker, *lease).ok());
+  EXPECT_FALSE(Lease(worker));
+  EXPECT_EQ(dispatcher_->CancelJob("jobs/9").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(dispatcher_->GetJob("nonsense").status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST_F(DispatcherTest, OlderJobsFirstAndRequestsOnce) {
+  NewJob job = AJob(1, "a");
+  job.request_id = "r";
+  const std::string first = Create(job);
+  EXPECT_EQ(Create(job), first);
+  const std::string second = Create(AJob(1, "b"));
+  EXPECT_NE(first, second);
+  EXPECT_EQ(dispatcher_->FindRequest("r")->header.name, first);
+  job.scene_path = "/other";
+  EXPECT_EQ(dispatcher_->CreateJob(job).status().code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_EQ(Lease(Worker())->task, first + "/tasks/0");
+  const auto list = dispatcher_->ListJobs(-1, 10);
+  ASSERT_EQ(list.size(), 2u);
+  EXPECT_EQ(list[0].header.name, second);
+  EXPECT_EQ(dispatcher_->ListJobs(1, 10).at(0).header.name, first);
+}
+
+TEST_F(DispatcherTest, WorkersGoOnAfterARestart) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  const auto lease = Lease(worker);
+  clock_.Advance(25);
+  Restart();
+  // A new worker never gets an old one's name, and the lease has a full term from now on.
+  EXPECT_NE(Worker(), worker);
+  clock_.Advance(25);
+  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{lease->task, lease->attempt, 0.5, ""}}), IsEmpty());
+  ASSERT_TRUE(Succeed(worker, *lease).ok());
+  WorkAll(worker);
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+  // Who does not come back loses the task; numbers go on.
+  Create(AJob(1, "other"));
+  ASSERT_TRUE(Lease(worker));
+  Restart();
+  clock_.Advance(31);
+  const auto again = Lease(Worker());
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->attempt, 2);
+}
+
+TEST_F(DispatcherTest, WhatCannotBeStoredDidNotHappen) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  store_.fail = true;
+  EXPECT_FALSE(dispatcher_->LeaseTask(worker, 0, {}).ok());
+  EXPECT_FALSE(dispatcher_->CreateJob(AJob(2)).ok());
+  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 1u);
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady);
+  store_.fail = false;
+  EXPECT_EQ(Lease(worker)->attempt, 1);
+}
+
+TEST_F(DispatcherTest, WaitingWorkerWakesWhenAJobComes) {
+  const std::string worker = Worker();
+  std::thread creator([&] { Create(AJob(1)); });
+  const auto lease = dispatcher_->LeaseTask(worker, 60, {});
+  creator.join();
+  ASSERT_TRUE(lease.ok() && *lease);
+  EXPECT_EQ((*lease)->plan.kind, "ingest");
+  std::thread stopper([&] { dispatcher_->Stop(); });
+  EXPECT_FALSE(*dispatcher_->LeaseTask(worker, 60, {}));
+  stopper.join();
+  EXPECT_FALSE(*dispatcher_->LeaseTask(worker, 60, [] { return true; }));
+}
+
+TEST_F(DispatcherTest, DamagedHistoryIsRefused) {
+  Create(AJob(1));
+  store_.records.push_back(store_.records[0]);  // the same job accepted twice
+  const auto twice = Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, {}}, {});
+  EXPECT_EQ(twice.status().code(), absl::StatusCode::kDataLoss);
+  store_.records.back() = "not a record";
+  EXPECT_EQ(Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, {}}, {}).status().code(),
+            absl::StatusCode::kDataLoss);
+}
+
+}  // namespace
+}  // namespace tessera
