@@ -1,0 +1,311 @@
+#include "common/scene/check.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <unordered_map>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "common/base/parallel.h"
+#include "common/geometry/repair.h"
+#include "common/imaging/image_io.h"
+#include "common/scene/colmap.h"
+#include "common/scene/coverage.h"
+#include "common/scene/loading.h"
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kFacesTried = 200000;
+
+std::string InWords(const Crs& crs) {
+  constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
+  switch (crs.kind) {
+    case Crs::Kind::kLocal:
+      return "local";
+    case Crs::Kind::kEnu:
+      return absl::StrFormat("east-north-up at %.6f, %.6f, %.1f m (WGS 84)", crs.lat_rad * kDegreesPerRadian,
+                             crs.lon_rad * kDegreesPerRadian, crs.height_m);
+    case Crs::Kind::kUtm:
+      return absl::StrCat("UTM zone ", crs.zone, crs.north ? " north" : " south", " (WGS 84)");
+    case Crs::Kind::kEcef:
+      return "earth-centred (WGS 84)";
+  }
+  return "";
+}
+
+double Median(std::vector<double>* values) {
+  const auto middle = values->begin() + values->size() / 2;
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+class SceneChecker {
+ public:
+  SceneChecker(const SceneDescription& scene, Warnings* warnings, Faults* faults, const TaskControl& control)
+      : scene_(scene), warnings_(*warnings), faults_(*faults), control_(control) {}
+
+  StatusOr<SceneSummary> Check() {
+    Describe();
+    CheckPixels();
+    TESSERA_RETURN_IF_ERROR(control_.Check());
+    control_.Report(0.7, "mesh");
+    TESSERA_RETURN_IF_ERROR(CheckMeshAndSight());
+    control_.Report(0.95, "points");
+    CheckReprojection();
+    TESSERA_RETURN_IF_ERROR(control_.Check());
+    control_.Report(1, "done");
+    return summary_;
+  }
+
+ private:
+  void Describe() {
+    summary_.name = scene_.name;
+    summary_.crs = InWords(scene_.frame.crs());
+    summary_.images = static_cast<int64_t>(scene_.views.size());
+    summary_.has_likelihoods = scene_.has_likelihoods;
+    std::map<std::pair<int, int>, int64_t> sizes;
+    for (const Flight& flight : scene_.flights) summary_.flights.push_back({flight, 0});
+    for (const SceneView& view : scene_.views) {
+      ++sizes[{view.lens.pinhole.width, view.lens.pinhole.height}];
+      if (view.flight >= 0 && view.flight < static_cast<int>(summary_.flights.size())) {
+        ++summary_.flights[view.flight].images;
+      }
+    }
+    for (const auto& [size, images] : sizes) summary_.sizes.push_back({size.first, size.second, images});
+    for (const SceneClass& entry : scene_.classes) summary_.classes.push_back({entry.name, 0, 0});
+  }
+
+  // Every image and every likelihood file is decoded once.
+  void CheckPixels() {
+    const int64_t views = summary_.images;
+    std::vector<Status> image_status(views), likelihood_status(views);
+    std::atomic<int64_t> done = 0;
+    ParallelFor(views, 1, [&](int64_t i, int64_t) {
+      if (!control_.Check().ok()) return;
+      const SceneView& view = scene_.views[i];
+      if (!view.image_path.empty()) {
+        image_status[i] = ReadLuminance(absl::StrCat(scene_.folder, "/", view.image_path), view.lens).status();
+      }
+      if (!view.likelihood_path.empty()) {
+        likelihood_status[i] = ReadLikelihoods(absl::StrCat(scene_.folder, "/", view.likelihood_path),
+                                               static_cast<int>(scene_.classes.size()), view.lens)
+                                   .status();
+      }
+      const int64_t now = ++done;
+      control_.Report(0.7 * static_cast<double>(now) / static_cast<double>(views),
+                      absl::StrCat("images, ", now, " of ", views));
+    });
+    for (int64_t i = 0; i < views; ++i) {
+      faults_.Add(image_status[i]);
+      faults_.Add(likelihood_status[i]);
+    }
+  }
+
+  Status CheckMeshAndSight() {
+    if (scene_.mesh_path.empty()) return absl::OkStatus();  // already a fault
+    const std::string path = absl::StrCat(scene_.folder, "/", scene_.mesh_path);
+    StatusOr<TriangleMesh> loaded = LoadSceneMesh(scene_, 0);
+    if (!loaded.ok()) {
+      faults_.Add(loaded.status());
+      return absl::OkStatus();
+    }
+    const TriangleMesh& mesh = *loaded;
+    DescribeMesh(mesh);
+    const StatusOr<RepairedMesh> repaired = RepairMesh(mesh, &warnings_);
+    if (!repaired.ok()) {
+      faults_.Add(absl::InvalidArgumentError(absl::StrCat(path, ": ", std::string(repaired.status().message()))));
+      return absl::OkStatus();
+    }
+    if (repaired->mesh.faces.empty()) {
+      faults_.Add(InputError(path, "", "degenerate faces alone", "a mesh"));
+      return absl::OkStatus();
+    }
+    if (scene_.views.empty()) return absl::OkStatus();
+    const StatusOr<double> gsd_m = MedianGsd(scene_, mesh);
+    if (gsd_m.ok()) {
+      summary_.gsd_m = *gsd_m;
+      faults_.Add(LoadSceneMesh(scene_, *gsd_m).status());  // the rounding of floats
+    }
+    control_.Report(0.75, "visibility");
+    TESSERA_ASSIGN_OR_RETURN(const Coverage coverage, MeasureCoverage(scene_, repaired->mesh, kFacesTried, control_));
+    for (size_t i = 0; i < coverage.views.size(); ++i) {
+      const std::string image = absl::StrCat("image '", scene_.views[i].name, "'");
+      if (coverage.views[i] == ViewSight::kNothing) {
+        faults_.Add(InputError(path, image, "no face in front of its camera and inside the image",
+                               "a camera that sees the mesh"));
+      } else if (coverage.views[i] == ViewSight::kBehindMesh) {
+        faults_.Add(InputError(path, image, "mostly backs of faces: its camera is behind the mesh",
+                               "a camera that sees the outside of the mesh"));
+      }
+    }
+    summary_.faces_tried = coverage.faces_tried;
+    summary_.unseen_share = static_cast<double>(coverage.unseen) / static_cast<double>(coverage.faces_tried);
+    summary_.under_three_share = static_cast<double>(coverage.under_three) / static_cast<double>(coverage.faces_tried);
+    return absl::OkStatus();
+  }
+
+  void DescribeMesh(const TriangleMesh& mesh) {
+    summary_.vertices = static_cast<int64_t>(mesh.vertices.size());
+    summary_.faces = static_cast<int64_t>(mesh.faces.size());
+    summary_.has_labels = !mesh.labels.empty();
+    for (size_t f = 0; f < mesh.faces.size(); ++f) {
+      const double area = FaceArea(mesh, f);
+      summary_.surface_m2 += area;
+      if (mesh.labels.empty()) continue;
+      if (mesh.labels[f] < 0) {
+        ++summary_.unlabelled_faces;
+        continue;
+      }
+      SceneSummary::ClassShare& entry = summary_.classes[mesh.labels[f]];
+      ++entry.faces;
+      entry.area_share += area;
+    }
+    for (SceneSummary::ClassShare& entry : summary_.classes) {
+      entry.area_share = summary_.surface_m2 > 0 ? entry.area_share / summary_.surface_m2 : 0;
+    }
+    const Eigen::Vector3d east = scene_.up_in_local.unitOrthogonal(), north = scene_.up_in_local.cross(east);
+    const Eigen::Vector3d axes[3] = {std::abs(scene_.up_in_local.z()) > 0.999999 ? Eigen::Vector3d::UnitX() : east,
+                                     std::abs(scene_.up_in_local.z()) > 0.999999 ? Eigen::Vector3d::UnitY() : north,
+                                     scene_.up_in_local};
+    Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+    for (const Eigen::Vector3d& p : mesh.vertices) {
+      const Eigen::Vector3d q(axes[0].dot(p), axes[1].dot(p), axes[2].dot(p));
+      low = low.cwiseMin(q);
+      high = high.cwiseMax(q);
+    }
+    summary_.extent_m2 = (high.x() - low.x()) * (high.y() - low.y());
+    const Eigen::Vector3d centre = (low + high) / 2;
+    const StatusOr<Eigen::Vector3d> place =
+        scene_.frame.GeodeticFromLocal(axes[0] * centre.x() + axes[1] * centre.y() + axes[2] * centre.z());
+    if (place.ok()) {
+      summary_.lat_deg = place->x() * 180 / std::numbers::pi;
+      summary_.lon_deg = place->y() * 180 / std::numbers::pi;
+    }
+    if (summary_.unlabelled_faces > 0) {
+      warnings_.push_back(absl::StrCat(scene_.mesh_path, ": ", summary_.unlabelled_faces, " faces have no label"));
+    }
+  }
+
+  // The model's own image points if it has any, else whether its points fall into the images of their tracks.
+  void CheckReprojection() {
+    if (scene_.views.empty()) return;
+    const std::string folder = absl::StrCat(scene_.folder, "/", scene_.cameras_folder);
+    Faults faults;
+    const ColmapModel model = ReadColmapModel(folder, ColmapContent::kCamerasAndPoints, &faults);
+    const std::vector<std::string> known = faults_.messages();
+    for (const std::string& message : faults.messages()) {
+      if (std::find(known.begin(), known.end(), message) == known.end()) {
+        faults_.Add(absl::InvalidArgumentError(message));
+      }
+    }
+    if (model.points.empty()) return;
+    std::unordered_map<uint64_t, const ColmapPoint*> points;
+    for (const ColmapPoint& point : model.points) points.emplace(point.id, &point);
+    std::unordered_map<uint32_t, const ColmapImage*> images;
+    SceneSummary::Reprojection result;
+    std::vector<double> errors_px;
+    int64_t dangling = 0, inside = 0;
+    const auto project = [&](const ColmapImage& image, const Eigen::Vector3d& p) {
+      const LensModel& lens = model.cameras.at(image.camera_id);
+      const PosedCamera camera{lens.pinhole, image.rotation_cam_from_world, image.translation_cam_from_world};
+      const Eigen::Vector3d q = camera.Project(p);
+      const Eigen::Vector2d distorted = lens.Distort(q.head<2>());
+      return Eigen::Vector3d(distorted.x(), distorted.y(), q.z());
+    };
+    for (const ColmapImage& image : model.images) {
+      images.emplace(image.id, &image);
+      for (const ColmapObservation& observation : image.observations) {
+        const auto it = points.find(observation.point_id);
+        if (it == points.end()) {
+          ++dangling;
+          continue;
+        }
+        const Eigen::Vector3d q = project(image, it->second->position);
+        errors_px.push_back(q.z() > 0 ? (q.head<2>() - observation.position_px).norm() : 1e9);
+      }
+    }
+    for (const ColmapPoint& point : model.points) {
+      for (const uint32_t image_id : point.image_ids) {
+        const auto it = images.find(image_id);
+        if (it == images.end()) {
+          ++dangling;
+          continue;
+        }
+        ++result.track_entries;
+        const PinholeCamera& camera = model.cameras.at(it->second->camera_id).pinhole;
+        const Eigen::Vector3d q = project(*it->second, point.position);
+        PosedCamera camera_alone;
+        camera_alone.intrinsics = camera;
+        inside += camera_alone.InImage(q);
+      }
+    }
+    if (dangling > 0) {
+      warnings_.push_back(
+          absl::StrCat(folder, ": ", dangling, " references between images and 3D points lead nowhere"));
+    }
+    result.observations = static_cast<int64_t>(errors_px.size());
+    if (!errors_px.empty()) result.median_px = Median(&errors_px);
+    if (result.track_entries > 0) {
+      result.inside_share = static_cast<double>(inside) / static_cast<double>(result.track_entries);
+    }
+    JudgeReprojection(folder, result);
+    summary_.reprojection = result;
+  }
+
+  void JudgeReprojection(const std::string& folder, const SceneSummary::Reprojection& result) {
+    constexpr double kOdd_px = 3, kWrong_px = 50, kOddShare = 0.95, kWrongShare = 0.5;
+    if (result.observations > 0 && result.median_px > kOdd_px) {
+      const std::string found = absl::StrFormat("a median reprojection error of %.1f px", result.median_px);
+      if (result.median_px > kWrong_px) {
+        faults_.Add(InputError(folder, "", found, "cameras that fit their 3D points"));
+      } else {
+        warnings_.push_back(absl::StrCat(folder, ": ", found));
+      }
+    }
+    if (result.track_entries > 0 && result.inside_share < kOddShare) {
+      const std::string found =
+          absl::StrFormat("%.1f %% of the 3D points inside the images of their tracks", 100 * result.inside_share);
+      if (result.inside_share < kWrongShare) {
+        faults_.Add(InputError(folder, "", found, "cameras that fit their 3D points"));
+      } else {
+        warnings_.push_back(absl::StrCat(folder, ": ", found));
+      }
+    }
+  }
+
+  const SceneDescription& scene_;
+  Warnings& warnings_;
+  Faults& faults_;
+  const TaskControl& control_;
+  SceneSummary summary_;
+};
+
+StatusOr<SceneSummary> CheckAndReport(const SceneDescription& scene, Warnings* warnings, Faults* faults,
+                                      const TaskControl& control) {
+  Warnings unused;
+  TESSERA_ASSIGN_OR_RETURN(SceneSummary summary,
+                           SceneChecker(scene, warnings == nullptr ? &unused : warnings, faults, control).Check());
+  TESSERA_RETURN_IF_ERROR(faults->ToStatus());
+  return summary;
+}
+
+}  // namespace
+
+StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warnings, const TaskControl& control) {
+  Faults faults;
+  return CheckAndReport(scene, warnings, &faults, control);
+}
+
+StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
+  Faults faults;
+  const SceneDescription scene = LoadSceneCollecting(path, warnings, &faults);
+  if (scene.files.empty()) return faults.ToStatus();  // no scene.json
+  return CheckAndReport(scene, warnings, &faults, control);
+}
+
+}  // namespace tessera

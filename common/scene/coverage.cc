@@ -1,0 +1,86 @@
+#include "common/scene/coverage.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "common/base/parallel.h"
+#include "common/geometry/ray_caster.h"
+
+namespace tessera {
+namespace {
+
+Eigen::Vector3d Centroid(const TriangleMesh& mesh, int64_t face) {
+  return (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
+}
+
+bool Faces(const TriangleMesh& mesh, int64_t face, const Eigen::Vector3d& centre) {
+  return FaceCross(mesh, face).dot(mesh.Corner(face, 0) - centre) < 0;
+}
+
+ViewSight SightOf(const SceneView& view, const TriangleMesh& mesh, const RayCaster& caster) {
+  constexpr int kGrid = 16;
+  const Eigen::Vector3d centre = view.camera.Centre();
+  int fronts = 0, backs = 0;
+  for (int y = 0; y < kGrid; ++y) {
+    for (int x = 0; x < kGrid; ++x) {
+      const Eigen::Vector3d ray = view.camera.Ray((x + 0.5) / kGrid * view.camera.intrinsics.width,
+                                                  (y + 0.5) / kGrid * view.camera.intrinsics.height);
+      const RayHit hit = caster.Cast(centre, ray);
+      if (hit.hit()) ++(Faces(mesh, hit.face, centre) ? fronts : backs);
+    }
+  }
+  if (backs > fronts) return ViewSight::kBehindMesh;
+  if (fronts > 0) return ViewSight::kGood;
+  // A mesh so small in the image that every ray of the grid misses it.
+  bool back_in_frustum = false;
+  for (int64_t face = 0; face < static_cast<int64_t>(mesh.faces.size()); ++face) {
+    if (!view.camera.InImage(view.camera.Project(Centroid(mesh, face)))) continue;
+    if (Faces(mesh, face, centre)) return ViewSight::kGood;
+    back_in_frustum = true;
+  }
+  return back_in_frustum ? ViewSight::kBehindMesh : ViewSight::kNothing;
+}
+
+}  // namespace
+
+StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const TriangleMesh& mesh, int64_t largest_sample,
+                                   const TaskControl& control) {
+  Coverage coverage;
+  const RayCaster caster(mesh);
+  const int64_t views = static_cast<int64_t>(scene.views.size());
+  coverage.views.assign(views, ViewSight::kGood);
+  ParallelFor(views, 1, [&](int64_t i, int64_t) {
+    if (control.Check().ok()) coverage.views[i] = SightOf(scene.views[i], mesh, caster);
+  });
+  const int64_t faces = static_cast<int64_t>(mesh.faces.size());
+  const int64_t stride = std::max<int64_t>(1, (faces + largest_sample - 1) / std::max<int64_t>(largest_sample, 1));
+  coverage.faces_tried = (faces + stride - 1) / stride;
+  std::atomic<int64_t> unseen = 0, under_three = 0;
+  ParallelFor(coverage.faces_tried, 1024, [&](int64_t begin, int64_t end) {
+    if (!control.Check().ok()) return;
+    int64_t chunk_unseen = 0, chunk_under_three = 0;
+    for (int64_t i = begin; i < end; ++i) {
+      const int64_t face = i * stride;
+      const Eigen::Vector3d centroid = Centroid(mesh, face);
+      int seen = 0;
+      for (int64_t v = 0; v < views && seen < 3; ++v) {
+        const PosedCamera& camera = scene.views[v].camera;
+        const Eigen::Vector3d projected = camera.Project(centroid), centre = camera.Centre();
+        if (!camera.InImage(projected) || !Faces(mesh, face, centre)) continue;
+        // A thousandth of the distance, so that the face's own surface and its neighbours do not hide it.
+        if (!caster.Occluded(centre, centroid, 1e-3 * (centroid - centre).norm())) ++seen;
+      }
+      chunk_unseen += seen == 0;
+      chunk_under_three += seen < 3;
+    }
+    unseen += chunk_unseen;
+    under_three += chunk_under_three;
+  });
+  TESSERA_RETURN_IF_ERROR(control.Check());
+  coverage.unseen = unseen;
+  coverage.under_three = under_three;
+  return coverage;
+}
+
+}  // namespace tessera

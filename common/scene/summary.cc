@@ -1,0 +1,96 @@
+// The scene's summary in words and as JSON.
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "common/scene/check.h"
+
+namespace tessera {
+namespace {
+
+std::string AreaText(double m2) {
+  return m2 >= 1e5 ? absl::StrFormat("%.3f km2", m2 / 1e6) : absl::StrFormat("%.1f m2", m2);
+}
+
+}  // namespace
+
+std::string SummaryToText(const SceneSummary& s) {
+  std::string text;
+  const auto row = [&](const std::string& name, const std::string& value) {
+    absl::StrAppend(&text, absl::StrFormat("%-14s ", name), value, "\n");
+  };
+  row("scene", s.name);
+  row("coordinates", s.lat_deg ? absl::StrFormat("%s; centre at %.6f, %.6f", s.crs, *s.lat_deg, *s.lon_deg) : s.crs);
+  std::string sizes;
+  for (const SceneSummary::SizeCount& size : s.sizes) {
+    absl::StrAppend(&sizes, sizes.empty() ? "" : ", ", size.images, " of ", size.width, " x ", size.height);
+  }
+  row("images", absl::StrCat(s.images, " (", sizes, ")"));
+  for (const SceneSummary::FlightCount& entry : s.flights) {
+    row("flight", absl::StrCat(entry.flight.name, entry.flight.date.empty() ? "" : ", ", entry.flight.date, ": ",
+                               entry.images, " images"));
+  }
+  row("likelihoods", s.has_likelihoods ? "yes" : "none: geometry only");
+  row("GSD", absl::StrFormat("%.4f m", s.gsd_m));
+  row("mesh", absl::StrCat(s.faces, " faces, ", s.vertices, " vertices", s.has_labels ? ", labelled" : ", no labels"));
+  row("area", absl::StrCat(AreaText(s.surface_m2), " of surface on ", AreaText(s.extent_m2), " of ground"));
+  for (const SceneSummary::ClassShare& entry : s.classes) {
+    row("class", s.has_labels ? absl::StrFormat("%-12s %5.1f %% of the area, %d faces", entry.name,
+                                                100 * entry.area_share, entry.faces)
+                              : entry.name);
+  }
+  row("seen", absl::StrFormat("%.1f %% of the faces by no view, %.1f %% by fewer than 3%s", 100 * s.unseen_share,
+                              100 * s.under_three_share,
+                              s.faces_tried < s.faces ? absl::StrCat(" (", s.faces_tried, " tried)") : ""));
+  if (!s.reprojection) {
+    row("3D points", "none");
+  } else {
+    row("3D points", absl::StrCat(s.reprojection->observations > 0
+                                      ? absl::StrFormat("%d image points, median error %.2f px; ",
+                                                        s.reprojection->observations, s.reprojection->median_px)
+                                      : "no image points; ",
+                                  absl::StrFormat("%.1f %% of %d track entries inside their images",
+                                                  100 * s.reprojection->inside_share, s.reprojection->track_entries)));
+  }
+  return text;
+}
+
+std::string SummaryToJson(const SceneSummary& s, const Warnings& warnings) {
+  nlohmann::ordered_json json;
+  json["name"] = s.name;
+  json["crs"] = s.crs;
+  if (s.lat_deg) json["centre"] = {{"lat_deg", *s.lat_deg}, {"lon_deg", *s.lon_deg}};
+  json["images"] = s.images;
+  json["sizes"] = nlohmann::ordered_json::array();
+  for (const auto& size : s.sizes) {
+    json["sizes"].push_back({{"width_px", size.width}, {"height_px", size.height}, {"images", size.images}});
+  }
+  json["flights"] = nlohmann::ordered_json::array();
+  for (const auto& entry : s.flights) {
+    json["flights"].push_back({{"name", entry.flight.name}, {"date", entry.flight.date}, {"images", entry.images}});
+  }
+  json["has_likelihoods"] = s.has_likelihoods;
+  json["gsd_m"] = s.gsd_m;
+  json["vertices"] = s.vertices;
+  json["faces"] = s.faces;
+  json["surface_m2"] = s.surface_m2;
+  json["extent_m2"] = s.extent_m2;
+  json["has_labels"] = s.has_labels;
+  json["unlabelled_faces"] = s.unlabelled_faces;
+  json["classes"] = nlohmann::ordered_json::array();
+  for (const auto& entry : s.classes) {
+    json["classes"].push_back({{"name", entry.name}, {"faces", entry.faces}, {"area_share", entry.area_share}});
+  }
+  json["coverage"] = {
+      {"faces_tried", s.faces_tried}, {"unseen_share", s.unseen_share}, {"under_three_share", s.under_three_share}};
+  if (s.reprojection) {
+    json["reprojection"] = {{"observations", s.reprojection->observations},
+                            {"median_px", s.reprojection->median_px},
+                            {"track_entries", s.reprojection->track_entries},
+                            {"inside_share", s.reprojection->inside_share}};
+  }
+  json["warnings"] = warnings;
+  return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace tessera
