@@ -28,16 +28,16 @@ struct PlannedTask {
 
 // What a user asks of a job; everything in it enters the tasks' parameters. JSON in proto Job.settings_json.
 struct JobSettings {
-  int tiles = 0;             // 0: as many as fit; 1: the untiled run
-  int rounds = 0;            // outer loop; 0: the default
+  int tiles = 0;   // 0: as many as fit; 1: the untiled run
+  int rounds = 0;  // outer loop; 0: the default
   std::string method = "tessera";
 };
 
 // The first task of a job. `scene_files`: every file of the scene, relative, sorted.
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
 
-// The rest of the job, to be appended behind the ingest task (index 0), in an order where producers come first. `survey`:
-// content of ingest's output "survey.json". Deterministic.
+// The rest of the job, to be appended behind the ingest task (index 0), in an order where producers come first.
+// `survey`: content of ingest's output "survey.json". Deterministic.
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey);
 
 }  // namespace tessera

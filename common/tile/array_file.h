@@ -1,0 +1,62 @@
+// One container for every intermediate file: named typed arrays and a JSON string.
+#ifndef TESSERA_COMMON_TILE_ARRAY_FILE_H_
+#define TESSERA_COMMON_TILE_ARRAY_FILE_H_
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "common/base/status.h"
+
+namespace tessera {
+
+using ArrayData = std::variant<std::vector<float>, std::vector<double>, std::vector<int32_t>, std::vector<uint32_t>,
+                               std::vector<int64_t>, std::vector<uint8_t>>;
+
+// A plain value; equal values are equal bytes on disk.
+struct ArrayFile {
+  std::string name = "array file";  // the path it came from, for messages; not stored
+  std::string metadata = "{}";      // canonical JSON
+  std::map<std::string, ArrayData> arrays;
+
+  // Moves the array `array` out. DATA_LOSS if it is missing, of another type, or has not `count` values (pass -1 to
+  // take any number).
+  template <class T>
+  StatusOr<std::vector<T>> Take(const std::string& array, int64_t count = -1) {
+    const auto it = arrays.find(array);
+    if (it == arrays.end()) return Missing(array);
+    auto* values = std::get_if<std::vector<T>>(&it->second);
+    if (values == nullptr) return WrongType(array);
+    if (count >= 0 && static_cast<int64_t>(values->size()) != count) {
+      return WrongCount(array, static_cast<int64_t>(values->size()), count);
+    }
+    std::vector<T> taken = std::move(*values);
+    arrays.erase(it);
+    return taken;
+  }
+
+ private:
+  Status Missing(const std::string& array) const;
+  Status WrongType(const std::string& array) const;
+  Status WrongCount(const std::string& array, int64_t found, int64_t expected) const;
+};
+
+// Layout (little-endian): "TESARR" 0 VERSION; u64 file size; u64 metadata size; u64 array count; then for each array,
+// by name: u16 name size, name, u8 type, u64 count, u64 offset, u64 XXH3 of its bytes; then the metadata; u64 XXH3 of
+// everything so far; then the arrays' bytes, each at a multiple of 64 with zeros between.
+std::string SerializeArrayFile(const ArrayFile& file);
+
+// Strict: anything but what SerializeArrayFile writes is DATA_LOSS with the byte offset, what was found and what was
+// expected. `name` stands for the file in messages.
+StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& name);
+
+// Through a temporary name, synced and renamed.
+Status WriteArrayFile(const std::string& path, const ArrayFile& file);
+StatusOr<ArrayFile> ReadArrayFile(const std::string& path);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_TILE_ARRAY_FILE_H_

@@ -1,0 +1,221 @@
+#include "common/tile/survey.h"
+
+#include <nlohmann/json.hpp>
+
+namespace tessera {
+namespace {
+
+using nlohmann::json;
+
+json VectorToJson(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+Eigen::Vector3d VectorFromJson(const json& j) {
+  return Eigen::Vector3d(j.at(0).get<double>(), j.at(1).get<double>(), j.at(2).get<double>());
+}
+
+json MatrixToJson(const Eigen::Matrix3d& m) {
+  json out = json::array();
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) out.push_back(m(r, c));
+  }
+  return out;
+}
+
+Eigen::Matrix3d MatrixFromJson(const json& j) {
+  Eigen::Matrix3d m;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) m(r, c) = j.at(3 * r + c).get<double>();
+  }
+  return m;
+}
+
+json PinholeToJson(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
+
+PinholeCamera PinholeFromJson(const json& j) { return {j.at(0), j.at(1), j.at(2), j.at(3), j.at(4), j.at(5)}; }
+
+json ViewToJson(const SceneView& view) {
+  return {{"name", view.name},
+          {"image", view.image_path},
+          {"likelihood", view.likelihood_path},
+          {"flight", view.flight},
+          {"lens",
+           {{"kind", static_cast<int>(view.lens.kind)},
+            {"pinhole", PinholeToJson(view.lens.pinhole)},
+            {"coefficients", view.lens.coefficients}}},
+          {"intrinsics", PinholeToJson(view.camera.intrinsics)},
+          {"rotation_cam_from_local", MatrixToJson(view.camera.rotation_cam_from_world)},
+          {"translation_cam_from_local", VectorToJson(view.camera.translation_cam_from_world)}};
+}
+
+SceneView ViewFromJson(const json& j) {
+  SceneView view;
+  view.name = j.at("name");
+  view.image_path = j.at("image");
+  view.likelihood_path = j.at("likelihood");
+  view.flight = j.at("flight");
+  const json& lens = j.at("lens");
+  view.lens.kind = static_cast<LensModel::Kind>(lens.at("kind").get<int>());
+  view.lens.pinhole = PinholeFromJson(lens.at("pinhole"));
+  for (size_t k = 0; k < std::size(view.lens.coefficients); ++k) {
+    view.lens.coefficients[k] = lens.at("coefficients").at(k);
+  }
+  view.camera.intrinsics = PinholeFromJson(j.at("intrinsics"));
+  view.camera.rotation_cam_from_world = MatrixFromJson(j.at("rotation_cam_from_local"));
+  view.camera.translation_cam_from_world = VectorFromJson(j.at("translation_cam_from_local"));
+  return view;
+}
+
+json ViewArray(const std::vector<SceneView>& views) {
+  json out = json::array();
+  for (const SceneView& view : views) out.push_back(ViewToJson(view));
+  return out;
+}
+
+std::vector<SceneView> ViewsFromArray(const json& j) {
+  std::vector<SceneView> views;
+  for (const json& view : j) views.push_back(ViewFromJson(view));
+  return views;
+}
+
+json ClassArray(const std::vector<SceneClass>& classes) {
+  json out = json::array();
+  for (const SceneClass& c : classes) {
+    out.push_back({{"name", c.name},
+                   {"color_rgb", c.color_rgb},
+                   {"prior_alpha_rad", c.prior_alpha_rad},
+                   {"prior_beta_rad", c.prior_beta_rad},
+                   {"smoothness", c.smoothness}});
+  }
+  return out;
+}
+
+std::vector<SceneClass> ClassesFromArray(const json& j) {
+  std::vector<SceneClass> classes;
+  for (const json& item : j) {
+    SceneClass c;
+    c.name = item.at("name");
+    c.color_rgb = item.at("color_rgb").get<std::array<uint8_t, 3>>();
+    c.prior_alpha_rad = item.at("prior_alpha_rad");
+    c.prior_beta_rad = item.at("prior_beta_rad");
+    c.smoothness = item.at("smoothness");
+    classes.push_back(std::move(c));
+  }
+  return classes;
+}
+
+Survey SurveyFromJson(const json& j) {
+  Survey s;
+  s.scene_name = j.at("scene_name");
+  s.gsd_m = j.at("gsd_m");
+  s.up = VectorFromJson(j.at("up"));
+  s.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
+  s.ground.axis_y = VectorFromJson(j.at("ground_axis_y"));
+  s.ground.cell_m = j.at("cell_m");
+  for (const json& item : j.at("cells")) {
+    SurveyCell cell;
+    cell.x = item.at("x");
+    cell.y = item.at("y");
+    cell.faces = item.at("faces");
+    cell.reach_m = item.at("reach_m");
+    cell.box_min = VectorFromJson(item.at("box_min"));
+    cell.box_max = VectorFromJson(item.at("box_max"));
+    cell.views = item.at("views").get<std::vector<int32_t>>();
+    s.cells.push_back(std::move(cell));
+  }
+  s.views = ViewsFromArray(j.at("views"));
+  s.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
+  s.classes = ClassesFromArray(j.at("classes"));
+  s.has_likelihoods = j.at("has_likelihoods");
+  s.has_labels = j.at("has_labels");
+  s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));
+  s.rotation_local_from_scene = MatrixFromJson(j.at("rotation_local_from_scene"));
+  s.input_vertices = j.at("input_vertices");
+  s.input_faces = j.at("input_faces");
+  s.vertices = j.at("vertices");
+  s.faces = j.at("faces");
+  s.warnings = j.at("warnings").get<Warnings>();
+  return s;
+}
+
+// Every view that is named exists.
+Status CheckCells(const Survey& s) {
+  if (!(s.gsd_m > 0) || !(s.ground.cell_m > 0) || s.cells.empty()) {
+    return absl::InvalidArgumentError("survey: expected a positive GSD and cell size and at least one cell");
+  }
+  const auto check_view = [&](int32_t view) {
+    if (view >= 0 && view < static_cast<int32_t>(s.views.size())) return absl::OkStatus();
+    return absl::InvalidArgumentError("survey: found view " + std::to_string(view) + " of " +
+                                      std::to_string(s.views.size()));
+  };
+  for (const SurveyCell& cell : s.cells) {
+    for (const int32_t view : cell.views) TESSERA_RETURN_IF_ERROR(check_view(view));
+  }
+  for (const auto& pair : s.pairs) {
+    for (const int32_t view : pair) TESSERA_RETURN_IF_ERROR(check_view(view));
+  }
+  return absl::OkStatus();
+}
+
+template <class Value, class Convert>
+StatusOr<Value> Parse(const std::string& text, const std::string& what, const Convert& convert) {
+  try {
+    return convert(json::parse(text));
+  } catch (const json::exception& e) {
+    return absl::InvalidArgumentError(what + ": " + e.what());
+  }
+}
+
+}  // namespace
+
+std::string SurveyToJson(const Survey& s) {
+  json cells = json::array();
+  for (const SurveyCell& cell : s.cells) {
+    cells.push_back({{"x", cell.x},
+                     {"y", cell.y},
+                     {"faces", cell.faces},
+                     {"reach_m", cell.reach_m},
+                     {"box_min", VectorToJson(cell.box_min)},
+                     {"box_max", VectorToJson(cell.box_max)},
+                     {"views", cell.views}});
+  }
+  const json out = {{"scene_name", s.scene_name},
+                    {"gsd_m", s.gsd_m},
+                    {"up", VectorToJson(s.up)},
+                    {"ground_axis_x", VectorToJson(s.ground.axis_x)},
+                    {"ground_axis_y", VectorToJson(s.ground.axis_y)},
+                    {"cell_m", s.ground.cell_m},
+                    {"cells", std::move(cells)},
+                    {"views", ViewArray(s.views)},
+                    {"pairs", s.pairs},
+                    {"classes", ClassArray(s.classes)},
+                    {"has_likelihoods", s.has_likelihoods},
+                    {"has_labels", s.has_labels},
+                    {"origin_in_scene", VectorToJson(s.origin_in_scene)},
+                    {"rotation_local_from_scene", MatrixToJson(s.rotation_local_from_scene)},
+                    {"input_vertices", s.input_vertices},
+                    {"input_faces", s.input_faces},
+                    {"vertices", s.vertices},
+                    {"faces", s.faces},
+                    {"warnings", s.warnings}};
+  return out.dump();
+}
+
+StatusOr<Survey> ParseSurvey(const std::string& text) {
+  TESSERA_ASSIGN_OR_RETURN(Survey survey, Parse<Survey>(text, "survey", SurveyFromJson));
+  TESSERA_RETURN_IF_ERROR(CheckCells(survey));
+  return survey;
+}
+
+std::string ViewsToJson(const std::vector<SceneView>& views) { return ViewArray(views).dump(); }
+
+StatusOr<std::vector<SceneView>> ParseViews(const std::string& text) {
+  return Parse<std::vector<SceneView>>(text, "views", ViewsFromArray);
+}
+
+std::string ClassesToJson(const std::vector<SceneClass>& classes) { return ClassArray(classes).dump(); }
+
+StatusOr<std::vector<SceneClass>> ParseClasses(const std::string& text) {
+  return Parse<std::vector<SceneClass>>(text, "classes", ClassesFromArray);
+}
+
+}  // namespace tessera

@@ -1,0 +1,61 @@
+// What ingest finds out about a scene, and all that planning and cutting need to know of it.
+#ifndef TESSERA_COMMON_TILE_SURVEY_H_
+#define TESSERA_COMMON_TILE_SURVEY_H_
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/scene/scene.h"
+#include "common/tile/ground.h"
+
+namespace tessera {
+
+// A square of the ground and the faces whose centroid lies over it.
+struct SurveyCell {
+  int x = 0, y = 0;
+  int64_t faces = 0;
+  double reach_m = 0;  // how far corners of its faces lie outside the cell, in the ground plane
+  // Everything of its faces lies in this box, local frame.
+  Eigen::Vector3d box_min = Eigen::Vector3d::Zero();
+  Eigen::Vector3d box_max = Eigen::Vector3d::Zero();
+  std::vector<int32_t> views;  // indices of the views chosen for it, ascending
+};
+
+struct Survey {
+  std::string scene_name;
+  double gsd_m = 0;
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // local frame
+  GroundPlane ground;
+  std::vector<SurveyCell> cells;  // those that have faces, by y, then x
+  std::vector<SceneView> views;
+  std::vector<std::array<int32_t, 2>> pairs;  // ordered pairs of views (reference, other) for the whole job
+  std::vector<SceneClass> classes;
+  bool has_likelihoods = false;
+  bool has_labels = false;
+  // p_scene = rotationᵀ p_local + origin.
+  Eigen::Vector3d origin_in_scene = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d rotation_local_from_scene = Eigen::Matrix3d::Identity();
+  int64_t input_vertices = 0, input_faces = 0;  // as in the scene's file
+  int64_t vertices = 0, faces = 0;              // after repair and splitting
+  Warnings warnings;
+};
+
+// Canonical JSON (sorted keys, no spaces): equal surveys are equal bytes.
+std::string SurveyToJson(const Survey& survey);
+
+// INVALID_ARGUMENT if `json` is not what SurveyToJson writes.
+StatusOr<Survey> ParseSurvey(const std::string& json);
+
+// The same for parts, which tile packages hold too.
+std::string ViewsToJson(const std::vector<SceneView>& views);
+StatusOr<std::vector<SceneView>> ParseViews(const std::string& json);
+std::string ClassesToJson(const std::vector<SceneClass>& classes);
+StatusOr<std::vector<SceneClass>> ParseClasses(const std::string& json);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_TILE_SURVEY_H_

@@ -1,0 +1,67 @@
+// Parameters of the tasks, as the plan writes them and the tasks read them. Each has one canonical JSON form, which
+// enters the task's key.
+#ifndef TESSERA_COMMON_TILE_TASK_PARAMETERS_H_
+#define TESSERA_COMMON_TILE_TASK_PARAMETERS_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/tile/ground.h"
+
+namespace tessera {
+
+// Names of the files that tasks hand on.
+inline constexpr char kCityFile[] = "city.arrays";      // ingest: the repaired and split mesh
+inline constexpr char kSurveyFile[] = "survey.json";    // ingest
+inline constexpr char kTileFile[] = "tile.arrays";      // cut
+inline constexpr char kResultFile[] = "result.arrays";  // refine
+inline constexpr char kCoreFile[] = "core.arrays";      // stitch
+inline constexpr char kMeshFile[] = "mesh.ply";         // publish
+inline constexpr char kReportFile[] = "report.json";    // publish
+inline constexpr char kSceneFolder[] = "scene";         // scene files among other inputs lie under this name
+
+struct TileParameters {
+  int tile = 0;
+  CellRect core;
+};
+
+// A tile's input among those of stitch and publish: "0003/result.arrays".
+std::string TileInputName(int tile, const std::string& file);
+
+struct CutParameters {
+  TileParameters tile;
+  double halo_m = 0;
+  std::vector<int32_t> views;  // indices in the survey, ascending
+};
+
+struct RefineParameters {
+  int rounds = 0;  // 0: the default
+  std::string method;
+};
+
+struct StitchParameters {
+  TileParameters tile;
+  double blend_m = 0;
+  std::vector<TileParameters> results;  // tiles whose results are among the inputs, this one too, ascending
+};
+
+struct PublishParameters {
+  std::vector<TileParameters> tiles;  // ascending
+};
+
+std::string ToJson(const CutParameters& parameters);
+std::string ToJson(const RefineParameters& parameters);
+std::string ToJson(const StitchParameters& parameters);
+std::string ToJson(const PublishParameters& parameters);
+
+// INVALID_ARGUMENT if `json` lacks a parameter or has one of a wrong type.
+StatusOr<CutParameters> ParseCutParameters(const std::string& json);
+StatusOr<RefineParameters> ParseRefineParameters(const std::string& json);
+StatusOr<StitchParameters> ParseStitchParameters(const std::string& json);
+StatusOr<PublishParameters> ParsePublishParameters(const std::string& json);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_TILE_TASK_PARAMETERS_H_

@@ -1,0 +1,167 @@
+#include "server/plan/graph.h"
+
+#include <algorithm>
+#include <set>
+
+#include "common/tile/survey.h"
+#include "common/tile/task_parameters.h"
+#include "server/plan/tiling.h"
+
+namespace tessera {
+namespace {
+
+constexpr int kMaxTiles = 100000;
+constexpr int kMaxRounds = 20;
+
+// Halo in GSD. At the coarser of two pyramid levels a step reaches two windows of radius 3 (12 GSD), a face (about 5)
+// and two rings (10); labels die out in about 8 faces. Twice the larger, for the steps that add up.
+constexpr double kHaloGsd = 56;
+// Tiles blend over the inner half of the halo; what lies outside it only shields that half from the cut.
+constexpr double kBlendShare = 0.5;
+
+// Predicted seconds on one core, constants of the program's version: progress and order depend on their ratios only.
+constexpr double kIngestSecondsPerFile = 0.1;
+constexpr double kCutSecondsPerFace = 4e-6;
+constexpr double kRefineSecondsPerWork = 3e-5;  // a face and view
+constexpr double kStitchSecondsPerFace = 3e-6;
+constexpr double kPublishSecondsPerFace = 3e-6;
+
+Status CheckSettings(const JobSettings& settings) {
+  Faults faults;
+  if (settings.tiles < 0 || settings.tiles > kMaxTiles) {
+    faults.Add(absl::InvalidArgumentError("tiles: found " + std::to_string(settings.tiles) +
+                                          ", expected 0 (as many as fit) to " + std::to_string(kMaxTiles)));
+  }
+  if (settings.rounds < 0 || settings.rounds > kMaxRounds) {
+    faults.Add(absl::InvalidArgumentError("rounds: found " + std::to_string(settings.rounds) +
+                                          ", expected 0 (the default) to " + std::to_string(kMaxRounds)));
+  }
+  if (!settings.method.empty() && settings.method != "tessera") {
+    faults.Add(absl::InvalidArgumentError("method: found \"" + settings.method + "\", expected \"tessera\""));
+  }
+  return faults.ToStatus();
+}
+
+struct PlannedTile {
+  TileParameters parameters;
+  std::vector<int32_t> views;
+  double faces = 0;  // of the core
+  double reach_m = 0;
+  double work = 0;
+};
+
+PlannedInput FromTask(const std::string& name, int task, const std::string& output) { return {name, "", task, output}; }
+
+PlannedInput FromScene(const std::string& file) { return {std::string(kSceneFolder) + "/" + file, file, -1, ""}; }
+
+std::vector<PlannedTile> MakeTiles(const JobSettings& settings, const Survey& survey, double halo_m) {
+  std::vector<PlannedTile> tiles;
+  for (const CellRect& core : LayOutTiles(survey, {.tiles = settings.tiles})) {
+    PlannedTile tile;
+    tile.parameters = {static_cast<int>(tiles.size()), core};
+    std::set<int32_t> views;
+    for (const SurveyCell& cell : survey.cells) {
+      const CellRect square = {cell.x, cell.y, cell.x + 1, cell.y + 1};
+      if (DistanceBetween(square, core, survey.ground.cell_m) > halo_m) continue;
+      views.insert(cell.views.begin(), cell.views.end());
+      if (!core.Contains({cell.x, cell.y})) continue;
+      tile.faces += static_cast<double>(cell.faces);
+      tile.reach_m = std::max(tile.reach_m, cell.reach_m);
+    }
+    tile.views.assign(views.begin(), views.end());
+    tile.work = PredictWork(survey, core, halo_m);
+    tiles.push_back(std::move(tile));
+  }
+  return tiles;
+}
+
+std::string TileName(const char* kind, const PlannedTile& tile) {
+  return std::string(kind) + " tile " + std::to_string(tile.parameters.tile);
+}
+
+}  // namespace
+
+StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
+  TESSERA_RETURN_IF_ERROR(CheckSettings(settings));
+  if (scene_files.empty()) return absl::InvalidArgumentError("the scene has no files");
+  PlannedTask task;
+  task.kind = "ingest";
+  task.name = "ingest";
+  task.parameters = "{}";
+  task.cost = kIngestSecondsPerFile * static_cast<double>(scene_files.size());
+  for (const std::string& file : scene_files) task.inputs.push_back({file, file, -1, ""});
+  return task;
+}
+
+StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey_json) {
+  TESSERA_RETURN_IF_ERROR(CheckSettings(settings));
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
+  const double halo_m = kHaloGsd * survey.gsd_m, blend_m = kBlendShare * halo_m;
+  const std::vector<PlannedTile> tiles = MakeTiles(settings, survey, halo_m);
+  const int count = static_cast<int>(tiles.size());
+  constexpr int kIngest = 0;
+  const auto cut_task = [](int tile) { return 1 + tile; };
+  const auto refine_task = [count](int tile) { return 1 + count + tile; };
+  const auto stitch_task = [count](int tile) { return 1 + 2 * count + tile; };
+
+  std::vector<PlannedTask> tasks;
+  for (const PlannedTile& tile : tiles) {
+    const CutParameters parameters = {tile.parameters, halo_m, tile.views};
+    tasks.push_back({"cut",
+                     TileName("cut", tile),
+                     tile.parameters.tile,
+                     ToJson(parameters),
+                     kCutSecondsPerFace * static_cast<double>(survey.faces),
+                     {FromTask(kCityFile, kIngest, kCityFile), FromTask(kSurveyFile, kIngest, kSurveyFile)}});
+  }
+  for (const PlannedTile& tile : tiles) {
+    const RefineParameters parameters = {settings.rounds, "tessera"};
+    PlannedTask task = {"refine",
+                        TileName("refine", tile),
+                        tile.parameters.tile,
+                        ToJson(parameters),
+                        kRefineSecondsPerWork * tile.work,
+                        {FromTask(kTileFile, cut_task(tile.parameters.tile), kTileFile)}};
+    for (const int32_t view : tile.views) {
+      task.inputs.push_back(FromScene(survey.views[view].image_path));
+      if (!survey.views[view].likelihood_path.empty()) {
+        task.inputs.push_back(FromScene(survey.views[view].likelihood_path));
+      }
+    }
+    tasks.push_back(std::move(task));
+  }
+  for (const PlannedTile& tile : tiles) {
+    const int id = tile.parameters.tile;
+    StitchParameters parameters = {tile.parameters, blend_m, {}};
+    PlannedTask task = {"stitch", TileName("stitch", tile),           id,
+                        "",       kStitchSecondsPerFace * tile.faces, {FromTask(kTileFile, cut_task(id), kTileFile)}};
+    for (const PlannedTile& other : tiles) {
+      // Corners of this core's faces lie within reach of the core; other tiles have weight there if they lie nearer
+      // than the blend's width.
+      const double gap_m = DistanceBetween(tile.parameters.core, other.parameters.core, survey.ground.cell_m);
+      if (gap_m > blend_m + tile.reach_m) continue;
+      const int other_id = other.parameters.tile;
+      parameters.results.push_back(other.parameters);
+      task.inputs.push_back(FromTask(TileInputName(other_id, kResultFile), refine_task(other_id), kResultFile));
+    }
+    task.parameters = ToJson(parameters);
+    tasks.push_back(std::move(task));
+  }
+  PublishParameters parameters;
+  PlannedTask publish = {"publish",
+                         "publish",
+                         -1,
+                         "",
+                         kPublishSecondsPerFace * static_cast<double>(survey.faces),
+                         {FromTask(kCityFile, kIngest, kCityFile), FromTask(kSurveyFile, kIngest, kSurveyFile)}};
+  for (const PlannedTile& tile : tiles) {
+    const int id = tile.parameters.tile;
+    parameters.tiles.push_back(tile.parameters);
+    publish.inputs.push_back(FromTask(TileInputName(id, kCoreFile), stitch_task(id), kCoreFile));
+  }
+  publish.parameters = ToJson(parameters);
+  tasks.push_back(std::move(publish));
+  return tasks;
+}
+
+}  // namespace tessera

@@ -1,0 +1,44 @@
+// Minimises a label field by loopy belief propagation (min-sum), as Bláha et al. 2017 do.
+#ifndef TESSERA_WORKER_LABEL_BELIEF_PROPAGATION_H_
+#define TESSERA_WORKER_LABEL_BELIEF_PROPAGATION_H_
+
+#include <cstdint>
+#include <vector>
+
+#include "worker/label/label_field.h"
+
+namespace tessera {
+
+struct SolverOptions {
+  int iterations = 60;   // always all of them, so that a face's label depends on its surroundings alone
+  double damping = 0.5;  // share of the old message that is kept
+  int polish_sweeps = 10;
+};
+
+struct Labelling {
+  std::vector<int32_t> labels;
+  // faces x classes: cost of each label with everything else at its best, as far as the messages know; the least of a
+  // face is 0 and belongs to its label.
+  std::vector<float> beliefs;
+  double energy = 0;
+  double start_energy = 0;
+};
+
+// All messages are sent at once, damped, for a fixed number of iterations; the decoded labels are polished by iterated
+// conditional modes, and wherever (connected part by connected part) the start or the unaries' best labels, polished
+// too, are better, those are taken. So the energy is never above that of `start`. Labels of -1 in `start` stand for the
+// unary's best. Deterministic for any number of threads.
+Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start, const SolverOptions& options);
+
+// Lowers the energy face by face, in order of index, until nothing changes or `sweeps` are done.
+void PolishLabels(const LabelField& field, int sweeps, std::vector<int32_t>* labels);
+
+// Takes from `other` each connected part of the faces where the two differ that lowers the energy of `labels`.
+void TakeBetterParts(const LabelField& field, const std::vector<int32_t>& other, std::vector<int32_t>* labels);
+
+// Probability-like confidence in [0, 1] of each face's label: its share in exp(-beliefs).
+std::vector<float> LabelConfidence(int classes, const std::vector<float>& beliefs, const std::vector<int32_t>& labels);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_LABEL_BELIEF_PROPAGATION_H_

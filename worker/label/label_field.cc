@@ -1,0 +1,78 @@
+#include "worker/label/label_field.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kGrain = 4096;
+constexpr double kFaceAreaGsd2 = 12;  // A0 in GSD²: what splitting leaves on average
+
+bool ViolatesPrior(const SceneClass& c, double angle_rad) {
+  return std::abs(angle_rad - c.prior_beta_rad) > c.prior_alpha_rad;
+}
+
+}  // namespace
+
+LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges,
+                           const FaceLikelihoods& likelihoods, const std::vector<SceneClass>& classes,
+                           const Eigen::Vector3d& up, double gsd_m, const LabelOptions& options) {
+  const bool paper = options.form == LabelOptions::Form::kPaper;
+  const double unit_area_m2 = kFaceAreaGsd2 * gsd_m * gsd_m;
+  const double unit_edge_m = std::sqrt(4 * unit_area_m2 / std::sqrt(3.0));
+  const int class_count = static_cast<int>(classes.size());
+  const int64_t face_count = static_cast<int64_t>(mesh.faces.size());
+
+  LabelField field;
+  field.classes = class_count;
+  field.unary.resize(face_count * class_count);
+  ParallelFor(face_count, kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t f = begin; f < end; ++f) {
+      const Eigen::Vector3d cross = FaceCross(mesh, f);
+      const double area_m2 = 0.5 * cross.norm();
+      const double angle_rad = std::acos(std::clamp(cross.stableNormalized().dot(up), -1.0, 1.0));
+      const double pixels = likelihoods.pixels[f];
+      const double data_weight = paper ? 1 : area_m2 / unit_area_m2;
+      const double prior_weight = options.prior_weight * (paper ? area_m2 : area_m2 / unit_area_m2);
+      for (int l = 0; l < class_count; ++l) {
+        const double sum = likelihoods.sum[f * class_count + l];
+        const double p = paper ? sum : (sum + options.uniform_pixels / class_count) / (pixels + options.uniform_pixels);
+        const double data = pixels > 0 ? -std::log(std::max(p, options.floor)) : 0;
+        const double prior = ViolatesPrior(classes[l], angle_rad) ? prior_weight : 0;
+        field.unary[f * class_count + l] = static_cast<float>(data_weight * data + prior);
+      }
+    }
+  });
+
+  field.edges.reserve(edges.size());
+  for (const MeshEdge& edge : edges) {
+    if (edge.left < 0 || edge.right < 0 || edge.left == edge.right) continue;
+    const double weight = paper ? FaceArea(mesh, edge.left) + FaceArea(mesh, edge.right)
+                                : (mesh.vertices[edge.a] - mesh.vertices[edge.b]).norm() / unit_edge_m;
+    field.edges.push_back({static_cast<uint32_t>(edge.left), static_cast<uint32_t>(edge.right),
+                           static_cast<float>(options.smoothness_weight * weight)});
+  }
+  return field;
+}
+
+double LabelEnergy(const LabelField& field, const std::vector<int32_t>& labels) {
+  const double unary = ParallelSum(static_cast<int64_t>(field.faces()), kGrain, [&](int64_t begin, int64_t end) {
+    double sum = 0;
+    for (int64_t f = begin; f < end; ++f) sum += field.unary[f * field.classes + labels[f]];
+    return sum;
+  });
+  const double pairwise =
+      ParallelSum(static_cast<int64_t>(field.edges.size()), kGrain, [&](int64_t begin, int64_t end) {
+        double sum = 0;
+        for (int64_t e = begin; e < end; ++e) {
+          if (labels[field.edges[e].face0] != labels[field.edges[e].face1]) sum += field.edges[e].weight;
+        }
+        return sum;
+      });
+  return unary + pairwise;
+}
+
+}  // namespace tessera

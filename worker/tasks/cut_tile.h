@@ -1,0 +1,19 @@
+// Taking a tile out of the city.
+#ifndef TESSERA_WORKER_TASKS_CUT_TILE_H_
+#define TESSERA_WORKER_TASKS_CUT_TILE_H_
+
+#include "common/base/status.h"
+#include "common/tile/survey.h"
+#include "common/tile/task_parameters.h"
+#include "worker/tasks/city_file.h"
+#include "worker/tasks/tile_files.h"
+
+namespace tessera {
+
+// The faces whose centroid lies in the core (by cell) or at most parameters.halo_m from it, with everything else that
+// may hide them from the tile's views as occluders. INVALID_ARGUMENT for a core without faces.
+StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutParameters& parameters);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TASKS_CUT_TILE_H_

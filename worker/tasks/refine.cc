@@ -1,0 +1,40 @@
+#include <nlohmann/json.hpp>
+
+#include "common/tile/task_parameters.h"
+#include "worker/tasks/refine_tile.h"
+#include "worker/tasks/stages.h"
+#include "worker/tasks/tile_files.h"
+#include "worker/tasks/tile_views.h"
+
+namespace tessera {
+
+StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
+  const int64_t start_us = clock.MonotonicUs();
+  TESSERA_ASSIGN_OR_RETURN(const RefineParameters parameters, ParseRefineParameters(request.parameters));
+  TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(InputPath(request, kTileFile)));
+  TriangleMesh mesh_in_tile = package.mesh;
+  for (Eigen::Vector3d& p : mesh_in_tile.vertices) p -= package.origin;
+  TESSERA_ASSIGN_OR_RETURN(
+      const std::vector<TileView> views,
+      LoadTileViews(package, mesh_in_tile, InputPath(request, kSceneFolder), PartOf(control, 0, 0.05)));
+  const double seconds_loading = SecondsSince(clock, start_us);
+
+  TileRefineOptions options;
+  if (parameters.rounds > 0) options.rounds = parameters.rounds;
+  options.geometry.clock = &clock;
+  TESSERA_ASSIGN_OR_RETURN(const TileRefinement refinement,
+                           RefineTile(package, mesh_in_tile, views, options, PartOf(control, 0.05, 0.99), clock));
+  TESSERA_RETURN_IF_ERROR(WriteTileResult(OutputPath(request, kResultFile), refinement.result));
+
+  TaskOutcome outcome;
+  outcome.outputs = {kResultFile};
+  nlohmann::json stats = nlohmann::json::parse(refinement.result.report);
+  stats["seconds_loading"] = seconds_loading;
+  stats["seconds_geometry"] = refinement.seconds_geometry;
+  stats["seconds_labels"] = refinement.seconds_labels;
+  stats["seconds"] = SecondsSince(clock, start_us);
+  outcome.stats = stats.dump();
+  return outcome;
+}
+
+}  // namespace tessera

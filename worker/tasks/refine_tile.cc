@@ -1,0 +1,132 @@
+#include "worker/tasks/refine_tile.h"
+
+#include <nlohmann/json.hpp>
+
+#include "common/geometry/topology.h"
+#include "worker/tasks/stages.h"
+#include "worker/visibility/rasterizer.h"
+
+namespace tessera {
+namespace {
+
+using nlohmann::json;
+
+TriangleMesh Shifted(TriangleMesh mesh, const Eigen::Vector3d& origin) {
+  for (Eigen::Vector3d& p : mesh.vertices) p -= origin;
+  return mesh;
+}
+
+// The labelling of the mesh as it is now.
+StatusOr<Labelling> LabelMesh(const TilePackage& package, const TriangleMesh& mesh, const TriangleMesh& occluders,
+                              const std::vector<MeshEdge>& edges, const std::vector<TileView>& views,
+                              const std::vector<int32_t>& start, const TileRefineOptions& options,
+                              const TaskControl& control) {
+  FaceLikelihoods sums(mesh.faces.size(), static_cast<int>(package.classes.size()));
+  for (size_t v = 0; v < views.size(); ++v) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(0.8 * static_cast<double>(v) / views.size(), "collecting likelihoods");
+    if (views[v].likelihoods.empty()) continue;
+    AddLikelihoods(RasterizeFaces(mesh, &occluders, views[v].camera), views[v].likelihoods, views[v].mapping, &sums);
+  }
+  control.Report(0.8, "labelling");
+  return SolveLabels(BuildLabelField(mesh, edges, sums, package.classes, package.up, package.gsd_m, options.label),
+                     start, options.solver);
+}
+
+// Beliefs of labels that nothing was asked about: they stay.
+std::vector<float> CertainBeliefs(const std::vector<int32_t>& labels, int classes) {
+  std::vector<float> beliefs(labels.size() * classes, 10.0f);
+  for (size_t f = 0; f < labels.size(); ++f) {
+    if (labels[f] >= 0) beliefs[f * classes + labels[f]] = 0;
+  }
+  return beliefs;
+}
+
+int64_t CountDifferent(const std::vector<int32_t>& a, const std::vector<int32_t>& b) {
+  int64_t count = 0;
+  for (size_t i = 0; i < a.size(); ++i) count += a[i] != b[i];
+  return count;
+}
+
+RefineProblem MakeProblem(const TilePackage& package, const TriangleMesh& mesh_in_tile,
+                          const std::vector<TileView>& views) {
+  RefineProblem problem;
+  problem.mesh = mesh_in_tile;
+  problem.fixed_vertices = package.fixed;
+  problem.occluders = Shifted(package.occluders, package.origin);
+  problem.gsd_m = package.gsd_m;
+  problem.up = package.up;
+  std::vector<int> loaded(package.views.size(), -1);
+  for (size_t v = 0; v < views.size(); ++v) {
+    loaded[views[v].view] = static_cast<int>(v);
+    problem.views.push_back({views[v].camera, &views[v].luminance});
+  }
+  for (const auto& [reference, other] : package.pairs) {
+    if (loaded[reference] >= 0 && loaded[other] >= 0) problem.pairs.push_back({loaded[reference], loaded[other]});
+  }
+  return problem;
+}
+
+}  // namespace
+
+StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMesh& mesh_in_tile,
+                                    const std::vector<TileView>& views, const TileRefineOptions& options,
+                                    const TaskControl& control, const Clock& clock) {
+  const int classes = static_cast<int>(package.classes.size());
+  const bool label = package.has_likelihoods && classes > 1;
+  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(mesh_in_tile));
+  const std::vector<MeshEdge> edges = EdgeList(topology);
+  RefineProblem problem = MakeProblem(package, mesh_in_tile, views);
+
+  TileRefinement refinement;
+  TileResult& result = refinement.result;
+  result.tile = package.tile;
+  result.classes = classes;
+  result.vertex_ids = package.vertex_ids;
+  result.face_ids = package.face_ids;
+  result.labels = package.mesh.labels;
+  result.beliefs = CertainBeliefs(result.labels, classes);
+
+  json rounds = json::array();
+  for (int round = 0; round < options.rounds; ++round) {
+    const double low = static_cast<double>(round) / options.rounds, high = (round + 1.0) / options.rounds;
+    json report = json::object();
+    const int64_t geometry_start_us = clock.MonotonicUs();
+    if (!problem.pairs.empty()) {
+      std::vector<Eigen::Vector3d> moved;
+      const TaskControl part = PartOf(control, low, low + 0.85 * (high - low));
+      TESSERA_ASSIGN_OR_RETURN(const RefineReport r, RefineGeometry(problem, &moved, options.geometry, part));
+      problem.mesh.vertices = std::move(moved);
+      report["photo_energy_start"] = r.energy_start;
+      report["photo_energy_end"] = r.energy_end;
+      report["moved_rms_m"] = r.moved_rms_m;
+      report["moved_max_m"] = r.moved_max_m;
+      report["pairs"] = r.pairs;
+      report["warped_pixels"] = r.warped_pixels;
+    }
+    refinement.seconds_geometry += SecondsSince(clock, geometry_start_us);
+    const int64_t labels_start_us = clock.MonotonicUs();
+    if (label) {
+      const TaskControl part = PartOf(control, low + 0.85 * (high - low), high);
+      TESSERA_ASSIGN_OR_RETURN(Labelling labelling, LabelMesh(package, problem.mesh, problem.occluders, edges, views,
+                                                              result.labels, options, part));
+      report["label_energy_start"] = labelling.start_energy;
+      report["label_energy_end"] = labelling.energy;
+      report["label_changes"] = CountDifferent(result.labels, labelling.labels);
+      result.labels = std::move(labelling.labels);
+      result.beliefs = std::move(labelling.beliefs);
+    }
+    refinement.seconds_labels += SecondsSince(clock, labels_start_us);
+    rounds.push_back(std::move(report));
+  }
+
+  result.displacements.resize(mesh_in_tile.vertices.size());
+  for (size_t v = 0; v < result.displacements.size(); ++v) {
+    result.displacements[v] = problem.mesh.vertices[v] - mesh_in_tile.vertices[v];
+  }
+  result.report =
+      json{{"faces", mesh_in_tile.faces.size()}, {"views", views.size()}, {"rounds", std::move(rounds)}}.dump();
+  return refinement;
+}
+
+}  // namespace tessera

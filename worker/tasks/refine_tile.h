@@ -1,0 +1,39 @@
+// Refining a tile: geometry and labels in turn.
+#ifndef TESSERA_WORKER_TASKS_REFINE_TILE_H_
+#define TESSERA_WORKER_TASKS_REFINE_TILE_H_
+
+#include <string>
+#include <vector>
+
+#include "common/base/clock.h"
+#include "common/base/status.h"
+#include "common/base/task_control.h"
+#include "worker/label/belief_propagation.h"
+#include "worker/label/label_field.h"
+#include "worker/refine/refine.h"
+#include "worker/tasks/tile_files.h"
+#include "worker/tasks/tile_views.h"
+
+namespace tessera {
+
+struct TileRefineOptions {
+  int rounds = 1;  // of geometry, then labels; the geometry knows no labels yet, so more than one only repeats it
+  RefineOptions geometry;
+  LabelOptions label;
+  SolverOptions solver;
+};
+
+struct TileRefinement {
+  TileResult result;
+  double seconds_geometry = 0, seconds_labels = 0;
+};
+
+// `views` as LoadTileViews gives them for `mesh_in_tile`, the package's mesh in the tile frame. Without
+// likelihoods labels are carried through; with fewer than two views the geometry stays. CANCELLED follows `control`.
+StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMesh& mesh_in_tile,
+                                    const std::vector<TileView>& views, const TileRefineOptions& options,
+                                    const TaskControl& control, const Clock& clock);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TASKS_REFINE_TILE_H_

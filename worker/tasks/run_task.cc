@@ -1,0 +1,26 @@
+#include <new>
+#include <utility>
+
+#include "worker/tasks/stages.h"
+#include "worker/tasks/task.h"
+
+namespace tessera {
+
+StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control) {
+  using Stage = StatusOr<TaskOutcome> (*)(const TaskRequest&, const TaskControl&, const Clock&);
+  static constexpr std::pair<const char*, Stage> kStages[] = {
+      {"ingest", RunIngest}, {"cut", RunCut}, {"refine", RunRefine}, {"stitch", RunStitch}, {"publish", RunPublish}};
+  const SystemClock clock;
+  for (const auto& [kind, stage] : kStages) {
+    if (request.kind != kind) continue;
+    try {
+      return stage(request, control, clock);
+    } catch (const std::bad_alloc&) {
+      return absl::ResourceExhaustedError(request.kind + ": out of memory");
+    }
+  }
+  return absl::InvalidArgumentError("task kind: found \"" + request.kind +
+                                    "\", expected ingest, cut, refine, stitch or publish");
+}
+
+}  // namespace tessera
