@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 
 #include "common/base/parallel.h"
@@ -81,11 +82,12 @@ void PhotoTerm::PrepareReference(const TriangleMesh& mesh, const std::vector<Vec
   gradient_.Reset(k.width, k.height);
   curvature_.Reset(k.width, k.height);
   count_.Reset(k.width, k.height);
+  used_faces_.assign(mesh.faces.size(), 0);
   const float limit = -static_cast<float>(options_.min_cosine);
   ParallelFor(k.height, 16, [&](int64_t begin, int64_t end) {
     for (int64_t y = begin; y < end; ++y) {
       const float ry = static_cast<float>((static_cast<double>(y) + 0.5 - k.cy) / k.fy);
-      int32_t last_face = -1;
+      int32_t last_face = -1, marked = -1;
       float offset = 0;
       for (int x = 0; x < k.width; ++x) {
         const size_t i = static_cast<size_t>(y) * k.width + x;
@@ -99,6 +101,10 @@ void PhotoTerm::PrepareReference(const TriangleMesh& mesh, const std::vector<Vec
         const float rx = static_cast<float>((x + 0.5 - k.cx) / k.fx);
         const float ray = std::sqrt(1 + rx * rx + ry * ry);
         if (!(offset < limit * z * ray)) continue;
+        if (f != marked) {
+          std::atomic_ref<uint8_t>(used_faces_[f]).store(1, std::memory_order_relaxed);
+          marked = f;
+        }
         depth_.row(static_cast<int>(y))[x] = z;
         depth_factor_.row(static_cast<int>(y))[x] = z / offset;
       }
@@ -112,6 +118,7 @@ void PhotoTerm::GatherFaces(const TriangleMesh& mesh, int view) {
   const FaceMap& map = maps_[view];
   ParallelFor(static_cast<int64_t>(mesh.faces.size()), kFaceGrain, [&](int64_t begin, int64_t end) {
     for (int64_t f = begin; f < end; ++f) {
+      if (!used_faces_[f]) continue;
       std::array<Vector3d, 3> p;
       bool in_front = true;
       for (int c = 0; c < 3; ++c) {

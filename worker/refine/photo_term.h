@@ -71,6 +71,7 @@ class PhotoTerm {
   PhotoOptions options_;
   std::vector<FaceMap> maps_;
   PaddedPlane depth_, depth_factor_, gradient_, curvature_, count_;
+  std::vector<uint8_t> used_faces_;  // of the reference at hand: 1 where a pixel is used
   std::vector<FaceSums> face_sums_;
 };
 

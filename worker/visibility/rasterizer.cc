@@ -1,6 +1,5 @@
 #include "worker/visibility/rasterizer.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,62 +9,68 @@
 namespace tessera {
 namespace {
 
-using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr int kBandRows = 32;
 constexpr int64_t kGrain = 4096;
+constexpr int64_t kFaceChunk = 16384;
 
-// Vertices as one camera sees them.
-struct ProjectedMesh {
-  std::vector<Vector3d> in_camera;
-  std::vector<Vector2d> pixel;  // meaningless where z < near
+// A vertex as a camera sees it: pixel coordinates and 1/z, which is linear over the image of a plane.
+struct Corner {
+  double x = 0, y = 0;
+  double inverse_z = 0;  // not positive: nearer than the near plane, x and y mean nothing
 };
 
-Vector2d ToPixel(const PinholeCamera& k, const Vector3d& p) {
-  return {k.fx * p.x() / p.z() + k.cx, k.fy * p.y() / p.z() + k.cy};
+struct ProjectedMesh {
+  std::vector<Corner> corners;
+  std::vector<Vector3d> in_camera;
+};
+
+Corner ToCorner(const PinholeCamera& k, const Vector3d& p) {
+  const double inverse_z = 1 / p.z();
+  return {k.fx * p.x() * inverse_z + k.cx, k.fy * p.y() * inverse_z + k.cy, inverse_z};
 }
 
 ProjectedMesh ProjectVertices(const TriangleMesh& mesh, const PosedCamera& camera, double near_m) {
   ProjectedMesh out;
+  out.corners.resize(mesh.vertices.size());
   out.in_camera.resize(mesh.vertices.size());
-  out.pixel.resize(mesh.vertices.size());
   ParallelFor(static_cast<int64_t>(mesh.vertices.size()), kGrain, [&](int64_t begin, int64_t end) {
     for (int64_t v = begin; v < end; ++v) {
       out.in_camera[v] = camera.CameraFromWorld(mesh.vertices[v]);
-      out.pixel[v] = out.in_camera[v].z() >= near_m ? ToPixel(camera.intrinsics, out.in_camera[v]) : Vector2d(0, 0);
+      out.corners[v] = out.in_camera[v].z() >= near_m ? ToCorner(camera.intrinsics, out.in_camera[v]) : Corner();
     }
   });
   return out;
 }
 
-// A face's outline in pixels after near clipping: 3 or 4 corners, or none.
+// A face's outline after near clipping: 3 or 4 corners, or none.
 struct Outline {
   int count = 0;
-  std::array<Vector2d, 4> corner;
+  std::array<Corner, 4> corner;
 };
 
 Outline MakeOutline(const Triangle& face, const ProjectedMesh& projected, const PinholeCamera& k, double near_m) {
   Outline out;
   int behind = 0;
-  for (uint32_t v : face) behind += projected.in_camera[v].z() < near_m;
+  for (uint32_t v : face) behind += projected.corners[v].inverse_z <= 0;
   if (behind == 3) return out;
   if (behind == 0) {
     out.count = 3;
-    for (int i = 0; i < 3; ++i) out.corner[i] = projected.pixel[face[i]];
+    for (int i = 0; i < 3; ++i) out.corner[i] = projected.corners[face[i]];
     return out;
   }
   for (int i = 0; i < 3; ++i) {
     const uint32_t a = face[i], b = face[(i + 1) % 3];
-    const bool a_in = projected.in_camera[a].z() >= near_m, b_in = projected.in_camera[b].z() >= near_m;
-    if (a_in) out.corner[out.count++] = projected.pixel[a];
+    const bool a_in = projected.corners[a].inverse_z > 0, b_in = projected.corners[b].inverse_z > 0;
+    if (a_in) out.corner[out.count++] = projected.corners[a];
     if (a_in != b_in) {
       // From the lower index, so that two faces cut a shared edge at the same point.
       const Vector3d& p = projected.in_camera[std::min(a, b)];
       const Vector3d& q = projected.in_camera[std::max(a, b)];
       Vector3d cut = p + (near_m - p.z()) / (q.z() - p.z()) * (q - p);
       cut.z() = near_m;
-      out.corner[out.count++] = ToPixel(k, cut);
+      out.corner[out.count++] = ToCorner(k, cut);
     }
   }
   return out;
@@ -73,124 +78,114 @@ Outline MakeOutline(const Triangle& face, const ProjectedMesh& projected, const 
 
 // First row or column whose centre is at or after `value`, clamped to [0, limit].
 int FirstCentre(double value, int limit) {
-  const double first = std::ceil(value - 0.5);
-  return first <= 0 ? 0 : first >= limit ? limit : static_cast<int>(first);
+  const double shifted = value - 0.5;
+  if (!(shifted > 0)) return 0;
+  if (shifted >= limit) return limit;
+  const int whole = static_cast<int>(shifted);
+  return whole + (static_cast<double>(whole) < shifted ? 1 : 0);
 }
 
 struct RowSpan {
   int first = 0, last = 0;  // half-open
 };
 
+// Rows with a pixel centre inside the outline's bounding box; none if the box holds no centre at all.
 RowSpan RowsOf(const Outline& outline, int width, int height) {
   if (outline.count == 0) return {};
-  double y_min = outline.corner[0].y(), y_max = y_min, x_min = outline.corner[0].x(), x_max = x_min;
+  double y_min = outline.corner[0].y, y_max = y_min, x_min = outline.corner[0].x, x_max = x_min;
   for (int i = 1; i < outline.count; ++i) {
-    y_min = std::min(y_min, outline.corner[i].y());
-    y_max = std::max(y_max, outline.corner[i].y());
-    x_min = std::min(x_min, outline.corner[i].x());
-    x_max = std::max(x_max, outline.corner[i].x());
+    y_min = std::min(y_min, outline.corner[i].y);
+    y_max = std::max(y_max, outline.corner[i].y);
+    x_min = std::min(x_min, outline.corner[i].x);
+    x_max = std::max(x_max, outline.corner[i].x);
   }
   if (!(x_max > 0 && x_min < width && y_max > 0 && y_min < height)) return {};
+  if (FirstCentre(x_min, width) >= FirstCentre(x_max, width)) return {};
   return {FirstCentre(y_min, height), FirstCentre(y_max, height)};
 }
 
-// Where the edge a-b meets the height y, computed alike whichever way round the edge comes.
-double CrossingX(const Vector2d& a, const Vector2d& b, double y) {
-  const Vector2d& low = a.y() < b.y() ? a : b;
-  const Vector2d& high = a.y() < b.y() ? b : a;
-  return low.x() + (y - low.y()) * ((high.x() - low.x()) / (high.y() - low.y()));
-}
-
-// 1/z over the image plane: linear, clamped to the face's own range (which steadies faces seen edge-on).
-struct InverseDepth {
-  double at_x = 0, at_y = 0, constant = 0, low = 0, high = 0;
+// x over y along an edge whose ends are ordered by y, then x, so that it is the same whichever way round the edge
+// comes.
+struct EdgeLine {
+  double y_low, y_high, x_low, slope;
 };
 
-InverseDepth MakeInverseDepth(const Triangle& face, const ProjectedMesh& projected, const PinholeCamera& k,
-                              double near_m) {
-  const Vector3d &a = projected.in_camera[face[0]], &b = projected.in_camera[face[1]],
-                 &c = projected.in_camera[face[2]];
-  const Vector3d n = (b - a).cross(c - a);
-  const double h = n.dot(a);
-  InverseDepth out;
-  const double z_min = std::max(near_m, std::min({a.z(), b.z(), c.z()}));
-  const double z_max = std::max(near_m, std::max({a.z(), b.z(), c.z()}));
-  out.low = 1 / z_max;
-  out.high = 1 / z_min;
-  if (h == 0 || !std::isfinite(1 / h)) {
-    out.constant = out.high;
-    return out;
-  }
-  out.at_x = n.x() / (h * k.fx);
-  out.at_y = n.y() / (h * k.fy);
-  out.constant = n.z() / h - out.at_x * k.cx - out.at_y * k.cy;
-  return out;
+EdgeLine MakeEdgeLine(const Corner& a, const Corner& b) {
+  const bool a_low = a.y < b.y || (a.y == b.y && a.x < b.x);
+  const Corner& low = a_low ? a : b;
+  const Corner& high = a_low ? b : a;
+  return {low.y, high.y, low.x, (high.x - low.x) / (high.y - low.y)};
 }
 
-// Draws one mesh over rows [row_first, row_last) of the maps. `inverse` holds 1/z (0: nothing).
-class BandPainter {
- public:
-  BandPainter(const TriangleMesh& mesh, const ProjectedMesh& projected, const PinholeCamera& k, double near_m)
-      : mesh_(mesh), projected_(projected), k_(k), near_m_(near_m) {}
+// Draws triangles into rows [row_first, row_last) of the maps; `inverse` holds 1/z (0: nothing).
+struct BandPainter {
+  int width = 0, row_first = 0, row_last = 0;
+  int32_t* face = nullptr;
+  float* inverse = nullptr;
 
-  void Paint(uint32_t f, int row_first, int row_last, bool with_id, FaceMap* map, float* inverse) const {
-    const Outline outline = MakeOutline(mesh_.faces[f], projected_, k_, near_m_);
-    RowSpan rows = RowsOf(outline, k_.width, k_.height);
-    rows.first = std::max(rows.first, row_first);
-    rows.last = std::min(rows.last, row_last);
-    if (rows.first >= rows.last) return;
-    const InverseDepth plane = MakeInverseDepth(mesh_.faces[f], projected_, k_, near_m_);
-    for (int y = rows.first; y < rows.last; ++y) {
+  void Paint(const Corner& a, const Corner& b, const Corner& c, int32_t id) const {
+    const int first_row = std::max(row_first, FirstCentre(std::min({a.y, b.y, c.y}), row_last));
+    const int last_row = FirstCentre(std::max({a.y, b.y, c.y}), row_last);
+    if (first_row >= last_row) return;
+    const EdgeLine edges[3] = {MakeEdgeLine(a, b), MakeEdgeLine(b, c), MakeEdgeLine(c, a)};
+    // 1/z as a plane over the image, clamped to the face's own range, which steadies faces seen edge-on.
+    const double bx = b.x - a.x, by = b.y - a.y, cx = c.x - a.x, cy = c.y - a.y;
+    const double bz = b.inverse_z - a.inverse_z, cz = c.inverse_z - a.inverse_z;
+    const double area = bx * cy - by * cx;
+    const double inverse_area = area != 0 ? 1 / area : 0;
+    const double per_x = (bz * cy - cz * by) * inverse_area, per_y = (cz * bx - bz * cx) * inverse_area;
+    const float low = static_cast<float>(std::min({a.inverse_z, b.inverse_z, c.inverse_z}));
+    const float high = static_cast<float>(std::max({a.inverse_z, b.inverse_z, c.inverse_z}));
+    for (int y = first_row; y < last_row; ++y) {
       const double yc = y + 0.5;
       double x_in = std::numeric_limits<double>::infinity(), x_out = -x_in;
-      for (int i = 0; i < outline.count; ++i) {
-        const Vector2d& a = outline.corner[i];
-        const Vector2d& b = outline.corner[i + 1 == outline.count ? 0 : i + 1];
-        if ((a.y() <= yc) == (b.y() <= yc)) continue;
-        const double x = CrossingX(a, b, yc);
+      for (const EdgeLine& edge : edges) {
+        if (!(edge.y_low <= yc && yc < edge.y_high)) continue;
+        const double x = edge.x_low + (yc - edge.y_low) * edge.slope;
         x_in = std::min(x_in, x);
         x_out = std::max(x_out, x);
       }
       if (!(x_in < x_out)) continue;
-      const int first = FirstCentre(x_in, k_.width), last = FirstCentre(x_out, k_.width);
-      const double row_value = plane.constant + plane.at_y * yc;
-      const size_t row = static_cast<size_t>(y) * k_.width;
+      const int first = FirstCentre(x_in, width), last = FirstCentre(x_out, width);
+      const double at_row = a.inverse_z + per_y * (yc - a.y) + per_x * (0.5 - a.x);
+      const size_t row = static_cast<size_t>(y) * width;
       for (int x = first; x < last; ++x) {
-        const float value = static_cast<float>(std::clamp(row_value + plane.at_x * (x + 0.5), plane.low, plane.high));
+        const float value = std::clamp(static_cast<float>(at_row + per_x * x), low, high);
         if (value > inverse[row + x]) {
           inverse[row + x] = value;
-          map->face[row + x] = with_id ? static_cast<int32_t>(f) : -1;
+          face[row + x] = id;
         }
       }
     }
   }
+};
 
-  // Faces that touch each band, ascending.
-  std::vector<std::vector<uint32_t>> Bands() const {
-    const int64_t faces = static_cast<int64_t>(mesh_.faces.size());
-    std::vector<RowSpan> rows(faces);
-    ParallelFor(faces, kGrain, [&](int64_t begin, int64_t end) {
-      for (int64_t f = begin; f < end; ++f) {
-        rows[f] = RowsOf(MakeOutline(mesh_.faces[f], projected_, k_, near_m_), k_.width, k_.height);
-      }
-    });
-    std::vector<std::vector<uint32_t>> bands((k_.height + kBandRows - 1) / kBandRows);
-    for (int64_t f = 0; f < faces; ++f) {
-      if (rows[f].first >= rows[f].last) continue;
-      const int last_band = (rows[f].last - 1) / kBandRows;
-      for (int band = rows[f].first / kBandRows; band <= last_band; ++band) {
-        bands[band].push_back(static_cast<uint32_t>(f));
+// Faces that may cover pixel centres of each band of rows, ascending.
+std::vector<std::vector<uint32_t>> MakeBands(const TriangleMesh& mesh, const ProjectedMesh& projected,
+                                             const PinholeCamera& k, double near_m) {
+  const int64_t faces = static_cast<int64_t>(mesh.faces.size());
+  const size_t bands = (k.height + kBandRows - 1) / kBandRows;
+  const int64_t chunks = (faces + kFaceChunk - 1) / kFaceChunk;
+  std::vector<std::vector<std::vector<uint32_t>>> of_chunk(chunks, std::vector<std::vector<uint32_t>>(bands));
+  ParallelFor(faces, kFaceChunk, [&](int64_t begin, int64_t end) {
+    std::vector<std::vector<uint32_t>>& mine = of_chunk[begin / kFaceChunk];
+    for (int64_t f = begin; f < end; ++f) {
+      const RowSpan rows = RowsOf(MakeOutline(mesh.faces[f], projected, k, near_m), k.width, k.height);
+      if (rows.first >= rows.last) continue;
+      const int last_band = (rows.last - 1) / kBandRows;
+      for (int band = rows.first / kBandRows; band <= last_band; ++band) {
+        mine[band].push_back(static_cast<uint32_t>(f));
       }
     }
-    return bands;
-  }
-
- private:
-  const TriangleMesh& mesh_;
-  const ProjectedMesh& projected_;
-  const PinholeCamera& k_;
-  const double near_m_;
-};
+  });
+  std::vector<std::vector<uint32_t>> out(bands);
+  ParallelFor(static_cast<int64_t>(bands), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t band = begin; band < end; ++band) {
+      for (const auto& chunk : of_chunk) out[band].insert(out[band].end(), chunk[band].begin(), chunk[band].end());
+    }
+  });
+  return out;
+}
 
 }  // namespace
 
@@ -208,12 +203,18 @@ FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, 
   for (const TriangleMesh* layer : layers) {
     if (layer == nullptr || layer->faces.empty()) continue;
     const ProjectedMesh projected = ProjectVertices(*layer, camera, near_m);
-    const BandPainter painter(*layer, projected, k, near_m);
-    const std::vector<std::vector<uint32_t>> bands = painter.Bands();
+    const std::vector<std::vector<uint32_t>> bands = MakeBands(*layer, projected, k, near_m);
     ParallelFor(static_cast<int64_t>(bands.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t band = begin; band < end; ++band) {
-        const int first = static_cast<int>(band) * kBandRows, last = std::min(k.height, first + kBandRows);
-        for (uint32_t f : bands[band]) painter.Paint(f, first, last, layer == &mesh, &map, map.depth.data());
+        const int first = static_cast<int>(band) * kBandRows;
+        const BandPainter painter{k.width, first, std::min(k.height, first + kBandRows), map.face.data(),
+                                  map.depth.data()};
+        for (uint32_t f : bands[band]) {
+          const Outline outline = MakeOutline(layer->faces[f], projected, k, near_m);
+          const int32_t id = layer == &mesh ? static_cast<int32_t>(f) : -1;
+          painter.Paint(outline.corner[0], outline.corner[1], outline.corner[2], id);
+          if (outline.count == 4) painter.Paint(outline.corner[0], outline.corner[2], outline.corner[3], id);
+        }
       }
     });
   }
@@ -253,10 +254,10 @@ PixelRect ProjectedBounds(const TriangleMesh& mesh, const PosedCamera& camera, i
     const Outline outline = MakeOutline(face, projected, k, near_m);
     double fx_min = 1e30, fy_min = 1e30, fx_max = -1e30, fy_max = -1e30;
     for (int i = 0; i < outline.count; ++i) {
-      fx_min = std::min(fx_min, outline.corner[i].x());
-      fx_max = std::max(fx_max, outline.corner[i].x());
-      fy_min = std::min(fy_min, outline.corner[i].y());
-      fy_max = std::max(fy_max, outline.corner[i].y());
+      fx_min = std::min(fx_min, outline.corner[i].x);
+      fx_max = std::max(fx_max, outline.corner[i].x);
+      fy_min = std::min(fy_min, outline.corner[i].y);
+      fy_max = std::max(fy_max, outline.corner[i].y);
     }
     if (fx_max < 0 || fy_max < 0 || fx_min > k.width || fy_min > k.height) continue;
     if (outline.count == 4 || !std::isfinite(fx_min + fx_max + fy_min + fy_max)) return whole;
