@@ -1,0 +1,329 @@
+#include "server/api/coordinator_server.h"
+
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "common/base/version.h"
+#include "common/rpc/blob_client.h"
+#include "common/rpc/channel.h"
+#include "server/store/sqlite_store.h"
+#include "tessera/v1/blobs.grpc.pb.h"
+#include "tessera/v1/jobs.grpc.pb.h"
+#include "tessera/v1/workers.grpc.pb.h"
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+// A coordinator on loopback with the fake planner; a scene is any folder with a scene.json.
+class ServerTest : public CoordinatorTest {
+ protected:
+  ServerTest() {
+    scene_ = folder_.path() + "/scene";
+    EXPECT_TRUE(EnsureFolder(scene_).ok());
+    WriteScene("scene.json", "{}");
+    WriteScene("image", std::string(2'500'000, 'i') + "end");
+    cache_ = *SqliteStore::Open(folder_.path() + "/cache.sqlite");
+    environment_.dispatcher = dispatcher_.get();
+    environment_.blobs = blobs_.get();
+    environment_.digests = cache_.get();
+    environment_.clock = &clock_;
+    environment_.list_scene = [](const std::string& path) -> StatusOr<SceneListing> {
+      if (!FileExists(path + "/scene.json")) {
+        return absl::InvalidArgumentError("scene.json: missing\nimages: missing");
+      }
+      TESSERA_ASSIGN_OR_RETURN(auto files, ListFiles(path));
+      return SceneListing{path, "fake", files, {"an odd thing"}};
+    };
+    environment_.shared_probe_path = "/probe";
+    environment_.shared_probe_content = "content";
+    Start();
+  }
+  ~ServerTest() override { server_->Shutdown(1); }
+
+  void Start() {
+    server_ = *CoordinatorServer::Start("127.0.0.1:0", environment_);
+    channel_ = MakeChannel(server_->address());
+    jobs_ = v1::Jobs::NewStub(channel_);
+    workers_ = v1::Workers::NewStub(channel_);
+    blob_service_ = v1::Blobs::NewStub(channel_);
+  }
+
+  // With a time of change well before the fake clock's, as of a file that has lain there for long.
+  void WriteScene(const std::string& name, const std::string& content, int age_hours = 1) {
+    const std::string path = scene_ + "/" + name;
+    std::ofstream(path, std::ios::binary) << content;
+    const auto now = std::chrono::file_clock::from_sys(
+        std::chrono::sys_time<std::chrono::microseconds>(std::chrono::microseconds(clock_.UnixTimeUs())));
+    std::filesystem::last_write_time(path, now - std::chrono::hours(age_hours));
+  }
+
+  grpc::Status CreateJob(v1::Job* job, const std::string& request_id = "", bool validate_only = false,
+                         const std::string& path = "") {
+    grpc::ClientContext context;
+    v1::CreateJobRequest request;
+    request.set_request_id(request_id);
+    request.set_validate_only(validate_only);
+    request.set_scene_path(path.empty() ? scene_ : path);
+    request.mutable_settings()->set_tiles(2);
+    return jobs_->CreateJob(&context, request, job);
+  }
+  v1::RegisterWorkerResponse Register() {
+    grpc::ClientContext context;
+    v1::RegisterWorkerRequest request;
+    request.set_version(kAlgorithmVersion);
+    v1::RegisterWorkerResponse response;
+    EXPECT_TRUE(workers_->RegisterWorker(&context, request, &response).ok());
+    return response;
+  }
+  v1::LeaseTaskResponse LeaseOverRpc(const std::string& worker) {
+    grpc::ClientContext context;
+    v1::LeaseTaskRequest request;
+    request.set_worker(worker);
+    v1::LeaseTaskResponse response;
+    EXPECT_TRUE(workers_->LeaseTask(&context, request, &response).ok());
+    return response;
+  }
+  static Digest DigestOf(const std::string& content) {
+    return {Sha256Hex(content), static_cast<int64_t>(content.size())};
+  }
+  Status Fetch(const Digest& digest, BlobStore& store) {
+    RetryPolicy once;
+    once.max_attempts = 1;
+    return BlobClient(channel_, once, [](double) { return true; }).Fetch(digest, store, {});
+  }
+
+  std::string scene_;
+  std::unique_ptr<SqliteStore> cache_;
+  ServerEnvironment environment_;
+  std::unique_ptr<CoordinatorServer> server_;
+  std::shared_ptr<grpc::Channel> channel_;
+  std::unique_ptr<v1::Jobs::Stub> jobs_;
+  std::unique_ptr<v1::Workers::Stub> workers_;
+  std::unique_ptr<v1::Blobs::Stub> blob_service_;
+};
+
+TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
+  v1::Job job, again;
+  ASSERT_TRUE(CreateJob(&job, "r", /*validate_only=*/true).ok());
+  EXPECT_EQ(job.name(), "");
+  EXPECT_THAT(job.warnings(), ElementsAre("an odd thing"));
+  EXPECT_TRUE(dispatcher_->ListJobs(-1, 10).empty());
+  ASSERT_TRUE(CreateJob(&job, "r").ok());
+  EXPECT_EQ(job.name(), "jobs/1");
+  EXPECT_EQ(job.display_name(), "fake");
+  EXPECT_EQ(job.state(), v1::QUEUED);
+  ASSERT_TRUE(CreateJob(&again, "r").ok());
+  EXPECT_EQ(again.name(), "jobs/1");
+
+  const grpc::Status bad = CreateJob(&job, "", false, "/none");
+  EXPECT_EQ(bad.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(bad.error_message(), "scene.json: missing\nimages: missing");
+  EXPECT_EQ(CreateJob(&job, "", false, "relative").error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  grpc::ClientContext context;
+  v1::CreateJobRequest request;
+  request.set_scene_path(scene_);
+  request.mutable_settings()->set_tiles(-1);
+  EXPECT_EQ(jobs_->CreateJob(&context, request, &job).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 1u);
+}
+
+TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
+  v1::Job job;
+  ASSERT_TRUE(CreateJob(&job).ok());
+  const auto registration = Register();
+  EXPECT_EQ(registration.shared_blob_dir(), blobs_->root());
+  EXPECT_GT(registration.lease_s(), registration.heartbeat_s());
+  std::vector<std::string> states;
+  std::thread watcher([&] {
+    grpc::ClientContext context;
+    v1::WatchJobRequest request;
+    request.set_name(job.name());
+    const auto reader = jobs_->WatchJob(&context, request);
+    v1::WatchJobResponse update;
+    while (reader->Read(&update)) states.push_back(v1::JobState_Name(update.job().state()));
+    EXPECT_TRUE(reader->Finish().ok());
+  });
+  for (int tasks = 0; tasks < 4; ++tasks) {
+    const v1::Lease lease = LeaseOverRpc(registration.worker()).lease();
+    ASSERT_EQ(lease.attempt(), 1);
+    EXPECT_EQ(lease.spec().key().size(), 64u);
+    if (tasks == 0) {
+      ASSERT_EQ(lease.spec().inputs_size(), 2);
+      EXPECT_EQ(lease.spec().inputs(0).shared_path(), scene_ + "/image");
+    }
+    grpc::ClientContext heartbeat_context, report_context;
+    v1::HeartbeatRequest heartbeat;
+    heartbeat.set_worker(registration.worker());
+    heartbeat.add_tasks()->set_task(lease.spec().task());
+    heartbeat.mutable_tasks(0)->set_attempt(1);
+    heartbeat.mutable_tasks(0)->set_progress(0.5);
+    v1::HeartbeatResponse stop;
+    ASSERT_TRUE(workers_->Heartbeat(&heartbeat_context, heartbeat, &stop).ok());
+    EXPECT_EQ(stop.stop_tasks_size(), 0);
+    GrantedLease granted;
+    granted.plan.kind = lease.spec().kind();
+    granted.key = lease.spec().key();
+    v1::ReportTaskRequest report;
+    report.set_worker(registration.worker());
+    report.set_task(lease.spec().task());
+    report.set_attempt(1);
+    for (const NamedDigest& output : Result(granted).outputs) {
+      v1::OutputFile& added = *report.mutable_success()->add_outputs();
+      added.set_name(output.name);
+      added.mutable_digest()->set_sha256(output.digest.sha256);
+      added.mutable_digest()->set_size_bytes(output.digest.size_bytes);
+    }
+    v1::ReportTaskResponse response;
+    ASSERT_TRUE(workers_->ReportTask(&report_context, report, &response).ok());
+  }
+  watcher.join();
+  EXPECT_EQ(states.back(), "JOB_SUCCEEDED");
+
+  // Tasks in pages.
+  grpc::ClientContext first_context, second_context;
+  v1::ListTasksRequest request;
+  request.set_parent(job.name());
+  request.set_page_size(3);
+  v1::ListTasksResponse page;
+  ASSERT_TRUE(jobs_->ListTasks(&first_context, request, &page).ok());
+  EXPECT_EQ(page.tasks_size(), 3);
+  EXPECT_EQ(page.tasks(1).title(), "refine tile 0");
+  request.set_page_token(page.next_page_token());
+  ASSERT_TRUE(jobs_->ListTasks(&second_context, request, &page).ok());
+  EXPECT_EQ(page.tasks_size(), 1);
+  EXPECT_EQ(page.next_page_token(), "");
+}
+
+TEST_F(ServerTest, ErrorsKeepTheirCodes) {
+  grpc::ClientContext job_context, lease_context, version_context, token_context, report_context;
+  v1::GetJobRequest get;
+  get.set_name("jobs/7");
+  v1::Job job;
+  EXPECT_EQ(jobs_->GetJob(&job_context, get, &job).error_code(), grpc::StatusCode::NOT_FOUND);
+  v1::LeaseTaskRequest lease;
+  lease.set_worker("workers/nobody");
+  v1::LeaseTaskResponse leased;
+  EXPECT_EQ(workers_->LeaseTask(&lease_context, lease, &leased).error_code(), grpc::StatusCode::NOT_FOUND);
+  v1::RegisterWorkerRequest registration;
+  registration.set_version("another");
+  v1::RegisterWorkerResponse registered;
+  EXPECT_EQ(workers_->RegisterWorker(&version_context, registration, &registered).error_code(),
+            grpc::StatusCode::FAILED_PRECONDITION);
+  v1::ListJobsRequest list;
+  list.set_page_token("x");
+  v1::ListJobsResponse listed;
+  EXPECT_EQ(jobs_->ListJobs(&token_context, list, &listed).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  v1::ReportTaskRequest report;
+  v1::ReportTaskResponse reported;
+  EXPECT_EQ(workers_->ReportTask(&report_context, report, &reported).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(CoordinatorServer::Start(server_->address(), environment_).status().code(), absl::StatusCode::kUnavailable);
+}
+
+TEST_F(ServerTest, WithoutSharedStorageNoPathIsTold) {
+  server_->Shutdown(1);
+  environment_.shared_probe_path.clear();
+  Restart();
+  environment_.dispatcher = dispatcher_.get();
+  Start();
+  v1::Job job;
+  ASSERT_TRUE(CreateJob(&job).ok());
+  const auto registration = Register();
+  EXPECT_EQ(registration.shared_blob_dir(), "");
+  EXPECT_EQ(registration.shared_probe_path(), "");
+  const v1::Lease lease = LeaseOverRpc(registration.worker()).lease();
+  ASSERT_GT(lease.spec().inputs_size(), 0);
+  for (const auto& input : lease.spec().inputs()) EXPECT_EQ(input.shared_path(), "");
+}
+
+TEST_F(ServerTest, SceneFilesAreServedWhileTheyAreWhatTheyWere) {
+  v1::Job job;
+  ASSERT_TRUE(CreateJob(&job).ok());
+  const std::string content = std::string(2'500'000, 'i') + "end";
+  const auto store = *BlobStore::Open(folder_.path() + "/worker");
+  ASSERT_TRUE(Fetch(DigestOf(content), *store).ok());
+  EXPECT_EQ(*store->Read(DigestOf(content)), content);
+  EXPECT_EQ(Fetch(DigestOf("nowhere"), *store).code(), absl::StatusCode::kNotFound);
+
+  const auto other = *BlobStore::Open(folder_.path() + "/other");
+  WriteScene("image", std::string(2'500'000, 'j') + "end", 0);
+  const Status changed = Fetch(DigestOf(content), *other);
+  EXPECT_EQ(changed.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(std::string(changed.message()), HasSubstr("was changed after its job was submitted"));
+  // Changed without a trace in size and time: found while it is read.
+  WriteScene("image", std::string(2'500'000, 'k') + "end");
+  EXPECT_EQ(Fetch(DigestOf(content), *other).code(), absl::StatusCode::kDataLoss);
+  EXPECT_FALSE(other->Has(DigestOf(content)));
+}
+
+TEST_F(ServerTest, BlobsAreUploadedInCheckedChunksWithResume) {
+  const std::string content = std::string(1'500'000, 'u') + "end";
+  const Digest digest = DigestOf(content);
+  const auto write = [&](const std::vector<std::pair<int64_t, std::string>>& chunks, bool damage) {
+    grpc::ClientContext context;
+    v1::WriteBlobResponse response;
+    const auto writer = blob_service_->WriteBlob(&context, &response);
+    v1::WriteBlobRequest request;
+    request.mutable_digest()->set_sha256(digest.sha256);
+    request.mutable_digest()->set_size_bytes(digest.size_bytes);
+    for (const auto& [offset, data] : chunks) {
+      request.mutable_chunk()->set_offset(offset);
+      request.mutable_chunk()->set_data(data);
+      request.mutable_chunk()->set_xxh3(Xxh3(data) + (damage ? 1 : 0));
+      if (!writer->Write(request)) break;
+      request.clear_digest();
+    }
+    writer->WritesDone();
+    return writer->Finish();
+  };
+  EXPECT_EQ(write({{0, content.substr(0, 1000)}}, true).error_code(), grpc::StatusCode::DATA_LOSS);
+  EXPECT_EQ(*blobs_->CommittedBytes(digest), 0);
+  EXPECT_TRUE(write({{0, content.substr(0, 1000)}}, false).ok());  // broken off
+  EXPECT_FALSE(blobs_->Has(digest));
+  EXPECT_EQ(write({{2000, "gap"}}, false).error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  std::ofstream(folder_.path() + "/upload", std::ios::binary) << content;
+  ASSERT_TRUE(BlobClient(channel_, {}, [](double) { return true; }).Send(folder_.path() + "/upload", digest, {}).ok());
+  EXPECT_EQ(*blobs_->Read(digest), content);
+  EXPECT_EQ(write({}, false).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(ServerTest, ShutdownEndsWaitingCalls) {
+  const auto registration = Register();
+  clock_.Advance(5);
+  std::thread waiter([&] {
+    grpc::ClientContext context;
+    v1::LeaseTaskRequest request;
+    request.set_worker(registration.worker());
+    request.set_wait_s(30);
+    v1::LeaseTaskResponse response;
+    EXPECT_TRUE(workers_->LeaseTask(&context, request, &response).ok());
+    EXPECT_FALSE(response.has_lease());
+  });
+  while (dispatcher_->ListWorkers().at(0).last_seen_s > 0) std::this_thread::yield();  // until the call has come
+  server_->Shutdown(20);
+  waiter.join();
+}
+
+TEST_F(ServerTest, DigestsAreRememberedOnceAFileHasSettled) {
+  const std::string path = scene_ + "/image";
+  const FileStamp stamp = *StampOf(path);
+  EXPECT_FALSE(cache_->Find(path, stamp).has_value());
+  const Digest digest = *DigestOfFile(path, *cache_, clock_);
+  EXPECT_EQ(cache_->Find(path, stamp), digest);
+  WriteScene("fresh", "x", 0);
+  ASSERT_TRUE(DigestOfFile(scene_ + "/fresh", *cache_, clock_).ok());
+  EXPECT_FALSE(cache_->Find(scene_ + "/fresh", *StampOf(scene_ + "/fresh")).has_value());
+  const auto missing = DigestSceneFiles({scene_, "s", {"none1", "image", "none2"}, {}}, *cache_, clock_);
+  EXPECT_THAT(std::string(missing.status().message()), testing::AllOf(HasSubstr("none1"), HasSubstr("none2")));
+}
+
+}  // namespace
+}  // namespace tessera
