@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
 #include <vector>
