@@ -1,7 +1,149 @@
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "common/base/parallel.h"
+#include "common/synth/synth.h"
 #include "server/client/commands.h"
 
 namespace tessera {
+namespace {
 
-void AddSynthCommand(CLI::App&, int*) {}
+struct SynthArguments {
+  std::string folder;
+  std::string blocks = "2x2";
+  std::string image_size;
+  uint64_t seed = 1;
+  double gsd_m = 0;
+  bool toy = false, no_images = false, force = false, quiet = false;
+  int threads = 0;
+};
+
+// "AxB" as two positive numbers.
+bool ParsePair(const std::string& text, int* a, int* b) {
+  char rest = 0;
+  return std::sscanf(text.c_str(), "%dx%d%c", a, b, &rest) == 2 && *a > 0 && *b > 0;
+}
+
+double Seconds(std::chrono::steady_clock::time_point since) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
+}
+
+// One line on a terminal, redrawn in place; nothing elsewhere.
+class ProgressLine {
+ public:
+  explicit ProgressLine(bool wanted)
+      : shown_(wanted && isatty(STDERR_FILENO)), start_(std::chrono::steady_clock::now()) {}
+  ~ProgressLine() {
+    if (shown_) std::fprintf(stderr, "\r\033[K");
+  }
+  void Show(double fraction, const std::string& stage) {
+    if (!shown_) return;
+    std::lock_guard<std::mutex> lock(mutex_);
+    const double elapsed_s = Seconds(start_);
+    if (elapsed_s - last_s_ < 0.1) return;
+    last_s_ = elapsed_s;
+    const int filled = static_cast<int>(30 * fraction);
+    std::fprintf(stderr, "\r\033[K[%s%s] %3.0f %%  %s", std::string(filled, '#').c_str(),
+                 std::string(30 - filled, '.').c_str(), 100 * fraction, stage.c_str());
+    if (fraction > 0.05) std::fprintf(stderr, "  %.0f s left", elapsed_s * (1 - fraction) / fraction);
+    std::fflush(stderr);
+  }
+
+ private:
+  bool shown_;
+  std::chrono::steady_clock::time_point start_;
+  std::mutex mutex_;
+  double last_s_ = -1;
+};
+
+void PrintTable(const SynthOptions& options, const SynthReport& r, double seconds) {
+  std::printf("blocks                          %d x %d, %.2f ha\n", options.columns, options.rows, r.area_m2 / 1e4);
+  std::printf("images                          %lld of %d x %d px\n", static_cast<long long>(r.images),
+              options.image_width_px, options.image_height_px);
+  std::printf("GSD                             %.3f m\n", r.gsd_m);
+  std::printf("sparse points                   %lld\n", static_cast<long long>(r.sparse_points));
+  std::printf("faces, truth                    %lld\n", static_cast<long long>(r.truth_faces));
+  std::printf("faces, start                    %lld\n", static_cast<long long>(r.start_faces));
+  std::printf("difficulty (the same for every city)\n");
+  std::printf("  voxel                         %.2f m = %.0f GSD\n", r.voxel_m, r.voxel_m / r.gsd_m);
+  std::printf("  start labels, average accuracy  %.3f by area", r.start_accuracy_by_area);
+  if (r.images > 0) {
+    std::printf(", %.3f by pixels (.82-.86)\n", r.start_accuracy_by_pixels);
+    std::printf("  likelihoods, argmax accuracy    %.3f (.85-.90)\n", r.likelihood_accuracy);
+  } else {
+    std::printf(" (.82-.86)\n");
+  }
+  std::printf("seconds                         %.1f\n", seconds);
+}
+
+int RunSynth(const SynthArguments& arguments) {
+  SynthOptions options;
+  options.seed = arguments.seed;
+  options.with_images = !arguments.no_images;
+  options.overwrite = arguments.force;
+  std::string blocks = arguments.blocks, size = arguments.image_size;
+  if (arguments.toy) {
+    blocks = "1x1";
+    options.gsd_m = 0.3;
+    options.image_width_px = 320;
+    options.image_height_px = 240;
+  }
+  if (arguments.gsd_m > 0) options.gsd_m = arguments.gsd_m;
+  if (!ParsePair(blocks, &options.columns, &options.rows)) {
+    std::fprintf(stderr, "--blocks: found '%s', expected COLUMNSxROWS as in 2x2\n", blocks.c_str());
+    return kExitUsage;
+  }
+  if (!size.empty() && !ParsePair(size, &options.image_width_px, &options.image_height_px)) {
+    std::fprintf(stderr, "--image-size: found '%s', expected WIDTHxHEIGHT as in 1000x750\n", size.c_str());
+    return kExitUsage;
+  }
+  std::unique_ptr<ThreadLimit> limit;
+  if (arguments.threads > 0) limit = std::make_unique<ThreadLimit>(arguments.threads);
+  const auto start = std::chrono::steady_clock::now();
+  StatusOr<SynthReport> report = absl::InternalError("not run");
+  {
+    ProgressLine line(!arguments.quiet);
+    TaskControl control;
+    control.report = [&](double fraction, const std::string& stage) { line.Show(fraction, stage); };
+    report = SynthesizeCity(options, arguments.folder, control);
+  }
+  if (!report.ok()) {
+    std::fprintf(stderr, "tessera synth: %s\n", std::string(report.status().message()).c_str());
+    return report.status().code() == absl::StatusCode::kInvalidArgument ? kExitUsage : kExitFailed;
+  }
+  if (!arguments.quiet) PrintTable(options, *report, Seconds(start));
+  return kExitOk;
+}
+
+}  // namespace
+
+void AddSynthCommand(CLI::App& app, int* exit_code) {
+  CLI::App* command = app.add_subcommand("synth", "Make a procedural city with exact truth, ready to be refined");
+  auto arguments = std::make_shared<SynthArguments>();
+  command->add_option("CITY", arguments->folder, "Folder to write the scene into")->required();
+  command->add_option("--blocks", arguments->blocks, "COLUMNSxROWS blocks of 44 m")->capture_default_str();
+  command->add_option("--seed", arguments->seed, "Same seed, same bytes")->capture_default_str();
+  command->add_option("--gsd", arguments->gsd_m, "Ground sampling distance in metres (default 0.12)");
+  command->add_option("--image-size", arguments->image_size, "WIDTHxHEIGHT in pixels (default 1000x750)");
+  command->add_option("--threads", arguments->threads, "Threads to use (default: one for each core)");
+  command->add_flag("--toy", arguments->toy, "One block, GSD 0.3, 320x240: a few seconds");
+  command->add_flag("--no-images", arguments->no_images, "Meshes and cameras only");
+  command->add_flag("--force", arguments->force, "Overwrite the scene in CITY");
+  command->add_flag("--quiet", arguments->quiet, "No progress and no table");
+  command->footer(
+      "Examples:\n"
+      "  tessera synth city                            two by two blocks, about 50 images\n"
+      "  tessera synth toy --toy --seed 3              the smallest, for tests\n"
+      "  tessera synth town --blocks 8x6 --image-size 3000x2000\n"
+      "  tessera synth wide --blocks 40x40 --no-images 3 square kilometres of meshes\n"
+      "How hard the start mesh and the likelihoods are is fixed; no option changes it.");
+  command->callback([arguments, exit_code] { *exit_code = RunSynth(*arguments); });
+}
 
 }  // namespace tessera

@@ -1,0 +1,50 @@
+// A part of the city made ready for rays: its surface, its textures, an acceleration structure.
+#ifndef TESSERA_COMMON_SYNTH_CITY_SCENE_H_
+#define TESSERA_COMMON_SYNTH_CITY_SCENE_H_
+
+#include <memory>
+#include <vector>
+
+#include "common/geometry/ray_caster.h"
+#include "common/synth/ground.h"
+#include "common/synth/plan.h"
+#include "common/synth/surface.h"
+
+namespace tessera {
+
+// Blocks [column_low, column_high) x [row_low, row_high).
+struct BlockRange {
+  int column_low = 0, column_high = 1;
+  int row_low = 0, row_high = 1;
+  bool Contains(int column, int row) const {
+    return column >= column_low && column < column_high && row >= row_low && row < row_high;
+  }
+  // The range with `margin` more blocks on each side, within the city.
+  BlockRange Grown(const CityPlan& plan, int margin) const;
+};
+
+// Immutable once made; const functions may be called from any thread.
+class CityScene {
+ public:
+  CityScene(const CityPlan& plan, const GroundGrid& grid, const BlockRange& range);
+
+  const CityPlan& plan() const { return plan_; }
+  const TexturedSurface& surface() const { return surface_; }
+  const RayCaster& caster() const { return *caster_; }
+  // Towards the sun, unit.
+  const Eigen::Vector3d& sun() const { return sun_; }
+
+  // Radiance (linear RGB) that leaves the hit point origin + hit.distance·direction: albedo lit by sun and sky.
+  Eigen::Vector3f Radiance(const RayHit& hit, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
+
+ private:
+  CityPlan plan_;
+  TexturedSurface surface_;
+  std::vector<Eigen::Vector3f> normals_;
+  std::unique_ptr<RayCaster> caster_;
+  Eigen::Vector3d sun_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_SYNTH_CITY_SCENE_H_

@@ -1,0 +1,71 @@
+#include "common/synth/flight.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "common/base/random.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kFocalPerWidth = 1.1;         // nadir
+constexpr double kObliqueFocalPerWidth = 1.4;  // so that the GSD in the middle is nearly the nadir's
+constexpr double kTiltRad = 0.7853981633974483;
+
+}  // namespace
+
+std::vector<SynthView> PlanFlight(const CityPlan& plan, int width_px, int height_px) {
+  const double height_m = plan.gsd_m * kFocalPerWidth * width_px;
+  const double forward_m = (1 - kForwardOverlap) * height_px * plan.gsd_m;
+  const double side_m = (1 - kSideOverlap) * width_px * plan.gsd_m;
+  const int lines = std::max(1, static_cast<int>(std::ceil(plan.columns * CityPlan::kPitch / side_m - 0.25)));
+  const int stations = std::max(3, static_cast<int>(std::ceil(plan.rows * CityPlan::kPitch / forward_m - 0.25)));
+  Random random(plan.seed ^ 0x666c69676874ull);
+  std::vector<SynthView> views;
+  static const char* const kNames[kLookCount] = {"nadir", "north", "east", "south", "west"};
+  for (int line = 0; line < lines; ++line) {
+    for (int station = 0; station < stations; ++station) {
+      const Eigen::Vector2d over((line - 0.5 * (lines - 1)) * side_m, (station - 0.5 * (stations - 1)) * forward_m);
+      for (int look = 0; look < kLookCount; ++look) {
+        SynthView view;
+        char stem[48];
+        std::snprintf(stem, sizeof stem, "%s_%02d_%03d", kNames[look], line, station);
+        view.stem = stem;
+        view.look = look;
+        // Aircraft drift: a hundredth of the height in place, a degree in attitude.
+        view.target = over + 0.006 * height_m * Eigen::Vector2d(random.Uniform(-1, 1), random.Uniform(-1, 1));
+        const Eigen::Vector3d target(view.target.x(), view.target.y(), TerrainHeight(plan, over.x(), over.y()));
+        const double sky[kLookCount][2] = {{0, 0}, {0, 1}, {1, 0}, {0, -1}, {-1, 0}};
+        const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+        Eigen::Vector3d right, forward;
+        Eigen::Vector3d centre = target + up * height_m * random.Uniform(0.985, 1.015);
+        if (look == 0) {
+          right = Eigen::Vector3d::UnitX();
+          forward = -up;
+        } else {
+          const Eigen::Vector3d heading(sky[look][0], sky[look][1], 0);
+          right = heading.cross(up);
+          forward = std::sin(kTiltRad) * heading - std::cos(kTiltRad) * up;
+          centre -= heading * height_m * std::tan(kTiltRad);
+        }
+        Eigen::Matrix3d rotation;
+        rotation.row(0) = right.transpose();
+        rotation.row(1) = forward.cross(right).transpose();
+        rotation.row(2) = forward.transpose();
+        const Eigen::AngleAxisd drift(random.Uniform(-0.02, 0.02), Eigen::Vector3d::UnitZ());
+        const Eigen::AngleAxisd roll(random.Uniform(-0.008, 0.008), Eigen::Vector3d::UnitX());
+        rotation = (drift * roll).toRotationMatrix() * rotation;
+        const double focal = width_px * (look == 0 ? kFocalPerWidth : kObliqueFocalPerWidth);
+        view.camera.intrinsics = {width_px, height_px, focal, focal, 0.5 * width_px, 0.5 * height_px};
+        view.camera.rotation_cam_from_world = rotation;
+        view.camera.translation_cam_from_world = -rotation * centre;
+        views.push_back(std::move(view));
+      }
+    }
+  }
+  return views;
+}
+
+}  // namespace tessera

@@ -1,0 +1,77 @@
+#include "common/synth/ground.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/base/random.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kSpacing = 1.0;  // metres between grid lines at most
+
+// Appends lines from the last one to `to` (included), about kSpacing apart.
+void FillTo(std::vector<double>& lines, double to) {
+  const double from = lines.back();
+  const int steps = std::max(1, static_cast<int>(std::ceil((to - from) / kSpacing - 1e-9)));
+  for (int k = 1; k <= steps; ++k) lines.push_back(from + (to - from) * k / steps);
+}
+
+void MakeLines(double low, int blocks, std::vector<double>& lines, std::vector<size_t>& start) {
+  lines = {low - CityPlan::kApron};
+  FillTo(lines, low - CityPlan::kKerbWidth);
+  lines.push_back(low);
+  for (int k = 0; k < blocks; ++k) {
+    const double from = low + k * CityPlan::kPitch;
+    start.push_back(k == 0 ? 0 : lines.size() - 1);
+    FillTo(lines, from + CityPlan::kHalfStreet - CityPlan::kKerbWidth);
+    lines.push_back(from + CityPlan::kHalfStreet);
+    FillTo(lines, from + CityPlan::kPitch - CityPlan::kHalfStreet);
+    lines.push_back(from + CityPlan::kPitch - CityPlan::kHalfStreet + CityPlan::kKerbWidth);
+    FillTo(lines, from + CityPlan::kPitch);
+  }
+  lines.push_back(lines.back() + CityPlan::kKerbWidth);
+  FillTo(lines, low + blocks * CityPlan::kPitch + CityPlan::kApron);
+  start.push_back(lines.size() - 1);
+}
+
+}  // namespace
+
+GroundGrid MakeGroundGrid(const CityPlan& plan) {
+  GroundGrid grid;
+  MakeLines(plan.MinX(), plan.columns, grid.x_lines, grid.column_start);
+  MakeLines(plan.MinY(), plan.rows, grid.y_lines, grid.row_start);
+  return grid;
+}
+
+Eigen::Vector3d GroundVertex(const CityPlan& plan, const GroundGrid& grid, size_t i, size_t j) {
+  const double x = grid.x_lines[i], y = grid.y_lines[j];
+  return {x, y, GroundHeight(plan, x, y)};
+}
+
+TexturedSurface BuildGround(const CityPlan& plan, const GroundGrid& grid, int column, int row) {
+  TexturedSurface ground;
+  SurfacePatch patch;
+  patch.seed = static_cast<uint32_t>(MixBits(plan.seed ^ 0x67726f756e64ull));
+  patch.extent_m.x() = static_cast<float>(PlanBlock(plan, column, row).paved_share);
+  ground.patches.push_back(patch);
+  const size_t i0 = grid.column_start[column], i1 = grid.column_start[column + 1];
+  const size_t j0 = grid.row_start[row], j1 = grid.row_start[row + 1];
+  const size_t width = i1 - i0 + 1;
+  for (size_t j = j0; j <= j1; ++j) {
+    for (size_t i = i0; i <= i1; ++i) ground.mesh.vertices.push_back(GroundVertex(plan, grid, i, j));
+  }
+  for (size_t j = 0; j < j1 - j0; ++j) {
+    for (size_t i = 0; i < i1 - i0; ++i) {
+      const uint32_t a = static_cast<uint32_t>(j * width + i), b = a + 1, d = a + static_cast<uint32_t>(width),
+                     c = d + 1;
+      ground.mesh.faces.push_back({a, b, c});
+      ground.mesh.faces.push_back({a, c, d});
+    }
+  }
+  ground.mesh.labels.assign(ground.mesh.faces.size(), kGround);
+  ground.patch_of_face.assign(ground.mesh.faces.size(), 0);
+  return ground;
+}
+
+}  // namespace tessera

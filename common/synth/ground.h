@@ -1,0 +1,31 @@
+// The ground as a heightfield on a tensor grid whose lines follow the kerbs.
+#ifndef TESSERA_COMMON_SYNTH_GROUND_H_
+#define TESSERA_COMMON_SYNTH_GROUND_H_
+
+#include <cstdint>
+#include <vector>
+
+#include "common/synth/plan.h"
+#include "common/synth/surface.h"
+
+namespace tessera {
+
+// Grid lines of the whole city's ground, and which of them bound each block's part. Outermost blocks own the apron.
+struct GroundGrid {
+  std::vector<double> x_lines, y_lines;
+  std::vector<size_t> column_start, row_start;  // first line of each block column/row; one more: the last line
+
+  size_t VertexCount() const { return x_lines.size() * y_lines.size(); }
+  size_t Vertex(size_t i, size_t j) const { return j * x_lines.size() + i; }
+};
+
+GroundGrid MakeGroundGrid(const CityPlan& plan);
+
+Eigen::Vector3d GroundVertex(const CityPlan& plan, const GroundGrid& grid, size_t i, size_t j);
+
+// The ground of one block, its vertices its own.
+TexturedSurface BuildGround(const CityPlan& plan, const GroundGrid& grid, int column, int row);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_SYNTH_GROUND_H_

@@ -1,0 +1,51 @@
+// A labelled PLY written piece by piece: vertices and faces pass through two files beside it, never through memory.
+#ifndef TESSERA_COMMON_SYNTH_PLY_STREAM_H_
+#define TESSERA_COMMON_SYNTH_PLY_STREAM_H_
+
+#include <cstdint>
+#include <cstdio>
+#include <string>
+
+#include "common/base/status.h"
+#include "common/geometry/mesh.h"
+
+namespace tessera {
+
+// Vertices and labelled faces kept in two plain files, in the order of their adding, until somebody reads them back.
+// The files are removed on destruction. Not thread-safe; errors of writing surface in Flush.
+class MeshSpool {
+ public:
+  explicit MeshSpool(const std::string& path_prefix);
+  ~MeshSpool();
+  MeshSpool(const MeshSpool&) = delete;
+  MeshSpool& operator=(const MeshSpool&) = delete;
+
+  void AddVertex(const Eigen::Vector3d& p);
+  void AddFace(const Triangle& face, int32_t label);
+  int64_t vertex_count() const { return vertex_count_; }
+  int64_t face_count() const { return face_count_; }
+
+  // Ends writing and starts reading from the first record. May be called again to read again.
+  Status Rewind();
+  // False at the end. Only after Rewind.
+  bool NextVertex(Eigen::Vector3d* p);
+  bool NextFace(Triangle* face, int32_t* label);
+
+ private:
+  std::string vertex_path_, face_path_;
+  std::FILE* vertices_ = nullptr;
+  std::FILE* faces_ = nullptr;
+  int64_t vertex_count_ = 0, face_count_ = 0;
+  bool failed_ = false;
+};
+
+// Writes the spool as binary little-endian PLY (double x y z; vertex_indices, label) through a temporary name.
+Status WriteSpooledPly(const std::string& path, MeshSpool& spool);
+
+// Copies `from` to `to` without the connected components of fewer than `min_faces` faces and without the vertices that
+// no face uses. Memory: 8 bytes a vertex.
+Status DropSmallComponents(MeshSpool& from, int64_t min_faces, MeshSpool& to);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_SYNTH_PLY_STREAM_H_

@@ -1,0 +1,106 @@
+#include "common/synth/scene_files.h"
+
+#include <Eigen/Geometry>
+#include <cstdarg>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+__attribute__((format(printf, 2, 3))) void Append(std::string& text, const char* format, ...) {
+  char line[512];
+  va_list arguments;
+  va_start(arguments, format);
+  std::vsnprintf(line, sizeof line, format, arguments);
+  va_end(arguments);
+  text += line;
+}
+
+}  // namespace
+
+Status WriteColmapText(const std::string& folder, const std::vector<SynthView>& flight, const std::string& extension,
+                       const std::vector<SparsePoint>& points) {
+  std::string cameras = "# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n";
+  for (int look = 0; look < kLookCount; ++look) {
+    for (const SynthView& view : flight) {
+      if (view.look != look) continue;
+      const PinholeCamera& c = view.camera.intrinsics;
+      Append(cameras, "%d PINHOLE %d %d %.17g %.17g %.17g %.17g\n", look + 1, c.width, c.height, c.fx, c.fy, c.cx,
+             c.cy);
+      break;
+    }
+  }
+  // Where each observation stands in its image's list.
+  std::vector<std::vector<std::pair<const SparsePoint::Observation*, size_t>>> seen(flight.size());
+  std::string text = "# 3D point list: POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n";
+  for (size_t k = 0; k < points.size(); ++k) {
+    const SparsePoint& p = points[k];
+    Append(text, "%zu %.12g %.12g %.12g %d %d %d %.4f", k + 1, p.position.x(), p.position.y(), p.position.z(),
+           p.color_rgb[0], p.color_rgb[1], p.color_rgb[2], p.error_px);
+    for (const auto& observation : p.track) {
+      Append(text, " %d %zu", observation.view + 1, seen[observation.view].size());
+      seen[observation.view].push_back({&observation, k + 1});
+    }
+    text += '\n';
+  }
+  std::string images =
+      "# Image list, two lines each: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME and "
+      "POINTS2D[] as (X, Y, POINT3D_ID)\n";
+  for (size_t k = 0; k < flight.size(); ++k) {
+    const Eigen::Quaterniond q(flight[k].camera.rotation_cam_from_world);
+    const Eigen::Vector3d& t = flight[k].camera.translation_cam_from_world;
+    Append(images, "%zu %.17g %.17g %.17g %.17g %.17g %.17g %.17g %d %s%s\n", k + 1, q.w(), q.x(), q.y(), q.z(), t.x(),
+           t.y(), t.z(), flight[k].look + 1, flight[k].stem.c_str(), extension.c_str());
+    for (size_t n = 0; n < seen[k].size(); ++n) {
+      Append(images, "%s%.4f %.4f %zu", n ? " " : "", seen[k][n].first->x_px, seen[k][n].first->y_px,
+             seen[k][n].second);
+    }
+    images += '\n';
+  }
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(folder + "/cameras.txt", cameras));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(folder + "/images.txt", images));
+  return WriteFileAtomic(folder + "/points3D.txt", text);
+}
+
+Status WriteSceneJson(const std::string& folder, const std::string& name, const SynthOptions& options,
+                      const SynthReport& report) {
+  nlohmann::ordered_json synth;
+  synth["parameters"] = {{"blocks", {options.columns, options.rows}},
+                         {"seed", options.seed},
+                         {"gsd_m", options.gsd_m},
+                         {"image_size_px", {options.image_width_px, options.image_height_px}},
+                         {"images", options.with_images}};
+  synth["made"] = {{"images", report.images},
+                   {"sparse_points", report.sparse_points},
+                   {"truth_faces", report.truth_faces},
+                   {"start_faces", report.start_faces},
+                   {"area_m2", report.area_m2}};
+  nlohmann::ordered_json difficulty = {{"voxel_m", report.voxel_m},
+                                       {"voxel_gsd", report.voxel_m / report.gsd_m},
+                                       {"start_average_accuracy_by_area", report.start_accuracy_by_area}};
+  if (options.with_images) {
+    difficulty["start_average_accuracy_by_pixels"] = report.start_accuracy_by_pixels;
+    difficulty["likelihood_argmax_accuracy"] = report.likelihood_accuracy;
+  }
+  synth["difficulty"] = difficulty;
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(folder + "/synth.json", synth.dump(2) + "\n"));
+  nlohmann::ordered_json scene;
+  scene["tessera_scene"] = 1;
+  scene["name"] = name;
+  scene["cameras"] = "colmap";
+  if (options.with_images) {
+    scene["images"] = "images";
+    scene["likelihoods"] = "likelihoods";
+  }
+  scene["mesh"] = "mesh.ply";
+  scene["classes"] = {"ground", "facade", "roof", "vegetation"};
+  scene["crs"] = {{"type", "local"}};
+  scene["up"] = {0, 0, 1};
+  scene["flights"] = nlohmann::ordered_json::array({{{"name", "spring"}, {"date", "2026-05-14"}, {"images", {"*"}}}});
+  return WriteFileAtomic(folder + "/scene.json", scene.dump(2) + "\n");
+}
+
+}  // namespace tessera

@@ -1,0 +1,146 @@
+// Labelled, textured triangle surfaces of the city and the solids that they are made of.
+#ifndef TESSERA_COMMON_SYNTH_SURFACE_H_
+#define TESSERA_COMMON_SYNTH_SURFACE_H_
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "common/geometry/mesh.h"
+#include "common/synth/plan.h"
+
+namespace tessera {
+
+enum class Material : uint8_t {
+  kGroundCover,
+  kPlaster,
+  kBrick,
+  kConcrete,
+  kPlainWall,
+  kWindow,
+  kDoor,
+  kRoofTiles,
+  kRoofMetal,
+  kRoofGravel,
+  kRoofPlain,
+  kFoliage,
+  kBark
+};
+
+// What a face's texture is a function of. `u`, `v`: unit axes of the surface, world frame; texture coordinates are
+// metres along them from `origin`. `extent_m`: size of a window or door, else unused.
+struct SurfacePatch {
+  Material material = Material::kGroundCover;
+  uint32_t seed = 0;
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  Eigen::Vector3d u = Eigen::Vector3d::UnitX();
+  Eigen::Vector3d v = Eigen::Vector3d::UnitY();
+  Eigen::Vector2f extent_m = {1, 1};
+  Eigen::Vector3f albedo = {0.5f, 0.5f, 0.5f};  // linear RGB
+};
+
+// A labelled mesh and the patch of each face.
+struct TexturedSurface {
+  TriangleMesh mesh;
+  std::vector<uint32_t> patch_of_face;
+  std::vector<SurfacePatch> patches;
+
+  // Appends `other`, world frame both.
+  void Append(const TexturedSurface& other);
+};
+
+// A convex solid {p : n·p <= offset for all planes}, for occupancy. Each plane knows the class of its side.
+struct ConvexSolid {
+  struct Plane {
+    Eigen::Vector3d normal;
+    double offset;
+    int32_t label;
+  };
+  std::vector<Plane> planes;
+  Eigen::AlignedBox3d box;
+
+  // Signed distance to the boundary inside (negative) and near faces; a lower bound elsewhere. *label: its class.
+  double Distance(const Eigen::Vector3d& p, int32_t* label) const {
+    double best = -1e30;
+    for (const Plane& plane : planes) {
+      const double d = plane.normal.dot(p) - plane.offset;
+      if (d > best) {
+        best = d;
+        *label = plane.label;
+      }
+    }
+    return best;
+  }
+};
+
+// Everything that stands on a block's ground.
+struct BlockSolids {
+  TexturedSurface surface;
+  std::vector<ConvexSolid> solids;
+  std::vector<TreeSpec> trees;
+};
+
+// Builds solids in a frame of their own (rotated about z, shifted) and appends them to a block. Vertices of one solid
+// at the same place are one vertex, so a solid whose faces meet edge to edge is a closed manifold.
+class SolidBuilder {
+ public:
+  SolidBuilder(BlockSolids& block, const Eigen::Vector3d& origin, double yaw_rad)
+      : block_(block),
+        origin_(origin),
+        rotation_(Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix()) {}
+
+  // Starts a solid: vertices are shared only within it.
+  void Begin() { index_.clear(); }
+  // A patch with its axes in the builder's frame.
+  uint32_t Patch(Material material, uint32_t seed, const Eigen::Vector3f& albedo, const Eigen::Vector3d& origin,
+                 const Eigen::Vector3d& u, const Eigen::Vector3d& v, const Eigen::Vector2f& extent_m = {1, 1});
+  // Corners counter-clockwise seen from outside.
+  void Triangle(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c, int32_t label,
+                uint32_t patch);
+  void Quad(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c, const Eigen::Vector3d& d,
+            int32_t label, uint32_t patch);
+
+  struct Finish {
+    Material material = Material::kPlaster;
+    Eigen::Vector3f albedo = {0.5f, 0.5f, 0.5f};
+    int32_t label = kFacade;
+  };
+  // A closed box; `occupies`: it counts for the start mesh's occupancy.
+  void Box(const Eigen::Vector3d& low, const Eigen::Vector3d& high, const Finish& side, const Finish& top,
+           uint32_t seed, bool occupies = true);
+  // Adds a convex solid for occupancy: planes through the given points with outward normals, builder's frame.
+  struct LocalPlane {
+    Eigen::Vector3d point, normal;
+    int32_t label;
+  };
+  void Occupy(const std::vector<LocalPlane>& planes, const std::vector<Eigen::Vector3d>& corners);
+
+  Eigen::Vector3d ToWorld(const Eigen::Vector3d& p) const { return origin_ + rotation_ * p; }
+
+ private:
+  uint32_t Vertex(const Eigen::Vector3d& p);
+
+  BlockSolids& block_;
+  Eigen::Vector3d origin_;
+  Eigen::Matrix3d rotation_;
+  std::map<std::array<int64_t, 3>, uint32_t> index_;
+};
+
+// Appends a building: body with reveals, balconies, courses; roof with dormers, chimneys or parapets.
+void BuildBuilding(const BuildingSpec& spec, BlockSolids& block);
+
+// Appends a tree: trunk and rough crown.
+void BuildTree(const TreeSpec& spec, BlockSolids& block);
+
+// Signed distance (approximate) to a crown and the growth under it, negative inside.
+double CrownDistance(const TreeSpec& spec, const Eigen::Vector3d& p);
+
+// All of a block but its ground.
+BlockSolids BuildBlock(const CityPlan& plan, int column, int row);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_SYNTH_SURFACE_H_

@@ -1,0 +1,353 @@
+#include "common/synth/synth.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <unordered_map>
+
+#include "common/base/parallel.h"
+#include "common/base/random.h"
+#include "common/imaging/image_io.h"
+#include "common/storage/files.h"
+#include "common/synth/calibration.h"
+#include "common/synth/ply_stream.h"
+#include "common/synth/scene_files.h"
+#include "common/synth/sparse_points.h"
+
+namespace tessera {
+namespace {
+
+constexpr int kCellBlocks = 6;         // rays see this many blocks a side at once, and those around
+constexpr int kCalibrationBlocks = 4;  // a side, in the middle of the city
+constexpr int64_t kSpeckFaces = 100;   // smaller pieces of the start mesh are dropped
+constexpr int kJpegQuality = 95;
+constexpr int kPointsPerBlock = 450;
+
+Status ValidateOptions(const SynthOptions& o) {
+  Faults faults;
+  const auto expect = [&](bool good, const std::string& message) {
+    if (!good) faults.Add(absl::InvalidArgumentError(message));
+  };
+  expect(o.columns >= 1 && o.rows >= 1 && o.columns <= 400 && o.rows <= 400,
+         "blocks: expected 1 to 400 columns and rows");
+  expect(std::isfinite(o.gsd_m) && o.gsd_m >= 0.02 && o.gsd_m <= 1.0, "gsd: expected 0.02 to 1 metres");
+  expect(o.image_width_px >= 64 && o.image_height_px >= 64 && o.image_width_px <= 20000 && o.image_height_px <= 20000,
+         "image size: expected 64 to 20000 pixels a side");
+  return faults.ToStatus();
+}
+
+// Makes the folder empty of what a scene consists of, or says why it will not.
+Status PrepareFolder(const std::string& folder, bool overwrite, bool with_images) {
+  std::error_code error;
+  if (std::filesystem::exists(folder, error) && !std::filesystem::is_directory(folder, error)) {
+    return absl::FailedPreconditionError(folder + " is not a folder");
+  }
+  if (std::filesystem::is_directory(folder, error) && !std::filesystem::is_empty(folder, error)) {
+    if (!overwrite) return absl::FailedPreconditionError(folder + " is not empty; --force overwrites the scene in it");
+    for (const char* part : {"scene.json", "synth.json", "mesh.ply", "images", "likelihoods", "colmap", "truth"}) {
+      TESSERA_RETURN_IF_ERROR(RemoveTree(folder + "/" + part));
+    }
+  }
+  for (const char* part : {"", "/colmap", "/truth"}) TESSERA_RETURN_IF_ERROR(EnsureFolder(folder + part));
+  if (with_images) {
+    for (const char* part : {"/images", "/likelihoods"}) TESSERA_RETURN_IF_ERROR(EnsureFolder(folder + part));
+  }
+  return absl::OkStatus();
+}
+
+// The solids of blocks, made when first asked for and kept until their row is past.
+class BlockCache : public BlockSource {
+ public:
+  explicit BlockCache(const CityPlan& plan) : plan_(plan) {}
+
+  const BlockSolids& Solids(int column, int row) const override {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      const auto place = blocks_.find({row, column});
+      if (place != blocks_.end()) return *place->second;
+    }
+    auto block = std::make_unique<BlockSolids>(BuildBlock(plan_, column, row));
+    block->surface = {};
+    std::lock_guard<std::mutex> lock(mutex_);
+    return *blocks_.try_emplace({row, column}, std::move(block)).first->second;
+  }
+
+  void ForgetRowsBefore(int row) {
+    std::lock_guard<std::mutex> lock(mutex_);
+    blocks_.erase(blocks_.begin(), blocks_.lower_bound({row, 0}));
+  }
+
+ private:
+  const CityPlan& plan_;
+  mutable std::mutex mutex_;
+  mutable std::map<std::pair<int, int>, std::unique_ptr<BlockSolids>> blocks_;
+};
+
+class CitySynthesizer {
+ public:
+  CitySynthesizer(const SynthOptions& options, const std::string& folder, const TaskControl& control)
+      : options_(options),
+        folder_(folder),
+        control_(control),
+        plan_{options.columns, options.rows, options.seed, options.gsd_m},
+        grid_(MakeGroundGrid(plan_)),
+        blocks_(plan_),
+        flight_(PlanFlight(plan_, options.image_width_px, options.image_height_px)) {}
+
+  StatusOr<SynthReport> Run() {
+    report_.gsd_m = options_.gsd_m;
+    report_.voxel_m = kVoxelPerGsd * options_.gsd_m;
+    report_.area_m2 = plan_.Blocks() * CityPlan::kPitch * CityPlan::kPitch;
+    report_.images = options_.with_images ? static_cast<int64_t>(flight_.size()) : 0;
+    TESSERA_RETURN_IF_ERROR(WriteTruthMesh());
+    TESSERA_RETURN_IF_ERROR(Calibrate());
+    TESSERA_RETURN_IF_ERROR(WriteStartMesh());
+    if (options_.with_images) {
+      TESSERA_RETURN_IF_ERROR(WriteViews());
+    }
+    TESSERA_RETURN_IF_ERROR(WriteColmapText(folder_ + "/colmap", flight_, ".jpg", points_));
+    report_.sparse_points = static_cast<int64_t>(points_.size());
+    TESSERA_RETURN_IF_ERROR(control_.Check());
+    std::filesystem::path named = std::filesystem::path(folder_).lexically_normal();
+    if (named.filename().empty()) named = named.parent_path();
+    TESSERA_RETURN_IF_ERROR(WriteSceneJson(folder_, named.filename().string(), options_, report_));
+    return report_;
+  }
+
+ private:
+  uint64_t ViewSeed(size_t view) const { return MixBits(plan_.seed ^ MixBits(0x76696577ull + view)); }
+
+  Status WriteTruthMesh() {
+    MeshSpool spool(folder_ + "/truth/mesh");
+    for (size_t j = 0; j < grid_.y_lines.size(); ++j) {
+      for (size_t i = 0; i < grid_.x_lines.size(); ++i) spool.AddVertex(GroundVertex(plan_, grid_, i, j));
+    }
+    for (size_t j = 0; j + 1 < grid_.y_lines.size(); ++j) {
+      for (size_t i = 0; i + 1 < grid_.x_lines.size(); ++i) {
+        const auto v = [&](size_t di, size_t dj) { return static_cast<uint32_t>(grid_.Vertex(i + di, j + dj)); };
+        spool.AddFace({v(0, 0), v(1, 0), v(1, 1)}, kGround);
+        spool.AddFace({v(0, 0), v(1, 1), v(0, 1)}, kGround);
+      }
+    }
+    for (int row = 0; row < plan_.rows; ++row) {
+      control_.Report(0.03 * row / plan_.rows, "true surface");
+      TESSERA_RETURN_IF_ERROR(control_.Check());
+      std::vector<TriangleMesh> meshes(plan_.columns);
+      ParallelFor(plan_.columns, 1, [&](int64_t begin, int64_t end) {
+        for (int64_t c = begin; c < end; ++c) meshes[c] = BuildBlock(plan_, static_cast<int>(c), row).surface.mesh;
+      });
+      for (const TriangleMesh& mesh : meshes) {
+        const uint32_t first = static_cast<uint32_t>(spool.vertex_count());
+        for (const Eigen::Vector3d& p : mesh.vertices) spool.AddVertex(p);
+        for (size_t f = 0; f < mesh.faces.size(); ++f) {
+          const Triangle& t = mesh.faces[f];
+          spool.AddFace({t[0] + first, t[1] + first, t[2] + first}, mesh.labels[f]);
+        }
+      }
+    }
+    report_.truth_faces = spool.face_count();
+    return WriteSpooledPly(folder_ + "/truth/mesh.ply", spool);
+  }
+
+  // How far views see beyond their targets and shadows fall, in blocks.
+  int SightMargin() const {
+    const double height_m = 1.1 * options_.image_width_px * options_.gsd_m;
+    return static_cast<int>(std::ceil((1.1 * height_m + 40) / CityPlan::kPitch));
+  }
+
+  std::shared_ptr<const CityScene> SceneAround(const BlockRange& range) {
+    const BlockRange grown = range.Grown(plan_, SightMargin());
+    const std::array<int, 4> key = {grown.column_low, grown.column_high, grown.row_low, grown.row_high};
+    if (!scene_ || key != scene_key_) {
+      scene_.reset();
+      scene_ = std::make_shared<CityScene>(plan_, grid_, grown);
+      scene_key_ = key;
+    }
+    return scene_;
+  }
+
+  std::vector<int> ViewsOver(const BlockRange& range) const {
+    std::vector<int> views;
+    for (size_t k = 0; k < flight_.size(); ++k) {
+      const auto block = [](double offset, int count) {
+        return std::clamp(static_cast<int>(std::floor(offset / CityPlan::kPitch)), 0, count - 1);
+      };
+      if (range.Contains(block(flight_[k].target.x() - plan_.MinX(), plan_.columns),
+                         block(flight_[k].target.y() - plan_.MinY(), plan_.rows))) {
+        views.push_back(static_cast<int>(k));
+      }
+    }
+    return views;
+  }
+
+  Status Calibrate() {
+    control_.Report(0.03, "calibration");
+    TESSERA_RETURN_IF_ERROR(control_.Check());
+    BlockRange range;
+    range.column_low = std::max(0, (plan_.columns - kCalibrationBlocks) / 2);
+    range.column_high = std::min(plan_.columns, range.column_low + kCalibrationBlocks);
+    range.row_low = std::max(0, (plan_.rows - kCalibrationBlocks) / 2);
+    range.row_high = std::min(plan_.rows, range.row_low + kCalibrationBlocks);
+    std::vector<std::pair<int, int>> places;
+    for (int row = range.row_low; row < range.row_high; ++row) {
+      for (int column = range.column_low; column < range.column_high; ++column) places.push_back({row, column});
+    }
+    std::vector<StartChunk> chunks(places.size());
+    ParallelFor(static_cast<int64_t>(places.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t k = begin; k < end; ++k)
+        chunks[k] = ExtractStartChunk(plan_, blocks_, places[k].second, places[k].first);
+    });
+    std::vector<const StartChunk*> pointers;
+    for (const StartChunk& chunk : chunks) pointers.push_back(&chunk);
+    std::vector<StartLabelSample> samples;
+    if (options_.with_images) {
+      const auto scene = SceneAround(range);
+      const std::vector<int> over = ViewsOver(range);
+      const auto spread = [&](size_t count) {
+        std::vector<int> chosen;
+        for (size_t k = 0; k < std::min(count, over.size()); ++k)
+          chosen.push_back(over[k * over.size() / std::min(count, over.size())]);
+        return chosen;
+      };
+      std::vector<const SynthView*> views;
+      for (int k : spread(40)) views.push_back(&flight_[k]);
+      samples = SampleStartLabels(*scene, pointers, views, 15000, range);
+      std::vector<const SynthView*> few;
+      std::vector<uint64_t> seeds;
+      for (int k : spread(10)) {
+        few.push_back(&flight_[k]);
+        seeds.push_back(ViewSeed(k));
+      }
+      control_.Report(0.06, "calibration");
+      likelihood_threshold_ = CalibrateLikelihoods(*scene, few, seeds);
+    }
+    start_threshold_ = CalibrateStartLabels(pointers, samples);
+    if (!samples.empty())
+      report_.start_accuracy_by_pixels = CountByPixels(pointers, samples, start_threshold_).AverageAccuracy();
+    for (size_t k = 0; k < places.size(); ++k) ready_chunks_[places[k]] = std::move(chunks[k]);
+    return absl::OkStatus();
+  }
+
+  Status WriteStartMesh() {
+    MeshSpool raw(folder_ + "/mesh.raw"), shell(folder_ + "/mesh");
+    ClassConfusion by_area;
+    std::unordered_map<uint64_t, uint32_t> border, next_border;  // vertices that a later chunk may share
+    for (int row = 0; row < plan_.rows; ++row) {
+      control_.Report(0.1 + 0.08 * row / plan_.rows, "start mesh");
+      TESSERA_RETURN_IF_ERROR(control_.Check());
+      blocks_.ForgetRowsBefore(row - 1);
+      std::vector<StartChunk> chunks(plan_.columns);
+      ParallelFor(plan_.columns, 1, [&](int64_t begin, int64_t end) {
+        for (int64_t c = begin; c < end; ++c) {
+          const auto ready = ready_chunks_.find({row, static_cast<int>(c)});
+          chunks[c] = ready != ready_chunks_.end() ? std::move(ready->second)
+                                                   : ExtractStartChunk(plan_, blocks_, static_cast<int>(c), row);
+        }
+      });
+      for (const StartChunk& chunk : chunks) {
+        AddByArea(chunk, start_threshold_, by_area);
+        std::vector<uint32_t> index(chunk.vertices.size());
+        for (size_t v = 0; v < chunk.vertices.size(); ++v) {
+          if (chunk.on_border[v]) {
+            const auto before = border.find(chunk.keys[v]);
+            const auto [place, fresh] = next_border.try_emplace(
+                chunk.keys[v], before != border.end() ? before->second : static_cast<uint32_t>(raw.vertex_count()));
+            index[v] = place->second;
+            if (!fresh || before != border.end()) continue;
+          }
+          index[v] = static_cast<uint32_t>(raw.vertex_count());
+          raw.AddVertex(chunk.vertices[v]);
+        }
+        for (size_t f = 0; f < chunk.faces.size(); ++f) {
+          const Triangle& t = chunk.faces[f];
+          raw.AddFace({index[t[0]], index[t[1]], index[t[2]]}, StartLabel(chunk, f, start_threshold_));
+        }
+      }
+      border = std::move(next_border);
+      next_border.clear();
+    }
+    ready_chunks_.clear();
+    TESSERA_RETURN_IF_ERROR(DropSmallComponents(raw, kSpeckFaces, shell));
+    report_.start_faces = shell.face_count();
+    report_.start_accuracy_by_area = by_area.AverageAccuracy();
+    return WriteSpooledPly(folder_ + "/mesh.ply", shell);
+  }
+
+  Status WriteViews() {
+    ArgmaxCount total;
+    size_t done = 0;
+    for (int row = 0; row < plan_.rows; row += kCellBlocks) {
+      for (int column = 0; column < plan_.columns; column += kCellBlocks) {
+        const BlockRange cell{column, std::min(plan_.columns, column + kCellBlocks), row,
+                              std::min(plan_.rows, row + kCellBlocks)};
+        const std::vector<int> views = ViewsOver(cell);
+        if (views.empty()) continue;
+        const auto scene = SceneAround(cell);
+        const int blocks = (cell.column_high - cell.column_low) * (cell.row_high - cell.row_low);
+        const std::vector<SparsePoint> points =
+            MakeSparsePoints(*scene, flight_, views, kPointsPerBlock * blocks,
+                             MixBits(plan_.seed) + static_cast<uint64_t>(row) * 100003 + column);
+        points_.insert(points_.end(), points.begin(), points.end());
+        std::vector<ArgmaxCount> counts(views.size());
+        std::vector<Status> statuses(views.size());
+        std::mutex mutex;
+        ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
+          for (int64_t k = begin; k < end; ++k) {
+            statuses[k] = control_.Check();
+            if (statuses[k].ok()) statuses[k] = WriteView(*scene, views[k], &counts[k]);
+            std::lock_guard<std::mutex> lock(mutex);
+            ++done;
+            control_.Report(0.18 + 0.8 * static_cast<double>(done) / static_cast<double>(flight_.size()), "images");
+          }
+        });
+        for (size_t k = 0; k < views.size(); ++k) {
+          TESSERA_RETURN_IF_ERROR(statuses[k]);
+          total.right += counts[k].right;
+          total.all += counts[k].all;
+        }
+      }
+    }
+    report_.likelihood_accuracy =
+        static_cast<double>(total.right) / static_cast<double>(std::max<int64_t>(1, total.all));
+    return absl::OkStatus();
+  }
+
+  Status WriteView(const CityScene& scene, int index, ArgmaxCount* count) const {
+    const SynthView& view = flight_[index];
+    const RenderedView rendered = RenderView(scene, view, ViewSeed(index), true);
+    TESSERA_RETURN_IF_ERROR(WriteJpeg(folder_ + "/images/" + view.stem + ".jpg", rendered.rgb, kJpegQuality));
+    TESSERA_RETURN_IF_ERROR(WritePng(folder_ + "/truth/" + view.stem + "_label.png", rendered.labels));
+    const ByteImage likelihoods =
+        MakeLikelihoods(rendered, PixelDoubt(plan_, rendered, ViewSeed(index)), likelihood_threshold_);
+    *count = CountArgmax(rendered, likelihoods);
+    return WriteLikelihoodTiff(folder_ + "/likelihoods/" + view.stem + ".tif", likelihoods);
+  }
+
+  const SynthOptions& options_;
+  const std::string folder_;
+  const TaskControl& control_;
+  const CityPlan plan_;
+  const GroundGrid grid_;
+  BlockCache blocks_;
+  const std::vector<SynthView> flight_;
+  std::shared_ptr<const CityScene> scene_;
+  std::array<int, 4> scene_key_{};
+  std::map<std::pair<int, int>, StartChunk> ready_chunks_;
+  std::vector<SparsePoint> points_;
+  double start_threshold_ = 1, likelihood_threshold_ = 1;
+  SynthReport report_;
+};
+
+}  // namespace
+
+StatusOr<SynthReport> SynthesizeCity(const SynthOptions& options, const std::string& folder,
+                                     const TaskControl& control) {
+  TESSERA_RETURN_IF_ERROR(ValidateOptions(options));
+  TESSERA_RETURN_IF_ERROR(PrepareFolder(folder, options.overwrite, options.with_images));
+  return CitySynthesizer(options, folder, control).Run();
+}
+
+}  // namespace tessera
