@@ -1,0 +1,37 @@
+// What the PLY fuzzer and the test that replays its corpus do with one input.
+#ifndef TESSERA_TESTS_FUZZ_PLY_TARGET_H_
+#define TESSERA_TESTS_FUZZ_PLY_TARGET_H_
+
+#include <cstdlib>
+#include <string>
+
+#include "common/meshio/ply.h"
+
+namespace tessera {
+
+// Parses `bytes`; aborts if what comes out breaks a promise of ParsePly. True if it was taken as a mesh.
+inline bool RunPlyTarget(const std::string& bytes) {
+  const auto require = [](bool condition) {
+    if (!condition) std::abort();
+  };
+  const StatusOr<PlyContent> content = ParsePly(bytes, "input");
+  if (!content.ok()) {
+    require(content.status().code() == absl::StatusCode::kInvalidArgument);
+    require(content.status().message().find("input: ") == 0);
+    require(content.status().message().size() < 500);
+    return false;
+  }
+  const TriangleMesh& mesh = content->mesh;
+  require(mesh.labels.empty() || mesh.labels.size() == mesh.faces.size());
+  require(mesh.vertices.capacity() <= bytes.size() && mesh.faces.capacity() <= bytes.size());
+  for (const Eigen::Vector3d& vertex : mesh.vertices) require(vertex.allFinite());
+  for (const Triangle& face : mesh.faces) {
+    for (const uint32_t corner : face) require(corner < mesh.vertices.size());
+  }
+  for (const int32_t label : mesh.labels) require(label >= -1);
+  return true;
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_FUZZ_PLY_TARGET_H_
