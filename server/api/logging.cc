@@ -39,12 +39,12 @@ std::string Value(const std::string& text) {
 Status ConfigureLogging(const std::string& level, bool json) {
   static const std::map<std::string, spdlog::level::level_enum> kLevels = {{"debug", spdlog::level::debug},
                                                                            {"info", spdlog::level::info},
-                                                                           {"warning", spdlog::level::warn},
+                                                                           {"warn", spdlog::level::warn},
                                                                            {"error", spdlog::level::err},
                                                                            {"off", spdlog::level::off}};
   const auto it = kLevels.find(level);
   if (it == kLevels.end()) {
-    return absl::InvalidArgumentError("log level '" + level + "': expected debug, info, warning, error or off");
+    return absl::InvalidArgumentError("log level '" + level + "': expected debug, info, warn, error or off");
   }
   auto logger = std::make_shared<spdlog::logger>("tesserad", std::make_shared<spdlog::sinks::stderr_sink_mt>());
   logger->set_level(it->second);

@@ -16,7 +16,7 @@ class Record;
 
 enum class LogLevel { kDebug, kInfo, kWarning, kError };
 
-// `level`: "debug", "info", "warning", "error" or "off". To be called once, before the first LogEvent.
+// `level`: "debug", "info", "warn", "error" or "off". To be called once, before the first LogEvent.
 Status ConfigureLogging(const std::string& level, bool json);
 
 // Thread-safe.

@@ -145,7 +145,7 @@ int Main(int argc, char** argv) {
       ->check(CLI::Range(0.2, 86400.0))
       ->capture_default_str();
   app.add_flag("--no-shared-storage", flags.no_shared_storage, "workers move all data through the blob service");
-  app.add_option("--log-level", flags.log_level, "debug, info, warning, error or off")->capture_default_str();
+  app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();
   app.add_flag("--json-logs", flags.json_logs, "one JSON object a line");
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "stop when the process that started this one ends");
   CLI11_PARSE(app, argc, argv);
