@@ -89,19 +89,43 @@ struct RowSpan {
   int first = 0, last = 0;  // half-open
 };
 
-// Rows with a pixel centre inside the outline's bounding box; none if the box holds no centre at all.
-RowSpan RowsOf(const Outline& outline, int width, int height) {
-  if (outline.count == 0) return {};
-  double y_min = outline.corner[0].y, y_max = y_min, x_min = outline.corner[0].x, x_max = x_min;
-  for (int i = 1; i < outline.count; ++i) {
-    y_min = std::min(y_min, outline.corner[i].y);
-    y_max = std::max(y_max, outline.corner[i].y);
-    x_min = std::min(x_min, outline.corner[i].x);
-    x_max = std::max(x_max, outline.corner[i].x);
+// Bounding box of some corners.
+struct Bounds {
+  double x_min, x_max, y_min, y_max;
+  explicit Bounds(const Corner& c) : x_min(c.x), x_max(c.x), y_min(c.y), y_max(c.y) {}
+  void Add(const Corner& c) {
+    x_min = std::min(x_min, c.x);
+    x_max = std::max(x_max, c.x);
+    y_min = std::min(y_min, c.y);
+    y_max = std::max(y_max, c.y);
   }
-  if (!(x_max > 0 && x_min < width && y_max > 0 && y_min < height)) return {};
-  if (FirstCentre(x_min, width) >= FirstCentre(x_max, width)) return {};
-  return {FirstCentre(y_min, height), FirstCentre(y_max, height)};
+};
+
+// Rows with a pixel centre inside the box; none if it holds no centre at all.
+RowSpan RowsOf(const Bounds& box, int width, int height) {
+  if (!(box.x_max > 0 && box.x_min < width && box.y_max > 0 && box.y_min < height)) return {};
+  const int first = FirstCentre(box.y_min, height), last = FirstCentre(box.y_max, height);
+  if (first >= last || FirstCentre(box.x_min, width) >= FirstCentre(box.x_max, width)) return {};
+  return {first, last};
+}
+
+bool InFront(const Triangle& face, const ProjectedMesh& projected) {
+  return projected.corners[face[0]].inverse_z > 0 && projected.corners[face[1]].inverse_z > 0 &&
+         projected.corners[face[2]].inverse_z > 0;
+}
+
+RowSpan RowsOfFace(const Triangle& face, const ProjectedMesh& projected, const PinholeCamera& k, double near_m) {
+  if (InFront(face, projected)) {
+    Bounds box(projected.corners[face[0]]);
+    box.Add(projected.corners[face[1]]);
+    box.Add(projected.corners[face[2]]);
+    return RowsOf(box, k.width, k.height);
+  }
+  const Outline outline = MakeOutline(face, projected, k, near_m);
+  if (outline.count == 0) return {};
+  Bounds box(outline.corner[0]);
+  for (int i = 1; i < outline.count; ++i) box.Add(outline.corner[i]);
+  return RowsOf(box, k.width, k.height);
 }
 
 // x over y along an edge whose ends are ordered by y, then x, so that it is the same whichever way round the edge
@@ -170,7 +194,7 @@ std::vector<std::vector<uint32_t>> MakeBands(const TriangleMesh& mesh, const Pro
   ParallelFor(faces, kFaceChunk, [&](int64_t begin, int64_t end) {
     std::vector<std::vector<uint32_t>>& mine = of_chunk[begin / kFaceChunk];
     for (int64_t f = begin; f < end; ++f) {
-      const RowSpan rows = RowsOf(MakeOutline(mesh.faces[f], projected, k, near_m), k.width, k.height);
+      const RowSpan rows = RowsOfFace(mesh.faces[f], projected, k, near_m);
       if (rows.first >= rows.last) continue;
       const int last_band = (rows.last - 1) / kBandRows;
       for (int band = rows.first / kBandRows; band <= last_band; ++band) {
@@ -210,8 +234,14 @@ FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, 
         const BandPainter painter{k.width, first, std::min(k.height, first + kBandRows), map.face.data(),
                                   map.depth.data()};
         for (uint32_t f : bands[band]) {
-          const Outline outline = MakeOutline(layer->faces[f], projected, k, near_m);
+          const Triangle& face = layer->faces[f];
           const int32_t id = layer == &mesh ? static_cast<int32_t>(f) : -1;
+          if (InFront(face, projected)) {
+            const std::vector<Corner>& corners = projected.corners;
+            painter.Paint(corners[face[0]], corners[face[1]], corners[face[2]], id);
+            continue;
+          }
+          const Outline outline = MakeOutline(face, projected, k, near_m);
           painter.Paint(outline.corner[0], outline.corner[1], outline.corner[2], id);
           if (outline.count == 4) painter.Paint(outline.corner[0], outline.corner[2], outline.corner[3], id);
         }
