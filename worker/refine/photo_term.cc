@@ -150,9 +150,9 @@ void PhotoTerm::GatherFaces(const TriangleMesh& mesh, int view) {
           if (h == 0) continue;
           const double dx = x + 0.5 - p[0].x(), dy = y + 0.5 - p[0].y();
           const double l1 = (dx * by - dy * bx) * inverse_area, l2 = (ax * dy - ay * dx) * inverse_area;
-          const double w0 = (1 - l1 - l2) * iz0, w1 = l1 * iz1, w2 = l2 * iz2, norm = 1 / (w0 + w1 + w2);
-          const float phi[3] = {static_cast<float>(w0 * norm), static_cast<float>(w1 * norm),
-                                static_cast<float>(w2 * norm)};
+          const double z = 1 / ((1 - l1 - l2) * iz0 + l1 * iz1 + l2 * iz2);
+          const float phi[3] = {static_cast<float>((1 - l1 - l2) * iz0 * z), static_cast<float>(l1 * iz1 * z),
+                                static_cast<float>(l2 * iz2 * z)};
           for (int c = 0; c < 3; ++c) {
             sums.gradient[c] += phi[c] * g;
             sums.curvature[c] += phi[c] * h;
