@@ -1,0 +1,53 @@
+// A small valid scene on disk, for tests: a box on flat ground, photographed from five sides, with likelihoods and a
+// COLMAP text model whose 3D points and image points fit exactly.
+#ifndef TESSERA_TESTS_SUPPORT_TINY_SCENE_H_
+#define TESSERA_TESTS_SUPPORT_TINY_SCENE_H_
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "common/geometry/mesh.h"
+#include "common/imaging/camera.h"
+#include "common/imaging/raster.h"
+
+namespace tessera {
+
+struct TinySceneOptions {
+  enum class Likelihoods { kTiff, kNpy, kLabelPng, kNone };
+  Likelihoods likelihoods = Likelihoods::kTiff;
+  bool labels = true;                                // of the mesh
+  Eigen::Vector3d offset = Eigen::Vector3d::Zero();  // of the whole scene in its coordinates
+  std::string crs_json = R"({"type": "local"})";
+  double k1 = 0, k2 = 0;  // OPENCV distortion of the photographs
+};
+
+struct TinyScene {
+  TriangleMesh mesh;  // classes: 0 ground, 1 facade, 2 roof; the scene's coordinates, the truth and the start alike
+  std::vector<PosedCamera> cameras;  // undistorted
+  std::vector<std::string> image_names;
+  std::vector<FloatImage> pictures;  // undistorted luminance in [0, 1] as rendered, NaN where nothing is seen
+};
+
+// The scene without its files. 40 x 40 m of ground, a box of 12 x 12 x 8 m, quads of 2 m in two triangles each (a
+// manifold with one boundary); 160 x 120 pixels, GSD about 0.2 m.
+TinyScene MakeTinyScene(const TinySceneOptions& options = {});
+
+// Writes it to `folder` (made if missing) and returns it. Aborts the test if it cannot.
+TinyScene WriteTinyScene(const std::string& folder, const TinySceneOptions& options = {});
+
+// An empty folder below testing::TempDir() for the running test.
+std::string FreshTestFolder(const std::string& name);
+
+// Text files, whole.
+std::string ReadText(const std::string& path);
+void WriteText(const std::string& path, const std::string& text);
+// Replaces the first occurrence of `from` in the file; aborts the test if there is none.
+void ReplaceInFile(const std::string& path, const std::string& from, const std::string& to);
+
+// The mesh as an ASCII PLY with positions of type `position_type` ("float" or "double").
+std::string AsciiPly(const TriangleMesh& mesh, const std::string& position_type);
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_SUPPORT_TINY_SCENE_H_

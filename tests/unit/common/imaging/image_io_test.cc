@@ -1,0 +1,273 @@
+#include "common/imaging/image_io.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+
+#include "common/base/random.h"
+#include "common/imaging/npy.h"
+#include "common/imaging/pyramid.h"
+#include "common/imaging/undistort.h"
+#include "tests/support/tiny_scene.h"
+
+namespace tessera {
+namespace {
+
+using testing::HasSubstr;
+
+LensModel PinholeOf(int width, int height) {
+  LensModel lens;
+  lens.pinhole = {width, height, 100, 100, width / 2.0, height / 2.0};
+  return lens;
+}
+
+ByteImage RandomImage(int width, int height, int channels) {
+  Random random(3);
+  ByteImage image(width, height, channels);
+  for (uint8_t& value : image.data) value = static_cast<uint8_t>(random.Below(256));
+  return image;
+}
+
+std::string Npy(const std::string& header, const std::string& values) {
+  std::string npy("\x93NUMPY\x01\x00", 8);
+  npy += static_cast<char>(header.size() & 255);
+  npy += static_cast<char>(header.size() >> 8);
+  return npy + header + values;
+}
+std::vector<uint8_t> Bytes(const std::string& text) { return {text.begin(), text.end()}; }
+
+TEST(ImageIoTest, PngRoundTripKeepsEveryPixel) {
+  const std::string path = FreshTestFolder("f") + "/a.png";
+  const ByteImage image = RandomImage(13, 7, 3);
+  ASSERT_TRUE(WritePng(path, image).ok());
+  EXPECT_EQ(*ReadImageSize(path), (ImageSize{13, 7}));
+  EXPECT_EQ(ReadRgb(path)->data, image.data);
+  const StatusOr<FloatImage> luminance = ReadLuminance(path, PinholeOf(13, 7));
+  ASSERT_TRUE(luminance.ok()) << luminance.status();
+  EXPECT_NEAR(luminance->at(4, 2),
+              (0.299 * image.at(4, 2, 0) + 0.587 * image.at(4, 2, 1) + 0.114 * image.at(4, 2, 2)) / 255, 1e-6);
+}
+
+TEST(ImageIoTest, SizesOfJpegAndTiff) {
+  const std::string folder = FreshTestFolder("f");
+  ASSERT_TRUE(WriteJpeg(folder + "/a.jpg", RandomImage(33, 21, 3), 90).ok());
+  EXPECT_EQ(*ReadImageSize(folder + "/a.jpg"), (ImageSize{33, 21}));
+  ASSERT_TRUE(WriteLikelihoodTiff(folder + "/a.tif", RandomImage(33, 21, 2)).ok());
+  EXPECT_EQ(*ReadImageSize(folder + "/a.tif"), (ImageSize{33, 21}));
+}
+
+TEST(ImageIoTest, DamagedImagesAreRefusedWithTheirName) {
+  const std::string folder = FreshTestFolder("f");
+  ASSERT_TRUE(WriteJpeg(folder + "/a.jpg", RandomImage(64, 64, 3), 90).ok());
+  const std::string jpeg = ReadText(folder + "/a.jpg");
+  WriteText(folder + "/a.jpg", jpeg.substr(0, jpeg.size() / 2));
+  const Status cut = ReadLuminance(folder + "/a.jpg", PinholeOf(64, 64)).status();
+  EXPECT_EQ(cut.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(cut.message()), HasSubstr("a.jpg"));
+  ASSERT_TRUE(WritePng(folder + "/a.png", RandomImage(64, 64, 3)).ok());
+  const std::string png = ReadText(folder + "/a.png");
+  WriteText(folder + "/a.png", png.substr(0, png.size() / 2));
+  EXPECT_FALSE(ReadLuminance(folder + "/a.png", PinholeOf(64, 64)).ok());
+  WriteText(folder + "/empty.png", "");
+  EXPECT_FALSE(ReadImageSize(folder + "/empty.png").ok());
+  EXPECT_FALSE(ReadImageSize(folder + "/none.png").ok());
+  EXPECT_FALSE(ReadLuminance(folder + "/empty.png", PinholeOf(64, 64)).ok());
+}
+
+TEST(ImageIoTest, LuminanceNeedsTheCamerasSize) {
+  const std::string path = FreshTestFolder("f") + "/a.png";
+  ASSERT_TRUE(WritePng(path, RandomImage(13, 7, 1)).ok());
+  EXPECT_THAT(std::string(ReadLuminance(path, PinholeOf(14, 7)).status().message()), HasSubstr("13 x 7 pixels"));
+}
+
+TEST(UndistortTest, GivesWhatAPinholeWouldHaveSeen) {
+  TinySceneOptions options;
+  options.k1 = -0.15;
+  options.k2 = 0.03;
+  const std::string folder = FreshTestFolder("scene");
+  const TinyScene scene = WriteTinyScene(folder, options);
+  LensModel lens;
+  lens.kind = LensModel::Kind::kOpenCv;
+  lens.pinhole = scene.cameras[0].intrinsics;
+  lens.coefficients[0] = options.k1;
+  lens.coefficients[1] = options.k2;
+  const auto median_error = [&](const LensModel& model) {
+    const StatusOr<FloatImage> image = ReadLuminance(folder + "/images/" + scene.image_names[0], model);
+    EXPECT_TRUE(image.ok()) << image.status();
+    std::vector<double> errors;
+    for (size_t i = 0; i < image->data.size(); ++i) {
+      const double error = std::abs(image->data[i] - scene.pictures[0].data[i]);
+      if (std::isfinite(error)) errors.push_back(error);
+    }
+    std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
+    return errors[errors.size() / 2];
+  };
+  EXPECT_LT(median_error(lens), 0.004);
+  LensModel ignored = lens;
+  ignored.kind = LensModel::Kind::kPinhole;
+  EXPECT_GT(median_error(ignored), 2 * median_error(lens));  // the lens does matter
+}
+
+TEST(UndistortTest, OutsideThePhotographIsMarked) {
+  LensModel lens = PinholeOf(100, 80);
+  lens.kind = LensModel::Kind::kRadial;
+  lens.coefficients[0] = 0.5;  // pincushion: corners are looked for beyond the photograph
+  const FloatImage image = Undistort(FloatImage(100, 80, 1, 0.5f), lens, NAN);
+  EXPECT_TRUE(std::isnan(image.at(0, 0)));
+  EXPECT_FLOAT_EQ(image.at(50, 40), 0.5f);
+  lens.coefficients[0] = -2;  // folds back within the image
+  lens.coefficients[1] = 0;
+  const FloatImage folded = Undistort(FloatImage(100, 80, 1, 0.5f), lens, NAN);
+  EXPECT_TRUE(std::isnan(folded.at(0, 0)));
+  EXPECT_FLOAT_EQ(folded.at(50, 40), 0.5f);
+}
+
+TEST(LikelihoodTest, TiffIsNormalised) {
+  const std::string path = FreshTestFolder("f") + "/a.tif";
+  ByteImage pages(4, 3, 3, 0);
+  pages.at(1, 2, 0) = 30;
+  pages.at(1, 2, 2) = 90;
+  ASSERT_TRUE(WriteLikelihoodTiff(path, pages).ok());
+  const StatusOr<FloatImage> image = ReadLikelihoods(path, 3, PinholeOf(4, 3));
+  ASSERT_TRUE(image.ok()) << image.status();
+  EXPECT_FLOAT_EQ(image->at(1, 2, 0), 0.25f);
+  EXPECT_FLOAT_EQ(image->at(1, 2, 1), 0);
+  EXPECT_FLOAT_EQ(image->at(1, 2, 2), 0.75f);
+  EXPECT_FLOAT_EQ(image->at(0, 0, 1), 1.0f / 3);  // all zero: uniform
+}
+
+TEST(LikelihoodTest, WrongPageCountAndAspectRatio) {
+  const std::string path = FreshTestFolder("f") + "/a.tif";
+  ASSERT_TRUE(WriteLikelihoodTiff(path, RandomImage(40, 30, 3)).ok());
+  EXPECT_THAT(std::string(ReadLikelihoods(path, 4, PinholeOf(40, 30)).status().message()),
+              HasSubstr("a.tif: found 3 pages, expected 4"));
+  EXPECT_TRUE(ReadLikelihoods(path, 3, PinholeOf(160, 120)).ok());  // a quarter of the photograph's size
+  EXPECT_FALSE(ReadLikelihoods(path, 3, PinholeOf(160, 160)).ok());
+  EXPECT_FALSE(ReadLikelihoods(path, 3, PinholeOf(20, 15)).ok());
+}
+
+TEST(LikelihoodTest, TruncatedTiffIsRefused) {
+  const std::string path = FreshTestFolder("f") + "/a.tif";
+  ASSERT_TRUE(WriteLikelihoodTiff(path, RandomImage(40, 30, 3)).ok());
+  const std::string whole = ReadText(path);
+  for (const double share : {0.1, 0.5, 0.9}) {
+    WriteText(path, whole.substr(0, static_cast<size_t>(share * static_cast<double>(whole.size()))));
+    EXPECT_FALSE(ReadLikelihoods(path, 3, PinholeOf(40, 30)).ok());
+  }
+}
+
+TEST(LikelihoodTest, LabelPng) {
+  const std::string path = FreshTestFolder("f") + "/a.png";
+  ByteImage labels(4, 3, 1, 255);
+  labels.at(2, 1) = 1;
+  ASSERT_TRUE(WritePng(path, labels).ok());
+  const StatusOr<FloatImage> image = ReadLikelihoods(path, 3, PinholeOf(4, 3), 0.8);
+  ASSERT_TRUE(image.ok()) << image.status();
+  EXPECT_FLOAT_EQ(image->at(2, 1, 1), 0.8f);
+  EXPECT_FLOAT_EQ(image->at(2, 1, 0), 0.1f);
+  EXPECT_FLOAT_EQ(image->at(0, 0, 0), 1.0f / 3);
+  labels.at(3, 2) = 3;
+  ASSERT_TRUE(WritePng(path, labels).ok());
+  EXPECT_THAT(std::string(ReadLikelihoods(path, 3, PinholeOf(4, 3)).status().message()),
+              HasSubstr("pixel (3, 2): found label 3"));
+}
+
+TEST(LikelihoodTest, NanAndNegativeNpyNamePixel) {
+  const std::string path = FreshTestFolder("f") + "/a.npy";
+  float values[2 * 3 * 4] = {};
+  values[12 + 4 + 2] = NAN;
+  const std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }\n";
+  const auto write = [&] { WriteText(path, Npy(header, {reinterpret_cast<char*>(values), sizeof values})); };
+  write();
+  EXPECT_THAT(std::string(ReadLikelihoods(path, 2, PinholeOf(4, 3)).status().message()),
+              HasSubstr("class 1, pixel (2, 1): found NaN"));
+  values[12 + 4 + 2] = -1;
+  write();
+  EXPECT_THAT(std::string(ReadLikelihoods(path, 2, PinholeOf(4, 3)).status().message()), HasSubstr("found -1"));
+  values[12 + 4 + 2] = 1;
+  write();
+  const StatusOr<FloatImage> image = ReadLikelihoods(path, 2, PinholeOf(4, 3));
+  ASSERT_TRUE(image.ok()) << image.status();
+  EXPECT_EQ(image->at(2, 1, 1), 1);
+  EXPECT_THAT(std::string(ReadLikelihoods(path, 3, PinholeOf(4, 3)).status().message()), HasSubstr("found 2 classes"));
+}
+
+TEST(NpyTest, ReadsHalfAndByte) {
+  EXPECT_EQ(FloatFromHalf(0x3c00), 1.0f);
+  EXPECT_EQ(FloatFromHalf(0xc000), -2.0f);
+  EXPECT_EQ(FloatFromHalf(0x3555), 0.333251953125f);
+  EXPECT_EQ(FloatFromHalf(0x0001), std::ldexp(1.0f, -24));
+  EXPECT_TRUE(std::isinf(FloatFromHalf(0x7c00)));
+  EXPECT_TRUE(std::isnan(FloatFromHalf(0x7e00)));
+  const auto half = ParseNpy(
+      Bytes(Npy("{'descr': '<f2', 'fortran_order': False, 'shape': (1, 1, 2), }", std::string("\x00\x3c\x00\xc0", 4))),
+      "a");
+  ASSERT_TRUE(half.ok()) << half.status();
+  EXPECT_EQ(half->data, (std::vector<float>{1, -2}));
+  const auto byte =
+      ParseNpy(Bytes(Npy("{'shape': (2, 1, 1), 'fortran_order': False, 'descr': '|u1'}", "\x07\x09")), "a");
+  ASSERT_TRUE(byte.ok()) << byte.status();
+  EXPECT_EQ(byte->data, (std::vector<float>{7, 9}));
+}
+
+TEST(NpyTest, RefusesWhatItCannotBe) {
+  const char* headers[] = {
+      "{'descr': '<f4', 'fortran_order': True, 'shape': (1, 1, 1)}",
+      "{'descr': '>f4', 'fortran_order': False, 'shape': (1, 1, 1)}",
+      "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 1, 1)}",
+      "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1)}",
+      "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 2)}",
+      "{'descr': '<f4', 'fortran_order': False, 'shape': (0, 1, 1)}",
+      "{'descr': '<f4', 'fortran_order': False, 'shape': (999999999999, 999999999999, 999999999999)}",
+      "{'descr': '<f4', 'fortran_order': False}",
+      "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 1), 'extra': 1}",
+      "",
+  };
+  for (const char* header : headers) {
+    const Status status = ParseNpy(Bytes(Npy(header, "\x01\x02\x03\x04")), "a.npy").status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << header;
+    EXPECT_THAT(std::string(status.message()), HasSubstr("a.npy"));
+  }
+  EXPECT_TRUE(
+      ParseNpy(Bytes(Npy("{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 1)}", "\x01\x02\x03\x04")), "a.npy")
+          .ok());
+  std::string long_header("\x93NUMPY\x02\x00\xff\xff\xff\xff", 12);
+  EXPECT_FALSE(ParseNpy(Bytes(long_header), "a.npy").ok());
+}
+
+TEST(NpyTest, EveryPrefixOfAFileIsRefused) {
+  const std::string whole = Npy("{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 1)}", "\x01\x02\x03\x04");
+  for (size_t n = 0; n < whole.size(); ++n) EXPECT_FALSE(ParseNpy(Bytes(whole.substr(0, n)), "a").ok()) << n;
+}
+
+TEST(PyramidTest, KeepsTheMeanAndSpreadsNan) {
+  Random random(1);
+  FloatImage image(16, 8, 2);
+  for (float& value : image.data) value = static_cast<float>(random.Uniform());
+  double mean = 0, half_mean = 0;
+  for (const float value : image.data) mean += value / image.data.size();
+  const std::vector<FloatImage> pyramid = BuildPyramid(image, 3);
+  ASSERT_EQ(pyramid.size(), 3u);
+  EXPECT_EQ(pyramid[2].width, 4);
+  EXPECT_EQ(pyramid[2].height, 2);
+  EXPECT_EQ(pyramid[2].channels, 2);
+  for (const float value : pyramid[2].data) half_mean += value / pyramid[2].data.size();
+  EXPECT_NEAR(mean, half_mean, 1e-6);
+  image.at(5, 3) = NAN;
+  const FloatImage half = HalfResolution(image);
+  for (int y = 0; y < half.height; ++y) {
+    for (int x = 0; x < half.width; ++x) EXPECT_EQ(std::isnan(half.at(x, y)), x == 2 && y == 1);
+  }
+}
+
+TEST(PyramidTest, OddSizesRoundUpAndKeepAConstant) {
+  const FloatImage half = HalfResolution(FloatImage(7, 5, 1, 0.25f));
+  EXPECT_EQ(half.width, 4);
+  EXPECT_EQ(half.height, 3);
+  for (const float value : half.data) EXPECT_NEAR(value, 0.25f, 1e-6);
+}
+
+}  // namespace
+}  // namespace tessera
