@@ -1,0 +1,119 @@
+// Refines one scene in one piece and prints energies, times and nanoseconds per pixel and pair:
+//   refine_bench SCENE [--out RESULT.ply] [--levels 2,1,0 --iterations 12,10,10] [--thin-plate W] ...
+// Score the result with `tessera evaluate RESULT.ply --scene SCENE`.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <ctime>
+#include <string>
+#include <vector>
+
+#include "common/base/clock.h"
+#include "common/base/parallel.h"
+#include "common/geometry/repair.h"
+#include "common/imaging/image_io.h"
+#include "common/meshio/ply.h"
+#include "common/scene/scene.h"
+#include "worker/refine/density.h"
+#include "worker/refine/refine.h"
+
+namespace tessera {
+namespace {
+
+// Seconds of CPU, all threads together: stages compare even on a busy machine.
+class CpuClock : public SystemClock {
+ public:
+  int64_t MonotonicUs() const override {
+    return static_cast<int64_t>(1e6 * static_cast<double>(std::clock()) / CLOCKS_PER_SEC);
+  }
+};
+
+struct Arguments {
+  std::string scene, out;
+  double max_footprint_px2 = DensityOptions().max_footprint_px2;
+  int threads = 0;
+  bool verbose = false;
+  RefineOptions refine;
+};
+
+void AddOptions(CLI::App& app, Arguments& a) {
+  app.add_option("scene", a.scene, "folder of the scene")->required();
+  app.add_option("--out", a.out, "refined mesh (PLY)");
+  app.add_option("--footprint", a.max_footprint_px2, "largest face, square pixels");
+  app.add_option("--threads", a.threads, "0: one for each core");
+  app.add_flag("--verbose", a.verbose, "a line for each iteration");
+  app.add_option("--levels", a.refine.levels)->delimiter(',');
+  app.add_option("--iterations", a.refine.iterations)->delimiter(',');
+  app.add_option("--window", a.refine.window_px);
+  app.add_option("--gaussian", a.refine.gaussian_window);
+  app.add_option("--noise-sigma", a.refine.noise_sigma);
+  app.add_option("--thin-plate", a.refine.thin_plate);
+  app.add_option("--membrane", a.refine.membrane);
+  app.add_option("--rim", a.refine.rim);
+  app.add_option("--sweeps", a.refine.smoothing_sweeps);
+  app.add_option("--max-step", a.refine.max_step_px);
+  app.add_option("--step-decay", a.refine.step_decay);
+  app.add_option("--partners", a.refine.partners);
+  app.add_option("--best-angle", a.refine.best_angle_deg);
+  app.add_option("--occlusion", a.refine.occlusion_px);
+}
+
+Status Bench(Arguments& a) {
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(a.scene, &warnings));
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh start, LoadSceneMesh(scene, 0));
+  RefineProblem problem;
+  TESSERA_ASSIGN_OR_RETURN(problem.gsd_m, MedianGsd(scene, start));
+  problem.up = scene.up_in_local;
+  std::vector<FloatImage> images;
+  std::vector<PosedCamera> cameras;
+  for (const SceneView& view : scene.views) {
+    TESSERA_ASSIGN_OR_RETURN(FloatImage image, ReadLuminance(scene.folder + "/" + view.image_path, view.lens));
+    images.push_back(std::move(image));
+    cameras.push_back(view.camera);
+  }
+  for (size_t i = 0; i < cameras.size(); ++i) problem.views.push_back({cameras[i], &images[i]});
+  DensityOptions density;
+  density.max_footprint_px2 = a.max_footprint_px2;
+  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(start, &warnings));
+  problem.mesh = SplitLargeFaces(repaired.mesh, cameras, density).mesh;
+  std::printf("views %zu  gsd %.4f m  faces %zu -> %zu\n", cameras.size(), problem.gsd_m, start.faces.size(),
+              problem.mesh.faces.size());
+
+  const CpuClock clock;
+  a.refine.clock = &clock;
+  const double begin_s = 1e-6 * static_cast<double>(clock.MonotonicUs());
+  std::vector<Eigen::Vector3d> vertices;
+  TESSERA_ASSIGN_OR_RETURN(const RefineReport report, RefineGeometry(problem, &vertices, a.refine, TaskControl()));
+  const double cpu_s = 1e-6 * static_cast<double>(clock.MonotonicUs()) - begin_s;
+  if (a.verbose) {
+    for (const RefineIteration& step : report.iterations) {
+      std::printf("  level %d  energy %.5f  moved %.3f px  windows %.2f M\n", step.level, step.energy, step.moved_px,
+                  1e-6 * static_cast<double>(step.pair_pixels));
+    }
+  }
+  const double pixel_pairs = static_cast<double>(report.warped_pixels);
+  std::printf("energy %.5f -> %.5f  moved rms %.3f m, max %.2f m  pairs %d\n", report.energy_start, report.energy_end,
+              report.moved_rms_m, report.moved_max_m, report.pairs);
+  std::printf("cpu %.1f s: prepare %.1f, visibility %.1f, photo %.1f, step %.1f\n", cpu_s, report.seconds_prepare,
+              report.seconds_visibility, report.seconds_photo, report.seconds_step);
+  std::printf("cpu ns a pixel, ordered pair and evaluation: photo %.1f, all %.1f\n",
+              1e9 * report.seconds_photo / pixel_pairs, 1e9 * cpu_s / pixel_pairs);
+  if (a.out.empty()) return absl::OkStatus();
+  problem.mesh.vertices = vertices;
+  for (Eigen::Vector3d& v : problem.mesh.vertices) v = scene.frame.SceneFromLocal(v);
+  return WritePly(a.out, problem.mesh);
+}
+
+}  // namespace
+}  // namespace tessera
+
+int main(int argc, char** argv) {
+  CLI::App app("Refines one scene in one piece and tells what it cost");
+  tessera::Arguments arguments;
+  tessera::AddOptions(app, arguments);
+  CLI11_PARSE(app, argc, argv);
+  const tessera::ThreadLimit limit(arguments.threads);
+  const tessera::Status status = tessera::Bench(arguments);
+  if (!status.ok()) std::fprintf(stderr, "refine_bench: %s\n", status.ToString().c_str());
+  return status.ok() ? 0 : 1;
+}

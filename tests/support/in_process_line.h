@@ -1,0 +1,31 @@
+// A whole job in one process, task after task, without coordinator and workers: for tests and benchmarks.
+#ifndef TESSERA_TESTS_SUPPORT_IN_PROCESS_LINE_H_
+#define TESSERA_TESTS_SUPPORT_IN_PROCESS_LINE_H_
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "server/plan/graph.h"
+#include "worker/tasks/task.h"
+
+namespace tessera {
+
+struct LineTask {
+  PlannedTask planned;
+  std::string output_dir;
+  TaskOutcome outcome;
+};
+
+// Runs `request` instead of RunTask; empty: RunTask.
+using TaskRunner = std::function<StatusOr<TaskOutcome>(const TaskRequest&)>;
+
+// Plans and runs the job on `scene_dir` in the plan's order, each task in a folder of its own under `work_dir` (made) with
+// nothing but links to its inputs. The last task is publish: its output_dir has mesh.ply.
+StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std::string& work_dir,
+                                        const JobSettings& settings, const TaskRunner& runner = {});
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_SUPPORT_IN_PROCESS_LINE_H_
