@@ -224,7 +224,9 @@ TinyScene MakeTinyScene(const TinySceneOptions& options) {
     scene.cameras.push_back(LookAt(options.offset + centre, target));
     LensModel pinhole;
     pinhole.pinhole = scene.cameras.back().intrinsics;
-    scene.pictures.push_back(Render(scene.mesh, caster, scene.cameras.back(), pinhole, options.offset).luminance);
+    Picture picture = Render(scene.mesh, caster, scene.cameras.back(), pinhole, options.offset);
+    scene.pictures.push_back(std::move(picture.luminance));
+    scene.label_pictures.push_back(std::move(picture.labels));
   }
   if (!options.labels) scene.mesh.labels.clear();
   return scene;
@@ -242,7 +244,9 @@ TinyScene WriteTinyScene(const std::string& folder, const TinySceneOptions& opti
   const RayCaster caster(scene.mesh);
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     const LensModel lens = Lens(options, scene.cameras[i].intrinsics);
-    const Picture picture = Render(scene.mesh, caster, scene.cameras[i], lens, options.offset);
+    const Picture picture = lens.kind == LensModel::Kind::kPinhole
+                                ? Picture{scene.pictures[i], scene.label_pictures[i]}
+                                : Render(scene.mesh, caster, scene.cameras[i], lens, options.offset);
     ByteImage grey(kWidth, kHeight);
     for (size_t k = 0; k < grey.data.size(); ++k) {
       const float value = picture.luminance.data[k];

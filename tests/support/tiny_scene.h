@@ -26,7 +26,8 @@ struct TinyScene {
   TriangleMesh mesh;  // classes: 0 ground, 1 facade, 2 roof; the scene's coordinates, the truth and the start alike
   std::vector<PosedCamera> cameras;  // undistorted
   std::vector<std::string> image_names;
-  std::vector<FloatImage> pictures;  // undistorted luminance in [0, 1] as rendered, NaN where nothing is seen
+  std::vector<LabelImage> label_pictures;  // undistorted class ids, 255 where nothing is seen
+  std::vector<FloatImage> pictures;        // undistorted luminance in [0, 1] as rendered, NaN where nothing is seen
 };
 
 // The scene without its files. 40 x 40 m of ground, a box of 12 x 12 x 8 m, quads of 2 m in two triangles each (a
