@@ -1,7 +1,125 @@
+// `tessera jobs`: what a coordinator has to do, and who does it.
+#include <google/protobuf/util/json_util.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <ctime>
+#include <memory>
+#include <vector>
+
+#include "server/client/command_line.h"
 #include "server/client/commands.h"
+#include "server/client/connection.h"
+#include "server/client/job_words.h"
+#include "tessera/v1/jobs.pb.h"
+#include "tessera/v1/workers.pb.h"
 
 namespace tessera {
+namespace {
 
-void AddJobsCommand(CLI::App&, int*) {}
+struct JobsFlags {
+  std::string coordinator;
+  int count = 100;
+  bool workers = false;
+  bool json = false;
+};
+
+using Row = std::vector<std::string>;
+
+// Columns as wide as their widest entry.
+void PrintTable(const std::vector<Row>& rows) {
+  std::vector<size_t> widths(rows.front().size());
+  for (const Row& row : rows) {
+    for (size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
+  }
+  for (const Row& row : rows) {
+    std::string line;
+    for (size_t i = 0; i < row.size(); ++i) line += row[i] + std::string(widths[i] - row[i].size() + 2, ' ');
+    line.erase(line.find_last_not_of(' ') + 1);
+    std::printf("%s\n", line.c_str());
+  }
+}
+
+std::string TimeWords(int64_t unix_s) {
+  if (unix_s <= 0) return "-";
+  const time_t time = unix_s;
+  tm local = {};
+  localtime_r(&time, &local);
+  char text[32];
+  std::strftime(text, sizeof(text), "%Y-%m-%d %H:%M", &local);
+  return text;
+}
+
+int PrintJson(const google::protobuf::Message& message) {
+  google::protobuf::util::JsonPrintOptions options;
+  options.preserve_proto_field_names = true;
+  options.always_print_primitive_fields = true;
+  options.add_whitespace = true;
+  std::string text;
+  const auto status = google::protobuf::util::MessageToJsonString(message, &text, options);
+  if (!status.ok()) {
+    std::fprintf(stderr, "tessera jobs: %s\n", status.ToString().c_str());
+    return kExitFailed;
+  }
+  std::printf("%s", text.c_str());
+  return kExitOk;
+}
+
+int Workers(Connection& connection, bool json) {
+  v1::ListWorkersResponse workers;
+  if (const Status status = connection.ListWorkers(&workers); !status.ok()) return Complain("jobs", status);
+  if (json) return PrintJson(workers);
+  std::vector<Row> rows = {{"WORKER", "HOST", "PID", "THREADS", "MEMORY", "SEEN", "DOES"}};
+  for (const v1::Worker& worker : workers.workers()) {
+    std::string tasks;
+    for (const std::string& task : worker.tasks()) tasks += (tasks.empty() ? "" : ", ") + task;
+    char memory[32];
+    std::snprintf(memory, sizeof(memory), "%.1f GiB", static_cast<double>(worker.memory_bytes()) / (1 << 30));
+    rows.push_back({worker.name(), worker.host(), std::to_string(worker.pid()), std::to_string(worker.threads()),
+                    memory, DurationWords(worker.last_seen_s()) + " ago", tasks.empty() ? "-" : tasks});
+  }
+  PrintTable(rows);
+  return kExitOk;
+}
+
+int Jobs(const JobsFlags& flags) {
+  const auto connection = Connection::Open(flags.coordinator);
+  if (!connection.ok()) return Complain("jobs", connection.status());
+  if (flags.workers) return Workers(**connection, flags.json);
+  v1::ListJobsResponse jobs;
+  if (const Status status = (*connection)->ListJobs(flags.count, &jobs); !status.ok()) return Complain("jobs", status);
+  if (flags.json) return PrintJson(jobs);
+  std::vector<Row> rows = {{"JOB", "STATE", "TILES", "DONE", "TO GO", "SUBMITTED", "NAME"}};
+  for (const v1::Job& job : jobs.jobs()) {
+    const bool ended = HasEnded(job.state());
+    rows.push_back({job.name(), JobStateWord(job.state()),
+                    std::to_string(job.tiles_done()) + "/" + std::to_string(job.tiles_total()),
+                    std::to_string(static_cast<int>(100 * job.progress())) + "%",
+                    ended || job.eta_s() < 0 ? "-" : DurationWords(job.eta_s()), TimeWords(job.create_time().seconds()),
+                    job.display_name()});
+  }
+  PrintTable(rows);
+  return kExitOk;
+}
+
+}  // namespace
+
+void AddJobsCommand(CLI::App& app, int* exit_code) {
+  auto flags = std::make_shared<JobsFlags>();
+  CLI::App* command = app.add_subcommand("jobs", "List a coordinator's jobs, newest first, or its workers");
+  command->footer(
+      "Examples:\n"
+      "  tessera jobs\n"
+      "  tessera jobs --workers\n"
+      "  tessera jobs --json --count 1000");
+  AddCoordinatorOption(*command, &flags->coordinator);
+  command->add_option("--count", flags->count, "At most so many jobs")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  command->add_flag("--workers", flags->workers, "The workers and what each does");
+  command->add_flag("--json", flags->json, "As JSON");
+  command->callback([flags, exit_code] { *exit_code = Jobs(*flags); });
+}
 
 }  // namespace tessera

@@ -1,7 +1,63 @@
+// `tessera submit`: gives a job to a coordinator.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <memory>
+
+#include "server/client/command_line.h"
 #include "server/client/commands.h"
+#include "server/client/connection.h"
+#include "server/client/watching.h"
+#include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
+namespace {
 
-void AddSubmitCommand(CLI::App&, int*) {}
+struct SubmitFlags {
+  std::string coordinator;
+  JobFlags job;
+  std::string name;
+  std::string request_id;
+  bool validate_only = false;
+  bool watch = false;
+};
+
+int Submit(const SubmitFlags& flags) {
+  v1::CreateJobRequest request;
+  if (const Status status = MakeRequest(flags.job, &request); !status.ok()) return Complain("submit", status);
+  request.set_display_name(flags.name);
+  request.set_request_id(flags.request_id.empty() ? NewRequestId() : flags.request_id);
+  request.set_validate_only(flags.validate_only);
+  const auto connection = Connection::Open(flags.coordinator);
+  if (!connection.ok()) return Complain("submit", connection.status());
+  v1::Job job;
+  if (const Status status = (*connection)->CreateJob(request, &job); !status.ok()) return Complain("submit", status);
+  for (const std::string& warning : job.warnings()) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  if (flags.validate_only) {
+    std::printf("%s: valid\n", request.scene_path().c_str());
+    return kExitOk;
+  }
+  std::printf("%s\n", job.name().c_str());
+  std::fflush(stdout);
+  return flags.watch ? WatchToTheEnd(**connection, job.name(), "submit") : kExitOk;
+}
+
+}  // namespace
+
+void AddSubmitCommand(CLI::App& app, int* exit_code) {
+  auto flags = std::make_shared<SubmitFlags>();
+  CLI::App* command = app.add_subcommand("submit", "Give a job to a coordinator; prints the job's name");
+  command->footer(
+      "The coordinator reads the scene from the same path, so it must be on a file system that it sees.\n"
+      "Example:\n"
+      "  job=$(tessera submit city --tiles 16 --coordinator city-server:7575)\n"
+      "  tessera watch $job && tessera fetch $job --out result");
+  AddCoordinatorOption(*command, &flags->coordinator);
+  AddJobOptions(*command, &flags->job);
+  command->add_option("--name", flags->name, "Name for people; without it the scene's");
+  command->add_option("--request-id", flags->request_id, "The same id again gives the same job, never a second one");
+  command->add_flag("--validate-only", flags->validate_only, "Only check the scene, as the coordinator sees it");
+  command->add_flag("--watch", flags->watch, "Show progress until the job has ended");
+  command->callback([flags, exit_code] { *exit_code = Submit(*flags); });
+}
 
 }  // namespace tessera

@@ -1,0 +1,56 @@
+#include "server/client/artifacts.h"
+
+#include <algorithm>
+#include <filesystem>
+
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+namespace {
+
+struct Artifact {
+  std::string path;  // where it goes
+  Digest digest;
+};
+
+}  // namespace
+
+StatusOr<std::vector<std::string>> FetchArtifacts(Connection& connection, const v1::Job& job, const std::string& out,
+                                                  const std::string& staging, const TaskControl& control) {
+  std::vector<Artifact> artifacts;
+  for (const v1::Artifact& artifact : job.artifacts()) {
+    TESSERA_ASSIGN_OR_RETURN(const std::string path, JoinInside(out, artifact.name()));
+    artifacts.push_back({path, {artifact.digest().sha256(), artifact.digest().size_bytes()}});
+  }
+  const std::string mesh = out + "/mesh.ply";
+  std::stable_sort(artifacts.begin(), artifacts.end(),
+                   [&](const Artifact& a, const Artifact& b) { return (a.path == mesh) < (b.path == mesh); });
+  std::vector<std::string> written;
+  {
+    TESSERA_ASSIGN_OR_RETURN(const auto store, BlobStore::Open(staging));
+    for (const Artifact& artifact : artifacts) {
+      TESSERA_RETURN_IF_ERROR(connection.blobs().Fetch(artifact.digest, *store, control));
+      TESSERA_RETURN_IF_ERROR(store->Verify(artifact.digest));  // it may be of an earlier call
+    }
+    // From here on only renames.
+    for (size_t i = 0; i < artifacts.size(); ++i) {
+      const Artifact& artifact = artifacts[i];
+      TESSERA_RETURN_IF_ERROR(EnsureFolder(std::filesystem::path(artifact.path).parent_path().string()));
+      const bool wanted_again = std::any_of(artifacts.begin() + static_cast<std::ptrdiff_t>(i) + 1, artifacts.end(),
+                                            [&](const Artifact& other) { return other.digest == artifact.digest; });
+      if (wanted_again) {
+        TESSERA_RETURN_IF_ERROR(CopyFileDurably(store->Path(artifact.digest), artifact.path + ".part"));
+        TESSERA_RETURN_IF_ERROR(RenameDurably(artifact.path + ".part", artifact.path));
+      } else {
+        TESSERA_RETURN_IF_ERROR(RenameDurably(store->Path(artifact.digest), artifact.path));
+      }
+      written.push_back(artifact.path);
+    }
+  }
+  TESSERA_RETURN_IF_ERROR(RemoveTree(staging));
+  return written;
+}
+
+}  // namespace tessera

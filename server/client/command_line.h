@@ -1,0 +1,47 @@
+// What the job commands have in common on the command line.
+#ifndef TESSERA_SERVER_CLIENT_COMMAND_LINE_H_
+#define TESSERA_SERVER_CLIENT_COMMAND_LINE_H_
+
+#include <string>
+
+#include "common/base/status.h"
+
+namespace CLI {
+class App;
+}  // namespace CLI
+
+namespace tessera {
+
+namespace v1 {
+class CreateJobRequest;
+class Job;
+}  // namespace v1
+
+// --coordinator HOST:PORT, or the environment's TESSERA_COORDINATOR, or 127.0.0.1:7575.
+void AddCoordinatorOption(CLI::App& command, std::string* address);
+
+// What a user asks of a job; the flags --tiles, --rounds and --method.
+struct JobFlags {
+  std::string scene;
+  int tiles = 0;
+  int rounds = 0;
+  std::string method;
+};
+void AddJobOptions(CLI::App& command, JobFlags* flags);
+
+// The request for these flags, its scene made an absolute path. INVALID_ARGUMENT if there is no such folder.
+Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request);
+
+// A request_id that nobody has used, so that a submission whose answer was lost can be sent again.
+std::string NewRequestId();
+
+// Prints the error, line by line as it came, on standard error and gives the exit code for it.
+int Complain(const std::string& command, const Status& status);
+
+// Exit code of a job that has ended; says on standard error why it did not succeed. `bad_input`: whether it failed for
+// a fault of the input.
+int ExitCodeOfJob(const v1::Job& job, bool bad_input);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_CLIENT_COMMAND_LINE_H_

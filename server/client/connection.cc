@@ -1,0 +1,184 @@
+#include "server/client/connection.h"
+
+#include <grpcpp/grpcpp.h>
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+
+#include "common/rpc/channel.h"
+#include "common/rpc/retry.h"
+#include "common/rpc/status_conversion.h"
+#include "server/client/job_words.h"
+#include "tessera/v1/jobs.grpc.pb.h"
+#include "tessera/v1/workers.grpc.pb.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kCallSeconds = 30;
+constexpr double kCreateSeconds = 3600;  // the coordinator hashes every file of a new scene first
+
+RetryPolicy ShortRetry() {
+  RetryPolicy policy;
+  policy.max_attempts = 6;
+  policy.max_delay_s = 2;
+  return policy;
+}
+
+}  // namespace
+
+struct Connection::Impl {
+  std::string address;
+  std::shared_ptr<grpc::Channel> channel;
+  std::unique_ptr<v1::Jobs::Stub> jobs;
+  std::unique_ptr<v1::Workers::Stub> workers;
+  std::unique_ptr<BlobClient> blobs;
+
+  std::mutex mutex;
+  std::condition_variable stopped_changed;
+  bool stopped = false;
+  grpc::ClientContext* watching = nullptr;
+
+  // Makes a call with a fresh context each time.
+  Status Call(Idempotency idempotency, double seconds, const std::function<grpc::Status(grpc::ClientContext*)>& call) {
+    return Retry(ShortRetry(), idempotency, RealSleeper(), [&] {
+      grpc::ClientContext context;
+      SetDeadline(context, seconds);
+      return FromGrpc(call(&context));
+    });
+  }
+
+  // False once StopWatching was called.
+  bool Wait(double seconds) {
+    std::unique_lock lock(mutex);
+    return !stopped_changed.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return stopped; });
+  }
+};
+
+Connection::Connection(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Connection::~Connection() = default;
+
+StatusOr<std::unique_ptr<Connection>> Connection::Open(const std::string& address, double seconds) {
+  auto impl = std::make_unique<Impl>();
+  impl->address = address;
+  impl->channel = MakeChannel(address);
+  TESSERA_RETURN_IF_ERROR(WaitConnected(*impl->channel, address, seconds));
+  impl->jobs = v1::Jobs::NewStub(impl->channel);
+  impl->workers = v1::Workers::NewStub(impl->channel);
+  impl->blobs = std::make_unique<BlobClient>(impl->channel, ShortRetry(), RealSleeper());
+  return std::unique_ptr<Connection>(new Connection(std::move(impl)));
+}
+
+const std::string& Connection::address() const { return impl_->address; }
+BlobClient& Connection::blobs() { return *impl_->blobs; }
+
+Status Connection::CreateJob(const v1::CreateJobRequest& request, v1::Job* job) {
+  const bool repeatable = !request.request_id().empty() || request.validate_only();
+  return impl_->Call(repeatable ? Idempotency::kIdempotent : Idempotency::kOnce, kCreateSeconds,
+                     [&](grpc::ClientContext* context) { return impl_->jobs->CreateJob(context, request, job); });
+}
+
+Status Connection::GetJob(const std::string& name, v1::Job* job) {
+  v1::GetJobRequest request;
+  request.set_name(name);
+  return impl_->Call(Idempotency::kIdempotent, kCallSeconds,
+                     [&](grpc::ClientContext* context) { return impl_->jobs->GetJob(context, request, job); });
+}
+
+Status Connection::CancelJob(const std::string& name, v1::Job* job) {
+  v1::CancelJobRequest request;
+  request.set_name(name);
+  return impl_->Call(Idempotency::kIdempotent, kCallSeconds,
+                     [&](grpc::ClientContext* context) { return impl_->jobs->CancelJob(context, request, job); });
+}
+
+Status Connection::ListJobs(int count, v1::ListJobsResponse* jobs) {
+  v1::ListJobsRequest request;
+  do {
+    request.set_page_size(std::min(1000, count - jobs->jobs_size()));
+    v1::ListJobsResponse page;
+    TESSERA_RETURN_IF_ERROR(impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
+      page.Clear();
+      return impl_->jobs->ListJobs(context, request, &page);
+    }));
+    for (v1::Job& job : *page.mutable_jobs()) jobs->add_jobs()->Swap(&job);
+    request.set_page_token(page.next_page_token());
+  } while (!request.page_token().empty() && jobs->jobs_size() < count);
+  return absl::OkStatus();
+}
+
+Status Connection::ListTasks(const std::string& job, v1::ListTasksResponse* tasks) {
+  v1::ListTasksRequest request;
+  request.set_parent(job);
+  do {
+    v1::ListTasksResponse page;
+    TESSERA_RETURN_IF_ERROR(impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
+      page.Clear();
+      return impl_->jobs->ListTasks(context, request, &page);
+    }));
+    for (v1::Task& task : *page.mutable_tasks()) tasks->add_tasks()->Swap(&task);
+    request.set_page_token(page.next_page_token());
+  } while (!request.page_token().empty());
+  return absl::OkStatus();
+}
+
+bool Connection::FailedForInput(const std::string& job) {
+  v1::ListTasksResponse tasks;
+  if (!ListTasks(job, &tasks).ok()) return false;
+  return std::any_of(tasks.tasks().begin(), tasks.tasks().end(), [](const v1::Task& task) {
+    return task.state() == v1::FAILED && task.error().error_class() == v1::INPUT;
+  });
+}
+
+Status Connection::ListWorkers(v1::ListWorkersResponse* workers) {
+  return impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
+    return impl_->workers->ListWorkers(context, v1::ListWorkersRequest(), workers);
+  });
+}
+
+Status Connection::WatchJob(const std::string& name,
+                            const std::function<void(const v1::WatchJobResponse&)>& on_update) {
+  v1::WatchJobRequest request;
+  request.set_name(name);
+  Backoff backoff({});
+  while (true) {
+    grpc::ClientContext context;
+    {
+      std::lock_guard lock(impl_->mutex);
+      if (impl_->stopped) return absl::CancelledError("no longer watching");
+      impl_->watching = &context;
+    }
+    const auto reader = impl_->jobs->WatchJob(&context, request);
+    v1::WatchJobResponse update;
+    bool ended = false;
+    while (reader->Read(&update)) {
+      backoff.Reset();
+      ended = HasEnded(update.job().state());
+      on_update(update);
+    }
+    const Status status = FromGrpc(reader->Finish());
+    {
+      std::lock_guard lock(impl_->mutex);
+      impl_->watching = nullptr;
+      if (impl_->stopped) return absl::CancelledError("no longer watching");
+    }
+    if (ended) return absl::OkStatus();
+    const bool again =
+        status.ok() || status.code() == absl::StatusCode::kCancelled || IsTransient(status, Idempotency::kIdempotent);
+    if (!again) return status;
+    if (!impl_->Wait(backoff.NextDelay())) return absl::CancelledError("no longer watching");
+  }
+}
+
+void Connection::StopWatching() {
+  {
+    std::lock_guard lock(impl_->mutex);
+    impl_->stopped = true;
+    if (impl_->watching != nullptr) impl_->watching->TryCancel();
+  }
+  impl_->stopped_changed.notify_all();
+}
+
+}  // namespace tessera

@@ -1,0 +1,65 @@
+#include "server/client/job_words.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "tessera/v1/jobs.pb.h"
+#include "tessera/v1/tasks.pb.h"
+
+namespace tessera {
+
+std::string JobStateWord(int state) {
+  switch (state) {
+    case v1::QUEUED:
+      return "queued";
+    case v1::RUNNING:
+      return "running";
+    case v1::JOB_SUCCEEDED:
+      return "succeeded";
+    case v1::JOB_FAILED:
+      return "failed";
+    case v1::JOB_CANCELLED:
+      return "cancelled";
+    default:
+      return "unknown";
+  }
+}
+
+std::string TaskStateWord(int state) {
+  switch (state) {
+    case v1::WAITING:
+      return "waiting";
+    case v1::READY:
+      return "ready";
+    case v1::LEASED:
+      return "running";
+    case v1::SUCCEEDED:
+      return "succeeded";
+    case v1::FAILED:
+      return "failed";
+    case v1::CANCELLED:
+      return "cancelled";
+    default:
+      return "unknown";
+  }
+}
+
+bool HasEnded(int state) { return state == v1::JOB_SUCCEEDED || state == v1::JOB_FAILED || state == v1::JOB_CANCELLED; }
+
+std::string FullJobName(const std::string& given) { return given.rfind("jobs/", 0) == 0 ? given : "jobs/" + given; }
+
+std::string DurationWords(double seconds) {
+  const long long whole = std::llround(std::clamp(seconds, 0.0, 1e9));
+  if (whole < 60) return std::to_string(whole) + " s";
+  if (whole < 3600) return std::to_string(whole / 60) + " min " + std::to_string(whole % 60) + " s";
+  return std::to_string(whole / 3600) + " h " + std::to_string(whole / 60 % 60) + " min";
+}
+
+std::string Grouped(long long value) {
+  std::string digits = std::to_string(value < 0 ? -value : value);
+  for (int i = static_cast<int>(digits.size()) - 3; i > 0; i -= 3) digits.insert(i, 1, ',');
+  if (value < 0) digits.insert(0, 1, '-');
+  return digits;
+}
+
+}  // namespace tessera

@@ -1,0 +1,107 @@
+#include "server/client/local_cluster.h"
+
+#include <algorithm>
+
+namespace tessera {
+namespace {
+
+constexpr double kStartSeconds = 60;  // until the coordinator listens
+constexpr double kPollSeconds = 0.02;
+constexpr int64_t kEarlyUs = 5'000'000;  // a worker that dies sooner than this after its start died early
+constexpr int kMaxEarlyDeaths = 5;
+constexpr int kLogLines = 15;
+constexpr char kLeaseSeconds[] = "10";  // all on one machine: silence means death soon
+
+}  // namespace
+
+StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Start(const LocalClusterOptions& options, const Clock& clock,
+                                                            const Sleeper& wait) {
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(options.state_dir + "/logs"));
+  auto lock = FileLock::Acquire(options.state_dir + "/lock");
+  if (!lock.ok()) return absl::FailedPreconditionError("another tessera run uses " + options.state_dir);
+  std::unique_ptr<LocalCluster> cluster(new LocalCluster(options, clock, *std::move(lock)));
+  TESSERA_ASSIGN_OR_RETURN(cluster->program_folder_, ProgramFolder());
+  TESSERA_RETURN_IF_ERROR(cluster->StartCoordinator(wait));
+  cluster->workers_.resize(options.workers);
+  for (int i = 0; i < options.workers; ++i) TESSERA_RETURN_IF_ERROR(cluster->StartWorker(i));
+  return cluster;
+}
+
+LocalCluster::~LocalCluster() = default;
+
+Status LocalCluster::Died(ChildProcess& process, const std::string& name) const {
+  return absl::InternalError(name + " ended with " + process.HowItEnded() + "; the last lines of " + process.log() +
+                             ":\n" + LastLines(process.log(), kLogLines));
+}
+
+Status LocalCluster::StartCoordinator(const Sleeper& wait) {
+  const std::string port_file = options_.state_dir + "/address";
+  TESSERA_RETURN_IF_ERROR(RemoveTree(port_file));
+  std::vector<std::string> arguments = {"--listen", "127.0.0.1:0",     "--port-file", port_file,
+                                        "--data",   options_.data_dir, "--lease-s",   kLeaseSeconds};
+  if (!options_.shared_storage) arguments.push_back("--no-shared-storage");
+  TESSERA_ASSIGN_OR_RETURN(coordinator_,
+                           ChildProcess::Start(program_folder_ + "/tesserad", arguments, LogPath("tesserad")));
+  const int64_t deadline_us = clock_.MonotonicUs() + static_cast<int64_t>(kStartSeconds * 1e6);
+  while (true) {
+    if (const auto address = ReadFile(port_file, 1024); address.ok() && !address->empty()) {
+      address_ = address->substr(0, address->find('\n'));
+      return absl::OkStatus();
+    }
+    if (!coordinator_->Running()) return Died(*coordinator_, "tesserad");
+    if (clock_.MonotonicUs() > deadline_us) {
+      return absl::DeadlineExceededError("tesserad did not start; the last lines of " + coordinator_->log() + ":\n" +
+                                         LastLines(coordinator_->log(), kLogLines));
+    }
+    if (!wait(kPollSeconds)) return absl::CancelledError("interrupted");
+  }
+}
+
+Status LocalCluster::StartWorker(int index) {
+  const std::string name = "worker-" + std::to_string(index + 1);
+  std::vector<std::string> arguments = {"--coordinator", address_,
+                                        "--work",        options_.state_dir + "/workers/" + name,
+                                        "--threads",     std::to_string(options_.threads_per_worker)};
+  if (!options_.shared_storage) arguments.push_back("--no-shared-storage");
+  TESSERA_ASSIGN_OR_RETURN(workers_[index].process,
+                           ChildProcess::Start(program_folder_ + "/tessera-worker", arguments, LogPath(name)));
+  workers_[index].start_us = clock_.MonotonicUs();
+  return absl::OkStatus();
+}
+
+Status LocalCluster::LookAfter(std::vector<std::string>* notes) {
+  if (!coordinator_->Running()) return Died(*coordinator_, "tesserad");
+  for (size_t i = 0; i < workers_.size(); ++i) {
+    Worker& worker = workers_[i];
+    if (worker.process->Running()) continue;
+    const std::string name = "worker " + std::to_string(i + 1);
+    const bool early = clock_.MonotonicUs() - worker.start_us < kEarlyUs;
+    worker.early_deaths = early ? worker.early_deaths + 1 : 0;
+    if (worker.early_deaths >= kMaxEarlyDeaths) return Died(*worker.process, name);
+    notes->push_back(name + " (process " + std::to_string(worker.process->pid()) + ") ended with " +
+                     worker.process->HowItEnded() + "; starting another in its place");
+    TESSERA_RETURN_IF_ERROR(StartWorker(static_cast<int>(i)));
+  }
+  return absl::OkStatus();
+}
+
+void LocalCluster::Stop(double seconds, const Sleeper& wait) {
+  const int64_t deadline_us = clock_.MonotonicUs() + static_cast<int64_t>(seconds * 1e6);
+  const auto any_worker = [&] {
+    return std::any_of(workers_.begin(), workers_.end(),
+                       [](Worker& worker) { return worker.process != nullptr && worker.process->Running(); });
+  };
+  for (Worker& worker : workers_) {
+    if (worker.process != nullptr) worker.process->Terminate();
+  }
+  while (any_worker() && clock_.MonotonicUs() < deadline_us && wait(kPollSeconds)) {
+  }
+  workers_.clear();
+  if (coordinator_ == nullptr) return;
+  coordinator_->Terminate();
+  while (coordinator_->Running() && clock_.MonotonicUs() < deadline_us && wait(kPollSeconds)) {
+  }
+  coordinator_ = nullptr;
+}
+
+}  // namespace tessera

@@ -1,0 +1,139 @@
+#include "server/client/progress_display.h"
+
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+
+#include "server/client/job_words.h"
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+namespace {
+
+constexpr int kBarWidth = 30;
+constexpr size_t kMaxTaskLines = 12;
+
+bool IsTerminal(std::FILE* out) {
+  const char* kind = std::getenv("TERM");
+  return isatty(fileno(out)) == 1 && kind != nullptr && std::strcmp(kind, "dumb") != 0;
+}
+
+int Width(std::FILE* out) {
+  winsize size = {};
+  return ioctl(fileno(out), TIOCGWINSZ, &size) == 0 && size.ws_col > 20 ? size.ws_col : 80;
+}
+
+int Percent(double fraction) {
+  return std::isfinite(fraction) ? static_cast<int>(100 * std::clamp(fraction, 0.0, 1.0)) : 0;
+}
+
+// "workers/1-2" as "worker 1-2".
+std::string WorkerWords(const std::string& name) {
+  std::string words = name;
+  if (name.rfind("workers/", 0) == 0) words.erase(6, 1)[6] = ' ';
+  return words;
+}
+
+std::string JobLine(const v1::Job& job) {
+  std::string line = std::to_string(Percent(job.progress())) + "%";
+  if (job.tiles_total() > 0) {
+    line += "  tiles " + std::to_string(job.tiles_done()) + "/" + std::to_string(job.tiles_total());
+  }
+  line += "  tasks " + std::to_string(job.tasks_done()) + "/" + std::to_string(job.tasks_total());
+  if (HasEnded(job.state())) return line + "  " + JobStateWord(job.state());
+  if (job.state() == v1::QUEUED) return line + "  queued";
+  if (job.eta_s() >= 0) line += "  " + DurationWords(job.eta_s()) + " to go";
+  return line;
+}
+
+std::string TaskLine(const v1::Task& task) {
+  std::string line = WorkerWords(task.worker()) + ": " + task.title();
+  if (task.attempt() > 1) line += " (attempt " + std::to_string(task.attempt()) + ")";
+  line += ' ';
+  line += std::to_string(Percent(task.progress())) + "%";
+  if (!task.stage().empty()) line += "  " + task.stage();
+  return line;
+}
+
+}  // namespace
+
+ProgressDisplay::ProgressDisplay(std::FILE* out) : out_(out), terminal_(IsTerminal(out)) {}
+
+std::vector<std::string> ProgressDisplay::Picture(const v1::WatchJobResponse& update, int width) {
+  std::vector<std::string> lines;
+  const int filled = Percent(update.job().progress()) * kBarWidth / 100;
+  std::string bar(static_cast<size_t>(kBarWidth), '.');
+  std::fill_n(bar.begin(), filled, '#');
+  bar += "  ";
+  bar += JobLine(update.job());
+  lines.push_back(bar);
+  for (const v1::Task& task : update.running()) {
+    if (lines.size() > kMaxTaskLines) {
+      lines.push_back("and " + std::to_string(update.running_size() - kMaxTaskLines) + " more");
+      break;
+    }
+    lines.push_back(TaskLine(task));
+  }
+  for (std::string& line : lines) {
+    std::replace_if(
+        line.begin(), line.end(), [](char c) { return static_cast<unsigned char>(c) < ' '; }, ' ');
+    if (static_cast<int>(line.size()) > width) line.resize(width);
+  }
+  return lines;
+}
+
+void ProgressDisplay::Show(const v1::WatchJobResponse& update) {
+  if (!terminal_) return ShowPlain(update);
+  Erase();
+  shown_ = Picture(update, Width(out_) - 1);
+  Draw();
+}
+
+void ProgressDisplay::Note(const std::string& line) {
+  const std::vector<std::string> kept = shown_;
+  Erase();
+  std::fprintf(out_, "%s\n", line.c_str());
+  shown_ = kept;
+  Draw();
+}
+
+void ProgressDisplay::Finish() {
+  shown_.clear();
+  std::fflush(out_);
+}
+
+void ProgressDisplay::Erase() {
+  if (!shown_.empty()) std::fprintf(out_, "\x1b[%zuA\x1b[J", shown_.size());
+  shown_.clear();
+}
+
+void ProgressDisplay::Draw() {
+  for (const std::string& line : shown_) std::fprintf(out_, "%s\n", line.c_str());
+  std::fflush(out_);
+}
+
+// A line where the state changes, a task starts, a tile is done, or another tenth of the job.
+void ProgressDisplay::ShowPlain(const v1::WatchJobResponse& update) {
+  const v1::Job& job = update.job();
+  for (const v1::Task& task : update.running()) {
+    int& told = told_[task.name()];
+    if (told == task.attempt()) continue;
+    told = task.attempt();
+    const std::string attempt = told > 1 ? " (attempt " + std::to_string(told) + ")" : "";
+    std::fprintf(out_, "%s: %s%s\n", WorkerWords(task.worker()).c_str(), task.title().c_str(), attempt.c_str());
+  }
+  const int tenth = Percent(job.progress()) / 10;
+  if (job.state() != last_state_ || job.tiles_done() != last_tiles_ || tenth > last_tenth_) {
+    std::fprintf(out_, "%s: %s  %s\n", job.name().c_str(), JobStateWord(job.state()).c_str(), JobLine(job).c_str());
+  }
+  last_state_ = job.state();
+  last_tiles_ = job.tiles_done();
+  last_tenth_ = tenth;
+  std::fflush(out_);
+}
+
+}  // namespace tessera

@@ -1,0 +1,85 @@
+#include "server/client/run_summary.h"
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "common/storage/files.h"
+#include "server/client/job_words.h"
+
+namespace tessera {
+namespace {
+
+using Json = nlohmann::json;
+
+Json ReadJson(const std::string& path) {
+  const auto text = ReadFile(path);
+  return text.ok() ? Json::parse(*text, nullptr, /*allow_exceptions=*/false) : Json(Json::value_t::discarded);
+}
+
+// The number at a path of keys, if it is there.
+bool FindNumber(const Json& json, const std::string& pointer, double* value) {
+  const Json::json_pointer path(pointer);
+  if (!json.is_structured() || !json.contains(path) || !json[path].is_number()) return false;
+  *value = json[path].get<double>();
+  return true;
+}
+
+// First and last photo energy that the tiles' rounds report, summed over the tiles.
+bool EnergyOfTiles(const Json& report, double* before, double* after) {
+  if (!report.is_object() || !report.contains("tiles")) return false;
+  bool any = false;
+  for (const Json& tile : report["tiles"]) {
+    const Json::json_pointer rounds_path("/rounds");
+    const Json rounds = tile.is_object() && tile.contains(rounds_path) ? tile[rounds_path] : Json::array();
+    if (!rounds.is_array() || rounds.empty()) continue;
+    double first = 0, last = 0;
+    if (!FindNumber(rounds.front(), "/photo_energy_start", &first)) continue;
+    if (!FindNumber(rounds.back(), "/photo_energy_end", &last)) continue;
+    *before += first;
+    *after += last;
+    any = true;
+  }
+  return any;
+}
+
+std::string Percent(double share) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.1f %%", 100 * share);
+  return text;
+}
+
+std::string Short(double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.6g", value);
+  return text;
+}
+
+}  // namespace
+
+std::vector<std::string> RunSummary(const std::string& out) {
+  std::vector<std::string> lines;
+  const Json report = ReadJson(out + "/report.json");
+  double faces = 0, vertices = 0, changed = 0, moved_m = 0, before = 0, after = 0;
+  if (FindNumber(report, "/output/faces", &faces) && FindNumber(report, "/output/vertices", &vertices)) {
+    lines.push_back("mesh: " + Grouped(static_cast<long long>(faces)) + " faces, " +
+                    Grouped(static_cast<long long>(vertices)) + " vertices, " +
+                    std::to_string(report.contains("tiles") ? report["tiles"].size() : 1) + " tiles");
+  }
+  if (EnergyOfTiles(report, &before, &after)) {
+    lines.push_back("photo energy: " + Short(before) + " at the start, " + Short(after) + " at the end");
+  }
+  if (FindNumber(report, "/displacement/rms_m", &moved_m)) lines.push_back("moved: " + Short(moved_m) + " m rms");
+  if (FindNumber(report, "/label_changes", &changed) && faces > 0) {
+    lines.push_back("labels changed: " + Grouped(static_cast<long long>(changed)) + " faces, " +
+                    Percent(changed / faces));
+  }
+  const Json job = ReadJson(out + "/job.json");
+  double tasks = 0, reused = 0;
+  if (FindNumber(job, "/totals/tasks", &tasks) && FindNumber(job, "/totals/reused", &reused)) {
+    lines.push_back("tasks: " + Grouped(static_cast<long long>(tasks)) + ", of which " +
+                    Grouped(static_cast<long long>(reused)) + " found done");
+  }
+  return lines;
+}
+
+}  // namespace tessera
