@@ -10,12 +10,12 @@
 
 namespace tessera {
 
-// The bytes of the file at `path`; `limit_bytes` bounds how many from its start. INVALID_ARGUMENT naming the file if it
-// cannot be read.
-StatusOr<std::vector<uint8_t>> ReadFileBytes(const std::string& path, int64_t limit_bytes = INT64_MAX);
+// The whole file at `path`, or its first `size_bytes` bytes (fewer if it is shorter). INVALID_ARGUMENT naming the file
+// if there is none, else the system's error.
+StatusOr<std::vector<uint8_t>> ReadFileBytes(const std::string& path);
+StatusOr<std::vector<uint8_t>> ReadFileStart(const std::string& path, int64_t size_bytes);
 
-// Replaces the file at `path` by `bytes`: written to a temporary name beside it, synced, renamed, the folder synced.
-// After an error the old file is as it was.
+// Replaces the file at `path` by `bytes`, as a whole or not at all (WriteFileAtomic).
 Status ReplaceFile(const std::string& path, const std::vector<uint8_t>& bytes);
 
 }  // namespace tessera

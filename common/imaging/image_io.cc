@@ -111,7 +111,7 @@ Status EncodeAndReplace(const std::string& path, const ByteImage& image, const s
 }  // namespace
 
 StatusOr<ImageSize> ReadImageSize(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(Bytes bytes, ReadFileBytes(path, 64 * 1024));
+  TESSERA_ASSIGN_OR_RETURN(Bytes bytes, ReadFileStart(path, 64 * 1024));
   if (IsTiff(bytes)) {
     TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadTiffSize(path));
     return ImageSize{size.width, size.height};

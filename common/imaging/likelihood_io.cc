@@ -74,7 +74,7 @@ Status Normalise(const std::string& path, const char* plane_name, int first_plan
 StatusOr<FloatImage> ReadLikelihoods(const std::string& path, int classes, const LensModel& lens,
                                      double label_confidence) {
   if (classes < 1) return absl::InvalidArgumentError("likelihoods need at least one class");
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> magic, ReadFileBytes(path, 8));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> magic, ReadFileStart(path, 8));
   const auto begins = [&](const char* text, size_t size) {
     return magic.size() >= size && std::memcmp(magic.data(), text, size) == 0;
   };
