@@ -30,6 +30,7 @@ StatusOr<PlyContent> ParsePly(const std::string& bytes, const std::string& name)
 struct PlyWriteOptions {
   std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // if given, faces get red, green, blue by label (-1: black)
   std::vector<float> face_confidence;                    // if given, faces get `confidence`
+  std::vector<int64_t> input_face;                       // if given, faces get int `input_face`
 };
 
 // Binary little-endian, double positions, faces with int `label` if the mesh has labels. Written to a temporary name in

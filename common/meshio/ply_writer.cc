@@ -82,6 +82,10 @@ Status CheckMesh(const TriangleMesh& mesh, const PlyWriteOptions& options) {
     return absl::InvalidArgumentError(
         absl::StrCat("a mesh of ", faces, " faces has ", options.face_confidence.size(), " confidences"));
   }
+  if (!options.input_face.empty() && options.input_face.size() != faces) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("a mesh of ", faces, " faces has ", options.input_face.size(), " input faces"));
+  }
   for (size_t v = 0; v < mesh.vertices.size(); ++v) {
     if (!mesh.vertices[v].allFinite()) {
       return absl::InvalidArgumentError(absl::StrCat("vertex ", v, " of the mesh is not finite"));
@@ -97,6 +101,7 @@ Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWrit
   const bool has_labels = !mesh.labels.empty();
   const bool has_colors = has_labels && !options.label_colors_rgb.empty();
   const bool has_confidence = !options.face_confidence.empty();
+  const bool has_input_face = !options.input_face.empty();
   // int is what most programs know; its range is left only where it must be.
   const char* index_type = mesh.vertices.size() > std::numeric_limits<int32_t>::max() ? "uint" : "int";
   std::string header = absl::StrCat("ply\nformat binary_little_endian 1.0\nelement vertex ", mesh.vertices.size(),
@@ -105,6 +110,7 @@ Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWrit
   if (has_labels) header += "property int label\n";
   if (has_colors) header += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
   if (has_confidence) header += "property float confidence\n";
+  if (has_input_face) header += "property int input_face\n";
   header += "end_header\n";
 
   const std::string temporary = absl::StrCat(path, ".tmp-", getpid());
@@ -115,7 +121,7 @@ Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWrit
     file.Add(vertex.data(), 3 * sizeof(double));
   }
   for (size_t f = 0; f < mesh.faces.size() && file.ok(); ++f) {
-    char record[1 + 3 * 4 + 4 + 3 + 4];
+    char record[1 + 3 * 4 + 4 + 3 + 4 + 4];
     char* at = record;
     const auto put = [&at](const void* data, size_t size) {
       std::memcpy(at, data, size);
@@ -133,6 +139,10 @@ Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWrit
           3);
     }
     if (has_confidence) put(&options.face_confidence[f], sizeof(float));
+    if (has_input_face) {
+      const auto input_face = static_cast<int32_t>(options.input_face[f]);
+      put(&input_face, sizeof(input_face));
+    }
     file.Add(record, static_cast<size_t>(at - record));
   }
   TESSERA_RETURN_IF_ERROR(file.Finish());

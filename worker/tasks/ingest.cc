@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/geometry/repair.h"
+#include "common/scene/check.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "common/tile/survey.h"
@@ -44,15 +45,18 @@ void FillPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras
 StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
   TaskOutcome outcome;
-  control.Report(0, "reading the scene");
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(request.input_dir, &outcome.warnings));
+  control.Report(0, "checking the scene");
+  // Says all that is wrong at once; after it loading cannot fail for the scene's sake.
+  TESSERA_RETURN_IF_ERROR(CheckSceneFolder(request.input_dir, &outcome.warnings, PartOf(control, 0, 0.3)).status());
+  Warnings said_already;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(request.input_dir, &said_already));
   TESSERA_ASSIGN_OR_RETURN(TriangleMesh input, LoadSceneMesh(scene, 0));
   Survey survey;
   TESSERA_ASSIGN_OR_RETURN(survey.gsd_m, MedianGsd(scene, input));
   TESSERA_RETURN_IF_ERROR(control.Check());
 
   control.Report(0.3, "repairing the mesh");
-  TESSERA_ASSIGN_OR_RETURN(const RepairedMesh repaired, RepairMesh(input, &outcome.warnings));
+  TESSERA_ASSIGN_OR_RETURN(const RepairedMesh repaired, RepairMesh(input, &said_already));
   TESSERA_RETURN_IF_ERROR(control.Check());
 
   control.Report(0.5, "splitting faces");

@@ -40,6 +40,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   PlyWriteOptions options;
   for (const SceneClass& c : survey.classes) options.label_colors_rgb.push_back(c.color_rgb);
   options.face_confidence = merger.confidence();
+  options.input_face = city.input_face;
   TESSERA_RETURN_IF_ERROR(WritePly(OutputPath(request, kMeshFile), result, options));
 
   TaskOutcome outcome;

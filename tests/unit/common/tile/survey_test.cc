@@ -1,0 +1,100 @@
+#include "common/tile/survey.h"
+
+#include <gtest/gtest.h>
+
+#include "common/base/random.h"
+#include "common/tile/ground.h"
+#include "common/tile/task_parameters.h"
+
+namespace tessera {
+namespace {
+
+Survey MakeSurvey() {
+  Survey s;
+  s.scene_name = "a \"quoted\" name";
+  s.gsd_m = 0.1 / 3;
+  s.ground = MakeGroundPlane(s.up, 2);
+  s.cells = {{-1, 2, 17, 0.3, {1, 2, 3}, {4, 5, 6}, {0}}, {0, 2, 1, 0, {0, 0, 0}, {1, 1, 1}, {}}};
+  s.views.resize(1);
+  s.views[0].name = "a.jpg";
+  s.views[0].image_path = "images/a.jpg";
+  s.views[0].lens.kind = LensModel::Kind::kOpenCv;
+  s.views[0].lens.coefficients[1] = 1.0 / 7;
+  s.views[0].camera.translation_cam_from_world = {1.0 / 3, 2, 3};
+  s.pairs = {{0, 0}};
+  s.classes.resize(2);
+  s.classes[1].name = "roof";
+  s.classes[1].prior_alpha_rad = 1.0 / 9;
+  s.warnings = {"something odd"};
+  return s;
+}
+
+TEST(Survey, JsonRoundTripKeepsEveryBit) {
+  const std::string json = SurveyToJson(MakeSurvey());
+  const StatusOr<Survey> parsed = ParseSurvey(json);
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(SurveyToJson(*parsed), json);
+  EXPECT_EQ(parsed->gsd_m, MakeSurvey().gsd_m);
+  EXPECT_EQ(parsed->views[0].camera.translation_cam_from_world,
+            MakeSurvey().views[0].camera.translation_cam_from_world);
+  EXPECT_EQ(parsed->views[0].lens.coefficients[1], 1.0 / 7);
+}
+
+TEST(Survey, RefusesWhatItDidNotWrite) {
+  EXPECT_FALSE(ParseSurvey("").ok());
+  EXPECT_FALSE(ParseSurvey("{}").ok());
+  Survey survey = MakeSurvey();
+  survey.cells[0].views = {1};
+  EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok()) << "there is only view 0";
+  survey = MakeSurvey();
+  survey.pairs = {{0, -1}};
+  EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok());
+}
+
+TEST(TaskParameters, RoundTrip) {
+  const CutParameters cut = {{7, {-3, 0, 4, 5}}, 5.6, {1, 4, 9}};
+  const auto parsed = ParseCutParameters(ToJson(cut));
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->tile.core, cut.tile.core);
+  EXPECT_EQ(ToJson(*parsed), ToJson(cut));
+  const StitchParameters stitch = {{7, {-3, 0, 4, 5}}, 2.8, {{1, {0, 0, 1, 1}}, {7, {-3, 0, 4, 5}}}};
+  EXPECT_EQ(ToJson(*ParseStitchParameters(ToJson(stitch))), ToJson(stitch));
+  const PublishParameters publish = {{{0, {0, 0, 1, 1}}}};
+  EXPECT_EQ(ToJson(*ParsePublishParameters(ToJson(publish))), ToJson(publish));
+  EXPECT_EQ(ToJson(*ParseRefineParameters(ToJson(RefineParameters{2, "tessera"}))),
+            ToJson(RefineParameters{2, "tessera"}));
+  EXPECT_FALSE(ParseCutParameters("{}").ok());
+}
+
+TEST(Ground, AxesAreOrthonormalAndRightHanded) {
+  Random random(1);
+  for (int i = 0; i < 50; ++i) {
+    const Eigen::Vector3d up = Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal()).normalized();
+    const GroundPlane g = MakeGroundPlane(up, 1);
+    EXPECT_NEAR(g.axis_x.cross(g.axis_y).dot(up), 1, 1e-12);
+    EXPECT_NEAR(g.axis_x.dot(g.axis_y), 0, 1e-12);
+  }
+}
+
+TEST(Ground, WeightsFallSmoothlyFromOneToZero) {
+  EXPECT_EQ(BlendWeight(0, 4), 1);
+  EXPECT_EQ(BlendWeight(4, 4), 0);
+  double before = 1;
+  for (double d = 0; d <= 4; d += 0.01) {
+    const double w = BlendWeight(d, 4);
+    EXPECT_LE(w, before);
+    EXPECT_LT(before - w, 0.01) << d;
+    before = w;
+  }
+}
+
+TEST(Ground, DistancesToRectangles) {
+  const CellRect rect = {0, 0, 2, 1};
+  EXPECT_EQ(DistanceToRect({3, 0.5}, rect, 2), 0);
+  EXPECT_EQ(DistanceToRect({7, 6}, rect, 2), 5);
+  EXPECT_EQ(DistanceBetween(rect, {2, 1, 3, 3}, 2), 0);
+  EXPECT_EQ(DistanceBetween(rect, {5, 5, 6, 6}, 2), 10);
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,209 @@
+#include <gtest/gtest.h>
+
+#include <map>
+#include <set>
+
+#include "common/base/random.h"
+#include "common/tile/survey.h"
+#include "common/tile/task_parameters.h"
+#include "server/plan/graph.h"
+#include "server/plan/tiling.h"
+
+namespace tessera {
+namespace {
+
+Survey RandomSurvey(int width, int height, double filled, uint64_t seed) {
+  Random random(seed);
+  Survey s;
+  s.gsd_m = 0.1;
+  s.ground = MakeGroundPlane(s.up, 8);
+  s.views.resize(6);
+  for (size_t v = 0; v < s.views.size(); ++v) {
+    s.views[v].image_path = "images/" + std::to_string(v) + ".jpg";
+    if (v % 2 == 0) s.views[v].likelihood_path = "likelihoods/" + std::to_string(v) + ".tif";
+  }
+  s.classes.resize(2);
+  for (int y = -3; y < height - 3; ++y) {
+    for (int x = -5; x < width - 5; ++x) {
+      if (random.Uniform() > filled) continue;
+      SurveyCell cell;
+      cell.x = x;
+      cell.y = y;
+      cell.faces = 1 + random.Below(2000);
+      cell.reach_m = random.Uniform(0, 2);
+      for (int v = 0; v < 6; ++v) {
+        if (random.Uniform() < 0.4) cell.views.push_back(v);
+      }
+      s.cells.push_back(cell);
+      s.faces += cell.faces;
+    }
+  }
+  return s;
+}
+
+std::vector<PlannedTask> PlanOf(const Survey& survey, int tiles) {
+  auto plan = PlanTiles({.tiles = tiles}, SurveyToJson(survey));
+  EXPECT_TRUE(plan.ok()) << plan.status();
+  return *std::move(plan);
+}
+
+TEST(Tiling, EveryCellIsInExactlyOneCoreAndNoneIsEmpty) {
+  Random random(4);
+  for (uint64_t seed = 0; seed < 60; ++seed) {
+    const Survey survey =
+        RandomSurvey(1 + static_cast<int>(random.Below(30)), 1 + static_cast<int>(random.Below(30)), 0.7, seed);
+    if (survey.cells.empty()) continue;
+    const auto rects = LayOutTiles(survey, {.tiles = static_cast<int>(random.Below(40))});
+    std::vector<int> cells_in(rects.size(), 0);
+    for (const SurveyCell& cell : survey.cells) {
+      int owners = 0;
+      for (size_t r = 0; r < rects.size(); ++r) {
+        const bool inside = rects[r].Contains({cell.x, cell.y});
+        owners += inside;
+        cells_in[r] += inside;
+      }
+      EXPECT_EQ(owners, 1) << "seed " << seed;
+    }
+    for (const int count : cells_in) EXPECT_GT(count, 0) << "seed " << seed;
+  }
+}
+
+TEST(Tiling, AsManyTilesAsAskedFor) {
+  const Survey survey = RandomSurvey(30, 20, 1, 1);
+  for (int tiles = 1; tiles <= 40; ++tiles) {
+    EXPECT_EQ(LayOutTiles(survey, {.tiles = tiles}).size(), static_cast<size_t>(tiles));
+  }
+}
+
+TEST(Tiling, FollowsTheCitysShape) {
+  const auto along_x = LayOutTiles(RandomSurvey(40, 4, 1, 1), {.tiles = 4});
+  for (const CellRect& rect : along_x) EXPECT_EQ(rect.y1 - rect.y0, 4);
+  const auto along_y = LayOutTiles(RandomSurvey(4, 40, 1, 1), {.tiles = 4});
+  for (const CellRect& rect : along_y) EXPECT_EQ(rect.x1 - rect.x0, 4);
+}
+
+TEST(Tiling, TilesHaveLikeShares) {
+  const Survey survey = RandomSurvey(60, 60, 1, 1);
+  double least = 1e300, most = 0;
+  for (const CellRect& rect : LayOutTiles(survey, {.tiles = 9})) {
+    const double work = PredictWork(survey, rect, -1);
+    least = std::min(least, work == 0 ? PredictWork(survey, rect, 0) : work);
+    most = std::max(most, work == 0 ? PredictWork(survey, rect, 0) : work);
+  }
+  EXPECT_LT(most, 1.4 * least);
+}
+
+TEST(Tiling, NumberFollowsTheLimitsByDefault) {
+  const Survey survey = RandomSurvey(40, 40, 1, 1);
+  TilingOptions options;
+  options.max_faces = 1e12;
+  options.max_work = 1e12;
+  EXPECT_EQ(LayOutTiles(survey, options).size(), 1u);
+  options.max_faces = static_cast<double>(survey.faces) / 7.5;
+  EXPECT_EQ(LayOutTiles(survey, options).size(), 8u);
+}
+
+TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
+  static const std::map<std::string, std::set<std::string>> kOutputs = {
+      {"ingest", {kCityFile, kSurveyFile}}, {"cut", {kTileFile}}, {"refine", {kResultFile}}, {"stitch", {kCoreFile}}};
+  for (uint64_t seed = 0; seed < 20; ++seed) {
+    const Survey survey = RandomSurvey(20, 14, 0.8, seed);
+    const auto tasks = PlanOf(survey, static_cast<int>(seed));
+    std::set<std::string> names;
+    for (size_t t = 0; t < tasks.size(); ++t) {
+      EXPECT_TRUE(names.insert(tasks[t].name).second) << tasks[t].name;
+      EXPECT_GT(tasks[t].cost, 0);
+      std::set<std::string> inputs;
+      for (const PlannedInput& input : tasks[t].inputs) {
+        EXPECT_TRUE(inputs.insert(input.name).second) << input.name << " twice";
+        if (!input.scene_file.empty()) {
+          EXPECT_EQ(input.task, -1);
+          continue;
+        }
+        ASSERT_GE(input.task, 0);
+        ASSERT_LT(input.task, static_cast<int>(t) + 1) << "the ingest task has index 0";
+        const std::string kind = input.task == 0 ? "ingest" : tasks[input.task - 1].kind;
+        EXPECT_TRUE(kOutputs.at(kind).contains(input.output)) << kind << " makes no " << input.output;
+      }
+    }
+    EXPECT_EQ(tasks.back().kind, "publish");
+  }
+}
+
+TEST(Plan, RefineReadsThePixelsOfEveryViewOfItsCells) {
+  const Survey survey = RandomSurvey(12, 12, 0.8, 5);
+  for (const PlannedTask& task : PlanOf(survey, 5)) {
+    if (task.kind != "refine") continue;
+    std::set<std::string> files;
+    for (const PlannedInput& input : task.inputs) files.insert(input.scene_file);
+    const auto cores = LayOutTiles(survey, {.tiles = 5});
+    for (const SurveyCell& cell : survey.cells) {
+      if (!cores[task.tile].Contains({cell.x, cell.y})) continue;
+      for (const int32_t v : cell.views) {
+        EXPECT_TRUE(files.contains(survey.views[v].image_path));
+        if (!survey.views[v].likelihood_path.empty()) {
+          EXPECT_TRUE(files.contains(survey.views[v].likelihood_path));
+        }
+      }
+    }
+  }
+}
+
+TEST(Plan, BothSidesOfASeamReadTheSameTiles) {
+  const Survey survey = RandomSurvey(30, 30, 0.9, 2);
+  std::map<int, std::set<int>> reads;
+  for (const PlannedTask& task : PlanOf(survey, 25)) {
+    if (task.kind != "stitch") continue;
+    const auto parameters = ParseStitchParameters(task.parameters);
+    ASSERT_TRUE(parameters.ok());
+    EXPECT_EQ(parameters->results.size() + 1, task.inputs.size());
+    for (const TileParameters& tile : parameters->results) reads[task.tile].insert(tile.tile);
+  }
+  const auto cores = LayOutTiles(survey, {.tiles = 25});
+  for (const auto& [tile, others] : reads) {
+    EXPECT_TRUE(others.contains(tile));
+    for (size_t other = 0; other < cores.size(); ++other) {
+      if (DistanceBetween(cores[tile], cores[other], survey.ground.cell_m) == 0) {
+        EXPECT_TRUE(others.contains(static_cast<int>(other)));
+      }
+    }
+  }
+}
+
+TEST(Plan, SameSurveySamePlan) {
+  const Survey survey = RandomSurvey(20, 20, 0.8, 3);
+  const auto a = PlanOf(survey, 7), b = PlanOf(survey, 7);
+  ASSERT_EQ(a.size(), b.size());
+  for (size_t t = 0; t < a.size(); ++t) {
+    EXPECT_EQ(a[t].parameters, b[t].parameters);
+    EXPECT_EQ(a[t].cost, b[t].cost);
+  }
+}
+
+TEST(Plan, OneTileIsTheUntiledRun) {
+  const auto tasks = PlanOf(RandomSurvey(20, 20, 0.8, 3), 1);
+  ASSERT_EQ(tasks.size(), 4u);
+  EXPECT_EQ(tasks[1].kind, "refine");
+}
+
+TEST(Plan, SettingsAreRefusedAllAtOnce) {
+  const auto refused = PlanIngest({.tiles = -1, .rounds = 1000, .method = "magic"}, {"scene.json"});
+  EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
+  const std::string message(refused.status().message());
+  for (const char* word : {"tiles: found -1", "rounds: found 1000", "method: found \"magic\""}) {
+    EXPECT_NE(message.find(word), std::string::npos) << message;
+  }
+  EXPECT_FALSE(PlanIngest({}, {}).ok());
+  EXPECT_FALSE(PlanTiles({}, "not json").ok());
+}
+
+TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {
+  const auto a = PlanIngest({.tiles = 1}, {"images/a.jpg", "scene.json"});
+  const auto b = PlanIngest({.tiles = 9, .rounds = 3}, {"images/a.jpg", "scene.json"});
+  ASSERT_TRUE(a.ok() && b.ok());
+  EXPECT_EQ(a->inputs.size(), 2u);
+  EXPECT_EQ(a->parameters, b->parameters) << "so that it is done once for all tilings";
+}
+
+}  // namespace
+}  // namespace tessera
