@@ -100,7 +100,10 @@ double CalibrateStartLabels(const std::vector<const StartChunk*>& chunks,
     ClassConfusion by_area;
     for (const StartChunk* chunk : chunks) AddByArea(*chunk, threshold, by_area);
     double accuracy = by_area.AverageAccuracy();
-    if (!samples.empty()) accuracy = 0.5 * (accuracy + CountByPixels(chunks, samples, threshold).AverageAccuracy());
+    if (!samples.empty()) {
+      const double by_pixels = CountByPixels(chunks, samples, threshold).AverageAccuracy();
+      accuracy = std::max(accuracy - kStartAreaSlack, 0.5 * (accuracy + by_pixels));
+    }
     (accuracy < kStartAverageAccuracy ? low : high) = threshold;
   }
   return 0.5 * (low + high);

@@ -116,6 +116,7 @@ class BlockPlanner {
       y = old_x;
     }
     TreeSpec t;
+    size *= 1.55;  // crowns of 2.5 to 7 m across
     const Eigen::Vector2d p = origin_ + Eigen::Vector2d(x, y);
     t.foot = {p.x(), p.y(), GroundHeight(plan_, p.x(), p.y())};
     t.radii_m =

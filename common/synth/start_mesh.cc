@@ -19,10 +19,9 @@ struct CellRange {
 };
 
 CellRange CellsOf(double low, int blocks, int block, double voxel) {
-  const double rim = CityPlan::kApron - 0.5 * voxel;
-  const auto cell = [&](double x) { return static_cast<int>(std::floor(x / voxel)); };
+  const auto cell = [&](double x) { return static_cast<int>(std::floor(x / voxel + 0.5)); };
   const double from = low + block * CityPlan::kPitch, to = from + CityPlan::kPitch;
-  return {cell(block == 0 ? from - rim : from) + (block == 0 ? 1 : 0), cell(block + 1 == blocks ? to + rim : to)};
+  return {cell(block == 0 ? from - CityPlan::kApron : from), cell(block + 1 == blocks ? to + CityPlan::kApron : to)};
 }
 
 // The city's occupancy: negative inside, in metres near the surface.
@@ -77,33 +76,45 @@ class OccupancyField {
     return column;
   }
 
-  double Distance(const Column& column, const Eigen::Vector3d& p, int32_t* label) const {
+  // Trees come out fatter than they are: their gaps are filled.
+  double Distance(const Column& column, const Eigen::Vector3d& p) const {
     double best = p.z() - column.ground;
-    *label = kGround;
-    for (const ConvexSolid* solid : column.solids) {
-      int32_t side = kFacade;
-      const double d = solid->Distance(p, &side);
-      if (d < best) {
-        best = d;
-        *label = side;
-      }
-    }
-    for (const TreeSpec* tree : column.trees) {
-      const double d = CrownDistance(*tree, p);
-      if (d < best) {
-        best = d;
-        *label = kVegetation;
-      }
-    }
+    for (const ConvexSolid* solid : column.solids) best = std::min(best, solid->Distance(p));
+    for (const TreeSpec* tree : column.trees) best = std::min(best, CrownDistance(*tree, p) - 0.25 * voxel_);
     return best;
+  }
+
+  // Class of the true surface nearest to `p`. With a `turn_m` above 0 surfaces that face another way than `normal` are
+  // as if they were further off, by up to twice that.
+  int32_t NearestLabel(const Column& column, const Eigen::Vector3d& p, const Eigen::Vector3d& normal,
+                       double turn_m) const {
+    const double nearest = Distance(column, p);
+    double least = p.z() - column.ground - nearest + turn_m * (1 - normal.z());
+    int32_t label = kGround;
+    const auto offer = [&](double cost, int32_t candidate) {
+      if (cost < least) {
+        least = cost;
+        label = candidate;
+      }
+    };
+    for (const ConvexSolid* solid : column.solids) {
+      const double d = solid->Distance(p);
+      for (const ConvexSolid::Plane& plane : solid->planes) {
+        const double beyond = d - (plane.normal.dot(p) - plane.offset);
+        offer(d - nearest + beyond + turn_m * (1 - normal.dot(plane.normal)), plane.label);
+      }
+    }
+    for (const TreeSpec* tree : column.trees)
+      offer(CrownDistance(*tree, p) - 0.25 * voxel_ - nearest + 0.4 * turn_m, kVegetation);
+    return label;
   }
 
   // How far noise moves the surface, metres: bumps of a few voxels and broader swells.
   double Displacement(const Eigen::Vector3d& p) const {
     const uint32_t seed = static_cast<uint32_t>(MixBits(plan_.seed ^ 0x766f78656cull));
     const Eigen::Vector3d q = p / voxel_;
-    return voxel_ * (0.75 * ValueNoise3(q.x() / 1.7, q.y() / 1.7, q.z() / 1.7, seed) +
-                     0.6 * ValueNoise3(q.x() / 5.0, q.y() / 5.0, q.z() / 5.0, seed + 1));
+    return voxel_ * (0.45 * ValueNoise3(q.x() / 1.7, q.y() / 1.7, q.z() / 1.7, seed) +
+                     0.3 * ValueNoise3(q.x() / 5.0, q.y() / 5.0, q.z() / 5.0, seed + 1));
   }
 
  private:
@@ -168,8 +179,7 @@ StartChunk ExtractStartChunk(const CityPlan& plan, const BlockSource& source, in
       const auto& c = columns[static_cast<size_t>(y) * lattice.nx + x];
       for (int z = 0; z < lattice.nz; ++z) {
         const Eigen::Vector3d p((lattice.x0 + x) * voxel, (lattice.y0 + y) * voxel, (lattice.z0 + z) * voxel);
-        int32_t label;
-        double d = field.Distance(c, p, &label);
+        double d = field.Distance(c, p);
         if (std::abs(d) < 1.4 * voxel) d += field.Displacement(p);
         lattice.at(lattice.x0 + x, lattice.y0 + y, lattice.z0 + z) = d < 0 ? 1.f : 0.f;
       }
@@ -226,9 +236,12 @@ StartChunk ExtractStartChunk(const CityPlan& plan, const BlockSource& source, in
   for (const Triangle& t : chunk.faces) {
     const Eigen::Vector3d p = (chunk.vertices[t[0]] + chunk.vertices[t[1]] + chunk.vertices[t[2]]) / 3;
     const OccupancyField::Column c = field.At(p.x(), p.y(), 2 * voxel);
-    int32_t label;
-    field.Distance(c, p, &label);
-    chunk.true_labels.push_back(static_cast<uint8_t>(label));
+    const Eigen::Vector3d normal = (chunk.vertices[t[1]] - chunk.vertices[t[0]])
+                                       .cross(chunk.vertices[t[2]] - chunk.vertices[t[0]])
+                                       .stableNormalized();
+    const int32_t label = field.NearestLabel(c, p, normal, 1.2 * voxel);
+    chunk.true_labels.push_back(static_cast<uint8_t>(field.NearestLabel(c, p, normal, 0)));
+    chunk.right_labels.push_back(static_cast<uint8_t>(label));
     const LabelDoubt doubt = SurfaceDoubt(p, voxel, doubt_seed);
     chunk.doubt.push_back(doubt.doubt);
     chunk.wrong_labels.push_back(static_cast<uint8_t>(ConfusedClass(label, doubt.choice)));

@@ -19,8 +19,9 @@ struct StartChunk {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<uint64_t> keys;  // place of each vertex on the global lattice; kNoKey for one inside a cell
   std::vector<Triangle> faces;
-  std::vector<uint8_t> true_labels;   // class of the nearest true surface, a face
-  std::vector<uint8_t> wrong_labels;  // what it is taken for where labelling fails
+  std::vector<uint8_t> true_labels;   // class of the nearest true surface, a face; the measure
+  std::vector<uint8_t> right_labels;  // what a face is labelled where labelling works: its orientation counts too
+  std::vector<uint8_t> wrong_labels;  // ... and where it fails
   std::vector<float> doubt;           // labelling fails first where this is highest; about standard normal, correlated
 
   static constexpr uint64_t kNoKey = ~0ull;

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <map>
@@ -62,16 +63,10 @@ struct ConvexSolid {
   std::vector<Plane> planes;
   Eigen::AlignedBox3d box;
 
-  // Signed distance to the boundary inside (negative) and near faces; a lower bound elsewhere. *label: its class.
-  double Distance(const Eigen::Vector3d& p, int32_t* label) const {
+  // Signed distance to the boundary inside (negative) and near faces; a lower bound elsewhere.
+  double Distance(const Eigen::Vector3d& p) const {
     double best = -1e30;
-    for (const Plane& plane : planes) {
-      const double d = plane.normal.dot(p) - plane.offset;
-      if (d > best) {
-        best = d;
-        *label = plane.label;
-      }
-    }
+    for (const Plane& plane : planes) best = std::max(best, plane.normal.dot(p) - plane.offset);
     return best;
   }
 };
