@@ -10,6 +10,7 @@ namespace tessera {
 
 // Fixed for every city: what `tessera synth` aims at, and the ranges that it stays in.
 inline constexpr double kStartAverageAccuracy = 0.84;       // .82 to .86
+inline constexpr double kStartAreaSlack = 0.018;            // the most by which the accuracy by area exceeds that
 inline constexpr double kLikelihoodArgmaxAccuracy = 0.875;  // .85 to .90
 
 // The class that a weak classifier takes `label` for; `choice` in [0, 1) picks among the likely ones.
