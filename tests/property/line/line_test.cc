@@ -1,0 +1,170 @@
+// A job from scene to mesh, all tasks in this process.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "common/base/parallel.h"
+#include "common/meshio/ply.h"
+#include "common/storage/files.h"
+#include "common/tile/task_parameters.h"
+#include "tests/support/in_process_line.h"
+#include "tests/support/tiny_scene.h"
+#include "worker/tasks/city_file.h"
+#include "worker/tasks/tile_files.h"
+
+namespace tessera {
+namespace {
+
+// Refining that changes nothing; all other tasks as they are.
+StatusOr<TaskOutcome> StandStill(const TaskRequest& request) {
+  if (request.kind != "refine") return RunTask(request, {});
+  TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(request.input_dir + "/" + kTileFile));
+  TileResult result;
+  result.tile = package.tile;
+  result.vertex_ids = package.vertex_ids;
+  result.face_ids = package.face_ids;
+  result.displacements.assign(package.vertex_ids.size(), Eigen::Vector3d::Zero());
+  result.classes = static_cast<int>(package.classes.size());
+  result.labels = package.mesh.labels;
+  for (const int32_t label : result.labels) {
+    for (int l = 0; l < result.classes; ++l) result.beliefs.push_back(l == label ? 0.0f : 1.0f);
+  }
+  TESSERA_RETURN_IF_ERROR(WriteTileResult(request.output_dir + "/" + kResultFile, result));
+  return TaskOutcome{{kResultFile}, "{}", {}};
+}
+
+std::string RunScene(const std::string& folder, const std::string& work, int tiles, const TaskRunner& runner) {
+  const auto tasks = RunLine(folder, folder + "/" + work, {.tiles = tiles}, runner);
+  EXPECT_TRUE(tasks.ok()) << tasks.status();
+  return tasks.ok() ? tasks->back().output_dir : "";
+}
+
+// The scene's own vertices come first and stay, in the scene's coordinates, for every kind of frame and any tiling.
+TEST(Line, StandingStillGivesTheInputBack) {
+  struct Case {
+    const char* crs;
+    Eigen::Vector3d offset;
+    double tolerance_m;
+  };
+  const Case cases[] = {{R"({"type": "local"})", {0, 0, 0}, 0},
+                        {R"({"type": "local"})", {5e6, -3e6, 100}, 1e-9},
+                        {R"({"type": "utm", "zone": 32, "north": true})", {357000, 5788000, 40}, 1e-9}};
+  for (const Case& c : cases) {
+    TinySceneOptions options;
+    options.crs_json = c.crs;
+    options.offset = c.offset;
+    const std::string folder = FreshTestFolder("still");
+    const TinyScene scene = WriteTinyScene(folder, options);
+    const auto input = ReadPly(folder + "/mesh.ply");
+    ASSERT_TRUE(input.ok());
+    for (const int tiles : {1, 4}) {
+      if (tiles == 1 && c.tolerance_m > 0) continue;
+      const std::string out = RunScene(folder, "work" + std::to_string(tiles), tiles, StandStill);
+      const auto result = ReadPly(out + "/" + kMeshFile);
+      ASSERT_TRUE(result.ok()) << result.status();
+      ASSERT_GE(result->mesh.vertices.size(), input->mesh.vertices.size());
+      for (size_t v = 0; v < input->mesh.vertices.size(); ++v) {
+        EXPECT_LE((result->mesh.vertices[v] - input->mesh.vertices[v]).norm(), c.tolerance_m);
+      }
+    }
+  }
+}
+
+TEST(Line, SameTopologyForAnyTilingAndLabelsAsGoodAsTheStart) {
+  const std::string folder = FreshTestFolder("tiled");
+  const TinyScene scene = WriteTinyScene(folder);
+  std::vector<Triangle> faces;
+  for (const int tiles : {1, 5}) {
+    const auto tasks = RunLine(folder, folder + "/work" + std::to_string(tiles), {.tiles = tiles});
+    ASSERT_TRUE(tasks.ok()) << tasks.status();
+    const auto city = ReadCity(tasks->front().output_dir + "/" + kCityFile);
+    const auto result = ReadPly(tasks->back().output_dir + "/" + kMeshFile);
+    ASSERT_TRUE(city.ok() && result.ok());
+    EXPECT_EQ(result->mesh.faces, city->mesh.faces);
+    if (!faces.empty()) {
+      EXPECT_EQ(result->mesh.faces, faces);
+    }
+    faces = result->mesh.faces;
+    int64_t wrong = 0;
+    for (size_t f = 0; f < faces.size(); ++f) wrong += result->mesh.labels[f] != city->mesh.labels[f];
+    EXPECT_LT(wrong, static_cast<int64_t>(faces.size() / 25)) << "the start is the truth";
+    const auto text = ReadFile(tasks->back().output_dir + "/" + kReportFile);
+    ASSERT_TRUE(text.ok());
+    const nlohmann::json report = nlohmann::json::parse(*text);
+    int refined = 0;
+    for (const LineTask& task : *tasks) refined += task.planned.kind == "refine";
+    EXPECT_EQ(report.at("tiles").size(), static_cast<size_t>(refined));
+    EXPECT_EQ(refined, tiles);
+    EXPECT_EQ(report.at("output").at("faces").get<size_t>(), faces.size());
+  }
+}
+
+TEST(Line, SameBytesForAnyNumberOfThreads) {
+  const std::string folder = FreshTestFolder("threads");
+  WriteTinyScene(folder);
+  std::string meshes[2], reports[2];
+  for (const int threads : {1, 3}) {
+    const ThreadLimit limit(threads);
+    const std::string out = RunScene(folder, "work" + std::to_string(threads), 4, {});
+    meshes[threads / 2] = *ReadFile(out + "/" + kMeshFile);
+    reports[threads / 2] = *ReadFile(out + "/" + kReportFile);
+  }
+  EXPECT_EQ(meshes[0], meshes[1]);
+  EXPECT_EQ(reports[0], reports[1]);
+}
+
+TEST(Line, WithoutLabelsTheLikelihoodsGiveThem) {
+  TinySceneOptions options;
+  options.labels = false;
+  const std::string folder = FreshTestFolder("unlabelled");
+  const TinyScene scene = WriteTinyScene(folder, options);
+  const auto result = ReadPly(RunScene(folder, "work", 2, {}) + "/" + kMeshFile);
+  ASSERT_TRUE(result.ok());
+  ASSERT_EQ(result->mesh.labels.size(), result->mesh.faces.size());
+  for (const int32_t label : result->mesh.labels) {
+    EXPECT_GE(label, 0);
+    EXPECT_LT(label, 3);
+  }
+}
+
+TEST(Line, WithoutLikelihoodsLabelsAreCarriedThrough) {
+  TinySceneOptions options;
+  options.likelihoods = TinySceneOptions::Likelihoods::kNone;
+  const std::string folder = FreshTestFolder("no_likelihoods");
+  WriteTinyScene(folder, options);
+  const auto tasks = RunLine(folder, folder + "/work", {.tiles = 3});
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  const auto city = ReadCity(tasks->front().output_dir + "/" + kCityFile);
+  const auto result = ReadPly(tasks->back().output_dir + "/" + kMeshFile);
+  ASSERT_TRUE(city.ok() && result.ok());
+  EXPECT_EQ(result->mesh.labels, city->mesh.labels);
+}
+
+TEST(Line, WithoutBothThereIsOneClass) {
+  TinySceneOptions options;
+  options.likelihoods = TinySceneOptions::Likelihoods::kNone;
+  options.labels = false;
+  const std::string folder = FreshTestFolder("one_class");
+  WriteTinyScene(folder, options);
+  const auto result = ReadPly(RunScene(folder, "work", 2, {}) + "/" + kMeshFile);
+  ASSERT_TRUE(result.ok()) << result.status();
+  for (const int32_t label : result->mesh.labels) EXPECT_EQ(label, 0);
+}
+
+TEST(Line, EveryFaultOfTheSceneIsInOneMessage) {
+  const std::string folder = FreshTestFolder("faults");
+  const TinyScene scene = WriteTinyScene(folder);
+  const auto tasks = RunLine(folder, folder + "/good", {.tiles = 1}, StandStill);
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  // The plan is made; then files change.
+  WriteText(folder + "/mesh.ply", "not a mesh");
+  WriteText(folder + "/images/" + scene.image_names[0], "not an image");
+  const TaskRequest request = {"ingest", "{}", tasks->front().output_dir + "/../in", FreshTestFolder("faults_out")};
+  const Status status = RunTask(request, {}).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(std::string(status.message()).find("mesh.ply"), std::string::npos) << status;
+  EXPECT_NE(std::string(status.message()).find(scene.image_names[0]), std::string::npos) << status;
+}
+
+}  // namespace
+}  // namespace tessera
