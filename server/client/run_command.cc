@@ -24,6 +24,7 @@ namespace tessera {
 namespace {
 
 constexpr double kLookSeconds = 0.1;
+constexpr double kCancelSeconds = 2;  // for the job's calls to end after it was cancelled
 constexpr double kStopSeconds = 8;
 
 struct RunFlags {
@@ -65,12 +66,13 @@ struct Ending {
 
 Ending Follow(LocalCluster& cluster, LocalJob& job, ProgressDisplay& display) {
   Ending ending;
+  int warnings_told = 0;
   while (Interrupts() == 0) {
     LocalJobState state = job.Wait(kLookSeconds);
-    if (state.accepted && !ending.accepted) {
-      for (const std::string& warning : state.job->warnings()) display.Note("warning: " + warning);
-    }
     ending.accepted = state.accepted;
+    for (; state.job != nullptr && warnings_told < state.job->warnings_size(); ++warnings_told) {
+      display.Note("warning: " + state.job->warnings(warnings_told));
+    }
     if (state.update != nullptr) display.Show(*state.update);
     if (state.ended) {
       ending.status = state.status;
@@ -140,13 +142,17 @@ int Run(const RunFlags& flags) {
   if (!connection.ok()) return Complain("run", connection.status());
 
   ProgressDisplay display(stderr);
-  Ending ending;
-  {
-    LocalJob job(*std::move(connection), request, folders.out, folders.state + "/fetch");
-    ending = Follow(**cluster, job, display);
-    display.Finish();
-    (*cluster)->Stop(kStopSeconds, until(2));
+  auto job = std::make_unique<LocalJob>(*std::move(connection), request, folders.out, folders.state + "/fetch");
+  const Ending ending = Follow(**cluster, *job, display);
+  display.Finish();
+  // The connection goes first, or the coordinator waits for it; unless a call hangs, which the coordinator's end
+  // breaks.
+  const int64_t patience_us = clock.MonotonicUs() + static_cast<int64_t>(kCancelSeconds * 1e6);
+  while (Interrupts() < 2 && clock.MonotonicUs() < patience_us && !job->Wait(kLookSeconds).ended) {
   }
+  if (job->Wait(0).ended) job.reset();
+  (*cluster)->Stop(kStopSeconds, until(2));
+  job.reset();
   return Conclude(ending, folders, static_cast<double>(clock.MonotonicUs() - start_us) / 1e6);
 }
 

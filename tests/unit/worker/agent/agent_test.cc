@@ -12,7 +12,7 @@
 
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "tests/support/fake_coordinator.h"
+#include "tests/support/fake_workers_service.h"
 #include "worker/agent/log.h"
 
 namespace tessera {
@@ -82,7 +82,7 @@ class AgentTest : public testing::Test {
     input->set_shared_path(shared_path);
   }
   v1::ReportTaskRequest WaitForReport(size_t count = 1) {
-    EXPECT_TRUE(coordinator_.WaitFor([&](const FakeCoordinator& c) { return c.reports.size() >= count; }));
+    EXPECT_TRUE(coordinator_.WaitFor([&](const FakeWorkersService& c) { return c.reports.size() >= count; }));
     StopAgent();
     return coordinator_.reports.empty() ? v1::ReportTaskRequest() : coordinator_.reports.back();
   }
@@ -91,7 +91,7 @@ class AgentTest : public testing::Test {
   }
 
   TempFolder folder_;
-  FakeCoordinator coordinator_;
+  FakeWorkersService coordinator_;
   std::unique_ptr<Agent> agent_;
   std::thread thread_;
   Status agent_status_;
@@ -258,7 +258,7 @@ TEST_F(AgentTest, ProgressGoesWithHeartbeats) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1", 7));
   StartAgent([&](const TaskRequest& request, const TaskControl& control) {
     control.Report(0.25, "level 1");
-    EXPECT_TRUE(coordinator_.WaitFor([](const FakeCoordinator& c) {
+    EXPECT_TRUE(coordinator_.WaitFor([](const FakeWorkersService& c) {
       return !c.progress.empty() && c.progress.back().stage() == "level 1" && c.progress.back().progress() == 0.25 &&
              c.progress.back().attempt() == 7;
     }));
@@ -320,7 +320,7 @@ TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsAborted) {
 
 TEST_F(AgentTest, DrainingEndsAnIdleWorkerAndOneThatFindsNobody) {
   StartAgent(Concatenate);
-  ASSERT_TRUE(coordinator_.WaitFor([](const FakeCoordinator& c) { return c.leases_asked > 0; }));
+  ASSERT_TRUE(coordinator_.WaitFor([](const FakeWorkersService& c) { return c.leases_asked > 0; }));
   StopAgent();
   EXPECT_TRUE(agent_status_.ok());
   coordinator_.Stop();

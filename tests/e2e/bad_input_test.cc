@@ -1,0 +1,102 @@
+// Each kind of wrong input: its message, exit code 3, nothing half-written.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <string>
+
+#include "tests/e2e/programs.h"
+
+namespace tessera::e2e {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+struct BadInput {
+  std::string name;
+  std::function<void(const std::string& city)> spoil;
+  std::vector<std::string> messages;  // all of them are told
+};
+
+void Write(const std::string& path, const std::string& content) { ASSERT_TRUE(WriteFileAtomic(path, content).ok()); }
+
+void Replace(const std::string& path, const std::string& from, const std::string& to) {
+  std::string content = Content(path);
+  const size_t at = content.find(from);
+  ASSERT_NE(at, std::string::npos) << path << " has no " << from;
+  Write(path, content.replace(at, from.size(), to));
+}
+
+std::string FirstIn(const std::string& folder) { return folder + "/" + ListFiles(folder).value().front(); }
+
+std::vector<BadInput> BadInputs() {
+  return {
+      {"NoScene", [](const std::string& city) { fs::remove_all(city); }, {"city"}},
+      {"NoSceneJson", [](const std::string& city) { fs::remove(city + "/scene.json"); }, {"scene.json"}},
+      {"UnreadableJson",
+       [](const std::string& city) { Write(city + "/scene.json", "{\n \"tessera_scene\": 1,\n oops\n}"); },
+       {"scene.json", "line 3"}},
+      {"MissingImage", [](const std::string& city) { fs::remove(FirstIn(city + "/images")); }, {"east_00_000.jpg"}},
+      {"MissingImages",
+       [](const std::string& city) {
+         fs::remove(city + "/images/east_00_000.jpg");
+         fs::remove(city + "/images/nadir_00_001.jpg");
+       },
+       {"east_00_000.jpg", "nadir_00_001.jpg"}},
+      {"UnreadableImage",
+       [](const std::string& city) { Write(city + "/images/east_00_000.jpg", "not a picture"); },
+       {"east_00_000.jpg"}},
+      {"TruncatedMesh",
+       [](const std::string& city) { fs::resize_file(city + "/mesh.ply", fs::file_size(city + "/mesh.ply") / 2); },
+       {"mesh.ply"}},
+      {"UnknownCameraModel",
+       [](const std::string& city) { Replace(city + "/colmap/cameras.txt", "PINHOLE", "FISHBALL"); },
+       {"cameras.txt", "FISHBALL"}},
+      {"MissingClass",
+       [](const std::string& city) {
+         Replace(city + "/scene.json", "\"vegetation\"", "\"vegetation\", {\"name\": \"water\"}");
+       },
+       {"likelihoods"}},
+      {"TruncatedLikelihood",
+       [](const std::string& city) { fs::resize_file(FirstIn(city + "/likelihoods"), 100); },
+       {"east_00_000"}},
+  };
+}
+
+class BadInputTest : public testing::TestWithParam<BadInput> {};
+
+TEST_P(BadInputTest, HasItsMessageAndItsExitCodeAndLeavesNothing) {
+  const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
+  const std::string city = folder.path() + "/city";
+  fs::copy(ToyCity(), city, fs::copy_options::recursive);
+  GetParam().spoil(city);
+  const std::string out = folder.path() + "/out";
+  const Outcome outcome = Tessera(folder.path(), {"run", city, "--out", out, "--tiles", "4"});
+  EXPECT_EQ(outcome.exit_code, 3) << outcome.output;
+  for (const std::string& message : GetParam().messages) EXPECT_THAT(outcome.output, HasSubstr(message));
+  EXPECT_FALSE(fs::exists(out + "/mesh.ply"));
+  EXPECT_FALSE(fs::exists(out + "/report.json"));
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, BadInputTest, testing::ValuesIn(BadInputs()),
+                         [](const testing::TestParamInfo<BadInput>& kind) { return kind.param.name; });
+
+TEST(BadInputLeftoversTest, ARefusedSceneLeavesNoFolderAndOldResultsStay) {
+  const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
+  const std::string city = folder.path() + "/city";
+  ASSERT_TRUE(EnsureFolder(city).ok());
+  Write(city + "/scene.json", "{");
+  const std::string out = folder.path() + "/out";
+  EXPECT_EQ(Tessera(folder.path(), {"run", city, "--out", out}).exit_code, 3);
+  EXPECT_FALSE(fs::exists(out));
+  ASSERT_TRUE(EnsureFolder(out).ok());
+  Write(out + "/mesh.ply", "of an earlier run");
+  EXPECT_EQ(Tessera(folder.path(), {"run", city, "--out", out}).exit_code, 3);
+  EXPECT_EQ(Content(out + "/mesh.ply"), "of an earlier run");
+}
+
+}  // namespace
+}  // namespace tessera::e2e

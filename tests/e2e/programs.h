@@ -1,0 +1,90 @@
+// The programs under test as processes, and the city that they work on.
+#ifndef TESSERA_TESTS_E2E_PROGRAMS_H_
+#define TESSERA_TESTS_E2E_PROGRAMS_H_
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/storage/files.h"
+#include "server/client/child_process.h"
+#include "server/client/connection.h"
+#include "tessera/v1/jobs.pb.h"
+#include "tessera/v1/workers.pb.h"
+
+namespace tessera::e2e {
+
+// Polls until `condition` holds; false after `seconds`.
+bool WaitUntil(const std::function<bool()>& condition, double seconds = 240);
+
+struct Outcome {
+  int exit_code = -1;
+  std::string output;  // standard output and errors together
+};
+
+// A running program; its output goes to a file of its own in `folder`.
+class Program {
+ public:
+  Program(const std::string& folder, const std::string& program, const std::vector<std::string>& arguments);
+  pid_t pid() const { return process_->pid(); }
+  bool Running() { return process_->Running(); }
+  void Signal(int signal);
+  std::string Output() const;
+  Outcome Wait();
+  // SIGKILL, and waits.
+  void Kill();
+
+ private:
+  std::unique_ptr<ChildProcess> process_;
+};
+
+// `tessera` with these arguments, to its end.
+Outcome Tessera(const std::string& folder, const std::vector<std::string>& arguments);
+
+// Folder of a toy city, made once for the programs as they are built now. Read-only.
+const std::string& ToyCity();
+
+// The mesh that an undisturbed job of four tiles makes of the toy city, one worker, made once.
+const std::string& UndisturbedMesh();
+
+std::string Content(const std::string& path);
+
+// job.json's tasks of a kind: attempts of each by title.
+std::map<std::string, int> AttemptsOf(const std::string& job_json, const std::string& kind);
+
+// A coordinator and workers that a test can kill.
+class Cluster {
+ public:
+  explicit Cluster(const std::string& folder, double lease_s = 1);
+  // Starts the coordinator, on the same port as before if there was one.
+  void StartCoordinator();
+  Program& coordinator() { return *coordinator_; }
+  // `arguments`: more of them; `before`: a program in front of it, as setpriv or unshare.
+  Program& AddWorker(const std::vector<std::string>& arguments = {}, const std::vector<std::string>& before = {});
+  std::vector<std::unique_ptr<Program>>& workers() { return workers_; }
+  Connection& connection() { return *connection_; }
+  const std::string& address() const { return address_; }
+  const std::string& data() const { return data_; }
+
+  v1::Job Submit(const std::string& scene, int tiles, const std::string& request_id = "");
+  // Waits for the job's end.
+  v1::Job Await(const std::string& job);
+  std::vector<v1::Task> Tasks(const std::string& job);
+  // Fetches the job's files with `tessera fetch`; their folder.
+  std::string Fetch(const std::string& job);
+
+ private:
+  const std::string folder_;
+  const std::string data_;
+  const double lease_s_;
+  std::string address_ = "127.0.0.1:0";
+  std::unique_ptr<Program> coordinator_;
+  std::vector<std::unique_ptr<Program>> workers_;
+  std::unique_ptr<Connection> connection_;
+};
+
+}  // namespace tessera::e2e
+
+#endif  // TESSERA_TESTS_E2E_PROGRAMS_H_

@@ -1,0 +1,147 @@
+// `tessera run`: the whole line with one command.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "tests/e2e/programs.h"
+
+namespace tessera::e2e {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+class RunTest : public testing::Test {
+ protected:
+  RunTest() : folder_(TempFolder::Create(testing::TempDir()).value()), out_(folder_.path() + "/out") {}
+
+  Outcome Run(const std::vector<std::string>& more, const std::string& scene = ToyCity()) {
+    std::vector<std::string> arguments = {"run", scene, "--out", out_};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Tessera(folder_.path(), arguments);
+  }
+  // Processes whose command line names this test's folder, but for `except`.
+  std::vector<std::string> Processes(pid_t except) const {
+    std::vector<std::string> found;
+    for (const auto& entry : fs::directory_iterator("/proc")) {
+      const std::string pid = entry.path().filename();
+      if (pid.find_first_not_of("0123456789") != std::string::npos || std::stoi(pid) == except) continue;
+      std::ifstream file(entry.path() / "cmdline");
+      const std::string command((std::istreambuf_iterator<char>(file)), {});
+      if (command.find(out_) != std::string::npos) found.push_back(pid);
+    }
+    return found;
+  }
+
+  TempFolder folder_;
+  const std::string out_;
+};
+
+TEST_F(RunTest, OneTwoAndFourWorkersMakeTheSameBytes) {
+  for (const std::string workers : {"2", "4"}) {
+    fs::remove_all(out_);
+    const Outcome outcome = Run({"--tiles", "4", "--workers", workers, "--threads-per-worker", "1"});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+    EXPECT_GT(AttemptsOf(out_ + "/job.json", "refine").size(), 1u);
+    EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh())) << workers << " workers";
+    EXPECT_THAT(outcome.output, HasSubstr("result: " + out_ + "/mesh.ply"));
+  }
+}
+
+TEST_F(RunTest, TheBlobServiceMakesTheSameBytes) {
+  const Outcome outcome = Run({"--tiles", "4", "--no-shared-storage"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
+}
+
+TEST_F(RunTest, UntiledIsOneRefineTask) {
+  const Outcome outcome = Run({"--tiles", "1"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_EQ(AttemptsOf(out_ + "/job.json", "refine").size(), 1u);
+}
+
+TEST_F(RunTest, ARepeatedRunDoesNothingTwice) {
+  ASSERT_EQ(Run({"--tiles", "4"}).exit_code, 0);
+  const std::string mesh = Content(out_ + "/mesh.ply");
+  fs::remove(out_ + "/mesh.ply");
+  const Outcome again = Run({"--tiles", "4"});
+  ASSERT_EQ(again.exit_code, 0) << again.output;
+  EXPECT_TRUE(Content(out_ + "/mesh.ply") == mesh);
+  const auto totals = nlohmann::json::parse(Content(out_ + "/job.json"))["totals"];
+  EXPECT_GT(totals["tasks"], 5);
+  EXPECT_EQ(totals["reused"], totals["tasks"]);
+  EXPECT_EQ(totals["attempts"], 0);
+}
+
+TEST_F(RunTest, AnInterruptStopsEverythingThatWasStarted) {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    fs::remove_all(out_);
+    Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
+    ASSERT_TRUE(WaitUntil([&] { return run.Output().find("refine") != std::string::npos; })) << run.Output();
+    EXPECT_GE(Processes(run.pid()).size(), 2u);
+    run.Signal(signal);
+    const Outcome outcome = run.Wait();
+    EXPECT_EQ(outcome.exit_code, 130) << outcome.output;
+    EXPECT_THAT(Processes(run.pid()), testing::IsEmpty());
+    EXPECT_FALSE(fs::exists(out_ + "/mesh.ply"));
+  }
+  // What was done before is not done again.
+  EXPECT_EQ(Run({"--tiles", "4"}).exit_code, 0);
+  EXPECT_GT(nlohmann::json::parse(Content(out_ + "/job.json"))["totals"]["reused"], 0);
+}
+
+TEST_F(RunTest, NothingOutlivesARunThatIsKilled) {
+  Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
+  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("refine") != std::string::npos; })) << run.Output();
+  run.Kill();
+  EXPECT_TRUE(WaitUntil([&] { return Processes(0).empty(); }, 20));
+}
+
+TEST_F(RunTest, AKilledWorkerIsReplacedAndTold) {
+  Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--workers", "1", "--out", out_});
+  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("refine") != std::string::npos; })) << run.Output();
+  for (const std::string& pid : Processes(run.pid())) {
+    std::ifstream file("/proc/" + pid + "/comm");
+    std::string name;
+    std::getline(file, name);
+    if (name == "tessera-worker") ::kill(std::stoi(pid), SIGKILL);
+  }
+  const Outcome outcome = run.Wait();
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("signal 9"));
+  EXPECT_THAT(outcome.output, HasSubstr("starting another"));
+  EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
+}
+
+TEST_F(RunTest, ACoordinatorThatDiesIsToldWithItsLog) {
+  Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
+  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("ingest") != std::string::npos; })) << run.Output();
+  for (const std::string& pid : Processes(run.pid())) {
+    std::ifstream file("/proc/" + pid + "/comm");
+    std::string name;
+    std::getline(file, name);
+    if (name == "tesserad") ::kill(std::stoi(pid), SIGKILL);
+  }
+  const Outcome outcome = run.Wait();
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.output, HasSubstr("tesserad ended with signal 9"));
+  EXPECT_THAT(outcome.output, HasSubstr("coordinator started"));
+  EXPECT_THAT(Processes(run.pid()), testing::IsEmpty());
+}
+
+TEST_F(RunTest, TwoRunsDoNotShareAFolder) {
+  Program first(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
+  ASSERT_TRUE(WaitUntil([&] { return first.Output().find("ingest") != std::string::npos; })) << first.Output();
+  const Outcome second = Run({"--tiles", "4"});
+  EXPECT_EQ(second.exit_code, 1);
+  EXPECT_THAT(second.output, HasSubstr("another tessera run"));
+  first.Signal(SIGINT);
+  EXPECT_EQ(first.Wait().exit_code, 130);
+}
+
+}  // namespace
+}  // namespace tessera::e2e

@@ -1,0 +1,179 @@
+// A coordinator as workers see it: hands out the tasks that a test queues and remembers what it is told.
+#ifndef TESSERA_TESTS_SUPPORT_FAKE_WORKERS_SERVICE_H_
+#define TESSERA_TESTS_SUPPORT_FAKE_WORKERS_SERVICE_H_
+
+#include <grpcpp/grpcpp.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "common/rpc/channel.h"
+#include "tessera/v1/workers.grpc.pb.h"
+#include "tests/support/fake_blob_service.h"
+
+namespace tessera {
+
+class FakeWorkersService : public v1::Workers::Service {
+ public:
+  FakeWorkersService() { Start(); }
+  ~FakeWorkersService() override {
+    if (server_ != nullptr) Stop();
+  }
+
+  std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
+  FakeBlobService& blobs() { return blobs_; }
+
+  // Away and back, on the same port. Workers registered before are forgotten if `forget`.
+  void Stop() {
+    {
+      std::lock_guard lock(mutex_);
+      serving_ = false;
+    }
+    changed_.notify_all();
+    server_->Shutdown(std::chrono::system_clock::now() + std::chrono::milliseconds(100));
+    server_->Wait();
+    server_.reset();
+  }
+  void Start(bool forget = false) {
+    std::lock_guard lock(mutex_);
+    if (forget) workers_.clear();
+    serving_ = true;
+    grpc::ServerBuilder builder;
+    int port = 0;
+    builder.AddListeningPort("127.0.0.1:" + std::to_string(port_), grpc::InsecureServerCredentials(), &port);
+    builder.RegisterService(this);
+    builder.RegisterService(&blobs_);
+    builder.SetMaxReceiveMessageSize(16 << 20);
+    AllowKeepalive(builder);
+    server_ = builder.BuildAndStart();
+    port_ = port;
+  }
+
+  void Queue(const v1::Lease& lease) {
+    std::lock_guard lock(mutex_);
+    leases_.push_back(lease);
+    changed_.notify_all();
+  }
+  // Every further heartbeat that names the task is told to stop it.
+  void Void(const std::string& task) {
+    std::lock_guard lock(mutex_);
+    void_.insert(task);
+  }
+  void ShareFolder(const std::string& dir, const std::string& probe_path, const std::string& probe_content) {
+    std::lock_guard lock(mutex_);
+    shared_blob_dir_ = dir;
+    probe_path_ = probe_path;
+    probe_content_ = probe_content;
+  }
+  void AnswerReportsWith(grpc::StatusCode code) {
+    std::lock_guard lock(mutex_);
+    report_code_ = code;
+  }
+  void AnswerRegistrationsWith(grpc::StatusCode code) {
+    std::lock_guard lock(mutex_);
+    register_code_ = code;
+  }
+
+  // Waits for `condition`, called under the lock with *this; false after 20 s.
+  bool WaitFor(const std::function<bool(const FakeWorkersService&)>& condition) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, std::chrono::seconds(20), [&] { return condition(*this); });
+  }
+
+  // What was told; read them in WaitFor's condition, or when nothing runs any more.
+  std::vector<v1::ReportTaskRequest> reports;
+  std::vector<v1::TaskProgress> progress;
+  std::vector<std::string> unregistered;
+  int registrations = 0;
+  int leases_asked = 0;
+
+  grpc::Status RegisterWorker(grpc::ServerContext*, const v1::RegisterWorkerRequest*,
+                              v1::RegisterWorkerResponse* response) override {
+    std::lock_guard lock(mutex_);
+    if (register_code_ != grpc::StatusCode::OK) return grpc::Status(register_code_, "told to refuse");
+    const std::string name = "workers/" + std::to_string(++registrations);
+    workers_.insert(name);
+    response->set_worker(name);
+    response->set_lease_s(2);
+    response->set_heartbeat_s(0.02);
+    response->set_shared_blob_dir(shared_blob_dir_);
+    response->set_shared_probe_path(probe_path_);
+    response->set_shared_probe_content(probe_content_);
+    changed_.notify_all();
+    return grpc::Status::OK;
+  }
+
+  grpc::Status LeaseTask(grpc::ServerContext* context, const v1::LeaseTaskRequest* request,
+                         v1::LeaseTaskResponse* response) override {
+    std::unique_lock lock(mutex_);
+    ++leases_asked;
+    changed_.notify_all();
+    if (!workers_.contains(request->worker())) return Forgotten();
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(request->wait_s());
+    while (leases_.empty() && serving_ && !context->IsCancelled() && std::chrono::steady_clock::now() < deadline) {
+      changed_.wait_for(lock, std::chrono::milliseconds(20));
+    }
+    if (!serving_) return grpc::Status(grpc::StatusCode::UNAVAILABLE, "stopping");
+    if (leases_.empty() || context->IsCancelled()) return grpc::Status::OK;
+    *response->mutable_lease() = leases_.front();
+    leases_.pop_front();
+    return grpc::Status::OK;
+  }
+
+  grpc::Status Heartbeat(grpc::ServerContext*, const v1::HeartbeatRequest* request,
+                         v1::HeartbeatResponse* response) override {
+    std::lock_guard lock(mutex_);
+    if (!workers_.contains(request->worker())) return Forgotten();
+    for (const v1::TaskProgress& task : request->tasks()) {
+      progress.push_back(task);
+      if (void_.contains(task.task())) response->add_stop_tasks(task.task());
+    }
+    changed_.notify_all();
+    return grpc::Status::OK;
+  }
+
+  grpc::Status ReportTask(grpc::ServerContext*, const v1::ReportTaskRequest* request,
+                          v1::ReportTaskResponse*) override {
+    std::lock_guard lock(mutex_);
+    if (!workers_.contains(request->worker())) return Forgotten();
+    reports.push_back(*request);
+    changed_.notify_all();
+    return report_code_ == grpc::StatusCode::OK ? grpc::Status::OK : grpc::Status(report_code_, "told to refuse");
+  }
+
+  grpc::Status UnregisterWorker(grpc::ServerContext*, const v1::UnregisterWorkerRequest* request,
+                                v1::UnregisterWorkerResponse*) override {
+    std::lock_guard lock(mutex_);
+    unregistered.push_back(request->worker());
+    workers_.erase(request->worker());
+    changed_.notify_all();
+    return grpc::Status::OK;
+  }
+
+ private:
+  static grpc::Status Forgotten() { return grpc::Status(grpc::StatusCode::NOT_FOUND, "no such worker"); }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  FakeBlobService blobs_;
+  std::unique_ptr<grpc::Server> server_;
+  int port_ = 0;
+  bool serving_ = false;
+  std::deque<v1::Lease> leases_;
+  std::set<std::string> workers_;
+  std::set<std::string> void_;
+  std::string shared_blob_dir_, probe_path_, probe_content_;
+  grpc::StatusCode report_code_ = grpc::StatusCode::OK;
+  grpc::StatusCode register_code_ = grpc::StatusCode::OK;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_SUPPORT_FAKE_WORKERS_SERVICE_H_

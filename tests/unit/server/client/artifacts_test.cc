@@ -1,0 +1,73 @@
+#include "server/client/artifacts.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "common/storage/files.h"
+#include "tessera/v1/jobs.pb.h"
+#include "tests/support/fake_workers_service.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+class ArtifactsTest : public testing::Test {
+ protected:
+  ArtifactsTest()
+      : folder_(TempFolder::Create(testing::TempDir()).value()),
+        out_(folder_.path() + "/out"),
+        connection_(Connection::Open(coordinator_.address(), 20).value()) {}
+
+  Digest AddArtifact(const std::string& name, const std::string& content) {
+    const Digest digest = coordinator_.blobs().Add(content);
+    v1::Artifact* artifact = job_.add_artifacts();
+    artifact->set_name(name);
+    artifact->mutable_digest()->set_sha256(digest.sha256);
+    artifact->mutable_digest()->set_size_bytes(digest.size_bytes);
+    return digest;
+  }
+  StatusOr<std::vector<std::string>> Fetch() { return FetchArtifacts(*connection_, job_, out_, out_ + "/.fetch", {}); }
+
+  TempFolder folder_;
+  const std::string out_;
+  FakeWorkersService coordinator_;
+  std::unique_ptr<Connection> connection_;
+  v1::Job job_;
+};
+
+TEST_F(ArtifactsTest, ReplacesWhatWasThereAndPutsTheMeshLast) {
+  ASSERT_TRUE(EnsureFolder(out_).ok());
+  ASSERT_TRUE(WriteFileAtomic(out_ + "/mesh.ply", "old").ok());
+  AddArtifact("mesh.ply", "new mesh");
+  AddArtifact("report.json", "{}");
+  AddArtifact("pictures/before.png", "{}");  // the same content twice
+  const auto written = Fetch();
+  ASSERT_TRUE(written.ok()) << written.status();
+  EXPECT_EQ(written->back(), out_ + "/mesh.ply");
+  EXPECT_EQ(ReadFile(out_ + "/mesh.ply").value(), "new mesh");
+  EXPECT_EQ(ReadFile(out_ + "/report.json").value(), "{}");
+  EXPECT_EQ(ReadFile(out_ + "/pictures/before.png").value(), "{}");
+  EXPECT_FALSE(fs::exists(out_ + "/.fetch"));
+}
+
+TEST_F(ArtifactsTest, NothingAppearsUnlessAllIsThereAndRight) {
+  ASSERT_TRUE(EnsureFolder(out_).ok());
+  ASSERT_TRUE(WriteFileAtomic(out_ + "/mesh.ply", "old").ok());
+  AddArtifact("report.json", "{}");
+  coordinator_.blobs().Replace(AddArtifact("mesh.ply", "new mesh"), "bad mesh");
+  EXPECT_EQ(Fetch().status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_FALSE(fs::exists(out_ + "/report.json"));
+  EXPECT_EQ(ReadFile(out_ + "/mesh.ply").value(), "old");
+}
+
+TEST_F(ArtifactsTest, NamesThatLeaveTheFolderAreRefused) {
+  AddArtifact("../evil", "x");
+  EXPECT_EQ(Fetch().status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_FALSE(fs::exists(folder_.path() + "/evil"));
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,66 @@
+#include "server/client/child_process.h"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <thread>
+
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+class ChildProcessTest : public testing::Test {
+ protected:
+  ChildProcessTest() : folder_(TempFolder::Create(testing::TempDir()).value()), log_(folder_.path() + "/log") {}
+  std::unique_ptr<ChildProcess> Shell(const std::string& script) {
+    return ChildProcess::Start("/bin/sh", {"-c", script}, log_).value();
+  }
+  static void Join(ChildProcess& process) {
+    while (process.Running()) std::this_thread::yield();
+  }
+
+  TempFolder folder_;
+  const std::string log_;
+};
+
+TEST_F(ChildProcessTest, TellsHowItEndedAndKeepsWhatItSaid) {
+  const auto process = Shell("echo one; echo two >&2; exit 7");
+  Join(*process);
+  EXPECT_EQ(process->HowItEnded(), "exit code 7");
+  EXPECT_EQ(ReadFile(log_).value(), "one\ntwo\n");
+}
+
+TEST_F(ChildProcessTest, TerminateReachesIt) {
+  const auto process = Shell("exec sleep 1000");
+  EXPECT_EQ(process->HowItEnded(), "");
+  process->Terminate();
+  Join(*process);
+  EXPECT_EQ(process->HowItEnded().rfind("signal 15", 0), 0u) << process->HowItEnded();
+}
+
+TEST_F(ChildProcessTest, ItsEndTakesTheWholeGroup) {
+  auto process = Shell("sleep 1000 & echo $!; wait");
+  while (ReadFile(log_).value().find('\n') == std::string::npos) std::this_thread::yield();
+  const pid_t grandchild = std::stoi(ReadFile(log_).value());
+  process = nullptr;
+  // Gone, or not yet reaped by init.
+  const auto state = ReadFile("/proc/" + std::to_string(grandchild) + "/stat", 4096);
+  EXPECT_TRUE(!state.ok() || state->find(") Z ") != std::string::npos || ::kill(grandchild, 0) != 0);
+}
+
+TEST_F(ChildProcessTest, AMissingProgramIsNotFound) {
+  EXPECT_EQ(ChildProcess::Start("/no/such/program", {}, log_).status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST_F(ChildProcessTest, LastLinesOfALog) {
+  ASSERT_TRUE(WriteFileAtomic(log_, "1\n2\n3\n4\n").ok());
+  EXPECT_EQ(LastLines(log_, 2), "3\n4\n");
+  EXPECT_EQ(LastLines(log_, 9), "1\n2\n3\n4\n");
+  EXPECT_EQ(LastLines(log_ + "none", 2), "");
+  ASSERT_TRUE(WriteFileAtomic(log_, "1\n2\nno end").ok());
+  EXPECT_EQ(LastLines(log_, 2), "2\nno end");
+}
+
+}  // namespace
+}  // namespace tessera
