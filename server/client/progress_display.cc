@@ -66,17 +66,19 @@ ProgressDisplay::ProgressDisplay(std::FILE* out) : out_(out), terminal_(IsTermin
 std::vector<std::string> ProgressDisplay::Picture(const v1::WatchJobResponse& update, int width) {
   std::vector<std::string> lines;
   const int filled = Percent(update.job().progress()) * kBarWidth / 100;
-  std::string bar(static_cast<size_t>(kBarWidth), '.');
-  std::fill_n(bar.begin(), filled, '#');
+  std::string bar(size_t{kBarWidth + 2}, '.');
+  bar.front() = '[';
+  bar.back() = ']';
+  std::fill_n(bar.begin() + 1, filled, '#');
   bar += "  ";
   bar += JobLine(update.job());
   lines.push_back(bar);
   for (const v1::Task& task : update.running()) {
     if (lines.size() > kMaxTaskLines) {
-      lines.push_back("and " + std::to_string(update.running_size() - kMaxTaskLines) + " more");
+      lines.emplace_back("  and ").append(std::to_string(update.running_size() - kMaxTaskLines)).append(" more");
       break;
     }
-    lines.push_back(TaskLine(task));
+    lines.emplace_back("  ").append(TaskLine(task));
   }
   for (std::string& line : lines) {
     std::replace_if(
