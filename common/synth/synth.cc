@@ -20,9 +20,9 @@
 namespace tessera {
 namespace {
 
-constexpr int kCellBlocks = 6;         // rays see this many blocks a side at once, and those around
-constexpr int kCalibrationBlocks = 4;  // a side, in the middle of the city
-constexpr int64_t kSpeckFaces = 100;   // smaller pieces of the start mesh are dropped
+constexpr int kCellBlocks = 6;  // rays see this many blocks a side at once, and those around
+constexpr int kCalibrationBlocks = 16;
+constexpr int64_t kSpeckFaces = 100;  // smaller pieces of the start mesh are dropped
 constexpr int kJpegQuality = 95;
 constexpr int kPointsPerBlock = 450;
 
@@ -33,7 +33,7 @@ Status ValidateOptions(const SynthOptions& o) {
   };
   expect(o.columns >= 1 && o.rows >= 1 && o.columns <= 400 && o.rows <= 400,
          "blocks: expected 1 to 400 columns and rows");
-  expect(std::isfinite(o.gsd_m) && o.gsd_m >= 0.02 && o.gsd_m <= 1.0, "gsd: expected 0.02 to 1 metres");
+  expect(std::isfinite(o.gsd_m) && o.gsd_m >= 0.02 && o.gsd_m <= 0.6, "gsd: expected 0.02 to 0.6 metres");
   expect(o.image_width_px >= 64 && o.image_height_px >= 64 && o.image_width_px <= 20000 && o.image_height_px <= 20000,
          "image size: expected 64 to 20000 pixels a side");
   return faults.ToStatus();
@@ -186,11 +186,14 @@ class CitySynthesizer {
   Status Calibrate() {
     control_.Report(0.03, "calibration");
     TESSERA_RETURN_IF_ERROR(control_.Check());
+    // Sixteen blocks in the middle, in whatever shape the city gives.
+    const int rows = std::min(plan_.rows, std::max(kCalibrationBlocks / std::min(plan_.columns, 4), 4));
+    const int columns = std::min(plan_.columns, std::max(kCalibrationBlocks / rows, 1));
     BlockRange range;
-    range.column_low = std::max(0, (plan_.columns - kCalibrationBlocks) / 2);
-    range.column_high = std::min(plan_.columns, range.column_low + kCalibrationBlocks);
-    range.row_low = std::max(0, (plan_.rows - kCalibrationBlocks) / 2);
-    range.row_high = std::min(plan_.rows, range.row_low + kCalibrationBlocks);
+    range.column_low = (plan_.columns - columns) / 2;
+    range.column_high = range.column_low + columns;
+    range.row_low = (plan_.rows - rows) / 2;
+    range.row_high = range.row_low + rows;
     std::vector<std::pair<int, int>> places;
     for (int row = range.row_low; row < range.row_high; ++row) {
       for (int column = range.column_low; column < range.column_high; ++column) places.push_back({row, column});
