@@ -24,22 +24,26 @@ bool FindNumber(const Json& json, const std::string& pointer, double* value) {
   return true;
 }
 
-// First and last photo energy that the tiles' rounds report, summed over the tiles.
+// Photo energy (mean 1 - ZNCC) before the first round and after the last: the tiles' means, weighted by their pixels.
 bool EnergyOfTiles(const Json& report, double* before, double* after) {
   if (!report.is_object() || !report.contains("tiles")) return false;
-  bool any = false;
+  double weights = 0;
   for (const Json& tile : report["tiles"]) {
     const Json::json_pointer rounds_path("/rounds");
     const Json rounds = tile.is_object() && tile.contains(rounds_path) ? tile[rounds_path] : Json::array();
     if (!rounds.is_array() || rounds.empty()) continue;
-    double first = 0, last = 0;
+    double first = 0, last = 0, pixels = 0;
     if (!FindNumber(rounds.front(), "/photo_energy_start", &first)) continue;
     if (!FindNumber(rounds.back(), "/photo_energy_end", &last)) continue;
-    *before += first;
-    *after += last;
-    any = true;
+    if (!FindNumber(rounds.front(), "/warped_pixels", &pixels)) continue;
+    *before += pixels * first;
+    *after += pixels * last;
+    weights += pixels;
   }
-  return any;
+  if (weights <= 0) return false;
+  *before /= weights;
+  *after /= weights;
+  return true;
 }
 
 std::string Percent(double share) {
@@ -66,7 +70,7 @@ std::vector<std::string> RunSummary(const std::string& out) {
                     std::to_string(report.contains("tiles") ? report["tiles"].size() : 1) + " tiles");
   }
   if (EnergyOfTiles(report, &before, &after)) {
-    lines.push_back("photo energy: " + Short(before) + " at the start, " + Short(after) + " at the end");
+    lines.push_back("photo energy (mean 1 - ZNCC): " + Short(before) + " at the start, " + Short(after) + " at the end");
   }
   if (FindNumber(report, "/displacement/rms_m", &moved_m)) lines.push_back("moved: " + Short(moved_m) + " m rms");
   if (FindNumber(report, "/label_changes", &changed) && faces > 0) {
