@@ -62,12 +62,14 @@ TEST_F(ClusterTest, AWorkerKilledWhileItRefinesOnlyDelaysTheJob) {
 }
 
 TEST_F(ClusterTest, ACoordinatorKilledInTheMiddleGoesOnWhenItIsBack) {
-  Cluster cluster(folder_.path(), 5);
+  Cluster cluster(folder_.path(), 15);
   cluster.AddWorker();
   cluster.AddWorker();
   const v1::Job submitted = cluster.Submit(ToyCity(), 4);
   std::optional<v1::Task> running;
   ASSERT_TRUE(WaitUntil([&] { return (running = LeasedRefine(cluster, submitted.name())).has_value(); }));
+  Program watch(folder_.path(), TESSERA_PROGRAM, {"watch", submitted.name(), "--coordinator", cluster.address()});
+  ASSERT_TRUE(WaitUntil([&] { return watch.Output().find("refine") != std::string::npos; })) << watch.Output();
   cluster.coordinator().Kill();
   cluster.StartCoordinator();
   const v1::Job job = cluster.Await(submitted.name());
@@ -75,6 +77,9 @@ TEST_F(ClusterTest, ACoordinatorKilledInTheMiddleGoesOnWhenItIsBack) {
   const std::string out = cluster.Fetch(job.name());
   EXPECT_TRUE(Content(out + "/mesh.ply") == Content(UndisturbedMesh()));
   EXPECT_EQ(AttemptsOf(out + "/job.json", "refine")[running->title()], 1) << "the worker went on meanwhile";
+  const Outcome watched = watch.Wait();
+  EXPECT_EQ(watched.exit_code, 0) << watched.output;
+  EXPECT_THAT(watched.output, HasSubstr("tiles 4/4"));
 }
 
 TEST_F(ClusterTest, WorkersMayComeAndGo) {

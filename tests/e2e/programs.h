@@ -57,7 +57,7 @@ std::map<std::string, int> AttemptsOf(const std::string& job_json, const std::st
 // A coordinator and workers that a test can kill.
 class Cluster {
  public:
-  explicit Cluster(const std::string& folder, double lease_s = 1);
+  explicit Cluster(const std::string& folder, double lease_s = 3);
   // Starts the coordinator, on the same port as before if there was one.
   void StartCoordinator();
   Program& coordinator() { return *coordinator_; }
