@@ -26,7 +26,7 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
   command.add_option("--rounds", flags->rounds, "Rounds of shape and labels; 0: the default")
       ->check(CLI::Range(0, 1000))
       ->capture_default_str();
-  command.add_option("--method", flags->method, "tessera, or paper: the energies as published");
+  command.add_option("--method", flags->method, "Energies and solvers: tessera");
 }
 
 Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request) {

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <ostream>
 #include <string>
 
 #include "tests/e2e/programs.h"
@@ -20,6 +21,9 @@ struct BadInput {
   std::function<void(const std::string& city)> spoil;
   std::vector<std::string> messages;  // all of them are told
 };
+
+// Names the test's parameter in lists of tests.
+void PrintTo(const BadInput& input, std::ostream* out) { *out << input.name; }
 
 void Write(const std::string& path, const std::string& content) { ASSERT_TRUE(WriteFileAtomic(path, content).ok()); }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <filesystem>
@@ -102,7 +103,8 @@ const std::string& ToyCity() {
     const std::string path = std::string(TESSERA_E2E_SCENES) + "/city" + stamp;
     MakeOnce(path, [&](const std::string& made) {
       DropOldScenes(stamp);
-      const Outcome outcome = Tessera(testing::TempDir(), {"synth", made + "/city", "--toy", "--seed", "3", "--quiet"});
+      const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
+      const Outcome outcome = Tessera(folder.path(), {"synth", made + "/city", "--toy", "--seed", "3", "--quiet"});
       EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
     });
     return path + "/city";
@@ -168,6 +170,9 @@ Program& Cluster::AddWorker(const std::vector<std::string>& arguments, const std
   std::vector<std::string> command = before;
   command.push_back(TESSERA_WORKER_PROGRAM);
   command.insert(command.end(), {"--coordinator", address_, "--threads", "1"});
+  if (std::find(arguments.begin(), arguments.end(), "--work") == arguments.end()) {
+    command.insert(command.end(), {"--work", folder_ + "/work-" + std::to_string(workers_.size())});
+  }
   command.insert(command.end(), arguments.begin(), arguments.end());
   workers_.push_back(std::make_unique<Program>(folder_, command.front(),
                                                std::vector<std::string>(command.begin() + 1, command.end())));
