@@ -119,7 +119,7 @@ TEST_F(RunTest, AKilledWorkerIsReplacedAndTold) {
 
 TEST_F(RunTest, ACoordinatorThatDiesIsToldWithItsLog) {
   Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
-  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("ingest") != std::string::npos; })) << run.Output();
+  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("jobs/1") != std::string::npos; })) << run.Output();
   for (const std::string& pid : Processes(run.pid())) {
     std::ifstream file("/proc/" + pid + "/comm");
     std::string name;
@@ -135,7 +135,7 @@ TEST_F(RunTest, ACoordinatorThatDiesIsToldWithItsLog) {
 
 TEST_F(RunTest, TwoRunsDoNotShareAFolder) {
   Program first(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
-  ASSERT_TRUE(WaitUntil([&] { return first.Output().find("ingest") != std::string::npos; })) << first.Output();
+  ASSERT_TRUE(WaitUntil([&] { return first.Output().find("jobs/1") != std::string::npos; })) << first.Output();
   const Outcome second = Run({"--tiles", "4"});
   EXPECT_EQ(second.exit_code, 1);
   EXPECT_THAT(second.output, HasSubstr("another tessera run"));
