@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -31,6 +32,9 @@ SynthOptions Toy(uint64_t seed) {
   return options;
 }
 
+// A folder of this process alone: each test may run in a process of its own, several at once.
+std::string Scratch() { return testing::TempDir() + "synth_test." + std::to_string(::getpid()) + "/"; }
+
 std::map<std::string, std::string> AllFiles(const std::string& folder) {
   std::map<std::string, std::string> content;
   const auto names = ListFiles(folder);
@@ -42,14 +46,14 @@ std::map<std::string, std::string> AllFiles(const std::string& folder) {
 class SynthTest : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    folder_ = testing::TempDir() + "synth_toy";
+    folder_ = Scratch() + "synth_toy";
     std::filesystem::remove_all(folder_);
     ThreadLimit limit(2);
     report_ = new StatusOr<SynthReport>(SynthesizeCity(Toy(11), folder_, {}));
     ASSERT_TRUE(report_->ok()) << report_->status();
   }
   static void TearDownTestSuite() {
-    std::filesystem::remove_all(folder_);
+    std::filesystem::remove_all(Scratch());
     delete report_;
   }
 
@@ -67,7 +71,7 @@ void ExpectDifficultyInRange(const SynthReport& report) {
 }
 
 TEST_F(SynthTest, SameSeedSameBytesForAnyNumberOfThreads) {
-  const std::string again = testing::TempDir() + "again/synth_toy";  // the scene is named after its folder
+  const std::string again = Scratch() + "again/synth_toy";  // the scene is named after its folder
   std::filesystem::remove_all(again);
   {
     ThreadLimit limit(1);
@@ -82,7 +86,7 @@ TEST_F(SynthTest, SameSeedSameBytesForAnyNumberOfThreads) {
 
 TEST_F(SynthTest, EverySeedIsEquallyHard) {
   ExpectDifficultyInRange(**report_);
-  const std::string other = testing::TempDir() + "synth_other";
+  const std::string other = Scratch() + "synth_other";
   std::filesystem::remove_all(other);
   const auto report = SynthesizeCity(Toy(12), other, {});
   ASSERT_TRUE(report.ok()) << report.status();
@@ -218,7 +222,7 @@ TEST(SynthOptionsTest, SenselessOptionsAreNamed) {
   SynthOptions options;
   options.columns = 0;
   options.gsd_m = -1;
-  const std::string folder = testing::TempDir() + "synth_never";
+  const std::string folder = Scratch() + "synth_never";
   const auto report = SynthesizeCity(options, folder, {});
   EXPECT_EQ(report.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(report.status().message()),
