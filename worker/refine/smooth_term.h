@@ -1,59 +1,91 @@
-// E_intra with one weight for all: thin plate by the umbrella operator, with a share of membrane (design: geometry
-// step).
+// E_intra: thin plate by the umbrella operator with a weight a class, and a share of membrane (design: geometry step).
 #ifndef TESSERA_WORKER_REFINE_SMOOTH_TERM_H_
 #define TESSERA_WORKER_REFINE_SMOOTH_TERM_H_
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "common/geometry/mesh.h"
+#include "worker/refine/one_rings.h"
 
 namespace tessera {
 
-struct SmoothWeights {
-  double thin_plate = 1;  // of ½ Σ ‖(U v)_k‖² over vertices inside the surface, U v = v - mean of the one-ring
-  double membrane = 0;    // of ½ Σ ‖v_a - v_b‖²/6 over edges with two faces
-  double rim = 0;  // of ½ Σ ‖(U d)_k‖² along rims, d = v - start: rims get no smoothing of shape, only of movement
+struct InterCurvature;
+
+// How smooth a class is to be, relative to the weights below.
+struct ClassSmoothness {
+  double smoothness = 1;  // ω: of thin plate and membrane
+  double keep = 0;        // of the distance from the start's faces of this class (SmoothWeights::keep)
 };
 
-// The quadratic form E(v) = ½ ⟨v, A v⟩ + rim part on one mesh's topology. Fixed vertices take part but get no
-// derivative. Const members may be called from any thread; results do not depend on the number of threads.
+struct SmoothWeights {
+  double thin_plate = 1;  // of ½ Σ ω(v) ‖(U v)_k‖² over vertices inside the surface, U v = v - mean of the one-ring
+  double membrane = 0;  // of ½ Σ ω(edge) ‖v_a - v_b‖²/6 over edges with two faces, not both ends on a rim
+  double rim = 0;  // of ½ Σ ‖(U d)_k‖² along rims, d = v - start: rims get no smoothing of shape, only of movement
+  double keep = 1;  // of ½ Σ_k mean over the faces f about k of keep(f) (n_f · (v_k - start_k))²
+  // Of thin plate within the surface, at right angles to the normals of SetNormals (0..1). At 1 the umbrella also draws
+  // vertices towards regular triangles, several pixels where these are irregular; less leaves them where they are.
+  double tangential = 1;
+};
+
+// The quadratic form E(v) = ½ ⟨v, A v⟩ - ⟨c, v⟩ + const on one mesh's topology, with the normals last set. Fixed
+// vertices take part but get no derivative. Const members may be called from any thread; results do not depend on the
+// number of threads.
 class SmoothTerm {
  public:
   using Positions = std::vector<Eigen::Vector3d>;
 
-  // `fixed`: one flag a vertex or empty. A vertex on an edge that has not exactly two faces is on a rim; rims of fixed
-  // vertices (tile cuts) get no terms. `mesh.vertices` is the start.
+  // `fixed`: one flag a vertex or empty. Rims of fixed vertices (tile cuts) get no terms. `mesh.vertices` is the start.
+  // One class of weight 1 until SetLabels; labels of `mesh` are not looked at.
   SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed);
+
+  // `labels`: one a face (-1 or 255: unlabelled, a class of its own with weight 1), or empty: one class of weight 1.
+  // Classes beyond the end of `classes` have weight 1. Vertices whose faces have several labels get weight `mixed`
+  // (0: none), so do edges between two of them. Linear in the mesh; may be called again and again.
+  void SetLabels(const std::vector<int32_t>& labels, const std::vector<ClassSmoothness>& classes, double mixed);
+
+  // Takes the vertex normals that SmoothWeights::tangential means from the surface at `v`; until then, the start's.
+  void SetNormals(const Positions& v);
 
   double Energy(const Positions& v, const SmoothWeights& weights) const;
   // Overwrites `gradient` with dE/dv; zero at fixed vertices.
   void Gradient(const Positions& v, const SmoothWeights& weights, Positions* gradient) const;
 
-  // Approximately solves (data + A) step = rhs by `sweeps` of the block-Jacobi-preconditioned Chebyshev iteration from
-  // zero: what a vertex gets depends on no more than 2·sweeps rings about it. `data`: one symmetric positive
-  // semidefinite 3x3 block a vertex. Steps of fixed vertices are zero.
+  // Approximately solves (data + A + inter) step = rhs by `sweeps` of the block-Jacobi-preconditioned Chebyshev
+  // iteration from zero, in single precision: what a vertex gets depends on no more than 2·sweeps rings about it.
+  // `data`: one symmetric positive semidefinite 3x3 block a vertex; `inter`: of the same mesh, or null. Steps of fixed
+  // vertices are zero. The iteration never diverges, whatever the weights.
   void SolveStep(const std::vector<Eigen::Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
-                 int sweeps, Positions* step) const;
+                 int sweeps, Positions* step, const InterCurvature* inter = nullptr) const;
 
-  bool on_rim(size_t vertex) const { return rim_[vertex] != 0; }
+  bool on_rim(size_t vertex) const { return rings_.rim[vertex] != 0; }
 
  private:
-  // A x for the quadratic form; with `rim_reference` the rim part sees x - reference.
-  void Apply(const Positions& x, const SmoothWeights& weights, const Positions* rim_reference, Positions* out) const;
-  void Umbrella(const Positions& x, const Positions* rim_reference, Positions* out) const;
+  // The topology in an order that keeps neighbours close in memory, for SolveStep.
+  struct Layout;
+  class System;
+  struct KeptVertex {
+    uint32_t vertex;
+    Eigen::Matrix3d block;  // mean of keep(f) n_f n_fᵀ
+  };
+  void MakeLayout();
+  bool has_rim_row(size_t v) const { return rings_.along_rim[v][0] != rings_.along_rim[v][1] && !fixed_[v]; }
+  // U v inside the surface, U d along rims.
+  void Umbrella(const Positions& v, Positions* rows) const;
+  // Weight of an edge inside the surface.
+  double EdgeFactor(uint32_t v, uint32_t w) const { return mixed_[v] ? factor_[w] : factor_[v]; }
 
   Positions start_;
+  std::vector<Triangle> faces_;
   std::vector<uint8_t> fixed_;
-  std::vector<uint8_t> rim_;
-  std::vector<uint32_t> ring_begin_;  // one-ring of v: ring_[ring_begin_[v] .. ring_begin_[v + 1])
-  std::vector<uint32_t> ring_;
-  std::vector<uint8_t> ring_inner_;                      // the edge to that neighbour has two faces
-  std::vector<std::array<uint32_t, 2>> rim_neighbours_;  // of rim vertices with exactly two rim edges
-  std::vector<uint8_t> has_rim_row_;
-  std::vector<double> diagonal_plate_, diagonal_rim_;  // of UᵀU
+  OneRings rings_;
+  Positions normals_;             // of vertices, for SmoothWeights::tangential
+  std::vector<double> factor_;    // ω of a vertex, `mixed` included
+  std::vector<uint8_t> mixed_;    // its faces have several labels
+  std::vector<KeptVertex> kept_;  // by rising number
+  std::shared_ptr<const Layout> layout_;
 };
 
 }  // namespace tessera

@@ -1,0 +1,53 @@
+#include "worker/refine/one_rings.h"
+
+#include <algorithm>
+
+namespace tessera {
+
+OneRings FindOneRings(const TriangleMesh& mesh) {
+  const size_t n = mesh.vertices.size();
+  OneRings rings;
+  // Both directions of every face's edges, gathered by their first vertex.
+  std::vector<uint32_t> first(n + 1, 0);
+  for (const Triangle& face : mesh.faces) {
+    for (uint32_t v : face) first[v + 1] += 2;
+  }
+  for (size_t v = 0; v < n; ++v) first[v + 1] += first[v];
+  std::vector<uint32_t> ends(first[n]), next(first.begin(), first.end() - 1);
+  for (const Triangle& face : mesh.faces) {
+    for (int k = 0; k < 3; ++k) {
+      const uint32_t a = face[k], b = face[(k + 1) % 3];
+      ends[next[a]++] = b;
+      ends[next[b]++] = a;
+    }
+  }
+  rings.begin.assign(n + 1, 0);
+  rings.rim.assign(n, 0);
+  rings.along_rim.resize(n);
+  rings.to.reserve(ends.size() / 2);
+  rings.inner.reserve(ends.size() / 2);
+  for (size_t v = 0; v < n; ++v) {
+    std::sort(ends.begin() + first[v], ends.begin() + first[v + 1]);
+    std::array<uint32_t, 2> along = {static_cast<uint32_t>(v), static_cast<uint32_t>(v)};
+    int rim_edges = 0;
+    for (uint32_t i = first[v]; i < first[v + 1];) {
+      uint32_t end = i;
+      while (end < first[v + 1] && ends[end] == ends[i]) ++end;
+      const bool inner = end - i == 2;
+      if (!inner) {
+        rings.rim[v] = 1;
+        if (rim_edges < 2) along[rim_edges] = ends[i];
+        ++rim_edges;
+      }
+      rings.to.push_back(ends[i]);
+      rings.inner.push_back(inner);
+      i = end;
+    }
+    if (rim_edges != 2) along = {static_cast<uint32_t>(v), static_cast<uint32_t>(v)};
+    rings.along_rim[v] = along;
+    rings.begin[v + 1] = static_cast<uint32_t>(rings.to.size());
+  }
+  return rings;
+}
+
+}  // namespace tessera
