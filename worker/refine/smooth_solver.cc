@@ -1,9 +1,8 @@
 // SmoothTerm::SolveStep: two passes over the vertices a sweep, in single precision.
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numeric>
+#include <tuple>
 #include <utility>
 
 #include "common/base/parallel.h"
@@ -16,32 +15,56 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Eigen::Vector3f;
-using Eigen::Vector4f;
 
 constexpr int64_t kGrain = 4096;
-// Eigenvalues of the preconditioned matrix: the preconditioner holds them below `kHigh`, and the low end only sets
-// which smooth modes are left to the next call.
+constexpr int64_t kSpecialGrain = 512;
+// Eigenvalues of the preconditioned matrix: the preconditioner holds them below kHigh, and the low end only sets which
+// smooth modes are left to the next call.
 constexpr double kHigh = 3.5, kLow = 0.08;
+
+// Four lanes of SSE (or NEON): x, y, z and one number more.
+using Lanes = float __attribute__((vector_size(16)));
+struct Quad {
+  Lanes lanes = {0, 0, 0, 0};
+};
+
+Lanes ToLanes(const Vector3f& v, float fourth) { return Lanes{v.x(), v.y(), v.z(), fourth}; }
+Vector3f FromLanes(const Lanes& v) { return {v[0], v[1], v[2]}; }
+Lanes Broadcast(float x) { return Lanes{x, x, x, x}; }
+Lanes Fourth(const Lanes& v) { return __builtin_shufflevector(v, v, 3, 3, 3, 3); }
+Lanes ShiftUp(const Lanes& v) { return __builtin_shufflevector(v, v, 1, 2, 0, 3); }
+Lanes ShiftDown(const Lanes& v) { return __builtin_shufflevector(v, v, 2, 0, 1, 3); }
 
 // A symmetric 3x3 block.
 struct SymmetricBlock {
-  float xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+  Lanes diagonal = {0, 0, 0, 0};  // xx, yy, zz
+  Lanes beside = {0, 0, 0, 0};    // xy, yz, zx
 
-  explicit SymmetricBlock(const Matrix3d& m)
-      : xx(static_cast<float>(m(0, 0))),
-        xy(static_cast<float>(m(0, 1))),
-        xz(static_cast<float>(m(0, 2))),
-        yy(static_cast<float>(m(1, 1))),
-        yz(static_cast<float>(m(1, 2))),
-        zz(static_cast<float>(m(2, 2))) {}
   SymmetricBlock() = default;
+  explicit SymmetricBlock(const Matrix3d& m)
+      : diagonal(ToLanes(m.diagonal().cast<float>(), 0)),
+        beside(ToLanes(Vector3d(m(0, 1), m(1, 2), m(2, 0)).cast<float>(), 0)) {}
 
-  Vector4f Times(const Vector4f& v) const {
-    return v[0] * Vector4f(xx, xy, xz, 0) + v[1] * Vector4f(xy, yy, yz, 0) + v[2] * Vector4f(xz, yz, zz, 0);
-  }
+  // The fourth lane becomes zero.
+  Lanes Times(const Lanes& v) const { return diagonal * v + beside * ShiftUp(v) + ShiftDown(beside) * ShiftDown(v); }
 };
 
-// Bits of x with two zeros between each.
+// Of a symmetric, positive definite block.
+Matrix3d Inverse(const Matrix3d& m) {
+  Matrix3d out;
+  const double xx = m(1, 1) * m(2, 2) - m(1, 2) * m(1, 2), xy = m(0, 2) * m(1, 2) - m(0, 1) * m(2, 2),
+               xz = m(0, 1) * m(1, 2) - m(0, 2) * m(1, 1);
+  const double scale = 1 / (m(0, 0) * xx + m(0, 1) * xy + m(0, 2) * xz);
+  out(0, 0) = scale * xx;
+  out(0, 1) = out(1, 0) = scale * xy;
+  out(0, 2) = out(2, 0) = scale * xz;
+  out(1, 1) = scale * (m(0, 0) * m(2, 2) - m(0, 2) * m(0, 2));
+  out(1, 2) = out(2, 1) = scale * (m(0, 1) * m(0, 2) - m(0, 0) * m(1, 2));
+  out(2, 2) = scale * (m(0, 0) * m(1, 1) - m(0, 1) * m(0, 1));
+  return out;
+}
+
+// The low 21 bits of x with two zeros after each.
 uint64_t Spread(uint64_t x) {
   x &= 0x1fffff;
   x = (x | x << 32) & 0x1f00000000ffffull;
@@ -52,9 +75,9 @@ uint64_t Spread(uint64_t x) {
   return x;
 }
 
-// Vertices along a Morton curve through `positions`.
-std::vector<uint32_t> MortonOrder(const std::vector<Vector3d>& positions) {
-  std::vector<std::pair<uint64_t, uint32_t>> keyed(positions.size());
+// Vertices along a Morton curve through `positions`; of every thousand on it, those of equal degree together, so that
+// branches on it are foreseen.
+std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const OneRings& rings) {
   Vector3d low = Vector3d::Zero(), high = Vector3d::Zero();
   if (!positions.empty()) low = high = positions[0];
   for (const Vector3d& p : positions) {
@@ -62,6 +85,7 @@ std::vector<uint32_t> MortonOrder(const std::vector<Vector3d>& positions) {
     high = high.cwiseMax(p);
   }
   const double scale = 2097151.0 / std::max((high - low).maxCoeff(), 1e-30);
+  std::vector<std::pair<uint64_t, uint32_t>> keyed(positions.size());
   for (size_t v = 0; v < positions.size(); ++v) {
     const Vector3d cell = (positions[v] - low) * scale;
     const uint64_t key = Spread(static_cast<uint64_t>(cell.x())) | Spread(static_cast<uint64_t>(cell.y())) << 1 |
@@ -69,8 +93,14 @@ std::vector<uint32_t> MortonOrder(const std::vector<Vector3d>& positions) {
     keyed[v] = {key, static_cast<uint32_t>(v)};
   }
   std::sort(keyed.begin(), keyed.end());
+  constexpr size_t kBlock = 1024;
   std::vector<uint32_t> order(positions.size());
   for (size_t i = 0; i < order.size(); ++i) order[i] = keyed[i].second;
+  for (size_t begin = 0; begin < order.size(); begin += kBlock) {
+    const size_t end = std::min(begin + kBlock, order.size());
+    std::stable_sort(order.begin() + begin, order.begin() + end,
+                     [&](uint32_t a, uint32_t b) { return rings.degree(a) < rings.degree(b); });
+  }
   return order;
 }
 
@@ -86,7 +116,7 @@ struct SmoothTerm::Layout {
 
 void SmoothTerm::MakeLayout() {
   auto layout = std::make_shared<Layout>();
-  layout->vertex_at = MortonOrder(start_);
+  layout->vertex_at = MemoryOrder(start_, rings_);
   layout->place_of.resize(start_.size());
   for (size_t p = 0; p < start_.size(); ++p) layout->place_of[layout->vertex_at[p]] = static_cast<uint32_t>(p);
   layout->ring_begin.push_back(0);
@@ -100,49 +130,97 @@ void SmoothTerm::MakeLayout() {
   layout_ = std::move(layout);
 }
 
-// The system of one call, by places.
+void SmoothTerm::FindDiagonals() {
+  diagonals_.resize(start_.size());
+  ParallelFor(static_cast<int64_t>(start_.size()), kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t p = begin; p < end; ++p) {
+      const uint32_t v = layout_->vertex_at[p];
+      const bool rim = rings_.rim[v];
+      Diagonals out;
+      double plate = 0, bound = 0;
+      out.inverse_degree = static_cast<float>(1.0 / std::max(rings_.degree(v), 1u));
+      if (!rim && rings_.degree(v) > 0) {
+        plate = factor_[v];
+        bound = 2 * factor_[v];
+        out.factor = static_cast<float>(factor_[v]);
+      }
+      double membrane = 0;
+      for (uint32_t e = rings_.begin[v]; e < rings_.begin[v + 1]; ++e) {
+        const uint32_t w = rings_.to[e];
+        const double inverse = 1.0 / rings_.degree(w);
+        if (!rings_.rim[w]) {
+          plate += factor_[w] * inverse * inverse;
+          bound += 2 * factor_[w] * inverse;
+        }
+        if (rings_.inner[e] && !(rim && rings_.rim[w])) membrane += EdgeFactor(v, w) / 6;
+        if (has_rim_row(w) && !rings_.inner[e]) out.rim += 0.25f;
+      }
+      if (has_rim_row(v)) out.rim += 1;
+      out.plate = static_cast<float>(plate);
+      out.slack = plate > 0 ? static_cast<float>(std::max(1.0, bound / (kHigh * plate))) : 1;
+      out.membrane = static_cast<float>(membrane);
+      out.special = rim || mixed_[v];
+      diagonals_[p] = out;
+    }
+  });
+}
+
+// The system of one call, by places. kProjected: SmoothWeights::tangential is not 1.
+template <bool kProjected>
 class SmoothTerm::System {
  public:
   System(const SmoothTerm& term, const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
          const InterCurvature* inter)
-      : term_(term), layout_(*term.layout_), weights_(weights), inter_(inter), projected_(weights.tangential != 1) {
-    const size_t n = rhs.size();
-    factors_.resize(n);
-    rhs_.resize(n);
-    data_.resize(n);
-    inverse_.resize(n);
-    rows_.resize(n);
-    direction_.assign(n, Vector4f::Zero());
-    step_.assign(n, Vector4f::Zero());
-    if (projected_) {
-      normals_.resize(n);
-      raw_rows_.assign(n, Vector4f::Zero());
+      : term_(term),
+        layout_(*term.layout_),
+        weights_(weights),
+        inter_(inter),
+        data_(rhs.size()),
+        inverse_(rhs.size()),
+        rhs_(rhs.size()),
+        rows_(rhs.size()),
+        direction_(rhs.size()),
+        step_(rhs.size()) {
+    if (kProjected) {
+      raw_rows_.resize(rhs.size());
+      normals_.resize(rhs.size());
+      ForPlaces([&](size_t p) {
+        normals_[p].lanes = ToLanes(term_.normals_[layout_.vertex_at[p]].template cast<float>(), 0);
+      });
     }
-    FindSpecialPlaces();
-    ForPlaces([&](size_t p) { SetUp(p, data, rhs); });
+    FindSpecials();
+    ForPlaces([&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
+    ForSpecials([&](Special& special) { special.rhs = rhs_[special.place].lanes; });
+  }
+
+  // The first sweep finds no step yet.
+  void FirstSweep(float gain) {
+    ForPlaces([&](size_t p) {
+      direction_[p].lanes = Broadcast(gain) * inverse_[p].Times(rhs_[p].lanes);
+      step_[p] = direction_[p];
+    });
   }
 
   void Sweep(float keep, float gain) {
     MakeRows();
-    Update(keep, gain);
+    if (inter_) MakeResiduals();
+    ForSpecials([&](Special& special) { MakeSpecialRow(&special); });
+    ForSpecials([&](Special& special) { rhs_[special.place].lanes = special.rhs - SpecialProduct(special); });
+    Update(Broadcast(keep), Broadcast(gain));
   }
 
   void TakeStep(Positions* step) const {
     step->resize(step_.size());
-    ForPlaces([&](size_t p) { (*step)[layout_.vertex_at[p]] = step_[p].head<3>().cast<double>(); });
+    ForPlaces([&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).template cast<double>(); });
   }
 
  private:
-  struct Factors {
-    float inverse_degree = 0;
-    float seen = 0;      // weight of the vertex's row in its neighbours' derivatives
-    float membrane = 0;  // of the row before projection, where there is one
-  };
-  // A place that needs more than its ring's umbrellas: on or beside a rim, among several labels, at a border's corner.
+  // A place that needs more than its ring's umbrellas: on a rim, among several labels, at a border's corner. What it
+  // needs more goes to the right-hand side of the sweep.
   struct Special {
     uint32_t place = 0;
     int32_t inter = -1;  // in the incidence
-    Vector4f extra = Vector4f::Zero();
+    Lanes rhs = {0, 0, 0, 0}, membrane = {0, 0, 0, 0};
   };
 
   template <class Body>
@@ -151,11 +229,14 @@ class SmoothTerm::System {
       for (int64_t p = begin; p < end; ++p) body(static_cast<size_t>(p));
     });
   }
+  template <class Body>
+  void ForSpecials(const Body& body) {
+    ParallelFor(static_cast<int64_t>(specials_.size()), kSpecialGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t i = begin; i < end; ++i) body(specials_[i]);
+    });
+  }
 
-  // An inner vertex whose edges all have one weight: its membrane is a multiple of its umbrella.
-  bool Uniform(uint32_t v) const { return !term_.rings_.rim[v] && (!term_.mixed_[v] || weights_.membrane == 0); }
-
-  void FindSpecialPlaces() {
+  void FindSpecials() {
     std::vector<int32_t> inter_at;
     if (inter_) {
       inter_at.assign(layout_.place_of.size(), -1);
@@ -166,216 +247,213 @@ class SmoothTerm::System {
     }
     for (size_t p = 0; p < layout_.vertex_at.size(); ++p) {
       const int32_t at = inter_ ? inter_at[p] : -1;
-      if (!Uniform(layout_.vertex_at[p]) || at >= 0) specials_.push_back({static_cast<uint32_t>(p), at});
+      if (term_.diagonals_[p].special || at >= 0) specials_.push_back({static_cast<uint32_t>(p), at});
     }
   }
 
-  void SetUp(size_t p, const std::vector<Matrix3d>& data, const Positions& rhs) {
+  // The fourth lane of rows is the row's weight in the derivatives of neighbours, that of rhs in the vertex's own, that
+  // of a projected system's normals the weight of the row before projection.
+  void SetUp(size_t p, const Matrix3d& data, const Vector3d& rhs) {
     const uint32_t v = layout_.vertex_at[p];
-    const OneRings& rings = term_.rings_;
-    const double degree = std::max(rings.degree(v), 1u);
-    const bool rim = rings.rim[v];
-    double own = rim ? weights_.rim : weights_.thin_plate * term_.factor_[v];
-    factors_[p].inverse_degree = static_cast<float>(1 / degree);
-    factors_[p].seen = rim ? 0 : static_cast<float>(weights_.thin_plate * term_.factor_[v] / degree);
-    if (projected_) normals_[p] << term_.normals_[v].cast<float>(), 0;
+    const Diagonals& diagonals = term_.diagonals_[p];
+    const float plate_weight = static_cast<float>(weights_.thin_plate), rim_weight = static_cast<float>(weights_.rim);
+    const float membrane = static_cast<float>(weights_.membrane) * diagonals.membrane;
+    const bool rim = term_.rings_.rim[v];
+    rows_[p].lanes[3] = plate_weight * diagonals.factor * diagonals.inverse_degree;
+    float own = rim ? rim_weight : plate_weight * diagonals.factor;
+    // Where all edges have one weight, membrane is a multiple of the umbrella.
+    const float umbrella_membrane = diagonals.special ? 0 : membrane;
+    if (kProjected) {
+      normals_[p].lanes[3] = umbrella_membrane;
+    } else {
+      own += umbrella_membrane;
+    }
+    rhs_[p].lanes = ToLanes(rhs.template cast<float>(), own);
 
-    // A's own diagonal block, and what holds the eigenvalues below kHigh whatever the degrees:
-    // ‖x_v - mean‖² ≤ 2 ‖x_v‖² + 2 mean ‖x_w‖².
-    Matrix3d plate = Matrix3d::Zero();
-    double diagonal = 0, bound = 0, other = 0, membrane = 0;
-    const auto add_row = [&](uint32_t w, double coefficient, double bound_coefficient) {
-      const double weight = weights_.thin_plate * term_.factor_[w];
-      diagonal += weight * coefficient;
-      bound += weight * bound_coefficient;
-      if (!projected_) return;
-      const Vector3d& normal = term_.normals_[w];
-      plate += weight * coefficient * (1 - weights_.tangential) * normal * normal.transpose();
-    };
-    if (!rim && rings.degree(v) > 0) add_row(v, 1, 2);
-    for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e) {
-      const uint32_t w = rings.to[e];
-      const double inverse = 1.0 / rings.degree(w);
-      if (!rings.rim[w]) add_row(w, inverse * inverse, 2 * inverse);
-      if (rings.inner[e] && !(rim && rings.rim[w])) membrane += weights_.membrane * term_.EdgeFactor(v, w) / 6;
-      if (term_.has_rim_row(w) && !rings.inner[e]) other += 0.25 * weights_.rim;
+    Matrix3d block = data;
+    if (!term_.kept_.empty()) {
+      const auto kept = std::lower_bound(term_.kept_.begin(), term_.kept_.end(), v,
+                                         [](const KeptVertex& k, uint32_t vertex) { return k.vertex < vertex; });
+      if (kept != term_.kept_.end() && kept->vertex == v) block += weights_.keep * kept->block;
     }
-    if (term_.has_rim_row(v)) other += weights_.rim;
-    plate.diagonal().array() += diagonal * (projected_ ? weights_.tangential : 1);
-    if (bound > kHigh * diagonal) plate *= bound / (kHigh * diagonal);
-    if (projected_) {
-      factors_[p].membrane = Uniform(v) ? static_cast<float>(membrane) : 0;
-    } else if (Uniform(v)) {
-      own += membrane;
-    }
-    Matrix3d block = data[v];
-    const auto kept = std::lower_bound(term_.kept_.begin(), term_.kept_.end(), v,
-                                       [](const KeptVertex& k, uint32_t vertex) { return k.vertex < vertex; });
-    if (kept != term_.kept_.end() && kept->vertex == v) block += weights_.keep * kept->block;
     data_[p] = SymmetricBlock(block);
-    rhs_[p] << rhs[v].cast<float>(), static_cast<float>(own);
     if (term_.fixed_[v]) return;
-    block += plate;
-    block.diagonal().array() += membrane + other;
+    if (kProjected) {
+      block += PlateBlock(p).template cast<double>();
+    } else {
+      block.diagonal().array() += plate_weight * diagonals.plate * diagonals.slack;
+    }
+    block.diagonal().array() += membrane + rim_weight * diagonals.rim;
     if (inter_) AddInterBlocks(p, &block);
     block.diagonal().array() += 1e-6 * block.trace() + 1e-12;
-    inverse_[p] = SymmetricBlock(Matrix3d(block.inverse()));
+    inverse_[p] = SymmetricBlock(Inverse(block));
+  }
+
+  // The diagonal block of thin plate.
+  Eigen::Matrix3f PlateBlock(size_t p) const {
+    const float tangential = static_cast<float>(weights_.tangential);
+    Eigen::Matrix3f block = term_.diagonals_[p].plate * tangential * Eigen::Matrix3f::Identity();
+    const auto add = [&](size_t w, float coefficient) {
+      const Vector3f normal = FromLanes(normals_[w].lanes);
+      block += (1 - tangential) * coefficient * normal * normal.transpose();
+    };
+    add(p, term_.diagonals_[p].factor);
+    for (uint32_t e = layout_.ring_begin[p]; e < layout_.ring_begin[p + 1]; ++e) {
+      const Diagonals& at = term_.diagonals_[layout_.ring[e]];
+      add(layout_.ring[e], at.factor * at.inverse_degree * at.inverse_degree);
+    }
+    return static_cast<float>(weights_.thin_plate) * term_.diagonals_[p].slack * block;
   }
 
   void AddInterBlocks(size_t p, Matrix3d* block) const {
-    const auto special = SpecialFrom(p);
+    const auto special = std::lower_bound(specials_.begin(), specials_.end(), p,
+                                          [](const Special& s, size_t place) { return s.place < place; });
     if (special == specials_.end() || special->place != p || special->inter < 0) return;
     const CornerIncidence& incidence = inter_->incidence;
     for (uint32_t e = incidence.begin[special->inter]; e < incidence.begin[special->inter + 1]; ++e) {
       const uint32_t entry = incidence.entries[e];
-      *block += inter_->corners[entry / 3].Block(entry % 3).cast<double>();
+      *block += inter_->corners[entry / 3].Block(entry % 3).template cast<double>();
     }
   }
 
-  std::vector<Special>::const_iterator SpecialFrom(size_t place) const {
-    return std::lower_bound(specials_.begin(), specials_.end(), place,
-                            [](const Special& s, size_t at) { return s.place < at; });
-  }
-
-  // Calls plain(p) or special(p, specials_[i]) for all places.
-  template <class Plain, class AtSpecial>
-  void ForPlacesWithSpecials(const Plain& plain, const AtSpecial& at_special) {
-    ParallelFor(static_cast<int64_t>(layout_.vertex_at.size()), kGrain, [&](int64_t begin, int64_t end) {
-      size_t next = SpecialFrom(static_cast<size_t>(begin)) - specials_.begin();
-      for (size_t p = static_cast<size_t>(begin); p < static_cast<size_t>(end);) {
-        const size_t stop =
-            next < specials_.size() ? std::min<size_t>(specials_[next].place, static_cast<size_t>(end)) : end;
-        for (; p < stop; ++p) plain(p);
-        if (p < static_cast<size_t>(end)) at_special(p++, specials_[next++]);
+  void MakeRows() {
+    const Quad* step = step_.data();
+    const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
+    const Diagonals* diagonals = term_.diagonals_.data();
+    const Quad* normals = normals_.data();
+    const Lanes tangential = Broadcast(static_cast<float>(weights_.tangential));
+    Quad *rows = rows_.data(), *raw_rows = raw_rows_.data();
+    ParallelFor(static_cast<int64_t>(step_.size()), kGrain, [=](int64_t begin, int64_t end) {
+      for (int64_t p = begin; p < end; ++p) {
+        Lanes sum = {0, 0, 0, 0};
+        for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) sum += step[ring[e]].lanes;
+        Lanes row = step[p].lanes - Broadcast(diagonals[p].inverse_degree) * sum;
+        if (kProjected) {
+          const Lanes normal = normals[p].lanes;
+          const Lanes product = normal * row;
+          const Lanes along = Broadcast(product[0] + product[1] + product[2]) * normal;
+          raw_rows[p].lanes = row;
+          row = along + tangential * (row - along);
+        }
+        row[3] = rows[p].lanes[3];
+        rows[p].lanes = row;
       }
     });
   }
 
-  Vector4f UmbrellaAt(size_t p) const {
-    Vector4f sum = Vector4f::Zero();
-    for (uint32_t e = layout_.ring_begin[p]; e < layout_.ring_begin[p + 1]; ++e) sum += step_[layout_.ring[e]];
-    return step_[p] - factors_[p].inverse_degree * sum;
+  void MakeResiduals() {
+    ParallelFor(static_cast<int64_t>(inter_->corners.size()), kSpecialGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t c = begin; c < end; ++c) {
+        const InterCurvature::Corner& corner = inter_->corners[c];
+        const auto at = [&](int role) { return FromLanes(step_[layout_.place_of[corner.vertex[role]]].lanes); };
+        residuals_[c] = corner.weight * corner.Residual(at(0), at(1), at(2));
+      }
+    });
   }
 
-  void StoreRow(size_t p, Vector4f row) {
-    if (projected_) {
-      raw_rows_[p] = row;
-      const float tangential = static_cast<float>(weights_.tangential);
-      row = tangential * row + (1 - tangential) * normals_[p].dot(row) * normals_[p];
-    }
-    row[3] = factors_[p].seen;
-    rows_[p] = row;
-  }
-
-  // Rows of U step, their weight for the neighbours in the fourth lane; all that needs the step of neighbours.
-  void MakeRows() {
-    if (inter_) {
-      ParallelFor(static_cast<int64_t>(inter_->corners.size()), kGrain, [&](int64_t begin, int64_t end) {
-        for (int64_t c = begin; c < end; ++c) {
-          const InterCurvature::Corner& corner = inter_->corners[c];
-          const auto at = [&](int role) -> Vector3f { return step_[layout_.place_of[corner.vertex[role]]].head<3>(); };
-          residuals_[c] = corner.weight * corner.Residual(at(0), at(1), at(2));
-        }
-      });
-    }
-    ForPlacesWithSpecials([&](size_t p) { StoreRow(p, UmbrellaAt(p)); },
-                          [&](size_t p, Special& special) {
-                            const uint32_t v = layout_.vertex_at[p];
-                            special.extra.setZero();
-                            if (!Uniform(v)) special.extra = MembraneAt(p, v);
-                            if (!term_.rings_.rim[v]) {
-                              StoreRow(p, UmbrellaAt(p));
-                              return;
-                            }
-                            rows_[p].setZero();
-                            if (!term_.has_rim_row(v)) return;
-                            const auto [a, b] = term_.rings_.along_rim[v];
-                            rows_[p] = step_[p] - 0.5f * (step_[layout_.place_of[a]] + step_[layout_.place_of[b]]);
-                          });
-  }
-
-  Vector4f MembraneAt(size_t p, uint32_t v) const {
+  // Rim rows in place of umbrellas; the membrane of unequal edges.
+  void MakeSpecialRow(Special* special) {
     const OneRings& rings = term_.rings_;
-    Vector4f sum = Vector4f::Zero();
-    const uint32_t shift = layout_.ring_begin[p] - rings.begin[v];
-    for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e) {
+    const size_t p = special->place;
+    const uint32_t v = layout_.vertex_at[p];
+    if (rings.rim[v]) {
+      const auto [a, b] = rings.along_rim[v];
+      Lanes row = {0, 0, 0, 0};
+      if (term_.has_rim_row(v)) {
+        row = step_[p].lanes - 0.5f * (step_[layout_.place_of[a]].lanes + step_[layout_.place_of[b]].lanes);
+      }
+      row[3] = 0;
+      rows_[p].lanes = row;
+    }
+    special->membrane = Lanes{0, 0, 0, 0};
+    if (!term_.diagonals_[p].special || weights_.membrane == 0) return;
+    const uint32_t* places = layout_.ring.data() + layout_.ring_begin[p];
+    for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e, ++places) {
       const uint32_t w = rings.to[e];
       if (!rings.inner[e] || (rings.rim[v] && rings.rim[w])) continue;
       const float weight = static_cast<float>(weights_.membrane * term_.EdgeFactor(v, w) / 6);
-      sum += weight * (step_[p] - step_[layout_.ring[e + shift]]);
+      special->membrane += Broadcast(weight) * (step_[p].lanes - step_[*places].lanes);
     }
-    return sum;
   }
 
-  // The rest of A step at a special place, from the rows of others.
-  Vector4f SpecialProduct(size_t p, const Special& special) const {
+  // What a special place has in A step beside its ring's umbrellas.
+  Lanes SpecialProduct(const Special& special) const {
     const OneRings& rings = term_.rings_;
-    const uint32_t v = layout_.vertex_at[p];
-    Vector4f sum = special.extra;
+    const uint32_t v = layout_.vertex_at[special.place];
+    Lanes sum = special.membrane;
     if (rings.rim[v]) {
       for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e) {
         const uint32_t w = rings.to[e];
-        if (!rings.inner[e] && term_.has_rim_row(w)) {
-          sum -= static_cast<float>(0.5 * weights_.rim) * rows_[layout_.place_of[w]];
-        }
+        if (rings.inner[e] || !term_.has_rim_row(w)) continue;
+        sum -= Broadcast(static_cast<float>(0.5 * weights_.rim)) * rows_[layout_.place_of[w]].lanes;
       }
     }
     if (special.inter >= 0) {
       const CornerIncidence& incidence = inter_->incidence;
       for (uint32_t e = incidence.begin[special.inter]; e < incidence.begin[special.inter + 1]; ++e) {
         const uint32_t entry = incidence.entries[e];
-        sum.head<3>() += inter_->corners[entry / 3].Transposed(entry % 3, residuals_[entry / 3]);
+        sum += ToLanes(inter_->corners[entry / 3].Transposed(entry % 3, residuals_[entry / 3]), 0);
       }
     }
+    sum[3] = 0;
     return sum;
   }
 
-  void Update(float keep, float gain) {
-    const auto update = [&](size_t p, Vector4f product) {
-      product += rhs_[p][3] * rows_[p];
-      if (projected_) product += factors_[p].membrane * raw_rows_[p];
-      for (uint32_t e = layout_.ring_begin[p]; e < layout_.ring_begin[p + 1]; ++e) {
-        const Vector4f& row = rows_[layout_.ring[e]];
-        product -= row[3] * row;
+  void Update(Lanes keep, Lanes gain) {
+    const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
+    const Quad *rows = rows_.data(), *raw_rows = raw_rows_.data(), *normals = normals_.data(), *rhs = rhs_.data();
+    const SymmetricBlock *data = data_.data(), *inverse = inverse_.data();
+    Quad *direction = direction_.data(), *step = step_.data();
+    ParallelFor(static_cast<int64_t>(step_.size()), kGrain, [=](int64_t begin, int64_t end) {
+      for (int64_t p = begin; p < end; ++p) {
+        Lanes product = {0, 0, 0, 0};
+        for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) {
+          const Lanes row = rows[ring[e]].lanes;
+          product += Fourth(row) * row;
+        }
+        Lanes residual = rhs[p].lanes + product - Fourth(rhs[p].lanes) * rows[p].lanes;
+        if (kProjected) residual -= Fourth(normals[p].lanes) * raw_rows[p].lanes;
+        residual -= data[p].Times(step[p].lanes);
+        const Lanes move = keep * direction[p].lanes + gain * inverse[p].Times(residual);
+        direction[p].lanes = move;
+        step[p].lanes += move;
       }
-      const Vector4f residual = rhs_[p] - product - data_[p].Times(step_[p]);
-      direction_[p] = keep * direction_[p] + gain * inverse_[p].Times(residual);
-      step_[p] += direction_[p];
-    };
-    ForPlacesWithSpecials([&](size_t p) { update(p, Vector4f::Zero()); },
-                          [&](size_t p, const Special& special) { update(p, SpecialProduct(p, special)); });
+    });
   }
 
   const SmoothTerm& term_;
   const Layout& layout_;
   const SmoothWeights& weights_;
   const InterCurvature* inter_;
-  const bool projected_;
-  std::vector<Factors> factors_;
   std::vector<Special> specials_;    // by rising place
   std::vector<Vector3f> residuals_;  // of inter_'s corners, weighted
-  std::vector<Vector4f> rhs_;        // fourth lane: weight of the vertex's own row
-  std::vector<Vector4f> rows_, raw_rows_, normals_, direction_, step_;
   std::vector<SymmetricBlock> data_, inverse_;
+  std::vector<Quad> rhs_, rows_, raw_rows_, normals_, direction_, step_;
 };
 
-void SmoothTerm::SolveStep(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
-                           int sweeps, Positions* step, const InterCurvature* inter) const {
-  System system(*this, data, rhs, weights, inter);
+template <bool kProjected>
+void SmoothTerm::Solve(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
+                       int sweeps, Positions* step, const InterCurvature* inter) const {
+  System<kProjected> system(*this, data, rhs, weights, inter);
   const double centre = 0.5 * (kHigh + kLow), half_width = 0.5 * (kHigh - kLow);
   const double sigma = centre / half_width;
   double rho = 1 / sigma;
-  for (int sweep = 0; sweep < sweeps; ++sweep) {
-    double keep = 0, gain = 1 / centre;
-    if (sweep > 0) {
-      const double next = 1 / (2 * sigma - rho);
-      keep = next * rho;
-      gain = 2 * next / half_width;
-      rho = next;
-    }
-    system.Sweep(static_cast<float>(keep), static_cast<float>(gain));
+  if (sweeps > 0) system.FirstSweep(static_cast<float>(1 / centre));
+  for (int sweep = 1; sweep < sweeps; ++sweep) {
+    const double next = 1 / (2 * sigma - rho);
+    system.Sweep(static_cast<float>(next * rho), static_cast<float>(2 * next / half_width));
+    rho = next;
   }
   system.TakeStep(step);
+}
+
+void SmoothTerm::SolveStep(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
+                           int sweeps, Positions* step, const InterCurvature* inter) const {
+  if (weights.tangential != 1) {
+    Solve<true>(data, rhs, weights, sweeps, step, inter);
+  } else {
+    Solve<false>(data, rhs, weights, sweeps, step, inter);
+  }
 }
 
 }  // namespace tessera

@@ -26,9 +26,9 @@ void ForVertices(size_t count, const Body& body) {
 SmoothTerm::SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed)
     : start_(mesh.vertices), faces_(mesh.faces), fixed_(fixed), rings_(FindOneRings(mesh)) {
   if (fixed_.empty()) fixed_.assign(start_.size(), 0);
+  MakeLayout();
   SetLabels({}, {}, 0);
   SetNormals(start_);
-  MakeLayout();
 }
 
 void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector<ClassSmoothness>& classes,
@@ -37,7 +37,10 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
   factor_.assign(n, 1);
   mixed_.assign(n, 0);
   kept_.clear();
-  if (labels.empty()) return;
+  if (labels.empty()) {
+    FindDiagonals();
+    return;
+  }
   const auto class_of = [&](size_t face) { return labels[face] < 0 || labels[face] == 255 ? kNoLabel : labels[face]; };
   const auto settings = [&](int32_t label) {
     const bool given = label != kNoLabel && static_cast<size_t>(label) < classes.size();
@@ -58,6 +61,7 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
   for (size_t v = 0; v < n; ++v) {
     if (met[v]) factor_[v] = mixed_[v] ? mixed : settings(label_at[v]).smoothness;
   }
+  FindDiagonals();
 
   std::vector<uint32_t> slot(n);
   for (size_t v = 0; v < n; ++v) {

@@ -65,12 +65,29 @@ class SmoothTerm {
  private:
   // The topology in an order that keeps neighbours close in memory, for SolveStep.
   struct Layout;
+  // One system of SolveStep; kProjected: SmoothWeights::tangential is not 1.
+  template <bool kProjected>
   class System;
+  // What SolveStep needs of a vertex's topology and labels, for weights of one.
+  struct Diagonals {
+    float inverse_degree = 0;
+    float factor = 0;  // of the vertex's umbrella; zero on rims
+    float plate = 0;   // diagonals of A
+    float slack = 1;   // by which plate is multiplied so that the preconditioner bounds A whatever the degrees:
+                       // ‖x_v - mean‖² ≤ 2 ‖x_v‖² + 2 mean ‖x_w‖²
+    float membrane = 0;
+    float rim = 0;
+    bool special = false;  // on a rim or of mixed labels
+  };
   struct KeptVertex {
     uint32_t vertex;
     Eigen::Matrix3d block;  // mean of keep(f) n_f n_fᵀ
   };
   void MakeLayout();
+  void FindDiagonals();
+  template <bool kProjected>
+  void Solve(const std::vector<Eigen::Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights, int sweeps,
+             Positions* step, const InterCurvature* inter) const;
   bool has_rim_row(size_t v) const { return rings_.along_rim[v][0] != rings_.along_rim[v][1] && !fixed_[v]; }
   // U v inside the surface, U d along rims.
   void Umbrella(const Positions& v, Positions* rows) const;
@@ -81,10 +98,11 @@ class SmoothTerm {
   std::vector<Triangle> faces_;
   std::vector<uint8_t> fixed_;
   OneRings rings_;
-  Positions normals_;             // of vertices, for SmoothWeights::tangential
-  std::vector<double> factor_;    // ω of a vertex, `mixed` included
-  std::vector<uint8_t> mixed_;    // its faces have several labels
-  std::vector<KeptVertex> kept_;  // by rising number
+  Positions normals_;                 // of vertices, for SmoothWeights::tangential
+  std::vector<double> factor_;        // ω of a vertex, `mixed` included
+  std::vector<uint8_t> mixed_;        // its faces have several labels
+  std::vector<KeptVertex> kept_;      // by rising number
+  std::vector<Diagonals> diagonals_;  // by Layout's places
   std::shared_ptr<const Layout> layout_;
 };
 
