@@ -14,7 +14,9 @@
 #include "common/meshio/ply.h"
 #include "common/scene/scene.h"
 #include "worker/refine/density.h"
+#include "worker/refine/descent.h"
 #include "worker/refine/refine.h"
+#include "worker/refine/self_intersection.h"
 
 namespace tessera {
 namespace {
@@ -55,6 +57,26 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--partners", a.refine.partners);
   app.add_option("--best-angle", a.refine.best_angle_deg);
   app.add_option("--occlusion", a.refine.occlusion_px);
+  app.add_option("--max-normal", a.refine.max_normal_gsd);
+  app.add_option("--max-tangent", a.refine.max_tangent_gsd);
+  app.add_option("--start-cosine", a.refine.min_start_cosine);
+}
+
+// What the run did to the surface that a surface must not suffer.
+void PrintFolds(const RefineProblem& problem, const std::vector<Eigen::Vector3d>& vertices) {
+  const CpuClock clock;
+  const MotionGuard guard(problem.mesh, problem.fixed_vertices, MotionLimits());
+  const int64_t begin_us = clock.MonotonicUs();
+  const std::vector<FacePair> before = IntersectingFacePairs(problem.mesh);
+  const int64_t between_us = clock.MonotonicUs();
+  const std::vector<FacePair> after = IntersectingFacePairs({vertices, problem.mesh.faces, {}});
+  const int64_t end_us = clock.MonotonicUs();
+  std::printf("faces against the smoothed start: %ld at the start, %ld after\n",
+              static_cast<long>(guard.TurnedFaces(problem.mesh.vertices)),
+              static_cast<long>(guard.TurnedFaces(vertices)));
+  std::printf("intersecting pairs: %zu at the start, %zu after, %zu of them new (cpu %.2f, %.2f s)\n", before.size(),
+              after.size(), NewPairs(before, after).size(), 1e-6 * static_cast<double>(between_us - begin_us),
+              1e-6 * static_cast<double>(end_us - between_us));
 }
 
 Status Bench(Arguments& a) {
@@ -94,10 +116,12 @@ Status Bench(Arguments& a) {
   const double pixel_pairs = static_cast<double>(report.warped_pixels);
   std::printf("energy %.5f -> %.5f  moved rms %.3f m, max %.2f m  pairs %d\n", report.energy_start, report.energy_end,
               report.moved_rms_m, report.moved_max_m, report.pairs);
-  std::printf("cpu %.1f s: prepare %.1f, visibility %.1f, photo %.1f, step %.1f\n", cpu_s, report.seconds_prepare,
-              report.seconds_visibility, report.seconds_photo, report.seconds_step);
+  std::printf("cpu %.1f s: prepare %.1f, visibility %.1f, photo %.1f, step %.1f, repair %.2f\n", cpu_s,
+              report.seconds_prepare, report.seconds_visibility, report.seconds_photo, report.seconds_step,
+              report.seconds_repair);
   std::printf("cpu ns a pixel, ordered pair and evaluation: photo %.1f, all %.1f\n",
               1e9 * report.seconds_photo / pixel_pairs, 1e9 * cpu_s / pixel_pairs);
+  PrintFolds(problem, vertices);
   if (a.out.empty()) return absl::OkStatus();
   problem.mesh.vertices = vertices;
   for (Eigen::Vector3d& v : problem.mesh.vertices) v = scene.frame.SceneFromLocal(v);

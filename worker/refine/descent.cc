@@ -3,47 +3,192 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "common/base/parallel.h"
 
 namespace tessera {
 
 using Eigen::Vector3d;
+using Eigen::Vector3f;
 
 namespace {
+
 constexpr int64_t kGrain = 4096;
+
+template <class Body>
+void ForEach(size_t count, const Body& body) {
+  ParallelFor(static_cast<int64_t>(count), kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) body(static_cast<size_t>(i));
+  });
+}
+
+Vector3d CrossAt(const Triangle& t, const std::vector<Vector3d>& at) {
+  return (at[t[1]] - at[t[0]]).cross(at[t[2]] - at[t[0]]);
+}
+
 }  // namespace
 
-void LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, std::vector<Vector3d>* step) {
-  constexpr int kPasses = 5;
-  const int64_t faces = static_cast<int64_t>(mesh.faces.size());
-  std::vector<uint8_t> turned(mesh.faces.size());
-  for (int pass = 0; pass < kPasses; ++pass) {
-    ParallelFor(faces, kGrain, [&](int64_t begin, int64_t end) {
-      for (int64_t f = begin; f < end; ++f) {
-        const Triangle& t = mesh.faces[f];
-        const Vector3d a = mesh.vertices[t[0]] + (*step)[t[0]], b = mesh.vertices[t[1]] + (*step)[t[1]],
-                       c = mesh.vertices[t[2]] + (*step)[t[2]];
-        const Vector3d before = FaceCross(mesh, f), after = (b - a).cross(c - a);
-        turned[f] = after.dot(before) < min_turn_cosine * after.norm() * before.norm() ||
-                    after.squaredNorm() < 0.01 * before.squaredNorm();
+IndexRows FacesOfVertices(const TriangleMesh& mesh) {
+  IndexRows rows;
+  rows.offsets.assign(mesh.vertices.size() + 1, 0);
+  for (const Triangle& face : mesh.faces) {
+    for (uint32_t v : face) ++rows.offsets[v + 1];
+  }
+  std::partial_sum(rows.offsets.begin(), rows.offsets.end(), rows.offsets.begin());
+  rows.items.resize(static_cast<size_t>(rows.offsets.back()));
+  std::vector<int64_t> next(rows.offsets.begin(), rows.offsets.end() - 1);
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (uint32_t v : mesh.faces[f]) rows.items[static_cast<size_t>(next[v]++)] = static_cast<uint32_t>(f);
+  }
+  return rows;
+}
+
+std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+                                        const std::vector<uint8_t>& fixed, int steps) {
+  // On a closed fan every neighbour is a corner of two faces.
+  std::vector<uint8_t> moves(mesh.vertices.size());
+  ForEach(mesh.vertices.size(), [&](size_t v) {
+    if (!fixed.empty() && fixed[v]) return;
+    std::vector<uint32_t> ring;
+    for (uint32_t f : faces_of_vertex[v]) {
+      for (uint32_t w : mesh.faces[f]) {
+        if (w != v) ring.push_back(w);
       }
-    });
-    // A vertex is shortened once a pass, however many of its faces turn.
-    std::vector<uint8_t> shorten(mesh.vertices.size());
-    for (int64_t f = 0; f < faces; ++f) {
-      if (!turned[f]) continue;
-      for (uint32_t v : mesh.faces[f]) shorten[v] = 1;
     }
-    const double factor = pass + 1 < kPasses ? 0.5 : 0;
-    for (size_t v = 0; v < shorten.size(); ++v) {
-      if (shorten[v]) (*step)[v] *= factor;
+    std::sort(ring.begin(), ring.end());
+    bool closed = !ring.empty() && ring.size() % 2 == 0;
+    for (size_t i = 0; closed && i < ring.size(); i += 2) {
+      closed = ring[i] == ring[i + 1] && (i + 2 == ring.size() || ring[i + 2] != ring[i]);
+    }
+    moves[v] = closed;
+  });
+  std::vector<Vector3d> at = mesh.vertices, next = at;
+  for (int step = 0; step < steps; ++step) {
+    ForEach(at.size(), [&](size_t v) {
+      if (!moves[v]) return;
+      Vector3d sum = Vector3d::Zero();
+      for (uint32_t f : faces_of_vertex[v]) {
+        for (uint32_t w : mesh.faces[f]) {
+          if (w != v) sum += at[w];
+        }
+      }
+      next[v] = 0.5 * at[v] + sum / (4.0 * static_cast<double>(faces_of_vertex[v].size()));
+    });
+    std::swap(at, next);
+  }
+  return at;
+}
+
+MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits)
+    : limits_(limits), faces_(start.faces), faces_of_vertex_(FacesOfVertices(start)), start_(start.vertices) {
+  const Positions smooth = SmoothedPositions(start, faces_of_vertex_, fixed, limits.start_smoothing_steps);
+  start_normals_.resize(faces_.size());
+  ForEach(faces_.size(),
+          [&](size_t f) { start_normals_[f] = CrossAt(faces_[f], smooth).stableNormalized().cast<float>(); });
+  vertex_normals_.resize(start_.size());
+  ForEach(start_.size(), [&](size_t v) {
+    Vector3d sum = Vector3d::Zero();
+    for (uint32_t f : faces_of_vertex_[v]) sum += CrossAt(faces_[f], smooth);
+    vertex_normals_[v] = sum.stableNormalized().cast<float>();
+  });
+}
+
+void MotionGuard::LimitDisplacement(const Positions& at, Positions* step) const {
+  const double per_normal = 1 / limits_.max_normal_m, per_tangent = 1 / limits_.max_tangent_m;
+  if (per_normal == 0 && per_tangent == 0) return;
+  ForEach(at.size(), [&](size_t v) {
+    // In the frame that makes the ellipsoid a unit ball.
+    const Vector3d normal = vertex_normals_[v].cast<double>();
+    const auto in_ball = [&](const Vector3d& d) -> Vector3d {
+      return per_tangent * d + (per_normal - per_tangent) * normal.dot(d) * normal;
+    };
+    const Vector3d from = in_ball(at[v] - start_[v]), move = in_ball((*step)[v]);
+    const double before = from.norm(), after = (from + move).norm();
+    if (after <= std::max(before, limits_.free_share)) return;
+    // Half of the room that is left to the wall is the most a step may take.
+    const double most =
+        std::max(before, limits_.free_share) + std::max(0.0, 0.5 * (1 - std::max(before, limits_.free_share)));
+    if (after <= most) return;
+    // The share of the step at which the ball of radius `most` is reached.
+    const double a = move.squaredNorm(), b = from.dot(move), c = std::min(0.0, before * before - most * most);
+    (*step)[v] *= std::clamp((-b + std::sqrt(std::max(0.0, b * b - a * c))) / a, 0.0, 1.0);
+  });
+}
+
+bool MotionGuard::KeepsFacing(uint32_t face, const Positions& from, const Positions& to) const {
+  const Vector3d normal = start_normals_[face].cast<double>();
+  const Vector3d after = CrossAt(faces_[face], to);
+  const double facing = after.dot(normal), length = after.norm();
+  if (facing >= limits_.min_start_cosine * length && length > 0) return true;
+  const Vector3d before = CrossAt(faces_[face], from);
+  return facing * before.norm() >= (before.dot(normal) - 1e-9 * before.norm()) * length;
+}
+
+int64_t MotionGuard::TurnedFaces(const Positions& at) const {
+  int64_t count = 0;
+  for (size_t f = 0; f < faces_.size(); ++f) count += CrossAt(faces_[f], at).dot(start_normals_[f].cast<double>()) <= 0;
+  return count;
+}
+
+void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const {
+  constexpr int kHalvings = 4, kPasses = 24;
+  constexpr double kMinAreaShare = 0.1;  // of the area before the step
+  const auto folds = [&](uint32_t f) {
+    const Triangle& t = faces_[f];
+    const Vector3d &p = mesh.vertices[t[0]], &q = mesh.vertices[t[1]], &r = mesh.vertices[t[2]];
+    const Vector3d &u = (*step)[t[0]], &v = (*step)[t[1]], &w = (*step)[t[2]];
+    const Vector3d before = (q - p).cross(r - p), after = (q + v - p - u).cross(r + w - p - u);
+    const double before2 = before.squaredNorm(), after2 = after.squaredNorm();
+    const Vector3d normal = start_normals_[f].cast<double>();
+    const double facing = after.dot(normal), length = std::sqrt(after2);
+    if (after.dot(before) >= min_turn_cosine * length * std::sqrt(before2) &&
+        after2 >= kMinAreaShare * kMinAreaShare * before2 && facing >= limits_.min_start_cosine * length) {
+      return false;
+    }
+    if (u.isZero(0) && v.isZero(0) && w.isZero(0)) return false;
+    if (after.dot(before) < min_turn_cosine * length * std::sqrt(before2) ||
+        after2 < kMinAreaShare * kMinAreaShare * before2) {
+      return true;
+    }
+    return facing * std::sqrt(before2) < before.dot(normal) * length;
+  };
+  std::vector<uint8_t> folded(faces_.size());
+  ForEach(faces_.size(), [&](size_t f) { folded[f] = folds(static_cast<uint32_t>(f)); });
+  std::vector<uint32_t> bad, touched;
+  for (uint32_t f = 0; f < folded.size(); ++f) {
+    if (folded[f]) bad.push_back(f);
+  }
+  // From here on only faces about a change can be anything new. A vertex is shortened once a pass, however many of its
+  // faces fold.
+  std::vector<uint8_t> shortened(mesh.vertices.size());
+  for (int pass = 0; pass < kPasses && !bad.empty(); ++pass) {
+    const double factor = pass < kHalvings ? 0.5 : 0;
+    touched.clear();
+    std::vector<uint32_t> vertices;
+    for (uint32_t f : bad) {
+      folded[f] = 0;
+      for (uint32_t v : faces_[f]) {
+        if (shortened[v]) continue;
+        shortened[v] = 1;
+        vertices.push_back(v);
+        (*step)[v] *= factor;
+        for (uint32_t g : faces_of_vertex_[v]) touched.push_back(g);
+      }
+    }
+    for (uint32_t v : vertices) shortened[v] = 0;
+    std::sort(touched.begin(), touched.end());
+    touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
+    ForEach(touched.size(), [&](size_t i) { folded[touched[i]] = folds(touched[i]); });
+    bad.clear();
+    for (uint32_t f : touched) {
+      if (folded[f]) bad.push_back(f);
     }
   }
 }
 
 std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo, const SmoothTerm& smooth,
-                                  const StepOptions& options) {
+                                  const MotionGuard& guard, const StepOptions& options) {
   std::vector<Vector3d> rhs, step;
   smooth.Gradient(mesh.vertices, options.weights, &rhs);
   for (size_t v = 0; v < rhs.size(); ++v) rhs[v] = -(rhs[v] + photo.gradient[v]);
@@ -52,7 +197,8 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
     const double length = s.norm();
     if (length > options.max_step_m) s *= options.max_step_m / length;
   }
-  LimitFolding(mesh, options.min_turn_cosine, &step);
+  guard.LimitDisplacement(mesh.vertices, &step);
+  guard.LimitFolding(mesh, options.min_turn_cosine, &step);
   return step;
 }
 

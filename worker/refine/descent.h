@@ -4,13 +4,68 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "common/geometry/mesh.h"
+#include "common/geometry/topology.h"
 #include "worker/refine/photo_term.h"
 #include "worker/refine/smooth_term.h"
 
 namespace tessera {
+
+// How far a run may take a surface from its start, in all its steps together.
+struct MotionLimits {
+  // Half axes of the ellipsoid about each vertex's start that it stays in, along the smoothed start's normal and
+  // across it. From `free_share` of it on outward motion is braked.
+  double max_normal_m = std::numeric_limits<double>::infinity();
+  double max_tangent_m = std::numeric_limits<double>::infinity();
+  double free_share = 0.5;
+  // Of a face's normal and the same face's in the smoothed start. A face that starts below may not get worse.
+  double min_start_cosine = 0.1;
+  int start_smoothing_steps = 5;  // of half an umbrella step each; rims and fixed vertices stay
+};
+
+// Holds steps against the start of the run. What it does to a vertex depends on few rings about it. Thread-safe.
+class MotionGuard {
+ public:
+  using Positions = std::vector<Eigen::Vector3d>;
+
+  // `fixed`: one flag a vertex or empty. The mesh need not be a manifold.
+  MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits);
+
+  // Brakes what would leave the vertices' ellipsoids. Steps are only shortened.
+  void LimitDisplacement(const Positions& at, Positions* step) const;
+
+  // Shortens `step` at the corners of faces whose normals would turn by more than `min_turn_cosine` allows, whose area
+  // would collapse, or that would turn against the smoothed start: halved a few times, then dropped.
+  void LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const;
+
+  // Whether the face, as it lies in `to`, keeps to min_start_cosine, or did not in `from` and got no worse.
+  bool KeepsFacing(uint32_t face, const Positions& from, const Positions& to) const;
+
+  // Faces whose normals point against the smoothed start's.
+  int64_t TurnedFaces(const Positions& at) const;
+
+  const IndexRows& faces_of_vertex() const { return faces_of_vertex_; }
+  const std::vector<Eigen::Vector3f>& start_normals() const { return start_normals_; }  // a face, smoothed
+
+ private:
+  MotionLimits limits_;
+  std::vector<Triangle> faces_;
+  IndexRows faces_of_vertex_;
+  Positions start_;
+  std::vector<Eigen::Vector3f> start_normals_;   // a face
+  std::vector<Eigen::Vector3f> vertex_normals_;  // of the smoothed start
+};
+
+// The faces of each vertex, ascending.
+IndexRows FacesOfVertices(const TriangleMesh& mesh);
+
+// The mesh after `steps` umbrella steps of half the way each: steps of its stairs become slopes. Rims and vertices with
+// a flag in `fixed` (may be empty) stay.
+std::vector<Eigen::Vector3d> SmoothedPositions(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+                                               const std::vector<uint8_t>& fixed, int steps);
 
 struct StepOptions {
   SmoothWeights weights;  // per metre²
@@ -19,13 +74,11 @@ struct StepOptions {
   double min_turn_cosine = 0.4;  // a face's normal turns by less than this angle's arc cosine in a step
 };
 
-// Shortens `step` at the corners of faces whose normals would turn too far: halved a few times, then dropped.
-void LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, std::vector<Eigen::Vector3d>* step);
-
 // The Gauss-Newton step of photo and smoothness term at `mesh`: (curvature + A) step = -(gradients), every vertex's
-// length bounded. Depends on no sum over the mesh. Zero at fixed vertices.
+// length bounded, and what `guard` makes of it. Depends on no sum over the mesh. Zero at fixed vertices.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
-                                         const SmoothTerm& smooth, const StepOptions& options);
+                                         const SmoothTerm& smooth, const MotionGuard& guard,
+                                         const StepOptions& options);
 
 }  // namespace tessera
 

@@ -11,6 +11,7 @@
 #include "common/imaging/pyramid.h"
 #include "worker/refine/descent.h"
 #include "worker/refine/photo_term.h"
+#include "worker/refine/self_intersection.h"
 #include "worker/refine/smooth_term.h"
 #include "worker/visibility/rasterizer.h"
 
@@ -106,6 +107,14 @@ PhotoOptions MakePhotoOptions(const RefineOptions& options) {
   return out;
 }
 
+MotionLimits MakeMotionLimits(const RefineProblem& problem, const RefineOptions& options) {
+  MotionLimits out;
+  out.max_normal_m = options.max_normal_gsd * problem.gsd_m;
+  out.max_tangent_m = options.max_tangent_gsd * problem.gsd_m;
+  out.min_start_cosine = options.min_start_cosine;
+  return out;
+}
+
 double MeanEnergy(const ZnccSums& sums) { return sums.weight > 0 ? sums.energy / sums.weight : 0; }
 
 double Rms(const std::vector<Vector3d>& moves) {
@@ -120,7 +129,12 @@ double Seconds(const Clock* clock) { return clock ? 1e-6 * static_cast<double>(c
 class Refiner {
  public:
   Refiner(const RefineProblem& problem, const RefineOptions& options)
-      : problem_(problem), options_(options), mesh_(problem.mesh), smooth_(problem.mesh, problem.fixed_vertices) {
+      : problem_(problem),
+        options_(options),
+        mesh_(problem.mesh),
+        smooth_(problem.mesh, problem.fixed_vertices),
+        guard_(problem.mesh, problem.fixed_vertices, MakeMotionLimits(problem, options)),
+        repair_(problem.mesh, guard_.faces_of_vertex()) {
     double start_s = Seconds(options.clock);
     pairs_ = problem.pairs;
     if (pairs_.empty()) {
@@ -200,19 +214,27 @@ class Refiner {
     step_options.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit};
     step_options.smoothing_sweeps = options_.smoothing_sweeps;
     step_options.max_step_m = options_.max_step_px * pixel_m;
+    const std::vector<Vector3d> level_start = mesh_.vertices;
     for (int iteration = 0; iteration < options_.iterations[stage]; ++iteration) {
       TESSERA_RETURN_IF_ERROR(control.Check());
       control.Report(work_ / total_work_,
                      absl::StrCat("level ", level, ", step ", iteration + 1, " of ", options_.iterations[stage]));
       Evaluate();
       const double start_s = Seconds(options_.clock);
-      const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, step_options);
+      const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, guard_, step_options);
       for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
       step_options.max_step_m *= options_.step_decay;
       report_.seconds_step += Seconds(options_.clock) - start_s;
       report_.iterations.push_back(
           {level, MeanEnergy(derivatives_.sums), Rms(step) / pixel_m, derivatives_.sums.windows});
     }
+    const double start_s = Seconds(options_.clock);
+    const FoldRepair::Result repaired = repair_.Run(
+        level_start,
+        [&](uint32_t face, const auto& from, const auto& to) { return guard_.KeepsFacing(face, from, to); },
+        &mesh_.vertices);
+    report_.repaired_vertices += repaired.changed_vertices;
+    report_.seconds_repair += Seconds(options_.clock) - start_s;
     return absl::OkStatus();
   }
 
@@ -220,6 +242,8 @@ class Refiner {
   const RefineOptions& options_;
   TriangleMesh mesh_;
   SmoothTerm smooth_;
+  MotionGuard guard_;
+  FoldRepair repair_;
   std::vector<ViewPair> pairs_;
   std::vector<PixelRect> windows_;
   std::vector<PhotoView> views_;

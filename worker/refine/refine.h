@@ -58,8 +58,10 @@ struct RefineOptions {
   int smoothing_sweeps = 10;  // Chebyshev sweeps of the semi-implicit step
 
   // Descent.
-  double max_step_px = 1.0;  // per iteration, pixels of the level
-  double step_decay = 0.9;   // of the step cap per iteration
+  double max_step_px = 1.0;                            // per iteration, pixels of the level
+  double step_decay = 0.9;                             // of the step cap per iteration
+  double max_normal_gsd = 1e9, max_tangent_gsd = 1e9;  // of a whole run, along the smoothed start's normal and across
+  double min_start_cosine = 0.1;                       // of a face's normal with the smoothed start's
 
   // Pairs.
   int partners = 4;  // that a view chooses (SelectPairs)
@@ -81,7 +83,8 @@ struct RefineReport {
   double moved_rms_m = 0, moved_max_m = 0;
   int pairs = 0;  // ordered pairs
   std::vector<RefineIteration> iterations;
-  double seconds_prepare = 0, seconds_visibility = 0, seconds_photo = 0, seconds_step = 0;
+  int64_t repaired_vertices = 0;  // whose motion was taken back, all or in part, because faces folded or cut each other
+  double seconds_prepare = 0, seconds_repair = 0, seconds_visibility = 0, seconds_photo = 0, seconds_step = 0;
   int64_t warped_pixels = 0;  // reference pixels x partners x evaluations
 };
 

@@ -8,7 +8,6 @@
 #include "common/base/parallel.h"
 #include "tests/unit/worker/refine/relief_scene.h"
 #include "worker/refine/density.h"
-#include "worker/refine/descent.h"
 
 namespace tessera {
 namespace {
@@ -139,19 +138,6 @@ TEST(Refine, FarPartsDoNotSteerEachOther) {
   }
   const Positions alone = bed.Refine(), together = wide.Refine();
   for (size_t v = 0; v < alone.size(); ++v) ASSERT_EQ(alone[v], together[v]);
-}
-
-TEST(Refine, FoldingStepsAreShortened) {
-  const TriangleMesh mesh = HeightField(6, 3, [](double, double) { return 0.0; });
-  Positions step(mesh.vertices.size(), Vector3d::Zero());
-  step[24] = Vector3d(2.5, 0, 0);  // across its neighbours
-  step[8] = Vector3d(0, 0, 0.1);
-  LimitFolding(mesh, 0.4, &step);
-  TriangleMesh moved = mesh;
-  for (size_t v = 0; v < step.size(); ++v) moved.vertices[v] += step[v];
-  for (size_t f = 0; f < mesh.faces.size(); ++f) EXPECT_GE(FaceNormal(moved, f).dot(FaceNormal(mesh, f)), 0.4 - 1e-12);
-  EXPECT_GT(step[24].x(), 0);
-  EXPECT_EQ(step[8].z(), 0.1);
 }
 
 TEST(Refine, RefusesWhatDoesNotFitTogether) {

@@ -1,0 +1,173 @@
+#include "worker/refine/descent.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/base/parallel.h"
+#include "common/base/random.h"
+#include "tests/unit/worker/refine/relief_scene.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+using Positions = std::vector<Vector3d>;
+
+double Flat(double, double) { return 0.0; }
+
+Positions Added(Positions at, const Positions& step) {
+  for (size_t v = 0; v < at.size(); ++v) at[v] += step[v];
+  return at;
+}
+
+Positions RandomSteps(size_t count, double sigma, uint64_t seed) {
+  Random random(seed);
+  Positions step(count);
+  for (Vector3d& s : step) s = sigma * Vector3d(random.Normal(), random.Normal(), random.Normal());
+  return step;
+}
+
+// Voxel stairs: blocks of `block` cells, at heights that are multiples of the cell's width.
+TriangleMesh Stairs(int n, double half_m) {
+  TriangleMesh mesh = HeightField(n, half_m, Flat);
+  const double cell = 2 * half_m / n;
+  for (Vector3d& v : mesh.vertices) v.z() = cell * std::round(1.5 * std::sin(0.9 * v.x()) * std::cos(v.y()) / cell);
+  return mesh;
+}
+
+TEST(SmoothedPositions, RoundsStairsAndKeepsRimsAndFixedVertices) {
+  const TriangleMesh mesh = Stairs(20, 4);
+  std::vector<uint8_t> fixed(mesh.vertices.size());
+  fixed[10 * 21 + 7] = 1;
+  const Positions smooth = SmoothedPositions(mesh, FacesOfVertices(mesh), fixed, 5);
+  double roughness = 0, before = 0;
+  for (int y = 1; y < 20; ++y) {
+    for (int x = 1; x < 20; ++x) {
+      const size_t v = y * 21 + x;
+      roughness += std::abs(smooth[v].z() - 0.5 * (smooth[v - 1].z() + smooth[v + 1].z()));
+      before += std::abs(mesh.vertices[v].z() - 0.5 * (mesh.vertices[v - 1].z() + mesh.vertices[v + 1].z()));
+    }
+  }
+  EXPECT_LT(roughness, 0.5 * before);
+  for (size_t i = 0; i <= 20; ++i) {
+    for (size_t v : {i, 20 * 21 + i, 21 * i, 21 * i + 20}) EXPECT_EQ(smooth[v], mesh.vertices[v]);
+  }
+  EXPECT_EQ(smooth[10 * 21 + 7], mesh.vertices[10 * 21 + 7]);
+}
+
+TEST(MotionGuard, FoldingStepsAreShortened) {
+  const TriangleMesh mesh = HeightField(6, 3, Flat);
+  Positions step(mesh.vertices.size(), Vector3d::Zero());
+  step[24] = Vector3d(2.5, 0, 0);  // across its neighbours
+  step[8] = Vector3d(0, 0, 0.1);
+  MotionGuard(mesh, {}, {}).LimitFolding(mesh, 0.4, &step);
+  const TriangleMesh moved{Added(mesh.vertices, step), mesh.faces, {}};
+  for (size_t f = 0; f < mesh.faces.size(); ++f) EXPECT_GE(FaceNormal(moved, f).dot(FaceNormal(mesh, f)), 0.4 - 1e-12);
+  EXPECT_GT(step[24].x(), 0);
+  EXPECT_EQ(step[8].z(), 0.1);
+}
+
+TEST(MotionGuard, NoStepFoldsAFaceWhateverItIs) {
+  for (uint64_t seed = 0; seed < 6; ++seed) {
+    const TriangleMesh mesh = Stairs(30, 4);
+    const Positions wanted = RandomSteps(mesh.vertices.size(), 0.05 * static_cast<double>(1 << seed), seed);
+    Positions step = wanted;
+    const MotionGuard guard(mesh, {}, {});
+    guard.LimitFolding(mesh, 0.4, &step);
+    const TriangleMesh moved{Added(mesh.vertices, step), mesh.faces, {}};
+    for (size_t f = 0; f < mesh.faces.size(); ++f) {
+      ASSERT_GE(FaceNormal(moved, f).dot(FaceNormal(mesh, f)), 0.4 - 1e-9);
+      ASSERT_GE(FaceArea(moved, f), 0.1 * FaceArea(mesh, f) * (1 - 1e-9));
+      ASSERT_TRUE(guard.KeepsFacing(static_cast<uint32_t>(f), mesh.vertices, moved.vertices));
+    }
+    for (size_t v = 0; v < step.size(); ++v) {
+      ASSERT_LE((wanted[v] - step[v]).norm() + step[v].norm(), wanted[v].norm() * (1 + 1e-12));  // shortened alone
+    }
+  }
+}
+
+// Steps that each turn faces by little, always onwards, must not add up to a turned face.
+TEST(MotionGuard, SmallStepsDoNotAddUpToATurnedFace) {
+  const TriangleMesh start = HeightField(8, 4, Flat);
+  const Vector3d centre(0.05, 0.02, 0);
+  const auto fold = [&](double min_start_cosine) {
+    MotionLimits limits;
+    limits.min_start_cosine = min_start_cosine;
+    const MotionGuard guard(start, {}, limits);
+    TriangleMesh mesh = start;
+    for (int i = 0; i < 60; ++i) {
+      Positions step(mesh.vertices.size(), Vector3d::Zero());
+      for (int v : {39, 40, 41}) step[v] = 0.08 * Vector3d(0.4, 1, i % 2 ? 0.9 : 0.5);  // a fan that is rolled over
+      guard.LimitFolding(mesh, 0.4, &step);
+      mesh.vertices = Added(mesh.vertices, step);
+    }
+    return guard.TurnedFaces(mesh.vertices);
+  };
+  EXPECT_GT(fold(-1), 0);
+  EXPECT_EQ(fold(0.1), 0);
+}
+
+TEST(MotionGuard, AFaceThatStartsTurnedMayOnlyImprove) {
+  // A spike bent over: some faces face down in the start, but not in the smoothed start.
+  TriangleMesh start = HeightField(10, 5, Flat);
+  start.vertices[60] += Vector3d(1.6, 0.3, 0.8);
+  const MotionGuard guard(start, {}, {});
+  ASSERT_GT(guard.TurnedFaces(start.vertices), 0);
+  Positions worse(start.vertices.size(), Vector3d::Zero()), better = worse;
+  worse[60] = Vector3d(0.05, 0, -0.1);
+  better[60] = Vector3d(-0.3, -0.06, -0.1);
+  guard.LimitFolding(start, -1, &worse);
+  guard.LimitFolding(start, -1, &better);
+  EXPECT_EQ(worse[60], Vector3d::Zero());
+  EXPECT_GT(better[60].norm(), 0.1);
+}
+
+TEST(MotionGuard, AFlierStopsAtTheEndOfItsEllipsoid) {
+  const TriangleMesh start = HeightField(8, 4, Flat);
+  MotionLimits limits;
+  limits.max_normal_m = 1;
+  limits.max_tangent_m = 0.25;
+  const MotionGuard guard(start, {}, limits);
+  for (const Vector3d& pull : {Vector3d(0, 0, 0.1), Vector3d(0.1, 0, 0), Vector3d(-0.06, 0.08, -0.1)}) {
+    Positions at = start.vertices;
+    double farthest = 0, first = 0;
+    for (int i = 0; i < 200; ++i) {
+      Positions step(at.size(), Vector3d::Zero());
+      step[40] = pull;
+      guard.LimitDisplacement(at, &step);
+      if (i == 0) first = step[40].norm();
+      at = Added(at, step);
+      const Vector3d d = at[40] - start.vertices[40];
+      farthest = std::max(farthest, std::hypot(d.z() / 1, d.head<2>().norm() / 0.25));
+    }
+    EXPECT_LE(farthest, 1 + 1e-9);
+    EXPECT_GT(farthest, 0.95);
+    EXPECT_DOUBLE_EQ(first, pull.norm());  // free near the start
+    // And it may come back at once.
+    Positions back(at.size(), Vector3d::Zero());
+    back[40] = -pull;
+    guard.LimitDisplacement(at, &back);
+    EXPECT_EQ(back[40], -pull);
+  }
+}
+
+TEST(MotionGuard, IsEqualForAnyNumberOfThreads) {
+  const TriangleMesh mesh = Stairs(120, 4);
+  MotionLimits limits;
+  limits.max_normal_m = 0.1;
+  limits.max_tangent_m = 0.05;
+  const auto limited = [&](int threads) {
+    const ThreadLimit limit(threads);
+    Positions step = RandomSteps(mesh.vertices.size(), 0.05, 3);
+    const MotionGuard guard(mesh, {}, limits);
+    guard.LimitDisplacement(mesh.vertices, &step);
+    guard.LimitFolding(mesh, 0.4, &step);
+    return step;
+  };
+  EXPECT_EQ(limited(1), limited(2));
+}
+
+}  // namespace
+}  // namespace tessera

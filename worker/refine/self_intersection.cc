@@ -1,0 +1,307 @@
+#include "worker/refine/self_intersection.h"
+
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using Point = Kernel::Point_3;
+
+constexpr size_t kLeafFaces = 4;
+constexpr int64_t kGrain = 2048;
+
+Point ToPoint(const Vector3d& p) { return {p.x(), p.y(), p.z()}; }
+
+using Corners = std::array<Vector3d, 3>;
+
+// True if the plane of `t`, or one that stands on an edge of it and goes through the shared corners, has all corners of
+// `o` that are not shared on its far side, beyond any rounding. The `shared` common corners come first in both.
+bool SeparatedByPlaneOf(const Corners& t, const Corners& o, int shared) {
+  constexpr double kError = 1e-13;  // of a point's computed side, relative to the lengths that went into it
+  const std::array<Vector3d, 3> edge = {t[1] - t[0], t[2] - t[1], t[0] - t[2]};
+  const std::array<double, 3> length = {edge[0].norm(), edge[1].norm(), edge[2].norm()};
+  const Vector3d normal = edge[0].cross(edge[1]);
+  const auto side = [&](const Vector3d& axis, double axis_length, const Vector3d& origin) {
+    int above = 0, below = 0;
+    for (int k = shared; k < 3; ++k) {
+      const Vector3d d = o[k] - origin;
+      const double at = axis.dot(d), error = kError * axis_length * d.lpNorm<1>();
+      above += at > error;
+      below += at < -error;
+    }
+    return above == 3 - shared ? 1 : below == 3 - shared ? -1 : 0;
+  };
+  const double scale = length[0] * length[1];
+  if (side(normal, scale, t[0]) != 0) return true;
+  for (int k = 0; k < 3; ++k) {
+    if ((shared == 1 && k == 1) || (shared == 2 && k != 0)) continue;
+    const Vector3d& origin = shared > 0 ? t[0] : t[static_cast<size_t>(k)];
+    if (side(edge[k].cross(normal), scale * length[k], origin) > 0) return true;
+  }
+  return false;
+}
+
+bool Separated(const Corners& a, const Corners& b, int shared) {
+  return SeparatedByPlaneOf(a, b, shared) || SeparatedByPlaneOf(b, a, shared);
+}
+
+// Exact. The shared corners come first in both.
+bool Meet(const Corners& a, const Corners& b, int shared) {
+  const std::array<Point, 3> p = {ToPoint(a[0]), ToPoint(a[1]), ToPoint(a[2])};
+  const std::array<Point, 3> q = {ToPoint(b[0]), ToPoint(b[1]), ToPoint(b[2])};
+  if (CGAL::collinear(p[0], p[1], p[2]) || CGAL::collinear(q[0], q[1], q[2])) return false;
+  if (shared == 3) return true;
+  if (shared == 2) {
+    return CGAL::coplanar(p[0], p[1], p[2], q[2]) &&
+           CGAL::coplanar_orientation(p[0], p[1], p[2], q[2]) == CGAL::POSITIVE;
+  }
+  const Kernel::Triangle_3 first(p[0], p[1], p[2]), second(q[0], q[1], q[2]);
+  if (shared == 1) {
+    return CGAL::do_intersect(first, Kernel::Segment_3(q[1], q[2])) ||
+           CGAL::do_intersect(second, Kernel::Segment_3(p[1], p[2]));
+  }
+  return CGAL::do_intersect(first, second);
+}
+
+bool FacesMeet(const TriangleMesh& mesh, uint32_t f, uint32_t g) {
+  Triangle s = mesh.faces[f], t = mesh.faces[g];
+  int shared = 0;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = shared; j < 3; ++j) {
+      if (s[i] != t[j]) continue;
+      std::swap(s[i], s[shared]);
+      std::swap(t[j], t[shared]);
+      ++shared;
+      break;
+    }
+  }
+  const Corners a = {mesh.vertices[s[0]], mesh.vertices[s[1]], mesh.vertices[s[2]]};
+  const Corners b = {mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]};
+  return !Separated(a, b, shared) && Meet(a, b, shared);
+}
+
+// The bits of x with two zeros between them.
+uint64_t Spread(uint64_t x) {
+  x &= 0x1fffff;
+  x = (x | x << 32) & 0x1f00000000ffff;
+  x = (x | x << 16) & 0x1f0000ff0000ff;
+  x = (x | x << 8) & 0x100f00f00f00f00f;
+  x = (x | x << 4) & 0x10c30c30c30c30c3;
+  return (x | x << 2) & 0x1249249249249249;
+}
+
+}  // namespace
+
+FaceBoxes::FaceBoxes(const TriangleMesh& mesh) {
+  Vector3d low = Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+  for (const Vector3d& v : mesh.vertices) {
+    low = low.cwiseMin(v);
+    high = high.cwiseMax(v);
+  }
+  const double scale = mesh.vertices.empty() ? 1 : 2097151 / std::max(1e-9, (high - low).maxCoeff());
+  std::vector<std::pair<uint64_t, uint32_t>> coded(mesh.faces.size());
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    const Vector3d at = ((mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3 - low) * scale;
+    coded[f].first = Spread(static_cast<uint64_t>(at.x())) | Spread(static_cast<uint64_t>(at.y())) << 1 |
+                     Spread(static_cast<uint64_t>(at.z())) << 2;
+    coded[f].second = static_cast<uint32_t>(f);
+  }
+  std::sort(coded.begin(), coded.end());
+  for (const auto& [code, face] : coded) order_.push_back(face);
+  while (leaves_ * kLeafFaces < order_.size()) leaves_ *= 2;
+  Refit(mesh);
+}
+
+void FaceBoxes::Refit(const TriangleMesh& mesh) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const Box nothing = {{kInfinity, kInfinity, kInfinity}, {-kInfinity, -kInfinity, -kInfinity}};
+  face_boxes_.assign(order_.size(), nothing);
+  nodes_.assign(2 * leaves_, nothing);
+  const auto widen = [](Box& box, const Box& other) {
+    for (int k = 0; k < 3; ++k) {
+      box.low[k] = std::min(box.low[k], other.low[k]);
+      box.high[k] = std::max(box.high[k], other.high[k]);
+    }
+  };
+  ParallelFor(static_cast<int64_t>(order_.size()), kGrain * 4, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      const size_t f = order_[i];
+      const Vector3d& a = mesh.Corner(f, 0);
+      const Vector3d& b = mesh.Corner(f, 1);
+      const Vector3d& c = mesh.Corner(f, 2);
+      for (int k = 0; k < 3; ++k) {
+        const double low = std::min({a[k], b[k], c[k]}), high = std::max({a[k], b[k], c[k]});
+        // Rounding to float must not make a box smaller.
+        face_boxes_[i].low[k] = static_cast<float>(low - 1e-7 * std::abs(low));
+        face_boxes_[i].high[k] = static_cast<float>(high + 1e-7 * std::abs(high));
+      }
+    }
+  });
+  for (size_t i = 0; i < order_.size(); ++i) widen(nodes_[leaves_ + i / kLeafFaces], face_boxes_[i]);
+  for (size_t n = leaves_; n-- > 1;) {
+    widen(nodes_[n], nodes_[2 * n]);
+    widen(nodes_[n], nodes_[2 * n + 1]);
+  }
+}
+
+bool FaceBoxes::Overlap(const Box& a, const Box& b) const {
+  return (a.low[0] <= b.high[0]) & (b.low[0] <= a.high[0]) & (a.low[1] <= b.high[1]) & (b.low[1] <= a.high[1]) &
+         (a.low[2] <= b.high[2]) & (b.low[2] <= a.high[2]);
+}
+
+std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const std::vector<uint32_t>& active) const {
+  if (active.empty()) return {};
+  std::vector<uint8_t> is_active(mesh.faces.size());
+  for (uint32_t f : active) is_active[f] = 1;
+  // Along the curve, so that neighbouring queries walk the same nodes.
+  std::vector<uint32_t> queries;
+  for (uint32_t i = 0; i < order_.size(); ++i) {
+    if (is_active[order_[i]]) queries.push_back(i);
+  }
+  const auto count = static_cast<int64_t>(queries.size());
+  std::vector<std::vector<FacePair>> found(static_cast<size_t>((count + kGrain - 1) / kGrain));
+  ParallelFor(count, kGrain, [&](int64_t begin, int64_t end) {
+    std::vector<FacePair>& out = found[static_cast<size_t>(begin / kGrain)];
+    std::vector<size_t> stack;
+    for (int64_t q = begin; q < end; ++q) {
+      const uint32_t at = queries[static_cast<size_t>(q)], f = order_[at];
+      const Box& box = face_boxes_[at];
+      stack.assign(1, 1);
+      while (!stack.empty()) {
+        const size_t node = stack.back();
+        stack.pop_back();
+        if (!Overlap(nodes_[node], box)) continue;
+        if (node < leaves_) {
+          stack.push_back(2 * node + 1);
+          stack.push_back(2 * node);
+          continue;
+        }
+        const size_t first = (node - leaves_) * kLeafFaces, last = std::min(first + kLeafFaces, order_.size());
+        for (size_t i = first; i < last; ++i) {
+          const uint32_t g = order_[i];
+          if (i == at || (is_active[g] && i < at) || !Overlap(face_boxes_[i], box)) continue;
+          if (FacesMeet(mesh, std::min(f, g), std::max(f, g))) out.push_back({std::min(f, g), std::max(f, g)});
+        }
+      }
+    }
+  });
+  std::vector<FacePair> pairs;
+  for (const std::vector<FacePair>& part : found) pairs.insert(pairs.end(), part.begin(), part.end());
+  std::sort(pairs.begin(), pairs.end());
+  return pairs;
+}
+
+std::vector<FacePair> IntersectingFacePairs(const TriangleMesh& mesh) {
+  std::vector<uint32_t> all(mesh.faces.size());
+  std::iota(all.begin(), all.end(), 0u);
+  return FaceBoxes(mesh).Intersections(mesh, all);
+}
+
+std::vector<FacePair> NewPairs(const std::vector<FacePair>& before, const std::vector<FacePair>& after) {
+  std::vector<FacePair> out;
+  std::set_difference(after.begin(), after.end(), before.begin(), before.end(), std::back_inserter(out));
+  return out;
+}
+
+FoldRepair::FoldRepair(const TriangleMesh& start, const IndexRows& faces_of_vertex)
+    : start_(start), faces_of_vertex_(faces_of_vertex), start_pairs_(IntersectingFacePairs(start)) {}
+
+FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) const {
+  // The share of its motion that a vertex keeps in a pass, by its distance in rings from a spoiled face.
+  constexpr std::array<double, 4> kKept = {0.5, 0.6, 0.75, 0.9};
+  constexpr int kGentlePasses = 4;
+  const Positions proposed = *vertices;
+  std::vector<double> keep(proposed.size(), 1);
+  TriangleMesh mesh{*vertices, start_.faces, {}};
+  FaceBoxes boxes(mesh);
+  std::vector<uint32_t> active(mesh.faces.size());
+  std::iota(active.begin(), active.end(), 0u);
+  std::vector<FacePair> cut;  // pairs that are not the start's, as of the last pass
+  std::vector<int> distance(proposed.size());
+  Result result;
+  for (;; ++result.passes) {
+    // Pairs of faces that did not move since stay as they were found.
+    std::vector<uint8_t> spoiled(mesh.faces.size()), moved(mesh.faces.size());
+    for (uint32_t f : active) moved[f] = 1;
+    std::erase_if(cut, [&](const FacePair& p) { return moved[p[0]] || moved[p[1]]; });
+    for (const FacePair& p : NewPairs(start_pairs_, boxes.Intersections(mesh, active))) cut.push_back(p);
+    for (const FacePair& p : cut) spoiled[p[0]] = spoiled[p[1]] = 1;
+    if (test) {
+      ParallelFor(static_cast<int64_t>(active.size()), kGrain, [&](int64_t begin, int64_t end) {
+        for (int64_t i = begin; i < end; ++i) {
+          const uint32_t f = active[static_cast<size_t>(i)];
+          if (!test(f, good, mesh.vertices)) spoiled[f] = 1;
+        }
+      });
+    }
+    std::vector<uint32_t> front;
+    std::fill(distance.begin(), distance.end(), -1);
+    int64_t count = 0;
+    for (size_t f = 0; f < spoiled.size(); ++f) {
+      if (!spoiled[f]) continue;
+      ++count;
+      for (uint32_t v : mesh.faces[f]) {
+        if (distance[v] == 0) continue;
+        distance[v] = 0;
+        front.push_back(v);
+      }
+    }
+    if (result.passes == 0) result.spoiled_faces = count;
+    if (count == 0) break;
+    // Gentle at first; then the faces themselves go back wholly. Every pass past the gentle ones takes at least one
+    // vertex back for good, and faces between such vertices alone lie as they did in `good`: so this ends.
+    const bool gentle = result.passes < kGentlePasses;
+    bool changed = false;
+    std::vector<uint32_t> patch;
+    for (size_t ring = 0; ring < kKept.size(); ++ring) {
+      std::vector<uint32_t> next;
+      for (uint32_t v : front) {
+        const double before = keep[v];
+        keep[v] *= ring == 0 && !gentle ? 0 : kKept[ring];
+        if (keep[v] == before) continue;
+        changed = changed || ring == 0;
+        patch.push_back(v);
+      }
+      for (uint32_t v : front) {
+        for (uint32_t f : faces_of_vertex_[v]) {
+          for (uint32_t w : mesh.faces[f]) {
+            if (distance[w] >= 0) continue;
+            distance[w] = static_cast<int>(ring) + 1;
+            next.push_back(w);
+          }
+        }
+      }
+      front = std::move(next);
+    }
+    if (!changed) {
+      result.clean = false;
+      break;
+    }
+    std::vector<uint8_t> touched(mesh.faces.size());
+    for (uint32_t v : patch) {
+      mesh.vertices[v] = good[v] + keep[v] * (proposed[v] - good[v]);
+      for (uint32_t f : faces_of_vertex_[v]) touched[f] = 1;
+    }
+    active.clear();
+    for (uint32_t f = 0; f < touched.size(); ++f) {
+      if (touched[f]) active.push_back(f);
+    }
+    boxes.Refit(mesh);
+  }
+  for (double share : keep) result.changed_vertices += share < 1;
+  *vertices = std::move(mesh.vertices);
+  return result;
+}
+
+}  // namespace tessera
