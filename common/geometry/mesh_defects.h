@@ -2,6 +2,7 @@
 #ifndef TESSERA_COMMON_GEOMETRY_MESH_DEFECTS_H_
 #define TESSERA_COMMON_GEOMETRY_MESH_DEFECTS_H_
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -34,8 +35,11 @@ struct MeshDefects {
 // one a face. Thread-safe.
 StatusOr<MeshDefects> CheckMesh(const TriangleMesh& mesh);
 
-// The pairs of faces that cut or overlap each other without being neighbours (CGAL). `mesh` must be an oriented
-// manifold: FAILED_PRECONDITION otherwise. Takes seconds a million faces. Thread-safe.
+// The pairs of faces that cut or overlap each other without being neighbours (CGAL), lower index first, ascending.
+// `mesh` must be an oriented manifold: FAILED_PRECONDITION otherwise. Takes seconds a million faces. Thread-safe.
+StatusOr<std::vector<std::array<uint32_t, 2>>> SelfIntersections(const TriangleMesh& mesh);
+
+// How many there are.
 StatusOr<int64_t> SelfIntersectionCount(const TriangleMesh& mesh);
 
 // The same as CheckMesh, with what RepairMesh needs beside it.

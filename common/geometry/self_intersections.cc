@@ -2,6 +2,7 @@
 #include <CGAL/Polygon_mesh_processing/self_intersections.h>
 #include <CGAL/Surface_mesh.h>
 
+#include <algorithm>
 #include <exception>
 #include <iterator>
 #include <utility>
@@ -18,7 +19,7 @@ using SurfaceMesh = CGAL::Surface_mesh<Kernel::Point_3>;
 
 }  // namespace
 
-StatusOr<int64_t> SelfIntersectionCount(const TriangleMesh& mesh) {
+StatusOr<std::vector<std::array<uint32_t, 2>>> SelfIntersections(const TriangleMesh& mesh) {
   try {
     SurfaceMesh surface;
     std::vector<SurfaceMesh::Vertex_index> vertices;
@@ -32,10 +33,22 @@ StatusOr<int64_t> SelfIntersectionCount(const TriangleMesh& mesh) {
     }
     std::vector<std::pair<SurfaceMesh::Face_index, SurfaceMesh::Face_index>> pairs;
     CGAL::Polygon_mesh_processing::self_intersections<CGAL::Sequential_tag>(surface, std::back_inserter(pairs));
-    return static_cast<int64_t>(pairs.size());
+    std::vector<std::array<uint32_t, 2>> result;
+    result.reserve(pairs.size());
+    for (const auto& [a, b] : pairs) {
+      const uint32_t f = static_cast<uint32_t>(a), g = static_cast<uint32_t>(b);
+      result.push_back({std::min(f, g), std::max(f, g)});
+    }
+    std::sort(result.begin(), result.end());
+    return result;
   } catch (const std::exception& error) {
     return absl::FailedPreconditionError(absl::StrCat("self-intersections could not be found: ", error.what()));
   }
+}
+
+StatusOr<int64_t> SelfIntersectionCount(const TriangleMesh& mesh) {
+  TESSERA_ASSIGN_OR_RETURN(const auto pairs, SelfIntersections(mesh));
+  return static_cast<int64_t>(pairs.size());
 }
 
 }  // namespace tessera

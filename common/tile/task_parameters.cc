@@ -45,17 +45,33 @@ std::string TileInputName(int tile, const std::string& file) {
   return number + "/" + file;
 }
 
+std::string ToJson(const IngestParameters& p) {
+  json out = json::object();
+  if (p.partners) out["partners"] = *p.partners;
+  return out.dump();
+}
+
 std::string ToJson(const CutParameters& p) {
   return json{{"tile", TileToJson(p.tile)}, {"halo_m", p.halo_m}, {"views", p.views}}.dump();
 }
 
-std::string ToJson(const RefineParameters& p) { return json{{"rounds", p.rounds}, {"method", p.method}}.dump(); }
+std::string ToJson(const RefineParameters& p) {
+  return json{{"rounds", p.rounds}, {"method", p.method}, {"settings", json::parse(ToJson(p.settings))}}.dump();
+}
 
 std::string ToJson(const StitchParameters& p) {
   return json{{"tile", TileToJson(p.tile)}, {"blend_m", p.blend_m}, {"results", TilesToJson(p.results)}}.dump();
 }
 
 std::string ToJson(const PublishParameters& p) { return json{{"tiles", TilesToJson(p.tiles)}}.dump(); }
+
+StatusOr<IngestParameters> ParseIngestParameters(const std::string& text) {
+  return Parse<IngestParameters>(text, [](const json& j) {
+    IngestParameters parameters;
+    if (j.contains("partners")) parameters.partners = j.at("partners").get<int>();
+    return parameters;
+  });
+}
 
 StatusOr<CutParameters> ParseCutParameters(const std::string& text) {
   return Parse<CutParameters>(text, [](const json& j) {
@@ -64,9 +80,13 @@ StatusOr<CutParameters> ParseCutParameters(const std::string& text) {
 }
 
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& text) {
-  return Parse<RefineParameters>(text, [](const json& j) {
-    return RefineParameters{j.at("rounds"), j.at("method").get<std::string>()};
-  });
+  std::string settings;
+  TESSERA_ASSIGN_OR_RETURN(RefineParameters parameters, Parse<RefineParameters>(text, [&settings](const json& j) {
+                             settings = j.at("settings").dump();
+                             return RefineParameters{j.at("rounds"), j.at("method").get<std::string>(), {}};
+                           }));
+  TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));
+  return parameters;
 }
 
 StatusOr<StitchParameters> ParseStitchParameters(const std::string& text) {

@@ -4,11 +4,13 @@
 #define TESSERA_COMMON_TILE_TASK_PARAMETERS_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "common/base/status.h"
 #include "common/tile/ground.h"
+#include "common/tile/method_settings.h"
 
 namespace tessera {
 
@@ -30,6 +32,11 @@ struct TileParameters {
 // A tile's input among those of stitch and publish: "0003/result.arrays".
 std::string TileInputName(int tile, const std::string& file);
 
+// What ingest needs to know of the method; without, it is done once for all methods.
+struct IngestParameters {
+  std::optional<int> partners;  // that a view chooses; unset: the default
+};
+
 struct CutParameters {
   TileParameters tile;
   double halo_m = 0;
@@ -39,6 +46,7 @@ struct CutParameters {
 struct RefineParameters {
   int rounds = 0;  // 0: the default
   std::string method;
+  MethodSettings settings = {};
 };
 
 struct StitchParameters {
@@ -51,12 +59,14 @@ struct PublishParameters {
   std::vector<TileParameters> tiles;  // ascending
 };
 
+std::string ToJson(const IngestParameters& parameters);
 std::string ToJson(const CutParameters& parameters);
 std::string ToJson(const RefineParameters& parameters);
 std::string ToJson(const StitchParameters& parameters);
 std::string ToJson(const PublishParameters& parameters);
 
 // INVALID_ARGUMENT if `json` lacks a parameter or has one of a wrong type.
+StatusOr<IngestParameters> ParseIngestParameters(const std::string& json);
 StatusOr<CutParameters> ParseCutParameters(const std::string& json);
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& json);
 StatusOr<StitchParameters> ParseStitchParameters(const std::string& json);

@@ -28,14 +28,6 @@ void ToProto(const Digest& digest, v1::Digest* proto) {
   proto->set_size_bytes(digest.size_bytes);
 }
 
-JobSettings FromProto(const v1::JobSettings& proto) {
-  JobSettings settings;
-  settings.tiles = proto.tiles();
-  settings.rounds = proto.rounds();
-  if (!proto.method().empty()) settings.method = proto.method();
-  return settings;
-}
-
 TaskFailure FromProto(const v1::TaskError& error) {
   const bool known = v1::ErrorClass_IsValid(error.error_class());
   return {known ? static_cast<ErrorClass>(error.error_class()) : ErrorClass::kTransient, error.message()};
@@ -54,9 +46,7 @@ void ToProto(const JobStatus& status, v1::Job* proto) {
   proto->set_name(header.name);
   proto->set_display_name(header.display_name);
   proto->set_scene_path(header.scene_path);
-  proto->mutable_settings()->set_tiles(header.settings.tiles);
-  proto->mutable_settings()->set_rounds(header.settings.rounds);
-  proto->mutable_settings()->set_method(header.settings.method);
+  ToProto(header.settings, proto->mutable_settings());
   proto->set_state(static_cast<v1::JobState>(header.state));
   proto->set_error(header.error);
   if (header.create_us != 0) *proto->mutable_create_time() = ToTimestamp(header.create_us);

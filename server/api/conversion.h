@@ -3,6 +3,7 @@
 #define TESSERA_SERVER_API_CONVERSION_H_
 
 #include "server/dispatch/dispatcher.h"
+#include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
 #include "tessera/v1/workers.pb.h"
 
@@ -10,7 +11,6 @@ namespace tessera {
 
 Digest FromProto(const v1::Digest& digest);
 void ToProto(const Digest& digest, v1::Digest* proto);
-JobSettings FromProto(const v1::JobSettings& settings);
 TaskFailure FromProto(const v1::TaskError& error);
 ReportedResult FromProto(const v1::TaskResult& result);
 void ToProto(const JobStatus& status, v1::Job* proto);

@@ -24,23 +24,13 @@ StatusOr<int> ParseToken(const std::string& token, int by_default) {
   return std::stoi(token);
 }
 
-Status CheckSettings(const v1::JobSettings& settings) {
-  Faults faults;
-  if (settings.tiles() < 0) {
-    faults.Add(InputError("settings", "tiles", std::to_string(settings.tiles()), "0 or more"));
-  }
-  if (settings.rounds() < 0) {
-    faults.Add(InputError("settings", "rounds", std::to_string(settings.rounds()), "0 or more"));
-  }
-  return faults.ToStatus();
-}
-
 StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::CreateJobRequest& request,
                            const grpc::ServerContext& context) {
   if (auto known = environment.dispatcher->FindRequest(request.request_id()); known && !request.validate_only()) {
     return *std::move(known);
   }
-  TESSERA_RETURN_IF_ERROR(CheckSettings(request.settings()));
+  // Before the scene is read; whether it can be planned is asked later.
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(FromProto(request.settings())));
   if (!std::filesystem::path(request.scene_path()).is_absolute()) {
     return InputError("scene_path", "", "'" + request.scene_path() + "'", "an absolute path");
   }

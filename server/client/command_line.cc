@@ -1,15 +1,67 @@
 #include "server/client/command_line.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <random>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "server/client/commands.h"
 #include "server/client/job_words.h"
+#include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
+namespace {
+
+// "thin_plate" on the command line.
+std::string FlagOf(std::string name) {
+  std::replace(name.begin(), name.end(), '_', '-');
+  return "--" + name;
+}
+
+void AddMethodOptions(CLI::App& command, JobSettings* settings) {
+  const char* const group = "Method";
+  command
+      .add_option("--method", settings->method,
+                  "tessera; baseline: Vu et al. 2012, images alone; paper: Blaha et al. 2017 as written. The defaults "
+                  "below are those of tessera")
+      ->type_name(absl::StrJoin(kMethods, "|"))
+      ->capture_default_str()
+      ->group(group);
+  command
+      .add_option("--rounds", settings->rounds,
+                  absl::StrCat("Rounds of shape and labels, to ", kMaxRounds, "; 0: the method's own"))
+      ->capture_default_str()
+      ->group(group);
+  const auto add_number = [&](const auto& setting) {
+    command
+        .add_option(FlagOf(setting.name), settings->method_settings.*setting.value,
+                    absl::StrCat(setting.meaning, " (default ", setting.standard, ")"))
+        ->type_name(absl::StrCat(setting.low, "..", setting.high))
+        ->group(group);
+  };
+  for (const auto& setting : RealSettings()) add_number(setting);
+  for (const auto& setting : WholeSettings()) add_number(setting);
+  for (const ListSetting& setting : ListSettings()) {
+    command
+        .add_option(FlagOf(setting.name), settings->method_settings.*setting.value,
+                    absl::StrCat(setting.meaning, " (default ", absl::StrJoin(setting.standard, ","), ")"))
+        ->type_name(absl::StrCat(setting.low, "..", setting.high, ",..."))
+        ->delimiter(',')
+        ->allow_extra_args(false)
+        ->group(group);
+  }
+  command
+      .add_option("--labels-first", settings->method_settings.labels_first,
+                  "Whether labels are solved before the first round too (default false)")
+      ->type_name("true|false")
+      ->group(group);
+}
+
+}  // namespace
 
 void AddCoordinatorOption(CLI::App& command, std::string* address) {
   *address = "127.0.0.1:7575";
@@ -20,13 +72,15 @@ void AddCoordinatorOption(CLI::App& command, std::string* address) {
 
 void AddJobOptions(CLI::App& command, JobFlags* flags) {
   command.add_option("SCENE", flags->scene, "Folder with a scene.json")->required();
-  command.add_option("--tiles", flags->tiles, "Number of tiles; 0: as many as fit, 1: untiled")
-      ->check(CLI::Range(0, 1'000'000))
+  command
+      .add_option("--tiles", flags->settings.tiles,
+                  absl::StrCat("Number of tiles, to ", kMaxTiles, "; 0: as many as fit, 1: untiled"))
       ->capture_default_str();
-  command.add_option("--rounds", flags->rounds, "Rounds of shape and labels; 0: the default")
-      ->check(CLI::Range(0, 1000))
-      ->capture_default_str();
-  command.add_option("--method", flags->method, "Energies and solvers: tessera");
+  AddMethodOptions(command, &flags->settings);
+  command.parse_complete_callback([flags] {
+    const Status status = CheckJobSettings(flags->settings);
+    if (!status.ok()) throw CLI::ValidationError(std::string(status.message()));
+  });
 }
 
 Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request) {
@@ -34,9 +88,7 @@ Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request) {
   const std::filesystem::path path = std::filesystem::absolute(flags.scene, error).lexically_normal();
   if (error) return absl::InvalidArgumentError(flags.scene + ": " + error.message());
   request->set_scene_path(path.string());
-  request->mutable_settings()->set_tiles(flags.tiles);
-  request->mutable_settings()->set_rounds(flags.rounds);
-  request->mutable_settings()->set_method(flags.method);
+  ToProto(flags.settings, request->mutable_settings());
   return absl::OkStatus();
 }
 

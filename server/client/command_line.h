@@ -5,6 +5,7 @@
 #include <string>
 
 #include "common/base/status.h"
+#include "server/settings/job_settings.h"
 
 namespace CLI {
 class App;
@@ -20,13 +21,12 @@ class Job;
 // --coordinator HOST:PORT, or the environment's TESSERA_COORDINATOR, or 127.0.0.1:7575.
 void AddCoordinatorOption(CLI::App& command, std::string* address);
 
-// What a user asks of a job; the flags --tiles, --rounds and --method.
+// What a user asks of a job: the scene, and the flags --tiles, --rounds, --method and its settings.
 struct JobFlags {
   std::string scene;
-  int tiles = 0;
-  int rounds = 0;
-  std::string method;
+  JobSettings settings;
 };
+// Settings outside their limits end the parsing with what was found and what was expected.
 void AddJobOptions(CLI::App& command, JobFlags* flags);
 
 // The request for these flags, its scene made an absolute path. INVALID_ARGUMENT if there is no such folder.

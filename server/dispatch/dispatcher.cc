@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "common/base/version.h"
+#include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -110,9 +111,7 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& job) {
     accepted.set_request_id(job.request_id);
     accepted.set_display_name(job.display_name);
     accepted.set_scene_path(job.scene_path);
-    accepted.mutable_settings()->set_tiles(job.settings.tiles);
-    accepted.mutable_settings()->set_rounds(job.settings.rounds);
-    accepted.mutable_settings()->set_method(job.settings.method);
+    ToProto(job.settings, accepted.mutable_settings());
     for (const NamedDigest& file : job.scene_files) {
       v1::SceneFileRecord& added = *accepted.add_scene_files();
       added.set_path(file.name);

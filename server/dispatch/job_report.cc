@@ -63,14 +63,16 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
 
 std::string JobReportJson(const Job& job, const std::string& error, int64_t end_us) {
   const JobHeader& header = job.header;
-  Json json = {
-      {"tessera_job", 1},
-      {"name", header.name},
-      {"display_name", header.display_name},
-      {"scene", header.scene_path},
-      {"settings",
-       {{"tiles", header.settings.tiles}, {"rounds", header.settings.rounds}, {"method", header.settings.method}}},
-      {"state", error.empty() ? "succeeded" : "failed"}};
+  Json json = {{"tessera_job", 1},
+               {"name", header.name},
+               {"display_name", header.display_name},
+               {"scene", header.scene_path},
+               {"settings",
+                {{"tiles", header.settings.tiles},
+                 {"rounds", header.settings.rounds},
+                 {"method", header.settings.method},
+                 {"method_settings", Json::parse(ToJson(header.settings.method_settings))}}},
+               {"state", error.empty() ? "succeeded" : "failed"}};
   if (!error.empty()) json["error"] = error;
   json["warnings"] = header.warnings;
   int attempts = 0, reused = 0;

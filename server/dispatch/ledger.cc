@@ -4,6 +4,7 @@
 #include <set>
 
 #include "server/dispatch/task_key.h"
+#include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -226,9 +227,7 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   job.header.request_id = change.request_id();
   job.header.display_name = change.display_name();
   job.header.scene_path = change.scene_path();
-  job.header.settings.tiles = change.settings().tiles();
-  job.header.settings.rounds = change.settings().rounds();
-  if (!change.settings().method().empty()) job.header.settings.method = change.settings().method();
+  job.header.settings = FromProto(change.settings());
   job.header.create_us = time_us;
   job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
   for (const auto& file : change.scene_files()) {

@@ -1,6 +1,7 @@
 #include "server/plan/graph.h"
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 #include "common/tile/survey.h"
@@ -10,12 +11,10 @@
 namespace tessera {
 namespace {
 
-constexpr int kMaxTiles = 100000;
-constexpr int kMaxRounds = 20;
-
 // Halo in GSD. At the coarser of two pyramid levels a step reaches two windows of radius 3 (12 GSD), a face (about 5)
 // and two rings (10); labels die out in about 8 faces. Twice the larger, for the steps that add up.
 constexpr double kHaloGsd = 56;
+constexpr int kHaloRadius_px = 3, kHaloCoarsest = 2;  // what that is for
 // Tiles blend over the inner half of the halo; what lies outside it only shields that half from the cut.
 constexpr double kBlendShare = 0.5;
 
@@ -25,22 +24,6 @@ constexpr double kCutSecondsPerFace = 4e-6;
 constexpr double kRefineSecondsPerWork = 3e-5;  // a face and view
 constexpr double kStitchSecondsPerFace = 3e-6;
 constexpr double kPublishSecondsPerFace = 3e-6;
-
-Status CheckSettings(const JobSettings& settings) {
-  Faults faults;
-  if (settings.tiles < 0 || settings.tiles > kMaxTiles) {
-    faults.Add(absl::InvalidArgumentError("tiles: found " + std::to_string(settings.tiles) +
-                                          ", expected 0 (as many as fit) to " + std::to_string(kMaxTiles)));
-  }
-  if (settings.rounds < 0 || settings.rounds > kMaxRounds) {
-    faults.Add(absl::InvalidArgumentError("rounds: found " + std::to_string(settings.rounds) +
-                                          ", expected 0 (the default) to " + std::to_string(kMaxRounds)));
-  }
-  if (!settings.method.empty() && settings.method != "tessera") {
-    faults.Add(absl::InvalidArgumentError("method: found \"" + settings.method + "\", expected \"tessera\""));
-  }
-  return faults.ToStatus();
-}
 
 struct PlannedTile {
   TileParameters parameters;
@@ -53,6 +36,15 @@ struct PlannedTile {
 PlannedInput FromTask(const std::string& name, int task, const std::string& output) { return {name, "", task, output}; }
 
 PlannedInput FromScene(const std::string& file) { return {std::string(kSceneFolder) + "/" + file, file, -1, ""}; }
+
+// Wider windows and coarser levels reach further in proportion; narrower ones leave the rest of the reach as it is.
+double HaloGsd(const MethodSettings& settings) {
+  const int radius_px = settings.window_px.value_or(2 * kHaloRadius_px + 1) / 2;
+  const int coarsest =
+      settings.levels.empty() ? kHaloCoarsest : *std::max_element(settings.levels.begin(), settings.levels.end());
+  const double reach = std::ldexp(radius_px, coarsest) / std::ldexp(kHaloRadius_px, kHaloCoarsest);
+  return kHaloGsd * std::max(1.0, reach);
+}
 
 std::vector<PlannedTile> MakeTiles(const JobSettings& settings, const Survey& survey, double halo_m) {
   std::vector<PlannedTile> tiles;
@@ -82,21 +74,21 @@ std::string TileName(const char* kind, const PlannedTile& tile) {
 }  // namespace
 
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
-  TESSERA_RETURN_IF_ERROR(CheckSettings(settings));
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   if (scene_files.empty()) return absl::InvalidArgumentError("the scene has no files");
   PlannedTask task;
   task.kind = "ingest";
   task.name = "ingest";
-  task.parameters = "{}";
+  task.parameters = ToJson(IngestParameters{settings.method_settings.partners});
   task.cost = kIngestSecondsPerFile * static_cast<double>(scene_files.size());
   for (const std::string& file : scene_files) task.inputs.push_back({file, file, -1, ""});
   return task;
 }
 
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey_json) {
-  TESSERA_RETURN_IF_ERROR(CheckSettings(settings));
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
-  const double halo_m = kHaloGsd * survey.gsd_m, blend_m = kBlendShare * halo_m;
+  const double halo_m = HaloGsd(settings.method_settings) * survey.gsd_m, blend_m = kBlendShare * halo_m;
   const std::vector<PlannedTile> tiles = MakeTiles(settings, survey, halo_m);
   const int count = static_cast<int>(tiles.size());
   constexpr int kIngest = 0;
@@ -115,7 +107,8 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
                      {FromTask(kCityFile, kIngest, kCityFile), FromTask(kSurveyFile, kIngest, kSurveyFile)}});
   }
   for (const PlannedTile& tile : tiles) {
-    const RefineParameters parameters = {settings.rounds, "tessera"};
+    const RefineParameters parameters = {settings.rounds, settings.method.empty() ? kMethods[0] : settings.method,
+                                         settings.method_settings};
     PlannedTask task = {"refine",
                         TileName("refine", tile),
                         tile.parameters.tile,

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "server/settings/job_settings.h"
 
 namespace tessera {
 
@@ -24,13 +25,6 @@ struct PlannedTask {
   std::string parameters;  // canonical JSON (sorted keys, no spaces)
   double cost = 1;         // predicted work, relative; for progress, ETA and order
   std::vector<PlannedInput> inputs;
-};
-
-// What a user asks of a job; everything in it enters the tasks' parameters. JSON in proto Job.settings_json.
-struct JobSettings {
-  int tiles = 0;   // 0: as many as fit; 1: the untiled run
-  int rounds = 0;  // outer loop; 0: the default
-  std::string method = "tessera";
 };
 
 // The first task of a job. `scene_files`: every file of the scene, relative, sorted.

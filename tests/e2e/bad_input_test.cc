@@ -102,5 +102,24 @@ TEST(BadInputLeftoversTest, ARefusedSceneLeavesNoFolderAndOldResultsStay) {
   EXPECT_EQ(Content(out + "/mesh.ply"), "of an earlier run");
 }
 
+TEST(BadSettingsTest, AreRefusedBeforeAnyWork) {
+  const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
+  const std::string out = folder.path() + "/out";
+  const Outcome run = Tessera(folder.path(), {"run", ToyCity(), "--out", out, "--method", "magic", "--window-px", "12",
+                                              "--thin-plate", "-1", "--rounds", "99"});
+  EXPECT_EQ(run.exit_code, 2) << run.output;
+  for (const char* words :
+       {"method: found \"magic\", expected tessera, baseline, paper", "window_px: found 12, expected 3 to 11",
+        "thin_plate: found -1, expected 0 to 100", "rounds: found 99, expected 0"}) {
+    EXPECT_THAT(run.output, HasSubstr(words));
+  }
+  EXPECT_FALSE(fs::exists(out));
+  // No coordinator is asked either.
+  const Outcome submit = Tessera(folder.path(), {"submit", ToyCity(), "--coordinator", "127.0.0.1:1", "--levels", "1"});
+  EXPECT_EQ(submit.exit_code, 2) << submit.output;
+  EXPECT_THAT(submit.output,
+              HasSubstr("iterations: found 3 numbers (12,10,10), expected one for each of the 1 levels"));
+}
+
 }  // namespace
 }  // namespace tessera::e2e

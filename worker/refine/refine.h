@@ -52,10 +52,14 @@ struct RefineOptions {
 
   // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
   // count in pixels of the level.
+  double semantic = 0;  // λ1, of E_sem; 0: off
   double thin_plate = 0.3;
   double membrane = 0.02;
-  double rim = 0.3;           // keeps the displacement of mesh rims smooth along the rim
-  int smoothing_sweeps = 10;  // Chebyshev sweeps of the semi-implicit step
+  double rim = 0.3;                      // keeps the displacement of mesh rims smooth along the rim
+  double inter = 0;                      // λ3, of E_inter; 0: off
+  double mixed = 0;                      // weak umbrella at vertices of several labels
+  std::vector<double> class_smoothness;  // ω a class; empty: all 1
+  int smoothing_sweeps = 10;             // Chebyshev sweeps of the semi-implicit step
 
   // Descent.
   double max_step_px = 1.0;                            // per iteration, pixels of the level

@@ -31,8 +31,10 @@ void CompleteLabels(const SceneDescription& scene, TriangleMesh* mesh) {
   if (mesh->labels.empty()) mesh->labels.assign(mesh->faces.size(), scene.has_likelihoods ? -1 : 0);
 }
 
-void FillPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras, Survey* survey) {
+void FillPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras, const IngestParameters& parameters,
+               Survey* survey) {
   PairOptions options;
+  options.partners = parameters.partners.value_or(options.partners);
   options.samples =
       std::clamp(kPairSamplesPerView * static_cast<int>(cameras.size()), kMinPairSamples, kMaxPairSamples);
   for (const ViewPair& pair : SelectPairs(mesh, cameras, options)) {
@@ -44,6 +46,7 @@ void FillPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras
 
 StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
+  TESSERA_ASSIGN_OR_RETURN(const IngestParameters parameters, ParseIngestParameters(request.parameters));
   TaskOutcome outcome;
   control.Report(0, "checking the scene");
   // Says all that is wrong at once; after it loading cannot fail for the scene's sake.
@@ -83,7 +86,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   survey.vertices = static_cast<int64_t>(city.mesh.vertices.size());
   survey.faces = static_cast<int64_t>(city.mesh.faces.size());
   TESSERA_RETURN_IF_ERROR(FillCells(city.mesh, CellViewOptions(), PartOf(control, 0.6, 0.9), &survey));
-  FillPairs(city.mesh, cameras, &survey);
+  FillPairs(city.mesh, cameras, parameters, &survey);
   survey.warnings = outcome.warnings;
 
   control.Report(0.9, "writing the city");

@@ -1,6 +1,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/tile/task_parameters.h"
+#include "worker/tasks/methods.h"
 #include "worker/tasks/refine_tile.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/tile_files.h"
@@ -19,8 +20,7 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
       LoadTileViews(package, mesh_in_tile, InputPath(request, kSceneFolder), PartOf(control, 0, 0.05)));
   const double seconds_loading = SecondsSince(clock, start_us);
 
-  TileRefineOptions options;
-  if (parameters.rounds > 0) options.rounds = parameters.rounds;
+  TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, package.classes));
   options.geometry.clock = &clock;
   TESSERA_ASSIGN_OR_RETURN(const TileRefinement refinement,
                            RefineTile(package, mesh_in_tile, views, options, PartOf(control, 0.05, 0.99), clock));

@@ -1,5 +1,6 @@
 #include "worker/tasks/refine_tile.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "common/geometry/topology.h"
@@ -87,12 +88,32 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
   result.labels = package.mesh.labels;
   result.beliefs = CertainBeliefs(result.labels, classes);
 
+  const auto solve_labels = [&](const TaskControl& part, json* report) -> Status {
+    const int64_t start_us = clock.MonotonicUs();
+    TESSERA_ASSIGN_OR_RETURN(Labelling labelling, LabelMesh(package, problem.mesh, problem.occluders, edges, views,
+                                                            result.labels, options, part));
+    (*report)["label_energy_start"] = labelling.start_energy;
+    (*report)["label_energy_end"] = labelling.energy;
+    (*report)["label_changes"] = CountDifferent(result.labels, labelling.labels);
+    result.labels = std::move(labelling.labels);
+    result.beliefs = std::move(labelling.beliefs);
+    refinement.seconds_labels += SecondsSince(clock, start_us);
+    return absl::OkStatus();
+  };
+
+  json tile_report = {{"faces", mesh_in_tile.faces.size()}, {"views", views.size()}};
+  // A start without any labels is given some first, for the geometry that asks for them (paper, section 3).
+  const bool unlabelled = std::all_of(result.labels.begin(), result.labels.end(), [](int32_t l) { return l < 0; });
+  const bool labels_first = label && (options.labels_first || (options.geometry_knows_labels && unlabelled));
+  const double begin = labels_first ? 0.1 : 0;  // share of the work before the rounds
+  if (labels_first) TESSERA_RETURN_IF_ERROR(solve_labels(PartOf(control, 0, begin), &tile_report["labels_first"]));
   json rounds = json::array();
   for (int round = 0; round < options.rounds; ++round) {
-    const double low = static_cast<double>(round) / options.rounds, high = (round + 1.0) / options.rounds;
+    const double share = (1 - begin) / options.rounds, low = begin + round * share, high = low + share;
     json report = json::object();
     const int64_t geometry_start_us = clock.MonotonicUs();
     if (!problem.pairs.empty()) {
+      problem.mesh.labels = options.geometry_knows_labels ? result.labels : std::vector<int32_t>();
       std::vector<Eigen::Vector3d> moved;
       const TaskControl part = PartOf(control, low, low + 0.85 * (high - low));
       TESSERA_ASSIGN_OR_RETURN(const RefineReport r, RefineGeometry(problem, &moved, options.geometry, part));
@@ -105,18 +126,9 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
       report["warped_pixels"] = r.warped_pixels;
     }
     refinement.seconds_geometry += SecondsSince(clock, geometry_start_us);
-    const int64_t labels_start_us = clock.MonotonicUs();
     if (label) {
-      const TaskControl part = PartOf(control, low + 0.85 * (high - low), high);
-      TESSERA_ASSIGN_OR_RETURN(Labelling labelling, LabelMesh(package, problem.mesh, problem.occluders, edges, views,
-                                                              result.labels, options, part));
-      report["label_energy_start"] = labelling.start_energy;
-      report["label_energy_end"] = labelling.energy;
-      report["label_changes"] = CountDifferent(result.labels, labelling.labels);
-      result.labels = std::move(labelling.labels);
-      result.beliefs = std::move(labelling.beliefs);
+      TESSERA_RETURN_IF_ERROR(solve_labels(PartOf(control, low + 0.85 * (high - low), high), &report));
     }
-    refinement.seconds_labels += SecondsSince(clock, labels_start_us);
     rounds.push_back(std::move(report));
   }
 
@@ -124,8 +136,8 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
   for (size_t v = 0; v < result.displacements.size(); ++v) {
     result.displacements[v] = problem.mesh.vertices[v] - mesh_in_tile.vertices[v];
   }
-  result.report =
-      json{{"faces", mesh_in_tile.faces.size()}, {"views", views.size()}, {"rounds", std::move(rounds)}}.dump();
+  tile_report["rounds"] = std::move(rounds);
+  result.report = tile_report.dump();
   return refinement;
 }
 

@@ -17,7 +17,9 @@
 namespace tessera {
 
 struct TileRefineOptions {
-  int rounds = 1;  // of geometry, then labels; the geometry knows no labels yet, so more than one only repeats it
+  int rounds = 1;                     // of geometry, then labels; always all of them, so that tiles do alike
+  bool labels_first = false;          // before the first geometry too; where nothing is labelled, always
+  bool geometry_knows_labels = true;  // false: the geometry sees a mesh without labels
   RefineOptions geometry;
   LabelOptions label;
   SolverOptions solver;

@@ -166,5 +166,59 @@ TEST(Line, EveryFaultOfTheSceneIsInOneMessage) {
   EXPECT_NE(std::string(status.message()).find(scene.image_names[0]), std::string::npos) << status;
 }
 
+// What the refine task of an untiled run tells of itself.
+nlohmann::json RefineStats(const std::string& folder, const std::string& work, const JobSettings& settings) {
+  const auto tasks = RunLine(folder, folder + "/" + work, settings);
+  EXPECT_TRUE(tasks.ok()) << tasks.status();
+  for (const LineTask& task : *tasks) {
+    if (task.planned.kind == "refine") return nlohmann::json::parse(task.outcome.stats);
+  }
+  return {};
+}
+
+TEST(Line, MethodAndSettingsReachTheRefinement) {
+  const std::string folder = FreshTestFolder("methods");
+  WriteTinyScene(folder);
+  JobSettings settings;
+  settings.tiles = 1;
+  settings.method_settings.levels = {1};
+  settings.method_settings.iterations = {2};
+  const auto pixels = [](const nlohmann::json& stats) {
+    return stats.at("rounds").at(0).at("warped_pixels").get<int64_t>();
+  };
+  const nlohmann::json ours = RefineStats(folder, "ours", settings);
+  EXPECT_EQ(ours.at("rounds").size(), 1u);
+  EXPECT_FALSE(ours.contains("labels_first")) << "the start has labels";
+
+  settings.method_settings.iterations = {4};
+  EXPECT_GT(pixels(RefineStats(folder, "longer", settings)), pixels(ours));
+  settings.method_settings.iterations = {2};
+  settings.method_settings.partners = 1;
+  EXPECT_LT(pixels(RefineStats(folder, "fewer", settings)), pixels(ours));
+  settings.method_settings.partners.reset();
+
+  settings.method = "paper";
+  settings.method_settings.labels_first = true;
+  const nlohmann::json paper = RefineStats(folder, "paper", settings);
+  EXPECT_EQ(paper.at("rounds").size(), 5u);
+  EXPECT_TRUE(paper.contains("labels_first"));
+  // Another label energy: the same labels cost something else.
+  EXPECT_NE(paper.at("rounds").at(0).at("label_energy_start"), ours.at("rounds").at(0).at("label_energy_start"));
+}
+
+TEST(Line, AStartWithoutLabelsGetsThemBeforeTheGeometryThatKnowsThem) {
+  TinySceneOptions options;
+  options.labels = false;
+  const std::string folder = FreshTestFolder("unlabelled_methods");
+  WriteTinyScene(folder, options);
+  JobSettings settings;
+  settings.tiles = 1;
+  settings.method_settings.levels = {1};
+  settings.method_settings.iterations = {1};
+  EXPECT_TRUE(RefineStats(folder, "ours", settings).contains("labels_first"));
+  settings.method = "baseline";
+  EXPECT_FALSE(RefineStats(folder, "baseline", settings).contains("labels_first"));
+}
+
 }  // namespace
 }  // namespace tessera

@@ -7,6 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 #include <set>
 
@@ -215,6 +216,13 @@ TEST(SelfIntersections, AreCounted) {
   mesh.vertices.insert(mesh.vertices.end(), other.vertices.begin(), other.vertices.end());
   for (const Triangle& f : other.faces) mesh.faces.push_back({f[0] + 4, f[1] + 4, f[2] + 4});
   EXPECT_GT(SelfIntersectionCount(mesh).value(), 0);
+  const auto pairs = SelfIntersections(mesh).value();
+  EXPECT_EQ(static_cast<int64_t>(pairs.size()), SelfIntersectionCount(mesh).value());
+  EXPECT_TRUE(std::is_sorted(pairs.begin(), pairs.end()));
+  for (const auto& [a, b] : pairs) {
+    EXPECT_LT(a, 4u) << "neither cuts itself";
+    EXPECT_GE(b, 4u);
+  }
   mesh.faces.push_back({0, 1, 5});
   EXPECT_EQ(SelfIntersectionCount(mesh).status().code(), absl::StatusCode::kFailedPrecondition);
 }

@@ -25,6 +25,7 @@ Survey MakeSurvey() {
   s.classes.resize(2);
   s.classes[1].name = "roof";
   s.classes[1].prior_alpha_rad = 1.0 / 9;
+  s.classes[1].smoothness = 1.0 / 11;
   s.warnings = {"something odd"};
   return s;
 }
@@ -38,6 +39,7 @@ TEST(Survey, JsonRoundTripKeepsEveryBit) {
   EXPECT_EQ(parsed->views[0].camera.translation_cam_from_world,
             MakeSurvey().views[0].camera.translation_cam_from_world);
   EXPECT_EQ(parsed->views[0].lens.coefficients[1], 1.0 / 7);
+  EXPECT_EQ(parsed->classes[1].smoothness, 1.0 / 11);
 }
 
 TEST(Survey, RefusesWhatItDidNotWrite) {

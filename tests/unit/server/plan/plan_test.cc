@@ -197,10 +197,69 @@ TEST(Plan, SettingsAreRefusedAllAtOnce) {
   EXPECT_FALSE(PlanTiles({}, "not json").ok());
 }
 
+// The parameters of the job's first task of a kind.
+std::string ParametersOf(const JobSettings& settings, const std::string& kind) {
+  const auto tasks = PlanTiles(settings, SurveyToJson(RandomSurvey(6, 6, 1, 1)));
+  EXPECT_TRUE(tasks.ok()) << tasks.status();
+  for (const PlannedTask& task : *tasks) {
+    if (task.kind == kind) return task.parameters;
+  }
+  return "";
+}
+
+TEST(Plan, RefineKnowsMethodAndSettings) {
+  std::set<std::string> seen;
+  for (const char* method : kMethods) {
+    JobSettings settings;
+    settings.method = method;
+    EXPECT_TRUE(seen.insert(ParametersOf(settings, "refine")).second) << method;
+    settings.rounds = 2;
+    EXPECT_TRUE(seen.insert(ParametersOf(settings, "refine")).second) << method;
+    settings.method_settings.thin_plate = 0.7;
+    const std::string parameters = ParametersOf(settings, "refine");
+    EXPECT_TRUE(seen.insert(parameters).second) << method;
+    const auto parsed = ParseRefineParameters(parameters);
+    ASSERT_TRUE(parsed.ok()) << parsed.status();
+    EXPECT_EQ(parsed->method, method);
+    EXPECT_EQ(parsed->rounds, 2);
+    EXPECT_EQ(parsed->settings, settings.method_settings);
+  }
+  JobSettings unnamed, named;
+  unnamed.method = "";
+  EXPECT_EQ(ParametersOf(unnamed, "refine"), ParametersOf(named, "refine"));
+}
+
+TEST(Plan, HaloGrowsWithTheReachOfWindowsAndLevels) {
+  const auto halo_m = [](const MethodSettings& method_settings) {
+    JobSettings settings;
+    settings.method_settings = method_settings;
+    return ParseCutParameters(ParametersOf(settings, "cut"))->halo_m;
+  };
+  MethodSettings wide, narrow, coarse, standard;
+  wide.window_px = 11;
+  narrow.window_px = 3;
+  coarse.levels = {3, 1, 0};
+  standard.levels = {2, 1, 0};
+  const double by_default = halo_m({});
+  EXPECT_EQ(halo_m(standard), by_default);
+  EXPECT_EQ(halo_m(narrow), by_default);
+  EXPECT_NEAR(halo_m(wide), by_default * 5 / 3, 1e-9);
+  EXPECT_NEAR(halo_m(coarse), by_default * 2, 1e-9);
+}
+
 TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {
-  const auto a = PlanIngest({.tiles = 1}, {"images/a.jpg", "scene.json"});
-  const auto b = PlanIngest({.tiles = 9, .rounds = 3}, {"images/a.jpg", "scene.json"});
-  ASSERT_TRUE(a.ok() && b.ok());
+  JobSettings one, other, more_pairs;
+  one.tiles = 1;
+  other.tiles = 9;
+  other.rounds = 3;
+  other.method = "paper";
+  other.method_settings.window_px = 9;
+  more_pairs.method_settings.partners = 6;
+  const auto a = PlanIngest(one, {"images/a.jpg", "scene.json"});
+  const auto b = PlanIngest(other, {"images/a.jpg", "scene.json"});
+  const auto c = PlanIngest(more_pairs, {"images/a.jpg", "scene.json"});
+  ASSERT_TRUE(a.ok() && b.ok() && c.ok());
+  EXPECT_NE(a->parameters, c->parameters) << "ingest chooses the pairs";
   EXPECT_EQ(a->inputs.size(), 2u);
   EXPECT_EQ(a->parameters, b->parameters) << "so that it is done once for all tilings";
 }

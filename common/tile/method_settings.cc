@@ -1,0 +1,145 @@
+#include "common/tile/method_settings.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+
+namespace tessera {
+namespace {
+
+using nlohmann::json;
+
+constexpr char kLabelsFirst[] = "labels_first";
+constexpr size_t kMaxLevels = 6;
+
+Status Fault(const std::string& name, const std::string& found, const std::string& expected) {
+  return absl::InvalidArgumentError(absl::StrCat(name, ": found ", found, ", expected ", expected));
+}
+
+template <class Number>
+void CheckNumbers(std::span<const Setting<Number>> table, const MethodSettings& settings, Faults* faults) {
+  for (const Setting<Number>& setting : table) {
+    const std::optional<Number>& value = settings.*setting.value;
+    // Written so that NaN is a fault.
+    if (!value || (*value >= setting.low && *value <= setting.high)) continue;
+    faults->Add(Fault(setting.name, absl::StrCat(*value), absl::StrCat(setting.low, " to ", setting.high)));
+  }
+}
+
+void CheckLevels(const MethodSettings& settings, Faults* faults) {
+  for (const ListSetting& setting : ListSettings()) {
+    for (const int item : settings.*setting.value) {
+      if (item >= setting.low && item <= setting.high) continue;
+      faults->Add(Fault(setting.name, absl::StrCat(item), absl::StrCat(setting.low, " to ", setting.high)));
+    }
+  }
+  const auto or_standard = [](const ListSetting& setting, const std::vector<int>& value) {
+    return value.empty() ? setting.standard : value;
+  };
+  const std::vector<int> levels = or_standard(ListSettings()[0], settings.levels);
+  const std::vector<int> iterations = or_standard(ListSettings()[1], settings.iterations);
+  if (levels.size() > kMaxLevels ||
+      std::adjacent_find(levels.begin(), levels.end(), std::less_equal<>()) != levels.end()) {
+    faults->Add(Fault("levels", absl::StrJoin(levels, ","), "coarsest first, each level once"));
+  }
+  if (levels.size() != iterations.size()) {
+    faults->Add(
+        Fault("iterations", absl::StrCat(iterations.size(), " numbers (", absl::StrJoin(iterations, ","), ")"),
+              absl::StrCat("one for each of the ", levels.size(), " levels (", absl::StrJoin(levels, ","), ")")));
+  }
+}
+
+}  // namespace
+
+std::span<const Setting<double>> RealSettings() {
+  static constexpr Setting<double> kSettings[] = {
+      {"semantic", "Weight of the likelihoods' consistency (lambda 1), relative to the images'; 0: off", 0, 100, 0,
+       &MethodSettings::semantic},
+      {"thin_plate", "Weight of smoothness (lambda 2), relative to the images' energy at a displacement of a pixel", 0,
+       100, 0.3, &MethodSettings::thin_plate},
+      {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0, &MethodSettings::inter},
+      {"max_step_px", "Longest step of a vertex in one iteration, pixels of the level", 0.05, 4, 1,
+       &MethodSettings::max_step_px}};
+  return kSettings;
+}
+
+std::span<const Setting<int>> WholeSettings() {
+  static constexpr Setting<int> kSettings[] = {
+      {"window_px", "Side of the windows that images are compared in, pixels, odd", 3, 11, 7,
+       &MethodSettings::window_px},
+      {"partners", "Views that each view chooses to be compared with", 1, 16, 4, &MethodSettings::partners}};
+  return kSettings;
+}
+
+std::span<const ListSetting> ListSettings() {
+  static const ListSetting kSettings[] = {
+      {"levels",
+       "Pyramid levels, coarsest first: level l halves the images l times",
+       0,
+       5,
+       {2, 1, 0},
+       &MethodSettings::levels},
+      {"iterations", "Iterations of geometry, one number a level", 1, 200, {12, 10, 10}, &MethodSettings::iterations}};
+  return kSettings;
+}
+
+Status CheckMethod(const std::string& method, const MethodSettings& settings) {
+  Faults faults;
+  if (!method.empty() && std::find(kMethods.begin(), kMethods.end(), method) == kMethods.end()) {
+    faults.Add(Fault("method", absl::StrCat("\"", method, "\""), absl::StrJoin(kMethods, ", ")));
+  }
+  CheckNumbers(RealSettings(), settings, &faults);
+  CheckNumbers(WholeSettings(), settings, &faults);
+  if (settings.window_px && *settings.window_px % 2 == 0) {
+    faults.Add(Fault("window_px", absl::StrCat(*settings.window_px), "an odd number"));
+  }
+  CheckLevels(settings, &faults);
+  if (method == "baseline" && (settings.semantic || settings.inter)) {
+    faults.Add(Fault(settings.semantic ? "semantic" : "inter", "a weight", "none: baseline knows no classes"));
+  }
+  return faults.ToStatus();
+}
+
+std::string ToJson(const MethodSettings& settings) {
+  json out = json::object();
+  for (const auto& setting : RealSettings()) {
+    if (settings.*setting.value) out[setting.name] = *(settings.*setting.value);
+  }
+  for (const auto& setting : WholeSettings()) {
+    if (settings.*setting.value) out[setting.name] = *(settings.*setting.value);
+  }
+  for (const ListSetting& setting : ListSettings()) {
+    if (!(settings.*setting.value).empty()) out[setting.name] = settings.*setting.value;
+  }
+  if (settings.labels_first) out[kLabelsFirst] = *settings.labels_first;
+  return out.dump();
+}
+
+StatusOr<MethodSettings> ParseMethodSettings(const std::string& text) {
+  MethodSettings settings;
+  try {
+    json in = json::parse(text);
+    const auto take = [&in](const char* name, auto* value) {
+      if (!in.contains(name)) return;
+      in.at(name).get_to(*value);
+      in.erase(name);
+    };
+    const auto take_optional = [&take, &in](const char* name, auto* value) {
+      if (in.contains(name)) take(name, &value->emplace());
+    };
+    for (const auto& setting : RealSettings()) take_optional(setting.name, &(settings.*setting.value));
+    for (const auto& setting : WholeSettings()) take_optional(setting.name, &(settings.*setting.value));
+    for (const ListSetting& setting : ListSettings()) take(setting.name, &(settings.*setting.value));
+    take_optional(kLabelsFirst, &settings.labels_first);
+    if (!in.is_object() || !in.empty()) {
+      return absl::InvalidArgumentError(absl::StrCat("method settings: found the unknown ", in.dump()));
+    }
+  } catch (const json::exception& e) {
+    return absl::InvalidArgumentError(absl::StrCat("method settings: ", e.what()));
+  }
+  return settings;
+}
+
+}  // namespace tessera

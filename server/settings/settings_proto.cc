@@ -1,0 +1,45 @@
+#include "server/settings/settings_proto.h"
+
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+
+JobSettings FromProto(const v1::JobSettings& proto) {
+  JobSettings settings;
+  settings.tiles = proto.tiles();
+  settings.rounds = proto.rounds();
+  if (!proto.method().empty()) settings.method = proto.method();
+  const v1::MethodSettings& from = proto.method_settings();
+  MethodSettings& to = settings.method_settings;
+  if (from.has_semantic()) to.semantic = from.semantic();
+  if (from.has_thin_plate()) to.thin_plate = from.thin_plate();
+  if (from.has_inter()) to.inter = from.inter();
+  if (from.has_max_step_px()) to.max_step_px = from.max_step_px();
+  if (from.has_window_px()) to.window_px = from.window_px();
+  if (from.has_partners()) to.partners = from.partners();
+  if (from.has_labels_first()) to.labels_first = from.labels_first();
+  to.levels.assign(from.levels().begin(), from.levels().end());
+  to.iterations.assign(from.iterations().begin(), from.iterations().end());
+  return settings;
+}
+
+void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
+  proto->Clear();
+  proto->set_tiles(settings.tiles);
+  proto->set_rounds(settings.rounds);
+  proto->set_method(settings.method);
+  const MethodSettings& from = settings.method_settings;
+  if (from == MethodSettings()) return;
+  v1::MethodSettings& to = *proto->mutable_method_settings();
+  if (from.semantic) to.set_semantic(*from.semantic);
+  if (from.thin_plate) to.set_thin_plate(*from.thin_plate);
+  if (from.inter) to.set_inter(*from.inter);
+  if (from.max_step_px) to.set_max_step_px(*from.max_step_px);
+  if (from.window_px) to.set_window_px(*from.window_px);
+  if (from.partners) to.set_partners(*from.partners);
+  if (from.labels_first) to.set_labels_first(*from.labels_first);
+  for (const int level : from.levels) to.add_levels(level);
+  for (const int iterations : from.iterations) to.add_iterations(iterations);
+}
+
+}  // namespace tessera

@@ -1,0 +1,19 @@
+// Job settings between the plain value and the message of tessera.v1, which requests and stored records share.
+#ifndef TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_
+#define TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_
+
+#include "server/settings/job_settings.h"
+
+namespace tessera {
+
+namespace v1 {
+class JobSettings;
+}  // namespace v1
+
+// Nothing is checked; an empty method becomes "tessera".
+JobSettings FromProto(const v1::JobSettings& proto);
+void ToProto(const JobSettings& settings, v1::JobSettings* proto);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_

@@ -1,0 +1,317 @@
+// How near the methods come to the truth, in one process:
+//   accuracy_bench --seeds 1,2,3,4,5 --scene campus --methods baseline,paper,tessera --out DIR
+// prints a table a scene (start, the peer's mesh if the scene has a peer_refined.ply, the methods) and, over the
+// synthetic cities of the seeds, the ratios. More questions: --drift (where a run that starts from the truth ends),
+// --sweep thin_plate=0.1,0.3,1 (a row for each value), --leave-out K (scenes without truth).
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
+#include "common/imaging/image_io.h"
+#include "common/meshio/ply.h"
+#include "common/storage/files.h"
+#include "common/tile/task_parameters.h"
+#include "tests/bench/accuracy_table.h"
+#include "tests/bench/bench_scenes.h"
+#include "tests/bench/left_out_view.h"
+#include "tests/support/in_process_line.h"
+#include "worker/tasks/city_file.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kRimGsd = 30;  // as `tessera evaluate` has it
+
+struct Arguments {
+  std::vector<uint64_t> seeds;
+  std::vector<std::string> scenes, methods = {"baseline", "paper", "tessera"};
+  std::string blocks = "1x1", out, settings = "{}", sweep;
+  SynthOptions synth;
+  int rounds = 0, tiles = 1, threads = 0, leave_out = -1;
+  bool drift = false, no_folds = false;
+};
+
+// A job that gets a row.
+struct Variant {
+  std::string name;
+  JobSettings settings;
+};
+
+double CpuSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
+
+StatusOr<TriangleMesh> ReadLocalMesh(const std::string& path, const Frame& frame) {
+  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  for (Eigen::Vector3d& v : content.mesh.vertices) v = frame.LocalFromScene(v);
+  return std::move(content.mesh);
+}
+
+// "name=a,b,c" laid over the settings that all rows share, for each method that takes them.
+StatusOr<std::vector<Variant>> MakeVariants(const Arguments& arguments) {
+  TESSERA_ASSIGN_OR_RETURN(const MethodSettings shared, ParseMethodSettings(arguments.settings));
+  std::vector<std::pair<std::string, MethodSettings>> settings = {{"", shared}};
+  if (!arguments.sweep.empty()) {
+    settings.clear();
+    const size_t equal = arguments.sweep.find('=');
+    if (equal == std::string::npos) return absl::InvalidArgumentError("--sweep: expected NAME=VALUE,VALUE,...");
+    const std::string name = arguments.sweep.substr(0, equal);
+    for (const std::string& value : CLI::detail::split(arguments.sweep.substr(equal + 1), ',')) {
+      const nlohmann::json number = nlohmann::json::parse(value, nullptr, false);
+      nlohmann::json merged = nlohmann::json::parse(ToJson(shared));
+      merged[name] = number;
+      TESSERA_ASSIGN_OR_RETURN(const MethodSettings one, ParseMethodSettings(merged.dump()));
+      settings.push_back({absl::StrCat(" ", name, "=", value), one});
+    }
+  }
+  std::vector<Variant> variants;
+  for (const std::string& method : arguments.methods) {
+    for (const auto& [suffix, one] : settings) {
+      Variant variant = {method + suffix, {arguments.tiles, arguments.rounds, method, one}};
+      if (method == "baseline") variant.settings.rounds = 0;  // labels do not steer it: more would only repeat it
+      TESSERA_RETURN_IF_ERROR(CheckJobSettings(variant.settings));
+      variants.push_back(std::move(variant));
+    }
+  }
+  return variants;
+}
+
+// Runs jobs on one scene; what several of them need alike (ingest, cut) is done once, and its time told to each.
+class SceneRunner {
+ public:
+  SceneRunner(std::string scene_folder, std::string work_folder)
+      : scene_folder_(std::move(scene_folder)), work_folder_(std::move(work_folder)) {}
+
+  struct Result {
+    TriangleMesh mesh;  // local frame
+    double cpu_s = 0;
+  };
+
+  StatusOr<Result> Run(const Variant& variant, const Frame& frame) {
+    const std::string folder = absl::StrCat(work_folder_, "/", variant.name);
+    TESSERA_RETURN_IF_ERROR(RemoveTree(folder));
+    Result result;
+    const auto runner = [&](const TaskRequest& request) { return RunShared(request, &result.cpu_s); };
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<LineTask> tasks,
+                             RunLine(scene_folder_, folder, variant.settings, runner));
+    const std::string mesh_path = absl::StrCat(work_folder_, "/", variant.name, ".ply");
+    fs::rename(fs::path(tasks.back().output_dir) / kMeshFile, mesh_path);
+    TESSERA_ASSIGN_OR_RETURN(result.mesh, ReadLocalMesh(mesh_path, frame));
+    TESSERA_RETURN_IF_ERROR(RemoveTree(folder));
+    return result;
+  }
+
+  // The start as all jobs took it: repaired and split. After a Run.
+  StatusOr<City> Start() const { return ReadCity(absl::StrCat(ingested_, "/", kCityFile)); }
+
+ private:
+  struct Shared {
+    std::string folder;
+    TaskOutcome outcome;
+    double cpu_s = 0;
+  };
+
+  StatusOr<TaskOutcome> RunShared(const TaskRequest& request, double* cpu_s) {
+    const bool shareable = request.kind == "ingest" || request.kind == "cut";
+    // A cut reads what the last ingest made.
+    const std::string key = absl::StrCat(request.kind, request.kind == "cut" ? ingested_ : "", request.parameters);
+    auto known = shared_.find(key);
+    if (!shareable || known == shared_.end()) {
+      TaskRequest own = request;
+      if (shareable) {
+        own.output_dir = absl::StrCat(work_folder_, "/shared/", shared_.size());
+        TESSERA_RETURN_IF_ERROR(RemoveTree(own.output_dir));
+        TESSERA_RETURN_IF_ERROR(EnsureFolder(own.output_dir));
+      }
+      const double start_s = CpuSeconds();
+      TESSERA_ASSIGN_OR_RETURN(TaskOutcome outcome, RunTask(own, TaskControl()));
+      const double used_s = CpuSeconds() - start_s;
+      if (!shareable) {
+        *cpu_s += used_s;
+        return outcome;
+      }
+      known = shared_.emplace(key, Shared{own.output_dir, std::move(outcome), used_s}).first;
+    }
+    *cpu_s += known->second.cpu_s;
+    for (const std::string& name : known->second.outcome.outputs) {
+      fs::create_symlink(fs::absolute(fs::path(known->second.folder) / name), fs::path(request.output_dir) / name);
+    }
+    if (request.kind == "ingest") ingested_ = known->second.folder;
+    return known->second.outcome;
+  }
+
+  std::string scene_folder_, work_folder_, ingested_;
+  std::map<std::string, Shared> shared_;
+};
+
+StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, const std::vector<Variant>& variants,
+                                   const Arguments& arguments) {
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(folder, &warnings));
+  TESSERA_ASSIGN_OR_RETURN(TriangleMesh truth, ReadLocalMesh(scene.folder + "/truth/mesh.ply", scene.frame));
+  AccuracyTable table;
+  table.scene = fs::path(scene.folder).filename().string();
+  table.synthetic = synthetic;
+  for (const SceneClass& c : scene.classes) table.classes.push_back(c.name);
+  TESSERA_ASSIGN_OR_RETURN(table.gsd_m, MedianGsd(scene, truth));
+  table.options.up_in_local = scene.up_in_local;
+  table.options.rim_m = 0.01 * std::round(100 * kRimGsd * table.gsd_m);
+  table.options.f_distances_m = {0.05, 0.10};
+  if (synthetic) table.options.f_distances_m = {0.5 * table.gsd_m, table.gsd_m};
+  const TruthLabelSource truth_labels = [&scene](size_t view) -> StatusOr<LabelImage> {
+    const fs::path name(scene.views[view].name);
+    const fs::path path = fs::path(scene.folder) / "truth" / name.parent_path() / (name.stem().string() + "_label.png");
+    if (!fs::exists(path)) return LabelImage();
+    return ReadLabelImage(path.string());
+  };
+  TESSERA_ASSIGN_OR_RETURN(const Evaluator evaluator,
+                           Evaluator::Create(std::move(truth), scene.views, static_cast<int>(scene.classes.size()),
+                                             truth_labels, table.options));
+  const auto add = [&](const std::string& name, const TriangleMesh& mesh) -> Status {
+    TESSERA_ASSIGN_OR_RETURN(Evaluation evaluation, evaluator.Evaluate(mesh));
+    table.rows.push_back({name, std::move(evaluation), std::nullopt, std::nullopt});
+    return absl::OkStatus();
+  };
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh start, LoadSceneMesh(scene, 0));
+  TESSERA_RETURN_IF_ERROR(add("start", start));
+  if (const std::string peer = scene.folder + "/peer_refined.ply"; fs::exists(peer)) {
+    TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadLocalMesh(peer, scene.frame));
+    TESSERA_RETURN_IF_ERROR(add("peer", mesh));
+  }
+
+  const std::string work = absl::StrCat(arguments.out, "/results/", table.scene);
+  SceneRunner runner(scene.folder, work);
+  std::unique_ptr<FoldCounter> folds;
+  for (const Variant& variant : variants) {
+    TESSERA_ASSIGN_OR_RETURN(const SceneRunner::Result result, runner.Run(variant, scene.frame));
+    TESSERA_RETURN_IF_ERROR(add(variant.name, result.mesh));
+    table.rows.back().cpu_s = result.cpu_s;
+    if (arguments.no_folds) continue;
+    if (folds == nullptr) {
+      TESSERA_ASSIGN_OR_RETURN(const City city, runner.Start());
+      TESSERA_ASSIGN_OR_RETURN(FoldCounter counter, FoldCounter::Create(city.mesh));
+      folds = std::make_unique<FoldCounter>(std::move(counter));
+      TESSERA_ASSIGN_OR_RETURN(table.rows[0].folds, folds->Count(city.mesh));
+    }
+    TESSERA_ASSIGN_OR_RETURN(table.rows.back().folds, folds->Count(result.mesh));
+  }
+  if (arguments.drift) {
+    const std::string from_truth = absl::StrCat(arguments.out, "/from_truth/", table.scene);
+    TESSERA_RETURN_IF_ERROR(StartFromTruth(scene, from_truth));
+    SceneRunner truth_runner(from_truth, work + "/from_truth");
+    for (const Variant& variant : variants) {
+      TESSERA_ASSIGN_OR_RETURN(const SceneRunner::Result result, truth_runner.Run(variant, scene.frame));
+      TESSERA_RETURN_IF_ERROR(add("from truth: " + variant.name, result.mesh));
+    }
+  }
+  return table;
+}
+
+void PrintDrift(const AccuracyTable& table) {
+  for (const AccuracyRow& row : table.rows) {
+    if (!row.name.starts_with("from truth: ")) continue;
+    std::printf("drift, %s: mean distance to the truth %.3f GSD\n", row.name.c_str(),
+                row.evaluation.surface.accuracy.mean_m / table.gsd_m);
+  }
+}
+
+Status BenchLeftOut(const std::string& folder, const std::vector<Variant>& variants, const Arguments& arguments) {
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(folder, &warnings));
+  const size_t view = static_cast<size_t>(arguments.leave_out);
+  if (view >= scene.views.size()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--leave-out: found ", view, ", expected less than ", scene.views.size()));
+  }
+  const std::string name = absl::StrCat(fs::path(scene.folder).filename().string(), "_without_", view);
+  const std::string left_out = absl::StrCat(arguments.out, "/left_out/", name);
+  TESSERA_RETURN_IF_ERROR(LeaveOutView(scene, view, left_out));
+  std::vector<std::pair<std::string, TriangleMesh>> meshes;
+  TESSERA_ASSIGN_OR_RETURN(TriangleMesh start, LoadSceneMesh(scene, 0));
+  meshes.push_back({"start", std::move(start)});
+  if (const std::string peer = scene.folder + "/peer_refined.ply"; fs::exists(peer)) {
+    TESSERA_ASSIGN_OR_RETURN(TriangleMesh mesh, ReadLocalMesh(peer, scene.frame));
+    meshes.push_back({"peer (saw the view)", std::move(mesh)});
+  }
+  SceneRunner runner(left_out, absl::StrCat(arguments.out, "/results/", name));
+  std::vector<double> cpu_s(meshes.size(), 0);
+  for (const Variant& variant : variants) {
+    TESSERA_ASSIGN_OR_RETURN(SceneRunner::Result result, runner.Run(variant, scene.frame));
+    meshes.push_back({variant.name, std::move(result.mesh)});
+    cpu_s.push_back(result.cpu_s);
+  }
+  std::vector<const TriangleMesh*> pointers;
+  for (const auto& [label, mesh] : meshes) pointers.push_back(&mesh);
+  TESSERA_ASSIGN_OR_RETURN(const LeftOutScore score, ScoreLeftOutView(scene, view, pointers));
+  std::printf("\n%s: %s left out; %d neighbours, %.2f million windows that are whole on all meshes\n",
+              scene.folder.c_str(), scene.views[view].name.c_str(), score.neighbours, 1e-6 * score.pixels);
+  std::printf("%-28s|%10s|%8s\n", "", "mean ZNCC", "CPU s");
+  for (size_t m = 0; m < meshes.size(); ++m) {
+    std::printf("%-28.28s|%10.4f|%8.1f\n", meshes[m].first.c_str(), score.mean_zncc[m], cpu_s[m]);
+  }
+  return absl::OkStatus();
+}
+
+Status Bench(Arguments arguments) {
+  const ThreadLimit limit(arguments.threads);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<Variant> variants, MakeVariants(arguments));
+  if (arguments.leave_out >= 0) {
+    for (const std::string& scene : arguments.scenes) {
+      TESSERA_RETURN_IF_ERROR(BenchLeftOut(scene, variants, arguments));
+    }
+    return absl::OkStatus();
+  }
+  if (std::sscanf(arguments.blocks.c_str(), "%dx%d", &arguments.synth.columns, &arguments.synth.rows) != 2) {
+    return absl::InvalidArgumentError("--blocks: expected COLUMNSxROWS");
+  }
+  std::vector<std::pair<std::string, bool>> scenes;
+  for (const uint64_t seed : arguments.seeds) {
+    arguments.synth.seed = seed;
+    scenes.push_back({absl::StrCat(arguments.out, "/cities/seed_", seed), true});
+    TESSERA_RETURN_IF_ERROR(EnsureCity(arguments.synth, scenes.back().first));
+  }
+  for (const std::string& scene : arguments.scenes) scenes.push_back({scene, false});
+  std::vector<AccuracyTable> tables;
+  for (const auto& [folder, synthetic] : scenes) {
+    TESSERA_ASSIGN_OR_RETURN(AccuracyTable table, BenchScene(folder, synthetic, variants, arguments));
+    Print(table);
+    PrintDrift(table);
+    tables.push_back(std::move(table));
+  }
+  PrintRatios(tables);
+  std::printf("\nCPU in all, measuring included: %.0f s; meshes: %s/results\n", CpuSeconds(), arguments.out.c_str());
+  return absl::OkStatus();
+}
+
+}  // namespace
+}  // namespace tessera
+
+int main(int argc, char** argv) {
+  CLI::App app("Accuracy of the methods against the truth, on synthetic cities and scenes with a truth");
+  tessera::Arguments a;
+  app.add_option("--out", a.out, "folder for cities (kept and used again) and results")->required();
+  app.add_option("--seeds", a.seeds, "synthetic cities")->delimiter(',')->allow_extra_args(false);
+  app.add_option("--blocks", a.blocks, "of the synthetic cities, COLUMNSxROWS")->capture_default_str();
+  app.add_option("--gsd", a.synth.gsd_m, "of the synthetic cities, metres")->capture_default_str();
+  app.add_option("--scene", a.scenes, "folder of a scene with a truth; may be given again")->allow_extra_args(false);
+  app.add_option("--methods", a.methods)->delimiter(',')->allow_extra_args(false)->capture_default_str();
+  app.add_option("--settings", a.settings, "of all methods, as JSON: {\"thin_plate\":0.5,\"levels\":[1,0]}");
+  app.add_option("--sweep", a.sweep, "NAME=VALUE,VALUE,...: a row of each method for every value of a setting");
+  app.add_option("--rounds", a.rounds, "0: the methods' own");
+  app.add_option("--tiles", a.tiles)->capture_default_str();
+  app.add_option("--threads", a.threads, "0: one for each core");
+  app.add_option("--leave-out", a.leave_out, "index of a view: run the scenes without it and compare with it");
+  app.add_flag("--drift", a.drift, "also start every method from the truth");
+  app.add_flag("--no-folds", a.no_folds, "leave out turned faces and crossings");
+  CLI11_PARSE(app, argc, argv);
+  const tessera::Status status = tessera::Bench(std::move(a));
+  if (!status.ok()) std::fprintf(stderr, "accuracy_bench: %s\n", status.ToString().c_str());
+  return status.ok() ? 0 : 1;
+}

@@ -1,0 +1,70 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "server/settings/job_settings.h"
+#include "server/settings/settings_proto.h"
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+namespace {
+
+using testing::HasSubstr;
+
+void ExpectRoundTrip(const JobSettings& settings) {
+  v1::JobSettings message, received;
+  message.mutable_method_settings()->set_partners(3);  // of an earlier use
+  ToProto(settings, &message);
+  ASSERT_TRUE(received.ParseFromString(message.SerializeAsString()));
+  const JobSettings back = FromProto(received);
+  EXPECT_EQ(back.tiles, settings.tiles);
+  EXPECT_EQ(back.rounds, settings.rounds);
+  EXPECT_EQ(back.method, settings.method);
+  EXPECT_EQ(back.method_settings, settings.method_settings) << ToJson(back.method_settings);
+}
+
+TEST(Settings, TravelAsTheyAre) {
+  ExpectRoundTrip({});
+  ExpectRoundTrip({.tiles = 3, .rounds = 2, .method = "paper"});
+  for (const auto& setting : RealSettings()) {
+    JobSettings settings;
+    for (const double value : {0.0, setting.low, 1.0 / 3, setting.high}) {
+      settings.method_settings.*setting.value = value;
+      ExpectRoundTrip(settings);
+    }
+  }
+  for (const auto& setting : WholeSettings()) {
+    JobSettings settings;
+    for (const int value : {0, setting.low, setting.high}) {
+      settings.method_settings.*setting.value = value;
+      ExpectRoundTrip(settings);
+    }
+  }
+  JobSettings lists;
+  lists.method_settings.levels = {1, 0};
+  lists.method_settings.iterations = {20, 5};
+  lists.method_settings.labels_first = false;
+  ExpectRoundTrip(lists);
+}
+
+TEST(Settings, OnlyWhatIsSetTravels) {
+  v1::JobSettings message;
+  ToProto({}, &message);
+  EXPECT_FALSE(message.has_method_settings());
+  EXPECT_EQ(FromProto(v1::JobSettings()).method, "tessera");
+}
+
+TEST(Settings, AllFaultsAreToldAtOnce) {
+  JobSettings settings = {.tiles = -1, .rounds = kMaxRounds + 1, .method = "magic"};
+  settings.method_settings.window_px = 99;
+  settings.method_settings.semantic = -2;
+  const Status status = CheckJobSettings(settings);
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  for (const char* words : {"tiles: found -1, expected 0", "rounds: found 21, expected 0", "method: found \"magic\"",
+                            "window_px: found 99, expected 3 to 11", "semantic: found -2, expected 0 to 100"}) {
+    EXPECT_THAT(std::string(status.message()), HasSubstr(words));
+  }
+  EXPECT_TRUE(CheckJobSettings({}).ok());
+}
+
+}  // namespace
+}  // namespace tessera

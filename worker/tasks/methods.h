@@ -1,0 +1,26 @@
+// The methods that a job may ask for, as options of the refinement.
+#ifndef TESSERA_WORKER_TASKS_METHODS_H_
+#define TESSERA_WORKER_TASKS_METHODS_H_
+
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/scene/scene.h"
+#include "common/tile/task_parameters.h"
+#include "worker/tasks/refine_tile.h"
+
+namespace tessera {
+
+// All methods share kernels, density, pairs and schedule; what differs:
+//   tessera   the whole energy, labels in units of the GSD
+//   baseline  Vu et al. 2012: E_photo and one smoothness for all; the labels are solved once, at the end, as ours are
+//   paper     Bláha et al. 2017: all four terms, nothing where labels mix but E_inter, five rounds, the paper's label
+//             energy. What the paper leaves open (weights, steps, pairs) is as ours.
+// `parameters.settings` goes over the method's own values, then `classes` gives the smoothness a class where the method
+// knows classes. INVALID_ARGUMENT for a method that there is not (it lists those that there are) and for settings out
+// of range.
+StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TASKS_METHODS_H_
