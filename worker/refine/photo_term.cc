@@ -26,18 +26,6 @@ Matrix3d Calibration(const PinholeCamera& k) {
   return out;
 }
 
-// q = z·M x̃ + t from the reference's pixels to the other's.
-void SetWarp(const PosedCamera& reference, const PosedCamera& other, ZnccPair* pair) {
-  const Matrix3d rotation = other.rotation_cam_from_world * reference.rotation_cam_from_world.transpose();
-  const Matrix3d k = Calibration(other.intrinsics);
-  const Matrix3d m = k * rotation * Calibration(reference.intrinsics).inverse();
-  const Vector3d t = k * (other.translation_cam_from_world - rotation * reference.translation_cam_from_world);
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) pair->m[3 * r + c] = static_cast<float>(m(r, c));
-    pair->t[r] = static_cast<float>(t(r));
-  }
-}
-
 double Seconds(const Clock* clock) { return clock ? 1e-6 * static_cast<double>(clock->MonotonicUs()) : 0; }
 
 }  // namespace
@@ -55,6 +43,26 @@ ZnccWindow MakeWindow(int size_px, bool gaussian) {
   }
   for (int k = 0; k <= 2 * window.radius; ++k) window.taps[k] = static_cast<float>(taps[k] / sum);
   return window;
+}
+
+ZnccPair MakeZnccPair(const PhotoView& reference, const PhotoView& other, const FaceMap& other_map,
+                      double occlusion_px) {
+  ZnccPair pair;
+  pair.reference = &reference.texels;
+  pair.other = &other.texels;
+  pair.other_depth = other_map.depth.data();
+  pair.depth_slack = static_cast<float>(occlusion_px / other.camera.intrinsics.fx);
+  // q = z·M x̃ + t from the reference's pixels to the other's.
+  const PosedCamera &from = reference.camera, &to = other.camera;
+  const Matrix3d rotation = to.rotation_cam_from_world * from.rotation_cam_from_world.transpose();
+  const Matrix3d k = Calibration(to.intrinsics);
+  const Matrix3d m = k * rotation * Calibration(from.intrinsics).inverse();
+  const Vector3d t = k * (to.translation_cam_from_world - rotation * from.translation_cam_from_world);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) pair.m[3 * r + c] = static_cast<float>(m(r, c));
+    pair.t[r] = static_cast<float>(t(r));
+  }
+  return pair;
 }
 
 PhotoTerm::PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs,
@@ -99,15 +107,10 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, size_t first_pair, s
   ParallelFor(static_cast<int64_t>(mesh.faces.size()), kFaceGrain, [&](int64_t begin, int64_t end) {
     for (int64_t f = begin; f < end; ++f) offsets_[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre));
   });
-  std::vector<ZnccPair> warps(last_pair - first_pair);
+  std::vector<ZnccPair> warps;
   for (size_t p = first_pair; p < last_pair; ++p) {
     const int j = pairs_[p].other;
-    ZnccPair& warp = warps[p - first_pair];
-    warp.reference = &texels;
-    warp.other = &views_[j].texels;
-    warp.other_depth = maps_[j].depth.data();
-    SetWarp(camera, views_[j].camera, &warp);
-    warp.depth_slack = static_cast<float>(options_.occlusion_px / views_[j].camera.intrinsics.fx);
+    warps.push_back(MakeZnccPair(views_[i], views_[j], maps_[j], options_.occlusion_px));
   }
   const int height = texels.height, strips = (height + kStripRows - 1) / kStripRows;
   std::vector<ZnccSums> sums(strips);

@@ -49,6 +49,10 @@ struct PhotoDerivatives {
 // One window's weights: Gaussian of sigma = size / 4, or box.
 ZnccWindow MakeWindow(int size_px, bool gaussian);
 
+// The pair as the kernel takes it. `other_map`: what `other` sees of the mesh. The arguments must outlive the result.
+ZnccPair MakeZnccPair(const PhotoView& reference, const PhotoView& other, const FaceMap& other_map,
+                      double occlusion_px);
+
 // Evaluates all pairs on a mesh. Holds buffers between calls. Results do not depend on the number of threads.
 class PhotoTerm {
  public:
