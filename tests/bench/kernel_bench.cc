@@ -1,4 +1,4 @@
-// kernel_bench [--width 1400] [--repeat 3]: what one evaluation of the data term costs on one core, in nanoseconds of
+// kernel_bench [--width 1400] [--repeat 5]: what one evaluation of the data term costs on one core, in nanoseconds of
 // CPU a pixel and directed pair, on a scene made here: a plain scalar version, then ours for every instruction set this
 // machine has, image only and with classes; and the stages.
 #include <CLI/CLI.hpp>
@@ -16,7 +16,11 @@
 namespace tessera {
 namespace {
 
-double CpuSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
+double CpuSeconds() {
+  timespec time;
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
 
 struct Scene {
   TriangleMesh mesh;
@@ -81,14 +85,18 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
   ZnccScratch scratch;
   FaceSlots slots;
   FaceGatherer gatherer;
-  Cost cost;
+  // Of every strip and stage the best of all times: what a neighbour on the machine costs is not counted.
+  std::vector<Cost> best;
+  const auto note = [&](size_t at, const Cost& cost) {
+    if (at >= best.size()) best.push_back(cost);
+    best[at].prepare = std::min(best[at].prepare, cost.prepare);
+    best[at].kernel = std::min(best[at].kernel, cost.kernel);
+    best[at].gather = std::min(best[at].gather, cost.gather);
+  };
   double pixels = 0;
-  // The first time warms up.
-  for (int k = 0; k <= repeat; ++k) {
-    if (k == 1) {
-      cost = Cost();
-      pixels = 0;
-    }
+  for (int k = 0; k < repeat; ++k) {
+    pixels = 0;
+    size_t at = 0;
     for (size_t i = 0; i < views.size(); ++i) {
       const Texels& texels = views[i].texels;
       std::vector<ZnccPair> pairs;
@@ -112,17 +120,20 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
         const double summed_s = CpuSeconds();
         gatherer.AddStrip(s, strip, &slots);
         const double gathered_s = CpuSeconds();
-        cost.prepare += prepared_s - begin_s;
-        cost.kernel += summed_s - prepared_s;
-        cost.gather += gathered_s - summed_s;
+        note(at++, {prepared_s - begin_s, summed_s - prepared_s, gathered_s - summed_s});
       }
       const double begin_s = CpuSeconds();
       gatherer.Finish(&sums);
-      cost.gather += CpuSeconds() - begin_s;
+      note(at++, {0, 0, CpuSeconds() - begin_s});
       checks->gradient += sums[0].gradient[0];
     }
   }
-  for (double* stage : {&cost.prepare, &cost.kernel, &cost.gather}) *stage *= 1e9 / pixels;
+  Cost cost;
+  for (const Cost& part : best) {
+    cost.prepare += 1e9 / pixels * part.prepare;
+    cost.kernel += 1e9 / pixels * part.kernel;
+    cost.gather += 1e9 / pixels * part.gather;
+  }
   return cost;
 }
 
@@ -181,10 +192,10 @@ void Bench(int width, int classes, int repeat) {
 
 int main(int argc, char** argv) {
   CLI::App app("What one evaluation of the data term costs on one core");
-  int width = 1400, classes = 4, repeat = 3;
+  int width = 1400, classes = 4, repeat = 5;
   app.add_option("--width", width, "of the images, pixels");
   app.add_option("--classes", classes, "of the runs with classes");
-  app.add_option("--repeat", repeat, "times that are averaged");
+  app.add_option("--repeat", repeat, "times, of which the best counts");
   CLI11_PARSE(app, argc, argv);
   const tessera::ThreadLimit limit(1);
   tessera::Bench(width, classes, repeat);
