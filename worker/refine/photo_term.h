@@ -1,50 +1,57 @@
-// E_photo: 1 - ZNCC over windows of all view pairs, its exact gradient and Gauss-Newton curvature at the vertices
-// (Bláha et al. 2017, eq. 2-4, with the derivative of the windowed score instead of the pointwise one).
+// The data term E_photo + λ1 E_sem of all view pairs: 1 - ZNCC over windows, and half the squared differences of class
+// likelihoods pixel by pixel; exact gradient and Gauss-Newton curvature at the vertices (Bláha et al. 2017, eq. 2-5,
+// with the derivative of the windowed score instead of the pointwise one).
 #ifndef TESSERA_WORKER_REFINE_PHOTO_TERM_H_
 #define TESSERA_WORKER_REFINE_PHOTO_TERM_H_
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
+#include <memory>
+#include <mutex>
 #include <vector>
 
 #include "common/base/clock.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
-#include "common/imaging/raster.h"
+#include "worker/refine/face_sums.h"
 #include "worker/refine/pairs.h"
+#include "worker/refine/texels.h"
 #include "worker/refine/zncc_kernel.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
 
-// A view at one pyramid level, cut to what the mesh can cover. `luminance` has the camera's size, NaN where invalid.
+// A view at one pyramid level, cut to what the mesh can cover. `texels` (MakeTexels) has the camera's size.
 struct PhotoView {
   PosedCamera camera;
-  PaddedPlane luminance;
+  Texels texels;
 };
-
-PaddedPlane ToPaddedPlane(const FloatImage& image);
 
 struct PhotoOptions {
   ZnccWindow window;
+  SemanticWeight semantic;  // pairs of which a view has no likelihoods have no E_sem
   double min_cosine = 0.1;  // of the angle between a face's normal and the ray
   double occlusion_px = 6;  // slack of the depth test, in pixels of the other view
 };
 
-// Sums over windows and their derivatives. A vertex's entries are the sum over pairs divided by the mean number of
-// pairs that see its faces.
+// Sums over windows and pixels, and the derivatives of energy + λ1 semantic_energy. A vertex's entries are the sum over
+// pairs divided by the mean number of pairs that see its faces.
 struct PhotoDerivatives {
   ZnccSums sums;
   std::vector<Eigen::Vector3d> gradient;   // per metre
   std::vector<Eigen::Matrix3d> curvature;  // per metre²; positive semidefinite, upper bound of Gauss-Newton's
-  std::vector<float> pairs;  // mean number of accepted pairs on the vertex's faces; 0: no view pair sees it
+  // Mean number of pairs on the vertex's faces whose window was accepted, or with E_sem that see it; 0: none does.
+  std::vector<float> pairs;
   int64_t warped_pixels = 0;
   double seconds_visibility = 0, seconds_photo = 0;
 };
 
 // One window's weights: Gaussian of sigma = size / 4, or box.
 ZnccWindow MakeWindow(int size_px, bool gaussian);
+
+// The pair as the kernel takes it. `other_map`: what `other` sees of the mesh. The arguments must outlive the result.
+ZnccPair MakeZnccPair(const PhotoView& reference, const PhotoView& other, const FaceMap& other_map,
+                      double occlusion_px);
 
 // Evaluates all pairs on a mesh. Holds buffers between calls. Results do not depend on the number of threads.
 class PhotoTerm {
@@ -56,23 +63,32 @@ class PhotoTerm {
   void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock, PhotoDerivatives* out);
 
  private:
-  // Scalars a face corner: derivative, curvature; and a face: pairs.
-  struct FaceSums {
-    std::array<float, 3> gradient = {0, 0, 0};
-    std::array<float, 3> curvature = {0, 0, 0};
-    float pairs = 0;
+  // What a thread needs for a strip.
+  struct Workspace {
+    ReferenceStrip strip;
+    ZnccScratch scratch;
+    FaceSlots slots;
   };
-  void PrepareReference(const TriangleMesh& mesh, const std::vector<Eigen::Vector3d>& normals, int view);
-  void GatherFaces(const TriangleMesh& mesh, int view);
-  void GatherVertices(const TriangleMesh& mesh, const std::vector<Eigen::Vector3d>& normals, PhotoDerivatives* out);
+  std::unique_ptr<Workspace> TakeWorkspace();
+  void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
+  void SetFaces(const TriangleMesh& mesh);
+  void EvaluateReference(const TriangleMesh& mesh, size_t first_pair, size_t last_pair, PhotoDerivatives* out);
+  void GatherVertices(const TriangleMesh& mesh, PhotoDerivatives* out);
 
   const std::vector<PhotoView>& views_;
   const std::vector<ViewPair>& pairs_;
   PhotoOptions options_;
   std::vector<FaceMap> maps_;
-  PaddedPlane depth_, depth_factor_, gradient_, curvature_, count_;
-  std::vector<uint8_t> used_faces_;  // of the reference at hand: 1 where a pixel is used
+  std::vector<Eigen::Vector3d> normals_;
+  std::vector<double> plane_;   // of each face: n·V0
+  std::vector<float> offsets_;  // of each face from the reference at hand: n·(V0 - C)
+  FaceGatherer gatherer_;
   std::vector<FaceSums> face_sums_;
+  // Corners of faces by vertex: corner 3f + c of vertex v is among corners_[corner_begin_[v]..), in ascending order.
+  std::vector<Triangle> faces_;
+  std::vector<uint32_t> corner_begin_, corners_;
+  std::mutex workspace_mutex_;
+  std::vector<std::unique_ptr<Workspace>> workspaces_;
 };
 
 }  // namespace tessera

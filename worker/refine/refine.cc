@@ -89,7 +89,7 @@ PhotoView MakePhotoView(const RefineView& view, const PixelRect& rect, int level
     }
   }
   for (int i = 0; i < level; ++i) image = HalfResolution(image);
-  out.luminance = ToPaddedPlane(image);
+  out.texels = MakeTexels(image);
   return out;
 }
 

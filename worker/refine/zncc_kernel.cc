@@ -3,170 +3,143 @@
 #include <algorithm>
 #include <cmath>
 
-// One instruction-set level for all machines that have it: results must agree to the bit.
-#define HWY_DISABLED_TARGETS (HWY_AVX3 | HWY_AVX3_DL)
+// SSSE3 alone is not worth its code: such machines take the baseline.
+#define HWY_DISABLED_TARGETS HWY_SSSE3
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "worker/refine/zncc_kernel.cc"
 #include <hwy/foreach_target.h>
 //
 #include <hwy/highway.h>
 
+#include "worker/refine/zncc_warp-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace tessera {
 namespace HWY_NAMESPACE {
 
-namespace hn = hwy::HWY_NAMESPACE;
-using Tag = hn::ScalableTag<float>;
-using Vec = hn::Vec<Tag>;
+// Lines of a slab's sums along columns: plane p of row r is line 6·r + p.
+enum SumLine { kS2, kS22, kS12, kN, kS1, kS11 };
+constexpr int kSumLines = 6;
 
-// Rows of the pipeline for one strip, each with kEdge zeros before pixel 0 and after the last vector.
-class Rows {
- public:
-  static constexpr int kEdge = 16;
-  enum Plane { kMask, kRef, kOther, kSlope, kAlpha, kBeta, kGamma, kEta, kRingPlanes };
-  static constexpr int kLinePlanes = 6;
-
-  Rows(int width, int ring, ZnccScratch* scratch) : ring_(ring) {
-    stride_ = (width + 15) / 16 * 16 + 2 * kEdge;
-    const size_t size = static_cast<size_t>(stride_) * (ring_ * kRingPlanes + kLinePlanes);
-    scratch->data.assign(size, 0.0f);
-    base_ = scratch->data.data();
+// The window's weights, spread over vectors.
+template <int R>
+struct Taps {
+  Vec tap[2 * R + 1];
+  explicit Taps(const ZnccWindow& window) {
+    for (int k = 0; k <= 2 * R; ++k) tap[k] = hn::Set(Tag(), window.taps[k]);
   }
-  float* Ring(Plane plane, int y) {
-    return base_ + stride_ * static_cast<size_t>(plane * ring_ + ((y % ring_) + ring_) % ring_) + kEdge;
-  }
-  float* Line(int i) { return base_ + stride_ * static_cast<size_t>(ring_ * kRingPlanes + i) + kEdge; }
-  void Clear(Plane plane, int y) { std::fill_n(Ring(plane, y) - kEdge, stride_, 0.0f); }
-
- private:
-  size_t stride_ = 0;
-  int ring_ = 0;
-  float* base_ = nullptr;
 };
 
-// Warps row y of the reference into the other image: mask, both luminances under it, and the slope dI_j/d(offset).
-void WarpRow(const ZnccPair& pair, int y, Rows& rows) {
-  const Tag d;
-  const hn::RebindToSigned<Tag> di;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const PaddedPlane& other = *pair.other;
-  const float yc = static_cast<float>(y) + 0.5f;
-  const Vec row0 = hn::Set(d, pair.m[1] * yc + pair.m[2]);
-  const Vec row1 = hn::Set(d, pair.m[4] * yc + pair.m[5]);
-  const Vec row2 = hn::Set(d, pair.m[7] * yc + pair.m[8]);
-  const Vec m0x = hn::Set(d, pair.m[0]), m1x = hn::Set(d, pair.m[3]), m2x = hn::Set(d, pair.m[6]);
-  const Vec t0 = hn::Set(d, pair.t[0]), t1 = hn::Set(d, pair.t[1]), t2 = hn::Set(d, pair.t[2]);
-  const Vec half = hn::Set(d, 0.5f), one = hn::Set(d, 1.0f), zero = hn::Zero(d);
-  const Vec u_max = hn::Set(d, static_cast<float>(other.width) - 0.5f);
-  const Vec v_max = hn::Set(d, static_cast<float>(other.height) - 0.5f);
-  const Vec slack = hn::Set(d, 1.0f + pair.depth_slack);
-  const auto stride = hn::Set(di, other.stride), width = hn::Set(di, other.width), right = hn::Set(di, 1);
-  const float* z_row = pair.depth->row(y);
-  const float* factor_row = pair.depth_factor->row(y);
-  const float* ref_row = pair.reference->row(y);
-  float* out_mask = rows.Ring(Rows::kMask, y);
-  float* out_ref = rows.Ring(Rows::kRef, y);
-  float* out_other = rows.Ring(Rows::kOther, y);
-  float* out_slope = rows.Ring(Rows::kSlope, y);
-  const Vec ramp = hn::Iota(d, 0.5f);
-  for (int x = 0; x < pair.reference->width; x += lanes) {
-    const Vec factor = hn::LoadU(d, factor_row + x);
-    auto mask = hn::Ne(factor, zero);
-    if (hn::AllFalse(d, mask)) {
-      hn::StoreU(zero, d, out_mask + x);
-      hn::StoreU(zero, d, out_ref + x);
-      hn::StoreU(zero, d, out_other + x);
-      hn::StoreU(zero, d, out_slope + x);
-      continue;
-    }
-    const Vec z = hn::IfThenElse(mask, hn::LoadU(d, z_row + x), one);
-    const Vec xc = hn::Add(ramp, hn::Set(d, static_cast<float>(x)));
-    const Vec m0 = hn::MulAdd(m0x, xc, row0), m1 = hn::MulAdd(m1x, xc, row1), m2 = hn::MulAdd(m2x, xc, row2);
-    const Vec q2 = hn::MulAdd(z, m2, t2);
-    mask = hn::And(mask, hn::Gt(q2, zero));
-    const Vec inverse = hn::Div(one, hn::IfThenElse(mask, q2, one));
-    const Vec u = hn::Mul(hn::MulAdd(z, m0, t0), inverse), v = hn::Mul(hn::MulAdd(z, m1, t1), inverse);
-    mask =
-        hn::And(mask, hn::And(hn::And(hn::Ge(u, half), hn::Lt(u, u_max)), hn::And(hn::Ge(v, half), hn::Lt(v, v_max))));
-    const Vec us = hn::IfThenElse(mask, u, half), vs = hn::IfThenElse(mask, v, half);
-    // Bilinear cell about (u, v), whose corners are pixel centres.
-    const Vec uc = hn::Sub(us, half), vc = hn::Sub(vs, half);
-    const auto iu = hn::ConvertTo(di, uc), iv = hn::ConvertTo(di, vc);
-    const Vec a = hn::Sub(uc, hn::ConvertTo(d, iu)), b = hn::Sub(vc, hn::ConvertTo(d, iv));
-    const auto top = hn::Add(hn::Mul(iv, stride), iu), bottom = hn::Add(top, stride);
-    const Vec p00 = hn::GatherIndex(d, other.data.data(), top);
-    const Vec p10 = hn::GatherIndex(d, other.data.data(), hn::Add(top, right));
-    const Vec p01 = hn::GatherIndex(d, other.data.data(), bottom);
-    const Vec p11 = hn::GatherIndex(d, other.data.data(), hn::Add(bottom, right));
-    const auto nearest = hn::Add(hn::Mul(hn::ConvertTo(di, vs), width), hn::ConvertTo(di, us));
-    const Vec other_z = hn::GatherIndex(d, pair.other_depth, nearest);
-    const Vec dx_top = hn::Sub(p10, p00), dx_bottom = hn::Sub(p11, p01);
-    const Vec i_top = hn::MulAdd(a, dx_top, p00), i_bottom = hn::MulAdd(a, dx_bottom, p01);
-    const Vec dv = hn::Sub(i_bottom, i_top);
-    const Vec value = hn::MulAdd(b, dv, i_top);
-    const Vec du = hn::MulAdd(b, hn::Sub(dx_bottom, dx_top), dx_top);
-    mask = hn::And(mask, hn::And(hn::Eq(value, value), hn::Le(q2, hn::Mul(other_z, slack))));
-    // dI/dz along the ray, then per metre of the face's offset.
-    const Vec along = hn::MulAdd(du, hn::NegMulAdd(u, m2, m0), hn::Mul(dv, hn::NegMulAdd(v, m2, m1)));
-    const Vec slope = hn::Mul(hn::Mul(along, inverse), factor);
-    hn::StoreU(hn::IfThenElseZero(mask, one), d, out_mask + x);
-    hn::StoreU(hn::IfThenElseZero(mask, hn::LoadU(d, ref_row + x)), d, out_ref + x);
-    hn::StoreU(hn::IfThenElseZero(mask, value), d, out_other + x);
-    hn::StoreU(hn::IfThenElseZero(mask, slope), d, out_slope + x);
+// Adds `value` of row k of a slab's rows to the sums of those rows of windows it is in.
+template <int R>
+HWY_INLINE void AddRow(const Taps<R>& taps, int k, Vec value, Vec* sums) {
+#pragma GCC unroll 4
+  for (int r = 0; r < kSlab; ++r) {
+    if (k >= r && k - r <= 2 * R) sums[r] = hn::MulAdd(taps.tap[k - r], value, sums[r]);
   }
 }
 
-// Vertical sums of the six window products about row y, into lines 0-5.
+// Sums along columns for the windows centred on rows y .. y + kSlab - 1, columns [begin, end).
 template <int R>
-void SumProducts(const ZnccWindow& window, int y, int width, Rows& rows) {
-  const Tag d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const float *mask[2 * R + 1], *ref[2 * R + 1], *other[2 * R + 1];
-  for (int k = 0; k <= 2 * R; ++k) {
-    mask[k] = rows.Ring(Rows::kMask, y - R + k);
-    ref[k] = rows.Ring(Rows::kRef, y - R + k);
-    other[k] = rows.Ring(Rows::kOther, y - R + k);
+struct ColumnSums {
+  static constexpr int kRows = kSlab + 2 * R;
+  const float* mask[kRows];
+  float* line[kSumLines * kSlab];
+  size_t plane;
+
+  ColumnSums(int y, Rows& rows) : plane(rows.plane_size()) {
+    for (int k = 0; k < kRows; ++k) mask[k] = rows.Ring(Rows::kMask, y - R + k);
+    for (int i = 0; i < kSumLines * kSlab; ++i) line[i] = rows.Line(i);
   }
-  float* out[6];
-  for (int i = 0; i < 6; ++i) out[i] = rows.Line(i);
-  for (int x = 0; x < width; x += lanes) {
-    Vec n = hn::Zero(d), s1 = n, s2 = n, s11 = n, s22 = n, s12 = n;
-    for (int k = 0; k <= 2 * R; ++k) {
-      const Vec w = hn::Set(d, window.taps[k]);
-      const Vec i = hn::LoadU(d, ref[k] + x), j = hn::LoadU(d, other[k] + x);
-      const Vec wi = hn::Mul(w, i), wj = hn::Mul(w, j);
-      n = hn::MulAdd(w, hn::LoadU(d, mask[k] + x), n);
-      s1 = hn::Add(s1, wi);
-      s2 = hn::Add(s2, wj);
-      s11 = hn::MulAdd(wi, i, s11);
-      s22 = hn::MulAdd(wj, j, s22);
-      s12 = hn::MulAdd(wi, j, s12);
+
+  // Of the other image, and of the products.
+  void AddOther(const Taps<R>& taps, int begin, int end) const {
+    const Tag d;
+    for (int x = begin; x < end; x += static_cast<int>(hn::Lanes(d))) {
+      Vec s2[kSlab], s22[kSlab], s12[kSlab];
+#pragma GCC unroll 4
+      for (int r = 0; r < kSlab; ++r) s2[r] = s22[r] = s12[r] = hn::Zero(d);
+#pragma GCC unroll 16
+      for (int k = 0; k < kRows; ++k) {
+        const float* at = mask[k] + x;
+        const Vec i = hn::LoadU(d, at + plane * Rows::kRef), j = hn::LoadU(d, at + plane * Rows::kOther);
+        AddRow<R>(taps, k, j, s2);
+        AddRow<R>(taps, k, hn::Mul(j, j), s22);
+        AddRow<R>(taps, k, hn::Mul(i, j), s12);
+      }
+#pragma GCC unroll 4
+      for (int r = 0; r < kSlab; ++r) {
+        hn::StoreU(s2[r], d, line[kSumLines * r + kS2] + x);
+        hn::StoreU(s22[r], d, line[kSumLines * r + kS22] + x);
+        hn::StoreU(s12[r], d, line[kSumLines * r + kS12] + x);
+      }
     }
-    hn::StoreU(n, d, out[0] + x);
-    hn::StoreU(s1, d, out[1] + x);
-    hn::StoreU(s2, d, out[2] + x);
-    hn::StoreU(s11, d, out[3] + x);
-    hn::StoreU(s22, d, out[4] + x);
-    hn::StoreU(s12, d, out[5] + x);
   }
-}
+
+  // Of the mask and the reference alone.
+  void AddReference(const Taps<R>& taps, int begin, int end) const {
+    const Tag d;
+    for (int x = begin; x < end; x += static_cast<int>(hn::Lanes(d))) {
+      Vec n[kSlab], s1[kSlab], s11[kSlab];
+#pragma GCC unroll 4
+      for (int r = 0; r < kSlab; ++r) n[r] = s1[r] = s11[r] = hn::Zero(d);
+#pragma GCC unroll 16
+      for (int k = 0; k < kRows; ++k) {
+        const float* at = mask[k] + x;
+        const Vec i = hn::LoadU(d, at + plane * Rows::kRef);
+        AddRow<R>(taps, k, hn::LoadU(d, at), n);
+        AddRow<R>(taps, k, i, s1);
+        AddRow<R>(taps, k, hn::Mul(i, i), s11);
+      }
+#pragma GCC unroll 4
+      for (int r = 0; r < kSlab; ++r) {
+        hn::StoreU(n[r], d, line[kSumLines * r + kN] + x);
+        hn::StoreU(s1[r], d, line[kSumLines * r + kS1] + x);
+        hn::StoreU(s11[r], d, line[kSumLines * r + kS11] + x);
+      }
+    }
+  }
+};
 
 template <int R>
-HWY_INLINE Vec SumAcross(const Tag d, const float* line, const Vec* taps) {
-  Vec sum = hn::Mul(taps[0], hn::LoadU(d, line - R));
-  for (int k = 1; k <= 2 * R; ++k) sum = hn::MulAdd(taps[k], hn::LoadU(d, line - R + k), sum);
+HWY_INLINE Vec SumAcross(const Taps<R>& taps, const float* line) {
+  const Tag d;
+  Vec sum = hn::Mul(taps.tap[0], hn::LoadU(d, line - R));
+#pragma GCC unroll 16
+  for (int k = 1; k <= 2 * R; ++k) sum = hn::MulAdd(taps.tap[k], hn::LoadU(d, line - R + k), sum);
   return sum;
 }
 
-// Scores the windows centred on row y from the vertical sums and writes the adjoint's coefficients of the row.
+// The reference's share of a window's statistics. Computed alike for a pair and for the reference alone, so that both
+// give the same bits where the pair loses no pixel.
+struct ReferenceWindow {
+  Vec inverse_n, mu1, v1;  // inverse_n is 0 where too little of the window is valid
+};
+
 template <int R>
-void ScoreRow(const ZnccWindow& window, int y, int width, bool own, Rows& rows, float* count, ZnccSums* sums) {
+HWY_INLINE ReferenceWindow MakeReferenceWindow(const Taps<R>& taps, const float* const* line, int x, Vec centre,
+                                               Vec min_valid) {
   const Tag d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const float* line[6];
-  for (int i = 0; i < 6; ++i) line[i] = rows.Line(i);
-  Vec taps[2 * R + 1];
-  for (int k = 0; k <= 2 * R; ++k) taps[k] = hn::Set(d, window.taps[k]);
+  const Vec zero = hn::Zero(d), one = hn::Set(d, 1.0f);
+  const Vec n = SumAcross<R>(taps, line[kN] + x);
+  const auto ok = hn::And(hn::Ne(centre, zero), hn::Ge(n, min_valid));
+  ReferenceWindow w;
+  w.inverse_n = hn::IfThenElseZero(ok, hn::Div(one, hn::IfThenElse(ok, n, one)));
+  w.mu1 = hn::Mul(SumAcross<R>(taps, line[kS1] + x), w.inverse_n);
+  w.v1 = hn::NegMulAdd(w.mu1, w.mu1, hn::Mul(SumAcross<R>(taps, line[kS11] + x), w.inverse_n));
+  return w;
+}
+
+struct RowTotals {
+  LaneSums energy, weight, windows;
+};
+
+// Scores the windows centred on columns [begin, end) of row y from the sums along columns and writes the adjoint's
+// coefficients. With kAlone the reference's share comes from the strip: the pair loses no pixel there.
+template <int R, bool kAlone>
+void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const float* const* line, int y, int begin, int end,
+                  bool semantic, Rows& rows, ReferenceStrip* strip, RowTotals* totals) {
+  const Tag d;
   const float* mask_row = rows.Ring(Rows::kMask, y);
   float* alpha = rows.Ring(Rows::kAlpha, y);
   float* beta = rows.Ring(Rows::kBeta, y);
@@ -176,129 +149,308 @@ void ScoreRow(const ZnccWindow& window, int y, int width, bool own, Rows& rows, 
   const Vec min_valid = hn::Set(d, window.min_valid), min_variance = hn::Set(d, window.min_variance);
   const Vec epsilon = hn::Set(d, window.epsilon), noise = hn::Set(d, window.noise_variance);
   const Vec max_difference = hn::Set(d, window.max_mean_difference), max_ratio = hn::Set(d, window.max_variance_ratio);
-  Vec energy = zero, weight = zero, windows = zero;
-  for (int x = 0; x < width; x += lanes) {
+  const bool robust = window.outlier < std::numeric_limits<float>::infinity();
+  const Vec inverse_outlier = hn::Set(d, robust ? 1 / window.outlier : 0);
+  for (int x = begin; x < end; x += static_cast<int>(hn::Lanes(d))) {
     const Vec centre = hn::LoadU(d, mask_row + x);
-    auto ok = hn::Ne(centre, zero);
-    if (hn::AllFalse(d, ok)) {
-      hn::StoreU(zero, d, alpha + x);
-      hn::StoreU(zero, d, beta + x);
-      hn::StoreU(zero, d, gamma + x);
-      hn::StoreU(zero, d, eta + x);
-      continue;
+    ReferenceWindow w;
+    if (kAlone) {
+      w.inverse_n = hn::LoadU(d, strip->inverse_weight.row(y) + x);
+      w.mu1 = hn::LoadU(d, strip->mean.row(y) + x);
+      w.v1 = hn::LoadU(d, strip->variance.row(y) + x);
+    } else {
+      w = MakeReferenceWindow<R>(taps, line, x, centre, min_valid);
     }
-    const Vec n = SumAcross<R>(d, line[0] + x, taps);
-    ok = hn::And(ok, hn::Ge(n, min_valid));
-    const Vec inverse_n = hn::Div(one, hn::IfThenElse(ok, n, one));
-    const Vec mu1 = hn::Mul(SumAcross<R>(d, line[1] + x, taps), inverse_n);
-    const Vec mu2 = hn::Mul(SumAcross<R>(d, line[2] + x, taps), inverse_n);
-    const Vec v1 = hn::NegMulAdd(mu1, mu1, hn::Mul(SumAcross<R>(d, line[3] + x, taps), inverse_n));
-    const Vec v2 = hn::NegMulAdd(mu2, mu2, hn::Mul(SumAcross<R>(d, line[4] + x, taps), inverse_n));
-    const Vec c = hn::NegMulAdd(mu1, mu2, hn::Mul(SumAcross<R>(d, line[5] + x, taps), inverse_n));
-    ok = hn::And(ok, hn::And(hn::Gt(v1, min_variance), hn::Gt(v2, min_variance)));
-    ok = hn::And(ok, hn::Lt(hn::Abs(hn::Sub(mu1, mu2)), max_difference));
-    ok = hn::And(ok, hn::And(hn::Lt(v1, hn::Mul(v2, max_ratio)), hn::Lt(v2, hn::Mul(v1, max_ratio))));
-    const Vec v1e = hn::IfThenElse(ok, hn::Add(v1, epsilon), one);
+    const Vec mu2 = hn::Mul(SumAcross<R>(taps, line[kS2] + x), w.inverse_n);
+    const Vec v2 = hn::NegMulAdd(mu2, mu2, hn::Mul(SumAcross<R>(taps, line[kS22] + x), w.inverse_n));
+    const Vec c = hn::NegMulAdd(w.mu1, mu2, hn::Mul(SumAcross<R>(taps, line[kS12] + x), w.inverse_n));
+    auto ok = hn::And(hn::Gt(w.inverse_n, zero), hn::And(hn::Gt(w.v1, min_variance), hn::Gt(v2, min_variance)));
+    ok = hn::And(ok, hn::Lt(hn::Abs(hn::Sub(w.mu1, mu2)), max_difference));
+    ok = hn::And(ok, hn::And(hn::Lt(w.v1, hn::Mul(v2, max_ratio)), hn::Lt(v2, hn::Mul(w.v1, max_ratio))));
+    const Vec v1 = hn::IfThenElse(ok, hn::Add(w.v1, epsilon), one);
     const Vec v2e = hn::IfThenElse(ok, hn::Add(v2, epsilon), one);
-    const Vec s = hn::Div(one, hn::Sqrt(hn::Mul(v1e, v2e)));
+    // s = 1/√(v1 v2), 1/v2 and r = v1/(v1 + noise) from one division.
+    const Vec root = hn::Sqrt(hn::Mul(v1, v2e)), noisy = hn::Add(v1, noise);
+    const Vec a = hn::Mul(v2e, noisy), inverse = hn::Div(one, hn::Mul(root, a));
+    const Vec s = hn::Mul(a, inverse), inverse_v2 = hn::Mul(hn::Mul(root, noisy), inverse);
+    const Vec r = hn::IfThenElseZero(ok, hn::Mul(hn::Mul(v1, root), hn::Mul(v2e, inverse)));
     const Vec zeta = hn::Mul(c, s);
-    const Vec r = hn::IfThenElseZero(ok, hn::Div(v1e, hn::Add(v1e, noise)));
-    const Vec rn = hn::Mul(r, inverse_n), inverse_v2 = hn::Div(one, v2e), zeta_v2 = hn::Mul(zeta, inverse_v2);
-    hn::StoreU(hn::Neg(hn::Mul(rn, s)), d, alpha + x);
-    hn::StoreU(hn::Mul(rn, zeta_v2), d, beta + x);
-    hn::StoreU(hn::Mul(rn, hn::NegMulAdd(mu2, zeta_v2, hn::Mul(mu1, s))), d, gamma + x);
-    hn::StoreU(hn::Mul(rn, inverse_v2), d, eta + x);
-    if (own) {
-      const Vec accepted = hn::IfThenElseZero(ok, one);
-      hn::StoreU(hn::Add(hn::LoadU(d, count + x), accepted), d, count + x);
-      energy = hn::MulAdd(r, hn::Sub(one, zeta), energy);
-      weight = hn::Add(weight, r);
-      windows = hn::Add(windows, accepted);
+    Vec e = hn::Sub(one, zeta), rn = hn::Mul(r, w.inverse_n);
+    if (robust) {
+      const Vec share = hn::Div(one, hn::MulAdd(e, inverse_outlier, one));
+      e = hn::Mul(e, share);
+      rn = hn::Mul(rn, hn::Mul(share, share));
     }
-  }
-  if (own) {
-    sums->energy += hn::GetLane(hn::SumOfLanes(d, energy));
-    sums->weight += hn::GetLane(hn::SumOfLanes(d, weight));
-    sums->windows += static_cast<int64_t>(hn::GetLane(hn::SumOfLanes(d, windows)));
+    const Vec rs = hn::Mul(rn, s), rv = hn::Mul(rn, inverse_v2), rb = hn::Mul(rv, zeta);
+    hn::StoreU(hn::Neg(rs), d, alpha + x);
+    hn::StoreU(rb, d, beta + x);
+    hn::StoreU(hn::NegMulAdd(mu2, rb, hn::Mul(w.mu1, rs)), d, gamma + x);
+    hn::StoreU(rv, d, eta + x);
+    if (totals == nullptr) continue;
+    const Vec accepted = hn::IfThenElseZero(ok, one);
+    if (!semantic) {
+      float* count = strip->count.row(y) + x;
+      hn::StoreU(hn::Add(hn::LoadU(d, count), accepted), d, count);
+    }
+    totals->energy.Add(d, x, hn::Mul(r, e));
+    totals->weight.Add(d, x, r);
+    totals->windows.Add(d, x, accepted);
   }
 }
 
-// Gathers the coefficients of all windows that pixels of row y are in and adds the row's derivatives.
+// Columns are worked off in chunks, so that what `first` leaves behind is still in the first cache when `second`, one
+// block behind it, reads it. Both take a range of blocks.
+template <class First, class Second>
+HWY_INLINE void InChunks(int blocks, const First& first, const Second& second) {
+  constexpr int kChunk = 8;
+  for (int begin = 0, ready = 0; begin < blocks; begin += kChunk) {
+    const int end = std::min(blocks, begin + kChunk);
+    first(begin, end);
+    const int reach = end == blocks ? blocks : end - 1;
+    second(ready, reach);
+    ready = reach;
+  }
+}
+
+// Or of the flags of a block and its neighbours; the arrays have a zero on either side.
+HWY_INLINE int Around(const uint8_t* flags, int b) { return flags[b - 1] | flags[b] | flags[b + 1]; }
+
+// Windows reach one block to either side.
+static_assert(ZnccWindow::kMaxRadius <= kPixelBlock);
+
+// Sums and scores the windows centred on rows y .. y + kSlab - 1.
 template <int R>
-void AdjointRow(const ZnccWindow& window, int y, int width, Rows& rows, float* gradient, float* curvature) {
+void ScoreSlab(const ZnccPair& pair, const ZnccWindow& window, const Taps<R>& taps, bool semantic, int y, Rows& rows,
+               ReferenceStrip* strip, ZnccSums* sums) {
+  const int blocks = rows.blocks(), height = pair.reference->height;
+  uint8_t* state = rows.State();
+  uint8_t* sum_state = rows.SumState();
+  std::fill_n(sum_state, blocks, uint8_t{0});
+  for (int k = 0; k < kSlab + 2 * R; ++k) {
+    const uint8_t* flags = rows.PixelFlags(y - R + k);
+    for (int b = 0; b < blocks; ++b) sum_state[b] |= flags[b];
+  }
+  for (int b = 0; b < blocks; ++b) {
+    state[b] = sum_state[b] & Rows::kSeen ? static_cast<uint8_t>(Around(sum_state, b)) : uint8_t{0};
+  }
+  for (int b = 0; b < blocks; ++b) sum_state[b] = static_cast<uint8_t>(Around(state, b));
+  const ColumnSums<R> columns(y, rows);
+  RowTotals totals[kSlab];
+  InChunks(
+      blocks,
+      [&](int first, int last) {
+        for (int b = first; b < last; ++b) {
+          const int x = b * kPixelBlock;
+          if (sum_state[b] & Rows::kSeen) columns.AddOther(taps, x, x + kPixelBlock);
+          if (sum_state[b] & Rows::kLost) columns.AddReference(taps, x, x + kPixelBlock);
+        }
+      },
+      [&](int first, int last) {
+        for (int r = 0; r < kSlab; ++r) {
+          const int row = y + r;
+          if (row < 0 || row >= height || row < strip->row_begin - R || row >= strip->row_end + R) continue;
+          const bool own = row >= strip->row_begin && row < strip->row_end;
+          const float* const* line = columns.line + kSumLines * r;
+          uint8_t* flags = rows.WindowFlags(row);
+          for (int b = first; b < last; ++b) {
+            const int x = b * kPixelBlock;
+            flags[b] = state[b] ? Rows::kScored : 0;
+            if (state[b] & Rows::kLost) {
+              ScoreColumns<R, false>(window, taps, line, row, x, x + kPixelBlock, semantic, rows, strip,
+                                     own ? &totals[r] : nullptr);
+            } else if (state[b]) {
+              ScoreColumns<R, true>(window, taps, line, row, x, x + kPixelBlock, semantic, rows, strip,
+                                    own ? &totals[r] : nullptr);
+            } else {
+              for (Rows::Plane plane : {Rows::kAlpha, Rows::kBeta, Rows::kGamma, Rows::kEta}) {
+                std::fill_n(rows.Ring(plane, row) + x, kPixelBlock, 0.0f);
+              }
+            }
+          }
+        }
+      });
+  for (int r = 0; r < kSlab; ++r) {
+    if (y + r < 0 || y + r >= height) rows.ClearWindows(y + r);
+    sums->energy += totals[r].energy.Total();
+    sums->weight += totals[r].weight.Total();
+    sums->windows += static_cast<int64_t>(totals[r].windows.Total());
+  }
+}
+
+// Gathers the coefficients of all windows that pixels of rows y .. y + kSlab - 1 are in and adds the derivatives.
+template <int R>
+void AdjointSlab(const Taps<R>& taps, int y, Rows& rows, ReferenceStrip* strip) {
   const Tag d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  Vec taps[2 * R + 1];
-  for (int k = 0; k <= 2 * R; ++k) taps[k] = hn::Set(d, window.taps[k]);
-  const Rows::Plane planes[4] = {Rows::kAlpha, Rows::kBeta, Rows::kGamma, Rows::kEta};
-  for (int p = 0; p < 4; ++p) {
-    const float* ring[2 * R + 1];
-    for (int k = 0; k <= 2 * R; ++k) ring[k] = rows.Ring(planes[p], y - R + k);
-    float* out = rows.Line(p);
-    for (int x = 0; x < width; x += lanes) {
-      Vec sum = hn::Mul(taps[0], hn::LoadU(d, ring[0] + x));
-      for (int k = 1; k <= 2 * R; ++k) sum = hn::MulAdd(taps[k], hn::LoadU(d, ring[k] + x), sum);
-      hn::StoreU(sum, d, out + x);
+  const int blocks = rows.blocks();
+  uint8_t* state = rows.State();
+  uint8_t* sum_state = rows.SumState();
+  std::fill_n(sum_state, blocks, uint8_t{0});
+  std::fill_n(state, blocks, uint8_t{0});
+  const float* ring[kSlab + 2 * R];
+  for (int k = 0; k < kSlab + 2 * R; ++k) {
+    const uint8_t* flags = rows.WindowFlags(y - R + k);
+    for (int b = 0; b < blocks; ++b) sum_state[b] |= flags[b];
+    ring[k] = rows.Ring(Rows::kAlpha, y - R + k);
+  }
+  for (int r = 0; r < kSlab; ++r) {
+    const uint8_t* flags = rows.PixelFlags(y + r);
+    for (int b = 0; b < blocks; ++b) state[b] |= flags[b] & Rows::kSeen;
+  }
+  for (int b = 0; b < blocks; ++b) {
+    if (Around(sum_state, b) == 0) state[b] = 0;
+  }
+  for (int b = 0; b < blocks; ++b) sum_state[b] = static_cast<uint8_t>(Around(state, b));
+  const auto sum_down = [&](int first, int last) {
+    for (int b = first; b < last; ++b) {
+      if (sum_state[b] == 0) continue;
+      for (int p = 0; p < 4; ++p) {
+        const size_t plane = rows.plane_size() * p;
+        for (int x = b * kPixelBlock; x < (b + 1) * kPixelBlock; x += lanes) {
+          Vec sum[kSlab];
+#pragma GCC unroll 4
+          for (int r = 0; r < kSlab; ++r) sum[r] = hn::Zero(d);
+#pragma GCC unroll 16
+          for (int k = 0; k < kSlab + 2 * R; ++k) AddRow<R>(taps, k, hn::LoadU(d, ring[k] + plane + x), sum);
+#pragma GCC unroll 4
+          for (int r = 0; r < kSlab; ++r) hn::StoreU(sum[r], d, rows.Line(4 * r + p) + x);
+        }
+      }
     }
-  }
-  const float *alpha = rows.Line(0), *beta = rows.Line(1), *gamma = rows.Line(2), *eta = rows.Line(3);
-  const float* ref = rows.Ring(Rows::kRef, y);
-  const float* other = rows.Ring(Rows::kOther, y);
-  const float* slope_row = rows.Ring(Rows::kSlope, y);
-  for (int x = 0; x < width; x += lanes) {
-    const Vec slope = hn::LoadU(d, slope_row + x);
-    if (hn::AllTrue(d, hn::Eq(slope, hn::Zero(d)))) continue;
-    Vec derivative = SumAcross<R>(d, gamma + x, taps);
-    derivative = hn::MulAdd(SumAcross<R>(d, alpha + x, taps), hn::LoadU(d, ref + x), derivative);
-    derivative = hn::MulAdd(SumAcross<R>(d, beta + x, taps), hn::LoadU(d, other + x), derivative);
-    const Vec weight = SumAcross<R>(d, eta + x, taps);
-    hn::StoreU(hn::MulAdd(derivative, slope, hn::LoadU(d, gradient + x)), d, gradient + x);
-    hn::StoreU(hn::MulAdd(weight, hn::Mul(slope, slope), hn::LoadU(d, curvature + x)), d, curvature + x);
-  }
+  };
+  const auto sum_across = [&](int first, int last) {
+    for (int r = 0; r < kSlab; ++r) {
+      const int row = y + r;
+      if (row < strip->row_begin || row >= strip->row_end) continue;
+      const float *alpha = rows.Line(4 * r), *beta = rows.Line(4 * r + 1), *gamma = rows.Line(4 * r + 2),
+                  *eta = rows.Line(4 * r + 3);
+      const float* ref = rows.Ring(Rows::kRef, row);
+      const float* other = rows.Ring(Rows::kOther, row);
+      const float* slope_row = rows.Ring(Rows::kSlope, row);
+      float* gradient = strip->gradient.row(row);
+      float* curvature = strip->curvature.row(row);
+      for (int b = first; b < last; ++b) {
+        if (state[b] == 0) continue;
+        for (int x = b * kPixelBlock; x < (b + 1) * kPixelBlock; x += lanes) {
+          const Vec slope = hn::LoadU(d, slope_row + x);
+          Vec derivative = SumAcross<R>(taps, gamma + x);
+          derivative = hn::MulAdd(SumAcross<R>(taps, alpha + x), hn::LoadU(d, ref + x), derivative);
+          derivative = hn::MulAdd(SumAcross<R>(taps, beta + x), hn::LoadU(d, other + x), derivative);
+          const Vec weight = SumAcross<R>(taps, eta + x);
+          hn::StoreU(hn::MulAdd(derivative, slope, hn::LoadU(d, gradient + x)), d, gradient + x);
+          hn::StoreU(hn::MulAdd(weight, hn::Mul(slope, slope), hn::LoadU(d, curvature + x)), d, curvature + x);
+        }
+      }
+    }
+  };
+  InChunks(blocks, sum_down, sum_across);
 }
 
-template <int R>
-ZnccSums RunStrip(const ZnccPair& pair, const ZnccWindow& window, int row_begin, int row_end, PaddedPlane* gradient,
-                  PaddedPlane* curvature, PaddedPlane* count, ZnccScratch* scratch) {
-  const int width = pair.reference->width, height = pair.reference->height;
+// One slab of rows enters; the windows R rows above are scored, the pixels 2R above finished.
+template <int R, bool kSemantic>
+ZnccSums RunStrip(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic, ReferenceStrip* strip,
+                  ZnccScratch* scratch) {
+  const Taps<R> taps(window);
+  Rows rows(pair.reference->width, R, scratch);
   ZnccSums sums;
-  Rows rows(width, 2 * R + 1, scratch);
-  // One row enters, the row R above it is scored, the row 2R above it is finished.
-  for (int y = row_begin - 2 * R; y < row_end + 2 * R; ++y) {
-    if (y >= 0 && y < height) {
-      WarpRow(pair, y, rows);
-    } else {
-      for (Rows::Plane plane : {Rows::kMask, Rows::kRef, Rows::kOther, Rows::kSlope}) rows.Clear(plane, y);
+  for (int y = strip->row_begin - 2 * R; y < strip->row_end + 2 * R; y += kSlab) {
+    for (int row = y; row < y + kSlab; ++row) {
+      if (row < 0 || row >= pair.reference->height || row >= strip->row_end + 2 * R) {
+        rows.ClearPixels(row);
+      } else if (kSemantic && row >= strip->row_begin && row < strip->row_end) {
+        WarpRow<true>(pair, semantic, row, rows, strip, &sums);
+      } else {
+        WarpRow<false>(pair, semantic, row, rows, strip, &sums);
+      }
     }
-    const int scored = y - R;
-    if (scored < row_begin - R) continue;
-    if (scored >= 0 && scored < height) {
-      const bool own = scored >= row_begin && scored < row_end;
-      SumProducts<R>(window, scored, width, rows);
-      ScoreRow<R>(window, scored, width, own, rows, own ? count->row(scored) : nullptr, &sums);
-    } else {
-      for (Rows::Plane plane : {Rows::kAlpha, Rows::kBeta, Rows::kGamma, Rows::kEta}) rows.Clear(plane, scored);
+    if (y - R + kSlab > strip->row_begin - R) {
+      ScoreSlab<R>(pair, window, taps, kSemantic, y - R, rows, strip, &sums);
     }
-    const int finished = y - 2 * R;
-    if (finished < row_begin) continue;
-    AdjointRow<R>(window, finished, width, rows, gradient->row(finished), curvature->row(finished));
+    if (y - 2 * R + kSlab > strip->row_begin) AdjointSlab<R>(taps, y - 2 * R, rows, strip);
   }
   return sums;
 }
 
-ZnccSums Run(const ZnccPair& pair, const ZnccWindow& window, int row_begin, int row_end, PaddedPlane* gradient,
-             PaddedPlane* curvature, PaddedPlane* count, ZnccScratch* scratch) {
+template <int R>
+void SummarizeStrip(const Texels& reference, const ZnccWindow& window, ReferenceStrip* strip, ZnccScratch* scratch) {
+  const Tag d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const Taps<R> taps(window);
+  const Vec min_valid = hn::Set(d, window.min_valid), one = hn::Set(d, 1.0f), zero = hn::Zero(d);
+  const Vec scale = hn::Set(d, kLuminanceScale), shift = hn::Set(d, kLuminanceShift);
+  Rows rows(reference.width, R, scratch);
+  const int end_x = rows.blocks() * kPixelBlock;
+  for (int y = strip->row_begin - 2 * R; y < strip->row_end + 2 * R; y += kSlab) {
+    for (int row = y; row < y + kSlab; ++row) {
+      if (row < 0 || row >= reference.height || row >= strip->row_end + 2 * R) {
+        rows.ClearPixels(row);
+        continue;
+      }
+      const uint16_t* luminance = reference.luminance.data() + reference.Index(0, row);
+      for (int x = 0; x < end_x; x += lanes) {
+        const auto used = hn::Ne(hn::LoadU(d, strip->depth_factor.row(row) + x), zero);
+        const Vec ref = hn::MulAdd(LoadLuminance(d, luminance + x), scale, shift);
+        hn::StoreU(hn::IfThenElseZero(used, one), d, rows.Ring(Rows::kMask, row) + x);
+        hn::StoreU(hn::IfThenElseZero(used, ref), d, rows.Ring(Rows::kRef, row) + x);
+      }
+    }
+    const ColumnSums<R> columns(y - R, rows);
+    const auto sum_across = [&](int first, int last) {
+      for (int r = 0; r < kSlab; ++r) {
+        const int row = y - R + r;
+        if (row < strip->mean.first_row || row >= strip->mean.first_row + strip->mean.rows) continue;
+        for (int x = first * kPixelBlock; x < last * kPixelBlock; x += lanes) {
+          const Vec centre = hn::LoadU(d, rows.Ring(Rows::kMask, row) + x);
+          const ReferenceWindow w = MakeReferenceWindow<R>(taps, columns.line + kSumLines * r, x, centre, min_valid);
+          hn::StoreU(w.inverse_n, d, strip->inverse_weight.row(row) + x);
+          hn::StoreU(w.mu1, d, strip->mean.row(row) + x);
+          hn::StoreU(w.v1, d, strip->variance.row(row) + x);
+        }
+      }
+    };
+    InChunks(
+        rows.blocks(),
+        [&](int first, int last) { columns.AddReference(taps, first * kPixelBlock, last * kPixelBlock); }, sum_across);
+  }
+}
+
+template <bool kSemantic>
+ZnccSums RunWindow(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic,
+                   ReferenceStrip* strip, ZnccScratch* scratch) {
   switch (window.radius) {
     case 1:
-      return RunStrip<1>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+      return RunStrip<1, kSemantic>(pair, window, semantic, strip, scratch);
     case 2:
-      return RunStrip<2>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+      return RunStrip<2, kSemantic>(pair, window, semantic, strip, scratch);
     case 3:
-      return RunStrip<3>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+      return RunStrip<3, kSemantic>(pair, window, semantic, strip, scratch);
     case 4:
-      return RunStrip<4>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+      return RunStrip<4, kSemantic>(pair, window, semantic, strip, scratch);
     default:
-      return RunStrip<5>(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+      return RunStrip<5, kSemantic>(pair, window, semantic, strip, scratch);
+  }
+}
+
+ZnccSums Run(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic, ReferenceStrip* strip,
+             ZnccScratch* scratch) {
+  const bool classes =
+      semantic.weight > 0 && pair.reference->classes > 0 && pair.reference->classes == pair.other->classes;
+  return classes ? RunWindow<true>(pair, window, semantic, strip, scratch)
+                 : RunWindow<false>(pair, window, semantic, strip, scratch);
+}
+
+void Summarize(const Texels& reference, const ZnccWindow& window, ReferenceStrip* strip, ZnccScratch* scratch) {
+  switch (window.radius) {
+    case 1:
+      return SummarizeStrip<1>(reference, window, strip, scratch);
+    case 2:
+      return SummarizeStrip<2>(reference, window, strip, scratch);
+    case 3:
+      return SummarizeStrip<3>(reference, window, strip, scratch);
+    case 4:
+      return SummarizeStrip<4>(reference, window, strip, scratch);
+    default:
+      return SummarizeStrip<5>(reference, window, strip, scratch);
   }
 }
 
@@ -309,10 +461,24 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace tessera {
 HWY_EXPORT(Run);
+HWY_EXPORT(Summarize);
 
-ZnccSums AccumulateZncc(const ZnccPair& pair, const ZnccWindow& window, int row_begin, int row_end,
-                        PaddedPlane* gradient, PaddedPlane* curvature, PaddedPlane* count, ZnccScratch* scratch) {
-  return HWY_DYNAMIC_DISPATCH(Run)(pair, window, row_begin, row_end, gradient, curvature, count, scratch);
+void ZnccSums::Add(const ZnccSums& other) {
+  energy += other.energy;
+  weight += other.weight;
+  windows += other.windows;
+  semantic_energy += other.semantic_energy;
+  semantic_pixels += other.semantic_pixels;
+}
+
+void SummarizeReference(const Texels& reference, const ZnccWindow& window, ReferenceStrip* strip,
+                        ZnccScratch* scratch) {
+  HWY_DYNAMIC_DISPATCH(Summarize)(reference, window, strip, scratch);
+}
+
+ZnccSums AccumulateZncc(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic,
+                        ReferenceStrip* strip, ZnccScratch* scratch) {
+  return HWY_DYNAMIC_DISPATCH(Run)(pair, window, semantic, strip, scratch);
 }
 
 }  // namespace tessera

@@ -99,7 +99,7 @@ TEST_P(Kernel, AgreesWithTheOracle) {
   const Scene scene(GetParam());
   std::vector<PhotoView> views;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    views.push_back({scene.cameras[i], ToPaddedPlane(scene.images[i])});
+    views.push_back({scene.cameras[i], MakeTexels(scene.images[i])});
   }
   const std::vector<ViewPair> pairs = {{0, 1}, {1, 2}, {2, 0}, {3, 1}};
   for (const ViewPair& pair : pairs) {
@@ -122,7 +122,7 @@ INSTANTIATE_TEST_SUITE_P(Windows, Kernel, testing::Bool());
 TEST(PhotoTerm, AStepByTheCurvatureLowersTheEnergy) {
   const Scene scene;
   std::vector<PhotoView> views;
-  for (size_t i = 0; i < 2; ++i) views.push_back({scene.cameras[i], ToPaddedPlane(scene.images[i])});
+  for (size_t i = 0; i < 2; ++i) views.push_back({scene.cameras[i], MakeTexels(scene.images[i])});
   const std::vector<ViewPair> pairs = {{0, 1}};
   PhotoTerm term(views, pairs, scene.options);
   PhotoDerivatives got;
@@ -147,7 +147,7 @@ TEST(PhotoTerm, AGainOfOneImageChangesNoGradient) {
   PhotoDerivatives plain, darker;
   for (PhotoDerivatives* out : {&plain, &darker}) {
     std::vector<PhotoView> views;
-    for (size_t i = 0; i < 2; ++i) views.push_back({scene.cameras[i], ToPaddedPlane(scene.images[i])});
+    for (size_t i = 0; i < 2; ++i) views.push_back({scene.cameras[i], MakeTexels(scene.images[i])});
     PhotoTerm(views, pairs, scene.options).Evaluate(scene.mesh, TriangleMesh(), nullptr, out);
     for (float& value : scene.images[1].data) value = 0.6f * value + 0.1f;
   }
@@ -159,7 +159,7 @@ TEST(PhotoTerm, DoesNotDependOnThreads) {
   const Scene scene;
   std::vector<PhotoView> views;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    views.push_back({scene.cameras[i], ToPaddedPlane(scene.images[i])});
+    views.push_back({scene.cameras[i], MakeTexels(scene.images[i])});
   }
   const std::vector<ViewPair> pairs = {{0, 1}, {0, 2}, {1, 0}, {2, 0}, {3, 0}};
   PhotoDerivatives one, two;

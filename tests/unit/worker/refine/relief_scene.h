@@ -96,6 +96,34 @@ inline FloatImage Photograph(const TriangleMesh& mesh, const PosedCamera& camera
   return image;
 }
 
+// How likely each of `classes` classes is at p, by the texture and the height: smooth, summing to one.
+inline double ReliefLikelihood(const Eigen::Vector3d& p, int l, int classes) {
+  double sum = 0, mine = 0;
+  for (int k = 0; k < classes; ++k) {
+    const double score = std::exp(2 * std::sin(2.1 * p.x() + 1.3 * k) * std::cos(1.7 * p.y() - 0.9 * k) +
+                                  0.8 * std::sin(1.5 * p.z() + k));
+    sum += score;
+    if (k == l) mine = score;
+  }
+  return mine / sum;
+}
+
+// What a classifier makes of `camera`'s photograph of `mesh`: a plane a class; uniform where there is nothing.
+inline FloatImage PhotographClasses(const TriangleMesh& mesh, const PosedCamera& camera, int classes) {
+  const FaceMap map = RasterizeFaces(mesh, nullptr, camera);
+  FloatImage image(map.width, map.height, classes, 1 / static_cast<float>(classes));
+  const Eigen::Vector3d centre = camera.Centre();
+  for (int y = 0; y < map.height; ++y) {
+    for (int x = 0; x < map.width; ++x) {
+      const size_t i = static_cast<size_t>(y) * map.width + x;
+      if (map.face[i] < 0) continue;
+      const Eigen::Vector3d p = centre + static_cast<double>(map.depth[i]) * camera.Ray(x + 0.5, y + 0.5);
+      for (int l = 0; l < classes; ++l) image.at(x, y, l) = static_cast<float>(ReliefLikelihood(p, l, classes));
+    }
+  }
+  return image;
+}
+
 }  // namespace tessera
 
 #endif  // TESSERA_TESTS_UNIT_WORKER_REFINE_RELIEF_SCENE_H_
