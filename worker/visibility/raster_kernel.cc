@@ -6,6 +6,7 @@
 #define HWY_DISABLED_TARGETS (HWY_AVX3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "worker/visibility/raster_kernel.cc"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 //
 #include <hwy/highway.h>
@@ -258,6 +259,36 @@ HWY_INLINE void NarrowRow(const double* area, const double* per_column, int* fir
   *last = end;
 }
 
+// The map is read and written in windows of as many pixels as there are lanes, which start at multiples of that number:
+// what a face has just written can then be forwarded to the next face's read, which it could not if they overlapped in
+// part. The last window of a row starts earlier, so as to end with it.
+HWY_INLINE int WindowInRow(int window, int lanes, const DrawTarget& target) {
+  return std::min(window, target.width - lanes);
+}
+
+// Draws those pixels of the window at (x, y) whose 1/z is greater than what is there.
+HWY_INLINE void DrawWindow(hn::Vec<Floats> value, hn::Vec<Ints> ids, int x, int y, const DrawTarget& target) {
+  const Floats df;
+  const Ints di;
+  const size_t i = static_cast<size_t>(y) * target.width + x;
+  const auto old = hn::LoadU(df, target.inverse_z + i);
+  const auto old_ids = hn::LoadU(di, target.face + i);
+  const auto nearer = hn::Gt(value, old);
+  hn::StoreU(hn::IfThenElse(nearer, value, old), df, target.inverse_z + i);
+  hn::StoreU(hn::IfThenElse(hn::RebindMask(di, nearer), ids, old_ids), di, target.face + i);
+}
+
+// Draws one pixel of the batch's face k, the only one of its box.
+HWY_INLINE void DrawPixelFromBatch(const FaceBatch& batch, int k, int32_t id, const DrawTarget& target) {
+  const Floats df;
+  const Ints di;
+  const int lanes = static_cast<int>(hn::Lanes(df));
+  const int x = WindowInRow(batch.x_first[k] & -lanes, lanes, target);
+  const auto here = hn::Eq(hn::Iota(di, 0), hn::Set(di, batch.x_first[k] - x));
+  const auto value = hn::IfThenElseZero(hn::RebindMask(df, here), hn::Set(df, batch.value[k]));
+  DrawWindow(value, hn::Set(di, id), x, batch.y_first[k], target);
+}
+
 // Draws one face of the batch, as many pixels of a row at once as there are lanes.
 HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const DrawTarget& target) {
   const Doubles d;
@@ -285,21 +316,15 @@ HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const D
       const double per_column[3] = {hn::GetLane(column0), hn::GetLane(column1), hn::GetLane(column2)};
       NarrowRow(area, per_column, &first, &last);
     }
-    for (int column = first; column < last; column += lanes) {
-      // Not past the row's end; what lies before the box is outside the face.
-      const int x = std::min(column, target.width - lanes);
+    for (int window = first & -lanes; window < last; window += lanes) {
+      const int x = WindowInRow(window, lanes, target);  // pixels outside the box are outside the face
       const auto right = hn::Add(hn::Iota(d, 0), hn::Set(d, static_cast<double>(x - x_begin)));
       const auto e0 = hn::Add(at0, hn::Mul(column0, right)), e1 = hn::Add(at1, hn::Mul(column1, right)),
                  e2 = hn::Add(at2, hn::Mul(column2, right));
       const auto inside = hn::And(hn::Ge(e0, least0), hn::And(hn::Ge(e1, least1), hn::Ge(e2, least2)));
       const auto plane = hn::Add(at_a, hn::Add(hn::Mul(e1, for_b), hn::Mul(e2, for_c)));
       const auto value = hn::DemoteTo(df, hn::IfThenElseZero(inside, hn::Min(hn::Max(plane, low), high)));
-      const size_t i = static_cast<size_t>(y) * target.width + x;
-      const auto old = hn::LoadU(df, target.inverse_z + i);
-      const auto nearer = hn::Gt(value, old);
-      const auto old_ids = hn::LoadU(di, target.face + i);
-      hn::StoreU(hn::IfThenElse(nearer, value, old), df, target.inverse_z + i);
-      hn::StoreU(hn::IfThenElse(hn::RebindMask(di, nearer), ids, old_ids), di, target.face + i);
+      DrawWindow(value, ids, x, y, target);
     }
   }
 }
@@ -315,6 +340,12 @@ int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const G
     while (ready < wanted) {
       const int expected = std::min(lanes, wanted - ready);
       const int held = SetUpLanes(faces, list + done + ready, wanted - ready, vertices, target, ready, &batch);
+      for (int k = ready; k < ready + held; ++k) {
+        const int row = std::clamp(batch.y_first[k], target.row_first, target.row_last - 1);
+        const size_t i = static_cast<size_t>(row) * target.width + std::min(batch.x_first[k], target.width - 1);
+        hwy::Prefetch(target.inverse_z + i);
+        hwy::Prefetch(target.face + i);
+      }
       ready += held;
       if (held < expected) break;
     }
@@ -322,7 +353,7 @@ int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const G
       const int32_t id = with_ids ? static_cast<int32_t>(list[done + k]) : -1;
       if (batch.x_last[k] - batch.x_first[k] == 1 && batch.y_last[k] - batch.y_first[k] == 1) {
         if (batch.y_first[k] >= target.row_first && batch.y_first[k] < target.row_last) {
-          target.Draw(batch.x_first[k], batch.y_first[k], batch.value[k], id);
+          DrawPixelFromBatch(batch, k, id, target);
         }
       } else {
         DrawFromBatch(batch, k, id, target);
