@@ -24,6 +24,11 @@ double ParallelSum(int64_t count, int64_t grain, const std::function<double(int6
   return sum;
 }
 
+int ThreadCount() {
+  const auto allowed = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
+  return static_cast<int>(std::max<size_t>(allowed, 1));
+}
+
 struct ThreadLimit::Impl {
   tbb::global_control control;
 };

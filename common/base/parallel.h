@@ -17,6 +17,9 @@ void ParallelFor(int64_t count, int64_t grain, const std::function<void(int64_t 
 // threads.
 double ParallelSum(int64_t count, int64_t grain, const std::function<double(int64_t begin, int64_t end)>& body);
 
+// Threads that ParallelFor may use now, at least one.
+int ThreadCount();
+
 // Bounds the threads that ParallelFor uses in the whole process while it lives; 0 means one for each core.
 class ThreadLimit {
  public:

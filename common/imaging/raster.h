@@ -32,6 +32,13 @@ using FloatImage = Raster<float>;
 using ByteImage = Raster<uint8_t>;
 using LabelImage = Raster<uint8_t>;  // class index a pixel, 255: nothing
 
+// Where the centre of pixel (x, y) of one image lies in another: scale (x + 0.5, y + 0.5) + offset, in the other's
+// pixels (centres at +0.5).
+struct PixelMapping {
+  double scale_x = 1, scale_y = 1;
+  double offset_x = 0, offset_y = 0;
+};
+
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_IMAGING_RASTER_H_

@@ -29,7 +29,7 @@ std::vector<Sample> SamplesAlong(int count, double scale, double offset, int siz
 
 }  // namespace
 
-void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const LikelihoodMapping& mapping,
+void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
                     FaceLikelihoods* sums) {
   const int classes = sums->classes;
   const std::vector<Sample> columns = SamplesAlong(map.width, mapping.scale_x, mapping.offset_x, likelihoods.width);

@@ -21,16 +21,9 @@ struct FaceLikelihoods {
   size_t faces() const { return pixels.size(); }
 };
 
-// Where the centre of a face map's pixel (x, y) lies in the likelihoods' image: scale (x + 0.5, y + 0.5) + offset, in
-// its pixels (centres at +0.5).
-struct LikelihoodMapping {
-  double scale_x = 1, scale_y = 1;
-  double offset_x = 0, offset_y = 0;
-};
-
-// Adds one view: each pixel of `map` that sees a face adds the likelihoods there (a plane a class; bilinear where the
-// resolutions differ, the border continued). Not thread-safe on the same `sums`.
-void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const LikelihoodMapping& mapping,
+// Adds one view: each pixel of `map` that sees a face adds the likelihoods where `mapping` puts it (a plane a class;
+// bilinear, the border continued). Not thread-safe on the same `sums`.
+void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
                     FaceLikelihoods* sums);
 
 }  // namespace tessera

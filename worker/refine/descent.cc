@@ -188,11 +188,17 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
 }
 
 std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo, const SmoothTerm& smooth,
-                                  const MotionGuard& guard, const StepOptions& options) {
+                                  const InterTerm& inter, const MotionGuard& guard, const StepOptions& options) {
   std::vector<Vector3d> rhs, step;
   smooth.Gradient(mesh.vertices, options.weights, &rhs);
+  InterCurvature inter_curvature;
+  if (options.inter > 0) {
+    inter.AddGradient(mesh.vertices, options.inter, &rhs);
+    inter_curvature = inter.Curvature(mesh.vertices, options.inter);
+  }
   for (size_t v = 0; v < rhs.size(); ++v) rhs[v] = -(rhs[v] + photo.gradient[v]);
-  smooth.SolveStep(photo.curvature, rhs, options.weights, options.smoothing_sweeps, &step);
+  smooth.SolveStep(photo.curvature, rhs, options.weights, options.smoothing_sweeps, &step,
+                   options.inter > 0 ? &inter_curvature : nullptr);
   for (Vector3d& s : step) {
     const double length = s.norm();
     if (length > options.max_step_m) s *= options.max_step_m / length;

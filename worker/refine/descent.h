@@ -9,6 +9,7 @@
 
 #include "common/geometry/mesh.h"
 #include "common/geometry/topology.h"
+#include "worker/refine/inter_term.h"
 #include "worker/refine/photo_term.h"
 #include "worker/refine/smooth_term.h"
 
@@ -69,15 +70,16 @@ std::vector<Eigen::Vector3d> SmoothedPositions(const TriangleMesh& mesh, const I
 
 struct StepOptions {
   SmoothWeights weights;  // per metre²
+  double inter = 0;       // λ3
   int smoothing_sweeps = 10;
   double max_step_m = 0;
   double min_turn_cosine = 0.4;  // a face's normal turns by less than this angle's arc cosine in a step
 };
 
-// The Gauss-Newton step of photo and smoothness term at `mesh`: (curvature + A) step = -(gradients), every vertex's
+// The Gauss-Newton step of data and smoothness terms at `mesh`: (curvatures + A) step = -(gradients), every vertex's
 // length bounded, and what `guard` makes of it. Depends on no sum over the mesh. Zero at fixed vertices.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
-                                         const SmoothTerm& smooth, const MotionGuard& guard,
+                                         const SmoothTerm& smooth, const InterTerm& inter, const MotionGuard& guard,
                                          const StepOptions& options);
 
 }  // namespace tessera

@@ -10,6 +10,7 @@
 #include "common/base/parallel.h"
 #include "common/imaging/pyramid.h"
 #include "worker/refine/descent.h"
+#include "worker/refine/inter_term.h"
 #include "worker/refine/photo_term.h"
 #include "worker/refine/self_intersection.h"
 #include "worker/refine/smooth_term.h"
@@ -77,7 +78,8 @@ std::vector<PixelRect> ViewWindows(const RefineProblem& problem, int coarsest) {
   return windows;
 }
 
-PhotoView MakePhotoView(const RefineView& view, const PixelRect& rect, int level) {
+PhotoView MakePhotoView(RefineView view, const PixelRect& rect, int level, bool semantic) {
+  if (!semantic) view.likelihoods = nullptr;
   PhotoView out;
   out.camera = PyramidCamera(CroppedCamera(view.camera, rect), level);
   FloatImage image(rect.width(), rect.height());
@@ -89,7 +91,16 @@ PhotoView MakePhotoView(const RefineView& view, const PixelRect& rect, int level
     }
   }
   for (int i = 0; i < level; ++i) image = HalfResolution(image);
-  out.texels = MakeTexels(image);
+  if (view.likelihoods == nullptr) {
+    out.texels = MakeTexels(image);
+  } else {
+    PixelMapping mapping = view.mapping;
+    mapping.offset_x += mapping.scale_x * rect.x0;
+    mapping.offset_y += mapping.scale_y * rect.y0;
+    mapping.scale_x *= 1 << level;
+    mapping.scale_y *= 1 << level;
+    out.texels = MakeTexels(image, *view.likelihoods, mapping);
+  }
   return out;
 }
 
@@ -103,7 +114,10 @@ PhotoOptions MakePhotoOptions(const RefineOptions& options) {
   out.window.epsilon = 1e-6f;
   out.window.noise_variance = static_cast<float>(options.noise_sigma * options.noise_sigma);
   out.min_cosine = options.min_cosine;
+  out.window.outlier = static_cast<float>(options.photo_outlier);
+  out.semantic = {static_cast<float>(options.semantic), static_cast<float>(options.semantic_outlier)};
   out.occlusion_px = options.occlusion_px;
+  out.min_pairs = options.min_pairs;
   return out;
 }
 
@@ -116,6 +130,10 @@ MotionLimits MakeMotionLimits(const RefineProblem& problem, const RefineOptions&
 }
 
 double MeanEnergy(const ZnccSums& sums) { return sums.weight > 0 ? sums.energy / sums.weight : 0; }
+
+double MeanSemanticEnergy(const ZnccSums& sums) {
+  return sums.semantic_pixels > 0 ? sums.semantic_energy / static_cast<double>(sums.semantic_pixels) : 0;
+}
 
 double Rms(const std::vector<Vector3d>& moves) {
   double sum = 0;
@@ -133,9 +151,12 @@ class Refiner {
         options_(options),
         mesh_(problem.mesh),
         smooth_(problem.mesh, problem.fixed_vertices),
+        inter_(problem.mesh, problem.fixed_vertices),
         guard_(problem.mesh, problem.fixed_vertices, MakeMotionLimits(problem, options)),
         repair_(problem.mesh, guard_.faces_of_vertex()) {
     double start_s = Seconds(options.clock);
+    smooth_.SetLabels(problem.mesh.labels, options.classes, options.mixed);
+    if (options.inter > 0) inter_.SetLabels(problem.mesh.labels);
     pairs_ = problem.pairs;
     if (pairs_.empty()) {
       std::vector<PosedCamera> cameras;
@@ -182,7 +203,7 @@ class Refiner {
     const double start_s = Seconds(options_.clock);
     std::vector<PhotoView> views(problem_.views.size());
     ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t i = begin; i < end; ++i) views[i] = MakePhotoView(problem_.views[i], windows_[i], level);
+      for (int64_t i = begin; i < end; ++i) views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0);
     });
     views_ = std::move(views);
     photo_ = std::make_unique<PhotoTerm>(views_, pairs_, MakePhotoOptions(options_));
@@ -190,8 +211,8 @@ class Refiner {
     report_.seconds_prepare += Seconds(options_.clock) - start_s;
   }
 
-  void Evaluate() {
-    photo_->Evaluate(mesh_, problem_.occluders, options_.clock, &derivatives_);
+  void Evaluate(bool redraw) {
+    photo_->Evaluate(mesh_, problem_.occluders, redraw, options_.clock, &derivatives_);
     report_.seconds_visibility += derivatives_.seconds_visibility;
     report_.seconds_photo += derivatives_.seconds_photo;
     report_.warped_pixels += derivatives_.warped_pixels;
@@ -201,7 +222,7 @@ class Refiner {
   StatusOr<double> Measure(const TaskControl& control) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     EnterLevel(Finest());
-    Evaluate();
+    Evaluate(true);
     return MeanEnergy(derivatives_.sums);
   }
 
@@ -211,22 +232,26 @@ class Refiner {
     const double pixel_m = problem_.gsd_m * std::pow(2.0, level);
     StepOptions step_options;
     const double unit = 1 / (pixel_m * pixel_m);
-    step_options.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit};
+    step_options.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit, unit,
+                            options_.tangential};
+    step_options.inter = options_.inter;
     step_options.smoothing_sweeps = options_.smoothing_sweeps;
     step_options.max_step_m = options_.max_step_px * pixel_m;
     const std::vector<Vector3d> level_start = mesh_.vertices;
     for (int iteration = 0; iteration < options_.iterations[stage]; ++iteration) {
+      if (options_.tangential != 1) smooth_.SetNormals(mesh_.vertices);
       TESSERA_RETURN_IF_ERROR(control.Check());
       control.Report(work_ / total_work_,
                      absl::StrCat("level ", level, ", step ", iteration + 1, " of ", options_.iterations[stage]));
-      Evaluate();
+      Evaluate(iteration % options_.redraw_every == 0);
       const double start_s = Seconds(options_.clock);
-      const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, guard_, step_options);
+      const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, inter_, guard_, step_options);
       for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
       step_options.max_step_m *= options_.step_decay;
       report_.seconds_step += Seconds(options_.clock) - start_s;
       report_.iterations.push_back(
-          {level, MeanEnergy(derivatives_.sums), Rms(step) / pixel_m, derivatives_.sums.windows});
+          {level, MeanEnergy(derivatives_.sums), MeanSemanticEnergy(derivatives_.sums), Rms(step) / pixel_m,
+           derivatives_.sums.windows});
     }
     const double start_s = Seconds(options_.clock);
     const FoldRepair::Result repaired = repair_.Run(
@@ -242,6 +267,7 @@ class Refiner {
   const RefineOptions& options_;
   TriangleMesh mesh_;
   SmoothTerm smooth_;
+  InterTerm inter_;
   MotionGuard guard_;
   FoldRepair repair_;
   std::vector<ViewPair> pairs_;

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "common/base/clock.h"
@@ -14,18 +15,22 @@
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
 #include "worker/refine/pairs.h"
+#include "worker/refine/smooth_term.h"
 
 namespace tessera {
 
-// One view. `luminance` has the camera's size, values in [0, 1], NaN where the photograph has nothing; not owned.
+// One view; its images are not owned. `luminance` has the camera's size, values in [0, 1], NaN where the photograph has
+// nothing. `likelihoods`: a plane a class, in [0, 1], of any resolution; null: none.
 struct RefineView {
   PosedCamera camera;
   const FloatImage* luminance = nullptr;
+  const FloatImage* likelihoods = nullptr;
+  PixelMapping mapping = {};  // from luminance to likelihoods
 };
 
 // Everything in one metric frame near its origin (a tile's own).
 struct RefineProblem {
-  TriangleMesh mesh;                    // oriented; already split (SplitLargeFaces)
+  TriangleMesh mesh;                    // oriented; already split (SplitLargeFaces); labels choose the class weights
   std::vector<uint8_t> fixed_vertices;  // 1: stays where it is (tile cuts); empty: none
   TriangleMesh occluders;               // hides, but is not refined; may be empty
   std::vector<RefineView> views;
@@ -42,24 +47,31 @@ struct RefineOptions {
   // Windowed ZNCC.
   int window_px = 7;            // odd, 3..11
   bool gaussian_window = true;  // sigma = window_px / 4; else a box
-  double noise_sigma = 0.02;    // of luminance: a reference window of variance v weighs v / (v + sigma²)
+  double noise_sigma = 0.01;    // of luminance: a reference window of variance v weighs v / (v + sigma²)
   double min_sigma = 0.004;     // windows of less standard deviation in either image are rejected
   double max_mean_difference = 0.3;
   double max_variance_ratio = 10;
   double min_valid = 0.5;   // share of a window that both images must see
   double min_cosine = 0.1;  // flatter views of a face than this are skipped
-  double occlusion_px = 6;  // slack of the depth test, in pixels of the level
+  double occlusion_px = 1;  // slack of the depth test, in pixels of the level
+  double photo_outlier = std::numeric_limits<double>::infinity();  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
+  double min_pairs = 4;  // a vertex that fewer view pairs see gets less of the data term, in proportion
+  int redraw_every = 2;  // iterations between drawings of the face maps; depths follow the surface in each
+
+  // E_sem.
+  double semantic = 0;  // λ1; 0: off
+  double semantic_outlier = std::numeric_limits<double>::infinity();  // as photo_outlier, for e = ½ Σ_l ΔL² of a pixel
 
   // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
   // count in pixels of the level.
-  double semantic = 0;  // λ1, of E_sem; 0: off
-  double thin_plate = 0.3;
+  double thin_plate = 0.6;  // λ2
   double membrane = 0.02;
-  double rim = 0.3;                      // keeps the displacement of mesh rims smooth along the rim
-  double inter = 0;                      // λ3, of E_inter; 0: off
-  double mixed = 0;                      // weak umbrella at vertices of several labels
-  std::vector<double> class_smoothness;  // ω a class; empty: all 1
-  int smoothing_sweeps = 10;             // Chebyshev sweeps of the semi-implicit step
+  double rim = 0.3;                       // keeps the displacement of mesh rims smooth along the rim
+  double tangential = 1;                  // of the thin plate within the surface (SmoothWeights)
+  std::vector<ClassSmoothness> classes;   // by label; beyond its end: weight 1
+  double mixed = 0.3;                     // weight of vertices whose faces have several labels; 0: none
+  double inter = 0;                       // λ3, of E_inter; 0: off
+  int smoothing_sweeps = 20;              // Chebyshev sweeps of the semi-implicit step
 
   // Descent.
   double max_step_px = 1.0;                            // per iteration, pixels of the level
@@ -77,7 +89,8 @@ struct RefineOptions {
 // What one iteration saw before its step.
 struct RefineIteration {
   int level = 0;
-  double energy = 0;        // mean 1 - ZNCC over accepted windows, weighted
+  double energy = 0;           // mean 1 - ZNCC over accepted windows, weighted
+  double semantic_energy = 0;  // mean E_sem over the pixels that have it
   double moved_px = 0;      // RMS over free vertices, pixels of the level
   int64_t pair_pixels = 0;  // accepted windows
 };

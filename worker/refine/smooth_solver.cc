@@ -20,7 +20,7 @@ constexpr int64_t kGrain = 4096;
 constexpr int64_t kSpecialGrain = 512;
 // Eigenvalues of the preconditioned matrix: the preconditioner holds them below kHigh, and the low end only sets which
 // smooth modes are left to the next call.
-constexpr double kHigh = 3.5, kLow = 0.08;
+constexpr double kHigh = 3.5, kLow = 0.01;
 
 // Four lanes of SSE (or NEON): x, y, z and one number more.
 using Lanes = float __attribute__((vector_size(16)));

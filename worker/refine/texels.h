@@ -77,13 +77,6 @@ struct Texels {
   }
 };
 
-// Where the centre of pixel (x, y) of a luminance image lies in another image: scale (x + 0.5, y + 0.5) + offset, in
-// that image's pixels (centres at +0.5).
-struct PixelMapping {
-  double scale_x = 1, scale_y = 1;
-  double offset_x = 0, offset_y = 0;
-};
-
 // `luminance`: values in [0, 1] (others are clamped), NaN where invalid.
 Texels MakeTexels(const FloatImage& luminance);
 

@@ -43,7 +43,7 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
   }
   options.geometry_knows_labels = !baseline;
   if (!baseline) {
-    for (const SceneClass& c : classes) options.geometry.class_smoothness.push_back(c.smoothness);
+    for (const SceneClass& c : classes) options.geometry.classes.push_back({c.smoothness, 0});
   }
   if (parameters.rounds > 0) options.rounds = parameters.rounds;
   Apply(parameters.settings, &options);

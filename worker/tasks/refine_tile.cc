@@ -60,7 +60,8 @@ RefineProblem MakeProblem(const TilePackage& package, const TriangleMesh& mesh_i
   std::vector<int> loaded(package.views.size(), -1);
   for (size_t v = 0; v < views.size(); ++v) {
     loaded[views[v].view] = static_cast<int>(v);
-    problem.views.push_back({views[v].camera, &views[v].luminance});
+    const FloatImage* likelihoods = views[v].likelihoods.empty() ? nullptr : &views[v].likelihoods;
+    problem.views.push_back({views[v].camera, &views[v].luminance, likelihoods, views[v].mapping});
   }
   for (const auto& [reference, other] : package.pairs) {
     if (loaded[reference] >= 0 && loaded[other] >= 0) problem.pairs.push_back({loaded[reference], loaded[other]});

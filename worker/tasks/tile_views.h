@@ -19,7 +19,7 @@ struct TileView {
   PosedCamera camera;         // of the cropped image, tile frame
   FloatImage luminance;       // cropped
   FloatImage likelihoods;     // a plane a class; empty if the scene has none
-  LikelihoodMapping mapping;  // from pixels of `camera` to likelihoods
+  PixelMapping mapping;  // from pixels of `camera` to likelihoods
 };
 
 // Reads the views of a package from `scene_folder`; those that do not see the tile are left out. `mesh_in_tile`: the

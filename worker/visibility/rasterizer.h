@@ -3,22 +3,19 @@
 #define TESSERA_WORKER_VISIBILITY_RASTERIZER_H_
 
 #include <cstdint>
+#include <functional>
 #include <limits>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
+#include "worker/visibility/image_window.h"
 
 namespace tessera {
 
-// Half-open rectangle of pixels.
-struct PixelRect {
-  int x0 = 0, y0 = 0, x1 = 0, y1 = 0;
-  int width() const { return x1 - x0; }
-  int height() const { return y1 - y0; }
-  bool empty() const { return x1 <= x0 || y1 <= y0; }
-  bool operator==(const PixelRect&) const = default;
-};
+constexpr double kNearPlane_m = 1e-3;
 
 // Rows from the top, `width` x `height` pixels each.
 struct FaceMap {
@@ -31,24 +28,45 @@ struct FaceMap {
 
 // Draws `mesh`, and `occluders` (may be null) into depth alone, as `camera` sees them through its pixel centres. Both
 // sides of faces count. A pixel centre on an edge belongs to exactly one of two faces that share it; of equally deep
-// faces the one of lower index wins, and the mesh wins over occluders. Parts nearer than `near_m` are clipped. Depth is
-// exact on planes (perspective-correct), to float rounding. Meshes and camera in the same frame, metres. Uses the
-// process's threads; the result does not depend on their number.
+// faces the one of lower index wins, and the mesh wins over occluders. Parts nearer than `near_m` are clipped. Vertices
+// are rounded to 2^-15 pixel in the image; on what they then span, depth is exact on planes (perspective-correct), to
+// float rounding. Meshes and camera in the same frame, metres. Uses the process's threads; the result does not depend
+// on their number.
 FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const PosedCamera& camera,
-                       double near_m = 1e-3);
+                       double near_m = kNearPlane_m);
 
-// The part of `camera`'s image inside `rect` as an image of its own.
-PosedCamera CroppedCamera(const PosedCamera& camera, const PixelRect& rect);
+// Draws again and again without allocating: keeps its buffers (16 bytes a vertex and thread), and the maps keep theirs.
+// One call at a time.
+class Rasterizer {
+ public:
+  Rasterizer();
+  ~Rasterizer();
+  Rasterizer(Rasterizer&&) noexcept;
+  Rasterizer& operator=(Rasterizer&&) noexcept;
 
-// The camera of a pyramid level: every level halves width and height (rounding down; of an odd size the last column or
-// row has no counterpart and is cut, so that pixel edges of all levels coincide).
-PosedCamera PyramidCamera(const PosedCamera& camera, int level);
+  // As RasterizeFaces, the threads at work in bands of the one image.
+  void Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const PosedCamera& camera, FaceMap* map,
+            double near_m = kNearPlane_m);
 
-// Smallest rectangle with all pixels that `mesh` may cover, grown by `margin_px` and clipped to the image, its corners
-// rounded outward to multiples of `alignment_px` (but never past the image). The whole image where a face crosses the
-// near plane inside the image's cone; empty where nothing is in sight.
-PixelRect ProjectedBounds(const TriangleMesh& mesh, const PosedCamera& camera, int margin_px, int alignment_px,
-                          double near_m = 1e-3);
+  // The same maps for many cameras, which are shared out among the threads: faster than one after another.
+  void DrawViews(const TriangleMesh& mesh, const TriangleMesh* occluders, std::span<const PosedCamera> cameras,
+                 std::vector<FaceMap>* maps, double near_m = kNearPlane_m);
+
+  // For a mesh that moved little since `map` was drawn: every pixel keeps its face, and gets the depth of that face's
+  // plane at the new positions, within the range of its corners. Pixels without face, occluders' among them, stay as
+  // they are. Of a mesh that has not moved the map stays the same to the bit.
+  void UpdateDepth(const TriangleMesh& mesh, const PosedCamera& camera, FaceMap* map, double near_m = kNearPlane_m);
+  void UpdateDepths(const TriangleMesh& mesh, std::span<const PosedCamera> cameras, std::vector<FaceMap>* maps,
+                    double near_m = kNearPlane_m);
+
+ private:
+  struct Workspace;
+  struct Pool;
+  // Calls body(view, workspace) for each view, on as many threads as there are.
+  void ForEachView(size_t views, const std::function<void(size_t view, Workspace& workspace)>& body);
+
+  std::unique_ptr<Pool> pool_;
+};
 
 }  // namespace tessera
 

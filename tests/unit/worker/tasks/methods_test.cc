@@ -27,13 +27,13 @@ TEST(Methods, EachHasItsTerms) {
   const TileRefineOptions ours = OptionsOf("tessera"), baseline = OptionsOf("baseline"), paper = OptionsOf("paper");
   EXPECT_TRUE(ours.geometry_knows_labels);
   EXPECT_EQ(ours.label.form, LabelOptions::Form::kTessera);
-  EXPECT_THAT(ours.geometry.class_smoothness, ElementsAre(3, 0.25));
+  EXPECT_THAT(ours.geometry.classes, ElementsAre(Field(&ClassSmoothness::smoothness, 3), Field(&ClassSmoothness::smoothness, 0.25)));
 
   EXPECT_FALSE(baseline.geometry_knows_labels);
   EXPECT_EQ(baseline.rounds, 1);
   EXPECT_EQ(baseline.geometry.semantic, 0);
   EXPECT_EQ(baseline.geometry.inter, 0);
-  EXPECT_THAT(baseline.geometry.class_smoothness, IsEmpty());
+  EXPECT_THAT(baseline.geometry.classes, IsEmpty());
   EXPECT_EQ(baseline.label.form, ours.label.form);
 
   EXPECT_TRUE(paper.geometry_knows_labels);
@@ -41,7 +41,7 @@ TEST(Methods, EachHasItsTerms) {
   EXPECT_GT(paper.geometry.semantic, 0);
   EXPECT_GT(paper.geometry.inter, 0);
   EXPECT_EQ(paper.geometry.mixed, 0);
-  EXPECT_THAT(paper.geometry.class_smoothness, ElementsAre(3, 0.25));
+  EXPECT_THAT(paper.geometry.classes, ElementsAre(Field(&ClassSmoothness::smoothness, 3), Field(&ClassSmoothness::smoothness, 0.25)));
   EXPECT_EQ(paper.label.form, LabelOptions::Form::kPaper);
 
   for (const TileRefineOptions* other : {&baseline, &paper}) {  // compared on even terms

@@ -1,0 +1,82 @@
+// The inner loops of the rasteriser: vertices onto a fixed-point grid, faces without pixel centres sorted out, the rest
+// drawn. They run on the widest instruction set of the machine and give the same bytes on each.
+#ifndef TESSERA_WORKER_VISIBILITY_RASTER_KERNEL_H_
+#define TESSERA_WORKER_VISIBILITY_RASTER_KERNEL_H_
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cstdint>
+
+#include "common/geometry/mesh.h"
+#include "common/imaging/camera.h"
+
+namespace tessera {
+
+// Vertices are rounded to a grid of 2^-15 pixel, so that the side of an edge that a pixel centre lies on is decided in
+// integers: exactly, and alike for both faces at the edge.
+constexpr int kGridBits = 15;
+constexpr int64_t kGridPerPixel = int64_t{1} << kGridBits;
+constexpr int64_t kGridHalf = kGridPerPixel / 2;
+constexpr double kGridLimit = int64_t{1} << 30;
+
+// A vertex as a camera sees it.
+struct alignas(16) GridVertex {
+  int32_t x = 0, y = 0;  // grid units, under kGridLimit
+  float inverse_z = 0;   // linear over the image of a plane
+  int32_t off_grid = 0;  // -1: nearer than the near plane or too far out, and all the rest is zero; else 0
+};
+
+// Rows [row_first, row_last) of a face map; the pointers are to the map's first pixel.
+struct DrawTarget {
+  int width = 0, height = 0;
+  int row_first = 0, row_last = 0;
+  int32_t* face = nullptr;
+  float* inverse_z = nullptr;  // 0: nothing
+
+  void Draw(int x, int y, float value, int32_t id) const {
+    const size_t i = static_cast<size_t>(y) * width + x;
+    if (value > inverse_z[i]) {
+      inverse_z[i] = value;
+      face[i] = id;
+    }
+  }
+};
+
+// 1/z over the image of a face with corners a, b, c, from the areas that the point spans with the edges opposite of b
+// and c: inside the face a mean of the corners' values, however thin it is.
+struct DepthPlane {
+  double at_a = 0, for_b = 0, for_c = 0;
+  float low = 0, high = 0;
+
+  DepthPlane(double a, double b, double c, double area)
+      : at_a(a),
+        for_b((b - a) / area),
+        for_c((c - a) / area),
+        low(static_cast<float>(std::min(a, std::min(b, c)))),
+        high(static_cast<float>(std::max(a, std::max(b, c)))) {}
+  float At(double area_b, double area_c) const {
+    const float value = static_cast<float>(at_a + (area_b * for_b + area_c * for_c));
+    return std::min(std::max(value, low), high);
+  }
+  float At(int64_t area_b, int64_t area_c) const {
+    return At(static_cast<double>(area_b), static_cast<double>(area_c));
+  }
+};
+
+void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& camera, double near_m,
+                   GridVertex* out);
+
+// Writes to `list` (room for last - first) those of the faces [first, last), ascending, whose bounding box holds a pixel
+// centre of the image or that have a corner off the grid. Returns how many.
+int64_t SelectFaces(const Triangle* faces, int64_t first, int64_t last, const GridVertex* vertices, int width,
+                    int height, uint32_t* list);
+
+// Draws the listed faces in this order, the first of equally near ones staying on top; each with its index as id, or
+// with -1 unless `with_ids`. Stops at a face that is off the grid or too large for it (DrawUnboundedFace draws these);
+// returns how many it got through.
+int64_t DrawFaces(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices, bool with_ids,
+                  const DrawTarget& target);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_VISIBILITY_RASTER_KERNEL_H_
