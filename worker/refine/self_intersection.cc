@@ -3,6 +3,7 @@
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <iterator>
 #include <limits>
@@ -164,6 +165,7 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
   if (active.empty()) return {};
   std::vector<uint8_t> is_active(mesh.faces.size());
   for (uint32_t f : active) is_active[f] = 1;
+  const bool all_active = active.size() == order_.size();
   // Leaf by leaf along the curve. Of two active faces, the earlier one finds the pair.
   const auto is_active_at = [&](size_t i) { return is_active[order_[i]] != 0; };
   const auto faces_end = [&](size_t leaf) { return std::min((leaf + 1) * kLeafFaces, order_.size()); };
@@ -185,6 +187,9 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
       while (!stack.empty()) {
         const size_t node = stack.back();
         stack.pop_back();
+        // Where all are active, whole subtrees have found their pairs with this leaf already.
+        const size_t span = leaves_ >> (std::bit_width(node) - 1);
+        if (all_active && (node + 1) * span <= leaves_ + leaf) continue;
         if (!Overlap(nodes_[node], box)) continue;
         if (node < leaves_) {
           stack.push_back(2 * node + 1);
