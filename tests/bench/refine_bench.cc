@@ -63,13 +63,16 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--occlusion", a.refine.occlusion_px);
   app.add_option("--max-normal", a.refine.max_normal_gsd);
   app.add_option("--max-tangent", a.refine.max_tangent_gsd);
+  app.add_option("--start-steps", a.refine.start_smoothing_steps);
   app.add_option("--start-cosine", a.refine.min_start_cosine);
 }
 
 // What the run did to the surface that a surface must not suffer.
-void PrintFolds(const RefineProblem& problem, const std::vector<Eigen::Vector3d>& vertices) {
+void PrintFolds(const RefineProblem& problem, const std::vector<Eigen::Vector3d>& vertices, int start_steps) {
   const CpuClock clock;
-  const MotionGuard guard(problem.mesh, problem.fixed_vertices, MotionLimits());
+  MotionLimits limits;
+  limits.start_smoothing_steps = start_steps;
+  const MotionGuard guard(problem.mesh, problem.fixed_vertices, limits);
   const int64_t begin_us = clock.MonotonicUs();
   const std::vector<FacePair> before = IntersectingFacePairs(problem.mesh);
   const int64_t between_us = clock.MonotonicUs();
@@ -125,7 +128,7 @@ Status Bench(Arguments& a) {
               report.seconds_repair);
   std::printf("cpu ns a pixel, ordered pair and evaluation: photo %.1f, all %.1f\n",
               1e9 * report.seconds_photo / pixel_pairs, 1e9 * cpu_s / pixel_pairs);
-  PrintFolds(problem, vertices);
+  PrintFolds(problem, vertices, a.refine.start_smoothing_steps);
   if (a.out.empty()) return absl::OkStatus();
   problem.mesh.vertices = vertices;
   for (Eigen::Vector3d& v : problem.mesh.vertices) v = scene.frame.SceneFromLocal(v);

@@ -81,39 +81,43 @@ std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const IndexRow
 }
 
 MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits)
-    : limits_(limits), faces_(start.faces), faces_of_vertex_(FacesOfVertices(start)), start_(start.vertices) {
-  const Positions smooth = SmoothedPositions(start, faces_of_vertex_, fixed, limits.start_smoothing_steps);
+    : limits_(limits),
+      fixed_(fixed),
+      faces_(start.faces),
+      faces_of_vertex_(FacesOfVertices(start)),
+      start_(start.vertices) {
+  smoothed_ = SmoothedPositions(start, faces_of_vertex_, fixed, limits.start_smoothing_steps);
   start_normals_.resize(faces_.size());
   ForEach(faces_.size(),
-          [&](size_t f) { start_normals_[f] = CrossAt(faces_[f], smooth).stableNormalized().cast<float>(); });
+          [&](size_t f) { start_normals_[f] = CrossAt(faces_[f], smoothed_).stableNormalized().cast<float>(); });
   vertex_normals_.resize(start_.size());
   ForEach(start_.size(), [&](size_t v) {
     Vector3d sum = Vector3d::Zero();
-    for (uint32_t f : faces_of_vertex_[v]) sum += CrossAt(faces_[f], smooth);
+    for (uint32_t f : faces_of_vertex_[v]) sum += CrossAt(faces_[f], smoothed_);
     vertex_normals_[v] = sum.stableNormalized().cast<float>();
   });
 }
 
-void MotionGuard::LimitDisplacement(const Positions& at, Positions* step) const {
+Vector3d MotionGuard::Braked(size_t v, const Vector3d& at, const Vector3d& step) const {
   const double per_normal = 1 / limits_.max_normal_m, per_tangent = 1 / limits_.max_tangent_m;
-  if (per_normal == 0 && per_tangent == 0) return;
-  ForEach(at.size(), [&](size_t v) {
-    // In the frame that makes the ellipsoid a unit ball.
-    const Vector3d normal = vertex_normals_[v].cast<double>();
-    const auto in_ball = [&](const Vector3d& d) -> Vector3d {
-      return per_tangent * d + (per_normal - per_tangent) * normal.dot(d) * normal;
-    };
-    const Vector3d from = in_ball(at[v] - start_[v]), move = in_ball((*step)[v]);
-    const double before = from.norm(), after = (from + move).norm();
-    if (after <= std::max(before, limits_.free_share)) return;
-    // Half of the room that is left to the wall is the most a step may take.
-    const double most =
-        std::max(before, limits_.free_share) + std::max(0.0, 0.5 * (1 - std::max(before, limits_.free_share)));
-    if (after <= most) return;
-    // The share of the step at which the ball of radius `most` is reached.
-    const double a = move.squaredNorm(), b = from.dot(move), c = std::min(0.0, before * before - most * most);
-    (*step)[v] *= std::clamp((-b + std::sqrt(std::max(0.0, b * b - a * c))) / a, 0.0, 1.0);
-  });
+  if (std::max(per_normal, per_tangent) * ((at - start_[v]).norm() + step.norm()) <= limits_.free_share) return step;
+  // In the frame that makes the ellipsoid a unit ball.
+  const Vector3d normal = vertex_normals_[v].cast<double>();
+  const auto in_ball = [&](const Vector3d& d) -> Vector3d {
+    return per_tangent * d + (per_normal - per_tangent) * normal.dot(d) * normal;
+  };
+  const Vector3d from = in_ball(at - start_[v]), move = in_ball(step);
+  const double before = std::max(from.norm(), limits_.free_share), after = (from + move).norm();
+  // Half of the room that is left to the wall is the most a step may take.
+  const double most = before + std::max(0.0, 0.5 * (1 - before));
+  if (after <= before || after <= most) return step;
+  // The share of the step at which the ball of radius `most` is reached.
+  const double a = move.squaredNorm(), b = from.dot(move), c = std::min(0.0, from.squaredNorm() - most * most);
+  return std::clamp((-b + std::sqrt(std::max(0.0, b * b - a * c))) / a, 0.0, 1.0) * step;
+}
+
+void MotionGuard::LimitDisplacement(const Positions& at, Positions* step) const {
+  ForEach(at.size(), [&](size_t v) { (*step)[v] = Braked(v, at[v], (*step)[v]); });
 }
 
 bool MotionGuard::KeepsFacing(uint32_t face, const Positions& from, const Positions& to) const {
@@ -125,6 +129,16 @@ bool MotionGuard::KeepsFacing(uint32_t face, const Positions& from, const Positi
   return facing * before.norm() >= (before.dot(normal) - 1e-9 * before.norm()) * length;
 }
 
+std::vector<Vector3d> MotionGuard::UnfoldedStart() const {
+  Positions out = start_;
+  for (size_t f = 0; f < faces_.size(); ++f) {
+    const Vector3d cross = CrossAt(faces_[f], start_);
+    if (cross.dot(start_normals_[f].cast<double>()) >= limits_.min_start_cosine * cross.norm()) continue;
+    for (uint32_t v : faces_[f]) out[v] = smoothed_[v];
+  }
+  return out;
+}
+
 int64_t MotionGuard::TurnedFaces(const Positions& at) const {
   int64_t count = 0;
   for (size_t f = 0; f < faces_.size(); ++f) count += CrossAt(faces_[f], at).dot(start_normals_[f].cast<double>()) <= 0;
@@ -132,7 +146,7 @@ int64_t MotionGuard::TurnedFaces(const Positions& at) const {
 }
 
 void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const {
-  constexpr int kHalvings = 4, kPasses = 24;
+  constexpr int kLevellings = 4, kHalvings = 4, kPasses = 32;
   constexpr double kMinAreaShare = 0.1;  // of the area before the step
   const auto folds = [&](uint32_t f) {
     const Triangle& t = faces_[f];
@@ -159,24 +173,44 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
   for (uint32_t f = 0; f < folded.size(); ++f) {
     if (folded[f]) bad.push_back(f);
   }
-  // From here on only faces about a change can be anything new. A vertex is shortened once a pass, however many of its
-  // faces fold.
-  std::vector<uint8_t> shortened(mesh.vertices.size());
+  // From here on only faces about a change can be anything new. At first the corners of folding faces are made to move
+  // more alike, which turns nothing and keeps the faces' way; then their steps are shortened. A vertex is changed once
+  // a pass, however many of its faces fold.
+  std::vector<uint8_t> changed(mesh.vertices.size());
+  std::vector<uint32_t> vertices;
+  Positions level;
   for (int pass = 0; pass < kPasses && !bad.empty(); ++pass) {
-    const double factor = pass < kHalvings ? 0.5 : 0;
     touched.clear();
-    std::vector<uint32_t> vertices;
+    vertices.clear();
     for (uint32_t f : bad) {
-      folded[f] = 0;
       for (uint32_t v : faces_[f]) {
-        if (shortened[v]) continue;
-        shortened[v] = 1;
+        if (changed[v]) continue;
+        changed[v] = 1;
         vertices.push_back(v);
-        (*step)[v] *= factor;
-        for (uint32_t g : faces_of_vertex_[v]) touched.push_back(g);
+        touched.insert(touched.end(), faces_of_vertex_[v].begin(), faces_of_vertex_[v].end());
       }
     }
-    for (uint32_t v : vertices) shortened[v] = 0;
+    if (pass < kLevellings) {
+      level.resize(vertices.size());
+      for (size_t i = 0; i < vertices.size(); ++i) {
+        Vector3d sum = Vector3d::Zero();
+        int corners = 0;
+        for (uint32_t f : faces_of_vertex_[vertices[i]]) {
+          if (!folded[f]) continue;
+          for (uint32_t w : faces_[f]) sum += (*step)[w];
+          corners += 3;
+        }
+        level[i] = sum / corners;
+      }
+      for (size_t i = 0; i < vertices.size(); ++i) {
+        const uint32_t v = vertices[i];
+        if (fixed_.empty() || !fixed_[v]) (*step)[v] = Braked(v, mesh.vertices[v], level[i]);
+      }
+    } else {
+      for (uint32_t v : vertices) (*step)[v] *= pass < kLevellings + kHalvings ? 0.5 : 0;
+    }
+    for (uint32_t f : bad) folded[f] = 0;
+    for (uint32_t v : vertices) changed[v] = 0;
     std::sort(touched.begin(), touched.end());
     touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
     ForEach(touched.size(), [&](size_t i) { folded[touched[i]] = folds(touched[i]); });

@@ -23,7 +23,7 @@ struct MotionLimits {
   double max_tangent_m = std::numeric_limits<double>::infinity();
   double free_share = 0.5;
   // Of a face's normal and the same face's in the smoothed start. A face that starts below may not get worse.
-  double min_start_cosine = 0.1;
+  double min_start_cosine = 0.02;
   int start_smoothing_steps = 5;  // of half an umbrella step each; rims and fixed vertices stay
 };
 
@@ -38,12 +38,17 @@ class MotionGuard {
   // Brakes what would leave the vertices' ellipsoids. Steps are only shortened.
   void LimitDisplacement(const Positions& at, Positions* step) const;
 
-  // Shortens `step` at the corners of faces whose normals would turn by more than `min_turn_cosine` allows, whose area
-  // would collapse, or that would turn against the smoothed start: halved a few times, then dropped.
+  // Changes `step` at the corners of faces whose normals would turn by more than `min_turn_cosine` allows, whose area
+  // would collapse, or that would turn against the smoothed start: made alike over the face, then halved, in the end
+  // dropped. No step becomes longer than the longest about it.
   void LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const;
 
   // Whether the face, as it lies in `to`, keeps to min_start_cosine, or did not in `from` and got no worse.
   bool KeepsFacing(uint32_t face, const Positions& from, const Positions& to) const;
+
+  // The start with the faces that face less than min_start_cosine allows put where the smoothed start has them: such
+  // slivers would else stay as they are.
+  Positions UnfoldedStart() const;
 
   // Faces whose normals point against the smoothed start's.
   int64_t TurnedFaces(const Positions& at) const;
@@ -52,10 +57,13 @@ class MotionGuard {
   const std::vector<Eigen::Vector3f>& start_normals() const { return start_normals_; }  // a face, smoothed
 
  private:
+  Eigen::Vector3d Braked(size_t vertex, const Eigen::Vector3d& at, const Eigen::Vector3d& step) const;
+
   MotionLimits limits_;
+  std::vector<uint8_t> fixed_;
   std::vector<Triangle> faces_;
   IndexRows faces_of_vertex_;
-  Positions start_;
+  Positions start_, smoothed_;
   std::vector<Eigen::Vector3f> start_normals_;   // a face
   std::vector<Eigen::Vector3f> vertex_normals_;  // of the smoothed start
 };

@@ -126,6 +126,7 @@ MotionLimits MakeMotionLimits(const RefineProblem& problem, const RefineOptions&
   out.max_normal_m = options.max_normal_gsd * problem.gsd_m;
   out.max_tangent_m = options.max_tangent_gsd * problem.gsd_m;
   out.min_start_cosine = options.min_start_cosine;
+  out.start_smoothing_steps = options.start_smoothing_steps;
   return out;
 }
 
@@ -182,6 +183,8 @@ class Refiner {
 
   StatusOr<RefineReport> Run(const TaskControl& control) {
     TESSERA_ASSIGN_OR_RETURN(report_.energy_start, Measure(control));
+    const std::vector<Vector3d> start = std::exchange(mesh_.vertices, guard_.UnfoldedStart());
+    Repair(start);
     for (size_t i = 0; i < options_.levels.size(); ++i) TESSERA_RETURN_IF_ERROR(Descend(i, control));
     TESSERA_ASSIGN_OR_RETURN(report_.energy_end, Measure(control));
     std::vector<Vector3d> moves(mesh_.vertices.size());
@@ -253,14 +256,18 @@ class Refiner {
           {level, MeanEnergy(derivatives_.sums), MeanSemanticEnergy(derivatives_.sums), Rms(step) / pixel_m,
            derivatives_.sums.windows});
     }
-    const double start_s = Seconds(options_.clock);
-    const FoldRepair::Result repaired = repair_.Run(
-        level_start,
-        [&](uint32_t face, const auto& from, const auto& to) { return guard_.KeepsFacing(face, from, to); },
-        &mesh_.vertices);
-    report_.repaired_vertices += repaired.changed_vertices;
-    report_.seconds_repair += Seconds(options_.clock) - start_s;
+    Repair(level_start);
     return absl::OkStatus();
+  }
+
+  // Takes back what turned faces or made them cut each other since `good`.
+  void Repair(const std::vector<Vector3d>& good) {
+    const double start_s = Seconds(options_.clock);
+    const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
+      return guard_.KeepsFacing(face, from, to);
+    };
+    report_.repaired_vertices += repair_.Run(good, keeps_facing, &mesh_.vertices).changed_vertices;
+    report_.seconds_repair += Seconds(options_.clock) - start_s;
   }
 
   const RefineProblem& problem_;

@@ -74,10 +74,11 @@ struct RefineOptions {
   int smoothing_sweeps = 20;              // Chebyshev sweeps of the semi-implicit step
 
   // Descent.
-  double max_step_px = 1.0;                            // per iteration, pixels of the level
-  double step_decay = 0.9;                             // of the step cap per iteration
-  double max_normal_gsd = 1e9, max_tangent_gsd = 1e9;  // of a whole run, along the smoothed start's normal and across
-  double min_start_cosine = 0.1;                       // of a face's normal with the smoothed start's
+  double max_step_px = 1.0;                          // per iteration, pixels of the level
+  double step_decay = 0.9;                           // of the step cap per iteration
+  double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
+  int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)
+  double min_start_cosine = 0.02;                    // of a face's normal with the smoothed start's
 
   // Pairs.
   int partners = 4;  // that a view chooses (SelectPairs)

@@ -3,6 +3,7 @@
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <iterator>
 #include <limits>
@@ -19,7 +20,7 @@ using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using Point = Kernel::Point_3;
 
 constexpr size_t kLeafFaces = 4;
-constexpr int64_t kGrain = 2048;
+constexpr int64_t kGrain = 2048, kLeafGrain = 512;
 
 Point ToPoint(const Vector3d& p) { return {p.x(), p.y(), p.z()}; }
 
@@ -164,34 +165,45 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
   if (active.empty()) return {};
   std::vector<uint8_t> is_active(mesh.faces.size());
   for (uint32_t f : active) is_active[f] = 1;
-  // Along the curve, so that neighbouring queries walk the same nodes.
-  std::vector<uint32_t> queries;
-  for (uint32_t i = 0; i < order_.size(); ++i) {
-    if (is_active[order_[i]]) queries.push_back(i);
+  const bool all_active = active.size() == order_.size();
+  // Leaf by leaf along the curve. Of two active faces, the earlier one finds the pair.
+  const auto is_active_at = [&](size_t i) { return is_active[order_[i]] != 0; };
+  const auto faces_end = [&](size_t leaf) { return std::min((leaf + 1) * kLeafFaces, order_.size()); };
+  std::vector<size_t> queries;
+  for (size_t leaf = 0; leaf * kLeafFaces < order_.size(); ++leaf) {
+    bool any = false;
+    for (size_t i = leaf * kLeafFaces; i < faces_end(leaf); ++i) any |= is_active_at(i);
+    if (any) queries.push_back(leaf);
   }
   const auto count = static_cast<int64_t>(queries.size());
-  std::vector<std::vector<FacePair>> found(static_cast<size_t>((count + kGrain - 1) / kGrain));
-  ParallelFor(count, kGrain, [&](int64_t begin, int64_t end) {
-    std::vector<FacePair>& out = found[static_cast<size_t>(begin / kGrain)];
+  std::vector<std::vector<FacePair>> found(static_cast<size_t>((count + kLeafGrain - 1) / kLeafGrain));
+  ParallelFor(count, kLeafGrain, [&](int64_t begin, int64_t end) {
+    std::vector<FacePair>& out = found[static_cast<size_t>(begin / kLeafGrain)];
     std::vector<size_t> stack;
     for (int64_t q = begin; q < end; ++q) {
-      const uint32_t at = queries[static_cast<size_t>(q)], f = order_[at];
-      const Box& box = face_boxes_[at];
+      const size_t leaf = queries[static_cast<size_t>(q)];
+      const Box& box = nodes_[leaves_ + leaf];
       stack.assign(1, 1);
       while (!stack.empty()) {
         const size_t node = stack.back();
         stack.pop_back();
+        // Where all are active, whole subtrees have found their pairs with this leaf already.
+        const size_t span = leaves_ >> (std::bit_width(node) - 1);
+        if (all_active && (node + 1) * span <= leaves_ + leaf) continue;
         if (!Overlap(nodes_[node], box)) continue;
         if (node < leaves_) {
           stack.push_back(2 * node + 1);
           stack.push_back(2 * node);
           continue;
         }
-        const size_t first = (node - leaves_) * kLeafFaces, last = std::min(first + kLeafFaces, order_.size());
-        for (size_t i = first; i < last; ++i) {
-          const uint32_t g = order_[i];
-          if (i == at || (is_active[g] && i < at) || !Overlap(face_boxes_[i], box)) continue;
-          if (FacesMeet(mesh, std::min(f, g), std::max(f, g))) out.push_back({std::min(f, g), std::max(f, g)});
+        const size_t other = node - leaves_;
+        for (size_t i = leaf * kLeafFaces; i < faces_end(leaf); ++i) {
+          if (!is_active_at(i)) continue;
+          for (size_t j = other * kLeafFaces; j < faces_end(other); ++j) {
+            if (j == i || (j < i && is_active_at(j)) || !Overlap(face_boxes_[i], face_boxes_[j])) continue;
+            const FacePair pair = {std::min(order_[i], order_[j]), std::max(order_[i], order_[j])};
+            if (FacesMeet(mesh, pair[0], pair[1])) out.push_back(pair);
+          }
         }
       }
     }
@@ -215,27 +227,36 @@ std::vector<FacePair> NewPairs(const std::vector<FacePair>& before, const std::v
 }
 
 FoldRepair::FoldRepair(const TriangleMesh& start, const IndexRows& faces_of_vertex)
-    : start_(start), faces_of_vertex_(faces_of_vertex), start_pairs_(IntersectingFacePairs(start)) {}
+    : faces_(start.faces), faces_of_vertex_(faces_of_vertex), boxes_(start) {
+  std::vector<uint32_t> all(faces_.size());
+  std::iota(all.begin(), all.end(), 0u);
+  start_pairs_ = boxes_.Intersections(start, all);
+}
 
-FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) const {
+FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) {
   // The share of its motion that a vertex keeps in a pass, by its distance in rings from a spoiled face.
   constexpr std::array<double, 4> kKept = {0.5, 0.6, 0.75, 0.9};
   constexpr int kGentlePasses = 4;
   const Positions proposed = *vertices;
   std::vector<double> keep(proposed.size(), 1);
-  TriangleMesh mesh{*vertices, start_.faces, {}};
-  FaceBoxes boxes(mesh);
-  std::vector<uint32_t> active(mesh.faces.size());
-  std::iota(active.begin(), active.end(), 0u);
+  TriangleMesh mesh{*vertices, faces_, {}};
+  // Only faces that moved can have come to be anything new.
+  std::vector<uint32_t> active;
+  for (uint32_t f = 0; f < faces_.size(); ++f) {
+    const auto moved = [&](uint32_t v) { return proposed[v] != good[v]; };
+    if (std::any_of(faces_[f].begin(), faces_[f].end(), moved)) active.push_back(f);
+  }
+  Result result;
+  if (active.empty()) return result;
+  boxes_.Refit(mesh);
   std::vector<FacePair> cut;  // pairs that are not the start's, as of the last pass
   std::vector<int> distance(proposed.size());
-  Result result;
   for (;; ++result.passes) {
     // Pairs of faces that did not move since stay as they were found.
     std::vector<uint8_t> spoiled(mesh.faces.size()), moved(mesh.faces.size());
     for (uint32_t f : active) moved[f] = 1;
     std::erase_if(cut, [&](const FacePair& p) { return moved[p[0]] || moved[p[1]]; });
-    for (const FacePair& p : NewPairs(start_pairs_, boxes.Intersections(mesh, active))) cut.push_back(p);
+    for (const FacePair& p : NewPairs(start_pairs_, boxes_.Intersections(mesh, active))) cut.push_back(p);
     for (const FacePair& p : cut) spoiled[p[0]] = spoiled[p[1]] = 1;
     if (test) {
       ParallelFor(static_cast<int64_t>(active.size()), kGrain, [&](int64_t begin, int64_t end) {
@@ -297,7 +318,7 @@ FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, 
     for (uint32_t f = 0; f < touched.size(); ++f) {
       if (touched[f]) active.push_back(f);
     }
-    boxes.Refit(mesh);
+    boxes_.Refit(mesh);
   }
   for (double share : keep) result.changed_vertices += share < 1;
   *vertices = std::move(mesh.vertices);

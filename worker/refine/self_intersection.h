@@ -58,10 +58,10 @@ class FoldRepair {
     int64_t spoiled_faces = 0;     // that cut each other anew, or failed the test, before the repair
     int64_t changed_vertices = 0;  // that were moved back, all or part of their way
     int passes = 0;
-    bool clean = true;  // false only where `good` had pairs that the start had not
+    bool clean = true;  // false only if `good` itself had pairs that the start had not
   };
 
-  // The pairs that cut each other in `start` stay allowed. Both must outlive this.
+  // The pairs that cut each other in `start` stay allowed. `faces_of_vertex` must outlive this.
   FoldRepair(const TriangleMesh& start, const IndexRows& faces_of_vertex);
 
   // `vertices`: positions that a stage made of `good`. Afterwards no two faces cut each other that did not at the
@@ -69,13 +69,14 @@ class FoldRepair {
   // that was not so, the vertices were drawn back towards `good`, half way at first, wholly in the end, with a gentle
   // rim of a few rings; again, where that spoiled other faces. The result does not depend on the number of threads;
   // what happens to a vertex depends on the patch about it.
-  Result Run(const Positions& good, const FaceTest& test, Positions* vertices) const;
+  Result Run(const Positions& good, const FaceTest& test, Positions* vertices);
 
   const std::vector<FacePair>& start_pairs() const { return start_pairs_; }
 
  private:
-  const TriangleMesh& start_;
+  std::vector<Triangle> faces_;
   const IndexRows& faces_of_vertex_;
+  FaceBoxes boxes_;
   std::vector<FacePair> start_pairs_;
 };
 

@@ -1,17 +1,13 @@
 #include "worker/refine/self_intersection.h"
 
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/Polygon_mesh_processing/self_intersections.h>
-#include <CGAL/Surface_mesh.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
-#include <utility>
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
+#include "tests/unit/worker/refine/cgal_pairs.h"
 #include "tests/unit/worker/refine/relief_scene.h"
 #include "worker/refine/descent.h"
 
@@ -22,26 +18,6 @@ using Eigen::Vector3d;
 using Positions = std::vector<Vector3d>;
 
 double Flat(double, double) { return 0.0; }
-
-// The oracle: CGAL's own search over its own mesh.
-std::vector<FacePair> PairsByCgal(const TriangleMesh& mesh) {
-  using Surface = CGAL::Surface_mesh<CGAL::Exact_predicates_inexact_constructions_kernel::Point_3>;
-  Surface surface;
-  for (const Vector3d& p : mesh.vertices) surface.add_vertex({p.x(), p.y(), p.z()});
-  for (const Triangle& f : mesh.faces) {
-    EXPECT_NE(surface.add_face(Surface::Vertex_index(f[0]), Surface::Vertex_index(f[1]), Surface::Vertex_index(f[2])),
-              Surface::null_face());
-  }
-  std::vector<std::pair<Surface::Face_index, Surface::Face_index>> pairs;
-  CGAL::Polygon_mesh_processing::self_intersections<CGAL::Sequential_tag>(surface, std::back_inserter(pairs));
-  std::vector<FacePair> out;
-  for (const auto& [f, g] : pairs) {
-    const auto a = static_cast<uint32_t>(f), b = static_cast<uint32_t>(g);
-    out.push_back({std::min(a, b), std::max(a, b)});
-  }
-  std::sort(out.begin(), out.end());
-  return out;
-}
 
 TriangleMesh Joined(const TriangleMesh& a, const TriangleMesh& b) {
   TriangleMesh out = a;
@@ -153,7 +129,7 @@ struct Repaired {
 };
 Repaired Repair(const TriangleMesh& start, const Positions& moved, const MotionGuard* guard) {
   const IndexRows faces_of_vertex = FacesOfVertices(start);
-  const FoldRepair repair(start, faces_of_vertex);
+  FoldRepair repair(start, faces_of_vertex);
   Repaired out{{moved, start.faces, {}}, {}};
   FoldRepair::FaceTest test;
   if (guard) {

@@ -1,0 +1,113 @@
+// Whole runs on a relief with a block that hangs over, on photographs that are true, exchanged, or nothing but noise:
+// no face turns, none cuts another anew, no vertex flies off.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "common/base/parallel.h"
+#include "common/base/random.h"
+#include "tests/unit/worker/refine/cgal_pairs.h"
+#include "tests/unit/worker/refine/relief_scene.h"
+#include "worker/refine/density.h"
+#include "worker/refine/descent.h"
+#include "worker/refine/refine.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+using Positions = std::vector<Vector3d>;
+
+// Heights in steps, and the block wider at its top than at its foot.
+TriangleMesh BlockyOverhang() {
+  TriangleMesh mesh = HeightField(48, 4.5, ReliefHeight);
+  for (Vector3d& v : mesh.vertices) {
+    v.z() = 0.2 * std::round(v.z() / 0.2);
+    const Vector3d out(v.x() - 1, v.y(), 0);
+    if (v.z() > 0.7 && out.norm() > 1) v += 0.25 * (v.z() - 0.7) * out.normalized();
+  }
+  return mesh;
+}
+
+enum class Photographs { kTrue, kExchanged, kNoise };
+
+struct Scene {
+  std::vector<FloatImage> images;
+  RefineProblem problem;
+  RefineOptions options;
+
+  explicit Scene(Photographs photographs) {
+    const TriangleMesh truth = HeightField(90, 5, ReliefHeight);
+    const std::vector<PosedCamera> cameras = ReliefCameras(160);
+    for (size_t i = 0; i < cameras.size(); ++i) {
+      images.push_back(Photograph(truth, cameras[i], 1, 0.005, i));
+      if (photographs != Photographs::kNoise) continue;
+      Random random(10 + i);
+      for (float& value : images.back().data) value = static_cast<float>(0.5 + 0.2 * random.Normal());
+    }
+    if (photographs == Photographs::kExchanged) std::rotate(images.begin(), images.begin() + 1, images.end());
+    problem.mesh = SplitLargeFaces(BlockyOverhang(), cameras, {}).mesh;
+    for (size_t i = 0; i < cameras.size(); ++i) problem.views.push_back({cameras[i], &images[i]});
+    problem.gsd_m = 14.0 / (1.25 * 160);
+    options.levels = {2, 1, 0};
+    options.iterations = {8, 8, 8};
+  }
+  Positions Refine() const {
+    Positions out;
+    const StatusOr<RefineReport> report = RefineGeometry(problem, &out, options, TaskControl());
+    EXPECT_TRUE(report.ok()) << report.status();
+    return out;
+  }
+  MotionGuard Guard() const {
+    MotionLimits limits;
+    limits.start_smoothing_steps = options.start_smoothing_steps;
+    return MotionGuard(problem.mesh, {}, limits);
+  }
+};
+
+class SurfaceSafety : public testing::TestWithParam<Photographs> {};
+
+TEST_P(SurfaceSafety, NothingTurnsCutsOrFlies) {
+  const Scene scene(GetParam());
+  const Positions& start = scene.problem.mesh.vertices;
+  const Positions end = scene.Refine();
+  EXPECT_EQ(scene.Guard().TurnedFaces(end), 0);
+  const std::vector<FacePair> before = PairsByCgal(scene.problem.mesh);
+  EXPECT_EQ(NewPairs(before, PairsByCgal({end, scene.problem.mesh.faces, {}})), std::vector<FacePair>());
+  const double reach =
+      std::max(scene.options.max_normal_gsd, scene.options.max_tangent_gsd) * scene.problem.gsd_m * (1 + 1e-9);
+  double moved = 0;
+  for (size_t v = 0; v < end.size(); ++v) {
+    EXPECT_LE((end[v] - start[v]).norm(), reach);
+    moved += (end[v] - start[v]).norm() / static_cast<double>(end.size());
+  }
+  EXPECT_GT(moved, 0.3 * scene.problem.gsd_m);  // it is not safe because it stands still
+}
+
+TEST_P(SurfaceSafety, ItIsTheLimitsThatHold) {
+  Scene scene(GetParam());
+  scene.options.min_start_cosine = -1;
+  EXPECT_GT(scene.Guard().TurnedFaces(scene.Refine()), 0);
+}
+
+TEST_P(SurfaceSafety, OneThreadIsAsManyByteForByte) {
+  const Scene scene(GetParam());
+  Positions one, many;
+  {
+    const ThreadLimit limit(1);
+    one = scene.Refine();
+  }
+  {
+    const ThreadLimit limit(4);
+    many = scene.Refine();
+  }
+  EXPECT_EQ(one, many);
+}
+
+INSTANTIATE_TEST_SUITE_P(Photographs, SurfaceSafety,
+                         testing::Values(Photographs::kTrue, Photographs::kExchanged, Photographs::kNoise));
+
+}  // namespace
+}  // namespace tessera
