@@ -51,8 +51,6 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--thin-plate", a.refine.thin_plate);
   app.add_option("--tangential", a.refine.tangential);
   app.add_option("--photo-outlier", a.refine.photo_outlier);
-  app.add_option("--min-pairs", a.refine.min_pairs);
-  app.add_option("--redraw-every", a.refine.redraw_every);
   app.add_option("--membrane", a.refine.membrane);
   app.add_option("--rim", a.refine.rim);
   app.add_option("--sweeps", a.refine.smoothing_sweeps);

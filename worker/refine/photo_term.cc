@@ -158,7 +158,7 @@ void PhotoTerm::GatherVertices(const TriangleMesh& mesh, PhotoDerivatives* out) 
         seen_faces += 1;
       }
       if (seen_faces > 0) pairs /= seen_faces;
-      const double scale = 1 / std::max(options_.min_pairs, static_cast<double>(pairs));
+      const double scale = 1 / std::max(1.0, static_cast<double>(pairs));
       out->gradient[v] = scale * gradient;
       out->curvature[v] = scale * curvature;
       out->pairs[v] = pairs;
@@ -166,7 +166,7 @@ void PhotoTerm::GatherVertices(const TriangleMesh& mesh, PhotoDerivatives* out) 
   });
 }
 
-void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, bool redraw, const Clock* clock,
+void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock,
                          PhotoDerivatives* out) {
   const double start_s = Seconds(clock);
   SetFaces(mesh);
@@ -178,11 +178,7 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders
       plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
     }
   });
-  if (redraw || maps_.empty()) {
-    rasterizer_.DrawViews(mesh, &occluders, cameras_, &maps_);
-  } else {
-    rasterizer_.UpdateDepths(mesh, cameras_, &maps_);
-  }
+  rasterizer_.DrawViews(mesh, &occluders, cameras_, &maps_);
   const double visible_s = Seconds(clock);
 
   face_sums_.assign(mesh.faces.size(), FaceSums());

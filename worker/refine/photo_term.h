@@ -32,11 +32,10 @@ struct PhotoOptions {
   SemanticWeight semantic;  // pairs of which a view has no likelihoods have no E_sem
   double min_cosine = 0.1;  // of the angle between a face's normal and the ray
   double occlusion_px = 1;  // slack of the depth test, in pixels of the other view
-  double min_pairs = 1;     // what a vertex's sum is divided by at least
 };
 
 // Sums over windows and pixels, and the derivatives of energy + λ1 semantic_energy. A vertex's entries are the sum over
-// pairs divided by the mean number of pairs that see its faces (min_pairs at least).
+// pairs divided by the mean number of pairs that see its faces.
 struct PhotoDerivatives {
   ZnccSums sums;
   std::vector<Eigen::Vector3d> gradient;   // per metre
@@ -60,10 +59,8 @@ class PhotoTerm {
   // `views` and `pairs` must outlive this; pairs sorted by reference.
   PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs, const PhotoOptions& options);
 
-  // Visibility is taken from `mesh` and `occluders` as they are and frozen in the derivatives. Without `redraw` every
-  // pixel keeps the face it saw at the last call, if there was one, and follows that face's plane. `clock` may be null.
-  void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, bool redraw, const Clock* clock,
-                PhotoDerivatives* out);
+  // Visibility is taken from `mesh` and `occluders` as they are and frozen in the derivatives. `clock` may be null.
+  void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock, PhotoDerivatives* out);
 
  private:
   // What a thread needs for a strip.

@@ -117,7 +117,6 @@ PhotoOptions MakePhotoOptions(const RefineOptions& options) {
   out.window.outlier = static_cast<float>(options.photo_outlier);
   out.semantic = {static_cast<float>(options.semantic), static_cast<float>(options.semantic_outlier)};
   out.occlusion_px = options.occlusion_px;
-  out.min_pairs = options.min_pairs;
   return out;
 }
 
@@ -214,8 +213,8 @@ class Refiner {
     report_.seconds_prepare += Seconds(options_.clock) - start_s;
   }
 
-  void Evaluate(bool redraw) {
-    photo_->Evaluate(mesh_, problem_.occluders, redraw, options_.clock, &derivatives_);
+  void Evaluate() {
+    photo_->Evaluate(mesh_, problem_.occluders, options_.clock, &derivatives_);
     report_.seconds_visibility += derivatives_.seconds_visibility;
     report_.seconds_photo += derivatives_.seconds_photo;
     report_.warped_pixels += derivatives_.warped_pixels;
@@ -225,7 +224,7 @@ class Refiner {
   StatusOr<double> Measure(const TaskControl& control) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     EnterLevel(Finest());
-    Evaluate(true);
+    Evaluate();
     return MeanEnergy(derivatives_.sums);
   }
 
@@ -246,7 +245,7 @@ class Refiner {
       TESSERA_RETURN_IF_ERROR(control.Check());
       control.Report(work_ / total_work_,
                      absl::StrCat("level ", level, ", step ", iteration + 1, " of ", options_.iterations[stage]));
-      Evaluate(iteration % options_.redraw_every == 0);
+      Evaluate();
       const double start_s = Seconds(options_.clock);
       const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, inter_, guard_, step_options);
       for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];

@@ -55,8 +55,6 @@ struct RefineOptions {
   double min_cosine = 0.1;  // flatter views of a face than this are skipped
   double occlusion_px = 1;  // slack of the depth test, in pixels of the level
   double photo_outlier = std::numeric_limits<double>::infinity();  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
-  double min_pairs = 4;  // a vertex that fewer view pairs see gets less of the data term, in proportion
-  int redraw_every = 2;  // iterations between drawings of the face maps; depths follow the surface in each
 
   // E_sem.
   double semantic = 0;  // λ1; 0: off

@@ -106,7 +106,7 @@ TEST_P(Kernel, AgreesWithTheOracle) {
     const std::vector<ViewPair> one = {pair};
     PhotoTerm term(views, one, scene.options);
     PhotoDerivatives got;
-    term.Evaluate(scene.mesh, TriangleMesh(), true, nullptr, &got);
+    term.Evaluate(scene.mesh, TriangleMesh(), nullptr, &got);
     // With one pair there is nothing to divide by.
     const PhotoOracle oracle = scene.Oracle(pair.reference, pair.other);
     const Agreement agreement = Compare(oracle.Gradient(scene.mesh.vertices), got.gradient);
@@ -126,7 +126,7 @@ TEST(PhotoTerm, AStepByTheCurvatureLowersTheEnergy) {
   const std::vector<ViewPair> pairs = {{0, 1}};
   PhotoTerm term(views, pairs, scene.options);
   PhotoDerivatives got;
-  term.Evaluate(scene.mesh, TriangleMesh(), true, nullptr, &got);
+  term.Evaluate(scene.mesh, TriangleMesh(), nullptr, &got);
   Positions moved = scene.mesh.vertices;
   for (size_t v = 0; v < moved.size(); ++v) {
     const double stiffness = got.curvature[v].trace();
@@ -148,7 +148,7 @@ TEST(PhotoTerm, AGainOfOneImageChangesNoGradient) {
   for (PhotoDerivatives* out : {&plain, &darker}) {
     std::vector<PhotoView> views;
     for (size_t i = 0; i < 2; ++i) views.push_back({scene.cameras[i], MakeTexels(scene.images[i])});
-    PhotoTerm(views, pairs, scene.options).Evaluate(scene.mesh, TriangleMesh(), true, nullptr, out);
+    PhotoTerm(views, pairs, scene.options).Evaluate(scene.mesh, TriangleMesh(), nullptr, out);
     for (float& value : scene.images[1].data) value = 0.6f * value + 0.1f;
   }
   EXPECT_GT(Compare(plain.gradient, darker.gradient).cosine, 0.9999);
@@ -165,11 +165,11 @@ TEST(PhotoTerm, DoesNotDependOnThreads) {
   PhotoDerivatives one, two;
   {
     ThreadLimit limit(1);
-    PhotoTerm(views, pairs, scene.options).Evaluate(scene.mesh, TriangleMesh(), true, nullptr, &one);
+    PhotoTerm(views, pairs, scene.options).Evaluate(scene.mesh, TriangleMesh(), nullptr, &one);
   }
   {
     ThreadLimit limit(2);
-    PhotoTerm(views, pairs, scene.options).Evaluate(scene.mesh, TriangleMesh(), true, nullptr, &two);
+    PhotoTerm(views, pairs, scene.options).Evaluate(scene.mesh, TriangleMesh(), nullptr, &two);
   }
   EXPECT_EQ(one.gradient, two.gradient);
   EXPECT_EQ(one.curvature, two.curvature);
