@@ -6,6 +6,7 @@
 #define HWY_DISABLED_TARGETS (HWY_AVX3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "worker/visibility/raster_kernel.cc"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 //
 #include <hwy/highway.h>
@@ -18,7 +19,11 @@ namespace hn = hwy::HWY_NAMESPACE;
 using Doubles = hn::CappedTag<double, 4>;
 using Ints = hn::Rebind<int32_t, Doubles>;
 using Floats = hn::Rebind<float, Doubles>;
-// Column by column: a row of the camera's matrix times the vertex, in the order that plain code would take.
+constexpr int32_t kToCentre = static_cast<int32_t>(kGridHalf - 1);  // to the first centre not before, after a shift
+constexpr int kExtentBits = 25;     // of faces that are drawn here: areas then stay below 2^53
+constexpr int kNarrowColumns = 16;  // rows of more are worth a division an edge
+
+// A camera's matrix, and from its image to the grid.
 struct Projection {
   double row[3][4];
   double x_scale, x_shift, y_scale, y_shift, near_m;
@@ -73,81 +78,48 @@ void Project(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& 
   }
 }
 
-// Pixels whose centre a face's bounding box holds, half-open; `extent` is the larger side of the box, grid units.
-struct PixelBox {
-  int x_first, y_first, x_last, y_last;
-  bool off_grid;
-  uint32_t extent;
-};
-
+// Whether a face's bounding box holds a pixel centre, or it has a corner off the grid.
 #if HWY_TARGET == HWY_SCALAR
-class BoxFinder {
+class FaceSelector {
  public:
-  BoxFinder(int width, int height) : width_(width), height_(height) {}
-  bool HoldsCentre(const GridVertex& a, const GridVertex& b, const GridVertex& c) const {
-    const PixelBox box = Find(a, b, c);
-    return box.off_grid || (box.x_first < box.x_last && box.y_first < box.y_last);
-  }
-  PixelBox Find(const GridVertex& a, const GridVertex& b, const GridVertex& c) const {
-    const int32_t x_low = std::min(std::min(a.x, b.x), c.x), x_high = std::max(std::max(a.x, b.x), c.x);
-    const int32_t y_low = std::min(std::min(a.y, b.y), c.y), y_high = std::max(std::max(a.y, b.y), c.y);
-    return {std::max(Pixel(x_low), 0),
-            std::max(Pixel(y_low), 0),
-            std::min(Pixel(x_high), width_),
-            std::min(Pixel(y_high), height_),
-            (a.off_grid | b.off_grid | c.off_grid) != 0,
-            std::max(static_cast<uint32_t>(x_high) - x_low, static_cast<uint32_t>(y_high) - y_low)};
+  FaceSelector(int width, int height) : width_(width), height_(height) {}
+  bool Takes(const GridVertex& a, const GridVertex& b, const GridVertex& c) const {
+    return (a.off_grid | b.off_grid | c.off_grid) != 0 ||
+           (HoldsCentre(a.x, b.x, c.x, width_) && HoldsCentre(a.y, b.y, c.y, height_));
   }
 
  private:
-  static int Pixel(int32_t grid) { return (grid + static_cast<int32_t>(kGridHalf - 1)) >> kGridBits; }
+  static bool HoldsCentre(int32_t a, int32_t b, int32_t c, int32_t limit) {
+    const int32_t first = std::min(a, std::min(b, c)) + kToCentre, last = std::max(a, std::max(b, c)) + kToCentre;
+    return std::max(first >> kGridBits, 0) < std::min(last >> kGridBits, limit);
+  }
   int width_, height_;
 };
 #else
 // The four numbers of a GridVertex as one vector.
-class BoxFinder {
+class FaceSelector {
   using Quad = hn::FixedTag<int32_t, 4>;
   using Vec = hn::Vec<Quad>;
 
  public:
-  HWY_INLINE BoxFinder(int width, int height) {
+  HWY_INLINE FaceSelector(int width, int height) {
     alignas(16) const int32_t size[4] = {width, height, 0, 0}, others[4] = {0, 0, -1, -1};
     size_ = hn::Load(Quad(), size);
     others_ = hn::Load(Quad(), others);
-    to_centre_ = hn::Set(Quad(), static_cast<int32_t>(kGridHalf - 1));
+    to_centre_ = hn::Set(Quad(), kToCentre);
   }
-  HWY_INLINE bool HoldsCentre(const GridVertex& a, const GridVertex& b, const GridVertex& c) const {
-    Vec low, high, first, last;
-    Bounds(a, b, c, &low, &high, &first, &last);
-    const auto held = hn::Or(hn::VecFromMask(Quad(), hn::Gt(last, first)), others_);
+  HWY_INLINE bool Takes(const GridVertex& a, const GridVertex& b, const GridVertex& c) const {
+    const Vec va = LoadVertex(a), vb = LoadVertex(b), vc = LoadVertex(c);
+    const Vec low = hn::Min(hn::Min(va, vb), vc), high = hn::Max(hn::Max(va, vb), vc);
+    const Vec first = hn::Max(hn::ShiftRight<kGridBits>(hn::Add(low, to_centre_)), hn::Zero(Quad()));
+    const Vec last = hn::Min(hn::ShiftRight<kGridBits>(hn::Add(high, to_centre_)), size_);
+    const Vec held = hn::Or(hn::VecFromMask(Quad(), hn::Gt(last, first)), others_);
     return hn::AllTrue(Quad(), hn::MaskFromVec(hn::Or(held, hn::Broadcast<3>(low))));
-  }
-  HWY_INLINE PixelBox Find(const GridVertex& a, const GridVertex& b, const GridVertex& c) const {
-    Vec low, high, first, last;
-    Bounds(a, b, c, &low, &high, &first, &last);
-    alignas(16) int32_t begin[4], end[4], extent[4];
-    hn::Store(first, Quad(), begin);
-    hn::Store(last, Quad(), end);
-    hn::Store(hn::Sub(high, low), Quad(), extent);
-    return {begin[0],
-            begin[1],
-            end[0],
-            end[1],
-            (a.off_grid | b.off_grid | c.off_grid) != 0,
-            std::max(static_cast<uint32_t>(extent[0]), static_cast<uint32_t>(extent[1]))};
   }
 
  private:
   static HWY_INLINE Vec LoadVertex(const GridVertex& vertex) {
     return hn::Load(Quad(), reinterpret_cast<const int32_t*>(&vertex));
-  }
-  HWY_INLINE void Bounds(const GridVertex& a, const GridVertex& b, const GridVertex& c, Vec* low, Vec* high, Vec* first,
-                         Vec* last) const {
-    const auto va = LoadVertex(a), vb = LoadVertex(b), vc = LoadVertex(c);
-    *low = hn::Min(hn::Min(va, vb), vc);
-    *high = hn::Max(hn::Max(va, vb), vc);
-    *first = hn::Max(hn::ShiftRight<kGridBits>(hn::Add(*low, to_centre_)), hn::Zero(Quad()));
-    *last = hn::Min(hn::ShiftRight<kGridBits>(hn::Add(*high, to_centre_)), size_);
   }
   Vec size_, others_, to_centre_;
 };
@@ -155,135 +127,240 @@ class BoxFinder {
 
 int64_t Select(const Triangle* faces, int64_t first, int64_t last, const GridVertex* vertices, int width, int height,
                uint32_t* list) {
-  const BoxFinder boxes(width, height);
+  const FaceSelector selector(width, height);
   int64_t count = 0;
   for (int64_t f = first; f < last; ++f) {
     const Triangle& face = faces[f];
     list[count] = static_cast<uint32_t>(f);
     // No branch: whether the next face holds a centre cannot be predicted.
-    count += boxes.HoldsCentre(vertices[face[0]], vertices[face[1]], vertices[face[2]]);
+    count += selector.Takes(vertices[face[0]], vertices[face[1]], vertices[face[2]]);
   }
   return count;
 }
 
-// A face by its corners relative to the centre of its box's first pixel, and its edges as functions over the pixels:
-// twice the area spanned with the pixel's centre, positive inside.
-struct FaceSetup {
-  int64_t area[3];  // with edges bc, ca, ab
-  int64_t per_column[3], per_row[3];
-  int64_t total;
-
-  HWY_INLINE FaceSetup(const GridVertex& a, const GridVertex& b, const GridVertex& c, int x, int y) {
-    const int64_t x0 = (int64_t{x} << kGridBits) + kGridHalf, y0 = (int64_t{y} << kGridBits) + kGridHalf;
-    const int64_t px[3] = {a.x - x0, b.x - x0, c.x - x0}, py[3] = {a.y - y0, b.y - y0, c.y - y0};
-    for (int i = 0; i < 3; ++i) {
-      const int p = (i + 1) % 3, q = (i + 2) % 3;
-      area[i] = px[p] * py[q] - py[p] * px[q];
-      per_column[i] = py[p] - py[q];
-      per_row[i] = px[q] - px[p];
-    }
-    total = area[0] + area[1] + area[2];
-    if (total < 0) {
-      total = -total;
-      for (int i = 0; i < 3; ++i) {
-        area[i] = -area[i];
-        per_column[i] = -per_column[i];
-        per_row[i] = -per_row[i];
-      }
-    }
-  }
-  HWY_INLINE DepthPlane Plane(const GridVertex& a, const GridVertex& b, const GridVertex& c) const {
-    return DepthPlane(a.inverse_z, b.inverse_z, c.inverse_z, static_cast<double>(total));
-  }
-  // Of an edge through a pixel centre, the face to the right owns it; if it is level, the face below.
-  HWY_INLINE int64_t Bias(int i) const {
-    return per_column[i] > 0 || (per_column[i] == 0 && per_row[i] > 0) ? 0 : -1;
-  }
+// Faces about to be drawn, a column each. Areas are twice those that an edge spans with the centre of a pixel, positive
+// inside: whole numbers below 2^53 and so exact.
+struct FaceBatch {
+  static constexpr int kFaces = 64;
+  enum Field {
+    kArea0, kArea1, kArea2,           // with edges bc, ca, ab at the centre of the box's first pixel
+    kPerColumn0, kPerColumn1, kPerColumn2,
+    kPerRow0, kPerRow1, kPerRow2,
+    kLeast0, kLeast1, kLeast2,        // a centre is inside from here: 0 if the face owns the edge, else 1
+    kAtA, kForB, kForC, kLow, kHigh,  // DepthPlane
+    kFields
+  };  // clang-format off keeps the groups together
+  alignas(32) double field[kFields][kFaces];
+  alignas(16) int32_t x_first[kFaces], x_last[kFaces], y_first[kFaces], y_last[kFaces];
+  alignas(16) float value[kFaces];  // 1/z at the first pixel's centre; 0: outside
 };
 
-// Column of the first pixel, from `begin`, where value + step·(column) >= 0, or of the first where it is not.
-HWY_INLINE int Crossing(int64_t value, int64_t step, int columns) {
-  // value >= 0 and step < 0: the last column inside is value / -step.
-  const double estimate = static_cast<double>(value) / -static_cast<double>(step);
-  int64_t column = estimate < 0 ? 0 : (estimate > columns ? columns : static_cast<int64_t>(estimate));
-  while (column > 0 && (value + step * (column - 1) >= 0) == (step > 0)) --column;
-  while (column < columns && (value + step * column >= 0) != (step > 0)) ++column;
-  return static_cast<int>(column);
+// Fills columns [at, at + lanes) of the batch with listed faces; returns how many of these, from the first on, the grid
+// holds.
+HWY_INLINE int SetUpLanes(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices,
+                          const DrawTarget& target, int at, FaceBatch* batch) {
+  const Doubles d;
+  const Ints di;
+  constexpr int kMaxLanes = 4;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  alignas(16) GridVertex corners[3][kMaxLanes];
+  for (int lane = 0; lane < lanes; ++lane) {
+    const Triangle& face = faces[list[std::min<int64_t>(lane, count - 1)]];
+    for (int c = 0; c < 3; ++c) corners[c][lane] = vertices[face[c]];
+  }
+  hn::Vec<Ints> x[3], y[3], iz[3], off_grid[3];
+  for (int c = 0; c < 3; ++c) {
+    hn::LoadInterleaved4(di, reinterpret_cast<const int32_t*>(corners[c]), x[c], y[c], iz[c], off_grid[c]);
+  }
+  const auto to_centre = hn::Set(di, kToCentre), half = hn::Set(di, static_cast<int32_t>(kGridHalf));
+  const auto x_low = hn::Min(hn::Min(x[0], x[1]), x[2]), x_high = hn::Max(hn::Max(x[0], x[1]), x[2]);
+  const auto y_low = hn::Min(hn::Min(y[0], y[1]), y[2]), y_high = hn::Max(hn::Max(y[0], y[1]), y[2]);
+  const auto x_first = hn::Max(hn::ShiftRight<kGridBits>(hn::Add(x_low, to_centre)), hn::Zero(di));
+  const auto y_first = hn::Max(hn::ShiftRight<kGridBits>(hn::Add(y_low, to_centre)), hn::Zero(di));
+  const auto x_last = hn::Min(hn::ShiftRight<kGridBits>(hn::Add(x_high, to_centre)), hn::Set(di, target.width));
+  const auto y_last = hn::Min(hn::ShiftRight<kGridBits>(hn::Add(y_high, to_centre)), hn::Set(di, target.height));
+  hn::Store(x_first, di, batch->x_first + at);
+  hn::Store(y_first, di, batch->y_first + at);
+  hn::Store(x_last, di, batch->x_last + at);
+  hn::Store(y_last, di, batch->y_last + at);
+
+  // Corners as seen from the first pixel's centre.
+  const auto x0 = hn::Add(hn::ShiftLeft<kGridBits>(x_first), half);
+  const auto y0 = hn::Add(hn::ShiftLeft<kGridBits>(y_first), half);
+  hn::Vec<Doubles> px[3], py[3], area[3], per_column[3], per_row[3], least[3];
+  for (int c = 0; c < 3; ++c) {
+    px[c] = hn::PromoteTo(d, hn::Sub(x[c], x0));
+    py[c] = hn::PromoteTo(d, hn::Sub(y[c], y0));
+  }
+  for (int i = 0; i < 3; ++i) {
+    const int p = (i + 1) % 3, q = (i + 2) % 3;
+    area[i] = hn::Sub(hn::Mul(px[p], py[q]), hn::Mul(py[p], px[q]));
+    per_column[i] = hn::Sub(py[p], py[q]);
+    per_row[i] = hn::Sub(px[q], px[p]);
+  }
+  auto total = hn::Add(hn::Add(area[0], area[1]), area[2]);
+  const auto zero = hn::Zero(d), one = hn::Set(d, 1.0), pixel = hn::Set(d, static_cast<double>(kGridPerPixel));
+  const auto clockwise = hn::And(total, hn::Set(d, -0.0));
+  total = hn::Abs(total);
+  auto inside = hn::Gt(total, zero);
+  for (int i = 0; i < 3; ++i) {
+    area[i] = hn::Xor(area[i], clockwise);
+    per_column[i] = hn::Xor(per_column[i], clockwise);
+    per_row[i] = hn::Xor(per_row[i], clockwise);
+    // Of an edge through a pixel's centre the face to the right owns it; if it is level, the face below.
+    const auto level = hn::And(hn::Eq(per_column[i], zero), hn::Gt(per_row[i], zero));
+    least[i] = hn::IfThenElse(hn::Or(hn::Gt(per_column[i], zero), level), zero, one);
+    inside = hn::And(inside, hn::Ge(area[i], least[i]));
+    hn::Store(area[i], d, batch->field[FaceBatch::kArea0 + i] + at);
+    hn::Store(hn::Mul(per_column[i], pixel), d, batch->field[FaceBatch::kPerColumn0 + i] + at);
+    hn::Store(hn::Mul(per_row[i], pixel), d, batch->field[FaceBatch::kPerRow0 + i] + at);
+    hn::Store(least[i], d, batch->field[FaceBatch::kLeast0 + i] + at);
+  }
+  const Floats df;
+  hn::Vec<Doubles> z[3];
+  for (int c = 0; c < 3; ++c) z[c] = hn::PromoteTo(d, hn::BitCast(df, iz[c]));
+  const auto for_b = hn::Div(hn::Sub(z[1], z[0]), total), for_c = hn::Div(hn::Sub(z[2], z[0]), total);
+  const auto low = hn::Min(hn::Min(z[0], z[1]), z[2]), high = hn::Max(hn::Max(z[0], z[1]), z[2]);
+  hn::Store(z[0], d, batch->field[FaceBatch::kAtA] + at);
+  hn::Store(for_b, d, batch->field[FaceBatch::kForB] + at);
+  hn::Store(for_c, d, batch->field[FaceBatch::kForC] + at);
+  hn::Store(low, d, batch->field[FaceBatch::kLow] + at);
+  hn::Store(high, d, batch->field[FaceBatch::kHigh] + at);
+  auto value = hn::Add(z[0], hn::Add(hn::Mul(area[1], for_b), hn::Mul(area[2], for_c)));
+  value = hn::IfThenElseZero(inside, hn::Min(hn::Max(value, low), high));
+  hn::Store(hn::DemoteTo(df, value), df, batch->value + at);
+
+  // The extents wrap to negative numbers where they pass 31 bits.
+  const auto extent = hn::Or(hn::Sub(x_high, x_low), hn::Sub(y_high, y_low));
+  const auto off = hn::Or(hn::Or(off_grid[0], off_grid[1]), hn::Or(off_grid[2], hn::ShiftRight<kExtentBits>(extent)));
+  const int held = static_cast<int>(std::min<int64_t>(lanes, count));
+  if (hn::AllTrue(di, hn::Eq(off, hn::Zero(di)))) return held;
+  alignas(16) int32_t is_off[kMaxLanes];
+  hn::Store(off, di, is_off);
+  for (int lane = 0; lane < held; ++lane) {
+    if (is_off[lane] != 0) return lane;
+  }
+  return held;
 }
 
-constexpr int kSpanColumns = 12;              // wider rows are worth a division an edge
-constexpr uint32_t kLargestExtent = 1 << 25;  // areas stay below 2^53, whole numbers in double too
-
-void DrawRows(const FaceSetup& setup, const DepthPlane& plane, const PixelBox& box, int32_t id,
-              const DrawTarget& target) {
-  int64_t bias[3], at[3], step[3];
-  const int x0 = box.x_first, y0 = box.y_first;
-  const int64_t skipped = std::max(target.row_first - y0, 0);
+// Narrows columns [first, last) of a row to about those inside the edges.
+HWY_INLINE void NarrowRow(const double* area, const double* per_column, int* first, int* last) {
+  int begin = *first, end = *last;
   for (int i = 0; i < 3; ++i) {
-    bias[i] = setup.Bias(i);
-    step[i] = setup.per_column[i] << kGridBits;
-    at[i] = setup.area[i] + bias[i] + skipped * (setup.per_row[i] << kGridBits);
-  }
-  const int columns = box.x_last - x0;
-  const int y1 = std::min(box.y_last, target.row_last);
-  for (int y = y0 + static_cast<int>(skipped); y < y1; ++y) {
-    int begin = 0, end = columns;
-    if (columns > kSpanColumns) {
-      for (int i = 0; i < 3; ++i) {
-        if (step[i] > 0) begin = std::max(begin, Crossing(at[i], step[i], columns));
-        if (step[i] < 0) end = std::min(end, Crossing(at[i], step[i], columns));
-        if (step[i] == 0 && at[i] < 0) end = 0;
-      }
-      float* inverse_z = target.inverse_z + static_cast<size_t>(y) * target.width + x0;
-      int32_t* face = target.face + static_cast<size_t>(y) * target.width + x0;
-      const double b0 = static_cast<double>(at[1] - bias[1]), c0 = static_cast<double>(at[2] - bias[2]);
-      const double bs = static_cast<double>(step[1]), cs = static_cast<double>(step[2]);
-      for (int x = begin; x < end; ++x) {
-        const float value = plane.At(b0 + x * bs, c0 + x * cs);  // exact sums: all below 2^53
-        const bool nearer = value > inverse_z[x];
-        inverse_z[x] = nearer ? value : inverse_z[x];
-        face[x] = nearer ? id : face[x];
-      }
-    } else {
-      int64_t e0 = at[0], e1 = at[1], e2 = at[2];
-      for (int x = 0; x < columns; ++x) {
-        if ((e0 | e1 | e2) >= 0) {
-          target.Draw(x0 + x, y, plane.At(e1 - bias[1], e2 - bias[2]), id);
-        }
-        e0 += step[0];
-        e1 += step[1];
-        e2 += step[2];
-      }
+    const double crossing = -area[i] / per_column[i];  // columns after *first; NaN and infinity fail the tests
+    if (per_column[i] > 0 && crossing > 1 && crossing < 1e6) {
+      begin = std::max(begin, *first + static_cast<int>(crossing) - 1);
     }
-    for (int i = 0; i < 3; ++i) at[i] += setup.per_row[i] << kGridBits;
+    if (per_column[i] < 0 && crossing < 1e6) {
+      end = std::min(end, *first + (crossing > 0 ? static_cast<int>(crossing) : 0) + 2);
+    }
+  }
+  *first = begin;
+  *last = end;
+}
+
+// The map is read and written in windows of as many pixels as there are lanes, which start at multiples of that number:
+// what a face has just written can then be forwarded to the next face's read, which it could not if they overlapped in
+// part. The last window of a row starts earlier, so as to end with it.
+HWY_INLINE int WindowInRow(int window, int lanes, const DrawTarget& target) {
+  return std::min(window, target.width - lanes);
+}
+
+// Draws those pixels of the window at (x, y) whose 1/z is greater than what is there.
+HWY_INLINE void DrawWindow(hn::Vec<Floats> value, hn::Vec<Ints> ids, int x, int y, const DrawTarget& target) {
+  const Floats df;
+  const Ints di;
+  const size_t i = static_cast<size_t>(y) * target.width + x;
+  const auto old = hn::LoadU(df, target.inverse_z + i);
+  const auto old_ids = hn::LoadU(di, target.face + i);
+  const auto nearer = hn::Gt(value, old);
+  hn::StoreU(hn::IfThenElse(nearer, value, old), df, target.inverse_z + i);
+  hn::StoreU(hn::IfThenElse(hn::RebindMask(di, nearer), ids, old_ids), di, target.face + i);
+}
+
+// Draws one pixel of the batch's face k, the only one of its box.
+HWY_INLINE void DrawPixelFromBatch(const FaceBatch& batch, int k, int32_t id, const DrawTarget& target) {
+  const Floats df;
+  const Ints di;
+  const int lanes = static_cast<int>(hn::Lanes(df));
+  const int x = WindowInRow(batch.x_first[k] & -lanes, lanes, target);
+  const auto here = hn::Eq(hn::Iota(di, 0), hn::Set(di, batch.x_first[k] - x));
+  const auto value = hn::IfThenElseZero(hn::RebindMask(df, here), hn::Set(df, batch.value[k]));
+  DrawWindow(value, hn::Set(di, id), x, batch.y_first[k], target);
+}
+
+// Draws one face of the batch, as many pixels of a row at once as there are lanes.
+HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const DrawTarget& target) {
+  const Doubles d;
+  const Floats df;
+  const Ints di;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const auto get = [&](int field) HWY_ATTR { return hn::Set(d, batch.field[field][k]); };
+  const auto a0 = get(FaceBatch::kArea0), a1 = get(FaceBatch::kArea1), a2 = get(FaceBatch::kArea2);
+  const auto column0 = get(FaceBatch::kPerColumn0), column1 = get(FaceBatch::kPerColumn1),
+             column2 = get(FaceBatch::kPerColumn2);
+  const auto row0 = get(FaceBatch::kPerRow0), row1 = get(FaceBatch::kPerRow1), row2 = get(FaceBatch::kPerRow2);
+  const auto least0 = get(FaceBatch::kLeast0), least1 = get(FaceBatch::kLeast1), least2 = get(FaceBatch::kLeast2);
+  const auto at_a = get(FaceBatch::kAtA), for_b = get(FaceBatch::kForB), for_c = get(FaceBatch::kForC);
+  const auto low = get(FaceBatch::kLow), high = get(FaceBatch::kHigh);
+  const auto ids = hn::Set(di, id);
+  const int x_begin = batch.x_first[k], x_end = batch.x_last[k], y_begin = batch.y_first[k];
+  const int y_last = std::min(batch.y_last[k], target.row_last);
+  for (int y = std::max(y_begin, target.row_first); y < y_last; ++y) {
+    const auto down = hn::Set(d, static_cast<double>(y - y_begin));
+    const auto at0 = hn::Add(a0, hn::Mul(row0, down)), at1 = hn::Add(a1, hn::Mul(row1, down)),
+               at2 = hn::Add(a2, hn::Mul(row2, down));
+    int first = x_begin, last = x_end;
+    if (last - first > kNarrowColumns) {
+      const double area[3] = {hn::GetLane(at0), hn::GetLane(at1), hn::GetLane(at2)};
+      const double per_column[3] = {hn::GetLane(column0), hn::GetLane(column1), hn::GetLane(column2)};
+      NarrowRow(area, per_column, &first, &last);
+    }
+    for (int window = first & -lanes; window < last; window += lanes) {
+      const int x = WindowInRow(window, lanes, target);  // pixels outside the box are outside the face
+      const auto right = hn::Add(hn::Iota(d, 0), hn::Set(d, static_cast<double>(x - x_begin)));
+      const auto e0 = hn::Add(at0, hn::Mul(column0, right)), e1 = hn::Add(at1, hn::Mul(column1, right)),
+                 e2 = hn::Add(at2, hn::Mul(column2, right));
+      const auto inside = hn::And(hn::Ge(e0, least0), hn::And(hn::Ge(e1, least1), hn::Ge(e2, least2)));
+      const auto plane = hn::Add(at_a, hn::Add(hn::Mul(e1, for_b), hn::Mul(e2, for_c)));
+      const auto value = hn::DemoteTo(df, hn::IfThenElseZero(inside, hn::Min(hn::Max(plane, low), high)));
+      DrawWindow(value, ids, x, y, target);
+    }
   }
 }
 
 int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices, bool with_ids,
              const DrawTarget& target) {
-  const BoxFinder boxes(target.width, target.height);
-  for (int64_t k = 0; k < count; ++k) {
-    const uint32_t f = list[k];
-    const GridVertex& a = vertices[faces[f][0]];
-    const GridVertex& b = vertices[faces[f][1]];
-    const GridVertex& c = vertices[faces[f][2]];
-    const PixelBox box = boxes.Find(a, b, c);
-    if (box.off_grid || box.extent >= kLargestExtent) return k;
-    if (box.y_first >= target.row_last || box.y_last <= target.row_first) continue;
-    const FaceSetup setup(a, b, c, box.x_first, box.y_first);
-    const int32_t id = with_ids ? static_cast<int32_t>(f) : -1;
-    if (box.x_last - box.x_first == 1 && box.y_last - box.y_first == 1) {
-      const int64_t least = std::min(setup.area[0], std::min(setup.area[1], setup.area[2]));
-      if (least < 0) continue;
-      if (least == 0 && ((setup.area[0] + setup.Bias(0)) | (setup.area[1] + setup.Bias(1)) |
-                         (setup.area[2] + setup.Bias(2))) < 0) {
-        continue;
+  const int lanes = static_cast<int>(hn::Lanes(Doubles()));
+  if (target.width < lanes) return 0;
+  FaceBatch batch;
+  for (int64_t done = 0; done < count;) {
+    const int wanted = static_cast<int>(std::min<int64_t>(FaceBatch::kFaces, count - done));
+    int ready = 0;
+    while (ready < wanted) {
+      const int expected = std::min(lanes, wanted - ready);
+      const int held = SetUpLanes(faces, list + done + ready, wanted - ready, vertices, target, ready, &batch);
+      for (int k = ready; k < ready + held; ++k) {
+        const int row = std::clamp(batch.y_first[k], target.row_first, target.row_last - 1);
+        const size_t i = static_cast<size_t>(row) * target.width + std::min(batch.x_first[k], target.width - 1);
+        hwy::Prefetch(target.inverse_z + i);
+        hwy::Prefetch(target.face + i);
       }
-      target.Draw(box.x_first, box.y_first, setup.Plane(a, b, c).At(setup.area[1], setup.area[2]), id);
-      continue;
+      ready += held;
+      if (held < expected) break;
     }
-    if (setup.total == 0) continue;
-    DrawRows(setup, setup.Plane(a, b, c), box, id, target);
+    for (int k = 0; k < ready; ++k) {
+      const int32_t id = with_ids ? static_cast<int32_t>(list[done + k]) : -1;
+      if (batch.x_last[k] - batch.x_first[k] == 1 && batch.y_last[k] - batch.y_first[k] == 1) {
+        if (batch.y_first[k] >= target.row_first && batch.y_first[k] < target.row_last) {
+          DrawPixelFromBatch(batch, k, id, target);
+        }
+      } else {
+        DrawFromBatch(batch, k, id, target);
+      }
+    }
+    done += ready;
+    if (ready < wanted) return done;
   }
   return count;
 }
