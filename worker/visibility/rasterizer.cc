@@ -105,7 +105,9 @@ struct Rasterizer::Workspace {
         rows[(begin + k) / kListBlock] = RowsOf(layer, mine + k, std::min(kListBlock, count - k));
       }
     });
-    ParallelFor(map->height, kBandRows, [&](int64_t row_first, int64_t row_last) {
+    // Few bands: a block of faces is set up anew in each band that it reaches.
+    const int64_t band_rows = std::max<int64_t>(kBandRows, map->height / (2 * ThreadCount()) + 1);
+    ParallelFor(map->height, band_rows, [&](int64_t row_first, int64_t row_last) {
       const DrawTarget target = Target(map, static_cast<int>(row_first), static_cast<int>(row_last));
       for (int64_t chunk = 0; chunk < chunks; ++chunk) {
         const int64_t begin = chunk * kFaceChunk, count = selected[chunk];
