@@ -43,9 +43,10 @@ HWY_INLINE void ProjectLanes(const Projection& p, const double* in, int32_t* out
   const auto u = hn::Add(hn::Mul(hn::Mul(hn::Set(d, p.x_scale), row(0)), inverse), hn::Set(d, p.x_shift));
   const auto v = hn::Add(hn::Mul(hn::Mul(hn::Set(d, p.y_scale), row(1)), inverse), hn::Set(d, p.y_shift));
   const auto limit = hn::Set(d, kGridLimit - 1);
-  const auto good = hn::And(hn::Ge(depth, hn::Set(d, p.near_m)),
-                            hn::And(hn::Lt(hn::Abs(u), limit), hn::Lt(hn::Abs(v), limit)));
-  const auto to_grid = [&](auto value) HWY_ATTR { return hn::DemoteTo(di, hn::Round(hn::IfThenElseZero(good, value))); };
+  const auto good =
+      hn::And(hn::Ge(depth, hn::Set(d, p.near_m)), hn::And(hn::Lt(hn::Abs(u), limit), hn::Lt(hn::Abs(v), limit)));
+  const auto to_grid = [&](auto value)
+                           HWY_ATTR { return hn::DemoteTo(di, hn::Round(hn::IfThenElseZero(good, value))); };
   const auto flag = hn::DemoteTo(di, hn::IfThenZeroElse(good, hn::Set(d, -1.0)));
   const auto inverse_z = hn::BitCast(di, hn::DemoteTo(Floats(), hn::IfThenElseZero(good, inverse)));
   hn::StoreInterleaved4(to_grid(u), to_grid(v), inverse_z, flag, di, out);
@@ -142,13 +143,25 @@ int64_t Select(const Triangle* faces, int64_t first, int64_t last, const GridVer
 struct FaceBatch {
   static constexpr int kFaces = 64;
   enum Field {
-    kArea0, kArea1, kArea2,           // with edges bc, ca, ab at the centre of the box's first pixel
-    kPerColumn0, kPerColumn1, kPerColumn2,
-    kPerRow0, kPerRow1, kPerRow2,
-    kLeast0, kLeast1, kLeast2,        // a centre is inside from here: 0 if the face owns the edge, else 1
-    kAtA, kForB, kForC, kLow, kHigh,  // DepthPlane
+    kArea0,
+    kArea1,
+    kArea2,  // with edges bc, ca, ab at the centre of the box's first pixel
+    kPerColumn0,
+    kPerColumn1,
+    kPerColumn2,
+    kPerRow0,
+    kPerRow1,
+    kPerRow2,
+    kLeast0,
+    kLeast1,
+    kLeast2,  // a centre is inside from here: 0 if the face owns the edge, else 1
+    kAtA,
+    kForB,
+    kForC,
+    kLow,
+    kHigh,  // DepthPlane
     kFields
-  };  // clang-format off keeps the groups together
+  };
   alignas(32) double field[kFields][kFaces];
   alignas(16) int32_t x_first[kFaces], x_last[kFaces], y_first[kFaces], y_last[kFaces];
   alignas(16) float value[kFaces];  // 1/z at the first pixel's centre; 0: outside
