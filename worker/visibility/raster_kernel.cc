@@ -271,9 +271,8 @@ HWY_INLINE void NarrowRow(const double* area, const double* per_column, int* fir
   *last = end;
 }
 
-// The map is read and written in windows of as many pixels as there are lanes, which start at multiples of that number:
-// what a face has just written can then be forwarded to the next face's read, which it could not if they overlapped in
-// part. The last window of a row starts earlier, so as to end with it.
+// The map is read and written in windows of as many pixels as there are lanes, from a face's first column on: aligned
+// windows would be more, and measured slower. The last window of a row starts earlier, so as to end with it.
 HWY_INLINE int WindowInRow(int window, int lanes, const DrawTarget& target) {
   return std::min(window, target.width - lanes);
 }
@@ -322,7 +321,7 @@ HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const D
 
   // All sums and products of areas are whole and exact, in whatever order and whether fused or not.
   const auto draw = [&](int first, int last, int y_from, int y_to) HWY_ATTR {
-    for (int window = first & -lanes; window < last; window += lanes) {
+    for (int window = first; window < last; window += lanes) {
       const int x = WindowInRow(window, lanes, target);  // pixels outside the box are outside the face
       const auto right = hn::Add(hn::Iota(d, 0), hn::Set(d, static_cast<double>(x - x_begin)));
       auto e0 = hn::MulAdd(column0, right, at0), e1 = hn::MulAdd(column1, right, at1),
