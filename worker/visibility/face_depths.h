@@ -10,22 +10,12 @@
 
 namespace tessera {
 
-// A mesh before a camera, which both must outlive it: `vertices` as ProjectToGrid made them.
-class FaceDepths {
- public:
-  FaceDepths(const TriangleMesh& mesh, const GridVertex* vertices, const PosedCamera& camera)
-      : mesh_(mesh), vertices_(vertices), camera_(camera) {}
-
-  // Sets the depth of rows [row_first, row_last) of a map that is `width` wide, wherever it names a face.
-  void UpdateRows(int row_first, int row_last, int width, const int32_t* face, float* depth) const;
-
- private:
-  float UnboundedDepth(uint32_t f, int x, int y, float old) const;
-
-  const TriangleMesh& mesh_;
-  const GridVertex* vertices_;
-  const PosedCamera& camera_;
-};
+// Sets the depth of rows [row_first, row_last) of a map that is `width` wide, wherever `face` names a face: that of the
+// face's plane, within the range of its corners. `vertices` as ProjectToGrid made them of the mesh. For a face with all
+// corners on the grid it is what drawing it gives, to the bit; of one that has no area any more the old depth is kept,
+// within the new range.
+void UpdateFaceDepths(const TriangleMesh& mesh, const GridVertex* vertices, const PosedCamera& camera, int row_first,
+                      int row_last, int width, const int32_t* face, float* depth);
 
 }  // namespace tessera
 

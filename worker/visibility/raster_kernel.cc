@@ -6,7 +6,6 @@
 #define HWY_DISABLED_TARGETS (HWY_AVX3 | HWY_AVX3_DL)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "worker/visibility/raster_kernel.cc"
-#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 //
 #include <hwy/highway.h>
@@ -44,9 +43,10 @@ HWY_INLINE void ProjectLanes(const Projection& p, const double* in, int32_t* out
   const auto u = hn::Add(hn::Mul(hn::Mul(hn::Set(d, p.x_scale), row(0)), inverse), hn::Set(d, p.x_shift));
   const auto v = hn::Add(hn::Mul(hn::Mul(hn::Set(d, p.y_scale), row(1)), inverse), hn::Set(d, p.y_shift));
   const auto limit = hn::Set(d, kGridLimit - 1);
-  const auto good = hn::And(hn::Ge(depth, hn::Set(d, p.near_m)),
-                            hn::And(hn::Lt(hn::Abs(u), limit), hn::Lt(hn::Abs(v), limit)));
-  const auto to_grid = [&](auto value) HWY_ATTR { return hn::DemoteTo(di, hn::Round(hn::IfThenElseZero(good, value))); };
+  const auto good =
+      hn::And(hn::Ge(depth, hn::Set(d, p.near_m)), hn::And(hn::Lt(hn::Abs(u), limit), hn::Lt(hn::Abs(v), limit)));
+  const auto to_grid = [&](auto value)
+                           HWY_ATTR { return hn::DemoteTo(di, hn::Round(hn::IfThenElseZero(good, value))); };
   const auto flag = hn::DemoteTo(di, hn::IfThenZeroElse(good, hn::Set(d, -1.0)));
   const auto inverse_z = hn::BitCast(di, hn::DemoteTo(Floats(), hn::IfThenElseZero(good, inverse)));
   hn::StoreInterleaved4(to_grid(u), to_grid(v), inverse_z, flag, di, out);
@@ -143,13 +143,25 @@ int64_t Select(const Triangle* faces, int64_t first, int64_t last, const GridVer
 struct FaceBatch {
   static constexpr int kFaces = 64;
   enum Field {
-    kArea0, kArea1, kArea2,           // with edges bc, ca, ab at the centre of the box's first pixel
-    kPerColumn0, kPerColumn1, kPerColumn2,
-    kPerRow0, kPerRow1, kPerRow2,
-    kLeast0, kLeast1, kLeast2,        // a centre is inside from here: 0 if the face owns the edge, else 1
-    kAtA, kForB, kForC, kLow, kHigh,  // DepthPlane
+    kArea0,
+    kArea1,
+    kArea2,  // with edges bc, ca, ab at the centre of the box's first pixel
+    kPerColumn0,
+    kPerColumn1,
+    kPerColumn2,
+    kPerRow0,
+    kPerRow1,
+    kPerRow2,
+    kLeast0,
+    kLeast1,
+    kLeast2,  // a centre is inside from here: 0 if the face owns the edge, else 1
+    kAtA,
+    kForB,
+    kForC,
+    kLow,
+    kHigh,  // DepthPlane
     kFields
-  };  // clang-format off keeps the groups together
+  };
   alignas(32) double field[kFields][kFaces];
   alignas(16) int32_t x_first[kFaces], x_last[kFaces], y_first[kFaces], y_last[kFaces];
   alignas(16) float value[kFaces];  // 1/z at the first pixel's centre; 0: outside
@@ -259,18 +271,16 @@ HWY_INLINE void NarrowRow(const double* area, const double* per_column, int* fir
   *last = end;
 }
 
-// The map is read and written in windows of as many pixels as there are lanes, which start at multiples of that number:
-// what a face has just written can then be forwarded to the next face's read, which it could not if they overlapped in
-// part. The last window of a row starts earlier, so as to end with it.
+// The map is read and written in windows of as many pixels as there are lanes, from a face's first column on: aligned
+// windows would be more, and measured slower. The last window of a row starts earlier, so as to end with it.
 HWY_INLINE int WindowInRow(int window, int lanes, const DrawTarget& target) {
   return std::min(window, target.width - lanes);
 }
 
-// Draws those pixels of the window at (x, y) whose 1/z is greater than what is there.
-HWY_INLINE void DrawWindow(hn::Vec<Floats> value, hn::Vec<Ints> ids, int x, int y, const DrawTarget& target) {
+// Draws those pixels of the window from pixel i on whose 1/z is greater than what is there.
+HWY_INLINE void DrawWindow(hn::Vec<Floats> value, hn::Vec<Ints> ids, size_t i, const DrawTarget& target) {
   const Floats df;
   const Ints di;
-  const size_t i = static_cast<size_t>(y) * target.width + x;
   const auto old = hn::LoadU(df, target.inverse_z + i);
   const auto old_ids = hn::LoadU(di, target.face + i);
   const auto nearer = hn::Gt(value, old);
@@ -286,7 +296,7 @@ HWY_INLINE void DrawPixelFromBatch(const FaceBatch& batch, int k, int32_t id, co
   const int x = WindowInRow(batch.x_first[k] & -lanes, lanes, target);
   const auto here = hn::Eq(hn::Iota(di, 0), hn::Set(di, batch.x_first[k] - x));
   const auto value = hn::IfThenElseZero(hn::RebindMask(df, here), hn::Set(df, batch.value[k]));
-  DrawWindow(value, hn::Set(di, id), x, batch.y_first[k], target);
+  DrawWindow(value, hn::Set(di, id), static_cast<size_t>(batch.y_first[k]) * target.width + x, target);
 }
 
 // Draws one face of the batch, as many pixels of a row at once as there are lanes.
@@ -296,7 +306,6 @@ HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const D
   const Ints di;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto get = [&](int field) HWY_ATTR { return hn::Set(d, batch.field[field][k]); };
-  const auto a0 = get(FaceBatch::kArea0), a1 = get(FaceBatch::kArea1), a2 = get(FaceBatch::kArea2);
   const auto column0 = get(FaceBatch::kPerColumn0), column1 = get(FaceBatch::kPerColumn1),
              column2 = get(FaceBatch::kPerColumn2);
   const auto row0 = get(FaceBatch::kPerRow0), row1 = get(FaceBatch::kPerRow1), row2 = get(FaceBatch::kPerRow2);
@@ -304,28 +313,45 @@ HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const D
   const auto at_a = get(FaceBatch::kAtA), for_b = get(FaceBatch::kForB), for_c = get(FaceBatch::kForC);
   const auto low = get(FaceBatch::kLow), high = get(FaceBatch::kHigh);
   const auto ids = hn::Set(di, id);
-  const int x_begin = batch.x_first[k], x_end = batch.x_last[k], y_begin = batch.y_first[k];
-  const int y_last = std::min(batch.y_last[k], target.row_last);
-  for (int y = std::max(y_begin, target.row_first); y < y_last; ++y) {
-    const auto down = hn::Set(d, static_cast<double>(y - y_begin));
-    const auto at0 = hn::Add(a0, hn::Mul(row0, down)), at1 = hn::Add(a1, hn::Mul(row1, down)),
-               at2 = hn::Add(a2, hn::Mul(row2, down));
-    int first = x_begin, last = x_end;
-    if (last - first > kNarrowColumns) {
-      const double area[3] = {hn::GetLane(at0), hn::GetLane(at1), hn::GetLane(at2)};
-      const double per_column[3] = {hn::GetLane(column0), hn::GetLane(column1), hn::GetLane(column2)};
-      NarrowRow(area, per_column, &first, &last);
-    }
-    for (int window = first & -lanes; window < last; window += lanes) {
+  const int x_begin = batch.x_first[k], y_begin = std::max(batch.y_first[k], target.row_first);
+  const int y_end = std::min(batch.y_last[k], target.row_last);
+  const auto down = hn::Set(d, static_cast<double>(y_begin - batch.y_first[k]));
+  auto at0 = hn::MulAdd(row0, down, get(FaceBatch::kArea0)), at1 = hn::MulAdd(row1, down, get(FaceBatch::kArea1)),
+       at2 = hn::MulAdd(row2, down, get(FaceBatch::kArea2));
+
+  // All sums and products of areas are whole and exact, in whatever order and whether fused or not.
+  const auto draw = [&](int first, int last, int y_from, int y_to) HWY_ATTR {
+    for (int window = first; window < last; window += lanes) {
       const int x = WindowInRow(window, lanes, target);  // pixels outside the box are outside the face
       const auto right = hn::Add(hn::Iota(d, 0), hn::Set(d, static_cast<double>(x - x_begin)));
-      const auto e0 = hn::Add(at0, hn::Mul(column0, right)), e1 = hn::Add(at1, hn::Mul(column1, right)),
-                 e2 = hn::Add(at2, hn::Mul(column2, right));
-      const auto inside = hn::And(hn::Ge(e0, least0), hn::And(hn::Ge(e1, least1), hn::Ge(e2, least2)));
-      const auto plane = hn::Add(at_a, hn::Add(hn::Mul(e1, for_b), hn::Mul(e2, for_c)));
-      const auto value = hn::DemoteTo(df, hn::IfThenElseZero(inside, hn::Min(hn::Max(plane, low), high)));
-      DrawWindow(value, ids, x, y, target);
+      auto e0 = hn::MulAdd(column0, right, at0), e1 = hn::MulAdd(column1, right, at1),
+           e2 = hn::MulAdd(column2, right, at2);
+      size_t i = static_cast<size_t>(y_from) * target.width + x;
+      for (int y = y_from; y < y_to; ++y) {
+        const auto inside = hn::And(hn::Ge(e0, least0), hn::And(hn::Ge(e1, least1), hn::Ge(e2, least2)));
+        const auto plane = hn::Add(at_a, hn::Add(hn::Mul(e1, for_b), hn::Mul(e2, for_c)));
+        const auto value = hn::DemoteTo(df, hn::IfThenElseZero(inside, hn::Min(hn::Max(plane, low), high)));
+        DrawWindow(value, ids, i, target);
+        e0 = hn::Add(e0, row0);
+        e1 = hn::Add(e1, row1);
+        e2 = hn::Add(e2, row2);
+        i += static_cast<size_t>(target.width);
+      }
     }
+  };
+  if (batch.x_last[k] - x_begin <= kNarrowColumns) {
+    draw(x_begin, batch.x_last[k], y_begin, y_end);
+    return;
+  }
+  const double per_column[3] = {hn::GetLane(column0), hn::GetLane(column1), hn::GetLane(column2)};
+  for (int y = y_begin; y < y_end; ++y) {
+    const double area[3] = {hn::GetLane(at0), hn::GetLane(at1), hn::GetLane(at2)};
+    int first = x_begin, last = batch.x_last[k];
+    NarrowRow(area, per_column, &first, &last);
+    draw(first, last, y, y + 1);
+    at0 = hn::Add(at0, row0);
+    at1 = hn::Add(at1, row1);
+    at2 = hn::Add(at2, row2);
   }
 }
 
@@ -340,12 +366,6 @@ int64_t Draw(const Triangle* faces, const uint32_t* list, int64_t count, const G
     while (ready < wanted) {
       const int expected = std::min(lanes, wanted - ready);
       const int held = SetUpLanes(faces, list + done + ready, wanted - ready, vertices, target, ready, &batch);
-      for (int k = ready; k < ready + held; ++k) {
-        const int row = std::clamp(batch.y_first[k], target.row_first, target.row_last - 1);
-        const size_t i = static_cast<size_t>(row) * target.width + std::min(batch.x_first[k], target.width - 1);
-        hwy::Prefetch(target.inverse_z + i);
-        hwy::Prefetch(target.face + i);
-      }
       ready += held;
       if (held < expected) break;
     }

@@ -66,8 +66,8 @@ struct DepthPlane {
 void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& camera, double near_m,
                    GridVertex* out);
 
-// Writes to `list` (room for last - first) those of the faces [first, last), ascending, whose bounding box holds a pixel
-// centre of the image or that have a corner off the grid. Returns how many.
+// Writes to `list` (room for last - first) those of the faces [first, last), ascending, whose bounding box holds a
+// pixel centre of the image or that have a corner off the grid. Returns how many.
 int64_t SelectFaces(const Triangle* faces, int64_t first, int64_t last, const GridVertex* vertices, int width,
                     int height, uint32_t* list);
 

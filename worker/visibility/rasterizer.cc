@@ -105,7 +105,9 @@ struct Rasterizer::Workspace {
         rows[(begin + k) / kListBlock] = RowsOf(layer, mine + k, std::min(kListBlock, count - k));
       }
     });
-    ParallelFor(map->height, kBandRows, [&](int64_t row_first, int64_t row_last) {
+    // Few bands: a block of faces is set up anew in each band that it reaches.
+    const int64_t band_rows = std::max<int64_t>(kBandRows, map->height / (2 * ThreadCount()) + 1);
+    ParallelFor(map->height, band_rows, [&](int64_t row_first, int64_t row_last) {
       const DrawTarget target = Target(map, static_cast<int>(row_first), static_cast<int>(row_last));
       for (int64_t chunk = 0; chunk < chunks; ++chunk) {
         const int64_t begin = chunk * kFaceChunk, count = selected[chunk];
@@ -201,9 +203,9 @@ void Rasterizer::DrawViews(const TriangleMesh& mesh, const TriangleMesh* occlude
 void Rasterizer::UpdateDepth(const TriangleMesh& mesh, const PosedCamera& camera, FaceMap* map, double near_m) {
   std::unique_ptr<Workspace> workspace = pool_->Take();
   workspace->Project(mesh, camera, near_m, true);
-  const FaceDepths depths(mesh, workspace->vertices.data(), camera);
   ParallelFor(map->height, kBandRows, [&](int64_t first, int64_t last) {
-    depths.UpdateRows(static_cast<int>(first), static_cast<int>(last), map->width, map->face.data(), map->depth.data());
+    UpdateFaceDepths(mesh, workspace->vertices.data(), camera, static_cast<int>(first), static_cast<int>(last),
+                     map->width, map->face.data(), map->depth.data());
   });
   pool_->Return(std::move(workspace));
 }
@@ -213,8 +215,8 @@ void Rasterizer::UpdateDepths(const TriangleMesh& mesh, std::span<const PosedCam
   ForEachView(cameras.size(), [&](size_t view, Workspace& workspace) {
     FaceMap& map = (*maps)[view];
     workspace.Project(mesh, cameras[view], near_m, false);
-    FaceDepths(mesh, workspace.vertices.data(), cameras[view])
-        .UpdateRows(0, map.height, map.width, map.face.data(), map.depth.data());
+    UpdateFaceDepths(mesh, workspace.vertices.data(), cameras[view], 0, map.height, map.width, map.face.data(),
+                     map.depth.data());
   });
 }
 
