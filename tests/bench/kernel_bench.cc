@@ -71,6 +71,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
   constexpr int kRows = 96;
   const SemanticWeight weight{semantic};
   std::vector<FaceMap> maps;
+  std::vector<WarpTarget> targets(views.size());
   std::vector<std::vector<float>> offsets;
   for (const PhotoView& view : views) {
     maps.push_back(RasterizeFaces(scene.mesh, nullptr, view.camera));
@@ -98,11 +99,17 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
     pixels = 0;
     size_t at = 0;
     for (size_t i = 0; i < views.size(); ++i) {
+      const double begin_s = CpuSeconds();
+      SetWarpTarget(views[i].texels, maps[i], &targets[i]);
+      note(at++, {CpuSeconds() - begin_s, 0, 0});
+    }
+    for (size_t i = 0; i < views.size(); ++i) {
       const Texels& texels = views[i].texels;
       std::vector<ZnccPair> pairs;
       for (const ViewPair& pair : scene.pairs) {
         if (pair.reference != static_cast<int>(i)) continue;
-        pairs.push_back(MakeZnccPair(views[i], views[pair.other], maps[pair.other], scene.options.occlusion_px));
+        pairs.push_back(MakeZnccPair(views[i], views[pair.other].camera, targets[pair.other],
+                                     scene.options.occlusion_px));
       }
       pixels += static_cast<double>(pairs.size()) * texels.width * texels.height;
       const int strips = (texels.height + kRows - 1) / kRows;
@@ -140,7 +147,8 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
 // The kernel's job in plain float loops, one pair.
 double MeasureScalar(const Scene& scene, const std::vector<PhotoView>& views, float semantic, Checks* checks) {
   const FaceMap map = RasterizeFaces(scene.mesh, nullptr, views[0].camera);
-  const FaceMap other_map = RasterizeFaces(scene.mesh, nullptr, views[1].camera);
+  WarpTarget target;
+  SetWarpTarget(views[1].texels, RasterizeFaces(scene.mesh, nullptr, views[1].camera), &target);
   std::vector<float> offsets;
   for (size_t f = 0; f < scene.mesh.faces.size(); ++f) {
     const Eigen::Vector3d from = scene.mesh.Corner(f, 0) - views[0].camera.Centre();
@@ -150,7 +158,7 @@ double MeasureScalar(const Scene& scene, const std::vector<PhotoView>& views, fl
   ReferenceStrip strip;
   strip.Reset(texels.width, texels.height, scene.options.window.radius, 0, texels.height);
   FillStrip(views[0].camera.intrinsics, texels, map, offsets.data(), scene.options.min_cosine, &strip);
-  const ZnccPair pair = MakeZnccPair(views[0], views[1], other_map, scene.options.occlusion_px);
+  const ZnccPair pair = MakeZnccPair(views[0], views[1].camera, target, scene.options.occlusion_px);
   const SemanticWeight weight{semantic};
   ZnccOracle<float> oracle(pair, scene.options.window, weight, strip);
   oracle.Run();
@@ -160,7 +168,7 @@ double MeasureScalar(const Scene& scene, const std::vector<PhotoView>& views, fl
   return 1e9 * (CpuSeconds() - begin_s) / (static_cast<double>(texels.width) * texels.height);
 }
 
-void Bench(int width, int classes, int repeat) {
+void Bench(int width, int classes, int repeat, const std::string& only) {
   const Scene scene(width, classes);
   Checks checks;
   const double plain = MeasureScalar(scene, scene.image, 0, &checks);
@@ -178,7 +186,7 @@ void Bench(int width, int classes, int repeat) {
   row("plain", with_classes, {0, plain_classes, 0}, plain_classes);
   const int64_t supported = hwy::SupportedTargets();
   for (const int64_t target : {HWY_AVX3, HWY_AVX2, HWY_SSE4, HWY_SCALAR}) {
-    if ((supported & target) == 0) continue;
+    if ((supported & target) == 0 || (!only.empty() && only != hwy::TargetName(target))) continue;
     hwy::SetSupportedTargetsForTest(target);
     hwy::GetChosenTarget().Update(hwy::SupportedTargets());
     row(hwy::TargetName(target), "image", Measure(scene, scene.image, 0, repeat, &checks), plain);
@@ -196,8 +204,10 @@ int main(int argc, char** argv) {
   app.add_option("--width", width, "of the images, pixels");
   app.add_option("--classes", classes, "of the runs with classes");
   app.add_option("--repeat", repeat, "times, of which the best counts");
+  std::string target;
+  app.add_option("--target", target, "this instruction set alone: AVX3, AVX2, SSE4 or SCALAR");
   CLI11_PARSE(app, argc, argv);
   const tessera::ThreadLimit limit(1);
-  tessera::Bench(width, classes, repeat);
+  tessera::Bench(width, classes, repeat, target);
   return 0;
 }
