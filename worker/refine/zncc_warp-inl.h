@@ -9,6 +9,8 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 
 #include "worker/refine/zncc_kernel.h"
 
@@ -193,6 +195,28 @@ HWY_INLINE void AddSemantic(const ZnccPair& pair, const SemanticWeight& semantic
   hn::StoreU(hn::Add(hn::LoadU(d, curvature + x), h), d, curvature + x);
 }
 
+// How far apart, in texels of the other view, the middle of row y and the same some rows below land: what is needed
+// soon lies about that far behind what is read now. Zero if the middle is not used.
+inline int64_t TexelsAhead(const ZnccPair& pair, const ReferenceStrip& strip, int y) {
+  constexpr float kRows = 6;
+  const int x = pair.reference->width / 2;
+  if (strip.depth_factor.row(y)[x] == 0) return 0;
+  const float z = strip.depth.row(y)[x], xc = static_cast<float>(x) + 0.5f, yc = static_cast<float>(y) + 0.5f;
+  float q[3], below[3];
+  for (int r = 0; r < 3; ++r) {
+    q[r] = z * (pair.m[3 * r] * xc + pair.m[3 * r + 1] * yc + pair.m[3 * r + 2]) + pair.t[r];
+    below[r] = q[r] + z * kRows * pair.m[3 * r + 1];
+  }
+  const float du = below[0] / below[2] - q[0] / q[2], dv = below[1] / below[2] - q[1] / q[2];
+  if (!(std::abs(du) < 64 && std::abs(dv) < 64)) return 0;
+  return std::lround(dv) * pair.other->texels->stride + std::lround(du);
+}
+
+// A hint alone: the address may lie outside the plane.
+HWY_INLINE void Prefetch(const uint32_t* plane, int64_t index) {
+  __builtin_prefetch(reinterpret_cast<const void*>(reinterpret_cast<uintptr_t>(plane) + 4 * index));
+}
+
 // Warps row y of the reference into the other image: mask, both luminances under it, and the slope dI_j/d(offset).
 // With kSemantic also adds the row's E_sem, energies by lane.
 template <bool kSemantic>
@@ -220,6 +244,7 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
   const Ints stride = hn::Set(di, other.stride), stride_bytes = hn::Set(di, 4 * other.stride);
   // What the bits of kFloor add to the index of a cell.
   const Ints floor_cell = hn::Set(di, static_cast<int32_t>(kFloorBits * (static_cast<uint32_t>(other.stride) + 1)));
+  const int64_t ahead = TexelsAhead(pair, *strip, y);
   const Bits low_half = hn::Set(du, 0xffffu);
   const float* z_row = strip->depth.row(y);
   const float* factor_row = strip->depth_factor.row(y);
@@ -262,6 +287,9 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
     at.b = hn::Sub(hn::Sub(vs, half), hn::Sub(v_floor, floor));
     const Ints cell = hn::Sub(hn::Add(hn::Mul(hn::BitCast(di, v_floor), stride), hn::BitCast(di, u_floor)), floor_cell);
     const Ints offset = hn::ShiftLeft<2>(cell);
+    const int64_t later = hn::GetLane(cell) + ahead;
+    Prefetch(target.packed.data(), later);
+    if (kSemantic) Prefetch(other.likelihoods[0].data(), later);
     const EdgeTexels top = GatherEdge(target.packed.data(), offset);
     const EdgeTexels bottom = GatherEdge(target.packed.data(), hn::Add(offset, stride_bytes));
     const auto luminance = [&](Bits texel) { return hn::ConvertTo(d, hn::BitCast(di, hn::And(texel, low_half))); };
