@@ -1,10 +1,11 @@
 // kernel_bench [--width 1400] [--repeat 5]: what one evaluation of the data term costs on one core, in nanoseconds of
 // CPU a pixel and directed pair, on a scene made here: a plain scalar version, then ours for every instruction set this
 // machine has, image only and with classes; and the stages.
+#include <hwy/highway.h>
+
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <ctime>
-#include <hwy/highway.h>
 #include <string>
 #include <vector>
 
@@ -108,8 +109,8 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
       std::vector<ZnccPair> pairs;
       for (const ViewPair& pair : scene.pairs) {
         if (pair.reference != static_cast<int>(i)) continue;
-        pairs.push_back(MakeZnccPair(views[i], views[pair.other].camera, targets[pair.other],
-                                     scene.options.occlusion_px));
+        pairs.push_back(
+            MakeZnccPair(views[i], views[pair.other].camera, targets[pair.other], scene.options.occlusion_px));
       }
       pixels += static_cast<double>(pairs.size()) * texels.width * texels.height;
       const int strips = (texels.height + kRows - 1) / kRows;

@@ -300,8 +300,8 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
     const Bits nearest = hn::IfThenElse(right, hn::IfThenElse(lower, bottom.right, top.right),
                                         hn::IfThenElse(lower, bottom.left, top.left));
     const Vec code = hn::ConvertTo(d, hn::BitCast(di, hn::ShiftRight<16>(nearest)));
-    const auto unhidden = hn::Or(hn::Le(q2, hn::Mul(hn::MulAdd(code, depth_step, depth_min), slack)),
-                                 hn::Eq(code, nothing));
+    const auto unhidden =
+        hn::Or(hn::Le(q2, hn::Mul(hn::MulAdd(code, depth_step, depth_min), slack)), hn::Eq(code, nothing));
     const Vec dx_top = hn::Sub(p10, p00), dx_bottom = hn::Sub(p11, p01);
     const Vec i_top = hn::MulAdd(at.a, dx_top, p00), i_bottom = hn::MulAdd(at.a, dx_bottom, p01);
     const Vec dv = hn::Sub(i_bottom, i_top);

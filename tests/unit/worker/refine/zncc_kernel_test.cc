@@ -1,10 +1,10 @@
 #include "worker/refine/zncc_kernel.h"
 
 #include <gtest/gtest.h>
+#include <hwy/highway.h>
 
 #include <algorithm>
 #include <cmath>
-#include <hwy/highway.h>
 #include <string>
 #include <vector>
 

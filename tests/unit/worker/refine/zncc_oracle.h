@@ -34,7 +34,8 @@ class ZnccOracle {
     const size_t n = static_cast<size_t>(width_) * height_;
     for (std::vector<Real>* plane : {&gradient, &curvature, &count}) plane->resize(n, 0);
     for (std::vector<Real>* plane : {&mask_, &ref_, &other_, &slope_}) plane->assign(n, 0);
-    classes_ = semantic_.weight > 0 && pair_.reference->classes == pair_.other->texels->classes ? pair_.reference->classes : 0;
+    classes_ =
+        semantic_.weight > 0 && pair_.reference->classes == pair_.other->texels->classes ? pair_.reference->classes : 0;
     for (int y = 0; y < height_; ++y) {
       for (int x = 0; x < width_; ++x) WarpPixel(x, y);
     }
