@@ -69,7 +69,7 @@ struct Checks {
 
 // The stages of PhotoTerm::Evaluate without visibility, on this thread.
 Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float semantic, int repeat, Checks* checks) {
-  constexpr int kRows = 96;
+  constexpr int kRows = 64;
   const SemanticWeight weight{semantic};
   std::vector<FaceMap> maps;
   std::vector<WarpTarget> targets(views.size());

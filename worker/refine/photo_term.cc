@@ -14,7 +14,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kStripRows = 96;
+constexpr int kStripRows = 64;
 constexpr int64_t kFaceGrain = 2048;
 
 Matrix3d Calibration(const PinholeCamera& k) {
