@@ -49,6 +49,7 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--gaussian", a.refine.gaussian_window);
   app.add_option("--noise-sigma", a.refine.noise_sigma);
   app.add_option("--thin-plate", a.refine.thin_plate);
+  app.add_option("--level-stiffness", a.refine.level_stiffness);
   app.add_option("--tangential", a.refine.tangential);
   app.add_option("--photo-outlier", a.refine.photo_outlier);
   app.add_option("--membrane", a.refine.membrane);

@@ -20,6 +20,29 @@ void Add(const FaceSums& part, float pixels, FaceSums* total) {
   total->pairs += part.pairs / pixels;
 }
 
+// Sums over consecutive pixels of a row.
+struct RunSums {
+  float g = 0, h = 0, gx = 0, hx = 0, pairs = 0;
+};
+
+// Begins of the runs of equal values, and the end of the last; returns how many.
+int FindRuns(const int32_t* values, int count, int32_t* starts) {
+  int runs = 0;
+  for (int i = 0; i < count; ++i) {
+    starts[runs] = i;
+    runs += i + 1 == count || values[i + 1] != values[i];
+  }
+  // Each entry holds the last pixel of its run until here.
+  for (int run = runs; run > 0; --run) starts[run] = starts[run - 1] + 1;
+  starts[0] = 0;
+  return runs;
+}
+
+// Where `b` is infinite, `a` must be a number all the same: such products are not used.
+void Multiply(const float* a, const float* b, int count, float* out) {
+  for (int i = 0; i < count; ++i) out[i] = a[i] * b[i];
+}
+
 }  // namespace
 
 void FaceGatherer::Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map, int strips) {
@@ -33,9 +56,10 @@ void FaceGatherer::Begin(const TriangleMesh& mesh, const PosedCamera& camera, co
 FaceGatherer::Part FaceGatherer::ToCorners(const Moments& m) const {
   Part part;
   part.face = m.face;
-  part.pixels = m.pixels;
-  part.sums.pairs = m.pairs;
-  if (m.h == 0) return part;
+  const auto [sum_g, sum_h, sum_gx, sum_hx, sum_gy, sum_hy, pairs, pixels] = m.sums;
+  part.pixels = pixels;
+  part.sums.pairs = pairs;
+  if (sum_h == 0) return part;
   const Vector3d centre = camera_->Centre();
   const Vector3d a = mesh_->Corner(m.face, 0) - centre, b = mesh_->Corner(m.face, 1) - centre,
                  c = mesh_->Corner(m.face, 2) - centre;
@@ -49,7 +73,7 @@ FaceGatherer::Part FaceGatherer::ToCorners(const Moments& m) const {
     return camera_->rotation_cam_from_world.transpose() *
            Vector3d(scale * (rx * one + x / k.fx), scale * (ry * one + y / k.fy), scale * one);
   };
-  const Vector3d g = ray_sum(m.g, m.gx, m.gy), h = ray_sum(m.h, m.hx, m.hy);
+  const Vector3d g = ray_sum(sum_g, sum_gx, sum_gy), h = ray_sum(sum_h, sum_hx, sum_hy);
   for (int i = 0; i < 3; ++i) {
     part.sums.gradient[i] = static_cast<float>(rows[i].dot(g));
     part.sums.curvature[i] = static_cast<float>(rows[i].dot(h));
@@ -62,46 +86,38 @@ void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* 
   std::vector<uint32_t>& slots = slots_of_thread->slots;
   if (slots.size() < mesh_->faces.size()) slots.resize(mesh_->faces.size(), 0);
   std::vector<Moments> found;
+  found.reserve(parts_[strip].size() + 64);
+  const int width = map_->width;
+  // Of a row: where runs of one face begin, and what is summed. Done first, without branches.
+  std::vector<int32_t> starts(width + 2);
+  std::vector<float> gradient(width), curvature(width);
   for (int y = planes.row_begin; y < planes.row_end; ++y) {
-    const int32_t* faces = map_->face.data() + static_cast<size_t>(y) * map_->width;
-    const float* gradient = planes.gradient.row(y);
-    const float* curvature = planes.curvature.row(y);
+    const int32_t* faces = map_->face.data() + static_cast<size_t>(y) * width;
     const float* count = planes.count.row(y);
-    const float* depth = planes.depth.row(y);
-    for (int x = 0; x < map_->width;) {
-      const int32_t face = faces[x];
-      if (face < 0) {
-        ++x;
-        continue;
-      }
-      const int begin = x;
-      float g = 0, gx = 0, h = 0, hx = 0, pairs = 0;
-      for (; x < map_->width && faces[x] == face; ++x) {
-        const float dx = static_cast<float>(x - begin), gz = gradient[x] * depth[x], hz = curvature[x] * depth[x];
-        g += gz;
-        gx += gz * dx;
-        h += hz;
-        hx += hz * dx;
-        pairs += count[x];
-      }
+    Multiply(planes.gradient.row(y), planes.depth.row(y), width, gradient.data());
+    Multiply(planes.curvature.row(y), planes.depth.row(y), width, curvature.data());
+    const int runs = FindRuns(faces, width, starts.data());
+    for (int run = 0; run < runs; ++run) {
+      const int begin = starts[run], end = starts[run + 1], face = faces[begin];
+      if (face < 0) continue;
       uint32_t slot = slots[face];
       if (slot >= found.size() || found[slot].face != face) {
         slot = slots[face] = static_cast<uint32_t>(found.size());
-        found.emplace_back();
-        found.back().face = face;
-        found.back().x0 = begin;
-        found.back().y0 = y;
+        found.push_back({face, begin, y, {}});
       }
-      Moments& m = found[slot];
-      const float dx = static_cast<float>(begin - m.x0), dy = static_cast<float>(y - m.y0);
-      m.g += g;
-      m.gx += gx + dx * g;
-      m.gy += dy * g;
-      m.h += h;
-      m.hx += hx + dx * h;
-      m.hy += dy * h;
-      m.pairs += pairs;
-      m.pixels += static_cast<float>(x - begin);
+      RunSums sums;
+      float dx = static_cast<float>(begin - found[slot].x0);
+      for (int x = begin; x < end; ++x, dx += 1) {
+        sums.g += gradient[x];
+        sums.h += curvature[x];
+        sums.gx += gradient[x] * dx;
+        sums.hx += curvature[x] * dx;
+        sums.pairs += count[x];
+      }
+      const float dy = static_cast<float>(y - found[slot].y0);
+      const float parts[8] = {sums.g,      sums.h,      sums.gx,    sums.hx,
+                              sums.g * dy, sums.h * dy, sums.pairs, static_cast<float>(end - begin)};
+      for (int i = 0; i < 8; ++i) found[slot].sums[i] += parts[i];
     }
   }
   std::vector<Part>& parts = parts_[strip];

@@ -36,13 +36,12 @@ class FaceGatherer {
   void Finish(std::vector<FaceSums>* sums);
 
  private:
-  // Sums over the pixels of one strip that see a face: of g z (1, x, y) and h z (1, x, y), with x and y from the first
-  // of them, since a corner's weight is z times a linear function of the pixel.
+  // Sums over the pixels of one strip that see a face: of g z, h z, g z x, h z x, g z y, h z y with x and y from the
+  // first of them, since a corner's weight is z times a linear function of the pixel; of the pairs; and of ones.
   struct Moments {
     int32_t face = -1;
     int32_t x0 = 0, y0 = 0;
-    float g = 0, gx = 0, gy = 0, h = 0, hx = 0, hy = 0;
-    float pairs = 0, pixels = 0;
+    std::array<float, 8> sums = {};
   };
   struct Part {
     int32_t face = -1;

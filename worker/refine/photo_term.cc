@@ -14,7 +14,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kStripRows = 96;
+constexpr int kStripRows = 64;
 constexpr int64_t kFaceGrain = 2048;
 
 Matrix3d Calibration(const PinholeCamera& k) {
@@ -45,15 +45,14 @@ ZnccWindow MakeWindow(int size_px, bool gaussian) {
   return window;
 }
 
-ZnccPair MakeZnccPair(const PhotoView& reference, const PhotoView& other, const FaceMap& other_map,
+ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, const WarpTarget& target,
                       double occlusion_px) {
   ZnccPair pair;
   pair.reference = &reference.texels;
-  pair.other = &other.texels;
-  pair.other_depth = other_map.depth.data();
-  pair.depth_slack = static_cast<float>(occlusion_px / other.camera.intrinsics.fx);
+  pair.other = &target;
+  pair.depth_slack = static_cast<float>(occlusion_px / other.intrinsics.fx);
   // q = z·M x̃ + t from the reference's pixels to the other's.
-  const PosedCamera &from = reference.camera, &to = other.camera;
+  const PosedCamera &from = reference.camera, &to = other;
   const Matrix3d rotation = to.rotation_cam_from_world * from.rotation_cam_from_world.transpose();
   const Matrix3d k = Calibration(to.intrinsics);
   const Matrix3d m = k * rotation * Calibration(from.intrinsics).inverse();
@@ -67,7 +66,7 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PhotoView& other, const 
 
 PhotoTerm::PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs,
                      const PhotoOptions& options)
-    : views_(views), pairs_(pairs), options_(options) {
+    : views_(views), pairs_(pairs), options_(options), targets_(views.size()) {
   for (const PhotoView& view : views_) cameras_.push_back(view.camera);
 }
 
@@ -112,7 +111,7 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, size_t first_pair, s
   std::vector<ZnccPair> warps;
   for (size_t p = first_pair; p < last_pair; ++p) {
     const int j = pairs_[p].other;
-    warps.push_back(MakeZnccPair(views_[i], views_[j], maps_[j], options_.occlusion_px));
+    warps.push_back(MakeZnccPair(views_[i], views_[j].camera, targets_[j], options_.occlusion_px));
   }
   const int height = texels.height, strips = (height + kStripRows - 1) / kStripRows;
   std::vector<ZnccSums> sums(strips);
@@ -181,6 +180,7 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders
   rasterizer_.DrawViews(mesh, &occluders, cameras_, &maps_);
   const double visible_s = Seconds(clock);
 
+  for (size_t i = 0; i < views_.size(); ++i) SetWarpTarget(views_[i].texels, maps_[i], &targets_[i]);
   face_sums_.assign(mesh.faces.size(), FaceSums());
   out->sums = ZnccSums();
   out->warped_pixels = 0;

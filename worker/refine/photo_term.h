@@ -16,6 +16,7 @@
 #include "worker/refine/face_sums.h"
 #include "worker/refine/pairs.h"
 #include "worker/refine/texels.h"
+#include "worker/refine/warp_target.h"
 #include "worker/refine/zncc_kernel.h"
 #include "worker/visibility/rasterizer.h"
 
@@ -49,8 +50,8 @@ struct PhotoDerivatives {
 // One window's weights: Gaussian of sigma = size / 4, or box.
 ZnccWindow MakeWindow(int size_px, bool gaussian);
 
-// The pair as the kernel takes it. `other_map`: what `other` sees of the mesh. The arguments must outlive the result.
-ZnccPair MakeZnccPair(const PhotoView& reference, const PhotoView& other, const FaceMap& other_map,
+// The pair as the kernel takes it. `target`: of `other`. `reference` and `target` must outlive the result.
+ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, const WarpTarget& target,
                       double occlusion_px);
 
 // Evaluates all pairs on a mesh. Holds buffers between calls. Results do not depend on the number of threads.
@@ -81,6 +82,7 @@ class PhotoTerm {
   std::vector<PosedCamera> cameras_;
   Rasterizer rasterizer_;
   std::vector<FaceMap> maps_;
+  std::vector<WarpTarget> targets_;
   std::vector<Eigen::Vector3d> normals_;
   std::vector<double> plane_;   // of each face: n·V0
   std::vector<float> offsets_;  // of each face from the reference at hand: n·(V0 - C)

@@ -63,6 +63,7 @@ struct RefineOptions {
   // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
   // count in pixels of the level.
   double thin_plate = 0.6;  // λ2
+  double level_stiffness = 1;  // factor of thin plate a level
   double membrane = 0.02;
   double rim = 0.3;                       // keeps the displacement of mesh rims smooth along the rim
   double tangential = 1;                  // of the thin plate within the surface (SmoothWeights)

@@ -434,7 +434,7 @@ ZnccSums RunWindow(const ZnccPair& pair, const ZnccWindow& window, const Semanti
 ZnccSums Run(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic, ReferenceStrip* strip,
              ZnccScratch* scratch) {
   const bool classes =
-      semantic.weight > 0 && pair.reference->classes > 0 && pair.reference->classes == pair.other->classes;
+      semantic.weight > 0 && pair.reference->classes > 0 && pair.reference->classes == pair.other->texels->classes;
   return classes ? RunWindow<true>(pair, window, semantic, strip, scratch)
                  : RunWindow<false>(pair, window, semantic, strip, scratch);
 }

@@ -8,6 +8,7 @@
 
 #include "worker/refine/reference_strip.h"
 #include "worker/refine/texels.h"
+#include "worker/refine/warp_target.h"
 
 namespace tessera {
 
@@ -35,11 +36,10 @@ struct SemanticWeight {
 // image at q = z·M x̃ + t, (u, v) = (q0, q1)/q2.
 struct ZnccPair {
   const Texels* reference = nullptr;
-  const Texels* other = nullptr;
-  const float* other_depth = nullptr;  // depth of the nearest surface in the other view, rows of other->width
-  float m[9] = {};                     // M, row-major
+  const WarpTarget* other = nullptr;
+  float m[9] = {};  // M, row-major
   float t[3] = {};
-  float depth_slack = 0;  // hidden where q2 > other depth · (1 + depth_slack)
+  float depth_slack = 0;  // hidden where q2 > depth of the nearest surface there · (1 + depth_slack)
 };
 
 struct ZnccSums {

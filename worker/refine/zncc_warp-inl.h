@@ -9,6 +9,8 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 
 #include "worker/refine/zncc_kernel.h"
 
@@ -30,6 +32,10 @@ constexpr int kSlab = 4;
 // Luminance from its stored form is q·kScale + kShift: about zero, where float sums of squares lose least.
 constexpr float kLuminanceScale = 1 / Texels::kLuminanceSteps;
 constexpr float kLuminanceShift = -0.5f - kLuminanceScale;
+
+// Added to x - ½, rounds it down: at this size floats are the integers. x must be well below it.
+constexpr float kFloor = 12582912;
+constexpr uint32_t kFloorBits = 0x4b400000;
 
 // Rows of the pipeline for one strip: rings of window rows, each with one block of zeros on either side, and lines for
 // the sums of one slab.
@@ -155,9 +161,9 @@ HWY_INLINE void AddClass(Tag d, const EdgeTexels& top, const EdgeTexels& bottom,
 // E_sem of the pixels at x of one row. `cell`: index of the cell's first texel in the other view's planes.
 template <class Mask>
 HWY_INLINE void AddSemantic(const ZnccPair& pair, const SemanticWeight& semantic, int y, int x, Ints cell,
-                            const Landing& at, Mask mask, ReferenceStrip* strip, LaneSums* energy) {
+                            const Landing& at, Mask mask, float* gradient, float* curvature, LaneSums* energy) {
   const Tag d;
-  const Texels& other = *pair.other;
+  const Texels& other = *pair.other->texels;
   const Ints top_offset = hn::ShiftLeft<2>(cell);
   const Ints bottom_offset = hn::Add(top_offset, hn::Set(IntTag(), 4 * other.stride));
   const size_t here = pair.reference->Index(x, y);
@@ -183,12 +189,32 @@ HWY_INLINE void AddSemantic(const ZnccPair& pair, const SemanticWeight& semantic
   }
   energy->Add(d, x, hn::IfThenElseZero(mask, e));
   factor = hn::IfThenElseZero(mask, factor);
-  float* gradient = strip->gradient.row(y) + x;
-  float* curvature = strip->curvature.row(y) + x;
   const Vec g = hn::IfThenElseZero(mask, hn::Mul(sums.gradient, factor));
   const Vec h = hn::IfThenElseZero(mask, hn::Mul(sums.curvature, factor));
-  hn::StoreU(hn::Add(hn::LoadU(d, gradient), g), d, gradient);
-  hn::StoreU(hn::Add(hn::LoadU(d, curvature), h), d, curvature);
+  hn::StoreU(hn::Add(hn::LoadU(d, gradient + x), g), d, gradient + x);
+  hn::StoreU(hn::Add(hn::LoadU(d, curvature + x), h), d, curvature + x);
+}
+
+// How far apart, in texels of the other view, the middle of row y and the same some rows below land: what is needed
+// soon lies about that far behind what is read now. Zero if the middle is not used.
+inline int64_t TexelsAhead(const ZnccPair& pair, const ReferenceStrip& strip, int y) {
+  constexpr float kRows = 6;
+  const int x = pair.reference->width / 2;
+  if (strip.depth_factor.row(y)[x] == 0) return 0;
+  const float z = strip.depth.row(y)[x], xc = static_cast<float>(x) + 0.5f, yc = static_cast<float>(y) + 0.5f;
+  float q[3], below[3];
+  for (int r = 0; r < 3; ++r) {
+    q[r] = z * (pair.m[3 * r] * xc + pair.m[3 * r + 1] * yc + pair.m[3 * r + 2]) + pair.t[r];
+    below[r] = q[r] + z * kRows * pair.m[3 * r + 1];
+  }
+  const float du = below[0] / below[2] - q[0] / q[2], dv = below[1] / below[2] - q[1] / q[2];
+  if (!(std::abs(du) < 64 && std::abs(dv) < 64)) return 0;
+  return std::lround(dv) * pair.other->texels->stride + std::lround(du);
+}
+
+// A hint alone: the address may lie outside the plane.
+HWY_INLINE void Prefetch(const uint32_t* plane, int64_t index) {
+  __builtin_prefetch(reinterpret_cast<const void*>(reinterpret_cast<uintptr_t>(plane) + 4 * index));
 }
 
 // Warps row y of the reference into the other image: mask, both luminances under it, and the slope dI_j/d(offset).
@@ -200,7 +226,8 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
   const IntTag di;
   const BitsTag du;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const Texels& other = *pair.other;
+  const WarpTarget& target = *pair.other;
+  const Texels& other = *target.texels;
   const float yc = static_cast<float>(y) + 0.5f;
   const Vec row0 = hn::Set(d, pair.m[1] * yc + pair.m[2]);
   const Vec row1 = hn::Set(d, pair.m[4] * yc + pair.m[5]);
@@ -212,10 +239,13 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
   const Vec v_max = hn::Set(d, static_cast<float>(other.height) - 0.5f);
   const Vec slack = hn::Set(d, 1.0f + pair.depth_slack);
   const Vec scale = hn::Set(d, kLuminanceScale), shift = hn::Set(d, kLuminanceShift);
-  const Ints stride = hn::Set(di, other.stride), width = hn::Set(di, other.width);
-  const Ints stride_bytes = hn::Set(di, 2 * other.stride);
+  const Vec depth_min = hn::Set(d, target.depth_min), depth_step = hn::Set(d, target.depth_step);
+  const Vec floor = hn::Set(d, kFloor), nothing = hn::Set(d, static_cast<float>(WarpTarget::kNothing));
+  const Ints stride = hn::Set(di, other.stride), stride_bytes = hn::Set(di, 4 * other.stride);
+  // What the bits of kFloor add to the index of a cell.
+  const Ints floor_cell = hn::Set(di, static_cast<int32_t>(kFloorBits * (static_cast<uint32_t>(other.stride) + 1)));
+  const int64_t ahead = TexelsAhead(pair, *strip, y);
   const Bits low_half = hn::Set(du, 0xffffu);
-  const auto* texels = reinterpret_cast<const int32_t*>(other.luminance.data());
   const float* z_row = strip->depth.row(y);
   const float* factor_row = strip->depth_factor.row(y);
   const uint16_t* ref_row = pair.reference->luminance.data() + pair.reference->Index(0, y);
@@ -223,6 +253,9 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
   float* out_ref = rows.Ring(Rows::kRef, y);
   float* out_other = rows.Ring(Rows::kOther, y);
   float* out_slope = rows.Ring(Rows::kSlope, y);
+  float* gradient_row = kSemantic ? strip->gradient.row(y) : nullptr;
+  float* curvature_row = kSemantic ? strip->curvature.row(y) : nullptr;
+  float* count_row = kSemantic ? strip->count.row(y) : nullptr;
   uint8_t* flags = rows.PixelFlags(y);
   const Vec ramp = hn::Iota(d, 0.5f);
   LaneSums energy, pixels;
@@ -248,29 +281,34 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
         hn::And(mask, hn::And(hn::And(hn::Ge(u, half), hn::Lt(u, u_max)), hn::And(hn::Ge(v, half), hn::Lt(v, v_max))));
     const Vec us = hn::IfThenElse(mask, u, half), vs = hn::IfThenElse(mask, v, half);
     // Bilinear cell about (u, v), whose corners are pixel centres.
-    const Vec uc = hn::Sub(us, half), vc = hn::Sub(vs, half);
-    const Ints iu = hn::ConvertTo(di, uc), iv = hn::ConvertTo(di, vc);
+    const Vec u_floor = hn::Add(hn::Sub(us, one), floor), v_floor = hn::Add(hn::Sub(vs, one), floor);
     Landing at;
-    at.a = hn::Sub(uc, hn::ConvertTo(d, iu));
-    at.b = hn::Sub(vc, hn::ConvertTo(d, iv));
-    const Ints cell = hn::Add(hn::Mul(iv, stride), iu);
-    const Ints offset = hn::Add(cell, cell);
-    // Four bytes hold a texel and its right neighbour.
-    const Bits top = hn::BitCast(du, hn::GatherOffset(di, texels, offset));
-    const Bits bottom = hn::BitCast(du, hn::GatherOffset(di, texels, hn::Add(offset, stride_bytes)));
-    const Vec p00 = hn::ConvertTo(d, hn::BitCast(di, hn::And(top, low_half)));
-    const Vec p10 = hn::ConvertTo(d, hn::BitCast(di, hn::ShiftRight<16>(top)));
-    const Vec p01 = hn::ConvertTo(d, hn::BitCast(di, hn::And(bottom, low_half)));
-    const Vec p11 = hn::ConvertTo(d, hn::BitCast(di, hn::ShiftRight<16>(bottom)));
-    const Ints nearest = hn::Add(hn::Mul(hn::ConvertTo(di, vs), width), hn::ConvertTo(di, us));
-    const Vec other_z = hn::GatherIndex(d, pair.other_depth, nearest);
+    at.a = hn::Sub(hn::Sub(us, half), hn::Sub(u_floor, floor));
+    at.b = hn::Sub(hn::Sub(vs, half), hn::Sub(v_floor, floor));
+    const Ints cell = hn::Sub(hn::Add(hn::Mul(hn::BitCast(di, v_floor), stride), hn::BitCast(di, u_floor)), floor_cell);
+    const Ints offset = hn::ShiftLeft<2>(cell);
+    const int64_t later = hn::GetLane(cell) + ahead;
+    Prefetch(target.packed.data(), later);
+    if (kSemantic) Prefetch(other.likelihoods[0].data(), later);
+    const EdgeTexels top = GatherEdge(target.packed.data(), offset);
+    const EdgeTexels bottom = GatherEdge(target.packed.data(), hn::Add(offset, stride_bytes));
+    const auto luminance = [&](Bits texel) { return hn::ConvertTo(d, hn::BitCast(di, hn::And(texel, low_half))); };
+    const Vec p00 = luminance(top.left), p10 = luminance(top.right);
+    const Vec p01 = luminance(bottom.left), p11 = luminance(bottom.right);
+    // The pixel that (u, v) lies in is one of the four.
+    const auto lower = hn::RebindMask(du, hn::Ge(at.b, half)), right = hn::RebindMask(du, hn::Ge(at.a, half));
+    const Bits nearest = hn::IfThenElse(right, hn::IfThenElse(lower, bottom.right, top.right),
+                                        hn::IfThenElse(lower, bottom.left, top.left));
+    const Vec code = hn::ConvertTo(d, hn::BitCast(di, hn::ShiftRight<16>(nearest)));
+    const auto unhidden =
+        hn::Or(hn::Le(q2, hn::Mul(hn::MulAdd(code, depth_step, depth_min), slack)), hn::Eq(code, nothing));
     const Vec dx_top = hn::Sub(p10, p00), dx_bottom = hn::Sub(p11, p01);
     const Vec i_top = hn::MulAdd(at.a, dx_top, p00), i_bottom = hn::MulAdd(at.a, dx_bottom, p01);
     const Vec dv = hn::Sub(i_bottom, i_top);
     const Vec value = hn::MulAdd(hn::MulAdd(at.b, dv, i_top), scale, shift);
     const Vec du_raw = hn::MulAdd(at.b, hn::Sub(dx_bottom, dx_top), dx_top);
     const auto valid = hn::Gt(hn::Min(hn::Min(p00, p10), hn::Min(p01, p11)), zero);
-    mask = hn::And(mask, hn::And(valid, hn::Le(q2, hn::Mul(other_z, slack))));
+    mask = hn::And(mask, hn::And(valid, unhidden));
     // d(u, v)/dz along the ray, then per metre of the face's offset.
     const Vec chain = hn::Mul(inverse, factor);
     at.du = hn::Mul(hn::NegMulAdd(u, m2, m0), chain);
@@ -284,11 +322,10 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
     const bool seen = !hn::AllFalse(d, mask), lost = !hn::AllFalse(d, hn::AndNot(mask, used));
     flags[x / kPixelBlock] |= static_cast<uint8_t>((seen ? Rows::kSeen : 0) | (lost ? Rows::kLost : 0));
     if (kSemantic && seen) {
-      AddSemantic(pair, semantic, y, x, cell, at, mask, strip, &energy);
+      AddSemantic(pair, semantic, y, x, cell, at, mask, gradient_row, curvature_row, &energy);
       const Vec ones = hn::IfThenElseZero(mask, one);
       pixels.Add(d, x, ones);
-      float* count = strip->count.row(y) + x;
-      hn::StoreU(hn::Add(hn::LoadU(d, count), ones), d, count);
+      hn::StoreU(hn::Add(hn::LoadU(d, count_row + x), ones), d, count_row + x);
     }
   }
   if (kSemantic) {

@@ -34,7 +34,8 @@ class ZnccOracle {
     const size_t n = static_cast<size_t>(width_) * height_;
     for (std::vector<Real>* plane : {&gradient, &curvature, &count}) plane->resize(n, 0);
     for (std::vector<Real>* plane : {&mask_, &ref_, &other_, &slope_}) plane->assign(n, 0);
-    classes_ = semantic_.weight > 0 && pair_.reference->classes == pair_.other->classes ? pair_.other->classes : 0;
+    classes_ =
+        semantic_.weight > 0 && pair_.reference->classes == pair_.other->texels->classes ? pair_.reference->classes : 0;
     for (int y = 0; y < height_; ++y) {
       for (int x = 0; x < width_; ++x) WarpPixel(x, y);
     }
@@ -51,7 +52,7 @@ class ZnccOracle {
       m[r] = pair_.m[3 * r] * xc + pair_.m[3 * r + 1] * yc + pair_.m[3 * r + 2];
       q[r] = z * m[r] + pair_.t[r];
     }
-    const Texels& other = *pair_.other;
+    const Texels& other = *pair_.other->texels;
     if (q[2] <= 0) return;
     const Real u = q[0] / q[2], v = q[1] / q[2], us = u - Real(0.5), vs = v - Real(0.5);
     const bool inside = us >= 0 && vs >= 0 && us < other.width - 1 && vs < other.height - 1;
@@ -61,7 +62,7 @@ class ZnccOracle {
     if (!inside) return;
     const int cu = static_cast<int>(us), cv = static_cast<int>(vs);
     const Real a = us - cu, b = vs - cv;
-    const Real nearest = pair_.other_depth[static_cast<size_t>(static_cast<int>(v)) * other.width + static_cast<int>(u)];
+    const Real nearest = pair_.other->Depth(static_cast<int>(u), static_cast<int>(v));
     const Real limit = nearest * (1 + Real(pair_.depth_slack));
     if (hair > 0 && (Close(2 * u) || Close(2 * v) || std::abs(q[2] - limit) < hair * q[2])) {
       doubtful.push_back(static_cast<int>(i));
