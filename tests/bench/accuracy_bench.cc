@@ -252,9 +252,9 @@ Status BenchLeftOut(const std::string& folder, const std::vector<Variant>& varia
   TESSERA_ASSIGN_OR_RETURN(const LeftOutScore score, ScoreLeftOutView(scene, view, pointers));
   std::printf("\n%s: %s left out; %d neighbours, %.2f million windows that are whole on all meshes\n",
               scene.folder.c_str(), scene.views[view].name.c_str(), score.neighbours, 1e-6 * score.pixels);
-  std::printf("%-28s|%10s|%8s\n", "", "mean ZNCC", "CPU s");
+  std::printf("%-44s|%10s|%8s\n", "", "mean ZNCC", "CPU s");
   for (size_t m = 0; m < meshes.size(); ++m) {
-    std::printf("%-28.28s|%10.4f|%8.1f\n", meshes[m].first.c_str(), score.mean_zncc[m], cpu_s[m]);
+    std::printf("%-44.44s|%10.4f|%8.1f\n", meshes[m].first.c_str(), score.mean_zncc[m], cpu_s[m]);
   }
   return absl::OkStatus();
 }

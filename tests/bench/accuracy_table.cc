@@ -43,17 +43,17 @@ double GeometricMeanRatio(const std::vector<AccuracyTable>& tables, const std::s
 void Print(const AccuracyTable& table) {
   std::printf("\n%s: GSD %.3f m; metres, capped at %.2f; F at", table.scene.c_str(), table.gsd_m, table.options.cap_m);
   for (const double distance_m : table.options.f_distances_m) std::printf(" %.3f", distance_m);
-  std::printf("\n%-28s|%24s|%8s|%*s|%*s|%24s|%16s|\n", "", "accuracy", "compl.",
+  std::printf("\n%-44s|%24s|%8s|%*s|%*s|%24s|%16s|\n", "", "accuracy", "compl.",
               static_cast<int>(8 * table.options.f_distances_m.size()), "F", static_cast<int>(8 * table.classes.size()),
               "accuracy capped, a class", "labels by pixels", "folds");
-  std::printf("%-28s|%8s%8s%8s|%8s|", "", "mean", "capped", "median", "capped");
+  std::printf("%-44s|%8s%8s%8s|%8s|", "", "mean", "capped", "median", "capped");
   for (size_t k = 0; k < table.options.f_distances_m.size(); ++k) std::printf("%7s%zu", "F", k + 1);
   std::printf("|");
   for (const std::string& name : table.classes) std::printf(" %7.7s", name.c_str());
   std::printf("|%8s%8s%8s|%8s%8s|%8s\n", "OA", "AA", "mIoU", "turned", "cross", "CPU s");
   for (const AccuracyRow& row : table.rows) {
     const SurfaceScores& surface = row.evaluation.surface;
-    std::printf("%-28.28s|", row.name.c_str());
+    std::printf("%-44.44s|", row.name.c_str());
     PrintNumber(surface.accuracy.mean_m, 4);
     PrintNumber(surface.accuracy.capped_mean_m, 4);
     PrintNumber(surface.accuracy.median_m, 4);
@@ -91,10 +91,10 @@ void PrintRatios(const std::vector<AccuracyTable>& tables) {
   }
   if (names.empty()) return;
   std::printf("\nsynthetic scenes: geometric mean of the ratios of mean distances to the truth\n");
-  std::printf("%-28s|%8s|%10s|%7s\n", "", "/ start", "/ baseline", "scenes");
+  std::printf("%-44s|%8s|%10s|%7s\n", "", "/ start", "/ baseline", "scenes");
   for (const std::string& name : names) {
     int scenes = 0, with_baseline = 0;
-    std::printf("%-28.28s|", name.c_str());
+    std::printf("%-44.44s|", name.c_str());
     PrintNumber(GeometricMeanRatio(tables, name, "start", &scenes), 3);
     std::printf("|  ");
     PrintNumber(GeometricMeanRatio(tables, name, "baseline", &with_baseline), 3);
