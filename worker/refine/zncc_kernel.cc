@@ -207,6 +207,16 @@ void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const LinesOfRo
 // Or of the flags of a block and its neighbours; the arrays have a zero on either side.
 HWY_INLINE int Around(const uint8_t* flags, int b) { return flags[b - 1] | flags[b] | flags[b + 1]; }
 
+// Calls body(flags, begin, end) for the columns of each run of blocks [first, last) with the same flags.
+template <class Body>
+HWY_INLINE void ForRuns(const uint8_t* flags, int first, int last, const Body& body) {
+  for (int b = first; b < last;) {
+    const int begin = b;
+    while (b < last && flags[b] == flags[begin]) ++b;
+    body(flags[begin], begin * kPixelBlock, b * kPixelBlock);
+  }
+}
+
 // Windows reach one block to either side.
 static_assert(ZnccWindow::kMaxRadius <= kPixelBlock);
 
@@ -230,11 +240,10 @@ void ScoreSlab(const ZnccPair& pair, const ZnccWindow& window, const Taps<R>& ta
   RowTotals totals[kSlab];
   rows.InChunks(
       [&](int first, int last) {
-        for (int b = first; b < last; ++b) {
-          const int x = b * kPixelBlock;
-          if (sum_state[b] & Rows::kSeen) columns.AddOther(taps, x, x + kPixelBlock);
-          if (sum_state[b] & Rows::kLost) columns.AddReference(taps, x, x + kPixelBlock);
-        }
+        ForRuns(sum_state, first, last, [&](int flags, int begin, int end) {
+          if (flags & Rows::kSeen) columns.AddOther(taps, begin, end);
+          if (flags & Rows::kLost) columns.AddReference(taps, begin, end);
+        });
       },
       [&](int first, int last) {
         for (int r = 0; r < kSlab; ++r) {
@@ -243,21 +252,19 @@ void ScoreSlab(const ZnccPair& pair, const ZnccWindow& window, const Taps<R>& ta
           const bool own = row >= strip->row_begin && row < strip->row_end;
           const LinesOfRow line(r, rows);
           uint8_t* flags = rows.WindowFlags(row);
-          for (int b = first; b < last; ++b) {
-            const int x = b * kPixelBlock;
-            flags[b] = state[b] ? Rows::kScored : 0;
-            if (state[b] & Rows::kLost) {
-              ScoreColumns<R, false>(window, taps, line, row, x, x + kPixelBlock, semantic, rows, strip,
-                                     own ? &totals[r] : nullptr);
-            } else if (state[b]) {
-              ScoreColumns<R, true>(window, taps, line, row, x, x + kPixelBlock, semantic, rows, strip,
-                                    own ? &totals[r] : nullptr);
+          for (int b = first; b < last; ++b) flags[b] = state[b] ? Rows::kScored : 0;
+          RowTotals* sums_of_row = own ? &totals[r] : nullptr;
+          ForRuns(state, first, last, [&](int found, int begin, int end) {
+            if (found & Rows::kLost) {
+              ScoreColumns<R, false>(window, taps, line, row, begin, end, semantic, rows, strip, sums_of_row);
+            } else if (found) {
+              ScoreColumns<R, true>(window, taps, line, row, begin, end, semantic, rows, strip, sums_of_row);
             } else {
               for (Rows::Plane plane : {Rows::kAlpha, Rows::kBeta, Rows::kGamma, Rows::kEta}) {
-                std::fill_n(rows.Ring(plane, row) + x, kPixelBlock, 0.0f);
+                std::fill_n(rows.Ring(plane, row) + begin, end - begin, 0.0f);
               }
             }
-          }
+          });
         }
       });
   for (int r = 0; r < kSlab; ++r) {
