@@ -82,8 +82,8 @@ FaceGatherer::Part FaceGatherer::ToCorners(const Moments& m) const {
 }
 
 void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* slots_of_thread) {
-  // Where a face's entry of `found` is. Never cleared: an entry counts only if `found` agrees.
-  std::vector<uint32_t>& slots = slots_of_thread->slots;
+  std::vector<uint64_t>& slots = slots_of_thread->slots;
+  const uint64_t call = static_cast<uint64_t>(++slots_of_thread->call) << 32;
   if (slots.size() < mesh_->faces.size()) slots.resize(mesh_->faces.size(), 0);
   std::vector<Moments> found;
   found.reserve(parts_[strip].size() + 64);
@@ -100,13 +100,14 @@ void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* 
     for (int run = 0; run < runs; ++run) {
       const int begin = starts[run], end = starts[run + 1], face = faces[begin];
       if (face < 0) continue;
-      uint32_t slot = slots[face];
-      if (slot >= found.size() || found[slot].face != face) {
-        slot = slots[face] = static_cast<uint32_t>(found.size());
+      uint64_t entry = slots[face];
+      if ((entry ^ call) >> 32 != 0) {
+        entry = slots[face] = call | found.size();
         found.push_back({face, begin, y, {}});
       }
+      Moments& moments = found[entry & 0xffffffffu];
       RunSums sums;
-      float dx = static_cast<float>(begin - found[slot].x0);
+      float dx = static_cast<float>(begin - moments.x0);
       for (int x = begin; x < end; ++x, dx += 1) {
         sums.g += gradient[x];
         sums.h += curvature[x];
@@ -114,10 +115,10 @@ void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* 
         sums.hx += curvature[x] * dx;
         sums.pairs += count[x];
       }
-      const float dy = static_cast<float>(y - found[slot].y0);
+      const float dy = static_cast<float>(y - moments.y0);
       const float parts[8] = {sums.g,      sums.h,      sums.gx,    sums.hx,
                               sums.g * dy, sums.h * dy, sums.pairs, static_cast<float>(end - begin)};
-      for (int i = 0; i < 8; ++i) found[slot].sums[i] += parts[i];
+      for (int i = 0; i < 8; ++i) moments.sums[i] += parts[i];
     }
   }
   std::vector<Part>& parts = parts_[strip];

@@ -22,7 +22,10 @@ struct FaceSums {
 
 // Buffer of FaceGatherer::AddStrip, reused from call to call; one a thread.
 struct FaceSlots {
-  std::vector<uint32_t> slots;
+  uint32_t call = 0;
+  // Of every face: where its entry of the list at hand is, and in the upper half the call it was written in, so that
+  // nothing need be cleared.
+  std::vector<uint64_t> slots;
 };
 
 // Gathers one view, strip by strip. Strips may come in any order and from any threads; the result is the same.

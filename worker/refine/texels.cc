@@ -65,7 +65,8 @@ Texels MakeTexels(const FloatImage& luminance) {
   out.width = luminance.width;
   out.height = luminance.height;
   out.stride = PaddedStride(luminance.width);
-  out.luminance.assign(static_cast<size_t>(out.stride) * out.height, 0);
+  // A spare row, since a cell of bilinear interpolation reads two.
+  out.luminance.assign(static_cast<size_t>(out.stride) * (out.height + 1), 0);
   for (int y = 0; y < out.height; ++y) {
     const float* in = luminance.data.data() + static_cast<size_t>(y) * luminance.width;
     uint16_t* row = &out.luminance[out.Index(0, y)];

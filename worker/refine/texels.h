@@ -56,7 +56,7 @@ struct PaddedPlane {
   void Clear() { std::fill(data.begin(), data.end(), 0.0f); }
 };
 
-// Row y of a plane begins at y·stride; padding is zero.
+// Row y of a plane begins at y·stride; padding, and a spare row at the end, are zero.
 struct Texels {
   static constexpr int kClassesPerPlane = 4;
   static constexpr float kLuminanceSteps = 65534;

@@ -21,6 +21,13 @@ namespace HWY_NAMESPACE {
 enum SumLine { kS2, kS22, kS12, kN, kS1, kS11 };
 constexpr int kSumLines = 6;
 
+struct LinesOfRow {
+  const float* at[kSumLines];
+  LinesOfRow(int r, Rows& rows) {
+    for (int p = 0; p < kSumLines; ++p) at[p] = rows.Line(kSumLines * r + p);
+  }
+};
+
 // The window's weights, spread over vectors.
 template <int R>
 struct Taps {
@@ -44,12 +51,11 @@ template <int R>
 struct ColumnSums {
   static constexpr int kRows = kSlab + 2 * R;
   const float* mask[kRows];
-  float* line[kSumLines * kSlab];
   size_t plane;
+  Rows& rows;
 
-  ColumnSums(int y, Rows& rows) : plane(rows.plane_size()) {
+  ColumnSums(int y, Rows& all_rows) : plane(all_rows.plane_size()), rows(all_rows) {
     for (int k = 0; k < kRows; ++k) mask[k] = rows.Ring(Rows::kMask, y - R + k);
-    for (int i = 0; i < kSumLines * kSlab; ++i) line[i] = rows.Line(i);
   }
 
   // Of the other image, and of the products.
@@ -69,9 +75,9 @@ struct ColumnSums {
       }
 #pragma GCC unroll 4
       for (int r = 0; r < kSlab; ++r) {
-        hn::StoreU(s2[r], d, line[kSumLines * r + kS2] + x);
-        hn::StoreU(s22[r], d, line[kSumLines * r + kS22] + x);
-        hn::StoreU(s12[r], d, line[kSumLines * r + kS12] + x);
+        hn::StoreU(s2[r], d, rows.Line(kSumLines * r + kS2) + x);
+        hn::StoreU(s22[r], d, rows.Line(kSumLines * r + kS22) + x);
+        hn::StoreU(s12[r], d, rows.Line(kSumLines * r + kS12) + x);
       }
     }
   }
@@ -93,9 +99,9 @@ struct ColumnSums {
       }
 #pragma GCC unroll 4
       for (int r = 0; r < kSlab; ++r) {
-        hn::StoreU(n[r], d, line[kSumLines * r + kN] + x);
-        hn::StoreU(s1[r], d, line[kSumLines * r + kS1] + x);
-        hn::StoreU(s11[r], d, line[kSumLines * r + kS11] + x);
+        hn::StoreU(n[r], d, rows.Line(kSumLines * r + kN) + x);
+        hn::StoreU(s1[r], d, rows.Line(kSumLines * r + kS1) + x);
+        hn::StoreU(s11[r], d, rows.Line(kSumLines * r + kS11) + x);
       }
     }
   }
@@ -117,16 +123,16 @@ struct ReferenceWindow {
 };
 
 template <int R>
-HWY_INLINE ReferenceWindow MakeReferenceWindow(const Taps<R>& taps, const float* const* line, int x, Vec centre,
+HWY_INLINE ReferenceWindow MakeReferenceWindow(const Taps<R>& taps, const LinesOfRow& line, int x, Vec centre,
                                                Vec min_valid) {
   const Tag d;
   const Vec zero = hn::Zero(d), one = hn::Set(d, 1.0f);
-  const Vec n = SumAcross<R>(taps, line[kN] + x);
+  const Vec n = SumAcross<R>(taps, line.at[kN] + x);
   const auto ok = hn::And(hn::Ne(centre, zero), hn::Ge(n, min_valid));
   ReferenceWindow w;
   w.inverse_n = hn::IfThenElseZero(ok, hn::Div(one, hn::IfThenElse(ok, n, one)));
-  w.mu1 = hn::Mul(SumAcross<R>(taps, line[kS1] + x), w.inverse_n);
-  w.v1 = hn::NegMulAdd(w.mu1, w.mu1, hn::Mul(SumAcross<R>(taps, line[kS11] + x), w.inverse_n));
+  w.mu1 = hn::Mul(SumAcross<R>(taps, line.at[kS1] + x), w.inverse_n);
+  w.v1 = hn::NegMulAdd(w.mu1, w.mu1, hn::Mul(SumAcross<R>(taps, line.at[kS11] + x), w.inverse_n));
   return w;
 }
 
@@ -137,7 +143,7 @@ struct RowTotals {
 // Scores the windows centred on columns [begin, end) of row y from the sums along columns and writes the adjoint's
 // coefficients. With kAlone the reference's share comes from the strip: the pair loses no pixel there.
 template <int R, bool kAlone>
-void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const float* const* line, int y, int begin, int end,
+void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const LinesOfRow& line, int y, int begin, int end,
                   bool semantic, Rows& rows, ReferenceStrip* strip, RowTotals* totals) {
   const Tag d;
   const float* mask_row = rows.Ring(Rows::kMask, y);
@@ -161,9 +167,9 @@ void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const float* co
     } else {
       w = MakeReferenceWindow<R>(taps, line, x, centre, min_valid);
     }
-    const Vec mu2 = hn::Mul(SumAcross<R>(taps, line[kS2] + x), w.inverse_n);
-    const Vec v2 = hn::NegMulAdd(mu2, mu2, hn::Mul(SumAcross<R>(taps, line[kS22] + x), w.inverse_n));
-    const Vec c = hn::NegMulAdd(w.mu1, mu2, hn::Mul(SumAcross<R>(taps, line[kS12] + x), w.inverse_n));
+    const Vec mu2 = hn::Mul(SumAcross<R>(taps, line.at[kS2] + x), w.inverse_n);
+    const Vec v2 = hn::NegMulAdd(mu2, mu2, hn::Mul(SumAcross<R>(taps, line.at[kS22] + x), w.inverse_n));
+    const Vec c = hn::NegMulAdd(w.mu1, mu2, hn::Mul(SumAcross<R>(taps, line.at[kS12] + x), w.inverse_n));
     auto ok = hn::And(hn::Gt(w.inverse_n, zero), hn::And(hn::Gt(w.v1, min_variance), hn::Gt(v2, min_variance)));
     ok = hn::And(ok, hn::Lt(hn::Abs(hn::Sub(w.mu1, mu2)), max_difference));
     ok = hn::And(ok, hn::And(hn::Lt(w.v1, hn::Mul(v2, max_ratio)), hn::Lt(v2, hn::Mul(w.v1, max_ratio))));
@@ -198,22 +204,18 @@ void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const float* co
   }
 }
 
-// Columns are worked off in chunks, so that what `first` leaves behind is still in the first cache when `second`, one
-// block behind it, reads it. Both take a range of blocks.
-template <class First, class Second>
-HWY_INLINE void InChunks(int blocks, const First& first, const Second& second) {
-  constexpr int kChunk = 8;
-  for (int begin = 0, ready = 0; begin < blocks; begin += kChunk) {
-    const int end = std::min(blocks, begin + kChunk);
-    first(begin, end);
-    const int reach = end == blocks ? blocks : end - 1;
-    second(ready, reach);
-    ready = reach;
-  }
-}
-
 // Or of the flags of a block and its neighbours; the arrays have a zero on either side.
 HWY_INLINE int Around(const uint8_t* flags, int b) { return flags[b - 1] | flags[b] | flags[b + 1]; }
+
+// Calls body(flags, begin, end) for the columns of each run of blocks [first, last) with the same flags.
+template <class Body>
+HWY_INLINE void ForRuns(const uint8_t* flags, int first, int last, const Body& body) {
+  for (int b = first; b < last;) {
+    const int begin = b;
+    while (b < last && flags[b] == flags[begin]) ++b;
+    body(flags[begin], begin * kPixelBlock, b * kPixelBlock);
+  }
+}
 
 // Windows reach one block to either side.
 static_assert(ZnccWindow::kMaxRadius <= kPixelBlock);
@@ -236,37 +238,33 @@ void ScoreSlab(const ZnccPair& pair, const ZnccWindow& window, const Taps<R>& ta
   for (int b = 0; b < blocks; ++b) sum_state[b] = static_cast<uint8_t>(Around(state, b));
   const ColumnSums<R> columns(y, rows);
   RowTotals totals[kSlab];
-  InChunks(
-      blocks,
+  rows.InChunks(
       [&](int first, int last) {
-        for (int b = first; b < last; ++b) {
-          const int x = b * kPixelBlock;
-          if (sum_state[b] & Rows::kSeen) columns.AddOther(taps, x, x + kPixelBlock);
-          if (sum_state[b] & Rows::kLost) columns.AddReference(taps, x, x + kPixelBlock);
-        }
+        ForRuns(sum_state, first, last, [&](int flags, int begin, int end) {
+          if (flags & Rows::kSeen) columns.AddOther(taps, begin, end);
+          if (flags & Rows::kLost) columns.AddReference(taps, begin, end);
+        });
       },
       [&](int first, int last) {
         for (int r = 0; r < kSlab; ++r) {
           const int row = y + r;
           if (row < 0 || row >= height || row < strip->row_begin - R || row >= strip->row_end + R) continue;
           const bool own = row >= strip->row_begin && row < strip->row_end;
-          const float* const* line = columns.line + kSumLines * r;
+          const LinesOfRow line(r, rows);
           uint8_t* flags = rows.WindowFlags(row);
-          for (int b = first; b < last; ++b) {
-            const int x = b * kPixelBlock;
-            flags[b] = state[b] ? Rows::kScored : 0;
-            if (state[b] & Rows::kLost) {
-              ScoreColumns<R, false>(window, taps, line, row, x, x + kPixelBlock, semantic, rows, strip,
-                                     own ? &totals[r] : nullptr);
-            } else if (state[b]) {
-              ScoreColumns<R, true>(window, taps, line, row, x, x + kPixelBlock, semantic, rows, strip,
-                                    own ? &totals[r] : nullptr);
+          for (int b = first; b < last; ++b) flags[b] = state[b] ? Rows::kScored : 0;
+          RowTotals* sums_of_row = own ? &totals[r] : nullptr;
+          ForRuns(state, first, last, [&](int found, int begin, int end) {
+            if (found & Rows::kLost) {
+              ScoreColumns<R, false>(window, taps, line, row, begin, end, semantic, rows, strip, sums_of_row);
+            } else if (found) {
+              ScoreColumns<R, true>(window, taps, line, row, begin, end, semantic, rows, strip, sums_of_row);
             } else {
               for (Rows::Plane plane : {Rows::kAlpha, Rows::kBeta, Rows::kGamma, Rows::kEta}) {
-                std::fill_n(rows.Ring(plane, row) + x, kPixelBlock, 0.0f);
+                std::fill_n(rows.Ring(plane, row) + begin, end - begin, 0.0f);
               }
             }
-          }
+          });
         }
       });
   for (int r = 0; r < kSlab; ++r) {
@@ -343,7 +341,7 @@ void AdjointSlab(const Taps<R>& taps, int y, Rows& rows, ReferenceStrip* strip) 
       }
     }
   };
-  InChunks(blocks, sum_down, sum_across);
+  rows.InChunks(sum_down, sum_across);
 }
 
 // One slab of rows enters; the windows R rows above are scored, the pixels 2R above finished.
@@ -399,18 +397,18 @@ void SummarizeStrip(const Texels& reference, const ZnccWindow& window, Reference
       for (int r = 0; r < kSlab; ++r) {
         const int row = y - R + r;
         if (row < strip->mean.first_row || row >= strip->mean.first_row + strip->mean.rows) continue;
+        const LinesOfRow line(r, rows);
         for (int x = first * kPixelBlock; x < last * kPixelBlock; x += lanes) {
           const Vec centre = hn::LoadU(d, rows.Ring(Rows::kMask, row) + x);
-          const ReferenceWindow w = MakeReferenceWindow<R>(taps, columns.line + kSumLines * r, x, centre, min_valid);
+          const ReferenceWindow w = MakeReferenceWindow<R>(taps, line, x, centre, min_valid);
           hn::StoreU(w.inverse_n, d, strip->inverse_weight.row(row) + x);
           hn::StoreU(w.mu1, d, strip->mean.row(row) + x);
           hn::StoreU(w.v1, d, strip->variance.row(row) + x);
         }
       }
     };
-    InChunks(
-        rows.blocks(),
-        [&](int first, int last) { columns.AddReference(taps, first * kPixelBlock, last * kPixelBlock); }, sum_across);
+    rows.InChunks([&](int first, int last) { columns.AddReference(taps, first * kPixelBlock, last * kPixelBlock); },
+                  sum_across);
   }
 }
 

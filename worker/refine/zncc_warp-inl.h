@@ -38,34 +38,61 @@ constexpr float kFloor = 12582912;
 constexpr uint32_t kFloorBits = 0x4b400000;
 
 // Rows of the pipeline for one strip: rings of window rows, each with one block of zeros on either side, and lines for
-// the sums of one slab.
+// the sums of one slab, which hold only the columns at hand.
 class Rows {
  public:
   enum Plane { kMask, kRef, kOther, kSlope, kAlpha, kBeta, kGamma, kEta, kRingPlanes };
   // What a block of a row holds: a pixel seen by both; one used in the reference but not seen; coefficients.
   enum Flag : uint8_t { kSeen = 1, kLost = 2, kScored = 4 };
   static constexpr int kLines = 6 * kSlab;
+  static constexpr int kChunk = 8;  // blocks that are worked off at once
 
   Rows(int width, int radius, ZnccScratch* scratch) : ring_(kSlab + 2 * radius) {
     blocks_ = (width + kPixelBlock - 1) / kPixelBlock;
     stride_ = ((blocks_ + 2) | 1) * kPixelBlock;
     plane_ = static_cast<size_t>(stride_) * ring_;
-    scratch->data.assign(plane_ * kRingPlanes + static_cast<size_t>(stride_) * kLines, 0.0f);
+    scratch->data.resize(plane_ * kRingPlanes + kLineStride * kLines);
     scratch->flags.assign(static_cast<size_t>(blocks_ + 2) * (2 * ring_ + 2), 0);
+    for (int row = 0; row < ring_ * kRingPlanes; ++row) {
+      float* begin = scratch->data.data() + static_cast<size_t>(stride_) * row;
+      std::fill_n(begin, kPixelBlock, 0.0f);
+      std::fill_n(begin + (blocks_ + 1) * kPixelBlock, kPixelBlock, 0.0f);
+    }
     base_ = scratch->data.data() + kPixelBlock;
+    lines_ = scratch->data.data() + plane_ * kRingPlanes;
     flags_ = scratch->flags.data() + 1;
   }
   int blocks() const { return blocks_; }
-  int ring() const { return ring_; }
   size_t plane_size() const { return plane_; }
   float* Ring(Plane plane, int y) { return base_ + plane_ * plane + stride_ * static_cast<size_t>(Slot(y)); }
-  float* Line(int i) { return base_ + plane_ * kRingPlanes + stride_ * static_cast<size_t>(i); }
+  // Indexed by column, of which those of the chunk at hand, two blocks before it and one after it are there.
+  float* Line(int i) { return lines_ + kLineStride * i - line_begin_; }
   // Flags of a row of pixels (kSeen, kLost) and of a row of windows (kScored).
   uint8_t* PixelFlags(int y) { return flags_ + static_cast<size_t>(blocks_ + 2) * Slot(y); }
   uint8_t* WindowFlags(int y) { return flags_ + static_cast<size_t>(blocks_ + 2) * (ring_ + Slot(y)); }
   // Of the slab at hand: what its sums along columns, and its results, need.
   uint8_t* SumState() { return flags_ + static_cast<size_t>(blocks_ + 2) * (2 * ring_); }
   uint8_t* State() { return flags_ + static_cast<size_t>(blocks_ + 2) * (2 * ring_ + 1); }
+
+  // Columns are worked off in chunks, so that what `first` leaves in the lines is still in the first cache when
+  // `second`, one block behind it, reads it. Both take a range of blocks.
+  template <class First, class Second>
+  void InChunks(const First& first, const Second& second) {
+    line_begin_ = -2 * kPixelBlock;
+    ClearInLines(-1);
+    for (int begin = 0, ready = 0; begin < blocks_; begin += kChunk) {
+      const int end = std::min(blocks_, begin + kChunk);
+      first(begin, end);
+      if (end == blocks_) ClearInLines(end);
+      const int reach = end == blocks_ ? blocks_ : end - 1;
+      second(ready, reach);
+      ready = reach;
+      for (int i = 0; i < kLines; ++i) {
+        std::copy_n(Line(i) + (end - 2) * kPixelBlock, 2 * kPixelBlock, lines_ + kLineStride * i);
+      }
+      line_begin_ = (end - 2) * kPixelBlock;
+    }
+  }
 
   void ClearPixels(int y) {
     for (int p = kMask; p <= kSlope; ++p) std::fill_n(Ring(static_cast<Plane>(p), y), blocks_ * kPixelBlock, 0.0f);
@@ -77,10 +104,16 @@ class Rows {
   }
 
  private:
+  static constexpr ptrdiff_t kLineStride = (kChunk + 3) * kPixelBlock;
+  void ClearInLines(int block) {
+    for (int i = 0; i < kLines; ++i) std::fill_n(Line(i) + block * kPixelBlock, kPixelBlock, 0.0f);
+  }
   int Slot(int y) const { return ((y % ring_) + ring_) % ring_; }
   int ring_ = 0, blocks_ = 0, stride_ = 0;
   size_t plane_ = 0;
+  ptrdiff_t line_begin_ = 0;
   float* base_ = nullptr;
+  float* lines_ = nullptr;
   uint8_t* flags_ = nullptr;
 };
 
