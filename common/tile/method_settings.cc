@@ -58,7 +58,7 @@ std::span<const Setting<double>> RealSettings() {
       {"semantic", "Weight of the likelihoods' consistency (lambda 1), relative to the images'; 0: off", 0, 100, 0,
        &MethodSettings::semantic},
       {"thin_plate", "Weight of smoothness (lambda 2), relative to the images' energy at a displacement of a pixel", 0,
-       100, 0.3, &MethodSettings::thin_plate},
+       100, 0.6, &MethodSettings::thin_plate},
       {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0, &MethodSettings::inter},
       {"max_step_px", "Longest step of a vertex in one iteration, pixels of the level", 0.05, 4, 1,
        &MethodSettings::max_step_px}};
@@ -79,9 +79,9 @@ std::span<const ListSetting> ListSettings() {
        "Pyramid levels, coarsest first: level l halves the images l times",
        0,
        5,
-       {2, 1, 0},
+       {1, 0},
        &MethodSettings::levels},
-      {"iterations", "Iterations of geometry, one number a level", 1, 200, {12, 10, 10}, &MethodSettings::iterations}};
+      {"iterations", "Iterations of geometry, one number a level", 1, 200, {14, 10}, &MethodSettings::iterations}};
   return kSettings;
 }
 

@@ -1,5 +1,5 @@
 // Refines one scene in one piece and prints energies, times and nanoseconds per pixel and pair:
-//   refine_bench SCENE [--out RESULT.ply] [--levels 2,1,0 --iterations 12,10,10] [--thin-plate W] ...
+//   refine_bench SCENE [--out RESULT.ply] [--levels 1,0 --iterations 14,10] [--thin-plate W] ...
 // Score the result with `tessera evaluate RESULT.ply --scene SCENE`.
 #include <CLI/CLI.hpp>
 #include <cstdio>
@@ -49,7 +49,6 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--gaussian", a.refine.gaussian_window);
   app.add_option("--noise-sigma", a.refine.noise_sigma);
   app.add_option("--thin-plate", a.refine.thin_plate);
-  app.add_option("--level-stiffness", a.refine.level_stiffness);
   app.add_option("--tangential", a.refine.tangential);
   app.add_option("--photo-outlier", a.refine.photo_outlier);
   app.add_option("--membrane", a.refine.membrane);

@@ -234,7 +234,7 @@ class Refiner {
     const double pixel_m = problem_.gsd_m * std::pow(2.0, level);
     StepOptions step_options;
     const double unit = 1 / (pixel_m * pixel_m);
-    step_options.weights = {options_.thin_plate * std::pow(options_.level_stiffness, level) * unit, options_.membrane * unit, options_.rim * unit, unit,
+    step_options.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit, unit,
                             options_.tangential};
     step_options.inter = options_.inter;
     step_options.smoothing_sweeps = options_.smoothing_sweeps;

@@ -41,8 +41,8 @@ struct RefineProblem {
 
 struct RefineOptions {
   // The pyramid, coarsest first: level l halves the images l times.
-  std::vector<int> levels = {2, 1, 0};
-  std::vector<int> iterations = {12, 10, 10};  // one entry a level
+  std::vector<int> levels = {1, 0};
+  std::vector<int> iterations = {14, 10};  // one entry a level
 
   // Windowed ZNCC.
   int window_px = 7;            // odd, 3..11
@@ -54,7 +54,7 @@ struct RefineOptions {
   double min_valid = 0.5;   // share of a window that both images must see
   double min_cosine = 0.1;  // flatter views of a face than this are skipped
   double occlusion_px = 1;  // slack of the depth test, in pixels of the level
-  double photo_outlier = std::numeric_limits<double>::infinity();  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
+  double photo_outlier = 0.5;  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
 
   // E_sem.
   double semantic = 0;  // λ1; 0: off
@@ -63,7 +63,6 @@ struct RefineOptions {
   // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
   // count in pixels of the level.
   double thin_plate = 0.6;  // λ2
-  double level_stiffness = 1;  // factor of thin plate a level
   double membrane = 0.02;
   double rim = 0.3;                       // keeps the displacement of mesh rims smooth along the rim
   double tangential = 1;                  // of the thin plate within the surface (SmoothWeights)
