@@ -55,11 +55,11 @@ void CheckLevels(const MethodSettings& settings, Faults* faults) {
 
 std::span<const Setting<double>> RealSettings() {
   static constexpr Setting<double> kSettings[] = {
-      {"semantic", "Weight of the likelihoods' consistency (lambda 1), relative to the images'; 0: off", 0, 100, 0,
+      {"semantic", "Weight of the likelihoods' consistency (lambda 1), relative to the images'; 0: off", 0, 100, 0.1,
        &MethodSettings::semantic},
       {"thin_plate", "Weight of smoothness (lambda 2), relative to the images' energy at a displacement of a pixel", 0,
-       100, 0.6, &MethodSettings::thin_plate},
-      {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0, &MethodSettings::inter},
+       100, 0.3, &MethodSettings::thin_plate},
+      {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0.1, &MethodSettings::inter},
       {"max_step_px", "Longest step of a vertex in one iteration, pixels of the level", 0.05, 4, 1,
        &MethodSettings::max_step_px}};
   return kSettings;
@@ -81,7 +81,7 @@ std::span<const ListSetting> ListSettings() {
        5,
        {1, 0},
        &MethodSettings::levels},
-      {"iterations", "Iterations of geometry, one number a level", 1, 200, {14, 10}, &MethodSettings::iterations}};
+      {"iterations", "Iterations of geometry, one number a level", 1, 200, {10, 10}, &MethodSettings::iterations}};
   return kSettings;
 }
 

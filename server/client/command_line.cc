@@ -56,7 +56,7 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
   }
   command
       .add_option("--labels-first", settings->method_settings.labels_first,
-                  "Whether labels are solved before the first round too (default false)")
+                  "Whether labels are solved before the first round too (default true)")
       ->type_name("true|false")
       ->group(group);
 }

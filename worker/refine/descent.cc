@@ -27,6 +27,14 @@ Vector3d CrossAt(const Triangle& t, const std::vector<Vector3d>& at) {
   return (at[t[1]] - at[t[0]]).cross(at[t[2]] - at[t[0]]);
 }
 
+// Nothing holds a rim against the smoothness of the surface inside, so level surfaces would shrink from it. Where the
+// surface is level a rim keeps its place in plan; a wall may end higher or lower.
+Vector3d RimStep(const Vector3d& step, const Vector3d& normal, const Vector3d& up) {
+  const Vector3d along = normal * normal.dot(step);
+  const double cosine = normal.dot(up);
+  return along + (1 - cosine * cosine) * (step - along);
+}
+
 }  // namespace
 
 IndexRows FacesOfVertices(const TriangleMesh& mesh) {
@@ -233,7 +241,9 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
   for (size_t v = 0; v < rhs.size(); ++v) rhs[v] = -(rhs[v] + photo.gradient[v]);
   smooth.SolveStep(photo.curvature, rhs, options.weights, options.smoothing_sweeps, &step,
                    options.inter > 0 ? &inter_curvature : nullptr);
-  for (Vector3d& s : step) {
+  for (size_t v = 0; v < step.size(); ++v) {
+    Vector3d& s = step[v];
+    if (smooth.on_rim(v)) s = RimStep(s, guard.start_normal(v), options.up);
     const double length = s.norm();
     if (length > options.max_step_m) s *= options.max_step_m / length;
   }

@@ -55,6 +55,7 @@ class MotionGuard {
 
   const IndexRows& faces_of_vertex() const { return faces_of_vertex_; }
   const std::vector<Eigen::Vector3f>& start_normals() const { return start_normals_; }  // a face, smoothed
+  Eigen::Vector3d start_normal(size_t vertex) const { return vertex_normals_[vertex].cast<double>(); }  // smoothed
 
  private:
   Eigen::Vector3d Braked(size_t vertex, const Eigen::Vector3d& at, const Eigen::Vector3d& step) const;
@@ -81,11 +82,13 @@ struct StepOptions {
   double inter = 0;       // λ3
   int smoothing_sweeps = 10;
   double max_step_m = 0;
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   double min_turn_cosine = 0.4;  // a face's normal turns by less than this angle's arc cosine in a step
 };
 
 // The Gauss-Newton step of data and smoothness terms at `mesh`: (curvatures + A) step = -(gradients), every vertex's
-// length bounded, and what `guard` makes of it. Depends on no sum over the mesh. Zero at fixed vertices.
+// length bounded, and what `guard` makes of it. Rims of level surfaces keep their place in
+// plan. Depends on no sum over the mesh. Zero at fixed vertices.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
                                          const SmoothTerm& smooth, const InterTerm& inter, const MotionGuard& guard,
                                          const StepOptions& options);

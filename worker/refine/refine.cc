@@ -205,7 +205,8 @@ class Refiner {
     const double start_s = Seconds(options_.clock);
     std::vector<PhotoView> views(problem_.views.size());
     ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t i = begin; i < end; ++i) views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0);
+      for (int64_t i = begin; i < end; ++i)
+        views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0);
     });
     views_ = std::move(views);
     photo_ = std::make_unique<PhotoTerm>(views_, pairs_, MakePhotoOptions(options_));
@@ -237,6 +238,7 @@ class Refiner {
     step_options.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit, unit,
                             options_.tangential};
     step_options.inter = options_.inter;
+    step_options.up = problem_.up;
     step_options.smoothing_sweeps = options_.smoothing_sweeps;
     step_options.max_step_m = options_.max_step_px * pixel_m;
     const std::vector<Vector3d> level_start = mesh_.vertices;
@@ -251,9 +253,8 @@ class Refiner {
       for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
       step_options.max_step_m *= options_.step_decay;
       report_.seconds_step += Seconds(options_.clock) - start_s;
-      report_.iterations.push_back(
-          {level, MeanEnergy(derivatives_.sums), MeanSemanticEnergy(derivatives_.sums), Rms(step) / pixel_m,
-           derivatives_.sums.windows});
+      report_.iterations.push_back({level, MeanEnergy(derivatives_.sums), MeanSemanticEnergy(derivatives_.sums),
+                                    Rms(step) / pixel_m, derivatives_.sums.windows});
     }
     Repair(level_start);
     return absl::OkStatus();

@@ -42,7 +42,7 @@ struct RefineProblem {
 struct RefineOptions {
   // The pyramid, coarsest first: level l halves the images l times.
   std::vector<int> levels = {1, 0};
-  std::vector<int> iterations = {14, 10};  // one entry a level
+  std::vector<int> iterations = {10, 10};  // one entry a level
 
   // Windowed ZNCC.
   int window_px = 7;            // odd, 3..11
@@ -51,25 +51,25 @@ struct RefineOptions {
   double min_sigma = 0.004;     // windows of less standard deviation in either image are rejected
   double max_mean_difference = 0.3;
   double max_variance_ratio = 10;
-  double min_valid = 0.5;   // share of a window that both images must see
-  double min_cosine = 0.1;  // flatter views of a face than this are skipped
-  double occlusion_px = 1;  // slack of the depth test, in pixels of the level
+  double min_valid = 0.5;      // share of a window that both images must see
+  double min_cosine = 0.1;     // flatter views of a face than this are skipped
+  double occlusion_px = 1;     // slack of the depth test, in pixels of the level
   double photo_outlier = 0.5;  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
 
   // E_sem.
-  double semantic = 0;  // λ1; 0: off
+  double semantic = 0;                                                // λ1; 0: off
   double semantic_outlier = std::numeric_limits<double>::infinity();  // as photo_outlier, for e = ½ Σ_l ΔL² of a pixel
 
   // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
   // count in pixels of the level.
-  double thin_plate = 0.6;  // λ2
+  double thin_plate = 0.3;  // λ2
   double membrane = 0.02;
-  double rim = 0.3;                       // keeps the displacement of mesh rims smooth along the rim
-  double tangential = 1;                  // of the thin plate within the surface (SmoothWeights)
-  std::vector<ClassSmoothness> classes;   // by label; beyond its end: weight 1
-  double mixed = 0.3;                     // weight of vertices whose faces have several labels; 0: none
-  double inter = 0;                       // λ3, of E_inter; 0: off
-  int smoothing_sweeps = 20;              // Chebyshev sweeps of the semi-implicit step
+  double rim = 0.3;                      // keeps the displacement of mesh rims smooth along the rim
+  double tangential = 1;                 // of the thin plate within the surface (SmoothWeights)
+  std::vector<ClassSmoothness> classes;  // by label; beyond its end: weight 1
+  double mixed = 0.3;                    // weight of vertices whose faces have several labels; 0: none
+  double inter = 0;                      // λ3, of E_inter; 0: off
+  int smoothing_sweeps = 20;             // Chebyshev sweeps of the semi-implicit step
 
   // Descent.
   double max_step_px = 1.0;                          // per iteration, pixels of the level
@@ -90,8 +90,8 @@ struct RefineIteration {
   int level = 0;
   double energy = 0;           // mean 1 - ZNCC over accepted windows, weighted
   double semantic_energy = 0;  // mean E_sem over the pixels that have it
-  double moved_px = 0;      // RMS over free vertices, pixels of the level
-  int64_t pair_pixels = 0;  // accepted windows
+  double moved_px = 0;         // RMS over free vertices, pixels of the level
+  int64_t pair_pixels = 0;     // accepted windows
 };
 
 struct RefineReport {

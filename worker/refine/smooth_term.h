@@ -26,8 +26,8 @@ struct SmoothWeights {
   double rim = 0;  // of ½ Σ ‖(U d)_k‖² along rims, d = v - start: rims get no smoothing of shape, only of movement
   double keep = 1;  // of ½ Σ_k mean over the faces f about k of keep(f) (n_f · (v_k - start_k))²
   // Of thin plate within the surface, at right angles to the normals of SetNormals (0..1). At 1 the umbrella also draws
-  // vertices towards regular triangles, and resists membrane's pull along the surface; at 0 it does neither. Costs about
-  // half as much again in SolveStep where it is not 1.
+  // vertices towards regular triangles, and resists membrane's pull along the surface; at 0 it does neither. Costs
+  // about half as much again in SolveStep where it is not 1.
   double tangential = 1;
 };
 

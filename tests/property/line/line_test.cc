@@ -188,7 +188,7 @@ TEST(Line, MethodAndSettingsReachTheRefinement) {
   };
   const nlohmann::json ours = RefineStats(folder, "ours", settings);
   EXPECT_EQ(ours.at("rounds").size(), 1u);
-  EXPECT_FALSE(ours.contains("labels_first")) << "the start has labels";
+  EXPECT_TRUE(ours.contains("labels_first"));
 
   settings.method_settings.iterations = {4};
   EXPECT_GT(pixels(RefineStats(folder, "longer", settings)), pixels(ours));
@@ -198,10 +198,9 @@ TEST(Line, MethodAndSettingsReachTheRefinement) {
   settings.method_settings.partners.reset();
 
   settings.method = "paper";
-  settings.method_settings.labels_first = true;
   const nlohmann::json paper = RefineStats(folder, "paper", settings);
   EXPECT_EQ(paper.at("rounds").size(), 5u);
-  EXPECT_TRUE(paper.contains("labels_first"));
+  EXPECT_FALSE(paper.contains("labels_first")) << "the start has labels";
   // Another label energy: the same labels cost something else.
   EXPECT_NE(paper.at("rounds").at(0).at("label_energy_start"), ours.at("rounds").at(0).at("label_energy_start"));
 }

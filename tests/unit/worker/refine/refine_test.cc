@@ -98,6 +98,7 @@ TEST(Refine, CommutesWithARigidMotion) {
     view.camera.rotation_cam_from_world = view.camera.rotation_cam_from_world * turn.transpose();
     view.camera.translation_cam_from_world -= view.camera.rotation_cam_from_world * shift;
   }
+  bed.problem.up = turn * bed.problem.up;
   const Positions moved = bed.Refine();
   std::vector<double> difference;
   for (size_t v = 0; v < still.size(); ++v) difference.push_back((turn * still[v] + shift - moved[v]).norm());

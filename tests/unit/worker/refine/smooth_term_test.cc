@@ -82,7 +82,7 @@ TEST(SmoothTerm, SolvesForTheStep) {
     rhs.push_back(fixed[v] ? Vector3d(1, 1, 1) : Vector3d(random.Normal(), random.Normal(), random.Normal()));
   }
   Positions step;
-  term.SolveStep(data, rhs, weights, 80, &step);
+  term.SolveStep(data, rhs, weights, 120, &step);
   EXPECT_EQ(step[30], Vector3d::Zero());
   // (data + A) step = rhs; A step is the gradient at start + step less that at the start.
   Positions moved = mesh.vertices, at_start, at_step;

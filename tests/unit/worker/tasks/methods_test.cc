@@ -26,8 +26,12 @@ TileRefineOptions OptionsOf(const std::string& method, const MethodSettings& set
 TEST(Methods, EachHasItsTerms) {
   const TileRefineOptions ours = OptionsOf("tessera"), baseline = OptionsOf("baseline"), paper = OptionsOf("paper");
   EXPECT_TRUE(ours.geometry_knows_labels);
+  EXPECT_TRUE(ours.labels_first);
+  EXPECT_GT(ours.geometry.semantic, 0);
+  EXPECT_GT(ours.geometry.inter, 0);
   EXPECT_EQ(ours.label.form, LabelOptions::Form::kTessera);
-  EXPECT_THAT(ours.geometry.classes, ElementsAre(Field(&ClassSmoothness::smoothness, 3), Field(&ClassSmoothness::smoothness, 0.25)));
+  EXPECT_THAT(ours.geometry.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
+                                                 ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
 
   EXPECT_FALSE(baseline.geometry_knows_labels);
   EXPECT_EQ(baseline.rounds, 1);
@@ -41,7 +45,8 @@ TEST(Methods, EachHasItsTerms) {
   EXPECT_GT(paper.geometry.semantic, 0);
   EXPECT_GT(paper.geometry.inter, 0);
   EXPECT_EQ(paper.geometry.mixed, 0);
-  EXPECT_THAT(paper.geometry.classes, ElementsAre(Field(&ClassSmoothness::smoothness, 3), Field(&ClassSmoothness::smoothness, 0.25)));
+  EXPECT_THAT(paper.geometry.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
+                                                  ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
   EXPECT_EQ(paper.label.form, LabelOptions::Form::kPaper);
 
   for (const TileRefineOptions* other : {&baseline, &paper}) {  // compared on even terms
@@ -59,7 +64,7 @@ TEST(Methods, StandardsAreThoseOfTheMethod) {
   for (const auto& setting : RealSettings()) standard.*setting.value = setting.standard;
   for (const auto& setting : WholeSettings()) standard.*setting.value = setting.standard;
   for (const ListSetting& setting : ListSettings()) standard.*setting.value = setting.standard;
-  standard.labels_first = false;
+  standard.labels_first = true;
   const TileRefineOptions same = OptionsOf("tessera", standard);
   EXPECT_EQ(same.geometry.semantic, ours.geometry.semantic);
   EXPECT_EQ(same.geometry.thin_plate, ours.geometry.thin_plate);
@@ -80,12 +85,12 @@ TEST(Methods, SettingsGoOverThem) {
   settings.max_step_px = 0.5;
   settings.window_px = 5;
   settings.partners = 9;
-  settings.labels_first = true;
+  settings.labels_first = false;
   settings.levels = {1};
   settings.iterations = {7};
   const TileRefineOptions options = OptionsOf("paper", settings, 2);
   EXPECT_EQ(options.rounds, 2);
-  EXPECT_TRUE(options.labels_first);
+  EXPECT_FALSE(options.labels_first);
   EXPECT_EQ(options.geometry.semantic, 11);
   EXPECT_EQ(options.geometry.thin_plate, 12);
   EXPECT_EQ(options.geometry.inter, 13);
