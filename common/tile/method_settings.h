@@ -12,7 +12,7 @@
 
 namespace tessera {
 
-// tessera: ours. baseline: Vu et al. 2012, images alone. paper: Bláha et al. 2017 as written.
+// tessera: ours. baseline: Vu et al. 2012, images alone. paper: Bláha et al. 2017, its terms and rounds.
 inline constexpr std::array<const char*, 3> kMethods = {"tessera", "baseline", "paper"};
 
 // What is not set (empty for lists) is as the method has it.

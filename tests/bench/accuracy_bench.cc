@@ -54,7 +54,7 @@ StatusOr<TriangleMesh> ReadLocalMesh(const std::string& path, const Frame& frame
   return std::move(content.mesh);
 }
 
-// "name=a,b,c" laid over the settings that all rows share, for each method that takes them.
+// "name=a,b,c" laid over the settings that all rows share, for each method; all must take them.
 StatusOr<std::vector<Variant>> MakeVariants(const Arguments& arguments) {
   TESSERA_ASSIGN_OR_RETURN(const MethodSettings shared, ParseMethodSettings(arguments.settings));
   std::vector<std::pair<std::string, MethodSettings>> settings = {{"", shared}};

@@ -20,7 +20,7 @@ struct SurfaceFolds {
 // start after kSmoothingSteps umbrella steps of half length, mesh rims still.
 class FoldCounter {
  public:
-  static constexpr int kSmoothingSteps = 6;
+  static constexpr int kSmoothingSteps = 5;  // as MotionLimits
   static StatusOr<FoldCounter> Create(const TriangleMesh& start);
   StatusOr<SurfaceFolds> Count(const TriangleMesh& mesh) const;
 

@@ -87,8 +87,8 @@ struct StepOptions {
 };
 
 // The Gauss-Newton step of data and smoothness terms at `mesh`: (curvatures + A) step = -(gradients), every vertex's
-// length bounded, and what `guard` makes of it. Rims of level surfaces keep their place in
-// plan. Depends on no sum over the mesh. Zero at fixed vertices.
+// length bounded, and what `guard` makes of it. Rims of level surfaces keep their place in plan. Depends on no sum over
+// the mesh. Zero at fixed vertices.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
                                          const SmoothTerm& smooth, const InterTerm& inter, const MotionGuard& guard,
                                          const StepOptions& options);

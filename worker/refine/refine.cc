@@ -31,6 +31,9 @@ Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) 
   if (!problem.fixed_vertices.empty() && problem.fixed_vertices.size() != problem.mesh.vertices.size()) {
     return bad(absl::StrCat(problem.fixed_vertices.size(), " flags for ", problem.mesh.vertices.size(), " vertices"));
   }
+  if (!problem.start.empty() && problem.start.size() != problem.mesh.vertices.size()) {
+    return bad(absl::StrCat(problem.start.size(), " starts for ", problem.mesh.vertices.size(), " vertices"));
+  }
   for (const Triangle& face : problem.mesh.faces) {
     for (uint32_t v : face) {
       if (v >= problem.mesh.vertices.size()) return bad(absl::StrCat("a face names vertex ", v));
@@ -150,10 +153,11 @@ class Refiner {
       : problem_(problem),
         options_(options),
         mesh_(problem.mesh),
-        smooth_(problem.mesh, problem.fixed_vertices),
-        inter_(problem.mesh, problem.fixed_vertices),
-        guard_(problem.mesh, problem.fixed_vertices, MakeMotionLimits(problem, options)),
-        repair_(problem.mesh, guard_.faces_of_vertex()) {
+        start_{problem.start.empty() ? problem.mesh.vertices : problem.start, problem.mesh.faces, {}},
+        smooth_(start_, problem.fixed_vertices),
+        inter_(start_, problem.fixed_vertices),
+        guard_(start_, problem.fixed_vertices, MakeMotionLimits(problem, options)),
+        repair_(start_, guard_.faces_of_vertex()) {
     double start_s = Seconds(options.clock);
     smooth_.SetLabels(problem.mesh.labels, options.classes, options.mixed);
     if (options.inter > 0) inter_.SetLabels(problem.mesh.labels);
@@ -182,7 +186,8 @@ class Refiner {
 
   StatusOr<RefineReport> Run(const TaskControl& control) {
     TESSERA_ASSIGN_OR_RETURN(report_.energy_start, Measure(control));
-    const std::vector<Vector3d> start = std::exchange(mesh_.vertices, guard_.UnfoldedStart());
+    const std::vector<Vector3d> start = mesh_.vertices;
+    if (problem_.start.empty()) mesh_.vertices = guard_.UnfoldedStart();
     Repair(start);
     for (size_t i = 0; i < options_.levels.size(); ++i) TESSERA_RETURN_IF_ERROR(Descend(i, control));
     TESSERA_ASSIGN_OR_RETURN(report_.energy_end, Measure(control));
@@ -273,6 +278,7 @@ class Refiner {
   const RefineProblem& problem_;
   const RefineOptions& options_;
   TriangleMesh mesh_;
+  const TriangleMesh start_;
   SmoothTerm smooth_;
   InterTerm inter_;
   MotionGuard guard_;

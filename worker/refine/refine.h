@@ -30,7 +30,9 @@ struct RefineView {
 
 // Everything in one metric frame near its origin (a tile's own).
 struct RefineProblem {
-  TriangleMesh mesh;                    // oriented; already split (SplitLargeFaces); labels choose the class weights
+  TriangleMesh mesh;  // oriented; already split (SplitLargeFaces); labels choose the class weights
+  // Where the vertices began, if earlier rounds moved them: bounds on motion and folds count from there. Empty: `mesh`.
+  std::vector<Eigen::Vector3d> start;
   std::vector<uint8_t> fixed_vertices;  // 1: stays where it is (tile cuts); empty: none
   TriangleMesh occluders;               // hides, but is not refined; may be empty
   std::vector<RefineView> views;
@@ -88,7 +90,7 @@ struct RefineOptions {
 // What one iteration saw before its step.
 struct RefineIteration {
   int level = 0;
-  double energy = 0;           // mean 1 - ZNCC over accepted windows, weighted
+  double energy = 0;           // mean of e / (1 + e/photo_outlier), e = 1 - ZNCC, over accepted windows, weighted
   double semantic_energy = 0;  // mean E_sem over the pixels that have it
   double moved_px = 0;         // RMS over free vertices, pixels of the level
   int64_t pair_pixels = 0;     // accepted windows

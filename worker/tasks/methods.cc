@@ -3,8 +3,8 @@
 namespace tessera {
 namespace {
 
-// Of the terms where labels take part: what did best on synthetic cities (accuracy_bench --sweep semantic=...); the
-// paper gives none of its weights.
+// Of the terms where labels take part: what did best on synthetic cities (accuracy_bench --methods tessera --sweep
+// semantic=...); the paper gives none of its weights.
 constexpr double kSemantic = 0.1, kInter = 0.1;
 constexpr int kPaperRounds = 5;
 

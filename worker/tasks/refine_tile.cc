@@ -115,6 +115,7 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
     const int64_t geometry_start_us = clock.MonotonicUs();
     if (!problem.pairs.empty()) {
       problem.mesh.labels = options.geometry_knows_labels ? result.labels : std::vector<int32_t>();
+      if (round > 0) problem.start = mesh_in_tile.vertices;
       std::vector<Eigen::Vector3d> moved;
       const TaskControl part = PartOf(control, low, low + 0.85 * (high - low));
       TESSERA_ASSIGN_OR_RETURN(const RefineReport r, RefineGeometry(problem, &moved, options.geometry, part));

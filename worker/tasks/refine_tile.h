@@ -18,7 +18,7 @@ namespace tessera {
 
 struct TileRefineOptions {
   int rounds = 1;                     // of geometry, then labels; always all of them, so that tiles do alike
-  bool labels_first = false;          // before the first geometry too; where nothing is labelled, always
+  bool labels_first = false;          // before the first geometry too; always, if it knows labels and there are none
   bool geometry_knows_labels = true;  // false: the geometry sees a mesh without labels
   RefineOptions geometry;
   LabelOptions label;
