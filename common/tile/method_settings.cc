@@ -79,9 +79,9 @@ std::span<const ListSetting> ListSettings() {
        "Pyramid levels, coarsest first: level l halves the images l times",
        0,
        5,
-       {1, 0},
+       {2, 1, 0},
        &MethodSettings::levels},
-      {"iterations", "Iterations of geometry, one number a level", 1, 200, {10, 10}, &MethodSettings::iterations}};
+      {"iterations", "Iterations of geometry, one number a level", 1, 200, {3, 10, 10}, &MethodSettings::iterations}};
   return kSettings;
 }
 

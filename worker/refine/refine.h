@@ -43,8 +43,8 @@ struct RefineProblem {
 
 struct RefineOptions {
   // The pyramid, coarsest first: level l halves the images l times.
-  std::vector<int> levels = {1, 0};
-  std::vector<int> iterations = {10, 10};  // one entry a level
+  std::vector<int> levels = {2, 1, 0};
+  std::vector<int> iterations = {3, 10, 10};  // one entry a level
 
   // Windowed ZNCC.
   int window_px = 7;            // odd, 3..11

@@ -240,7 +240,6 @@ TEST(Plan, HaloGrowsWithTheReachOfWindowsAndLevels) {
   narrow.window_px = 3;
   coarse.levels = {3, 1, 0};
   standard.levels = {2, 1, 0};
-  coarse.iterations = standard.iterations = {10, 10, 10};
   const double by_default = halo_m({});
   EXPECT_EQ(halo_m(standard), by_default);
   EXPECT_EQ(halo_m(narrow), by_default);
