@@ -86,6 +86,26 @@ TEST_P(SurfaceSafety, NothingTurnsCutsOrFlies) {
   EXPECT_GT(moved, 0.3 * scene.problem.gsd_m);  // it is not safe because it stands still
 }
 
+// The limits count from where the job began, not from where a round did.
+TEST_P(SurfaceSafety, RoundsKeepToTheFirstStart) {
+  Scene scene(GetParam());
+  const MotionGuard guard = scene.Guard();
+  const Positions start = scene.problem.mesh.vertices;
+  const std::vector<FacePair> before = PairsByCgal(scene.problem.mesh);
+  const auto rounds = [&](bool tell_start) {
+    Scene again(GetParam());
+    for (int round = 0; round < 3; ++round) {
+      if (tell_start && round > 0) again.problem.start = start;
+      again.problem.mesh.vertices = again.Refine();
+    }
+    return again.problem.mesh;
+  };
+  const TriangleMesh end = rounds(true);
+  EXPECT_EQ(guard.TurnedFaces(end.vertices), 0);
+  EXPECT_EQ(NewPairs(before, PairsByCgal(end)), std::vector<FacePair>());
+  EXPECT_GT(guard.TurnedFaces(rounds(false).vertices), 0);  // it makes the difference
+}
+
 TEST_P(SurfaceSafety, ItIsTheLimitsThatHold) {
   Scene scene(GetParam());
   scene.options.min_start_cosine = -1;
