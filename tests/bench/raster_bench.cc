@@ -1,8 +1,8 @@
 // What drawing a mesh costs: a city-like terrain seen from an oblique camera, at several sizes of a face in the image.
 //   raster_bench [CELLS_A_SIDE]
-// Prints CPU nanoseconds a face and view, faces a second, and nanoseconds a pixel of a depth update, on 1 and 2
-// threads. CPU time of all threads: it hardly changes with the load of the machine, and from 1 to 2 threads it would
-// stay the same if sharing the work cost nothing.
+// Prints CPU nanoseconds a face and view, and faces a second, on 1 and 2 threads. CPU time of all threads: it hardly
+// changes with the load of the machine, and from 1 to 2 threads it would stay the same if sharing the work cost
+// nothing.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -95,8 +95,8 @@ void Bench(int cells) {
   const TriangleMesh mesh = MakeCity(cells);
   const double faces = static_cast<double>(mesh.faces.size());
   std::printf("%zu faces, %d views\n", mesh.faces.size(), kViews);
-  std::printf("%8s %12s %8s | %9s %12s | %15s | %9s\n", "px2/face", "pixels", "threads", "ns/face", "M faces/s",
-              "one view, ns/face", "update ns/px");
+  std::printf("%8s %12s %8s | %9s %12s | %15s\n", "px2/face", "pixels", "threads", "ns/face", "M faces/s",
+              "one view, ns/face");
   for (double face_px2 : {0.25, 1.0, 4.0, 16.0}) {
     const std::vector<PosedCamera> cameras = MakeCameras(cells, face_px2, kViews);
     const PinholeCamera& k = cameras[0].intrinsics;
@@ -109,10 +109,9 @@ void Bench(int cells) {
       rasterizer.Draw(mesh, nullptr, cameras[0], &map);
       const double views_ns = Nanoseconds(kCalls, [&] { rasterizer.DrawViews(mesh, nullptr, cameras, &maps); });
       const double one_ns = Nanoseconds(kCalls, [&] { rasterizer.Draw(mesh, nullptr, cameras[0], &map); });
-      const double update_ns = Nanoseconds(kCalls, [&] { rasterizer.UpdateDepths(mesh, cameras, &maps); });
       const double a_face = views_ns / faces / kViews;
-      std::printf("%8.2f %12d %8d | %9.2f %12.1f | %15.2f | %9.2f\n", face_px2, k.width * k.height, threads, a_face,
-                  1e3 / a_face, one_ns / faces, update_ns / kViews / k.width / k.height);
+      std::printf("%8.2f %12d %8d | %9.2f %12.1f | %15.2f\n", face_px2, k.width * k.height, threads, a_face,
+                  1e3 / a_face, one_ns / faces);
     }
   }
 }

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "common/base/parallel.h"
-#include "worker/visibility/face_depths.h"
 #include "worker/visibility/raster_kernel.h"
 #include "worker/visibility/unbounded_face.h"
 
@@ -197,26 +196,6 @@ void Rasterizer::DrawViews(const TriangleMesh& mesh, const TriangleMesh* occlude
   }
   ForEachView(cameras.size(), [&](size_t view, Workspace& workspace) {
     workspace.Draw(mesh, occluders, cameras[view], near_m, false, &(*maps)[view]);
-  });
-}
-
-void Rasterizer::UpdateDepth(const TriangleMesh& mesh, const PosedCamera& camera, FaceMap* map, double near_m) {
-  std::unique_ptr<Workspace> workspace = pool_->Take();
-  workspace->Project(mesh, camera, near_m, true);
-  ParallelFor(map->height, kBandRows, [&](int64_t first, int64_t last) {
-    UpdateFaceDepths(mesh, workspace->vertices.data(), camera, static_cast<int>(first), static_cast<int>(last),
-                     map->width, map->face.data(), map->depth.data());
-  });
-  pool_->Return(std::move(workspace));
-}
-
-void Rasterizer::UpdateDepths(const TriangleMesh& mesh, std::span<const PosedCamera> cameras,
-                              std::vector<FaceMap>* maps, double near_m) {
-  ForEachView(cameras.size(), [&](size_t view, Workspace& workspace) {
-    FaceMap& map = (*maps)[view];
-    workspace.Project(mesh, cameras[view], near_m, false);
-    UpdateFaceDepths(mesh, workspace.vertices.data(), cameras[view], 0, map.height, map.width, map.face.data(),
-                     map.depth.data());
   });
 }
 

@@ -52,13 +52,6 @@ class Rasterizer {
   void DrawViews(const TriangleMesh& mesh, const TriangleMesh* occluders, std::span<const PosedCamera> cameras,
                  std::vector<FaceMap>* maps, double near_m = kNearPlane_m);
 
-  // For a mesh that moved little since `map` was drawn: every pixel keeps its face, and gets the depth of that face's
-  // plane at the new positions, within the range of its corners. Pixels without face, occluders' among them, stay as
-  // they are. Of a mesh that has not moved the map stays the same to the bit.
-  void UpdateDepth(const TriangleMesh& mesh, const PosedCamera& camera, FaceMap* map, double near_m = kNearPlane_m);
-  void UpdateDepths(const TriangleMesh& mesh, std::span<const PosedCamera> cameras, std::vector<FaceMap>* maps,
-                    double near_m = kNearPlane_m);
-
  private:
   struct Workspace;
   struct Pool;
