@@ -2,12 +2,14 @@
 #ifndef TESSERA_TESTS_BENCH_SURFACE_FOLDS_H_
 #define TESSERA_TESTS_BENCH_SURFACE_FOLDS_H_
 
-#include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
+#include "worker/refine/descent.h"
+#include "worker/refine/self_intersection.h"
 
 namespace tessera {
 
@@ -16,17 +18,19 @@ struct SurfaceFolds {
   int64_t crossing_pairs = 0;  // of faces that cut each other and did not in the start
 };
 
-// Compares meshes with one start of the same topology, which must be an oriented manifold. The smoothed start is the
-// start after kSmoothingSteps umbrella steps of half length, mesh rims still.
+// Compares meshes with one start of the same topology, which must be an oriented manifold. The smoothed start is
+// MotionGuard's; crossings are found by CGAL, not by the search that the refinement uses.
 class FoldCounter {
  public:
-  static constexpr int kSmoothingSteps = 5;  // as MotionLimits
   static StatusOr<FoldCounter> Create(const TriangleMesh& start);
   StatusOr<SurfaceFolds> Count(const TriangleMesh& mesh) const;
 
  private:
-  std::vector<Eigen::Vector3d> smoothed_normals_;
-  std::vector<std::array<uint32_t, 2>> start_pairs_;
+  FoldCounter(const TriangleMesh& start, std::vector<FacePair> pairs)
+      : guard_(start, {}, MotionLimits()), start_pairs_(std::move(pairs)) {}
+
+  MotionGuard guard_;
+  std::vector<FacePair> start_pairs_;
 };
 
 }  // namespace tessera

@@ -176,12 +176,10 @@ class Refiner {
     report_.pairs = static_cast<int>(pairs_.size());
     windows_ = ViewWindows(problem, *std::max_element(options.levels.begin(), options.levels.end()));
     report_.seconds_prepare = Seconds(options.clock) - start_s;
-    double weight = 0;
     for (size_t i = 0; i < options.levels.size(); ++i) {
       total_work_ += options.iterations[i] * std::pow(0.25, options.levels[i]);
-      weight = std::pow(0.25, Finest());
     }
-    total_work_ += 2 * weight;
+    total_work_ += 2 * std::pow(0.25, Finest());  // measured before and after
   }
 
   StatusOr<RefineReport> Run(const TaskControl& control) {
