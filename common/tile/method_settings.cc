@@ -60,6 +60,12 @@ std::span<const Setting<double>> RealSettings() {
       {"thin_plate", "Weight of smoothness (lambda 2), relative to the images' energy at a displacement of a pixel", 0,
        100, 0.3, &MethodSettings::thin_plate},
       {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0.1, &MethodSettings::inter},
+      {"contour", "Weight of silhouettes that fit the likelihoods (lambda 4); 0: off", 0, 100, 0.5,
+       &MethodSettings::contour},
+      {"normal_prior", "Weight of classes' slopes in the labels (mu 1); 0: off", 0, 100, 0.35,
+       &MethodSettings::normal_prior},
+      {"label_smoothness", "Weight of short class boundaries in the labels (mu 2); 0: off", 0, 100, 0.25,
+       &MethodSettings::label_smoothness},
       {"max_step_px", "Longest step of a vertex in one iteration, pixels of the level", 0.05, 4, 1,
        &MethodSettings::max_step_px}};
   return kSettings;

@@ -10,6 +10,7 @@
 #include <ctime>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <string>
 #include <utility>
 
@@ -33,12 +34,12 @@ namespace {
 namespace fs = std::filesystem;
 
 struct Arguments {
-  std::string scene;
+  std::string scene, pictures;
   std::vector<std::string> meshes;
   LabelOptions label;
   SolverOptions solver;
   int threads = 0;
-  bool expansion = false;
+  bool expansion = false, halve = false;
 };
 
 // A view's truth and the classes that it would choose alone.
@@ -149,11 +150,48 @@ std::vector<int32_t> CeilingLabels(const std::vector<ScoredView>& views, const s
   return LeastOf(counts, classes);
 }
 
+// Every face in four, edges halved. Face f becomes 4 f to 4 f + 3.
+TriangleMesh Halved(const TriangleMesh& mesh) {
+  TriangleMesh halved;
+  halved.vertices = mesh.vertices;
+  std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
+  const auto middle = [&](uint32_t a, uint32_t b) {
+    const auto [at, made] =
+        middles.try_emplace(std::minmax(a, b), static_cast<uint32_t>(halved.vertices.size()));
+    if (made) halved.vertices.push_back(0.5 * (mesh.vertices[a] + mesh.vertices[b]));
+    return at->second;
+  };
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    const auto& [a, b, c] = mesh.faces[f];
+    const uint32_t ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+    halved.faces.insert(halved.faces.end(), {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}});
+    if (!mesh.labels.empty()) halved.labels.insert(halved.labels.end(), 4, mesh.labels[f]);
+  }
+  return halved;
+}
+
+// Grey by class, red where the mesh shows another class than the truth, orange where it shows nothing.
+Status DrawErrors(const ScoredView& view, const FaceMap& map, const std::vector<int32_t>& labels, int classes,
+                  const std::string& path) {
+  ByteImage image(map.width, map.height, 3, 255);
+  for (size_t i = 0; i < map.face.size(); ++i) {
+    const int truth = view.truth.data[i];
+    if (truth >= classes) continue;
+    const bool nothing = map.face[i] < 0, wrong = nothing || labels[map.face[i]] != truth;
+    const int grey = 230 - 120 * truth / std::max(1, classes - 1);
+    image.plane(0)[i] = static_cast<uint8_t>(wrong ? 220 : grey);
+    image.plane(1)[i] = static_cast<uint8_t>(nothing ? 140 : wrong ? 0 : grey);
+    image.plane(2)[i] = static_cast<uint8_t>(wrong ? 0 : grey);
+  }
+  return WritePng(path, image);
+}
+
 Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& views, const std::string& path,
                  const Arguments& arguments) {
   TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
   TriangleMesh& mesh = content.mesh;
   for (Eigen::Vector3d& p : mesh.vertices) p = scene.frame.LocalFromScene(p);
+  if (arguments.halve) mesh = Halved(mesh);
   TESSERA_ASSIGN_OR_RETURN(const double gsd_m, MedianGsd(scene, mesh));
   TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(mesh));
   const std::vector<MeshEdge> edges = EdgeList(topology);
@@ -187,6 +225,11 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
   for (float& x : negated) x = -x;
   print("plain sums", LeastOf(negated, classes), CpuSeconds() - start_s);
 
+  {
+    double px = 0, area = 0;
+    for (size_t f = 0; f < mesh.faces.size(); ++f) { px += sums.pixels[f]; area += FaceArea(mesh, f); }
+    std::printf("pixels per gsd2 %.2f\n", px * gsd_m * gsd_m / area);
+  }
   const auto solve = [&](const std::string& name, const LabelOptions& options) {
     const LabelField field =
         BuildLabelField(mesh, edges, sums, scene.classes, scene.up_in_local, gsd_m, options);
@@ -203,6 +246,13 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
                 100 * (solved.energy - std::min(best, expanded)) / (solved.start_energy - std::min(best, expanded)));
   };
   solve("field", arguments.label);
+  if (!arguments.pictures.empty()) {
+    const std::vector<int32_t> l = LeastOf(negated, classes);
+    for (size_t v = 0; v < views.size(); ++v) {
+      if (views[v].truth.empty()) continue;
+      TESSERA_RETURN_IF_ERROR(DrawErrors(views[v], maps[v], l, classes, absl::StrCat(arguments.pictures, "/", fs::path(scene.views[v].name).stem().string(), ".png")));
+    }
+  }
   LabelOptions options = arguments.label;
   options.prior_weight = 0;
   solve("field without prior", options);
@@ -239,8 +289,10 @@ int main(int argc, char** argv) {
       ->allow_extra_args(false);
   app.add_option("--prior", a.label.prior_weight, "mu1")->capture_default_str();
   app.add_option("--smoothness", a.label.smoothness_weight, "mu2")->capture_default_str();
-  app.add_option("--uniform-pixels", a.label.uniform_pixels)->capture_default_str();
+  app.add_option("--unsure-pixels", a.label.unsure_pixels)->capture_default_str();
   app.add_flag("--expansion", a.expansion, "compare with alpha expansion (minutes)");
+  app.add_option("--pictures", a.pictures, "folder for a picture a view with the errors in red");
+  app.add_flag("--halve", a.halve, "split every face in four first");
   app.add_option("--threads", a.threads, "0: one for each core");
   CLI11_PARSE(app, argc, argv);
   const tessera::Status status = tessera::Bench(a);

@@ -34,9 +34,9 @@ struct LabelOptions {
   enum class Form { kTessera, kPaper };
   Form form = Form::kTessera;
   double prior_weight = 0.35;      // μ1
-  double smoothness_weight = 0.5;  // μ2
-  double uniform_pixels = 4;       // p is mixed with so many pixels that know nothing (kTessera)
-  double floor = 1e-3;             // no likelihood is taken to be less than this
+  double smoothness_weight = 0.25;  // μ2; kPaper: 0.5 in the paper
+  double unsure_pixels = 1;         // kTessera: each class gets the likelihoods of so many pixels more for an area A0
+  double floor = 1e-3;              // no likelihood is taken to be less than this
 };
 
 // Field of `mesh` (metres). `edges`: EdgeList of its topology; rims take no part. `up`: unit, the mesh's frame.

@@ -63,6 +63,9 @@ class PhotoTerm {
   // Visibility is taken from `mesh` and `occluders` as they are and frozen in the derivatives. `clock` may be null.
   void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock, PhotoDerivatives* out);
 
+  // What each view saw at the last evaluation.
+  const std::vector<FaceMap>& maps() const { return maps_; }
+
  private:
   // What a thread needs for a strip.
   struct Workspace {

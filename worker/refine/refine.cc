@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
 #include "common/imaging/pyramid.h"
+#include "worker/refine/contour_term.h"
 #include "worker/refine/descent.h"
 #include "worker/refine/inter_term.h"
 #include "worker/refine/photo_term.h"
@@ -209,7 +210,7 @@ class Refiner {
     std::vector<PhotoView> views(problem_.views.size());
     ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i)
-        views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0);
+        views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0 || options_.contour > 0);
     });
     views_ = std::move(views);
     photo_ = std::make_unique<PhotoTerm>(views_, pairs_, MakePhotoOptions(options_));
@@ -252,6 +253,10 @@ class Refiner {
                      absl::StrCat("level ", level, ", step ", iteration + 1, " of ", options_.iterations[stage]));
       Evaluate();
       const double start_s = Seconds(options_.clock);
+      if (options_.contour > 0 && !problem_.mesh.labels.empty()) {
+        AddContourTerm(mesh_, problem_.mesh.labels, views_, photo_->maps(), {options_.contour}, &derivatives_.gradient,
+                       &derivatives_.curvature);
+      }
       const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, inter_, guard_, step_options);
       for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
       step_options.max_step_m *= options_.step_decay;

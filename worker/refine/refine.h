@@ -62,6 +62,8 @@ struct RefineOptions {
   double semantic = 0;                                                // λ1; 0: off
   double semantic_outlier = std::numeric_limits<double>::infinity();  // as photo_outlier, for e = ½ Σ_l ΔL² of a pixel
 
+  double contour = 0;  // λ4, of E_contour; 0: off
+
   // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
   // count in pixels of the level.
   double thin_plate = 0.3;  // λ2

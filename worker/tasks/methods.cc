@@ -5,7 +5,7 @@ namespace {
 
 // Of the terms where labels take part: what did best on synthetic cities (accuracy_bench --methods tessera --sweep
 // semantic=...); the paper gives none of its weights.
-constexpr double kSemantic = 0.1, kInter = 0.1;
+constexpr double kSemantic = 0.1, kInter = 0.1, kContour = 0.5;
 constexpr int kPaperRounds = 5;
 
 template <class Value, class Option>
@@ -18,6 +18,9 @@ void Apply(const MethodSettings& settings, TileRefineOptions* options) {
   Override(settings.semantic, &geometry.semantic);
   Override(settings.thin_plate, &geometry.thin_plate);
   Override(settings.inter, &geometry.inter);
+  Override(settings.contour, &geometry.contour);
+  Override(settings.normal_prior, &options->label.prior_weight);
+  Override(settings.label_smoothness, &options->label.smoothness_weight);
   Override(settings.max_step_px, &geometry.max_step_px);
   Override(settings.window_px, &geometry.window_px);
   Override(settings.partners, &geometry.partners);
@@ -36,12 +39,14 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
     options.labels_first = true;
     options.geometry.semantic = kSemantic;
     options.geometry.inter = kInter;
+    options.geometry.contour = kContour;
     for (const SceneClass& c : classes) options.geometry.classes.push_back({c.smoothness, 0});
   }
   if (parameters.method == "paper") {
     options.rounds = kPaperRounds;
     options.labels_first = false;
     options.geometry.mixed = 0;
+    options.geometry.contour = 0;
     options.label.form = LabelOptions::Form::kPaper;
   }
   if (parameters.rounds > 0) options.rounds = parameters.rounds;

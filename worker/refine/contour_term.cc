@@ -1,0 +1,126 @@
+#include "worker/refine/contour_term.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Of a pixel of contour: likelihoods go from one class to the other over about two pixels.
+constexpr double kCurvaturePerPx2 = 0.5;
+
+// What the side between two pixels does to a corner of the nearer face.
+struct Pull {
+  uint32_t vertex = 0;
+  Vector3d gradient;        // per metre
+  Vector3d root_curvature;  // its outer square is the curvature, per metre²
+};
+
+// One view's contours.
+class ContourView {
+ public:
+  ContourView(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const PhotoView& view, const FaceMap& map,
+              const ContourOptions& options)
+      : mesh_(mesh), labels_(labels), view_(view), map_(map), weight_(options.weight),
+        gap_(static_cast<float>(options.gap_px / view.camera.intrinsics.fx)), centre_(view.camera.Centre()) {}
+
+  std::vector<Pull> Pulls() {
+    for (int y = 0; y < map_.height; ++y) {
+      for (int x = 0; x < map_.width; ++x) {
+        if (x + 1 < map_.width) AddSide(x, y, x + 1, y);
+        if (y + 1 < map_.height) AddSide(x, y, x, y + 1);
+      }
+    }
+    return std::move(pulls_);
+  }
+
+ private:
+  size_t Index(int x, int y) const { return static_cast<size_t>(y) * map_.width + x; }
+  int LabelAt(size_t pixel) const {
+    const int32_t face = map_.face[pixel];
+    return face >= 0 && labels_[face] < view_.texels.classes ? labels_[face] : -1;
+  }
+
+  void AddSide(int x0, int y0, int x1, int y1) {
+    const size_t p = Index(x0, y0), q = Index(x1, y1);
+    const float nearer = std::min(map_.depth[p], map_.depth[q]), farther = std::max(map_.depth[p], map_.depth[q]);
+    if (farther - nearer <= gap_ * nearer) return;
+    const int a = LabelAt(p), b = LabelAt(q);
+    if (a < 0 || b < 0 || a == b) return;
+    if (map_.depth[p] == nearer) {
+      AddContour(x0, y0, x1, y1, a, b);
+    } else {
+      AddContour(x1, y1, x0, y0, b, a);
+    }
+  }
+
+  // (x, y) is on the nearer face, (bx, by) behind it.
+  void AddContour(int x, int y, int bx, int by, int front, int behind) {
+    const int32_t face = map_.face[Index(x, y)];
+    const auto corner = [&](int c) { return mesh_.Corner(face, c); };
+    const Vector3d normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    const Vector3d ray = view_.camera.Ray(x + 0.5, y + 0.5);
+    const double along = normal.dot(ray);
+    if (along == 0) return;
+    const Vector3d point = centre_ + normal.dot(corner(0) - centre_) / along * ray;
+    const double metre_px = view_.camera.intrinsics.fx / map_.depth[Index(x, y)];
+    const double gain = 0.5 * (view_.texels.Likelihood(x, y, front) - view_.texels.Likelihood(x, y, behind) +
+                               view_.texels.Likelihood(bx, by, front) - view_.texels.Likelihood(bx, by, behind));
+    const Vector3d outward = metre_px * view_.camera.rotation_cam_from_world.transpose() * Vector3d(bx - x, by - y, 0);
+    const double area2 = normal.squaredNorm();
+    for (int c = 0; c < 3; ++c) {
+      const Vector3d opposite = (corner((c + 2) % 3) - corner((c + 1) % 3)).cross(point - corner((c + 1) % 3));
+      const double share = std::clamp(opposite.dot(normal) / area2, 0.0, 1.0);
+      if (share == 0) continue;
+      pulls_.push_back({mesh_.faces[face][c], -weight_ * share * gain * outward,
+                        std::sqrt(weight_ * kCurvaturePerPx2 * share) * outward});
+    }
+  }
+
+  const TriangleMesh& mesh_;
+  const std::vector<int32_t>& labels_;
+  const PhotoView& view_;
+  const FaceMap& map_;
+  const double weight_;
+  const float gap_;  // of depth, relative to the nearer one
+  const Vector3d centre_;
+  std::vector<Pull> pulls_;
+};
+
+}  // namespace
+
+void AddContourTerm(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
+                      const std::vector<PhotoView>& views, const std::vector<FaceMap>& maps,
+                      const ContourOptions& options, std::vector<Vector3d>* gradient,
+                      std::vector<Matrix3d>* curvature) {
+  std::vector<std::vector<Pull>> pulls(views.size());
+  ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t v = begin; v < end; ++v) {
+      if (views[v].texels.classes == 0) continue;
+      pulls[v] = ContourView(mesh, labels, views[v], maps[v], options).Pulls();
+    }
+  });
+  std::vector<uint16_t> seen(mesh.vertices.size(), 0);  // views
+  std::vector<int32_t> last(mesh.vertices.size(), -1);
+  for (size_t v = 0; v < views.size(); ++v) {
+    for (const Pull& pull : pulls[v]) {
+      if (last[pull.vertex] != static_cast<int32_t>(v)) ++seen[pull.vertex];
+      last[pull.vertex] = static_cast<int32_t>(v);
+    }
+  }
+  for (const std::vector<Pull>& view : pulls) {
+    for (const Pull& pull : view) {
+      const double scale = 1.0 / seen[pull.vertex];
+      (*gradient)[pull.vertex] += scale * pull.gradient;
+      (*curvature)[pull.vertex] += scale * pull.root_curvature * pull.root_curvature.transpose();
+    }
+  }
+}
+
+}  // namespace tessera
