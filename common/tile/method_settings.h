@@ -18,7 +18,7 @@ inline constexpr std::array<const char*, 3> kMethods = {"tessera", "baseline", "
 // What is not set (empty for lists) is as the method has it.
 struct MethodSettings {
   std::optional<double> semantic, thin_plate, inter, contour;  // λ1 to λ4
-  std::optional<double> normal_prior, label_smoothness;          // μ1, μ2
+  std::optional<double> normal_prior, label_smoothness;        // μ1, μ2
   std::optional<double> max_step_px;
   std::optional<int> window_px, partners;
   std::optional<bool> labels_first;

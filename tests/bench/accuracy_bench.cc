@@ -37,7 +37,7 @@ struct Arguments {
   std::string blocks = "1x1", out, settings = "{}", sweep;
   SynthOptions synth;
   int rounds = 0, tiles = 1, threads = 0, leave_out = -1;
-  bool drift = false, no_folds = false;
+  bool drift = false, no_folds = false, ablation = false;
 };
 
 // A job that gets a row.
@@ -52,6 +52,24 @@ StatusOr<TriangleMesh> ReadLocalMesh(const std::string& path, const Frame& frame
   TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
   for (Eigen::Vector3d& v : content.mesh.vertices) v = frame.LocalFromScene(v);
   return std::move(content.mesh);
+}
+
+// Our method with each of its terms left out.
+StatusOr<std::vector<Variant>> MakeAblation(const Arguments& arguments) {
+  std::vector<Variant> variants;
+  const auto add = [&](const std::string& name, const nlohmann::json& change) -> Status {
+    nlohmann::json merged = nlohmann::json::parse(arguments.settings, nullptr, false);
+    merged.update(change);
+    TESSERA_ASSIGN_OR_RETURN(const MethodSettings settings, ParseMethodSettings(merged.dump()));
+    variants.push_back({name, {arguments.tiles, arguments.rounds, kMethods[0], settings}});
+    return CheckJobSettings(variants.back().settings);
+  };
+  TESSERA_RETURN_IF_ERROR(add(kMethods[0], nlohmann::json::object()));
+  for (const char* term : {"semantic", "thin_plate", "inter", "contour", "normal_prior", "label_smoothness"}) {
+    TESSERA_RETURN_IF_ERROR(add(absl::StrCat("without ", term), {{term, 0}}));
+  }
+  TESSERA_RETURN_IF_ERROR(add("without labels first", {{"labels_first", false}}));
+  return variants;
 }
 
 // "name=a,b,c" laid over the settings that all rows share, for each method; all must take them.
@@ -261,7 +279,8 @@ Status BenchLeftOut(const std::string& folder, const std::vector<Variant>& varia
 
 Status Bench(Arguments arguments) {
   const ThreadLimit limit(arguments.threads);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<Variant> variants, MakeVariants(arguments));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<Variant> variants,
+                           arguments.ablation ? MakeAblation(arguments) : MakeVariants(arguments));
   if (arguments.leave_out >= 0) {
     for (const std::string& scene : arguments.scenes) {
       TESSERA_RETURN_IF_ERROR(BenchLeftOut(scene, variants, arguments));
@@ -304,6 +323,7 @@ int main(int argc, char** argv) {
   app.add_option("--methods", a.methods)->delimiter(',')->allow_extra_args(false)->capture_default_str();
   app.add_option("--settings", a.settings, "of all methods, as JSON: {\"thin_plate\":0.5,\"levels\":[1,0]}");
   app.add_option("--sweep", a.sweep, "NAME=VALUE,VALUE,...: a row of each method for every value of a setting");
+  app.add_flag("--ablation", a.ablation, "instead of --methods: ours, and ours without each of its terms");
   app.add_option("--rounds", a.rounds, "0: the methods' own");
   app.add_option("--tiles", a.tiles)->capture_default_str();
   app.add_option("--threads", a.threads, "0: one for each core");

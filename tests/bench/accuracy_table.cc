@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 
 namespace tessera {
 namespace {
@@ -21,21 +22,38 @@ const AccuracyRow* FindRow(const AccuracyTable& table, const std::string& name) 
   return row == table.rows.end() ? nullptr : &*row;
 }
 
+// What is compared between two rows of a table; NaN if either lacks it.
+using Figure = std::function<double(const AccuracyRow&)>;
+
 double MeanDistance(const AccuracyRow& row) { return row.evaluation.surface.accuracy.mean_m; }
 
-// NaN if no scene has both rows.
-double GeometricMeanRatio(const std::vector<AccuracyTable>& tables, const std::string& row, const std::string& over,
-                          int* scenes) {
+Figure MeanDistanceOf(const AccuracyTable& table, const std::string& class_name) {
+  const auto at = std::find(table.classes.begin(), table.classes.end(), class_name) - table.classes.begin();
+  return [at](const AccuracyRow& row) {
+    const auto& by_class = row.evaluation.surface_by_class;
+    return at < static_cast<ptrdiff_t>(by_class.size()) ? by_class[at].accuracy.mean_m : std::nan("");
+  };
+}
+
+double LabelScore(const AccuracyRow& row, double LabelScores::*score) {
+  const auto& labels = row.evaluation.labels_by_pixels;
+  return labels ? labels->scores.*score : std::nan("");
+}
+
+// Mean of `compare` over the synthetic scenes that have both rows; NaN if none.
+template <class Compare>
+double MeanOver(const std::vector<AccuracyTable>& tables, const std::string& row, const std::string& other, int* scenes,
+                const Compare& compare) {
   double sum = 0;
   *scenes = 0;
   for (const AccuracyTable& table : tables) {
     const AccuracyRow* a = FindRow(table, row);
-    const AccuracyRow* b = FindRow(table, over);
+    const AccuracyRow* b = FindRow(table, other);
     if (!table.synthetic || a == nullptr || b == nullptr) continue;
-    sum += std::log(MeanDistance(*a) / MeanDistance(*b));
+    sum += compare(table, *a, *b);
     ++*scenes;
   }
-  return *scenes > 0 ? std::exp(sum / *scenes) : std::nan("");
+  return *scenes > 0 ? sum / *scenes : std::nan("");
 }
 
 }  // namespace
@@ -90,14 +108,31 @@ void PrintRatios(const std::vector<AccuracyTable>& tables) {
     }
   }
   if (names.empty()) return;
-  std::printf("\nsynthetic scenes: geometric mean of the ratios of mean distances to the truth\n");
-  std::printf("%-44s|%8s|%10s|%7s\n", "", "/ start", "/ baseline", "scenes");
+  std::printf(
+      "\nsynthetic scenes: geometric mean of the ratios of mean distances to the truth, points of labels gained\n");
+  std::printf("%-44s|%8s|%10s%8s%8s|%8s%8s|%7s\n", "", "/ start", "/ baseline", "facade", "roof", "OA", "AA", "scenes");
   for (const std::string& name : names) {
     int scenes = 0, with_baseline = 0;
+    const auto ratio = [&](const std::string& over, int* count, const std::string& class_name) {
+      return std::exp(MeanOver(tables, name, over, count, [&](const auto& table, const auto& a, const auto& b) {
+        const Figure figure = class_name.empty() ? Figure(MeanDistance) : MeanDistanceOf(table, class_name);
+        return std::log(figure(a) / figure(b));
+      }));
+    };
+    const auto gain = [&](double LabelScores::*score) {
+      return 100 * MeanOver(tables, name, "start", &scenes, [&](const auto&, const auto& a, const auto& b) {
+               return LabelScore(a, score) - LabelScore(b, score);
+             });
+    };
     std::printf("%-44.44s|", name.c_str());
-    PrintNumber(GeometricMeanRatio(tables, name, "start", &scenes), 3);
+    PrintNumber(ratio("start", &scenes, ""), 3);
     std::printf("|  ");
-    PrintNumber(GeometricMeanRatio(tables, name, "baseline", &with_baseline), 3);
+    PrintNumber(ratio("baseline", &with_baseline, ""), 3);
+    PrintNumber(ratio("baseline", &with_baseline, "facade"), 3);
+    PrintNumber(ratio("baseline", &with_baseline, "roof"), 3);
+    std::printf("|");
+    PrintNumber(gain(&LabelScores::overall_accuracy), 2);
+    PrintNumber(gain(&LabelScores::average_accuracy), 2);
     std::printf("|%7d\n", scenes);
   }
   std::fflush(stdout);

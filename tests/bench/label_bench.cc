@@ -82,9 +82,8 @@ StatusOr<std::vector<ScoredView>> LoadViews(const SceneDescription& scene) {
       views[v].truth = UndistortLabels(truth, view.lens);
     }
     if (view.likelihood_path.empty()) continue;
-    TESSERA_ASSIGN_OR_RETURN(
-        views[v].likelihoods,
-        ReadLikelihoods(scene.folder + "/" + view.likelihood_path, static_cast<int>(scene.classes.size()), view.lens));
+    TESSERA_ASSIGN_OR_RETURN(views[v].likelihoods, ReadLikelihoods(scene.folder + "/" + view.likelihood_path,
+                                                                   static_cast<int>(scene.classes.size()), view.lens));
     views[v].mapping = {static_cast<double>(views[v].likelihoods.width) / pinhole.width,
                         static_cast<double>(views[v].likelihoods.height) / pinhole.height, 0, 0};
     views[v].argmax = Argmax(views[v].likelihoods, views[v].mapping, pinhole.width, pinhole.height);
@@ -108,9 +107,7 @@ Score ScoreViews(const std::vector<ScoredView>& views, int classes,
   return score;
 }
 
-void PrintHeader() {
-  std::printf("%-30s|%7s%7s%7s|%9s%7s|%7s\n", "", "OA", "AA", "mIoU", "3D/2D", "worst", "CPU s");
-}
+void PrintHeader() { std::printf("%-30s|%7s%7s%7s|%9s%7s|%7s\n", "", "OA", "AA", "mIoU", "3D/2D", "worst", "CPU s"); }
 
 void PrintScore(const std::string& name, const Score& score, const Score& alone, double cpu_s) {
   const LabelScores scores = ScoreLabels(score.confusion);
@@ -156,8 +153,7 @@ TriangleMesh Halved(const TriangleMesh& mesh) {
   halved.vertices = mesh.vertices;
   std::map<std::pair<uint32_t, uint32_t>, uint32_t> middles;
   const auto middle = [&](uint32_t a, uint32_t b) {
-    const auto [at, made] =
-        middles.try_emplace(std::minmax(a, b), static_cast<uint32_t>(halved.vertices.size()));
+    const auto [at, made] = middles.try_emplace(std::minmax(a, b), static_cast<uint32_t>(halved.vertices.size()));
     if (made) halved.vertices.push_back(0.5 * (mesh.vertices[a] + mesh.vertices[b]));
     return at->second;
   };
@@ -227,30 +223,34 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
 
   {
     double px = 0, area = 0;
-    for (size_t f = 0; f < mesh.faces.size(); ++f) { px += sums.pixels[f]; area += FaceArea(mesh, f); }
+    for (size_t f = 0; f < mesh.faces.size(); ++f) {
+      px += sums.pixels[f];
+      area += FaceArea(mesh, f);
+    }
     std::printf("pixels per gsd2 %.2f\n", px * gsd_m * gsd_m / area);
   }
   const auto solve = [&](const std::string& name, const LabelOptions& options) {
-    const LabelField field =
-        BuildLabelField(mesh, edges, sums, scene.classes, scene.up_in_local, gsd_m, options);
-    const std::vector<int32_t> start =
-        mesh.labels.empty() ? std::vector<int32_t>(mesh.faces.size(), -1) : mesh.labels;
+    const LabelField field = BuildLabelField(mesh, edges, sums, scene.classes, scene.up_in_local, gsd_m, options);
+    const std::vector<int32_t> start = mesh.labels.empty() ? std::vector<int32_t>(mesh.faces.size(), -1) : mesh.labels;
     start_s = CpuSeconds();
     const Labelling solved = SolveLabels(field, start, arguments.solver);
     print(name, solved.labels, CpuSeconds() - start_s);
     if (!arguments.expansion) return;
     const double best = std::min(solved.energy, LabelEnergy(field, ExpandLabels(field, solved.labels)));
     const double expanded = LabelEnergy(field, ExpandLabels(field, LeastOf(field.unary, classes)));
-    std::printf("    energy: start %.1f, ours %.1f, expansion from the unary's best %.1f, from ours %.1f; gap %.4f %%\n",
-                solved.start_energy, solved.energy, expanded, best,
-                100 * (solved.energy - std::min(best, expanded)) / (solved.start_energy - std::min(best, expanded)));
+    std::printf(
+        "    energy: start %.1f, ours %.1f, expansion from the unary's best %.1f, from ours %.1f; gap %.4f %%\n",
+        solved.start_energy, solved.energy, expanded, best,
+        100 * (solved.energy - std::min(best, expanded)) / (solved.start_energy - std::min(best, expanded)));
   };
   solve("field", arguments.label);
   if (!arguments.pictures.empty()) {
     const std::vector<int32_t> l = LeastOf(negated, classes);
     for (size_t v = 0; v < views.size(); ++v) {
       if (views[v].truth.empty()) continue;
-      TESSERA_RETURN_IF_ERROR(DrawErrors(views[v], maps[v], l, classes, absl::StrCat(arguments.pictures, "/", fs::path(scene.views[v].name).stem().string(), ".png")));
+      TESSERA_RETURN_IF_ERROR(
+          DrawErrors(views[v], maps[v], l, classes,
+                     absl::StrCat(arguments.pictures, "/", fs::path(scene.views[v].name).stem().string(), ".png")));
     }
   }
   LabelOptions options = arguments.label;

@@ -154,8 +154,9 @@ Picture Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedCam
   return picture;
 }
 
-ByteImage LikelihoodsOf(const LabelImage& labels) {
-  ByteImage pages(labels.width, labels.height, 3, 25);
+ByteImage LikelihoodsOf(const LabelImage& labels, bool absent_class) {
+  ByteImage pages(labels.width, labels.height, absent_class ? 4 : 3, 25);
+  if (absent_class) std::fill_n(pages.plane(3), pages.plane_size(), 0);
   for (size_t i = 0; i < labels.data.size(); ++i) {
     if (labels.data[i] < 3) pages.plane(labels.data[i])[i] = 200;
   }
@@ -254,7 +255,7 @@ TinyScene WriteTinyScene(const std::string& folder, const TinySceneOptions& opti
     }
     Require(WritePng(folder + "/images/" + scene.image_names[i], grey));
     const std::string stem = absl::StrCat(folder, "/likelihoods/view", i);
-    const ByteImage pages = LikelihoodsOf(picture.labels);
+    const ByteImage pages = LikelihoodsOf(picture.labels, options.absent_class);
     if (options.likelihoods == Likelihoods::kTiff) Require(WriteLikelihoodTiff(stem + ".tif", pages));
     if (options.likelihoods == Likelihoods::kNpy) WriteText(stem + ".npy", NpyOf(pages));
     if (options.likelihoods == Likelihoods::kLabelPng) {
@@ -267,9 +268,8 @@ TinyScene WriteTinyScene(const std::string& folder, const TinySceneOptions& opti
   if (!options.labels) scene.mesh.labels.clear();
   Require(WritePly(folder + "/mesh.ply", scene.mesh));
   WriteText(folder + "/scene.json",
-            "{\n  \"tessera_scene\": 1,\n  \"classes\": [\"ground\", \"facade\", \"roof\"],\n"
-            "  \"crs\": " +
-                options.crs_json + "\n}\n");
+            absl::StrCat("{\n  \"tessera_scene\": 1,\n  \"classes\": [\"ground\", \"facade\", \"roof\"",
+                         options.absent_class ? ", \"vegetation\"" : "", "],\n  \"crs\": ", options.crs_json, "\n}\n"));
   return scene;
 }
 

@@ -17,6 +17,7 @@ struct TinySceneOptions {
   enum class Likelihoods { kTiff, kNpy, kLabelPng, kNone };
   Likelihoods likelihoods = Likelihoods::kTiff;
   bool labels = true;                                // of the mesh
+  bool absent_class = false;                         // a fourth one, of likelihood 0 everywhere (kTiff, kNpy)
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();  // of the whole scene in its coordinates
   std::string crs_json = R"({"type": "local"})";
   double k1 = 0, k2 = 0;  // OPENCV distortion of the photographs

@@ -33,8 +33,8 @@ struct LabelOptions {
   // metres (Bláha et al. 2017, section 3.2).
   enum class Form { kTessera, kPaper };
   Form form = Form::kTessera;
-  double prior_weight = 0.35;      // μ1
-  double smoothness_weight = 0.25;  // μ2; kPaper: 0.5 in the paper
+  double prior_weight = 0.35;       // μ1
+  double smoothness_weight = 0.25;  // μ2; the paper has 0.5
   double unsure_pixels = 1;         // kTessera: each class gets the likelihoods of so many pixels more for an area A0
   double floor = 1e-3;              // no likelihood is taken to be less than this
 };

@@ -27,8 +27,13 @@ class ContourView {
  public:
   ContourView(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const PhotoView& view, const FaceMap& map,
               const ContourOptions& options)
-      : mesh_(mesh), labels_(labels), view_(view), map_(map), weight_(options.weight),
-        gap_(static_cast<float>(options.gap_px / view.camera.intrinsics.fx)), centre_(view.camera.Centre()) {}
+      : mesh_(mesh),
+        labels_(labels),
+        view_(view),
+        map_(map),
+        weight_(options.weight),
+        gap_(static_cast<float>(options.gap_px / view.camera.intrinsics.fx)),
+        centre_(view.camera.Centre()) {}
 
   std::vector<Pull> Pulls() {
     for (int y = 0; y < map_.height; ++y) {
@@ -69,10 +74,14 @@ class ContourView {
     const double along = normal.dot(ray);
     if (along == 0) return;
     const Vector3d point = centre_ + normal.dot(corner(0) - centre_) / along * ray;
-    const double metre_px = view_.camera.intrinsics.fx / map_.depth[Index(x, y)];
     const double gain = 0.5 * (view_.texels.Likelihood(x, y, front) - view_.texels.Likelihood(x, y, behind) +
                                view_.texels.Likelihood(bx, by, front) - view_.texels.Likelihood(bx, by, behind));
-    const Vector3d outward = metre_px * view_.camera.rotation_cam_from_world.transpose() * Vector3d(bx - x, by - y, 0);
+    // How far outward the contour goes in the image, pixels, when the point moves a metre.
+    const PinholeCamera& k = view_.camera.intrinsics;
+    const Vector3d seen = view_.camera.CameraFromWorld(point);
+    const double right = k.fx * (bx - x) / seen.z(), down = k.fy * (by - y) / seen.z();
+    const Vector3d outward = view_.camera.rotation_cam_from_world.transpose() *
+                             Vector3d(right, down, -(right * seen.x() + down * seen.y()) / seen.z());
     const double area2 = normal.squaredNorm();
     for (int c = 0; c < 3; ++c) {
       const Vector3d opposite = (corner((c + 2) % 3) - corner((c + 1) % 3)).cross(point - corner((c + 1) % 3));
@@ -95,10 +104,9 @@ class ContourView {
 
 }  // namespace
 
-void AddContourTerm(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
-                      const std::vector<PhotoView>& views, const std::vector<FaceMap>& maps,
-                      const ContourOptions& options, std::vector<Vector3d>* gradient,
-                      std::vector<Matrix3d>* curvature) {
+void AddContourTerm(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const std::vector<PhotoView>& views,
+                    const std::vector<FaceMap>& maps, const ContourOptions& options, std::vector<Vector3d>* gradient,
+                    std::vector<Matrix3d>* curvature) {
   std::vector<std::vector<Pull>> pulls(views.size());
   ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t v = begin; v < end; ++v) {

@@ -7,6 +7,7 @@ namespace {
 // semantic=...); the paper gives none of its weights.
 constexpr double kSemantic = 0.1, kInter = 0.1, kContour = 0.5;
 constexpr int kPaperRounds = 5;
+constexpr double kPaperLabelSmoothness = 0.5;  // μ2 of the paper
 
 template <class Value, class Option>
 void Override(const std::optional<Value>& value, Option* option) {
@@ -48,6 +49,7 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
     options.geometry.mixed = 0;
     options.geometry.contour = 0;
     options.label.form = LabelOptions::Form::kPaper;
+    options.label.smoothness_weight = kPaperLabelSmoothness;
   }
   if (parameters.rounds > 0) options.rounds = parameters.rounds;
   Apply(parameters.settings, &options);

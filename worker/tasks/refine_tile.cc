@@ -17,21 +17,17 @@ TriangleMesh Shifted(TriangleMesh mesh, const Eigen::Vector3d& origin) {
   return mesh;
 }
 
-// The labelling of the mesh as it is now.
-StatusOr<Labelling> LabelMesh(const TilePackage& package, const TriangleMesh& mesh, const TriangleMesh& occluders,
-                              const std::vector<MeshEdge>& edges, const std::vector<TileView>& views,
-                              const std::vector<int32_t>& start, const TileRefineOptions& options,
-                              const TaskControl& control) {
-  FaceLikelihoods sums(mesh.faces.size(), static_cast<int>(package.classes.size()));
+// What the views say of the mesh as it is now.
+StatusOr<FaceLikelihoods> CollectLikelihoods(const TriangleMesh& mesh, const TriangleMesh& occluders, int classes,
+                                             const std::vector<TileView>& views, const TaskControl& control) {
+  FaceLikelihoods sums(mesh.faces.size(), classes);
   for (size_t v = 0; v < views.size(); ++v) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.8 * static_cast<double>(v) / views.size(), "collecting likelihoods");
     if (views[v].likelihoods.empty()) continue;
     AddLikelihoods(RasterizeFaces(mesh, &occluders, views[v].camera), views[v].likelihoods, views[v].mapping, &sums);
   }
-  control.Report(0.8, "labelling");
-  return SolveLabels(BuildLabelField(mesh, edges, sums, package.classes, package.up, package.gsd_m, options.label),
-                     start, options.solver);
+  return sums;
 }
 
 // Beliefs of labels that nothing was asked about: they stay.
@@ -50,9 +46,10 @@ int64_t CountDifferent(const std::vector<int32_t>& a, const std::vector<int32_t>
 }
 
 RefineProblem MakeProblem(const TilePackage& package, const TriangleMesh& mesh_in_tile,
-                          const std::vector<TileView>& views) {
+                          const std::vector<TileView>& views, bool knows_labels) {
   RefineProblem problem;
   problem.mesh = mesh_in_tile;
+  if (!knows_labels) problem.mesh.labels.clear();
   problem.fixed_vertices = package.fixed;
   problem.occluders = Shifted(package.occluders, package.origin);
   problem.gsd_m = package.gsd_m;
@@ -60,7 +57,7 @@ RefineProblem MakeProblem(const TilePackage& package, const TriangleMesh& mesh_i
   std::vector<int> loaded(package.views.size(), -1);
   for (size_t v = 0; v < views.size(); ++v) {
     loaded[views[v].view] = static_cast<int>(v);
-    const FloatImage* likelihoods = views[v].likelihoods.empty() ? nullptr : &views[v].likelihoods;
+    const FloatImage* likelihoods = knows_labels && !views[v].likelihoods.empty() ? &views[v].likelihoods : nullptr;
     problem.views.push_back({views[v].camera, &views[v].luminance, likelihoods, views[v].mapping});
   }
   for (const auto& [reference, other] : package.pairs) {
@@ -78,7 +75,9 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
   const bool label = package.has_likelihoods && classes > 1;
   TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(mesh_in_tile));
   const std::vector<MeshEdge> edges = EdgeList(topology);
-  RefineProblem problem = MakeProblem(package, mesh_in_tile, views);
+  // One class is no class: what it could say is the same everywhere.
+  const bool geometry_knows_labels = options.geometry_knows_labels && classes > 1;
+  RefineProblem problem = MakeProblem(package, mesh_in_tile, views, geometry_knows_labels);
 
   TileRefinement refinement;
   TileResult& result = refinement.result;
@@ -88,11 +87,17 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
   result.face_ids = package.face_ids;
   result.labels = package.mesh.labels;
   result.beliefs = CertainBeliefs(result.labels, classes);
+  result.seen.assign(result.labels.size(), 1);  // labels that are carried through are not inferred
 
   const auto solve_labels = [&](const TaskControl& part, json* report) -> Status {
     const int64_t start_us = clock.MonotonicUs();
-    TESSERA_ASSIGN_OR_RETURN(Labelling labelling, LabelMesh(package, problem.mesh, problem.occluders, edges, views,
-                                                            result.labels, options, part));
+    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums,
+                             CollectLikelihoods(problem.mesh, problem.occluders, classes, views, part));
+    part.Report(0.8, "labelling");
+    Labelling labelling = SolveLabels(
+        BuildLabelField(problem.mesh, edges, sums, package.classes, package.up, package.gsd_m, options.label),
+        result.labels, options.solver);
+    for (size_t f = 0; f < result.seen.size(); ++f) result.seen[f] = sums.pixels[f] > 0;
     (*report)["label_energy_start"] = labelling.start_energy;
     (*report)["label_energy_end"] = labelling.energy;
     (*report)["label_changes"] = CountDifferent(result.labels, labelling.labels);
@@ -105,7 +110,7 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
   json tile_report = {{"faces", mesh_in_tile.faces.size()}, {"views", views.size()}};
   // A start without any labels is given some first, for the geometry that asks for them (paper, section 3).
   const bool unlabelled = std::all_of(result.labels.begin(), result.labels.end(), [](int32_t l) { return l < 0; });
-  const bool labels_first = label && (options.labels_first || (options.geometry_knows_labels && unlabelled));
+  const bool labels_first = label && (options.labels_first || (geometry_knows_labels && unlabelled));
   const double begin = labels_first ? 0.1 : 0;  // share of the work before the rounds
   if (labels_first) TESSERA_RETURN_IF_ERROR(solve_labels(PartOf(control, 0, begin), &tile_report["labels_first"]));
   json rounds = json::array();
@@ -114,7 +119,7 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
     json report = json::object();
     const int64_t geometry_start_us = clock.MonotonicUs();
     if (!problem.pairs.empty()) {
-      problem.mesh.labels = options.geometry_knows_labels ? result.labels : std::vector<int32_t>();
+      if (geometry_knows_labels) problem.mesh.labels = result.labels;
       if (round > 0) problem.start = mesh_in_tile.vertices;
       std::vector<Eigen::Vector3d> moved;
       const TaskControl part = PartOf(control, low, low + 0.85 * (high - low));

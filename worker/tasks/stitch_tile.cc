@@ -117,6 +117,7 @@ Status Stitcher::BlendVertices(TileCore* core, SeamResidual* seam) const {
 Status Stitcher::BlendFaces(TileCore* core, SeamResidual* seam) const {
   const int classes = static_cast<int>(package_.classes.size());
   std::vector<float> beliefs;
+  std::vector<uint8_t> seen;
   for (size_t f = 0; f < package_.core.size(); ++f) {
     if (!package_.core[f]) continue;
     const uint32_t id = package_.face_ids[f];
@@ -125,6 +126,7 @@ Status Stitcher::BlendFaces(TileCore* core, SeamResidual* seam) const {
     std::vector<double> sum(classes, 0.0);
     double total = 0;
     int tiles = 0;
+    bool is_seen = false;
     int32_t first_label = -1;
     for (size_t r = 0; r < results_.size(); ++r) {
       const double weight = Weight(r, centroid);
@@ -137,6 +139,7 @@ Status Stitcher::BlendFaces(TileCore* core, SeamResidual* seam) const {
         seam->label_differences += results_[r].labels[at] != first_label;
       }
       total += weight;
+      is_seen |= results_[r].seen[at] != 0;
       for (int l = 0; l < classes; ++l) sum[l] += weight * results_[r].beliefs[static_cast<size_t>(at) * classes + l];
     }
     if (tiles == 0) return Missing("face", id);
@@ -145,10 +148,14 @@ Status Stitcher::BlendFaces(TileCore* core, SeamResidual* seam) const {
     // A face that nobody labelled (label -1) has equal beliefs everywhere, and stays so.
     core->labels.push_back(first_label < 0 ? -1 : static_cast<int32_t>(best));
     for (int l = 0; l < classes; ++l) beliefs.push_back(static_cast<float>((sum[l] - sum[best]) / total));
+    seen.push_back(is_seen);
   }
   std::vector<int32_t> known = core->labels;
   for (int32_t& label : known) label = std::max(label, 0);
   core->confidence = LabelConfidence(classes, beliefs, known);
+  for (size_t f = 0; f < seen.size(); ++f) {
+    if (!seen[f]) core->confidence[f] = 0;
+  }
   return absl::OkStatus();
 }
 

@@ -91,6 +91,7 @@ Status WriteTileResult(const std::string& path, const TileResult& r) {
   PutPoints(r.displacements, "displacements", &file);
   file.arrays["labels"] = r.labels;
   file.arrays["beliefs"] = r.beliefs;
+  file.arrays["seen"] = r.seen;
   return WriteArrayFile(path, file);
 }
 
@@ -109,6 +110,7 @@ StatusOr<TileResult> ReadTileResult(const std::string& path) {
                            TakePoints("displacements", static_cast<int64_t>(r.vertex_ids.size()), &file));
   TESSERA_ASSIGN_OR_RETURN(r.labels, file.Take<int32_t>("labels", faces));
   TESSERA_ASSIGN_OR_RETURN(r.beliefs, file.Take<float>("beliefs", faces * r.classes));
+  TESSERA_ASSIGN_OR_RETURN(r.seen, file.Take<uint8_t>("seen", faces));
   return r;
 }
 

@@ -46,6 +46,7 @@ struct TileResult {
   std::vector<int32_t> labels;                 // best labels
   int classes = 0;
   std::vector<float> beliefs;  // faces x classes, costs, 0 for the best
+  std::vector<uint8_t> seen;   // faces: 0 if the label is its neighbours' word, for no view with likelihoods shows it
   std::string report = "{}";   // JSON for the job's report; deterministic, so no seconds
 };
 
@@ -59,7 +60,7 @@ struct TileCore {
   std::vector<Eigen::Vector3d> positions;
   std::vector<uint32_t> face_ids;  // global, ascending
   std::vector<int32_t> labels;
-  std::vector<float> confidence;
+  std::vector<float> confidence;  // in [0, 1] (LabelConfidence); 0 where no view shows the face
   std::string report = "{}";  // the tile's, and what the seam looked like
 };
 

@@ -29,6 +29,7 @@ StatusOr<TaskOutcome> StandStill(const TaskRequest& request) {
   for (const int32_t label : result.labels) {
     for (int l = 0; l < result.classes; ++l) result.beliefs.push_back(l == label ? 0.0f : 1.0f);
   }
+  result.seen.assign(result.labels.size(), 1);
   TESSERA_RETURN_IF_ERROR(WriteTileResult(request.output_dir + "/" + kResultFile, result));
   return TaskOutcome{{kResultFile}, "{}", {}};
 }
@@ -149,6 +150,43 @@ TEST(Line, WithoutBothThereIsOneClass) {
   const auto result = ReadPly(RunScene(folder, "work", 2, {}) + "/" + kMeshFile);
   ASSERT_TRUE(result.ok()) << result.status();
   for (const int32_t label : result->mesh.labels) EXPECT_EQ(label, 0);
+}
+
+std::string RunMethod(const std::string& folder, const std::string& method) {
+  JobSettings settings;
+  settings.tiles = 2;
+  settings.method = method;
+  settings.method_settings.levels = {1, 0};
+  settings.method_settings.iterations = {2, 2};
+  const auto tasks = RunLine(folder, folder + "/" + method, settings);
+  EXPECT_TRUE(tasks.ok()) << tasks.status();
+  return tasks.ok() ? tasks->back().output_dir + "/" + kMeshFile : "";
+}
+
+TEST(Line, WithOneClassTheMethodIsTheBaseline) {
+  TinySceneOptions options;
+  options.likelihoods = TinySceneOptions::Likelihoods::kNone;
+  options.labels = false;
+  const std::string folder = FreshTestFolder("one_class_methods");
+  WriteTinyScene(folder, options);
+  const auto ours = ReadFile(RunMethod(folder, "tessera")), baseline = ReadFile(RunMethod(folder, "baseline"));
+  ASSERT_TRUE(ours.ok() && baseline.ok());
+  EXPECT_EQ(*ours, *baseline);
+}
+
+TEST(Line, AClassThatIsNowhereChangesNothing) {
+  PlyContent results[2];
+  for (const bool absent : {false, true}) {
+    TinySceneOptions options;
+    options.absent_class = absent;
+    const std::string folder = FreshTestFolder(absent ? "absent" : "present");
+    WriteTinyScene(folder, options);
+    auto result = ReadPly(RunMethod(folder, "tessera"));
+    ASSERT_TRUE(result.ok()) << result.status();
+    results[absent] = *std::move(result);
+  }
+  EXPECT_EQ(results[0].mesh.labels, results[1].mesh.labels);
+  EXPECT_EQ(results[0].mesh.vertices, results[1].mesh.vertices);
 }
 
 TEST(Line, EveryFaultOfTheSceneIsInOneMessage) {

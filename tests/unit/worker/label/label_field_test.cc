@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "worker/label/belief_propagation.h"
@@ -60,15 +61,79 @@ TEST(LabelField, EnergyDoesNotDependOnHowFinelyTheMeshIsSplit) {
     std::vector<int32_t> labels;
     for (size_t f = 0; f < mesh.faces.size(); ++f) {
       const bool left = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)).x() / 3 < 1;
-      sums.pixels[f] = 1e5f;
-      sums.sum[3 * f] = left ? 7e4f : 2e4f;
-      sums.sum[3 * f + 1] = left ? 1e4f : 3e4f;
-      sums.sum[3 * f + 2] = left ? 2e4f : 5e4f;
+      const float pixels = 400.0f / static_cast<float>(mesh.faces.size());
+      sums.pixels[f] = pixels;
+      sums.sum[3 * f] = pixels * (left ? 0.7f : 0.2f);
+      sums.sum[3 * f + 1] = pixels * (left ? 0.1f : 0.3f);
+      sums.sum[3 * f + 2] = pixels * (left ? 0.2f : 0.5f);
       labels.push_back(left ? 1 : 2);
     }
     energies[fine] = LabelEnergy(FieldOf(mesh, sums), labels);
   }
   EXPECT_NEAR(energies[1], energies[0], 1e-4 * energies[0]);
+}
+
+TEST(LabelField, ClassWithoutLikelihoodChangesNoOther) {
+  const TriangleMesh mesh = MakeGrid(2, 1, Eigen::Vector3d::UnitY());
+  std::vector<SceneClass> more = MakeClasses();
+  more.push_back({"water", {}, 10 * kDegree, 0, 1});
+  FaceLikelihoods three(mesh.faces.size(), 3), four(mesh.faces.size(), 4);
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    three.pixels[f] = four.pixels[f] = 3.0f * f;
+    for (int l = 0; l < 3; ++l) three.sum[3 * f + l] = four.sum[4 * f + l] = 0.5f * f * (l + 1);
+  }
+  const LabelField field = FieldOf(mesh, three);
+  const LabelField same =
+      BuildLabelField(mesh, EdgesOf(mesh), four, more, Eigen::Vector3d::UnitZ(), 0.1, LabelOptions());
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (int l = 0; l < 3; ++l) EXPECT_EQ(same.unary[4 * f + l], field.unary[3 * f + l]);
+  }
+}
+
+// The same evidence on a mesh that is split once more gives the same labels, whatever the few pixels of a face.
+TEST(LabelField, LabelsDoNotDependOnHowFinelyTheMeshIsSplit) {
+  std::vector<int32_t> coarse;
+  for (const int n : {12, 24}) {
+    const TriangleMesh mesh = MakeGrid(n, 4, Eigen::Vector3d::UnitY());
+    const float pixels = 7.0f * 288 / static_cast<float>(mesh.faces.size());
+    FaceLikelihoods sums(mesh.faces.size(), 3);
+    for (size_t f = 0; f < mesh.faces.size(); ++f) {
+      // A disc of class 2 on class 0, which the photographs are not sure of.
+      const Eigen::Vector3d p = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
+      const bool disc = (p - Eigen::Vector3d(2, 2, 0)).norm() < 1.1;
+      sums.pixels[f] = pixels;
+      for (int l = 0; l < 3; ++l) sums.sum[3 * f + l] = pixels * (l == (disc ? 2 : 0) ? 0.5f : 0.25f);
+    }
+    const LabelField field = FieldOf(mesh, sums);
+    const std::vector<int32_t> labels = SolveLabels(field, std::vector<int32_t>(mesh.faces.size(), -1), {}).labels;
+    if (coarse.empty()) {
+      coarse = labels;
+      continue;
+    }
+    // By area at the centres of the fine faces.
+    int same = 0;
+    for (size_t f = 0; f < mesh.faces.size(); ++f) {
+      const Eigen::Vector3d p = 12 / 4.0 * (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
+      const int x = static_cast<int>(p.x()), y = static_cast<int>(p.y());
+      const bool upper = p.y() - y > p.x() - x;
+      same += coarse[2 * (12 * y + x) + upper] == labels[f];
+    }
+    EXPECT_GT(same, 0.97 * mesh.faces.size());  // the disc's own stairs differ
+    EXPECT_GT(std::count(labels.begin(), labels.end(), 2), 0);
+  }
+}
+
+// Five photographs of a roof, one of which is sure that it is something else.
+TEST(LabelField, OneViewsGrossErrorDoesNotDecide) {
+  const TriangleMesh mesh = MakeGrid(1, 1, Eigen::Vector3d::UnitY());
+  FaceLikelihoods sums(2, 3);
+  for (int f = 0; f < 2; ++f) {
+    sums.pixels[f] = 50;
+    sums.sum[3 * f] = 40 * 0.5f;
+    sums.sum[3 * f + 1] = 40 * 0.3f;
+    sums.sum[3 * f + 2] = 40 * 0.2f + 10;
+  }
+  EXPECT_EQ(SolveLabels(FieldOf(mesh, sums), {-1, -1}, {}).labels, (std::vector<int32_t>{0, 0}));
 }
 
 TEST(LabelField, FewPixelsWeighLess) {
@@ -101,6 +166,7 @@ TEST(LabelField, PaperFormCountsSquareMetresAndPlainSums) {
   sums.sum = {5, 3, 2, 5, 3, 2};
   LabelOptions options;
   options.form = LabelOptions::Form::kPaper;
+  options.smoothness_weight = 0.5;
   const LabelField field = FieldOf(mesh, sums, options);
   EXPECT_NEAR(field.unary[0], -std::log(5.0), 1e-6);
   EXPECT_NEAR(field.unary[1], -std::log(3.0) + 0.35 * 2, 1e-6);

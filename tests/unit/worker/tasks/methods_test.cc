@@ -45,6 +45,11 @@ TEST(Methods, EachHasItsTerms) {
   EXPECT_GT(paper.geometry.semantic, 0);
   EXPECT_GT(paper.geometry.inter, 0);
   EXPECT_EQ(paper.geometry.mixed, 0);
+  EXPECT_GT(ours.geometry.contour, 0);
+  EXPECT_EQ(baseline.geometry.contour, 0);
+  EXPECT_EQ(paper.geometry.contour, 0);
+  EXPECT_EQ(paper.label.prior_weight, 0.35);
+  EXPECT_EQ(paper.label.smoothness_weight, 0.5);
   EXPECT_THAT(paper.geometry.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
                                                   ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
   EXPECT_EQ(paper.label.form, LabelOptions::Form::kPaper);
@@ -69,6 +74,9 @@ TEST(Methods, StandardsAreThoseOfTheMethod) {
   EXPECT_EQ(same.geometry.semantic, ours.geometry.semantic);
   EXPECT_EQ(same.geometry.thin_plate, ours.geometry.thin_plate);
   EXPECT_EQ(same.geometry.inter, ours.geometry.inter);
+  EXPECT_EQ(same.geometry.contour, ours.geometry.contour);
+  EXPECT_EQ(same.label.prior_weight, ours.label.prior_weight);
+  EXPECT_EQ(same.label.smoothness_weight, ours.label.smoothness_weight);
   EXPECT_EQ(same.geometry.max_step_px, ours.geometry.max_step_px);
   EXPECT_EQ(same.geometry.window_px, ours.geometry.window_px);
   EXPECT_EQ(same.geometry.partners, ours.geometry.partners);
@@ -82,6 +90,9 @@ TEST(Methods, SettingsGoOverThem) {
   settings.semantic = 11;
   settings.thin_plate = 12;
   settings.inter = 13;
+  settings.contour = 14;
+  settings.normal_prior = 15;
+  settings.label_smoothness = 16;
   settings.max_step_px = 0.5;
   settings.window_px = 5;
   settings.partners = 9;
@@ -94,6 +105,9 @@ TEST(Methods, SettingsGoOverThem) {
   EXPECT_EQ(options.geometry.semantic, 11);
   EXPECT_EQ(options.geometry.thin_plate, 12);
   EXPECT_EQ(options.geometry.inter, 13);
+  EXPECT_EQ(options.geometry.contour, 14);
+  EXPECT_EQ(options.label.prior_weight, 15);
+  EXPECT_EQ(options.label.smoothness_weight, 16);
   EXPECT_EQ(options.geometry.max_step_px, 0.5);
   EXPECT_EQ(options.geometry.window_px, 5);
   EXPECT_EQ(options.geometry.partners, 9);

@@ -85,6 +85,7 @@ TileResult ResultOf(const TilePackage& package, const Displace& displace) {
   for (const int32_t label : result.labels) {
     for (int l = 0; l < result.classes; ++l) result.beliefs.push_back(l == label ? 0.0f : 1.0f);
   }
+  result.seen.assign(result.labels.size(), 1);
   return result;
 }
 
@@ -177,6 +178,26 @@ TEST(Tiling, WhatAllTilesAgreeOnIsKept) {
     const Eigen::Vector3d expected = tiny.city.mesh.vertices[v] + move(static_cast<uint32_t>(v));
     EXPECT_NEAR((merged.vertices[v] - expected).norm(), 0, 1e-9);
   }
+}
+
+TEST(Tiling, FacesThatNoViewShowsHaveNoConfidence) {
+  const TinyCity tiny = MakeCity();
+  Random random(5);
+  const Tiled tiled = CutAll(tiny, RandomTiles(tiny.survey, &random));
+  const uint32_t unseen = tiled.packages[0].face_ids[0];
+  std::vector<TileResult> results;
+  for (const TilePackage& package : tiled.packages) {
+    results.push_back(ResultOf(package, [](size_t) { return Eigen::Vector3d::Zero(); }));
+    for (size_t f = 0; f < package.face_ids.size(); ++f) results.back().seen[f] = package.face_ids[f] != unseen;
+  }
+  int found = 0;
+  for (const TileCore& core : StitchAll(tiled, results)) {
+    for (size_t f = 0; f < core.face_ids.size(); ++f) {
+      EXPECT_EQ(core.confidence[f] == 0, core.face_ids[f] == unseen);
+      found += core.face_ids[f] == unseen;
+    }
+  }
+  EXPECT_EQ(found, 1);
 }
 
 TEST(Tiling, MergerRefusesGapsOverlapsAndCracks) {

@@ -1,0 +1,239 @@
+#include "worker/refine/contour_term.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+
+#include "common/base/parallel.h"
+#include "worker/refine/refine.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr int kGround = 0, kBall = 1;
+constexpr double kFocal_px = 200, kPi = 3.14159265358979323846;
+constexpr int kAround = 48, kRows = 24;
+const Vector3d kCentre(0, 0, 4.5);
+
+// A ball of 3 m above level ground; the ground's vertices and faces first.
+struct Bed {
+  TriangleMesh mesh;
+  std::vector<int32_t> labels;
+  uint32_t first_ball_vertex = 4;
+
+  Bed() {
+    for (const double y : {-20.0, 20.0}) {
+      for (const double x : {-20.0, 20.0}) mesh.vertices.push_back({x, y, 0});
+    }
+    mesh.faces = {{0, 1, 3}, {0, 3, 2}};
+    for (const double z : {3.0, -3.0}) mesh.vertices.push_back(kCentre + z * Vector3d::UnitZ());
+    for (int row = 1; row < kRows; ++row) {
+      const double height = std::cos(kPi * row / kRows), radius = std::sin(kPi * row / kRows);
+      for (int k = 0; k < kAround; ++k) {
+        const double angle = 2 * kPi * k / kAround;
+        mesh.vertices.push_back(kCentre + 3 * Vector3d(radius * std::cos(angle), radius * std::sin(angle), height));
+      }
+    }
+    const auto at = [](int row, int k) { return RingVertex(row, k % kAround); };
+    for (int k = 0; k < kAround; ++k) {
+      mesh.faces.push_back({4, at(1, k), at(1, k + 1)});
+      mesh.faces.push_back({5, at(kRows - 1, k + 1), at(kRows - 1, k)});
+      for (int row = 1; row + 1 < kRows; ++row) {
+        mesh.faces.push_back({at(row, k), at(row + 1, k), at(row + 1, k + 1)});
+        mesh.faces.push_back({at(row, k), at(row + 1, k + 1), at(row, k + 1)});
+      }
+    }
+    labels.assign(mesh.faces.size(), kBall);
+    labels[0] = labels[1] = kGround;
+    mesh.labels = labels;
+  }
+  static uint32_t RingVertex(int row, int k) { return static_cast<uint32_t>(6 + (row - 1) * kAround + k); }
+};
+
+// From 20 m above the ground and `aside` m to the side, looking at the ball.
+PosedCamera Camera(double aside, int scale = 1) {
+  const Vector3d centre(aside, 0.4 * aside, 20), z = (kCentre - centre).normalized();
+  const Vector3d x = z.cross(Vector3d::UnitY()).normalized(), y = z.cross(x);
+  PosedCamera camera;
+  camera.intrinsics = {160 * scale, 128 * scale, kFocal_px * scale, kFocal_px * scale, 80.0 * scale, 64.0 * scale};
+  camera.rotation_cam_from_world << x.transpose(), y.transpose(), z.transpose();
+  camera.translation_cam_from_world = -camera.rotation_cam_from_world * centre;
+  return camera;
+}
+
+// The ball's likelihood where a ball of `radius` about `at` would be seen, falling off over a third of a metre.
+double BallLikelihood(const PosedCamera& camera, double x, double y, double radius, const Vector3d& at) {
+  const Vector3d ray = camera.Ray(x, y).normalized();
+  return 0.05 + 0.9 / (1 + std::exp(((at - camera.Centre()).cross(ray).norm() - radius) / 0.15));
+}
+
+FloatImage Likelihoods(const PosedCamera& camera, double radius, const Vector3d& at = kCentre) {
+  FloatImage image(camera.intrinsics.width, camera.intrinsics.height, 2);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      const double ball = BallLikelihood(camera, x + 0.5, y + 0.5, radius, at);
+      image.at(x, y, kBall) = static_cast<float>(ball);
+      image.at(x, y, kGround) = static_cast<float>(1 - ball);
+    }
+  }
+  return image;
+}
+
+PhotoView View(const PosedCamera& camera, double radius, const Vector3d& at) {
+  const FloatImage grey(camera.intrinsics.width, camera.intrinsics.height, 1, 0.5f);
+  return {camera, MakeTexels(grey, Likelihoods(camera, radius, at), PixelMapping())};
+}
+
+// Σ of 1 - L over the pixels, each cut into parts.
+double Energy(const Bed& bed, double aside, double radius, const Vector3d& at) {
+  constexpr int kParts = 8;
+  const PosedCamera camera = Camera(aside, kParts);
+  const FaceMap map = RasterizeFaces(bed.mesh, nullptr, camera);
+  double sum = 0;
+  for (int y = 0; y < map.height; ++y) {
+    for (int x = 0; x < map.width; ++x) {
+      const int32_t face = map.face[static_cast<size_t>(y) * map.width + x];
+      if (face < 0) continue;
+      const double ball = BallLikelihood(camera, x + 0.5, y + 0.5, radius, at);
+      sum += 1 - (bed.labels[face] == kBall ? ball : 1 - ball);
+    }
+  }
+  return sum / (kParts * kParts);
+}
+
+struct Derivatives {
+  std::vector<Vector3d> gradient;
+  std::vector<Matrix3d> curvature;
+};
+
+Derivatives Evaluate(const Bed& bed, const std::vector<PhotoView>& views, ContourOptions options = {1, 4}) {
+  std::vector<FaceMap> maps;
+  for (const PhotoView& view : views) maps.push_back(RasterizeFaces(bed.mesh, nullptr, view.camera));
+  Derivatives out{std::vector<Vector3d>(bed.mesh.vertices.size(), Vector3d::Zero()),
+                  std::vector<Matrix3d>(bed.mesh.vertices.size(), Matrix3d::Zero())};
+  AddContourTerm(bed.mesh, bed.labels, views, maps, options, &out.gradient, &out.curvature);
+  return out;
+}
+
+TEST(ContourTerm, GradientIsThatOfTheRenderedEnergy) {
+  // Where the images would have the ball: larger, smaller, to the side; and how it moves.
+  const struct {
+    double radius;
+    Vector3d at;
+  } truths[] = {{3.3, kCentre}, {2.8, kCentre}, {3, kCentre + Vector3d(0.4, 0.2, 0)}};
+  const auto grow = [](const Vector3d& p) { return Vector3d((p - kCentre) / 3); };
+  const auto slide = [](const Vector3d&) { return Vector3d(0.8, 0.6, 0); };
+  const auto lift = [](const Vector3d&) { return Vector3d(0, 0, 1); };
+  for (const double aside : {0.0, 9.0}) {
+    for (const auto& [radius, at] : truths) {
+      for (const auto& direction : {std::function<Vector3d(const Vector3d&)>(grow), {slide}, {lift}}) {
+        const Bed bed;
+        const Derivatives d = Evaluate(bed, {View(Camera(aside), radius, at)});
+        constexpr double kStep = 0.1;
+        Bed ahead, behind;
+        double along = 0, length = 0;
+        for (size_t v = bed.first_ball_vertex; v < bed.mesh.vertices.size(); ++v) {
+          const Vector3d move = direction(bed.mesh.vertices[v]);
+          ahead.mesh.vertices[v] += kStep * move;
+          behind.mesh.vertices[v] -= kStep * move;
+          along += d.gradient[v].dot(move);
+          length += d.gradient[v].norm() * move.norm();
+        }
+        const double difference = (Energy(ahead, aside, radius, at) - Energy(behind, aside, radius, at)) / (2 * kStep);
+        EXPECT_NEAR(along, difference, 0.06 * length) << aside << " " << radius << " " << at.transpose();
+        EXPECT_GT(length, 100);
+      }
+    }
+  }
+}
+
+TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
+  const std::vector<PhotoView> views = {View(Camera(4), 3.3, kCentre)};
+  const auto pull = [&](const Bed& bed, ContourOptions options = {1, 4}) {
+    const Derivatives d = Evaluate(bed, views, options);
+    double sum = 0;
+    for (const Vector3d& g : d.gradient) sum += g.norm();
+    for (uint32_t v = 0; v < bed.first_ball_vertex; ++v) EXPECT_EQ(d.gradient[v], Vector3d::Zero()) << "behind";
+    return sum;
+  };
+  const Bed bed;
+  EXPECT_GT(pull(bed), 0);
+  Bed same = bed;
+  std::fill(same.labels.begin(), same.labels.end(), kBall);
+  EXPECT_EQ(pull(same), 0);
+  Bed unknown = bed;
+  std::fill(unknown.labels.begin(), unknown.labels.begin() + 2, -1);
+  EXPECT_EQ(pull(unknown), 0);
+  // 4 to 6 m of depth are 50 to 80 pixels here.
+  EXPECT_EQ(pull(bed, {1, 120}), 0);
+  EXPECT_NEAR(pull(bed, {3, 4}), 3 * pull(bed), 1e-9 * pull(bed));
+}
+
+TEST(ContourTerm, CurvatureIsPositiveWherePulled) {
+  const Bed bed;
+  const Derivatives d = Evaluate(bed, {View(Camera(4), 3.3, kCentre), View(Camera(-7), 3, Vector3d::Zero())});
+  for (size_t v = 0; v < bed.mesh.vertices.size(); ++v) {
+    const Eigen::Vector3d values = d.curvature[v].selfadjointView<Eigen::Lower>().eigenvalues();
+    EXPECT_GE(values.minCoeff(), -1e-9 * (1 + values.maxCoeff()));
+    // A Newton step against the curvature is bounded in pixels: gains are at most 1, and it is 0.5 a pixel squared.
+    const double px = kFocal_px / 16;
+    EXPECT_LE(d.gradient[v].norm(), 4 * values.maxCoeff() / px + 1e-9);
+  }
+}
+
+TEST(ContourTerm, IsEqualForAnyNumberOfThreads) {
+  const Bed bed;
+  std::vector<PhotoView> views;
+  for (const double aside : {-8.0, -3.0, 2.0, 7.0}) views.push_back(View(Camera(aside), 3.3, kCentre));
+  Derivatives results[2];
+  for (const int threads : {1, 3}) {
+    const ThreadLimit limit(threads);
+    results[threads / 2] = Evaluate(bed, views);
+  }
+  EXPECT_EQ(results[0].gradient, results[1].gradient);
+  EXPECT_EQ(results[0].curvature, results[1].curvature);
+}
+
+// Grey photographs, so that nothing but silhouettes tells how large the ball is.
+TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
+  for (const double radius : {3.6, 2.5}) {
+    const Bed bed;
+    RefineProblem problem;
+    problem.mesh = bed.mesh;
+    problem.gsd_m = 16 / kFocal_px;
+    std::vector<FloatImage> images, likelihoods;
+    for (const double aside : {-8.0, -3.0, 2.0, 7.0}) {
+      const PosedCamera camera = Camera(aside);
+      images.emplace_back(camera.intrinsics.width, camera.intrinsics.height, 1, 0.5f);
+      likelihoods.push_back(Likelihoods(camera, radius));
+    }
+    for (size_t i = 0; i < images.size(); ++i) {
+      problem.views.push_back({Camera(std::array{-8.0, -3.0, 2.0, 7.0}[i]), &images[i], &likelihoods[i]});
+    }
+    problem.pairs = {{0, 1}, {1, 2}, {2, 3}, {3, 2}};
+    RefineOptions options;
+    options.levels = {1, 0};
+    options.iterations = {6, 10};
+    options.contour = 0.5;
+    options.thin_plate = 0.0005;  // without data smoothness alone would draw the ball together
+    options.membrane = 0;
+    std::vector<Vector3d> refined;
+    const StatusOr<RefineReport> report = RefineGeometry(problem, &refined, options, TaskControl());
+    ASSERT_TRUE(report.ok()) << report.status();
+    double mean = 0;
+    for (int k = 0; k < kAround; ++k) {
+      mean += (refined[Bed::RingVertex(kRows / 2, k)] - kCentre).head<2>().norm() / kAround;
+    }
+    EXPECT_NEAR(mean, radius, 0.75 * problem.gsd_m);
+  }
+}
+
+}  // namespace
+}  // namespace tessera
