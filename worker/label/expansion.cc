@@ -1,0 +1,202 @@
+#include "worker/label/expansion.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "common/base/parallel.h"
+#include "worker/label/min_cut.h"
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kGrain = 4096;
+constexpr int64_t kPartGrain = 16;
+constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+
+class Expansion {
+ public:
+  Expansion(const LabelField& field, const FieldGraph& graph, int part_faces, std::vector<int32_t>* labels)
+      : field_(field), graph_(graph), part_faces_(part_faces), labels_(*labels), may_(field.faces(), 0),
+        most_(field.faces(), 0), changed_(field.faces(), 0), piece_(field.faces(), kNone), index_(field.faces()),
+        bound_(field.faces()) {
+    ForFaces([&](int64_t f) {
+      for (const FieldLink& link : graph_[f]) most_[f] += link.weight;
+    });
+  }
+
+  // True if it took any face. `turn` counts from 1; faces that changed since turn `last` and what hangs together with
+  // them are looked at, all of them if that is 0.
+  bool Expand(int32_t alpha, int turn, int last) {
+    FindCandidates(alpha);
+    FindPieces(last);
+    std::vector<uint8_t> took(groups_.size(), 0);
+    ParallelFor(static_cast<int64_t>(groups_.size()) - 1, kPartGrain, [&](int64_t begin, int64_t end) {
+      MinCut cut;
+      for (int64_t g = begin; g < end; ++g) {
+        for (uint32_t p = groups_[g]; p < groups_[g + 1]; ++p) took[g] |= Solve(alpha, turn, p, &cut);
+      }
+    });
+    for (const uint32_t f : candidates_) may_[f] = 0;
+    for (const uint32_t f : faces_) piece_[f] = kNone;
+    return std::find(took.begin(), took.end(), 1) != took.end();
+  }
+
+ private:
+  template <typename Body>
+  void ForFaces(const Body& body) const {
+    ParallelFor(static_cast<int64_t>(labels_.size()), kGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t f = begin; f < end; ++f) body(f);
+    });
+  }
+
+  float SwitchCost(size_t face, int32_t alpha) const {
+    const float* unary = &field_.unary[face * field_.classes];
+    return unary[alpha] - unary[labels_[face]];
+  }
+
+  // What switching costs `face` on one edge if whoever may have alpha at its other end has it.
+  float BestOnEdge(size_t face, const FieldLink& link, int32_t alpha) const {
+    const int32_t other = labels_[link.face];
+    if (other == alpha || may_[link.face]) return -link.weight;
+    return other == labels_[face] ? link.weight : 0;
+  }
+
+  // Marks the faces that could gain by alpha if all the others that are marked had it. No other face is in the best
+  // expansion.
+  void FindCandidates(int32_t alpha) {
+    ForFaces([&](int64_t f) { may_[f] = labels_[f] != alpha && SwitchCost(f, alpha) < most_[f]; });
+    candidates_.clear();
+    for (size_t f = 0; f < may_.size(); ++f) {
+      if (may_[f]) candidates_.push_back(static_cast<uint32_t>(f));
+    }
+    out_.clear();
+    ParallelFor(static_cast<int64_t>(candidates_.size()), kGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t c = begin; c < end; ++c) {
+        const uint32_t f = candidates_[c];
+        bound_[f] = SwitchCost(f, alpha);
+        for (const FieldLink& link : graph_[f]) bound_[f] += BestOnEdge(f, link, alpha);
+      }
+    });
+    for (const uint32_t f : candidates_) {
+      if (bound_[f] >= 0) Exclude(f);
+    }
+    while (!out_.empty()) {
+      const uint32_t f = out_.back();
+      out_.pop_back();
+      for (const FieldLink& link : graph_[f]) {
+        const uint32_t g = link.face;
+        if (!may_[g]) continue;
+        bound_[g] += labels_[f] == labels_[g] ? 2 * link.weight : link.weight;
+        if (bound_[g] >= 0) Exclude(g);
+      }
+    }
+  }
+
+  void Exclude(uint32_t face) {
+    may_[face] = 0;
+    out_.push_back(face);
+  }
+
+  // Groups of candidates that hang together, each cut into pieces of at most part_faces_.
+  void FindPieces(int last) {
+    faces_.clear();
+    pieces_.assign(1, 0);
+    groups_.assign(1, 0);
+    for (const uint32_t start : candidates_) {
+      if (!may_[start] || piece_[start] != kNone) continue;
+      const size_t group_begin = faces_.size(), first_piece = pieces_.size();
+      bool stale = last == 0;
+      Enter(start, group_begin);
+      for (size_t i = group_begin; i < faces_.size(); ++i) {
+        const uint32_t f = faces_[i];
+        stale |= changed_[f] > last;
+        for (const FieldLink& link : graph_[f]) {
+          stale |= changed_[link.face] > last;
+          if (may_[link.face] && piece_[link.face] == kNone) Enter(link.face, group_begin);
+        }
+      }
+      if (!stale) {
+        // Left marked as found, so that nobody starts from here again.
+        pieces_.resize(first_piece);
+        for (size_t i = group_begin; i < faces_.size(); ++i) skipped_.push_back(faces_[i]);
+        faces_.resize(group_begin);
+        continue;
+      }
+      pieces_.push_back(static_cast<uint32_t>(faces_.size()));
+      groups_.push_back(static_cast<uint32_t>(pieces_.size() - 1));
+    }
+    for (const uint32_t f : skipped_) piece_[f] = kNone;
+    skipped_.clear();
+  }
+
+  void Enter(uint32_t face, size_t group_begin) {
+    if (faces_.size() - std::max<size_t>(pieces_.back(), group_begin) == static_cast<size_t>(part_faces_)) {
+      pieces_.push_back(static_cast<uint32_t>(faces_.size()));
+    }
+    piece_[face] = static_cast<uint32_t>(pieces_.size() - 1);
+    index_[face] = static_cast<uint32_t>(faces_.size() - pieces_.back());
+    faces_.push_back(face);
+  }
+
+  // Faces of other pieces stay as they are.
+  bool Solve(int32_t alpha, int turn, uint32_t piece, MinCut* cut) {
+    const uint32_t begin = pieces_[piece], end = pieces_[piece + 1];
+    cut->Reset(static_cast<int>(end - begin));
+    for (uint32_t i = begin; i < end; ++i) {
+      const uint32_t f = faces_[i];
+      const int node = static_cast<int>(i - begin);
+      double cost = SwitchCost(f, alpha);
+      for (const FieldLink& link : graph_[f]) {
+        const bool same = labels_[f] == labels_[link.face];
+        if (piece_[link.face] != piece) {
+          cost += labels_[link.face] == alpha ? -link.weight : same ? link.weight : 0;
+          continue;
+        }
+        // Different labels cost w as they are and nothing once both are alpha.
+        if (!same) cost -= 0.5 * link.weight;
+        if (f < link.face) {
+          cut->AddPair(node, static_cast<int>(index_[link.face]), same ? link.weight : 0.5 * link.weight);
+        }
+      }
+      cut->AddCost(node, cost);
+    }
+    cut->Solve();
+    bool took = false;
+    for (uint32_t i = begin; i < end; ++i) {
+      if (!cut->In(static_cast<int>(i - begin))) continue;
+      labels_[faces_[i]] = alpha;
+      changed_[faces_[i]] = turn;
+      took = true;
+    }
+    return took;
+  }
+
+  const LabelField& field_;
+  const FieldGraph& graph_;
+  const int part_faces_;
+  std::vector<int32_t>& labels_;
+  std::vector<uint8_t> may_;
+  std::vector<float> most_;       // what the edges of a face weigh
+  std::vector<int32_t> changed_;  // turn in which a face last changed
+  std::vector<uint32_t> piece_, index_;
+  std::vector<float> bound_;  // least that switching a candidate may cost
+  std::vector<uint32_t> candidates_, out_, skipped_;
+  std::vector<uint32_t> faces_, pieces_, groups_;  // faces of piece p from pieces_[p], pieces of group g from groups_[g]
+};
+
+}  // namespace
+
+void LowerByExpansions(const LabelField& field, const FieldGraph& graph, int rounds, int part_faces,
+                  std::vector<int32_t>* labels) {
+  if (labels->empty()) return;
+  Expansion expansion(field, graph, part_faces, labels);
+  for (int round = 0, turn = 1; round < rounds; ++round) {
+    bool changed = false;
+    for (int32_t alpha = 0; alpha < field.classes; ++alpha, ++turn) {
+      changed |= expansion.Expand(alpha, turn, std::max(0, turn - field.classes));
+    }
+    if (!changed) break;
+  }
+}
+
+}  // namespace tessera

@@ -1,0 +1,107 @@
+#include "worker/label/min_cut.h"
+
+#include <algorithm>
+
+namespace tessera {
+
+void MinCut::Reset(int nodes) {
+  cost_.assign(nodes, 0);
+  pairs_.clear();
+}
+
+void MinCut::AddPair(int node0, int node1, double weight) { pairs_.push_back({node0, node1, weight}); }
+
+void MinCut::MakeArcs() {
+  const int nodes = static_cast<int>(cost_.size());
+  first_.assign(nodes + 1, 0);
+  for (const Pair& p : pairs_) {
+    ++first_[p.node0];
+    ++first_[p.node1];
+  }
+  for (int i = 0; i < nodes; ++i) first_[i + 1] += first_[i];
+  arcs_.resize(2 * pairs_.size());
+  for (const Pair& p : pairs_) {
+    const int a = --first_[p.node0], b = --first_[p.node1];
+    arcs_[a] = {p.node1, b, p.weight};
+    arcs_[b] = {p.node0, a, p.weight};
+  }
+}
+
+// Steps from each node to the nearest that can take flow out, -1 where there is none.
+void MinCut::FindLevels() {
+  const int nodes = static_cast<int>(cost_.size());
+  level_.assign(nodes, -1);
+  queue_.clear();
+  for (int i = 0; i < nodes; ++i) {
+    if (cost_[i] >= 0) continue;
+    level_[i] = 0;
+    queue_.push_back(i);
+  }
+  for (size_t q = 0; q < queue_.size(); ++q) {
+    const int i = queue_[q];
+    for (int a = first_[i]; a < first_[i + 1]; ++a) {
+      const Arc& arc = arcs_[a];
+      if (level_[arc.to] >= 0 || arcs_[arc.reverse].capacity <= 0) continue;
+      level_[arc.to] = level_[i] + 1;
+      queue_.push_back(arc.to);
+    }
+  }
+}
+
+// Sends what `source` has down the levels until it has nothing left or no way.
+bool MinCut::Push(int source) {
+  bool pushed = false;
+  path_.clear();
+  int at = source;
+  while (cost_[source] > 0) {
+    if (level_[at] == 0 && cost_[at] < 0) {
+      double flow = std::min(cost_[source], -cost_[at]);
+      for (const int a : path_) flow = std::min(flow, arcs_[a].capacity);
+      cost_[source] -= flow;
+      cost_[at] += flow;
+      for (const int a : path_) {
+        arcs_[a].capacity -= flow;
+        arcs_[arcs_[a].reverse].capacity += flow;
+      }
+      pushed = true;
+      // Back to before the first arc that is full now.
+      size_t keep = 0;
+      while (keep < path_.size() && arcs_[path_[keep]].capacity > 0) ++keep;
+      if (keep < path_.size()) {
+        at = arcs_[arcs_[path_[keep]].reverse].to;
+        path_.resize(keep);
+      }
+      continue;
+    }
+    int& a = next_[at];
+    while (a < first_[at + 1] && !(arcs_[a].capacity > 0 && level_[arcs_[a].to] == level_[at] - 1)) ++a;
+    if (level_[at] > 0 && a < first_[at + 1]) {
+      path_.push_back(a);
+      at = arcs_[a].to;
+    } else {
+      level_[at] = -1;
+      if (path_.empty()) break;
+      at = arcs_[arcs_[path_.back()].reverse].to;
+      path_.pop_back();
+    }
+  }
+  return pushed;
+}
+
+void MinCut::Solve() {
+  MakeArcs();
+  const int nodes = static_cast<int>(cost_.size());
+  while (true) {
+    FindLevels();
+    next_.assign(first_.begin(), first_.end() - 1);
+    bool pushed = false;
+    for (int i = 0; i < nodes; ++i) {
+      if (cost_[i] > 0 && level_[i] > 0) pushed |= Push(i);
+    }
+    if (!pushed) break;
+  }
+  // Whoever can still send to a node that wants to be in is in itself.
+  FindLevels();
+}
+
+}  // namespace tessera
