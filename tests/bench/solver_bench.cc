@@ -52,6 +52,7 @@ LabelField RandomField(int faces, int classes, double coupling, uint64_t seed) {
 struct Bench {
   bool expansion = true;
   int small = 50000, seeds = 2;
+  std::string only;  // one kind of field
   double worst_gap = -1e9, worst_seconds = 0;
 
   void Gap(const std::string& name, const LabelField& field) {
@@ -82,6 +83,7 @@ struct Bench {
     std::printf("%-14s %8s %12s %12s %12s %12s %9s %9s %7s %7s\n", "field", "faces", "E start", "E ours", "E expansion",
                 "E exp(ours)", "gap to e%", "gap %", "s/M", "exp s/M");
     for (const Kind& kind : kKinds) {
+      if (!only.empty() && only != kind.name) continue;
       for (int seed = 1; seed <= seeds; ++seed) {
         Gap(kind.name, MakeMeshField({.faces = small, .classes = classes, .seed = static_cast<uint64_t>(seed),
                                       .contrast = kind.contrast, .face_noise = kind.face_noise,
@@ -101,6 +103,7 @@ struct Bench {
     std::printf("%-14s %8s %9s %9s %12s\n", "field", "faces", "order", "CPU s/M", "E ours");
     for (const bool shuffled : {false, true}) {
       for (const Kind& kind : kKinds) {
+        if (!only.empty() && only != kind.name) continue;
         const LabelField field = MakeMeshField({.faces = faces, .classes = classes, .contrast = kind.contrast,
                                                 .face_noise = kind.face_noise, .wrong_area = kind.wrong_area,
                                                 .unseen_area = kind.unseen_area, .coupling = kind.coupling,
@@ -130,6 +133,7 @@ int main(int argc, char** argv) {
   app.add_option("--classes", classes, "classes");
   app.add_option("--small", bench.small, "faces of the fields that alpha expansion solves too; 0: none");
   app.add_option("--seeds", bench.seeds, "fields of each kind");
+  app.add_option("--only", bench.only, "one kind of mesh field");
   CLI11_PARSE(app, argc, argv);
   const tessera::ThreadLimit one(1);
   if (bench.small > 0) bench.Gaps(classes);

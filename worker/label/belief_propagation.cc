@@ -6,7 +6,7 @@
 #include "common/base/parallel.h"
 #include "worker/label/expansion.h"
 #include "worker/label/field_graph.h"
-#include "worker/label/min_marginals.h"
+#include "worker/label/messages.h"
 
 namespace tessera {
 namespace {
@@ -94,19 +94,29 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
   const int classes = field.classes;
   const int64_t faces = static_cast<int64_t>(field.faces());
   const FieldGraph graph = MakeFieldGraph(field);
+  const std::vector<int32_t> decided = DecideFaces(field, graph);
+  const OpenField open = MakeOpenField(field, graph, decided);
+  const Messages messages = PassMessages(open, options.iterations, options.damping);
   Labelling result;
-  result.beliefs = MinMarginals(field, graph, options.iterations, options.damping);
-  result.labels.resize(faces);
+  result.beliefs = AllBeliefs(field, graph, decided, open, messages);
+  result.labels = decided;
   std::vector<int32_t> begin = start;
   ParallelFor(faces, kGrain, [&](int64_t first, int64_t end) {
     for (int64_t f = first; f < end; ++f) {
-      result.labels[f] = IndexOfLeast(&result.beliefs[f * classes], classes);
       if (begin[f] < 0) begin[f] = IndexOfLeast(&field.unary[f * classes], classes);
+      if (decided[f] == kUndecided) result.labels[f] = IndexOfLeast(&result.beliefs[f * classes], classes);
     }
   });
   result.start_energy = LabelEnergy(field, begin);
+  // No labelling is worse for the decided labels, so the others alone are compared.
+  for (int64_t f = 0; f < faces; ++f) {
+    if (decided[f] != kUndecided) begin[f] = decided[f];
+  }
   TakeBetter(field, graph, begin, &result.labels);
-  LowerByExpansions(field, graph, options.expansion_rounds, options.part_faces, &result.labels);
+  std::vector<int32_t> open_labels(open.size());
+  for (size_t i = 0; i < open.size(); ++i) open_labels[i] = result.labels[open.faces[i]];
+  LowerByExpansions(open, messages, options.expansion_rounds, options.part_faces, &open_labels);
+  for (size_t i = 0; i < open.size(); ++i) result.labels[open.faces[i]] = open_labels[i];
   result.energy = LabelEnergy(field, result.labels);
 
   ParallelFor(faces, kGrain, [&](int64_t first, int64_t end) {

@@ -15,12 +15,12 @@ constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
 class Expansion {
  public:
-  Expansion(const LabelField& field, const FieldGraph& graph, int part_faces, std::vector<int32_t>* labels)
-      : field_(field), graph_(graph), part_faces_(part_faces), labels_(*labels), may_(field.faces(), 0),
-        most_(field.faces(), 0), changed_(field.faces(), 0), piece_(field.faces(), kNone), index_(field.faces()),
-        bound_(field.faces()) {
+  Expansion(const OpenField& open, const Messages& messages, int part_faces, std::vector<int32_t>* labels)
+      : open_(open), messages_(messages), part_faces_(part_faces), labels_(*labels), may_(open.size(), 0),
+        most_(open.size(), 0), changed_(open.size(), 0), piece_(open.size(), kNone), index_(open.size()),
+        bound_(open.size()) {
     ForFaces([&](int64_t f) {
-      for (const FieldLink& link : graph_[f]) most_[f] += link.weight;
+      for (const OpenField::Link& link : open_[f]) most_[f] += link.weight;
     });
   }
 
@@ -50,12 +50,12 @@ class Expansion {
   }
 
   float SwitchCost(size_t face, int32_t alpha) const {
-    const float* unary = &field_.unary[face * field_.classes];
-    return unary[alpha] - unary[labels_[face]];
+    const float* cost = &open_.cost[face * open_.lanes];
+    return cost[alpha] - cost[labels_[face]];
   }
 
   // What switching costs `face` on one edge if whoever may have alpha at its other end has it.
-  float BestOnEdge(size_t face, const FieldLink& link, int32_t alpha) const {
+  float BestOnEdge(size_t face, const OpenField::Link& link, int32_t alpha) const {
     const int32_t other = labels_[link.face];
     if (other == alpha || may_[link.face]) return -link.weight;
     return other == labels_[face] ? link.weight : 0;
@@ -74,7 +74,7 @@ class Expansion {
       for (int64_t c = begin; c < end; ++c) {
         const uint32_t f = candidates_[c];
         bound_[f] = SwitchCost(f, alpha);
-        for (const FieldLink& link : graph_[f]) bound_[f] += BestOnEdge(f, link, alpha);
+        for (const OpenField::Link& link : open_[f]) bound_[f] += BestOnEdge(f, link, alpha);
       }
     });
     for (const uint32_t f : candidates_) {
@@ -83,7 +83,7 @@ class Expansion {
     while (!out_.empty()) {
       const uint32_t f = out_.back();
       out_.pop_back();
-      for (const FieldLink& link : graph_[f]) {
+      for (const OpenField::Link& link : open_[f]) {
         const uint32_t g = link.face;
         if (!may_[g]) continue;
         bound_[g] += labels_[f] == labels_[g] ? 2 * link.weight : link.weight;
@@ -110,7 +110,7 @@ class Expansion {
       for (size_t i = group_begin; i < faces_.size(); ++i) {
         const uint32_t f = faces_[i];
         stale |= changed_[f] > last;
-        for (const FieldLink& link : graph_[f]) {
+        for (const OpenField::Link& link : open_[f]) {
           stale |= changed_[link.face] > last;
           if (may_[link.face] && piece_[link.face] == kNone) Enter(link.face, group_begin);
         }
@@ -146,7 +146,7 @@ class Expansion {
       const uint32_t f = faces_[i];
       const int node = static_cast<int>(i - begin);
       double cost = SwitchCost(f, alpha);
-      for (const FieldLink& link : graph_[f]) {
+      for (const OpenField::Link& link : open_[f]) {
         const bool same = labels_[f] == labels_[link.face];
         if (piece_[link.face] != piece) {
           cost += labels_[link.face] == alpha ? -link.weight : same ? link.weight : 0;
@@ -171,8 +171,8 @@ class Expansion {
     return took;
   }
 
-  const LabelField& field_;
-  const FieldGraph& graph_;
+  const OpenField& open_;
+  const Messages& messages_;
   const int part_faces_;
   std::vector<int32_t>& labels_;
   std::vector<uint8_t> may_;
@@ -186,14 +186,14 @@ class Expansion {
 
 }  // namespace
 
-void LowerByExpansions(const LabelField& field, const FieldGraph& graph, int rounds, int part_faces,
+void LowerByExpansions(const OpenField& open, const Messages& messages, int rounds, int part_faces,
                   std::vector<int32_t>* labels) {
   if (labels->empty()) return;
-  Expansion expansion(field, graph, part_faces, labels);
+  Expansion expansion(open, messages, part_faces, labels);
   for (int round = 0, turn = 1; round < rounds; ++round) {
     bool changed = false;
-    for (int32_t alpha = 0; alpha < field.classes; ++alpha, ++turn) {
-      changed |= expansion.Expand(alpha, turn, std::max(0, turn - field.classes));
+    for (int32_t alpha = 0; alpha < open.classes; ++alpha, ++turn) {
+      changed |= expansion.Expand(alpha, turn, std::max(0, turn - open.classes));
     }
     if (!changed) break;
   }
