@@ -115,7 +115,7 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
   TakeBetter(field, graph, begin, &result.labels);
   std::vector<int32_t> open_labels(open.size());
   for (size_t i = 0; i < open.size(); ++i) open_labels[i] = result.labels[open.faces[i]];
-  LowerByExpansions(open, messages, options.expansion_rounds, options.part_faces, &open_labels);
+  LowerByExpansions(open, options.expansion_rounds, options.part_faces, &open_labels);
   for (size_t i = 0; i < open.size(); ++i) result.labels[open.faces[i]] = open_labels[i];
   result.energy = LabelEnergy(field, result.labels);
 

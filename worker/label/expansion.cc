@@ -15,8 +15,8 @@ constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
 class Expansion {
  public:
-  Expansion(const OpenField& open, const Messages& messages, int part_faces, std::vector<int32_t>* labels)
-      : open_(open), messages_(messages), part_faces_(part_faces), labels_(*labels), may_(open.size(), 0),
+  Expansion(const OpenField& open, int part_faces, std::vector<int32_t>* labels)
+      : open_(open), part_faces_(part_faces), labels_(*labels), may_(open.size(), 0),
         most_(open.size(), 0), changed_(open.size(), 0), piece_(open.size(), kNone), index_(open.size()),
         bound_(open.size()) {
     ForFaces([&](int64_t f) {
@@ -24,16 +24,18 @@ class Expansion {
     });
   }
 
-  // True if it took any face. `turn` counts from 1; faces that changed since turn `last` and what hangs together with
-  // them are looked at, all of them if that is 0.
+  // True if it took any face. `turn` counts from 1; pieces in and around which nothing
+  // changed since turn `last` are passed over, none if that is 0.
   bool Expand(int32_t alpha, int turn, int last) {
     FindCandidates(alpha);
-    FindPieces(last);
+    FindPieces();
     std::vector<uint8_t> took(groups_.size(), 0);
     ParallelFor(static_cast<int64_t>(groups_.size()) - 1, kPartGrain, [&](int64_t begin, int64_t end) {
       MinCut cut;
       for (int64_t g = begin; g < end; ++g) {
-        for (uint32_t p = groups_[g]; p < groups_[g + 1]; ++p) took[g] |= Solve(alpha, turn, p, &cut);
+        for (uint32_t p = groups_[g]; p < groups_[g + 1]; ++p) {
+          if (Stale(p, last)) took[g] |= Solve(alpha, turn, p, &cut);
+        }
       }
     });
     for (const uint32_t f : candidates_) may_[f] = 0;
@@ -98,44 +100,43 @@ class Expansion {
   }
 
   // Groups of candidates that hang together, each cut into pieces of at most part_faces_.
-  void FindPieces(int last) {
+  void FindPieces() {
     faces_.clear();
     pieces_.assign(1, 0);
     groups_.assign(1, 0);
     for (const uint32_t start : candidates_) {
       if (!may_[start] || piece_[start] != kNone) continue;
-      const size_t group_begin = faces_.size(), first_piece = pieces_.size();
-      bool stale = last == 0;
-      Enter(start, group_begin);
-      for (size_t i = group_begin; i < faces_.size(); ++i) {
-        const uint32_t f = faces_[i];
-        stale |= changed_[f] > last;
-        for (const OpenField::Link& link : open_[f]) {
-          stale |= changed_[link.face] > last;
-          if (may_[link.face] && piece_[link.face] == kNone) Enter(link.face, group_begin);
+      size_t done = faces_.size();
+      Enter(start);
+      for (; done < faces_.size(); ++done) {
+        for (const OpenField::Link& link : open_[faces_[done]]) {
+          if (may_[link.face] && piece_[link.face] == kNone) Enter(link.face);
         }
-      }
-      if (!stale) {
-        // Left marked as found, so that nobody starts from here again.
-        pieces_.resize(first_piece);
-        for (size_t i = group_begin; i < faces_.size(); ++i) skipped_.push_back(faces_[i]);
-        faces_.resize(group_begin);
-        continue;
       }
       pieces_.push_back(static_cast<uint32_t>(faces_.size()));
       groups_.push_back(static_cast<uint32_t>(pieces_.size() - 1));
     }
-    for (const uint32_t f : skipped_) piece_[f] = kNone;
-    skipped_.clear();
   }
 
-  void Enter(uint32_t face, size_t group_begin) {
-    if (faces_.size() - std::max<size_t>(pieces_.back(), group_begin) == static_cast<size_t>(part_faces_)) {
+  void Enter(uint32_t face) {
+    if (faces_.size() - pieces_.back() == static_cast<size_t>(part_faces_)) {
       pieces_.push_back(static_cast<uint32_t>(faces_.size()));
     }
     piece_[face] = static_cast<uint32_t>(pieces_.size() - 1);
     index_[face] = static_cast<uint32_t>(faces_.size() - pieces_.back());
     faces_.push_back(face);
+  }
+
+  // Whether anything in or around the piece changed after turn `last`.
+  bool Stale(uint32_t piece, int last) const {
+    if (last == 0) return true;
+    for (uint32_t i = pieces_[piece]; i < pieces_[piece + 1]; ++i) {
+      if (changed_[faces_[i]] > last) return true;
+      for (const OpenField::Link& link : open_[faces_[i]]) {
+        if (changed_[link.face] > last) return true;
+      }
+    }
+    return false;
   }
 
   // Faces of other pieces stay as they are.
@@ -172,7 +173,6 @@ class Expansion {
   }
 
   const OpenField& open_;
-  const Messages& messages_;
   const int part_faces_;
   std::vector<int32_t>& labels_;
   std::vector<uint8_t> may_;
@@ -180,16 +180,16 @@ class Expansion {
   std::vector<int32_t> changed_;  // turn in which a face last changed
   std::vector<uint32_t> piece_, index_;
   std::vector<float> bound_;  // least that switching a candidate may cost
-  std::vector<uint32_t> candidates_, out_, skipped_;
+  std::vector<uint32_t> candidates_, out_;
   std::vector<uint32_t> faces_, pieces_, groups_;  // faces of piece p from pieces_[p], pieces of group g from groups_[g]
 };
 
 }  // namespace
 
-void LowerByExpansions(const OpenField& open, const Messages& messages, int rounds, int part_faces,
+void LowerByExpansions(const OpenField& open, int rounds, int part_faces,
                   std::vector<int32_t>* labels) {
   if (labels->empty()) return;
-  Expansion expansion(open, messages, part_faces, labels);
+  Expansion expansion(open, part_faces, labels);
   for (int round = 0, turn = 1; round < rounds; ++round) {
     bool changed = false;
     for (int32_t alpha = 0; alpha < open.classes; ++alpha, ++turn) {

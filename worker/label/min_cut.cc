@@ -1,6 +1,7 @@
 #include "worker/label/min_cut.h"
 
 #include <algorithm>
+#include <limits>
 
 namespace tessera {
 
@@ -22,35 +23,41 @@ void MinCut::MakeArcs() {
   arcs_.resize(2 * pairs_.size());
   for (const Pair& p : pairs_) {
     const int a = --first_[p.node0], b = --first_[p.node1];
-    arcs_[a] = {p.node1, b, p.weight};
-    arcs_[b] = {p.node0, a, p.weight};
+    arcs_[a] = {p.node1, b, p.weight, 2 * p.weight};
+    arcs_[b] = {p.node0, a, p.weight, 2 * p.weight};
   }
 }
 
-// Steps from each node to the nearest that can take flow out, -1 where there is none.
-void MinCut::FindLevels() {
-  const int nodes = static_cast<int>(cost_.size());
-  level_.assign(nodes, -1);
+// Steps from each node to the nearest that can take flow out; -1 where there is none, or where it is more than about
+// twice as far as from the nearest that has flow to send: balls around the sinks that are left, instead of everything.
+// False if no node has flow to send.
+bool MinCut::FindLevels() {
+  for (const int i : queue_) level_[i] = -1;
   queue_.clear();
-  for (int i = 0; i < nodes; ++i) {
-    if (cost_[i] >= 0) continue;
+  std::erase_if(sinks_, [&](int i) { return cost_[i] >= 0; });
+  for (const int i : sinks_) {
     level_[i] = 0;
+    next_[i] = first_[i];
     queue_.push_back(i);
   }
+  int limit = std::numeric_limits<int>::max();
   for (size_t q = 0; q < queue_.size(); ++q) {
-    const int i = queue_[q];
+    const int i = queue_[q], level = level_[i] + 1;
+    if (level > limit) break;
     for (int a = first_[i]; a < first_[i + 1]; ++a) {
       const Arc& arc = arcs_[a];
-      if (level_[arc.to] >= 0 || arcs_[arc.reverse].capacity <= 0) continue;
-      level_[arc.to] = level_[i] + 1;
+      if (level_[arc.to] >= 0 || arc.capacity >= arc.both) continue;
+      level_[arc.to] = level;
+      next_[arc.to] = first_[arc.to];
       queue_.push_back(arc.to);
+      if (cost_[arc.to] > 0 && limit > 2 * level) limit = 2 * level;
     }
   }
+  return limit != std::numeric_limits<int>::max();
 }
 
 // Sends what `source` has down the levels until it has nothing left or no way.
-bool MinCut::Push(int source) {
-  bool pushed = false;
+void MinCut::Push(int source) {
   path_.clear();
   int at = source;
   while (cost_[source] > 0) {
@@ -61,9 +68,8 @@ bool MinCut::Push(int source) {
       cost_[at] += flow;
       for (const int a : path_) {
         arcs_[a].capacity -= flow;
-        arcs_[arcs_[a].reverse].capacity += flow;
+        arcs_[arcs_[a].reverse].capacity = arcs_[a].both - arcs_[a].capacity;
       }
-      pushed = true;
       // Back to before the first arc that is full now.
       size_t keep = 0;
       while (keep < path_.size() && arcs_[path_[keep]].capacity > 0) ++keep;
@@ -85,23 +91,24 @@ bool MinCut::Push(int source) {
       path_.pop_back();
     }
   }
-  return pushed;
 }
 
 void MinCut::Solve() {
   MakeArcs();
   const int nodes = static_cast<int>(cost_.size());
-  while (true) {
-    FindLevels();
-    next_.assign(first_.begin(), first_.end() - 1);
-    bool pushed = false;
-    for (int i = 0; i < nodes; ++i) {
-      if (cost_[i] > 0 && level_[i] > 0) pushed |= Push(i);
-    }
-    if (!pushed) break;
+  level_.assign(nodes, -1);
+  next_.resize(nodes);
+  queue_.clear();
+  sinks_.clear();
+  for (int i = 0; i < nodes; ++i) {
+    if (cost_[i] < 0) sinks_.push_back(i);
   }
-  // Whoever can still send to a node that wants to be in is in itself.
-  FindLevels();
+  // In the end whoever can still send to a node that wants to be in is in itself.
+  while (FindLevels()) {
+    for (const int i : queue_) {
+      if (cost_[i] > 0) Push(i);
+    }
+  }
 }
 
 }  // namespace tessera

@@ -27,15 +27,15 @@ class MinCut {
   };
   struct Arc {
     int to, reverse;
-    double capacity;
+    double capacity, both;  // what is left this way, and in both together
   };
   void MakeArcs();
-  void FindLevels();
-  bool Push(int source);
+  bool FindLevels();
+  void Push(int source);
 
   std::vector<double> cost_;  // positive: what may still flow in; negative: what may still flow out
   std::vector<Pair> pairs_;
-  std::vector<int> first_, next_, level_, queue_, path_;
+  std::vector<int> first_, next_, level_, queue_, path_, sinks_;
   std::vector<Arc> arcs_;
 };
 
