@@ -28,9 +28,8 @@ void MinCut::MakeArcs() {
   }
 }
 
-// Steps from each node to the nearest that can take flow out; -1 where there is none, or where it is more than about
-// twice as far as from the nearest that has flow to send: balls around the sinks that are left, instead of everything.
-// False if no node has flow to send.
+// Steps from each node to the nearest that can take flow out, as far as the nearest that has flow to send: balls around
+// the sinks that are left, instead of everything; -1 beyond. False if no node has flow to send.
 bool MinCut::FindLevels() {
   for (const int i : queue_) level_[i] = -1;
   queue_.clear();
@@ -50,7 +49,7 @@ bool MinCut::FindLevels() {
       level_[arc.to] = level;
       next_[arc.to] = first_[arc.to];
       queue_.push_back(arc.to);
-      if (cost_[arc.to] > 0 && limit > 2 * level) limit = 2 * level;
+      if (cost_[arc.to] > 0) limit = level;
     }
   }
   return limit != std::numeric_limits<int>::max();
