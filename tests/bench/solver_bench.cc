@@ -30,9 +30,8 @@ struct Kind {
   double contrast, face_noise, coupling, wrong_area, unseen_area;
 };
 constexpr Kind kKinds[] = {
-    {"clear", 3, 0.5, 0.5, 0.05, 0.02},     {"as real", 2, 1, 0.5, 0.12, 0.1},
-    {"noisy", 1.5, 1.5, 0.8, 0.15, 0.15},   {"half unseen", 2, 1, 0.5, 0.15, 0.5},
-    {"strong Potts", 1, 1, 1.5, 0.2, 0.2}, {"weak costs", 0.5, 0.7, 1, 0.3, 0.2},
+    {"clear", 3, 0.5, 0.5, 0.05, 0.02},    {"as real", 2, 1, 0.5, 0.12, 0.1},     {"noisy", 1.5, 1.5, 0.8, 0.15, 0.15},
+    {"half unseen", 2, 1, 0.5, 0.15, 0.5}, {"strong Potts", 1, 1, 1.5, 0.2, 0.2}, {"weak costs", 0.5, 0.7, 1, 0.3, 0.2},
     {"only noise", 0, 1, 0.5, 0, 0},
 };
 
@@ -41,7 +40,8 @@ LabelField RandomField(int faces, int classes, double coupling, uint64_t seed) {
   Random random(seed);
   LabelField field;
   field.classes = classes;
-  for (int64_t i = 0; i < int64_t{faces} * classes; ++i) field.unary.push_back(static_cast<float>(random.Uniform(0, 2)));
+  for (int64_t i = 0; i < int64_t{faces} * classes; ++i)
+    field.unary.push_back(static_cast<float>(random.Uniform(0, 2)));
   for (int e = 0; e < faces * 3 / 2; ++e) {
     const uint32_t a = static_cast<uint32_t>(random.Below(faces)), b = static_cast<uint32_t>(random.Below(faces));
     if (a != b) field.edges.push_back({a, b, static_cast<float>(coupling * random.Uniform())});
@@ -85,9 +85,13 @@ struct Bench {
     for (const Kind& kind : kKinds) {
       if (!only.empty() && only != kind.name) continue;
       for (int seed = 1; seed <= seeds; ++seed) {
-        Gap(kind.name, MakeMeshField({.faces = small, .classes = classes, .seed = static_cast<uint64_t>(seed),
-                                      .contrast = kind.contrast, .face_noise = kind.face_noise,
-                                      .wrong_area = kind.wrong_area, .unseen_area = kind.unseen_area,
+        Gap(kind.name, MakeMeshField({.faces = small,
+                                      .classes = classes,
+                                      .seed = static_cast<uint64_t>(seed),
+                                      .contrast = kind.contrast,
+                                      .face_noise = kind.face_noise,
+                                      .wrong_area = kind.wrong_area,
+                                      .unseen_area = kind.unseen_area,
                                       .coupling = kind.coupling}));
       }
     }
@@ -104,9 +108,13 @@ struct Bench {
     for (const bool shuffled : {false, true}) {
       for (const Kind& kind : kKinds) {
         if (!only.empty() && only != kind.name) continue;
-        const LabelField field = MakeMeshField({.faces = faces, .classes = classes, .contrast = kind.contrast,
-                                                .face_noise = kind.face_noise, .wrong_area = kind.wrong_area,
-                                                .unseen_area = kind.unseen_area, .coupling = kind.coupling,
+        const LabelField field = MakeMeshField({.faces = faces,
+                                                .classes = classes,
+                                                .contrast = kind.contrast,
+                                                .face_noise = kind.face_noise,
+                                                .wrong_area = kind.wrong_area,
+                                                .unseen_area = kind.unseen_area,
+                                                .coupling = kind.coupling,
                                                 .shuffled = shuffled});
         const std::vector<int32_t> none(field.faces(), -1);
         const double before = CpuSeconds();

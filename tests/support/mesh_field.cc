@@ -48,7 +48,8 @@ class Patches {
 TriangleMesh JitteredGrid(int n, Random* random) {
   TriangleMesh mesh;
   for (int y = 0; y <= n; ++y) {
-    for (int x = 0; x <= n; ++x) mesh.vertices.push_back(Vector3d(x + 0.7 * random->Uniform(), y + 0.7 * random->Uniform(), 0));
+    for (int x = 0; x <= n; ++x)
+      mesh.vertices.push_back(Vector3d(x + 0.7 * random->Uniform(), y + 0.7 * random->Uniform(), 0));
   }
   const auto at = [n](int x, int y) { return static_cast<uint32_t>(y * (n + 1) + x); };
   for (int y = 0; y < n; ++y) {
@@ -102,8 +103,8 @@ LabelField MakeMeshField(const MeshFieldOptions& options) {
   for (const MeshEdge& e : EdgeList(*BuildTopology(mesh))) {
     if (e.left < 0 || e.right < 0) continue;
     const double length = (mesh.vertices[e.a] - mesh.vertices[e.b]).norm() / 1.14;  // 1 on average
-    field.edges.push_back({static_cast<uint32_t>(e.left), static_cast<uint32_t>(e.right),
-                           static_cast<float>(options.coupling * length)});
+    field.edges.push_back(
+        {static_cast<uint32_t>(e.left), static_cast<uint32_t>(e.right), static_cast<float>(options.coupling * length)});
   }
   return field;
 }

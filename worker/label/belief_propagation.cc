@@ -12,11 +12,22 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kGrain = 4096;
+// Where messages go to and fro, other labels are best at the end than so many rounds before.
+constexpr int kEarlier = 5;
 // How much a face's own label is made to lead where the expansions overruled the messages.
 constexpr float kLead = 1e-3f;
 
 int32_t IndexOfLeast(const float* values, int count) {
   return static_cast<int32_t>(std::min_element(values, values + count) - values);
+}
+
+// The labels of the undecided faces that the messages say are best.
+void SayLabels(const OpenField& open, const Messages& messages, std::vector<int32_t>* labels) {
+  ParallelFor(static_cast<int64_t>(open.size()), kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      (*labels)[open.faces[i]] = IndexOfLeast(&messages.beliefs[i * open.lanes], open.classes);
+    }
+  });
 }
 
 void Polish(const LabelField& field, const FieldGraph& graph, int sweeps, std::vector<int32_t>* labels) {
@@ -96,23 +107,29 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
   const FieldGraph graph = MakeFieldGraph(field);
   const std::vector<int32_t> decided = DecideFaces(field, graph);
   const OpenField open = MakeOpenField(field, graph, decided);
-  const Messages messages = PassMessages(open, options.iterations, options.damping);
   Labelling result;
-  result.beliefs = AllBeliefs(field, graph, decided, open, messages);
-  result.labels = decided;
   std::vector<int32_t> begin = start;
-  ParallelFor(faces, kGrain, [&](int64_t first, int64_t end) {
-    for (int64_t f = first; f < end; ++f) {
-      if (begin[f] < 0) begin[f] = IndexOfLeast(&field.unary[f * classes], classes);
-      if (decided[f] == kUndecided) result.labels[f] = IndexOfLeast(&result.beliefs[f * classes], classes);
-    }
-  });
+  for (int64_t f = 0; f < faces; ++f) {
+    if (begin[f] < 0) begin[f] = IndexOfLeast(&field.unary[f * classes], classes);
+  }
   result.start_energy = LabelEnergy(field, begin);
-  // No labelling is worse for the decided labels, so the others alone are compared.
+  // No labelling is better without the decided labels, so the others alone are compared.
   for (int64_t f = 0; f < faces; ++f) {
     if (decided[f] != kUndecided) begin[f] = decided[f];
   }
+
+  Messages messages = NoMessages(open);
+  const int early = std::max(0, options.iterations - kEarlier);
+  PassMessages(open, early, options.damping, &messages);
+  std::vector<int32_t> early_labels = decided;
+  SayLabels(open, messages, &early_labels);
+  PassMessages(open, options.iterations - early, options.damping, &messages);
+  result.labels = decided;
+  SayLabels(open, messages, &result.labels);
+  TakeBetter(field, graph, early_labels, &result.labels);
   TakeBetter(field, graph, begin, &result.labels);
+  result.beliefs = AllBeliefs(field, graph, decided, open, messages);
+
   std::vector<int32_t> open_labels(open.size());
   for (size_t i = 0; i < open.size(); ++i) open_labels[i] = result.labels[open.faces[i]];
   LowerByExpansions(open, options.expansion_rounds, options.part_faces, &open_labels);

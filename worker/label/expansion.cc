@@ -16,8 +16,14 @@ constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 class Expansion {
  public:
   Expansion(const OpenField& open, int part_faces, std::vector<int32_t>* labels)
-      : open_(open), part_faces_(part_faces), labels_(*labels), may_(open.size(), 0),
-        most_(open.size(), 0), changed_(open.size(), 0), piece_(open.size(), kNone), index_(open.size()),
+      : open_(open),
+        part_faces_(part_faces),
+        labels_(*labels),
+        may_(open.size(), 0),
+        most_(open.size(), 0),
+        changed_(open.size(), 0),
+        piece_(open.size(), kNone),
+        index_(open.size()),
         bound_(open.size()) {
     ForFaces([&](int64_t f) {
       for (const OpenField::Link& link : open_[f]) most_[f] += link.weight;
@@ -181,13 +187,13 @@ class Expansion {
   std::vector<uint32_t> piece_, index_;
   std::vector<float> bound_;  // least that switching a candidate may cost
   std::vector<uint32_t> candidates_, out_;
-  std::vector<uint32_t> faces_, pieces_, groups_;  // faces of piece p from pieces_[p], pieces of group g from groups_[g]
+  std::vector<uint32_t> faces_, pieces_,
+      groups_;  // faces of piece p from pieces_[p], pieces of group g from groups_[g]
 };
 
 }  // namespace
 
-void LowerByExpansions(const OpenField& open, int rounds, int part_faces,
-                  std::vector<int32_t>* labels) {
+void LowerByExpansions(const OpenField& open, int rounds, int part_faces, std::vector<int32_t>* labels) {
   if (labels->empty()) return;
   Expansion expansion(open, part_faces, labels);
   for (int round = 0, turn = 1; round < rounds; ++round) {

@@ -10,10 +10,9 @@
 namespace tessera {
 
 // Lets one label after the other take all the faces it can win, `rounds` times or until nothing changes: never raises
-// the energy. Exact where the faces that a label could possibly win hang together in parts of no more than `part_faces`;
-// larger ones are worked off piece by piece. Deterministic for any number of threads.
-void LowerByExpansions(const OpenField& open, int rounds, int part_faces,
-                  std::vector<int32_t>* labels);
+// the energy. Exact where the faces that a label could possibly win hang together in parts of no more than
+// `part_faces`; larger ones are worked off piece by piece. Deterministic for any number of threads.
+void LowerByExpansions(const OpenField& open, int rounds, int part_faces, std::vector<int32_t>* labels);
 
 }  // namespace tessera
 

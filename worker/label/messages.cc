@@ -88,16 +88,19 @@ void HearAll(const LabelField& field, const FieldGraph& graph, const std::vector
 
 }  // namespace
 
-Messages PassMessages(const OpenField& open, int iterations, double damping) {
+Messages NoMessages(const OpenField& open) {
+  return {std::vector<float>(open.links.size() * open.lanes, 0.0f), open.cost};
+}
+
+void PassMessages(const OpenField& open, int iterations, double damping, Messages* messages) {
   const float fresh = static_cast<float>(1 - damping);
   const auto listen = open.lanes == kLanes ? Listen<1> : open.lanes == 2 * kLanes ? Listen<2> : Listen<0>;
-  Messages now{std::vector<float>(open.links.size() * open.lanes, 0.0f), open.cost}, next = now;
+  Messages next{std::vector<float>(messages->incoming.size()), std::vector<float>(messages->beliefs.size())};
   for (int iteration = 0; iteration < iterations; ++iteration) {
     ParallelFor(static_cast<int64_t>(open.size()), kGrain,
-                [&](int64_t begin, int64_t end) { listen(open, begin, end, fresh, now, &next); });
-    std::swap(now, next);
+                [&](int64_t begin, int64_t end) { listen(open, begin, end, fresh, *messages, &next); });
+    std::swap(*messages, next);
   }
-  return now;
 }
 
 std::vector<float> AllBeliefs(const LabelField& field, const FieldGraph& graph, const std::vector<int32_t>& decided,

@@ -13,9 +13,12 @@ struct Messages {
   std::vector<float> beliefs;   // faces x lanes: a face's cost and all that it hears
 };
 
-// After `iterations` rounds in which every face sends to every neighbour at once; `damping`: share of the old message
+// Nobody has heard anything.
+Messages NoMessages(const OpenField& open);
+
+// Passes them on `iterations` times; every face sends to every neighbour at once. `damping`: share of the old message
 // that is kept. Deterministic for any number of threads.
-Messages PassMessages(const OpenField& open, int iterations, double damping);
+void PassMessages(const OpenField& open, int iterations, double damping, Messages* messages);
 
 // Cost of each label of each face of the whole field (faces x classes) with everything else at its best, as far as
 // the messages know; up to a constant a face.

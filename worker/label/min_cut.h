@@ -7,8 +7,8 @@
 
 namespace tessera {
 
-// Minimises Σ_i cost_i x_i + Σ_pairs weight [x_i != x_j] over x in {0, 1} (Dinic's maximum flow). Meant to be used again
-// and again: it keeps its memory.
+// Minimises Σ_i cost_i x_i + Σ_pairs weight [x_i != x_j] over x in {0, 1} (Dinic's maximum flow). Meant to be used
+// again and again: it keeps its memory.
 class MinCut {
  public:
   // Forgets what was there.

@@ -23,7 +23,7 @@ std::vector<int32_t> DecideFaces(const LabelField& field, const FieldGraph& grap
 // face's links run in the order of the field's edges, so the numbering does not change them.
 struct OpenField {
   static constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
-  static constexpr int kLanes = 4;  // costs of a face are padded to a multiple of so many floats
+  static constexpr int kLanes = 4;        // costs of a face are padded to a multiple of so many floats
   static constexpr float kNever = 1e30f;  // what the padding costs
 
   // One end of an edge: what it leads to, the link of the same edge there, and its weight.
@@ -33,10 +33,10 @@ struct OpenField {
   };
 
   int classes = 0;
-  size_t lanes = 0;               // of a face
-  std::vector<uint32_t> faces;    // number -> the field's face
-  std::vector<uint32_t> number;   // the field's face -> number, or kNone
-  std::vector<float> cost;        // faces x lanes: the face's own, less the weight of the edges to decided faces of a class
+  size_t lanes = 0;              // of a face
+  std::vector<uint32_t> faces;   // number -> the field's face
+  std::vector<uint32_t> number;  // the field's face -> number, or kNone
+  std::vector<float> cost;  // faces x lanes: the face's own, less the weight of the edges to decided faces of a class
   std::vector<uint32_t> offsets;  // faces + 1
   std::vector<Link> links;        // those of a face from offsets[face]
 

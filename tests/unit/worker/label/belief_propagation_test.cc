@@ -103,8 +103,8 @@ TEST(BeliefPropagation, ExactOnTreesOfAnyNumberOfClasses) {
   }
 }
 
-// Also of faces that are decided without any messages, but for what such faces tell each other, which is not followed to
-// the end.
+// Also of faces that are decided without any messages, but for what such faces tell each other, which is not followed
+// to the end.
 TEST(BeliefPropagation, BeliefsOnTreesAreMinMarginals) {
   for (const double coupling : {0.2, 0.7, 2.0}) {
     for (uint64_t seed = 0; seed < 20; ++seed) {
