@@ -12,7 +12,7 @@ namespace tessera {
 struct SolverOptions {
   int iterations = 30;   // always all of them, so that a face's label depends on its surroundings alone
   double damping = 0.3;  // share of the old message that is kept
-  int expansion_rounds = 3;
+  int expansion_rounds = 2;
   int part_faces = 20000;  // expansions are exact within parts of so many faces
 };
 
