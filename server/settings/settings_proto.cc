@@ -14,6 +14,9 @@ JobSettings FromProto(const v1::JobSettings& proto) {
   if (from.has_semantic()) to.semantic = from.semantic();
   if (from.has_thin_plate()) to.thin_plate = from.thin_plate();
   if (from.has_inter()) to.inter = from.inter();
+  if (from.has_contour()) to.contour = from.contour();
+  if (from.has_normal_prior()) to.normal_prior = from.normal_prior();
+  if (from.has_label_smoothness()) to.label_smoothness = from.label_smoothness();
   if (from.has_max_step_px()) to.max_step_px = from.max_step_px();
   if (from.has_window_px()) to.window_px = from.window_px();
   if (from.has_partners()) to.partners = from.partners();
@@ -34,6 +37,9 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   if (from.semantic) to.set_semantic(*from.semantic);
   if (from.thin_plate) to.set_thin_plate(*from.thin_plate);
   if (from.inter) to.set_inter(*from.inter);
+  if (from.contour) to.set_contour(*from.contour);
+  if (from.normal_prior) to.set_normal_prior(*from.normal_prior);
+  if (from.label_smoothness) to.set_label_smoothness(*from.label_smoothness);
   if (from.max_step_px) to.set_max_step_px(*from.max_step_px);
   if (from.window_px) to.set_window_px(*from.window_px);
   if (from.partners) to.set_partners(*from.partners);

@@ -182,12 +182,47 @@ Status DrawErrors(const ScoredView& view, const FaceMap& map, const std::vector<
   return WritePng(path, image);
 }
 
+FaceLikelihoods CollectLikelihoods(const std::vector<ScoredView>& views, const std::vector<FaceMap>& maps,
+                                   const TriangleMesh& mesh, int classes) {
+  FaceLikelihoods sums(mesh.faces.size(), classes);
+  for (size_t v = 0; v < views.size(); ++v) {
+    if (!views[v].likelihoods.empty()) AddLikelihoods(maps[v], views[v].likelihoods, views[v].mapping, &sums);
+  }
+  return sums;
+}
+
+// How much of the area keeps its label when every face is split and all is solved again.
+Status PrintAgreement(const SceneDescription& scene, const std::vector<ScoredView>& views,
+                      const std::vector<PosedCamera>& cameras, const TriangleMesh& mesh,
+                      const std::vector<int32_t>& labels, double gsd_m, const Arguments& arguments) {
+  const TriangleMesh halved = Halved(mesh);
+  std::vector<FaceMap> maps;
+  Rasterizer().DrawViews(halved, nullptr, cameras, &maps);
+  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(halved));
+  const FaceLikelihoods sums = CollectLikelihoods(views, maps, halved, static_cast<int>(scene.classes.size()));
+  const LabelField field =
+      BuildLabelField(halved, EdgeList(topology), sums, scene.classes, scene.up_in_local, gsd_m, arguments.label);
+  const std::vector<int32_t> start(halved.faces.size(), -1);
+  const std::vector<int32_t> split = SolveLabels(field, start, arguments.solver).labels;
+  double same = 0, all = 0, same_seen = 0, seen = 0;
+  for (size_t f = 0; f < split.size(); ++f) {
+    const double area = FaceArea(halved, f);
+    all += area;
+    if (split[f] == labels[f / 4]) same += area;
+    if (sums.pixels[f] == 0) continue;
+    seen += area;
+    if (split[f] == labels[f / 4]) same_seen += area;
+  }
+  std::printf("    every face split in four: %.3f %% of the area has the same label, %.3f %% of what is seen\n",
+              100 * same / all, 100 * same_seen / seen);
+  return absl::OkStatus();
+}
+
 Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& views, const std::string& path,
                  const Arguments& arguments) {
   TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
   TriangleMesh& mesh = content.mesh;
   for (Eigen::Vector3d& p : mesh.vertices) p = scene.frame.LocalFromScene(p);
-  if (arguments.halve) mesh = Halved(mesh);
   TESSERA_ASSIGN_OR_RETURN(const double gsd_m, MedianGsd(scene, mesh));
   TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(mesh));
   const std::vector<MeshEdge> edges = EdgeList(topology);
@@ -213,45 +248,36 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
   if (!mesh.labels.empty()) print("labels of the file", mesh.labels, 0);
 
   double start_s = CpuSeconds();
-  FaceLikelihoods sums(mesh.faces.size(), classes);
-  for (size_t v = 0; v < views.size(); ++v) {
-    if (!views[v].likelihoods.empty()) AddLikelihoods(maps[v], views[v].likelihoods, views[v].mapping, &sums);
-  }
+  const FaceLikelihoods sums = CollectLikelihoods(views, maps, mesh, classes);
   std::vector<float> negated = sums.sum;
   for (float& x : negated) x = -x;
   print("plain sums", LeastOf(negated, classes), CpuSeconds() - start_s);
 
-  {
-    double px = 0, area = 0;
-    for (size_t f = 0; f < mesh.faces.size(); ++f) {
-      px += sums.pixels[f];
-      area += FaceArea(mesh, f);
-    }
-    std::printf("pixels per gsd2 %.2f\n", px * gsd_m * gsd_m / area);
-  }
-  const auto solve = [&](const std::string& name, const LabelOptions& options) {
+  const auto solve = [&](const std::string& name, const LabelOptions& options) -> std::vector<int32_t> {
     const LabelField field = BuildLabelField(mesh, edges, sums, scene.classes, scene.up_in_local, gsd_m, options);
     const std::vector<int32_t> start = mesh.labels.empty() ? std::vector<int32_t>(mesh.faces.size(), -1) : mesh.labels;
     start_s = CpuSeconds();
     const Labelling solved = SolveLabels(field, start, arguments.solver);
     print(name, solved.labels, CpuSeconds() - start_s);
-    if (!arguments.expansion) return;
+    if (!arguments.expansion) return solved.labels;
     const double best = std::min(solved.energy, LabelEnergy(field, ExpandLabels(field, solved.labels)));
     const double expanded = LabelEnergy(field, ExpandLabels(field, LeastOf(field.unary, classes)));
     std::printf(
         "    energy: start %.1f, ours %.1f, expansion from the unary's best %.1f, from ours %.1f; gap %.4f %%\n",
         solved.start_energy, solved.energy, expanded, best,
         100 * (solved.energy - std::min(best, expanded)) / (solved.start_energy - std::min(best, expanded)));
+    return solved.labels;
   };
-  solve("field", arguments.label);
-  if (!arguments.pictures.empty()) {
-    const std::vector<int32_t> l = LeastOf(negated, classes);
-    for (size_t v = 0; v < views.size(); ++v) {
-      if (views[v].truth.empty()) continue;
-      TESSERA_RETURN_IF_ERROR(
-          DrawErrors(views[v], maps[v], l, classes,
-                     absl::StrCat(arguments.pictures, "/", fs::path(scene.views[v].name).stem().string(), ".png")));
-    }
+  const std::vector<int32_t> labels = solve("field", arguments.label);
+  if (arguments.halve) {
+    TESSERA_RETURN_IF_ERROR(PrintAgreement(scene, views, cameras, mesh, labels, gsd_m, arguments));
+  }
+  for (size_t v = 0; v < views.size() && !arguments.pictures.empty(); ++v) {
+    if (views[v].truth.empty()) continue;
+    const std::string name =
+        absl::StrCat(fs::path(path).stem().string(), "_", fs::path(scene.views[v].name).stem().string(), ".png");
+    TESSERA_RETURN_IF_ERROR(
+        DrawErrors(views[v], maps[v], labels, classes, absl::StrCat(arguments.pictures, "/", name)));
   }
   LabelOptions options = arguments.label;
   options.prior_weight = 0;
@@ -261,6 +287,7 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
   solve("field without Potts term", options);
   options = arguments.label;
   options.form = LabelOptions::Form::kPaper;
+  options.smoothness_weight = 0.5;
   solve("paper's form", options);
   print("ceiling", CeilingLabels(views, maps, classes, mesh.faces.size()), 0);
   return absl::OkStatus();
@@ -291,8 +318,9 @@ int main(int argc, char** argv) {
   app.add_option("--smoothness", a.label.smoothness_weight, "mu2")->capture_default_str();
   app.add_option("--unsure-pixels", a.label.unsure_pixels)->capture_default_str();
   app.add_flag("--expansion", a.expansion, "compare with alpha expansion (minutes)");
-  app.add_option("--pictures", a.pictures, "folder for a picture a view with the errors in red");
-  app.add_flag("--halve", a.halve, "split every face in four first");
+  app.add_option("--pictures", a.pictures,
+                 "folder, there already, for a picture of each view with the errors of the field's labels in red");
+  app.add_flag("--halve", a.halve, "also split every face in four: does the field give the same labels?");
   app.add_option("--threads", a.threads, "0: one for each core");
   CLI11_PARSE(app, argc, argv);
   const tessera::Status status = tessera::Bench(a);

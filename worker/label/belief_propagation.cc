@@ -2,102 +2,35 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <numeric>
 
 #include "common/base/parallel.h"
+#include "worker/label/expansion.h"
+#include "worker/label/field_graph.h"
+#include "worker/label/messages.h"
 
 namespace tessera {
 namespace {
 
-constexpr int64_t kGrain = 2048;
-// How much a face's own label is made to lead where polishing overruled the messages.
+constexpr int64_t kGrain = 4096;
+// Where messages go to and fro, other labels are best at the end than so many rounds before.
+constexpr int kEarlier = 5;
+// How much a face's own label is made to lead where the expansions overruled the messages.
 constexpr float kLead = 1e-3f;
-
-// For every face its edges: where they lead, what they weigh, and the slot of the same edge at the other end.
-struct Adjacency {
-  std::vector<int64_t> offsets;
-  std::vector<uint32_t> neighbour;
-  std::vector<float> weight;
-  std::vector<int64_t> reverse;
-};
-
-Adjacency MakeAdjacency(const LabelField& field) {
-  Adjacency a;
-  a.offsets.assign(field.faces() + 1, 0);
-  for (const FieldEdge& e : field.edges) {
-    ++a.offsets[e.face0 + 1];
-    ++a.offsets[e.face1 + 1];
-  }
-  std::partial_sum(a.offsets.begin(), a.offsets.end(), a.offsets.begin());
-  const size_t slots = 2 * field.edges.size();
-  a.neighbour.resize(slots);
-  a.weight.resize(slots);
-  a.reverse.resize(slots);
-  std::vector<int64_t> next(a.offsets.begin(), a.offsets.end() - 1);
-  for (const FieldEdge& e : field.edges) {
-    const int64_t s0 = next[e.face0]++, s1 = next[e.face1]++;
-    a.neighbour[s0] = e.face1;
-    a.neighbour[s1] = e.face0;
-    a.weight[s0] = a.weight[s1] = e.weight;
-    a.reverse[s0] = s1;
-    a.reverse[s1] = s0;
-  }
-  return a;
-}
 
 int32_t IndexOfLeast(const float* values, int count) {
   return static_cast<int32_t>(std::min_element(values, values + count) - values);
 }
 
-void SumBeliefs(const LabelField& field, const Adjacency& a, const std::vector<float>& incoming, int64_t face,
-                float* belief) {
-  const int classes = field.classes;
-  const float* unary = &field.unary[face * classes];
-  std::copy(unary, unary + classes, belief);
-  for (int64_t s = a.offsets[face]; s < a.offsets[face + 1]; ++s) {
-    for (int l = 0; l < classes; ++l) belief[l] += incoming[s * classes + l];
-  }
-}
-
-// Min-marginals after `iterations` rounds in which every face sends to every neighbour at once.
-std::vector<float> PropagateBeliefs(const LabelField& field, const Adjacency& a, const SolverOptions& options) {
-  const int classes = field.classes;
-  const int64_t faces = static_cast<int64_t>(field.faces());
-  // incoming[s]: the message that slot s's face has from its neighbour.
-  std::vector<float> incoming(a.neighbour.size() * classes, 0.0f), next(incoming.size());
-  const float keep = static_cast<float>(options.damping);
-  for (int iteration = 0; iteration < options.iterations; ++iteration) {
-    ParallelFor(faces, kGrain, [&](int64_t begin, int64_t end) {
-      std::vector<float> belief(classes), message(classes);
-      for (int64_t f = begin; f < end; ++f) {
-        SumBeliefs(field, a, incoming, f, belief.data());
-        for (int64_t s = a.offsets[f]; s < a.offsets[f + 1]; ++s) {
-          const float* from = &incoming[s * classes];
-          float least = std::numeric_limits<float>::infinity();
-          for (int l = 0; l < classes; ++l) {
-            message[l] = belief[l] - from[l];
-            least = std::min(least, message[l]);
-          }
-          const float* old = &incoming[a.reverse[s] * classes];
-          float* out = &next[a.reverse[s] * classes];
-          for (int l = 0; l < classes; ++l) {
-            const float potts = std::min(message[l] - least, a.weight[s]);
-            out[l] = keep * old[l] + (1 - keep) * potts;
-          }
-        }
-      }
-    });
-    incoming.swap(next);
-  }
-  std::vector<float> beliefs(faces * classes);
-  ParallelFor(faces, kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) SumBeliefs(field, a, incoming, f, &beliefs[f * classes]);
+// The labels of the undecided faces that the messages say are best.
+void SayLabels(const OpenField& open, const Messages& messages, std::vector<int32_t>* labels) {
+  ParallelFor(static_cast<int64_t>(open.size()), kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      (*labels)[open.faces[i]] = IndexOfLeast(&messages.beliefs[i * open.lanes], open.classes);
+    }
   });
-  return beliefs;
 }
 
-void Polish(const LabelField& field, const Adjacency& a, int sweeps, std::vector<int32_t>* labels) {
+void Polish(const LabelField& field, const FieldGraph& graph, int sweeps, std::vector<int32_t>* labels) {
   const int classes = field.classes;
   std::vector<float> cost(classes);
   for (int sweep = 0; sweep < sweeps; ++sweep) {
@@ -106,9 +39,9 @@ void Polish(const LabelField& field, const Adjacency& a, int sweeps, std::vector
       const float* unary = &field.unary[f * classes];
       std::copy(unary, unary + classes, cost.begin());
       float all = 0;
-      for (int64_t s = a.offsets[f]; s < a.offsets[f + 1]; ++s) {
-        all += a.weight[s];
-        cost[(*labels)[a.neighbour[s]]] -= a.weight[s];
+      for (const FieldLink& link : graph[f]) {
+        all += link.weight;
+        cost[(*labels)[link.face]] -= link.weight;
       }
       const int32_t best = IndexOfLeast(cost.data(), classes);
       // Rounding must not let two faces swap for ever.
@@ -121,7 +54,7 @@ void Polish(const LabelField& field, const Adjacency& a, int sweeps, std::vector
   }
 }
 
-void TakeBetter(const LabelField& field, const Adjacency& a, const std::vector<int32_t>& other,
+void TakeBetter(const LabelField& field, const FieldGraph& graph, const std::vector<int32_t>& other,
                 std::vector<int32_t>* labels) {
   const int classes = field.classes;
   const size_t faces = labels->size();
@@ -137,15 +70,15 @@ void TakeBetter(const LabelField& field, const Adjacency& a, const std::vector<i
       const uint32_t f = part[i];
       gain += static_cast<double>(field.unary[static_cast<size_t>(f) * classes + before[f]]) -
               field.unary[static_cast<size_t>(f) * classes + other[f]];
-      for (int64_t s = a.offsets[f]; s < a.offsets[f + 1]; ++s) {
-        const uint32_t g = a.neighbour[s];
+      for (const FieldLink& link : graph[f]) {
+        const uint32_t g = link.face;
         const bool inside = other[g] != before[g];
         if (inside && g < f) continue;  // counted from the other end
         const double change = (before[f] != before[g] ? 1 : 0) - (other[f] != other[g] ? 1 : 0);
-        gain += change * a.weight[s];
+        gain += change * link.weight;
       }
-      for (int64_t s = a.offsets[f]; s < a.offsets[f + 1]; ++s) {
-        const uint32_t g = a.neighbour[s];
+      for (const FieldLink& link : graph[f]) {
+        const uint32_t g = link.face;
         if (!seen[g] && other[g] != before[g]) {
           seen[g] = 1;
           part.push_back(g);
@@ -161,43 +94,58 @@ void TakeBetter(const LabelField& field, const Adjacency& a, const std::vector<i
 }  // namespace
 
 void PolishLabels(const LabelField& field, int sweeps, std::vector<int32_t>* labels) {
-  Polish(field, MakeAdjacency(field), sweeps, labels);
+  Polish(field, MakeFieldGraph(field), sweeps, labels);
 }
 
 void TakeBetterParts(const LabelField& field, const std::vector<int32_t>& other, std::vector<int32_t>* labels) {
-  TakeBetter(field, MakeAdjacency(field), other, labels);
+  TakeBetter(field, MakeFieldGraph(field), other, labels);
 }
 
 Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start, const SolverOptions& options) {
   const int classes = field.classes;
-  const size_t faces = field.faces();
-  const Adjacency adjacency = MakeAdjacency(field);
-  std::vector<int32_t> unary_best(faces), begin = start;
-  for (size_t f = 0; f < faces; ++f) {
-    unary_best[f] = IndexOfLeast(&field.unary[f * classes], classes);
-    if (begin[f] < 0) begin[f] = unary_best[f];
+  const int64_t faces = static_cast<int64_t>(field.faces());
+  const FieldGraph graph = MakeFieldGraph(field);
+  const std::vector<int32_t> decided = DecideFaces(field, graph);
+  const OpenField open = MakeOpenField(field, graph, decided);
+  Labelling result;
+  std::vector<int32_t> begin = start;
+  for (int64_t f = 0; f < faces; ++f) {
+    if (begin[f] < 0) begin[f] = IndexOfLeast(&field.unary[f * classes], classes);
+  }
+  result.start_energy = LabelEnergy(field, begin);
+  // No labelling is better without the decided labels, so the others alone are compared.
+  for (int64_t f = 0; f < faces; ++f) {
+    if (decided[f] != kUndecided) begin[f] = decided[f];
   }
 
-  Labelling result;
-  result.beliefs = PropagateBeliefs(field, adjacency, options);
-  result.labels.resize(faces);
-  for (size_t f = 0; f < faces; ++f) result.labels[f] = IndexOfLeast(&result.beliefs[f * classes], classes);
-  Polish(field, adjacency, options.polish_sweeps, &result.labels);
-  result.start_energy = LabelEnergy(field, begin);
-  for (std::vector<int32_t>* candidate : {&unary_best, &begin}) {
-    Polish(field, adjacency, options.polish_sweeps, candidate);
-    TakeBetter(field, adjacency, *candidate, &result.labels);
-  }
+  Messages messages = NoMessages(open);
+  const int early = std::max(0, options.iterations - kEarlier);
+  PassMessages(open, early, options.damping, &messages);
+  std::vector<int32_t> early_labels = decided;
+  SayLabels(open, messages, &early_labels);
+  PassMessages(open, options.iterations - early, options.damping, &messages);
+  result.labels = decided;
+  SayLabels(open, messages, &result.labels);
+  TakeBetter(field, graph, early_labels, &result.labels);
+  TakeBetter(field, graph, begin, &result.labels);
+  result.beliefs = AllBeliefs(field, graph, decided, open, messages);
+
+  std::vector<int32_t> open_labels(open.size());
+  for (size_t i = 0; i < open.size(); ++i) open_labels[i] = result.labels[open.faces[i]];
+  LowerByExpansions(open, options.expansion_rounds, options.part_faces, &open_labels);
+  for (size_t i = 0; i < open.size(); ++i) result.labels[open.faces[i]] = open_labels[i];
   result.energy = LabelEnergy(field, result.labels);
 
-  for (size_t f = 0; f < faces; ++f) {
-    float* belief = &result.beliefs[f * classes];
-    float& own = belief[result.labels[f]];
-    const int32_t least = IndexOfLeast(belief, classes);
-    if (least != result.labels[f]) own = belief[least] - kLead;
-    const float lowest = own;
-    for (int l = 0; l < classes; ++l) belief[l] -= lowest;
-  }
+  ParallelFor(faces, kGrain, [&](int64_t first, int64_t end) {
+    for (int64_t f = first; f < end; ++f) {
+      float* belief = &result.beliefs[f * classes];
+      float& own = belief[result.labels[f]];
+      const int32_t least = IndexOfLeast(belief, classes);
+      if (least != result.labels[f]) own = belief[least] - kLead;
+      const float lowest = own;
+      for (int l = 0; l < classes; ++l) belief[l] -= lowest;
+    }
+  });
   return result;
 }
 

@@ -10,9 +10,10 @@
 namespace tessera {
 
 struct SolverOptions {
-  int iterations = 60;   // always all of them, so that a face's label depends on its surroundings alone
-  double damping = 0.5;  // share of the old message that is kept
-  int polish_sweeps = 10;
+  int iterations = 30;   // always all of them, so that a face's label depends on its surroundings alone
+  double damping = 0.3;  // share of the old message that is kept
+  int expansion_rounds = 2;
+  int part_faces = 20000;  // expansions are exact within parts of so many faces
 };
 
 struct Labelling {
@@ -24,10 +25,10 @@ struct Labelling {
   double start_energy = 0;
 };
 
-// All messages are sent at once, damped, for a fixed number of iterations; the decoded labels are polished by iterated
-// conditional modes, and wherever (connected part by connected part) the start or the unaries' best labels, polished
-// too, are better, those are taken. So the energy is never above that of `start`. Labels of -1 in `start` stand for the
-// unary's best. Deterministic for any number of threads.
+// All messages are sent at once, damped, for a fixed number of iterations. Where the start is better than the labels
+// that they say (connected part by connected part), it is taken; then expansions lower the energy further. So it is
+// never above that of `start`. Labels of -1 in `start` stand for the unary's best. Deterministic for any number of
+// threads.
 Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start, const SolverOptions& options);
 
 // Lowers the energy face by face, in order of index, until nothing changes or `sweeps` are done.

@@ -1,0 +1,33 @@
+// The edges of a label field, face by face.
+#ifndef TESSERA_WORKER_LABEL_FIELD_GRAPH_H_
+#define TESSERA_WORKER_LABEL_FIELD_GRAPH_H_
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "worker/label/label_field.h"
+
+namespace tessera {
+
+// One end of an edge: where it leads, what it weighs, and which of the field's edges it is.
+struct FieldLink {
+  uint32_t face = 0;
+  float weight = 0;
+  uint32_t edge = 0;
+};
+
+struct FieldGraph {
+  std::vector<uint32_t> offsets;  // faces + 1
+  std::vector<FieldLink> links;   // those of face f from offsets[f], in the order of the field's edges
+  std::span<const FieldLink> operator[](size_t face) const {
+    return {links.data() + offsets[face], offsets[face + 1] - offsets[face]};
+  }
+};
+
+// Edges of no weight are left out.
+FieldGraph MakeFieldGraph(const LabelField& field);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_LABEL_FIELD_GRAPH_H_
