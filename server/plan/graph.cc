@@ -12,7 +12,8 @@ namespace tessera {
 namespace {
 
 // Halo in GSD. At pyramid level 2 a step reaches two windows of radius 3 (24 GSD) and a face (about 5); what smoothing
-// carries further dies out in a few faces, labels in about 8. Twice that, for the steps that add up.
+// carries further dies out in a few faces, labels in about 8. Twice that, for the steps that add up. E_contour asks for
+// surfaces up to 48 GSD off.
 constexpr double kHaloGsd = 56;
 constexpr int kHaloRadius_px = 3, kHaloCoarsest = 2;  // what that is for
 // Tiles blend over the inner half of the halo; what lies outside it only shields that half from the cut.

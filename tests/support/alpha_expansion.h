@@ -10,7 +10,7 @@
 namespace tessera {
 
 // No expansion of any one label lowers the energy of the result any more. `labels`: where it starts, every one in
-// [0, classes). Slow, and memory of about 300 bytes a face.
+// [0, classes). Slow.
 std::vector<int32_t> ExpandLabels(const LabelField& field, std::vector<int32_t> labels);
 
 }  // namespace tessera

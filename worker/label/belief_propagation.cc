@@ -30,30 +30,6 @@ void SayLabels(const OpenField& open, const Messages& messages, std::vector<int3
   });
 }
 
-void Polish(const LabelField& field, const FieldGraph& graph, int sweeps, std::vector<int32_t>* labels) {
-  const int classes = field.classes;
-  std::vector<float> cost(classes);
-  for (int sweep = 0; sweep < sweeps; ++sweep) {
-    bool changed = false;
-    for (size_t f = 0; f < labels->size(); ++f) {
-      const float* unary = &field.unary[f * classes];
-      std::copy(unary, unary + classes, cost.begin());
-      float all = 0;
-      for (const FieldLink& link : graph[f]) {
-        all += link.weight;
-        cost[(*labels)[link.face]] -= link.weight;
-      }
-      const int32_t best = IndexOfLeast(cost.data(), classes);
-      // Rounding must not let two faces swap for ever.
-      if (cost[best] < cost[(*labels)[f]] - 1e-6f * (1 + all)) {
-        (*labels)[f] = best;
-        changed = true;
-      }
-    }
-    if (!changed) break;
-  }
-}
-
 void TakeBetter(const LabelField& field, const FieldGraph& graph, const std::vector<int32_t>& other,
                 std::vector<int32_t>* labels) {
   const int classes = field.classes;
@@ -92,10 +68,6 @@ void TakeBetter(const LabelField& field, const FieldGraph& graph, const std::vec
 }
 
 }  // namespace
-
-void PolishLabels(const LabelField& field, int sweeps, std::vector<int32_t>* labels) {
-  Polish(field, MakeFieldGraph(field), sweeps, labels);
-}
 
 void TakeBetterParts(const LabelField& field, const std::vector<int32_t>& other, std::vector<int32_t>* labels) {
   TakeBetter(field, MakeFieldGraph(field), other, labels);

@@ -31,9 +31,6 @@ struct Labelling {
 // threads.
 Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start, const SolverOptions& options);
 
-// Lowers the energy face by face, in order of index, until nothing changes or `sweeps` are done.
-void PolishLabels(const LabelField& field, int sweeps, std::vector<int32_t>* labels);
-
 // Takes from `other` each connected part of the faces where the two differ that lowers the energy of `labels`.
 void TakeBetterParts(const LabelField& field, const std::vector<int32_t>& other, std::vector<int32_t>* labels);
 

@@ -31,7 +31,7 @@ class ContourView {
         labels_(labels),
         view_(view),
         map_(map),
-        weight_(options.weight),
+        options_(options),
         gap_(static_cast<float>(options.gap_px / view.camera.intrinsics.fx)),
         centre_(view.camera.Centre()) {}
 
@@ -74,6 +74,8 @@ class ContourView {
     const double along = normal.dot(ray);
     if (along == 0) return;
     const Vector3d point = centre_ + normal.dot(corner(0) - centre_) / along * ray;
+    const Vector3d way = centre_ + map_.depth[Index(bx, by)] * view_.camera.Ray(bx + 0.5, by + 0.5) - point;
+    if ((way - options_.up.dot(way) * options_.up).squaredNorm() > options_.reach_m * options_.reach_m) return;
     const double gain = 0.5 * (view_.texels.Likelihood(x, y, front) - view_.texels.Likelihood(x, y, behind) +
                                view_.texels.Likelihood(bx, by, front) - view_.texels.Likelihood(bx, by, behind));
     // How far outward the contour goes in the image, pixels, when the point moves a metre.
@@ -87,8 +89,8 @@ class ContourView {
       const Vector3d opposite = (corner((c + 2) % 3) - corner((c + 1) % 3)).cross(point - corner((c + 1) % 3));
       const double share = std::clamp(opposite.dot(normal) / area2, 0.0, 1.0);
       if (share == 0) continue;
-      pulls_.push_back({mesh_.faces[face][c], -weight_ * share * gain * outward,
-                        std::sqrt(weight_ * kCurvaturePerPx2 * share) * outward});
+      pulls_.push_back({mesh_.faces[face][c], -options_.weight * share * gain * outward,
+                        std::sqrt(options_.weight * kCurvaturePerPx2 * share) * outward});
     }
   }
 
@@ -96,7 +98,7 @@ class ContourView {
   const std::vector<int32_t>& labels_;
   const PhotoView& view_;
   const FaceMap& map_;
-  const double weight_;
+  const ContourOptions& options_;
   const float gap_;  // of depth, relative to the nearer one
   const Vector3d centre_;
   std::vector<Pull> pulls_;

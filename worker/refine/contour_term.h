@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "common/geometry/mesh.h"
@@ -20,6 +21,10 @@ namespace tessera {
 struct ContourOptions {
   double weight = 0;  // λ4, beside the photo energy of a pixel
   double gap_px = 4;  // of depth, in pixels at the nearer depth
+  // Metres across `up` from the nearer point to the one behind it; what lies farther off makes no contour. So no vertex
+  // asks about surfaces that its tile's halo does not hold.
+  double reach_m = std::numeric_limits<double>::infinity();
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
 };
 
 // Adds the weighted gradient (per metre) and a positive semidefinite curvature (per metre²) to the corners of the

@@ -254,7 +254,11 @@ class Refiner {
       Evaluate();
       const double start_s = Seconds(options_.clock);
       if (options_.contour > 0 && !problem_.mesh.labels.empty()) {
-        AddContourTerm(mesh_, problem_.mesh.labels, views_, photo_->maps(), {options_.contour}, &derivatives_.gradient,
+        ContourOptions contour;
+        contour.weight = options_.contour;
+        contour.reach_m = options_.contour_reach_gsd * problem_.gsd_m;
+        contour.up = problem_.up;
+        AddContourTerm(mesh_, problem_.mesh.labels, views_, photo_->maps(), contour, &derivatives_.gradient,
                        &derivatives_.curvature);
       }
       const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, inter_, guard_, step_options);

@@ -62,7 +62,8 @@ struct RefineOptions {
   double semantic = 0;                                                // λ1; 0: off
   double semantic_outlier = std::numeric_limits<double>::infinity();  // as photo_outlier, for e = ½ Σ_l ΔL² of a pixel
 
-  double contour = 0;  // λ4, of E_contour; 0: off
+  double contour = 0;             // λ4, of E_contour; 0: off
+  double contour_reach_gsd = 48;  // how far off, in plan, the surface behind may be; less than a tile's halo
 
   // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
   // count in pixels of the level.

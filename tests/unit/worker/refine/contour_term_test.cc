@@ -171,6 +171,13 @@ TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
   Bed unknown = bed;
   std::fill(unknown.labels.begin(), unknown.labels.begin() + 2, -1);
   EXPECT_EQ(pull(unknown), 0);
+  // Beside the ball the ground is seen some metres farther out; right under its edge it is not seen.
+  ContourOptions near;
+  near.weight = 1;
+  near.reach_m = 0.05;
+  EXPECT_EQ(pull(bed, near), 0);
+  near.reach_m = 20;
+  EXPECT_EQ(pull(bed, near), pull(bed));
   // 4 to 6 m of depth are 50 to 80 pixels here.
   EXPECT_EQ(pull(bed, {1, 120}), 0);
   EXPECT_NEAR(pull(bed, {3, 4}), 3 * pull(bed), 1e-9 * pull(bed));
