@@ -4,6 +4,7 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <filesystem>
 
 #include "common/base/random.h"
@@ -37,7 +38,10 @@ class BlobClientTest : public testing::Test {
     server_ = builder.BuildAndStart();
     RetryPolicy policy;
     policy.max_attempts = 4;
-    client_ = std::make_unique<BlobClient>(MakeChannel("127.0.0.1:" + std::to_string(port)), policy, [this](double) {
+    const auto channel = MakeChannel("127.0.0.1:" + std::to_string(port));
+    // Waits between attempts are not slept through, so a connection that comes up slowly would use all of them.
+    EXPECT_TRUE(channel->WaitForConnected(std::chrono::system_clock::now() + std::chrono::seconds(10)));
+    client_ = std::make_unique<BlobClient>(channel, policy, [this](double) {
       ++waits_;
       return true;
     });
