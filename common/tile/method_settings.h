@@ -15,11 +15,16 @@ namespace tessera {
 // tessera: ours. baseline: Vu et al. 2012, images alone. paper: Bláha et al. 2017, its terms and rounds.
 inline constexpr std::array<const char*, 3> kMethods = {"tessera", "baseline", "paper"};
 
+// Half of what a pixel's surroundings and the steps' reach ask for is not enough (seam_bench): tiles then differ
+// visibly.
+inline constexpr double kHaloGsd = 160;
+
 // What is not set (empty for lists) is as the method has it.
 struct MethodSettings {
   std::optional<double> semantic, thin_plate, inter, contour;  // λ1 to λ4
   std::optional<double> normal_prior, label_smoothness;        // μ1, μ2
   std::optional<double> max_step_px;
+  std::optional<double> halo_gsd;
   std::optional<int> window_px, partners;
   std::optional<bool> labels_first;
   std::vector<int> levels, iterations;

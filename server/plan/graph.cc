@@ -11,13 +11,9 @@
 namespace tessera {
 namespace {
 
-// Halo in GSD. At pyramid level 2 a step reaches two windows of radius 3 (24 GSD) and a face (about 5); what smoothing
-// carries further dies out in a few faces, labels in about 8. Twice that, for the steps that add up. E_contour asks for
-// surfaces up to 48 GSD off.
-constexpr double kHaloGsd = 56;
-constexpr int kHaloRadius_px = 3, kHaloCoarsest = 2;  // what that is for
-// Tiles blend over the inner half of the halo; what lies outside it only shields that half from the cut.
-constexpr double kBlendShare = 0.5;
+constexpr int kHaloRadius_px = 3, kHaloCoarsest = 2;  // windows and levels that the standard halo is for
+// Tiles blend over the inner quarter of the halo; what lies outside it only shields that quarter from the cut.
+constexpr double kBlendShare = 0.25;
 
 // Predicted seconds on one core, constants of the program's version: progress and order depend on their ratios only.
 constexpr double kIngestSecondsPerFile = 0.1;
@@ -40,6 +36,7 @@ PlannedInput FromScene(const std::string& file) { return {std::string(kSceneFold
 
 // Wider windows and coarser levels reach further in proportion; narrower ones leave the rest of the reach as it is.
 double HaloGsd(const MethodSettings& settings) {
+  if (settings.halo_gsd) return *settings.halo_gsd;
   const int radius_px = settings.window_px.value_or(2 * kHaloRadius_px + 1) / 2;
   const int coarsest =
       settings.levels.empty() ? kHaloCoarsest : *std::max_element(settings.levels.begin(), settings.levels.end());

@@ -101,7 +101,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
     size_t at = 0;
     for (size_t i = 0; i < views.size(); ++i) {
       const double begin_s = CpuSeconds();
-      SetWarpTarget(views[i].texels, maps[i], &targets[i]);
+      SetWarpTarget(views[i].texels, maps[i], {}, &targets[i]);
       note(at++, {CpuSeconds() - begin_s, 0, 0});
     }
     for (size_t i = 0; i < views.size(); ++i) {
@@ -149,7 +149,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
 double MeasureScalar(const Scene& scene, const std::vector<PhotoView>& views, float semantic, Checks* checks) {
   const FaceMap map = RasterizeFaces(scene.mesh, nullptr, views[0].camera);
   WarpTarget target;
-  SetWarpTarget(views[1].texels, RasterizeFaces(scene.mesh, nullptr, views[1].camera), &target);
+  SetWarpTarget(views[1].texels, RasterizeFaces(scene.mesh, nullptr, views[1].camera), {}, &target);
   std::vector<float> offsets;
   for (size_t f = 0; f < scene.mesh.faces.size(); ++f) {
     const Eigen::Vector3d from = scene.mesh.Corner(f, 0) - views[0].camera.Centre();

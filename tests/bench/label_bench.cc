@@ -193,7 +193,7 @@ FaceLikelihoods CollectLikelihoods(const std::vector<ScoredView>& views, const s
 
 // How much of the area keeps its label when every face is split and all is solved again.
 Status PrintAgreement(const SceneDescription& scene, const std::vector<ScoredView>& views,
-                      const std::vector<PosedCamera>& cameras, const TriangleMesh& mesh,
+                      const std::vector<CameraWindow>& cameras, const TriangleMesh& mesh,
                       const std::vector<int32_t>& labels, double gsd_m, const Arguments& arguments) {
   const TriangleMesh halved = Halved(mesh);
   std::vector<FaceMap> maps;
@@ -227,7 +227,7 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
   TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(mesh));
   const std::vector<MeshEdge> edges = EdgeList(topology);
   const int classes = static_cast<int>(scene.classes.size());
-  std::vector<PosedCamera> cameras;
+  std::vector<CameraWindow> cameras;
   for (const SceneView& view : scene.views) cameras.push_back(view.camera);
   std::vector<FaceMap> maps;
   Rasterizer().DrawViews(mesh, nullptr, cameras, &maps);

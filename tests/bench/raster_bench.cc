@@ -54,10 +54,10 @@ TriangleMesh MakeCity(int cells) {
 }
 
 // Cameras around the city, 30 degrees off the vertical, that see a face of the ground at about `face_px2`.
-std::vector<PosedCamera> MakeCameras(int cells, double face_px2, int count) {
+std::vector<CameraWindow> MakeCameras(int cells, double face_px2, int count) {
   const double side_m = kCell_m * cells, range_m = 2.5 * side_m;
   const double pixel_m = std::sqrt(0.5 * kCell_m * kCell_m / face_px2);
-  std::vector<PosedCamera> cameras;
+  std::vector<CameraWindow> cameras;
   for (int i = 0; i < count; ++i) {
     const double turn = 2 * std::numbers::pi * i / count, tilt = std::numbers::pi / 6;
     PosedCamera camera;
@@ -98,8 +98,8 @@ void Bench(int cells) {
   std::printf("%8s %12s %8s | %9s %12s | %15s\n", "px2/face", "pixels", "threads", "ns/face", "M faces/s",
               "one view, ns/face");
   for (double face_px2 : {0.25, 1.0, 4.0, 16.0}) {
-    const std::vector<PosedCamera> cameras = MakeCameras(cells, face_px2, kViews);
-    const PinholeCamera& k = cameras[0].intrinsics;
+    const std::vector<CameraWindow> cameras = MakeCameras(cells, face_px2, kViews);
+    const PinholeCamera& k = cameras[0].camera.intrinsics;
     for (int threads : {1, 2}) {
       const ThreadLimit limit(threads);
       Rasterizer rasterizer;

@@ -21,9 +21,9 @@ Sample SampleAt(double position, int size) {
   return sample;
 }
 
-std::vector<Sample> SamplesAlong(int count, double scale, double offset, int size) {
+std::vector<Sample> SamplesAlong(int first, int count, double scale, double offset, int size) {
   std::vector<Sample> samples(count);
-  for (int i = 0; i < count; ++i) samples[i] = SampleAt(scale * (i + 0.5) + offset, size);
+  for (int i = 0; i < count; ++i) samples[i] = SampleAt(scale * (first + i + 0.5) + offset, size);
   return samples;
 }
 
@@ -32,8 +32,10 @@ std::vector<Sample> SamplesAlong(int count, double scale, double offset, int siz
 void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const PixelMapping& mapping,
                     FaceLikelihoods* sums) {
   const int classes = sums->classes;
-  const std::vector<Sample> columns = SamplesAlong(map.width, mapping.scale_x, mapping.offset_x, likelihoods.width);
-  const std::vector<Sample> rows = SamplesAlong(map.height, mapping.scale_y, mapping.offset_y, likelihoods.height);
+  const std::vector<Sample> columns =
+      SamplesAlong(map.x0, map.width, mapping.scale_x, mapping.offset_x, likelihoods.width);
+  const std::vector<Sample> rows =
+      SamplesAlong(map.y0, map.height, mapping.scale_y, mapping.offset_y, likelihoods.height);
   const size_t stride = likelihoods.width;
   for (int y = 0; y < map.height; ++y) {
     const Sample& row = rows[y];

@@ -47,8 +47,14 @@ class ContourView {
 
  private:
   size_t Index(int x, int y) const { return static_cast<size_t>(y) * map_.width + x; }
-  int LabelAt(size_t pixel) const {
+  Vector3d Ray(int x, int y) const { return view_.camera.Ray(map_.x0 + x + 0.5, map_.y0 + y + 0.5); }
+  // Silhouettes are no comparison of pixels, so blind ones serve too.
+  int32_t FaceAt(size_t pixel) const {
     const int32_t face = map_.face[pixel];
+    return face < -1 && face != kNotLookedAt ? Blinded(face) : face;
+  }
+  int LabelAt(size_t pixel) const {
+    const int32_t face = FaceAt(pixel);
     return face >= 0 && labels_[face] < view_.texels.classes ? labels_[face] : -1;
   }
 
@@ -67,14 +73,14 @@ class ContourView {
 
   // (x, y) is on the nearer face, (bx, by) behind it.
   void AddContour(int x, int y, int bx, int by, int front, int behind) {
-    const int32_t face = map_.face[Index(x, y)];
+    const int32_t face = FaceAt(Index(x, y));
     const auto corner = [&](int c) { return mesh_.Corner(face, c); };
     const Vector3d normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
-    const Vector3d ray = view_.camera.Ray(x + 0.5, y + 0.5);
+    const Vector3d ray = Ray(x, y);
     const double along = normal.dot(ray);
     if (along == 0) return;
     const Vector3d point = centre_ + normal.dot(corner(0) - centre_) / along * ray;
-    const Vector3d way = centre_ + map_.depth[Index(bx, by)] * view_.camera.Ray(bx + 0.5, by + 0.5) - point;
+    const Vector3d way = centre_ + map_.depth[Index(bx, by)] * Ray(bx, by) - point;
     if ((way - options_.up.dot(way) * options_.up).squaredNorm() > options_.reach_m * options_.reach_m) return;
     const double gain = 0.5 * (view_.texels.Likelihood(x, y, front) - view_.texels.Likelihood(x, y, behind) +
                                view_.texels.Likelihood(bx, by, front) - view_.texels.Likelihood(bx, by, behind));

@@ -68,7 +68,8 @@ FaceGatherer::Part FaceGatherer::ToCorners(const Moments& m) const {
   const double determinant = a.dot(rows[0]);
   if (determinant == 0) return part;
   const PinholeCamera& k = camera_->intrinsics;
-  const double rx = (m.x0 + 0.5 - k.cx) / k.fx, ry = (m.y0 + 0.5 - k.cy) / k.fy, scale = 1 / determinant;
+  const double rx = (map_->x0 + m.x0 + 0.5 - k.cx) / k.fx, ry = (map_->y0 + m.y0 + 0.5 - k.cy) / k.fy;
+  const double scale = 1 / determinant;
   const auto ray_sum = [&](double one, double x, double y) -> Vector3d {
     return camera_->rotation_cam_from_world.transpose() *
            Vector3d(scale * (rx * one + x / k.fx), scale * (ry * one + y / k.fy), scale * one);

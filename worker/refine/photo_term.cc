@@ -14,7 +14,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kStripRows = 64;
+constexpr int kStripRows = PhotoView::kWindowStep;
 constexpr int64_t kFaceGrain = 2048;
 
 Matrix3d Calibration(const PinholeCamera& k) {
@@ -65,9 +65,9 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
 }
 
 PhotoTerm::PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs,
-                     const PhotoOptions& options)
-    : views_(views), pairs_(pairs), options_(options), targets_(views.size()) {
-  for (const PhotoView& view : views_) cameras_.push_back(view.camera);
+                     const PhotoOptions& options, const ViewGroups* groups)
+    : views_(views), pairs_(pairs), options_(options), groups_(groups), targets_(views.size()) {
+  for (const PhotoView& view : views_) windows_.push_back(view.window());
 }
 
 std::unique_ptr<PhotoTerm::Workspace> PhotoTerm::TakeWorkspace() {
@@ -177,10 +177,12 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders
       plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
     }
   });
-  rasterizer_.DrawViews(mesh, &occluders, cameras_, &maps_);
+  rasterizer_.DrawViews(mesh, &occluders, windows_, &maps_);
+  for (size_t i = 0; groups_ != nullptr && i < maps_.size(); ++i) MarkNotLookedAt(*groups_, i, &maps_[i]);
+  for (size_t i = 0; i < maps_.size(); ++i) MarkBlind(views_[i].blind, &maps_[i]);
   const double visible_s = Seconds(clock);
 
-  for (size_t i = 0; i < views_.size(); ++i) SetWarpTarget(views_[i].texels, maps_[i], &targets_[i]);
+  for (size_t i = 0; i < views_.size(); ++i) SetWarpTarget(views_[i].texels, maps_[i], views_[i].depths, &targets_[i]);
   face_sums_.assign(mesh.faces.size(), FaceSums());
   out->sums = ZnccSums();
   out->warped_pixels = 0;

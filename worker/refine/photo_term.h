@@ -19,13 +19,25 @@
 #include "worker/refine/warp_target.h"
 #include "worker/refine/zncc_kernel.h"
 #include "worker/visibility/rasterizer.h"
+#include "worker/visibility/view_groups.h"
 
 namespace tessera {
 
-// A view at one pyramid level, cut to what the mesh can cover. `texels` (MakeTexels) has the camera's size.
+// A view at one pyramid level: the whole image's camera (its pixels may count from anywhere, the width and height mean
+// nothing) and the texels (MakeTexels) of what the mesh can cover of it.
 struct PhotoView {
+  // Sums are made in strips and blocks that count from the window's corner: where it is a multiple of this in both
+  // directions, a face that a window holds with its surroundings has the same sums, bit for bit, in any other.
+  static constexpr int kWindowStep = 64;
+
   PosedCamera camera;
   Texels texels;
+  std::vector<PixelRun> blind = {};  // pixels that are not looked at
+  DepthRange depths = {};            // empty: taken anew from what the view sees, so that it depends on all of the mesh
+
+  CameraWindow window() const {
+    return {camera, {texels.x0, texels.y0, texels.x0 + texels.width, texels.y0 + texels.height}};
+  }
 };
 
 struct PhotoOptions {
@@ -57,8 +69,10 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
 // Evaluates all pairs on a mesh. Holds buffers between calls. Results do not depend on the number of threads.
 class PhotoTerm {
  public:
-  // `views` and `pairs` must outlive this; pairs sorted by reference.
-  PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs, const PhotoOptions& options);
+  // `views`, `pairs` and `groups` must outlive this; pairs sorted by reference. `groups`: of the mesh's faces and
+  // `views`; null: every view looks at every face.
+  PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
+            const ViewGroups* groups = nullptr);
 
   // Visibility is taken from `mesh` and `occluders` as they are and frozen in the derivatives. `clock` may be null.
   void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock, PhotoDerivatives* out);
@@ -82,7 +96,8 @@ class PhotoTerm {
   const std::vector<PhotoView>& views_;
   const std::vector<ViewPair>& pairs_;
   PhotoOptions options_;
-  std::vector<PosedCamera> cameras_;
+  const ViewGroups* groups_;
+  std::vector<CameraWindow> windows_;
   Rasterizer rasterizer_;
   std::vector<FaceMap> maps_;
   std::vector<WarpTarget> targets_;

@@ -17,11 +17,11 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 // One row of a face map, of which whole blocks can be read.
 void FillRow(const PinholeCamera& k, const uint16_t* luminance, const int32_t* faces, const float* depth,
-             const float* offset, float min_cosine, int y, int begin, int end, ReferenceStrip* strip) {
+             const float* offset, float min_cosine, int x0, int y0, int y, int begin, int end, ReferenceStrip* strip) {
   const hn::ScalableTag<float> d;
   const hn::RebindToSigned<decltype(d)> di;
   const hn::Rebind<uint16_t, decltype(d)> d16;
-  const float ry = static_cast<float>((y + 0.5 - k.cy) / k.fy);
+  const float ry = static_cast<float>((y0 + y + 0.5 - k.cy) / k.fy);
   const auto ray_y = hn::Set(d, 1 + ry * ry), limit = hn::Set(d, -min_cosine), one = hn::Set(d, 1.0f);
   const auto per_pixel = hn::Set(d, static_cast<float>(1 / k.fx));
   const auto ramp = hn::Iota(d, static_cast<float>(0.5 - k.cx));
@@ -37,7 +37,7 @@ void FillRow(const PinholeCamera& k, const uint16_t* luminance, const int32_t* f
       continue;
     }
     const auto h = hn::GatherIndex(d, offset, hn::IfThenElseZero(seen, face));
-    const auto rx = hn::Mul(hn::Add(ramp, hn::Set(d, static_cast<float>(x))), per_pixel);
+    const auto rx = hn::Mul(hn::Add(ramp, hn::Set(d, static_cast<float>(x0 + x))), per_pixel);
     const auto ray = hn::Sqrt(hn::MulAdd(rx, rx, ray_y));
     const auto lit = hn::Gt(hn::PromoteTo(di, hn::LoadU(d16, luminance + x)), hn::Zero(di));
     const auto used = hn::And(hn::RebindMask(d, hn::And(seen, lit)), hn::Lt(h, hn::Mul(hn::Mul(limit, z), ray)));
@@ -77,14 +77,15 @@ void FillStrip(const PinholeCamera& camera, const Texels& texels, const FaceMap&
     const int32_t* faces = map.face.data() + static_cast<size_t>(y) * map.width;
     const float* depth = map.depth.data() + static_cast<size_t>(y) * map.width;
     HWY_DYNAMIC_DISPATCH(FillRow)
-    (camera, luminance, faces, depth, offset, cosine, y, 0, whole, strip);
+    (camera, luminance, faces, depth, offset, cosine, texels.x0, texels.y0, y, 0, whole, strip);
     int32_t last_faces[kPixelBlock];
     float last_depth[kPixelBlock] = {};
     std::fill_n(last_faces, kPixelBlock, -1);
     std::copy_n(faces + whole, tail, last_faces);
     std::copy_n(depth + whole, tail, last_depth);
     HWY_DYNAMIC_DISPATCH(FillRow)
-    (camera, luminance, last_faces, last_depth, offset, cosine, y, whole, whole + kPixelBlock, strip);
+    (camera, luminance, last_faces, last_depth, offset, cosine, texels.x0, texels.y0, y, whole, whole + kPixelBlock,
+     strip);
     std::fill(strip->depth_factor.row(y) + whole + kPixelBlock, strip->depth_factor.row(y) + strip->depth_factor.stride,
               0.0f);
   }

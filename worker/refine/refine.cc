@@ -42,9 +42,10 @@ Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) 
   }
   for (size_t i = 0; i < problem.views.size(); ++i) {
     const RefineView& view = problem.views[i];
-    if (view.luminance == nullptr || view.luminance->width != view.camera.intrinsics.width ||
-        view.luminance->height != view.camera.intrinsics.height) {
-      return bad(absl::StrCat("the image of view ", i, " has not the camera's size"));
+    const PinholeCamera& k = view.camera.intrinsics;
+    if (view.luminance == nullptr || view.x0 < 0 || view.y0 < 0 || view.x0 + view.luminance->width > k.width ||
+        view.y0 + view.luminance->height > k.height) {
+      return bad(absl::StrCat("the image of view ", i, " is no part of the camera's"));
     }
   }
   const int views = static_cast<int>(problem.views.size());
@@ -73,7 +74,7 @@ std::vector<PixelRect> ViewWindows(const RefineProblem& problem, int coarsest) {
   const int align = 1 << coarsest;
   std::vector<PixelRect> windows;
   for (const RefineView& view : problem.views) {
-    PixelRect rect = ProjectedBounds(problem.mesh, view.camera, kMarginPx, align);
+    PixelRect rect = ProjectedBounds(problem.mesh, view.camera, kMarginPx, PhotoView::kWindowStep * align);
     rect.x1 = rect.x0 + rect.width() / align * align;
     rect.y1 = rect.y0 + rect.height() / align * align;
     if (rect.empty()) rect = {0, 0, align, align};
@@ -82,28 +83,34 @@ std::vector<PixelRect> ViewWindows(const RefineProblem& problem, int coarsest) {
   return windows;
 }
 
-PhotoView MakePhotoView(RefineView view, const PixelRect& rect, int level, bool semantic) {
-  if (!semantic) view.likelihoods = nullptr;
+PhotoView MakePhotoView(const RefineView& view, const PixelRect& rect, int level, bool semantic) {
   PhotoView out;
-  out.camera = PyramidCamera(CroppedCamera(view.camera, rect), level);
+  out.camera = PyramidCamera(view.camera, level);
+  // Pixels count from the middle of the whole image, where floats hold them best.
+  PinholeCamera& k = out.camera.intrinsics;
+  const int middle_x = k.width / 2, middle_y = k.height / 2;
+  k.cx -= middle_x;
+  k.cy -= middle_y;
+  out.depths = view.depths;
   FloatImage image(rect.width(), rect.height());
   for (int y = 0; y < rect.height(); ++y) {
     for (int x = 0; x < rect.width(); ++x) {
-      const int sx = rect.x0 + x, sy = rect.y0 + y;
-      const bool inside = sx < view.luminance->width && sy < view.luminance->height;
+      const int sx = rect.x0 + x - view.x0, sy = rect.y0 + y - view.y0;
+      const bool inside = sx >= 0 && sy >= 0 && sx < view.luminance->width && sy < view.luminance->height;
       image.at(x, y) = inside ? view.luminance->at(sx, sy) : std::nanf("");
     }
   }
   for (int i = 0; i < level; ++i) image = HalfResolution(image);
-  if (view.likelihoods == nullptr) {
-    out.texels = MakeTexels(image);
+  const int x0 = (rect.x0 >> level) - middle_x, y0 = (rect.y0 >> level) - middle_y;
+  if (!semantic || view.likelihoods == nullptr) {
+    out.texels = MakeTexels(image, x0, y0);
   } else {
     PixelMapping mapping = view.mapping;
-    mapping.offset_x += mapping.scale_x * rect.x0;
-    mapping.offset_y += mapping.scale_y * rect.y0;
     mapping.scale_x *= 1 << level;
     mapping.scale_y *= 1 << level;
-    out.texels = MakeTexels(image, *view.likelihoods, mapping);
+    mapping.offset_x += mapping.scale_x * middle_x;
+    mapping.offset_y += mapping.scale_y * middle_y;
+    out.texels = MakeTexels(image, *view.likelihoods, mapping, x0, y0);
   }
   return out;
 }
@@ -176,6 +183,7 @@ class Refiner {
     }
     report_.pairs = static_cast<int>(pairs_.size());
     windows_ = ViewWindows(problem, *std::max_element(options.levels.begin(), options.levels.end()));
+    FindFarSilhouettes();
     report_.seconds_prepare = Seconds(options.clock) - start_s;
     for (size_t i = 0; i < options.levels.size(); ++i) {
       total_work_ += options.iterations[i] * std::pow(0.25, options.levels[i]);
@@ -204,16 +212,33 @@ class Refiner {
  private:
   int Finest() const { return *std::min_element(options_.levels.begin(), options_.levels.end()); }
 
+  // In the start as it is, which all tiles know alike.
+  void FindFarSilhouettes() {
+    silhouettes_.resize(windows_.size());
+    if (!std::isfinite(problem_.reach_m)) return;
+    std::vector<CameraWindow> windows;
+    for (size_t i = 0; i < windows_.size(); ++i) windows.emplace_back(problem_.views[i].camera, windows_[i]);
+    std::vector<FaceMap> maps;
+    Rasterizer().DrawViews(start_, &problem_.occluders, windows, &maps);
+    ParallelFor(static_cast<int64_t>(windows.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t i = begin; i < end; ++i) {
+        silhouettes_[i] = FarSilhouettes(maps[i], windows[i].camera, problem_.up, problem_.reach_m);
+      }
+    });
+  }
+
   void EnterLevel(int level) {
     if (level == level_) return;
     const double start_s = Seconds(options_.clock);
     std::vector<PhotoView> views(problem_.views.size());
     ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t i = begin; i < end; ++i)
+      for (int64_t i = begin; i < end; ++i) {
         views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0 || options_.contour > 0);
+        views[i].blind = silhouettes_[i].Near(level, options_.window_px / 2);
+      }
     });
     views_ = std::move(views);
-    photo_ = std::make_unique<PhotoTerm>(views_, pairs_, MakePhotoOptions(options_));
+    photo_ = std::make_unique<PhotoTerm>(views_, pairs_, MakePhotoOptions(options_), &problem_.groups);
     level_ = level;
     report_.seconds_prepare += Seconds(options_.clock) - start_s;
   }
@@ -256,7 +281,7 @@ class Refiner {
       if (options_.contour > 0 && !problem_.mesh.labels.empty()) {
         ContourOptions contour;
         contour.weight = options_.contour;
-        contour.reach_m = options_.contour_reach_gsd * problem_.gsd_m;
+        contour.reach_m = problem_.reach_m;
         contour.up = problem_.up;
         AddContourTerm(mesh_, problem_.mesh.labels, views_, photo_->maps(), contour, &derivatives_.gradient,
                        &derivatives_.curvature);
@@ -292,6 +317,7 @@ class Refiner {
   FoldRepair repair_;
   std::vector<ViewPair> pairs_;
   std::vector<PixelRect> windows_;
+  std::vector<FarSilhouettes> silhouettes_;
   std::vector<PhotoView> views_;
   std::unique_ptr<PhotoTerm> photo_;
   PhotoDerivatives derivatives_;

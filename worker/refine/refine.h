@@ -16,19 +16,22 @@
 #include "common/imaging/raster.h"
 #include "worker/refine/pairs.h"
 #include "worker/refine/smooth_term.h"
+#include "worker/refine/warp_target.h"
+#include "worker/visibility/view_groups.h"
 
 namespace tessera {
 
-// One view; its images are not owned. `luminance` has the camera's size, values in [0, 1], NaN where the photograph has
-// nothing. `likelihoods`: a plane a class, in [0, 1], of any resolution; null: none.
+// One view; its images are not owned. `likelihoods`: a plane a class, in [0, 1], of any resolution; null: none.
 struct RefineView {
-  PosedCamera camera;
-  const FloatImage* luminance = nullptr;
+  PosedCamera camera;                     // of the whole image
+  const FloatImage* luminance = nullptr;  // of part of it: values in [0, 1], NaN where the photograph has nothing
   const FloatImage* likelihoods = nullptr;
-  PixelMapping mapping = {};  // from luminance to likelihoods
+  PixelMapping mapping = {};  // from the whole image to likelihoods
+  int x0 = 0, y0 = 0;         // of the luminance's first pixel in the whole image
+  DepthRange depths = {};     // of all that the job looks at in the view; empty: of the mesh as it lies
 };
 
-// Everything in one metric frame near its origin (a tile's own).
+// Everything in one metric frame.
 struct RefineProblem {
   TriangleMesh mesh;  // oriented; already split (SplitLargeFaces); labels choose the class weights
   // Where the vertices began, if earlier rounds moved them: bounds on motion and folds count from there. Empty: `mesh`.
@@ -36,7 +39,9 @@ struct RefineProblem {
   std::vector<uint8_t> fixed_vertices;  // 1: stays where it is (tile cuts); empty: none
   TriangleMesh occluders;               // hides, but is not refined; may be empty
   std::vector<RefineView> views;
-  double gsd_m = 0;             // the job's median ground sampling distance
+  double reach_m = std::numeric_limits<double>::infinity();  // across `up`: what is farther off is known less well
+  ViewGroups groups;                                         // of the mesh's faces and `views`
+  double gsd_m = 0;                                          // the job's median ground sampling distance
   std::vector<ViewPair> pairs;  // ordered, sorted by reference; empty: chosen here (SelectPairs)
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
 };
@@ -62,8 +67,7 @@ struct RefineOptions {
   double semantic = 0;                                                // λ1; 0: off
   double semantic_outlier = std::numeric_limits<double>::infinity();  // as photo_outlier, for e = ½ Σ_l ΔL² of a pixel
 
-  double contour = 0;             // λ4, of E_contour; 0: off
-  double contour_reach_gsd = 48;  // how far off, in plan, the surface behind may be; less than a tile's halo
+  double contour = 0;  // λ4, of E_contour; 0: off
 
   // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
   // count in pixels of the level.
@@ -110,9 +114,10 @@ struct RefineReport {
 };
 
 // Refines problem.mesh and writes the new positions to `vertices` (all of them, fixed ones unchanged). Nothing that is
-// summed over the whole mesh steers a vertex: what happens to it depends on its surroundings alone. The result does not
-// depend on the number of threads. Errors: INVALID_ARGUMENT for a problem or options that do not fit together;
-// CANCELLED.
+// summed over the whole mesh steers a vertex: what happens to it depends on its surroundings alone, to the last bit, so
+// that two meshes that overlap agree where both have the surroundings (with the same frame, depths and groups). The
+// result does not depend on the number of threads. Errors: INVALID_ARGUMENT for a problem or options that do not fit
+// together; CANCELLED.
 StatusOr<RefineReport> RefineGeometry(const RefineProblem& problem, std::vector<Eigen::Vector3d>* vertices,
                                       const RefineOptions& options, const TaskControl& control);
 

@@ -16,10 +16,10 @@ struct LineTaps {
   int per_pixel = 1;
   std::vector<Tap> taps;
 
-  LineTaps(int count, double scale, double offset, int size) {
+  LineTaps(int first, int count, double scale, double offset, int size) {
     per_pixel = std::max(1, static_cast<int>(std::lround(scale)));
     const float share = 1 / static_cast<float>(per_pixel);
-    for (int i = 0; i < count; ++i) {
+    for (int i = first; i < first + count; ++i) {
       for (int k = 0; k < per_pixel; ++k) {
         const double at = scale * (i + (k + 0.5) / per_pixel) + offset - 0.5;
         const double clamped = std::clamp(at, 0.0, static_cast<double>(size - 1));
@@ -60,8 +60,10 @@ void PackClass(const FloatImage& likelihoods, int l, const LineTaps& columns, co
 
 }  // namespace
 
-Texels MakeTexels(const FloatImage& luminance) {
+Texels MakeTexels(const FloatImage& luminance, int x0, int y0) {
   Texels out;
+  out.x0 = x0;
+  out.y0 = y0;
   out.width = luminance.width;
   out.height = luminance.height;
   out.stride = PaddedStride(luminance.width);
@@ -78,14 +80,15 @@ Texels MakeTexels(const FloatImage& luminance) {
   return out;
 }
 
-Texels MakeTexels(const FloatImage& luminance, const FloatImage& likelihoods, const PixelMapping& mapping) {
-  Texels out = MakeTexels(luminance);
+Texels MakeTexels(const FloatImage& luminance, const FloatImage& likelihoods, const PixelMapping& mapping, int x0,
+                  int y0) {
+  Texels out = MakeTexels(luminance, x0, y0);
   if (likelihoods.empty()) return out;
   out.classes = likelihoods.channels;
   const int planes = (out.classes + Texels::kClassesPerPlane - 1) / Texels::kClassesPerPlane;
   out.likelihoods.assign(planes, LineVector<uint32_t>(out.luminance.size(), 0));
-  const LineTaps columns(out.width, mapping.scale_x, mapping.offset_x, likelihoods.width);
-  const LineTaps rows(out.height, mapping.scale_y, mapping.offset_y, likelihoods.height);
+  const LineTaps columns(x0, out.width, mapping.scale_x, mapping.offset_x, likelihoods.width);
+  const LineTaps rows(y0, out.height, mapping.scale_y, mapping.offset_y, likelihoods.height);
   for (int l = 0; l < out.classes; ++l) PackClass(likelihoods, l, columns, rows, &out);
   return out;
 }

@@ -63,6 +63,7 @@ struct Texels {
   static constexpr float kLikelihoodSteps = 255;
 
   int width = 0, height = 0, stride = 0;
+  int x0 = 0, y0 = 0;              // of the first pixel in the whole image of this level
   LineVector<uint16_t> luminance;  // 0: invalid; else 1 + luminance in [0, 1] · kLuminanceSteps
   int classes = 0;                 // 0: the view has no likelihoods
   // Classes 4p .. 4p + 3 of a pixel in bytes 0..3 (lowest first) of plane p, each likelihood · kLikelihoodSteps.
@@ -77,12 +78,15 @@ struct Texels {
   }
 };
 
-// `luminance`: values in [0, 1] (others are clamped), NaN where invalid.
-Texels MakeTexels(const FloatImage& luminance);
+// `luminance`: values in [0, 1] (others are clamped), NaN where invalid; its first pixel is (x0, y0) of the whole
+// image.
+Texels MakeTexels(const FloatImage& luminance, int x0 = 0, int y0 = 0);
 
 // The same with likelihoods in [0, 1], a plane a class, any number of classes, of any resolution: bilinear where they
-// are coarser than the luminance, averaged over a pixel's footprint where finer; the border is continued.
-Texels MakeTexels(const FloatImage& luminance, const FloatImage& likelihoods, const PixelMapping& mapping);
+// are coarser than the luminance, averaged over a pixel's footprint where finer; the border is continued. `mapping`:
+// from the whole image.
+Texels MakeTexels(const FloatImage& luminance, const FloatImage& likelihoods, const PixelMapping& mapping, int x0 = 0,
+                  int y0 = 0);
 
 // Of a whole likelihood image that shows the same as the whole luminance image.
 PixelMapping ScaleToSize(const FloatImage& luminance, const FloatImage& likelihoods);

@@ -9,6 +9,12 @@
 
 namespace tessera {
 
+// Depths that a view's targets can hold, metres. What is nearer counts as `near`, what is farther as nothing.
+struct DepthRange {
+  float near_m = 0, far_m = 0;
+  bool empty() const { return !(far_m > near_m); }
+};
+
 // Made anew when the surface has moved. Refers to the view's texels.
 struct WarpTarget {
   static constexpr uint32_t kNothing = 65535;  // code of a pixel that sees no surface
@@ -25,8 +31,10 @@ struct WarpTarget {
   }
 };
 
-// `map`: what the view of `texels` sees, of the same size. Uses the process's threads.
-void SetWarpTarget(const Texels& texels, const FaceMap& map, WarpTarget* target);
+// `map`: what the view of `texels` sees, of the same size; what it sees but does not look at (MarkNotLookedAt) hides
+// and has no luminance. Codes depend on `range`, so views that are to agree share it; empty: that of the map. Uses the
+// process's threads.
+void SetWarpTarget(const Texels& texels, const FaceMap& map, const DepthRange& range, WarpTarget* target);
 
 }  // namespace tessera
 

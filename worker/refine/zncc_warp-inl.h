@@ -234,7 +234,9 @@ inline int64_t TexelsAhead(const ZnccPair& pair, const ReferenceStrip& strip, in
   constexpr float kRows = 6;
   const int x = pair.reference->width / 2;
   if (strip.depth_factor.row(y)[x] == 0) return 0;
-  const float z = strip.depth.row(y)[x], xc = static_cast<float>(x) + 0.5f, yc = static_cast<float>(y) + 0.5f;
+  const float z = strip.depth.row(y)[x];
+  const float xc = static_cast<float>(pair.reference->x0 + x) + 0.5f;
+  const float yc = static_cast<float>(pair.reference->y0 + y) + 0.5f;
   float q[3], below[3];
   for (int r = 0; r < 3; ++r) {
     q[r] = z * (pair.m[3 * r] * xc + pair.m[3 * r + 1] * yc + pair.m[3 * r + 2]) + pair.t[r];
@@ -261,22 +263,26 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
   const int lanes = static_cast<int>(hn::Lanes(d));
   const WarpTarget& target = *pair.other;
   const Texels& other = *target.texels;
-  const float yc = static_cast<float>(y) + 0.5f;
+  const float yc = static_cast<float>(pair.reference->y0 + y) + 0.5f;
   const Vec row0 = hn::Set(d, pair.m[1] * yc + pair.m[2]);
   const Vec row1 = hn::Set(d, pair.m[4] * yc + pair.m[5]);
   const Vec row2 = hn::Set(d, pair.m[7] * yc + pair.m[8]);
   const Vec m0x = hn::Set(d, pair.m[0]), m1x = hn::Set(d, pair.m[3]), m2x = hn::Set(d, pair.m[6]);
   const Vec t0 = hn::Set(d, pair.t[0]), t1 = hn::Set(d, pair.t[1]), t2 = hn::Set(d, pair.t[2]);
   const Vec half = hn::Set(d, 0.5f), one = hn::Set(d, 1.0f), zero = hn::Zero(d);
-  const Vec u_max = hn::Set(d, static_cast<float>(other.width) - 0.5f);
-  const Vec v_max = hn::Set(d, static_cast<float>(other.height) - 0.5f);
+  const Vec u_min = hn::Set(d, static_cast<float>(other.x0) + 0.5f);
+  const Vec v_min = hn::Set(d, static_cast<float>(other.y0) + 0.5f);
+  const Vec u_max = hn::Set(d, static_cast<float>(other.x0 + other.width) - 0.5f);
+  const Vec v_max = hn::Set(d, static_cast<float>(other.y0 + other.height) - 0.5f);
   const Vec slack = hn::Set(d, 1.0f + pair.depth_slack);
   const Vec scale = hn::Set(d, kLuminanceScale), shift = hn::Set(d, kLuminanceShift);
   const Vec depth_min = hn::Set(d, target.depth_min), depth_step = hn::Set(d, target.depth_step);
   const Vec floor = hn::Set(d, kFloor), nothing = hn::Set(d, static_cast<float>(WarpTarget::kNothing));
   const Ints stride = hn::Set(di, other.stride), stride_bytes = hn::Set(di, 4 * other.stride);
-  // What the bits of kFloor add to the index of a cell.
-  const Ints floor_cell = hn::Set(di, static_cast<int32_t>(kFloorBits * (static_cast<uint32_t>(other.stride) + 1)));
+  // What the bits of kFloor and the first pixel add to the index of a cell.
+  const uint32_t rows_before = kFloorBits + static_cast<uint32_t>(other.y0);
+  const Ints floor_cell = hn::Set(di, static_cast<int32_t>(rows_before * static_cast<uint32_t>(other.stride) +
+                                                           kFloorBits + static_cast<uint32_t>(other.x0)));
   const int64_t ahead = TexelsAhead(pair, *strip, y);
   const Bits low_half = hn::Set(du, 0xffffu);
   const float* z_row = strip->depth.row(y);
@@ -304,15 +310,15 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
       continue;
     }
     const Vec z = hn::LoadU(d, z_row + x);
-    const Vec xc = hn::Add(ramp, hn::Set(d, static_cast<float>(x)));
+    const Vec xc = hn::Add(ramp, hn::Set(d, static_cast<float>(pair.reference->x0 + x)));
     const Vec m0 = hn::MulAdd(m0x, xc, row0), m1 = hn::MulAdd(m1x, xc, row1), m2 = hn::MulAdd(m2x, xc, row2);
     const Vec q2 = hn::MulAdd(z, m2, t2);
     auto mask = hn::And(used, hn::Gt(q2, zero));
     const Vec inverse = hn::Div(one, q2);
     const Vec u = hn::Mul(hn::MulAdd(z, m0, t0), inverse), v = hn::Mul(hn::MulAdd(z, m1, t1), inverse);
-    mask =
-        hn::And(mask, hn::And(hn::And(hn::Ge(u, half), hn::Lt(u, u_max)), hn::And(hn::Ge(v, half), hn::Lt(v, v_max))));
-    const Vec us = hn::IfThenElse(mask, u, half), vs = hn::IfThenElse(mask, v, half);
+    mask = hn::And(mask,
+                   hn::And(hn::And(hn::Ge(u, u_min), hn::Lt(u, u_max)), hn::And(hn::Ge(v, v_min), hn::Lt(v, v_max))));
+    const Vec us = hn::IfThenElse(mask, u, u_min), vs = hn::IfThenElse(mask, v, v_min);
     // Bilinear cell about (u, v), whose corners are pixel centres.
     const Vec u_floor = hn::Add(hn::Sub(us, one), floor), v_floor = hn::Add(hn::Sub(vs, one), floor);
     Landing at;

@@ -16,7 +16,7 @@ namespace {
 
 constexpr int64_t kGrain = 4096;
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
-constexpr double kOriginStep_m = 1024;
+constexpr double kMotion_gsd = 64;        // more than a run may take a surface from its start
 constexpr int kSilhouetteMargin_px = 16;  // around what a view sees of the tile: occluders' edges just outside it too
 
 enum class Part : uint8_t { kOutside, kHalo, kCore };
@@ -57,6 +57,14 @@ TriangleMesh Extract(const TriangleMesh& mesh, const std::vector<uint32_t>& ids,
     if (!mesh.labels.empty()) part.labels.push_back(mesh.labels[f]);
   }
   return part;
+}
+
+std::array<Eigen::Vector3d, 8> BoxCorners(const SurveyCell& cell) {
+  std::array<Eigen::Vector3d, 8> corners;
+  for (int k = 0; k < 8; ++k) {
+    for (int axis = 0; axis < 3; ++axis) corners[k][axis] = (k >> axis & 1) ? cell.box_max[axis] : cell.box_min[axis];
+  }
+  return corners;
 }
 
 // What a view sees of the tile: occluders are looked for in front of it.
@@ -110,11 +118,7 @@ std::vector<uint32_t> FindOccluders(const TriangleMesh& mesh, const std::vector<
   // Whole cells first.
   std::map<std::pair<int, int>, bool> cell_may_hide;
   for (const SurveyCell& cell : survey.cells) {
-    std::array<Eigen::Vector3d, 8> corners;
-    for (int k = 0; k < 8; ++k) {
-      for (int axis = 0; axis < 3; ++axis) corners[k][axis] = (k >> axis & 1) ? cell.box_max[axis] : cell.box_min[axis];
-    }
-    cell_may_hide[{cell.x, cell.y}] = MayHideFromAny(corners, windows);
+    cell_may_hide[{cell.x, cell.y}] = MayHideFromAny(BoxCorners(cell), windows);
   }
   std::vector<uint8_t> hides(mesh.faces.size(), 0);
   ParallelFor(static_cast<int64_t>(mesh.faces.size()), kGrain, [&](int64_t begin, int64_t end) {
@@ -146,14 +150,40 @@ std::vector<uint8_t> VerticesOnCut(const TriangleMesh& mesh, const std::vector<P
   return fixed;
 }
 
-Eigen::Vector3d OriginNear(const TriangleMesh& mesh) {
-  Eigen::Vector3d low = mesh.vertices[0], high = low;
-  for (const Eigen::Vector3d& p : mesh.vertices) {
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
+// Depths of all cells that look to the view, and of where their faces may move.
+std::array<double, 2> DepthsOfView(const Survey& survey, int32_t view) {
+  const PosedCamera& camera = survey.views[view].camera;
+  double near_m = std::numeric_limits<double>::infinity(), far_m = 0;
+  for (const SurveyCell& cell : survey.cells) {
+    if (!std::binary_search(cell.views.begin(), cell.views.end(), view)) continue;
+    for (const Eigen::Vector3d& corner : BoxCorners(cell)) {
+      const double depth_m = camera.CameraFromWorld(corner).z();
+      near_m = std::min(near_m, depth_m);
+      far_m = std::max(far_m, depth_m);
+    }
   }
-  const Eigen::Vector3d middle = (low + high) / (2 * kOriginStep_m);
-  return kOriginStep_m * Eigen::Vector3d(std::round(middle.x()), std::round(middle.y()), std::round(middle.z()));
+  const double margin_m = kMotion_gsd * survey.gsd_m;
+  return {std::max(near_m - margin_m, kNearPlane_m), std::max(far_m + margin_m, 2 * kNearPlane_m)};
+}
+
+// Which views look at which faces: as the survey's cells have it, so that no tiling changes it.
+void FillCellViews(const TriangleMesh& mesh, const Survey& survey, const std::map<int32_t, int32_t>& local_view,
+                   TilePackage* package) {
+  std::map<std::pair<int, int>, const SurveyCell*> surveyed;
+  for (const SurveyCell& cell : survey.cells) surveyed[{cell.x, cell.y}] = &cell;
+  std::map<std::pair<int, int>, uint32_t> index;
+  for (const uint32_t id : package->face_ids) {
+    const Eigen::Vector2i at = survey.ground.Cell((mesh.Corner(id, 0) + mesh.Corner(id, 1) + mesh.Corner(id, 2)) / 3);
+    const auto [entry, is_new] = index.try_emplace({at.x(), at.y()}, static_cast<uint32_t>(index.size()));
+    package->cell.push_back(entry->second);
+    if (!is_new) continue;
+    std::vector<int32_t>& views = package->cell_views.emplace_back();
+    const auto cell = surveyed.find({at.x(), at.y()});
+    if (cell == surveyed.end()) continue;
+    for (const int32_t view : cell->second->views) {
+      if (const auto local = local_view.find(view); local != local_view.end()) views.push_back(local->second);
+    }
+  }
 }
 
 }  // namespace
@@ -185,7 +215,6 @@ StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutP
   package.ground = survey.ground;
   package.gsd_m = survey.gsd_m;
   package.up = survey.up;
-  package.origin = OriginNear(package.mesh);
   package.classes = survey.classes;
   package.has_likelihoods = survey.has_likelihoods;
   std::map<int32_t, int32_t> local_view;
@@ -196,7 +225,9 @@ StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutP
     }
     local_view.emplace(view, static_cast<int32_t>(package.views.size()));
     package.views.push_back(survey.views[view]);
+    package.view_depths.push_back(DepthsOfView(survey, view));
   }
+  FillCellViews(mesh, survey, local_view, &package);
   for (const auto& [reference, other] : survey.pairs) {
     const auto r = local_view.find(reference), o = local_view.find(other);
     if (r != local_view.end() && o != local_view.end()) package.pairs.push_back({r->second, o->second});

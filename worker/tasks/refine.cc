@@ -13,17 +13,14 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(const RefineParameters parameters, ParseRefineParameters(request.parameters));
   TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(InputPath(request, kTileFile)));
-  TriangleMesh mesh_in_tile = package.mesh;
-  for (Eigen::Vector3d& p : mesh_in_tile.vertices) p -= package.origin;
-  TESSERA_ASSIGN_OR_RETURN(
-      const std::vector<TileView> views,
-      LoadTileViews(package, mesh_in_tile, InputPath(request, kSceneFolder), PartOf(control, 0, 0.05)));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<TileView> views,
+                           LoadTileViews(package, InputPath(request, kSceneFolder), PartOf(control, 0, 0.05)));
   const double seconds_loading = SecondsSince(clock, start_us);
 
   TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, package.classes));
   options.geometry.clock = &clock;
   TESSERA_ASSIGN_OR_RETURN(const TileRefinement refinement,
-                           RefineTile(package, mesh_in_tile, views, options, PartOf(control, 0.05, 0.99), clock));
+                           RefineTile(package, views, options, PartOf(control, 0.05, 0.99), clock));
   TESSERA_RETURN_IF_ERROR(WriteTileResult(OutputPath(request, kResultFile), refinement.result));
 
   TaskOutcome outcome;

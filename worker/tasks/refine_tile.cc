@@ -12,20 +12,17 @@ namespace {
 
 using nlohmann::json;
 
-TriangleMesh Shifted(TriangleMesh mesh, const Eigen::Vector3d& origin) {
-  for (Eigen::Vector3d& p : mesh.vertices) p -= origin;
-  return mesh;
-}
-
 // What the views say of the mesh as it is now.
-StatusOr<FaceLikelihoods> CollectLikelihoods(const TriangleMesh& mesh, const TriangleMesh& occluders, int classes,
+StatusOr<FaceLikelihoods> CollectLikelihoods(const RefineProblem& problem, int classes,
                                              const std::vector<TileView>& views, const TaskControl& control) {
-  FaceLikelihoods sums(mesh.faces.size(), classes);
+  FaceLikelihoods sums(problem.mesh.faces.size(), classes);
   for (size_t v = 0; v < views.size(); ++v) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.8 * static_cast<double>(v) / views.size(), "collecting likelihoods");
     if (views[v].likelihoods.empty()) continue;
-    AddLikelihoods(RasterizeFaces(mesh, &occluders, views[v].camera), views[v].likelihoods, views[v].mapping, &sums);
+    FaceMap map = RasterizeFaces(problem.mesh, &problem.occluders, views[v].window);
+    MarkNotLookedAt(problem.groups, v, &map);
+    AddLikelihoods(map, views[v].likelihoods, views[v].mapping, &sums);
   }
   return sums;
 }
@@ -45,20 +42,34 @@ int64_t CountDifferent(const std::vector<int32_t>& a, const std::vector<int32_t>
   return count;
 }
 
-RefineProblem MakeProblem(const TilePackage& package, const TriangleMesh& mesh_in_tile,
-                          const std::vector<TileView>& views, bool knows_labels) {
+RefineProblem MakeProblem(const TilePackage& package, const std::vector<TileView>& views, bool knows_labels) {
   RefineProblem problem;
-  problem.mesh = mesh_in_tile;
+  problem.mesh = package.mesh;
   if (!knows_labels) problem.mesh.labels.clear();
   problem.fixed_vertices = package.fixed;
-  problem.occluders = Shifted(package.occluders, package.origin);
+  problem.occluders = package.occluders;
   problem.gsd_m = package.gsd_m;
   problem.up = package.up;
+  problem.reach_m = kTileReachGsd * package.gsd_m;
+  problem.groups.group_of_face = package.cell;
+  for (const std::vector<int32_t>& cell : package.cell_views) {
+    std::vector<uint8_t> looks;
+    for (const TileView& view : views) looks.push_back(std::binary_search(cell.begin(), cell.end(), view.view));
+    problem.groups.looks.push_back(std::move(looks));
+  }
   std::vector<int> loaded(package.views.size(), -1);
   for (size_t v = 0; v < views.size(); ++v) {
     loaded[views[v].view] = static_cast<int>(v);
     const FloatImage* likelihoods = knows_labels && !views[v].likelihoods.empty() ? &views[v].likelihoods : nullptr;
-    problem.views.push_back({views[v].camera, &views[v].luminance, likelihoods, views[v].mapping});
+    const PixelRect& rect = views[v].window.rect;
+    const auto& [near_m, far_m] = package.view_depths[views[v].view];
+    problem.views.push_back({views[v].window.camera,
+                             &views[v].luminance,
+                             likelihoods,
+                             views[v].mapping,
+                             rect.x0,
+                             rect.y0,
+                             {static_cast<float>(near_m), static_cast<float>(far_m)}});
   }
   for (const auto& [reference, other] : package.pairs) {
     if (loaded[reference] >= 0 && loaded[other] >= 0) problem.pairs.push_back({loaded[reference], loaded[other]});
@@ -68,16 +79,15 @@ RefineProblem MakeProblem(const TilePackage& package, const TriangleMesh& mesh_i
 
 }  // namespace
 
-StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMesh& mesh_in_tile,
-                                    const std::vector<TileView>& views, const TileRefineOptions& options,
-                                    const TaskControl& control, const Clock& clock) {
+StatusOr<TileRefinement> RefineTile(const TilePackage& package, const std::vector<TileView>& views,
+                                    const TileRefineOptions& options, const TaskControl& control, const Clock& clock) {
   const int classes = static_cast<int>(package.classes.size());
   const bool label = package.has_likelihoods && classes > 1;
-  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(mesh_in_tile));
+  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(package.mesh));
   const std::vector<MeshEdge> edges = EdgeList(topology);
   // One class is no class: what it could say is the same everywhere.
   const bool geometry_knows_labels = options.geometry_knows_labels && classes > 1;
-  RefineProblem problem = MakeProblem(package, mesh_in_tile, views, geometry_knows_labels);
+  RefineProblem problem = MakeProblem(package, views, geometry_knows_labels);
 
   TileRefinement refinement;
   TileResult& result = refinement.result;
@@ -91,8 +101,7 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
 
   const auto solve_labels = [&](const TaskControl& part, json* report) -> Status {
     const int64_t start_us = clock.MonotonicUs();
-    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums,
-                             CollectLikelihoods(problem.mesh, problem.occluders, classes, views, part));
+    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums, CollectLikelihoods(problem, classes, views, part));
     part.Report(0.8, "labelling");
     Labelling labelling = SolveLabels(
         BuildLabelField(problem.mesh, edges, sums, package.classes, package.up, package.gsd_m, options.label),
@@ -107,7 +116,7 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
     return absl::OkStatus();
   };
 
-  json tile_report = {{"faces", mesh_in_tile.faces.size()}, {"views", views.size()}};
+  json tile_report = {{"faces", package.mesh.faces.size()}, {"views", views.size()}};
   // A start without any labels is given some first, for the geometry that asks for them (paper, section 3).
   const bool unlabelled = std::all_of(result.labels.begin(), result.labels.end(), [](int32_t l) { return l < 0; });
   const bool labels_first = label && (options.labels_first || (geometry_knows_labels && unlabelled));
@@ -120,7 +129,7 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
     const int64_t geometry_start_us = clock.MonotonicUs();
     if (!problem.pairs.empty()) {
       if (geometry_knows_labels) problem.mesh.labels = result.labels;
-      if (round > 0) problem.start = mesh_in_tile.vertices;
+      if (round > 0) problem.start = package.mesh.vertices;
       std::vector<Eigen::Vector3d> moved;
       const TaskControl part = PartOf(control, low, low + 0.85 * (high - low));
       TESSERA_ASSIGN_OR_RETURN(const RefineReport r, RefineGeometry(problem, &moved, options.geometry, part));
@@ -139,9 +148,9 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMe
     rounds.push_back(std::move(report));
   }
 
-  result.displacements.resize(mesh_in_tile.vertices.size());
+  result.displacements.resize(package.mesh.vertices.size());
   for (size_t v = 0; v < result.displacements.size(); ++v) {
-    result.displacements[v] = problem.mesh.vertices[v] - mesh_in_tile.vertices[v];
+    result.displacements[v] = problem.mesh.vertices[v] - package.mesh.vertices[v];
   }
   tile_report["rounds"] = std::move(rounds);
   result.report = tile_report.dump();

@@ -30,11 +30,10 @@ struct TileRefinement {
   double seconds_geometry = 0, seconds_labels = 0;
 };
 
-// `views` as LoadTileViews gives them for `mesh_in_tile`, the package's mesh in the tile frame. Without
-// likelihoods labels are carried through; with fewer than two views the geometry stays. CANCELLED follows `control`.
-StatusOr<TileRefinement> RefineTile(const TilePackage& package, const TriangleMesh& mesh_in_tile,
-                                    const std::vector<TileView>& views, const TileRefineOptions& options,
-                                    const TaskControl& control, const Clock& clock);
+// `views` as LoadTileViews gives them. Without likelihoods labels are carried through; with fewer than two views the
+// geometry stays. CANCELLED follows `control`.
+StatusOr<TileRefinement> RefineTile(const TilePackage& package, const std::vector<TileView>& views,
+                                    const TileRefineOptions& options, const TaskControl& control, const Clock& clock);
 
 }  // namespace tessera
 

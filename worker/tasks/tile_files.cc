@@ -2,6 +2,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_cat.h"
 #include "common/tile/array_file.h"
 #include "common/tile/survey.h"
 #include "worker/tasks/mesh_arrays.h"
@@ -38,10 +39,11 @@ Status WriteTilePackage(const std::string& path, const TilePackage& p) {
       {"cell_m", p.ground.cell_m},
       {"gsd_m", p.gsd_m},
       {"up", VectorToJson(p.up)},
-      {"origin", VectorToJson(p.origin)},
       {"has_likelihoods", p.has_likelihoods},
       {"classes", json::parse(ClassesToJson(p.classes))},
       {"views", json::parse(ViewsToJson(p.views))},
+      {"view_depths", p.view_depths},
+      {"cell_views", p.cell_views},
       {"pairs",
        p.pairs}}.dump();
   PutMesh(p.mesh, "mesh", &file);
@@ -50,6 +52,7 @@ Status WriteTilePackage(const std::string& path, const TilePackage& p) {
   file.arrays["face_ids"] = p.face_ids;
   file.arrays["fixed"] = p.fixed;
   file.arrays["core"] = p.core;
+  file.arrays["cell"] = p.cell;
   return WriteArrayFile(path, file);
 }
 
@@ -64,14 +67,19 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
     p.ground.cell_m = j.at("cell_m");
     p.gsd_m = j.at("gsd_m");
     p.up = VectorFromJson(j.at("up"));
-    p.origin = VectorFromJson(j.at("origin"));
     p.has_likelihoods = j.at("has_likelihoods");
     p.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
+    p.view_depths = j.at("view_depths").get<std::vector<std::array<double, 2>>>();
+    p.cell_views = j.at("cell_views").get<std::vector<std::vector<int32_t>>>();
     classes = j.at("classes").dump();
     views = j.at("views").dump();
   }));
   TESSERA_ASSIGN_OR_RETURN(p.classes, ParseClasses(classes));
   TESSERA_ASSIGN_OR_RETURN(p.views, ParseViews(views));
+  if (p.view_depths.size() != p.views.size()) {
+    return absl::DataLossError(
+        absl::StrCat(path, ": found ", p.view_depths.size(), " depths of ", p.views.size(), " views"));
+  }
   TESSERA_ASSIGN_OR_RETURN(p.mesh, TakeMesh("mesh", &file));
   TESSERA_ASSIGN_OR_RETURN(p.occluders, TakeMesh("occluders", &file));
   const int64_t vertices = static_cast<int64_t>(p.mesh.vertices.size());
@@ -80,6 +88,7 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(p.face_ids, file.Take<uint32_t>("face_ids", faces));
   TESSERA_ASSIGN_OR_RETURN(p.fixed, file.Take<uint8_t>("fixed", vertices));
   TESSERA_ASSIGN_OR_RETURN(p.core, file.Take<uint8_t>("core", faces));
+  TESSERA_ASSIGN_OR_RETURN(p.cell, file.Take<uint32_t>("cell", faces));
   return p;
 }
 

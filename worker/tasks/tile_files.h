@@ -15,23 +15,28 @@
 
 namespace tessera {
 
-// All that refining a tile reads but the pixels. Positions in the local frame.
+// All that refining a tile reads but the pixels. Positions in the local frame, so that tiles compute with the same
+// numbers.
 struct TilePackage {
   int tile = 0;
   GroundPlane ground;
   double gsd_m = 0;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
-  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  // of the tile's own frame: multiples of 1,024 m near the tile
   std::vector<SceneClass> classes;
   std::vector<SceneView> views;               // those that the plan chose, in the scene's order
   std::vector<std::array<int32_t, 2>> pairs;  // ordered pairs of indices into `views`
   bool has_likelihoods = false;
+  // What views see, as the whole job has it: of each view the nearest and farthest depth of what it looks at, metres;
+  // of each of the ground's cells about the tile the views that look at its faces (indices into `views`, ascending).
+  std::vector<std::array<double, 2>> view_depths;
+  std::vector<std::vector<int32_t>> cell_views;
 
   TriangleMesh mesh;                 // core and halo; manifold: vertices where the cut makes fans touch are doubled
   std::vector<uint32_t> vertex_ids;  // global, ascending but for doubled ones at the end
   std::vector<uint32_t> face_ids;    // global, ascending
   std::vector<uint8_t> fixed;        // vertices: 1 on the tile's cut
   std::vector<uint8_t> core;         // faces: 1 in the core
+  std::vector<uint32_t> cell;        // faces: index into cell_views
   TriangleMesh occluders;            // whatever may hide the tile from its views and is no part of it
 };
 
@@ -61,7 +66,7 @@ struct TileCore {
   std::vector<uint32_t> face_ids;  // global, ascending
   std::vector<int32_t> labels;
   std::vector<float> confidence;  // in [0, 1] (LabelConfidence); 0 where no view shows the face
-  std::string report = "{}";  // the tile's, and what the seam looked like
+  std::string report = "{}";      // the tile's, and what the seam looked like
 };
 
 Status WriteTileCore(const std::string& path, const TileCore& core);

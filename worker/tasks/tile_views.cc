@@ -22,42 +22,36 @@ FloatImage Crop(const FloatImage& image, const PixelRect& rect) {
   return part;
 }
 
-PosedCamera InTileFrame(PosedCamera camera, const Eigen::Vector3d& origin) {
-  camera.translation_cam_from_world += camera.rotation_cam_from_world * origin;
-  return camera;
-}
-
 Status LoadLikelihoods(const std::string& path, const SceneView& view, int classes, const PixelRect& rect,
                        TileView* out) {
   TESSERA_ASSIGN_OR_RETURN(FloatImage likelihoods, ReadLikelihoods(path, classes, view.lens));
   const PinholeCamera& whole = view.camera.intrinsics;
   if (likelihoods.width == whole.width && likelihoods.height == whole.height) {
     out->likelihoods = Crop(likelihoods, rect);
+    out->mapping.offset_x = -rect.x0;
+    out->mapping.offset_y = -rect.y0;
     return absl::OkStatus();
   }
   out->mapping.scale_x = static_cast<double>(likelihoods.width) / whole.width;
   out->mapping.scale_y = static_cast<double>(likelihoods.height) / whole.height;
-  out->mapping.offset_x = out->mapping.scale_x * rect.x0;
-  out->mapping.offset_y = out->mapping.scale_y * rect.y0;
   out->likelihoods = std::move(likelihoods);
   return absl::OkStatus();
 }
 
 }  // namespace
 
-StatusOr<std::vector<TileView>> LoadTileViews(const TilePackage& package, const TriangleMesh& mesh_in_tile,
-                                              const std::string& scene_folder, const TaskControl& control) {
+StatusOr<std::vector<TileView>> LoadTileViews(const TilePackage& package, const std::string& scene_folder,
+                                              const TaskControl& control) {
   std::vector<TileView> views;
   for (size_t v = 0; v < package.views.size(); ++v) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(v) / package.views.size(), "reading images");
     const SceneView& view = package.views[v];
-    const PosedCamera camera = InTileFrame(view.camera, package.origin);
-    const PixelRect rect = ProjectedBounds(mesh_in_tile, camera, kMargin_px, kAlignment_px);
+    const PixelRect rect = ProjectedBounds(package.mesh, view.camera, kMargin_px, kAlignment_px);
     if (rect.empty()) continue;
     TileView loaded;
     loaded.view = static_cast<int>(v);
-    loaded.camera = CroppedCamera(camera, rect);
+    loaded.window = {view.camera, rect};
     TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance,
                              ReadLuminance(scene_folder + "/" + view.image_path, view.lens));
     loaded.luminance = Crop(luminance, rect);

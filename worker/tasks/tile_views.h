@@ -11,21 +11,22 @@
 #include "common/imaging/raster.h"
 #include "worker/label/unary.h"
 #include "worker/tasks/tile_files.h"
+#include "worker/visibility/image_window.h"
 
 namespace tessera {
 
 struct TileView {
-  int view = 0;               // index in the package
-  PosedCamera camera;         // of the cropped image, tile frame
-  FloatImage luminance;       // cropped
-  FloatImage likelihoods;     // a plane a class; empty if the scene has none
-  PixelMapping mapping;  // from pixels of `camera` to likelihoods
+  int view = 0;            // index in the package
+  CameraWindow window;     // on the tile
+  FloatImage luminance;    // of the window
+  FloatImage likelihoods;  // a plane a class; empty if the scene has none
+  PixelMapping mapping;    // from the whole image to likelihoods
 };
 
-// Reads the views of a package from `scene_folder`; those that do not see the tile are left out. `mesh_in_tile`: the
-// package's mesh in the tile frame. Errors of the files as ReadLuminance and ReadLikelihoods; CANCELLED.
-StatusOr<std::vector<TileView>> LoadTileViews(const TilePackage& package, const TriangleMesh& mesh_in_tile,
-                                              const std::string& scene_folder, const TaskControl& control);
+// Reads the views of a package from `scene_folder`; those that do not see the tile are left out. Errors of the files as
+// ReadLuminance and ReadLikelihoods; CANCELLED.
+StatusOr<std::vector<TileView>> LoadTileViews(const TilePackage& package, const std::string& scene_folder,
+                                              const TaskControl& control);
 
 }  // namespace tessera
 

@@ -76,15 +76,6 @@ Outline MakeOutline(const Triangle& face, const ProjectedMesh& projected, const 
 
 }  // namespace
 
-PosedCamera CroppedCamera(const PosedCamera& camera, const PixelRect& rect) {
-  PosedCamera out = camera;
-  out.intrinsics.width = rect.width();
-  out.intrinsics.height = rect.height();
-  out.intrinsics.cx -= rect.x0;
-  out.intrinsics.cy -= rect.y0;
-  return out;
-}
-
 PosedCamera PyramidCamera(const PosedCamera& camera, int level) {
   PosedCamera out = camera;
   PinholeCamera& k = out.intrinsics;
@@ -94,6 +85,11 @@ PosedCamera PyramidCamera(const PosedCamera& camera, int level) {
     k = k.Resized(k.width / 2, k.height / 2);
   }
   return out;
+}
+
+CameraWindow PyramidWindow(const CameraWindow& window, int level) {
+  const PixelRect& r = window.rect;
+  return {PyramidCamera(window.camera, level), {r.x0 >> level, r.y0 >> level, r.x1 >> level, r.y1 >> level}};
 }
 
 PixelRect ProjectedBounds(const TriangleMesh& mesh, const PosedCamera& camera, int margin_px, int alignment_px,

@@ -16,12 +16,24 @@ struct PixelRect {
   bool operator==(const PixelRect&) const = default;
 };
 
-// The part of `camera`'s image inside `rect` as an image of its own.
-PosedCamera CroppedCamera(const PosedCamera& camera, const PixelRect& rect);
+// What is looked at of a camera's image. Pixels keep the coordinates that they have in the whole image, so that what is
+// computed from them is the same bits whatever the window.
+struct CameraWindow {
+  PosedCamera camera;  // of the whole image
+  PixelRect rect;
+
+  CameraWindow() = default;
+  CameraWindow(const PosedCamera& whole)  // NOLINT: a camera is a window on all of its image
+      : camera(whole), rect{0, 0, whole.intrinsics.width, whole.intrinsics.height} {}
+  CameraWindow(const PosedCamera& whole, const PixelRect& part) : camera(whole), rect(part) {}
+};
 
 // The camera of a pyramid level: every level halves width and height (rounding down; of an odd size the last column or
 // row has no counterpart and is cut, so that pixel edges of all levels coincide).
 PosedCamera PyramidCamera(const PosedCamera& camera, int level);
+
+// The same of a window whose corners are multiples of 2^level, or the image's end.
+CameraWindow PyramidWindow(const CameraWindow& window, int level);
 
 // Smallest rectangle with all pixels that `mesh` may cover, grown by `margin_px` and clipped to the image, its corners
 // rounded outward to multiples of `alignment_px` (but never past the image). The whole image where a face crosses the

@@ -26,6 +26,7 @@ constexpr int kNarrowColumns = 16;  // rows of more are worth a division an edge
 struct Projection {
   double row[3][4];
   double x_scale, x_shift, y_scale, y_shift, near_m;
+  int32_t x_first, y_first;  // grid units of the window's first pixel
 };
 
 HWY_INLINE void ProjectLanes(const Projection& p, const double* in, int32_t* out) {
@@ -45,15 +46,18 @@ HWY_INLINE void ProjectLanes(const Projection& p, const double* in, int32_t* out
   const auto limit = hn::Set(d, kGridLimit - 1);
   const auto good =
       hn::And(hn::Ge(depth, hn::Set(d, p.near_m)), hn::And(hn::Lt(hn::Abs(u), limit), hn::Lt(hn::Abs(v), limit)));
-  const auto to_grid = [&](auto value)
-                           HWY_ATTR { return hn::DemoteTo(di, hn::Round(hn::IfThenElseZero(good, value))); };
+  const auto to_grid = [&](auto value, int32_t first) HWY_ATTR {
+    const auto whole = hn::DemoteTo(di, hn::Round(hn::IfThenElseZero(good, value)));
+    return hn::Sub(whole, hn::DemoteTo(di, hn::IfThenElseZero(good, hn::Set(d, static_cast<double>(first)))));
+  };
   const auto flag = hn::DemoteTo(di, hn::IfThenZeroElse(good, hn::Set(d, -1.0)));
   const auto inverse_z = hn::BitCast(di, hn::DemoteTo(Floats(), hn::IfThenElseZero(good, inverse)));
-  hn::StoreInterleaved4(to_grid(u), to_grid(v), inverse_z, flag, di, out);
+  hn::StoreInterleaved4(to_grid(u, p.x_first), to_grid(v, p.y_first), inverse_z, flag, di, out);
 }
 
-void Project(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& camera, double near_m,
+void Project(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
              GridVertex* out) {
+  const PosedCamera& camera = window.camera;
   const PinholeCamera& k = camera.intrinsics;
   Projection p;
   for (int r = 0; r < 3; ++r) {
@@ -65,6 +69,8 @@ void Project(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& 
   p.y_scale = k.fy * kGridPerPixel;
   p.y_shift = k.cy * kGridPerPixel;
   p.near_m = near_m;
+  p.x_first = window.rect.x0 << kGridBits;
+  p.y_first = window.rect.y0 << kGridBits;
   const int64_t lanes = static_cast<int64_t>(hn::Lanes(Doubles()));
   const double* in = vertices->data();
   int64_t v = 0;
@@ -395,9 +401,9 @@ HWY_EXPORT(Project);
 HWY_EXPORT(Select);
 HWY_EXPORT(Draw);
 
-void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& camera, double near_m,
+void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
                    GridVertex* out) {
-  if (count > 0) HWY_DYNAMIC_DISPATCH(Project)(vertices, count, camera, near_m, out);
+  if (count > 0) HWY_DYNAMIC_DISPATCH(Project)(vertices, count, window, near_m, out);
 }
 
 int64_t SelectFaces(const Triangle* faces, int64_t first, int64_t last, const GridVertex* vertices, int width,

@@ -8,7 +8,7 @@
 #include <cstdint>
 
 #include "common/geometry/mesh.h"
-#include "common/imaging/camera.h"
+#include "worker/visibility/image_window.h"
 
 namespace tessera {
 
@@ -21,7 +21,7 @@ constexpr double kGridLimit = int64_t{1} << 30;
 
 // A vertex as a camera sees it.
 struct alignas(16) GridVertex {
-  int32_t x = 0, y = 0;  // grid units, under kGridLimit
+  int32_t x = 0, y = 0;  // grid units from the window's first pixel; under kGridLimit from the whole image's
   float inverse_z = 0;   // linear over the image of a plane
   int32_t off_grid = 0;  // -1: nearer than the near plane or too far out, and all the rest is zero; else 0
 };
@@ -29,6 +29,7 @@ struct alignas(16) GridVertex {
 // Rows [row_first, row_last) of a face map; the pointers are to the map's first pixel.
 struct DrawTarget {
   int width = 0, height = 0;
+  int x0 = 0, y0 = 0;  // of the first pixel in the whole image
   int row_first = 0, row_last = 0;
   int32_t* face = nullptr;
   float* inverse_z = nullptr;  // 0: nothing
@@ -63,7 +64,8 @@ struct DepthPlane {
   }
 };
 
-void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const PosedCamera& camera, double near_m,
+// Rounded in the whole image, so that all windows see the same.
+void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
                    GridVertex* out);
 
 // Writes to `list` (room for last - first) those of the faces [first, last), ascending, whose bounding box holds a

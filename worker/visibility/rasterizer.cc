@@ -20,15 +20,14 @@ constexpr int kBandRows = 32;
 struct Layer {
   const TriangleMesh& mesh;
   const GridVertex* vertices;
-  const PosedCamera& camera;
+  const CameraWindow& window;
   double near_m;
   bool with_ids;
 
   int64_t face_count() const { return static_cast<int64_t>(mesh.faces.size()); }
 
   int64_t Select(int64_t first, int64_t last, uint32_t* list) const {
-    return SelectFaces(mesh.faces.data(), first, last, vertices, camera.intrinsics.width, camera.intrinsics.height,
-                       list);
+    return SelectFaces(mesh.faces.data(), first, last, vertices, window.rect.width(), window.rect.height(), list);
   }
 
   void Draw(const uint32_t* list, int64_t count, const DrawTarget& target) const {
@@ -36,7 +35,7 @@ struct Layer {
       k += DrawFaces(mesh.faces.data(), list + k, count - k, vertices, with_ids, target);
       if (k == count) break;
       const int32_t id = with_ids ? static_cast<int32_t>(list[k]) : -1;
-      DrawUnboundedFace(mesh, list[k], vertices, camera, near_m, id, target);
+      DrawUnboundedFace(mesh, list[k], vertices, window.camera, near_m, id, target);
     }
   }
 };
@@ -47,7 +46,7 @@ struct RowRange {
 };
 
 RowRange RowsOf(const Layer& layer, const uint32_t* list, int64_t count) {
-  const int height = layer.camera.intrinsics.height;
+  const int height = layer.window.rect.height();
   int32_t low = std::numeric_limits<int32_t>::max(), high = std::numeric_limits<int32_t>::min();
   for (int64_t k = 0; k < count; ++k) {
     for (uint32_t v : layer.mesh.faces[list[k]]) {
@@ -67,16 +66,18 @@ struct Rasterizer::Workspace {
   std::vector<int64_t> selected;  // faces, a chunk
   std::vector<RowRange> rows;     // a block of the list
 
-  static void Reset(const PosedCamera& camera, FaceMap* map) {
-    map->width = camera.intrinsics.width;
-    map->height = camera.intrinsics.height;
+  static void Reset(const PixelRect& rect, FaceMap* map) {
+    map->width = rect.width();
+    map->height = rect.height();
+    map->x0 = rect.x0;
+    map->y0 = rect.y0;
     const size_t pixels = static_cast<size_t>(map->width) * map->height;
     map->face.assign(pixels, -1);
     map->depth.assign(pixels, 0);  // 1/z until the end
   }
 
   static DrawTarget Target(FaceMap* map, int row_first, int row_last) {
-    return {map->width, map->height, row_first, row_last, map->face.data(), map->depth.data()};
+    return {map->width, map->height, map->x0, map->y0, row_first, row_last, map->face.data(), map->depth.data()};
   }
 
   // One thread: a chunk's faces are drawn while they are in the cache.
@@ -119,11 +120,11 @@ struct Rasterizer::Workspace {
     });
   }
 
-  void Project(const TriangleMesh& mesh, const PosedCamera& camera, double near_m, bool in_parallel) {
+  void Project(const TriangleMesh& mesh, const CameraWindow& window, double near_m, bool in_parallel) {
     const int64_t count = static_cast<int64_t>(mesh.vertices.size());
     vertices.resize(std::max(vertices.size(), mesh.vertices.size()));
     const auto project = [&](int64_t begin, int64_t end) {
-      ProjectToGrid(mesh.vertices.data() + begin, end - begin, camera, near_m, vertices.data() + begin);
+      ProjectToGrid(mesh.vertices.data() + begin, end - begin, window, near_m, vertices.data() + begin);
     };
     if (in_parallel) {
       ParallelFor(count, kVertexGrain, project);
@@ -132,13 +133,13 @@ struct Rasterizer::Workspace {
     }
   }
 
-  void Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const PosedCamera& camera, double near_m,
+  void Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window, double near_m,
             bool in_parallel, FaceMap* map) {
-    Reset(camera, map);
+    Reset(window.rect, map);
     for (const TriangleMesh* mesh_or_occluders : {&mesh, occluders}) {
       if (mesh_or_occluders == nullptr || mesh_or_occluders->faces.empty()) continue;
-      Project(*mesh_or_occluders, camera, near_m, in_parallel);
-      const Layer layer{*mesh_or_occluders, vertices.data(), camera, near_m, mesh_or_occluders == &mesh};
+      Project(*mesh_or_occluders, window, near_m, in_parallel);
+      const Layer layer{*mesh_or_occluders, vertices.data(), window, near_m, mesh_or_occluders == &mesh};
       if (in_parallel) {
         DrawLayerInBands(layer, map);
       } else {
@@ -180,29 +181,29 @@ void Rasterizer::ForEachView(size_t views, const std::function<void(size_t, Work
   });
 }
 
-void Rasterizer::Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const PosedCamera& camera, FaceMap* map,
+void Rasterizer::Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window, FaceMap* map,
                       double near_m) {
   std::unique_ptr<Workspace> workspace = pool_->Take();
-  workspace->Draw(mesh, occluders, camera, near_m, ThreadCount() > 1, map);
+  workspace->Draw(mesh, occluders, window, near_m, ThreadCount() > 1, map);
   pool_->Return(std::move(workspace));
 }
 
 void Rasterizer::DrawViews(const TriangleMesh& mesh, const TriangleMesh* occluders,
-                           std::span<const PosedCamera> cameras, std::vector<FaceMap>* maps, double near_m) {
-  maps->resize(cameras.size());
-  if (cameras.size() < static_cast<size_t>(ThreadCount())) {
-    for (size_t view = 0; view < cameras.size(); ++view) Draw(mesh, occluders, cameras[view], &(*maps)[view], near_m);
+                           std::span<const CameraWindow> windows, std::vector<FaceMap>* maps, double near_m) {
+  maps->resize(windows.size());
+  if (windows.size() < static_cast<size_t>(ThreadCount())) {
+    for (size_t view = 0; view < windows.size(); ++view) Draw(mesh, occluders, windows[view], &(*maps)[view], near_m);
     return;
   }
-  ForEachView(cameras.size(), [&](size_t view, Workspace& workspace) {
-    workspace.Draw(mesh, occluders, cameras[view], near_m, false, &(*maps)[view]);
+  ForEachView(windows.size(), [&](size_t view, Workspace& workspace) {
+    workspace.Draw(mesh, occluders, windows[view], near_m, false, &(*maps)[view]);
   });
 }
 
-FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const PosedCamera& camera,
+FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window,
                        double near_m) {
   FaceMap map;
-  Rasterizer().Draw(mesh, occluders, camera, &map, near_m);
+  Rasterizer().Draw(mesh, occluders, window, &map, near_m);
   return map;
 }
 

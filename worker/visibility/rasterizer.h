@@ -24,15 +24,17 @@ struct FaceMap {
   int height = 0;
   std::vector<int32_t> face;  // nearest face of the mesh through the pixel's centre; -1: none, or an occluder is nearer
   std::vector<float> depth;   // z in the camera's frame of whatever is nearest, occluders included; kNothing: nothing
+  int x0 = 0, y0 = 0;         // of the first pixel in the camera's whole image
 };
 
-// Draws `mesh`, and `occluders` (may be null) into depth alone, as `camera` sees them through its pixel centres. Both
+// Draws `mesh`, and `occluders` (may be null) into depth alone, as a camera sees them through the pixel centres of a
+// window; a pixel is the same bits in every window that holds it. Both
 // sides of faces count. A pixel centre on an edge belongs to exactly one of two faces that share it; of equally deep
 // faces the one of lower index wins, and the mesh wins over occluders. Parts nearer than `near_m` are clipped. Vertices
 // are rounded to 2^-15 pixel in the image; on what they then span, depth is exact on planes (perspective-correct), to
-// float rounding. Meshes and camera in the same frame, metres. Uses the process's threads; the result does not depend
-// on their number.
-FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const PosedCamera& camera,
+// float rounding. Meshes and camera in the same frame, metres; pixel coordinates below 2^15. Uses the process's
+// threads; the result does not depend on their number.
+FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window,
                        double near_m = kNearPlane_m);
 
 // Draws again and again without allocating: keeps its buffers (16 bytes a vertex and thread), and the maps keep theirs.
@@ -45,11 +47,11 @@ class Rasterizer {
   Rasterizer& operator=(Rasterizer&&) noexcept;
 
   // As RasterizeFaces, the threads at work in bands of the one image.
-  void Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const PosedCamera& camera, FaceMap* map,
+  void Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window, FaceMap* map,
             double near_m = kNearPlane_m);
 
   // The same maps for many cameras, which are shared out among the threads: faster than one after another.
-  void DrawViews(const TriangleMesh& mesh, const TriangleMesh* occluders, std::span<const PosedCamera> cameras,
+  void DrawViews(const TriangleMesh& mesh, const TriangleMesh* occluders, std::span<const CameraWindow> windows,
                  std::vector<FaceMap>* maps, double near_m = kNearPlane_m);
 
  private:

@@ -9,7 +9,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// A corner in grid units.
+// A corner in grid units of the whole image.
 struct Corner {
   double x = 0, y = 0;
   double inverse_z = 0;
@@ -24,7 +24,9 @@ Corner Project(const PinholeCamera& k, const Vector3d& in_camera) {
 
 // The face's outline in front of the near plane: 3 or 4 corners, or none. Returns their number.
 int MakeOutline(const Triangle& face, const TriangleMesh& mesh, const GridVertex* vertices, const PosedCamera& camera,
-                double near_m, Corner* corners) {
+                double near_m, const DrawTarget& target, Corner* corners) {
+  const double x_first = static_cast<double>(target.x0 * kGridPerPixel);
+  const double y_first = static_cast<double>(target.y0 * kGridPerPixel);
   Vector3d in_camera[3];
   for (int i = 0; i < 3; ++i) in_camera[i] = camera.CameraFromWorld(mesh.vertices[face[i]]);
   int count = 0;
@@ -32,7 +34,7 @@ int MakeOutline(const Triangle& face, const TriangleMesh& mesh, const GridVertex
     const int j = (i + 1) % 3;
     const GridVertex& vertex = vertices[face[i]];
     if (vertex.off_grid == 0) {
-      corners[count++] = {static_cast<double>(vertex.x), static_cast<double>(vertex.y), vertex.inverse_z, true};
+      corners[count++] = {vertex.x + x_first, vertex.y + y_first, vertex.inverse_z, true};
     } else if (in_camera[i].z() >= near_m) {
       corners[count++] = Project(camera.intrinsics, in_camera[i]);
     }
@@ -85,10 +87,10 @@ class Edge {
   double sign_ = 1;
 };
 
-// First column or row whose centre is not before `value` (grid units), within [0, limit].
-int FirstCentre(double value, int limit) {
+// First column or row whose centre is not before `value` (grid units), within [first, limit].
+int FirstCentre(double value, int first, int limit) {
   const double pixel = std::ceil(value / kGridPerPixel - 0.5);
-  return pixel > 0 ? static_cast<int>(std::min(pixel, static_cast<double>(limit))) : 0;
+  return pixel > first ? static_cast<int>(std::min(pixel, static_cast<double>(limit))) : first;
 }
 
 // Columns of a row inside an edge: the area is monotone over them, rounding included.
@@ -121,14 +123,18 @@ void DrawTriangle(const Corner& a, const Corner& b, const Corner& c, int32_t id,
   if (!(total != 0)) return;
   const double orientation = total > 0 ? 1 : -1;
   const DepthPlane plane(a.inverse_z, b.inverse_z, c.inverse_z, total);
-  const int x_begin = FirstCentre(std::min({a.x, b.x, c.x}), target.width);
-  const int x_end = FirstCentre(std::max({a.x, b.x, c.x}) + 1, target.width);
-  const int y_begin = std::max(target.row_first, FirstCentre(std::min({a.y, b.y, c.y}), target.height));
-  const int y_end = std::min(target.row_last, FirstCentre(std::max({a.y, b.y, c.y}) + 1, target.height));
+  const int x_limit = target.x0 + target.width, y_first = target.y0 + target.row_first;
+  const int y_limit = target.y0 + target.row_last;
+  const int x_begin = FirstCentre(std::min({a.x, b.x, c.x}), target.x0, x_limit);
+  const int x_end = FirstCentre(std::max({a.x, b.x, c.x}) + 1, target.x0, x_limit);
+  const int y_begin = FirstCentre(std::min({a.y, b.y, c.y}), y_first, y_limit);
+  const int y_end = FirstCentre(std::max({a.y, b.y, c.y}) + 1, y_first, y_limit);
   for (int y = y_begin; y < y_end; ++y) {
     int first = x_begin, last = x_end;
     for (const Edge& edge : edges) ClipToEdge(edge, orientation, y, &first, &last);
-    for (int x = first; x < last; ++x) target.Draw(x, y, plane.At(edges[1].Area(x, y), edges[2].Area(x, y)), id);
+    for (int x = first; x < last; ++x) {
+      target.Draw(x - target.x0, y - target.y0, plane.At(edges[1].Area(x, y), edges[2].Area(x, y)), id);
+    }
   }
 }
 
@@ -137,7 +143,7 @@ void DrawTriangle(const Corner& a, const Corner& b, const Corner& c, int32_t id,
 void DrawUnboundedFace(const TriangleMesh& mesh, uint32_t f, const GridVertex* vertices, const PosedCamera& camera,
                        double near_m, int32_t id, const DrawTarget& target) {
   Corner corners[6];
-  const int count = MakeOutline(mesh.faces[f], mesh, vertices, camera, near_m, corners);
+  const int count = MakeOutline(mesh.faces[f], mesh, vertices, camera, near_m, target, corners);
   if (count >= 3) DrawTriangle(corners[0], corners[1], corners[2], id, target);
   if (count == 4) DrawTriangle(corners[0], corners[2], corners[3], id, target);
 }

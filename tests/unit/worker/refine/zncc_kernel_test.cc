@@ -59,11 +59,12 @@ class RandomPair {
     map.width = other_.width;
     map.height = other_.height;
     map.depth.resize(static_cast<size_t>(map.width) * map.height);
+    map.face.assign(map.depth.size(), 0);
     for (float& depth : map.depth) {
       const double kind = Uniform();
       depth = kind < 0.1 ? FaceMap::kNothing : kind < 0.2 ? 8.0f : 11.0f;
     }
-    SetWarpTarget(other_, map, &target_);
+    SetWarpTarget(other_, map, {}, &target_);
     pair.reference = &reference_;
     pair.other = &target_;
     pair.depth_slack = 0.01f;

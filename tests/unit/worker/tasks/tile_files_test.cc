@@ -28,7 +28,9 @@ TEST(TileFiles, PackageRoundTrip) {
   TilePackage p;
   p.tile = 5;
   p.gsd_m = 0.1;
-  p.origin = {1024, -2048, 0};
+  p.view_depths = {{3.5, 60}, {0.1, 1.0 / 3}};
+  p.cell_views = {{0}, {}};
+  p.cell = {1};
   p.classes.resize(2);
   p.views.resize(2);
   p.views[1].name = std::string("second");
@@ -43,7 +45,9 @@ TEST(TileFiles, PackageRoundTrip) {
   const auto read = ReadTilePackage(TestPath("package.arrays"));
   ASSERT_TRUE(read.ok()) << read.status();
   EXPECT_EQ(read->tile, 5);
-  EXPECT_EQ(read->origin, p.origin);
+  EXPECT_EQ(read->view_depths, p.view_depths);
+  EXPECT_EQ(read->cell_views, p.cell_views);
+  EXPECT_EQ(read->cell, p.cell);
   EXPECT_EQ(read->views[1].name, "second");
   EXPECT_EQ(read->pairs, p.pairs);
   EXPECT_EQ(read->mesh.vertices, p.mesh.vertices);

@@ -335,7 +335,7 @@ TEST(RasterOracle, ThreadsViewsAndUsedBuffersGiveTheSameBytes) {
     rasterizer.Draw(mesh, &occluders, camera, &map);
     EXPECT_TRUE(SameBytes(map, alone)) << threads << " threads";
     for (size_t views : {1, 7}) {
-      const std::vector<PosedCamera> cameras(views, camera);
+      const std::vector<CameraWindow> cameras(views, CameraWindow(camera));
       std::vector<FaceMap> maps;
       rasterizer.DrawViews(mesh, &occluders, cameras, &maps);
       ASSERT_EQ(maps.size(), views);

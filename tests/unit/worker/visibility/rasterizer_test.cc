@@ -152,7 +152,7 @@ TEST(Rasterizer, DoesNotDependOnThreads) {
   EXPECT_EQ(one.depth, two.depth);
 }
 
-TEST(Rasterizer, ACropIsAPartOfTheWhole) {
+TEST(Rasterizer, AWindowIsAPartOfTheWholeToTheBit) {
   const TriangleMesh mesh = Terrain(20, 12, 4, 5);
   const PosedCamera camera = LookingDown(60, 0.3);
   const PixelRect rect = ProjectedBounds(mesh, camera, 3, 4);
@@ -160,14 +160,16 @@ TEST(Rasterizer, ACropIsAPartOfTheWhole) {
   EXPECT_EQ(rect.y0 % 4, 0);
   EXPECT_LT(rect.width() * rect.height(), 160 * 120 / 2);
   const FaceMap whole = RasterizeFaces(mesh, nullptr, camera);
-  const FaceMap part = RasterizeFaces(mesh, nullptr, CroppedCamera(camera, rect));
+  const FaceMap part = RasterizeFaces(mesh, nullptr, CameraWindow(camera, rect));
   int inside = 0, total = 0;
   for (int32_t f : whole.face) total += f >= 0;
   for (int y = 0; y < part.height; ++y) {
     for (int x = 0; x < part.width; ++x) {
       const int32_t f = part.face[y * part.width + x];
       inside += f >= 0;
-      ASSERT_EQ(f, whole.face[(y + rect.y0) * whole.width + x + rect.x0]);
+      const int in_whole = (y + rect.y0) * whole.width + x + rect.x0;
+      ASSERT_EQ(f, whole.face[in_whole]);
+      ASSERT_EQ(part.depth[y * part.width + x], whole.depth[in_whole]);
     }
   }
   EXPECT_EQ(inside, total);
