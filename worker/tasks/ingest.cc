@@ -12,6 +12,7 @@
 #include "worker/refine/pairs.h"
 #include "worker/tasks/cell_views.h"
 #include "worker/tasks/city_file.h"
+#include "worker/tasks/local_grid.h"
 #include "worker/tasks/stages.h"
 
 namespace tessera {
@@ -52,8 +53,10 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   // Says all that is wrong at once; after it loading cannot fail for the scene's sake.
   TESSERA_RETURN_IF_ERROR(CheckSceneFolder(request.input_dir, &outcome.warnings, PartOf(control, 0, 0.3)).status());
   Warnings said_already;
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(request.input_dir, &said_already));
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(request.input_dir, &said_already));
+  for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
   TESSERA_ASSIGN_OR_RETURN(TriangleMesh input, LoadSceneMesh(scene, 0));
+  for (Eigen::Vector3d& p : input.vertices) p = OnLocalGrid(p);
   Survey survey;
   TESSERA_ASSIGN_OR_RETURN(survey.gsd_m, MedianGsd(scene, input));
   TESSERA_RETURN_IF_ERROR(control.Check());

@@ -6,6 +6,7 @@
 #include "common/base/parallel.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
+#include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
@@ -69,6 +70,35 @@ TEST(Line, StandingStillGivesTheInputBack) {
       }
     }
   }
+}
+
+// What the geometry step makes of a scene depends on its last bits, so they must not depend on where the scene lies.
+TEST(Line, IngestMakesTheSameBitsOfAMovedScene) {
+  std::string cities[2];
+  Survey surveys[2];
+  for (const int moved : {0, 1}) {
+    TinySceneOptions options;
+    if (moved) options.offset = Eigen::Vector3d(5000, -3000, 7) * 1024;
+    const std::string folder = FreshTestFolder("moved" + std::to_string(moved));
+    const TinyScene scene = WriteTinyScene(folder, options);
+    // Positions with as many digits as mapping tools write.
+    TriangleMesh mesh = scene.mesh;
+    for (size_t v = 0; v < mesh.vertices.size(); ++v) mesh.vertices[v].z() += 0.001 * static_cast<double>(v % 97);
+    ASSERT_TRUE(WritePly(folder + "/mesh.ply", mesh).ok());
+    const std::string out = folder + "/out";
+    ASSERT_TRUE(EnsureFolder(out).ok());
+    const auto outcome = RunTask({"ingest", ToJson(IngestParameters()), folder, out}, {});
+    ASSERT_TRUE(outcome.ok()) << outcome.status();
+    cities[moved] = *ReadFile(out + "/" + kCityFile);
+    const auto survey = ParseSurvey(*ReadFile(out + "/" + kSurveyFile));
+    ASSERT_TRUE(survey.ok()) << survey.status();
+    surveys[moved] = *survey;
+    EXPECT_EQ(survey->origin_in_scene, options.offset);
+    surveys[moved].origin_in_scene.setZero();
+    surveys[moved].scene_name.clear();  // the folder's
+  }
+  EXPECT_EQ(cities[0], cities[1]);
+  EXPECT_EQ(SurveyToJson(surveys[0]), SurveyToJson(surveys[1]));
 }
 
 TEST(Line, SameTopologyForAnyTilingAndLabelsAsGoodAsTheStart) {
