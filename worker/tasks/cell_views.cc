@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
 #include <map>
-#include <numeric>
 #include <utility>
 
 #include "common/base/parallel.h"
@@ -16,10 +14,6 @@ namespace {
 
 constexpr int kDirections = 5;
 constexpr double kOcclusionMarginGsd = 3;
-
-Eigen::Vector3d Centroid(const TriangleMesh& mesh, size_t face) {
-  return (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
-}
 
 // 0: from above; 1 to 4: the quarter of the ground plane that the camera is in.
 int DirectionOf(const Eigen::Vector3d& to_camera, const Survey& survey, double up_elevation_rad) {
@@ -35,14 +29,14 @@ struct ViewScore {
   std::array<double, kDirections> by_direction = {};
 };
 
-std::vector<int32_t> BestViews(const TriangleMesh& mesh, const std::vector<uint32_t>& faces, const RayCaster& caster,
+std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t>& faces, const RayCaster& caster,
                                const std::vector<Eigen::Vector3d>& centres, const Survey& survey,
                                const CellViewOptions& options) {
   std::vector<ViewScore> scores(survey.views.size());
   const size_t samples = std::min<size_t>(options.samples, faces.size());
   for (size_t i = 0; i < samples; ++i) {
     const size_t face = faces[i * faces.size() / samples];
-    const Eigen::Vector3d centroid = Centroid(mesh, face), cross = FaceCross(mesh, face);
+    const Eigen::Vector3d centroid = mesh.Centroid(face), cross = FaceCross(mesh, face);
     const double area_m2 = 0.5 * cross.norm();
     if (area_m2 <= 0) continue;
     const Eigen::Vector3d normal = cross.normalized();
@@ -80,47 +74,31 @@ std::vector<int32_t> BestViews(const TriangleMesh& mesh, const std::vector<uint3
 
 }  // namespace
 
-Status FillCells(const TriangleMesh& mesh, const CellViewOptions& options, const TaskControl& control, Survey* survey) {
-  const GroundPlane& ground = survey->ground;
-  std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;  // by (y, x)
-  for (size_t f = 0; f < mesh.faces.size(); ++f) {
-    const Eigen::Vector2i cell = ground.Cell(Centroid(mesh, f));
-    faces_of[{cell.y(), cell.x()}].push_back(static_cast<uint32_t>(f));
-  }
-  survey->cells.clear();
-  std::vector<const std::vector<uint32_t>*> face_lists;
-  for (const auto& [position, faces] : faces_of) {
-    SurveyCell cell;
-    cell.y = position.first;
-    cell.x = position.second;
-    cell.faces = static_cast<int64_t>(faces.size());
-    cell.box_min = cell.box_max = mesh.Corner(faces[0], 0);
-    const CellRect square = {cell.x, cell.y, cell.x + 1, cell.y + 1};
-    for (const uint32_t face : faces) {
-      for (int k = 0; k < 3; ++k) {
-        const Eigen::Vector3d& p = mesh.Corner(face, k);
-        cell.box_min = cell.box_min.cwiseMin(p);
-        cell.box_max = cell.box_max.cwiseMax(p);
-        cell.reach_m = std::max(cell.reach_m, DistanceToRect(ground.Coordinates(p), square, ground.cell_m));
-      }
-    }
-    survey->cells.push_back(std::move(cell));
-    face_lists.push_back(&faces);
-  }
-
-  const RayCaster caster(mesh);
+Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
+                   const TaskControl& control, Survey* survey) {
+  std::map<std::pair<int, int>, SurveyCell*> cell_at;
+  for (SurveyCell& cell : survey->cells) cell_at[{cell.x, cell.y}] = &cell;
   std::vector<Eigen::Vector3d> centres;
   for (const SceneView& view : survey->views) centres.push_back(view.camera.Centre());
-  std::atomic<int64_t> done = 0;
-  const int64_t count = static_cast<int64_t>(survey->cells.size());
-  ParallelFor(count, 1, [&](int64_t begin, int64_t end) {
-    for (int64_t c = begin; c < end; ++c) {
-      if (!control.Check().ok()) return;
-      survey->cells[c].views = BestViews(mesh, *face_lists[c], caster, centres, *survey, options);
-      const int64_t cells_done = ++done;
-      if (cells_done % 64 == 0) control.Report(static_cast<double>(cells_done) / count, "choosing views");
+  const RayCaster caster(whole);
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(static_cast<double>(b) / static_cast<double>(city.block_count()), "choosing views");
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;
+    for (size_t f = 0; f < block.face_ids.size(); ++f) {
+      const Eigen::Vector2i at = survey->ground.Cell(block.mesh.Centroid(f));
+      faces_of[{at.x(), at.y()}].push_back(static_cast<uint32_t>(f));
     }
-  });
+    std::vector<std::pair<SurveyCell*, const std::vector<uint32_t>*>> cells;
+    for (const auto& [at, faces] : faces_of) cells.emplace_back(cell_at.at(at), &faces);
+    ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t c = begin; c < end; ++c) {
+        if (!control.Check().ok()) return;
+        cells[c].first->views = BestViews(block.mesh, *cells[c].second, caster, centres, *survey, options);
+      }
+    });
+  }
   return control.Check();
 }
 

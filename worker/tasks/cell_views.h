@@ -9,6 +9,7 @@
 #include "common/base/task_control.h"
 #include "common/geometry/mesh.h"
 #include "common/tile/survey.h"
+#include "worker/tasks/city_file.h"
 
 namespace tessera {
 
@@ -20,11 +21,12 @@ struct CellViewOptions {
   double min_share = 0.05;         // of the seen pixels of the best view in its direction
 };
 
-// Fills survey->cells from the mesh (local frame), survey->ground, survey->views and survey->up. A cell's views are
-// those that see most of it (pixels of its faces that are unhidden, by rays), balanced over directions, so that facades
-// keep their oblique pairs. A function of the mesh and the views alone, whatever the tiling. CANCELLED follows
-// `control`.
-Status FillCells(const TriangleMesh& mesh, const CellViewOptions& options, const TaskControl& control, Survey* survey);
+// Chooses the views of survey->cells (CellsOf the city), from survey->ground, survey->views and survey->up. A cell's
+// views are those that see most of it (pixels of its faces that are unhidden, by rays), balanced over directions, so
+// that facades keep their oblique pairs. `whole`: the mesh that `city` has in blocks, local frame. A function of the
+// mesh and the views alone, whatever the tiling. CANCELLED follows `control`; errors as CityReader::Block's.
+Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
+                   const TaskControl& control, Survey* survey);
 
 }  // namespace tessera
 

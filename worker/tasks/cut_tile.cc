@@ -7,6 +7,7 @@
 
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
+#include "worker/tasks/collected_faces.h"
 #include "worker/tasks/occluders.h"
 
 namespace tessera {
@@ -18,55 +19,61 @@ constexpr double kOriginStep_m = 1024;
 
 enum class Part : uint8_t { kOutside, kHalo, kCore };
 
-std::vector<Part> PartsOfFaces(const TriangleMesh& mesh, const GroundPlane& ground, const CutParameters& p) {
-  std::vector<Part> parts(mesh.faces.size());
-  ParallelFor(static_cast<int64_t>(parts.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      const Eigen::Vector3d centroid = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
-      if (p.tile.core.Contains(ground.Cell(centroid))) {
-        parts[f] = Part::kCore;
-      } else {
-        const double distance_m = DistanceToRect(ground.Coordinates(centroid), p.tile.core, ground.cell_m);
-        parts[f] = distance_m <= p.halo_m ? Part::kHalo : Part::kOutside;
+Part PartOf(const Eigen::Vector3d& centroid, const GroundPlane& ground, const CutParameters& p) {
+  if (p.tile.core.Contains(ground.Cell(centroid))) return Part::kCore;
+  const double distance_m = DistanceToRect(ground.Coordinates(centroid), p.tile.core, ground.cell_m);
+  return distance_m <= p.halo_m ? Part::kHalo : Part::kOutside;
+}
+
+StatusOr<CollectedFaces> FacesOfTile(const CityReader& city, const GroundPlane& ground, const CutParameters& p) {
+  FaceCollector found;
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    if (DistanceBetween(city.cells(b), p.tile.core, ground.cell_m) > p.halo_m) continue;
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    std::vector<Part> parts(block.face_ids.size());
+    ParallelFor(static_cast<int64_t>(parts.size()), kGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t f = begin; f < end; ++f) parts[f] = PartOf(block.mesh.Centroid(f), ground, p);
+    });
+    for (size_t f = 0; f < parts.size(); ++f) {
+      if (parts[f] != Part::kOutside) found.Add(block, f, parts[f] == Part::kCore);
+    }
+  }
+  return found.Finish();
+}
+
+// 1 for vertices of the tile (`vertex_ids` ascending) that faces outside it use too.
+StatusOr<std::vector<uint8_t>> UsedOutside(const CityReader& city, const GroundPlane& ground, const CutParameters& p,
+                                           const CollectedFaces& tile) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& vertex : tile.mesh.vertices) box.extend(vertex);
+  std::vector<uint8_t> used(tile.vertex_ids.size(), 0);
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    if (!city.box(b).intersects(box)) continue;  // a shared vertex lies in both boxes
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    // Where each of the block's vertices is in the tile; both lists ascend.
+    std::vector<uint32_t> in_tile(block.vertex_ids.size(), kNone);
+    bool any = false;
+    size_t t = 0;
+    for (size_t v = 0; v < in_tile.size(); ++v) {
+      t = std::lower_bound(tile.vertex_ids.begin() + static_cast<std::ptrdiff_t>(t), tile.vertex_ids.end(),
+                           block.vertex_ids[v]) -
+          tile.vertex_ids.begin();
+      if (t == tile.vertex_ids.size()) break;
+      if (tile.vertex_ids[t] != block.vertex_ids[v]) continue;
+      in_tile[v] = static_cast<uint32_t>(t);
+      any = true;
+    }
+    if (!any) continue;
+    for (size_t f = 0; f < block.face_ids.size(); ++f) {
+      const Triangle& face = block.mesh.faces[f];
+      if (in_tile[face[0]] == kNone && in_tile[face[1]] == kNone && in_tile[face[2]] == kNone) continue;
+      if (PartOf(block.mesh.Centroid(f), ground, p) != Part::kOutside) continue;
+      for (const uint32_t v : face) {
+        if (in_tile[v] != kNone) used[in_tile[v]] = 1;
       }
     }
-  });
-  return parts;
-}
-
-// The faces in `ids` (ascending) with the vertices they use, in the order of the vertices' ids.
-TriangleMesh Extract(const TriangleMesh& mesh, const std::vector<uint32_t>& ids, std::vector<uint32_t>* vertex_ids) {
-  std::vector<uint32_t> local(mesh.vertices.size(), kNone);
-  for (const uint32_t f : ids) {
-    for (const uint32_t v : mesh.faces[f]) local[v] = 0;
   }
-  TriangleMesh part;
-  vertex_ids->clear();
-  for (size_t v = 0; v < local.size(); ++v) {
-    if (local[v] == kNone) continue;
-    local[v] = static_cast<uint32_t>(part.vertices.size());
-    part.vertices.push_back(mesh.vertices[v]);
-    vertex_ids->push_back(static_cast<uint32_t>(v));
-  }
-  for (const uint32_t f : ids) {
-    const Triangle& face = mesh.faces[f];
-    part.faces.push_back({local[face[0]], local[face[1]], local[face[2]]});
-    if (!mesh.labels.empty()) part.labels.push_back(mesh.labels[f]);
-  }
-  return part;
-}
-
-// 1 for vertices of the tile that faces outside it use too.
-std::vector<uint8_t> VerticesOnCut(const TriangleMesh& mesh, const std::vector<Part>& parts,
-                                   const std::vector<uint32_t>& vertex_ids) {
-  std::vector<uint8_t> used_outside(mesh.vertices.size(), 0);
-  for (size_t f = 0; f < parts.size(); ++f) {
-    if (parts[f] != Part::kOutside) continue;
-    for (const uint32_t v : mesh.faces[f]) used_outside[v] = 1;
-  }
-  std::vector<uint8_t> fixed(vertex_ids.size());
-  for (size_t v = 0; v < fixed.size(); ++v) fixed[v] = used_outside[vertex_ids[v]];
-  return fixed;
+  return used;
 }
 
 Eigen::Vector3d OriginNear(const TriangleMesh& mesh) {
@@ -81,28 +88,25 @@ Eigen::Vector3d OriginNear(const TriangleMesh& mesh) {
 
 }  // namespace
 
-StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutParameters& p) {
-  const TriangleMesh& mesh = city.mesh;
-  const std::vector<Part> parts = PartsOfFaces(mesh, survey.ground, p);
-  TilePackage package;
-  for (size_t f = 0; f < parts.size(); ++f) {
-    if (parts[f] == Part::kOutside) continue;
-    package.face_ids.push_back(static_cast<uint32_t>(f));
-    package.core.push_back(parts[f] == Part::kCore ? 1 : 0);
-  }
-  if (std::find(package.core.begin(), package.core.end(), 1) == package.core.end()) {
+StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, const CutParameters& p) {
+  TESSERA_ASSIGN_OR_RETURN(CollectedFaces tile, FacesOfTile(city, survey.ground, p));
+  if (std::find(tile.marked.begin(), tile.marked.end(), 1) == tile.marked.end()) {
     return absl::InvalidArgumentError("tile " + std::to_string(p.tile.tile) + ": found no faces in its core");
   }
-  std::vector<uint32_t> used_ids;
-  const TriangleMesh extracted = Extract(mesh, package.face_ids, &used_ids);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> used_outside, UsedOutside(city, survey.ground, p, tile));
+  TilePackage package;
+  package.face_ids = std::move(tile.face_ids);
+  package.core = std::move(tile.marked);
   // Where the cut leaves fans of faces that touch in a vertex alone, it is doubled.
-  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(extracted, nullptr));
+  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(tile.mesh, nullptr));
   if (repaired.mesh.faces.size() != package.face_ids.size()) {
     return absl::InternalError("tile " + std::to_string(p.tile.tile) + ": faces were lost in cutting");
   }
   package.mesh = std::move(repaired.mesh);
-  for (const int64_t v : repaired.vertex_in_input) package.vertex_ids.push_back(used_ids[v]);
-  package.fixed = VerticesOnCut(mesh, parts, package.vertex_ids);
+  for (const int64_t v : repaired.vertex_in_input) {
+    package.vertex_ids.push_back(tile.vertex_ids[v]);
+    package.fixed.push_back(used_outside[v]);
+  }
 
   package.tile = p.tile.tile;
   package.ground = survey.ground;
@@ -124,11 +128,11 @@ StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutP
     const auto r = local_view.find(reference), o = local_view.find(other);
     if (r != local_view.end() && o != local_view.end()) package.pairs.push_back({r->second, o->second});
   }
-  std::vector<uint8_t> in_tile(parts.size());
-  for (size_t f = 0; f < parts.size(); ++f) in_tile[f] = parts[f] != Part::kOutside;
-  const OccluderSearch search(package.mesh, package.views);
-  std::vector<uint32_t> unused;
-  package.occluders = Extract(mesh, FindOccluders(mesh, survey, in_tile, search), &unused);
+  const auto in_tile = [&](const Eigen::Vector3d& centroid) {
+    return PartOf(centroid, survey.ground, p) != Part::kOutside;
+  };
+  TESSERA_ASSIGN_OR_RETURN(
+      package.occluders, FindOccluders(city, survey, in_tile, OccluderSearch(package.mesh, package.views)));
   return package;
 }
 

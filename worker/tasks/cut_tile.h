@@ -11,8 +11,9 @@
 namespace tessera {
 
 // The faces whose centroid lies in the core (by cell) or at most parameters.halo_m from it, with everything else that
-// may hide them from the tile's views as occluders. INVALID_ARGUMENT for a core without faces.
-StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutParameters& parameters);
+// may hide them from the tile's views as occluders. Reads the blocks of the city that these lie in or touch, and no
+// others. INVALID_ARGUMENT for a core without faces; errors as CityReader::Block's.
+StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, const CutParameters& parameters);
 
 }  // namespace tessera
 

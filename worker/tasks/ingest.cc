@@ -68,11 +68,13 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   control.Report(0.5, "splitting faces");
   const std::vector<PosedCamera> cameras = CamerasOf(scene);
   SplitMesh split = SplitLargeFaces(repaired.mesh, cameras, DensityOptions());
-  City city;
-  city.mesh = std::move(split.mesh);
-  CompleteLabels(scene, &city.mesh);
-  city.input_face.reserve(split.parent_face.size());
-  for (const uint32_t parent : split.parent_face) city.input_face.push_back(repaired.face_in_input[parent]);
+  CompleteLabels(scene, &split.mesh);
+  std::vector<uint32_t> input_face;
+  input_face.reserve(split.parent_face.size());
+  for (const uint32_t parent : split.parent_face) {
+    input_face.push_back(static_cast<uint32_t>(repaired.face_in_input[parent]));
+  }
+  const CitySpans city = {split.mesh, input_face};
   TESSERA_RETURN_IF_ERROR(control.Check());
 
   survey.scene_name = scene.name;
@@ -88,12 +90,14 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   survey.input_faces = static_cast<int64_t>(input.faces.size());
   survey.vertices = static_cast<int64_t>(city.mesh.vertices.size());
   survey.faces = static_cast<int64_t>(city.mesh.faces.size());
-  TESSERA_RETURN_IF_ERROR(FillCells(city.mesh, CellViewOptions(), PartOf(control, 0.6, 0.9), &survey));
-  FillPairs(city.mesh, cameras, parameters, &survey);
+  survey.cells = CellsOf(city.mesh, survey.ground);
+  TESSERA_RETURN_IF_ERROR(
+      WriteCity(OutputPath(request, kCityFile), city, survey.ground, survey.cells, request.output_dir));
+  TESSERA_ASSIGN_OR_RETURN(const CityReader reader, CityReader::Open(OutputPath(request, kCityFile)));
+  TESSERA_RETURN_IF_ERROR(ChooseViews(city.mesh, reader, CellViewOptions(), PartOf(control, 0.6, 0.9), &survey));
+  FillPairs(split.mesh, cameras, parameters, &survey);
   survey.warnings = outcome.warnings;
 
-  control.Report(0.9, "writing the city");
-  TESSERA_RETURN_IF_ERROR(WriteCity(OutputPath(request, kCityFile), city));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSurveyFile), SurveyToJson(survey)));
   outcome.outputs = {kCityFile, kSurveyFile};
   outcome.stats = nlohmann::json{{"views", survey.views.size()},

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/tasks/collected_faces.h"
 
 namespace tessera {
 namespace {
@@ -13,10 +14,10 @@ namespace {
 constexpr int64_t kGrain = 4096;
 constexpr int kSilhouetteMargin_px = 16;  // around what a view sees of the tile: occluders' edges just outside it too
 
-std::array<Eigen::Vector3d, 8> CornersOf(const SurveyCell& cell) {
+std::array<Eigen::Vector3d, 8> CornersOf(const Eigen::Vector3d& low, const Eigen::Vector3d& high) {
   std::array<Eigen::Vector3d, 8> corners;
   for (int k = 0; k < 8; ++k) {
-    for (int axis = 0; axis < 3; ++axis) corners[k][axis] = (k >> axis & 1) ? cell.box_max[axis] : cell.box_min[axis];
+    for (int axis = 0; axis < 3; ++axis) corners[k][axis] = (k >> axis & 1) ? high[axis] : low[axis];
   }
   return corners;
 }
@@ -59,28 +60,43 @@ bool OccluderSearch::MayHide(std::span<const Eigen::Vector3d> points) const {
   return std::any_of(windows_.begin(), windows_.end(), [&](const Window& w) { return MayHide(points, w); });
 }
 
-bool OccluderSearch::MayHide(const SurveyCell& cell) const { return MayHide(CornersOf(cell)); }
+bool OccluderSearch::MayHide(const SurveyCell& cell) const { return MayHide(CornersOf(cell.box_min, cell.box_max)); }
 
-std::vector<uint32_t> FindOccluders(const TriangleMesh& city, const Survey& survey, const std::vector<uint8_t>& in_tile,
-                                    const OccluderSearch& search) {
-  // Whole cells first.
-  std::map<std::pair<int, int>, bool> cell_may_hide;
-  for (const SurveyCell& cell : survey.cells) cell_may_hide[{cell.x, cell.y}] = search.MayHide(cell);
-  std::vector<uint8_t> hides(city.faces.size(), 0);
-  ParallelFor(static_cast<int64_t>(city.faces.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      if (in_tile[f]) continue;
-      const std::array<Eigen::Vector3d, 3> corners = {city.Corner(f, 0), city.Corner(f, 1), city.Corner(f, 2)};
-      const Eigen::Vector2i cell = survey.ground.Cell((corners[0] + corners[1] + corners[2]) / 3);
-      const auto it = cell_may_hide.find({cell.x(), cell.y()});
-      hides[f] = it != cell_may_hide.end() && it->second && search.MayHide(corners);
+StatusOr<TriangleMesh> FindOccluders(const CityReader& city, const Survey& survey,
+                                     const std::function<bool(const Eigen::Vector3d&)>& in_tile,
+                                     const OccluderSearch& search) {
+  FaceCollector found;
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    if (!search.MayHide(CornersOf(city.box(b).min(), city.box(b).max()))) continue;
+    // Whole cells first.
+    const CellRect& rect = city.cells(b);
+    std::map<std::pair<int, int>, bool> cell_may_hide;
+    for (int y = rect.y0; y < rect.y1; ++y) {
+      auto cell = std::lower_bound(survey.cells.begin(), survey.cells.end(), std::pair(y, rect.x0),
+                                   [](const SurveyCell& a, const auto& at) { return std::pair(a.y, a.x) < at; });
+      for (; cell != survey.cells.end() && rect.Contains({cell->x, cell->y}); ++cell) {
+        cell_may_hide[{cell->x, cell->y}] = search.MayHide(*cell);
+      }
     }
-  });
-  std::vector<uint32_t> faces;
-  for (size_t f = 0; f < hides.size(); ++f) {
-    if (hides[f]) faces.push_back(static_cast<uint32_t>(f));
+    if (std::none_of(cell_may_hide.begin(), cell_may_hide.end(), [](const auto& cell) { return cell.second; })) continue;
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    std::vector<uint8_t> hides(block.face_ids.size(), 0);
+    ParallelFor(static_cast<int64_t>(hides.size()), kGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t f = begin; f < end; ++f) {
+        const Eigen::Vector3d centroid = block.mesh.Centroid(f);
+        const Eigen::Vector2i cell = survey.ground.Cell(centroid);
+        const auto it = cell_may_hide.find({cell.x(), cell.y()});
+        if (it == cell_may_hide.end() || !it->second || in_tile(centroid)) continue;
+        const std::array<Eigen::Vector3d, 3> corners = {block.mesh.Corner(f, 0), block.mesh.Corner(f, 1),
+                                                        block.mesh.Corner(f, 2)};
+        hides[f] = search.MayHide(corners);
+      }
+    });
+    for (size_t f = 0; f < hides.size(); ++f) {
+      if (hides[f]) found.Add(block, f, false);
+    }
   }
-  return faces;
+  return found.Finish().mesh;
 }
 
 }  // namespace tessera

@@ -3,14 +3,16 @@
 #define TESSERA_WORKER_TASKS_OCCLUDERS_H_
 
 #include <Eigen/Core>
-#include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
+#include "common/base/status.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "common/scene/scene.h"
 #include "common/tile/survey.h"
+#include "worker/tasks/city_file.h"
 #include "worker/visibility/image_window.h"
 
 namespace tessera {
@@ -38,10 +40,12 @@ class OccluderSearch {
   std::vector<Window> windows_;
 };
 
-// The faces of `city`, ascending, that may hide the tile from the views and are not in it (`in_tile`: one flag a face).
-// Does not depend on the number of threads.
-std::vector<uint32_t> FindOccluders(const TriangleMesh& city, const Survey& survey, const std::vector<uint8_t>& in_tile,
-                                    const OccluderSearch& search);
+// The faces of the city that may hide the tile from the views and are not in it, with the vertices they use, both in the
+// order of their ids. `in_tile` is asked about a face's centroid (local frame). Reads the blocks that may hide anything
+// one by one. Does not depend on the number of threads. Errors as CityReader::Block's.
+StatusOr<TriangleMesh> FindOccluders(const CityReader& city, const Survey& survey,
+                                     const std::function<bool(const Eigen::Vector3d&)>& in_tile,
+                                     const OccluderSearch& search);
 
 }  // namespace tessera
 
