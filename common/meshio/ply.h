@@ -25,6 +25,22 @@ struct PlyContent {
 // face that is no triangle, NaN. Never allocates more than a small multiple of the file's size.
 StatusOr<PlyContent> ReadPly(const std::string& path);
 
+// Takes a mesh element by element.
+class PlySink {
+ public:
+  virtual ~PlySink() = default;
+  // Before all else: what the header declares. The file may be shorter.
+  virtual Status Begin(int64_t vertices, int64_t faces, bool has_labels, bool float_positions) = 0;
+  virtual void AddVertex(const Eigen::Vector3d& position) = 0;
+  virtual void AddFace(const Triangle& vertices, int32_t label) = 0;  // label: 0 if the file has none
+};
+
+// The same into `sink`, front to back, through a window of the file. Errors of Begin are given back.
+Status StreamPly(const std::string& path, PlySink* sink);
+
+// Faces that the file's header declares. Errors as ReadPly's, of the header.
+StatusOr<int64_t> PlyFaceCount(const std::string& path);
+
 // The same from memory; `name` stands for the file in messages. For fuzzing and tests.
 StatusOr<PlyContent> ParsePly(const std::string& bytes, const std::string& name);
 

@@ -7,13 +7,14 @@
 #include <utility>
 
 #include "common/base/parallel.h"
-#include "common/geometry/ray_caster.h"
+#include "worker/tasks/city_sight.h"
 
 namespace tessera {
 namespace {
 
 constexpr int kDirections = 5;
 constexpr double kOcclusionMarginGsd = 3;
+constexpr int64_t kCoarseClusters = 1 << 20;
 
 // 0: from above; 1 to 4: the quarter of the ground plane that the camera is in.
 int DirectionOf(const Eigen::Vector3d& to_camera, const Survey& survey, double up_elevation_rad) {
@@ -29,7 +30,7 @@ struct ViewScore {
   std::array<double, kDirections> by_direction = {};
 };
 
-std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t>& faces, const RayCaster& caster,
+std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t>& faces, const CitySight& sight,
                                const std::vector<Eigen::Vector3d>& centres, const Survey& survey,
                                const CellViewOptions& options) {
   std::vector<ViewScore> scores(survey.views.size());
@@ -47,7 +48,7 @@ std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t
       const Eigen::Vector3d to_camera = centres[v] - centroid;
       const double cosine = normal.dot(to_camera.normalized());
       if (cosine < options.min_cosine) continue;
-      if (caster.Occluded(centroid, centres[v], kOcclusionMarginGsd * survey.gsd_m)) continue;
+      if (sight.Hidden(centroid, centres[v])) continue;
       const double px_per_m = std::sqrt(camera.intrinsics.fx * camera.intrinsics.fy) / projected.z();
       const double pixels = area_m2 * cosine * px_per_m * px_per_m;
       scores[v].pixels += pixels;
@@ -75,16 +76,28 @@ std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t
 }  // namespace
 
 Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
-                   const TaskControl& control, Survey* survey) {
+                   const TaskControl& control, const std::string& scratch_folder, Survey* survey) {
   std::map<std::pair<int, int>, SurveyCell*> cell_at;
   for (SurveyCell& cell : survey->cells) cell_at[{cell.x, cell.y}] = &cell;
   std::vector<Eigen::Vector3d> centres;
   for (const SceneView& view : survey->views) centres.push_back(view.camera.Centre());
-  const RayCaster caster(whole);
+  CitySight sight(kOcclusionMarginGsd * survey->gsd_m);
+  const bool in_parts = static_cast<int64_t>(whole.faces.size()) > options.max_whole_faces;
+  if (in_parts) {
+    control.Report(0, "the city's coarse shape");
+    TESSERA_ASSIGN_OR_RETURN(const CoarseMesh coarse, CoarsenMesh(whole, kCoarseClusters, scratch_folder));
+    sight.SetFar(coarse);
+  } else {
+    sight.SetNear(whole);
+  }
   for (size_t b = 0; b < city.block_count(); ++b) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(b) / static_cast<double>(city.block_count()), "choosing views");
     TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    if (in_parts) {
+      TESSERA_ASSIGN_OR_RETURN(const TriangleMesh around, FacesAround(city, block.box, sight.near_m()));
+      sight.SetNear(around);
+    }
     std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;
     for (size_t f = 0; f < block.face_ids.size(); ++f) {
       const Eigen::Vector2i at = survey->ground.Cell(block.mesh.Centroid(f));
@@ -95,7 +108,7 @@ Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellVie
     ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t c = begin; c < end; ++c) {
         if (!control.Check().ok()) return;
-        cells[c].first->views = BestViews(block.mesh, *cells[c].second, caster, centres, *survey, options);
+        cells[c].first->views = BestViews(block.mesh, *cells[c].second, sight, centres, *survey, options);
       }
     });
   }

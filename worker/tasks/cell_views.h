@@ -3,6 +3,7 @@
 #define TESSERA_WORKER_TASKS_CELL_VIEWS_H_
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "common/base/status.h"
@@ -19,14 +20,16 @@ struct CellViewOptions {
   double up_elevation_rad = 1.05;  // a view from higher than this is one from above
   double min_cosine = 0.1;         // between a face's normal and the direction to the camera
   double min_share = 0.05;         // of the seen pixels of the best view in its direction
+  // Larger cities are tested against their coarse shape and, near a face, against its neighbourhood in full.
+  int64_t max_whole_faces = 4 << 20;
 };
 
 // Chooses the views of survey->cells (CellsOf the city), from survey->ground, survey->views and survey->up. A cell's
 // views are those that see most of it (pixels of its faces that are unhidden, by rays), balanced over directions, so
-// that facades keep their oblique pairs. `whole`: the mesh that `city` has in blocks, local frame. A function of the
+// that facades keep their oblique pairs. `scratch_folder` takes 4 bytes a vertex meanwhile. `whole`: the mesh that `city` has in blocks, local frame. A function of the
 // mesh and the views alone, whatever the tiling. CANCELLED follows `control`; errors as CityReader::Block's.
 Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
-                   const TaskControl& control, Survey* survey);
+                   const TaskControl& control, const std::string& scratch_folder, Survey* survey);
 
 }  // namespace tessera
 

@@ -246,7 +246,7 @@ Status WriteCity(const std::string& path, const CitySpans& city, const GroundPla
     std::vector<uint32_t> input_face;
     for (const uint32_t f : block.face_ids) {
       labels.push_back(mesh.labels[f]);
-      input_face.push_back(city.input_face[f]);
+      input_face.push_back(city.input_face.empty() ? f : city.input_face[f]);
     }
     block.mesh.labels = labels;
     block.input_face = input_face;

@@ -20,7 +20,7 @@ namespace tessera {
 // faces; its topology is that of the result.
 struct CitySpans {
   MeshSpans mesh;                        // labels: one a face; -1: not labelled
-  std::span<const uint32_t> input_face;  // face of the scene's mesh that each face is a part of
+  std::span<const uint32_t> input_face;  // face of the scene's mesh that each face is a part of; empty: its own
 };
 
 // The faces whose centroid lies in a rectangle of cells, as a mesh of its own. Points into a CityReader.

@@ -52,7 +52,7 @@ TinyCity MakeCity() {
   auto opened = CityReader::Open(path);
   EXPECT_TRUE(opened.ok()) << opened.status();
   tiny.city = *std::move(opened);
-  const Status chosen = ChooseViews(tiny.mesh, tiny.city, {}, {}, &s);
+  const Status chosen = ChooseViews(tiny.mesh, tiny.city, {}, {}, testing::TempDir(), &s);
   EXPECT_TRUE(chosen.ok()) << chosen;
   return tiny;
 }
@@ -380,6 +380,17 @@ TEST(CellViews, FacesAreCountedOnceAndFacadesKeepTheirOwnViews) {
     for (const int32_t v : cell.views) used[v] = 1;
   }
   EXPECT_EQ(std::count(used.begin(), used.end(), 1), static_cast<int64_t>(used.size()));
+}
+
+// A city that is too large for one tree of rays: coarse far away, in full nearby.
+TEST(CellViews, LargeCitiesChooseTheSameViews) {
+  const TinyCity tiny = MakeCity();
+  Survey survey = tiny.survey;
+  for (SurveyCell& cell : survey.cells) cell.views.clear();
+  CellViewOptions options;
+  options.max_whole_faces = 0;
+  ASSERT_TRUE(ChooseViews(tiny.mesh, tiny.city, options, {}, testing::TempDir(), &survey).ok());
+  for (size_t c = 0; c < survey.cells.size(); ++c) EXPECT_EQ(survey.cells[c].views, tiny.survey.cells[c].views);
 }
 
 }  // namespace
