@@ -16,9 +16,9 @@ struct CoarseMesh {
 };
 
 // Vertex clustering (Rossignac and Borrel, 1993): vertices in the same cube of a grid become their mean; faces with
-// corners in three cubes stay. The grid is as fine as gives about `clusters` vertices for the mesh's area. `scratch_folder`
-// takes 4 bytes a vertex meanwhile. Memory is that of the result. Deterministic. RESOURCE_EXHAUSTED if scratch has no
-// room.
+// corners in three cubes stay. The grid is as fine as gives about `clusters` vertices for the mesh's area.
+// `scratch_folder` takes 4 bytes a vertex meanwhile. Memory is that of the result. Deterministic. RESOURCE_EXHAUSTED if
+// scratch has no room.
 StatusOr<CoarseMesh> CoarsenMesh(const MeshSpans& mesh, int64_t clusters, const std::string& scratch_folder);
 
 }  // namespace tessera

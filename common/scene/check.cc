@@ -288,8 +288,9 @@ constexpr int64_t kAnyFaces = std::numeric_limits<int64_t>::max();
 StatusOr<SceneSummary> CheckAndReport(const SceneDescription& scene, int64_t max_mesh_faces, Warnings* warnings,
                                       Faults* faults, const TaskControl& control) {
   Warnings unused;
-  TESSERA_ASSIGN_OR_RETURN(SceneSummary summary,
-                           SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, faults, control).Check());
+  TESSERA_ASSIGN_OR_RETURN(
+      SceneSummary summary,
+      SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, faults, control).Check());
   TESSERA_RETURN_IF_ERROR(faults->ToStatus());
   return summary;
 }

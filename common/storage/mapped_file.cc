@@ -40,9 +40,9 @@ StatusOr<MappedFile> MappedFile::Open(const std::string& path) {
   const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot open ", path));
   struct stat info {};
-  StatusOr<MappedFile> file = fstat(fd, &info) == 0
-                                  ? Map(fd, static_cast<size_t>(info.st_size), false, path)
-                                  : StatusOr<MappedFile>(absl::ErrnoToStatus(errno, absl::StrCat("cannot stat ", path)));
+  StatusOr<MappedFile> file =
+      fstat(fd, &info) == 0 ? Map(fd, static_cast<size_t>(info.st_size), false, path)
+                            : StatusOr<MappedFile>(absl::ErrnoToStatus(errno, absl::StrCat("cannot stat ", path)));
   close(fd);
   return file;
 }

@@ -26,8 +26,7 @@ StatusOr<MappedArrays> MappedArrays::Open(const std::string& path) {
   return arrays;
 }
 
-StatusOr<const ArrayFileHeader::Entry*> MappedArrays::Find(const std::string& array, size_t type,
-                                                           int64_t count) const {
+StatusOr<const ArrayFileHeader::Entry*> MappedArrays::Find(const std::string& array, size_t type, int64_t count) const {
   for (const ArrayFileHeader::Entry& entry : header_.entries) {
     if (entry.name != array) continue;
     if (entry.type != type) {
@@ -49,8 +48,8 @@ Status MappedArrays::Verify(const std::string& array) const {
     if (Xxh3(file_.data() + entry.offset, entry.count * ArrayFileHeader::value_bytes(entry)) == entry.hash) {
       return absl::OkStatus();
     }
-    return absl::DataLossError(absl::StrCat(path_, ": byte ", entry.offset, ": found another checksum, expected that of \"",
-                                            array, "\""));
+    return absl::DataLossError(
+        absl::StrCat(path_, ": byte ", entry.offset, ": found another checksum, expected that of \"", array, "\""));
   }
   return absl::DataLossError(absl::StrCat(path_, ": array \"", array, "\": found none"));
 }
@@ -124,8 +123,7 @@ Status ArrayFileWriter::Finish() {
     Write(entry.offset + region.written_bytes - region.buffer.size(), region.buffer.data(), region.buffer.size());
     if (status_.ok() && region.written_bytes != entry.count * ArrayFileHeader::value_bytes(entry)) {
       status_ = absl::InternalError(absl::StrCat(path_, ": found ", region.written_bytes, " bytes of \"", entry.name,
-                                                 "\", expected ",
-                                                 entry.count * ArrayFileHeader::value_bytes(entry)));
+                                                 "\", expected ", entry.count * ArrayFileHeader::value_bytes(entry)));
     }
     entry.hash = region.hasher.Digest();
   }

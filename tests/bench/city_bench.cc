@@ -1,4 +1,5 @@
-// A city that does not fit into memory, made, ingested, planned, cut, and published with cores that pass the cut through:
+// A city that does not fit into memory, made, ingested, planned, cut, and published with cores that pass the cut
+// through:
 //   city_bench FOLDER --faces 100e6 [--tiles 100] [--limit-mib 2048]
 // Each step is a process of its own; prints its seconds of CPU and its peak of anonymous memory, and at the end the
 // result's SHA-256. --limit-mib sets RLIMIT_DATA, which the steps' private memory then cannot exceed; a memory cgroup
@@ -53,9 +54,9 @@ double Height(double x, double y, int* label) {
 Status MakeScene(const std::string& folder, int64_t faces) {
   const auto side = static_cast<int64_t>(std::lround(std::sqrt(static_cast<double>(faces) / 2)));
   for (const char* name : {"", "/colmap", "/images"}) TESSERA_RETURN_IF_ERROR(EnsureFolder(folder + name));
-  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(
-      folder + "/scene.json",
-      R"({"tessera_scene": 1, "classes": ["ground", "facade", "roof"], "crs": {"type": "local"}})"));
+  TESSERA_RETURN_IF_ERROR(
+      WriteFileAtomic(folder + "/scene.json",
+                      R"({"tessera_scene": 1, "classes": ["ground", "facade", "roof"], "crs": {"type": "local"}})"));
   PlyLayout layout;
   layout.vertices = (side + 1) * (side + 1);
   layout.faces = 2 * side * side;
@@ -87,13 +88,14 @@ Status MakeScene(const std::string& folder, int64_t faces) {
       const Eigen::Vector3d centre(std::min(x, extent_m), std::min(y, extent_m), kCameraHeight_m);
       absl::StrAppendFormat(&images, "%d 0 1 0 0 %.17g %.17g %.17g 1 view%d.png\n\n", views + 1, -centre.x(),
                             centre.y(), centre.z(), views);
-      TESSERA_RETURN_IF_ERROR(WritePng(absl::StrCat(folder, "/images/view", views, ".png"), ByteImage(kWidth, kHeight)));
+      TESSERA_RETURN_IF_ERROR(
+          WritePng(absl::StrCat(folder, "/images/view", views, ".png"), ByteImage(kWidth, kHeight)));
       ++views;
     }
   }
-  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(
-      folder + "/colmap/cameras.txt",
-      absl::StrFormat("1 PINHOLE %d %d %g %g %g %g\n", kWidth, kHeight, kFocal_px, kFocal_px, kWidth / 2.0, kHeight / 2.0)));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(folder + "/colmap/cameras.txt",
+                                          absl::StrFormat("1 PINHOLE %d %d %g %g %g %g\n", kWidth, kHeight, kFocal_px,
+                                                          kFocal_px, kWidth / 2.0, kHeight / 2.0)));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(folder + "/colmap/points3D.txt", ""));
   return WriteFileAtomic(folder + "/colmap/images.txt", images);
 }

@@ -26,8 +26,9 @@ struct CellViewOptions {
 
 // Chooses the views of survey->cells (CellsOf the city), from survey->ground, survey->views and survey->up. A cell's
 // views are those that see most of it (pixels of its faces that are unhidden, by rays), balanced over directions, so
-// that facades keep their oblique pairs. `scratch_folder` takes 4 bytes a vertex meanwhile. `whole`: the mesh that `city` has in blocks, local frame. A function of the
-// mesh and the views alone, whatever the tiling. CANCELLED follows `control`; errors as CityReader::Block's.
+// that facades keep their oblique pairs. `scratch_folder` takes 4 bytes a vertex meanwhile. `whole`: the mesh that
+// `city` has in blocks, local frame. A function of the mesh and the views alone, whatever the tiling. CANCELLED follows
+// `control`; errors as CityReader::Block's.
 Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
                    const TaskControl& control, const std::string& scratch_folder, Survey* survey);
 

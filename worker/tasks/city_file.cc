@@ -71,9 +71,9 @@ void Halve(std::vector<SurveyCell>* cells, size_t begin, size_t end, int64_t max
       border = it->first + 1;
     }
   }
-  const auto middle = std::stable_partition(
-      cells->begin() + static_cast<std::ptrdiff_t>(begin), cells->begin() + static_cast<std::ptrdiff_t>(end),
-      [&](const SurveyCell& cell) { return (by_x ? cell.x : cell.y) < border; });
+  const auto middle = std::stable_partition(cells->begin() + static_cast<std::ptrdiff_t>(begin),
+                                            cells->begin() + static_cast<std::ptrdiff_t>(end),
+                                            [&](const SurveyCell& cell) { return (by_x ? cell.x : cell.y) < border; });
   const auto half = static_cast<size_t>(middle - cells->begin());
   Halve(cells, begin, half, max_faces, blocks);
   Halve(cells, half, end, max_faces, blocks);
@@ -113,8 +113,8 @@ class BlockBuilder {
     for (const uint32_t f : face_ids) {
       Triangle& face = faces.emplace_back();
       for (int k = 0; k < 3; ++k) {
-        face[k] = static_cast<uint32_t>(
-            std::lower_bound(vertex_ids.begin(), vertex_ids.end(), mesh.faces[f][k]) - vertex_ids.begin());
+        face[k] = static_cast<uint32_t>(std::lower_bound(vertex_ids.begin(), vertex_ids.end(), mesh.faces[f][k]) -
+                                        vertex_ids.begin());
       }
     }
   }
@@ -165,9 +165,8 @@ std::vector<SurveyCell> CellsOf(const MeshSpans& mesh, const GroundPlane& ground
   std::vector<SurveyCell> cells;
   cells.reserve(by_key.size());
   for (auto& [key, cell] : by_key) cells.push_back(std::move(cell));
-  std::sort(cells.begin(), cells.end(), [](const SurveyCell& a, const SurveyCell& b) {
-    return a.y != b.y ? a.y < b.y : a.x < b.x;
-  });
+  std::sort(cells.begin(), cells.end(),
+            [](const SurveyCell& a, const SurveyCell& b) { return a.y != b.y ? a.y < b.y : a.x < b.x; });
   return cells;
 }
 
@@ -213,21 +212,19 @@ Status WriteCity(const std::string& path, const CitySpans& city, const GroundPla
   TESSERA_ASSIGN_OR_RETURN(const auto corners, corner_list.Finish());
 
   const uint64_t faces = mesh.faces.size(), vertices = vertex_ids.size(), blocks = rects.size();
-  TESSERA_ASSIGN_OR_RETURN(auto writer,
-                           ArrayFileWriter::Create(path, "{}",
-                                                   {{kCounts, std::vector<int64_t>(), 2},
-                                                    {kBlockCells, std::vector<int32_t>(), 4 * blocks},
-                                                    {kBlockBoxes, std::vector<double>(), 6 * blocks},
-                                                    {kBlockEnds, std::vector<int64_t>(), 2 * blocks},
-                                                    {kBlockSums, std::vector<int64_t>(), blocks},
-                                                    {kVertexIds, std::vector<uint32_t>(), vertices},
-                                                    {kPositions, std::vector<double>(), 3 * vertices},
-                                                    {kFaces, std::vector<uint32_t>(), 3 * faces},
-                                                    {kFaceIds, std::vector<uint32_t>(), faces},
-                                                    {kLabels, std::vector<int32_t>(), faces},
-                                                    {kInputFace, std::vector<uint32_t>(), faces}}));
-  writer->Append<int64_t>(kCounts,
-                          std::array{static_cast<int64_t>(mesh.vertices.size()), static_cast<int64_t>(faces)});
+  TESSERA_ASSIGN_OR_RETURN(auto writer, ArrayFileWriter::Create(path, "{}",
+                                                                {{kCounts, std::vector<int64_t>(), 2},
+                                                                 {kBlockCells, std::vector<int32_t>(), 4 * blocks},
+                                                                 {kBlockBoxes, std::vector<double>(), 6 * blocks},
+                                                                 {kBlockEnds, std::vector<int64_t>(), 2 * blocks},
+                                                                 {kBlockSums, std::vector<int64_t>(), blocks},
+                                                                 {kVertexIds, std::vector<uint32_t>(), vertices},
+                                                                 {kPositions, std::vector<double>(), 3 * vertices},
+                                                                 {kFaces, std::vector<uint32_t>(), 3 * faces},
+                                                                 {kFaceIds, std::vector<uint32_t>(), faces},
+                                                                 {kLabels, std::vector<int32_t>(), faces},
+                                                                 {kInputFace, std::vector<uint32_t>(), faces}}));
+  writer->Append<int64_t>(kCounts, std::array{static_cast<int64_t>(mesh.vertices.size()), static_cast<int64_t>(faces)});
   for (size_t b = 0; b < rects.size(); ++b) {
     const auto vertex_begin = static_cast<size_t>(vertex_ends[b]);
     const size_t vertex_count = static_cast<size_t>(vertex_ends[b + 1]) - vertex_begin;
@@ -304,7 +301,8 @@ StatusOr<CityReader> CityReader::Open(const std::string& path) {
     last = entry;
   }
   if (last.vertex_end != vertices || last.face_end != city.faces_) {
-    return absl::DataLossError(absl::StrCat(path, ": the blocks have ", last.face_end, " faces, expected ", city.faces_));
+    return absl::DataLossError(
+        absl::StrCat(path, ": the blocks have ", last.face_end, " faces, expected ", city.faces_));
   }
   return city;
 }
@@ -332,7 +330,8 @@ StatusOr<CityBlock> CityReader::Block(size_t index) const {
       if (v >= vertex_count) return damaged(absl::StrCat("found vertex ", v, " of ", vertex_count));
     }
   }
-  if (vertex_count > 0 && block.vertex_ids.back() >= vertices_) return damaged("found a vertex that is not in the city");
+  if (vertex_count > 0 && block.vertex_ids.back() >= vertices_)
+    return damaged("found a vertex that is not in the city");
   if (face_count > 0 && block.face_ids.back() >= faces_) return damaged("found a face that is not in the city");
   return block;
 }

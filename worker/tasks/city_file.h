@@ -47,8 +47,8 @@ std::vector<SurveyCell> CellsOf(const MeshSpans& mesh, const GroundPlane& ground
 
 constexpr int64_t kCityBlockFaces = 1 << 16;
 
-// `cells`: CellsOf the mesh. Memory is bounded by a block and the number of cells; `scratch_folder` takes up to 20 bytes
-// a face meanwhile. The file's bytes depend on nothing but the arguments.
+// `cells`: CellsOf the mesh. Memory is bounded by a block and the number of cells; `scratch_folder` takes up to 20
+// bytes a face meanwhile. The file's bytes depend on nothing but the arguments.
 Status WriteCity(const std::string& path, const CitySpans& city, const GroundPlane& ground,
                  const std::vector<SurveyCell>& cells, const std::string& scratch_folder,
                  int64_t max_block_faces = kCityBlockFaces);

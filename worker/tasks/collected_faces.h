@@ -36,8 +36,8 @@ class FaceCollector {
   };
   std::vector<Picked> faces_;
   std::vector<std::pair<uint32_t, Eigen::Vector3d>> vertices_;  // by global id; in no order, some more than once
-  std::vector<uint8_t> taken_;     // vertices of the block at hand that are in vertices_
-  const uint32_t* block_ = nullptr;  // identifies the block at hand
+  std::vector<uint8_t> taken_;                                  // vertices of the block at hand that are in vertices_
+  const uint32_t* block_ = nullptr;                             // identifies the block at hand
 };
 
 }  // namespace tessera

@@ -131,8 +131,8 @@ StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, cons
   const auto in_tile = [&](const Eigen::Vector3d& centroid) {
     return PartOf(centroid, survey.ground, p) != Part::kOutside;
   };
-  TESSERA_ASSIGN_OR_RETURN(
-      package.occluders, FindOccluders(city, survey, in_tile, OccluderSearch(package.mesh, package.views)));
+  TESSERA_ASSIGN_OR_RETURN(package.occluders,
+                           FindOccluders(city, survey, in_tile, OccluderSearch(package.mesh, package.views)));
   return package;
 }
 

@@ -22,10 +22,10 @@ namespace tessera {
 struct DiskMesh {
   ScratchArray<Eigen::Vector3d> vertices;
   ScratchArray<Triangle> faces;
-  ScratchArray<int32_t> labels;      // one a face, or none
+  ScratchArray<int32_t> labels;       // one a face, or none
   ScratchArray<uint32_t> input_face;  // of the scene's file, one a face; none: each is its own
-  bool float_positions = false;      // as they were stored in the scene's file
-  double largest_coordinate_m = 0;   // in the scene's frame
+  bool float_positions = false;       // as they were stored in the scene's file
+  double largest_coordinate_m = 0;    // in the scene's frame
 
   MeshSpans spans() const {
     MeshSpans mesh;

@@ -10,8 +10,8 @@
 
 namespace tessera {
 
-// The elements of all lists by key, those of equal keys by list. `Key` is an unsigned integer; the lists must ascend and
-// outlive this. Reads each list front to back, so that lists may be mapped files. Not thread-safe.
+// The elements of all lists by key, those of equal keys by list. `Key` is an unsigned integer; the lists must ascend
+// and outlive this. Reads each list front to back, so that lists may be mapped files. Not thread-safe.
 template <class Key>
 class IdMerge {
  public:
@@ -49,9 +49,9 @@ class IdMerge {
   }
 
   std::vector<std::span<const Key>> lists_;
-  std::vector<size_t> index_;  // in each list
+  std::vector<size_t> index_;                                              // in each list
   std::priority_queue<Head, std::vector<Head>, std::greater<Head>> heap_;  // of the lists but the one at hand
-  size_t list_ = 0;            // the one at hand; their number at the end
+  size_t list_ = 0;                                                        // the one at hand; their number at the end
 };
 
 }  // namespace tessera

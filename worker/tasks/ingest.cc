@@ -55,8 +55,8 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
                Survey* survey) {
   PairOptions options;
   options.partners = parameters.partners.value_or(options.partners);
-  const TriangleMesh picked = PairSamples(mesh, std::clamp(kPairSamplesPerView * static_cast<int>(cameras.size()),
-                                                           kMinPairSamples, kMaxPairSamples));
+  const TriangleMesh picked = PairSamples(
+      mesh, std::clamp(kPairSamplesPerView * static_cast<int>(cameras.size()), kMinPairSamples, kMaxPairSamples));
   options.samples = static_cast<int>(picked.faces.size());  // all of these
   for (const ViewPair& pair : SelectPairs(picked, cameras, options)) {
     survey->pairs.push_back({pair.reference, pair.other});
@@ -121,11 +121,11 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
 
-  TESSERA_ASSIGN_OR_RETURN(mesh, SplitOnDisk(std::move(mesh), cameras, DensityOptions(), scratch, DiskPassOptions(),
-                                             [&](double fraction) {
-                                               control.Report(0.5 + 0.1 * fraction, "splitting faces");
-                                               return control.Check();
-                                             }));
+  TESSERA_ASSIGN_OR_RETURN(
+      mesh, SplitOnDisk(std::move(mesh), cameras, DensityOptions(), scratch, DiskPassOptions(), [&](double fraction) {
+        control.Report(0.5 + 0.1 * fraction, "splitting faces");
+        return control.Check();
+      }));
   TESSERA_RETURN_IF_ERROR(CompleteLabels(scene, scratch, &mesh));
 
   survey.scene_name = scene.name;

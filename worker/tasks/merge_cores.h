@@ -46,17 +46,17 @@ struct MergedVertex {
 
 struct MergedFace {
   uint32_t id = 0;
-  Triangle vertices;         // global
+  Triangle vertices;  // global
   double area_before_m2 = 0;
   int32_t label_before = -1;
   uint32_t input_face = 0;
-  int tile = 0;              // whose core has it
+  int tile = 0;  // whose core has it
   int32_t label = -1;
   float confidence = 0;
 };
 
-// Walks a city and its cores, both by global id. All that it is made of must outlive it. Memory is bounded by the number
-// of blocks and cores; the data are read front to back within each of them. Not thread-safe.
+// Walks a city and its cores, both by global id. All that it is made of must outlive it. Memory is bounded by the
+// number of blocks and cores; the data are read front to back within each of them. Not thread-safe.
 class CoreMerger {
  public:
   // Checks and reads the city's blocks. Errors as CityReader::Block's.

@@ -78,7 +78,8 @@ StatusOr<TriangleMesh> FindOccluders(const CityReader& city, const Survey& surve
         cell_may_hide[{cell->x, cell->y}] = search.MayHide(*cell);
       }
     }
-    if (std::none_of(cell_may_hide.begin(), cell_may_hide.end(), [](const auto& cell) { return cell.second; })) continue;
+    if (std::none_of(cell_may_hide.begin(), cell_may_hide.end(), [](const auto& cell) { return cell.second; }))
+      continue;
     TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
     std::vector<uint8_t> hides(block.face_ids.size(), 0);
     ParallelFor(static_cast<int64_t>(hides.size()), kGrain, [&](int64_t begin, int64_t end) {

@@ -40,9 +40,9 @@ class OccluderSearch {
   std::vector<Window> windows_;
 };
 
-// The faces of the city that may hide the tile from the views and are not in it, with the vertices they use, both in the
-// order of their ids. `in_tile` is asked about a face's centroid (local frame). Reads the blocks that may hide anything
-// one by one. Does not depend on the number of threads. Errors as CityReader::Block's.
+// The faces of the city that may hide the tile from the views and are not in it, with the vertices they use, both in
+// the order of their ids. `in_tile` is asked about a face's centroid (local frame). Reads the blocks that may hide
+// anything one by one. Does not depend on the number of threads. Errors as CityReader::Block's.
 StatusOr<TriangleMesh> FindOccluders(const CityReader& city, const Survey& survey,
                                      const std::function<bool(const Eigen::Vector3d&)>& in_tile,
                                      const OccluderSearch& search);

@@ -12,10 +12,10 @@ using Corner = uint64_t;  // 3 face + k, over the whole mesh
 
 // What is to be done to the mesh, over all parts.
 struct Surgery {
-  std::vector<uint32_t> set_aside;                    // faces
-  std::vector<uint32_t> dropped;                      // vertices of no face
-  std::vector<Corner> copies;                         // of vertices: the lowest corner of the fan that gets one
-  std::vector<std::pair<Corner, Corner>> moved;       // corners that name a copy now, and the copy
+  std::vector<uint32_t> set_aside;               // faces
+  std::vector<uint32_t> dropped;                 // vertices of no face
+  std::vector<Corner> copies;                    // of vertices: the lowest corner of the fan that gets one
+  std::vector<std::pair<Corner, Corner>> moved;  // corners that name a copy now, and the copy
   bool empty() const { return set_aside.empty() && dropped.empty() && copies.empty(); }
 };
 
@@ -110,8 +110,8 @@ StatusOr<DiskMesh> Operate(const DiskMesh& mesh, Surgery surgery, const std::str
   out.largest_coordinate_m = mesh.largest_coordinate_m;
   const size_t kept = mesh.vertices.size() - surgery.dropped.size();
   TESSERA_ASSIGN_OR_RETURN(auto new_id, ScratchArray<uint32_t>::Create(scratch_folder, mesh.vertices.size()));
-  TESSERA_ASSIGN_OR_RETURN(
-      out.vertices, ScratchArray<Eigen::Vector3d>::Create(scratch_folder, kept + surgery.copies.size()));
+  TESSERA_ASSIGN_OR_RETURN(out.vertices,
+                           ScratchArray<Eigen::Vector3d>::Create(scratch_folder, kept + surgery.copies.size()));
   size_t next = 0;
   auto dropped = surgery.dropped.begin();  // ascending, since parts are
   for (size_t v = 0; v < mesh.vertices.size(); ++v) {

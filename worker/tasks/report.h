@@ -20,8 +20,8 @@ struct ReportedTile {
   std::string report;  // JSON of the tile's core
 };
 
-// What a result is like as a whole, added up vertex by vertex and face by face, in the order of their ids. Holds no more
-// than sums and, on disk, a number a vertex. Not thread-safe.
+// What a result is like as a whole, added up vertex by vertex and face by face, in the order of their ids. Holds no
+// more than sums and, on disk, a number a vertex. Not thread-safe.
 class ResultStatistics {
  public:
   // `scratch_folder` takes 8 bytes a vertex.

@@ -13,12 +13,14 @@ constexpr int64_t kGrain = 1024;
 
 // Where a chunk's values lie in the scratch files.
 struct Chunk {
-  size_t id_begin = 0;       // vertices of the chunk: those of the mesh, then the new ones
+  size_t id_begin = 0;  // vertices of the chunk: those of the mesh, then the new ones
   size_t old_vertices = 0;
-  size_t edge_begin = 0;     // new vertices
+  size_t edge_begin = 0;  // new vertices
   std::vector<size_t> round_ends;
   size_t face_begin = 0, face_end = 0;
-  size_t new_vertices(size_t round) const { return round_ends.size() > round ? round_ends[round] - RoundBegin(round) : 0; }
+  size_t new_vertices(size_t round) const {
+    return round_ends.size() > round ? round_ends[round] - RoundBegin(round) : 0;
+  }
   size_t RoundBegin(size_t round) const { return round == 0 ? 0 : round_ends[std::min(round, round_ends.size()) - 1]; }
 };
 
@@ -63,8 +65,8 @@ TriangleMesh Extract(const MeshSpans& mesh, size_t begin, size_t end, std::vecto
   for (size_t f = begin; f < end; ++f) {
     Triangle& face = part.faces.emplace_back();
     for (int k = 0; k < 3; ++k) {
-      face[k] = static_cast<uint32_t>(
-          std::lower_bound(vertex_ids->begin(), vertex_ids->end(), mesh.faces[f][k]) - vertex_ids->begin());
+      face[k] = static_cast<uint32_t>(std::lower_bound(vertex_ids->begin(), vertex_ids->end(), mesh.faces[f][k]) -
+                                      vertex_ids->begin());
     }
   }
   return part;
@@ -207,11 +209,11 @@ class Splitter {
   MeshSpans mesh_;
   std::string scratch_folder_;
   std::vector<Chunk> chunks_;
-  ScratchList<uint32_t> ids_;               // global, of the chunks' vertices
-  ScratchList<Edge> edges_;                 // in the chunk's own indices
-  ScratchList<Eigen::Vector3d> middles_;    // of the edges
-  ScratchList<Triangle> faces_;             // in the chunk's own indices
-  ScratchList<uint32_t> parents_;           // face of the mesh that each face is a part of
+  ScratchList<uint32_t> ids_;             // global, of the chunks' vertices
+  ScratchList<Edge> edges_;               // in the chunk's own indices
+  ScratchList<Eigen::Vector3d> middles_;  // of the edges
+  ScratchList<Triangle> faces_;           // in the chunk's own indices
+  ScratchList<uint32_t> parents_;         // face of the mesh that each face is a part of
 };
 
 }  // namespace

@@ -44,7 +44,8 @@ void ExpectSame(const TriangleMesh& expected, const DiskMesh& found) {
 TriangleMesh Mess(uint64_t seed) {
   Random random(seed);
   TriangleMesh mesh;
-  for (int v = 0; v < 40; ++v) mesh.vertices.push_back({double(random.Below(6)), double(random.Below(6)), double(v % 3)});
+  for (int v = 0; v < 40; ++v)
+    mesh.vertices.push_back({double(random.Below(6)), double(random.Below(6)), double(v % 3)});
   const int faces = 10 + static_cast<int>(random.Below(60));
   for (int f = 0; f < faces; ++f) {
     Triangle face;
@@ -72,8 +73,7 @@ TEST(RepairOnDisk, IsRepairMeshForAnySizeOfParts) {
     set_aside += static_cast<int64_t>(expected->set_aside.size());
     for (const size_t size : {1, 3, 7, 1000}) {
       MeshDefects defects;
-      const auto found =
-          RepairOnDisk(ToDisk(mesh), testing::TempDir(), {.vertices_per_part = size}, &defects);
+      const auto found = RepairOnDisk(ToDisk(mesh), testing::TempDir(), {.vertices_per_part = size}, &defects);
       ASSERT_TRUE(found.ok()) << found.status();
       ExpectSame(expected->mesh, *found);
       const std::vector<uint32_t> input_face = Values(found->input_face);

@@ -342,8 +342,9 @@ TEST(CityFile, DamageIsFoundWhereItIs) {
   const TinyCity tiny = MakeCity();
   const std::string path = FreshTestFolder("damage") + "/city.arrays";
   std::vector<uint32_t> input_face(tiny.mesh.faces.size());
-  ASSERT_TRUE(WriteCity(path, {tiny.mesh, input_face}, tiny.survey.ground, tiny.survey.cells, testing::TempDir(),
-                        kBlockFaces).ok());
+  ASSERT_TRUE(
+      WriteCity(path, {tiny.mesh, input_face}, tiny.survey.ground, tiny.survey.cells, testing::TempDir(), kBlockFaces)
+          .ok());
   std::string bytes = ReadText(path);
   bytes[bytes.size() - 3] ^= 4;  // in the last vertex id, of the last block
   WriteText(path, bytes);
