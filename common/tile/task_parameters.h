@@ -22,6 +22,8 @@ inline constexpr char kResultFile[] = "result.arrays";  // refine
 inline constexpr char kCoreFile[] = "core.arrays";      // stitch
 inline constexpr char kMeshFile[] = "mesh.ply";         // publish
 inline constexpr char kReportFile[] = "report.json";    // publish
+inline constexpr char kTileMeshFolder[] = "tiles";      // publish, of more than one tile: a mesh each
+inline constexpr char kTileIndexFile[] = "tiles/index.json";
 inline constexpr char kSceneFolder[] = "scene";         // scene files among other inputs lie under this name
 
 struct TileParameters {

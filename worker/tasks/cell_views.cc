@@ -8,6 +8,7 @@
 
 #include "common/base/parallel.h"
 #include "worker/tasks/city_sight.h"
+#include "worker/tasks/view_box.h"
 
 namespace tessera {
 namespace {
@@ -31,8 +32,8 @@ struct ViewScore {
 };
 
 std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t>& faces, const CitySight& sight,
-                               const std::vector<Eigen::Vector3d>& centres, const Survey& survey,
-                               const CellViewOptions& options) {
+                               const std::vector<Eigen::Vector3d>& centres, const std::vector<size_t>& candidates,
+                               const Survey& survey, const CellViewOptions& options) {
   std::vector<ViewScore> scores(survey.views.size());
   const size_t samples = std::min<size_t>(options.samples, faces.size());
   for (size_t i = 0; i < samples; ++i) {
@@ -41,7 +42,7 @@ std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t
     const double area_m2 = 0.5 * cross.norm();
     if (area_m2 <= 0) continue;
     const Eigen::Vector3d normal = cross.normalized();
-    for (size_t v = 0; v < survey.views.size(); ++v) {
+    for (const size_t v : candidates) {
       const PosedCamera& camera = survey.views[v].camera;
       const Eigen::Vector3d projected = camera.Project(centroid);
       if (!camera.InImage(projected)) continue;
@@ -98,6 +99,10 @@ Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellVie
       TESSERA_ASSIGN_OR_RETURN(const TriangleMesh around, FacesAround(city, block.box, sight.near_m()));
       sight.SetNear(around);
     }
+    std::vector<size_t> candidates;
+    for (size_t v = 0; v < survey->views.size(); ++v) {
+      if (MayShow(survey->views[v].camera, block.box)) candidates.push_back(v);
+    }
     std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;
     for (size_t f = 0; f < block.face_ids.size(); ++f) {
       const Eigen::Vector2i at = survey->ground.Cell(block.mesh.Centroid(f));
@@ -108,7 +113,7 @@ Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellVie
     ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t c = begin; c < end; ++c) {
         if (!control.Check().ok()) return;
-        cells[c].first->views = BestViews(block.mesh, *cells[c].second, sight, centres, *survey, options);
+        cells[c].first->views = BestViews(block.mesh, *cells[c].second, sight, centres, candidates, *survey, options);
       }
     });
   }

@@ -8,6 +8,7 @@
 #include "worker/tasks/merge_cores.h"
 #include "worker/tasks/report.h"
 #include "worker/tasks/stages.h"
+#include "worker/tasks/tile_meshes.h"
 
 namespace tessera {
 
@@ -31,7 +32,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     cores.push_back(std::move(core));
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
   }
-  TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, std::move(spans)));
+  TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, spans));
 
   control.Report(0.2, "writing the mesh");
   PlyLayout layout;
@@ -65,6 +66,12 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
 
   TaskOutcome outcome;
   outcome.outputs = {kMeshFile, kReportFile};
+  if (parameters.tiles.size() > 1) {
+    TESSERA_ASSIGN_OR_RETURN(
+        const std::vector<std::string> names,
+        WriteTileMeshes(request.output_dir, city, survey, parameters.tiles, spans, PartOf(control, 0.8, 1)));
+    outcome.outputs.insert(outcome.outputs.end(), names.begin(), names.end());
+  }
   outcome.stats = nlohmann::json{{"faces", city.faces()}, {"seconds", SecondsSince(clock, start_us)}}.dump();
   return outcome;
 }

@@ -5,6 +5,7 @@
 #include "common/base/parallel.h"
 #include "worker/tasks/disk_mesh.h"
 #include "worker/tasks/id_merge.h"
+#include "worker/tasks/view_box.h"
 
 namespace tessera {
 namespace {
@@ -24,30 +25,12 @@ struct Chunk {
   size_t RoundBegin(size_t round) const { return round == 0 ? 0 : round_ends[std::min(round, round_ends.size()) - 1]; }
 };
 
-// Whether the camera could have a point of the box inside its image. Errs on the side of yes.
-bool MaySee(const PosedCamera& camera, const Eigen::AlignedBox3d& box) {
-  int behind = 0;
-  Eigen::AlignedBox2d seen;
-  for (int k = 0; k < 8; ++k) {
-    const Eigen::Vector3d p = camera.Project(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)));
-    if (p.z() <= 0) {
-      ++behind;
-    } else {
-      seen.extend(p.head<2>());
-    }
-  }
-  if (behind == 8) return false;
-  if (behind > 0) return true;
-  return seen.max().x() >= -1 && seen.max().y() >= -1 && seen.min().x() <= camera.intrinsics.width + 1 &&
-         seen.min().y() <= camera.intrinsics.height + 1;
-}
-
 std::vector<PosedCamera> CamerasOn(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& p : mesh.vertices) box.extend(p);
   std::vector<PosedCamera> on_mesh;
   for (const PosedCamera& camera : cameras) {
-    if (MaySee(camera, box)) on_mesh.push_back(camera);
+    if (MayShow(camera, box)) on_mesh.push_back(camera);
   }
   return on_mesh;
 }
