@@ -1,15 +1,13 @@
 #include "worker/tasks/cut_tile.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
-#include <span>
 
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
-#include "worker/visibility/rasterizer.h"
+#include "worker/tasks/occluders.h"
 
 namespace tessera {
 namespace {
@@ -17,7 +15,6 @@ namespace {
 constexpr int64_t kGrain = 4096;
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 constexpr double kOriginStep_m = 1024;
-constexpr int kSilhouetteMargin_px = 16;  // around what a view sees of the tile: occluders' edges just outside it too
 
 enum class Part : uint8_t { kOutside, kHalo, kCore };
 
@@ -57,80 +54,6 @@ TriangleMesh Extract(const TriangleMesh& mesh, const std::vector<uint32_t>& ids,
     if (!mesh.labels.empty()) part.labels.push_back(mesh.labels[f]);
   }
   return part;
-}
-
-// What a view sees of the tile: occluders are looked for in front of it.
-struct ViewWindow {
-  PosedCamera camera;
-  PixelRect rect;
-  double depth_m = 0;  // of the tile's deepest vertex
-};
-
-std::vector<ViewWindow> WindowsOnTile(const TilePackage& package) {
-  std::vector<ViewWindow> windows;
-  for (const SceneView& view : package.views) {
-    ViewWindow window = {view.camera, ProjectedBounds(package.mesh, view.camera, kSilhouetteMargin_px, 1), 0};
-    if (window.rect.empty()) continue;
-    for (const Eigen::Vector3d& p : package.mesh.vertices) {
-      window.depth_m = std::max(window.depth_m, view.camera.CameraFromWorld(p).z());
-    }
-    windows.push_back(std::move(window));
-  }
-  return windows;
-}
-
-// Whether the convex hull of `points` may lie before the tile in the window.
-bool MayHide(std::span<const Eigen::Vector3d> points, const ViewWindow& window) {
-  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300, near = 1e300;
-  bool in_front = false, behind = false;
-  for (const Eigen::Vector3d& point : points) {
-    const Eigen::Vector3d p = window.camera.Project(point);
-    near = std::min(near, p.z());
-    if (p.z() <= 1e-3) {
-      behind = true;
-      continue;
-    }
-    in_front = true;
-    x0 = std::min(x0, p.x());
-    x1 = std::max(x1, p.x());
-    y0 = std::min(y0, p.y());
-    y1 = std::max(y1, p.y());
-  }
-  if (!in_front || near >= window.depth_m) return false;
-  if (behind) return true;
-  return x1 >= window.rect.x0 && x0 <= window.rect.x1 && y1 >= window.rect.y0 && y0 <= window.rect.y1;
-}
-
-bool MayHideFromAny(std::span<const Eigen::Vector3d> points, const std::vector<ViewWindow>& windows) {
-  return std::any_of(windows.begin(), windows.end(), [&](const ViewWindow& w) { return MayHide(points, w); });
-}
-
-std::vector<uint32_t> FindOccluders(const TriangleMesh& mesh, const std::vector<Part>& parts, const Survey& survey,
-                                    const std::vector<ViewWindow>& windows) {
-  // Whole cells first.
-  std::map<std::pair<int, int>, bool> cell_may_hide;
-  for (const SurveyCell& cell : survey.cells) {
-    std::array<Eigen::Vector3d, 8> corners;
-    for (int k = 0; k < 8; ++k) {
-      for (int axis = 0; axis < 3; ++axis) corners[k][axis] = (k >> axis & 1) ? cell.box_max[axis] : cell.box_min[axis];
-    }
-    cell_may_hide[{cell.x, cell.y}] = MayHideFromAny(corners, windows);
-  }
-  std::vector<uint8_t> hides(mesh.faces.size(), 0);
-  ParallelFor(static_cast<int64_t>(mesh.faces.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      if (parts[f] != Part::kOutside) continue;
-      const std::array<Eigen::Vector3d, 3> corners = {mesh.Corner(f, 0), mesh.Corner(f, 1), mesh.Corner(f, 2)};
-      const Eigen::Vector2i cell = survey.ground.Cell((corners[0] + corners[1] + corners[2]) / 3);
-      const auto it = cell_may_hide.find({cell.x(), cell.y()});
-      hides[f] = it != cell_may_hide.end() && it->second && MayHideFromAny(corners, windows);
-    }
-  });
-  std::vector<uint32_t> faces;
-  for (size_t f = 0; f < hides.size(); ++f) {
-    if (hides[f]) faces.push_back(static_cast<uint32_t>(f));
-  }
-  return faces;
 }
 
 // 1 for vertices of the tile that faces outside it use too.
@@ -201,8 +124,11 @@ StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutP
     const auto r = local_view.find(reference), o = local_view.find(other);
     if (r != local_view.end() && o != local_view.end()) package.pairs.push_back({r->second, o->second});
   }
+  std::vector<uint8_t> in_tile(parts.size());
+  for (size_t f = 0; f < parts.size(); ++f) in_tile[f] = parts[f] != Part::kOutside;
+  const OccluderSearch search(package.mesh, package.views);
   std::vector<uint32_t> unused;
-  package.occluders = Extract(mesh, FindOccluders(mesh, parts, survey, WindowsOnTile(package)), &unused);
+  package.occluders = Extract(mesh, FindOccluders(mesh, survey, in_tile, search), &unused);
   return package;
 }
 
