@@ -7,7 +7,6 @@
 
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
-#include "worker/tasks/occluders.h"
 
 namespace tessera {
 namespace {
@@ -81,7 +80,8 @@ Eigen::Vector3d OriginNear(const TriangleMesh& mesh) {
 
 }  // namespace
 
-StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutParameters& p) {
+StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutParameters& p,
+                              const OccluderOptions& occluders) {
   const TriangleMesh& mesh = city.mesh;
   const std::vector<Part> parts = PartsOfFaces(mesh, survey.ground, p);
   TilePackage package;
@@ -127,8 +127,17 @@ StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutP
   std::vector<uint8_t> in_tile(parts.size());
   for (size_t f = 0; f < parts.size(); ++f) in_tile[f] = parts[f] != Part::kOutside;
   const OccluderSearch search(package.mesh, package.views);
+  const std::vector<uint32_t> found_ids = FindOccluders(mesh, survey, in_tile, search);
   std::vector<uint32_t> unused;
-  package.occluders = Extract(mesh, FindOccluders(mesh, survey, in_tile, search), &unused);
+  const TriangleMesh found = Extract(mesh, found_ids, &unused);
+  std::vector<uint8_t> near(found.faces.size());
+  for (size_t f = 0; f < near.size(); ++f) {
+    const Eigen::Vector3d centroid = (found.Corner(f, 0) + found.Corner(f, 1) + found.Corner(f, 2)) / 3;
+    const double distance_m =
+        DistanceToRect(survey.ground.Coordinates(centroid), p.tile.core, survey.ground.cell_m) - p.halo_m;
+    near[f] = distance_m <= occluders.near_gsd * survey.gsd_m;
+  }
+  package.occluders = ReduceOccluders(found, near, package.mesh, survey.ground, search, occluders);
   return package;
 }
 

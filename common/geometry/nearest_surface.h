@@ -1,6 +1,6 @@
 // The nearest point of a triangle mesh, exactly (Embree's point query).
-#ifndef TESSERA_COMMON_EVALUATE_NEAREST_SURFACE_H_
-#define TESSERA_COMMON_EVALUATE_NEAREST_SURFACE_H_
+#ifndef TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_
+#define TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_
 
 #include <Eigen/Core>
 #include <memory>
@@ -41,4 +41,4 @@ class NearestSurface {
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_EVALUATE_NEAREST_SURFACE_H_
+#endif  // TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_

@@ -1,4 +1,4 @@
-#include "common/evaluate/nearest_surface.h"
+#include "common/geometry/nearest_surface.h"
 
 #include <gtest/gtest.h>
 
