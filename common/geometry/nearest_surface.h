@@ -34,6 +34,9 @@ class NearestSurface {
   // `p` in metres, the mesh's frame.
   NearestPoint Find(const Eigen::Vector3d& p) const;
 
+  // Whether the nearest point is at most `distance_m` from `p`; cheaper than finding it.
+  bool IsWithin(const Eigen::Vector3d& p, double distance_m) const;
+
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

@@ -69,7 +69,7 @@ bool MarkFarVertices(const TriangleMesh& mesh, const NearestSurface& surface, do
                      std::vector<uint8_t>* far) {
   bool any = false;
   for (size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (surface.Find(mesh.vertices[v]).distance_m <= tolerance_m) continue;
+    if (surface.IsWithin(mesh.vertices[v], tolerance_m)) continue;
     (*far)[v] = any = true;
   }
   return any;
@@ -86,8 +86,10 @@ bool MarkFarFaces(const TriangleMesh& simple, const TriangleMesh& input, const N
     const int steps = std::max(1, static_cast<int>(std::ceil(longest_m / spacing_m)));
     for (int i = 0; i <= steps; ++i) {
       for (int j = 0; i + j <= steps; ++j) {
-        const NearestPoint nearest = surface.Find(a + (i * (b - a) + j * (c - a)) / steps);
-        if (nearest.distance_m <= tolerance_m) continue;
+        if (i == steps || j == steps || i + j == 0) continue;  // corners are the input's
+        const Eigen::Vector3d p = a + (i * (b - a) + j * (c - a)) / steps;
+        if (surface.IsWithin(p, tolerance_m)) continue;
+        const NearestPoint nearest = surface.Find(p);
         any = true;
         for (const uint32_t v : input.faces[nearest.face]) (*far)[v] = 1;
       }
