@@ -72,6 +72,9 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   for (const uint32_t parent : split.parent_face) city.input_face.push_back(repaired.face_in_input[parent]);
   TESSERA_RETURN_IF_ERROR(control.Check());
 
+  CellViewOptions view_options;
+  view_options.choice.views_per_direction =
+      parameters.views_per_direction.value_or(view_options.choice.views_per_direction);
   survey.scene_name = scene.name;
   survey.up = scene.up_in_local;
   survey.ground = MakeGroundPlane(survey.up, std::exp2(std::round(std::log2(kCellGsd * survey.gsd_m))));
@@ -85,7 +88,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   survey.input_faces = static_cast<int64_t>(input.faces.size());
   survey.vertices = static_cast<int64_t>(city.mesh.vertices.size());
   survey.faces = static_cast<int64_t>(city.mesh.faces.size());
-  TESSERA_RETURN_IF_ERROR(FillCells(city.mesh, CellViewOptions(), PartOf(control, 0.6, 0.9), &survey));
+  TESSERA_RETURN_IF_ERROR(FillCells(city.mesh, view_options, PartOf(control, 0.6, 0.9), &survey));
   FillPairs(city.mesh, cameras, parameters, &survey);
   survey.warnings = outcome.warnings;
 
