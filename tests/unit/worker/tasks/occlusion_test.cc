@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "common/base/parallel.h"
 #include "tests/support/tiny_scene.h"
@@ -168,6 +169,25 @@ TEST_F(Occlusion, SameOccludersForAnyNumberOfThreads) {
   const TilePackage one = Cut();
   EXPECT_EQ(one.occluders.faces, many.occluders.faces);
   EXPECT_EQ(one.occluders.vertices, many.occluders.vertices);
+}
+
+TEST(OccluderSearch, ToleranceIsAShareOfWhatAPixelSpansInTheStrictestViewThatMatters) {
+  TriangleMesh tile;
+  tile.vertices = {{-5, -5, 0}, {5, -5, 0}, {0, 5, 0}};
+  tile.faces = {{0, 1, 2}};
+  SceneView view;  // from 100 m above, looking down
+  view.camera.intrinsics = {400, 400, 1000, 1000, 200, 200};
+  view.camera.rotation_cam_from_world = Eigen::Vector3d(1, -1, -1).asDiagonal();
+  view.camera.translation_cam_from_world = {0, 0, 100};
+  SceneView sharper = view;
+  sharper.camera.intrinsics.fx = sharper.camera.intrinsics.fy = 2000;
+  const std::vector<Eigen::Vector3d> before = {{0, 0, 20}, {1, 0, 50}}, beside = {{60, 0, 20}, {61, 0, 50}};
+  const OccluderSearch one(tile, {view}), two(tile, {view, sharper});
+  EXPECT_DOUBLE_EQ(one.Tolerance(before, 0.5), 0.5 * 50 / 1000);
+  EXPECT_DOUBLE_EQ(two.Tolerance(before, 0.5), 0.5 * 50 / 2000);
+  EXPECT_EQ(one.Tolerance(beside, 0.5), std::numeric_limits<double>::infinity());
+  EXPECT_EQ(one.Tolerance(std::vector<Eigen::Vector3d>{{0, 0, 20}, {0, 0, 120}}, 0.5), 0)
+      << "reaches behind the camera";
 }
 
 }  // namespace
