@@ -20,7 +20,7 @@ struct MethodSettings {
   std::optional<double> semantic, thin_plate, inter, contour;  // λ1 to λ4
   std::optional<double> normal_prior, label_smoothness;        // μ1, μ2
   std::optional<double> max_step_px;
-  std::optional<int> window_px, partners;
+  std::optional<int> window_px, partners, views_per_direction;
   std::optional<bool> labels_first;
   std::vector<int> levels, iterations;
 

@@ -36,7 +36,9 @@ std::string TileInputName(int tile, const std::string& file);
 
 // What ingest needs to know of the method; without, it is done once for all methods.
 struct IngestParameters {
-  std::optional<int> partners;  // that a view chooses; unset: the default
+  // Unset: the defaults.
+  std::optional<int> partners;             // that a view chooses
+  std::optional<int> views_per_direction;  // that a cell of the ground is refined from, at most
 };
 
 struct CutParameters {

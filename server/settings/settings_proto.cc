@@ -20,6 +20,7 @@ JobSettings FromProto(const v1::JobSettings& proto) {
   if (from.has_max_step_px()) to.max_step_px = from.max_step_px();
   if (from.has_window_px()) to.window_px = from.window_px();
   if (from.has_partners()) to.partners = from.partners();
+  if (from.has_views_per_direction()) to.views_per_direction = from.views_per_direction();
   if (from.has_labels_first()) to.labels_first = from.labels_first();
   to.levels.assign(from.levels().begin(), from.levels().end());
   to.iterations.assign(from.iterations().begin(), from.iterations().end());
@@ -43,6 +44,7 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   if (from.max_step_px) to.set_max_step_px(*from.max_step_px);
   if (from.window_px) to.set_window_px(*from.window_px);
   if (from.partners) to.set_partners(*from.partners);
+  if (from.views_per_direction) to.set_views_per_direction(*from.views_per_direction);
   if (from.labels_first) to.set_labels_first(*from.labels_first);
   for (const int level : from.levels) to.add_levels(level);
   for (const int iterations : from.iterations) to.add_iterations(iterations);

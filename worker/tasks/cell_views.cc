@@ -1,7 +1,6 @@
 #include "worker/tasks/cell_views.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <utility>
@@ -13,7 +12,6 @@
 namespace tessera {
 namespace {
 
-constexpr int kDirections = 5;
 constexpr double kOcclusionMarginGsd = 3;
 constexpr int64_t kCoarseClusters = 1 << 20;
 
@@ -26,15 +24,10 @@ int DirectionOf(const Eigen::Vector3d& to_camera, const Survey& survey, double u
   return g.y() >= 0 ? 3 : 4;
 }
 
-struct ViewScore {
-  double pixels = 0;
-  std::array<double, kDirections> by_direction = {};
-};
-
 std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t>& faces, const CitySight& sight,
                                const std::vector<Eigen::Vector3d>& centres, const std::vector<size_t>& candidates,
                                const Survey& survey, const CellViewOptions& options) {
-  std::vector<ViewScore> scores(survey.views.size());
+  std::vector<std::vector<Sighting>> sightings;  // of each sample
   const size_t samples = std::min<size_t>(options.samples, faces.size());
   for (size_t i = 0; i < samples; ++i) {
     const size_t face = faces[i * faces.size() / samples];
@@ -42,6 +35,7 @@ std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t
     const double area_m2 = 0.5 * cross.norm();
     if (area_m2 <= 0) continue;
     const Eigen::Vector3d normal = cross.normalized();
+    std::vector<Sighting>& seen = sightings.emplace_back();
     for (const size_t v : candidates) {
       const PosedCamera& camera = survey.views[v].camera;
       const Eigen::Vector3d projected = camera.Project(centroid);
@@ -52,26 +46,12 @@ std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t
       if (sight.Hidden(centroid, centres[v])) continue;
       const double px_per_m = std::sqrt(camera.intrinsics.fx * camera.intrinsics.fy) / projected.z();
       const double pixels = area_m2 * cosine * px_per_m * px_per_m;
-      scores[v].pixels += pixels;
-      scores[v].by_direction[DirectionOf(to_camera, survey, options.up_elevation_rad)] += pixels;
+      const int direction = DirectionOf(to_camera, survey, options.up_elevation_rad);
+      seen.push_back({static_cast<int32_t>(v), direction, pixels, px_per_m});
     }
+    WeighDetail(options.choice, &seen);
   }
-  std::array<std::vector<std::pair<double, int32_t>>, kDirections> ranked;
-  for (size_t v = 0; v < scores.size(); ++v) {
-    if (scores[v].pixels <= 0) continue;
-    const auto& by = scores[v].by_direction;
-    const size_t direction = std::max_element(by.begin(), by.end()) - by.begin();
-    ranked[direction].emplace_back(-scores[v].pixels, static_cast<int32_t>(v));
-  }
-  std::vector<int32_t> chosen;
-  for (auto& views : ranked) {
-    std::sort(views.begin(), views.end());
-    for (size_t i = 0; i < views.size() && i < static_cast<size_t>(options.views_per_direction); ++i) {
-      if (views[i].first <= options.min_share * views[0].first) chosen.push_back(views[i].second);
-    }
-  }
-  std::sort(chosen.begin(), chosen.end());
-  return chosen;
+  return ChooseBalanced(sightings, options.choice);
 }
 
 }  // namespace

@@ -8,7 +8,6 @@
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
 #include "worker/tasks/collected_faces.h"
-#include "worker/tasks/occluders.h"
 
 namespace tessera {
 namespace {
@@ -88,7 +87,8 @@ Eigen::Vector3d OriginNear(const TriangleMesh& mesh) {
 
 }  // namespace
 
-StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, const CutParameters& p) {
+StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, const CutParameters& p,
+                              const OccluderOptions& occluders) {
   TESSERA_ASSIGN_OR_RETURN(CollectedFaces tile, FacesOfTile(city, survey.ground, p));
   if (std::find(tile.marked.begin(), tile.marked.end(), 1) == tile.marked.end()) {
     return absl::InvalidArgumentError("tile " + std::to_string(p.tile.tile) + ": found no faces in its core");
@@ -131,8 +131,16 @@ StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, cons
   const auto in_tile = [&](const Eigen::Vector3d& centroid) {
     return PartOf(centroid, survey.ground, p) != Part::kOutside;
   };
-  TESSERA_ASSIGN_OR_RETURN(package.occluders,
-                           FindOccluders(city, survey, in_tile, OccluderSearch(package.mesh, package.views)));
+  const OccluderSearch search(package.mesh, package.views);
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh found, FindOccluders(city, survey, in_tile, search));
+  std::vector<uint8_t> near(found.faces.size());
+  for (size_t f = 0; f < near.size(); ++f) {
+    const Eigen::Vector3d centroid = MeshSpans(found).Centroid(f);
+    const double distance_m =
+        DistanceToRect(survey.ground.Coordinates(centroid), p.tile.core, survey.ground.cell_m) - p.halo_m;
+    near[f] = distance_m <= occluders.near_gsd * survey.gsd_m;
+  }
+  package.occluders = ReduceOccluders(found, near, package.mesh, survey.ground, search, occluders);
   return package;
 }
 

@@ -128,6 +128,9 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
       }));
   TESSERA_RETURN_IF_ERROR(CompleteLabels(scene, scratch, &mesh));
 
+  CellViewOptions view_options;
+  view_options.choice.views_per_direction =
+      parameters.views_per_direction.value_or(view_options.choice.views_per_direction);
   survey.scene_name = scene.name;
   survey.up = scene.up_in_local;
   survey.ground = MakeGroundPlane(survey.up, std::exp2(std::round(std::log2(kCellGsd * survey.gsd_m))));
@@ -144,8 +147,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   TESSERA_RETURN_IF_ERROR(
       WriteCity(city_path, {mesh.spans(), mesh.input_face.values()}, survey.ground, survey.cells, scratch));
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(city_path));
-  TESSERA_RETURN_IF_ERROR(
-      ChooseViews(mesh.spans(), city, CellViewOptions(), PartOf(control, 0.7, 0.98), scratch, &survey));
+  TESSERA_RETURN_IF_ERROR(ChooseViews(mesh.spans(), city, view_options, PartOf(control, 0.7, 0.98), scratch, &survey));
   FillPairs(mesh.spans(), cameras, parameters, &survey);
   survey.warnings = outcome.warnings;
 

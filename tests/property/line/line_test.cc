@@ -311,6 +311,9 @@ TEST(Line, MethodAndSettingsReachTheRefinement) {
   settings.method_settings.partners = 1;
   EXPECT_LT(pixels(RefineStats(folder, "fewer", settings)), pixels(ours));
   settings.method_settings.partners.reset();
+  settings.method_settings.views_per_direction = 1;
+  EXPECT_LE(pixels(RefineStats(folder, "fewer_views", settings)), pixels(ours));
+  settings.method_settings.views_per_direction.reset();
 
   settings.method = "paper";
   const nlohmann::json paper = RefineStats(folder, "paper", settings);
