@@ -13,6 +13,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <deque>
 #include <fstream>
 #include <functional>
 #include <string>
@@ -146,18 +147,15 @@ TileCore PassThrough(const TilePackage& package) {
   return core;
 }
 
-Status Cut(const std::string& folder, const PlannedTask& task) {
-  const std::string out = absl::StrCat(folder, "/cut");
+// The package goes once its core is there.
+Status CutToCore(const std::string& folder, const PlannedTask& task, int tile) {
+  const std::string out = absl::StrCat(folder, "/cut", tile);
   TESSERA_RETURN_IF_ERROR(RunInFolder("cut", task.parameters, folder + "/city", out).status());
-  return absl::OkStatus();
-}
-
-Status MakeCore(const std::string& folder, int tile) {
-  TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(folder + "/cut/" + kTileFile));
+  TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(absl::StrCat(out, "/", kTileFile)));
   const std::string path = absl::StrCat(folder, "/city/", TileInputName(tile, kCoreFile));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(path.substr(0, path.rfind('/'))));
   TESSERA_RETURN_IF_ERROR(WriteTileCore(path, PassThrough(package)));
-  return RemoveTree(folder + "/cut");
+  return RemoveTree(out);
 }
 
 Status Publish(const std::string& folder, const PlannedTask& task) {
@@ -179,49 +177,64 @@ struct Usage {
   double peak_anonymous_mib = 0, peak_resident_mib = 0, cpu_s = 0;
 };
 
-// Runs `step` in a process of its own; exits the program if it fails.
-Usage RunStep(const std::string& name, int limit_mib, const std::function<Status()>& step) {
+struct Step {
+  std::string name;
+  pid_t process = 0;
+  int pipe_end = -1;
+};
+
+// Starts `step` in a process of its own.
+Step StartStep(const std::string& name, int limit_mib, const std::function<Status()>& step) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) std::exit(1);
   std::fflush(stdout);
   const pid_t child = fork();
-  if (child == 0) {
-    if (limit_mib > 0) {
-      const rlimit limit = {static_cast<rlim_t>(limit_mib) << 20, static_cast<rlim_t>(limit_mib) << 20};
-      setrlimit(RLIMIT_DATA, &limit);
-    }
-    std::atomic<bool> done = false;
-    Usage usage;
-    std::thread sampler([&] {
-      while (!done) {
-        usage.peak_anonymous_mib = std::max(usage.peak_anonymous_mib, AnonymousMib());
-        usleep(20000);
-      }
-    });
-    const Status status = step();
-    done = true;
-    sampler.join();
-    rusage used;
-    getrusage(RUSAGE_SELF, &used);
-    usage.peak_resident_mib = static_cast<double>(used.ru_maxrss) / 1024;
-    usage.cpu_s = static_cast<double>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
-                  1e-6 * static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
-    if (!status.ok()) std::fprintf(stderr, "%s: %s\n", name.c_str(), status.ToString().c_str());
-    std::fflush(stdout);
-    const bool told = write(pipe_ends[1], &usage, sizeof(usage)) == sizeof(usage);
-    _exit(status.ok() && told ? 0 : 1);
+  if (child != 0) {
+    close(pipe_ends[1]);
+    return {name, child, pipe_ends[0]};
   }
-  close(pipe_ends[1]);
+  if (limit_mib > 0) {
+    const rlimit limit = {static_cast<rlim_t>(limit_mib) << 20, static_cast<rlim_t>(limit_mib) << 20};
+    setrlimit(RLIMIT_DATA, &limit);
+  }
+  std::atomic<bool> done = false;
   Usage usage;
-  const bool told = read(pipe_ends[0], &usage, sizeof(usage)) == sizeof(usage);
-  close(pipe_ends[0]);
+  std::thread sampler([&] {
+    while (!done) {
+      usage.peak_anonymous_mib = std::max(usage.peak_anonymous_mib, AnonymousMib());
+      usleep(20000);
+    }
+  });
+  const Status status = step();
+  done = true;
+  sampler.join();
+  rusage used;
+  getrusage(RUSAGE_SELF, &used);
+  usage.peak_resident_mib = static_cast<double>(used.ru_maxrss) / 1024;
+  usage.cpu_s = static_cast<double>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+                1e-6 * static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
+  if (!status.ok()) std::fprintf(stderr, "%s: %s\n", name.c_str(), status.ToString().c_str());
+  std::fflush(stdout);
+  const bool told = write(pipe_ends[1], &usage, sizeof(usage)) == sizeof(usage);
+  _exit(status.ok() && told ? 0 : 1);
+}
+
+// Waits for it; exits the program if it failed.
+Usage FinishStep(const Step& step) {
+  Usage usage;
+  const bool told = read(step.pipe_end, &usage, sizeof(usage)) == sizeof(usage);
+  close(step.pipe_end);
   int status = 0;
-  waitpid(child, &status, 0);
+  waitpid(step.process, &status, 0);
   if (!told || status != 0) {
-    std::fprintf(stderr, "%s failed%s\n", name.c_str(), WIFSIGNALED(status) ? " (killed)" : "");
+    std::fprintf(stderr, "%s failed%s\n", step.name.c_str(), WIFSIGNALED(status) ? " (killed)" : "");
     std::exit(1);
   }
   return usage;
+}
+
+Usage RunStep(const std::string& name, int limit_mib, const std::function<Status()>& step) {
+  return FinishStep(StartStep(name, limit_mib, step));
 }
 
 void Print(const std::string& name, const Usage& usage) {
@@ -236,7 +249,7 @@ void Worst(const Usage& usage, Usage* worst) {
   worst->cpu_s += usage.cpu_s;
 }
 
-void Run(const std::string& folder, double faces, int tiles, int limit_mib) {
+void Run(const std::string& folder, double faces, int tiles, int limit_mib, int jobs) {
   const std::string scene = folder + "/scene";
   if (!FileExists(scene + "/colmap/images.txt")) {
     Print("make", RunStep("make", 0, [&] { return MakeScene(scene, static_cast<int64_t>(faces)); }));
@@ -256,19 +269,24 @@ void Run(const std::string& folder, double faces, int tiles, int limit_mib) {
     return WriteFileAtomic(plan_file, lines);
   });
   std::ifstream lines(plan_file);
-  Usage cut, core;
-  int count = 0;
+  Usage cut;
+  std::deque<Step> cutting;
+  int count = 0, cut_now = 0;
   for (std::string kind, parameters; lines >> kind && std::getline(lines >> std::ws, parameters);) {
     PlannedTask task;
     task.parameters = parameters;
     if (kind == "cut") {
       const int tile = count++;
       if (FileExists(absl::StrCat(folder, "/city/", TileInputName(tile, kCoreFile)))) continue;
-      Worst(RunStep("cut", limit_mib, [&] { return Cut(folder, task); }), &cut);
-      Worst(RunStep("core", limit_mib, [&] { return MakeCore(folder, tile); }), &core);
+      if (cutting.size() == static_cast<size_t>(jobs)) {
+        Worst(FinishStep(cutting.front()), &cut);
+        cutting.pop_front();
+      }
+      cutting.push_back(StartStep("cut", limit_mib, [&] { return CutToCore(folder, task, tile); }));
+      ++cut_now;
     } else {
-      Print(absl::StrCat("cut, ", count, " tiles"), cut);
-      Print("cores", core);
+      for (const Step& step : cutting) Worst(FinishStep(step), &cut);
+      Print(absl::StrCat("cut ", cut_now, " of ", count, " tiles"), cut);
       Print("publish", RunStep("publish", limit_mib, [&] { return Publish(folder, task); }));
     }
   }
@@ -281,12 +299,13 @@ int main(int argc, char** argv) {
   CLI::App app("A city that does not fit into memory, ingested, cut and published");
   std::string folder;
   double faces = 5e6;
-  int tiles = 0, limit_mib = 0;
+  int tiles = 0, limit_mib = 0, jobs = 1;
   app.add_option("folder", folder, "where everything goes; steps whose results are there are not repeated")->required();
   app.add_option("--faces", faces, "of the scene's mesh");
   app.add_option("--tiles", tiles, "0: as the plan wants");
   app.add_option("--limit-mib", limit_mib, "of private memory of each step; 0: none");
+  app.add_option("--jobs", jobs, "tiles that are cut at a time")->check(CLI::PositiveNumber);
   CLI11_PARSE(app, argc, argv);
-  tessera::Run(folder, faces, tiles, limit_mib);
+  tessera::Run(folder, faces, tiles, limit_mib, jobs);
   return 0;
 }
