@@ -8,7 +8,7 @@
 
 #include "common/base/parallel.h"
 #include "common/evaluate/label_rendering.h"
-#include "common/evaluate/nearest_surface.h"
+#include "common/geometry/nearest_surface.h"
 #include "common/evaluate/surface_samples.h"
 #include "common/geometry/ray_caster.h"
 

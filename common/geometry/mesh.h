@@ -4,9 +4,9 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace tessera {
@@ -24,16 +24,28 @@ struct TriangleMesh {
   const Eigen::Vector3d& Corner(size_t face, int k) const { return vertices[faces[face][k]]; }
 };
 
+// A mesh that lies elsewhere, in memory or in a mapped file, which must outlive it.
+struct MeshSpans {
+  std::span<const Eigen::Vector3d> vertices;
+  std::span<const Triangle> faces;
+  std::span<const int32_t> labels;
+
+  MeshSpans() = default;
+  MeshSpans(const TriangleMesh& mesh) : vertices(mesh.vertices), faces(mesh.faces), labels(mesh.labels) {}
+  const Eigen::Vector3d& Corner(size_t face, int k) const { return vertices[faces[face][k]]; }
+  Eigen::Vector3d Centroid(size_t face) const { return (Corner(face, 0) + Corner(face, 1) + Corner(face, 2)) / 3; }
+};
+
 // Twice the area times the unit normal of `face`.
-inline Eigen::Vector3d FaceCross(const TriangleMesh& mesh, size_t face) {
+inline Eigen::Vector3d FaceCross(const MeshSpans& mesh, size_t face) {
   const Eigen::Vector3d& a = mesh.Corner(face, 0);
   return (mesh.Corner(face, 1) - a).cross(mesh.Corner(face, 2) - a);
 }
 
-inline double FaceArea(const TriangleMesh& mesh, size_t face) { return 0.5 * FaceCross(mesh, face).norm(); }
+inline double FaceArea(const MeshSpans& mesh, size_t face) { return 0.5 * FaceCross(mesh, face).norm(); }
 
 // Unit normal; zero for a face without area.
-inline Eigen::Vector3d FaceNormal(const TriangleMesh& mesh, size_t face) {
+inline Eigen::Vector3d FaceNormal(const MeshSpans& mesh, size_t face) {
   return FaceCross(mesh, face).stableNormalized();
 }
 

@@ -78,7 +78,12 @@ Buckets<Item> SortIntoBuckets(const TriangleMesh& mesh, const Emit& emit) {
   return out;
 }
 
-void FindDegenerateFaces(const TriangleMesh& mesh, MeshAnalysis& out) {
+struct Owned {
+  size_t begin, end;
+  bool Has(size_t vertex) const { return vertex >= begin && vertex < end; }
+};
+
+void FindDegenerateFaces(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
   enum : uint8_t { kGood, kRepeated, kZeroArea, kDuplicate };
   std::vector<uint8_t>& kind = out.is_degenerate;
   kind.assign(mesh.faces.size(), kGood);
@@ -110,6 +115,7 @@ void FindDegenerateFaces(const TriangleMesh& mesh, MeshAnalysis& out) {
     }
   }
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    if (kind[f] == kGood || !owned.Has(*std::min_element(mesh.faces[f].begin(), mesh.faces[f].end()))) continue;
     const auto index = static_cast<int64_t>(f);
     if (kind[f] == kRepeated) Count(out.defects.repeated_vertex_faces, index);
     if (kind[f] == kZeroArea) Count(out.defects.zero_area_faces, index);
@@ -139,7 +145,7 @@ class Fans {
   std::vector<uint32_t> parent_;
 };
 
-void FindFans(const TriangleMesh& mesh, MeshAnalysis& out) {
+void FindFans(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
   MeshDefects& defects = out.defects;
   // One for each side that a face has of an edge; the edge starts at the smaller vertex.
   struct Side {
@@ -166,12 +172,12 @@ void FindFans(const TriangleMesh& mesh, MeshAnalysis& out) {
       while (i + faces < buckets.offsets[v + 1] && side[faces].other == side->other) ++faces;
       i += faces;
       if (faces == 1) {
-        ++defects.boundary_edges;
+        defects.boundary_edges += owned.Has(v);
       } else if (faces == 2 && vertex_of(side[0].corner) != vertex_of(side[1].corner)) {
         fans.Join(side[0].corner, next_corner(side[1].corner));
         fans.Join(side[1].corner, next_corner(side[0].corner));
       } else {
-        Count(faces == 2 ? defects.conflicting_edges : defects.non_manifold_edges, v);
+        if (owned.Has(v)) Count(faces == 2 ? defects.conflicting_edges : defects.non_manifold_edges, v);
         on_cut_edge[v] = on_cut_edge[side->other] = 1;
       }
     }
@@ -182,7 +188,7 @@ void FindFans(const TriangleMesh& mesh, MeshAnalysis& out) {
   for (uint32_t corner = 0; corner < out.fan_of_corner.size(); ++corner) {
     if (out.is_degenerate[corner / 3] == 0 && out.fan_of_corner[corner] == corner) ++fans_of_vertex[vertex_of(corner)];
   }
-  for (size_t v = 0; v < mesh.vertices.size(); ++v) {
+  for (size_t v = owned.begin; v < owned.end; ++v) {
     if (fans_of_vertex[v] == 0) Count(defects.unreferenced_vertices, static_cast<int64_t>(v));
     if (fans_of_vertex[v] > 1 && on_cut_edge[v] == 0) Count(defects.non_manifold_vertices, static_cast<int64_t>(v));
   }
@@ -196,11 +202,14 @@ bool MeshDefects::IsClean() const {
          unreferenced_vertices.count == 0;
 }
 
-StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh) {
+StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh) { return AnalyseMeshPart(mesh, 0, mesh.vertices.size()); }
+
+StatusOr<MeshAnalysis> AnalyseMeshPart(const TriangleMesh& mesh, size_t owned_begin, size_t owned_end) {
   TESSERA_RETURN_IF_ERROR(CheckArrays(mesh));
+  const Owned owned = {owned_begin, owned_end};
   MeshAnalysis analysis;
-  FindDegenerateFaces(mesh, analysis);
-  FindFans(mesh, analysis);
+  FindDegenerateFaces(mesh, owned, analysis);
+  FindFans(mesh, owned, analysis);
   return analysis;
 }
 

@@ -52,6 +52,11 @@ struct MeshAnalysis {
 };
 StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh);
 
+// The same for the vertices [owned_begin, owned_end) of a mesh that has all faces of these, but not all of the others:
+// defects are counted at owned vertices alone (faces and edges where their smallest vertex is owned), and fans mean
+// something at owned vertices alone. Parts that own every vertex once find each defect of the whole once.
+StatusOr<MeshAnalysis> AnalyseMeshPart(const TriangleMesh& mesh, size_t owned_begin, size_t owned_end);
+
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_GEOMETRY_MESH_DEFECTS_H_

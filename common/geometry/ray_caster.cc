@@ -87,7 +87,7 @@ struct RayCaster::Impl {
   }
 };
 
-RayCaster::RayCaster(const TriangleMesh& mesh) : impl_(std::make_unique<Impl>()) {
+RayCaster::RayCaster(const MeshSpans& mesh) : impl_(std::make_unique<Impl>()) {
   if (mesh.faces.empty() || mesh.vertices.empty()) return;
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& vertex : mesh.vertices) box.extend(vertex);

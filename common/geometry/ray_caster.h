@@ -20,7 +20,7 @@ struct RayHit {
 // nothing; the mesh itself need not outlive it. Const member functions may be called from any thread at once.
 class RayCaster {
  public:
-  explicit RayCaster(const TriangleMesh& mesh);
+  explicit RayCaster(const MeshSpans& mesh);
   ~RayCaster();
   RayCaster(RayCaster&&) noexcept;
   RayCaster& operator=(RayCaster&&) noexcept;

@@ -15,7 +15,9 @@ void Warn(const DefectCount& defect, const std::string& what, const std::string&
   warnings->push_back(absl::StrCat("mesh: ", defect.count, " ", what, " (first: ", first, " ", defect.first, ")"));
 }
 
-void WarnOfAll(const MeshDefects& defects, Warnings* warnings) {
+}  // namespace
+
+void WarnOfDefects(const MeshDefects& defects, Warnings* warnings) {
   Warn(defects.repeated_vertex_faces, "faces with a vertex twice were set aside", "face", warnings);
   Warn(defects.zero_area_faces, "faces without area were set aside", "face", warnings);
   Warn(defects.duplicate_faces, "faces that repeat another were set aside", "face", warnings);
@@ -26,11 +28,9 @@ void WarnOfAll(const MeshDefects& defects, Warnings* warnings) {
   Warn(defects.unreferenced_vertices, "vertices of no face were dropped", "vertex", warnings);
 }
 
-}  // namespace
-
 StatusOr<RepairedMesh> RepairMesh(const TriangleMesh& mesh, Warnings* warnings) {
   TESSERA_ASSIGN_OR_RETURN(MeshAnalysis analysis, AnalyseMesh(mesh));
-  WarnOfAll(analysis.defects, warnings);
+  WarnOfDefects(analysis.defects, warnings);
   RepairedMesh out;
   out.defects = analysis.defects;
 

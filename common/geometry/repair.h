@@ -27,6 +27,9 @@ struct RepairedMesh {
 // `warnings` (may be null). INVALID_ARGUMENT as CheckMesh. Thread-safe.
 StatusOr<RepairedMesh> RepairMesh(const TriangleMesh& mesh, Warnings* warnings);
 
+// One line to `warnings` (may be null) for each kind of defect that there is.
+void WarnOfDefects(const MeshDefects& defects, Warnings* warnings);
+
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_GEOMETRY_REPAIR_H_

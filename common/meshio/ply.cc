@@ -12,16 +12,40 @@
 namespace tessera {
 namespace {
 
+Status Stream(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink) {
+  int64_t faces = 0;
+  for (const PlyElement& element : header.elements) faces += element.kind == PlyElementKind::kFace ? element.count : 0;
+  TESSERA_RETURN_IF_ERROR(sink.Begin(header.vertex_count, faces, header.has_label, header.float_positions));
+  return header.format == PlyFormat::kAscii ? ReadPlyText(source, header, name, sink)
+                                            : ReadPlyBinary(source, header, name, sink);
+}
+
+class MeshSink : public PlySink {
+ public:
+  explicit MeshSink(PlyContent& content) : content_(content) {}
+  Status Begin(int64_t, int64_t, bool has_labels, bool float_positions) override {
+    has_labels_ = has_labels;
+    content_.float_positions = float_positions;
+    return absl::OkStatus();
+  }
+  void AddVertex(const Eigen::Vector3d& position) override { content_.mesh.vertices.push_back(position); }
+  void AddFace(const Triangle& vertices, int32_t label) override {
+    content_.mesh.faces.push_back(vertices);
+    if (has_labels_) content_.mesh.labels.push_back(label);
+  }
+
+ private:
+  PlyContent& content_;
+  bool has_labels_ = false;
+};
+
 StatusOr<PlyContent> Parse(ByteSource& source, const std::string& name) {
   TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name));
   PlyContent content;
-  content.float_positions = header.float_positions;
   try {
-    if (header.format == PlyFormat::kAscii) {
-      TESSERA_RETURN_IF_ERROR(ReadPlyText(source, header, name, content.mesh));
-    } else {
-      TESSERA_RETURN_IF_ERROR(ReadPlyBinary(source, header, name, content.mesh));
-    }
+    ReserveMesh(source, header, content.mesh);
+    MeshSink sink(content);
+    TESSERA_RETURN_IF_ERROR(Stream(source, header, name, sink));
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError(absl::StrCat(name, ": not enough memory for the mesh"));
   }
@@ -53,6 +77,20 @@ void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh
 StatusOr<PlyContent> ReadPly(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
   return Parse(*source, path);
+}
+
+Status StreamPly(const std::string& path, PlySink* sink) {
+  TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
+  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path));
+  return Stream(*source, header, path, *sink);
+}
+
+StatusOr<int64_t> PlyFaceCount(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
+  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path));
+  int64_t faces = 0;
+  for (const PlyElement& element : header.elements) faces += element.kind == PlyElementKind::kFace ? element.count : 0;
+  return faces;
 }
 
 StatusOr<PlyContent> ParsePly(const std::string& bytes, const std::string& name) {

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,22 @@ struct PlyContent {
 // face that is no triangle, NaN. Never allocates more than a small multiple of the file's size.
 StatusOr<PlyContent> ReadPly(const std::string& path);
 
+// Takes a mesh element by element.
+class PlySink {
+ public:
+  virtual ~PlySink() = default;
+  // Before all else: what the header declares. The file may be shorter.
+  virtual Status Begin(int64_t vertices, int64_t faces, bool has_labels, bool float_positions) = 0;
+  virtual void AddVertex(const Eigen::Vector3d& position) = 0;
+  virtual void AddFace(const Triangle& vertices, int32_t label) = 0;  // label: 0 if the file has none
+};
+
+// The same into `sink`, front to back, through a window of the file. Errors of Begin are given back.
+Status StreamPly(const std::string& path, PlySink* sink);
+
+// Faces that the file's header declares. Errors as ReadPly's, of the header.
+StatusOr<int64_t> PlyFaceCount(const std::string& path);
+
 // The same from memory; `name` stands for the file in messages. For fuzzing and tests.
 StatusOr<PlyContent> ParsePly(const std::string& bytes, const std::string& name);
 
@@ -36,6 +53,40 @@ struct PlyWriteOptions {
 // Binary little-endian, double positions, faces with int `label` if the mesh has labels. Written to a temporary name in
 // the same folder, synced, renamed.
 Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWriteOptions& options = {});
+
+// What a file that is written element by element will have.
+struct PlyLayout {
+  int64_t vertices = 0, faces = 0;
+  bool has_labels = false, has_confidence = false, has_input_face = false;
+  std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // as in PlyWriteOptions
+};
+
+struct PlyFace {
+  Triangle vertices;
+  int32_t label = -1;
+  float confidence = 0;
+  int64_t input_face = 0;
+};
+
+// Writes the bytes of WritePly front to back without holding the mesh: all vertices, then all faces. Nothing appears
+// under the name unless Finish succeeds. Movable, not thread-safe.
+class PlyStream {
+ public:
+  static StatusOr<PlyStream> Create(const std::string& path, const PlyLayout& layout);
+  PlyStream(PlyStream&&) noexcept;
+  PlyStream& operator=(PlyStream&&) noexcept;
+  ~PlyStream();
+  // A fault of the disk is kept for Finish.
+  void AddVertex(const Eigen::Vector3d& position);
+  void AddFace(const PlyFace& face);
+  // INTERNAL if the counts are not those announced.
+  Status Finish();
+
+ private:
+  struct Impl;
+  explicit PlyStream(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace tessera
 

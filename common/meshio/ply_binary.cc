@@ -76,8 +76,8 @@ std::vector<Step> StepsOf(const PlyElement& element) {
 template <bool kSwap>
 class BinaryReader {
  public:
-  BinaryReader(ByteSource& source, const PlyHeader& header, const std::string& name, TriangleMesh& mesh)
-      : source_(source), header_(header), name_(name), mesh_(mesh) {}
+  BinaryReader(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink)
+      : source_(source), header_(header), name_(name), sink_(sink) {}
 
   Status Read() {
     for (const PlyElement& element : header_.elements) {
@@ -142,11 +142,8 @@ class BinaryReader {
         }
       }
     }
-    if (element.kind == PlyElementKind::kVertex) mesh_.vertices.push_back(position);
-    if (element.kind == PlyElementKind::kFace) {
-      mesh_.faces.push_back(triangle);
-      if (header_.has_label) mesh_.labels.push_back(label);
-    }
+    if (element.kind == PlyElementKind::kVertex) sink_.AddVertex(position);
+    if (element.kind == PlyElementKind::kFace) sink_.AddFace(triangle, label);
     return absl::OkStatus();
   }
 
@@ -182,16 +179,15 @@ class BinaryReader {
   ByteSource& source_;
   const PlyHeader& header_;
   const std::string& name_;
-  TriangleMesh& mesh_;
+  PlySink& sink_;
   int64_t index_ = 0;
 };
 
 }  // namespace
 
-Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, TriangleMesh& mesh) {
-  ReserveMesh(source, header, mesh);
-  if (header.format == PlyFormat::kBinaryBigEndian) return BinaryReader<true>(source, header, name, mesh).Read();
-  return BinaryReader<false>(source, header, name, mesh).Read();
+Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink) {
+  if (header.format == PlyFormat::kBinaryBigEndian) return BinaryReader<true>(source, header, name, sink).Read();
+  return BinaryReader<false>(source, header, name, sink).Read();
 }
 
 }  // namespace tessera

@@ -15,8 +15,8 @@ bool IsBlank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
 // Reads elements line by line, one element a line, as the format says; empty lines are passed over.
 class TextReader {
  public:
-  TextReader(ByteSource& source, const PlyHeader& header, const std::string& name, TriangleMesh& mesh)
-      : source_(source), header_(header), name_(name), mesh_(mesh), line_number_(header.lines) {}
+  TextReader(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink)
+      : source_(source), header_(header), name_(name), sink_(sink), line_number_(header.lines) {}
 
   Status Read() {
     for (const PlyElement& element : header_.elements) {
@@ -95,11 +95,8 @@ class TextReader {
       }
     }
     if (!rest_.empty()) return Error(element, absl::StrCat("one more value, ", Quoted(rest_)), "the end of the line");
-    if (element.kind == PlyElementKind::kVertex) mesh_.vertices.push_back(position);
-    if (element.kind == PlyElementKind::kFace) {
-      mesh_.faces.push_back(triangle);
-      if (header_.has_label) mesh_.labels.push_back(label);
-    }
+    if (element.kind == PlyElementKind::kVertex) sink_.AddVertex(position);
+    if (element.kind == PlyElementKind::kFace) sink_.AddFace(triangle, label);
     return absl::OkStatus();
   }
 
@@ -160,7 +157,7 @@ class TextReader {
   ByteSource& source_;
   const PlyHeader& header_;
   const std::string& name_;
-  TriangleMesh& mesh_;
+  PlySink& sink_;
   int64_t line_number_;
   int64_t index_ = 0;
   std::string_view rest_;
@@ -168,9 +165,8 @@ class TextReader {
 
 }  // namespace
 
-Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, TriangleMesh& mesh) {
-  ReserveMesh(source, header, mesh);
-  return TextReader(source, header, name, mesh).Read();
+Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink) {
+  return TextReader(source, header, name, sink).Read();
 }
 
 }  // namespace tessera

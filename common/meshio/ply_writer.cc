@@ -36,6 +36,7 @@ class NewFile {
 
   void Add(const void* data, size_t size) {
     if (buffer_.size() + size > kBufferBytes) Flush();
+    if (!ok()) return;
     buffer_.append(static_cast<const char*>(data), size);
   }
   bool ok() const { return status_.ok(); }
@@ -96,59 +97,103 @@ Status CheckMesh(const TriangleMesh& mesh, const PlyWriteOptions& options) {
 
 }  // namespace
 
+struct PlyStream::Impl {
+  Impl(const std::string& final_path, const std::string& while_written)
+      : path(final_path), temporary(while_written), file(while_written) {}
+  std::string path, temporary;
+  NewFile file;
+  PlyLayout layout;
+  int64_t vertices = 0, faces = 0;  // so far
+};
+
+PlyStream::PlyStream(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PlyStream::PlyStream(PlyStream&&) noexcept = default;
+PlyStream& PlyStream::operator=(PlyStream&&) noexcept = default;
+PlyStream::~PlyStream() = default;
+
+StatusOr<PlyStream> PlyStream::Create(const std::string& path, const PlyLayout& layout) {
+  // int is what most programs know; its range is left only where it must be.
+  const char* index_type = layout.vertices > std::numeric_limits<int32_t>::max() ? "uint" : "int";
+  std::string header = absl::StrCat("ply\nformat binary_little_endian 1.0\nelement vertex ", layout.vertices,
+                                    "\nproperty double x\nproperty double y\nproperty double z\nelement face ",
+                                    layout.faces, "\nproperty list uchar ", index_type, " vertex_indices\n");
+  if (layout.has_labels) header += "property int label\n";
+  if (layout.has_labels && !layout.label_colors_rgb.empty()) {
+    header += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+  }
+  if (layout.has_confidence) header += "property float confidence\n";
+  if (layout.has_input_face) header += "property int input_face\n";
+  header += "end_header\n";
+  auto impl = std::make_unique<Impl>(path, absl::StrCat(path, ".tmp-", getpid()));
+  impl->layout = layout;
+  impl->file.Add(header.data(), header.size());
+  return PlyStream(std::move(impl));
+}
+
+void PlyStream::AddVertex(const Eigen::Vector3d& position) {
+  ++impl_->vertices;
+  impl_->file.Add(position.data(), 3 * sizeof(double));
+}
+
+void PlyStream::AddFace(const PlyFace& face) {
+  const PlyLayout& layout = impl_->layout;
+  ++impl_->faces;
+  char record[1 + 3 * 4 + 4 + 3 + 4 + 4];
+  char* at = record;
+  const auto put = [&at](const void* data, size_t size) {
+    std::memcpy(at, data, size);
+    at += size;
+  };
+  const uint8_t corners = 3;
+  put(&corners, 1);
+  put(face.vertices.data(), sizeof(Triangle));
+  if (layout.has_labels) put(&face.label, sizeof(int32_t));
+  if (layout.has_labels && !layout.label_colors_rgb.empty()) {
+    const auto label = static_cast<size_t>(face.label);
+    const std::array<uint8_t, 3> black{};
+    put(face.label >= 0 && label < layout.label_colors_rgb.size() ? layout.label_colors_rgb[label].data()
+                                                                  : black.data(),
+        3);
+  }
+  if (layout.has_confidence) put(&face.confidence, sizeof(float));
+  if (layout.has_input_face) {
+    const auto input_face = static_cast<int32_t>(face.input_face);
+    put(&input_face, sizeof(input_face));
+  }
+  impl_->file.Add(record, static_cast<size_t>(at - record));
+}
+
+Status PlyStream::Finish() {
+  Impl& stream = *impl_;
+  if (stream.vertices != stream.layout.vertices || stream.faces != stream.layout.faces) {
+    return absl::InternalError(absl::StrCat(stream.path, ": found ", stream.vertices, " vertices and ", stream.faces,
+                                            " faces, expected ", stream.layout.vertices, " and ", stream.layout.faces));
+  }
+  TESSERA_RETURN_IF_ERROR(stream.file.Finish());
+  const Status renamed = RenameDurably(stream.temporary, stream.path);
+  if (!renamed.ok()) unlink(stream.temporary.c_str());
+  return renamed;
+}
+
 Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWriteOptions& options) {
   TESSERA_RETURN_IF_ERROR(CheckMesh(mesh, options));
-  const bool has_labels = !mesh.labels.empty();
-  const bool has_colors = has_labels && !options.label_colors_rgb.empty();
-  const bool has_confidence = !options.face_confidence.empty();
-  const bool has_input_face = !options.input_face.empty();
-  // int is what most programs know; its range is left only where it must be.
-  const char* index_type = mesh.vertices.size() > std::numeric_limits<int32_t>::max() ? "uint" : "int";
-  std::string header = absl::StrCat("ply\nformat binary_little_endian 1.0\nelement vertex ", mesh.vertices.size(),
-                                    "\nproperty double x\nproperty double y\nproperty double z\nelement face ",
-                                    mesh.faces.size(), "\nproperty list uchar ", index_type, " vertex_indices\n");
-  if (has_labels) header += "property int label\n";
-  if (has_colors) header += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
-  if (has_confidence) header += "property float confidence\n";
-  if (has_input_face) header += "property int input_face\n";
-  header += "end_header\n";
-
-  const std::string temporary = absl::StrCat(path, ".tmp-", getpid());
-  NewFile file(temporary);
-  file.Add(header.data(), header.size());
-  for (const Eigen::Vector3d& vertex : mesh.vertices) {
-    if (!file.ok()) break;
-    file.Add(vertex.data(), 3 * sizeof(double));
+  PlyLayout layout;
+  layout.vertices = static_cast<int64_t>(mesh.vertices.size());
+  layout.faces = static_cast<int64_t>(mesh.faces.size());
+  layout.has_labels = !mesh.labels.empty();
+  layout.label_colors_rgb = options.label_colors_rgb;
+  layout.has_confidence = !options.face_confidence.empty();
+  layout.has_input_face = !options.input_face.empty();
+  TESSERA_ASSIGN_OR_RETURN(PlyStream stream, PlyStream::Create(path, layout));
+  for (const Eigen::Vector3d& vertex : mesh.vertices) stream.AddVertex(vertex);
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    PlyFace face = {mesh.faces[f]};
+    if (layout.has_labels) face.label = mesh.labels[f];
+    if (layout.has_confidence) face.confidence = options.face_confidence[f];
+    if (layout.has_input_face) face.input_face = options.input_face[f];
+    stream.AddFace(face);
   }
-  for (size_t f = 0; f < mesh.faces.size() && file.ok(); ++f) {
-    char record[1 + 3 * 4 + 4 + 3 + 4 + 4];
-    char* at = record;
-    const auto put = [&at](const void* data, size_t size) {
-      std::memcpy(at, data, size);
-      at += size;
-    };
-    const uint8_t corners = 3;
-    put(&corners, 1);
-    put(mesh.faces[f].data(), sizeof(Triangle));
-    if (has_labels) put(&mesh.labels[f], sizeof(int32_t));
-    if (has_colors) {
-      const auto label = static_cast<size_t>(mesh.labels[f]);
-      const std::array<uint8_t, 3> black{};
-      put(mesh.labels[f] >= 0 && label < options.label_colors_rgb.size() ? options.label_colors_rgb[label].data()
-                                                                         : black.data(),
-          3);
-    }
-    if (has_confidence) put(&options.face_confidence[f], sizeof(float));
-    if (has_input_face) {
-      const auto input_face = static_cast<int32_t>(options.input_face[f]);
-      put(&input_face, sizeof(input_face));
-    }
-    file.Add(record, static_cast<size_t>(at - record));
-  }
-  TESSERA_RETURN_IF_ERROR(file.Finish());
-  const Status renamed = RenameDurably(temporary, path);
-  if (!renamed.ok()) unlink(temporary.c_str());
-  return renamed;
+  return stream.Finish();
 }
 
 }  // namespace tessera

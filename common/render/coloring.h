@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/evaluate/nearest_surface.h"
+#include "common/geometry/nearest_surface.h"
 #include "common/geometry/mesh.h"
 #include "common/render/renderer.h"
 

@@ -13,6 +13,7 @@
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
 #include "common/imaging/image_io.h"
+#include "common/meshio/ply.h"
 #include "common/scene/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/loading.h"
@@ -46,8 +47,9 @@ double Median(std::vector<double>* values) {
 
 class SceneChecker {
  public:
-  SceneChecker(const SceneDescription& scene, Warnings* warnings, Faults* faults, const TaskControl& control)
-      : scene_(scene), warnings_(*warnings), faults_(*faults), control_(control) {}
+  SceneChecker(const SceneDescription& scene, int64_t max_mesh_faces, Warnings* warnings, Faults* faults,
+               const TaskControl& control)
+      : scene_(scene), max_mesh_faces_(max_mesh_faces), warnings_(*warnings), faults_(*faults), control_(control) {}
 
   StatusOr<SceneSummary> Check() {
     Describe();
@@ -109,6 +111,8 @@ class SceneChecker {
   Status CheckMeshAndSight() {
     if (scene_.mesh_path.empty()) return absl::OkStatus();  // already a fault
     const std::string path = absl::StrCat(scene_.folder, "/", scene_.mesh_path);
+    const StatusOr<int64_t> faces = PlyFaceCount(path);
+    if (faces.ok() && *faces > max_mesh_faces_) return absl::OkStatus();
     StatusOr<TriangleMesh> loaded = LoadSceneMesh(scene_, 0);
     if (!loaded.ok()) {
       faults_.Add(loaded.status());
@@ -134,14 +138,7 @@ class SceneChecker {
     control_.Report(0.75, "visibility");
     TESSERA_ASSIGN_OR_RETURN(const Coverage coverage, MeasureCoverage(scene_, repaired->mesh, kFacesTried, control_));
     for (size_t i = 0; i < coverage.views.size(); ++i) {
-      const std::string image = absl::StrCat("image '", scene_.views[i].name, "'");
-      if (coverage.views[i] == ViewSight::kNothing) {
-        faults_.Add(InputError(path, image, "no face in front of its camera and inside the image",
-                               "a camera that sees the mesh"));
-      } else if (coverage.views[i] == ViewSight::kBehindMesh) {
-        faults_.Add(InputError(path, image, "mostly backs of faces: its camera is behind the mesh",
-                               "a camera that sees the outside of the mesh"));
-      }
+      faults_.Add(SightFault(path, scene_.views[i], coverage.views[i]));
     }
     summary_.faces_tried = coverage.faces_tried;
     summary_.unseen_share = static_cast<double>(coverage.unseen) / static_cast<double>(coverage.faces_tried);
@@ -279,33 +276,57 @@ class SceneChecker {
   }
 
   const SceneDescription& scene_;
+  const int64_t max_mesh_faces_;
   Warnings& warnings_;
   Faults& faults_;
   const TaskControl& control_;
   SceneSummary summary_;
 };
 
-StatusOr<SceneSummary> CheckAndReport(const SceneDescription& scene, Warnings* warnings, Faults* faults,
-                                      const TaskControl& control) {
+constexpr int64_t kAnyFaces = std::numeric_limits<int64_t>::max();
+
+StatusOr<SceneSummary> CheckAndReport(const SceneDescription& scene, int64_t max_mesh_faces, Warnings* warnings,
+                                      Faults* faults, const TaskControl& control) {
   Warnings unused;
-  TESSERA_ASSIGN_OR_RETURN(SceneSummary summary,
-                           SceneChecker(scene, warnings == nullptr ? &unused : warnings, faults, control).Check());
+  TESSERA_ASSIGN_OR_RETURN(
+      SceneSummary summary,
+      SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, faults, control).Check());
   TESSERA_RETURN_IF_ERROR(faults->ToStatus());
   return summary;
 }
 
 }  // namespace
 
+Status SightFault(const std::string& mesh_path, const SceneView& view, ViewSight sight) {
+  const std::string image = absl::StrCat("image '", view.name, "'");
+  switch (sight) {
+    case ViewSight::kGood:
+      return absl::OkStatus();
+    case ViewSight::kNothing:
+      return InputError(mesh_path, image, "no face in front of its camera and inside the image",
+                        "a camera that sees the mesh");
+    case ViewSight::kBehindMesh:
+      return InputError(mesh_path, image, "mostly backs of faces: its camera is behind the mesh",
+                        "a camera that sees the outside of the mesh");
+  }
+  return absl::OkStatus();
+}
+
 StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warnings, const TaskControl& control) {
   Faults faults;
-  return CheckAndReport(scene, warnings, &faults, control);
+  return CheckAndReport(scene, kAnyFaces, warnings, &faults, control);
 }
 
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
+  return CheckSceneFolder(path, kAnyFaces, warnings, control);
+}
+
+StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, int64_t max_mesh_faces, Warnings* warnings,
+                                        const TaskControl& control) {
   Faults faults;
   const SceneDescription scene = LoadSceneCollecting(path, warnings, &faults);
   if (scene.files.empty()) return faults.ToStatus();  // no scene.json
-  return CheckAndReport(scene, warnings, &faults, control);
+  return CheckAndReport(scene, max_mesh_faces, warnings, &faults, control);
 }
 
 }  // namespace tessera

@@ -9,6 +9,7 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
+#include "common/scene/coverage.h"
 #include "common/scene/scene.h"
 
 namespace tessera {
@@ -62,6 +63,16 @@ StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warni
 
 // LoadScene and CheckScene in one: faults of both, as far as a scene that is only partly readable lets one go on.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);
+
+// The same for a scene whose mesh has more than `max_mesh_faces` faces: leaves the mesh unread, for others to stream.
+StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, int64_t max_mesh_faces, Warnings* warnings,
+                                        const TaskControl& control);
+
+// The fault of a view that sees of the mesh at `mesh_path` what `sight` says; OK if it is good.
+Status SightFault(const std::string& mesh_path, const SceneView& view, ViewSight sight);
+
+// INVALID_ARGUMENT if 32-bit floats round coordinates as large as `largest_m` by more than a hundredth of the GSD.
+Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double gsd_m);
 
 // A readable table, and the same as JSON with units in the keys.
 std::string SummaryToText(const SceneSummary& summary);

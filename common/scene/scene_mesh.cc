@@ -5,6 +5,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
 #include "common/meshio/ply.h"
+#include "common/scene/check.h"
 #include "common/scene/scene.h"
 
 namespace tessera {
@@ -17,6 +18,15 @@ double FloatRounding(double coordinate) {
 }
 
 }  // namespace
+
+Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double gsd_m) {
+  const double rounding_m = FloatRounding(largest_m);
+  if (rounding_m <= gsd_m / 100) return absl::OkStatus();
+  return InputError(mesh_path, "header",
+                    absl::StrCat("x, y, z as 32-bit floats, which round coordinates of ", largest_m, " m by up to ",
+                                 rounding_m, " m"),
+                    absl::StrCat("doubles: more than a hundredth of the GSD (", gsd_m, " m) would be lost"));
+}
 
 StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m) {
   if (scene.mesh_path.empty()) return InputError(scene.folder, "", "no mesh", "a scene with a mesh");
@@ -34,13 +44,7 @@ StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m
   if (content.float_positions && gsd_m > 0) {
     double largest = 0;
     for (const Eigen::Vector3d& p : mesh.vertices) largest = std::max(largest, p.cwiseAbs().maxCoeff());
-    const double rounding_m = FloatRounding(largest);
-    if (rounding_m > gsd_m / 100) {
-      return InputError(path, "header",
-                        absl::StrCat("x, y, z as 32-bit floats, which round coordinates of ", largest, " m by up to ",
-                                     rounding_m, " m"),
-                        absl::StrCat("doubles: more than a hundredth of the GSD (", gsd_m, " m) would be lost"));
-    }
+    TESSERA_RETURN_IF_ERROR(CheckFloatRounding(path, largest, gsd_m));
   }
   for (Eigen::Vector3d& p : mesh.vertices) p = scene.frame.LocalFromScene(p);
   return std::move(mesh);

@@ -5,6 +5,7 @@
 
 #include <cstdlib>
 #include <fstream>
+#include <new>
 #include <vector>
 
 namespace tessera {
@@ -71,5 +72,23 @@ Status CheckDigest(const Digest& digest) {
 }
 
 uint64_t Xxh3(const void* data, size_t size) { return XXH3_64bits(data, size); }
+
+struct Xxh3Hasher::Impl {
+  XXH3_state_t* state = XXH3_createState();
+  Impl() {
+    if (state == nullptr) throw std::bad_alloc();
+    XXH3_64bits_reset(state);
+  }
+  ~Impl() { XXH3_freeState(state); }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+};
+
+Xxh3Hasher::Xxh3Hasher() : impl_(std::make_unique<Impl>()) {}
+Xxh3Hasher::~Xxh3Hasher() = default;
+Xxh3Hasher::Xxh3Hasher(Xxh3Hasher&&) noexcept = default;
+Xxh3Hasher& Xxh3Hasher::operator=(Xxh3Hasher&&) noexcept = default;
+void Xxh3Hasher::Update(const void* data, size_t size) { XXH3_64bits_update(impl_->state, data, size); }
+uint64_t Xxh3Hasher::Digest() const { return XXH3_64bits_digest(impl_->state); }
 
 }  // namespace tessera

@@ -56,6 +56,21 @@ Status CheckDigest(const Digest& digest);
 uint64_t Xxh3(const void* data, size_t size);
 inline uint64_t Xxh3(const std::string& bytes) { return Xxh3(bytes.data(), bytes.size()); }
 
+// XXH3-64 of bytes that come in pieces. Not thread-safe.
+class Xxh3Hasher {
+ public:
+  Xxh3Hasher();
+  ~Xxh3Hasher();
+  Xxh3Hasher(Xxh3Hasher&&) noexcept;
+  Xxh3Hasher& operator=(Xxh3Hasher&&) noexcept;
+  void Update(const void* data, size_t size);
+  uint64_t Digest() const;  // of all bytes so far
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_STORAGE_HASH_H_

@@ -43,7 +43,7 @@ Status Damaged(const std::string& name, uint64_t offset, const std::string& foun
 // Reads numbers one after the other and knows where it is.
 class Cursor {
  public:
-  explicit Cursor(const std::string& bytes) : bytes_(bytes) {}
+  explicit Cursor(std::string_view bytes) : bytes_(bytes) {}
   size_t offset() const { return offset_; }
   bool Has(uint64_t size) const { return size <= bytes_.size() - offset_; }
   template <class T>
@@ -54,13 +54,13 @@ class Cursor {
     return value;
   }
   std::string NextString(size_t size) {
-    std::string text = bytes_.substr(offset_, size);
+    std::string text(bytes_.substr(offset_, size));
     offset_ += size;
     return text;
   }
 
  private:
-  const std::string& bytes_;
+  std::string_view bytes_;
   size_t offset_ = 0;
 };
 
@@ -80,12 +80,6 @@ bool ReadValues(size_t type, const char* data, uint64_t size_bytes, ArrayData* o
 constexpr uint64_t kValueBytes[] = {4, 8, 4, 4, 8, 1};
 static_assert(std::size(kValueBytes) == std::variant_size_v<ArrayData>);
 
-struct Entry {
-  std::string name;
-  size_t type = 0;
-  uint64_t count = 0, offset = 0, hash = 0;
-};
-
 }  // namespace
 
 Status ArrayFile::Missing(const std::string& array) const {
@@ -101,32 +95,46 @@ Status ArrayFile::WrongCount(const std::string& array, int64_t found, int64_t ex
                              std::to_string(expected));
 }
 
-std::string SerializeArrayFile(const ArrayFile& file) {
-  uint64_t header_bytes = kFixedHeaderBytes + file.metadata.size() + 8;
-  for (const auto& [name, data] : file.arrays) header_bytes += kEntryBytes + name.size();
-  uint64_t total = header_bytes;
-  for (const auto& [name, data] : file.arrays) total = Aligned(total) + BytesOf(data).second;
+uint64_t ArrayFileHeader::value_bytes(const Entry& entry) { return kValueBytes[entry.type]; }
 
-  std::string out;
-  out.reserve(total);
-  out.append(kMagic, sizeof(kMagic));
-  Append<uint64_t>(&out, total);
-  Append<uint64_t>(&out, file.metadata.size());
-  Append<uint64_t>(&out, file.arrays.size());
-  uint64_t offset = header_bytes;
+uint64_t ArrayFileHeader::LayOut() {
+  uint64_t offset = kFixedHeaderBytes + metadata.size() + 8;
+  for (const Entry& entry : entries) offset += kEntryBytes + entry.name.size();
+  for (Entry& entry : entries) {
+    entry.offset = Aligned(offset);
+    offset = entry.offset + entry.count * kValueBytes[entry.type];
+  }
+  return file_bytes = offset;
+}
+
+std::string ArrayFileHeader::Serialize() const {
+  std::string out(kMagic, sizeof(kMagic));
+  Append<uint64_t>(&out, file_bytes);
+  Append<uint64_t>(&out, metadata.size());
+  Append<uint64_t>(&out, entries.size());
+  for (const Entry& entry : entries) {
+    Append<uint16_t>(&out, static_cast<uint16_t>(entry.name.size()));
+    out += entry.name;
+    Append<uint8_t>(&out, static_cast<uint8_t>(entry.type));
+    Append<uint64_t>(&out, entry.count);
+    Append<uint64_t>(&out, entry.offset);
+    Append<uint64_t>(&out, entry.hash);
+  }
+  out += metadata;
+  Append<uint64_t>(&out, Xxh3(out.data(), out.size()));
+  return out;
+}
+
+std::string SerializeArrayFile(const ArrayFile& file) {
+  ArrayFileHeader header;
+  header.metadata = file.metadata;
   for (const auto& [name, data] : file.arrays) {
     const auto [bytes, size] = BytesOf(data);
-    offset = Aligned(offset);
-    Append<uint16_t>(&out, static_cast<uint16_t>(name.size()));
-    out += name;
-    Append<uint8_t>(&out, static_cast<uint8_t>(data.index()));
-    Append<uint64_t>(&out, CountOf(data));
-    Append<uint64_t>(&out, offset);
-    Append<uint64_t>(&out, Xxh3(bytes, size));
-    offset += size;
+    header.entries.push_back({name, data.index(), CountOf(data), 0, Xxh3(bytes, size)});
   }
-  out += file.metadata;
-  Append<uint64_t>(&out, Xxh3(out.data(), out.size()));
+  const uint64_t total = header.LayOut();
+  std::string out = header.Serialize();
+  out.reserve(total);
   for (const auto& [name, data] : file.arrays) {
     const auto [bytes, size] = BytesOf(data);
     out.resize(Aligned(out.size()), '\0');
@@ -135,7 +143,8 @@ std::string SerializeArrayFile(const ArrayFile& file) {
   return out;
 }
 
-StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& name) {
+StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std::string& name) {
+  ArrayFileHeader header;
   Cursor cursor(bytes);
   if (!cursor.Has(kFixedHeaderBytes)) {
     return Damaged(name, 0, std::to_string(bytes.size()) + " bytes", "at least " + std::to_string(kFixedHeaderBytes));
@@ -146,17 +155,17 @@ StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& 
     return Damaged(name, 7, "version " + std::to_string(static_cast<uint8_t>(magic[7])),
                    "version " + std::to_string(kMagic[7]));
   }
-  const uint64_t total = cursor.Next<uint64_t>();
+  const uint64_t total = header.file_bytes = cursor.Next<uint64_t>();
   if (total != bytes.size()) {
     return Damaged(name, 8, std::to_string(bytes.size()) + " bytes in the file", std::to_string(total));
   }
   const uint64_t metadata_bytes = cursor.Next<uint64_t>();
   const uint64_t array_count = cursor.Next<uint64_t>();
-  std::vector<Entry> entries;
+  std::vector<ArrayFileHeader::Entry>& entries = header.entries;
   for (uint64_t i = 0; i < array_count; ++i) {
     const size_t at = cursor.offset();
     if (!cursor.Has(kEntryBytes)) return Damaged(name, at, "the end of the file", "an array's entry");
-    Entry entry;
+    ArrayFileHeader::Entry entry;
     const size_t name_bytes = cursor.Next<uint16_t>();
     if (!cursor.Has(name_bytes + kEntryBytes - 2)) return Damaged(name, at, "the end of the file", "an array's entry");
     entry.name = cursor.NextString(name_bytes);
@@ -172,18 +181,16 @@ StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& 
     }
     entries.push_back(std::move(entry));
   }
-  ArrayFile file;
-  file.name = name;
   if (!cursor.Has(metadata_bytes) || bytes.size() - cursor.offset() - metadata_bytes < 8) {
     return Damaged(name, cursor.offset(), "the end of the file", std::to_string(metadata_bytes) + " bytes of metadata");
   }
-  file.metadata = cursor.NextString(metadata_bytes);
+  header.metadata = cursor.NextString(metadata_bytes);
   const uint64_t header_hash = Xxh3(bytes.data(), cursor.offset());
   const size_t hash_at = cursor.offset();
   if (cursor.Next<uint64_t>() != header_hash) return Damaged(name, hash_at, "another checksum", "the header's");
 
   uint64_t end = cursor.offset();
-  for (const Entry& entry : entries) {
+  for (const ArrayFileHeader::Entry& entry : entries) {
     const uint64_t begin = Aligned(end);
     if (entry.offset != begin) {
       return Damaged(name, end, "\"" + entry.name + "\" at " + std::to_string(entry.offset), std::to_string(begin));
@@ -196,15 +203,25 @@ StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& 
     for (uint64_t i = end; i < begin; ++i) {
       if (bytes[i] != '\0') return Damaged(name, i, "a byte between arrays", "zero");
     }
-    const uint64_t size = entry.count * value_bytes;
-    if (Xxh3(bytes.data() + begin, size) != entry.hash) {
-      return Damaged(name, begin, "another checksum", "that of \"" + entry.name + "\"");
-    }
-    ReadValues(entry.type, bytes.data() + begin, size, &file.arrays[entry.name]);
-    end = begin + size;
+    end = begin + entry.count * value_bytes;
   }
   if (end != bytes.size()) {
     return Damaged(name, end, std::to_string(bytes.size() - end) + " bytes more", "the end of the file");
+  }
+  return header;
+}
+
+StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(ArrayFileHeader header, ParseArrayFileHeader(bytes, name));
+  ArrayFile file;
+  file.name = name;
+  file.metadata = std::move(header.metadata);
+  for (const ArrayFileHeader::Entry& entry : header.entries) {
+    const uint64_t size = entry.count * kValueBytes[entry.type];
+    if (Xxh3(bytes.data() + entry.offset, size) != entry.hash) {
+      return Damaged(name, entry.offset, "another checksum", "that of \"" + entry.name + "\"");
+    }
+    ReadValues(entry.type, bytes.data() + entry.offset, size, &file.arrays[entry.name]);
   }
   return file;
 }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -52,6 +53,25 @@ std::string SerializeArrayFile(const ArrayFile& file);
 // Strict: anything but what SerializeArrayFile writes is DATA_LOSS with the byte offset, what was found and what was
 // expected. `name` stands for the file in messages.
 StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& name);
+
+// Where the arrays of a file lie: what stands before their bytes.
+struct ArrayFileHeader {
+  struct Entry {
+    std::string name;
+    size_t type = 0;  // index of ArrayData's alternatives
+    uint64_t count = 0, offset = 0, hash = 0;
+  };
+  std::string metadata = "{}";
+  std::vector<Entry> entries;  // by name
+  uint64_t file_bytes = 0;
+
+  static uint64_t value_bytes(const Entry& entry);
+  uint64_t LayOut();              // fills offsets and file_bytes, and gives the latter
+  std::string Serialize() const;  // after LayOut
+};
+
+// Reads and checks all but the arrays' own bytes. Errors as ParseArrayFile's.
+StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std::string& name);
 
 // Through a temporary name, synced and renamed.
 Status WriteArrayFile(const std::string& path, const ArrayFile& file);

@@ -77,7 +77,10 @@ std::span<const Setting<int>> WholeSettings() {
   static constexpr Setting<int> kSettings[] = {
       {"window_px", "Side of the windows that images are compared in, pixels, odd", 3, 11, 7,
        &MethodSettings::window_px},
-      {"partners", "Views that each view chooses to be compared with", 1, 16, 4, &MethodSettings::partners}};
+      {"partners", "Views that each view chooses to be compared with", 1, 16, 4, &MethodSettings::partners},
+      {"views_per_direction",
+       "Views that a place is refined from, at most, of each of five directions: above and four sides", 1, 1000, 8,
+       &MethodSettings::views_per_direction}};
   return kSettings;
 }
 

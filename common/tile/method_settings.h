@@ -25,7 +25,7 @@ struct MethodSettings {
   std::optional<double> normal_prior, label_smoothness;        // μ1, μ2
   std::optional<double> max_step_px;
   std::optional<double> halo_gsd;
-  std::optional<int> window_px, partners;
+  std::optional<int> window_px, partners, views_per_direction;
   std::optional<bool> labels_first;
   std::vector<int> levels, iterations;
 

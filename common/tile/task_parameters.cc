@@ -48,6 +48,7 @@ std::string TileInputName(int tile, const std::string& file) {
 std::string ToJson(const IngestParameters& p) {
   json out = json::object();
   if (p.partners) out["partners"] = *p.partners;
+  if (p.views_per_direction) out["views_per_direction"] = *p.views_per_direction;
   return out.dump();
 }
 
@@ -69,6 +70,7 @@ StatusOr<IngestParameters> ParseIngestParameters(const std::string& text) {
   return Parse<IngestParameters>(text, [](const json& j) {
     IngestParameters parameters;
     if (j.contains("partners")) parameters.partners = j.at("partners").get<int>();
+    if (j.contains("views_per_direction")) parameters.views_per_direction = j.at("views_per_direction").get<int>();
     return parameters;
   });
 }

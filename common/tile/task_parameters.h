@@ -22,6 +22,8 @@ inline constexpr char kResultFile[] = "result.arrays";  // refine
 inline constexpr char kCoreFile[] = "core.arrays";      // stitch
 inline constexpr char kMeshFile[] = "mesh.ply";         // publish
 inline constexpr char kReportFile[] = "report.json";    // publish
+inline constexpr char kTileMeshFolder[] = "tiles";      // publish, of more than one tile: a mesh each
+inline constexpr char kTileIndexFile[] = "tiles/index.json";
 inline constexpr char kSceneFolder[] = "scene";         // scene files among other inputs lie under this name
 
 struct TileParameters {
@@ -34,7 +36,9 @@ std::string TileInputName(int tile, const std::string& file);
 
 // What ingest needs to know of the method; without, it is done once for all methods.
 struct IngestParameters {
-  std::optional<int> partners;  // that a view chooses; unset: the default
+  // Unset: the defaults.
+  std::optional<int> partners;             // that a view chooses
+  std::optional<int> views_per_direction;  // that a cell of the ground is refined from, at most
 };
 
 struct CutParameters {

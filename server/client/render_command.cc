@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "common/base/parallel.h"
-#include "common/evaluate/nearest_surface.h"
+#include "common/geometry/nearest_surface.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/ply.h"
 #include "common/render/annotation.h"

@@ -77,7 +77,8 @@ StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<
   PlannedTask task;
   task.kind = "ingest";
   task.name = "ingest";
-  task.parameters = ToJson(IngestParameters{settings.method_settings.partners});
+  task.parameters =
+      ToJson(IngestParameters{settings.method_settings.partners, settings.method_settings.views_per_direction});
   task.cost = kIngestSecondsPerFile * static_cast<double>(scene_files.size());
   for (const std::string& file : scene_files) task.inputs.push_back({file, file, -1, ""});
   return task;

@@ -21,6 +21,7 @@ JobSettings FromProto(const v1::JobSettings& proto) {
   if (from.has_halo_gsd()) to.halo_gsd = from.halo_gsd();
   if (from.has_window_px()) to.window_px = from.window_px();
   if (from.has_partners()) to.partners = from.partners();
+  if (from.has_views_per_direction()) to.views_per_direction = from.views_per_direction();
   if (from.has_labels_first()) to.labels_first = from.labels_first();
   to.levels.assign(from.levels().begin(), from.levels().end());
   to.iterations.assign(from.iterations().begin(), from.iterations().end());
@@ -45,6 +46,7 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   if (from.halo_gsd) to.set_halo_gsd(*from.halo_gsd);
   if (from.window_px) to.set_window_px(*from.window_px);
   if (from.partners) to.set_partners(*from.partners);
+  if (from.views_per_direction) to.set_views_per_direction(*from.views_per_direction);
   if (from.labels_first) to.set_labels_first(*from.labels_first);
   for (const int level : from.levels) to.add_levels(level);
   for (const int iterations : from.iterations) to.add_iterations(iterations);

@@ -23,7 +23,7 @@ namespace tessera {
 namespace {
 
 constexpr double kCell_m = 2;
-constexpr int kCells = 20, kBoxBegin = 7, kBoxEnd = 13, kBoxHeight = 4;  // in cells
+constexpr int kCells = 20;
 constexpr int kWidth = 160, kHeight = 120;
 constexpr double kFocal_px = 170;
 
@@ -59,25 +59,40 @@ class GridMesh {
   std::map<std::array<int, 3>, uint32_t> index_;
 };
 
-TriangleMesh BoxOnGround() {
+// Upright and on the ground, in cells.
+struct Box {
+  int x0, y0, x1, y1, height;
+  int side_label, top_label;
+  bool Contains(int x, int y) const { return x >= x0 && x < x1 && y >= y0 && y < y1; }
+};
+constexpr Box kHouse = {7, 7, 13, 13, 4, 1, 2}, kTower = {16, 6, 18, 12, 8, 2, 2};
+
+TriangleMesh BoxesOnGround(const std::vector<Box>& boxes) {
   GridMesh grid;
-  const auto inside = [](int i) { return i >= kBoxBegin && i < kBoxEnd; };
   for (int y = 0; y < kCells; ++y) {
     for (int x = 0; x < kCells; ++x) {
-      const bool roof = inside(x) && inside(y);
-      const int z = roof ? kBoxHeight : 0;
-      grid.AddQuad({{{x, y, z}, {x + 1, y, z}, {x + 1, y + 1, z}, {x, y + 1, z}}}, Eigen::Vector3d::UnitZ(),
-                   roof ? 2 : 0);
+      int z = 0, label = 0;
+      for (const Box& box : boxes) {
+        if (box.Contains(x, y)) z = box.height, label = box.top_label;
+      }
+      grid.AddQuad({{{x, y, z}, {x + 1, y, z}, {x + 1, y + 1, z}, {x, y + 1, z}}}, Eigen::Vector3d::UnitZ(), label);
     }
   }
-  for (int i = kBoxBegin; i < kBoxEnd; ++i) {
-    for (int z = 0; z < kBoxHeight; ++z) {
-      for (const int side : {kBoxBegin, kBoxEnd}) {
-        const double sign = side == kBoxBegin ? -1 : 1;
-        grid.AddQuad({{{side, i, z}, {side, i + 1, z}, {side, i + 1, z + 1}, {side, i, z + 1}}},
-                     sign * Eigen::Vector3d::UnitX(), 1);
-        grid.AddQuad({{{i, side, z}, {i + 1, side, z}, {i + 1, side, z + 1}, {i, side, z + 1}}},
-                     sign * Eigen::Vector3d::UnitY(), 1);
+  for (const Box& box : boxes) {
+    for (int y = box.y0; y < box.y1; ++y) {
+      for (int z = 0; z < box.height; ++z) {
+        for (const int x : {box.x0, box.x1}) {
+          grid.AddQuad({{{x, y, z}, {x, y + 1, z}, {x, y + 1, z + 1}, {x, y, z + 1}}},
+                       (x == box.x0 ? -1 : 1) * Eigen::Vector3d::UnitX(), box.side_label);
+        }
+      }
+    }
+    for (int x = box.x0; x < box.x1; ++x) {
+      for (int z = 0; z < box.height; ++z) {
+        for (const int y : {box.y0, box.y1}) {
+          grid.AddQuad({{{x, y, z}, {x + 1, y, z}, {x + 1, y, z + 1}, {x, y, z + 1}}},
+                       (y == box.y0 ? -1 : 1) * Eigen::Vector3d::UnitY(), box.side_label);
+        }
       }
     }
   }
@@ -108,12 +123,13 @@ double Texture(const Eigen::Vector3d& p, int label) {
   return 0.1 + 0.15 * label + 0.3 * Noise(p / 2.5 + Eigen::Vector3d(0.5, 0.5, 0.5)) + 0.2 * Noise(p / 0.9);
 }
 
-PosedCamera LookAt(const Eigen::Vector3d& centre, const Eigen::Vector3d& target) {
+PosedCamera LookAt(const Eigen::Vector3d& centre, const Eigen::Vector3d& target, int finer) {
   const Eigen::Vector3d z = (target - centre).normalized();
   const Eigen::Vector3d side = std::abs(z.z()) > 0.99 ? Eigen::Vector3d::UnitX() : z.cross(Eigen::Vector3d::UnitZ());
   const Eigen::Vector3d x = side.normalized(), y = z.cross(x);
   PosedCamera camera;
-  camera.intrinsics = {kWidth, kHeight, kFocal_px, kFocal_px, kWidth / 2.0, kHeight / 2.0};
+  camera.intrinsics = {finer * kWidth,    finer * kHeight,      finer * kFocal_px,
+                       finer * kFocal_px, finer * kWidth / 2.0, finer * kHeight / 2.0};
   camera.rotation_cam_from_world << x.transpose(), y.transpose(), z.transpose();
   camera.translation_cam_from_world = -camera.rotation_cam_from_world * centre;
   return camera;
@@ -136,10 +152,11 @@ struct Picture {
 // What the camera photographs through the lens; a pixel's value is that of its centre.
 Picture Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedCamera& camera, const LensModel& lens,
                const Eigen::Vector3d& offset) {
-  Picture picture{FloatImage(kWidth, kHeight, 1, NAN), LabelImage(kWidth, kHeight, 1, 255)};
+  const int width = camera.intrinsics.width, height = camera.intrinsics.height;
+  Picture picture{FloatImage(width, height, 1, NAN), LabelImage(width, height, 1, 255)};
   const Eigen::Vector3d centre = camera.Centre();
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
       const Eigen::Vector2d seen(x + 0.5, y + 0.5);
       Eigen::Vector2d p = seen;
       for (int i = 0; i < 30 && lens.kind != LensModel::Kind::kPinhole; ++i) p -= lens.Distort(p) - seen;
@@ -215,14 +232,15 @@ void WriteColmap(const std::string& folder, const TinySceneOptions& options, con
 
 TinyScene MakeTinyScene(const TinySceneOptions& options) {
   TinyScene scene;
-  scene.mesh = BoxOnGround();
+  scene.mesh = BoxesOnGround(options.tower ? std::vector<Box>{kHouse, kTower} : std::vector<Box>{kHouse});
   for (Eigen::Vector3d& p : scene.mesh.vertices) p += options.offset;
   const Eigen::Vector3d target = options.offset + Eigen::Vector3d(0, 0, 3);
-  const Eigen::Vector3d centres[] = {{0, 0, 34}, {26, 3, 24}, {-26, -3, 24}, {3, 26, 24}, {-3, -26, 24}};
+  std::vector<Eigen::Vector3d> centres = {{0, 0, 34}, {26, 3, 24}, {-26, -3, 24}, {3, 26, 24}, {-3, -26, 24}};
+  if (options.tower) centres.insert(centres.end(), {{30, -15, 18}, {30, -5, 18}, {30, 5, 18}, {30, 15, 18}});
   const RayCaster caster(scene.mesh);
   for (const Eigen::Vector3d& centre : centres) {
     scene.image_names.push_back(absl::StrCat("view", scene.cameras.size(), ".png"));
-    scene.cameras.push_back(LookAt(options.offset + centre, target));
+    scene.cameras.push_back(LookAt(options.offset + centre, target, options.finer));
     LensModel pinhole;
     pinhole.pinhole = scene.cameras.back().intrinsics;
     Picture picture = Render(scene.mesh, caster, scene.cameras.back(), pinhole, options.offset);
@@ -237,6 +255,7 @@ TinyScene WriteTinyScene(const std::string& folder, const TinySceneOptions& opti
   using Likelihoods = TinySceneOptions::Likelihoods;
   TinySceneOptions labelled = options;
   labelled.labels = true;
+  labelled.finer = 1;
   TinyScene scene = MakeTinyScene(labelled);
   const bool likelihoods = options.likelihoods != Likelihoods::kNone;
   for (const char* name : {"/colmap", "/images", "/likelihoods"}) {

@@ -123,8 +123,10 @@ SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamer
       midpoint[e] = static_cast<uint32_t>(out.mesh.vertices.size());
       const Vector3d middle = 0.5 * (out.mesh.vertices[table.edges[e].low] + out.mesh.vertices[table.edges[e].high]);
       out.mesh.vertices.push_back(middle);
+      out.halved_edges.push_back({table.edges[e].low, table.edges[e].high});
     }
     if (!any) break;
+    out.round_ends.push_back(out.halved_edges.size());
     std::vector<Triangle> faces;
     std::vector<int32_t> labels;
     std::vector<uint32_t> parents;

@@ -2,6 +2,7 @@
 #ifndef TESSERA_WORKER_REFINE_DENSITY_H_
 #define TESSERA_WORKER_REFINE_DENSITY_H_
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -20,6 +21,9 @@ struct DensityOptions {
 struct SplitMesh {
   TriangleMesh mesh;                  // labels inherited
   std::vector<uint32_t> parent_face;  // the input face each face lies in
+  // Each new vertex: the edge that it halves (lower id, higher id); after each round: how many new vertices there are.
+  std::vector<std::array<uint32_t, 2>> halved_edges;
+  std::vector<size_t> round_ends;
 };
 
 // Halves edges until no face's footprint should exceed the limit: an edge is split where its longest projection (over

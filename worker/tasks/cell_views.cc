@@ -1,25 +1,19 @@
 #include "worker/tasks/cell_views.h"
 
 #include <algorithm>
-#include <array>
-#include <atomic>
 #include <cmath>
 #include <map>
-#include <numeric>
 #include <utility>
 
 #include "common/base/parallel.h"
-#include "common/geometry/ray_caster.h"
+#include "worker/tasks/city_sight.h"
+#include "worker/tasks/view_box.h"
 
 namespace tessera {
 namespace {
 
-constexpr int kDirections = 5;
 constexpr double kOcclusionMarginGsd = 3;
-
-Eigen::Vector3d Centroid(const TriangleMesh& mesh, size_t face) {
-  return (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
-}
+constexpr int64_t kCoarseClusters = 1 << 20;
 
 // 0: from above; 1 to 4: the quarter of the ground plane that the camera is in.
 int DirectionOf(const Eigen::Vector3d& to_camera, const Survey& survey, double up_elevation_rad) {
@@ -30,97 +24,79 @@ int DirectionOf(const Eigen::Vector3d& to_camera, const Survey& survey, double u
   return g.y() >= 0 ? 3 : 4;
 }
 
-struct ViewScore {
-  double pixels = 0;
-  std::array<double, kDirections> by_direction = {};
-};
-
-std::vector<int32_t> BestViews(const TriangleMesh& mesh, const std::vector<uint32_t>& faces, const RayCaster& caster,
-                               const std::vector<Eigen::Vector3d>& centres, const Survey& survey,
-                               const CellViewOptions& options) {
-  std::vector<ViewScore> scores(survey.views.size());
+std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t>& faces, const CitySight& sight,
+                               const std::vector<Eigen::Vector3d>& centres, const std::vector<size_t>& candidates,
+                               const Survey& survey, const CellViewOptions& options) {
+  std::vector<std::vector<Sighting>> sightings;  // of each sample
   const size_t samples = std::min<size_t>(options.samples, faces.size());
   for (size_t i = 0; i < samples; ++i) {
     const size_t face = faces[i * faces.size() / samples];
-    const Eigen::Vector3d centroid = Centroid(mesh, face), cross = FaceCross(mesh, face);
+    const Eigen::Vector3d centroid = mesh.Centroid(face), cross = FaceCross(mesh, face);
     const double area_m2 = 0.5 * cross.norm();
     if (area_m2 <= 0) continue;
     const Eigen::Vector3d normal = cross.normalized();
-    for (size_t v = 0; v < survey.views.size(); ++v) {
+    std::vector<Sighting>& seen = sightings.emplace_back();
+    for (const size_t v : candidates) {
       const PosedCamera& camera = survey.views[v].camera;
       const Eigen::Vector3d projected = camera.Project(centroid);
       if (!camera.InImage(projected)) continue;
       const Eigen::Vector3d to_camera = centres[v] - centroid;
       const double cosine = normal.dot(to_camera.normalized());
       if (cosine < options.min_cosine) continue;
-      if (caster.Occluded(centroid, centres[v], kOcclusionMarginGsd * survey.gsd_m)) continue;
+      if (sight.Hidden(centroid, centres[v])) continue;
       const double px_per_m = std::sqrt(camera.intrinsics.fx * camera.intrinsics.fy) / projected.z();
       const double pixels = area_m2 * cosine * px_per_m * px_per_m;
-      scores[v].pixels += pixels;
-      scores[v].by_direction[DirectionOf(to_camera, survey, options.up_elevation_rad)] += pixels;
+      const int direction = DirectionOf(to_camera, survey, options.up_elevation_rad);
+      seen.push_back({static_cast<int32_t>(v), direction, pixels, px_per_m});
     }
+    WeighDetail(options.choice, &seen);
   }
-  std::array<std::vector<std::pair<double, int32_t>>, kDirections> ranked;
-  for (size_t v = 0; v < scores.size(); ++v) {
-    if (scores[v].pixels <= 0) continue;
-    const auto& by = scores[v].by_direction;
-    const size_t direction = std::max_element(by.begin(), by.end()) - by.begin();
-    ranked[direction].emplace_back(-scores[v].pixels, static_cast<int32_t>(v));
-  }
-  std::vector<int32_t> chosen;
-  for (auto& views : ranked) {
-    std::sort(views.begin(), views.end());
-    for (size_t i = 0; i < views.size() && i < static_cast<size_t>(options.views_per_direction); ++i) {
-      if (views[i].first <= options.min_share * views[0].first) chosen.push_back(views[i].second);
-    }
-  }
-  std::sort(chosen.begin(), chosen.end());
-  return chosen;
+  return ChooseBalanced(sightings, options.choice);
 }
 
 }  // namespace
 
-Status FillCells(const TriangleMesh& mesh, const CellViewOptions& options, const TaskControl& control, Survey* survey) {
-  const GroundPlane& ground = survey->ground;
-  std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;  // by (y, x)
-  for (size_t f = 0; f < mesh.faces.size(); ++f) {
-    const Eigen::Vector2i cell = ground.Cell(Centroid(mesh, f));
-    faces_of[{cell.y(), cell.x()}].push_back(static_cast<uint32_t>(f));
-  }
-  survey->cells.clear();
-  std::vector<const std::vector<uint32_t>*> face_lists;
-  for (const auto& [position, faces] : faces_of) {
-    SurveyCell cell;
-    cell.y = position.first;
-    cell.x = position.second;
-    cell.faces = static_cast<int64_t>(faces.size());
-    cell.box_min = cell.box_max = mesh.Corner(faces[0], 0);
-    const CellRect square = {cell.x, cell.y, cell.x + 1, cell.y + 1};
-    for (const uint32_t face : faces) {
-      for (int k = 0; k < 3; ++k) {
-        const Eigen::Vector3d& p = mesh.Corner(face, k);
-        cell.box_min = cell.box_min.cwiseMin(p);
-        cell.box_max = cell.box_max.cwiseMax(p);
-        cell.reach_m = std::max(cell.reach_m, DistanceToRect(ground.Coordinates(p), square, ground.cell_m));
-      }
-    }
-    survey->cells.push_back(std::move(cell));
-    face_lists.push_back(&faces);
-  }
-
-  const RayCaster caster(mesh);
+Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
+                   const TaskControl& control, const std::string& scratch_folder, Survey* survey) {
+  std::map<std::pair<int, int>, SurveyCell*> cell_at;
+  for (SurveyCell& cell : survey->cells) cell_at[{cell.x, cell.y}] = &cell;
   std::vector<Eigen::Vector3d> centres;
   for (const SceneView& view : survey->views) centres.push_back(view.camera.Centre());
-  std::atomic<int64_t> done = 0;
-  const int64_t count = static_cast<int64_t>(survey->cells.size());
-  ParallelFor(count, 1, [&](int64_t begin, int64_t end) {
-    for (int64_t c = begin; c < end; ++c) {
-      if (!control.Check().ok()) return;
-      survey->cells[c].views = BestViews(mesh, *face_lists[c], caster, centres, *survey, options);
-      const int64_t cells_done = ++done;
-      if (cells_done % 64 == 0) control.Report(static_cast<double>(cells_done) / count, "choosing views");
+  CitySight sight(kOcclusionMarginGsd * survey->gsd_m);
+  const bool in_parts = static_cast<int64_t>(whole.faces.size()) > options.max_whole_faces;
+  if (in_parts) {
+    control.Report(0, "the city's coarse shape");
+    TESSERA_ASSIGN_OR_RETURN(const CoarseMesh coarse, CoarsenMesh(whole, kCoarseClusters, scratch_folder));
+    sight.SetFar(coarse);
+  } else {
+    sight.SetNear(whole);
+  }
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(static_cast<double>(b) / static_cast<double>(city.block_count()), "choosing views");
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    if (in_parts) {
+      TESSERA_ASSIGN_OR_RETURN(const TriangleMesh around, FacesAround(city, block.box, sight.near_m()));
+      sight.SetNear(around);
     }
-  });
+    std::vector<size_t> candidates;
+    for (size_t v = 0; v < survey->views.size(); ++v) {
+      if (MayShow(survey->views[v].camera, block.box)) candidates.push_back(v);
+    }
+    std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;
+    for (size_t f = 0; f < block.face_ids.size(); ++f) {
+      const Eigen::Vector2i at = survey->ground.Cell(block.mesh.Centroid(f));
+      faces_of[{at.x(), at.y()}].push_back(static_cast<uint32_t>(f));
+    }
+    std::vector<std::pair<SurveyCell*, const std::vector<uint32_t>*>> cells;
+    for (const auto& [at, faces] : faces_of) cells.emplace_back(cell_at.at(at), &faces);
+    ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t c = begin; c < end; ++c) {
+        if (!control.Check().ok()) return;
+        cells[c].first->views = BestViews(block.mesh, *cells[c].second, sight, centres, candidates, *survey, options);
+      }
+    });
+  }
   return control.Check();
 }
 

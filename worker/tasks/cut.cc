@@ -13,7 +13,7 @@ StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& cont
   control.Report(0, "reading the city");
   TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kSurveyFile)));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
-  TESSERA_ASSIGN_OR_RETURN(const City city, ReadCity(InputPath(request, kCityFile)));
+  TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.3, "cutting");
   TESSERA_ASSIGN_OR_RETURN(const TilePackage package, CutTile(city, survey, parameters));

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <span>
 
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
+#include "worker/tasks/collected_faces.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -16,138 +16,65 @@ namespace {
 
 constexpr int64_t kGrain = 4096;
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
-constexpr double kMotion_gsd = 64;        // more than a run may take a surface from its start
-constexpr int kSilhouetteMargin_px = 16;  // around what a view sees of the tile: occluders' edges just outside it too
+constexpr double kMotion_gsd = 64;  // more than a run may take a surface from its start
 
 enum class Part : uint8_t { kOutside, kHalo, kCore };
 
-std::vector<Part> PartsOfFaces(const TriangleMesh& mesh, const GroundPlane& ground, const CutParameters& p) {
-  std::vector<Part> parts(mesh.faces.size());
-  ParallelFor(static_cast<int64_t>(parts.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      const Eigen::Vector3d centroid = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
-      if (p.tile.core.Contains(ground.Cell(centroid))) {
-        parts[f] = Part::kCore;
-      } else {
-        const double distance_m = DistanceToRect(ground.Coordinates(centroid), p.tile.core, ground.cell_m);
-        parts[f] = distance_m <= p.halo_m ? Part::kHalo : Part::kOutside;
+Part PartOf(const Eigen::Vector3d& centroid, const GroundPlane& ground, const CutParameters& p) {
+  if (p.tile.core.Contains(ground.Cell(centroid))) return Part::kCore;
+  const double distance_m = DistanceToRect(ground.Coordinates(centroid), p.tile.core, ground.cell_m);
+  return distance_m <= p.halo_m ? Part::kHalo : Part::kOutside;
+}
+
+StatusOr<CollectedFaces> FacesOfTile(const CityReader& city, const GroundPlane& ground, const CutParameters& p) {
+  FaceCollector found;
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    if (DistanceBetween(city.cells(b), p.tile.core, ground.cell_m) > p.halo_m) continue;
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    std::vector<Part> parts(block.face_ids.size());
+    ParallelFor(static_cast<int64_t>(parts.size()), kGrain, [&](int64_t begin, int64_t end) {
+      for (int64_t f = begin; f < end; ++f) parts[f] = PartOf(block.mesh.Centroid(f), ground, p);
+    });
+    for (size_t f = 0; f < parts.size(); ++f) {
+      if (parts[f] != Part::kOutside) found.Add(block, f, parts[f] == Part::kCore);
+    }
+  }
+  return found.Finish();
+}
+
+// 1 for vertices of the tile (`vertex_ids` ascending) that faces outside it use too.
+StatusOr<std::vector<uint8_t>> UsedOutside(const CityReader& city, const GroundPlane& ground, const CutParameters& p,
+                                           const CollectedFaces& tile) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& vertex : tile.mesh.vertices) box.extend(vertex);
+  std::vector<uint8_t> used(tile.vertex_ids.size(), 0);
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    if (!city.box(b).intersects(box)) continue;  // a shared vertex lies in both boxes
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    // Where each of the block's vertices is in the tile; both lists ascend.
+    std::vector<uint32_t> in_tile(block.vertex_ids.size(), kNone);
+    bool any = false;
+    size_t t = 0;
+    for (size_t v = 0; v < in_tile.size(); ++v) {
+      t = std::lower_bound(tile.vertex_ids.begin() + static_cast<std::ptrdiff_t>(t), tile.vertex_ids.end(),
+                           block.vertex_ids[v]) -
+          tile.vertex_ids.begin();
+      if (t == tile.vertex_ids.size()) break;
+      if (tile.vertex_ids[t] != block.vertex_ids[v]) continue;
+      in_tile[v] = static_cast<uint32_t>(t);
+      any = true;
+    }
+    if (!any) continue;
+    for (size_t f = 0; f < block.face_ids.size(); ++f) {
+      const Triangle& face = block.mesh.faces[f];
+      if (in_tile[face[0]] == kNone && in_tile[face[1]] == kNone && in_tile[face[2]] == kNone) continue;
+      if (PartOf(block.mesh.Centroid(f), ground, p) != Part::kOutside) continue;
+      for (const uint32_t v : face) {
+        if (in_tile[v] != kNone) used[in_tile[v]] = 1;
       }
     }
-  });
-  return parts;
-}
-
-// The faces in `ids` (ascending) with the vertices they use, in the order of the vertices' ids.
-TriangleMesh Extract(const TriangleMesh& mesh, const std::vector<uint32_t>& ids, std::vector<uint32_t>* vertex_ids) {
-  std::vector<uint32_t> local(mesh.vertices.size(), kNone);
-  for (const uint32_t f : ids) {
-    for (const uint32_t v : mesh.faces[f]) local[v] = 0;
   }
-  TriangleMesh part;
-  vertex_ids->clear();
-  for (size_t v = 0; v < local.size(); ++v) {
-    if (local[v] == kNone) continue;
-    local[v] = static_cast<uint32_t>(part.vertices.size());
-    part.vertices.push_back(mesh.vertices[v]);
-    vertex_ids->push_back(static_cast<uint32_t>(v));
-  }
-  for (const uint32_t f : ids) {
-    const Triangle& face = mesh.faces[f];
-    part.faces.push_back({local[face[0]], local[face[1]], local[face[2]]});
-    if (!mesh.labels.empty()) part.labels.push_back(mesh.labels[f]);
-  }
-  return part;
-}
-
-std::array<Eigen::Vector3d, 8> BoxCorners(const SurveyCell& cell) {
-  std::array<Eigen::Vector3d, 8> corners;
-  for (int k = 0; k < 8; ++k) {
-    for (int axis = 0; axis < 3; ++axis) corners[k][axis] = (k >> axis & 1) ? cell.box_max[axis] : cell.box_min[axis];
-  }
-  return corners;
-}
-
-// What a view sees of the tile: occluders are looked for in front of it.
-struct ViewWindow {
-  PosedCamera camera;
-  PixelRect rect;
-  double depth_m = 0;  // of the tile's deepest vertex
-};
-
-std::vector<ViewWindow> WindowsOnTile(const TilePackage& package) {
-  std::vector<ViewWindow> windows;
-  for (const SceneView& view : package.views) {
-    ViewWindow window = {view.camera, ProjectedBounds(package.mesh, view.camera, kSilhouetteMargin_px, 1), 0};
-    if (window.rect.empty()) continue;
-    for (const Eigen::Vector3d& p : package.mesh.vertices) {
-      window.depth_m = std::max(window.depth_m, view.camera.CameraFromWorld(p).z());
-    }
-    windows.push_back(std::move(window));
-  }
-  return windows;
-}
-
-// Whether the convex hull of `points` may lie before the tile in the window.
-bool MayHide(std::span<const Eigen::Vector3d> points, const ViewWindow& window) {
-  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300, near = 1e300;
-  bool in_front = false, behind = false;
-  for (const Eigen::Vector3d& point : points) {
-    const Eigen::Vector3d p = window.camera.Project(point);
-    near = std::min(near, p.z());
-    if (p.z() <= 1e-3) {
-      behind = true;
-      continue;
-    }
-    in_front = true;
-    x0 = std::min(x0, p.x());
-    x1 = std::max(x1, p.x());
-    y0 = std::min(y0, p.y());
-    y1 = std::max(y1, p.y());
-  }
-  if (!in_front || near >= window.depth_m) return false;
-  if (behind) return true;
-  return x1 >= window.rect.x0 && x0 <= window.rect.x1 && y1 >= window.rect.y0 && y0 <= window.rect.y1;
-}
-
-bool MayHideFromAny(std::span<const Eigen::Vector3d> points, const std::vector<ViewWindow>& windows) {
-  return std::any_of(windows.begin(), windows.end(), [&](const ViewWindow& w) { return MayHide(points, w); });
-}
-
-std::vector<uint32_t> FindOccluders(const TriangleMesh& mesh, const std::vector<Part>& parts, const Survey& survey,
-                                    const std::vector<ViewWindow>& windows) {
-  // Whole cells first.
-  std::map<std::pair<int, int>, bool> cell_may_hide;
-  for (const SurveyCell& cell : survey.cells) {
-    cell_may_hide[{cell.x, cell.y}] = MayHideFromAny(BoxCorners(cell), windows);
-  }
-  std::vector<uint8_t> hides(mesh.faces.size(), 0);
-  ParallelFor(static_cast<int64_t>(mesh.faces.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      if (parts[f] != Part::kOutside) continue;
-      const std::array<Eigen::Vector3d, 3> corners = {mesh.Corner(f, 0), mesh.Corner(f, 1), mesh.Corner(f, 2)};
-      const Eigen::Vector2i cell = survey.ground.Cell((corners[0] + corners[1] + corners[2]) / 3);
-      const auto it = cell_may_hide.find({cell.x(), cell.y()});
-      hides[f] = it != cell_may_hide.end() && it->second && MayHideFromAny(corners, windows);
-    }
-  });
-  std::vector<uint32_t> faces;
-  for (size_t f = 0; f < hides.size(); ++f) {
-    if (hides[f]) faces.push_back(static_cast<uint32_t>(f));
-  }
-  return faces;
-}
-
-// 1 for vertices of the tile that faces outside it use too.
-std::vector<uint8_t> VerticesOnCut(const TriangleMesh& mesh, const std::vector<Part>& parts,
-                                   const std::vector<uint32_t>& vertex_ids) {
-  std::vector<uint8_t> used_outside(mesh.vertices.size(), 0);
-  for (size_t f = 0; f < parts.size(); ++f) {
-    if (parts[f] != Part::kOutside) continue;
-    for (const uint32_t v : mesh.faces[f]) used_outside[v] = 1;
-  }
-  std::vector<uint8_t> fixed(vertex_ids.size());
-  for (size_t v = 0; v < fixed.size(); ++v) fixed[v] = used_outside[vertex_ids[v]];
-  return fixed;
+  return used;
 }
 
 // Depths of all cells that look to the view, and of where their faces may move.
@@ -156,7 +83,7 @@ std::array<double, 2> DepthsOfView(const Survey& survey, int32_t view) {
   double near_m = std::numeric_limits<double>::infinity(), far_m = 0;
   for (const SurveyCell& cell : survey.cells) {
     if (!std::binary_search(cell.views.begin(), cell.views.end(), view)) continue;
-    for (const Eigen::Vector3d& corner : BoxCorners(cell)) {
+    for (const Eigen::Vector3d& corner : CornersOf(cell.box_min, cell.box_max)) {
       const double depth_m = camera.CameraFromWorld(corner).z();
       near_m = std::min(near_m, depth_m);
       far_m = std::max(far_m, depth_m);
@@ -167,13 +94,12 @@ std::array<double, 2> DepthsOfView(const Survey& survey, int32_t view) {
 }
 
 // Which views look at which faces: as the survey's cells have it, so that no tiling changes it.
-void FillCellViews(const TriangleMesh& mesh, const Survey& survey, const std::map<int32_t, int32_t>& local_view,
-                   TilePackage* package) {
+void FillCellViews(const Survey& survey, const std::map<int32_t, int32_t>& local_view, TilePackage* package) {
   std::map<std::pair<int, int>, const SurveyCell*> surveyed;
   for (const SurveyCell& cell : survey.cells) surveyed[{cell.x, cell.y}] = &cell;
   std::map<std::pair<int, int>, uint32_t> index;
-  for (const uint32_t id : package->face_ids) {
-    const Eigen::Vector2i at = survey.ground.Cell((mesh.Corner(id, 0) + mesh.Corner(id, 1) + mesh.Corner(id, 2)) / 3);
+  for (size_t f = 0; f < package->mesh.faces.size(); ++f) {
+    const Eigen::Vector2i at = survey.ground.Cell(MeshSpans(package->mesh).Centroid(f));
     const auto [entry, is_new] = index.try_emplace({at.x(), at.y()}, static_cast<uint32_t>(index.size()));
     package->cell.push_back(entry->second);
     if (!is_new) continue;
@@ -188,28 +114,26 @@ void FillCellViews(const TriangleMesh& mesh, const Survey& survey, const std::ma
 
 }  // namespace
 
-StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutParameters& p) {
-  const TriangleMesh& mesh = city.mesh;
-  const std::vector<Part> parts = PartsOfFaces(mesh, survey.ground, p);
-  TilePackage package;
-  for (size_t f = 0; f < parts.size(); ++f) {
-    if (parts[f] == Part::kOutside) continue;
-    package.face_ids.push_back(static_cast<uint32_t>(f));
-    package.core.push_back(parts[f] == Part::kCore ? 1 : 0);
-  }
-  if (std::find(package.core.begin(), package.core.end(), 1) == package.core.end()) {
+StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, const CutParameters& p,
+                              const OccluderOptions& occluders) {
+  TESSERA_ASSIGN_OR_RETURN(CollectedFaces tile, FacesOfTile(city, survey.ground, p));
+  if (std::find(tile.marked.begin(), tile.marked.end(), 1) == tile.marked.end()) {
     return absl::InvalidArgumentError("tile " + std::to_string(p.tile.tile) + ": found no faces in its core");
   }
-  std::vector<uint32_t> used_ids;
-  const TriangleMesh extracted = Extract(mesh, package.face_ids, &used_ids);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> used_outside, UsedOutside(city, survey.ground, p, tile));
+  TilePackage package;
+  package.face_ids = std::move(tile.face_ids);
+  package.core = std::move(tile.marked);
   // Where the cut leaves fans of faces that touch in a vertex alone, it is doubled.
-  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(extracted, nullptr));
+  TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(tile.mesh, nullptr));
   if (repaired.mesh.faces.size() != package.face_ids.size()) {
     return absl::InternalError("tile " + std::to_string(p.tile.tile) + ": faces were lost in cutting");
   }
   package.mesh = std::move(repaired.mesh);
-  for (const int64_t v : repaired.vertex_in_input) package.vertex_ids.push_back(used_ids[v]);
-  package.fixed = VerticesOnCut(mesh, parts, package.vertex_ids);
+  for (const int64_t v : repaired.vertex_in_input) {
+    package.vertex_ids.push_back(tile.vertex_ids[v]);
+    package.fixed.push_back(used_outside[v]);
+  }
 
   package.tile = p.tile.tile;
   package.ground = survey.ground;
@@ -227,13 +151,24 @@ StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutP
     package.views.push_back(survey.views[view]);
     package.view_depths.push_back(DepthsOfView(survey, view));
   }
-  FillCellViews(mesh, survey, local_view, &package);
+  FillCellViews(survey, local_view, &package);
   for (const auto& [reference, other] : survey.pairs) {
     const auto r = local_view.find(reference), o = local_view.find(other);
     if (r != local_view.end() && o != local_view.end()) package.pairs.push_back({r->second, o->second});
   }
-  std::vector<uint32_t> unused;
-  package.occluders = Extract(mesh, FindOccluders(mesh, parts, survey, WindowsOnTile(package)), &unused);
+  const auto in_tile = [&](const Eigen::Vector3d& centroid) {
+    return PartOf(centroid, survey.ground, p) != Part::kOutside;
+  };
+  const OccluderSearch search(package.mesh, package.views);
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh found, FindOccluders(city, survey, in_tile, search));
+  std::vector<uint8_t> near(found.faces.size());
+  for (size_t f = 0; f < near.size(); ++f) {
+    const Eigen::Vector3d centroid = MeshSpans(found).Centroid(f);
+    const double distance_m =
+        DistanceToRect(survey.ground.Coordinates(centroid), p.tile.core, survey.ground.cell_m) - p.halo_m;
+    near[f] = distance_m <= occluders.near_gsd * survey.gsd_m;
+  }
+  package.occluders = ReduceOccluders(found, near, package.mesh, survey.ground, search, occluders);
   return package;
 }
 

@@ -6,13 +6,16 @@
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "worker/tasks/city_file.h"
+#include "worker/tasks/occluders.h"
 #include "worker/tasks/tile_files.h"
 
 namespace tessera {
 
 // The faces whose centroid lies in the core (by cell) or at most parameters.halo_m from it, with everything else that
-// may hide them from the tile's views as occluders. INVALID_ARGUMENT for a core without faces.
-StatusOr<TilePackage> CutTile(const City& city, const Survey& survey, const CutParameters& parameters);
+// may hide them from the tile's views as occluders. Reads the blocks of the city that these lie in or touch, and no
+// others. INVALID_ARGUMENT for a core without faces; errors as CityReader::Block's.
+StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, const CutParameters& parameters,
+                              const OccluderOptions& occluders = {});
 
 }  // namespace tessera
 

@@ -2,8 +2,11 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_cat.h"
+#include "common/geometry/coarse_mesh.h"
 #include "common/geometry/repair.h"
 #include "common/scene/check.h"
+#include "common/scene/coverage.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "common/tile/survey.h"
@@ -12,13 +15,19 @@
 #include "worker/refine/pairs.h"
 #include "worker/tasks/cell_views.h"
 #include "worker/tasks/city_file.h"
+#include "worker/tasks/disk_mesh.h"
+#include "worker/tasks/local_grid.h"
 #include "worker/tasks/stages.h"
 
 namespace tessera {
 namespace {
 
 constexpr double kCellGsd = 64;  // rounded to a power of two in metres
+constexpr int64_t kCoverageClusters = 1 << 18;
 constexpr int kMinPairSamples = 4000, kPairSamplesPerView = 100, kMaxPairSamples = 100000;
+
+// Scenes with more faces are not checked with all of their mesh in memory, but as it streams by.
+constexpr int64_t kMaxFacesInMemory = 4 << 20;
 
 std::vector<PosedCamera> CamerasOf(const SceneDescription& scene) {
   std::vector<PosedCamera> cameras;
@@ -26,20 +35,56 @@ std::vector<PosedCamera> CamerasOf(const SceneDescription& scene) {
   return cameras;
 }
 
-// Labels as the line needs them: one a face, known or -1.
-void CompleteLabels(const SceneDescription& scene, TriangleMesh* mesh) {
-  if (mesh->labels.empty()) mesh->labels.assign(mesh->faces.size(), scene.has_likelihoods ? -1 : 0);
+// As SelectPairs and MedianGsd take their samples of the whole mesh.
+TriangleMesh PairSamples(const MeshSpans& mesh, int samples) {
+  const size_t step = std::max<size_t>(1, mesh.faces.size() / static_cast<size_t>(samples));
+  std::vector<size_t> faces;
+  for (size_t f = step / 2; f < mesh.faces.size(); f += step) faces.push_back(f);
+  return PickFaces(mesh, faces);
 }
 
-void FillPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras, const IngestParameters& parameters,
+TriangleMesh GsdSamples(const MeshSpans& mesh) {
+  constexpr size_t kSamples = 4096;
+  const size_t samples = std::min(mesh.faces.size(), kSamples);
+  std::vector<size_t> faces;
+  for (size_t i = 0; i < samples; ++i) faces.push_back(i * mesh.faces.size() / samples);
+  return PickFaces(mesh, faces);
+}
+
+void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, const IngestParameters& parameters,
                Survey* survey) {
   PairOptions options;
   options.partners = parameters.partners.value_or(options.partners);
-  options.samples =
-      std::clamp(kPairSamplesPerView * static_cast<int>(cameras.size()), kMinPairSamples, kMaxPairSamples);
-  for (const ViewPair& pair : SelectPairs(mesh, cameras, options)) {
+  const TriangleMesh picked = PairSamples(
+      mesh, std::clamp(kPairSamplesPerView * static_cast<int>(cameras.size()), kMinPairSamples, kMaxPairSamples));
+  options.samples = static_cast<int>(picked.faces.size());  // all of these
+  for (const ViewPair& pair : SelectPairs(picked, cameras, options)) {
     survey->pairs.push_back({pair.reference, pair.other});
   }
+}
+
+// Labels as the line needs them: one a face, known or -1.
+Status CompleteLabels(const SceneDescription& scene, const std::string& scratch_folder, DiskMesh* mesh) {
+  if (mesh->labels.size() > 0) return absl::OkStatus();
+  TESSERA_ASSIGN_OR_RETURN(mesh->labels, ScratchArray<int32_t>::Create(scratch_folder, mesh->faces.size()));
+  const std::span<int32_t> labels = mesh->labels.values();
+  std::fill(labels.begin(), labels.end(), scene.has_likelihoods ? -1 : 0);
+  return absl::OkStatus();
+}
+
+// What CheckSceneFolder says of a mesh, of one that it has left to us.
+Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const MeshDefects& defects, double gsd_m,
+                      const std::string& scratch_folder, const TaskControl& control, Warnings* warnings) {
+  const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
+  WarnOfDefects(defects, warnings);
+  const int64_t unlabelled = std::count(mesh.labels.values().begin(), mesh.labels.values().end(), -1);
+  if (unlabelled > 0) warnings->push_back(absl::StrCat(scene.mesh_path, ": ", unlabelled, " faces have no label"));
+  Faults faults;
+  if (mesh.float_positions) faults.Add(CheckFloatRounding(path, mesh.largest_coordinate_m, gsd_m));
+  TESSERA_ASSIGN_OR_RETURN(const CoarseMesh coarse, CoarsenMesh(mesh.spans(), kCoverageClusters, scratch_folder));
+  TESSERA_ASSIGN_OR_RETURN(const Coverage coverage, MeasureCoverage(scene, coarse.mesh, 1, control));
+  for (size_t i = 0; i < coverage.views.size(); ++i) faults.Add(SightFault(path, scene.views[i], coverage.views[i]));
+  return faults.ToStatus();
 }
 
 }  // namespace
@@ -47,50 +92,65 @@ void FillPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras
 StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(const IngestParameters parameters, ParseIngestParameters(request.parameters));
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder scratch_folder, TempFolder::Create(request.output_dir, "scratch-"));
+  const std::string& scratch = scratch_folder.path();
   TaskOutcome outcome;
   control.Report(0, "checking the scene");
   // Says all that is wrong at once; after it loading cannot fail for the scene's sake.
-  TESSERA_RETURN_IF_ERROR(CheckSceneFolder(request.input_dir, &outcome.warnings, PartOf(control, 0, 0.3)).status());
+  TESSERA_RETURN_IF_ERROR(
+      CheckSceneFolder(request.input_dir, kMaxFacesInMemory, &outcome.warnings, PartOf(control, 0, 0.3)).status());
   Warnings said_already;
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(request.input_dir, &said_already));
-  TESSERA_ASSIGN_OR_RETURN(TriangleMesh input, LoadSceneMesh(scene, 0));
-  Survey survey;
-  TESSERA_ASSIGN_OR_RETURN(survey.gsd_m, MedianGsd(scene, input));
-  TESSERA_RETURN_IF_ERROR(control.Check());
-
-  control.Report(0.3, "repairing the mesh");
-  TESSERA_ASSIGN_OR_RETURN(const RepairedMesh repaired, RepairMesh(input, &said_already));
-  TESSERA_RETURN_IF_ERROR(control.Check());
-
-  control.Report(0.5, "splitting faces");
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(request.input_dir, &said_already));
+  for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
   const std::vector<PosedCamera> cameras = CamerasOf(scene);
-  SplitMesh split = SplitLargeFaces(repaired.mesh, cameras, DensityOptions());
-  City city;
-  city.mesh = std::move(split.mesh);
-  CompleteLabels(scene, &city.mesh);
-  city.input_face.reserve(split.parent_face.size());
-  for (const uint32_t parent : split.parent_face) city.input_face.push_back(repaired.face_in_input[parent]);
+  control.Report(0.3, "reading the mesh");
+  TESSERA_ASSIGN_OR_RETURN(DiskMesh mesh, ReadMeshToDisk(scene, scratch));
+  Survey survey;
+  TESSERA_ASSIGN_OR_RETURN(survey.gsd_m, MedianGsd(scene, GsdSamples(mesh.spans())));
+  survey.has_labels = mesh.labels.size() > 0;
+  survey.input_vertices = static_cast<int64_t>(mesh.vertices.size());
+  survey.input_faces = static_cast<int64_t>(mesh.faces.size());
   TESSERA_RETURN_IF_ERROR(control.Check());
 
+  control.Report(0.4, "repairing the mesh");
+  MeshDefects defects;
+  TESSERA_ASSIGN_OR_RETURN(mesh, RepairOnDisk(std::move(mesh), scratch, DiskPassOptions(), &defects));
+  if (mesh.faces.size() == 0) return InputError(scene.mesh_path, "", "degenerate faces alone", "a mesh");
+  if (survey.input_faces > kMaxFacesInMemory) {
+    TESSERA_RETURN_IF_ERROR(CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, control, &outcome.warnings));
+  }
+  TESSERA_RETURN_IF_ERROR(control.Check());
+
+  TESSERA_ASSIGN_OR_RETURN(
+      mesh, SplitOnDisk(std::move(mesh), cameras, DensityOptions(), scratch, DiskPassOptions(), [&](double fraction) {
+        control.Report(0.5 + 0.1 * fraction, "splitting faces");
+        return control.Check();
+      }));
+  TESSERA_RETURN_IF_ERROR(CompleteLabels(scene, scratch, &mesh));
+
+  CellViewOptions view_options;
+  view_options.choice.views_per_direction =
+      parameters.views_per_direction.value_or(view_options.choice.views_per_direction);
   survey.scene_name = scene.name;
   survey.up = scene.up_in_local;
   survey.ground = MakeGroundPlane(survey.up, std::exp2(std::round(std::log2(kCellGsd * survey.gsd_m))));
   survey.views = scene.views;
   survey.classes = scene.classes;
   survey.has_likelihoods = scene.has_likelihoods;
-  survey.has_labels = !input.labels.empty();
   survey.origin_in_scene = scene.frame.origin_in_scene();
   survey.rotation_local_from_scene = scene.frame.rotation_local_from_scene();
-  survey.input_vertices = static_cast<int64_t>(input.vertices.size());
-  survey.input_faces = static_cast<int64_t>(input.faces.size());
-  survey.vertices = static_cast<int64_t>(city.mesh.vertices.size());
-  survey.faces = static_cast<int64_t>(city.mesh.faces.size());
-  TESSERA_RETURN_IF_ERROR(FillCells(city.mesh, CellViewOptions(), PartOf(control, 0.6, 0.9), &survey));
-  FillPairs(city.mesh, cameras, parameters, &survey);
+  survey.vertices = static_cast<int64_t>(mesh.vertices.size());
+  survey.faces = static_cast<int64_t>(mesh.faces.size());
+  control.Report(0.6, "writing the city");
+  survey.cells = CellsOf(mesh.spans(), survey.ground);
+  const std::string city_path = OutputPath(request, kCityFile);
+  TESSERA_RETURN_IF_ERROR(
+      WriteCity(city_path, {mesh.spans(), mesh.input_face.values()}, survey.ground, survey.cells, scratch));
+  TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(city_path));
+  TESSERA_RETURN_IF_ERROR(ChooseViews(mesh.spans(), city, view_options, PartOf(control, 0.7, 0.98), scratch, &survey));
+  FillPairs(mesh.spans(), cameras, parameters, &survey);
   survey.warnings = outcome.warnings;
 
-  control.Report(0.9, "writing the city");
-  TESSERA_RETURN_IF_ERROR(WriteCity(OutputPath(request, kCityFile), city));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSurveyFile), SurveyToJson(survey)));
   outcome.outputs = {kCityFile, kSurveyFile};
   outcome.stats = nlohmann::json{{"views", survey.views.size()},

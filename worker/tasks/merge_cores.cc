@@ -1,6 +1,10 @@
 #include "worker/tasks/merge_cores.h"
 
 #include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "worker/tasks/id_merge.h"
 
 namespace tessera {
 namespace {
@@ -9,51 +13,126 @@ bool SameBytes(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return std::memcmp(a.data(), b.data(), 3 * sizeof(double)) == 0;
 }
 
-Status Misfit(int tile, const std::string& what, uint32_t id, const std::string& fault) {
-  return absl::DataLossError("core of tile " + std::to_string(tile) + ": " + what + " " + std::to_string(id) + " " +
-                             fault);
+Status Misfit(int tile, const char* what, uint32_t id, const std::string& fault) {
+  return absl::DataLossError(absl::StrCat("core of tile ", tile, ": ", what, " ", id, " ", fault));
 }
 
-}  // namespace
-
-CoreMerger::CoreMerger(const City& city)
-    : city_(city),
-      confidence_(city.mesh.faces.size(), 0.0f),
-      tile_of_face_(city.mesh.faces.size(), -1),
-      tile_of_vertex_(city.mesh.vertices.size(), -1) {
-  mesh_ = city.mesh;
-}
-
-Status CoreMerger::Add(const TileCore& core) {
-  for (size_t i = 0; i < core.vertex_ids.size(); ++i) {
-    const uint32_t v = core.vertex_ids[i];
-    if (v >= tile_of_vertex_.size()) return Misfit(core.tile, "vertex", v, "is not in the city");
-    if (tile_of_vertex_[v] >= 0 && !SameBytes(mesh_.vertices[v], core.positions[i])) {
-      return Misfit(core.tile, "vertex", v, "differs from tile " + std::to_string(tile_of_vertex_[v]) + "'s");
-    }
-    tile_of_vertex_[v] = core.tile;
-    mesh_.vertices[v] = core.positions[i];
-  }
-  for (size_t i = 0; i < core.face_ids.size(); ++i) {
-    const uint32_t f = core.face_ids[i];
-    if (f >= tile_of_face_.size()) return Misfit(core.tile, "face", f, "is not in the city");
-    if (tile_of_face_[f] >= 0) {
-      return Misfit(core.tile, "face", f, "is in the core of tile " + std::to_string(tile_of_face_[f]) + " too");
-    }
-    tile_of_face_[f] = core.tile;
-    mesh_.labels[f] = core.labels[i];
-    confidence_[f] = core.confidence[i];
+Status Ascends(int tile, const char* what, std::span<const uint32_t> ids) {
+  for (size_t i = 1; i < ids.size(); ++i) {
+    if (ids[i] <= ids[i - 1]) return Misfit(tile, what, ids[i], absl::StrCat("stands behind ", ids[i - 1]));
   }
   return absl::OkStatus();
 }
 
-Status CoreMerger::Finish() {
-  for (size_t f = 0; f < tile_of_face_.size(); ++f) {
-    if (tile_of_face_[f] < 0) return absl::DataLossError("face " + std::to_string(f) + " is in no tile's core");
-    for (const uint32_t v : mesh_.faces[f]) {
-      if (tile_of_vertex_[v] < 0) return absl::DataLossError("vertex " + std::to_string(v) + " is in no tile's core");
-    }
+}  // namespace
+
+CoreSpans::CoreSpans(const TileCore& core)
+    : tile(core.tile),
+      vertex_ids(core.vertex_ids),
+      face_ids(core.face_ids),
+      positions(core.positions),
+      labels(core.labels),
+      confidence(core.confidence) {}
+
+StatusOr<MappedCore> MappedCore::Open(const std::string& path) {
+  MappedCore core;
+  TESSERA_ASSIGN_OR_RETURN(core.file_, MappedArrays::Open(path));
+  const MappedArrays& file = core.file_;
+  try {
+    const nlohmann::json metadata = nlohmann::json::parse(file.metadata());
+    core.spans_.tile = metadata.at("tile");
+    core.report_ = metadata.at("report").dump();
+  } catch (const nlohmann::json::exception& e) {
+    return absl::DataLossError(absl::StrCat(path, ": metadata: ", e.what()));
   }
+  TESSERA_ASSIGN_OR_RETURN(core.spans_.vertex_ids, file.Verified<uint32_t>("vertex_ids"));
+  const auto vertices = static_cast<int64_t>(core.spans_.vertex_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(const auto positions, file.Verified<double>("positions", 3 * vertices));
+  core.spans_.positions = {reinterpret_cast<const Eigen::Vector3d*>(positions.data()), static_cast<size_t>(vertices)};
+  TESSERA_ASSIGN_OR_RETURN(core.spans_.face_ids, file.Verified<uint32_t>("face_ids"));
+  const auto faces = static_cast<int64_t>(core.spans_.face_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(core.spans_.labels, file.Verified<int32_t>("labels", faces));
+  TESSERA_ASSIGN_OR_RETURN(core.spans_.confidence, file.Verified<float>("confidence", faces));
+  return core;
+}
+
+StatusOr<CoreMerger> CoreMerger::Create(const CityReader& city, std::vector<CoreSpans> cores) {
+  CoreMerger merger;
+  merger.city_ = &city;
+  merger.cores_ = std::move(cores);
+  for (const CoreSpans& core : merger.cores_) {
+    TESSERA_RETURN_IF_ERROR(Ascends(core.tile, "vertex", core.vertex_ids));
+    TESSERA_RETURN_IF_ERROR(Ascends(core.tile, "face", core.face_ids));
+  }
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    TESSERA_ASSIGN_OR_RETURN(CityBlock block, city.Block(b));
+    merger.blocks_.push_back(block);
+  }
+  return merger;
+}
+
+Status CoreMerger::ForEachVertex(const std::function<void(const MergedVertex&)>& visit) const {
+  std::vector<std::span<const uint32_t>> city_lists, core_lists;
+  for (const CityBlock& block : blocks_) city_lists.push_back(block.vertex_ids);
+  for (const CoreSpans& core : cores_) core_lists.push_back(core.vertex_ids);
+  IdMerge<uint32_t> in_city(std::move(city_lists)), in_cores(std::move(core_lists));
+  MergedVertex vertex;
+  for (int64_t v = 0; v < city_->vertices(); ++v) {
+    vertex.id = static_cast<uint32_t>(v);
+    if (in_city.AtEnd() || in_city.key() != vertex.id) {
+      return absl::DataLossError(absl::StrCat("city: vertex ", v, " is in no block"));
+    }
+    vertex.before = blocks_[in_city.list()].mesh.vertices[in_city.index()];
+    while (!in_city.AtEnd() && in_city.key() == vertex.id) in_city.Advance();
+    if (in_cores.AtEnd() || in_cores.key() != vertex.id) {
+      return absl::DataLossError(absl::StrCat("vertex ", v, " is in no tile's core"));
+    }
+    const CoreSpans& first = cores_[in_cores.list()];
+    vertex.after = first.positions[in_cores.index()];
+    for (in_cores.Advance(); !in_cores.AtEnd() && in_cores.key() == vertex.id; in_cores.Advance()) {
+      const CoreSpans& other = cores_[in_cores.list()];
+      if (!SameBytes(vertex.after, other.positions[in_cores.index()])) {
+        return Misfit(other.tile, "vertex", vertex.id, absl::StrCat("differs from tile ", first.tile, "'s"));
+      }
+    }
+    visit(vertex);
+  }
+  if (!in_cores.AtEnd()) return Misfit(cores_[in_cores.list()].tile, "vertex", in_cores.key(), "is not in the city");
+  return absl::OkStatus();
+}
+
+Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& visit) const {
+  std::vector<std::span<const uint32_t>> city_lists, core_lists;
+  for (const CityBlock& block : blocks_) city_lists.push_back(block.face_ids);
+  for (const CoreSpans& core : cores_) core_lists.push_back(core.face_ids);
+  IdMerge<uint32_t> in_city(std::move(city_lists)), in_cores(std::move(core_lists));
+  MergedFace face;
+  for (int64_t f = 0; f < city_->faces(); ++f, in_city.Advance()) {
+    face.id = static_cast<uint32_t>(f);
+    if (in_city.AtEnd() || in_city.key() != face.id) {
+      return absl::DataLossError(absl::StrCat("city: found no face ", f, " or two"));
+    }
+    const CityBlock& block = blocks_[in_city.list()];
+    const size_t at = in_city.index();
+    face.vertices = block.GlobalFace(at);
+    face.area_before_m2 = FaceArea(block.mesh, at);
+    face.label_before = block.mesh.labels[at];
+    face.input_face = block.input_face[at];
+    if (in_cores.AtEnd() || in_cores.key() != face.id) {
+      return absl::DataLossError(absl::StrCat("face ", f, " is in no tile's core"));
+    }
+    const CoreSpans& core = cores_[in_cores.list()];
+    face.tile = core.tile;
+    face.label = core.labels[in_cores.index()];
+    face.confidence = core.confidence[in_cores.index()];
+    in_cores.Advance();
+    if (!in_cores.AtEnd() && in_cores.key() == face.id) {
+      return Misfit(cores_[in_cores.list()].tile, "face", face.id,
+                    absl::StrCat("is in the core of tile ", core.tile, " too"));
+    }
+    visit(face);
+  }
+  if (!in_cores.AtEnd()) return Misfit(cores_[in_cores.list()].tile, "face", in_cores.key(), "is not in the city");
   return absl::OkStatus();
 }
 

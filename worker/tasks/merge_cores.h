@@ -1,40 +1,78 @@
-// Putting the city together again from its stitched cores.
+// Putting the city together again from its stitched cores, without holding it.
 #ifndef TESSERA_WORKER_TASKS_MERGE_CORES_H_
 #define TESSERA_WORKER_TASKS_MERGE_CORES_H_
 
+#include <Eigen/Core>
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/tile/mapped_arrays.h"
 #include "worker/tasks/city_file.h"
 #include "worker/tasks/tile_files.h"
 
 namespace tessera {
 
-// Takes cores one by one and checks that they fit. Not thread-safe.
-class CoreMerger {
+// A core, wherever it lies.
+struct CoreSpans {
+  CoreSpans() = default;
+  explicit CoreSpans(const TileCore& core);
+  int tile = 0;
+  std::span<const uint32_t> vertex_ids, face_ids;
+  std::span<const Eigen::Vector3d> positions;
+  std::span<const int32_t> labels;
+  std::span<const float> confidence;
+};
+
+// A core's file in the address space.
+class MappedCore {
  public:
-  // `city` must outlive the merger.
-  explicit CoreMerger(const City& city);
-
-  // DATA_LOSS if a face was in an earlier core, if a vertex was there at another position (in any bit), or if the core
-  // names what the city has not.
-  Status Add(const TileCore& core);
-
-  // DATA_LOSS if a face is in no core or a vertex of a face has no position. Afterwards mesh() is the result: vertices
-  // and faces by global id, the city's topology, local frame.
-  Status Finish();
-
-  const TriangleMesh& mesh() const { return mesh_; }
-  const std::vector<float>& confidence() const { return confidence_; }
-  // Tile whose core has the face.
-  const std::vector<int32_t>& tile_of_face() const { return tile_of_face_; }
+  // Reads it once and checks it: DATA_LOSS as ReadTileCore.
+  static StatusOr<MappedCore> Open(const std::string& path);
+  const CoreSpans& spans() const { return spans_; }
+  const std::string& report() const { return report_; }
 
  private:
-  const City& city_;
-  TriangleMesh mesh_;
-  std::vector<float> confidence_;
-  std::vector<int32_t> tile_of_face_, tile_of_vertex_;  // -1: none yet
+  MappedArrays file_;
+  CoreSpans spans_;
+  std::string report_;
+};
+
+struct MergedVertex {
+  uint32_t id = 0;
+  Eigen::Vector3d before, after;  // local frame
+};
+
+struct MergedFace {
+  uint32_t id = 0;
+  Triangle vertices;  // global
+  double area_before_m2 = 0;
+  int32_t label_before = -1;
+  uint32_t input_face = 0;
+  int tile = 0;  // whose core has it
+  int32_t label = -1;
+  float confidence = 0;
+};
+
+// Walks a city and its cores, both by global id. All that it is made of must outlive it. Memory is bounded by the
+// number of blocks and cores; the data are read front to back within each of them. Not thread-safe.
+class CoreMerger {
+ public:
+  // Checks and reads the city's blocks. Errors as CityReader::Block's.
+  static StatusOr<CoreMerger> Create(const CityReader& city, std::vector<CoreSpans> cores);
+
+  // Every vertex of the city by id. DATA_LOSS if one is in no core, if cores have it at different positions (in any
+  // bit), or if a core names one that the city has not.
+  Status ForEachVertex(const std::function<void(const MergedVertex&)>& visit) const;
+  // Every face of the city by id. DATA_LOSS if one is in no core or in two, or if a core names one that the city has
+  // not.
+  Status ForEachFace(const std::function<void(const MergedFace&)>& visit) const;
+
+ private:
+  const CityReader* city_ = nullptr;
+  std::vector<CityBlock> blocks_;
+  std::vector<CoreSpans> cores_;
 };
 
 }  // namespace tessera

@@ -2,11 +2,13 @@
 
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
+#include "common/storage/mapped_file.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "worker/tasks/merge_cores.h"
 #include "worker/tasks/report.h"
 #include "worker/tasks/stages.h"
+#include "worker/tasks/tile_meshes.h"
 
 namespace tessera {
 
@@ -16,36 +18,61 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   control.Report(0, "reading the city");
   TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kSurveyFile)));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
-  TESSERA_ASSIGN_OR_RETURN(const City city, ReadCity(InputPath(request, kCityFile)));
+  TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
 
-  CoreMerger merger(city);
+  std::vector<MappedCore> cores;
+  std::vector<CoreSpans> spans;
   std::vector<ReportedTile> tiles;
   for (const TileParameters& tile : parameters.tiles) {
     TESSERA_RETURN_IF_ERROR(control.Check());
-    TESSERA_ASSIGN_OR_RETURN(const TileCore core,
-                             ReadTileCore(InputPath(request, TileInputName(tile.tile, kCoreFile))));
-    TESSERA_RETURN_IF_ERROR(merger.Add(core));
-    tiles.push_back({core.tile, core.report});
-    control.Report(0.2 + 0.5 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "merging");
+    TESSERA_ASSIGN_OR_RETURN(MappedCore core,
+                             MappedCore::Open(InputPath(request, TileInputName(tile.tile, kCoreFile))));
+    spans.push_back(core.spans());
+    tiles.push_back({core.spans().tile, core.report()});
+    cores.push_back(std::move(core));
+    control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
   }
-  TESSERA_RETURN_IF_ERROR(merger.Finish());
+  TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, spans));
 
-  control.Report(0.7, "writing the mesh");
-  TESSERA_RETURN_IF_ERROR(
-      WriteFileAtomic(OutputPath(request, kReportFile), MakeReport(survey, city.mesh, merger.mesh(), tiles)));
-  TriangleMesh result = merger.mesh();
-  for (Eigen::Vector3d& p : result.vertices) {
-    p = survey.rotation_local_from_scene.transpose() * p + survey.origin_in_scene;
-  }
-  PlyWriteOptions options;
-  for (const SceneClass& c : survey.classes) options.label_colors_rgb.push_back(c.color_rgb);
-  options.face_confidence = merger.confidence();
-  options.input_face = city.input_face;
-  TESSERA_RETURN_IF_ERROR(WritePly(OutputPath(request, kMeshFile), result, options));
+  control.Report(0.2, "writing the mesh");
+  PlyLayout layout;
+  layout.vertices = city.vertices();
+  layout.faces = city.faces();
+  layout.has_labels = layout.has_confidence = layout.has_input_face = true;
+  for (const SceneClass& c : survey.classes) layout.label_colors_rgb.push_back(c.color_rgb);
+  TESSERA_ASSIGN_OR_RETURN(PlyStream mesh, PlyStream::Create(OutputPath(request, kMeshFile), layout));
+  TESSERA_ASSIGN_OR_RETURN(ResultStatistics statistics,
+                           ResultStatistics::Create(request.output_dir, survey.classes.size()));
+  TESSERA_ASSIGN_OR_RETURN(auto positions, ScratchList<Eigen::Vector3d>::Create(request.output_dir));
+  const Eigen::Matrix3d scene_from_local = survey.rotation_local_from_scene.transpose();
+  TESSERA_RETURN_IF_ERROR(merger.ForEachVertex([&](const MergedVertex& vertex) {
+    mesh.AddVertex(scene_from_local * vertex.after + survey.origin_in_scene);
+    statistics.AddVertex(vertex.before, vertex.after);
+    positions.Append(vertex.after);
+  }));
+  TESSERA_ASSIGN_OR_RETURN(const auto after, positions.Finish());
+  TESSERA_RETURN_IF_ERROR(control.Check());
+  control.Report(0.5, "writing the mesh");
+  MeshSpans one_face;
+  one_face.vertices = after.values();
+  TESSERA_RETURN_IF_ERROR(merger.ForEachFace([&](const MergedFace& face) {
+    mesh.AddFace({face.vertices, face.label, face.confidence, face.input_face});
+    one_face.faces = {&face.vertices, 1};
+    statistics.AddFace(face.area_before_m2, face.label_before, FaceArea(one_face, 0), face.label);
+  }));
+  TESSERA_RETURN_IF_ERROR(mesh.Finish());
+  TESSERA_ASSIGN_OR_RETURN(const std::string report, MakeReport(survey, std::move(statistics), tiles));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kReportFile), report));
 
   TaskOutcome outcome;
   outcome.outputs = {kMeshFile, kReportFile};
-  outcome.stats = nlohmann::json{{"faces", result.faces.size()}, {"seconds", SecondsSince(clock, start_us)}}.dump();
+  if (parameters.tiles.size() > 1) {
+    TESSERA_ASSIGN_OR_RETURN(
+        const std::vector<std::string> names,
+        WriteTileMeshes(request.output_dir, city, survey, parameters.tiles, spans, PartOf(control, 0.8, 1)));
+    outcome.outputs.insert(outcome.outputs.end(), names.begin(), names.end());
+  }
+  outcome.stats = nlohmann::json{{"faces", city.faces()}, {"seconds", SecondsSince(clock, start_us)}}.dump();
   return outcome;
 }
 

@@ -1,11 +1,14 @@
 // A job from scene to mesh, all tasks in this process.
 #include <gtest/gtest.h>
 
+#include <array>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "common/base/parallel.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
+#include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
@@ -71,6 +74,35 @@ TEST(Line, StandingStillGivesTheInputBack) {
   }
 }
 
+// What the geometry step makes of a scene depends on its last bits, so they must not depend on where the scene lies.
+TEST(Line, IngestMakesTheSameBitsOfAMovedScene) {
+  std::string cities[2];
+  Survey surveys[2];
+  for (const int moved : {0, 1}) {
+    TinySceneOptions options;
+    if (moved) options.offset = Eigen::Vector3d(5000, -3000, 7) * 1024;
+    const std::string folder = FreshTestFolder("moved" + std::to_string(moved));
+    const TinyScene scene = WriteTinyScene(folder, options);
+    // Positions with as many digits as mapping tools write.
+    TriangleMesh mesh = scene.mesh;
+    for (size_t v = 0; v < mesh.vertices.size(); ++v) mesh.vertices[v].z() += 0.001 * static_cast<double>(v % 97);
+    ASSERT_TRUE(WritePly(folder + "/mesh.ply", mesh).ok());
+    const std::string out = folder + "/out";
+    ASSERT_TRUE(EnsureFolder(out).ok());
+    const auto outcome = RunTask({"ingest", ToJson(IngestParameters()), folder, out}, {});
+    ASSERT_TRUE(outcome.ok()) << outcome.status();
+    cities[moved] = *ReadFile(out + "/" + kCityFile);
+    const auto survey = ParseSurvey(*ReadFile(out + "/" + kSurveyFile));
+    ASSERT_TRUE(survey.ok()) << survey.status();
+    surveys[moved] = *survey;
+    EXPECT_EQ(survey->origin_in_scene, options.offset);
+    surveys[moved].origin_in_scene.setZero();
+    surveys[moved].scene_name.clear();  // the folder's
+  }
+  EXPECT_EQ(cities[0], cities[1]);
+  EXPECT_EQ(SurveyToJson(surveys[0]), SurveyToJson(surveys[1]));
+}
+
 TEST(Line, SameTopologyForAnyTilingAndLabelsAsGoodAsTheStart) {
   const std::string folder = FreshTestFolder("tiled");
   const TinyScene scene = WriteTinyScene(folder);
@@ -97,6 +129,51 @@ TEST(Line, SameTopologyForAnyTilingAndLabelsAsGoodAsTheStart) {
     EXPECT_EQ(report.at("tiles").size(), static_cast<size_t>(refined));
     EXPECT_EQ(refined, tiles);
     EXPECT_EQ(report.at("output").at("faces").get<size_t>(), faces.size());
+  }
+}
+
+// The tiles' own files hold the result's faces once each, at the result's positions byte for byte.
+TEST(Line, TileFilesAreTheMeshInPieces) {
+  TinySceneOptions options;
+  options.offset = {357000, 5788000, 40};
+  const std::string folder = FreshTestFolder("tile_files");
+  WriteTinyScene(folder, options);
+  const auto tasks = RunLine(folder, folder + "/work", {.tiles = 5});
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  const std::string out = tasks->back().output_dir;
+  const std::vector<std::string>& outputs = tasks->back().outcome.outputs;
+  using Corners = std::array<std::array<double, 3>, 3>;
+  const auto corners_of = [](const TriangleMesh& mesh, size_t f) {
+    Corners corners;
+    for (int k = 0; k < 3; ++k) corners[k] = {mesh.Corner(f, k).x(), mesh.Corner(f, k).y(), mesh.Corner(f, k).z()};
+    return corners;
+  };
+  std::map<Corners, int> in_tiles;
+  const nlohmann::json index = nlohmann::json::parse(*ReadFile(out + "/" + kTileIndexFile));
+  EXPECT_EQ(index.at("tiles").size(), 5u);
+  for (const nlohmann::json& tile : index.at("tiles")) {
+    const std::string name = "tiles/" + tile.at("file").get<std::string>();
+    EXPECT_EQ(std::count(outputs.begin(), outputs.end(), name), 1);
+    const auto content = ReadPly(out + "/" + name);
+    ASSERT_TRUE(content.ok()) << content.status();
+    const TriangleMesh& mesh = content->mesh;
+    EXPECT_EQ(tile.at("faces").get<size_t>(), mesh.faces.size());
+    EXPECT_EQ(tile.at("vertices").get<size_t>(), mesh.vertices.size());
+    for (size_t f = 0; f < mesh.faces.size(); ++f) in_tiles[corners_of(mesh, f)] = mesh.labels[f];
+    for (const Eigen::Vector3d& p : mesh.vertices) {
+      for (int axis = 0; axis < 3; ++axis) {
+        EXPECT_GE(p[axis], tile.at("box_min").at(axis).get<double>());
+        EXPECT_LE(p[axis], tile.at("box_max").at(axis).get<double>());
+      }
+    }
+  }
+  const auto whole = ReadPly(out + "/" + kMeshFile);
+  ASSERT_TRUE(whole.ok());
+  EXPECT_EQ(in_tiles.size(), whole->mesh.faces.size());
+  for (size_t f = 0; f < whole->mesh.faces.size(); ++f) {
+    const auto it = in_tiles.find(corners_of(whole->mesh, f));
+    ASSERT_NE(it, in_tiles.end()) << "face " << f;
+    EXPECT_EQ(it->second, whole->mesh.labels[f]);
   }
 }
 
@@ -234,6 +311,9 @@ TEST(Line, MethodAndSettingsReachTheRefinement) {
   settings.method_settings.partners = 1;
   EXPECT_LT(pixels(RefineStats(folder, "fewer", settings)), pixels(ours));
   settings.method_settings.partners.reset();
+  settings.method_settings.views_per_direction = 1;
+  EXPECT_LE(pixels(RefineStats(folder, "fewer_views", settings)), pixels(ours));
+  settings.method_settings.views_per_direction.reset();
 
   settings.method = "paper";
   const nlohmann::json paper = RefineStats(folder, "paper", settings);

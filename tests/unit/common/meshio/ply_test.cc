@@ -327,5 +327,25 @@ TEST(Ply, AbsurdCountsAreRefusedBeforeAllocation) {
               HasSubstr("line 7: found 9223372036854775807 elements 'face' declared"));
 }
 
+TEST(PlyStream, AppearsOnlyWithTheAnnouncedCounts) {
+  const std::string path = testing::TempDir() + "/streamed.ply";
+  std::filesystem::remove(path);
+  PlyLayout layout;
+  layout.vertices = 3;
+  layout.faces = 1;
+  for (const int vertices : {2, 3}) {
+    auto stream = PlyStream::Create(path, layout);
+    ASSERT_TRUE(stream.ok()) << stream.status();
+    for (int v = 0; v < vertices; ++v) stream->AddVertex({0.5 * v, 1.0 * v * v, -1});
+    stream->AddFace({{0, 1, 2}});
+    EXPECT_EQ(stream->Finish().ok(), vertices == 3);
+    EXPECT_EQ(std::filesystem::exists(path), vertices == 3);
+  }
+  const auto read = ReadPly(path);
+  ASSERT_TRUE(read.ok()) << read.status();
+  EXPECT_EQ(read->mesh.vertices[2], Eigen::Vector3d(1, 4, -1));
+  EXPECT_EQ(*PlyFaceCount(path), 1);
+}
+
 }  // namespace
 }  // namespace tessera

@@ -248,18 +248,21 @@ TEST(Plan, HaloGrowsWithTheReachOfWindowsAndLevels) {
 }
 
 TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {
-  JobSettings one, other, more_pairs;
+  JobSettings one, other, more_pairs, fewer_views;
   one.tiles = 1;
   other.tiles = 9;
   other.rounds = 3;
   other.method = "paper";
   other.method_settings.window_px = 9;
   more_pairs.method_settings.partners = 6;
+  fewer_views.method_settings.views_per_direction = 3;
   const auto a = PlanIngest(one, {"images/a.jpg", "scene.json"});
   const auto b = PlanIngest(other, {"images/a.jpg", "scene.json"});
   const auto c = PlanIngest(more_pairs, {"images/a.jpg", "scene.json"});
-  ASSERT_TRUE(a.ok() && b.ok() && c.ok());
+  const auto d = PlanIngest(fewer_views, {"images/a.jpg", "scene.json"});
+  ASSERT_TRUE(a.ok() && b.ok() && c.ok() && d.ok());
   EXPECT_NE(a->parameters, c->parameters) << "ingest chooses the pairs";
+  EXPECT_NE(a->parameters, d->parameters) << "and the views of cells";
   EXPECT_EQ(a->inputs.size(), 2u);
   EXPECT_EQ(a->parameters, b->parameters) << "so that it is done once for all tilings";
 }

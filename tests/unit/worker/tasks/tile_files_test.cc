@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include "common/storage/files.h"
-#include "worker/tasks/city_file.h"
 #include "worker/tasks/task.h"
 
 namespace tessera {
@@ -54,17 +53,6 @@ TEST(TileFiles, PackageRoundTrip) {
   EXPECT_EQ(read->mesh.faces, p.mesh.faces);
   EXPECT_EQ(read->vertex_ids, p.vertex_ids);
   EXPECT_EQ(read->fixed, p.fixed);
-}
-
-TEST(TileFiles, PartsThatDoNotFitAreDataLoss) {
-  City city;
-  city.mesh = OneFace();
-  ASSERT_TRUE(WriteCity(TestPath("city.arrays"), city).ok());
-  EXPECT_EQ(ReadCity(TestPath("city.arrays")).status().code(), absl::StatusCode::kDataLoss) << "no input faces";
-  city.input_face = {0};
-  city.mesh.faces[0][2] = 3;
-  ASSERT_TRUE(WriteCity(TestPath("city.arrays"), city).ok());
-  EXPECT_EQ(ReadCity(TestPath("city.arrays")).status().code(), absl::StatusCode::kDataLoss) << "no vertex 3";
 }
 
 TEST(RunTask, UnknownKindAndWrongParametersAreTheInputsFault) {

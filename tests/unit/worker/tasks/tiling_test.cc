@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <cstring>
 #include <map>
+#include <numeric>
 
 #include "common/base/random.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/tasks/cell_views.h"
 #include "worker/tasks/cut_tile.h"
 #include "worker/tasks/merge_cores.h"
+#include "worker/tasks/report.h"
 #include "worker/tasks/stitch_tile.h"
 #include "worker/visibility/rasterizer.h"
 
@@ -17,17 +19,20 @@ namespace tessera {
 namespace {
 
 constexpr double kHalo_m = 5, kBlend_m = 3;
+constexpr int64_t kBlockFaces = 60;  // so that the toy has many blocks
 
 struct TinyCity {
-  City city;
+  TriangleMesh mesh;  // of the whole city
+  CityReader city;
   Survey survey;
 };
 
 TinyCity MakeCity() {
   TinyCity tiny;
   const TinyScene scene = MakeTinyScene();
-  tiny.city.mesh = scene.mesh;
-  for (size_t f = 0; f < scene.mesh.faces.size(); ++f) tiny.city.input_face.push_back(static_cast<int64_t>(f));
+  tiny.mesh = scene.mesh;
+  std::vector<uint32_t> input_face(scene.mesh.faces.size());
+  std::iota(input_face.begin(), input_face.end(), 0u);
   Survey& s = tiny.survey;
   s.gsd_m = 0.2;
   s.ground = MakeGroundPlane(s.up, 4);
@@ -40,7 +45,15 @@ TinyCity MakeCity() {
     s.views.push_back(view);
   }
   s.faces = static_cast<int64_t>(scene.mesh.faces.size());
-  EXPECT_TRUE(FillCells(scene.mesh, {}, {}, &s).ok());
+  s.cells = CellsOf(tiny.mesh, s.ground);
+  const std::string path = FreshTestFolder("city") + "/city.arrays";
+  const Status written = WriteCity(path, {tiny.mesh, input_face}, s.ground, s.cells, testing::TempDir(), kBlockFaces);
+  EXPECT_TRUE(written.ok()) << written;
+  auto opened = CityReader::Open(path);
+  EXPECT_TRUE(opened.ok()) << opened.status();
+  tiny.city = *std::move(opened);
+  const Status chosen = ChooseViews(tiny.mesh, tiny.city, {}, {}, testing::TempDir(), &s);
+  EXPECT_TRUE(chosen.ok()) << chosen;
   return tiny;
 }
 
@@ -115,15 +128,23 @@ std::vector<TileCore> StitchAll(const Tiled& tiled, const std::vector<TileResult
   return cores;
 }
 
-TriangleMesh Merge(const City& city, const std::vector<TileCore>& cores) {
-  CoreMerger merger(city);
-  for (const TileCore& core : cores) {
-    const Status added = merger.Add(core);
-    EXPECT_TRUE(added.ok()) << added;
-  }
-  const Status finished = merger.Finish();
-  EXPECT_TRUE(finished.ok()) << finished;
-  return merger.mesh();
+Status MergeInto(const CityReader& city, const std::vector<TileCore>& cores, TriangleMesh* merged) {
+  std::vector<CoreSpans> spans;
+  for (const TileCore& core : cores) spans.emplace_back(core);
+  TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, spans));
+  TESSERA_RETURN_IF_ERROR(
+      merger.ForEachVertex([&](const MergedVertex& vertex) { merged->vertices.push_back(vertex.after); }));
+  return merger.ForEachFace([&](const MergedFace& face) {
+    merged->faces.push_back(face.vertices);
+    merged->labels.push_back(face.label);
+  });
+}
+
+TriangleMesh Merge(const CityReader& city, const std::vector<TileCore>& cores) {
+  TriangleMesh merged;
+  const Status status = MergeInto(city, cores, &merged);
+  EXPECT_TRUE(status.ok()) << status;
+  return merged;
 }
 
 bool SameBytes(const TriangleMesh& a, const TriangleMesh& b) {
@@ -140,7 +161,7 @@ TEST(Tiling, EveryFaceIsInExactlyOneCoreAndStandingStillChangesNoByte) {
     for (const TilePackage& package : tiled.packages) {
       results.push_back(ResultOf(package, [](size_t) { return Eigen::Vector3d::Zero(); }));
     }
-    EXPECT_TRUE(SameBytes(Merge(tiny.city, StitchAll(tiled, results)), tiny.city.mesh)) << "seed " << seed;
+    EXPECT_TRUE(SameBytes(Merge(tiny.city, StitchAll(tiled, results)), tiny.mesh)) << "seed " << seed;
   }
 }
 
@@ -175,7 +196,7 @@ TEST(Tiling, WhatAllTilesAgreeOnIsKept) {
   }
   const TriangleMesh merged = Merge(tiny.city, StitchAll(tiled, results));
   for (size_t v = 0; v < merged.vertices.size(); ++v) {
-    const Eigen::Vector3d expected = tiny.city.mesh.vertices[v] + move(static_cast<uint32_t>(v));
+    const Eigen::Vector3d expected = tiny.mesh.vertices[v] + move(static_cast<uint32_t>(v));
     EXPECT_NEAR((merged.vertices[v] - expected).norm(), 0, 1e-9);
   }
 }
@@ -210,28 +231,25 @@ TEST(Tiling, MergerRefusesGapsOverlapsAndCracks) {
     results.push_back(ResultOf(package, [](size_t) { return Eigen::Vector3d::Zero(); }));
   }
   const std::vector<TileCore> cores = StitchAll(tiled, results);
-  CoreMerger gap(tiny.city);
-  for (size_t t = 1; t < cores.size(); ++t) EXPECT_TRUE(gap.Add(cores[t]).ok());
-  EXPECT_EQ(gap.Finish().code(), absl::StatusCode::kDataLoss);
-  CoreMerger overlap(tiny.city);
-  EXPECT_TRUE(overlap.Add(cores[0]).ok());
-  EXPECT_EQ(overlap.Add(cores[0]).code(), absl::StatusCode::kDataLoss);
-  CoreMerger crack(tiny.city);
-  bool refused = false;
-  for (size_t t = 0; t < cores.size(); ++t) {
-    TileCore core = cores[t];
-    if (t == 0) {
-      for (Eigen::Vector3d& p : core.positions) p.z() = std::nextafter(p.z(), 1e9);
-    }
-    refused = refused || !crack.Add(core).ok();
-  }
-  EXPECT_TRUE(refused);
+  TriangleMesh unused;
+  EXPECT_TRUE(MergeInto(tiny.city, cores, &unused).ok());
+  const std::vector<TileCore> gap(cores.begin() + 1, cores.end());
+  EXPECT_EQ(MergeInto(tiny.city, gap, &unused).code(), absl::StatusCode::kDataLoss);
+  std::vector<TileCore> overlap = cores;
+  overlap.push_back(cores[0]);
+  EXPECT_EQ(MergeInto(tiny.city, overlap, &unused).code(), absl::StatusCode::kDataLoss);
+  std::vector<TileCore> crack = cores;
+  for (Eigen::Vector3d& p : crack[0].positions) p.z() = std::nextafter(p.z(), 1e9);
+  EXPECT_EQ(MergeInto(tiny.city, crack, &unused).code(), absl::StatusCode::kDataLoss);
+  std::vector<TileCore> stranger = cores;
+  stranger[0].face_ids.back() = static_cast<uint32_t>(tiny.mesh.faces.size());
+  EXPECT_EQ(MergeInto(tiny.city, stranger, &unused).code(), absl::StatusCode::kDataLoss);
 }
 
 TEST(CutTile, FixesExactlyTheVerticesThatFacesOutsideUse) {
   const TinyCity tiny = MakeCity();
   Random random(2);
-  const TriangleMesh& mesh = tiny.city.mesh;
+  const TriangleMesh& mesh = tiny.mesh;
   for (const TilePackage& package : CutAll(tiny, RandomTiles(tiny.survey, &random)).packages) {
     std::vector<int> faces_in(mesh.vertices.size(), 0), faces_all(mesh.vertices.size(), 0);
     for (const Triangle& face : mesh.faces) {
@@ -264,7 +282,7 @@ TEST(CutTile, OccludersHideWhatTheCityHides) {
       local[static_cast<int32_t>(package.face_ids[f])] = static_cast<int32_t>(f);
     }
     for (const SceneView& view : package.views) {
-      const FaceMap whole = RasterizeFaces(tiny.city.mesh, nullptr, view.camera);
+      const FaceMap whole = RasterizeFaces(tiny.mesh, nullptr, view.camera);
       const FaceMap tile = RasterizeFaces(package.mesh, &package.occluders, view.camera);
       const FaceMap bare = RasterizeFaces(package.mesh, nullptr, view.camera);
       for (size_t i = 0; i < whole.face.size(); ++i) {
@@ -286,6 +304,69 @@ TEST(CutTile, RefusesACoreWithoutFaces) {
   EXPECT_EQ(CutTile(tiny.city, tiny.survey, far).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
+TEST(CityFile, BlocksGiveTheMeshBackWhateverTheirSize) {
+  const TinyScene scene = MakeTinyScene();
+  std::vector<uint32_t> input_face(scene.mesh.faces.size());
+  std::iota(input_face.begin(), input_face.end(), 5u);
+  const GroundPlane ground = MakeGroundPlane(Eigen::Vector3d::UnitZ(), 4);
+  const std::vector<SurveyCell> cells = CellsOf(scene.mesh, ground);
+  const std::string path = FreshTestFolder("blocks") + "/city.arrays";
+  size_t blocks = 0;
+  for (const int64_t max_faces : {1 << 20, 200, 1}) {
+    ASSERT_TRUE(WriteCity(path, {scene.mesh, input_face}, ground, cells, testing::TempDir(), max_faces).ok());
+    const auto city = ReadCity(path);
+    ASSERT_TRUE(city.ok()) << city.status();
+    EXPECT_TRUE(SameBytes(city->mesh, scene.mesh));
+    EXPECT_EQ(city->input_face, std::vector<int64_t>(input_face.begin(), input_face.end()));
+    const auto reader = CityReader::Open(path);
+    ASSERT_TRUE(reader.ok());
+    EXPECT_GT(reader->block_count(), blocks);
+    blocks = reader->block_count();
+    int64_t faces = 0;
+    for (size_t b = 0; b < blocks; ++b) {
+      const auto block = reader->Block(b);
+      ASSERT_TRUE(block.ok());
+      EXPECT_TRUE(block->face_ids.size() <= static_cast<size_t>(max_faces) ||
+                  (block->cells.x1 == block->cells.x0 + 1 && block->cells.y1 == block->cells.y0 + 1));
+      faces += static_cast<int64_t>(block->face_ids.size());
+      for (size_t f = 0; f < block->face_ids.size(); ++f) {
+        EXPECT_TRUE(block->cells.Contains(ground.Cell(block->mesh.Centroid(f))));
+      }
+    }
+    EXPECT_EQ(faces, reader->faces());
+  }
+  EXPECT_EQ(blocks, cells.size());
+}
+
+TEST(CityFile, DamageIsFoundWhereItIs) {
+  const TinyCity tiny = MakeCity();
+  const std::string path = FreshTestFolder("damage") + "/city.arrays";
+  std::vector<uint32_t> input_face(tiny.mesh.faces.size());
+  ASSERT_TRUE(
+      WriteCity(path, {tiny.mesh, input_face}, tiny.survey.ground, tiny.survey.cells, testing::TempDir(), kBlockFaces)
+          .ok());
+  std::string bytes = ReadText(path);
+  bytes[bytes.size() - 3] ^= 4;  // in the last vertex id, of the last block
+  WriteText(path, bytes);
+  const auto city = CityReader::Open(path);
+  ASSERT_TRUE(city.ok()) << city.status();
+  EXPECT_TRUE(city->Block(0).ok());
+  EXPECT_EQ(city->Block(city->block_count() - 1).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(ReadCity(path).status().code(), absl::StatusCode::kDataLoss);
+  WriteText(path, bytes.substr(0, bytes.size() - 1));
+  EXPECT_EQ(CityReader::Open(path).status().code(), absl::StatusCode::kDataLoss);
+}
+
+TEST(Report, NthSmallestIsThatOfTheSortedValues) {
+  Random random(4);
+  std::vector<double> values = {0, 0, 1e-300, 1e300};
+  for (int i = 0; i < 1000; ++i) values.push_back(std::abs(random.Normal()) * std::pow(10, random.Below(5)));
+  std::vector<double> sorted = values;
+  std::sort(sorted.begin(), sorted.end());
+  for (size_t n = 0; n < values.size(); n += 7) EXPECT_EQ(NthSmallest(values, n), sorted[n]);
+  EXPECT_EQ(NthSmallest(values, values.size() - 1), 1e300);
+}
+
 TEST(CellViews, FacesAreCountedOnceAndFacadesKeepTheirOwnViews) {
   const TinyCity tiny = MakeCity();
   int64_t faces = 0;
@@ -300,6 +381,17 @@ TEST(CellViews, FacesAreCountedOnceAndFacadesKeepTheirOwnViews) {
     for (const int32_t v : cell.views) used[v] = 1;
   }
   EXPECT_EQ(std::count(used.begin(), used.end(), 1), static_cast<int64_t>(used.size()));
+}
+
+// A city that is too large for one tree of rays: coarse far away, in full nearby.
+TEST(CellViews, LargeCitiesChooseTheSameViews) {
+  const TinyCity tiny = MakeCity();
+  Survey survey = tiny.survey;
+  for (SurveyCell& cell : survey.cells) cell.views.clear();
+  CellViewOptions options;
+  options.max_whole_faces = 0;
+  ASSERT_TRUE(ChooseViews(tiny.mesh, tiny.city, options, {}, testing::TempDir(), &survey).ok());
+  for (size_t c = 0; c < survey.cells.size(); ++c) EXPECT_EQ(survey.cells[c].views, tiny.survey.cells[c].views);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "common/evaluate/nearest_surface.h"
+#include "common/geometry/nearest_surface.h"
 
 #include <embree3/rtcore.h>
 
@@ -37,6 +37,23 @@ struct NearestSurface::Impl {
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
 
+  // What float rounding in the tree may hide of a point.
+  double SlackAt(const Eigen::Vector3d& p) const {
+    return 8 * std::numeric_limits<float>::epsilon() * (extent_m + (p - centre).cwiseAbs().maxCoeff());
+  }
+
+  void Query(const Eigen::Vector3d& p, float radius, RTCPointQueryFunction visit, void* user) const {
+    const Eigen::Vector3d centred = p - centre;
+    RTCPointQuery query{};
+    query.x = static_cast<float>(centred.x());
+    query.y = static_cast<float>(centred.y());
+    query.z = static_cast<float>(centred.z());
+    query.radius = radius;
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    rtcPointQuery(scene, &query, &context, visit, user);
+  }
+
   ~Impl() {
     if (scene) rtcReleaseScene(scene);
     if (device) rtcReleaseDevice(device);
@@ -65,6 +82,24 @@ bool Visit(RTCPointQueryFunctionArguments* args) {
   search.face = face;
   search.point = point;
   args->query->radius = static_cast<float>(std::sqrt(squared) * (1 + 1e-6) + search.slack_m);
+  return true;
+}
+
+struct Proximity {
+  const TriangleMesh* mesh;
+  Eigen::Vector3d query;
+  double squared;
+  bool found = false;
+};
+
+bool VisitUntilNear(RTCPointQueryFunctionArguments* args) {
+  Proximity& proximity = *static_cast<Proximity*>(args->userPtr);
+  const TriangleMesh& mesh = *proximity.mesh;
+  const Eigen::Vector3d point = NearestPointOfTriangle(proximity.query, mesh.Corner(args->primID, 0),
+                                                       mesh.Corner(args->primID, 1), mesh.Corner(args->primID, 2));
+  if (proximity.found || (point - proximity.query).squaredNorm() > proximity.squared) return false;
+  proximity.found = true;
+  args->query->radius = 0;  // that will do
   return true;
 }
 
@@ -104,18 +139,17 @@ NearestSurface& NearestSurface::operator=(NearestSurface&&) noexcept = default;
 
 NearestPoint NearestSurface::Find(const Eigen::Vector3d& p) const {
   if (!impl_->scene) return {};
-  const Eigen::Vector3d centred = p - impl_->centre;
-  const double reach_m = impl_->extent_m + centred.cwiseAbs().maxCoeff();
-  Search search{impl_->mesh, p, 8 * std::numeric_limits<float>::epsilon() * reach_m};
-  RTCPointQuery query{};
-  query.x = static_cast<float>(centred.x());
-  query.y = static_cast<float>(centred.y());
-  query.z = static_cast<float>(centred.z());
-  query.radius = std::numeric_limits<float>::infinity();
-  RTCPointQueryContext context;
-  rtcInitPointQueryContext(&context);
-  rtcPointQuery(impl_->scene, &query, &context, Visit, &search);
+  Search search{impl_->mesh, p, impl_->SlackAt(p)};
+  impl_->Query(p, std::numeric_limits<float>::infinity(), Visit, &search);
   return {search.face, search.point, std::sqrt(search.best_squared)};
+}
+
+bool NearestSurface::IsWithin(const Eigen::Vector3d& p, double distance_m) const {
+  if (!impl_->scene) return false;
+  Proximity proximity{impl_->mesh, p, distance_m * distance_m};
+  const double radius_m = distance_m * (1 + 1e-6) + impl_->SlackAt(p);
+  impl_->Query(p, static_cast<float>(radius_m), VisitUntilNear, &proximity);
+  return proximity.found;
 }
 
 }  // namespace tessera

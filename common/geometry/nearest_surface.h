@@ -1,6 +1,6 @@
 // The nearest point of a triangle mesh, exactly (Embree's point query).
-#ifndef TESSERA_COMMON_EVALUATE_NEAREST_SURFACE_H_
-#define TESSERA_COMMON_EVALUATE_NEAREST_SURFACE_H_
+#ifndef TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_
+#define TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_
 
 #include <Eigen/Core>
 #include <memory>
@@ -34,6 +34,9 @@ class NearestSurface {
   // `p` in metres, the mesh's frame.
   NearestPoint Find(const Eigen::Vector3d& p) const;
 
+  // Whether the nearest point is at most `distance_m` from `p`; cheaper than finding it.
+  bool IsWithin(const Eigen::Vector3d& p, double distance_m) const;
+
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
@@ -41,4 +44,4 @@ class NearestSurface {
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_EVALUATE_NEAREST_SURFACE_H_
+#endif  // TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_

@@ -1,0 +1,31 @@
+// The result in pieces that any program can open: a PLY a tile, and an index of them.
+#ifndef TESSERA_WORKER_TASKS_TILE_MESHES_H_
+#define TESSERA_WORKER_TASKS_TILE_MESHES_H_
+
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/base/task_control.h"
+#include "common/tile/survey.h"
+#include "common/tile/task_parameters.h"
+#include "worker/tasks/city_file.h"
+#include "worker/tasks/merge_cores.h"
+
+namespace tessera {
+
+// Name of a tile's mesh: the first cell of its core, "tiles/12_-3.ply".
+std::string TileMeshName(const CellRect& core);
+
+// Writes TileMeshName for each core (`cores[i]` is that of `tiles[i]`) and kTileIndexFile to `output_dir`: scene's
+// frame, with the properties of mesh.ply but `input_face`; vertices that tiles share are equal byte for byte. The index
+// names each file with its core (cells and metres of the ground plane), box (scene's frame), vertices, faces and faces
+// a class. Gives the files' names. Memory is bounded by a tile. DATA_LOSS if a core is not what the city has in its
+// rectangle.
+StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir, const CityReader& city,
+                                                   const Survey& survey, const std::vector<TileParameters>& tiles,
+                                                   const std::vector<CoreSpans>& cores, const TaskControl& control);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TASKS_TILE_MESHES_H_
