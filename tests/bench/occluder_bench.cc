@@ -35,6 +35,16 @@ constexpr int kCoarse = 2;                 // pyramid level
 
 double CpuSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
+// The part of its image inside `rect` as an image of its own.
+PosedCamera Cropped(PosedCamera camera, const PixelRect& rect) {
+  PinholeCamera& k = camera.intrinsics;
+  k.width = rect.width();
+  k.height = rect.height();
+  k.cx -= rect.x0;
+  k.cy -= rect.y0;
+  return camera;
+}
+
 PosedCamera Scaled(PosedCamera camera, double scale) {
   PinholeCamera& k = camera.intrinsics;
   k.width = static_cast<int>(std::ceil(k.width * scale));
@@ -131,7 +141,7 @@ Status Bench(const std::string& folder, const std::string& out, const JobSetting
         all = package;
         for (const SceneView& view : all.views) {
           const PixelRect rect = ProjectedBounds(all.mesh, view.camera, 32, 16);
-          if (!rect.empty()) cameras.push_back(CroppedCamera(view.camera, rect));
+          if (!rect.empty()) cameras.push_back(Cropped(view.camera, rect));
         }
         ++tiles;
         tile_faces += static_cast<int64_t>(all.mesh.faces.size());
