@@ -33,7 +33,7 @@ const char* Name(TaskState state) {
 Json TaskJson(const JobTask& task, int64_t end_us) {
   Json json = {{"kind", task.plan.kind},    {"title", task.plan.name}, {"tile", task.plan.tile},
                {"state", Name(task.state)}, {"reused", task.reused},   {"attempts", task.attempt()},
-               {"worker", task.worker()},   {"cost", task.plan.cost},  {"key", task.key}};
+               {"worker", task.worker()},   {"key", task.key}};
   double seconds = 0;
   Json runs = Json::array();
   for (const Attempt& attempt : task.attempts) {
@@ -47,6 +47,12 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
     runs.push_back(std::move(run));
   }
   json["seconds"] = seconds;
+  json["predicted"] = {{"core_seconds", task.plan.cost}, {"peak_bytes", task.plan.peak_bytes}};
+  if (task.state == TaskState::kSucceeded && !task.reused) {
+    json["used"] = {{"core_seconds", task.usage.core_seconds},
+                    {"peak_bytes", task.usage.peak_bytes},
+                    {"threads", task.usage.threads}};
+  }
   json["runs"] = std::move(runs);
   const Json stats = Json::parse(task.stats, nullptr, /*allow_exceptions=*/false);
   json["stats"] = stats.is_discarded() ? Json(nullptr) : stats;

@@ -2,6 +2,7 @@
 #ifndef TESSERA_SERVER_PLAN_GRAPH_H_
 #define TESSERA_SERVER_PLAN_GRAPH_H_
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -23,8 +24,9 @@ struct PlannedTask {
   std::string name;        // unique in the job, for people: "refine tile 3"
   int tile = -1;           // -1: the whole job
   std::string parameters;  // canonical JSON (sorted keys, no spaces)
-  double cost = 1;         // predicted work, relative; for progress, ETA and order
+  double cost = 1;         // predicted core-seconds; for progress, ETA, order and quotes
   std::vector<PlannedInput> inputs;
+  int64_t peak_bytes = 0;  // predicted peak of a worker's resident memory; 0: not predicted
 };
 
 // The first task of a job. `scene_files`: every file of the scene, relative, sorted.
