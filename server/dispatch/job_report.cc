@@ -55,6 +55,8 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
   }
   json["runs"] = std::move(runs);
   const Json stats = Json::parse(task.stats, nullptr, /*allow_exceptions=*/false);
+  const Json parameters = Json::parse(task.plan.parameters, nullptr, /*allow_exceptions=*/false);
+  json["parameters"] = parameters.is_discarded() ? Json(nullptr) : parameters;
   json["stats"] = stats.is_discarded() ? Json(nullptr) : stats;
   Json outputs = Json::object();
   for (const NamedDigest& output : task.outputs) {
@@ -75,6 +77,7 @@ std::string JobReportJson(const Job& job, const std::string& error, int64_t end_
                {"scene", header.scene_path},
                {"settings",
                 {{"tiles", header.settings.tiles},
+                 {"tile_memory_bytes", header.settings.tile_memory_bytes},
                  {"rounds", header.settings.rounds},
                  {"method", header.settings.method},
                  {"method_settings", Json::parse(ToJson(header.settings.method_settings))}}},

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/tile/survey.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -35,6 +36,9 @@ StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<
 // The rest of the job, to be appended behind the ingest task (index 0), in an order where producers come first.
 // `survey`: content of ingest's output "survey.json". Deterministic.
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey);
+
+// How far outside its core a tile reaches, metres.
+StatusOr<double> HaloOf(const JobSettings& settings, const Survey& survey);
 
 }  // namespace tessera
 
