@@ -27,14 +27,14 @@ double HaloShare(const Quote& quote) { return quote.core_faces > 0 ? quote.faces
 }  // namespace
 
 std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
-  std::string out = Row({"tile", "cells", "faces", "with halo", "cameras", "megapixels", "pair MP", "MiB", "core-s"});
+  std::string out = Row({"tile", "cells", "faces", "with halo", "cameras", "megapixels", "pair MP", "refine MiB", "core-s"});
   for (const TileQuote& tile : quote.tiles) {
     const CellRect& c = tile.core;
     out += Row({std::to_string(tile.tile), absl::StrCat(c.x1 - c.x0, " x ", c.y1 - c.y0),
                 GroupedRounded(tile.work.core_faces), GroupedRounded(tile.work.faces),
                 std::to_string(tile.work.seeing_views), GroupedRounded(1e-6 * tile.work.pixels),
                 GroupedRounded(1e-6 * tile.work.pair_pixels),
-                GroupedRounded(static_cast<double>(tile.peak_bytes()) / kMiB), GroupedRounded(tile.core_seconds())});
+                GroupedRounded(static_cast<double>(tile.refine.peak_bytes) / kMiB), GroupedRounded(tile.core_seconds())});
   }
   double most = 0;
   for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.core_seconds());

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <set>
+#include <string>
 
 namespace tessera {
 namespace {
@@ -23,13 +24,16 @@ constexpr double kMiB = 1 << 20;
 // Refine: what a worker holds before it begins; then by face and by pixel. The pixels' share is that of the buffers
 // that are really alive together.
 constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 925, kRefinePixelShare = 0.95;
-// While reading: the whole image as floats with what decoding it takes, or one of the likelihoods (a plane).
-constexpr double kLoadBytesPerFace = 250, kImageBytes = 16, kLikelihoodBytes = 8;
+// While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
+// likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
+// TIFFs do not.
+constexpr double kLoadBytesPerFace = 250, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2;
 constexpr double kTaskSeconds = 0.01;  // of any task: to bring and store its files
 constexpr double kFaceSeconds = 3e-6;
 constexpr double kWarpSeconds = 13.8e-9;     // a reference pixel, partner and evaluation
 constexpr double kFaceViewSeconds = 120e-9;  // a face, view and evaluation
-constexpr double kReadSeconds = 15e-9;       // a pixel and plane
+constexpr double kDecodeSeconds = 15e-9;     // a pixel of a whole photograph
+constexpr double kReadSeconds = 20e-9;       // a pixel and class of the crops
 
 constexpr double kFixedBytes = 84 * kMiB;
 constexpr double kCutBytesPerCityFace = 105, kCutBytesPerFace = 116;
@@ -87,6 +91,12 @@ double CropPixels(const std::vector<Box>& boxes, const PosedCamera& camera) {
   return (std::min(up(x1), width) - std::max(down(x0), 0.0)) * (std::min(up(y1), height) - std::max(down(y0), 0.0));
 }
 
+// A pixel of the whole image, while the file is read.
+double DecodedLikelihoodBytes(const std::string& path, int planes) {
+  if (path.ends_with(".npy")) return kArrayBytes * planes;
+  return path.ends_with(".png") ? kLabelBytes : 0;
+}
+
 }  // namespace
 
 RefineEffort EffortOf(const JobSettings& settings) {
@@ -131,7 +141,8 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m
     const double whole = static_cast<double>(camera.intrinsics.width) * camera.intrinsics.height;
     work.pixels += pixels;
     work.image_pixels += whole;
-    work.largest_image = std::max(work.largest_image, whole);
+    const double likelihoods = DecodedLikelihoodBytes(survey.views[v].likelihood_path, work.likelihood_planes);
+    work.largest_decoded = std::max(work.largest_decoded, whole * std::max(kImageBytes, likelihoods));
   }
   work.seeing_views = static_cast<int>(crop.size());
   for (const auto& [reference, other] : survey.pairs) {
@@ -147,14 +158,13 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   // Luminance and likelihoods as floats; at the finest level both again as texels, a face map, a warp target.
   const double held = 4 + 4.0 * planes, drawn = effort.finest_share * (2 + packed_planes + 8 + 4);
   const double refining = kRefineBytesPerFace * work.faces + kRefinePixelShare * (held + drawn) * work.pixels;
-  const double loading = kLoadBytesPerFace * work.faces + held * work.pixels +
-                         std::max(kImageBytes, kLikelihoodBytes * planes) * work.largest_image;
+  const double loading = kLoadBytesPerFace * work.faces + held * work.pixels + work.largest_decoded;
   Prediction prediction;
   prediction.peak_bytes = static_cast<int64_t>(kRefineFixedBytes + std::max(refining, loading));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.faces +
                             kWarpSeconds * work.pair_pixels * effort.evaluations +
                             kFaceViewSeconds * work.faces * work.seeing_views * effort.evaluations +
-                            kReadSeconds * (1 + planes) * work.image_pixels;
+                            kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels;
   return prediction;
 }
 
@@ -171,11 +181,12 @@ Prediction PredictStitch(const TileWork& work) {
 
 Prediction PredictIngest(const Survey& survey) {
   const double faces = static_cast<double>(survey.faces), views = static_cast<double>(survey.views.size());
-  double pixels = 0;
+  const double planes = survey.has_likelihoods ? static_cast<double>(survey.classes.size()) : 0;
+  double pixels = 0;  // all are checked
   for (const SceneView& view : survey.views) {
     pixels += static_cast<double>(view.camera.intrinsics.width) * view.camera.intrinsics.height;
   }
-  return {kReadSeconds * pixels + kIngestSecondsPerFaceView * faces * views,
+  return {kDecodeSeconds * (1 + planes) * pixels + kIngestSecondsPerFaceView * faces * views,
           static_cast<int64_t>(kFixedBytes + kIngestBytesPerFace * faces)};
 }
 

@@ -35,9 +35,9 @@ struct TileWork {
   double pixels = 0;           // of all crops to the tile
   double pair_pixels = 0;      // of the references' crops, over all pairs
   double image_pixels = 0;     // of the whole images that are read for the crops
-  double largest_image = 0;
-  int likelihood_planes = 0;  // per pixel; 0: the scene has none
-  double reach_m = 0;         // how far corners of the core's faces lie outside it
+  double largest_decoded = 0;  // bytes of the largest file as decoded, before its crop is taken
+  int likelihood_planes = 0;   // per pixel; 0: the scene has none
+  double reach_m = 0;          // how far corners of the core's faces lie outside it
 };
 
 // Looks at the cells within `halo_m` of the core, a cell that is partly so by its share, and at where their boxes lie

@@ -32,8 +32,7 @@ class KdSplitter {
         options_(options),
         limit_bytes_(options.tile_bytes > 0 ? options.tile_bytes
                      : options.tiles > 0    ? std::numeric_limits<int64_t>::max()
-                                            : kDefaultTileBytes),
-        limit_seconds_(options.tiles > 0 ? std::numeric_limits<double>::infinity() : options.tile_seconds) {}
+                                            : kDefaultTileBytes) {}
 
   StatusOr<std::vector<CellRect>> Run() {
     TESSERA_RETURN_IF_ERROR(Split(cells_.bounds(), std::max(1, options_.tiles)));
@@ -98,17 +97,15 @@ class KdSplitter {
     return RefineBytesInterval().high * static_cast<double>(PredictRefine(work, options_.effort).peak_bytes);
   }
 
-  // What a tile is predicted to take, as a share of the limits; above 1 it does not fit.
+  // What a tile is predicted to take beyond what a worker holds anyway, as a share of the room; above 1 it does not
+  // fit.
   double Excess(const CellRect& rect) const {
-    if (limit_bytes_ == std::numeric_limits<int64_t>::max() && std::isinf(limit_seconds_)) return 0;
+    if (limit_bytes_ == std::numeric_limits<int64_t>::max()) return 0;
     const TileWork work = MeasureTile(cells_, rect, options_.halo_m);
     const double fixed = static_cast<double>(LeastRefineBytes(0)), room = static_cast<double>(limit_bytes_) - fixed;
-    const double bytes = PredictBytes(work);
-    return std::max(room > 0 ? (bytes - fixed) / room : std::numeric_limits<double>::infinity(),
-                    PredictRefine(work, options_.effort).core_seconds / limit_seconds_);
+    return room > 0 ? (PredictBytes(work) - fixed) / room : std::numeric_limits<double>::infinity();
   }
 
-  // A cell that merely takes long cannot be helped; one that takes too much memory would fail.
   Status CheckCell(const CellRect& rect) const {
     if (limit_bytes_ == std::numeric_limits<int64_t>::max()) return absl::OkStatus();
     const TileWork work = MeasureTile(cells_, rect, options_.halo_m);
@@ -179,7 +176,6 @@ class KdSplitter {
   const CellIndex& cells_;
   const TilingOptions& options_;
   const int64_t limit_bytes_;
-  const double limit_seconds_;
   std::vector<CellRect> tiles_;
 };
 

@@ -15,9 +15,8 @@ namespace tessera {
 inline constexpr int64_t kDefaultTileBytes = int64_t{4} << 30;
 
 struct TilingOptions {
-  int tiles = 0;               // wanted number; 0: as many as the limits ask for
-  int64_t tile_bytes = 0;      // a worker's memory; 0: 4 GiB, and no limit where a number of tiles is wanted
-  double tile_seconds = 1800;  // of one core, when tiles = 0: so long may a tile take and a worker's death undo
+  int tiles = 0;           // wanted number; 0: as many as the memory asks for
+  int64_t tile_bytes = 0;  // a worker's memory; 0: 4 GiB, and no limit where a number of tiles is wanted
   double halo_m = 0;
   RefineEffort effort;
 };
@@ -27,7 +26,7 @@ TilingOptions TilingOptionsOf(const JobSettings& settings, double halo_m);
 
 // Rectangles of cells that cover every cell of the survey exactly once, none without faces. The city is cut in two, at
 // the border of cells that shares the predicted work out best, and each part again, across its longer side (a k-d
-// tree), until there are `tiles` parts, or until each is predicted to fit the limits with its halo; predictions count
+// tree), until there are `tiles` parts, or until each is predicted to fit the memory with its halo; predictions count
 // with the upper end of their interval. Exactly `tiles` of them unless there are fewer cells, or tile_bytes asks for
 // more. The same for the same survey and options: nothing else enters, no report of a worker, no number of workers.
 // INVALID_ARGUMENT, with what to do about it, where a single cell does not fit.

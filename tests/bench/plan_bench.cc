@@ -137,7 +137,13 @@ int main(int argc, char** argv) {
   app.add_option("--images", city.images, "Number of images")->capture_default_str();
   app.add_option("--faces", city.faces, "Number of faces")->capture_default_str();
   app.add_option("--tiles", settings.tiles, "Number of tiles; 0: as many as fit")->capture_default_str();
+  std::string survey_file;
+  app.add_option("--survey", survey_file, "Only write the survey to this file, for `tessera plan --survey`");
   CLI11_PARSE(app, argc, argv);
+  if (!survey_file.empty()) {
+    const std::string json = tessera::SurveyToJson(tessera::MakeSyntheticSurvey(city));
+    return tessera::WriteFileAtomic(survey_file, json).ok() ? 0 : 1;
+  }
   const tessera::Status status = tessera::Run(city, settings);
   if (status.ok()) return 0;
   std::fprintf(stderr, "plan_bench: %s\n", std::string(status.message()).c_str());

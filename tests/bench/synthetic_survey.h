@@ -13,7 +13,7 @@ struct SyntheticCity {
   double faces = 100e6;
   double gsd_m = 0.1;
   double dense_share = 4;  // faces of a cell in the middle of the town, as a multiple of those at its edge
-  int image_width = 14144, image_height = 10560;
+  int image_width = 3000, image_height = 2250;  // so that about 23 views a direction see a place
   uint64_t seed = 1;
 };
 
