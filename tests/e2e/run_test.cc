@@ -87,7 +87,8 @@ TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
   const auto planned = nlohmann::json::parse(Content(json));
   ASSERT_EQ(Run({"--tiles", "4"}).exit_code, 0);
   int tiles = 0;
-  for (const auto& task : nlohmann::json::parse(Content(out_ + "/job.json"))["tasks"]) {
+  const auto job = nlohmann::json::parse(Content(out_ + "/job.json"));
+  for (const auto& task : job["tasks"]) {
     if (task["kind"] == "ingest") {
       EXPECT_EQ(task["reused"], true);
     }
