@@ -198,7 +198,7 @@ Prediction PredictPublish(const Survey& survey) {
 
 int64_t LeastRefineBytes(double faces) { return static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * faces); }
 
-Interval RefineSecondsInterval() { return {0.75, 1.25}; }
+Interval RefineSecondsInterval() { return {0.75, 1.35}; }
 Interval RefineBytesInterval() { return {0.92, 1.08}; }
 
 }  // namespace tessera
