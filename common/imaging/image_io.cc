@@ -133,30 +133,45 @@ StatusOr<ImageSize> ReadImageSize(const std::string& path) {
   return size;
 }
 
-StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens) {
-  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
-  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH));
-  if (mat.cols != lens.pinhole.width || mat.rows != lens.pinhole.height) {
+StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part) {
+  const PinholeCamera& whole = lens.pinhole;
+  if (part.x0 < 0 || part.y0 < 0 || part.x1 > whole.width || part.y1 > whole.height || part.width() <= 0 ||
+      part.height() <= 0) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": no part of the image: columns ", part.x0, " to ", part.x1,
+                                                   ", rows ", part.y0, " to ", part.y1));
+  }
+  cv::Mat mat;
+  {
+    TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
+    TESSERA_ASSIGN_OR_RETURN(mat, Decode(path, bytes, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH));
+  }
+  if (mat.cols != whole.width || mat.rows != whole.height) {
     return InputError(path, "", absl::StrCat(mat.cols, " x ", mat.rows, " pixels"),
-                      absl::StrCat(lens.pinhole.width, " x ", lens.pinhole.height, " (its camera's size)"));
+                      absl::StrCat(whole.width, " x ", whole.height, " (its camera's size)"));
   }
   if (mat.depth() != CV_8U && mat.depth() != CV_16U) {
     return InputError(path, "", "samples of another kind", "8- or 16-bit unsigned samples");
   }
-  FloatImage image(mat.cols, mat.rows);
+  const ImagePart source = SourcePart(lens, part);
+  FloatImage image(source.width(), source.height());
   const bool wide = mat.depth() == CV_16U;
   const float scale = wide ? 1.0f / 65535 : 1.0f / 255;
-  for (int y = 0; y < mat.rows; ++y) {
-    float* out = image.data.data() + static_cast<size_t>(y) * image.width;
+  for (int y = source.y0; y < source.y1; ++y) {
+    float* out = &image.at(0, y - source.y0) - source.x0;
     const uint8_t* row8 = mat.ptr<uint8_t>(y);
     const uint16_t* row16 = mat.ptr<uint16_t>(y);
-    for (int x = 0; x < mat.cols; ++x) {
+    for (int x = source.x0; x < source.x1; ++x) {
       const float b = wide ? row16[3 * x] : row8[3 * x], g = wide ? row16[3 * x + 1] : row8[3 * x + 1];
       const float r = wide ? row16[3 * x + 2] : row8[3 * x + 2];
       out[x] = scale * (0.299f * r + 0.587f * g + 0.114f * b);
     }
   }
-  return Undistort(std::move(image), lens, NAN);
+  mat.release();
+  return UndistortPart(std::move(image), source, lens, part, NAN);
+}
+
+StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens) {
+  return ReadLuminancePart(path, lens, {0, 0, lens.pinhole.width, lens.pinhole.height});
 }
 
 StatusOr<ByteImage> ReadRgb(const std::string& path) {

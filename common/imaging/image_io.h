@@ -23,6 +23,10 @@ StatusOr<ImageSize> ReadImageSize(const std::string& path);
 // outside the photograph are NaN). The image must have the size of lens.pinhole.
 StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& lens);
 
+// The same for a part of the undistorted image, byte for byte as in the whole. The file is decoded as a whole (8 or 16
+// bit), but only what the part is sampled from becomes floats. INVALID_ARGUMENT for a part outside the image.
+StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel& lens, const ImagePart& part);
+
 // RGB planes 0..255 as stored, not undistorted. For previews and reports.
 StatusOr<ByteImage> ReadRgb(const std::string& path);
 
@@ -33,6 +37,19 @@ StatusOr<ByteImage> ReadRgb(const std::string& path);
 // Errors name page or offset: wrong page count, NaN, negative values, another aspect ratio than the image's.
 StatusOr<FloatImage> ReadLikelihoods(const std::string& path, int classes, const LensModel& lens,
                                      double label_confidence = 0.8);
+
+// What shows a part of the photograph, in the file's own resolution.
+struct LikelihoodPart {
+  FloatImage pixels;
+  int x0 = 0, y0 = 0;                     // of its first pixel in the file's image
+  int whole_width = 0, whole_height = 0;  // of the file's image
+};
+
+// The same for the `part` of the undistorted photograph, byte for byte as in the whole; where the file's resolution is
+// lower, with two more of its pixels on each side, so that what is interpolated within the part is so too. Of a TIFF
+// only the strips or tiles in question are decoded. Values elsewhere in the file are not looked at.
+StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes, const LensModel& lens,
+                                            const ImagePart& part, double label_confidence = 0.8);
 
 // Class ids of an 8-bit one-channel PNG, as stored (255: nothing seen).
 StatusOr<LabelImage> ReadLabelImage(const std::string& path);

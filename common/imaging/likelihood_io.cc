@@ -1,6 +1,8 @@
 // Reading likelihoods: TIFF, NPY and label PNG.
+#include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
@@ -25,19 +27,19 @@ Status CheckResolution(const std::string& path, int width, int height, const Pin
       absl::StrCat("the ", camera.width, " x ", camera.height, " of its image, or less with the same aspect ratio"));
 }
 
-StatusOr<FloatImage> FromLabels(const std::string& path, int classes, const LensModel& lens, double confidence) {
-  TESSERA_ASSIGN_OR_RETURN(const LabelImage labels, ReadLabelImage(path));
-  TESSERA_RETURN_IF_ERROR(CheckResolution(path, labels.width, labels.height, lens.pinhole));
-  FloatImage image(labels.width, labels.height, classes, 1.0f / static_cast<float>(classes));
+StatusOr<FloatImage> FromLabels(const std::string& path, const LabelImage& labels, int classes, const ImagePart& part,
+                                double confidence) {
+  FloatImage image(part.width(), part.height(), classes, 1.0f / static_cast<float>(classes));
   if (classes == 1) return image;
   const float named = static_cast<float>(confidence);
   const float other = static_cast<float>((1 - confidence) / (classes - 1));
-  for (size_t i = 0; i < labels.data.size(); ++i) {
-    const int label = labels.data[i];
+  for (size_t i = 0; i < image.plane_size(); ++i) {
+    const int x = part.x0 + static_cast<int>(i % image.width), y = part.y0 + static_cast<int>(i / image.width);
+    const int label = labels.at(x, y);
     if (label == 255) continue;
     if (label >= classes) {
-      return InputError(path, absl::StrCat("pixel (", i % labels.width, ", ", i / labels.width, ")"),
-                        absl::StrCat("label ", label), absl::StrCat("0 to ", classes - 1, ", or 255 for unknown"));
+      return InputError(path, absl::StrCat("pixel (", x, ", ", y, ")"), absl::StrCat("label ", label),
+                        absl::StrCat("0 to ", classes - 1, ", or 255 for unknown"));
     }
     for (int c = 0; c < classes; ++c) image.plane(c)[i] = c == label ? named : other;
   }
@@ -45,15 +47,17 @@ StatusOr<FloatImage> FromLabels(const std::string& path, int classes, const Lens
 }
 
 // Checks every value and makes each pixel sum to one.
-Status Normalise(const std::string& path, const char* plane_name, int first_plane, FloatImage& image) {
+Status Normalise(const std::string& path, const char* plane_name, int first_plane, const ImagePart& part,
+                 FloatImage& image) {
   for (int c = 0; c < image.channels; ++c) {
     const float* plane = image.plane(c);
     for (size_t i = 0; i < image.plane_size(); ++i) {
       if (std::isfinite(plane[i]) && plane[i] >= 0) continue;
-      return InputError(
-          path,
-          absl::StrCat(plane_name, " ", c + first_plane, ", pixel (", i % image.width, ", ", i / image.width, ")"),
-          std::isnan(plane[i]) ? "NaN" : absl::StrCat(plane[i]), "a finite likelihood that is not negative");
+      return InputError(path,
+                        absl::StrCat(plane_name, " ", c + first_plane, ", pixel (", part.x0 + i % image.width, ", ",
+                                     part.y0 + i / image.width, ")"),
+                        std::isnan(plane[i]) ? "NaN" : absl::StrCat(plane[i]),
+                        "a finite likelihood that is not negative");
     }
   }
   ParallelFor(static_cast<int64_t>(image.plane_size()), 1 << 16, [&](int64_t begin, int64_t end) {
@@ -69,43 +73,93 @@ Status Normalise(const std::string& path, const char* plane_name, int first_plan
   return absl::OkStatus();
 }
 
+// What is to be read of a file of width x height pixels for a part of the photograph: undistorted, and as stored.
+struct Parts {
+  LensModel lens;
+  ImagePart wanted, source;
+};
+
+StatusOr<Parts> PartsOf(const std::string& path, int width, int height, const LensModel& lens, const ImagePart& part) {
+  TESSERA_RETURN_IF_ERROR(CheckResolution(path, width, height, lens.pinhole));
+  Parts parts;
+  parts.lens = lens;
+  parts.lens.pinhole = lens.pinhole.Resized(width, height);
+  parts.wanted = part;
+  if (width != lens.pinhole.width || height != lens.pinhole.height) {
+    constexpr int kMore = 2;  // pixels, for interpolation
+    const double sx = static_cast<double>(width) / lens.pinhole.width;
+    const double sy = static_cast<double>(height) / lens.pinhole.height;
+    parts.wanted = {std::max(0, static_cast<int>(std::floor(part.x0 * sx)) - kMore),
+                    std::max(0, static_cast<int>(std::floor(part.y0 * sy)) - kMore),
+                    std::min(width, static_cast<int>(std::ceil(part.x1 * sx)) + kMore),
+                    std::min(height, static_cast<int>(std::ceil(part.y1 * sy)) + kMore)};
+  }
+  parts.source = SourcePart(parts.lens, parts.wanted);
+  return parts;
+}
+
 }  // namespace
 
-StatusOr<FloatImage> ReadLikelihoods(const std::string& path, int classes, const LensModel& lens,
-                                     double label_confidence) {
+StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes, const LensModel& lens,
+                                            const ImagePart& part, double label_confidence) {
   if (classes < 1) return absl::InvalidArgumentError("likelihoods need at least one class");
+  if (part.x0 < 0 || part.y0 < 0 || part.x1 > lens.pinhole.width || part.y1 > lens.pinhole.height ||
+      part.width() <= 0 || part.height() <= 0) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": no part of the image: columns ", part.x0, " to ", part.x1,
+                                                   ", rows ", part.y0, " to ", part.y1));
+  }
   TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> magic, ReadFileStart(path, 8));
   const auto begins = [&](const char* text, size_t size) {
     return magic.size() >= size && std::memcmp(magic.data(), text, size) == 0;
   };
+  LikelihoodPart result;
+  const auto set_size = [&](int width, int height) {
+    result.whole_width = width;
+    result.whole_height = height;
+    return PartsOf(path, width, height, lens, part);
+  };
+  Parts parts;
   FloatImage image;
   if (begins("\x89PNG", 4)) {
-    TESSERA_ASSIGN_OR_RETURN(image, FromLabels(path, classes, lens, label_confidence));
-    TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, image));
+    TESSERA_ASSIGN_OR_RETURN(const LabelImage labels, ReadLabelImage(path));
+    TESSERA_ASSIGN_OR_RETURN(parts, set_size(labels.width, labels.height));
+    TESSERA_ASSIGN_OR_RETURN(image, FromLabels(path, labels, classes, parts.source, label_confidence));
+    TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, parts.source, image));
   } else if (begins("\x93NUMPY", 6)) {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> bytes, ReadFileBytes(path));
-    TESSERA_ASSIGN_OR_RETURN(image, ParseNpy(bytes, path));
-    if (image.channels != classes) {
-      return InputError(path, "header", absl::StrCat(image.channels, " classes"), absl::StrCat(classes));
+    TESSERA_ASSIGN_OR_RETURN(const NpyArray array, FindNpyArray(bytes, path));
+    if (array.channels != classes) {
+      return InputError(path, "header", absl::StrCat(array.channels, " classes"), absl::StrCat(classes));
     }
-    TESSERA_RETURN_IF_ERROR(CheckResolution(path, image.width, image.height, lens.pinhole));
-    TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, image));
+    TESSERA_ASSIGN_OR_RETURN(parts, set_size(array.width, array.height));
+    image = NpyPart(array, parts.source);
+    TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, parts.source, image));
   } else if (begins("II", 2) || begins("MM", 2)) {
     TESSERA_ASSIGN_OR_RETURN(TiffSize size, ReadTiffSize(path));
     if (size.pages != classes) {
       return InputError(path, "", absl::StrCat(size.pages, size.pages == 1 ? " page" : " pages"),
                         absl::StrCat(classes, " (a page a class)"));
     }
-    TESSERA_RETURN_IF_ERROR(CheckResolution(path, size.width, size.height, lens.pinhole));
-    TESSERA_ASSIGN_OR_RETURN(image, ReadTiffPages(path, size));
-    TESSERA_RETURN_IF_ERROR(Normalise(path, "page", 1, image));
+    TESSERA_ASSIGN_OR_RETURN(parts, set_size(size.width, size.height));
+    TESSERA_ASSIGN_OR_RETURN(image, ReadTiffPages(path, size, parts.source));
+    TESSERA_RETURN_IF_ERROR(Normalise(path, "page", 1, parts.source, image));
   } else {
     return InputError(path, "byte 0", magic.empty() ? "an empty file" : "another kind of file",
                       "likelihoods as TIFF or NPY, or a label PNG");
   }
-  LensModel resized = lens;
-  resized.pinhole = lens.pinhole.Resized(image.width, image.height);
-  return Undistort(std::move(image), resized, 1.0f / static_cast<float>(classes));
+  result.x0 = parts.wanted.x0;
+  result.y0 = parts.wanted.y0;
+  result.pixels =
+      UndistortPart(std::move(image), parts.source, parts.lens, parts.wanted, 1.0f / static_cast<float>(classes));
+  return result;
+}
+
+StatusOr<FloatImage> ReadLikelihoods(const std::string& path, int classes, const LensModel& lens,
+                                     double label_confidence) {
+  TESSERA_ASSIGN_OR_RETURN(
+      LikelihoodPart all,
+      ReadLikelihoodPart(path, classes, lens, {0, 0, lens.pinhole.width, lens.pinhole.height}, label_confidence));
+  return std::move(all.pixels);
 }
 
 }  // namespace tessera

@@ -98,7 +98,7 @@ float FloatFromHalf(uint16_t half) {
   return sign * std::ldexp(static_cast<float>(mantissa + 1024), exponent - 25);
 }
 
-StatusOr<FloatImage> ParseNpy(const std::vector<uint8_t>& bytes, const std::string& name) {
+StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::string& name) {
   if (bytes.size() < 10 || std::memcmp(bytes.data(), "\x93NUMPY", 6) != 0) {
     return InputError(name, "byte 0", "no NPY signature", "an NPY file");
   }
@@ -144,17 +144,34 @@ StatusOr<FloatImage> ParseNpy(const std::vector<uint8_t>& bytes, const std::stri
     return InputError(name, absl::StrCat("byte ", start + length), absl::StrCat(available, " bytes of values"),
                       absl::StrCat("what ", shape_text, " of ", value_bytes, "-byte values takes"));
   }
-  FloatImage image(static_cast<int>(shape[2]), static_cast<int>(shape[1]), static_cast<int>(shape[0]));
-  for (size_t i = 0; i < image.data.size(); ++i) {
-    if (value_bytes == 1) {
-      image.data[i] = values[i];
-    } else if (value_bytes == 2) {
-      image.data[i] = FloatFromHalf(static_cast<uint16_t>(values[2 * i] + 256 * values[2 * i + 1]));
-    } else {
-      std::memcpy(&image.data[i], values + 4 * i, 4);
+  return NpyArray{static_cast<int>(shape[0]), static_cast<int>(shape[1]), static_cast<int>(shape[2]), value_bytes,
+                  values};
+}
+
+FloatImage NpyPart(const NpyArray& array, const ImagePart& part) {
+  FloatImage image(part.width(), part.height(), array.channels);
+  float* out = image.data.data();
+  for (int c = 0; c < array.channels; ++c) {
+    for (int y = part.y0; y < part.y1; ++y) {
+      const size_t row = (static_cast<size_t>(c) * array.height + y) * array.width;
+      for (int x = part.x0; x < part.x1; ++x) {
+        const uint8_t* value = array.values + (row + x) * array.value_bytes;
+        if (array.value_bytes == 1) {
+          *out++ = *value;
+        } else if (array.value_bytes == 2) {
+          *out++ = FloatFromHalf(static_cast<uint16_t>(value[0] + 256 * value[1]));
+        } else {
+          std::memcpy(out++, value, 4);
+        }
+      }
     }
   }
   return image;
+}
+
+StatusOr<FloatImage> ParseNpy(const std::vector<uint8_t>& bytes, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(const NpyArray array, FindNpyArray(bytes, name));
+  return NpyPart(array, {0, 0, array.width, array.height});
 }
 
 }  // namespace tessera

@@ -16,6 +16,16 @@ namespace tessera {
 // anything is allocated.
 StatusOr<FloatImage> ParseNpy(const std::vector<uint8_t>& bytes, const std::string& name);
 
+// Such an array where it lies in a file's bytes, which must outlive it.
+struct NpyArray {
+  int channels = 0, height = 0, width = 0;
+  int value_bytes = 0;
+  const uint8_t* values = nullptr;
+};
+StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::string& name);
+// A part of all its channels.
+FloatImage NpyPart(const NpyArray& array, const ImagePart& part);
+
 // Value of an IEEE 754 half-precision number.
 float FloatFromHalf(uint16_t half);
 

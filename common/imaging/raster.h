@@ -32,6 +32,14 @@ using FloatImage = Raster<float>;
 using ByteImage = Raster<uint8_t>;
 using LabelImage = Raster<uint8_t>;  // class index a pixel, 255: nothing
 
+// Half-open rectangle of an image's pixels.
+struct ImagePart {
+  int x0 = 0, y0 = 0, x1 = 0, y1 = 0;
+  int width() const { return x1 - x0; }
+  int height() const { return y1 - y0; }
+  bool operator==(const ImagePart&) const = default;
+};
+
 // Where the centre of pixel (x, y) of one image lies in another: scale (x + 0.5, y + 0.5) + offset, in the other's
 // pixels (centres at +0.5).
 struct PixelMapping {

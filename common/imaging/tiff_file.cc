@@ -66,8 +66,8 @@ float Sample(const uint8_t* p, SampleLayout layout) {
   return value;
 }
 
-Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& place, SampleLayout layout, int width,
-                 int height, const std::string& error, float* plane) {
+Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& place, SampleLayout layout,
+                 const ImagePart& part, const std::string& error, float* plane) {
   uint32_t tile_width = 0, tile_height = 0;
   TIFFGetField(tiff, TIFFTAG_TILEWIDTH, &tile_width);
   TIFFGetField(tiff, TIFFTAG_TILELENGTH, &tile_height);
@@ -79,15 +79,17 @@ Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& place, 
     return InputError(path, place, absl::StrCat("tiles of ", TIFFTileSize(tiff), " bytes"), absl::StrCat(tile_bytes));
   }
   std::vector<uint8_t> tile(tile_bytes);
-  for (int y0 = 0; y0 < height; y0 += static_cast<int>(tile_height)) {
-    for (int x0 = 0; x0 < width; x0 += static_cast<int>(tile_width)) {
+  const int step_x = static_cast<int>(tile_width), step_y = static_cast<int>(tile_height);
+  for (int y0 = part.y0 / step_y * step_y; y0 < part.y1; y0 += step_y) {
+    for (int x0 = part.x0 / step_x * step_x; x0 < part.x1; x0 += step_x) {
       if (TIFFReadTile(tiff, tile.data(), x0, y0, 0, 0) < 0) {
         return InputError(path, absl::StrCat(place, ", tile at ", x0, ", ", y0), error, "readable pixels");
       }
-      for (int y = y0; y < std::min<int>(height, y0 + tile_height); ++y) {
-        for (int x = x0; x < std::min<int>(width, x0 + tile_width); ++x) {
+      for (int y = std::max(y0, part.y0); y < std::min(part.y1, y0 + step_y); ++y) {
+        for (int x = std::max(x0, part.x0); x < std::min(part.x1, x0 + step_x); ++x) {
           const size_t index = size_t(y - y0) * tile_width + (x - x0);
-          plane[size_t(y) * width + x] = Sample(tile.data() + index * layout.bytes, layout);
+          plane[size_t(y - part.y0) * part.width() + (x - part.x0)] =
+              Sample(tile.data() + index * layout.bytes, layout);
         }
       }
     }
@@ -95,8 +97,8 @@ Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& place, 
   return absl::OkStatus();
 }
 
-Status ReadPage(TIFF* tiff, const std::string& path, int page, const TiffSize& expected, const std::string& error,
-                float* plane) {
+Status ReadPage(TIFF* tiff, const std::string& path, int page, const TiffSize& expected, const ImagePart& part,
+                const std::string& error, float* plane) {
   const std::string place = absl::StrCat("page ", page);
   const TiffSize size = CurrentSize(tiff);
   if (size.width != expected.width || size.height != expected.height) {
@@ -114,19 +116,24 @@ Status ReadPage(TIFF* tiff, const std::string& path, int page, const TiffSize& e
                       "8- or 16-bit unsigned or 32-bit float");
   }
   const SampleLayout layout{bits / 8, is_float};
-  if (TIFFIsTiled(tiff)) return ReadTiles(tiff, path, place, layout, size.width, size.height, error, plane);
+  if (TIFFIsTiled(tiff)) return ReadTiles(tiff, path, place, layout, part, error, plane);
   const tmsize_t row_bytes = static_cast<tmsize_t>(size.width) * layout.bytes;
   if (TIFFScanlineSize(tiff) != row_bytes) {
     return InputError(path, place, absl::StrCat("rows of ", TIFFScanlineSize(tiff), " bytes"), absl::StrCat(row_bytes));
   }
   std::vector<uint8_t> row(row_bytes);
-  for (int y = 0; y < size.height; ++y) {
+  // Within a strip rows can only be read one after another.
+  uint32_t strip_rows = 0;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_ROWSPERSTRIP, &strip_rows);
+  const int step = static_cast<int>(std::clamp<uint32_t>(strip_rows, 1, static_cast<uint32_t>(size.height)));
+  for (int y = part.y0 / step * step; y < part.y1; ++y) {
     if (TIFFReadScanline(tiff, row.data(), y) < 0) {
       return InputError(path, absl::StrCat(place, ", row ", y), error.empty() ? "unreadable pixels" : error,
                         "readable pixels");
     }
-    float* out = plane + size_t(y) * size.width;
-    for (int x = 0; x < size.width; ++x) out[x] = Sample(row.data() + size_t(x) * layout.bytes, layout);
+    if (y < part.y0) continue;
+    float* out = plane + size_t(y - part.y0) * part.width();
+    for (int x = part.x0; x < part.x1; ++x) *out++ = Sample(row.data() + size_t(x) * layout.bytes, layout);
   }
   return absl::OkStatus();
 }
@@ -144,6 +151,10 @@ StatusOr<TiffSize> ReadTiffSize(const std::string& path) {
 }
 
 StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expected) {
+  return ReadTiffPages(path, expected, {0, 0, expected.width, expected.height});
+}
+
+StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expected, const ImagePart& part) {
   std::string error;
   const TiffPtr tiff = OpenTiff(path, &error);
   if (!tiff) return InputError(path, "", error, "a TIFF file");
@@ -151,13 +162,13 @@ StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expe
   if (pages != expected.pages) {
     return InputError(path, "", absl::StrCat(pages, " pages"), absl::StrCat(expected.pages));
   }
-  FloatImage image(expected.width, expected.height, expected.pages);
+  FloatImage image(part.width(), part.height(), expected.pages);
   for (int page = 0; page < pages; ++page) {
     error.clear();
     if (!TIFFSetDirectory(tiff.get(), static_cast<tdir_t>(page))) {
       return InputError(path, absl::StrCat("page ", page + 1), error, "a readable page");
     }
-    TESSERA_RETURN_IF_ERROR(ReadPage(tiff.get(), path, page + 1, expected, error, image.plane(page)));
+    TESSERA_RETURN_IF_ERROR(ReadPage(tiff.get(), path, page + 1, expected, part, error, image.plane(page)));
   }
   return image;
 }

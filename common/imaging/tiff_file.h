@@ -23,6 +23,8 @@ StatusOr<TiffSize> ReadTiffSize(const std::string& path);
 // any compression that libtiff knows). Every page must have the size `expected` (checked before anything is allocated),
 // and there must be expected.pages of them. Errors name the page, counted from 1.
 StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expected);
+// The same for a part of each page, which must lie within; decodes no strip or tile outside it.
+StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expected, const ImagePart& part);
 
 // A page a channel, LZW, 8 bit.
 StatusOr<std::vector<uint8_t>> EncodeTiffPages(const ByteImage& pages);

@@ -1,7 +1,10 @@
 #include "common/imaging/undistort.h"
 
 #include <algorithm>
+#include <climits>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "common/base/parallel.h"
 
@@ -29,35 +32,79 @@ double LargestGrowingRadius2(const LensModel& lens) {
   return end * end;
 }
 
+// Calls visit(x, y, p) for the pixels of the undistorted image's rows [y0, y1) within `part` that the photograph shows:
+// at p it is sampled, pixel coordinates less one half, inside the image.
+template <class Visit>
+void ForEachShown(const LensModel& lens, double r2_end, const ImagePart& part, int y0, int y1, const Visit& visit) {
+  const int width = lens.pinhole.width, height = lens.pinhole.height;
+  for (int y = y0; y < y1; ++y) {
+    for (int x = part.x0; x < part.x1; ++x) {
+      const double u = (x + 0.5 - lens.pinhole.cx) / lens.pinhole.fx;
+      const double v = (y + 0.5 - lens.pinhole.cy) / lens.pinhole.fy;
+      if (u * u + v * v > r2_end) continue;
+      const Eigen::Vector2d p = lens.Distort({x + 0.5, y + 0.5});
+      if (!(p.x() >= 0 && p.y() >= 0 && p.x() <= width && p.y() <= height)) continue;
+      visit(x, y,
+            Eigen::Vector2d(std::clamp(p.x() - 0.5, 0.0, width - 1.0), std::clamp(p.y() - 0.5, 0.0, height - 1.0)));
+    }
+  }
+}
+
 }  // namespace
+
+ImagePart SourcePart(const LensModel& lens, const ImagePart& part) {
+  if (lens.kind == LensModel::Kind::kPinhole) return part;
+  const double r2_end = LargestGrowingRadius2(lens);
+  std::vector<ImagePart> rows(std::max(part.height(), 0), {INT_MAX, INT_MAX, 0, 0});
+  ParallelFor(part.height(), 16, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      ImagePart& row = rows[i];
+      const int y = part.y0 + static_cast<int>(i);
+      ForEachShown(lens, r2_end, part, y, y + 1, [&](int, int, const Eigen::Vector2d& p) {
+        const int x0 = static_cast<int>(p.x()), y0 = static_cast<int>(p.y());
+        row = {std::min(row.x0, x0), std::min(row.y0, y0), std::max(row.x1, x0), std::max(row.y1, y0)};
+      });
+    }
+  });
+  ImagePart all = {INT_MAX, INT_MAX, 0, 0};
+  for (const ImagePart& row : rows) {
+    all = {std::min(all.x0, row.x0), std::min(all.y0, row.y0), std::max(all.x1, row.x1), std::max(all.y1, row.y1)};
+  }
+  if (all.x0 == INT_MAX) return {0, 0, std::min(1, lens.pinhole.width), std::min(1, lens.pinhole.height)};
+  // A sample reads two pixels each way, the one before where the next would lie outside the image.
+  return {std::max(all.x0 - 1, 0), std::max(all.y0 - 1, 0), std::min(all.x1 + 2, lens.pinhole.width),
+          std::min(all.y1 + 2, lens.pinhole.height)};
+}
+
+FloatImage UndistortPart(FloatImage source, const ImagePart& source_part, const LensModel& lens, const ImagePart& part,
+                         float outside) {
+  if (lens.kind == LensModel::Kind::kPinhole && source_part == part) return source;
+  const int width = lens.pinhole.width, height = lens.pinhole.height;
+  FloatImage image(part.width(), part.height(), source.channels, outside);
+  const double r2_end = LargestGrowingRadius2(lens);
+  ParallelFor(part.height(), 16, [&](int64_t begin, int64_t end) {
+    const int y_begin = part.y0 + static_cast<int>(begin), y_end = part.y0 + static_cast<int>(end);
+    ForEachShown(lens, r2_end, part, y_begin, y_end, [&](int x, int y, const Eigen::Vector2d& p) {
+      int x0 = std::min(static_cast<int>(p.x()), std::max(width - 2, 0));
+      int y0 = std::min(static_cast<int>(p.y()), std::max(height - 2, 0));
+      const float a = static_cast<float>(p.x() - x0), b = static_cast<float>(p.y() - y0);
+      const int x1 = std::min(x0 + 1, width - 1) - source_part.x0, y1 = std::min(y0 + 1, height - 1) - source_part.y0;
+      x0 -= source_part.x0;
+      y0 -= source_part.y0;
+      for (int c = 0; c < source.channels; ++c) {
+        const float top = (1 - a) * source.at(x0, y0, c) + a * source.at(x1, y0, c);
+        const float bottom = (1 - a) * source.at(x0, y1, c) + a * source.at(x1, y1, c);
+        image.at(x - part.x0, y - part.y0, c) = (1 - b) * top + b * bottom;
+      }
+    });
+  });
+  return image;
+}
 
 FloatImage Undistort(FloatImage distorted, const LensModel& lens, float outside) {
   if (lens.kind == LensModel::Kind::kPinhole) return distorted;
-  const int width = distorted.width, height = distorted.height;
-  FloatImage image(width, height, distorted.channels, outside);
-  const double r2_end = LargestGrowingRadius2(lens);
-  ParallelFor(height, 16, [&](int64_t begin, int64_t end) {
-    for (int y = static_cast<int>(begin); y < end; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const double u = (x + 0.5 - lens.pinhole.cx) / lens.pinhole.fx;
-        const double v = (y + 0.5 - lens.pinhole.cy) / lens.pinhole.fy;
-        if (u * u + v * v > r2_end) continue;
-        const Eigen::Vector2d p = lens.Distort({x + 0.5, y + 0.5});
-        if (!(p.x() >= 0 && p.y() >= 0 && p.x() <= width && p.y() <= height)) continue;
-        const double px = std::clamp(p.x() - 0.5, 0.0, width - 1.0), py = std::clamp(p.y() - 0.5, 0.0, height - 1.0);
-        const int x0 = std::min(static_cast<int>(px), std::max(width - 2, 0));
-        const int y0 = std::min(static_cast<int>(py), std::max(height - 2, 0));
-        const int x1 = std::min(x0 + 1, width - 1), y1 = std::min(y0 + 1, height - 1);
-        const float a = static_cast<float>(px - x0), b = static_cast<float>(py - y0);
-        for (int c = 0; c < distorted.channels; ++c) {
-          const float top = (1 - a) * distorted.at(x0, y0, c) + a * distorted.at(x1, y0, c);
-          const float bottom = (1 - a) * distorted.at(x0, y1, c) + a * distorted.at(x1, y1, c);
-          image.at(x, y, c) = (1 - b) * top + b * bottom;
-        }
-      }
-    }
-  });
-  return image;
+  const ImagePart whole = {0, 0, distorted.width, distorted.height};
+  return UndistortPart(std::move(distorted), whole, lens, whole, outside);
 }
 
 }  // namespace tessera

@@ -12,6 +12,13 @@ namespace tessera {
 // polynomial folds back, nothing is shown.
 FloatImage Undistort(FloatImage distorted, const LensModel& lens, float outside);
 
+// The part of the distorted image that the undistorted image's `part` is sampled from; never empty.
+ImagePart SourcePart(const LensModel& lens, const ImagePart& part);
+
+// The undistorted image's `part`, byte for byte, from the distorted image's `source_part` (SourcePart's, or more).
+FloatImage UndistortPart(FloatImage source, const ImagePart& source_part, const LensModel& lens, const ImagePart& part,
+                         float outside);
+
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_IMAGING_UNDISTORT_H_

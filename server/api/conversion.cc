@@ -38,6 +38,7 @@ ReportedResult FromProto(const v1::TaskResult& proto) {
   for (const auto& output : proto.outputs()) result.outputs.push_back({output.name(), FromProto(output.digest())});
   result.stats = proto.stats_json();
   result.warnings.assign(proto.warnings().begin(), proto.warnings().end());
+  result.usage = {proto.usage().core_seconds(), proto.usage().peak_bytes(), proto.usage().threads()};
   return result;
 }
 
@@ -85,6 +86,12 @@ void ToProto(const TaskStatus& status, v1::Task* proto) {
   if (task.end_us != 0) *proto->mutable_end_time() = ToTimestamp(task.end_us);
   proto->set_key(task.key);
   for (const std::string& warning : task.warnings) proto->add_warnings(warning);
+  proto->set_predicted_peak_bytes(task.plan.peak_bytes);
+  if (task.state == TaskState::kSucceeded && !task.reused) {
+    proto->mutable_usage()->set_core_seconds(task.usage.core_seconds);
+    proto->mutable_usage()->set_peak_bytes(task.usage.peak_bytes);
+    proto->mutable_usage()->set_threads(task.usage.threads);
+  }
 }
 
 void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto) {

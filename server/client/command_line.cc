@@ -77,6 +77,12 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
       .add_option("--tiles", flags->settings.tiles,
                   absl::StrCat("Number of tiles, to ", kMaxTiles, "; 0: as many as fit, 1: untiled"))
       ->capture_default_str();
+  command
+      .add_option("--tile-memory", flags->settings.tile_memory_bytes,
+                  "Memory that a tile may take of a worker: tiles that would take more are split; 4GiB where neither "
+                  "this nor --tiles is given")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/true))
+      ->type_name("BYTES|MiB|GiB");
   AddMethodOptions(command, &flags->settings);
   command.parse_complete_callback([flags] {
     const Status status = CheckJobSettings(flags->settings);

@@ -11,6 +11,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", TESSERA_VERSION);
   int exit_code = tessera::kExitOk;
   tessera::AddRunCommand(app, &exit_code);
+  tessera::AddPlanCommand(app, &exit_code);
   tessera::AddSubmitCommand(app, &exit_code);
   tessera::AddJobsCommand(app, &exit_code);
   tessera::AddWatchCommand(app, &exit_code);

@@ -339,6 +339,9 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
     succeeded.set_key(target.key);
     succeeded.set_stats_json(result.stats);
     for (const std::string& warning : result.warnings) succeeded.add_warnings(warning);
+    succeeded.mutable_usage()->set_core_seconds(result.usage.core_seconds);
+    succeeded.mutable_usage()->set_peak_bytes(result.usage.peak_bytes);
+    succeeded.mutable_usage()->set_threads(result.usage.threads);
     TaskFailure failure;
     for (const NamedDigest& output : result.outputs) {
       v1::OutputFile& added = *succeeded.add_outputs();

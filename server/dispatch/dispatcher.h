@@ -74,6 +74,7 @@ struct ReportedResult {
   std::vector<NamedDigest> outputs;  // stored as blobs already
   std::string stats;
   Warnings warnings;
+  TaskUsage usage;
 };
 
 struct WorkerStatus {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/base/task_usage.h"
 #include "common/storage/hash.h"
 #include "server/plan/graph.h"
 
@@ -43,6 +44,7 @@ struct JobTask {
   TaskFailure error;              // the last
   bool reused = false;            // its result was found under its key; nothing ran
   std::string stats;              // JSON
+  TaskUsage usage;                // of the attempt that succeeded; zeros if reused
   std::vector<NamedDigest> outputs;
   Warnings warnings;
   int64_t start_us = 0;  // of the first attempt

@@ -33,7 +33,7 @@ const char* Name(TaskState state) {
 Json TaskJson(const JobTask& task, int64_t end_us) {
   Json json = {{"kind", task.plan.kind},    {"title", task.plan.name}, {"tile", task.plan.tile},
                {"state", Name(task.state)}, {"reused", task.reused},   {"attempts", task.attempt()},
-               {"worker", task.worker()},   {"cost", task.plan.cost},  {"key", task.key}};
+               {"worker", task.worker()},   {"key", task.key}};
   double seconds = 0;
   Json runs = Json::array();
   for (const Attempt& attempt : task.attempts) {
@@ -47,8 +47,16 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
     runs.push_back(std::move(run));
   }
   json["seconds"] = seconds;
+  json["predicted"] = {{"core_seconds", task.plan.cost}, {"peak_bytes", task.plan.peak_bytes}};
+  if (task.state == TaskState::kSucceeded && !task.reused) {
+    json["used"] = {{"core_seconds", task.usage.core_seconds},
+                    {"peak_bytes", task.usage.peak_bytes},
+                    {"threads", task.usage.threads}};
+  }
   json["runs"] = std::move(runs);
   const Json stats = Json::parse(task.stats, nullptr, /*allow_exceptions=*/false);
+  const Json parameters = Json::parse(task.plan.parameters, nullptr, /*allow_exceptions=*/false);
+  json["parameters"] = parameters.is_discarded() ? Json(nullptr) : parameters;
   json["stats"] = stats.is_discarded() ? Json(nullptr) : stats;
   Json outputs = Json::object();
   for (const NamedDigest& output : task.outputs) {
@@ -69,6 +77,7 @@ std::string JobReportJson(const Job& job, const std::string& error, int64_t end_
                {"scene", header.scene_path},
                {"settings",
                 {{"tiles", header.settings.tiles},
+                 {"tile_memory_bytes", header.settings.tile_memory_bytes},
                  {"rounds", header.settings.rounds},
                  {"method", header.settings.method},
                  {"method_settings", Json::parse(ToJson(header.settings.method_settings))}}},

@@ -26,6 +26,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.tile = record.tile();
   task.parameters = record.parameters_json();
   task.cost = record.cost();
+  task.peak_bytes = record.peak_bytes();
   for (const auto& input : record.inputs()) {
     task.inputs.push_back({input.name(), input.scene_file(), input.task(), input.output()});
   }
@@ -290,6 +291,7 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
   target.reused = change.reused();
   target.outputs = NamedDigests(change.outputs());
   target.stats = change.stats_json();
+  target.usage = {change.usage().core_seconds(), change.usage().peak_bytes(), change.usage().threads()};
   target.warnings.assign(change.warnings().begin(), change.warnings().end());
   target.end_us = time_us;
   if (change.reused()) {

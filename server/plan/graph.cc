@@ -2,10 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
+#include "server/plan/cell_index.h"
+#include "server/plan/cost_model.h"
 #include "server/plan/tiling.h"
 
 namespace tessera {
@@ -15,19 +16,11 @@ constexpr int kHaloRadius_px = 3, kHaloCoarsest = 2;  // windows and levels that
 // Tiles blend over the inner quarter of the halo; what lies outside it only shields that quarter from the cut.
 constexpr double kBlendShare = 0.25;
 
-// Predicted seconds on one core, constants of the program's version: progress and order depend on their ratios only.
-constexpr double kIngestSecondsPerFile = 0.1;
-constexpr double kCutSecondsPerFace = 4e-6;
-constexpr double kRefineSecondsPerWork = 3e-5;  // a face and view
-constexpr double kStitchSecondsPerFace = 3e-6;
-constexpr double kPublishSecondsPerFace = 3e-6;
+constexpr double kIngestSecondsPerFile = 0.1;  // before the survey tells more
 
 struct PlannedTile {
   TileParameters parameters;
-  std::vector<int32_t> views;
-  double faces = 0;  // of the core
-  double reach_m = 0;
-  double work = 0;
+  TileWork work;
 };
 
 PlannedInput FromTask(const std::string& name, int task, const std::string& output) { return {name, "", task, output}; }
@@ -44,22 +37,14 @@ double HaloGsd(const MethodSettings& settings) {
   return kHaloGsd * std::max(1.0, reach);
 }
 
-std::vector<PlannedTile> MakeTiles(const JobSettings& settings, const Survey& survey, double halo_m) {
+StatusOr<std::vector<PlannedTile>> MakeTiles(const JobSettings& settings, const Survey& survey, double halo_m) {
+  const CellIndex cells(survey);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(cells, TilingOptionsOf(settings, halo_m)));
   std::vector<PlannedTile> tiles;
-  for (const CellRect& core : LayOutTiles(survey, {.tiles = settings.tiles})) {
+  for (const CellRect& core : cores) {
     PlannedTile tile;
     tile.parameters = {static_cast<int>(tiles.size()), core};
-    std::set<int32_t> views;
-    for (const SurveyCell& cell : survey.cells) {
-      const CellRect square = {cell.x, cell.y, cell.x + 1, cell.y + 1};
-      if (DistanceBetween(square, core, survey.ground.cell_m) > halo_m) continue;
-      views.insert(cell.views.begin(), cell.views.end());
-      if (!core.Contains({cell.x, cell.y})) continue;
-      tile.faces += static_cast<double>(cell.faces);
-      tile.reach_m = std::max(tile.reach_m, cell.reach_m);
-    }
-    tile.views.assign(views.begin(), views.end());
-    tile.work = PredictWork(survey, core, halo_m);
+    tile.work = MeasureTile(cells, core, halo_m);
     tiles.push_back(std::move(tile));
   }
   return tiles;
@@ -70,6 +55,11 @@ std::string TileName(const char* kind, const PlannedTile& tile) {
 }
 
 }  // namespace
+
+StatusOr<double> HaloOf(const JobSettings& settings, const Survey& survey) {
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
+  return HaloGsd(settings.method_settings) * survey.gsd_m;
+}
 
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
@@ -88,7 +78,8 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
   const double halo_m = HaloGsd(settings.method_settings) * survey.gsd_m, blend_m = kBlendShare * halo_m;
-  const std::vector<PlannedTile> tiles = MakeTiles(settings, survey, halo_m);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTile> tiles, MakeTiles(settings, survey, halo_m));
+  const RefineEffort effort = EffortOf(settings);
   const int count = static_cast<int>(tiles.size());
   constexpr int kIngest = 0;
   const auto cut_task = [](int tile) { return 1 + tile; };
@@ -97,24 +88,25 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
 
   std::vector<PlannedTask> tasks;
   for (const PlannedTile& tile : tiles) {
-    const CutParameters parameters = {tile.parameters, halo_m, tile.views};
+    const CutParameters parameters = {tile.parameters, halo_m, tile.work.views};
+    const Prediction cost = PredictCut(survey, tile.work);
     tasks.push_back({"cut",
                      TileName("cut", tile),
                      tile.parameters.tile,
                      ToJson(parameters),
-                     kCutSecondsPerFace * static_cast<double>(survey.faces),
-                     {FromTask(kCityFile, kIngest, kCityFile), FromTask(kSurveyFile, kIngest, kSurveyFile)}});
+                     cost.core_seconds,
+                     {FromTask(kCityFile, kIngest, kCityFile), FromTask(kSurveyFile, kIngest, kSurveyFile)},
+                     cost.peak_bytes});
   }
   for (const PlannedTile& tile : tiles) {
     const RefineParameters parameters = {settings.rounds, settings.method.empty() ? kMethods[0] : settings.method,
                                          settings.method_settings};
-    PlannedTask task = {"refine",
-                        TileName("refine", tile),
-                        tile.parameters.tile,
-                        ToJson(parameters),
-                        kRefineSecondsPerWork * tile.work,
-                        {FromTask(kTileFile, cut_task(tile.parameters.tile), kTileFile)}};
-    for (const int32_t view : tile.views) {
+    const Prediction cost = PredictRefine(tile.work, effort);
+    PlannedTask task = {
+        "refine",           TileName("refine", tile), tile.parameters.tile,
+        ToJson(parameters), cost.core_seconds,        {FromTask(kTileFile, cut_task(tile.parameters.tile), kTileFile)},
+        cost.peak_bytes};
+    for (const int32_t view : tile.work.views) {
       task.inputs.push_back(FromScene(survey.views[view].image_path));
       if (!survey.views[view].likelihood_path.empty()) {
         task.inputs.push_back(FromScene(survey.views[view].likelihood_path));
@@ -125,13 +117,19 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
   for (const PlannedTile& tile : tiles) {
     const int id = tile.parameters.tile;
     StitchParameters parameters = {tile.parameters, blend_m, {}};
-    PlannedTask task = {"stitch", TileName("stitch", tile),           id,
-                        "",       kStitchSecondsPerFace * tile.faces, {FromTask(kTileFile, cut_task(id), kTileFile)}};
+    const Prediction cost = PredictStitch(tile.work);
+    PlannedTask task = {"stitch",
+                        TileName("stitch", tile),
+                        id,
+                        "",
+                        cost.core_seconds,
+                        {FromTask(kTileFile, cut_task(id), kTileFile)},
+                        cost.peak_bytes};
     for (const PlannedTile& other : tiles) {
       // Corners of this core's faces lie within reach of the core; other tiles have weight there if they lie nearer
       // than the blend's width.
       const double gap_m = DistanceBetween(tile.parameters.core, other.parameters.core, survey.ground.cell_m);
-      if (gap_m > blend_m + tile.reach_m) continue;
+      if (gap_m > blend_m + tile.work.reach_m) continue;
       const int other_id = other.parameters.tile;
       parameters.results.push_back(other.parameters);
       task.inputs.push_back(FromTask(TileInputName(other_id, kResultFile), refine_task(other_id), kResultFile));
@@ -140,12 +138,14 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
     tasks.push_back(std::move(task));
   }
   PublishParameters parameters;
+  const Prediction cost = PredictPublish(survey);
   PlannedTask publish = {"publish",
                          "publish",
                          -1,
                          "",
-                         kPublishSecondsPerFace * static_cast<double>(survey.faces),
-                         {FromTask(kCityFile, kIngest, kCityFile), FromTask(kSurveyFile, kIngest, kSurveyFile)}};
+                         cost.core_seconds,
+                         {FromTask(kCityFile, kIngest, kCityFile), FromTask(kSurveyFile, kIngest, kSurveyFile)},
+                         cost.peak_bytes};
   for (const PlannedTile& tile : tiles) {
     const int id = tile.parameters.tile;
     parameters.tiles.push_back(tile.parameters);

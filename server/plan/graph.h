@@ -2,10 +2,12 @@
 #ifndef TESSERA_SERVER_PLAN_GRAPH_H_
 #define TESSERA_SERVER_PLAN_GRAPH_H_
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/tile/survey.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -23,8 +25,9 @@ struct PlannedTask {
   std::string name;        // unique in the job, for people: "refine tile 3"
   int tile = -1;           // -1: the whole job
   std::string parameters;  // canonical JSON (sorted keys, no spaces)
-  double cost = 1;         // predicted work, relative; for progress, ETA and order
+  double cost = 1;         // predicted core-seconds; for progress, ETA, order and quotes
   std::vector<PlannedInput> inputs;
+  int64_t peak_bytes = 0;  // predicted peak of a worker's resident memory; 0: not predicted
 };
 
 // The first task of a job. `scene_files`: every file of the scene, relative, sorted.
@@ -33,6 +36,9 @@ StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<
 // The rest of the job, to be appended behind the ingest task (index 0), in an order where producers come first.
 // `survey`: content of ingest's output "survey.json". Deterministic.
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey);
+
+// How far outside its core a tile reaches, metres.
+StatusOr<double> HaloOf(const JobSettings& settings, const Survey& survey);
 
 }  // namespace tessera
 

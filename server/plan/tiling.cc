@@ -2,93 +2,211 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 
 namespace tessera {
 namespace {
 
-double WorkOf(const SurveyCell& cell) {
-  return static_cast<double>(cell.faces) * static_cast<double>(1 + cell.views.size());
+constexpr int kMaxParts = 1 << 20, kTries = 4;
+constexpr double kFarTooLarge = 4;
+
+// Smallest rectangle with all cells in `rect`.
+CellRect Tightened(const CellIndex& cells, const CellRect& rect) {
+  CellRect tight = {rect.x1, rect.y1, rect.x0, rect.y0};
+  cells.ForEachIn(rect, [&](const SurveyCell& cell) {
+    tight = {std::min(tight.x0, cell.x), std::min(tight.y0, cell.y), std::max(tight.x1, cell.x + 1),
+             std::max(tight.y1, cell.y + 1)};
+  });
+  return tight;
 }
 
-double DistanceToCell(const SurveyCell& cell, const CellRect& rect, double cell_m) {
-  return DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, rect, cell_m);
-}
+class KdSplitter {
+ public:
+  KdSplitter(const CellIndex& cells, const TilingOptions& options)
+      : cells_(cells),
+        options_(options),
+        limit_bytes_(options.tile_bytes > 0 ? options.tile_bytes
+                     : options.tiles > 0    ? std::numeric_limits<int64_t>::max()
+                                            : kDefaultTileBytes) {}
 
-// Cuts [begin, begin + work.size()) into `shares.size()` parts, part i with about shares[i] of the work, every part at
-// least one cell wide. Gives the borders, one more than parts. There are at least as many cells as parts.
-std::vector<int> CutByWork(int begin, const std::vector<double>& work, const std::vector<double>& shares) {
-  double total_work = 0, total_share = 0;
-  for (const double w : work) total_work += w;
-  for (const double s : shares) total_share += s;
-  const int cells = static_cast<int>(work.size()), parts = static_cast<int>(shares.size());
-  std::vector<int> borders = {begin};
-  double done = 0, wanted = 0;
-  int at = 0;
-  for (int part = 0; part + 1 < parts; ++part) {
-    wanted += shares[part] / total_share * total_work;
-    const int first = at + 1, last = cells - (parts - part - 1);
-    // The border whose sum is nearest to what is wanted.
-    do {
-      done += work[at++];
-    } while (at < last && (at < first || std::abs(done + work[at] - wanted) <= std::abs(done - wanted)));
-    borders.push_back(begin + at);
+  StatusOr<std::vector<CellRect>> Run() {
+    TESSERA_RETURN_IF_ERROR(Split(cells_.bounds(), std::max(1, options_.tiles)));
+    return std::move(tiles_);
   }
-  borders.push_back(begin + cells);
-  return borders;
-}
+
+ private:
+  // Cuts `rect` into at least `parts` tiles, or as many as it has cells.
+  Status Split(const CellRect& given, int parts) {
+    const CellRect rect = Tightened(cells_, given);
+    int count = 0;
+    double faces = 0;
+    cells_.ForEachIn(rect, [&](const SurveyCell& cell) {
+      ++count;
+      faces += static_cast<double>(cell.faces);
+    });
+    parts = std::min(parts, count);
+    if (parts <= 1) {
+      // Of what is far too large no image need be looked at.
+      if (count > 1 &&
+          static_cast<double>(LeastRefineBytes(faces)) > kFarTooLarge * static_cast<double>(limit_bytes_)) {
+        parts = 2;
+      } else {
+        const double excess = Excess(rect);
+        if (count == 1) TESSERA_RETURN_IF_ERROR(CheckCell(rect));
+        if (excess <= 1 || count == 1) {
+          tiles_.push_back(rect);
+          return absl::OkStatus();
+        }
+        // The fewest equal parts that all fit; halos make them more than the excess tells.
+        const int fewest = static_cast<int>(std::clamp(std::ceil(excess), 2.0, std::min<double>(count, kMaxParts)));
+        for (parts = fewest; parts <= std::min(count, fewest + kTries); ++parts) {
+          std::vector<CellRect> trial;
+          SplitEvenly(rect, parts, &trial);
+          if (!std::all_of(trial.begin(), trial.end(), [&](const CellRect& part) { return Excess(part) <= 1; }))
+            continue;
+          tiles_.insert(tiles_.end(), trial.begin(), trial.end());
+          return absl::OkStatus();
+        }
+        parts = 2;
+      }
+    }
+    const Cut cut = BestCut(rect, parts);
+    const auto [low, high] = Halves(rect, cut);
+    TESSERA_RETURN_IF_ERROR(Split(low, cut.low_parts));
+    return Split(high, parts - cut.low_parts);
+  }
+
+  void SplitEvenly(const CellRect& given, int parts, std::vector<CellRect>* out) const {
+    const CellRect rect = Tightened(cells_, given);
+    if (parts <= 1) {
+      out->push_back(rect);
+      return;
+    }
+    const Cut cut = BestCut(rect, parts);
+    const auto [low, high] = Halves(rect, cut);
+    SplitEvenly(low, cut.low_parts, out);
+    SplitEvenly(high, parts - cut.low_parts, out);
+  }
+
+  double PredictBytes(const TileWork& work) const {
+    return RefineBytesInterval().high * static_cast<double>(PredictRefine(work, options_.effort).peak_bytes);
+  }
+
+  // What a tile is predicted to take beyond what a worker holds anyway, as a share of the room; above 1 it does not
+  // fit.
+  double Excess(const CellRect& rect) const {
+    if (limit_bytes_ == std::numeric_limits<int64_t>::max()) return 0;
+    const TileWork work = MeasureTile(cells_, rect, options_.halo_m);
+    const double fixed = static_cast<double>(LeastRefineBytes(0)), room = static_cast<double>(limit_bytes_) - fixed;
+    return room > 0 ? (PredictBytes(work) - fixed) / room : std::numeric_limits<double>::infinity();
+  }
+
+  Status CheckCell(const CellRect& rect) const {
+    if (limit_bytes_ == std::numeric_limits<int64_t>::max()) return absl::OkStatus();
+    const TileWork work = MeasureTile(cells_, rect, options_.halo_m);
+    const double bytes = PredictBytes(work);
+    if (bytes <= static_cast<double>(limit_bytes_)) return absl::OkStatus();
+    constexpr double kGiB = 1 << 30;
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "the ground cell at (%d, %d) with its halo (%.0f faces, %d views, %.1f megapixels) takes %.2f GiB to refine, "
+        "and a tile cannot be smaller than a cell; tile memory: found %.2f GiB, expected at least that much "
+        "(--tile-memory), or a finest level coarser than now (--levels)",
+        rect.x0, rect.y0, work.faces, work.seeing_views, 1e-6 * work.pixels, bytes / kGiB,
+        static_cast<double>(limit_bytes_) / kGiB));
+  }
+
+  struct Cut {
+    bool along_x = true;
+    int at = 0;
+    int low_parts = 1;
+    double excess = std::numeric_limits<double>::infinity();  // of the heavier side's parts over an even share
+  };
+
+  static std::pair<CellRect, CellRect> Halves(const CellRect& rect, const Cut& cut) {
+    CellRect low = rect, high = rect;
+    (cut.along_x ? low.x1 : low.y1) = cut.at;
+    (cut.along_x ? high.x0 : high.y0) = cut.at;
+    return {low, high};
+  }
+
+  Cut BestCut(const CellRect& rect, int parts) const {
+    const bool long_x = rect.x1 - rect.x0 >= rect.y1 - rect.y0;
+    const Cut cut = BestCutAlong(rect, parts, long_x);
+    return std::isfinite(cut.excess) ? cut : BestCutAlong(rect, parts, !long_x);
+  }
+
+  Cut BestCutAlong(const CellRect& rect, int parts, bool along_x) const {
+    const int begin = along_x ? rect.x0 : rect.y0, size = (along_x ? rect.x1 : rect.y1) - begin;
+    std::vector<double> work(size, 0.0);
+    std::vector<int> count(size, 0);
+    double total = 0;
+    int total_count = 0;
+    cells_.ForEachIn(rect, [&](const SurveyCell& cell) {
+      const double seconds = PredictCellSeconds(cell, cells_.survey(), options_.effort);
+      const int place = (along_x ? cell.x : cell.y) - begin;
+      work[place] += seconds;
+      ++count[place];
+      total += seconds;
+      ++total_count;
+    });
+    // About half of the parts on either side, so that the halves can be balanced again.
+    Cut best;
+    best.along_x = along_x;
+    double low = 0;
+    int low_count = 0;
+    for (int at = 1; at < size; ++at) {
+      low += work[at - 1];
+      low_count += count[at - 1];
+      const int least = std::max(1, parts - (total_count - low_count)), most = std::min(parts - 1, low_count);
+      if (least > most || low_count == total_count) continue;
+      for (const int wanted : {parts / 2, parts - parts / 2}) {
+        const int low_parts = std::clamp(wanted, least, most);
+        const double excess = std::max(low / low_parts, (total - low) / (parts - low_parts)) * parts / total;
+        if (excess < best.excess) best = {along_x, begin + at, low_parts, excess};
+      }
+    }
+    return best;
+  }
+
+  const CellIndex& cells_;
+  const TilingOptions& options_;
+  const int64_t limit_bytes_;
+  std::vector<CellRect> tiles_;
+};
 
 }  // namespace
 
-double PredictWork(const Survey& survey, const CellRect& core, double halo_m) {
-  double work = 0;
-  for (const SurveyCell& cell : survey.cells) {
-    if (DistanceToCell(cell, core, survey.ground.cell_m) <= halo_m) work += WorkOf(cell);
-  }
-  return work;
+double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const RefineEffort& effort) {
+  // As if it were a tile whose crops show its square at the median GSD, each view compared with its share of partners.
+  TileWork work;
+  const double side_px = survey.ground.cell_m / survey.gsd_m, views = static_cast<double>(cell.views.size());
+  const double partners =
+      survey.views.empty() ? 0 : static_cast<double>(survey.pairs.size()) / static_cast<double>(survey.views.size());
+  work.faces = static_cast<double>(cell.faces);
+  work.seeing_views = static_cast<int>(cell.views.size());
+  work.pixels = views * side_px * side_px;
+  work.pair_pixels = work.pixels * std::min(partners, std::max(0.0, views - 1));
+  // At least its faces, where there are no views: every tile is cut and stitched.
+  return PredictRefine(work, effort).core_seconds + PredictStitch(work).core_seconds;
 }
 
-std::vector<CellRect> LayOutTiles(const Survey& survey, const TilingOptions& options) {
-  CellRect all = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN};
-  double faces = 0, work = 0;
-  for (const SurveyCell& cell : survey.cells) {
-    all = {std::min(all.x0, cell.x), std::min(all.y0, cell.y), std::max(all.x1, cell.x + 1),
-           std::max(all.y1, cell.y + 1)};
-    faces += static_cast<double>(cell.faces);
-    work += WorkOf(cell);
-  }
-  const int width = all.x1 - all.x0, height = all.y1 - all.y0;
-  const double wanted =
-      options.tiles > 0 ? options.tiles : std::ceil(std::max(faces / options.max_faces, work / options.max_work));
-  const int tiles = static_cast<int>(std::clamp(wanted, 1.0, static_cast<double>(width) * height));
-  const int rows = std::clamp(static_cast<int>(std::lround(std::sqrt(static_cast<double>(tiles) * height / width))),
-                              (tiles + width - 1) / width, std::min(tiles, height));
+TilingOptions TilingOptionsOf(const JobSettings& settings, double halo_m) {
+  TilingOptions options;
+  options.tiles = settings.tiles;
+  options.tile_bytes = settings.tile_memory_bytes;
+  options.halo_m = halo_m;
+  options.effort = EffortOf(settings);
+  return options;
+}
 
-  std::vector<double> row_tiles(rows), row_work(height, 0.0);
-  for (int r = 0; r < rows; ++r) {
-    row_tiles[r] =
-        static_cast<double>(static_cast<int64_t>(tiles) * (r + 1) / rows - static_cast<int64_t>(tiles) * r / rows);
-  }
-  for (const SurveyCell& cell : survey.cells) row_work[cell.y - all.y0] += WorkOf(cell);
-  const std::vector<int> row_borders = CutByWork(all.y0, row_work, row_tiles);
-
-  std::vector<CellRect> rects;
-  for (int r = 0; r < rows; ++r) {
-    std::vector<double> column_work(width, 0.0);
-    for (const SurveyCell& cell : survey.cells) {
-      if (cell.y >= row_borders[r] && cell.y < row_borders[r + 1]) column_work[cell.x - all.x0] += WorkOf(cell);
-    }
-    const std::vector<double> even(static_cast<size_t>(row_tiles[r]), 1.0);
-    const std::vector<int> borders = CutByWork(all.x0, column_work, even);
-    for (size_t c = 0; c + 1 < borders.size(); ++c) {
-      const CellRect rect = {borders[c], row_borders[r], borders[c + 1], row_borders[r + 1]};
-      const bool used = std::any_of(survey.cells.begin(), survey.cells.end(), [&](const SurveyCell& cell) {
-        return rect.Contains({cell.x, cell.y});
-      });
-      if (used) rects.push_back(rect);
-    }
-  }
-  return rects;
+StatusOr<std::vector<CellRect>> LayOutTiles(const CellIndex& cells, const TilingOptions& options) {
+  if (cells.survey().cells.empty()) return absl::InvalidArgumentError("survey: found no cells with faces");
+  return KdSplitter(cells, options).Run();
 }
 
 }  // namespace tessera

@@ -1,28 +1,40 @@
-// The grid of tiles over the cells of a survey.
+// The tiles over the cells of a survey.
 #ifndef TESSERA_SERVER_PLAN_TILING_H_
 #define TESSERA_SERVER_PLAN_TILING_H_
 
+#include <cstdint>
 #include <vector>
 
+#include "common/base/status.h"
 #include "common/tile/ground.h"
-#include "common/tile/survey.h"
+#include "server/plan/cell_index.h"
+#include "server/plan/cost_model.h"
 
 namespace tessera {
 
+inline constexpr int64_t kDefaultTileBytes = int64_t{4} << 30;
+
 struct TilingOptions {
-  int tiles = 0;             // wanted number; 0: as many as the limits ask for
-  double max_faces = 300e3;  // of a core, when tiles = 0
-  double max_work = 8e6;     // of a core in faces times views, when tiles = 0
+  int tiles = 0;           // wanted number; 0: as many as the memory asks for
+  int64_t tile_bytes = 0;  // a worker's memory; 0: 4 GiB, and no limit where a number of tiles is wanted
+  double halo_m = 0;
+  RefineEffort effort;
 };
 
-// Rectangles of cells that cover every cell of the survey exactly once, none without faces, by row and column. The rows
-// are cut first, then every row into its own columns, at the borders of cells, so that the parts have like shares of
-// the predicted work; the number of rows follows the city's aspect. Exactly `tiles` of them unless the city has too few
-// rows and columns of cells, or gaps, for so many.
-std::vector<CellRect> LayOutTiles(const Survey& survey, const TilingOptions& options);
+// As a job asks for.
+TilingOptions TilingOptionsOf(const JobSettings& settings, double halo_m);
 
-// Predicted work of refining a tile with this core: faces times the views that see them, over core and halo.
-double PredictWork(const Survey& survey, const CellRect& core, double halo_m);
+// Rectangles of cells that cover every cell of the survey exactly once, none without faces. The city is cut in two, at
+// the border of cells that shares the predicted work out best, and each part again, across its longer side (a k-d
+// tree), until there are `tiles` parts, or until each is predicted to fit the memory with its halo; predictions count
+// with the upper end of their interval. Exactly `tiles` of them unless there are fewer cells, or tile_bytes asks for
+// more. The same for the same survey and options: nothing else enters, no report of a worker, no number of workers.
+// INVALID_ARGUMENT, with what to do about it, where a single cell does not fit.
+StatusOr<std::vector<CellRect>> LayOutTiles(const CellIndex& cells, const TilingOptions& options);
+
+// What a cell adds to a tile's refinement, core-seconds; without the halo, and without where exactly images are
+// cropped.
+double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const RefineEffort& effort);
 
 }  // namespace tessera
 

@@ -12,6 +12,12 @@ Status CheckJobSettings(const JobSettings& settings) {
         absl::InvalidArgumentError(absl::StrCat(name, ": found ", found, ", expected 0 (", zero, ") to ", high)));
   };
   check("tiles", settings.tiles, kMaxTiles, "as many as fit");
+  const int64_t memory = settings.tile_memory_bytes;
+  if (memory != 0 && (memory < kMinTileMemory || memory > kMaxTileMemory)) {
+    faults.Add(absl::InvalidArgumentError(absl::StrCat("tile memory: found ", memory,
+                                                       " bytes, expected 0 (4 GiB, or what a given number of tiles "
+                                                       "takes) or 128 MiB to 64 TiB")));
+  }
   check("rounds", settings.rounds, kMaxRounds, "the method's own");
   faults.Add(CheckMethod(settings.method, settings.method_settings));
   return faults.ToStatus();

@@ -8,6 +8,7 @@ JobSettings FromProto(const v1::JobSettings& proto) {
   JobSettings settings;
   settings.tiles = proto.tiles();
   settings.rounds = proto.rounds();
+  settings.tile_memory_bytes = proto.tile_memory_bytes();
   if (!proto.method().empty()) settings.method = proto.method();
   const v1::MethodSettings& from = proto.method_settings();
   MethodSettings& to = settings.method_settings;
@@ -32,6 +33,7 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   proto->Clear();
   proto->set_tiles(settings.tiles);
   proto->set_rounds(settings.rounds);
+  proto->set_tile_memory_bytes(settings.tile_memory_bytes);
   proto->set_method(settings.method);
   const MethodSettings& from = settings.method_settings;
   if (from == MethodSettings()) return;

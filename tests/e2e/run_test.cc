@@ -77,6 +77,39 @@ TEST_F(RunTest, ARepeatedRunDoesNothingTwice) {
   EXPECT_EQ(totals["attempts"], 0);
 }
 
+TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
+  const std::string json = folder_.path() + "/plan.json", map = folder_.path() + "/plan.svg";
+  const Outcome plan = Tessera(folder_.path(), {"plan", ToyCity(), "--tiles", "4", "--out", out_, "--json", json,
+                                                "--map", map, "--workers", "2"});
+  ASSERT_EQ(plan.exit_code, 0) << plan.output;
+  EXPECT_THAT(plan.output, HasSubstr("tiles: 4"));
+  EXPECT_THAT(Content(map), HasSubstr("</svg>"));
+  const auto planned = nlohmann::json::parse(Content(json));
+  ASSERT_EQ(Run({"--tiles", "4"}).exit_code, 0);
+  int tiles = 0;
+  const auto job = nlohmann::json::parse(Content(out_ + "/job.json"));
+  for (const auto& task : job["tasks"]) {
+    if (task["kind"] == "ingest") {
+      EXPECT_EQ(task["reused"], true);
+    }
+    if (task["kind"] != "refine") continue;
+    const auto& tile = planned["tiles"][tiles++];
+    EXPECT_EQ(task["predicted"], tile["refine"]);
+    EXPECT_GT(task["used"]["core_seconds"], 0);
+    EXPECT_GT(task["used"]["peak_bytes"], 1 << 20);
+  }
+  EXPECT_EQ(tiles, 4);
+  EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
+}
+
+TEST_F(RunTest, ATileThatCannotFitIsRefusedByPlanAndRun) {
+  for (const char* command : {"plan", "run"}) {
+    const Outcome outcome = Tessera(folder_.path(), {command, ToyCity(), "--tile-memory", "1MiB", "--out", out_});
+    EXPECT_EQ(outcome.exit_code, 2) << command << ": a limit that no worker keeps";
+    EXPECT_THAT(outcome.output, HasSubstr("tile memory: found 1048576 bytes"));
+  }
+}
+
 TEST_F(RunTest, AnInterruptStopsEverythingThatWasStarted) {
   for (const int signal : {SIGINT, SIGTERM}) {
     fs::remove_all(out_);

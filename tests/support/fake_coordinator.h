@@ -99,6 +99,7 @@ class CoordinatorTest : public testing::Test {
   ReportedResult Result(const GrantedLease& lease, const std::string& survey = "survey") {
     ReportedResult result;
     result.stats = "{\"energy\":1}";
+    result.usage = {7.5, 3 << 20, 2};
     const auto add = [&](const std::string& name, const std::string& content) {
       result.outputs.push_back({name, *blobs_->PutBytes(content)});
     };

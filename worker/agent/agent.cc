@@ -215,6 +215,7 @@ class Agent::Impl {
 
   Status WorkIn(const LeasedTask& lease, const TaskControl& control, AttemptReport& report) {
     ProbeIfNew();
+    const TaskUsageMeter meter;  // a worker runs one task at a time
     auto folder = TempFolder::Create(options_.work_dir + "/tasks", "task-");
     if (!folder.ok()) return absl::UnavailableError(MessageOf(folder.status()));
     TaskRequest request;
@@ -234,6 +235,7 @@ class Agent::Impl {
     TESSERA_ASSIGN_OR_RETURN(report.outputs, files_.StoreOutputs(outcome.outputs, request.output_dir, control));
     report.stats = outcome.stats;
     report.warnings = outcome.warnings;
+    report.usage = meter.Read();
     return absl::OkStatus();
   }
 

@@ -177,6 +177,9 @@ Status CoordinatorLink::Report(const std::string& worker, const AttemptReport& r
     }
     success->set_stats_json(report.stats);
     for (const std::string& warning : report.warnings) success->add_warnings(PrintableText(warning));
+    success->mutable_usage()->set_core_seconds(report.usage.core_seconds);
+    success->mutable_usage()->set_peak_bytes(report.usage.peak_bytes);
+    success->mutable_usage()->set_threads(report.usage.threads);
   } else {
     request.mutable_failure()->set_error_class(ToProto(report.failure_class));
     request.mutable_failure()->set_message(PrintableText(report.failure));

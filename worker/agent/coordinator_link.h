@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/base/task_usage.h"
 #include "common/storage/hash.h"
 
 namespace grpc {
@@ -72,6 +73,7 @@ struct AttemptReport {
   std::vector<NamedDigest> outputs;  // of a success; stored as blobs already
   std::string stats;
   Warnings warnings;
+  TaskUsage usage;
   FailureClass failure_class = FailureClass::kTransient;  // of a failure
   std::string failure;
 };

@@ -107,6 +107,7 @@ TEST(Line, SameTopologyForAnyTilingAndLabelsAsGoodAsTheStart) {
   const std::string folder = FreshTestFolder("tiled");
   const TinyScene scene = WriteTinyScene(folder);
   std::vector<Triangle> faces;
+  int64_t wrong_untiled = 0;
   for (const int tiles : {1, 5}) {
     const auto tasks = RunLine(folder, folder + "/work" + std::to_string(tiles), {.tiles = tiles});
     ASSERT_TRUE(tasks.ok()) << tasks.status();
@@ -120,7 +121,12 @@ TEST(Line, SameTopologyForAnyTilingAndLabelsAsGoodAsTheStart) {
     faces = result->mesh.faces;
     int64_t wrong = 0;
     for (size_t f = 0; f < faces.size(); ++f) wrong += result->mesh.labels[f] != city->mesh.labels[f];
-    EXPECT_LT(wrong, static_cast<int64_t>(faces.size() / 25)) << "the start is the truth";
+    // The start is the truth. Which faces near the seams change depends on where the seams lie.
+    if (tiles == 1) {
+      EXPECT_LT(wrong, static_cast<int64_t>(faces.size() / 25));
+      wrong_untiled = wrong;
+    }
+    EXPECT_LE(static_cast<double>(wrong), 1.05 * static_cast<double>(wrong_untiled)) << tiles << " tiles";
     const auto text = ReadFile(tasks->back().output_dir + "/" + kReportFile);
     ASSERT_TRUE(text.ok());
     const nlohmann::json report = nlohmann::json::parse(*text);

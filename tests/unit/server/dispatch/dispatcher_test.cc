@@ -58,6 +58,9 @@ TEST_F(DispatcherTest, RunsAJobToItsEnd) {
   EXPECT_EQ(report["tasks"][2]["attempts"], 1);
   EXPECT_EQ(report["tasks"][2]["seconds"], 10.0);
   EXPECT_EQ(report["tasks"][2]["stats"]["energy"], 1);
+  EXPECT_EQ(report["tasks"][2]["used"]["core_seconds"], 7.5);
+  EXPECT_EQ(report["tasks"][2]["used"]["peak_bytes"], 3 << 20);
+  EXPECT_EQ(report["tasks"][2]["predicted"]["core_seconds"], 2.0);
 }
 
 TEST_F(DispatcherTest, ExpiredLeaseGoesToAnotherAndTheLateReportIsRefused) {

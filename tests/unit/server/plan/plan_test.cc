@@ -1,11 +1,15 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <map>
+#include <numeric>
 #include <set>
 
 #include "common/base/random.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
+#include "server/plan/cost_model.h"
 #include "server/plan/graph.h"
 #include "server/plan/tiling.h"
 
@@ -41,6 +45,15 @@ Survey RandomSurvey(int width, int height, double filled, uint64_t seed) {
   return s;
 }
 
+std::vector<CellRect> Cores(const Survey& survey, int tiles) {
+  TilingOptions options;
+  options.tiles = tiles;
+  options.effort = EffortOf({});
+  const auto cores = LayOutTiles(CellIndex(survey), options);
+  EXPECT_TRUE(cores.ok()) << cores.status();
+  return *cores;
+}
+
 std::vector<PlannedTask> PlanOf(const Survey& survey, int tiles) {
   auto plan = PlanTiles({.tiles = tiles}, SurveyToJson(survey));
   EXPECT_TRUE(plan.ok()) << plan.status();
@@ -53,7 +66,7 @@ TEST(Tiling, EveryCellIsInExactlyOneCoreAndNoneIsEmpty) {
     const Survey survey =
         RandomSurvey(1 + static_cast<int>(random.Below(30)), 1 + static_cast<int>(random.Below(30)), 0.7, seed);
     if (survey.cells.empty()) continue;
-    const auto rects = LayOutTiles(survey, {.tiles = static_cast<int>(random.Below(40))});
+    const auto rects = Cores(survey, static_cast<int>(random.Below(40)));
     std::vector<int> cells_in(rects.size(), 0);
     for (const SurveyCell& cell : survey.cells) {
       int owners = 0;
@@ -71,36 +84,153 @@ TEST(Tiling, EveryCellIsInExactlyOneCoreAndNoneIsEmpty) {
 TEST(Tiling, AsManyTilesAsAskedFor) {
   const Survey survey = RandomSurvey(30, 20, 1, 1);
   for (int tiles = 1; tiles <= 40; ++tiles) {
-    EXPECT_EQ(LayOutTiles(survey, {.tiles = tiles}).size(), static_cast<size_t>(tiles));
+    EXPECT_EQ(Cores(survey, tiles).size(), static_cast<size_t>(tiles));
   }
 }
 
 TEST(Tiling, FollowsTheCitysShape) {
-  const auto along_x = LayOutTiles(RandomSurvey(40, 4, 1, 1), {.tiles = 4});
+  const auto along_x = Cores(RandomSurvey(40, 4, 1, 1), 4);
   for (const CellRect& rect : along_x) EXPECT_EQ(rect.y1 - rect.y0, 4);
-  const auto along_y = LayOutTiles(RandomSurvey(4, 40, 1, 1), {.tiles = 4});
+  const auto along_y = Cores(RandomSurvey(4, 40, 1, 1), 4);
   for (const CellRect& rect : along_y) EXPECT_EQ(rect.x1 - rect.x0, 4);
 }
 
-TEST(Tiling, TilesHaveLikeShares) {
-  const Survey survey = RandomSurvey(60, 60, 1, 1);
-  double least = 1e300, most = 0;
-  for (const CellRect& rect : LayOutTiles(survey, {.tiles = 9})) {
-    const double work = PredictWork(survey, rect, -1);
-    least = std::min(least, work == 0 ? PredictWork(survey, rect, 0) : work);
-    most = std::max(most, work == 0 ? PredictWork(survey, rect, 0) : work);
+// Predicted core-seconds of refining each core, halos left out.
+std::vector<double> SecondsOf(const Survey& survey, const std::vector<CellRect>& cores) {
+  std::vector<double> seconds(cores.size(), 0.0);
+  for (const SurveyCell& cell : survey.cells) {
+    for (size_t i = 0; i < cores.size(); ++i) {
+      if (cores[i].Contains({cell.x, cell.y})) seconds[i] += PredictCellSeconds(cell, survey, EffortOf({}));
+    }
   }
-  EXPECT_LT(most, 1.4 * least);
+  return seconds;
 }
 
-TEST(Tiling, NumberFollowsTheLimitsByDefault) {
-  const Survey survey = RandomSurvey(40, 40, 1, 1);
+TEST(Tiling, TilesHaveLikeSharesOfTheWork) {
+  Survey survey = RandomSurvey(60, 60, 1, 1);
+  for (SurveyCell& cell : survey.cells) {  // a town in the plain
+    if (std::hypot(cell.x - 10, cell.y - 20) < 12) cell.faces *= 20;
+  }
+  for (const int tiles : {2, 3, 9, 16, 50}) {
+    const std::vector<double> seconds = SecondsOf(survey, Cores(survey, tiles));
+    const double mean = std::accumulate(seconds.begin(), seconds.end(), 0.0) / tiles;
+    EXPECT_LT(*std::max_element(seconds.begin(), seconds.end()), 1.25 * mean) << tiles;
+  }
+}
+
+// Each view sees the whole city from above.
+Survey SeenFromAbove(int size) {
+  Survey survey = RandomSurvey(size, size, 1, 1);
+  for (SceneView& view : survey.views) {
+    view.camera.intrinsics = {8000, 8000, 8000, 8000, 4000, 4000};
+    view.camera.rotation_cam_from_world.diagonal() << 1, -1, -1;
+    view.camera.translation_cam_from_world.z() = 800;
+  }
+  for (SurveyCell& cell : survey.cells) {
+    cell.box_min = {8.0 * cell.x, 8.0 * cell.y, 0};
+    cell.box_max = {8.0 * cell.x + 8, 8.0 * cell.y + 8, 20};
+  }
+  for (int i = 0; i < 6; ++i) {
+    for (int j = 0; j < 6; ++j) {
+      if (i != j) survey.pairs.push_back({i, j});
+    }
+  }
+  survey.has_likelihoods = true;
+  return survey;
+}
+
+TilingOptions WithMemory(int64_t bytes) {
   TilingOptions options;
-  options.max_faces = 1e12;
-  options.max_work = 1e12;
-  EXPECT_EQ(LayOutTiles(survey, options).size(), 1u);
-  options.max_faces = static_cast<double>(survey.faces) / 7.5;
-  EXPECT_EQ(LayOutTiles(survey, options).size(), 8u);
+  options.tile_bytes = bytes;
+  options.halo_m = 5.6;
+  options.effort = EffortOf({});
+  return options;
+}
+
+TEST(Tiling, EveryTileFitsTheMemoryAndNoneIsFarTooSmall) {
+  const Survey survey = SeenFromAbove(40);
+  const CellIndex cells(survey);
+  size_t before = 0;
+  for (const int64_t mib : {8192, 4096, 3072, 2048}) {
+    const TilingOptions options = WithMemory(mib << 20);
+    const auto cores = LayOutTiles(cells, options);
+    ASSERT_TRUE(cores.ok()) << cores.status();
+    EXPECT_GE(cores->size(), before);
+    before = cores->size();
+    double faces = 0, filled = 0;
+    for (const CellRect& core : *cores) {
+      const TileWork work = MeasureTile(cells, core, options.halo_m);
+      const auto bytes = static_cast<double>(PredictRefine(work, options.effort).peak_bytes);
+      EXPECT_LE(RefineBytesInterval().high * bytes, static_cast<double>(options.tile_bytes));
+      faces += work.core_faces;
+      filled += bytes / static_cast<double>(options.tile_bytes);
+    }
+    EXPECT_EQ(faces, static_cast<double>(survey.faces));
+    if (cores->size() > 1) {
+      EXPECT_GT(filled / static_cast<double>(cores->size()), 0.5);
+    }
+  }
+  EXPECT_GT(before, 1u);
+}
+
+TEST(Tiling, ANumberOfTilesIsKeptUnlessMemoryIsLimitedToo) {
+  const Survey survey = SeenFromAbove(40);
+  EXPECT_EQ(Cores(survey, 1).size(), 1u);
+  TilingOptions options = WithMemory(int64_t{1536} << 20);
+  options.tiles = 2;
+  EXPECT_GT(LayOutTiles(CellIndex(survey), options)->size(), 2u);
+}
+
+TEST(Tiling, ACellThatCannotFitIsRefusedWithWhatToDo) {
+  Survey survey = SeenFromAbove(4);
+  survey.cells[5].faces = 4'000'000;
+  const auto refused = PlanTiles({.tile_memory_bytes = int64_t{3} << 30}, SurveyToJson(survey));
+  EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
+  const std::string message(refused.status().message());
+  for (const char* word : {"cell at (", "--tile-memory", "--levels", "found 3.00 GiB"}) {
+    EXPECT_NE(message.find(word), std::string::npos) << message;
+  }
+  EXPECT_TRUE(PlanTiles({.tile_memory_bytes = int64_t{8} << 30}, SurveyToJson(survey)).ok());
+}
+
+TEST(CostModel, CropsAreWhatTheTileCovers) {
+  const Survey survey = SeenFromAbove(40);
+  const CellIndex cells(survey);
+  // 10 pixels a metre at height 0, a little more at the boxes' tops, and the crops' margin.
+  const TileWork work = MeasureTile(cells, {0, 0, 10, 5}, 0);
+  EXPECT_EQ(work.views.size(), 6u);
+  EXPECT_EQ(work.seeing_views, 6);
+  EXPECT_GT(work.pixels, 6 * 800.0 * 400.0);
+  EXPECT_LT(work.pixels, 6 * 950.0 * 530.0);
+  EXPECT_NEAR(work.pair_pixels, 5 * work.pixels, 1e-3);
+  EXPECT_EQ(work.image_pixels, 6 * 64e6);
+  const TileWork wider = MeasureTile(cells, {0, 0, 10, 5}, 8);
+  EXPECT_GT(wider.faces, work.faces);
+  EXPECT_EQ(wider.core_faces, work.core_faces);
+  EXPECT_GT(wider.pixels, work.pixels);
+}
+
+TEST(CostModel, APartOfACellCountsForItsShare) {
+  Survey survey = SeenFromAbove(40);
+  for (SurveyCell& cell : survey.cells) cell.faces = 100;
+  const CellIndex cells(survey);
+  const CellRect core = {5, 5, 10, 10};
+  EXPECT_EQ(MeasureTile(cells, core, 0).faces, 2500);
+  EXPECT_EQ(MeasureTile(cells, core, 4).faces, 3600);
+  EXPECT_EQ(MeasureTile(cells, core, 8).faces, 4900);
+}
+
+TEST(CostModel, CoarserLevelsTakeLess) {
+  JobSettings coarse, twice;
+  coarse.method_settings.levels = {2, 1};
+  coarse.method_settings.iterations = {3, 10};
+  twice.rounds = 2;
+  const Survey survey = SeenFromAbove(20);
+  const TileWork work = MeasureTile(CellIndex(survey), {-5, -3, 15, 17}, 0);
+  const Prediction standard = PredictRefine(work, EffortOf({})), less = PredictRefine(work, EffortOf(coarse));
+  EXPECT_LE(less.peak_bytes, standard.peak_bytes);
+  EXPECT_LT(less.core_seconds, standard.core_seconds);
+  EXPECT_GT(PredictRefine(work, EffortOf(twice)).core_seconds, standard.core_seconds);
 }
 
 TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
@@ -136,7 +266,7 @@ TEST(Plan, RefineReadsThePixelsOfEveryViewOfItsCells) {
     if (task.kind != "refine") continue;
     std::set<std::string> files;
     for (const PlannedInput& input : task.inputs) files.insert(input.scene_file);
-    const auto cores = LayOutTiles(survey, {.tiles = 5});
+    const auto cores = Cores(survey, 5);
     for (const SurveyCell& cell : survey.cells) {
       if (!cores[task.tile].Contains({cell.x, cell.y})) continue;
       for (const int32_t v : cell.views) {
@@ -159,7 +289,7 @@ TEST(Plan, BothSidesOfASeamReadTheSameTiles) {
     EXPECT_EQ(parameters->results.size() + 1, task.inputs.size());
     for (const TileParameters& tile : parameters->results) reads[task.tile].insert(tile.tile);
   }
-  const auto cores = LayOutTiles(survey, {.tiles = 25});
+  const auto cores = Cores(survey, 25);
   for (const auto& [tile, others] : reads) {
     EXPECT_TRUE(others.contains(tile));
     for (size_t other = 0; other < cores.size(); ++other) {

@@ -1,0 +1,56 @@
+#include "common/base/task_usage.h"
+
+#include <malloc.h>
+#include <sys/resource.h>
+
+#include <cstdio>
+#include <fstream>
+#include <string>
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+double CoreSeconds() {
+  rusage usage = {};
+  if (getrusage(RUSAGE_SELF, &usage) != 0) return 0;
+  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * t.tv_usec; };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+// 0 where there is no such line.
+int64_t PeakBytes() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    long long kib = 0;
+    if (std::sscanf(line.c_str(), "VmHWM: %lld kB", &kib) == 1) return kib * 1024;
+  }
+  return 0;
+}
+
+bool ResetPeak() {
+  std::ofstream file("/proc/self/clear_refs");
+  file << "5" << std::flush;
+  return file.good();
+}
+
+}  // namespace
+
+TaskUsageMeter::TaskUsageMeter() {
+  malloc_trim(0);
+  peak_was_reset_ = ResetPeak();
+  start_peak_bytes_ = PeakBytes();
+  start_core_seconds_ = CoreSeconds();
+}
+
+TaskUsage TaskUsageMeter::Read() const {
+  TaskUsage usage;
+  usage.core_seconds = CoreSeconds() - start_core_seconds_;
+  const int64_t peak_bytes = PeakBytes();
+  if (peak_was_reset_ || peak_bytes > start_peak_bytes_) usage.peak_bytes = peak_bytes;
+  usage.threads = ThreadCount();
+  return usage;
+}
+
+}  // namespace tessera

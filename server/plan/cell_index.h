@@ -1,0 +1,57 @@
+// The cells of a survey by place.
+#ifndef TESSERA_SERVER_PLAN_CELL_INDEX_H_
+#define TESSERA_SERVER_PLAN_CELL_INDEX_H_
+
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "common/tile/ground.h"
+#include "common/tile/survey.h"
+
+namespace tessera {
+
+// The survey must outlive it and stay as it is. Thread-safe.
+class CellIndex {
+ public:
+  explicit CellIndex(const Survey& survey);
+
+  const Survey& survey() const { return survey_; }
+  // Smallest rectangle with all cells.
+  const CellRect& bounds() const { return bounds_; }
+
+  // Calls visit(cell) for each cell in the rectangle, by y, then x.
+  template <class Visit>
+  void ForEachIn(const CellRect& rect, const Visit& visit) const {
+    const int y0 = std::max(rect.y0, bounds_.y0), y1 = std::min(rect.y1, bounds_.y1);
+    for (int y = y0; y < y1; ++y) {
+      for (uint32_t i = FirstInRow(y, rect.x0); i < row_begin_[y - bounds_.y0 + 1]; ++i) {
+        const SurveyCell& cell = survey_.cells[order_[i]];
+        if (cell.x >= rect.x1) break;
+        visit(cell);
+      }
+    }
+  }
+
+  // The same for those that lie at most `halo_m` from `core`, those in it included.
+  template <class Visit>
+  void ForEachWithin(const CellRect& core, double halo_m, const Visit& visit) const {
+    const double cell_m = survey_.ground.cell_m;
+    const int reach = 1 + static_cast<int>(std::floor(halo_m / cell_m));
+    ForEachIn({core.x0 - reach, core.y0 - reach, core.x1 + reach, core.y1 + reach}, [&](const SurveyCell& cell) {
+      if (DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, core, cell_m) <= halo_m) visit(cell);
+    });
+  }
+
+ private:
+  uint32_t FirstInRow(int y, int x) const;
+
+  const Survey& survey_;
+  CellRect bounds_;
+  std::vector<uint32_t> order_;      // cells by y, then x
+  std::vector<uint32_t> row_begin_;  // of each row in order_, and the end
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_PLAN_CELL_INDEX_H_

@@ -1,0 +1,204 @@
+#include "server/plan/cost_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <string>
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+
+// How the refine task crops images (worker/tasks/tile_views.cc).
+constexpr double kCropMargin_px = 32, kCropAlignment_px = 16;
+constexpr double kNear_m = 1e-3;
+// Rounds of the method "paper" where the job does not say.
+constexpr int kPaperRounds = 5;
+
+// --- Constants of the version ---
+
+constexpr double kMiB = 1 << 20;
+
+// Refine: what a worker holds before it begins; then by face and by pixel. The pixels' share is that of the buffers
+// that are really alive together.
+constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 925, kRefinePixelShare = 0.95;
+// While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
+// likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
+// TIFFs do not.
+constexpr double kLoadBytesPerFace = 250, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2;
+constexpr double kTaskSeconds = 0.01;  // of any task: to bring and store its files
+constexpr double kFaceSeconds = 3e-6;
+constexpr double kWarpSeconds = 13.8e-9;     // a reference pixel, partner and evaluation
+constexpr double kFaceViewSeconds = 120e-9;  // a face, view and evaluation
+constexpr double kDecodeSeconds = 15e-9;     // a pixel of a whole photograph
+constexpr double kReadSeconds = 20e-9;       // a pixel and class of the crops
+
+constexpr double kFixedBytes = 84 * kMiB;
+constexpr double kCutBytesPerCityFace = 105, kCutBytesPerFace = 116;
+constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFaceView = 29e-9;
+constexpr double kStitchBytesPerFace = 243, kStitchSecondsPerFace = 0.47e-6;
+constexpr double kIngestBytesPerFace = 239, kIngestSecondsPerFaceView = 0.185e-6;
+constexpr double kPublishBytesPerFace = 149, kPublishSecondsPerFace = 0.24e-6;
+
+struct Box {
+  Vector3d min, max;
+};
+
+// The part of a cell's box that can hold faces of a tile: those whose centroid lies at most `halo_m` from the core.
+Box TilePart(const SurveyCell& cell, const GroundPlane& ground, const CellRect& core, double halo_m) {
+  Box box = {cell.box_min, cell.box_max};
+  if (ground.axis_x != Vector3d::UnitX() || ground.axis_y != Vector3d::UnitY()) return box;
+  const double reach_m = halo_m + cell.reach_m;
+  const double low[2] = {core.x0 * ground.cell_m - reach_m, core.y0 * ground.cell_m - reach_m};
+  const double high[2] = {core.x1 * ground.cell_m + reach_m, core.y1 * ground.cell_m + reach_m};
+  for (int k = 0; k < 2; ++k) {
+    box.min[k] = std::clamp(low[k], box.min[k], box.max[k]);
+    box.max[k] = std::clamp(high[k], box.min[k], box.max[k]);
+  }
+  return box;
+}
+
+// Share of a cell's square within `halo_m` of the core, along the axes.
+double ShareWithin(const SurveyCell& cell, const CellRect& core, double halo_m, double cell_m) {
+  const double halo = halo_m / cell_m;
+  const double w = std::min<double>(cell.x + 1, core.x1 + halo) - std::max<double>(cell.x, core.x0 - halo);
+  const double h = std::min<double>(cell.y + 1, core.y1 + halo) - std::max<double>(cell.y, core.y0 - halo);
+  return std::clamp(w, 0.0, 1.0) * std::clamp(h, 0.0, 1.0);
+}
+
+// Pixels of the rectangle around what the camera sees of the boxes; 0 if it sees nothing.
+double CropPixels(const std::vector<Box>& boxes, const PosedCamera& camera) {
+  const double width = camera.intrinsics.width, height = camera.intrinsics.height;
+  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
+  for (const Box& box : boxes) {
+    // Off the image on one side: no corner widens the crop there beyond its edge, but one may within.
+    for (int k = 0; k < 8; ++k) {
+      const Vector3d corner(k & 1 ? box.max.x() : box.min.x(), k & 2 ? box.max.y() : box.min.y(),
+                            k & 4 ? box.max.z() : box.min.z());
+      const Vector3d p = camera.Project(corner);
+      if (p.z() <= kNear_m) continue;
+      x0 = std::min(x0, p.x());
+      x1 = std::max(x1, p.x());
+      y0 = std::min(y0, p.y());
+      y1 = std::max(y1, p.y());
+    }
+  }
+  const auto down = [](double x) { return std::floor((x - kCropMargin_px) / kCropAlignment_px) * kCropAlignment_px; };
+  const auto up = [](double x) { return std::ceil((x + kCropMargin_px) / kCropAlignment_px) * kCropAlignment_px; };
+  if (!(x1 > 0 && y1 > 0 && x0 < width && y0 < height)) return 0;
+  return (std::min(up(x1), width) - std::max(down(x0), 0.0)) * (std::min(up(y1), height) - std::max(down(y0), 0.0));
+}
+
+// A pixel of the whole image, while the file is read.
+double DecodedLikelihoodBytes(const std::string& path, int planes) {
+  if (path.ends_with(".npy")) return kArrayBytes * planes;
+  return path.ends_with(".png") ? kLabelBytes : 0;
+}
+
+}  // namespace
+
+RefineEffort EffortOf(const JobSettings& settings) {
+  const MethodSettings& method = settings.method_settings;
+  const std::vector<int>& levels = method.levels.empty() ? ListSettings()[0].standard : method.levels;
+  const std::vector<int>& iterations = method.iterations.empty() ? ListSettings()[1].standard : method.iterations;
+  RefineEffort effort;
+  effort.rounds = settings.rounds > 0 ? settings.rounds : settings.method == "paper" ? kPaperRounds : 1;
+  const int finest = levels.empty() ? 0 : *std::min_element(levels.begin(), levels.end());
+  effort.finest_share = std::ldexp(1.0, -2 * finest);
+  double evaluations = 2 * effort.finest_share, steps = 0;  // it is measured before and after
+  for (size_t i = 0; i < std::min(levels.size(), iterations.size()); ++i) {
+    evaluations += iterations[i] * std::ldexp(1.0, -2 * levels[i]);
+    steps += iterations[i];
+  }
+  effort.evaluations = effort.rounds * evaluations;
+  effort.iterations = effort.rounds * steps;
+  return effort;
+}
+
+TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m) {
+  const Survey& survey = cells.survey();
+  TileWork work;
+  std::vector<Box> boxes;
+  std::set<int32_t> views;
+  cells.ForEachWithin(core, halo_m, [&](const SurveyCell& cell) {
+    work.faces += static_cast<double>(cell.faces) * ShareWithin(cell, core, halo_m, survey.ground.cell_m);
+    boxes.push_back(TilePart(cell, survey.ground, core, halo_m));
+    views.insert(cell.views.begin(), cell.views.end());
+    if (!core.Contains({cell.x, cell.y})) return;
+    work.core_faces += static_cast<double>(cell.faces);
+    work.reach_m = std::max(work.reach_m, cell.reach_m);
+  });
+  work.views.assign(views.begin(), views.end());
+  work.likelihood_planes = survey.has_likelihoods ? static_cast<int>(survey.classes.size()) : 0;
+  std::map<int32_t, double> crop;
+  for (const int32_t v : work.views) {
+    const PosedCamera& camera = survey.views[v].camera;
+    const double pixels = CropPixels(boxes, camera);
+    if (pixels <= 0) continue;
+    crop[v] = pixels;
+    const double whole = static_cast<double>(camera.intrinsics.width) * camera.intrinsics.height;
+    work.pixels += pixels;
+    work.image_pixels += whole;
+    const double likelihoods = DecodedLikelihoodBytes(survey.views[v].likelihood_path, work.likelihood_planes);
+    work.largest_decoded = std::max(work.largest_decoded, whole * std::max(kImageBytes, likelihoods));
+  }
+  work.seeing_views = static_cast<int>(crop.size());
+  for (const auto& [reference, other] : survey.pairs) {
+    const auto found = crop.find(reference);
+    if (found != crop.end() && crop.count(other) > 0) work.pair_pixels += found->second;
+  }
+  return work;
+}
+
+Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
+  const int planes = work.likelihood_planes;
+  const double packed_planes = 4.0 * ((planes + 3) / 4);
+  // Luminance and likelihoods as floats; at the finest level both again as texels, a face map, a warp target.
+  const double held = 4 + 4.0 * planes, drawn = effort.finest_share * (2 + packed_planes + 8 + 4);
+  const double refining = kRefineBytesPerFace * work.faces + kRefinePixelShare * (held + drawn) * work.pixels;
+  const double loading = kLoadBytesPerFace * work.faces + held * work.pixels + work.largest_decoded;
+  Prediction prediction;
+  prediction.peak_bytes = static_cast<int64_t>(kRefineFixedBytes + std::max(refining, loading));
+  prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.faces +
+                            kWarpSeconds * work.pair_pixels * effort.evaluations +
+                            kFaceViewSeconds * work.faces * work.seeing_views * effort.evaluations +
+                            kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels;
+  return prediction;
+}
+
+Prediction PredictCut(const Survey& survey, const TileWork& work) {
+  const double city = static_cast<double>(survey.faces);
+  return {kTaskSeconds + kCutSecondsPerCityFace * city + kCutSecondsPerFaceView * work.faces * work.seeing_views,
+          static_cast<int64_t>(kFixedBytes + kCutBytesPerCityFace * city + kCutBytesPerFace * work.faces)};
+}
+
+Prediction PredictStitch(const TileWork& work) {
+  return {kTaskSeconds + kStitchSecondsPerFace * work.faces,
+          static_cast<int64_t>(kFixedBytes + kStitchBytesPerFace * work.faces)};
+}
+
+Prediction PredictIngest(const Survey& survey) {
+  const double faces = static_cast<double>(survey.faces), views = static_cast<double>(survey.views.size());
+  const double planes = survey.has_likelihoods ? static_cast<double>(survey.classes.size()) : 0;
+  double pixels = 0;  // all are checked
+  for (const SceneView& view : survey.views) {
+    pixels += static_cast<double>(view.camera.intrinsics.width) * view.camera.intrinsics.height;
+  }
+  return {kDecodeSeconds * (1 + planes) * pixels + kIngestSecondsPerFaceView * faces * views,
+          static_cast<int64_t>(kFixedBytes + kIngestBytesPerFace * faces)};
+}
+
+Prediction PredictPublish(const Survey& survey) {
+  const double faces = static_cast<double>(survey.faces);
+  return {kTaskSeconds + kPublishSecondsPerFace * faces,
+          static_cast<int64_t>(kFixedBytes + kPublishBytesPerFace * faces)};
+}
+
+int64_t LeastRefineBytes(double faces) { return static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * faces); }
+
+Interval RefineSecondsInterval() { return {0.75, 1.35}; }
+Interval RefineBytesInterval() { return {0.92, 1.08}; }
+
+}  // namespace tessera

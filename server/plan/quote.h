@@ -1,0 +1,48 @@
+// What a job is predicted to take, tile by tile and in all.
+#ifndef TESSERA_SERVER_PLAN_QUOTE_H_
+#define TESSERA_SERVER_PLAN_QUOTE_H_
+
+#include <cstdint>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/tile/survey.h"
+#include "server/plan/cost_model.h"
+#include "server/settings/job_settings.h"
+
+namespace tessera {
+
+struct TileQuote {
+  int tile = 0;
+  CellRect core;
+  TileWork work;
+  Prediction cut, refine, stitch;
+  double core_seconds() const { return cut.core_seconds + refine.core_seconds + stitch.core_seconds; }
+  int64_t peak_bytes() const;  // of its hungriest task
+};
+
+struct Quote {
+  std::vector<TileQuote> tiles;
+  Prediction ingest, publish;
+  double halo_m = 0;
+  double area_m2 = 0;                // of the ground cells that have faces
+  double core_faces = 0, faces = 0;  // summed over tiles, without and with halos
+  double core_seconds = 0;           // of all tasks
+  int64_t peak_bytes = 0;            // of the hungriest task
+  // About 90 % of tasks took between these shares of what was predicted for them, each task's on its own: the residuals
+  // of the model's fit, on machines of one kind with other work on them. What makes a task differ (the machine, its
+  // load, how textured the scene is) is much the same for all tasks of a job, so they do not average out, and the sum's
+  // interval is taken to be as wide as a task's.
+  Interval interval;
+};
+
+// The same tiles as PlanTiles gives for these settings. Errors as its.
+StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey);
+
+// Seconds until the job is done by so many workers of `threads` cores each: stage after stage, in each the longest task
+// first to whoever is free, threads without loss.
+double WallSeconds(const Quote& quote, int workers, int threads);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_PLAN_QUOTE_H_

@@ -1,0 +1,118 @@
+// cost_bench RUN...: holds the predictions of server/plan/cost_model.cc against what workers reported. Each RUN is a
+// folder with the job.json of a finished job and the survey.json that its ingest made (`tessera plan SCENE --survey
+// FILE` writes it). Prints, as a table, the quantities of each task with what was measured and predicted, for fitting,
+// and the spread of measured / predicted a kind of task.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "common/storage/files.h"
+#include "common/tile/task_parameters.h"
+#include "server/plan/cost_model.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+namespace {
+
+using nlohmann::json;
+
+JobSettings SettingsOf(const json& job) {
+  JobSettings settings;
+  settings.tiles = job.at("settings").at("tiles");
+  settings.rounds = job.at("settings").at("rounds");
+  settings.method = job.at("settings").at("method");
+  const auto method = ParseMethodSettings(job.at("settings").at("method_settings").dump());
+  if (method.ok()) settings.method_settings = *method;
+  return settings;
+}
+
+// Of each kind of task: measured / predicted.
+struct Spread {
+  std::vector<double> seconds, bytes;
+};
+
+double Quantile(std::vector<double> values, double q) {
+  if (values.empty()) return 0;
+  std::sort(values.begin(), values.end());
+  return values[static_cast<size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
+}
+
+Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string job_text, ReadFile(run + "/job.json"));
+  TESSERA_ASSIGN_OR_RETURN(const std::string survey_text, ReadFile(run + "/survey.json"));
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_text));
+  const json job = json::parse(job_text);
+  const JobSettings settings = SettingsOf(job);
+  const RefineEffort effort = EffortOf(settings);
+  TESSERA_ASSIGN_OR_RETURN(const double halo_m, HaloOf(settings, survey));
+  const CellIndex cells(survey);
+  std::map<int, CellRect> cores;
+  for (const json& task : job.at("tasks")) {
+    if (task.at("kind") != "cut") continue;
+    TESSERA_ASSIGN_OR_RETURN(const CutParameters parameters, ParseCutParameters(task.at("parameters").dump()));
+    cores[parameters.tile.tile] = parameters.tile.core;
+  }
+  for (const json& task : job.at("tasks")) {
+    if (!task.contains("used")) continue;
+    const std::string kind = task.at("kind"), title = task.at("title");
+    const double seconds = task.at("used").at("core_seconds"), bytes = task.at("used").at("peak_bytes");
+    const int threads = task.at("used").at("threads");
+    Prediction prediction;
+    TileWork work;
+    const int tile = task.at("tile");
+    if (tile >= 0) work = MeasureTile(cells, cores[tile], halo_m);
+    if (kind == "refine") prediction = PredictRefine(work, effort);
+    if (kind == "cut") prediction = PredictCut(survey, work);
+    if (kind == "stitch") prediction = PredictStitch(work);
+    if (kind == "ingest") prediction = PredictIngest(survey);
+    if (kind == "publish") prediction = PredictPublish(survey);
+    std::printf(
+        "%s\t%s\t%d\t%.0f\t%.0f\t%.0f\t%d\t%.0f\t%.0f\t%.0f\t%d\t%.3f\t%.0f\t%zu\t%d\t%.3f\t%.1f\t%.3f\t%.1f\t%.0f\n",
+        run.c_str(), kind.c_str(), tile, static_cast<double>(survey.faces), work.faces, work.core_faces,
+        work.seeing_views, work.pixels, work.pair_pixels, work.image_pixels, work.likelihood_planes, effort.evaluations,
+        effort.iterations, survey.views.size(), threads, seconds, bytes / (1 << 20), prediction.core_seconds,
+        static_cast<double>(prediction.peak_bytes) / (1 << 20),
+        task.at("stats").is_object() ? task.at("stats").value("faces", 0.0) : 0.0);
+    Spread& spread = (*spreads)[kind];
+    if (prediction.core_seconds > 0) spread.seconds.push_back(seconds / prediction.core_seconds);
+    if (bytes > 0) spread.bytes.push_back(bytes / static_cast<double>(prediction.peak_bytes));
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+}  // namespace tessera
+
+int main(int argc, char** argv) {
+  std::vector<std::string> runs;
+  CLI::App app("Predictions of cost and memory against what workers reported");
+  app.add_option("RUN", runs, "Folders with job.json and survey.json")->required();
+  CLI11_PARSE(app, argc, argv);
+  std::printf(
+      "run\tkind\ttile\tcity_faces\tfaces\tcore_faces\tviews\tpixels\tpair_pixels\timage_pixels\tplanes\tevaluations\t"
+      "iterations\tcity_views\tthreads\tseconds\tMiB\tpredicted_s\tpredicted_MiB\treported_faces\n");
+  std::map<std::string, tessera::Spread> spreads;
+  for (const std::string& run : runs) {
+    const tessera::Status status = tessera::Show(run, &spreads);
+    if (!status.ok()) {
+      std::fprintf(stderr, "cost_bench: %s\n", std::string(status.message()).c_str());
+      return 1;
+    }
+  }
+  std::fprintf(stderr, "measured / predicted       tasks    5 %%  median   95 %%   least    most\n");
+  for (const auto& [kind, spread] : spreads) {
+    const auto line = [&](const char* what, const std::vector<double>& ratios) {
+      std::fprintf(stderr, "%-8s %-14s %8zu  %6.2f  %6.2f  %6.2f  %6.2f  %6.2f\n", kind.c_str(), what, ratios.size(),
+                   tessera::Quantile(ratios, 0.05), tessera::Quantile(ratios, 0.5), tessera::Quantile(ratios, 0.95),
+                   tessera::Quantile(ratios, 0), tessera::Quantile(ratios, 1));
+    };
+    line("core-seconds", spread.seconds);
+    line("peak memory", spread.bytes);
+  }
+  return 0;
+}

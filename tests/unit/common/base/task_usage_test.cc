@@ -1,0 +1,51 @@
+#include "common/base/task_usage.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <fstream>
+#include <memory>
+#include <vector>
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kMiB = int64_t{1} << 20;
+
+// Memory that is really there: every page is written to.
+int64_t PeakWith(int64_t bytes) {
+  const TaskUsageMeter meter;
+  std::vector<char> block(bytes);
+  for (size_t i = 0; i < block.size(); i += 1024) block[i] = static_cast<char>(i);
+  volatile char sink = block[block.size() / 2];
+  (void)sink;
+  return meter.Read().peak_bytes;
+}
+
+TEST(TaskUsageTest, PeakIsThatOfTheTaskAndNotOfAnEarlierOne) {
+  const int64_t large = PeakWith(256 * kMiB);
+  EXPECT_GE(large, 256 * kMiB);
+  const int64_t small = PeakWith(32 * kMiB);
+  if (std::ofstream("/proc/self/clear_refs").good()) {
+    EXPECT_GE(small, 32 * kMiB);
+    EXPECT_LT(small, large - 200 * kMiB);
+  } else {
+    EXPECT_EQ(small, 0) << "a peak that cannot be set back is not known";
+  }
+}
+
+TEST(TaskUsageTest, CountsProcessorTimeAndNotTheTimeAsleep) {
+  const TaskUsageMeter meter;
+  volatile double x = 1;
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  double first = 0;
+  // Until the clock of the processor has moved by a tenth of a second, however busy the machine is.
+  while ((first = meter.Read().core_seconds) < 0.1 && std::chrono::steady_clock::now() < until) {
+    for (int i = 0; i < 100000; ++i) x = x * 1.0000001;
+  }
+  EXPECT_GE(first, 0.1);
+  EXPECT_GE(meter.Read().threads, 1);
+}
+
+}  // namespace
+}  // namespace tessera
