@@ -61,7 +61,7 @@ StatusOr<std::vector<Variant>> MakeAblation(const Arguments& arguments) {
     nlohmann::json merged = nlohmann::json::parse(arguments.settings, nullptr, false);
     merged.update(change);
     TESSERA_ASSIGN_OR_RETURN(const MethodSettings settings, ParseMethodSettings(merged.dump()));
-    variants.push_back({name, {arguments.tiles, arguments.rounds, kMethods[0], settings}});
+    variants.push_back({name, {arguments.tiles, 0, arguments.rounds, kMethods[0], settings}});
     return CheckJobSettings(variants.back().settings);
   };
   TESSERA_RETURN_IF_ERROR(add(kMethods[0], nlohmann::json::object()));
@@ -92,7 +92,7 @@ StatusOr<std::vector<Variant>> MakeVariants(const Arguments& arguments) {
   std::vector<Variant> variants;
   for (const std::string& method : arguments.methods) {
     for (const auto& [suffix, one] : settings) {
-      Variant variant = {method + suffix, {arguments.tiles, arguments.rounds, method, one}};
+      Variant variant = {method + suffix, {arguments.tiles, 0, arguments.rounds, method, one}};
       if (method == "baseline") variant.settings.rounds = 0;  // labels do not steer it: more would only repeat it
       TESSERA_RETURN_IF_ERROR(CheckJobSettings(variant.settings));
       variants.push_back(std::move(variant));

@@ -62,8 +62,8 @@ struct Row {
 
 double DrawSeconds(const TilePackage& package, const TriangleMesh* occluders, const std::vector<PosedCamera>& cameras,
                    double scale) {
-  std::vector<PosedCamera> scaled;
-  for (const PosedCamera& camera : cameras) scaled.push_back(Scaled(camera, scale));
+  std::vector<CameraWindow> scaled;
+  for (const PosedCamera& camera : cameras) scaled.emplace_back(Scaled(camera, scale));
   Rasterizer rasterizer;
   std::vector<FaceMap> maps;
   rasterizer.DrawViews(package.mesh, occluders, scaled, &maps);  // buffers are had

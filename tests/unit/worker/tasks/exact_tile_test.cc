@@ -18,12 +18,13 @@ using Eigen::Vector3d;
 class ExactTileTest : public testing::Test {
  protected:
   ExactTileTest() : scene_(MakeTinyScene()) {
-    city_.mesh = scene_.mesh;
+    TriangleMesh start = scene_.mesh;
+    std::vector<uint32_t> input_face;
     // Off the truth, so that there is something to do.
-    for (size_t v = 0; v < city_.mesh.vertices.size(); ++v) {
-      city_.mesh.vertices[v].z() += 0.15 * std::sin(1.7 * static_cast<double>(v));
+    for (size_t v = 0; v < start.vertices.size(); ++v) {
+      start.vertices[v].z() += 0.15 * std::sin(1.7 * static_cast<double>(v));
     }
-    for (size_t f = 0; f < scene_.mesh.faces.size(); ++f) city_.input_face.push_back(static_cast<int64_t>(f));
+    for (size_t f = 0; f < scene_.mesh.faces.size(); ++f) input_face.push_back(static_cast<uint32_t>(f));
     survey_.gsd_m = 0.08;  // less than it is, so that what counts as near fits the halo
     survey_.ground = MakeGroundPlane(survey_.up, 4);
     survey_.classes.resize(3);
@@ -38,7 +39,14 @@ class ExactTileTest : public testing::Test {
       }
     }
     survey_.faces = static_cast<int64_t>(scene_.mesh.faces.size());
-    EXPECT_TRUE(FillCells(city_.mesh, {}, {}, &survey_).ok());
+    survey_.cells = CellsOf(start, survey_.ground);
+    const std::string path = FreshTestFolder("city") + "/city.arrays";
+    EXPECT_TRUE(WriteCity(path, {start, input_face}, survey_.ground, survey_.cells, testing::TempDir(), 500).ok());
+    auto opened = CityReader::Open(path);
+    EXPECT_TRUE(opened.ok()) << opened.status();
+    city_ = *std::move(opened);
+    EXPECT_TRUE(ChooseViews(start, city_, {}, {}, testing::TempDir(), &survey_).ok());
+    vertices_ = start.vertices;
   }
 
   // Displacements of a tile's vertices by global id.
@@ -74,7 +82,8 @@ class ExactTileTest : public testing::Test {
   }
 
   TinyScene scene_;
-  City city_;
+  CityReader city_;
+  std::vector<Vector3d> vertices_;
   Survey survey_;
   std::vector<int32_t> all_views_;
 };
@@ -93,7 +102,7 @@ TEST_F(ExactTileTest, FarFromItsCutATileMovesAsTheCityDoes) {
     }
     for (const auto& [id, displacement] : found) {
       // From the cut windows and the solver's rings reach far into the halo, but not past it.
-      const Eigen::Vector2d at = tile.ground.Coordinates(city_.mesh.vertices[id]);
+      const Eigen::Vector2d at = tile.ground.Coordinates(vertices_[id]);
       if (DistanceToRect(at, core, tile.ground.cell_m) > 0) continue;
       moved += displacement.norm() > 1e-4;
       same += displacement == expected.at(id);
