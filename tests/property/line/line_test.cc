@@ -26,7 +26,7 @@ StatusOr<TaskOutcome> StandStill(const TaskRequest& request) {
   result.tile = package.tile;
   result.vertex_ids = package.vertex_ids;
   result.face_ids = package.face_ids;
-  result.displacements.assign(package.vertex_ids.size(), Eigen::Vector3d::Zero());
+  result.positions = package.mesh.vertices;
   result.classes = static_cast<int>(package.classes.size());
   result.labels = package.mesh.labels;
   for (const int32_t label : result.labels) {

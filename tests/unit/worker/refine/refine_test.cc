@@ -44,7 +44,8 @@ struct Bed {
     const StatusOr<RefineReport> report = RefineGeometry(problem, &out, options, TaskControl());
     EXPECT_TRUE(report.ok()) << report.status();
     if (report.ok()) {
-      EXPECT_LT(report->energy_end, report->energy_start);
+      const std::vector<RefineIteration>& iterations = report->iterations;
+      EXPECT_LT(iterations.back().energy, iterations[iterations.size() - options.iterations.back()].energy);
     }
     return out;
   }
