@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
+#include <iterator>
 
 namespace tessera {
 namespace {
@@ -10,10 +10,21 @@ namespace {
 constexpr int kStandardWindow_px = 7, kStandardCoarsest = 2;  // what the constants and the standard halo are for
 constexpr double kBlendGsd = 16, kBlendShare = 0.25;          // the lesser of the two
 
-// How far from the cut bits differ after the first step, and how much farther with each one more, GSD at level 0; a
-// level l reaches 2^l times as far (measured, seam_bench).
-double Env(const char* n, double d) { return getenv(n) ? atof(getenv(n)) : d; }
-const double kFirstGsd = Env("TF", 38), kNextGsd = Env("TN", 15), kLabelsGsd = Env("TL", 60);
+// How far from a tile's cut vertices may differ from the whole city's: after one step, and how much farther with each
+// one more, GSD, on level 0, 1 and 2 (coarser ones reach in proportion); labels reach as far on any. Measured with
+// seam_bench --halos 64 on real surfaces, where all but a few vertices differ within less; those few grow into patches
+// that can be seen in its table, so there is room.
+struct Reach {
+  double first, next;
+};
+constexpr Reach kReachOfLevel[] = {{110, 28}, {120, 35}, {170, 60}}, kReachOfLabels = {60, 60};
+
+Reach ReachOf(const RefineStep& step, double wider) {
+  if (step.labels()) return kReachOfLabels;
+  const int known = std::min<int>(step.level, std::size(kReachOfLevel) - 1);
+  const double scale = wider * std::ldexp(1.0, step.level - known);
+  return {scale * kReachOfLevel[known].first, scale * kReachOfLevel[known].next};
+}
 
 double WindowShare(const MethodSettings& settings) {
   return settings.window_px.value_or(kStandardWindow_px) / static_cast<double>(kStandardWindow_px);
@@ -37,9 +48,7 @@ std::vector<StepRange> SplitSteps(const std::vector<RefineStep>& steps, int wind
   double reached = 0;
   for (int i = 0; i < static_cast<int>(steps.size()); ++i) {
     const RefineStep& step = steps[i];
-    const double scale = step.labels() ? 1 : std::ldexp(wider, step.level);
-    const double first = scale * (step.labels() ? kLabelsGsd : kFirstGsd);
-    const double next = scale * (step.labels() ? kLabelsGsd : kNextGsd);
+    const auto [first, next] = ReachOf(step, wider);
     if (parts.empty() || reached + next > reach_gsd) {
       parts.push_back({i, i});
       reached = first;
@@ -54,7 +63,7 @@ std::vector<StepRange> SplitSteps(const std::vector<RefineStep>& steps, int wind
 std::vector<StepRange> PartsOf(const JobSettings& settings, size_t tiles) {
   const MethodSettings& method = settings.method_settings;
   const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, method);
-  if (tiles < 2 && !getenv("TESS_PARTS")) return {{0, static_cast<int>(steps.size())}};
+  if (tiles < 2) return {{0, static_cast<int>(steps.size())}};
   return SplitSteps(steps, method.window_px.value_or(kStandardWindow_px), HaloGsd(method) - BlendGsd(method));
 }
 

@@ -119,10 +119,9 @@ Status Bench(const Arguments& arguments) {
 
   std::printf("%s: %zu faces, GSD %.3f m, untiled %.1f CPU s; in GSD, band of %.0f\n", scene.folder.c_str(),
               start.mesh.faces.size(), survey.gsd_m, untiled.all_cpu_s(), arguments.band_gsd);
-  std::printf("%6s %5s %5s | %9s %9s %9s %7s | %9s %9s %7s | %9s %9s | %7s %7s | %7s %7s\n", "halo", "tiles", "parts",
-              "band RMS", "99.9 %", "most", "same", "all RMS", "99.9 %", "same", "label % b", "label % a", "truth b",
-              "b/i (u)", "CPU", "refine");
-  setenv("TESS_PARTS","1",1);
+  std::printf("%6s %5s %5s %6s | %9s %9s %9s %7s | %9s %9s %7s | %9s %9s | %7s %7s | %7s %7s\n", "halo", "tiles",
+              "parts", "front", "band RMS", "99.9 %", "most", "same", "all RMS", "99.9 %", "same", "label % b",
+              "label % a", "truth b", "b/i (u)", "CPU", "refine");
   for (const double halo : arguments.halos) {
     MethodSettings own = settings;
     own.halo_gsd = halo;
@@ -141,6 +140,17 @@ Status Bench(const Arguments& arguments) {
       all.push_back((tiled.mesh.vertices[v] - untiled.mesh.vertices[v]).norm() / survey.gsd_m);
       if (vertex_in_band[v]) band.push_back(all.back());
     }
+    double front = 0;  // how far from their tile's cut vertices differ at all
+    for (size_t v = 0; v < tiled.mesh.vertices.size(); ++v) {
+      if (all[v] == 0) continue;
+      double depth = 1e300;
+      for (const CellRect& core : cores) {
+        if (core.Contains(survey.ground.Cell(start.mesh.vertices[v]))) continue;
+        depth = std::min(depth,
+                         DistanceToRect(survey.ground.Coordinates(start.mesh.vertices[v]), core, survey.ground.cell_m));
+      }
+      front = std::max(front, halo + depth / survey.gsd_m);
+    }
     double area[2] = {0, 0}, other[2] = {0, 0};
     for (size_t f = 0; f < face_in_band.size(); ++f) {
       const double face_area = FaceArea(start.mesh, f);
@@ -152,9 +162,9 @@ Status Bench(const Arguments& arguments) {
       }
     }
     const Spread b = SpreadOf(band), a = SpreadOf(all);
-    std::printf("%6.0f %5zu %5zu | %9.5f %9.4f %9.3f %7.4f | %9.5f %9.4f %7.4f | %9.4f %9.4f |", halo, cores.size(),
-                refines / std::max<size_t>(1, cores.size()), b.rms, b.p999, b.most, b.same, a.rms, a.p999, a.same,
-                100 * other[0] / area[0], 100 * other[1] / area[1]);
+    std::printf("%6.0f %5zu %5zu %6.0f | %9.5f %9.4f %9.3f %7.4f | %9.5f %9.4f %7.4f | %9.4f %9.4f |", halo,
+                cores.size(), refines / std::max<size_t>(1, cores.size()), front, b.rms, b.p999, b.most, b.same, a.rms,
+                a.p999, a.same, 100 * other[0] / area[0], 100 * other[1] / area[1]);
     if (truth) {
       const auto distance = [&](const TriangleMesh& mesh, bool in_band) {
         return MeanTruthDistance(*truth, mesh.vertices, vertex_in_band, in_band);

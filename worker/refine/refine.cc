@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 #include <numeric>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -24,8 +25,6 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr int kMaxLevel = 5;
-// Room about the mesh's projection, so that windows and moved faces stay inside.
-constexpr int kMarginPx = 24;
 
 Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) {
   const auto bad = [](const std::string& what) { return absl::InvalidArgumentError("refinement: " + what); };
@@ -90,16 +89,17 @@ Status CheckPart(const RefineProblem& problem, const RefineOptions& options, con
   return absl::OkStatus();
 }
 
-// The part of each photograph that the mesh covers at the start, its corners on pixel edges of every level.
-std::vector<PixelRect> ViewWindows(const RefineProblem& problem, const TriangleMesh& start, int coarsest) {
-  const int align = 1 << coarsest;
+// The parts of the photographs that are at hand, their corners on pixel edges of every level.
+std::vector<PixelRect> ViewWindows(const RefineProblem& problem, int coarsest) {
+  const int align = 1 << coarsest, step = PhotoView::kWindowStep * align;
   std::vector<PixelRect> windows;
   for (const RefineView& view : problem.views) {
-    PixelRect rect = ProjectedBounds(start, view.camera, kMarginPx, PhotoView::kWindowStep * align);
-    rect.x1 = rect.x0 + rect.width() / align * align;
-    rect.y1 = rect.y0 + rect.height() / align * align;
-    if (rect.empty()) rect = {0, 0, align, align};
-    windows.push_back(rect);
+    const PinholeCamera& k = view.camera.intrinsics;
+    const auto up = [step, align](int x, int size) {
+      return std::min((x + step - 1) / step * step, size / align * align);
+    };
+    windows.push_back({view.x0 / step * step, view.y0 / step * step, up(view.x0 + view.luminance->width, k.width),
+                       up(view.y0 + view.luminance->height, k.height)});
   }
   return windows;
 }
@@ -185,8 +185,7 @@ class Refiner {
         start_{problem.start.empty() ? problem.mesh.vertices : problem.start, problem.mesh.faces, {}},
         smooth_(start_, problem.fixed_vertices),
         inter_(start_, problem.fixed_vertices),
-        guard_(start_, problem.fixed_vertices, MakeMotionLimits(problem, options)),
-        repair_(start_, guard_.faces_of_vertex()) {
+        guard_(start_, problem.fixed_vertices, MakeMotionLimits(problem, options)) {
     double start_s = Seconds(options.clock);
     smooth_.SetLabels(problem.mesh.labels, options.classes, options.mixed);
     if (options.inter > 0) inter_.SetLabels(problem.mesh.labels);
@@ -203,7 +202,7 @@ class Refiner {
       pairs_ = SelectPairs(mesh_, cameras, pair_options);
     }
     report_.pairs = static_cast<int>(pairs_.size());
-    windows_ = ViewWindows(problem, start_, *std::max_element(options.levels.begin(), options.levels.end()));
+    windows_ = ViewWindows(problem, *std::max_element(options.levels.begin(), options.levels.end()));
     FindFarSilhouettes();
     report_.seconds_prepare = Seconds(options.clock) - start_s;
     for (size_t stage = 0; stage < options.levels.size(); ++stage) {
@@ -257,7 +256,7 @@ class Refiner {
     ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) {
         views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0 || options_.contour > 0);
-        views[i].blind = silhouettes_[i].Near(level, std::max(options_.window_px / 2, (getenv("TESS_R") ? atoi(getenv("TESS_R")) : 0) >> level));
+        views[i].blind = silhouettes_[i].Near(level, std::max(options_.window_px / 2, options_.silhouette_px >> level));
       }
     });
     views_ = std::move(views);
@@ -291,6 +290,7 @@ class Refiner {
     step_options.inter = options_.inter;
     step_options.up = problem_.up;
     step_options.smoothing_sweeps = options_.smoothing_sweeps;
+    step_options.grid_m = std::exp2(std::floor(std::log2(options_.grid_gsd * problem_.gsd_m)));
     step_options.max_step_m = options_.max_step_px * pixel_m * std::pow(options_.step_decay, iteration);
     if (options_.tangential != 1) smooth_.SetNormals(mesh_.vertices);
     Evaluate();
@@ -321,7 +321,8 @@ class Refiner {
     const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
       return guard_.KeepsFacing(face, from, to);
     };
-    report_.repaired_vertices += repair_.Run(good, keeps_facing, &mesh_.vertices).changed_vertices;
+    if (!repair_) repair_.emplace(start_, guard_.faces_of_vertex());
+    report_.repaired_vertices += repair_->Run(good, keeps_facing, &mesh_.vertices).changed_vertices;
     report_.seconds_repair += Seconds(options_.clock) - start_s;
   }
 
@@ -332,7 +333,7 @@ class Refiner {
   SmoothTerm smooth_;
   InterTerm inter_;
   MotionGuard guard_;
-  FoldRepair repair_;
+  std::optional<FoldRepair> repair_;  // made when first needed: many parts have no end of a level
   struct StepIndex {
     size_t stage;   // of the options' levels
     int iteration;  // in it

@@ -61,6 +61,7 @@ struct RefineOptions {
   double max_variance_ratio = 10;
   double min_valid = 0.5;      // share of a window that both images must see
   double min_cosine = 0.1;     // flatter views of a face than this are skipped
+  int silhouette_px = 10;      // how near far silhouettes nothing is compared, pixels of level 0; a window's at least
   double occlusion_px = 1;     // slack of the depth test, in pixels of the level
   double photo_outlier = 0.5;  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
 
@@ -82,8 +83,11 @@ struct RefineOptions {
   int smoothing_sweeps = 20;             // Chebyshev sweeps of the semi-implicit step
 
   // Descent.
-  double max_step_px = 1.0;                          // per iteration, pixels of the level
-  double step_decay = 0.9;                           // of the step cap per iteration
+  double max_step_px = 1.0;  // per iteration, pixels of the level
+  double step_decay = 0.9;   // of the step cap per iteration
+  // Steps end on a grid of (at most) so much: the solver carries what happens at a tile's cut far, in ever smaller
+  // differences, which all are gone beyond where they are less than that.
+  double grid_gsd = 0.004;
   double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
   int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)
   double min_start_cosine = 0.02;                    // of a face's normal with the smoothed start's
