@@ -57,7 +57,15 @@ std::string ToJson(const CutParameters& p) {
 }
 
 std::string ToJson(const RefineParameters& p) {
-  return json{{"rounds", p.rounds}, {"method", p.method}, {"settings", json::parse(ToJson(p.settings))}}.dump();
+  return json{{"rounds", p.rounds},
+              {"method", p.method},
+              {"settings", json::parse(ToJson(p.settings))},
+              {"begin", p.begin},
+              {"end", p.end},
+              {"tile", TileToJson(p.tile)},
+              {"blend_m", p.blend_m},
+              {"results", TilesToJson(p.results)}}
+      .dump();
 }
 
 std::string ToJson(const StitchParameters& p) {
@@ -85,7 +93,14 @@ StatusOr<RefineParameters> ParseRefineParameters(const std::string& text) {
   std::string settings;
   TESSERA_ASSIGN_OR_RETURN(RefineParameters parameters, Parse<RefineParameters>(text, [&settings](const json& j) {
                              settings = j.at("settings").dump();
-                             return RefineParameters{j.at("rounds"), j.at("method").get<std::string>(), {}};
+                             return RefineParameters{j.at("rounds"),
+                                                     j.at("method").get<std::string>(),
+                                                     {},
+                                                     j.at("begin"),
+                                                     j.at("end"),
+                                                     TileFromJson(j.at("tile")),
+                                                     j.at("blend_m"),
+                                                     TilesFromJson(j.at("results"))};
                            }));
   TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));
   return parameters;

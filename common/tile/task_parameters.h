@@ -4,6 +4,7 @@
 #define TESSERA_COMMON_TILE_TASK_PARAMETERS_H_
 
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,7 +25,7 @@ inline constexpr char kMeshFile[] = "mesh.ply";         // publish
 inline constexpr char kReportFile[] = "report.json";    // publish
 inline constexpr char kTileMeshFolder[] = "tiles";      // publish, of more than one tile: a mesh each
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
-inline constexpr char kSceneFolder[] = "scene";         // scene files among other inputs lie under this name
+inline constexpr char kSceneFolder[] = "scene";  // scene files among other inputs lie under this name
 
 struct TileParameters {
   int tile = 0;
@@ -51,6 +52,11 @@ struct RefineParameters {
   int rounds = 0;  // 0: the default
   std::string method;
   MethodSettings settings = {};
+  // Which of the steps (RefineStepsOf) are done here: [begin, end).
+  int begin = 0, end = std::numeric_limits<int>::max();
+  TileParameters tile = {};
+  double blend_m = 0;  // the result holds what is so near the core; and as StitchParameters has it
+  std::vector<TileParameters> results = {};  // of the steps before, this tile's too, ascending; none at the first
 };
 
 struct StitchParameters {

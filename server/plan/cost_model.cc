@@ -14,8 +14,6 @@ using Eigen::Vector3d;
 // How the refine task crops images (worker/tasks/tile_views.cc).
 constexpr double kCropMargin_px = 32, kCropAlignment_px = 16;
 constexpr double kNear_m = 1e-3;
-// Rounds of the method "paper" where the job does not say.
-constexpr int kPaperRounds = 5;
 
 // --- Constants of the version ---
 
@@ -100,21 +98,32 @@ double DecodedLikelihoodBytes(const std::string& path, int planes) {
 }  // namespace
 
 RefineEffort EffortOf(const JobSettings& settings) {
-  const MethodSettings& method = settings.method_settings;
-  const std::vector<int>& levels = method.levels.empty() ? ListSettings()[0].standard : method.levels;
-  const std::vector<int>& iterations = method.iterations.empty() ? ListSettings()[1].standard : method.iterations;
+  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
+  return EffortOf(steps, {0, static_cast<int>(steps.size())});
+}
+
+RefineEffort EffortOf(const std::vector<RefineStep>& steps, const StepRange& range) {
   RefineEffort effort;
-  effort.rounds = settings.rounds > 0 ? settings.rounds : settings.method == "paper" ? kPaperRounds : 1;
-  const int finest = levels.empty() ? 0 : *std::min_element(levels.begin(), levels.end());
-  effort.finest_share = std::ldexp(1.0, -2 * finest);
-  double evaluations = 2 * effort.finest_share, steps = 0;  // it is measured before and after
-  for (size_t i = 0; i < std::min(levels.size(), iterations.size()); ++i) {
-    evaluations += iterations[i] * std::ldexp(1.0, -2 * levels[i]);
-    steps += iterations[i];
+  effort.finest_share = 0;
+  for (int i = range.begin; i < range.end; ++i) {
+    const RefineStep& step = steps[i];
+    if (step.labels()) {
+      ++effort.labellings;
+      continue;
+    }
+    const double share = std::ldexp(1.0, -2 * step.level);
+    effort.evaluations += share;
+    effort.finest_share = std::max(effort.finest_share, share);
+    ++effort.iterations;
   }
-  effort.evaluations = effort.rounds * evaluations;
-  effort.iterations = effort.rounds * steps;
   return effort;
+}
+
+std::vector<RefineEffort> EffortsOf(const JobSettings& settings, const std::vector<StepRange>& parts) {
+  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
+  std::vector<RefineEffort> efforts;
+  for (const StepRange& part : parts) efforts.push_back(EffortOf(steps, part));
+  return efforts;
 }
 
 TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m) {
@@ -166,6 +175,16 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
                             kFaceViewSeconds * work.faces * work.seeing_views * effort.evaluations +
                             kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels;
   return prediction;
+}
+
+Prediction PredictRefine(const TileWork& work, const std::vector<RefineEffort>& parts) {
+  Prediction sum;
+  for (const RefineEffort& part : parts) {
+    const Prediction one = PredictRefine(work, part);
+    sum.core_seconds += one.core_seconds;
+    sum.peak_bytes = std::max(sum.peak_bytes, one.peak_bytes);
+  }
+  return sum;
 }
 
 Prediction PredictCut(const Survey& survey, const TileWork& work) {

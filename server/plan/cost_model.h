@@ -12,19 +12,23 @@
 #include "common/tile/ground.h"
 #include "common/tile/survey.h"
 #include "server/plan/cell_index.h"
+#include "server/plan/parts.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
 
-// How often a job's settings have the refinement look at its pixels.
+// How often the refinement looks at its pixels.
 struct RefineEffort {
   double evaluations = 0;   // of the data term, in equivalents of full resolution: a level l counts 4^-l
   double iterations = 0;    // steps, on whatever level
   double finest_share = 1;  // pixels of the finest level, as a share of those of full resolution
-  int rounds = 1;
+  double labellings = 0;    // at full resolution
 };
 
+// Of all steps of a job's settings, of some steps, of each of some parts of a job's.
 RefineEffort EffortOf(const JobSettings& settings);
+RefineEffort EffortOf(const std::vector<RefineStep>& steps, const StepRange& range);
+std::vector<RefineEffort> EffortsOf(const JobSettings& settings, const std::vector<StepRange>& parts);
 
 // What a tile holds. Faces are those after splitting; pixels those of full resolution.
 struct TileWork {
@@ -51,6 +55,8 @@ struct Prediction {
 
 // The tasks of a tile.
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
+// In parts, each of which reads the images: seconds summed, memory of the hungriest.
+Prediction PredictRefine(const TileWork& work, const std::vector<RefineEffort>& parts);
 Prediction PredictCut(const Survey& survey, const TileWork& work);
 Prediction PredictStitch(const TileWork& work);
 // The tasks of the job.

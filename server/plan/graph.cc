@@ -7,14 +7,11 @@
 #include "common/tile/task_parameters.h"
 #include "server/plan/cell_index.h"
 #include "server/plan/cost_model.h"
+#include "server/plan/parts.h"
 #include "server/plan/tiling.h"
 
 namespace tessera {
 namespace {
-
-constexpr int kHaloRadius_px = 3, kHaloCoarsest = 2;  // windows and levels that the standard halo is for
-// Tiles blend over the inner quarter of the halo; what lies outside it only shields that quarter from the cut.
-constexpr double kBlendShare = 0.25;
 
 constexpr double kIngestSecondsPerFile = 0.1;  // before the survey tells more
 
@@ -26,16 +23,6 @@ struct PlannedTile {
 PlannedInput FromTask(const std::string& name, int task, const std::string& output) { return {name, "", task, output}; }
 
 PlannedInput FromScene(const std::string& file) { return {std::string(kSceneFolder) + "/" + file, file, -1, ""}; }
-
-// Wider windows and coarser levels reach further in proportion; narrower ones leave the rest of the reach as it is.
-double HaloGsd(const MethodSettings& settings) {
-  if (settings.halo_gsd) return *settings.halo_gsd;
-  const int radius_px = settings.window_px.value_or(2 * kHaloRadius_px + 1) / 2;
-  const int coarsest =
-      settings.levels.empty() ? kHaloCoarsest : *std::max_element(settings.levels.begin(), settings.levels.end());
-  const double reach = std::ldexp(radius_px, coarsest) / std::ldexp(kHaloRadius_px, kHaloCoarsest);
-  return kHaloGsd * std::max(1.0, reach);
-}
 
 StatusOr<std::vector<PlannedTile>> MakeTiles(const JobSettings& settings, const Survey& survey, double halo_m) {
   const CellIndex cells(survey);
@@ -77,14 +64,32 @@ StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey_json) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
-  const double halo_m = HaloGsd(settings.method_settings) * survey.gsd_m, blend_m = kBlendShare * halo_m;
+  const double halo_m = HaloGsd(settings.method_settings) * survey.gsd_m;
+  const double blend_m = BlendGsd(settings.method_settings) * survey.gsd_m;
   TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTile> tiles, MakeTiles(settings, survey, halo_m));
-  const RefineEffort effort = EffortOf(settings);
+  const std::vector<StepRange> parts = PartsOf(settings, tiles.size());
+  const std::vector<RefineEffort> efforts = EffortsOf(settings, parts);
+  double reach_m = 0;
+  for (const PlannedTile& tile : tiles) reach_m = std::max(reach_m, tile.work.reach_m);
   const int count = static_cast<int>(tiles.size());
   constexpr int kIngest = 0;
   const auto cut_task = [](int tile) { return 1 + tile; };
-  const auto refine_task = [count](int tile) { return 1 + count + tile; };
-  const auto stitch_task = [count](int tile) { return 1 + 2 * count + tile; };
+  const auto refine_task = [count](int tile, int part) { return 1 + (1 + part) * count + tile; };
+  const int last_part = static_cast<int>(parts.size()) - 1;
+  const auto stitch_task = [&](int tile) { return refine_task(tile, last_part + 1); };
+  // Makes the results of `part` inputs of a task that uses what lies up to `near_m` from the tile: vertices there are
+  // corners of faces that may lie a face's reach farther, and other tiles have a say up to the blend's width.
+  const auto read_results = [&](const PlannedTile& tile, int part, double near_m, PlannedTask* task) {
+    std::vector<TileParameters> read;
+    for (const PlannedTile& other : tiles) {
+      const double gap_m = DistanceBetween(tile.parameters.core, other.parameters.core, survey.ground.cell_m);
+      if (gap_m > near_m + 2 * reach_m + blend_m) continue;
+      const int id = other.parameters.tile;
+      read.push_back(other.parameters);
+      task->inputs.push_back(FromTask(TileInputName(id, kResultFile), refine_task(id, part), kResultFile));
+    }
+    return read;
+  };
 
   std::vector<PlannedTask> tasks;
   for (const PlannedTile& tile : tiles) {
@@ -98,25 +103,37 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
                      {FromTask(kCityFile, kIngest, kCityFile), FromTask(kSurveyFile, kIngest, kSurveyFile)},
                      cost.peak_bytes});
   }
-  for (const PlannedTile& tile : tiles) {
-    const RefineParameters parameters = {settings.rounds, settings.method.empty() ? kMethods[0] : settings.method,
-                                         settings.method_settings};
-    const Prediction cost = PredictRefine(tile.work, effort);
-    PlannedTask task = {
-        "refine",           TileName("refine", tile), tile.parameters.tile,
-        ToJson(parameters), cost.core_seconds,        {FromTask(kTileFile, cut_task(tile.parameters.tile), kTileFile)},
-        cost.peak_bytes};
-    for (const int32_t view : tile.work.views) {
-      task.inputs.push_back(FromScene(survey.views[view].image_path));
-      if (!survey.views[view].likelihood_path.empty()) {
-        task.inputs.push_back(FromScene(survey.views[view].likelihood_path));
+  for (int part = 0; part <= last_part; ++part) {
+    for (const PlannedTile& tile : tiles) {
+      RefineParameters parameters = {settings.rounds,
+                                     settings.method.empty() ? kMethods[0] : settings.method,
+                                     settings.method_settings,
+                                     parts[part].begin,
+                                     parts[part].end,
+                                     tile.parameters,
+                                     blend_m,
+                                     {}};
+      const Prediction cost = PredictRefine(tile.work, efforts[part]);
+      PlannedTask task = {"refine",
+                          TileName("refine", tile) + (last_part > 0 ? " part " + std::to_string(part + 1) : ""),
+                          tile.parameters.tile,
+                          "",
+                          cost.core_seconds,
+                          {FromTask(kTileFile, cut_task(tile.parameters.tile), kTileFile)},
+                          cost.peak_bytes};
+      if (part > 0) parameters.results = read_results(tile, part - 1, halo_m, &task);
+      task.parameters = ToJson(parameters);
+      for (const int32_t view : tile.work.views) {
+        task.inputs.push_back(FromScene(survey.views[view].image_path));
+        if (!survey.views[view].likelihood_path.empty()) {
+          task.inputs.push_back(FromScene(survey.views[view].likelihood_path));
+        }
       }
+      tasks.push_back(std::move(task));
     }
-    tasks.push_back(std::move(task));
   }
   for (const PlannedTile& tile : tiles) {
     const int id = tile.parameters.tile;
-    StitchParameters parameters = {tile.parameters, blend_m, {}};
     const Prediction cost = PredictStitch(tile.work);
     PlannedTask task = {"stitch",
                         TileName("stitch", tile),
@@ -125,15 +142,7 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
                         cost.core_seconds,
                         {FromTask(kTileFile, cut_task(id), kTileFile)},
                         cost.peak_bytes};
-    for (const PlannedTile& other : tiles) {
-      // Corners of this core's faces lie within reach of the core; other tiles have weight there if they lie nearer
-      // than the blend's width.
-      const double gap_m = DistanceBetween(tile.parameters.core, other.parameters.core, survey.ground.cell_m);
-      if (gap_m > blend_m + tile.work.reach_m) continue;
-      const int other_id = other.parameters.tile;
-      parameters.results.push_back(other.parameters);
-      task.inputs.push_back(FromTask(TileInputName(other_id, kResultFile), refine_task(other_id), kResultFile));
-    }
+    const StitchParameters parameters = {tile.parameters, blend_m, read_results(tile, last_part, 0, &task)};
     task.parameters = ToJson(parameters);
     tasks.push_back(std::move(task));
   }

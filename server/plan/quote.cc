@@ -28,9 +28,9 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
   Quote quote;
   TESSERA_ASSIGN_OR_RETURN(quote.halo_m, HaloOf(settings, survey));
   const CellIndex cells(survey);
-  const RefineEffort effort = EffortOf(settings);
   TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores,
                            LayOutTiles(cells, TilingOptionsOf(settings, quote.halo_m)));
+  const std::vector<RefineEffort> parts = EffortsOf(settings, PartsOf(settings, cores.size()));
   quote.ingest = PredictIngest(survey);
   quote.publish = PredictPublish(survey);
   quote.interval = RefineSecondsInterval();
@@ -43,7 +43,7 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
     tile.core = core;
     tile.work = MeasureTile(cells, core, quote.halo_m);
     tile.cut = PredictCut(survey, tile.work);
-    tile.refine = PredictRefine(tile.work, effort);
+    tile.refine = PredictRefine(tile.work, parts);
     tile.stitch = PredictStitch(tile.work);
     quote.core_faces += tile.work.core_faces;
     quote.faces += tile.work.faces;

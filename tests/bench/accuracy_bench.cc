@@ -5,9 +5,7 @@
 // --sweep thin_plate=0.1,0.3,1 (a row for each value), --leave-out K (scenes without truth).
 #include <CLI/CLI.hpp>
 #include <cstdio>
-#include <ctime>
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -15,14 +13,12 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
-#include "common/meshio/ply.h"
 #include "common/storage/files.h"
 #include "common/tile/task_parameters.h"
 #include "tests/bench/accuracy_table.h"
 #include "tests/bench/bench_scenes.h"
 #include "tests/bench/left_out_view.h"
-#include "tests/support/in_process_line.h"
-#include "worker/tasks/city_file.h"
+#include "tests/bench/scene_runner.h"
 
 namespace tessera {
 namespace {
@@ -45,14 +41,6 @@ struct Variant {
   std::string name;
   JobSettings settings;
 };
-
-double CpuSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
-
-StatusOr<TriangleMesh> ReadLocalMesh(const std::string& path, const Frame& frame) {
-  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
-  for (Eigen::Vector3d& v : content.mesh.vertices) v = frame.LocalFromScene(v);
-  return std::move(content.mesh);
-}
 
 // Our method with each of its terms left out.
 StatusOr<std::vector<Variant>> MakeAblation(const Arguments& arguments) {
@@ -101,74 +89,6 @@ StatusOr<std::vector<Variant>> MakeVariants(const Arguments& arguments) {
   return variants;
 }
 
-// Runs jobs on one scene; what several of them need alike (ingest, cut) is done once, and its time told to each.
-class SceneRunner {
- public:
-  SceneRunner(std::string scene_folder, std::string work_folder)
-      : scene_folder_(std::move(scene_folder)), work_folder_(std::move(work_folder)) {}
-
-  struct Result {
-    TriangleMesh mesh;  // local frame
-    double cpu_s = 0;
-  };
-
-  StatusOr<Result> Run(const Variant& variant, const Frame& frame) {
-    const std::string folder = absl::StrCat(work_folder_, "/", variant.name);
-    TESSERA_RETURN_IF_ERROR(RemoveTree(folder));
-    Result result;
-    const auto runner = [&](const TaskRequest& request) { return RunShared(request, &result.cpu_s); };
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<LineTask> tasks,
-                             RunLine(scene_folder_, folder, variant.settings, runner));
-    const std::string mesh_path = absl::StrCat(work_folder_, "/", variant.name, ".ply");
-    fs::rename(fs::path(tasks.back().output_dir) / kMeshFile, mesh_path);
-    TESSERA_ASSIGN_OR_RETURN(result.mesh, ReadLocalMesh(mesh_path, frame));
-    TESSERA_RETURN_IF_ERROR(RemoveTree(folder));
-    return result;
-  }
-
-  // The start as all jobs took it: repaired and split. After a Run.
-  StatusOr<City> Start() const { return ReadCity(absl::StrCat(ingested_, "/", kCityFile)); }
-
- private:
-  struct Shared {
-    std::string folder;
-    TaskOutcome outcome;
-    double cpu_s = 0;
-  };
-
-  StatusOr<TaskOutcome> RunShared(const TaskRequest& request, double* cpu_s) {
-    const bool shareable = request.kind == "ingest" || request.kind == "cut";
-    // A cut reads what the last ingest made.
-    const std::string key = absl::StrCat(request.kind, request.kind == "cut" ? ingested_ : "", request.parameters);
-    auto known = shared_.find(key);
-    if (!shareable || known == shared_.end()) {
-      TaskRequest own = request;
-      if (shareable) {
-        own.output_dir = absl::StrCat(work_folder_, "/shared/", shared_.size());
-        TESSERA_RETURN_IF_ERROR(RemoveTree(own.output_dir));
-        TESSERA_RETURN_IF_ERROR(EnsureFolder(own.output_dir));
-      }
-      const double start_s = CpuSeconds();
-      TESSERA_ASSIGN_OR_RETURN(TaskOutcome outcome, RunTask(own, TaskControl()));
-      const double used_s = CpuSeconds() - start_s;
-      if (!shareable) {
-        *cpu_s += used_s;
-        return outcome;
-      }
-      known = shared_.emplace(key, Shared{own.output_dir, std::move(outcome), used_s}).first;
-    }
-    *cpu_s += known->second.cpu_s;
-    for (const std::string& name : known->second.outcome.outputs) {
-      fs::create_symlink(fs::absolute(fs::path(known->second.folder) / name), fs::path(request.output_dir) / name);
-    }
-    if (request.kind == "ingest") ingested_ = known->second.folder;
-    return known->second.outcome;
-  }
-
-  std::string scene_folder_, work_folder_, ingested_;
-  std::map<std::string, Shared> shared_;
-};
-
 StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, const std::vector<Variant>& variants,
                                    const Arguments& arguments) {
   Warnings warnings;
@@ -205,12 +125,12 @@ StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, co
   }
 
   const std::string work = absl::StrCat(arguments.out, "/results/", table.scene);
-  SceneRunner runner(scene.folder, work);
+  SceneRunner runner(scene.folder, work, scene.frame);
   std::unique_ptr<FoldCounter> folds;
   for (const Variant& variant : variants) {
-    TESSERA_ASSIGN_OR_RETURN(const SceneRunner::Result result, runner.Run(variant, scene.frame));
+    TESSERA_ASSIGN_OR_RETURN(const SceneRunner::Result result, runner.Run(variant.name, variant.settings));
     TESSERA_RETURN_IF_ERROR(add(variant.name, result.mesh));
-    table.rows.back().cpu_s = result.cpu_s;
+    table.rows.back().cpu_s = result.all_cpu_s();
     if (arguments.no_folds) continue;
     if (folds == nullptr) {
       TESSERA_ASSIGN_OR_RETURN(const City city, runner.Start());
@@ -223,9 +143,9 @@ StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, co
   if (arguments.drift) {
     const std::string from_truth = absl::StrCat(arguments.out, "/from_truth/", table.scene);
     TESSERA_RETURN_IF_ERROR(StartFromTruth(scene, from_truth));
-    SceneRunner truth_runner(from_truth, work + "/from_truth");
+    SceneRunner truth_runner(from_truth, work + "/from_truth", scene.frame);
     for (const Variant& variant : variants) {
-      TESSERA_ASSIGN_OR_RETURN(const SceneRunner::Result result, truth_runner.Run(variant, scene.frame));
+      TESSERA_ASSIGN_OR_RETURN(const SceneRunner::Result result, truth_runner.Run(variant.name, variant.settings));
       TESSERA_RETURN_IF_ERROR(add("from truth: " + variant.name, result.mesh));
     }
   }
@@ -258,12 +178,12 @@ Status BenchLeftOut(const std::string& folder, const std::vector<Variant>& varia
     TESSERA_ASSIGN_OR_RETURN(TriangleMesh mesh, ReadLocalMesh(peer, scene.frame));
     meshes.push_back({"peer (saw the view)", std::move(mesh)});
   }
-  SceneRunner runner(left_out, absl::StrCat(arguments.out, "/results/", name));
+  SceneRunner runner(left_out, absl::StrCat(arguments.out, "/results/", name), scene.frame);
   std::vector<double> cpu_s(meshes.size(), 0);
   for (const Variant& variant : variants) {
-    TESSERA_ASSIGN_OR_RETURN(SceneRunner::Result result, runner.Run(variant, scene.frame));
+    TESSERA_ASSIGN_OR_RETURN(SceneRunner::Result result, runner.Run(variant.name, variant.settings));
     meshes.push_back({variant.name, std::move(result.mesh)});
-    cpu_s.push_back(result.cpu_s);
+    cpu_s.push_back(result.all_cpu_s());
   }
   std::vector<const TriangleMesh*> pointers;
   for (const auto& [label, mesh] : meshes) pointers.push_back(&mesh);

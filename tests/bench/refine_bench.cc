@@ -119,8 +119,7 @@ Status Bench(Arguments& a) {
     }
   }
   const double pixel_pairs = static_cast<double>(report.warped_pixels);
-  std::printf("energy %.5f -> %.5f  moved rms %.3f m, max %.2f m  pairs %d\n", report.energy_start, report.energy_end,
-              report.moved_rms_m, report.moved_max_m, report.pairs);
+  std::printf("moved rms %.3f m, max %.2f m  pairs %d\n", report.moved_rms_m, report.moved_max_m, report.pairs);
   std::printf("cpu %.1f s: prepare %.1f, visibility %.1f, photo %.1f, step %.1f, repair %.2f\n", cpu_s,
               report.seconds_prepare, report.seconds_visibility, report.seconds_photo, report.seconds_step,
               report.seconds_repair);

@@ -248,6 +248,13 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
     if (length > options.max_step_m) s *= options.max_step_m / length;
   }
   guard.LimitDisplacement(mesh.vertices, &step);
+  if (options.grid_m > 0) {
+    for (size_t v = 0; v < step.size(); ++v) {
+      const Vector3d& from = mesh.vertices[v];
+      if (step[v].isZero(0)) continue;  // fixed
+      step[v] = options.grid_m * ((from + step[v]) / options.grid_m).array().round().matrix() - from;
+    }
+  }
   guard.LimitFolding(mesh, options.min_turn_cosine, &step);
   return step;
 }

@@ -81,6 +81,7 @@ struct StepOptions {
   SmoothWeights weights;  // per metre²
   double inter = 0;       // λ3
   int smoothing_sweeps = 10;
+  double grid_m = 0;  // positions after the step are multiples of it but where faces fold; a power of two; 0: any
   double max_step_m = 0;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   double min_turn_cosine = 0.4;  // a face's normal turns by less than this angle's arc cosine in a step

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numeric>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -23,8 +25,6 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr int kMaxLevel = 5;
-// Room about the mesh's projection, so that windows and moved faces stay inside.
-constexpr int kMarginPx = 24;
 
 Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) {
   const auto bad = [](const std::string& what) { return absl::InvalidArgumentError("refinement: " + what); };
@@ -69,16 +69,37 @@ Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) 
   return absl::OkStatus();
 }
 
-// The part of each photograph that the mesh covers, its corners on pixel edges of every level.
+Status CheckPart(const RefineProblem& problem, const RefineOptions& options, const RefinePart& part) {
+  const auto bad = [](const std::string& what) { return absl::InvalidArgumentError("refinement: " + what); };
+  const int count = std::accumulate(options.iterations.begin(), options.iterations.end(), 0);
+  if (part.begin < 0 || part.begin > std::min(part.end, count)) {
+    return bad(absl::StrCat("iterations ", part.begin, " to ", part.end, " of ", count));
+  }
+  if (part.begin == 0) return absl::OkStatus();
+  if (problem.start.empty()) return bad("a later part needs the start");
+  int level_begin = 0;
+  for (const int iterations : options.iterations) {
+    if (part.begin > level_begin && part.begin < level_begin + iterations &&
+        part.level_start.size() != problem.mesh.vertices.size()) {
+      return bad(absl::StrCat(part.level_start.size(), " positions of the level's start for ",
+                              problem.mesh.vertices.size(), " vertices"));
+    }
+    level_begin += iterations;
+  }
+  return absl::OkStatus();
+}
+
+// The parts of the photographs that are at hand, their corners on pixel edges of every level.
 std::vector<PixelRect> ViewWindows(const RefineProblem& problem, int coarsest) {
-  const int align = 1 << coarsest;
+  const int align = 1 << coarsest, step = PhotoView::kWindowStep * align;
   std::vector<PixelRect> windows;
   for (const RefineView& view : problem.views) {
-    PixelRect rect = ProjectedBounds(problem.mesh, view.camera, kMarginPx, PhotoView::kWindowStep * align);
-    rect.x1 = rect.x0 + rect.width() / align * align;
-    rect.y1 = rect.y0 + rect.height() / align * align;
-    if (rect.empty()) rect = {0, 0, align, align};
-    windows.push_back(rect);
+    const PinholeCamera& k = view.camera.intrinsics;
+    const auto up = [step, align](int x, int size) {
+      return std::min((x + step - 1) / step * step, size / align * align);
+    };
+    windows.push_back({view.x0 / step * step, view.y0 / step * step, up(view.x0 + view.luminance->width, k.width),
+                       up(view.y0 + view.luminance->height, k.height)});
   }
   return windows;
 }
@@ -86,9 +107,9 @@ std::vector<PixelRect> ViewWindows(const RefineProblem& problem, int coarsest) {
 PhotoView MakePhotoView(const RefineView& view, const PixelRect& rect, int level, bool semantic) {
   PhotoView out;
   out.camera = PyramidCamera(view.camera, level);
-  // Pixels count from the middle of the whole image, where floats hold them best.
+  // Pixels count from the middle of the whole image, where floats hold them best; from an even one (Texels).
   PinholeCamera& k = out.camera.intrinsics;
-  const int middle_x = k.width / 2, middle_y = k.height / 2;
+  const int middle_x = k.width / 4 * 2, middle_y = k.height / 4 * 2;
   k.cx -= middle_x;
   k.cy -= middle_y;
   out.depths = view.depths;
@@ -164,8 +185,7 @@ class Refiner {
         start_{problem.start.empty() ? problem.mesh.vertices : problem.start, problem.mesh.faces, {}},
         smooth_(start_, problem.fixed_vertices),
         inter_(start_, problem.fixed_vertices),
-        guard_(start_, problem.fixed_vertices, MakeMotionLimits(problem, options)),
-        repair_(start_, guard_.faces_of_vertex()) {
+        guard_(start_, problem.fixed_vertices, MakeMotionLimits(problem, options)) {
     double start_s = Seconds(options.clock);
     smooth_.SetLabels(problem.mesh.labels, options.classes, options.mixed);
     if (options.inter > 0) inter_.SetLabels(problem.mesh.labels);
@@ -185,22 +205,26 @@ class Refiner {
     windows_ = ViewWindows(problem, *std::max_element(options.levels.begin(), options.levels.end()));
     FindFarSilhouettes();
     report_.seconds_prepare = Seconds(options.clock) - start_s;
-    for (size_t i = 0; i < options.levels.size(); ++i) {
-      total_work_ += options.iterations[i] * std::pow(0.25, options.levels[i]);
+    for (size_t stage = 0; stage < options.levels.size(); ++stage) {
+      for (int i = 0; i < options.iterations[stage]; ++i) steps_.push_back({stage, i});
     }
-    total_work_ += 2 * std::pow(0.25, Finest());  // measured before and after
   }
 
-  StatusOr<RefineReport> Run(const TaskControl& control) {
-    TESSERA_ASSIGN_OR_RETURN(report_.energy_start, Measure(control));
-    const std::vector<Vector3d> start = mesh_.vertices;
-    if (problem_.start.empty()) mesh_.vertices = guard_.UnfoldedStart();
-    Repair(start);
-    for (size_t i = 0; i < options_.levels.size(); ++i) TESSERA_RETURN_IF_ERROR(Descend(i, control));
-    TESSERA_ASSIGN_OR_RETURN(report_.energy_end, Measure(control));
+  StatusOr<RefineReport> Run(const TaskControl& control, RefinePart* part) {
+    const int count = static_cast<int>(steps_.size()), begin = part->begin, end = std::min(part->end, count);
+    for (int i = begin; i < end; ++i) total_work_ += std::pow(0.25, Level(i));
+    if (begin == 0) {
+      const std::vector<Vector3d> start = mesh_.vertices;
+      if (problem_.start.empty()) mesh_.vertices = guard_.UnfoldedStart();
+      Repair(start);
+    } else {
+      level_start_ = std::move(part->level_start);
+    }
+    for (int i = begin; i < end; ++i) TESSERA_RETURN_IF_ERROR(Descend(i, control));
+    part->level_start = std::move(level_start_);
     std::vector<Vector3d> moves(mesh_.vertices.size());
     for (size_t v = 0; v < moves.size(); ++v) {
-      moves[v] = mesh_.vertices[v] - problem_.mesh.vertices[v];
+      moves[v] = mesh_.vertices[v] - start_.vertices[v];
       report_.moved_max_m = std::max(report_.moved_max_m, moves[v].norm());
     }
     report_.moved_rms_m = Rms(moves);
@@ -210,8 +234,6 @@ class Refiner {
   std::vector<Vector3d> TakeVertices() { return std::move(mesh_.vertices); }
 
  private:
-  int Finest() const { return *std::min_element(options_.levels.begin(), options_.levels.end()); }
-
   // In the start as it is, which all tiles know alike.
   void FindFarSilhouettes() {
     silhouettes_.resize(windows_.size());
@@ -234,7 +256,7 @@ class Refiner {
     ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) {
         views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0 || options_.contour > 0);
-        views[i].blind = silhouettes_[i].Near(level, options_.window_px / 2);
+        views[i].blind = silhouettes_[i].Near(level, std::max(options_.window_px / 2, options_.silhouette_px >> level));
       }
     });
     views_ = std::move(views);
@@ -251,16 +273,15 @@ class Refiner {
     work_ += std::pow(0.25, level_);
   }
 
-  StatusOr<double> Measure(const TaskControl& control) {
-    TESSERA_RETURN_IF_ERROR(control.Check());
-    EnterLevel(Finest());
-    Evaluate();
-    return MeanEnergy(derivatives_.sums);
-  }
+  int Level(int step) const { return options_.levels[steps_[step].stage]; }
 
-  Status Descend(size_t stage, const TaskControl& control) {
-    const int level = options_.levels[stage];
+  Status Descend(int step_index, const TaskControl& control) {
+    const auto [stage, iteration] = steps_[step_index];
+    const int level = Level(step_index), iterations = options_.iterations[stage];
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(work_ / total_work_, absl::StrCat("level ", level, ", step ", iteration + 1, " of ", iterations));
     EnterLevel(level);
+    if (iteration == 0) level_start_ = mesh_.vertices;
     const double pixel_m = problem_.gsd_m * std::pow(2.0, level);
     StepOptions step_options;
     const double unit = 1 / (pixel_m * pixel_m);
@@ -269,31 +290,28 @@ class Refiner {
     step_options.inter = options_.inter;
     step_options.up = problem_.up;
     step_options.smoothing_sweeps = options_.smoothing_sweeps;
-    step_options.max_step_m = options_.max_step_px * pixel_m;
-    const std::vector<Vector3d> level_start = mesh_.vertices;
-    for (int iteration = 0; iteration < options_.iterations[stage]; ++iteration) {
-      if (options_.tangential != 1) smooth_.SetNormals(mesh_.vertices);
-      TESSERA_RETURN_IF_ERROR(control.Check());
-      control.Report(work_ / total_work_,
-                     absl::StrCat("level ", level, ", step ", iteration + 1, " of ", options_.iterations[stage]));
-      Evaluate();
-      const double start_s = Seconds(options_.clock);
-      if (options_.contour > 0 && !problem_.mesh.labels.empty()) {
-        ContourOptions contour;
-        contour.weight = options_.contour;
-        contour.reach_m = problem_.reach_m;
-        contour.up = problem_.up;
-        AddContourTerm(mesh_, problem_.mesh.labels, views_, photo_->maps(), contour, &derivatives_.gradient,
-                       &derivatives_.curvature);
-      }
-      const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, inter_, guard_, step_options);
-      for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
-      step_options.max_step_m *= options_.step_decay;
-      report_.seconds_step += Seconds(options_.clock) - start_s;
-      report_.iterations.push_back({level, MeanEnergy(derivatives_.sums), MeanSemanticEnergy(derivatives_.sums),
-                                    Rms(step) / pixel_m, derivatives_.sums.windows});
+    step_options.grid_m = std::exp2(std::floor(std::log2(options_.grid_gsd * problem_.gsd_m)));
+    step_options.max_step_m = options_.max_step_px * pixel_m * std::pow(options_.step_decay, iteration);
+    if (options_.tangential != 1) smooth_.SetNormals(mesh_.vertices);
+    Evaluate();
+    const double start_s = Seconds(options_.clock);
+    if (options_.contour > 0 && !problem_.mesh.labels.empty()) {
+      ContourOptions contour;
+      contour.weight = options_.contour;
+      contour.reach_m = problem_.reach_m;
+      contour.up = problem_.up;
+      AddContourTerm(mesh_, problem_.mesh.labels, views_, photo_->maps(), contour, &derivatives_.gradient,
+                     &derivatives_.curvature);
     }
-    Repair(level_start);
+    const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, inter_, guard_, step_options);
+    for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
+    report_.seconds_step += Seconds(options_.clock) - start_s;
+    report_.iterations.push_back({level, MeanEnergy(derivatives_.sums), MeanSemanticEnergy(derivatives_.sums),
+                                  Rms(step) / pixel_m, derivatives_.sums.windows});
+    if (iteration + 1 == iterations) {
+      Repair(level_start_);
+      level_start_.clear();
+    }
     return absl::OkStatus();
   }
 
@@ -303,7 +321,8 @@ class Refiner {
     const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
       return guard_.KeepsFacing(face, from, to);
     };
-    report_.repaired_vertices += repair_.Run(good, keeps_facing, &mesh_.vertices).changed_vertices;
+    if (!repair_) repair_.emplace(start_, guard_.faces_of_vertex());
+    report_.repaired_vertices += repair_->Run(good, keeps_facing, &mesh_.vertices).changed_vertices;
     report_.seconds_repair += Seconds(options_.clock) - start_s;
   }
 
@@ -314,7 +333,13 @@ class Refiner {
   SmoothTerm smooth_;
   InterTerm inter_;
   MotionGuard guard_;
-  FoldRepair repair_;
+  std::optional<FoldRepair> repair_;  // made when first needed: many parts have no end of a level
+  struct StepIndex {
+    size_t stage;   // of the options' levels
+    int iteration;  // in it
+  };
+  std::vector<StepIndex> steps_;
+  std::vector<Vector3d> level_start_;  // positions when the level at hand began
   std::vector<ViewPair> pairs_;
   std::vector<PixelRect> windows_;
   std::vector<FarSilhouettes> silhouettes_;
@@ -329,10 +354,13 @@ class Refiner {
 }  // namespace
 
 StatusOr<RefineReport> RefineGeometry(const RefineProblem& problem, std::vector<Vector3d>* vertices,
-                                      const RefineOptions& options, const TaskControl& control) {
+                                      const RefineOptions& options, const TaskControl& control, RefinePart* part) {
   TESSERA_RETURN_IF_ERROR(CheckProblem(problem, options));
+  RefinePart all;
+  if (part == nullptr) part = &all;
+  TESSERA_RETURN_IF_ERROR(CheckPart(problem, options, *part));
   Refiner refiner(problem, options);
-  TESSERA_ASSIGN_OR_RETURN(RefineReport report, refiner.Run(control));
+  TESSERA_ASSIGN_OR_RETURN(RefineReport report, refiner.Run(control, part));
   *vertices = refiner.TakeVertices();
   return report;
 }

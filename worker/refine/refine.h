@@ -34,7 +34,8 @@ struct RefineView {
 // Everything in one metric frame.
 struct RefineProblem {
   TriangleMesh mesh;  // oriented; already split (SplitLargeFaces); labels choose the class weights
-  // Where the vertices began, if earlier rounds moved them: bounds on motion and folds count from there. Empty: `mesh`.
+  // Where the vertices began, if earlier rounds or parts moved them: bounds on motion and folds count from there.
+  // Empty: `mesh`.
   std::vector<Eigen::Vector3d> start;
   std::vector<uint8_t> fixed_vertices;  // 1: stays where it is (tile cuts); empty: none
   TriangleMesh occluders;               // hides, but is not refined; may be empty
@@ -60,6 +61,7 @@ struct RefineOptions {
   double max_variance_ratio = 10;
   double min_valid = 0.5;      // share of a window that both images must see
   double min_cosine = 0.1;     // flatter views of a face than this are skipped
+  int silhouette_px = 10;      // how near far silhouettes nothing is compared, pixels of level 0; a window's at least
   double occlusion_px = 1;     // slack of the depth test, in pixels of the level
   double photo_outlier = 0.5;  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
 
@@ -81,8 +83,11 @@ struct RefineOptions {
   int smoothing_sweeps = 20;             // Chebyshev sweeps of the semi-implicit step
 
   // Descent.
-  double max_step_px = 1.0;                          // per iteration, pixels of the level
-  double step_decay = 0.9;                           // of the step cap per iteration
+  double max_step_px = 1.0;  // per iteration, pixels of the level
+  double step_decay = 0.9;   // of the step cap per iteration
+  // Steps end on a grid of (at most) so much: the solver carries what happens at a tile's cut far, in ever smaller
+  // differences, which all are gone beyond where they are less than that.
+  double grid_gsd = 0.004;
   double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
   int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)
   double min_start_cosine = 0.02;                    // of a face's normal with the smoothed start's
@@ -104,22 +109,31 @@ struct RefineIteration {
 };
 
 struct RefineReport {
-  double energy_start = 0, energy_end = 0;  // at the finest level, measured alike before and after
-  double moved_rms_m = 0, moved_max_m = 0;
-  int pairs = 0;  // ordered pairs
+  double moved_rms_m = 0, moved_max_m = 0;  // since RefineProblem::start
+  int pairs = 0;                            // ordered pairs
   std::vector<RefineIteration> iterations;
   int64_t repaired_vertices = 0;  // whose motion was taken back, all or in part, because faces folded or cut each other
   double seconds_prepare = 0, seconds_repair = 0, seconds_visibility = 0, seconds_photo = 0, seconds_step = 0;
   int64_t warped_pixels = 0;  // reference pixels x partners x evaluations
 };
 
+// Some of the iterations, counted over all levels, so that a tile can hear from its neighbours in between.
+struct RefinePart {
+  int begin = 0, end = std::numeric_limits<int>::max();  // of the iterations; `end` is cut to their number
+  // Positions when the level of iteration `begin` began. Read if that is not the level's first; written, for the next
+  // part, if the level of iteration `end` has begun, else emptied.
+  std::vector<Eigen::Vector3d> level_start;
+};
+
 // Refines problem.mesh and writes the new positions to `vertices` (all of them, fixed ones unchanged). Nothing that is
 // summed over the whole mesh steers a vertex: what happens to it depends on its surroundings alone, to the last bit, so
 // that two meshes that overlap agree where both have the surroundings (with the same frame, depths and groups). The
-// result does not depend on the number of threads. Errors: INVALID_ARGUMENT for a problem or options that do not fit
-// together; CANCELLED.
+// result does not depend on the number of threads. One part after the other, each from the positions of the last and
+// with problem.start, gives the bytes of all at once. `part`: null for all. Errors: INVALID_ARGUMENT for a problem,
+// options or part that do not fit together; CANCELLED.
 StatusOr<RefineReport> RefineGeometry(const RefineProblem& problem, std::vector<Eigen::Vector3d>* vertices,
-                                      const RefineOptions& options, const TaskControl& control);
+                                      const RefineOptions& options, const TaskControl& control,
+                                      RefinePart* part = nullptr);
 
 }  // namespace tessera
 

@@ -1,4 +1,5 @@
-// E_intra: thin plate by the umbrella operator with a weight a class, and a share of membrane (Bláha et al. 2017, section 3.1).
+// E_intra: thin plate by the umbrella operator with a weight a class, and a share of membrane (Bláha et al. 2017,
+// section 3.1).
 #ifndef TESSERA_WORKER_REFINE_SMOOTH_TERM_H_
 #define TESSERA_WORKER_REFINE_SMOOTH_TERM_H_
 

@@ -1,5 +1,6 @@
 #include "worker/refine/texels.h"
 
+#include <cassert>
 #include <cmath>
 
 namespace tessera {
@@ -61,6 +62,7 @@ void PackClass(const FloatImage& likelihoods, int l, const LineTaps& columns, co
 }  // namespace
 
 Texels MakeTexels(const FloatImage& luminance, int x0, int y0) {
+  assert(x0 % 2 == 0 && y0 % 2 == 0);
   Texels out;
   out.x0 = x0;
   out.y0 = y0;

@@ -63,7 +63,9 @@ struct Texels {
   static constexpr float kLikelihoodSteps = 255;
 
   int width = 0, height = 0, stride = 0;
-  int x0 = 0, y0 = 0;              // of the first pixel in the whole image of this level
+  // Of the first pixel in the whole image of this level. Even: the kernel finds cells by rounding to even, and the
+  // centre of the first pixel must not fall into a cell before it.
+  int x0 = 0, y0 = 0;
   LineVector<uint16_t> luminance;  // 0: invalid; else 1 + luminance in [0, 1] · kLuminanceSteps
   int classes = 0;                 // 0: the view has no likelihoods
   // Classes 4p .. 4p + 3 of a pixel in bytes 0..3 (lowest first) of plane p, each likelihood · kLikelihoodSteps.

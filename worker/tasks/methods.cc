@@ -1,12 +1,13 @@
 #include "worker/tasks/methods.h"
 
+#include "common/tile/refine_steps.h"
+
 namespace tessera {
 namespace {
 
 // Of the terms where labels take part: what did best on synthetic cities (accuracy_bench --methods tessera --sweep
 // semantic=...); the paper gives none of its weights.
 constexpr double kSemantic = 0.1, kInter = 0.1, kContour = 0.5;
-constexpr int kPaperRounds = 5;
 constexpr double kPaperLabelSmoothness = 0.5;  // μ2 of the paper
 
 template <class Value, class Option>
@@ -52,6 +53,8 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
     options.label.smoothness_weight = kPaperLabelSmoothness;
   }
   if (parameters.rounds > 0) options.rounds = parameters.rounds;
+  options.begin = parameters.begin;
+  options.end = parameters.end;
   Apply(parameters.settings, &options);
   return options;
 }

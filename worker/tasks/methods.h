@@ -14,7 +14,8 @@ namespace tessera {
 // All methods share kernels, density, pairs, pyramid and iterations a round; what differs:
 //   tessera   the whole energy, labels in units of the GSD, solved before the geometry too
 //   baseline  Vu et al. 2012: E_photo and one smoothness for all; the labels are solved once, at the end, as ours are
-//   paper     Bláha et al. 2017: all four terms, no smoothness but E_inter where labels mix, five rounds, the paper's label
+//   paper     Bláha et al. 2017: all four terms, no smoothness but E_inter where labels mix, five rounds, the paper's
+//   label
 //             energy. What the paper leaves open (weights, steps, pairs) is as ours.
 // `classes` gives the smoothness a class where the method knows classes; `parameters.settings` goes over the method's
 // own values. INVALID_ARGUMENT for a method that there is not (it lists those that there are) and for settings out

@@ -4,6 +4,7 @@
 #include "worker/tasks/methods.h"
 #include "worker/tasks/refine_tile.h"
 #include "worker/tasks/stages.h"
+#include "worker/tasks/tile_blend.h"
 #include "worker/tasks/tile_files.h"
 #include "worker/tasks/tile_views.h"
 
@@ -13,14 +14,21 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(const RefineParameters parameters, ParseRefineParameters(request.parameters));
   TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(InputPath(request, kTileFile)));
+  TileState state;
+  if (!parameters.results.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<TileResult> results,
+                             ReadTileResults(request.input_dir, parameters.results));
+    TESSERA_ASSIGN_OR_RETURN(state, JoinResults(package, results, parameters.results, parameters.blend_m));
+  }
   TESSERA_ASSIGN_OR_RETURN(const std::vector<TileView> views,
                            LoadTileViews(package, InputPath(request, kSceneFolder), PartOf(control, 0, 0.05)));
   const double seconds_loading = SecondsSince(clock, start_us);
 
   TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, package.classes));
   options.geometry.clock = &clock;
-  TESSERA_ASSIGN_OR_RETURN(const TileRefinement refinement,
-                           RefineTile(package, views, options, PartOf(control, 0.05, 0.99), clock));
+  TESSERA_ASSIGN_OR_RETURN(TileRefinement refinement,
+                           RefineTile(package, views, std::move(state), options, PartOf(control, 0.05, 0.99), clock));
+  KeepBlended(package, parameters.tile.core, parameters.blend_m, &refinement.result);
   TESSERA_RETURN_IF_ERROR(WriteTileResult(OutputPath(request, kResultFile), refinement.result));
 
   TaskOutcome outcome;

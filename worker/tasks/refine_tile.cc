@@ -1,15 +1,19 @@
 #include "worker/tasks/refine_tile.h"
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_cat.h"
 #include "common/geometry/topology.h"
+#include "common/tile/refine_steps.h"
 #include "worker/tasks/stages.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
 namespace {
 
+using Eigen::Vector3d;
 using nlohmann::json;
 
 // What the views say of the mesh as it is now.
@@ -77,84 +81,166 @@ RefineProblem MakeProblem(const TilePackage& package, const std::vector<TileView
   return problem;
 }
 
-}  // namespace
+// How long a step takes beside others, roughly.
+double Share(const RefineStep& step) { return step.labels() ? 1 : std::ldexp(1.0, -2 * step.level); }
 
-StatusOr<TileRefinement> RefineTile(const TilePackage& package, const std::vector<TileView>& views,
-                                    const TileRefineOptions& options, const TaskControl& control, const Clock& clock) {
-  const int classes = static_cast<int>(package.classes.size());
-  const bool label = package.has_likelihoods && classes > 1;
-  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(package.mesh));
-  const std::vector<MeshEdge> edges = EdgeList(topology);
-  // One class is no class: what it could say is the same everywhere.
-  const bool geometry_knows_labels = options.geometry_knows_labels && classes > 1;
-  RefineProblem problem = MakeProblem(package, views, geometry_knows_labels);
+// A tile between its steps.
+class TileRefiner {
+ public:
+  TileRefiner(const TilePackage& package, const std::vector<TileView>& views, const MeshTopology& topology,
+              TileState state, const TileRefineOptions& options, const Clock& clock)
+      : package_(package),
+        views_(views),
+        edges_(EdgeList(topology)),
+        options_(options),
+        clock_(clock),
+        classes_(static_cast<int>(package.classes.size())),
+        labels_change_(package.has_likelihoods && classes_ > 1),
+        // One class is no class: what it could say is the same everywhere.
+        geometry_knows_labels_(options.geometry_knows_labels && classes_ > 1),
+        problem_(MakeProblem(package, views, geometry_knows_labels_)),
+        labels_(package.mesh.labels),
+        report_(json::parse(state.report)) {
+    report_["faces"] = package.mesh.faces.size();
+    report_["views"] = views.size();
+    if (!report_.contains("rounds")) report_["rounds"] = json::array();
+    if (state.positions.empty()) return;
+    problem_.mesh.vertices = std::move(state.positions);
+    part_.level_start = std::move(state.level_start);
+    labels_ = std::move(state.labels);
+  }
 
-  TileRefinement refinement;
-  TileResult& result = refinement.result;
-  result.tile = package.tile;
-  result.classes = classes;
-  result.vertex_ids = package.vertex_ids;
-  result.face_ids = package.face_ids;
-  result.labels = package.mesh.labels;
-  result.beliefs = CertainBeliefs(result.labels, classes);
-  result.seen.assign(result.labels.size(), 1);  // labels that are carried through are not inferred
+  // A start without any labels is given some first, for the geometry that asks for them (paper, section 3).
+  Status LabelsFirst(const TaskControl& control) {
+    const bool unlabelled = std::all_of(labels_.begin(), labels_.end(), [](int32_t l) { return l < 0; });
+    if (!labels_change_ || (!options_.labels_first && !(geometry_knows_labels_ && unlabelled))) return absl::OkStatus();
+    return SolveTileLabels(control, &report_["labels_first"]);
+  }
 
-  const auto solve_labels = [&](const TaskControl& part, json* report) -> Status {
-    const int64_t start_us = clock.MonotonicUs();
-    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums, CollectLikelihoods(problem, classes, views, part));
-    part.Report(0.8, "labelling");
+  Status Labels(int round, const TaskControl& control) {
+    return labels_change_ ? SolveTileLabels(control, &RoundReport(round)) : absl::OkStatus();
+  }
+
+  // Iterations [begin, end) of a round.
+  Status Geometry(int round, int begin, int end, const TaskControl& control) {
+    json& report = RoundReport(round);
+    if (problem_.pairs.empty()) return absl::OkStatus();
+    const int64_t start_us = clock_.MonotonicUs();
+    if (geometry_knows_labels_) problem_.mesh.labels = labels_;
+    problem_.start.clear();
+    if (round > 0 || begin > 0) problem_.start = package_.mesh.vertices;
+    std::vector<Vector3d> moved;
+    part_.begin = begin;
+    part_.end = end;
+    TESSERA_ASSIGN_OR_RETURN(const RefineReport r,
+                             RefineGeometry(problem_, &moved, options_.geometry, control, &part_));
+    problem_.mesh.vertices = std::move(moved);
+    // Only energies of one level compare.
+    for (const RefineIteration& iteration : r.iterations) {
+      if (iteration.level != options_.geometry.levels.back()) continue;
+      if (!report.contains("photo_energy_start")) report["photo_energy_start"] = iteration.energy;
+      report["photo_energy_end"] = iteration.energy;
+    }
+    report["moved_rms_m"] = r.moved_rms_m;
+    report["moved_max_m"] = r.moved_max_m;
+    report["pairs"] = r.pairs;
+    report["warped_pixels"] = report.value("warped_pixels", int64_t{0}) + r.warped_pixels;
+    refinement_.seconds_geometry += SecondsSince(clock_, start_us);
+    return absl::OkStatus();
+  }
+
+  TileRefinement Take(bool all_steps_done) {
+    TileResult& result = refinement_.result;
+    result.tile = package_.tile;
+    result.classes = classes_;
+    result.vertex_ids = package_.vertex_ids;
+    result.face_ids = package_.face_ids;
+    result.positions = std::move(problem_.mesh.vertices);
+    result.level_start = std::move(part_.level_start);
+    if (!all_steps_done) {
+      result.beliefs.clear();
+      result.seen.clear();
+    } else if (!labels_change_) {
+      result.beliefs = CertainBeliefs(labels_, classes_);
+      result.seen.assign(labels_.size(), 1);  // labels that are carried through are not inferred
+    }
+    result.labels = std::move(labels_);
+    result.report = report_.dump();
+    return std::move(refinement_);
+  }
+
+ private:
+  json& RoundReport(int round) {
+    json& rounds = report_["rounds"];
+    while (static_cast<int>(rounds.size()) <= round) rounds.push_back(json::object());
+    return rounds[round];
+  }
+
+  Status SolveTileLabels(const TaskControl& control, json* report) {
+    const int64_t start_us = clock_.MonotonicUs();
+    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums, CollectLikelihoods(problem_, classes_, views_, control));
+    control.Report(0.8, "labelling");
     Labelling labelling = SolveLabels(
-        BuildLabelField(problem.mesh, edges, sums, package.classes, package.up, package.gsd_m, options.label),
-        result.labels, options.solver);
-    for (size_t f = 0; f < result.seen.size(); ++f) result.seen[f] = sums.pixels[f] > 0;
+        BuildLabelField(problem_.mesh, edges_, sums, package_.classes, package_.up, package_.gsd_m, options_.label),
+        labels_, options_.solver);
     (*report)["label_energy_start"] = labelling.start_energy;
     (*report)["label_energy_end"] = labelling.energy;
-    (*report)["label_changes"] = CountDifferent(result.labels, labelling.labels);
-    result.labels = std::move(labelling.labels);
+    (*report)["label_changes"] = CountDifferent(labels_, labelling.labels);
+    labels_ = std::move(labelling.labels);
+    TileResult& result = refinement_.result;
     result.beliefs = std::move(labelling.beliefs);
-    refinement.seconds_labels += SecondsSince(clock, start_us);
+    result.seen.resize(labels_.size());
+    for (size_t f = 0; f < result.seen.size(); ++f) result.seen[f] = sums.pixels[f] > 0;
+    refinement_.seconds_labels += SecondsSince(clock_, start_us);
     return absl::OkStatus();
-  };
-
-  json tile_report = {{"faces", package.mesh.faces.size()}, {"views", views.size()}};
-  // A start without any labels is given some first, for the geometry that asks for them (paper, section 3).
-  const bool unlabelled = std::all_of(result.labels.begin(), result.labels.end(), [](int32_t l) { return l < 0; });
-  const bool labels_first = label && (options.labels_first || (geometry_knows_labels && unlabelled));
-  const double begin = labels_first ? 0.1 : 0;  // share of the work before the rounds
-  if (labels_first) TESSERA_RETURN_IF_ERROR(solve_labels(PartOf(control, 0, begin), &tile_report["labels_first"]));
-  json rounds = json::array();
-  for (int round = 0; round < options.rounds; ++round) {
-    const double share = (1 - begin) / options.rounds, low = begin + round * share, high = low + share;
-    json report = json::object();
-    const int64_t geometry_start_us = clock.MonotonicUs();
-    if (!problem.pairs.empty()) {
-      if (geometry_knows_labels) problem.mesh.labels = result.labels;
-      if (round > 0) problem.start = package.mesh.vertices;
-      std::vector<Eigen::Vector3d> moved;
-      const TaskControl part = PartOf(control, low, low + 0.85 * (high - low));
-      TESSERA_ASSIGN_OR_RETURN(const RefineReport r, RefineGeometry(problem, &moved, options.geometry, part));
-      problem.mesh.vertices = std::move(moved);
-      report["photo_energy_start"] = r.energy_start;
-      report["photo_energy_end"] = r.energy_end;
-      report["moved_rms_m"] = r.moved_rms_m;
-      report["moved_max_m"] = r.moved_max_m;
-      report["pairs"] = r.pairs;
-      report["warped_pixels"] = r.warped_pixels;
-    }
-    refinement.seconds_geometry += SecondsSince(clock, geometry_start_us);
-    if (label) {
-      TESSERA_RETURN_IF_ERROR(solve_labels(PartOf(control, low + 0.85 * (high - low), high), &report));
-    }
-    rounds.push_back(std::move(report));
   }
 
-  result.displacements.resize(package.mesh.vertices.size());
-  for (size_t v = 0; v < result.displacements.size(); ++v) {
-    result.displacements[v] = problem.mesh.vertices[v] - package.mesh.vertices[v];
+  const TilePackage& package_;
+  const std::vector<TileView>& views_;
+  const std::vector<MeshEdge> edges_;
+  const TileRefineOptions& options_;
+  const Clock& clock_;
+  const int classes_;
+  const bool labels_change_, geometry_knows_labels_;
+  RefineProblem problem_;
+  RefinePart part_;
+  std::vector<int32_t> labels_;
+  json report_;
+  TileRefinement refinement_;
+};
+
+}  // namespace
+
+StatusOr<TileRefinement> RefineTile(const TilePackage& package, const std::vector<TileView>& views, TileState state,
+                                    const TileRefineOptions& options, const TaskControl& control, const Clock& clock) {
+  const std::vector<RefineStep> steps =
+      MakeRefineSteps(options.geometry.levels, options.geometry.iterations, options.rounds);
+  const size_t begin = static_cast<size_t>(options.begin);
+  const size_t end = std::min(static_cast<size_t>(options.end), steps.size());
+  if (options.begin < 0 || begin >= end || (begin > 0) == state.positions.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat("tile ", package.tile, ": steps ", options.begin, " to ",
+                                                   options.end, " of ", steps.size(),
+                                                   state.positions.empty() ? " from the start" : ""));
   }
-  tile_report["rounds"] = std::move(rounds);
-  result.report = tile_report.dump();
-  return refinement;
+  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(package.mesh));
+  TileRefiner refiner(package, views, topology, std::move(state), options, clock);
+  double work = 0, done = 0;
+  for (size_t i = begin; i < end; ++i) work += Share(steps[i]);
+  for (size_t i = begin, next = begin; i < end; i = next) {
+    const double low = done / work;
+    const RefineStep& first = steps[i];
+    do {
+      done += Share(steps[next++]);
+    } while (next < end && !first.labels() && !steps[next].labels());
+    const TaskControl part = PartOf(control, low, done / work);
+    if (!first.labels()) {
+      const int count = static_cast<int>(next - i);
+      TESSERA_RETURN_IF_ERROR(refiner.Geometry(first.round, first.iteration, first.iteration + count, part));
+    } else {
+      TESSERA_RETURN_IF_ERROR(first.round < 0 ? refiner.LabelsFirst(part) : refiner.Labels(first.round, part));
+    }
+  }
+  return refiner.Take(end == steps.size());
 }
 
 }  // namespace tessera

@@ -18,7 +18,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
 // City and survey → a tile's package: core, halo, occluders, views.
 StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and pixels → the tile's displacements, labels and beliefs.
+// Package and pixels → the tile's refined positions, labels and beliefs; or those after some of the steps.
 StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
 // Package and the results that reach into its core → the core, blended.

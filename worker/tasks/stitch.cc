@@ -2,6 +2,7 @@
 
 #include "worker/tasks/stages.h"
 #include "worker/tasks/stitch_tile.h"
+#include "worker/tasks/tile_blend.h"
 
 namespace tessera {
 
@@ -10,13 +11,9 @@ StatusOr<TaskOutcome> RunStitch(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(const StitchParameters parameters, ParseStitchParameters(request.parameters));
   control.Report(0, "reading results");
   TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(InputPath(request, kTileFile)));
-  std::vector<TileResult> results;
-  for (const TileParameters& tile : parameters.results) {
-    TESSERA_RETURN_IF_ERROR(control.Check());
-    TESSERA_ASSIGN_OR_RETURN(TileResult result,
-                             ReadTileResult(InputPath(request, TileInputName(tile.tile, kResultFile))));
-    results.push_back(std::move(result));
-  }
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<TileResult> results,
+                           ReadTileResults(request.input_dir, parameters.results));
+  TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.5, "blending");
   TESSERA_ASSIGN_OR_RETURN(const TileCore core, StitchTile(package, results, parameters));
   TESSERA_RETURN_IF_ERROR(WriteTileCore(OutputPath(request, kCoreFile), core));

@@ -10,10 +10,9 @@
 
 namespace tessera {
 
-// A vertex moves by Σ w_t d_t / Σ w_t over the tiles that have it, w_t by the distance of its start to the core of t
-// (BlendWeight), in the order of parameters.results: so both sides of a seam compute the same bytes. A face's label is
-// the best of its beliefs, blended alike. `results`: one for each of parameters.results, in that order. DATA_LOSS if a
-// result does not fit.
+// A vertex moves by Σ w_t d_t / Σ w_t over the tiles that have it (TileBlend), so both sides of a seam compute the same
+// bytes. A face's label is the best of its beliefs, blended alike. `results`: of the last steps, one for each of
+// parameters.results, in that order. DATA_LOSS if a result does not fit.
 StatusOr<TileCore> StitchTile(const TilePackage& package, const std::vector<TileResult>& results,
                               const StitchParameters& parameters);
 

@@ -94,10 +94,16 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
 
 Status WriteTileResult(const std::string& path, const TileResult& r) {
   ArrayFile file;
-  file.metadata = json{{"tile", r.tile}, {"classes", r.classes}, {"report", json::parse(r.report)}}.dump();
+  file.metadata = json{{"tile", r.tile},
+                       {"classes", r.classes},
+                       {"part_way", r.beliefs.empty()},
+                       {"in_level", !r.level_start.empty()},
+                       {"report", json::parse(r.report)}}
+                      .dump();
   file.arrays["vertex_ids"] = r.vertex_ids;
   file.arrays["face_ids"] = r.face_ids;
-  PutPoints(r.displacements, "displacements", &file);
+  PutPoints(r.positions, "positions", &file);
+  PutPoints(r.level_start, "level_start", &file);
   file.arrays["labels"] = r.labels;
   file.arrays["beliefs"] = r.beliefs;
   file.arrays["seen"] = r.seen;
@@ -107,20 +113,34 @@ Status WriteTileResult(const std::string& path, const TileResult& r) {
 StatusOr<TileResult> ReadTileResult(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
   TileResult r;
+  bool part_way = false, in_level = false;
   TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
     r.tile = j.at("tile");
     r.classes = j.at("classes");
     r.report = j.at("report").dump();
+    part_way = j.at("part_way");
+    in_level = j.at("in_level");
   }));
   TESSERA_ASSIGN_OR_RETURN(r.vertex_ids, file.Take<uint32_t>("vertex_ids"));
   TESSERA_ASSIGN_OR_RETURN(r.face_ids, file.Take<uint32_t>("face_ids"));
-  const int64_t faces = static_cast<int64_t>(r.face_ids.size());
-  TESSERA_ASSIGN_OR_RETURN(r.displacements,
-                           TakePoints("displacements", static_cast<int64_t>(r.vertex_ids.size()), &file));
+  const int64_t vertices = static_cast<int64_t>(r.vertex_ids.size()), faces = static_cast<int64_t>(r.face_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(r.positions, TakePoints("positions", vertices, &file));
+  TESSERA_ASSIGN_OR_RETURN(r.level_start, TakePoints("level_start", in_level ? vertices : 0, &file));
   TESSERA_ASSIGN_OR_RETURN(r.labels, file.Take<int32_t>("labels", faces));
-  TESSERA_ASSIGN_OR_RETURN(r.beliefs, file.Take<float>("beliefs", faces * r.classes));
-  TESSERA_ASSIGN_OR_RETURN(r.seen, file.Take<uint8_t>("seen", faces));
+  TESSERA_ASSIGN_OR_RETURN(r.beliefs, file.Take<float>("beliefs", part_way ? 0 : faces * r.classes));
+  TESSERA_ASSIGN_OR_RETURN(r.seen, file.Take<uint8_t>("seen", part_way ? 0 : faces));
   return r;
+}
+
+StatusOr<std::vector<TileResult>> ReadTileResults(const std::string& input_dir,
+                                                  const std::vector<TileParameters>& tiles) {
+  std::vector<TileResult> results;
+  for (const TileParameters& tile : tiles) {
+    TESSERA_ASSIGN_OR_RETURN(TileResult result,
+                             ReadTileResult(input_dir + "/" + TileInputName(tile.tile, kResultFile)));
+    results.push_back(std::move(result));
+  }
+  return results;
 }
 
 Status WriteTileCore(const std::string& path, const TileCore& c) {

@@ -12,6 +12,7 @@
 #include "common/geometry/mesh.h"
 #include "common/scene/scene.h"
 #include "common/tile/ground.h"
+#include "common/tile/task_parameters.h"
 
 namespace tessera {
 
@@ -43,13 +44,15 @@ struct TilePackage {
 Status WriteTilePackage(const std::string& path, const TilePackage& package);
 StatusOr<TilePackage> ReadTilePackage(const std::string& path);
 
-// What refining made of a tile.
+// What refining made of a tile, or some of its steps: of the core and what lies about it, in the package's order.
 struct TileResult {
   int tile = 0;
-  std::vector<uint32_t> vertex_ids, face_ids;  // as in the package
-  std::vector<Eigen::Vector3d> displacements;  // from the start to the refined position, metres
+  std::vector<uint32_t> vertex_ids, face_ids;  // global
+  std::vector<Eigen::Vector3d> positions;      // refined, local frame
+  std::vector<Eigen::Vector3d> level_start;    // when the level at hand began; empty between levels
   std::vector<int32_t> labels;                 // best labels
   int classes = 0;
+  // After the last step; empty before.
   std::vector<float> beliefs;  // faces x classes, costs, 0 for the best
   std::vector<uint8_t> seen;   // faces: 0 if the label is its neighbours' word, for no view with likelihoods shows it
   std::string report = "{}";   // JSON for the job's report; deterministic, so no seconds
@@ -57,6 +60,9 @@ struct TileResult {
 
 Status WriteTileResult(const std::string& path, const TileResult& result);
 StatusOr<TileResult> ReadTileResult(const std::string& path);
+// Those of several tiles among a task's inputs.
+StatusOr<std::vector<TileResult>> ReadTileResults(const std::string& input_dir,
+                                                  const std::vector<TileParameters>& tiles);
 
 // A core, blended with its neighbours. Vertices of two cores are in both, equal byte for byte.
 struct TileCore {

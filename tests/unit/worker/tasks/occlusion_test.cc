@@ -91,7 +91,7 @@ class Occlusion : public testing::Test {
                        const RefineParameters& parameters) {
     const auto options = MethodOptions(parameters, package.classes);
     EXPECT_TRUE(options.ok());
-    const auto refined = RefineTile(package, views, *options, {}, SystemClock());
+    const auto refined = RefineTile(package, views, {}, *options, {}, SystemClock());
     EXPECT_TRUE(refined.ok()) << refined.status();
     Facade facade;
     double squares = 0, area = 0;
@@ -101,7 +101,7 @@ class Occlusion : public testing::Test {
     };
     for (size_t v = 0; v < package.mesh.vertices.size(); ++v) {
       if (!on_facade(package.mesh.vertices[v])) continue;
-      squares += std::pow(refined->result.displacements[v].x(), 2);
+      squares += std::pow(refined->result.positions[v].x() - package.mesh.vertices[v].x(), 2);
       ++vertices;
     }
     for (size_t f = 0; f < package.mesh.faces.size(); ++f) {

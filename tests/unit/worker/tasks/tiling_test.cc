@@ -94,7 +94,9 @@ TileResult ResultOf(const TilePackage& package, const Displace& displace) {
   result.face_ids = package.face_ids;
   result.classes = static_cast<int>(package.classes.size());
   result.labels = package.mesh.labels;
-  for (size_t v = 0; v < package.vertex_ids.size(); ++v) result.displacements.push_back(displace(v));
+  for (size_t v = 0; v < package.vertex_ids.size(); ++v) {
+    result.positions.push_back(package.mesh.vertices[v] + displace(v));
+  }
   for (const int32_t label : result.labels) {
     for (int l = 0; l < result.classes; ++l) result.beliefs.push_back(l == label ? 0.0f : 1.0f);
   }
