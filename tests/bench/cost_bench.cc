@@ -48,7 +48,7 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_text));
   const json job = json::parse(job_text);
   const JobSettings settings = SettingsOf(job);
-  const RefineEffort effort = EffortOf(settings);
+  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
   TESSERA_ASSIGN_OR_RETURN(const double halo_m, HaloOf(settings, survey));
   const CellIndex cells(survey);
   std::map<int, CellRect> cores;
@@ -66,7 +66,12 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
     TileWork work;
     const int tile = task.at("tile");
     if (tile >= 0) work = MeasureTile(cells, cores[tile], halo_m);
-    if (kind == "refine") prediction = PredictRefine(work, effort);
+    RefineEffort effort;
+    if (kind == "refine") {
+      TESSERA_ASSIGN_OR_RETURN(const RefineParameters part, ParseRefineParameters(task.at("parameters").dump()));
+      effort = EffortOf(steps, {part.begin, part.end});
+      prediction = PredictRefine(work, effort);
+    }
     if (kind == "cut") prediction = PredictCut(survey, work);
     if (kind == "stitch") prediction = PredictStitch(work);
     if (kind == "ingest") prediction = PredictIngest(survey);
