@@ -24,7 +24,8 @@ bool FindNumber(const Json& json, const std::string& pointer, double* value) {
   return true;
 }
 
-// Photo energy (1 - ZNCC, robust mean) before the first round and after the last: the tiles' means, weighted by their pixels.
+// Photo energy (1 - ZNCC, robust mean) at the finest level's first step of the first round and last of the last: the
+// tiles' means, weighted by their pixels.
 bool EnergyOfTiles(const Json& report, double* before, double* after) {
   if (!report.is_object() || !report.contains("tiles")) return false;
   double weights = 0;
@@ -70,7 +71,8 @@ std::vector<std::string> RunSummary(const std::string& out) {
                     std::to_string(report.contains("tiles") ? report["tiles"].size() : 1) + " tiles");
   }
   if (EnergyOfTiles(report, &before, &after)) {
-    lines.push_back("photo energy (1 - ZNCC, robust mean): " + Short(before) + " at the start, " + Short(after) + " at the end");
+    lines.push_back("photo energy (1 - ZNCC, robust mean): " + Short(before) + " at the finest level's first step, " +
+                    Short(after) + " at its last");
   }
   if (FindNumber(report, "/displacement/rms_m", &moved_m)) lines.push_back("moved: " + Short(moved_m) + " m rms");
   if (FindNumber(report, "/label_changes", &changed) && faces > 0) {

@@ -164,8 +164,13 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   const int planes = work.likelihood_planes;
   const double packed_planes = 4.0 * ((planes + 3) / 4);
-  // Luminance and likelihoods as floats; at the finest level both again as texels, a face map, a warp target.
-  const double held = 4 + 4.0 * planes, drawn = effort.finest_share * (2 + packed_planes + 8 + 4);
+  // Luminance and likelihoods as floats; at the finest level both again as texels, a face map, a warp target, and what
+  // windows have beyond the crops.
+  // windows have beyond the crops; before the first step a face map of full resolution on any level.
+  constexpr double kFaceMap = 8, kBeyondCrops = 8;
+  const double held = 4 + 4.0 * planes;
+  const double drawn = std::max(effort.finest_share * (2 + packed_planes + kFaceMap + 4 + kBeyondCrops),
+                                effort.iterations > 0 ? kFaceMap + 2 : 0.0);
   const double refining = kRefineBytesPerFace * work.faces + kRefinePixelShare * (held + drawn) * work.pixels;
   const double loading = kLoadBytesPerFace * work.faces + held * work.pixels + work.largest_decoded;
   Prediction prediction;
