@@ -165,7 +165,6 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   const int planes = work.likelihood_planes;
   const double packed_planes = 4.0 * ((planes + 3) / 4);
   // Luminance and likelihoods as floats; at the finest level both again as texels, a face map, a warp target, and what
-  // windows have beyond the crops.
   // windows have beyond the crops; before the first step a face map of full resolution on any level.
   constexpr double kFaceMap = 8, kBeyondCrops = 8;
   const double held = 4 + 4.0 * planes;
