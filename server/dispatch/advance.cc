@@ -18,6 +18,7 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_parameters_json(task.parameters);
   record->set_cost(task.cost);
   record->set_peak_bytes(task.peak_bytes);
+  if (task.scene_inputs_of >= 0) record->set_scene_inputs_of(task.scene_inputs_of);
   for (const PlannedInput& input : task.inputs) {
     v1::PlannedInputRecord& added = *record->add_inputs();
     added.set_name(input.name);

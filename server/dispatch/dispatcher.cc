@@ -231,11 +231,11 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   granted.attempt = ledger_.task(ref).attempt() + 1;
   granted.plan = ledger_.task(ref).plan;
   granted.key = ledger_.task(ref).key;
-  for (const PlannedInput& input : granted.plan.inputs) {
-    TESSERA_ASSIGN_OR_RETURN(const Digest digest, ledger_.InputDigest(job, input));
-    granted.inputs.push_back(
-        {{input.name, digest},
-         input.scene_file.empty() ? environment_.blobs->Path(digest) : job.header.scene_path + "/" + input.scene_file});
+  for (const PlannedInput* input : ledger_.InputsOf(job, granted.plan)) {
+    TESSERA_ASSIGN_OR_RETURN(const Digest digest, ledger_.InputDigest(job, *input));
+    granted.inputs.push_back({{input->name, digest},
+                              input->scene_file.empty() ? environment_.blobs->Path(digest)
+                                                        : job.header.scene_path + "/" + input->scene_file});
   }
   v1::Record record;
   record.mutable_attempt_started()->set_task(granted.task);

@@ -27,6 +27,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.parameters = record.parameters_json();
   task.cost = record.cost();
   task.peak_bytes = record.peak_bytes();
+  if (record.has_scene_inputs_of()) task.scene_inputs_of = record.scene_inputs_of();
   for (const auto& input : record.inputs()) {
     task.inputs.push_back({input.name(), input.scene_file(), input.task(), input.output()});
   }
@@ -58,6 +59,16 @@ StatusOr<TaskRef> Ledger::FindTask(const std::string& name) const {
 int Ledger::FindRequest(const std::string& request_id) const {
   const auto it = job_of_request_.find(request_id);
   return it == job_of_request_.end() ? -1 : it->second;
+}
+
+std::vector<const PlannedInput*> Ledger::InputsOf(const Job& job, const PlannedTask& task) const {
+  std::vector<const PlannedInput*> inputs;
+  for (const PlannedInput& input : task.inputs) inputs.push_back(&input);
+  if (task.scene_inputs_of < 0) return inputs;
+  for (const PlannedInput& input : job.tasks[task.scene_inputs_of].plan.inputs) {
+    if (!input.scene_file.empty()) inputs.push_back(&input);
+  }
+  return inputs;
 }
 
 StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) const {
@@ -151,6 +162,10 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
         return fault("input " + input.name() + " comes from task " + std::to_string(input.task()) +
                      ", which is not before it");
       }
+    }
+    if (planned.has_scene_inputs_of() && (planned.scene_inputs_of() < 0 || planned.scene_inputs_of() >= count)) {
+      return fault("shares the inputs of task " + std::to_string(planned.scene_inputs_of()) +
+                   ", which is not before it");
     }
     ++count;
   }
@@ -256,14 +271,18 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
 void Ledger::ReadyTasks(Job& job) {
   for (JobTask& waiting : job.tasks) {
     if (waiting.state != TaskState::kWaiting) continue;
+    const auto missing = [&](const PlannedInput& input) {
+      return input.scene_file.empty() && job.tasks[input.task].state != TaskState::kSucceeded;
+    };
+    if (std::any_of(waiting.plan.inputs.begin(), waiting.plan.inputs.end(), missing)) continue;
     std::vector<NamedDigest> inputs;
-    for (const PlannedInput& input : waiting.plan.inputs) {
-      if (input.scene_file.empty() && job.tasks[input.task].state != TaskState::kSucceeded) break;
-      const auto digest = InputDigest(job, input);
-      if (!digest.ok()) break;
-      inputs.push_back({input.name, *digest});
+    bool complete = true;
+    for (const PlannedInput* input : InputsOf(job, waiting.plan)) {
+      const auto digest = InputDigest(job, *input);
+      complete = complete && digest.ok();
+      if (digest.ok()) inputs.push_back({input->name, *digest});
     }
-    if (inputs.size() != waiting.plan.inputs.size()) continue;
+    if (!complete) continue;
     waiting.state = TaskState::kReady;
     waiting.key = TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, std::move(inputs));
   }

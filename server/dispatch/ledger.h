@@ -47,6 +47,8 @@ class Ledger {
 
   // Where the input's bytes are known by content; NOT_FOUND while its producer has not succeeded.
   StatusOr<Digest> InputDigest(const Job& job, const PlannedInput& input) const;
+  // A task's own inputs, then the scene files of the task that it shares them with.
+  std::vector<const PlannedInput*> InputsOf(const Job& job, const PlannedTask& task) const;
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
   // Absolute path of a scene file with this content; empty if no job has one.

@@ -121,9 +121,12 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
                           cost.core_seconds,
                           {FromTask(kTileFile, cut_task(tile.parameters.tile), kTileFile)},
                           cost.peak_bytes};
-      if (part > 0) parameters.results = read_results(tile, part - 1, halo_m, &task);
+      if (part > 0) {
+        parameters.results = read_results(tile, part - 1, halo_m, &task);
+        task.scene_inputs_of = refine_task(tile.parameters.tile, 0);
+      }
       task.parameters = ToJson(parameters);
-      for (const int32_t view : tile.work.views) {
+      for (const int32_t view : part == 0 ? tile.work.views : std::vector<int32_t>()) {
         task.inputs.push_back(FromScene(survey.views[view].image_path));
         if (!survey.views[view].likelihood_path.empty()) {
           task.inputs.push_back(FromScene(survey.views[view].likelihood_path));

@@ -28,6 +28,9 @@ struct PlannedTask {
   double cost = 1;         // predicted core-seconds; for progress, ETA, order and quotes
   std::vector<PlannedInput> inputs;
   int64_t peak_bytes = 0;  // predicted peak of a worker's resident memory; 0: not predicted
+  // An earlier task of the job's list whose scene files this one reads too, after its own inputs; -1: none. The parts
+  // of a tile read the same hundreds of images.
+  int scene_inputs_of = -1;
 };
 
 // The first task of a job. `scene_files`: every file of the scene, relative, sorted.

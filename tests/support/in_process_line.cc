@@ -17,7 +17,13 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const std::string& sce
   const std::string input_dir = folder + "/in";
   TESSERA_RETURN_IF_ERROR(EnsureFolder(input_dir));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(task.output_dir));
-  for (const PlannedInput& input : planned.inputs) {
+  std::vector<PlannedInput> inputs = planned.inputs;
+  if (planned.scene_inputs_of >= 0) {
+    for (const PlannedInput& input : earlier.at(planned.scene_inputs_of).planned.inputs) {
+      if (!input.scene_file.empty()) inputs.push_back(input);
+    }
+  }
+  for (const PlannedInput& input : inputs) {
     const fs::path link = fs::path(input_dir) / input.name;
     const fs::path target = input.task < 0 ? fs::path(scene_dir) / input.scene_file
                                            : fs::path(earlier.at(input.task).output_dir) / input.output;

@@ -263,10 +263,16 @@ TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
 
 TEST(Plan, RefineReadsThePixelsOfEveryViewOfItsCells) {
   const Survey survey = RandomSurvey(12, 12, 0.8, 5);
-  for (const PlannedTask& task : PlanOf(survey, 5)) {
+  const auto tasks = PlanOf(survey, 5);
+  for (const PlannedTask& task : tasks) {
     if (task.kind != "refine") continue;
     std::set<std::string> files;
     for (const PlannedInput& input : task.inputs) files.insert(input.scene_file);
+    if (task.scene_inputs_of >= 0) {
+      const PlannedTask& first = tasks[task.scene_inputs_of - 1];
+      EXPECT_EQ(first.tile, task.tile);
+      for (const PlannedInput& input : first.inputs) files.insert(input.scene_file);
+    }
     const auto cores = Cores(survey, 5);
     for (const SurveyCell& cell : survey.cells) {
       if (!cores[task.tile].Contains({cell.x, cell.y})) continue;
