@@ -37,16 +37,6 @@ struct Flags {
   bool exit_with_parent = false;
 };
 
-class TilePlanner : public Planner {
- public:
-  StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) override {
-    return PlanIngest(settings, scene_files);
-  }
-  StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey) override {
-    return PlanTiles(settings, survey);
-  }
-};
-
 std::string DefaultDataFolder() {
   if (const char* data = std::getenv("XDG_DATA_HOME"); data != nullptr && data[0] == '/') {
     return std::string(data) + "/tessera";
@@ -94,7 +84,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite"));
   TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
   SystemClock clock;
-  TilePlanner planner;
+  Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);

@@ -18,11 +18,10 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_parameters_json(task.parameters);
   record->set_cost(task.cost);
   record->set_peak_bytes(task.peak_bytes);
-  if (task.scene_inputs_of >= 0) record->set_scene_inputs_of(task.scene_inputs_of);
+  record->mutable_scene_files()->Add(task.scene_files.begin(), task.scene_files.end());
   for (const PlannedInput& input : task.inputs) {
     v1::PlannedInputRecord& added = *record->add_inputs();
     added.set_name(input.name);
-    added.set_scene_file(input.scene_file);
     added.set_task(input.task);
     added.set_output(input.output);
   }
@@ -92,7 +91,8 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
     }
     if (step.error.empty() && job.tasks.size() == 1 && all_succeeded) {
       step.kind = PendingStep::Kind::kPlanTiles;
-      step.survey = ledger_.InputDigest(job, {kSurvey, "", 0, kSurvey});
+      step.survey = ledger_.InputDigest(job, {kSurvey, 0, kSurvey});
+      for (const NamedDigest& file : job.scene_files) step.scene_files.push_back(file.name);
       return step;
     }
     if (step.error.empty() && !all_succeeded) continue;
@@ -120,7 +120,7 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
     tasks = step.survey.status();
   } else {
     const StatusOr<std::string> survey = environment_.blobs->Read(*step.survey);
-    tasks = survey.ok() ? environment_.planner->Tiles(step.settings, *survey) : survey.status();
+    tasks = survey.ok() ? environment_.planner->Tiles(step.settings, *survey, step.scene_files) : survey.status();
   }
   std::lock_guard lock(mutex_);
   const Job& job = ledger_.jobs()[step.job];

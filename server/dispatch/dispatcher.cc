@@ -20,9 +20,10 @@ int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
 
 // An output that some later task reads but `outputs` lacks, as a message; empty if all are there.
 std::string MissingOutput(const Job& job, int task, const std::vector<NamedDigest>& outputs) {
-  for (const JobTask& reader : job.tasks) {
+  for (const int index : job.tasks[task].readers) {
+    const JobTask& reader = job.tasks[index];
     for (const PlannedInput& input : reader.plan.inputs) {
-      if (!input.scene_file.empty() || input.task != task) continue;
+      if (input.task != task) continue;
       const bool found = std::any_of(outputs.begin(), outputs.end(),
                                      [&](const NamedDigest& output) { return output.name == input.output; });
       if (!found) return "no output " + input.output + ", which '" + reader.plan.name + "' reads";
@@ -231,11 +232,14 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   granted.attempt = ledger_.task(ref).attempt() + 1;
   granted.plan = ledger_.task(ref).plan;
   granted.key = ledger_.task(ref).key;
-  for (const PlannedInput* input : ledger_.InputsOf(job, granted.plan)) {
-    TESSERA_ASSIGN_OR_RETURN(const Digest digest, ledger_.InputDigest(job, *input));
-    granted.inputs.push_back({{input->name, digest},
-                              input->scene_file.empty() ? environment_.blobs->Path(digest)
-                                                        : job.header.scene_path + "/" + input->scene_file});
+  TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, ledger_.InputsOf(job, granted.plan));
+  const size_t from_tasks = granted.plan.inputs.size();
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    const bool from_task = i < from_tasks;
+    std::string path =
+        from_task ? environment_.blobs->Path(inputs[i].digest)
+                  : job.header.scene_path + "/" + job.scene_files[granted.plan.scene_files[i - from_tasks]].name;
+    granted.inputs.push_back({std::move(inputs[i]), std::move(path)});
   }
   v1::Record record;
   record.mutable_attempt_started()->set_task(granted.task);

@@ -37,6 +37,8 @@ struct Attempt {
 
 struct JobTask {
   PlannedTask plan;
+  std::vector<int> readers = {};  // tasks that take an output of this one, each as often as it takes one, ascending
+  int missing = 0;                // inputs whose producers have not succeeded
   TaskState state = TaskState::kWaiting;
   std::string key;                // once all inputs are known
   std::vector<Attempt> attempts;  // attempt number n is attempts[n - 1]

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <set>
 
+#include "common/tile/task_parameters.h"
 #include "server/dispatch/task_key.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
@@ -27,17 +28,11 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.parameters = record.parameters_json();
   task.cost = record.cost();
   task.peak_bytes = record.peak_bytes();
-  if (record.has_scene_inputs_of()) task.scene_inputs_of = record.scene_inputs_of();
+  task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
   for (const auto& input : record.inputs()) {
-    task.inputs.push_back({input.name(), input.scene_file(), input.task(), input.output()});
+    task.inputs.push_back({input.name(), input.task(), input.output()});
   }
   return task;
-}
-
-const NamedDigest* FindName(const std::vector<NamedDigest>& sorted, const std::string& name) {
-  const auto it = std::lower_bound(sorted.begin(), sorted.end(), name,
-                                   [](const NamedDigest& file, const std::string& value) { return file.name < value; });
-  return it != sorted.end() && it->name == name ? &*it : nullptr;
 }
 
 }  // namespace
@@ -61,25 +56,24 @@ int Ledger::FindRequest(const std::string& request_id) const {
   return it == job_of_request_.end() ? -1 : it->second;
 }
 
-std::vector<const PlannedInput*> Ledger::InputsOf(const Job& job, const PlannedTask& task) const {
-  std::vector<const PlannedInput*> inputs;
-  for (const PlannedInput& input : task.inputs) inputs.push_back(&input);
-  if (task.scene_inputs_of < 0) return inputs;
-  for (const PlannedInput& input : job.tasks[task.scene_inputs_of].plan.inputs) {
-    if (!input.scene_file.empty()) inputs.push_back(&input);
-  }
-  return inputs;
-}
-
 StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) const {
-  if (!input.scene_file.empty()) {
-    if (const NamedDigest* file = FindName(job.scene_files, input.scene_file)) return file->digest;
-    return absl::NotFoundError("the scene has no file " + input.scene_file);
-  }
   for (const NamedDigest& output : job.tasks[input.task].outputs) {
     if (output.name == input.output) return output.digest;
   }
   return absl::NotFoundError("no output " + input.output + " of '" + job.tasks[input.task].plan.name + "' yet");
+}
+
+StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const PlannedTask& task) const {
+  std::vector<NamedDigest> inputs;
+  for (const PlannedInput& input : task.inputs) {
+    TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
+    inputs.push_back({input.name, digest});
+  }
+  for (const int file : task.scene_files) {
+    const NamedDigest& found = job.scene_files[file];
+    inputs.push_back({std::string(kSceneFolder) + "/" + found.name, found.digest});
+  }
+  return inputs;
 }
 
 const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const {
@@ -155,17 +149,16 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
     if (!(planned.cost() >= 0)) return fault("cost is not a number of at least 0");
     for (const auto& input : planned.inputs()) {
       if (!names.insert(input.name()).second) return fault("two inputs named " + input.name());
-      if (!input.scene_file().empty()) {
-        if (FindName(job.scene_files, input.scene_file()) == nullptr)
-          return fault("no scene file " + input.scene_file());
-      } else if (input.task() < 0 || input.task() >= count) {
+      if (input.task() < 0 || input.task() >= count) {
         return fault("input " + input.name() + " comes from task " + std::to_string(input.task()) +
                      ", which is not before it");
       }
     }
-    if (planned.has_scene_inputs_of() && (planned.scene_inputs_of() < 0 || planned.scene_inputs_of() >= count)) {
-      return fault("shares the inputs of task " + std::to_string(planned.scene_inputs_of()) +
-                   ", which is not before it");
+    for (int i = 0, last = -1; i < planned.scene_files_size(); last = planned.scene_files(i++)) {
+      if (planned.scene_files(i) <= last || planned.scene_files(i) >= static_cast<int>(job.scene_files.size())) {
+        return fault("scene file " + std::to_string(planned.scene_files(i)) + " of " +
+                     std::to_string(job.scene_files.size()) + ", after " + std::to_string(last));
+      }
     }
     ++count;
   }
@@ -263,29 +256,22 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
   for (const auto& planned : change.tasks()) {
     JobTask added;
     added.plan = FromProto(planned);
+    for (const PlannedInput& input : added.plan.inputs) {
+      JobTask& producer = job.tasks[input.task];
+      producer.readers.push_back(static_cast<int>(job.tasks.size()));
+      added.missing += producer.state != TaskState::kSucceeded;
+    }
     job.tasks.push_back(std::move(added));
+    ReadyTask(job, job.tasks.back());
   }
-  ReadyTasks(job);
 }
 
-void Ledger::ReadyTasks(Job& job) {
-  for (JobTask& waiting : job.tasks) {
-    if (waiting.state != TaskState::kWaiting) continue;
-    const auto missing = [&](const PlannedInput& input) {
-      return input.scene_file.empty() && job.tasks[input.task].state != TaskState::kSucceeded;
-    };
-    if (std::any_of(waiting.plan.inputs.begin(), waiting.plan.inputs.end(), missing)) continue;
-    std::vector<NamedDigest> inputs;
-    bool complete = true;
-    for (const PlannedInput* input : InputsOf(job, waiting.plan)) {
-      const auto digest = InputDigest(job, *input);
-      complete = complete && digest.ok();
-      if (digest.ok()) inputs.push_back({input->name, *digest});
-    }
-    if (!complete) continue;
-    waiting.state = TaskState::kReady;
-    waiting.key = TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, std::move(inputs));
-  }
+void Ledger::ReadyTask(Job& job, JobTask& waiting) {
+  if (waiting.state != TaskState::kWaiting || waiting.missing > 0) return;
+  const StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
+  if (!inputs.ok()) return;
+  waiting.state = TaskState::kReady;
+  waiting.key = TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, *inputs);
 }
 
 void Ledger::ApplyStarted(const v1::AttemptStarted& change, int64_t time_us) {
@@ -323,7 +309,10 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
     job.header.start_us = time_us;
   }
   result_of_key_[change.key()] = target.outputs;
-  ReadyTasks(job);
+  for (const int reader : target.readers) {
+    --job.tasks[reader].missing;
+    ReadyTask(job, job.tasks[reader]);
+  }
 }
 
 void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {

@@ -45,10 +45,11 @@ class Ledger {
   int FindRequest(const std::string& request_id) const;
   const JobTask& task(TaskRef ref) const { return jobs_[ref.job].tasks[ref.task]; }
 
-  // Where the input's bytes are known by content; NOT_FOUND while its producer has not succeeded.
+  // The input's content; NOT_FOUND while its producer has not succeeded.
   StatusOr<Digest> InputDigest(const Job& job, const PlannedInput& input) const;
-  // A task's own inputs, then the scene files of the task that it shares them with.
-  std::vector<const PlannedInput*> InputsOf(const Job& job, const PlannedTask& task) const;
+  // What the task reads, by the names under which it does: outputs of tasks in the order of task.inputs, then the
+  // scene's files. NOT_FOUND as InputDigest.
+  StatusOr<std::vector<NamedDigest>> InputsOf(const Job& job, const PlannedTask& task) const;
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
   // Absolute path of a scene file with this content; empty if no job has one.
@@ -69,8 +70,8 @@ class Ledger {
   void ApplyEnded(const v1::JobEnded& change, int64_t time_us);
   // Checks that the task exists in an active job and that `attempt` is its current one under lease.
   StatusOr<TaskRef> CheckCurrentAttempt(const std::string& name, int attempt) const;
-  // Waiting tasks whose inputs are all there become ready and get their key.
-  void ReadyTasks(Job& job);
+  // A waiting task whose inputs are all there becomes ready and gets its key.
+  void ReadyTask(Job& job, JobTask& waiting);
 
   const std::string algorithm_version_;
   std::vector<Job> jobs_;

@@ -1,4 +1,4 @@
-// What dispatch asks of server/plan, as an interface so that tests can plan small graphs of their own.
+// What dispatch asks of server/plan; tests override it to plan small graphs of their own.
 #ifndef TESSERA_SERVER_DISPATCH_PLANNER_H_
 #define TESSERA_SERVER_DISPATCH_PLANNER_H_
 
@@ -14,8 +14,13 @@ namespace tessera {
 class Planner {
  public:
   virtual ~Planner() = default;
-  virtual StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) = 0;
-  virtual StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey) = 0;
+  virtual StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
+    return PlanIngest(settings, scene_files);
+  }
+  virtual StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
+                                                   const std::vector<std::string>& scene_files) {
+    return PlanTiles(settings, survey, scene_files);
+  }
 };
 
 }  // namespace tessera

@@ -12,12 +12,11 @@
 
 namespace tessera {
 
-// A file that a task reads: either a file of the scene, or the output `output` of an earlier task of the graph.
+// An output of an earlier task of the graph, which a task reads.
 struct PlannedInput {
-  std::string name;        // how the task sees it: a path relative to its input folder
-  std::string scene_file;  // path relative to the scene's folder; empty if it comes from a task
-  int task = -1;           // index of the producing task in the job's list of tasks
-  std::string output;      // name of that task's output
+  std::string name;    // how the task sees it: a path relative to its input folder
+  int task = 0;        // index of the producing task in the job's list of tasks
+  std::string output;  // name of that task's output
 };
 
 struct PlannedTask {
@@ -28,17 +27,18 @@ struct PlannedTask {
   double cost = 1;         // predicted core-seconds; for progress, ETA, order and quotes
   std::vector<PlannedInput> inputs;
   int64_t peak_bytes = 0;  // predicted peak of a worker's resident memory; 0: not predicted
-  // An earlier task of the job's list whose scene files this one reads too, after its own inputs; -1: none. The parts
-  // of a tile read the same hundreds of images.
-  int scene_inputs_of = -1;
+  // The scene's files that it reads, as ascending places in the scene's sorted list: cities have millions of such
+  // inputs. The task sees each at its path below kSceneFolder.
+  std::vector<int> scene_files = {};
 };
 
 // The first task of a job. `scene_files`: every file of the scene, relative, sorted.
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
 
 // The rest of the job, to be appended behind the ingest task (index 0), in an order where producers come first.
-// `survey`: content of ingest's output "survey.json". Deterministic.
-StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey);
+// `survey`: content of ingest's output "survey.json"; `scene_files`: as PlanIngest had them. Deterministic.
+StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
+                                             const std::vector<std::string>& scene_files);
 
 // How far outside its core a tile reaches, metres.
 StatusOr<double> HaloOf(const JobSettings& settings, const Survey& survey);

@@ -9,7 +9,7 @@ namespace tessera {
 namespace {
 
 constexpr int kApplicationId = 0x54657373;  // "Tess"
-constexpr int kSchemaVersion = 1;
+constexpr int kSchemaVersion = 2;           // of the tables, and of the records in them
 constexpr char kSchema[] = R"(
   CREATE TABLE records (id INTEGER PRIMARY KEY, content BLOB NOT NULL, xxh3 INTEGER NOT NULL);
   CREATE TABLE file_digests (path TEXT PRIMARY KEY, size_bytes INTEGER NOT NULL, modified_ns INTEGER NOT NULL,
@@ -112,9 +112,10 @@ StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path
   if (tables > 0 && application != kApplicationId) {
     return absl::FailedPreconditionError(path + ": a database of another program");
   }
-  if (version > kSchemaVersion) {
-    return absl::FailedPreconditionError(path + ": schema version " + std::to_string(version) +
-                                         ", this program knows " + std::to_string(kSchemaVersion));
+  if (tables > 0 && version != kSchemaVersion) {
+    return absl::FailedPreconditionError(path + ": schema version " + std::to_string(version) + ", expected " +
+                                         std::to_string(kSchemaVersion) +
+                                         "; a coordinator of another version wrote it: use that, or another folder");
   }
   TESSERA_RETURN_IF_ERROR(impl->Run("PRAGMA journal_mode=WAL"));
   TESSERA_RETURN_IF_ERROR(impl->Run("PRAGMA synchronous=FULL"));

@@ -115,14 +115,16 @@ StatusOr<TaskOutcome> RunInFolder(const std::string& kind, const std::string& pa
 
 Status Ingest(const std::string& folder) {
   TESSERA_ASSIGN_OR_RETURN(const TaskOutcome outcome,
-                           RunInFolder("ingest", ToJson(IngestParameters()), folder + "/scene", folder + "/city"));
+                           RunInFolder("ingest", ToJson(IngestParameters()), folder, folder + "/city"));
   std::printf("  %s\n", outcome.stats.c_str());
   return absl::OkStatus();
 }
 
 StatusOr<std::vector<PlannedTask>> Plan(const std::string& folder, int tiles) {
   TESSERA_ASSIGN_OR_RETURN(const std::string survey, ReadFile(folder + "/city/" + kSurveyFile));
-  return PlanTiles({.tiles = tiles}, survey);
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(folder + "/scene", &warnings));
+  return PlanTiles({.tiles = tiles}, survey, scene.files);
 }
 
 // The core as the tile has it, unrefined.

@@ -114,12 +114,14 @@ Status Bench(const std::string& folder, const std::string& out, const JobSetting
   TESSERA_ASSIGN_OR_RETURN(const PlannedTask ingest, PlanIngest(settings, scene.files));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(out));
   if (!fs::exists(fs::path(out) / kSurveyFile)) {
-    TESSERA_RETURN_IF_ERROR(RunTask({"ingest", ingest.parameters, scene.folder, out}, TaskControl()).status());
+    TESSERA_ASSIGN_OR_RETURN(const TempFolder in, TempFolder::Create("", "occluder_bench-"));
+    fs::create_directory_symlink(fs::absolute(scene.folder), fs::path(in.path()) / kSceneFolder);
+    TESSERA_RETURN_IF_ERROR(RunTask({"ingest", ingest.parameters, in.path(), out}, TaskControl()).status());
   }
   TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(absl::StrCat(out, "/", kSurveyFile)));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(absl::StrCat(out, "/", kCityFile)));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> planned, PlanTiles(settings, survey_json));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> planned, PlanTiles(settings, survey_json, scene.files));
 
   std::vector<Row> rows = {{"all that may hide", {.only_seen = false, .share_px = 0}},
                            {"seen", {.share_px = 0}},

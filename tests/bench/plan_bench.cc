@@ -24,16 +24,6 @@
 namespace tessera {
 namespace {
 
-class TilePlanner : public Planner {
- public:
-  StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) override {
-    return PlanIngest(settings, scene_files);
-  }
-  StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey) override {
-    return PlanTiles(settings, survey);
-  }
-};
-
 void Print(const char* stage, const TaskUsageMeter& meter) {
   const TaskUsage usage = meter.Read();
   std::printf("%-28s %8.1f MiB peak  %8.2f core-seconds\n", stage, static_cast<double>(usage.peak_bytes) / (1 << 20),
@@ -71,7 +61,7 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
 
   const TaskUsageMeter meter;
   SystemClock clock;
-  TilePlanner planner;
+  Planner planner;
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder.path() + "/state.sqlite"));
   TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder.path() + "/blobs"));
   TESSERA_ASSIGN_OR_RETURN(

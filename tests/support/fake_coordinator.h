@@ -41,10 +41,11 @@ class FakePlanner : public Planner {
   StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) override {
     if (settings.method != "tessera") return absl::InvalidArgumentError("no method " + settings.method);
     PlannedTask task{"ingest", "read the scene", -1, "{}", 1, {}};
-    for (const std::string& file : scene_files) task.inputs.push_back({file, file, -1, ""});
+    for (size_t i = 0; i < scene_files.size(); ++i) task.scene_files.push_back(static_cast<int>(i));
     return task;
   }
-  StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey) override {
+  StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
+                                           const std::vector<std::string>&) override {
     if (survey == "bad") return absl::InvalidArgumentError("bad survey");
     std::vector<PlannedTask> tasks;
     PlannedTask publish{"publish", "publish", -1, "{}", 1, {}};
@@ -55,8 +56,10 @@ class FakePlanner : public Planner {
                        tile,
                        "{\"survey\":\"" + survey + "\",\"tile\":" + std::to_string(tile) + "}",
                        tile + 1.0,
-                       {{"mesh", "", 0, "mesh"}, {"scene.json", "scene.json", -1, ""}}});
-      publish.inputs.push_back({name, "", tile + 1, "refined"});
+                       {{"mesh", 0, "mesh"}},
+                       0,
+                       {0}});
+      publish.inputs.push_back({name, tile + 1, "refined"});
     }
     tasks.push_back(publish);
     return tasks;

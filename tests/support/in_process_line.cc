@@ -11,24 +11,22 @@ namespace {
 
 namespace fs = std::filesystem;
 
-StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const std::string& scene_dir, const std::string& folder,
+StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription& scene, const std::string& folder,
                               const std::vector<LineTask>& earlier, const TaskRunner& runner) {
   LineTask task = {planned, folder + "/out", {}};
   const std::string input_dir = folder + "/in";
   TESSERA_RETURN_IF_ERROR(EnsureFolder(input_dir));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(task.output_dir));
-  std::vector<PlannedInput> inputs = planned.inputs;
-  if (planned.scene_inputs_of >= 0) {
-    for (const PlannedInput& input : earlier.at(planned.scene_inputs_of).planned.inputs) {
-      if (!input.scene_file.empty()) inputs.push_back(input);
-    }
-  }
-  for (const PlannedInput& input : inputs) {
-    const fs::path link = fs::path(input_dir) / input.name;
-    const fs::path target = input.task < 0 ? fs::path(scene_dir) / input.scene_file
-                                           : fs::path(earlier.at(input.task).output_dir) / input.output;
+  const auto bring = [&](const fs::path& target, const std::string& name) {
+    const fs::path link = fs::path(input_dir) / name;
     fs::create_directories(link.parent_path());
     fs::create_symlink(fs::absolute(target), link);
+  };
+  for (const PlannedInput& input : planned.inputs) {
+    bring(fs::path(earlier.at(input.task).output_dir) / input.output, input.name);
+  }
+  for (const int file : planned.scene_files) {
+    bring(fs::path(scene.folder) / scene.files.at(file), std::string(kSceneFolder) + "/" + scene.files[file]);
   }
   const TaskRequest request = {planned.kind, planned.parameters, input_dir, task.output_dir};
   TESSERA_ASSIGN_OR_RETURN(task.outcome, runner ? runner(request) : RunTask(request, TaskControl()));
@@ -43,13 +41,13 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
   TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(scene_dir, &warnings));
   TESSERA_ASSIGN_OR_RETURN(const PlannedTask ingest, PlanIngest(settings, scene.files));
   std::vector<LineTask> tasks;
-  TESSERA_ASSIGN_OR_RETURN(LineTask first, RunPlanned(ingest, scene.folder, work_dir + "/0", tasks, runner));
+  TESSERA_ASSIGN_OR_RETURN(LineTask first, RunPlanned(ingest, scene, work_dir + "/0", tasks, runner));
   tasks.push_back(std::move(first));
   TESSERA_ASSIGN_OR_RETURN(const std::string survey, ReadFile(tasks[0].output_dir + "/" + kSurveyFile));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> planned, PlanTiles(settings, survey));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> planned, PlanTiles(settings, survey, scene.files));
   for (const PlannedTask& task : planned) {
     const std::string folder = work_dir + "/" + std::to_string(tasks.size());
-    TESSERA_ASSIGN_OR_RETURN(LineTask done, RunPlanned(task, scene.folder, folder, tasks, runner));
+    TESSERA_ASSIGN_OR_RETURN(LineTask done, RunPlanned(task, scene, folder, tasks, runner));
     tasks.push_back(std::move(done));
   }
   return tasks;

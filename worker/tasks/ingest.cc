@@ -98,9 +98,10 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   control.Report(0, "checking the scene");
   // Says all that is wrong at once; after it loading cannot fail for the scene's sake.
   TESSERA_RETURN_IF_ERROR(
-      CheckSceneFolder(request.input_dir, kMaxFacesInMemory, &outcome.warnings, PartOf(control, 0, 0.3)).status());
+      CheckSceneFolder(InputPath(request, kSceneFolder), kMaxFacesInMemory, &outcome.warnings, PartOf(control, 0, 0.3))
+          .status());
   Warnings said_already;
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(request.input_dir, &said_already));
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(InputPath(request, kSceneFolder), &said_already));
   for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
   const std::vector<PosedCamera> cameras = CamerasOf(scene);
   control.Report(0.3, "reading the mesh");

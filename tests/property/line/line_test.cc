@@ -81,7 +81,7 @@ TEST(Line, IngestMakesTheSameBitsOfAMovedScene) {
   for (const int moved : {0, 1}) {
     TinySceneOptions options;
     if (moved) options.offset = Eigen::Vector3d(5000, -3000, 7) * 1024;
-    const std::string folder = FreshTestFolder("moved" + std::to_string(moved));
+    const std::string in = FreshTestFolder("moved" + std::to_string(moved)), folder = in + "/" + kSceneFolder;
     const TinyScene scene = WriteTinyScene(folder, options);
     // Positions with as many digits as mapping tools write.
     TriangleMesh mesh = scene.mesh;
@@ -89,7 +89,7 @@ TEST(Line, IngestMakesTheSameBitsOfAMovedScene) {
     ASSERT_TRUE(WritePly(folder + "/mesh.ply", mesh).ok());
     const std::string out = folder + "/out";
     ASSERT_TRUE(EnsureFolder(out).ok());
-    const auto outcome = RunTask({"ingest", ToJson(IngestParameters()), folder, out}, {});
+    const auto outcome = RunTask({"ingest", ToJson(IngestParameters()), in, out}, {});
     ASSERT_TRUE(outcome.ok()) << outcome.status();
     cities[moved] = *ReadFile(out + "/" + kCityFile);
     const auto survey = ParseSurvey(*ReadFile(out + "/" + kSurveyFile));

@@ -46,6 +46,17 @@ Survey RandomSurvey(int width, int height, double filled, uint64_t seed) {
   return s;
 }
 
+std::vector<std::string> FilesOf(const Survey& survey) {
+  std::vector<std::string> files = {"scene.json"};
+  for (const SceneView& view : survey.views) {
+    for (const std::string& path : {view.image_path, view.likelihood_path}) {
+      if (!path.empty()) files.push_back(path);
+    }
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
 std::vector<CellRect> Cores(const Survey& survey, int tiles) {
   TilingOptions options;
   options.tiles = tiles;
@@ -56,7 +67,7 @@ std::vector<CellRect> Cores(const Survey& survey, int tiles) {
 }
 
 std::vector<PlannedTask> PlanOf(const Survey& survey, int tiles) {
-  auto plan = PlanTiles({.tiles = tiles}, SurveyToJson(survey));
+  auto plan = PlanTiles({.tiles = tiles}, SurveyToJson(survey), FilesOf(survey));
   EXPECT_TRUE(plan.ok()) << plan.status();
   return *std::move(plan);
 }
@@ -185,13 +196,13 @@ TEST(Tiling, ANumberOfTilesIsKeptUnlessMemoryIsLimitedToo) {
 TEST(Tiling, ACellThatCannotFitIsRefusedWithWhatToDo) {
   Survey survey = SeenFromAbove(4);
   survey.cells[5].faces = 4'000'000;
-  const auto refused = PlanTiles({.tile_memory_bytes = int64_t{3} << 30}, SurveyToJson(survey));
+  const auto refused = PlanTiles({.tile_memory_bytes = int64_t{3} << 30}, SurveyToJson(survey), FilesOf(survey));
   EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
   const std::string message(refused.status().message());
   for (const char* word : {"cell at (", "--tile-memory", "--levels", "found 3.00 GiB"}) {
     EXPECT_NE(message.find(word), std::string::npos) << message;
   }
-  EXPECT_TRUE(PlanTiles({.tile_memory_bytes = int64_t{8} << 30}, SurveyToJson(survey)).ok());
+  EXPECT_TRUE(PlanTiles({.tile_memory_bytes = int64_t{8} << 30}, SurveyToJson(survey), FilesOf(survey)).ok());
 }
 
 TEST(CostModel, CropsAreWhatTheTileCovers) {
@@ -247,10 +258,6 @@ TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
       std::set<std::string> inputs;
       for (const PlannedInput& input : tasks[t].inputs) {
         EXPECT_TRUE(inputs.insert(input.name).second) << input.name << " twice";
-        if (!input.scene_file.empty()) {
-          EXPECT_EQ(input.task, -1);
-          continue;
-        }
         ASSERT_GE(input.task, 0);
         ASSERT_LT(input.task, static_cast<int>(t) + 1) << "the ingest task has index 0";
         const std::string kind = input.task == 0 ? "ingest" : tasks[input.task - 1].kind;
@@ -263,16 +270,11 @@ TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
 
 TEST(Plan, RefineReadsThePixelsOfEveryViewOfItsCells) {
   const Survey survey = RandomSurvey(12, 12, 0.8, 5);
-  const auto tasks = PlanOf(survey, 5);
-  for (const PlannedTask& task : tasks) {
+  const std::vector<std::string> all = FilesOf(survey);
+  for (const PlannedTask& task : PlanOf(survey, 5)) {
     if (task.kind != "refine") continue;
     std::set<std::string> files;
-    for (const PlannedInput& input : task.inputs) files.insert(input.scene_file);
-    if (task.scene_inputs_of >= 0) {
-      const PlannedTask& first = tasks[task.scene_inputs_of - 1];
-      EXPECT_EQ(first.tile, task.tile);
-      for (const PlannedInput& input : first.inputs) files.insert(input.scene_file);
-    }
+    for (const int file : task.scene_files) files.insert(all.at(file));
     const auto cores = Cores(survey, 5);
     for (const SurveyCell& cell : survey.cells) {
       if (!cores[task.tile].Contains({cell.x, cell.y})) continue;
@@ -284,6 +286,33 @@ TEST(Plan, RefineReadsThePixelsOfEveryViewOfItsCells) {
       }
     }
   }
+}
+
+TEST(Plan, AViewWhoseFileTheSceneLacksIsNamed) {
+  const Survey survey = RandomSurvey(3, 3, 1, 1);
+  const auto refused = PlanTiles({.tiles = 1}, SurveyToJson(survey), {"images/0.jpg", "scene.json"});
+  EXPECT_EQ(refused.status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(refused.status().message(), "the scene has no file likelihoods/0.tif");
+}
+
+// A huge face reaches far; tiles that it does not touch must not read more for it.
+TEST(Plan, AHugeFaceAddsReadersOnlyAroundIt) {
+  Survey survey = RandomSurvey(40, 40, 1, 2);
+  for (SurveyCell& cell : survey.cells) cell.reach_m = 1;
+  const auto reads = [&] {
+    std::map<int, size_t> count;
+    for (const PlannedTask& task : PlanOf(survey, 100)) {
+      if (task.kind == "stitch") count[task.tile] = task.inputs.size();
+    }
+    return count;
+  };
+  const auto before = reads();
+  survey.cells.front().reach_m = 8 * 10;  // as far as ten cells
+  const auto after = reads();
+  EXPECT_GT(after.at(0), before.at(0));
+  size_t more = 0;
+  for (const auto& [tile, count] : after) more += count > before.at(tile);
+  EXPECT_LT(more, 30u);
 }
 
 TEST(Plan, BothSidesOfASeamReadTheSameTiles) {
@@ -331,12 +360,13 @@ TEST(Plan, SettingsAreRefusedAllAtOnce) {
     EXPECT_NE(message.find(word), std::string::npos) << message;
   }
   EXPECT_FALSE(PlanIngest({}, {}).ok());
-  EXPECT_FALSE(PlanTiles({}, "not json").ok());
+  EXPECT_FALSE(PlanTiles({}, "not json", {}).ok());
 }
 
 // The parameters of the job's first task of a kind.
 std::string ParametersOf(const JobSettings& settings, const std::string& kind) {
-  const auto tasks = PlanTiles(settings, SurveyToJson(RandomSurvey(6, 6, 1, 1)));
+  const Survey survey = RandomSurvey(6, 6, 1, 1);
+  const auto tasks = PlanTiles(settings, SurveyToJson(survey), FilesOf(survey));
   EXPECT_TRUE(tasks.ok()) << tasks.status();
   for (const PlannedTask& task : *tasks) {
     if (task.kind == kind) return task.parameters;
@@ -462,7 +492,7 @@ TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {
   ASSERT_TRUE(a.ok() && b.ok() && c.ok() && d.ok());
   EXPECT_NE(a->parameters, c->parameters) << "ingest chooses the pairs";
   EXPECT_NE(a->parameters, d->parameters) << "and the views of cells";
-  EXPECT_EQ(a->inputs.size(), 2u);
+  EXPECT_EQ(a->scene_files, (std::vector<int>{0, 1}));
   EXPECT_EQ(a->parameters, b->parameters) << "so that it is done once for all tilings";
 }
 

@@ -119,9 +119,11 @@ TEST_F(SqliteStoreTest, RefusesWhatIsNotIts) {
   EXPECT_EQ(SqliteStore::Open(path_).status().code(), absl::StatusCode::kFailedPrecondition);
   ASSERT_TRUE(RemoveTree(path_).ok());
   { Open(); }
-  Execute("PRAGMA user_version = 99");
-  const auto later = SqliteStore::Open(path_);
-  EXPECT_THAT(std::string(later.status().message()), HasSubstr("schema version 99"));
+  for (const std::string version : {"1", "99"}) {
+    Execute("PRAGMA user_version = " + version);
+    const auto other = SqliteStore::Open(path_);
+    EXPECT_THAT(std::string(other.status().message()), HasSubstr("schema version " + version + ", expected"));
+  }
   EXPECT_FALSE(SqliteStore::Open(folder_.path() + "/none/x").ok());
 }
 
