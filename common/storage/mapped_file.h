@@ -36,6 +36,9 @@ class MappedFile {
   const char* data() const { return data_; }
   char* mutable_data() { return data_; }  // of scratch files only
   size_t size_bytes() const { return size_bytes_; }
+  // Takes whole pages of the range out of this process's memory; of scratch files, what was written stays. Reading
+  // brings them back.
+  void Release(size_t offset, size_t size_bytes) const;
 
  private:
   friend class ScratchBytes;

@@ -77,7 +77,7 @@ bool ReadValues(size_t type, const char* data, uint64_t size_bytes, ArrayData* o
   }
 }
 
-constexpr uint64_t kValueBytes[] = {4, 8, 4, 4, 8, 1};
+constexpr uint64_t kValueBytes[] = {4, 8, 4, 4, 8, 1, 2};
 static_assert(std::size(kValueBytes) == std::variant_size_v<ArrayData>);
 
 }  // namespace

@@ -15,7 +15,7 @@
 namespace tessera {
 
 using ArrayData = std::variant<std::vector<float>, std::vector<double>, std::vector<int32_t>, std::vector<uint32_t>,
-                               std::vector<int64_t>, std::vector<uint8_t>>;
+                               std::vector<int64_t>, std::vector<uint8_t>, std::vector<uint16_t>>;
 
 // A plain value; equal values are equal bytes on disk.
 struct ArrayFile {

@@ -10,7 +10,7 @@ namespace tessera {
 
 // How far across the ground, in GSD, a pixel's surroundings count: what is farther off is masked at its silhouettes, so
 // that a tile, whose halo is at least this wide, sees what the whole city sees.
-inline constexpr double kTileReachGsd = 128;
+inline constexpr double kTileReachGsd = 64;
 
 // Axes of the plane across `up`, local frame, unit and orthogonal; x and y of the frame where up is z. Cells are
 // squares of `cell_m` whose corners are multiples of cell_m from the frame's origin, the same whatever the tiling.

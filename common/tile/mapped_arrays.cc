@@ -54,6 +54,12 @@ Status MappedArrays::Verify(const std::string& array) const {
   return absl::DataLossError(absl::StrCat(path_, ": array \"", array, "\": found none"));
 }
 
+void MappedArrays::Release(const std::string& array) const {
+  for (const ArrayFileHeader::Entry& entry : header_.entries) {
+    if (entry.name == array) file_.Release(entry.offset, entry.count * ArrayFileHeader::value_bytes(entry));
+  }
+}
+
 struct ArrayFileWriter::Region {
   Xxh3Hasher hasher;
   uint64_t written_bytes = 0;  // buffer included

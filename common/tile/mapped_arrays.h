@@ -40,6 +40,8 @@ class MappedArrays {
     return Get<T>(array, count);
   }
   Status Verify(const std::string& array) const;
+  // Gives the array's pages back to the system, which reads them again when they are asked for.
+  void Release(const std::string& array) const;
 
  private:
   StatusOr<const ArrayFileHeader::Entry*> Find(const std::string& array, size_t type, int64_t count) const;

@@ -19,6 +19,7 @@ namespace tessera {
 inline constexpr char kCityFile[] = "city.arrays";      // ingest: the repaired and split mesh
 inline constexpr char kSurveyFile[] = "survey.json";    // ingest
 inline constexpr char kTileFile[] = "tile.arrays";      // cut
+inline constexpr char kViewsFile[] = "views.arrays";    // crop: what of the views' pixels sees the tile
 inline constexpr char kResultFile[] = "result.arrays";  // refine
 inline constexpr char kCoreFile[] = "core.arrays";      // stitch
 inline constexpr char kMeshFile[] = "mesh.ply";         // publish

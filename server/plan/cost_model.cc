@@ -19,9 +19,9 @@ constexpr double kNear_m = 1e-3;
 
 constexpr double kMiB = 1 << 20;
 
-// Refine: what a worker holds before it begins; then by face and by pixel. The pixels' share is that of the buffers
-// that are really alive together.
-constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 925, kRefinePixelShare = 0.95;
+// Refine: what a worker holds before it begins; then by face and by pixel: luminance and likelihoods as texels, and the
+// share of the pixels' face maps and warp targets that is open at a time.
+constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 925, kTexelBytes = 2, kOpenBytes = 8;
 // While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
 // likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
 // TIFFs do not.
@@ -162,23 +162,23 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m
 }
 
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
-  const int planes = work.likelihood_planes;
-  const double packed_planes = 4.0 * ((planes + 3) / 4);
-  // Luminance and likelihoods as floats; at the finest level both again as texels, a face map, a warp target, and what
-  // windows have beyond the crops; before the first step a face map of full resolution on any level.
-  constexpr double kFaceMap = 8, kBeyondCrops = 8;
-  const double held = 4 + 4.0 * planes;
-  const double drawn = std::max(effort.finest_share * (2 + packed_planes + kFaceMap + 4 + kBeyondCrops),
-                                effort.iterations > 0 ? kFaceMap + 2 : 0.0);
-  const double refining = kRefineBytesPerFace * work.faces + kRefinePixelShare * (held + drawn) * work.pixels;
-  const double loading = kLoadBytesPerFace * work.faces + held * work.pixels + work.largest_decoded;
+  const double packed_planes = 4.0 * ((work.likelihood_planes + 3) / 4);
   Prediction prediction;
-  prediction.peak_bytes = static_cast<int64_t>(kRefineFixedBytes + std::max(refining, loading));
+  prediction.peak_bytes =
+      static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * work.faces +
+                           effort.finest_share * (kTexelBytes + packed_planes + kOpenBytes) * work.pixels);
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.faces +
                             kWarpSeconds * work.pair_pixels * effort.evaluations +
-                            kFaceViewSeconds * work.faces * work.seeing_views * effort.evaluations +
-                            kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels;
+                            kFaceViewSeconds * work.faces * work.seeing_views * effort.evaluations;
   return prediction;
+}
+
+Prediction PredictCrop(const TileWork& work) {
+  const int planes = work.likelihood_planes;
+  const double largest = work.seeing_views > 0 ? work.pixels / work.seeing_views : 0;
+  return {kTaskSeconds + kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels,
+          static_cast<int64_t>(kFixedBytes + kLoadBytesPerFace * work.faces + (2 + planes) * work.pixels +
+                               4 * (1 + planes) * largest + work.largest_decoded)};
 }
 
 Prediction PredictRefine(const TileWork& work, const std::vector<RefineEffort>& parts) {

@@ -54,8 +54,9 @@ struct Prediction {
 };
 
 // The tasks of a tile.
+Prediction PredictCrop(const TileWork& work);
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
-// In parts, each of which reads the images: seconds summed, memory of the hungriest.
+// In parts: seconds summed, memory of the hungriest.
 Prediction PredictRefine(const TileWork& work, const std::vector<RefineEffort>& parts);
 Prediction PredictCut(const Survey& survey, const TileWork& work);
 Prediction PredictStitch(const TileWork& work);

@@ -86,7 +86,8 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
   const int count = static_cast<int>(tiles.size());
   constexpr int kIngest = 0;
   const auto cut_task = [](int tile) { return 1 + tile; };
-  const auto refine_task = [count](int tile, int part) { return 1 + (1 + part) * count + tile; };
+  const auto crop_task = [count](int tile) { return 1 + count + tile; };
+  const auto refine_task = [count](int tile, int part) { return 1 + (2 + part) * count + tile; };
   const int last_part = static_cast<int>(parts.size()) - 1;
   const auto stitch_task = [&](int tile) { return refine_task(tile, last_part + 1); };
   // Makes the results of `part` inputs of a task that uses what lies up to `near_m` from the tile. Vertices there are
@@ -122,8 +123,21 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
                      {{kCityFile, kIngest, kCityFile}, {kSurveyFile, kIngest, kSurveyFile}},
                      cost.peak_bytes});
   }
+  for (const PlannedTile& tile : tiles) {
+    const int id = tile.parameters.tile;
+    const Prediction cost = PredictCrop(tile.work);
+    PlannedTask task = {"crop",          TileName("crop", tile), id,
+                        "{}",            cost.core_seconds,      {{kTileFile, cut_task(id), kTileFile}},
+                        cost.peak_bytes};
+    for (const int32_t view : tile.work.views) {
+      task.scene_files.insert(task.scene_files.end(), files_of_view[view].begin(), files_of_view[view].end());
+    }
+    std::sort(task.scene_files.begin(), task.scene_files.end());
+    tasks.push_back(std::move(task));
+  }
   for (int part = 0; part <= last_part; ++part) {
     for (const PlannedTile& tile : tiles) {
+      const int id = tile.parameters.tile;
       RefineParameters parameters = {settings.rounds,
                                      settings.method.empty() ? kMethods[0] : settings.method,
                                      settings.method_settings,
@@ -135,17 +149,13 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
       const Prediction cost = PredictRefine(tile.work, efforts[part]);
       PlannedTask task = {"refine",
                           TileName("refine", tile) + (last_part > 0 ? " part " + std::to_string(part + 1) : ""),
-                          tile.parameters.tile,
+                          id,
                           "",
                           cost.core_seconds,
-                          {{kTileFile, cut_task(tile.parameters.tile), kTileFile}},
+                          {{kTileFile, cut_task(id), kTileFile}, {kViewsFile, crop_task(id), kViewsFile}},
                           cost.peak_bytes};
       if (part > 0) parameters.results = read_results(tile, part - 1, halo_m, &task);
       task.parameters = ToJson(parameters);
-      for (const int32_t view : tile.work.views) {
-        task.scene_files.insert(task.scene_files.end(), files_of_view[view].begin(), files_of_view[view].end());
-      }
-      std::sort(task.scene_files.begin(), task.scene_files.end());
       tasks.push_back(std::move(task));
     }
   }

@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "common/base/parallel.h"
-
 namespace tessera {
 namespace {
 
@@ -14,13 +12,6 @@ using Eigen::Vector3d;
 
 // Of a pixel of contour: likelihoods go from one class to the other over about two pixels.
 constexpr double kCurvaturePerPx2 = 0.5;
-
-// What the side between two pixels does to a corner of the nearer face.
-struct Pull {
-  uint32_t vertex = 0;
-  Vector3d gradient;        // per metre
-  Vector3d root_curvature;  // its outer square is the curvature, per metre²
-};
 
 // One view's contours.
 class ContourView {
@@ -35,7 +26,7 @@ class ContourView {
         gap_(static_cast<float>(options.gap_px / view.camera.intrinsics.fx)),
         centre_(view.camera.Centre()) {}
 
-  std::vector<Pull> Pulls() {
+  std::vector<ContourPull> Pulls() {
     for (int y = 0; y < map_.height; ++y) {
       for (int x = 0; x < map_.width; ++x) {
         if (x + 1 < map_.width) AddSide(x, y, x + 1, y);
@@ -95,8 +86,8 @@ class ContourView {
       const Vector3d opposite = (corner((c + 2) % 3) - corner((c + 1) % 3)).cross(point - corner((c + 1) % 3));
       const double share = std::clamp(opposite.dot(normal) / area2, 0.0, 1.0);
       if (share == 0) continue;
-      pulls_.push_back({mesh_.faces[face][c], -options_.weight * share * gain * outward,
-                        std::sqrt(options_.weight * kCurvaturePerPx2 * share) * outward});
+      pulls_.push_back({mesh_.faces[face][c], (-options_.weight * share * gain * outward).cast<float>(),
+                        (std::sqrt(options_.weight * kCurvaturePerPx2 * share) * outward).cast<float>()});
     }
   }
 
@@ -107,34 +98,33 @@ class ContourView {
   const ContourOptions& options_;
   const float gap_;  // of depth, relative to the nearer one
   const Vector3d centre_;
-  std::vector<Pull> pulls_;
+  std::vector<ContourPull> pulls_;
 };
 
 }  // namespace
 
-void AddContourTerm(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const std::vector<PhotoView>& views,
-                    const std::vector<FaceMap>& maps, const ContourOptions& options, std::vector<Vector3d>* gradient,
-                    std::vector<Matrix3d>* curvature) {
-  std::vector<std::vector<Pull>> pulls(views.size());
-  ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t v = begin; v < end; ++v) {
-      if (views[v].texels.classes == 0) continue;
-      pulls[v] = ContourView(mesh, labels, views[v], maps[v], options).Pulls();
-    }
-  });
-  std::vector<uint16_t> seen(mesh.vertices.size(), 0);  // views
-  std::vector<int32_t> last(mesh.vertices.size(), -1);
-  for (size_t v = 0; v < views.size(); ++v) {
-    for (const Pull& pull : pulls[v]) {
+std::vector<ContourPull> ContourPulls(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
+                                      const PhotoView& view, const FaceMap& map, const ContourOptions& options) {
+  if (view.texels.classes == 0) return {};
+  return ContourView(mesh, labels, view, map, options).Pulls();
+}
+
+void AddContourPulls(const std::vector<std::vector<ContourPull>>& pulls, std::vector<Vector3d>* gradient,
+                     std::vector<Matrix3d>* curvature) {
+  std::vector<uint16_t> seen(gradient->size(), 0);  // views
+  std::vector<int32_t> last(gradient->size(), -1);
+  for (size_t v = 0; v < pulls.size(); ++v) {
+    for (const ContourPull& pull : pulls[v]) {
       if (last[pull.vertex] != static_cast<int32_t>(v)) ++seen[pull.vertex];
       last[pull.vertex] = static_cast<int32_t>(v);
     }
   }
-  for (const std::vector<Pull>& view : pulls) {
-    for (const Pull& pull : view) {
+  for (const std::vector<ContourPull>& view : pulls) {
+    for (const ContourPull& pull : view) {
       const double scale = 1.0 / seen[pull.vertex];
-      (*gradient)[pull.vertex] += scale * pull.gradient;
-      (*curvature)[pull.vertex] += scale * pull.root_curvature * pull.root_curvature.transpose();
+      (*gradient)[pull.vertex] += scale * pull.gradient.cast<double>();
+      const Vector3d root = pull.root_curvature.cast<double>();
+      (*curvature)[pull.vertex] += scale * root * root.transpose();
     }
   }
 }

@@ -27,12 +27,22 @@ struct ContourOptions {
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
 };
 
-// Adds the weighted gradient (per metre) and a positive semidefinite curvature (per metre²) to the corners of the
-// nearer faces: each vertex's mean over the views that have it at a contour. `labels`: one a face; -1 or 255: none.
-// `maps`: of `mesh` in `views`; views without likelihoods are left out. Results do not depend on the number of threads.
-void AddContourTerm(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const std::vector<PhotoView>& views,
-                    const std::vector<FaceMap>& maps, const ContourOptions& options,
-                    std::vector<Eigen::Vector3d>* gradient, std::vector<Eigen::Matrix3d>* curvature);
+// What the side between two pixels does to a corner of the nearer face.
+struct ContourPull {
+  uint32_t vertex = 0;
+  Eigen::Vector3f gradient;        // weighted, per metre
+  Eigen::Vector3f root_curvature;  // its outer square is the curvature, per metre²
+};
+
+// One view's contours, by pixels. `labels`: one a face; -1 or 255: none. `map`: of `mesh` in `view`. A view without
+// likelihoods has none. Safe to call concurrently.
+std::vector<ContourPull> ContourPulls(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
+                                      const PhotoView& view, const FaceMap& map, const ContourOptions& options);
+
+// Adds to each vertex the mean over the views that have it at a contour: the gradient, and a positive semidefinite
+// curvature. `pulls`: of each view.
+void AddContourPulls(const std::vector<std::vector<ContourPull>>& pulls, std::vector<Eigen::Vector3d>* gradient,
+                     std::vector<Eigen::Matrix3d>* curvature);
 
 }  // namespace tessera
 

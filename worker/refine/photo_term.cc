@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "common/base/parallel.h"
@@ -66,8 +67,66 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
 
 PhotoTerm::PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs,
                      const PhotoOptions& options, const ViewGroups* groups)
-    : views_(views), pairs_(pairs), options_(options), groups_(groups), targets_(views.size()) {
-  for (const PhotoView& view : views_) windows_.push_back(view.window());
+    : views_(views),
+      pairs_(pairs),
+      options_(options),
+      groups_(groups),
+      opening_(views.size()),
+      first_step_(views.size()),
+      closing_(views.size()),
+      maps_(views.size()),
+      targets_(views.size()) {
+  std::iota(opening_.begin(), opening_.end(), size_t{0});
+  first_step_ = opening_;
+  std::vector<size_t> last_step = opening_;
+  for (const ViewPair& pair : pairs_) {
+    const size_t step = static_cast<size_t>(pair.reference);
+    first_step_[pair.other] = std::min(first_step_[pair.other], step);
+    last_step[pair.other] = std::max(last_step[pair.other], step);
+  }
+  std::stable_sort(opening_.begin(), opening_.end(),
+                   [&](size_t a, size_t b) { return first_step_[a] < first_step_[b]; });
+  for (size_t v = 0; v < views.size(); ++v) closing_[last_step[v]].push_back(v);
+}
+
+void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& occluders, const MapVisitor& visit) {
+  if (opened_ == opening_.size() || first_step_[opening_[opened_]] > step) return;
+  const size_t wanted = opened_ + 2 * static_cast<size_t>(ThreadCount());
+  std::vector<size_t> open;
+  while (opened_ < opening_.size() && (opened_ < wanted || first_step_[opening_[opened_]] <= step)) {
+    open.push_back(opening_[opened_++]);
+  }
+  std::vector<CameraWindow> windows;
+  std::vector<FaceMap> maps(open.size());
+  for (FaceMap& map : maps) {
+    if (spare_maps_.empty()) break;
+    map = std::move(spare_maps_.back());
+    spare_maps_.pop_back();
+  }
+  for (const size_t view : open) windows.push_back(views_[view].window());
+  rasterizer_.DrawViews(mesh, &occluders, windows, &maps);
+  for (size_t i = 0; i < open.size(); ++i) {
+    const size_t view = open[i];
+    if (groups_ != nullptr) MarkNotLookedAt(*groups_, view, &maps[i]);
+    MarkBlind(views_[view].blind, &maps[i]);
+    if (!spare_targets_.empty()) {
+      targets_[view] = std::move(spare_targets_.back());
+      spare_targets_.pop_back();
+    }
+    SetWarpTarget(views_[view].texels, maps[i], views_[view].depths, &targets_[view]);
+    maps_[view] = std::move(maps[i]);
+  }
+  if (!visit) return;
+  ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) visit(open[i], maps_[open[i]]);
+  });
+}
+
+void PhotoTerm::Close(size_t step) {
+  for (const size_t view : closing_[step]) {
+    spare_maps_.push_back(std::move(maps_[view]));
+    spare_targets_.push_back(std::move(targets_[view]));
+  }
 }
 
 std::unique_ptr<PhotoTerm::Workspace> PhotoTerm::TakeWorkspace() {
@@ -166,8 +225,9 @@ void PhotoTerm::GatherVertices(const TriangleMesh& mesh, PhotoDerivatives* out) 
 }
 
 void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock,
-                         PhotoDerivatives* out) {
+                         PhotoDerivatives* out, const MapVisitor& visit) {
   const double start_s = Seconds(clock);
+  out->seconds_visibility = 0;
   SetFaces(mesh);
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());
@@ -177,24 +237,23 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders
       plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
     }
   });
-  rasterizer_.DrawViews(mesh, &occluders, windows_, &maps_);
-  for (size_t i = 0; groups_ != nullptr && i < maps_.size(); ++i) MarkNotLookedAt(*groups_, i, &maps_[i]);
-  for (size_t i = 0; i < maps_.size(); ++i) MarkBlind(views_[i].blind, &maps_[i]);
-  const double visible_s = Seconds(clock);
-
-  for (size_t i = 0; i < views_.size(); ++i) SetWarpTarget(views_[i].texels, maps_[i], views_[i].depths, &targets_[i]);
   face_sums_.assign(mesh.faces.size(), FaceSums());
   out->sums = ZnccSums();
   out->warped_pixels = 0;
-  for (size_t first = 0; first < pairs_.size();) {
+  opened_ = 0;
+  size_t first = 0;
+  for (size_t step = 0; step < views_.size(); ++step) {
+    const double open_s = Seconds(clock);
+    Open(step, mesh, occluders, visit);
+    out->seconds_visibility += Seconds(clock) - open_s;
     size_t last = first;
-    while (last < pairs_.size() && pairs_[last].reference == pairs_[first].reference) ++last;
-    EvaluateReference(mesh, first, last, out);
+    while (last < pairs_.size() && pairs_[last].reference == static_cast<int>(step)) ++last;
+    if (last > first) EvaluateReference(mesh, first, last, out);
     first = last;
+    Close(step);
   }
   GatherVertices(mesh, out);
-  out->seconds_visibility = visible_s - start_s;
-  out->seconds_photo = Seconds(clock) - visible_s;
+  out->seconds_photo = Seconds(clock) - start_s - out->seconds_visibility;
 }
 
 }  // namespace tessera

@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <vector>
@@ -32,7 +33,7 @@ struct PhotoView {
 
   PosedCamera camera;
   Texels texels;
-  std::vector<PixelRun> blind = {};  // pixels that are not looked at
+  std::vector<BlindPixel> blind = {};  // pixels that are not looked at where they see deeper
   DepthRange depths = {};            // empty: taken anew from what the view sees, so that it depends on all of the mesh
 
   CameraWindow window() const {
@@ -74,11 +75,14 @@ class PhotoTerm {
   PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
             const ViewGroups* groups = nullptr);
 
-  // Visibility is taken from `mesh` and `occluders` as they are and frozen in the derivatives. `clock` may be null.
-  void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock, PhotoDerivatives* out);
+  // What a view sees, of each view once, while it is at hand. Called from several threads, for different views.
+  using MapVisitor = std::function<void(size_t view, const FaceMap& map)>;
 
-  // What each view saw at the last evaluation.
-  const std::vector<FaceMap>& maps() const { return maps_; }
+  // Visibility is taken from `mesh` and `occluders` as they are and frozen in the derivatives. `clock` and `visit` may
+  // be null. What a view sees is drawn when the first pair asks for it and dropped after the last: memory is that of the
+  // views that are open together, so pairs had better be of views that are near each other in the list.
+  void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock, PhotoDerivatives* out,
+                const MapVisitor& visit = nullptr);
 
  private:
   // What a thread needs for a strip.
@@ -90,6 +94,9 @@ class PhotoTerm {
   std::unique_ptr<Workspace> TakeWorkspace();
   void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
   void SetFaces(const TriangleMesh& mesh);
+  // Draws the views that reference `step` needs and some of the next, so that all threads have work.
+  void Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& occluders, const MapVisitor& visit);
+  void Close(size_t step);
   void EvaluateReference(const TriangleMesh& mesh, size_t first_pair, size_t last_pair, PhotoDerivatives* out);
   void GatherVertices(const TriangleMesh& mesh, PhotoDerivatives* out);
 
@@ -97,10 +104,14 @@ class PhotoTerm {
   const std::vector<ViewPair>& pairs_;
   PhotoOptions options_;
   const ViewGroups* groups_;
-  std::vector<CameraWindow> windows_;
   Rasterizer rasterizer_;
-  std::vector<FaceMap> maps_;
-  std::vector<WarpTarget> targets_;
+  // Step i is that of reference i; a view is open from the first step that reads it to the last.
+  std::vector<size_t> opening_;                // views by their first step
+  std::vector<size_t> first_step_;             // of each view
+  std::vector<std::vector<size_t>> closing_;   // views whose last step it is, by step
+  size_t opened_ = 0;                          // of opening_
+  std::vector<FaceMap> maps_, spare_maps_;     // by view, those of open ones; buffers to be used again
+  std::vector<WarpTarget> targets_, spare_targets_;
   std::vector<Eigen::Vector3d> normals_;
   std::vector<double> plane_;   // of each face: n·V0
   std::vector<float> offsets_;  // of each face from the reference at hand: n·(V0 - C)

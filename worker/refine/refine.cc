@@ -43,8 +43,8 @@ Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) 
   for (size_t i = 0; i < problem.views.size(); ++i) {
     const RefineView& view = problem.views[i];
     const PinholeCamera& k = view.camera.intrinsics;
-    if (view.luminance == nullptr || view.x0 < 0 || view.y0 < 0 || view.x0 + view.luminance->width > k.width ||
-        view.y0 + view.luminance->height > k.height) {
+    if (view.pixels == nullptr || view.x0 < 0 || view.y0 < 0 || view.x0 + view.pixels->width() > k.width ||
+        view.y0 + view.pixels->height() > k.height) {
       return bad(absl::StrCat("the image of view ", i, " is no part of the camera's"));
     }
   }
@@ -89,22 +89,17 @@ Status CheckPart(const RefineProblem& problem, const RefineOptions& options, con
   return absl::OkStatus();
 }
 
-// The parts of the photographs that are at hand, their corners on pixel edges of every level.
-std::vector<PixelRect> ViewWindows(const RefineProblem& problem, int coarsest) {
-  const int align = 1 << coarsest, step = PhotoView::kWindowStep * align;
-  std::vector<PixelRect> windows;
-  for (const RefineView& view : problem.views) {
-    const PinholeCamera& k = view.camera.intrinsics;
-    const auto up = [step, align](int x, int size) {
-      return std::min((x + step - 1) / step * step, size / align * align);
-    };
-    windows.push_back({view.x0 / step * step, view.y0 / step * step, up(view.x0 + view.luminance->width, k.width),
-                       up(view.y0 + view.luminance->height, k.height)});
-  }
-  return windows;
+// The part of the photograph that is at hand, its corners on pixel edges of `level`; in pixels of level 0.
+PixelRect ViewWindow(const RefineView& view, int level) {
+  const int align = 1 << level, step = PhotoView::kWindowStep * align;
+  const PinholeCamera& k = view.camera.intrinsics;
+  const auto up = [align](int x, int size) { return std::min((x + align - 1) / align, size / align) * align; };
+  return {view.x0 / step * step, view.y0 / step * step, up(view.x0 + view.pixels->width(), k.width),
+          up(view.y0 + view.pixels->height(), k.height)};
 }
 
-PhotoView MakePhotoView(const RefineView& view, const PixelRect& rect, int level, bool semantic) {
+StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semantic) {
+  const PixelRect rect = ViewWindow(view, level);
   PhotoView out;
   out.camera = PyramidCamera(view.camera, level);
   // Pixels count from the middle of the whole image, where floats hold them best; from an even one (Texels).
@@ -114,24 +109,28 @@ PhotoView MakePhotoView(const RefineView& view, const PixelRect& rect, int level
   k.cy -= middle_y;
   out.depths = view.depths;
   FloatImage image(rect.width(), rect.height());
-  for (int y = 0; y < rect.height(); ++y) {
-    for (int x = 0; x < rect.width(); ++x) {
-      const int sx = rect.x0 + x - view.x0, sy = rect.y0 + y - view.y0;
-      const bool inside = sx >= 0 && sy >= 0 && sx < view.luminance->width && sy < view.luminance->height;
-      image.at(x, y) = inside ? view.luminance->at(sx, sy) : std::nanf("");
+  {
+    TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance, view.pixels->Luminance());
+    for (int y = 0; y < rect.height(); ++y) {
+      for (int x = 0; x < rect.width(); ++x) {
+        const int sx = rect.x0 + x - view.x0, sy = rect.y0 + y - view.y0;
+        const bool inside = sx >= 0 && sy >= 0 && sx < luminance.width && sy < luminance.height;
+        image.at(x, y) = inside ? luminance.at(sx, sy) : std::nanf("");
+      }
     }
   }
   for (int i = 0; i < level; ++i) image = HalfResolution(image);
   const int x0 = (rect.x0 >> level) - middle_x, y0 = (rect.y0 >> level) - middle_y;
-  if (!semantic || view.likelihoods == nullptr) {
+  if (!semantic || !view.asks_likelihoods || !view.pixels->has_likelihoods()) {
     out.texels = MakeTexels(image, x0, y0);
   } else {
+    TESSERA_ASSIGN_OR_RETURN(const FloatImage likelihoods, view.pixels->Likelihoods());
     PixelMapping mapping = view.mapping;
     mapping.scale_x *= 1 << level;
     mapping.scale_y *= 1 << level;
     mapping.offset_x += mapping.scale_x * middle_x;
     mapping.offset_y += mapping.scale_y * middle_y;
-    out.texels = MakeTexels(image, *view.likelihoods, mapping, x0, y0);
+    out.texels = MakeTexels(image, likelihoods, mapping, x0, y0);
   }
   return out;
 }
@@ -202,7 +201,6 @@ class Refiner {
       pairs_ = SelectPairs(mesh_, cameras, pair_options);
     }
     report_.pairs = static_cast<int>(pairs_.size());
-    windows_ = ViewWindows(problem, *std::max_element(options.levels.begin(), options.levels.end()));
     FindFarSilhouettes();
     report_.seconds_prepare = Seconds(options.clock) - start_s;
     for (size_t stage = 0; stage < options.levels.size(); ++stage) {
@@ -236,37 +234,64 @@ class Refiner {
  private:
   // In the start as it is, which all tiles know alike.
   void FindFarSilhouettes() {
-    silhouettes_.resize(windows_.size());
+    const size_t count = problem_.views.size(), at_once = 2 * static_cast<size_t>(ThreadCount());
+    silhouettes_.resize(count);
     if (!std::isfinite(problem_.reach_m)) return;
-    std::vector<CameraWindow> windows;
-    for (size_t i = 0; i < windows_.size(); ++i) windows.emplace_back(problem_.views[i].camera, windows_[i]);
+    Rasterizer rasterizer;
     std::vector<FaceMap> maps;
-    Rasterizer().DrawViews(start_, &problem_.occluders, windows, &maps);
-    ParallelFor(static_cast<int64_t>(windows.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t i = begin; i < end; ++i) {
-        silhouettes_[i] = FarSilhouettes(maps[i], windows[i].camera, problem_.up, problem_.reach_m);
+    for (size_t first = 0; first < count; first += at_once) {
+      std::vector<CameraWindow> windows;
+      for (size_t i = first; i < std::min(count, first + at_once); ++i) {
+        windows.emplace_back(problem_.views[i].camera, ViewWindow(problem_.views[i], 0));
       }
-    });
+      rasterizer.DrawViews(start_, &problem_.occluders, windows, &maps);
+      ParallelFor(static_cast<int64_t>(windows.size()), 1, [&](int64_t begin, int64_t end) {
+        for (int64_t i = begin; i < end; ++i) {
+          silhouettes_[first + i] = FarSilhouettes(maps[i], windows[i].camera, problem_.up, problem_.reach_m);
+        }
+      });
+    }
   }
 
-  void EnterLevel(int level) {
-    if (level == level_) return;
+  Status EnterLevel(int level) {
+    if (level == level_) return absl::OkStatus();
     const double start_s = Seconds(options_.clock);
-    std::vector<PhotoView> views(problem_.views.size());
-    ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
+    const bool semantic = options_.semantic > 0 || options_.contour > 0;
+    const int radius_px = std::max(options_.window_px / 2, options_.silhouette_px >> level);
+    photo_.reset();
+    views_.assign(problem_.views.size(), PhotoView());
+    std::vector<Status> read(views_.size());
+    ParallelFor(static_cast<int64_t>(views_.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) {
-        views[i] = MakePhotoView(problem_.views[i], windows_[i], level, options_.semantic > 0 || options_.contour > 0);
-        views[i].blind = silhouettes_[i].Near(level, std::max(options_.window_px / 2, options_.silhouette_px >> level));
+        StatusOr<PhotoView> view = MakePhotoView(problem_.views[i], level, semantic);
+        read[i] = view.status();
+        if (!view.ok()) continue;
+        views_[i] = *std::move(view);
+        const PixelRect rect = ViewWindow(problem_.views[i], level);
+        views_[i].blind = silhouettes_[i].Near(
+            level, {rect.x0 >> level, rect.y0 >> level, rect.x1 >> level, rect.y1 >> level}, radius_px);
       }
     });
-    views_ = std::move(views);
+    for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
     photo_ = std::make_unique<PhotoTerm>(views_, pairs_, MakePhotoOptions(options_), &problem_.groups);
     level_ = level;
     report_.seconds_prepare += Seconds(options_.clock) - start_s;
+    return absl::OkStatus();
   }
 
   void Evaluate() {
-    photo_->Evaluate(mesh_, problem_.occluders, options_.clock, &derivatives_);
+    ContourOptions contour;
+    contour.weight = options_.contour;
+    contour.reach_m = problem_.reach_m;
+    contour.up = problem_.up;
+    std::vector<std::vector<ContourPull>> pulls(views_.size());
+    const auto find_pulls = [&](size_t view, const FaceMap& map) {
+      pulls[view] = ContourPulls(mesh_, problem_.mesh.labels, views_[view], map, contour);
+    };
+    const bool has_contours = options_.contour > 0 && !problem_.mesh.labels.empty();
+    photo_->Evaluate(mesh_, problem_.occluders, options_.clock, &derivatives_,
+                     has_contours ? PhotoTerm::MapVisitor(find_pulls) : nullptr);
+    AddContourPulls(pulls, &derivatives_.gradient, &derivatives_.curvature);
     report_.seconds_visibility += derivatives_.seconds_visibility;
     report_.seconds_photo += derivatives_.seconds_photo;
     report_.warped_pixels += derivatives_.warped_pixels;
@@ -280,7 +305,7 @@ class Refiner {
     const int level = Level(step_index), iterations = options_.iterations[stage];
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(work_ / total_work_, absl::StrCat("level ", level, ", step ", iteration + 1, " of ", iterations));
-    EnterLevel(level);
+    TESSERA_RETURN_IF_ERROR(EnterLevel(level));
     if (iteration == 0) level_start_ = mesh_.vertices;
     const double pixel_m = problem_.gsd_m * std::pow(2.0, level);
     StepOptions step_options;
@@ -295,14 +320,6 @@ class Refiner {
     if (options_.tangential != 1) smooth_.SetNormals(mesh_.vertices);
     Evaluate();
     const double start_s = Seconds(options_.clock);
-    if (options_.contour > 0 && !problem_.mesh.labels.empty()) {
-      ContourOptions contour;
-      contour.weight = options_.contour;
-      contour.reach_m = problem_.reach_m;
-      contour.up = problem_.up;
-      AddContourTerm(mesh_, problem_.mesh.labels, views_, photo_->maps(), contour, &derivatives_.gradient,
-                     &derivatives_.curvature);
-    }
     const std::vector<Vector3d> step = ComputeStep(mesh_, derivatives_, smooth_, inter_, guard_, step_options);
     for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
     report_.seconds_step += Seconds(options_.clock) - start_s;
@@ -341,7 +358,6 @@ class Refiner {
   std::vector<StepIndex> steps_;
   std::vector<Vector3d> level_start_;  // positions when the level at hand began
   std::vector<ViewPair> pairs_;
-  std::vector<PixelRect> windows_;
   std::vector<FarSilhouettes> silhouettes_;
   std::vector<PhotoView> views_;
   std::unique_ptr<PhotoTerm> photo_;

@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <vector>
 
 #include "common/base/clock.h"
@@ -16,19 +17,19 @@
 #include "common/imaging/raster.h"
 #include "worker/refine/pairs.h"
 #include "worker/refine/smooth_term.h"
+#include "worker/refine/view_pixels.h"
 #include "worker/refine/warp_target.h"
 #include "worker/visibility/view_groups.h"
 
 namespace tessera {
 
-// One view; its images are not owned. `likelihoods`: a plane a class, in [0, 1], of any resolution; null: none.
 struct RefineView {
-  PosedCamera camera;                     // of the whole image
-  const FloatImage* luminance = nullptr;  // of part of it: values in [0, 1], NaN where the photograph has nothing
-  const FloatImage* likelihoods = nullptr;
-  PixelMapping mapping = {};  // from the whole image to likelihoods
-  int x0 = 0, y0 = 0;         // of the luminance's first pixel in the whole image
-  DepthRange depths = {};     // of all that the job looks at in the view; empty: of the mesh as it lies
+  PosedCamera camera;                        // of the whole image
+  std::shared_ptr<const ViewPixels> pixels;  // of part of it; read at the beginning of each level
+  bool asks_likelihoods = true;              // where the options do and the pixels have them
+  PixelMapping mapping = {};                 // from the whole image to likelihoods
+  int x0 = 0, y0 = 0;                        // of the luminance's first pixel in the whole image
+  DepthRange depths = {};                    // of all that the job looks at in the view; empty: of the mesh as it lies
 };
 
 // Everything in one metric frame.
@@ -61,7 +62,7 @@ struct RefineOptions {
   double max_variance_ratio = 10;
   double min_valid = 0.5;      // share of a window that both images must see
   double min_cosine = 0.1;     // flatter views of a face than this are skipped
-  int silhouette_px = 10;      // how near far silhouettes nothing is compared, pixels of level 0; a window's at least
+  int silhouette_px = 16;      // how near far silhouettes nothing is compared, pixels of level 0; a window's at least
   double occlusion_px = 1;     // slack of the depth test, in pixels of the level
   double photo_outlier = 0.5;  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
 
@@ -130,7 +131,7 @@ struct RefinePart {
 // that two meshes that overlap agree where both have the surroundings (with the same frame, depths and groups). The
 // result does not depend on the number of threads. One part after the other, each from the positions of the last and
 // with problem.start, gives the bytes of all at once. `part`: null for all. Errors: INVALID_ARGUMENT for a problem,
-// options or part that do not fit together; CANCELLED.
+// options or part that do not fit together; CANCELLED; what reading pixels gives.
 StatusOr<RefineReport> RefineGeometry(const RefineProblem& problem, std::vector<Eigen::Vector3d>* vertices,
                                       const RefineOptions& options, const TaskControl& control,
                                       RefinePart* part = nullptr);

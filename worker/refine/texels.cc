@@ -61,6 +61,11 @@ void PackClass(const FloatImage& likelihoods, int l, const LineTaps& columns, co
 
 }  // namespace
 
+uint16_t LuminanceCode(float luminance) {
+  if (std::isnan(luminance)) return 0;
+  return static_cast<uint16_t>(1.5f + std::clamp(luminance, 0.0f, 1.0f) * Texels::kLuminanceSteps);
+}
+
 Texels MakeTexels(const FloatImage& luminance, int x0, int y0) {
   assert(x0 % 2 == 0 && y0 % 2 == 0);
   Texels out;
@@ -74,10 +79,7 @@ Texels MakeTexels(const FloatImage& luminance, int x0, int y0) {
   for (int y = 0; y < out.height; ++y) {
     const float* in = luminance.data.data() + static_cast<size_t>(y) * luminance.width;
     uint16_t* row = &out.luminance[out.Index(0, y)];
-    for (int x = 0; x < out.width; ++x) {
-      if (std::isnan(in[x])) continue;
-      row[x] = static_cast<uint16_t>(1.5f + std::clamp(in[x], 0.0f, 1.0f) * Texels::kLuminanceSteps);
-    }
+    for (int x = 0; x < out.width; ++x) row[x] = LuminanceCode(in[x]);
   }
   return out;
 }

@@ -80,6 +80,9 @@ struct Texels {
   }
 };
 
+// As Texels::luminance has it: values in [0, 1] (others are clamped), NaN where invalid.
+uint16_t LuminanceCode(float luminance);
+
 // `luminance`: values in [0, 1] (others are clamped), NaN where invalid; its first pixel is (x0, y0) of the whole
 // image.
 Texels MakeTexels(const FloatImage& luminance, int x0 = 0, int y0 = 0);

@@ -34,6 +34,7 @@ DepthRange RangeOf(const FaceMap& map) {
 void SetWarpTarget(const Texels& texels, const FaceMap& map, const DepthRange& range, WarpTarget* target) {
   target->texels = &texels;
   target->packed.resize(texels.luminance.size());
+  std::fill(target->packed.begin() + static_cast<ptrdiff_t>(texels.Index(0, map.height)), target->packed.end(), 0u);
   const DepthRange& held = range.empty() ? RangeOf(map) : range;
   // Codes 0..65533, so that rounding up never reaches kNothing.
   target->depth_min = held.near_m;

@@ -20,14 +20,13 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
                              ReadTileResults(request.input_dir, parameters.results));
     TESSERA_ASSIGN_OR_RETURN(state, JoinResults(package, results, parameters.results, parameters.blend_m));
   }
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<TileView> views,
-                           LoadTileViews(package, InputPath(request, kSceneFolder), PartOf(control, 0, 0.05)));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<TileView> views, OpenTileViews(package, InputPath(request, kViewsFile)));
   const double seconds_loading = SecondsSince(clock, start_us);
 
   TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, package.classes));
   options.geometry.clock = &clock;
   TESSERA_ASSIGN_OR_RETURN(TileRefinement refinement,
-                           RefineTile(package, views, std::move(state), options, PartOf(control, 0.05, 0.99), clock));
+                           RefineTile(package, views, std::move(state), options, PartOf(control, 0, 0.99), clock));
   KeepBlended(package, parameters.tile.core, parameters.blend_m, &refinement.result);
   TESSERA_RETURN_IF_ERROR(WriteTileResult(OutputPath(request, kResultFile), refinement.result));
 

@@ -23,10 +23,11 @@ StatusOr<FaceLikelihoods> CollectLikelihoods(const RefineProblem& problem, int c
   for (size_t v = 0; v < views.size(); ++v) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.8 * static_cast<double>(v) / views.size(), "collecting likelihoods");
-    if (views[v].likelihoods.empty()) continue;
+    if (!views[v].pixels->has_likelihoods()) continue;
+    TESSERA_ASSIGN_OR_RETURN(const FloatImage likelihoods, views[v].pixels->Likelihoods());
     FaceMap map = RasterizeFaces(problem.mesh, &problem.occluders, views[v].window);
     MarkNotLookedAt(problem.groups, v, &map);
-    AddLikelihoods(map, views[v].likelihoods, views[v].mapping, &sums);
+    AddLikelihoods(map, likelihoods, views[v].mapping, &sums);
   }
   return sums;
 }
@@ -64,12 +65,11 @@ RefineProblem MakeProblem(const TilePackage& package, const std::vector<TileView
   std::vector<int> loaded(package.views.size(), -1);
   for (size_t v = 0; v < views.size(); ++v) {
     loaded[views[v].view] = static_cast<int>(v);
-    const FloatImage* likelihoods = knows_labels && !views[v].likelihoods.empty() ? &views[v].likelihoods : nullptr;
     const PixelRect& rect = views[v].window.rect;
     const auto& [near_m, far_m] = package.view_depths[views[v].view];
     problem.views.push_back({views[v].window.camera,
-                             &views[v].luminance,
-                             likelihoods,
+                             views[v].pixels,
+                             knows_labels,
                              views[v].mapping,
                              rect.x0,
                              rect.y0,
@@ -87,11 +87,10 @@ double Share(const RefineStep& step) { return step.labels() ? 1 : std::ldexp(1.0
 // A tile between its steps.
 class TileRefiner {
  public:
-  TileRefiner(const TilePackage& package, const std::vector<TileView>& views, const MeshTopology& topology,
-              TileState state, const TileRefineOptions& options, const Clock& clock)
+  TileRefiner(const TilePackage& package, const std::vector<TileView>& views, TileState state,
+              const TileRefineOptions& options, const Clock& clock)
       : package_(package),
         views_(views),
-        edges_(EdgeList(topology)),
         options_(options),
         clock_(clock),
         classes_(static_cast<int>(package.classes.size())),
@@ -180,8 +179,9 @@ class TileRefiner {
     const int64_t start_us = clock_.MonotonicUs();
     TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums, CollectLikelihoods(problem_, classes_, views_, control));
     control.Report(0.8, "labelling");
+    TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(package_.mesh));
     Labelling labelling = SolveLabels(
-        BuildLabelField(problem_.mesh, edges_, sums, package_.classes, package_.up, package_.gsd_m, options_.label),
+        BuildLabelField(problem_.mesh, EdgeList(topology), sums, package_.classes, package_.up, package_.gsd_m, options_.label),
         labels_, options_.solver);
     (*report)["label_energy_start"] = labelling.start_energy;
     (*report)["label_energy_end"] = labelling.energy;
@@ -197,7 +197,6 @@ class TileRefiner {
 
   const TilePackage& package_;
   const std::vector<TileView>& views_;
-  const std::vector<MeshEdge> edges_;
   const TileRefineOptions& options_;
   const Clock& clock_;
   const int classes_;
@@ -222,8 +221,7 @@ StatusOr<TileRefinement> RefineTile(const TilePackage& package, const std::vecto
                                                    options.end, " of ", steps.size(),
                                                    state.positions.empty() ? " from the start" : ""));
   }
-  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(package.mesh));
-  TileRefiner refiner(package, views, topology, std::move(state), options, clock);
+  TileRefiner refiner(package, views, std::move(state), options, clock);
   double work = 0, done = 0;
   for (size_t i = begin; i < end; ++i) work += Share(steps[i]);
   for (size_t i = begin, next = begin; i < end; i = next) {

@@ -9,7 +9,7 @@ namespace tessera {
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control) {
   using Stage = StatusOr<TaskOutcome> (*)(const TaskRequest&, const TaskControl&, const Clock&);
   static constexpr std::pair<const char*, Stage> kStages[] = {
-      {"ingest", RunIngest}, {"cut", RunCut}, {"refine", RunRefine}, {"stitch", RunStitch}, {"publish", RunPublish}};
+      {"ingest", RunIngest}, {"cut", RunCut}, {"crop", RunCrop}, {"refine", RunRefine}, {"stitch", RunStitch}, {"publish", RunPublish}};
   const SystemClock clock;
   for (const auto& [kind, stage] : kStages) {
     if (request.kind != kind) continue;
@@ -20,7 +20,7 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
     }
   }
   return absl::InvalidArgumentError("task kind: found \"" + request.kind +
-                                    "\", expected ingest, cut, refine, stitch or publish");
+                                    "\", expected ingest, cut, crop, refine, stitch or publish");
 }
 
 }  // namespace tessera

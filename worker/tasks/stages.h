@@ -1,4 +1,4 @@
-// The five tasks, one a file, in the order of the line. Each reads its inputs from request.input_dir and writes its
+// The six tasks, one a file, in the order of the line. Each reads its inputs from request.input_dir and writes its
 // outputs to request.output_dir; errors and promises as RunTask's.
 #ifndef TESSERA_WORKER_TASKS_STAGES_H_
 #define TESSERA_WORKER_TASKS_STAGES_H_
@@ -17,6 +17,9 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
 
 // City and survey → a tile's package: core, halo, occluders, views.
 StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
+// Package and photographs → the pixels that see the tile, which all parts of its refinement read.
+StatusOr<TaskOutcome> RunCrop(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
 // Package and pixels → the tile's refined positions, labels and beliefs; or those after some of the steps.
 StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& control, const Clock& clock);

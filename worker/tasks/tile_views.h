@@ -1,7 +1,9 @@
-// The pixels of a tile's views: read, undistorted, and cropped to what sees the tile.
+// The pixels of a tile's views: read, undistorted, and cropped to what sees the tile, once for all parts of its
+// refinement.
 #ifndef TESSERA_WORKER_TASKS_TILE_VIEWS_H_
 #define TESSERA_WORKER_TASKS_TILE_VIEWS_H_
 
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -9,24 +11,28 @@
 #include "common/base/task_control.h"
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
-#include "worker/label/unary.h"
+#include "worker/refine/view_pixels.h"
 #include "worker/tasks/tile_files.h"
 #include "worker/visibility/image_window.h"
 
 namespace tessera {
 
 struct TileView {
-  int view = 0;            // index in the package
-  CameraWindow window;     // on the tile
-  FloatImage luminance;    // of the window
-  FloatImage likelihoods;  // a plane a class; empty if the scene has none
-  PixelMapping mapping;    // from the whole image to likelihoods
+  int view = 0;                              // index in the package
+  CameraWindow window;                       // on the tile
+  std::shared_ptr<const ViewPixels> pixels;  // of the window
+  PixelMapping mapping;                      // from the whole image to likelihoods
 };
 
-// Reads the views of a package from `scene_folder`; those that do not see the tile are left out. Errors of the files as
-// ReadLuminance and ReadLikelihoods; CANCELLED.
-StatusOr<std::vector<TileView>> LoadTileViews(const TilePackage& package, const std::string& scene_folder,
-                                              const TaskControl& control);
+// Reads the views of a package from `scene_folder`, one after the other, and writes what sees the tile to `path`, an
+// array file; those that do not see it are left out. Luminance is rounded to 1 / 65534, likelihoods to 1 / 255, as the
+// data term has them (Texels). Errors of the files as ReadLuminance and ReadLikelihoods; CANCELLED.
+Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
+                     const TaskControl& control);
+
+// The crops of `package` in the file. They are read from it whenever they are asked for; nothing is held. DATA_LOSS if
+// the file is damaged or of another package.
+StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const std::string& path);
 
 }  // namespace tessera
 

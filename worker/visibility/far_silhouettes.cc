@@ -4,8 +4,8 @@
 
 namespace tessera {
 
-FarSilhouettes::FarSilhouettes(const FaceMap& map, const PosedCamera& camera, const Eigen::Vector3d& up, double reach_m)
-    : width_(map.width), height_(map.height), passes_(static_cast<size_t>(map.width) * map.height) {
+FarSilhouettes::FarSilhouettes(const FaceMap& map, const PosedCamera& camera, const Eigen::Vector3d& up,
+                               double reach_m) {
   // Of a row, where on the ground each pixel looks.
   struct Row {
     std::vector<Eigen::Vector3d> at;
@@ -13,10 +13,10 @@ FarSilhouettes::FarSilhouettes(const FaceMap& map, const PosedCamera& camera, co
   };
   const Eigen::Vector3d centre = camera.Centre();
   const auto look = [&](int y, Row* row) {
-    row->at.resize(width_);
-    row->sees.resize(width_);
-    for (int x = 0; x < width_; ++x) {
-      const float depth = map.depth[static_cast<size_t>(y) * width_ + x];
+    row->at.resize(map.width);
+    row->sees.resize(map.width);
+    for (int x = 0; x < map.width; ++x) {
+      const float depth = map.depth[static_cast<size_t>(y) * map.width + x];
       row->sees[x] = depth < FaceMap::kNothing;
       if (!row->sees[x]) continue;
       const Eigen::Vector3d p = centre + static_cast<double>(depth) * camera.Ray(map.x0 + x + 0.5, map.y0 + y + 0.5);
@@ -27,53 +27,64 @@ FarSilhouettes::FarSilhouettes(const FaceMap& map, const PosedCamera& camera, co
     if (a.sees[i] != b.sees[j]) return true;
     return a.sees[i] && (a.at[i] - b.at[j]).squaredNorm() > reach_m * reach_m;
   };
+  // What is behind lies about as much deeper as it lies farther off; the front does not move that far.
+  const float room_m = static_cast<float>(reach_m / 3);
+  std::vector<float> depth_above(map.width, FaceMap::kNothing), depth_here(map.width, FaceMap::kNothing);
   Row above, row;
-  for (int y = 0; y < height_; ++y) {
+  const auto flush = [&](int y) {  // the row before is done
+    for (int x = 0; x < map.width; ++x) {
+      if (depth_above[x] < FaceMap::kNothing) passing_.push_back({map.x0 + x, map.y0 + y, depth_above[x]});
+    }
+  };
+  for (int y = 0; y < map.height; ++y) {
     std::swap(above, row);
     look(y, &row);
-    const size_t begin = static_cast<size_t>(y) * width_;
-    for (int x = 0; x < width_; ++x) {
-      if (x > 0 && parted(row, x - 1, row, x)) passes_[begin + x - 1] = passes_[begin + x] = true;
-      if (y > 0 && parted(above, x, row, x)) passes_[begin + x - width_] = passes_[begin + x] = true;
-    }
-  }
-}
-
-std::vector<PixelRun> FarSilhouettes::Near(int level, int radius_px) const {
-  const int width = width_ >> level, height = height_ >> level;
-  // Along the rows first, then down the columns: the last row at which a line passed near each column.
-  std::vector<uint8_t> near_in_row(static_cast<size_t>(width) * height);
-  for (int y = 0; y < height << level; ++y) {
-    uint8_t* row = &near_in_row[static_cast<size_t>(y >> level) * width];
-    for (int x = 0; x < width << level; ++x) {
-      if (!passes_[static_cast<size_t>(y) * width_ + x]) continue;
-      const int at = x >> level;
-      std::fill(row + std::max(0, at - radius_px), row + std::min(width, at + radius_px + 1), uint8_t{1});
-    }
-  }
-  std::vector<PixelRun> runs;
-  std::vector<int> rows_near(width, 0);  // of each column, rows with a line in the band about the row at hand
-  const auto count_row = [&](int y, int sign) {
-    if (y < 0 || y >= height) return;
-    const uint8_t* row = &near_in_row[static_cast<size_t>(y) * width];
-    for (int x = 0; x < width; ++x) rows_near[x] += sign * row[x];
-  };
-  for (int y = 0; y < radius_px; ++y) count_row(y, 1);
-  for (int y = 0; y < height; ++y) {
-    count_row(y + radius_px, 1);
-    count_row(y - radius_px - 1, -1);
-    const uint32_t begin = static_cast<uint32_t>(y) * static_cast<uint32_t>(width);
-    for (int x = 0; x < width; ++x) {
-      if (rows_near[x] == 0) continue;
-      const uint32_t i = begin + static_cast<uint32_t>(x);
-      if (!runs.empty() && runs.back().last == i) {
-        runs.back().last = i + 1;
-      } else {
-        runs.push_back({i, i + 1});
+    const float* depth = map.depth.data() + static_cast<size_t>(y) * map.width;
+    for (int x = 0; x < map.width; ++x) {
+      if (x > 0 && parted(row, x - 1, row, x)) {
+        const float limit = std::min(depth[x - 1], depth[x]) + room_m;
+        depth_here[x - 1] = std::min(depth_here[x - 1], limit);
+        depth_here[x] = std::min(depth_here[x], limit);
+      }
+      if (y > 0 && parted(above, x, row, x)) {
+        const float limit = std::min(depth[x - map.width], depth[x]) + room_m;
+        depth_above[x] = std::min(depth_above[x], limit);
+        depth_here[x] = std::min(depth_here[x], limit);
       }
     }
+    flush(y - 1);
+    std::swap(depth_above, depth_here);
+    std::fill(depth_here.begin(), depth_here.end(), FaceMap::kNothing);
   }
-  return runs;
+  flush(map.height - 1);
+}
+
+std::vector<BlindPixel> FarSilhouettes::Near(int level, const PixelRect& rect, int radius_px) const {
+  // Along the rows first, then down the columns: the least depth of the lines that pass near.
+  const int width = rect.width(), height = rect.height();
+  const int rows = height + 2 * radius_px;  // those above and below, too
+  std::vector<float> in_row(static_cast<size_t>(width) * rows, FaceMap::kNothing);
+  for (const Passing& passing : passing_) {
+    const int x = (passing.x >> level) - rect.x0, y = (passing.y >> level) - rect.y0 + radius_px;
+    if (y < 0 || y >= rows) continue;
+    float* row = &in_row[static_cast<size_t>(y) * width];
+    for (int i = std::max(0, x - radius_px); i < std::min(width, x + radius_px + 1); ++i) {
+      row[i] = std::min(row[i], passing.depth);
+    }
+  }
+  std::vector<BlindPixel> near;
+  std::vector<float> least(width);
+  for (int y = 0; y < height; ++y) {
+    std::fill(least.begin(), least.end(), FaceMap::kNothing);
+    for (int j = y; j <= y + 2 * radius_px; ++j) {
+      const float* row = &in_row[static_cast<size_t>(j) * width];
+      for (int x = 0; x < width; ++x) least[x] = std::min(least[x], row[x]);
+    }
+    for (int x = 0; x < width; ++x) {
+      if (least[x] < FaceMap::kNothing) near.push_back({static_cast<uint32_t>(y * width + x), least[x]});
+    }
+  }
+  return near;
 }
 
 }  // namespace tessera

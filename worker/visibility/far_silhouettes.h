@@ -12,14 +12,17 @@
 
 namespace tessera {
 
-// Pixels [first, last) of a map's rows, one after another.
-struct PixelRun {
-  uint32_t first = 0, last = 0;
+// A pixel of a map, by its place in the rows one after another, at which nothing deeper may be compared.
+struct BlindPixel {
+  uint32_t pixel = 0;
+  float depth = 0;  // z in the camera's frame
+  bool operator==(const BlindPixel&) const = default;
 };
 
-// The pixels of a window at which a far silhouette passes, a bit each. What stands more than a tile's halo away is
-// never known as exactly as the tile itself (a neighbour moves it, or only an outline of it is at hand), so nothing may
-// be compared across such a line, whether a run is tiled or not.
+// The pixels of a window at which a far silhouette passes. What stands more than a tile's halo away is never known as
+// exactly as the tile itself (a neighbour moves it, or only an outline of it is at hand). So near such a line nothing
+// that lies behind it may be compared, whether a run is tiled or not: how much of it is to be seen depends on what is in
+// front. What is in front does not depend on what is behind.
 class FarSilhouettes {
  public:
   FarSilhouettes() = default;
@@ -28,12 +31,17 @@ class FarSilhouettes {
   // they see are more than `reach_m` from each other across `up`, or one sees nothing.
   FarSilhouettes(const FaceMap& map, const PosedCamera& camera, const Eigen::Vector3d& up, double reach_m);
 
-  // The pixels within `radius_px` of such a line, in both directions, of the window at a pyramid level, in order.
-  std::vector<PixelRun> Near(int level, int radius_px) const;
+  // The pixels within `radius_px` of such a line, in both directions, at a pyramid level, in order. `rect`: the part of
+  // the whole image at that level whose pixels are meant; those of the constructor's window cover it.
+  std::vector<BlindPixel> Near(int level, const PixelRect& rect, int radius_px) const;
 
  private:
-  int width_ = 0, height_ = 0;
-  std::vector<bool> passes_;
+  // Of the whole image at level 0.
+  struct Passing {
+    int32_t x = 0, y = 0;
+    float depth = 0;  // between the front and what is behind
+  };
+  std::vector<Passing> passing_;
 };
 
 }  // namespace tessera

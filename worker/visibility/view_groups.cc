@@ -19,11 +19,11 @@ void MarkNotLookedAt(const ViewGroups& groups, size_t view, FaceMap* map) {
   });
 }
 
-void MarkBlind(std::span<const PixelRun> runs, FaceMap* map) {
-  for (const PixelRun& run : runs) {
-    for (uint32_t i = run.first; i < run.last; ++i) {
-      if (map->face[i] >= 0) map->face[i] = Blinded(map->face[i]);
-    }
+void MarkBlind(std::span<const BlindPixel> blind, FaceMap* map) {
+  for (const auto& [i, depth] : blind) {
+    int32_t& face = map->face[i];
+    if (!(map->depth[i] > depth) || face < -1) continue;
+    face = face >= 0 ? Blinded(face) : kNotLookedAt;  // an occluder may be another tile's face
   }
 }
 

@@ -25,9 +25,10 @@ inline constexpr int32_t kNotLookedAt = std::numeric_limits<int32_t>::min();
 // Marks such pixels of what `view` sees. Depths stay.
 void MarkNotLookedAt(const ViewGroups& groups, size_t view, FaceMap* map);
 
-// Pixels that see a face but are not to be compared: Blinded(face), which is its own inverse and less than -1.
+// Pixels that are not to be compared: Blinded(face), which is its own inverse and less than -1; kNotLookedAt where they
+// see no face of the mesh.
 constexpr int32_t Blinded(int32_t face) { return -2 - face; }
-void MarkBlind(std::span<const PixelRun> runs, FaceMap* map);
+void MarkBlind(std::span<const BlindPixel> blind, FaceMap* map);
 
 }  // namespace tessera
 

@@ -188,7 +188,7 @@ TEST(Tiling, EveryTileFitsTheMemoryAndNoneIsFarTooSmall) {
 TEST(Tiling, ANumberOfTilesIsKeptUnlessMemoryIsLimitedToo) {
   const Survey survey = SeenFromAbove(40);
   EXPECT_EQ(Cores(survey, 1).size(), 1u);
-  TilingOptions options = WithMemory(int64_t{1536} << 20);
+  TilingOptions options = WithMemory(int64_t{512} << 20);
   options.tiles = 2;
   EXPECT_GT(LayOutTiles(CellIndex(survey), options)->size(), 2u);
 }
@@ -247,7 +247,7 @@ TEST(CostModel, CoarserLevelsTakeLess) {
 
 TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
   static const std::map<std::string, std::set<std::string>> kOutputs = {
-      {"ingest", {kCityFile, kSurveyFile}}, {"cut", {kTileFile}}, {"refine", {kResultFile}}, {"stitch", {kCoreFile}}};
+      {"ingest", {kCityFile, kSurveyFile}}, {"cut", {kTileFile}}, {"crop", {kViewsFile}}, {"refine", {kResultFile}}, {"stitch", {kCoreFile}}};
   for (uint64_t seed = 0; seed < 20; ++seed) {
     const Survey survey = RandomSurvey(20, 14, 0.8, seed);
     const auto tasks = PlanOf(survey, static_cast<int>(seed));
@@ -268,11 +268,11 @@ TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
   }
 }
 
-TEST(Plan, RefineReadsThePixelsOfEveryViewOfItsCells) {
+TEST(Plan, CropReadsThePixelsOfEveryViewOfItsCells) {
   const Survey survey = RandomSurvey(12, 12, 0.8, 5);
   const std::vector<std::string> all = FilesOf(survey);
   for (const PlannedTask& task : PlanOf(survey, 5)) {
-    if (task.kind != "refine") continue;
+    if (task.kind != "crop") continue;
     std::set<std::string> files;
     for (const int file : task.scene_files) files.insert(all.at(file));
     const auto cores = Cores(survey, 5);
@@ -348,8 +348,8 @@ TEST(Plan, SameSurveySamePlan) {
 
 TEST(Plan, OneTileIsTheUntiledRun) {
   const auto tasks = PlanOf(RandomSurvey(20, 20, 0.8, 3), 1);
-  ASSERT_EQ(tasks.size(), 4u);
-  EXPECT_EQ(tasks[1].kind, "refine");
+  ASSERT_EQ(tasks.size(), 5u);
+  EXPECT_EQ(tasks[2].kind, "refine");
 }
 
 TEST(Plan, SettingsAreRefusedAllAtOnce) {

@@ -1,3 +1,4 @@
+#include "tests/support/held_pixels.h"
 #include "worker/refine/contour_term.h"
 
 #include <gtest/gtest.h>
@@ -114,11 +115,14 @@ struct Derivatives {
 };
 
 Derivatives Evaluate(const Bed& bed, const std::vector<PhotoView>& views, ContourOptions options = {1, 4}) {
-  std::vector<FaceMap> maps;
-  for (const PhotoView& view : views) maps.push_back(RasterizeFaces(bed.mesh, nullptr, view.camera));
+  std::vector<std::vector<ContourPull>> pulls;
+  for (const PhotoView& view : views) {
+    const FaceMap map = RasterizeFaces(bed.mesh, nullptr, view.camera);
+    pulls.push_back(ContourPulls(bed.mesh, bed.labels, view, map, options));
+  }
   Derivatives out{std::vector<Vector3d>(bed.mesh.vertices.size(), Vector3d::Zero()),
                   std::vector<Matrix3d>(bed.mesh.vertices.size(), Matrix3d::Zero())};
-  AddContourTerm(bed.mesh, bed.labels, views, maps, options, &out.gradient, &out.curvature);
+  AddContourPulls(pulls, &out.gradient, &out.curvature);
   return out;
 }
 
@@ -180,7 +184,7 @@ TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
   EXPECT_EQ(pull(bed, near), pull(bed));
   // 4 to 6 m of depth are 50 to 80 pixels here.
   EXPECT_EQ(pull(bed, {1, 120}), 0);
-  EXPECT_NEAR(pull(bed, {3, 4}), 3 * pull(bed), 1e-9 * pull(bed));
+  EXPECT_NEAR(pull(bed, {3, 4}), 3 * pull(bed), 1e-6 * pull(bed));
 }
 
 TEST(ContourTerm, CurvatureIsPositiveWherePulled) {
@@ -195,19 +199,6 @@ TEST(ContourTerm, CurvatureIsPositiveWherePulled) {
   }
 }
 
-TEST(ContourTerm, IsEqualForAnyNumberOfThreads) {
-  const Bed bed;
-  std::vector<PhotoView> views;
-  for (const double aside : {-8.0, -3.0, 2.0, 7.0}) views.push_back(View(Camera(aside), 3.3, kCentre));
-  Derivatives results[2];
-  for (const int threads : {1, 3}) {
-    const ThreadLimit limit(threads);
-    results[threads / 2] = Evaluate(bed, views);
-  }
-  EXPECT_EQ(results[0].gradient, results[1].gradient);
-  EXPECT_EQ(results[0].curvature, results[1].curvature);
-}
-
 // Grey photographs, so that nothing but silhouettes tells how large the ball is.
 TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
   for (const double radius : {3.6, 2.5}) {
@@ -215,14 +206,10 @@ TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
     RefineProblem problem;
     problem.mesh = bed.mesh;
     problem.gsd_m = 16 / kFocal_px;
-    std::vector<FloatImage> images, likelihoods;
     for (const double aside : {-8.0, -3.0, 2.0, 7.0}) {
       const PosedCamera camera = Camera(aside);
-      images.emplace_back(camera.intrinsics.width, camera.intrinsics.height, 1, 0.5f);
-      likelihoods.push_back(Likelihoods(camera, radius));
-    }
-    for (size_t i = 0; i < images.size(); ++i) {
-      problem.views.push_back({Camera(std::array{-8.0, -3.0, 2.0, 7.0}[i]), &images[i], &likelihoods[i]});
+      const FloatImage grey(camera.intrinsics.width, camera.intrinsics.height, 1, 0.5f);
+      problem.views.push_back({camera, std::make_shared<HeldPixels>(grey, Likelihoods(camera, radius))});
     }
     problem.pairs = {{0, 1}, {1, 2}, {2, 3}, {3, 2}};
     RefineOptions options;
@@ -231,9 +218,14 @@ TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
     options.contour = 0.5;
     options.thin_plate = 0.0005;  // without data smoothness alone would draw the ball together
     options.membrane = 0;
-    std::vector<Vector3d> refined;
-    const StatusOr<RefineReport> report = RefineGeometry(problem, &refined, options, TaskControl());
-    ASSERT_TRUE(report.ok()) << report.status();
+    std::vector<Vector3d> refined, again;
+    for (const int threads : {1, 3}) {
+      const ThreadLimit limit(threads);
+      const StatusOr<RefineReport> report =
+          RefineGeometry(problem, threads == 1 ? &refined : &again, options, TaskControl());
+      ASSERT_TRUE(report.ok()) << report.status();
+    }
+    EXPECT_EQ(refined, again);
     double mean = 0;
     for (int k = 0; k < kAround; ++k) {
       double widest = 0;

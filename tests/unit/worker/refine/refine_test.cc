@@ -1,3 +1,4 @@
+#include "tests/support/held_pixels.h"
 #include "worker/refine/refine.h"
 
 #include <gtest/gtest.h>
@@ -20,7 +21,6 @@ double Hills(double x, double y) { return 0.5 * std::sin(0.9 * x) * std::cos(0.8
 
 // Photographs of hills and a start surface that is off by about two pixels, smooth and rough.
 struct Bed {
-  std::vector<FloatImage> images;
   RefineProblem problem;
   RefineOptions options;
 
@@ -32,9 +32,10 @@ struct Bed {
       v.z() += error_m * (0.7 * std::sin(1.7 * v.x() + 1) + 0.5 * random.Normal());
     }
     const std::vector<PosedCamera> cameras = ReliefCameras(160);
-    for (size_t i = 0; i < cameras.size(); ++i)
-      images.push_back(Photograph(truth, cameras[i], 0.9 + 0.03 * i, 0.005, i));
-    for (size_t i = 0; i < cameras.size(); ++i) problem.views.push_back({cameras[i], &images[i]});
+    for (size_t i = 0; i < cameras.size(); ++i) {
+      problem.views.push_back(
+          {cameras[i], std::make_shared<HeldPixels>(Photograph(truth, cameras[i], 0.9 + 0.03 * i, 0.005, i))});
+    }
     problem.gsd_m = 14.0 / (1.25 * 160);
     options.levels = {1, 0};
     options.iterations = {8, 8};

@@ -10,6 +10,7 @@
 #include "common/base/random.h"
 #include "tests/unit/worker/refine/cgal_pairs.h"
 #include "tests/unit/worker/refine/relief_scene.h"
+#include "tests/support/held_pixels.h"
 #include "worker/refine/density.h"
 #include "worker/refine/descent.h"
 #include "worker/refine/refine.h"
@@ -34,13 +35,13 @@ TriangleMesh BlockyOverhang() {
 enum class Photographs { kTrue, kExchanged, kNoise };
 
 struct Scene {
-  std::vector<FloatImage> images;
   RefineProblem problem;
   RefineOptions options;
 
   explicit Scene(Photographs photographs) {
     const TriangleMesh truth = HeightField(90, 5, ReliefHeight);
     const std::vector<PosedCamera> cameras = ReliefCameras(160);
+    std::vector<FloatImage> images;
     for (size_t i = 0; i < cameras.size(); ++i) {
       images.push_back(Photograph(truth, cameras[i], 1, 0.005, i));
       if (photographs != Photographs::kNoise) continue;
@@ -49,7 +50,7 @@ struct Scene {
     }
     if (photographs == Photographs::kExchanged) std::rotate(images.begin(), images.begin() + 1, images.end());
     problem.mesh = SplitLargeFaces(BlockyOverhang(), cameras, {}).mesh;
-    for (size_t i = 0; i < cameras.size(); ++i) problem.views.push_back({cameras[i], &images[i]});
+    for (size_t i = 0; i < cameras.size(); ++i) problem.views.push_back({cameras[i], std::make_shared<HeldPixels>(images[i])});
     problem.gsd_m = 14.0 / (1.25 * 160);
     options.levels = {2, 1, 0};
     options.iterations = {8, 8, 8};

@@ -6,6 +6,7 @@
 
 #include "common/base/clock.h"
 #include "tests/support/tiny_scene.h"
+#include "tests/support/held_pixels.h"
 #include "worker/tasks/cell_views.h"
 #include "worker/tasks/cut_tile.h"
 #include "worker/tasks/refine_tile.h"
@@ -60,12 +61,13 @@ class ExactTileTest : public testing::Test {
       TileView view;
       view.view = static_cast<int>(v);
       view.window = {camera, rect};
-      view.luminance = FloatImage(rect.width(), rect.height());
+      FloatImage luminance(rect.width(), rect.height());
       for (int y = 0; y < rect.height(); ++y) {
         for (int x = 0; x < rect.width(); ++x) {
-          view.luminance.at(x, y) = scene_.pictures[v].at(rect.x0 + x, rect.y0 + y);
+          luminance.at(x, y) = scene_.pictures[v].at(rect.x0 + x, rect.y0 + y);
         }
       }
+      view.pixels = std::make_shared<HeldPixels>(std::move(luminance));
       views.push_back(std::move(view));
     }
     TileRefineOptions options;

@@ -7,6 +7,7 @@
 
 #include "common/base/parallel.h"
 #include "tests/support/tiny_scene.h"
+#include "tests/support/held_pixels.h"
 #include "worker/refine/density.h"
 #include "worker/refine/pairs.h"
 #include "worker/tasks/cell_views.h"
@@ -68,13 +69,14 @@ class Occlusion : public testing::Test {
       TileView view;
       view.view = static_cast<int>(v);
       view.window = package.views[v].camera;
-      view.luminance = scene_.pictures[v];
-      for (float& value : view.luminance.data) value = std::isnan(value) ? 0 : value;
+      FloatImage luminance = scene_.pictures[v];
+      for (float& value : luminance.data) value = std::isnan(value) ? 0 : value;
       const LabelImage& labels = scene_.label_pictures[v];
-      view.likelihoods = FloatImage(labels.width, labels.height, 3, 0.1f);
+      FloatImage likelihoods(labels.width, labels.height, 3, 0.1f);
       for (size_t i = 0; i < labels.data.size(); ++i) {
-        if (labels.data[i] < 3) view.likelihoods.plane(labels.data[i])[i] = 0.8f;
+        if (labels.data[i] < 3) likelihoods.plane(labels.data[i])[i] = 0.8f;
       }
+      view.pixels = std::make_shared<HeldPixels>(std::move(luminance), std::move(likelihoods));
       views.push_back(std::move(view));
     }
     return views;

@@ -29,40 +29,35 @@ FaceMap MapOfDepth(float depth) {
   return map;
 }
 
-std::vector<uint8_t> Flags(const std::vector<PixelRun>& runs, int pixels) {
-  std::vector<uint8_t> flags(pixels);
-  uint32_t end = 0;
-  for (const PixelRun& run : runs) {
-    EXPECT_LT(run.first, run.last);
-    EXPECT_TRUE(end == 0 || run.first > end) << "in order, never touching";
-    end = run.last;
-    for (uint32_t i = run.first; i < run.last; ++i) flags[i] = 1;
-  }
-  return flags;
-}
-
-// Pixels within `radius` of one whose neighbour to a side lies farther off than `reach_m`, by the definition.
-std::vector<uint8_t> ByDefinition(const FaceMap& map, const PosedCamera& camera, const Vector3d& up, double reach_m,
-                                  int level, int radius) {
+// The least limit of the pixels within `radius` of each one whose neighbour to a side lies farther off than `reach_m`,
+// by the definition.
+std::vector<BlindPixel> ByDefinition(const FaceMap& map, const PosedCamera& camera, const Vector3d& up, double reach_m,
+                                     int level, const PixelRect& rect, int radius) {
+  const auto depth = [&](int x, int y) { return map.depth[y * map.width + x]; };
   const auto apart = [&](int x, int y, int u, int v) {
-    const float a = map.depth[y * map.width + x], b = map.depth[v * map.width + u];
+    const float a = depth(x, y), b = depth(u, v);
     if (std::isinf(a) || std::isinf(b)) return std::isinf(a) != std::isinf(b);
     const Vector3d d =
         a * camera.Ray(map.x0 + x + 0.5, map.y0 + y + 0.5) - b * camera.Ray(map.x0 + u + 0.5, map.y0 + v + 0.5);
     return (d - up * up.dot(d)).norm() > reach_m;
   };
-  const int width = map.width >> level, height = map.height >> level;
-  std::vector<uint8_t> out(width * height);
-  for (int y = 0; y < height << level; ++y) {
-    for (int x = 0; x < width << level; ++x) {
-      const bool passes = (x > 0 && apart(x, y, x - 1, y)) || (x + 1 < map.width && apart(x, y, x + 1, y)) ||
-                          (y > 0 && apart(x, y, x, y - 1)) || (y + 1 < map.height && apart(x, y, x, y + 1));
-      if (!passes) continue;
-      for (int v = 0; v < height; ++v) {
-        for (int u = 0; u < width; ++u) {
-          if (std::abs(u - (x >> level)) <= radius && std::abs(v - (y >> level)) <= radius) out[v * width + u] = 1;
+  std::vector<BlindPixel> out;
+  for (int v = rect.y0; v < rect.y1; ++v) {
+    for (int u = rect.x0; u < rect.x1; ++u) {
+      float limit = FaceMap::kNothing;
+      for (int y = 0; y < map.height; ++y) {
+        for (int x = 0; x < map.width; ++x) {
+          if (std::abs(u - ((map.x0 + x) >> level)) > radius || std::abs(v - ((map.y0 + y) >> level)) > radius) continue;
+          constexpr int kSides[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
+          for (const auto& [dx, dy] : kSides) {
+            const int nx = x + dx, ny = y + dy;
+            if (nx < 0 || ny < 0 || nx >= map.width || ny >= map.height || !apart(x, y, nx, ny)) continue;
+            limit = std::min(limit, std::min(depth(x, y), depth(nx, ny)) + static_cast<float>(reach_m / 3));
+          }
         }
       }
+      const int at = (v - rect.y0) * rect.width() + u - rect.x0;
+      if (limit < FaceMap::kNothing) out.push_back({static_cast<uint32_t>(at), limit});
     }
   }
   return out;
@@ -71,7 +66,7 @@ std::vector<uint8_t> ByDefinition(const FaceMap& map, const PosedCamera& camera,
 TEST(FarSilhouettes, AreWhereTheDefinitionHasThem) {
   const PosedCamera camera = LookingDown();
   Random random(4);
-  int marked = 0;
+  size_t marked = 0;
   for (int round = 0; round < 6; ++round) {
     FaceMap map = MapOfDepth(10);
     map.x0 = static_cast<int>(random.Below(30));
@@ -86,36 +81,38 @@ TEST(FarSilhouettes, AreWhereTheDefinitionHasThem) {
     const FarSilhouettes silhouettes(map, camera, up, 1.5);
     for (int level : {0, 1, 2}) {
       for (int radius : {0, 3}) {
-        const std::vector<uint8_t> expected = ByDefinition(map, camera, up, 1.5, level, radius);
-        const int pixels = (kWidth >> level) * (kHeight >> level);
-        ASSERT_EQ(Flags(silhouettes.Near(level, radius), pixels), expected) << level << ' ' << radius;
-        for (uint8_t flag : expected) marked += flag;
+        // Not all of the window, and some beside it.
+        const PixelRect rect = {(map.x0 >> level) - 2, 3, (map.x0 + kWidth) >> level, kHeight >> level};
+        const std::vector<BlindPixel> expected = ByDefinition(map, camera, up, 1.5, level, rect, radius);
+        ASSERT_EQ(silhouettes.Near(level, rect, radius), expected) << level << ' ' << radius;
+        marked += expected.size();
       }
     }
   }
-  EXPECT_GT(marked, 1000);
+  EXPECT_GT(marked, 1000u);
 }
 
 // A step along `up` parts nothing, however high: what lies over the same ground is in the same tile.
 TEST(FarSilhouettes, StepsOfHeightAreNear) {
   FaceMap map = MapOfDepth(100);
   map.depth[kHeight / 2 * kWidth + kWidth / 2] = 80;
-  EXPECT_TRUE(FarSilhouettes(map, LookingDown(), -Vector3d::UnitZ(), 5).Near(0, 0).empty());
+  EXPECT_TRUE(FarSilhouettes(map, LookingDown(), -Vector3d::UnitZ(), 5).Near(0, {0, 0, kWidth, kHeight}, 0).empty());
   // The same step across another direction than its own.
-  EXPECT_FALSE(FarSilhouettes(map, LookingDown(), Vector3d::UnitX(), 5).Near(0, 0).empty());
+  EXPECT_FALSE(FarSilhouettes(map, LookingDown(), Vector3d::UnitX(), 5).Near(0, {0, 0, kWidth, kHeight}, 0).empty());
 }
 
-TEST(FarSilhouettes, BlindPixelsKeepTheirFaces) {
-  FaceMap map = MapOfDepth(1);
+TEST(FarSilhouettes, WhatIsBehindIsBlindAndKeepsItsFace) {
+  FaceMap map = MapOfDepth(2);
   map.face[7] = 12;
   map.face[8] = -1;
-  MarkBlind(std::vector<PixelRun>{{6, 9}}, &map);
+  MarkBlind(std::vector<BlindPixel>{{6, 1}, {7, 1.5f}, {8, 1}, {9, 3}}, &map);
   EXPECT_LT(map.face[6], -1);
   EXPECT_EQ(Blinded(map.face[6]), 0);
   EXPECT_EQ(Blinded(map.face[7]), 12);
-  EXPECT_EQ(map.face[8], -1);
-  EXPECT_EQ(map.face[9], 0);
-  EXPECT_EQ(map.depth[7], 1);
+  EXPECT_EQ(map.face[8], kNotLookedAt);
+  EXPECT_EQ(map.face[9], 0) << "in front";
+  EXPECT_EQ(map.face[10], 0);
+  EXPECT_EQ(map.depth[7], 2);
 }
 
 }  // namespace
