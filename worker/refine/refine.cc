@@ -98,7 +98,7 @@ PixelRect ViewWindow(const RefineView& view, int level) {
           up(view.y0 + view.pixels->height(), k.height)};
 }
 
-StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semantic) {
+StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semantic, int silhouette_px) {
   const PixelRect rect = ViewWindow(view, level);
   PhotoView out;
   out.camera = PyramidCamera(view.camera, level);
@@ -108,6 +108,9 @@ StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semant
   k.cx -= middle_x;
   k.cy -= middle_y;
   out.depths = view.depths;
+  TESSERA_ASSIGN_OR_RETURN(const FarSilhouettes silhouettes, view.pixels->Silhouettes());
+  out.blind = silhouettes.Near(level, {rect.x0 >> level, rect.y0 >> level, rect.x1 >> level, rect.y1 >> level},
+                               silhouette_px);
   FloatImage image(rect.width(), rect.height());
   {
     TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance, view.pixels->Luminance());
@@ -201,7 +204,6 @@ class Refiner {
       pairs_ = SelectPairs(mesh_, cameras, pair_options);
     }
     report_.pairs = static_cast<int>(pairs_.size());
-    FindFarSilhouettes();
     report_.seconds_prepare = Seconds(options.clock) - start_s;
     for (size_t stage = 0; stage < options.levels.size(); ++stage) {
       for (int i = 0; i < options.iterations[stage]; ++i) steps_.push_back({stage, i});
@@ -232,27 +234,6 @@ class Refiner {
   std::vector<Vector3d> TakeVertices() { return std::move(mesh_.vertices); }
 
  private:
-  // In the start as it is, which all tiles know alike.
-  void FindFarSilhouettes() {
-    const size_t count = problem_.views.size(), at_once = 2 * static_cast<size_t>(ThreadCount());
-    silhouettes_.resize(count);
-    if (!std::isfinite(problem_.reach_m)) return;
-    Rasterizer rasterizer;
-    std::vector<FaceMap> maps;
-    for (size_t first = 0; first < count; first += at_once) {
-      std::vector<CameraWindow> windows;
-      for (size_t i = first; i < std::min(count, first + at_once); ++i) {
-        windows.emplace_back(problem_.views[i].camera, ViewWindow(problem_.views[i], 0));
-      }
-      rasterizer.DrawViews(start_, &problem_.occluders, windows, &maps);
-      ParallelFor(static_cast<int64_t>(windows.size()), 1, [&](int64_t begin, int64_t end) {
-        for (int64_t i = begin; i < end; ++i) {
-          silhouettes_[first + i] = FarSilhouettes(maps[i], windows[i].camera, problem_.up, problem_.reach_m);
-        }
-      });
-    }
-  }
-
   Status EnterLevel(int level) {
     if (level == level_) return absl::OkStatus();
     const double start_s = Seconds(options_.clock);
@@ -263,13 +244,9 @@ class Refiner {
     std::vector<Status> read(views_.size());
     ParallelFor(static_cast<int64_t>(views_.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) {
-        StatusOr<PhotoView> view = MakePhotoView(problem_.views[i], level, semantic);
+        StatusOr<PhotoView> view = MakePhotoView(problem_.views[i], level, semantic, radius_px);
         read[i] = view.status();
-        if (!view.ok()) continue;
-        views_[i] = *std::move(view);
-        const PixelRect rect = ViewWindow(problem_.views[i], level);
-        views_[i].blind = silhouettes_[i].Near(
-            level, {rect.x0 >> level, rect.y0 >> level, rect.x1 >> level, rect.y1 >> level}, radius_px);
+        if (view.ok()) views_[i] = *std::move(view);
       }
     });
     for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
@@ -358,7 +335,6 @@ class Refiner {
   std::vector<StepIndex> steps_;
   std::vector<Vector3d> level_start_;  // positions when the level at hand began
   std::vector<ViewPair> pairs_;
-  std::vector<FarSilhouettes> silhouettes_;
   std::vector<PhotoView> views_;
   std::unique_ptr<PhotoTerm> photo_;
   PhotoDerivatives derivatives_;

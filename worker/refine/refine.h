@@ -88,7 +88,7 @@ struct RefineOptions {
   double step_decay = 0.9;   // of the step cap per iteration
   // Steps end on a grid of (at most) so much: the solver carries what happens at a tile's cut far, in ever smaller
   // differences, which all are gone beyond where they are less than that.
-  double grid_gsd = 0.004;
+  double grid_gsd = 0.016;
   double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
   int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)
   double min_start_cosine = 0.02;                    // of a face's normal with the smoothed start's

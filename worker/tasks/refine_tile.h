@@ -33,7 +33,7 @@ struct TileRefinement {
   double seconds_geometry = 0, seconds_labels = 0;
 };
 
-// `views` as LoadTileViews gives them; `state`: what earlier steps made of the tile, TileState() before the first. Some
+// `views` as OpenTileViews gives them; `state`: what earlier steps made of the tile, TileState() before the first. Some
 // of the steps after the others give the bytes of all at once. The result is of the whole package. Without likelihoods
 // labels are carried through; with fewer than two views the geometry stays. CANCELLED follows `control`.
 StatusOr<TileRefinement> RefineTile(const TilePackage& package, const std::vector<TileView>& views, TileState state,

@@ -28,6 +28,8 @@ struct Crop {
   int likelihood_width = 0, likelihood_height = 0, classes = 0;  // zeros: none
   std::vector<uint16_t> luminance;                               // codes of Texels::luminance
   std::vector<uint8_t> likelihoods;                              // a plane a class
+  std::vector<int32_t> silhouette_pixels;                        // x, y of each FarSilhouettes::Passing
+  std::vector<float> silhouette_depths;
 
   size_t pixels() const { return static_cast<size_t>(rect.width()) * rect.height(); }
   size_t likelihood_values() const { return static_cast<size_t>(likelihood_width) * likelihood_height * classes; }
@@ -102,6 +104,16 @@ class FilePixels : public ViewPixels {
     file_->Release(name);
     return image;
   }
+  StatusOr<FarSilhouettes> Silhouettes() const override {
+    TESSERA_ASSIGN_OR_RETURN(const auto depths, file_->Verified<float>(ArrayName(index_, "silhouette_depths")));
+    TESSERA_ASSIGN_OR_RETURN(const auto pixels, file_->Verified<int32_t>(ArrayName(index_, "silhouette_pixels"),
+                                                                         2 * static_cast<int64_t>(depths.size())));
+    FarSilhouettes silhouettes;
+    for (size_t i = 0; i < depths.size(); ++i) {
+      silhouettes.passing.push_back({pixels[2 * i], pixels[2 * i + 1], depths[i]});
+    }
+    return silhouettes;
+  }
 
  private:
   std::shared_ptr<const MappedArrays> file_;
@@ -110,6 +122,11 @@ class FilePixels : public ViewPixels {
 };
 
 }  // namespace
+
+FarSilhouettes TileSilhouettes(const TilePackage& package, const CameraWindow& window) {
+  return FindFarSilhouettes(RasterizeFaces(package.mesh, &package.occluders, window), window.camera, package.up,
+                            kTileReachGsd * package.gsd_m);
+}
 
 Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
                      const TaskControl& control) {
@@ -132,6 +149,10 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
       TESSERA_RETURN_IF_ERROR(CropLikelihoods(scene_folder + "/" + view.likelihood_path, view,
                                               static_cast<int>(package.classes.size()), &crop));
     }
+    for (const FarSilhouettes::Passing& line : TileSilhouettes(package, {view.camera, crop.rect}).passing) {
+      crop.silhouette_pixels.insert(crop.silhouette_pixels.end(), {line.x, line.y});
+      crop.silhouette_depths.push_back(line.depth);
+    }
     crops.push_back(std::move(crop));
   }
   control.Report(0.9, "writing crops");
@@ -143,6 +164,8 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
       arrays.push_back({ArrayName(i, "likelihoods"), std::vector<uint8_t>(), crops[i].likelihoods.size()});
     }
     arrays.push_back({ArrayName(i, "luminance"), std::vector<uint16_t>(), crops[i].luminance.size()});
+    arrays.push_back({ArrayName(i, "silhouette_depths"), std::vector<float>(), crops[i].silhouette_depths.size()});
+    arrays.push_back({ArrayName(i, "silhouette_pixels"), std::vector<int32_t>(), crops[i].silhouette_pixels.size()});
   }
   TESSERA_ASSIGN_OR_RETURN(const auto file, ArrayFileWriter::Create(path, metadata.dump(), std::move(arrays)));
   for (size_t i = 0; i < crops.size(); ++i) {
@@ -150,6 +173,8 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
       file->Append(ArrayName(i, "likelihoods"), std::span<const uint8_t>(crops[i].likelihoods));
     }
     file->Append(ArrayName(i, "luminance"), std::span<const uint16_t>(crops[i].luminance));
+    file->Append(ArrayName(i, "silhouette_depths"), std::span<const float>(crops[i].silhouette_depths));
+    file->Append(ArrayName(i, "silhouette_pixels"), std::span<const int32_t>(crops[i].silhouette_pixels));
   }
   return file->Finish();
 }

@@ -24,6 +24,9 @@ struct TileView {
   PixelMapping mapping;                      // from the whole image to likelihoods
 };
 
+// Of the package's mesh and occluders as they are, which all tiles know alike.
+FarSilhouettes TileSilhouettes(const TilePackage& package, const CameraWindow& window);
+
 // Reads the views of a package from `scene_folder`, one after the other, and writes what sees the tile to `path`, an
 // array file; those that do not see it are left out. Luminance is rounded to 1 / 65534, likelihoods to 1 / 255, as the
 // data term has them (Texels). Errors of the files as ReadLuminance and ReadLikelihoods; CANCELLED.

@@ -4,8 +4,9 @@
 
 namespace tessera {
 
-FarSilhouettes::FarSilhouettes(const FaceMap& map, const PosedCamera& camera, const Eigen::Vector3d& up,
-                               double reach_m) {
+FarSilhouettes FindFarSilhouettes(const FaceMap& map, const PosedCamera& camera, const Eigen::Vector3d& up,
+                                  double reach_m) {
+  FarSilhouettes found;
   // Of a row, where on the ground each pixel looks.
   struct Row {
     std::vector<Eigen::Vector3d> at;
@@ -33,7 +34,7 @@ FarSilhouettes::FarSilhouettes(const FaceMap& map, const PosedCamera& camera, co
   Row above, row;
   const auto flush = [&](int y) {  // the row before is done
     for (int x = 0; x < map.width; ++x) {
-      if (depth_above[x] < FaceMap::kNothing) passing_.push_back({map.x0 + x, map.y0 + y, depth_above[x]});
+      if (depth_above[x] < FaceMap::kNothing) found.passing.push_back({map.x0 + x, map.y0 + y, depth_above[x]});
     }
   };
   for (int y = 0; y < map.height; ++y) {
@@ -57,6 +58,7 @@ FarSilhouettes::FarSilhouettes(const FaceMap& map, const PosedCamera& camera, co
     std::fill(depth_here.begin(), depth_here.end(), FaceMap::kNothing);
   }
   flush(map.height - 1);
+  return found;
 }
 
 std::vector<BlindPixel> FarSilhouettes::Near(int level, const PixelRect& rect, int radius_px) const {
@@ -64,12 +66,12 @@ std::vector<BlindPixel> FarSilhouettes::Near(int level, const PixelRect& rect, i
   const int width = rect.width(), height = rect.height();
   const int rows = height + 2 * radius_px;  // those above and below, too
   std::vector<float> in_row(static_cast<size_t>(width) * rows, FaceMap::kNothing);
-  for (const Passing& passing : passing_) {
-    const int x = (passing.x >> level) - rect.x0, y = (passing.y >> level) - rect.y0 + radius_px;
+  for (const Passing& line : passing) {
+    const int x = (line.x >> level) - rect.x0, y = (line.y >> level) - rect.y0 + radius_px;
     if (y < 0 || y >= rows) continue;
     float* row = &in_row[static_cast<size_t>(y) * width];
     for (int i = std::max(0, x - radius_px); i < std::min(width, x + radius_px + 1); ++i) {
-      row[i] = std::min(row[i], passing.depth);
+      row[i] = std::min(row[i], line.depth);
     }
   }
   std::vector<BlindPixel> near;

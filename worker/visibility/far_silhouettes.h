@@ -23,26 +23,24 @@ struct BlindPixel {
 // exactly as the tile itself (a neighbour moves it, or only an outline of it is at hand). So near such a line nothing
 // that lies behind it may be compared, whether a run is tiled or not: how much of it is to be seen depends on what is in
 // front. What is in front does not depend on what is behind.
-class FarSilhouettes {
- public:
-  FarSilhouettes() = default;
-
-  // `map`: what the window of `camera` sees of mesh and occluders. Two pixels that touch are parted where the surfaces
-  // they see are more than `reach_m` from each other across `up`, or one sees nothing.
-  FarSilhouettes(const FaceMap& map, const PosedCamera& camera, const Eigen::Vector3d& up, double reach_m);
-
-  // The pixels within `radius_px` of such a line, in both directions, at a pyramid level, in order. `rect`: the part of
-  // the whole image at that level whose pixels are meant; those of the constructor's window cover it.
-  std::vector<BlindPixel> Near(int level, const PixelRect& rect, int radius_px) const;
-
- private:
-  // Of the whole image at level 0.
+struct FarSilhouettes {
+  // A pixel of the whole image, and a depth between what is in front and what is behind.
   struct Passing {
     int32_t x = 0, y = 0;
-    float depth = 0;  // between the front and what is behind
+    float depth = 0;
+    bool operator==(const Passing&) const = default;
   };
-  std::vector<Passing> passing_;
+  std::vector<Passing> passing;
+
+  // The pixels within `radius_px` of such a line, in both directions, at a pyramid level, in order. `rect`: the part of
+  // the whole image at that level whose pixels are meant.
+  std::vector<BlindPixel> Near(int level, const PixelRect& rect, int radius_px) const;
 };
+
+// `map`: what the window of `camera` sees of mesh and occluders. Two pixels that touch are parted where the surfaces
+// they see are more than `reach_m` from each other across `up`, or one sees nothing.
+FarSilhouettes FindFarSilhouettes(const FaceMap& map, const PosedCamera& camera, const Eigen::Vector3d& up,
+                                  double reach_m);
 
 }  // namespace tessera
 

@@ -67,7 +67,8 @@ class ExactTileTest : public testing::Test {
           luminance.at(x, y) = scene_.pictures[v].at(rect.x0 + x, rect.y0 + y);
         }
       }
-      view.pixels = std::make_shared<HeldPixels>(std::move(luminance));
+      view.pixels = std::make_shared<HeldPixels>(std::move(luminance), FloatImage(),
+                                                 TileSilhouettes(*package, view.window));
       views.push_back(std::move(view));
     }
     TileRefineOptions options;

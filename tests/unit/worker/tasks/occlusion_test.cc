@@ -76,7 +76,8 @@ class Occlusion : public testing::Test {
       for (size_t i = 0; i < labels.data.size(); ++i) {
         if (labels.data[i] < 3) likelihoods.plane(labels.data[i])[i] = 0.8f;
       }
-      view.pixels = std::make_shared<HeldPixels>(std::move(luminance), std::move(likelihoods));
+      view.pixels = std::make_shared<HeldPixels>(std::move(luminance), std::move(likelihoods),
+                                                 TileSilhouettes(package, view.window));
       views.push_back(std::move(view));
     }
     return views;

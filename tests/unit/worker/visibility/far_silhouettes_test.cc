@@ -78,7 +78,7 @@ TEST(FarSilhouettes, AreWhereTheDefinitionHasThem) {
       }
     }
     const Vector3d up = Vector3d(0.2, -0.3, -1).normalized();
-    const FarSilhouettes silhouettes(map, camera, up, 1.5);
+    const FarSilhouettes silhouettes = FindFarSilhouettes(map, camera, up, 1.5);
     for (int level : {0, 1, 2}) {
       for (int radius : {0, 3}) {
         // Not all of the window, and some beside it.
@@ -96,9 +96,9 @@ TEST(FarSilhouettes, AreWhereTheDefinitionHasThem) {
 TEST(FarSilhouettes, StepsOfHeightAreNear) {
   FaceMap map = MapOfDepth(100);
   map.depth[kHeight / 2 * kWidth + kWidth / 2] = 80;
-  EXPECT_TRUE(FarSilhouettes(map, LookingDown(), -Vector3d::UnitZ(), 5).Near(0, {0, 0, kWidth, kHeight}, 0).empty());
+  EXPECT_TRUE(FindFarSilhouettes(map, LookingDown(), -Vector3d::UnitZ(), 5).passing.empty());
   // The same step across another direction than its own.
-  EXPECT_FALSE(FarSilhouettes(map, LookingDown(), Vector3d::UnitX(), 5).Near(0, {0, 0, kWidth, kHeight}, 0).empty());
+  EXPECT_FALSE(FindFarSilhouettes(map, LookingDown(), Vector3d::UnitX(), 5).passing.empty());
 }
 
 TEST(FarSilhouettes, WhatIsBehindIsBlindAndKeepsItsFace) {
