@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 
 namespace tessera {
 namespace {
@@ -19,26 +20,29 @@ constexpr double kNear_m = 1e-3;
 
 constexpr double kMiB = 1 << 20;
 
-// Refine: what a worker holds before it begins; then by face and by pixel: luminance and likelihoods as texels, and the
-// share of the pixels' face maps and warp targets that is open at a time.
-constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 925, kTexelBytes = 2, kOpenBytes = 8;
+// Refine: what a worker holds before it begins; then by face; by pixel: luminance as texels (likelihoods beside it) and
+// what is blind near silhouettes; by pixel of views that are open together: face maps and warp targets.
+constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 800, kTexelBytes = 5.9, kOpenBytes = 12;
+// Windows begin at multiples of 64 pixels and have padded rows.
+constexpr double kWindowShare = 1.15;
 // While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
 // likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
 // TIFFs do not.
-constexpr double kLoadBytesPerFace = 250, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2;
+constexpr double kLoadBytesPerFace = 100, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2;
 constexpr double kTaskSeconds = 0.01;  // of any task: to bring and store its files
 constexpr double kFaceSeconds = 3e-6;
-constexpr double kWarpSeconds = 13.8e-9;     // a reference pixel, partner and evaluation
+constexpr double kWarpSeconds = 10.6e-9;     // a reference pixel, partner and evaluation
 constexpr double kFaceViewSeconds = 120e-9;  // a face, view and evaluation
-constexpr double kDecodeSeconds = 15e-9;     // a pixel of a whole photograph
+constexpr double kLabelSeconds = 95e-9;      // a pixel of the crops and labelling
+constexpr double kDecodeSeconds = 19e-9;     // a pixel of a whole photograph
 constexpr double kReadSeconds = 20e-9;       // a pixel and class of the crops
 
 constexpr double kFixedBytes = 84 * kMiB;
 constexpr double kCutBytesPerCityFace = 105, kCutBytesPerFace = 116;
-constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFaceView = 29e-9;
-constexpr double kStitchBytesPerFace = 243, kStitchSecondsPerFace = 0.47e-6;
+constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFaceView = 110e-9;
+constexpr double kStitchBytesPerFace = 243, kStitchSecondsPerFace = 0.3e-6;
 constexpr double kIngestBytesPerFace = 239, kIngestSecondsPerFaceView = 0.185e-6;
-constexpr double kPublishBytesPerFace = 149, kPublishSecondsPerFace = 0.24e-6;
+constexpr double kPublishBytesPerFace = 149, kPublishSecondsPerFace = 0.5e-6;
 
 struct Box {
   Vector3d min, max;
@@ -154,10 +158,23 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m
     work.largest_decoded = std::max(work.largest_decoded, whole * std::max(kImageBytes, likelihoods));
   }
   work.seeing_views = static_cast<int>(crop.size());
+  std::map<int32_t, std::pair<int32_t, int32_t>> open;  // first and last step of each view
+  for (const auto& [v, pixels] : crop) open[v] = {v, v};
   for (const auto& [reference, other] : survey.pairs) {
-    const auto found = crop.find(reference);
-    if (found != crop.end() && crop.count(other) > 0) work.pair_pixels += found->second;
+    const auto found = crop.find(reference), partner = crop.find(other);
+    if (found == crop.end() || partner == crop.end()) continue;
+    work.pair_pixels += found->second;
+    auto& [first, last] = open[other];
+    first = std::min(first, reference);
+    last = std::max(last, reference);
   }
+  std::map<int32_t, double> change;  // of what is open, by step
+  for (const auto& [v, steps] : open) {
+    change[steps.first] += crop[v];
+    change[steps.second + 1] -= crop[v];
+  }
+  double now = 0;
+  for (const auto& [step, pixels] : change) work.open_pixels = std::max(work.open_pixels, now += pixels);
   return work;
 }
 
@@ -166,10 +183,12 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   Prediction prediction;
   prediction.peak_bytes =
       static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * work.faces +
-                           effort.finest_share * (kTexelBytes + packed_planes + kOpenBytes) * work.pixels);
+                           effort.finest_share * kWindowShare *
+                               ((kTexelBytes + packed_planes) * work.pixels + kOpenBytes * work.open_pixels));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.faces +
                             kWarpSeconds * work.pair_pixels * effort.evaluations +
-                            kFaceViewSeconds * work.faces * work.seeing_views * effort.evaluations;
+                            kFaceViewSeconds * work.faces * work.seeing_views * effort.evaluations +
+                            kLabelSeconds * work.pixels * effort.labellings;
   return prediction;
 }
 

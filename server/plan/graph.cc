@@ -126,8 +126,8 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
   for (const PlannedTile& tile : tiles) {
     const int id = tile.parameters.tile;
     const Prediction cost = PredictCrop(tile.work);
-    PlannedTask task = {"crop",          TileName("crop", tile), id,
-                        "{}",            cost.core_seconds,      {{kTileFile, cut_task(id), kTileFile}},
+    PlannedTask task = {"crop",         TileName("crop", tile), id,
+                        "{}",           cost.core_seconds,      {{kTileFile, cut_task(id), kTileFile}},
                         cost.peak_bytes};
     for (const int32_t view : tile.work.views) {
       task.scene_files.insert(task.scene_files.end(), files_of_view[view].begin(), files_of_view[view].end());

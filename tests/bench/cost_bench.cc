@@ -72,14 +72,15 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
       effort = EffortOf(steps, {part.begin, part.end});
       prediction = PredictRefine(work, effort);
     }
+    if (kind == "crop") prediction = PredictCrop(work);
     if (kind == "cut") prediction = PredictCut(survey, work);
     if (kind == "stitch") prediction = PredictStitch(work);
     if (kind == "ingest") prediction = PredictIngest(survey);
     if (kind == "publish") prediction = PredictPublish(survey);
     std::printf(
-        "%s\t%s\t%d\t%.0f\t%.0f\t%.0f\t%d\t%.0f\t%.0f\t%.0f\t%d\t%.3f\t%.0f\t%zu\t%d\t%.3f\t%.1f\t%.3f\t%.1f\t%.0f\n",
+        "%s\t%s\t%d\t%.0f\t%.0f\t%.0f\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.3f\t%.0f\t%zu\t%d\t%.3f\t%.1f\t%.3f\t%.1f\t%.0f\n",
         run.c_str(), kind.c_str(), tile, static_cast<double>(survey.faces), work.faces, work.core_faces,
-        work.seeing_views, work.pixels, work.pair_pixels, work.image_pixels, work.likelihood_planes, effort.evaluations,
+        work.seeing_views, work.pixels, work.pair_pixels, work.open_pixels, work.image_pixels, work.likelihood_planes, effort.evaluations,
         effort.iterations, survey.views.size(), threads, seconds, bytes / (1 << 20), prediction.core_seconds,
         static_cast<double>(prediction.peak_bytes) / (1 << 20),
         task.at("stats").is_object() ? task.at("stats").value("faces", 0.0) : 0.0);
@@ -99,7 +100,7 @@ int main(int argc, char** argv) {
   app.add_option("RUN", runs, "Folders with job.json and survey.json")->required();
   CLI11_PARSE(app, argc, argv);
   std::printf(
-      "run\tkind\ttile\tcity_faces\tfaces\tcore_faces\tviews\tpixels\tpair_pixels\timage_pixels\tplanes\tevaluations\t"
+      "run\tkind\ttile\tcity_faces\tfaces\tcore_faces\tviews\tpixels\tpair_pixels\topen_pixels\timage_pixels\tplanes\tevaluations\t"
       "iterations\tcity_views\tthreads\tseconds\tMiB\tpredicted_s\tpredicted_MiB\treported_faces\n");
   std::map<std::string, tessera::Spread> spreads;
   for (const std::string& run : runs) {

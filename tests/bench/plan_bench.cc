@@ -102,7 +102,11 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
       add(kMeshFile, nothing);
       add(kReportFile, nothing);
     } else {
-      add(kind == "cut" ? kTileFile : kind == "crop" ? kViewsFile : kind == "refine" ? kResultFile : kCoreFile, nothing);
+      add(kind == "cut"      ? kTileFile
+          : kind == "crop"   ? kViewsFile
+          : kind == "refine" ? kResultFile
+                             : kCoreFile,
+          nothing);
     }
     TESSERA_RETURN_IF_ERROR(dispatcher->ReportSuccess(worker, lease->task, lease->attempt, result));
     if (kind == "ingest") Print("planned", meter);

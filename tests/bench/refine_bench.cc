@@ -99,7 +99,8 @@ Status Bench(Arguments& a) {
     images.push_back(std::move(image));
     cameras.push_back(view.camera);
   }
-  for (size_t i = 0; i < cameras.size(); ++i) problem.views.push_back({cameras[i], std::make_shared<HeldPixels>(images[i])});
+  for (size_t i = 0; i < cameras.size(); ++i)
+    problem.views.push_back({cameras[i], std::make_shared<HeldPixels>(images[i])});
   DensityOptions density;
   density.max_footprint_px2 = a.max_footprint_px2;
   TESSERA_ASSIGN_OR_RETURN(RepairedMesh repaired, RepairMesh(start, &warnings));

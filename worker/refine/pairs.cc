@@ -2,6 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <boost/graph/adjacency_list.hpp>
+#include <boost/graph/cuthill_mckee_ordering.hpp>
 #include <cmath>
 #include <set>
 #include <utility>
@@ -106,6 +108,19 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
   std::vector<ViewPair> pairs;
   for (const auto& [i, j] : ordered) pairs.push_back({i, j});
   return pairs;
+}
+
+std::vector<int> OrderByPairs(int views, const std::vector<ViewPair>& pairs) {
+  using Graph = boost::adjacency_list<boost::vecS, boost::vecS, boost::undirectedS,
+                                      boost::property<boost::vertex_color_t, boost::default_color_type>>;
+  Graph graph(static_cast<size_t>(views));
+  for (const ViewPair& pair : pairs) {
+    if (pair.reference < pair.other) boost::add_edge(pair.reference, pair.other, graph);
+  }
+  std::vector<int> order(static_cast<size_t>(views));
+  boost::cuthill_mckee_ordering(graph, order.rbegin(), boost::get(boost::vertex_color, graph),
+                                boost::make_degree_map(graph));
+  return order;
 }
 
 }  // namespace tessera

@@ -32,6 +32,10 @@ struct PairOptions {
 std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
                                   const PairOptions& options);
 
+// The views in an order in which the views of a pair are near each other (reverse Cuthill and McKee 1969): a view's
+// index at each place.
+std::vector<int> OrderByPairs(int views, const std::vector<ViewPair>& pairs);
+
 }  // namespace tessera
 
 #endif  // TESSERA_WORKER_REFINE_PAIRS_H_

@@ -34,7 +34,7 @@ struct PhotoView {
   PosedCamera camera;
   Texels texels;
   std::vector<BlindPixel> blind = {};  // pixels that are not looked at where they see deeper
-  DepthRange depths = {};            // empty: taken anew from what the view sees, so that it depends on all of the mesh
+  DepthRange depths = {};  // empty: taken anew from what the view sees, so that it depends on all of the mesh
 
   CameraWindow window() const {
     return {camera, {texels.x0, texels.y0, texels.x0 + texels.width, texels.y0 + texels.height}};
@@ -79,8 +79,8 @@ class PhotoTerm {
   using MapVisitor = std::function<void(size_t view, const FaceMap& map)>;
 
   // Visibility is taken from `mesh` and `occluders` as they are and frozen in the derivatives. `clock` and `visit` may
-  // be null. What a view sees is drawn when the first pair asks for it and dropped after the last: memory is that of the
-  // views that are open together, so pairs had better be of views that are near each other in the list.
+  // be null. What a view sees is drawn when the first pair asks for it and dropped after the last: memory is that of
+  // the views that are open together, so pairs had better be of views that are near each other in the list.
   void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock, PhotoDerivatives* out,
                 const MapVisitor& visit = nullptr);
 
@@ -106,11 +106,11 @@ class PhotoTerm {
   const ViewGroups* groups_;
   Rasterizer rasterizer_;
   // Step i is that of reference i; a view is open from the first step that reads it to the last.
-  std::vector<size_t> opening_;                // views by their first step
-  std::vector<size_t> first_step_;             // of each view
-  std::vector<std::vector<size_t>> closing_;   // views whose last step it is, by step
-  size_t opened_ = 0;                          // of opening_
-  std::vector<FaceMap> maps_, spare_maps_;     // by view, those of open ones; buffers to be used again
+  std::vector<size_t> opening_;               // views by their first step
+  std::vector<size_t> first_step_;            // of each view
+  std::vector<std::vector<size_t>> closing_;  // views whose last step it is, by step
+  size_t opened_ = 0;                         // of opening_
+  std::vector<FaceMap> maps_, spare_maps_;    // by view, those of open ones; buffers to be used again
   std::vector<WarpTarget> targets_, spare_targets_;
   std::vector<Eigen::Vector3d> normals_;
   std::vector<double> plane_;   // of each face: n·V0

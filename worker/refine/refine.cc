@@ -109,8 +109,8 @@ StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semant
   k.cy -= middle_y;
   out.depths = view.depths;
   TESSERA_ASSIGN_OR_RETURN(const FarSilhouettes silhouettes, view.pixels->Silhouettes());
-  out.blind = silhouettes.Near(level, {rect.x0 >> level, rect.y0 >> level, rect.x1 >> level, rect.y1 >> level},
-                               silhouette_px);
+  out.blind =
+      silhouettes.Near(level, {rect.x0 >> level, rect.y0 >> level, rect.x1 >> level, rect.y1 >> level}, silhouette_px);
   FloatImage image(rect.width(), rect.height());
   {
     TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance, view.pixels->Luminance());

@@ -51,6 +51,8 @@ TriangleMesh GsdSamples(const MeshSpans& mesh) {
   return PickFaces(mesh, faces);
 }
 
+// Which views are compared, and the views in an order in which those lie near each other: what is kept of views while
+// tiles are refined goes by it.
 void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, const IngestParameters& parameters,
                Survey* survey) {
   PairOptions options;
@@ -58,9 +60,17 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
   const TriangleMesh picked = PairSamples(
       mesh, std::clamp(kPairSamplesPerView * static_cast<int>(cameras.size()), kMinPairSamples, kMaxPairSamples));
   options.samples = static_cast<int>(picked.faces.size());  // all of these
-  for (const ViewPair& pair : SelectPairs(picked, cameras, options)) {
-    survey->pairs.push_back({pair.reference, pair.other});
+  const std::vector<ViewPair> pairs = SelectPairs(picked, cameras, options);
+  const std::vector<int> order = OrderByPairs(static_cast<int>(cameras.size()), pairs);
+  std::vector<int32_t> place(order.size());
+  std::vector<SceneView> views;
+  for (size_t i = 0; i < order.size(); ++i) {
+    place[order[i]] = static_cast<int32_t>(i);
+    views.push_back(std::move(survey->views[order[i]]));
   }
+  survey->views = std::move(views);
+  for (const ViewPair& pair : pairs) survey->pairs.push_back({place[pair.reference], place[pair.other]});
+  std::sort(survey->pairs.begin(), survey->pairs.end());
 }
 
 // Labels as the line needs them: one a face, known or -1.
@@ -136,6 +146,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   survey.up = scene.up_in_local;
   survey.ground = MakeGroundPlane(survey.up, std::exp2(std::round(std::log2(kCellGsd * survey.gsd_m))));
   survey.views = scene.views;
+  FillPairs(mesh.spans(), cameras, parameters, &survey);
   survey.classes = scene.classes;
   survey.has_likelihoods = scene.has_likelihoods;
   survey.origin_in_scene = scene.frame.origin_in_scene();
@@ -149,7 +160,6 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
       WriteCity(city_path, {mesh.spans(), mesh.input_face.values()}, survey.ground, survey.cells, scratch));
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(city_path));
   TESSERA_RETURN_IF_ERROR(ChooseViews(mesh.spans(), city, view_options, PartOf(control, 0.7, 0.98), scratch, &survey));
-  FillPairs(mesh.spans(), cameras, parameters, &survey);
   survey.warnings = outcome.warnings;
 
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSurveyFile), SurveyToJson(survey)));

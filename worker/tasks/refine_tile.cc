@@ -180,9 +180,9 @@ class TileRefiner {
     TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums, CollectLikelihoods(problem_, classes_, views_, control));
     control.Report(0.8, "labelling");
     TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(package_.mesh));
-    Labelling labelling = SolveLabels(
-        BuildLabelField(problem_.mesh, EdgeList(topology), sums, package_.classes, package_.up, package_.gsd_m, options_.label),
-        labels_, options_.solver);
+    Labelling labelling = SolveLabels(BuildLabelField(problem_.mesh, EdgeList(topology), sums, package_.classes,
+                                                      package_.up, package_.gsd_m, options_.label),
+                                      labels_, options_.solver);
     (*report)["label_energy_start"] = labelling.start_energy;
     (*report)["label_energy_end"] = labelling.energy;
     (*report)["label_changes"] = CountDifferent(labels_, labelling.labels);

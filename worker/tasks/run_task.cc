@@ -8,8 +8,9 @@ namespace tessera {
 
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control) {
   using Stage = StatusOr<TaskOutcome> (*)(const TaskRequest&, const TaskControl&, const Clock&);
-  static constexpr std::pair<const char*, Stage> kStages[] = {
-      {"ingest", RunIngest}, {"cut", RunCut}, {"crop", RunCrop}, {"refine", RunRefine}, {"stitch", RunStitch}, {"publish", RunPublish}};
+  static constexpr std::pair<const char*, Stage> kStages[] = {{"ingest", RunIngest}, {"cut", RunCut},
+                                                              {"crop", RunCrop},     {"refine", RunRefine},
+                                                              {"stitch", RunStitch}, {"publish", RunPublish}};
   const SystemClock clock;
   for (const auto& [kind, stage] : kStages) {
     if (request.kind != kind) continue;

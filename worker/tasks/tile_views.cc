@@ -51,8 +51,7 @@ Status CropLikelihoods(const std::string& path, const SceneView& view, int class
   out->classes = part.pixels.channels;
   out->likelihoods.reserve(part.pixels.data.size());
   for (const float value : part.pixels.data) {
-    out->likelihoods.push_back(
-        static_cast<uint8_t>(std::clamp(value, 0.0f, 1.0f) * Texels::kLikelihoodSteps + 0.5f));
+    out->likelihoods.push_back(static_cast<uint8_t>(std::clamp(value, 0.0f, 1.0f) * Texels::kLikelihoodSteps + 0.5f));
   }
   return absl::OkStatus();
 }
@@ -140,8 +139,8 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
     crop.rect = ProjectedBounds(package.mesh, view.camera, kMargin_px, kAlignment_px);
     if (crop.rect.empty()) continue;
     {
-      TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance, ReadLuminancePart(scene_folder + "/" + view.image_path,
-                                                                             view.lens, PartOf(crop.rect)));
+      TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance,
+                               ReadLuminancePart(scene_folder + "/" + view.image_path, view.lens, PartOf(crop.rect)));
       crop.luminance.reserve(luminance.data.size());
       for (const float value : luminance.data) crop.luminance.push_back(LuminanceCode(value));
     }

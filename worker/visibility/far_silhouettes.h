@@ -21,8 +21,8 @@ struct BlindPixel {
 
 // The pixels of a window at which a far silhouette passes. What stands more than a tile's halo away is never known as
 // exactly as the tile itself (a neighbour moves it, or only an outline of it is at hand). So near such a line nothing
-// that lies behind it may be compared, whether a run is tiled or not: how much of it is to be seen depends on what is in
-// front. What is in front does not depend on what is behind.
+// that lies behind it may be compared, whether a run is tiled or not: how much of it is to be seen depends on what is
+// in front. What is in front does not depend on what is behind.
 struct FarSilhouettes {
   // A pixel of the whole image, and a depth between what is in front and what is behind.
   struct Passing {

@@ -6,248 +6,25 @@
 #include <numeric>
 #include <set>
 
-#include "common/base/random.h"
-#include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
-#include "server/plan/cost_model.h"
 #include "server/plan/graph.h"
 #include "server/plan/parts.h"
-#include "server/plan/tiling.h"
+#include "tests/unit/server/plan/small_surveys.h"
 
 namespace tessera {
 namespace {
-
-Survey RandomSurvey(int width, int height, double filled, uint64_t seed) {
-  Random random(seed);
-  Survey s;
-  s.gsd_m = 0.1;
-  s.ground = MakeGroundPlane(s.up, 8);
-  s.views.resize(6);
-  for (size_t v = 0; v < s.views.size(); ++v) {
-    s.views[v].image_path = "images/" + std::to_string(v) + ".jpg";
-    if (v % 2 == 0) s.views[v].likelihood_path = "likelihoods/" + std::to_string(v) + ".tif";
-  }
-  s.classes.resize(2);
-  for (int y = -3; y < height - 3; ++y) {
-    for (int x = -5; x < width - 5; ++x) {
-      if (random.Uniform() > filled) continue;
-      SurveyCell cell;
-      cell.x = x;
-      cell.y = y;
-      cell.faces = 1 + random.Below(2000);
-      cell.reach_m = random.Uniform(0, 2);
-      for (int v = 0; v < 6; ++v) {
-        if (random.Uniform() < 0.4) cell.views.push_back(v);
-      }
-      s.cells.push_back(cell);
-      s.faces += cell.faces;
-    }
-  }
-  return s;
-}
-
-std::vector<std::string> FilesOf(const Survey& survey) {
-  std::vector<std::string> files = {"scene.json"};
-  for (const SceneView& view : survey.views) {
-    for (const std::string& path : {view.image_path, view.likelihood_path}) {
-      if (!path.empty()) files.push_back(path);
-    }
-  }
-  std::sort(files.begin(), files.end());
-  return files;
-}
-
-std::vector<CellRect> Cores(const Survey& survey, int tiles) {
-  TilingOptions options;
-  options.tiles = tiles;
-  options.effort = EffortOf({});
-  const auto cores = LayOutTiles(CellIndex(survey), options);
-  EXPECT_TRUE(cores.ok()) << cores.status();
-  return *cores;
-}
 
 std::vector<PlannedTask> PlanOf(const Survey& survey, int tiles) {
   auto plan = PlanTiles({.tiles = tiles}, SurveyToJson(survey), FilesOf(survey));
   EXPECT_TRUE(plan.ok()) << plan.status();
   return *std::move(plan);
 }
-
-TEST(Tiling, EveryCellIsInExactlyOneCoreAndNoneIsEmpty) {
-  Random random(4);
-  for (uint64_t seed = 0; seed < 60; ++seed) {
-    const Survey survey =
-        RandomSurvey(1 + static_cast<int>(random.Below(30)), 1 + static_cast<int>(random.Below(30)), 0.7, seed);
-    if (survey.cells.empty()) continue;
-    const auto rects = Cores(survey, static_cast<int>(random.Below(40)));
-    std::vector<int> cells_in(rects.size(), 0);
-    for (const SurveyCell& cell : survey.cells) {
-      int owners = 0;
-      for (size_t r = 0; r < rects.size(); ++r) {
-        const bool inside = rects[r].Contains({cell.x, cell.y});
-        owners += inside;
-        cells_in[r] += inside;
-      }
-      EXPECT_EQ(owners, 1) << "seed " << seed;
-    }
-    for (const int count : cells_in) EXPECT_GT(count, 0) << "seed " << seed;
-  }
-}
-
-TEST(Tiling, AsManyTilesAsAskedFor) {
-  const Survey survey = RandomSurvey(30, 20, 1, 1);
-  for (int tiles = 1; tiles <= 40; ++tiles) {
-    EXPECT_EQ(Cores(survey, tiles).size(), static_cast<size_t>(tiles));
-  }
-}
-
-TEST(Tiling, FollowsTheCitysShape) {
-  const auto along_x = Cores(RandomSurvey(40, 4, 1, 1), 4);
-  for (const CellRect& rect : along_x) EXPECT_EQ(rect.y1 - rect.y0, 4);
-  const auto along_y = Cores(RandomSurvey(4, 40, 1, 1), 4);
-  for (const CellRect& rect : along_y) EXPECT_EQ(rect.x1 - rect.x0, 4);
-}
-
-// Predicted core-seconds of refining each core, halos left out.
-std::vector<double> SecondsOf(const Survey& survey, const std::vector<CellRect>& cores) {
-  std::vector<double> seconds(cores.size(), 0.0);
-  for (const SurveyCell& cell : survey.cells) {
-    for (size_t i = 0; i < cores.size(); ++i) {
-      if (cores[i].Contains({cell.x, cell.y})) seconds[i] += PredictCellSeconds(cell, survey, EffortOf({}));
-    }
-  }
-  return seconds;
-}
-
-TEST(Tiling, TilesHaveLikeSharesOfTheWork) {
-  Survey survey = RandomSurvey(60, 60, 1, 1);
-  for (SurveyCell& cell : survey.cells) {  // a town in the plain
-    if (std::hypot(cell.x - 10, cell.y - 20) < 12) cell.faces *= 20;
-  }
-  for (const int tiles : {2, 3, 9, 16, 50}) {
-    const std::vector<double> seconds = SecondsOf(survey, Cores(survey, tiles));
-    const double mean = std::accumulate(seconds.begin(), seconds.end(), 0.0) / tiles;
-    EXPECT_LT(*std::max_element(seconds.begin(), seconds.end()), 1.3 * mean) << tiles;
-  }
-}
-
-// Each view sees the whole city from above.
-Survey SeenFromAbove(int size) {
-  Survey survey = RandomSurvey(size, size, 1, 1);
-  for (SceneView& view : survey.views) {
-    view.camera.intrinsics = {8000, 8000, 8000, 8000, 4000, 4000};
-    view.camera.rotation_cam_from_world.diagonal() << 1, -1, -1;
-    view.camera.translation_cam_from_world.z() = 800;
-  }
-  for (SurveyCell& cell : survey.cells) {
-    cell.box_min = {8.0 * cell.x, 8.0 * cell.y, 0};
-    cell.box_max = {8.0 * cell.x + 8, 8.0 * cell.y + 8, 20};
-  }
-  for (int i = 0; i < 6; ++i) {
-    for (int j = 0; j < 6; ++j) {
-      if (i != j) survey.pairs.push_back({i, j});
-    }
-  }
-  survey.has_likelihoods = true;
-  return survey;
-}
-
-TilingOptions WithMemory(int64_t bytes) {
-  TilingOptions options;
-  options.tile_bytes = bytes;
-  options.halo_m = 5.6;
-  options.effort = EffortOf({});
-  return options;
-}
-
-TEST(Tiling, EveryTileFitsTheMemoryAndNoneIsFarTooSmall) {
-  const Survey survey = SeenFromAbove(40);
-  const CellIndex cells(survey);
-  size_t before = 0;
-  for (const int64_t mib : {8192, 4096, 3072, 2048}) {
-    const TilingOptions options = WithMemory(mib << 20);
-    const auto cores = LayOutTiles(cells, options);
-    ASSERT_TRUE(cores.ok()) << cores.status();
-    EXPECT_GE(cores->size(), before);
-    before = cores->size();
-    double faces = 0, filled = 0;
-    for (const CellRect& core : *cores) {
-      const TileWork work = MeasureTile(cells, core, options.halo_m);
-      const auto bytes = static_cast<double>(PredictRefine(work, options.effort).peak_bytes);
-      EXPECT_LE(RefineBytesInterval().high * bytes, static_cast<double>(options.tile_bytes));
-      faces += work.core_faces;
-      filled += bytes / static_cast<double>(options.tile_bytes);
-    }
-    EXPECT_EQ(faces, static_cast<double>(survey.faces));
-    if (cores->size() > 1) {
-      EXPECT_GT(filled / static_cast<double>(cores->size()), 0.5);
-    }
-  }
-  EXPECT_GT(before, 1u);
-}
-
-TEST(Tiling, ANumberOfTilesIsKeptUnlessMemoryIsLimitedToo) {
-  const Survey survey = SeenFromAbove(40);
-  EXPECT_EQ(Cores(survey, 1).size(), 1u);
-  TilingOptions options = WithMemory(int64_t{512} << 20);
-  options.tiles = 2;
-  EXPECT_GT(LayOutTiles(CellIndex(survey), options)->size(), 2u);
-}
-
-TEST(Tiling, ACellThatCannotFitIsRefusedWithWhatToDo) {
-  Survey survey = SeenFromAbove(4);
-  survey.cells[5].faces = 4'000'000;
-  const auto refused = PlanTiles({.tile_memory_bytes = int64_t{3} << 30}, SurveyToJson(survey), FilesOf(survey));
-  EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
-  const std::string message(refused.status().message());
-  for (const char* word : {"cell at (", "--tile-memory", "--levels", "found 3.00 GiB"}) {
-    EXPECT_NE(message.find(word), std::string::npos) << message;
-  }
-  EXPECT_TRUE(PlanTiles({.tile_memory_bytes = int64_t{8} << 30}, SurveyToJson(survey), FilesOf(survey)).ok());
-}
-
-TEST(CostModel, CropsAreWhatTheTileCovers) {
-  const Survey survey = SeenFromAbove(40);
-  const CellIndex cells(survey);
-  // 10 pixels a metre at height 0, a little more at the boxes' tops, and the crops' margin.
-  const TileWork work = MeasureTile(cells, {0, 0, 10, 5}, 0);
-  EXPECT_EQ(work.views.size(), 6u);
-  EXPECT_EQ(work.seeing_views, 6);
-  EXPECT_GT(work.pixels, 6 * 800.0 * 400.0);
-  EXPECT_LT(work.pixels, 6 * 950.0 * 530.0);
-  EXPECT_NEAR(work.pair_pixels, 5 * work.pixels, 1e-3);
-  EXPECT_EQ(work.image_pixels, 6 * 64e6);
-  const TileWork wider = MeasureTile(cells, {0, 0, 10, 5}, 8);
-  EXPECT_GT(wider.faces, work.faces);
-  EXPECT_EQ(wider.core_faces, work.core_faces);
-  EXPECT_GT(wider.pixels, work.pixels);
-}
-
-TEST(CostModel, APartOfACellCountsForItsShare) {
-  Survey survey = SeenFromAbove(40);
-  for (SurveyCell& cell : survey.cells) cell.faces = 100;
-  const CellIndex cells(survey);
-  const CellRect core = {5, 5, 10, 10};
-  EXPECT_EQ(MeasureTile(cells, core, 0).faces, 2500);
-  EXPECT_EQ(MeasureTile(cells, core, 4).faces, 3600);
-  EXPECT_EQ(MeasureTile(cells, core, 8).faces, 4900);
-}
-
-TEST(CostModel, CoarserLevelsTakeLess) {
-  JobSettings coarse, twice;
-  coarse.method_settings.levels = {2, 1};
-  coarse.method_settings.iterations = {3, 10};
-  twice.rounds = 2;
-  const Survey survey = SeenFromAbove(20);
-  const TileWork work = MeasureTile(CellIndex(survey), {-5, -3, 15, 17}, 0);
-  const Prediction standard = PredictRefine(work, EffortOf({})), less = PredictRefine(work, EffortOf(coarse));
-  EXPECT_LE(less.peak_bytes, standard.peak_bytes);
-  EXPECT_LT(less.core_seconds, standard.core_seconds);
-  EXPECT_GT(PredictRefine(work, EffortOf(twice)).core_seconds, standard.core_seconds);
-}
-
 TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
-  static const std::map<std::string, std::set<std::string>> kOutputs = {
-      {"ingest", {kCityFile, kSurveyFile}}, {"cut", {kTileFile}}, {"crop", {kViewsFile}}, {"refine", {kResultFile}}, {"stitch", {kCoreFile}}};
+  static const std::map<std::string, std::set<std::string>> kOutputs = {{"ingest", {kCityFile, kSurveyFile}},
+                                                                        {"cut", {kTileFile}},
+                                                                        {"crop", {kViewsFile}},
+                                                                        {"refine", {kResultFile}},
+                                                                        {"stitch", {kCoreFile}}};
   for (uint64_t seed = 0; seed < 20; ++seed) {
     const Survey survey = RandomSurvey(20, 14, 0.8, seed);
     const auto tasks = PlanOf(survey, static_cast<int>(seed));

@@ -1,4 +1,3 @@
-#include "tests/support/held_pixels.h"
 #include "worker/refine/contour_term.h"
 
 #include <gtest/gtest.h>
@@ -10,6 +9,7 @@
 #include <functional>
 
 #include "common/base/parallel.h"
+#include "tests/support/held_pixels.h"
 #include "worker/refine/refine.h"
 
 namespace tessera {

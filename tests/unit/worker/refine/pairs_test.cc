@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numeric>
 
+#include "common/base/random.h"
 #include "tests/unit/worker/refine/relief_scene.h"
 
 namespace tessera {
@@ -54,6 +57,34 @@ TEST(Pairs, ViewsOfDifferentPlacesAreNoPair) {
   const std::vector<PosedCamera> cameras = {LookAt({-30, 0, 20}, {-30, 0, 0}, 160, 120, 200),
                                             LookAt({30, 0, 20}, {30, 0, 0}, 160, 120, 200)};
   EXPECT_TRUE(SelectPairs(mesh, cameras, PairOptions()).empty());
+}
+
+// Strips of a flight, listed in any order: neighbours come to lie within about a strip of each other.
+TEST(Pairs, OrderKeepsNeighboursTogether) {
+  constexpr int kSide = 12, kViews = kSide * kSide;
+  std::vector<int> shuffled(kViews);
+  std::iota(shuffled.begin(), shuffled.end(), 0);
+  Random random(3);
+  for (size_t i = shuffled.size(); i > 1; --i) std::swap(shuffled[i - 1], shuffled[random.Below(i)]);
+  std::vector<ViewPair> pairs;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      for (const auto& [dx, dy] : {std::array{1, 0}, std::array{0, 1}}) {
+        if (x + dx >= kSide || y + dy >= kSide) continue;
+        const int a = shuffled[y * kSide + x], b = shuffled[(y + dy) * kSide + x + dx];
+        pairs.push_back({a, b});
+        pairs.push_back({b, a});
+      }
+    }
+  }
+  const std::vector<int> order = OrderByPairs(kViews + 2, pairs);  // and two that nobody is compared with
+  std::vector<int> place(order.size(), -1);
+  for (size_t i = 0; i < order.size(); ++i) place[order[i]] = static_cast<int>(i);
+  EXPECT_EQ(std::count(place.begin(), place.end(), -1), 0) << "each view once";
+  int farthest = 0;
+  for (const ViewPair& pair : pairs) farthest = std::max(farthest, std::abs(place[pair.reference] - place[pair.other]));
+  EXPECT_LE(farthest, kSide + 2);
+  EXPECT_EQ(order, OrderByPairs(kViews + 2, pairs));
 }
 
 }  // namespace

@@ -1,4 +1,3 @@
-#include "tests/support/held_pixels.h"
 #include "worker/refine/refine.h"
 
 #include <gtest/gtest.h>
@@ -8,6 +7,7 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
+#include "tests/support/held_pixels.h"
 #include "tests/unit/worker/refine/relief_scene.h"
 #include "worker/refine/density.h"
 

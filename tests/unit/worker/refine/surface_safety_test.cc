@@ -8,9 +8,9 @@
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
+#include "tests/support/held_pixels.h"
 #include "tests/unit/worker/refine/cgal_pairs.h"
 #include "tests/unit/worker/refine/relief_scene.h"
-#include "tests/support/held_pixels.h"
 #include "worker/refine/density.h"
 #include "worker/refine/descent.h"
 #include "worker/refine/refine.h"
@@ -50,7 +50,8 @@ struct Scene {
     }
     if (photographs == Photographs::kExchanged) std::rotate(images.begin(), images.begin() + 1, images.end());
     problem.mesh = SplitLargeFaces(BlockyOverhang(), cameras, {}).mesh;
-    for (size_t i = 0; i < cameras.size(); ++i) problem.views.push_back({cameras[i], std::make_shared<HeldPixels>(images[i])});
+    for (size_t i = 0; i < cameras.size(); ++i)
+      problem.views.push_back({cameras[i], std::make_shared<HeldPixels>(images[i])});
     problem.gsd_m = 14.0 / (1.25 * 160);
     options.levels = {2, 1, 0};
     options.iterations = {8, 8, 8};

@@ -5,8 +5,8 @@
 #include <map>
 
 #include "common/base/clock.h"
-#include "tests/support/tiny_scene.h"
 #include "tests/support/held_pixels.h"
+#include "tests/support/tiny_scene.h"
 #include "worker/tasks/cell_views.h"
 #include "worker/tasks/cut_tile.h"
 #include "worker/tasks/refine_tile.h"
@@ -67,8 +67,8 @@ class ExactTileTest : public testing::Test {
           luminance.at(x, y) = scene_.pictures[v].at(rect.x0 + x, rect.y0 + y);
         }
       }
-      view.pixels = std::make_shared<HeldPixels>(std::move(luminance), FloatImage(),
-                                                 TileSilhouettes(*package, view.window));
+      view.pixels =
+          std::make_shared<HeldPixels>(std::move(luminance), FloatImage(), TileSilhouettes(*package, view.window));
       views.push_back(std::move(view));
     }
     TileRefineOptions options;

@@ -6,8 +6,8 @@
 #include <limits>
 
 #include "common/base/parallel.h"
-#include "tests/support/tiny_scene.h"
 #include "tests/support/held_pixels.h"
+#include "tests/support/tiny_scene.h"
 #include "worker/refine/density.h"
 #include "worker/refine/pairs.h"
 #include "worker/tasks/cell_views.h"

@@ -47,7 +47,8 @@ std::vector<BlindPixel> ByDefinition(const FaceMap& map, const PosedCamera& came
       float limit = FaceMap::kNothing;
       for (int y = 0; y < map.height; ++y) {
         for (int x = 0; x < map.width; ++x) {
-          if (std::abs(u - ((map.x0 + x) >> level)) > radius || std::abs(v - ((map.y0 + y) >> level)) > radius) continue;
+          if (std::abs(u - ((map.x0 + x) >> level)) > radius || std::abs(v - ((map.y0 + y) >> level)) > radius)
+            continue;
           constexpr int kSides[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
           for (const auto& [dx, dy] : kSides) {
             const int nx = x + dx, ny = y + dy;

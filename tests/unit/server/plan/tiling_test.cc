@@ -1,0 +1,170 @@
+#include "server/plan/tiling.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <set>
+
+#include "server/plan/cost_model.h"
+#include "server/plan/graph.h"
+#include "tests/unit/server/plan/small_surveys.h"
+
+namespace tessera {
+namespace {
+
+TEST(Tiling, EveryCellIsInExactlyOneCoreAndNoneIsEmpty) {
+  Random random(4);
+  for (uint64_t seed = 0; seed < 60; ++seed) {
+    const Survey survey =
+        RandomSurvey(1 + static_cast<int>(random.Below(30)), 1 + static_cast<int>(random.Below(30)), 0.7, seed);
+    if (survey.cells.empty()) continue;
+    const auto rects = Cores(survey, static_cast<int>(random.Below(40)));
+    std::vector<int> cells_in(rects.size(), 0);
+    for (const SurveyCell& cell : survey.cells) {
+      int owners = 0;
+      for (size_t r = 0; r < rects.size(); ++r) {
+        const bool inside = rects[r].Contains({cell.x, cell.y});
+        owners += inside;
+        cells_in[r] += inside;
+      }
+      EXPECT_EQ(owners, 1) << "seed " << seed;
+    }
+    for (const int count : cells_in) EXPECT_GT(count, 0) << "seed " << seed;
+  }
+}
+
+TEST(Tiling, AsManyTilesAsAskedFor) {
+  const Survey survey = RandomSurvey(30, 20, 1, 1);
+  for (int tiles = 1; tiles <= 40; ++tiles) {
+    EXPECT_EQ(Cores(survey, tiles).size(), static_cast<size_t>(tiles));
+  }
+}
+
+TEST(Tiling, FollowsTheCitysShape) {
+  const auto along_x = Cores(RandomSurvey(40, 4, 1, 1), 4);
+  for (const CellRect& rect : along_x) EXPECT_EQ(rect.y1 - rect.y0, 4);
+  const auto along_y = Cores(RandomSurvey(4, 40, 1, 1), 4);
+  for (const CellRect& rect : along_y) EXPECT_EQ(rect.x1 - rect.x0, 4);
+}
+
+// Predicted core-seconds of refining each core, halos left out.
+std::vector<double> SecondsOf(const Survey& survey, const std::vector<CellRect>& cores) {
+  std::vector<double> seconds(cores.size(), 0.0);
+  for (const SurveyCell& cell : survey.cells) {
+    for (size_t i = 0; i < cores.size(); ++i) {
+      if (cores[i].Contains({cell.x, cell.y})) seconds[i] += PredictCellSeconds(cell, survey, EffortOf({}));
+    }
+  }
+  return seconds;
+}
+
+TEST(Tiling, TilesHaveLikeSharesOfTheWork) {
+  Survey survey = RandomSurvey(60, 60, 1, 1);
+  for (SurveyCell& cell : survey.cells) {  // a town in the plain
+    if (std::hypot(cell.x - 10, cell.y - 20) < 12) cell.faces *= 20;
+  }
+  for (const int tiles : {2, 3, 9, 16, 50}) {
+    const std::vector<double> seconds = SecondsOf(survey, Cores(survey, tiles));
+    const double mean = std::accumulate(seconds.begin(), seconds.end(), 0.0) / tiles;
+    EXPECT_LT(*std::max_element(seconds.begin(), seconds.end()), 1.3 * mean) << tiles;
+  }
+}
+
+TilingOptions WithMemory(int64_t bytes) {
+  TilingOptions options;
+  options.tile_bytes = bytes;
+  options.halo_m = 5.6;
+  options.effort = EffortOf({});
+  return options;
+}
+
+TEST(Tiling, EveryTileFitsTheMemoryAndNoneIsFarTooSmall) {
+  const Survey survey = SeenFromAbove(40);
+  const CellIndex cells(survey);
+  size_t before = 0;
+  for (const int64_t mib : {8192, 4096, 3072, 2048}) {
+    const TilingOptions options = WithMemory(mib << 20);
+    const auto cores = LayOutTiles(cells, options);
+    ASSERT_TRUE(cores.ok()) << cores.status();
+    EXPECT_GE(cores->size(), before);
+    before = cores->size();
+    double faces = 0, filled = 0;
+    for (const CellRect& core : *cores) {
+      const TileWork work = MeasureTile(cells, core, options.halo_m);
+      const auto bytes = static_cast<double>(PredictRefine(work, options.effort).peak_bytes);
+      EXPECT_LE(RefineBytesInterval().high * bytes, static_cast<double>(options.tile_bytes));
+      faces += work.core_faces;
+      filled += bytes / static_cast<double>(options.tile_bytes);
+    }
+    EXPECT_EQ(faces, static_cast<double>(survey.faces));
+    if (cores->size() > 1) {
+      EXPECT_GT(filled / static_cast<double>(cores->size()), 0.5);
+    }
+  }
+  EXPECT_GT(before, 1u);
+}
+
+TEST(Tiling, ANumberOfTilesIsKeptUnlessMemoryIsLimitedToo) {
+  const Survey survey = SeenFromAbove(40);
+  EXPECT_EQ(Cores(survey, 1).size(), 1u);
+  TilingOptions options = WithMemory(int64_t{512} << 20);
+  options.tiles = 2;
+  EXPECT_GT(LayOutTiles(CellIndex(survey), options)->size(), 2u);
+}
+
+TEST(Tiling, ACellThatCannotFitIsRefusedWithWhatToDo) {
+  Survey survey = SeenFromAbove(4);
+  survey.cells[5].faces = 4'000'000;
+  const auto refused = PlanTiles({.tile_memory_bytes = int64_t{3} << 30}, SurveyToJson(survey), FilesOf(survey));
+  EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
+  const std::string message(refused.status().message());
+  for (const char* word : {"cell at (", "--tile-memory", "--levels", "found 3.00 GiB"}) {
+    EXPECT_NE(message.find(word), std::string::npos) << message;
+  }
+  EXPECT_TRUE(PlanTiles({.tile_memory_bytes = int64_t{8} << 30}, SurveyToJson(survey), FilesOf(survey)).ok());
+}
+
+TEST(CostModel, CropsAreWhatTheTileCovers) {
+  const Survey survey = SeenFromAbove(40);
+  const CellIndex cells(survey);
+  // 10 pixels a metre at height 0, a little more at the boxes' tops, and the crops' margin.
+  const TileWork work = MeasureTile(cells, {0, 0, 10, 5}, 0);
+  EXPECT_EQ(work.views.size(), 6u);
+  EXPECT_EQ(work.seeing_views, 6);
+  EXPECT_GT(work.pixels, 6 * 800.0 * 400.0);
+  EXPECT_LT(work.pixels, 6 * 950.0 * 530.0);
+  EXPECT_NEAR(work.pair_pixels, 5 * work.pixels, 1e-3);
+  EXPECT_EQ(work.image_pixels, 6 * 64e6);
+  const TileWork wider = MeasureTile(cells, {0, 0, 10, 5}, 8);
+  EXPECT_GT(wider.faces, work.faces);
+  EXPECT_EQ(wider.core_faces, work.core_faces);
+  EXPECT_GT(wider.pixels, work.pixels);
+}
+
+TEST(CostModel, APartOfACellCountsForItsShare) {
+  Survey survey = SeenFromAbove(40);
+  for (SurveyCell& cell : survey.cells) cell.faces = 100;
+  const CellIndex cells(survey);
+  const CellRect core = {5, 5, 10, 10};
+  EXPECT_EQ(MeasureTile(cells, core, 0).faces, 2500);
+  EXPECT_EQ(MeasureTile(cells, core, 4).faces, 3600);
+  EXPECT_EQ(MeasureTile(cells, core, 8).faces, 4900);
+}
+
+TEST(CostModel, CoarserLevelsTakeLess) {
+  JobSettings coarse, twice;
+  coarse.method_settings.levels = {2, 1};
+  coarse.method_settings.iterations = {3, 10};
+  twice.rounds = 2;
+  const Survey survey = SeenFromAbove(20);
+  const TileWork work = MeasureTile(CellIndex(survey), {-5, -3, 15, 17}, 0);
+  const Prediction standard = PredictRefine(work, EffortOf({})), less = PredictRefine(work, EffortOf(coarse));
+  EXPECT_LE(less.peak_bytes, standard.peak_bytes);
+  EXPECT_LT(less.core_seconds, standard.core_seconds);
+  EXPECT_GT(PredictRefine(work, EffortOf(twice)).core_seconds, standard.core_seconds);
+}
+
+}  // namespace
+}  // namespace tessera
