@@ -65,17 +65,18 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
   return pair;
 }
 
-PhotoTerm::PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs,
+PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs,
                      const PhotoOptions& options, const ViewGroups* groups)
-    : views_(views),
+    : views_(*views),
+      spilled_(views->size()),
       pairs_(pairs),
       options_(options),
       groups_(groups),
-      opening_(views.size()),
-      first_step_(views.size()),
-      closing_(views.size()),
-      maps_(views.size()),
-      targets_(views.size()) {
+      opening_(views->size()),
+      first_step_(views->size()),
+      closing_(views->size()),
+      maps_(views->size()),
+      targets_(views->size()) {
   std::iota(opening_.begin(), opening_.end(), size_t{0});
   first_step_ = opening_;
   std::vector<size_t> last_step = opening_;
@@ -86,7 +87,26 @@ PhotoTerm::PhotoTerm(const std::vector<PhotoView>& views, const std::vector<View
   }
   std::stable_sort(opening_.begin(), opening_.end(),
                    [&](size_t a, size_t b) { return first_step_[a] < first_step_[b]; });
-  for (size_t v = 0; v < views.size(); ++v) closing_[last_step[v]].push_back(v);
+  for (size_t v = 0; v < views_.size(); ++v) closing_[last_step[v]].push_back(v);
+}
+
+Status PhotoTerm::SpillTexels(size_t view, const std::string& folder) {
+  TESSERA_ASSIGN_OR_RETURN(spilled_[view], SpilledTexels::Spill(folder, &views_[view].texels));
+  return absl::OkStatus();
+}
+
+// Those that fit best, so that small views do not come to hold large buffers.
+PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
+  if (spare_.empty()) return Buffers();
+  const auto room = [](const Buffers& buffers) { return buffers.map.depth.capacity(); };
+  size_t best = 0;
+  for (size_t i = 1; i < spare_.size(); ++i) {
+    const size_t a = room(spare_[i]), b = room(spare_[best]);
+    if (b < pixels ? a > b : a >= pixels && a < b) best = i;
+  }
+  Buffers buffers = std::move(spare_[best]);
+  spare_.erase(spare_.begin() + static_cast<ptrdiff_t>(best));
+  return buffers;
 }
 
 void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& occluders, const MapVisitor& visit) {
@@ -98,21 +118,26 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& 
   }
   std::vector<CameraWindow> windows;
   std::vector<FaceMap> maps(open.size());
-  for (FaceMap& map : maps) {
-    if (spare_maps_.empty()) break;
-    map = std::move(spare_maps_.back());
-    spare_maps_.pop_back();
+  for (size_t i = 0; i < open.size(); ++i) {
+    const size_t view = open[i];
+    windows.push_back(views_[view].window());
+    Buffers buffers = TakeBuffers(static_cast<size_t>(windows[i].rect.width()) * windows[i].rect.height());
+    maps[i] = std::move(buffers.map);
+    targets_[view] = std::move(buffers.target);
+    if (!spilled_[view]) continue;
+    views_[view].texels.luminance = std::move(buffers.texels.luminance);
+    views_[view].texels.likelihoods = std::move(buffers.texels.likelihoods);
   }
-  for (const size_t view : open) windows.push_back(views_[view].window());
   rasterizer_.DrawViews(mesh, &occluders, windows, &maps);
+  ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      if (spilled_[open[i]]) spilled_[open[i]]->Bring(&views_[open[i]].texels);
+    }
+  });
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];
     if (groups_ != nullptr) MarkNotLookedAt(*groups_, view, &maps[i]);
     MarkBlind(views_[view].blind, &maps[i]);
-    if (!spare_targets_.empty()) {
-      targets_[view] = std::move(spare_targets_.back());
-      spare_targets_.pop_back();
-    }
     SetWarpTarget(views_[view].texels, maps[i], views_[view].depths, &targets_[view]);
     maps_[view] = std::move(maps[i]);
   }
@@ -124,8 +149,12 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& 
 
 void PhotoTerm::Close(size_t step) {
   for (const size_t view : closing_[step]) {
-    spare_maps_.push_back(std::move(maps_[view]));
-    spare_targets_.push_back(std::move(targets_[view]));
+    Buffers buffers = {std::move(maps_[view]), std::move(targets_[view]), {}};
+    if (spilled_[view]) {
+      buffers.texels.luminance = std::move(views_[view].texels.luminance);
+      buffers.texels.likelihoods = std::move(views_[view].texels.likelihoods);
+    }
+    spare_.push_back(std::move(buffers));
   }
 }
 

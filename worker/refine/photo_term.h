@@ -9,6 +9,8 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "common/base/clock.h"
@@ -16,6 +18,7 @@
 #include "common/imaging/camera.h"
 #include "worker/refine/face_sums.h"
 #include "worker/refine/pairs.h"
+#include "worker/refine/spilled_texels.h"
 #include "worker/refine/texels.h"
 #include "worker/refine/warp_target.h"
 #include "worker/refine/zncc_kernel.h"
@@ -72,8 +75,12 @@ class PhotoTerm {
  public:
   // `views`, `pairs` and `groups` must outlive this; pairs sorted by reference. `groups`: of the mesh's faces and
   // `views`; null: every view looks at every face.
-  PhotoTerm(const std::vector<PhotoView>& views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
+  PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
             const ViewGroups* groups = nullptr);
+
+  // Takes the texels of `view` to disk, where they are but while the view is open. Safe to call concurrently for
+  // different views.
+  Status SpillTexels(size_t view, const std::string& folder);
 
   // What a view sees, of each view once, while it is at hand. Called from several threads, for different views.
   using MapVisitor = std::function<void(size_t view, const FaceMap& map)>;
@@ -91,6 +98,13 @@ class PhotoTerm {
     ZnccScratch scratch;
     FaceSlots slots;
   };
+  // What an open view has, to be used again by another.
+  struct Buffers {
+    FaceMap map;
+    WarpTarget target;
+    Texels texels;  // its arrays
+  };
+  Buffers TakeBuffers(size_t pixels);
   std::unique_ptr<Workspace> TakeWorkspace();
   void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
   void SetFaces(const TriangleMesh& mesh);
@@ -100,7 +114,8 @@ class PhotoTerm {
   void EvaluateReference(const TriangleMesh& mesh, size_t first_pair, size_t last_pair, PhotoDerivatives* out);
   void GatherVertices(const TriangleMesh& mesh, PhotoDerivatives* out);
 
-  const std::vector<PhotoView>& views_;
+  std::vector<PhotoView>& views_;
+  std::vector<std::optional<SpilledTexels>> spilled_;  // by view
   const std::vector<ViewPair>& pairs_;
   PhotoOptions options_;
   const ViewGroups* groups_;
@@ -110,8 +125,9 @@ class PhotoTerm {
   std::vector<size_t> first_step_;            // of each view
   std::vector<std::vector<size_t>> closing_;  // views whose last step it is, by step
   size_t opened_ = 0;                         // of opening_
-  std::vector<FaceMap> maps_, spare_maps_;    // by view, those of open ones; buffers to be used again
-  std::vector<WarpTarget> targets_, spare_targets_;
+  std::vector<FaceMap> maps_;                  // by view, those of open ones
+  std::vector<WarpTarget> targets_;
+  std::vector<Buffers> spare_;
   std::vector<Eigen::Vector3d> normals_;
   std::vector<double> plane_;   // of each face: n·V0
   std::vector<float> offsets_;  // of each face from the reference at hand: n·(V0 - C)

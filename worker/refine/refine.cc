@@ -241,16 +241,18 @@ class Refiner {
     const int radius_px = std::max(options_.window_px / 2, options_.silhouette_px >> level);
     photo_.reset();
     views_.assign(problem_.views.size(), PhotoView());
+    photo_ = std::make_unique<PhotoTerm>(&views_, pairs_, MakePhotoOptions(options_), &problem_.groups);
     std::vector<Status> read(views_.size());
     ParallelFor(static_cast<int64_t>(views_.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) {
         StatusOr<PhotoView> view = MakePhotoView(problem_.views[i], level, semantic, radius_px);
         read[i] = view.status();
-        if (view.ok()) views_[i] = *std::move(view);
+        if (!view.ok()) continue;
+        views_[i] = *std::move(view);
+        if (!options_.scratch_folder.empty()) read[i] = photo_->SpillTexels(i, options_.scratch_folder);
       }
     });
     for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
-    photo_ = std::make_unique<PhotoTerm>(views_, pairs_, MakePhotoOptions(options_), &problem_.groups);
     level_ = level;
     report_.seconds_prepare += Seconds(options_.clock) - start_s;
     return absl::OkStatus();

@@ -25,6 +25,7 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
 
   TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, package.classes));
   options.geometry.clock = &clock;
+  options.geometry.scratch_folder = request.output_dir;
   TESSERA_ASSIGN_OR_RETURN(TileRefinement refinement,
                            RefineTile(package, views, std::move(state), options, PartOf(control, 0, 0.99), clock));
   KeepBlended(package, parameters.tile.core, parameters.blend_m, &refinement.result);

@@ -50,7 +50,8 @@ struct Scene {
   PhotoOracle Oracle(int i, int j) const { return PhotoOracle(mesh, views[i], views[j], options); }
   PhotoDerivatives Evaluate(const std::vector<ViewPair>& pairs) const {
     PhotoDerivatives out;
-    PhotoTerm(views, pairs, options).Evaluate(mesh, TriangleMesh(), nullptr, &out);
+    std::vector<PhotoView> at_hand = views;
+    PhotoTerm(&at_hand, pairs, options).Evaluate(mesh, TriangleMesh(), nullptr, &out);
     return out;
   }
 };
