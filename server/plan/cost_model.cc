@@ -20,9 +20,9 @@ constexpr double kNear_m = 1e-3;
 
 constexpr double kMiB = 1 << 20;
 
-// Refine: what a worker holds before it begins; then by face; by pixel: luminance as texels (likelihoods beside it) and
-// what is blind near silhouettes; by pixel of views that are open together: face maps and warp targets.
-constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 800, kTexelBytes = 5.9, kOpenBytes = 12;
+// Refine: what a worker holds before it begins; then by face; by pixel, what is blind near silhouettes, contours and
+// the like; by pixel of views that are open together: face map, warp target and luminance (likelihoods beside it).
+constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 660, kPixelBytes = 4.9, kOpenBytes = 15;
 // Windows begin at multiples of 64 pixels and have padded rows.
 constexpr double kWindowShare = 1.15;
 // While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
@@ -30,12 +30,12 @@ constexpr double kWindowShare = 1.15;
 // TIFFs do not.
 constexpr double kLoadBytesPerFace = 100, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2;
 constexpr double kTaskSeconds = 0.01;  // of any task: to bring and store its files
-constexpr double kFaceSeconds = 3e-6;
-constexpr double kWarpSeconds = 10.6e-9;     // a reference pixel, partner and evaluation
-constexpr double kFaceViewSeconds = 120e-9;  // a face, view and evaluation
-constexpr double kLabelSeconds = 95e-9;      // a pixel of the crops and labelling
-constexpr double kDecodeSeconds = 19e-9;     // a pixel of a whole photograph
-constexpr double kReadSeconds = 20e-9;       // a pixel and class of the crops
+constexpr double kFaceSeconds = 2e-6;
+constexpr double kWarpSeconds = 16e-9;      // a reference pixel, partner and evaluation
+constexpr double kFaceViewSeconds = 45e-9;  // a face, view and step, on whatever level
+constexpr double kLabelSeconds = 20e-9;     // a pixel of the crops and labelling
+constexpr double kDecodeSeconds = 19e-9;    // a pixel of a whole photograph
+constexpr double kReadSeconds = 20e-9;      // a pixel and class of the crops
 
 constexpr double kFixedBytes = 84 * kMiB;
 constexpr double kCutBytesPerCityFace = 105, kCutBytesPerFace = 116;
@@ -184,10 +184,10 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   prediction.peak_bytes =
       static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * work.faces +
                            effort.finest_share * kWindowShare *
-                               ((kTexelBytes + packed_planes) * work.pixels + kOpenBytes * work.open_pixels));
+                               (kPixelBytes * work.pixels + (kOpenBytes + packed_planes) * work.open_pixels));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.faces +
                             kWarpSeconds * work.pair_pixels * effort.evaluations +
-                            kFaceViewSeconds * work.faces * work.seeing_views * effort.evaluations +
+                            kFaceViewSeconds * work.faces * work.seeing_views * effort.iterations +
                             kLabelSeconds * work.pixels * effort.labellings;
   return prediction;
 }

@@ -17,7 +17,7 @@ constexpr double kBlendGsd = 16, kBlendShare = 0.25;          // the lesser of t
 struct Reach {
   double first, next;
 };
-constexpr Reach kReachOfLevel[] = {{110, 28}, {120, 35}, {170, 60}}, kReachOfLabels = {60, 60};
+constexpr Reach kReachOfLevel[] = {{200, 28}, {210, 30}, {170, 50}}, kReachOfLabels = {60, 60};
 
 Reach ReachOf(const RefineStep& step, double wider) {
   if (step.labels()) return kReachOfLabels;

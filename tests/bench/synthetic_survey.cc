@@ -51,9 +51,10 @@ Survey MakeSyntheticSurvey(const SyntheticCity& city) {
                                                                   {{-kSlant, 0, -kSlant}, {0, 1, 0}},
                                                                   {{0, kSlant, -kSlant}, {1, 0, 0}},
                                                                   {{0, -kSlant, -kSlant}, {-1, 0, 0}}}};
-  for (int s = 0; s < stations; ++s) {
-    const Vector3d centre(side_m * (s % columns + 0.5) / columns, side_m * (s / columns + 0.5) / rows, height_m);
-    for (int k = 0; k < kRig; ++k) {
+  // One camera of the rig after the other, so that views that are compared are near each other, as ingest has them.
+  for (int k = 0; k < kRig; ++k) {
+    for (int s = 0; s < stations; ++s) {
+      const Vector3d centre(side_m * (s % columns + 0.5) / columns, side_m * (s / columns + 0.5) / rows, height_m);
       SceneView view;
       view.name = "flight_2026/strip_" + std::to_string(s / columns) + "/image_" + std::to_string(s) + "_" +
                   std::to_string(k) + ".jpg";
@@ -78,7 +79,7 @@ Survey MakeSyntheticSurvey(const SyntheticCity& city) {
         const int station = y * columns + x;
         if (station >= stations) continue;
         const Eigen::Vector2d at(side_m * (x + 0.5) / columns, side_m * (y + 0.5) / rows);
-        found.emplace_back((at - stand).norm(), kRig * station + look);
+        found.emplace_back((at - stand).norm(), look * stations + station);
       }
     }
     std::sort(found.begin(), found.end());
@@ -114,9 +115,10 @@ Survey MakeSyntheticSurvey(const SyntheticCity& city) {
   const int count = static_cast<int>(survey.views.size());
   for (int v = 0; v < count; ++v) {
     for (int k = 1; k <= kPartners; ++k) {
-      const int step = kRig * (k % 2 ? (k + 1) / 2 : columns * k / 2);
-      if (v - step >= 0) survey.pairs.push_back({v, v - step});
-      if (v + step < count) survey.pairs.push_back({v, v + step});
+      const int step = k % 2 ? (k + 1) / 2 : columns * k / 2;
+      for (const int other : {v - step, v + step}) {
+        if (other >= 0 && other < count && other / stations == v / stations) survey.pairs.push_back({v, other});
+      }
     }
   }
   for (const char* name : {"ground", "facade", "roof", "vegetation"}) {

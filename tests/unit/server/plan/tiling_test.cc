@@ -116,7 +116,7 @@ TEST(Tiling, ANumberOfTilesIsKeptUnlessMemoryIsLimitedToo) {
 
 TEST(Tiling, ACellThatCannotFitIsRefusedWithWhatToDo) {
   Survey survey = SeenFromAbove(4);
-  survey.cells[5].faces = 4'000'000;
+  survey.cells[5].faces = 6'000'000;
   const auto refused = PlanTiles({.tile_memory_bytes = int64_t{3} << 30}, SurveyToJson(survey), FilesOf(survey));
   EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
   const std::string message(refused.status().message());
