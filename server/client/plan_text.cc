@@ -85,6 +85,7 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
                      {"pixels", tile.work.pixels},
                      {"pair_pixels", tile.work.pair_pixels},
                      {"cut", cost(tile.cut)},
+                     {"crop", cost(tile.crop)},
                      {"refine", cost(tile.refine)},
                      {"stitch", cost(tile.stitch)}});
   }

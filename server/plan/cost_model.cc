@@ -240,7 +240,7 @@ Prediction PredictPublish(const Survey& survey) {
 
 int64_t LeastRefineBytes(double faces) { return static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * faces); }
 
-Interval RefineSecondsInterval() { return {0.75, 1.35}; }
-Interval RefineBytesInterval() { return {0.92, 1.08}; }
+Interval RefineSecondsInterval() { return {0.85, 1.5}; }
+Interval RefineBytesInterval() { return {0.82, 1.08}; }
 
 }  // namespace tessera

@@ -22,7 +22,9 @@ double Makespan(std::vector<double> seconds, int workers) {
 
 }  // namespace
 
-int64_t TileQuote::peak_bytes() const { return std::max({cut.peak_bytes, refine.peak_bytes, stitch.peak_bytes}); }
+int64_t TileQuote::peak_bytes() const {
+  return std::max({cut.peak_bytes, crop.peak_bytes, refine.peak_bytes, stitch.peak_bytes});
+}
 
 StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
   Quote quote;
@@ -43,6 +45,7 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
     tile.core = core;
     tile.work = MeasureTile(cells, core, quote.halo_m);
     tile.cut = PredictCut(survey, tile.work);
+    tile.crop = PredictCrop(tile.work);
     tile.refine = PredictRefine(tile.work, parts);
     tile.stitch = PredictStitch(tile.work);
     quote.core_faces += tile.work.core_faces;
@@ -55,14 +58,15 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
 }
 
 double WallSeconds(const Quote& quote, int workers, int threads) {
-  std::vector<double> cut, refine, stitch;
+  std::vector<double> cut, crop, refine, stitch;
   for (const TileQuote& tile : quote.tiles) {
     cut.push_back(tile.cut.core_seconds);
+    crop.push_back(tile.crop.core_seconds);
     refine.push_back(tile.refine.core_seconds);
     stitch.push_back(tile.stitch.core_seconds);
   }
-  return (quote.ingest.core_seconds + Makespan(std::move(cut), workers) + Makespan(std::move(refine), workers) +
-          Makespan(std::move(stitch), workers) + quote.publish.core_seconds) /
+  return (quote.ingest.core_seconds + Makespan(std::move(cut), workers) + Makespan(std::move(crop), workers) +
+          Makespan(std::move(refine), workers) + Makespan(std::move(stitch), workers) + quote.publish.core_seconds) /
          std::max(1, threads);
 }
 

@@ -16,8 +16,10 @@ struct TileQuote {
   int tile = 0;
   CellRect core;
   TileWork work;
-  Prediction cut, refine, stitch;
-  double core_seconds() const { return cut.core_seconds + refine.core_seconds + stitch.core_seconds; }
+  Prediction cut, crop, refine, stitch;
+  double core_seconds() const {
+    return cut.core_seconds + crop.core_seconds + refine.core_seconds + stitch.core_seconds;
+  }
   int64_t peak_bytes() const;  // of its hungriest task
 };
 

@@ -94,7 +94,8 @@ class KdSplitter {
   }
 
   double PredictBytes(const TileWork& work) const {
-    return RefineBytesInterval().high * static_cast<double>(PredictRefine(work, options_.effort).peak_bytes);
+    return RefineBytesInterval().high *
+           static_cast<double>(std::max(PredictRefine(work, options_.effort).peak_bytes, PredictCrop(work).peak_bytes));
   }
 
   // What a tile is predicted to take beyond what a worker holds anyway, as a share of the room; above 1 it does not
@@ -192,7 +193,7 @@ double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const Re
   work.pixels = views * side_px * side_px;
   work.pair_pixels = work.pixels * std::min(partners, std::max(0.0, views - 1));
   // At least its faces, where there are no views: every tile is cut and stitched.
-  return PredictRefine(work, effort).core_seconds + PredictStitch(work).core_seconds;
+  return PredictCrop(work).core_seconds + PredictRefine(work, effort).core_seconds + PredictStitch(work).core_seconds;
 }
 
 TilingOptions TilingOptionsOf(const JobSettings& settings, double halo_m) {
