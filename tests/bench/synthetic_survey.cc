@@ -16,6 +16,7 @@ using Eigen::Vector3d;
 
 constexpr double kFacesPerCell = 1100;
 constexpr int kRig = 5, kViewsPerDirection = 8, kPartners = 4;
+constexpr double kFocalWidths = 1.2;  // focal length in widths of the image, as aerial rigs have (45 degrees)
 
 // Looks along `forward` with the image's x axis along `right`.
 PosedCamera CameraAt(const Vector3d& centre, const Vector3d& forward, const Vector3d& right, const SyntheticCity& city,
@@ -40,7 +41,7 @@ Survey MakeSyntheticSurvey(const SyntheticCity& city) {
   survey.ground.cell_m = std::exp2(std::round(std::log2(64 * city.gsd_m)));
   const double cell_m = survey.ground.cell_m;
   const int side = std::max(1, static_cast<int>(std::lround(std::sqrt(city.faces / kFacesPerCell))));
-  const double side_m = side * cell_m, height_m = 0.6 * city.image_width * city.gsd_m;
+  const double side_m = side * cell_m, height_m = kFocalWidths * city.image_width * city.gsd_m;
 
   const int stations = std::max(1, city.images / kRig);
   const int rows = std::max(1, static_cast<int>(std::lround(std::sqrt(stations))));
