@@ -22,7 +22,8 @@ constexpr double kMiB = 1 << 20;
 
 // Refine: what a worker holds before it begins; then by face; by pixel, what is blind near silhouettes, contours and
 // the like; by pixel of views that are open together: face map, warp target and luminance (likelihoods beside it).
-constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 660, kPixelBytes = 4.9, kOpenBytes = 15;
+constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 660, kPixelBytes = 4, kOpenBytes = 15;
+constexpr double kLabelBytesPerFace = 720;  // where nothing but labels is solved
 // Windows begin at multiples of 64 pixels and have padded rows.
 constexpr double kWindowShare = 1.15;
 // While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
@@ -189,10 +190,10 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   const double packed_planes = 4.0 * ((work.likelihood_planes + 3) / 4);
   Prediction prediction;
-  prediction.peak_bytes =
-      static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * work.faces +
-                           effort.finest_share * kWindowShare *
-                               (kPixelBytes * work.pixels + (kOpenBytes + packed_planes) * work.open_pixels));
+  prediction.peak_bytes = static_cast<int64_t>(
+      kRefineFixedBytes + (effort.iterations > 0 ? kRefineBytesPerFace : kLabelBytesPerFace) * work.faces +
+      effort.finest_share * kWindowShare *
+          (kPixelBytes * work.pixels + (kOpenBytes + packed_planes) * work.open_pixels));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.faces +
                             kWarpSeconds * work.pair_pixels * effort.evaluations +
                             kFaceViewSeconds * work.faces * work.seeing_views * effort.iterations +
@@ -252,6 +253,6 @@ Prediction PredictPublish(const Survey& survey) {
 int64_t LeastRefineBytes(double faces) { return static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * faces); }
 
 Interval RefineSecondsInterval() { return {0.85, 1.5}; }
-Interval RefineBytesInterval() { return {0.82, 1.08}; }
+Interval RefineBytesInterval() { return {0.85, 1.1}; }
 
 }  // namespace tessera

@@ -93,8 +93,9 @@ TEST(Tiling, EveryTileFitsTheMemoryAndNoneIsFarTooSmall) {
     double faces = 0, filled = 0;
     for (const CellRect& core : *cores) {
       const TileWork work = MeasureTile(cells, core, options.halo_m);
-      const auto bytes = static_cast<double>(PredictRefine(work, options.effort).peak_bytes);
-      EXPECT_LE(RefineBytesInterval().high * bytes, static_cast<double>(options.tile_bytes));
+      const double bytes =
+          RefineBytesInterval().high * static_cast<double>(PredictRefine(work, options.effort).peak_bytes);
+      EXPECT_LE(bytes, static_cast<double>(options.tile_bytes));
       faces += work.core_faces;
       filled += bytes / static_cast<double>(options.tile_bytes);
     }
