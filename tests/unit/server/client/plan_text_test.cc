@@ -50,7 +50,7 @@ TEST(QuoteTest, TotalsAreThoseOfAllTasks) {
   ASSERT_EQ(quote->tiles.size(), 4u);
   double seconds = quote->ingest.core_seconds + quote->publish.core_seconds, faces = 0;
   for (const TileQuote& tile : quote->tiles) {
-    seconds += tile.cut.core_seconds + tile.refine.core_seconds + tile.stitch.core_seconds;
+    seconds += tile.cut.core_seconds + tile.crop.core_seconds + tile.refine.core_seconds + tile.stitch.core_seconds;
     faces += tile.work.core_faces;
     EXPECT_GT(tile.work.faces, tile.work.core_faces);
     EXPECT_LE(tile.peak_bytes(), quote->peak_bytes);
