@@ -11,9 +11,9 @@ constexpr int kStandardWindow_px = 7, kStandardCoarsest = 2;  // what the consta
 constexpr double kBlendGsd = 16, kBlendShare = 0.25;          // the lesser of the two
 
 // How far from a tile's cut vertices may differ from the whole city's: after one step, and how much farther with each
-// one more, GSD, on level 0, 1 and 2 (coarser ones reach in proportion); labels reach as far on any. Measured with
-// seam_bench --halos 64 on real surfaces, where all but a few vertices differ within less; those few grow into patches
-// that can be seen in its table, so there is room.
+// one more, GSD, on level 0, 1 and 2 (coarser ones reach in proportion); labels reach as far on any. Measured by jobs
+// of one step or few in one part on real surfaces (seam_bench, --settings with one level): the farthest vertex that
+// differed at all, the worse of two scenes.
 struct Reach {
   double first, next;
 };
