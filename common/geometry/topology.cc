@@ -146,26 +146,29 @@ StatusOr<MeshTopology> BuildTopology(const TriangleMesh& mesh) {
   return topology;
 }
 
-std::vector<MeshEdge> EdgeList(const MeshTopology& topology) {
-  std::vector<MeshEdge> edges;
-  edges.reserve(topology.vertex_ring.items.size() / 2 + 1);
-  for (uint32_t a = 0; a < topology.vertex_ring.size(); ++a) {
-    const std::span<const uint32_t> ring = topology.vertex_ring[a];
-    const std::span<const uint32_t> faces = topology.vertex_faces[a];
-    const size_t first = edges.size();
-    for (size_t k = 0; k < ring.size(); ++k) {
-      if (ring[k] < a) continue;
-      MeshEdge edge{a, ring[k], -1, -1};
-      if (k < faces.size()) edge.left = static_cast<int32_t>(faces[k]);
-      if (k > 0) {
-        edge.right = static_cast<int32_t>(faces[k - 1]);
-      } else if (faces.size() == ring.size()) {
-        edge.right = static_cast<int32_t>(faces.back());
-      }
-      edges.push_back(edge);
+std::vector<MeshEdge> EdgeList(const std::vector<Triangle>& faces) {
+  struct Side {
+    uint32_t a, b;
+    int32_t face;
+    bool left;
+  };
+  std::vector<Side> sides;
+  sides.reserve(3 * faces.size());
+  for (size_t f = 0; f < faces.size(); ++f) {
+    for (int k = 0; k < 3; ++k) {
+      const uint32_t from = faces[f][k], to = faces[f][(k + 1) % 3];
+      sides.push_back({std::min(from, to), std::max(from, to), static_cast<int32_t>(f), from < to});
     }
-    std::sort(edges.begin() + static_cast<std::ptrdiff_t>(first), edges.end(),
-              [](const MeshEdge& x, const MeshEdge& y) { return x.b < y.b; });
+  }
+  std::sort(sides.begin(), sides.end(), [](const Side& x, const Side& y) {
+    return x.a != y.a ? x.a < y.a : x.b != y.b ? x.b < y.b : x.face < y.face;
+  });
+  std::vector<MeshEdge> edges;
+  edges.reserve(sides.size() / 2 + 1);
+  for (const Side& side : sides) {
+    if (edges.empty() || edges.back().a != side.a || edges.back().b != side.b)
+      edges.push_back({side.a, side.b, -1, -1});
+    (side.left ? edges.back().left : edges.back().right) = side.face;
   }
   return edges;
 }

@@ -47,8 +47,9 @@ struct MeshEdge {
   friend bool operator==(const MeshEdge&, const MeshEdge&) = default;
 };
 
-// Every edge once, ordered by (a, b).
-std::vector<MeshEdge> EdgeList(const MeshTopology& topology);
+// Every edge once, ordered by (a, b). Of faces that are consistently oriented, no more than two at an edge; that their
+// vertices are manifold is not asked, so any part of a manifold mesh will do, and its edges come in the same order.
+std::vector<MeshEdge> EdgeList(const std::vector<Triangle>& faces);
 
 }  // namespace tessera
 

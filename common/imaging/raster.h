@@ -45,6 +45,8 @@ struct ImagePart {
 struct PixelMapping {
   double scale_x = 1, scale_y = 1;
   double offset_x = 0, offset_y = 0;
+  // Of the other image, the first pixel at hand: places are computed in the whole of it, so that all parts agree.
+  int first_x = 0, first_y = 0;
 };
 
 }  // namespace tessera

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <cerrno>
 #include <cstdio>
 #include <fstream>
 
@@ -58,8 +59,14 @@ StatusOr<std::string> BlobStore::Read(const Digest& digest, int64_t max_bytes) c
 }
 
 Status BlobStore::Publish(const std::string& temporary, const Digest& digest) {
-  Status status = EnsureFolder(root_ + "/" + digest.sha256.substr(0, 2));
-  if (status.ok()) status = RenameDurably(temporary, Path(digest));
+  const std::string folder = root_ + "/" + digest.sha256.substr(0, 2), path = Path(digest);
+  Status status = EnsureFolder(folder);
+  // What is there already stays unless it is damaged: others may be reading it, and would find it changed.
+  if (status.ok() && (::link(temporary.c_str(), path.c_str()) == 0 || (errno == EEXIST && Verify(digest).ok()))) {
+    std::remove(temporary.c_str());
+    return SyncPath(folder);
+  }
+  if (status.ok()) status = RenameDurably(temporary, path);
   if (!status.ok()) std::remove(temporary.c_str());
   return status;
 }

@@ -67,9 +67,7 @@ std::span<const Setting<double>> RealSettings() {
       {"label_smoothness", "Weight of short class boundaries in the labels (mu 2); 0: off", 0, 100, 0.25,
        &MethodSettings::label_smoothness},
       {"max_step_px", "Longest step of a vertex in one iteration, pixels of the level", 0.05, 4, 1,
-       &MethodSettings::max_step_px},
-      {"halo_gsd", "Width of the rim that a tile is refined with beside its own part, ground sampling distances", 16,
-       4096, kHaloGsd, &MethodSettings::halo_gsd}};
+       &MethodSettings::max_step_px}};
   return kSettings;
 }
 

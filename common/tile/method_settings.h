@@ -15,15 +15,11 @@ namespace tessera {
 // tessera: ours. baseline: Vu et al. 2012, images alone. paper: Bláha et al. 2017, its terms and rounds.
 inline constexpr std::array<const char*, 3> kMethods = {"tessera", "baseline", "paper"};
 
-// The least at which tiled and untiled runs are alike (seam_bench) with few exchanges between tiles.
-inline constexpr double kHaloGsd = 320;
-
 // What is not set (empty for lists) is as the method has it.
 struct MethodSettings {
   std::optional<double> semantic, thin_plate, inter, contour;  // λ1 to λ4
   std::optional<double> normal_prior, label_smoothness;        // μ1, μ2
   std::optional<double> max_step_px;
-  std::optional<double> halo_gsd;
   std::optional<int> window_px, partners, views_per_direction;
   std::optional<bool> labels_first;
   std::vector<int> levels, iterations;

@@ -8,7 +8,7 @@ std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const st
   for (int round = 0; round < rounds; ++round) {
     int iteration = 0;
     for (size_t i = 0; i < levels.size(); ++i) {
-      for (int k = 0; k < iterations[i]; ++k) steps.push_back({round, levels[i], iteration++});
+      for (int k = 0; k < iterations[i]; ++k) steps.push_back({round, levels[i], iteration++, k + 1 == iterations[i]});
     }
     steps.push_back({round, -1, iteration});
   }
@@ -19,9 +19,35 @@ std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, con
   const auto or_standard = [](const ListSetting& list, const std::vector<int>& value) {
     return value.empty() ? list.standard : value;
   };
-  if (rounds == 0) rounds = method == "paper" ? kPaperRounds : 1;
   return MakeRefineSteps(or_standard(ListSettings()[0], settings.levels),
-                         or_standard(ListSettings()[1], settings.iterations), rounds);
+                         or_standard(ListSettings()[1], settings.iterations),
+                         MethodRulesOf(method, rounds, settings).rounds);
+}
+
+MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings) {
+  MethodRules rules;
+  if (method == "baseline") rules.geometry_knows_labels = rules.labels_first = false;
+  if (method == "paper") {
+    rules.rounds = kPaperRounds;
+    rules.labels_first = false;
+  }
+  if (rounds > 0) rules.rounds = rounds;
+  if (settings.labels_first) rules.labels_first = *settings.labels_first;
+  return rules;
+}
+
+bool LabelStepActs(const RefineStep& step, const MethodRules& rules, const LabelTraits& scene) {
+  // One class is no class: nothing can change.
+  if (!scene.has_likelihoods || scene.classes < 2) return false;
+  return !step.first() || rules.labels_first || (rules.geometry_knows_labels && !scene.has_labels);
+}
+
+std::vector<int> ActiveSteps(const std::vector<RefineStep>& steps, const MethodRules& rules, const LabelTraits& scene) {
+  std::vector<int> active;
+  for (int i = 0; i < static_cast<int>(steps.size()); ++i) {
+    if (!steps[i].labels() || LabelStepActs(steps[i], rules, scene)) active.push_back(i);
+  }
+  return active;
 }
 
 }  // namespace tessera

@@ -1,5 +1,6 @@
 #include "common/tile/task_parameters.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 namespace tessera {
@@ -7,14 +8,11 @@ namespace {
 
 using nlohmann::json;
 
-json TileToJson(const TileParameters& t) {
-  return {{"tile", t.tile}, {"core", {t.core.x0, t.core.y0, t.core.x1, t.core.y1}}};
-}
+json RectToJson(const CellRect& rect) { return {rect.x0, rect.y0, rect.x1, rect.y1}; }
+CellRect RectFromJson(const json& j) { return {j.at(0), j.at(1), j.at(2), j.at(3)}; }
 
-TileParameters TileFromJson(const json& j) {
-  const json& core = j.at("core");
-  return {j.at("tile"), {core.at(0), core.at(1), core.at(2), core.at(3)}};
-}
+json TileToJson(const TileParameters& t) { return {{"tile", t.tile}, {"core", RectToJson(t.core)}}; }
+TileParameters TileFromJson(const json& j) { return {j.at("tile"), RectFromJson(j.at("core"))}; }
 
 json TilesToJson(const std::vector<TileParameters>& tiles) {
   json out = json::array();
@@ -53,23 +51,28 @@ std::string ToJson(const IngestParameters& p) {
 }
 
 std::string ToJson(const CutParameters& p) {
-  return json{{"tile", TileToJson(p.tile)}, {"halo_m", p.halo_m}, {"views", p.views}}.dump();
+  json out = {{"tile", TileToJson(p.tile)},
+              {"cores", json::array()},
+              {"window_px", p.window_px},
+              {"coarsest_level", p.coarsest_level}};
+  for (const CellRect& core : p.cores) out["cores"].push_back(RectToJson(core));
+  return out.dump();
 }
 
 std::string ToJson(const RefineParameters& p) {
-  return json{{"rounds", p.rounds},
-              {"method", p.method},
-              {"settings", json::parse(ToJson(p.settings))},
-              {"begin", p.begin},
-              {"end", p.end},
-              {"tile", TileToJson(p.tile)},
-              {"blend_m", p.blend_m},
-              {"results", TilesToJson(p.results)}}
-      .dump();
+  return json{{"rounds", p.rounds}, {"method", p.method}, {"settings", json::parse(ToJson(p.settings))}}.dump();
 }
 
-std::string ToJson(const StitchParameters& p) {
-  return json{{"tile", TileToJson(p.tile)}, {"blend_m", p.blend_m}, {"results", TilesToJson(p.results)}}.dump();
+std::string ToJson(const StepParameters& p) {
+  json out = {{"rounds", p.rounds}, {"method", p.method},         {"settings", json::parse(ToJson(p.settings))},
+              {"step", p.step},     {"tile", TileToJson(p.tile)}, {"states", p.states},
+              {"sums", p.sums}};
+  if (p.before) out["before"] = true;
+  return out.dump();
+}
+
+std::string ToJson(const TileReads& r) {
+  return json{{"label", r.label}, {"mend", r.mend}, {"sight", r.sight}, {"solve", r.solve}}.dump();
 }
 
 std::string ToJson(const PublishParameters& p) { return json{{"tiles", TilesToJson(p.tiles)}}.dump(); }
@@ -85,7 +88,9 @@ StatusOr<IngestParameters> ParseIngestParameters(const std::string& text) {
 
 StatusOr<CutParameters> ParseCutParameters(const std::string& text) {
   return Parse<CutParameters>(text, [](const json& j) {
-    return CutParameters{TileFromJson(j.at("tile")), j.at("halo_m"), j.at("views").get<std::vector<int32_t>>()};
+    CutParameters p = {TileFromJson(j.at("tile")), {}, j.at("window_px"), j.at("coarsest_level")};
+    for (const json& core : j.at("cores")) p.cores.push_back(RectFromJson(core));
+    return p;
   });
 }
 
@@ -93,23 +98,66 @@ StatusOr<RefineParameters> ParseRefineParameters(const std::string& text) {
   std::string settings;
   TESSERA_ASSIGN_OR_RETURN(RefineParameters parameters, Parse<RefineParameters>(text, [&settings](const json& j) {
                              settings = j.at("settings").dump();
-                             return RefineParameters{j.at("rounds"),
-                                                     j.at("method").get<std::string>(),
-                                                     {},
-                                                     j.at("begin"),
-                                                     j.at("end"),
-                                                     TileFromJson(j.at("tile")),
-                                                     j.at("blend_m"),
-                                                     TilesFromJson(j.at("results"))};
+                             return RefineParameters{j.at("rounds"), j.at("method").get<std::string>()};
                            }));
   TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));
   return parameters;
 }
 
-StatusOr<StitchParameters> ParseStitchParameters(const std::string& text) {
-  return Parse<StitchParameters>(text, [](const json& j) {
-    return StitchParameters{TileFromJson(j.at("tile")), j.at("blend_m"), TilesFromJson(j.at("results"))};
-  });
+StatusOr<StepParameters> ParseStepParameters(const std::string& text) {
+  std::string settings;
+  TESSERA_ASSIGN_OR_RETURN(StepParameters parameters, Parse<StepParameters>(text, [&settings](const json& j) {
+                             settings = j.at("settings").dump();
+                             StepParameters p;
+                             p.rounds = j.at("rounds");
+                             p.method = j.at("method").get<std::string>();
+                             p.step = j.at("step");
+                             p.before = j.value("before", false);
+                             p.tile = TileFromJson(j.at("tile"));
+                             p.states = j.at("states").get<std::vector<int>>();
+                             p.sums = j.at("sums").get<std::vector<int>>();
+                             return p;
+                           }));
+  TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));
+  return parameters;
+}
+
+StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles) {
+  const auto fault = [](const std::string& found) {
+    return absl::InvalidArgumentError(std::string(kReadsFile) + ": " + found);
+  };
+  TileReads reads;
+  try {
+    const json j = json::parse(text);
+    j.at("label").get_to(reads.label);
+    j.at("mend").get_to(reads.mend);
+    j.at("sight").get_to(reads.sight);
+    j.at("solve").get_to(reads.solve);
+  } catch (const json::exception& e) {
+    return fault(e.what());
+  }
+  // Numbers that are no whole ones, other keys, other spelling.
+  if (ToJson(reads) != text) return fault("not in its canonical form");
+  const auto check = [&](const char* name, const std::vector<int>& ids) -> Status {
+    for (size_t i = 0; i < ids.size(); ++i) {
+      if (ids[i] < 0 || ids[i] >= tiles) {
+        return fault(std::string(name) + ": found tile " + std::to_string(ids[i]) + " of " + std::to_string(tiles));
+      }
+      if (i > 0 && ids[i] <= ids[i - 1]) {
+        return fault(std::string(name) + ": found tile " + std::to_string(ids[i]) + " after " +
+                     std::to_string(ids[i - 1]) + ", expected ascending ids");
+      }
+    }
+    if (!std::binary_search(ids.begin(), ids.end(), tile)) {
+      return fault(std::string(name) + ": expected the tile itself, " + std::to_string(tile) + ", among the ids");
+    }
+    return absl::OkStatus();
+  };
+  TESSERA_RETURN_IF_ERROR(check("label", reads.label));
+  TESSERA_RETURN_IF_ERROR(check("mend", reads.mend));
+  TESSERA_RETURN_IF_ERROR(check("sight", reads.sight));
+  TESSERA_RETURN_IF_ERROR(check("solve", reads.solve));
+  return reads;
 }
 
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) {

@@ -16,15 +16,16 @@
 namespace tessera {
 
 // Names of the files that tasks hand on.
-inline constexpr char kCityFile[] = "city.arrays";      // ingest: the repaired and split mesh
-inline constexpr char kSurveyFile[] = "survey.json";    // ingest
-inline constexpr char kTileFile[] = "tile.arrays";      // cut
-inline constexpr char kViewsFile[] = "views.arrays";    // crop: what of the views' pixels sees the tile
-inline constexpr char kResultFile[] = "result.arrays";  // refine
-inline constexpr char kCoreFile[] = "core.arrays";      // stitch
-inline constexpr char kMeshFile[] = "mesh.ply";         // publish
-inline constexpr char kReportFile[] = "report.json";    // publish
-inline constexpr char kTileMeshFolder[] = "tiles";      // publish, of more than one tile: a mesh each
+inline constexpr char kCityFile[] = "city.arrays";    // ingest: the repaired and split mesh
+inline constexpr char kSurveyFile[] = "survey.json";  // ingest
+inline constexpr char kTileFile[] = "tile.arrays";    // cut
+inline constexpr char kViewsFile[] = "views.arrays";  // crop: what of the views' pixels sees the tile
+inline constexpr char kReadsFile[] = "reads.json";    // cut: which other tiles this one reads
+inline constexpr char kSumsFile[] = "sums.arrays";    // measure: the data term's sums over the core's faces
+inline constexpr char kStateFile[] = "state.arrays";  // solve, mend, refine: positions and labels of the core
+inline constexpr char kMeshFile[] = "mesh.ply";       // publish
+inline constexpr char kReportFile[] = "report.json";  // publish
+inline constexpr char kTileMeshFolder[] = "tiles";    // publish, of more than one tile: a mesh each
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
 inline constexpr char kSceneFolder[] = "scene";  // scene files among other inputs lie under this name
 
@@ -33,7 +34,7 @@ struct TileParameters {
   CellRect core;
 };
 
-// A tile's input among those of stitch and publish: "0003/result.arrays".
+// A tile's input among those of a task that reads several tiles': "0003/state.arrays".
 std::string TileInputName(int tile, const std::string& file);
 
 // What ingest needs to know of the method; without, it is done once for all methods.
@@ -45,25 +46,38 @@ struct IngestParameters {
 
 struct CutParameters {
   TileParameters tile;
-  double halo_m = 0;
-  std::vector<int32_t> views;  // indices in the survey, ascending
+  std::vector<CellRect> cores;  // of all tiles of the job, by id, so that cut can tell whose faces it needs
+  int window_px = 7;            // of the method: how far pixels depend on those around them
+  int coarsest_level = 2;
 };
 
+// Which tiles' states and sums the tasks of a tile read: ids, ascending, its own too. Cut finds them on the mesh from
+// what each operator is proven to read, and writes them as kReadsFile.
+struct TileReads {
+  std::vector<int> label;  // solve of a label step: sums and states
+  std::vector<int> mend;   // states
+  std::vector<int> sight;  // measure: states
+  std::vector<int> solve;  // solve of an iteration: sums and states
+  friend bool operator==(const TileReads&, const TileReads&) = default;
+};
+
+// Of the task that does all steps of the job's only tile.
 struct RefineParameters {
   int rounds = 0;  // 0: the default
   std::string method;
   MethodSettings settings = {};
-  // Which of the steps (RefineStepsOf) are done here: [begin, end).
-  int begin = 0, end = std::numeric_limits<int>::max();
-  TileParameters tile = {};
-  double blend_m = 0;  // the result holds what is so near the core; and as StitchParameters has it
-  std::vector<TileParameters> results = {};  // of the steps before, this tile's too, ascending; none at the first
 };
 
-struct StitchParameters {
-  TileParameters tile;
-  double blend_m = 0;
-  std::vector<TileParameters> results;  // tiles whose results are among the inputs, this one too, ascending
+// Of measure, solve and mend.
+struct StepParameters {
+  int rounds = 0;  // as RefineParameters
+  std::string method;
+  MethodSettings settings = {};
+  int step = 0;         // index in RefineStepsOf
+  bool before = false;  // mend: of the start, before this step; else after it
+  TileParameters tile = {};
+  std::vector<int> states = {};  // tiles whose kStateFile are among the inputs, ascending; none at the first
+  std::vector<int> sums = {};    // solve: tiles whose kSumsFile are among the inputs, ascending
 };
 
 struct PublishParameters {
@@ -73,15 +87,20 @@ struct PublishParameters {
 std::string ToJson(const IngestParameters& parameters);
 std::string ToJson(const CutParameters& parameters);
 std::string ToJson(const RefineParameters& parameters);
-std::string ToJson(const StitchParameters& parameters);
+std::string ToJson(const StepParameters& parameters);
 std::string ToJson(const PublishParameters& parameters);
 
 // INVALID_ARGUMENT if `json` lacks a parameter or has one of a wrong type.
 StatusOr<IngestParameters> ParseIngestParameters(const std::string& json);
 StatusOr<CutParameters> ParseCutParameters(const std::string& json);
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& json);
-StatusOr<StitchParameters> ParseStitchParameters(const std::string& json);
+StatusOr<StepParameters> ParseStepParameters(const std::string& json);
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& json);
+
+std::string ToJson(const TileReads& reads);
+// Of tile `tile` of `tiles`. INVALID_ARGUMENT unless `json` is just what ToJson writes, with ids of the job's tiles,
+// ascending, the tile itself among each.
+StatusOr<TileReads> ParseTileReads(const std::string& json, int tile, int tiles);
 
 }  // namespace tessera
 

@@ -108,6 +108,7 @@ void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto) {
     if (shared_paths) added.set_shared_path(input.path);
   }
   proto->set_attempt(lease.attempt);
+  proto->set_threads(lease.threads);
 }
 
 }  // namespace tessera

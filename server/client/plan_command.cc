@@ -174,7 +174,7 @@ void AddPlanCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str();
   command->add_option("--price-per-core-hour", flags->terms.price_per_core_hour, "To tell a price")
       ->check(CLI::NonNegativeNumber);
-  command->add_option("--map", flags->map, "Draw the tiles, halos and cameras to this SVG file");
+  command->add_option("--map", flags->map, "Draw the tiles and cameras to this SVG file");
   command->add_option("--json", flags->json, "Also write the plan to this file, as JSON");
   command->callback([flags, exit_code] {
     const Status status = Plan(*flags);

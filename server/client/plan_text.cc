@@ -22,19 +22,21 @@ std::string Row(const std::array<std::string, 9>& words) {
   return row + "\n";
 }
 
-double HaloShare(const Quote& quote) { return quote.core_faces > 0 ? quote.faces / quote.core_faces - 1 : 0; }
+// Of the faces that tiles have in sight beside their own, over these.
+double SightShare(const Quote& quote) { return quote.core_faces > 0 ? quote.sight_faces / quote.core_faces - 1 : 0; }
 
 }  // namespace
 
 std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
-  std::string out = Row({"tile", "cells", "faces", "with halo", "cameras", "megapixels", "pair MP", "refine MiB", "core-s"});
+  std::string out =
+      Row({"tile", "cells", "faces", "in sight", "cameras", "megapixels", "pair MP", "peak MiB", "core-s"});
   for (const TileQuote& tile : quote.tiles) {
     const CellRect& c = tile.core;
     out += Row({std::to_string(tile.tile), absl::StrCat(c.x1 - c.x0, " x ", c.y1 - c.y0),
-                GroupedRounded(tile.work.core_faces), GroupedRounded(tile.work.faces),
+                GroupedRounded(tile.work.core_faces), GroupedRounded(tile.work.sight_faces),
                 std::to_string(tile.work.seeing_views), GroupedRounded(1e-6 * tile.work.pixels),
                 GroupedRounded(1e-6 * tile.work.pair_pixels),
-                GroupedRounded(static_cast<double>(tile.refine.peak_bytes) / kMiB), GroupedRounded(tile.core_seconds())});
+                GroupedRounded(static_cast<double>(tile.peak_bytes()) / kMiB), GroupedRounded(tile.core_seconds())});
   }
   double most = 0;
   for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.core_seconds());
@@ -48,9 +50,8 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
                         absl::StrFormat(*absl::ParsedFormat<'f'>::New(format), i.low * value), " to ",
                         absl::StrFormat(*absl::ParsedFormat<'f'>::New(format), i.high * value), ")");
   };
-  absl::StrAppendFormat(&out, "tiles: %d, halo %.3g m, %.0f %% more faces with halos, heaviest / mean tile %.2f\n",
-                        static_cast<int>(quote.tiles.size()), quote.halo_m, 100 * HaloShare(quote),
-                        mean > 0 ? most / mean : 1.0);
+  absl::StrAppendFormat(&out, "tiles: %d, %.0f %% more faces in sight, heaviest / mean tile %.2f\n",
+                        static_cast<int>(quote.tiles.size()), 100 * SightShare(quote), mean > 0 ? most / mean : 1.0);
   absl::StrAppendFormat(&out, "ingest: %.0f core-s, %.0f MiB; publish: %.0f core-s, %.0f MiB\n",
                         quote.ingest.core_seconds, static_cast<double>(quote.ingest.peak_bytes) / kMiB,
                         quote.publish.core_seconds, static_cast<double>(quote.publish.peak_bytes) / kMiB);
@@ -77,17 +78,23 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
   };
   Json tiles = Json::array();
   for (const TileQuote& tile : quote.tiles) {
-    tiles.push_back({{"tile", tile.tile},
-                     {"core", {tile.core.x0, tile.core.y0, tile.core.x1, tile.core.y1}},
-                     {"core_faces", tile.work.core_faces},
-                     {"faces", std::round(tile.work.faces)},
-                     {"cameras", tile.work.seeing_views},
-                     {"pixels", tile.work.pixels},
-                     {"pair_pixels", tile.work.pair_pixels},
-                     {"cut", cost(tile.cut)},
-                     {"crop", cost(tile.crop)},
-                     {"refine", cost(tile.refine)},
-                     {"stitch", cost(tile.stitch)}});
+    Json json = {{"tile", tile.tile},
+                 {"core", {tile.core.x0, tile.core.y0, tile.core.x1, tile.core.y1}},
+                 {"core_faces", tile.work.core_faces},
+                 {"sight_faces", std::round(tile.work.sight_faces)},
+                 {"cameras", tile.work.seeing_views},
+                 {"pixels", tile.work.pixels},
+                 {"pair_pixels", tile.work.pair_pixels},
+                 {"cut", cost(tile.cut)},
+                 {"crop", cost(tile.crop)}};
+    if (quote.tiles.size() == 1) {
+      json["refine"] = cost(tile.refine);
+    } else {
+      json["measure"] = cost(tile.measure);
+      json["solve"] = cost(tile.solve);
+      json["mend"] = cost(tile.mend);
+    }
+    tiles.push_back(std::move(json));
   }
   const Interval& i = quote.interval;
   const double wall_s = WallSeconds(quote, terms.workers, terms.threads_per_worker);
@@ -95,7 +102,6 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
     return Json{{"predicted", value}, {"low", i.low * value}, {"high", i.high * value}};
   };
   Json json = {{"tessera_plan", 1},
-               {"halo_m", quote.halo_m},
                {"area_m2", quote.area_m2},
                {"peak_bytes", quote.peak_bytes},
                {"core_seconds", range(quote.core_seconds)},
@@ -110,7 +116,7 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
 }
 
 std::string PlanMap(const Quote& quote, const Survey& survey) {
-  const double cell_m = survey.ground.cell_m, halo_m = quote.halo_m;
+  const double cell_m = survey.ground.cell_m;
   double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300, least = 1e300, most = 0;
   const auto include = [&](double x, double y) {
     x0 = std::min(x0, x);
@@ -119,8 +125,8 @@ std::string PlanMap(const Quote& quote, const Survey& survey) {
     y1 = std::max(y1, y);
   };
   for (const TileQuote& tile : quote.tiles) {
-    include(tile.core.x0 * cell_m - halo_m, tile.core.y0 * cell_m - halo_m);
-    include(tile.core.x1 * cell_m + halo_m, tile.core.y1 * cell_m + halo_m);
+    include(tile.core.x0 * cell_m, tile.core.y0 * cell_m);
+    include(tile.core.x1 * cell_m, tile.core.y1 * cell_m);
     least = std::min(least, tile.core_seconds());
     most = std::max(most, tile.core_seconds());
   }
@@ -149,26 +155,17 @@ std::string PlanMap(const Quote& quote, const Survey& survey) {
     const CellRect& c = tile.core;
     absl::StrAppend(&out, rect(c.x0 * cell_m, c.y0 * cell_m, c.x1 * cell_m, c.y1 * cell_m, style));
     absl::StrAppendFormat(&out, "<title>tile %d: %s faces, %d cameras, %.0f MiB, %.0f core-seconds</title></rect>\n",
-                          tile.tile, GroupedRounded(tile.work.faces), tile.work.seeing_views,
+                          tile.tile, GroupedRounded(tile.work.core_faces), tile.work.seeing_views,
                           static_cast<double>(tile.peak_bytes()) / kMiB, tile.core_seconds());
-  }
-  const std::string dashed = absl::StrFormat(
-      "fill=\"none\" stroke=\"#36c\" stroke-width=\"%.3f\" stroke-dasharray=\"%.3f\"", 0.5 * line, 4 * line);
-  for (const TileQuote& tile : quote.tiles) {
-    const CellRect& c = tile.core;
-    absl::StrAppend(
-        &out,
-        rect(c.x0 * cell_m - halo_m, c.y0 * cell_m - halo_m, c.x1 * cell_m + halo_m, c.y1 * cell_m + halo_m, dashed),
-        "</rect>\n");
   }
   for (const Eigen::Vector2d& at : stands) {
     absl::StrAppendFormat(&out, "<circle cx=\"%.3f\" cy=\"%.3f\" r=\"%.3f\" fill=\"#06c\"/>\n", at.x(), -at.y(),
                           2.5 * line);
   }
   absl::StrAppendFormat(&out,
-                        "<text x=\"%.3f\" y=\"%.3f\">%d tiles of %.0f (pale) to %.0f (dark) core-seconds; dashed: "
-                        "halos of %.3g m; dots: %d cameras</text>\n</svg>\n",
-                        x0, -y0 + margin + 1.5 * text, static_cast<int>(quote.tiles.size()), least, most, halo_m,
+                        "<text x=\"%.3f\" y=\"%.3f\">%d tiles of %.0f (pale) to %.0f (dark) core-seconds; "
+                        "dots: %d cameras</text>\n</svg>\n",
+                        x0, -y0 + margin + 1.5 * text, static_cast<int>(quote.tiles.size()), least, most,
                         static_cast<int>(stands.size()));
   return out;
 }

@@ -126,8 +126,7 @@ int Run(const RunFlags& flags) {
   options.data_dir =
       flags.data.empty() ? folders.state + "/data" : std::filesystem::absolute(flags.data).lexically_normal().string();
   options.workers = flags.workers > 0 ? flags.workers : std::min(2, cores);
-  options.threads_per_worker =
-      flags.threads_per_worker > 0 ? flags.threads_per_worker : std::max(1, cores / options.workers);
+  options.threads_per_worker = flags.threads_per_worker > 0 ? flags.threads_per_worker : cores;
   options.shared_storage = !flags.no_shared_storage;
   // A first interrupt breaks the start off; a second one the orderly end.
   const auto until = [](int interrupts) {
@@ -174,7 +173,9 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
   command->add_option("--workers", flags->workers, "Worker processes; 0: two, or one on one core")
       ->check(CLI::Range(0, 256))
       ->capture_default_str();
-  command->add_option("--threads-per-worker", flags->threads_per_worker, "0: the cores shared out")
+  command
+      ->add_option("--threads-per-worker", flags->threads_per_worker,
+                   "Threads of a task at most; 0: as the work at hand shares the cores out")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   command->add_flag("--no-shared-storage", flags->no_shared_storage,

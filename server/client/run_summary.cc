@@ -79,6 +79,15 @@ std::vector<std::string> RunSummary(const std::string& out) {
     lines.push_back("labels changed: " + Grouped(static_cast<long long>(changed)) + " faces, " +
                     Percent(changed / faces));
   }
+  double samples = 0, different = 0, farthest_m = 0;
+  if (FindNumber(report, "/seams/samples", &samples) && FindNumber(report, "/seams/different", &different) &&
+      FindNumber(report, "/seams/farthest_m", &farthest_m) && samples > 0) {
+    lines.push_back("seams: " + Grouped(static_cast<long long>(different)) + " of " +
+                    Grouped(static_cast<long long>(samples)) + " samples differ" +
+                    (different > 0
+                         ? ", by " + Short(farthest_m) + " m at most, in tiles " + report["seams"]["tiles"].dump()
+                         : std::string()));
+  }
   const Json job = ReadJson(out + "/job.json");
   double tasks = 0, reused = 0;
   if (FindNumber(job, "/totals/tasks", &tasks) && FindNumber(job, "/totals/reused", &reused)) {

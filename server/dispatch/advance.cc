@@ -1,6 +1,7 @@
 // What the coordinator does by itself, without a worker: plan, reuse what is known, end jobs.
 #include <utility>
 
+#include "common/tile/task_parameters.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/dispatch/job_report.h"
 #include "tessera/v1/records.pb.h"
@@ -9,7 +10,8 @@ namespace tessera {
 
 namespace {
 
-constexpr char kSurvey[] = "survey.json";  // the output of ingest that the plan is made from
+constexpr size_t kMaxPlanBytes = 4 << 20;             // of the tasks in one record
+constexpr int64_t kMaxReadsBytes = int64_t{1} << 20;  // of a tile's kReadsFile
 
 void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_kind(task.kind);
@@ -21,24 +23,25 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->mutable_scene_files()->Add(task.scene_files.begin(), task.scene_files.end());
   for (const PlannedInput& input : task.inputs) {
     v1::PlannedInputRecord& added = *record->add_inputs();
-    added.set_name(input.name);
-    added.set_task(input.task);
+    added.set_task(input.task.value());
     added.set_output(input.output);
+    if (input.tile >= 0) added.set_tile(input.tile);
   }
 }
 
 }  // namespace
 
 struct Dispatcher::PendingStep {
-  enum class Kind { kPlanIngest, kPlanTiles, kEnd };
+  enum class Kind { kPlanIngest, kPlanTiles, kPlanSteps, kEnd };
   Kind kind = Kind::kEnd;
   int job = -1;
-  int tasks = 0;  // when the step was found; a plan for another number is stale
+  int tasks = 0;  // before the phase that is to be planned; a plan for another number is stale
   JobSettings settings;
   std::vector<std::string> scene_files;
   StatusOr<Digest> survey = absl::UnknownError("not read");
-  std::string error;   // of a job that ends
-  std::string report;  // job.json
+  std::vector<StatusOr<Digest>> reads;  // kReadsFile of each tile
+  std::string error;                    // of a job that ends
+  std::string report;                   // job.json
   std::vector<NamedDigest> artifacts;
 };
 
@@ -67,75 +70,91 @@ Status Dispatcher::Advance() {
 }
 
 std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
-  for (const int index : ledger_.active_jobs()) {
-    const Job& job = ledger_.jobs()[index];
-    PendingStep step;
-    step.job = index;
-    step.tasks = static_cast<int>(job.tasks.size());
+  if (ledger_.due_jobs().empty()) return std::nullopt;
+  const int index = *ledger_.due_jobs().begin();
+  const Job& job = ledger_.jobs()[index];
+  PendingStep step;
+  step.job = index;
+  if (job.failed >= 0) {
+    const JobTask& task = job.tasks[job.failed];
+    step.error = task.plan.name + ": " + task.error.message;
+    if (task.error.error_class != ErrorClass::kInput) {
+      step.error += " (" + ErrorClassName(task.error.error_class) + ", attempt " + std::to_string(task.attempt()) + ")";
+    }
+  } else if (job.open_plan >= 0 || !job.planned_to_end) {
     step.settings = job.header.settings;
-    if (job.tasks.empty()) {
-      step.kind = PendingStep::Kind::kPlanIngest;
-      for (const NamedDigest& file : job.scene_files) step.scene_files.push_back(file.name);
-      return step;
+    for (const NamedDigest& file : job.scene_files) step.scene_files.push_back(file.name);
+    step.tasks = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
+    step.kind = step.tasks == 0   ? PendingStep::Kind::kPlanIngest
+                : step.tasks == 1 ? PendingStep::Kind::kPlanTiles
+                                  : PendingStep::Kind::kPlanSteps;
+    if (step.tasks == 0) return step;
+    step.survey = ledger_.InputDigest(job, {TaskId(0), kSurveyFile});
+    for (int task = 1; task < step.tasks; ++task) {
+      if (job.tasks[task].plan.kind != kCutKind) continue;
+      step.reads.push_back(ledger_.InputDigest(job, {TaskId(task), kReadsFile}));
     }
-    bool all_succeeded = true;
+    return step;
+  } else {
     for (const JobTask& task : job.tasks) {
-      all_succeeded = all_succeeded && task.state == TaskState::kSucceeded;
-      if (task.state == TaskState::kFailed && step.error.empty()) {
-        step.error = task.plan.name + ": " + task.error.message;
-        if (task.error.error_class != ErrorClass::kInput) {
-          step.error +=
-              " (" + ErrorClassName(task.error.error_class) + ", attempt " + std::to_string(task.attempt()) + ")";
-        }
-      }
-    }
-    if (step.error.empty() && job.tasks.size() == 1 && all_succeeded) {
-      step.kind = PendingStep::Kind::kPlanTiles;
-      step.survey = ledger_.InputDigest(job, {kSurvey, 0, kSurvey});
-      for (const NamedDigest& file : job.scene_files) step.scene_files.push_back(file.name);
-      return step;
-    }
-    if (step.error.empty() && !all_succeeded) continue;
-    for (const JobTask& task : job.tasks) {
-      if (task.plan.kind != "publish") continue;
+      if (task.plan.kind != kPublishKind) continue;
       step.artifacts.insert(step.artifacts.end(), task.outputs.begin(), task.outputs.end());
     }
-    if (!step.error.empty()) step.artifacts.clear();
-    step.report = JobReportJson(job, step.error, environment_.clock->UnixTimeUs());
-    return step;
   }
-  return std::nullopt;
+  step.report = JobReportJson(job, step.error, environment_.clock->UnixTimeUs());
+  return step;
+}
+
+StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step) const {
+  Planner& planner = *environment_.planner;
+  if (step.kind == PendingStep::Kind::kPlanIngest) {
+    TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, planner.Ingest(step.settings, step.scene_files));
+    return std::vector<PlannedTask>{std::move(ingest)};
+  }
+  TESSERA_RETURN_IF_ERROR(step.survey.status());
+  TESSERA_ASSIGN_OR_RETURN(const std::string survey, environment_.blobs->Read(*step.survey));
+  if (step.kind == PendingStep::Kind::kPlanTiles) return planner.Tiles(step.settings, survey, step.scene_files);
+  std::vector<TileReads> reads;
+  for (const StatusOr<Digest>& digest : step.reads) {
+    const int tile = static_cast<int>(reads.size());
+    const StatusOr<TileReads> of_tile = [&]() -> StatusOr<TileReads> {
+      TESSERA_RETURN_IF_ERROR(digest.status());
+      TESSERA_ASSIGN_OR_RETURN(const std::string json, environment_.blobs->Read(*digest, kMaxReadsBytes));
+      return ParseTileReads(json, tile, static_cast<int>(step.reads.size()));
+    }();
+    if (!of_tile.ok()) {
+      return Status(of_tile.status().code(),
+                    "tile " + std::to_string(tile) + ": " + std::string(of_tile.status().message()));
+    }
+    reads.push_back(*of_tile);
+  }
+  return planner.Steps(step.settings, survey, step.scene_files, reads);
 }
 
 Status Dispatcher::PlanJob(const PendingStep& step) {
-  StatusOr<std::vector<PlannedTask>> tasks = std::vector<PlannedTask>();
-  if (step.kind == PendingStep::Kind::kPlanIngest) {
-    StatusOr<PlannedTask> ingest = environment_.planner->Ingest(step.settings, step.scene_files);
-    if (ingest.ok()) {
-      tasks->push_back(*std::move(ingest));
-    } else {
-      tasks = ingest.status();
-    }
-  } else if (!step.survey.ok()) {
-    tasks = step.survey.status();
-  } else {
-    const StatusOr<std::string> survey = environment_.blobs->Read(*step.survey);
-    tasks = survey.ok() ? environment_.planner->Tiles(step.settings, *survey, step.scene_files) : survey.status();
-  }
+  StatusOr<std::vector<PlannedTask>> tasks = PlanPhase(step);
+  if (tasks.ok() && tasks->empty()) tasks = absl::InternalError("the plan has no tasks");
   std::lock_guard lock(mutex_);
   const Job& job = ledger_.jobs()[step.job];
-  if (HasEnded(job.header.state) || static_cast<int>(job.tasks.size()) != step.tasks) return absl::OkStatus();
-  v1::Record record;
-  record.mutable_tasks_planned()->set_job(job.header.name);
+  const int at = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
+  if (HasEnded(job.header.state) || at != step.tasks) return absl::OkStatus();
   Status fault = tasks.status();
-  if (fault.ok()) {
-    for (const PlannedTask& task : *tasks) ToProto(task, record.mutable_tasks_planned()->add_tasks());
+  for (size_t next = 0; fault.ok() && next < tasks->size();) {
+    v1::Record record;
+    v1::TasksPlanned& planned = *record.mutable_tasks_planned();
+    planned.set_job(job.header.name);
+    planned.set_first_task(next == 0 ? step.tasks : static_cast<int>(job.tasks.size()));
+    for (size_t bytes = 0; next < tasks->size() && bytes < kMaxPlanBytes; ++next) {
+      ToProto((*tasks)[next], planned.add_tasks());
+      bytes += planned.tasks(planned.tasks_size() - 1).ByteSizeLong();
+      (*tasks)[next] = PlannedTask();  // plans are large
+    }
+    planned.set_more(next < tasks->size());
     fault = ledger_.Check(record);
+    if (fault.ok()) TESSERA_RETURN_IF_ERROR(CommitLocked(record));
   }
-  if (!fault.ok()) {
-    return EndJobLocked(step.job, JobState::kFailed, "cannot plan the job: " + std::string(fault.message()), {});
-  }
-  return CommitLocked(record);
+  if (fault.ok()) return absl::OkStatus();
+  return EndJobLocked(step.job, JobState::kFailed, "cannot plan the job: " + std::string(fault.message()), {});
 }
 
 Status Dispatcher::EndJob(const PendingStep& step) {
@@ -187,15 +206,16 @@ StatusOr<bool> Dispatcher::ReuseLocked(TaskRef ref) {
 
 Status Dispatcher::ReuseReady() {
   std::lock_guard lock(mutex_);
-  // Producers come before their readers in a plan, so one pass follows a chain of known results to its end.
-  for (const int job : ledger_.active_jobs()) {
-    for (int i = 0; i < static_cast<int>(ledger_.jobs()[job].tasks.size()); ++i) {
-      const JobTask& task = ledger_.jobs()[job].tasks[i];
+  // Each reuse may make readers ready, which come into the list again: a chain of known results is followed to its end.
+  while (true) {
+    std::vector<TaskRef> ready = ledger_.TakeNewlyReady();
+    if (ready.empty()) return absl::OkStatus();
+    for (const TaskRef ref : ready) {
+      const JobTask& task = ledger_.task(ref);
       if (task.state != TaskState::kReady || task.attempt() > 0) continue;
-      TESSERA_RETURN_IF_ERROR(ReuseLocked({job, i}).status());
+      TESSERA_RETURN_IF_ERROR(ReuseLocked(ref).status());
     }
   }
-  return absl::OkStatus();
 }
 
 }  // namespace tessera

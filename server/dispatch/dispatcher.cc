@@ -16,6 +16,9 @@ void ToProto(const Digest& digest, v1::Digest* proto) {
   proto->set_size_bytes(digest.size_bytes);
 }
 
+// Ready tasks of tiles that other workers have had which are passed over for one of a tile that nobody has.
+constexpr int kStrangersSeen = 32;
+
 int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
 
 // An output that some later task reads but `outputs` lacks, as a message; empty if all are there.
@@ -23,7 +26,7 @@ std::string MissingOutput(const Job& job, int task, const std::vector<NamedDiges
   for (const int index : job.tasks[task].readers) {
     const JobTask& reader = job.tasks[index];
     for (const PlannedInput& input : reader.plan.inputs) {
-      if (input.task != task) continue;
+      if (input.task.value() != task) continue;
       const bool found = std::any_of(outputs.begin(), outputs.end(),
                                      [&](const NamedDigest& output) { return output.name == input.output; });
       if (!found) return "no output " + input.output + ", which '" + reader.plan.name + "' reads";
@@ -68,13 +71,14 @@ void Dispatcher::ChangedLocked() {
   changed_.notify_all();
 }
 
-Status Dispatcher::CommitLocked(v1::Record& record) {
+Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
   record.set_time_us(environment_.clock->UnixTimeUs());
   TESSERA_RETURN_IF_ERROR(ledger_.Check(record));
-  TESSERA_RETURN_IF_ERROR(environment_.store->Append(record.SerializeAsString()));
+  TESSERA_RETURN_IF_ERROR(environment_.store->Append(record.SerializeAsString(), durability));
   ledger_.Apply(record);
   if (environment_.on_change) environment_.on_change(record);
   ChangedLocked();
+  if (ledger_.ready().count() > 0) work_.notify_all();
   return absl::OkStatus();
 }
 
@@ -205,24 +209,28 @@ Status Dispatcher::SeenLocked(const std::string& worker) {
   return absl::OkStatus();
 }
 
-std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker) const {
-  const int64_t now_us = environment_.clock->UnixTimeUs();
-  for (const int index : ledger_.active_jobs()) {
-    const Job& job = ledger_.jobs()[index];
-    std::optional<TaskRef> best;
-    for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {
-      const JobTask& task = job.tasks[i];
-      if (task.state == TaskState::kFailed) {  // the job is about to end
-        best.reset();
-        break;
-      }
-      if (task.state != TaskState::kReady || task.retry_us > now_us) continue;
-      if (RanOutOfMemory(task, worker) && leases_.workers().size() > 1) continue;
-      if (!best || task.plan.cost > ledger_.task(*best).plan.cost) best = TaskRef{index, i};
-    }
-    if (best) return best;
+std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker) {
+  ledger_.PromoteRetries(environment_.clock->UnixTimeUs());
+  const ReadyTasks& ready = ledger_.ready();
+  const auto may_run = [&](TaskRef ref) {
+    return leases_.workers().size() < 2 || !RanOutOfMemory(ledger_.task(ref), worker);
+  };
+  const std::optional<TaskRef> first = ready.First(may_run);
+  const auto self = leases_.workers().find(worker);
+  if (!first || self == leases_.workers().end()) return first;
+  // Of the same job rather one of a tile that this worker has had, and may have in memory; else rather none that
+  // another has had. Only an order of preference: whatever is ready goes to whoever asks.
+  for (const TileRef tile : self->second.recent_tiles) {
+    if (tile.job != first->job) continue;
+    if (const auto own = ready.FirstOfTile(tile.job, tile.tile, may_run)) return own;
   }
-  return std::nullopt;
+  int seen = 0;
+  const auto nobodys = ready.First([&](TaskRef ref) {
+    if (ref.job != first->job || ++seen > kStrangersSeen) return true;
+    const std::string& keeper = leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile});
+    return may_run(ref) && (keeper.empty() || keeper == worker);
+  });
+  return nobodys && nobodys->job == first->job && seen <= kStrangersSeen ? nobodys : first;
 }
 
 StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& worker) {
@@ -245,9 +253,13 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   record.mutable_attempt_started()->set_task(granted.task);
   record.mutable_attempt_started()->set_attempt(granted.attempt);
   record.mutable_attempt_started()->set_worker(worker);
-  TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
   leases_.leases()[ref] = {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), 0, ""};
+  leases_.NoteTile(worker, {ref.job, granted.plan.tile});
+  if (const auto self = leases_.workers().find(worker); self != leases_.workers().end()) {
+    granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->second.info.threads);
+  }
   return granted;
 }
 
@@ -270,7 +282,7 @@ StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& w
     const auto now = std::chrono::steady_clock::now();
     if (now >= until) return std::nullopt;
     // In short slices: a back-off may end, a lease expire, the caller go.
-    changed_.wait_until(lock, std::min(until, now + std::chrono::milliseconds(500)));
+    work_.wait_until(lock, std::min(until, now + std::chrono::milliseconds(500)));
   }
 }
 
@@ -429,6 +441,7 @@ void Dispatcher::Stop() {
   std::lock_guard lock(mutex_);
   stopped_ = true;
   ChangedLocked();
+  work_.notify_all();
 }
 
 bool Dispatcher::stopped() const {

@@ -58,6 +58,7 @@ struct LeasedInput {
 struct GrantedLease {
   std::string task;
   int attempt = 0;  // the fencing token
+  int threads = 0;  // that the task may use
   PlannedTask plan;
   std::vector<LeasedInput> inputs;
   std::string key;
@@ -84,7 +85,8 @@ struct WorkerStatus {
   double last_seen_s = 0;  // ago
 };
 
-// Thread-safe. Every change is durable before a call returns OK; on error nothing was changed.
+// Thread-safe. Every change is durable before a call returns OK; on error nothing was changed. Leases alone survive no
+// failure of the machine: their workers' reports are refused then, and the tasks are leased again.
 class Dispatcher {
  public:
   // Brings back the state that the store's records describe. Tasks leased before keep their lease for a full term, so
@@ -140,12 +142,12 @@ class Dispatcher {
  private:
   Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options);
   // Those below named ...Locked need mutex_.
-  Status CommitLocked(v1::Record& record);
+  Status CommitLocked(v1::Record& record, Durability durability = Durability::kMachine);
   Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bool lease_expired);
   Status ExpireLeasesLocked();
   // Succeeds a ready task whose result is known and still stored. True if it did.
   StatusOr<bool> ReuseLocked(TaskRef ref);
-  std::optional<TaskRef> NextReadyLocked(const std::string& worker) const;
+  std::optional<TaskRef> NextReadyLocked(const std::string& worker);
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
   Status SeenLocked(const std::string& worker);
   JobStatus JobStatusLocked(int job) const;
@@ -155,6 +157,7 @@ class Dispatcher {
   Status Advance();
   struct PendingStep;
   std::optional<PendingStep> NextStepLocked() const;
+  StatusOr<std::vector<PlannedTask>> PlanPhase(const PendingStep& step) const;
   Status PlanJob(const PendingStep& step);
   Status EndJob(const PendingStep& step);
   Status EndJobLocked(int job, JobState state, const std::string& error, const std::vector<NamedDigest>& artifacts);
@@ -164,7 +167,8 @@ class Dispatcher {
   const DispatchOptions options_;
   std::mutex advance_mutex_;  // one Advance at a time; taken before mutex_
   mutable std::mutex mutex_;
-  mutable std::condition_variable changed_;
+  mutable std::condition_variable changed_;  // what is shown
+  std::condition_variable work_;             // there may be a task to lease
   Ledger ledger_;
   LeaseTable leases_;
   int next_worker_ = 1;

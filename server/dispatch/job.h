@@ -39,6 +39,7 @@ struct JobTask {
   PlannedTask plan;
   std::vector<int> readers = {};  // tasks that take an output of this one, each as often as it takes one, ascending
   int missing = 0;                // inputs whose producers have not succeeded
+  int depth = 0;                  // longest way from here to a task without inputs
   TaskState state = TaskState::kWaiting;
   std::string key;                // once all inputs are known
   std::vector<Attempt> attempts;  // attempt number n is attempts[n - 1]
@@ -76,6 +77,10 @@ struct Job {
   JobHeader header;
   std::vector<NamedDigest> scene_files;  // sorted by name
   std::vector<JobTask> tasks;            // [0] is ingest
+  int unfinished = 0;                    // tasks that have not succeeded
+  int failed = -1;                       // the first task that has for good; -1: none
+  bool planned_to_end = false;           // publish is among the tasks
+  int open_plan = -1;                    // first task of a plan whose last record has not come; -1: none
 };
 
 // "jobs/J/tasks/T": which task, by its places in the ledger.

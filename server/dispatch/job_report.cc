@@ -67,6 +67,11 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
   return json;
 }
 
+// Names may hold bytes that are not UTF-8.
+std::string Dump(const Json& json, int indent = 1) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
+
 }  // namespace
 
 std::string JobReportJson(const Job& job, const std::string& error, int64_t end_us) {
@@ -87,9 +92,7 @@ std::string JobReportJson(const Job& job, const std::string& error, int64_t end_
   int attempts = 0, reused = 0;
   std::map<std::string, double> seconds_of_kind, seconds_of_worker;
   std::map<std::string, int> tasks_of_kind;
-  Json tasks = Json::array();
   for (const JobTask& task : job.tasks) {
-    tasks.push_back(TaskJson(task, end_us));
     attempts += task.attempt();
     reused += task.reused ? 1 : 0;
     ++tasks_of_kind[task.plan.kind];
@@ -106,9 +109,17 @@ std::string JobReportJson(const Job& job, const std::string& error, int64_t end_
                     {"tasks_of_kind", tasks_of_kind},
                     {"seconds_of_kind", seconds_of_kind},
                     {"seconds_of_worker", seconds_of_worker}};
-  json["tasks"] = std::move(tasks);
-  // Names may hold bytes that are not UTF-8.
-  return json.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
+  std::string text = Dump(json);
+  text.pop_back();  // the closing brace, and the line's end before it
+  text.pop_back();
+  // A task a line, each by itself: all of a city's as one value would take many times their text.
+  text += ",\n \"tasks\": [";
+  const char* before = "\n  ";
+  for (const JobTask& task : job.tasks) {
+    text += before + Dump(TaskJson(task, end_us), -1);
+    before = ",\n  ";
+  }
+  return text + "\n ]\n}\n";
 }
 
 }  // namespace tessera

@@ -6,8 +6,19 @@
 namespace tessera {
 namespace {
 
-// Share of the progress bar that reading the scene gets: before it has ended, the rest of the work is not known.
-constexpr double kIngestShare = 0.02;
+// Shares of the progress bar that reading the scene and cutting it get: before either has ended, the rest of the work
+// is not known.
+constexpr double kIngestShare = 0.02, kCutShare = 0.03;
+
+// Cost of some tasks, and of what of it is done.
+struct Part {
+  double total = 0, done = 0;
+  void Add(double cost, double fraction) {
+    total += cost;
+    done += cost * fraction;
+  }
+  double share() const { return total > 0 ? done / total : 0; }
+};
 
 }  // namespace
 
@@ -15,9 +26,8 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   JobStatus status;
   status.header = job.header;
   std::set<int> tiles, unfinished_tiles;
-  double total = 0, done = 0;          // cost, without ingest
+  Part ingest, cut, rest;
   double timed_cost = 0, timed_s = 0;  // where cost meets seconds
-  double ingest = 0;
   int running = 0;
   for (size_t i = 0; i < job.tasks.size(); ++i) {
     const JobTask& task = job.tasks[i];
@@ -39,26 +49,23 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
         timed_s += static_cast<double>(now_us - lease->start_us) / 1e6;
       }
     }
-    if (i == 0) {
-      ingest = fraction;
-    } else {
-      total += task.plan.cost;
-      done += task.plan.cost * fraction;
-    }
-    if (task.plan.kind == "refine" && task.plan.tile >= 0) {
+    Part& part = i == 0 ? ingest : task.plan.kind == kCutKind ? cut : rest;
+    part.Add(task.plan.cost, fraction);
+    if (task.plan.tile >= 0) {
       tiles.insert(task.plan.tile);
-      if (task.state != TaskState::kSucceeded) unfinished_tiles.insert(task.plan.tile);
+      if (task.state != TaskState::kSucceeded || !job.planned_to_end) unfinished_tiles.insert(task.plan.tile);
     }
   }
   status.tiles_total = static_cast<int>(tiles.size());
   status.tiles_done = static_cast<int>(tiles.size() - unfinished_tiles.size());
-  const double rest = total > 0 ? done / total : 0.0;
-  status.progress = kIngestShare * ingest + (1 - kIngestShare) * rest;
+  const double cut_share = cut.total > 0 ? kCutShare : 0;
+  status.progress =
+      kIngestShare * ingest.share() + cut_share * cut.share() + (1 - kIngestShare - cut_share) * rest.share();
   if (job.header.state == JobState::kSucceeded) status.progress = 1;
   if (HasEnded(job.header.state)) {
     status.eta_s = 0;
-  } else if (total > 0 && timed_cost > 0) {
-    status.eta_s = (total - done) * timed_s / timed_cost / std::max(1, running);
+  } else if (rest.total > 0 && timed_cost > 0) {
+    status.eta_s = (cut.total - cut.done + rest.total - rest.done) * timed_s / timed_cost / std::max(1, running);
   }
   return status;
 }

@@ -1,6 +1,13 @@
 #include "server/dispatch/lease_table.h"
 
+#include <algorithm>
+
 namespace tessera {
+namespace {
+
+constexpr size_t kRecentTiles = 8;
+
+}  // namespace
 
 const LeaseState* LeaseTable::Find(TaskRef ref) const {
   const auto it = leases_.find(ref);
@@ -29,7 +36,44 @@ std::vector<TaskRef> LeaseTable::HeldBy(const std::string& worker) const {
   return held;
 }
 
+void LeaseTable::NoteTile(const std::string& worker, TileRef tile) {
+  const auto found = workers_.find(worker);
+  if (found == workers_.end() || tile.tile < 0) return;
+  std::vector<TileRef>& recent = found->second.recent_tiles;
+  recent.erase(std::remove(recent.begin(), recent.end(), tile), recent.end());
+  recent.insert(recent.begin(), tile);
+  if (recent.size() > kRecentTiles) recent.pop_back();
+  keepers_[tile] = worker;
+}
+
+const std::string& LeaseTable::KeeperOf(TileRef tile) const {
+  static const std::string kNobody;
+  const auto found = keepers_.find(tile);
+  return found == keepers_.end() || !workers_.contains(found->second) ? kNobody : found->second;
+}
+
+HostLoad LeaseTable::LoadOf(const std::string& worker) const {
+  HostLoad load;
+  const auto found = workers_.find(worker);
+  if (found == workers_.end()) return load;
+  const std::string& host = found->second.info.host;
+  int most_threads = 0;
+  for (const auto& [name, other] : workers_) {
+    if (other.info.host != host) continue;
+    ++load.workers;
+    load.cores = std::max(load.cores, other.info.cores);
+    most_threads = std::max(most_threads, other.info.threads);
+  }
+  if (load.cores == 0) load.cores = most_threads;
+  for (const auto& [ref, lease] : leases_) {
+    const auto holder = workers_.find(lease.worker);
+    if (holder != workers_.end() && holder->second.info.host == host) ++load.running;
+  }
+  return load;
+}
+
 void LeaseTable::DropJob(int job) {
+  std::erase_if(keepers_, [job](const auto& entry) { return entry.first.job == job; });
   std::erase_if(leases_, [job](const auto& entry) { return entry.first.job == job; });
 }
 

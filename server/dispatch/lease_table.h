@@ -8,14 +8,23 @@
 #include <vector>
 
 #include "server/dispatch/job.h"
+#include "server/dispatch/thread_rule.h"
 
 namespace tessera {
 
 struct WorkerInfo {
   std::string host;
   int pid = 0;
-  int threads = 0;
+  int threads = 0;  // that its tasks may use at most
   int64_t memory_bytes = 0;
+  int cores = 0;  // of the host; 0: not known
+};
+
+// A tile of a job.
+struct TileRef {
+  int job = -1;
+  int tile = -1;
+  friend auto operator<=>(const TileRef&, const TileRef&) = default;
 };
 
 // Times are Clock::MonotonicUs.
@@ -31,6 +40,7 @@ struct LeaseState {
 struct WorkerState {
   WorkerInfo info;
   int64_t last_seen_us = 0;
+  std::vector<TileRef> recent_tiles = {};  // whose tasks it was given, the last first: it may have them in memory
 };
 
 // Not thread-safe.
@@ -48,6 +58,12 @@ class LeaseTable {
   // Leases that ran out before `now_us`.
   std::vector<TaskRef> Expired(int64_t now_us) const;
   std::vector<TaskRef> HeldBy(const std::string& worker) const;
+  // Notes that the worker was given a task of the tile. Nothing for a worker that is not there.
+  void NoteTile(const std::string& worker, TileRef tile);
+  // The worker that was last given a task of the tile; empty if there is none, or it has gone.
+  const std::string& KeeperOf(TileRef tile) const;
+  // The worker's host with its load. `cores` as the worker tells; else the most threads that a worker on it may use.
+  HostLoad LoadOf(const std::string& worker) const;
   void DropJob(int job);
   // Forgets workers without a lease that were not seen since `before_us`.
   void ForgetSilentWorkers(int64_t before_us);
@@ -55,6 +71,7 @@ class LeaseTable {
  private:
   std::map<TaskRef, LeaseState> leases_;
   std::map<std::string, WorkerState> workers_;
+  std::map<TileRef, std::string> keepers_;
 };
 
 }  // namespace tessera

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <set>
+#include <utility>
 
 #include "common/tile/task_parameters.h"
 #include "server/dispatch/task_key.h"
@@ -30,7 +31,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.peak_bytes = record.peak_bytes();
   task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
   for (const auto& input : record.inputs()) {
-    task.inputs.push_back({input.name(), input.task(), input.output()});
+    task.inputs.push_back({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
   }
   return task;
 }
@@ -57,17 +58,19 @@ int Ledger::FindRequest(const std::string& request_id) const {
 }
 
 StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) const {
-  for (const NamedDigest& output : job.tasks[input.task].outputs) {
+  const JobTask& producer = job.tasks[input.task.value()];
+  for (const NamedDigest& output : producer.outputs) {
     if (output.name == input.output) return output.digest;
   }
-  return absl::NotFoundError("no output " + input.output + " of '" + job.tasks[input.task].plan.name + "' yet");
+  return absl::NotFoundError("no output " + input.output + " of '" + producer.plan.name + "' yet");
 }
 
 StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const PlannedTask& task) const {
   std::vector<NamedDigest> inputs;
+  inputs.reserve(task.inputs.size() + task.scene_files.size());
   for (const PlannedInput& input : task.inputs) {
     TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
-    inputs.push_back({input.name, digest});
+    inputs.push_back({InputName(input), digest});
   }
   for (const int file : task.scene_files) {
     const NamedDigest& found = job.scene_files[file];
@@ -140,6 +143,12 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
   if (change.tasks().empty()) return absl::InvalidArgumentError("a plan without tasks");
   int count = static_cast<int>(job.tasks.size());
+  if (change.first_task() != count && (job.open_plan < 0 || change.first_task() != job.open_plan)) {
+    return absl::FailedPreconditionError("plan of " + change.job() + " from task " +
+                                         std::to_string(change.first_task()) + ", the next is " +
+                                         std::to_string(count));
+  }
+  count = change.first_task();
   for (const auto& planned : change.tasks()) {
     const auto fault = [&](const std::string& what) {
       return absl::InvalidArgumentError("plan of " + change.job() + ", '" + planned.title() + "': " + what);
@@ -148,10 +157,10 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
     if (planned.kind().empty()) return fault("no kind");
     if (!(planned.cost() >= 0)) return fault("cost is not a number of at least 0");
     for (const auto& input : planned.inputs()) {
-      if (!names.insert(input.name()).second) return fault("two inputs named " + input.name());
+      const std::string name = InputName({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
+      if (!names.insert(name).second) return fault("two inputs named " + name);
       if (input.task() < 0 || input.task() >= count) {
-        return fault("input " + input.name() + " comes from task " + std::to_string(input.task()) +
-                     ", which is not before it");
+        return fault("input " + name + " comes from task " + std::to_string(input.task()) + ", which is not before it");
       }
     }
     for (int i = 0, last = -1; i < planned.scene_files_size(); last = planned.scene_files(i++)) {
@@ -249,35 +258,78 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   if (!change.request_id().empty()) job_of_request_[change.request_id()] = index;
   jobs_.push_back(std::move(job));
   active_jobs_.push_back(index);
+  UpdateDue(index);
 }
 
 void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
-  Job& job = jobs_[*FindJob(change.job())];
+  const int index = *FindJob(change.job());
+  Job& job = jobs_[index];
+  if (job.open_plan >= 0 && change.first_task() == job.open_plan) DropOpenPlan(job);
+  if (job.open_plan < 0) job.open_plan = change.first_task();
   for (const auto& planned : change.tasks()) {
     JobTask added;
     added.plan = FromProto(planned);
     for (const PlannedInput& input : added.plan.inputs) {
-      JobTask& producer = job.tasks[input.task];
+      JobTask& producer = job.tasks[input.task.value()];
       producer.readers.push_back(static_cast<int>(job.tasks.size()));
       added.missing += producer.state != TaskState::kSucceeded;
+      added.depth = std::max(added.depth, producer.depth + 1);
     }
+    job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind;
     job.tasks.push_back(std::move(added));
-    ReadyTask(job, job.tasks.back());
+    ++job.unfinished;
+  }
+  if (!change.more()) {
+    const int first = std::exchange(job.open_plan, -1);
+    for (int task = first; task < static_cast<int>(job.tasks.size()); ++task) ReadyTask({index, task});
+  }
+  UpdateDue(index);
+}
+
+void Ledger::DropOpenPlan(Job& job) {
+  const auto first = static_cast<size_t>(job.open_plan);
+  for (size_t task = first; task < job.tasks.size(); ++task) {
+    for (const PlannedInput& input : job.tasks[task].plan.inputs) {
+      std::vector<int>& readers = job.tasks[input.task.value()].readers;
+      while (!readers.empty() && readers.back() >= job.open_plan) readers.pop_back();
+    }
+  }
+  job.unfinished -= static_cast<int>(job.tasks.size() - first);
+  job.tasks.resize(first);
+  job.planned_to_end = false;
+  job.open_plan = -1;
+}
+
+void Ledger::UpdateDue(int index) {
+  const Job& job = jobs_[index];
+  // Also where the records of a plan broke off.
+  const bool due = job.tasks.empty() || job.unfinished == 0 || job.failed >= 0 || job.open_plan >= 0;
+  if (due && !HasEnded(job.header.state)) {
+    due_jobs_.insert(index);
+  } else {
+    due_jobs_.erase(index);
   }
 }
 
-void Ledger::ReadyTask(Job& job, JobTask& waiting) {
-  if (waiting.state != TaskState::kWaiting || waiting.missing > 0) return;
+void Ledger::ReadyTask(TaskRef ref) {
+  const Job& job = jobs_[ref.job];
+  JobTask& waiting = jobs_[ref.job].tasks[ref.task];
+  if (waiting.state != TaskState::kWaiting || waiting.missing > 0 || job.open_plan >= 0) return;
   const StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
   if (!inputs.ok()) return;
   waiting.state = TaskState::kReady;
   waiting.key = TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, *inputs);
+  newly_ready_.push_back(ref);
+  if (job.failed < 0) ready_.Add(ref, waiting);
 }
+
+std::vector<TaskRef> Ledger::TakeNewlyReady() { return std::exchange(newly_ready_, {}); }
 
 void Ledger::ApplyStarted(const v1::AttemptStarted& change, int64_t time_us) {
   const TaskRef ref = *FindTask(change.task());
   JobHeader& header = jobs_[ref.job].header;
   JobTask& target = jobs_[ref.job].tasks[ref.task];
+  ready_.Remove(ref, target);
   target.state = TaskState::kLeased;
   target.attempts.push_back({change.worker(), time_us, 0, {}, false});
   if (target.start_us == 0) target.start_us = time_us;
@@ -291,7 +343,9 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
   const TaskRef ref = *FindTask(change.task());
   Job& job = jobs_[ref.job];
   JobTask& target = job.tasks[ref.task];
+  if (target.state == TaskState::kReady) ready_.Remove(ref, target);  // reused
   target.state = TaskState::kSucceeded;
+  --job.unfinished;
   target.key = change.key();
   target.reused = change.reused();
   target.outputs = NamedDigests(change.outputs());
@@ -311,13 +365,15 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
   result_of_key_[change.key()] = target.outputs;
   for (const int reader : target.readers) {
     --job.tasks[reader].missing;
-    ReadyTask(job, job.tasks[reader]);
+    ReadyTask({ref.job, reader});
   }
+  UpdateDue(ref.job);
 }
 
 void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   const TaskRef ref = *FindTask(change.task());
-  JobTask& target = jobs_[ref.job].tasks[ref.task];
+  Job& job = jobs_[ref.job];
+  JobTask& target = job.tasks[ref.task];
   Attempt& attempt = target.attempts.back();
   attempt.end_us = time_us;
   attempt.failure = {static_cast<ErrorClass>(change.error().error_class()), change.error().message()};
@@ -325,7 +381,14 @@ void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   target.error = attempt.failure;
   target.retry_us = change.retry_time_us();
   target.state = change.final() ? TaskState::kFailed : TaskState::kReady;
-  if (change.final()) target.end_us = time_us;
+  if (change.final()) {
+    target.end_us = time_us;
+    job.failed = job.failed < 0 ? ref.task : std::min(job.failed, ref.task);
+    ready_.DropJob(ref.job);  // the job is about to end
+    UpdateDue(ref.job);
+  } else if (job.failed < 0) {
+    ready_.Add(ref, target);
+  }
 }
 
 void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
@@ -342,6 +405,8 @@ void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
     each.end_us = time_us;
   }
   active_jobs_.erase(std::find(active_jobs_.begin(), active_jobs_.end(), index));
+  ready_.DropJob(index);
+  UpdateDue(index);
 }
 
 }  // namespace tessera

@@ -3,12 +3,14 @@
 #ifndef TESSERA_SERVER_DISPATCH_LEDGER_H_
 #define TESSERA_SERVER_DISPATCH_LEDGER_H_
 
+#include <set>
 #include <string>
 #include <unordered_map>
 #include <vector>
 
 #include "common/base/status.h"
 #include "server/dispatch/job.h"
+#include "server/dispatch/ready_tasks.h"
 
 namespace tessera {
 
@@ -38,6 +40,14 @@ class Ledger {
   const std::vector<Job>& jobs() const { return jobs_; }
   // Indices of the jobs that have not ended, oldest first.
   const std::vector<int>& active_jobs() const { return active_jobs_; }
+  // Of these, those that wait for the coordinator: to be planned on, or to be ended.
+  const std::set<int>& due_jobs() const { return due_jobs_; }
+  // The ready tasks of jobs of which no task has failed.
+  const ReadyTasks& ready() const { return ready_; }
+  // Tasks whose time to be tried again has come are found in ready() from now on.
+  void PromoteRetries(int64_t now_us) { ready_.Promote(now_us); }
+  // Tasks that became ready since the last call, each once, in the order in which they did; some may have left since.
+  std::vector<TaskRef> TakeNewlyReady();
   // NOT_FOUND or INVALID_ARGUMENT with the name.
   StatusOr<int> FindJob(const std::string& name) const;
   StatusOr<TaskRef> FindTask(const std::string& name) const;
@@ -70,12 +80,18 @@ class Ledger {
   void ApplyEnded(const v1::JobEnded& change, int64_t time_us);
   // Checks that the task exists in an active job and that `attempt` is its current one under lease.
   StatusOr<TaskRef> CheckCurrentAttempt(const std::string& name, int attempt) const;
+  // Takes the tasks of a plan that was not stored to its end off the job's list.
+  void DropOpenPlan(Job& job);
   // A waiting task whose inputs are all there becomes ready and gets its key.
-  void ReadyTask(Job& job, JobTask& waiting);
+  void ReadyTask(TaskRef ref);
+  void UpdateDue(int job);
 
   const std::string algorithm_version_;
   std::vector<Job> jobs_;
   std::vector<int> active_jobs_;
+  std::set<int> due_jobs_;
+  ReadyTasks ready_;
+  std::vector<TaskRef> newly_ready_;
   std::unordered_map<std::string, int> job_of_request_;
   std::unordered_map<std::string, std::vector<NamedDigest>> result_of_key_;
   std::unordered_map<std::string, std::string> scene_file_of_sha256_;

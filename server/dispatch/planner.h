@@ -21,6 +21,11 @@ class Planner {
                                                    const std::vector<std::string>& scene_files) {
     return PlanTiles(settings, survey, scene_files);
   }
+  virtual StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
+                                                   const std::vector<std::string>& scene_files,
+                                                   const std::vector<TileReads>& reads) {
+    return PlanSteps(settings, survey, scene_files, reads);
+  }
 };
 
 }  // namespace tessera

@@ -20,28 +20,36 @@ constexpr double kNear_m = 1e-3;
 
 constexpr double kMiB = 1 << 20;
 
-// Refine: what a worker holds before it begins; then by face; by pixel, what is blind near silhouettes, contours and
-// the like; by pixel of views that are open together: face map, warp target and luminance (likelihoods beside it).
-constexpr double kRefineFixedBytes = 84 * kMiB, kRefineBytesPerFace = 660, kPixelBytes = 4, kOpenBytes = 15;
-constexpr double kLabelBytesPerFace = 720;  // where nothing but labels is solved
+// What a worker holds before it begins.
+constexpr double kFixedBytes = 84 * kMiB;
+// While a tile is refined: by pixel, what is blind near silhouettes, contours and the like; by pixel of views that are
+// open together: face map, warp target and luminance (likelihoods beside it).
+constexpr double kPixelBytes = 4, kOpenBytes = 15;
+// By face: of the only tile, where one task does all steps; of measure, by face of the core, and by face in sight; of
+// solve, where vertices move and where labels are solved; of mend.
+constexpr double kRefineBytesPerFace = 660, kRefineLabelBytesPerFace = 720;
+constexpr double kMeasureBytesPerFace = 400, kSightBytesPerFace = 60;
+constexpr double kSolveBytesPerFace = 500, kSolveLabelBytesPerFace = 720, kMendBytesPerFace = 500;
 // Windows begin at multiples of 64 pixels and have padded rows.
 constexpr double kWindowShare = 1.15;
 // While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
 // likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
 // TIFFs do not.
 constexpr double kLoadBytesPerFace = 100, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2;
-constexpr double kTaskSeconds = 0.01;  // of any task: to bring and store its files
-constexpr double kFaceSeconds = 2e-6;
+constexpr double kTaskSeconds = 0.01;       // of any task: to bring and store its files
+constexpr double kFaceSeconds = 2e-6;       // a face, before the first step
+constexpr double kStateSeconds = 0.1e-6;    // a face whose state or sums a task of one step reads
 constexpr double kWarpSeconds = 16e-9;      // a reference pixel, partner and evaluation
-constexpr double kFaceViewSeconds = 45e-9;  // a face, view and step, on whatever level
+constexpr double kDrawSeconds = 12e-9;      // a face in sight, view and step, on whatever level
+constexpr double kSolveSeconds = 1.0e-6;    // a face and iteration
+constexpr double kMendSeconds = 1.7e-6;     // a face and repair
 constexpr double kLabelSeconds = 20e-9;     // a pixel of the crops and labelling
+constexpr double kLabelFaceSeconds = 4e-6;  // a face and labelling
 constexpr double kDecodeSeconds = 19e-9;    // a pixel of a whole photograph
 constexpr double kReadSeconds = 20e-9;      // a pixel and class of the crops
 
-constexpr double kFixedBytes = 84 * kMiB;
 constexpr double kCutBytesPerCityFace = 105, kCutBytesPerFace = 116;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFaceView = 110e-9;
-constexpr double kStitchBytesPerFace = 243, kStitchSecondsPerFace = 0.3e-6;
 constexpr double kIngestBytesPerFace = 239, kIngestSecondsPerFaceView = 0.2e-6;
 constexpr double kPublishBytesPerFace = 149, kPublishSecondsPerFace = 0.5e-6;
 
@@ -108,50 +116,75 @@ double DecodedLikelihoodBytes(const std::string& path, int planes) {
   return path.ends_with(".png") ? kLabelBytes : 0;
 }
 
-}  // namespace
-
-RefineEffort EffortOf(const JobSettings& settings) {
-  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
-  return EffortOf(steps, {0, static_cast<int>(steps.size())});
+// What views are held for.
+double PixelBytes(const TileWork& work, const RefineEffort& effort) {
+  const double packed_planes = 4.0 * ((work.likelihood_planes + 3) / 4);
+  return effort.finest_share * kWindowShare *
+         (kPixelBytes * work.pixels + (kOpenBytes + packed_planes) * work.open_pixels);
 }
 
-RefineEffort EffortOf(const std::vector<RefineStep>& steps, const StepRange& range) {
+// Views drawn and pixels compared.
+double MeasureSeconds(const TileWork& work, const RefineEffort& effort) {
+  return kWarpSeconds * work.pair_pixels * effort.evaluations + kLabelSeconds * work.pixels * effort.labellings +
+         kDrawSeconds * work.sight_faces * work.seeing_views * (effort.iterations + effort.labellings);
+}
+
+double SolveSeconds(double faces, const RefineEffort& effort) {
+  return faces * (kSolveSeconds * effort.iterations + kLabelFaceSeconds * effort.labellings);
+}
+
+}  // namespace
+
+RefineEffort EffortOf(const RefineStep& step) {
   RefineEffort effort;
-  effort.finest_share = 0;
-  for (int i = range.begin; i < range.end; ++i) {
-    const RefineStep& step = steps[i];
-    if (step.labels()) {
-      ++effort.labellings;
-      continue;
-    }
-    const double share = std::ldexp(1.0, -2 * step.level);
-    effort.evaluations += share;
-    effort.finest_share = std::max(effort.finest_share, share);
-    ++effort.iterations;
+  if (step.labels()) {
+    effort.finest_share = effort.labellings = 1;
+  } else {
+    effort.evaluations = effort.finest_share = std::ldexp(1.0, -2 * step.level);
+    effort.iterations = 1;
+    effort.mends = step.ends_level ? 1 : 0;
   }
   return effort;
 }
 
-std::vector<RefineEffort> EffortsOf(const JobSettings& settings, const std::vector<StepRange>& parts) {
+RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
   const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
-  std::vector<RefineEffort> efforts;
-  for (const StepRange& part : parts) efforts.push_back(EffortOf(steps, part));
-  return efforts;
+  const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
+  const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
+  RefineEffort sum;
+  sum.mends = 1;  // of the start
+  for (const int step : ActiveSteps(steps, rules, traits)) {
+    const RefineEffort effort = EffortOf(steps[step]);
+    sum.evaluations += effort.evaluations;
+    sum.iterations += effort.iterations;
+    sum.finest_share = std::max(sum.finest_share, effort.finest_share);
+    sum.labellings += effort.labellings;
+    sum.mends += effort.mends;
+  }
+  return sum;
 }
 
-TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m) {
+TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
   const Survey& survey = cells.survey();
+  const double cell_m = survey.ground.cell_m, apron_m = kApronGsd * survey.gsd_m, solve_m = kSolveGsd * survey.gsd_m,
+               sight_m = kSightGsd * survey.gsd_m;
   TileWork work;
   std::vector<Box> boxes;
-  std::set<int32_t> views;
-  cells.ForEachWithin(core, halo_m, [&](const SurveyCell& cell) {
-    work.faces += static_cast<double>(cell.faces) * ShareWithin(cell, core, halo_m, survey.ground.cell_m);
-    boxes.push_back(TilePart(cell, survey.ground, core, halo_m));
+  std::set<int32_t> views, core_views;
+  cells.ForEachWithin(core, sight_m, [&](const SurveyCell& cell) {
+    const double faces = static_cast<double>(cell.faces);
+    work.sight_faces += faces * ShareWithin(cell, core, sight_m, cell_m);
+    work.solve_faces += faces * ShareWithin(cell, core, solve_m, cell_m);
+    if (DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, core, cell_m) > apron_m) return;
+    boxes.push_back(TilePart(cell, survey.ground, core, apron_m));
     views.insert(cell.views.begin(), cell.views.end());
     if (!core.Contains({cell.x, cell.y})) return;
-    work.core_faces += static_cast<double>(cell.faces);
-    work.reach_m = std::max(work.reach_m, cell.reach_m);
+    work.core_faces += faces;
+    core_views.insert(cell.views.begin(), cell.views.end());
   });
+  for (const auto& [reference, other] : survey.pairs) {
+    if (core_views.contains(reference)) views.insert(other);
+  }
   work.views.assign(views.begin(), views.end());
   work.likelihood_planes = survey.has_likelihoods ? static_cast<int>(survey.classes.size()) : 0;
   std::map<int32_t, double> crop;
@@ -188,46 +221,47 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m
 }
 
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
-  const double packed_planes = 4.0 * ((work.likelihood_planes + 3) / 4);
   Prediction prediction;
   prediction.peak_bytes = static_cast<int64_t>(
-      kRefineFixedBytes + (effort.iterations > 0 ? kRefineBytesPerFace : kLabelBytesPerFace) * work.faces +
-      effort.finest_share * kWindowShare *
-          (kPixelBytes * work.pixels + (kOpenBytes + packed_planes) * work.open_pixels));
-  prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.faces +
-                            kWarpSeconds * work.pair_pixels * effort.evaluations +
-                            kFaceViewSeconds * work.faces * work.seeing_views * effort.iterations +
-                            kLabelSeconds * work.pixels * effort.labellings;
+      kFixedBytes + (effort.iterations > 0 ? kRefineBytesPerFace : kRefineLabelBytesPerFace) * work.core_faces +
+      PixelBytes(work, effort));
+  prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.core_faces + MeasureSeconds(work, effort) +
+                            SolveSeconds(work.core_faces, effort) + kMendSeconds * work.core_faces * effort.mends;
   return prediction;
+}
+
+Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
+  const double tasks = effort.iterations + effort.labellings;
+  return {tasks * (kTaskSeconds + kStateSeconds * work.sight_faces) + MeasureSeconds(work, effort),
+          static_cast<int64_t>(kFixedBytes + kMeasureBytesPerFace * work.core_faces +
+                               kSightBytesPerFace * work.sight_faces + PixelBytes(work, effort))};
+}
+
+Prediction PredictSolve(const TileWork& work, const RefineEffort& effort) {
+  const double tasks = effort.iterations + effort.labellings;
+  return {tasks * (kTaskSeconds + 2 * kStateSeconds * work.solve_faces) + SolveSeconds(work.solve_faces, effort),
+          static_cast<int64_t>(kFixedBytes + (effort.labellings > 0 ? kSolveLabelBytesPerFace : kSolveBytesPerFace) *
+                                                 work.solve_faces)};
+}
+
+Prediction PredictMend(const TileWork& work, const RefineEffort& effort) {
+  return {effort.mends * (kTaskSeconds + (kStateSeconds + kMendSeconds) * work.solve_faces),
+          static_cast<int64_t>(kFixedBytes + kMendBytesPerFace * work.solve_faces)};
 }
 
 Prediction PredictCrop(const TileWork& work) {
   const int planes = work.likelihood_planes;
   const double largest = work.seeing_views > 0 ? work.pixels / work.seeing_views : 0;
   return {kTaskSeconds + kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels,
-          static_cast<int64_t>(kFixedBytes + kLoadBytesPerFace * work.faces + (2 + planes) * work.pixels +
+          static_cast<int64_t>(kFixedBytes + kLoadBytesPerFace * work.core_faces + (2 + planes) * work.pixels +
                                4 * (1 + planes) * largest + work.largest_decoded)};
-}
-
-Prediction PredictRefine(const TileWork& work, const std::vector<RefineEffort>& parts) {
-  Prediction sum;
-  for (const RefineEffort& part : parts) {
-    const Prediction one = PredictRefine(work, part);
-    sum.core_seconds += one.core_seconds;
-    sum.peak_bytes = std::max(sum.peak_bytes, one.peak_bytes);
-  }
-  return sum;
 }
 
 Prediction PredictCut(const Survey& survey, const TileWork& work) {
   const double city = static_cast<double>(survey.faces);
-  return {kTaskSeconds + kCutSecondsPerCityFace * city + kCutSecondsPerFaceView * work.faces * work.seeing_views,
-          static_cast<int64_t>(kFixedBytes + CityBytes(kCutBytesPerCityFace, city) + kCutBytesPerFace * work.faces)};
-}
-
-Prediction PredictStitch(const TileWork& work) {
-  return {kTaskSeconds + kStitchSecondsPerFace * work.faces,
-          static_cast<int64_t>(kFixedBytes + kStitchBytesPerFace * work.faces)};
+  return {
+      kTaskSeconds + kCutSecondsPerCityFace * city + kCutSecondsPerFaceView * work.sight_faces * work.seeing_views,
+      static_cast<int64_t>(kFixedBytes + CityBytes(kCutBytesPerCityFace, city) + kCutBytesPerFace * work.sight_faces)};
 }
 
 Prediction PredictIngest(const Survey& survey) {
@@ -250,7 +284,7 @@ Prediction PredictPublish(const Survey& survey) {
           static_cast<int64_t>(kFixedBytes + CityBytes(kPublishBytesPerFace, faces))};
 }
 
-int64_t LeastRefineBytes(double faces) { return static_cast<int64_t>(kRefineFixedBytes + kRefineBytesPerFace * faces); }
+int64_t LeastTileBytes(double faces) { return static_cast<int64_t>(kFixedBytes + kSolveBytesPerFace * faces); }
 
 Interval RefineSecondsInterval() { return {0.85, 1.5}; }
 Interval RefineBytesInterval() { return {0.85, 1.1}; }

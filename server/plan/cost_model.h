@@ -10,30 +10,35 @@
 #include <vector>
 
 #include "common/tile/ground.h"
+#include "common/tile/refine_steps.h"
 #include "common/tile/survey.h"
 #include "server/plan/cell_index.h"
-#include "server/plan/parts.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
 
-// How often the refinement looks at its pixels.
+// What some steps of a refinement do.
 struct RefineEffort {
   double evaluations = 0;   // of the data term, in equivalents of full resolution: a level l counts 4^-l
   double iterations = 0;    // steps, on whatever level
-  double finest_share = 1;  // pixels of the finest level, as a share of those of full resolution
+  double finest_share = 0;  // pixels of the finest level, as a share of those of full resolution
   double labellings = 0;    // at full resolution
+  double mends = 0;         // repairs of folds
 };
 
-// Of all steps of a job's settings, of some steps, of each of some parts of a job's.
-RefineEffort EffortOf(const JobSettings& settings);
-RefineEffort EffortOf(const std::vector<RefineStep>& steps, const StepRange& range);
-std::vector<RefineEffort> EffortsOf(const JobSettings& settings, const std::vector<StepRange>& parts);
+// Of one step; of all that a job does.
+RefineEffort EffortOf(const RefineStep& step);
+RefineEffort EffortOf(const JobSettings& settings, const Survey& survey);
 
-// What a tile holds. Faces are those after splitting; pixels those of full resolution.
+// How far outside its core a tile's tasks are expected to read: what its views see, whose motion they need; what a step
+// of the solver reaches; windows about the core's own pixels. What they do read cut finds on the mesh.
+inline constexpr double kSightGsd = 220, kSolveGsd = 160, kApronGsd = 32;
+
+// What a tile holds. Faces are those after splitting; pixels those of full resolution, of the core and its apron.
 struct TileWork {
   double core_faces = 0;
-  double faces = 0;            // core and halo
+  double solve_faces = 0;      // of the core and kSolveGsd around it
+  double sight_faces = 0;      // of the core and kSightGsd around it
   std::vector<int32_t> views;  // those that the tile's cells chose, ascending
   int seeing_views = 0;        // of these, those whose image the tile's boxes meet
   double pixels = 0;           // of all crops to the tile
@@ -42,31 +47,31 @@ struct TileWork {
   double image_pixels = 0;     // of the whole images that are read for the crops
   double largest_decoded = 0;  // bytes of the largest file as decoded, before its crop is taken
   int likelihood_planes = 0;   // per pixel; 0: the scene has none
-  double reach_m = 0;          // how far corners of the core's faces lie outside it
 };
 
-// Looks at the cells within `halo_m` of the core, a cell that is partly so by its share, and at where their boxes lie
-// in the images.
-TileWork MeasureTile(const CellIndex& cells, const CellRect& core, double halo_m);
+// Looks at the cells that near the core, a cell that is partly so by its share, and at where their boxes lie in the
+// images.
+TileWork MeasureTile(const CellIndex& cells, const CellRect& core);
 
 struct Prediction {
   double core_seconds = 0;
   int64_t peak_bytes = 0;
 };
 
-// The tasks of a tile.
-Prediction PredictCrop(const TileWork& work);
-Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
-// In parts: seconds summed, memory of the hungriest.
-Prediction PredictRefine(const TileWork& work, const std::vector<RefineEffort>& parts);
+// The tasks of a tile. Those of several steps: seconds summed, memory of the hungriest.
 Prediction PredictCut(const Survey& survey, const TileWork& work);
-Prediction PredictStitch(const TileWork& work);
+Prediction PredictCrop(const TileWork& work);
+Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort);
+Prediction PredictSolve(const TileWork& work, const RefineEffort& effort);
+Prediction PredictMend(const TileWork& work, const RefineEffort& effort);
+// All steps of the only tile in one task.
+Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
 // The tasks of the job.
 Prediction PredictIngest(const Survey& survey);
 Prediction PredictPublish(const Survey& survey);
 
-// A lower bound of what refining so many faces takes, which needs no look at the images.
-int64_t LeastRefineBytes(double faces);
+// A lower bound of what a tile with so many faces takes, which needs no look at the images.
+int64_t LeastTileBytes(double faces);
 
 // How far off predictions may be: measured / predicted lay within [low, high] for about 90 % of the tasks that the
 // constants were fitted to (cost_bench prints it).

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <functional>
 
-#include "server/plan/graph.h"
 #include "server/plan/tiling.h"
 
 namespace tessera {
@@ -22,17 +21,22 @@ double Makespan(std::vector<double> seconds, int workers) {
 
 }  // namespace
 
+double TileQuote::core_seconds() const {
+  return cut.core_seconds + crop.core_seconds + measure.core_seconds + solve.core_seconds + mend.core_seconds +
+         refine.core_seconds;
+}
+
 int64_t TileQuote::peak_bytes() const {
-  return std::max({cut.peak_bytes, crop.peak_bytes, refine.peak_bytes, stitch.peak_bytes});
+  return std::max(
+      {cut.peak_bytes, crop.peak_bytes, measure.peak_bytes, solve.peak_bytes, mend.peak_bytes, refine.peak_bytes});
 }
 
 StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   Quote quote;
-  TESSERA_ASSIGN_OR_RETURN(quote.halo_m, HaloOf(settings, survey));
   const CellIndex cells(survey);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores,
-                           LayOutTiles(cells, TilingOptionsOf(settings, quote.halo_m)));
-  const std::vector<RefineEffort> parts = EffortsOf(settings, PartsOf(settings, cores.size()));
+  const TilingOptions options = TilingOptionsOf(settings, survey);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(cells, options));
   quote.ingest = PredictIngest(survey);
   quote.publish = PredictPublish(survey);
   quote.interval = RefineSecondsInterval();
@@ -43,13 +47,18 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
     TileQuote tile;
     tile.tile = static_cast<int>(quote.tiles.size());
     tile.core = core;
-    tile.work = MeasureTile(cells, core, quote.halo_m);
+    tile.work = MeasureTile(cells, core);
     tile.cut = PredictCut(survey, tile.work);
     tile.crop = PredictCrop(tile.work);
-    tile.refine = PredictRefine(tile.work, parts);
-    tile.stitch = PredictStitch(tile.work);
+    if (cores.size() == 1) {
+      tile.refine = PredictRefine(tile.work, options.effort);
+    } else {
+      tile.measure = PredictMeasure(tile.work, options.effort);
+      tile.solve = PredictSolve(tile.work, options.effort);
+      tile.mend = PredictMend(tile.work, options.effort);
+    }
     quote.core_faces += tile.work.core_faces;
-    quote.faces += tile.work.faces;
+    quote.sight_faces += tile.work.sight_faces;
     quote.core_seconds += tile.core_seconds();
     quote.peak_bytes = std::max(quote.peak_bytes, tile.peak_bytes());
     quote.tiles.push_back(std::move(tile));
@@ -58,16 +67,14 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
 }
 
 double WallSeconds(const Quote& quote, int workers, int threads) {
-  std::vector<double> cut, crop, refine, stitch;
-  for (const TileQuote& tile : quote.tiles) {
-    cut.push_back(tile.cut.core_seconds);
-    crop.push_back(tile.crop.core_seconds);
-    refine.push_back(tile.refine.core_seconds);
-    stitch.push_back(tile.stitch.core_seconds);
+  double seconds = quote.ingest.core_seconds + quote.publish.core_seconds;
+  for (const Prediction TileQuote::*stage : {&TileQuote::cut, &TileQuote::crop, &TileQuote::measure, &TileQuote::solve,
+                                             &TileQuote::mend, &TileQuote::refine}) {
+    std::vector<double> tasks;
+    for (const TileQuote& tile : quote.tiles) tasks.push_back((tile.*stage).core_seconds);
+    seconds += Makespan(std::move(tasks), workers);
   }
-  return (quote.ingest.core_seconds + Makespan(std::move(cut), workers) + Makespan(std::move(crop), workers) +
-          Makespan(std::move(refine), workers) + Makespan(std::move(stitch), workers) + quote.publish.core_seconds) /
-         std::max(1, threads);
+  return seconds / std::max(1, threads);
 }
 
 }  // namespace tessera

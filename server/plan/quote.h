@@ -16,21 +16,20 @@ struct TileQuote {
   int tile = 0;
   CellRect core;
   TileWork work;
-  Prediction cut, crop, refine, stitch;
-  double core_seconds() const {
-    return cut.core_seconds + crop.core_seconds + refine.core_seconds + stitch.core_seconds;
-  }
+  Prediction cut, crop;
+  Prediction measure, solve, mend;  // of all steps: seconds summed, memory of the hungriest
+  Prediction refine;                // of the only tile, in place of these
+  double core_seconds() const;
   int64_t peak_bytes() const;  // of its hungriest task
 };
 
 struct Quote {
   std::vector<TileQuote> tiles;
   Prediction ingest, publish;
-  double halo_m = 0;
-  double area_m2 = 0;                // of the ground cells that have faces
-  double core_faces = 0, faces = 0;  // summed over tiles, without and with halos
-  double core_seconds = 0;           // of all tasks
-  int64_t peak_bytes = 0;            // of the hungriest task
+  double area_m2 = 0;                      // of the ground cells that have faces
+  double core_faces = 0, sight_faces = 0;  // summed over tiles: their own, and with what they have in sight
+  double core_seconds = 0;                 // of all tasks
+  int64_t peak_bytes = 0;                  // of the hungriest task
   // About 90 % of tasks took between these shares of what was predicted for them, each task's on its own: the residuals
   // of the model's fit, on machines of one kind with other work on them. What makes a task differ (the machine, its
   // load, how textured the scene is) is much the same for all tasks of a job, so they do not average out, and the sum's

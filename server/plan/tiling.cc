@@ -52,8 +52,7 @@ class KdSplitter {
     parts = std::min(parts, count);
     if (parts <= 1) {
       // Of what is far too large no image need be looked at.
-      if (count > 1 &&
-          static_cast<double>(LeastRefineBytes(faces)) > kFarTooLarge * static_cast<double>(limit_bytes_)) {
+      if (count > 1 && static_cast<double>(LeastTileBytes(faces)) > kFarTooLarge * static_cast<double>(limit_bytes_)) {
         parts = 2;
       } else {
         const double excess = Excess(rect);
@@ -62,7 +61,7 @@ class KdSplitter {
           tiles_.push_back(rect);
           return absl::OkStatus();
         }
-        // The fewest equal parts that all fit; halos make them more than the excess tells.
+        // The fewest equal parts that all fit; what they read around them makes them more than the excess tells.
         const int fewest = static_cast<int>(std::clamp(std::ceil(excess), 2.0, std::min<double>(count, kMaxParts)));
         for (parts = fewest; parts <= std::min(count, fewest + kTries); ++parts) {
           std::vector<CellRect> trial;
@@ -93,32 +92,34 @@ class KdSplitter {
     SplitEvenly(high, parts - cut.low_parts, out);
   }
 
-  double PredictBytes(const TileWork& work) const {
+  // With the upper end of the interval.
+  double PredictBytes(const CellRect& rect, const TileWork& work) const {
     return RefineBytesInterval().high *
-           static_cast<double>(std::max(PredictRefine(work, options_.effort).peak_bytes, PredictCrop(work).peak_bytes));
+           static_cast<double>(PredictTileBytes(work, options_.effort, rect == cells_.bounds()));
   }
 
   // What a tile is predicted to take beyond what a worker holds anyway, as a share of the room; above 1 it does not
   // fit.
   double Excess(const CellRect& rect) const {
     if (limit_bytes_ == std::numeric_limits<int64_t>::max()) return 0;
-    const TileWork work = MeasureTile(cells_, rect, options_.halo_m);
-    const double fixed = static_cast<double>(LeastRefineBytes(0)), room = static_cast<double>(limit_bytes_) - fixed;
-    return room > 0 ? (PredictBytes(work) - fixed) / room : std::numeric_limits<double>::infinity();
+    const double bytes = PredictBytes(rect, MeasureTile(cells_, rect));
+    const double fixed = static_cast<double>(LeastTileBytes(0)), room = static_cast<double>(limit_bytes_) - fixed;
+    return room > 0 ? (bytes - fixed) / room : std::numeric_limits<double>::infinity();
   }
 
   Status CheckCell(const CellRect& rect) const {
     if (limit_bytes_ == std::numeric_limits<int64_t>::max()) return absl::OkStatus();
-    const TileWork work = MeasureTile(cells_, rect, options_.halo_m);
-    const double bytes = PredictBytes(work);
+    const TileWork work = MeasureTile(cells_, rect);
+    const double bytes = PredictBytes(rect, work);
     if (bytes <= static_cast<double>(limit_bytes_)) return absl::OkStatus();
     constexpr double kGiB = 1 << 30;
     return absl::InvalidArgumentError(absl::StrFormat(
-        "the ground cell at (%d, %d) with its halo (%.0f faces, %d views, %.1f megapixels) takes %.2f GiB to refine, "
+        "the ground cell at (%d, %d) (%.0f faces, %.0f more in sight, %d views, %.1f megapixels) takes %.2f GiB to "
+        "refine, "
         "and a tile cannot be smaller than a cell; tile memory: found %.2f GiB, expected at least that much "
         "(--tile-memory), or a finest level coarser than now (--levels)",
-        rect.x0, rect.y0, work.faces, work.seeing_views, 1e-6 * work.pixels, bytes / kGiB,
-        static_cast<double>(limit_bytes_) / kGiB));
+        rect.x0, rect.y0, work.core_faces, work.sight_faces - work.core_faces, work.seeing_views, 1e-6 * work.pixels,
+        bytes / kGiB, static_cast<double>(limit_bytes_) / kGiB));
   }
 
   struct Cut {
@@ -188,20 +189,26 @@ double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const Re
   const double side_px = survey.ground.cell_m / survey.gsd_m, views = static_cast<double>(cell.views.size());
   const double partners =
       survey.views.empty() ? 0 : static_cast<double>(survey.pairs.size()) / static_cast<double>(survey.views.size());
-  work.faces = static_cast<double>(cell.faces);
+  work.core_faces = work.solve_faces = work.sight_faces = static_cast<double>(cell.faces);
   work.seeing_views = static_cast<int>(cell.views.size());
   work.pixels = views * side_px * side_px;
   work.pair_pixels = work.pixels * std::min(partners, std::max(0.0, views - 1));
-  // At least its faces, where there are no views: every tile is cut and stitched.
-  return PredictCrop(work).core_seconds + PredictRefine(work, effort).core_seconds + PredictStitch(work).core_seconds;
+  // At least its faces, where there are no views: every tile's folds are looked for.
+  return PredictCrop(work).core_seconds + PredictRefine(work, effort).core_seconds;
 }
 
-TilingOptions TilingOptionsOf(const JobSettings& settings, double halo_m) {
+int64_t PredictTileBytes(const TileWork& work, const RefineEffort& effort, bool only) {
+  const int64_t crop = PredictCrop(work).peak_bytes;
+  if (only) return std::max(crop, PredictRefine(work, effort).peak_bytes);
+  return std::max({crop, PredictMeasure(work, effort).peak_bytes, PredictSolve(work, effort).peak_bytes,
+                   PredictMend(work, effort).peak_bytes});
+}
+
+TilingOptions TilingOptionsOf(const JobSettings& settings, const Survey& survey) {
   TilingOptions options;
   options.tiles = settings.tiles;
   options.tile_bytes = settings.tile_memory_bytes;
-  options.halo_m = halo_m;
-  options.effort = EffortOf(settings);
+  options.effort = EffortOf(settings, survey);
   return options;
 }
 

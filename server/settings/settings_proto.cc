@@ -19,7 +19,6 @@ JobSettings FromProto(const v1::JobSettings& proto) {
   if (from.has_normal_prior()) to.normal_prior = from.normal_prior();
   if (from.has_label_smoothness()) to.label_smoothness = from.label_smoothness();
   if (from.has_max_step_px()) to.max_step_px = from.max_step_px();
-  if (from.has_halo_gsd()) to.halo_gsd = from.halo_gsd();
   if (from.has_window_px()) to.window_px = from.window_px();
   if (from.has_partners()) to.partners = from.partners();
   if (from.has_views_per_direction()) to.views_per_direction = from.views_per_direction();
@@ -45,7 +44,6 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   if (from.normal_prior) to.set_normal_prior(*from.normal_prior);
   if (from.label_smoothness) to.set_label_smoothness(*from.label_smoothness);
   if (from.max_step_px) to.set_max_step_px(*from.max_step_px);
-  if (from.halo_gsd) to.set_halo_gsd(*from.halo_gsd);
   if (from.window_px) to.set_window_px(*from.window_px);
   if (from.partners) to.set_partners(*from.partners);
   if (from.views_per_direction) to.set_views_per_direction(*from.views_per_direction);

@@ -12,12 +12,18 @@
 
 namespace tessera {
 
-// State changes in the order they happened. Thread-safe.
+// What a record outlives from the moment on that it is stored.
+enum class Durability {
+  kProcess,  // the process's end, however it comes; if the machine fails the last of these may be lost
+  kMachine,  // the machine's too, and so do all records before it
+};
+
+// State changes in the order they happened; whatever is lost, it is the end of the list. Thread-safe.
 class RecordStore {
  public:
   virtual ~RecordStore() = default;
-  // Once OK the record survives any crash. On error nothing was stored.
-  virtual Status Append(const std::string& record) = 0;
+  // On error nothing was stored.
+  virtual Status Append(const std::string& record, Durability durability) = 0;
   // Calls `visit` for every record, oldest first; stops at its first error and returns it. DATA_LOSS names the record
   // that cannot be read.
   virtual Status Replay(const std::function<Status(const std::string& record)>& visit) = 0;

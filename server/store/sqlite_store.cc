@@ -9,7 +9,7 @@ namespace tessera {
 namespace {
 
 constexpr int kApplicationId = 0x54657373;  // "Tess"
-constexpr int kSchemaVersion = 2;           // of the tables, and of the records in them
+constexpr int kSchemaVersion = 3;           // of the tables, and of the records in them
 constexpr char kSchema[] = R"(
   CREATE TABLE records (id INTEGER PRIMARY KEY, content BLOB NOT NULL, xxh3 INTEGER NOT NULL);
   CREATE TABLE file_digests (path TEXT PRIMARY KEY, size_bytes INTEGER NOT NULL, modified_ns INTEGER NOT NULL,
@@ -35,26 +35,6 @@ Status SqliteError(const std::string& path, sqlite3* db, int code, const std::st
   }
 }
 
-}  // namespace
-
-struct SqliteStore::Impl {
-  std::string path;
-  sqlite3* db = nullptr;
-  int64_t start_count = 0;
-  std::mutex mutex;
-
-  ~Impl() { sqlite3_close_v2(db); }
-
-  Status Error(int code, const std::string& what) const { return SqliteError(path, db, code, what); }
-
-  Status Run(const std::string& sql) {
-    const int code = sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr);
-    return code == SQLITE_OK ? absl::OkStatus() : Error(code, sql.substr(0, 60));
-  }
-};
-
-namespace {
-
 // A prepared statement that finalises itself. Binding and stepping report through codes.
 class Statement {
  public:
@@ -67,11 +47,19 @@ class Statement {
   void BindText(int index, const std::string& value) {
     Keep(sqlite3_bind_text(statement_, index, value.data(), static_cast<int>(value.size()), SQLITE_TRANSIENT));
   }
+  // `value` must live until the next Reset.
   void BindBlob(int index, const std::string& value) {
-    Keep(sqlite3_bind_blob64(statement_, index, value.data(), value.size(), SQLITE_TRANSIENT));
+    Keep(sqlite3_bind_blob64(statement_, index, value.data(), value.size(), SQLITE_STATIC));
   }
   // SQLITE_ROW, SQLITE_DONE or an error.
   int Step() { return code_ == SQLITE_OK ? sqlite3_step(statement_) : code_; }
+  // To be bound and stepped through once more; nothing is held of what was bound.
+  void Reset() {
+    if (statement_ == nullptr) return;
+    sqlite3_reset(statement_);
+    sqlite3_clear_bindings(statement_);
+    code_ = SQLITE_OK;
+  }
   int64_t Int(int column) { return sqlite3_column_int64(statement_, column); }
   std::string Bytes(int column) {
     const auto* data = static_cast<const char*>(sqlite3_column_blob(statement_, column));
@@ -86,6 +74,41 @@ class Statement {
   sqlite3_stmt* statement_ = nullptr;
   int code_ = SQLITE_OK;
 };
+
+}  // namespace
+
+struct SqliteStore::Impl {
+  std::string path;
+  sqlite3* db = nullptr;
+  int64_t start_count = 0;
+  std::mutex mutex;
+  std::unique_ptr<Statement> insert;  // of records; made when first needed
+  Durability durability = Durability::kMachine;
+
+  ~Impl() {
+    insert.reset();
+    sqlite3_close_v2(db);
+  }
+
+  Status Error(int code, const std::string& what) const { return SqliteError(path, db, code, what); }
+
+  Status Run(const std::string& sql) {
+    const int code = sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr);
+    return code == SQLITE_OK ? absl::OkStatus() : Error(code, sql.substr(0, 60));
+  }
+
+  // Of the commits from now on. Between commits that sync, the log is written but not synced: a later sync takes all
+  // of it along.
+  Status SetDurability(Durability wanted) {
+    if (wanted == durability) return absl::OkStatus();
+    TESSERA_RETURN_IF_ERROR(
+        Run(wanted == Durability::kMachine ? "PRAGMA synchronous=FULL" : "PRAGMA synchronous=NORMAL"));
+    durability = wanted;
+    return absl::OkStatus();
+  }
+};
+
+namespace {
 
 StatusOr<int64_t> ReadNumber(sqlite3* db, const std::string& path, const char* sql) {
   Statement statement(db, sql);
@@ -137,13 +160,19 @@ StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path
   return std::unique_ptr<SqliteStore>(new SqliteStore(std::move(impl)));
 }
 
-Status SqliteStore::Append(const std::string& record) {
+Status SqliteStore::Append(const std::string& record, Durability durability) {
   std::lock_guard lock(impl_->mutex);
-  Statement insert(impl_->db, "INSERT INTO records (content, xxh3) VALUES (?, ?)");
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(durability));
+  if (impl_->insert == nullptr) {
+    impl_->insert = std::make_unique<Statement>(impl_->db, "INSERT INTO records (content, xxh3) VALUES (?, ?)");
+  }
+  Statement& insert = *impl_->insert;
   insert.BindBlob(1, record);
   insert.Bind(2, static_cast<int64_t>(Xxh3(record)));
   const int code = insert.Step();
-  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot store a record");
+  const Status status = code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot store a record");
+  insert.Reset();
+  return status;
 }
 
 Status SqliteStore::Replay(const std::function<Status(const std::string& record)>& visit) {
@@ -179,6 +208,7 @@ std::optional<Digest> SqliteStore::Find(const std::string& path, const FileStamp
 
 Status SqliteStore::Remember(const std::string& path, const FileStamp& stamp, const Digest& digest) {
   std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));  // what is forgotten is hashed again
   Statement insert(impl_->db, "INSERT OR REPLACE INTO file_digests VALUES (?, ?, ?, ?)");
   insert.BindText(1, path);
   insert.Bind(2, stamp.size_bytes);

@@ -1,4 +1,4 @@
-// RecordStore and DigestCache in one SQLite file (write-ahead log, every commit synced).
+// RecordStore and DigestCache in one SQLite file (write-ahead log, synced as each record asks).
 #ifndef TESSERA_SERVER_STORE_SQLITE_STORE_H_
 #define TESSERA_SERVER_STORE_SQLITE_STORE_H_
 
@@ -16,7 +16,7 @@ class SqliteStore : public RecordStore, public DigestCache {
   static StatusOr<std::unique_ptr<SqliteStore>> Open(const std::string& path);
   ~SqliteStore() override;
 
-  Status Append(const std::string& record) override;
+  Status Append(const std::string& record, Durability durability) override;
   Status Replay(const std::function<Status(const std::string& record)>& visit) override;
   int64_t StartCount() const override;
   std::optional<Digest> Find(const std::string& path, const FileStamp& stamp) override;

@@ -30,6 +30,7 @@
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "server/plan/graph.h"
+#include "worker/tasks/open_tile.h"
 #include "worker/tasks/task.h"
 #include "worker/tasks/tile_files.h"
 
@@ -128,35 +129,22 @@ StatusOr<std::vector<PlannedTask>> Plan(const std::string& folder, int tiles) {
 }
 
 // The core as the tile has it, unrefined.
-TileCore PassThrough(const TilePackage& package) {
-  TileCore core;
-  core.tile = package.tile;
-  core.report = R"({"seam":{"vertices":0,"faces":0,"label_differences":0,"sum_squared_m2":0,"max_m":0}})";
-  std::vector<std::pair<uint32_t, uint32_t>> used;  // global, local
-  for (size_t f = 0; f < package.core.size(); ++f) {
-    if (!package.core[f]) continue;
-    core.face_ids.push_back(package.face_ids[f]);
-    core.labels.push_back(package.mesh.labels[f]);
-    core.confidence.push_back(1);
-    for (const uint32_t v : package.mesh.faces[f]) used.emplace_back(package.vertex_ids[v], v);
-  }
-  std::sort(used.begin(), used.end());
-  for (const auto& [id, local] : used) {
-    if (!core.vertex_ids.empty() && core.vertex_ids.back() == id) continue;
-    core.vertex_ids.push_back(id);
-    core.positions.push_back(package.mesh.vertices[local]);
-  }
-  return core;
+StatusOr<TileState> PassThrough(TilePackage package) {
+  OpenTile tile(std::move(package));
+  TESSERA_ASSIGN_OR_RETURN(KnownState start, tile.Join({}, 0));
+  start.confidence.assign(start.labels.size(), 1.0f);
+  return tile.StateOf(start);
 }
 
 // The package goes once its core is there.
 Status CutToCore(const std::string& folder, const PlannedTask& task, int tile) {
   const std::string out = absl::StrCat(folder, "/cut", tile);
   TESSERA_RETURN_IF_ERROR(RunInFolder("cut", task.parameters, folder + "/city", out).status());
-  TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(absl::StrCat(out, "/", kTileFile)));
-  const std::string path = absl::StrCat(folder, "/city/", TileInputName(tile, kCoreFile));
+  TESSERA_ASSIGN_OR_RETURN(TilePackage package, ReadTilePackage(absl::StrCat(out, "/", kTileFile)));
+  TESSERA_ASSIGN_OR_RETURN(const TileState core, PassThrough(std::move(package)));
+  const std::string path = absl::StrCat(folder, "/city/", TileInputName(tile, kStateFile));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(path.substr(0, path.rfind('/'))));
-  TESSERA_RETURN_IF_ERROR(WriteTileCore(path, PassThrough(package)));
+  TESSERA_RETURN_IF_ERROR(WriteTileState(path, core));
   return RemoveTree(out);
 }
 
@@ -265,9 +253,14 @@ void Run(const std::string& folder, double faces, int tiles, int limit_mib, int 
   RunStep("list", 0, [&]() -> Status {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> tasks, Plan(folder, tiles));
     std::string lines;
+    PublishParameters publish;
     for (const PlannedTask& task : tasks) {
-      if (task.kind == "cut" || task.kind == "publish") absl::StrAppend(&lines, task.kind, " ", task.parameters, "\n");
+      if (task.kind != kCutKind) continue;
+      absl::StrAppend(&lines, task.kind, " ", task.parameters, "\n");
+      TESSERA_ASSIGN_OR_RETURN(const CutParameters cut, ParseCutParameters(task.parameters));
+      publish.tiles.push_back(cut.tile);
     }
+    absl::StrAppend(&lines, kPublishKind, " ", ToJson(publish), "\n");
     return WriteFileAtomic(plan_file, lines);
   });
   std::ifstream lines(plan_file);
@@ -279,7 +272,7 @@ void Run(const std::string& folder, double faces, int tiles, int limit_mib, int 
     task.parameters = parameters;
     if (kind == "cut") {
       const int tile = count++;
-      if (FileExists(absl::StrCat(folder, "/city/", TileInputName(tile, kCoreFile)))) continue;
+      if (FileExists(absl::StrCat(folder, "/city/", TileInputName(tile, kStateFile)))) continue;
       if (cutting.size() == static_cast<size_t>(jobs)) {
         Worst(FinishStep(cutting.front()), &cut);
         cutting.pop_front();

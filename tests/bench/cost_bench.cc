@@ -49,7 +49,6 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
   const json job = json::parse(job_text);
   const JobSettings settings = SettingsOf(job);
   const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
-  TESSERA_ASSIGN_OR_RETURN(const double halo_m, HaloOf(settings, survey));
   const CellIndex cells(survey);
   std::map<int, CellRect> cores;
   for (const json& task : job.at("tasks")) {
@@ -65,24 +64,32 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
     Prediction prediction;
     TileWork work;
     const int tile = task.at("tile");
-    if (tile >= 0) work = MeasureTile(cells, cores[tile], halo_m);
+    if (tile >= 0) work = MeasureTile(cells, cores[tile]);
     RefineEffort effort;
     if (kind == "refine") {
-      TESSERA_ASSIGN_OR_RETURN(const RefineParameters part, ParseRefineParameters(task.at("parameters").dump()));
-      effort = EffortOf(steps, {part.begin, part.end});
+      effort = EffortOf(settings, survey);
       prediction = PredictRefine(work, effort);
+    }
+    if (kind == "measure" || kind == "solve") {
+      TESSERA_ASSIGN_OR_RETURN(const StepParameters step, ParseStepParameters(task.at("parameters").dump()));
+      effort = EffortOf(steps.at(step.step));
+      prediction = kind == "measure" ? PredictMeasure(work, effort) : PredictSolve(work, effort);
+    }
+    if (kind == "mend") {
+      effort.mends = 1;
+      prediction = PredictMend(work, effort);
     }
     if (kind == "crop") prediction = PredictCrop(work);
     if (kind == "cut") prediction = PredictCut(survey, work);
-    if (kind == "stitch") prediction = PredictStitch(work);
     if (kind == "ingest") prediction = PredictIngest(survey);
     if (kind == "publish") prediction = PredictPublish(survey);
     std::printf(
-        "%s\t%s\t%d\t%.0f\t%.0f\t%.0f\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.3f\t%.0f\t%zu\t%d\t%.3f\t%.1f\t%.3f\t%.1f\t%.0f\n",
-        run.c_str(), kind.c_str(), tile, static_cast<double>(survey.faces), work.faces, work.core_faces,
-        work.seeing_views, work.pixels, work.pair_pixels, work.open_pixels, work.image_pixels, work.likelihood_planes, effort.evaluations,
-        effort.iterations, survey.views.size(), threads, seconds, bytes / (1 << 20), prediction.core_seconds,
-        static_cast<double>(prediction.peak_bytes) / (1 << 20),
+        "%s\t%s\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.3f\t%.0f\t%.0f\t%zu\t%d\t%.3f\t%.1f\t%."
+        "3f\t%.1f\t%.0f\n",
+        run.c_str(), kind.c_str(), tile, static_cast<double>(survey.faces), work.core_faces, work.solve_faces,
+        work.sight_faces, work.seeing_views, work.pixels, work.pair_pixels, work.open_pixels, work.image_pixels,
+        work.likelihood_planes, effort.evaluations, effort.iterations, effort.labellings, survey.views.size(), threads,
+        seconds, bytes / (1 << 20), prediction.core_seconds, static_cast<double>(prediction.peak_bytes) / (1 << 20),
         task.at("stats").is_object() ? task.at("stats").value("faces", 0.0) : 0.0);
     Spread& spread = (*spreads)[kind];
     if (prediction.core_seconds > 0) spread.seconds.push_back(seconds / prediction.core_seconds);
@@ -100,8 +107,9 @@ int main(int argc, char** argv) {
   app.add_option("RUN", runs, "Folders with job.json and survey.json")->required();
   CLI11_PARSE(app, argc, argv);
   std::printf(
-      "run\tkind\ttile\tcity_faces\tfaces\tcore_faces\tviews\tpixels\tpair_pixels\topen_pixels\timage_pixels\tplanes\tevaluations\t"
-      "iterations\tcity_views\tthreads\tseconds\tMiB\tpredicted_s\tpredicted_MiB\treported_faces\n");
+      "run\tkind\ttile\tcity_faces\tcore_faces\tsolve_faces\tsight_faces\tviews\tpixels\tpair_pixels\topen_pixels\t"
+      "image_pixels\tplanes\tevaluations\titerations\tlabellings\tcity_views\tthreads\tseconds\tMiB\tpredicted_"
+      "s\tpredicted_MiB\treported_faces\n");
   std::map<std::string, tessera::Spread> spreads;
   for (const std::string& run : runs) {
     const tessera::Status status = tessera::Show(run, &spreads);

@@ -191,17 +191,29 @@ FaceLikelihoods CollectLikelihoods(const std::vector<ScoredView>& views, const s
   return sums;
 }
 
+// Squares of the ground that the faces' centroids lie in.
+std::vector<Cell> CellsOf(const TriangleMesh& mesh, const Eigen::Vector3d& up, double gsd_m) {
+  const Eigen::Vector3d x = up.unitOrthogonal(), y = up.cross(x);
+  std::vector<Cell> cells;
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    const Eigen::Vector3d centre =
+        (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / (3 * kLabelCellGsd * gsd_m);
+    cells.push_back({static_cast<int32_t>(std::floor(centre.dot(x))), static_cast<int32_t>(std::floor(centre.dot(y)))});
+  }
+  return cells;
+}
+
 // How much of the area keeps its label when every face is split and all is solved again.
 Status PrintAgreement(const SceneDescription& scene, const std::vector<ScoredView>& views,
                       const std::vector<CameraWindow>& cameras, const TriangleMesh& mesh,
                       const std::vector<int32_t>& labels, double gsd_m, const Arguments& arguments) {
   const TriangleMesh halved = Halved(mesh);
   std::vector<FaceMap> maps;
-  Rasterizer().DrawViews(halved, nullptr, cameras, &maps);
-  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(halved));
+  Rasterizer().DrawViews(halved, CellBoxes(halved), cameras, &maps);
   const FaceLikelihoods sums = CollectLikelihoods(views, maps, halved, static_cast<int>(scene.classes.size()));
-  const LabelField field =
-      BuildLabelField(halved, EdgeList(topology), sums, scene.classes, scene.up_in_local, gsd_m, arguments.label);
+  LabelField field =
+      BuildLabelField(halved, EdgeList(halved.faces), sums, scene.classes, scene.up_in_local, gsd_m, arguments.label);
+  field.cell = CellsOf(halved, scene.up_in_local, gsd_m);
   const std::vector<int32_t> start(halved.faces.size(), -1);
   const std::vector<int32_t> split = SolveLabels(field, start, arguments.solver).labels;
   double same = 0, all = 0, same_seen = 0, seen = 0;
@@ -224,13 +236,12 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
   TriangleMesh& mesh = content.mesh;
   for (Eigen::Vector3d& p : mesh.vertices) p = scene.frame.LocalFromScene(p);
   TESSERA_ASSIGN_OR_RETURN(const double gsd_m, MedianGsd(scene, mesh));
-  TESSERA_ASSIGN_OR_RETURN(const MeshTopology topology, BuildTopology(mesh));
-  const std::vector<MeshEdge> edges = EdgeList(topology);
+  const std::vector<MeshEdge> edges = EdgeList(mesh.faces);
   const int classes = static_cast<int>(scene.classes.size());
   std::vector<CameraWindow> cameras;
   for (const SceneView& view : scene.views) cameras.push_back(view.camera);
   std::vector<FaceMap> maps;
-  Rasterizer().DrawViews(mesh, nullptr, cameras, &maps);
+  Rasterizer().DrawViews(mesh, CellBoxes(mesh), cameras, &maps);
 
   std::printf("\n%s: %zu faces, GSD %.3f m\n", path.c_str(), mesh.faces.size(), gsd_m);
   PrintHeader();
@@ -254,7 +265,8 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
   print("plain sums", LeastOf(negated, classes), CpuSeconds() - start_s);
 
   const auto solve = [&](const std::string& name, const LabelOptions& options) -> std::vector<int32_t> {
-    const LabelField field = BuildLabelField(mesh, edges, sums, scene.classes, scene.up_in_local, gsd_m, options);
+    LabelField field = BuildLabelField(mesh, edges, sums, scene.classes, scene.up_in_local, gsd_m, options);
+    field.cell = CellsOf(mesh, scene.up_in_local, gsd_m);
     const std::vector<int32_t> start = mesh.labels.empty() ? std::vector<int32_t>(mesh.faces.size(), -1) : mesh.labels;
     start_s = CpuSeconds();
     const Labelling solved = SolveLabels(field, start, arguments.solver);

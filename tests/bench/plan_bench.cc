@@ -1,7 +1,8 @@
 // plan_bench [--images 10000] [--faces 100e6] [--tile-memory 4GiB]: what the plan of a large city costs the
 // coordinator. Makes a survey, gives a coordinator without network (dispatcher, SQLite store, blob store) a job of that
-// many files, plays the workers to the job's end, and prints peak memory and seconds a stage. The survey is made by a
-// process of its own, so that its memory does not count.
+// many files, plays the workers to the job's end, phase after phase, and prints peak memory and seconds a stage. Tiles
+// read those that lie as near as the reach of the operators. The survey is made by a process of its own, so that its
+// memory does not count.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -47,6 +48,21 @@ int WriteSurvey(const SyntheticCity& city, const std::string& folder, const std:
              : 1;
 }
 
+constexpr double kNearGsd = 250, kSolveNearGsd = 160;  // of tiles that read each other
+
+// What the cut of a tile says that it reads.
+std::string ReadsOf(const CutParameters& cut, double cell_m, double gsd_m) {
+  const auto within = [&](double gsd) {
+    std::vector<int> ids;
+    for (int tile = 0; tile < static_cast<int>(cut.cores.size()); ++tile) {
+      if (DistanceBetween(cut.cores[tile], cut.tile.core, cell_m) <= gsd * gsd_m) ids.push_back(tile);
+    }
+    return ids;
+  };
+  const std::vector<int> near = within(kNearGsd);
+  return ToJson(TileReads{near, near, near, within(kSolveNearGsd)});
+}
+
 Status Run(const SyntheticCity& city, JobSettings settings) {
   TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "plan_bench-"));
   const std::string digest_file = folder.path() + "/survey";
@@ -68,13 +84,16 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
       const auto dispatcher,
       Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
   TESSERA_ASSIGN_OR_RETURN(const Digest nothing, blobs->PutBytes(""));
+  double cell_m = 0;
   NewJob job;
   job.scene_path = "/scene";
   job.settings = settings;
   {
     SyntheticCity few = city;
     few.faces = 1;
-    for (const SceneView& view : MakeSyntheticSurvey(few).views) {
+    const Survey small = MakeSyntheticSurvey(few);
+    cell_m = small.ground.cell_m;
+    for (const SceneView& view : small.views) {
       job.scene_files.push_back({view.image_path, nothing});
       job.scene_files.push_back({view.likelihood_path, nothing});
     }
@@ -101,12 +120,13 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
     } else if (kind == "publish") {
       add(kMeshFile, nothing);
       add(kReportFile, nothing);
+    } else if (kind == "cut") {
+      TESSERA_ASSIGN_OR_RETURN(const CutParameters cut, ParseCutParameters(lease->plan.parameters));
+      TESSERA_ASSIGN_OR_RETURN(const Digest reads, blobs->PutBytes(ReadsOf(cut, cell_m, city.gsd_m)));
+      add(kTileFile, nothing);
+      add(kReadsFile, reads);
     } else {
-      add(kind == "cut"      ? kTileFile
-          : kind == "crop"   ? kViewsFile
-          : kind == "refine" ? kResultFile
-                             : kCoreFile,
-          nothing);
+      add(kind == "crop" ? kViewsFile : kind == "measure" ? kSumsFile : kStateFile, nothing);
     }
     TESSERA_RETURN_IF_ERROR(dispatcher->ReportSuccess(worker, lease->task, lease->attempt, result));
     if (kind == "ingest") Print("planned", meter);

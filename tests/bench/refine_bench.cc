@@ -50,7 +50,6 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--gaussian", a.refine.gaussian_window);
   app.add_option("--noise-sigma", a.refine.noise_sigma);
   app.add_option("--thin-plate", a.refine.thin_plate);
-  app.add_option("--tangential", a.refine.tangential);
   app.add_option("--photo-outlier", a.refine.photo_outlier);
   app.add_option("--membrane", a.refine.membrane);
   app.add_option("--rim", a.refine.rim);

@@ -19,10 +19,10 @@ class ClusterTest : public testing::Test {
  protected:
   ClusterTest() : folder_(TempFolder::Create(testing::TempDir()).value()) {}
 
-  // A refine task that is leased now.
-  static std::optional<v1::Task> LeasedRefine(Cluster& cluster, const std::string& job) {
+  // A measure task that is leased now.
+  static std::optional<v1::Task> LeasedMeasure(Cluster& cluster, const std::string& job) {
     for (const v1::Task& task : cluster.Tasks(job)) {
-      if (task.kind() == "refine" && task.state() == v1::LEASED) return task;
+      if (task.kind() == "measure" && task.state() == v1::LEASED) return task;
     }
     return std::nullopt;
   }
@@ -38,13 +38,13 @@ class ClusterTest : public testing::Test {
   TempFolder folder_;
 };
 
-TEST_F(ClusterTest, AWorkerKilledWhileItRefinesOnlyDelaysTheJob) {
+TEST_F(ClusterTest, AWorkerKilledWhileItMeasuresOnlyDelaysTheJob) {
   Cluster cluster(folder_.path());
   cluster.AddWorker();
   cluster.AddWorker();
   const v1::Job submitted = cluster.Submit(ToyCity(), 4);
   std::optional<v1::Task> victim;
-  ASSERT_TRUE(WaitUntil([&] { return (victim = LeasedRefine(cluster, submitted.name())).has_value(); }));
+  ASSERT_TRUE(WaitUntil([&] { return (victim = LeasedMeasure(cluster, submitted.name())).has_value(); }));
   const pid_t pid = PidOf(cluster, victim->worker());
   ASSERT_NE(pid, 0);
   bool killed = false;
@@ -57,7 +57,7 @@ TEST_F(ClusterTest, AWorkerKilledWhileItRefinesOnlyDelaysTheJob) {
   const v1::Job job = cluster.Await(submitted.name());
   ASSERT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error();
   const std::string out = cluster.Fetch(job.name());
-  EXPECT_EQ(AttemptsOf(out + "/job.json", "refine")[victim->title()], 2);
+  EXPECT_EQ(AttemptsOf(out + "/job.json", "measure")[victim->title()], 2);
   EXPECT_TRUE(Content(out + "/mesh.ply") == Content(UndisturbedMesh()));
 }
 
@@ -67,16 +67,16 @@ TEST_F(ClusterTest, ACoordinatorKilledInTheMiddleGoesOnWhenItIsBack) {
   cluster.AddWorker();
   const v1::Job submitted = cluster.Submit(ToyCity(), 4);
   std::optional<v1::Task> running;
-  ASSERT_TRUE(WaitUntil([&] { return (running = LeasedRefine(cluster, submitted.name())).has_value(); }));
+  ASSERT_TRUE(WaitUntil([&] { return (running = LeasedMeasure(cluster, submitted.name())).has_value(); }));
   Program watch(folder_.path(), TESSERA_PROGRAM, {"watch", submitted.name(), "--coordinator", cluster.address()});
-  ASSERT_TRUE(WaitUntil([&] { return watch.Output().find("refine") != std::string::npos; })) << watch.Output();
+  ASSERT_TRUE(WaitUntil([&] { return watch.Output().find("measure") != std::string::npos; })) << watch.Output();
   cluster.coordinator().Kill();
   cluster.StartCoordinator();
   const v1::Job job = cluster.Await(submitted.name());
   ASSERT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error();
   const std::string out = cluster.Fetch(job.name());
   EXPECT_TRUE(Content(out + "/mesh.ply") == Content(UndisturbedMesh()));
-  EXPECT_EQ(AttemptsOf(out + "/job.json", "refine")[running->title()], 1) << "the worker went on meanwhile";
+  EXPECT_EQ(AttemptsOf(out + "/job.json", "measure")[running->title()], 1) << "the worker went on meanwhile";
   const Outcome watched = watch.Wait();
   EXPECT_EQ(watched.exit_code, 0) << watched.output;
   EXPECT_THAT(watched.output, HasSubstr("tiles 4/4"));
@@ -86,7 +86,7 @@ TEST_F(ClusterTest, WorkersMayComeAndGo) {
   Cluster cluster(folder_.path());
   const v1::Job submitted = cluster.Submit(ToyCity(), 4);
   Program& first = cluster.AddWorker();
-  ASSERT_TRUE(WaitUntil([&] { return LeasedRefine(cluster, submitted.name()).has_value(); }));
+  ASSERT_TRUE(WaitUntil([&] { return LeasedMeasure(cluster, submitted.name()).has_value(); }));
   first.Signal(SIGTERM);
   EXPECT_EQ(first.Wait().exit_code, 0);
   v1::ListWorkersResponse workers;

@@ -46,7 +46,7 @@ TEST_F(RunTest, OneTwoAndFourWorkersMakeTheSameBytes) {
     fs::remove_all(out_);
     const Outcome outcome = Run({"--tiles", "4", "--workers", workers, "--threads-per-worker", "1"});
     ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
-    EXPECT_GT(AttemptsOf(out_ + "/job.json", "refine").size(), 1u);
+    EXPECT_GT(AttemptsOf(out_ + "/job.json", "measure").size(), 1u);
     EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh())) << workers << " workers";
     EXPECT_THAT(outcome.output, HasSubstr("result: " + out_ + "/mesh.ply"));
   }
@@ -62,6 +62,7 @@ TEST_F(RunTest, UntiledIsOneRefineTask) {
   const Outcome outcome = Run({"--tiles", "1"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_EQ(AttemptsOf(out_ + "/job.json", "refine").size(), 1u);
+  EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh())) << "four tiles give the same bytes";
 }
 
 TEST_F(RunTest, ARepeatedRunDoesNothingTwice) {
@@ -86,22 +87,24 @@ TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
   EXPECT_THAT(Content(map), HasSubstr("</svg>"));
   const auto planned = nlohmann::json::parse(Content(json));
   ASSERT_EQ(Run({"--tiles", "4"}).exit_code, 0);
-  std::map<int, double> predicted_s;  // of all parts
+  std::map<std::pair<int, std::string>, double> predicted_s;  // of a tile's tasks of a kind
   const auto job = nlohmann::json::parse(Content(out_ + "/job.json"));
   for (const auto& task : job["tasks"]) {
     if (task["kind"] == "ingest") {
       EXPECT_EQ(task["reused"], true);
     }
-    if (task["kind"] != "refine") continue;
     const int tile = task["tile"];
-    predicted_s[tile] += task["predicted"]["core_seconds"].get<double>();
-    EXPECT_LE(task["predicted"]["peak_bytes"], planned["tiles"][tile]["refine"]["peak_bytes"]);
+    if (tile < 0) continue;
+    const std::string kind = task["kind"];
+    predicted_s[{tile, kind}] += task["predicted"]["core_seconds"].get<double>();
+    EXPECT_LE(task["predicted"]["peak_bytes"], planned["tiles"][tile][kind]["peak_bytes"]);
     EXPECT_GT(task["used"]["core_seconds"], 0);
     EXPECT_GT(task["used"]["peak_bytes"], 1 << 20);
   }
-  EXPECT_EQ(predicted_s.size(), 4u);
-  for (const auto& [tile, seconds] : predicted_s) {
-    EXPECT_NEAR(seconds, planned["tiles"][tile]["refine"]["core_seconds"].get<double>(), 1e-9);
+  EXPECT_EQ(predicted_s.size(), 4u * 5) << "cut, crop, measure, solve, mend";
+  for (const auto& [task, seconds] : predicted_s) {
+    const auto& [tile, kind] = task;
+    EXPECT_NEAR(seconds, planned["tiles"][tile][kind]["core_seconds"].get<double>(), 1e-9);
   }
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
 }
@@ -118,7 +121,7 @@ TEST_F(RunTest, AnInterruptStopsEverythingThatWasStarted) {
   for (const int signal : {SIGINT, SIGTERM}) {
     fs::remove_all(out_);
     Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
-    ASSERT_TRUE(WaitUntil([&] { return run.Output().find("refine") != std::string::npos; })) << run.Output();
+    ASSERT_TRUE(WaitUntil([&] { return run.Output().find("measure") != std::string::npos; })) << run.Output();
     EXPECT_GE(Processes(run.pid()).size(), 2u);
     run.Signal(signal);
     const Outcome outcome = run.Wait();
@@ -133,14 +136,14 @@ TEST_F(RunTest, AnInterruptStopsEverythingThatWasStarted) {
 
 TEST_F(RunTest, NothingOutlivesARunThatIsKilled) {
   Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
-  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("refine") != std::string::npos; })) << run.Output();
+  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("measure") != std::string::npos; })) << run.Output();
   run.Kill();
   EXPECT_TRUE(WaitUntil([&] { return Processes(0).empty(); }, 20));
 }
 
 TEST_F(RunTest, AKilledWorkerIsReplacedAndTold) {
   Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--workers", "1", "--out", out_});
-  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("refine") != std::string::npos; })) << run.Output();
+  ASSERT_TRUE(WaitUntil([&] { return run.Output().find("measure") != std::string::npos; })) << run.Output();
   for (const std::string& pid : Processes(run.pid())) {
     std::ifstream file("/proc/" + pid + "/comm");
     std::string name;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/storage/files.h"
+#include "common/tile/task_parameters.h"
 #include "server/dispatch/dispatcher.h"
 #include "tests/support/fake_clock.h"
 
@@ -17,8 +18,9 @@ namespace tessera {
 
 class MemoryStore : public RecordStore {
  public:
-  Status Append(const std::string& record) override {
-    if (fail) return absl::ResourceExhaustedError("disk full");
+  Status Append(const std::string& record, Durability) override {
+    if (fail || fail_after == 0) return absl::ResourceExhaustedError("disk full");
+    if (fail_after > 0) --fail_after;
     records.push_back(record);
     return absl::OkStatus();
   }
@@ -32,12 +34,16 @@ class MemoryStore : public RecordStore {
   std::vector<std::string> records;
   int64_t starts = 0;
   bool fail = false;
+  int fail_after = -1;  // records that are stored yet; negative: no end
 };
 
 // ingest -> `tiles` refine tasks (tile t costs t + 1) -> publish. The survey's text enters the refine tasks'
-// parameters.
+// parameters. Where tiles exchange: ingest; `tiles` cuts; refine tasks, each of which reads the cuts of the tiles that
+// its own cut named under `sight`, and publish.
 class FakePlanner : public Planner {
  public:
+  bool exchange = false;
+
   StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) override {
     if (settings.method != "tessera") return absl::InvalidArgumentError("no method " + settings.method);
     PlannedTask task{"ingest", "read the scene", -1, "{}", 1, {}};
@@ -48,21 +54,40 @@ class FakePlanner : public Planner {
                                            const std::vector<std::string>&) override {
     if (survey == "bad") return absl::InvalidArgumentError("bad survey");
     std::vector<PlannedTask> tasks;
-    PlannedTask publish{"publish", "publish", -1, "{}", 1, {}};
     for (int tile = 0; tile < settings.tiles; ++tile) {
-      const std::string name = "tile" + std::to_string(tile);
-      tasks.push_back({"refine",
-                       "refine tile " + std::to_string(tile),
-                       tile,
-                       "{\"survey\":\"" + survey + "\",\"tile\":" + std::to_string(tile) + "}",
-                       tile + 1.0,
-                       {{"mesh", 0, "mesh"}},
-                       0,
-                       {0}});
-      publish.inputs.push_back({name, tile + 1, "refined"});
+      const std::string parameters = "{\"survey\":\"" + survey + "\",\"tile\":" + std::to_string(tile) + "}";
+      if (exchange) {
+        const std::string name = "cut tile " + std::to_string(tile);
+        tasks.push_back({"cut", name, tile, parameters, 1, {{TaskId(0), "mesh"}}});
+      } else {
+        tasks.push_back(Refine(tile, parameters));
+        tasks.back().inputs = {{TaskId(0), "mesh"}};
+        tasks.back().scene_files = {0};
+      }
     }
-    tasks.push_back(publish);
+    if (!exchange) tasks.push_back(Publish(settings.tiles, 1));
     return tasks;
+  }
+  StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
+                                           const std::vector<std::string>&,
+                                           const std::vector<TileReads>& reads) override {
+    std::vector<PlannedTask> tasks;
+    for (int tile = 0; tile < settings.tiles; ++tile) {
+      tasks.push_back(Refine(tile, "{\"survey\":\"" + survey + "\"}"));
+      for (const int other : reads[tile].sight) tasks.back().inputs.push_back({TaskId(1 + other), kTileFile, other});
+    }
+    tasks.push_back(Publish(settings.tiles, 1 + settings.tiles));
+    return tasks;
+  }
+
+ private:
+  static PlannedTask Refine(int tile, const std::string& parameters) {
+    return {"refine", "refine tile " + std::to_string(tile), tile, parameters, tile + 1.0, {}};
+  }
+  static PlannedTask Publish(int tiles, int first_refine) {
+    PlannedTask publish{"publish", "publish", -1, "{}", 1, {}};
+    for (int tile = 0; tile < tiles; ++tile) publish.inputs.push_back({TaskId(first_refine + tile), "refined", tile});
+    return publish;
   }
 };
 
@@ -98,6 +123,12 @@ class CoordinatorTest : public testing::Test {
     EXPECT_TRUE(lease.ok()) << lease.status();
     return lease.ok() ? *lease : std::nullopt;
   }
+  // What the cut of a tile says it reads: itself and the tile before.
+  virtual std::string ReadsOf(int tile) {
+    std::vector<int> ids = {tile};
+    if (tile > 0) ids.insert(ids.begin(), tile - 1);
+    return ToJson(TileReads{ids, ids, ids, ids});
+  }
   // The outputs that FakePlanner's graph expects of the task, stored.
   ReportedResult Result(const GrantedLease& lease, const std::string& survey = "survey") {
     ReportedResult result;
@@ -109,6 +140,9 @@ class CoordinatorTest : public testing::Test {
     if (lease.plan.kind == "ingest") {
       add("survey.json", survey);
       add("mesh", "mesh of " + lease.key);
+    } else if (lease.plan.kind == "cut") {
+      add(kTileFile, "tile " + lease.key);
+      add(kReadsFile, ReadsOf(lease.plan.tile));
     } else if (lease.plan.kind == "refine") {
       add("refined", "refined " + lease.key);
     } else {

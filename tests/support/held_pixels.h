@@ -11,19 +11,16 @@ namespace tessera {
 
 class HeldPixels : public ViewPixels {
  public:
-  explicit HeldPixels(FloatImage luminance, FloatImage likelihoods = FloatImage(),
-                      FarSilhouettes silhouettes = FarSilhouettes())
-      : luminance_(std::move(luminance)), likelihoods_(std::move(likelihoods)), silhouettes_(std::move(silhouettes)) {}
+  explicit HeldPixels(FloatImage luminance, FloatImage likelihoods = FloatImage())
+      : luminance_(std::move(luminance)), likelihoods_(std::move(likelihoods)) {}
   int width() const override { return luminance_.width; }
   int height() const override { return luminance_.height; }
   StatusOr<FloatImage> Luminance() const override { return luminance_; }
   bool has_likelihoods() const override { return !likelihoods_.empty(); }
   StatusOr<FloatImage> Likelihoods() const override { return likelihoods_; }
-  StatusOr<FarSilhouettes> Silhouettes() const override { return silhouettes_; }
 
  private:
   FloatImage luminance_, likelihoods_;
-  FarSilhouettes silhouettes_;
 };
 
 }  // namespace tessera

@@ -23,7 +23,7 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
     fs::create_symlink(fs::absolute(target), link);
   };
   for (const PlannedInput& input : planned.inputs) {
-    bring(fs::path(earlier.at(input.task).output_dir) / input.output, input.name);
+    bring(fs::path(earlier.at(input.task.value()).output_dir) / input.output, InputName(input));
   }
   for (const int file : planned.scene_files) {
     bring(fs::path(scene.folder) / scene.files.at(file), std::string(kSceneFolder) + "/" + scene.files[file]);
@@ -39,17 +39,30 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
                                         const JobSettings& settings, const TaskRunner& runner) {
   Warnings warnings;
   TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(scene_dir, &warnings));
-  TESSERA_ASSIGN_OR_RETURN(const PlannedTask ingest, PlanIngest(settings, scene.files));
   std::vector<LineTask> tasks;
-  TESSERA_ASSIGN_OR_RETURN(LineTask first, RunPlanned(ingest, scene, work_dir + "/0", tasks, runner));
-  tasks.push_back(std::move(first));
+  const auto run = [&](const std::vector<PlannedTask>& phase) -> Status {
+    for (const PlannedTask& task : phase) {
+      const std::string folder = work_dir + "/" + std::to_string(tasks.size());
+      TESSERA_ASSIGN_OR_RETURN(LineTask done, RunPlanned(task, scene, folder, tasks, runner));
+      tasks.push_back(std::move(done));
+    }
+    return absl::OkStatus();
+  };
+  TESSERA_ASSIGN_OR_RETURN(const PlannedTask ingest, PlanIngest(settings, scene.files));
+  TESSERA_RETURN_IF_ERROR(run({ingest}));
   TESSERA_ASSIGN_OR_RETURN(const std::string survey, ReadFile(tasks[0].output_dir + "/" + kSurveyFile));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> planned, PlanTiles(settings, survey, scene.files));
-  for (const PlannedTask& task : planned) {
-    const std::string folder = work_dir + "/" + std::to_string(tasks.size());
-    TESSERA_ASSIGN_OR_RETURN(LineTask done, RunPlanned(task, scene, folder, tasks, runner));
-    tasks.push_back(std::move(done));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> tiles, PlanTiles(settings, survey, scene.files));
+  TESSERA_RETURN_IF_ERROR(run(tiles));
+  if (tasks.back().planned.kind == kPublishKind) return tasks;
+  std::vector<TileReads> reads;
+  for (size_t t = 1; t < tasks.size(); ++t) {
+    TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadFile(tasks[t].output_dir + "/" + kReadsFile));
+    TESSERA_ASSIGN_OR_RETURN(TileReads of_tile,
+                             ParseTileReads(json, tasks[t].planned.tile, static_cast<int>(tasks.size()) - 1));
+    reads.push_back(std::move(of_tile));
   }
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> steps, PlanSteps(settings, survey, scene.files, reads));
+  TESSERA_RETURN_IF_ERROR(run(steps));
   return tasks;
 }
 

@@ -90,9 +90,11 @@ LabelField MakeMeshField(const MeshFieldOptions& options) {
 
   LabelField field;
   field.classes = options.classes;
+  const double cell = options.cell_gsd / std::sqrt(24.0);  // in squares of two faces
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     const Vector3d centre = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
     const double area = 2 * FaceArea(mesh, f);  // 1 on average
+    field.cell.push_back({static_cast<int32_t>(centre.x() / cell), static_cast<int32_t>(centre.y() / cell)});
     const int fault_here = fault_class[fault.At(centre)];
     const int leads = fault_here >= 0 ? fault_here : truth_class[truth.At(centre)];
     for (int l = 0; l < options.classes; ++l) {
@@ -100,7 +102,7 @@ LabelField MakeMeshField(const MeshFieldOptions& options) {
       field.unary.push_back(fault_here == kUnseen ? 0 : static_cast<float>(area * cost));
     }
   }
-  for (const MeshEdge& e : EdgeList(*BuildTopology(mesh))) {
+  for (const MeshEdge& e : EdgeList(mesh.faces)) {
     if (e.left < 0 || e.right < 0) continue;
     const double length = (mesh.vertices[e.a] - mesh.vertices[e.b]).norm() / 1.14;  // 1 on average
     field.edges.push_back(

@@ -3,11 +3,13 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
+#include <filesystem>
 #include <mutex>
 #include <new>
 #include <optional>
 #include <thread>
 
+#include "common/base/parallel.h"
 #include "common/rpc/blob_client.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
@@ -182,7 +184,6 @@ class Agent::Impl {
     const LogFields who = {{"task", lease.task}, {"attempt", std::to_string(lease.attempt)}};
     LogInfo("started", {who[0], who[1], {"title", lease.title}});
     AttemptReport report = Work(lease, *attempt);
-    files_.Release();
     if (attempt->IsVoid()) {
       LogInfo("lease void, work dropped", who);
     } else {
@@ -205,6 +206,8 @@ class Agent::Impl {
     control.report = [&attempt](double fraction, const std::string& stage) { attempt.SetProgress(fraction, stage); };
     control.cancelled = [this, &attempt] { return draining_ || attempt.IsVoid(); };
     const Status status = WorkIn(lease, control, report);
+    files_.Release();
+    if (!status.ok()) folder_.reset();  // whatever it left there
     report.succeeded = status.ok();
     if (!status.ok()) {
       report.failure_class = Classify(status, draining_);
@@ -216,16 +219,12 @@ class Agent::Impl {
   Status WorkIn(const LeasedTask& lease, const TaskControl& control, AttemptReport& report) {
     ProbeIfNew();
     const TaskUsageMeter meter;  // a worker runs one task at a time
-    auto folder = TempFolder::Create(options_.work_dir + "/tasks", "task-");
-    if (!folder.ok()) return absl::UnavailableError(MessageOf(folder.status()));
+    std::optional<ThreadLimit> thread_limit;
+    if (lease.threads > 0) thread_limit.emplace(lease.threads);
     TaskRequest request;
     request.kind = lease.kind;
     request.parameters = lease.parameters;
-    request.input_dir = folder->path() + "/in";
-    request.output_dir = folder->path() + "/out";
-    for (const std::string& path : {request.input_dir, request.output_dir}) {
-      if (const Status made = EnsureFolder(path); !made.ok()) return absl::UnavailableError(MessageOf(made));
-    }
+    if (const Status made = MakeFolders(request); !made.ok()) return absl::UnavailableError(MessageOf(made));
     control.Report(0, "bringing inputs");
     TESSERA_RETURN_IF_ERROR(files_.BringInputs(lease.inputs, request.input_dir, control));
     TESSERA_ASSIGN_OR_RETURN(const TaskOutcome outcome, RunGuarded(runner_, request, control));
@@ -236,6 +235,20 @@ class Agent::Impl {
     report.stats = outcome.stats;
     report.warnings = outcome.warnings;
     report.usage = meter.Read();
+    return absl::OkStatus();
+  }
+
+  // Folders for a task's files. They are the same for one task after another, as long as each leaves nothing behind: to
+  // make them anew costs more than all else about a short task.
+  Status MakeFolders(TaskRequest& request) {
+    std::error_code error;
+    if (folder_ && (!std::filesystem::is_empty(folder_->path() + "/out", error) || error)) folder_.reset();
+    if (!folder_) {
+      TESSERA_ASSIGN_OR_RETURN(folder_, TempFolder::Create(options_.work_dir + "/tasks", "task-"));
+      for (const char* name : {"/in", "/out"}) TESSERA_RETURN_IF_ERROR(EnsureFolder(folder_->path() + name));
+    }
+    request.input_dir = folder_->path() + "/in";
+    request.output_dir = folder_->path() + "/out";
     return absl::OkStatus();
   }
 
@@ -311,7 +324,9 @@ class Agent::Impl {
   bool ended_ = false;                 // guarded by mutex_: no lease will come any more
   std::atomic<bool> draining_{false};  // written under mutex_
 
-  TaskFiles files_;  // of the task's thread alone
+  // Of the task's thread alone.
+  TaskFiles files_;
+  std::optional<TempFolder> folder_;  // the last task's
 };
 
 Agent::Agent(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

@@ -72,6 +72,7 @@ LeasedTask FromProto(const v1::Lease& lease) {
   task.kind = lease.spec().kind();
   task.title = lease.spec().title();
   task.parameters = lease.spec().parameters_json();
+  task.threads = lease.threads();
   for (const v1::InputFile& input : lease.spec().inputs()) {
     task.inputs.push_back({input.name(), {input.digest().sha256(), input.digest().size_bytes()}, input.shared_path()});
   }
@@ -102,6 +103,7 @@ StatusOr<Registration> CoordinatorLink::Register(const WorkerDescription& descri
   request.set_threads(description.threads);
   request.set_memory_bytes(description.memory_bytes);
   request.set_version(description.version);
+  request.set_cores(description.cores);
   v1::RegisterWorkerResponse response;
   TESSERA_RETURN_IF_ERROR(FromGrpc(impl_->stub->RegisterWorker(&context, request, &response)));
   Registration registration;

@@ -22,9 +22,10 @@ namespace tessera {
 struct WorkerDescription {
   std::string host;
   int pid = 0;
-  int threads = 0;
+  int threads = 0;  // that its tasks may use at most
   int64_t memory_bytes = 0;
   std::string version;  // of the algorithms
+  int cores = 0;        // of the host; 0: not known
 };
 
 // What the coordinator answers.
@@ -53,6 +54,7 @@ struct LeasedTask {
   std::string title;
   std::string parameters;
   std::vector<TaskInput> inputs;
+  int threads = 0;  // that it may use; 0: as many as the worker has
 };
 
 struct AttemptProgress {

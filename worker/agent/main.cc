@@ -38,7 +38,9 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option(
       "--work", flags.work_dir,
       "Folder for cache and scratch, kept; without it one in the system's temporary folder, removed at the end");
-  app.add_option("--threads", flags.threads, "Threads of a task; 0: one for each core")
+  app.add_option(
+         "--threads", flags.threads,
+         "Threads of a task at most; the coordinator shares a host's cores out among its workers; 0: one for each core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   app.add_flag("--no-shared-storage", flags.no_shared_storage,
@@ -110,9 +112,12 @@ int main(int argc, char** argv) {
   options.work_dir = std::filesystem::absolute(flags.work_dir).string();
   options.use_shared_storage = !flags.no_shared_storage;
   options.cache_bytes = static_cast<int64_t>(flags.cache_gib * (int64_t{1} << 30));
-  options.description = {HostName(), getpid(), flags.threads > 0 ? flags.threads : CoreCount(),
+  options.description = {HostName(),
+                         getpid(),
+                         flags.threads > 0 ? flags.threads : CoreCount(),
                          static_cast<int64_t>(sysconf(_SC_PHYS_PAGES)) * sysconf(_SC_PAGESIZE),
-                         tessera::kAlgorithmVersion};
+                         tessera::kAlgorithmVersion,
+                         CoreCount()};
   options.retry.seed = static_cast<uint64_t>(getpid());
 
   const tessera::ThreadLimit thread_limit(flags.threads);

@@ -67,22 +67,33 @@ StatusOr<std::string> TaskFiles::Locate(const TaskInput& input, const TaskContro
   return *cached;
 }
 
+Status TaskFiles::Link(const std::string& file, const std::string& link, bool is_blob) {
+  const std::filesystem::path target = std::filesystem::absolute(file);
+  std::error_code error;
+  if (is_blob) std::filesystem::create_hard_link(target, link, error);
+  if (!is_blob || error) {  // another file system, or one without hard links
+    error.clear();
+    std::filesystem::create_symlink(target, link, error);
+  }
+  if (error) return absl::UnavailableError("cannot make " + link + ": " + error.message());
+  links_.push_back(link);
+  return absl::OkStatus();
+}
+
 Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir,
                               const TaskControl& control) {
   in_use_.clear();
-  std::set<std::string> folders;
+  std::set<std::string> links, folders;
   for (const TaskInput& input : inputs) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     TESSERA_ASSIGN_OR_RETURN(const std::string link, JoinInside(input_dir, input.name));
     TESSERA_ASSIGN_OR_RETURN(const std::string file, Locate(input, control));
-    const std::string folder = std::filesystem::path(link).parent_path().string();
-    if (folders.insert(folder).second) TESSERA_RETURN_IF_ERROR(DiskStatus(EnsureFolder(folder)));
-    std::error_code error;
-    std::filesystem::create_symlink(std::filesystem::absolute(file), link, error);
-    if (error == std::errc::file_exists) {
+    if (!links.insert(link).second) {
       return absl::InvalidArgumentError("two inputs of the task are named " + input.name);
     }
-    if (error) return absl::UnavailableError("cannot make " + link + ": " + error.message());
+    const std::string folder = std::filesystem::path(link).parent_path().string();
+    if (folders.insert(folder).second) TESSERA_RETURN_IF_ERROR(DiskStatus(EnsureFolder(folder)));
+    TESSERA_RETURN_IF_ERROR(Link(file, link, std::filesystem::path(file).filename() == input.digest.sha256));
   }
   return absl::OkStatus();
 }
@@ -100,6 +111,11 @@ Status TaskFiles::CheckInputsUnchanged() const {
 StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskControl& control) {
   if (shared_blobs_ != nullptr) {
     const auto stored = shared_blobs_->MoveFile(path);
+    if (stored.ok()) {
+      // Often the next task's input: it has just been hashed.
+      const std::string blob = shared_blobs_->Path(*stored);
+      if (const auto stamp = StampOf(blob); stamp.ok()) verified_[blob] = {*stamp, *stored};
+    }
     if (stored.ok() || stored.status().code() != absl::StatusCode::kPermissionDenied) return stored;
   }
   TESSERA_ASSIGN_OR_RETURN(const Digest digest, HashFile(path));
@@ -128,6 +144,9 @@ StatusOr<std::vector<NamedDigest>> TaskFiles::StoreOutputs(const std::vector<std
 
 void TaskFiles::Release() {
   in_use_.clear();
+  std::error_code ignored;
+  for (const std::string& link : links_) std::filesystem::remove(link, ignored);
+  links_.clear();
   cache_->Release();
 }
 

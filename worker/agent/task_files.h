@@ -17,9 +17,11 @@
 
 namespace tessera {
 
-// Inputs are symbolic links: to the shared file where it can be read and has the right content (hashed once for each
-// path, size and time of change), else to the cache, filled by the blob service. Outputs are written to the shared blob
-// folder where there is one, else sent. Not thread-safe.
+// Inputs are links: to the shared file where it can be read and has the right content (hashed once for each path, size
+// and time of change), else to the cache, filled by the blob service. Blobs get hard links where the file system has
+// them, since a task of one step has dozens and to make and drop as many files would cost more than the rest of
+// dispatch; files of a scene, which are the user's, symbolic ones. Outputs are written to the shared blob folder where
+// there is one, else sent. Not thread-safe.
 class TaskFiles {
  public:
   // `use_shared_storage` false: shared paths are never touched.
@@ -29,7 +31,8 @@ class TaskFiles {
   // Learns from a registration whether this worker shares the coordinator's blob folder. True if it does.
   bool Probe(const Registration& registration);
 
-  // Makes `input_dir`/NAME for every input. INVALID_ARGUMENT for names that leave the folder, NOT_FOUND if the
+  // Makes `input_dir`/NAME for every input, in a folder that holds nothing else but perhaps folders without files.
+  // INVALID_ARGUMENT for names that leave the folder, NOT_FOUND if the
   // coordinator does not have the content either; a full disk is UNAVAILABLE here, never a lack of memory.
   Status BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir, const TaskControl& control);
 
@@ -40,7 +43,8 @@ class TaskFiles {
   StatusOr<std::vector<NamedDigest>> StoreOutputs(const std::vector<std::string>& names, const std::string& output_dir,
                                                   const TaskControl& control);
 
-  // The task has ended: its inputs may leave the cache.
+  // The task has ended: takes its inputs out of their folder, whose own folders stay for the next task's; they may
+  // leave the cache.
   void Release();
 
  private:
@@ -52,6 +56,7 @@ class TaskFiles {
   // Path where the input may be read.
   StatusOr<std::string> Locate(const TaskInput& input, const TaskControl& control);
   bool ReadableAt(const std::string& path, const Digest& digest);
+  Status Link(const std::string& file, const std::string& link, bool is_blob);
   StatusOr<Digest> StoreOutput(const std::string& path, const TaskControl& control);
 
   BlobClient blobs_;
@@ -60,6 +65,7 @@ class TaskFiles {
   std::unique_ptr<BlobStore> shared_blobs_;                // null: blob service only
   std::map<std::string, VerifiedFile> verified_;           // shared files, by path
   std::vector<std::pair<std::string, FileStamp>> in_use_;  // shared files of the running task
+  std::vector<std::string> links_;                         // the running task's inputs
 };
 
 }  // namespace tessera

@@ -13,7 +13,6 @@ struct SolverOptions {
   int iterations = 30;   // always all of them, so that a face's label depends on its surroundings alone
   double damping = 0.3;  // share of the old message that is kept
   int expansion_rounds = 2;
-  int part_faces = 20000;  // expansions are exact within parts of so many faces
 };
 
 struct Labelling {
@@ -25,14 +24,12 @@ struct Labelling {
   double start_energy = 0;
 };
 
-// All messages are sent at once, damped, for a fixed number of iterations. Where the start is better than the labels
-// that they say (connected part by connected part), it is taken; then expansions lower the energy further. So it is
-// never above that of `start`. Labels of -1 in `start` stand for the unary's best. Deterministic for any number of
-// threads.
+// All messages are sent at once, damped, for a fixed number of iterations. From the start, faces take the labels that
+// the messages say where that lowers the energy; then cell after cell takes better parts and expansions lower the
+// energy further (cell_turns.h). So it is never above that of `start`. Labels of -1 in `start` stand for what the
+// messages say, in start_energy for the unary's best. Deterministic for any number of threads; ReachOf (label_reach.h)
+// bounds what a face's label and beliefs depend on.
 Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start, const SolverOptions& options);
-
-// Takes from `other` each connected part of the faces where the two differ that lowers the energy of `labels`.
-void TakeBetterParts(const LabelField& field, const std::vector<int32_t>& other, std::vector<int32_t>* labels);
 
 // Probability-like confidence in [0, 1] of each face's label: its share in exp(-beliefs).
 std::vector<float> LabelConfidence(int classes, const std::vector<float>& beliefs, const std::vector<int32_t>& labels);

@@ -9,6 +9,7 @@
 #include "common/geometry/mesh.h"
 #include "common/geometry/topology.h"
 #include "common/scene/scene.h"
+#include "worker/label/cells.h"
 #include "worker/label/unary.h"
 
 namespace tessera {
@@ -24,8 +25,13 @@ struct LabelField {
   int classes = 0;
   std::vector<float> unary;  // faces x classes
   std::vector<FieldEdge> edges;
+  // Ground cell of each face, in blocks of which the solver's last part proceeds; none: all faces in one block. What a
+  // tile holds must not change it: squares of kLabelCellGsd in plan, by the face's centroid in the start mesh.
+  std::vector<Cell> cell;
   size_t faces() const { return classes == 0 ? 0 : unary.size() / classes; }
 };
+
+inline constexpr double kLabelCellGsd = 32;
 
 struct LabelOptions {
   // kTessera: every term grows with the face and the edge in units of the GSD, p is normalised, so that neither
@@ -40,7 +46,9 @@ struct LabelOptions {
 };
 
 // Field of `mesh` (metres). `edges`: EdgeList of its topology; rims take no part. `up`: unit, the mesh's frame.
-// `gsd_m`: the job's. classes.size() == likelihoods.classes.
+// `gsd_m`: the job's. classes.size() == likelihoods.classes. Cells are left to the caller.
+// Of a mesh with some of the faces, and vertices and faces in the same order, it is the same field without the other
+// faces: unaries and weights come from the faces at hand alone, and EdgeList's order is that of the vertices.
 LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges,
                            const FaceLikelihoods& likelihoods, const std::vector<SceneClass>& classes,
                            const Eigen::Vector3d& up, double gsd_m, const LabelOptions& options);

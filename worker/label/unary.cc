@@ -12,18 +12,21 @@ struct Sample {
   float weight = 0;
 };
 
-Sample SampleAt(double position, int size) {
-  const double clamped = std::clamp(position - 0.5, 0.0, static_cast<double>(size - 1));
+// `size` pixels are at hand, the first of them the whole image's pixel `origin`.
+Sample SampleAt(double position, int origin, int size) {
+  const double clamped =
+      std::clamp(position - 0.5, static_cast<double>(origin), static_cast<double>(origin + size - 1));
   Sample sample;
-  sample.low = static_cast<int>(clamped);
+  const int low = static_cast<int>(clamped);
+  sample.low = low - origin;
   sample.high = std::min(sample.low + 1, size - 1);
-  sample.weight = static_cast<float>(clamped - sample.low);
+  sample.weight = static_cast<float>(clamped - low);
   return sample;
 }
 
-std::vector<Sample> SamplesAlong(int first, int count, double scale, double offset, int size) {
+std::vector<Sample> SamplesAlong(int first, int count, double scale, double offset, int origin, int size) {
   std::vector<Sample> samples(count);
-  for (int i = 0; i < count; ++i) samples[i] = SampleAt(scale * (first + i + 0.5) + offset, size);
+  for (int i = 0; i < count; ++i) samples[i] = SampleAt(scale * (first + i + 0.5) + offset, origin, size);
   return samples;
 }
 
@@ -33,9 +36,9 @@ void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const Pix
                     FaceLikelihoods* sums) {
   const int classes = sums->classes;
   const std::vector<Sample> columns =
-      SamplesAlong(map.x0, map.width, mapping.scale_x, mapping.offset_x, likelihoods.width);
+      SamplesAlong(map.x0, map.width, mapping.scale_x, mapping.offset_x, mapping.first_x, likelihoods.width);
   const std::vector<Sample> rows =
-      SamplesAlong(map.y0, map.height, mapping.scale_y, mapping.offset_y, likelihoods.height);
+      SamplesAlong(map.y0, map.height, mapping.scale_y, mapping.offset_y, mapping.first_y, likelihoods.height);
   const size_t stride = likelihoods.width;
   for (int y = 0; y < map.height; ++y) {
     const Sample& row = rows[y];

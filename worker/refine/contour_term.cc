@@ -13,39 +13,67 @@ using Eigen::Vector3d;
 // Of a pixel of contour: likelihoods go from one class to the other over about two pixels.
 constexpr double kCurvaturePerPx2 = 0.5;
 
+FaceContour NoContour(uint32_t face) {
+  FaceContour contour;
+  contour.face = face;
+  for (int c = 0; c < 3; ++c) {
+    contour.gradient[c].setZero();
+    contour.curvature[c].setZero();
+  }
+  return contour;
+}
+
+// The upper triangle of the outer square, row by row.
+Eigen::Matrix<double, 6, 1> Upper(const Vector3d& v) {
+  Eigen::Matrix<double, 6, 1> out;
+  out << v.x() * v.x(), v.x() * v.y(), v.x() * v.z(), v.y() * v.y(), v.y() * v.z(), v.z() * v.z();
+  return out;
+}
+
 // One view's contours.
 class ContourView {
  public:
-  ContourView(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const PhotoView& view, const FaceMap& map,
-              const ContourOptions& options)
+  ContourView(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const std::vector<uint8_t>& own,
+              const PhotoView& view, const FaceMap& map, const ContourOptions& options)
       : mesh_(mesh),
         labels_(labels),
+        own_(own),
         view_(view),
         map_(map),
         options_(options),
         gap_(static_cast<float>(options.gap_px / view.camera.intrinsics.fx)),
         centre_(view.camera.Centre()) {}
 
-  std::vector<ContourPull> Pulls() {
+  std::vector<FaceContour> Run() {
     for (int y = 0; y < map_.height; ++y) {
       for (int x = 0; x < map_.width; ++x) {
         if (x + 1 < map_.width) AddSide(x, y, x + 1, y);
         if (y + 1 < map_.height) AddSide(x, y, x, y + 1);
       }
     }
-    return std::move(pulls_);
+    // Sides of a face in the order of their pixels.
+    std::stable_sort(pulls_.begin(), pulls_.end(), [](const Pull& a, const Pull& b) { return a.face < b.face; });
+    std::vector<FaceContour> faces;
+    for (size_t i = 0; i < pulls_.size();) {
+      FaceContour sum = NoContour(pulls_[i].face);
+      for (; i < pulls_.size() && pulls_[i].face == sum.face; ++i) {
+        const Pull& pull = pulls_[i];
+        const Vector3d root = std::sqrt(options_.weight * kCurvaturePerPx2) * pull.outward;
+        for (int c = 0; c < 3; ++c) {
+          sum.gradient[c] -= options_.weight * pull.share[c] * pull.gain * pull.outward;
+          sum.curvature[c] += pull.share[c] * Upper(root);
+        }
+      }
+      faces.push_back(sum);
+    }
+    return faces;
   }
 
  private:
   size_t Index(int x, int y) const { return static_cast<size_t>(y) * map_.width + x; }
   Vector3d Ray(int x, int y) const { return view_.camera.Ray(map_.x0 + x + 0.5, map_.y0 + y + 0.5); }
-  // Silhouettes are no comparison of pixels, so blind ones serve too.
-  int32_t FaceAt(size_t pixel) const {
-    const int32_t face = map_.face[pixel];
-    return face < -1 && face != kNotLookedAt ? Blinded(face) : face;
-  }
   int LabelAt(size_t pixel) const {
-    const int32_t face = FaceAt(pixel);
+    const int32_t face = map_.face[pixel];
     return face >= 0 && labels_[face] < view_.texels.classes ? labels_[face] : -1;
   }
 
@@ -53,6 +81,8 @@ class ContourView {
     const size_t p = Index(x0, y0), q = Index(x1, y1);
     const float nearer = std::min(map_.depth[p], map_.depth[q]), farther = std::max(map_.depth[p], map_.depth[q]);
     if (farther - nearer <= gap_ * nearer) return;
+    const int32_t front = map_.depth[p] == nearer ? map_.face[p] : map_.face[q];
+    if (front < 0 || (!own_.empty() && !own_[front])) return;
     const int a = LabelAt(p), b = LabelAt(q);
     if (a < 0 || b < 0 || a == b) return;
     if (map_.depth[p] == nearer) {
@@ -64,15 +94,13 @@ class ContourView {
 
   // (x, y) is on the nearer face, (bx, by) behind it.
   void AddContour(int x, int y, int bx, int by, int front, int behind) {
-    const int32_t face = FaceAt(Index(x, y));
+    const int32_t face = map_.face[Index(x, y)];
     const auto corner = [&](int c) { return mesh_.Corner(face, c); };
     const Vector3d normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
     const Vector3d ray = Ray(x, y);
     const double along = normal.dot(ray);
     if (along == 0) return;
     const Vector3d point = centre_ + normal.dot(corner(0) - centre_) / along * ray;
-    const Vector3d way = centre_ + map_.depth[Index(bx, by)] * Ray(bx, by) - point;
-    if ((way - options_.up.dot(way) * options_.up).squaredNorm() > options_.reach_m * options_.reach_m) return;
     const double gain = 0.5 * (view_.texels.Likelihood(x, y, front) - view_.texels.Likelihood(x, y, behind) +
                                view_.texels.Likelihood(bx, by, front) - view_.texels.Likelihood(bx, by, behind));
     // How far outward the contour goes in the image, pixels, when the point moves a metre.
@@ -82,51 +110,75 @@ class ContourView {
     const Vector3d outward = view_.camera.rotation_cam_from_world.transpose() *
                              Vector3d(right, down, -(right * seen.x() + down * seen.y()) / seen.z());
     const double area2 = normal.squaredNorm();
+    Pull pull = {static_cast<uint32_t>(face), {}, gain, outward};
     for (int c = 0; c < 3; ++c) {
       const Vector3d opposite = (corner((c + 2) % 3) - corner((c + 1) % 3)).cross(point - corner((c + 1) % 3));
-      const double share = std::clamp(opposite.dot(normal) / area2, 0.0, 1.0);
-      if (share == 0) continue;
-      pulls_.push_back({mesh_.faces[face][c], (-options_.weight * share * gain * outward).cast<float>(),
-                        (std::sqrt(options_.weight * kCurvaturePerPx2 * share) * outward).cast<float>()});
+      pull.share[c] = std::clamp(opposite.dot(normal) / area2, 0.0, 1.0);
     }
+    pulls_.push_back(pull);
   }
+
+  // What the side between two pixels does to the nearer face.
+  struct Pull {
+    uint32_t face = 0;
+    std::array<double, 3> share;  // of its corners
+    double gain = 0;              // of likelihood when the contour moves outward by a pixel
+    Vector3d outward;             // pixels a metre
+  };
 
   const TriangleMesh& mesh_;
   const std::vector<int32_t>& labels_;
+  const std::vector<uint8_t>& own_;
   const PhotoView& view_;
   const FaceMap& map_;
   const ContourOptions& options_;
   const float gap_;  // of depth, relative to the nearer one
   const Vector3d centre_;
-  std::vector<ContourPull> pulls_;
+  std::vector<Pull> pulls_;
 };
 
 }  // namespace
 
-std::vector<ContourPull> ContourPulls(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
-                                      const PhotoView& view, const FaceMap& map, const ContourOptions& options) {
-  if (view.texels.classes == 0) return {};
-  return ContourView(mesh, labels, view, map, options).Pulls();
+Matrix3d FaceContour::Curvature(int corner) const {
+  const Eigen::Matrix<double, 6, 1>& m = curvature[corner];
+  Matrix3d out;
+  out << m[0], m[1], m[2], m[1], m[3], m[4], m[2], m[4], m[5];
+  return out;
 }
 
-void AddContourPulls(const std::vector<std::vector<ContourPull>>& pulls, std::vector<Vector3d>* gradient,
-                     std::vector<Matrix3d>* curvature) {
-  std::vector<uint16_t> seen(gradient->size(), 0);  // views
-  std::vector<int32_t> last(gradient->size(), -1);
-  for (size_t v = 0; v < pulls.size(); ++v) {
-    for (const ContourPull& pull : pulls[v]) {
-      if (last[pull.vertex] != static_cast<int32_t>(v)) ++seen[pull.vertex];
-      last[pull.vertex] = static_cast<int32_t>(v);
-    }
+std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
+                                      const std::vector<uint8_t>& own, const PhotoView& view, const FaceMap& map,
+                                      const ContourOptions& options) {
+  if (view.texels.classes == 0) return {};
+  return ContourView(mesh, labels, own, view, map, options).Run();
+}
+
+ContourSums AddContours(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids) {
+  struct Entry {
+    uint32_t face;
+    size_t view;
+    const FaceContour* contour;
+  };
+  std::vector<Entry> entries;
+  for (size_t v = 0; v < views.size(); ++v) {
+    for (const FaceContour& contour : views[v]) entries.push_back({contour.face, v, &contour});
   }
-  for (const std::vector<ContourPull>& view : pulls) {
-    for (const ContourPull& pull : view) {
-      const double scale = 1.0 / seen[pull.vertex];
-      (*gradient)[pull.vertex] += scale * pull.gradient.cast<double>();
-      const Vector3d root = pull.root_curvature.cast<double>();
-      (*curvature)[pull.vertex] += scale * root * root.transpose();
+  std::stable_sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.face < b.face; });
+  ContourSums sums;
+  for (size_t i = 0; i < entries.size();) {
+    FaceContour sum = NoContour(entries[i].face);
+    sum.views_begin = static_cast<uint32_t>(sums.views.size());
+    for (; i < entries.size() && entries[i].face == sum.face; ++i) {
+      for (int c = 0; c < 3; ++c) {
+        sum.gradient[c] += entries[i].contour->gradient[c];
+        sum.curvature[c] += entries[i].contour->curvature[c];
+      }
+      sums.views.push_back(view_ids[entries[i].view]);
     }
+    sum.views_end = static_cast<uint32_t>(sums.views.size());
+    sums.faces.push_back(sum);
   }
+  return sums;
 }
 
 }  // namespace tessera

@@ -3,8 +3,8 @@
 #define TESSERA_WORKER_REFINE_CONTOUR_TERM_H_
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
-#include <limits>
 #include <vector>
 
 #include "common/geometry/mesh.h"
@@ -21,28 +21,33 @@ namespace tessera {
 struct ContourOptions {
   double weight = 0;  // λ4, beside the photo energy of a pixel
   double gap_px = 4;  // of depth, in pixels at the nearer depth
-  // Metres across `up` from the nearer point to the one behind it; what lies farther off makes no contour. So no vertex
-  // asks about surfaces that its tile's halo does not hold.
-  double reach_m = std::numeric_limits<double>::infinity();
-  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
 };
 
-// What the side between two pixels does to a corner of the nearer face.
-struct ContourPull {
-  uint32_t vertex = 0;
-  Eigen::Vector3f gradient;        // weighted, per metre
-  Eigen::Vector3f root_curvature;  // its outer square is the curvature, per metre²
+// What contours do to the corners of a face that ends at them.
+struct FaceContour {
+  uint32_t face = 0;
+  std::array<Eigen::Vector3d, 3> gradient;               // a corner: weighted, per metre
+  std::array<Eigen::Matrix<double, 6, 1>, 3> curvature;  // the same, per metre²: xx, xy, xz, yy, yz, zz
+  uint32_t views_begin = 0, views_end = 0;               // of ContourSums::views: those that have it at a contour
+
+  Eigen::Matrix3d Curvature(int corner) const;
 };
 
-// One view's contours, by pixels. `labels`: one a face; -1 or 255: none. `map`: of `mesh` in `view`. A view without
-// likelihoods has none. Safe to call concurrently.
-std::vector<ContourPull> ContourPulls(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
-                                      const PhotoView& view, const FaceMap& map, const ContourOptions& options);
+// By rising face.
+struct ContourSums {
+  std::vector<FaceContour> faces;
+  std::vector<int32_t> views;  // the job's numbers
+};
 
-// Adds to each vertex the mean over the views that have it at a contour: the gradient, and a positive semidefinite
-// curvature. `pulls`: of each view.
-void AddContourPulls(const std::vector<std::vector<ContourPull>>& pulls, std::vector<Eigen::Vector3d>* gradient,
-                     std::vector<Eigen::Matrix3d>* curvature);
+// One view's contours, by faces. `labels`: one a face; -1 or 255: none. `map`: of `mesh` in `view`, of which the pixels
+// of own faces (flags in `own`; empty: all) and those beside them are read. A view without likelihoods has none. Safe
+// to call concurrently.
+std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
+                                      const std::vector<uint8_t>& own, const PhotoView& view, const FaceMap& map,
+                                      const ContourOptions& options);
+
+// Views in their order. `view_ids`: the job's number of each.
+ContourSums AddContours(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids);
 
 }  // namespace tessera
 

@@ -88,6 +88,10 @@ std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const IndexRow
   return at;
 }
 
+double MotionBound_m(const MotionLimits& limits) {
+  return (1 + 1e-6) * std::max(limits.max_normal_m, limits.max_tangent_m);
+}
+
 MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits)
     : limits_(limits),
       fixed_(fixed),
@@ -106,15 +110,18 @@ MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& 
   });
 }
 
+Vector3d MotionGuard::InBall(size_t v, const Vector3d& from_start) const {
+  const double per_normal = 1 / limits_.max_normal_m, per_tangent = 1 / limits_.max_tangent_m;
+  const Vector3d normal = vertex_normals_[v].cast<double>();
+  return per_tangent * from_start + (per_normal - per_tangent) * normal.dot(from_start) * normal;
+}
+
+bool MotionGuard::Contains(size_t v, const Vector3d& at) const { return InBall(v, at - start_[v]).norm() <= 1; }
+
 Vector3d MotionGuard::Braked(size_t v, const Vector3d& at, const Vector3d& step) const {
   const double per_normal = 1 / limits_.max_normal_m, per_tangent = 1 / limits_.max_tangent_m;
   if (std::max(per_normal, per_tangent) * ((at - start_[v]).norm() + step.norm()) <= limits_.free_share) return step;
-  // In the frame that makes the ellipsoid a unit ball.
-  const Vector3d normal = vertex_normals_[v].cast<double>();
-  const auto in_ball = [&](const Vector3d& d) -> Vector3d {
-    return per_tangent * d + (per_normal - per_tangent) * normal.dot(d) * normal;
-  };
-  const Vector3d from = in_ball(at - start_[v]), move = in_ball(step);
+  const Vector3d from = InBall(v, at - start_[v]), move = InBall(v, step);
   const double before = std::max(from.norm(), limits_.free_share), after = (from + move).norm();
   // Half of the room that is left to the wall is the most a step may take.
   const double most = before + std::max(0.0, 0.5 * (1 - before));
@@ -142,7 +149,7 @@ std::vector<Vector3d> MotionGuard::UnfoldedStart() const {
   for (size_t f = 0; f < faces_.size(); ++f) {
     const Vector3d cross = CrossAt(faces_[f], start_);
     if (cross.dot(start_normals_[f].cast<double>()) >= limits_.min_start_cosine * cross.norm()) continue;
-    for (uint32_t v : faces_[f]) out[v] = smoothed_[v];
+    for (uint32_t v : faces_[f]) out[v] = start_[v] + Braked(v, start_[v], smoothed_[v] - start_[v]);
   }
   return out;
 }
@@ -154,7 +161,6 @@ int64_t MotionGuard::TurnedFaces(const Positions& at) const {
 }
 
 void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const {
-  constexpr int kLevellings = 4, kHalvings = 4, kPasses = 32;
   constexpr double kMinAreaShare = 0.1;  // of the area before the step
   const auto folds = [&](uint32_t f) {
     const Triangle& t = faces_[f];
@@ -187,7 +193,7 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
   std::vector<uint8_t> changed(mesh.vertices.size());
   std::vector<uint32_t> vertices;
   Positions level;
-  for (int pass = 0; pass < kPasses && !bad.empty(); ++pass) {
+  for (int pass = 0; pass < kFoldingPasses && !bad.empty(); ++pass) {
     touched.clear();
     vertices.clear();
     for (uint32_t f : bad) {
@@ -215,7 +221,7 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
         if (fixed_.empty() || !fixed_[v]) (*step)[v] = Braked(v, mesh.vertices[v], level[i]);
       }
     } else {
-      for (uint32_t v : vertices) (*step)[v] *= pass < kLevellings + kHalvings ? 0.5 : 0;
+      for (uint32_t v : vertices) (*step)[v] *= 0.5;
     }
     for (uint32_t f : bad) folded[f] = 0;
     for (uint32_t v : vertices) changed[v] = 0;
@@ -227,6 +233,15 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
       if (folded[f]) bad.push_back(f);
     }
   }
+}
+
+StepReach StepReachOf(const StepOptions& options, const MotionLimits& limits) {
+  StepReach reach;
+  reach.gradient = std::max(SmoothTerm::kGradientRings, InterTerm::kGradientRings);
+  reach.sweeps = SmoothTerm::SolveRings(options.smoothing_sweeps);
+  reach.start = limits.start_smoothing_steps + 1;
+  reach.folding = MotionGuard::kFoldingPasses;
+  return reach;
 }
 
 std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo, const SmoothTerm& smooth,
@@ -252,7 +267,8 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
     for (size_t v = 0; v < step.size(); ++v) {
       const Vector3d& from = mesh.vertices[v];
       if (step[v].isZero(0)) continue;  // fixed
-      step[v] = options.grid_m * ((from + step[v]) / options.grid_m).array().round().matrix() - from;
+      const Vector3d to = options.grid_m * ((from + step[v]) / options.grid_m).array().round().matrix();
+      if (guard.Contains(v, to)) step[v] = to - from;
     }
   }
   guard.LimitFolding(mesh, options.min_turn_cosine, &step);

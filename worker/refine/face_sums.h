@@ -33,6 +33,8 @@ class FaceGatherer {
  public:
   // Begins a view whose strips are numbered 0 .. strips - 1. References must live until Finish.
   void Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map, int strips);
+  // A strip that has nothing to add.
+  void SkipStrip(int strip) { parts_[strip].clear(); }
   // The planes of a finished strip. Safe to call concurrently for different strips and slots.
   void AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* slots);
   // Adds the view to `sums`, one entry a face.

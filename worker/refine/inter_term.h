@@ -65,6 +65,8 @@ class InterTerm {
   void SetLabels(const std::vector<int32_t>& labels);
 
   double Energy(const Positions& v) const;
+  // Of vertices, that a derivative depends on: a corner beside the vertex, and that corner's ends and faces.
+  static constexpr int kGradientRings = 2;
   // Adds weight · dE/dv.
   void AddGradient(const Positions& v, double weight, Positions* gradient) const;
 

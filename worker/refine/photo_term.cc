@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/cell_sight.h"
 
 namespace tessera {
 namespace {
@@ -65,8 +66,8 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
   return pair;
 }
 
-PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs,
-                     const PhotoOptions& options, const ViewGroups* groups)
+PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
+                     const ViewGroups* groups)
     : views_(*views),
       spilled_(views->size()),
       pairs_(pairs),
@@ -109,7 +110,37 @@ PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
   return buffers;
 }
 
-void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& occluders, const MapVisitor& visit) {
+std::vector<MeshPart> PhotoTerm::PartsOf(const TriangleMesh& mesh, const std::vector<uint8_t>& own,
+                                         const MeshCells* cells) const {
+  const CellBoxes boxes(mesh, cells);
+  std::vector<MeshPart> parts;
+  if (own.empty() || cells == nullptr || groups_ == nullptr) {
+    for (const PhotoView& view : views_) parts.push_back(boxes.InWindow(view.window(), kNearPlane_m));
+    return parts;
+  }
+  CellSightProblem problem;
+  problem.boxes = boxes.boxes();
+  std::vector<uint32_t> own_cells;
+  for (uint32_t c = 0; c < cells->size(); ++c) {
+    const auto first = own.begin() + cells->face_begin[c], last = own.begin() + cells->face_begin[c + 1];
+    if (std::find_if(first, last, [](uint8_t flag) { return flag != 0; }) != last) own_cells.push_back(c);
+  }
+  for (size_t v = 0; v < views_.size(); ++v) {
+    problem.views.push_back(views_[v].window());
+    std::vector<uint32_t>& looking = problem.own.emplace_back();
+    for (const uint32_t c : own_cells) {
+      if (groups_->looks[c][v]) looking.push_back(c);
+    }
+  }
+  for (const ViewPair& pair : pairs_) problem.pairs.push_back({pair.reference, pair.other});
+  problem.reference_margin_px = 2 * options_.window.radius;
+  problem.target_margin_px = 1;
+  for (const std::vector<uint32_t>& seen : FindCellSight(problem).cells) parts.push_back(boxes.PartOf(seen));
+  return parts;
+}
+
+void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<MeshPart>& parts,
+                     const std::vector<uint8_t>& own, const MapVisitor& visit) {
   if (opened_ == opening_.size() || first_step_[opening_[opened_]] > step) return;
   const size_t wanted = opened_ + 2 * static_cast<size_t>(ThreadCount());
   std::vector<size_t> open;
@@ -117,10 +148,12 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& 
     open.push_back(opening_[opened_++]);
   }
   std::vector<CameraWindow> windows;
+  std::vector<MeshPart> drawn;
   std::vector<FaceMap> maps(open.size());
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];
     windows.push_back(views_[view].window());
+    drawn.push_back(parts[view]);
     Buffers buffers = TakeBuffers(static_cast<size_t>(windows[i].rect.width()) * windows[i].rect.height());
     maps[i] = std::move(buffers.map);
     targets_[view] = std::move(buffers.target);
@@ -128,7 +161,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& 
     views_[view].texels.luminance = std::move(buffers.texels.luminance);
     views_[view].texels.likelihoods = std::move(buffers.texels.likelihoods);
   }
-  rasterizer_.DrawViews(mesh, &occluders, windows, &maps);
+  rasterizer_.DrawParts(mesh, drawn, windows, &maps);
   ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
       if (spilled_[open[i]]) spilled_[open[i]]->Bring(&views_[open[i]].texels);
@@ -137,13 +170,14 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& 
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];
     if (groups_ != nullptr) MarkNotLookedAt(*groups_, view, &maps[i]);
-    MarkBlind(views_[view].blind, &maps[i]);
     SetWarpTarget(views_[view].texels, maps[i], views_[view].depths, &targets_[view]);
     maps_[view] = std::move(maps[i]);
   }
-  if (!visit) return;
   ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) visit(open[i], maps_[open[i]]);
+    for (int64_t i = begin; i < end; ++i) {
+      if (visit) visit(open[i], maps_[open[i]]);
+      if (!own.empty()) KeepNearOwn(own, 2 * options_.window.radius, &maps_[open[i]]);
+    }
   });
 }
 
@@ -156,6 +190,13 @@ void PhotoTerm::Close(size_t step) {
     }
     spare_.push_back(std::move(buffers));
   }
+}
+
+void PhotoTerm::ReleaseBuffers() {
+  spare_ = {};
+  workspaces_.clear();
+  gatherer_ = FaceGatherer();
+  rasterizer_ = Rasterizer();
 }
 
 std::unique_ptr<PhotoTerm::Workspace> PhotoTerm::TakeWorkspace() {
@@ -171,23 +212,8 @@ void PhotoTerm::ReturnWorkspace(std::unique_ptr<Workspace> workspace) {
   workspaces_.push_back(std::move(workspace));
 }
 
-void PhotoTerm::SetFaces(const TriangleMesh& mesh) {
-  if (faces_ == mesh.faces && corner_begin_.size() == mesh.vertices.size() + 1) return;
-  faces_ = mesh.faces;
-  corner_begin_.assign(mesh.vertices.size() + 1, 0);
-  for (const Triangle& face : faces_) {
-    for (uint32_t v : face) ++corner_begin_[v + 1];
-  }
-  for (size_t v = 0; v < mesh.vertices.size(); ++v) corner_begin_[v + 1] += corner_begin_[v];
-  corners_.resize(3 * faces_.size());
-  std::vector<uint32_t> next(corner_begin_.begin(), corner_begin_.end() - 1);
-  for (size_t f = 0; f < faces_.size(); ++f) {
-    for (int c = 0; c < 3; ++c) corners_[next[faces_[f][c]]++] = static_cast<uint32_t>(3 * f + c);
-  }
-}
-
-void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, size_t first_pair, size_t last_pair,
-                                  PhotoDerivatives* out) {
+void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<uint8_t>& own, size_t first_pair,
+                                  size_t last_pair, PhotoSums* out) {
   const int i = pairs_[first_pair].reference;
   const PosedCamera& camera = views_[i].camera;
   const Texels& texels = views_[i].texels;
@@ -209,6 +235,13 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, size_t first_pair, s
     ReferenceStrip& strip = work->strip;
     for (int64_t s = begin; s < end; ++s) {
       const int row_begin = static_cast<int>(s) * kStripRows, row_end = std::min(height, row_begin + kStripRows);
+      if (!own.empty()) {
+        // Rows without an own pixel give nothing.
+        const auto first = maps_[i].face.begin() + static_cast<ptrdiff_t>(row_begin) * texels.width;
+        const auto last = maps_[i].face.begin() + static_cast<ptrdiff_t>(row_end) * texels.width;
+        gatherer_.SkipStrip(static_cast<int>(s));
+        if (std::find_if(first, last, [&](int32_t face) { return face >= 0 && own[face] != 0; }) == last) continue;
+      }
       strip.Reset(texels.width, height, options_.window.radius, row_begin, row_end);
       FillStrip(camera.intrinsics, texels, maps_[i], offsets_.data(), options_.min_cosine, &strip);
       SummarizeReference(texels, options_.window, &strip, &work->scratch);
@@ -221,43 +254,14 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, size_t first_pair, s
   });
   for (const ZnccSums& part : sums) out->sums.Add(part);
   out->warped_pixels += static_cast<int64_t>(warps.size()) * height * texels.width;
-  gatherer_.Finish(&face_sums_);
+  gatherer_.Finish(&out->faces);
 }
 
-void PhotoTerm::GatherVertices(const TriangleMesh& mesh, PhotoDerivatives* out) {
-  const size_t n = mesh.vertices.size();
-  out->gradient.resize(n);
-  out->curvature.resize(n);
-  out->pairs.resize(n);
-  ParallelFor(static_cast<int64_t>(n), kFaceGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t v = begin; v < end; ++v) {
-      Vector3d gradient = Vector3d::Zero();
-      Matrix3d curvature = Matrix3d::Zero();
-      float pairs = 0, seen_faces = 0;
-      for (uint32_t k = corner_begin_[v]; k < corner_begin_[v + 1]; ++k) {
-        const uint32_t f = corners_[k] / 3, c = corners_[k] % 3;
-        const FaceSums& sums = face_sums_[f];
-        if (sums.pairs == 0) continue;
-        const Vector3d& normal = normals_[f];
-        gradient += static_cast<double>(sums.gradient[c]) * normal;
-        curvature.noalias() += (static_cast<double>(sums.curvature[c]) * normal) * normal.transpose();
-        pairs += sums.pairs;
-        seen_faces += 1;
-      }
-      if (seen_faces > 0) pairs /= seen_faces;
-      const double scale = 1 / std::max(1.0, static_cast<double>(pairs));
-      out->gradient[v] = scale * gradient;
-      out->curvature[v] = scale * curvature;
-      out->pairs[v] = pairs;
-    }
-  });
-}
-
-void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock,
-                         PhotoDerivatives* out, const MapVisitor& visit) {
+void PhotoTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells,
+                         const Clock* clock, PhotoSums* out, const MapVisitor& visit) {
   const double start_s = Seconds(clock);
   out->seconds_visibility = 0;
-  SetFaces(mesh);
+  const std::vector<MeshPart> parts = PartsOf(mesh, own, cells);
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());
   ParallelFor(static_cast<int64_t>(mesh.faces.size()), kFaceGrain, [&](int64_t begin, int64_t end) {
@@ -266,22 +270,21 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders
       plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
     }
   });
-  face_sums_.assign(mesh.faces.size(), FaceSums());
+  out->faces.assign(mesh.faces.size(), FaceSums());
   out->sums = ZnccSums();
   out->warped_pixels = 0;
   opened_ = 0;
   size_t first = 0;
   for (size_t step = 0; step < views_.size(); ++step) {
     const double open_s = Seconds(clock);
-    Open(step, mesh, occluders, visit);
+    Open(step, mesh, parts, own, visit);
     out->seconds_visibility += Seconds(clock) - open_s;
     size_t last = first;
     while (last < pairs_.size() && pairs_[last].reference == static_cast<int>(step)) ++last;
-    if (last > first) EvaluateReference(mesh, first, last, out);
+    if (last > first) EvaluateReference(mesh, own, first, last, out);
     first = last;
     Close(step);
   }
-  GatherVertices(mesh, out);
   out->seconds_photo = Seconds(clock) - start_s - out->seconds_visibility;
 }
 

@@ -36,7 +36,6 @@ struct PhotoView {
 
   PosedCamera camera;
   Texels texels;
-  std::vector<BlindPixel> blind = {};  // pixels that are not looked at where they see deeper
   DepthRange depths = {};  // empty: taken anew from what the view sees, so that it depends on all of the mesh
 
   CameraWindow window() const {
@@ -51,14 +50,10 @@ struct PhotoOptions {
   double occlusion_px = 1;  // slack of the depth test, in pixels of the other view
 };
 
-// Sums over windows and pixels, and the derivatives of energy + λ1 semantic_energy. A vertex's entries are the sum over
-// pairs divided by the mean number of pairs that see its faces.
-struct PhotoDerivatives {
-  ZnccSums sums;
-  std::vector<Eigen::Vector3d> gradient;   // per metre
-  std::vector<Eigen::Matrix3d> curvature;  // per metre²; positive semidefinite, upper bound of Gauss-Newton's
-  // Mean number of pairs on the vertex's faces whose window was accepted, or with E_sem that see it; 0: none does.
-  std::vector<float> pairs;
+// What the pixels say of each face, all views together.
+struct PhotoSums {
+  ZnccSums sums;                // over windows and pixels
+  std::vector<FaceSums> faces;  // derivatives of energy + λ1 semantic_energy; of faces that are not own: unspecified
   int64_t warped_pixels = 0;
   double seconds_visibility = 0, seconds_photo = 0;
 };
@@ -85,11 +80,18 @@ class PhotoTerm {
   // What a view sees, of each view once, while it is at hand. Called from several threads, for different views.
   using MapVisitor = std::function<void(size_t view, const FaceMap& map)>;
 
-  // Visibility is taken from `mesh` and `occluders` as they are and frozen in the derivatives. `clock` and `visit` may
-  // be null. What a view sees is drawn when the first pair asks for it and dropped after the last: memory is that of
-  // the views that are open together, so pairs had better be of views that are near each other in the list.
-  void Evaluate(const TriangleMesh& mesh, const TriangleMesh& occluders, const Clock* clock, PhotoDerivatives* out,
-                const MapVisitor& visit = nullptr);
+  // Visibility is taken from `mesh` as it is and frozen in the derivatives. `own`: the faces whose sums are wanted;
+  // empty: all. The sums of an own face depend on what lies within 2·radius rows and columns of its own pixels in each
+  // reference (a pixel is in windows up to `radius` off, which hold pixels up to `radius` further), on the depths and
+  // texels where those pixels land in the partners, and on nothing else. `cells`, `clock` and `visit` may be null;
+  // `cells`, which are the groups then, spare drawing what cannot be seen (FindCellSight). What a view sees is drawn
+  // when the first pair asks for it and dropped after the last: memory is that of the views that are open together, so
+  // pairs had better be of views that are near each other in the list.
+  void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells, const Clock* clock,
+                PhotoSums* out, const MapVisitor& visit = nullptr);
+
+  // Gives back what the next Evaluate would use again.
+  void ReleaseBuffers();
 
  private:
   // What a thread needs for a strip.
@@ -107,12 +109,15 @@ class PhotoTerm {
   Buffers TakeBuffers(size_t pixels);
   std::unique_ptr<Workspace> TakeWorkspace();
   void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
-  void SetFaces(const TriangleMesh& mesh);
   // Draws the views that reference `step` needs and some of the next, so that all threads have work.
-  void Open(size_t step, const TriangleMesh& mesh, const TriangleMesh& occluders, const MapVisitor& visit);
+  // What is drawn of the mesh in each view.
+  std::vector<MeshPart> PartsOf(const TriangleMesh& mesh, const std::vector<uint8_t>& own,
+                                const MeshCells* cells) const;
+  void Open(size_t step, const TriangleMesh& mesh, const std::vector<MeshPart>& parts, const std::vector<uint8_t>& own,
+            const MapVisitor& visit);
   void Close(size_t step);
-  void EvaluateReference(const TriangleMesh& mesh, size_t first_pair, size_t last_pair, PhotoDerivatives* out);
-  void GatherVertices(const TriangleMesh& mesh, PhotoDerivatives* out);
+  void EvaluateReference(const TriangleMesh& mesh, const std::vector<uint8_t>& own, size_t first_pair, size_t last_pair,
+                         PhotoSums* out);
 
   std::vector<PhotoView>& views_;
   std::vector<std::optional<SpilledTexels>> spilled_;  // by view
@@ -125,17 +130,13 @@ class PhotoTerm {
   std::vector<size_t> first_step_;            // of each view
   std::vector<std::vector<size_t>> closing_;  // views whose last step it is, by step
   size_t opened_ = 0;                         // of opening_
-  std::vector<FaceMap> maps_;                  // by view, those of open ones
+  std::vector<FaceMap> maps_;                 // by view, those of open ones
   std::vector<WarpTarget> targets_;
   std::vector<Buffers> spare_;
   std::vector<Eigen::Vector3d> normals_;
   std::vector<double> plane_;   // of each face: n·V0
   std::vector<float> offsets_;  // of each face from the reference at hand: n·(V0 - C)
   FaceGatherer gatherer_;
-  std::vector<FaceSums> face_sums_;
-  // Corners of faces by vertex: corner 3f + c of vertex v is among corners_[corner_begin_[v]..), in ascending order.
-  std::vector<Triangle> faces_;
-  std::vector<uint32_t> corner_begin_, corners_;
   std::mutex workspace_mutex_;
   std::vector<std::unique_ptr<Workspace>> workspaces_;
 };

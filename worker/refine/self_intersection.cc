@@ -233,95 +233,141 @@ FoldRepair::FoldRepair(const TriangleMesh& start, const IndexRows& faces_of_vert
   start_pairs_ = boxes_.Intersections(start, all);
 }
 
-FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) {
-  // The share of its motion that a vertex keeps in a pass, by its distance in rings from a spoiled face.
-  constexpr std::array<double, 4> kKept = {0.5, 0.6, 0.75, 0.9};
-  constexpr int kGentlePasses = 4;
-  const Positions proposed = *vertices;
-  std::vector<double> keep(proposed.size(), 1);
-  TriangleMesh mesh{*vertices, faces_, {}};
-  // Only faces that moved can have come to be anything new.
-  std::vector<uint32_t> active;
-  for (uint32_t f = 0; f < faces_.size(); ++f) {
-    const auto moved = [&](uint32_t v) { return proposed[v] != good[v]; };
-    if (std::any_of(faces_[f].begin(), faces_[f].end(), moved)) active.push_back(f);
+// A motion of which each vertex keeps a share.
+class FoldRepair::Motion {
+ public:
+  Motion(const std::vector<Triangle>& faces, const IndexRows& faces_of_vertex, const Positions& good,
+         Positions proposed)
+      : faces_of_vertex_(faces_of_vertex),
+        good_(good),
+        proposed_(std::move(proposed)),
+        kept_(good.size(), 1),
+        mesh_{proposed_, faces, {}},
+        rings_(good.size()) {}
+
+  const TriangleMesh& mesh() const { return mesh_; }
+  bool changed(uint32_t vertex) const { return kept_[vertex] < 1 && proposed_[vertex] != good_[vertex]; }
+
+  // Faces that move, ascending.
+  std::vector<uint32_t> MovingFaces() const {
+    std::vector<uint32_t> out;
+    const auto moves = [&](uint32_t v) { return proposed_[v] != good_[v]; };
+    for (uint32_t f = 0; f < mesh_.faces.size(); ++f) {
+      if (std::any_of(mesh_.faces[f].begin(), mesh_.faces[f].end(), moves)) out.push_back(f);
+    }
+    return out;
   }
+
+  // Returns the faces that moved for it, ascending.
+  std::vector<uint32_t> DrawBack(const std::vector<uint32_t>& spoiled, const Pass& pass) {
+    std::fill(rings_.begin(), rings_.end(), -1);
+    std::vector<uint32_t> front, next, moved;
+    for (uint32_t f : spoiled) {
+      for (uint32_t v : mesh_.faces[f]) Reach(v, 0, &front);
+    }
+    for (int ring = 0; ring < pass.rings; ++ring) {
+      for (uint32_t v : front) Keep(v, pass.least + (1 - pass.least) * ring / pass.rings, &moved);
+      next.clear();
+      for (uint32_t v : front) {
+        for (uint32_t f : faces_of_vertex_[v]) {
+          for (uint32_t w : mesh_.faces[f]) Reach(w, ring + 1, &next);
+        }
+      }
+      std::swap(front, next);
+    }
+    SortUnique(&moved);
+    return moved;
+  }
+
+  // Of `moved`, the faces that moved last; those that move for this are added.
+  void LevelTurnedFaces(const FaceTest& test, std::vector<uint32_t>* moved) {
+    std::vector<uint32_t> at_hand = *moved;
+    std::vector<std::pair<uint32_t, double>> shares;
+    for (int round = 0; round < kLevellings && !at_hand.empty(); ++round) {
+      shares.clear();
+      for (uint32_t f : at_hand) {
+        if (test(f, good_, mesh_.vertices)) continue;
+        const auto& [a, b, c] = mesh_.faces[f];
+        const auto [least, most] = std::minmax({kept_[a], kept_[b], kept_[c]});
+        const double share = round + 2 >= kLevellings ? 0 : least == most ? 0.5 * least : least;
+        for (uint32_t v : mesh_.faces[f]) shares.push_back({v, share});
+      }
+      at_hand.clear();
+      for (const auto& [v, share] : shares) Keep(v, share, &at_hand);
+      SortUnique(&at_hand);
+      moved->insert(moved->end(), at_hand.begin(), at_hand.end());
+    }
+    SortUnique(moved);
+  }
+
+ private:
+  static void SortUnique(std::vector<uint32_t>* values) {
+    std::sort(values->begin(), values->end());
+    values->erase(std::unique(values->begin(), values->end()), values->end());
+  }
+
+  void Reach(uint32_t v, int ring, std::vector<uint32_t>* front) {
+    if (rings_[v] >= 0) return;
+    rings_[v] = ring;
+    front->push_back(v);
+  }
+
+  void Keep(uint32_t v, double share, std::vector<uint32_t>* moved) {
+    if (share >= kept_[v]) return;
+    kept_[v] = share;
+    if (proposed_[v] == good_[v]) return;
+    mesh_.vertices[v] = good_[v] + share * (proposed_[v] - good_[v]);
+    moved->insert(moved->end(), faces_of_vertex_[v].begin(), faces_of_vertex_[v].end());
+  }
+
+  const IndexRows& faces_of_vertex_;
+  const Positions& good_;
+  const Positions proposed_;
+  std::vector<double> kept_;
+  TriangleMesh mesh_;
+  std::vector<int> rings_;  // from a spoiled face, in the pass at hand; -1: not reached
+};
+
+FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) {
+  Motion motion(faces_, faces_of_vertex_, good, *vertices);
+  // Only faces that moved can have come to be anything new.
+  std::vector<uint32_t> active = motion.MovingFaces(), spoiled;
   Result result;
-  if (active.empty()) return result;
-  boxes_.Refit(mesh);
-  std::vector<FacePair> cut;  // pairs that are not the start's, as of the last pass
-  std::vector<int> distance(proposed.size());
-  for (;; ++result.passes) {
+  std::vector<FacePair> cut;  // pairs that are not the start's
+  std::vector<uint8_t> is_spoiled(faces_.size()), moved(faces_.size());
+  // A pass with nothing to do ends it: later ones would find the same. That some place has nothing to do does not, for
+  // whether another has is none of its business.
+  for (size_t pass = 0;; ++pass) {
+    boxes_.Refit(motion.mesh());
     // Pairs of faces that did not move since stay as they were found.
-    std::vector<uint8_t> spoiled(mesh.faces.size()), moved(mesh.faces.size());
     for (uint32_t f : active) moved[f] = 1;
     std::erase_if(cut, [&](const FacePair& p) { return moved[p[0]] || moved[p[1]]; });
-    for (const FacePair& p : NewPairs(start_pairs_, boxes_.Intersections(mesh, active))) cut.push_back(p);
-    for (const FacePair& p : cut) spoiled[p[0]] = spoiled[p[1]] = 1;
+    for (uint32_t f : active) moved[f] = 0;
+    for (const FacePair& p : NewPairs(start_pairs_, boxes_.Intersections(motion.mesh(), active))) cut.push_back(p);
+    for (uint32_t f : spoiled) is_spoiled[f] = test && !test(f, good, motion.mesh().vertices);
     if (test) {
       ParallelFor(static_cast<int64_t>(active.size()), kGrain, [&](int64_t begin, int64_t end) {
         for (int64_t i = begin; i < end; ++i) {
           const uint32_t f = active[static_cast<size_t>(i)];
-          if (!test(f, good, mesh.vertices)) spoiled[f] = 1;
+          is_spoiled[f] = !test(f, good, motion.mesh().vertices);
         }
       });
     }
-    std::vector<uint32_t> front;
-    std::fill(distance.begin(), distance.end(), -1);
-    int64_t count = 0;
-    for (size_t f = 0; f < spoiled.size(); ++f) {
-      if (!spoiled[f]) continue;
-      ++count;
-      for (uint32_t v : mesh.faces[f]) {
-        if (distance[v] == 0) continue;
-        distance[v] = 0;
-        front.push_back(v);
-      }
+    for (const FacePair& p : cut) is_spoiled[p[0]] = is_spoiled[p[1]] = 1;
+    spoiled.clear();
+    for (uint32_t f = 0; f < is_spoiled.size(); ++f) {
+      if (is_spoiled[f]) spoiled.push_back(f);
     }
-    if (result.passes == 0) result.spoiled_faces = count;
-    if (count == 0) break;
-    // Gentle at first; then the faces themselves go back wholly. Every pass past the gentle ones takes at least one
-    // vertex back for good, and faces between such vertices alone lie as they did in `good`: so this ends.
-    const bool gentle = result.passes < kGentlePasses;
-    bool changed = false;
-    std::vector<uint32_t> patch;
-    for (size_t ring = 0; ring < kKept.size(); ++ring) {
-      std::vector<uint32_t> next;
-      for (uint32_t v : front) {
-        const double before = keep[v];
-        keep[v] *= ring == 0 && !gentle ? 0 : kKept[ring];
-        if (keep[v] == before) continue;
-        changed = changed || ring == 0;
-        patch.push_back(v);
-      }
-      for (uint32_t v : front) {
-        for (uint32_t f : faces_of_vertex_[v]) {
-          for (uint32_t w : mesh.faces[f]) {
-            if (distance[w] >= 0) continue;
-            distance[w] = static_cast<int>(ring) + 1;
-            next.push_back(w);
-          }
-        }
-      }
-      front = std::move(next);
-    }
-    if (!changed) {
-      result.clean = false;
-      break;
-    }
-    std::vector<uint8_t> touched(mesh.faces.size());
-    for (uint32_t v : patch) {
-      mesh.vertices[v] = good[v] + keep[v] * (proposed[v] - good[v]);
-      for (uint32_t f : faces_of_vertex_[v]) touched[f] = 1;
-    }
-    active.clear();
-    for (uint32_t f = 0; f < touched.size(); ++f) {
-      if (touched[f]) active.push_back(f);
-    }
-    boxes_.Refit(mesh);
+    result.left_faces = static_cast<int64_t>(spoiled.size());
+    result.clean = spoiled.empty();
+    if (pass == 0) result.spoiled_faces = result.left_faces;
+    if (spoiled.empty() || pass == kPasses.size()) break;
+    ++result.passes;
+    active = motion.DrawBack(spoiled, kPasses[pass]);
+    if (test) motion.LevelTurnedFaces(test, &active);
   }
-  for (double share : keep) result.changed_vertices += share < 1;
-  *vertices = std::move(mesh.vertices);
+  for (uint32_t v = 0; v < good.size(); ++v) result.changed_vertices += motion.changed(v);
+  *vertices = motion.mesh().vertices;
   return result;
 }
 

@@ -24,9 +24,6 @@ constexpr double kHigh = 3.5, kLow = 0.01;
 
 // Four lanes of SSE (or NEON): x, y, z and one number more.
 using Lanes = float __attribute__((vector_size(16)));
-struct Quad {
-  Lanes lanes = {0, 0, 0, 0};
-};
 
 Lanes ToLanes(const Vector3f& v, float fourth) { return Lanes{v.x(), v.y(), v.z(), fourth}; }
 Vector3f FromLanes(const Lanes& v) { return {v[0], v[1], v[2]}; }
@@ -34,6 +31,31 @@ Lanes Broadcast(float x) { return Lanes{x, x, x, x}; }
 Lanes Fourth(const Lanes& v) { return __builtin_shufflevector(v, v, 3, 3, 3, 3); }
 Lanes ShiftUp(const Lanes& v) { return __builtin_shufflevector(v, v, 1, 2, 0, 3); }
 Lanes ShiftDown(const Lanes& v) { return __builtin_shufflevector(v, v, 2, 0, 1, 3); }
+
+// A vector; its fourth lane says nothing.
+struct Vector {
+  Lanes lanes = {0, 0, 0, 0};
+};
+
+// A vertex's row of the umbrella (or of its rim) and, in the fourth lane, what it weighs in its neighbours'
+// derivatives.
+struct Row {
+  Lanes lanes = {0, 0, 0, 0};
+
+  Lanes WeightAtNeighbours() const { return Fourth(lanes); }
+  void SetWeightAtNeighbours(float weight) { lanes[3] = weight; }
+  void SetVector(Lanes vector) {
+    vector[3] = lanes[3];
+    lanes = vector;
+  }
+};
+
+// A vertex's right-hand side and, in the fourth lane, what its row weighs in its own derivative.
+struct RightSide {
+  Lanes lanes = {0, 0, 0, 0};
+
+  Lanes WeightOfOwnRow() const { return Fourth(lanes); }
+};
 
 // A symmetric 3x3 block.
 struct SymmetricBlock {
@@ -165,8 +187,7 @@ void SmoothTerm::FindDiagonals() {
   });
 }
 
-// The system of one call, by places. kProjected: SmoothWeights::tangential is not 1.
-template <bool kProjected>
+// The system of one call, by places.
 class SmoothTerm::System {
  public:
   System(const SmoothTerm& term, const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
@@ -181,13 +202,6 @@ class SmoothTerm::System {
         rows_(rhs.size()),
         direction_(rhs.size()),
         step_(rhs.size()) {
-    if (kProjected) {
-      raw_rows_.resize(rhs.size());
-      normals_.resize(rhs.size());
-      ForPlaces([&](size_t p) {
-        normals_[p].lanes = ToLanes(term_.normals_[layout_.vertex_at[p]].template cast<float>(), 0);
-      });
-    }
     FindSpecials();
     ForPlaces([&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
     ForSpecials([&](Special& special) { special.rhs = rhs_[special.place].lanes; });
@@ -211,7 +225,7 @@ class SmoothTerm::System {
 
   void TakeStep(Positions* step) const {
     step->resize(step_.size());
-    ForPlaces([&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).template cast<double>(); });
+    ForPlaces([&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
   }
 
  private:
@@ -251,24 +265,17 @@ class SmoothTerm::System {
     }
   }
 
-  // The fourth lane of rows is the row's weight in the derivatives of neighbours, that of rhs in the vertex's own, that
-  // of a projected system's normals the weight of the row before projection.
   void SetUp(size_t p, const Matrix3d& data, const Vector3d& rhs) {
     const uint32_t v = layout_.vertex_at[p];
     const Diagonals& diagonals = term_.diagonals_[p];
     const float plate_weight = static_cast<float>(weights_.thin_plate), rim_weight = static_cast<float>(weights_.rim);
     const float membrane = static_cast<float>(weights_.membrane) * diagonals.membrane;
     const bool rim = term_.rings_.rim[v];
-    rows_[p].lanes[3] = plate_weight * diagonals.factor * diagonals.inverse_degree;
+    rows_[p].SetWeightAtNeighbours(plate_weight * diagonals.factor * diagonals.inverse_degree);
     float own = rim ? rim_weight : plate_weight * diagonals.factor;
     // Where all edges have one weight, membrane is a multiple of the umbrella.
-    const float umbrella_membrane = diagonals.special ? 0 : membrane;
-    if (kProjected) {
-      normals_[p].lanes[3] = umbrella_membrane;
-    } else {
-      own += umbrella_membrane;
-    }
-    rhs_[p].lanes = ToLanes(rhs.template cast<float>(), own);
+    if (!diagonals.special) own += membrane;
+    rhs_[p].lanes = ToLanes(rhs.cast<float>(), own);
 
     Matrix3d block = data;
     if (!term_.kept_.empty()) {
@@ -278,31 +285,11 @@ class SmoothTerm::System {
     }
     data_[p] = SymmetricBlock(block);
     if (term_.fixed_[v]) return;
-    if (kProjected) {
-      block += PlateBlock(p).template cast<double>();
-    } else {
-      block.diagonal().array() += plate_weight * diagonals.plate * diagonals.slack;
-    }
+    block.diagonal().array() += plate_weight * diagonals.plate * diagonals.slack;
     block.diagonal().array() += membrane + rim_weight * diagonals.rim;
     if (inter_) AddInterBlocks(p, &block);
     block.diagonal().array() += 1e-6 * block.trace() + 1e-12;
     inverse_[p] = SymmetricBlock(Inverse(block));
-  }
-
-  // The diagonal block of thin plate.
-  Eigen::Matrix3f PlateBlock(size_t p) const {
-    const float tangential = static_cast<float>(weights_.tangential);
-    Eigen::Matrix3f block = term_.diagonals_[p].plate * tangential * Eigen::Matrix3f::Identity();
-    const auto add = [&](size_t w, float coefficient) {
-      const Vector3f normal = FromLanes(normals_[w].lanes);
-      block += (1 - tangential) * coefficient * normal * normal.transpose();
-    };
-    add(p, term_.diagonals_[p].factor);
-    for (uint32_t e = layout_.ring_begin[p]; e < layout_.ring_begin[p + 1]; ++e) {
-      const Diagonals& at = term_.diagonals_[layout_.ring[e]];
-      add(layout_.ring[e], at.factor * at.inverse_degree * at.inverse_degree);
-    }
-    return static_cast<float>(weights_.thin_plate) * term_.diagonals_[p].slack * block;
   }
 
   void AddInterBlocks(size_t p, Matrix3d* block) const {
@@ -312,31 +299,20 @@ class SmoothTerm::System {
     const CornerIncidence& incidence = inter_->incidence;
     for (uint32_t e = incidence.begin[special->inter]; e < incidence.begin[special->inter + 1]; ++e) {
       const uint32_t entry = incidence.entries[e];
-      *block += inter_->corners[entry / 3].Block(entry % 3).template cast<double>();
+      *block += inter_->corners[entry / 3].Block(entry % 3).cast<double>();
     }
   }
 
   void MakeRows() {
-    const Quad* step = step_.data();
+    const Vector* step = step_.data();
     const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
     const Diagonals* diagonals = term_.diagonals_.data();
-    const Quad* normals = normals_.data();
-    const Lanes tangential = Broadcast(static_cast<float>(weights_.tangential));
-    Quad *rows = rows_.data(), *raw_rows = raw_rows_.data();
+    Row* rows = rows_.data();
     ParallelFor(static_cast<int64_t>(step_.size()), kGrain, [=](int64_t begin, int64_t end) {
       for (int64_t p = begin; p < end; ++p) {
         Lanes sum = {0, 0, 0, 0};
         for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) sum += step[ring[e]].lanes;
-        Lanes row = step[p].lanes - Broadcast(diagonals[p].inverse_degree) * sum;
-        if (kProjected) {
-          const Lanes normal = normals[p].lanes;
-          const Lanes product = normal * row;
-          const Lanes along = Broadcast(product[0] + product[1] + product[2]) * normal;
-          raw_rows[p].lanes = row;
-          row = along + tangential * (row - along);
-        }
-        row[3] = rows[p].lanes[3];
-        rows[p].lanes = row;
+        rows[p].SetVector(step[p].lanes - Broadcast(diagonals[p].inverse_degree) * sum);
       }
     });
   }
@@ -362,8 +338,7 @@ class SmoothTerm::System {
       if (term_.has_rim_row(v)) {
         row = step_[p].lanes - 0.5f * (step_[layout_.place_of[a]].lanes + step_[layout_.place_of[b]].lanes);
       }
-      row[3] = 0;
-      rows_[p].lanes = row;
+      rows_[p].SetVector(row);
     }
     special->membrane = Lanes{0, 0, 0, 0};
     if (!term_.diagonals_[p].special || weights_.membrane == 0) return;
@@ -401,18 +376,18 @@ class SmoothTerm::System {
 
   void Update(Lanes keep, Lanes gain) {
     const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
-    const Quad *rows = rows_.data(), *raw_rows = raw_rows_.data(), *normals = normals_.data(), *rhs = rhs_.data();
+    const Row* rows = rows_.data();
+    const RightSide* rhs = rhs_.data();
     const SymmetricBlock *data = data_.data(), *inverse = inverse_.data();
-    Quad *direction = direction_.data(), *step = step_.data();
+    Vector *direction = direction_.data(), *step = step_.data();
     ParallelFor(static_cast<int64_t>(step_.size()), kGrain, [=](int64_t begin, int64_t end) {
       for (int64_t p = begin; p < end; ++p) {
         Lanes product = {0, 0, 0, 0};
         for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) {
-          const Lanes row = rows[ring[e]].lanes;
-          product += Fourth(row) * row;
+          const Row row = rows[ring[e]];
+          product += row.WeightAtNeighbours() * row.lanes;
         }
-        Lanes residual = rhs[p].lanes + product - Fourth(rhs[p].lanes) * rows[p].lanes;
-        if (kProjected) residual -= Fourth(normals[p].lanes) * raw_rows[p].lanes;
+        Lanes residual = rhs[p].lanes + product - rhs[p].WeightOfOwnRow() * rows[p].lanes;
         residual -= data[p].Times(step[p].lanes);
         const Lanes move = keep * direction[p].lanes + gain * inverse[p].Times(residual);
         direction[p].lanes = move;
@@ -428,13 +403,14 @@ class SmoothTerm::System {
   std::vector<Special> specials_;    // by rising place
   std::vector<Vector3f> residuals_;  // of inter_'s corners, weighted
   std::vector<SymmetricBlock> data_, inverse_;
-  std::vector<Quad> rhs_, rows_, raw_rows_, normals_, direction_, step_;
+  std::vector<RightSide> rhs_;
+  std::vector<Row> rows_;
+  std::vector<Vector> direction_, step_;
 };
 
-template <bool kProjected>
-void SmoothTerm::Solve(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
-                       int sweeps, Positions* step, const InterCurvature* inter) const {
-  System<kProjected> system(*this, data, rhs, weights, inter);
+void SmoothTerm::SolveStep(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
+                           int sweeps, Positions* step, const InterCurvature* inter) const {
+  System system(*this, data, rhs, weights, inter);
   const double centre = 0.5 * (kHigh + kLow), half_width = 0.5 * (kHigh - kLow);
   const double sigma = centre / half_width;
   double rho = 1 / sigma;
@@ -445,15 +421,6 @@ void SmoothTerm::Solve(const std::vector<Matrix3d>& data, const Positions& rhs, 
     rho = next;
   }
   system.TakeStep(step);
-}
-
-void SmoothTerm::SolveStep(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
-                           int sweeps, Positions* step, const InterCurvature* inter) const {
-  if (weights.tangential != 1) {
-    Solve<true>(data, rhs, weights, sweeps, step, inter);
-  } else {
-    Solve<false>(data, rhs, weights, sweeps, step, inter);
-  }
 }
 
 }  // namespace tessera

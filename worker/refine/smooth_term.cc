@@ -28,7 +28,6 @@ SmoothTerm::SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fix
   if (fixed_.empty()) fixed_.assign(start_.size(), 0);
   MakeLayout();
   SetLabels({}, {}, 0);
-  SetNormals(start_);
 }
 
 void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector<ClassSmoothness>& classes,
@@ -82,15 +81,6 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
   for (KeptVertex& kept : kept_) kept.block /= faces_at[kept.vertex];
 }
 
-void SmoothTerm::SetNormals(const Positions& v) {
-  normals_.assign(v.size(), Vector3d::Zero());
-  for (const auto& [a, b, c] : faces_) {
-    const Vector3d cross = (v[b] - v[a]).cross(v[c] - v[a]);
-    for (uint32_t corner : {a, b, c}) normals_[corner] += cross;
-  }
-  for (Vector3d& normal : normals_) normal.stableNormalize();
-}
-
 void SmoothTerm::Umbrella(const Positions& v, Positions* rows) const {
   rows->resize(v.size());
   ForVertices(v.size(), [&](size_t k) {
@@ -117,9 +107,7 @@ double SmoothTerm::Energy(const Positions& v, const SmoothWeights& weights) cons
       if (rings_.rim[k]) {
         sum += 0.5 * weights.rim * rows[k].squaredNorm();
       } else {
-        const double along = normals_[k].dot(rows[k]);
-        sum += 0.5 * weights.thin_plate * factor_[k] *
-               (weights.tangential * rows[k].squaredNorm() + (1 - weights.tangential) * along * along);
+        sum += 0.5 * weights.thin_plate * factor_[k] * rows[k].squaredNorm();
       }
       for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) {
         const uint32_t w = rings_.to[e];
@@ -144,16 +132,7 @@ void SmoothTerm::Gradient(const Positions& v, const SmoothWeights& weights, Posi
   Positions rows;
   Umbrella(v, &rows);
   // Rows times their weights; what neighbours see of them is divided by the degree.
-  ForVertices(v.size(), [&](size_t k) {
-    if (rings_.rim[k]) {
-      rows[k] *= weights.rim;
-      return;
-    }
-    if (weights.tangential != 1) {
-      rows[k] = weights.tangential * rows[k] + (1 - weights.tangential) * normals_[k].dot(rows[k]) * normals_[k];
-    }
-    rows[k] *= weights.thin_plate * factor_[k];
-  });
+  ForVertices(v.size(), [&](size_t k) { rows[k] *= rings_.rim[k] ? weights.rim : weights.thin_plate * factor_[k]; });
   gradient->resize(v.size());
   ForVertices(v.size(), [&](size_t i) {
     const uint32_t k = static_cast<uint32_t>(i);

@@ -26,15 +26,10 @@ struct SmoothWeights {
   double membrane = 0;  // of ½ Σ ω(edge) ‖v_a - v_b‖²/6 over edges with two faces, not both ends on a rim
   double rim = 0;  // of ½ Σ ‖(U d)_k‖² along rims, d = v - start: rims get no smoothing of shape, only of movement
   double keep = 1;  // of ½ Σ_k mean over the faces f about k of keep(f) (n_f · (v_k - start_k))²
-  // Of thin plate within the surface, at right angles to the normals of SetNormals (0..1). At 1 the umbrella also draws
-  // vertices towards regular triangles, and resists membrane's pull along the surface; at 0 it does neither. Costs
-  // about half as much again in SolveStep where it is not 1.
-  double tangential = 1;
 };
 
-// The quadratic form E(v) = ½ ⟨v, A v⟩ - ⟨c, v⟩ + const on one mesh's topology, with the normals last set. Fixed
-// vertices take part but get no derivative. Const members may be called from any thread; results do not depend on the
-// number of threads.
+// The quadratic form E(v) = ½ ⟨v, A v⟩ - ⟨c, v⟩ + const on one mesh's topology. Fixed vertices take part but get no
+// derivative. Const members may be called from any thread; results do not depend on the number of threads.
 class SmoothTerm {
  public:
   using Positions = std::vector<Eigen::Vector3d>;
@@ -48,27 +43,31 @@ class SmoothTerm {
   // (0: none), so do edges between two of them. Linear in the mesh; may be called again and again.
   void SetLabels(const std::vector<int32_t>& labels, const std::vector<ClassSmoothness>& classes, double mixed);
 
-  // Takes the vertex normals that SmoothWeights::tangential means from the surface at `v`; until then, the start's.
-  void SetNormals(const Positions& v);
-
   double Energy(const Positions& v, const SmoothWeights& weights) const;
+  // Of vertices, that a derivative and a block of the system depend on: a neighbour's row takes in its neighbours, its
+  // weights their faces. (Within r rings: the faces that have a corner within r - 1.)
+  static constexpr int kGradientRings = 2;
   // Overwrites `gradient` with dE/dv; zero at fixed vertices.
   void Gradient(const Positions& v, const SmoothWeights& weights, Positions* gradient) const;
 
   // Approximately solves (data + A + inter) step = rhs by `sweeps` of the block-Jacobi-preconditioned Chebyshev
-  // iteration from zero, in single precision: what a vertex gets depends on no more than 2·sweeps rings about it.
+  // iteration from zero, in single precision. What a vertex gets depends on `data` and `rhs` within SolveRings, and on
+  // topology and labels within kGradientRings of those.
   // `data`: one symmetric positive semidefinite 3x3 block a vertex; `inter`: of the same mesh, or null. Steps of fixed
   // vertices are zero. The iteration never diverges, whatever the weights.
   void SolveStep(const std::vector<Eigen::Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
                  int sweeps, Positions* step, const InterCurvature* inter = nullptr) const;
+
+  // The first sweep reads the vertex's own right-hand side; each after it multiplies with A, which has two rings: rows
+  // of the umbrella and their transposes, rows along rims, and corners of E_inter, whose three vertices are neighbours.
+  static constexpr int SolveRings(int sweeps) { return sweeps > 1 ? 2 * (sweeps - 1) : 0; }
 
   bool on_rim(size_t vertex) const { return rings_.rim[vertex] != 0; }
 
  private:
   // The topology in an order that keeps neighbours close in memory, for SolveStep.
   struct Layout;
-  // One system of SolveStep; kProjected: SmoothWeights::tangential is not 1.
-  template <bool kProjected>
+  // One system of SolveStep.
   class System;
   // What SolveStep needs of a vertex's topology and labels, for weights of one.
   struct Diagonals {
@@ -87,9 +86,6 @@ class SmoothTerm {
   };
   void MakeLayout();
   void FindDiagonals();
-  template <bool kProjected>
-  void Solve(const std::vector<Eigen::Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights, int sweeps,
-             Positions* step, const InterCurvature* inter) const;
   bool has_rim_row(size_t v) const { return rings_.along_rim[v][0] != rings_.along_rim[v][1] && !fixed_[v]; }
   // U v inside the surface, U d along rims.
   void Umbrella(const Positions& v, Positions* rows) const;
@@ -100,7 +96,6 @@ class SmoothTerm {
   std::vector<Triangle> faces_;
   std::vector<uint8_t> fixed_;
   OneRings rings_;
-  Positions normals_;                 // of vertices, for SmoothWeights::tangential
   std::vector<double> factor_;        // ω of a vertex, `mixed` included
   std::vector<uint8_t> mixed_;        // its faces have several labels
   std::vector<KeptVertex> kept_;      // by rising number

@@ -17,16 +17,17 @@ struct LineTaps {
   int per_pixel = 1;
   std::vector<Tap> taps;
 
-  LineTaps(int first, int count, double scale, double offset, int size) {
+  // `size` pixels of the other line are at hand, the first of them its pixel `origin`.
+  LineTaps(int first, int count, double scale, double offset, int origin, int size) {
     per_pixel = std::max(1, static_cast<int>(std::lround(scale)));
     const float share = 1 / static_cast<float>(per_pixel);
     for (int i = first; i < first + count; ++i) {
       for (int k = 0; k < per_pixel; ++k) {
         const double at = scale * (i + (k + 0.5) / per_pixel) + offset - 0.5;
-        const double clamped = std::clamp(at, 0.0, static_cast<double>(size - 1));
+        const double clamped = std::clamp(at, static_cast<double>(origin), static_cast<double>(origin + size - 1));
         const int low = static_cast<int>(clamped);
         const float high = static_cast<float>(clamped - low);
-        taps.push_back({low, std::min(low + 1, size - 1), share * (1 - high), share * high});
+        taps.push_back({low - origin, std::min(low - origin + 1, size - 1), share * (1 - high), share * high});
       }
     }
   }
@@ -91,8 +92,8 @@ Texels MakeTexels(const FloatImage& luminance, const FloatImage& likelihoods, co
   out.classes = likelihoods.channels;
   const int planes = (out.classes + Texels::kClassesPerPlane - 1) / Texels::kClassesPerPlane;
   out.likelihoods.assign(planes, LineVector<uint32_t>(out.luminance.size(), 0));
-  const LineTaps columns(x0, out.width, mapping.scale_x, mapping.offset_x, likelihoods.width);
-  const LineTaps rows(y0, out.height, mapping.scale_y, mapping.offset_y, likelihoods.height);
+  const LineTaps columns(x0, out.width, mapping.scale_x, mapping.offset_x, mapping.first_x, likelihoods.width);
+  const LineTaps rows(y0, out.height, mapping.scale_y, mapping.offset_y, mapping.first_y, likelihoods.height);
   for (int l = 0; l < out.classes; ++l) PackClass(likelihoods, l, columns, rows, &out);
   return out;
 }

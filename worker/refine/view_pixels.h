@@ -4,7 +4,6 @@
 
 #include "common/base/status.h"
 #include "common/imaging/raster.h"
-#include "worker/visibility/far_silhouettes.h"
 
 namespace tessera {
 
@@ -20,8 +19,6 @@ class ViewPixels {
   virtual bool has_likelihoods() const = 0;
   // A plane a class, in [0, 1], of any resolution. Errors as Luminance's.
   virtual StatusOr<FloatImage> Likelihoods() const = 0;
-  // Near which nothing behind is compared. Errors as Luminance's.
-  virtual StatusOr<FarSilhouettes> Silhouettes() const = 0;
 };
 
 }  // namespace tessera

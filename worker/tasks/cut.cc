@@ -1,9 +1,10 @@
+#include <algorithm>
 #include <nlohmann/json.hpp>
-#include <numeric>
 
 #include "common/storage/files.h"
 #include "worker/tasks/cut_tile.h"
 #include "worker/tasks/stages.h"
+#include "worker/tasks/tile_options.h"
 
 namespace tessera {
 
@@ -16,18 +17,23 @@ StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& cont
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.3, "cutting");
-  TESSERA_ASSIGN_OR_RETURN(const TilePackage package, CutTile(city, survey, parameters));
+  TESSERA_ASSIGN_OR_RETURN(const CutResult cut, CutTile(city, survey, parameters,
+                                                        CutOptionsOf(parameters.window_px, parameters.coarsest_level,
+                                                                     survey.gsd_m, TileRefineOptions())));
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.9, "writing the tile");
+  const TilePackage& package = cut.package;
   TESSERA_RETURN_IF_ERROR(WriteTilePackage(OutputPath(request, kTileFile), package));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kReadsFile), ToJson(cut.reads)));
+  const auto faces_in = [&](Region region) {
+    return std::count_if(package.regions.begin(), package.regions.end(), [&](uint8_t r) { return r & region; });
+  };
   TaskOutcome outcome;
-  outcome.outputs = {kTileFile};
-  outcome.stats = nlohmann::json{{"faces", package.mesh.faces.size()},
-                                 {"core_faces", std::accumulate(package.core.begin(), package.core.end(), int64_t{0})},
-                                 {"occluder_faces", package.occluders.faces.size()},
-                                 {"views", package.views.size()},
-                                 {"pairs", package.pairs.size()},
-                                 {"seconds", SecondsSince(clock, start_us)}}
+  outcome.outputs = {kTileFile, kReadsFile};
+  outcome.stats = nlohmann::json{{"faces", package.mesh.faces.size()},    {"core_faces", faces_in(kCoreRegion)},
+                                 {"solve_faces", faces_in(kSolveRegion)}, {"mend_faces", faces_in(kMendRegion)},
+                                 {"label_faces", faces_in(kLabelRegion)}, {"views", package.views.size()},
+                                 {"pairs", package.pairs.size()},         {"seconds", SecondsSince(clock, start_us)}}
                       .dump();
   return outcome;
 }

@@ -6,16 +6,31 @@
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "worker/tasks/city_file.h"
-#include "worker/tasks/occluders.h"
+#include "worker/tasks/regions.h"
+#include "worker/tasks/sight.h"
 #include "worker/tasks/tile_files.h"
+#include "worker/tasks/tile_options.h"
 
 namespace tessera {
 
-// The faces whose centroid lies in the core (by cell) or at most parameters.halo_m from it, with everything else that
-// may hide them from the tile's views as occluders. Reads the blocks of the city that these lie in or touch, and no
-// others. INVALID_ARGUMENT for a core without faces; errors as CityReader::Block's.
-StatusOr<TilePackage> CutTile(const CityReader& city, const Survey& survey, const CutParameters& parameters,
-                              const OccluderOptions& occluders = {});
+struct CutOptions {
+  SightOptions sight;
+  RegionReach reach;
+};
+
+// As the operators' bounds have it for windows of this size and this coarsest level of the pyramid.
+CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const TileRefineOptions& options);
+
+struct CutResult {
+  TilePackage package;
+  TileReads reads;
+};
+
+// The cells of the core, all that its pixels may show, and all that the operators read about it, in whole cells; and
+// whose states and sums the tile's tasks read, by the tiles' cores. Reads the blocks of the city that these lie in or
+// touch, and no others. INVALID_ARGUMENT for a core without faces; errors as CityReader::Block's.
+StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const CutParameters& parameters,
+                            const CutOptions& options);
 
 }  // namespace tessera
 

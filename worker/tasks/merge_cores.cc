@@ -26,7 +26,7 @@ Status Ascends(int tile, const char* what, std::span<const uint32_t> ids) {
 
 }  // namespace
 
-CoreSpans::CoreSpans(const TileCore& core)
+CoreSpans::CoreSpans(const TileState& core)
     : tile(core.tile),
       vertex_ids(core.vertex_ids),
       face_ids(core.face_ids),

@@ -17,7 +17,7 @@ namespace tessera {
 // A core, wherever it lies.
 struct CoreSpans {
   CoreSpans() = default;
-  explicit CoreSpans(const TileCore& core);
+  explicit CoreSpans(const TileState& core);
   int tile = 0;
   std::span<const uint32_t> vertex_ids, face_ids;
   std::span<const Eigen::Vector3d> positions;
@@ -28,7 +28,7 @@ struct CoreSpans {
 // A core's file in the address space.
 class MappedCore {
  public:
-  // Reads it once and checks it: DATA_LOSS as ReadTileCore.
+  // Reads it once and checks it: DATA_LOSS as ReadTileState.
   static StatusOr<MappedCore> Open(const std::string& path);
   const CoreSpans& spans() const { return spans_; }
   const std::string& report() const { return report_; }

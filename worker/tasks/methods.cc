@@ -26,35 +26,32 @@ void Apply(const MethodSettings& settings, TileRefineOptions* options) {
   Override(settings.max_step_px, &geometry.max_step_px);
   Override(settings.window_px, &geometry.window_px);
   Override(settings.partners, &geometry.partners);
-  Override(settings.labels_first, &options->labels_first);
   if (!settings.levels.empty()) geometry.levels = settings.levels;
   if (!settings.iterations.empty()) geometry.iterations = settings.iterations;
 }
 
 }  // namespace
 
-StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes) {
+StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes,
+                                          const LabelTraits& scene) {
   TESSERA_RETURN_IF_ERROR(CheckMethod(parameters.method, parameters.settings));
   TileRefineOptions options;
-  options.geometry_knows_labels = parameters.method != "baseline";
+  const MethodRules rules = MethodRulesOf(parameters.method, parameters.rounds, parameters.settings);
+  options.rounds = rules.rounds;
+  options.labels_first = LabelStepActs(RefineStep(), rules, scene);
+  options.geometry_knows_labels = rules.geometry_knows_labels;
   if (options.geometry_knows_labels) {
-    options.labels_first = true;
     options.geometry.semantic = kSemantic;
     options.geometry.inter = kInter;
     options.geometry.contour = kContour;
     for (const SceneClass& c : classes) options.geometry.classes.push_back({c.smoothness, 0});
   }
   if (parameters.method == "paper") {
-    options.rounds = kPaperRounds;
-    options.labels_first = false;
     options.geometry.mixed = 0;
     options.geometry.contour = 0;
     options.label.form = LabelOptions::Form::kPaper;
     options.label.smoothness_weight = kPaperLabelSmoothness;
   }
-  if (parameters.rounds > 0) options.rounds = parameters.rounds;
-  options.begin = parameters.begin;
-  options.end = parameters.end;
   Apply(parameters.settings, &options);
   return options;
 }

@@ -6,8 +6,9 @@
 
 #include "common/base/status.h"
 #include "common/scene/scene.h"
+#include "common/tile/refine_steps.h"
 #include "common/tile/task_parameters.h"
-#include "worker/tasks/refine_tile.h"
+#include "worker/tasks/tile_options.h"
 
 namespace tessera {
 
@@ -20,7 +21,14 @@ namespace tessera {
 // `classes` gives the smoothness a class where the method knows classes; `parameters.settings` goes over the method's
 // own values. INVALID_ARGUMENT for a method that there is not (it lists those that there are) and for settings out
 // of range.
-StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes);
+StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes,
+                                          const LabelTraits& scene);
+
+// Of a tile's package.
+inline StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const TilePackage& package) {
+  return MethodOptions(parameters, package.classes,
+                       {static_cast<int>(package.classes.size()), package.has_likelihoods, package.has_labels});
+}
 
 }  // namespace tessera
 

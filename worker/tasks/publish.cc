@@ -26,7 +26,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   for (const TileParameters& tile : parameters.tiles) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     TESSERA_ASSIGN_OR_RETURN(MappedCore core,
-                             MappedCore::Open(InputPath(request, TileInputName(tile.tile, kCoreFile))));
+                             MappedCore::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));
     spans.push_back(core.spans());
     tiles.push_back({core.spans().tile, core.report()});
     cores.push_back(std::move(core));

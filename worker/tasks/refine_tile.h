@@ -1,42 +1,50 @@
-// Refining a tile: geometry and labels in turn.
+// The steps of a tile's refinement, as its tasks do them one by one, and all of them for a job's only tile.
 #ifndef TESSERA_WORKER_TASKS_REFINE_TILE_H_
 #define TESSERA_WORKER_TASKS_REFINE_TILE_H_
 
-#include <limits>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "worker/label/belief_propagation.h"
-#include "worker/label/label_field.h"
-#include "worker/refine/refine.h"
-#include "worker/tasks/tile_blend.h"
+#include "worker/label/unary.h"
+#include "worker/tasks/open_tile.h"
 #include "worker/tasks/tile_files.h"
+#include "worker/tasks/tile_options.h"
 #include "worker/tasks/tile_views.h"
 
 namespace tessera {
 
-struct TileRefineOptions {
-  int begin = 0, end = std::numeric_limits<int>::max();  // of the steps (MakeRefineSteps)
-  int rounds = 1;                     // of geometry, then labels; always all of them, so that tiles do alike
-  bool labels_first = false;          // before the first geometry too; always, if it knows labels and there are none
-  bool geometry_knows_labels = true;  // false: the geometry sees a mesh without labels
-  RefineOptions geometry;
-  LabelOptions label;
-  SolverOptions solver;
+// What the views say of the package's faces where they lie; exact for the core's. CANCELLED follows `control`.
+StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::vector<Eigen::Vector3d>& positions,
+                                         const std::vector<TileView>& views, const ViewGroups& groups,
+                                         const TaskControl& control);
+
+// Labels of a region's faces from what the views say of them. `confidence`: 0 where they say nothing.
+struct RegionLabels {
+  std::vector<int32_t> labels;
+  std::vector<float> confidence;
+  double start_energy = 0, energy = 0;  // of the region
 };
+RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region,
+                         const std::vector<Eigen::Vector3d>& positions, const std::vector<int32_t>& start,
+                         const FaceLikelihoods& sums, const TileRefineOptions& options);
+
+// Confidence of labels that are carried through: nothing speaks against them.
+float CarriedConfidence(int classes, int32_t label);
 
 struct TileRefinement {
-  TileResult result;
-  double seconds_geometry = 0, seconds_labels = 0;
+  TileState state;
+  double seconds_prepare = 0, seconds_visibility = 0, seconds_data = 0, seconds_step = 0, seconds_repair = 0,
+         seconds_labels = 0;
 };
 
-// `views` as OpenTileViews gives them; `state`: what earlier steps made of the tile, TileState() before the first. Some
-// of the steps after the others give the bytes of all at once. The result is of the whole package. Without likelihoods
-// labels are carried through; with fewer than two views the geometry stays. CANCELLED follows `control`.
-StatusOr<TileRefinement> RefineTile(const TilePackage& package, const std::vector<TileView>& views, TileState state,
+// All steps of a package that holds the whole city: the bytes that the steps give tile by tile. `views` as
+// OpenTileViews gives them. Without likelihoods labels are carried through; with fewer than two views the geometry
+// stays. CANCELLED follows `control`.
+StatusOr<TileRefinement> RefineTile(OpenTile& work, const std::vector<TileView>& views,
                                     const TileRefineOptions& options, const TaskControl& control, const Clock& clock);
 
 }  // namespace tessera

@@ -27,23 +27,20 @@ json AreaShares(const std::vector<double>& areas_m2, double total_m2, const std:
   return shares;
 }
 
-// The tiles' residuals, added up.
+// What tiles found of each other at the vertices that several of them compute, added up over all steps.
 json SeamStatistics(const std::vector<json>& tiles) {
-  int64_t vertices = 0, faces = 0, label_differences = 0;
-  double sum_squared = 0, max_m = 0;
+  int64_t samples = 0, different = 0;
+  double farthest_m = 0;
+  json where = json::array();
   for (const json& tile : tiles) {
-    const json& seam = tile.at("seam");
-    vertices += seam.at("vertices").get<int64_t>();
-    faces += seam.at("faces").get<int64_t>();
-    label_differences += seam.at("label_differences").get<int64_t>();
-    sum_squared += seam.at("sum_squared_m2").get<double>();
-    max_m = std::max(max_m, seam.at("max_m").get<double>());
+    const json seam = tile.value("seams", json::object());
+    samples += seam.value("samples", int64_t{0});
+    const int64_t of_tile = seam.value("different", int64_t{0});
+    if (of_tile > 0) where.push_back(tile.at("tile"));
+    different += of_tile;
+    farthest_m = std::max(farthest_m, seam.value("farthest_m", 0.0));
   }
-  return {{"compared_vertices", vertices},
-          {"rms_m", vertices > 0 ? std::sqrt(sum_squared / static_cast<double>(vertices)) : 0},
-          {"max_m", max_m},
-          {"compared_faces", faces},
-          {"label_differences", label_differences}};
+  return {{"samples", samples}, {"different", different}, {"farthest_m", farthest_m}, {"tiles", where}};
 }
 
 }  // namespace
@@ -109,7 +106,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
               {"label_changes", statistics.label_changes_},
               {"area_share_before", shares_before},
               {"area_share_after", shares_after},
-              {"seam", SeamStatistics(tile_reports)},
+              {"seams", SeamStatistics(tile_reports)},
               {"tiles", tile_reports},
               {"warnings", survey.warnings}}
              .dump(2) +

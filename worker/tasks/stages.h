@@ -1,4 +1,4 @@
-// The six tasks, one a file, in the order of the line. Each reads its inputs from request.input_dir and writes its
+// The tasks, one a file, in the order of the line. Each reads its inputs from request.input_dir and writes its
 // outputs to request.output_dir; errors and promises as RunTask's.
 #ifndef TESSERA_WORKER_TASKS_STAGES_H_
 #define TESSERA_WORKER_TASKS_STAGES_H_
@@ -15,19 +15,25 @@ namespace tessera {
 // Scene → the repaired and split mesh of the city, and the survey: GSD, cells and their views, pairs.
 StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// City and survey → a tile's package: core, halo, occluders, views.
+// City and survey → a tile's package, and which tiles it reads.
 StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and photographs → the pixels that see the tile, which all parts of its refinement read.
+// Package and photographs → the pixels that see the tile, which its steps read.
 StatusOr<TaskOutcome> RunCrop(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and pixels → the tile's refined positions, labels and beliefs; or those after some of the steps.
+// Package and pixels of a job's only tile → its state after all steps.
 StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and the results that reach into its core → the core, blended.
-StatusOr<TaskOutcome> RunStitch(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+// Package, pixels and the states of the tiles in sight → what the pixels say of each face of the core in one step.
+StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// City, survey and all cores → mesh.ply in the scene's own frame, and report.json.
+// Package, sums and states of the tiles in reach → the core's state after the step.
+StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
+// Package and states of the tiles in reach → the core's state without folds.
+StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
+// City, survey and the last states → mesh.ply in the scene's own frame, and report.json.
 StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
 inline std::string InputPath(const TaskRequest& request, const std::string& name) {

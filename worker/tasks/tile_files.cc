@@ -1,6 +1,9 @@
 #include "worker/tasks/tile_files.h"
 
+#include <algorithm>
+#include <cstring>
 #include <nlohmann/json.hpp>
+#include <type_traits>
 
 #include "absl/strings/str_cat.h"
 #include "common/tile/array_file.h"
@@ -28,10 +31,65 @@ Status ReadMetadata(const ArrayFile& file, const Read& read) {
   }
 }
 
+// Records of floats alone, as an array of floats.
+template <class Record>
+std::vector<float> ToFloats(const std::vector<Record>& records) {
+  static_assert(sizeof(Record) % sizeof(float) == 0 && std::is_trivially_copyable_v<Record>);
+  std::vector<float> floats(records.size() * sizeof(Record) / sizeof(float));
+  if (!records.empty()) std::memcpy(floats.data(), records.data(), floats.size() * sizeof(float));
+  return floats;
+}
+
+template <class Record>
+std::vector<Record> FromFloats(const std::vector<float>& floats) {
+  static_assert(sizeof(Record) % sizeof(float) == 0 && std::is_trivially_copyable_v<Record>);
+  std::vector<Record> records(floats.size() * sizeof(float) / sizeof(Record));
+  if (!records.empty()) std::memcpy(static_cast<void*>(records.data()), floats.data(), floats.size() * sizeof(float));
+  return records;
+}
+
+constexpr int kContourNumbers = 3 * (3 + 6);
+
+// Flat rows as offsets and items.
+void PutRows(const std::vector<std::vector<int32_t>>& rows, const std::string& name, ArrayFile* file) {
+  std::vector<uint32_t> begin = {0};
+  std::vector<int32_t> items;
+  for (const std::vector<int32_t>& row : rows) {
+    items.insert(items.end(), row.begin(), row.end());
+    begin.push_back(static_cast<uint32_t>(items.size()));
+  }
+  file->arrays[name + "_begin"] = std::move(begin);
+  file->arrays[name] = std::move(items);
+}
+
+StatusOr<std::vector<std::vector<int32_t>>> TakeRows(const std::string& name, int64_t count, ArrayFile* file) {
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> begin, file->Take<uint32_t>(name + "_begin", count + 1));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<int32_t> items, file->Take<int32_t>(name));
+  std::vector<std::vector<int32_t>> rows;
+  for (int64_t i = 0; i < count; ++i) {
+    if (begin[i] > begin[i + 1] || begin[i + 1] > items.size()) {
+      return absl::DataLossError(absl::StrCat(file->name, ": ", name, ": row ", i, " has no place"));
+    }
+    rows.emplace_back(items.begin() + begin[i], items.begin() + begin[i + 1]);
+  }
+  return rows;
+}
+
+// Offsets of cells: ascending, from 0 to `count`.
+StatusOr<std::vector<uint32_t>> TakeBegins(const std::string& name, size_t cells, size_t count, ArrayFile* file) {
+  TESSERA_ASSIGN_OR_RETURN(std::vector<uint32_t> begin, file->Take<uint32_t>(name, static_cast<int64_t>(cells) + 1));
+  if (begin.front() != 0 || begin.back() != count || !std::is_sorted(begin.begin(), begin.end())) {
+    return absl::DataLossError(absl::StrCat(file->name, ": ", name, ": found no ascending offsets from 0 to ", count));
+  }
+  return begin;
+}
+
 }  // namespace
 
 Status WriteTilePackage(const std::string& path, const TilePackage& p) {
   ArrayFile file;
+  std::vector<std::array<int, 4>> rects;
+  for (const PixelRect& r : p.view_rects) rects.push_back({r.x0, r.y0, r.x1, r.y1});
   file.metadata = json{
       {"tile", p.tile},
       {"ground_axis_x", VectorToJson(p.ground.axis_x)},
@@ -40,19 +98,26 @@ Status WriteTilePackage(const std::string& path, const TilePackage& p) {
       {"gsd_m", p.gsd_m},
       {"up", VectorToJson(p.up)},
       {"has_likelihoods", p.has_likelihoods},
+      {"has_labels", p.has_labels},
+      {"compares", p.compares},
       {"classes", json::parse(ClassesToJson(p.classes))},
       {"views", json::parse(ViewsToJson(p.views))},
+      {"view_ids", p.view_ids},
+      {"view_rects", rects},
       {"view_depths", p.view_depths},
-      {"cell_views", p.cell_views},
       {"pairs",
        p.pairs}}.dump();
+  std::vector<int32_t> cells;
+  for (const auto& at : p.cell_at) cells.insert(cells.end(), at.begin(), at.end());
+  file.arrays["cells"] = std::move(cells);
+  PutRows(p.cell_views, "cell_views", &file);
+  file.arrays["cell_faces"] = p.cells.face_begin;
+  file.arrays["cell_vertices"] = p.cells.vertex_begin;
   PutMesh(p.mesh, "mesh", &file);
-  PutMesh(p.occluders, "occluders", &file);
   file.arrays["vertex_ids"] = p.vertex_ids;
   file.arrays["face_ids"] = p.face_ids;
-  file.arrays["fixed"] = p.fixed;
-  file.arrays["core"] = p.core;
-  file.arrays["cell"] = p.cell;
+  file.arrays["regions"] = p.regions;
+  file.arrays["cut_regions"] = p.cut_regions;
   return WriteArrayFile(path, file);
 }
 
@@ -68,106 +133,142 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
     p.gsd_m = j.at("gsd_m");
     p.up = VectorFromJson(j.at("up"));
     p.has_likelihoods = j.at("has_likelihoods");
+    p.has_labels = j.at("has_labels");
+    p.compares = j.at("compares");
     p.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
+    p.view_ids = j.at("view_ids").get<std::vector<int32_t>>();
+    for (const auto& r : j.at("view_rects").get<std::vector<std::array<int, 4>>>()) {
+      p.view_rects.push_back({r[0], r[1], r[2], r[3]});
+    }
     p.view_depths = j.at("view_depths").get<std::vector<std::array<double, 2>>>();
-    p.cell_views = j.at("cell_views").get<std::vector<std::vector<int32_t>>>();
     classes = j.at("classes").dump();
     views = j.at("views").dump();
   }));
   TESSERA_ASSIGN_OR_RETURN(p.classes, ParseClasses(classes));
   TESSERA_ASSIGN_OR_RETURN(p.views, ParseViews(views));
-  if (p.view_depths.size() != p.views.size()) {
-    return absl::DataLossError(
-        absl::StrCat(path, ": found ", p.view_depths.size(), " depths of ", p.views.size(), " views"));
+  if (p.view_depths.size() != p.views.size() || p.view_ids.size() != p.views.size() ||
+      p.view_rects.size() != p.views.size()) {
+    return absl::DataLossError(absl::StrCat(path, ": found ", p.view_depths.size(), " depths, ", p.view_ids.size(),
+                                            " ids and ", p.view_rects.size(), " windows of ", p.views.size(),
+                                            " views"));
   }
   TESSERA_ASSIGN_OR_RETURN(p.mesh, TakeMesh("mesh", &file));
-  TESSERA_ASSIGN_OR_RETURN(p.occluders, TakeMesh("occluders", &file));
   const int64_t vertices = static_cast<int64_t>(p.mesh.vertices.size());
   const int64_t faces = static_cast<int64_t>(p.mesh.faces.size());
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<int32_t> cells, file.Take<int32_t>("cells"));
+  for (size_t i = 0; i + 1 < cells.size(); i += 2) p.cell_at.push_back({cells[i], cells[i + 1]});
+  TESSERA_ASSIGN_OR_RETURN(p.cell_views, TakeRows("cell_views", static_cast<int64_t>(p.cell_at.size()), &file));
+  TESSERA_ASSIGN_OR_RETURN(p.cells.face_begin, TakeBegins("cell_faces", p.cell_at.size(), faces, &file));
+  TESSERA_ASSIGN_OR_RETURN(p.cells.vertex_begin, TakeBegins("cell_vertices", p.cell_at.size(), vertices, &file));
   TESSERA_ASSIGN_OR_RETURN(p.vertex_ids, file.Take<uint32_t>("vertex_ids", vertices));
   TESSERA_ASSIGN_OR_RETURN(p.face_ids, file.Take<uint32_t>("face_ids", faces));
-  TESSERA_ASSIGN_OR_RETURN(p.fixed, file.Take<uint8_t>("fixed", vertices));
-  TESSERA_ASSIGN_OR_RETURN(p.core, file.Take<uint8_t>("core", faces));
-  TESSERA_ASSIGN_OR_RETURN(p.cell, file.Take<uint32_t>("cell", faces));
+  TESSERA_ASSIGN_OR_RETURN(p.regions, file.Take<uint8_t>("regions", faces));
+  TESSERA_ASSIGN_OR_RETURN(p.cut_regions, file.Take<uint8_t>("cut_regions", vertices));
+  FindVertexCells(p.mesh.faces, &p.cells);
   return p;
 }
 
-Status WriteTileResult(const std::string& path, const TileResult& r) {
+Status WriteTileSums(const std::string& path, const TileSums& s) {
   ArrayFile file;
-  file.metadata = json{{"tile", r.tile},
-                       {"classes", r.classes},
-                       {"part_way", r.beliefs.empty()},
-                       {"in_level", !r.level_start.empty()},
-                       {"report", json::parse(r.report)}}
+  file.metadata = json{{"tile", s.tile},
+                       {"classes", s.classes},
+                       {"energy", s.energy},
+                       {"semantic_energy", s.semantic_energy},
+                       {"warped_pixels", s.warped_pixels}}
                       .dump();
-  file.arrays["vertex_ids"] = r.vertex_ids;
-  file.arrays["face_ids"] = r.face_ids;
-  PutPoints(r.positions, "positions", &file);
-  PutPoints(r.level_start, "level_start", &file);
-  file.arrays["labels"] = r.labels;
-  file.arrays["beliefs"] = r.beliefs;
-  file.arrays["seen"] = r.seen;
-  return WriteArrayFile(path, file);
-}
-
-StatusOr<TileResult> ReadTileResult(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
-  TileResult r;
-  bool part_way = false, in_level = false;
-  TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
-    r.tile = j.at("tile");
-    r.classes = j.at("classes");
-    r.report = j.at("report").dump();
-    part_way = j.at("part_way");
-    in_level = j.at("in_level");
-  }));
-  TESSERA_ASSIGN_OR_RETURN(r.vertex_ids, file.Take<uint32_t>("vertex_ids"));
-  TESSERA_ASSIGN_OR_RETURN(r.face_ids, file.Take<uint32_t>("face_ids"));
-  const int64_t vertices = static_cast<int64_t>(r.vertex_ids.size()), faces = static_cast<int64_t>(r.face_ids.size());
-  TESSERA_ASSIGN_OR_RETURN(r.positions, TakePoints("positions", vertices, &file));
-  TESSERA_ASSIGN_OR_RETURN(r.level_start, TakePoints("level_start", in_level ? vertices : 0, &file));
-  TESSERA_ASSIGN_OR_RETURN(r.labels, file.Take<int32_t>("labels", faces));
-  TESSERA_ASSIGN_OR_RETURN(r.beliefs, file.Take<float>("beliefs", part_way ? 0 : faces * r.classes));
-  TESSERA_ASSIGN_OR_RETURN(r.seen, file.Take<uint8_t>("seen", part_way ? 0 : faces));
-  return r;
-}
-
-StatusOr<std::vector<TileResult>> ReadTileResults(const std::string& input_dir,
-                                                  const std::vector<TileParameters>& tiles) {
-  std::vector<TileResult> results;
-  for (const TileParameters& tile : tiles) {
-    TESSERA_ASSIGN_OR_RETURN(TileResult result,
-                             ReadTileResult(input_dir + "/" + TileInputName(tile.tile, kResultFile)));
-    results.push_back(std::move(result));
+  file.arrays["face_ids"] = s.face_ids;
+  file.arrays["photo"] = ToFloats(s.photo);
+  std::vector<uint32_t> faces, views_begin = {0};
+  std::vector<double> contours;
+  for (const FaceContour& c : s.contours.faces) {
+    faces.push_back(c.face);
+    views_begin.push_back(c.views_end);
+    for (int k = 0; k < 3; ++k) {
+      contours.insert(contours.end(), c.gradient[k].data(), c.gradient[k].data() + 3);
+      contours.insert(contours.end(), c.curvature[k].data(), c.curvature[k].data() + 6);
+    }
   }
-  return results;
-}
-
-Status WriteTileCore(const std::string& path, const TileCore& c) {
-  ArrayFile file;
-  file.metadata = json{{"tile", c.tile}, {"report", json::parse(c.report)}}.dump();
-  file.arrays["vertex_ids"] = c.vertex_ids;
-  PutPoints(c.positions, "positions", &file);
-  file.arrays["face_ids"] = c.face_ids;
-  file.arrays["labels"] = c.labels;
-  file.arrays["confidence"] = c.confidence;
+  file.arrays["contour_faces"] = std::move(faces);
+  file.arrays["contours"] = std::move(contours);
+  file.arrays["contour_views_begin"] = std::move(views_begin);
+  file.arrays["contour_views"] = s.contours.views;
+  file.arrays["likelihoods"] = s.likelihoods;
+  file.arrays["pixels"] = s.pixels;
   return WriteArrayFile(path, file);
 }
 
-StatusOr<TileCore> ReadTileCore(const std::string& path) {
+StatusOr<TileSums> ReadTileSums(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
-  TileCore c;
+  TileSums s;
   TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
-    c.tile = j.at("tile");
-    c.report = j.at("report").dump();
+    s.tile = j.at("tile");
+    s.classes = j.at("classes");
+    s.energy = j.at("energy");
+    s.semantic_energy = j.at("semantic_energy");
+    s.warped_pixels = j.at("warped_pixels");
   }));
-  TESSERA_ASSIGN_OR_RETURN(c.vertex_ids, file.Take<uint32_t>("vertex_ids"));
-  TESSERA_ASSIGN_OR_RETURN(c.positions, TakePoints("positions", static_cast<int64_t>(c.vertex_ids.size()), &file));
-  TESSERA_ASSIGN_OR_RETURN(c.face_ids, file.Take<uint32_t>("face_ids"));
-  const int64_t faces = static_cast<int64_t>(c.face_ids.size());
-  TESSERA_ASSIGN_OR_RETURN(c.labels, file.Take<int32_t>("labels", faces));
-  TESSERA_ASSIGN_OR_RETURN(c.confidence, file.Take<float>("confidence", faces));
-  return c;
+  TESSERA_ASSIGN_OR_RETURN(s.face_ids, file.Take<uint32_t>("face_ids"));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<float> photo, file.Take<float>("photo"));
+  s.photo = FromFloats<FaceSums>(photo);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> faces, file.Take<uint32_t>("contour_faces"));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<double> contours,
+                           file.Take<double>("contours", kContourNumbers * static_cast<int64_t>(faces.size())));
+  TESSERA_ASSIGN_OR_RETURN(s.contours.views, file.Take<int32_t>("contour_views"));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> views_begin,
+                           TakeBegins("contour_views_begin", faces.size(), s.contours.views.size(), &file));
+  TESSERA_ASSIGN_OR_RETURN(s.likelihoods, file.Take<float>("likelihoods"));
+  TESSERA_ASSIGN_OR_RETURN(s.pixels, file.Take<float>("pixels"));
+  for (size_t i = 0; i < faces.size(); ++i) {
+    FaceContour c;
+    c.face = faces[i];
+    c.views_begin = views_begin[i];
+    c.views_end = views_begin[i + 1];
+    const double* at = &contours[i * kContourNumbers];
+    for (int k = 0; k < 3; ++k, at += 9) {
+      c.gradient[k] = Eigen::Map<const Eigen::Vector3d>(at);
+      c.curvature[k] = Eigen::Map<const Eigen::Matrix<double, 6, 1>>(at + 3);
+    }
+    s.contours.faces.push_back(c);
+  }
+  const size_t count = s.face_ids.size();
+  const bool fits = (s.photo.empty() || s.photo.size() == count) && (s.pixels.empty() || s.pixels.size() == count) &&
+                    s.likelihoods.size() == s.pixels.size() * static_cast<size_t>(std::max(s.classes, 0)) &&
+                    std::all_of(faces.begin(), faces.end(), [&](uint32_t f) { return f < count; });
+  if (!fits) return absl::DataLossError(absl::StrCat(path, ": sums do not fit to the ", count, " faces"));
+  return s;
+}
+
+Status WriteTileState(const std::string& path, const TileState& s) {
+  ArrayFile file;
+  file.metadata =
+      json{{"tile", s.tile}, {"in_level", !s.level_start.empty()}, {"report", json::parse(s.report)}}.dump();
+  file.arrays["vertex_ids"] = s.vertex_ids;
+  PutPoints(s.positions, "positions", &file);
+  PutPoints(s.level_start, "level_start", &file);
+  file.arrays["face_ids"] = s.face_ids;
+  file.arrays["labels"] = s.labels;
+  file.arrays["confidence"] = s.confidence;
+  return WriteArrayFile(path, file);
+}
+
+StatusOr<TileState> ReadTileState(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
+  TileState s;
+  bool in_level = false;
+  TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
+    s.tile = j.at("tile");
+    in_level = j.at("in_level");
+    s.report = j.at("report").dump();
+  }));
+  TESSERA_ASSIGN_OR_RETURN(s.vertex_ids, file.Take<uint32_t>("vertex_ids"));
+  const int64_t vertices = static_cast<int64_t>(s.vertex_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(s.positions, TakePoints("positions", vertices, &file));
+  TESSERA_ASSIGN_OR_RETURN(s.level_start, TakePoints("level_start", in_level ? vertices : 0, &file));
+  TESSERA_ASSIGN_OR_RETURN(s.face_ids, file.Take<uint32_t>("face_ids"));
+  const int64_t faces = static_cast<int64_t>(s.face_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(s.labels, file.Take<int32_t>("labels", faces));
+  TESSERA_ASSIGN_OR_RETURN(s.confidence, file.Take<float>("confidence", faces));
+  return s;
 }
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// What cut, refine and stitch hand on, as values: a tile's package, its result, its stitched core.
+// What the tasks of a tile hand on, as values: its package, the sums over its pixels, its state after a step.
 #ifndef TESSERA_WORKER_TASKS_TILE_FILES_H_
 #define TESSERA_WORKER_TASKS_TILE_FILES_H_
 
@@ -12,71 +12,79 @@
 #include "common/geometry/mesh.h"
 #include "common/scene/scene.h"
 #include "common/tile/ground.h"
-#include "common/tile/task_parameters.h"
+#include "worker/refine/contour_term.h"
+#include "worker/refine/face_sums.h"
+#include "worker/visibility/image_window.h"
+#include "worker/visibility/mesh_cells.h"
 
 namespace tessera {
 
-// All that refining a tile reads but the pixels. Positions in the local frame, so that tiles compute with the same
-// numbers.
+// What the faces of a package are there for, as bits; all of them may be in sight of the tile's views.
+enum Region : uint8_t { kCoreRegion = 1, kSolveRegion = 2, kMendRegion = 4, kLabelRegion = 8 };
+
+// All that the tile's tasks read but the pixels and the other tiles' states. Positions in the local frame, so that
+// tiles compute with the same numbers. Faces come by their ground cell (y, then x), in a cell by global id; vertices by
+// the cell that they lie in, in a cell by global id: any two packages have what they share in the same order.
 struct TilePackage {
   int tile = 0;
   GroundPlane ground;
   double gsd_m = 0;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   std::vector<SceneClass> classes;
-  std::vector<SceneView> views;               // those that the plan chose, in the scene's order
-  std::vector<std::array<int32_t, 2>> pairs;  // ordered pairs of indices into `views`
   bool has_likelihoods = false;
-  // What views see, as the whole job has it: of each view the nearest and farthest depth of what it looks at, metres;
-  // of each of the ground's cells about the tile the views that look at its faces (indices into `views`, ascending).
-  std::vector<std::array<double, 2>> view_depths;
-  std::vector<std::vector<int32_t>> cell_views;
+  bool has_labels = false;  // the job's start has
+  bool compares = false;    // some cell of the city chose both views of a pair: else no tile's geometry moves
 
-  TriangleMesh mesh;                 // core and halo; manifold: vertices where the cut makes fans touch are doubled
-  std::vector<uint32_t> vertex_ids;  // global, ascending but for doubled ones at the end
-  std::vector<uint32_t> face_ids;    // global, ascending
-  std::vector<uint8_t> fixed;        // vertices: 1 on the tile's cut
-  std::vector<uint8_t> core;         // faces: 1 in the core
-  std::vector<uint32_t> cell;        // faces: index into cell_views
-  TriangleMesh occluders;            // whatever may hide the tile from its views and is no part of it
+  std::vector<SceneView> views;                    // those that the core's cells chose and their partners
+  std::vector<int32_t> view_ids;                   // their indices in the survey
+  std::vector<PixelRect> view_rects;               // of each, what its tasks may read of it (FindSight)
+  std::vector<std::array<int32_t, 2>> pairs;       // ordered pairs of indices into `views`
+  std::vector<std::array<double, 2>> view_depths;  // nearest and farthest of what the whole job looks at, metres
+
+  std::vector<std::array<int32_t, 2>> cell_at;   // x, y of each cell
+  std::vector<std::vector<int32_t>> cell_views;  // the views that look at its faces (indices into `views`, ascending)
+  MeshCells cells;
+
+  TriangleMesh mesh;  // where it lies at the start, with the start's labels
+  std::vector<uint32_t> vertex_ids, face_ids;
+  std::vector<uint8_t> regions;      // of faces: Region bits
+  std::vector<uint8_t> cut_regions;  // of vertices: regions that have some of the vertex's faces, but not all
 };
 
 Status WriteTilePackage(const std::string& path, const TilePackage& package);
 StatusOr<TilePackage> ReadTilePackage(const std::string& path);
 
-// What refining made of a tile, or some of its steps: of the core and what lies about it, in the package's order.
-struct TileResult {
+// What the pixels say of the core's faces, by ascending global id; of derivatives or of likelihoods, the others empty.
+struct TileSums {
   int tile = 0;
-  std::vector<uint32_t> vertex_ids, face_ids;  // global
-  std::vector<Eigen::Vector3d> positions;      // refined, local frame
-  std::vector<Eigen::Vector3d> level_start;    // when the level at hand began; empty between levels
-  std::vector<int32_t> labels;                 // best labels
+  std::vector<uint32_t> face_ids;
+  std::vector<FaceSums> photo;
+  ContourSums contours;  // FaceContour::face: index into face_ids
   int classes = 0;
-  // After the last step; empty before.
-  std::vector<float> beliefs;  // faces x classes, costs, 0 for the best
-  std::vector<uint8_t> seen;   // faces: 0 if the label is its neighbours' word, for no view with likelihoods shows it
-  std::string report = "{}";   // JSON for the job's report; deterministic, so no seconds
+  std::vector<float> likelihoods, pixels;  // as FaceLikelihoods has them
+  // Means over the windows of the tile's pixels, for the report; -1: none.
+  double energy = -1, semantic_energy = -1;
+  int64_t warped_pixels = 0;
 };
 
-Status WriteTileResult(const std::string& path, const TileResult& result);
-StatusOr<TileResult> ReadTileResult(const std::string& path);
-// Those of several tiles among a task's inputs.
-StatusOr<std::vector<TileResult>> ReadTileResults(const std::string& input_dir,
-                                                  const std::vector<TileParameters>& tiles);
+Status WriteTileSums(const std::string& path, const TileSums& sums);
+StatusOr<TileSums> ReadTileSums(const std::string& path);
 
-// A core, blended with its neighbours. Vertices of two cores are in both, equal byte for byte.
-struct TileCore {
+// The core of a tile after a step: its faces and the vertices that they use, by ascending global id. Vertices of
+// several tiles are in each of them, equal byte for byte.
+struct TileState {
   int tile = 0;
-  std::vector<uint32_t> vertex_ids;  // global, ascending, each once
+  std::vector<uint32_t> vertex_ids;
   std::vector<Eigen::Vector3d> positions;
-  std::vector<uint32_t> face_ids;  // global, ascending
+  std::vector<Eigen::Vector3d> level_start;  // when the level at hand began; empty between levels
+  std::vector<uint32_t> face_ids;
   std::vector<int32_t> labels;
-  std::vector<float> confidence;  // in [0, 1] (LabelConfidence); 0 where no view shows the face
-  std::string report = "{}";      // the tile's, and what the seam looked like
+  std::vector<float> confidence;  // in [0, 1] (LabelConfidence), 0 where no view shows the face; as last labelled
+  std::string report = "{}";      // JSON for the job's report; deterministic, so no seconds
 };
 
-Status WriteTileCore(const std::string& path, const TileCore& core);
-StatusOr<TileCore> ReadTileCore(const std::string& path);
+Status WriteTileState(const std::string& path, const TileState& state);
+StatusOr<TileState> ReadTileState(const std::string& path);
 
 }  // namespace tessera
 

@@ -10,15 +10,11 @@
 #include "common/imaging/image_io.h"
 #include "common/tile/mapped_arrays.h"
 #include "worker/refine/texels.h"
-#include "worker/visibility/rasterizer.h"
 
 namespace tessera {
 namespace {
 
 using nlohmann::json;
-
-constexpr int kMargin_px = 32;     // the mesh moves, and windows reach beyond it
-constexpr int kAlignment_px = 16;  // so that pixels of all pyramid levels are those of the whole image
 
 // A view as it lies in the file.
 struct Crop {
@@ -28,8 +24,6 @@ struct Crop {
   int likelihood_width = 0, likelihood_height = 0, classes = 0;  // zeros: none
   std::vector<uint16_t> luminance;                               // codes of Texels::luminance
   std::vector<uint8_t> likelihoods;                              // a plane a class
-  std::vector<int32_t> silhouette_pixels;                        // x, y of each FarSilhouettes::Passing
-  std::vector<float> silhouette_depths;
 
   size_t pixels() const { return static_cast<size_t>(rect.width()) * rect.height(); }
   size_t likelihood_values() const { return static_cast<size_t>(likelihood_width) * likelihood_height * classes; }
@@ -44,8 +38,8 @@ Status CropLikelihoods(const std::string& path, const SceneView& view, int class
   const PinholeCamera& whole = view.camera.intrinsics;
   out->mapping.scale_x = static_cast<double>(part.whole_width) / whole.width;
   out->mapping.scale_y = static_cast<double>(part.whole_height) / whole.height;
-  out->mapping.offset_x = -part.x0;
-  out->mapping.offset_y = -part.y0;
+  out->mapping.first_x = part.x0;
+  out->mapping.first_y = part.y0;
   out->likelihood_width = part.pixels.width;
   out->likelihood_height = part.pixels.height;
   out->classes = part.pixels.channels;
@@ -60,7 +54,7 @@ json ToJson(const Crop& crop) {
   return {{"view", crop.view},
           {"rect", {crop.rect.x0, crop.rect.y0, crop.rect.x1, crop.rect.y1}},
           {"likelihoods", {crop.likelihood_width, crop.likelihood_height, crop.classes}},
-          {"mapping", {crop.mapping.scale_x, crop.mapping.scale_y, crop.mapping.offset_x, crop.mapping.offset_y}}};
+          {"mapping", {crop.mapping.scale_x, crop.mapping.scale_y, crop.mapping.first_x, crop.mapping.first_y}}};
 }
 
 Crop ParseCrop(const json& j) {
@@ -71,7 +65,10 @@ Crop ParseCrop(const json& j) {
   crop.likelihood_height = j.at("likelihoods").at(1);
   crop.classes = j.at("likelihoods").at(2);
   const json& mapping = j.at("mapping");
-  crop.mapping = {mapping.at(0), mapping.at(1), mapping.at(2), mapping.at(3)};
+  crop.mapping.scale_x = mapping.at(0);
+  crop.mapping.scale_y = mapping.at(1);
+  crop.mapping.first_x = mapping.at(2);
+  crop.mapping.first_y = mapping.at(3);
   return crop;
 }
 
@@ -103,16 +100,6 @@ class FilePixels : public ViewPixels {
     file_->Release(name);
     return image;
   }
-  StatusOr<FarSilhouettes> Silhouettes() const override {
-    TESSERA_ASSIGN_OR_RETURN(const auto depths, file_->Verified<float>(ArrayName(index_, "silhouette_depths")));
-    TESSERA_ASSIGN_OR_RETURN(const auto pixels, file_->Verified<int32_t>(ArrayName(index_, "silhouette_pixels"),
-                                                                         2 * static_cast<int64_t>(depths.size())));
-    FarSilhouettes silhouettes;
-    for (size_t i = 0; i < depths.size(); ++i) {
-      silhouettes.passing.push_back({pixels[2 * i], pixels[2 * i + 1], depths[i]});
-    }
-    return silhouettes;
-  }
 
  private:
   std::shared_ptr<const MappedArrays> file_;
@@ -121,11 +108,6 @@ class FilePixels : public ViewPixels {
 };
 
 }  // namespace
-
-FarSilhouettes TileSilhouettes(const TilePackage& package, const CameraWindow& window) {
-  return FindFarSilhouettes(RasterizeFaces(package.mesh, &package.occluders, window), window.camera, package.up,
-                            kTileReachGsd * package.gsd_m);
-}
 
 Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
                      const TaskControl& control) {
@@ -136,7 +118,7 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
     const SceneView& view = package.views[v];
     Crop crop;
     crop.view = static_cast<int>(v);
-    crop.rect = ProjectedBounds(package.mesh, view.camera, kMargin_px, kAlignment_px);
+    crop.rect = package.view_rects[v];
     if (crop.rect.empty()) continue;
     {
       TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance,
@@ -147,10 +129,6 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
     if (package.has_likelihoods && !view.likelihood_path.empty()) {
       TESSERA_RETURN_IF_ERROR(CropLikelihoods(scene_folder + "/" + view.likelihood_path, view,
                                               static_cast<int>(package.classes.size()), &crop));
-    }
-    for (const FarSilhouettes::Passing& line : TileSilhouettes(package, {view.camera, crop.rect}).passing) {
-      crop.silhouette_pixels.insert(crop.silhouette_pixels.end(), {line.x, line.y});
-      crop.silhouette_depths.push_back(line.depth);
     }
     crops.push_back(std::move(crop));
   }
@@ -163,8 +141,6 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
       arrays.push_back({ArrayName(i, "likelihoods"), std::vector<uint8_t>(), crops[i].likelihoods.size()});
     }
     arrays.push_back({ArrayName(i, "luminance"), std::vector<uint16_t>(), crops[i].luminance.size()});
-    arrays.push_back({ArrayName(i, "silhouette_depths"), std::vector<float>(), crops[i].silhouette_depths.size()});
-    arrays.push_back({ArrayName(i, "silhouette_pixels"), std::vector<int32_t>(), crops[i].silhouette_pixels.size()});
   }
   TESSERA_ASSIGN_OR_RETURN(const auto file, ArrayFileWriter::Create(path, metadata.dump(), std::move(arrays)));
   for (size_t i = 0; i < crops.size(); ++i) {
@@ -172,8 +148,6 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
       file->Append(ArrayName(i, "likelihoods"), std::span<const uint8_t>(crops[i].likelihoods));
     }
     file->Append(ArrayName(i, "luminance"), std::span<const uint16_t>(crops[i].luminance));
-    file->Append(ArrayName(i, "silhouette_depths"), std::span<const float>(crops[i].silhouette_depths));
-    file->Append(ArrayName(i, "silhouette_pixels"), std::span<const int32_t>(crops[i].silhouette_pixels));
   }
   return file->Finish();
 }
@@ -205,6 +179,37 @@ StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const 
     return absl::DataLossError(path + ": not the metadata of crops: " + e.what());
   }
   return views;
+}
+
+TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool knows_labels) {
+  TileData data;
+  std::vector<int> loaded(package.views.size(), -1);
+  for (size_t v = 0; v < views.size(); ++v) {
+    loaded[views[v].view] = static_cast<int>(v);
+    const PixelRect& rect = views[v].window.rect;
+    const auto& [near_m, far_m] = package.view_depths[views[v].view];
+    data.views.push_back({views[v].window.camera,
+                          views[v].pixels,
+                          knows_labels,
+                          views[v].mapping,
+                          rect.x0,
+                          rect.y0,
+                          {static_cast<float>(near_m), static_cast<float>(far_m)},
+                          package.view_ids[views[v].view]});
+  }
+  for (const auto& [reference, other] : package.pairs) {
+    if (loaded[reference] >= 0 && loaded[other] >= 0) data.pairs.push_back({loaded[reference], loaded[other]});
+  }
+  for (size_t c = 0; c < package.cell_at.size(); ++c) {
+    data.groups.group_of_face.insert(data.groups.group_of_face.end(),
+                                     package.cells.face_begin[c + 1] - package.cells.face_begin[c],
+                                     static_cast<uint32_t>(c));
+    const std::vector<int32_t>& looking = package.cell_views[c];
+    std::vector<uint8_t> looks;
+    for (const TileView& view : views) looks.push_back(std::binary_search(looking.begin(), looking.end(), view.view));
+    data.groups.looks.push_back(std::move(looks));
+  }
+  return data;
 }
 
 }  // namespace tessera

@@ -11,9 +11,11 @@
 #include "common/base/task_control.h"
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
+#include "worker/refine/data_term.h"
 #include "worker/refine/view_pixels.h"
 #include "worker/tasks/tile_files.h"
 #include "worker/visibility/image_window.h"
+#include "worker/visibility/view_groups.h"
 
 namespace tessera {
 
@@ -24,18 +26,24 @@ struct TileView {
   PixelMapping mapping;                      // from the whole image to likelihoods
 };
 
-// Of the package's mesh and occluders as they are, which all tiles know alike.
-FarSilhouettes TileSilhouettes(const TilePackage& package, const CameraWindow& window);
-
-// Reads the views of a package from `scene_folder`, one after the other, and writes what sees the tile to `path`, an
-// array file; those that do not see it are left out. Luminance is rounded to 1 / 65534, likelihoods to 1 / 255, as the
-// data term has them (Texels). Errors of the files as ReadLuminance and ReadLikelihoods; CANCELLED.
+// Reads the views of a package from `scene_folder`, one after the other, and writes their windows
+// (TilePackage::view_rects) to `path`, an array file; those of none are left out. Luminance is rounded to 1 / 65534,
+// likelihoods to 1 / 255, as the data term has them (Texels). Errors of the files as ReadLuminance and ReadLikelihoods;
+// CANCELLED.
 Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
                      const TaskControl& control);
 
 // The crops of `package` in the file. They are read from it whenever they are asked for; nothing is held. DATA_LOSS if
 // the file is damaged or of another package.
 StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const std::string& path);
+
+// The views as the data term takes them.
+struct TileData {
+  std::vector<RefineView> views;
+  std::vector<ViewPair> pairs;
+  ViewGroups groups;
+};
+TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool knows_labels);
 
 }  // namespace tessera
 

@@ -1,6 +1,7 @@
 #include "worker/visibility/rasterizer.h"
 
 #include <algorithm>
+#include <array>
 #include <mutex>
 #include <utility>
 
@@ -20,11 +21,10 @@ constexpr int kBandRows = 32;
 struct Layer {
   const TriangleMesh& mesh;
   const GridVertex* vertices;
+  const std::vector<std::array<uint32_t, 2>>& faces;  // ranges
   const CameraWindow& window;
   double near_m;
   bool with_ids;
-
-  int64_t face_count() const { return static_cast<int64_t>(mesh.faces.size()); }
 
   int64_t Select(int64_t first, int64_t last, uint32_t* list) const {
     return SelectFaces(mesh.faces.data(), first, last, vertices, window.rect.width(), window.rect.height(), list);
@@ -84,25 +84,36 @@ struct Rasterizer::Workspace {
   void DrawLayer(const Layer& layer, FaceMap* map) {
     list.resize(std::max<size_t>(list.size(), kFaceChunk));
     const DrawTarget target = Target(map, 0, map->height);
-    for (int64_t first = 0; first < layer.face_count(); first += kFaceChunk) {
-      const int64_t last = std::min(layer.face_count(), first + kFaceChunk);
-      layer.Draw(list.data(), layer.Select(first, last, list.data()), target);
+    for (const auto& [begin, end] : layer.faces) {
+      for (int64_t first = begin; first < end; first += kFaceChunk) {
+        const int64_t last = std::min<int64_t>(end, first + kFaceChunk);
+        layer.Draw(list.data(), layer.Select(first, last, list.data()), target);
+      }
     }
   }
 
   // Many threads: first chunk by chunk, then band by band.
   void DrawLayerInBands(const Layer& layer, FaceMap* map) {
     constexpr int64_t kBlocks = kFaceChunk / kListBlock;
-    const int64_t faces = layer.face_count(), chunks = (faces + kFaceChunk - 1) / kFaceChunk;
+    std::vector<std::array<int64_t, 2>> chunk_faces;
+    for (const auto& [begin, end] : layer.faces) {
+      for (int64_t first = begin; first < end; first += kFaceChunk) {
+        chunk_faces.push_back({first, std::min<int64_t>(end, first + kFaceChunk)});
+      }
+    }
+    const int64_t chunks = static_cast<int64_t>(chunk_faces.size());
     list.resize(std::max<size_t>(list.size(), chunks * kFaceChunk));
     selected.resize(std::max<size_t>(selected.size(), chunks));
     rows.resize(std::max<size_t>(rows.size(), chunks * kBlocks));
-    ParallelFor(faces, kFaceChunk, [&](int64_t begin, int64_t end) {
-      uint32_t* mine = list.data() + begin;
-      const int64_t count = layer.Select(begin, end, mine);
-      selected[begin / kFaceChunk] = count;
-      for (int64_t k = 0; k < count; k += kListBlock) {
-        rows[(begin + k) / kListBlock] = RowsOf(layer, mine + k, std::min(kListBlock, count - k));
+    ParallelFor(chunks, 1, [&](int64_t first_chunk, int64_t last_chunk) {
+      for (int64_t chunk = first_chunk; chunk < last_chunk; ++chunk) {
+        const int64_t begin = chunk * kFaceChunk;
+        uint32_t* mine = list.data() + begin;
+        const int64_t count = layer.Select(chunk_faces[chunk][0], chunk_faces[chunk][1], mine);
+        selected[chunk] = count;
+        for (int64_t k = 0; k < count; k += kListBlock) {
+          rows[(begin + k) / kListBlock] = RowsOf(layer, mine + k, std::min(kListBlock, count - k));
+        }
       }
     });
     // Few bands: a block of faces is set up anew in each band that it reaches.
@@ -120,26 +131,33 @@ struct Rasterizer::Workspace {
     });
   }
 
-  void Project(const TriangleMesh& mesh, const CameraWindow& window, double near_m, bool in_parallel) {
-    const int64_t count = static_cast<int64_t>(mesh.vertices.size());
+  void Project(const TriangleMesh& mesh, const MeshPart& part, const CameraWindow& window, double near_m,
+               bool in_parallel) {
     vertices.resize(std::max(vertices.size(), mesh.vertices.size()));
-    const auto project = [&](int64_t begin, int64_t end) {
-      ProjectToGrid(mesh.vertices.data() + begin, end - begin, window, near_m, vertices.data() + begin);
-    };
-    if (in_parallel) {
-      ParallelFor(count, kVertexGrain, project);
-    } else {
-      project(0, count);
+    for (const auto& [first, last] : part.vertices) {
+      const auto project = [&, base = static_cast<int64_t>(first)](int64_t begin, int64_t end) {
+        ProjectToGrid(mesh.vertices.data() + base + begin, end - begin, window, near_m, vertices.data() + base + begin);
+      };
+      if (in_parallel) {
+        ParallelFor(last - first, kVertexGrain, project);
+      } else {
+        project(0, last - first);
+      }
     }
   }
 
-  void Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window, double near_m,
-            bool in_parallel, FaceMap* map) {
+  // `part`: of `mesh`; null: all of it.
+  void Draw(const TriangleMesh& mesh, const MeshPart* part, const TriangleMesh* occluders, const CameraWindow& window,
+            double near_m, bool in_parallel, FaceMap* map) {
     Reset(window.rect, map);
     for (const TriangleMesh* mesh_or_occluders : {&mesh, occluders}) {
       if (mesh_or_occluders == nullptr || mesh_or_occluders->faces.empty()) continue;
-      Project(*mesh_or_occluders, window, near_m, in_parallel);
-      const Layer layer{*mesh_or_occluders, vertices.data(), window, near_m, mesh_or_occluders == &mesh};
+      const bool with_ids = mesh_or_occluders == &mesh;
+      const MeshPart whole = {{{0, static_cast<uint32_t>(mesh_or_occluders->faces.size())}},
+                              {{0, static_cast<uint32_t>(mesh_or_occluders->vertices.size())}}};
+      const MeshPart& drawn = with_ids && part != nullptr ? *part : whole;
+      Project(*mesh_or_occluders, drawn, window, near_m, in_parallel);
+      const Layer layer{*mesh_or_occluders, vertices.data(), drawn.faces, window, near_m, with_ids};
       if (in_parallel) {
         DrawLayerInBands(layer, map);
       } else {
@@ -184,19 +202,30 @@ void Rasterizer::ForEachView(size_t views, const std::function<void(size_t, Work
 void Rasterizer::Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window, FaceMap* map,
                       double near_m) {
   std::unique_ptr<Workspace> workspace = pool_->Take();
-  workspace->Draw(mesh, occluders, window, near_m, ThreadCount() > 1, map);
+  workspace->Draw(mesh, nullptr, occluders, window, near_m, ThreadCount() > 1, map);
   pool_->Return(std::move(workspace));
 }
 
-void Rasterizer::DrawViews(const TriangleMesh& mesh, const TriangleMesh* occluders,
+void Rasterizer::DrawViews(const TriangleMesh& mesh, const CellBoxes& boxes, std::span<const CameraWindow> windows,
+                           std::vector<FaceMap>* maps, double near_m) {
+  std::vector<MeshPart> parts;
+  for (const CameraWindow& window : windows) parts.push_back(boxes.InWindow(window, near_m));
+  DrawParts(mesh, parts, windows, maps, near_m);
+}
+
+void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts,
                            std::span<const CameraWindow> windows, std::vector<FaceMap>* maps, double near_m) {
   maps->resize(windows.size());
   if (windows.size() < static_cast<size_t>(ThreadCount())) {
-    for (size_t view = 0; view < windows.size(); ++view) Draw(mesh, occluders, windows[view], &(*maps)[view], near_m);
+    std::unique_ptr<Workspace> workspace = pool_->Take();
+    for (size_t view = 0; view < windows.size(); ++view) {
+      workspace->Draw(mesh, &parts[view], nullptr, windows[view], near_m, ThreadCount() > 1, &(*maps)[view]);
+    }
+    pool_->Return(std::move(workspace));
     return;
   }
   ForEachView(windows.size(), [&](size_t view, Workspace& workspace) {
-    workspace.Draw(mesh, occluders, windows[view], near_m, false, &(*maps)[view]);
+    workspace.Draw(mesh, &parts[view], nullptr, windows[view], near_m, false, &(*maps)[view]);
   });
 }
 

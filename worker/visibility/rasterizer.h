@@ -12,6 +12,7 @@
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 #include "worker/visibility/image_window.h"
+#include "worker/visibility/mesh_cells.h"
 
 namespace tessera {
 
@@ -50,8 +51,13 @@ class Rasterizer {
   void Draw(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window, FaceMap* map,
             double near_m = kNearPlane_m);
 
-  // The same maps for many cameras, which are shared out among the threads: faster than one after another.
-  void DrawViews(const TriangleMesh& mesh, const TriangleMesh* occluders, std::span<const CameraWindow> windows,
+  // The same maps for many cameras, which are shared out among the threads: faster than one after another. `boxes`: of
+  // the mesh as it lies.
+  void DrawViews(const TriangleMesh& mesh, const CellBoxes& boxes, std::span<const CameraWindow> windows,
+                 std::vector<FaceMap>* maps, double near_m = kNearPlane_m);
+
+  // The same of a part of the mesh for each camera; the rest is not there.
+  void DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> parts, std::span<const CameraWindow> windows,
                  std::vector<FaceMap>* maps, double near_m = kNearPlane_m);
 
  private:

@@ -5,10 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <span>
 #include <vector>
 
-#include "worker/visibility/far_silhouettes.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -25,10 +23,9 @@ inline constexpr int32_t kNotLookedAt = std::numeric_limits<int32_t>::min();
 // Marks such pixels of what `view` sees. Depths stay.
 void MarkNotLookedAt(const ViewGroups& groups, size_t view, FaceMap* map);
 
-// Pixels that are not to be compared: Blinded(face), which is its own inverse and less than -1; kNotLookedAt where they
-// see no face of the mesh.
-constexpr int32_t Blinded(int32_t face) { return -2 - face; }
-void MarkBlind(std::span<const BlindPixel> blind, FaceMap* map);
+// Sets FaceMap::face to -1 at every pixel that lies more than `margin_px` rows or columns from all pixels of faces with
+// a flag in `own`. Depths stay.
+void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map);
 
 }  // namespace tessera
 

@@ -59,7 +59,7 @@ void CheckTopology(const TriangleMesh& mesh) {
   }
   EXPECT_EQ(corners, 3 * mesh.faces.size());
 
-  const std::vector<MeshEdge> edges = EdgeList(topology);
+  const std::vector<MeshEdge> edges = EdgeList(mesh.faces);
   EXPECT_EQ(2 * edges.size(), 3 * mesh.faces.size() + rim_edges);
   for (size_t e = 0; e < edges.size(); ++e) {
     const MeshEdge& edge = edges[e];

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <filesystem>
 #include <fstream>
 #include <thread>
 #include <vector>
@@ -11,6 +13,8 @@
 
 namespace tessera {
 namespace {
+
+namespace fs = std::filesystem;
 
 TEST(HashTest, KnownValues) {
   EXPECT_EQ(Sha256Hex("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
@@ -53,6 +57,22 @@ TEST_F(BlobStoreTest, PutMoveAndBytesGiveTheSameBlob) {
   EXPECT_EQ(FileCount(), 1u);
   EXPECT_FALSE(store_->PutFile(folder_.path() + "/none").ok());
   EXPECT_FALSE(store_->MoveFile(folder_.path() + "/none").ok());
+  EXPECT_EQ(FileCount(), 1u);
+}
+
+// Whoever reads a blob must not find it changed because somebody else has made the same.
+TEST_F(BlobStoreTest, TheSameAgainLeavesTheFileAsItIs) {
+  const Digest digest = *store_->MoveFile(File(content_));
+  const std::string path = store_->Path(digest);
+  fs::last_write_time(path, fs::last_write_time(path) - std::chrono::hours(1));
+  const auto before = fs::last_write_time(path);
+  EXPECT_EQ(*store_->MoveFile(File(content_)), digest);
+  EXPECT_EQ(*store_->PutFile(File(content_)), digest);
+  EXPECT_EQ(fs::last_write_time(path), before);
+  EXPECT_EQ(FileCount(), 1u);
+  std::ofstream(path, std::ios::binary) << "damaged";
+  EXPECT_EQ(*store_->MoveFile(File(content_)), digest);
+  EXPECT_TRUE(store_->Verify(digest).ok());
   EXPECT_EQ(FileCount(), 1u);
 }
 

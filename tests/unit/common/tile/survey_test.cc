@@ -54,18 +54,45 @@ TEST(Survey, RefusesWhatItDidNotWrite) {
 }
 
 TEST(TaskParameters, RoundTrip) {
-  const CutParameters cut = {{7, {-3, 0, 4, 5}}, 5.6, {1, 4, 9}};
+  const CutParameters cut = {{7, {-3, 0, 4, 5}}, {{0, 0, 1, 1}, {-3, 0, 4, 5}}, 9, 3};
   const auto parsed = ParseCutParameters(ToJson(cut));
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_EQ(parsed->tile.core, cut.tile.core);
+  EXPECT_EQ(parsed->cores, cut.cores);
+  EXPECT_EQ(parsed->window_px, 9);
+  EXPECT_EQ(parsed->coarsest_level, 3);
   EXPECT_EQ(ToJson(*parsed), ToJson(cut));
-  const StitchParameters stitch = {{7, {-3, 0, 4, 5}}, 2.8, {{1, {0, 0, 1, 1}}, {7, {-3, 0, 4, 5}}}};
-  EXPECT_EQ(ToJson(*ParseStitchParameters(ToJson(stitch))), ToJson(stitch));
   const PublishParameters publish = {{{0, {0, 0, 1, 1}}}};
   EXPECT_EQ(ToJson(*ParsePublishParameters(ToJson(publish))), ToJson(publish));
   EXPECT_EQ(ToJson(*ParseRefineParameters(ToJson(RefineParameters{2, "tessera"}))),
             ToJson(RefineParameters{2, "tessera"}));
   EXPECT_FALSE(ParseCutParameters("{}").ok());
+  StepParameters step = {2, "paper", {}, 7, true, {1, {0, 0, 1, 1}}, {0, 1}, {1}};
+  step.settings.inter = 0.5;
+  EXPECT_EQ(ToJson(*ParseStepParameters(ToJson(step))), ToJson(step));
+  EXPECT_TRUE(ParseStepParameters(ToJson(step))->before);
+  EXPECT_FALSE(ParseStepParameters("{}").ok());
+}
+
+TEST(TaskParameters, ReadsAreCheckedToTheLetter) {
+  const TileReads reads = {{1, 2}, {2}, {0, 1, 2}, {2, 3}};
+  const std::string json = ToJson(reads);
+  EXPECT_EQ(json, R"({"label":[1,2],"mend":[2],"sight":[0,1,2],"solve":[2,3]})");
+  EXPECT_EQ(*ParseTileReads(json, 2, 4), reads);
+  EXPECT_EQ(ParseTileReads(json, 2, 3).status().code(), absl::StatusCode::kInvalidArgument) << "there is no tile 3";
+  EXPECT_EQ(ParseTileReads(json, 1, 4).status().code(), absl::StatusCode::kInvalidArgument) << "it lacks the tile";
+  for (const char* bad : {"", "[]", "{}", "null", R"({"label":[2],"mend":[2],"sight":[2]})",
+                          R"({"label":[2,2],"mend":[2],"sight":[2],"solve":[2]})",
+                          R"({"label":[2,1],"mend":[2],"sight":[2],"solve":[2]})",
+                          R"({"label":[-1,2],"mend":[2],"sight":[2],"solve":[2]})",
+                          R"({"label":[2.0],"mend":[2],"sight":[2],"solve":[2]})",
+                          R"({"label":[true,2],"mend":[2],"sight":[2],"solve":[2]})",
+                          R"({"label":["2"],"mend":[2],"sight":[2],"solve":[2]})",
+                          R"({"label":[4294967298],"mend":[2],"sight":[2],"solve":[2]})",
+                          R"({"label":[2],"mend":[2],"more":[2],"sight":[2],"solve":[2]})",
+                          R"({"label": [2],"mend":[2],"sight":[2],"solve":[2]})"}) {
+    EXPECT_EQ(ParseTileReads(bad, 2, 4).status().code(), absl::StatusCode::kInvalidArgument) << bad;
+  }
 }
 
 TEST(Ground, AxesAreOrthonormalAndRightHanded) {

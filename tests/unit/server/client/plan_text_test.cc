@@ -50,14 +50,27 @@ TEST(QuoteTest, TotalsAreThoseOfAllTasks) {
   ASSERT_EQ(quote->tiles.size(), 4u);
   double seconds = quote->ingest.core_seconds + quote->publish.core_seconds, faces = 0;
   for (const TileQuote& tile : quote->tiles) {
-    seconds += tile.cut.core_seconds + tile.crop.core_seconds + tile.refine.core_seconds + tile.stitch.core_seconds;
+    for (const Prediction& task : {tile.cut, tile.crop, tile.measure, tile.solve, tile.mend}) {
+      EXPECT_GT(task.core_seconds, 0);
+      seconds += task.core_seconds;
+    }
+    EXPECT_EQ(tile.refine.core_seconds, 0);
     faces += tile.work.core_faces;
-    EXPECT_GT(tile.work.faces, tile.work.core_faces);
+    EXPECT_GT(tile.work.sight_faces, tile.work.core_faces);
     EXPECT_LE(tile.peak_bytes(), quote->peak_bytes);
   }
   EXPECT_DOUBLE_EQ(quote->core_seconds, seconds);
   EXPECT_EQ(faces, static_cast<double>(survey.faces));
   EXPECT_DOUBLE_EQ(quote->area_m2, 6400);
+}
+
+TEST(QuoteTest, TheOnlyTileIsRefinedByOneTask) {
+  const auto quote = MakeQuote({.tiles = 1}, SmallCity());
+  ASSERT_TRUE(quote.ok()) << quote.status();
+  const TileQuote& tile = quote->tiles.at(0);
+  EXPECT_GT(tile.refine.core_seconds, 0);
+  EXPECT_EQ(tile.measure.core_seconds + tile.solve.core_seconds + tile.mend.core_seconds, 0);
+  EXPECT_EQ(tile.work.sight_faces, tile.work.core_faces);
 }
 
 TEST(QuoteTest, WorkersShareTheTilesOut) {
@@ -82,6 +95,7 @@ TEST(PlanTextTest, TableAndJsonTellTheSame) {
   EXPECT_NE(table.find("time with 2 workers of 1 core"), std::string::npos) << table;
   const auto json = nlohmann::json::parse(PlanJson(*quote, terms));
   ASSERT_EQ(json["tiles"].size(), 3u);
+  for (const char* kind : {"cut", "crop", "measure", "solve", "mend"}) EXPECT_TRUE(json["tiles"][0].contains(kind));
   EXPECT_DOUBLE_EQ(json["price"]["predicted"], json["core_seconds"]["predicted"]);
   EXPECT_LT(json["core_seconds"]["low"], json["core_seconds"]["predicted"]);
   EXPECT_GT(json["core_seconds"]["high"], json["core_seconds"]["predicted"]);
@@ -111,7 +125,7 @@ void ExpectWellFormed(const std::string& xml) {
   EXPECT_TRUE(open.empty());
 }
 
-TEST(PlanTextTest, TheMapHasEveryTileHaloAndCamera) {
+TEST(PlanTextTest, TheMapHasEveryTileAndCamera) {
   const Survey survey = SmallCity();
   const auto quote = MakeQuote({.tiles = 5}, survey);
   ASSERT_TRUE(quote.ok());
@@ -122,9 +136,8 @@ TEST(PlanTextTest, TheMapHasEveryTileHaloAndCamera) {
     for (size_t at = map.find(word); at != std::string::npos; at = map.find(word, at + 1)) ++found;
     return found;
   };
-  EXPECT_EQ(count("<rect "), 2 * 5);
+  EXPECT_EQ(count("<rect "), 5);
   EXPECT_EQ(count("<title>tile "), 5);
-  EXPECT_EQ(count("stroke-dasharray"), 5);
   EXPECT_EQ(count("<circle "), 6);
   EXPECT_EQ(map.find("nan"), std::string::npos);
   EXPECT_EQ(map.find("inf"), std::string::npos);

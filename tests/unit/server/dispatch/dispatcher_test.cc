@@ -248,6 +248,28 @@ TEST_F(DispatcherTest, PlanFaultsFailTheJob) {
   EXPECT_EQ(dispatcher_->CreateJob(unknown).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
+TEST_F(DispatcherTest, ThreadsFollowTheWorkAtHand) {
+  const auto worker = [&](const char* host, int threads) {
+    return dispatcher_->RegisterWorker({host, 1, threads, 1000, 8});
+  };
+  const std::string a = worker("one", 8), b = worker("one", 8), narrow = worker("other", 3);
+  Create(AJob(4));
+  const auto ingest = Lease(a);
+  EXPECT_EQ(ingest->threads, 8) << "nothing else is known yet";
+  ASSERT_TRUE(Succeed(a, *ingest).ok());
+  const auto first = Lease(a), second = Lease(narrow), third = Lease(b);
+  EXPECT_EQ(first->threads, 4) << "three more wait, for two workers";
+  EXPECT_EQ(second->threads, 3) << "as many as it may, on a host of its own";
+  EXPECT_EQ(third->threads, 4);
+  ASSERT_TRUE(Succeed(narrow, *second).ok());
+  ASSERT_TRUE(Succeed(a, *first).ok());
+  const auto fourth = Lease(a);
+  EXPECT_EQ(fourth->threads, 4) << "b still runs";
+  ASSERT_TRUE(Succeed(a, *fourth).ok());
+  ASSERT_TRUE(Succeed(b, *third).ok());
+  EXPECT_EQ(Lease(b)->threads, 8) << "publish, alone";
+}
+
 TEST_F(DispatcherTest, CancelStopsAndIsFinal) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();

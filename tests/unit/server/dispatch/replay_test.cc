@@ -29,8 +29,7 @@ std::string Text(const Ledger& ledger) {
     for (const JobTask& task : job.tasks) {
       out << task.plan.name << " " << static_cast<int>(task.state) << " " << task.key << " " << task.retry_us << " "
           << task.error.message << " " << task.reused << task.stats << task.usage.core_seconds << " "
-          << task.usage.peak_bytes << Text(task.outputs) << task.start_us << " "
-          << task.end_us;
+          << task.usage.peak_bytes << Text(task.outputs) << task.start_us << " " << task.end_us;
       for (const Attempt& attempt : task.attempts) {
         out << " [" << attempt.worker << " " << attempt.start_us << " " << attempt.end_us << " "
             << static_cast<int>(attempt.failure.error_class) << attempt.lease_expired << "]";
@@ -114,6 +113,7 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   std::vector<std::pair<std::string, GrantedLease>> leases;
   int succeeded = 0;
   for (int restart = 0; restart < 12; ++restart) {
+    planner_.exchange = restart % 2 == 1;
     auto dispatcher = Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, observe}, DispatchOptions());
     ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
     dispatcher_ = *std::move(dispatcher);
@@ -138,6 +138,7 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
 
 // Cut anywhere, the history can be gone on with to the same result.
 TEST_F(ReplayTest, AnyPrefixCanBeFinished) {
+  planner_.exchange = true;
   const std::string job = Create(AJob(2));
   WorkAll(Worker());
   const NamedDigest mesh = Job(job).header.artifacts.at(0);

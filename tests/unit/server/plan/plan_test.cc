@@ -1,30 +1,81 @@
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
 #include <map>
-#include <numeric>
 #include <set>
 
+#include "common/tile/refine_steps.h"
 #include "common/tile/task_parameters.h"
 #include "server/plan/graph.h"
-#include "server/plan/parts.h"
 #include "tests/unit/server/plan/small_surveys.h"
 
 namespace tessera {
 namespace {
 
-std::vector<PlannedTask> PlanOf(const Survey& survey, int tiles) {
-  auto plan = PlanTiles({.tiles = tiles}, SurveyToJson(survey), FilesOf(survey));
-  EXPECT_TRUE(plan.ok()) << plan.status();
-  return *std::move(plan);
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+// Each tile reads itself and those around it, other numbers of them for each operator.
+std::vector<TileReads> RandomReads(int tiles, Random& random) {
+  const auto some = [&](int tile) {
+    std::vector<int> ids;
+    for (int other = 0; other < tiles; ++other) {
+      if (other == tile || random.Uniform() < 0.3) ids.push_back(other);
+    }
+    return ids;
+  };
+  std::vector<TileReads> reads;
+  for (int tile = 0; tile < tiles; ++tile) reads.push_back({some(tile), some(tile), some(tile), some(tile)});
+  return reads;
 }
+
+// All tasks of a job, those of ingest first.
+std::vector<PlannedTask> PlanOf(const Survey& survey, const JobSettings& settings,
+                                const std::vector<TileReads>& reads) {
+  const std::vector<std::string> files = FilesOf(survey);
+  std::vector<PlannedTask> tasks = {*PlanIngest(settings, files)};
+  const auto append = [&](const StatusOr<std::vector<PlannedTask>>& phase) {
+    ASSERT_TRUE(phase.ok()) << phase.status();
+    tasks.insert(tasks.end(), phase->begin(), phase->end());
+  };
+  append(PlanTiles(settings, SurveyToJson(survey), files));
+  if (tasks.back().kind != kPublishKind) append(PlanSteps(settings, SurveyToJson(survey), files, reads));
+  return tasks;
+}
+
+std::vector<PlannedTask> PlanOf(const Survey& survey, int tiles) {
+  Random random(7);
+  const int count = static_cast<int>(Cores(survey, tiles).size());
+  return PlanOf(survey, {.tiles = tiles}, RandomReads(count, random));
+}
+
+// "crop tile 0: tile.arrays of cut tile 0": a task and what it reads.
+std::string Line(const std::vector<PlannedTask>& tasks, const PlannedTask& task) {
+  std::string line = task.name;
+  const char* before = ": ";
+  for (const PlannedInput& input : task.inputs) {
+    line += before;
+    line += InputName(input) + " of " + tasks.at(input.task.value()).name;
+    before = ", ";
+  }
+  return line;
+}
+
+std::vector<std::string> Lines(const std::vector<PlannedTask>& tasks) {
+  std::vector<std::string> lines;
+  for (const PlannedTask& task : tasks) lines.push_back(Line(tasks, task));
+  return lines;
+}
+
 TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
   static const std::map<std::string, std::set<std::string>> kOutputs = {{"ingest", {kCityFile, kSurveyFile}},
-                                                                        {"cut", {kTileFile}},
+                                                                        {"cut", {kTileFile, kReadsFile}},
                                                                         {"crop", {kViewsFile}},
-                                                                        {"refine", {kResultFile}},
-                                                                        {"stitch", {kCoreFile}}};
+                                                                        {"measure", {kSumsFile}},
+                                                                        {"solve", {kStateFile}},
+                                                                        {"mend", {kStateFile}},
+                                                                        {"refine", {kStateFile}}};
   for (uint64_t seed = 0; seed < 20; ++seed) {
     const Survey survey = RandomSurvey(20, 14, 0.8, seed);
     const auto tasks = PlanOf(survey, static_cast<int>(seed));
@@ -34,14 +85,172 @@ TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
       EXPECT_GT(tasks[t].cost, 0);
       std::set<std::string> inputs;
       for (const PlannedInput& input : tasks[t].inputs) {
-        EXPECT_TRUE(inputs.insert(input.name).second) << input.name << " twice";
-        ASSERT_GE(input.task, 0);
-        ASSERT_LT(input.task, static_cast<int>(t) + 1) << "the ingest task has index 0";
-        const std::string kind = input.task == 0 ? "ingest" : tasks[input.task - 1].kind;
-        EXPECT_TRUE(kOutputs.at(kind).contains(input.output)) << kind << " makes no " << input.output;
+        EXPECT_TRUE(inputs.insert(InputName(input)).second) << InputName(input) << " twice";
+        ASSERT_GE(input.task.value(), 0);
+        ASSERT_LT(input.task.value(), static_cast<int>(t));
+        const PlannedTask& producer = tasks[input.task.value()];
+        EXPECT_TRUE(kOutputs.at(producer.kind).contains(input.output)) << producer.kind << " " << input.output;
+        if (input.tile >= 0) {
+          EXPECT_EQ(producer.tile, input.tile);
+        }
       }
     }
     EXPECT_EQ(tasks.back().kind, "publish");
+  }
+}
+
+TEST(Plan, OneTileIsRefinedByOneTask) {
+  EXPECT_THAT(Lines(PlanOf(RandomSurvey(20, 20, 0.8, 3), 1)),
+              ElementsAre("ingest", "cut tile 0: city.arrays of ingest, survey.json of ingest",
+                          "crop tile 0: tile.arrays of cut tile 0",
+                          "refine tile 0: tile.arrays of cut tile 0, views.arrays of crop tile 0",
+                          "publish: city.arrays of ingest, survey.json of ingest, 0000/state.arrays of refine tile 0"));
+}
+
+// Labels, two iterations of one level, labels; tile 0 alone, 1 to 3 in a row.
+TEST(Plan, FourTilesExchangeAtEveryStep) {
+  Survey survey = SeenFromAbove(20);
+  survey.has_labels = true;
+  JobSettings settings = {.tiles = 4};
+  settings.method_settings.levels = {0};
+  settings.method_settings.iterations = {2};
+  std::vector<TileReads> reads = {{{0}, {0}, {0, 1}, {0}},
+                                  {{1, 2}, {1}, {0, 1, 2, 3}, {1, 2}},
+                                  {{1, 2, 3}, {2}, {1, 2, 3}, {1, 2, 3}},
+                                  {{2, 3}, {2, 3}, {3}, {2, 3}}};
+  const auto tasks = PlanOf(survey, settings, reads);
+  std::vector<std::string> names;
+  for (const PlannedTask& task : tasks) names.push_back(task.name);
+  std::vector<std::string> expected = {"ingest"};
+  const auto of_tiles = [&](const std::string& kind, const std::string& rest) {
+    for (const char* tile : {" tile 0", " tile 1", " tile 2", " tile 3"}) expected.push_back(kind + tile + rest);
+  };
+  of_tiles("cut", "");
+  of_tiles("crop", "");
+  of_tiles("measure", " step 0");
+  of_tiles("solve", " step 0");
+  of_tiles("mend", " before step 1");
+  for (const char* step : {" step 1", " step 2"}) {
+    of_tiles("measure", step);
+    of_tiles("solve", step);
+  }
+  of_tiles("mend", " step 2");
+  of_tiles("measure", " step 3");
+  of_tiles("solve", " step 3");
+  expected.push_back("publish");
+  ASSERT_EQ(names, expected);
+
+  const auto line = [&](const std::string& name) {
+    const auto it = std::find(names.begin(), names.end(), name);
+    return Line(tasks, tasks[it - names.begin()]);
+  };
+  EXPECT_EQ(line("measure tile 1 step 0"),
+            "measure tile 1 step 0: tile.arrays of cut tile 1, views.arrays of crop tile 1");
+  EXPECT_EQ(line("solve tile 3 step 0"),
+            "solve tile 3 step 0: tile.arrays of cut tile 3, 0002/sums.arrays of measure tile 2 step 0, "
+            "0003/sums.arrays of measure tile 3 step 0");
+  EXPECT_EQ(line("mend tile 3 before step 1"),
+            "mend tile 3 before step 1: tile.arrays of cut tile 3, 0002/state.arrays of solve tile 2 step 0, "
+            "0003/state.arrays of solve tile 3 step 0");
+  EXPECT_EQ(line("measure tile 1 step 1"),
+            "measure tile 1 step 1: tile.arrays of cut tile 1, views.arrays of crop tile 1, "
+            "0000/state.arrays of mend tile 0 before step 1, 0001/state.arrays of mend tile 1 before step 1, "
+            "0002/state.arrays of mend tile 2 before step 1, 0003/state.arrays of mend tile 3 before step 1");
+  EXPECT_EQ(line("solve tile 2 step 2"),
+            "solve tile 2 step 2: tile.arrays of cut tile 2, 0001/sums.arrays of measure tile 1 step 2, "
+            "0002/sums.arrays of measure tile 2 step 2, 0003/sums.arrays of measure tile 3 step 2, "
+            "0001/state.arrays of solve tile 1 step 1, 0002/state.arrays of solve tile 2 step 1, "
+            "0003/state.arrays of solve tile 3 step 1");
+  EXPECT_EQ(line("measure tile 3 step 3"),
+            "measure tile 3 step 3: tile.arrays of cut tile 3, views.arrays of crop tile 3, "
+            "0003/state.arrays of mend tile 3 step 2");
+  EXPECT_EQ(line("publish"),
+            "publish: city.arrays of ingest, survey.json of ingest, 0000/state.arrays of solve tile 0 step 3, "
+            "0001/state.arrays of solve tile 1 step 3, 0002/state.arrays of solve tile 2 step 3, "
+            "0003/state.arrays of solve tile 3 step 3");
+
+  // Parameters name what is among the inputs.
+  for (const PlannedTask& task : tasks) {
+    if (task.kind != "measure" && task.kind != "solve" && task.kind != "mend") continue;
+    const auto parameters = ParseStepParameters(task.parameters);
+    ASSERT_TRUE(parameters.ok()) << parameters.status();
+    EXPECT_EQ(parameters->tile.tile, task.tile);
+    EXPECT_EQ(parameters->before, task.name.find("before") != std::string::npos);
+    std::vector<int> states, sums;
+    for (const PlannedInput& input : task.inputs) {
+      if (input.output == kStateFile) states.push_back(input.tile);
+      if (input.output == kSumsFile) sums.push_back(input.tile);
+    }
+    EXPECT_EQ(parameters->states, states);
+    EXPECT_EQ(parameters->sums, sums);
+  }
+}
+
+// How many tasks of a kind a plan has for each tile.
+std::map<std::string, int> CountsOf(const Survey& survey, const JobSettings& settings) {
+  Random random(1);
+  std::map<std::string, int> counts;
+  for (const PlannedTask& task : PlanOf(survey, settings, RandomReads(settings.tiles, random))) {
+    if (task.tile == 0) ++counts[task.kind];
+  }
+  return counts;
+}
+
+TEST(Plan, OnlyStepsThatActAreTasks) {
+  Survey survey = SeenFromAbove(20);
+  survey.has_labels = true;
+  JobSettings settings = {.tiles = 4};
+  const int iterations = 3 + 10 + 10, levels = 3;
+  const auto expect = [&](int labellings, int rounds) {
+    const auto counts = CountsOf(survey, settings);
+    EXPECT_EQ(counts.at("measure"), iterations * rounds + labellings);
+    EXPECT_EQ(counts.at("solve"), iterations * rounds + labellings);
+    EXPECT_EQ(counts.at("mend"), 1 + levels * rounds);
+  };
+  expect(2, 1);
+  settings.method_settings.labels_first = false;
+  expect(1, 1);
+  survey.has_labels = false;  // the geometry asks for some
+  expect(2, 1);
+  settings.method = "baseline";
+  settings.method_settings = {};
+  expect(1, 1);
+  settings.method_settings.labels_first = true;
+  expect(2, 1);
+  settings.method = "paper";
+  settings.method_settings = {};
+  expect(6, 5);
+  survey.has_labels = true;
+  expect(5, 5);
+  survey.has_likelihoods = false;
+  expect(0, 5);
+  settings.rounds = 2;
+  expect(0, 2);
+  survey.has_likelihoods = true;
+  survey.classes.resize(1);
+  expect(0, 2);
+}
+
+TEST(Plan, ReadsThatDoNotFitAreRefused) {
+  const Survey survey = RandomSurvey(20, 20, 0.8, 3);
+  const auto plan = [&](const std::vector<TileReads>& reads) {
+    return PlanSteps({.tiles = 2}, SurveyToJson(survey), FilesOf(survey), reads).status();
+  };
+  const TileReads both = {{0, 1}, {0, 1}, {0, 1}, {0, 1}};
+  EXPECT_TRUE(plan({both, both}).ok());
+  EXPECT_THAT(std::string(plan({both}).message()), HasSubstr("cut in 1 tiles, expected 2"));
+  EXPECT_EQ(plan({both, {{0, 1}, {1}, {1, 2}, {1}}}).code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(Plan, CutKnowsEveryTilesCore) {
+  const Survey survey = RandomSurvey(20, 20, 0.8, 3);
+  const auto cores = Cores(survey, 6);
+  for (const PlannedTask& task : PlanOf(survey, 6)) {
+    if (task.kind != "cut") continue;
+    const auto parameters = ParseCutParameters(task.parameters);
+    ASSERT_TRUE(parameters.ok()) << parameters.status();
+    EXPECT_EQ(parameters->cores, cores);
+    EXPECT_EQ(parameters->tile.core, cores[task.tile]);
   }
 }
 
@@ -72,47 +281,6 @@ TEST(Plan, AViewWhoseFileTheSceneLacksIsNamed) {
   EXPECT_EQ(refused.status().message(), "the scene has no file likelihoods/0.tif");
 }
 
-// A huge face reaches far; tiles that it does not touch must not read more for it.
-TEST(Plan, AHugeFaceAddsReadersOnlyAroundIt) {
-  Survey survey = RandomSurvey(40, 40, 1, 2);
-  for (SurveyCell& cell : survey.cells) cell.reach_m = 1;
-  const auto reads = [&] {
-    std::map<int, size_t> count;
-    for (const PlannedTask& task : PlanOf(survey, 100)) {
-      if (task.kind == "stitch") count[task.tile] = task.inputs.size();
-    }
-    return count;
-  };
-  const auto before = reads();
-  survey.cells.front().reach_m = 8 * 10;  // as far as ten cells
-  const auto after = reads();
-  EXPECT_GT(after.at(0), before.at(0));
-  size_t more = 0;
-  for (const auto& [tile, count] : after) more += count > before.at(tile);
-  EXPECT_LT(more, 30u);
-}
-
-TEST(Plan, BothSidesOfASeamReadTheSameTiles) {
-  const Survey survey = RandomSurvey(30, 30, 0.9, 2);
-  std::map<int, std::set<int>> reads;
-  for (const PlannedTask& task : PlanOf(survey, 25)) {
-    if (task.kind != "stitch") continue;
-    const auto parameters = ParseStitchParameters(task.parameters);
-    ASSERT_TRUE(parameters.ok());
-    EXPECT_EQ(parameters->results.size() + 1, task.inputs.size());
-    for (const TileParameters& tile : parameters->results) reads[task.tile].insert(tile.tile);
-  }
-  const auto cores = Cores(survey, 25);
-  for (const auto& [tile, others] : reads) {
-    EXPECT_TRUE(others.contains(tile));
-    for (size_t other = 0; other < cores.size(); ++other) {
-      if (DistanceBetween(cores[tile], cores[other], survey.ground.cell_m) == 0) {
-        EXPECT_TRUE(others.contains(static_cast<int>(other)));
-      }
-    }
-  }
-}
-
 TEST(Plan, SameSurveySamePlan) {
   const Survey survey = RandomSurvey(20, 20, 0.8, 3);
   const auto a = PlanOf(survey, 7), b = PlanOf(survey, 7);
@@ -123,12 +291,6 @@ TEST(Plan, SameSurveySamePlan) {
   }
 }
 
-TEST(Plan, OneTileIsTheUntiledRun) {
-  const auto tasks = PlanOf(RandomSurvey(20, 20, 0.8, 3), 1);
-  ASSERT_EQ(tasks.size(), 5u);
-  EXPECT_EQ(tasks[2].kind, "refine");
-}
-
 TEST(Plan, SettingsAreRefusedAllAtOnce) {
   const auto refused = PlanIngest({.tiles = -1, .rounds = 1000, .method = "magic"}, {"scene.json"});
   EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
@@ -137,120 +299,48 @@ TEST(Plan, SettingsAreRefusedAllAtOnce) {
     EXPECT_NE(message.find(word), std::string::npos) << message;
   }
   EXPECT_FALSE(PlanIngest({}, {}).ok());
-  EXPECT_FALSE(PlanTiles({}, "not json", {}).ok());
+  EXPECT_FALSE(PlanTiles({}, "not json", {"scene.json"}).ok());
 }
 
 // The parameters of the job's first task of a kind.
-std::string ParametersOf(const JobSettings& settings, const std::string& kind) {
+std::string ParametersOf(JobSettings settings, const std::string& kind) {
   const Survey survey = RandomSurvey(6, 6, 1, 1);
-  const auto tasks = PlanTiles(settings, SurveyToJson(survey), FilesOf(survey));
-  EXPECT_TRUE(tasks.ok()) << tasks.status();
-  for (const PlannedTask& task : *tasks) {
+  settings.tiles = kind == "refine" ? 1 : 2;
+  for (const PlannedTask& task : PlanOf(survey, settings, {{{0}, {0}, {0}, {0}}, {{1}, {1}, {1}, {1}}})) {
     if (task.kind == kind) return task.parameters;
   }
+  ADD_FAILURE() << "no " << kind;
   return "";
 }
 
-TEST(Plan, RefineKnowsMethodAndSettings) {
-  std::set<std::string> seen;
-  for (const char* method : kMethods) {
-    JobSettings settings;
-    settings.method = method;
-    EXPECT_TRUE(seen.insert(ParametersOf(settings, "refine")).second) << method;
-    settings.rounds = 2;
-    EXPECT_TRUE(seen.insert(ParametersOf(settings, "refine")).second) << method;
-    settings.method_settings.thin_plate = 0.7;
-    const std::string parameters = ParametersOf(settings, "refine");
-    EXPECT_TRUE(seen.insert(parameters).second) << method;
-    const auto parsed = ParseRefineParameters(parameters);
-    ASSERT_TRUE(parsed.ok()) << parsed.status();
-    EXPECT_EQ(parsed->method, method);
-    EXPECT_EQ(parsed->rounds, 2);
-    EXPECT_EQ(parsed->settings, settings.method_settings);
-  }
-  JobSettings unnamed, named;
-  unnamed.method = "";
-  EXPECT_EQ(ParametersOf(unnamed, "refine"), ParametersOf(named, "refine"));
-}
-
-TEST(Plan, HaloGrowsWithTheReachOfWindowsAndLevels) {
-  const auto halo_m = [](const MethodSettings& method_settings) {
-    JobSettings settings;
-    settings.method_settings = method_settings;
-    return ParseCutParameters(ParametersOf(settings, "cut"))->halo_m;
-  };
-  MethodSettings wide, narrow, coarse, standard;
-  wide.window_px = 11;
-  narrow.window_px = 3;
-  coarse.levels = {3, 1, 0};
-  standard.levels = {2, 1, 0};
-  const double by_default = halo_m({});
-  EXPECT_EQ(halo_m(standard), by_default);
-  EXPECT_EQ(halo_m(narrow), by_default);
-  EXPECT_NEAR(halo_m(wide), by_default * 11 / 7, 1e-9);
-  EXPECT_NEAR(halo_m(coarse), by_default * 2, 1e-9);
-}
-
-TEST(Parts, HoldEveryStepOnceAndGrowWithTheHalo) {
-  Random random(3);
-  for (int trial = 0; trial < 200; ++trial) {
-    std::vector<int> levels, iterations;
-    for (int level = static_cast<int>(random.Below(5)); level >= 0; --level) {
-      if (random.Below(3) == 0) continue;
-      levels.push_back(level);
-      iterations.push_back(static_cast<int>(random.Below(12)));
-    }
-    const auto steps = MakeRefineSteps(levels, iterations, 1 + static_cast<int>(random.Below(3)));
-    size_t last = steps.size() + 1;
-    for (const double reach_gsd : {0.0, 100.0, 200.0, 400.0, 1e9}) {
-      const std::vector<StepRange> parts = SplitSteps(steps, 7, reach_gsd);
-      int next = 0;
-      for (const StepRange& part : parts) {
-        EXPECT_EQ(part.begin, next);
-        EXPECT_GT(part.end, part.begin);
-        next = part.end;
+TEST(Plan, RefinementKnowsMethodAndSettings) {
+  for (const std::string kind : {"refine", "measure", "solve", "mend"}) {
+    std::set<std::string> seen;
+    for (const char* method : kMethods) {
+      JobSettings settings;
+      settings.method = method;
+      EXPECT_TRUE(seen.insert(ParametersOf(settings, kind)).second) << method;
+      settings.rounds = 2;
+      EXPECT_TRUE(seen.insert(ParametersOf(settings, kind)).second) << method;
+      settings.method_settings.thin_plate = 0.7;
+      const std::string parameters = ParametersOf(settings, kind);
+      EXPECT_TRUE(seen.insert(parameters).second) << method;
+      const auto expect = [&](const auto& parsed) {
+        ASSERT_TRUE(parsed.ok()) << parsed.status();
+        EXPECT_EQ(parsed->method, method);
+        EXPECT_EQ(parsed->rounds, 2);
+        EXPECT_EQ(parsed->settings, settings.method_settings);
+      };
+      if (kind == "refine") {
+        expect(ParseRefineParameters(parameters));
+      } else {
+        expect(ParseStepParameters(parameters));
       }
-      EXPECT_EQ(next, static_cast<int>(steps.size()));
-      EXPECT_LE(parts.size(), last);
-      last = parts.size();
     }
-    EXPECT_EQ(last, 1u);
+    JobSettings unnamed, named;
+    unnamed.method = "";
+    EXPECT_EQ(ParametersOf(unnamed, kind), ParametersOf(named, kind));
   }
-}
-
-// What a part goes on from must hold every vertex and face of the tile with its halo.
-TEST(Parts, ReadTheResultsOfAllTilesThatTheHaloTouches) {
-  const Survey survey = RandomSurvey(30, 30, 0.9, 2);
-  const auto tasks = PlanOf(survey, 9);
-  const auto cores = Cores(survey, 9);
-  int later = 0;
-  for (size_t t = 0; t < tasks.size(); ++t) {
-    if (tasks[t].kind != "refine") continue;
-    const auto parameters = ParseRefineParameters(tasks[t].parameters);
-    ASSERT_TRUE(parameters.ok()) << parameters.status();
-    EXPECT_EQ(parameters->tile.core, cores[tasks[t].tile]);
-    if (parameters->begin == 0) {
-      EXPECT_TRUE(parameters->results.empty());
-      continue;
-    }
-    ++later;
-    std::set<int> read;
-    for (const TileParameters& tile : parameters->results) read.insert(tile.tile);
-    for (const PlannedInput& input : tasks[t].inputs) {
-      if (input.output != kResultFile) continue;
-      const auto before = ParseRefineParameters(tasks[input.task - 1].parameters);
-      EXPECT_EQ(before->end, parameters->begin);
-      EXPECT_EQ(read.erase(before->tile.tile), 1u);
-    }
-    EXPECT_TRUE(read.empty());
-    const double halo_m = *HaloOf({}, survey);
-    for (const TileParameters& tile : parameters->results) read.insert(tile.tile);
-    for (size_t other = 0; other < cores.size(); ++other) {
-      if (DistanceBetween(cores[other], parameters->tile.core, survey.ground.cell_m) > halo_m) continue;
-      EXPECT_TRUE(read.contains(static_cast<int>(other)));
-    }
-  }
-  EXPECT_GE(later, 9);
 }
 
 TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {

@@ -57,7 +57,7 @@ inline std::vector<std::string> FilesOf(const Survey& survey) {
 inline std::vector<CellRect> Cores(const Survey& survey, int tiles) {
   TilingOptions options;
   options.tiles = tiles;
-  options.effort = EffortOf({});
+  options.effort = EffortOf({}, survey);
   const auto cores = LayOutTiles(CellIndex(survey), options);
   EXPECT_TRUE(cores.ok()) << cores.status();
   return *cores;

@@ -51,9 +51,9 @@ TEST_F(SqliteStoreTest, KeepsRecordsInOrderAndCountsStarts) {
   {
     auto store = Open();
     EXPECT_EQ(store->StartCount(), 1);
-    EXPECT_TRUE(store->Append("one").ok());
-    EXPECT_TRUE(store->Append(binary).ok());
-    EXPECT_TRUE(store->Append("").ok());
+    EXPECT_TRUE(store->Append("one", Durability::kMachine).ok());
+    EXPECT_TRUE(store->Append(binary, Durability::kMachine).ok());
+    EXPECT_TRUE(store->Append("", Durability::kProcess).ok());
   }
   auto store = Open();
   EXPECT_EQ(store->StartCount(), 2);
@@ -62,8 +62,8 @@ TEST_F(SqliteStoreTest, KeepsRecordsInOrderAndCountsStarts) {
 
 TEST_F(SqliteStoreTest, ReplayStopsAtTheVisitorsError) {
   auto store = Open();
-  ASSERT_TRUE(store->Append("one").ok());
-  ASSERT_TRUE(store->Append("two").ok());
+  ASSERT_TRUE(store->Append("one", Durability::kMachine).ok());
+  ASSERT_TRUE(store->Append("two", Durability::kMachine).ok());
   int seen = 0;
   const Status status =
       store->Replay([&](const std::string&) { return ++seen == 2 ? absl::InternalError("no") : Status(); });
@@ -79,7 +79,11 @@ TEST_F(SqliteStoreTest, SurvivesAKilledProcess) {
   if (child == 0) {
     auto store = SqliteStore::Open(path_);
     for (int i = 0; i < 20; ++i) {
-      if (!store.ok() || !(*store)->Append("record " + std::to_string(i)).ok()) _exit(1);
+      if (!store.ok() ||
+          !(*store)
+               ->Append("record " + std::to_string(i), i % 2 == 0 ? Durability::kMachine : Durability::kProcess)
+               .ok())
+        _exit(1);
     }
     (void)!write(acknowledged[1], "k", 1);
     raise(SIGKILL);  // no destructor, no checkpoint of the log
@@ -99,8 +103,8 @@ TEST_F(SqliteStoreTest, SurvivesAKilledProcess) {
 TEST_F(SqliteStoreTest, FindsDamage) {
   {
     auto store = Open();
-    ASSERT_TRUE(store->Append("one").ok());
-    ASSERT_TRUE(store->Append("two").ok());
+    ASSERT_TRUE(store->Append("one", Durability::kMachine).ok());
+    ASSERT_TRUE(store->Append("two", Durability::kMachine).ok());
   }
   Execute("UPDATE records SET content = 'owt' WHERE id = 2");
   const Status damaged = Open()->Replay([](const std::string&) { return absl::OkStatus(); });

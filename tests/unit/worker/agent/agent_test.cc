@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "common/base/parallel.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "tests/support/fake_workers_service.h"
@@ -117,6 +118,45 @@ TEST_F(AgentTest, RunsATaskThroughTheBlobService) {
   EXPECT_EQ(coordinator_.blobs().Content(DigestOf(report.success().outputs(0))), "cut({})in.txt=hello;sub/other.bin=;");
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
   EXPECT_TRUE(agent_status_.ok());
+}
+
+TEST_F(AgentTest, ATaskUsesTheThreadsOfItsLease) {
+  v1::Lease lease = NewLease("jobs/1/tasks/1");
+  lease.set_threads(1);
+  coordinator_.Queue(lease);
+  std::atomic<int> threads = 0;
+  StartAgent([&threads](const TaskRequest& request, const TaskControl& control) {
+    threads = ThreadCount();
+    return Concatenate(request, control);
+  });
+  const v1::ReportTaskRequest report = WaitForReport();
+  ASSERT_TRUE(report.has_success()) << report.failure().message();
+  EXPECT_EQ(threads, 1);
+  EXPECT_EQ(report.success().usage().threads(), 1);
+}
+
+// Two tasks after each other see their own inputs alone, whatever the first left behind.
+TEST_F(AgentTest, OneTasksFilesAreNotTheNextOnes) {
+  v1::Lease first = NewLease("jobs/1/tasks/1"), second = NewLease("jobs/1/tasks/2"), third = NewLease("jobs/1/tasks/3");
+  AddInput(first, "0001/state", "one");
+  AddInput(first, "0002/state", "two");
+  AddInput(second, "0002/state", "three");
+  AddInput(second, "in.txt", "four");
+  AddInput(third, "0001/state", "five");
+  for (const v1::Lease& lease : {first, second, third}) coordinator_.Queue(lease);
+  StartAgent([](const TaskRequest& request, const TaskControl& control) {
+    EXPECT_TRUE(fs::is_empty(request.output_dir));
+    std::ofstream(request.output_dir + "/scratch") << "left behind";
+    return Concatenate(request, control);
+  });
+  WaitForReport(3);
+  std::vector<std::string> contents;
+  for (const v1::ReportTaskRequest& report : coordinator_.reports) {
+    ASSERT_TRUE(report.has_success()) << report.failure().message();
+    contents.push_back(coordinator_.blobs().Content(DigestOf(report.success().outputs(0))));
+  }
+  EXPECT_THAT(contents, ElementsAre("cut({})0001/state=one;0002/state=two;", "cut({})0002/state=three;in.txt=four;",
+                                    "cut({})0001/state=five;"));
 }
 
 TEST_F(AgentTest, SharedFilesAreLinkedAndOutputsGoToTheSharedFolder) {

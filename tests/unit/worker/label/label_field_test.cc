@@ -36,7 +36,7 @@ TriangleMesh MakeGrid(int n, double size, const Eigen::Vector3d& second) {
   return mesh;
 }
 
-std::vector<MeshEdge> EdgesOf(const TriangleMesh& mesh) { return EdgeList(*BuildTopology(mesh)); }
+std::vector<MeshEdge> EdgesOf(const TriangleMesh& mesh) { return EdgeList(mesh.faces); }
 
 LabelField FieldOf(const TriangleMesh& mesh, const FaceLikelihoods& likelihoods, const LabelOptions& options = {}) {
   return BuildLabelField(mesh, EdgesOf(mesh), likelihoods, MakeClasses(), Eigen::Vector3d::UnitZ(), 0.1, options);
@@ -134,6 +134,44 @@ TEST(LabelField, OneViewsGrossErrorDoesNotDecide) {
     sums.sum[3 * f + 2] = 40 * 0.2f + 10;
   }
   EXPECT_EQ(SolveLabels(FieldOf(mesh, sums), {-1, -1}, {}).labels, (std::vector<int32_t>{0, 0}));
+}
+
+// A tile's field is the part of the city's that it holds.
+TEST(LabelField, SomeOfTheFacesMakeThatPartOfTheField) {
+  const int n = 6, skipped = 2;
+  TriangleMesh mesh = MakeGrid(n, 1.7, Eigen::Vector3d(0.1, 0.9, 0.3));
+  for (size_t v = 0; v < mesh.vertices.size(); ++v) mesh.vertices[v].z() += 0.01 * ((v * v) % 17);
+  FaceLikelihoods sums(mesh.faces.size(), 3), part_sums(mesh.faces.size() - 2 * n * skipped, 3);
+  TriangleMesh part;  // without the first rows
+  const uint32_t vertex = skipped * (n + 1);
+  const size_t face = 2 * n * skipped;
+  part.vertices.assign(mesh.vertices.begin() + vertex, mesh.vertices.end());
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    sums.pixels[f] = static_cast<float>(f % 5);
+    for (int l = 0; l < 3; ++l) sums.sum[3 * f + l] = 0.3f * static_cast<float>((f * (l + 2)) % 7);
+    if (f < face) continue;
+    part.faces.push_back(mesh.faces[f]);
+    for (uint32_t& v : part.faces.back()) v -= vertex;
+    part_sums.pixels[f - face] = sums.pixels[f];
+    std::copy_n(&sums.sum[3 * f], 3, &part_sums.sum[3 * (f - face)]);
+  }
+  for (const LabelOptions::Form form : {LabelOptions::Form::kTessera, LabelOptions::Form::kPaper}) {
+    LabelOptions options;
+    options.form = form;
+    const LabelField whole = FieldOf(mesh, sums, options), some = FieldOf(part, part_sums, options);
+    EXPECT_TRUE(std::equal(some.unary.begin(), some.unary.end(), whole.unary.begin() + 3 * face, whole.unary.end()));
+    std::vector<FieldEdge> expected;
+    for (const FieldEdge& e : whole.edges) {
+      if (e.face0 < face || e.face1 < face) continue;
+      expected.push_back({static_cast<uint32_t>(e.face0 - face), static_cast<uint32_t>(e.face1 - face), e.weight});
+    }
+    ASSERT_EQ(some.edges.size(), expected.size());
+    for (size_t e = 0; e < expected.size(); ++e) {
+      EXPECT_EQ(some.edges[e].face0, expected[e].face0);
+      EXPECT_EQ(some.edges[e].face1, expected[e].face1);
+      EXPECT_EQ(some.edges[e].weight, expected[e].weight);
+    }
+  }
 }
 
 TEST(LabelField, FewPixelsWeighLess) {

@@ -10,7 +10,9 @@
 
 #include "common/base/parallel.h"
 #include "tests/support/held_pixels.h"
+#include "worker/refine/descent.h"
 #include "worker/refine/refine.h"
+#include "worker/refine/vertex_sums.h"
 
 namespace tessera {
 namespace {
@@ -115,15 +117,16 @@ struct Derivatives {
 };
 
 Derivatives Evaluate(const Bed& bed, const std::vector<PhotoView>& views, ContourOptions options = {1, 4}) {
-  std::vector<std::vector<ContourPull>> pulls;
+  std::vector<std::vector<FaceContour>> contours;
+  std::vector<int32_t> ids;
   for (const PhotoView& view : views) {
     const FaceMap map = RasterizeFaces(bed.mesh, nullptr, view.camera);
-    pulls.push_back(ContourPulls(bed.mesh, bed.labels, view, map, options));
+    contours.push_back(FindContours(bed.mesh, bed.labels, {}, view, map, options));
+    ids.push_back(static_cast<int32_t>(10 + 3 * ids.size()));
   }
-  Derivatives out{std::vector<Vector3d>(bed.mesh.vertices.size(), Vector3d::Zero()),
-                  std::vector<Matrix3d>(bed.mesh.vertices.size(), Matrix3d::Zero())};
-  AddContourPulls(pulls, &out.gradient, &out.curvature);
-  return out;
+  PhotoDerivatives out = GatherVertices(bed.mesh, FacesOfVertices(bed.mesh),
+                                        std::vector<FaceSums>(bed.mesh.faces.size()), AddContours(contours, ids));
+  return {std::move(out.gradient), std::move(out.curvature)};
 }
 
 TEST(ContourTerm, GradientIsThatOfTheRenderedEnergy) {
@@ -175,16 +178,34 @@ TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
   Bed unknown = bed;
   std::fill(unknown.labels.begin(), unknown.labels.begin() + 2, -1);
   EXPECT_EQ(pull(unknown), 0);
-  // Beside the ball the ground is seen some metres farther out; right under its edge it is not seen.
-  ContourOptions near;
-  near.weight = 1;
-  near.reach_m = 0.05;
-  EXPECT_EQ(pull(bed, near), 0);
-  near.reach_m = 20;
-  EXPECT_EQ(pull(bed, near), pull(bed));
   // 4 to 6 m of depth are 50 to 80 pixels here.
   EXPECT_EQ(pull(bed, {1, 120}), 0);
   EXPECT_NEAR(pull(bed, {3, 4}), 3 * pull(bed), 1e-6 * pull(bed));
+}
+
+// What belongs to some faces and what to the others is what belongs to all.
+TEST(ContourTerm, OwnFacesHaveTheirContoursAlone) {
+  const Bed bed;
+  const PhotoView view = View(Camera(4), 3.3, kCentre);
+  const FaceMap map = RasterizeFaces(bed.mesh, nullptr, view.camera);
+  std::vector<uint8_t> own(bed.mesh.faces.size()), others = own;
+  for (size_t f = 0; f < own.size(); ++f) {
+    own[f] = f % 3 == 0;
+    others[f] = !own[f];
+  }
+  const auto find = [&](const std::vector<uint8_t>& flags) {
+    return FindContours(bed.mesh, bed.labels, flags, view, map, {1, 4});
+  };
+  const std::vector<FaceContour> all = find({}), some = find(own), rest = find(others);
+  ASSERT_EQ(all.size(), some.size() + rest.size());
+  ASSERT_GT(some.size(), 10u);
+  size_t s = 0, r = 0;
+  for (const FaceContour& contour : all) {
+    const FaceContour& part = own[contour.face] ? some[s++] : rest[r++];
+    EXPECT_EQ(contour.face, part.face);
+    EXPECT_EQ(contour.gradient, part.gradient);
+    EXPECT_EQ(contour.curvature, part.curvature);
+  }
 }
 
 TEST(ContourTerm, CurvatureIsPositiveWherePulled) {

@@ -8,12 +8,18 @@
 #include "common/base/parallel.h"
 #include "tests/unit/worker/refine/photo_oracle.h"
 #include "tests/unit/worker/refine/relief_scene.h"
+#include "worker/refine/descent.h"
+#include "worker/refine/vertex_sums.h"
 
 namespace tessera {
 namespace {
 
 using Eigen::Vector3d;
 using Positions = std::vector<Vector3d>;
+
+struct Evaluated : PhotoDerivatives {
+  ZnccSums sums;
+};
 
 // True relief photographed and classified; the surface under test is off by some decimetres (pixels: about 0.14 m).
 struct Scene {
@@ -48,11 +54,15 @@ struct Scene {
     options.occlusion_px = 3;
   }
   PhotoOracle Oracle(int i, int j) const { return PhotoOracle(mesh, views[i], views[j], options); }
-  PhotoDerivatives Evaluate(const std::vector<ViewPair>& pairs) const {
-    PhotoDerivatives out;
+  PhotoSums Faces(const std::vector<ViewPair>& pairs, const std::vector<uint8_t>& own = {}) const {
+    PhotoSums out;
     std::vector<PhotoView> at_hand = views;
-    PhotoTerm(&at_hand, pairs, options).Evaluate(mesh, TriangleMesh(), nullptr, &out);
+    PhotoTerm(&at_hand, pairs, options).Evaluate(mesh, own, nullptr, nullptr, &out);
     return out;
+  }
+  Evaluated Evaluate(const std::vector<ViewPair>& pairs) const {
+    const PhotoSums faces = Faces(pairs);
+    return {GatherVertices(mesh, FacesOfVertices(mesh), faces.faces, {}), faces.sums};
   }
 };
 
@@ -146,7 +156,7 @@ TEST_P(DataTerm, GradientIsTheDerivativeOfTheEnergy) {
 
 TEST_P(DataTerm, AStepByTheCurvatureLowersTheEnergy) {
   const Scene scene = MakeScene();
-  const PhotoDerivatives got = scene.Evaluate({{0, 1}});
+  const Evaluated got = scene.Evaluate({{0, 1}});
   Positions moved = scene.mesh.vertices;
   for (size_t v = 0; v < moved.size(); ++v) {
     const double stiffness = got.curvature[v].trace();
@@ -165,7 +175,7 @@ TEST_P(Kernel, AgreesWithTheOracle) {
   scene.options.semantic.weight = 2;
   for (const ViewPair& pair : std::vector<ViewPair>{{0, 1}, {1, 2}, {2, 0}, {3, 1}}) {
     // With one pair there is nothing to divide by.
-    const PhotoDerivatives got = scene.Evaluate({pair});
+    const Evaluated got = scene.Evaluate({pair});
     const PhotoOracle oracle = scene.Oracle(pair.reference, pair.other);
     const Agreement agreement = Compare(oracle.Gradient(scene.mesh.vertices), got.gradient);
     EXPECT_LT(agreement.median_relative_error, 1e-4);
@@ -181,7 +191,7 @@ TEST_P(Kernel, AgreesWithTheOracle) {
 INSTANTIATE_TEST_SUITE_P(Windows, Kernel, testing::Bool());
 
 TEST(PhotoTerm, AGainOfOneImageChangesNoGradient) {
-  PhotoDerivatives derivatives[2];
+  Evaluated derivatives[2];
   for (int k = 0; k < 2; ++k) {
     Scene scene(true, 0, k == 0 ? 1 : 0.6, k == 0 ? 0 : 0.1);
     scene.options.window.epsilon = 0;
@@ -200,7 +210,7 @@ TEST(PhotoTerm, AViewWithoutLikelihoodsHasNoSemanticTerm) {
   with.options.semantic.weight = without.options.semantic.weight = 2;
   with.views[2].texels = without.views[2].texels;
   EXPECT_GT(with.Evaluate({{0, 1}}).sums.semantic_pixels, 1000);
-  const PhotoDerivatives mixed = with.Evaluate({{0, 2}}), none = without.Evaluate({{0, 2}});
+  const Evaluated mixed = with.Evaluate({{0, 2}}), none = without.Evaluate({{0, 2}});
   EXPECT_EQ(mixed.sums.semantic_pixels, 0);
   EXPECT_EQ(mixed.gradient, none.gradient);
 }
@@ -214,7 +224,7 @@ TEST(PhotoTerm, AnOutlierFunctionWeighsAGrossErrorDown) {
     scene.options.semantic.weight = 1;
     if (k == 1) scene.options.semantic.outlier = 0.02f;
     const std::vector<ViewPair> pairs = {{0, 1}, {0, 3}};
-    const PhotoDerivatives clean = scene.Evaluate(pairs);
+    const Evaluated clean = scene.Evaluate(pairs);
     Texels& texels = scene.views[3].texels;
     for (int y = 0; y < texels.height; ++y) {
       for (int x = 0; x < texels.width / 2; ++x) {
@@ -232,20 +242,45 @@ TEST(PhotoTerm, DoesNotDependOnThreads) {
   Scene scene(true, 4);
   scene.options.semantic.weight = 2;
   const std::vector<ViewPair> pairs = {{0, 1}, {0, 2}, {1, 0}, {2, 0}, {3, 0}};
-  PhotoDerivatives one;
+  Evaluated one;
   {
     ThreadLimit limit(1);
     one = scene.Evaluate(pairs);
   }
   for (int threads : {2, 5}) {
     ThreadLimit limit(threads);
-    const PhotoDerivatives many = scene.Evaluate(pairs);
+    const Evaluated many = scene.Evaluate(pairs);
     EXPECT_EQ(one.gradient, many.gradient);
     EXPECT_EQ(one.curvature, many.curvature);
     EXPECT_EQ(one.pairs, many.pairs);
     EXPECT_EQ(one.sums.energy, many.sums.energy);
     EXPECT_EQ(one.sums.semantic_energy, many.sums.semantic_energy);
   }
+}
+
+// Sums of own faces are those of all, and looking at part of the mesh alone is enough for them where that holds all
+// that windows about them see: here, all of it.
+TEST(PhotoTerm, OwnFacesHaveTheSumsOfAll) {
+  Scene scene(true, 4);
+  scene.options.semantic.weight = 2;
+  const std::vector<ViewPair> pairs = {{0, 1}, {0, 2}, {1, 0}, {2, 0}, {3, 0}};
+  const PhotoSums all = scene.Faces(pairs);
+  std::vector<uint8_t> own(scene.mesh.faces.size(), 0);
+  int64_t compared = 0;
+  for (size_t f = 0; f < own.size(); ++f) {
+    const Vector3d at = MeshSpans(scene.mesh).Centroid(f);
+    own[f] = at.x() > 0.5 && at.y() < 2;
+  }
+  const PhotoSums some = scene.Faces(pairs, own);
+  EXPECT_LT(some.sums.windows, all.sums.windows / 2);
+  for (size_t f = 0; f < own.size(); ++f) {
+    if (!own[f]) continue;
+    compared += all.faces[f].pairs > 0;
+    EXPECT_EQ(all.faces[f].gradient, some.faces[f].gradient) << "face " << f;
+    EXPECT_EQ(all.faces[f].curvature, some.faces[f].curvature) << "face " << f;
+    EXPECT_EQ(all.faces[f].pairs, some.faces[f].pairs) << "face " << f;
+  }
+  EXPECT_GT(compared, 50);
 }
 
 }  // namespace

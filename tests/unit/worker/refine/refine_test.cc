@@ -158,35 +158,6 @@ TEST(Refine, CommutesWithTheOrderOfCameras) {
   });
 }
 
-TEST(Refine, PartsGiveTheBytesOfAllAtOnce) {
-  Bed bed;
-  bed.options.grid_gsd = RefineOptions().grid_gsd;
-  const Positions start = bed.problem.mesh.vertices, expected = bed.Refine();
-  for (const std::vector<int>& ends : {std::vector{8, 16}, std::vector{3, 10, 16}, std::vector{1, 2, 15, 99}}) {
-    RefinePart part;
-    Positions at = start;
-    int64_t iterations = 0;
-    for (const int end : ends) {
-      part.begin = part.end == std::numeric_limits<int>::max() ? 0 : part.end;
-      part.end = end;
-      bed.problem.start.clear();
-      if (part.begin > 0) bed.problem.start = start;
-      bed.problem.mesh.vertices = at;
-      const auto report = RefineGeometry(bed.problem, &at, bed.options, {}, &part);
-      ASSERT_TRUE(report.ok()) << report.status();
-      iterations += static_cast<int64_t>(report->iterations.size());
-    }
-    EXPECT_EQ(iterations, 16);
-    EXPECT_EQ(at, expected);
-  }
-  RefinePart lost;
-  lost.begin = 3;
-  Positions out;
-  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}, &lost).status().code(),
-            absl::StatusCode::kInvalidArgument)
-      << "the level's start is missing";
-}
-
 TEST(Refine, TexelsOnDiskGiveTheSameBytes) {
   Bed bed;
   const Positions held = bed.Refine();

@@ -37,21 +37,17 @@ SmoothTerm LabelledTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fi
 }
 
 // A of SmoothTerm by its definition, all vertices free; fixed ones only lose their rim rows.
-MatrixXd Definition(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const SmoothWeights& weights,
-                    const Positions& normals_at) {
+MatrixXd Definition(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const SmoothWeights& weights) {
   const size_t n = mesh.vertices.size();
   std::map<std::array<uint32_t, 2>, int> edges;
   std::vector<std::set<int32_t>> labels(n);
-  std::vector<Vector3d> normal(n, Vector3d::Zero());
   std::vector<double> faces_at(n, 0);
   std::vector<Matrix3d> keep(n, Matrix3d::Zero());
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     const auto [a, b, c] = mesh.faces[f];
     const Vector3d n_start = FaceNormal(mesh, f);
-    const Vector3d cross = (normals_at[b] - normals_at[a]).cross(normals_at[c] - normals_at[a]);
     for (uint32_t v : {a, b, c}) {
       labels[v].insert(mesh.labels[f]);
-      normal[v] += cross;
       faces_at[v] += 1;
       if (mesh.labels[f] >= 0) keep[v] += kClasses[mesh.labels[f]].keep * n_start * n_start.transpose();
     }
@@ -75,20 +71,15 @@ MatrixXd Definition(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed,
     }
   }
   MatrixXd out = MatrixXd::Zero(3 * n, 3 * n);
-  const auto add_row = [&](uint32_t v, const std::set<uint32_t>& others, const Matrix3d& weight) {
+  const auto add_row = [&](uint32_t v, const std::set<uint32_t>& others, double weight) {
     MatrixXd row = MatrixXd::Zero(3, 3 * n);
     row.block<3, 3>(0, 3 * v).setIdentity();
     for (uint32_t w : others) row.block<3, 3>(0, 3 * w) -= Matrix3d::Identity() / static_cast<double>(others.size());
     out += row.transpose() * weight * row;
   };
   for (uint32_t v = 0; v < n; ++v) {
-    const Vector3d unit = normal[v].normalized();
-    const Matrix3d share =
-        weights.tangential * Matrix3d::Identity() + (1 - weights.tangential) * unit * unit.transpose();
-    if (!rim[v] && !ring[v].empty()) add_row(v, ring[v], weights.thin_plate * omega(v) * share);
-    if (along_rim[v].size() == 2 && !(fixed.size() && fixed[v])) {
-      add_row(v, along_rim[v], weights.rim * Matrix3d::Identity());
-    }
+    if (!rim[v] && !ring[v].empty()) add_row(v, ring[v], weights.thin_plate * omega(v));
+    if (along_rim[v].size() == 2 && !(fixed.size() && fixed[v])) add_row(v, along_rim[v], weights.rim);
     out.block<3, 3>(3 * v, 3 * v) += weights.keep / std::max(faces_at[v], 1.0) * keep[v];
   }
   for (const auto& [edge, count] : edges) {
@@ -125,8 +116,7 @@ TEST(SmoothSystem, GradientIsTheDerivativeOfTheEnergy) {
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
     SmoothTerm term = LabelledTerm(mesh, fixed);
     const Positions v = Moved(mesh, seed);
-    term.SetNormals(v);
-    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6, seed % 2 ? 0.3 : 1.0};
+    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6};
     Positions gradient;
     term.Gradient(v, weights, &gradient);
     const auto energy = [&](const Positions& at) { return term.Energy(at, weights); };
@@ -163,10 +153,9 @@ TEST(SmoothSystem, OperatorIsThatOfTheDefinitionSymmetricAndPositiveSemidefinite
     mesh.labels[11] = mesh.labels[12] = -1;
     SmoothTerm term = LabelledTerm(mesh, {});
     const Positions v = Moved(mesh, seed);
-    term.SetNormals(v);
-    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6, seed % 2 ? 0.3 : 1.0};
+    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6};
     const MatrixXd a = FromGradients(term, v, weights);
-    EXPECT_LT((a - Definition(mesh, {}, weights, v)).cwiseAbs().maxCoeff(), 1e-12) << seed;
+    EXPECT_LT((a - Definition(mesh, {}, weights)).cwiseAbs().maxCoeff(), 1e-12) << seed;
     EXPECT_LT((a - a.transpose()).cwiseAbs().maxCoeff(), 1e-12);
     const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(a, Eigen::EigenvaluesOnly);
     EXPECT_GT(eigen.eigenvalues().minCoeff(), -1e-12);
@@ -235,13 +224,12 @@ TEST(SmoothSystem, SolveStepConvergesToTheDenseSolution) {
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
     SmoothTerm term = LabelledTerm(mesh, fixed);
     const Positions v = Moved(mesh, seed);
-    term.SetNormals(v);
-    const SmoothWeights weights{1, 0.1, 0.3, 0.6, seed % 2 ? 0.3 : 1.0};
+    const SmoothWeights weights{1, 0.1, 0.3, 0.6};
     InterTerm inter(mesh, fixed);
     inter.SetLabels(mesh.labels);
     const InterCurvature curvature = inter.Curvature(v, 0.2);
     const Problem problem = RandomProblem(mesh.vertices.size(), seed, 0.3);
-    MatrixXd a = Definition(mesh, fixed, weights, v);
+    MatrixXd a = Definition(mesh, fixed, weights);
     Positions step;
     term.SolveStep(problem.data, problem.rhs, weights, 300, &step);
     EXPECT_LT(SolveError(mesh, fixed, a, problem, step), 1e-5) << seed;
@@ -277,26 +265,22 @@ TEST(SmoothSystem, SweepsDoNotDivergeOnHubsNorForAnyWeights) {
   inter.SetLabels(mesh.labels);
   for (double plate : {1e-3, 1.0, 1e3}) {
     for (double border : {0.0, 1.0, 1e4}) {
-      for (double tangential : {0.0, 0.3, 1.0}) {
-        SmoothTerm term(mesh, {});
-        term.SetLabels(mesh.labels, {{1, 0}, {100, 0}, {0.01, 0}}, 0.1);
-        term.SetNormals(v);
-        const InterCurvature curvature = inter.Curvature(v, border);
-        const SmoothWeights weights{plate, 0.05 * plate, 0, 0, tangential};
-        Positions few, many;
-        term.SolveStep(problem.data, problem.rhs, weights, 40, &few, &curvature);
-        term.SolveStep(problem.data, problem.rhs, weights, 400, &many, &curvature);
-        double few_norm = 0, many_norm = 0;
-        for (size_t k = 0; k < few.size(); ++k) {
-          few_norm += few[k].squaredNorm();
-          many_norm += many[k].squaredNorm();
-        }
-        EXPECT_TRUE(std::isfinite(many_norm));
-        // Towards the solution from below; the least floor of data bounds it.
-        EXPECT_LT(std::sqrt(many_norm), 1e3 * std::sqrt(3.0 * static_cast<double>(few.size())))
-            << plate << " " << border;
-        EXPECT_LT(std::sqrt(few_norm), 1.5 * std::sqrt(many_norm)) << plate << " " << border << " " << tangential;
+      SmoothTerm term(mesh, {});
+      term.SetLabels(mesh.labels, {{1, 0}, {100, 0}, {0.01, 0}}, 0.1);
+      const InterCurvature curvature = inter.Curvature(v, border);
+      const SmoothWeights weights{plate, 0.05 * plate, 0, 0};
+      Positions few, many;
+      term.SolveStep(problem.data, problem.rhs, weights, 40, &few, &curvature);
+      term.SolveStep(problem.data, problem.rhs, weights, 400, &many, &curvature);
+      double few_norm = 0, many_norm = 0;
+      for (size_t k = 0; k < few.size(); ++k) {
+        few_norm += few[k].squaredNorm();
+        many_norm += many[k].squaredNorm();
       }
+      EXPECT_TRUE(std::isfinite(many_norm));
+      // Towards the solution from below; the least floor of data bounds it.
+      EXPECT_LT(std::sqrt(many_norm), 1e3 * std::sqrt(3.0 * static_cast<double>(few.size()))) << plate << " " << border;
+      EXPECT_LT(std::sqrt(few_norm), 1.5 * std::sqrt(many_norm)) << plate << " " << border;
     }
   }
 }
@@ -307,7 +291,7 @@ TEST(SmoothSystem, OneClassOfWeightOneGivesTheBytesOfNoLabels) {
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
     const SmoothTerm plain(mesh, fixed);
     const Positions v = Moved(mesh, seed);
-    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6, seed % 2 ? 0.3 : 1.0};
+    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6};
     const Problem problem = RandomProblem(v.size(), seed, 0);
     Positions gradient, step;
     plain.Gradient(v, weights, &gradient);
@@ -351,7 +335,7 @@ TEST(SmoothSystem, KeepHoldsOnlyItsClassAndOnlyAlongItsNormals) {
   for (const Triangle& f : mesh.faces) mesh.labels.push_back(mesh.vertices[f[0]].y() < 0 ? 0 : 1);
   SmoothTerm term(mesh, {});
   term.SetLabels(mesh.labels, {{1, 3}, {1, 0}}, 0);
-  const SmoothWeights weights{0, 0, 0, 2, 1};
+  const SmoothWeights weights{0, 0, 0, 2};
   const Vector3d normal = FaceNormal(mesh, 0);
   Positions v = mesh.vertices, gradient;
   for (Vector3d& p : v) p += 0.1 * normal + Vector3d(0, 0.4, 0) + 0.3 * Vector3d(1, 0, 0.5);
@@ -369,7 +353,7 @@ TEST(SmoothSystem, KeepHoldsOnlyItsClassAndOnlyAlongItsNormals) {
 TEST(SmoothSystem, TurnsWithTheScene) {
   for (uint64_t seed = 0; seed < kSeeds; ++seed) {
     TriangleMesh mesh = RandomLabelledMesh(seed);
-    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6, seed % 2 ? 0.3 : 1.0};
+    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6};
     const Problem problem = RandomProblem(mesh.vertices.size(), seed, 0.1);
     Random random(seed);
     const Matrix3d rotation =
@@ -379,7 +363,6 @@ TEST(SmoothSystem, TurnsWithTheScene) {
     Problem turned = problem;
     for (int round : {0, 1}) {
       SmoothTerm term = LabelledTerm(mesh, {});
-      term.SetNormals(v);
       term.Gradient(v, weights, &gradient[round]);
       term.SolveStep(turned.data, turned.rhs, weights, 10, &step[round]);
       for (Vector3d& p : mesh.vertices) p = rotation * p + shift;
@@ -394,28 +377,6 @@ TEST(SmoothSystem, TurnsWithTheScene) {
   }
 }
 
-TEST(SmoothSystem, LessTangentialWeightLeavesVerticesInTheirPlane) {
-  // A flat sheet whose vertices lie irregularly: nothing to smooth, but much to slide.
-  TriangleMesh mesh = HeightField(20, 10, [](double, double) { return 0.0; });
-  Random random(2);
-  for (Vector3d& p : mesh.vertices) p += 0.25 * Vector3d(random.Normal(), random.Normal(), 0);
-  const SmoothTerm term(mesh, {});
-  Positions all, none;
-  term.Gradient(mesh.vertices, {1, 0, 0}, &all);
-  term.Gradient(mesh.vertices, {1, 0, 0, 0, 0}, &none);
-  double most = 0;
-  for (size_t k = 0; k < all.size(); ++k) {
-    most = std::max(most, all[k].norm());
-    EXPECT_LT(none[k].norm(), 1e-12);
-  }
-  EXPECT_GT(most, 0.3);
-  // A bump weighs the same, as far as its own normals are those of the sheet.
-  Positions bumped = mesh.vertices;
-  bumped[10 * 21 + 10].z() += 0.01;
-  EXPECT_NEAR(term.Energy(bumped, {1, 0, 0, 0, 0}),
-              term.Energy(bumped, {1, 0, 0}) - term.Energy(mesh.vertices, {1, 0, 0}), 1e-12);
-}
-
 TEST(SmoothSystem, OneThreadGivesTheBytesOfMany) {
   TriangleMesh mesh = HeightField(120, 40, [](double x, double y) { return std::sin(x) + std::cos(1.3 * y); });
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
@@ -425,25 +386,22 @@ TEST(SmoothSystem, OneThreadGivesTheBytesOfMany) {
   fixed[500] = 1;
   const Positions v = Moved(mesh, 1);
   const Problem problem = RandomProblem(v.size(), 2, 0);
-  for (double tangential : {1.0, 0.3}) {
-    const SmoothWeights weights{0.7, 0.2, 0.4, 0.6, tangential};
-    Positions gradient[2], step[2];
-    double energy[2];
-    for (int threads : {1, 2}) {
-      const ThreadLimit limit(threads);
-      SmoothTerm term = LabelledTerm(mesh, fixed);
-      InterTerm inter(mesh, fixed);
-      inter.SetLabels(mesh.labels);
-      const InterCurvature curvature = inter.Curvature(v, 0.2);
-      term.SetNormals(v);
-      energy[threads - 1] = term.Energy(v, weights);
-      term.Gradient(v, weights, &gradient[threads - 1]);
-      term.SolveStep(problem.data, problem.rhs, weights, 10, &step[threads - 1], &curvature);
-    }
-    EXPECT_EQ(energy[0], energy[1]);
-    EXPECT_EQ(gradient[0], gradient[1]);
-    EXPECT_EQ(step[0], step[1]);
+  const SmoothWeights weights{0.7, 0.2, 0.4, 0.6};
+  Positions gradient[2], step[2];
+  double energy[2];
+  for (int threads : {1, 2}) {
+    const ThreadLimit limit(threads);
+    SmoothTerm term = LabelledTerm(mesh, fixed);
+    InterTerm inter(mesh, fixed);
+    inter.SetLabels(mesh.labels);
+    const InterCurvature curvature = inter.Curvature(v, 0.2);
+    energy[threads - 1] = term.Energy(v, weights);
+    term.Gradient(v, weights, &gradient[threads - 1]);
+    term.SolveStep(problem.data, problem.rhs, weights, 10, &step[threads - 1], &curvature);
   }
+  EXPECT_EQ(energy[0], energy[1]);
+  EXPECT_EQ(gradient[0], gradient[1]);
+  EXPECT_EQ(step[0], step[1]);
 }
 
 }  // namespace

@@ -10,6 +10,8 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
+constexpr LabelTraits kLabelled = {.classes = 2, .has_likelihoods = true, .has_labels = true};
+
 std::vector<SceneClass> TwoClasses() {
   std::vector<SceneClass> classes(2);
   classes[0].smoothness = 3;
@@ -18,7 +20,7 @@ std::vector<SceneClass> TwoClasses() {
 }
 
 TileRefineOptions OptionsOf(const std::string& method, const MethodSettings& settings = {}, int rounds = 0) {
-  const auto options = MethodOptions({rounds, method, settings}, TwoClasses());
+  const auto options = MethodOptions({rounds, method, settings}, TwoClasses(), kLabelled);
   EXPECT_TRUE(options.ok()) << options.status();
   return options.ok() ? *options : TileRefineOptions();
 }
@@ -115,13 +117,26 @@ TEST(Methods, SettingsGoOverThem) {
   EXPECT_THAT(options.geometry.iterations, ElementsAre(7));
 }
 
+// Labels are solved before the geometry where the method wants it, or where its geometry needs them and there are none.
+TEST(Methods, LabelsComeFirstWhereTheyAreNeeded) {
+  const auto first = [](const std::string& method, const LabelTraits& traits) {
+    return MethodOptions({0, method, {}}, TwoClasses(), traits)->labels_first;
+  };
+  const LabelTraits unlabelled = {.classes = 2, .has_likelihoods = true}, none = {.classes = 2, .has_labels = true};
+  EXPECT_TRUE(first("tessera", kLabelled));
+  EXPECT_FALSE(first("paper", kLabelled));
+  EXPECT_TRUE(first("paper", unlabelled));
+  EXPECT_FALSE(first("baseline", unlabelled));
+  for (const char* method : kMethods) EXPECT_FALSE(first(method, none)) << "nothing to learn labels from";
+}
+
 TEST(Methods, WrongOnesAreRefused) {
-  const Status unknown = MethodOptions({0, "magic", {}}, TwoClasses()).status();
+  const Status unknown = MethodOptions({0, "magic", {}}, TwoClasses(), kLabelled).status();
   EXPECT_EQ(unknown.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(unknown.message()), HasSubstr("tessera, baseline, paper"));
   MethodSettings settings;
   settings.window_px = 13;
-  EXPECT_FALSE(MethodOptions({0, "tessera", settings}, TwoClasses()).ok());
+  EXPECT_FALSE(MethodOptions({0, "tessera", settings}, TwoClasses(), kLabelled).ok());
 }
 
 }  // namespace

@@ -326,6 +326,22 @@ TEST(RasterOracle, ThreadsViewsAndUsedBuffersGiveTheSameBytes) {
     alone_other = RasterizeFaces(occluders, nullptr, other);
   }
   EXPECT_GT(FacesShown(alone), 2000u);
+  // Cells of unequal size, of which the window does not show all.
+  MeshCells cells;
+  for (uint32_t k = 0; k <= 50; ++k) {
+    cells.face_begin.push_back(static_cast<uint32_t>(mesh.faces.size() * k * k / 2500));
+    cells.vertex_begin.push_back(static_cast<uint32_t>(mesh.vertices.size() * k / 50));
+  }
+  cells.vertex_cells.resize(50);
+  FindVertexCells(mesh.faces, &cells);
+  const CellBoxes boxes(mesh, &cells);
+  FaceMap bare, bare_part;
+  const CameraWindow part(camera, {64, 32, 90, 47});
+  {
+    const ThreadLimit limit(1);
+    bare = RasterizeFaces(mesh, nullptr, camera);
+    bare_part = RasterizeFaces(mesh, nullptr, part);
+  }
   for (int threads : {1, 2, 5}) {
     const ThreadLimit limit(threads);
     Rasterizer rasterizer;
@@ -337,9 +353,11 @@ TEST(RasterOracle, ThreadsViewsAndUsedBuffersGiveTheSameBytes) {
     for (size_t views : {1, 7}) {
       const std::vector<CameraWindow> cameras(views, CameraWindow(camera));
       std::vector<FaceMap> maps;
-      rasterizer.DrawViews(mesh, &occluders, cameras, &maps);
+      rasterizer.DrawViews(mesh, boxes, cameras, &maps);
       ASSERT_EQ(maps.size(), views);
-      for (const FaceMap& each : maps) EXPECT_TRUE(SameBytes(each, alone)) << threads << " threads, " << views;
+      for (const FaceMap& each : maps) EXPECT_TRUE(SameBytes(each, bare)) << threads << " threads, " << views;
+      rasterizer.DrawViews(mesh, boxes, std::vector<CameraWindow>(views, part), &maps);
+      for (const FaceMap& each : maps) EXPECT_TRUE(SameBytes(each, bare_part)) << threads << " threads, " << views;
     }
   }
 }

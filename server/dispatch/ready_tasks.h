@@ -1,0 +1,66 @@
+// The tasks that could be leased now, in the order in which workers get them.
+#ifndef TESSERA_SERVER_DISPATCH_READY_TASKS_H_
+#define TESSERA_SERVER_DISPATCH_READY_TASKS_H_
+
+#include <compare>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <set>
+
+#include "server/dispatch/job.h"
+
+namespace tessera {
+
+// An index over a ledger's ready tasks: nothing that it holds is not in the ledger too. Older jobs come first; in a job
+// the tasks that most others wait for (those with the fewest steps behind them), of these the dearest, of these the
+// first of the plan. A lookup takes logarithmic time unless tasks are refused. Not thread-safe.
+class ReadyTasks {
+ public:
+  // A ready task. With a time before which it is not leased again it is found from Promote(that time) on.
+  void Add(TaskRef ref, const JobTask& task);
+  // Nothing if it is not there.
+  void Remove(TaskRef ref, const JobTask& task);
+  void DropJob(int job);
+
+  void Promote(int64_t now_us);
+  // Of all jobs, promoted ones only.
+  int count() const { return count_; }
+
+  // Whether a task may be given; asked in the order above until one may.
+  using Filter = std::function<bool(TaskRef ref)>;
+  std::optional<TaskRef> First(const Filter& filter) const;
+  std::optional<TaskRef> FirstOfTile(int job, int tile, const Filter& filter) const;
+
+ private:
+  struct Rank {
+    int depth = 0;
+    double negative_cost = 0;
+    int task = -1;
+    friend auto operator<=>(const Rank&, const Rank&) = default;
+  };
+  struct OfJob {
+    std::set<Rank> all;
+    std::map<int, std::set<Rank>> of_tile;
+  };
+  struct Delayed {
+    int64_t retry_us = 0;
+    TaskRef ref;
+    friend auto operator<=>(const Delayed&, const Delayed&) = default;
+  };
+  struct Place {
+    Rank rank;
+    int tile = -1;
+  };
+  static Rank RankOf(TaskRef ref, const JobTask& task) { return {task.depth, -task.plan.cost, ref.task}; }
+  void Insert(TaskRef ref, const Place& place);
+
+  std::map<int, OfJob> jobs_;
+  std::map<Delayed, Place> delayed_;
+  int count_ = 0;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_DISPATCH_READY_TASKS_H_

@@ -1,0 +1,238 @@
+// dispatch_bench [--tiles 9] [--workers 2]: what a task costs beside its work. Runs a job whose tasks do nothing but
+// write files as large as those of a real one, through a coordinator and worker processes over loopback as `tessera
+// run` has them, and prints a task's share of the clock and of both sides' processor time. --empty writes empty files:
+// what is left is dispatch.
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdio>
+#include <thread>
+#include <vector>
+
+#include "common/base/clock.h"
+#include "common/base/version.h"
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "common/tile/task_parameters.h"
+#include "server/api/coordinator_server.h"
+#include "server/dispatch/dispatcher.h"
+#include "server/store/sqlite_store.h"
+#include "tests/bench/synthetic_survey.h"
+#include "worker/agent/agent.h"
+#include "worker/agent/log.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kNearGsd = 250, kSolveNearGsd = 160;  // of tiles that read each other
+
+struct Arguments {
+  SyntheticCity city = {.images = 30, .faces = 187e3};
+  int tiles = 9, workers = 2;
+  bool empty = false, no_shared_storage = false;
+};
+
+double Seconds() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+double CpuSeconds(int who) {
+  rusage usage = {};
+  getrusage(who, &usage);
+  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * t.tv_usec; };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
+// The plan as it is, but that no task reads files of a scene: there is none.
+class BarePlanner : public Planner {
+ public:
+  StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
+                                           const std::vector<std::string>& files) override {
+    return Bare(PlanTiles(settings, survey, files));
+  }
+  StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
+                                           const std::vector<std::string>& files,
+                                           const std::vector<TileReads>& reads) override {
+    return Bare(PlanSteps(settings, survey, files, reads));
+  }
+  StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& files) override {
+    TESSERA_ASSIGN_OR_RETURN(PlannedTask task, PlanIngest(settings, files));
+    task.scene_files.clear();
+    return task;
+  }
+
+ private:
+  static StatusOr<std::vector<PlannedTask>> Bare(StatusOr<std::vector<PlannedTask>> tasks) {
+    if (tasks.ok()) {
+      for (PlannedTask& task : *tasks) task.scene_files.clear();
+    }
+    return tasks;
+  }
+};
+
+// Bytes of the files that tasks make, about as a tile of a ninth of `campus` has them.
+class FileWriter {
+ public:
+  explicit FileWriter(const Arguments& arguments)
+      : arguments_(arguments), survey_(MakeSyntheticSurvey(arguments.city)) {}
+
+  StatusOr<TaskOutcome> Run(const TaskRequest& request) const {
+    TaskOutcome outcome;
+    const auto write = [&](const std::string& name, const std::string& content) {
+      outcome.outputs.push_back(name);
+      return WriteFileAtomic(request.output_dir + "/" + name, content);
+    };
+    // Other bytes for each task, so that nothing is stored already.
+    const auto blob = [&](double mib) {
+      std::string bytes = request.kind + request.parameters;
+      if (!arguments_.empty) bytes.resize(static_cast<size_t>(mib * (1 << 20)), 'x');
+      return bytes;
+    };
+    if (request.kind == kIngestKind) {
+      TESSERA_RETURN_IF_ERROR(write(kCityFile, blob(20)));
+      TESSERA_RETURN_IF_ERROR(write(kSurveyFile, SurveyToJson(survey_)));
+    } else if (request.kind == kCutKind) {
+      TESSERA_ASSIGN_OR_RETURN(const CutParameters cut, ParseCutParameters(request.parameters));
+      TESSERA_RETURN_IF_ERROR(write(kTileFile, blob(4)));
+      TESSERA_RETURN_IF_ERROR(write(kReadsFile, ReadsOf(cut)));
+    } else if (request.kind == "crop") {
+      TESSERA_RETURN_IF_ERROR(write(kViewsFile, blob(20)));
+    } else if (request.kind == "measure") {
+      TESSERA_RETURN_IF_ERROR(write(kSumsFile, blob(2)));
+    } else if (request.kind == kPublishKind) {
+      TESSERA_RETURN_IF_ERROR(write(kMeshFile, blob(10)));
+    } else {
+      TESSERA_RETURN_IF_ERROR(write(kStateFile, blob(0.5)));
+    }
+    outcome.stats = R"({"seconds":0})";
+    return outcome;
+  }
+
+ private:
+  std::string ReadsOf(const CutParameters& cut) const {
+    const auto within = [&](double gsd) {
+      std::vector<int> ids;
+      for (int tile = 0; tile < static_cast<int>(cut.cores.size()); ++tile) {
+        const double gap_m = DistanceBetween(cut.cores[tile], cut.tile.core, survey_.ground.cell_m);
+        if (gap_m <= gsd * survey_.gsd_m) ids.push_back(tile);
+      }
+      return ids;
+    };
+    const std::vector<int> near = within(kNearGsd);
+    return ToJson(TileReads{near, near, near, within(kSolveNearGsd)});
+  }
+
+  const Arguments& arguments_;
+  const Survey survey_;
+};
+
+// A worker process, from the moment that the coordinator's address is in the file.
+int Work(const Arguments& arguments, const std::string& address_file, const std::string& folder) {
+  std::string address;
+  while (address.empty()) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    address = ReadFile(address_file).value_or("");
+  }
+  const FileWriter writer(arguments);
+  if (!SetUpLog("off", false).ok()) return 1;
+  AgentOptions options;
+  options.coordinator = address;
+  options.work_dir = folder;
+  options.use_shared_storage = !arguments.no_shared_storage;
+  options.description = {"host", getpid(), 1, int64_t{1} << 34, kAlgorithmVersion, 2};
+  double in_tasks_s = 0;
+  const auto agent = Agent::Create(options, [&](const TaskRequest& request, const TaskControl&) {
+    const double start_s = Seconds();
+    auto outcome = writer.Run(request);
+    in_tasks_s += Seconds() - start_s;
+    if (request.kind == kPublishKind) std::fflush(stdout);
+    return outcome;
+  });
+  if (!agent.ok()) return 1;
+  // Drains when the address is taken away.
+  std::thread end([&] {
+    while (FileExists(address_file)) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    (*agent)->Drain();
+  });
+  const double start_s = CpuSeconds(RUSAGE_SELF);
+  const Status status = (*agent)->Run();
+  end.join();
+  std::printf("worker: %.2f core-seconds, %.2f s within tasks\n", CpuSeconds(RUSAGE_SELF) - start_s, in_tasks_s);
+  std::fflush(stdout);
+  return status.ok() ? 0 : 1;
+}
+
+Status Serve(const Arguments& arguments, const std::string& folder, const std::string& address_file) {
+  SystemClock clock;
+  BarePlanner planner;
+  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder + "/state.sqlite"));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder + "/blobs"));
+  TESSERA_ASSIGN_OR_RETURN(
+      const auto dispatcher,
+      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
+  ServerEnvironment environment;
+  environment.dispatcher = dispatcher.get();
+  environment.blobs = blobs.get();
+  environment.digests = store.get();
+  environment.clock = &clock;
+  environment.shared_probe_path = blobs->root() + "/probe";
+  environment.shared_probe_content = "probe";
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
+  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start("127.0.0.1:0", environment));
+  NewJob job;
+  job.scene_path = "/scene";
+  job.settings.tiles = arguments.tiles;
+  const Digest nothing = {Sha256Hex(""), 0};
+  for (const SceneView& view : MakeSyntheticSurvey(arguments.city).views) {
+    job.scene_files.push_back({view.image_path, nothing});
+    job.scene_files.push_back({view.likelihood_path, nothing});
+  }
+  const double start_s = Seconds(), start_cpu_s = CpuSeconds(RUSAGE_SELF);
+  TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher->CreateJob(job));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, server->address()));
+  while (!HasEnded(status.header.state)) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    TESSERA_ASSIGN_OR_RETURN(status, dispatcher->GetJob(status.header.name));
+  }
+  const double wall_s = Seconds() - start_s, cpu_s = CpuSeconds(RUSAGE_SELF) - start_cpu_s;
+  TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));
+  while (wait(nullptr) > 0) {
+  }
+  if (status.header.state != JobState::kSucceeded) return absl::InternalError(status.header.error);
+  const double tasks = status.tasks_total, worker_cpu_s = CpuSeconds(RUSAGE_CHILDREN);
+  std::printf(
+      "%d tasks, %d workers: %.2f s, %.2f ms of the clock a task and worker; processor time a task: coordinator "
+      "%.2f ms, worker %.2f ms\n",
+      status.tasks_total, arguments.workers, wall_s, 1e3 * wall_s * arguments.workers / tasks, 1e3 * cpu_s / tasks,
+      1e3 * worker_cpu_s / tasks);
+  return absl::OkStatus();
+}
+
+Status Run(const Arguments& arguments, const std::string& parent) {
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create(parent, "dispatch_bench-"));
+  const std::string address_file = folder.path() + "/address";
+  for (int i = 0; i < arguments.workers; ++i) {
+    if (fork() == 0) _exit(Work(arguments, address_file, folder.path() + "/worker-" + std::to_string(i)));
+  }
+  return Serve(arguments, folder.path(), address_file);
+}
+
+}  // namespace
+}  // namespace tessera
+
+int main(int argc, char** argv) {
+  tessera::Arguments arguments;
+  std::string folder;
+  CLI::App app("What a task costs beside its work");
+  app.add_option("--tiles", arguments.tiles)->capture_default_str();
+  app.add_option("--workers", arguments.workers)->capture_default_str();
+  app.add_option("--folder", folder, "where state and blobs lie for the while; else the system's temporary folder");
+  app.add_flag("--empty", arguments.empty, "files of no size");
+  app.add_flag("--no-shared-storage", arguments.no_shared_storage, "all data through the blob service");
+  CLI11_PARSE(app, argc, argv);
+  const tessera::Status status = tessera::Run(arguments, folder);
+  if (status.ok()) return 0;
+  std::fprintf(stderr, "dispatch_bench: %s\n", std::string(status.message()).c_str());
+  return 1;
+}

@@ -1,0 +1,109 @@
+// Tiles are exact: however many there are, and however little of each other they read, the mesh has the bytes of the
+// untiled run.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "common/storage/files.h"
+#include "common/synth/synth.h"
+#include "common/tile/task_parameters.h"
+#include "tests/property/line/same_mesh.h"
+#include "tests/support/in_process_line.h"
+#include "tests/support/tiny_scene.h"
+
+namespace tessera {
+namespace {
+
+// A strip of the city that is longer than a tile reads.
+class ExactTest : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new std::string(FreshTestFolder("exact"));
+    SynthOptions options;
+    options.columns = 4;
+    options.rows = 1;
+    options.gsd_m = 0.5;
+    options.image_width_px = 120;
+    options.image_height_px = 90;
+    const auto made = SynthesizeCity(options, *folder_ + "/scene", TaskControl());
+    ASSERT_TRUE(made.ok()) << made.status();
+  }
+  static void TearDownTestSuite() {
+    EXPECT_TRUE(RemoveTree(*folder_).ok());
+    delete folder_;
+    folder_ = nullptr;
+  }
+
+  static JobSettings Settings(int tiles) {
+    JobSettings settings = {.tiles = tiles};
+    settings.method_settings.levels = {1, 0};
+    settings.method_settings.iterations = {2, 2};
+    return settings;
+  }
+
+  // Path of the mesh. Of several tiles also checks that they compared what they share, and adds to `unread` the pairs
+  // of tiles of which one does not read the other's sums.
+  static std::string Run(const JobSettings& settings, int* unread) {
+    const std::string work = *folder_ + (settings.tiles == 1 ? "/untiled" : "/tiled");
+    EXPECT_TRUE(RemoveTree(work).ok());
+    const auto tasks = RunLine(*folder_ + "/scene", work, settings);
+    EXPECT_TRUE(tasks.ok()) << tasks.status();
+    if (!tasks.ok()) return "";
+    int cuts = 0;
+    for (const LineTask& task : *tasks) cuts += task.planned.kind == "cut";
+    EXPECT_EQ(cuts, settings.tiles);
+    for (const LineTask& task : *tasks) {
+      if (task.planned.kind != "cut" || cuts == 1) continue;
+      const auto reads = ParseTileReads(ReadText(task.output_dir + "/" + kReadsFile), task.planned.tile, cuts);
+      EXPECT_TRUE(reads.ok()) << reads.status();
+      if (reads.ok()) *unread += cuts - static_cast<int>(reads->solve.size());
+    }
+    if (cuts > 1) {
+      const nlohmann::json report = nlohmann::json::parse(ReadText(tasks->back().output_dir + "/" + kReportFile));
+      EXPECT_EQ(report.at("seams").at("different").get<int64_t>(), 0) << report.at("seams").dump();
+      EXPECT_GT(report.at("seams").at("samples").get<int64_t>(), 0);
+    }
+    return tasks->back().output_dir + "/" + kMeshFile;
+  }
+
+  // One tile against others.
+  static void ExpectSame(const std::vector<int>& tiles, const JobSettings& settings) {
+    int unread = 0;
+    JobSettings job = settings;
+    job.tiles = 1;
+    const std::string untiled = Run(job, &unread);
+    ASSERT_FALSE(untiled.empty());
+    for (const int count : tiles) {
+      job.tiles = count;
+      const std::string tiled = Run(job, &unread);
+      ASSERT_FALSE(tiled.empty());
+      EXPECT_TRUE(SameMesh(untiled, tiled)) << count << " tiles";
+    }
+    EXPECT_GT(unread, 0) << "every tile read every other: the test shows nothing";
+  }
+
+  static std::string* folder_;
+};
+
+std::string* ExactTest::folder_ = nullptr;
+
+TEST_F(ExactTest, AnyNumberOfTilesGivesTheSameBytes) { ExpectSame({2, 4, 9}, Settings(1)); }
+
+TEST_F(ExactTest, SoDoesThePapersMethod) {
+  JobSettings settings = Settings(1);
+  settings.method = "paper";
+  settings.rounds = 2;
+  settings.method_settings.iterations = {1, 1};
+  ExpectSame({9}, settings);
+}
+
+// Labels that reach far.
+TEST_F(ExactTest, SoDoSmoothLabelsSolvedLast) {
+  JobSettings settings = Settings(1);
+  settings.method_settings.label_smoothness = 20;
+  settings.method_settings.labels_first = false;
+  ExpectSame({9}, settings);
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,93 @@
+#include "server/dispatch/ready_tasks.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <tuple>
+#include <vector>
+
+#include "common/base/random.h"
+
+namespace tessera {
+namespace {
+
+bool Any(TaskRef) { return true; }
+
+JobTask Task(int depth, double cost, int tile, int64_t retry_us = 0) {
+  JobTask task;
+  task.depth = depth;
+  task.plan.cost = cost;
+  task.plan.tile = tile;
+  task.retry_us = retry_us;
+  return task;
+}
+
+TEST(ReadyTasks, OlderJobsThenFewerStepsThenTheDearestThenTheFirst) {
+  ReadyTasks ready;
+  const std::vector<std::pair<TaskRef, JobTask>> in_order = {{{0, 7}, Task(1, 2, 0)},
+                                                             {{0, 1}, Task(1, 1, 1)},
+                                                             {{0, 3}, Task(1, 1, 2)},
+                                                             {{0, 0}, Task(2, 9, 0)},
+                                                             {{2, 5}, Task(0, 9, 1)}};
+  for (auto it = in_order.rbegin(); it != in_order.rend(); ++it) ready.Add(it->first, it->second);
+  EXPECT_EQ(ready.count(), 5);
+  EXPECT_EQ(ready.FirstOfTile(0, 0, Any), (TaskRef{0, 7}));
+  EXPECT_EQ(ready.FirstOfTile(1, 0, Any), std::nullopt);
+  EXPECT_EQ(ready.FirstOfTile(2, 0, Any), std::nullopt);
+  EXPECT_EQ(ready.First([](TaskRef ref) { return ref.task == 3; }), (TaskRef{0, 3}));
+  for (const auto& [ref, task] : in_order) {
+    EXPECT_EQ(ready.First(Any), ref);
+    ready.Remove(ref, task);
+  }
+  EXPECT_EQ(ready.First(Any), std::nullopt);
+  EXPECT_EQ(ready.count(), 0);
+}
+
+TEST(ReadyTasks, WhatBacksOffIsFoundWhenItsTimeHasCome) {
+  ReadyTasks ready;
+  ready.Add({0, 0}, Task(0, 1, 0, 100));
+  ready.Add({0, 1}, Task(0, 1, 0, 50));
+  EXPECT_EQ(ready.First(Any), std::nullopt);
+  ready.Promote(49);
+  EXPECT_EQ(ready.First(Any), std::nullopt);
+  ready.Promote(50);
+  EXPECT_EQ(ready.First(Any), (TaskRef{0, 1}));
+  ready.Remove({0, 1}, Task(0, 1, 0, 50));
+  ready.Remove({0, 0}, Task(0, 1, 0, 100));  // while it backs off
+  ready.Promote(1000);
+  EXPECT_EQ(ready.First(Any), std::nullopt);
+  ready.Add({1, 0}, Task(0, 1, 0, 100));
+  ready.Add({1, 1}, Task(0, 1, 0));
+  ready.DropJob(1);
+  ready.Promote(1000);
+  EXPECT_EQ(ready.count(), 0);
+}
+
+// Beside a plain list.
+TEST(ReadyTasks, RandomComingAndGoing) {
+  Random random(3);
+  ReadyTasks ready;
+  std::vector<std::pair<TaskRef, JobTask>> list;
+  const auto rank = [](const auto& entry) {
+    return std::tuple(entry.first.job, entry.second.depth, -entry.second.plan.cost, entry.first.task);
+  };
+  for (int step = 0; step < 3000; ++step) {
+    if (list.empty() || random.Below(5) < 3) {
+      const TaskRef ref = {static_cast<int>(random.Below(3)), step};
+      list.emplace_back(ref, Task(static_cast<int>(random.Below(4)), static_cast<double>(random.Below(3)),
+                                  static_cast<int>(random.Below(5)) - 1));
+      ready.Add(ref, list.back().second);
+    } else {
+      const auto gone = list.begin() + random.Below(static_cast<int64_t>(list.size()));
+      ready.Remove(gone->first, gone->second);
+      list.erase(gone);
+    }
+    const auto first =
+        std::min_element(list.begin(), list.end(), [&](const auto& a, const auto& b) { return rank(a) < rank(b); });
+    ASSERT_EQ(ready.count(), static_cast<int>(list.size()));
+    ASSERT_EQ(ready.First(Any), first == list.end() ? std::nullopt : std::optional(first->first));
+  }
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,50 @@
+#include "worker/refine/stepper.h"
+
+#include <cmath>
+
+namespace tessera {
+
+MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m) {
+  MotionLimits out;
+  out.max_normal_m = options.max_normal_gsd * gsd_m;
+  out.max_tangent_m = options.max_tangent_gsd * gsd_m;
+  out.min_start_cosine = options.min_start_cosine;
+  out.start_smoothing_steps = options.start_smoothing_steps;
+  return out;
+}
+
+Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& fixed, double gsd_m, const Eigen::Vector3d& up,
+                 const StepperOptions& options)
+    : options_(options),
+      gsd_m_(gsd_m),
+      up_(up),
+      start_{start.vertices, start.faces, {}},
+      smooth_(start_, fixed),
+      inter_(start_, fixed),
+      guard_(start_, fixed, MakeMotionLimits(options, gsd_m)) {
+  smooth_.SetLabels(start.labels, options.classes, options.mixed);
+  if (options.inter > 0) inter_.SetLabels(start.labels);
+}
+
+std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
+                                           int iteration) const {
+  const double pixel_m = std::ldexp(gsd_m_, level), unit = 1 / (pixel_m * pixel_m);
+  StepOptions step;
+  step.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit, unit};
+  step.inter = options_.inter;
+  step.up = up_;
+  step.smoothing_sweeps = options_.smoothing_sweeps;
+  step.grid_m = std::exp2(std::floor(std::log2(options_.grid_gsd * gsd_m_)));
+  step.max_step_m = options_.max_step_px * pixel_m * std::pow(options_.step_decay, iteration);
+  return ComputeStep(mesh, derivatives, smooth_, inter_, guard_, step);
+}
+
+FoldRepair::Result Stepper::Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions) {
+  if (!repair_) repair_.emplace(start_, guard_.faces_of_vertex());
+  const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
+    return guard_.KeepsFacing(face, from, to);
+  };
+  return repair_->Run(good, keeps_facing, positions);
+}
+
+}  // namespace tessera

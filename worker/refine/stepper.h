@@ -1,0 +1,72 @@
+// What moves the vertices between two looks at the images: step, guard and repair, with all that they keep of the
+// start.
+#ifndef TESSERA_WORKER_REFINE_STEPPER_H_
+#define TESSERA_WORKER_REFINE_STEPPER_H_
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "common/geometry/mesh.h"
+#include "worker/refine/descent.h"
+#include "worker/refine/inter_term.h"
+#include "worker/refine/self_intersection.h"
+#include "worker/refine/smooth_term.h"
+#include "worker/refine/vertex_sums.h"
+
+namespace tessera {
+
+struct StepperOptions {
+  // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
+  // count in pixels of the level.
+  double thin_plate = 0.3;  // λ2
+  double membrane = 0.02;
+  double rim = 0.3;                      // keeps the displacement of mesh rims smooth along the rim
+  std::vector<ClassSmoothness> classes;  // by label; beyond its end: weight 1
+  double mixed = 0.3;                    // weight of vertices whose faces have several labels; 0: none
+  double inter = 0;                      // λ3, of E_inter; 0: off
+  int smoothing_sweeps = 20;             // Chebyshev sweeps of the semi-implicit step
+
+  double max_step_px = 1.0;                          // per iteration, pixels of the level
+  double step_decay = 0.9;                           // of the step cap per iteration
+  double grid_gsd = 0.016;                           // steps end on a grid of (at most) so much
+  double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
+  int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)
+  double min_start_cosine = 0.02;                    // of a face's normal with the smoothed start's
+};
+
+// One mesh's. Nothing that is summed over the whole mesh steers a vertex. Results do not depend on the number of
+// threads.
+class Stepper {
+ public:
+  // `start`: the mesh as the run began, with the labels as they are now. `fixed`: one flag a vertex or empty.
+  Stepper(const TriangleMesh& start, const std::vector<uint8_t>& fixed, double gsd_m, const Eigen::Vector3d& up,
+          const StepperOptions& options);
+
+  const MotionGuard& guard() const { return guard_; }
+
+  // Iteration `iteration` (from 0) of a level: what to add to the positions of `mesh`.
+  std::vector<Eigen::Vector3d> Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
+                                    int iteration) const;
+
+  // Takes back what turned faces or made them cut each other since `good`. Not thread-safe.
+  FoldRepair::Result Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions);
+
+ private:
+  const StepperOptions options_;
+  const double gsd_m_;
+  const Eigen::Vector3d up_;
+  const TriangleMesh start_;
+  SmoothTerm smooth_;
+  InterTerm inter_;
+  MotionGuard guard_;
+  std::optional<FoldRepair> repair_;  // made when first needed
+};
+
+// What bounds the motion of a run.
+MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_REFINE_STEPPER_H_

@@ -1,0 +1,85 @@
+#include "worker/refine/vertex_sums.h"
+
+#include <algorithm>
+#include <cstdint>
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr int64_t kGrain = 2048;
+
+template <class Body>
+void ForEach(size_t count, const Body& body) {
+  ParallelFor(static_cast<int64_t>(count), kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) body(static_cast<size_t>(i));
+  });
+}
+
+int CornerOf(const Triangle& face, size_t vertex) { return face[0] == vertex ? 0 : face[1] == vertex ? 1 : 2; }
+
+}  // namespace
+
+PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+                                const std::vector<FaceSums>& sums, const ContourSums& contours) {
+  std::vector<Vector3d> normals(mesh.faces.size());
+  ForEach(normals.size(), [&](size_t f) { normals[f] = FaceNormal(mesh, f); });
+  std::vector<uint8_t> at_contour;
+  if (!contours.faces.empty()) {
+    at_contour.assign(mesh.vertices.size(), 0);
+    for (const FaceContour& contour : contours.faces) {
+      for (const uint32_t v : mesh.faces[contour.face]) at_contour[v] = 1;
+    }
+  }
+  const size_t n = mesh.vertices.size();
+  PhotoDerivatives out;
+  out.gradient.resize(n);
+  out.curvature.resize(n);
+  out.pairs.resize(n);
+  ForEach(n, [&](size_t v) {
+    Vector3d gradient = Vector3d::Zero();
+    Matrix3d curvature = Matrix3d::Zero();
+    float pairs = 0, seen_faces = 0;
+    for (const uint32_t f : faces_of_vertex[v]) {
+      const FaceSums& face = sums[f];
+      if (face.pairs == 0) continue;
+      const int c = CornerOf(mesh.faces[f], v);
+      const Vector3d& normal = normals[f];
+      gradient += static_cast<double>(face.gradient[c]) * normal;
+      curvature.noalias() += (static_cast<double>(face.curvature[c]) * normal) * normal.transpose();
+      pairs += face.pairs;
+      seen_faces += 1;
+    }
+    if (seen_faces > 0) pairs /= seen_faces;
+    const double scale = 1 / std::max(1.0, static_cast<double>(pairs));
+    out.gradient[v] = scale * gradient;
+    out.curvature[v] = scale * curvature;
+    out.pairs[v] = pairs;
+    if (at_contour.empty() || !at_contour[v]) return;
+    Vector3d pull = Vector3d::Zero();
+    Matrix3d stiffness = Matrix3d::Zero();
+    std::vector<int32_t> views;
+    for (const uint32_t f : faces_of_vertex[v]) {
+      const auto contour = std::lower_bound(contours.faces.begin(), contours.faces.end(), f,
+                                            [](const FaceContour& a, uint32_t face) { return a.face < face; });
+      if (contour == contours.faces.end() || contour->face != f) continue;
+      const int c = CornerOf(mesh.faces[f], v);
+      pull += contour->gradient[c];
+      stiffness += contour->Curvature(c);
+      views.insert(views.end(), contours.views.begin() + contour->views_begin,
+                   contours.views.begin() + contour->views_end);
+    }
+    std::sort(views.begin(), views.end());
+    const auto count = std::unique(views.begin(), views.end()) - views.begin();
+    if (count == 0) return;
+    out.gradient[v] += pull / static_cast<double>(count);
+    out.curvature[v] += stiffness / static_cast<double>(count);
+  });
+  return out;
+}
+
+}  // namespace tessera

@@ -1,0 +1,76 @@
+#include <nlohmann/json.hpp>
+
+#include "common/tile/refine_steps.h"
+#include "common/tile/task_parameters.h"
+#include "worker/tasks/stages.h"
+#include "worker/tasks/step_task.h"
+
+namespace tessera {
+namespace {
+
+void FillDerivatives(const OpenTile& work, const FaceDerivatives& derivatives, TileSums* sums) {
+  const PhotoSums& photo = derivatives.photo;
+  sums->photo = Pick(photo.faces, work.core_faces());
+  if (photo.sums.weight > 0) sums->energy = photo.sums.energy / photo.sums.weight;
+  if (photo.sums.semantic_pixels > 0) {
+    sums->semantic_energy = photo.sums.semantic_energy / static_cast<double>(photo.sums.semantic_pixels);
+  }
+  sums->warped_pixels = photo.warped_pixels;
+  sums->contours = derivatives.contours;
+  std::vector<uint32_t> place(work.package().face_ids.size(), 0);
+  for (uint32_t i = 0; i < work.core_faces().size(); ++i) place[work.core_faces()[i]] = i;
+  for (FaceContour& contour : sums->contours.faces) contour.face = place[contour.face];
+}
+
+void FillLikelihoods(const OpenTile& work, const FaceLikelihoods& likelihoods, TileSums* sums) {
+  sums->classes = likelihoods.classes;
+  sums->pixels = Pick(likelihoods.pixels, work.core_faces());
+  for (const uint32_t f : work.core_faces()) {
+    const float* of_face = &likelihoods.sum[static_cast<size_t>(f) * likelihoods.classes];
+    sums->likelihoods.insert(sums->likelihoods.end(), of_face, of_face + likelihoods.classes);
+  }
+}
+
+}  // namespace
+
+StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
+  const int64_t start_us = clock.MonotonicUs();
+  TESSERA_ASSIGN_OR_RETURN(StepTask task, OpenStepTask(request, 0, 0));
+  OpenTile& work = *task.work;
+  const TilePackage& package = work.package();
+  TileSums sums;
+  sums.tile = package.tile;
+  for (const uint32_t f : work.core_faces()) sums.face_ids.push_back(package.face_ids[f]);
+  nlohmann::json stats;
+  TESSERA_ASSIGN_OR_RETURN(TileSight* const sight, work.Sight(InputPath(request, kViewsFile), task.options));
+  double seconds_loading = SecondsSince(clock, start_us);
+  if (task.step.labels()) {
+    TESSERA_ASSIGN_OR_RETURN(
+        const FaceLikelihoods likelihoods,
+        SumLikelihoods(package, task.known.positions, sight->views, sight->data.groups, PartOf(control, 0, 0.9)));
+    FillLikelihoods(work, likelihoods, &sums);
+  } else if (package.compares) {
+    const int64_t entered_us = clock.MonotonicUs();
+    TESSERA_RETURN_IF_ERROR(sight->data_term.EnterLevel(task.step.level, request.output_dir));
+    seconds_loading += SecondsSince(clock, entered_us);
+    TriangleMesh mesh = {std::move(task.known.positions), package.mesh.faces, {}};
+    if (GeometryKnowsLabels(package, task.options)) mesh.labels = std::move(task.known.labels);
+    FaceDerivatives derivatives;
+    sight->data_term.Evaluate(mesh, work.own(), &clock, &derivatives);
+    sight->data_term.ReleaseBuffers();
+    FillDerivatives(work, derivatives, &sums);
+    stats["seconds_visibility"] = derivatives.photo.seconds_visibility;
+    stats["seconds_data"] = derivatives.photo.seconds_photo;
+    stats["warped_pixels"] = derivatives.photo.warped_pixels;
+  }
+  control.Report(0.95, "writing sums");
+  TESSERA_RETURN_IF_ERROR(WriteTileSums(OutputPath(request, kSumsFile), sums));
+  TaskOutcome outcome;
+  outcome.outputs = {kSumsFile};
+  stats["seconds_loading"] = seconds_loading;
+  stats["seconds"] = SecondsSince(clock, start_us);
+  outcome.stats = stats.dump();
+  return outcome;
+}
+
+}  // namespace tessera

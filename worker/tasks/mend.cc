@@ -1,0 +1,54 @@
+#include <nlohmann/json.hpp>
+
+#include "common/tile/task_parameters.h"
+#include "worker/tasks/stages.h"
+#include "worker/tasks/step_task.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+
+}  // namespace
+
+StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
+  const int64_t start_us = clock.MonotonicUs();
+  TESSERA_ASSIGN_OR_RETURN(StepTask task, OpenStepTask(request, kMendRegion, kMendRegion));
+  OpenTile& work = *task.work;
+  KnownState& known = task.known;
+  const double seconds_loading = SecondsSince(clock, start_us);
+  FoldRepair::Result repaired;
+  if (work.package().compares) {
+    control.Report(0.2, "mending");
+    const RegionMesh& region = work.region(kMendRegion);
+    Stepper& stepper = work.StepperOf(kMendRegion, Pick(known.labels, region.faces), task.options);
+    std::vector<Vector3d> good, positions = Pick(known.positions, region.vertices);
+    if (task.parameters.before) {
+      good = positions;
+      positions = stepper.guard().UnfoldedStart();
+    } else {
+      if (known.level_start.empty()) return absl::DataLossError("mend: the states have no beginning of the level");
+      good = Pick(known.level_start, region.vertices);
+    }
+    repaired = stepper.Repair(good, &positions);
+    for (size_t v = 0; v < positions.size(); ++v) known.positions[region.vertices[v]] = positions[v];
+    work.Forget(kMendRegion);
+  }
+  known.level_start.clear();
+  CountSeams(&known);
+  if (known.confidence.empty()) {
+    const int classes = static_cast<int>(work.package().classes.size());
+    for (const int32_t label : known.labels) known.confidence.push_back(CarriedConfidence(classes, label));
+  }
+  TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), work.StateOf(known)));
+  TaskOutcome outcome;
+  outcome.outputs = {kStateFile};
+  outcome.stats = nlohmann::json{{"seconds_loading", seconds_loading},
+                                 {"seconds_repair", SecondsSince(clock, start_us) - seconds_loading},
+                                 {"repaired_vertices", repaired.changed_vertices},
+                                 {"seconds", SecondsSince(clock, start_us)}}
+                      .dump();
+  return outcome;
+}
+
+}  // namespace tessera

@@ -1,0 +1,57 @@
+#include "worker/tasks/step_task.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "worker/tasks/methods.h"
+#include "worker/tasks/stages.h"
+
+namespace tessera {
+
+StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region, uint8_t iteration_region) {
+  StepTask task;
+  TESSERA_ASSIGN_OR_RETURN(task.parameters, ParseStepParameters(request.parameters));
+  const StepParameters& p = task.parameters;
+  TESSERA_ASSIGN_OR_RETURN(task.work, OpenTile::Open(InputPath(request, kTileFile),
+                                                     absl::StrCat(p.method, "|", p.rounds, "|", ToJson(p.settings))));
+  TESSERA_ASSIGN_OR_RETURN(task.options, MethodOptions({p.rounds, p.method, p.settings}, task.work->package()));
+  const std::vector<RefineStep> steps = RefineStepsOf(p.method, p.rounds, p.settings);
+  if (p.step < 0 || p.step >= static_cast<int>(steps.size())) {
+    return absl::InvalidArgumentError(absl::StrCat(request.kind, ": found step ", p.step, " of ", steps.size()));
+  }
+  task.step = steps[p.step];
+  while (task.level_iteration < p.step && steps[p.step - task.level_iteration - 1].level == task.step.level &&
+         steps[p.step - task.level_iteration - 1].round == task.step.round) {
+    ++task.level_iteration;
+  }
+  std::vector<TileState> states;
+  for (const int tile : p.states) {
+    TESSERA_ASSIGN_OR_RETURN(TileState state, ReadTileState(InputPath(request, TileInputName(tile, kStateFile))));
+    states.push_back(std::move(state));
+  }
+  TESSERA_ASSIGN_OR_RETURN(task.known, task.work->Join(states, task.step.labels() ? label_region : iteration_region));
+  return task;
+}
+
+void CountSeams(KnownState* known) {
+  if (known->compared == 0) return;
+  nlohmann::json report = nlohmann::json::parse(known->report);
+  nlohmann::json& seams = report["seams"];
+  if (seams.is_null()) seams = nlohmann::json::object();
+  seams["samples"] = seams.value("samples", int64_t{0}) + known->compared;
+  seams["different"] = seams.value("different", int64_t{0}) + known->different;
+  seams["farthest_m"] = std::max(seams.value("farthest_m", 0.0), known->farthest_m);
+  known->report = report.dump();
+}
+
+StatusOr<std::vector<TileSums>> ReadSums(const TaskRequest& request, const StepParameters& parameters) {
+  std::vector<TileSums> sums;
+  for (const int tile : parameters.sums) {
+    TESSERA_ASSIGN_OR_RETURN(TileSums of_tile, ReadTileSums(InputPath(request, TileInputName(tile, kSumsFile))));
+    sums.push_back(std::move(of_tile));
+  }
+  return sums;
+}
+
+}  // namespace tessera

@@ -1,0 +1,37 @@
+// What the tasks of a step begin with: measure, solve and mend.
+#ifndef TESSERA_WORKER_TASKS_STEP_TASK_H_
+#define TESSERA_WORKER_TASKS_STEP_TASK_H_
+
+#include <memory>
+
+#include "common/base/status.h"
+#include "common/tile/refine_steps.h"
+#include "common/tile/task_parameters.h"
+#include "worker/tasks/open_tile.h"
+#include "worker/tasks/refine_tile.h"
+#include "worker/tasks/task.h"
+
+namespace tessera {
+
+struct StepTask {
+  StepParameters parameters;
+  std::shared_ptr<OpenTile> work;
+  TileRefineOptions options;
+  RefineStep step;
+  int level_iteration = 0;  // of an iteration, counted from 0 in its level
+  KnownState known;         // as OpenTile::Join gives it
+};
+
+// Reads the package and the states among the inputs, which must tell of a region: that of label steps or that of
+// iterations; 0: whatever is there. Errors as those of the files; INVALID_ARGUMENT for parameters that do not fit.
+StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region, uint8_t iteration_region);
+
+// Adds what Join compared to the report that the next state has.
+void CountSeams(KnownState* known);
+
+// Of parameters.sums.
+StatusOr<std::vector<TileSums>> ReadSums(const TaskRequest& request, const StepParameters& parameters);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TASKS_STEP_TASK_H_

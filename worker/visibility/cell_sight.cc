@@ -1,0 +1,130 @@
+#include "worker/visibility/cell_sight.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/base/parallel.h"
+#include "worker/visibility/rasterizer.h"
+
+namespace tessera {
+namespace {
+
+constexpr int kBlock_px = 32;    // needed pixels are counted in squares of so many
+constexpr int kRounding_px = 2;  // of projected corners, and of vertices to the rasteriser's grid
+
+// Squares of an image.
+class PixelSet {
+ public:
+  explicit PixelSet(const PixelRect& domain)
+      : x0_(domain.x0),
+        y0_(domain.y0),
+        columns_((domain.width() + kBlock_px - 1) / kBlock_px),
+        rows_((domain.height() + kBlock_px - 1) / kBlock_px),
+        marks_(static_cast<size_t>(columns_) * rows_, 0) {}
+
+  void Add(const PixelRect& rect) {
+    ForSquares(rect, [&](uint8_t& mark) { mark = 1; });
+  }
+  bool Meets(const PixelRect& rect) {
+    bool meets = false;
+    ForSquares(rect, [&](uint8_t& mark) { meets = meets || mark != 0; });
+    return meets;
+  }
+  PixelRect Bounds() const {
+    PixelRect bounds = {columns_, rows_, 0, 0};
+    for (int y = 0; y < rows_; ++y) {
+      for (int x = 0; x < columns_; ++x) {
+        if (!marks_[static_cast<size_t>(y) * columns_ + x]) continue;
+        bounds = {std::min(bounds.x0, x), std::min(bounds.y0, y), std::max(bounds.x1, x + 1),
+                  std::max(bounds.y1, y + 1)};
+      }
+    }
+    if (bounds.empty()) return {};
+    return {x0_ + bounds.x0 * kBlock_px, y0_ + bounds.y0 * kBlock_px, x0_ + bounds.x1 * kBlock_px,
+            y0_ + bounds.y1 * kBlock_px};
+  }
+
+ private:
+  template <class Body>
+  void ForSquares(const PixelRect& rect, const Body& body) {
+    if (rect.empty()) return;
+    // Rectangles are clipped to the domain.
+    const int x0 = (rect.x0 - x0_) / kBlock_px, x1 = (rect.x1 - 1 - x0_) / kBlock_px;
+    const int y0 = (rect.y0 - y0_) / kBlock_px, y1 = (rect.y1 - 1 - y0_) / kBlock_px;
+    for (int y = y0; y <= y1; ++y) {
+      for (int x = x0; x <= x1; ++x) body(marks_[static_cast<size_t>(y) * columns_ + x]);
+    }
+  }
+  int x0_, y0_, columns_, rows_;
+  std::vector<uint8_t> marks_;
+};
+
+// Where in the window a box may show, with a margin; all of the window for one that reaches behind the near plane.
+PixelRect RectOf(const Eigen::AlignedBox3d& box, const CameraWindow& view, int margin_px) {
+  if (box.isEmpty()) return {};
+  const PixelRect& domain = view.rect;
+  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
+  int behind = 0;
+  for (int c = 0; c < 8; ++c) {
+    const Eigen::Vector3d p = view.camera.Project(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(c)));
+    if (!(p.z() >= kNearPlane_m)) {
+      ++behind;
+      continue;
+    }
+    x0 = std::min(x0, p.x());
+    x1 = std::max(x1, p.x());
+    y0 = std::min(y0, p.y());
+    y1 = std::max(y1, p.y());
+  }
+  if (behind == 8) return {};
+  if (behind > 0) return domain;
+  const int margin = margin_px + kRounding_px;
+  const auto clip = [](double x, int low, int high) {
+    return static_cast<int>(std::clamp(x, static_cast<double>(low), static_cast<double>(high)));
+  };
+  return {clip(std::floor(x0 - margin), domain.x0, domain.x1), clip(std::floor(y0 - margin), domain.y0, domain.y1),
+          clip(std::ceil(x1 + margin), domain.x0, domain.x1), clip(std::ceil(y1 + margin), domain.y0, domain.y1)};
+}
+
+}  // namespace
+
+CellSight FindCellSight(const CellSightProblem& problem) {
+  const size_t views = problem.views.size(), cells = problem.boxes.size();
+  std::vector<PixelSet> needed;
+  for (const CameraWindow& view : problem.views) needed.emplace_back(view.rect);
+  std::vector<std::vector<PixelRect>> rects(views);  // of each cell
+  std::vector<std::vector<uint32_t>> shown(views), lands(views);
+  ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t v = begin; v < end; ++v) {
+      for (const Eigen::AlignedBox3d& box : problem.boxes) rects[v].push_back(RectOf(box, problem.views[v], 0));
+      for (const uint32_t c : problem.own[v]) {
+        needed[v].Add(RectOf(problem.boxes[c], problem.views[v], problem.reference_margin_px));
+      }
+      for (uint32_t c = 0; !problem.own[v].empty() && c < cells; ++c) {
+        if (needed[v].Meets(rects[v][c])) shown[v].push_back(c);
+      }
+    }
+  });
+  for (const auto& [reference, other] : problem.pairs) {
+    lands[other].insert(lands[other].end(), shown[reference].begin(), shown[reference].end());
+  }
+  CellSight sight;
+  sight.cells.resize(views);
+  sight.windows.resize(views);
+  ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t v = begin; v < end; ++v) {
+      std::sort(lands[v].begin(), lands[v].end());
+      lands[v].erase(std::unique(lands[v].begin(), lands[v].end()), lands[v].end());
+      for (const uint32_t c : lands[v]) {
+        needed[v].Add(RectOf(problem.boxes[c], problem.views[v], problem.target_margin_px));
+      }
+      sight.windows[v] = needed[v].Bounds();
+      for (uint32_t c = 0; !sight.windows[v].empty() && c < cells; ++c) {
+        if (needed[v].Meets(rects[v][c])) sight.cells[v].push_back(c);
+      }
+    }
+  });
+  return sight;
+}
+
+}  // namespace tessera

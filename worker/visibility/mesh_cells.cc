@@ -1,0 +1,97 @@
+#include "worker/visibility/mesh_cells.h"
+
+#include <algorithm>
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kCellGrain = 16;
+
+void Append(uint32_t begin, uint32_t end, std::vector<std::array<uint32_t, 2>>* ranges) {
+  if (begin == end) return;
+  if (!ranges->empty() && ranges->back()[1] == begin) {
+    ranges->back()[1] = end;
+  } else {
+    ranges->push_back({begin, end});
+  }
+}
+
+}  // namespace
+
+void FindVertexCells(const std::vector<Triangle>& faces, MeshCells* cells) {
+  const size_t count = cells->face_begin.empty() ? 0 : cells->face_begin.size() - 1;
+  cells->vertex_cells.assign(count, {});
+  ParallelFor(static_cast<int64_t>(count), kCellGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t c = begin; c < end; ++c) {
+      std::vector<uint32_t>& used = cells->vertex_cells[c];
+      for (uint32_t f = cells->face_begin[c]; f < cells->face_begin[c + 1]; ++f) {
+        for (const uint32_t v : faces[f]) {
+          // Of the cells that begin at v, the last has it.
+          const auto next = std::upper_bound(cells->vertex_begin.begin(), cells->vertex_begin.end(), v);
+          const auto cell = static_cast<uint32_t>(next - cells->vertex_begin.begin() - 1);
+          if (std::find(used.begin(), used.end(), cell) == used.end()) used.push_back(cell);
+        }
+      }
+      std::sort(used.begin(), used.end());
+    }
+  });
+}
+
+bool MayShow(const CameraWindow& window, const Eigen::AlignedBox3d& box, double near_m) {
+  if (box.isEmpty()) return false;
+  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
+  int behind = 0;
+  for (int k = 0; k < 8; ++k) {
+    const Eigen::Vector3d p = window.camera.Project(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)));
+    if (!(p.z() >= near_m)) {
+      ++behind;
+      continue;
+    }
+    x0 = std::min(x0, p.x());
+    x1 = std::max(x1, p.x());
+    y0 = std::min(y0, p.y());
+    y1 = std::max(y1, p.y());
+  }
+  if (behind > 0) return behind < 8;
+  const PixelRect& r = window.rect;
+  return x1 >= r.x0 - 1 && x0 <= r.x1 + 1 && y1 >= r.y0 - 1 && y0 <= r.y1 + 1;
+}
+
+CellBoxes::CellBoxes(const TriangleMesh& mesh, const MeshCells* cells)
+    : cells_(cells), boxes_(cells == nullptr ? 0 : cells->size()) {
+  all_.faces = {{0, static_cast<uint32_t>(mesh.faces.size())}};
+  all_.vertices = {{0, static_cast<uint32_t>(mesh.vertices.size())}};
+  ParallelFor(static_cast<int64_t>(boxes_.size()), kCellGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t c = begin; c < end; ++c) {
+      for (uint32_t f = cells_->face_begin[c]; f < cells_->face_begin[c + 1]; ++f) {
+        for (const uint32_t v : mesh.faces[f]) boxes_[c].extend(mesh.vertices[v]);
+      }
+    }
+  });
+}
+
+MeshPart CellBoxes::InWindow(const CameraWindow& window, double near_m) const {
+  if (boxes_.empty()) return all_;
+  std::vector<uint32_t> cells;
+  for (uint32_t c = 0; c < boxes_.size(); ++c) {
+    if (MayShow(window, boxes_[c], near_m)) cells.push_back(c);
+  }
+  return PartOf(cells);
+}
+
+MeshPart CellBoxes::PartOf(const std::vector<uint32_t>& cells) const {
+  MeshPart part;
+  std::vector<uint8_t> used(boxes_.size(), 0);
+  for (const uint32_t c : cells) {
+    Append(cells_->face_begin[c], cells_->face_begin[c + 1], &part.faces);
+    for (const uint32_t v : cells_->vertex_cells[c]) used[v] = 1;
+  }
+  for (size_t c = 0; c < used.size(); ++c) {
+    if (used[c]) Append(cells_->vertex_begin[c], cells_->vertex_begin[c + 1], &part.vertices);
+  }
+  return part;
+}
+
+}  // namespace tessera
