@@ -43,8 +43,8 @@ inline TinyCity MakeTinyCity(const TinySceneOptions& options = {}) {
     view.lens.pinhole = view.camera.intrinsics;
     s.views.push_back(view);
     for (size_t w = 0; w < scene.cameras.size(); ++w) {
-      // Few, so that a tile does not see all views for their partners' sake.
-      if (v + 1 == w || w + 1 == v) s.pairs.push_back({static_cast<int32_t>(v), static_cast<int32_t>(w)});
+      // One partner a view, so that a tile does not have all views for their partners' sake.
+      if (w == (v ^ 1)) s.pairs.push_back({static_cast<int32_t>(v), static_cast<int32_t>(w)});
     }
   }
   s.faces = static_cast<int64_t>(scene.mesh.faces.size());
