@@ -129,7 +129,7 @@ TEST(TileFiles, SumsRoundTrip) {
   s.contours.faces.resize(1);
   s.contours.faces[0].face = 1;
   for (int k = 0; k < 3; ++k) {
-    s.contours.faces[0].gradient[k] = Eigen::Vector3f(k, 0.1f, -0.2f);
+    s.contours.faces[0].gradient[k] = Eigen::Vector3d(k, 0.1f, -0.2f);
     for (int i = 0; i < 6; ++i) s.contours.faces[0].curvature[k][i] = static_cast<float>(10 * k + i) / 3;
   }
   s.contours.faces[0].views_end = 2;
