@@ -1,4 +1,4 @@
-// The ground plane that tiles are laid out in: cells, rectangles of cells, and the weights that blend tiles.
+// The ground plane that tiles are laid out in: cells and rectangles of cells.
 #ifndef TESSERA_COMMON_TILE_GROUND_H_
 #define TESSERA_COMMON_TILE_GROUND_H_
 
@@ -7,10 +7,6 @@
 #include <cmath>
 
 namespace tessera {
-
-// How far across the ground, in GSD, a pixel's surroundings count: what is farther off is masked at its silhouettes, so
-// that a tile, whose halo is at least this wide, sees what the whole city sees.
-inline constexpr double kTileReachGsd = 64;
 
 // Axes of the plane across `up`, local frame, unit and orthogonal; x and y of the frame where up is z. Cells are
 // squares of `cell_m` whose corners are multiples of cell_m from the frame's origin, the same whatever the tiling.
@@ -64,16 +60,6 @@ inline double DistanceBetween(const CellRect& a, const CellRect& b, double cell_
   const double dx = std::max({a.x0 - b.x1, b.x0 - a.x1, 0}) * cell_m;
   const double dy = std::max({a.y0 - b.y1, b.y0 - a.y1, 0}) * cell_m;
   return std::hypot(dx, dy);
-}
-
-// Weight of a tile for what lies `distance_m` outside its core: 1 in the core, falling smoothly (first derivative zero
-// at both ends) to 0 at `blend_m`. Divided by the sum over tiles it is a partition of unity, since cores cover the
-// plane.
-inline double BlendWeight(double distance_m, double blend_m) {
-  if (distance_m <= 0) return 1;
-  if (distance_m >= blend_m) return 0;
-  const double t = 1 - distance_m / blend_m;
-  return t * t * (3 - 2 * t);
 }
 
 }  // namespace tessera

@@ -21,7 +21,7 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms);
 // {"tessera_plan": 1, ...}; seconds, bytes and metres.
 std::string PlanJson(const Quote& quote, const PlanTerms& terms);
 
-// SVG, a unit a metre of the ground plane, y up: tiles coloured by their predicted core-seconds, their halos dashed,
+// SVG, a unit a metre of the ground plane, y up: tiles coloured by their predicted core-seconds,
 // where the cameras stand as dots; what a tile takes is its tooltip.
 std::string PlanMap(const Quote& quote, const Survey& survey);
 

@@ -153,7 +153,9 @@ class Refiner {
 
   void Repair(const std::vector<Vector3d>& good) {
     const double start_s = Seconds(options_.clock);
-    report_.repaired_vertices += stepper_->Repair(good, &mesh_.vertices).changed_vertices;
+    const FoldRepair::Result repaired = stepper_->Repair(good, &mesh_.vertices);
+    report_.repaired_vertices += repaired.changed_vertices;
+    report_.left_faces += repaired.left_faces;
     report_.seconds_repair += Seconds(options_.clock) - start_s;
   }
 

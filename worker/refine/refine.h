@@ -60,6 +60,7 @@ struct RefineReport {
   double moved_rms_m = 0, moved_max_m = 0;  // since RefineProblem::start
   int pairs = 0;                            // ordered pairs
   std::vector<RefineIteration> iterations;
+  int64_t left_faces = 0;         // that still cut each other or face wrongly after the repairs
   int64_t repaired_vertices = 0;  // whose motion was taken back, all or in part, because faces folded or cut each other
   double seconds_prepare = 0, seconds_repair = 0, seconds_visibility = 0, seconds_photo = 0, seconds_step = 0;
   int64_t warped_pixels = 0;  // reference pixels x partners x evaluations

@@ -43,6 +43,8 @@ StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& con
   TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), work.StateOf(known)));
   TaskOutcome outcome;
   outcome.outputs = {kStateFile};
+  outcome.warnings = SeamWarnings(work.package().tile, known);
+  if (!repaired.clean) outcome.warnings.push_back(FoldWarning(work.package().tile, repaired.left_faces));
   outcome.stats = nlohmann::json{{"seconds_loading", seconds_loading},
                                  {"seconds_repair", SecondsSince(clock, start_us) - seconds_loading},
                                  {"repaired_vertices", repaired.changed_vertices},

@@ -203,7 +203,9 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
         ++known.compared;
         if (std::memcmp(known.positions[v].data(), state.positions[i].data(), 3 * sizeof(double)) != 0) {
           ++known.different;
-          known.farthest_m = std::max(known.farthest_m, (known.positions[v] - state.positions[i]).norm());
+          const double apart_m = (known.positions[v] - state.positions[i]).norm();
+          if (apart_m >= known.farthest_m) known.farthest_at = known.positions[v];
+          known.farthest_m = std::max(known.farthest_m, apart_m);
         }
         return;
       }

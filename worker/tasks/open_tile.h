@@ -40,6 +40,7 @@ struct KnownState {
   std::string report = "{}";            // the tile's own
   int64_t compared = 0, different = 0;  // vertices that several tiles have; those of which the bytes differ
   double farthest_m = 0;                // of two different ones
+  Eigen::Vector3d farthest_at = Eigen::Vector3d::Zero();
 };
 
 // A tile's views and the data terms that look at them.

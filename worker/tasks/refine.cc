@@ -5,6 +5,7 @@
 #include "worker/tasks/open_tile.h"
 #include "worker/tasks/refine_tile.h"
 #include "worker/tasks/stages.h"
+#include "worker/tasks/step_task.h"
 #include "worker/tasks/tile_files.h"
 #include "worker/tasks/tile_views.h"
 
@@ -26,6 +27,7 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
 
   TaskOutcome outcome;
   outcome.outputs = {kStateFile};
+  if (refinement.left_faces > 0) outcome.warnings.push_back(FoldWarning(work.package().tile, refinement.left_faces));
   nlohmann::json stats = nlohmann::json::parse(refinement.state.report);
   stats["seconds_loading"] = seconds_loading + refinement.seconds_prepare;
   stats["seconds_visibility"] = refinement.seconds_visibility;

@@ -121,6 +121,7 @@ class CityRefiner {
       (*report)["photo_energy_end"] = iteration.energy;
     }
     (*report)["warped_pixels"] = r.warped_pixels;
+    refinement_.left_faces += r.left_faces;
     refinement_.seconds_prepare += r.seconds_prepare;
     refinement_.seconds_visibility += r.seconds_visibility;
     refinement_.seconds_data += r.seconds_photo;

@@ -37,6 +37,7 @@ float CarriedConfidence(int classes, int32_t label);
 
 struct TileRefinement {
   TileState state;
+  int64_t left_faces = 0;  // as RefineReport has them, of all rounds
   double seconds_prepare = 0, seconds_visibility = 0, seconds_data = 0, seconds_step = 0, seconds_repair = 0,
          seconds_labels = 0;
 };

@@ -86,6 +86,7 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
   TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), task.work->StateOf(task.known)));
   TaskOutcome outcome;
   outcome.outputs = {kStateFile};
+  outcome.warnings = SeamWarnings(task.work->package().tile, task.known);
   outcome.stats = json{{"seconds_loading", seconds_loading},
                        {labels ? "seconds_labels" : "seconds_step", SecondsSince(clock, start_us) - seconds_loading},
                        {"compared_vertices", task.known.compared},

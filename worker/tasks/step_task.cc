@@ -45,6 +45,19 @@ void CountSeams(KnownState* known) {
   known->report = report.dump();
 }
 
+Warnings SeamWarnings(int tile, const KnownState& known) {
+  if (known.different == 0) return {};
+  const Eigen::Vector3d& at = known.farthest_at;
+  return {absl::StrCat("about tile ", tile, ": neighbouring tiles differ at ", known.different, " of ", known.compared,
+                       " vertices, by ", known.farthest_m, " m at most, at (", at.x(), ", ", at.y(), ", ", at.z(),
+                       ") of the local frame; this is a fault of the program, please report it")};
+}
+
+std::string FoldWarning(int tile, int64_t faces) {
+  return absl::StrCat("about tile ", tile, ": ", faces,
+                      " faces cut each other or turned against the start, and stay so");
+}
+
 StatusOr<std::vector<TileSums>> ReadSums(const TaskRequest& request, const StepParameters& parameters) {
   std::vector<TileSums> sums;
   for (const int tile : parameters.sums) {

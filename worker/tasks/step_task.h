@@ -3,6 +3,7 @@
 #define TESSERA_WORKER_TASKS_STEP_TASK_H_
 
 #include <memory>
+#include <string>
 
 #include "common/base/status.h"
 #include "common/tile/refine_steps.h"
@@ -28,6 +29,12 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
 
 // Adds what Join compared to the report that the next state has.
 void CountSeams(KnownState* known);
+
+// What the user is told of a difference: tiles that share a vertex must have it alike.
+Warnings SeamWarnings(int tile, const KnownState& known);
+
+// Of faces about the tile that cut each other or turned against the start and could not be drawn back.
+std::string FoldWarning(int tile, int64_t faces);
 
 // Of parameters.sums.
 StatusOr<std::vector<TileSums>> ReadSums(const TaskRequest& request, const StepParameters& parameters);

@@ -4,13 +4,13 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
+#include "worker/visibility/mesh_cells.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
 namespace {
 
-constexpr int kBlock_px = 32;    // needed pixels are counted in squares of so many
-constexpr int kRounding_px = 2;  // of projected corners, and of vertices to the rasteriser's grid
+constexpr int kBlock_px = 32;  // needed pixels are counted in squares of so many
 
 // Squares of an image.
 class PixelSet {
@@ -59,33 +59,6 @@ class PixelSet {
   std::vector<uint8_t> marks_;
 };
 
-// Where in the window a box may show, with a margin; all of the window for one that reaches behind the near plane.
-PixelRect RectOf(const Eigen::AlignedBox3d& box, const CameraWindow& view, int margin_px) {
-  if (box.isEmpty()) return {};
-  const PixelRect& domain = view.rect;
-  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
-  int behind = 0;
-  for (int c = 0; c < 8; ++c) {
-    const Eigen::Vector3d p = view.camera.Project(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(c)));
-    if (!(p.z() >= kNearPlane_m)) {
-      ++behind;
-      continue;
-    }
-    x0 = std::min(x0, p.x());
-    x1 = std::max(x1, p.x());
-    y0 = std::min(y0, p.y());
-    y1 = std::max(y1, p.y());
-  }
-  if (behind == 8) return {};
-  if (behind > 0) return domain;
-  const int margin = margin_px + kRounding_px;
-  const auto clip = [](double x, int low, int high) {
-    return static_cast<int>(std::clamp(x, static_cast<double>(low), static_cast<double>(high)));
-  };
-  return {clip(std::floor(x0 - margin), domain.x0, domain.x1), clip(std::floor(y0 - margin), domain.y0, domain.y1),
-          clip(std::ceil(x1 + margin), domain.x0, domain.x1), clip(std::ceil(y1 + margin), domain.y0, domain.y1)};
-}
-
 }  // namespace
 
 CellSight FindCellSight(const CellSightProblem& problem) {
@@ -96,9 +69,10 @@ CellSight FindCellSight(const CellSightProblem& problem) {
   std::vector<std::vector<uint32_t>> shown(views), lands(views);
   ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t begin, int64_t end) {
     for (int64_t v = begin; v < end; ++v) {
-      for (const Eigen::AlignedBox3d& box : problem.boxes) rects[v].push_back(RectOf(box, problem.views[v], 0));
+      for (const Eigen::AlignedBox3d& box : problem.boxes)
+        rects[v].push_back(PixelsOf(problem.views[v], box, kNearPlane_m, 0));
       for (const uint32_t c : problem.own[v]) {
-        needed[v].Add(RectOf(problem.boxes[c], problem.views[v], problem.reference_margin_px));
+        needed[v].Add(PixelsOf(problem.views[v], problem.boxes[c], kNearPlane_m, problem.reference_margin_px));
       }
       for (uint32_t c = 0; !problem.own[v].empty() && c < cells; ++c) {
         if (needed[v].Meets(rects[v][c])) shown[v].push_back(c);
@@ -116,7 +90,7 @@ CellSight FindCellSight(const CellSightProblem& problem) {
       std::sort(lands[v].begin(), lands[v].end());
       lands[v].erase(std::unique(lands[v].begin(), lands[v].end()), lands[v].end());
       for (const uint32_t c : lands[v]) {
-        needed[v].Add(RectOf(problem.boxes[c], problem.views[v], problem.target_margin_px));
+        needed[v].Add(PixelsOf(problem.views[v], problem.boxes[c], kNearPlane_m, problem.target_margin_px));
       }
       sight.windows[v] = needed[v].Bounds();
       for (uint32_t c = 0; !sight.windows[v].empty() && c < cells; ++c) {

@@ -1,6 +1,7 @@
 #include "worker/visibility/mesh_cells.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "common/base/parallel.h"
 
@@ -8,6 +9,7 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kCellGrain = 16;
+constexpr int kRounding_px = 2;  // of projected corners, and of vertices to the rasteriser's grid
 
 void Append(uint32_t begin, uint32_t end, std::vector<std::array<uint32_t, 2>>* ranges) {
   if (begin == end) return;
@@ -39,12 +41,13 @@ void FindVertexCells(const std::vector<Triangle>& faces, MeshCells* cells) {
   });
 }
 
-bool MayShow(const CameraWindow& window, const Eigen::AlignedBox3d& box, double near_m) {
-  if (box.isEmpty()) return false;
+PixelRect PixelsOf(const CameraWindow& view, const Eigen::AlignedBox3d& box, double near_m, int margin_px) {
+  if (box.isEmpty()) return {};
+  const PixelRect& domain = view.rect;
   double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
   int behind = 0;
-  for (int k = 0; k < 8; ++k) {
-    const Eigen::Vector3d p = window.camera.Project(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)));
+  for (int c = 0; c < 8; ++c) {
+    const Eigen::Vector3d p = view.camera.Project(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(c)));
     if (!(p.z() >= near_m)) {
       ++behind;
       continue;
@@ -54,9 +57,14 @@ bool MayShow(const CameraWindow& window, const Eigen::AlignedBox3d& box, double 
     y0 = std::min(y0, p.y());
     y1 = std::max(y1, p.y());
   }
-  if (behind > 0) return behind < 8;
-  const PixelRect& r = window.rect;
-  return x1 >= r.x0 - 1 && x0 <= r.x1 + 1 && y1 >= r.y0 - 1 && y0 <= r.y1 + 1;
+  if (behind == 8) return {};
+  if (behind > 0) return domain;
+  const int margin = margin_px + kRounding_px;
+  const auto clip = [](double x, int low, int high) {
+    return static_cast<int>(std::clamp(x, static_cast<double>(low), static_cast<double>(high)));
+  };
+  return {clip(std::floor(x0 - margin), domain.x0, domain.x1), clip(std::floor(y0 - margin), domain.y0, domain.y1),
+          clip(std::ceil(x1 + margin), domain.x0, domain.x1), clip(std::ceil(y1 + margin), domain.y0, domain.y1)};
 }
 
 CellBoxes::CellBoxes(const TriangleMesh& mesh, const MeshCells* cells)
@@ -76,7 +84,7 @@ MeshPart CellBoxes::InWindow(const CameraWindow& window, double near_m) const {
   if (boxes_.empty()) return all_;
   std::vector<uint32_t> cells;
   for (uint32_t c = 0; c < boxes_.size(); ++c) {
-    if (MayShow(window, boxes_[c], near_m)) cells.push_back(c);
+    if (!PixelsOf(window, boxes_[c], near_m, 0).empty()) cells.push_back(c);
   }
   return PartOf(cells);
 }

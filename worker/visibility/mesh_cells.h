@@ -43,8 +43,9 @@ class CellBoxes {
   MeshPart all_;
 };
 
-// Whether a window may show something of a box, a pixel's rounding included.
-bool MayShow(const CameraWindow& window, const Eigen::AlignedBox3d& box, double near_m);
+// The pixels of a window that may show something of a box, with a margin, rounding included; all of the window for a
+// box that reaches nearer than `near_m`.
+PixelRect PixelsOf(const CameraWindow& view, const Eigen::AlignedBox3d& box, double near_m, int margin_px);
 
 }  // namespace tessera
 

@@ -105,18 +105,6 @@ TEST(Ground, AxesAreOrthonormalAndRightHanded) {
   }
 }
 
-TEST(Ground, WeightsFallSmoothlyFromOneToZero) {
-  EXPECT_EQ(BlendWeight(0, 4), 1);
-  EXPECT_EQ(BlendWeight(4, 4), 0);
-  double before = 1;
-  for (double d = 0; d <= 4; d += 0.01) {
-    const double w = BlendWeight(d, 4);
-    EXPECT_LE(w, before);
-    EXPECT_LT(before - w, 0.01) << d;
-    before = w;
-  }
-}
-
 TEST(Ground, DistancesToRectangles) {
   const CellRect rect = {0, 0, 2, 1};
   EXPECT_EQ(DistanceToRect({3, 0.5}, rect, 2), 0);

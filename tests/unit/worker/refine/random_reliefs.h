@@ -152,7 +152,7 @@ inline bool SameBytes(const Vector3d& a, const Vector3d& b) {
 
 // Of flagged vertices: how many differ. `part`: where `values` lie; null: everywhere.
 inline int64_t Differences(const Positions& whole, const Positions& values, const Part* part,
-                    const std::vector<uint8_t>& core) {
+                           const std::vector<uint8_t>& core) {
   int64_t count = 0;
   for (size_t i = 0; i < values.size(); ++i) {
     const size_t v = part ? part->vertices[i] : i;
