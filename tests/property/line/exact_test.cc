@@ -17,22 +17,18 @@ namespace {
 // A strip of the city that is longer than a tile reads.
 class ExactTest : public testing::Test {
  protected:
-  static void SetUpTestSuite() {
-    folder_ = new std::string(FreshTestFolder("exact"));
+  void SetUp() override {
+    folder_ = FreshTestFolder("exact");
     SynthOptions options;
     options.columns = 4;
     options.rows = 1;
     options.gsd_m = 0.5;
     options.image_width_px = 120;
     options.image_height_px = 90;
-    const auto made = SynthesizeCity(options, *folder_ + "/scene", TaskControl());
+    const auto made = SynthesizeCity(options, folder_ + "/scene", TaskControl());
     ASSERT_TRUE(made.ok()) << made.status();
   }
-  static void TearDownTestSuite() {
-    EXPECT_TRUE(RemoveTree(*folder_).ok());
-    delete folder_;
-    folder_ = nullptr;
-  }
+  void TearDown() override { EXPECT_TRUE(RemoveTree(folder_).ok()); }
 
   static JobSettings Settings(int tiles) {
     JobSettings settings = {.tiles = tiles};
@@ -43,10 +39,10 @@ class ExactTest : public testing::Test {
 
   // Path of the mesh. Of several tiles also checks that they compared what they share, and adds to `unread` the pairs
   // of tiles of which one does not read the other's sums.
-  static std::string Run(const JobSettings& settings, int* unread) {
-    const std::string work = *folder_ + (settings.tiles == 1 ? "/untiled" : "/tiled");
+  std::string Run(const JobSettings& settings, int* unread) const {
+    const std::string work = folder_ + (settings.tiles == 1 ? "/untiled" : "/tiled");
     EXPECT_TRUE(RemoveTree(work).ok());
-    const auto tasks = RunLine(*folder_ + "/scene", work, settings);
+    const auto tasks = RunLine(folder_ + "/scene", work, settings);
     EXPECT_TRUE(tasks.ok()) << tasks.status();
     if (!tasks.ok()) return "";
     int cuts = 0;
@@ -67,7 +63,7 @@ class ExactTest : public testing::Test {
   }
 
   // One tile against others.
-  static void ExpectSame(const std::vector<int>& tiles, const JobSettings& settings) {
+  void ExpectSame(const std::vector<int>& tiles, const JobSettings& settings) const {
     int unread = 0;
     JobSettings job = settings;
     job.tiles = 1;
@@ -82,10 +78,8 @@ class ExactTest : public testing::Test {
     EXPECT_GT(unread, 0) << "every tile read every other: the test shows nothing";
   }
 
-  static std::string* folder_;
+  std::string folder_;
 };
-
-std::string* ExactTest::folder_ = nullptr;
 
 TEST_F(ExactTest, AnyNumberOfTilesGivesTheSameBytes) { ExpectSame({2, 4, 9}, Settings(1)); }
 
