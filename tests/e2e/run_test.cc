@@ -98,6 +98,7 @@ TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
     const std::string kind = task["kind"];
     predicted_s[{tile, kind}] += task["predicted"]["core_seconds"].get<double>();
     EXPECT_LE(task["predicted"]["peak_bytes"], planned["tiles"][tile][kind]["peak_bytes"]);
+    if (task["reused"] == true && kind == "cut") continue;  // plan's workers go on until they are stopped
     EXPECT_GT(task["used"]["core_seconds"], 0);
     EXPECT_GT(task["used"]["peak_bytes"], 1 << 20);
   }
