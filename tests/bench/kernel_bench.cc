@@ -87,6 +87,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
   ZnccScratch scratch;
   FaceSlots slots;
   FaceGatherer gatherer;
+  const std::vector<uint8_t> all;  // faces are wanted
   // Of every strip and stage the best of all times: what a neighbour on the machine costs is not counted.
   std::vector<Cost> best;
   const auto note = [&](size_t at, const Cost& cost) {
@@ -114,7 +115,7 @@ Cost Measure(const Scene& scene, const std::vector<PhotoView>& views, float sema
       }
       pixels += static_cast<double>(pairs.size()) * texels.width * texels.height;
       const int strips = (texels.height + kRows - 1) / kRows;
-      gatherer.Begin(scene.mesh, views[i].camera, maps[i], strips);
+      gatherer.Begin(scene.mesh, views[i].camera, maps[i], all, strips);
       for (int s = 0; s < strips; ++s) {
         const double begin_s = CpuSeconds();
         strip.Reset(texels.width, texels.height, scene.options.window.radius, s * kRows,

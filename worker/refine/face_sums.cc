@@ -45,10 +45,12 @@ void Multiply(const float* a, const float* b, int count, float* out) {
 
 }  // namespace
 
-void FaceGatherer::Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map, int strips) {
+void FaceGatherer::Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map,
+                         const std::vector<uint8_t>& own, int strips) {
   mesh_ = &mesh;
   camera_ = &camera;
   map_ = &map;
+  own_ = &own;
   parts_.resize(strips);
   strips_of_face_.resize(mesh.faces.size(), 0);
 }
@@ -100,7 +102,7 @@ void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* 
     const int runs = FindRuns(faces, width, starts.data());
     for (int run = 0; run < runs; ++run) {
       const int begin = starts[run], end = starts[run + 1], face = faces[begin];
-      if (face < 0) continue;
+      if (face < 0 || (!own_->empty() && !(*own_)[face])) continue;
       uint64_t entry = slots[face];
       if ((entry ^ call) >> 32 != 0) {
         entry = slots[face] = call | found.size();

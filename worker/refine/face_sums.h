@@ -31,8 +31,10 @@ struct FaceSlots {
 // Gathers one view, strip by strip. Strips may come in any order and from any threads; the result is the same.
 class FaceGatherer {
  public:
-  // Begins a view whose strips are numbered 0 .. strips - 1. References must live until Finish.
-  void Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map, int strips);
+  // Begins a view whose strips are numbered 0 .. strips - 1. `own`: flags of the faces that are wanted; empty: all.
+  // References must live until Finish.
+  void Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map, const std::vector<uint8_t>& own,
+             int strips);
   // A strip that has nothing to add.
   void SkipStrip(int strip) { parts_[strip].clear(); }
   // The planes of a finished strip. Safe to call concurrently for different strips and slots.
@@ -58,6 +60,7 @@ class FaceGatherer {
   const TriangleMesh* mesh_ = nullptr;
   const PosedCamera* camera_ = nullptr;
   const FaceMap* map_ = nullptr;
+  const std::vector<uint8_t>* own_ = nullptr;
   std::vector<std::vector<Part>> parts_;  // of each strip
   std::vector<uint8_t> strips_of_face_;   // how many strips have the face, at most 2; zero between views
 };

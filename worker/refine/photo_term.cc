@@ -28,6 +28,16 @@ Matrix3d Calibration(const PinholeCamera& k) {
   return out;
 }
 
+// Calls body(face) for the faces of a part, on all threads.
+template <class Body>
+void ForFaces(const MeshPart& part, const Body& body) {
+  for (const auto& [first, last] : part.faces) {
+    ParallelFor(last - first, kFaceGrain, [&, base = static_cast<int64_t>(first)](int64_t begin, int64_t end) {
+      for (int64_t f = base + begin; f < base + end; ++f) body(f);
+    });
+  }
+}
+
 double Seconds(const Clock* clock) { return clock ? 1e-6 * static_cast<double>(clock->MonotonicUs()) : 0; }
 
 }  // namespace
@@ -110,50 +120,52 @@ PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
   return buffers;
 }
 
-std::vector<MeshPart> PhotoTerm::PartsOf(const TriangleMesh& mesh, const std::vector<uint8_t>& own,
-                                         const MeshCells* cells) const {
+void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells) {
   const CellBoxes boxes(mesh, cells);
-  std::vector<MeshPart> parts;
-  if (own.empty() || cells == nullptr || groups_ == nullptr) {
-    for (const PhotoView& view : views_) parts.push_back(boxes.InWindow(view.window(), kNearPlane_m));
-    return parts;
-  }
+  parts_.clear();
+  rects_.clear();
   CellSightProblem problem;
-  problem.boxes = boxes.boxes();
-  std::vector<uint32_t> own_cells;
-  for (uint32_t c = 0; c < cells->size(); ++c) {
-    const auto first = own.begin() + cells->face_begin[c], last = own.begin() + cells->face_begin[c + 1];
-    if (std::find_if(first, last, [](uint8_t flag) { return flag != 0; }) != last) own_cells.push_back(c);
-  }
   for (size_t v = 0; v < views_.size(); ++v) {
-    problem.views.push_back(views_[v].window());
-    std::vector<uint32_t>& looking = problem.own.emplace_back();
-    for (const uint32_t c : own_cells) {
-      if (groups_->looks[c][v]) looking.push_back(c);
-    }
+    const PixelRect all = spilled_[v] ? spilled_[v]->rect() : views_[v].window().rect;
+    problem.views.push_back({views_[v].camera, all});
+    rects_.push_back(all);
   }
+  if (own.empty() || cells == nullptr || groups_ == nullptr) {
+    for (const CameraWindow& view : problem.views) parts_.push_back(boxes.InWindow(view, kNearPlane_m));
+    return;
+  }
+  problem.boxes = boxes.boxes();
+  problem.own = OwnCellsOfViews(*cells, own, groups_->looks, views_.size());
   for (const ViewPair& pair : pairs_) problem.pairs.push_back({pair.reference, pair.other});
   problem.reference_margin_px = 2 * options_.window.radius;
   problem.target_margin_px = 1;
-  for (const std::vector<uint32_t>& seen : FindCellSight(problem).cells) parts.push_back(boxes.PartOf(seen));
-  return parts;
+  const CellSight sight = FindCellSight(problem);
+  for (size_t v = 0; v < views_.size(); ++v) {
+    parts_.push_back(boxes.PartOf(sight.cells[v]));
+    const PixelRect needed = sight.windows[v];
+    PixelRect& rect = rects_[v];
+    if (!spilled_[v]) continue;
+    constexpr int kStep = PhotoView::kWindowStep;
+    rect = {rect.x0 + (needed.x0 - rect.x0) / kStep * kStep, rect.y0 + (needed.y0 - rect.y0) / kStep * kStep,
+            std::min(rect.x1, needed.x1), std::min(rect.y1, needed.y1)};
+    if (needed.empty()) rect = {};
+  }
 }
 
-void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<MeshPart>& parts,
-                     const std::vector<uint8_t>& own, const MapVisitor& visit) {
+void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit) {
   if (opened_ == opening_.size() || first_step_[opening_[opened_]] > step) return;
   const size_t wanted = opened_ + 2 * static_cast<size_t>(ThreadCount());
   std::vector<size_t> open;
   while (opened_ < opening_.size() && (opened_ < wanted || first_step_[opening_[opened_]] <= step)) {
-    open.push_back(opening_[opened_++]);
+    if (const size_t view = opening_[opened_++]; !rects_[view].empty()) open.push_back(view);
   }
   std::vector<CameraWindow> windows;
   std::vector<MeshPart> drawn;
   std::vector<FaceMap> maps(open.size());
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];
-    windows.push_back(views_[view].window());
-    drawn.push_back(parts[view]);
+    windows.push_back({views_[view].camera, rects_[view]});
+    drawn.push_back(parts_[view]);
     Buffers buffers = TakeBuffers(static_cast<size_t>(windows[i].rect.width()) * windows[i].rect.height());
     maps[i] = std::move(buffers.map);
     targets_[view] = std::move(buffers.target);
@@ -164,7 +176,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<Me
   rasterizer_.DrawParts(mesh, drawn, windows, &maps);
   ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
-      if (spilled_[open[i]]) spilled_[open[i]]->Bring(&views_[open[i]].texels);
+      if (spilled_[open[i]]) spilled_[open[i]]->Bring(rects_[open[i]], &views_[open[i]].texels);
     }
   });
   for (size_t i = 0; i < open.size(); ++i) {
@@ -183,6 +195,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<Me
 
 void PhotoTerm::Close(size_t step) {
   for (const size_t view : closing_[step]) {
+    if (rects_[view].empty()) continue;
     Buffers buffers = {std::move(maps_[view]), std::move(targets_[view]), {}};
     if (spilled_[view]) {
       buffers.texels.luminance = std::move(views_[view].texels.luminance);
@@ -219,17 +232,16 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<ui
   const Texels& texels = views_[i].texels;
   const Vector3d centre = camera.Centre();
   offsets_.resize(mesh.faces.size());
-  ParallelFor(static_cast<int64_t>(mesh.faces.size()), kFaceGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) offsets_[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre));
-  });
+  ForFaces(parts_[i], [&](int64_t f) { offsets_[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre)); });
   std::vector<ZnccPair> warps;
   for (size_t p = first_pair; p < last_pair; ++p) {
     const int j = pairs_[p].other;
+    if (rects_[j].empty()) continue;
     warps.push_back(MakeZnccPair(views_[i], views_[j].camera, targets_[j], options_.occlusion_px));
   }
   const int height = texels.height, strips = (height + kStripRows - 1) / kStripRows;
   std::vector<ZnccSums> sums(strips);
-  gatherer_.Begin(mesh, camera, maps_[i], strips);
+  gatherer_.Begin(mesh, camera, maps_[i], own, strips);
   ParallelFor(strips, 1, [&](int64_t begin, int64_t end) {
     std::unique_ptr<Workspace> work = TakeWorkspace();
     ReferenceStrip& strip = work->strip;
@@ -261,7 +273,7 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& o
                          const Clock* clock, PhotoSums* out, const MapVisitor& visit) {
   const double start_s = Seconds(clock);
   out->seconds_visibility = 0;
-  const std::vector<MeshPart> parts = PartsOf(mesh, own, cells);
+  FindWork(mesh, own, cells);
   normals_.resize(mesh.faces.size());
   plane_.resize(mesh.faces.size());
   ParallelFor(static_cast<int64_t>(mesh.faces.size()), kFaceGrain, [&](int64_t begin, int64_t end) {
@@ -277,11 +289,11 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   size_t first = 0;
   for (size_t step = 0; step < views_.size(); ++step) {
     const double open_s = Seconds(clock);
-    Open(step, mesh, parts, own, visit);
+    Open(step, mesh, own, visit);
     out->seconds_visibility += Seconds(clock) - open_s;
     size_t last = first;
     while (last < pairs_.size() && pairs_[last].reference == static_cast<int>(step)) ++last;
-    if (last > first) EvaluateReference(mesh, own, first, last, out);
+    if (last > first && !rects_[step].empty()) EvaluateReference(mesh, own, first, last, out);
     first = last;
     Close(step);
   }

@@ -109,12 +109,9 @@ class PhotoTerm {
   Buffers TakeBuffers(size_t pixels);
   std::unique_ptr<Workspace> TakeWorkspace();
   void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
+  void FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells);
   // Draws the views that reference `step` needs and some of the next, so that all threads have work.
-  // What is drawn of the mesh in each view.
-  std::vector<MeshPart> PartsOf(const TriangleMesh& mesh, const std::vector<uint8_t>& own,
-                                const MeshCells* cells) const;
-  void Open(size_t step, const TriangleMesh& mesh, const std::vector<MeshPart>& parts, const std::vector<uint8_t>& own,
-            const MapVisitor& visit);
+  void Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit);
   void Close(size_t step);
   void EvaluateReference(const TriangleMesh& mesh, const std::vector<uint8_t>& own, size_t first_pair, size_t last_pair,
                          PhotoSums* out);
@@ -126,6 +123,9 @@ class PhotoTerm {
   const ViewGroups* groups_;
   Rasterizer rasterizer_;
   // Step i is that of reference i; a view is open from the first step that reads it to the last.
+  // What is read of each view: of the mesh, and of the image; nothing where the rectangle is empty.
+  std::vector<MeshPart> parts_;
+  std::vector<PixelRect> rects_;
   std::vector<size_t> opening_;               // views by their first step
   std::vector<size_t> first_step_;            // of each view
   std::vector<std::vector<size_t>> closing_;  // views whose last step it is, by step

@@ -155,7 +155,7 @@ class Refiner {
     const double start_s = Seconds(options_.clock);
     const FoldRepair::Result repaired = stepper_->Repair(good, &mesh_.vertices);
     report_.repaired_vertices += repaired.changed_vertices;
-    report_.left_faces += repaired.left_faces;
+    report_.left_faces += static_cast<int64_t>(repaired.left.size());
     report_.seconds_repair += Seconds(options_.clock) - start_s;
   }
 

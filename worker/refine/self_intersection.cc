@@ -227,11 +227,7 @@ std::vector<FacePair> NewPairs(const std::vector<FacePair>& before, const std::v
 }
 
 FoldRepair::FoldRepair(const TriangleMesh& start, const IndexRows& faces_of_vertex)
-    : faces_(start.faces), faces_of_vertex_(faces_of_vertex), boxes_(start) {
-  std::vector<uint32_t> all(faces_.size());
-  std::iota(all.begin(), all.end(), 0u);
-  start_pairs_ = boxes_.Intersections(start, all);
-}
+    : start_{start.vertices, start.faces, {}}, faces_of_vertex_(faces_of_vertex), boxes_(start) {}
 
 // A motion of which each vertex keeps a share.
 class FoldRepair::Motion {
@@ -329,12 +325,12 @@ class FoldRepair::Motion {
 };
 
 FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) {
-  Motion motion(faces_, faces_of_vertex_, good, *vertices);
+  Motion motion(start_.faces, faces_of_vertex_, good, *vertices);
   // Only faces that moved can have come to be anything new.
   std::vector<uint32_t> active = motion.MovingFaces(), spoiled;
   Result result;
   std::vector<FacePair> cut;  // pairs that are not the start's
-  std::vector<uint8_t> is_spoiled(faces_.size()), moved(faces_.size());
+  std::vector<uint8_t> is_spoiled(start_.faces.size()), moved(start_.faces.size());
   // A pass with nothing to do ends it: later ones would find the same. That some place has nothing to do does not, for
   // whether another has is none of its business.
   for (size_t pass = 0;; ++pass) {
@@ -343,7 +339,9 @@ FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, 
     for (uint32_t f : active) moved[f] = 1;
     std::erase_if(cut, [&](const FacePair& p) { return moved[p[0]] || moved[p[1]]; });
     for (uint32_t f : active) moved[f] = 0;
-    for (const FacePair& p : NewPairs(start_pairs_, boxes_.Intersections(motion.mesh(), active))) cut.push_back(p);
+    for (const FacePair& p : boxes_.Intersections(motion.mesh(), active)) {
+      if (!FacesMeet(start_, p[0], p[1])) cut.push_back(p);
+    }
     for (uint32_t f : spoiled) is_spoiled[f] = test && !test(f, good, motion.mesh().vertices);
     if (test) {
       ParallelFor(static_cast<int64_t>(active.size()), kGrain, [&](int64_t begin, int64_t end) {
@@ -358,14 +356,13 @@ FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, 
     for (uint32_t f = 0; f < is_spoiled.size(); ++f) {
       if (is_spoiled[f]) spoiled.push_back(f);
     }
-    result.left_faces = static_cast<int64_t>(spoiled.size());
-    result.clean = spoiled.empty();
-    if (pass == 0) result.spoiled_faces = result.left_faces;
+    if (pass == 0) result.spoiled_faces = static_cast<int64_t>(spoiled.size());
     if (spoiled.empty() || pass == kPasses.size()) break;
     ++result.passes;
     active = motion.DrawBack(spoiled, kPasses[pass]);
     if (test) motion.LevelTurnedFaces(test, &active);
   }
+  result.left = std::move(spoiled);
   for (uint32_t v = 0; v < good.size(); ++v) result.changed_vertices += motion.changed(v);
   *vertices = motion.mesh().vertices;
   return result;

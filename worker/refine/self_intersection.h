@@ -59,8 +59,8 @@ class FoldRepair {
     int64_t spoiled_faces = 0;     // that cut each other anew, or failed the test, before the repair
     int64_t changed_vertices = 0;  // that were moved back, all or part of their way
     int passes = 0;                // that found something to do
-    int64_t left_faces = 0;        // that are spoiled still, after the last pass
-    bool clean = true;             // none is
+    std::vector<uint32_t> left;    // faces that are spoiled still after the last pass, ascending
+    bool clean() const { return left.empty(); }
   };
 
   // A pass takes the faces that are spoiled as the mesh lies. Vertices keep a share of their motion that is `least` at
@@ -91,15 +91,12 @@ class FoldRepair {
   // threads.
   Result Run(const Positions& good, const FaceTest& test, Positions* vertices);
 
-  const std::vector<FacePair>& start_pairs() const { return start_pairs_; }
-
  private:
   class Motion;
 
-  std::vector<Triangle> faces_;
+  const TriangleMesh start_;
   const IndexRows& faces_of_vertex_;
   FaceBoxes boxes_;
-  std::vector<FacePair> start_pairs_;
 };
 
 }  // namespace tessera

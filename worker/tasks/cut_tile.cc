@@ -24,6 +24,12 @@ struct CellOrder {
 };
 using CellSet = std::set<CellAt, CellOrder>;
 
+// The ground cell that has a package's.
+CellAt GroundCellOf(const CellAt& at) {
+  const auto down = [](int32_t i) { return i >= 0 ? i / kPackageCellsAcross : -((-i - 1) / kPackageCellsAcross) - 1; };
+  return {down(at[0]), down(at[1])};
+}
+
 CellAt CellOf(const GroundPlane& ground, const Eigen::Vector3d& p) {
   const Eigen::Vector2i at = ground.Cell(p);
   return {at.x(), at.y()};
@@ -94,14 +100,18 @@ bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const st
   return any;
 }
 
-void AddBlocksOf(const CityReader& city, const CellSet& cells, std::vector<uint8_t>* blocks) {
+// True if there were any that were not marked.
+bool AddBlocksOf(const CityReader& city, const CellSet& cells, std::vector<uint8_t>* blocks) {
+  bool any = false;
   for (size_t b = 0; b < blocks->size(); ++b) {
     if ((*blocks)[b]) continue;
     const CellRect& rect = city.cells(b);
     (*blocks)[b] = std::any_of(cells.begin(), cells.end(), [&](const CellAt& at) {
       return rect.Contains({at[0], at[1]});
     });
+    any = any || (*blocks)[b] != 0;
   }
+  return any;
 }
 
 // Depths of all cells that look to the view, and of where their faces may move.
@@ -124,28 +134,35 @@ std::array<double, 2> DepthsOfView(const Survey& survey, int32_t view, double mo
 void FillMesh(const LoadedBlocks& loaded, const std::vector<uint8_t>& regions, const CellSet& cells,
               const GroundPlane& ground, TilePackage* package) {
   const TriangleMesh& mesh = loaded.faces.mesh;
+  const GroundPlane small = PackageCells(ground);
   std::vector<uint32_t> faces, vertices;
   std::vector<uint8_t> used(mesh.vertices.size(), 0);
+  std::vector<CellAt> face_cell(mesh.faces.size()), vertex_cell(mesh.vertices.size());
   for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
     if (!cells.contains(loaded.cell[f])) continue;
     faces.push_back(f);
+    face_cell[f] = CellOf(small, MeshSpans(mesh).Centroid(f));
     for (const uint32_t v : mesh.faces[f]) used[v] = 1;
   }
-  std::vector<CellAt> vertex_cell(mesh.vertices.size());
-  CellSet all = cells;
   for (uint32_t v = 0; v < used.size(); ++v) {
     if (!used[v]) continue;
     vertices.push_back(v);
-    vertex_cell[v] = CellOf(ground, mesh.vertices[v]);
-    all.insert(vertex_cell[v]);
+    vertex_cell[v] = CellOf(small, mesh.vertices[v]);
   }
   // Ids ascend already.
   const CellOrder before;
-  std::stable_sort(faces.begin(), faces.end(),
-                   [&](uint32_t a, uint32_t b) { return before(loaded.cell[a], loaded.cell[b]); });
-  std::stable_sort(vertices.begin(), vertices.end(),
-                   [&](uint32_t a, uint32_t b) { return before(vertex_cell[a], vertex_cell[b]); });
-  package->cell_at.assign(all.begin(), all.end());
+  std::vector<CellAt> all;
+  const auto sort = [&](const std::vector<CellAt>& cell, std::vector<uint32_t>* items) {
+    std::stable_sort(items->begin(), items->end(), [&](uint32_t a, uint32_t b) { return before(cell[a], cell[b]); });
+    for (const uint32_t item : *items) {
+      if (all.empty() || all.back() != cell[item]) all.push_back(cell[item]);
+    }
+  };
+  sort(face_cell, &faces);
+  sort(vertex_cell, &vertices);
+  std::sort(all.begin(), all.end(), before);
+  all.erase(std::unique(all.begin(), all.end()), all.end());
+  package->cell_at = std::move(all);
   const auto begins = [&](const std::vector<uint32_t>& items, const std::vector<CellAt>& cell) {
     std::vector<uint32_t> begin;
     uint32_t at = 0;
@@ -156,7 +173,7 @@ void FillMesh(const LoadedBlocks& loaded, const std::vector<uint8_t>& regions, c
     begin.push_back(at);
     return begin;
   };
-  package->cells.face_begin = begins(faces, loaded.cell);
+  package->cells.face_begin = begins(faces, face_cell);
   package->cells.vertex_begin = begins(vertices, vertex_cell);
 
   std::vector<uint32_t> local(mesh.vertices.size());
@@ -195,10 +212,7 @@ CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const T
   step.smoothing_sweeps = stepper.smoothing_sweeps;
   step.inter = 1;  // whatever the method has
   out.reach.solve_rings = StepReachOf(step, limits).rings();
-  for (const FoldRepair::Pass& pass : FoldRepair::kPasses) {
-    out.reach.mend_rings.insert(out.reach.mend_rings.begin(), FoldRepair::RingsOf(pass));
-  }
-  out.reach.mend_start_rings = stepper.start_smoothing_steps + 1;
+  out.reach.repair = RepairReachOf(stepper);
   out.reach.contact_m = 2 * out.sight.motion_m;
   out.reach.label = ReachOf(options.solver);
   return out;
@@ -255,14 +269,15 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     if (sight.cells[c] || core_cells[c]) in_sight.insert({survey.cells[c].x, survey.cells[c].y});
   }
   cells.insert(in_sight.begin(), in_sight.end());
-  AddBlocksOf(city, cells, &blocks);
-  // Both lists of faces ascend, and the second has all of the first.
-  const std::vector<uint32_t> before_ids = std::move(loaded.faces.face_ids);
-  const std::vector<uint8_t> before_regions = std::move(regions);
-  TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, blocks));
-  regions.assign(loaded.faces.face_ids.size(), 0);
-  for (size_t f = 0, b = 0; f < regions.size() && b < before_ids.size(); ++f) {
-    if (loaded.faces.face_ids[f] == before_ids[b]) regions[f] = before_regions[b++];
+  if (AddBlocksOf(city, cells, &blocks)) {
+    // Both lists of faces ascend, and the second has all of the first.
+    const std::vector<uint32_t> before_ids = std::move(loaded.faces.face_ids);
+    const std::vector<uint8_t> before_regions = std::move(regions);
+    TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, blocks));
+    regions.assign(loaded.faces.face_ids.size(), 0);
+    for (size_t f = 0, b = 0; f < regions.size() && b < before_ids.size(); ++f) {
+      if (loaded.faces.face_ids[f] == before_ids[b]) regions[f] = before_regions[b++];
+    }
   }
 
   CutResult result;
@@ -297,7 +312,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   for (const SurveyCell& cell : survey.cells) surveyed[{cell.x, cell.y}] = &cell;
   for (const CellAt& at : package.cell_at) {
     std::vector<int32_t>& looking = package.cell_views.emplace_back();
-    const auto cell = surveyed.find(at);
+    const auto cell = surveyed.find(GroundCellOf(at));
     if (cell == surveyed.end()) continue;
     for (const int32_t view : cell->second->views) {
       if (const auto local = local_view.find(view); local != local_view.end()) looking.push_back(local->second);

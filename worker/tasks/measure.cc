@@ -47,7 +47,8 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
   if (task.step.labels()) {
     TESSERA_ASSIGN_OR_RETURN(
         const FaceLikelihoods likelihoods,
-        SumLikelihoods(package, task.known.positions, sight->views, sight->data.groups, PartOf(control, 0, 0.9)));
+        SumLikelihoods(package, work.own(), task.known.positions, sight->views, sight->data.groups,
+                       PartOf(control, 0, 0.9)));
     FillLikelihoods(work, likelihoods, &sums);
   } else if (package.compares) {
     const int64_t entered_us = clock.MonotonicUs();

@@ -1,6 +1,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/tile/task_parameters.h"
+#include "worker/tasks/repair_core.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
 
@@ -17,20 +18,22 @@ StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& con
   OpenTile& work = *task.work;
   KnownState& known = task.known;
   const double seconds_loading = SecondsSince(clock, start_us);
-  FoldRepair::Result repaired;
+  CoreRepair repaired;
   if (work.package().compares) {
     control.Report(0.2, "mending");
     const RegionMesh& region = work.region(kMendRegion);
-    Stepper& stepper = work.StepperOf(kMendRegion, Pick(known.labels, region.faces), task.options);
+    std::vector<uint8_t> core;
+    for (const uint32_t f : region.faces) core.push_back(work.package().regions[f] & kCoreRegion);
+    const StepperOptions& options = task.options.geometry;
     std::vector<Vector3d> good, positions = Pick(known.positions, region.vertices);
     if (task.parameters.before) {
       good = positions;
-      positions = stepper.guard().UnfoldedStart();
+      positions = MotionGuard(region.mesh, region.fixed, MakeMotionLimits(options, work.package().gsd_m)).UnfoldedStart();
     } else {
       if (known.level_start.empty()) return absl::DataLossError("mend: the states have no beginning of the level");
       good = Pick(known.level_start, region.vertices);
     }
-    repaired = stepper.Repair(good, &positions);
+    repaired = RepairCore(region, core, work.package().gsd_m, options, good, &positions);
     for (size_t v = 0; v < positions.size(); ++v) known.positions[region.vertices[v]] = positions[v];
     work.Forget(kMendRegion);
   }
@@ -44,7 +47,7 @@ StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& con
   TaskOutcome outcome;
   outcome.outputs = {kStateFile};
   outcome.warnings = SeamWarnings(work.package().tile, known);
-  if (!repaired.clean) outcome.warnings.push_back(FoldWarning(work.package().tile, repaired.left_faces));
+  if (repaired.left_faces > 0) outcome.warnings.push_back(FoldWarning(work.package().tile, repaired.left_faces));
   outcome.stats = nlohmann::json{{"seconds_loading", seconds_loading},
                                  {"seconds_repair", SecondsSince(clock, start_us) - seconds_loading},
                                  {"repaired_vertices", repaired.changed_vertices},

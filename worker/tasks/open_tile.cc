@@ -20,25 +20,6 @@ namespace {
 
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
-std::vector<uint32_t> ById(const std::vector<uint32_t>& ids) {
-  std::vector<uint32_t> order(ids.size());
-  std::iota(order.begin(), order.end(), 0u);
-  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return ids[a] < ids[b]; });
-  return order;
-}
-
-// Calls found(i, place) for each of `ids` (ascending) that is among `own`, which `order` sorts.
-template <class Found>
-void ForShared(const std::vector<uint32_t>& ids, const std::vector<uint32_t>& own, const std::vector<uint32_t>& order,
-               const Found& found) {
-  size_t at = 0;
-  for (size_t i = 0; i < ids.size(); ++i) {
-    while (at < order.size() && own[order[at]] < ids[i]) ++at;
-    if (at == order.size()) return;
-    if (own[order[at]] == ids[i]) found(i, order[at]);
-  }
-}
-
 // What tiles that nobody works on may hold together; of a face of a package, of a region, and of its stepper.
 constexpr size_t kKeptBytes = size_t{768} << 20, kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300;
 
@@ -136,15 +117,21 @@ size_t OpenTile::bytes() const {
   return bytes;
 }
 
+OpenTile::ById::ById(const std::vector<uint32_t>& ids_of_places) : places(ids_of_places.size()) {
+  std::iota(places.begin(), places.end(), 0u);
+  std::sort(places.begin(), places.end(), [&](uint32_t a, uint32_t b) { return ids_of_places[a] < ids_of_places[b]; });
+  ids = Pick(ids_of_places, places);
+}
+
 OpenTile::OpenTile(TilePackage package)
-    : package_(std::move(package)), faces_by_id_(ById(package_.face_ids)), vertices_by_id_(ById(package_.vertex_ids)) {
+    : package_(std::move(package)), faces_by_id_(package_.face_ids), vertices_by_id_(package_.vertex_ids) {
   std::vector<uint8_t> used(package_.vertex_ids.size(), 0);
-  for (const uint32_t f : faces_by_id_) {
+  for (const uint32_t f : faces_by_id_.places) {
     if (!(package_.regions[f] & kCoreRegion)) continue;
     core_faces_.push_back(f);
     for (const uint32_t v : package_.mesh.faces[f]) used[v] = 1;
   }
-  for (const uint32_t v : vertices_by_id_) {
+  for (const uint32_t v : vertices_by_id_.places) {
     if (used[v]) core_vertices_.push_back(v);
   }
 }
@@ -198,7 +185,7 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": the state of tile ", state.tile,
                                               " has no beginning of the level, that of others has"));
     }
-    ForShared(state.vertex_ids, package_.vertex_ids, vertices_by_id_, [&](size_t i, uint32_t v) {
+    vertices_by_id_.ForShared(state.vertex_ids, [&](size_t i, uint32_t v) {
       if (has_vertex[v]) {
         ++known.compared;
         if (std::memcmp(known.positions[v].data(), state.positions[i].data(), 3 * sizeof(double)) != 0) {
@@ -213,7 +200,7 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
       known.positions[v] = state.positions[i];
       if (in_level) known.level_start[v] = state.level_start[i];
     });
-    ForShared(state.face_ids, package_.face_ids, faces_by_id_, [&](size_t i, uint32_t f) {
+    faces_by_id_.ForShared(state.face_ids, [&](size_t i, uint32_t f) {
       has_face[f] = 1;
       known.labels[f] = state.labels[i];
       known.confidence[f] = state.confidence[i];
@@ -235,7 +222,7 @@ StatusOr<std::vector<FaceSums>> OpenTile::JoinPhoto(const std::vector<TileSums>&
   std::vector<uint8_t> has(all.size(), 0);
   for (const TileSums& tile : sums) {
     if (tile.photo.empty()) continue;
-    ForShared(tile.face_ids, package_.face_ids, faces_by_id_, [&](size_t i, uint32_t f) {
+    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) {
       has[f] = 1;
       all[f] = tile.photo[i];
     });
@@ -261,7 +248,7 @@ StatusOr<ContourSums> OpenTile::JoinContours(const std::vector<TileSums>& sums, 
   std::vector<Entry> entries;
   for (const TileSums& tile : sums) {
     std::vector<uint32_t> place(tile.face_ids.size(), kNone);
-    ForShared(tile.face_ids, package_.face_ids, faces_by_id_, [&](size_t i, uint32_t f) { place[i] = local[f]; });
+    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) { place[i] = local[f]; });
     for (const FaceContour& contour : tile.contours.faces) {
       if (place[contour.face] != kNone) entries.push_back({place[contour.face], &tile, &contour});
     }
@@ -290,7 +277,7 @@ StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>&
   std::vector<uint8_t> has(part.faces.size(), 0);
   for (const TileSums& tile : sums) {
     if (tile.pixels.empty() || tile.classes != classes) continue;
-    ForShared(tile.face_ids, package_.face_ids, faces_by_id_, [&](size_t i, uint32_t f) {
+    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) {
       const uint32_t at = local[f];
       if (at == kNone) return;
       has[at] = 1;

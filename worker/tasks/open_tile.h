@@ -79,9 +79,6 @@ class OpenTile {
   void Forget(Region region);
   // What is kept, about.
   size_t bytes() const;
-  // The package's faces and vertices by ascending global id.
-  const std::vector<uint32_t>& faces_by_id() const { return faces_by_id_; }
-  const std::vector<uint32_t>& vertices_by_id() const { return vertices_by_id_; }
   // The core's.
   const std::vector<uint32_t>& core_faces() const { return core_faces_; }
   const std::vector<uint32_t>& core_vertices() const { return core_vertices_; }
@@ -99,8 +96,25 @@ class OpenTile {
   TileState StateOf(const KnownState& known) const;
 
  private:
+  // The package's faces or vertices by ascending global id.
+  struct ById {
+    std::vector<uint32_t> ids, places;
+    explicit ById(const std::vector<uint32_t>& ids_of_places);
+    // Calls found(i, place) for each of `others` (ascending) that is among the ids.
+    template <class Found>
+    void ForShared(const std::vector<uint32_t>& others, const Found& found) const {
+      size_t at = 0;
+      for (size_t i = 0; i < others.size(); ++i) {
+        while (at < ids.size() && ids[at] < others[i]) ++at;
+        if (at == ids.size()) return;
+        if (ids[at] == others[i]) found(i, places[at]);
+      }
+    }
+  };
+
   TilePackage package_;
-  std::vector<uint32_t> faces_by_id_, vertices_by_id_, core_faces_, core_vertices_;
+  ById faces_by_id_, vertices_by_id_;
+  std::vector<uint32_t> core_faces_, core_vertices_;
   std::map<uint8_t, RegionMesh> regions_;
   std::unique_ptr<TileSight> sight_;
   std::string sight_content_;

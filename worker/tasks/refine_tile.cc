@@ -6,6 +6,7 @@
 
 #include "common/geometry/topology.h"
 #include "worker/tasks/stages.h"
+#include "worker/visibility/cell_sight.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
@@ -24,7 +25,8 @@ int64_t CountDifferent(const std::vector<int32_t>& a, const std::vector<int32_t>
 
 }  // namespace
 
-StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::vector<Vector3d>& positions,
+StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::vector<uint8_t>& own,
+                                         const std::vector<Vector3d>& positions,
                                          const std::vector<TileView>& views, const ViewGroups& groups,
                                          const TaskControl& control) {
   const TriangleMesh mesh = {positions, package.mesh.faces, {}};
@@ -32,12 +34,20 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::
   FaceLikelihoods sums(mesh.faces.size(), static_cast<int>(package.classes.size()));
   Rasterizer rasterizer;
   std::vector<FaceMap> maps;
+  CellSightProblem problem;
+  problem.boxes = boxes.boxes();
+  for (const TileView& view : views) problem.views.push_back(view.window);
+  problem.own = OwnCellsOfViews(package.cells, own, groups.looks, views.size());
+  const CellSight sight = FindCellSight(problem);
   for (size_t v = 0; v < views.size(); ++v) {
+    if (sight.windows[v].empty()) continue;
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(v) / static_cast<double>(views.size()), "collecting likelihoods");
     if (!views[v].pixels->has_likelihoods()) continue;
     TESSERA_ASSIGN_OR_RETURN(const FloatImage likelihoods, views[v].pixels->Likelihoods());
-    rasterizer.DrawViews(mesh, boxes, {&views[v].window, 1}, &maps);
+    const CameraWindow window(views[v].window.camera, sight.windows[v]);
+    const MeshPart part = boxes.PartOf(sight.cells[v]);
+    rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
     MarkNotLookedAt(groups, v, &maps[0]);
     AddLikelihoods(maps[0], likelihoods, views[v].mapping, &sums);
   }
@@ -74,6 +84,7 @@ class CityRefiner {
  public:
   CityRefiner(OpenTile& work, const std::vector<TileView>& views, const TileRefineOptions& options, const Clock& clock)
       : package_(work.package()),
+        own_(work.own()),
         whole_(work.region(kCoreRegion)),
         views_(views),
         options_(options),
@@ -86,7 +97,7 @@ class CityRefiner {
     if (!LabelsChange(package_)) return absl::OkStatus();
     const int64_t start_us = clock_.MonotonicUs();
     TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums,
-                             SumLikelihoods(package_, known_.positions, views_, data_.groups, PartOf(control, 0, 0.8)));
+                             SumLikelihoods(package_, own_, known_.positions, views_, data_.groups, PartOf(control, 0, 0.8)));
     control.Report(0.8, "labelling");
     RegionLabels labelled = LabelRegion(package_, whole_, known_.positions, known_.labels, sums, options_);
     (*report)["label_energy_start"] = labelled.start_energy;
@@ -136,6 +147,7 @@ class CityRefiner {
 
  private:
   const TilePackage& package_;
+  const std::vector<uint8_t> own_;
   const RegionMesh& whole_;
   const std::vector<TileView>& views_;
   const TileRefineOptions& options_;

@@ -17,8 +17,10 @@
 
 namespace tessera {
 
-// What the views say of the package's faces where they lie; exact for the core's. CANCELLED follows `control`.
-StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::vector<Eigen::Vector3d>& positions,
+// What the views say of the package's faces where they lie; right for those with a flag in `own`. CANCELLED follows
+// `control`.
+StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::vector<uint8_t>& own,
+                                         const std::vector<Eigen::Vector3d>& positions,
                                          const std::vector<TileView>& views, const ViewGroups& groups,
                                          const TaskControl& control);
 

@@ -2,7 +2,7 @@
 #ifndef TESSERA_WORKER_TASKS_REGIONS_H_
 #define TESSERA_WORKER_TASKS_REGIONS_H_
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -11,19 +11,31 @@
 #include "common/geometry/topology.h"
 #include "common/tile/ground.h"
 #include "worker/label/label_reach.h"
+#include "worker/refine/stepper.h"
 
 namespace tessera {
 
+struct RepairReach {
+  std::vector<int> rings;  // of FoldRepair's passes, the last first; each is followed by a contact
+  int start_rings = 0;     // of the smoothed start, about the faces of all of them
+};
+RepairReach RepairReachOf(const StepperOptions& options);
+
 struct RegionReach {
-  int solve_rings = 0;          // StepReach
-  std::vector<int> mend_rings;  // of FoldRepair's passes, the last first; each is followed by a contact
-  int mend_start_rings = 0;     // of the smoothed start, about the faces of all of them
-  double contact_m = 0;         // faces that ever touch have boxes at the start no farther apart than this
+  int solve_rings = 0;  // StepReach
+  RepairReach repair;
+  double contact_m = 0;  // faces that ever touch have boxes at the start no farther apart than this
   LabelReach label;
 };
 
-// Grows flags of faces by one ring: all faces that share a vertex with one that has a flag.
-void GrowRing(const TriangleMesh& mesh, const IndexRows& faces_of_vertex, std::vector<uint8_t>* faces);
+// Grows flags of faces by rings: all faces that share a vertex with one that has a flag.
+void GrowRings(const TriangleMesh& mesh, const IndexRows& faces_of_vertex, int rings, std::vector<uint8_t>* faces);
+
+// Flags of the faces that FoldRepair and its test of faces read to get the vertices of `core` right. `boxes`: of each
+// face, where it may lie meanwhile. What does not touch is kept apart in plan alone.
+std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+                                    const std::vector<uint8_t>& core, const RepairReach& reach,
+                                    const std::vector<Eigen::AlignedBox3d>& boxes);
 
 // The cell of the label solver that a face belongs to, by its centroid at the start.
 inline Cell LabelCellOf(const GroundPlane& ground, double gsd_m, const Eigen::Vector3d& centroid) {

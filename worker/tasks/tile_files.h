@@ -22,9 +22,16 @@ namespace tessera {
 // What the faces of a package are there for, as bits; all of them may be in sight of the tile's views.
 enum Region : uint8_t { kCoreRegion = 1, kSolveRegion = 2, kMendRegion = 4, kLabelRegion = 8 };
 
+// The cells that a package is sorted by: small, so that few need be drawn; so many side by side are a ground cell.
+inline constexpr int kPackageCellsAcross = 4;
+inline GroundPlane PackageCells(GroundPlane ground) {
+  ground.cell_m /= kPackageCellsAcross;
+  return ground;
+}
+
 // All that the tile's tasks read but the pixels and the other tiles' states. Positions in the local frame, so that
-// tiles compute with the same numbers. Faces come by their ground cell (y, then x), in a cell by global id; vertices by
-// the cell that they lie in, in a cell by global id: any two packages have what they share in the same order.
+// tiles compute with the same numbers. Faces come by their cell (y, then x), in a cell by global id; vertices by the
+// cell that they lie in, in a cell by global id: any two packages have what they share in the same order.
 struct TilePackage {
   int tile = 0;
   GroundPlane ground;
@@ -41,7 +48,7 @@ struct TilePackage {
   std::vector<std::array<int32_t, 2>> pairs;       // ordered pairs of indices into `views`
   std::vector<std::array<double, 2>> view_depths;  // nearest and farthest of what the whole job looks at, metres
 
-  std::vector<std::array<int32_t, 2>> cell_at;   // x, y of each cell
+  std::vector<std::array<int32_t, 2>> cell_at;   // x, y of each cell (PackageCells)
   std::vector<std::vector<int32_t>> cell_views;  // the views that look at its faces (indices into `views`, ascending)
   MeshCells cells;
 

@@ -4,31 +4,27 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
-#include "worker/visibility/mesh_cells.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
 namespace {
 
-constexpr int kBlock_px = 32;  // needed pixels are counted in squares of so many
+constexpr int kBlock_px = 16;  // needed pixels are counted in squares of so many
 
 // Squares of an image.
 class PixelSet {
  public:
   explicit PixelSet(const PixelRect& domain)
-      : x0_(domain.x0),
-        y0_(domain.y0),
+      : domain_(domain),
         columns_((domain.width() + kBlock_px - 1) / kBlock_px),
         rows_((domain.height() + kBlock_px - 1) / kBlock_px),
         marks_(static_cast<size_t>(columns_) * rows_, 0) {}
 
   void Add(const PixelRect& rect) {
-    ForSquares(rect, [&](uint8_t& mark) { mark = 1; });
+    ForRows(rect, [](uint8_t* begin, uint8_t* end) { return std::fill(begin, end, 1), false; });
   }
   bool Meets(const PixelRect& rect) {
-    bool meets = false;
-    ForSquares(rect, [&](uint8_t& mark) { meets = meets || mark != 0; });
-    return meets;
+    return ForRows(rect, [](uint8_t* begin, uint8_t* end) { return std::find(begin, end, 1) != end; });
   }
   PixelRect Bounds() const {
     PixelRect bounds = {columns_, rows_, 0, 0};
@@ -40,26 +36,44 @@ class PixelSet {
       }
     }
     if (bounds.empty()) return {};
-    return {x0_ + bounds.x0 * kBlock_px, y0_ + bounds.y0 * kBlock_px, x0_ + bounds.x1 * kBlock_px,
-            y0_ + bounds.y1 * kBlock_px};
+    return {domain_.x0 + bounds.x0 * kBlock_px, domain_.y0 + bounds.y0 * kBlock_px,
+            std::min(domain_.x0 + bounds.x1 * kBlock_px, domain_.x1),
+            std::min(domain_.y0 + bounds.y1 * kBlock_px, domain_.y1)};
   }
 
  private:
+  // Calls body(begin, end) for the squares of a rectangle, row by row, until it says true.
   template <class Body>
-  void ForSquares(const PixelRect& rect, const Body& body) {
-    if (rect.empty()) return;
+  bool ForRows(const PixelRect& rect, const Body& body) {
+    if (rect.empty()) return false;
     // Rectangles are clipped to the domain.
-    const int x0 = (rect.x0 - x0_) / kBlock_px, x1 = (rect.x1 - 1 - x0_) / kBlock_px;
-    const int y0 = (rect.y0 - y0_) / kBlock_px, y1 = (rect.y1 - 1 - y0_) / kBlock_px;
+    const int x0 = (rect.x0 - domain_.x0) / kBlock_px, x1 = (rect.x1 - 1 - domain_.x0) / kBlock_px;
+    const int y0 = (rect.y0 - domain_.y0) / kBlock_px, y1 = (rect.y1 - 1 - domain_.y0) / kBlock_px;
     for (int y = y0; y <= y1; ++y) {
-      for (int x = x0; x <= x1; ++x) body(marks_[static_cast<size_t>(y) * columns_ + x]);
+      uint8_t* row = &marks_[static_cast<size_t>(y) * columns_];
+      if (body(row + x0, row + x1 + 1)) return true;
     }
+    return false;
   }
-  int x0_, y0_, columns_, rows_;
+  PixelRect domain_;
+  int columns_, rows_;
   std::vector<uint8_t> marks_;
 };
 
 }  // namespace
+
+std::vector<std::vector<uint32_t>> OwnCellsOfViews(const MeshCells& cells, const std::vector<uint8_t>& own,
+                                                   const std::vector<std::vector<uint8_t>>& looks, size_t views) {
+  std::vector<std::vector<uint32_t>> of_views(views);
+  for (uint32_t c = 0; c < cells.size(); ++c) {
+    const auto first = own.begin() + cells.face_begin[c], last = own.begin() + cells.face_begin[c + 1];
+    if (std::find_if(first, last, [](uint8_t flag) { return flag != 0; }) == last) continue;
+    for (size_t v = 0; v < views; ++v) {
+      if (looks[c][v]) of_views[v].push_back(c);
+    }
+  }
+  return of_views;
+}
 
 CellSight FindCellSight(const CellSightProblem& problem) {
   const size_t views = problem.views.size(), cells = problem.boxes.size();

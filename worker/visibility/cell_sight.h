@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "worker/visibility/image_window.h"
+#include "worker/visibility/mesh_cells.h"
 
 namespace tessera {
 
@@ -29,6 +30,11 @@ struct CellSight {
 // cell projects to (step 2). Which surface is nearest at these pixels of i and j is decided among the cells whose boxes
 // project to them (step 3). No occlusion is asked, so what hides what may change as it likes.
 CellSight FindCellSight(const CellSightProblem& problem);
+
+// CellSightProblem::own: of each of `views` views the cells that have a face with a flag in `own` and that the view
+// looks at (ViewGroups::looks of the cells).
+std::vector<std::vector<uint32_t>> OwnCellsOfViews(const MeshCells& cells, const std::vector<uint8_t>& own,
+                                                   const std::vector<std::vector<uint8_t>>& looks, size_t views);
 
 }  // namespace tessera
 

@@ -25,28 +25,33 @@ void MarkNotLookedAt(const ViewGroups& groups, size_t view, FaceMap* map) {
 
 void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
   // Along the rows first, then down the columns: whether a mark is as near as the margin.
-  const auto widen = [margin_px](const uint8_t* in, int count, size_t stride, uint8_t* out) {
-    int last = -2 * margin_px - 1;  // where a mark was seen, looking ahead by the margin
-    for (int i = 0; i < count + margin_px; ++i) {
-      if (i < count && in[i * stride]) last = i;
-      const int at = i - margin_px;
-      if (at >= 0 && at < count) out[at * stride] = i - last <= 2 * margin_px;
-    }
-  };
-  const size_t width = map->width;
-  std::vector<uint8_t> marks(map->face.size()), wide(marks.size());
-  ParallelFor(map->height, kRowGrain, [&](int64_t begin, int64_t end) {
+  const int width = map->width, height = map->height;
+  std::vector<uint8_t> wide(map->face.size(), 0), has(height, 0);  // pixels, rows
+  ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {
     for (int64_t y = begin; y < end; ++y) {
-      for (size_t i = y * width; i < (y + 1) * width; ++i) marks[i] = map->face[i] >= 0 && own[map->face[i]] != 0;
-      widen(&marks[y * width], map->width, 1, &wide[y * width]);
+      const int32_t* face = map->face.data() + y * width;
+      uint8_t* row = wide.data() + y * width;
+      int marked = 0;  // all before it is done
+      for (int x = 0; x < width; ++x) {
+        if (face[x] < 0 || !own[face[x]]) continue;
+        const int first = std::max(marked, x - margin_px), last = std::min(width, x + margin_px + 1);
+        std::fill(row + first, row + last, 1);
+        marked = last;
+        has[y] = 1;
+      }
     }
   });
-  ParallelFor(map->width, kRowGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t x = begin; x < end; ++x) widen(&wide[x], map->height, width, &marks[x]);
-  });
-  ParallelFor(static_cast<int64_t>(marks.size()), kPixelGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      if (!marks[i]) map->face[i] = -1;
+  ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {
+    std::vector<uint8_t> near(width);
+    for (int64_t y = begin; y < end; ++y) {
+      std::fill(near.begin(), near.end(), 0);
+      for (int64_t z = std::max<int64_t>(0, y - margin_px); z < std::min<int64_t>(height, y + margin_px + 1); ++z) {
+        if (!has[z]) continue;
+        const uint8_t* row = wide.data() + z * width;
+        for (int x = 0; x < width; ++x) near[x] |= row[x];
+      }
+      int32_t* face = map->face.data() + y * width;
+      for (int x = 0; x < width; ++x) face[x] = near[x] ? face[x] : -1;
     }
   });
 }

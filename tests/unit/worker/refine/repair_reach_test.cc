@@ -177,7 +177,7 @@ TEST(FoldRepair, APassDrawsBackAsFarAsItSays) {
   in.proposed[spike].z() = 1.3;
   Positions out;
   const FoldRepair::Result result = in.Run(&out);
-  ASSERT_TRUE(result.clean);
+  ASSERT_TRUE(result.clean());
   ASSERT_EQ(result.passes, 1);
   const IndexRows faces_of_vertex = FacesOfVertices(in.start);
   std::vector<uint8_t> corners(in.start.vertices.size());

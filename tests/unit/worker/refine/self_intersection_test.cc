@@ -161,7 +161,7 @@ TEST(FoldRepair, PartsSheetsThatWerePushedThroughEachOther) {
   moved.vertices[5].z() += 0.05;  // far away; stays
   ASSERT_GT(IntersectingFacePairs(moved).size(), 50u);
   const Repaired out = Repair(start, moved.vertices, nullptr);
-  EXPECT_TRUE(out.result.clean);
+  EXPECT_TRUE(out.result.clean());
   EXPECT_TRUE(PairsByCgal(out.mesh).empty());
   EXPECT_EQ(out.mesh.vertices[5], moved.vertices[5]);
   double kept = 0, wanted = 0;
@@ -184,7 +184,7 @@ TEST(FoldRepair, KeepsThinWallsApart) {
     ASSERT_FALSE(PairsByCgal(moved).empty());
     const MotionGuard guard(start, {}, {});
     const Repaired out = Repair(start, moved.vertices, &guard);
-    EXPECT_TRUE(out.result.clean);
+    EXPECT_TRUE(out.result.clean());
     EXPECT_TRUE(PairsByCgal(out.mesh).empty()) << thickness;
     EXPECT_EQ(guard.TurnedFaces(out.mesh.vertices), guard.TurnedFaces(start.vertices)) << thickness;
   }
@@ -234,7 +234,7 @@ TEST(FoldRepair, EndsForAnyMotionAndIsEqualForAnyNumberOfThreads) {
       two = Repair(start, moved.vertices, &guard);
     }
     EXPECT_EQ(one.mesh.vertices, two.mesh.vertices);
-    EXPECT_TRUE(one.result.clean);
+    EXPECT_TRUE(one.result.clean());
     EXPECT_TRUE(PairsByCgal(one.mesh).empty()) << sigma;
   }
 }

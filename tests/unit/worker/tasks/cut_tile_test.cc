@@ -52,7 +52,7 @@ void ExpectHas(const std::set<uint32_t>& faces, const std::vector<uint8_t>& want
 
 TEST(CutTile, PackagesHaveWhatTheyShareInTheSameOrder) {
   const TinyCity tiny = MakeTinyCity();
-  const GroundPlane& ground = tiny.survey.ground;
+  const GroundPlane ground = PackageCells(tiny.survey.ground);
   size_t smaller = 0;
   ForTiles(tiny, ShortReach(), 4, [&](size_t, const std::vector<CellRect>&, const CutResult& cut) {
     const TilePackage& p = cut.package;
@@ -145,12 +145,12 @@ TEST(CutTile, RegionsHaveAllThatTheOperatorsRead) {
     }
     ExpectHas(FacesWith(cut.package, kSolveRegion), faces_about(), "solve");
     std::vector<uint8_t> mend = core;
-    GrowRing(mesh, faces_of_vertex, &mend);
-    for (const int rings : reach.mend_rings) {
-      for (int ring = 0; ring < rings; ++ring) GrowRing(mesh, faces_of_vertex, &mend);
+    GrowRings(mesh, faces_of_vertex, 1, &mend);
+    for (const int rings : reach.repair.rings) {
+      GrowRings(mesh, faces_of_vertex, rings, &mend);
       mend = touching(mend);
     }
-    for (int ring = 0; ring < reach.mend_start_rings; ++ring) GrowRing(mesh, faces_of_vertex, &mend);
+    GrowRings(mesh, faces_of_vertex, reach.repair.start_rings, &mend);
     ExpectHas(FacesWith(cut.package, kMendRegion), mend, "mend");
     ExpectHas(FacesWith(cut.package, kLabelRegion), FacesInReach(links, cell, core, reach.label), "label");
   });

@@ -110,8 +110,7 @@ inline CutOptions ShortReach() {
   CutOptions options;
   options.sight = {0.2, 3, 2, 1};
   options.reach.solve_rings = 2;
-  options.reach.mend_rings = {1, 2};
-  options.reach.mend_start_rings = 1;
+  options.reach.repair = {{1, 2}, 1};
   options.reach.contact_m = 0.3;
   options.reach.label = {1, 1, 1, 1};
   return options;
