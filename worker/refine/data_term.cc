@@ -109,8 +109,8 @@ void DataTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& ow
   ContourOptions contour;
   contour.weight = options_.contour;
   std::vector<std::vector<FaceContour>> contours(views_.size());
-  const auto find = [&](size_t view, const FaceMap& map) {
-    contours[view] = FindContours(mesh, mesh.labels, own, views_[view], map, contour);
+  const auto find = [&](size_t index, const PhotoView& view, const FaceMap& map) {
+    contours[index] = FindContours(mesh, mesh.labels, own, view, map, contour);
   };
   const bool has_contours = options_.contour > 0 && !mesh.labels.empty();
   photo_->Evaluate(mesh, own, cells_, clock, &out->photo, has_contours ? PhotoTerm::MapVisitor(find) : nullptr);

@@ -123,13 +123,16 @@ PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
 void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells) {
   const CellBoxes boxes(mesh, cells);
   parts_.clear();
-  rects_.clear();
+  target_rects_.clear();
   CellSightProblem problem;
   for (size_t v = 0; v < views_.size(); ++v) {
     const PixelRect all = spilled_[v] ? spilled_[v]->rect() : views_[v].window().rect;
     problem.views.push_back({views_[v].camera, all});
-    rects_.push_back(all);
+    target_rects_.push_back(all);
   }
+  reference_rects_ = target_rects_;
+  references_.resize(views_.size());
+  for (size_t v = 0; v < views_.size(); ++v) references_[v].camera = views_[v].camera;
   if (own.empty() || cells == nullptr || groups_ == nullptr) {
     for (const CameraWindow& view : problem.views) parts_.push_back(boxes.InWindow(view, kNearPlane_m));
     return;
@@ -142,13 +145,16 @@ void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   const CellSight sight = FindCellSight(problem);
   for (size_t v = 0; v < views_.size(); ++v) {
     parts_.push_back(boxes.PartOf(sight.cells[v]));
-    const PixelRect needed = sight.windows[v];
-    PixelRect& rect = rects_[v];
     if (!spilled_[v]) continue;
-    constexpr int kStep = PhotoView::kWindowStep;
-    rect = {rect.x0 + (needed.x0 - rect.x0) / kStep * kStep, rect.y0 + (needed.y0 - rect.y0) / kStep * kStep,
-            std::min(rect.x1, needed.x1), std::min(rect.y1, needed.y1)};
-    if (needed.empty()) rect = {};
+    const auto window = [&](const PixelRect& needed) {
+      constexpr int kStep = PhotoView::kWindowStep;
+      const PixelRect& all = spilled_[v]->rect();
+      if (needed.empty()) return PixelRect();
+      return PixelRect{all.x0 + (needed.x0 - all.x0) / kStep * kStep, all.y0 + (needed.y0 - all.y0) / kStep * kStep,
+                       needed.x1, needed.y1};
+    };
+    target_rects_[v] = window(sight.windows[v]);
+    reference_rects_[v] = window(sight.own_windows[v]);
   }
 }
 
@@ -157,56 +163,61 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
   const size_t wanted = opened_ + 2 * static_cast<size_t>(ThreadCount());
   std::vector<size_t> open;
   while (opened_ < opening_.size() && (opened_ < wanted || first_step_[opening_[opened_]] <= step)) {
-    if (const size_t view = opening_[opened_++]; !rects_[view].empty()) open.push_back(view);
+    if (const size_t view = opening_[opened_++]; !target_rects_[view].empty()) open.push_back(view);
   }
   std::vector<CameraWindow> windows;
-  std::vector<MeshPart> drawn;
-  std::vector<FaceMap> maps(open.size());
-  for (size_t i = 0; i < open.size(); ++i) {
-    const size_t view = open[i];
-    windows.push_back({views_[view].camera, rects_[view]});
-    drawn.push_back(parts_[view]);
-    Buffers buffers = TakeBuffers(static_cast<size_t>(windows[i].rect.width()) * windows[i].rect.height());
-    maps[i] = std::move(buffers.map);
+  std::vector<MeshPart> parts;
+  for (const size_t view : open) {
+    windows.push_back({views_[view].camera, target_rects_[view]});
+    parts.push_back(parts_[view]);
+    const PixelRect& reference = reference_rects_[view];
+    Buffers buffers = TakeBuffers(static_cast<size_t>(reference.width()) * reference.height());
+    maps_[view] = std::move(buffers.map);
     targets_[view] = std::move(buffers.target);
-    if (!spilled_[view]) continue;
-    views_[view].texels.luminance = std::move(buffers.texels.luminance);
-    views_[view].texels.likelihoods = std::move(buffers.texels.likelihoods);
+    if (spilled_[view]) views_[view].texels = std::move(buffers.target_texels);
+    references_[view].texels = std::move(buffers.reference_texels);
   }
-  rasterizer_.DrawParts(mesh, drawn, windows, &maps);
+  rasterizer_.DrawParts(mesh, parts, windows, &drawn_);
   ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
-      if (spilled_[open[i]]) spilled_[open[i]]->Bring(rects_[open[i]], &views_[open[i]].texels);
+      const size_t view = open[i];
+      if (!spilled_[view]) continue;
+      spilled_[view]->Bring(target_rects_[view], &views_[view].texels);
+      if (IsNarrow(view)) spilled_[view]->Bring(reference_rects_[view], &references_[view].texels);
     }
   });
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];
-    if (groups_ != nullptr) MarkNotLookedAt(*groups_, view, &maps[i]);
-    SetWarpTarget(views_[view].texels, maps[i], views_[view].depths, &targets_[view]);
-    maps_[view] = std::move(maps[i]);
+    if (groups_ != nullptr) MarkNotLookedAt(*groups_, view, &drawn_[i]);
+    SetWarpTarget(views_[view].texels, drawn_[i], views_[view].depths, &targets_[view]);
   }
   ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
-      if (visit) visit(open[i], maps_[open[i]]);
-      if (!own.empty()) KeepNearOwn(own, 2 * options_.window.radius, &maps_[open[i]]);
+      const size_t view = open[i];
+      if (IsNarrow(view)) {
+        CropFaceMap(drawn_[i], reference_rects_[view], &maps_[view]);
+      } else {
+        std::swap(drawn_[i], maps_[view]);
+      }
+      if (visit) visit(view, ReferenceOf(view), maps_[view]);
+      if (!own.empty()) KeepNearOwn(own, 2 * options_.window.radius, &maps_[view]);
     }
   });
 }
 
 void PhotoTerm::Close(size_t step) {
   for (const size_t view : closing_[step]) {
-    if (rects_[view].empty()) continue;
-    Buffers buffers = {std::move(maps_[view]), std::move(targets_[view]), {}};
-    if (spilled_[view]) {
-      buffers.texels.luminance = std::move(views_[view].texels.luminance);
-      buffers.texels.likelihoods = std::move(views_[view].texels.likelihoods);
-    }
+    if (target_rects_[view].empty()) continue;
+    Buffers buffers = {std::move(maps_[view]), std::move(targets_[view]), {}, {}};
+    if (spilled_[view]) buffers.target_texels = std::move(views_[view].texels);
+    buffers.reference_texels = std::move(references_[view].texels);
     spare_.push_back(std::move(buffers));
   }
 }
 
 void PhotoTerm::ReleaseBuffers() {
   spare_ = {};
+  drawn_ = {};
   workspaces_.clear();
   gatherer_ = FaceGatherer();
   rasterizer_ = Rasterizer();
@@ -228,16 +239,17 @@ void PhotoTerm::ReturnWorkspace(std::unique_ptr<Workspace> workspace) {
 void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<uint8_t>& own, size_t first_pair,
                                   size_t last_pair, PhotoSums* out) {
   const int i = pairs_[first_pair].reference;
-  const PosedCamera& camera = views_[i].camera;
-  const Texels& texels = views_[i].texels;
+  const PhotoView& reference = ReferenceOf(i);
+  const PosedCamera& camera = reference.camera;
+  const Texels& texels = reference.texels;
   const Vector3d centre = camera.Centre();
   offsets_.resize(mesh.faces.size());
   ForFaces(parts_[i], [&](int64_t f) { offsets_[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre)); });
   std::vector<ZnccPair> warps;
   for (size_t p = first_pair; p < last_pair; ++p) {
     const int j = pairs_[p].other;
-    if (rects_[j].empty()) continue;
-    warps.push_back(MakeZnccPair(views_[i], views_[j].camera, targets_[j], options_.occlusion_px));
+    if (target_rects_[j].empty()) continue;
+    warps.push_back(MakeZnccPair(reference, views_[j].camera, targets_[j], options_.occlusion_px));
   }
   const int height = texels.height, strips = (height + kStripRows - 1) / kStripRows;
   std::vector<ZnccSums> sums(strips);
@@ -293,7 +305,7 @@ void PhotoTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& o
     out->seconds_visibility += Seconds(clock) - open_s;
     size_t last = first;
     while (last < pairs_.size() && pairs_[last].reference == static_cast<int>(step)) ++last;
-    if (last > first && !rects_[step].empty()) EvaluateReference(mesh, own, first, last, out);
+    if (last > first && !reference_rects_[step].empty()) EvaluateReference(mesh, own, first, last, out);
     first = last;
     Close(step);
   }

@@ -77,8 +77,9 @@ class PhotoTerm {
   // different views.
   Status SpillTexels(size_t view, const std::string& folder);
 
-  // What a view sees, of each view once, while it is at hand. Called from several threads, for different views.
-  using MapVisitor = std::function<void(size_t view, const FaceMap& map)>;
+  // What each view sees of its own faces and about them, once, while it is at hand: `map` and texels of one window.
+  // Called from several threads, for different views.
+  using MapVisitor = std::function<void(size_t index, const PhotoView& view, const FaceMap& map)>;
 
   // Visibility is taken from `mesh` as it is and frozen in the derivatives. `own`: the faces whose sums are wanted;
   // empty: all. The sums of an own face depend on what lies within 2·radius rows and columns of its own pixels in each
@@ -104,9 +105,12 @@ class PhotoTerm {
   struct Buffers {
     FaceMap map;
     WarpTarget target;
-    Texels texels;  // its arrays
+    Texels target_texels, reference_texels;  // their arrays
   };
   Buffers TakeBuffers(size_t pixels);
+  // Whether a view is smaller as a reference than as a target; the reference then has texels of its own.
+  bool IsNarrow(size_t view) const { return reference_rects_[view] != target_rects_[view]; }
+  const PhotoView& ReferenceOf(size_t view) const { return IsNarrow(view) ? references_[view] : views_[view]; }
   std::unique_ptr<Workspace> TakeWorkspace();
   void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
   void FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells);
@@ -123,14 +127,17 @@ class PhotoTerm {
   const ViewGroups* groups_;
   Rasterizer rasterizer_;
   // Step i is that of reference i; a view is open from the first step that reads it to the last.
-  // What is read of each view: of the mesh, and of the image; nothing where the rectangle is empty.
+  // What is read of each view: of the mesh, and of the image, by all that land on it and as a reference; nothing where
+  // a rectangle is empty.
   std::vector<MeshPart> parts_;
-  std::vector<PixelRect> rects_;
+  std::vector<PixelRect> target_rects_, reference_rects_;
+  std::vector<PhotoView> references_;  // of narrow views, while they are open
+  std::vector<FaceMap> drawn_;         // of views that are being opened
   std::vector<size_t> opening_;               // views by their first step
   std::vector<size_t> first_step_;            // of each view
   std::vector<std::vector<size_t>> closing_;  // views whose last step it is, by step
   size_t opened_ = 0;                         // of opening_
-  std::vector<FaceMap> maps_;                 // by view, those of open ones
+  std::vector<FaceMap> maps_;                 // by view, those of open ones, as references
   std::vector<WarpTarget> targets_;
   std::vector<Buffers> spare_;
   std::vector<Eigen::Vector3d> normals_;

@@ -32,11 +32,12 @@ void SpilledTexels::Bring(const PixelRect& rect, Texels* texels) const {
   texels->height = rect.height();
   texels->stride = PaddedStride(texels->width);
   texels->classes = classes_;
-  const size_t skipped = static_cast<size_t>(rect.y0 - rect_.y0) * stride_ + (rect.x0 - rect_.x0);
+  const ptrdiff_t skipped = static_cast<ptrdiff_t>(rect.y0 - rect_.y0) * stride_ + (rect.x0 - rect_.x0);
   const auto copy = [&](const auto* from, auto* to) {
     to->assign(static_cast<size_t>(texels->stride) * (texels->height + 1), 0);
     for (int y = 0; y < texels->height; ++y) {
-      std::copy_n(from + skipped + static_cast<size_t>(y) * stride_, texels->width, to->data() + texels->Index(0, y));
+      const auto* row = from + skipped + static_cast<ptrdiff_t>(y) * stride_;
+      std::copy_n(row, texels->width, to->data() + texels->Index(0, y));
     }
   };
   const char* from = file_.data();

@@ -9,7 +9,8 @@
 namespace tessera {
 namespace {
 
-constexpr int kBlock_px = 16;  // needed pixels are counted in squares of so many
+constexpr int kBlock_px = 8;        // needed pixels are counted in squares of so many
+constexpr size_t kRunCells = 16;  // cells that are looked for together first
 
 // Squares of an image.
 class PixelSet {
@@ -60,6 +61,27 @@ class PixelSet {
   std::vector<uint8_t> marks_;
 };
 
+// A cell and the pixels of a view that may show something of it.
+struct CellPixels {
+  uint32_t cell = 0;
+  PixelRect pixels;
+};
+
+// Calls body for those of `in_view` that are among `cells`; both ascend.
+template <class Body>
+void ForCells(const std::vector<CellPixels>& in_view, const std::vector<uint32_t>& cells, const Body& body) {
+  size_t at = 0;
+  for (const uint32_t cell : cells) {
+    while (at < in_view.size() && in_view[at].cell < cell) ++at;
+    if (at < in_view.size() && in_view[at].cell == cell) body(in_view[at]);
+  }
+}
+
+PixelRect Widened(const PixelRect& r, int margin, const PixelRect& domain) {
+  return {std::max(r.x0 - margin, domain.x0), std::max(r.y0 - margin, domain.y0), std::min(r.x1 + margin, domain.x1),
+          std::min(r.y1 + margin, domain.y1)};
+}
+
 }  // namespace
 
 std::vector<std::vector<uint32_t>> OwnCellsOfViews(const MeshCells& cells, const std::vector<uint8_t>& own,
@@ -77,19 +99,27 @@ std::vector<std::vector<uint32_t>> OwnCellsOfViews(const MeshCells& cells, const
 
 CellSight FindCellSight(const CellSightProblem& problem) {
   const size_t views = problem.views.size(), cells = problem.boxes.size();
+  std::vector<Eigen::AlignedBox3d> runs((cells + kRunCells - 1) / kRunCells);
+  for (size_t c = 0; c < cells; ++c) runs[c / kRunCells].extend(problem.boxes[c]);
   std::vector<PixelSet> needed;
   for (const CameraWindow& view : problem.views) needed.emplace_back(view.rect);
-  std::vector<std::vector<PixelRect>> rects(views);  // of each cell
+  std::vector<std::vector<CellPixels>> in_view(views);  // ascending
   std::vector<std::vector<uint32_t>> shown(views), lands(views);
   ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t begin, int64_t end) {
     for (int64_t v = begin; v < end; ++v) {
-      for (const Eigen::AlignedBox3d& box : problem.boxes)
-        rects[v].push_back(PixelsOf(problem.views[v], box, kNearPlane_m, 0));
-      for (const uint32_t c : problem.own[v]) {
-        needed[v].Add(PixelsOf(problem.views[v], problem.boxes[c], kNearPlane_m, problem.reference_margin_px));
+      const CameraWindow& view = problem.views[v];
+      for (uint32_t run = 0; run < runs.size(); ++run) {
+        if (PixelsOf(view, runs[run], kNearPlane_m, 0).empty()) continue;
+        const auto last = static_cast<uint32_t>(std::min<size_t>(cells, (run + 1) * kRunCells));
+        for (uint32_t c = run * kRunCells; c < last; ++c) {
+          const PixelRect pixels = PixelsOf(view, problem.boxes[c], kNearPlane_m, 0);
+          if (!pixels.empty()) in_view[v].push_back({c, pixels});
+        }
       }
-      for (uint32_t c = 0; !problem.own[v].empty() && c < cells; ++c) {
-        if (needed[v].Meets(rects[v][c])) shown[v].push_back(c);
+      ForCells(in_view[v], problem.own[v],
+               [&](const CellPixels& own) { needed[v].Add(Widened(own.pixels, problem.reference_margin_px, view.rect)); });
+      for (const CellPixels& other : in_view[v]) {
+        if (needed[v].Meets(other.pixels)) shown[v].push_back(other.cell);
       }
     }
   });
@@ -99,16 +129,18 @@ CellSight FindCellSight(const CellSightProblem& problem) {
   CellSight sight;
   sight.cells.resize(views);
   sight.windows.resize(views);
+  sight.own_windows.resize(views);
   ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t begin, int64_t end) {
     for (int64_t v = begin; v < end; ++v) {
+      sight.own_windows[v] = needed[v].Bounds();
       std::sort(lands[v].begin(), lands[v].end());
       lands[v].erase(std::unique(lands[v].begin(), lands[v].end()), lands[v].end());
-      for (const uint32_t c : lands[v]) {
-        needed[v].Add(PixelsOf(problem.views[v], problem.boxes[c], kNearPlane_m, problem.target_margin_px));
-      }
+      ForCells(in_view[v], lands[v], [&](const CellPixels& landing) {
+        needed[v].Add(Widened(landing.pixels, problem.target_margin_px, problem.views[v].rect));
+      });
       sight.windows[v] = needed[v].Bounds();
-      for (uint32_t c = 0; !sight.windows[v].empty() && c < cells; ++c) {
-        if (needed[v].Meets(rects[v][c])) sight.cells[v].push_back(c);
+      for (const CellPixels& other : in_view[v]) {
+        if (needed[v].Meets(other.pixels)) sight.cells[v].push_back(other.cell);
       }
     }
   });

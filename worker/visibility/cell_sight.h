@@ -23,6 +23,7 @@ struct CellSightProblem {
 struct CellSight {
   std::vector<std::vector<uint32_t>> cells;  // of each view those that a needed pixel may show, ascending
   std::vector<PixelRect> windows;            // of each view the smallest with all needed pixels; empty: none
+  std::vector<PixelRect> own_windows;        // the same of step 1 alone: those that derivatives of own cells read
 };
 
 // The derivatives of own cells in view i read the pixels within reference_margin_px of those that show them. These may

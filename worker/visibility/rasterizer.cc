@@ -229,6 +229,20 @@ void Rasterizer::DrawParts(const TriangleMesh& mesh, std::span<const MeshPart> p
   });
 }
 
+void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out) {
+  out->x0 = rect.x0;
+  out->y0 = rect.y0;
+  out->width = rect.width();
+  out->height = rect.height();
+  out->face.clear();
+  out->depth.clear();
+  for (int y = rect.y0; y < rect.y1; ++y) {
+    const ptrdiff_t begin = static_cast<ptrdiff_t>(y - map.y0) * map.width + (rect.x0 - map.x0);
+    out->face.insert(out->face.end(), map.face.begin() + begin, map.face.begin() + begin + out->width);
+    out->depth.insert(out->depth.end(), map.depth.begin() + begin, map.depth.begin() + begin + out->width);
+  }
+}
+
 FaceMap RasterizeFaces(const TriangleMesh& mesh, const TriangleMesh* occluders, const CameraWindow& window,
                        double near_m) {
   FaceMap map;

@@ -28,6 +28,9 @@ struct FaceMap {
   int x0 = 0, y0 = 0;         // of the first pixel in the camera's whole image
 };
 
+// Makes `out`, whose buffers are used again, the part of a map in `rect` (of the whole image, within the map).
+void CropFaceMap(const FaceMap& map, const PixelRect& rect, FaceMap* out);
+
 // Draws `mesh`, and `occluders` (may be null) into depth alone, as a camera sees them through the pixel centres of a
 // window; a pixel is the same bits in every window that holds it. Both
 // sides of faces count. A pixel centre on an edge belongs to exactly one of two faces that share it; of equally deep
