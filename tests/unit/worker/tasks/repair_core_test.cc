@@ -45,11 +45,14 @@ TEST(RepairCore, GivesTheCoreTheBytesOfTheWholeRegion) {
     std::vector<Vector3d> good, proposed;
     for (const Vector3d& v : mesh.vertices) {
       good.push_back(v + 0.02 * Vector3d(random.Uniform(), random.Uniform(), random.Uniform()));
-      const double push = random.Uniform() < 0.03 ? random.Uniform(-0.8, 0.8) : 0;
+      const double push = random.Uniform() < 0.06 ? random.Uniform(-0.8, 0.8) : 0;
       proposed.push_back(good.back() + Vector3d(0.1 * push, 0.1 * push, push));
     }
+    // Of the lower sheet: the upper one is known by its contacts alone.
     std::vector<uint8_t> core;
-    for (const Triangle& face : mesh.faces) core.push_back(mesh.vertices[face[0]].x() < 40);
+    for (const Triangle& face : mesh.faces) {
+      core.push_back(core.size() < mesh.faces.size() / 2 && mesh.vertices[face[0]].x() < 40);
+    }
     std::vector<Vector3d> whole = proposed, part = proposed;
     constexpr double kGsd_m = 0.5;
     Stepper(mesh, {}, kGsd_m, up, options).Repair(good, &whole);
@@ -67,7 +70,7 @@ TEST(RepairCore, GivesTheCoreTheBytesOfTheWholeRegion) {
       }
     }
   }
-  EXPECT_GT(changed, 100);
+  EXPECT_GT(changed, 50);
   EXPECT_GT(elsewhere, 100) << "or it does all of the work";
 }
 
