@@ -1,7 +1,9 @@
 #include "server/dispatch/job_report.h"
 
+#include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 namespace tessera {
 namespace {
@@ -67,6 +69,23 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
   return json;
 }
 
+// Adds where a task's time went: what it says of itself, and the rest of the time that it was leased for.
+void AddStages(const JobTask& task, std::map<std::string, double>* seconds_of_stage) {
+  if (task.state != TaskState::kSucceeded || task.reused) return;
+  const Json stats = Json::parse(task.stats, nullptr, /*allow_exceptions=*/false);
+  if (!stats.is_object()) return;
+  constexpr std::string_view kPrefix = "seconds_";
+  for (const auto& [name, value] : stats.items()) {
+    if (value.is_number() && name.starts_with(kPrefix)) {
+      (*seconds_of_stage)[name.substr(kPrefix.size())] += value.get<double>();
+    }
+  }
+  const auto own = stats.find("seconds");
+  if (own == stats.end() || !own->is_number() || task.attempts.empty()) return;
+  const Attempt& last = task.attempts.back();
+  (*seconds_of_stage)["dispatch"] += std::max(0.0, Seconds(last.start_us, last.end_us) - own->get<double>());
+}
+
 // Names may hold bytes that are not UTF-8.
 std::string Dump(const Json& json, int indent = 1) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
@@ -90,12 +109,14 @@ std::string JobReportJson(const Job& job, const std::string& error, int64_t end_
   if (!error.empty()) json["error"] = error;
   json["warnings"] = header.warnings;
   int attempts = 0, reused = 0;
-  std::map<std::string, double> seconds_of_kind, seconds_of_worker;
+  std::map<std::string, double> seconds_of_kind, seconds_of_stage, core_seconds_of_kind, seconds_of_worker;
   std::map<std::string, int> tasks_of_kind;
   for (const JobTask& task : job.tasks) {
     attempts += task.attempt();
     reused += task.reused ? 1 : 0;
     ++tasks_of_kind[task.plan.kind];
+    if (!task.reused) core_seconds_of_kind[task.plan.kind] += task.usage.core_seconds;
+    AddStages(task, &seconds_of_stage);
     for (const Attempt& attempt : task.attempts) {
       const double run_s = Seconds(attempt.start_us, attempt.end_us > 0 ? attempt.end_us : end_us);
       seconds_of_kind[task.plan.kind] += run_s;
@@ -108,6 +129,8 @@ std::string JobReportJson(const Job& job, const std::string& error, int64_t end_
                     {"reused", reused},
                     {"tasks_of_kind", tasks_of_kind},
                     {"seconds_of_kind", seconds_of_kind},
+                    {"core_seconds_of_kind", core_seconds_of_kind},
+                    {"seconds_of_stage", seconds_of_stage},
                     {"seconds_of_worker", seconds_of_worker}};
   std::string text = Dump(json);
   text.pop_back();  // the closing brace, and the line's end before it

@@ -132,7 +132,7 @@ class CoordinatorTest : public testing::Test {
   // The outputs that FakePlanner's graph expects of the task, stored.
   ReportedResult Result(const GrantedLease& lease, const std::string& survey = "survey") {
     ReportedResult result;
-    result.stats = "{\"energy\":1}";
+    result.stats = R"({"energy":1,"seconds":1,"seconds_data":0.75,"seconds_loading":0.25})";
     result.usage = {7.5, 3 << 20, 2};
     const auto add = [&](const std::string& name, const std::string& content) {
       result.outputs.push_back({name, *blobs_->PutBytes(content)});

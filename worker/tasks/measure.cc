@@ -50,6 +50,7 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
         SumLikelihoods(package, work.own(), task.known.positions, sight->views, sight->data.groups,
                        PartOf(control, 0, 0.9)));
     FillLikelihoods(work, likelihoods, &sums);
+    stats["seconds_labels"] = SecondsSince(clock, start_us) - seconds_loading;
   } else if (package.compares) {
     const int64_t entered_us = clock.MonotonicUs();
     TESSERA_RETURN_IF_ERROR(sight->data_term.EnterLevel(task.step.level, request.output_dir));

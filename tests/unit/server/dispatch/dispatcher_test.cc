@@ -54,6 +54,10 @@ TEST_F(DispatcherTest, RunsAJobToItsEnd) {
   EXPECT_EQ(done.header.artifacts[1].name, "job.json");
   const auto report = nlohmann::json::parse(*blobs_->Read(done.header.artifacts[1].digest));
   EXPECT_EQ(report["totals"]["tasks"], 4);
+  EXPECT_EQ(report["totals"]["core_seconds_of_kind"]["refine"], 2 * 7.5);
+  EXPECT_EQ(report["totals"]["seconds_of_stage"]["data"], 4 * 0.75);
+  EXPECT_EQ(report["totals"]["seconds_of_stage"]["loading"], 4 * 0.25);
+  EXPECT_EQ(report["totals"]["seconds_of_stage"]["dispatch"], (2 - 1) + (10 - 1)) << "the others took no time";
   EXPECT_EQ(report["tasks"][2]["title"], "refine tile 1");
   EXPECT_EQ(report["tasks"][2]["attempts"], 1);
   EXPECT_EQ(report["tasks"][2]["seconds"], 10.0);
