@@ -33,13 +33,13 @@ class CellIndex {
     }
   }
 
-  // The same for those that lie at most `halo_m` from `core`, those in it included.
+  // The same for those that lie at most `margin_m` from `core`, those in it included.
   template <class Visit>
-  void ForEachWithin(const CellRect& core, double halo_m, const Visit& visit) const {
+  void ForEachWithin(const CellRect& core, double margin_m, const Visit& visit) const {
     const double cell_m = survey_.ground.cell_m;
-    const int reach = 1 + static_cast<int>(std::floor(halo_m / cell_m));
+    const int reach = 1 + static_cast<int>(std::floor(margin_m / cell_m));
     ForEachIn({core.x0 - reach, core.y0 - reach, core.x1 + reach, core.y1 + reach}, [&](const SurveyCell& cell) {
-      if (DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, core, cell_m) <= halo_m) visit(cell);
+      if (DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, core, cell_m) <= margin_m) visit(cell);
     });
   }
 

@@ -65,11 +65,11 @@ struct Box {
   Vector3d min, max;
 };
 
-// The part of a cell's box that can hold faces of a tile: those whose centroid lies at most `halo_m` from the core.
-Box TilePart(const SurveyCell& cell, const GroundPlane& ground, const CellRect& core, double halo_m) {
+// The part of a cell's box that can hold faces of a tile: those whose centroid lies at most `margin_m` from the core.
+Box TilePart(const SurveyCell& cell, const GroundPlane& ground, const CellRect& core, double margin_m) {
   Box box = {cell.box_min, cell.box_max};
   if (ground.axis_x != Vector3d::UnitX() || ground.axis_y != Vector3d::UnitY()) return box;
-  const double reach_m = halo_m + cell.reach_m;
+  const double reach_m = margin_m + cell.reach_m;
   const double low[2] = {core.x0 * ground.cell_m - reach_m, core.y0 * ground.cell_m - reach_m};
   const double high[2] = {core.x1 * ground.cell_m + reach_m, core.y1 * ground.cell_m + reach_m};
   for (int k = 0; k < 2; ++k) {
@@ -79,11 +79,11 @@ Box TilePart(const SurveyCell& cell, const GroundPlane& ground, const CellRect& 
   return box;
 }
 
-// Share of a cell's square within `halo_m` of the core, along the axes.
-double ShareWithin(const SurveyCell& cell, const CellRect& core, double halo_m, double cell_m) {
-  const double halo = halo_m / cell_m;
-  const double w = std::min<double>(cell.x + 1, core.x1 + halo) - std::max<double>(cell.x, core.x0 - halo);
-  const double h = std::min<double>(cell.y + 1, core.y1 + halo) - std::max<double>(cell.y, core.y0 - halo);
+// Share of a cell's square within `margin_m` of the core, along the axes.
+double ShareWithin(const SurveyCell& cell, const CellRect& core, double margin_m, double cell_m) {
+  const double margin = margin_m / cell_m;
+  const double w = std::min<double>(cell.x + 1, core.x1 + margin) - std::max<double>(cell.x, core.x0 - margin);
+  const double h = std::min<double>(cell.y + 1, core.y1 + margin) - std::max<double>(cell.y, core.y0 - margin);
   return std::clamp(w, 0.0, 1.0) * std::clamp(h, 0.0, 1.0);
 }
 

@@ -1,4 +1,4 @@
-// Putting the city together again from its stitched cores, without holding it.
+// Putting the city together again from its tiles' cores, without holding it.
 #ifndef TESSERA_WORKER_TASKS_MERGE_CORES_H_
 #define TESSERA_WORKER_TASKS_MERGE_CORES_H_
 
