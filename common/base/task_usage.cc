@@ -2,8 +2,10 @@
 
 #include <malloc.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
-#include <cstdio>
+#include <algorithm>
+#include <cstdlib>
 #include <fstream>
 #include <string>
 
@@ -20,13 +22,21 @@ double CoreSeconds() {
 }
 
 // 0 where there is no such line.
-int64_t PeakBytes() {
+int64_t StatusBytes(const std::string& name) {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
-    long long kib = 0;
-    if (std::sscanf(line.c_str(), "VmHWM: %lld kB", &kib) == 1) return kib * 1024;
+    if (line.starts_with(name + ":")) return std::atoll(line.c_str() + name.size() + 1) * 1024;
   }
   return 0;
+}
+
+int64_t PeakBytes() { return StatusBytes("VmHWM"); }
+
+// What the process holds now beyond what it held when it was first asked.
+int64_t HeldBytes() {
+  const int64_t now = StatusBytes("VmRSS");
+  static const int64_t first = now;
+  return std::max<int64_t>(0, now - first);
 }
 
 bool ResetPeak() {
@@ -41,6 +51,7 @@ TaskUsageMeter::TaskUsageMeter() {
   malloc_trim(0);
   peak_was_reset_ = ResetPeak();
   start_peak_bytes_ = PeakBytes();
+  held_bytes_ = HeldBytes();
   start_core_seconds_ = CoreSeconds();
 }
 
@@ -48,9 +59,22 @@ TaskUsage TaskUsageMeter::Read() const {
   TaskUsage usage;
   usage.core_seconds = CoreSeconds() - start_core_seconds_;
   const int64_t peak_bytes = PeakBytes();
-  if (peak_was_reset_ || peak_bytes > start_peak_bytes_) usage.peak_bytes = peak_bytes;
+  if (peak_was_reset_ || peak_bytes > start_peak_bytes_) usage.peak_bytes = peak_bytes - held_bytes_;
   usage.threads = ThreadCount();
   return usage;
+}
+
+int64_t MemoryLimit_bytes() {
+  int64_t least = static_cast<int64_t>(sysconf(_SC_PHYS_PAGES)) * sysconf(_SC_PAGESIZE);
+  for (const auto resource : {RLIMIT_AS, RLIMIT_DATA}) {
+    rlimit limit = {};
+    if (getrlimit(resource, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY) {
+      least = std::min(least, static_cast<int64_t>(limit.rlim_cur));
+    }
+  }
+  std::ifstream group("/sys/fs/cgroup/memory.max");  // "max" where there is no limit
+  if (int64_t bytes = 0; group >> bytes) least = std::min(least, bytes);
+  return least;
 }
 
 }  // namespace tessera

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <limits>
 #include <utility>
 
 #include "common/base/version.h"
@@ -18,6 +19,12 @@ void ToProto(const Digest& digest, v1::Digest* proto) {
 
 // Ready tasks of tiles that other workers have had which are passed over for one of a tile that nobody has.
 constexpr int kStrangersSeen = 32;
+
+// A worker without a tile of its own waits that long and as long as the task takes before it takes one of a tile that
+// another has in memory: to read the tile anew takes longer (delay scheduling, Zaharia et al., EuroSys 2010).
+constexpr double kPatience_s = 1;
+
+constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
 int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
 
@@ -209,7 +216,7 @@ Status Dispatcher::SeenLocked(const std::string& worker) {
   return absl::OkStatus();
 }
 
-std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker) {
+std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, double waited_s) {
   ledger_.PromoteRetries(environment_.clock->UnixTimeUs());
   const ReadyTasks& ready = ledger_.ready();
   const auto may_run = [&](TaskRef ref) {
@@ -218,8 +225,8 @@ std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker) {
   const std::optional<TaskRef> first = ready.First(may_run);
   const auto self = leases_.workers().find(worker);
   if (!first || self == leases_.workers().end()) return first;
-  // Of the same job rather one of a tile that this worker has had, and may have in memory; else rather none that
-  // another has had. Only an order of preference: whatever is ready goes to whoever asks.
+  // Of the same job rather one of a tile that this worker has had, and may have in memory; else none that another has
+  // had, for some time. Only an order of preference: whatever is ready goes to whoever goes on asking.
   for (const TileRef tile : self->second.recent_tiles) {
     if (tile.job != first->job) continue;
     if (const auto own = ready.FirstOfTile(tile.job, tile.tile, may_run)) return own;
@@ -230,7 +237,9 @@ std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker) {
     const std::string& keeper = leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile});
     return may_run(ref) && (keeper.empty() || keeper == worker);
   });
-  return nobodys && nobodys->job == first->job && seen <= kStrangersSeen ? nobodys : first;
+  if (nobodys && nobodys->job == first->job && seen <= kStrangersSeen) return nobodys;
+  if (seen <= kStrangersSeen && waited_s < kPatience_s + ledger_.task(*first).plan.cost) return std::nullopt;
+  return first;
 }
 
 StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& worker) {
@@ -265,13 +274,15 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
 
 StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& worker, double wait_s,
                                                             const std::function<bool()>& gone) {
-  const auto until = std::chrono::steady_clock::now() + std::chrono::microseconds(Micros(wait_s));
+  const auto asked = std::chrono::steady_clock::now(), until = asked + std::chrono::microseconds(Micros(wait_s));
   std::unique_lock lock(mutex_);
   while (true) {
     TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
     if (stopped_ || (gone && gone())) return std::nullopt;
     TESSERA_RETURN_IF_ERROR(ExpireLeasesLocked());
-    if (const auto ref = NextReadyLocked(worker)) {
+    const auto now = std::chrono::steady_clock::now();
+    const double waited_s = now < until ? std::chrono::duration<double>(now - asked).count() : kForever_s;
+    if (const auto ref = NextReadyLocked(worker, waited_s)) {
       TESSERA_ASSIGN_OR_RETURN(const bool reused, ReuseLocked(*ref));
       if (!reused) return GrantLocked(*ref, worker);
       lock.unlock();
@@ -279,7 +290,6 @@ StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& w
       lock.lock();
       continue;
     }
-    const auto now = std::chrono::steady_clock::now();
     if (now >= until) return std::nullopt;
     // In short slices: a back-off may end, a lease expire, the caller go.
     work_.wait_until(lock, std::min(until, now + std::chrono::milliseconds(500)));

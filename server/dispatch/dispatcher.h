@@ -147,7 +147,8 @@ class Dispatcher {
   Status ExpireLeasesLocked();
   // Succeeds a ready task whose result is known and still stored. True if it did.
   StatusOr<bool> ReuseLocked(TaskRef ref);
-  std::optional<TaskRef> NextReadyLocked(const std::string& worker);
+  // `waited_s`: how long the worker has asked already.
+  std::optional<TaskRef> NextReadyLocked(const std::string& worker, double waited_s);
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
   Status SeenLocked(const std::string& worker);
   JobStatus JobStatusLocked(int job) const;

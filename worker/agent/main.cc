@@ -115,7 +115,7 @@ int main(int argc, char** argv) {
   options.description = {HostName(),
                          getpid(),
                          flags.threads > 0 ? flags.threads : CoreCount(),
-                         static_cast<int64_t>(sysconf(_SC_PHYS_PAGES)) * sysconf(_SC_PAGESIZE),
+                         tessera::MemoryLimit_bytes(),
                          tessera::kAlgorithmVersion,
                          CoreCount()};
   options.retry.seed = static_cast<uint64_t>(getpid());

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/task_usage.h"
 #include "worker/tasks/regions.h"
 
 namespace tessera {
@@ -20,8 +21,14 @@ namespace {
 
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
-// What tiles that nobody works on may hold together; of a face of a package, of a region, and of its stepper.
-constexpr size_t kKeptBytes = size_t{768} << 20, kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300;
+// Of a face of a package, of a region, and of its stepper.
+constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300;
+
+// What tiles that nobody works on may hold together.
+size_t KeptLimit_bytes() {
+  static const auto limit = static_cast<size_t>(std::min(MemoryLimit_bytes() / 8, int64_t{2} << 30));
+  return limit;
+}
 
 // Tiles that were worked on last, so that their next step need not begin from the files.
 class KeptTiles {
@@ -41,7 +48,7 @@ class KeptTiles {
     size_t bytes = 0;
     for (auto it = kept_.begin(); it != kept_.end();) {
       bytes += it->work->bytes();
-      it = bytes > kKeptBytes ? kept_.erase(it) : std::next(it);
+      it = bytes > KeptLimit_bytes() ? kept_.erase(it) : std::next(it);
     }
   }
 

@@ -1,6 +1,7 @@
 #include "common/base/task_usage.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <chrono>
 #include <fstream>
@@ -32,6 +33,29 @@ TEST(TaskUsageTest, PeakIsThatOfTheTaskAndNotOfAnEarlierOne) {
   } else {
     EXPECT_EQ(small, 0) << "a peak that cannot be set back is not known";
   }
+}
+
+TEST(TaskUsageTest, WhatIsHeldFromEarlierTasksIsNotTheTasks) {
+  const int64_t before = PeakWith(32 * kMiB);
+  std::vector<char> kept(200 * kMiB);
+  for (size_t i = 0; i < kept.size(); i += 1024) kept[i] = 1;
+  const int64_t after = PeakWith(32 * kMiB);
+  if (std::ofstream("/proc/self/clear_refs").good()) {
+    EXPECT_GE(after, 32 * kMiB);
+    EXPECT_LT(after, before + 50 * kMiB);
+  }
+}
+
+TEST(MemoryLimit, IsThatOfTheProcessIfItHasOne) {
+  const int64_t before = MemoryLimit_bytes();
+  EXPECT_GT(before, 64 * kMiB);
+  rlimit limit = {};
+  ASSERT_EQ(getrlimit(RLIMIT_DATA, &limit), 0);
+  const rlimit small = {static_cast<rlim_t>(before / 2), limit.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_DATA, &small), 0);
+  EXPECT_EQ(MemoryLimit_bytes(), before / 2);
+  ASSERT_EQ(setrlimit(RLIMIT_DATA, &limit), 0);
+  EXPECT_EQ(MemoryLimit_bytes(), before);
 }
 
 TEST(TaskUsageTest, CountsProcessorTimeAndNotTheTimeAsleep) {

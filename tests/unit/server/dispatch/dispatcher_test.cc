@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <chrono>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -184,6 +186,31 @@ TEST_F(DispatcherTest, AbortedAttemptIsLeasedAgainAtOnce) {
   const auto lease = Lease(worker);
   ASSERT_TRUE(lease);
   EXPECT_EQ(lease->attempt, 2);
+}
+
+// Who has a tile in memory gets its tasks; others only when they have waited for it.
+TEST_F(DispatcherTest, ATileStaysWithItsWorkerUnlessThatOneIsSlow) {
+  Create(AJob(1));
+  const std::string keeper = Worker(), other = Worker();
+  ASSERT_TRUE(Succeed(keeper, *Lease(keeper)).ok());
+  ASSERT_TRUE(Fail(keeper, *Lease(keeper), ErrorClass::kAborted).ok());
+  std::atomic<bool> gone = false;
+  std::thread waiting([&] { EXPECT_FALSE(*dispatcher_->LeaseTask(other, 60, [&] { return gone.load(); })); });
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));  // less than its patience
+  const auto lease = Lease(keeper);
+  gone = true;
+  waiting.join();
+  ASSERT_TRUE(lease);
+  EXPECT_EQ(lease->plan.kind, "refine");
+  ASSERT_TRUE(Fail(keeper, *lease, ErrorClass::kAborted).ok());
+  // It waits no longer than it would for any task.
+  const auto taken = dispatcher_->LeaseTask(other, 0.2, {});
+  ASSERT_TRUE(taken.ok() && *taken);
+  EXPECT_EQ((*taken)->plan.kind, "refine");
+  // Of a worker that is gone nobody waits.
+  ASSERT_TRUE(Fail(other, **taken, ErrorClass::kAborted).ok());
+  ASSERT_TRUE(dispatcher_->UnregisterWorker(other).ok());
+  EXPECT_TRUE(*dispatcher_->LeaseTask(keeper, 3600, {}));
 }
 
 TEST_F(DispatcherTest, SilentWorkersAreForgotten) {
