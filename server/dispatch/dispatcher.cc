@@ -18,7 +18,7 @@ void ToProto(const Digest& digest, v1::Digest* proto) {
 }
 
 // Ready tasks of tiles that other workers have had which are passed over for one of a tile that nobody has.
-constexpr int kStrangersSeen = 32;
+constexpr int kStrangersSeen = 256;
 
 // A worker without a tile of its own waits that long and as long as the task takes before it takes one of a tile that
 // another has in memory: to read the tile anew takes longer (delay scheduling, Zaharia et al., EuroSys 2010).
