@@ -28,7 +28,8 @@ StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& con
     std::vector<Vector3d> good, positions = Pick(known.positions, region.vertices);
     if (task.parameters.before) {
       good = positions;
-      positions = MotionGuard(region.mesh, region.fixed, MakeMotionLimits(options, work.package().gsd_m)).UnfoldedStart();
+      positions =
+          MotionGuard(region.mesh, region.fixed, MakeMotionLimits(options, work.package().gsd_m)).UnfoldedStart();
     } else {
       if (known.level_start.empty()) return absl::DataLossError("mend: the states have no beginning of the level");
       good = Pick(known.level_start, region.vertices);

@@ -98,28 +98,24 @@ StatusOr<TileSight*> OpenTile::Sight(const std::string& views_path, const TileRe
   return sight_.get();
 }
 
-Stepper& OpenTile::StepperOf(Region region, const std::vector<int32_t>& labels, const TileRefineOptions& options) {
+Stepper& OpenTile::SolveStepper(const std::vector<int32_t>& labels, const TileRefineOptions& options) {
   const std::vector<int32_t> known = GeometryKnowsLabels(package_, options) ? labels : std::vector<int32_t>();
-  std::unique_ptr<LabelledStepper>& kept = steppers_[region];
-  if (kept == nullptr || kept->labels != known) {
-    const RegionMesh& part = this->region(region);
-    kept.reset();
-    kept = std::make_unique<LabelledStepper>(
+  if (!stepper_ || stepper_->labels != known) {
+    const RegionMesh& part = region(kSolveRegion);
+    stepper_.reset();
+    stepper_ = std::make_unique<LabelledStepper>(
         LabelledStepper{known, Stepper({part.mesh.vertices, part.mesh.faces, known}, part.fixed, package_.gsd_m,
                                        package_.up, options.geometry)});
   }
-  return kept->stepper;
+  return stepper_->stepper;
 }
 
-void OpenTile::Forget(Region region) {
-  regions_.erase(region);
-  steppers_.erase(region);
-}
+void OpenTile::Forget(Region region) { regions_.erase(region); }
 
 size_t OpenTile::bytes() const {
   size_t bytes = kPackageBytes * package_.face_ids.size();
   for (const auto& [region, part] : regions_) {
-    bytes += (kRegionBytes + (steppers_.contains(region) ? kStepperBytes : 0)) * part.faces.size();
+    bytes += (kRegionBytes + (region == kSolveRegion ? kStepperBytes : 0)) * part.faces.size();
   }
   return bytes;
 }
@@ -154,23 +150,14 @@ const RegionMesh& OpenTile::region(Region region) {
   RegionMesh& out = entry->second;
   if (!is_new) return out;
   const TriangleMesh& mesh = package_.mesh;
-  std::vector<uint32_t> local(mesh.vertices.size(), kNone);
-  for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
-    if (!(package_.regions[f] & region)) continue;
-    out.faces.push_back(f);
-    for (const uint32_t v : mesh.faces[f]) local[v] = 0;
-  }
-  for (uint32_t v = 0; v < local.size(); ++v) {
-    if (local[v] == kNone) continue;
-    local[v] = static_cast<uint32_t>(out.vertices.size());
-    out.vertices.push_back(v);
-    out.mesh.vertices.push_back(mesh.vertices[v]);
-    out.fixed.push_back((package_.cut_regions[v] & region) != 0);
-  }
+  std::vector<uint8_t> flags(mesh.faces.size());
+  for (size_t f = 0; f < flags.size(); ++f) flags[f] = (package_.regions[f] & region) != 0;
+  PickedMesh picked = PickFlagged(mesh, flags);
+  out.mesh = std::move(picked.mesh);
+  out.vertices = std::move(picked.vertices);
+  out.faces = std::move(picked.faces);
+  for (const uint32_t v : out.vertices) out.fixed.push_back((package_.cut_regions[v] & region) != 0);
   for (const uint32_t f : out.faces) {
-    const Triangle& face = mesh.faces[f];
-    out.mesh.faces.push_back({local[face[0]], local[face[1]], local[face[2]]});
-    out.mesh.labels.push_back(mesh.labels[f]);
     out.cell.push_back(LabelCellOf(package_.ground, package_.gsd_m, MeshSpans(mesh).Centroid(f)));
   }
   if (std::find(out.fixed.begin(), out.fixed.end(), 1) == out.fixed.end()) out.fixed.clear();

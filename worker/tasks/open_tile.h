@@ -70,8 +70,8 @@ class OpenTile {
 
   // Of the crops at `views_path`; opened when first asked for. Errors as OpenTileViews'.
   StatusOr<TileSight*> Sight(const std::string& views_path, const TileRefineOptions& options);
-  // Of a region's mesh with these labels of its faces; made anew only when they change.
-  Stepper& StepperOf(Region region, const std::vector<int32_t>& labels, const TileRefineOptions& options);
+  // Of the solve region's mesh with these labels of its faces; made anew only when they change.
+  Stepper& SolveStepper(const std::vector<int32_t>& labels, const TileRefineOptions& options);
 
   // Made when first asked for.
   const RegionMesh& region(Region region);
@@ -122,7 +122,7 @@ class OpenTile {
     std::vector<int32_t> labels;
     Stepper stepper;
   };
-  std::map<uint8_t, std::unique_ptr<LabelledStepper>> steppers_;
+  std::unique_ptr<LabelledStepper> stepper_;
 };
 
 // Those of `values` at `places`.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "worker/tasks/tile_files.h"
 
@@ -23,8 +24,8 @@ class Squares {
     }
     if (boxes.empty()) return;
     const double count = static_cast<double>(boxes.size()), longest = all.sizes().maxCoeff();
-    side_m_ = std::max({std::sqrt(sum / (2 * count)), std::sqrt(all.sizes().prod() / (16 * count)),
-                        longest / (16 * count), 1e-9});
+    side_m_ = std::max(
+        {std::sqrt(sum / (2 * count)), std::sqrt(all.sizes().prod() / (16 * count)), longest / (16 * count), 1e-9});
     origin_ = all.min();
     columns_ = static_cast<size_t>(all.sizes().x() / side_m_) + 1;
     marks_.resize(columns_ * (static_cast<size_t>(all.sizes().y() / side_m_) + 1), 0);
@@ -84,6 +85,29 @@ RepairReach RepairReachOf(const StepperOptions& options) {
   }
   reach.start_rings = options.start_smoothing_steps + 1;
   return reach;
+}
+
+PickedMesh PickFlagged(const TriangleMesh& mesh, const std::vector<uint8_t>& faces) {
+  constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+  PickedMesh out;
+  std::vector<uint32_t> place(mesh.vertices.size(), kNone);
+  for (uint32_t f = 0; f < faces.size(); ++f) {
+    if (!faces[f]) continue;
+    out.faces.push_back(f);
+    for (const uint32_t v : mesh.faces[f]) place[v] = 0;
+  }
+  for (uint32_t v = 0; v < place.size(); ++v) {
+    if (place[v] == kNone) continue;
+    place[v] = static_cast<uint32_t>(out.vertices.size());
+    out.vertices.push_back(v);
+    out.mesh.vertices.push_back(mesh.vertices[v]);
+  }
+  for (const uint32_t f : out.faces) {
+    const auto& [a, b, c] = mesh.faces[f];
+    out.mesh.faces.push_back({place[a], place[b], place[c]});
+    if (!mesh.labels.empty()) out.mesh.labels.push_back(mesh.labels[f]);
+  }
+  return out;
 }
 
 void GrowRings(const TriangleMesh& mesh, const IndexRows& faces_of_vertex, int rings, std::vector<uint8_t>* faces) {

@@ -28,6 +28,14 @@ struct RegionReach {
   LabelReach label;
 };
 
+// Some faces of a mesh as a mesh of their own, labels too where it has them, in its order.
+struct PickedMesh {
+  TriangleMesh mesh;
+  std::vector<uint32_t> vertices, faces;  // of each, which of the mesh's it is
+};
+// Those with a flag.
+PickedMesh PickFlagged(const TriangleMesh& mesh, const std::vector<uint8_t>& faces);
+
 // Grows flags of faces by rings: all faces that share a vertex with one that has a flag.
 void GrowRings(const TriangleMesh& mesh, const IndexRows& faces_of_vertex, int rings, std::vector<uint8_t>* faces);
 

@@ -1,15 +1,11 @@
 #include "worker/tasks/repair_core.h"
 
-#include <limits>
-
 #include "worker/tasks/regions.h"
 
 namespace tessera {
 namespace {
 
 using Eigen::Vector3d;
-
-constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
 // Where each face may lie between two places, with room for what FaceBoxes rounds.
 std::vector<Eigen::AlignedBox3d> SweptBoxes(const std::vector<Triangle>& faces, const std::vector<Vector3d>& from,
@@ -30,39 +26,26 @@ CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core
                       std::vector<Vector3d>* positions) {
   const TriangleMesh& all = region.mesh;
   const IndexRows faces_of_vertex = FacesOfVertices(all);
-  const std::vector<uint8_t> read = FacesForRepair(all, faces_of_vertex, core, RepairReachOf(options),
-                                                   SweptBoxes(all.faces, good, *positions));
-  std::vector<uint32_t> place(all.vertices.size(), kNone), vertices, faces;
-  for (uint32_t f = 0; f < read.size(); ++f) {
-    if (!read[f]) continue;
-    faces.push_back(f);
-    for (const uint32_t v : all.faces[f]) place[v] = 0;
-  }
-  TriangleMesh mesh;
+  const std::vector<uint8_t> read =
+      FacesForRepair(all, faces_of_vertex, core, RepairReachOf(options), SweptBoxes(all.faces, good, *positions));
+  const PickedMesh part = PickFlagged(all, read);
   std::vector<uint8_t> fixed;
-  for (uint32_t v = 0; v < place.size(); ++v) {
-    if (place[v] == kNone) continue;
-    place[v] = static_cast<uint32_t>(vertices.size());
-    vertices.push_back(v);
-    mesh.vertices.push_back(all.vertices[v]);
+  for (const uint32_t v : part.vertices) {
     bool some_missing = !region.fixed.empty() && region.fixed[v] != 0;
     for (const uint32_t f : faces_of_vertex[v]) some_missing |= !read[f];
     fixed.push_back(some_missing);
   }
-  for (const uint32_t f : faces) {
-    mesh.faces.push_back({place[all.faces[f][0]], place[all.faces[f][1]], place[all.faces[f][2]]});
-  }
-  const MotionGuard guard(mesh, fixed, MakeMotionLimits(options, gsd_m));
+  const MotionGuard guard(part.mesh, fixed, MakeMotionLimits(options, gsd_m));
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
     return guard.KeepsFacing(face, from, to);
   };
-  std::vector<Vector3d> moved = Pick(*positions, vertices);
+  std::vector<Vector3d> moved = Pick(*positions, part.vertices);
   const FoldRepair::Result repaired =
-      FoldRepair(mesh, guard.faces_of_vertex()).Run(Pick(good, vertices), keeps_facing, &moved);
-  for (size_t v = 0; v < vertices.size(); ++v) (*positions)[vertices[v]] = moved[v];
+      FoldRepair(part.mesh, guard.faces_of_vertex()).Run(Pick(good, part.vertices), keeps_facing, &moved);
+  for (size_t v = 0; v < moved.size(); ++v) (*positions)[part.vertices[v]] = moved[v];
   CoreRepair out;
   out.changed_vertices = repaired.changed_vertices;
-  for (const uint32_t f : repaired.left) out.left_faces += core[faces[f]];
+  for (const uint32_t f : repaired.left) out.left_faces += core[part.faces[f]];
   return out;
 }
 

@@ -46,7 +46,7 @@ Status SolveIteration(const std::vector<TileSums>& sums, StepTask* task, json* r
   const RegionMesh& region = work.region(kSolveRegion);
   TESSERA_ASSIGN_OR_RETURN(const std::vector<FaceSums> photo, work.JoinPhoto(sums, kSolveRegion));
   TESSERA_ASSIGN_OR_RETURN(const ContourSums contours, work.JoinContours(sums, kSolveRegion));
-  const Stepper& stepper = work.StepperOf(kSolveRegion, Pick(known.labels, region.faces), task->options);
+  const Stepper& stepper = work.SolveStepper(Pick(known.labels, region.faces), task->options);
   TriangleMesh mesh = {Pick(known.positions, region.vertices), region.mesh.faces, {}};
   const std::vector<Vector3d> step =
       stepper.Step(mesh, GatherVertices(mesh, stepper.guard().faces_of_vertex(), photo, contours), task->step.level,

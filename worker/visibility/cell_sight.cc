@@ -9,7 +9,7 @@
 namespace tessera {
 namespace {
 
-constexpr int kBlock_px = 8;        // needed pixels are counted in squares of so many
+constexpr int kBlock_px = 8;      // needed pixels are counted in squares of so many
 constexpr size_t kRunCells = 16;  // cells that are looked for together first
 
 // Squares of an image.
@@ -116,8 +116,9 @@ CellSight FindCellSight(const CellSightProblem& problem) {
           if (!pixels.empty()) in_view[v].push_back({c, pixels});
         }
       }
-      ForCells(in_view[v], problem.own[v],
-               [&](const CellPixels& own) { needed[v].Add(Widened(own.pixels, problem.reference_margin_px, view.rect)); });
+      ForCells(in_view[v], problem.own[v], [&](const CellPixels& own) {
+        needed[v].Add(Widened(own.pixels, problem.reference_margin_px, view.rect));
+      });
       for (const CellPixels& other : in_view[v]) {
         if (needed[v].Meets(other.pixels)) shown[v].push_back(other.cell);
       }

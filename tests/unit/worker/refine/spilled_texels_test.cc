@@ -15,7 +15,6 @@ TEST(SpilledTexels, BringAnyPart) {
   for (float& value : likelihoods.data) value = static_cast<float>(random.Uniform());
   const PixelMapping mapping = ScaleToSize(image, likelihoods);
   Texels texels = MakeTexels(image, likelihoods, mapping, 0, 0);
-  const Texels whole = texels;
   const auto spilled = SpilledTexels::Spill(testing::TempDir(), &texels);
   ASSERT_TRUE(spilled.ok()) << spilled.status();
   EXPECT_TRUE(texels.luminance.empty());
