@@ -250,8 +250,8 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
   smooth.Gradient(mesh.vertices, options.weights, &rhs);
   InterCurvature inter_curvature;
   if (options.inter > 0) {
-    inter.AddGradient(mesh.vertices, options.inter, &rhs);
-    inter_curvature = inter.Curvature(mesh.vertices, options.inter);
+    inter.AddGradient(mesh.vertices, options.inter, photo.pairs, &rhs);
+    inter_curvature = inter.Curvature(mesh.vertices, options.inter, photo.pairs);
   }
   for (size_t v = 0; v < rhs.size(); ++v) rhs[v] = -(rhs[v] + photo.gradient[v]);
   smooth.SolveStep(photo.curvature, rhs, options.weights, options.smoothing_sweeps, &step,

@@ -152,21 +152,24 @@ void InterTerm::SetLabels(const std::vector<int32_t>& labels) {
   incidence_.begin.push_back(static_cast<uint32_t>(incidence_.entries.size()));
 }
 
-double InterTerm::Energy(const Positions& v) const {
+double InterTerm::Energy(const Positions& v, const std::vector<float>& pairs) const {
   return ParallelSum(static_cast<int64_t>(corners_.size()), kGrain, [&](int64_t begin, int64_t end) {
     double sum = 0;
     for (int64_t c = begin; c < end; ++c) {
-      const double delta = TurnAt(v, corners_[c]).delta;
+      const double delta = Counts(c, pairs) ? TurnAt(v, corners_[c]).delta : 0;
       sum += delta * delta;
     }
     return sum;
   });
 }
 
-void InterTerm::AddGradient(const Positions& v, double weight, Positions* gradient) const {
+void InterTerm::AddGradient(const Positions& v, double weight, const std::vector<float>& pairs,
+                            Positions* gradient) const {
   std::vector<std::pair<Vector3d, Vector3d>> derivatives(corners_.size());
   ParallelFor(static_cast<int64_t>(corners_.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t c = begin; c < end; ++c) derivatives[c] = EndDerivatives(TurnAt(v, corners_[c]));
+    for (int64_t c = begin; c < end; ++c) {
+      derivatives[c] = Counts(c, pairs) ? EndDerivatives(TurnAt(v, corners_[c])) : EndDerivatives(Turn());
+    }
   });
   ParallelFor(static_cast<int64_t>(incidence_.vertices.size()), kGrain, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
@@ -185,7 +188,7 @@ void InterTerm::AddGradient(const Positions& v, double weight, Positions* gradie
   });
 }
 
-InterCurvature InterTerm::Curvature(const Positions& v, double weight) const {
+InterCurvature InterTerm::Curvature(const Positions& v, double weight, const std::vector<float>& pairs) const {
   InterCurvature out;
   out.incidence = incidence_;
   out.corners.resize(corners_.size());
@@ -193,7 +196,7 @@ InterCurvature InterTerm::Curvature(const Positions& v, double weight) const {
     for (int64_t c = begin; c < end; ++c) {
       InterCurvature::Corner& corner = out.corners[c];
       corner.vertex = corners_[c];
-      const Turn turn = TurnAt(v, corners_[c]);
+      const Turn turn = Counts(c, pairs) ? TurnAt(v, corners_[c]) : Turn();
       if (!turn.valid) {
         corner.a = corner.b = Vector3f::Zero();
         continue;

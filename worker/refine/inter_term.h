@@ -49,7 +49,8 @@ struct InterCurvature {
 };
 
 // Corners: vertices off the rim whose faces have exactly two labels, each in one connected fan; γ is the angle between
-// the two border edges there. Dimensionless: the energy does not change when the scene is scaled. So its weight counts
+// the two border edges there. Those that no pair of images compares do not count (`pairs` below): nothing there would
+// hold against a border that the labels have in the wrong place. Dimensionless: the energy does not change when the scene is scaled. So its weight counts
 // against the photo energy itself (per vertex: 1 - ZNCC summed over the pixels of the level about it), while those of
 // SmoothTerm are per metre²; a border edge of length s that turns by δ pulls with 2 δ/s. Const members may be called
 // from any thread; results do not depend on the number of threads.
@@ -64,16 +65,18 @@ class InterTerm {
   // One label a face, or empty: no corners. Faces of label -1 or 255 (unlabelled) have no border.
   void SetLabels(const std::vector<int32_t>& labels);
 
-  double Energy(const Positions& v) const;
+  // `pairs`: how many pairs of images compare at each vertex (PhotoDerivatives); a corner where none does has no
+  // energy, for no image would hold against it. Empty: all have.
+  double Energy(const Positions& v, const std::vector<float>& pairs = {}) const;
   // Of vertices, that a derivative depends on: a corner beside the vertex, and that corner's ends and faces.
   static constexpr int kGradientRings = 2;
   // Adds weight · dE/dv.
-  void AddGradient(const Positions& v, double weight, Positions* gradient) const;
+  void AddGradient(const Positions& v, double weight, const std::vector<float>& pairs, Positions* gradient) const;
 
   // Gauss-Newton's form in J = d(â + b̂), weighted so that it bounds the second derivative on the unit sphere: as
   // function of two directions at angle δ from straight, that of δ² has eigenvalues of at most 4 (bending) and 0
   // (turning both), while JᵀJ has 1 + cos δ in the plane of the corner. Bounded at γ = 0, where it falls short.
-  InterCurvature Curvature(const Positions& v, double weight) const;
+  InterCurvature Curvature(const Positions& v, double weight, const std::vector<float>& pairs = {}) const;
 
   // v, v1 < v2, by rising v.
   const std::vector<std::array<uint32_t, 3>>& corners() const { return corners_; }
@@ -82,6 +85,10 @@ class InterTerm {
   std::vector<Triangle> faces_;
   std::vector<uint8_t> fixed_;
   std::vector<uint32_t> faces_begin_, faces_at_;  // faces of v: faces_at_[faces_begin_[v] .. faces_begin_[v + 1])
+  bool Counts(size_t corner, const std::vector<float>& pairs) const {
+    return pairs.empty() || pairs[corners_[corner][0]] > 0;
+  }
+
   std::vector<std::array<uint32_t, 3>> corners_;
   CornerIncidence incidence_;
 };

@@ -39,9 +39,9 @@ InterTerm TermOf(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed = {
   return term;
 }
 
-Positions Gradient(const InterTerm& term, const Positions& v) {
+Positions Gradient(const InterTerm& term, const Positions& v, const std::vector<float>& pairs = {}) {
   Positions gradient(v.size(), Vector3d::Zero());
-  term.AddGradient(v, 1, &gradient);
+  term.AddGradient(v, 1, pairs, &gradient);
   return gradient;
 }
 
@@ -134,6 +134,27 @@ TEST(InterTerm, GradientIsTheDerivativeOfTheEnergy) {
     }
     EXPECT_GT(DerivativeError(energy, constant_k, mesh.vertices, fixed, 2e-6), 1e-3) << seed;
     EXPECT_GT(DerivativeError(energy, no_ends, mesh.vertices, fixed, 2e-6), 1e-2) << seed;
+  }
+}
+
+TEST(InterTerm, ACornerThatNoPairOfImagesComparesHasNoEnergy) {
+  for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+    const TriangleMesh mesh = RandomLabelledMesh(seed);
+    const InterTerm term = TermOf(mesh);
+    const auto& v = mesh.vertices;
+    std::vector<float> pairs(v.size());
+    for (size_t i = 0; i < pairs.size(); ++i) pairs[i] = i % 3 == seed % 3 ? 0.0f : 0.5f;
+    const auto energy = [&](const Positions& at) { return term.Energy(at, pairs); };
+    EXPECT_LT(energy(v), 0.95 * term.Energy(v)) << seed;
+    EXPECT_GT(energy(v), 0.1 * term.Energy(v)) << seed;
+    EXPECT_LT(DerivativeError(energy, Gradient(term, v, pairs), v, {}, 2e-6), 1e-6) << seed;
+    EXPECT_GT(DerivativeError(energy, Gradient(term, v), v, {}, 2e-6), 1e-3) << seed;
+    const InterCurvature some = term.Curvature(v, 1, pairs), all = term.Curvature(v, 1);
+    for (size_t c = 0; c < term.corners().size(); ++c) {
+      const bool counts = pairs[term.corners()[c][0]] > 0;
+      EXPECT_EQ(some.corners[c].weight, counts ? all.corners[c].weight : 0) << seed;
+    }
+    EXPECT_EQ(term.Energy(v, std::vector<float>(v.size(), 0.0f)), 0) << seed;
   }
 }
 

@@ -57,6 +57,7 @@ StepInput RandomStep(Random& random) {
     in.fixed.push_back(Chance(random, fixed));
     in.photo.gradient.push_back(pull * RandomVector(random));
     in.photo.curvature.push_back(RandomCurvature(random));
+    in.photo.pairs.push_back(Chance(random, 0.3) ? 0.0f : 1.0f);
   }
   for (int i = static_cast<int>(random.Below(5)); i > 0; --i) {
     in.classes.push_back({Magnitude(random, 0.01, 100), Chance(random, 0.5) ? Magnitude(random, 0.01, 10) : 0});
@@ -97,6 +98,7 @@ Differing BeyondStep(const StepInput& in, const Positions& whole, const std::vec
   small.fixed = part.OfVertices(in.fixed);
   small.photo.gradient = part.OfVertices(in.photo.gradient);
   small.photo.curvature = part.OfVertices(in.photo.curvature);
+  small.photo.pairs = part.OfVertices(in.photo.pairs);
   // A tile flags what is on its cut.
   const bool flagged = Chance(random, 0.5);
   for (size_t i = 0; flagged && i < part.vertices.size(); ++i) {
@@ -112,6 +114,7 @@ Differing BeyondStep(const StepInput& in, const Positions& whole, const std::vec
     other.fixed[v] = Chance(random, 0.2);
     other.photo.gradient[v] = 3 * RandomVector(random);
     other.photo.curvature[v] = RandomCurvature(random);
+    other.photo.pairs[v] = 1 - in.photo.pairs[v];
   }
   for (size_t f = 0; f < kept.size(); ++f) {
     if (!kept[f]) other.mesh.labels[f] = static_cast<int32_t>(random.Below(5)) - 1;
