@@ -171,6 +171,17 @@ Picture Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedCam
   return picture;
 }
 
+// Every second pixel of every second row.
+ByteImage EverySecond(const ByteImage& image) {
+  ByteImage out(image.width / 2, image.height / 2, image.channels);
+  for (int c = 0; c < image.channels; ++c) {
+    for (int y = 0; y < out.height; ++y) {
+      for (int x = 0; x < out.width; ++x) out.at(x, y, c) = image.at(2 * x, 2 * y, c);
+    }
+  }
+  return out;
+}
+
 ByteImage LikelihoodsOf(const LabelImage& labels, bool absent_class) {
   ByteImage pages(labels.width, labels.height, absent_class ? 4 : 3, 25);
   if (absent_class) std::fill_n(pages.plane(3), pages.plane_size(), 0);
@@ -274,7 +285,8 @@ TinyScene WriteTinyScene(const std::string& folder, const TinySceneOptions& opti
     }
     Require(WritePng(folder + "/images/" + scene.image_names[i], grey));
     const std::string stem = absl::StrCat(folder, "/likelihoods/view", i);
-    const ByteImage pages = LikelihoodsOf(picture.labels, options.absent_class);
+    const ByteImage fine = LikelihoodsOf(picture.labels, options.absent_class);
+    const ByteImage pages = options.coarse_likelihoods ? EverySecond(fine) : fine;
     if (options.likelihoods == Likelihoods::kTiff) Require(WriteLikelihoodTiff(stem + ".tif", pages));
     if (options.likelihoods == Likelihoods::kNpy) WriteText(stem + ".npy", NpyOf(pages));
     if (options.likelihoods == Likelihoods::kLabelPng) {

@@ -16,6 +16,7 @@ namespace tessera {
 struct TinySceneOptions {
   enum class Likelihoods { kTiff, kNpy, kLabelPng, kNone };
   Likelihoods likelihoods = Likelihoods::kTiff;
+  bool coarse_likelihoods = false;                   // of half the photographs' width and height (kTiff, kNpy)
   bool labels = true;                                // of the mesh
   bool absent_class = false;                         // a fourth one, of likelihood 0 everywhere (kTiff, kNpy)
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();  // of the whole scene in its coordinates

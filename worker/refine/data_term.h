@@ -24,10 +24,8 @@ namespace tessera {
 
 struct RefineView {
   PosedCamera camera;                        // of the whole image
-  std::shared_ptr<const ViewPixels> pixels;  // of part of it; read at the beginning of each level
+  std::shared_ptr<const ViewPixels> pixels;  // of part of it
   bool asks_likelihoods = true;              // where the options do and the pixels have them
-  PixelMapping mapping = {};                 // from the whole image to likelihoods
-  int x0 = 0, y0 = 0;                        // of the luminance's first pixel in the whole image
   DepthRange depths = {};                    // of all that the job looks at in the view; empty: of the mesh as it lies
   int32_t id = 0;                            // the view's number in the job
 };
@@ -67,9 +65,8 @@ class DataTerm {
   DataTerm(const std::vector<RefineView>& views, const std::vector<ViewPair>& pairs, const ViewGroups& groups,
            const MeshCells* cells, const DataOptions& options);
 
-  // Reads the views' pixels unless the level is at hand already. `scratch_folder` takes the texels of views that are
-  // not looked at, in files without names; empty: they are held. Errors as those of ViewPixels.
-  Status EnterLevel(int level, const std::string& scratch_folder);
+  // Errors as those of ViewPixels.
+  Status EnterLevel(int level);
 
   // At the mesh as it lies, on the level at hand; `mesh.labels` empty: no contours. Exact for own faces (flags; empty:
   // all), to the last bit, wherever the mesh has all faces that the margins above can show: see PhotoTerm::Evaluate.

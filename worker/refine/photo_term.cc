@@ -79,7 +79,6 @@ ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, cons
 PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
                      const ViewGroups* groups)
     : views_(*views),
-      spilled_(views->size()),
       pairs_(pairs),
       options_(options),
       groups_(groups),
@@ -99,11 +98,6 @@ PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>&
   std::stable_sort(opening_.begin(), opening_.end(),
                    [&](size_t a, size_t b) { return first_step_[a] < first_step_[b]; });
   for (size_t v = 0; v < views_.size(); ++v) closing_[last_step[v]].push_back(v);
-}
-
-Status PhotoTerm::SpillTexels(size_t view, const std::string& folder) {
-  TESSERA_ASSIGN_OR_RETURN(spilled_[view], SpilledTexels::Spill(folder, &views_[view].texels));
-  return absl::OkStatus();
 }
 
 // Those that fit best, so that small views do not come to hold large buffers.
@@ -126,7 +120,7 @@ void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   target_rects_.clear();
   CellSightProblem problem;
   for (size_t v = 0; v < views_.size(); ++v) {
-    const PixelRect all = spilled_[v] ? spilled_[v]->rect() : views_[v].window().rect;
+    const PixelRect all = views_[v].rect();
     problem.views.push_back({views_[v].camera, all});
     target_rects_.push_back(all);
   }
@@ -145,13 +139,9 @@ void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   const CellSight sight = FindCellSight(problem);
   for (size_t v = 0; v < views_.size(); ++v) {
     parts_.push_back(boxes.PartOf(sight.cells[v]));
-    if (!spilled_[v]) continue;
+    if (!views_[v].stored) continue;
     const auto window = [&](const PixelRect& needed) {
-      constexpr int kStep = PhotoView::kWindowStep;
-      const PixelRect& all = spilled_[v]->rect();
-      if (needed.empty()) return PixelRect();
-      return PixelRect{all.x0 + (needed.x0 - all.x0) / kStep * kStep, all.y0 + (needed.y0 - all.y0) / kStep * kStep,
-                       needed.x1, needed.y1};
+      return needed.empty() ? PixelRect() : views_[v].FromStep(needed);
     };
     target_rects_[v] = window(sight.windows[v]);
     reference_rects_[v] = window(sight.own_windows[v]);
@@ -174,16 +164,16 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
     Buffers buffers = TakeBuffers(static_cast<size_t>(reference.width()) * reference.height());
     maps_[view] = std::move(buffers.map);
     targets_[view] = std::move(buffers.target);
-    if (spilled_[view]) views_[view].texels = std::move(buffers.target_texels);
+    if (views_[view].stored) views_[view].texels = std::move(buffers.target_texels);
     references_[view].texels = std::move(buffers.reference_texels);
   }
   rasterizer_.DrawParts(mesh, parts, windows, &drawn_);
   ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
       const size_t view = open[i];
-      if (!spilled_[view]) continue;
-      spilled_[view]->Bring(target_rects_[view], &views_[view].texels);
-      if (IsNarrow(view)) spilled_[view]->Bring(reference_rects_[view], &references_[view].texels);
+      if (!views_[view].stored) continue;
+      views_[view].stored->Bring(target_rects_[view], &views_[view].texels);
+      if (IsNarrow(view)) views_[view].stored->Bring(reference_rects_[view], &references_[view].texels);
     }
   });
   for (size_t i = 0; i < open.size(); ++i) {
@@ -209,7 +199,7 @@ void PhotoTerm::Close(size_t step) {
   for (const size_t view : closing_[step]) {
     if (target_rects_[view].empty()) continue;
     Buffers buffers = {std::move(maps_[view]), std::move(targets_[view]), {}, {}};
-    if (spilled_[view]) buffers.target_texels = std::move(views_[view].texels);
+    if (views_[view].stored) buffers.target_texels = std::move(views_[view].texels);
     buffers.reference_texels = std::move(references_[view].texels);
     spare_.push_back(std::move(buffers));
   }

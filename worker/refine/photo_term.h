@@ -18,7 +18,7 @@
 #include "common/imaging/camera.h"
 #include "worker/refine/face_sums.h"
 #include "worker/refine/pairs.h"
-#include "worker/refine/spilled_texels.h"
+#include "worker/refine/stored_texels.h"
 #include "worker/refine/texels.h"
 #include "worker/refine/warp_target.h"
 #include "worker/refine/zncc_kernel.h"
@@ -28,7 +28,7 @@
 namespace tessera {
 
 // A view at one pyramid level: the whole image's camera (its pixels may count from anywhere, the width and height mean
-// nothing) and the texels (MakeTexels) of what the mesh can cover of it.
+// nothing) and the texels of what the mesh can cover of it, or where they are brought from while the view is open.
 struct PhotoView {
   // Sums are made in strips and blocks that count from the window's corner: where it is a multiple of this in both
   // directions, a face that a window holds with its surroundings has the same sums, bit for bit, in any other.
@@ -37,9 +37,18 @@ struct PhotoView {
   PosedCamera camera;
   Texels texels;
   DepthRange depths = {};  // empty: taken anew from what the view sees, so that it depends on all of the mesh
+  std::optional<StoredTexels> stored = std::nullopt;
+  int step_x = 0, step_y = 0;  // where some step of the windows on `stored` begins
 
-  CameraWindow window() const {
-    return {camera, {texels.x0, texels.y0, texels.x0 + texels.width, texels.y0 + texels.height}};
+  // With its corner moved to the step before it.
+  PixelRect FromStep(const PixelRect& rect) const {
+    const auto before = [](int x, int step) { return x - ((x - step) % kWindowStep + kWindowStep) % kWindowStep; };
+    return {before(rect.x0, step_x), before(rect.y0, step_y), rect.x1, rect.y1};
+  }
+  // The window on all that there is.
+  PixelRect rect() const {
+    if (stored) return FromStep(stored->rect);
+    return {texels.x0, texels.y0, texels.x0 + texels.width, texels.y0 + texels.height};
   }
 };
 
@@ -72,10 +81,6 @@ class PhotoTerm {
   // `views`; null: every view looks at every face.
   PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
             const ViewGroups* groups = nullptr);
-
-  // Takes the texels of `view` to disk, where they are but while the view is open. Safe to call concurrently for
-  // different views.
-  Status SpillTexels(size_t view, const std::string& folder);
 
   // What each view sees of its own faces and about them, once, while it is at hand: `map` and texels of one window.
   // Called from several threads, for different views.
@@ -121,7 +126,6 @@ class PhotoTerm {
                          PhotoSums* out);
 
   std::vector<PhotoView>& views_;
-  std::vector<std::optional<SpilledTexels>> spilled_;  // by view
   const std::vector<ViewPair>& pairs_;
   PhotoOptions options_;
   const ViewGroups* groups_;

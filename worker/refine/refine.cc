@@ -12,8 +12,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kMaxLevel = 5;
-
 Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) {
   const auto bad = [](const std::string& what) { return absl::InvalidArgumentError("refinement: " + what); };
   if (!(problem.gsd_m > 0)) return bad("the ground sampling distance must be positive");
@@ -31,8 +29,8 @@ Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) 
   for (size_t i = 0; i < problem.views.size(); ++i) {
     const RefineView& view = problem.views[i];
     const PinholeCamera& k = view.camera.intrinsics;
-    if (view.pixels == nullptr || view.x0 < 0 || view.y0 < 0 || view.x0 + view.pixels->width() > k.width ||
-        view.y0 + view.pixels->height() > k.height) {
+    const PixelRect rect = view.pixels != nullptr ? view.pixels->rect() : PixelRect();
+    if (view.pixels == nullptr || rect.x0 < 0 || rect.y0 < 0 || rect.x1 > k.width || rect.y1 > k.height) {
       return bad(absl::StrCat("the image of view ", i, " is no part of the camera's"));
     }
   }
@@ -48,7 +46,7 @@ Status CheckProblem(const RefineProblem& problem, const RefineOptions& options) 
     return bad("levels and iterations must be as many, and at least one");
   }
   for (int level : options.levels) {
-    if (level < 0 || level > kMaxLevel) return bad(absl::StrCat("pyramid level ", level));
+    if (level < 0 || level >= kTexelLevels) return bad(absl::StrCat("pyramid level ", level));
   }
   if (options.window_px % 2 == 0 || options.window_px < 3 || options.window_px > 2 * ZnccWindow::kMaxRadius + 1) {
     return bad(absl::StrCat("a window of ", options.window_px, " pixels; expected 3, 5, ... ",
@@ -131,7 +129,7 @@ class Refiner {
  private:
   Status Descend(int level, int iteration) {
     const double start_s = Seconds(options_.clock);
-    TESSERA_RETURN_IF_ERROR(data_->EnterLevel(level, options_.scratch_folder));
+    TESSERA_RETURN_IF_ERROR(data_->EnterLevel(level));
     const double entered_s = Seconds(options_.clock);
     data_->Evaluate(mesh_, {}, options_.clock, &derivatives_);
     const double evaluated_s = Seconds(options_.clock);

@@ -43,7 +43,6 @@ struct RefineOptions : DataOptions, StepperOptions {
   int partners = 4;  // that a view chooses (SelectPairs)
   double min_angle_deg = 2.5, max_angle_deg = 45, best_angle_deg = 15;
 
-  std::string scratch_folder;    // takes the texels of views that are not looked at; empty: they are held
   const Clock* clock = nullptr;  // for the seconds of the report; null: they stay zero
 };
 

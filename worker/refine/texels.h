@@ -82,14 +82,15 @@ struct Texels {
 
 // As Texels::luminance has it: values in [0, 1] (others are clamped), NaN where invalid.
 uint16_t LuminanceCode(float luminance);
+// A likelihood in [0, 1] (others are clamped) · Texels::kLikelihoodSteps.
+uint8_t LikelihoodStep(float likelihood);
 
 // `luminance`: values in [0, 1] (others are clamped), NaN where invalid; its first pixel is (x0, y0) of the whole
 // image.
 Texels MakeTexels(const FloatImage& luminance, int x0 = 0, int y0 = 0);
 
-// The same with likelihoods in [0, 1], a plane a class, any number of classes, of any resolution: bilinear where they
-// are coarser than the luminance, averaged over a pixel's footprint where finer; the border is continued. `mapping`:
-// from the whole image.
+// The same with likelihoods in [0, 1], a plane a class, any number of classes, of any resolution (StoredTexels::Bring).
+// `mapping`: from the whole image.
 Texels MakeTexels(const FloatImage& luminance, const FloatImage& likelihoods, const PixelMapping& mapping, int x0 = 0,
                   int y0 = 0);
 

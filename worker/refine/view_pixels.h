@@ -3,7 +3,8 @@
 #define TESSERA_WORKER_REFINE_VIEW_PIXELS_H_
 
 #include "common/base/status.h"
-#include "common/imaging/raster.h"
+#include "worker/refine/stored_texels.h"
+#include "worker/visibility/image_window.h"
 
 namespace tessera {
 
@@ -11,14 +12,11 @@ namespace tessera {
 class ViewPixels {
  public:
   virtual ~ViewPixels() = default;
-  // Of the luminance.
-  virtual int width() const = 0;
-  virtual int height() const = 0;
-  // Values in [0, 1], NaN where the photograph has nothing. DATA_LOSS if the file is damaged.
-  virtual StatusOr<FloatImage> Luminance() const = 0;
+  // What part of the whole image.
+  virtual const PixelRect& rect() const = 0;
   virtual bool has_likelihoods() const = 0;
-  // A plane a class, in [0, 1], of any resolution. Errors as Luminance's.
-  virtual StatusOr<FloatImage> Likelihoods() const = 0;
+  // A level of the pyramid, valid as long as this lives. DATA_LOSS if the file is damaged.
+  virtual StatusOr<StoredTexels> Level(int level) const = 0;
 };
 
 }  // namespace tessera

@@ -53,7 +53,7 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
     stats["seconds_labels"] = SecondsSince(clock, start_us) - seconds_loading;
   } else if (package.compares) {
     const int64_t entered_us = clock.MonotonicUs();
-    TESSERA_RETURN_IF_ERROR(sight->data_term.EnterLevel(task.step.level, request.output_dir));
+    TESSERA_RETURN_IF_ERROR(sight->data_term.EnterLevel(task.step.level));
     seconds_loading += SecondsSince(clock, entered_us);
     TriangleMesh mesh = {std::move(task.known.positions), package.mesh.faces, {}};
     if (GeometryKnowsLabels(package, task.options)) mesh.labels = std::move(task.known.labels);

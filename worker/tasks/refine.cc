@@ -19,7 +19,6 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(const std::vector<TileView> views,
                            OpenTileViews(work.package(), InputPath(request, kViewsFile)));
   TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, work.package()));
-  options.geometry.scratch_folder = request.output_dir;
   const double seconds_loading = SecondsSince(clock, start_us);
   TESSERA_ASSIGN_OR_RETURN(const TileRefinement refinement,
                            RefineTile(work, views, options, PartOf(control, 0, 0.99), clock));

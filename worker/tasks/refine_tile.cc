@@ -44,12 +44,13 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(v) / static_cast<double>(views.size()), "collecting likelihoods");
     if (!views[v].pixels->has_likelihoods()) continue;
-    TESSERA_ASSIGN_OR_RETURN(const FloatImage likelihoods, views[v].pixels->Likelihoods());
+    TESSERA_ASSIGN_OR_RETURN(const StoredTexels level, views[v].pixels->Level(0));
+    const FloatImage likelihoods = LikelihoodImage(level);
     const CameraWindow window(views[v].window.camera, sight.windows[v]);
     const MeshPart part = boxes.PartOf(sight.cells[v]);
     rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
     MarkNotLookedAt(groups, v, &maps[0]);
-    AddLikelihoods(maps[0], likelihoods, views[v].mapping, &sums);
+    AddLikelihoods(maps[0], likelihoods, level.mapping, &sums);
   }
   return sums;
 }

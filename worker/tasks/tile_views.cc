@@ -1,13 +1,16 @@
 #include "worker/tasks/tile_views.h"
 
 #include <algorithm>
-#include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <utility>
+#include <variant>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "common/imaging/image_io.h"
+#include "common/storage/mapped_file.h"
 #include "common/tile/mapped_arrays.h"
 #include "worker/refine/texels.h"
 
@@ -16,140 +19,197 @@ namespace {
 
 using nlohmann::json;
 
-// A view as it lies in the file.
+// A view in the file: the shape of its first level.
 struct Crop {
   int view = 0;
-  PixelRect rect;
-  PixelMapping mapping;
-  int likelihood_width = 0, likelihood_height = 0, classes = 0;  // zeros: none
-  std::vector<uint16_t> luminance;                               // codes of Texels::luminance
-  std::vector<uint8_t> likelihoods;                              // a plane a class
-
-  size_t pixels() const { return static_cast<size_t>(rect.width()) * rect.height(); }
-  size_t likelihood_values() const { return static_cast<size_t>(likelihood_width) * likelihood_height * classes; }
+  TexelShape shape;
 };
 
-std::string ArrayName(size_t crop, const char* what) { return absl::StrFormat("%06d.%s", crop, what); }
+std::string LuminanceName(size_t crop, int level) { return absl::StrFormat("%06d.%d.luminance", crop, level); }
+std::string LikelihoodName(size_t crop, int level) { return absl::StrFormat("%06d.%d.likelihoods", crop, level); }
+
+// Shapes of all levels.
+std::vector<TexelShape> LevelsOf(const TexelShape& first) {
+  std::vector<TexelShape> levels = {first};
+  while (static_cast<int>(levels.size()) < kTexelLevels) levels.push_back(levels.back().Half());
+  return levels;
+}
+
+// Which level's likelihoods are those of `level`.
+int LikelihoodLevel(const TexelShape& first, int level) { return first.same_resolution ? level : 0; }
 
 ImagePart PartOf(const PixelRect& rect) { return {rect.x0, rect.y0, rect.x1, rect.y1}; }
 
-Status CropLikelihoods(const std::string& path, const SceneView& view, int classes, Crop* out) {
-  TESSERA_ASSIGN_OR_RETURN(const LikelihoodPart part, ReadLikelihoodPart(path, classes, view.lens, PartOf(out->rect)));
+StatusOr<std::vector<uint8_t>> CropLikelihoods(const std::string& path, const SceneView& view, int classes,
+                                               TexelShape* shape) {
+  TESSERA_ASSIGN_OR_RETURN(const LikelihoodPart part,
+                           ReadLikelihoodPart(path, classes, view.lens, PartOf(shape->rect)));
   const PinholeCamera& whole = view.camera.intrinsics;
-  out->mapping.scale_x = static_cast<double>(part.whole_width) / whole.width;
-  out->mapping.scale_y = static_cast<double>(part.whole_height) / whole.height;
-  out->mapping.first_x = part.x0;
-  out->mapping.first_y = part.y0;
-  out->likelihood_width = part.pixels.width;
-  out->likelihood_height = part.pixels.height;
-  out->classes = part.pixels.channels;
-  out->likelihoods.reserve(part.pixels.data.size());
-  for (const float value : part.pixels.data) {
-    out->likelihoods.push_back(static_cast<uint8_t>(std::clamp(value, 0.0f, 1.0f) * Texels::kLikelihoodSteps + 0.5f));
-  }
-  return absl::OkStatus();
+  PixelMapping mapping;
+  mapping.scale_x = static_cast<double>(part.whole_width) / whole.width;
+  mapping.scale_y = static_cast<double>(part.whole_height) / whole.height;
+  mapping.first_x = part.x0;
+  mapping.first_y = part.y0;
+  *shape = TexelShape::First(shape->rect, part.pixels.channels, part.pixels.width, part.pixels.height, mapping);
+  std::vector<uint8_t> steps;
+  steps.reserve(part.pixels.data.size());
+  for (const float value : part.pixels.data) steps.push_back(LikelihoodStep(value));
+  return steps;
 }
 
 json ToJson(const Crop& crop) {
+  const TexelShape& s = crop.shape;
   return {{"view", crop.view},
-          {"rect", {crop.rect.x0, crop.rect.y0, crop.rect.x1, crop.rect.y1}},
-          {"likelihoods", {crop.likelihood_width, crop.likelihood_height, crop.classes}},
-          {"mapping", {crop.mapping.scale_x, crop.mapping.scale_y, crop.mapping.first_x, crop.mapping.first_y}}};
+          {"rect", {s.rect.x0, s.rect.y0, s.rect.x1, s.rect.y1}},
+          {"likelihoods", {s.likelihood_width, s.likelihood_height, s.classes}},
+          {"mapping", {s.mapping.scale_x, s.mapping.scale_y, s.mapping.first_x, s.mapping.first_y}}};
 }
 
 Crop ParseCrop(const json& j) {
-  Crop crop;
-  crop.view = j.at("view");
-  crop.rect = {j.at("rect").at(0), j.at("rect").at(1), j.at("rect").at(2), j.at("rect").at(3)};
-  crop.likelihood_width = j.at("likelihoods").at(0);
-  crop.likelihood_height = j.at("likelihoods").at(1);
-  crop.classes = j.at("likelihoods").at(2);
-  const json& mapping = j.at("mapping");
-  crop.mapping.scale_x = mapping.at(0);
-  crop.mapping.scale_y = mapping.at(1);
-  crop.mapping.first_x = mapping.at(2);
-  crop.mapping.first_y = mapping.at(3);
-  return crop;
+  const json &rect = j.at("rect"), &likelihoods = j.at("likelihoods"), &m = j.at("mapping");
+  PixelMapping mapping;
+  mapping.scale_x = m.at(0);
+  mapping.scale_y = m.at(1);
+  mapping.first_x = m.at(2);
+  mapping.first_y = m.at(3);
+  return {j.at("view"), TexelShape::First({rect.at(0), rect.at(1), rect.at(2), rect.at(3)}, likelihoods.at(2),
+                                          likelihoods.at(0), likelihoods.at(1), mapping)};
 }
+
+// Arrays of crops on their way to the file, which asks for their number first.
+class CropWriter {
+ public:
+  static StatusOr<CropWriter> Create(const std::string& path) {
+    const std::string folder = std::filesystem::path(path).parent_path().string();
+    TESSERA_ASSIGN_OR_RETURN(auto pixels, ScratchBytes::Create(folder));
+    return CropWriter(path, std::move(pixels));
+  }
+
+  // `likelihoods` may be empty.
+  void Add(int view, const TexelShape& first, std::vector<uint16_t> luminance, std::vector<uint8_t> likelihoods) {
+    const size_t crop = crops_.size();
+    crops_.push_back(ToJson({view, first}));
+    StoredTexels level;
+    static_cast<TexelShape&>(level) = first;
+    for (int l = 0;; ++l) {
+      if (!likelihoods.empty()) Add(LikelihoodName(crop, l), std::vector<uint8_t>(), std::span<const uint8_t>(likelihoods));
+      Add(LuminanceName(crop, l), std::vector<uint16_t>(), std::span<const uint16_t>(luminance));
+      if (l + 1 == kTexelLevels) return;
+      level.luminance = luminance;
+      level.likelihoods = likelihoods;
+      std::vector<uint16_t> half_luminance = level.HalfLuminance();
+      const bool halves = level.same_resolution;
+      likelihoods = halves ? level.HalfLikelihoods() : std::vector<uint8_t>();
+      luminance = std::move(half_luminance);
+      static_cast<TexelShape&>(level) = level.Half();
+    }
+  }
+
+  Status Finish(int tile) {
+    TESSERA_ASSIGN_OR_RETURN(const MappedFile pixels, pixels_->Finish());
+    TESSERA_ASSIGN_OR_RETURN(
+        const auto file, ArrayFileWriter::Create(path_, json{{"tile", tile}, {"crops", crops_}}.dump(), arrays_));
+    size_t at = 0;
+    for (const ArrayFileWriter::Array& array : arrays_) {
+      std::visit(
+          [&]<class T>(const std::vector<T>&) {
+            file->Append(array.name, std::span(reinterpret_cast<const T*>(pixels.data() + at), array.count));
+            pixels.Release(at, array.count * sizeof(T));
+            at += array.count * sizeof(T);
+          },
+          array.type);
+      at += at % 2;
+    }
+    return file->Finish();
+  }
+
+ private:
+  CropWriter(std::string path, std::unique_ptr<ScratchBytes> pixels)
+      : path_(std::move(path)), pixels_(std::move(pixels)) {}
+
+  template <class T>
+  void Add(std::string name, std::vector<T> type, std::span<const T> values) {
+    arrays_.push_back({std::move(name), std::move(type), values.size()});
+    pixels_->Append(values.data(), values.size_bytes());
+    if (values.size_bytes() % 2 != 0) pixels_->Append("", 1);  // all begin at even places
+  }
+
+  std::string path_;
+  std::unique_ptr<ScratchBytes> pixels_;
+  json crops_ = json::array();
+  std::vector<ArrayFileWriter::Array> arrays_;
+};
 
 // One crop of a file that all of them share.
 class FilePixels : public ViewPixels {
  public:
-  FilePixels(std::shared_ptr<const MappedArrays> file, size_t index, Crop crop)
-      : file_(std::move(file)), index_(index), crop_(std::move(crop)) {}
-  int width() const override { return crop_.rect.width(); }
-  int height() const override { return crop_.rect.height(); }
-  StatusOr<FloatImage> Luminance() const override {
-    const std::string name = ArrayName(index_, "luminance");
-    TESSERA_ASSIGN_OR_RETURN(const auto codes, file_->Verified<uint16_t>(name, static_cast<int64_t>(crop_.pixels())));
-    FloatImage image(width(), height());
-    std::transform(codes.begin(), codes.end(), image.data.begin(), [](uint16_t code) {
-      return code == 0 ? std::nanf("") : static_cast<float>(code - 1) / Texels::kLuminanceSteps;
-    });
-    file_->Release(name);
-    return image;
-  }
-  bool has_likelihoods() const override { return crop_.classes > 0; }
-  StatusOr<FloatImage> Likelihoods() const override {
-    const std::string name = ArrayName(index_, "likelihoods");
-    TESSERA_ASSIGN_OR_RETURN(const auto steps,
-                             file_->Verified<uint8_t>(name, static_cast<int64_t>(crop_.likelihood_values())));
-    FloatImage image(crop_.likelihood_width, crop_.likelihood_height, crop_.classes);
-    std::transform(steps.begin(), steps.end(), image.data.begin(),
-                   [](uint8_t step) { return static_cast<float>(step) / Texels::kLikelihoodSteps; });
-    file_->Release(name);
-    return image;
+  FilePixels(std::shared_ptr<const MappedArrays> file, size_t index, const TexelShape& first)
+      : file_(std::move(file)), index_(index), levels_(LevelsOf(first)) {}
+  const PixelRect& rect() const override { return levels_.front().rect; }
+  bool has_likelihoods() const override { return levels_.front().classes > 0; }
+  StatusOr<StoredTexels> Level(int level) const override {
+    StoredTexels out;
+    static_cast<TexelShape&>(out) = levels_.at(level);
+    const std::string luminance = LuminanceName(index_, level);
+    TESSERA_ASSIGN_OR_RETURN(out.luminance,
+                             file_->Verified<uint16_t>(luminance, static_cast<int64_t>(out.pixels())));
+    if (!has_likelihoods()) {
+      out.release = [file = file_.get(), luminance] { file->Release(luminance); };
+    } else {
+      const std::string likelihoods = LikelihoodName(index_, LikelihoodLevel(levels_.front(), level));
+      TESSERA_ASSIGN_OR_RETURN(
+          out.likelihoods, file_->Verified<uint8_t>(likelihoods, static_cast<int64_t>(out.likelihood_values())));
+      out.release = [file = file_.get(), luminance, likelihoods] {
+        file->Release(luminance);
+        file->Release(likelihoods);
+      };
+    }
+    out.release();
+    return out;
   }
 
  private:
   std::shared_ptr<const MappedArrays> file_;
   size_t index_;
-  Crop crop_;
+  std::vector<TexelShape> levels_;
 };
 
 }  // namespace
 
 Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
                      const TaskControl& control) {
-  std::vector<Crop> crops;
+  TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path));
   for (size_t v = 0; v < package.views.size(); ++v) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.9 * static_cast<double>(v) / static_cast<double>(package.views.size()), "reading images");
     const SceneView& view = package.views[v];
-    Crop crop;
-    crop.view = static_cast<int>(v);
-    crop.rect = package.view_rects[v];
-    if (crop.rect.empty()) continue;
+    TexelShape shape;
+    shape.rect = package.view_rects[v];
+    if (shape.rect.empty()) continue;
+    std::vector<uint16_t> luminance;
     {
-      TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance,
-                               ReadLuminancePart(scene_folder + "/" + view.image_path, view.lens, PartOf(crop.rect)));
-      crop.luminance.reserve(luminance.data.size());
-      for (const float value : luminance.data) crop.luminance.push_back(LuminanceCode(value));
+      TESSERA_ASSIGN_OR_RETURN(const FloatImage image,
+                               ReadLuminancePart(scene_folder + "/" + view.image_path, view.lens, PartOf(shape.rect)));
+      luminance.reserve(image.data.size());
+      for (const float value : image.data) luminance.push_back(LuminanceCode(value));
     }
+    std::vector<uint8_t> likelihoods;
     if (package.has_likelihoods && !view.likelihood_path.empty()) {
-      TESSERA_RETURN_IF_ERROR(CropLikelihoods(scene_folder + "/" + view.likelihood_path, view,
-                                              static_cast<int>(package.classes.size()), &crop));
+      TESSERA_ASSIGN_OR_RETURN(likelihoods, CropLikelihoods(scene_folder + "/" + view.likelihood_path, view,
+                                                            static_cast<int>(package.classes.size()), &shape));
     }
-    crops.push_back(std::move(crop));
+    writer.Add(static_cast<int>(v), shape, std::move(luminance), std::move(likelihoods));
   }
   control.Report(0.9, "writing crops");
-  json metadata = {{"tile", package.tile}, {"crops", json::array()}};
-  std::vector<ArrayFileWriter::Array> arrays;
-  for (size_t i = 0; i < crops.size(); ++i) {
-    metadata["crops"].push_back(ToJson(crops[i]));
-    if (crops[i].classes > 0) {
-      arrays.push_back({ArrayName(i, "likelihoods"), std::vector<uint8_t>(), crops[i].likelihoods.size()});
-    }
-    arrays.push_back({ArrayName(i, "luminance"), std::vector<uint16_t>(), crops[i].luminance.size()});
-  }
-  TESSERA_ASSIGN_OR_RETURN(const auto file, ArrayFileWriter::Create(path, metadata.dump(), std::move(arrays)));
-  for (size_t i = 0; i < crops.size(); ++i) {
-    if (crops[i].classes > 0) {
-      file->Append(ArrayName(i, "likelihoods"), std::span<const uint8_t>(crops[i].likelihoods));
-    }
-    file->Append(ArrayName(i, "luminance"), std::span<const uint16_t>(crops[i].luminance));
-  }
-  return file->Finish();
+  return writer.Finish(package.tile);
+}
+
+FloatImage LikelihoodImage(const StoredTexels& level) {
+  FloatImage image(level.likelihood_width, level.likelihood_height, level.classes);
+  std::transform(level.likelihoods.begin(), level.likelihoods.end(), image.data.begin(),
+                 [](uint8_t step) { return static_cast<float>(step) / Texels::kLikelihoodSteps; });
+  if (level.release) level.release();
+  return image;
 }
 
 StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const std::string& path) {
@@ -163,16 +223,15 @@ StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const 
                                               ", expected those of tile ", package.tile));
     }
     for (const json& j : metadata.at("crops")) {
-      Crop crop = ParseCrop(j);
-      if (crop.view < 0 || static_cast<size_t>(crop.view) >= package.views.size() || crop.rect.empty()) {
+      const Crop crop = ParseCrop(j);
+      if (crop.view < 0 || static_cast<size_t>(crop.view) >= package.views.size() || crop.shape.rect.empty()) {
         return absl::DataLossError(absl::StrCat(path, ": crop ", views.size(), ": found view ", crop.view,
                                                 ", expected one of ", package.views.size()));
       }
       TileView view;
       view.view = crop.view;
-      view.window = {package.views[crop.view].camera, crop.rect};
-      view.mapping = crop.mapping;
-      view.pixels = std::make_shared<FilePixels>(file, views.size(), std::move(crop));
+      view.window = {package.views[crop.view].camera, crop.shape.rect};
+      view.pixels = std::make_shared<FilePixels>(file, views.size(), crop.shape);
       views.push_back(std::move(view));
     }
   } catch (const json::exception& e) {
@@ -186,14 +245,10 @@ TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& v
   std::vector<int> loaded(package.views.size(), -1);
   for (size_t v = 0; v < views.size(); ++v) {
     loaded[views[v].view] = static_cast<int>(v);
-    const PixelRect& rect = views[v].window.rect;
     const auto& [near_m, far_m] = package.view_depths[views[v].view];
     data.views.push_back({views[v].window.camera,
                           views[v].pixels,
                           knows_labels,
-                          views[v].mapping,
-                          rect.x0,
-                          rect.y0,
                           {static_cast<float>(near_m), static_cast<float>(far_m)},
                           package.view_ids[views[v].view]});
   }

@@ -23,19 +23,21 @@ struct TileView {
   int view = 0;                              // index in the package
   CameraWindow window;                       // on the tile
   std::shared_ptr<const ViewPixels> pixels;  // of the window
-  PixelMapping mapping;                      // from the whole image to likelihoods
 };
 
 // Reads the views of a package from `scene_folder`, one after the other, and writes their windows
-// (TilePackage::view_rects) to `path`, an array file; those of none are left out. Luminance is rounded to 1 / 65534,
-// likelihoods to 1 / 255, as the data term has them (Texels). Errors of the files as ReadLuminance and ReadLikelihoods;
-// CANCELLED.
+// (TilePackage::view_rects) on all levels to `path`, an array file; those of none are left out. Luminance is rounded to
+// 1 / 65534, likelihoods to 1 / 255, as the data term has them (StoredTexels). One image is in memory at a time; the
+// disk holds all crops twice meanwhile. Errors of the files as ReadLuminance and ReadLikelihoods; CANCELLED.
 Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
                      const TaskControl& control);
 
 // The crops of `package` in the file. They are read from it whenever they are asked for; nothing is held. DATA_LOSS if
 // the file is damaged or of another package.
 StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const std::string& path);
+
+// A plane a class, in [0, 1]; level.mapping says where.
+FloatImage LikelihoodImage(const StoredTexels& level);
 
 // The views as the data term takes them.
 struct TileData {

@@ -1,7 +1,7 @@
 // The pixels that crop hands to the steps.
 #include <gtest/gtest.h>
 
-#include <cmath>
+#include <algorithm>
 
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
@@ -56,28 +56,51 @@ TEST(Crops, AreTheImagesAsTheDataTermHasThem) {
         const PixelRect& rect = view.window.rect;
         ASSERT_EQ(rect, package.view_rects[view.view]);
         const auto whole = ReadLuminance(cropped.folder + "/" + from.image_path, from.lens);
-        const auto luminance = view.pixels->Luminance();
-        ASSERT_TRUE(whole.ok() && luminance.ok());
-        ASSERT_EQ(luminance->width, rect.width());
-        ASSERT_EQ(luminance->height, view.pixels->height());
+        const auto level = view.pixels->Level(0);
+        ASSERT_TRUE(whole.ok() && level.ok());
+        ASSERT_EQ(level->rect, rect);
+        ASSERT_EQ(level->luminance.size(), level->pixels());
         for (int y = 0; y < rect.height(); ++y) {
           for (int x = 0; x < rect.width(); ++x) {
-            const float expected = whole->at(rect.x0 + x, rect.y0 + y), found = luminance->at(x, y);
-            ASSERT_EQ(std::isnan(found), std::isnan(expected));
-            if (std::isnan(found)) continue;
-            ASSERT_NEAR(found, expected, 1.0 / 65534);
+            const float expected = whole->at(rect.x0 + x, rect.y0 + y);
+            ASSERT_EQ(level->luminance[static_cast<size_t>(y) * rect.width() + x], LuminanceCode(expected));
           }
         }
         ASSERT_EQ(view.pixels->has_likelihoods(), kind != TinySceneOptions::Likelihoods::kNone);
         if (!view.pixels->has_likelihoods()) continue;
         const auto part = ReadLikelihoodPart(cropped.folder + "/" + from.likelihood_path, 3, from.lens,
                                              {rect.x0, rect.y0, rect.x1, rect.y1});
-        const auto likelihoods = view.pixels->Likelihoods();
-        ASSERT_TRUE(part.ok() && likelihoods.ok());
-        ASSERT_EQ(likelihoods->data.size(), part->pixels.data.size());
-        for (size_t i = 0; i < likelihoods->data.size(); ++i) {
-          ASSERT_NEAR(likelihoods->data[i], part->pixels.data[i], 0.5 / 255 + 1e-6);
+        ASSERT_TRUE(part.ok());
+        const FloatImage likelihoods = LikelihoodImage(*level);
+        ASSERT_EQ(likelihoods.data.size(), part->pixels.data.size());
+        for (size_t i = 0; i < likelihoods.data.size(); ++i) {
+          ASSERT_NEAR(likelihoods.data[i], part->pixels.data[i], 0.5 / 255 + 1e-6);
         }
+      }
+    }
+  }
+}
+
+// Each level is half of the one before, as if made from it in memory.
+TEST(Crops, HoldAllLevels) {
+  for (const bool coarse : {false, true}) {
+    TinySceneOptions options;
+    options.coarse_likelihoods = coarse;
+    const Cropped cropped = CropScene(options);
+    const auto views = OpenTileViews(cropped.packages[0], cropped.paths[0]);
+    ASSERT_TRUE(views.ok()) << views.status();
+    for (const TileView& view : *views) {
+      StatusOr<StoredTexels> last = view.pixels->Level(0);
+      ASSERT_TRUE(last.ok());
+      EXPECT_EQ(last->same_resolution, !coarse);
+      for (int l = 1; l < kTexelLevels; ++l) {
+        const auto level = view.pixels->Level(l);
+        ASSERT_TRUE(level.ok()) << level.status();
+        EXPECT_EQ(level->rect, last->Half().rect);
+        EXPECT_TRUE(std::ranges::equal(level->luminance, last->HalfLuminance()));
+        EXPECT_TRUE(coarse ? std::ranges::equal(level->likelihoods, last->likelihoods)
+                           : std::ranges::equal(level->likelihoods, last->HalfLikelihoods()));
+        last = level;
       }
     }
   }
@@ -93,9 +116,9 @@ TEST(Crops, DamageAndOtherTilesAreFound) {
   ASSERT_TRUE(WriteFileAtomic(path, bytes).ok());
   const auto views = OpenTileViews(cropped.packages[0], path);
   ASSERT_TRUE(views.ok()) << "values are looked at when they are read";
-  EXPECT_TRUE(views->front().pixels->Luminance().ok());
-  EXPECT_TRUE(views->back().pixels->Likelihoods().ok());
-  EXPECT_EQ(views->back().pixels->Luminance().status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_TRUE(views->front().pixels->Level(0).ok());
+  EXPECT_TRUE(views->back().pixels->Level(0).ok());
+  EXPECT_EQ(views->back().pixels->Level(kTexelLevels - 1).status().code(), absl::StatusCode::kDataLoss);
   bytes.resize(bytes.size() / 2);
   ASSERT_TRUE(WriteFileAtomic(path, bytes).ok());
   EXPECT_EQ(OpenTileViews(cropped.packages[0], path).status().code(), absl::StatusCode::kDataLoss);

@@ -158,16 +158,6 @@ TEST(Refine, CommutesWithTheOrderOfCameras) {
   });
 }
 
-TEST(Refine, TexelsOnDiskGiveTheSameBytes) {
-  Bed bed;
-  const Positions held = bed.Refine();
-  bed.options.scratch_folder = testing::TempDir();
-  EXPECT_EQ(bed.Refine(), held);
-  bed.options.scratch_folder = testing::TempDir() + "/none";
-  Positions out;
-  EXPECT_FALSE(RefineGeometry(bed.problem, &out, bed.options, {}).ok());
-}
-
 TEST(Refine, StepsEndOnTheGrid) {
   Bed bed;
   bed.options.grid_gsd = 0.01;

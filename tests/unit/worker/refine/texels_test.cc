@@ -7,7 +7,8 @@
 namespace tessera {
 namespace {
 
-constexpr double kHalfStep = 0.5 / Texels::kLikelihoodSteps + 1e-6;
+// Rounded before they are interpolated and after.
+constexpr double kOneStep = 1.0 / Texels::kLikelihoodSteps + 1e-6;
 
 // A plane for each class, linear over the area that a unit square shows: class l at (s, t) of it.
 double Ramp(int l, double s, double t) { return 0.2 + 0.04 * l + 0.3 * s + 0.1 * t; }
@@ -57,7 +58,7 @@ TEST(Texels, LikelihoodsOfAnyResolutionAreTakenAtPixelCentres) {
       for (int l = 0; l < classes; ++l) {
         for (int y = rim; y < 36 - rim; ++y) {
           for (int x = rim; x < 48 - rim; ++x) {
-            ASSERT_NEAR(texels.Likelihood(x, y, l), Ramp(l, (x + 0.5) / 48, (y + 0.5) / 36), kHalfStep)
+            ASSERT_NEAR(texels.Likelihood(x, y, l), Ramp(l, (x + 0.5) / 48, (y + 0.5) / 36), kOneStep)
                 << width << " " << l << " " << x << " " << y;
           }
         }
@@ -71,7 +72,7 @@ TEST(Texels, ACropTakesItsPartOfTheWhole) {
   // The crop begins at pixel (20, 8) of an image of 80 x 60.
   const PixelMapping mapping{0.5, 0.5, 10, 4};
   const Texels texels = MakeTexels(luminance, likelihoods, mapping);
-  EXPECT_NEAR(texels.Likelihood(3, 5, 1), Ramp(1, 23.5 / 80, 13.5 / 60), kHalfStep);
+  EXPECT_NEAR(texels.Likelihood(3, 5, 1), Ramp(1, 23.5 / 80, 13.5 / 60), kOneStep);
 }
 
 TEST(Texels, FinerLikelihoodsAreAveragedOverAPixel) {
@@ -82,7 +83,7 @@ TEST(Texels, FinerLikelihoodsAreAveragedOverAPixel) {
   const FloatImage luminance(4, 4, 1, 0.5f);
   const Texels texels = MakeTexels(luminance, likelihoods, ScaleToSize(luminance, likelihoods));
   for (int y = 0; y < 4; ++y) {
-    for (int x = 0; x < 4; ++x) EXPECT_NEAR(texels.Likelihood(x, y, 0), 0.5, kHalfStep);
+    for (int x = 0; x < 4; ++x) EXPECT_NEAR(texels.Likelihood(x, y, 0), 0.5, kOneStep);
   }
 }
 
