@@ -2,6 +2,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <tuple>
 #include <utility>
 
@@ -97,9 +98,13 @@ uint64_t Spread(uint64_t x) {
   return x;
 }
 
-// Vertices along a Morton curve through `positions`; of every thousand on it, those of equal degree together, so that
-// branches on it are foreseen.
-std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const OneRings& rings) {
+// Rings that a band of places has.
+constexpr int kBandRings = 4;
+
+// Band after band; in each, vertices along a Morton curve through `positions`; of every thousand on it, those of equal
+// degree together, so that branches on it are foreseen.
+std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const OneRings& rings,
+                                  const std::vector<int>& band) {
   Vector3d low = Vector3d::Zero(), high = Vector3d::Zero();
   if (!positions.empty()) low = high = positions[0];
   for (const Vector3d& p : positions) {
@@ -107,23 +112,46 @@ std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const 
     high = high.cwiseMax(p);
   }
   const double scale = 2097151.0 / std::max((high - low).maxCoeff(), 1e-30);
-  std::vector<std::pair<uint64_t, uint32_t>> keyed(positions.size());
+  std::vector<std::tuple<int, uint64_t, uint32_t>> keyed(positions.size());
   for (size_t v = 0; v < positions.size(); ++v) {
     const Vector3d cell = (positions[v] - low) * scale;
     const uint64_t key = Spread(static_cast<uint64_t>(cell.x())) | Spread(static_cast<uint64_t>(cell.y())) << 1 |
                          Spread(static_cast<uint64_t>(cell.z())) << 2;
-    keyed[v] = {key, static_cast<uint32_t>(v)};
+    keyed[v] = {band[v], key, static_cast<uint32_t>(v)};
   }
   std::sort(keyed.begin(), keyed.end());
   constexpr size_t kBlock = 1024;
   std::vector<uint32_t> order(positions.size());
-  for (size_t i = 0; i < order.size(); ++i) order[i] = keyed[i].second;
-  for (size_t begin = 0; begin < order.size(); begin += kBlock) {
-    const size_t end = std::min(begin + kBlock, order.size());
+  for (size_t i = 0; i < order.size(); ++i) order[i] = std::get<2>(keyed[i]);
+  for (size_t begin = 0, end = 0; begin < order.size(); begin = end) {
+    while (end < order.size() && end - begin < kBlock && band[order[end]] == band[order[begin]]) ++end;
     std::stable_sort(order.begin() + begin, order.begin() + end,
-                     [&](uint32_t a, uint32_t b) { return rings.degree(a) < rings.degree(b); });
+                     [&](uint32_t i, uint32_t j) { return rings.degree(i) < rings.degree(j); });
   }
   return order;
+}
+
+// How many bands each vertex is away from those with a flag; 0 without flags.
+std::vector<int> BandsFrom(const std::vector<uint8_t>& wanted, const OneRings& rings) {
+  std::vector<int> away(rings.rim.size(), wanted.empty() ? 0 : -1);
+  std::vector<uint32_t> front, next;
+  for (uint32_t v = 0; v < wanted.size(); ++v) {
+    if (!wanted[v]) continue;
+    away[v] = 0;
+    front.push_back(v);
+  }
+  for (int ring = 1; !front.empty(); ++ring, front.swap(next), next.clear()) {
+    for (const uint32_t v : front) {
+      for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e) {
+        const uint32_t w = rings.to[e];
+        if (away[w] >= 0) continue;
+        away[w] = ring;
+        next.push_back(w);
+      }
+    }
+  }
+  for (int& ring : away) ring = ring < 0 ? std::numeric_limits<int>::max() : (ring + kBandRings - 1) / kBandRings;
+  return away;
 }
 
 }  // namespace
@@ -134,11 +162,23 @@ struct SmoothTerm::Layout {
   std::vector<uint32_t> vertex_at;  // of a place
   std::vector<uint32_t> place_of;   // of a vertex
   std::vector<uint32_t> ring_begin, ring;
+  std::vector<uint32_t> band_end;  // places of the wanted vertices, then of those further away, kBandRings by kBandRings
+
+  // The first places, with all vertices that are at most `rings` rings from the wanted ones.
+  size_t PlacesWithin(int rings) const {
+    const size_t band = (rings + kBandRings - 1) / kBandRings;
+    return band < band_end.size() ? band_end[band] : band_end.empty() ? vertex_at.size() : band_end.back();
+  }
 };
 
-void SmoothTerm::MakeLayout() {
+void SmoothTerm::MakeLayout(const std::vector<uint8_t>& wanted) {
   auto layout = std::make_shared<Layout>();
-  layout->vertex_at = MemoryOrder(start_, rings_);
+  const std::vector<int> band = BandsFrom(wanted, rings_);
+  layout->vertex_at = MemoryOrder(start_, rings_, band);
+  for (size_t p = 0; p < start_.size() && band[layout->vertex_at[p]] != std::numeric_limits<int>::max(); ++p) {
+    layout->band_end.resize(band[layout->vertex_at[p]] + 1, static_cast<uint32_t>(p));
+    layout->band_end.back() = static_cast<uint32_t>(p + 1);
+  }
   layout->place_of.resize(start_.size());
   for (size_t p = 0; p < start_.size(); ++p) layout->place_of[layout->vertex_at[p]] = static_cast<uint32_t>(p);
   layout->ring_begin.push_back(0);
@@ -190,8 +230,9 @@ void SmoothTerm::FindDiagonals() {
 // The system of one call, by places.
 class SmoothTerm::System {
  public:
+  // Of the first `places`, with those beside them.
   System(const SmoothTerm& term, const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
-         const InterCurvature* inter)
+         const InterCurvature* inter, size_t places)
       : term_(term),
         layout_(*term.layout_),
         weights_(weights),
@@ -203,29 +244,33 @@ class SmoothTerm::System {
         direction_(rhs.size()),
         step_(rhs.size()) {
     FindSpecials();
-    ForPlaces([&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
-    ForSpecials([&](Special& special) { special.rhs = rhs_[special.place].lanes; });
+    ForPlaces(places, [&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
+    ForSpecials(places, [&](Special& special) { special.rhs = rhs_[special.place].lanes; });
   }
 
+  // A sweep reads the one before within two rings, so that less and less about the wanted vertices is of use: `rings`
+  // about them is what the sweeps to come read. Elsewhere nothing is done.
+
   // The first sweep finds no step yet.
-  void FirstSweep(float gain) {
-    ForPlaces([&](size_t p) {
+  void FirstSweep(float gain, int rings) {
+    ForPlaces(layout_.PlacesWithin(rings), [&](size_t p) {
       direction_[p].lanes = Broadcast(gain) * inverse_[p].Times(rhs_[p].lanes);
       step_[p] = direction_[p];
     });
   }
 
-  void Sweep(float keep, float gain) {
-    MakeRows();
+  void Sweep(float keep, float gain, int rings) {
+    const size_t rows = layout_.PlacesWithin(rings + 1), places = layout_.PlacesWithin(rings);
+    MakeRows(rows);
     if (inter_) MakeResiduals();
-    ForSpecials([&](Special& special) { MakeSpecialRow(&special); });
-    ForSpecials([&](Special& special) { rhs_[special.place].lanes = special.rhs - SpecialProduct(special); });
-    Update(Broadcast(keep), Broadcast(gain));
+    ForSpecials(rows, [&](Special& special) { MakeSpecialRow(&special); });
+    ForSpecials(places, [&](Special& special) { rhs_[special.place].lanes = special.rhs - SpecialProduct(special); });
+    Update(places, Broadcast(keep), Broadcast(gain));
   }
 
   void TakeStep(Positions* step) const {
-    step->resize(step_.size());
-    ForPlaces([&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
+    step->assign(step_.size(), Vector3d::Zero());
+    ForPlaces(layout_.PlacesWithin(0), [&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
   }
 
  private:
@@ -238,14 +283,17 @@ class SmoothTerm::System {
   };
 
   template <class Body>
-  void ForPlaces(const Body& body) const {
-    ParallelFor(static_cast<int64_t>(layout_.vertex_at.size()), kGrain, [&](int64_t begin, int64_t end) {
+  static void ForPlaces(size_t count, const Body& body) {
+    ParallelFor(static_cast<int64_t>(count), kGrain, [&](int64_t begin, int64_t end) {
       for (int64_t p = begin; p < end; ++p) body(static_cast<size_t>(p));
     });
   }
+  // Those among the first `places`.
   template <class Body>
-  void ForSpecials(const Body& body) {
-    ParallelFor(static_cast<int64_t>(specials_.size()), kSpecialGrain, [&](int64_t begin, int64_t end) {
+  void ForSpecials(size_t places, const Body& body) {
+    const auto beyond = std::partition_point(specials_.begin(), specials_.end(),
+                                             [&](const Special& special) { return special.place < places; });
+    ParallelFor(beyond - specials_.begin(), kSpecialGrain, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) body(specials_[i]);
     });
   }
@@ -303,12 +351,12 @@ class SmoothTerm::System {
     }
   }
 
-  void MakeRows() {
+  void MakeRows(size_t places) {
     const Vector* step = step_.data();
     const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
     const Diagonals* diagonals = term_.diagonals_.data();
     Row* rows = rows_.data();
-    ParallelFor(static_cast<int64_t>(step_.size()), kGrain, [=](int64_t begin, int64_t end) {
+    ParallelFor(static_cast<int64_t>(places), kGrain, [=](int64_t begin, int64_t end) {
       for (int64_t p = begin; p < end; ++p) {
         Lanes sum = {0, 0, 0, 0};
         for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) sum += step[ring[e]].lanes;
@@ -374,13 +422,13 @@ class SmoothTerm::System {
     return sum;
   }
 
-  void Update(Lanes keep, Lanes gain) {
+  void Update(size_t places, Lanes keep, Lanes gain) {
     const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
     const Row* rows = rows_.data();
     const RightSide* rhs = rhs_.data();
     const SymmetricBlock *data = data_.data(), *inverse = inverse_.data();
     Vector *direction = direction_.data(), *step = step_.data();
-    ParallelFor(static_cast<int64_t>(step_.size()), kGrain, [=](int64_t begin, int64_t end) {
+    ParallelFor(static_cast<int64_t>(places), kGrain, [=](int64_t begin, int64_t end) {
       for (int64_t p = begin; p < end; ++p) {
         Lanes product = {0, 0, 0, 0};
         for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) {
@@ -410,14 +458,14 @@ class SmoothTerm::System {
 
 void SmoothTerm::SolveStep(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
                            int sweeps, Positions* step, const InterCurvature* inter) const {
-  System system(*this, data, rhs, weights, inter);
+  System system(*this, data, rhs, weights, inter, layout_->PlacesWithin(SolveRings(sweeps)));
   const double centre = 0.5 * (kHigh + kLow), half_width = 0.5 * (kHigh - kLow);
   const double sigma = centre / half_width;
   double rho = 1 / sigma;
-  if (sweeps > 0) system.FirstSweep(static_cast<float>(1 / centre));
+  if (sweeps > 0) system.FirstSweep(static_cast<float>(1 / centre), SolveRings(sweeps));
   for (int sweep = 1; sweep < sweeps; ++sweep) {
     const double next = 1 / (2 * sigma - rho);
-    system.Sweep(static_cast<float>(next * rho), static_cast<float>(2 * next / half_width));
+    system.Sweep(static_cast<float>(next * rho), static_cast<float>(2 * next / half_width), SolveRings(sweeps - sweep));
     rho = next;
   }
   system.TakeStep(step);

@@ -3,6 +3,20 @@
 #include <cmath>
 
 namespace tessera {
+namespace {
+
+// With `rings` rings of vertices about those with a flag.
+std::vector<uint8_t> Grown(std::vector<uint8_t> flags, const std::vector<Triangle>& faces, int rings) {
+  for (int ring = 0; ring < rings && !flags.empty(); ++ring) {
+    const std::vector<uint8_t> before = flags;
+    for (const auto& [a, b, c] : faces) {
+      if (before[a] || before[b] || before[c]) flags[a] = flags[b] = flags[c] = 1;
+    }
+  }
+  return flags;
+}
+
+}  // namespace
 
 MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m) {
   MotionLimits out;
@@ -14,12 +28,12 @@ MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m) {
 }
 
 Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& fixed, double gsd_m, const Eigen::Vector3d& up,
-                 const StepperOptions& options)
+                 const StepperOptions& options, const std::vector<uint8_t>& wanted)
     : options_(options),
       gsd_m_(gsd_m),
       up_(up),
       start_{start.vertices, start.faces, {}},
-      smooth_(start_, fixed),
+      smooth_(start_, fixed, Grown(wanted, start.faces, MotionGuard::kFoldingPasses)),
       inter_(start_, fixed),
       guard_(start_, fixed, MakeMotionLimits(options, gsd_m)) {
   smooth_.SetLabels(start.labels, options.classes, options.mixed);

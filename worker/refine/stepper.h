@@ -41,8 +41,9 @@ struct StepperOptions {
 class Stepper {
  public:
   // `start`: the mesh as the run began, with the labels as they are now. `fixed`: one flag a vertex or empty.
+  // `wanted`: flags of the vertices whose steps are asked for, empty: all; those of others are anything.
   Stepper(const TriangleMesh& start, const std::vector<uint8_t>& fixed, double gsd_m, const Eigen::Vector3d& up,
-          const StepperOptions& options);
+          const StepperOptions& options, const std::vector<uint8_t>& wanted = {});
 
   const MotionGuard& guard() const { return guard_; }
 

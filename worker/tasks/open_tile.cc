@@ -102,10 +102,15 @@ Stepper& OpenTile::SolveStepper(const std::vector<int32_t>& labels, const TileRe
   const std::vector<int32_t> known = GeometryKnowsLabels(package_, options) ? labels : std::vector<int32_t>();
   if (!stepper_ || stepper_->labels != known) {
     const RegionMesh& part = region(kSolveRegion);
+    std::vector<uint8_t> core(part.vertices.size(), 0);
+    for (size_t f = 0; f < part.faces.size(); ++f) {
+      if (!(package_.regions[part.faces[f]] & kCoreRegion)) continue;
+      for (const uint32_t v : part.mesh.faces[f]) core[v] = 1;
+    }
     stepper_.reset();
     stepper_ = std::make_unique<LabelledStepper>(
         LabelledStepper{known, Stepper({part.mesh.vertices, part.mesh.faces, known}, part.fixed, package_.gsd_m,
-                                       package_.up, options.geometry)});
+                                       package_.up, options.geometry, core)});
   }
   return stepper_->stepper;
 }

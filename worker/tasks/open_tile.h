@@ -70,7 +70,8 @@ class OpenTile {
 
   // Of the crops at `views_path`; opened when first asked for. Errors as OpenTileViews'.
   StatusOr<TileSight*> Sight(const std::string& views_path, const TileRefineOptions& options);
-  // Of the solve region's mesh with these labels of its faces; made anew only when they change.
+  // Of the solve region's mesh with these labels of its faces, for steps of the core's vertices; made anew only when
+  // they change.
   Stepper& SolveStepper(const std::vector<int32_t>& labels, const TileRefineOptions& options);
 
   // Made when first asked for.

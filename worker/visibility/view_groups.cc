@@ -1,6 +1,7 @@
 #include "worker/visibility/view_groups.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "common/base/parallel.h"
 
@@ -42,16 +43,18 @@ void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
     }
   });
   ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {
-    std::vector<uint8_t> near(width);
+    std::vector<int32_t> last(width, std::numeric_limits<int32_t>::min());  // row with a mark, of those so far
+    const auto take = [&](int64_t z) {
+      if (z < 0 || z >= height || !has[z]) return;
+      const uint8_t* row = wide.data() + z * width;
+      for (int x = 0; x < width; ++x) last[x] = row[x] ? static_cast<int32_t>(z) : last[x];
+    };
+    for (int64_t z = begin - margin_px; z < begin + margin_px; ++z) take(z);
     for (int64_t y = begin; y < end; ++y) {
-      std::fill(near.begin(), near.end(), 0);
-      for (int64_t z = std::max<int64_t>(0, y - margin_px); z < std::min<int64_t>(height, y + margin_px + 1); ++z) {
-        if (!has[z]) continue;
-        const uint8_t* row = wide.data() + z * width;
-        for (int x = 0; x < width; ++x) near[x] |= row[x];
-      }
+      take(y + margin_px);
+      const auto first = static_cast<int32_t>(y - margin_px);
       int32_t* face = map->face.data() + y * width;
-      for (int x = 0; x < width; ++x) face[x] = near[x] ? face[x] : -1;
+      for (int x = 0; x < width; ++x) face[x] = last[x] >= first ? face[x] : -1;
     }
   });
 }
