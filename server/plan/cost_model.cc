@@ -21,7 +21,7 @@ constexpr double kNear_m = 1e-3;
 constexpr double kMiB = 1 << 20;
 
 // What a worker holds before it begins.
-constexpr double kFixedBytes = 84 * kMiB;
+constexpr double kFixedBytes = 68 * kMiB;
 // While a tile is refined: by pixel, what is blind near silhouettes, contours and the like; by pixel of views that are
 // open together: face map, warp target and luminance (likelihoods beside it).
 constexpr double kPixelBytes = 4, kOpenBytes = 15;
@@ -34,8 +34,8 @@ constexpr double kSolveBytesPerFace = 500, kSolveLabelBytesPerFace = 720, kMendB
 constexpr double kWindowShare = 1.15;
 // While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
 // likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
-// TIFFs do not.
-constexpr double kLoadBytesPerFace = 100, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2;
+// TIFFs do not. A pixel of a crop, and one of a class, as floats, before and after undistortion, and as stored.
+constexpr double kLoadBytesPerFace = 70, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
 constexpr double kTaskSeconds = 0.01;       // of any task: to bring and store its files
 constexpr double kFaceSeconds = 2e-6;       // a face, before the first step
 constexpr double kStateSeconds = 0.1e-6;    // a face whose state or sums a task of one step reads
@@ -193,6 +193,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
     const double pixels = CropPixels(boxes, camera);
     if (pixels <= 0) continue;
     crop[v] = pixels;
+    work.largest_crop = std::max(work.largest_crop, pixels);
     const double whole = static_cast<double>(camera.intrinsics.width) * camera.intrinsics.height;
     work.pixels += pixels;
     work.image_pixels += whole;
@@ -251,10 +252,9 @@ Prediction PredictMend(const TileWork& work, const RefineEffort& effort) {
 
 Prediction PredictCrop(const TileWork& work) {
   const int planes = work.likelihood_planes;
-  const double largest = work.seeing_views > 0 ? work.pixels / work.seeing_views : 0;
   return {kTaskSeconds + kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels,
-          static_cast<int64_t>(kFixedBytes + kLoadBytesPerFace * work.core_faces + (2 + planes) * work.pixels +
-                               4 * (1 + planes) * largest + work.largest_decoded)};
+          static_cast<int64_t>(kFixedBytes + kLoadBytesPerFace * work.sight_faces +
+                               kCropBytes * (1 + planes) * work.largest_crop + work.largest_decoded)};
 }
 
 Prediction PredictCut(const Survey& survey, const TileWork& work) {

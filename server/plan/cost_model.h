@@ -44,6 +44,7 @@ struct TileWork {
   double pixels = 0;           // of all crops to the tile
   double pair_pixels = 0;      // of the references' crops, over all pairs
   double open_pixels = 0;      // most that lie in the crops of views that are open together (PhotoTerm::Evaluate)
+  double largest_crop = 0;     // of them, pixels
   double image_pixels = 0;     // of the whole images that are read for the crops
   double largest_decoded = 0;  // bytes of the largest file as decoded, before its crop is taken
   int likelihood_planes = 0;   // per pixel; 0: the scene has none
