@@ -25,6 +25,16 @@ struct TaskControl {
   }
 };
 
+// The part [low, high] of `control`'s progress as a whole of its own. `control` must outlive it.
+inline TaskControl PartOf(const TaskControl& control, double low, double high) {
+  TaskControl part;
+  part.cancelled = control.cancelled;
+  part.report = [&control, low, high](double fraction, const std::string& stage) {
+    control.Report(low + (high - low) * fraction, stage);
+  };
+  return part;
+}
+
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_BASE_TASK_CONTROL_H_

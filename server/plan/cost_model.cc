@@ -7,12 +7,14 @@
 #include <string>
 #include <utility>
 
+#include "common/tile/sample_cell.h"
+
 namespace tessera {
 namespace {
 
 using Eigen::Vector3d;
 
-// How the refine task crops images (worker/tasks/tile_views.cc).
+// How the refine task crops images (worker/tile/tile_views.cc).
 constexpr double kCropMargin_px = 32, kCropAlignment_px = 16;
 constexpr double kNear_m = 1e-3;
 
@@ -22,36 +24,41 @@ constexpr double kMiB = 1 << 20;
 
 // What a worker holds before it begins.
 constexpr double kFixedBytes = 68 * kMiB;
-// While a tile is refined: by pixel, what is blind near silhouettes, contours and the like; by pixel of views that are
-// open together: face map, warp target and luminance (likelihoods beside it).
-constexpr double kPixelBytes = 4, kOpenBytes = 15;
+// By pixel of all crops, contours and the like; by pixel of views that are open together, whole or as far as the core
+// needs them: face map, warp target and luminance (likelihoods beside it); by pixel of the view whose likelihoods are
+// summed: map and luminance.
+struct PixelCosts {
+  double all = 0, open = 0;
+};
+constexpr PixelCosts kRefinePixels = {2, 35}, kMeasurePixels = {4, 15};
+constexpr double kLabelPixelBytes = 10;
 // By face: of the only tile, where one task does all steps; of measure, by face of the core, and by face in sight; of
-// solve, where vertices move and where labels are solved; of mend.
-constexpr double kRefineBytesPerFace = 660, kRefineLabelBytesPerFace = 720;
-constexpr double kMeasureBytesPerFace = 400, kSightBytesPerFace = 60;
-constexpr double kSolveBytesPerFace = 500, kSolveLabelBytesPerFace = 720, kMendBytesPerFace = 500;
+// solve; of mend.
+constexpr double kRefineBytesPerFace = 850;
+constexpr double kMeasureBytesPerFace = 400, kSightBytesPerFace = 250;
+constexpr double kSolveBytesPerFace = 850, kMendBytesPerFace = 800;
 // Windows begin at multiples of 64 pixels and have padded rows.
 constexpr double kWindowShare = 1.15;
 // While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
 // likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
 // TIFFs do not. A pixel of a crop, and one of a class, as floats, before and after undistortion, and as stored.
-constexpr double kLoadBytesPerFace = 70, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
+constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
 constexpr double kTaskSeconds = 0.01;       // of any task: to bring and store its files
 constexpr double kFaceSeconds = 2e-6;       // a face, before the first step
 constexpr double kStateSeconds = 0.1e-6;    // a face whose state or sums a task of one step reads
-constexpr double kWarpSeconds = 16e-9;      // a reference pixel, partner and evaluation
-constexpr double kDrawSeconds = 12e-9;      // a face in sight, view and step, on whatever level
-constexpr double kSolveSeconds = 1.0e-6;    // a face and iteration
-constexpr double kMendSeconds = 1.7e-6;     // a face and repair
-constexpr double kLabelSeconds = 20e-9;     // a pixel of the crops and labelling
+constexpr double kWarpSeconds = 26e-9;      // a reference pixel, partner and evaluation
+constexpr double kDrawSeconds = 23e-9;      // a face in sight, view and step, on whatever level
+constexpr double kSolveSeconds = 1.3e-6;    // a face and iteration
+constexpr double kMendSeconds = 2.7e-6;     // a face and repair
+constexpr double kLabelSeconds = 32e-9;     // a pixel of the crops and labelling
 constexpr double kLabelFaceSeconds = 4e-6;  // a face and labelling
-constexpr double kDecodeSeconds = 19e-9;    // a pixel of a whole photograph
-constexpr double kReadSeconds = 20e-9;      // a pixel and class of the crops
+constexpr double kDecodeSeconds = 28e-9;    // a pixel of a whole photograph
+constexpr double kReadSeconds = 30e-9;      // a pixel and class of the crops
 
-constexpr double kCutBytesPerCityFace = 105, kCutBytesPerFace = 116;
-constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFaceView = 110e-9;
-constexpr double kIngestBytesPerFace = 239, kIngestSecondsPerFaceView = 0.2e-6;
-constexpr double kPublishBytesPerFace = 149, kPublishSecondsPerFace = 0.5e-6;
+constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
+constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
+constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
+constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 0.5e-6;
 
 // Most of what tasks hold of the city are pages of mapped files, which the system takes back when memory is short; of
 // a large city more of them may be resident than counts here. The second is what city_bench's tasks needed (README).
@@ -117,10 +124,10 @@ double DecodedLikelihoodBytes(const std::string& path, int planes) {
 }
 
 // What views are held for.
-double PixelBytes(const TileWork& work, const RefineEffort& effort) {
+double PixelBytes(const TileWork& work, const RefineEffort& effort, const PixelCosts& costs) {
   const double packed_planes = 4.0 * ((work.likelihood_planes + 3) / 4);
   return effort.finest_share * kWindowShare *
-         (kPixelBytes * work.pixels + (kOpenBytes + packed_planes) * work.open_pixels);
+         (costs.all * work.pixels + (costs.open + packed_planes) * work.open_pixels);
 }
 
 // Views drawn and pixels compared.
@@ -170,7 +177,8 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
                sight_m = kSightGsd * survey.gsd_m;
   TileWork work;
   std::vector<Box> boxes;
-  std::set<int32_t> views, core_views;
+  std::set<int32_t> views, measured_views;
+  const SurveyCell* sample = nullptr;
   cells.ForEachWithin(core, sight_m, [&](const SurveyCell& cell) {
     const double faces = static_cast<double>(cell.faces);
     work.sight_faces += faces * ShareWithin(cell, core, sight_m, cell_m);
@@ -178,12 +186,14 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
     if (DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, core, cell_m) > apron_m) return;
     boxes.push_back(TilePart(cell, survey.ground, core, apron_m));
     views.insert(cell.views.begin(), cell.views.end());
+    sample = BetterSample(sample, cell, core);
     if (!core.Contains({cell.x, cell.y})) return;
     work.core_faces += faces;
-    core_views.insert(cell.views.begin(), cell.views.end());
+    measured_views.insert(cell.views.begin(), cell.views.end());
   });
+  if (sample != nullptr) measured_views.insert(sample->views.begin(), sample->views.end());
   for (const auto& [reference, other] : survey.pairs) {
-    if (core_views.contains(reference)) views.insert(other);
+    if (measured_views.contains(reference)) views.insert(other);
   }
   work.views.assign(views.begin(), views.end());
   work.likelihood_planes = survey.has_likelihoods ? static_cast<int>(survey.classes.size()) : 0;
@@ -224,8 +234,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   Prediction prediction;
   prediction.peak_bytes = static_cast<int64_t>(
-      kFixedBytes + (effort.iterations > 0 ? kRefineBytesPerFace : kRefineLabelBytesPerFace) * work.core_faces +
-      PixelBytes(work, effort));
+      kFixedBytes + kRefineBytesPerFace * work.core_faces + PixelBytes(work, effort, kRefinePixels));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.core_faces + MeasureSeconds(work, effort) +
                             SolveSeconds(work.core_faces, effort) + kMendSeconds * work.core_faces * effort.mends;
   return prediction;
@@ -233,16 +242,19 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
 
 Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
   const double tasks = effort.iterations + effort.labellings;
+  // Label steps look at one view after the other.
+  const double pixel_bytes = effort.iterations > 0
+                                 ? PixelBytes(work, effort, kMeasurePixels)
+                                 : (kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop;
   return {tasks * (kTaskSeconds + kStateSeconds * work.sight_faces) + MeasureSeconds(work, effort),
           static_cast<int64_t>(kFixedBytes + kMeasureBytesPerFace * work.core_faces +
-                               kSightBytesPerFace * work.sight_faces + PixelBytes(work, effort))};
+                               kSightBytesPerFace * work.sight_faces + pixel_bytes)};
 }
 
 Prediction PredictSolve(const TileWork& work, const RefineEffort& effort) {
   const double tasks = effort.iterations + effort.labellings;
   return {tasks * (kTaskSeconds + 2 * kStateSeconds * work.solve_faces) + SolveSeconds(work.solve_faces, effort),
-          static_cast<int64_t>(kFixedBytes + (effort.labellings > 0 ? kSolveLabelBytesPerFace : kSolveBytesPerFace) *
-                                                 work.solve_faces)};
+          static_cast<int64_t>(kFixedBytes + kSolveBytesPerFace * work.solve_faces)};
 }
 
 Prediction PredictMend(const TileWork& work, const RefineEffort& effort) {
@@ -260,7 +272,8 @@ Prediction PredictCrop(const TileWork& work) {
 Prediction PredictCut(const Survey& survey, const TileWork& work) {
   const double city = static_cast<double>(survey.faces);
   return {
-      kTaskSeconds + kCutSecondsPerCityFace * city + kCutSecondsPerFaceView * work.sight_faces * work.seeing_views,
+      kTaskSeconds + kCutSecondsPerCityFace * city +
+          (kCutSecondsPerFace + kCutSecondsPerFaceView * work.seeing_views) * work.sight_faces,
       static_cast<int64_t>(kFixedBytes + CityBytes(kCutBytesPerCityFace, city) + kCutBytesPerFace * work.sight_faces)};
 }
 
@@ -286,7 +299,7 @@ Prediction PredictPublish(const Survey& survey) {
 
 int64_t LeastTileBytes(double faces) { return static_cast<int64_t>(kFixedBytes + kSolveBytesPerFace * faces); }
 
-Interval RefineSecondsInterval() { return {0.85, 1.5}; }
-Interval RefineBytesInterval() { return {0.85, 1.1}; }
+Interval RefineSecondsInterval() { return {0.7, 1.5}; }
+Interval RefineBytesInterval() { return {0.65, 1.1}; }
 
 }  // namespace tessera

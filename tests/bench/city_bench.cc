@@ -30,9 +30,9 @@
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "server/plan/graph.h"
-#include "worker/tasks/open_tile.h"
 #include "worker/tasks/task.h"
-#include "worker/tasks/tile_files.h"
+#include "worker/tile/open_tile.h"
+#include "worker/tile/tile_files.h"
 
 namespace tessera {
 namespace {

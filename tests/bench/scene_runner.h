@@ -11,7 +11,7 @@
 #include "common/geometry/mesh.h"
 #include "server/settings/job_settings.h"
 #include "tests/support/in_process_line.h"
-#include "worker/tasks/city_file.h"
+#include "worker/city/city_file.h"
 
 namespace tessera {
 

@@ -2,8 +2,8 @@
 
 #include "common/tile/task_parameters.h"
 #include "worker/tasks/stages.h"
-#include "worker/tasks/tile_files.h"
-#include "worker/tasks/tile_views.h"
+#include "worker/tile/tile_files.h"
+#include "worker/tile/tile_views.h"
 
 namespace tessera {
 

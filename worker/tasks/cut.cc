@@ -2,9 +2,9 @@
 #include <nlohmann/json.hpp>
 
 #include "common/storage/files.h"
-#include "worker/tasks/cut_tile.h"
 #include "worker/tasks/stages.h"
-#include "worker/tasks/tile_options.h"
+#include "worker/tile/cut_tile.h"
+#include "worker/tile/tile_options.h"
 
 namespace tessera {
 

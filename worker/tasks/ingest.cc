@@ -11,12 +11,12 @@
 #include "common/storage/files.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
+#include "worker/city/cell_views.h"
+#include "worker/city/city_file.h"
+#include "worker/city/disk_mesh.h"
+#include "worker/city/local_grid.h"
 #include "worker/refine/density.h"
 #include "worker/refine/pairs.h"
-#include "worker/tasks/cell_views.h"
-#include "worker/tasks/city_file.h"
-#include "worker/tasks/disk_mesh.h"
-#include "worker/tasks/local_grid.h"
 #include "worker/tasks/stages.h"
 
 namespace tessera {

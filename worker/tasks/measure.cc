@@ -11,24 +11,38 @@ namespace {
 void FillDerivatives(const OpenTile& work, const FaceDerivatives& derivatives, TileSums* sums) {
   const PhotoSums& photo = derivatives.photo;
   sums->photo = Pick(photo.faces, work.core_faces());
+  sums->sample.photo = Pick(photo.faces, work.sample_faces());
   if (photo.sums.weight > 0) sums->energy = photo.sums.energy / photo.sums.weight;
   if (photo.sums.semantic_pixels > 0) {
     sums->semantic_energy = photo.sums.semantic_energy / static_cast<double>(photo.sums.semantic_pixels);
   }
   sums->warped_pixels = photo.warped_pixels;
-  sums->contours = derivatives.contours;
   std::vector<uint32_t> place(work.package().face_ids.size(), 0);
   for (uint32_t i = 0; i < work.core_faces().size(); ++i) place[work.core_faces()[i]] = i;
-  for (FaceContour& contour : sums->contours.faces) contour.face = place[contour.face];
+  const ContourSums& contours = derivatives.contours;
+  for (FaceContour contour : contours.faces) {
+    if (!(work.package().regions[contour.face] & kCoreRegion)) continue;  // the sample's are not compared
+    contour.face = place[contour.face];
+    const auto begin = static_cast<uint32_t>(sums->contours.views.size());
+    sums->contours.views.insert(sums->contours.views.end(), contours.views.begin() + contour.views_begin,
+                                contours.views.begin() + contour.views_end);
+    contour.views_begin = begin;
+    contour.views_end = static_cast<uint32_t>(sums->contours.views.size());
+    sums->contours.faces.push_back(contour);
+  }
 }
 
 void FillLikelihoods(const OpenTile& work, const FaceLikelihoods& likelihoods, TileSums* sums) {
   sums->classes = likelihoods.classes;
-  sums->pixels = Pick(likelihoods.pixels, work.core_faces());
-  for (const uint32_t f : work.core_faces()) {
-    const float* of_face = &likelihoods.sum[static_cast<size_t>(f) * likelihoods.classes];
-    sums->likelihoods.insert(sums->likelihoods.end(), of_face, of_face + likelihoods.classes);
-  }
+  const auto fill = [&](const std::vector<uint32_t>& faces, auto* out) {
+    out->pixels = Pick(likelihoods.pixels, faces);
+    for (const uint32_t f : faces) {
+      const float* of_face = &likelihoods.sum[static_cast<size_t>(f) * likelihoods.classes];
+      out->likelihoods.insert(out->likelihoods.end(), of_face, of_face + likelihoods.classes);
+    }
+  };
+  fill(work.core_faces(), sums);
+  fill(work.sample_faces(), &sums->sample);
 }
 
 }  // namespace
@@ -40,14 +54,15 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
   const TilePackage& package = work.package();
   TileSums sums;
   sums.tile = package.tile;
-  for (const uint32_t f : work.core_faces()) sums.face_ids.push_back(package.face_ids[f]);
+  sums.face_ids = Pick(package.face_ids, work.core_faces());
+  sums.sample.face_ids = Pick(package.face_ids, work.sample_faces());
   nlohmann::json stats;
   TESSERA_ASSIGN_OR_RETURN(TileSight* const sight, work.Sight(InputPath(request, kViewsFile), task.options));
   double seconds_loading = SecondsSince(clock, start_us);
   if (task.step.labels()) {
     TESSERA_ASSIGN_OR_RETURN(
         const FaceLikelihoods likelihoods,
-        SumLikelihoods(package, work.own(), task.known.positions, sight->views, sight->data.groups,
+        SumLikelihoods(package, work.measured(), task.known.positions, sight->views, sight->data.groups,
                        PartOf(control, 0, 0.9)));
     FillLikelihoods(work, likelihoods, &sums);
     stats["seconds_labels"] = SecondsSince(clock, start_us) - seconds_loading;
@@ -58,7 +73,7 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
     TriangleMesh mesh = {std::move(task.known.positions), package.mesh.faces, {}};
     if (GeometryKnowsLabels(package, task.options)) mesh.labels = std::move(task.known.labels);
     FaceDerivatives derivatives;
-    sight->data_term.Evaluate(mesh, work.own(), &clock, &derivatives);
+    sight->data_term.Evaluate(mesh, work.measured(), &clock, &derivatives);
     sight->data_term.ReleaseBuffers();
     FillDerivatives(work, derivatives, &sums);
     stats["seconds_visibility"] = derivatives.photo.seconds_visibility;

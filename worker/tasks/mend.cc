@@ -1,9 +1,9 @@
 #include <nlohmann/json.hpp>
 
 #include "common/tile/task_parameters.h"
-#include "worker/tasks/repair_core.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
+#include "worker/tile/repair_core.h"
 
 namespace tessera {
 namespace {

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
-#include "worker/tasks/id_merge.h"
+#include "worker/city/id_merge.h"
 
 namespace tessera {
 namespace {

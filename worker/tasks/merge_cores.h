@@ -9,8 +9,8 @@
 
 #include "common/base/status.h"
 #include "common/tile/mapped_arrays.h"
-#include "worker/tasks/city_file.h"
-#include "worker/tasks/tile_files.h"
+#include "worker/city/city_file.h"
+#include "worker/tile/tile_files.h"
 
 namespace tessera {
 

@@ -1,13 +1,13 @@
 #include <nlohmann/json.hpp>
 
 #include "common/tile/task_parameters.h"
-#include "worker/tasks/methods.h"
-#include "worker/tasks/open_tile.h"
-#include "worker/tasks/refine_tile.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
-#include "worker/tasks/tile_files.h"
-#include "worker/tasks/tile_views.h"
+#include "worker/tile/methods.h"
+#include "worker/tile/open_tile.h"
+#include "worker/tile/refine_tile.h"
+#include "worker/tile/tile_files.h"
+#include "worker/tile/tile_views.h"
 
 namespace tessera {
 

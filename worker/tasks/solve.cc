@@ -72,6 +72,7 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
   const bool labels = task.step.labels();
   const double seconds_loading = SecondsSince(clock, start_us);
   control.Report(0.3, labels ? "labelling" : "moving");
+  CompareSample(task.work->package(), sums, &task.known);
   CountSeams(&task.known);
   json report = json::parse(task.known.report);
   report["faces"] = task.work->core_faces().size();

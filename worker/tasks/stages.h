@@ -5,7 +5,7 @@
 
 #include <string>
 
-#include "common/base/clock.h"
+#include "common/base/elapsed.h"
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "worker/tasks/task.h"
@@ -42,18 +42,6 @@ inline std::string InputPath(const TaskRequest& request, const std::string& name
 inline std::string OutputPath(const TaskRequest& request, const std::string& name) {
   return request.output_dir + "/" + name;
 }
-
-// The part [low, high] of `control`'s progress as a whole of its own. `control` must outlive it.
-inline TaskControl PartOf(const TaskControl& control, double low, double high) {
-  TaskControl part;
-  part.cancelled = control.cancelled;
-  part.report = [&control, low, high](double fraction, const std::string& stage) {
-    control.Report(low + (high - low) * fraction, stage);
-  };
-  return part;
-}
-
-inline double SecondsSince(const Clock& clock, int64_t start_us) { return 1e-6 * (clock.MonotonicUs() - start_us); }
 
 }  // namespace tessera
 

@@ -1,11 +1,12 @@
 #include "worker/tasks/step_task.h"
 
 #include <algorithm>
+#include <cstring>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
-#include "worker/tasks/methods.h"
 #include "worker/tasks/stages.h"
+#include "worker/tile/methods.h"
 
 namespace tessera {
 
@@ -45,11 +46,40 @@ void CountSeams(KnownState* known) {
   known->report = report.dump();
 }
 
+void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, KnownState* known) {
+  const auto own =
+      std::find_if(sums.begin(), sums.end(), [&](const TileSums& of) { return of.tile == package.tile; });
+  if (own == sums.end()) return;
+  const TileSample& sample = own->sample;
+  const auto differ = [](const auto& a, size_t i, const auto& b, size_t j, size_t values) {
+    if (a.empty() || b.empty()) return a.empty() != b.empty();
+    return std::memcmp(&a[i * values], &b[j * values], values * sizeof(a[0])) != 0;
+  };
+  for (const TileSums& other : sums) {
+    if (&other == &*own) continue;
+    const auto classes = static_cast<size_t>(std::max(own->classes, 0));
+    for (size_t i = 0; i < sample.face_ids.size(); ++i) {
+      const auto found = std::lower_bound(other.face_ids.begin(), other.face_ids.end(), sample.face_ids[i]);
+      if (found == other.face_ids.end() || *found != sample.face_ids[i]) continue;
+      const auto j = static_cast<size_t>(found - other.face_ids.begin());
+      ++known->compared;
+      if (!differ(sample.photo, i, other.photo, j, 1) && !differ(sample.pixels, i, other.pixels, j, 1) &&
+          other.classes == own->classes && !differ(sample.likelihoods, i, other.likelihoods, j, classes)) {
+        continue;
+      }
+      ++known->different;
+      const auto face = std::find(package.face_ids.begin(), package.face_ids.end(), sample.face_ids[i]);
+      if (known->farthest_m > 0 || face == package.face_ids.end()) continue;
+      known->farthest_at = known->positions[package.mesh.faces[face - package.face_ids.begin()][0]];
+    }
+  }
+}
+
 Warnings SeamWarnings(int tile, const KnownState& known) {
   if (known.different == 0) return {};
   const Eigen::Vector3d& at = known.farthest_at;
   return {absl::StrCat("about tile ", tile, ": neighbouring tiles differ at ", known.different, " of ", known.compared,
-                       " vertices, by ", known.farthest_m, " m at most, at (", at.x(), ", ", at.y(), ", ", at.z(),
+                       " vertices and faces, positions by ", known.farthest_m, " m at most, at (", at.x(), ", ", at.y(), ", ", at.z(),
                        ") of the local frame; this is a fault of the program, please report it")};
 }
 

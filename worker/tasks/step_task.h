@@ -8,9 +8,9 @@
 #include "common/base/status.h"
 #include "common/tile/refine_steps.h"
 #include "common/tile/task_parameters.h"
-#include "worker/tasks/open_tile.h"
-#include "worker/tasks/refine_tile.h"
 #include "worker/tasks/task.h"
+#include "worker/tile/open_tile.h"
+#include "worker/tile/refine_tile.h"
 
 namespace tessera {
 
@@ -30,7 +30,11 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
 // Adds what Join compared to the report that the next state has.
 void CountSeams(KnownState* known);
 
-// What the user is told of a difference: tiles that share a vertex must have it alike.
+// Compares the tile's sample with what the faces' own tile measured, and adds it to what Join compared. `sums`: of the
+// tile and those that it reads.
+void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, KnownState* known);
+
+// What the user is told of a difference: vertices and faces that several tiles compute must be alike.
 Warnings SeamWarnings(int tile, const KnownState& known);
 
 // Of faces about the tile that cut each other or turned against the start and could not be drawn back.

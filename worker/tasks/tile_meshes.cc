@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
-#include "worker/tasks/collected_faces.h"
+#include "worker/city/collected_faces.h"
 
 namespace tessera {
 namespace {

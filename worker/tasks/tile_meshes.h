@@ -9,7 +9,7 @@
 #include "common/base/task_control.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
-#include "worker/tasks/city_file.h"
+#include "worker/city/city_file.h"
 #include "worker/tasks/merge_cores.h"
 
 namespace tessera {

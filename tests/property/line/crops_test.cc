@@ -8,8 +8,8 @@
 #include "common/tile/task_parameters.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
-#include "worker/tasks/tile_files.h"
-#include "worker/tasks/tile_views.h"
+#include "worker/tile/tile_files.h"
+#include "worker/tile/tile_views.h"
 
 namespace tessera {
 namespace {

@@ -2,6 +2,7 @@
 // untiled run.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "common/storage/files.h"
@@ -10,6 +11,7 @@
 #include "tests/property/line/same_mesh.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
+#include "worker/tile/tile_files.h"
 
 namespace tessera {
 namespace {
@@ -89,6 +91,33 @@ TEST_F(ExactTest, SoDoesThePapersMethod) {
   settings.rounds = 2;
   settings.method_settings.iterations = {1, 1};
   ExpectSame({9}, settings);
+}
+
+// A tile whose pixels went wrong is told by the neighbour that measured a few of its faces, too.
+TEST_F(ExactTest, AWrongMeasureIsNoticed) {
+  int64_t changed = 0;
+  const auto runner = [&](const TaskRequest& request) {
+    StatusOr<TaskOutcome> outcome = RunTask(request, {});
+    if (!outcome.ok() || request.kind != "measure") return outcome;
+    const std::string path = request.output_dir + "/" + kSumsFile;
+    StatusOr<TileSums> sums = ReadTileSums(path);
+    EXPECT_TRUE(sums.ok()) << sums.status();
+    if (!sums.ok() || sums->tile != 1) return outcome;
+    for (FaceSums& face : sums->photo) {
+      face.gradient[0] = std::nextafter(face.gradient[0], 1.0f);
+      ++changed;
+    }
+    EXPECT_TRUE(WriteTileSums(path, *sums).ok());
+    return outcome;
+  };
+  const auto tasks = RunLine(folder_ + "/scene", folder_ + "/wrong", Settings(2), runner);
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  EXPECT_GT(changed, 0);
+  const nlohmann::json report = nlohmann::json::parse(ReadText(tasks->back().output_dir + "/" + kReportFile));
+  EXPECT_GT(report.at("seams").at("different").get<int64_t>(), 0);
+  size_t warned = 0;
+  for (const LineTask& task : *tasks) warned += task.planned.kind == "solve" && !task.outcome.warnings.empty();
+  EXPECT_GT(warned, 0u);
 }
 
 // Labels that reach far.

@@ -14,9 +14,9 @@
 #include "common/tile/task_parameters.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
-#include "worker/tasks/city_file.h"
-#include "worker/tasks/open_tile.h"
-#include "worker/tasks/tile_files.h"
+#include "worker/city/city_file.h"
+#include "worker/tile/open_tile.h"
+#include "worker/tile/tile_files.h"
 
 namespace tessera {
 namespace {

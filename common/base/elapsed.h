@@ -1,0 +1,18 @@
+// Seconds of the clock.
+#ifndef TESSERA_COMMON_BASE_ELAPSED_H_
+#define TESSERA_COMMON_BASE_ELAPSED_H_
+
+#include <cstdint>
+
+#include "common/base/clock.h"
+
+namespace tessera {
+
+// `start_us`: an earlier MonotonicUs of the same clock.
+inline double SecondsSince(const Clock& clock, int64_t start_us) {
+  return 1e-6 * static_cast<double>(clock.MonotonicUs() - start_us);
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_BASE_ELAPSED_H_

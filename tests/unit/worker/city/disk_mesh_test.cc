@@ -1,0 +1,162 @@
+// Passes over meshes on disk give what the same passes in memory give, whatever fits into memory at a time.
+#include "worker/city/disk_mesh.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <set>
+
+#include "common/base/random.h"
+#include "common/geometry/coarse_mesh.h"
+#include "common/geometry/repair.h"
+#include "tests/support/tiny_scene.h"
+#include "worker/city/local_grid.h"
+
+namespace tessera {
+namespace {
+
+DiskMesh ToDisk(const TriangleMesh& mesh) {
+  DiskMesh out;
+  out.vertices = *ScratchArray<Eigen::Vector3d>::Create(testing::TempDir(), mesh.vertices.size());
+  out.faces = *ScratchArray<Triangle>::Create(testing::TempDir(), mesh.faces.size());
+  out.labels = *ScratchArray<int32_t>::Create(testing::TempDir(), mesh.labels.size());
+  std::copy(mesh.vertices.begin(), mesh.vertices.end(), out.vertices.values().begin());
+  std::copy(mesh.faces.begin(), mesh.faces.end(), out.faces.values().begin());
+  std::copy(mesh.labels.begin(), mesh.labels.end(), out.labels.values().begin());
+  return out;
+}
+
+template <class T>
+std::vector<T> Values(const ScratchArray<T>& array) {
+  return {array.values().begin(), array.values().end()};
+}
+
+void ExpectSame(const TriangleMesh& expected, const DiskMesh& found) {
+  ASSERT_EQ(found.vertices.size(), expected.vertices.size());
+  EXPECT_EQ(std::memcmp(expected.vertices.data(), found.vertices.values().data(),
+                        expected.vertices.size() * sizeof(Eigen::Vector3d)),
+            0);
+  EXPECT_EQ(Values(found.faces), expected.faces);
+  EXPECT_EQ(Values(found.labels), expected.labels);
+}
+
+// Few vertices and many faces, so that every kind of defect occurs.
+TriangleMesh Mess(uint64_t seed) {
+  Random random(seed);
+  TriangleMesh mesh;
+  for (int v = 0; v < 40; ++v)
+    mesh.vertices.push_back({double(random.Below(6)), double(random.Below(6)), double(v % 3)});
+  const int faces = 10 + static_cast<int>(random.Below(60));
+  for (int f = 0; f < faces; ++f) {
+    Triangle face;
+    for (uint32_t& v : face) v = static_cast<uint32_t>(random.Below(36));
+    if (f > 0 && random.Below(8) == 0) face = {mesh.faces[f - 1][1], mesh.faces[f - 1][0], mesh.faces[f - 1][2]};
+    if (f > 0 && random.Below(3) == 0) face = {mesh.faces[f - 1][1], mesh.faces[f - 1][0], face[2]};
+    mesh.faces.push_back(face);
+    mesh.labels.push_back(static_cast<int32_t>(random.Below(4)) - 1);
+  }
+  return mesh;
+}
+
+void ExpectSame(const DefectCount& a, const DefectCount& b) {
+  EXPECT_EQ(a.count, b.count);
+  EXPECT_EQ(a.first, b.first);
+}
+
+TEST(RepairOnDisk, IsRepairMeshForAnySizeOfParts) {
+  int64_t copies = 0, set_aside = 0;
+  for (uint64_t seed = 0; seed < 60; ++seed) {
+    const TriangleMesh mesh = Mess(seed);
+    const auto expected = RepairMesh(mesh, nullptr);
+    ASSERT_TRUE(expected.ok());
+    copies += expected->vertex_copies;
+    set_aside += static_cast<int64_t>(expected->set_aside.size());
+    for (const size_t size : {1, 3, 7, 1000}) {
+      MeshDefects defects;
+      const auto found = RepairOnDisk(ToDisk(mesh), testing::TempDir(), {.vertices_per_part = size}, &defects);
+      ASSERT_TRUE(found.ok()) << found.status();
+      ExpectSame(expected->mesh, *found);
+      const std::vector<uint32_t> input_face = Values(found->input_face);
+      EXPECT_EQ(std::vector<int64_t>(input_face.begin(), input_face.end()), expected->face_in_input);
+      const MeshDefects& d = expected->defects;
+      ExpectSame(defects.repeated_vertex_faces, d.repeated_vertex_faces);
+      ExpectSame(defects.zero_area_faces, d.zero_area_faces);
+      ExpectSame(defects.duplicate_faces, d.duplicate_faces);
+      ExpectSame(defects.non_manifold_edges, d.non_manifold_edges);
+      ExpectSame(defects.conflicting_edges, d.conflicting_edges);
+      ExpectSame(defects.non_manifold_vertices, d.non_manifold_vertices);
+      ExpectSame(defects.unreferenced_vertices, d.unreferenced_vertices);
+      EXPECT_EQ(defects.boundary_edges, d.boundary_edges);
+    }
+  }
+  EXPECT_GT(copies, 0);
+  EXPECT_GT(set_aside, 0);
+}
+
+TEST(SplitOnDisk, IsSplitLargeFacesForAnySizeOfChunks) {
+  const TinyScene scene = MakeTinyScene();
+  TriangleMesh mesh = scene.mesh;
+  // An order of faces without locality, too.
+  Random random(1);
+  TriangleMesh shuffled = mesh;
+  for (size_t f = shuffled.faces.size(); f > 1; --f) {
+    const auto other = static_cast<size_t>(random.Below(static_cast<int64_t>(f)));
+    std::swap(shuffled.faces[f - 1], shuffled.faces[other]);
+    std::swap(shuffled.labels[f - 1], shuffled.labels[other]);
+  }
+  for (const TriangleMesh& input : {mesh, shuffled}) {
+    const DensityOptions density = {.max_footprint_px2 = 8, .max_rounds = 8};
+    const SplitMesh expected = SplitLargeFaces(input, scene.cameras, density);
+    EXPECT_GT(expected.round_ends.size(), 1u);
+    for (const size_t faces : {1, 50, 100000}) {
+      for (const double split_faces : {1.0, 200.0, 1e9}) {
+        const auto found = SplitOnDisk(ToDisk(input), scene.cameras, density, testing::TempDir(),
+                                       {.faces_per_chunk = faces, .split_faces_per_chunk = split_faces},
+                                       [](double) { return absl::OkStatus(); });
+        ASSERT_TRUE(found.ok()) << found.status();
+        ExpectSame(expected.mesh, *found);
+        EXPECT_EQ(Values(found->input_face), expected.parent_face);
+      }
+    }
+  }
+}
+
+TEST(ReadMeshToDisk, IsLoadSceneMeshOnTheLocalGrid) {
+  const std::string folder = FreshTestFolder("to_disk");
+  TinySceneOptions options;
+  options.offset = {357000.25, 5788000.1, 40};
+  WriteTinyScene(folder, options);
+  Warnings warnings;
+  const auto scene = LoadScene(folder, &warnings);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  auto expected = LoadSceneMesh(*scene, 0);
+  ASSERT_TRUE(expected.ok());
+  for (Eigen::Vector3d& p : expected->vertices) p = OnLocalGrid(p);
+  const auto found = ReadMeshToDisk(*scene, folder);
+  ASSERT_TRUE(found.ok()) << found.status();
+  ExpectSame(*expected, *found);
+  SceneDescription fewer = *scene;
+  fewer.classes.resize(2);
+  EXPECT_EQ(ReadMeshToDisk(fewer, folder).status().message(), LoadSceneMesh(fewer, 0).status().message());
+  WriteText(folder + "/mesh.ply", ReadText(folder + "/mesh.ply").substr(0, 3000));
+  EXPECT_EQ(ReadMeshToDisk(*scene, folder).status().message(), LoadSceneMesh(*scene, 0).status().message());
+}
+
+TEST(CoarsenMesh, KeepsWithinItsBoundAndHasEachFaceOnce) {
+  const TinyScene scene = MakeTinyScene();
+  const SplitMesh fine = SplitLargeFaces(scene.mesh, scene.cameras, {.max_footprint_px2 = 1, .max_rounds = 8});
+  const auto coarse = CoarsenMesh(fine.mesh, 400, testing::TempDir());
+  ASSERT_TRUE(coarse.ok()) << coarse.status();
+  EXPECT_LT(coarse->mesh.faces.size(), fine.mesh.faces.size() / 8);
+  EXPECT_GT(coarse->mesh.faces.size(), 200u);
+  for (const Eigen::Vector3d& p : coarse->mesh.vertices) {
+    double nearest = 1e9;
+    for (const Eigen::Vector3d& q : fine.mesh.vertices) nearest = std::min(nearest, (p - q).norm());
+    EXPECT_LE(nearest, coarse->error_m);
+  }
+  std::set<Triangle> faces(coarse->mesh.faces.begin(), coarse->mesh.faces.end());
+  EXPECT_EQ(faces.size(), coarse->mesh.faces.size());
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,188 @@
+// What a tile makes of the other tiles' states and sums.
+#include "worker/tile/open_tile.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/unit/worker/tile/tiny_city.h"
+
+namespace tessera {
+namespace {
+
+// Four tiles of the toy, and the states of all where every vertex has moved by what its id says.
+class OpenTileTest : public testing::Test {
+ protected:
+  OpenTileTest() : tiny_(MakeTinyCity()) {
+    const CellRect all = AllCells(tiny_.survey);
+    const int x = (all.x0 + all.x1) / 2, y = (all.y0 + all.y1) / 2;
+    cuts_ =
+        CutAll(tiny_, {{all.x0, all.y0, x, y}, {x, all.y0, all.x1, y}, {all.x0, y, x, all.y1}, {x, y, all.x1, all.y1}},
+               ShortReach());
+    for (const CutResult& cut : cuts_) {
+      OpenTile tile(cut.package);
+      KnownState known = *tile.Join({}, 0);
+      for (size_t v = 0; v < known.positions.size(); ++v) known.positions[v] = Moved(cut.package.vertex_ids[v]);
+      known.confidence.assign(known.labels.size(), 0.5f);
+      known.report = "{\"tile\":" + std::to_string(cut.package.tile) + "}";
+      states_.push_back(tile.StateOf(known));
+      TileSums sums;
+      sums.tile = cut.package.tile;
+      sums.face_ids = states_.back().face_ids;
+      sums.photo.resize(sums.face_ids.size());
+      sums.classes = 3;
+      for (size_t f = 0; f < sums.face_ids.size(); ++f) {
+        sums.photo[f].pairs = static_cast<float>(sums.face_ids[f]);
+        sums.pixels.push_back(static_cast<float>(sums.face_ids[f]));
+        for (int l = 0; l < 3; ++l) sums.likelihoods.push_back(static_cast<float>(3 * sums.face_ids[f] + l));
+        if (sums.face_ids[f] % 5 != 0) continue;
+        FaceContour contour;
+        contour.face = static_cast<uint32_t>(f);
+        contour.views_begin = static_cast<uint32_t>(sums.contours.views.size());
+        sums.contours.views.push_back(static_cast<int32_t>(sums.face_ids[f]));
+        contour.views_end = contour.views_begin + 1;
+        for (int k = 0; k < 3; ++k) {
+          contour.gradient[k].setZero();
+          contour.curvature[k].setZero();
+        }
+        sums.contours.faces.push_back(contour);
+      }
+      sums_.push_back(std::move(sums));
+    }
+  }
+
+  Eigen::Vector3d Moved(uint32_t vertex) const {
+    return tiny_.mesh.vertices[vertex] + Eigen::Vector3d(0.01 * vertex, 1.0 / (vertex + 1), -0.3);
+  }
+
+  TinyCity tiny_;
+  std::vector<CutResult> cuts_;
+  std::vector<TileState> states_;
+  std::vector<TileSums> sums_;
+};
+
+TEST_F(OpenTileTest, WithoutStatesItIsTheStart) {
+  OpenTile tile(cuts_[0].package);
+  const auto known = tile.Join({}, kSolveRegion);
+  ASSERT_TRUE(known.ok()) << known.status();
+  EXPECT_EQ(known->positions, cuts_[0].package.mesh.vertices);
+  EXPECT_EQ(known->labels, cuts_[0].package.mesh.labels);
+}
+
+TEST_F(OpenTileTest, StatesSayWhereEverythingIs) {
+  for (size_t t = 0; t < cuts_.size(); ++t) {
+    OpenTile tile(cuts_[t].package);
+    const auto known = tile.Join(states_, kSolveRegion | kMendRegion | kLabelRegion);
+    ASSERT_TRUE(known.ok()) << known.status();
+    for (size_t v = 0; v < known->positions.size(); ++v) {
+      EXPECT_EQ(known->positions[v], Moved(cuts_[t].package.vertex_ids[v]));
+    }
+    EXPECT_EQ(known->labels, cuts_[t].package.mesh.labels);
+    EXPECT_EQ(known->confidence, std::vector<float>(known->labels.size(), 0.5f));
+    EXPECT_EQ(known->report, states_[t].report);
+    EXPECT_TRUE(known->level_start.empty());
+    EXPECT_GT(known->compared, 0);
+    EXPECT_EQ(known->different, 0);
+    const TileState again = tile.StateOf(*known);
+    EXPECT_EQ(again.vertex_ids, states_[t].vertex_ids);
+    EXPECT_EQ(again.positions, states_[t].positions);
+    EXPECT_EQ(again.face_ids, states_[t].face_ids);
+  }
+}
+
+TEST_F(OpenTileTest, AMissingNeighbourIsFound) {
+  OpenTile tile(cuts_[0].package);
+  for (const Region region : {kSolveRegion, kMendRegion, kLabelRegion}) {
+    const TileReads& all = cuts_[0].reads;
+    const std::vector<int>& reads = region == kSolveRegion ? all.solve : region == kMendRegion ? all.mend : all.label;
+    ASSERT_GT(reads.size(), 1u);
+    for (const int missing : reads) {
+      std::vector<TileState> states;
+      for (const int t : reads) {
+        if (t != missing) states.push_back(states_[t]);
+      }
+      EXPECT_EQ(tile.Join(states, region).status().code(), absl::StatusCode::kDataLoss) << missing;
+      states.push_back(states_[missing]);
+      EXPECT_TRUE(tile.Join(states, region).ok()) << "all that it reads is enough";
+    }
+  }
+}
+
+TEST_F(OpenTileTest, TilesThatDisagreeAreCounted) {
+  OpenTile tile(cuts_[0].package);
+  // A vertex that tiles 0 and 1 alone share.
+  const auto has = [&](size_t t, uint32_t id) {
+    return std::binary_search(states_[t].vertex_ids.begin(), states_[t].vertex_ids.end(), id);
+  };
+  std::vector<TileState> states = states_;
+  for (size_t v = 0; v < states[1].vertex_ids.size(); ++v) {
+    const uint32_t id = states[1].vertex_ids[v];
+    if (!has(0, id) || has(2, id) || has(3, id)) continue;
+    const auto before = tile.Join(states, kSolveRegion);
+    states[1].positions[v].z() = std::nextafter(states[1].positions[v].z(), 1e9);
+    const auto known = tile.Join(states, kSolveRegion);
+    ASSERT_TRUE(before.ok() && known.ok());
+    EXPECT_EQ(known->compared, before->compared);
+    EXPECT_EQ(before->different, 0);
+    EXPECT_EQ(known->different, 1) << "in the last bit";
+    EXPECT_GT(known->farthest_m, 0);
+    EXPECT_LT(known->farthest_m, 1e-9);
+    return;
+  }
+  FAIL() << "no vertex is shared by tiles 0 and 1 alone";
+}
+
+TEST_F(OpenTileTest, ALevelsStartIsKeptWhereAllHaveIt) {
+  OpenTile tile(cuts_[0].package);
+  for (TileState& state : states_) {
+    for (const uint32_t v : state.vertex_ids) state.level_start.push_back(2 * Moved(v));
+  }
+  const auto known = tile.Join(states_, kSolveRegion);
+  ASSERT_TRUE(known.ok()) << known.status();
+  ASSERT_EQ(known->level_start.size(), known->positions.size());
+  for (size_t v = 0; v < known->level_start.size(); ++v) {
+    EXPECT_EQ(known->level_start[v], 2 * Moved(cuts_[0].package.vertex_ids[v]));
+  }
+  states_[1].level_start.clear();
+  EXPECT_EQ(tile.Join(states_, kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
+}
+
+TEST_F(OpenTileTest, SumsAreThoseOfTheRegionsFaces) {
+  const TilePackage& package = cuts_[0].package;
+  OpenTile tile(package);
+  const RegionMesh& solve = tile.region(kSolveRegion);
+  const auto photo = tile.JoinPhoto(sums_, kSolveRegion);
+  ASSERT_TRUE(photo.ok()) << photo.status();
+  ASSERT_EQ(photo->size(), solve.faces.size());
+  for (size_t i = 0; i < photo->size(); ++i) {
+    EXPECT_EQ((*photo)[i].pairs, static_cast<float>(package.face_ids[solve.faces[i]]));
+  }
+  const auto contours = tile.JoinContours(sums_, kSolveRegion);
+  ASSERT_TRUE(contours.ok()) << contours.status();
+  size_t expected = 0;
+  for (const uint32_t f : solve.faces) expected += package.face_ids[f] % 5 == 0;
+  ASSERT_EQ(contours->faces.size(), expected);
+  for (size_t i = 0; i < contours->faces.size(); ++i) {
+    const FaceContour& contour = contours->faces[i];
+    EXPECT_TRUE(i == 0 || contours->faces[i - 1].face < contour.face);
+    ASSERT_EQ(contour.views_end, contour.views_begin + 1);
+    EXPECT_EQ(contours->views[contour.views_begin], static_cast<int32_t>(package.face_ids[solve.faces[contour.face]]));
+  }
+  const RegionMesh& label = tile.region(kLabelRegion);
+  const auto likelihoods = tile.JoinLikelihoods(sums_, kLabelRegion);
+  ASSERT_TRUE(likelihoods.ok()) << likelihoods.status();
+  for (size_t i = 0; i < label.faces.size(); ++i) {
+    const auto id = static_cast<float>(package.face_ids[label.faces[i]]);
+    EXPECT_EQ(likelihoods->pixels[i], id);
+    for (int l = 0; l < 3; ++l) EXPECT_EQ(likelihoods->sum[3 * i + l], 3 * id + static_cast<float>(l));
+  }
+}
+
+TEST_F(OpenTileTest, MissingSumsAreFound) {
+  OpenTile tile(cuts_[0].package);
+  const std::vector<TileSums> own(sums_.begin(), sums_.begin() + 1);
+  EXPECT_EQ(tile.JoinPhoto(own, kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(tile.JoinLikelihoods(own, kLabelRegion).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_TRUE(tile.JoinPhoto(own, kCoreRegion).ok());
+}
+
+}  // namespace
+}  // namespace tessera

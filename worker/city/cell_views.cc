@@ -1,0 +1,103 @@
+#include "worker/city/cell_views.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "common/base/parallel.h"
+#include "worker/city/city_sight.h"
+#include "worker/city/view_box.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kOcclusionMarginGsd = 3;
+constexpr int64_t kCoarseClusters = 1 << 20;
+
+// 0: from above; 1 to 4: the quarter of the ground plane that the camera is in.
+int DirectionOf(const Eigen::Vector3d& to_camera, const Survey& survey, double up_elevation_rad) {
+  const Eigen::Vector3d d = to_camera.normalized();
+  if (d.dot(survey.up) >= std::sin(up_elevation_rad)) return 0;
+  const Eigen::Vector2d g = survey.ground.Coordinates(d);
+  if (std::abs(g.x()) >= std::abs(g.y())) return g.x() >= 0 ? 1 : 2;
+  return g.y() >= 0 ? 3 : 4;
+}
+
+std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t>& faces, const CitySight& sight,
+                               const std::vector<Eigen::Vector3d>& centres, const std::vector<size_t>& candidates,
+                               const Survey& survey, const CellViewOptions& options) {
+  std::vector<std::vector<Sighting>> sightings;  // of each sample
+  const size_t samples = std::min<size_t>(options.samples, faces.size());
+  for (size_t i = 0; i < samples; ++i) {
+    const size_t face = faces[i * faces.size() / samples];
+    const Eigen::Vector3d centroid = mesh.Centroid(face), cross = FaceCross(mesh, face);
+    const double area_m2 = 0.5 * cross.norm();
+    if (area_m2 <= 0) continue;
+    const Eigen::Vector3d normal = cross.normalized();
+    std::vector<Sighting>& seen = sightings.emplace_back();
+    for (const size_t v : candidates) {
+      const PosedCamera& camera = survey.views[v].camera;
+      const Eigen::Vector3d projected = camera.Project(centroid);
+      if (!camera.InImage(projected)) continue;
+      const Eigen::Vector3d to_camera = centres[v] - centroid;
+      const double cosine = normal.dot(to_camera.normalized());
+      if (cosine < options.min_cosine) continue;
+      if (sight.Hidden(centroid, centres[v])) continue;
+      const double px_per_m = std::sqrt(camera.intrinsics.fx * camera.intrinsics.fy) / projected.z();
+      const double pixels = area_m2 * cosine * px_per_m * px_per_m;
+      const int direction = DirectionOf(to_camera, survey, options.up_elevation_rad);
+      seen.push_back({static_cast<int32_t>(v), direction, pixels, px_per_m});
+    }
+    WeighDetail(options.choice, &seen);
+  }
+  return ChooseBalanced(sightings, options.choice);
+}
+
+}  // namespace
+
+Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
+                   const TaskControl& control, const std::string& scratch_folder, Survey* survey) {
+  std::map<std::pair<int, int>, SurveyCell*> cell_at;
+  for (SurveyCell& cell : survey->cells) cell_at[{cell.x, cell.y}] = &cell;
+  std::vector<Eigen::Vector3d> centres;
+  for (const SceneView& view : survey->views) centres.push_back(view.camera.Centre());
+  CitySight sight(kOcclusionMarginGsd * survey->gsd_m);
+  const bool in_parts = static_cast<int64_t>(whole.faces.size()) > options.max_whole_faces;
+  if (in_parts) {
+    control.Report(0, "the city's coarse shape");
+    TESSERA_ASSIGN_OR_RETURN(const CoarseMesh coarse, CoarsenMesh(whole, kCoarseClusters, scratch_folder));
+    sight.SetFar(coarse);
+  } else {
+    sight.SetNear(whole);
+  }
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(static_cast<double>(b) / static_cast<double>(city.block_count()), "choosing views");
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    if (in_parts) {
+      TESSERA_ASSIGN_OR_RETURN(const TriangleMesh around, FacesAround(city, block.box, sight.near_m()));
+      sight.SetNear(around);
+    }
+    std::vector<size_t> candidates;
+    for (size_t v = 0; v < survey->views.size(); ++v) {
+      if (MayShow(survey->views[v].camera, block.box)) candidates.push_back(v);
+    }
+    std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;
+    for (size_t f = 0; f < block.face_ids.size(); ++f) {
+      const Eigen::Vector2i at = survey->ground.Cell(block.mesh.Centroid(f));
+      faces_of[{at.x(), at.y()}].push_back(static_cast<uint32_t>(f));
+    }
+    std::vector<std::pair<SurveyCell*, const std::vector<uint32_t>*>> cells;
+    for (const auto& [at, faces] : faces_of) cells.emplace_back(cell_at.at(at), &faces);
+    ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t c = begin; c < end; ++c) {
+        if (!control.Check().ok()) return;
+        cells[c].first->views = BestViews(block.mesh, *cells[c].second, sight, centres, candidates, *survey, options);
+      }
+    });
+  }
+  return control.Check();
+}
+
+}  // namespace tessera

@@ -1,0 +1,46 @@
+#include "worker/city/collected_faces.h"
+
+#include <algorithm>
+
+namespace tessera {
+
+void FaceCollector::Add(const CityBlock& block, size_t face, bool marked) {
+  if (block_ != block.vertex_ids.data()) {
+    block_ = block.vertex_ids.data();
+    taken_.assign(block.vertex_ids.size(), 0);
+  }
+  for (const uint32_t v : block.mesh.faces[face]) {
+    if (taken_[v]) continue;
+    taken_[v] = 1;
+    vertices_.emplace_back(block.vertex_ids[v], block.mesh.vertices[v]);
+  }
+  faces_.push_back(
+      {block.face_ids[face], block.GlobalFace(face), block.mesh.labels[face], static_cast<uint8_t>(marked)});
+}
+
+CollectedFaces FaceCollector::Finish() {
+  CollectedFaces out;
+  std::sort(vertices_.begin(), vertices_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  for (const auto& [id, position] : vertices_) {
+    if (!out.vertex_ids.empty() && out.vertex_ids.back() == id) continue;  // of two blocks
+    out.vertex_ids.push_back(id);
+    out.mesh.vertices.push_back(position);
+  }
+  vertices_ = {};
+  std::sort(faces_.begin(), faces_.end(), [](const Picked& a, const Picked& b) { return a.id < b.id; });
+  for (const Picked& face : faces_) {
+    Triangle& local = out.mesh.faces.emplace_back();
+    for (int k = 0; k < 3; ++k) {
+      local[k] = static_cast<uint32_t>(
+          std::lower_bound(out.vertex_ids.begin(), out.vertex_ids.end(), face.vertices[k]) - out.vertex_ids.begin());
+    }
+    out.face_ids.push_back(face.id);
+    out.mesh.labels.push_back(face.label);
+    out.marked.push_back(face.marked);
+  }
+  faces_ = {};
+  block_ = nullptr;
+  return out;
+}
+
+}  // namespace tessera

@@ -1,0 +1,59 @@
+// Walking many ascending lists of ids as one.
+#ifndef TESSERA_WORKER_CITY_ID_MERGE_H_
+#define TESSERA_WORKER_CITY_ID_MERGE_H_
+
+#include <cstdint>
+#include <functional>
+#include <queue>
+#include <span>
+#include <vector>
+
+namespace tessera {
+
+// The elements of all lists by key, those of equal keys by list. `Key` is an unsigned integer; the lists must ascend
+// and outlive this. Reads each list front to back, so that lists may be mapped files. Not thread-safe.
+template <class Key>
+class IdMerge {
+ public:
+  explicit IdMerge(std::vector<std::span<const Key>> lists) : lists_(std::move(lists)), index_(lists_.size(), 0) {
+    for (size_t i = 0; i < lists_.size(); ++i) Push(i);
+    Pop();
+  }
+  bool AtEnd() const { return list_ == lists_.size(); }
+  Key key() const { return lists_[list_][index_[list_]]; }
+  size_t list() const { return list_; }
+  size_t index() const { return index_[list_]; }
+  void Advance() {
+    ++index_[list_];
+    // Lists are mostly long runs of their own.
+    if (index_[list_] < lists_[list_].size() && (heap_.empty() || Head{key(), list_} < heap_.top())) return;
+    Push(list_);
+    Pop();
+  }
+
+ private:
+  struct Head {
+    Key key;
+    size_t list;
+    bool operator<(const Head& o) const { return key != o.key ? key < o.key : list < o.list; }
+    bool operator>(const Head& o) const { return o < *this; }
+  };
+  void Push(size_t list) {
+    if (index_[list] < lists_[list].size()) heap_.push({lists_[list][index_[list]], list});
+  }
+  void Pop() {
+    list_ = lists_.size();
+    if (heap_.empty()) return;
+    list_ = heap_.top().list;
+    heap_.pop();
+  }
+
+  std::vector<std::span<const Key>> lists_;
+  std::vector<size_t> index_;                                              // in each list
+  std::priority_queue<Head, std::vector<Head>, std::greater<Head>> heap_;  // of the lists but the one at hand
+  size_t list_ = 0;                                                        // the one at hand; their number at the end
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_CITY_ID_MERGE_H_

@@ -1,0 +1,238 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "common/base/parallel.h"
+#include "worker/city/disk_mesh.h"
+#include "worker/city/id_merge.h"
+#include "worker/city/view_box.h"
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kGrain = 1024;
+
+// Where a chunk's values lie in the scratch files.
+struct Chunk {
+  size_t id_begin = 0;  // vertices of the chunk: those of the mesh, then the new ones
+  size_t old_vertices = 0;
+  size_t edge_begin = 0;  // new vertices
+  std::vector<size_t> round_ends;
+  size_t face_begin = 0, face_end = 0;
+  size_t new_vertices(size_t round) const {
+    return round_ends.size() > round ? round_ends[round] - RoundBegin(round) : 0;
+  }
+  size_t RoundBegin(size_t round) const { return round == 0 ? 0 : round_ends[std::min(round, round_ends.size()) - 1]; }
+};
+
+std::vector<PosedCamera> CamerasOn(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& p : mesh.vertices) box.extend(p);
+  std::vector<PosedCamera> on_mesh;
+  for (const PosedCamera& camera : cameras) {
+    if (MayShow(camera, box)) on_mesh.push_back(camera);
+  }
+  return on_mesh;
+}
+
+// The faces [begin, end) with the vertices they use, both in their order.
+TriangleMesh Extract(const MeshSpans& mesh, size_t begin, size_t end, std::vector<uint32_t>* vertex_ids) {
+  TriangleMesh part;
+  vertex_ids->clear();
+  for (size_t f = begin; f < end; ++f) {
+    vertex_ids->insert(vertex_ids->end(), mesh.faces[f].begin(), mesh.faces[f].end());
+  }
+  std::sort(vertex_ids->begin(), vertex_ids->end());
+  vertex_ids->erase(std::unique(vertex_ids->begin(), vertex_ids->end()), vertex_ids->end());
+  for (const uint32_t v : *vertex_ids) part.vertices.push_back(mesh.vertices[v]);
+  for (size_t f = begin; f < end; ++f) {
+    Triangle& face = part.faces.emplace_back();
+    for (int k = 0; k < 3; ++k) {
+      face[k] = static_cast<uint32_t>(std::lower_bound(vertex_ids->begin(), vertex_ids->end(), mesh.faces[f][k]) -
+                                      vertex_ids->begin());
+    }
+  }
+  return part;
+}
+
+// Into how many parts each face is split at most, were its longest edge halved until it is short enough.
+std::vector<double> PredictParts(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
+                                 const DensityOptions& density) {
+  const double limit_px2 = density.max_footprint_px2 * 4 / std::sqrt(3.0);
+  std::vector<double> parts(mesh.faces.size(), 1);
+  ParallelFor(static_cast<int64_t>(parts.size()), kGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t f = begin; f < end; ++f) {
+      double longest_px2 = 0;
+      for (const PosedCamera& camera : cameras) {
+        std::array<Eigen::Vector3d, 3> p;
+        for (int k = 0; k < 3; ++k) p[k] = camera.Project(mesh.Corner(f, k));
+        for (int k = 0; k < 3; ++k) {
+          if (!camera.InImage(p[k]) || !camera.InImage(p[(k + 1) % 3])) continue;
+          longest_px2 = std::max(longest_px2, (p[k] - p[(k + 1) % 3]).head<2>().squaredNorm());
+        }
+      }
+      if (longest_px2 > limit_px2) {
+        const double rounds = std::ceil(0.5 * std::log2(longest_px2 / limit_px2));
+        parts[f] = std::exp2(2 * std::min<double>(rounds, density.max_rounds));
+      }
+    }
+  });
+  return parts;
+}
+
+class Splitter {
+ public:
+  static StatusOr<Splitter> Create(const MeshSpans& mesh, const std::string& scratch_folder) {
+    TESSERA_ASSIGN_OR_RETURN(auto ids, ScratchList<uint32_t>::Create(scratch_folder));
+    TESSERA_ASSIGN_OR_RETURN(auto edges, ScratchList<Edge>::Create(scratch_folder));
+    TESSERA_ASSIGN_OR_RETURN(auto middles, ScratchList<Eigen::Vector3d>::Create(scratch_folder));
+    TESSERA_ASSIGN_OR_RETURN(auto faces, ScratchList<Triangle>::Create(scratch_folder));
+    TESSERA_ASSIGN_OR_RETURN(auto parents, ScratchList<uint32_t>::Create(scratch_folder));
+    return Splitter(mesh, scratch_folder, std::move(ids), std::move(edges), std::move(middles), std::move(faces),
+                    std::move(parents));
+  }
+
+  // Splits the faces [begin, end), which `part` has as a mesh of its own with these vertices of the whole.
+  void SplitChunk(size_t begin, const TriangleMesh& part, const std::vector<uint32_t>& vertex_ids,
+                  const std::vector<PosedCamera>& cameras, const DensityOptions& density) {
+    const SplitMesh split = SplitLargeFaces(part, cameras, density);
+    Chunk& chunk = chunks_.emplace_back();
+    chunk.id_begin = ids_.size();
+    chunk.old_vertices = vertex_ids.size();
+    chunk.edge_begin = edges_.size();
+    chunk.round_ends = split.round_ends;
+    chunk.face_begin = faces_.size();
+    ids_.Append(std::span<const uint32_t>(vertex_ids));
+    for (size_t i = 0; i < split.halved_edges.size(); ++i) {
+      ids_.Append(0u);  // not known yet
+      edges_.Append(split.halved_edges[i]);
+      middles_.Append(split.mesh.vertices[vertex_ids.size() + i]);
+    }
+    faces_.Append(std::span<const Triangle>(split.mesh.faces));
+    for (const uint32_t parent : split.parent_face) parents_.Append(static_cast<uint32_t>(begin + parent));
+    chunk.face_end = faces_.size();
+  }
+
+  size_t new_vertices() const { return edges_.size(); }
+
+  // Gives the new vertices their ids: round by round, in the order of the ids of their edges' ends. A chunk's own order
+  // is the same, for its own indices ascend with the ids.
+  StatusOr<DiskMesh> Join(const DiskMesh& mesh) {
+    TESSERA_ASSIGN_OR_RETURN(auto ids, ids_.Finish());
+    TESSERA_ASSIGN_OR_RETURN(const auto edges, edges_.Finish());
+    TESSERA_ASSIGN_OR_RETURN(const auto middles, middles_.Finish());
+    TESSERA_ASSIGN_OR_RETURN(auto vertices, ScratchList<Eigen::Vector3d>::Create(scratch_folder_));
+    vertices.Append(mesh_.vertices);
+    size_t rounds = 0;
+    for (const Chunk& chunk : chunks_) rounds = std::max(rounds, chunk.round_ends.size());
+    for (size_t round = 0; round < rounds; ++round) {
+      TESSERA_ASSIGN_OR_RETURN(auto key_list, ScratchList<uint64_t>::Create(scratch_folder_));
+      for (const Chunk& chunk : chunks_) {
+        for (size_t i = 0; i < chunk.new_vertices(round); ++i) {
+          const Edge& edge = edges[chunk.edge_begin + chunk.RoundBegin(round) + i];
+          key_list.Append(uint64_t{ids[chunk.id_begin + edge[0]]} << 32 | ids[chunk.id_begin + edge[1]]);
+        }
+      }
+      TESSERA_ASSIGN_OR_RETURN(const auto keys, key_list.Finish());
+      std::vector<std::span<const uint64_t>> lists;
+      size_t begin = 0;
+      for (const Chunk& chunk : chunks_) {
+        lists.push_back(keys.values().subspan(begin, chunk.new_vertices(round)));
+        begin += chunk.new_vertices(round);
+      }
+      bool any = false;
+      uint64_t last = 0;
+      for (IdMerge<uint64_t> merge(std::move(lists)); !merge.AtEnd(); merge.Advance()) {
+        const Chunk& chunk = chunks_[merge.list()];
+        const size_t at = chunk.RoundBegin(round) + merge.index();
+        if (!any || merge.key() != last) {
+          if (vertices.size() > UINT32_MAX - 1) return absl::ResourceExhaustedError("splitting: too many vertices");
+          vertices.Append(middles[chunk.edge_begin + at]);
+        }
+        any = true;
+        last = merge.key();
+        ids[chunk.id_begin + chunk.old_vertices + at] = static_cast<uint32_t>(vertices.size() - 1);
+      }
+    }
+    DiskMesh out;
+    out.float_positions = mesh.float_positions;
+    out.largest_coordinate_m = mesh.largest_coordinate_m;
+    TESSERA_ASSIGN_OR_RETURN(out.vertices, vertices.Finish());
+    TESSERA_ASSIGN_OR_RETURN(out.faces, faces_.Finish());
+    TESSERA_ASSIGN_OR_RETURN(out.input_face, parents_.Finish());
+    if (out.faces.size() > UINT32_MAX) return absl::ResourceExhaustedError("splitting: too many faces");
+    for (const Chunk& chunk : chunks_) {
+      for (size_t f = chunk.face_begin; f < chunk.face_end; ++f) {
+        for (uint32_t& v : out.faces[f]) v = ids[chunk.id_begin + v];
+      }
+    }
+    if (mesh.labels.size() > 0) {
+      TESSERA_ASSIGN_OR_RETURN(out.labels, ScratchArray<int32_t>::Create(scratch_folder_, out.faces.size()));
+    }
+    for (size_t f = 0; f < out.faces.size(); ++f) {
+      uint32_t& parent = out.input_face[f];
+      if (mesh.labels.size() > 0) out.labels[f] = mesh.labels[parent];
+      if (mesh.input_face.size() > 0) parent = mesh.input_face[parent];
+    }
+    return out;
+  }
+
+ private:
+  using Edge = std::array<uint32_t, 2>;
+  Splitter(const MeshSpans& mesh, std::string scratch_folder, ScratchList<uint32_t> ids, ScratchList<Edge> edges,
+           ScratchList<Eigen::Vector3d> middles, ScratchList<Triangle> faces, ScratchList<uint32_t> parents)
+      : mesh_(mesh),
+        scratch_folder_(std::move(scratch_folder)),
+        ids_(std::move(ids)),
+        edges_(std::move(edges)),
+        middles_(std::move(middles)),
+        faces_(std::move(faces)),
+        parents_(std::move(parents)) {}
+
+  MeshSpans mesh_;
+  std::string scratch_folder_;
+  std::vector<Chunk> chunks_;
+  ScratchList<uint32_t> ids_;             // global, of the chunks' vertices
+  ScratchList<Edge> edges_;               // in the chunk's own indices
+  ScratchList<Eigen::Vector3d> middles_;  // of the edges
+  ScratchList<Triangle> faces_;           // in the chunk's own indices
+  ScratchList<uint32_t> parents_;         // face of the mesh that each face is a part of
+};
+
+}  // namespace
+
+StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& cameras, const DensityOptions& density,
+                               const std::string& scratch_folder, const DiskPassOptions& options,
+                               const std::function<Status(double)>& progress) {
+  const MeshSpans spans = mesh.spans();
+  TESSERA_ASSIGN_OR_RETURN(Splitter splitter, Splitter::Create(spans, scratch_folder));
+  std::vector<uint32_t> vertex_ids;
+  for (size_t begin = 0; begin < spans.faces.size(); begin += options.faces_per_chunk) {
+    TESSERA_RETURN_IF_ERROR(progress(static_cast<double>(begin) / static_cast<double>(spans.faces.size())));
+    const size_t end = std::min(begin + options.faces_per_chunk, spans.faces.size());
+    const TriangleMesh part = Extract(spans, begin, end, &vertex_ids);
+    const std::vector<PosedCamera> on_part = CamerasOn(part, cameras);
+    const std::vector<double> parts = PredictParts(part, on_part, density);
+    // As many faces at a time as do not become too many.
+    size_t from = begin;
+    double predicted = 0;
+    for (size_t f = begin; f < end; ++f) {
+      if (predicted > 0 && predicted + parts[f - begin] > options.split_faces_per_chunk) {
+        const TriangleMesh piece = Extract(spans, from, f, &vertex_ids);
+        splitter.SplitChunk(from, piece, vertex_ids, on_part, density);
+        from = f;
+        predicted = 0;
+      }
+      predicted += parts[f - begin];
+    }
+    if (from == begin) {
+      splitter.SplitChunk(begin, part, vertex_ids, on_part, density);
+    } else {
+      splitter.SplitChunk(from, Extract(spans, from, end, &vertex_ids), vertex_ids, on_part, density);
+    }
+  }
+  if (splitter.new_vertices() == 0) return mesh;
+  return splitter.Join(mesh);
+}
+
+}  // namespace tessera

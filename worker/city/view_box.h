@@ -1,0 +1,31 @@
+// Whether a view can show anything of a box.
+#ifndef TESSERA_WORKER_CITY_VIEW_BOX_H_
+#define TESSERA_WORKER_CITY_VIEW_BOX_H_
+
+#include <Eigen/Geometry>
+
+#include "common/imaging/camera.h"
+
+namespace tessera {
+
+// False only if no point of the box projects into the camera's image. Camera and box in one frame.
+inline bool MayShow(const PosedCamera& camera, const Eigen::AlignedBox3d& box) {
+  int behind = 0;
+  Eigen::AlignedBox2d seen;
+  for (int k = 0; k < 8; ++k) {
+    const Eigen::Vector3d p = camera.Project(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k)));
+    if (p.z() <= 0) {
+      ++behind;
+    } else {
+      seen.extend(p.head<2>());
+    }
+  }
+  if (behind > 0) return behind < 8;
+  // A pixel more than the image, against rounding.
+  return seen.max().x() >= -1 && seen.max().y() >= -1 && seen.min().x() <= camera.intrinsics.width + 1 &&
+         seen.min().y() <= camera.intrinsics.height + 1;
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_CITY_VIEW_BOX_H_

@@ -1,0 +1,360 @@
+#include "worker/tile/cut_tile.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <optional>
+#include <set>
+
+#include "absl/strings/str_cat.h"
+#include "common/tile/sample_cell.h"
+#include "worker/city/collected_faces.h"
+#include "worker/refine/descent.h"
+#include "worker/visibility/rasterizer.h"
+
+namespace tessera {
+namespace {
+
+using CellAt = std::array<int32_t, 2>;
+
+// By y, then x: the order of cells in surveys and packages.
+struct CellOrder {
+  bool operator()(const CellAt& a, const CellAt& b) const { return a[1] != b[1] ? a[1] < b[1] : a[0] < b[0]; }
+};
+using CellSet = std::set<CellAt, CellOrder>;
+
+// The ground cell that has a package's.
+CellAt GroundCellOf(const CellAt& at) {
+  const auto down = [](int32_t i) { return i >= 0 ? i / kPackageCellsAcross : -((-i - 1) / kPackageCellsAcross) - 1; };
+  return {down(at[0]), down(at[1])};
+}
+
+CellAt CellOf(const GroundPlane& ground, const Eigen::Vector3d& p) {
+  const Eigen::Vector2i at = ground.Cell(p);
+  return {at.x(), at.y()};
+}
+
+// Some blocks of the city as one mesh.
+struct LoadedBlocks {
+  CollectedFaces faces;
+  std::vector<CellAt> cell;      // of each face
+  std::vector<Cell> label_cell;  // the same
+  IndexRows faces_of_vertex;
+};
+
+StatusOr<LoadedBlocks> Load(const CityReader& city, const Survey& survey, const std::vector<uint8_t>& blocks) {
+  FaceCollector found;
+  for (size_t b = 0; b < blocks.size(); ++b) {
+    if (!blocks[b]) continue;
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    for (size_t f = 0; f < block.face_ids.size(); ++f) found.Add(block, f, false);
+  }
+  LoadedBlocks loaded;
+  loaded.faces = found.Finish();
+  const TriangleMesh& mesh = loaded.faces.mesh;
+  loaded.cell.resize(mesh.faces.size());
+  loaded.label_cell.resize(mesh.faces.size());
+  for (size_t f = 0; f < loaded.cell.size(); ++f) {
+    const Eigen::Vector3d centroid = MeshSpans(mesh).Centroid(f);
+    loaded.cell[f] = CellOf(survey.ground, centroid);
+    loaded.label_cell[f] = LabelCellOf(survey.ground, survey.gsd_m, centroid);
+  }
+  loaded.faces_of_vertex = FacesOfVertices(mesh);
+  return loaded;
+}
+
+// Marks the blocks that hold something about the faces with a bit in `regions`: a vertex of theirs, or what may touch
+// them. True if there were such.
+bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const std::vector<uint8_t>& regions,
+                    double contact_m, std::vector<uint8_t>* blocks) {
+  const TriangleMesh& mesh = loaded.faces.mesh;
+  std::vector<uint8_t> used(mesh.vertices.size(), 0);  // the regions of a vertex
+  for (size_t f = 0; f < regions.size(); ++f) {
+    for (const uint32_t v : mesh.faces[f]) used[v] |= regions[f];
+  }
+  const Eigen::Vector3d margin = Eigen::Vector3d::Constant(contact_m);
+  bool any = false;
+  for (size_t b = 0; b < blocks->size(); ++b) {
+    if ((*blocks)[b]) continue;
+    const Eigen::AlignedBox3d& box = city.box(b);
+    const Eigen::AlignedBox3d wide(box.min() - margin, box.max() + margin);
+    for (size_t v = 0; v < used.size() && !(*blocks)[b]; ++v) {
+      if (used[v] == 0) continue;
+      if (box.contains(mesh.vertices[v]) || ((used[v] & kMendRegion) && wide.contains(mesh.vertices[v]))) {
+        (*blocks)[b] = 1;
+        any = true;
+      }
+    }
+    // A face may reach across a block without a vertex in it.
+    for (size_t f = 0; f < regions.size() && !(*blocks)[b]; ++f) {
+      if (!(regions[f] & kMendRegion)) continue;
+      Eigen::AlignedBox3d face;
+      for (const uint32_t v : mesh.faces[f]) face.extend(mesh.vertices[v]);
+      if (face.intersects(wide)) {
+        (*blocks)[b] = 1;
+        any = true;
+      }
+    }
+  }
+  return any;
+}
+
+// True if there were any that were not marked.
+bool AddBlocksOf(const CityReader& city, const CellSet& cells, std::vector<uint8_t>* blocks) {
+  bool any = false;
+  for (size_t b = 0; b < blocks->size(); ++b) {
+    if ((*blocks)[b]) continue;
+    const CellRect& rect = city.cells(b);
+    (*blocks)[b] = std::any_of(cells.begin(), cells.end(), [&](const CellAt& at) {
+      return rect.Contains({at[0], at[1]});
+    });
+    any = any || (*blocks)[b] != 0;
+  }
+  return any;
+}
+
+// Depths of all cells that look to the view, and of where their faces may move.
+std::array<double, 2> DepthsOfView(const Survey& survey, int32_t view, double motion_m) {
+  const PosedCamera& camera = survey.views[view].camera;
+  double near_m = std::numeric_limits<double>::infinity(), far_m = 0;
+  for (const SurveyCell& cell : survey.cells) {
+    if (!std::binary_search(cell.views.begin(), cell.views.end(), view)) continue;
+    const Eigen::AlignedBox3d box(cell.box_min, cell.box_max);
+    for (int k = 0; k < 8; ++k) {
+      const double depth_m = camera.CameraFromWorld(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k))).z();
+      near_m = std::min(near_m, depth_m);
+      far_m = std::max(far_m, depth_m);
+    }
+  }
+  return {std::max(near_m - motion_m, kNearPlane_m), std::max(far_m + motion_m, 2 * kNearPlane_m)};
+}
+
+// The faces of `cells` in the package's order.
+void FillMesh(const LoadedBlocks& loaded, const std::vector<uint8_t>& regions, const CellSet& cells,
+              const GroundPlane& ground, TilePackage* package) {
+  const TriangleMesh& mesh = loaded.faces.mesh;
+  const GroundPlane small = PackageCells(ground);
+  std::vector<uint32_t> faces, vertices;
+  std::vector<uint8_t> used(mesh.vertices.size(), 0);
+  std::vector<CellAt> face_cell(mesh.faces.size()), vertex_cell(mesh.vertices.size());
+  for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
+    if (!cells.contains(loaded.cell[f])) continue;
+    faces.push_back(f);
+    face_cell[f] = CellOf(small, MeshSpans(mesh).Centroid(f));
+    for (const uint32_t v : mesh.faces[f]) used[v] = 1;
+  }
+  for (uint32_t v = 0; v < used.size(); ++v) {
+    if (!used[v]) continue;
+    vertices.push_back(v);
+    vertex_cell[v] = CellOf(small, mesh.vertices[v]);
+  }
+  // Ids ascend already.
+  const CellOrder before;
+  std::vector<CellAt> all;
+  const auto sort = [&](const std::vector<CellAt>& cell, std::vector<uint32_t>* items) {
+    std::stable_sort(items->begin(), items->end(), [&](uint32_t a, uint32_t b) { return before(cell[a], cell[b]); });
+    for (const uint32_t item : *items) {
+      if (all.empty() || all.back() != cell[item]) all.push_back(cell[item]);
+    }
+  };
+  sort(face_cell, &faces);
+  sort(vertex_cell, &vertices);
+  std::sort(all.begin(), all.end(), before);
+  all.erase(std::unique(all.begin(), all.end()), all.end());
+  package->cell_at = std::move(all);
+  const auto begins = [&](const std::vector<uint32_t>& items, const std::vector<CellAt>& cell) {
+    std::vector<uint32_t> begin;
+    uint32_t at = 0;
+    for (const CellAt& c : package->cell_at) {
+      begin.push_back(at);
+      while (at < items.size() && cell[items[at]] == c) ++at;
+    }
+    begin.push_back(at);
+    return begin;
+  };
+  package->cells.face_begin = begins(faces, face_cell);
+  package->cells.vertex_begin = begins(vertices, vertex_cell);
+
+  std::vector<uint32_t> local(mesh.vertices.size());
+  for (const uint32_t v : vertices) {
+    local[v] = static_cast<uint32_t>(package->vertex_ids.size());
+    package->vertex_ids.push_back(loaded.faces.vertex_ids[v]);
+    package->mesh.vertices.push_back(mesh.vertices[v]);
+    uint8_t some = 0, every = 0xff;
+    for (const uint32_t f : loaded.faces_of_vertex[v]) {
+      some |= regions[f];
+      every &= regions[f];
+    }
+    package->cut_regions.push_back(some & static_cast<uint8_t>(~every));
+  }
+  for (const uint32_t f : faces) {
+    const Triangle& face = mesh.faces[f];
+    package->face_ids.push_back(loaded.faces.face_ids[f]);
+    package->mesh.faces.push_back({local[face[0]], local[face[1]], local[face[2]]});
+    package->mesh.labels.push_back(mesh.labels[f]);
+    package->regions.push_back(regions[f]);
+  }
+  FindVertexCells(package->mesh.faces, &package->cells);
+}
+
+// Flags those faces of a ground cell that lie in one of its small cells: the first that has any.
+void FlagSample(const LoadedBlocks& loaded, const GroundPlane& ground, const CellAt& sample,
+                std::vector<uint8_t>* regions) {
+  const GroundPlane small = PackageCells(ground);
+  const auto small_cell = [&](size_t f) { return CellOf(small, MeshSpans(loaded.faces.mesh).Centroid(f)); };
+  std::optional<CellAt> first;
+  const CellOrder before;
+  for (size_t f = 0; f < regions->size(); ++f) {
+    if (loaded.cell[f] != sample) continue;
+    const CellAt at = small_cell(f);
+    if (!first || before(at, *first)) first = at;
+  }
+  for (size_t f = 0; first && f < regions->size(); ++f) {
+    if (loaded.cell[f] == sample && small_cell(f) == *first) (*regions)[f] |= kSampleRegion;
+  }
+}
+
+}  // namespace
+
+CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const TileRefineOptions& options) {
+  CutOptions out;
+  const StepperOptions& stepper = options.geometry;
+  const MotionLimits limits = MakeMotionLimits(stepper, gsd_m);
+  out.sight.motion_m = MotionBound_m(limits);
+  out.sight.reference_margin_px = ReferenceMargin_px(window_px, coarsest_level);
+  out.sight.target_margin_px = TargetMargin_px(coarsest_level);
+  out.sight.alignment_px = 1 << coarsest_level;
+  StepOptions step;
+  step.smoothing_sweeps = stepper.smoothing_sweeps;
+  step.inter = 1;  // whatever the method has
+  out.reach.solve_rings = StepReachOf(step, limits).rings();
+  out.reach.repair = RepairReachOf(stepper);
+  out.reach.contact_m = 2 * out.sight.motion_m;
+  out.reach.label = ReachOf(options.solver);
+  return out;
+}
+
+StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const CutParameters& p,
+                            const CutOptions& options) {
+  const GroundPlane& ground = survey.ground;
+  const SurveyCell* sample = nullptr;
+  for (const SurveyCell& cell : survey.cells) sample = BetterSample(sample, cell, p.tile.core);
+  std::vector<uint8_t> measured_cells(survey.cells.size());  // the core's, and that of the sample
+  std::set<int32_t> chosen;
+  for (size_t c = 0; c < measured_cells.size(); ++c) {
+    const SurveyCell& cell = survey.cells[c];
+    measured_cells[c] = p.tile.core.Contains({cell.x, cell.y}) || &cell == sample;
+    if (measured_cells[c]) chosen.insert(cell.views.begin(), cell.views.end());
+  }
+  // And their partners: at the border of a cell that did not choose a view, a pixel may land on one of a cell that did.
+  const std::set<int32_t> of_core = chosen;
+  for (const auto& [reference, other] : survey.pairs) {
+    if (of_core.contains(reference)) chosen.insert(other);
+  }
+  const std::vector<int32_t> views(chosen.begin(), chosen.end());
+  if (!views.empty() && (views.front() < 0 || views.back() >= static_cast<int32_t>(survey.views.size()))) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("tile ", p.tile.tile, ": found view ", views.back(), " of ", survey.views.size()));
+  }
+  const Sight sight = FindSight(survey, measured_cells, views, options.sight);
+
+  // Blocks are added until none holds anything about what is found.
+  std::vector<uint8_t> blocks(city.block_count());
+  for (size_t b = 0; b < blocks.size(); ++b) {
+    blocks[b] = DistanceBetween(city.cells(b), p.tile.core, ground.cell_m) <= 0;
+  }
+  LoadedBlocks loaded;
+  std::vector<uint8_t> regions;
+  do {
+    TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, blocks));
+    std::vector<uint8_t> core(loaded.cell.size());
+    for (size_t f = 0; f < core.size(); ++f) core[f] = p.tile.core.Contains({loaded.cell[f][0], loaded.cell[f][1]});
+    if (std::find(core.begin(), core.end(), 1) == core.end()) {
+      return absl::InvalidArgumentError(absl::StrCat("tile ", p.tile.tile, ": found no faces in its core"));
+    }
+    regions = FindRegions(loaded.faces.mesh, loaded.faces_of_vertex, loaded.label_cell, core, options.reach);
+  } while (AddBlocksAbout(city, loaded, regions, options.reach.contact_m, &blocks));
+  CellSet cells, in_sight;
+  std::map<uint8_t, CellSet> of_region;
+  for (size_t f = 0; f < regions.size(); ++f) {
+    if (regions[f] == 0) continue;
+    cells.insert(loaded.cell[f]);
+    for (const uint8_t region : {kSolveRegion, kMendRegion, kLabelRegion}) {
+      if (regions[f] & region) of_region[region].insert(loaded.cell[f]);
+    }
+  }
+  for (size_t c = 0; c < sight.cells.size(); ++c) {
+    if (sight.cells[c] || measured_cells[c]) in_sight.insert({survey.cells[c].x, survey.cells[c].y});
+  }
+  cells.insert(in_sight.begin(), in_sight.end());
+  if (AddBlocksOf(city, cells, &blocks)) {
+    // Both lists of faces ascend, and the second has all of the first.
+    const std::vector<uint32_t> before_ids = std::move(loaded.faces.face_ids);
+    const std::vector<uint8_t> before_regions = std::move(regions);
+    TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, blocks));
+    regions.assign(loaded.faces.face_ids.size(), 0);
+    for (size_t f = 0, b = 0; f < regions.size() && b < before_ids.size(); ++f) {
+      if (loaded.faces.face_ids[f] == before_ids[b]) regions[f] = before_regions[b++];
+    }
+  }
+  if (sample != nullptr) FlagSample(loaded, ground, {sample->x, sample->y}, &regions);
+
+  CutResult result;
+  TilePackage& package = result.package;
+  package.tile = p.tile.tile;
+  package.ground = ground;
+  package.gsd_m = survey.gsd_m;
+  package.up = survey.up;
+  package.classes = survey.classes;
+  package.has_likelihoods = survey.has_likelihoods;
+  package.has_labels = survey.has_labels;
+  package.compares = std::any_of(survey.cells.begin(), survey.cells.end(), [&](const SurveyCell& cell) {
+    return std::any_of(survey.pairs.begin(), survey.pairs.end(), [&](const std::array<int32_t, 2>& pair) {
+      return std::binary_search(cell.views.begin(), cell.views.end(), pair[0]) &&
+             std::binary_search(cell.views.begin(), cell.views.end(), pair[1]);
+    });
+  });
+  package.view_ids = views;
+  package.view_rects = sight.windows;
+  std::map<int32_t, int32_t> local_view;
+  for (const int32_t view : views) {
+    local_view.emplace(view, static_cast<int32_t>(package.views.size()));
+    package.views.push_back(survey.views[view]);
+    package.view_depths.push_back(DepthsOfView(survey, view, options.sight.motion_m));
+  }
+  for (const auto& [reference, other] : survey.pairs) {
+    const auto r = local_view.find(reference), o = local_view.find(other);
+    if (r != local_view.end() && o != local_view.end()) package.pairs.push_back({r->second, o->second});
+  }
+  FillMesh(loaded, regions, cells, ground, &package);
+  std::map<CellAt, const SurveyCell*, CellOrder> surveyed;
+  for (const SurveyCell& cell : survey.cells) surveyed[{cell.x, cell.y}] = &cell;
+  for (const CellAt& at : package.cell_at) {
+    std::vector<int32_t>& looking = package.cell_views.emplace_back();
+    const auto cell = surveyed.find(GroundCellOf(at));
+    if (cell == surveyed.end()) continue;
+    for (const int32_t view : cell->second->views) {
+      if (const auto local = local_view.find(view); local != local_view.end()) looking.push_back(local->second);
+    }
+  }
+  const auto tiles_of = [&](const CellSet& of) {
+    std::vector<int> tiles;
+    for (size_t t = 0; t < p.cores.size(); ++t) {
+      const bool has = std::any_of(of.begin(), of.end(), [&](const CellAt& c) {
+        return p.cores[t].Contains({c[0], c[1]});
+      });
+      if (has) tiles.push_back(static_cast<int>(t));
+    }
+    return tiles;
+  };
+  result.reads.sight = tiles_of(in_sight);
+  result.reads.solve = tiles_of(of_region[kSolveRegion]);
+  result.reads.mend = tiles_of(of_region[kMendRegion]);
+  result.reads.label = tiles_of(of_region[kLabelRegion]);
+  return result;
+}
+
+}  // namespace tessera

@@ -1,0 +1,25 @@
+// Meshes as arrays of a file: NAME.vertices (3 doubles each), NAME.faces (3 indices each), NAME.labels.
+#ifndef TESSERA_WORKER_TILE_MESH_ARRAYS_H_
+#define TESSERA_WORKER_TILE_MESH_ARRAYS_H_
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/geometry/mesh.h"
+#include "common/tile/array_file.h"
+
+namespace tessera {
+
+void PutPoints(const std::vector<Eigen::Vector3d>& points, const std::string& name, ArrayFile* file);
+// DATA_LOSS unless there are `count` points (-1: any number).
+StatusOr<std::vector<Eigen::Vector3d>> TakePoints(const std::string& name, int64_t count, ArrayFile* file);
+
+void PutMesh(const TriangleMesh& mesh, const std::string& name, ArrayFile* file);
+// DATA_LOSS if parts are missing or do not fit together.
+StatusOr<TriangleMesh> TakeMesh(const std::string& name, ArrayFile* file);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TILE_MESH_ARRAYS_H_

@@ -1,0 +1,35 @@
+// The methods that a job may ask for, as options of the refinement.
+#ifndef TESSERA_WORKER_TILE_METHODS_H_
+#define TESSERA_WORKER_TILE_METHODS_H_
+
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/scene/scene.h"
+#include "common/tile/refine_steps.h"
+#include "common/tile/task_parameters.h"
+#include "worker/tile/tile_options.h"
+
+namespace tessera {
+
+// All methods share kernels, density, pairs, pyramid and iterations a round; what differs:
+//   tessera   the whole energy, labels in units of the GSD, solved before the geometry too
+//   baseline  Vu et al. 2012: E_photo and one smoothness for all; the labels are solved once, at the end, as ours are
+//   paper     Bláha et al. 2017: all four terms, no smoothness but E_inter where labels mix, five rounds, the paper's
+//   label
+//             energy. What the paper leaves open (weights, steps, pairs) is as ours.
+// `classes` gives the smoothness a class where the method knows classes; `parameters.settings` goes over the method's
+// own values. INVALID_ARGUMENT for a method that there is not (it lists those that there are) and for settings out
+// of range.
+StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes,
+                                          const LabelTraits& scene);
+
+// Of a tile's package.
+inline StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const TilePackage& package) {
+  return MethodOptions(parameters, package.classes,
+                       {static_cast<int>(package.classes.size()), package.has_likelihoods, package.has_labels});
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TILE_METHODS_H_

@@ -1,0 +1,311 @@
+#include "worker/tile/open_tile.h"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <limits>
+#include <list>
+#include <mutex>
+#include <numeric>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/task_usage.h"
+#include "worker/tile/regions.h"
+
+namespace tessera {
+namespace {
+
+constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+
+// Of a face of a package, of a region, and of its stepper.
+constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300;
+
+// What tiles that nobody works on may hold together.
+size_t KeptLimit_bytes() {
+  static const auto limit = static_cast<size_t>(std::min(MemoryLimit_bytes() / 8, int64_t{2} << 30));
+  return limit;
+}
+
+// Tiles that were worked on last, so that their next step need not begin from the files.
+class KeptTiles {
+ public:
+  std::unique_ptr<OpenTile> Take(const std::string& key) {
+    const std::lock_guard lock(mutex_);
+    const auto found = std::find_if(kept_.begin(), kept_.end(), [&](const Kept& kept) { return kept.key == key; });
+    if (found == kept_.end()) return nullptr;
+    std::unique_ptr<OpenTile> work = std::move(found->work);
+    kept_.erase(found);
+    return work;
+  }
+
+  void Put(const std::string& key, std::unique_ptr<OpenTile> work) {
+    const std::lock_guard lock(mutex_);
+    kept_.push_front({key, std::move(work)});
+    size_t bytes = 0;
+    for (auto it = kept_.begin(); it != kept_.end();) {
+      bytes += it->work->bytes();
+      it = bytes > KeptLimit_bytes() ? kept_.erase(it) : std::next(it);
+    }
+  }
+
+ private:
+  struct Kept {
+    std::string key;
+    std::unique_ptr<OpenTile> work;
+  };
+  std::mutex mutex_;
+  std::list<Kept> kept_;  // the last used first
+};
+
+KeptTiles& Kept() {
+  static KeptTiles* const kept = new KeptTiles;
+  return *kept;
+}
+
+// Which file lies at a path, links of both kinds followed: blobs are not changed in place.
+StatusOr<std::string> ContentKey(const std::string& path) {
+  struct stat file = {};
+  if (stat(path.c_str(), &file) != 0) return absl::NotFoundError(path + ": " + std::strerror(errno));
+  return absl::StrCat(file.st_dev, "|", file.st_ino, "|", file.st_size, "|", file.st_mtim.tv_sec, "|",
+                      file.st_mtim.tv_nsec);
+}
+
+}  // namespace
+
+StatusOr<std::shared_ptr<OpenTile>> OpenTile::Open(const std::string& path, const std::string& options_key) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(path));
+  const std::string key = absl::StrCat(content, "|", options_key);
+  std::unique_ptr<OpenTile> work = Kept().Take(key);
+  if (work == nullptr) {
+    TESSERA_ASSIGN_OR_RETURN(TilePackage package, ReadTilePackage(path));
+    work = std::make_unique<OpenTile>(std::move(package));
+  }
+  return std::shared_ptr<OpenTile>(work.release(),
+                                   [key](OpenTile* done) { Kept().Put(key, std::unique_ptr<OpenTile>(done)); });
+}
+
+StatusOr<TileSight*> OpenTile::Sight(const std::string& views_path, const TileRefineOptions& options) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(views_path));
+  if (sight_ == nullptr || sight_content_ != content) {
+    TESSERA_ASSIGN_OR_RETURN(std::vector<TileView> views, OpenTileViews(package_, views_path));
+    sight_ = std::make_unique<TileSight>(package_, std::move(views), options);
+    sight_content_ = content;
+  }
+  return sight_.get();
+}
+
+Stepper& OpenTile::SolveStepper(const std::vector<int32_t>& labels, const TileRefineOptions& options) {
+  const std::vector<int32_t> known = GeometryKnowsLabels(package_, options) ? labels : std::vector<int32_t>();
+  if (!stepper_ || stepper_->labels != known) {
+    const RegionMesh& part = region(kSolveRegion);
+    std::vector<uint8_t> core(part.vertices.size(), 0);
+    for (size_t f = 0; f < part.faces.size(); ++f) {
+      if (!(package_.regions[part.faces[f]] & kCoreRegion)) continue;
+      for (const uint32_t v : part.mesh.faces[f]) core[v] = 1;
+    }
+    stepper_.reset();
+    stepper_ = std::make_unique<LabelledStepper>(
+        LabelledStepper{known, Stepper({part.mesh.vertices, part.mesh.faces, known}, part.fixed, package_.gsd_m,
+                                       package_.up, options.geometry, core)});
+  }
+  return stepper_->stepper;
+}
+
+void OpenTile::Forget(Region region) { regions_.erase(region); }
+
+size_t OpenTile::bytes() const {
+  size_t bytes = kPackageBytes * package_.face_ids.size();
+  for (const auto& [region, part] : regions_) {
+    bytes += (kRegionBytes + (region == kSolveRegion ? kStepperBytes : 0)) * part.faces.size();
+  }
+  return bytes;
+}
+
+OpenTile::ById::ById(const std::vector<uint32_t>& ids_of_places) : places(ids_of_places.size()) {
+  std::iota(places.begin(), places.end(), 0u);
+  std::sort(places.begin(), places.end(), [&](uint32_t a, uint32_t b) { return ids_of_places[a] < ids_of_places[b]; });
+  ids = Pick(ids_of_places, places);
+}
+
+OpenTile::OpenTile(TilePackage package)
+    : package_(std::move(package)), faces_by_id_(package_.face_ids), vertices_by_id_(package_.vertex_ids) {
+  std::vector<uint8_t> used(package_.vertex_ids.size(), 0);
+  for (const uint32_t f : faces_by_id_.places) {
+    if (package_.regions[f] & kSampleRegion) sample_faces_.push_back(f);
+    if (!(package_.regions[f] & kCoreRegion)) continue;
+    core_faces_.push_back(f);
+    for (const uint32_t v : package_.mesh.faces[f]) used[v] = 1;
+  }
+  for (const uint32_t v : vertices_by_id_.places) {
+    if (used[v]) core_vertices_.push_back(v);
+  }
+}
+
+std::vector<uint8_t> OpenTile::measured() const {
+  std::vector<uint8_t> flags(package_.regions.size());
+  for (size_t f = 0; f < flags.size(); ++f) flags[f] = (package_.regions[f] & (kCoreRegion | kSampleRegion)) != 0;
+  return flags;
+}
+
+const RegionMesh& OpenTile::region(Region region) {
+  const auto [entry, is_new] = regions_.try_emplace(region);
+  RegionMesh& out = entry->second;
+  if (!is_new) return out;
+  const TriangleMesh& mesh = package_.mesh;
+  std::vector<uint8_t> flags(mesh.faces.size());
+  for (size_t f = 0; f < flags.size(); ++f) flags[f] = (package_.regions[f] & region) != 0;
+  PickedMesh picked = PickFlagged(mesh, flags);
+  out.mesh = std::move(picked.mesh);
+  out.vertices = std::move(picked.vertices);
+  out.faces = std::move(picked.faces);
+  for (const uint32_t v : out.vertices) out.fixed.push_back((package_.cut_regions[v] & region) != 0);
+  for (const uint32_t f : out.faces) {
+    out.cell.push_back(LabelCellOf(package_.ground, package_.gsd_m, MeshSpans(mesh).Centroid(f)));
+  }
+  if (std::find(out.fixed.begin(), out.fixed.end(), 1) == out.fixed.end()) out.fixed.clear();
+  return out;
+}
+
+StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_t region) {
+  KnownState known;
+  known.positions = package_.mesh.vertices;
+  known.labels = package_.mesh.labels;
+  if (states.empty()) return known;
+  const bool in_level =
+      std::any_of(states.begin(), states.end(), [](const TileState& s) { return !s.level_start.empty(); });
+  if (in_level) known.level_start = package_.mesh.vertices;
+  std::vector<uint8_t> has_vertex(known.positions.size(), 0), has_face(known.labels.size(), 0);
+  known.confidence.assign(known.labels.size(), 0.0f);
+  for (const TileState& state : states) {
+    if (in_level && state.level_start.empty()) {
+      return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": the state of tile ", state.tile,
+                                              " has no beginning of the level, that of others has"));
+    }
+    vertices_by_id_.ForShared(state.vertex_ids, [&](size_t i, uint32_t v) {
+      if (has_vertex[v]) {
+        ++known.compared;
+        if (std::memcmp(known.positions[v].data(), state.positions[i].data(), 3 * sizeof(double)) != 0) {
+          ++known.different;
+          const double apart_m = (known.positions[v] - state.positions[i]).norm();
+          if (apart_m >= known.farthest_m) known.farthest_at = known.positions[v];
+          known.farthest_m = std::max(known.farthest_m, apart_m);
+        }
+        return;
+      }
+      has_vertex[v] = 1;
+      known.positions[v] = state.positions[i];
+      if (in_level) known.level_start[v] = state.level_start[i];
+    });
+    faces_by_id_.ForShared(state.face_ids, [&](size_t i, uint32_t f) {
+      has_face[f] = 1;
+      known.labels[f] = state.labels[i];
+      known.confidence[f] = state.confidence[i];
+    });
+    if (state.tile == package_.tile) known.report = state.report;
+  }
+  // In sight are whole cells: those of the tiles that were read.
+  for (size_t f = 0; region != 0 && f < has_face.size(); ++f) {
+    if (!(package_.regions[f] & region)) continue;
+    const Triangle& face = package_.mesh.faces[f];
+    if (has_face[f] && has_vertex[face[0]] && has_vertex[face[1]] && has_vertex[face[2]]) continue;
+    return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no state has face ", package_.face_ids[f]));
+  }
+  return known;
+}
+
+StatusOr<std::vector<FaceSums>> OpenTile::JoinPhoto(const std::vector<TileSums>& sums, Region region) {
+  std::vector<FaceSums> all(package_.face_ids.size());
+  std::vector<uint8_t> has(all.size(), 0);
+  for (const TileSums& tile : sums) {
+    if (tile.photo.empty()) continue;
+    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) {
+      has[f] = 1;
+      all[f] = tile.photo[i];
+    });
+  }
+  const RegionMesh& part = this->region(region);
+  for (const uint32_t f : part.faces) {
+    if (!has[f]) {
+      return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no sums of face ", package_.face_ids[f]));
+    }
+  }
+  return Pick(all, part.faces);
+}
+
+StatusOr<ContourSums> OpenTile::JoinContours(const std::vector<TileSums>& sums, Region region) {
+  struct Entry {
+    uint32_t face;
+    const TileSums* tile;
+    const FaceContour* contour;
+  };
+  const RegionMesh& part = this->region(region);
+  std::vector<uint32_t> local(package_.face_ids.size(), kNone);
+  for (uint32_t i = 0; i < part.faces.size(); ++i) local[part.faces[i]] = i;
+  std::vector<Entry> entries;
+  for (const TileSums& tile : sums) {
+    std::vector<uint32_t> place(tile.face_ids.size(), kNone);
+    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) { place[i] = local[f]; });
+    for (const FaceContour& contour : tile.contours.faces) {
+      if (place[contour.face] != kNone) entries.push_back({place[contour.face], &tile, &contour});
+    }
+  }
+  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.face < b.face; });
+  ContourSums out;
+  for (const Entry& entry : entries) {
+    FaceContour contour = *entry.contour;
+    contour.face = entry.face;
+    const auto& views = entry.tile->contours.views;
+    contour.views_begin = static_cast<uint32_t>(out.views.size());
+    out.views.insert(out.views.end(), views.begin() + entry.contour->views_begin,
+                     views.begin() + entry.contour->views_end);
+    contour.views_end = static_cast<uint32_t>(out.views.size());
+    out.faces.push_back(contour);
+  }
+  return out;
+}
+
+StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>& sums, Region region) {
+  const RegionMesh& part = this->region(region);
+  const int classes = static_cast<int>(package_.classes.size());
+  FaceLikelihoods out(part.faces.size(), classes);
+  std::vector<uint32_t> local(package_.face_ids.size(), kNone);
+  for (uint32_t i = 0; i < part.faces.size(); ++i) local[part.faces[i]] = i;
+  std::vector<uint8_t> has(part.faces.size(), 0);
+  for (const TileSums& tile : sums) {
+    if (tile.pixels.empty() || tile.classes != classes) continue;
+    faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) {
+      const uint32_t at = local[f];
+      if (at == kNone) return;
+      has[at] = 1;
+      out.pixels[at] = tile.pixels[i];
+      std::copy_n(&tile.likelihoods[i * classes], classes, &out.sum[static_cast<size_t>(at) * classes]);
+    });
+  }
+  for (size_t i = 0; i < has.size(); ++i) {
+    if (!has[i]) {
+      return absl::DataLossError(
+          absl::StrCat("tile ", package_.tile, ": no likelihoods of face ", package_.face_ids[part.faces[i]]));
+    }
+  }
+  return out;
+}
+
+TileState OpenTile::StateOf(const KnownState& known) const {
+  TileState state;
+  state.tile = package_.tile;
+  state.vertex_ids = Pick(package_.vertex_ids, core_vertices_);
+  state.positions = Pick(known.positions, core_vertices_);
+  state.level_start = Pick(known.level_start, core_vertices_);
+  state.face_ids = Pick(package_.face_ids, core_faces_);
+  state.labels = Pick(known.labels, core_faces_);
+  state.confidence = Pick(known.confidence, core_faces_);
+  if (state.confidence.empty()) state.confidence.assign(state.face_ids.size(), 0.0f);
+  state.report = known.report;
+  return state;
+}
+
+}  // namespace tessera

@@ -1,0 +1,286 @@
+#include "worker/tile/tile_files.h"
+
+#include <algorithm>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "absl/strings/str_cat.h"
+#include "common/tile/array_file.h"
+#include "common/tile/survey.h"
+#include "worker/tile/mesh_arrays.h"
+
+namespace tessera {
+namespace {
+
+using nlohmann::json;
+
+json VectorToJson(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+Eigen::Vector3d VectorFromJson(const json& j) {
+  return Eigen::Vector3d(j.at(0).get<double>(), j.at(1).get<double>(), j.at(2).get<double>());
+}
+
+// Runs `read` on the file's metadata.
+template <class Read>
+Status ReadMetadata(const ArrayFile& file, const Read& read) {
+  try {
+    read(json::parse(file.metadata));
+    return absl::OkStatus();
+  } catch (const json::exception& e) {
+    return absl::DataLossError(file.name + ": metadata: " + e.what());
+  }
+}
+
+// Records of floats alone, as an array of floats.
+template <class Record>
+std::vector<float> ToFloats(const std::vector<Record>& records) {
+  static_assert(sizeof(Record) % sizeof(float) == 0 && std::is_trivially_copyable_v<Record>);
+  std::vector<float> floats(records.size() * sizeof(Record) / sizeof(float));
+  if (!records.empty()) std::memcpy(floats.data(), records.data(), floats.size() * sizeof(float));
+  return floats;
+}
+
+template <class Record>
+std::vector<Record> FromFloats(const std::vector<float>& floats) {
+  static_assert(sizeof(Record) % sizeof(float) == 0 && std::is_trivially_copyable_v<Record>);
+  std::vector<Record> records(floats.size() * sizeof(float) / sizeof(Record));
+  if (!records.empty()) std::memcpy(static_cast<void*>(records.data()), floats.data(), floats.size() * sizeof(float));
+  return records;
+}
+
+constexpr int kContourNumbers = 3 * (3 + 6);
+
+// Flat rows as offsets and items.
+void PutRows(const std::vector<std::vector<int32_t>>& rows, const std::string& name, ArrayFile* file) {
+  std::vector<uint32_t> begin = {0};
+  std::vector<int32_t> items;
+  for (const std::vector<int32_t>& row : rows) {
+    items.insert(items.end(), row.begin(), row.end());
+    begin.push_back(static_cast<uint32_t>(items.size()));
+  }
+  file->arrays[name + "_begin"] = std::move(begin);
+  file->arrays[name] = std::move(items);
+}
+
+StatusOr<std::vector<std::vector<int32_t>>> TakeRows(const std::string& name, int64_t count, ArrayFile* file) {
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> begin, file->Take<uint32_t>(name + "_begin", count + 1));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<int32_t> items, file->Take<int32_t>(name));
+  std::vector<std::vector<int32_t>> rows;
+  for (int64_t i = 0; i < count; ++i) {
+    if (begin[i] > begin[i + 1] || begin[i + 1] > items.size()) {
+      return absl::DataLossError(absl::StrCat(file->name, ": ", name, ": row ", i, " has no place"));
+    }
+    rows.emplace_back(items.begin() + begin[i], items.begin() + begin[i + 1]);
+  }
+  return rows;
+}
+
+// Offsets of cells: ascending, from 0 to `count`.
+StatusOr<std::vector<uint32_t>> TakeBegins(const std::string& name, size_t cells, size_t count, ArrayFile* file) {
+  TESSERA_ASSIGN_OR_RETURN(std::vector<uint32_t> begin, file->Take<uint32_t>(name, static_cast<int64_t>(cells) + 1));
+  if (begin.front() != 0 || begin.back() != count || !std::is_sorted(begin.begin(), begin.end())) {
+    return absl::DataLossError(absl::StrCat(file->name, ": ", name, ": found no ascending offsets from 0 to ", count));
+  }
+  return begin;
+}
+
+}  // namespace
+
+Status WriteTilePackage(const std::string& path, const TilePackage& p) {
+  ArrayFile file;
+  std::vector<std::array<int, 4>> rects;
+  for (const PixelRect& r : p.view_rects) rects.push_back({r.x0, r.y0, r.x1, r.y1});
+  file.metadata = json{
+      {"tile", p.tile},
+      {"ground_axis_x", VectorToJson(p.ground.axis_x)},
+      {"ground_axis_y", VectorToJson(p.ground.axis_y)},
+      {"cell_m", p.ground.cell_m},
+      {"gsd_m", p.gsd_m},
+      {"up", VectorToJson(p.up)},
+      {"has_likelihoods", p.has_likelihoods},
+      {"has_labels", p.has_labels},
+      {"compares", p.compares},
+      {"classes", json::parse(ClassesToJson(p.classes))},
+      {"views", json::parse(ViewsToJson(p.views))},
+      {"view_ids", p.view_ids},
+      {"view_rects", rects},
+      {"view_depths", p.view_depths},
+      {"pairs",
+       p.pairs}}.dump();
+  std::vector<int32_t> cells;
+  for (const auto& at : p.cell_at) cells.insert(cells.end(), at.begin(), at.end());
+  file.arrays["cells"] = std::move(cells);
+  PutRows(p.cell_views, "cell_views", &file);
+  file.arrays["cell_faces"] = p.cells.face_begin;
+  file.arrays["cell_vertices"] = p.cells.vertex_begin;
+  PutMesh(p.mesh, "mesh", &file);
+  file.arrays["vertex_ids"] = p.vertex_ids;
+  file.arrays["face_ids"] = p.face_ids;
+  file.arrays["regions"] = p.regions;
+  file.arrays["cut_regions"] = p.cut_regions;
+  return WriteArrayFile(path, file);
+}
+
+StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
+  TilePackage p;
+  std::string classes, views;
+  TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
+    p.tile = j.at("tile");
+    p.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
+    p.ground.axis_y = VectorFromJson(j.at("ground_axis_y"));
+    p.ground.cell_m = j.at("cell_m");
+    p.gsd_m = j.at("gsd_m");
+    p.up = VectorFromJson(j.at("up"));
+    p.has_likelihoods = j.at("has_likelihoods");
+    p.has_labels = j.at("has_labels");
+    p.compares = j.at("compares");
+    p.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
+    p.view_ids = j.at("view_ids").get<std::vector<int32_t>>();
+    for (const auto& r : j.at("view_rects").get<std::vector<std::array<int, 4>>>()) {
+      p.view_rects.push_back({r[0], r[1], r[2], r[3]});
+    }
+    p.view_depths = j.at("view_depths").get<std::vector<std::array<double, 2>>>();
+    classes = j.at("classes").dump();
+    views = j.at("views").dump();
+  }));
+  TESSERA_ASSIGN_OR_RETURN(p.classes, ParseClasses(classes));
+  TESSERA_ASSIGN_OR_RETURN(p.views, ParseViews(views));
+  if (p.view_depths.size() != p.views.size() || p.view_ids.size() != p.views.size() ||
+      p.view_rects.size() != p.views.size()) {
+    return absl::DataLossError(absl::StrCat(path, ": found ", p.view_depths.size(), " depths, ", p.view_ids.size(),
+                                            " ids and ", p.view_rects.size(), " windows of ", p.views.size(),
+                                            " views"));
+  }
+  TESSERA_ASSIGN_OR_RETURN(p.mesh, TakeMesh("mesh", &file));
+  const int64_t vertices = static_cast<int64_t>(p.mesh.vertices.size());
+  const int64_t faces = static_cast<int64_t>(p.mesh.faces.size());
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<int32_t> cells, file.Take<int32_t>("cells"));
+  for (size_t i = 0; i + 1 < cells.size(); i += 2) p.cell_at.push_back({cells[i], cells[i + 1]});
+  TESSERA_ASSIGN_OR_RETURN(p.cell_views, TakeRows("cell_views", static_cast<int64_t>(p.cell_at.size()), &file));
+  TESSERA_ASSIGN_OR_RETURN(p.cells.face_begin, TakeBegins("cell_faces", p.cell_at.size(), faces, &file));
+  TESSERA_ASSIGN_OR_RETURN(p.cells.vertex_begin, TakeBegins("cell_vertices", p.cell_at.size(), vertices, &file));
+  TESSERA_ASSIGN_OR_RETURN(p.vertex_ids, file.Take<uint32_t>("vertex_ids", vertices));
+  TESSERA_ASSIGN_OR_RETURN(p.face_ids, file.Take<uint32_t>("face_ids", faces));
+  TESSERA_ASSIGN_OR_RETURN(p.regions, file.Take<uint8_t>("regions", faces));
+  TESSERA_ASSIGN_OR_RETURN(p.cut_regions, file.Take<uint8_t>("cut_regions", vertices));
+  FindVertexCells(p.mesh.faces, &p.cells);
+  return p;
+}
+
+Status WriteTileSums(const std::string& path, const TileSums& s) {
+  ArrayFile file;
+  file.metadata = json{{"tile", s.tile},
+                       {"classes", s.classes},
+                       {"energy", s.energy},
+                       {"semantic_energy", s.semantic_energy},
+                       {"warped_pixels", s.warped_pixels}}
+                      .dump();
+  file.arrays["face_ids"] = s.face_ids;
+  file.arrays["photo"] = ToFloats(s.photo);
+  std::vector<uint32_t> faces, views_begin = {0};
+  std::vector<double> contours;
+  for (const FaceContour& c : s.contours.faces) {
+    faces.push_back(c.face);
+    views_begin.push_back(c.views_end);
+    for (int k = 0; k < 3; ++k) {
+      contours.insert(contours.end(), c.gradient[k].data(), c.gradient[k].data() + 3);
+      contours.insert(contours.end(), c.curvature[k].data(), c.curvature[k].data() + 6);
+    }
+  }
+  file.arrays["contour_faces"] = std::move(faces);
+  file.arrays["contours"] = std::move(contours);
+  file.arrays["contour_views_begin"] = std::move(views_begin);
+  file.arrays["contour_views"] = s.contours.views;
+  file.arrays["likelihoods"] = s.likelihoods;
+  file.arrays["pixels"] = s.pixels;
+  file.arrays["sample_face_ids"] = s.sample.face_ids;
+  file.arrays["sample_photo"] = ToFloats(s.sample.photo);
+  file.arrays["sample_likelihoods"] = s.sample.likelihoods;
+  file.arrays["sample_pixels"] = s.sample.pixels;
+  return WriteArrayFile(path, file);
+}
+
+StatusOr<TileSums> ReadTileSums(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
+  TileSums s;
+  TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
+    s.tile = j.at("tile");
+    s.classes = j.at("classes");
+    s.energy = j.at("energy");
+    s.semantic_energy = j.at("semantic_energy");
+    s.warped_pixels = j.at("warped_pixels");
+  }));
+  TESSERA_ASSIGN_OR_RETURN(s.face_ids, file.Take<uint32_t>("face_ids"));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<float> photo, file.Take<float>("photo"));
+  s.photo = FromFloats<FaceSums>(photo);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> faces, file.Take<uint32_t>("contour_faces"));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<double> contours,
+                           file.Take<double>("contours", kContourNumbers * static_cast<int64_t>(faces.size())));
+  TESSERA_ASSIGN_OR_RETURN(s.contours.views, file.Take<int32_t>("contour_views"));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> views_begin,
+                           TakeBegins("contour_views_begin", faces.size(), s.contours.views.size(), &file));
+  TESSERA_ASSIGN_OR_RETURN(s.likelihoods, file.Take<float>("likelihoods"));
+  TESSERA_ASSIGN_OR_RETURN(s.pixels, file.Take<float>("pixels"));
+  TESSERA_ASSIGN_OR_RETURN(s.sample.face_ids, file.Take<uint32_t>("sample_face_ids"));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<float> sample_photo, file.Take<float>("sample_photo"));
+  s.sample.photo = FromFloats<FaceSums>(sample_photo);
+  TESSERA_ASSIGN_OR_RETURN(s.sample.likelihoods, file.Take<float>("sample_likelihoods"));
+  TESSERA_ASSIGN_OR_RETURN(s.sample.pixels, file.Take<float>("sample_pixels"));
+  for (size_t i = 0; i < faces.size(); ++i) {
+    FaceContour c;
+    c.face = faces[i];
+    c.views_begin = views_begin[i];
+    c.views_end = views_begin[i + 1];
+    const double* at = &contours[i * kContourNumbers];
+    for (int k = 0; k < 3; ++k, at += 9) {
+      c.gradient[k] = Eigen::Map<const Eigen::Vector3d>(at);
+      c.curvature[k] = Eigen::Map<const Eigen::Matrix<double, 6, 1>>(at + 3);
+    }
+    s.contours.faces.push_back(c);
+  }
+  const auto fit = [&](const auto& of, size_t count) {
+    return (of.photo.empty() || of.photo.size() == count) && (of.pixels.empty() || of.pixels.size() == count) &&
+           of.likelihoods.size() == of.pixels.size() * static_cast<size_t>(std::max(s.classes, 0));
+  };
+  const size_t count = s.face_ids.size();
+  const bool fits = fit(s, count) && fit(s.sample, s.sample.face_ids.size()) &&
+                    std::all_of(faces.begin(), faces.end(), [&](uint32_t f) { return f < count; });
+  if (!fits) return absl::DataLossError(absl::StrCat(path, ": sums do not fit to the ", count, " faces"));
+  return s;
+}
+
+Status WriteTileState(const std::string& path, const TileState& s) {
+  ArrayFile file;
+  file.metadata =
+      json{{"tile", s.tile}, {"in_level", !s.level_start.empty()}, {"report", json::parse(s.report)}}.dump();
+  file.arrays["vertex_ids"] = s.vertex_ids;
+  PutPoints(s.positions, "positions", &file);
+  PutPoints(s.level_start, "level_start", &file);
+  file.arrays["face_ids"] = s.face_ids;
+  file.arrays["labels"] = s.labels;
+  file.arrays["confidence"] = s.confidence;
+  return WriteArrayFile(path, file);
+}
+
+StatusOr<TileState> ReadTileState(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
+  TileState s;
+  bool in_level = false;
+  TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
+    s.tile = j.at("tile");
+    in_level = j.at("in_level");
+    s.report = j.at("report").dump();
+  }));
+  TESSERA_ASSIGN_OR_RETURN(s.vertex_ids, file.Take<uint32_t>("vertex_ids"));
+  const int64_t vertices = static_cast<int64_t>(s.vertex_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(s.positions, TakePoints("positions", vertices, &file));
+  TESSERA_ASSIGN_OR_RETURN(s.level_start, TakePoints("level_start", in_level ? vertices : 0, &file));
+  TESSERA_ASSIGN_OR_RETURN(s.face_ids, file.Take<uint32_t>("face_ids"));
+  const int64_t faces = static_cast<int64_t>(s.face_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(s.labels, file.Take<int32_t>("labels", faces));
+  TESSERA_ASSIGN_OR_RETURN(s.confidence, file.Take<float>("confidence", faces));
+  return s;
+}
+
+}  // namespace tessera

@@ -1,0 +1,270 @@
+#include "worker/tile/tile_views.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <utility>
+#include <variant>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "common/imaging/image_io.h"
+#include "common/storage/mapped_file.h"
+#include "common/tile/mapped_arrays.h"
+#include "worker/refine/texels.h"
+
+namespace tessera {
+namespace {
+
+using nlohmann::json;
+
+// A view in the file: the shape of its first level.
+struct Crop {
+  int view = 0;
+  TexelShape shape;
+};
+
+std::string LuminanceName(size_t crop, int level) { return absl::StrFormat("%06d.%d.luminance", crop, level); }
+std::string LikelihoodName(size_t crop, int level) { return absl::StrFormat("%06d.%d.likelihoods", crop, level); }
+
+// Shapes of all levels.
+std::vector<TexelShape> LevelsOf(const TexelShape& first) {
+  std::vector<TexelShape> levels = {first};
+  while (static_cast<int>(levels.size()) < kTexelLevels) levels.push_back(levels.back().Half());
+  return levels;
+}
+
+// Which level's likelihoods are those of `level`.
+int LikelihoodLevel(const TexelShape& first, int level) { return first.same_resolution ? level : 0; }
+
+ImagePart PartOf(const PixelRect& rect) { return {rect.x0, rect.y0, rect.x1, rect.y1}; }
+
+StatusOr<std::vector<uint8_t>> CropLikelihoods(const std::string& path, const SceneView& view, int classes,
+                                               TexelShape* shape) {
+  TESSERA_ASSIGN_OR_RETURN(const LikelihoodPart part,
+                           ReadLikelihoodPart(path, classes, view.lens, PartOf(shape->rect)));
+  const PinholeCamera& whole = view.camera.intrinsics;
+  PixelMapping mapping;
+  mapping.scale_x = static_cast<double>(part.whole_width) / whole.width;
+  mapping.scale_y = static_cast<double>(part.whole_height) / whole.height;
+  mapping.first_x = part.x0;
+  mapping.first_y = part.y0;
+  *shape = TexelShape::First(shape->rect, part.pixels.channels, part.pixels.width, part.pixels.height, mapping);
+  std::vector<uint8_t> steps;
+  steps.reserve(part.pixels.data.size());
+  for (const float value : part.pixels.data) steps.push_back(LikelihoodStep(value));
+  return steps;
+}
+
+json ToJson(const Crop& crop) {
+  const TexelShape& s = crop.shape;
+  return {{"view", crop.view},
+          {"rect", {s.rect.x0, s.rect.y0, s.rect.x1, s.rect.y1}},
+          {"likelihoods", {s.likelihood_width, s.likelihood_height, s.classes}},
+          {"mapping", {s.mapping.scale_x, s.mapping.scale_y, s.mapping.first_x, s.mapping.first_y}}};
+}
+
+Crop ParseCrop(const json& j) {
+  const json &rect = j.at("rect"), &likelihoods = j.at("likelihoods"), &m = j.at("mapping");
+  PixelMapping mapping;
+  mapping.scale_x = m.at(0);
+  mapping.scale_y = m.at(1);
+  mapping.first_x = m.at(2);
+  mapping.first_y = m.at(3);
+  return {j.at("view"), TexelShape::First({rect.at(0), rect.at(1), rect.at(2), rect.at(3)}, likelihoods.at(2),
+                                          likelihoods.at(0), likelihoods.at(1), mapping)};
+}
+
+// Arrays of crops on their way to the file, which asks for their number first.
+class CropWriter {
+ public:
+  static StatusOr<CropWriter> Create(const std::string& path) {
+    const std::string folder = std::filesystem::path(path).parent_path().string();
+    TESSERA_ASSIGN_OR_RETURN(auto pixels, ScratchBytes::Create(folder));
+    return CropWriter(path, std::move(pixels));
+  }
+
+  // `likelihoods` may be empty.
+  void Add(int view, const TexelShape& first, std::vector<uint16_t> luminance, std::vector<uint8_t> likelihoods) {
+    const size_t crop = crops_.size();
+    crops_.push_back(ToJson({view, first}));
+    StoredTexels level;
+    static_cast<TexelShape&>(level) = first;
+    for (int l = 0;; ++l) {
+      if (!likelihoods.empty()) Add(LikelihoodName(crop, l), std::vector<uint8_t>(), std::span<const uint8_t>(likelihoods));
+      Add(LuminanceName(crop, l), std::vector<uint16_t>(), std::span<const uint16_t>(luminance));
+      if (l + 1 == kTexelLevels) return;
+      level.luminance = luminance;
+      level.likelihoods = likelihoods;
+      std::vector<uint16_t> half_luminance = level.HalfLuminance();
+      const bool halves = level.same_resolution;
+      likelihoods = halves ? level.HalfLikelihoods() : std::vector<uint8_t>();
+      luminance = std::move(half_luminance);
+      static_cast<TexelShape&>(level) = level.Half();
+    }
+  }
+
+  Status Finish(int tile) {
+    TESSERA_ASSIGN_OR_RETURN(const MappedFile pixels, pixels_->Finish());
+    TESSERA_ASSIGN_OR_RETURN(
+        const auto file, ArrayFileWriter::Create(path_, json{{"tile", tile}, {"crops", crops_}}.dump(), arrays_));
+    size_t at = 0;
+    for (const ArrayFileWriter::Array& array : arrays_) {
+      std::visit(
+          [&]<class T>(const std::vector<T>&) {
+            file->Append(array.name, std::span(reinterpret_cast<const T*>(pixels.data() + at), array.count));
+            pixels.Release(at, array.count * sizeof(T));
+            at += array.count * sizeof(T);
+          },
+          array.type);
+      at += at % 2;
+    }
+    return file->Finish();
+  }
+
+ private:
+  CropWriter(std::string path, std::unique_ptr<ScratchBytes> pixels)
+      : path_(std::move(path)), pixels_(std::move(pixels)) {}
+
+  template <class T>
+  void Add(std::string name, std::vector<T> type, std::span<const T> values) {
+    arrays_.push_back({std::move(name), std::move(type), values.size()});
+    pixels_->Append(values.data(), values.size_bytes());
+    if (values.size_bytes() % 2 != 0) pixels_->Append("", 1);  // all begin at even places
+  }
+
+  std::string path_;
+  std::unique_ptr<ScratchBytes> pixels_;
+  json crops_ = json::array();
+  std::vector<ArrayFileWriter::Array> arrays_;
+};
+
+// One crop of a file that all of them share.
+class FilePixels : public ViewPixels {
+ public:
+  FilePixels(std::shared_ptr<const MappedArrays> file, size_t index, const TexelShape& first)
+      : file_(std::move(file)), index_(index), levels_(LevelsOf(first)) {}
+  const PixelRect& rect() const override { return levels_.front().rect; }
+  bool has_likelihoods() const override { return levels_.front().classes > 0; }
+  StatusOr<StoredTexels> Level(int level) const override {
+    StoredTexels out;
+    static_cast<TexelShape&>(out) = levels_.at(level);
+    const std::string luminance = LuminanceName(index_, level);
+    TESSERA_ASSIGN_OR_RETURN(out.luminance,
+                             file_->Verified<uint16_t>(luminance, static_cast<int64_t>(out.pixels())));
+    if (!has_likelihoods()) {
+      out.release = [file = file_.get(), luminance] { file->Release(luminance); };
+    } else {
+      const std::string likelihoods = LikelihoodName(index_, LikelihoodLevel(levels_.front(), level));
+      TESSERA_ASSIGN_OR_RETURN(
+          out.likelihoods, file_->Verified<uint8_t>(likelihoods, static_cast<int64_t>(out.likelihood_values())));
+      out.release = [file = file_.get(), luminance, likelihoods] {
+        file->Release(luminance);
+        file->Release(likelihoods);
+      };
+    }
+    out.release();
+    return out;
+  }
+
+ private:
+  std::shared_ptr<const MappedArrays> file_;
+  size_t index_;
+  std::vector<TexelShape> levels_;
+};
+
+}  // namespace
+
+Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
+                     const TaskControl& control) {
+  TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path));
+  for (size_t v = 0; v < package.views.size(); ++v) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(0.9 * static_cast<double>(v) / static_cast<double>(package.views.size()), "reading images");
+    const SceneView& view = package.views[v];
+    TexelShape shape;
+    shape.rect = package.view_rects[v];
+    if (shape.rect.empty()) continue;
+    std::vector<uint16_t> luminance;
+    {
+      TESSERA_ASSIGN_OR_RETURN(const FloatImage image,
+                               ReadLuminancePart(scene_folder + "/" + view.image_path, view.lens, PartOf(shape.rect)));
+      luminance.reserve(image.data.size());
+      for (const float value : image.data) luminance.push_back(LuminanceCode(value));
+    }
+    std::vector<uint8_t> likelihoods;
+    if (package.has_likelihoods && !view.likelihood_path.empty()) {
+      TESSERA_ASSIGN_OR_RETURN(likelihoods, CropLikelihoods(scene_folder + "/" + view.likelihood_path, view,
+                                                            static_cast<int>(package.classes.size()), &shape));
+    }
+    writer.Add(static_cast<int>(v), shape, std::move(luminance), std::move(likelihoods));
+  }
+  control.Report(0.9, "writing crops");
+  return writer.Finish(package.tile);
+}
+
+FloatImage LikelihoodImage(const StoredTexels& level) {
+  FloatImage image(level.likelihood_width, level.likelihood_height, level.classes);
+  std::transform(level.likelihoods.begin(), level.likelihoods.end(), image.data.begin(),
+                 [](uint8_t step) { return static_cast<float>(step) / Texels::kLikelihoodSteps; });
+  if (level.release) level.release();
+  return image;
+}
+
+StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(MappedArrays opened, MappedArrays::Open(path));
+  const auto file = std::make_shared<const MappedArrays>(std::move(opened));
+  std::vector<TileView> views;
+  try {
+    const json metadata = json::parse(file->metadata());
+    if (metadata.at("tile") != package.tile) {
+      return absl::DataLossError(absl::StrCat(path, ": found crops of tile ", metadata.at("tile").get<int>(),
+                                              ", expected those of tile ", package.tile));
+    }
+    for (const json& j : metadata.at("crops")) {
+      const Crop crop = ParseCrop(j);
+      if (crop.view < 0 || static_cast<size_t>(crop.view) >= package.views.size() || crop.shape.rect.empty()) {
+        return absl::DataLossError(absl::StrCat(path, ": crop ", views.size(), ": found view ", crop.view,
+                                                ", expected one of ", package.views.size()));
+      }
+      TileView view;
+      view.view = crop.view;
+      view.window = {package.views[crop.view].camera, crop.shape.rect};
+      view.pixels = std::make_shared<FilePixels>(file, views.size(), crop.shape);
+      views.push_back(std::move(view));
+    }
+  } catch (const json::exception& e) {
+    return absl::DataLossError(path + ": not the metadata of crops: " + e.what());
+  }
+  return views;
+}
+
+TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool knows_labels) {
+  TileData data;
+  std::vector<int> loaded(package.views.size(), -1);
+  for (size_t v = 0; v < views.size(); ++v) {
+    loaded[views[v].view] = static_cast<int>(v);
+    const auto& [near_m, far_m] = package.view_depths[views[v].view];
+    data.views.push_back({views[v].window.camera,
+                          views[v].pixels,
+                          knows_labels,
+                          {static_cast<float>(near_m), static_cast<float>(far_m)},
+                          package.view_ids[views[v].view]});
+  }
+  for (const auto& [reference, other] : package.pairs) {
+    if (loaded[reference] >= 0 && loaded[other] >= 0) data.pairs.push_back({loaded[reference], loaded[other]});
+  }
+  for (size_t c = 0; c < package.cell_at.size(); ++c) {
+    data.groups.group_of_face.insert(data.groups.group_of_face.end(),
+                                     package.cells.face_begin[c + 1] - package.cells.face_begin[c],
+                                     static_cast<uint32_t>(c));
+    const std::vector<int32_t>& looking = package.cell_views[c];
+    std::vector<uint8_t> looks;
+    for (const TileView& view : views) looks.push_back(std::binary_search(looking.begin(), looking.end(), view.view));
+    data.groups.looks.push_back(std::move(looks));
+  }
+  return data;
+}
+
+}  // namespace tessera
