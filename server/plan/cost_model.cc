@@ -233,8 +233,8 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
 
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   Prediction prediction;
-  prediction.peak_bytes = static_cast<int64_t>(
-      kFixedBytes + kRefineBytesPerFace * work.core_faces + PixelBytes(work, effort, kRefinePixels));
+  prediction.peak_bytes = static_cast<int64_t>(kFixedBytes + kRefineBytesPerFace * work.core_faces +
+                                               PixelBytes(work, effort, kRefinePixels));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.core_faces + MeasureSeconds(work, effort) +
                             SolveSeconds(work.core_faces, effort) + kMendSeconds * work.core_faces * effort.mends;
   return prediction;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/base/parallel.h"
+#include "tests/support/make_texels.h"
 #include "tests/unit/worker/refine/relief_scene.h"
 #include "tests/unit/worker/refine/zncc_oracle.h"
 #include "worker/refine/photo_term.h"

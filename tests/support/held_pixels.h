@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "tests/support/make_texels.h"
 #include "worker/refine/view_pixels.h"
 
 namespace tessera {

@@ -21,7 +21,8 @@ struct TinySceneOptions {
   bool absent_class = false;                         // a fourth one, of likelihood 0 everywhere (kTiff, kNpy)
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();  // of the whole scene in its coordinates
   std::string crs_json = R"({"type": "local"})";
-  // 4 x 12 x 16 m of class roof all over, 6 m from the box, and four more views that look past it at the side behind it.
+  // 4 x 12 x 16 m of class roof all over, 6 m from the box, and four more views that look past it at the side behind
+  // it.
   bool tower = false;
   int finer = 1;          // times the pixels a side; of MakeTinyScene alone
   double k1 = 0, k2 = 0;  // OPENCV distortion of the photographs

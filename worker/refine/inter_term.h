@@ -50,10 +50,10 @@ struct InterCurvature {
 
 // Corners: vertices off the rim whose faces have exactly two labels, each in one connected fan; γ is the angle between
 // the two border edges there. Those that no pair of images compares do not count (`pairs` below): nothing there would
-// hold against a border that the labels have in the wrong place. Dimensionless: the energy does not change when the scene is scaled. So its weight counts
-// against the photo energy itself (per vertex: 1 - ZNCC summed over the pixels of the level about it), while those of
-// SmoothTerm are per metre²; a border edge of length s that turns by δ pulls with 2 δ/s. Const members may be called
-// from any thread; results do not depend on the number of threads.
+// hold against a border that the labels have in the wrong place. Dimensionless: the energy does not change when the
+// scene is scaled. So its weight counts against the photo energy itself (per vertex: 1 - ZNCC summed over the pixels of
+// the level about it), while those of SmoothTerm are per metre²; a border edge of length s that turns by δ pulls with 2
+// δ/s. Const members may be called from any thread; results do not depend on the number of threads.
 class InterTerm {
  public:
   using Positions = std::vector<Eigen::Vector3d>;

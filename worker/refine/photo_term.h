@@ -135,8 +135,8 @@ class PhotoTerm {
   // a rectangle is empty.
   std::vector<MeshPart> parts_;
   std::vector<PixelRect> target_rects_, reference_rects_;
-  std::vector<PhotoView> references_;  // of narrow views, while they are open
-  std::vector<FaceMap> drawn_;         // of views that are being opened
+  std::vector<PhotoView> references_;         // of narrow views, while they are open
+  std::vector<FaceMap> drawn_;                // of views that are being opened
   std::vector<size_t> opening_;               // views by their first step
   std::vector<size_t> first_step_;            // of each view
   std::vector<std::vector<size_t>> closing_;  // views whose last step it is, by step

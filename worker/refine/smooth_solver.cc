@@ -162,7 +162,8 @@ struct SmoothTerm::Layout {
   std::vector<uint32_t> vertex_at;  // of a place
   std::vector<uint32_t> place_of;   // of a vertex
   std::vector<uint32_t> ring_begin, ring;
-  std::vector<uint32_t> band_end;  // places of the wanted vertices, then of those further away, kBandRings by kBandRings
+  // Ends of the places of the wanted vertices, then of those further away, kBandRings by kBandRings.
+  std::vector<uint32_t> band_end;
 
   // The first places, with all vertices that are at most `rings` rings from the wanted ones.
   size_t PlacesWithin(int rings) const {
@@ -270,7 +271,8 @@ class SmoothTerm::System {
 
   void TakeStep(Positions* step) const {
     step->assign(step_.size(), Vector3d::Zero());
-    ForPlaces(layout_.PlacesWithin(0), [&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
+    ForPlaces(layout_.PlacesWithin(0),
+              [&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
   }
 
  private:

@@ -167,7 +167,8 @@ void StoredTexels::Bring(const PixelRect& window, Texels* texels) const {
   }
   texels->likelihoods.resize((classes + Texels::kClassesPerPlane - 1) / Texels::kClassesPerPlane);
   const PixelRect nothing;
-  for (LineVector<uint32_t>& plane : texels->likelihoods) ClearAround(same_resolution ? both : nothing, *texels, &plane);
+  for (LineVector<uint32_t>& plane : texels->likelihoods)
+    ClearAround(same_resolution ? both : nothing, *texels, &plane);
   if (classes > 0 && !both.empty()) {
     if (same_resolution) {
       InterleaveClasses(*this, both, texels);
@@ -187,8 +188,7 @@ std::vector<uint16_t> StoredTexels::HalfLuminance() const {
   std::vector<uint16_t> out(half.pixels());
   const size_t stride = rect.width();
   for (int y = 0; y < half.rect.height(); ++y) {
-    const uint16_t* in =
-        luminance.data() + (2 * (half.rect.y0 + y) - rect.y0) * stride + (2 * half.rect.x0 - rect.x0);
+    const uint16_t* in = luminance.data() + (2 * (half.rect.y0 + y) - rect.y0) * stride + (2 * half.rect.x0 - rect.x0);
     uint16_t* row = out.data() + static_cast<size_t>(y) * half.rect.width();
     for (int x = 0; x < half.rect.width(); ++x) {
       const uint32_t a = in[2 * x], b = in[2 * x + 1], c = in[2 * x + stride], d = in[2 * x + stride + 1];
@@ -209,7 +209,8 @@ std::vector<uint8_t> StoredTexels::HalfLikelihoods() const {
       const uint8_t* in = likelihoods.data() + l * pixels() + (2 * (half.rect.y0 + y) - rect.y0) * stride +
                           (2 * half.rect.x0 - rect.x0);
       for (int x = 0; x < half.rect.width(); ++x) {
-        row[x] = static_cast<uint8_t>((in[2 * x] + in[2 * x + 1] + in[2 * x + stride] + in[2 * x + stride + 1] + 2) >> 2);
+        row[x] =
+            static_cast<uint8_t>((in[2 * x] + in[2 * x + 1] + in[2 * x + stride] + in[2 * x + stride + 1] + 2) >> 2);
       }
     }
   }

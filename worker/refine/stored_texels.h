@@ -19,7 +19,7 @@ inline constexpr int kTexelLevels = 6;
 
 // What there is of one level of a view.
 struct TexelShape {
-  PixelRect rect;  // of the level's whole image
+  PixelRect rect;                                                // of the level's whole image
   int classes = 0, likelihood_width = 0, likelihood_height = 0;  // zeros: no likelihoods
   PixelMapping mapping;                                          // from the level's whole image to likelihoods
   bool same_resolution = false;  // one likelihood a class for each pixel of `rect`, on this level and all others

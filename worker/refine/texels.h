@@ -9,8 +9,6 @@
 #include <new>
 #include <vector>
 
-#include "common/imaging/raster.h"
-
 namespace tessera {
 
 // Allocates at cache lines, so that whole vectors of any instruction set do not straddle them.
@@ -84,18 +82,6 @@ struct Texels {
 uint16_t LuminanceCode(float luminance);
 // A likelihood in [0, 1] (others are clamped) · Texels::kLikelihoodSteps.
 uint8_t LikelihoodStep(float likelihood);
-
-// `luminance`: values in [0, 1] (others are clamped), NaN where invalid; its first pixel is (x0, y0) of the whole
-// image.
-Texels MakeTexels(const FloatImage& luminance, int x0 = 0, int y0 = 0);
-
-// The same with likelihoods in [0, 1], a plane a class, any number of classes, of any resolution (StoredTexels::Bring).
-// `mapping`: from the whole image.
-Texels MakeTexels(const FloatImage& luminance, const FloatImage& likelihoods, const PixelMapping& mapping, int x0 = 0,
-                  int y0 = 0);
-
-// Of a whole likelihood image that shows the same as the whole luminance image.
-PixelMapping ScaleToSize(const FloatImage& luminance, const FloatImage& likelihoods);
 
 }  // namespace tessera
 

@@ -60,10 +60,9 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
   TESSERA_ASSIGN_OR_RETURN(TileSight* const sight, work.Sight(InputPath(request, kViewsFile), task.options));
   double seconds_loading = SecondsSince(clock, start_us);
   if (task.step.labels()) {
-    TESSERA_ASSIGN_OR_RETURN(
-        const FaceLikelihoods likelihoods,
-        SumLikelihoods(package, work.measured(), task.known.positions, sight->views, sight->data.groups,
-                       PartOf(control, 0, 0.9)));
+    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods likelihoods,
+                             SumLikelihoods(package, work.measured(), task.known.positions, sight->views,
+                                            sight->data.groups, PartOf(control, 0, 0.9)));
     FillLikelihoods(work, likelihoods, &sums);
     stats["seconds_labels"] = SecondsSince(clock, start_us) - seconds_loading;
   } else if (package.compares) {

@@ -47,8 +47,7 @@ void CountSeams(KnownState* known) {
 }
 
 void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, KnownState* known) {
-  const auto own =
-      std::find_if(sums.begin(), sums.end(), [&](const TileSums& of) { return of.tile == package.tile; });
+  const auto own = std::find_if(sums.begin(), sums.end(), [&](const TileSums& of) { return of.tile == package.tile; });
   if (own == sums.end()) return;
   const TileSample& sample = own->sample;
   const auto differ = [](const auto& a, size_t i, const auto& b, size_t j, size_t values) {
@@ -79,8 +78,8 @@ Warnings SeamWarnings(int tile, const KnownState& known) {
   if (known.different == 0) return {};
   const Eigen::Vector3d& at = known.farthest_at;
   return {absl::StrCat("about tile ", tile, ": neighbouring tiles differ at ", known.different, " of ", known.compared,
-                       " vertices and faces, positions by ", known.farthest_m, " m at most, at (", at.x(), ", ", at.y(), ", ", at.z(),
-                       ") of the local frame; this is a fault of the program, please report it")};
+                       " vertices and faces, positions by ", known.farthest_m, " m at most, at (", at.x(), ", ", at.y(),
+                       ", ", at.z(), ") of the local frame; this is a fault of the program, please report it")};
 }
 
 std::string FoldWarning(int tile, int64_t faces) {

@@ -26,9 +26,8 @@ int64_t CountDifferent(const std::vector<int32_t>& a, const std::vector<int32_t>
 }  // namespace
 
 StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::vector<uint8_t>& own,
-                                         const std::vector<Vector3d>& positions,
-                                         const std::vector<TileView>& views, const ViewGroups& groups,
-                                         const TaskControl& control) {
+                                         const std::vector<Vector3d>& positions, const std::vector<TileView>& views,
+                                         const ViewGroups& groups, const TaskControl& control) {
   const TriangleMesh mesh = {positions, package.mesh.faces, {}};
   const CellBoxes boxes(mesh, &package.cells);
   FaceLikelihoods sums(mesh.faces.size(), static_cast<int>(package.classes.size()));
@@ -97,8 +96,8 @@ class CityRefiner {
   Status Labels(const TaskControl& control, json* report) {
     if (!LabelsChange(package_)) return absl::OkStatus();
     const int64_t start_us = clock_.MonotonicUs();
-    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums,
-                             SumLikelihoods(package_, own_, known_.positions, views_, data_.groups, PartOf(control, 0, 0.8)));
+    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums, SumLikelihoods(package_, own_, known_.positions, views_,
+                                                                        data_.groups, PartOf(control, 0, 0.8)));
     control.Report(0.8, "labelling");
     RegionLabels labelled = LabelRegion(package_, whole_, known_.positions, known_.labels, sums, options_);
     (*report)["label_energy_start"] = labelled.start_energy;

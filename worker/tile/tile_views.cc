@@ -92,7 +92,8 @@ class CropWriter {
     StoredTexels level;
     static_cast<TexelShape&>(level) = first;
     for (int l = 0;; ++l) {
-      if (!likelihoods.empty()) Add(LikelihoodName(crop, l), std::vector<uint8_t>(), std::span<const uint8_t>(likelihoods));
+      if (!likelihoods.empty())
+        Add(LikelihoodName(crop, l), std::vector<uint8_t>(), std::span<const uint8_t>(likelihoods));
       Add(LuminanceName(crop, l), std::vector<uint16_t>(), std::span<const uint16_t>(luminance));
       if (l + 1 == kTexelLevels) return;
       level.luminance = luminance;
@@ -107,8 +108,8 @@ class CropWriter {
 
   Status Finish(int tile) {
     TESSERA_ASSIGN_OR_RETURN(const MappedFile pixels, pixels_->Finish());
-    TESSERA_ASSIGN_OR_RETURN(
-        const auto file, ArrayFileWriter::Create(path_, json{{"tile", tile}, {"crops", crops_}}.dump(), arrays_));
+    TESSERA_ASSIGN_OR_RETURN(const auto file,
+                             ArrayFileWriter::Create(path_, json{{"tile", tile}, {"crops", crops_}}.dump(), arrays_));
     size_t at = 0;
     for (const ArrayFileWriter::Array& array : arrays_) {
       std::visit(
@@ -151,14 +152,13 @@ class FilePixels : public ViewPixels {
     StoredTexels out;
     static_cast<TexelShape&>(out) = levels_.at(level);
     const std::string luminance = LuminanceName(index_, level);
-    TESSERA_ASSIGN_OR_RETURN(out.luminance,
-                             file_->Verified<uint16_t>(luminance, static_cast<int64_t>(out.pixels())));
+    TESSERA_ASSIGN_OR_RETURN(out.luminance, file_->Verified<uint16_t>(luminance, static_cast<int64_t>(out.pixels())));
     if (!has_likelihoods()) {
       out.release = [file = file_.get(), luminance] { file->Release(luminance); };
     } else {
       const std::string likelihoods = LikelihoodName(index_, LikelihoodLevel(levels_.front(), level));
-      TESSERA_ASSIGN_OR_RETURN(
-          out.likelihoods, file_->Verified<uint8_t>(likelihoods, static_cast<int64_t>(out.likelihood_values())));
+      TESSERA_ASSIGN_OR_RETURN(out.likelihoods,
+                               file_->Verified<uint8_t>(likelihoods, static_cast<int64_t>(out.likelihood_values())));
       out.release = [file = file_.get(), luminance, likelihoods] {
         file->Release(luminance);
         file->Release(likelihoods);

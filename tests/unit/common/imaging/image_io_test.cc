@@ -8,7 +8,6 @@
 
 #include "common/base/random.h"
 #include "common/imaging/npy.h"
-#include "common/imaging/pyramid.h"
 #include "common/imaging/undistort.h"
 #include "tests/support/tiny_scene.h"
 
@@ -240,33 +239,6 @@ TEST(NpyTest, RefusesWhatItCannotBe) {
 TEST(NpyTest, EveryPrefixOfAFileIsRefused) {
   const std::string whole = Npy("{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 1)}", "\x01\x02\x03\x04");
   for (size_t n = 0; n < whole.size(); ++n) EXPECT_FALSE(ParseNpy(Bytes(whole.substr(0, n)), "a").ok()) << n;
-}
-
-TEST(PyramidTest, KeepsTheMeanAndSpreadsNan) {
-  Random random(1);
-  FloatImage image(16, 8, 2);
-  for (float& value : image.data) value = static_cast<float>(random.Uniform());
-  double mean = 0, half_mean = 0;
-  for (const float value : image.data) mean += value / image.data.size();
-  const std::vector<FloatImage> pyramid = BuildPyramid(image, 3);
-  ASSERT_EQ(pyramid.size(), 3u);
-  EXPECT_EQ(pyramid[2].width, 4);
-  EXPECT_EQ(pyramid[2].height, 2);
-  EXPECT_EQ(pyramid[2].channels, 2);
-  for (const float value : pyramid[2].data) half_mean += value / pyramid[2].data.size();
-  EXPECT_NEAR(mean, half_mean, 1e-6);
-  image.at(5, 3) = NAN;
-  const FloatImage half = HalfResolution(image);
-  for (int y = 0; y < half.height; ++y) {
-    for (int x = 0; x < half.width; ++x) EXPECT_EQ(std::isnan(half.at(x, y)), x == 2 && y == 1);
-  }
-}
-
-TEST(PyramidTest, OddSizesRoundUpAndKeepAConstant) {
-  const FloatImage half = HalfResolution(FloatImage(7, 5, 1, 0.25f));
-  EXPECT_EQ(half.width, 4);
-  EXPECT_EQ(half.height, 3);
-  for (const float value : half.data) EXPECT_NEAR(value, 0.25f, 1e-6);
 }
 
 }  // namespace

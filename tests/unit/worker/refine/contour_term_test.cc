@@ -10,6 +10,7 @@
 
 #include "common/base/parallel.h"
 #include "tests/support/held_pixels.h"
+#include "tests/support/make_texels.h"
 #include "worker/refine/descent.h"
 #include "worker/refine/refine.h"
 #include "worker/refine/vertex_sums.h"

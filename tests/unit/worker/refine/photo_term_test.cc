@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
+#include "tests/support/make_texels.h"
 #include "tests/unit/worker/refine/photo_oracle.h"
 #include "tests/unit/worker/refine/relief_scene.h"
 #include "worker/refine/descent.h"

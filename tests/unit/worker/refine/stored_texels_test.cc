@@ -6,6 +6,7 @@
 
 #include "common/base/random.h"
 #include "tests/support/held_pixels.h"
+#include "tests/support/make_texels.h"
 
 namespace tessera {
 namespace {
@@ -54,10 +55,9 @@ TEST(StoredTexels, BringAnyWindow) {
         for (int y = 0; y <= texels.height; ++y) {
           for (int x = 0; x < texels.stride; ++x) {
             const int from_x = rect.x0 + x, from_y = rect.y0 + y;
-            const bool inside = x < texels.width && y < texels.height && from_x >= 0 && from_y >= 0 && from_x < 150 &&
-                                from_y < 90;
-            ASSERT_EQ(texels.luminance[texels.Index(x, y)],
-                      inside ? whole.luminance[whole.Index(from_x, from_y)] : 0);
+            const bool inside =
+                x < texels.width && y < texels.height && from_x >= 0 && from_y >= 0 && from_x < 150 && from_y < 90;
+            ASSERT_EQ(texels.luminance[texels.Index(x, y)], inside ? whole.luminance[whole.Index(from_x, from_y)] : 0);
             for (int l = 0; inside && l < classes; ++l) {
               ASSERT_EQ(texels.Likelihood(x, y, l), whole.Likelihood(from_x, from_y, l)) << coarse << classes;
             }

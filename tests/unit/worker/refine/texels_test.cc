@@ -1,3 +1,4 @@
+#include "tests/support/make_texels.h"
 #include "worker/refine/texels.h"
 
 #include <gtest/gtest.h>

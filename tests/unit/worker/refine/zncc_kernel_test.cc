@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "common/base/random.h"
+#include "tests/support/make_texels.h"
 #include "tests/unit/worker/refine/zncc_oracle.h"
 #include "worker/refine/photo_term.h"
 
