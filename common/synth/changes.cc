@@ -84,6 +84,33 @@ Ring Widened(const Ring& ring, double by) {
   return wide;
 }
 
+// The outline of two nearly convex rings that overlap, as seen from a point in both; none if they do not overlap.
+std::optional<Ring> UnionOf(const Ring& a, const Ring& b) {
+  constexpr int kCorners = 72;
+  const AlignedBox2d both = BoxOf(a).intersection(BoxOf(b));
+  Vector2d middle = Vector2d::Zero();
+  int shared = 0;
+  for (const Vector2d& p : PointsInside(RectangleOf(both), 0.1)) {
+    if (!Inside(a, p) || !Inside(b, p)) continue;
+    middle += p;
+    ++shared;
+  }
+  if (shared == 0) return std::nullopt;
+  middle /= shared;
+  const double furthest = BoxOf(a).merged(BoxOf(b)).diagonal().norm();
+  Ring ring;
+  for (int k = 0; k < kCorners; ++k) {
+    const double azimuth = 6.283185307179586 * k / kCorners;
+    const Vector2d direction(std::cos(azimuth), std::sin(azimuth));
+    double reach = furthest;
+    while (reach > 0.02 && !Inside(a, middle + reach * direction) && !Inside(b, middle + reach * direction)) {
+      reach -= 0.02;
+    }
+    ring.push_back(middle + reach * direction);
+  }
+  return ring;
+}
+
 using BlockKey = std::pair<int, int>;
 
 // A building or tree of the city as it was.
@@ -159,20 +186,21 @@ class ChangePlanner {
   }
 
   // Well inside the part and away from other changes.
-  bool Free(const Ring& ring) const {
+  bool Free(const Ring& ring, double least_area = kLeastChangeArea) const {
     const AlignedBox2d box = BoxOf(ring);
-    return inner_.contains(box) && AreaOf(ring) >= kLeastChangeArea &&
+    return inner_.contains(box) && AreaOf(ring) >= least_area &&
            std::none_of(changes_.begin(), changes_.end(), [&](const CityChange& other) {
              return Inflated(BoxOf(other.footprint), kApart).intersects(box);
            });
   }
 
   // Share of the ring that something else than `itself` covers; `buildings_only`: trees do not count.
-  double CoveredShare(const Ring& ring, const Standing* itself, bool buildings_only = false) const {
+  double CoveredShare(const Ring& ring, const std::vector<const Standing*>& itself, bool buildings_only = false) const {
     const AlignedBox2d box = BoxOf(ring);
     std::vector<const Standing*> near;
     for (const Standing& s : standing_) {
-      if (&s != itself && !(buildings_only && s.is_tree) && s.box.intersects(box)) near.push_back(&s);
+      const bool counts = !(buildings_only && s.is_tree) && std::find(itself.begin(), itself.end(), &s) == itself.end();
+      if (counts && s.box.intersects(box)) near.push_back(&s);
     }
     if (near.empty()) return 0;
     const Ring points = PointsInside(ring, 0.4);
@@ -182,9 +210,7 @@ class ChangePlanner {
     return static_cast<double>(covered) / static_cast<double>(std::max<size_t>(1, points.size()));
   }
 
-  bool Open(const Ring& ring, double clearance_m) const {
-    return CoveredShare(Widened(ring, clearance_m), nullptr) == 0;
-  }
+  bool Open(const Ring& ring, double clearance_m) const { return CoveredShare(Widened(ring, clearance_m), {}) == 0; }
 
   BlockPlan& Changed(const BlockKey& key) {
     const auto place = changed_->blocks.find(key);
@@ -256,7 +282,7 @@ class ChangePlanner {
 
   void Raise() {
     for (const Standing* s : Shuffled(false)) {
-      if (!Free(s->outline) || CoveredShare(s->outline, s) > kMostCovered) continue;
+      if (!Free(s->outline) || CoveredShare(s->outline, {s}) > kMostCovered) continue;
       Changed(s->block).buildings[s->index].floors += 1 + static_cast<int>(random_.Below(2));
       return Add(ChangeKind::kBuilt, s->outline);
     }
@@ -269,19 +295,38 @@ class ChangePlanner {
                             [](const Standing* s) { return AreaOf(s->outline) >= kLargeArea; });
     }
     for (const Standing* s : list) {
-      if (!Free(s->outline) || CoveredShare(s->outline, s) > kMostCovered) continue;
+      if (!Free(s->outline) || CoveredShare(s->outline, {s}) > kMostCovered) continue;
       Changed(s->block);
       removed_[s->block].insert({s->is_tree, s->index});
       return Add(ChangeKind::kDemolished, s->outline);
     }
   }
 
+  // A tree, or two with touching crowns; where none are large enough, the largest tree there is.
   void Fell() {
-    for (const Standing* s : Shuffled(true)) {
-      if (!Free(s->outline) || CoveredShare(s->outline, s) > kMostCovered) continue;
-      Changed(s->block);
-      removed_[s->block].insert({s->is_tree, s->index});
-      return Add(ChangeKind::kFelled, s->outline);
+    const std::vector<const Standing*> trees = Shuffled(true);
+    std::vector<std::vector<const Standing*>> groups;
+    for (const Standing* tree : trees) groups.push_back({tree});
+    for (size_t a = 0; a < trees.size(); ++a) {
+      for (size_t b = a + 1; b < trees.size(); ++b) {
+        if (trees[a]->box.intersects(trees[b]->box)) groups.push_back({trees[a], trees[b]});
+      }
+    }
+    const size_t last_resort = groups.size();
+    for (const Standing* tree : trees) groups.push_back({tree});
+    std::stable_sort(groups.begin() + static_cast<int64_t>(last_resort), groups.end(),
+                     [](const auto& a, const auto& b) { return AreaOf(a[0]->outline) > AreaOf(b[0]->outline); });
+    for (size_t k = 0; k < groups.size(); ++k) {
+      const auto& group = groups[k];
+      const std::optional<Ring> ring =
+          group.size() == 1 ? group[0]->outline : UnionOf(group[0]->outline, group[1]->outline);
+      const double least = k < last_resort ? kLeastChangeArea : kLeastFelledArea;
+      if (!ring || !Free(*ring, least) || CoveredShare(*ring, group) > kMostCovered) continue;
+      for (const Standing* tree : group) {
+        Changed(tree->block);
+        removed_[tree->block].insert({true, tree->index});
+      }
+      return Add(ChangeKind::kFelled, *ring);
     }
   }
 
@@ -321,7 +366,7 @@ class ChangePlanner {
       tree.radii_m *= factor;
       tree.crown_z_m *= factor;
       const Ring crown = CrownOutline(tree);
-      if (!Free(crown) || CoveredShare(crown, s, true) > 0 || CoveredShare(crown, s) > kMostCovered) continue;
+      if (!Free(crown) || CoveredShare(crown, {s}, true) > 0 || CoveredShare(crown, {s}) > kMostCovered) continue;
       Changed(s->block).trees[s->index] = tree;
       Add(ChangeKind::kGrown, crown);
       return true;
@@ -342,7 +387,7 @@ class ChangePlanner {
       const Vector2d half(0.5 * b.width_m - kParapet, 0.5 * b.depth_m - kParapet);
       Ring deck = RectangleOf({-half, half});
       for (Vector2d& p : deck) p = b.centre + Eigen::Rotation2Dd(b.yaw_rad) * p;
-      if (!Free(deck) || CoveredShare(deck, s) > 0.5 * kMostCovered) continue;
+      if (!Free(deck) || CoveredShare(deck, {s}) > 0.5 * kMostCovered) continue;
       Changed(s->block).buildings[s->index].planted = true;
       Add(ChangeKind::kLabel, deck);
       return true;

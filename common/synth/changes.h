@@ -33,14 +33,15 @@ struct ChangedCity {
 };
 
 inline constexpr double kLeastChangeArea = 30;  // square metres
+inline constexpr double kLeastFelledArea = 10;  // where no larger trees stand
 
 // How far inside `part` all footprints stay, metres.
 double ChangeInset(const Eigen::AlignedBox2d& part);
 
 // Changes objects of the city that lie inside `part` (city's frame), all kinds in turn as far as there is room, about
 // one of a kind for 2500 square metres and at most 12; one in three of those built is a building that was raised.
-// Footprints keep 3 m from each other and cover kLeastChangeArea at least. What is not changed stays the same to the
-// last bit. The same for the same `plan`, `part` and `seed`.
+// Footprints keep 3 m from each other and cover kLeastChangeArea at least (a felled tree kLeastFelledArea). What is not
+// changed stays the same to the last bit. The same for the same `plan`, `part` and `seed`.
 ChangedCity ChangeCity(const CityPlan& plan, const Eigen::AlignedBox2d& part, uint64_t seed);
 
 // GeoJSON: a polygon for each change with its kind, area_m2 and height_difference_m, in the city's plan coordinates.
