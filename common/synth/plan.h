@@ -26,7 +26,7 @@ struct CityPlan {
   int rows = 1;
   uint64_t seed = 0;
   double gsd_m = 0.12;
-  std::shared_ptr<const CityChanges> changes;  // what a later epoch has otherwise; null: nothing
+  std::shared_ptr<const CityChanges> changes = nullptr;  // what a later epoch has otherwise; null: nothing
 
   static constexpr double kPitch = 44.0;      // metres from block to block
   static constexpr double kHalfStreet = 5.0;  // from the border of a block's square to its kerb
