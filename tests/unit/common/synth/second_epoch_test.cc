@@ -18,6 +18,7 @@
 #include "common/storage/files.h"
 #include "common/synth/changes.h"
 #include "common/synth/city_scene.h"
+#include "common/synth/ring.h"
 #include "common/synth/synth.h"
 
 namespace tessera {
@@ -60,21 +61,6 @@ const CityScene& After() {
 
 RayHit FromAbove(const CityScene& scene, const Vector2d& p) {
   return scene.caster().Cast({p.x(), p.y(), 500}, -Vector3d::UnitZ());
-}
-
-bool Inside(const std::vector<Vector2d>& ring, const Vector2d& p) {
-  double turned = 0;
-  for (size_t k = 0; k < ring.size(); ++k) {
-    const Vector2d a = ring[k] - p, b = ring[(k + 1) % ring.size()] - p;
-    turned += std::atan2(a.x() * b.y() - a.y() * b.x(), a.dot(b));
-  }
-  return turned > 3;  // only rings that turn counter-clockwise
-}
-
-AlignedBox2d BoxOf(const std::vector<Vector2d>& ring) {
-  AlignedBox2d box;
-  for (const Vector2d& p : ring) box.extend(p);
-  return box;
 }
 
 TEST(ChangeCityTest, KindsComeInSeveralAndSizesAreAsPromised) {
