@@ -96,11 +96,11 @@ TEST(ChangeCityTest, HeightsAndLabelsDifferInFootprintsAsMeasured) {
   for (const CityChange& change : City().changes) {
     SCOPED_TRACE(ChangeName(change.kind));
     const AlignedBox2d box = BoxOf(change.footprint);
-    constexpr double kStep = 0.13;
+    constexpr double kStep = 0.07;
     double sum = 0;
     int points = 0, moved = 0, relabelled = 0;
-    for (double y = box.min().y(); y < box.max().y(); y += kStep) {
-      for (double x = box.min().x(); x < box.max().x(); x += kStep) {
+    for (double y = box.min().y() + 0.5 * kStep; y < box.max().y(); y += kStep) {
+      for (double x = box.min().x() + 0.5 * kStep; x < box.max().x(); x += kStep) {
         if (!Inside(change.footprint, {x, y})) continue;
         const RayHit before = FromAbove(Before(), {x, y}), after = FromAbove(After(), {x, y});
         const double rise = before.distance - after.distance;
