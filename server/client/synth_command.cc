@@ -186,8 +186,8 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
   command->add_option("--image-size", arguments->image_size, "WIDTHxHEIGHT in pixels (default 1000x750)")
       ->excludes(change);
   command->add_option("--threads", arguments->threads, "Threads to use (default: one for each core)");
-  command->add_flag("--toy", arguments->toy,
-                    "Other defaults: one block, GSD 0.3, 320x240->excludes(change); a few seconds");
+  command->add_flag("--toy", arguments->toy, "Other defaults: one block, GSD 0.3, 320x240; a few seconds")
+      ->excludes(change);
   command->add_flag("--no-images", arguments->no_images, "Meshes and cameras only")->excludes(change);
   command->add_flag("--force", arguments->force, "Overwrite the scene in CITY");
   command->add_flag("--quiet", arguments->quiet, "No progress and no table");
