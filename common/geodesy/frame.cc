@@ -39,6 +39,15 @@ Status CheckCrs(const Crs& crs) {
 
 }  // namespace
 
+Frame Frame::Of(const Crs& crs, const Eigen::Vector3d& origin_in_scene,
+                const Eigen::Matrix3d& rotation_local_from_scene) {
+  Frame frame;
+  frame.crs_ = crs;
+  frame.origin_ = origin_in_scene;
+  frame.rotation_ = rotation_local_from_scene;
+  return frame;
+}
+
 StatusOr<Frame> Frame::Around(const Crs& crs, const Eigen::Vector3d& point_in_scene) {
   TESSERA_RETURN_IF_ERROR(CheckCrs(crs));
   if (!point_in_scene.allFinite()) return absl::InvalidArgumentError("crs: the scene has no finite position");

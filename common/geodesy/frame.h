@@ -16,6 +16,7 @@ struct Crs {
   double lat_rad = 0, lon_rad = 0, height_m = 0;  // kEnu: WGS 84 origin
   int zone = 0;                                   // kUtm
   bool north = true;                              // kUtm
+  bool operator==(const Crs&) const = default;
 };
 
 // A rigid change of coordinates between the scene's own frame and the local frame: p_local = rotation (p_scene −
@@ -26,6 +27,9 @@ class Frame {
   Frame() = default;  // the identity
   // The frame for a scene around `point_in_scene`.
   static StatusOr<Frame> Around(const Crs& crs, const Eigen::Vector3d& point_in_scene);
+  // One that Around() gave earlier.
+  static Frame Of(const Crs& crs, const Eigen::Vector3d& origin_in_scene,
+                  const Eigen::Matrix3d& rotation_local_from_scene);
 
   const Crs& crs() const { return crs_; }
   const Eigen::Vector3d& origin_in_scene() const { return origin_; }

@@ -17,6 +17,7 @@
 #include "common/scene/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/loading.h"
+#include "common/storage/hash.h"
 
 namespace tessera {
 namespace {
@@ -85,26 +86,18 @@ class SceneChecker {
   // Every image and every likelihood file is decoded once.
   void CheckPixels() {
     const int64_t views = summary_.images;
-    std::vector<Status> image_status(views), likelihood_status(views);
+    std::vector<StatusOr<PixelContent>> contents(views, PixelContent());
     std::atomic<int64_t> done = 0;
     ParallelFor(views, 1, [&](int64_t i, int64_t) {
       if (!control_.Check().ok()) return;
-      const SceneView& view = scene_.views[i];
-      if (!view.image_path.empty()) {
-        image_status[i] = ReadLuminance(absl::StrCat(scene_.folder, "/", view.image_path), view.lens).status();
-      }
-      if (!view.likelihood_path.empty()) {
-        likelihood_status[i] = ReadLikelihoods(absl::StrCat(scene_.folder, "/", view.likelihood_path),
-                                               static_cast<int>(scene_.classes.size()), view.lens)
-                                   .status();
-      }
+      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], static_cast<int>(scene_.classes.size()));
       const int64_t now = ++done;
       control_.Report(0.7 * static_cast<double>(now) / static_cast<double>(views),
                       absl::StrCat("images, ", now, " of ", views));
     });
-    for (int64_t i = 0; i < views; ++i) {
-      faults_.Add(image_status[i]);
-      faults_.Add(likelihood_status[i]);
+    for (const StatusOr<PixelContent>& content : contents) {
+      faults_.Add(content.status());
+      summary_.contents.push_back(content.ok() ? *content : PixelContent());
     }
   }
 
@@ -297,6 +290,23 @@ StatusOr<SceneSummary> CheckAndReport(const SceneDescription& scene, int64_t max
 
 }  // namespace
 
+StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes) {
+  PixelContent content;
+  Faults faults;
+  const auto hash = [&faults](const StatusOr<FloatImage>& image) -> std::string {
+    faults.Add(image.status());
+    return image.ok() ? Xxh3Hex(image->data.data(), image->data.size() * sizeof(float)) : "";
+  };
+  if (!view.image_path.empty()) {
+    content.image = hash(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens));
+  }
+  if (!view.likelihood_path.empty()) {
+    content.likelihood = hash(ReadLikelihoods(absl::StrCat(folder, "/", view.likelihood_path), classes, view.lens));
+  }
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return content;
+}
+
 Status SightFault(const std::string& mesh_path, const SceneView& view, ViewSight sight) {
   const std::string image = absl::StrCat("image '", view.name, "'");
   switch (sight) {
@@ -324,7 +334,7 @@ StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warni
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, int64_t max_mesh_faces, Warnings* warnings,
                                         const TaskControl& control) {
   Faults faults;
-  const SceneDescription scene = LoadSceneCollecting(path, warnings, &faults);
+  const SceneDescription scene = LoadSceneCollecting(path, SceneLoadOptions(), warnings, &faults);
   if (scene.files.empty()) return faults.ToStatus();  // no scene.json
   return CheckAndReport(scene, max_mesh_faces, warnings, &faults, control);
 }

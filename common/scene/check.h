@@ -14,6 +14,15 @@
 
 namespace tessera {
 
+// Hashes of what a view's files decode to (XXH3-128); empty where it has no such file.
+struct PixelContent {
+  std::string image, likelihood;
+};
+
+// Decodes the view's files: image and likelihoods of so many classes, below `folder`. INVALID_ARGUMENT lists what is
+// wrong with either.
+StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes);
+
 struct SceneSummary {
   struct SizeCount {
     int width = 0, height = 0;
@@ -49,6 +58,7 @@ struct SceneSummary {
   bool has_labels = false;
   std::vector<ClassShare> classes;
   int64_t unlabelled_faces = 0;
+  std::vector<PixelContent> contents;  // of each view
   // Shares of the faces that were tried (at most 200,000, every n-th): seen by no view, by fewer than three. A view
   // sees a face whose front and centroid nothing hides.
   int64_t faces_tried = 0;

@@ -12,7 +12,8 @@ namespace tessera {
 // LoadScene's work: every fault goes into `faults`, and what could be read comes back. A view whose image is missing or
 // of the wrong size has an empty image_path, one without its likelihoods an empty likelihood_path; mesh_path is empty
 // if there is no such file.
-SceneDescription LoadSceneCollecting(const std::string& path, Warnings* warnings, Faults* faults);
+SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOptions& options, Warnings* warnings,
+                                     Faults* faults);
 
 }  // namespace tessera
 

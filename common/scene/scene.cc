@@ -43,7 +43,8 @@ bool MeshHasLabels(const std::string& path) {
 
 class SceneLoader {
  public:
-  SceneLoader(std::string folder, Warnings* warnings, Faults* faults) : warnings_(warnings), faults_(*faults) {
+  SceneLoader(std::string folder, const SceneLoadOptions& options, Warnings* warnings, Faults* faults)
+      : options_(options), warnings_(warnings), faults_(*faults) {
     scene_.folder = std::move(folder);
   }
 
@@ -100,7 +101,11 @@ class SceneLoader {
       std::nth_element(centres[k].begin(), centres[k].begin() + centres[k].size() / 2, centres[k].end());
       median[k] = centres[k][centres[k].size() / 2];
     }
-    StatusOr<Frame> frame = Frame::Around(json_.crs, median);
+    if (options_.frame && !(options_.frame->crs() == json_.crs)) {
+      faults_.Add(InputError(Full("scene.json"), "crs", "other coordinates", "those of the base"));
+      return;
+    }
+    StatusOr<Frame> frame = options_.frame ? *options_.frame : Frame::Around(json_.crs, median);
     if (!frame.ok()) {
       faults_.Add(absl::InvalidArgumentError(
           absl::StrCat(Full(scene_.files.front()), ": ", std::string(frame.status().message()))));
@@ -131,6 +136,10 @@ class SceneLoader {
                               "a name inside the images folder");
         return;
       }
+      if (options_.elsewhere.contains(*inside)) {
+        view.image_path = *inside;
+        return;
+      }
       const std::string path = Full(*inside);
       if (!FileExists(path)) {
         found[i] = InputError(path, "", "no such file", absl::StrCat("the image '", view.name, "' of the cameras"));
@@ -155,16 +164,25 @@ class SceneLoader {
 
   void FindLikelihoods() {
     const std::string folder = json_.likelihoods.path;
-    if (!IsFolder(Full(folder))) {
+    std::vector<std::string> names;
+    for (const std::string& file : options_.elsewhere) {
+      if (file.starts_with(folder + "/")) names.push_back(file.substr(folder.size() + 1));
+    }
+    if (names.empty() && !IsFolder(Full(folder))) {
       if (json_.likelihoods.given) {
         faults_.Add(InputError(Full(folder), "", "no such folder", "the likelihoods that scene.json names"));
       }
       return;
     }
-    const StatusOr<std::vector<std::string>> files = ListFiles(Full(folder));
-    if (!files.ok()) return faults_.Add(files.status());
+    if (IsFolder(Full(folder))) {
+      const StatusOr<std::vector<std::string>> files = ListFiles(Full(folder));
+      if (!files.ok()) return faults_.Add(files.status());
+      names.insert(names.end(), files->begin(), files->end());
+    }
+    std::sort(names.begin(), names.end());
+    names.erase(std::unique(names.begin(), names.end()), names.end());
     std::map<std::string, std::vector<std::string>> by_stem;
-    for (const std::string& file : *files) {
+    for (const std::string& file : names) {
       const std::string extension = fs::path(file).extension().string();
       if (extension == ".tif" || extension == ".tiff" || extension == ".npy" || extension == ".png") {
         by_stem[WithoutExtension(file)].push_back(file);
@@ -188,7 +206,13 @@ class SceneLoader {
   }
 
   void FindMesh() {
+    if (options_.elsewhere.contains(json_.mesh.path)) {
+      scene_.mesh_path = json_.mesh.path;
+      scene_.files.push_back(json_.mesh.path);
+      return;
+    }
     if (!FileExists(Full(json_.mesh.path)) || IsFolder(Full(json_.mesh.path))) {
+      if (!options_.needs_mesh && !json_.mesh.given) return;
       faults_.Add(InputError(Full(json_.mesh.path), "", "no such file", "the start mesh"));
       return;
     }
@@ -242,6 +266,7 @@ class SceneLoader {
     }
   }
 
+  const SceneLoadOptions& options_;
   Warnings* warnings_;
   Faults& faults_;
   SceneDescription scene_;
@@ -251,7 +276,8 @@ class SceneLoader {
 
 }  // namespace
 
-SceneDescription LoadSceneCollecting(const std::string& path, Warnings* warnings, Faults* faults) {
+SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOptions& options, Warnings* warnings,
+                                     Faults* faults) {
   const bool is_file = !IsFolder(path) && fs::path(path).extension() == ".json";
   std::string folder = is_file ? fs::path(path).parent_path().string() : path;
   while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
@@ -261,12 +287,12 @@ SceneDescription LoadSceneCollecting(const std::string& path, Warnings* warnings
     faults->Add(InputError(path, "", "no such folder", "a scene (a folder with a scene.json)"));
     return {};
   }
-  return SceneLoader(folder, warnings, faults).Load(file);
+  return SceneLoader(folder, options, warnings, faults).Load(file);
 }
 
-StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings) {
+StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings, const SceneLoadOptions& options) {
   Faults faults;
-  SceneDescription scene = LoadSceneCollecting(path, warnings, &faults);
+  SceneDescription scene = LoadSceneCollecting(path, options, warnings, &faults);
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return scene;
 }

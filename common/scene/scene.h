@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -38,6 +39,10 @@ struct SceneView {
   LensModel lens;
   PosedCamera camera;  // undistorted; local frame
   int flight = 0;      // index into SceneDescription::flights; the first with a pattern for the name
+  // Hashes of what the files decode to, with these lenses (PixelContents): the same for files that only differ in how
+  // they are written. Empty: not known, or no such file.
+  std::string image_content = {}, likelihood_content = {};
+  bool withdrawn = false;  // of an earlier job, and not used any more: keeps its number, is never chosen
 };
 
 // Everything about a scene but its pixels and its mesh. A plain value.
@@ -55,9 +60,18 @@ struct SceneDescription {
   std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
 };
 
+// How the scene of a job that goes on from another is read.
+struct SceneLoadOptions {
+  // Files of the scene that lie elsewhere and are known to be good: they need not be in the folder.
+  std::set<std::string> elsewhere = {};
+  bool needs_mesh = true;           // false: without a mesh, the cameras and images add to those of another scene
+  std::optional<Frame> frame = {};  // else one about its cameras; a scene in other coordinates is at fault
+};
+
 // Reads scene.json, the camera model and the list of files. `path` is the scene's folder or its scene.json. Every fault
 // that can be found without reading pixels or the mesh is in the returned INVALID_ARGUMENT, one a line.
-StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings);
+StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings,
+                                     const SceneLoadOptions& options = SceneLoadOptions());
 
 // The start mesh in the local frame, as stored in the file (not repaired). Refuses a float PLY whose rounding exceeds
 // a hundredth of `gsd_m` (pass 0 to skip that test).

@@ -3,6 +3,8 @@
 #include <openssl/evp.h>
 #include <xxhash.h>
 
+#include <cinttypes>
+#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <new>
@@ -72,6 +74,14 @@ Status CheckDigest(const Digest& digest) {
 }
 
 uint64_t Xxh3(const void* data, size_t size) { return XXH3_64bits(data, size); }
+
+std::string Xxh3Hex(const void* data, size_t size) {
+  const XXH128_hash_t hash = XXH3_128bits(data, size);
+  char text[33];
+  std::snprintf(text, sizeof(text), "%016" PRIx64 "%016" PRIx64, static_cast<uint64_t>(hash.high64),
+                static_cast<uint64_t>(hash.low64));
+  return text;
+}
 
 struct Xxh3Hasher::Impl {
   XXH3_state_t* state = XXH3_createState();

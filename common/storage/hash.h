@@ -56,6 +56,9 @@ Status CheckDigest(const Digest& digest);
 uint64_t Xxh3(const void* data, size_t size);
 inline uint64_t Xxh3(const std::string& bytes) { return Xxh3(bytes.data(), bytes.size()); }
 
+// XXH3-128, as 32 lower-case hex digits: for content that nobody forges.
+std::string Xxh3Hex(const void* data, size_t size);
+
 // XXH3-64 of bytes that come in pieces. Not thread-safe.
 class Xxh3Hasher {
  public:

@@ -1,6 +1,10 @@
 #include "common/tile/survey.h"
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <nlohmann/json.hpp>
+
+#include "common/tile/task_parameters.h"
 
 namespace tessera {
 namespace {
@@ -38,6 +42,9 @@ json ViewToJson(const SceneView& view) {
           {"image", view.image_path},
           {"likelihood", view.likelihood_path},
           {"flight", view.flight},
+          {"image_content", view.image_content},
+          {"likelihood_content", view.likelihood_content},
+          {"withdrawn", view.withdrawn},
           {"lens",
            {{"kind", static_cast<int>(view.lens.kind)},
             {"pinhole", PinholeToJson(view.lens.pinhole)},
@@ -53,6 +60,9 @@ SceneView ViewFromJson(const json& j) {
   view.image_path = j.at("image");
   view.likelihood_path = j.at("likelihood");
   view.flight = j.at("flight");
+  view.image_content = j.at("image_content");
+  view.likelihood_content = j.at("likelihood_content");
+  view.withdrawn = j.at("withdrawn");
   const json& lens = j.at("lens");
   view.lens.kind = static_cast<LensModel::Kind>(lens.at("kind").get<int>());
   view.lens.pinhole = PinholeFromJson(lens.at("pinhole"));
@@ -63,6 +73,20 @@ SceneView ViewFromJson(const json& j) {
   view.camera.rotation_cam_from_world = MatrixFromJson(j.at("rotation_cam_from_local"));
   view.camera.translation_cam_from_world = VectorFromJson(j.at("translation_cam_from_local"));
   return view;
+}
+
+json CrsToJson(const Crs& crs) {
+  return {{"kind", static_cast<int>(crs.kind)}, {"lat_rad", crs.lat_rad}, {"lon_rad", crs.lon_rad},
+          {"height_m", crs.height_m},           {"zone", crs.zone},       {"north", crs.north}};
+}
+
+Crs CrsFromJson(const json& j) {
+  return {static_cast<Crs::Kind>(j.at("kind").get<int>()),
+          j.at("lat_rad"),
+          j.at("lon_rad"),
+          j.at("height_m"),
+          j.at("zone"),
+          j.at("north")};
 }
 
 json ViewArray(const std::vector<SceneView>& views) {
@@ -106,6 +130,7 @@ std::vector<SceneClass> ClassesFromArray(const json& j) {
 Survey SurveyFromJson(const json& j) {
   Survey s;
   s.scene_name = j.at("scene_name");
+  s.mesh_path = j.at("mesh");
   s.gsd_m = j.at("gsd_m");
   s.up = VectorFromJson(j.at("up"));
   s.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
@@ -123,10 +148,13 @@ Survey SurveyFromJson(const json& j) {
     s.cells.push_back(std::move(cell));
   }
   s.views = ViewsFromArray(j.at("views"));
+  j.at("view_depths").get_to(s.view_depths);
+  for (const json& item : j.at("flights")) s.flights.push_back({item.at("name"), item.at("date")});
   s.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
   s.classes = ClassesFromArray(j.at("classes"));
   s.has_likelihoods = j.at("has_likelihoods");
   s.has_labels = j.at("has_labels");
+  s.crs = CrsFromJson(j.at("crs"));
   s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));
   s.rotation_local_from_scene = MatrixFromJson(j.at("rotation_local_from_scene"));
   s.input_vertices = j.at("input_vertices");
@@ -153,6 +181,10 @@ Status CheckCells(const Survey& s) {
   for (const auto& pair : s.pairs) {
     for (const int32_t view : pair) TESSERA_RETURN_IF_ERROR(check_view(view));
   }
+  if (s.view_depths.size() != s.views.size()) {
+    return absl::InvalidArgumentError("survey: found depths of " + std::to_string(s.view_depths.size()) +
+                                      " views, expected " + std::to_string(s.views.size()));
+  }
   return absl::OkStatus();
 }
 
@@ -167,6 +199,37 @@ StatusOr<Value> Parse(const std::string& text, const std::string& what, const Co
 
 }  // namespace
 
+void FillViewDepths(Survey* survey) {
+  survey->view_depths.resize(survey->views.size(), {0, 0});
+  for (const SurveyCell& cell : survey->cells) {
+    const Eigen::AlignedBox3d box(cell.box_min, cell.box_max);
+    for (const int32_t view : cell.views) {
+      auto& [near_m, far_m] = survey->view_depths[view];
+      for (int k = 0; k < 8; ++k) {
+        const auto corner = box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k));
+        const double depth_m = std::max(0.0, survey->views[view].camera.CameraFromWorld(corner).z());
+        near_m = far_m == 0 ? depth_m : std::min(near_m, depth_m);
+        far_m = std::max(far_m, depth_m);
+      }
+    }
+  }
+}
+
+Survey WithoutNames(Survey survey) {
+  survey.scene_name.clear();
+  survey.mesh_path.clear();
+  survey.flights.clear();
+  survey.warnings.clear();
+  for (size_t v = 0; v < survey.views.size(); ++v) {
+    SceneView& view = survey.views[v];
+    view.name.clear();
+    view.flight = 0;
+    if (!view.image_path.empty()) view.image_path = ViewFileName(static_cast<int32_t>(v), false);
+    if (!view.likelihood_path.empty()) view.likelihood_path = ViewFileName(static_cast<int32_t>(v), true);
+  }
+  return survey;
+}
+
 std::string SurveyToJson(const Survey& s) {
   json cells = json::array();
   for (const SurveyCell& cell : s.cells) {
@@ -178,7 +241,11 @@ std::string SurveyToJson(const Survey& s) {
                      {"box_max", VectorToJson(cell.box_max)},
                      {"views", cell.views}});
   }
+  json flights = json::array();
+  for (const Flight& flight : s.flights) flights.push_back({{"name", flight.name}, {"date", flight.date}});
   const json out = {{"scene_name", s.scene_name},
+                    {"mesh", s.mesh_path},
+                    {"flights", std::move(flights)},
                     {"gsd_m", s.gsd_m},
                     {"up", VectorToJson(s.up)},
                     {"ground_axis_x", VectorToJson(s.ground.axis_x)},
@@ -186,10 +253,12 @@ std::string SurveyToJson(const Survey& s) {
                     {"cell_m", s.ground.cell_m},
                     {"cells", std::move(cells)},
                     {"views", ViewArray(s.views)},
+                    {"view_depths", s.view_depths},
                     {"pairs", s.pairs},
                     {"classes", ClassArray(s.classes)},
                     {"has_likelihoods", s.has_likelihoods},
                     {"has_labels", s.has_labels},
+                    {"crs", CrsToJson(s.crs)},
                     {"origin_in_scene", VectorToJson(s.origin_in_scene)},
                     {"rotation_local_from_scene", MatrixToJson(s.rotation_local_from_scene)},
                     {"input_vertices", s.input_vertices},

@@ -27,15 +27,21 @@ struct SurveyCell {
 
 struct Survey {
   std::string scene_name;
+  std::string mesh_path;  // relative to the scene
   double gsd_m = 0;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // local frame
   GroundPlane ground;
   std::vector<SurveyCell> cells;  // those that have faces, by y, then x
-  std::vector<SceneView> views;
+  std::vector<SceneView> views;   // their numbers are the job's, and those of jobs that go on from it
+  std::vector<Flight> flights;
+  // Of each view, nearest and farthest depth of the boxes of the cells that chose it, metres (FillViewDepths); 0, 0:
+  // none did. An update only widens those of its base, so that they stay where nothing else changes.
+  std::vector<std::array<double, 2>> view_depths;
   std::vector<std::array<int32_t, 2>> pairs;  // ordered pairs of views (reference, other) for the whole job
   std::vector<SceneClass> classes;
   bool has_likelihoods = false;
   bool has_labels = false;
+  Crs crs;
   // p_scene = rotationᵀ p_local + origin.
   Eigen::Vector3d origin_in_scene = Eigen::Vector3d::Zero();
   Eigen::Matrix3d rotation_local_from_scene = Eigen::Matrix3d::Identity();
@@ -43,6 +49,13 @@ struct Survey {
   int64_t vertices = 0, faces = 0;              // after repair and splitting
   Warnings warnings;
 };
+
+// Makes view_depths hold what the cells ask for: those that are there are widened, new ones added.
+void FillViewDepths(Survey* survey);
+
+// The same without names, paths, dates and warnings (of files, those of ViewFileName): what may be called otherwise
+// without any result changing. Tasks of the line read this.
+Survey WithoutNames(Survey survey);
 
 // Canonical JSON (sorted keys, no spaces): equal surveys are equal bytes.
 std::string SurveyToJson(const Survey& survey);

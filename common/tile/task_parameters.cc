@@ -43,11 +43,40 @@ std::string TileInputName(int tile, const std::string& file) {
   return number + "/" + file;
 }
 
-std::string ToJson(const IngestParameters& p) {
+std::string ViewFileName(int32_t view, bool likelihoods) {
+  std::string number = std::to_string(view);
+  if (number.size() < 6) number.insert(0, 6 - number.size(), '0');
+  return "views/" + number + (likelihoods ? ".likelihoods" : ".image");
+}
+
+namespace {
+
+json IngestToJson(const IngestParameters& p) {
   json out = json::object();
   if (p.partners) out["partners"] = *p.partners;
   if (p.views_per_direction) out["views_per_direction"] = *p.views_per_direction;
-  return out.dump();
+  return out;
+}
+
+IngestParameters IngestFromJson(const json& j) {
+  IngestParameters parameters;
+  if (j.contains("partners")) parameters.partners = j.at("partners").get<int>();
+  if (j.contains("views_per_direction")) parameters.views_per_direction = j.at("views_per_direction").get<int>();
+  return parameters;
+}
+
+}  // namespace
+
+std::string ToJson(const IngestParameters& p) { return IngestToJson(p).dump(); }
+
+std::string ToJson(const UpdateParameters& p) {
+  return json{{"ingest", IngestToJson(p.ingest)}, {"withdraw", p.withdraw}, {"all_epochs", p.all_epochs}}.dump();
+}
+
+std::string ToJson(const UpdateFiles& files) {
+  json known = json::object();
+  for (const auto& [path, of] : files.known) known[path] = {{"mesh", of.mesh}, {"content", of.content}};
+  return json{{"known", std::move(known)}, {"carried", files.carried}}.dump();
 }
 
 std::string ToJson(const CutParameters& p) {
@@ -68,6 +97,8 @@ std::string ToJson(const StepParameters& p) {
               {"step", p.step},     {"tile", TileToJson(p.tile)}, {"states", p.states},
               {"sums", p.sums}};
   if (p.before) out["before"] = true;
+  if (!p.held.empty()) out["held"] = p.held;
+  if (p.goes_on) out["goes_on"] = true;
   return out.dump();
 }
 
@@ -75,14 +106,29 @@ std::string ToJson(const TileReads& r) {
   return json{{"label", r.label}, {"mend", r.mend}, {"sight", r.sight}, {"solve", r.solve}}.dump();
 }
 
-std::string ToJson(const PublishParameters& p) { return json{{"tiles", TilesToJson(p.tiles)}}.dump(); }
+std::string ToJson(const PublishParameters& p) {
+  json out = {{"tiles", TilesToJson(p.tiles)}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
+  if (!p.kept.empty()) out["kept"] = p.kept;
+  return out.dump();
+}
 
 StatusOr<IngestParameters> ParseIngestParameters(const std::string& text) {
-  return Parse<IngestParameters>(text, [](const json& j) {
-    IngestParameters parameters;
-    if (j.contains("partners")) parameters.partners = j.at("partners").get<int>();
-    if (j.contains("views_per_direction")) parameters.views_per_direction = j.at("views_per_direction").get<int>();
-    return parameters;
+  return Parse<IngestParameters>(text, IngestFromJson);
+}
+
+StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& text) {
+  return Parse<UpdateParameters>(text, [](const json& j) {
+    return UpdateParameters{IngestFromJson(j.at("ingest")), j.at("withdraw").get<std::vector<std::string>>(),
+                            j.at("all_epochs")};
+  });
+}
+
+StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& text) {
+  return Parse<UpdateFiles>(text, [](const json& j) {
+    UpdateFiles files;
+    for (const auto& [path, of] : j.at("known").items()) files.known[path] = {of.at("mesh"), of.at("content")};
+    j.at("carried").get_to(files.carried);
+    return files;
   });
 }
 
@@ -116,6 +162,8 @@ StatusOr<StepParameters> ParseStepParameters(const std::string& text) {
                              p.tile = TileFromJson(j.at("tile"));
                              p.states = j.at("states").get<std::vector<int>>();
                              p.sums = j.at("sums").get<std::vector<int>>();
+                             p.held = j.value("held", std::vector<int>());
+                             p.goes_on = j.value("goes_on", false);
                              return p;
                            }));
   TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));
@@ -161,7 +209,10 @@ StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles)
 }
 
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) {
-  return Parse<PublishParameters>(text, [](const json& j) { return PublishParameters{TilesFromJson(j.at("tiles"))}; });
+  return Parse<PublishParameters>(text, [](const json& j) {
+    return PublishParameters{TilesFromJson(j.at("tiles")), j.value("kept", std::vector<int>()), j.at("scene_name"),
+                             j.at("warnings").get<std::vector<std::string>>()};
+  });
 }
 
 }  // namespace tessera

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,8 +17,12 @@
 namespace tessera {
 
 // Names of the files that tasks hand on.
-inline constexpr char kCityFile[] = "city.arrays";    // ingest: the repaired and split mesh
-inline constexpr char kSurveyFile[] = "survey.json";  // ingest
+inline constexpr char kCityFile[] = "city.arrays";             // ingest: the repaired and split mesh
+inline constexpr char kSurveyFile[] = "survey.json";           // ingest
+inline constexpr char kPlainSurveyFile[] = "plain.json";       // ingest: the survey without names, which tasks read
+inline constexpr char kBaseSurveyFile[] = "base-survey.json";  // of the job that an update goes on from
+inline constexpr char kFilesFile[] = "files.json";             // where files are that an update does not read
+inline constexpr char kUpdateFile[] = "update.json";  // an update's plan: what is redone, why, and what it takes
 inline constexpr char kTileFile[] = "tile.arrays";    // cut
 inline constexpr char kViewsFile[] = "views.arrays";  // crop: what of the views' pixels sees the tile
 inline constexpr char kReadsFile[] = "reads.json";    // cut: which other tiles this one reads
@@ -28,6 +33,9 @@ inline constexpr char kReportFile[] = "report.json";  // publish
 inline constexpr char kTileMeshFolder[] = "tiles";    // publish, of more than one tile: a mesh each
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
 inline constexpr char kSceneFolder[] = "scene";  // scene files among other inputs lie under this name
+
+// A view's file among the inputs of crop, however it is called in the scene.
+std::string ViewFileName(int32_t view, bool likelihoods);
 
 struct TileParameters {
   int tile = 0;
@@ -42,6 +50,23 @@ struct IngestParameters {
   // Unset: the defaults.
   std::optional<int> partners;             // that a view chooses
   std::optional<int> views_per_direction;  // that a cell of the ground is refined from, at most
+};
+
+// Of the task that takes an earlier job's survey on to more images.
+struct UpdateParameters {
+  IngestParameters ingest;
+  std::vector<std::string> withdraw;  // flights
+  bool all_epochs = false;
+};
+
+// What the update task needs to know of files that it does not read (kFilesFile). Paths as in SceneView.
+struct UpdateFiles {
+  struct Known {
+    bool mesh = false;    // of the base
+    std::string content;  // else: PixelContent of an image or of likelihoods
+  };
+  std::map<std::string, Known> known;          // of the scene: the same bytes as a file of the base
+  std::map<std::string, std::string> carried;  // of the base: under which names the job has them
 };
 
 struct CutParameters {
@@ -78,13 +103,20 @@ struct StepParameters {
   TileParameters tile = {};
   std::vector<int> states = {};  // tiles whose kStateFile are among the inputs, ascending; none at the first
   std::vector<int> sums = {};    // solve: tiles whose kSumsFile are among the inputs, ascending
+  std::vector<int> held = {};    // of `states`: tiles that an update leaves as they are; their vertices are fixed
+  bool goes_on = false;          // the first step of an update: what the states report is of the base
 };
 
 struct PublishParameters {
   std::vector<TileParameters> tiles;  // ascending
+  std::vector<int> kept = {};         // tiles that an update took over from its base, ascending
+  std::string scene_name = {};        // for the report, with the warnings about the scene
+  std::vector<std::string> warnings = {};
 };
 
 std::string ToJson(const IngestParameters& parameters);
+std::string ToJson(const UpdateParameters& parameters);
+std::string ToJson(const UpdateFiles& files);
 std::string ToJson(const CutParameters& parameters);
 std::string ToJson(const RefineParameters& parameters);
 std::string ToJson(const StepParameters& parameters);
@@ -92,6 +124,8 @@ std::string ToJson(const PublishParameters& parameters);
 
 // INVALID_ARGUMENT if `json` lacks a parameter or has one of a wrong type.
 StatusOr<IngestParameters> ParseIngestParameters(const std::string& json);
+StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& json);
+StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& json);
 StatusOr<CutParameters> ParseCutParameters(const std::string& json);
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& json);
 StatusOr<StepParameters> ParseStepParameters(const std::string& json);

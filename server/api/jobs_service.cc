@@ -34,7 +34,8 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::Creat
   if (!std::filesystem::path(request.scene_path()).is_absolute()) {
     return InputError("scene_path", "", "'" + request.scene_path() + "'", "an absolute path");
   }
-  TESSERA_ASSIGN_OR_RETURN(const SceneListing scene, environment.list_scene(request.scene_path()));
+  TESSERA_ASSIGN_OR_RETURN(const SceneListing scene,
+                           environment.list_scene(request.scene_path(), request.settings().update().base().empty()));
   NewJob job;
   job.request_id = request.request_id();
   job.display_name = request.display_name().empty() ? scene.name : request.display_name();
@@ -45,7 +46,7 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::Creat
   // Whoever asked may have gone meanwhile, and would not know of the job.
   if (context.IsCancelled()) return absl::CancelledError("the caller has gone");
   if (!request.validate_only()) return environment.dispatcher->CreateJob(job);
-  TESSERA_RETURN_IF_ERROR(environment.dispatcher->CheckJob(job));
+  TESSERA_ASSIGN_OR_RETURN(job, environment.dispatcher->CompleteJob(std::move(job)));
   JobStatus status;
   status.header.display_name = job.display_name;
   status.header.scene_path = job.scene_path;

@@ -21,8 +21,9 @@ struct SceneListing {
   Warnings warnings;
 };
 
-// Reads and validates the scene at a path; every fault is in the returned INVALID_ARGUMENT. Thread-safe.
-using SceneLister = std::function<StatusOr<SceneListing>(const std::string& path)>;
+// Reads and validates the scene at a path; every fault is in the returned INVALID_ARGUMENT. A scene that adds to
+// another needs no mesh. Thread-safe.
+using SceneLister = std::function<StatusOr<SceneListing>(const std::string& path, bool needs_mesh)>;
 
 // Digest of the file as it is now: remembered while its size and time of change stay the same, else computed.
 // FAILED_PRECONDITION if it changes while it is read. Thread-safe.

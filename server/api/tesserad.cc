@@ -45,9 +45,11 @@ std::string DefaultDataFolder() {
   return home != nullptr ? std::string(home) + "/.local/share/tessera" : "";
 }
 
-StatusOr<SceneListing> ListScene(const std::string& path) {
+StatusOr<SceneListing> ListScene(const std::string& path, bool needs_mesh) {
   SceneListing listing;
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(path, &listing.warnings));
+  SceneLoadOptions options;
+  options.needs_mesh = needs_mesh;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(path, &listing.warnings, options));
   listing.folder = std::filesystem::absolute(scene.folder).lexically_normal().string();
   while (listing.folder.size() > 1 && listing.folder.back() == '/') listing.folder.pop_back();
   listing.name = scene.name;

@@ -90,12 +90,60 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
   });
 }
 
+void AddUpdateOptions(CLI::App& command, const std::string& base_is, JobFlags* flags) {
+  const char* const group = "Update";
+  UpdateSettings& update = flags->settings.update;
+  command
+      .add_option(
+          "--base", update.base,
+          "Go on from the result of this job: only what new, withdrawn or changed images show is done anew, "
+          "the rest stays as it is, to the byte. SCENE is the whole scene, or without a mesh what is new. Found "
+          "in: " +
+              base_is)
+      ->type_name("JOB")
+      ->group(group);
+  command
+      .add_option("--withdraw", update.withdraw,
+                  "A flight of the base whose images are not used any more; may be repeated")
+      ->type_name("FLIGHT")
+      ->allow_extra_args(false)
+      ->group(group);
+  command
+      .add_option(
+          "--epochs", flags->epochs,
+          "newest: where the newest flight sees enough of a place, older images of it are left out; all: as one "
+          "scene")
+      ->check(CLI::IsMember({"newest", "all"}))
+      ->capture_default_str()
+      ->group(group);
+  command
+      .add_flag(
+          "--from-scratch", update.from_scratch,
+          "Begin at the start mesh, and redo other tiles as far as a change reaches: what a job on all images gives")
+      ->group(group);
+}
+
+void AddPriceLimit(CLI::App& command, JobFlags* flags) {
+  CLI::Option* const price =
+      command.add_option("--price-per-core-hour", flags->price_per_core_hour, "What --max-price counts with")
+          ->check(CLI::PositiveNumber);
+  command
+      .add_option("--max-price", flags->max_price,
+                  "Refuse the job, before any image is refined, if it is predicted to cost more")
+      ->check(CLI::PositiveNumber)
+      ->needs(price);
+}
+
 Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request) {
   std::error_code error;
   const std::filesystem::path path = std::filesystem::absolute(flags.scene, error).lexically_normal();
   if (error) return absl::InvalidArgumentError(flags.scene + ": " + error.message());
   request->set_scene_path(path.string());
-  ToProto(flags.settings, request->mutable_settings());
+  JobSettings settings = flags.settings;
+  settings.update.all_epochs = flags.epochs == "all";
+  constexpr double kHour = 3600;
+  if (flags.max_price > 0) settings.max_core_seconds = flags.max_price / flags.price_per_core_hour * kHour;
+  ToProto(settings, request->mutable_settings());
   return absl::OkStatus();
 }
 

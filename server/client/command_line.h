@@ -25,9 +25,15 @@ void AddCoordinatorOption(CLI::App& command, std::string* address);
 struct JobFlags {
   std::string scene;
   JobSettings settings;
+  std::string epochs = "newest";
+  double max_price = 0, price_per_core_hour = 0;
 };
 // Settings outside their limits end the parsing with what was found and what was expected.
 void AddJobOptions(CLI::App& command, JobFlags* flags);
+// The flags of a job that goes on from another: --base and what it is to do with it. `base_is`: what may be given.
+void AddUpdateOptions(CLI::App& command, const std::string& base_is, JobFlags* flags);
+// --max-price, --price-per-core-hour.
+void AddPriceLimit(CLI::App& command, JobFlags* flags);
 
 // The request for these flags, its scene made an absolute path. INVALID_ARGUMENT if there is no such folder.
 Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request);

@@ -10,11 +10,11 @@ namespace tessera {
 
 // Exit codes of all commands.
 inline constexpr int kExitOk = 0;
-inline constexpr int kExitFailed = 1;      // the work failed (a job failed, a file could not be written, ...)
-inline constexpr int kExitUsage = 2;       // wrong arguments
-inline constexpr int kExitBadInput = 3;    // the input is wrong: what and where is on standard error
-inline constexpr int kExitUnavailable = 4; // no coordinator answers
-inline constexpr int kExitCancelled = 130; // Ctrl-C, or the job was cancelled
+inline constexpr int kExitFailed = 1;       // the work failed (a job failed, a file could not be written, ...)
+inline constexpr int kExitUsage = 2;        // wrong arguments
+inline constexpr int kExitBadInput = 3;     // the input is wrong: what and where is on standard error
+inline constexpr int kExitUnavailable = 4;  // no coordinator answers
+inline constexpr int kExitCancelled = 130;  // Ctrl-C, or the job was cancelled
 
 // Each adds one subcommand to `app`; when the user calls it, it runs from CLI11's callback and leaves its exit code in
 // *exit_code, which must outlive `app`. Results go to standard output, everything else to standard error.
@@ -28,6 +28,7 @@ void AddRenderCommand(CLI::App& app, int* exit_code);
 void AddRunCommand(CLI::App& app, int* exit_code);
 void AddSubmitCommand(CLI::App& app, int* exit_code);
 void AddSynthCommand(CLI::App& app, int* exit_code);
+void AddUpdateCommand(CLI::App& app, int* exit_code);
 void AddWatchCommand(CLI::App& app, int* exit_code);
 
 }  // namespace tessera

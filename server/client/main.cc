@@ -4,8 +4,9 @@
 #include "server/client/commands.h"
 
 int main(int argc, char** argv) {
-  CLI::App app("Tessera refines city-scale semantic 3D meshes from aerial images.\n"
-               "Try: tessera synth city && tessera run city --out out && tessera evaluate out/mesh.ply --scene city");
+  CLI::App app(
+      "Tessera refines city-scale semantic 3D meshes from aerial images.\n"
+      "Try: tessera synth city && tessera run city --out out && tessera evaluate out/mesh.ply --scene city");
   app.name("tessera");
   app.require_subcommand(1);
   app.set_version_flag("--version", TESSERA_VERSION);
@@ -13,6 +14,7 @@ int main(int argc, char** argv) {
   tessera::AddRunCommand(app, &exit_code);
   tessera::AddPlanCommand(app, &exit_code);
   tessera::AddSubmitCommand(app, &exit_code);
+  tessera::AddUpdateCommand(app, &exit_code);
   tessera::AddJobsCommand(app, &exit_code);
   tessera::AddWatchCommand(app, &exit_code);
   tessera::AddCancelCommand(app, &exit_code);

@@ -13,6 +13,8 @@
 #include "common/storage/files.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
+#include "server/client/artifacts.h"
+#include "server/client/base_job.h"
 #include "server/client/command_line.h"
 #include "server/client/commands.h"
 #include "server/client/connection.h"
@@ -20,6 +22,7 @@
 #include "server/client/local_cluster.h"
 #include "server/client/plan_text.h"
 #include "server/client/progress_display.h"
+#include "server/client/update_text.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -29,7 +32,7 @@ constexpr double kLookSeconds = 0.1, kStopSeconds = 8;
 
 struct PlanFlags {
   JobFlags job;
-  std::string out, survey, map, json;
+  std::string out, data, survey, map, json, coordinator;
   PlanTerms terms;
 };
 
@@ -127,7 +130,82 @@ StatusOr<std::string> TakeSurvey(const PlanFlags& flags) {
   return survey;
 }
 
+// What a job published, without a folder to leave it in.
+StatusOr<std::string> FetchFile(Connection& connection, const v1::Job& job, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "tessera-plan-"));
+  TESSERA_RETURN_IF_ERROR(
+      FetchArtifacts(connection, job, folder.path() + "/out", folder.path() + "/fetch", TaskControl()).status());
+  return ReadFile(folder.path() + "/out/" + name);
+}
+
+// The plan of an update is what a job ends with that is asked for it alone.
+StatusOr<std::string> PlanOfUpdate(Connection& connection, const v1::CreateJobRequest& request) {
+  v1::Job job;
+  TESSERA_RETURN_IF_ERROR(connection.CreateJob(request, &job));
+  ProgressDisplay display(stderr);
+  const Status watched = connection.WatchJob(job.name(), [&](const v1::WatchJobResponse& update) {
+    job = update.job();
+    display.Show(update);
+    if (Interrupts() > 0) connection.StopWatching();
+  });
+  display.Finish();
+  if (!watched.ok()) {
+    connection.CancelJob(job.name(), &job).IgnoreError();
+    return watched;
+  }
+  for (const std::string& warning : job.warnings()) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  if (job.state() == v1::JOB_SUCCEEDED) return FetchFile(connection, job, kUpdateFile);
+  const bool input = connection.FailedForInput(job.name());
+  return Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, job.error());
+}
+
+StatusOr<std::string> TakeUpdatePlan(const PlanFlags& flags) {
+  v1::CreateJobRequest request;
+  TESSERA_RETURN_IF_ERROR(MakeRequest(flags.job, &request));
+  request.set_request_id(NewRequestId());
+  v1::UpdateSettings& update = *request.mutable_settings()->mutable_update();
+  update.set_plan_only(true);
+  CountInterrupts();
+  if (!flags.coordinator.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
+    return PlanOfUpdate(*connection, request);
+  }
+  TESSERA_ASSIGN_OR_RETURN(const RunResult base, FindBase(update.base(), flags.data));
+  update.set_base(base.job);
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder state, TempFolder::Create("", "tessera-plan-"));
+  const SystemClock clock;
+  LocalClusterOptions options;
+  options.state_dir = state.path() + "/state";
+  options.data_dir = base.data_dir;
+  options.workers = 1;
+  options.threads_per_worker = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, Pause));
+  StatusOr<std::string> plan = absl::UnknownError("");
+  {
+    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
+    plan = PlanOfUpdate(*connection, request);
+  }
+  cluster->Stop(kStopSeconds, [](double seconds) {
+    std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
+    return Interrupts() < 2;
+  });
+  return plan;
+}
+
+Status TellUpdatePlan(const PlanFlags& flags) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string plan, TakeUpdatePlan(flags));
+  TESSERA_ASSIGN_OR_RETURN(const std::string table, UpdateTable(plan, flags.terms));
+  if (!flags.map.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(const std::string map, UpdateMap(plan));
+    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.map, map));
+  }
+  if (!flags.json.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.json, plan));
+  std::fputs(table.c_str(), stdout);
+  return absl::OkStatus();
+}
+
 Status Plan(const PlanFlags& flags) {
+  if (!flags.job.settings.update.base.empty()) return TellUpdatePlan(flags);
   StatusOr<std::string> survey_json = absl::NotFoundError("");
   if (!flags.survey.empty() && std::filesystem::exists(flags.survey)) {
     survey_json = ReadFile(flags.survey);
@@ -162,8 +240,15 @@ void AddPlanCommand(CLI::App& app, int* exit_code) {
       "Examples:\n"
       "  tessera plan city --workers 16 --map plan.svg\n"
       "  tessera plan city --tile-memory 2GiB --price-per-core-hour 0.05 --json plan.json\n"
-      "  tessera plan city --out out && tessera run city --out out");
+      "  tessera plan city --out out && tessera run city --out out\n"
+      "  tessera plan flight-2027 --base out --map update.svg");
   AddJobOptions(*command, &flags->job);
+  AddUpdateOptions(
+      *command, "the folder with an earlier run's results, with its .tessera; with --coordinator its jobs, as jobs/3",
+      &flags->job);
+  command->add_option("--coordinator", flags->coordinator,
+                      "With --base: the coordinator that has the job, HOST:PORT; it reads the scene and plans");
+  command->add_option("--data", flags->data, "With --base jobs/J: the state that has the job, as `run` keeps it");
   command->add_option("--out", flags->out, "Keep the survey's state in this folder, for `tessera run --out`");
   command->add_option("--survey", flags->survey, "Read the survey from this file, or, if there is none, write it");
   command->add_option("--workers", flags->terms.workers, "Workers that time is told for")

@@ -10,6 +10,7 @@
 
 #include "common/base/clock.h"
 #include "common/storage/files.h"
+#include "server/client/base_job.h"
 #include "server/client/command_line.h"
 #include "server/client/commands.h"
 #include "server/client/interrupt.h"
@@ -115,6 +116,14 @@ int Run(const RunFlags& flags) {
     return Complain("run", absl::InvalidArgumentError(request.scene_path() + ": no such folder, expected a scene"));
   }
   request.set_request_id(NewRequestId());
+  std::string data_dir;
+  if (!flags.data.empty()) data_dir = std::filesystem::absolute(flags.data).lexically_normal().string();
+  if (v1::UpdateSettings& update = *request.mutable_settings()->mutable_update(); !update.base().empty()) {
+    const auto base = FindBase(update.base(), data_dir);
+    if (!base.ok()) return Complain("run", base.status());
+    data_dir = base->data_dir;
+    update.set_base(base->job);
+  }
 
   CountInterrupts();
   const SystemClock clock;
@@ -123,8 +132,7 @@ int Run(const RunFlags& flags) {
   const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   LocalClusterOptions options;
   options.state_dir = folders.state;
-  options.data_dir =
-      flags.data.empty() ? folders.state + "/data" : std::filesystem::absolute(flags.data).lexically_normal().string();
+  options.data_dir = data_dir.empty() ? folders.state + "/data" : data_dir;
   options.workers = flags.workers > 0 ? flags.workers : std::min(2, cores);
   options.threads_per_worker = flags.threads_per_worker > 0 ? flags.threads_per_worker : cores;
   options.shared_storage = !flags.no_shared_storage;
@@ -152,6 +160,10 @@ int Run(const RunFlags& flags) {
   if (job->Wait(0).ended) job.reset();
   (*cluster)->Stop(kStopSeconds, until(2));
   job.reset();
+  if (ending.state && ending.state->job && ending.state->job->state() == v1::JOB_SUCCEEDED) {
+    const Status status = WriteRunResult(folders.state, {options.data_dir, ending.state->job->name()});
+    if (!status.ok()) return Complain("run", status);
+  }
   return Conclude(ending, folders, static_cast<double>(clock.MonotonicUs() - start_us) / 1e6);
 }
 
@@ -164,10 +176,16 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
       "Starts a coordinator and workers on loopback, runs the job, writes mesh.ply, report.json and job.json to the\n"
       "folder, and stops them. Results appear there only when all are complete. The folder .tessera in it keeps what\n"
       "every task made (a run that was interrupted, or is repeated, does nothing twice) and the logs; it may be "
-      "deleted.\n"
+      "deleted,\n"
+      "unless a later run is to go on from this one (--base).\n"
       "Exit code: 0 done, 1 failed, 2 wrong arguments, 3 wrong input, 130 interrupted.\n"
-      "Example: tessera run city --workers 2 --tiles 4 --out out");
+      "Examples:\n"
+      "  tessera run city --workers 2 --tiles 4 --out out\n"
+      "  tessera run flight-2027 --base out --out out-2027");
   AddJobOptions(*command, &flags->job);
+  AddUpdateOptions(*command, "the folder with an earlier run's results, with its .tessera, or jobs/J of --data",
+                   &flags->job);
+  AddPriceLimit(*command, &flags->job);
   command->add_option("--out", flags->out, "Folder for the results")->required();
   command->add_option("--data", flags->data, "The coordinator's state; without it OUT/.tessera/data");
   command->add_option("--workers", flags->workers, "Worker processes; 0: two, or one on one core")

@@ -4,7 +4,9 @@
 #include <nlohmann/json.hpp>
 
 #include "common/storage/files.h"
+#include "common/tile/task_parameters.h"
 #include "server/client/job_words.h"
+#include "server/client/update_text.h"
 
 namespace tessera {
 namespace {
@@ -87,6 +89,9 @@ std::vector<std::string> RunSummary(const std::string& out) {
                     (different > 0
                          ? ", by " + Short(farthest_m) + " m at most, in tiles " + report["seams"]["tiles"].dump()
                          : std::string()));
+  }
+  if (const auto plan = ReadFile(out + "/" + kUpdateFile); plan.ok()) {
+    if (const auto words = UpdateSummary(*plan); words.ok()) lines.push_back(*words);
   }
   const Json job = ReadJson(out + "/job.json");
   double tasks = 0, reused = 0;

@@ -41,6 +41,19 @@ int Submit(const SubmitFlags& flags) {
   return flags.watch ? WatchToTheEnd(**connection, job.name(), "submit") : kExitOk;
 }
 
+constexpr char kBaseIs[] = "the coordinator's jobs, as jobs/3";
+
+void AddOptions(CLI::App& command, SubmitFlags* flags) {
+  AddCoordinatorOption(command, &flags->coordinator);
+  AddJobOptions(command, &flags->job);
+  AddUpdateOptions(command, kBaseIs, &flags->job);
+  AddPriceLimit(command, &flags->job);
+  command.add_option("--name", flags->name, "Name for people; without it the scene's");
+  command.add_option("--request-id", flags->request_id, "The same id again gives the same job, never a second one");
+  command.add_flag("--validate-only", flags->validate_only, "Only check the scene, as the coordinator sees it");
+  command.add_flag("--watch", flags->watch, "Show progress until the job has ended");
+}
+
 }  // namespace
 
 void AddSubmitCommand(CLI::App& app, int* exit_code) {
@@ -51,12 +64,20 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       "Example:\n"
       "  job=$(tessera submit city --tiles 16 --coordinator city-server:7575)\n"
       "  tessera watch $job && tessera fetch $job --out result");
-  AddCoordinatorOption(*command, &flags->coordinator);
-  AddJobOptions(*command, &flags->job);
-  command->add_option("--name", flags->name, "Name for people; without it the scene's");
-  command->add_option("--request-id", flags->request_id, "The same id again gives the same job, never a second one");
-  command->add_flag("--validate-only", flags->validate_only, "Only check the scene, as the coordinator sees it");
-  command->add_flag("--watch", flags->watch, "Show progress until the job has ended");
+  AddOptions(*command, flags.get());
+  command->callback([flags, exit_code] { *exit_code = Submit(*flags); });
+}
+
+void AddUpdateCommand(CLI::App& app, int* exit_code) {
+  auto flags = std::make_shared<SubmitFlags>();
+  CLI::App* command = app.add_subcommand("update", "Give a new flight over part of a city to a coordinator");
+  command->footer(
+      "As `submit`, of a job that goes on from another's result (--base). `tessera plan --base` tells beforehand what "
+      "it will do.\n"
+      "Example:\n"
+      "  tessera update flight-2027 --base jobs/1 --watch && tessera fetch jobs/2 --out city-2027");
+  AddOptions(*command, flags.get());
+  command->get_option("--base")->required();
   command->callback([flags, exit_code] { *exit_code = Submit(*flags); });
 }
 

@@ -21,27 +21,40 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_cost(task.cost);
   record->set_peak_bytes(task.peak_bytes);
   record->mutable_scene_files()->Add(task.scene_files.begin(), task.scene_files.end());
+  for (const PlannedTask::ViewFile& file : task.view_files) {
+    v1::ViewFileRecord& added = *record->add_view_files();
+    added.set_file(file.file);
+    added.set_view(file.view);
+    added.set_likelihoods(file.likelihoods);
+  }
   for (const PlannedInput& input : task.inputs) {
     v1::PlannedInputRecord& added = *record->add_inputs();
     added.set_task(input.task.value());
     added.set_output(input.output);
     if (input.tile >= 0) added.set_tile(input.tile);
   }
+  for (const NamedDigest& output : task.given) {
+    v1::OutputFile& added = *record->add_given();
+    added.set_name(output.name);
+    added.mutable_digest()->set_sha256(output.digest.sha256);
+    added.mutable_digest()->set_size_bytes(output.digest.size_bytes);
+  }
 }
 
 }  // namespace
 
 struct Dispatcher::PendingStep {
-  enum class Kind { kPlanIngest, kPlanTiles, kPlanSteps, kEnd };
+  enum class Kind { kPlanIngest, kPlanUpdate, kPlanTiles, kPlanSteps, kEnd };
   Kind kind = Kind::kEnd;
   int job = -1;
   int tasks = 0;  // before the phase that is to be planned; a plan for another number is stale
   JobSettings settings;
-  std::vector<std::string> scene_files;
+  std::vector<NamedDigest> scene_files;
+  std::optional<StatusOr<UpdateBase>> base;  // of an update
   StatusOr<Digest> survey = absl::UnknownError("not read");
-  std::vector<StatusOr<Digest>> reads;  // kReadsFile of each tile
-  std::string error;                    // of a job that ends
-  std::string report;                   // job.json
+  std::vector<std::pair<int, StatusOr<Digest>>> reads;  // tiles that were cut, and the kReadsFile of each
+  std::string error;                                    // of a job that ends
+  std::string report;                                   // job.json
   std::vector<NamedDigest> artifacts;
 };
 
@@ -83,21 +96,25 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
     }
   } else if (job.open_plan >= 0 || !job.planned_to_end) {
     step.settings = job.header.settings;
-    for (const NamedDigest& file : job.scene_files) step.scene_files.push_back(file.name);
+    step.scene_files = job.scene_files;
     step.tasks = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
-    step.kind = step.tasks == 0   ? PendingStep::Kind::kPlanIngest
-                : step.tasks == 1 ? PendingStep::Kind::kPlanTiles
-                                  : PendingStep::Kind::kPlanSteps;
-    if (step.tasks == 0) return step;
-    step.survey = ledger_.InputDigest(job, {TaskId(0), kSurveyFile});
-    for (int task = 1; task < step.tasks; ++task) {
-      if (job.tasks[task].plan.kind != kCutKind) continue;
-      step.reads.push_back(ledger_.InputDigest(job, {TaskId(task), kReadsFile}));
+    const std::string& base = step.settings.update.base;
+    if (!base.empty()) step.base = ledger_.BaseOf(base);
+    for (int task = 0; task < step.tasks; ++task) {
+      const std::string& kind = job.tasks[task].plan.kind;
+      if (kind == kIngestKind || kind == kUpdateKind) {
+        step.survey = ledger_.InputDigest(job, {TaskId(task), kSurveyFile});
+        step.kind = PendingStep::Kind::kPlanTiles;
+      } else if (kind == kCutKind) {
+        step.reads.emplace_back(job.tasks[task].plan.tile, ledger_.InputDigest(job, {TaskId(task), kReadsFile}));
+        step.kind = PendingStep::Kind::kPlanSteps;
+      }
     }
+    if (step.tasks == 0) step.kind = base.empty() ? PendingStep::Kind::kPlanIngest : PendingStep::Kind::kPlanUpdate;
     return step;
   } else {
     for (const JobTask& task : job.tasks) {
-      if (task.plan.kind != kPublishKind) continue;
+      if (task.plan.kind != kPublishKind && task.plan.kind != kPlanKind) continue;
       step.artifacts.insert(step.artifacts.end(), task.outputs.begin(), task.outputs.end());
     }
   }
@@ -107,33 +124,64 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
 
 StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step) const {
   Planner& planner = *environment_.planner;
+  std::vector<std::string> names;
+  for (const NamedDigest& file : step.scene_files) names.push_back(file.name);
   if (step.kind == PendingStep::Kind::kPlanIngest) {
-    TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, planner.Ingest(step.settings, step.scene_files));
+    TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, planner.Ingest(step.settings, names));
     return std::vector<PlannedTask>{std::move(ingest)};
   }
+  std::optional<UpdateBase> base;
+  if (step.base) {
+    TESSERA_RETURN_IF_ERROR(step.base->status());
+    base = **step.base;
+    TESSERA_RETURN_IF_ERROR(CheckStored(*base));
+    TESSERA_ASSIGN_OR_RETURN(base->survey_json, environment_.blobs->Read(base->survey));
+  }
+  if (step.kind == PendingStep::Kind::kPlanUpdate) return planner.Update(step.settings, step.scene_files, *base);
   TESSERA_RETURN_IF_ERROR(step.survey.status());
   TESSERA_ASSIGN_OR_RETURN(const std::string survey, environment_.blobs->Read(*step.survey));
-  if (step.kind == PendingStep::Kind::kPlanTiles) return planner.Tiles(step.settings, survey, step.scene_files);
+  const UpdateBase* const goes_on_from = base ? &*base : nullptr;
+  if (step.kind == PendingStep::Kind::kPlanTiles) return planner.Tiles(step.settings, survey, names, goes_on_from);
   std::vector<TileReads> reads;
-  for (const StatusOr<Digest>& digest : step.reads) {
-    const int tile = static_cast<int>(reads.size());
-    const StatusOr<TileReads> of_tile = [&]() -> StatusOr<TileReads> {
-      TESSERA_RETURN_IF_ERROR(digest.status());
-      TESSERA_ASSIGN_OR_RETURN(const std::string json, environment_.blobs->Read(*digest, kMaxReadsBytes));
-      return ParseTileReads(json, tile, static_cast<int>(step.reads.size()));
-    }();
+  const int tiles = static_cast<int>(base ? base->tiles.size() : step.reads.size());
+  const auto read = [&](int tile, const StatusOr<Digest>& digest) -> StatusOr<TileReads> {
+    TESSERA_RETURN_IF_ERROR(digest.status());
+    TESSERA_ASSIGN_OR_RETURN(const std::string json, environment_.blobs->Read(*digest, kMaxReadsBytes));
+    return ParseTileReads(json, tile, tiles);
+  };
+  for (const auto& [tile, digest] : step.reads) {
+    const StatusOr<TileReads> of_tile = read(tile, digest);
     if (!of_tile.ok()) {
       return Status(of_tile.status().code(),
                     "tile " + std::to_string(tile) + ": " + std::string(of_tile.status().message()));
     }
     reads.push_back(*of_tile);
   }
-  return planner.Steps(step.settings, survey, step.scene_files, reads);
+  return planner.Steps(step.settings, survey, names, reads, goes_on_from);
+}
+
+// Results that an update takes over may have been lost since.
+Status Dispatcher::CheckStored(const UpdateBase& base) const {
+  std::vector<Digest> needed = base.states;
+  needed.insert(needed.end(), {base.survey, base.city});
+  for (const Digest& digest : needed) {
+    if (environment_.blobs->Has(digest)) continue;
+    return absl::FailedPreconditionError(base.name + ": its result " + digest.sha256 +
+                                         " is not stored any more; submit its scene anew (what is left of it is used "
+                                         "again), and take that job as the base");
+  }
+  return absl::OkStatus();
 }
 
 Status Dispatcher::PlanJob(const PendingStep& step) {
   StatusOr<std::vector<PlannedTask>> tasks = PlanPhase(step);
   if (tasks.ok() && tasks->empty()) tasks = absl::InternalError("the plan has no tasks");
+  for (size_t t = 0; tasks.ok() && t < tasks->size(); ++t) {
+    for (const auto& [name, content] : (*tasks)[t].given_contents) {
+      TESSERA_ASSIGN_OR_RETURN(const Digest digest, environment_.blobs->PutBytes(content));
+      (*tasks)[t].given.push_back({name, digest});
+    }
+  }
   std::lock_guard lock(mutex_);
   const Job& job = ledger_.jobs()[step.job];
   const int at = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());

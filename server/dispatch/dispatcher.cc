@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <limits>
+#include <set>
 #include <utility>
 
 #include "common/base/version.h"
@@ -95,15 +96,31 @@ JobStatus Dispatcher::JobStatusLocked(int job) const {
   return StatusOfJob(ledger_.jobs()[job], job, leases_, environment_.clock->MonotonicUs());
 }
 
-Status Dispatcher::CheckJob(const NewJob& job) const {
+StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) const {
+  for (const NamedDigest& file : job.scene_files) {
+    if (!IsCarried(file.name)) continue;
+    return InputError(job.scene_path + "/" + file.name, "", "a file in a folder of this name", "none: it is reserved");
+  }
+  if (!job.settings.update.base.empty()) {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(const UpdateBase base, ledger_.BaseOf(job.settings.update.base));
+    TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(base.name));
+    TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, ledger_.jobs()[index].header.settings));
+    std::set<std::string> contents;
+    for (const NamedDigest& file : job.scene_files) contents.insert(file.digest.sha256);
+    for (const NamedDigest& file : base.scene_files) {
+      if (contents.insert(file.digest.sha256).second) job.scene_files.push_back({CarriedName(file), file.digest});
+    }
+  }
   std::vector<std::string> names;
   for (const NamedDigest& file : job.scene_files) names.push_back(file.name);
   std::sort(names.begin(), names.end());
-  return environment_.planner->Ingest(job.settings, names).status();
+  TESSERA_RETURN_IF_ERROR(environment_.planner->Ingest(job.settings, names).status());
+  return job;
 }
 
-StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& job) {
-  TESSERA_RETURN_IF_ERROR(CheckJob(job));
+StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
+  TESSERA_ASSIGN_OR_RETURN(const NewJob job, CompleteJob(asked));
   int index = -1;
   {
     std::lock_guard lock(mutex_);
@@ -130,6 +147,7 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& job) {
       ToProto(file.digest, added.mutable_digest());
     }
     for (const std::string& warning : job.warnings) accepted.add_warnings(warning);
+    accepted.set_algorithm_version(kAlgorithmVersion);
     TESSERA_RETURN_IF_ERROR(CommitLocked(record));
   }
   // The job is accepted whatever comes of this; Tick tries again and tells.
@@ -250,12 +268,17 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   granted.plan = ledger_.task(ref).plan;
   granted.key = ledger_.task(ref).key;
   TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, ledger_.InputsOf(job, granted.plan));
+  std::vector<int> files = granted.plan.scene_files;
+  for (const PlannedTask::ViewFile& file : granted.plan.view_files) files.push_back(file.file);
   const size_t from_tasks = granted.plan.inputs.size();
   for (size_t i = 0; i < inputs.size(); ++i) {
-    const bool from_task = i < from_tasks;
-    std::string path =
-        from_task ? environment_.blobs->Path(inputs[i].digest)
-                  : job.header.scene_path + "/" + job.scene_files[granted.plan.scene_files[i - from_tasks]].name;
+    std::string path;
+    if (i < from_tasks) {
+      path = environment_.blobs->Path(inputs[i].digest);
+    } else {
+      const NamedDigest& file = job.scene_files[files[i - from_tasks]];
+      path = IsCarried(file.name) ? ledger_.FindSceneFile(file.digest) : job.header.scene_path + "/" + file.name;
+    }
     granted.inputs.push_back({std::move(inputs[i]), std::move(path)});
   }
   v1::Record record;

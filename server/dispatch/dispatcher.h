@@ -96,8 +96,9 @@ class Dispatcher {
 
   const DispatchOptions& options() const { return options_; }
 
-  // Whether the job's settings and scene can be planned; the error is the user's to read. Changes nothing.
-  Status CheckJob(const NewJob& job) const;
+  // The job as it would be accepted: an update with its base's settings and with the files of the base that its scene
+  // lacks. Errors, the user's to read, if its settings and scene cannot be planned. Changes nothing.
+  StatusOr<NewJob> CompleteJob(NewJob job) const;
   // Jobs. A request_id that was used gives its job again (ALREADY_EXISTS if it was for another
   // scene).
   StatusOr<JobStatus> CreateJob(const NewJob& job);
@@ -159,6 +160,7 @@ class Dispatcher {
   struct PendingStep;
   std::optional<PendingStep> NextStepLocked() const;
   StatusOr<std::vector<PlannedTask>> PlanPhase(const PendingStep& step) const;
+  Status CheckStored(const UpdateBase& base) const;
   Status PlanJob(const PendingStep& step);
   Status EndJob(const PendingStep& step);
   Status EndJobLocked(int job, JobState state, const std::string& error, const std::vector<NamedDigest>& artifacts);

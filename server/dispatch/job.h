@@ -64,6 +64,7 @@ struct JobHeader {
   std::string display_name;
   std::string scene_path;  // absolute
   JobSettings settings;
+  std::string algorithm_version;
   JobState state = JobState::kQueued;
   std::string error;
   int64_t create_us = 0;
@@ -76,10 +77,10 @@ struct JobHeader {
 struct Job {
   JobHeader header;
   std::vector<NamedDigest> scene_files;  // sorted by name
-  std::vector<JobTask> tasks;            // [0] is ingest
+  std::vector<JobTask> tasks;            // the first phase's first
   int unfinished = 0;                    // tasks that have not succeeded
   int failed = -1;                       // the first task that has for good; -1: none
-  bool planned_to_end = false;           // publish is among the tasks
+  bool planned_to_end = false;           // publish is among the tasks, or the plan is all that is asked for
   int open_plan = -1;                    // first task of a plan whose last record has not come; -1: none
 };
 

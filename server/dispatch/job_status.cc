@@ -31,12 +31,15 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   int running = 0;
   for (size_t i = 0; i < job.tasks.size(); ++i) {
     const JobTask& task = job.tasks[i];
+    const std::string& kind = task.plan.kind;
+    const bool is_ingest = kind == kIngestKind || kind == kUpdateKind;
+    if (!task.plan.given.empty()) continue;  // nothing to do
     ++status.tasks_total;
     double fraction = 0;
     if (task.state == TaskState::kSucceeded) {
       ++status.tasks_done;
       fraction = 1;
-      if (!task.reused && i > 0) {
+      if (!task.reused && !is_ingest) {
         timed_cost += task.plan.cost;
         timed_s += static_cast<double>(task.end_us - task.attempts.back().start_us) / 1e6;
       }
@@ -44,12 +47,12 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
     } else if (const LeaseState* lease = leases.Find({job_index, static_cast<int>(i)})) {
       ++running;
       fraction = lease->progress;
-      if (i > 0) {
+      if (!is_ingest) {
         timed_cost += task.plan.cost * fraction;
         timed_s += static_cast<double>(now_us - lease->start_us) / 1e6;
       }
     }
-    Part& part = i == 0 ? ingest : task.plan.kind == kCutKind ? cut : rest;
+    Part& part = is_ingest ? ingest : kind == kCutKind ? cut : rest;
     part.Add(task.plan.cost, fraction);
     if (task.plan.tile >= 0) {
       tiles.insert(task.plan.tile);

@@ -30,9 +30,13 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.cost = record.cost();
   task.peak_bytes = record.peak_bytes();
   task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
+  for (const auto& file : record.view_files()) {
+    task.view_files.push_back({file.file(), file.view(), file.likelihoods()});
+  }
   for (const auto& input : record.inputs()) {
     task.inputs.push_back({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
   }
+  task.given = NamedDigests(record.given());
   return task;
 }
 
@@ -67,7 +71,7 @@ StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) 
 
 StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const PlannedTask& task) const {
   std::vector<NamedDigest> inputs;
-  inputs.reserve(task.inputs.size() + task.scene_files.size());
+  inputs.reserve(task.inputs.size() + task.scene_files.size() + task.view_files.size());
   for (const PlannedInput& input : task.inputs) {
     TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
     inputs.push_back({InputName(input), digest});
@@ -76,7 +80,46 @@ StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const Planne
     const NamedDigest& found = job.scene_files[file];
     inputs.push_back({std::string(kSceneFolder) + "/" + found.name, found.digest});
   }
+  for (const PlannedTask::ViewFile& file : task.view_files) {
+    inputs.push_back({ViewFileName(file.view, file.likelihoods), job.scene_files[file.file].digest});
+  }
   return inputs;
+}
+
+StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
+  TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(name));
+  const Job& job = jobs_[index];
+  if (job.header.state != JobState::kSucceeded) {
+    return absl::FailedPreconditionError(name + " has not succeeded: an update needs a base that has");
+  }
+  if (job.header.algorithm_version != algorithm_version_) {
+    return absl::FailedPreconditionError(name + " was made by version " + job.header.algorithm_version +
+                                         " of the algorithms, and this is " + algorithm_version_ +
+                                         ": its results do not go together; run its scene anew, without a base");
+  }
+  UpdateBase base;
+  base.name = name;
+  base.scene_files = job.scene_files;
+  for (const JobTask& task : job.tasks) {
+    if (task.plan.kind != kPublishKind) continue;
+    TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(task.plan.parameters));
+    base.tiles = parameters.tiles;
+    for (const PlannedInput& input : task.plan.inputs) {
+      TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
+      const std::string as = InputName(input);
+      if (as == kCityFile) {
+        base.city = digest;
+      } else if (as == kPlainSurveyFile) {
+        TESSERA_ASSIGN_OR_RETURN(base.survey, InputDigest(job, {input.task, kSurveyFile}));
+      } else {
+        base.states.push_back(digest);  // in the order of the tiles
+      }
+    }
+  }
+  if (base.tiles.empty()) {
+    return absl::FailedPreconditionError(name + " has no result (it was a plan alone): name the job that it was for");
+  }
+  return base;
 }
 
 const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const {
@@ -156,6 +199,11 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
     std::set<std::string> names;
     if (planned.kind().empty()) return fault("no kind");
     if (!(planned.cost() >= 0)) return fault("cost is not a number of at least 0");
+    for (const auto& output : planned.given()) TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(output.digest())));
+    if (!planned.given().empty() &&
+        planned.inputs_size() + planned.scene_files_size() + planned.view_files_size() > 0) {
+      return fault("has inputs, though its outputs are given");
+    }
     for (const auto& input : planned.inputs()) {
       const std::string name = InputName({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
       if (!names.insert(name).second) return fault("two inputs named " + name);
@@ -168,6 +216,14 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
         return fault("scene file " + std::to_string(planned.scene_files(i)) + " of " +
                      std::to_string(job.scene_files.size()) + ", after " + std::to_string(last));
       }
+    }
+    for (const auto& file : planned.view_files()) {
+      if (file.file() >= 0 && file.file() < static_cast<int>(job.scene_files.size()) && file.view() >= 0 &&
+          names.insert(ViewFileName(file.view(), file.likelihoods())).second) {
+        continue;
+      }
+      return fault("file " + std::to_string(file.file()) + " of view " + std::to_string(file.view()) + ", of " +
+                   std::to_string(job.scene_files.size()) + " scene files");
     }
     ++count;
   }
@@ -246,11 +302,13 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   job.header.display_name = change.display_name();
   job.header.scene_path = change.scene_path();
   job.header.settings = FromProto(change.settings());
+  job.header.algorithm_version = change.algorithm_version();
   job.header.create_us = time_us;
   job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
   for (const auto& file : change.scene_files()) {
     job.scene_files.push_back({file.path(), FromProto(file.digest())});
-    scene_file_of_sha256_[file.digest().sha256()] = change.scene_path() + "/" + file.path();
+    if (!IsCarried(file.path()))
+      scene_file_of_sha256_[file.digest().sha256()] = change.scene_path() + "/" + file.path();
   }
   std::sort(job.scene_files.begin(), job.scene_files.end(),
             [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
@@ -275,9 +333,16 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
       added.missing += producer.state != TaskState::kSucceeded;
       added.depth = std::max(added.depth, producer.depth + 1);
     }
-    job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind;
+    job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind ||
+                         (added.plan.kind == kPlanKind && job.header.settings.update.plan_only);
+    if (!added.plan.given.empty()) {
+      added.state = TaskState::kSucceeded;
+      added.reused = true;
+      added.outputs = added.plan.given;
+    } else {
+      ++job.unfinished;
+    }
     job.tasks.push_back(std::move(added));
-    ++job.unfinished;
   }
   if (!change.more()) {
     const int first = std::exchange(job.open_plan, -1);
@@ -294,7 +359,7 @@ void Ledger::DropOpenPlan(Job& job) {
       while (!readers.empty() && readers.back() >= job.open_plan) readers.pop_back();
     }
   }
-  job.unfinished -= static_cast<int>(job.tasks.size() - first);
+  for (size_t task = first; task < job.tasks.size(); ++task) job.unfinished -= job.tasks[task].plan.given.empty();
   job.tasks.resize(first);
   job.planned_to_end = false;
   job.open_plan = -1;
@@ -315,8 +380,9 @@ void Ledger::ReadyTask(TaskRef ref) {
   const Job& job = jobs_[ref.job];
   JobTask& waiting = jobs_[ref.job].tasks[ref.task];
   if (waiting.state != TaskState::kWaiting || waiting.missing > 0 || job.open_plan >= 0) return;
-  const StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
+  StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
   if (!inputs.ok()) return;
+  inputs->resize(inputs->size() - waiting.plan.view_files.size());  // their content is told by others
   waiting.state = TaskState::kReady;
   waiting.key = TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, *inputs);
   newly_ready_.push_back(ref);

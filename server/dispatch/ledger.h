@@ -57,9 +57,12 @@ class Ledger {
 
   // The input's content; NOT_FOUND while its producer has not succeeded.
   StatusOr<Digest> InputDigest(const Job& job, const PlannedInput& input) const;
-  // What the task reads, by the names under which it does: outputs of tasks in the order of task.inputs, then the
-  // scene's files. NOT_FOUND as InputDigest.
+  // What the task reads, by the names under which it does: outputs of tasks in the order of task.inputs, then
+  // task.scene_files, then task.view_files. NOT_FOUND as InputDigest.
   StatusOr<std::vector<NamedDigest>> InputsOf(const Job& job, const PlannedTask& task) const;
+  // What an update takes from this job, without the survey's content; FAILED_PRECONDITION with what to do unless the
+  // job has succeeded, made by this version.
+  StatusOr<UpdateBase> BaseOf(const std::string& job) const;
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
   // Absolute path of a scene file with this content; empty if no job has one.

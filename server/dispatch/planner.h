@@ -17,14 +17,21 @@ class Planner {
   virtual StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
     return PlanIngest(settings, scene_files);
   }
+  virtual StatusOr<std::vector<PlannedTask>> Update(const JobSettings& settings,
+                                                    const std::vector<NamedDigest>& scene_files,
+                                                    const UpdateBase& base) {
+    return PlanUpdate(settings, scene_files, base);
+  }
+  // `base`: null but for updates.
   virtual StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                                   const std::vector<std::string>& scene_files) {
-    return PlanTiles(settings, survey, scene_files);
+                                                   const std::vector<std::string>& scene_files,
+                                                   const UpdateBase* base) {
+    return PlanTiles(settings, survey, scene_files, base);
   }
   virtual StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                                    const std::vector<std::string>& scene_files,
-                                                   const std::vector<TileReads>& reads) {
-    return PlanSteps(settings, survey, scene_files, reads);
+                                                   const std::vector<TileReads>& reads, const UpdateBase* base) {
+    return PlanSteps(settings, survey, scene_files, reads, base);
   }
 };
 

@@ -1,31 +1,40 @@
 #include "server/plan/graph.h"
 
 #include <algorithm>
+#include <iterator>
+#include <map>
 #include <numeric>
 #include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "common/tile/refine_steps.h"
 #include "common/tile/survey.h"
 #include "server/plan/cell_index.h"
 #include "server/plan/cost_model.h"
+#include "server/plan/quote.h"
 #include "server/plan/tiling.h"
+#include "server/plan/update_plan.h"
 
 namespace tessera {
 namespace {
 
 constexpr double kIngestSecondsPerFile = 0.1;  // before the survey tells more
+constexpr char kCarriedPrefix[] = ".base/";
 
 // Where the views' images and likelihoods are in the scene's list of files.
-StatusOr<std::vector<std::vector<int>>> FilesOfViews(const Survey& survey, const std::vector<std::string>& files) {
-  std::vector<std::vector<int>> found(survey.views.size());
+StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
+                                                                       const std::vector<std::string>& files) {
+  std::vector<std::vector<PlannedTask::ViewFile>> found(survey.views.size());
   for (size_t v = 0; v < survey.views.size(); ++v) {
-    for (const std::string* path : {&survey.views[v].image_path, &survey.views[v].likelihood_path}) {
-      if (path->empty()) continue;
-      const auto it = std::lower_bound(files.begin(), files.end(), *path);
-      if (it == files.end() || *it != *path) return absl::NotFoundError("the scene has no file " + *path);
-      found[v].push_back(static_cast<int>(it - files.begin()));
+    const SceneView& view = survey.views[v];
+    for (const bool likelihoods : {false, true}) {
+      const std::string& path = likelihoods ? view.likelihood_path : view.image_path;
+      if (path.empty()) continue;
+      const auto it = std::lower_bound(files.begin(), files.end(), path);
+      if (it == files.end() || *it != path) return absl::NotFoundError("the scene has no file " + path);
+      found[v].push_back({static_cast<int>(it - files.begin()), static_cast<int32_t>(v), likelihoods});
     }
   }
   return found;
@@ -36,20 +45,42 @@ struct GraphTile {
   TileParameters parameters;
   TileWork work;
   TaskId cut, crop;
-  std::optional<TaskId> sums, state;  // that made the latest
+  std::optional<PlannedInput> sums, state;  // the latest
+  bool redone = true;                       // else an update leaves it as it is in the base
 };
+
+void SetCost(const Prediction& cost, PlannedTask* task) {
+  task->cost = cost.core_seconds;
+  task->peak_bytes = cost.peak_bytes;
+}
+
+Status CheckLimit(const JobSettings& settings, double core_seconds) {
+  if (settings.max_core_seconds == 0 || core_seconds <= settings.max_core_seconds) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "the job is predicted to take %.0f core-seconds, more than the %.0f that it may; allow more, or ask for less",
+      core_seconds, settings.max_core_seconds));
+}
 
 // The job's list of tasks as it grows.
 class Graph {
  public:
   static StatusOr<Graph> Create(const JobSettings& settings, const std::string& survey_json,
-                                const std::vector<std::string>& scene_files) {
+                                const std::vector<std::string>& scene_files, const UpdateBase* base) {
     Graph graph(settings);
-    TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, PlanIngest(settings, scene_files));
-    graph.ingest_ = graph.Add(std::move(ingest));
+    if (base == nullptr) {
+      TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, PlanIngest(settings, scene_files));
+      graph.city_from_ = graph.survey_from_ = graph.Add(std::move(ingest));
+    } else {
+      graph.city_from_ = graph.Add(PlannedTask());  // PlanUpdate's two
+      graph.survey_from_ = graph.Add(PlannedTask());
+    }
     TESSERA_ASSIGN_OR_RETURN(graph.survey_, ParseSurvey(survey_json));
     TESSERA_ASSIGN_OR_RETURN(graph.files_of_view_, FilesOfViews(graph.survey_, scene_files));
     const CellIndex cells(graph.survey_);
+    if (base != nullptr) {
+      TESSERA_RETURN_IF_ERROR(graph.TakeTiles(*base, cells));
+      return graph;
+    }
     const TilingOptions options = TilingOptionsOf(settings, graph.survey_);
     graph.effort_ = options.effort;
     TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(cells, options));
@@ -63,6 +94,15 @@ class Graph {
   }
 
   size_t tiles() const { return tiles_.size(); }
+  bool goes_on() const { return goes_on_; }
+  // That are cut, cropped and stepped.
+  std::vector<int> redone() const {
+    std::vector<int> ids;
+    for (const GraphTile& tile : tiles_) {
+      if (tile.redone) ids.push_back(tile.parameters.tile);
+    }
+    return ids;
+  }
   size_t size() const { return tasks_.size(); }
   std::vector<PlannedTask> TakeFrom(size_t first) && {
     tasks_.erase(tasks_.begin(), tasks_.begin() + static_cast<std::ptrdiff_t>(first));
@@ -76,6 +116,7 @@ class Graph {
     const std::vector<int>& levels = method.levels.empty() ? ListSettings()[0].standard : method.levels;
     const int coarsest = *std::max_element(levels.begin(), levels.end());
     for (GraphTile& tile : tiles_) {
+      if (!tile.redone) continue;
       PlannedTask task = TaskOf(tile, kCutKind, PredictCut(survey_, tile.work));
       CutParameters parameters;
       parameters.tile = tile.parameters;
@@ -83,21 +124,21 @@ class Graph {
       parameters.window_px = method.window_px.value_or(parameters.window_px);
       parameters.coarsest_level = coarsest;
       task.parameters = ToJson(parameters);
-      task.inputs = {{ingest_, kCityFile}, {ingest_, kSurveyFile}};
+      task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
       tile.cut = Add(std::move(task));
     }
   }
 
   void AddCrops() {
     for (GraphTile& tile : tiles_) {
+      if (!tile.redone) continue;
       PlannedTask task = TaskOf(tile, "crop", PredictCrop(tile.work));
       task.parameters = "{}";
       task.inputs = {{tile.cut, kTileFile}};
       for (const int32_t view : tile.work.views) {
-        const std::vector<int>& files = files_of_view_[view];
-        task.scene_files.insert(task.scene_files.end(), files.begin(), files.end());
+        const auto& files = files_of_view_[view];
+        task.view_files.insert(task.view_files.end(), files.begin(), files.end());
       }
-      std::sort(task.scene_files.begin(), task.scene_files.end());
       tile.crop = Add(std::move(task));
     }
   }
@@ -108,16 +149,22 @@ class Graph {
     PlannedTask task = TaskOf(tile, "refine", PredictRefine(tile.work, effort_));
     task.parameters = ToJson(RefineParameters{settings_.rounds, MethodName(), settings_.method_settings});
     task.inputs = {{tile.cut, kTileFile}, {tile.crop, kViewsFile}};
-    tile.state = Add(std::move(task));
+    tile.state = PlannedInput{Add(std::move(task)), kStateFile, 0};
   }
 
-  // The steps of several tiles, each of which reads what the steps before left of itself and others.
-  void AddSteps(const std::vector<TileReads>& reads) {
+  // The steps of several tiles, each of which reads what the steps before left of itself and others. `reads`: of each
+  // tile that is redone.
+  void AddSteps(std::vector<TileReads> of_redone) {
+    std::vector<TileReads> reads(tiles_.size());
+    const std::vector<int> ids = redone();
+    for (size_t i = 0; i < ids.size(); ++i) reads[ids[i]] = std::move(of_redone[i]);
     const MethodSettings& method = settings_.method_settings;
     const std::vector<RefineStep> steps = RefineStepsOf(settings_.method, settings_.rounds, method);
     const LabelTraits traits = {static_cast<int>(survey_.classes.size()), survey_.has_likelihoods, survey_.has_labels};
-    bool mended = false;  // the start
-    for (const int s : ActiveSteps(steps, MethodRulesOf(settings_.method, settings_.rounds, method), traits)) {
+    bool mended = goes_on_;  // the start
+    for (const int s : goes_on_
+                           ? UpdateSteps(settings_, survey_)
+                           : ActiveSteps(steps, MethodRulesOf(settings_.method, settings_.rounds, method), traits)) {
       const RefineStep& step = steps[s];
       if (!step.labels() && !mended) {
         AddMends(s, /*before=*/true, reads);
@@ -130,16 +177,41 @@ class Graph {
     if (!mended) AddMends(static_cast<int>(steps.size()) - 1, /*before=*/true, reads);  // publish needs a state
   }
 
+  Status CheckQuote() const {
+    if (settings_.max_core_seconds == 0) return absl::OkStatus();
+    TESSERA_ASSIGN_OR_RETURN(const Quote quote, MakeQuote(settings_, survey_));
+    return CheckLimit(settings_, quote.core_seconds);
+  }
+
+  // An update's plan, as the user reads it.
+  Status AddPlan(const UpdateBase& base) {
+    TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_));
+    const Prediction ingest = update_cost_, publish = PredictPublish(survey_);
+    double core_seconds = ingest.core_seconds + publish.core_seconds;
+    for (const TileChange& change : changes_) core_seconds += change.predicted.core_seconds;
+    TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
+    PlannedTask task;
+    task.kind = task.name = kPlanKind;
+    task.given_contents.emplace_back(
+        kUpdateFile, UpdatePlanJson(base.name, views_of_base_, changes_, survey_, ingest, publish, full.core_seconds));
+    Add(std::move(task));
+    return absl::OkStatus();
+  }
+
   void AddPublish() {
     PublishParameters parameters;
+    parameters.scene_name = survey_.scene_name;
+    parameters.warnings = survey_.warnings;
     PlannedTask task;
     task.kind = task.name = kPublishKind;
     SetCost(PredictPublish(survey_), &task);
-    task.inputs = {{ingest_, kCityFile}, {ingest_, kSurveyFile}};
+    task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
     for (const GraphTile& tile : tiles_) {
       parameters.tiles.push_back(tile.parameters);
-      task.inputs.push_back({*tile.state, kStateFile, tile.parameters.tile});
+      if (!tile.redone) parameters.kept.push_back(tile.parameters.tile);
+      task.inputs.push_back(*tile.state);
     }
+    if (parameters.kept.size() == tiles_.size()) parameters.kept.clear();  // the base's result, under its key
     task.parameters = ToJson(parameters);
     Add(std::move(task));
   }
@@ -154,9 +226,23 @@ class Graph {
 
   std::string MethodName() const { return settings_.method.empty() ? kMethods[0] : settings_.method; }
 
-  static void SetCost(const Prediction& cost, PlannedTask* task) {
-    task->cost = cost.core_seconds;
-    task->peak_bytes = cost.peak_bytes;
+  // The base's tiles, with what an update does about them.
+  Status TakeTiles(const UpdateBase& base, const CellIndex& cells) {
+    goes_on_ = !settings_.update.from_scratch;
+    TESSERA_ASSIGN_OR_RETURN(const Survey base_survey, ParseSurvey(base.survey_json));
+    TESSERA_ASSIGN_OR_RETURN(changes_, FindChangedTiles(settings_, base_survey, survey_, base.tiles));
+    effort_ = EffortOf(settings_, survey_);
+    views_of_base_ = base_survey.views.size();
+    update_cost_ = PredictUpdateIngest(base_survey, survey_);
+    for (const TileChange& change : changes_) {
+      GraphTile tile;
+      tile.parameters = change.tile;
+      tile.redone = !goes_on_ || !change.why.empty();
+      if (tile.redone) tile.work = MeasureTile(cells, change.tile.core);
+      if (goes_on_) tile.state = PlannedInput{city_from_, TileInputName(change.tile.tile, kStateFile)};
+      tiles_.push_back(std::move(tile));
+    }
+    return absl::OkStatus();
   }
 
   static PlannedTask TaskOf(const GraphTile& tile, const char* kind, const Prediction& cost) {
@@ -181,75 +267,90 @@ class Graph {
     return parameters;
   }
 
+  using Latest = std::optional<PlannedInput> GraphTile::*;
+
   // Makes the states of the tiles, or their sums, inputs of the task; gives the tiles that have some.
-  std::vector<int> Read(std::optional<TaskId> GraphTile::*latest, const char* file, const std::vector<int>& ids,
-                        PlannedTask* task) const {
+  std::vector<int> Read(Latest latest, const std::vector<int>& ids, PlannedTask* task) const {
     std::vector<int> read;
     for (const int id : ids) {
-      const std::optional<TaskId>& made_by = tiles_[id].*latest;
-      if (!made_by) continue;
-      task->inputs.push_back({*made_by, file, id});
+      const std::optional<PlannedInput>& made = tiles_[id].*latest;
+      if (!made) continue;
+      task->inputs.push_back(*made);
       read.push_back(id);
     }
     return read;
   }
 
-  // The tasks that make what others of the same step must not read yet take its place when all are there.
-  void Replace(std::optional<TaskId> GraphTile::*latest, const std::vector<TaskId>& made) {
-    for (size_t t = 0; t < tiles_.size(); ++t) tiles_[t].*latest = made[t];
+  std::vector<int> Held(const std::vector<int>& ids) const {
+    std::vector<int> held;
+    std::copy_if(ids.begin(), ids.end(), std::back_inserter(held), [&](int id) { return !tiles_[id].redone; });
+    return held;
+  }
+
+  // Adds a task for each tile that is redone; what they make takes the latest's place when all are there, since others
+  // of the same step must not read it yet.
+  template <class Make>
+  void AddForEach(Latest latest, const char* file, const Make& make) {
+    std::vector<std::pair<GraphTile*, TaskId>> made;
+    for (GraphTile& tile : tiles_) {
+      if (tile.redone) made.emplace_back(&tile, Add(make(tile)));
+    }
+    for (const auto& [tile, task] : made) tile->*latest = PlannedInput{task, file, tile->parameters.tile};
   }
 
   void AddMeasures(int s, const RefineEffort& effort, const std::vector<TileReads>& reads) {
-    std::vector<TaskId> made;
-    for (const GraphTile& tile : tiles_) {
+    AddForEach(&GraphTile::sums, kSumsFile, [&](const GraphTile& tile) {
       PlannedTask task = StepTask(tile, "measure", PredictMeasure(tile.work, effort), s);
       task.inputs.push_back({tile.crop, kViewsFile});
       StepParameters parameters = ParametersOf(tile, s);
-      parameters.states = Read(&GraphTile::state, kStateFile, reads[tile.parameters.tile].sight, &task);
+      parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].sight, &task);
+      parameters.held = Held(parameters.states);
       task.parameters = ToJson(parameters);
-      made.push_back(Add(std::move(task)));
-    }
-    Replace(&GraphTile::sums, made);
+      return task;
+    });
   }
 
   void AddSolves(int s, const RefineStep& step, const std::vector<TileReads>& reads) {
-    std::vector<TaskId> made;
-    for (const GraphTile& tile : tiles_) {
+    AddForEach(&GraphTile::state, kStateFile, [&](const GraphTile& tile) {
       PlannedTask task = StepTask(tile, "solve", PredictSolve(tile.work, EffortOf(step)), s);
       const TileReads& of_tile = reads[tile.parameters.tile];
       const std::vector<int>& ids = step.labels() ? of_tile.label : of_tile.solve;
       StepParameters parameters = ParametersOf(tile, s);
-      parameters.sums = Read(&GraphTile::sums, kSumsFile, ids, &task);
-      parameters.states = Read(&GraphTile::state, kStateFile, ids, &task);
+      parameters.sums = Read(&GraphTile::sums, ids, &task);
+      parameters.states = Read(&GraphTile::state, ids, &task);
+      parameters.held = Held(parameters.states);
+      parameters.goes_on = goes_on_ && s == UpdateSteps(settings_, survey_).front();
       task.parameters = ToJson(parameters);
-      made.push_back(Add(std::move(task)));
-    }
-    Replace(&GraphTile::state, made);
+      return task;
+    });
   }
 
   void AddMends(int s, bool before, const std::vector<TileReads>& reads) {
     RefineEffort effort;
     effort.mends = 1;
-    std::vector<TaskId> made;
-    for (const GraphTile& tile : tiles_) {
+    AddForEach(&GraphTile::state, kStateFile, [&](const GraphTile& tile) {
       PlannedTask task = StepTask(tile, "mend", PredictMend(tile.work, effort), s);
       if (before) task.name = absl::StrCat("mend tile ", task.tile, " before step ", s);
       StepParameters parameters = ParametersOf(tile, s);
       parameters.before = before;
-      parameters.states = Read(&GraphTile::state, kStateFile, reads[tile.parameters.tile].mend, &task);
+      parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].mend, &task);
+      parameters.held = Held(parameters.states);
       task.parameters = ToJson(parameters);
-      made.push_back(Add(std::move(task)));
-    }
-    Replace(&GraphTile::state, made);
+      return task;
+    });
   }
 
   JobSettings settings_;
   Survey survey_;
   RefineEffort effort_;
-  std::vector<std::vector<int>> files_of_view_;
+  std::vector<std::vector<PlannedTask::ViewFile>> files_of_view_;
   std::vector<GraphTile> tiles_;
   std::vector<PlannedTask> tasks_;
-  TaskId ingest_;
+  TaskId city_from_, survey_from_;
+  bool goes_on_ = false;             // from the base's states; tiles without a change stay as they are
+  std::vector<TileChange> changes_;  // of an update
+  size_t views_of_base_ = 0;
+  Prediction update_cost_;
 };
 
 }  // namespace
@@ -271,12 +372,83 @@ StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<
   return task;
 }
 
+std::string CarriedName(const NamedDigest& file) {
+  // One that the base carries itself keeps its name.
+  return IsCarried(file.name) ? file.name
+                              : absl::StrCat(kCarriedPrefix, file.digest.sha256.substr(0, 16), "/", file.name);
+}
+
+bool IsCarried(const std::string& name) { return name.starts_with(kCarriedPrefix); }
+
+StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
+                                              const UpdateBase& base) {
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
+  if (base.tiles.size() != base.states.size() || base.tiles.empty()) {
+    return absl::InvalidArgumentError(base.name + ": found no states of its tiles, expected a job that has succeeded");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(base.survey_json));
+  std::map<std::string, std::string> name_of_content;  // in the job's list
+  for (const NamedDigest& file : scene_files) name_of_content.emplace(file.digest.sha256, file.name);
+  std::map<std::string, std::string> content_of_path;  // of images and likelihoods of the base
+  for (const SceneView& view : survey.views) {
+    if (!view.image_path.empty()) content_of_path[view.image_path] = view.image_content;
+    if (!view.likelihood_path.empty()) content_of_path[view.likelihood_path] = view.likelihood_content;
+  }
+  UpdateFiles files;
+  std::map<std::string, UpdateFiles::Known> known_of_content;
+  for (const NamedDigest& file : base.scene_files) {
+    const auto pixels = content_of_path.find(file.name);
+    if (pixels == content_of_path.end() && file.name != survey.mesh_path) continue;  // cameras and the like
+    UpdateFiles::Known& known = known_of_content[file.digest.sha256];
+    known.mesh = pixels == content_of_path.end();
+    if (!known.mesh) known.content = pixels->second;
+    const auto name = name_of_content.find(file.digest.sha256);
+    if (name == name_of_content.end()) return absl::InternalError(base.name + ": " + file.name + " is not carried on");
+    files.carried[file.name] = name->second;
+  }
+  PlannedTask taken, update;
+  taken.kind = kBaseKind;
+  taken.name = absl::StrCat(kBaseKind, " ", base.name);
+  taken.given = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
+  for (size_t t = 0; t < base.tiles.size(); ++t) {
+    taken.given.push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
+  }
+  update.kind = update.name = kUpdateKind;
+  update.parameters =
+      ToJson(UpdateParameters{{settings.method_settings.partners, settings.method_settings.views_per_direction},
+                              settings.update.withdraw,
+                              settings.update.all_epochs});
+  for (size_t i = 0; i < scene_files.size(); ++i) {
+    if (IsCarried(scene_files[i].name)) continue;
+    const auto known = known_of_content.find(scene_files[i].digest.sha256);
+    if (known != known_of_content.end()) {
+      files.known[scene_files[i].name] = known->second;
+    } else {
+      update.scene_files.push_back(static_cast<int>(i));
+    }
+  }
+  taken.given_contents.emplace_back(kFilesFile, ToJson(files));
+  update.inputs = {{TaskId(0), kBaseSurveyFile}, {TaskId(0), kCityFile}, {TaskId(0), kFilesFile}};
+  update.cost = kIngestSecondsPerFile * static_cast<double>(update.scene_files.size());
+  return std::vector<PlannedTask>{std::move(taken), std::move(update)};
+}
+
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
-                                             const std::vector<std::string>& scene_files) {
-  TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files));
+                                             const std::vector<std::string>& scene_files, const UpdateBase* base) {
+  TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
   const size_t first = graph.size();
+  if (base != nullptr) {
+    TESSERA_RETURN_IF_ERROR(graph.AddPlan(*base));
+    if (settings.update.plan_only) return std::move(graph).TakeFrom(first);
+    if (graph.redone().empty()) {
+      graph.AddPublish();
+      return std::move(graph).TakeFrom(first);
+    }
+  } else {
+    TESSERA_RETURN_IF_ERROR(graph.CheckQuote());
+  }
   graph.AddCuts();
-  if (graph.tiles() == 1) {
+  if (graph.tiles() == 1 && !graph.goes_on()) {
     graph.AddCrops();
     graph.AddRefine();
     graph.AddPublish();
@@ -286,17 +458,18 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
 
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
-                                             const std::vector<TileReads>& reads) {
-  TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files));
-  if (graph.tiles() != reads.size()) {
+                                             const std::vector<TileReads>& reads, const UpdateBase* base) {
+  TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
+  if (base != nullptr) TESSERA_RETURN_IF_ERROR(graph.AddPlan(*base));
+  if (graph.redone().size() != reads.size()) {
     return absl::FailedPreconditionError(absl::StrCat("the job was cut in ", reads.size(), " tiles, expected ",
-                                                      graph.tiles(), ", as this version lays them out"));
+                                                      graph.redone().size(), ", as this version lays them out"));
   }
   for (const TileReads& of_tile : reads) {
     for (const std::vector<int>* ids : {&of_tile.label, &of_tile.mend, &of_tile.sight, &of_tile.solve}) {
       for (const int id : *ids) {
-        if (id >= 0 && id < static_cast<int>(reads.size())) continue;
-        return absl::InvalidArgumentError(absl::StrCat("reads: found tile ", id, " of ", reads.size()));
+        if (id >= 0 && id < static_cast<int>(graph.tiles())) continue;
+        return absl::InvalidArgumentError(absl::StrCat("reads: found tile ", id, " of ", graph.tiles()));
       }
     }
   }

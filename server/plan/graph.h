@@ -5,10 +5,12 @@
 
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "common/base/ids.h"
 #include "common/base/status.h"
+#include "common/storage/hash.h"
 #include "common/tile/task_parameters.h"
 #include "server/settings/job_settings.h"
 
@@ -38,12 +40,41 @@ struct PlannedTask {
   // The scene's files that it reads, as ascending places in the scene's sorted list: cities have millions of such
   // inputs. The task sees each at its path below kSceneFolder.
   std::vector<int> scene_files = {};
+  // Files of views, which it sees under ViewFileName. They are not in the task's key: other inputs tell their content.
+  struct ViewFile {
+    int file = 0;  // place in the scene's list
+    int32_t view = 0;
+    bool likelihoods = false;
+    friend bool operator==(const ViewFile&, const ViewFile&) = default;
+  };
+  std::vector<ViewFile> view_files = {};
+  // Not empty: outputs that are known beforehand; nothing runs. Contents are stored when the task is planned.
+  std::vector<NamedDigest> given = {};
+  std::vector<std::pair<std::string, std::string>> given_contents = {};  // name, content
 };
 
 // Kinds of tasks that the coordinator knows: what the next phase is planned from, and what ends a job.
 inline constexpr char kIngestKind[] = "ingest";
+inline constexpr char kUpdateKind[] = "update";  // in place of ingest, of a job that goes on from another
+inline constexpr char kBaseKind[] = "base";      // given: what the other job made
+inline constexpr char kPlanKind[] = "plan";      // given: kUpdateFile
 inline constexpr char kCutKind[] = "cut";
 inline constexpr char kPublishKind[] = "publish";
+
+// What an update takes from the job that it goes on from.
+struct UpdateBase {
+  std::string name;         // "jobs/J"
+  Digest survey, city;      // its kSurveyFile and kCityFile
+  std::string survey_json;  // content of `survey`
+  std::vector<TileParameters> tiles;
+  std::vector<Digest> states;            // the last of each tile
+  std::vector<NamedDigest> scene_files;  // those of the base, sorted by name
+};
+
+// An update's list of scene files has those of its own scene, and those of its base whose content it lacks, under names
+// that tell their content: the files lie where the base has them.
+std::string CarriedName(const NamedDigest& file_of_base);
+bool IsCarried(const std::string& name);
 
 // Each gives the tasks of a phase, to be appended to those before. `scene_files`: every file of the scene, relative,
 // sorted; `survey`: content of ingest's kSurveyFile. Deterministic.
@@ -51,14 +82,22 @@ inline constexpr char kPublishKind[] = "publish";
 // Phase 1: the first task of a job.
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
 
-// Phase 2: the cut of every tile, in order; of a single tile all that is left, publish at the end.
-StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
-                                             const std::vector<std::string>& scene_files);
+// The same of an update: what it takes from its base (given), and the task that takes the survey on. `scene_files`:
+// sorted by name.
+StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
+                                              const UpdateBase& base);
 
-// Phase 3, of more than one tile, publish at the end. `reads`: of each tile, as its cut wrote it.
+// Phase 2: the cut of every tile, in order; of a single tile all that is left, publish at the end. Of an update
+// (`base` not null): its plan (given), and the cuts of the tiles that are redone; publish, if there are none.
+StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
+                                             const std::vector<std::string>& scene_files,
+                                             const UpdateBase* base = nullptr);
+
+// Phase 3, of more than one tile or an update, publish at the end. `reads`: of each tile that was cut, in order, as its
+// cut wrote it.
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
-                                             const std::vector<TileReads>& reads);
+                                             const std::vector<TileReads>& reads, const UpdateBase* base = nullptr);
 
 }  // namespace tessera
 

@@ -20,7 +20,36 @@ Status CheckJobSettings(const JobSettings& settings) {
   }
   check("rounds", settings.rounds, kMaxRounds, "the method's own");
   faults.Add(CheckMethod(settings.method, settings.method_settings));
+  if (!(settings.max_core_seconds >= 0)) {
+    faults.Add(absl::InvalidArgumentError(
+        absl::StrCat("max core-seconds: found ", settings.max_core_seconds, ", expected 0 (no limit) or more")));
+  }
+  const UpdateSettings& update = settings.update;
+  if (update.base.empty() && !(update == UpdateSettings())) {
+    faults.Add(absl::InvalidArgumentError(
+        "base: found none, expected one (withdrawn flights, epochs and from-scratch are about the base of an update)"));
+  }
   return faults.ToStatus();
+}
+
+StatusOr<JobSettings> SettingsOfUpdate(const JobSettings& asked, const JobSettings& base) {
+  const JobSettings standard;
+  Faults faults;
+  const auto check = [&](const char* name, const auto& found, const auto& unset, const auto& of_base) {
+    if (found == unset || found == of_base) return;
+    faults.Add(absl::InvalidArgumentError(absl::StrCat(name, ": found another than that of ", asked.update.base,
+                                                       ", expected none: an update keeps those of its base")));
+  };
+  check("tiles", asked.tiles, standard.tiles, base.tiles);
+  check("tile memory", asked.tile_memory_bytes, standard.tile_memory_bytes, base.tile_memory_bytes);
+  check("rounds", asked.rounds, standard.rounds, base.rounds);
+  check("method", asked.method, standard.method, base.method);
+  check("method settings", asked.method_settings, standard.method_settings, base.method_settings);
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  JobSettings settings = base;
+  settings.update = asked.update;
+  settings.max_core_seconds = asked.max_core_seconds;
+  return settings;
 }
 
 }  // namespace tessera

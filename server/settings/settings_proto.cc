@@ -25,6 +25,13 @@ JobSettings FromProto(const v1::JobSettings& proto) {
   if (from.has_labels_first()) to.labels_first = from.labels_first();
   to.levels.assign(from.levels().begin(), from.levels().end());
   to.iterations.assign(from.iterations().begin(), from.iterations().end());
+  const v1::UpdateSettings& update = proto.update();
+  settings.update = {update.base(),
+                     {update.withdraw().begin(), update.withdraw().end()},
+                     update.all_epochs(),
+                     update.from_scratch(),
+                     update.plan_only()};
+  settings.max_core_seconds = proto.max_core_seconds();
   return settings;
 }
 
@@ -34,6 +41,15 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   proto->set_rounds(settings.rounds);
   proto->set_tile_memory_bytes(settings.tile_memory_bytes);
   proto->set_method(settings.method);
+  proto->set_max_core_seconds(settings.max_core_seconds);
+  if (const UpdateSettings& update = settings.update; !(update == UpdateSettings())) {
+    v1::UpdateSettings& to = *proto->mutable_update();
+    to.set_base(update.base);
+    for (const std::string& flight : update.withdraw) to.add_withdraw(flight);
+    to.set_all_epochs(update.all_epochs);
+    to.set_from_scratch(update.from_scratch);
+    to.set_plan_only(update.plan_only);
+  }
   const MethodSettings& from = settings.method_settings;
   if (from == MethodSettings()) return;
   v1::MethodSettings& to = *proto->mutable_method_settings();

@@ -48,12 +48,12 @@ double CpuSeconds(int who) {
 class BarePlanner : public Planner {
  public:
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>& files) override {
+                                           const std::vector<std::string>& files, const UpdateBase*) override {
     return Bare(PlanTiles(settings, survey, files));
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>& files,
-                                           const std::vector<TileReads>& reads) override {
+                                           const std::vector<std::string>& files, const std::vector<TileReads>& reads,
+                                           const UpdateBase*) override {
     return Bare(PlanSteps(settings, survey, files, reads));
   }
   StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& files) override {
@@ -65,7 +65,7 @@ class BarePlanner : public Planner {
  private:
   static StatusOr<std::vector<PlannedTask>> Bare(StatusOr<std::vector<PlannedTask>> tasks) {
     if (tasks.ok()) {
-      for (PlannedTask& task : *tasks) task.scene_files.clear();
+      for (PlannedTask& task : *tasks) task.view_files.clear();
     }
     return tasks;
   }
@@ -92,6 +92,7 @@ class FileWriter {
     if (request.kind == kIngestKind) {
       TESSERA_RETURN_IF_ERROR(write(kCityFile, blob(20)));
       TESSERA_RETURN_IF_ERROR(write(kSurveyFile, SurveyToJson(survey_)));
+      TESSERA_RETURN_IF_ERROR(write(kPlainSurveyFile, ""));
     } else if (request.kind == kCutKind) {
       TESSERA_ASSIGN_OR_RETURN(const CutParameters cut, ParseCutParameters(request.parameters));
       TESSERA_RETURN_IF_ERROR(write(kTileFile, blob(4)));

@@ -117,6 +117,7 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
     if (kind == "ingest") {
       add(kCityFile, nothing);
       add(kSurveyFile, survey);
+      add(kPlainSurveyFile, nothing);
     } else if (kind == "publish") {
       add(kMeshFile, nothing);
       add(kReportFile, nothing);

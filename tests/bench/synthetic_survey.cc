@@ -131,6 +131,7 @@ Survey MakeSyntheticSurvey(const SyntheticCity& city) {
   survey.vertices = survey.faces / 2;
   survey.input_faces = survey.faces / 10;
   survey.input_vertices = survey.faces / 20;
+  FillViewDepths(&survey);
   return survey;
 }
 

@@ -51,7 +51,7 @@ class FakePlanner : public Planner {
     return task;
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>&) override {
+                                           const std::vector<std::string>&, const UpdateBase*) override {
     if (survey == "bad") return absl::InvalidArgumentError("bad survey");
     std::vector<PlannedTask> tasks;
     for (int tile = 0; tile < settings.tiles; ++tile) {
@@ -69,8 +69,8 @@ class FakePlanner : public Planner {
     return tasks;
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
-                                           const std::vector<std::string>&,
-                                           const std::vector<TileReads>& reads) override {
+                                           const std::vector<std::string>&, const std::vector<TileReads>& reads,
+                                           const UpdateBase*) override {
     std::vector<PlannedTask> tasks;
     for (int tile = 0; tile < settings.tiles; ++tile) {
       tasks.push_back(Refine(tile, "{\"survey\":\"" + survey + "\"}"));

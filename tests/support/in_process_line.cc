@@ -28,6 +28,9 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
   for (const int file : planned.scene_files) {
     bring(fs::path(scene.folder) / scene.files.at(file), std::string(kSceneFolder) + "/" + scene.files[file]);
   }
+  for (const PlannedTask::ViewFile& file : planned.view_files) {
+    bring(fs::path(scene.folder) / scene.files.at(file.file), ViewFileName(file.view, file.likelihoods));
+  }
   const TaskRequest request = {planned.kind, planned.parameters, input_dir, task.output_dir};
   TESSERA_ASSIGN_OR_RETURN(task.outcome, runner ? runner(request) : RunTask(request, TaskControl()));
   return task;

@@ -2,17 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <utility>
+#include <limits>
 
 #include "common/base/parallel.h"
-#include "worker/city/city_sight.h"
 #include "worker/city/view_box.h"
 
 namespace tessera {
 namespace {
 
-constexpr double kOcclusionMarginGsd = 3;
 constexpr int64_t kCoarseClusters = 1 << 20;
 
 // 0: from above; 1 to 4: the quarter of the ground plane that the camera is in.
@@ -24,9 +21,30 @@ int DirectionOf(const Eigen::Vector3d& to_camera, const Survey& survey, double u
   return g.y() >= 0 ? 3 : 4;
 }
 
-std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t>& faces, const CitySight& sight,
-                               const std::vector<Eigen::Vector3d>& centres, const std::vector<size_t>& candidates,
-                               const Survey& survey, const CellViewOptions& options) {
+// Leaves of each sample's sightings only those of the newest epoch, if they are enough.
+void PreferNewest(const CellViewOptions& options, std::vector<std::vector<Sighting>>* samples) {
+  const std::vector<int>& epochs = options.epoch_of_view;
+  if (epochs.empty()) return;
+  int newest = std::numeric_limits<int>::min();
+  for (const auto& sightings : *samples) {
+    for (const Sighting& seen : sightings) newest = std::max(newest, epochs[seen.view]);
+  }
+  const auto is_new = [&](const Sighting& seen) { return epochs[seen.view] == newest; };
+  int64_t by_all = 0, by_new = 0;
+  for (const auto& sightings : *samples) {
+    by_all += sightings.size() >= 2;
+    by_new += std::count_if(sightings.begin(), sightings.end(), is_new) >= 2;
+  }
+  if (by_new == 0 || static_cast<double>(by_new) < options.enough * static_cast<double>(by_all)) return;
+  for (auto& sightings : *samples) std::erase_if(sightings, [&](const Sighting& seen) { return !is_new(seen); });
+}
+
+}  // namespace
+
+std::vector<int32_t> ChooseViewsOfCell(const MeshSpans& mesh, const std::vector<uint32_t>& faces,
+                                       const CitySight& sight, const std::vector<Eigen::Vector3d>& centres,
+                                       const std::vector<size_t>& candidates, const Survey& survey,
+                                       const CellViewOptions& options) {
   std::vector<std::vector<Sighting>> sightings;  // of each sample
   const size_t samples = std::min<size_t>(options.samples, faces.size());
   for (size_t i = 0; i < samples; ++i) {
@@ -49,12 +67,20 @@ std::vector<int32_t> BestViews(const MeshSpans& mesh, const std::vector<uint32_t
       const int direction = DirectionOf(to_camera, survey, options.up_elevation_rad);
       seen.push_back({static_cast<int32_t>(v), direction, pixels, px_per_m});
     }
-    WeighDetail(options.choice, &seen);
   }
+  PreferNewest(options, &sightings);
+  for (std::vector<Sighting>& seen : sightings) WeighDetail(options.choice, &seen);
   return ChooseBalanced(sightings, options.choice);
 }
 
-}  // namespace
+std::map<std::pair<int, int>, std::vector<uint32_t>> FacesOfCells(const CityBlock& block, const GroundPlane& ground) {
+  std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;
+  for (size_t f = 0; f < block.face_ids.size(); ++f) {
+    const Eigen::Vector2i at = ground.Cell(block.mesh.Centroid(f));
+    faces_of[{at.x(), at.y()}].push_back(static_cast<uint32_t>(f));
+  }
+  return faces_of;
+}
 
 Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
                    const TaskControl& control, const std::string& scratch_folder, Survey* survey) {
@@ -62,7 +88,7 @@ Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellVie
   for (SurveyCell& cell : survey->cells) cell_at[{cell.x, cell.y}] = &cell;
   std::vector<Eigen::Vector3d> centres;
   for (const SceneView& view : survey->views) centres.push_back(view.camera.Centre());
-  CitySight sight(kOcclusionMarginGsd * survey->gsd_m);
+  CitySight sight(options.occlusion_margin_gsd * survey->gsd_m);
   const bool in_parts = static_cast<int64_t>(whole.faces.size()) > options.max_whole_faces;
   if (in_parts) {
     control.Report(0, "the city's coarse shape");
@@ -83,17 +109,14 @@ Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellVie
     for (size_t v = 0; v < survey->views.size(); ++v) {
       if (MayShow(survey->views[v].camera, block.box)) candidates.push_back(v);
     }
-    std::map<std::pair<int, int>, std::vector<uint32_t>> faces_of;
-    for (size_t f = 0; f < block.face_ids.size(); ++f) {
-      const Eigen::Vector2i at = survey->ground.Cell(block.mesh.Centroid(f));
-      faces_of[{at.x(), at.y()}].push_back(static_cast<uint32_t>(f));
-    }
+    const auto faces_of = FacesOfCells(block, survey->ground);
     std::vector<std::pair<SurveyCell*, const std::vector<uint32_t>*>> cells;
     for (const auto& [at, faces] : faces_of) cells.emplace_back(cell_at.at(at), &faces);
     ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t c = begin; c < end; ++c) {
         if (!control.Check().ok()) return;
-        cells[c].first->views = BestViews(block.mesh, *cells[c].second, sight, centres, candidates, *survey, options);
+        cells[c].first->views =
+            ChooseViewsOfCell(block.mesh, *cells[c].second, sight, centres, candidates, *survey, options);
       }
     });
   }

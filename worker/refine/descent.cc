@@ -92,9 +92,16 @@ double MotionBound_m(const MotionLimits& limits) {
   return (1 + 1e-6) * std::max(limits.max_normal_m, limits.max_tangent_m);
 }
 
-MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits)
+std::vector<uint8_t> EitherFlag(std::vector<uint8_t> a, const std::vector<uint8_t>& b) {
+  if (a.empty()) return b;
+  for (size_t v = 0; v < b.size(); ++v) a[v] |= b[v];
+  return a;
+}
+
+MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits,
+                         const std::vector<uint8_t>& held)
     : limits_(limits),
-      fixed_(fixed),
+      fixed_(EitherFlag(fixed, held)),
       faces_(start.faces),
       faces_of_vertex_(FacesOfVertices(start)),
       start_(start.vertices) {

@@ -34,13 +34,18 @@ struct MotionLimits {
 // places in it, and an ellipsoid is convex. The half axes grow by a millionth, for the rounding of floats.
 double MotionBound_m(const MotionLimits& limits);
 
+// Flags of vertices that have either; empty ones are none.
+std::vector<uint8_t> EitherFlag(std::vector<uint8_t> a, const std::vector<uint8_t>& b);
+
 // Holds steps against the start of the run. Thread-safe.
 class MotionGuard {
  public:
   using Positions = std::vector<Eigen::Vector3d>;
 
-  // `fixed`: one flag a vertex or empty. The mesh need not be a manifold.
-  MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits);
+  // `fixed`: one flag a vertex or empty; `held` likewise: vertices that do not move either, but whose start is smoothed
+  // as that of all others. The mesh need not be a manifold.
+  MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits,
+              const std::vector<uint8_t>& held = {});
 
   // Brakes what would leave the vertices' ellipsoids. Steps are only shortened.
   void LimitDisplacement(const Positions& at, Positions* step) const;

@@ -5,6 +5,7 @@
 #include <boost/graph/adjacency_list.hpp>
 #include <boost/graph/cuthill_mckee_ordering.hpp>
 #include <cmath>
+#include <map>
 #include <set>
 #include <utility>
 
@@ -49,7 +50,6 @@ Sight Look(const Sample& sample, const PosedCamera& camera) {
 }
 
 double PairQuality(const Sight& a, const Sight& b, const PairOptions& options) {
-  if (a.footprint_m == 0 || b.footprint_m == 0) return 0;
   const double angle = std::acos(std::clamp(a.direction.dot(b.direction), -1.0, 1.0));
   if (angle < options.min_angle_rad || angle > options.max_angle_rad) return 0;
   const double scale = std::max(a.footprint_m / b.footprint_m, b.footprint_m / a.footprint_m);
@@ -60,39 +60,73 @@ double PairQuality(const Sight& a, const Sight& b, const PairOptions& options) {
   return std::exp(-0.5 * t * t) / (scale * scale);
 }
 
+struct SeenSample {
+  uint32_t sample;
+  Sight sight;
+};
+
+// Of the pair at each sample of `own`; both ascend.
+std::vector<double> Qualities(const std::vector<SeenSample>& own, const std::vector<SeenSample>& other,
+                              const PairOptions& options) {
+  std::vector<double> qualities;
+  qualities.reserve(own.size());
+  auto at = other.begin();
+  for (const SeenSample& sample : own) {
+    while (at != other.end() && at->sample < sample.sample) ++at;
+    const bool shared = at != other.end() && at->sample == sample.sample;
+    qualities.push_back(shared ? PairQuality(sample.sight, at->sight, options) : 0);
+  }
+  return qualities;
+}
+
 }  // namespace
 
 std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
-                                  const PairOptions& options) {
+                                  const PairOptions& options, const std::vector<uint8_t>& choosers) {
   const std::vector<Sample> samples = DrawSamples(mesh, options.samples);
   const int views = static_cast<int>(cameras.size());
-  std::vector<std::vector<Sight>> sights(views);
+  // A view of a city sees few of its samples, and shares them with few views.
+  std::vector<std::vector<SeenSample>> seen(views);
   ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
-      for (const Sample& sample : samples) sights[i].push_back(Look(sample, cameras[i]));
+      for (uint32_t s = 0; s < samples.size(); ++s) {
+        const Sight sight = Look(samples[s], cameras[i]);
+        if (sight.footprint_m > 0) seen[i].push_back({s, sight});
+      }
     }
   });
+  std::vector<std::vector<int>> views_of_sample(samples.size());
+  for (int i = 0; i < views; ++i) {
+    for (const SeenSample& sample : seen[i]) views_of_sample[sample.sample].push_back(i);
+  }
 
   std::vector<std::vector<int>> chosen(views);
   ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
-      std::vector<double> covered(samples.size());
+      if (!choosers.empty() && !choosers[i]) continue;
+      std::set<int> others;
+      for (const SeenSample& sample : seen[i]) {
+        others.insert(views_of_sample[sample.sample].begin(), views_of_sample[sample.sample].end());
+      }
+      others.erase(static_cast<int>(i));
+      std::map<int, std::vector<double>> quality;  // of each of these, at the samples of view i
+      for (const int j : others) quality.emplace(j, Qualities(seen[i], seen[j], options));
+      std::vector<double> covered(seen[i].size());
       while (static_cast<int>(chosen[i].size()) < options.partners) {
         int best = -1;
         double best_gain = 1e-3 * static_cast<double>(samples.size()) / std::max(views, 1);
-        for (int j = 0; j < views; ++j) {
-          if (j == i || std::count(chosen[i].begin(), chosen[i].end(), j) > 0) continue;
+        for (const auto& [j, of_pair] : quality) {
+          if (std::count(chosen[i].begin(), chosen[i].end(), j) > 0) continue;
           double gain = 0;
-          for (size_t s = 0; s < samples.size(); ++s) {
-            gain += PairQuality(sights[i][s], sights[j][s], options) / (1 + 2 * covered[s]);
-          }
+          for (size_t s = 0; s < covered.size(); ++s) gain += of_pair[s] / (1 + 2 * covered[s]);
           if (gain > best_gain) {
             best_gain = gain;
             best = j;
           }
         }
         if (best < 0) break;
-        for (size_t s = 0; s < samples.size(); ++s) covered[s] += PairQuality(sights[i][s], sights[best][s], options);
+        const std::vector<double>& of_best = quality.at(best);
+        for (size_t s = 0; s < covered.size(); ++s) covered[s] += of_best[s];
         chosen[i].push_back(best);
       }
     }

@@ -2,6 +2,7 @@
 #ifndef TESSERA_WORKER_REFINE_PAIRS_H_
 #define TESSERA_WORKER_REFINE_PAIRS_H_
 
+#include <cstdint>
 #include <vector>
 
 #include "common/geometry/mesh.h"
@@ -29,8 +30,9 @@ struct PairOptions {
 // triangulation angle, scale, both fronts visible within the frusta (occlusion is not asked); each further partner
 // counts most where the earlier ones see little. Symmetric: (i, j) and (j, i) are both in the result, which is sorted
 // by reference, then other. A pure function of its arguments.
+// `choosers`: a flag a camera, of those that choose; empty: all do.
 std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
-                                  const PairOptions& options);
+                                  const PairOptions& options, const std::vector<uint8_t>& choosers = {});
 
 // The views in an order in which the views of a pair are near each other (reverse Cuthill and McKee 1969): a view's
 // index at each place.

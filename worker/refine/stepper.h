@@ -41,9 +41,11 @@ struct StepperOptions {
 class Stepper {
  public:
   // `start`: the mesh as the run began, with the labels as they are now. `fixed`: one flag a vertex or empty.
-  // `wanted`: flags of the vertices whose steps are asked for, empty: all; those of others are anything.
+  // `wanted`: flags of the vertices whose steps are asked for, empty: all; those of others are anything. `held`: flags
+  // of vertices that stay where they are, with all faces about them, unlike fixed ones; empty: none.
   Stepper(const TriangleMesh& start, const std::vector<uint8_t>& fixed, double gsd_m, const Eigen::Vector3d& up,
-          const StepperOptions& options, const std::vector<uint8_t>& wanted = {});
+          const StepperOptions& options, const std::vector<uint8_t>& wanted = {},
+          const std::vector<uint8_t>& held = {});
 
   const MotionGuard& guard() const { return guard_; }
 

@@ -10,8 +10,7 @@ namespace tessera {
 StatusOr<TaskOutcome> RunCrop(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(const TilePackage package, ReadTilePackage(InputPath(request, kTileFile)));
-  TESSERA_RETURN_IF_ERROR(
-      CropTileViews(package, InputPath(request, kSceneFolder), OutputPath(request, kViewsFile), control));
+  TESSERA_RETURN_IF_ERROR(CropTileViews(package, request.input_dir, OutputPath(request, kViewsFile), control));
   TaskOutcome outcome;
   outcome.outputs = {kViewsFile};
   outcome.stats = nlohmann::json{{"seconds", SecondsSince(clock, start_us)}}.dump();

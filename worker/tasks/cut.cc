@@ -12,7 +12,7 @@ StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& cont
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(const CutParameters parameters, ParseCutParameters(request.parameters));
   control.Report(0, "reading the city");
-  TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kSurveyFile)));
+  TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kPlainSurveyFile)));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   TESSERA_RETURN_IF_ERROR(control.Check());

@@ -107,12 +107,17 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   TaskOutcome outcome;
   control.Report(0, "checking the scene");
   // Says all that is wrong at once; after it loading cannot fail for the scene's sake.
-  TESSERA_RETURN_IF_ERROR(
-      CheckSceneFolder(InputPath(request, kSceneFolder), kMaxFacesInMemory, &outcome.warnings, PartOf(control, 0, 0.3))
-          .status());
+  TESSERA_ASSIGN_OR_RETURN(const SceneSummary summary,
+                           CheckSceneFolder(InputPath(request, kSceneFolder), kMaxFacesInMemory, &outcome.warnings,
+                                            PartOf(control, 0, 0.3)));
   Warnings said_already;
   TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(InputPath(request, kSceneFolder), &said_already));
-  for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
+  for (size_t v = 0; v < scene.views.size(); ++v) {
+    SceneView& view = scene.views[v];
+    view.camera = OnLocalGrid(view.camera);
+    view.image_content = summary.contents[v].image;
+    view.likelihood_content = summary.contents[v].likelihood;
+  }
   const std::vector<PosedCamera> cameras = CamerasOf(scene);
   control.Report(0.3, "reading the mesh");
   TESSERA_ASSIGN_OR_RETURN(DiskMesh mesh, ReadMeshToDisk(scene, scratch));
@@ -143,12 +148,15 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   view_options.choice.views_per_direction =
       parameters.views_per_direction.value_or(view_options.choice.views_per_direction);
   survey.scene_name = scene.name;
+  survey.mesh_path = scene.mesh_path;
   survey.up = scene.up_in_local;
   survey.ground = MakeGroundPlane(survey.up, std::exp2(std::round(std::log2(kCellGsd * survey.gsd_m))));
   survey.views = scene.views;
+  survey.flights = scene.flights;
   FillPairs(mesh.spans(), cameras, parameters, &survey);
   survey.classes = scene.classes;
   survey.has_likelihoods = scene.has_likelihoods;
+  survey.crs = scene.frame.crs();
   survey.origin_in_scene = scene.frame.origin_in_scene();
   survey.rotation_local_from_scene = scene.frame.rotation_local_from_scene();
   survey.vertices = static_cast<int64_t>(mesh.vertices.size());
@@ -160,10 +168,12 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
       WriteCity(city_path, {mesh.spans(), mesh.input_face.values()}, survey.ground, survey.cells, scratch));
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(city_path));
   TESSERA_RETURN_IF_ERROR(ChooseViews(mesh.spans(), city, view_options, PartOf(control, 0.7, 0.98), scratch, &survey));
+  FillViewDepths(&survey);
   survey.warnings = outcome.warnings;
 
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSurveyFile), SurveyToJson(survey)));
-  outcome.outputs = {kCityFile, kSurveyFile};
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kPlainSurveyFile), SurveyToJson(WithoutNames(survey))));
+  outcome.outputs = {kCityFile, kSurveyFile, kPlainSurveyFile};
   outcome.stats = nlohmann::json{{"views", survey.views.size()},
                                  {"pairs", survey.pairs.size()},
                                  {"cells", survey.cells.size()},

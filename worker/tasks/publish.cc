@@ -16,8 +16,10 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(request.parameters));
   control.Report(0, "reading the city");
-  TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kSurveyFile)));
-  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
+  TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kPlainSurveyFile)));
+  TESSERA_ASSIGN_OR_RETURN(Survey survey, ParseSurvey(survey_json));
+  survey.scene_name = parameters.scene_name;
+  survey.warnings = parameters.warnings;
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
 
   std::vector<MappedCore> cores;

@@ -9,8 +9,8 @@ namespace tessera {
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control) {
   using Stage = StatusOr<TaskOutcome> (*)(const TaskRequest&, const TaskControl&, const Clock&);
   static constexpr std::pair<const char*, Stage> kStages[] = {
-      {"ingest", RunIngest},   {"cut", RunCut},     {"crop", RunCrop}, {"refine", RunRefine},
-      {"measure", RunMeasure}, {"solve", RunSolve}, {"mend", RunMend}, {"publish", RunPublish}};
+      {"ingest", RunIngest},   {"update", RunUpdate}, {"cut", RunCut},   {"crop", RunCrop},      {"refine", RunRefine},
+      {"measure", RunMeasure}, {"solve", RunSolve},   {"mend", RunMend}, {"publish", RunPublish}};
   const SystemClock clock;
   for (const auto& [kind, stage] : kStages) {
     if (request.kind != kind) continue;
@@ -21,7 +21,7 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
     }
   }
   return absl::InvalidArgumentError("task kind: found \"" + request.kind +
-                                    "\", expected ingest, cut, crop, refine, measure, solve, mend or publish");
+                                    "\", expected ingest, update, cut, crop, refine, measure, solve, mend or publish");
 }
 
 }  // namespace tessera

@@ -22,10 +22,11 @@ Status SolveLabelStep(const std::vector<TileSums>& sums, StepTask* task, json* r
   OpenTile& work = *task->work;
   KnownState& known = task->known;
   const RegionMesh& region = work.region(kLabelRegion);
-  TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods likelihoods, work.JoinLikelihoods(sums, kLabelRegion));
+  TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods likelihoods,
+                           work.JoinLikelihoods(sums, kLabelRegion, known.held_faces));
   const std::vector<int32_t> start = Pick(known.labels, region.faces);
-  const RegionLabels labelled =
-      LabelRegion(work.package(), region, Pick(known.positions, region.vertices), start, likelihoods, task->options);
+  const RegionLabels labelled = LabelRegion(work.package(), region, Pick(known.positions, region.vertices), start,
+                                            likelihoods, task->options, Pick(known.held_faces, region.faces));
   known.confidence.resize(known.labels.size(), 0.0f);
   int64_t changes = 0;
   for (size_t i = 0; i < region.faces.size(); ++i) {
@@ -44,9 +45,10 @@ Status SolveIteration(const std::vector<TileSums>& sums, StepTask* task, json* r
   KnownState& known = task->known;
   if (task->level_iteration == 0) known.level_start = known.positions;
   const RegionMesh& region = work.region(kSolveRegion);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<FaceSums> photo, work.JoinPhoto(sums, kSolveRegion));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<FaceSums> photo, work.JoinPhoto(sums, kSolveRegion, known.held_faces));
   TESSERA_ASSIGN_OR_RETURN(const ContourSums contours, work.JoinContours(sums, kSolveRegion));
-  const Stepper& stepper = work.SolveStepper(Pick(known.labels, region.faces), task->options);
+  const Stepper& stepper =
+      work.SolveStepper(Pick(known.labels, region.faces), Pick(known.held_vertices, region.vertices), task->options);
   TriangleMesh mesh = {Pick(known.positions, region.vertices), region.mesh.faces, {}};
   const std::vector<Vector3d> step =
       stepper.Step(mesh, GatherVertices(mesh, stepper.guard().faces_of_vertex(), photo, contours), task->step.level,

@@ -15,6 +15,9 @@ namespace tessera {
 // Scene → the repaired and split mesh of the city, and the survey: GSD, cells and their views, pairs.
 StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
+// An earlier job's survey and city, and a scene → the survey with the scene's views taken in.
+StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
 // City and survey → a tile's package, and which tiles it reads.
 StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 

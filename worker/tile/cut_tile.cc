@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <numeric>
 #include <optional>
@@ -116,19 +115,9 @@ bool AddBlocksOf(const CityReader& city, const CellSet& cells, std::vector<uint8
   return any;
 }
 
-// Depths of all cells that look to the view, and of where their faces may move.
+// Depths of what the job looks at in a view, and of where it may move.
 std::array<double, 2> DepthsOfView(const Survey& survey, int32_t view, double motion_m) {
-  const PosedCamera& camera = survey.views[view].camera;
-  double near_m = std::numeric_limits<double>::infinity(), far_m = 0;
-  for (const SurveyCell& cell : survey.cells) {
-    if (!std::binary_search(cell.views.begin(), cell.views.end(), view)) continue;
-    const Eigen::AlignedBox3d box(cell.box_min, cell.box_max);
-    for (int k = 0; k < 8; ++k) {
-      const double depth_m = camera.CameraFromWorld(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k))).z();
-      near_m = std::min(near_m, depth_m);
-      far_m = std::max(far_m, depth_m);
-    }
-  }
+  const auto& [near_m, far_m] = survey.view_depths[view];
   return {std::max(near_m - motion_m, kNearPlane_m), std::max(far_m + motion_m, 2 * kNearPlane_m)};
 }
 
@@ -254,12 +243,25 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   for (const auto& [reference, other] : survey.pairs) {
     if (of_core.contains(reference)) chosen.insert(other);
   }
-  const std::vector<int32_t> views(chosen.begin(), chosen.end());
+  std::vector<int32_t> views(chosen.begin(), chosen.end());
   if (!views.empty() && (views.front() < 0 || views.back() >= static_cast<int32_t>(survey.views.size()))) {
     return absl::InvalidArgumentError(
         absl::StrCat("tile ", p.tile.tile, ": found view ", views.back(), " of ", survey.views.size()));
   }
-  const Sight sight = FindSight(survey, measured_cells, views, options.sight);
+  if (survey.view_depths.size() != survey.views.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("tile ", p.tile.tile, ": found depths of ",
+                                                   survey.view_depths.size(), " views of ", survey.views.size()));
+  }
+  Sight sight = FindSight(survey, measured_cells, views, options.sight);
+  // Partners that show nothing that is needed are none: what becomes of them elsewhere does not concern the tile.
+  size_t kept = 0;
+  for (size_t v = 0; v < views.size(); ++v) {
+    if (sight.windows[v].empty()) continue;
+    views[kept] = views[v];
+    sight.windows[kept++] = sight.windows[v];
+  }
+  views.resize(kept);
+  sight.windows.resize(kept);
 
   // Blocks are added until none holds anything about what is found.
   std::vector<uint8_t> blocks(city.block_count());

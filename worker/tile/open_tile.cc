@@ -98,9 +98,10 @@ StatusOr<TileSight*> OpenTile::Sight(const std::string& views_path, const TileRe
   return sight_.get();
 }
 
-Stepper& OpenTile::SolveStepper(const std::vector<int32_t>& labels, const TileRefineOptions& options) {
+Stepper& OpenTile::SolveStepper(const std::vector<int32_t>& labels, const std::vector<uint8_t>& held,
+                                const TileRefineOptions& options) {
   const std::vector<int32_t> known = GeometryKnowsLabels(package_, options) ? labels : std::vector<int32_t>();
-  if (!stepper_ || stepper_->labels != known) {
+  if (!stepper_ || stepper_->labels != known || stepper_->held != held) {
     const RegionMesh& part = region(kSolveRegion);
     std::vector<uint8_t> core(part.vertices.size(), 0);
     for (size_t f = 0; f < part.faces.size(); ++f) {
@@ -109,8 +110,9 @@ Stepper& OpenTile::SolveStepper(const std::vector<int32_t>& labels, const TileRe
     }
     stepper_.reset();
     stepper_ = std::make_unique<LabelledStepper>(
-        LabelledStepper{known, Stepper({part.mesh.vertices, part.mesh.faces, known}, part.fixed, package_.gsd_m,
-                                       package_.up, options.geometry, core)});
+        LabelledStepper{known, held,
+                        Stepper({part.mesh.vertices, part.mesh.faces, known}, part.fixed, package_.gsd_m, package_.up,
+                                options.geometry, core, held)});
   }
   return stepper_->stepper;
 }
@@ -170,7 +172,8 @@ const RegionMesh& OpenTile::region(Region region) {
   return out;
 }
 
-StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_t region) {
+StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_t region,
+                                    const std::vector<int>& held) {
   KnownState known;
   known.positions = package_.mesh.vertices;
   known.labels = package_.mesh.labels;
@@ -180,12 +183,20 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
   if (in_level) known.level_start = package_.mesh.vertices;
   std::vector<uint8_t> has_vertex(known.positions.size(), 0), has_face(known.labels.size(), 0);
   known.confidence.assign(known.labels.size(), 0.0f);
+  if (!held.empty()) {
+    known.held_vertices.assign(has_vertex.size(), 0);
+    known.held_faces.assign(has_face.size(), 0);
+  }
   for (const TileState& state : states) {
-    if (in_level && state.level_start.empty()) {
+    const bool is_held = std::find(held.begin(), held.end(), state.tile) != held.end();
+    // Where no vertex moves, the level began as it is.
+    const std::vector<Eigen::Vector3d>& level_start = is_held ? state.positions : state.level_start;
+    if (in_level && level_start.empty()) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": the state of tile ", state.tile,
                                               " has no beginning of the level, that of others has"));
     }
     vertices_by_id_.ForShared(state.vertex_ids, [&](size_t i, uint32_t v) {
+      if (is_held) known.held_vertices[v] = 1;
       if (has_vertex[v]) {
         ++known.compared;
         if (std::memcmp(known.positions[v].data(), state.positions[i].data(), 3 * sizeof(double)) != 0) {
@@ -198,10 +209,11 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
       }
       has_vertex[v] = 1;
       known.positions[v] = state.positions[i];
-      if (in_level) known.level_start[v] = state.level_start[i];
+      if (in_level) known.level_start[v] = level_start[i];
     });
     faces_by_id_.ForShared(state.face_ids, [&](size_t i, uint32_t f) {
       has_face[f] = 1;
+      if (is_held) known.held_faces[f] = 1;
       known.labels[f] = state.labels[i];
       known.confidence[f] = state.confidence[i];
     });
@@ -217,7 +229,8 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
   return known;
 }
 
-StatusOr<std::vector<FaceSums>> OpenTile::JoinPhoto(const std::vector<TileSums>& sums, Region region) {
+StatusOr<std::vector<FaceSums>> OpenTile::JoinPhoto(const std::vector<TileSums>& sums, Region region,
+                                                    const std::vector<uint8_t>& held) {
   std::vector<FaceSums> all(package_.face_ids.size());
   std::vector<uint8_t> has(all.size(), 0);
   for (const TileSums& tile : sums) {
@@ -229,7 +242,7 @@ StatusOr<std::vector<FaceSums>> OpenTile::JoinPhoto(const std::vector<TileSums>&
   }
   const RegionMesh& part = this->region(region);
   for (const uint32_t f : part.faces) {
-    if (!has[f]) {
+    if (!has[f] && (held.empty() || !held[f])) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no sums of face ", package_.face_ids[f]));
     }
   }
@@ -268,7 +281,8 @@ StatusOr<ContourSums> OpenTile::JoinContours(const std::vector<TileSums>& sums, 
   return out;
 }
 
-StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>& sums, Region region) {
+StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>& sums, Region region,
+                                                    const std::vector<uint8_t>& held) {
   const RegionMesh& part = this->region(region);
   const int classes = static_cast<int>(package_.classes.size());
   FaceLikelihoods out(part.faces.size(), classes);
@@ -286,7 +300,7 @@ StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>&
     });
   }
   for (size_t i = 0; i < has.size(); ++i) {
-    if (!has[i]) {
+    if (!has[i] && (held.empty() || !held[part.faces[i]])) {
       return absl::DataLossError(
           absl::StrCat("tile ", package_.tile, ": no likelihoods of face ", package_.face_ids[part.faces[i]]));
     }

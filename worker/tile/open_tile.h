@@ -37,6 +37,8 @@ struct KnownState {
   std::vector<Eigen::Vector3d> positions, level_start;  // of the package's vertices; level_start may be empty
   std::vector<int32_t> labels;                          // of its faces
   std::vector<float> confidence;
+  // Flags of vertices and faces of tiles that an update leaves as they are; empty: none.
+  std::vector<uint8_t> held_vertices, held_faces;
   std::string report = "{}";            // the tile's own
   int64_t compared = 0, different = 0;  // vertices that several tiles have; those of which the bytes differ
   double farthest_m = 0;                // of two different ones
@@ -71,8 +73,9 @@ class OpenTile {
   // Of the crops at `views_path`; opened when first asked for. Errors as OpenTileViews'.
   StatusOr<TileSight*> Sight(const std::string& views_path, const TileRefineOptions& options);
   // Of the solve region's mesh with these labels of its faces, for steps of the core's vertices; made anew only when
-  // they change.
-  Stepper& SolveStepper(const std::vector<int32_t>& labels, const TileRefineOptions& options);
+  // they change. `held`: flags of its vertices (KnownState).
+  Stepper& SolveStepper(const std::vector<int32_t>& labels, const std::vector<uint8_t>& held,
+                        const TileRefineOptions& options);
 
   // Made when first asked for.
   const RegionMesh& region(Region region);
@@ -87,12 +90,14 @@ class OpenTile {
   std::vector<uint8_t> measured() const;  // flags of the core's faces and the sample's
 
   // The start where there are no states, else what they say; DATA_LOSS if they do not say it of every face in
-  // `region` (0: of all that is in sight) and its corners.
-  StatusOr<KnownState> Join(const std::vector<TileState>& states, uint8_t region);
-  // Sums of every face of the region. DATA_LOSS if one is missing.
-  StatusOr<std::vector<FaceSums>> JoinPhoto(const std::vector<TileSums>& sums, Region region);
+  // `region` (0: of all that is in sight) and its corners. `held`: tiles of `states` that an update leaves as they are.
+  StatusOr<KnownState> Join(const std::vector<TileState>& states, uint8_t region, const std::vector<int>& held = {});
+  // Sums of every face of the region; none of `held` ones (KnownState::held_faces). DATA_LOSS if another is missing.
+  StatusOr<std::vector<FaceSums>> JoinPhoto(const std::vector<TileSums>& sums, Region region,
+                                            const std::vector<uint8_t>& held = {});
   StatusOr<ContourSums> JoinContours(const std::vector<TileSums>& sums, Region region);
-  StatusOr<FaceLikelihoods> JoinLikelihoods(const std::vector<TileSums>& sums, Region region);
+  StatusOr<FaceLikelihoods> JoinLikelihoods(const std::vector<TileSums>& sums, Region region,
+                                            const std::vector<uint8_t>& held = {});
 
   // The core's part of `known`.
   TileState StateOf(const KnownState& known) const;
@@ -122,6 +127,7 @@ class OpenTile {
   std::string sight_content_;
   struct LabelledStepper {
     std::vector<int32_t> labels;
+    std::vector<uint8_t> held;
     Stepper stepper;
   };
   std::unique_ptr<LabelledStepper> stepper_;

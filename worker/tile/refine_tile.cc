@@ -15,6 +15,7 @@ namespace {
 using Eigen::Vector3d;
 using nlohmann::json;
 
+constexpr float kHeldCost = 1e9f;   // of another label than a held face has: more than any edges weigh
 constexpr float kCertainCost = 10;  // of another label than the one that is carried through
 
 int64_t CountDifferent(const std::vector<int32_t>& a, const std::vector<int32_t>& b) {
@@ -56,11 +57,15 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::
 
 RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region, const std::vector<Vector3d>& positions,
                          const std::vector<int32_t>& start, const FaceLikelihoods& sums,
-                         const TileRefineOptions& options) {
+                         const TileRefineOptions& options, const std::vector<uint8_t>& held) {
   const TriangleMesh mesh = {positions, region.mesh.faces, {}};
   LabelField field =
       BuildLabelField(mesh, EdgeList(mesh.faces), sums, package.classes, package.up, package.gsd_m, options.label);
   field.cell = region.cell;
+  for (size_t f = 0; f < held.size(); ++f) {
+    if (!held[f] || start[f] < 0) continue;
+    for (int l = 0; l < field.classes; ++l) field.unary[f * field.classes + l] = l == start[f] ? 0 : kHeldCost;
+  }
   Labelling labelling = SolveLabels(field, start, options.solver);
   RegionLabels out;
   out.confidence = LabelConfidence(field.classes, labelling.beliefs, labelling.labels);

@@ -24,7 +24,8 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::
                                          const std::vector<TileView>& views, const ViewGroups& groups,
                                          const TaskControl& control);
 
-// Labels of a region's faces from what the views say of them. `confidence`: 0 where they say nothing.
+// Labels of a region's faces from what the views say of them. `confidence`: 0 where they say nothing. `held`: flags of
+// faces that keep the label of `start`; empty: none.
 struct RegionLabels {
   std::vector<int32_t> labels;
   std::vector<float> confidence;
@@ -32,7 +33,8 @@ struct RegionLabels {
 };
 RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region,
                          const std::vector<Eigen::Vector3d>& positions, const std::vector<int32_t>& start,
-                         const FaceLikelihoods& sums, const TileRefineOptions& options);
+                         const FaceLikelihoods& sums, const TileRefineOptions& options,
+                         const std::vector<uint8_t>& held = {});
 
 // Confidence of labels that are carried through: nothing speaks against them.
 float CarriedConfidence(int classes, int32_t label);

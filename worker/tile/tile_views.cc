@@ -176,7 +176,7 @@ class FilePixels : public ViewPixels {
 
 }  // namespace
 
-Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
+Status CropTileViews(const TilePackage& package, const std::string& folder, const std::string& path,
                      const TaskControl& control) {
   TESSERA_ASSIGN_OR_RETURN(CropWriter writer, CropWriter::Create(path));
   for (size_t v = 0; v < package.views.size(); ++v) {
@@ -189,13 +189,13 @@ Status CropTileViews(const TilePackage& package, const std::string& scene_folder
     std::vector<uint16_t> luminance;
     {
       TESSERA_ASSIGN_OR_RETURN(const FloatImage image,
-                               ReadLuminancePart(scene_folder + "/" + view.image_path, view.lens, PartOf(shape.rect)));
+                               ReadLuminancePart(folder + "/" + view.image_path, view.lens, PartOf(shape.rect)));
       luminance.reserve(image.data.size());
       for (const float value : image.data) luminance.push_back(LuminanceCode(value));
     }
     std::vector<uint8_t> likelihoods;
     if (package.has_likelihoods && !view.likelihood_path.empty()) {
-      TESSERA_ASSIGN_OR_RETURN(likelihoods, CropLikelihoods(scene_folder + "/" + view.likelihood_path, view,
+      TESSERA_ASSIGN_OR_RETURN(likelihoods, CropLikelihoods(folder + "/" + view.likelihood_path, view,
                                                             static_cast<int>(package.classes.size()), &shape));
     }
     writer.Add(static_cast<int>(v), shape, std::move(luminance), std::move(likelihoods));

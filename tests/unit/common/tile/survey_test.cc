@@ -27,6 +27,7 @@ Survey MakeSurvey() {
   s.classes[1].prior_alpha_rad = 1.0 / 9;
   s.classes[1].smoothness = 1.0 / 11;
   s.warnings = {"something odd"};
+  FillViewDepths(&s);
   return s;
 }
 
@@ -51,6 +52,34 @@ TEST(Survey, RefusesWhatItDidNotWrite) {
   survey = MakeSurvey();
   survey.pairs = {{0, -1}};
   EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok());
+  survey = MakeSurvey();
+  survey.view_depths.clear();
+  EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok());
+}
+
+TEST(Survey, PlainSurveysTellNoNames) {
+  const Survey survey = MakeSurvey();
+  Survey renamed = survey;
+  renamed.scene_name = "other";
+  renamed.mesh_path = "m.ply";
+  renamed.flights = {{"next", "2027-01-01"}};
+  renamed.warnings = {"beware"};
+  for (SceneView& view : renamed.views) {
+    view.name += "x";
+    view.image_path += "x";
+    view.flight = 0;
+  }
+  EXPECT_EQ(SurveyToJson(WithoutNames(survey)), SurveyToJson(WithoutNames(renamed)));
+  renamed.views[0].image_content = "others";
+  EXPECT_NE(SurveyToJson(WithoutNames(survey)), SurveyToJson(WithoutNames(renamed))) << "pixels do count";
+}
+
+TEST(Survey, DepthsOfViewsAreOnlyWidened) {
+  Survey survey = MakeSurvey();
+  const auto before = survey.view_depths;
+  for (SurveyCell& cell : survey.cells) cell.views.clear();
+  FillViewDepths(&survey);
+  EXPECT_EQ(survey.view_depths, before);
 }
 
 TEST(TaskParameters, RoundTrip) {

@@ -69,13 +69,14 @@ std::vector<std::string> Lines(const std::vector<PlannedTask>& tasks) {
 }
 
 TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
-  static const std::map<std::string, std::set<std::string>> kOutputs = {{"ingest", {kCityFile, kSurveyFile}},
-                                                                        {"cut", {kTileFile, kReadsFile}},
-                                                                        {"crop", {kViewsFile}},
-                                                                        {"measure", {kSumsFile}},
-                                                                        {"solve", {kStateFile}},
-                                                                        {"mend", {kStateFile}},
-                                                                        {"refine", {kStateFile}}};
+  static const std::map<std::string, std::set<std::string>> kOutputs = {
+      {"ingest", {kCityFile, kSurveyFile, kPlainSurveyFile}},
+      {"cut", {kTileFile, kReadsFile}},
+      {"crop", {kViewsFile}},
+      {"measure", {kSumsFile}},
+      {"solve", {kStateFile}},
+      {"mend", {kStateFile}},
+      {"refine", {kStateFile}}};
   for (uint64_t seed = 0; seed < 20; ++seed) {
     const Survey survey = RandomSurvey(20, 14, 0.8, seed);
     const auto tasks = PlanOf(survey, static_cast<int>(seed));
@@ -101,10 +102,10 @@ TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
 
 TEST(Plan, OneTileIsRefinedByOneTask) {
   EXPECT_THAT(Lines(PlanOf(RandomSurvey(20, 20, 0.8, 3), 1)),
-              ElementsAre("ingest", "cut tile 0: city.arrays of ingest, survey.json of ingest",
+              ElementsAre("ingest", "cut tile 0: city.arrays of ingest, plain.json of ingest",
                           "crop tile 0: tile.arrays of cut tile 0",
                           "refine tile 0: tile.arrays of cut tile 0, views.arrays of crop tile 0",
-                          "publish: city.arrays of ingest, survey.json of ingest, 0000/state.arrays of refine tile 0"));
+                          "publish: city.arrays of ingest, plain.json of ingest, 0000/state.arrays of refine tile 0"));
 }
 
 // Labels, two iterations of one level, labels; tile 0 alone, 1 to 3 in a row.
@@ -165,7 +166,7 @@ TEST(Plan, FourTilesExchangeAtEveryStep) {
             "measure tile 3 step 3: tile.arrays of cut tile 3, views.arrays of crop tile 3, "
             "0003/state.arrays of mend tile 3 step 2");
   EXPECT_EQ(line("publish"),
-            "publish: city.arrays of ingest, survey.json of ingest, 0000/state.arrays of solve tile 0 step 3, "
+            "publish: city.arrays of ingest, plain.json of ingest, 0000/state.arrays of solve tile 0 step 3, "
             "0001/state.arrays of solve tile 1 step 3, 0002/state.arrays of solve tile 2 step 3, "
             "0003/state.arrays of solve tile 3 step 3");
 
@@ -260,7 +261,7 @@ TEST(Plan, CropReadsThePixelsOfEveryViewOfItsCells) {
   for (const PlannedTask& task : PlanOf(survey, 5)) {
     if (task.kind != "crop") continue;
     std::set<std::string> files;
-    for (const int file : task.scene_files) files.insert(all.at(file));
+    for (const PlannedTask::ViewFile& file : task.view_files) files.insert(all.at(file.file));
     const auto cores = Cores(survey, 5);
     for (const SurveyCell& cell : survey.cells) {
       if (!cores[task.tile].Contains({cell.x, cell.y})) continue;

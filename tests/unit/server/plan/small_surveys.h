@@ -40,6 +40,7 @@ inline Survey RandomSurvey(int width, int height, double filled, uint64_t seed) 
       s.faces += cell.faces;
     }
   }
+  FillViewDepths(&s);
   return s;
 }
 
@@ -81,6 +82,7 @@ inline Survey SeenFromAbove(int size) {
     }
   }
   survey.has_likelihoods = true;
+  FillViewDepths(&survey);
   return survey;
 }
 

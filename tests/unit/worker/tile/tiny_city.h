@@ -58,6 +58,7 @@ inline TinyCity MakeTinyCity(const TinySceneOptions& options = {}) {
   tiny.city = *std::move(opened);
   const Status chosen = ChooseViews(tiny.mesh, tiny.city, {}, {}, testing::TempDir(), &s);
   EXPECT_TRUE(chosen.ok()) << chosen;
+  FillViewDepths(&s);
   return tiny;
 }
 

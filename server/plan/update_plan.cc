@@ -1,0 +1,199 @@
+#include "server/plan/update_plan.h"
+
+#include <algorithm>
+#include <iterator>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "absl/strings/str_cat.h"
+#include "common/tile/refine_steps.h"
+#include "server/plan/cell_index.h"
+
+namespace tessera {
+namespace {
+
+using nlohmann::json;
+
+bool SamePose(const SceneView& a, const SceneView& b) {
+  const PinholeCamera &ka = a.camera.intrinsics, &kb = b.camera.intrinsics;
+  return a.camera.rotation_cam_from_world == b.camera.rotation_cam_from_world &&
+         a.camera.translation_cam_from_world == b.camera.translation_cam_from_world && ka.width == kb.width &&
+         ka.height == kb.height && ka.fx == kb.fx && ka.fy == kb.fy && ka.cx == kb.cx && ka.cy == kb.cy;
+}
+
+// What is new about a view that a cell has chosen before, and chooses still.
+std::vector<ChangeReason> ChangesOf(const SceneView& before, const SceneView& now) {
+  std::vector<ChangeReason> changes;
+  if (!SamePose(before, now)) changes.push_back(ChangeReason::kPoseMoved);
+  if (before.image_content != now.image_content || before.likelihood_content != now.likelihood_content) {
+    changes.push_back(ChangeReason::kImageChanged);
+  }
+  return changes;
+}
+
+void FindReasons(const Survey& base, const Survey& survey, const SurveyCell& before, const SurveyCell& now,
+                 std::map<ChangeReason, std::set<int32_t>>* why) {
+  std::vector<int32_t> left, came, stayed;
+  std::set_difference(before.views.begin(), before.views.end(), now.views.begin(), now.views.end(),
+                      std::back_inserter(left));
+  std::set_difference(now.views.begin(), now.views.end(), before.views.begin(), before.views.end(),
+                      std::back_inserter(came));
+  std::set_intersection(now.views.begin(), now.views.end(), before.views.begin(), before.views.end(),
+                        std::back_inserter(stayed));
+  for (const int32_t v : left) {
+    (*why)[survey.views[v].withdrawn ? ChangeReason::kImageWithdrawn : ChangeReason::kImageSuperseded].insert(v);
+  }
+  const auto known = static_cast<int32_t>(base.views.size());
+  for (const int32_t v : came) (*why)[v < known ? ChangeReason::kChosenAnew : ChangeReason::kImageSeen].insert(v);
+  for (const int32_t v : stayed) {
+    for (const ChangeReason change : ChangesOf(base.views[v], survey.views[v])) (*why)[change].insert(v);
+  }
+}
+
+json PredictionJson(const Prediction& prediction) {
+  return {{"core_seconds", prediction.core_seconds}, {"peak_bytes", prediction.peak_bytes}};
+}
+
+}  // namespace
+
+std::string ReasonWords(ChangeReason reason) {
+  switch (reason) {
+    case ChangeReason::kImageSeen:
+      return "image seen";
+    case ChangeReason::kImageSuperseded:
+      return "image superseded";
+    case ChangeReason::kImageWithdrawn:
+      return "image withdrawn";
+    case ChangeReason::kImageChanged:
+      return "image changed";
+    case ChangeReason::kPoseMoved:
+      return "pose moved";
+    case ChangeReason::kChosenAnew:
+      return "image chosen anew";
+  }
+  return "unknown";
+}
+
+std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) {
+  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
+  const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
+  const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
+  int finest = steps.back().level;
+  for (const RefineStep& step : steps) {
+    if (!step.labels()) finest = finest < 0 ? step.level : std::min(finest, step.level);
+  }
+  std::vector<int> chosen;
+  for (const int s : ActiveSteps(steps, rules, traits)) {
+    if (steps[s].round == steps.back().round && (steps[s].labels() || steps[s].level == finest)) chosen.push_back(s);
+  }
+  return chosen;
+}
+
+Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
+  Survey part;
+  part.has_likelihoods = survey.has_likelihoods;
+  part.classes = survey.classes;
+  for (size_t v = 0; v < survey.views.size(); ++v) {
+    if (v >= base.views.size() || survey.views[v].image_content != base.views[v].image_content) {
+      part.views.push_back(survey.views[v]);
+    }
+  }
+  for (size_t c = 0; c < survey.cells.size() && c < base.cells.size(); ++c) {
+    if (survey.cells[c].views == base.cells[c].views) continue;
+    part.cells.push_back(survey.cells[c]);
+    part.faces += survey.cells[c].faces;
+  }
+  return PredictIngest(part);
+}
+
+StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
+                                                   const Survey& survey, const std::vector<TileParameters>& tiles) {
+  if (survey.cells.size() != base.cells.size() || survey.views.size() < base.views.size()) {
+    return absl::InvalidArgumentError("update: the survey has other cells or fewer views than the base's");
+  }
+  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
+  RefineEffort effort;
+  for (const int s : UpdateSteps(settings, survey)) {
+    const RefineEffort of_step = EffortOf(steps[s]);
+    effort.evaluations += of_step.evaluations;
+    effort.iterations += of_step.iterations;
+    effort.finest_share = std::max(effort.finest_share, of_step.finest_share);
+    effort.labellings += of_step.labellings;
+    effort.mends += of_step.mends;
+  }
+  const CellIndex cells(survey);
+  std::vector<TileChange> changes;
+  for (const TileParameters& tile : tiles) {
+    TileChange& change = changes.emplace_back();
+    change.tile = tile;
+    std::map<ChangeReason, std::set<int32_t>> why;
+    for (size_t c = 0; c < survey.cells.size(); ++c) {
+      const SurveyCell &before = base.cells[c], &now = survey.cells[c];
+      if (before.x != now.x || before.y != now.y) {
+        return absl::InvalidArgumentError("update: the survey's cells are not those of the base");
+      }
+      if (tile.core.Contains({now.x, now.y})) FindReasons(base, survey, before, now, &why);
+    }
+    for (const auto& [reason, views] : why) change.why.push_back({reason, {views.begin(), views.end()}});
+    if (change.why.empty()) continue;
+    const TileWork work = MeasureTile(cells, tile.core);
+    for (const Prediction& part : {PredictCut(survey, work), PredictCrop(work), PredictMeasure(work, effort),
+                                   PredictSolve(work, effort), PredictMend(work, effort)}) {
+      change.predicted.core_seconds += part.core_seconds;
+      change.predicted.peak_bytes = std::max(change.predicted.peak_bytes, part.peak_bytes);
+    }
+  }
+  return changes;
+}
+
+std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const std::vector<TileChange>& changes,
+                           const Survey& survey, const Prediction& ingest, const Prediction& publish,
+                           double full_core_seconds) {
+  double core_seconds = ingest.core_seconds + publish.core_seconds;
+  int redone = 0;
+  json tiles = json::array();
+  for (const TileChange& change : changes) {
+    json why = json::array();
+    for (const TileChange::Why& each : change.why) {
+      json images = json::array();
+      for (const int32_t view : each.views) images.push_back(survey.views[view].name);
+      why.push_back({{"reason", ReasonWords(each.reason)}, {"images", std::move(images)}});
+    }
+    const CellRect& core = change.tile.core;
+    tiles.push_back({{"tile", change.tile.tile},
+                     {"core", {core.x0, core.y0, core.x1, core.y1}},
+                     {"redone", !change.why.empty()},
+                     {"why", std::move(why)}});
+    if (change.why.empty()) continue;
+    tiles.back()["predicted"] = PredictionJson(change.predicted);
+    core_seconds += change.predicted.core_seconds;
+    ++redone;
+  }
+  json cameras = json::array();
+  for (size_t v = 0; v < survey.views.size(); ++v) {
+    const SceneView& view = survey.views[v];
+    const Eigen::Vector2d at = survey.ground.Coordinates(view.camera.Centre());
+    cameras.push_back({{"at", {at.x(), at.y()}},
+                       {"name", view.name},
+                       {"state", view.withdrawn       ? "withdrawn"
+                                 : v >= views_of_base ? "new"
+                                                      : "known"}});
+  }
+  return json{{"tessera_update", 1},
+              {"cameras", std::move(cameras)},
+              {"base", base},
+              {"tiles", std::move(tiles)},
+              {"tiles_redone", redone},
+              {"cell_m", survey.ground.cell_m},
+              {"predicted",
+               {{"core_seconds", core_seconds},
+                {"core_seconds_in_full", full_core_seconds},
+                {"ingest", PredictionJson(ingest)},
+                {"publish", PredictionJson(publish)}}},
+              {"warnings", survey.warnings}}
+             .dump(1) +
+         "\n";
+}
+
+}  // namespace tessera

@@ -1,0 +1,59 @@
+// What a new flight changes: which tiles of an earlier job are done anew, why, and what that takes.
+#ifndef TESSERA_SERVER_PLAN_UPDATE_PLAN_H_
+#define TESSERA_SERVER_PLAN_UPDATE_PLAN_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/tile/survey.h"
+#include "common/tile/task_parameters.h"
+#include "server/plan/cost_model.h"
+#include "server/settings/job_settings.h"
+
+namespace tessera {
+
+// Why a tile is done anew.
+enum class ChangeReason {
+  kImageSeen,        // a cell of its core chose a view that the base does not have
+  kImageSuperseded,  // a view of the base gave its place to others
+  kImageWithdrawn,
+  kImageChanged,  // other pixels or likelihoods under a camera of the base
+  kPoseMoved,
+  kChosenAnew,  // a view of the base that the cell had not chosen before
+};
+std::string ReasonWords(ChangeReason reason);
+
+struct TileChange {
+  struct Why {
+    ChangeReason reason;
+    std::vector<int32_t> views;  // ascending
+  };
+  TileParameters tile;
+  std::vector<Why> why;  // empty: the tile stays as it is
+  // Of all tasks of the tile, where it is redone: seconds summed, memory of the hungriest.
+  Prediction predicted;
+};
+
+// What an update does. `survey` took the base's on: the same ground cells, views under the same numbers, new ones
+// behind them. A tile is redone if one of its cells chooses other views than in the base, or one of those that it
+// chooses changed. INVALID_ARGUMENT if the surveys do not fit together.
+StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
+                                                   const Survey& survey, const std::vector<TileParameters>& tiles);
+
+// Of the task that took the base's survey on: what is new is read, and cells that it may show choose their views.
+Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);
+
+// The steps that tiles take which begin at a refined state: the finest level of the last round, and its labels. Indices
+// in RefineStepsOf.
+std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey);
+
+// kUpdateFile. `full`: what a job on all images is predicted to take.
+std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const std::vector<TileChange>& changes,
+                           const Survey& survey, const Prediction& ingest, const Prediction& publish,
+                           double full_core_seconds);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_PLAN_UPDATE_PLAN_H_

@@ -1,0 +1,276 @@
+// Jobs that go on from another: a new flight over part of the city, by the real executables.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+
+#include "tests/e2e/programs.h"
+
+namespace tessera::e2e {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using testing::HasSubstr;
+
+constexpr char kTiles[] = "8";
+
+void Write(const std::string& path, const std::string& content) {
+  fs::create_directories(fs::path(path).parent_path());
+  std::ofstream(path, std::ios::binary) << content;
+}
+
+// A row of blocks of which each image sees a part, made once; and what a second flight sees of its end, as a scene of
+// its own. Read-only.
+const std::string& Street() {
+  static const auto* const folder = new TempFolder(TempFolder::Create(testing::TempDir()).value());
+  static const std::string street = [] {
+    const std::string path = folder->path() + "/street";
+    const Outcome outcome = Tessera(
+        folder->path(), {"synth", path, "--blocks", "4x1", "--gsd", "0.6", "--image-size", "160x120", "--quiet"});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+    return path;
+  }();
+  return street;
+}
+const std::string& NextFlight() {
+  static const auto* const folder = new TempFolder(TempFolder::Create(testing::TempDir()).value());
+  static const std::string flight = [] {
+    const std::string path = folder->path() + "/next";
+    const Outcome outcome =
+        Tessera(folder->path(), {"synth", path, "--change", Street(), "--part", "0.75,0.2,0.95,0.8", "--quiet"});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+    return path;
+  }();
+  return flight;
+}
+
+// A copy of the street whose files may be changed.
+std::string CopyOfCity(const std::string& to) {
+  fs::copy(Street(), to, fs::copy_options::recursive);
+  return to;
+}
+
+// Calls edit(words) for the line of each image in the camera model: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME.
+// Those for which it gives false are dropped.
+template <class Edit>
+void EditCameras(const std::string& scene, const Edit& edit) {
+  const std::string path = scene + "/colmap/images.txt";
+  std::istringstream in(Content(path));
+  std::string out, line;
+  bool keep = true, points = false;
+  while (std::getline(in, line)) {
+    if (line.starts_with("#")) continue;
+    if (points) {
+      if (keep) out += line + "\n";
+      points = false;
+      continue;
+    }
+    std::istringstream words(line);
+    std::vector<std::string> split{std::istream_iterator<std::string>(words), {}};
+    keep = edit(split);
+    points = true;
+    if (!keep) continue;
+    for (const std::string& word : split) out += word + " ";
+    out += "\n";
+  }
+  Write(path, out);
+}
+
+class UpdateTest : public testing::Test {
+ protected:
+  UpdateTest() : folder_(TempFolder::Create(testing::TempDir()).value()) {}
+
+  std::string Path(const std::string& name) const { return folder_.path() + "/" + name; }
+
+  // The finished base, a copy of its own with its state, made once for all tests.
+  std::string Base() {
+    static const TempFolder* const made = [] {
+      auto* const at = new TempFolder(TempFolder::Create(testing::TempDir()).value());
+      const Outcome outcome = Tessera(at->path(), {"run", Street(), "--tiles", kTiles, "--out", at->path() + "/out"});
+      EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+      return at;
+    }();
+    const std::string copy = Path("base");
+    if (!fs::exists(copy)) {
+      fs::copy(made->path() + "/out", copy, fs::copy_options::recursive);
+      Write(copy + "/.tessera/result", copy + "/.tessera/data\njobs/1\n");
+    }
+    return copy;
+  }
+
+  Outcome Update(const std::string& scene, const std::string& out, const std::vector<std::string>& more = {},
+                 const std::string& base = "") {
+    std::vector<std::string> arguments = {"run", scene, "--base", base.empty() ? Base() : base, "--out", Path(out)};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Tessera(folder_.path(), arguments);
+  }
+
+  json Json(const std::string& name) const { return json::parse(Content(Path(name))); }
+  // Kinds of the tasks that ran.
+  std::multiset<std::string> Ran(const std::string& out) const {
+    std::multiset<std::string> kinds;
+    const json job = Json(out + "/job.json");
+    for (const json& task : job["tasks"]) {
+      if (task["attempts"] > 0) kinds.insert(task["kind"].get<std::string>());
+    }
+    return kinds;
+  }
+  std::string Mesh(const std::string& out) const { return Content(Path(out) + "/mesh.ply"); }
+
+  // Of each tile, whether it was redone; checks that the tiles' meshes say so too.
+  std::vector<bool> Redone(const std::string& out) {
+    std::vector<bool> redone;
+    const json update = Json(out + "/update.json"), index = Json(out + "/tiles/index.json");
+    for (size_t t = 0; t < update["tiles"].size(); ++t) {
+      redone.push_back(update["tiles"][t]["redone"]);
+      const std::string file = index["tiles"][t]["file"];
+      const bool same = Content(Path(out) + "/tiles/" + file) == Content(Base() + "/tiles/" + file);
+      if (!redone.back()) {
+        EXPECT_TRUE(same) << "tile " << t << " was to be kept";
+      }
+    }
+    EXPECT_EQ(Json(out + "/report.json")["seams"]["different"], 0);
+    return redone;
+  }
+
+  TempFolder folder_;
+};
+
+TEST_F(UpdateTest, TheSameSceneRunsNothing) {
+  const Outcome outcome = Update(Street(), "same");
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_EQ(Ran("same"), (std::multiset<std::string>{"update"}));
+  EXPECT_TRUE(Mesh("same") == Content(Base() + "/mesh.ply"));
+  EXPECT_EQ(Json("same/update.json")["tiles_redone"], 0);
+}
+
+TEST_F(UpdateTest, RenamedReencodedAndSnappedImagesRunNothing) {
+  const std::string scene = CopyOfCity(Path("other"));
+  int count = 0;
+  EditCameras(scene, [&](std::vector<std::string>& words) {
+    const fs::path old_name = words[9];
+    const std::string name = "flight/" + std::to_string(++count) + old_name.extension().string();
+    fs::create_directories(scene + "/images/flight");
+    fs::create_directories(scene + "/likelihoods/flight");
+    fs::rename(scene + "/images/" + words[9], scene + "/images/" + name);
+    for (const auto& file : fs::directory_iterator(scene + "/likelihoods")) {
+      if (file.path().stem() != old_name.stem()) continue;
+      fs::rename(file.path(),
+                 scene + "/likelihoods/flight/" + std::to_string(count) + file.path().extension().string());
+    }
+    words[9] = name;
+    // Other bytes, the same pixels: readers stop at the end of the picture.
+    if (count % 2 == 0) std::ofstream(scene + "/images/" + name, std::ios::app | std::ios::binary) << "a comment";
+    if (count % 3 == 0) words[5] = std::to_string(std::stod(words[5]) + 1e-4);  // far below a tenth of a pixel
+    return true;
+  });
+  json file = json::parse(Content(scene + "/scene.json"));
+  file["flights"] = json::array({{{"name", "spring again"}, {"date", "2026-06-01"}, {"images", {"*"}}}});
+  Write(scene + "/scene.json", file.dump());
+  const Outcome outcome = Update(scene, "renamed");
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("poses differ from the base's by less than 0.1 px"));
+  const auto ran = Ran("renamed");
+  EXPECT_EQ(ran, (std::multiset<std::string>{"update", "publish"})) << "the report tells of the snapped poses";
+  EXPECT_TRUE(Mesh("renamed") == Content(Base() + "/mesh.ply"));
+}
+
+TEST_F(UpdateTest, ANewFlightRedoesTheTilesThatItSeesAndNoOther) {
+  const Outcome plan = Tessera(folder_.path(), {"plan", NextFlight(), "--base", Base(), "--json", Path("plan.json"),
+                                                "--map", Path("map.svg"), "--price-per-core-hour", "1"});
+  ASSERT_EQ(plan.exit_code, 0) << plan.output;
+  EXPECT_THAT(plan.output, HasSubstr("image seen"));
+  EXPECT_THAT(Content(Path("map.svg")), HasSubstr("</svg>"));
+  const Outcome outcome = Update(NextFlight(), "next");
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_EQ(Json("plan.json"), Json("next/update.json")) << "the plan is what is done";
+  const std::vector<bool> redone = Redone("next");
+  const auto count = std::count(redone.begin(), redone.end(), true);
+  EXPECT_GT(count, 0);
+  EXPECT_LT(count, static_cast<int64_t>(redone.size()));
+  std::set<int> measured;
+  const json job = Json("next/job.json");
+  for (const json& task : job["tasks"]) {
+    if (task["kind"] == "measure") measured.insert(task["tile"].get<int>());
+  }
+  EXPECT_EQ(static_cast<int64_t>(measured.size()), count);
+  EXPECT_FALSE(Mesh("next") == Content(Base() + "/mesh.ply"));
+  // Once more, beside the first result: all of it is known.
+  ASSERT_EQ(Update(NextFlight(), "again").exit_code, 0);
+  EXPECT_EQ(Ran("again").size(), 0u);
+  EXPECT_TRUE(Mesh("again") == Mesh("next"));
+  // An update of the update: the whole scene as it was, without the flight.
+  const Outcome back = Update(Street(), "back", {}, Path("next"));
+  ASSERT_EQ(back.exit_code, 0) << back.output;
+  EXPECT_THAT(Content(Path("back/update.json")), HasSubstr("image withdrawn"));
+  EXPECT_EQ(Json("back/update.json")["tiles_redone"], count);
+}
+
+TEST_F(UpdateTest, AWithdrawnImageRedoesTheTilesThatHadChosenIt) {
+  const std::string scene = CopyOfCity(Path("fewer"));
+  std::string dropped;
+  EditCameras(scene, [&](const std::vector<std::string>& words) {
+    if (!dropped.empty()) return true;
+    dropped = words[9];
+    return false;
+  });
+  fs::remove(scene + "/images/" + dropped);
+  const Outcome outcome = Update(scene, "fewer-out");
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  const std::vector<bool> redone = Redone("fewer-out");
+  const auto count = std::count(redone.begin(), redone.end(), true);
+  EXPECT_GT(count, 0);
+  EXPECT_LT(count, static_cast<int64_t>(redone.size()));
+  const json update = Json("fewer-out/update.json");
+  for (const json& tile : update["tiles"]) {
+    for (const json& why : tile["why"]) {
+      if (why["reason"] == "image withdrawn") {
+        EXPECT_EQ(why["images"], json::array({dropped}));
+      }
+    }
+  }
+}
+
+TEST_F(UpdateTest, FromScratchGivesTheSameBytesForAnyTiling) {
+  ASSERT_EQ(Update(NextFlight(), "scratch", {"--from-scratch"}).exit_code, 0);
+  EXPECT_EQ(Json("scratch/report.json")["seams"]["different"], 0);
+  const Outcome one = Tessera(folder_.path(), {"run", Street(), "--tiles", "1", "--out", Path("one")});
+  ASSERT_EQ(one.exit_code, 0) << one.output;
+  ASSERT_EQ(Update(NextFlight(), "whole", {"--from-scratch"}, Path("one")).exit_code, 0);
+  EXPECT_TRUE(Mesh("scratch") == Mesh("whole"));
+}
+
+TEST_F(UpdateTest, WhatCannotBeIsSaidWithWhatToDo) {
+  const auto expect = [&](const Outcome& outcome, const std::string& words) {
+    EXPECT_NE(outcome.exit_code, 0);
+    EXPECT_THAT(outcome.output, HasSubstr(words));
+  };
+  expect(Update(Street(), "a", {}, Path("nowhere")), "expected a folder that `tessera run --out` filled");
+  expect(Update(Street(), "b", {"--withdraw", "autumn"}),
+         "found flight 'autumn', expected one of the base's: 'spring'");
+  expect(Update(Street(), "c", {"--tiles", "4"}), "an update keeps those of its base");
+  expect(Update(Street(), "d", {"--withdraw", "spring"}), "every image of the base is withdrawn");
+  expect(Update(Street(), "e", {"--from-scratch", "--max-price", "1e-9", "--price-per-core-hour", "1"}),
+         "core-seconds, more than the");
+  const std::string mesh = CopyOfCity(Path("mesh"));
+  Write(mesh + "/mesh.ply", Content(mesh + "/mesh.ply") + " ");
+  expect(Update(mesh, "f"), "another mesh than the base's");
+  // A state of the base that is gone: what to do is said before anything runs.
+  const json job = json::parse(Content(Base() + "/job.json"));
+  std::string state;
+  for (const json& task : job["tasks"]) {
+    if (task["outputs"].contains("state.arrays")) state = task["outputs"]["state.arrays"]["sha256"];
+  }
+  for (const auto& entry : fs::recursive_directory_iterator(Base() + "/.tessera/data/blobs")) {
+    if (entry.path().string().find(state.substr(2)) != std::string::npos) fs::remove(entry.path());
+  }
+  expect(Update(Street(), "g"), "is not stored any more; submit its scene anew");
+}
+
+}  // namespace
+}  // namespace tessera::e2e

@@ -1,0 +1,343 @@
+#include "worker/city/update_survey.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <set>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "common/base/parallel.h"
+#include "worker/city/collected_faces.h"
+#include "worker/city/view_box.h"
+
+namespace tessera {
+namespace {
+
+constexpr int kPairSamples = 4000;
+
+// The farthest that the image of a point moves from one camera to the other, of points `depth_m` before the first, over
+// its image.
+double Displacement_px(const PosedCamera& from, const PosedCamera& to, double depth_m) {
+  constexpr int kSteps = 4;
+  const PinholeCamera& k = from.intrinsics;
+  double farthest = 0;
+  for (int i = 0; i <= kSteps; ++i) {
+    for (int j = 0; j <= kSteps; ++j) {
+      const Eigen::Vector2d pixel(k.width * i / static_cast<double>(kSteps),
+                                  k.height * j / static_cast<double>(kSteps));
+      const Eigen::Vector3d ray((pixel.x() - k.cx) / k.fx, (pixel.y() - k.cy) / k.fy, 1);
+      const Eigen::Vector3d point =
+          from.rotation_cam_from_world.transpose() * (ray * depth_m - from.translation_cam_from_world);
+      const Eigen::Vector3d moved = to.Project(point);
+      if (moved.z() <= 0) return std::numeric_limits<double>::infinity();
+      farthest = std::max(farthest, (moved.head<2>() - pixel).norm());
+    }
+  }
+  return farthest;
+}
+
+bool SamePose(const PosedCamera& a, const PosedCamera& b) {
+  return a.rotation_cam_from_world == b.rotation_cam_from_world &&
+         a.translation_cam_from_world == b.translation_cam_from_world && a.intrinsics.fx == b.intrinsics.fx &&
+         a.intrinsics.fy == b.intrinsics.fy && a.intrinsics.cx == b.intrinsics.cx && a.intrinsics.cy == b.intrinsics.cy;
+}
+
+class ViewTaker {
+ public:
+  ViewTaker(const SceneDescription& scene, const std::map<std::string, std::string>& carried, Survey* survey)
+      : scene_(scene), carried_(carried), survey_(*survey), known_(survey->views.size()), taken_(known_, 0) {
+    changes_.changed.assign(known_, 0);
+  }
+
+  Status TakeFlights(const std::vector<std::string>& withdraw) {
+    std::vector<Flight>& flights = survey_.flights;
+    for (const std::string& name : withdraw) {
+      const auto found =
+          std::find_if(flights.begin(), flights.end(), [&](const Flight& flight) { return flight.name == name; });
+      if (found == flights.end()) {
+        const auto names = [](std::string* out, const Flight& flight) { absl::StrAppend(out, "'", flight.name, "'"); };
+        return absl::InvalidArgumentError(
+            absl::StrCat("withdraw: found flight '", name, "', expected one of the base's: ",
+                         flights.empty() ? "it names none" : absl::StrJoin(flights, ", ", names)));
+      }
+      withdrawn_flights_.insert(static_cast<int>(found - flights.begin()));
+    }
+    for (const Flight& flight : scene_.flights) {
+      const auto found =
+          std::find_if(flights.begin(), flights.end(), [&](const Flight& other) { return other.name == flight.name; });
+      flight_.push_back(static_cast<int>(found - flights.begin()));
+      if (found == flights.end()) {
+        flights.push_back(flight);
+      } else {
+        found->date = flight.date;
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  void Take(bool whole) {
+    std::vector<const SceneView*> left;
+    for (const SceneView& view : scene_.views) {
+      const int number = FindSame(view, whole);
+      if (number < 0) {
+        left.push_back(&view);
+      } else {
+        TakeAs(view, static_cast<size_t>(number));
+      }
+    }
+    for (size_t v = 0; v < known_; ++v) {
+      SceneView& view = survey_.views[v];
+      if (!taken_[v] && !whole && !view.withdrawn) {
+        Carry(&view.image_path);
+        Carry(&view.likelihood_path);
+      }
+      if ((taken_[v] || !whole) && !withdrawn_flights_.contains(view.flight)) continue;
+      if (!view.withdrawn) {
+        ++changes_.withdrawn;
+        changes_.changed[v] = 1;
+      }
+      view.withdrawn = true;
+      view.image_path.clear();
+      view.likelihood_path.clear();
+    }
+    std::sort(left.begin(), left.end(), [](const SceneView* a, const SceneView* b) { return a->name < b->name; });
+    for (const SceneView* view : left) {
+      survey_.views.push_back(*view);
+      survey_.views.back().flight = FlightOf(*view);
+      changes_.changed.push_back(1);
+      ++changes_.added;
+    }
+  }
+
+  ViewChanges TakeChanges() { return std::move(changes_); }
+
+ private:
+  int FlightOf(const SceneView& view) const { return view.flight < 0 ? -1 : flight_[view.flight]; }
+
+  void Carry(std::string* path) const {
+    if (const auto found = carried_.find(*path); found != carried_.end()) *path = found->second;
+  }
+
+  // The view of the base that this is, by what it shows; of several, that with its name, or the nearest. -1: none.
+  int FindSame(const SceneView& view, bool whole) const {
+    int best = -1;
+    double nearest_m = std::numeric_limits<double>::infinity();
+    for (size_t v = 0; v < known_; ++v) {
+      const SceneView& other = survey_.views[v];
+      if (taken_[v] || other.withdrawn) continue;
+      const bool same_name = other.name == view.name;
+      if (other.image_content != view.image_content || other.likelihood_content != view.likelihood_content) {
+        if (whole && same_name && best < 0) best = static_cast<int>(v);
+        continue;
+      }
+      if (same_name) return static_cast<int>(v);
+      const double apart_m = (other.camera.Centre() - view.camera.Centre()).norm();
+      if (apart_m < nearest_m) best = static_cast<int>(v);
+      nearest_m = std::min(nearest_m, apart_m);
+    }
+    return best;
+  }
+
+  void TakeAs(const SceneView& view, size_t number) {
+    taken_[number] = 1;
+    SceneView& known = survey_.views[number];
+    if (known.image_content != view.image_content || known.likelihood_content != view.likelihood_content) {
+      ++changes_.replaced;
+    }
+    SceneView taken = view;
+    taken.flight = FlightOf(view);
+    if (!SamePose(known.camera, view.camera)) {
+      const auto [near_m, far_m] = survey_.view_depths[number];
+      const double moved_px = std::max(Displacement_px(known.camera, view.camera, near_m),
+                                       Displacement_px(known.camera, view.camera, far_m));
+      if (moved_px < kSnap_px) {
+        taken.camera = known.camera;
+        taken.lens = known.lens;
+        ++changes_.snapped;
+      } else {
+        changes_.changed[number] = 1;
+        survey_.view_depths[number] = {0, 0};
+        ++changes_.moved;
+      }
+    }
+    known = std::move(taken);
+  }
+
+  const SceneDescription& scene_;
+  const std::map<std::string, std::string>& carried_;
+  Survey& survey_;
+  const size_t known_;
+  std::vector<uint8_t> taken_;  // views of the base that the scene has
+  std::vector<int> flight_;     // of the scene's, their places in the survey
+  std::set<int> withdrawn_flights_;
+  ViewChanges changes_;
+};
+
+// Growing with the flights' dates; flights without a date by when they came.
+std::vector<int> EpochsOf(const Survey& survey) {
+  std::vector<int> order(survey.flights.size());
+  for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<int>(i);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    const std::string &date_a = survey.flights[a].date, &date_b = survey.flights[b].date;
+    return !date_a.empty() && !date_b.empty() && date_a < date_b;
+  });
+  std::vector<int> epoch(survey.flights.size());
+  for (size_t i = 0; i < order.size(); ++i) {
+    const bool same = i > 0 && !survey.flights[order[i]].date.empty() &&
+                      survey.flights[order[i]].date == survey.flights[order[i - 1]].date;
+    epoch[order[i]] = same ? epoch[order[i - 1]] : static_cast<int>(i);
+  }
+  std::vector<int> of_view;
+  for (const SceneView& view : survey.views) of_view.push_back(view.flight < 0 ? -1 : epoch[view.flight]);
+  return of_view;
+}
+
+bool AnyChanged(const std::vector<int32_t>& views, const std::vector<uint8_t>& changed) {
+  return std::any_of(views.begin(), views.end(), [&](int32_t v) { return changed[v] != 0; });
+}
+
+// Pairs with the views that are in play; of those that stay, as they were.
+void ChoosePartners(const TriangleMesh& samples, const ViewChanges& changes, const PairOptions& asked, Survey* survey) {
+  std::vector<uint8_t> chooses = changes.changed;
+  std::vector<std::array<int32_t, 2>> pairs;
+  for (const auto& pair : survey->pairs) {
+    if (changes.changed[pair[0]] || changes.changed[pair[1]]) {
+      chooses[pair[0]] = chooses[pair[1]] = 1;
+    } else {
+      pairs.push_back(pair);
+    }
+  }
+  std::vector<int32_t> in_play;
+  std::vector<PosedCamera> cameras;
+  std::vector<uint8_t> choosers;
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& p : samples.vertices) box.extend(p);
+  for (size_t v = 0; v < survey->views.size(); ++v) {
+    if (survey->views[v].withdrawn || !MayShow(survey->views[v].camera, box)) continue;
+    in_play.push_back(static_cast<int32_t>(v));
+    cameras.push_back(survey->views[v].camera);
+    choosers.push_back(chooses[v]);
+  }
+  PairOptions options = asked;
+  options.samples = static_cast<int>(samples.faces.size());
+  for (const ViewPair& pair : SelectPairs(samples, cameras, options, choosers)) {
+    pairs.push_back({in_play[pair.reference], in_play[pair.other]});
+  }
+  std::sort(pairs.begin(), pairs.end());
+  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+  survey->pairs = std::move(pairs);
+}
+
+}  // namespace
+
+StatusOr<ViewChanges> TakeViews(const SceneDescription& scene, bool whole, const UpdateParameters& parameters,
+                                const std::map<std::string, std::string>& carried, Survey* survey) {
+  if (scene.has_likelihoods != survey->has_likelihoods) {
+    return InputError(scene.folder, "likelihoods", scene.has_likelihoods ? "some" : "none",
+                      survey->has_likelihoods ? "some, as the base has" : "none, as in the base");
+  }
+  const auto names = [](const std::vector<SceneClass>& classes) {
+    return absl::StrJoin(classes, ", ", [](std::string* out, const SceneClass& c) { absl::StrAppend(out, c.name); });
+  };
+  if (scene.has_likelihoods && names(scene.classes) != names(survey->classes)) {
+    return InputError(scene.folder + "/scene.json", "classes", names(scene.classes),
+                      absl::StrCat(names(survey->classes), ", as in the base"));
+  }
+  ViewTaker taker(scene, carried, survey);
+  TESSERA_RETURN_IF_ERROR(taker.TakeFlights(parameters.withdraw));
+  taker.Take(whole);
+  const bool any =
+      std::any_of(survey->views.begin(), survey->views.end(), [](const SceneView& view) { return !view.withdrawn; });
+  if (!any) return absl::InvalidArgumentError("every image of the base is withdrawn, and none is added");
+  return taker.TakeChanges();
+}
+
+Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_epochs, const CellViewOptions& asked,
+                  const PairOptions& pairs, const TaskControl& control, Survey* survey) {
+  std::map<std::pair<int, int>, size_t> cell_at;
+  std::vector<uint8_t> touched(survey->cells.size(), 0);
+  for (size_t c = 0; c < touched.size(); ++c) {
+    const SurveyCell& cell = survey->cells[c];
+    cell_at[{cell.x, cell.y}] = c;
+    touched[c] = AnyChanged(cell.views, changes.changed);
+    for (size_t v = 0; v < survey->views.size() && !touched[c]; ++v) {
+      touched[c] = changes.changed[v] && !survey->views[v].withdrawn &&
+                   MayShow(survey->views[v].camera, {cell.box_min, cell.box_max});
+    }
+  }
+  std::vector<Eigen::Vector3d> centres;
+  for (const SceneView& view : survey->views) centres.push_back(view.camera.Centre());
+  // The blocks at hand, the views that may show them, and the blocks that may stand between.
+  std::vector<size_t> blocks;
+  std::vector<std::vector<size_t>> candidates;
+  std::vector<uint8_t> between(city.block_count(), 0);
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    const bool any = std::any_of(cell_at.begin(), cell_at.end(), [&](const auto& at) {
+      return touched[at.second] && city.cells(b).Contains({at.first.first, at.first.second});
+    });
+    if (!any) continue;
+    blocks.push_back(b);
+    std::vector<size_t>& showing = candidates.emplace_back();
+    for (size_t v = 0; v < survey->views.size(); ++v) {
+      if (!survey->views[v].withdrawn && MayShow(survey->views[v].camera, city.box(b))) showing.push_back(v);
+    }
+    for (const size_t v : showing) {
+      Eigen::AlignedBox3d reach = city.box(b);
+      reach.extend(centres[v]);
+      for (size_t other = 0; other < between.size(); ++other) between[other] |= city.box(other).intersects(reach);
+    }
+  }
+  if (blocks.empty()) return absl::OkStatus();
+  CellViewOptions options = asked;
+  if (!all_epochs) options.epoch_of_view = EpochsOf(*survey);
+  CitySight sight(options.occlusion_margin_gsd * survey->gsd_m);
+  FaceCollector collector;
+  for (size_t b = 0; b < between.size(); ++b) {
+    if (!between[b]) continue;
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    for (size_t f = 0; f < block.face_ids.size(); ++f) collector.Add(block, f, false);
+  }
+  {
+    const CollectedFaces around = collector.Finish();
+    sight.SetNear(around.mesh);
+  }
+  TriangleMesh samples;  // faces of the touched blocks, at even steps
+  int64_t faces = 0;
+  for (const size_t b : blocks) {
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    faces += static_cast<int64_t>(block.face_ids.size());
+  }
+  const auto step = static_cast<size_t>(std::max<int64_t>(1, faces / kPairSamples));
+  for (size_t i = 0; i < blocks.size(); ++i) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(static_cast<double>(i) / static_cast<double>(blocks.size()), "choosing views");
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(blocks[i]));
+    for (size_t f = step / 2; f < block.mesh.faces.size(); f += step) {
+      const auto first = static_cast<uint32_t>(samples.vertices.size());
+      for (int k = 0; k < 3; ++k) samples.vertices.push_back(block.mesh.Corner(f, k));
+      samples.faces.push_back({first, first + 1, first + 2});
+    }
+    const auto faces_of = FacesOfCells(block, survey->ground);
+    std::vector<std::pair<SurveyCell*, const std::vector<uint32_t>*>> cells;
+    for (const auto& [at, of_cell] : faces_of) {
+      const size_t c = cell_at.at(at);
+      if (touched[c]) cells.emplace_back(&survey->cells[c], &of_cell);
+    }
+    ParallelFor(static_cast<int64_t>(cells.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t c = begin; c < end; ++c) {
+        if (!control.Check().ok()) return;
+        std::vector<int32_t> views =
+            ChooseViewsOfCell(block.mesh, *cells[c].second, sight, centres, candidates[i], *survey, options);
+        std::vector<int32_t>& known = cells[c].first->views;
+        if (AnyChanged(views, changes.changed) || AnyChanged(known, changes.changed)) known = std::move(views);
+      }
+    });
+  }
+  TESSERA_RETURN_IF_ERROR(control.Check());
+  ChoosePartners(samples, changes, pairs, survey);
+  return absl::OkStatus();
+}
+
+}  // namespace tessera
