@@ -151,20 +151,24 @@ class BuildingBuilder {
         }
       }
     }
+    const bool planted = spec_.planted && spec_.roof == RoofKind::kFlat;
+    const SurfacePatch plants = PlantingPatch(0, Vector3d::Zero());
     const uint32_t cap =
-        builder_.Patch(roof_.material, Seed(), roof_.albedo, {0, 0, top_}, Vector3d::UnitX(), Vector3d::UnitY());
+        builder_.Patch(planted ? plants.material : roof_.material, Seed(), planted ? plants.albedo : roof_.albedo,
+                       {0, 0, top_}, Vector3d::UnitX(), Vector3d::UnitY());
+    const int32_t deck = planted ? kVegetation : kRoof;
     const Vector3d top(0, 0, top_), bottom(0, 0, foot_);
     const auto lowered = [&](const Vector3d& p) { return Vector3d(p.x(), p.y(), foot_); };
     for (size_t k = 0; k < rim.size(); ++k) {
       const Vector3d &a = rim[k], &b = rim[(k + 1) % rim.size()];
-      builder_.Triangle(top, a, b, kRoof, cap);
+      builder_.Triangle(top, a, b, deck, cap);
       builder_.Triangle(bottom, lowered(b), lowered(a), kFacade, cap);
     }
     builder_.Occupy({{{-x_, 0, 0}, -Vector3d::UnitX(), kFacade},
                      {{x_, 0, 0}, Vector3d::UnitX(), kFacade},
                      {{0, -y_, 0}, -Vector3d::UnitY(), kFacade},
                      {{0, y_, 0}, Vector3d::UnitY(), kFacade},
-                     {top, Vector3d::UnitZ(), kRoof},
+                     {top, Vector3d::UnitZ(), deck},
                      {bottom, -Vector3d::UnitZ(), kFacade}},
                     {{-x_, -y_, foot_}, {x_, -y_, foot_}, {-x_, y_, top_}, {x_, y_, top_}});
   }
@@ -388,5 +392,25 @@ class BuildingBuilder {
 }  // namespace
 
 void BuildBuilding(const BuildingSpec& spec, BlockSolids& block) { BuildingBuilder(spec, block).Run(); }
+
+std::vector<Eigen::Vector2d> RoofOutline(const BuildingSpec& spec) {
+  BlockSolids block;
+  BuildBuilding(spec, block);
+  const Eigen::Rotation2Dd turn(spec.yaw_rad);
+  Eigen::AlignedBox2d box;
+  const TriangleMesh& mesh = block.surface.mesh;
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    if (mesh.labels[f] == kFacade) continue;
+    for (uint32_t v : mesh.faces[f]) {
+      box.extend(turn.inverse() * Eigen::Vector2d(mesh.vertices[v].head<2>() - spec.centre));
+    }
+  }
+  std::vector<Eigen::Vector2d> outline;
+  for (const auto corner : {Eigen::AlignedBox2d::BottomLeft, Eigen::AlignedBox2d::BottomRight,
+                            Eigen::AlignedBox2d::TopRight, Eigen::AlignedBox2d::TopLeft}) {
+    outline.push_back(spec.centre + turn * box.corner(corner));
+  }
+  return outline;
+}
 
 }  // namespace tessera

@@ -17,22 +17,29 @@ constexpr double kTiltRad = 0.7853981633974483;
 }  // namespace
 
 std::vector<SynthView> PlanFlight(const CityPlan& plan, int width_px, int height_px) {
+  return PlanFlightOver(plan, {Eigen::Vector2d(plan.MinX(), plan.MinY()), Eigen::Vector2d(plan.MaxX(), plan.MaxY())},
+                        plan.seed ^ 0x666c69676874ull, "", width_px, height_px);
+}
+
+std::vector<SynthView> PlanFlightOver(const CityPlan& plan, const Eigen::AlignedBox2d& area, uint64_t seed,
+                                      const std::string& prefix, int width_px, int height_px) {
   const double height_m = plan.gsd_m * kFocalPerWidth * width_px;
   const double forward_m = (1 - kForwardOverlap) * height_px * plan.gsd_m;
   const double side_m = (1 - kSideOverlap) * width_px * plan.gsd_m;
-  const int lines = std::max(1, static_cast<int>(std::ceil(plan.columns * CityPlan::kPitch / side_m - 0.25)));
-  const int stations = std::max(3, static_cast<int>(std::ceil(plan.rows * CityPlan::kPitch / forward_m - 0.25)));
-  Random random(plan.seed ^ 0x666c69676874ull);
+  const int lines = std::max(1, static_cast<int>(std::ceil(area.sizes().x() / side_m - 0.25)));
+  const int stations = std::max(3, static_cast<int>(std::ceil(area.sizes().y() / forward_m - 0.25)));
+  Random random(seed);
   std::vector<SynthView> views;
   static const char* const kNames[kLookCount] = {"nadir", "north", "east", "south", "west"};
   for (int line = 0; line < lines; ++line) {
     for (int station = 0; station < stations; ++station) {
-      const Eigen::Vector2d over((line - 0.5 * (lines - 1)) * side_m, (station - 0.5 * (stations - 1)) * forward_m);
+      const Eigen::Vector2d over = area.center() + Eigen::Vector2d((line - 0.5 * (lines - 1)) * side_m,
+                                                                   (station - 0.5 * (stations - 1)) * forward_m);
       for (int look = 0; look < kLookCount; ++look) {
         SynthView view;
         char stem[48];
         std::snprintf(stem, sizeof stem, "%s_%02d_%03d", kNames[look], line, station);
-        view.stem = stem;
+        view.stem = prefix + stem;
         view.look = look;
         // Aircraft drift: a hundredth of the height in place, a degree in attitude.
         view.target = over + 0.006 * height_m * Eigen::Vector2d(random.Uniform(-1, 1), random.Uniform(-1, 1));

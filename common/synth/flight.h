@@ -25,6 +25,10 @@ struct SynthView {
 // `width_px`, `height_px`: of every image. Nadir GSD is plan.gsd_m at the ground's mean height.
 std::vector<SynthView> PlanFlight(const CityPlan& plan, int width_px, int height_px);
 
+// The same over an area alone. `seed`: of the aircraft's drift; `prefix`: what all stems begin with.
+std::vector<SynthView> PlanFlightOver(const CityPlan& plan, const Eigen::AlignedBox2d& area, uint64_t seed,
+                                      const std::string& prefix, int width_px, int height_px);
+
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_SYNTH_FLIGHT_H_

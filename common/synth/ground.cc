@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "common/base/random.h"
 
@@ -35,6 +36,10 @@ void MakeLines(double low, int blocks, std::vector<double>& lines, std::vector<s
   start.push_back(lines.size() - 1);
 }
 
+const Planting* PlantingOfCell(const CityPlan& plan, const GroundGrid& grid, size_t i, size_t j) {
+  return PlantingAt(plan, 0.5 * (grid.x_lines[i] + grid.x_lines[i + 1]), 0.5 * (grid.y_lines[j] + grid.y_lines[j + 1]));
+}
+
 }  // namespace
 
 GroundGrid MakeGroundGrid(const CityPlan& plan) {
@@ -49,6 +54,10 @@ Eigen::Vector3d GroundVertex(const CityPlan& plan, const GroundGrid& grid, size_
   return {x, y, GroundHeight(plan, x, y)};
 }
 
+int32_t GroundCellLabel(const CityPlan& plan, const GroundGrid& grid, size_t i, size_t j) {
+  return PlantingOfCell(plan, grid, i, j) == nullptr ? kGround : kVegetation;
+}
+
 TexturedSurface BuildGround(const CityPlan& plan, const GroundGrid& grid, int column, int row) {
   TexturedSurface ground;
   SurfacePatch patch;
@@ -61,16 +70,22 @@ TexturedSurface BuildGround(const CityPlan& plan, const GroundGrid& grid, int co
   for (size_t j = j0; j <= j1; ++j) {
     for (size_t i = i0; i <= i1; ++i) ground.mesh.vertices.push_back(GroundVertex(plan, grid, i, j));
   }
+  std::map<const Planting*, uint32_t> patches = {{nullptr, 0}};
   for (size_t j = 0; j < j1 - j0; ++j) {
     for (size_t i = 0; i < i1 - i0; ++i) {
       const uint32_t a = static_cast<uint32_t>(j * width + i), b = a + 1, d = a + static_cast<uint32_t>(width),
                      c = d + 1;
       ground.mesh.faces.push_back({a, b, c});
       ground.mesh.faces.push_back({a, c, d});
+      const Planting* planting = PlantingOfCell(plan, grid, i0 + i, j0 + j);
+      const auto [place, fresh] = patches.try_emplace(planting, static_cast<uint32_t>(ground.patches.size()));
+      if (fresh)
+        ground.patches.push_back(
+            PlantingPatch(planting->seed, {planting->area.min().x(), planting->area.min().y(), 0}));
+      ground.mesh.labels.insert(ground.mesh.labels.end(), 2, planting == nullptr ? kGround : kVegetation);
+      ground.patch_of_face.insert(ground.patch_of_face.end(), 2, place->second);
     }
   }
-  ground.mesh.labels.assign(ground.mesh.faces.size(), kGround);
-  ground.patch_of_face.assign(ground.mesh.faces.size(), 0);
   return ground;
 }
 

@@ -23,6 +23,9 @@ GroundGrid MakeGroundGrid(const CityPlan& plan);
 
 Eigen::Vector3d GroundVertex(const CityPlan& plan, const GroundGrid& grid, size_t i, size_t j);
 
+// Class of the grid's cell between the lines i, i + 1 and j, j + 1.
+int32_t GroundCellLabel(const CityPlan& plan, const GroundGrid& grid, size_t i, size_t j);
+
 // The ground of one block, its vertices its own.
 TexturedSurface BuildGround(const CityPlan& plan, const GroundGrid& grid, int column, int row);
 

@@ -92,16 +92,7 @@ class BlockPlanner {
       const int fit = static_cast<int>((width - 3) / 3.2);
       b.dormers = depth < 6.5 ? 0 : std::min<int>(fit, static_cast<int>(random_.Below(4)));
     }
-    double low = 1e9, sum = 0;
-    const double reach = 0.5 * std::hypot(width, depth);
-    for (int k = 0; k < 8; ++k) {
-      const Eigen::Vector2d q = b.centre + reach * Eigen::Vector2d(std::cos(k * kTwoPi / 8), std::sin(k * kTwoPi / 8));
-      const double z = GroundHeight(plan_, q.x(), q.y());
-      low = std::min(low, z);
-      sum += z / 8;
-    }
-    b.floor_z_m = sum;
-    b.foot_z_m = low - 1.5;
+    SettleOnGround(plan_, b);
     block_.buildings.push_back(b);
     return block_.buildings.back();
   }
@@ -246,6 +237,34 @@ double GroundHeight(const CityPlan& plan, double x, double y) {
   return TerrainHeight(plan, x, y) + (IsRaised(plan, x, y) ? CityPlan::kKerbHeight : 0.0);
 }
 
-BlockPlan PlanBlock(const CityPlan& plan, int column, int row) { return BlockPlanner(plan, column, row).Run(); }
+void SettleOnGround(const CityPlan& plan, BuildingSpec& building) {
+  double low = 1e9, sum = 0;
+  const double reach = 0.5 * std::hypot(building.width_m, building.depth_m);
+  for (int k = 0; k < 8; ++k) {
+    const Eigen::Vector2d q =
+        building.centre + reach * Eigen::Vector2d(std::cos(k * kTwoPi / 8), std::sin(k * kTwoPi / 8));
+    const double z = GroundHeight(plan, q.x(), q.y());
+    low = std::min(low, z);
+    sum += z / 8;
+  }
+  building.floor_z_m = sum;
+  building.foot_z_m = low - 1.5;
+}
+
+BlockPlan PlanBlock(const CityPlan& plan, int column, int row) {
+  if (plan.changes != nullptr) {
+    const auto changed = plan.changes->blocks.find({column, row});
+    if (changed != plan.changes->blocks.end()) return changed->second;
+  }
+  return BlockPlanner(plan, column, row).Run();
+}
+
+const Planting* PlantingAt(const CityPlan& plan, double x, double y) {
+  if (plan.changes == nullptr) return nullptr;
+  for (const Planting& planting : plan.changes->plantings) {
+    if (planting.area.contains(Eigen::Vector2d(x, y))) return &planting;
+  }
+  return nullptr;
+}
 
 }  // namespace tessera

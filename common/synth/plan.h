@@ -3,7 +3,11 @@
 #define TESSERA_COMMON_SYNTH_PLAN_H_
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstdint>
+#include <map>
+#include <memory>
+#include <utility>
 #include <vector>
 
 namespace tessera {
@@ -11,6 +15,8 @@ namespace tessera {
 // Class indices of a synthetic scene, the default classes of scene.json in their order.
 enum CityClass : int32_t { kGround = 0, kFacade = 1, kRoof = 2, kVegetation = 3 };
 inline constexpr int kCityClasses = 4;
+
+struct CityChanges;
 
 // The city's frame: metres, z up, the middle of the city at x = y = 0. Blocks lie on a square lattice; each owns the
 // square of kBlockPitch around it, half the streets included. Everything is a function of the seed and the place, so
@@ -20,6 +26,7 @@ struct CityPlan {
   int rows = 1;
   uint64_t seed = 0;
   double gsd_m = 0.12;
+  std::shared_ptr<const CityChanges> changes;  // what a later epoch has otherwise; null: nothing
 
   static constexpr double kPitch = 44.0;      // metres from block to block
   static constexpr double kHalfStreet = 5.0;  // from the border of a block's square to its kerb
@@ -67,8 +74,12 @@ struct BuildingSpec {
   bool pilasters = false;
   int dormers = 0;  // a side
   int chimneys = 0;
+  bool planted = false;  // a flat roof's deck is vegetation
   uint64_t seed = 0;
 };
+
+// Sets floor_z_m and foot_z_m from the ground around the building.
+void SettleOnGround(const CityPlan& plan, BuildingSpec& building);
 
 struct TreeSpec {
   Eigen::Vector3d foot;     // on the ground
@@ -83,7 +94,23 @@ struct BlockPlan {
   double paved_share = 0.3;  // how much of the block's inside is paved rather than green
 };
 
+// The seed's layout, unless the plan's changes have another for this block.
 BlockPlan PlanBlock(const CityPlan& plan, int column, int row);
+
+// Ground that is vegetation in a later epoch. Its sides lie on lines of the ground's grid.
+struct Planting {
+  Eigen::AlignedBox2d area;
+  uint32_t seed = 0;  // of its texture
+};
+
+// What differs from the city of the seed. Blocks and ground that are not named here are the seed's to the last bit.
+struct CityChanges {
+  std::map<std::pair<int, int>, BlockPlan> blocks;  // by column and row: the whole block as it is now
+  std::vector<Planting> plantings;
+};
+
+// The planting that (x, y) lies in; null: none.
+const Planting* PlantingAt(const CityPlan& plan, double x, double y);
 
 }  // namespace tessera
 

@@ -53,12 +53,14 @@ class OccupancyField {
   // What stands near the vertical line through (x, y).
   struct Column {
     double ground = 0, top = 0;
+    int32_t ground_label = kGround;
     std::vector<const ConvexSolid*> solids;
     std::vector<const TreeSpec*> trees;
   };
   Column At(double x, double y, double margin) const {
     Column column;
     column.ground = column.top = GroundHeight(plan_, x, y);
+    if (PlantingAt(plan_, x, y) != nullptr) column.ground_label = kVegetation;
     const auto covers = [&](const Eigen::AlignedBox3d& box) {
       return x > box.min().x() - margin && x < box.max().x() + margin && y > box.min().y() - margin &&
              y < box.max().y() + margin;
@@ -90,7 +92,7 @@ class OccupancyField {
                        double turn_m) const {
     const double nearest = Distance(column, p);
     double least = p.z() - column.ground - nearest + turn_m * (1 - normal.z());
-    int32_t label = kGround;
+    int32_t label = column.ground_label;
     const auto offer = [&](double cost, int32_t candidate) {
       if (cost < least) {
         least = cost;

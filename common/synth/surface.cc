@@ -4,6 +4,15 @@
 
 namespace tessera {
 
+SurfacePatch PlantingPatch(uint32_t seed, const Eigen::Vector3d& origin) {
+  SurfacePatch patch;
+  patch.material = Material::kFoliage;
+  patch.seed = seed;
+  patch.origin = origin;
+  patch.albedo = {0.1f, 0.21f, 0.05f};
+  return patch;
+}
+
 void TexturedSurface::Append(const TexturedSurface& other) {
   const uint32_t first_vertex = static_cast<uint32_t>(mesh.vertices.size());
   const uint32_t first_patch = static_cast<uint32_t>(patches.size());

@@ -43,6 +43,9 @@ struct SurfacePatch {
   Eigen::Vector3f albedo = {0.5f, 0.5f, 0.5f};  // linear RGB
 };
 
+// Low shrubs that cover ground or a roof.
+SurfacePatch PlantingPatch(uint32_t seed, const Eigen::Vector3d& origin);
+
 // A labelled mesh and the patch of each face.
 struct TexturedSurface {
   TriangleMesh mesh;
@@ -129,6 +132,11 @@ void BuildBuilding(const BuildingSpec& spec, BlockSolids& block);
 
 // Appends a tree: trunk and rough crown.
 void BuildTree(const TreeSpec& spec, BlockSolids& block);
+
+// What a building and a tree's crown cover as seen from above, counter-clockwise, in the city's plan: the roof with its
+// eaves (balconies, cornices and pilasters left out), and the silhouette of the crown.
+std::vector<Eigen::Vector2d> RoofOutline(const BuildingSpec& spec);
+std::vector<Eigen::Vector2d> CrownOutline(const TreeSpec& spec);
 
 // Signed distance (approximate) to a crown and the growth under it, negative inside.
 double CrownDistance(const TreeSpec& spec, const Eigen::Vector3d& p);

@@ -6,13 +6,16 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <unordered_map>
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
+#include "common/synth/base_city.h"
 #include "common/synth/calibration.h"
+#include "common/synth/changes.h"
 #include "common/synth/ply_stream.h"
 #include "common/synth/scene_files.h"
 #include "common/synth/sparse_points.h"
@@ -86,16 +89,46 @@ class BlockCache : public BlockSource {
   mutable std::map<std::pair<int, int>, std::unique_ptr<BlockSolids>> blocks_;
 };
 
+CityPlan PlanOf(const SynthOptions& o) { return {o.columns, o.rows, o.seed, o.gsd_m, nullptr}; }
+
+Eigen::AlignedBox2d ExtentOf(const CityPlan& plan) {
+  return {Eigen::Vector2d(plan.MinX(), plan.MinY()), Eigen::Vector2d(plan.MaxX(), plan.MaxY())};
+}
+
+// What makes a later epoch of a city's first.
+struct LaterEpoch {
+  const SecondEpochOptions& options;
+  const BaseCity& base;
+  Eigen::AlignedBox2d part;
+  ChangedCity city;
+
+  bool whole() const { return options.whole || options.new_mesh; }
+  uint64_t Salt() const { return MixBits(options.seed ^ 0x6e657874ull); }
+};
+
 class CitySynthesizer {
  public:
   CitySynthesizer(const SynthOptions& options, const std::string& folder, const TaskControl& control)
       : options_(options),
         folder_(folder),
         control_(control),
-        plan_{options.columns, options.rows, options.seed, options.gsd_m},
+        plan_(PlanOf(options)),
+        area_(ExtentOf(plan_)),
         grid_(MakeGroundGrid(plan_)),
         blocks_(plan_),
         flight_(PlanFlight(plan_, options.image_width_px, options.image_height_px)) {}
+
+  CitySynthesizer(const LaterEpoch& epoch, const std::string& folder, const TaskControl& control)
+      : options_(epoch.base.options),
+        folder_(folder),
+        control_(control),
+        epoch_(&epoch),
+        plan_(epoch.city.plan),
+        area_(epoch.part),
+        grid_(MakeGroundGrid(plan_)),
+        blocks_(plan_),
+        flight_(PlanFlightOver(plan_, area_, plan_.seed ^ epoch.Salt(), std::string(kLaterFlight) + "_",
+                               options_.image_width_px, options_.image_height_px)) {}
 
   StatusOr<SynthReport> Run() {
     report_.gsd_m = options_.gsd_m;
@@ -103,22 +136,53 @@ class CitySynthesizer {
     report_.area_m2 = plan_.Blocks() * CityPlan::kPitch * CityPlan::kPitch;
     report_.images = options_.with_images ? static_cast<int64_t>(flight_.size()) : 0;
     TESSERA_RETURN_IF_ERROR(WriteTruthMesh());
+    if (epoch_ != nullptr) {
+      TESSERA_RETURN_IF_ERROR(WriteChanges(folder_ + "/truth/changes.geojson", epoch_->city.changes));
+      for (const CityChange& change : epoch_->city.changes) ++report_.changes[static_cast<int>(change.kind)];
+    }
     TESSERA_RETURN_IF_ERROR(Calibrate());
-    TESSERA_RETURN_IF_ERROR(WriteStartMesh());
+    if (MakesStartMesh()) {
+      TESSERA_RETURN_IF_ERROR(WriteStartMesh());
+    } else if (epoch_->whole()) {
+      TESSERA_RETURN_IF_ERROR(LinkFile(epoch_->options.base_folder + "/mesh.ply", folder_ + "/mesh.ply"));
+      report_.start_faces = epoch_->base.report.start_faces;
+      report_.start_accuracy_by_area = epoch_->base.report.start_accuracy_by_area;
+      report_.start_accuracy_by_pixels = epoch_->base.report.start_accuracy_by_pixels;
+    }
     if (options_.with_images) {
       TESSERA_RETURN_IF_ERROR(WriteViews());
     }
-    TESSERA_RETURN_IF_ERROR(WriteColmapText(folder_ + "/colmap", flight_, ".jpg", points_));
     report_.sparse_points = static_cast<int64_t>(points_.size());
+    TESSERA_RETURN_IF_ERROR(WriteCameras());
     TESSERA_RETURN_IF_ERROR(control_.Check());
     std::filesystem::path named = std::filesystem::path(folder_).lexically_normal();
     if (named.filename().empty()) named = named.parent_path();
-    TESSERA_RETURN_IF_ERROR(WriteSceneJson(folder_, named.filename().string(), options_, report_));
+    std::optional<EpochFiles> files;
+    if (epoch_ != nullptr) files.emplace(EpochFiles{epoch_->options, epoch_->city.changes});
+    TESSERA_RETURN_IF_ERROR(
+        WriteSceneJson(folder_, named.filename().string(), options_, report_, files ? &*files : nullptr));
     return report_;
   }
 
  private:
-  uint64_t ViewSeed(size_t view) const { return MixBits(plan_.seed ^ MixBits(0x76696577ull + view)); }
+  bool MakesStartMesh() const { return epoch_ == nullptr || epoch_->options.new_mesh; }
+
+  uint64_t ViewSeed(size_t view) const {
+    return MixBits(plan_.seed ^ MixBits((epoch_ == nullptr ? 0x76696577ull : epoch_->Salt()) + view));
+  }
+
+  // The cameras, after those of the first epoch if the scene is complete; then its images come too.
+  Status WriteCameras() {
+    if (epoch_ == nullptr || !epoch_->whole()) return WriteColmapText(folder_ + "/colmap", flight_, ".jpg", points_);
+    const std::string& base = epoch_->options.base_folder;
+    for (const char* part : {"/images", "/likelihoods"}) {
+      TESSERA_RETURN_IF_ERROR(LinkFiles(base + part, folder_ + part));
+    }
+    TESSERA_ASSIGN_OR_RETURN(const ColmapText earlier, ReadColmapText(base + "/colmap"));
+    report_.images += earlier.image_count;
+    report_.sparse_points += earlier.point_count;
+    return WriteColmapText(folder_ + "/colmap", flight_, ".jpg", points_, &earlier);
+  }
 
   Status WriteTruthMesh() {
     MeshSpool spool(folder_ + "/truth/mesh");
@@ -128,8 +192,9 @@ class CitySynthesizer {
     for (size_t j = 0; j + 1 < grid_.y_lines.size(); ++j) {
       for (size_t i = 0; i + 1 < grid_.x_lines.size(); ++i) {
         const auto v = [&](size_t di, size_t dj) { return static_cast<uint32_t>(grid_.Vertex(i + di, j + dj)); };
-        spool.AddFace({v(0, 0), v(1, 0), v(1, 1)}, kGround);
-        spool.AddFace({v(0, 0), v(1, 1), v(0, 1)}, kGround);
+        const int32_t label = GroundCellLabel(plan_, grid_, i, j);
+        spool.AddFace({v(0, 0), v(1, 0), v(1, 1)}, label);
+        spool.AddFace({v(0, 0), v(1, 1), v(0, 1)}, label);
       }
     }
     for (int row = 0; row < plan_.rows; ++row) {
@@ -183,19 +248,43 @@ class CitySynthesizer {
     return views;
   }
 
+  // Blocks that the area lies on.
+  BlockRange AreaBlocks() const {
+    const auto low = [](double from) { return static_cast<int>(std::floor(from / CityPlan::kPitch + 1e-9)); };
+    const auto high = [](double to) { return static_cast<int>(std::ceil(to / CityPlan::kPitch - 1e-9)); };
+    return {low(area_.min().x() - plan_.MinX()), high(area_.max().x() - plan_.MinX()),
+            low(area_.min().y() - plan_.MinY()), high(area_.max().y() - plan_.MinY())};
+  }
+
+  // Sixteen blocks in the middle of the area, in whatever shape it gives.
+  BlockRange CalibrationRange() const {
+    const BlockRange area = AreaBlocks();
+    const int area_rows = area.row_high - area.row_low, area_columns = area.column_high - area.column_low;
+    const int rows = std::min(area_rows, std::max(kCalibrationBlocks / std::min(area_columns, 4), 4));
+    const int columns = std::min(area_columns, std::max(kCalibrationBlocks / rows, 1));
+    BlockRange range;
+    range.column_low = area.column_low + (area_columns - columns) / 2;
+    range.column_high = range.column_low + columns;
+    range.row_low = area.row_low + (area_rows - rows) / 2;
+    range.row_high = range.row_low + rows;
+    return range;
+  }
+
+  // The start labels' threshold of the city's first epoch: where nothing has changed the labels are the same.
+  StatusOr<double> FirstStartThreshold() const {
+    TaskControl quiet;
+    quiet.cancelled = control_.cancelled;
+    CitySynthesizer first(epoch_->base.options, folder_, quiet);
+    TESSERA_RETURN_IF_ERROR(first.Calibrate());
+    return first.start_threshold_;
+  }
+
   Status Calibrate() {
     control_.Report(0.03, "calibration");
     TESSERA_RETURN_IF_ERROR(control_.Check());
-    // Sixteen blocks in the middle, in whatever shape the city gives.
-    const int rows = std::min(plan_.rows, std::max(kCalibrationBlocks / std::min(plan_.columns, 4), 4));
-    const int columns = std::min(plan_.columns, std::max(kCalibrationBlocks / rows, 1));
-    BlockRange range;
-    range.column_low = (plan_.columns - columns) / 2;
-    range.column_high = range.column_low + columns;
-    range.row_low = (plan_.rows - rows) / 2;
-    range.row_high = range.row_low + rows;
+    const BlockRange range = CalibrationRange();
     std::vector<std::pair<int, int>> places;
-    for (int row = range.row_low; row < range.row_high; ++row) {
+    for (int row = range.row_low; row < range.row_high && MakesStartMesh(); ++row) {
       for (int column = range.column_low; column < range.column_high; ++column) places.push_back({row, column});
     }
     std::vector<StartChunk> chunks(places.size());
@@ -217,7 +306,7 @@ class CitySynthesizer {
       };
       std::vector<const SynthView*> views;
       for (int k : spread(40)) views.push_back(&flight_[k]);
-      samples = SampleStartLabels(*scene, pointers, views, 15000, range);
+      if (MakesStartMesh()) samples = SampleStartLabels(*scene, pointers, views, 15000, range);
       std::vector<const SynthView*> few;
       std::vector<uint64_t> seeds;
       for (int k : spread(10)) {
@@ -227,7 +316,12 @@ class CitySynthesizer {
       control_.Report(0.06, "calibration");
       likelihood_threshold_ = CalibrateLikelihoods(*scene, few, seeds);
     }
-    start_threshold_ = CalibrateStartLabels(pointers, samples);
+    if (!MakesStartMesh()) return absl::OkStatus();
+    if (epoch_ == nullptr) {
+      start_threshold_ = CalibrateStartLabels(pointers, samples);
+    } else {
+      TESSERA_ASSIGN_OR_RETURN(start_threshold_, FirstStartThreshold());
+    }
     if (!samples.empty())
       report_.start_accuracy_by_pixels = CountByPixels(pointers, samples, start_threshold_).AverageAccuracy();
     for (size_t k = 0; k < places.size(); ++k) ready_chunks_[places[k]] = std::move(chunks[k]);
@@ -289,10 +383,13 @@ class CitySynthesizer {
         const std::vector<int> views = ViewsOver(cell);
         if (views.empty()) continue;
         const auto scene = SceneAround(cell);
-        const int blocks = (cell.column_high - cell.column_low) * (cell.row_high - cell.row_low);
-        const std::vector<SparsePoint> points =
-            MakeSparsePoints(*scene, flight_, views, kPointsPerBlock * blocks,
-                             MixBits(plan_.seed) + static_cast<uint64_t>(row) * 100003 + column);
+        const Eigen::AlignedBox2d square(plan_.BlockOrigin(cell.column_low, cell.row_low),
+                                         plan_.BlockOrigin(cell.column_high, cell.row_high));
+        const double blocks = square.intersection(area_).volume() / (CityPlan::kPitch * CityPlan::kPitch);
+        const std::vector<SparsePoint> points = MakeSparsePoints(
+            *scene, flight_, views, static_cast<int>(std::lround(kPointsPerBlock * std::max(0.0, blocks))),
+            MixBits(plan_.seed) + (epoch_ == nullptr ? 0 : epoch_->Salt()) + static_cast<uint64_t>(row) * 100003 +
+                column);
         points_.insert(points_.end(), points.begin(), points.end());
         std::vector<ArgmaxCount> counts(views.size());
         std::vector<Status> statuses(views.size());
@@ -332,7 +429,9 @@ class CitySynthesizer {
   const SynthOptions& options_;
   const std::string folder_;
   const TaskControl& control_;
+  const LaterEpoch* epoch_ = nullptr;  // null: the first
   const CityPlan plan_;
+  const Eigen::AlignedBox2d area_;  // that is flown over
   const GroundGrid grid_;
   BlockCache blocks_;
   const std::vector<SynthView> flight_;
@@ -351,6 +450,32 @@ StatusOr<SynthReport> SynthesizeCity(const SynthOptions& options, const std::str
   TESSERA_RETURN_IF_ERROR(ValidateOptions(options));
   TESSERA_RETURN_IF_ERROR(PrepareFolder(folder, options.overwrite, options.with_images));
   return CitySynthesizer(options, folder, control).Run();
+}
+
+StatusOr<SynthReport> SynthesizeSecondEpoch(const SecondEpochOptions& options, const std::string& folder,
+                                            const TaskControl& control) {
+  const std::array<double, 4>& p = options.part;
+  if (!(p[0] >= 0 && p[1] >= 0 && p[2] <= 1 && p[3] <= 1 && p[0] < p[2] && p[1] < p[3])) {
+    return absl::InvalidArgumentError("part: expected X0,Y0,X1,Y1 with 0 <= X0 < X1 <= 1 and 0 <= Y0 < Y1 <= 1");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const BaseCity base, ReadBaseCity(options.base_folder));
+  TESSERA_RETURN_IF_ERROR(ValidateOptions(base.options));
+  std::error_code error;
+  if (std::filesystem::equivalent(options.base_folder, folder, error)) {
+    return absl::InvalidArgumentError(folder + " is the city itself; a later epoch needs a folder of its own");
+  }
+  const CityPlan plan = PlanOf(base.options);
+  const Eigen::AlignedBox2d extent = ExtentOf(plan);
+  const auto at = [&](double x, double y) {
+    return Eigen::Vector2d(extent.min() + extent.sizes().cwiseProduct(Eigen::Vector2d(x, y)));
+  };
+  LaterEpoch epoch{options, base, {at(p[0], p[1]), at(p[2], p[3])}, {}};
+  control.Report(0, "changes");
+  epoch.city = ChangeCity(plan, epoch.part, options.seed);
+  if (epoch.city.changes.empty())
+    return absl::InvalidArgumentError("part: no room for a change, expected a larger one");
+  TESSERA_RETURN_IF_ERROR(PrepareFolder(folder, options.overwrite, true));
+  return CitySynthesizer(epoch, folder, control).Run();
 }
 
 }  // namespace tessera

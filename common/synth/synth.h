@@ -2,6 +2,7 @@
 #ifndef TESSERA_COMMON_SYNTH_SYNTH_H_
 #define TESSERA_COMMON_SYNTH_SYNTH_H_
 
+#include <array>
 #include <cstdint>
 #include <string>
 
@@ -24,6 +25,7 @@ struct SynthOptions {
 struct SynthReport {
   int64_t images = 0, sparse_points = 0, truth_faces = 0, start_faces = 0;
   double area_m2 = 0, gsd_m = 0, voxel_m = 0;
+  std::array<int64_t, 5> changes{};     // of a later epoch: built, demolished, grown, felled, label
   double start_accuracy_by_area = 0;    // mean recall over classes, start faces against the nearest true surface
   double start_accuracy_by_pixels = 0;  // mean recall over classes, the start mesh rendered against the true labels
   double likelihood_accuracy = 0;       // share of pixels whose likeliest class is the true one
@@ -35,6 +37,23 @@ struct SynthReport {
 // folder is not empty and `overwrite` is false, CANCELLED.
 StatusOr<SynthReport> SynthesizeCity(const SynthOptions& options, const std::string& folder,
                                      const TaskControl& control);
+
+// A later epoch of a city.
+struct SecondEpochOptions {
+  std::string base_folder;                            // the city, as SynthesizeCity left it
+  std::array<double, 4> part = {0.3, 0.3, 0.7, 0.7};  // x, y, x, y as shares of the city's extent
+  uint64_t seed = 1;                                  // of the changes and of the flight's drift
+  bool whole = false;     // the complete scene: the city's images and start mesh too, the same bytes
+  bool new_mesh = false;  // the complete scene with a start mesh of the changed city
+  bool overwrite = false;
+};
+
+// Writes the same city one year later: some of what stands inside the part has changed (changes.h), and a new flight
+// sees the part alone. The scene holds the new images alone and no start mesh, unless the options say otherwise; its
+// truth/ is that of the changed city, with changes.geojson. Otherwise as SynthesizeCity. INVALID_ARGUMENT also names
+// what is wrong in the base folder, and a part with no room for a change.
+StatusOr<SynthReport> SynthesizeSecondEpoch(const SecondEpochOptions& options, const std::string& folder,
+                                            const TaskControl& control);
 
 }  // namespace tessera
 

@@ -1,6 +1,8 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <map>
+#include <vector>
 
 #include "common/synth/noise.h"
 #include "common/synth/surface.h"
@@ -25,6 +27,25 @@ double CrownDistance(const TreeSpec& spec, const Eigen::Vector3d& p) {
   // No ray reaches under a crown: what is reconstructed there is a stump of it.
   const double side = Eigen::Vector2d(p.x() - centre.x(), p.y() - centre.y()).norm() - 0.6 * spec.radii_m.x();
   return std::min(crown, std::max({side, p.z() - centre.z(), spec.foot.z() - 1 - p.z()}));
+}
+
+std::vector<Eigen::Vector2d> CrownOutline(const TreeSpec& spec) {
+  constexpr int kCorners = 40, kElevations = 40;
+  constexpr double kPi = 3.141592653589793;
+  std::vector<Eigen::Vector2d> outline;
+  for (int k = 0; k < kCorners; ++k) {
+    const double azimuth = 2 * kPi * k / kCorners;
+    double reach = 0;
+    for (int e = 1; e < kElevations; ++e) {
+      const double elevation = kPi * e / kElevations - 0.5 * kPi, level = std::cos(elevation);
+      const Eigen::Vector3d d(level * std::cos(azimuth), level * std::sin(azimuth), std::sin(elevation));
+      reach = std::max(reach, Roughness(spec, d) * level);
+    }
+    outline.push_back(spec.foot.head<2>() +
+                      reach *
+                          Eigen::Vector2d(std::cos(azimuth), std::sin(azimuth)).cwiseProduct(spec.radii_m.head<2>()));
+  }
+  return outline;
 }
 
 void BuildTree(const TreeSpec& spec, BlockSolids& block) {

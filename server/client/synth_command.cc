@@ -1,6 +1,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <memory>
@@ -20,6 +21,9 @@ struct SynthArguments {
   std::string image_size;
   uint64_t seed = 1;
   double gsd_m = 0;
+  std::string change, part;
+  uint64_t change_seed = 1;
+  bool whole = false, new_mesh = false;
   bool toy = false, no_images = false, force = false, quiet = false;
   int threads = 0;
 };
@@ -32,6 +36,12 @@ bool ParsePair(const std::string& text, int* a, int* b) {
 
 double Seconds(std::chrono::steady_clock::time_point since) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
+}
+
+// "A,B,C,D" as four numbers.
+bool ParseFour(const std::string& text, std::array<double, 4>* four) {
+  char rest = 0;
+  return std::sscanf(text.c_str(), "%lf,%lf,%lf,%lf%c", &(*four)[0], &(*four)[1], &(*four)[2], &(*four)[3], &rest) == 4;
 }
 
 // One line on a terminal, redrawn in place; nothing elsewhere.
@@ -82,6 +92,21 @@ void PrintTable(const SynthOptions& options, const SynthReport& r, double second
   std::printf("seconds                         %.1f\n", seconds);
 }
 
+void PrintChanges(const SynthReport& r, double seconds) {
+  std::printf("images                          %lld\n", static_cast<long long>(r.images));
+  std::printf("GSD                             %.3f m\n", r.gsd_m);
+  std::printf("sparse points                   %lld\n", static_cast<long long>(r.sparse_points));
+  std::printf("faces, truth                    %lld\n", static_cast<long long>(r.truth_faces));
+  if (r.start_faces > 0) std::printf("faces, start                    %lld\n", static_cast<long long>(r.start_faces));
+  static constexpr const char* kKinds[] = {"built", "demolished", "grown", "felled", "label"};
+  std::printf("changes\n");
+  for (size_t k = 0; k < r.changes.size(); ++k) {
+    std::printf("  %-30s%lld\n", kKinds[k], static_cast<long long>(r.changes[k]));
+  }
+  std::printf("likelihoods, argmax accuracy    %.3f (.85-.90)\n", r.likelihood_accuracy);
+  std::printf("seconds                         %.1f\n", seconds);
+}
+
 int RunSynth(const SynthArguments& arguments) {
   SynthOptions options;
   options.seed = arguments.seed;
@@ -103,6 +128,17 @@ int RunSynth(const SynthArguments& arguments) {
     std::fprintf(stderr, "--image-size: found '%s', expected WIDTHxHEIGHT as in 1000x750\n", size.c_str());
     return kExitUsage;
   }
+  SecondEpochOptions later;
+  later.base_folder = arguments.change;
+  later.seed = arguments.change_seed;
+  later.whole = arguments.whole;
+  later.new_mesh = arguments.new_mesh;
+  later.overwrite = arguments.force;
+  if (!arguments.part.empty() && !ParseFour(arguments.part, &later.part)) {
+    std::fprintf(stderr, "--part: found '%s', expected X0,Y0,X1,Y1 as in 0.3,0.3,0.7,0.7\n", arguments.part.c_str());
+    return kExitUsage;
+  }
+  const bool is_later = !arguments.change.empty();
   std::unique_ptr<ThreadLimit> limit;
   if (arguments.threads > 0) limit = std::make_unique<ThreadLimit>(arguments.threads);
   const auto start = std::chrono::steady_clock::now();
@@ -111,13 +147,19 @@ int RunSynth(const SynthArguments& arguments) {
     ProgressLine line(!arguments.quiet);
     TaskControl control;
     control.report = [&](double fraction, const std::string& stage) { line.Show(fraction, stage); };
-    report = SynthesizeCity(options, arguments.folder, control);
+    report = is_later ? SynthesizeSecondEpoch(later, arguments.folder, control)
+                      : SynthesizeCity(options, arguments.folder, control);
   }
   if (!report.ok()) {
     std::fprintf(stderr, "tessera synth: %s\n", std::string(report.status().message()).c_str());
     return report.status().code() == absl::StatusCode::kInvalidArgument ? kExitUsage : kExitFailed;
   }
-  if (!arguments.quiet) PrintTable(options, *report, Seconds(start));
+  if (arguments.quiet) return kExitOk;
+  if (is_later) {
+    PrintChanges(*report, Seconds(start));
+  } else {
+    PrintTable(options, *report, Seconds(start));
+  }
   return kExitOk;
 }
 
@@ -127,13 +169,26 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
   CLI::App* command = app.add_subcommand("synth", "Make a procedural city with exact truth, ready to be refined");
   auto arguments = std::make_shared<SynthArguments>();
   command->add_option("CITY", arguments->folder, "Folder to write the scene into")->required();
-  command->add_option("--blocks", arguments->blocks, "COLUMNSxROWS blocks of 44 m (default 2x2)");
-  command->add_option("--seed", arguments->seed, "Same seed, same bytes")->capture_default_str();
-  command->add_option("--gsd", arguments->gsd_m, "Ground sampling distance in metres (default 0.12)");
-  command->add_option("--image-size", arguments->image_size, "WIDTHxHEIGHT in pixels (default 1000x750)");
+  CLI::App* epoch = command->add_option_group("later", "A later epoch of a city");
+  CLI::Option* change = epoch->add_option("--change", arguments->change,
+                                          "The city in this folder one year later: some things changed, new images");
+  epoch
+      ->add_option("--part", arguments->part, "X0,Y0,X1,Y1, what is flown over (default 0.3,0.3,0.7,0.7 of the extent)")
+      ->needs(change);
+  epoch->add_option("--change-seed", arguments->change_seed, "Other changes (default 1)")->needs(change);
+  epoch->add_flag("--whole", arguments->whole, "With the city's own images and start mesh, not the new images alone")
+      ->needs(change);
+  epoch->add_flag("--new-mesh", arguments->new_mesh, "As --whole, with a start mesh of the changed city")
+      ->needs(change);
+  command->add_option("--blocks", arguments->blocks, "COLUMNSxROWS blocks of 44 m (default 2x2)")->excludes(change);
+  command->add_option("--seed", arguments->seed, "Same seed, same bytes")->capture_default_str()->excludes(change);
+  command->add_option("--gsd", arguments->gsd_m, "Ground sampling distance in metres (default 0.12)")->excludes(change);
+  command->add_option("--image-size", arguments->image_size, "WIDTHxHEIGHT in pixels (default 1000x750)")
+      ->excludes(change);
   command->add_option("--threads", arguments->threads, "Threads to use (default: one for each core)");
-  command->add_flag("--toy", arguments->toy, "Other defaults: one block, GSD 0.3, 320x240; a few seconds");
-  command->add_flag("--no-images", arguments->no_images, "Meshes and cameras only");
+  command->add_flag("--toy", arguments->toy,
+                    "Other defaults: one block, GSD 0.3, 320x240->excludes(change); a few seconds");
+  command->add_flag("--no-images", arguments->no_images, "Meshes and cameras only")->excludes(change);
   command->add_flag("--force", arguments->force, "Overwrite the scene in CITY");
   command->add_flag("--quiet", arguments->quiet, "No progress and no table");
   command->footer(
@@ -142,6 +197,8 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
       "  tessera synth toy --toy --seed 3              the smallest, for tests\n"
       "  tessera synth town --blocks 8x6 --image-size 3000x2000\n"
       "  tessera synth wide --blocks 40x40 --no-images   3 square kilometres of meshes\n"
+      "  tessera synth next --change city              the city a year later, its new images alone\n"
+      "  tessera synth next --change city --part 0.2,0.4,0.6,0.8 --whole\n"
       "How hard the start mesh and the likelihoods are is fixed; no option changes it.");
   command->callback([arguments, exit_code] { *exit_code = RunSynth(*arguments); });
 }

@@ -1,0 +1,460 @@
+#include "common/synth/changes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+
+#include "common/base/parallel.h"
+#include "common/base/random.h"
+#include "common/geometry/ray_caster.h"
+#include "common/storage/files.h"
+#include "common/synth/ground.h"
+#include "common/synth/surface.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::AlignedBox2d;
+using Eigen::Vector2d;
+using Ring = std::vector<Vector2d>;
+
+constexpr double kSquareMetresPerChange = 2500;
+constexpr int kMostOfAKind = 12;
+constexpr double kApart = 3;          // metres between the boxes of two changes
+constexpr double kLargeArea = 100;    // every other change of a kind is as large as that if it can
+constexpr double kMostCovered = 0.2;  // share of a footprint that something else may hide from above
+constexpr int kAttempts = 4000;
+
+AlignedBox2d BoxOf(const Ring& ring) {
+  AlignedBox2d box;
+  for (const Vector2d& p : ring) box.extend(p);
+  return box;
+}
+
+AlignedBox2d Inflated(const AlignedBox2d& box, double by) {
+  return {box.min() - Vector2d::Constant(by), box.max() + Vector2d::Constant(by)};
+}
+
+double AreaOf(const Ring& ring) {
+  double twice = 0;
+  for (size_t k = 0; k < ring.size(); ++k) {
+    const Vector2d a = ring[k] - ring[0], b = ring[(k + 1) % ring.size()] - ring[0];
+    twice += a.x() * b.y() - a.y() * b.x();
+  }
+  return 0.5 * twice;
+}
+
+bool Inside(const Ring& ring, const Vector2d& p) {
+  bool inside = false;
+  for (size_t k = 0; k < ring.size(); ++k) {
+    const Vector2d &a = ring[k], &b = ring[(k + 1) % ring.size()];
+    if ((a.y() > p.y()) != (b.y() > p.y()) && p.x() < a.x() + (b.x() - a.x()) * (p.y() - a.y()) / (b.y() - a.y())) {
+      inside = !inside;
+    }
+  }
+  return inside;
+}
+
+// Points of a lattice that lie inside the ring.
+Ring PointsInside(const Ring& ring, double spacing_m) {
+  const AlignedBox2d box = BoxOf(ring);
+  Ring points;
+  for (double y = box.min().y() + 0.5 * spacing_m; y < box.max().y(); y += spacing_m) {
+    for (double x = box.min().x() + 0.5 * spacing_m; x < box.max().x(); x += spacing_m) {
+      if (Inside(ring, {x, y})) points.push_back({x, y});
+    }
+  }
+  return points;
+}
+
+Ring RectangleOf(const AlignedBox2d& box) {
+  return {box.corner(AlignedBox2d::BottomLeft), box.corner(AlignedBox2d::BottomRight),
+          box.corner(AlignedBox2d::TopRight), box.corner(AlignedBox2d::TopLeft)};
+}
+
+// The ring with each corner `by` further from its middle.
+Ring Widened(const Ring& ring, double by) {
+  Vector2d middle = Vector2d::Zero();
+  for (const Vector2d& p : ring) middle += p / static_cast<double>(ring.size());
+  Ring wide;
+  for (const Vector2d& p : ring) wide.push_back(p + by * std::sqrt(2.0) * (p - middle).normalized());
+  return wide;
+}
+
+using BlockKey = std::pair<int, int>;
+
+// A building or tree of the city as it was.
+struct Standing {
+  BlockKey block;
+  bool is_tree;
+  size_t index;  // in its list of the block
+  Ring outline;
+  AlignedBox2d box;
+};
+
+class ChangePlanner {
+ public:
+  ChangePlanner(const CityPlan& plan, const AlignedBox2d& part, uint64_t seed)
+      : plan_(plan),
+        grid_(MakeGroundGrid(plan)),
+        inner_(Inflated(part, -ChangeInset(part))),
+        random_(MixBits(plan.seed ^ 0x6368616e676573ull) ^ MixBits(seed)),
+        changed_(std::make_shared<CityChanges>()) {
+    count_ = std::clamp(static_cast<int>(std::lround(part.volume() / kSquareMetresPerChange)), 1, kMostOfAKind);
+    FindStanding(part);
+  }
+
+  ChangedCity Run() {
+    for (int round = 0; round < count_; ++round) {
+      const bool large = round % 2 == 0;
+      Fell();  // the fewest can be: most trees are too small
+      Build(large);
+      Demolish(large);
+      Plant(round % 2 == 1);
+      Grow(round % 2 == 1);
+      if (round % 3 == 0) Raise();
+    }
+    for (auto& [key, block] : changed_->blocks) RemoveMarked(key, block);
+    CityPlan plan = plan_;
+    plan.changes = changed_;
+    ParallelFor(static_cast<int64_t>(changes_.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t k = begin; k < end; ++k) MeasureHeight(plan, changes_[k]);
+    });
+    return {plan, std::move(changes_)};
+  }
+
+ private:
+  BlockKey BlockAt(const Vector2d& p) const {
+    const auto at = [](double offset, int count) {
+      return std::clamp(static_cast<int>(std::floor(offset / CityPlan::kPitch)), 0, count - 1);
+    };
+    return {at(p.x() - plan_.MinX(), plan_.columns), at(p.y() - plan_.MinY(), plan_.rows)};
+  }
+
+  void FindStanding(const AlignedBox2d& part) {
+    const AlignedBox2d around = Inflated(part, 12);
+    const BlockKey low = BlockAt(around.min()), high = BlockAt(around.max());
+    std::vector<BlockKey> keys;
+    for (int row = low.second; row <= high.second; ++row) {
+      for (int column = low.first; column <= high.first; ++column) keys.push_back({column, row});
+    }
+    std::vector<std::vector<Standing>> found(keys.size());
+    ParallelFor(static_cast<int64_t>(keys.size()), 1, [&](int64_t begin, int64_t end) {
+      for (int64_t k = begin; k < end; ++k) {
+        const BlockPlan block = PlanBlock(plan_, keys[k].first, keys[k].second);
+        const auto add = [&](bool is_tree, size_t index, Ring outline) {
+          const AlignedBox2d box = BoxOf(outline);
+          found[k].push_back({keys[k], is_tree, index, std::move(outline), box});
+        };
+        for (size_t i = 0; i < block.buildings.size(); ++i) add(false, i, RoofOutline(block.buildings[i]));
+        for (size_t i = 0; i < block.trees.size(); ++i) add(true, i, CrownOutline(block.trees[i]));
+      }
+    });
+    for (auto& of_block : found) {
+      for (Standing& s : of_block) standing_.push_back(std::move(s));
+    }
+  }
+
+  // Well inside the part and away from other changes.
+  bool Free(const Ring& ring) const {
+    const AlignedBox2d box = BoxOf(ring);
+    return inner_.contains(box) && AreaOf(ring) >= kLeastChangeArea &&
+           std::none_of(changes_.begin(), changes_.end(), [&](const CityChange& other) {
+             return Inflated(BoxOf(other.footprint), kApart).intersects(box);
+           });
+  }
+
+  // Share of the ring that something else than `itself` covers; `buildings_only`: trees do not count.
+  double CoveredShare(const Ring& ring, const Standing* itself, bool buildings_only = false) const {
+    const AlignedBox2d box = BoxOf(ring);
+    std::vector<const Standing*> near;
+    for (const Standing& s : standing_) {
+      if (&s != itself && !(buildings_only && s.is_tree) && s.box.intersects(box)) near.push_back(&s);
+    }
+    if (near.empty()) return 0;
+    const Ring points = PointsInside(ring, 0.4);
+    const auto covered = std::count_if(points.begin(), points.end(), [&](const Vector2d& p) {
+      return std::any_of(near.begin(), near.end(), [&](const Standing* s) { return Inside(s->outline, p); });
+    });
+    return static_cast<double>(covered) / static_cast<double>(std::max<size_t>(1, points.size()));
+  }
+
+  bool Open(const Ring& ring, double clearance_m) const {
+    return CoveredShare(Widened(ring, clearance_m), nullptr) == 0;
+  }
+
+  BlockPlan& Changed(const BlockKey& key) {
+    const auto place = changed_->blocks.find(key);
+    if (place != changed_->blocks.end()) return place->second;
+    return changed_->blocks.emplace(key, PlanBlock(plan_, key.first, key.second)).first->second;
+  }
+
+  void Add(ChangeKind kind, const Ring& ring) {
+    CityChange change;
+    change.kind = kind;
+    for (const Vector2d& p : ring) change.footprint.push_back((p * 1000).array().round() / 1000);
+    change.area_m2 = AreaOf(change.footprint);
+    changes_.push_back(std::move(change));
+  }
+
+  // Those of one sort in an order drawn anew.
+  std::vector<const Standing*> Shuffled(bool trees) {
+    std::vector<const Standing*> list;
+    for (const Standing& s : standing_) {
+      if (s.is_tree == trees && inner_.contains(s.box)) list.push_back(&s);
+    }
+    for (size_t k = list.size(); k > 1; --k) std::swap(list[k - 1], list[random_.Below(static_cast<int64_t>(k))]);
+    return list;
+  }
+
+  Vector2d DrawPlace() {
+    return {random_.Uniform(inner_.min().x(), inner_.max().x()), random_.Uniform(inner_.min().y(), inner_.max().y())};
+  }
+
+  // Behind the pavements of a block rather than on a street.
+  bool OnLot(const AlignedBox2d& box) const {
+    const BlockKey key = BlockAt(box.center());
+    const Vector2d low = plan_.BlockOrigin(key.first, key.second);
+    const double edge = CityPlan::kHalfStreet + CityPlan::kSidewalk;
+    return AlignedBox2d(low + Vector2d::Constant(edge), low + Vector2d::Constant(CityPlan::kPitch - edge))
+        .contains(box);
+  }
+
+  // A new building on open ground: on a lot if there is room, else on a street.
+  void Build(bool large) {
+    for (int attempt = 0; attempt < kAttempts; ++attempt) {
+      const bool grand = large && attempt < kAttempts / 2;
+      BuildingSpec b;
+      b.width_m = grand ? random_.Uniform(11, 15) : random_.Uniform(5.5, 10);
+      b.depth_m = grand ? random_.Uniform(8.5, 10) : random_.Uniform(5, 7);
+      b.centre = DrawPlace();
+      b.yaw_rad = random_.Uniform(-0.05, 0.05) + (random_.Uniform() < 0.5 ? 0 : 1.5707963267948966);
+      b.floors = 1 + static_cast<int>(random_.Below(grand ? 4 : 2));
+      b.floor_height_m = random_.Uniform(2.8, 3.3);
+      b.roof = static_cast<RoofKind>(random_.Below(3));
+      b.wall = static_cast<WallKind>(random_.Below(4));
+      b.reveal_m = random_.Uniform(0.1, 0.4);
+      b.roof_pitch_rad = random_.Uniform(0.55, 0.8);
+      b.chimneys = b.roof == RoofKind::kFlat ? 0 : 1;
+      b.seed = random_.Bits();
+      const Eigen::Rotation2Dd turn(b.yaw_rad);
+      Ring walls =
+          RectangleOf({Vector2d(-0.5 * b.width_m, -0.5 * b.depth_m), Vector2d(0.5 * b.width_m, 0.5 * b.depth_m)});
+      for (Vector2d& p : walls) p = b.centre + turn * p;
+      if (attempt % (kAttempts / 2) < kAttempts / 4 && !OnLot(BoxOf(walls))) continue;
+      if (!inner_.contains(BoxOf(walls)) || !Open(walls, 0.8)) continue;
+      const Ring roof = RoofOutline(b);
+      if (!Free(roof) || (grand && AreaOf(roof) < kLargeArea)) continue;
+      SettleOnGround(plan_, b);
+      Changed(BlockAt(b.centre)).buildings.push_back(b);
+      return Add(ChangeKind::kBuilt, roof);
+    }
+  }
+
+  void Raise() {
+    for (const Standing* s : Shuffled(false)) {
+      if (!Free(s->outline) || CoveredShare(s->outline, s) > kMostCovered) continue;
+      Changed(s->block).buildings[s->index].floors += 1 + static_cast<int>(random_.Below(2));
+      return Add(ChangeKind::kBuilt, s->outline);
+    }
+  }
+
+  void Demolish(bool large) {
+    std::vector<const Standing*> list = Shuffled(false);
+    if (large) {
+      std::stable_partition(list.begin(), list.end(),
+                            [](const Standing* s) { return AreaOf(s->outline) >= kLargeArea; });
+    }
+    for (const Standing* s : list) {
+      if (!Free(s->outline) || CoveredShare(s->outline, s) > kMostCovered) continue;
+      Changed(s->block);
+      removed_[s->block].insert({s->is_tree, s->index});
+      return Add(ChangeKind::kDemolished, s->outline);
+    }
+  }
+
+  void Fell() {
+    for (const Standing* s : Shuffled(true)) {
+      if (!Free(s->outline) || CoveredShare(s->outline, s) > kMostCovered) continue;
+      Changed(s->block);
+      removed_[s->block].insert({s->is_tree, s->index});
+      return Add(ChangeKind::kFelled, s->outline);
+    }
+  }
+
+  TreeSpec DrawTree(const Vector2d& at, double size_m) {
+    TreeSpec t;
+    t.foot = {at.x(), at.y(), GroundHeight(plan_, at.x(), at.y())};
+    t.radii_m =
+        size_m * Eigen::Vector3d(random_.Uniform(0.9, 1.1), random_.Uniform(0.9, 1.1), random_.Uniform(0.9, 1.3));
+    t.crown_z_m = t.radii_m.z() + random_.Uniform(0.1, 0.5) * size_m;
+    t.seed = static_cast<uint32_t>(random_.Bits());
+    return t;
+  }
+
+  // A tree that was much smaller, or a new one on open ground; the other of both if there is no room for the one.
+  void Grow(bool fresh) {
+    if (!(fresh ? GrowFresh() || GrowLarger() : GrowLarger() || GrowFresh())) return;
+  }
+
+  bool GrowFresh() {
+    for (int attempt = 0; attempt < kAttempts; ++attempt) {
+      const TreeSpec tree = DrawTree(DrawPlace(), random_.Uniform(3.2, attempt < kAttempts / 2 ? 6.2 : 3.8));
+      const Ring crown = CrownOutline(tree);
+      if (attempt % (kAttempts / 2) < kAttempts / 4 && !OnLot(BoxOf(crown))) continue;
+      if (!Free(crown) || !Open(crown, 0.3)) continue;
+      Changed(BlockAt(tree.foot.head<2>())).trees.push_back(tree);
+      Add(ChangeKind::kGrown, crown);
+      return true;
+    }
+    return false;
+  }
+
+  bool GrowLarger() {
+    for (const Standing* s : Shuffled(true)) {
+      const BlockPlan block = PlanBlock(plan_, s->block.first, s->block.second);
+      TreeSpec tree = block.trees[s->index];
+      const double factor = random_.Uniform(1.6, 2.4);
+      tree.radii_m *= factor;
+      tree.crown_z_m *= factor;
+      const Ring crown = CrownOutline(tree);
+      if (!Free(crown) || CoveredShare(crown, s, true) > 0 || CoveredShare(crown, s) > kMostCovered) continue;
+      Changed(s->block).trees[s->index] = tree;
+      Add(ChangeKind::kGrown, crown);
+      return true;
+    }
+    return false;
+  }
+
+  // Ground or a flat roof that becomes vegetation; the other of both if there is none of the one.
+  void Plant(bool roof) {
+    if (!(roof ? PlantRoof() || PlantGround() : PlantGround() || PlantRoof())) return;
+  }
+
+  bool PlantRoof() {
+    for (const Standing* s : Shuffled(false)) {
+      const BuildingSpec b = PlanBlock(plan_, s->block.first, s->block.second).buildings[s->index];
+      if (b.roof != RoofKind::kFlat) continue;
+      constexpr double kParapet = 0.3;
+      const Vector2d half(0.5 * b.width_m - kParapet, 0.5 * b.depth_m - kParapet);
+      Ring deck = RectangleOf({-half, half});
+      for (Vector2d& p : deck) p = b.centre + Eigen::Rotation2Dd(b.yaw_rad) * p;
+      if (!Free(deck) || CoveredShare(deck, s) > 0.5 * kMostCovered) continue;
+      Changed(s->block).buildings[s->index].planted = true;
+      Add(ChangeKind::kLabel, deck);
+      return true;
+    }
+    return false;
+  }
+
+  bool PlantGround() {
+    const auto lines_within = [](const std::vector<double>& lines, double low, double high) {
+      return std::pair<int64_t, int64_t>(std::lower_bound(lines.begin(), lines.end(), low) - lines.begin(),
+                                         std::upper_bound(lines.begin(), lines.end(), high) - lines.begin() - 1);
+    };
+    const auto [i_low, i_high] = lines_within(grid_.x_lines, inner_.min().x(), inner_.max().x());
+    const auto [j_low, j_high] = lines_within(grid_.y_lines, inner_.min().y(), inner_.max().y());
+    for (int attempt = 0; attempt < kAttempts; ++attempt) {
+      const int longest = attempt < kAttempts / 2 ? 12 : 7;
+      const int64_t i = i_low + random_.Below(std::max<int64_t>(1, i_high - i_low)), wide = 4 + random_.Below(longest);
+      const int64_t j = j_low + random_.Below(std::max<int64_t>(1, j_high - j_low)), deep = 4 + random_.Below(longest);
+      if (i + wide > i_high || j + deep > j_high) continue;
+      const AlignedBox2d area(Vector2d(grid_.x_lines[i], grid_.y_lines[j]),
+                              Vector2d(grid_.x_lines[i + wide], grid_.y_lines[j + deep]));
+      if (attempt % (kAttempts / 2) < kAttempts / 4 && !OnLot(area)) continue;
+      const Ring ring = RectangleOf(area);
+      if (!Free(ring) || !Open(ring, 0.2)) continue;
+      changed_->plantings.push_back({area, static_cast<uint32_t>(random_.Bits())});
+      Add(ChangeKind::kLabel, ring);
+      return true;
+    }
+    return false;
+  }
+
+  void RemoveMarked(const BlockKey& key, BlockPlan& block) {
+    const auto marked = removed_.find(key);
+    if (marked == removed_.end()) return;
+    for (auto it = marked->second.rbegin(); it != marked->second.rend(); ++it) {
+      const auto index = static_cast<int64_t>(it->second);
+      if (it->first) {
+        block.trees.erase(block.trees.begin() + index);
+      } else {
+        block.buildings.erase(block.buildings.begin() + index);
+      }
+    }
+  }
+
+  void MeasureHeight(const CityPlan& changed, CityChange& change) const {
+    const AlignedBox2d around = Inflated(BoxOf(change.footprint), 8);
+    const BlockKey low = BlockAt(around.min()), high = BlockAt(around.max());
+    const auto caster = [&](const CityPlan& plan) {
+      TexturedSurface surface;
+      for (int row = low.second; row <= high.second; ++row) {
+        for (int column = low.first; column <= high.first; ++column) {
+          surface.Append(BuildGround(plan, grid_, column, row));
+          surface.Append(BuildBlock(plan, column, row).surface);
+        }
+      }
+      return RayCaster(surface.mesh);
+    };
+    const RayCaster before = caster(plan_), after = caster(changed);
+    const Ring points = PointsInside(change.footprint, 0.2);
+    double sum = 0;
+    for (const Vector2d& p : points) {
+      const Eigen::Vector3d from(p.x(), p.y(), 500), down(0, 0, -1);
+      sum += before.Cast(from, down).distance - after.Cast(from, down).distance;
+    }
+    const double mean = sum / static_cast<double>(std::max<size_t>(1, points.size()));
+    change.height_difference_m = std::round(mean * 1000) / 1000 + 0.0;
+  }
+
+  const CityPlan plan_;  // as it was
+  const GroundGrid grid_;
+  const AlignedBox2d inner_;
+  Random random_;
+  int count_ = 1;
+  std::vector<Standing> standing_;
+  std::shared_ptr<CityChanges> changed_;
+  std::map<BlockKey, std::set<std::pair<bool, size_t>>> removed_;
+  std::vector<CityChange> changes_;
+};
+
+}  // namespace
+
+const char* ChangeName(ChangeKind kind) {
+  static constexpr const char* kNames[kChangeKinds] = {"built", "demolished", "grown", "felled", "label"};
+  return kNames[static_cast<int>(kind)];
+}
+
+double ChangeInset(const Eigen::AlignedBox2d& part) { return std::min(4.0, 0.05 * part.sizes().minCoeff()); }
+
+ChangedCity ChangeCity(const CityPlan& plan, const Eigen::AlignedBox2d& part, uint64_t seed) {
+  return ChangePlanner(plan, part, seed).Run();
+}
+
+Status WriteChanges(const std::string& path, const std::vector<CityChange>& changes) {
+  nlohmann::ordered_json features = nlohmann::ordered_json::array();
+  for (const CityChange& change : changes) {
+    nlohmann::ordered_json ring = nlohmann::ordered_json::array();
+    for (size_t k = 0; k <= change.footprint.size(); ++k) {
+      const Eigen::Vector2d& p = change.footprint[k % change.footprint.size()];
+      ring.push_back({p.x(), p.y()});
+    }
+    nlohmann::ordered_json feature;
+    feature["type"] = "Feature";
+    feature["properties"] = {{"kind", ChangeName(change.kind)},
+                             {"area_m2", std::round(change.area_m2 * 1000) / 1000},
+                             {"height_difference_m", change.height_difference_m}};
+    feature["geometry"] = {{"type", "Polygon"}, {"coordinates", nlohmann::ordered_json::array({ring})}};
+    features.push_back(std::move(feature));
+  }
+  nlohmann::ordered_json collection;
+  collection["type"] = "FeatureCollection";
+  collection["features"] = std::move(features);
+  return WriteFileAtomic(path, collection.dump(1) + "\n");
+}
+
+}  // namespace tessera
