@@ -112,6 +112,19 @@ StatusOr<std::vector<Shape>> ReadShapes(const std::string& path) {
   return shapes;
 }
 
+// The new flight's scene, which has no mesh of its own, with the old surface in its place; `links` is its folder.
+StatusOr<SceneDescription> LoadLater(const Arguments& arguments, const std::string& old_mesh,
+                                     const std::string& links) {
+  namespace fs = std::filesystem;
+  for (const auto& entry : fs::directory_iterator(arguments.later)) {
+    if (entry.path().filename() == "mesh.ply") continue;
+    fs::create_symlink(fs::absolute(entry.path()), fs::path(links) / entry.path().filename());
+  }
+  fs::create_symlink(fs::absolute(old_mesh), fs::path(links) / "mesh.ply");
+  Warnings warnings;
+  return LoadScene(links, &warnings);
+}
+
 StatusOr<TriangleMesh> LoadMesh(const std::string& path, const SceneDescription& scene) {
   TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
   for (Eigen::Vector3d& p : content.mesh.vertices) p = scene.frame.LocalFromScene(p);
@@ -228,9 +241,9 @@ Status PrintScores(const std::vector<Shape>& truth, const std::vector<Shape>& re
 
 Status Bench(const Arguments& arguments) {
   const ThreadLimit limit(arguments.threads);
-  Warnings warnings;
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.later, &warnings));
   const std::string path = arguments.mesh.empty() ? arguments.base + "/truth/mesh.ply" : arguments.mesh;
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder links, TempFolder::Create(""));
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadLater(arguments, path, links.path()));
   TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, LoadMesh(path, scene));
   double gsd_m = arguments.gsd_m;
   if (gsd_m == 0) {

@@ -52,18 +52,37 @@ void BlockLikelihoods::Agreement(double height_m, std::vector<float>* agreement)
   }
 }
 
-void BlockLikelihoods::Collect(const SurfaceRaster& surface, std::vector<float>* sums, std::vector<int>* seen) const {
+// Along the ray towards the camera, a cell a step, until above everything.
+bool BlockLikelihoods::Hidden(int x, int y, double height_m, const Eigen::Vector3d& to_camera,
+                              std::span<const float> occluders_m, double top_m) const {
   const Eigen::Vector3d up = ground_.axis_x.cross(ground_.axis_y);
-  const int width = surface.width(), height = surface.height();
-  sums->assign(surface.size() * classes_, 0.0f);
-  seen->assign(surface.size(), 0);
+  const Eigen::Vector2d slope = ground_.Coordinates(to_camera) / up.dot(to_camera);
+  const double cells_per_m = slope.norm() / ground_.cell_m;
+  if (cells_per_m == 0) return false;
+  const Eigen::Vector2d way = slope.normalized();
+  const int width = cells_.x1 - cells_.x0, height = cells_.y1 - cells_.y0;
+  for (int k = 1;; ++k) {
+    const double ray_m = height_m + k / cells_per_m;
+    const int cx = static_cast<int>(std::floor(x + 0.5 + k * way.x()));
+    const int cy = static_cast<int>(std::floor(y + 0.5 + k * way.y()));
+    if (ray_m > top_m || cx < 0 || cy < 0 || cx >= width || cy >= height) return false;
+    if (occluders_m[static_cast<size_t>(cy) * width + cx] > ray_m + ground_.cell_m) return true;
+  }
+}
+
+void BlockLikelihoods::Collect(std::span<const float> heights_m, std::span<const float> occluders_m,
+                               std::vector<float>* sums, std::vector<int>* seen) const {
+  const Eigen::Vector3d up = ground_.axis_x.cross(ground_.axis_y);
+  const int width = cells_.x1 - cells_.x0, height = cells_.y1 - cells_.y0;
+  sums->assign(heights_m.size() * classes_, 0.0f);
+  seen->assign(heights_m.size(), 0);
   float top_m = -std::numeric_limits<float>::infinity();
-  for (const float h : surface.height_m) top_m = std::isnan(h) ? top_m : std::max(top_m, h);
+  for (const float h : occluders_m) top_m = std::isnan(h) ? top_m : std::max(top_m, h);
   std::vector<float> one(classes_);
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
       const size_t i = static_cast<size_t>(y) * width + x;
-      const double own_m = surface.height_m[i];
+      const double own_m = heights_m[i];
       if (std::isnan(own_m)) continue;
       const Eigen::Vector3d p = ground_.axis_x * ((cells_.x0 + x + 0.5) * ground_.cell_m) +
                                 ground_.axis_y * ((cells_.y0 + y + 0.5) * ground_.cell_m) + up * own_m;
@@ -73,20 +92,7 @@ void BlockLikelihoods::Collect(const SurfaceRaster& surface, std::vector<float>*
         if (!view.camera.InImage(pixel)) continue;
         const int px = static_cast<int>(pixel.x()) - view.x0, py = static_cast<int>(pixel.y()) - view.y0;
         if (px < 0 || py < 0 || px >= view.luminance.width || py >= view.luminance.height) continue;
-        // Towards the camera, a cell a step, until above everything.
-        const Eigen::Vector3d ray = view.camera.Centre() - p;
-        const Eigen::Vector2d slope = ground_.Coordinates(ray) / up.dot(ray);
-        const double cells_per_m = slope.norm() / ground_.cell_m;
-        bool hidden = false;
-        for (int k = 1; cells_per_m > 0 && !hidden; ++k) {
-          const double ray_m = own_m + k / cells_per_m;
-          const Eigen::Vector2d way = slope.normalized() * k;
-          const int cx = static_cast<int>(std::floor(x + 0.5 + way.x()));
-          const int cy = static_cast<int>(std::floor(y + 0.5 + way.y()));
-          if (ray_m > top_m || cx < 0 || cy < 0 || cx >= width || cy >= height) break;
-          hidden = surface.height_m[static_cast<size_t>(cy) * width + cx] > ray_m + ground_.cell_m;
-        }
-        if (hidden) continue;
+        if (Hidden(x, y, own_m, view.camera.Centre() - p, occluders_m, top_m)) continue;
         ++(*seen)[i];
         if (!At(view, p, one.data())) continue;
         for (int c = 0; c < classes_; ++c) (*sums)[i * classes_ + c] += one[c];

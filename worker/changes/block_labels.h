@@ -22,11 +22,14 @@ class BlockLikelihoods {
   // both name the same class, in [0, 1]; NaN where fewer than two views have likelihoods.
   void Agreement(double height_m, std::vector<float>* agreement) const;
 
-  // Of each cell of `surface` (the same cells) the likelihoods summed over the views that see it, with nothing of
-  // `surface` in between: classes values a cell; and how many views see it, with likelihoods or without.
-  void Collect(const SurfaceRaster& surface, std::vector<float>* sums, std::vector<int>* seen) const;
+  // Of each cell at its height of `heights_m` the likelihoods summed over the views that see it past the cells of
+  // `occluders_m`: classes values a cell; and how many views see it, with likelihoods or without. NaN: nothing there.
+  void Collect(std::span<const float> heights_m, std::span<const float> occluders_m, std::vector<float>* sums,
+               std::vector<int>* seen) const;
 
  private:
+  bool Hidden(int x, int y, double height_m, const Eigen::Vector3d& to_camera, std::span<const float> occluders_m,
+              double top_m) const;
   bool At(const ChangeView& view, const Eigen::Vector3d& p, float* likelihoods) const;
 
   CellRect cells_;

@@ -69,6 +69,18 @@ SampleGrid GridOf(const CellRect& block, double cell_m, double gsd_m) {
   return grid;
 }
 
+// The smallest rectangle with all cells of the block that have an old surface; empty if none has.
+CellRect KnownPart(const TopSurface& surface, const CellRect& block, double cell_m) {
+  CellRect part{block.x1, block.y1, block.x0, block.y0};
+  for (int y = block.y0; y < block.y1; ++y) {
+    for (int x = block.x0; x < block.x1; ++x) {
+      if (std::isnan(surface.At((x + 0.5) * cell_m, (y + 0.5) * cell_m).height_m)) continue;
+      part = {std::min(part.x0, x), std::min(part.y0, y), std::max(part.x1, x + 1), std::max(part.y1, y + 1)};
+    }
+  }
+  return part;
+}
+
 std::vector<TopSurface::Point> OldSamples(const TopSurface& surface, const SampleGrid& grid) {
   std::vector<TopSurface::Point> points;
   points.reserve(static_cast<size_t>(grid.rows()) * grid.columns());
@@ -109,9 +121,11 @@ uint8_t CostOf(float score) { return static_cast<uint8_t>(std::lround(kUnit * (1
 // One block of the plane, from start to end.
 class BlockMeasurer {
  public:
-  BlockMeasurer(const TopSurface& surface, const GroundPlane& ground, const CellRect& block,
+  BlockMeasurer(const TopSurface& surface, const GroundPlane& ground, const CellRect& whole_block,
                 std::span<const ChangeView> views, int classes, double gsd_m, const MeasureOptions& options)
       : ground_(ground), options_(options), gsd_m_(gsd_m), classes_(classes), views_(views) {
+    const CellRect block = KnownPart(surface, whole_block, ground.cell_m);
+    if (block.x0 >= block.x1) return;
     grid_ = GridOf(block, ground.cell_m, gsd_m);
     samples_ = OldSamples(surface, grid_);
     range_ = OldRange(samples_);
@@ -209,15 +223,21 @@ class BlockMeasurer {
   }
 
   void Label(const BlockLikelihoods& likelihoods) {
-    std::vector<float> sums;
-    std::vector<int> seen;
-    likelihoods.Collect(raster_.after, &sums, &seen);
+    std::vector<float> sums, standing(cells());
+    std::vector<int> seen, seen_before;
+    // The old surface can be contradicted only where the views would see it past what still stands: in the lee of a
+    // tall building any height is as good as another.
+    for (size_t i = 0; i < cells(); ++i) {
+      standing[i] = std::min(raster_.after.height_m[i], raster_.before.height_m[i]);
+    }
+    likelihoods.Collect(raster_.before.height_m, standing, &sums, &seen_before);
+    likelihoods.Collect(raster_.after.height_m, raster_.after.height_m, &sums, &seen);
     const int width = raster_.before.width(), height = raster_.before.height();
     std::vector<float> own(classes_);
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         const size_t i = static_cast<size_t>(y) * width + x;
-        if (seen[i] < 2) {
+        if (seen[i] < 2 || (!std::isnan(raster_.before.height_m[i]) && seen_before[i] < 2)) {
           raster_.after.height_m[i] = raster_.after_score[i] = raster_.before_score[i] = kUnknown;
           continue;
         }
@@ -255,11 +275,16 @@ class BlockMeasurer {
   ChangeRaster raster_;
 };
 
+CellRect Common(const CellRect& a, const CellRect& b) {
+  return {std::max(a.x0, b.x0), std::max(a.y0, b.y0), std::min(a.x1, b.x1), std::min(a.y1, b.y1)};
+}
+
 // Copies the cells of `from` that lie in both `part` and `to`.
 void CopyCells(const ChangeRaster& from, const CellRect& part, ChangeRaster* to) {
   const CellRect& rect = to->cells();
-  for (int y = std::max(part.y0, rect.y0); y < std::min(part.y1, rect.y1); ++y) {
-    for (int x = std::max(part.x0, rect.x0); x < std::min(part.x1, rect.x1); ++x) {
+  const CellRect common = Common(Common(from.cells(), part), rect);
+  for (int y = common.y0; y < common.y1; ++y) {
+    for (int x = common.x0; x < common.x1; ++x) {
       const size_t i = static_cast<size_t>(y - from.cells().y0) * from.before.width() + (x - from.cells().x0);
       const size_t j = static_cast<size_t>(y - rect.y0) * to->before.width() + (x - rect.x0);
       to->before.height_m[j] = from.before.height_m[i];
@@ -290,7 +315,9 @@ std::vector<int> ViewsToMeasure(const MeshSpans& old_mesh, const GroundPlane& gr
                                 const std::vector<PosedCamera>& cameras, double gsd_m, const MeasureOptions& options) {
   const TopSurface surface(old_mesh, ground);
   std::vector<uint8_t> needed(cameras.size(), 0);
-  for (const CellRect& block : Blocks(cells)) {
+  for (const CellRect& whole_block : Blocks(cells)) {
+    const CellRect block = KnownPart(surface, whole_block, ground.cell_m);
+    if (block.x0 >= block.x1) continue;
     const Range range = OldRange(OldSamples(surface, GridOf(block, ground.cell_m, gsd_m)));
     if (!range.known) continue;
     const ViewChoice choice = ChooseViews(cameras, ground, Metres(block, ground.cell_m), range.low_m, options.views);
