@@ -47,7 +47,8 @@ constexpr double kSample_m = 0.2;
 struct Shape {
   std::string kind;
   double area_m2 = 0, height_difference_m = 0;
-  std::vector<Ring> rings;  // by the even-odd rule
+  std::vector<Ring> rings;                     // by the even-odd rule
+  double agreement = 0, agreement_before = 0;  // of those reported
 };
 
 bool Inside(const Shape& shape, const Eigen::Vector2d& p) {
@@ -100,7 +101,7 @@ StatusOr<std::vector<Shape>> ReadShapes(const std::string& path) {
   std::vector<Shape> shapes;
   for (const auto& feature : json["features"]) {
     const auto& properties = feature["properties"];
-    Shape shape{properties["kind"], properties["area_m2"], properties["height_difference_m"], {}};
+    Shape shape{properties["kind"], properties["area_m2"], properties["height_difference_m"], {}, 0, 0};
     for (const auto& ring : feature["geometry"]["coordinates"]) {
       Ring points;
       for (const auto& p : ring) points.emplace_back(p[0], p[1]);
@@ -221,11 +222,12 @@ Status PrintScores(const std::vector<Shape>& truth, const std::vector<Shape>& re
     ++kinds[shape.kind][0];
     kinds[shape.kind][1] += covered >= 0.5;
   }
-  std::printf("%-11s %8s %8s %8s  %s\n", "reported", "m2", "height", "right", "at");
+  std::printf("%-11s %8s %8s %8s %8s %8s  %s\n", "reported", "m2", "height", "right", "agree", "old", "at");
   for (const Shape& shape : reported) {
     const double right = Covered(shape, truth, 1);
-    std::printf("%-11s %8.1f %8.2f %8.2f  %.1f %.1f%s\n", shape.kind.c_str(), shape.area_m2, shape.height_difference_m,
-                right, shape.rings[0][0].x(), shape.rings[0][0].y(), right < 0.5 ? " WRONG" : "");
+    std::printf("%-11s %8.1f %8.2f %8.2f %8.2f %8.2f  %.1f %.1f%s\n", shape.kind.c_str(), shape.area_m2,
+                shape.height_difference_m, right, shape.agreement, shape.agreement_before, shape.rings[0][0].x(),
+                shape.rings[0][0].y(), right < 0.5 ? " WRONG" : "");
     ++kinds[shape.kind][2];
     kinds[shape.kind][3] += right >= 0.5;
   }
@@ -299,7 +301,8 @@ Status Bench(const Arguments& arguments) {
   }
   std::vector<Shape> reported;
   for (const ChangeArea& area : areas) {
-    Shape shape{ChangeKindName(area.kind), area.area_m2, area.height_difference_m, {area.outline.outer}};
+    Shape shape{ChangeKindName(area.kind), area.area_m2,   area.height_difference_m,
+                {area.outline.outer},      area.agreement, area.agreement_before};
     shape.rings.insert(shape.rings.end(), area.outline.holes.begin(), area.outline.holes.end());
     for (Ring& ring : shape.rings) {
       for (Eigen::Vector2d& p : ring) {

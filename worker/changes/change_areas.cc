@@ -107,6 +107,7 @@ class AreaFinder {
     area.height_difference_m /= known;
     area.agreement /= known;
     area.agreement_before /= known;
+    if (sign == Sign::kEqual && area.agreement < options_.min_label_agreement) return {};
     area.volume_m3 = sign == Sign::kEqual ? 0 : area.area_m2 * area.height_difference_m;
     if (sign != Sign::kEqual && (area.agreement < options_.min_agreement ||
                                  area.agreement - area.agreement_before < options_.min_agreement_gain)) {

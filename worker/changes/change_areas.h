@@ -48,14 +48,15 @@ struct ChangeArea {
 struct ChangeAreaOptions {
   double height_m = 1.5, height_gsd = 6;  // a cell's height differs by more than the larger of these,
   double weak_share = 0.6;                // or by this share of it beside such a cell
-  double label_margin = 0.35;             // a cell's class differs by more than this
+  double label_margin = 0.25;             // a cell's class differs by more than this
   double min_area_m2 = 25;
   double min_label_area_m2 = 25;
   double min_width_m = 3, min_width_cells = 2;
-  double min_agreement = 0.3;       // mean of the new images on the new surface,
-  double min_agreement_gain = 0.1;  // and that much more than on the old one
-  double followed_share = 0.7;      // of an area's cells that the refined mesh has right
-  double simplify_cells = 0.75;     // outlines stay so near to the cells' border
+  double min_agreement = 0.4;        // mean of the new images on the new surface,
+  double min_agreement_gain = 0.25;  // and that much more than on the old one; of areas of equal height at least
+  double min_label_agreement = 0.65;
+  double followed_share = 0.7;   // of an area's cells that the refined mesh has right
+  double simplify_cells = 0.75;  // outlines stay so near to the cells' border
 };
 
 // `rasters`: of one plane and cell size, of any number of tiles, in any order; cells that several have count as the

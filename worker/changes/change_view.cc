@@ -44,6 +44,7 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
   const auto rank = [](const Candidate& c) { return c.tilt_rad + 0.5 * (1 - c.seen); };
   std::stable_sort(candidates.begin(), candidates.end(),
                    [&](const Candidate& a, const Candidate& b) { return rank(a) < rank(b); });
+  ViewChoice choice;
   std::vector<Candidate> chosen;
   for (const Candidate& c : candidates) {
     const int count = static_cast<int>(chosen.size());
@@ -52,7 +53,6 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
     }
   }
   std::sort(chosen.begin(), chosen.end(), [](const Candidate& a, const Candidate& b) { return a.view < b.view; });
-  ViewChoice choice;
   std::vector<std::pair<double, std::array<int, 2>>> pairs;
   for (size_t i = 0; i < chosen.size(); ++i) {
     choice.views.push_back(chosen[i].view);

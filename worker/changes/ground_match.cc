@@ -13,6 +13,8 @@ constexpr float kNoise = 0.012f;
 // So many pairs, the best, speak for a window; the others may look at something in between.
 constexpr int kBest = 4;
 constexpr float kNoPair = -2;
+constexpr float kDoubt = 0.6f;
+constexpr int kLane = 16;  // cells that are worked on side by side
 
 // Luminance at pixel coordinates (centres at +0.5), bilinear; NaN outside.
 float Bilinear(const FloatImage& image, float x, float y) {
@@ -38,7 +40,7 @@ int SampleGrid::rim() const {
 GroundMatcher::GroundMatcher(const SampleGrid& grid, const GroundPlane& ground, std::span<const ChangeView> views,
                              const ViewChoice& choice)
     : grid_(grid), ground_(ground), views_(views), choice_(choice) {
-  luminance_.assign(choice.views.size(), std::vector<float>(static_cast<size_t>(grid.rows()) * grid.columns()));
+  luminance_.assign(choice.views.size(), std::vector<float>(static_cast<size_t>(grid.rows()) * grid.columns() + kLane));
 }
 
 template <class Height>
@@ -70,67 +72,76 @@ void GroundMatcher::Sample(const Height& height) {
   }
 }
 
+// Sums over the windows of kLane cells side by side from a cell on.
+template <class Term>
+void GroundMatcher::SumWindows(int first_row, int first_cell, const Term& term) const {
+  const int step = grid_.samples_per_cell, columns = grid_.columns(), cells = columns / step;
+  const int first = FirstOfWindow();
+  for (int r = 0; r < grid_.window_samples; ++r) {
+    for (int o = 0; o < grid_.window_samples; ++o) {
+      const int phase = (first + o) % step, shift = (first + o) / step;
+      term(static_cast<size_t>(first_row + r) * columns + static_cast<size_t>(phase) * cells + shift + first_cell);
+    }
+  }
+}
+
+int GroundMatcher::FirstOfWindow() const {
+  return grid_.rim() * grid_.samples_per_cell - (grid_.window_samples - grid_.samples_per_cell + 1) / 2;
+}
+
 void GroundMatcher::Correlate(std::vector<float>* scores) {
-  const int columns = grid_.columns(), step = grid_.samples_per_cell, cells = columns / step, rim = grid_.rim();
-  const int width = grid_.width(), window = grid_.window_samples, first = rim * step - (window - step + 1) / 2;
+  const int width = grid_.width(), step = grid_.samples_per_cell, window = grid_.window_samples;
   const float count = static_cast<float>(window) * static_cast<float>(window), floor = count * kNoise * kNoise;
   scores->assign(static_cast<size_t>(width) * grid_.height(), kNone);
   const size_t views = choice_.views.size();
-  std::vector<std::vector<float>> mean(views, std::vector<float>(width)), inverse(mean);
-  std::vector<float> product(width);
-  std::vector<std::vector<float>> best(kBest, std::vector<float>(width));
-  // Where the samples of window column o of all cells begin in a row.
-  const auto column_at = [&](int o) { return ((first + o) % step) * cells + (first + o) / step; };
+  std::vector<std::array<float, kLane>> mean(views), inverse(views);
   for (int y = 0; y < grid_.height(); ++y) {
-    const int first_row = y * step + first;
-    for (size_t v = 0; v < views; ++v) {
-      std::fill(product.begin(), product.end(), 0.0f);
-      std::fill(mean[v].begin(), mean[v].end(), 0.0f);
-      for (int r = 0; r < window; ++r) {
-        for (int o = 0; o < window; ++o) {
-          const float* a = &luminance_[v][static_cast<size_t>(first_row + r) * columns + column_at(o)];
-          for (int x = 0; x < width; ++x) {
-            mean[v][x] += a[x];
-            product[x] += a[x] * a[x];
+    const int first_row = y * step + FirstOfWindow();
+    for (int first_cell = 0; first_cell < width; first_cell += kLane) {
+      for (size_t v = 0; v < views; ++v) {
+        float sum[kLane] = {}, squares[kLane] = {};
+        SumWindows(first_row, first_cell, [&](size_t at) {
+          const float* a = &luminance_[v][at];
+          for (int x = 0; x < kLane; ++x) {
+            sum[x] += a[x];
+            squares[x] += a[x] * a[x];
+          }
+        });
+        for (int x = 0; x < kLane; ++x) {
+          mean[v][x] = sum[x] / count;
+          // max() would drop NaN, which says that the view does not show the window; the product below keeps it.
+          inverse[v][x] = 1 / std::sqrt(std::max(squares[x] - sum[x] * mean[v][x], 0.0f) + floor);
+        }
+      }
+      float best[kBest][kLane];
+      for (auto& row : best) std::fill(row, row + kLane, kNoPair);
+      for (const auto& [i, j] : choice_.pairs) {
+        float product[kLane] = {};
+        SumWindows(first_row, first_cell, [&](size_t at) {
+          const float *a = &luminance_[i][at], *b = &luminance_[j][at];
+          for (int x = 0; x < kLane; ++x) product[x] += a[x] * b[x];
+        });
+        for (int x = 0; x < kLane; ++x) {
+          const float score = (product[x] - count * mean[i][x] * mean[j][x]) * inverse[i][x] * inverse[j][x];
+          float passed = score >= kNoPair ? score : kNoPair;
+          for (auto& row : best) {
+            const float kept = std::max(row[x], passed);
+            passed = std::min(row[x], passed);
+            row[x] = kept;
           }
         }
       }
-      for (int x = 0; x < width; ++x) {
-        inverse[v][x] = 1 / std::sqrt(std::max(product[x] - mean[v][x] * mean[v][x] / count, 0.0f) + floor);
-        mean[v][x] /= count;
-        // max() drops NaN.
-        if (std::isnan(mean[v][x])) inverse[v][x] = kNone;
-      }
-    }
-    for (auto& row : best) std::fill(row.begin(), row.end(), kNoPair);
-    for (const auto& [i, j] : choice_.pairs) {
-      std::fill(product.begin(), product.end(), 0.0f);
-      for (int r = 0; r < window; ++r) {
-        for (int o = 0; o < window; ++o) {
-          const size_t at = static_cast<size_t>(first_row + r) * columns + column_at(o);
-          const float *a = &luminance_[i][at], *b = &luminance_[j][at];
-          for (int x = 0; x < width; ++x) product[x] += a[x] * b[x];
+      float* out = scores->data() + static_cast<size_t>(y) * width + first_cell;
+      for (int x = 0; x < std::min(kLane, width - first_cell); ++x) {
+        float sum = 0, pairs = 0;
+        for (const auto& row : best) {
+          if (row[x] == kNoPair) continue;
+          sum += row[x];
+          pairs += 1;
         }
+        // A single pair agrees somewhere by chance: the fewer speak, the less they say.
+        if (pairs > 0) out[x] = sum / (pairs + kDoubt);
       }
-      for (int x = 0; x < width; ++x) {
-        const float score = (product[x] - count * mean[i][x] * mean[j][x]) * inverse[i][x] * inverse[j][x];
-        float passed = score >= kNoPair ? score : kNoPair;  // NaN: one of the two does not show the window
-        for (int k = 0; k < kBest; ++k) {
-          const float kept = std::max(best[k][x], passed);
-          passed = std::min(best[k][x], passed);
-          best[k][x] = kept;
-        }
-      }
-    }
-    float* out = scores->data() + static_cast<size_t>(y) * width;
-    for (int x = 0; x < width; ++x) {
-      float sum = 0, pairs = 0;
-      for (int k = 0; k < kBest; ++k) {
-        if (best[k][x] == kNoPair) continue;
-        sum += best[k][x];
-        pairs += 1;
-      }
-      if (pairs > 0) out[x] = sum / pairs;
     }
   }
 }

@@ -37,8 +37,8 @@ class GroundMatcher {
   GroundMatcher(const SampleGrid& grid, const GroundPlane& ground, std::span<const ChangeView> views,
                 const ViewChoice& choice);
 
-  // Of each cell (row by row) the mean ZNCC of the best few pairs for the horizontal plane at `height_m`; NaN where
-  // fewer than two views show the window.
+  // Of each cell (row by row) the mean ZNCC of the best few pairs for the horizontal plane at `height_m`, less where
+  // only one or two pairs show the window; NaN where none does.
   void MatchPlane(double height_m, std::vector<float>* scores);
   // The same for heights a sample (rows() x columns(); NaN: none).
   void MatchSurface(std::span<const float> heights_m, std::vector<float>* scores);
@@ -47,13 +47,16 @@ class GroundMatcher {
   template <class Height>
   void Sample(const Height& height);
   void Correlate(std::vector<float>* scores);
+  int FirstOfWindow() const;
+  template <class Term>
+  void SumWindows(int first_row, int first_cell, const Term& term) const;
 
   const SampleGrid& grid_;
   const GroundPlane& ground_;
   std::span<const ChangeView> views_;
   const ViewChoice& choice_;
   // A view's samples: row by row, within a row the first samples of all cells, then the second, ..., so that
-  // neighbours in memory belong to neighbouring cells.
+  // neighbours in memory belong to neighbouring cells. A few more at the end, which nothing is made of.
   std::vector<std::vector<float>> luminance_;
 };
 
