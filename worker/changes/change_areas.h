@@ -54,7 +54,7 @@ struct ChangeAreaOptions {
   double min_width_m = 3, min_width_cells = 2;
   double min_agreement = 0.4;        // mean of the new images on the new surface,
   double min_agreement_gain = 0.25;  // and that much more than on the old one; of areas of equal height at least
-  double min_label_agreement = 0.65;
+  double min_label_agreement = 0.5;
   double followed_share = 0.7;   // of an area's cells that the refined mesh has right
   double simplify_cells = 0.75;  // outlines stay so near to the cells' border
 };

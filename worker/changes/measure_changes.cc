@@ -237,7 +237,12 @@ class BlockMeasurer {
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         const size_t i = static_cast<size_t>(y) * width + x;
-        if (seen[i] < 2 || (!std::isnan(raster_.before.height_m[i]) && seen_before[i] < 2)) {
+        // What is gone from where two views would see it is gone, even if what came to light lies too deep to be seen.
+        const float old_m = raster_.before.height_m[i];
+        const bool known = std::isnan(old_m)
+                               ? seen[i] >= 2
+                               : seen_before[i] >= 2 && (seen[i] >= 2 || raster_.after.height_m[i] < old_m);
+        if (!known) {
           raster_.after.height_m[i] = raster_.after_score[i] = raster_.before_score[i] = kUnknown;
           continue;
         }

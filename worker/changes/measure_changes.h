@@ -22,7 +22,7 @@ namespace tessera {
 struct MeasureOptions {
   double below_m = 6, above_m = 45;  // of the sweep, from the block's low ground
   double above_roofs_m = 10;         // at least, over the block's highest old surface
-  double step_px = 0.8;              // parallax of two heights in the widest pair
+  double step_px = 1.0;              // parallax of two heights in the widest pair
   double semantic_weight = 0.2;      // of the likelihoods' disagreement beside the images'
   double old_bonus = 0.08;           // of agreement that the old height is given
   SmoothPenalties penalties;

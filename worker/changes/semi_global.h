@@ -24,7 +24,7 @@ struct CostVolume {
 
 // Penalties of a step between neighbours: by one level, by more, and by more where a jump is expected. At most 300.
 struct SmoothPenalties {
-  int one_level = 8, more = 40, at_edge = 20;
+  int one_level = 8, more = 40, at_edge = 30;
 };
 
 // Sums over paths from eight directions, laid out as the costs. `edge`: one flag a cell; a step between two cells of
