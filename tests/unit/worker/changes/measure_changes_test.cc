@@ -18,12 +18,12 @@ const std::vector<ClassRole> kRoles = {ClassRole::kGround, ClassRole::kBuilding,
                                        ClassRole::kVegetation};
 const TownBox kHouse{-14, -13, -6, -4, 6};  // stands before and after
 const TownBox kNewHouse{3, -4, 12, 5, 5};   // 81 m2
-const CellRect kCells{8, 8, 88, 88};    // of 0.5 m
+const CellRect kCells{8, 8, 88, 88};        // of 0.5 m
 
 MeasureOptions LowSweep() {
   MeasureOptions options;
-  options.below_m = 4;
-  options.above_m = 14;
+  options.below_m = 3;
+  options.above_m = 10;
   options.above_roofs_m = 4;
   return options;
 }
