@@ -337,8 +337,8 @@ int main(int argc, char** argv) {
   app.add_option("--semantic", a.measure.semantic_weight)->capture_default_str();
   app.add_option("--old-bonus", a.measure.old_bonus)->capture_default_str();
   app.add_option("--step-px", a.measure.step_px)->capture_default_str();
-  app.add_option("--views", a.measure.views.max_views)->capture_default_str();
-  app.add_option("--pairs", a.measure.views.max_pairs)->capture_default_str();
+  app.add_option("--views", a.measure.views.views_per_place)->capture_default_str();
+  app.add_option("--pairs", a.measure.views.pairs_per_place)->capture_default_str();
   app.add_option("--p1", a.measure.penalties.one_level)->capture_default_str();
   app.add_option("--p2", a.measure.penalties.more)->capture_default_str();
   app.add_option("--p2-edge", a.measure.penalties.at_edge)->capture_default_str();

@@ -48,7 +48,7 @@ struct ChangeArea {
 struct ChangeAreaOptions {
   double height_m = 1.5, height_gsd = 6;  // a cell's height differs by more than the larger of these,
   double weak_share = 0.6;                // or by this share of it beside such a cell
-  double label_margin = 0.2;             // a cell's class differs by more than this
+  double label_margin = 0.2;              // a cell's class differs by more than this
   double min_area_m2 = 25;
   double min_label_area_m2 = 25;
   double min_width_m = 3, min_width_cells = 2;

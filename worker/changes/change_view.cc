@@ -6,10 +6,12 @@
 namespace tessera {
 namespace {
 
-struct Candidate {
-  int view = 0;
+constexpr int kPlaces = 5;  // of a block, along each axis
+
+// How a view looks at a place.
+struct Look {
+  bool sees = false;
   double tilt_rad = 0;
-  double seen = 0;              // share of the block's corners and middle
   Eigen::Vector2d slope{0, 0};  // way in the plane a metre of height, towards the camera
 };
 
@@ -21,53 +23,79 @@ double PairWorth(double base_to_height) { return std::abs(std::log(base_to_heigh
 ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlane& ground,
                        const Eigen::AlignedBox2d& block, double height_m, const ViewChoiceOptions& options) {
   const Eigen::Vector3d up = ground.axis_x.cross(ground.axis_y);
-  const auto point = [&](const Eigen::Vector2d& p) -> Eigen::Vector3d {
-    return ground.axis_x * p.x() + ground.axis_y * p.y() + up * height_m;
-  };
-  const Eigen::Vector3d middle = point(block.center());
-  std::vector<Candidate> candidates;
+  std::vector<Eigen::Vector3d> places;
+  for (int j = 0; j < kPlaces; ++j) {
+    for (int i = 0; i < kPlaces; ++i) {
+      const Eigen::Vector2d share = Eigen::Vector2d(i + 0.5, j + 0.5) / kPlaces;
+      const Eigen::Vector2d p = block.min() + share.cwiseProduct(block.sizes());
+      places.push_back(ground.axis_x * p.x() + ground.axis_y * p.y() + up * height_m);
+    }
+  }
+  std::vector<std::vector<Look>> looks(cameras.size(), std::vector<Look>(places.size()));
   for (size_t v = 0; v < cameras.size(); ++v) {
-    const auto sees = [&](const Eigen::Vector3d& p) { return cameras[v].InImage(cameras[v].Project(p)); };
-    Candidate candidate{static_cast<int>(v), 0, 0, {}};
-    for (const auto corner : {Eigen::AlignedBox2d::BottomLeft, Eigen::AlignedBox2d::BottomRight,
-                              Eigen::AlignedBox2d::TopLeft, Eigen::AlignedBox2d::TopRight}) {
-      candidate.seen += sees(point(block.corner(corner))) ? 0.2 : 0;
+    for (size_t k = 0; k < places.size(); ++k) {
+      const Eigen::Vector3d ray = cameras[v].Centre() - places[k];
+      if (up.dot(ray) <= 0 || !cameras[v].InImage(cameras[v].Project(places[k]))) continue;
+      const Eigen::Vector2d slope = ground.Coordinates(ray) / up.dot(ray);
+      const double tilt_rad = std::atan(slope.norm());
+      if (tilt_rad <= options.max_tilt_rad) looks[v][k] = {true, tilt_rad, slope};
     }
-    candidate.seen += sees(middle) ? 0.2 : 0;
-    const Eigen::Vector3d ray = cameras[v].Centre() - middle;
-    if (candidate.seen == 0 || up.dot(ray) <= 0) continue;
-    candidate.slope = ground.Coordinates(ray) / up.dot(ray);
-    candidate.tilt_rad = std::atan(candidate.slope.norm());
-    if (candidate.tilt_rad <= options.max_tilt_rad) candidates.push_back(candidate);
   }
-  // Steep views first; those that show little of the block count as tilted.
-  const auto rank = [](const Candidate& c) { return c.tilt_rad + 0.5 * (1 - c.seen); };
-  std::stable_sort(candidates.begin(), candidates.end(),
-                   [&](const Candidate& a, const Candidate& b) { return rank(a) < rank(b); });
+  const auto steep = [&](size_t v, size_t k) {
+    return looks[v][k].sees && looks[v][k].tilt_rad <= options.near_nadir_rad;
+  };
+  bool has_steep = false;
+  for (size_t k = 0; k < places.size(); ++k) {
+    int own = 0;
+    for (size_t v = 0; v < cameras.size(); ++v) own += steep(v, k);
+    has_steep = has_steep || own >= 2;
+  }
+  // The steepest views of each place; views that other places have chosen already come first.
+  std::vector<uint8_t> chosen(cameras.size(), 0);
+  int count = 0;
+  for (size_t k = 0; k < places.size(); ++k) {
+    std::vector<size_t> seeing;
+    for (size_t v = 0; v < cameras.size(); ++v) {
+      if (has_steep ? steep(v, k) : looks[v][k].sees) seeing.push_back(v);
+    }
+    const auto rank = [&](size_t v) { return looks[v][k].tilt_rad - (chosen[v] ? 0.15 : 0); };
+    std::stable_sort(seeing.begin(), seeing.end(), [&](size_t a, size_t b) { return rank(a) < rank(b); });
+    int own = 0;
+    for (const size_t v : seeing) {
+      if (own >= options.views_per_place) break;
+      if (!chosen[v] && count >= options.max_views) continue;
+      count += !chosen[v];
+      chosen[v] = 1;
+      ++own;
+    }
+  }
   ViewChoice choice;
-  std::vector<Candidate> chosen;
-  for (const Candidate& c : candidates) {
-    const int count = static_cast<int>(chosen.size());
-    if (count < options.max_views && (c.tilt_rad <= options.near_nadir_rad || count < options.few_views)) {
-      chosen.push_back(c);
+  for (size_t v = 0; v < cameras.size(); ++v) {
+    if (chosen[v]) choice.views.push_back(static_cast<int>(v));
+  }
+  // The best pairs of each place, too.
+  std::vector<std::array<int, 2>> pairs;
+  for (size_t k = 0; k < places.size(); ++k) {
+    std::vector<std::pair<double, std::array<int, 2>>> own;
+    for (size_t i = 0; i < choice.views.size(); ++i) {
+      for (size_t j = i + 1; j < choice.views.size(); ++j) {
+        const Look &a = looks[choice.views[i]][k], &b = looks[choice.views[j]][k];
+        const double base = (a.slope - b.slope).norm();
+        if (!a.sees || !b.sees || base < options.min_base_to_height) continue;
+        own.push_back({PairWorth(base), {static_cast<int>(i), static_cast<int>(j)}});
+        choice.base_to_height = std::max(choice.base_to_height, PairWorth(base) < 1 ? base : 0);
+      }
+    }
+    std::stable_sort(own.begin(), own.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    if (static_cast<int>(own.size()) > options.pairs_per_place) own.resize(options.pairs_per_place);
+    for (const auto& [worth, pair] : own) {
+      const bool is_new = std::find(pairs.begin(), pairs.end(), pair) == pairs.end();
+      if (is_new && static_cast<int>(pairs.size()) < options.max_pairs) pairs.push_back(pair);
     }
   }
-  std::sort(chosen.begin(), chosen.end(), [](const Candidate& a, const Candidate& b) { return a.view < b.view; });
-  std::vector<std::pair<double, std::array<int, 2>>> pairs;
-  for (size_t i = 0; i < chosen.size(); ++i) {
-    choice.views.push_back(chosen[i].view);
-    for (size_t j = i + 1; j < chosen.size(); ++j) {
-      const double base = (chosen[i].slope - chosen[j].slope).norm();
-      if (base < options.min_base_to_height) continue;
-      pairs.push_back({PairWorth(base), {static_cast<int>(i), static_cast<int>(j)}});
-    }
-  }
-  std::stable_sort(pairs.begin(), pairs.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-  if (static_cast<int>(pairs.size()) > options.max_pairs) pairs.resize(options.max_pairs);
-  for (const auto& [worth, pair] : pairs) {
-    choice.pairs.push_back(pair);
-    choice.base_to_height = std::max(choice.base_to_height, (chosen[pair[0]].slope - chosen[pair[1]].slope).norm());
-  }
+  std::sort(pairs.begin(), pairs.end());
+  choice.pairs = std::move(pairs);
+  if (choice.base_to_height == 0) choice.base_to_height = options.min_base_to_height;
   return choice;
 }
 

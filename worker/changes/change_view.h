@@ -29,17 +29,18 @@ struct ViewChoice {
 };
 
 struct ViewChoiceOptions {
-  int max_views = 7;
-  int max_pairs = 14;
-  double near_nadir_rad = 0.70;  // views tilted more are taken only where there are too few
+  int views_per_place = 4;  // that each place of a block is measured from, if so many see it
+  int pairs_per_place = 5;
+  int max_views = 14, max_pairs = 30;  // of a block
+  double near_nadir_rad = 0.60;        // views tilted more are taken only where a block has no others
   double max_tilt_rad = 1.05;
-  int few_views = 4;
   double min_base_to_height = 0.08;
 };
 
-// The views that see the middle of `block` (plan metres, local frame) at `height_m` and look down at it most steeply,
-// and the pairs of them with the most parallax that windows on the ground still bear. Depends on nothing else, so that
-// a tile may load the views that its blocks choose. `cameras`: of whole images. Fewer than two views: no pairs.
+// Views are chosen for places of `block` (plan metres, local frame) on a grid, at `height_m`: at each those that look
+// down most steeply; then the pairs of them with the most parallax that windows on the ground still bear. Depends on
+// nothing else, so that a tile may load the views that its blocks choose. `cameras`: of whole images. Fewer than two
+// views: no pairs.
 ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlane& ground,
                        const Eigen::AlignedBox2d& block, double height_m, const ViewChoiceOptions& options);
 

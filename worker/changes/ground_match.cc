@@ -11,7 +11,7 @@ constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 // Deviation of luminance that counts as noise: windows with less than this agree with nothing.
 constexpr float kNoise = 0.012f;
 // So many pairs, the best, speak for a window; the others may look at something in between.
-constexpr int kBest = 4;
+constexpr int kBest = 8;
 constexpr float kNoPair = -2;
 constexpr float kDoubt = 0.6f;
 constexpr int kLane = 16;  // cells that are worked on side by side
@@ -95,6 +95,7 @@ void GroundMatcher::Correlate(std::vector<float>* scores) {
   scores->assign(static_cast<size_t>(width) * grid_.height(), kNone);
   const size_t views = choice_.views.size();
   std::vector<std::array<float, kLane>> mean(views), inverse(views);
+  std::vector<uint8_t> shown(views);
   for (int y = 0; y < grid_.height(); ++y) {
     const int first_row = y * step + FirstOfWindow();
     for (int first_cell = 0; first_cell < width; first_cell += kLane) {
@@ -112,10 +113,12 @@ void GroundMatcher::Correlate(std::vector<float>* scores) {
           // max() would drop NaN, which says that the view does not show the window; the product below keeps it.
           inverse[v][x] = 1 / std::sqrt(std::max(squares[x] - sum[x] * mean[v][x], 0.0f) + floor);
         }
+        shown[v] = std::any_of(sum, sum + kLane, [](float s) { return !std::isnan(s); });
       }
-      float best[kBest][kLane];
+      float best[kBest][kLane], shown_pairs[kLane] = {};
       for (auto& row : best) std::fill(row, row + kLane, kNoPair);
       for (const auto& [i, j] : choice_.pairs) {
+        if (!shown[i] || !shown[j]) continue;
         float product[kLane] = {};
         SumWindows(first_row, first_cell, [&](size_t at) {
           const float *a = &luminance_[i][at], *b = &luminance_[j][at];
@@ -124,6 +127,7 @@ void GroundMatcher::Correlate(std::vector<float>* scores) {
         for (int x = 0; x < kLane; ++x) {
           const float score = (product[x] - count * mean[i][x] * mean[j][x]) * inverse[i][x] * inverse[j][x];
           float passed = score >= kNoPair ? score : kNoPair;
+          shown_pairs[x] += score >= kNoPair ? 1.0f : 0.0f;
           for (auto& row : best) {
             const float kept = std::max(row[x], passed);
             passed = std::min(row[x], passed);
@@ -134,8 +138,9 @@ void GroundMatcher::Correlate(std::vector<float>* scores) {
       float* out = scores->data() + static_cast<size_t>(y) * width + first_cell;
       for (int x = 0; x < std::min(kLane, width - first_cell); ++x) {
         float sum = 0, pairs = 0;
+        const float speak = std::clamp(std::round(0.45f * shown_pairs[x]), 3.0f, static_cast<float>(kBest));
         for (const auto& row : best) {
-          if (row[x] == kNoPair) continue;
+          if (row[x] == kNoPair || pairs >= speak) continue;
           sum += row[x];
           pairs += 1;
         }
