@@ -10,8 +10,10 @@ namespace {
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 // Deviation of luminance that counts as noise: windows with less than this agree with nothing.
 constexpr float kNoise = 0.012f;
-// So many pairs, the best, speak for a window; the others may look at something in between.
-constexpr int kBest = 8;
+// The best of the pairs that show a window speak for it, this share of them and so many at least and at most; the
+// others may look at something in between. Of more pairs more must agree, or chance would find enough that do.
+constexpr float kSpeakingShare = 0.45f;
+constexpr int kLeast = 3, kBest = 8;
 constexpr float kNoPair = -2;
 constexpr float kDoubt = 0.6f;
 constexpr int kLane = 16;  // cells that are worked on side by side
@@ -138,7 +140,8 @@ void GroundMatcher::Correlate(std::vector<float>* scores) {
       float* out = scores->data() + static_cast<size_t>(y) * width + first_cell;
       for (int x = 0; x < std::min(kLane, width - first_cell); ++x) {
         float sum = 0, pairs = 0;
-        const float speak = std::clamp(std::round(0.45f * shown_pairs[x]), 3.0f, static_cast<float>(kBest));
+        const float speak = std::clamp(std::round(kSpeakingShare * shown_pairs[x]), static_cast<float>(kLeast),
+                                       static_cast<float>(kBest));
         for (const auto& row : best) {
           if (row[x] == kNoPair || pairs >= speak) continue;
           sum += row[x];

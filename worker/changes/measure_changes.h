@@ -23,8 +23,8 @@ struct MeasureOptions {
   double below_m = 6, above_m = 45;  // of the sweep, from the block's low ground
   double above_roofs_m = 10;         // at least, over the block's highest old surface
   double step_px = 1.0;              // parallax of two heights in the widest pair
-  double semantic_weight = 0.2;      // of the likelihoods' disagreement beside the images'
-  double old_bonus = 0.08;           // of agreement that the old height is given
+  double semantic_weight = 0.3;      // of the likelihoods' disagreement beside the images'
+  double old_bonus = 0.02;           // of agreement that the old height is given
   SmoothPenalties penalties;
   ViewChoiceOptions views;
 };
@@ -47,7 +47,7 @@ std::vector<int> ViewsToMeasure(const MeshSpans& old_mesh, const GroundPlane& gr
 
 // `old_mesh`: the surface before in the local frame, `cells` and a margin around them, with labels or without.
 // `ground`: its cell_m is the raster's (ChangeCellSize_m); `views`: of the new flight alone. `classes`: planes of all
-// likelihoods. Uses the process's threads, a block each, and about 60 MB for each of them; the result does not depend
+// likelihoods. Uses the process's threads, a block each, and about 100 MB for each of them; the result does not depend
 // on their number.
 ChangeRaster MeasureChanges(const MeshSpans& old_mesh, const GroundPlane& ground, const CellRect& cells,
                             std::span<const ChangeView> views, int classes, double gsd_m,
