@@ -1,0 +1,222 @@
+#include "worker/changes/change_areas.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "worker/changes/cell_mask.h"
+
+namespace tessera {
+namespace {
+
+enum class Sign { kHigher, kLower, kEqual };
+
+ClassRole RoleOf(const std::vector<ClassRole>& roles, uint8_t label) {
+  return label < roles.size() ? roles[label] : ClassRole::kOther;
+}
+
+uint8_t MostFrequent(const std::vector<uint8_t>& labels, const std::vector<size_t>& cells) {
+  std::array<size_t, 256> votes{};
+  for (const size_t i : cells) ++votes[labels[i]];
+  const auto best = std::max_element(votes.begin(), votes.end() - 1);
+  return *best > 0 ? static_cast<uint8_t>(best - votes.begin()) : kNoLabel;
+}
+
+void CopySurface(const SurfaceRaster& from, SurfaceRaster* to) {
+  for (int y = 0; y < from.height(); ++y) {
+    const size_t i = static_cast<size_t>(y) * from.width();
+    const size_t j =
+        static_cast<size_t>(from.cells.y0 + y - to->cells.y0) * to->width() + (from.cells.x0 - to->cells.x0);
+    std::copy_n(from.height_m.begin() + i, from.width(), to->height_m.begin() + j);
+    std::copy_n(from.label.begin() + i, from.width(), to->label.begin() + j);
+  }
+}
+
+CellRect Around(const CellRect& a, const CellRect& b) {
+  return {std::min(a.x0, b.x0), std::min(a.y0, b.y0), std::max(a.x1, b.x1), std::max(a.y1, b.y1)};
+}
+
+// Areas of one raster.
+class AreaFinder {
+ public:
+  AreaFinder(const ChangeRaster& raster, const SurfaceRaster* refined, const std::vector<ClassRole>& roles,
+             double gsd_m, const ChangeAreaOptions& options)
+      : raster_(raster),
+        refined_(refined),
+        roles_(roles),
+        options_(options),
+        threshold_m_(std::max(options.height_m, options.height_gsd * gsd_m)) {}
+
+  std::vector<ChangeArea> Find() {
+    std::vector<std::pair<size_t, ChangeArea>> found;
+    for (const Sign sign : {Sign::kHigher, Sign::kLower, Sign::kEqual}) {
+      CellMask weak(raster_.before.width(), raster_.before.height()), strong = weak;
+      for (size_t i = 0; i < weak.flag.size(); ++i) {
+        weak.flag[i] = Differs(i, sign, options_.weak_share);
+        strong.flag[i] = Differs(i, sign, 1);
+      }
+      const double min_width_cells = std::max(options_.min_width_m / raster_.cell_m(), options_.min_width_cells);
+      const CellMask clean = WithoutSlivers(Majority(weak), static_cast<int>(std::ceil(min_width_cells)));
+      for (const std::vector<size_t>& part : ConnectedParts(clean, strong)) {
+        if (const std::optional<ChangeArea> area = Describe(part, sign)) found.push_back({part.front(), *area});
+      }
+    }
+    std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    std::vector<ChangeArea> areas;
+    for (auto& [first, area] : found) areas.push_back(std::move(area));
+    return areas;
+  }
+
+ private:
+  bool Differs(size_t i, Sign sign, double share) const {
+    const double difference_m = raster_.after.height_m[i] - raster_.before.height_m[i];  // NaN: not known
+    if (sign == Sign::kHigher) return difference_m > share * threshold_m_;
+    if (sign == Sign::kLower) return -difference_m > share * threshold_m_;
+    if (!(std::abs(difference_m) <= options_.weak_share * threshold_m_)) return false;
+    const uint8_t before = raster_.before.label[i], after = raster_.after.label[i];
+    if (before == kNoLabel || after == kNoLabel || before == after) return false;
+    // From above a roof may show its eaves' facade.
+    if (RoleOf(roles_, before) == ClassRole::kBuilding && RoleOf(roles_, after) == ClassRole::kBuilding) return false;
+    return raster_.label_margin[i] > share * options_.label_margin;
+  }
+
+  std::optional<ChangeArea> Describe(const std::vector<size_t>& cells, Sign sign) const {
+    const double cell_m = raster_.cell_m(), count = static_cast<double>(cells.size());
+    ChangeArea area;
+    area.area_m2 = count * cell_m * cell_m;
+    if (area.area_m2 < (sign == Sign::kEqual ? options_.min_label_area_m2 : options_.min_area_m2)) return {};
+    std::vector<Eigen::Vector2i> places;
+    double known = 0, right = 0;
+    area.label_before = MostFrequent(raster_.before.label, cells);
+    area.label_after = MostFrequent(raster_.after.label, cells);
+    for (const size_t i : cells) {
+      const int x = static_cast<int>(i % raster_.before.width()), y = static_cast<int>(i / raster_.before.width());
+      places.emplace_back(raster_.cells().x0 + x, raster_.cells().y0 + y);
+      area.place.head<2>() += cell_m * (places.back().cast<double>() + Eigen::Vector2d::Constant(0.5)) / count;
+      const double difference_m = raster_.after.height_m[i] - raster_.before.height_m[i];
+      if (std::isnan(difference_m)) continue;  // closed by its neighbours
+      known += 1;
+      area.place.z() += raster_.after.height_m[i];
+      area.height_difference_m += difference_m;
+      area.agreement += raster_.after_score[i];
+      area.agreement_before += std::isnan(raster_.before_score[i]) ? 0 : raster_.before_score[i];
+      right += Followed(i, sign, area.label_after);
+    }
+    if (known == 0) return {};
+    area.place.z() /= known;
+    area.height_difference_m /= known;
+    area.agreement /= known;
+    area.agreement_before /= known;
+    if (sign == Sign::kEqual && area.agreement < options_.min_label_agreement) return {};
+    area.volume_m3 = sign == Sign::kEqual ? 0 : area.area_m2 * area.height_difference_m;
+    if (sign != Sign::kEqual && (area.agreement < options_.min_agreement ||
+                                 area.agreement - area.agreement_before < options_.min_agreement_gain)) {
+      return {};
+    }
+    if (sign == Sign::kEqual) {
+      area.kind = ChangeKind::kLabel;
+    } else if (sign == Sign::kHigher) {
+      const bool plants = RoleOf(roles_, area.label_after) == ClassRole::kVegetation;
+      area.kind = plants ? ChangeKind::kGrown : ChangeKind::kBuilt;
+    } else {
+      const bool plants = RoleOf(roles_, area.label_before) == ClassRole::kVegetation;
+      area.kind = plants ? ChangeKind::kFelled : ChangeKind::kDemolished;
+    }
+    if (refined_ != nullptr) area.followed = right >= options_.followed_share * known;
+    area.outline = TraceOutline(places);
+    for (Eigen::Vector2d& p : area.outline.outer) p *= cell_m;
+    area.outline.outer = SimplifyRing(area.outline.outer, options_.simplify_cells * cell_m);
+    for (Ring& hole : area.outline.holes) {
+      for (Eigen::Vector2d& p : hole) p *= cell_m;
+      hole = SimplifyRing(hole, options_.simplify_cells * cell_m);
+    }
+    return area;
+  }
+
+  // Whether the refined mesh shows what the images show.
+  bool Followed(size_t i, Sign sign, uint8_t label_after) const {
+    if (refined_ == nullptr) return false;
+    if (sign == Sign::kEqual) return refined_->label[i] == label_after;
+    return std::abs(refined_->height_m[i] - raster_.after.height_m[i]) <= options_.weak_share * threshold_m_;
+  }
+
+  const ChangeRaster& raster_;
+  const SurfaceRaster* refined_;
+  const std::vector<ClassRole>& roles_;
+  const ChangeAreaOptions& options_;
+  double threshold_m_;
+};
+
+}  // namespace
+
+const char* ChangeKindName(ChangeKind kind) {
+  switch (kind) {
+    case ChangeKind::kBuilt:
+      return "built";
+    case ChangeKind::kDemolished:
+      return "demolished";
+    case ChangeKind::kGrown:
+      return "grown";
+    case ChangeKind::kFelled:
+      return "felled";
+    case ChangeKind::kLabel:
+      return "label";
+  }
+  return "";
+}
+
+std::vector<ClassRole> ClassRoles(const std::vector<SceneClass>& classes) {
+  std::vector<ClassRole> roles;
+  for (const SceneClass& c : classes) {
+    roles.push_back(c.name == "ground"                       ? ClassRole::kGround
+                    : c.name == "roof" || c.name == "facade" ? ClassRole::kBuilding
+                    : c.name == "vegetation"                 ? ClassRole::kVegetation
+                                                             : ClassRole::kOther);
+  }
+  return roles;
+}
+
+ChangeRaster MergeRasters(std::span<const ChangeRaster> rasters) {
+  if (rasters.empty()) return {};
+  CellRect rect = rasters[0].cells();
+  for (const ChangeRaster& raster : rasters) rect = Around(rect, raster.cells());
+  ChangeRaster merged(rect, rasters[0].cell_m());
+  for (const ChangeRaster& raster : rasters) {
+    CopySurface(raster.before, &merged.before);
+    CopySurface(raster.after, &merged.after);
+    const int width = raster.before.width();
+    for (int y = 0; y < raster.before.height(); ++y) {
+      const size_t i = static_cast<size_t>(y) * width;
+      const size_t j =
+          static_cast<size_t>(raster.cells().y0 + y - rect.y0) * merged.before.width() + (raster.cells().x0 - rect.x0);
+      std::copy_n(raster.after_score.begin() + i, width, merged.after_score.begin() + j);
+      std::copy_n(raster.before_score.begin() + i, width, merged.before_score.begin() + j);
+      std::copy_n(raster.label_margin.begin() + i, width, merged.label_margin.begin() + j);
+    }
+  }
+  return merged;
+}
+
+std::vector<ChangeArea> FindChangeAreas(std::span<const ChangeRaster> rasters, std::span<const SurfaceRaster> refined,
+                                        const std::vector<ClassRole>& roles, double gsd_m,
+                                        const ChangeAreaOptions& options) {
+  if (rasters.empty()) return {};
+  const ChangeRaster merged = MergeRasters(rasters);
+  SurfaceRaster shown;
+  if (!refined.empty()) {
+    CellRect rect = merged.cells();
+    for (const SurfaceRaster& raster : refined) rect = Around(rect, raster.cells);
+    SurfaceRaster all(rect, merged.cell_m());
+    for (const SurfaceRaster& raster : refined) CopySurface(raster, &all);
+    shown = SurfaceRaster(merged.cells(), merged.cell_m());
+    for (int y = 0; y < shown.height(); ++y) {
+      const size_t i = static_cast<size_t>(y) * shown.width();
+      const size_t j = static_cast<size_t>(shown.cells.y0 + y - rect.y0) * all.width() + (shown.cells.x0 - rect.x0);
+      std::copy_n(all.height_m.begin() + j, shown.width(), shown.height_m.begin() + i);
+      std::copy_n(all.label.begin() + j, shown.width(), shown.label.begin() + i);
+    }
+  }
+  return AreaFinder(merged, refined.empty() ? nullptr : &shown, roles, gsd_m, options).Find();
+}
+
+}  // namespace tessera

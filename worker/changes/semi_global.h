@@ -1,0 +1,37 @@
+// Semi-global aggregation: Hirschmüller, Stereo processing by semiglobal matching and mutual information, PAMI 2008,
+// section 2.3, with the cells of a raster as pixels and heights as disparities.
+#ifndef TESSERA_WORKER_CHANGES_SEMI_GLOBAL_H_
+#define TESSERA_WORKER_CHANGES_SEMI_GLOBAL_H_
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace tessera {
+
+// Costs of `levels` heights in each of width x height cells: level after level within a cell, cell after cell, row by
+// row. At most 200 each.
+struct CostVolume {
+  int width = 0, height = 0, levels = 0;
+  std::vector<uint8_t> cost;
+
+  CostVolume() = default;
+  CostVolume(int w, int h, int d, uint8_t value) : width(w), height(h), levels(d), cost(Size(w, h, d), value) {}
+  static size_t Size(int w, int h, int d) { return static_cast<size_t>(w) * h * d; }
+  uint8_t* At(int x, int y) { return cost.data() + (static_cast<size_t>(y) * width + x) * levels; }
+  const uint8_t* At(int x, int y) const { return cost.data() + (static_cast<size_t>(y) * width + x) * levels; }
+};
+
+// Penalties of a step between neighbours: by one level, by more, and by more where a jump is expected. At most 300.
+struct SmoothPenalties {
+  int one_level = 8, more = 40, at_edge = 30;
+};
+
+// Sums over paths from eight directions, laid out as the costs. `edge`: one flag a cell; a step between two cells of
+// which either has one costs `at_edge`. Empty: none.
+std::vector<int16_t> AggregateCosts(const CostVolume& volume, const std::vector<uint8_t>& edge,
+                                    const SmoothPenalties& penalties);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_CHANGES_SEMI_GLOBAL_H_

@@ -1,0 +1,46 @@
+// A mesh from straight above: heights and labels over the ground plane.
+#ifndef TESSERA_WORKER_CHANGES_SURFACE_RASTER_H_
+#define TESSERA_WORKER_CHANGES_SURFACE_RASTER_H_
+
+#include <span>
+#include <vector>
+
+#include "common/geometry/mesh.h"
+#include "common/geometry/ray_caster.h"
+#include "common/tile/ground.h"
+#include "worker/changes/change_raster.h"
+
+namespace tessera {
+
+// The topmost surface of a mesh. Const functions may be called from any thread.
+class TopSurface {
+ public:
+  // `mesh` in the local frame; its labels must outlive this.
+  TopSurface(const MeshSpans& mesh, const GroundPlane& ground);
+
+  struct Point {
+    float height_m = 0;  // NaN: no surface
+    uint8_t label = kNoLabel;
+  };
+  // Above the plane's point (x, y), metres.
+  Point At(double x_m, double y_m) const;
+
+ private:
+  MeshSpans mesh_;
+  Eigen::Vector3d axis_x_, axis_y_, up_;
+  double top_m_ = 0;
+  RayCaster caster_;
+};
+
+// Cells of `ground` in `cells`: the median height of samples_per_cell² vertical rays, and the label that most of those
+// within half a cell of that height have. A cell that most rays miss is not known.
+SurfaceRaster DrawSurface(const TopSurface& surface, const GroundPlane& ground, const CellRect& cells,
+                          int samples_per_cell = 3);
+
+// The same from heights and labels that are at hand: `samples_per_cell` a cell and axis, row after row.
+SurfaceRaster CellsOfSamples(std::span<const TopSurface::Point> samples, const CellRect& cells, double cell_m,
+                             int samples_per_cell);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_CHANGES_SURFACE_RASTER_H_
