@@ -106,6 +106,20 @@ std::string ToJson(const TileReads& r) {
   return json{{"label", r.label}, {"mend", r.mend}, {"sight", r.sight}, {"solve", r.solve}}.dump();
 }
 
+std::string ChangeBlockFile(const CellRect& cells) {
+  return "changes/" + std::to_string(cells.x0) + "_" + std::to_string(cells.y0) + ".arrays";
+}
+
+std::string ToJson(const CompareParameters& p) {
+  return json{{"cells", RectToJson(p.cells)}, {"views", p.views}, {"states", p.states}}.dump();
+}
+
+std::string ToJson(const ChangesParameters& p) {
+  json blocks = json::array();
+  for (const CellRect& block : p.blocks) blocks.push_back(RectToJson(block));
+  return json{{"blocks", std::move(blocks)}, {"states", p.states}, {"scene_name", p.scene_name}}.dump();
+}
+
 std::string ToJson(const PublishParameters& p) {
   json out = {{"tiles", TilesToJson(p.tiles)}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
   if (!p.kept.empty()) out["kept"] = p.kept;
@@ -206,6 +220,23 @@ StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles)
   TESSERA_RETURN_IF_ERROR(check("sight", reads.sight));
   TESSERA_RETURN_IF_ERROR(check("solve", reads.solve));
   return reads;
+}
+
+StatusOr<CompareParameters> ParseCompareParameters(const std::string& text) {
+  return Parse<CompareParameters>(text, [](const json& j) {
+    return CompareParameters{RectFromJson(j.at("cells")), j.at("views").get<std::vector<int32_t>>(),
+                             j.at("states").get<std::vector<int>>()};
+  });
+}
+
+StatusOr<ChangesParameters> ParseChangesParameters(const std::string& text) {
+  return Parse<ChangesParameters>(text, [](const json& j) {
+    ChangesParameters p;
+    for (const json& block : j.at("blocks")) p.blocks.push_back(RectFromJson(block));
+    j.at("states").get_to(p.states);
+    j.at("scene_name").get_to(p.scene_name);
+    return p;
+  });
 }
 
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) {

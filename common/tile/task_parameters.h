@@ -107,6 +107,21 @@ struct StepParameters {
   bool goes_on = false;          // the first step of an update: what the states report is of the base
 };
 
+// What new images show of a block of ground, against the surface of an update's base.
+struct CompareParameters {
+  CellRect cells;              // of change cells (change_cells.h): whole blocks
+  std::vector<int32_t> views;  // that may see it, ascending; their files are inputs
+  std::vector<int> states;     // tiles of the base whose kStateFile are among the inputs, ascending
+};
+std::string ChangeBlockFile(const CellRect& cells);  // what it writes
+
+// All of them together, and the surface after the update.
+struct ChangesParameters {
+  std::vector<CellRect> blocks;
+  std::vector<int> states;  // tiles whose last kStateFile are among the inputs, ascending
+  std::string scene_name;
+};
+
 struct PublishParameters {
   std::vector<TileParameters> tiles;  // ascending
   std::vector<int> kept = {};         // tiles that an update took over from its base, ascending
@@ -120,6 +135,8 @@ std::string ToJson(const UpdateFiles& files);
 std::string ToJson(const CutParameters& parameters);
 std::string ToJson(const RefineParameters& parameters);
 std::string ToJson(const StepParameters& parameters);
+std::string ToJson(const CompareParameters& parameters);
+std::string ToJson(const ChangesParameters& parameters);
 std::string ToJson(const PublishParameters& parameters);
 
 // INVALID_ARGUMENT if `json` lacks a parameter or has one of a wrong type.
@@ -129,6 +146,8 @@ StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& json);
 StatusOr<CutParameters> ParseCutParameters(const std::string& json);
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& json);
 StatusOr<StepParameters> ParseStepParameters(const std::string& json);
+StatusOr<CompareParameters> ParseCompareParameters(const std::string& json);
+StatusOr<ChangesParameters> ParseChangesParameters(const std::string& json);
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& json);
 
 std::string ToJson(const TileReads& reads);

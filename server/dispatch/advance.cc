@@ -114,7 +114,7 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
     return step;
   } else {
     for (const JobTask& task : job.tasks) {
-      if (task.plan.kind != kPublishKind && task.plan.kind != kPlanKind) continue;
+      if (task.plan.kind != kPublishKind && task.plan.kind != kPlanKind && task.plan.kind != kChangesKind) continue;
       step.artifacts.insert(step.artifacts.end(), task.outputs.begin(), task.outputs.end());
     }
   }

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "common/tile/change_cells.h"
 #include "common/tile/sample_cell.h"
 
 namespace tessera {
@@ -59,6 +60,10 @@ constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
 constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
 constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 0.5e-6;
+
+// A cell that new images are compared over, at all heights; two blocks at a time in memory. A cell of the report.
+constexpr double kCompareSeconds = 0.6e-3, kCompareBytes = 200 * kMiB, kChangeCellSeconds = 20e-6,
+                 kChangeCellBytes = 60;
 
 // Most of what tasks hold of the city are pages of mapped files, which the system takes back when memory is short; of
 // a large city more of them may be resident than counts here. The second is what city_bench's tasks needed (README).
@@ -295,6 +300,19 @@ Prediction PredictPublish(const Survey& survey) {
   const double faces = static_cast<double>(survey.faces);
   return {kTaskSeconds + kPublishSecondsPerFace * faces,
           static_cast<int64_t>(kFixedBytes + CityBytes(kPublishBytesPerFace, faces))};
+}
+
+Prediction PredictCompare(const Survey& survey, double image_pixels, double cells) {
+  const double planes = survey.has_likelihoods ? static_cast<double>(survey.classes.size()) : 0;
+  return {kTaskSeconds + kDecodeSeconds * (1 + planes) * image_pixels + kCompareSeconds * cells,
+          static_cast<int64_t>(kFixedBytes + kCompareBytes + 4 * (1 + planes) * image_pixels)};
+}
+
+Prediction PredictChanges(const Survey& survey, double blocks) {
+  const double cells = blocks * kBlockCells * kBlockCells;
+  return {kTaskSeconds + kChangeCellSeconds * cells,
+          static_cast<int64_t>(kFixedBytes + CityBytes(kPublishBytesPerFace, static_cast<double>(survey.faces)) +
+                               kChangeCellBytes * cells)};
 }
 
 int64_t LeastTileBytes(double faces) { return static_cast<int64_t>(kFixedBytes + kSolveBytesPerFace * faces); }

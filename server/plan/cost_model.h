@@ -70,6 +70,10 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
 // The tasks of the job.
 Prediction PredictIngest(const Survey& survey);
 Prediction PredictPublish(const Survey& survey);
+// Of an update: a block of ground of which new images, of so many pixels, see so many change cells; the report of so
+// many blocks.
+Prediction PredictCompare(const Survey& survey, double image_pixels, double cells);
+Prediction PredictChanges(const Survey& survey, double blocks);
 
 // A lower bound of what a tile with so many faces takes, which needs no look at the images.
 int64_t LeastTileBytes(double faces);

@@ -1,14 +1,18 @@
 #include "server/plan/graph.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <iterator>
 #include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "common/tile/change_cells.h"
 #include "common/tile/refine_steps.h"
 #include "common/tile/survey.h"
 #include "server/plan/cell_index.h"
@@ -183,19 +187,105 @@ class Graph {
     return CheckLimit(settings_, quote.core_seconds);
   }
 
+  Prediction CostOfChanges() const {
+    Graph graph = *this;
+    const size_t first = graph.size();
+    graph.AddChanges();
+    Prediction sum;
+    for (size_t t = first; t < graph.size(); ++t) {
+      sum.core_seconds += graph.tasks_[t].cost;
+      sum.peak_bytes = std::max(sum.peak_bytes, graph.tasks_[t].peak_bytes);
+    }
+    return sum;
+  }
+
   // An update's plan, as the user reads it.
   Status AddPlan(const UpdateBase& base) {
     TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_));
-    const Prediction ingest = update_cost_, publish = PredictPublish(survey_);
-    double core_seconds = ingest.core_seconds + publish.core_seconds;
+    const Prediction ingest = update_cost_, publish = PredictPublish(survey_), compare = CostOfChanges();
+    double core_seconds = ingest.core_seconds + publish.core_seconds + compare.core_seconds;
     for (const TileChange& change : changes_) core_seconds += change.predicted.core_seconds;
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
     PlannedTask task;
     task.kind = task.name = kPlanKind;
-    task.given_contents.emplace_back(
-        kUpdateFile, UpdatePlanJson(base.name, views_of_base_, changes_, survey_, ingest, publish, full.core_seconds));
+    task.given_contents.emplace_back(kUpdateFile, UpdatePlanJson(base.name, views_of_base_, changes_, survey_, ingest,
+                                                                 compare, publish, full.core_seconds));
     Add(std::move(task));
     return absl::OkStatus();
+  }
+
+  // What the new images show of the ground, block by block, against the base's surface; and the report of all.
+  void AddChanges() {
+    const double side_m = kBlockCells * ChangeCellSize_m(survey_.gsd_m), cell_m = survey_.ground.cell_m;
+    const double margin_m = kBlockMargin * ChangeCellSize_m(survey_.gsd_m) + cell_m;
+    struct SeenBlock {
+      std::set<int32_t> views;
+      double seen_m2 = 0;
+    };
+    std::map<std::array<int, 2>, SeenBlock> blocks;  // by y, x
+    for (const SurveyCell& cell : survey_.cells) {
+      std::vector<int32_t> fresh;
+      for (const int32_t v : cell.views) {
+        if (v >= static_cast<int32_t>(views_of_base_)) fresh.push_back(v);
+      }
+      if (fresh.empty()) continue;
+      const auto block = [&](int at) { return static_cast<int>(std::floor(at * cell_m / side_m)); };
+      const auto last = [&](int at) { return static_cast<int>(std::ceil((at + 1) * cell_m / side_m)) - 1; };
+      for (int y = block(cell.y); y <= last(cell.y); ++y) {
+        for (int x = block(cell.x); x <= last(cell.x); ++x) {
+          SeenBlock& seen = blocks[{y, x}];
+          seen.views.insert(fresh.begin(), fresh.end());
+          seen.seen_m2 += std::min(cell_m * cell_m, side_m * side_m);
+        }
+      }
+    }
+    if (blocks.empty()) return;
+    PlannedTask all;
+    ChangesParameters changes;
+    changes.scene_name = survey_.scene_name;
+    std::set<int> near_any;
+    all.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
+    for (const auto& [at, seen] : blocks) {
+      const auto& [y, x] = at;
+      CompareParameters parameters;
+      parameters.cells = {x * kBlockCells, y * kBlockCells, (x + 1) * kBlockCells, (y + 1) * kBlockCells};
+      parameters.views.assign(seen.views.begin(), seen.views.end());
+      PlannedTask task;
+      task.kind = "compare";
+      task.name = absl::StrCat("compare block ", x, " ", y);
+      task.inputs = all.inputs;
+      task.inputs.resize(2);
+      double pixels = 0;
+      for (const int32_t v : parameters.views) {
+        task.view_files.insert(task.view_files.end(), files_of_view_[v].begin(), files_of_view_[v].end());
+        const PinholeCamera& k = survey_.views[v].camera.intrinsics;
+        pixels += static_cast<double>(k.width) * k.height;
+      }
+      for (const GraphTile& tile : tiles_) {
+        const CellRect& core = tile.parameters.core;
+        if (core.x1 * cell_m < x * side_m - margin_m || core.x0 * cell_m > (x + 1) * side_m + margin_m ||
+            core.y1 * cell_m < y * side_m - margin_m || core.y0 * cell_m > (y + 1) * side_m + margin_m) {
+          continue;
+        }
+        const int id = tile.parameters.tile;
+        parameters.states.push_back(id);
+        near_any.insert(id);
+        task.inputs.push_back({city_from_, TileInputName(id, kStateFile)});
+      }
+      task.parameters = ToJson(parameters);
+      const double block_cells = static_cast<double>(kBlockCells) * kBlockCells;
+      SetCost(PredictCompare(survey_, pixels, block_cells * std::min(1.0, seen.seen_m2 / (side_m * side_m))), &task);
+      all.inputs.push_back({Add(std::move(task)), ChangeBlockFile(parameters.cells)});
+      changes.blocks.push_back(parameters.cells);
+    }
+    for (const int id : near_any) {
+      changes.states.push_back(id);
+      all.inputs.push_back(tiles_[id].state.value_or(PlannedInput{city_from_, TileInputName(id, kStateFile)}));
+    }
+    all.kind = all.name = kChangesKind;
+    all.parameters = ToJson(changes);
+    SetCost(PredictChanges(survey_, static_cast<double>(changes.blocks.size())), &all);
+    Add(std::move(all));
   }
 
   void AddPublish() {
@@ -451,6 +541,7 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
   if (graph.tiles() == 1 && !graph.goes_on()) {
     graph.AddCrops();
     graph.AddRefine();
+    if (base != nullptr) graph.AddChanges();
     graph.AddPublish();
   }
   return std::move(graph).TakeFrom(first);
@@ -477,6 +568,7 @@ StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const 
   const size_t first = graph.size();
   graph.AddCrops();
   graph.AddSteps(reads);
+  if (base != nullptr) graph.AddChanges();
   graph.AddPublish();
   return std::move(graph).TakeFrom(first);
 }

@@ -58,6 +58,7 @@ inline constexpr char kIngestKind[] = "ingest";
 inline constexpr char kUpdateKind[] = "update";  // in place of ingest, of a job that goes on from another
 inline constexpr char kBaseKind[] = "base";      // given: what the other job made
 inline constexpr char kPlanKind[] = "plan";      // given: kUpdateFile
+inline constexpr char kChangesKind[] = "changes";
 inline constexpr char kCutKind[] = "cut";
 inline constexpr char kPublishKind[] = "publish";
 

@@ -148,9 +148,9 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
 }
 
 std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const std::vector<TileChange>& changes,
-                           const Survey& survey, const Prediction& ingest, const Prediction& publish,
-                           double full_core_seconds) {
-  double core_seconds = ingest.core_seconds + publish.core_seconds;
+                           const Survey& survey, const Prediction& ingest, const Prediction& compare,
+                           const Prediction& publish, double full_core_seconds) {
+  double core_seconds = ingest.core_seconds + compare.core_seconds + publish.core_seconds;
   int redone = 0;
   json tiles = json::array();
   for (const TileChange& change : changes) {
@@ -190,6 +190,7 @@ std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const 
                {{"core_seconds", core_seconds},
                 {"core_seconds_in_full", full_core_seconds},
                 {"ingest", PredictionJson(ingest)},
+                {"changes", PredictionJson(compare)},
                 {"publish", PredictionJson(publish)}}},
               {"warnings", survey.warnings}}
              .dump(1) +

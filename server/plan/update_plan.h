@@ -51,8 +51,8 @@ std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey);
 
 // kUpdateFile. `full`: what a job on all images is predicted to take.
 std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const std::vector<TileChange>& changes,
-                           const Survey& survey, const Prediction& ingest, const Prediction& publish,
-                           double full_core_seconds);
+                           const Survey& survey, const Prediction& ingest, const Prediction& compare,
+                           const Prediction& publish, double full_core_seconds);
 
 }  // namespace tessera
 

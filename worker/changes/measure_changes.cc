@@ -309,8 +309,6 @@ int FloorToBlock(int cell) {
 
 }  // namespace
 
-double ChangeCellSize_m(double gsd_m) { return std::exp2(std::round(std::log2(3.5 * gsd_m))); }
-
 CellRect WholeBlocks(const CellRect& cells) {
   return {FloorToBlock(cells.x0), FloorToBlock(cells.y0), FloorToBlock(cells.x1 + kBlockCells - 1),
           FloorToBlock(cells.y1 + kBlockCells - 1)};

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "common/geometry/mesh.h"
+#include "common/tile/change_cells.h"
 #include "common/tile/ground.h"
 #include "worker/changes/change_raster.h"
 #include "worker/changes/change_view.h"
@@ -29,14 +30,8 @@ struct MeasureOptions {
   ViewChoiceOptions views;
 };
 
-// Side of a cell: the power of two nearest to 3.5 GSD, so that cells of all tiles and of the survey's ground coincide.
-double ChangeCellSize_m(double gsd_m);
-
-// Blocks are squares of so many cells whose corners are multiples of it. What is measured in a block depends on the
-// surface within kBlockMargin cells of it and on the views that see it alone: rasters of rectangles made of whole
-// blocks have the same bytes however a city is cut, if the views come in the same order.
-inline constexpr int kBlockCells = 96;
-inline constexpr int kBlockMargin = 14;
+// Rasters of rectangles made of whole blocks (kBlockCells) have the same bytes however a city is cut, if the views come
+// in the same order.
 
 // The smallest rectangle of whole blocks that holds `cells`.
 CellRect WholeBlocks(const CellRect& cells);

@@ -9,8 +9,9 @@ namespace tessera {
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control) {
   using Stage = StatusOr<TaskOutcome> (*)(const TaskRequest&, const TaskControl&, const Clock&);
   static constexpr std::pair<const char*, Stage> kStages[] = {
-      {"ingest", RunIngest},   {"update", RunUpdate}, {"cut", RunCut},   {"crop", RunCrop},      {"refine", RunRefine},
-      {"measure", RunMeasure}, {"solve", RunSolve},   {"mend", RunMend}, {"publish", RunPublish}};
+      {"ingest", RunIngest},   {"update", RunUpdate},   {"cut", RunCut},        {"crop", RunCrop},
+      {"refine", RunRefine},   {"measure", RunMeasure}, {"solve", RunSolve},    {"mend", RunMend},
+      {"compare", RunCompare}, {"changes", RunChanges}, {"publish", RunPublish}};
   const SystemClock clock;
   for (const auto& [kind, stage] : kStages) {
     if (request.kind != kind) continue;
@@ -20,8 +21,9 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
       return absl::ResourceExhaustedError(request.kind + ": out of memory");
     }
   }
-  return absl::InvalidArgumentError("task kind: found \"" + request.kind +
-                                    "\", expected ingest, update, cut, crop, refine, measure, solve, mend or publish");
+  return absl::InvalidArgumentError(
+      "task kind: found \"" + request.kind +
+      "\", expected ingest, update, cut, crop, refine, measure, solve, mend, compare, changes or publish");
 }
 
 }  // namespace tessera

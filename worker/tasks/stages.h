@@ -36,6 +36,12 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
 // Package and states of the tiles in reach → the core's state without folds.
 StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
+// City, survey, states of an update's base and new photographs → what they show of a block of ground.
+StatusOr<TaskOutcome> RunCompare(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
+// All of that, and the last states → changes.json, changes.geojson, changes.png.
+StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
 // City, survey and the last states → mesh.ply in the scene's own frame, and report.json.
 StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 

@@ -1,0 +1,250 @@
+// Updates: which tiles they redo, what they take from their base, what their tasks read.
+#include "server/plan/update_plan.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "server/plan/graph.h"
+#include "tests/unit/server/plan/small_surveys.h"
+
+namespace tessera {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+Digest DigestOf(const std::string& content) { return {Sha256Hex(content), static_cast<int64_t>(content.size())}; }
+
+// A base of so many tiles, and the survey that an update goes on with: the same, for the test to change.
+struct Pair {
+  Survey before, now;
+  UpdateBase base;
+  explicit Pair(int tiles) : before(SeenFromAbove(12)) {
+    before.mesh_path = "mesh.ply";
+    for (size_t v = 0; v < before.views.size(); ++v) {
+      SceneView& view = before.views[v];
+      view.name = "old" + std::to_string(v);
+      view.image_content = "pixels" + std::to_string(v);
+      if (!view.likelihood_path.empty()) view.likelihood_content = "likelihoods" + std::to_string(v);
+    }
+    now = before;
+    base.name = "jobs/1";
+    base.survey_json = SurveyToJson(before);
+    base.survey = DigestOf(base.survey_json);
+    base.city = DigestOf("city");
+    for (const CellRect& core : Cores(before, tiles)) {
+      base.tiles.push_back({static_cast<int>(base.tiles.size()), core});
+      base.states.push_back(DigestOf("state" + std::to_string(base.tiles.size())));
+    }
+    for (const std::string& file : Files()) base.scene_files.push_back({file, DigestOf(file)});
+  }
+  std::vector<std::string> Files() const {
+    std::vector<std::string> files = FilesOf(now);
+    files.push_back("mesh.ply");
+    std::sort(files.begin(), files.end());
+    return files;
+  }
+  // A new view that the cell chooses beside its others.
+  int32_t AddView(size_t cell) {
+    const auto view = static_cast<int32_t>(now.views.size());
+    now.views.push_back(now.views[0]);
+    now.views.back().name = "new" + std::to_string(view);
+    now.views.back().image_path = "images/new" + std::to_string(view) + ".jpg";
+    now.views.back().likelihood_path.clear();
+    now.views.back().image_content = "new pixels";
+    now.cells[cell].views.push_back(view);
+    FillViewDepths(&now);
+    return view;
+  }
+  int TileOf(size_t cell) const {
+    for (const TileParameters& tile : base.tiles) {
+      if (tile.core.Contains({now.cells[cell].x, now.cells[cell].y})) return tile.tile;
+    }
+    return -1;
+  }
+  std::vector<int> Redone() const {
+    const auto changes = FindChangedTiles({}, before, now, base.tiles);
+    EXPECT_TRUE(changes.ok()) << changes.status();
+    std::vector<int> redone;
+    for (const TileChange& change : *changes) {
+      if (!change.why.empty()) redone.push_back(change.tile.tile);
+    }
+    return redone;
+  }
+};
+
+TEST(UpdatePlan, TilesAreRedoneForWhatTheirOwnCellsChoose) {
+  Pair pair(9);
+  EXPECT_THAT(pair.Redone(), IsEmpty());
+  const size_t cell = 17;
+  const int32_t view = pair.AddView(cell);
+  EXPECT_THAT(pair.Redone(), ElementsAre(pair.TileOf(cell)));
+  const auto changes = *FindChangedTiles({}, pair.before, pair.now, pair.base.tiles);
+  const TileChange& change = changes[pair.TileOf(cell)];
+  ASSERT_EQ(change.why.size(), 1u);
+  EXPECT_EQ(change.why[0].reason, ChangeReason::kImageSeen);
+  EXPECT_THAT(change.why[0].views, ElementsAre(view));
+  EXPECT_GT(change.predicted.core_seconds, 0);
+}
+
+TEST(UpdatePlan, ReasonsAreToldApart) {
+  const auto reason = [](const std::function<void(Pair*, SurveyCell*)>& edit) {
+    Pair pair(4);
+    for (SurveyCell& cell : pair.now.cells) {
+      if (cell.views.size() < 2) continue;
+      edit(&pair, &cell);
+      break;
+    }
+    std::set<ChangeReason> found;
+    for (const TileChange& change : *FindChangedTiles({}, pair.before, pair.now, pair.base.tiles)) {
+      for (const TileChange::Why& why : change.why) found.insert(why.reason);
+    }
+    return found;
+  };
+  using Reasons = std::set<ChangeReason>;
+  EXPECT_EQ(reason([](Pair*, SurveyCell* cell) { cell->views.pop_back(); }), Reasons{ChangeReason::kImageSuperseded});
+  EXPECT_EQ(reason([](Pair* pair, SurveyCell* cell) {
+              pair->now.views[cell->views.back()].withdrawn = true;
+              cell->views.pop_back();
+            }),
+            Reasons{ChangeReason::kImageWithdrawn});
+  EXPECT_EQ(reason([](Pair* pair, SurveyCell* cell) { pair->now.views[cell->views[0]].image_content = "others"; }),
+            Reasons{ChangeReason::kImageChanged});
+  EXPECT_EQ(reason([](Pair* pair, SurveyCell* cell) {
+              pair->now.views[cell->views[0]].camera.translation_cam_from_world.x() += 1;
+            }),
+            Reasons{ChangeReason::kPoseMoved});
+  EXPECT_EQ(reason([](Pair* pair, SurveyCell*) {
+              pair->now.scene_name = "another";
+              for (SceneView& view : pair->now.views) view.name += "x";
+              for (SceneView& view : pair->now.views) view.image_path = "elsewhere/" + view.image_path;
+            }),
+            Reasons{})
+      << "names are none";
+}
+
+TEST(UpdatePlan, TheFirstPhaseGivesWhatTheBaseMadeAndReadsWhatIsNew) {
+  Pair pair(4);
+  std::vector<NamedDigest> files;
+  for (const NamedDigest& file : pair.base.scene_files) {
+    if (file.name == "images/1.jpg") {
+      files.push_back({CarriedName(file), file.digest});  // the scene lacks it
+    } else if (file.name == "images/2.jpg") {
+      files.push_back({"renamed.jpg", file.digest});
+    } else {
+      files.push_back(file);
+    }
+  }
+  files.push_back({"new.jpg", DigestOf("a new image")});
+  std::sort(files.begin(), files.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+  const auto tasks = PlanUpdate({}, files, pair.base);
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  ASSERT_EQ(tasks->size(), 2u);
+  const PlannedTask &taken = (*tasks)[0], &update = (*tasks)[1];
+  EXPECT_EQ(taken.kind, kBaseKind);
+  std::set<std::string> given;
+  for (const NamedDigest& output : taken.given) given.insert(output.name);
+  EXPECT_EQ(given, (std::set<std::string>{kBaseSurveyFile, kCityFile, "0000/state.arrays", "0001/state.arrays",
+                                          "0002/state.arrays", "0003/state.arrays"}));
+  ASSERT_EQ(taken.given_contents.size(), 1u);
+  const auto told = ParseUpdateFiles(taken.given_contents[0].second);
+  ASSERT_TRUE(told.ok());
+  EXPECT_EQ(told->known.at("renamed.jpg").content, "pixels2");
+  EXPECT_TRUE(told->known.at("mesh.ply").mesh);
+  EXPECT_EQ(told->carried.at("images/2.jpg"), "renamed.jpg");
+  EXPECT_TRUE(IsCarried(told->carried.at("images/1.jpg")));
+  std::set<std::string> read;
+  for (const int file : update.scene_files) read.insert(files[file].name);
+  EXPECT_EQ(read, (std::set<std::string>{"new.jpg", "scene.json"})) << "no image of the base, no mesh";
+}
+
+TEST(UpdatePlan, WithoutAChangeOnlyPublishIsLeftUnderTheBasesKey) {
+  const Pair pair(4);
+  const auto tasks = PlanTiles({}, SurveyToJson(pair.now), pair.Files(), &pair.base);
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  ASSERT_EQ(tasks->size(), 2u);
+  EXPECT_EQ((*tasks)[0].kind, kPlanKind);
+  EXPECT_EQ((*tasks)[1].kind, kPublishKind);
+  EXPECT_THAT((*tasks)[1].parameters, testing::Not(HasSubstr("kept")));
+  for (const PlannedInput& input : (*tasks)[1].inputs) EXPECT_LT(input.task.value(), 2);
+}
+
+TEST(UpdatePlan, StepsHoldTheTilesThatStay) {
+  Pair pair(4);
+  const size_t cell = 3;
+  const int redone = pair.TileOf(cell);
+  pair.AddView(cell);
+  const std::string survey = SurveyToJson(pair.now);
+  const auto tiles = PlanTiles({}, survey, pair.Files(), &pair.base);
+  ASSERT_TRUE(tiles.ok()) << tiles.status();
+  ASSERT_EQ(tiles->size(), 2u) << "the plan and one cut";
+  EXPECT_EQ((*tiles)[1].tile, redone);
+  const std::vector<int> all = {0, 1, 2, 3};
+  const auto steps = PlanSteps({}, survey, pair.Files(), {{all, all, all, all}}, &pair.base);
+  ASSERT_TRUE(steps.ok()) << steps.status();
+  std::vector<int> held = all;
+  held.erase(held.begin() + redone);
+  int solves = 0, compares = 0;
+  std::set<int> levels;
+  const std::vector<RefineStep> refine = RefineStepsOf("tessera", 0, {});
+  for (const PlannedTask& task : *steps) {
+    compares += task.kind == "compare";
+    if (task.kind != "measure" && task.kind != "solve" && task.kind != "mend") continue;
+    EXPECT_EQ(task.tile, redone);
+    const auto parameters = ParseStepParameters(task.parameters);
+    ASSERT_TRUE(parameters.ok()) << parameters.status();
+    EXPECT_EQ(parameters->held, held);
+    EXPECT_EQ(parameters->states, all);
+    if (task.kind != "solve") continue;
+    EXPECT_THAT(parameters->sums, ElementsAre(redone)) << "the others have none";
+    EXPECT_EQ(parameters->goes_on, solves == 0);
+    levels.insert(refine[parameters->step].level);
+    ++solves;
+  }
+  EXPECT_GT(solves, 2);
+  EXPECT_EQ(levels, (std::set<int>{-1, 0})) << "the finest level, and labels";
+  EXPECT_GT(compares, 0);
+  const auto publish = ParsePublishParameters(steps->back().parameters);
+  ASSERT_TRUE(publish.ok());
+  EXPECT_EQ(publish->kept, held);
+  EXPECT_EQ(publish->tiles.size(), 4u);
+}
+
+TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
+  Pair pair(4);
+  pair.AddView(3);
+  JobSettings settings;
+  settings.update.base = "jobs/1";
+  settings.update.from_scratch = true;
+  const auto tiles = PlanTiles(settings, SurveyToJson(pair.now), pair.Files(), &pair.base);
+  ASSERT_TRUE(tiles.ok()) << tiles.status();
+  EXPECT_EQ(tiles->size(), 5u) << "the plan and all cuts";
+}
+
+TEST(UpdatePlan, AJobThatIsPredictedToTakeTooMuchIsRefused) {
+  Pair pair(4);
+  pair.AddView(3);
+  JobSettings settings;
+  settings.max_core_seconds = 1e-3;
+  for (const UpdateBase* base : {static_cast<const UpdateBase*>(&pair.base), static_cast<const UpdateBase*>(nullptr)}) {
+    const auto refused = PlanTiles(settings, SurveyToJson(pair.now), pair.Files(), base);
+    EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_THAT(refused.status().message(), HasSubstr("more than the 0 that it may"));
+  }
+}
+
+TEST(UpdatePlan, ASurveyOfOtherCellsIsRefused) {
+  Pair pair(4);
+  pair.now.cells.pop_back();
+  EXPECT_FALSE(FindChangedTiles({}, pair.before, pair.now, pair.base.tiles).ok());
+  pair.now = pair.before;
+  pair.now.cells[0].x += 1000;
+  EXPECT_FALSE(FindChangedTiles({}, pair.before, pair.now, pair.base.tiles).ok());
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,28 @@
+// A piece of the city's surface as tiles' states have it.
+#ifndef TESSERA_WORKER_TASKS_REFINED_SURFACE_H_
+#define TESSERA_WORKER_TASKS_REFINED_SURFACE_H_
+
+#include <Eigen/Geometry>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/geometry/mesh.h"
+#include "common/tile/ground.h"
+#include "worker/city/city_file.h"
+#include "worker/tasks/task.h"
+
+namespace tessera {
+
+// The faces that may lie over `plan` (metres in the ground plane), with labels; positions and labels where these
+// `tiles` have them, whose kStateFile are among the request's inputs, else those of the start. Errors as those of the
+// files.
+StatusOr<TriangleMesh> RefinedSurface(const TaskRequest& request, const CityReader& city, const GroundPlane& ground,
+                                      const Eigen::AlignedBox2d& plan, const std::vector<int>& tiles);
+
+// Of a rectangle of cells that are `cell_m` wide.
+Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cells);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TASKS_REFINED_SURFACE_H_
