@@ -31,7 +31,7 @@ std::string JobWords(const LineageJob& job) {
 }
 
 std::string CoreWords(const CellRect& core) {
-  return absl::StrFormat("%d,%d-%d,%d", core.x0, core.y0, core.x1, core.y1);
+  return absl::StrFormat("%d,%d..%d,%d", core.x0, core.y0, core.x1, core.y1);
 }
 
 // "spring 34, next 12".

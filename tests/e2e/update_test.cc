@@ -17,36 +17,9 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using testing::HasSubstr;
 
-constexpr char kTiles[] = "8";
-
 void Write(const std::string& path, const std::string& content) {
   fs::create_directories(fs::path(path).parent_path());
   std::ofstream(path, std::ios::binary) << content;
-}
-
-// A row of blocks of which each image sees a part, made once; and what a second flight sees of its end, as a scene of
-// its own. Read-only.
-const std::string& Street() {
-  static const auto* const folder = new TempFolder(TempFolder::Create(testing::TempDir()).value());
-  static const std::string street = [] {
-    const std::string path = folder->path() + "/street";
-    const Outcome outcome = Tessera(
-        folder->path(), {"synth", path, "--blocks", "4x1", "--gsd", "0.6", "--image-size", "160x120", "--quiet"});
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
-    return path;
-  }();
-  return street;
-}
-const std::string& NextFlight() {
-  static const auto* const folder = new TempFolder(TempFolder::Create(testing::TempDir()).value());
-  static const std::string flight = [] {
-    const std::string path = folder->path() + "/next";
-    const Outcome outcome =
-        Tessera(folder->path(), {"synth", path, "--change", Street(), "--part", "0.75,0.2,0.95,0.8", "--quiet"});
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
-    return path;
-  }();
-  return flight;
 }
 
 // A copy of the street whose files may be changed.
@@ -87,20 +60,10 @@ class UpdateTest : public testing::Test {
 
   std::string Path(const std::string& name) const { return folder_.path() + "/" + name; }
 
-  // The finished base, a copy of its own with its state, made once for all tests.
+  // The finished base, a copy of its own with its state.
   std::string Base() {
-    static const TempFolder* const made = [] {
-      auto* const at = new TempFolder(TempFolder::Create(testing::TempDir()).value());
-      const Outcome outcome = Tessera(at->path(), {"run", Street(), "--tiles", kTiles, "--out", at->path() + "/out"});
-      EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
-      return at;
-    }();
-    const std::string copy = Path("base");
-    if (!fs::exists(copy)) {
-      fs::copy(made->path() + "/out", copy, fs::copy_options::recursive);
-      Write(copy + "/.tessera/result", copy + "/.tessera/data\njobs/1\n");
-    }
-    return copy;
+    if (!fs::exists(Path("base"))) CopyStreetResult(Path("base"));
+    return Path("base");
   }
 
   Outcome Update(const std::string& scene, const std::string& out, const std::vector<std::string>& more = {},
