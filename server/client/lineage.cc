@@ -67,6 +67,7 @@ StatusOr<LineageJob> ParseLineageJob(const std::string& job_text, const std::str
     return absl::FailedPreconditionError(job.name +
                                          " has no result (it was a plan alone): name the job that it was for");
   }
+  if (job.survey.sha256.empty()) return absl::DataLossError(job.name + ": job.json: found no survey among its outputs");
   const StatusOr<PublishParameters> parameters = ParsePublishParameters(publish);
   if (!parameters.ok()) return absl::DataLossError(absl::StrCat(job.name, ": ", parameters.status().message()));
   job.tiles = parameters->tiles;
@@ -119,6 +120,21 @@ StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain) {
   }
   lineage.chain = std::move(chain);
   return lineage;
+}
+
+Status FillImages(const std::function<StatusOr<std::string>(const Digest&)>& read, int only, Lineage* lineage) {
+  std::map<size_t, std::vector<TileLineage*>> of_maker;
+  for (TileLineage& tile : lineage->tiles) {
+    if (only < 0 || tile.tile.tile == only) of_maker[tile.made_by].push_back(&tile);
+  }
+  for (const auto& [maker, tiles] : of_maker) {
+    const StatusOr<std::string> text = read(lineage->chain[maker].survey);
+    if (absl::IsNotFound(text.status())) continue;
+    TESSERA_RETURN_IF_ERROR(text.status());
+    TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(*text));
+    for (TileLineage* const tile : tiles) tile->images = ImagesOfTile(survey, tile->tile.core);
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace tessera

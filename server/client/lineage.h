@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -66,6 +67,10 @@ struct Lineage {
 // Finds the newest job of the chain that made each tile of the first, without images; checks that all jobs from there
 // on handed on the same state. DATA_LOSS if they did not, or nothing made a tile.
 StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain);
+
+// Fills in the images of the tiles; `tile`: only of this one, if it is not negative. `read` gives the content of a
+// survey: each is asked for that of the job that made it, once a job; NOT_FOUND leaves the images unknown.
+Status FillImages(const std::function<StatusOr<std::string>(const Digest&)>& read, int tile, Lineage* lineage);
 
 }  // namespace tessera
 

@@ -4,9 +4,7 @@
 #include <cctype>
 #include <chrono>
 #include <cstdio>
-#include <map>
 #include <memory>
-#include <optional>
 #include <thread>
 
 #include "common/base/clock.h"
@@ -86,17 +84,7 @@ StatusOr<Lineage> ReadLineage(Connection& connection, const std::string& job, in
     chain.push_back(std::move(next));
   }
   TESSERA_ASSIGN_OR_RETURN(Lineage lineage, TraceTiles(std::move(chain)));
-  std::map<size_t, std::vector<TileLineage*>> of_maker;
-  for (TileLineage& tile : lineage.tiles) {
-    if (only_tile < 0 || tile.tile.tile == only_tile) of_maker[tile.made_by].push_back(&tile);
-  }
-  for (const auto& [maker, tiles] : of_maker) {
-    const StatusOr<std::string> text = reader.Blob(lineage.chain[maker].survey);
-    if (absl::IsNotFound(text.status())) continue;
-    TESSERA_RETURN_IF_ERROR(text.status());
-    TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(*text));
-    for (TileLineage* const tile : tiles) tile->images = ImagesOfTile(survey, tile->tile.core);
-  }
+  TESSERA_RETURN_IF_ERROR(FillImages([&](const Digest& survey) { return reader.Blob(survey); }, only_tile, &lineage));
   return lineage;
 }
 

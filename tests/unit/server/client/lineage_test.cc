@@ -119,7 +119,7 @@ TEST(LineageTest, WhatIsNoReportOfAResultIsRefused) {
   plan_only["tasks"].erase(plan_only["tasks"].size() - 1);
   EXPECT_EQ(ParseLineageJob(plan_only.dump(), "").status().code(), absl::StatusCode::kFailedPrecondition);
   json strange = JobReport("jobs/1", "", {});
-  strange["tasks"][0]["outputs"] = 5;
+  strange["tasks"][0]["outputs"][kSurveyFile] = 5;
   EXPECT_EQ(ParseLineageJob(strange.dump(), "").status().code(), absl::StatusCode::kDataLoss);
 }
 
@@ -150,6 +150,29 @@ TEST(LineageTest, ImagesAreThoseThatTheCellsOfTheCoreChose) {
   ASSERT_EQ(second.size(), 2u);
   EXPECT_THAT(second[0].images, ElementsAre("a.jpg"));
   EXPECT_THAT(second[1].images, ElementsAre("n.jpg"));
+}
+
+TEST(LineageTest, ImagesAreToldByTheSurveyOfTheJobThatMadeTheTile) {
+  std::vector<std::string> asked;
+  const auto read = [&](const Digest& digest) -> StatusOr<std::string> {
+    asked.push_back(digest.sha256);
+    if (digest.sha256 == "survey of jobs/5") return absl::NotFoundError("gone");
+    Survey survey = SmallSurvey();
+    survey.gsd_m = survey.ground.cell_m = 1;
+    survey.view_depths.resize(survey.views.size());
+    survey.flights[0].name = digest.sha256;
+    return SurveyToJson(survey);
+  };
+  Lineage all = *TraceTiles(Chain()), one = all;
+  ASSERT_TRUE(FillImages(read, -1, &all).ok());
+  EXPECT_THAT(asked, testing::UnorderedElementsAre("survey of jobs/1", "survey of jobs/4", "survey of jobs/5"));
+  EXPECT_EQ(all.tiles[0].images->front().flight, "survey of jobs/1");
+  EXPECT_EQ(all.tiles[1].images->front().flight, "survey of jobs/4");
+  EXPECT_FALSE(all.tiles[2].images.has_value());
+  asked.clear();
+  ASSERT_TRUE(FillImages(read, 1, &one).ok());
+  EXPECT_THAT(asked, ElementsAre("survey of jobs/4"));
+  EXPECT_TRUE(one.tiles[1].images.has_value());
 }
 
 Lineage SmallLineage() {
