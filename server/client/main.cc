@@ -19,6 +19,7 @@ int main(int argc, char** argv) {
   tessera::AddWatchCommand(app, &exit_code);
   tessera::AddCancelCommand(app, &exit_code);
   tessera::AddFetchCommand(app, &exit_code);
+  tessera::AddLineageCommand(app, &exit_code);
   tessera::AddCheckCommand(app, &exit_code);
   tessera::AddSynthCommand(app, &exit_code);
   tessera::AddEvaluateCommand(app, &exit_code);

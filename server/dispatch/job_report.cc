@@ -99,11 +99,14 @@ std::string JobReportJson(const Job& job, const std::string& error, int64_t end_
                {"name", header.name},
                {"display_name", header.display_name},
                {"scene", header.scene_path},
+               {"algorithm_version", header.algorithm_version},
+               {"base", header.settings.update.base.empty() ? Json(nullptr) : Json(header.settings.update.base)},
                {"settings",
                 {{"tiles", header.settings.tiles},
                  {"tile_memory_bytes", header.settings.tile_memory_bytes},
                  {"rounds", header.settings.rounds},
                  {"method", header.settings.method},
+                 {"from_scratch", header.settings.update.from_scratch},
                  {"method_settings", Json::parse(ToJson(header.settings.method_settings))}}},
                {"state", error.empty() ? "succeeded" : "failed"}};
   if (!error.empty()) json["error"] = error;

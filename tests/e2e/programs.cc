@@ -10,6 +10,8 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "server/client/base_job.h"
+
 namespace tessera::e2e {
 namespace {
 
@@ -128,6 +130,50 @@ const std::string& UndisturbedMesh() {
   return mesh;
 }
 
+const std::string& Street() {
+  static const std::string street = [] {
+    const std::string stamp = BuildStamp();
+    const std::string path = std::string(TESSERA_E2E_SCENES) + "/street" + stamp;
+    MakeOnce(path, [&](const std::string& made) {
+      DropOldScenes(stamp);
+      const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
+      const Outcome outcome = Tessera(folder.path(), {"synth", made + "/street", "--blocks", "4x1", "--gsd", "0.6",
+                                                      "--image-size", "160x120", "--quiet"});
+      EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+    });
+    return path + "/street";
+  }();
+  return street;
+}
+
+const std::string& NextFlight() {
+  static const std::string flight = [] {
+    const std::string street = Street();
+    const std::string path = std::string(TESSERA_E2E_SCENES) + "/next" + BuildStamp();
+    MakeOnce(path, [&](const std::string& made) {
+      const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
+      const Outcome outcome = Tessera(
+          folder.path(), {"synth", made + "/next", "--change", street, "--part", "0.75,0.2,0.95,0.8", "--quiet"});
+      EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+    });
+    return path + "/next";
+  }();
+  return flight;
+}
+
+void CopyStreetResult(const std::string& to) {
+  const std::string street = Street();
+  const std::string path = std::string(TESSERA_E2E_SCENES) + "/street-result" + BuildStamp();
+  MakeOnce(path, [&](const std::string& made) {
+    const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
+    const Outcome outcome = Tessera(folder.path(), {"run", street, "--tiles", "8", "--out", folder.path() + "/out"});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+    if (outcome.exit_code == 0) fs::copy(folder.path() + "/out", made, fs::copy_options::recursive);
+  });
+  fs::copy(path, to, fs::copy_options::recursive);
+  ASSERT_TRUE(WriteRunResult(to + "/.tessera", {to + "/.tessera/data", "jobs/1"}).ok());
+}
+
 std::string Content(const std::string& path) {
   auto content = ReadFile(path);
   EXPECT_TRUE(content.ok()) << content.status();
@@ -179,11 +225,12 @@ Program& Cluster::AddWorker(const std::vector<std::string>& arguments, const std
   return *workers_.back();
 }
 
-v1::Job Cluster::Submit(const std::string& scene, int tiles, const std::string& request_id) {
+v1::Job Cluster::Submit(const std::string& scene, int tiles, const std::string& request_id, const std::string& base) {
   v1::CreateJobRequest request;
   request.set_scene_path(scene);
   request.set_request_id(request_id);
   request.mutable_settings()->set_tiles(tiles);
+  request.mutable_settings()->mutable_update()->set_base(base);
   v1::Job job;
   const Status status = connection_->CreateJob(request, &job);
   EXPECT_TRUE(status.ok()) << status;

@@ -49,6 +49,16 @@ const std::string& ToyCity();
 // The mesh that an undisturbed job of four tiles makes of the toy city, one worker, made once.
 const std::string& UndisturbedMesh();
 
+// A row of blocks of which each image sees a part, made once. Read-only.
+const std::string& Street();
+
+// What a second flight, "next", sees of the street's end, as a scene of its own, made once. Read-only.
+const std::string& NextFlight();
+
+// Copies what `tessera run` made of the street in eight tiles, once, with its state: a base for updates. The job is
+// jobs/1.
+void CopyStreetResult(const std::string& to);
+
 std::string Content(const std::string& path);
 
 // job.json's tasks of a kind: attempts of each by title.
@@ -68,7 +78,7 @@ class Cluster {
   const std::string& address() const { return address_; }
   const std::string& data() const { return data_; }
 
-  v1::Job Submit(const std::string& scene, int tiles, const std::string& request_id = "");
+  v1::Job Submit(const std::string& scene, int tiles, const std::string& request_id = "", const std::string& base = "");
   // Waits for the job's end.
   v1::Job Await(const std::string& job);
   std::vector<v1::Task> Tasks(const std::string& job);

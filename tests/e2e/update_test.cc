@@ -17,36 +17,9 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using testing::HasSubstr;
 
-constexpr char kTiles[] = "8";
-
 void Write(const std::string& path, const std::string& content) {
   fs::create_directories(fs::path(path).parent_path());
   std::ofstream(path, std::ios::binary) << content;
-}
-
-// A row of blocks of which each image sees a part, made once; and what a second flight sees of its end, as a scene of
-// its own. Read-only.
-const std::string& Street() {
-  static const auto* const folder = new TempFolder(TempFolder::Create(testing::TempDir()).value());
-  static const std::string street = [] {
-    const std::string path = folder->path() + "/street";
-    const Outcome outcome = Tessera(
-        folder->path(), {"synth", path, "--blocks", "4x1", "--gsd", "0.6", "--image-size", "160x120", "--quiet"});
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
-    return path;
-  }();
-  return street;
-}
-const std::string& NextFlight() {
-  static const auto* const folder = new TempFolder(TempFolder::Create(testing::TempDir()).value());
-  static const std::string flight = [] {
-    const std::string path = folder->path() + "/next";
-    const Outcome outcome =
-        Tessera(folder->path(), {"synth", path, "--change", Street(), "--part", "0.75,0.2,0.95,0.8", "--quiet"});
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
-    return path;
-  }();
-  return flight;
 }
 
 // A copy of the street whose files may be changed.
@@ -87,20 +60,10 @@ class UpdateTest : public testing::Test {
 
   std::string Path(const std::string& name) const { return folder_.path() + "/" + name; }
 
-  // The finished base, a copy of its own with its state, made once for all tests.
+  // The finished base, a copy of its own with its state.
   std::string Base() {
-    static const TempFolder* const made = [] {
-      auto* const at = new TempFolder(TempFolder::Create(testing::TempDir()).value());
-      const Outcome outcome = Tessera(at->path(), {"run", Street(), "--tiles", kTiles, "--out", at->path() + "/out"});
-      EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
-      return at;
-    }();
-    const std::string copy = Path("base");
-    if (!fs::exists(copy)) {
-      fs::copy(made->path() + "/out", copy, fs::copy_options::recursive);
-      Write(copy + "/.tessera/result", copy + "/.tessera/data\njobs/1\n");
-    }
-    return copy;
+    if (!fs::exists(Path("base"))) CopyStreetResult(Path("base"));
+    return Path("base");
   }
 
   Outcome Update(const std::string& scene, const std::string& out, const std::vector<std::string>& more = {},
@@ -189,6 +152,9 @@ TEST_F(UpdateTest, ANewFlightRedoesTheTilesThatItSeesAndNoOther) {
   const Outcome outcome = Update(NextFlight(), "next");
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_EQ(Json("plan.json"), Json("next/update.json")) << "the plan is what is done";
+  EXPECT_GT(Json("next/changes.json")["measured_area_m2"], 500) << "the flight's part of the street";
+  EXPECT_EQ(Json("next/changes.geojson")["type"], "FeatureCollection");
+  EXPECT_THAT(Content(Path("next/changes.png")).substr(1, 3), testing::Eq("PNG"));
   const std::vector<bool> redone = Redone("next");
   const auto count = std::count(redone.begin(), redone.end(), true);
   EXPECT_GT(count, 0);
@@ -243,6 +209,33 @@ TEST_F(UpdateTest, FromScratchGivesTheSameBytesForAnyTiling) {
   ASSERT_EQ(one.exit_code, 0) << one.output;
   ASSERT_EQ(Update(NextFlight(), "whole", {"--from-scratch"}, Path("one")).exit_code, 0);
   EXPECT_TRUE(Mesh("scratch") == Mesh("whole"));
+}
+
+TEST_F(UpdateTest, ACoordinatorKilledInOneOfTwoUpdatesLosesNothing) {
+  ASSERT_EQ(Update(NextFlight(), "next").exit_code, 0);
+  Cluster cluster(Path("cluster"));
+  cluster.AddWorker();
+  cluster.AddWorker();
+  const v1::Job base = cluster.Await(cluster.Submit(Street(), 8).name());
+  ASSERT_EQ(base.state(), v1::JOB_SUCCEEDED) << base.error();
+  // The same flight, and the whole scene as it was: two updates of one base at once.
+  const std::string flight = cluster.Submit(NextFlight(), 0, "a", base.name()).name();
+  const std::string same = cluster.Submit(Street(), 0, "b", base.name()).name();
+  const auto solved = [&] {
+    for (const v1::Task& task : cluster.Tasks(flight)) {
+      if (task.kind() == "solve" && task.state() == v1::SUCCEEDED) return true;
+    }
+    return false;
+  };
+  ASSERT_TRUE(WaitUntil(solved));
+  cluster.coordinator().Kill();
+  cluster.StartCoordinator();
+  for (const std::string& job : {flight, same}) {
+    const v1::Job done = cluster.Await(job);
+    EXPECT_EQ(done.state(), v1::JOB_SUCCEEDED) << done.error();
+  }
+  EXPECT_TRUE(Content(cluster.Fetch(flight) + "/mesh.ply") == Mesh("next"));
+  EXPECT_TRUE(Content(cluster.Fetch(same) + "/mesh.ply") == Content(Base() + "/mesh.ply"));
 }
 
 TEST_F(UpdateTest, WhatCannotBeIsSaidWithWhatToDo) {
