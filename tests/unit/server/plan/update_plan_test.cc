@@ -100,7 +100,9 @@ TEST(UpdatePlan, ReasonsAreToldApart) {
       break;
     }
     std::set<ChangeReason> found;
-    for (const TileChange& change : *FindChangedTiles({}, pair.before, pair.now, pair.base.tiles)) {
+    const auto changes = FindChangedTiles({}, pair.before, pair.now, pair.base.tiles);
+    EXPECT_TRUE(changes.ok()) << changes.status();
+    for (const TileChange& change : *changes) {
       for (const TileChange::Why& why : change.why) found.insert(why.reason);
     }
     return found;

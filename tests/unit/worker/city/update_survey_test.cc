@@ -105,16 +105,16 @@ TEST(UpdateSurvey, OtherPixelsUnderTheSameNameTakeThePlaceInAWholeScene) {
 TEST(UpdateSurvey, FlightsAreWithdrawnByName) {
   Survey survey = Base();
   const SceneDescription scene = Scene({View("new", "N", 60)});
-  const auto changes = TakeViews(scene, false, {.withdraw = {"spring"}}, {}, &survey);
+  const auto changes = TakeViews(scene, false, {.ingest = {}, .withdraw = {"spring"}}, {}, &survey);
   ASSERT_TRUE(changes.ok()) << changes.status();
   EXPECT_EQ(changes->withdrawn, 3);
   EXPECT_TRUE(survey.views[2].withdrawn);
   EXPECT_FALSE(survey.views[3].withdrawn);
   survey = Base();
-  const auto unknown = TakeViews(scene, false, {.withdraw = {"autumn"}}, {}, &survey);
+  const auto unknown = TakeViews(scene, false, {.ingest = {}, .withdraw = {"autumn"}}, {}, &survey);
   EXPECT_THAT(unknown.status().message(), HasSubstr("found flight 'autumn', expected one of the base's: 'spring'"));
   survey = Base();
-  EXPECT_THAT(TakeViews(Scene({}), false, {.withdraw = {"spring"}}, {}, &survey).status().message(),
+  EXPECT_THAT(TakeViews(Scene({}), false, {.ingest = {}, .withdraw = {"spring"}}, {}, &survey).status().message(),
               HasSubstr("every image of the base is withdrawn"));
 }
 
