@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "common/base/version.h"
 #include "tests/e2e/programs.h"
 
 namespace tessera::e2e {
@@ -53,6 +54,7 @@ TEST(LineageTest, AnUpdatedCityTellsWhichTilesAreNewAndOfWhichImages) {
 
   const json lineage = json::parse(tessera({"lineage", next, "--json"}));
   ASSERT_EQ(lineage["tiles"].size(), update["tiles"].size());
+  EXPECT_EQ(lineage["chain"][0]["algorithm_version"], kAlgorithmVersion);
   int kept = -1, redone = -1;
   for (size_t t = 0; t < lineage["tiles"].size(); ++t) {
     SCOPED_TRACE("tile " + std::to_string(t));

@@ -166,6 +166,7 @@ TEST(LineageTest, ImagesAreToldByTheSurveyOfTheJobThatMadeTheTile) {
   Lineage all = *TraceTiles(Chain()), one = all;
   ASSERT_TRUE(FillImages(read, -1, &all).ok());
   EXPECT_THAT(asked, testing::UnorderedElementsAre("survey of jobs/1", "survey of jobs/4", "survey of jobs/5"));
+  ASSERT_TRUE(all.tiles[0].images.has_value() && all.tiles[1].images.has_value());
   EXPECT_EQ(all.tiles[0].images->front().flight, "survey of jobs/1");
   EXPECT_EQ(all.tiles[1].images->front().flight, "survey of jobs/4");
   EXPECT_FALSE(all.tiles[2].images.has_value());
