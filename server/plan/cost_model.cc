@@ -62,8 +62,7 @@ constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
 constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 0.5e-6;
 
 // A cell that new images are compared over, at all heights; two blocks at a time in memory. A cell of the report.
-constexpr double kCompareSeconds = 0.6e-3, kCompareBytes = 200 * kMiB, kChangeCellSeconds = 20e-6,
-                 kChangeCellBytes = 60;
+constexpr double kCompareSeconds = 0.3e-3, kCompareBytes = 200 * kMiB, kChangeCellSeconds = 5e-6, kChangeCellBytes = 60;
 
 // Most of what tasks hold of the city are pages of mapped files, which the system takes back when memory is short; of
 // a large city more of them may be resident than counts here. The second is what city_bench's tasks needed (README).

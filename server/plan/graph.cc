@@ -1,18 +1,13 @@
 #include "server/plan/graph.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <iterator>
-#include <map>
 #include <numeric>
 #include <optional>
-#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "common/tile/change_cells.h"
 #include "common/tile/refine_steps.h"
 #include "common/tile/survey.h"
 #include "server/plan/cell_index.h"
@@ -20,12 +15,10 @@
 #include "server/plan/quote.h"
 #include "server/plan/tiling.h"
 #include "server/plan/update_plan.h"
+#include "server/plan/update_tasks.h"
 
 namespace tessera {
 namespace {
-
-constexpr double kIngestSecondsPerFile = 0.1;  // before the survey tells more
-constexpr char kCarriedPrefix[] = ".base/";
 
 // Where the views' images and likelihoods are in the scene's list of files.
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
@@ -52,11 +45,6 @@ struct GraphTile {
   std::optional<PlannedInput> sums, state;  // the latest
   bool redone = true;                       // else an update leaves it as it is in the base
 };
-
-void SetCost(const Prediction& cost, PlannedTask* task) {
-  task->cost = cost.core_seconds;
-  task->peak_bytes = cost.peak_bytes;
-}
 
 Status CheckLimit(const JobSettings& settings, double core_seconds) {
   if (settings.max_core_seconds == 0 || core_seconds <= settings.max_core_seconds) return absl::OkStatus();
@@ -214,78 +202,14 @@ class Graph {
     return absl::OkStatus();
   }
 
-  // What the new images show of the ground, block by block, against the base's surface; and the report of all.
   void AddChanges() {
-    const double side_m = kBlockCells * ChangeCellSize_m(survey_.gsd_m), cell_m = survey_.ground.cell_m;
-    const double margin_m = kBlockMargin * ChangeCellSize_m(survey_.gsd_m) + cell_m;
-    struct SeenBlock {
-      std::set<int32_t> views;
-      double seen_m2 = 0;
-    };
-    std::map<std::array<int, 2>, SeenBlock> blocks;  // by y, x
-    for (const SurveyCell& cell : survey_.cells) {
-      std::vector<int32_t> fresh;
-      for (const int32_t v : cell.views) {
-        if (v >= static_cast<int32_t>(views_of_base_)) fresh.push_back(v);
-      }
-      if (fresh.empty()) continue;
-      const auto block = [&](int at) { return static_cast<int>(std::floor(at * cell_m / side_m)); };
-      const auto last = [&](int at) { return static_cast<int>(std::ceil((at + 1) * cell_m / side_m)) - 1; };
-      for (int y = block(cell.y); y <= last(cell.y); ++y) {
-        for (int x = block(cell.x); x <= last(cell.x); ++x) {
-          SeenBlock& seen = blocks[{y, x}];
-          seen.views.insert(fresh.begin(), fresh.end());
-          seen.seen_m2 += std::min(cell_m * cell_m, side_m * side_m);
-        }
-      }
+    ChangeWork work = {survey_, files_of_view_, views_of_base_, city_from_, survey_from_, size(), {}};
+    for (const GraphTile& tile : tiles_) {
+      const int id = tile.parameters.tile;
+      const PlannedInput of_base = {city_from_, TileInputName(id, kStateFile)};
+      work.tiles.push_back({tile.parameters, of_base, tile.state.value_or(of_base)});
     }
-    if (blocks.empty()) return;
-    PlannedTask all;
-    ChangesParameters changes;
-    changes.scene_name = survey_.scene_name;
-    std::set<int> near_any;
-    all.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
-    for (const auto& [at, seen] : blocks) {
-      const auto& [y, x] = at;
-      CompareParameters parameters;
-      parameters.cells = {x * kBlockCells, y * kBlockCells, (x + 1) * kBlockCells, (y + 1) * kBlockCells};
-      parameters.views.assign(seen.views.begin(), seen.views.end());
-      PlannedTask task;
-      task.kind = "compare";
-      task.name = absl::StrCat("compare block ", x, " ", y);
-      task.inputs = all.inputs;
-      task.inputs.resize(2);
-      double pixels = 0;
-      for (const int32_t v : parameters.views) {
-        task.view_files.insert(task.view_files.end(), files_of_view_[v].begin(), files_of_view_[v].end());
-        const PinholeCamera& k = survey_.views[v].camera.intrinsics;
-        pixels += static_cast<double>(k.width) * k.height;
-      }
-      for (const GraphTile& tile : tiles_) {
-        const CellRect& core = tile.parameters.core;
-        if (core.x1 * cell_m < x * side_m - margin_m || core.x0 * cell_m > (x + 1) * side_m + margin_m ||
-            core.y1 * cell_m < y * side_m - margin_m || core.y0 * cell_m > (y + 1) * side_m + margin_m) {
-          continue;
-        }
-        const int id = tile.parameters.tile;
-        parameters.states.push_back(id);
-        near_any.insert(id);
-        task.inputs.push_back({city_from_, TileInputName(id, kStateFile)});
-      }
-      task.parameters = ToJson(parameters);
-      const double block_cells = static_cast<double>(kBlockCells) * kBlockCells;
-      SetCost(PredictCompare(survey_, pixels, block_cells * std::min(1.0, seen.seen_m2 / (side_m * side_m))), &task);
-      all.inputs.push_back({Add(std::move(task)), ChangeBlockFile(parameters.cells)});
-      changes.blocks.push_back(parameters.cells);
-    }
-    for (const int id : near_any) {
-      changes.states.push_back(id);
-      all.inputs.push_back(tiles_[id].state.value_or(PlannedInput{city_from_, TileInputName(id, kStateFile)}));
-    }
-    all.kind = all.name = kChangesKind;
-    all.parameters = ToJson(changes);
-    SetCost(PredictChanges(survey_, static_cast<double>(changes.blocks.size())), &all);
-    Add(std::move(all));
+    for (PlannedTask& task : PlanChanges(work)) Add(std::move(task));
   }
 
   void AddPublish() {
@@ -460,67 +384,6 @@ StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<
   task.scene_files.resize(scene_files.size());
   std::iota(task.scene_files.begin(), task.scene_files.end(), 0);
   return task;
-}
-
-std::string CarriedName(const NamedDigest& file) {
-  // One that the base carries itself keeps its name.
-  return IsCarried(file.name) ? file.name
-                              : absl::StrCat(kCarriedPrefix, file.digest.sha256.substr(0, 16), "/", file.name);
-}
-
-bool IsCarried(const std::string& name) { return name.starts_with(kCarriedPrefix); }
-
-StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
-                                              const UpdateBase& base) {
-  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
-  if (base.tiles.size() != base.states.size() || base.tiles.empty()) {
-    return absl::InvalidArgumentError(base.name + ": found no states of its tiles, expected a job that has succeeded");
-  }
-  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(base.survey_json));
-  std::map<std::string, std::string> name_of_content;  // in the job's list
-  for (const NamedDigest& file : scene_files) name_of_content.emplace(file.digest.sha256, file.name);
-  std::map<std::string, std::string> content_of_path;  // of images and likelihoods of the base
-  for (const SceneView& view : survey.views) {
-    if (!view.image_path.empty()) content_of_path[view.image_path] = view.image_content;
-    if (!view.likelihood_path.empty()) content_of_path[view.likelihood_path] = view.likelihood_content;
-  }
-  UpdateFiles files;
-  std::map<std::string, UpdateFiles::Known> known_of_content;
-  for (const NamedDigest& file : base.scene_files) {
-    const auto pixels = content_of_path.find(file.name);
-    if (pixels == content_of_path.end() && file.name != survey.mesh_path) continue;  // cameras and the like
-    UpdateFiles::Known& known = known_of_content[file.digest.sha256];
-    known.mesh = pixels == content_of_path.end();
-    if (!known.mesh) known.content = pixels->second;
-    const auto name = name_of_content.find(file.digest.sha256);
-    if (name == name_of_content.end()) return absl::InternalError(base.name + ": " + file.name + " is not carried on");
-    files.carried[file.name] = name->second;
-  }
-  PlannedTask taken, update;
-  taken.kind = kBaseKind;
-  taken.name = absl::StrCat(kBaseKind, " ", base.name);
-  taken.given = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
-  for (size_t t = 0; t < base.tiles.size(); ++t) {
-    taken.given.push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
-  }
-  update.kind = update.name = kUpdateKind;
-  update.parameters =
-      ToJson(UpdateParameters{{settings.method_settings.partners, settings.method_settings.views_per_direction},
-                              settings.update.withdraw,
-                              settings.update.all_epochs});
-  for (size_t i = 0; i < scene_files.size(); ++i) {
-    if (IsCarried(scene_files[i].name)) continue;
-    const auto known = known_of_content.find(scene_files[i].digest.sha256);
-    if (known != known_of_content.end()) {
-      files.known[scene_files[i].name] = known->second;
-    } else {
-      update.scene_files.push_back(static_cast<int>(i));
-    }
-  }
-  taken.given_contents.emplace_back(kFilesFile, ToJson(files));
-  update.inputs = {{TaskId(0), kBaseSurveyFile}, {TaskId(0), kCityFile}, {TaskId(0), kFilesFile}};
-  update.cost = kIngestSecondsPerFile * static_cast<double>(update.scene_files.size());
-  return std::vector<PlannedTask>{std::move(taken), std::move(update)};
 }
 
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,

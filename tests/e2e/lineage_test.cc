@@ -93,7 +93,8 @@ TEST(LineageTest, AnUpdatedCityTellsWhichTilesAreNewAndOfWhichImages) {
   EXPECT_EQ(json::parse(at({"lineage", "jobs/2", "--json"})), lineage);
   EXPECT_THAT(at({"fetch", "jobs/2", "--changed-since", "jobs/1", "--out", part}),
               HasSubstr(" of 8 tile meshes changed since jobs/1"));
-  std::set<std::string> expected = {"changed.json", "job.json", "report.json", "tiles/index.json", "update.json"};
+  std::set<std::string> expected = {"changed.json", "changes.json",     "job.json",
+                                    "report.json",  "tiles/index.json", "update.json"};
   const json changes = json::parse(Content(part + "/changed.json"));
   EXPECT_EQ(changes["tiles"].size(), 8u);
   for (const json& tile : changes["tiles"]) {

@@ -193,13 +193,30 @@ std::string ChangesGeoJson(const ChangeReport& report) {
   return json.dump(1) + "\n";
 }
 
+namespace {
+
+// Columns and rows of the raster where there is a surface; of its first cell if there is none.
+CellRect SurfacePart(const SurfaceRaster& raster) {
+  CellRect part = {raster.width(), raster.height(), 0, 0};
+  for (int y = 0; y < raster.height(); ++y) {
+    for (int x = 0; x < raster.width(); ++x) {
+      if (std::isnan(raster.height_m[static_cast<size_t>(y) * raster.width() + x])) continue;
+      part = {std::min(part.x0, x), std::min(part.y0, y), std::max(part.x1, x + 1), std::max(part.y1, y + 1)};
+    }
+  }
+  return part.x1 > part.x0 ? part : CellRect{0, 0, 1, 1};
+}
+
+}  // namespace
+
 ByteImage DrawChanges(const ChangeReport& report, int max_side_px) {
   const SurfaceRaster& before = report.raster.before;
-  const int side = std::max({before.width(), before.height(), 1});
+  const CellRect part = SurfacePart(before);
+  const int side = std::max(part.x1 - part.x0, part.y1 - part.y0);
   const int px_per_cell = std::max(1, max_side_px / side);
   const int cells_per_px = std::max(1, (side + max_side_px - 1) / max_side_px);
   const auto pixels = [&](int cells) { return std::max(1, cells * px_per_cell / cells_per_px); };
-  ByteImage image(pixels(before.width()), pixels(before.height()), 3, 255);
+  ByteImage image(pixels(part.x1 - part.x0), pixels(part.y1 - part.y0), 3, 255);
   const auto cell = [&](int pixel) { return pixel * cells_per_px / px_per_cell; };
   const auto set = [&](int px, int py, const std::array<uint8_t, 3>& color, double share) {
     for (int c = 0; c < 3; ++c) {
@@ -209,7 +226,7 @@ ByteImage DrawChanges(const ChangeReport& report, int max_side_px) {
   };
   for (int py = 0; py < image.height; ++py) {
     for (int px = 0; px < image.width; ++px) {
-      const int x = cell(px), y = cell(py);
+      const int x = part.x0 + cell(px), y = part.y0 + cell(py);
       const size_t i = static_cast<size_t>(y) * before.width() + x;
       if (std::isnan(before.height_m[i])) continue;
       const uint8_t grey = Relief(before, x, y);
@@ -218,7 +235,7 @@ ByteImage DrawChanges(const ChangeReport& report, int max_side_px) {
     }
   }
   const double px_m = before.cell_m * cells_per_px / px_per_cell;
-  const Eigen::Vector2d origin = Eigen::Vector2d(before.cells.x0, before.cells.y0) * before.cell_m;
+  const Eigen::Vector2d origin = Eigen::Vector2d(before.cells.x0 + part.x0, before.cells.y0 + part.y0) * before.cell_m;
   for (const ChangeArea& area : report.areas) {
     Eigen::AlignedBox2d box;
     for (const Eigen::Vector2d& p : area.outline.outer) box.extend(p);

@@ -26,8 +26,8 @@
 // has a place on Earth; else x and y of the scene, metres. The member "tessera_coordinates" says which: "wgs84" or
 // "scene".
 //
-// changes.png: the plan, x to the right and y up; the old heights as grey relief, white where nothing was measured,
-// areas in the colour of their kind.
+// changes.png: the plan where there is an old surface, x to the right and y up; its heights as grey relief, white
+// elsewhere, areas in the colour of their kind.
 #ifndef TESSERA_WORKER_CHANGES_CHANGE_REPORT_H_
 #define TESSERA_WORKER_CHANGES_CHANGE_REPORT_H_
 

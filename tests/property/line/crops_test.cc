@@ -5,6 +5,7 @@
 
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
+#include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
@@ -24,6 +25,7 @@ struct Cropped {
   std::string folder;
   std::vector<TilePackage> packages;
   std::vector<std::string> paths;
+  Survey survey;  // with the names of the scene's files, which packages do not know
 };
 
 Cropped CropScene(const TinySceneOptions& options) {
@@ -32,6 +34,7 @@ Cropped CropScene(const TinySceneOptions& options) {
   WriteTinyScene(cropped.folder, options);
   const std::string work = cropped.folder + "/work";
   EXPECT_EQ(RunLine(cropped.folder, work, {.tiles = 2}, UpToCrop).status().code(), absl::StatusCode::kCancelled);
+  cropped.survey = *ParseSurvey(*ReadFile(work + "/0/out/" + kSurveyFile));
   for (int tile = 0; tile < 2; ++tile) {  // task 0 is ingest, then the cuts, then the crops
     cropped.packages.push_back(*ReadTilePackage(work + "/" + std::to_string(1 + tile) + "/out/" + kTileFile));
     cropped.paths.push_back(work + "/" + std::to_string(3 + tile) + "/out/" + kViewsFile);
@@ -52,7 +55,7 @@ TEST(Crops, AreTheImagesAsTheDataTermHasThem) {
       ASSERT_TRUE(views.ok()) << views.status();
       ASSERT_GT(views->size(), 1u);
       for (const TileView& view : *views) {
-        const SceneView& from = package.views[view.view];
+        const SceneView& from = cropped.survey.views[package.view_ids[view.view]];
         const PixelRect& rect = view.window.rect;
         ASSERT_EQ(rect, package.view_rects[view.view]);
         const auto whole = ReadLuminance(cropped.folder + "/" + from.image_path, from.lens);

@@ -1,0 +1,42 @@
+// The tasks that jobs with a base have beside those of the line.
+#ifndef TESSERA_SERVER_PLAN_UPDATE_TASKS_H_
+#define TESSERA_SERVER_PLAN_UPDATE_TASKS_H_
+
+#include <cstddef>
+#include <vector>
+
+#include "common/tile/survey.h"
+#include "server/plan/cost_model.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+
+// Before the survey tells more: what a file of the scene takes ingest.
+inline constexpr double kIngestSecondsPerFile = 0.1;
+
+inline void SetCost(const Prediction& cost, PlannedTask* task) {
+  task->cost = cost.core_seconds;
+  task->peak_bytes = cost.peak_bytes;
+}
+
+// What the report of changes is made from.
+struct ChangeWork {
+  struct Tile {
+    TileParameters parameters;
+    PlannedInput before, after;  // its kStateFile of the base, and the last
+  };
+  const Survey& survey;
+  const std::vector<std::vector<PlannedTask::ViewFile>>& files_of_view;
+  size_t views_of_base = 0;  // those behind are new
+  TaskId city_from, survey_from;
+  size_t first_task = 0;  // place of the first of these tasks in the job's list
+  std::vector<Tile> tiles;
+};
+
+// A task for each block of ground of which a cell chose a new view, which looks at it in these, and one that reports
+// what all of them found; none, if no cell did.
+std::vector<PlannedTask> PlanChanges(const ChangeWork& work);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_PLAN_UPDATE_TASKS_H_
