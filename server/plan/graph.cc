@@ -49,7 +49,7 @@ struct GraphTile {
 Status CheckLimit(const JobSettings& settings, double core_seconds) {
   if (settings.max_core_seconds == 0 || core_seconds <= settings.max_core_seconds) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrFormat(
-      "the job is predicted to take %.0f core-seconds, more than the %.0f that it may; allow more, or ask for less",
+      "the job is predicted to take %.4g core-seconds, more than the %.4g that it may; allow more, or ask for less",
       core_seconds, settings.max_core_seconds));
 }
 

@@ -235,7 +235,7 @@ TEST(UpdatePlan, AJobThatIsPredictedToTakeTooMuchIsRefused) {
   for (const UpdateBase* base : {static_cast<const UpdateBase*>(&pair.base), static_cast<const UpdateBase*>(nullptr)}) {
     const auto refused = PlanTiles(settings, SurveyToJson(pair.now), pair.Files(), base);
     EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
-    EXPECT_THAT(refused.status().message(), HasSubstr("more than the 0 that it may"));
+    EXPECT_THAT(refused.status().message(), HasSubstr("more than the 0.001 that it may"));
   }
 }
 
