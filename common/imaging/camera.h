@@ -14,6 +14,7 @@ struct PinholeCamera {
   int height = 0;
   double fx = 0, fy = 0;
   double cx = 0, cy = 0;
+  bool operator==(const PinholeCamera&) const = default;
 
   // The same camera for an image of another size (a pyramid level): pixel centres scale with the width and height.
   PinholeCamera Resized(int new_width, int new_height) const {
@@ -27,6 +28,7 @@ struct PosedCamera {
   PinholeCamera intrinsics;
   Eigen::Matrix3d rotation_cam_from_world = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation_cam_from_world = Eigen::Vector3d::Zero();
+  bool operator==(const PosedCamera&) const = default;
 
   Eigen::Vector3d CameraFromWorld(const Eigen::Vector3d& p) const {
     return rotation_cam_from_world * p + translation_cam_from_world;
@@ -57,6 +59,7 @@ struct LensModel {
   PinholeCamera pinhole;
   // k1 k2 p1 p2 k3 k4 k5 k6 in COLMAP's (and OpenCV's) order; what a model lacks is zero.
   double coefficients[8] = {};
+  bool operator==(const LensModel&) const = default;
 
   // Position in the distorted image (pixels) of the undistorted pixel position `p`.
   Eigen::Vector2d Distort(const Eigen::Vector2d& p) const;

@@ -209,10 +209,12 @@ class SceneLoader {
     if (options_.elsewhere.contains(json_.mesh.path)) {
       scene_.mesh_path = json_.mesh.path;
       scene_.files.push_back(json_.mesh.path);
+      mesh_has_labels_ = true;  // as far as this scene is concerned: its base knows
       return;
     }
     if (!FileExists(Full(json_.mesh.path)) || IsFolder(Full(json_.mesh.path))) {
-      if (!options_.needs_mesh && !json_.mesh.given) return;
+      mesh_has_labels_ = !options_.needs_mesh && !json_.mesh.given;
+      if (mesh_has_labels_) return;
       faults_.Add(InputError(Full(json_.mesh.path), "", "no such file", "the start mesh"));
       return;
     }

@@ -38,7 +38,7 @@ struct SceneView {
   std::string likelihood_path;
   LensModel lens;
   PosedCamera camera;  // undistorted; local frame
-  int flight = 0;      // index into SceneDescription::flights; the first with a pattern for the name
+  int flight = -1;     // index into SceneDescription::flights; the first with a pattern for the name; -1: none is named
   // Hashes of what the files decode to, with these lenses (PixelContents): the same for files that only differ in how
   // they are written. Empty: not known, or no such file.
   std::string image_content = {}, likelihood_content = {};

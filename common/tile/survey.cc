@@ -181,6 +181,11 @@ Status CheckCells(const Survey& s) {
   for (const auto& pair : s.pairs) {
     for (const int32_t view : pair) TESSERA_RETURN_IF_ERROR(check_view(view));
   }
+  for (const SceneView& view : s.views) {
+    if (view.flight >= -1 && view.flight < static_cast<int>(s.flights.size())) continue;
+    return absl::InvalidArgumentError("survey: found flight " + std::to_string(view.flight) + " of " +
+                                      std::to_string(s.flights.size()));
+  }
   if (s.view_depths.size() != s.views.size()) {
     return absl::InvalidArgumentError("survey: found depths of " + std::to_string(s.view_depths.size()) +
                                       " views, expected " + std::to_string(s.views.size()));
@@ -223,7 +228,7 @@ Survey WithoutNames(Survey survey) {
   for (size_t v = 0; v < survey.views.size(); ++v) {
     SceneView& view = survey.views[v];
     view.name.clear();
-    view.flight = 0;
+    view.flight = -1;
     if (!view.image_path.empty()) view.image_path = ViewFileName(static_cast<int32_t>(v), false);
     if (!view.likelihood_path.empty()) view.likelihood_path = ViewFileName(static_cast<int32_t>(v), true);
   }

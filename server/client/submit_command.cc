@@ -6,6 +6,7 @@
 #include "server/client/command_line.h"
 #include "server/client/commands.h"
 #include "server/client/connection.h"
+#include "server/client/job_words.h"
 #include "server/client/watching.h"
 #include "tessera/v1/jobs.pb.h"
 
@@ -24,6 +25,9 @@ struct SubmitFlags {
 int Submit(const SubmitFlags& flags) {
   v1::CreateJobRequest request;
   if (const Status status = MakeRequest(flags.job, &request); !status.ok()) return Complain("submit", status);
+  if (v1::UpdateSettings& update = *request.mutable_settings()->mutable_update(); !update.base().empty()) {
+    update.set_base(FullJobName(update.base()));
+  }
   request.set_display_name(flags.name);
   request.set_request_id(flags.request_id.empty() ? NewRequestId() : flags.request_id);
   request.set_validate_only(flags.validate_only);

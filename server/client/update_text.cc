@@ -25,6 +25,22 @@ StatusOr<std::string> FromJson(const std::string& text, const Make& make) {
   }
 }
 
+// Redone for its own sake; from scratch others may be, too.
+bool IsRedone(const json& tile) { return tile.at("redone") == true; }
+
+// "update of jobs/1: ..."
+std::string Sentence(const json& plan) {
+  const int redone = plan.at("tiles_redone"), tiles = static_cast<int>(plan.at("tiles").size());
+  const std::string base = plan.at("base");
+  if (plan.at("from_scratch").get<bool>()) {
+    return absl::StrFormat(
+        "update of %s from scratch: %d of %d tiles changed, the others follow as far as that reaches", base, redone,
+        tiles);
+  }
+  return absl::StrFormat("update of %s: %d of %d tiles redone, %d kept as they are, to the byte", base, redone, tiles,
+                         tiles - redone);
+}
+
 // "image seen: 4 images (new/0001.jpg, ...)".
 std::string Reasons(const json& tile) {
   std::vector<std::string> reasons;
@@ -45,16 +61,15 @@ StatusOr<std::string> UpdateTable(const std::string& text, const PlanTerms& term
   return FromJson(text, [&](const json& plan) {
     std::string out = absl::StrFormat("%6s %12s %9s  %s\n", "tile", "core-seconds", "MiB", "why");
     for (const json& tile : plan.at("tiles")) {
-      if (!tile.at("redone").get<bool>()) continue;
+      if (!IsRedone(tile)) continue;
       absl::StrAppendFormat(&out, "%6d %12.1f %9.0f  %s\n", tile.at("tile").get<int>(), PredictedSeconds(tile),
                             tile.at("predicted").at("peak_bytes").get<double>() / kMiB, Reasons(tile));
     }
     const json& predicted = plan.at("predicted");
     const double seconds = predicted.at("core_seconds"), in_full = predicted.at("core_seconds_in_full");
-    const int redone = plan.at("tiles_redone"), tiles = static_cast<int>(plan.at("tiles").size());
-    absl::StrAppendFormat(&out, "update of %s: %d of %d tiles redone, %d kept as they are, to the byte\n",
-                          plan.at("base").get<std::string>(), redone, tiles, tiles - redone);
-    absl::StrAppendFormat(&out, "core-hours: %.3f, of %.3f for all anew (%.1f %%)\n", seconds / kHour, in_full / kHour,
+    absl::StrAppend(&out, Sentence(plan), "\n");
+    absl::StrAppendFormat(&out, "core-hours: %s%.3f, of %.3f for all anew (%.1f %%)\n",
+                          plan.at("from_scratch").get<bool>() ? "at most " : "", seconds / kHour, in_full / kHour,
                           in_full > 0 ? 100 * seconds / in_full : 0);
     if (terms.price_per_core_hour) {
       absl::StrAppendFormat(&out, "price: %.2f, of %.2f\n", *terms.price_per_core_hour * seconds / kHour,
@@ -64,13 +79,7 @@ StatusOr<std::string> UpdateTable(const std::string& text, const PlanTerms& term
   });
 }
 
-StatusOr<std::string> UpdateSummary(const std::string& text) {
-  return FromJson(text, [](const json& plan) {
-    return absl::StrFormat("update of %s: %d of %d tiles redone, the others kept to the byte",
-                           plan.at("base").get<std::string>(), plan.at("tiles_redone").get<int>(),
-                           plan.at("tiles").size());
-  });
-}
+StatusOr<std::string> UpdateSummary(const std::string& text) { return FromJson(text, Sentence); }
 
 StatusOr<std::string> UpdateMap(const std::string& text) {
   return FromJson(text, [](const json& plan) {
@@ -98,13 +107,15 @@ StatusOr<std::string> UpdateMap(const std::string& text) {
       const json& core = tile.at("core");
       const double left = core.at(0).get<double>() * cell_m, bottom = core.at(1).get<double>() * cell_m;
       const double right = core.at(2).get<double>() * cell_m, top = core.at(3).get<double>() * cell_m;
-      const bool redone = tile.at("redone");
+      const bool redone = IsRedone(tile);
       absl::StrAppendFormat(&out,
                             "<rect x=\"%.3f\" y=\"%.3f\" width=\"%.3f\" height=\"%.3f\" fill=\"%s\" stroke=\"#333\" "
                             "stroke-width=\"%.3f\"><title>tile %d: %s</title></rect>\n",
                             left, -top, right - left, top - bottom, redone ? "#d6604d" : "#f4efe4", line,
                             tile.at("tile").get<int>(),
-                            redone ? absl::StrFormat("%.0f core-seconds", PredictedSeconds(tile)) : "kept");
+                            redone                        ? absl::StrFormat("%.0f core-seconds", PredictedSeconds(tile))
+                            : tile.at("redone").is_null() ? "as far as the changes reach"
+                                                          : "kept");
     }
     for (const json& camera : plan.at("cameras")) {
       const double x = camera.at("at").at(0), y = camera.at("at").at(1);
@@ -114,10 +125,8 @@ StatusOr<std::string> UpdateMap(const std::string& text) {
       absl::StrAppendFormat(&out, "<circle cx=\"%.3f\" cy=\"%.3f\" r=\"%.3f\" stroke-width=\"%.3f\" %s/>\n", x, -y,
                             2.5 * line, 0.7 * line, style);
     }
-    absl::StrAppendFormat(&out,
-                          "<text x=\"%.3f\" y=\"%.3f\">%s: %d of %d tiles redone (red); dots: new cameras</text>\n", x0,
-                          -y0 + margin + 1.5 * letter, plan.at("base").get<std::string>(),
-                          plan.at("tiles_redone").get<int>(), plan.at("tiles").size());
+    absl::StrAppendFormat(&out, "<text x=\"%.3f\" y=\"%.3f\">%s (red); dots: new cameras</text>\n", x0,
+                          -y0 + margin + 1.5 * letter, Sentence(plan));
     return out + "</svg>\n";
   });
 }

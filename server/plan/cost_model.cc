@@ -158,13 +158,9 @@ RefineEffort EffortOf(const RefineStep& step) {
   return effort;
 }
 
-RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
-  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
-  const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
-  const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
+RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<int>& which) {
   RefineEffort sum;
-  sum.mends = 1;  // of the start
-  for (const int step : ActiveSteps(steps, rules, traits)) {
+  for (const int step : which) {
     const RefineEffort effort = EffortOf(steps[step]);
     sum.evaluations += effort.evaluations;
     sum.iterations += effort.iterations;
@@ -172,6 +168,15 @@ RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
     sum.labellings += effort.labellings;
     sum.mends += effort.mends;
   }
+  return sum;
+}
+
+RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
+  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
+  const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
+  const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
+  RefineEffort sum = EffortOf(steps, ActiveSteps(steps, rules, traits));
+  sum.mends += 1;  // of the start
   return sum;
 }
 

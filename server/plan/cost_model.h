@@ -26,8 +26,9 @@ struct RefineEffort {
   double mends = 0;         // repairs of folds
 };
 
-// Of one step; of all that a job does.
+// Of one step; of some, by their indices; of all that a job does.
 RefineEffort EffortOf(const RefineStep& step);
+RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<int>& which);
 RefineEffort EffortOf(const JobSettings& settings, const Survey& survey);
 
 // How far outside its core a tile's tasks are expected to read: what its views see, whose motion they need; what a step

@@ -187,6 +187,9 @@ class Graph {
     return sum;
   }
 
+  // The place of what AddPlan added in an earlier phase.
+  void SkipPlan() { Add(PlannedTask()); }
+
   // An update's plan, as the user reads it.
   Status AddPlan(const UpdateBase& base) {
     TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_));
@@ -196,8 +199,8 @@ class Graph {
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
     PlannedTask task;
     task.kind = task.name = kPlanKind;
-    task.given_contents.emplace_back(kUpdateFile, UpdatePlanJson(base.name, views_of_base_, changes_, survey_, ingest,
-                                                                 compare, publish, full.core_seconds));
+    task.given_contents.emplace_back(kUpdateFile, UpdatePlanJson(base.name, !goes_on_, views_of_base_, changes_,
+                                                                 survey_, ingest, compare, publish, full.core_seconds));
     Add(std::move(task));
     return absl::OkStatus();
   }
@@ -414,7 +417,7 @@ StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const 
                                              const std::vector<std::string>& scene_files,
                                              const std::vector<TileReads>& reads, const UpdateBase* base) {
   TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
-  if (base != nullptr) TESSERA_RETURN_IF_ERROR(graph.AddPlan(*base));
+  if (base != nullptr) graph.SkipPlan();
   if (graph.redone().size() != reads.size()) {
     return absl::FailedPreconditionError(absl::StrCat("the job was cut in ", reads.size(), " tiles, expected ",
                                                       graph.redone().size(), ", as this version lays them out"));

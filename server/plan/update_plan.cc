@@ -15,17 +15,10 @@ namespace {
 
 using nlohmann::json;
 
-bool SamePose(const SceneView& a, const SceneView& b) {
-  const PinholeCamera &ka = a.camera.intrinsics, &kb = b.camera.intrinsics;
-  return a.camera.rotation_cam_from_world == b.camera.rotation_cam_from_world &&
-         a.camera.translation_cam_from_world == b.camera.translation_cam_from_world && ka.width == kb.width &&
-         ka.height == kb.height && ka.fx == kb.fx && ka.fy == kb.fy && ka.cx == kb.cx && ka.cy == kb.cy;
-}
-
 // What is new about a view that a cell has chosen before, and chooses still.
 std::vector<ChangeReason> ChangesOf(const SceneView& before, const SceneView& now) {
   std::vector<ChangeReason> changes;
-  if (!SamePose(before, now)) changes.push_back(ChangeReason::kPoseMoved);
+  if (!(before.camera == now.camera && before.lens == now.lens)) changes.push_back(ChangeReason::kPoseMoved);
   if (before.image_content != now.image_content || before.likelihood_content != now.likelihood_content) {
     changes.push_back(ChangeReason::kImageChanged);
   }
@@ -112,16 +105,10 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
   if (survey.cells.size() != base.cells.size() || survey.views.size() < base.views.size()) {
     return absl::InvalidArgumentError("update: the survey has other cells or fewer views than the base's");
   }
-  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
-  RefineEffort effort;
-  for (const int s : UpdateSteps(settings, survey)) {
-    const RefineEffort of_step = EffortOf(steps[s]);
-    effort.evaluations += of_step.evaluations;
-    effort.iterations += of_step.iterations;
-    effort.finest_share = std::max(effort.finest_share, of_step.finest_share);
-    effort.labellings += of_step.labellings;
-    effort.mends += of_step.mends;
-  }
+  const RefineEffort effort = settings.update.from_scratch
+                                  ? EffortOf(settings, survey)
+                                  : EffortOf(RefineStepsOf(settings.method, settings.rounds, settings.method_settings),
+                                             UpdateSteps(settings, survey));
   const CellIndex cells(survey);
   std::vector<TileChange> changes;
   for (const TileParameters& tile : tiles) {
@@ -147,10 +134,11 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
   return changes;
 }
 
-std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const std::vector<TileChange>& changes,
-                           const Survey& survey, const Prediction& ingest, const Prediction& compare,
-                           const Prediction& publish, double full_core_seconds) {
-  double core_seconds = ingest.core_seconds + compare.core_seconds + publish.core_seconds;
+std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t views_of_base,
+                           const std::vector<TileChange>& changes, const Survey& survey, const Prediction& ingest,
+                           const Prediction& compare, const Prediction& publish, double full_core_seconds) {
+  double core_seconds = from_scratch ? full_core_seconds  // at most
+                                     : ingest.core_seconds + compare.core_seconds + publish.core_seconds;
   int redone = 0;
   json tiles = json::array();
   for (const TileChange& change : changes) {
@@ -163,11 +151,11 @@ std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const 
     const CellRect& core = change.tile.core;
     tiles.push_back({{"tile", change.tile.tile},
                      {"core", {core.x0, core.y0, core.x1, core.y1}},
-                     {"redone", !change.why.empty()},
+                     {"redone", from_scratch && change.why.empty() ? json(nullptr) : json(!change.why.empty())},
                      {"why", std::move(why)}});
     if (change.why.empty()) continue;
     tiles.back()["predicted"] = PredictionJson(change.predicted);
-    core_seconds += change.predicted.core_seconds;
+    if (!from_scratch) core_seconds += change.predicted.core_seconds;
     ++redone;
   }
   json cameras = json::array();
@@ -183,6 +171,7 @@ std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const 
   return json{{"tessera_update", 1},
               {"cameras", std::move(cameras)},
               {"base", base},
+              {"from_scratch", from_scratch},
               {"tiles", std::move(tiles)},
               {"tiles_redone", redone},
               {"cell_m", survey.ground.cell_m},

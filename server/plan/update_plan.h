@@ -49,10 +49,11 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);
 // in RefineStepsOf.
 std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey);
 
-// kUpdateFile. `full`: what a job on all images is predicted to take.
-std::string UpdatePlanJson(const std::string& base, size_t views_of_base, const std::vector<TileChange>& changes,
-                           const Survey& survey, const Prediction& ingest, const Prediction& compare,
-                           const Prediction& publish, double full_core_seconds);
+// kUpdateFile. `full_core_seconds`: what a job on all images is predicted to take, and one from scratch at most: which
+// tiles it redoes beside the changed ones shows as it goes ("redone": null).
+std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t views_of_base,
+                           const std::vector<TileChange>& changes, const Survey& survey, const Prediction& ingest,
+                           const Prediction& compare, const Prediction& publish, double full_core_seconds);
 
 }  // namespace tessera
 

@@ -203,7 +203,9 @@ TEST_F(UpdateTest, AWithdrawnImageRedoesTheTilesThatHadChosenIt) {
 }
 
 TEST_F(UpdateTest, FromScratchGivesTheSameBytesForAnyTiling) {
-  ASSERT_EQ(Update(NextFlight(), "scratch", {"--from-scratch"}).exit_code, 0);
+  const Outcome scratch = Update(NextFlight(), "scratch", {"--from-scratch"});
+  ASSERT_EQ(scratch.exit_code, 0) << scratch.output;
+  EXPECT_THAT(scratch.output, HasSubstr("the others follow as far as that reaches"));
   EXPECT_EQ(Json("scratch/report.json")["seams"]["different"], 0);
   const Outcome one = Tessera(folder_.path(), {"run", Street(), "--tiles", "1", "--out", Path("one")});
   ASSERT_EQ(one.exit_code, 0) << one.output;

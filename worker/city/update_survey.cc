@@ -16,11 +16,11 @@ namespace {
 
 constexpr int kPairSamples = 4000;
 
-// The farthest that the image of a point moves from one camera to the other, of points `depth_m` before the first, over
-// its image.
-double Displacement_px(const PosedCamera& from, const PosedCamera& to, double depth_m) {
+// The farthest that a point `depth_m` before the first view moves in the photograph from one view to the other, over
+// the image: poses and lenses together.
+double Displacement_px(const SceneView& from, const SceneView& to, double depth_m) {
   constexpr int kSteps = 4;
-  const PinholeCamera& k = from.intrinsics;
+  const PinholeCamera& k = from.camera.intrinsics;
   double farthest = 0;
   for (int i = 0; i <= kSteps; ++i) {
     for (int j = 0; j <= kSteps; ++j) {
@@ -28,19 +28,13 @@ double Displacement_px(const PosedCamera& from, const PosedCamera& to, double de
                                   k.height * j / static_cast<double>(kSteps));
       const Eigen::Vector3d ray((pixel.x() - k.cx) / k.fx, (pixel.y() - k.cy) / k.fy, 1);
       const Eigen::Vector3d point =
-          from.rotation_cam_from_world.transpose() * (ray * depth_m - from.translation_cam_from_world);
-      const Eigen::Vector3d moved = to.Project(point);
+          from.camera.rotation_cam_from_world.transpose() * (ray * depth_m - from.camera.translation_cam_from_world);
+      const Eigen::Vector3d moved = to.camera.Project(point);
       if (moved.z() <= 0) return std::numeric_limits<double>::infinity();
-      farthest = std::max(farthest, (moved.head<2>() - pixel).norm());
+      farthest = std::max(farthest, (to.lens.Distort(moved.head<2>()) - from.lens.Distort(pixel)).norm());
     }
   }
   return farthest;
-}
-
-bool SamePose(const PosedCamera& a, const PosedCamera& b) {
-  return a.rotation_cam_from_world == b.rotation_cam_from_world &&
-         a.translation_cam_from_world == b.translation_cam_from_world && a.intrinsics.fx == b.intrinsics.fx &&
-         a.intrinsics.fy == b.intrinsics.fy && a.intrinsics.cx == b.intrinsics.cx && a.intrinsics.cy == b.intrinsics.cy;
 }
 
 class ViewTaker {
@@ -48,6 +42,11 @@ class ViewTaker {
   ViewTaker(const SceneDescription& scene, const std::map<std::string, std::string>& carried, Survey* survey)
       : scene_(scene), carried_(carried), survey_(*survey), known_(survey->views.size()), taken_(known_, 0) {
     changes_.changed.assign(known_, 0);
+    for (size_t v = 0; v < known_; ++v) {
+      if (survey->views[v].withdrawn) continue;
+      by_content_.emplace(survey->views[v].image_content, v);
+      by_name_.emplace(survey->views[v].name, v);
+    }
   }
 
   Status TakeFlights(const std::vector<std::string>& withdraw) {
@@ -77,13 +76,21 @@ class ViewTaker {
   }
 
   void Take(bool whole) {
-    std::vector<const SceneView*> left;
+    // By content first, so that a name that went to another photograph takes nothing away.
+    std::vector<const SceneView*> left, unnamed;
     for (const SceneView& view : scene_.views) {
-      const int number = FindSame(view, whole);
-      if (number < 0) {
-        left.push_back(&view);
-      } else {
+      if (const int number = FindSame(view); number >= 0) {
         TakeAs(view, static_cast<size_t>(number));
+      } else {
+        unnamed.push_back(&view);
+      }
+    }
+    for (const SceneView* view : unnamed) {
+      const auto found = whole ? by_name_.find(view->name) : by_name_.end();
+      if (found == by_name_.end() || taken_[found->second]) {
+        left.push_back(view);
+      } else {
+        TakeAs(*view, found->second);
       }
     }
     for (size_t v = 0; v < known_; ++v) {
@@ -104,7 +111,7 @@ class ViewTaker {
     std::sort(left.begin(), left.end(), [](const SceneView* a, const SceneView* b) { return a->name < b->name; });
     for (const SceneView* view : left) {
       survey_.views.push_back(*view);
-      survey_.views.back().flight = FlightOf(*view);
+      survey_.views.back().flight = view->flight < 0 ? OwnFlight() : FlightOf(*view);
       changes_.changed.push_back(1);
       ++changes_.added;
     }
@@ -115,25 +122,30 @@ class ViewTaker {
  private:
   int FlightOf(const SceneView& view) const { return view.flight < 0 ? -1 : flight_[view.flight]; }
 
+  // Of new images that the scene says no flight of: they are one, by the scene's name.
+  int OwnFlight() {
+    if (own_flight_ < 0) {
+      own_flight_ = static_cast<int>(survey_.flights.size());
+      survey_.flights.push_back({scene_.name, ""});
+    }
+    return own_flight_;
+  }
+
   void Carry(std::string* path) const {
     if (const auto found = carried_.find(*path); found != carried_.end()) *path = found->second;
   }
 
   // The view of the base that this is, by what it shows; of several, that with its name, or the nearest. -1: none.
-  int FindSame(const SceneView& view, bool whole) const {
+  int FindSame(const SceneView& view) const {
     int best = -1;
     double nearest_m = std::numeric_limits<double>::infinity();
-    for (size_t v = 0; v < known_; ++v) {
-      const SceneView& other = survey_.views[v];
-      if (taken_[v] || other.withdrawn) continue;
-      const bool same_name = other.name == view.name;
-      if (other.image_content != view.image_content || other.likelihood_content != view.likelihood_content) {
-        if (whole && same_name && best < 0) best = static_cast<int>(v);
-        continue;
-      }
-      if (same_name) return static_cast<int>(v);
+    const auto [begin, end] = by_content_.equal_range(view.image_content);
+    for (auto it = begin; it != end; ++it) {
+      const SceneView& other = survey_.views[it->second];
+      if (taken_[it->second] || other.likelihood_content != view.likelihood_content) continue;
+      if (other.name == view.name) return static_cast<int>(it->second);
       const double apart_m = (other.camera.Centre() - view.camera.Centre()).norm();
-      if (apart_m < nearest_m) best = static_cast<int>(v);
+      if (apart_m < nearest_m) best = static_cast<int>(it->second);
       nearest_m = std::min(nearest_m, apart_m);
     }
     return best;
@@ -147,10 +159,9 @@ class ViewTaker {
     }
     SceneView taken = view;
     taken.flight = FlightOf(view);
-    if (!SamePose(known.camera, view.camera)) {
+    if (!(known.camera == view.camera && known.lens == view.lens)) {
       const auto [near_m, far_m] = survey_.view_depths[number];
-      const double moved_px = std::max(Displacement_px(known.camera, view.camera, near_m),
-                                       Displacement_px(known.camera, view.camera, far_m));
+      const double moved_px = std::max(Displacement_px(known, view, near_m), Displacement_px(known, view, far_m));
       if (moved_px < kSnap_px) {
         taken.camera = known.camera;
         taken.lens = known.lens;
@@ -168,25 +179,31 @@ class ViewTaker {
   const std::map<std::string, std::string>& carried_;
   Survey& survey_;
   const size_t known_;
-  std::vector<uint8_t> taken_;  // views of the base that the scene has
-  std::vector<int> flight_;     // of the scene's, their places in the survey
+  std::vector<uint8_t> taken_;                     // views of the base that the scene has
+  std::multimap<std::string, size_t> by_content_;  // of their images; views that are not withdrawn
+  std::map<std::string, size_t> by_name_;
+  std::vector<int> flight_;  // of the scene's, their places in the survey
   std::set<int> withdrawn_flights_;
+  int own_flight_ = -1;
   ViewChanges changes_;
 };
 
-// Growing with the flights' dates; flights without a date by when they came.
+// Growing with the flights' dates; one without a date comes after all that the job knew before it. Views without a
+// flight are older than any.
 std::vector<int> EpochsOf(const Survey& survey) {
-  std::vector<int> order(survey.flights.size());
-  for (size_t i = 0; i < order.size(); ++i) order[i] = static_cast<int>(i);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    const std::string &date_a = survey.flights[a].date, &date_b = survey.flights[b].date;
-    return !date_a.empty() && !date_b.empty() && date_a < date_b;
-  });
-  std::vector<int> epoch(survey.flights.size());
+  std::vector<std::pair<std::string, size_t>> order;
+  std::string latest;
+  for (size_t i = 0; i < survey.flights.size(); ++i) {
+    const std::string& date = survey.flights[i].date;
+    order.emplace_back(date.empty() ? latest : date, i);
+    latest = std::max(latest, date);
+  }
+  std::sort(order.begin(), order.end());
+  std::vector<int> epoch(order.size());
   for (size_t i = 0; i < order.size(); ++i) {
-    const bool same = i > 0 && !survey.flights[order[i]].date.empty() &&
-                      survey.flights[order[i]].date == survey.flights[order[i - 1]].date;
-    epoch[order[i]] = same ? epoch[order[i - 1]] : static_cast<int>(i);
+    const Flight& flight = survey.flights[order[i].second];
+    const bool same_day = i > 0 && !flight.date.empty() && flight.date == survey.flights[order[i - 1].second].date;
+    epoch[order[i].second] = same_day ? epoch[order[i - 1].second] : static_cast<int>(i);
   }
   std::vector<int> of_view;
   for (const SceneView& view : survey.views) of_view.push_back(view.flight < 0 ? -1 : epoch[view.flight]);

@@ -120,6 +120,9 @@ TEST(UpdatePlan, ReasonsAreToldApart) {
               pair->now.views[cell->views[0]].camera.translation_cam_from_world.x() += 1;
             }),
             Reasons{ChangeReason::kPoseMoved});
+  EXPECT_EQ(reason([](Pair* pair, SurveyCell* cell) { pair->now.views[cell->views[0]].lens.coefficients[0] = 0.1; }),
+            Reasons{ChangeReason::kPoseMoved})
+      << "a lens that was calibrated anew";
   EXPECT_EQ(reason([](Pair* pair, SurveyCell*) {
               pair->now.scene_name = "another";
               for (SceneView& view : pair->now.views) view.name += "x";
@@ -225,6 +228,15 @@ TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
   const auto tiles = PlanTiles(settings, SurveyToJson(pair.now), pair.Files(), &pair.base);
   ASSERT_TRUE(tiles.ok()) << tiles.status();
   EXPECT_EQ(tiles->size(), 5u) << "the plan and all cuts";
+  const auto plan = nlohmann::json::parse((*tiles)[0].given_contents[0].second);
+  EXPECT_EQ(plan["predicted"]["core_seconds"], plan["predicted"]["core_seconds_in_full"]) << "at most";
+  for (const auto& tile : plan["tiles"]) {
+    if (tile["tile"] == pair.TileOf(3)) {
+      EXPECT_EQ(tile["redone"], true);
+    } else {
+      EXPECT_TRUE(tile["redone"].is_null()) << "whether it is kept is not known beforehand";
+    }
+  }
 }
 
 TEST(UpdatePlan, AJobThatIsPredictedToTakeTooMuchIsRefused) {

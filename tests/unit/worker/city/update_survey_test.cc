@@ -90,6 +90,33 @@ TEST(UpdateSurvey, PosesThatHardlyMoveAreTheBases) {
   }
 }
 
+TEST(UpdateSurvey, AnotherLensIsAnotherView) {
+  for (const double k1 : {1e-6, 1e-3}) {
+    Survey survey = Base();
+    SceneDescription scene = Scene({View("a", "A", 0), View("b", "B", 20), View("c", "C", 40)});
+    scene.views[0].lens.kind = LensModel::Kind::kSimpleRadial;
+    scene.views[0].lens.coefficients[0] = k1;
+    const auto changes = TakeViews(scene, true, {}, {}, &survey);
+    ASSERT_TRUE(changes.ok()) << changes.status();
+    EXPECT_EQ(changes->moved, k1 > 1e-4) << "by a quarter of a pixel in the corners, or none that shows";
+    EXPECT_EQ(survey.views[0].lens.coefficients[0], k1 > 1e-4 ? k1 : 0);
+  }
+}
+
+TEST(UpdateSurvey, ContentCountsBeforeNamesWhateverComesFirst) {
+  // "a" was taken again, and the photograph that was called so is "d" now.
+  for (const bool first : {true, false}) {
+    Survey survey = Base();
+    std::vector<SceneView> views = {View("a", "retaken", 0), View("d", "A", 0), View("b", "B", 20), View("c", "C", 40)};
+    if (!first) std::swap(views[0], views[1]);
+    const auto changes = TakeViews(Scene(views), true, {}, {}, &survey);
+    ASSERT_TRUE(changes.ok()) << changes.status();
+    EXPECT_EQ(survey.views[0].name, "d");
+    EXPECT_EQ(changes->added, 1);
+    EXPECT_EQ(changes->replaced, 0);
+  }
+}
+
 TEST(UpdateSurvey, OtherPixelsUnderTheSameNameTakeThePlaceInAWholeScene) {
   for (const bool whole : {true, false}) {
     Survey survey = Base();
@@ -116,6 +143,19 @@ TEST(UpdateSurvey, FlightsAreWithdrawnByName) {
   survey = Base();
   EXPECT_THAT(TakeViews(Scene({}), false, {.ingest = {}, .withdraw = {"spring"}}, {}, &survey).status().message(),
               HasSubstr("every image of the base is withdrawn"));
+}
+
+TEST(UpdateSurvey, NewImagesWithoutAFlightAreOneOfTheirOwn) {
+  Survey survey = Base();
+  SceneDescription scene = Scene({View("n", "N", 60), View("m", "M", 80)});
+  scene.name = "next";
+  scene.flights.clear();
+  for (SceneView& view : scene.views) view.flight = -1;
+  ASSERT_TRUE(TakeViews(scene, false, {}, {}, &survey).ok());
+  ASSERT_EQ(survey.flights.size(), 2u);
+  EXPECT_EQ(survey.flights[1].name, "next");
+  EXPECT_EQ(survey.views[3].flight, 1);
+  EXPECT_EQ(survey.views[4].flight, 1);
 }
 
 TEST(UpdateSurvey, ClassesAndLikelihoodsMustBeTheBases) {

@@ -103,6 +103,32 @@ TEST(Tiling, FacesThatNoViewShowsHaveNoConfidence) {
   for (size_t f = 0; f < region.faces.size(); ++f) EXPECT_EQ(labelled.confidence[f] == 0, f == unseen) << f;
 }
 
+TEST(Tiling, HeldFacesKeepTheirLabelsAgainstAllEvidence) {
+  const TinyCity tiny = MakeTinyCity();
+  OpenTile tile(CutAll(tiny, {AllCells(tiny.survey)}, ShortReach())[0].package);
+  const RegionMesh& region = tile.region(kCoreRegion);
+  FaceLikelihoods sums(region.faces.size(), 3);
+  const std::vector<int32_t> start(region.faces.size(), 2);
+  std::vector<uint8_t> held(region.faces.size(), 0);
+  for (size_t f = 0; f < region.faces.size(); ++f) {
+    held[f] = f % 3 == 0;
+    sums.pixels[f] = 1000;
+    sums.sum[3 * f] = 1000;  // all of them say 0
+  }
+  const auto label = [&](const std::vector<uint8_t>& flags) {
+    return LabelRegion(tile.package(), region, region.mesh.vertices, start, sums, {}, flags).labels;
+  };
+  const std::vector<int32_t> with = label(held), without = label({});
+  int64_t zeros = 0;
+  for (size_t f = 0; f < with.size(); ++f) {
+    if (held[f]) {
+      EXPECT_EQ(with[f], 2) << f;
+    }
+    zeros += held[f] && without[f] == 0;
+  }
+  EXPECT_GT(zeros, 0) << "which they would not keep by themselves";
+}
+
 TEST(Tiling, MergerRefusesGapsOverlapsAndCracks) {
   const TinyCity tiny = MakeTinyCity();
   Random random(5);
