@@ -7,18 +7,17 @@
 namespace tessera {
 namespace {
 
-// The city with a flight a year later that stands half a metre beside the first.
+// The city with a flight a year later that stands twice where the first did: two views see all.
 TinyCity WithSecondFlight(ViewChanges* changes) {
   TinyCity tiny = MakeTinyCity();
   Survey& survey = tiny.survey;
   survey.flights = {{"first", "2026-05-01"}, {"second", "2027-05-01"}};
   const size_t known = survey.views.size();
   changes->changed.assign(known, 0);
-  for (size_t v = 0; v < known; ++v) {
-    SceneView view = survey.views[v];
-    view.flight = 1;
-    view.camera.translation_cam_from_world -= view.camera.rotation_cam_from_world * Eigen::Vector3d(0.5, 0, 0);
-    survey.views.push_back(view);
+  for (size_t v = 0; v < known; ++v) survey.views[v].flight = 0;
+  for (size_t i = 0; i < 2 * known; ++i) {
+    survey.views.push_back(survey.views[i % known]);
+    survey.views.back().flight = 1;
     changes->changed.push_back(1);
   }
   return tiny;
