@@ -162,6 +162,9 @@ Survey SurveyFromJson(const json& j) {
   s.vertices = j.at("vertices");
   s.faces = j.at("faces");
   s.warnings = j.at("warnings").get<Warnings>();
+  if (const json& revision = j.at("revision"); !revision.is_null()) {
+    s.revision = {revision.at("first_new_face"), revision.at("cells").get<std::vector<std::array<int, 2>>>()};
+  }
   return s;
 }
 
@@ -204,6 +207,11 @@ StatusOr<Value> Parse(const std::string& text, const std::string& what, const Co
 
 }  // namespace
 
+bool IsRevised(const Survey& survey, int x, int y) {
+  return survey.revision &&
+         std::binary_search(survey.revision->cells.begin(), survey.revision->cells.end(), std::array<int, 2>{x, y});
+}
+
 void FillViewDepths(Survey* survey) {
   survey->view_depths.resize(survey->views.size(), {0, 0});
   for (const SurveyCell& cell : survey->cells) {
@@ -225,6 +233,7 @@ Survey WithoutNames(Survey survey) {
   survey.mesh_path.clear();
   survey.flights.clear();
   survey.warnings.clear();
+  survey.revision.reset();
   for (size_t v = 0; v < survey.views.size(); ++v) {
     SceneView& view = survey.views[v];
     view.name.clear();
@@ -248,6 +257,8 @@ std::string SurveyToJson(const Survey& s) {
   }
   json flights = json::array();
   for (const Flight& flight : s.flights) flights.push_back({{"name", flight.name}, {"date", flight.date}});
+  json revision;
+  if (s.revision) revision = {{"first_new_face", s.revision->first_new_face}, {"cells", s.revision->cells}};
   const json out = {{"scene_name", s.scene_name},
                     {"mesh", s.mesh_path},
                     {"flights", std::move(flights)},
@@ -260,6 +271,7 @@ std::string SurveyToJson(const Survey& s) {
                     {"views", ViewArray(s.views)},
                     {"view_depths", s.view_depths},
                     {"pairs", s.pairs},
+                    {"revision", std::move(revision)},
                     {"classes", ClassArray(s.classes)},
                     {"has_likelihoods", s.has_likelihoods},
                     {"has_labels", s.has_labels},

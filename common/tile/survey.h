@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,12 @@ struct SurveyCell {
   Eigen::Vector3d box_min = Eigen::Vector3d::Zero();
   Eigen::Vector3d box_max = Eigen::Vector3d::Zero();
   std::vector<int32_t> views;  // indices of the views chosen for it, ascending
+};
+
+// What an update did to its base's mesh.
+struct MeshRevision {
+  int64_t first_new_face = 0;             // faces with lower ids are the base's
+  std::vector<std::array<int, 2>> cells;  // (x, y) of those that lost a face or got one, ascending
 };
 
 struct Survey {
@@ -47,8 +54,12 @@ struct Survey {
   Eigen::Matrix3d rotation_local_from_scene = Eigen::Matrix3d::Identity();
   int64_t input_vertices = 0, input_faces = 0;  // as in the scene's file
   int64_t vertices = 0, faces = 0;              // after repair and splitting
+  std::optional<MeshRevision> revision;         // of an update whose mesh is not its base's
   Warnings warnings;
 };
+
+// Whether the mesh over the cell is not the base's.
+bool IsRevised(const Survey& survey, int x, int y);
 
 // Makes view_depths hold what the cells ask for: those that are there are widened, new ones added.
 void FillViewDepths(Survey* survey);

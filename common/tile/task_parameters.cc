@@ -99,6 +99,7 @@ std::string ToJson(const StepParameters& p) {
   if (p.before) out["before"] = true;
   if (!p.held.empty()) out["held"] = p.held;
   if (p.goes_on) out["goes_on"] = true;
+  if (p.first_new_face >= 0) out["first_new_face"] = p.first_new_face;
   return out.dump();
 }
 
@@ -178,6 +179,7 @@ StatusOr<StepParameters> ParseStepParameters(const std::string& text) {
                              p.sums = j.at("sums").get<std::vector<int>>();
                              p.held = j.value("held", std::vector<int>());
                              p.goes_on = j.value("goes_on", false);
+                             p.first_new_face = j.value("first_new_face", int64_t{-1});
                              return p;
                            }));
   TESSERA_ASSIGN_OR_RETURN(parameters.settings, ParseMethodSettings(settings));

@@ -105,6 +105,9 @@ struct StepParameters {
   std::vector<int> sums = {};    // solve: tiles whose kSumsFile are among the inputs, ascending
   std::vector<int> held = {};    // of `states`: tiles that an update leaves as they are; their vertices are fixed
   bool goes_on = false;          // the first step of an update: what the states report is of the base
+  // Mend, where an update goes on with another mesh: faces from this id on are in no state, but at their start. -1: all
+  // are in states.
+  int64_t first_new_face = -1;
 };
 
 // What new images show of a block of ground, against the surface of an update's base.

@@ -62,9 +62,10 @@ Turn TurnOf(const LineageJob& job, int tile) {
 std::string ReasonsWords(const std::vector<RedoReason>& reasons) {
   std::vector<std::string> words;
   for (const RedoReason& reason : reasons) {
-    words.push_back(absl::StrFormat("%s: %d (%s%s)", reason.reason, reason.images.size(),
-                                    reason.images.empty() ? "" : reason.images.front(),
-                                    reason.images.size() > 1 ? ", ..." : ""));
+    words.push_back(reason.images.empty()
+                        ? reason.reason
+                        : absl::StrFormat("%s: %d (%s%s)", reason.reason, reason.images.size(), reason.images.front(),
+                                          reason.images.size() > 1 ? ", ..." : ""));
   }
   return absl::StrJoin(words, "; ");
 }

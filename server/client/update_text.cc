@@ -46,8 +46,12 @@ std::string Reasons(const json& tile) {
   std::vector<std::string> reasons;
   for (const json& why : tile.at("why")) {
     const json& images = why.at("images");
+    if (images.empty()) {
+      reasons.push_back(why.at("reason"));
+      continue;
+    }
     reasons.push_back(absl::StrFormat("%s: %d (%s%s)", why.at("reason").get<std::string>(), images.size(),
-                                      images.empty() ? "" : images.front().get<std::string>(),
+                                      images.front().get<std::string>(),
                                       images.size() > 1 ? ", ..." : ""));
   }
   return absl::StrJoin(reasons, "; ");

@@ -143,7 +143,9 @@ StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step
   const UpdateBase* const goes_on_from = base ? &*base : nullptr;
   if (step.kind == PendingStep::Kind::kPlanTiles) return planner.Tiles(step.settings, survey, names, goes_on_from);
   std::vector<TileReads> reads;
-  const int tiles = static_cast<int>(base ? base->tiles.size() : step.reads.size());
+  // An update has its base's tiles, and may have more behind them, which are cut.
+  int tiles = static_cast<int>(base ? base->tiles.size() : step.reads.size());
+  for (const auto& [tile, digest] : step.reads) tiles = std::max(tiles, tile + 1);
   const auto read = [&](int tile, const StatusOr<Digest>& digest) -> StatusOr<TileReads> {
     TESSERA_RETURN_IF_ERROR(digest.status());
     TESSERA_ASSIGN_OR_RETURN(const std::string json, environment_.blobs->Read(*digest, kMaxReadsBytes));

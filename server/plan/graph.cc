@@ -63,7 +63,7 @@ class Graph {
       TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, PlanIngest(settings, scene_files));
       graph.city_from_ = graph.survey_from_ = graph.Add(std::move(ingest));
     } else {
-      graph.city_from_ = graph.Add(PlannedTask());  // PlanUpdate's two
+      graph.base_from_ = graph.city_from_ = graph.Add(PlannedTask());  // PlanUpdate's two
       graph.survey_from_ = graph.Add(PlannedTask());
     }
     TESSERA_ASSIGN_OR_RETURN(graph.survey_, ParseSurvey(survey_json));
@@ -153,10 +153,12 @@ class Graph {
     const MethodSettings& method = settings_.method_settings;
     const std::vector<RefineStep> steps = RefineStepsOf(settings_.method, settings_.rounds, method);
     const LabelTraits traits = {static_cast<int>(survey_.classes.size()), survey_.has_likelihoods, survey_.has_labels};
+    const std::vector<int> taken =
+        goes_on_ ? UpdateSteps(settings_, survey_)
+                 : ActiveSteps(steps, MethodRulesOf(settings_.method, settings_.rounds, method), traits);
     bool mended = goes_on_;  // the start
-    for (const int s : goes_on_
-                           ? UpdateSteps(settings_, survey_)
-                           : ActiveSteps(steps, MethodRulesOf(settings_.method, settings_.rounds, method), traits)) {
+    if (goes_on_ && survey_.revision) AddMends(taken.empty() ? 0 : taken.front(), /*before=*/true, reads);
+    for (const int s : taken) {
       const RefineStep& step = steps[s];
       if (!step.labels() && !mended) {
         AddMends(s, /*before=*/true, reads);
@@ -206,10 +208,11 @@ class Graph {
   }
 
   void AddChanges() {
-    ChangeWork work = {survey_, files_of_view_, views_of_base_, city_from_, survey_from_, size(), {}};
+    ChangeWork work = {survey_, files_of_view_, views_of_base_, base_from_, city_from_, survey_from_, size(), {}};
     for (const GraphTile& tile : tiles_) {
       const int id = tile.parameters.tile;
-      const PlannedInput of_base = {city_from_, TileInputName(id, kStateFile)};
+      if (static_cast<size_t>(id) >= tiles_of_base_) continue;
+      const PlannedInput of_base = {base_from_, TileInputName(id, kStateFile)};
       work.tiles.push_back({tile.parameters, of_base, tile.state.value_or(of_base)});
     }
     for (PlannedTask& task : PlanChanges(work)) Add(std::move(task));
@@ -247,7 +250,10 @@ class Graph {
   Status TakeTiles(const UpdateBase& base, const CellIndex& cells) {
     goes_on_ = !settings_.update.from_scratch;
     TESSERA_ASSIGN_OR_RETURN(const Survey base_survey, ParseSurvey(base.survey_json));
-    TESSERA_ASSIGN_OR_RETURN(changes_, FindChangedTiles(settings_, base_survey, survey_, base.tiles));
+    if (survey_.revision) city_from_ = survey_from_;
+    tiles_of_base_ = base.tiles.size();
+    TESSERA_ASSIGN_OR_RETURN(changes_,
+                             FindChangedTiles(settings_, base_survey, survey_, TilesOfUpdate(base.tiles, survey_)));
     effort_ = EffortOf(settings_, survey_);
     views_of_base_ = base_survey.views.size();
     update_cost_ = PredictUpdateIngest(base_survey, survey_);
@@ -256,7 +262,9 @@ class Graph {
       tile.parameters = change.tile;
       tile.redone = !goes_on_ || !change.why.empty();
       if (tile.redone) tile.work = MeasureTile(cells, change.tile.core);
-      if (goes_on_) tile.state = PlannedInput{city_from_, TileInputName(change.tile.tile, kStateFile)};
+      if (goes_on_ && static_cast<size_t>(change.tile.tile) < tiles_of_base_) {
+        tile.state = PlannedInput{base_from_, TileInputName(change.tile.tile, kStateFile)};
+      }
       tiles_.push_back(std::move(tile));
     }
     return absl::OkStatus();
@@ -336,7 +344,7 @@ class Graph {
       parameters.sums = Read(&GraphTile::sums, ids, &task);
       parameters.states = Read(&GraphTile::state, ids, &task);
       parameters.held = Held(parameters.states);
-      parameters.goes_on = goes_on_ && s == UpdateSteps(settings_, survey_).front();
+      parameters.goes_on = goes_on_ && !survey_.revision && s == UpdateSteps(settings_, survey_).front();
       task.parameters = ToJson(parameters);
       return task;
     });
@@ -352,6 +360,10 @@ class Graph {
       parameters.before = before;
       parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].mend, &task);
       parameters.held = Held(parameters.states);
+      if (before && goes_on_) {
+        parameters.goes_on = true;
+        parameters.first_new_face = survey_.revision->first_new_face;
+      }
       task.parameters = ToJson(parameters);
       return task;
     });
@@ -363,7 +375,8 @@ class Graph {
   std::vector<std::vector<PlannedTask::ViewFile>> files_of_view_;
   std::vector<GraphTile> tiles_;
   std::vector<PlannedTask> tasks_;
-  TaskId city_from_, survey_from_;
+  TaskId base_from_, city_from_, survey_from_;
+  size_t tiles_of_base_ = 0;
   bool goes_on_ = false;             // from the base's states; tiles without a change stay as they are
   std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "common/tile/refine_steps.h"
 #include "server/plan/cell_index.h"
 
@@ -44,6 +44,23 @@ void FindReasons(const Survey& base, const Survey& survey, const SurveyCell& bef
   }
 }
 
+// Points into a survey.
+class CellsByPlace {
+ public:
+  explicit CellsByPlace(const Survey& survey) {
+    for (const SurveyCell& cell : survey.cells) cells_[{cell.x, cell.y}] = &cell;
+  }
+  const SurveyCell* Find(const SurveyCell& cell) const {
+    const auto found = cells_.find({cell.x, cell.y});
+    return found == cells_.end() ? nullptr : found->second;
+  }
+
+ private:
+  std::map<std::pair<int, int>, const SurveyCell*> cells_;
+};
+
+bool Overlap(const CellRect& a, const CellRect& b) { return a.x0 < b.x1 && b.x0 < a.x1 && a.y0 < b.y1 && b.y0 < a.y1; }
+
 json PredictionJson(const Prediction& prediction) {
   return {{"core_seconds", prediction.core_seconds}, {"peak_bytes", prediction.peak_bytes}};
 }
@@ -62,6 +79,8 @@ std::string ReasonWords(ChangeReason reason) {
       return "image changed";
     case ChangeReason::kPoseMoved:
       return "pose moved";
+    case ChangeReason::kMeshChanged:
+      return "mesh changed";
     case ChangeReason::kChosenAnew:
       return "image chosen anew";
   }
@@ -78,9 +97,43 @@ std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) 
   }
   std::vector<int> chosen;
   for (const int s : ActiveSteps(steps, rules, traits)) {
-    if (steps[s].round == steps.back().round && (steps[s].labels() || steps[s].level == finest)) chosen.push_back(s);
+    if (steps[s].round == steps.back().round && (steps[s].labels() || survey.revision || steps[s].level == finest)) {
+      chosen.push_back(s);
+    }
   }
   return chosen;
+}
+
+std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, const Survey& survey) {
+  if (!survey.revision) return tiles;
+  for (const SurveyCell& cell : survey.cells) {
+    if (!IsRevised(survey, cell.x, cell.y)) continue;
+    // The tile that grows least for it.
+    TileParameters* best = nullptr;
+    CellRect grown;
+    int64_t least = 0;
+    for (TileParameters& tile : tiles) {
+      const CellRect& core = tile.core;
+      const CellRect with = {std::min(core.x0, cell.x), std::min(core.y0, cell.y), std::max(core.x1, cell.x + 1),
+                             std::max(core.y1, cell.y + 1)};
+      const auto cells = [](const CellRect& rect) { return int64_t{rect.x1 - rect.x0} * (rect.y1 - rect.y0); };
+      const int64_t more = cells(with) - cells(core);
+      if (best != nullptr && more >= least) continue;
+      const bool meets = std::any_of(tiles.begin(), tiles.end(), [&](const TileParameters& other) {
+        return other.tile != tile.tile && Overlap(with, other.core);
+      });
+      if (meets) continue;
+      best = &tile;
+      grown = with;
+      least = more;
+    }
+    if (best != nullptr) {
+      best->core = grown;
+    } else {
+      tiles.push_back({static_cast<int>(tiles.size()), {cell.x, cell.y, cell.x + 1, cell.y + 1}});
+    }
+  }
+  return tiles;
 }
 
 Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
@@ -92,18 +145,30 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
       part.views.push_back(survey.views[v]);
     }
   }
-  for (size_t c = 0; c < survey.cells.size() && c < base.cells.size(); ++c) {
-    if (survey.cells[c].views == base.cells[c].views) continue;
-    part.cells.push_back(survey.cells[c]);
-    part.faces += survey.cells[c].faces;
+  const CellsByPlace before(base);
+  for (const SurveyCell& cell : survey.cells) {
+    const SurveyCell* known = before.Find(cell);
+    if (known != nullptr && known->views == cell.views && !IsRevised(survey, cell.x, cell.y)) continue;
+    part.cells.push_back(cell);
+    part.faces += cell.faces;
   }
+  if (survey.revision) part.faces = base.faces + survey.faces;  // both meshes are read
   return PredictIngest(part);
 }
 
 StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles) {
-  if (survey.cells.size() != base.cells.size() || survey.views.size() < base.views.size()) {
-    return absl::InvalidArgumentError("update: the survey has other cells or fewer views than the base's");
+  if (survey.views.size() < base.views.size()) {
+    return absl::InvalidArgumentError("update: the survey has fewer views than the base's");
+  }
+  const CellsByPlace before(base), after(survey);
+  const auto all_in = [&](const std::vector<SurveyCell>& cells, const CellsByPlace& others) {
+    return std::all_of(cells.begin(), cells.end(), [&](const SurveyCell& cell) {
+      return others.Find(cell) != nullptr || IsRevised(survey, cell.x, cell.y);
+    });
+  };
+  if (!all_in(survey.cells, before) || !all_in(base.cells, after)) {
+    return absl::InvalidArgumentError("update: the survey's cells are not those of the base");
   }
   const RefineEffort effort = settings.update.from_scratch
                                   ? EffortOf(settings, survey)
@@ -115,15 +180,26 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
     TileChange& change = changes.emplace_back();
     change.tile = tile;
     std::map<ChangeReason, std::set<int32_t>> why;
-    for (size_t c = 0; c < survey.cells.size(); ++c) {
-      const SurveyCell &before = base.cells[c], &now = survey.cells[c];
-      if (before.x != now.x || before.y != now.y) {
-        return absl::InvalidArgumentError("update: the survey's cells are not those of the base");
+    int64_t cells_left = 0;
+    for (const SurveyCell& cell : survey.cells) {
+      if (!tile.core.Contains({cell.x, cell.y})) continue;
+      ++cells_left;
+      if (const SurveyCell* known = before.Find(cell)) FindReasons(base, survey, *known, cell, &why);
+    }
+    if (survey.revision) {
+      for (const auto& [x, y] : survey.revision->cells) {
+        if (tile.core.Contains({x, y})) why[ChangeReason::kMeshChanged];
       }
-      if (tile.core.Contains({now.x, now.y})) FindReasons(base, survey, before, now, &why);
     }
     for (const auto& [reason, views] : why) change.why.push_back({reason, {views.begin(), views.end()}});
     if (change.why.empty()) continue;
+    if (cells_left == 0) {
+      const CellRect& core = tile.core;
+      return absl::InvalidArgumentError(
+          absl::StrFormat("the new mesh has no face over the ground cells (%d, %d) to (%d, %d), which are all of tile "
+                          "%d of the base; run it as a job of its own",
+                          core.x0, core.y0, core.x1 - 1, core.y1 - 1, tile.tile));
+    }
     const TileWork work = MeasureTile(cells, tile.core);
     for (const Prediction& part : {PredictCut(survey, work), PredictCrop(work), PredictMeasure(work, effort),
                                    PredictSolve(work, effort), PredictMend(work, effort)}) {

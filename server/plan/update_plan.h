@@ -21,7 +21,8 @@ enum class ChangeReason {
   kImageWithdrawn,
   kImageChanged,  // other pixels or likelihoods under a camera of the base
   kPoseMoved,
-  kChosenAnew,  // a view of the base that the cell had not chosen before
+  kMeshChanged,  // over a cell of its core
+  kChosenAnew,   // a view of the base that the cell had not chosen before
 };
 std::string ReasonWords(ChangeReason reason);
 
@@ -36,17 +37,22 @@ struct TileChange {
   Prediction predicted;
 };
 
-// What an update does. `survey` took the base's on: the same ground cells, views under the same numbers, new ones
-// behind them. A tile is redone if one of its cells chooses other views than in the base, or one of those that it
-// chooses changed. INVALID_ARGUMENT if the surveys do not fit together.
+// The base's tiles, grown where the survey has cells beyond them; a tile of its own for a cell that none can grow to
+// without meeting another.
+std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, const Survey& survey);
+
+// What an update does. `survey` took the base's on: the same ground cells unless the mesh changed, views under the same
+// numbers, new ones behind them. A tile is redone if one of its cells has another mesh or chooses other views than in
+// the base, or one of those that it chooses changed. `tiles`: TilesOfUpdate. INVALID_ARGUMENT if the surveys do not fit
+// together.
 StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles);
 
 // Of the task that took the base's survey on: what is new is read, and cells that it may show choose their views.
 Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);
 
-// The steps that tiles take which begin at a refined state: the finest level of the last round, and its labels. Indices
-// in RefineStepsOf.
+// The steps that tiles take which begin at a refined state: of the last round labels and the finest level; all levels
+// if the mesh changed. Indices in RefineStepsOf.
 std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey);
 
 // kUpdateFile. `full_core_seconds`: what a job on all images is predicted to take, and one from scratch at most: which

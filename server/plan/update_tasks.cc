@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "common/tile/change_cells.h"
 
@@ -52,7 +53,7 @@ PlannedTask CompareTask(const ChangeWork& work, const CellRect& cells, const See
   PlannedTask task;
   task.kind = "compare";
   task.name = absl::StrCat("compare block ", cells.x0 / kBlockCells, " ", cells.y0 / kBlockCells);
-  task.inputs = {{work.city_from, kCityFile}, {work.survey_from, kPlainSurveyFile}};
+  task.inputs = {{work.base_from, kCityFile}, {work.survey_from, kPlainSurveyFile}};
   double pixels = 0;
   for (const int32_t v : parameters.views) {
     task.view_files.insert(task.view_files.end(), work.files_of_view[v].begin(), work.files_of_view[v].end());
@@ -146,6 +147,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   for (size_t t = 0; t < base.tiles.size(); ++t) {
     taken.given.push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
   }
+  bool other_mesh = false;  // there may be one
   update.kind = update.name = kUpdateKind;
   update.parameters =
       ToJson(UpdateParameters{{settings.method_settings.partners, settings.method_settings.views_per_direction},
@@ -158,7 +160,15 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
       files.known[scene_files[i].name] = known->second;
     } else {
       update.scene_files.push_back(static_cast<int>(i));
+      other_mesh |= absl::EndsWithIgnoreCase(scene_files[i].name, ".ply");
     }
+  }
+  if (other_mesh) {  // is compared with the base's
+    const auto mesh = std::find_if(scene_files.begin(), scene_files.end(), [&](const NamedDigest& file) {
+      return file.name == files.carried[survey.mesh_path];
+    });
+    update.scene_files.push_back(static_cast<int>(mesh - scene_files.begin()));
+    std::sort(update.scene_files.begin(), update.scene_files.end());
   }
   taken.given_contents.emplace_back(kFilesFile, ToJson(files));
   update.inputs = {{TaskId(0), kBaseSurveyFile}, {TaskId(0), kCityFile}, {TaskId(0), kFilesFile}};

@@ -27,9 +27,9 @@ struct ChangeWork {
   };
   const Survey& survey;
   const std::vector<std::vector<PlannedTask::ViewFile>>& files_of_view;
-  size_t views_of_base = 0;  // those behind are new
-  TaskId city_from, survey_from;
-  size_t first_task = 0;  // place of the first of these tasks in the job's list
+  size_t views_of_base = 0;                  // those behind are new
+  TaskId base_from, city_from, survey_from;  // whose kCityFile was before, and is now
+  size_t first_task = 0;                     // place of the first of these tasks in the job's list
   std::vector<Tile> tiles;
 };
 

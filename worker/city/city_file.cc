@@ -213,7 +213,7 @@ Status WriteCity(const std::string& path, const CitySpans& city, const GroundPla
 
   const uint64_t faces = mesh.faces.size(), vertices = vertex_ids.size(), blocks = rects.size();
   TESSERA_ASSIGN_OR_RETURN(auto writer, ArrayFileWriter::Create(path, "{}",
-                                                                {{kCounts, std::vector<int64_t>(), 2},
+                                                                {{kCounts, std::vector<int64_t>(), 4},
                                                                  {kBlockCells, std::vector<int32_t>(), 4 * blocks},
                                                                  {kBlockBoxes, std::vector<double>(), 6 * blocks},
                                                                  {kBlockEnds, std::vector<int64_t>(), 2 * blocks},
@@ -224,27 +224,33 @@ Status WriteCity(const std::string& path, const CitySpans& city, const GroundPla
                                                                  {kFaceIds, std::vector<uint32_t>(), faces},
                                                                  {kLabels, std::vector<int32_t>(), faces},
                                                                  {kInputFace, std::vector<uint32_t>(), faces}}));
-  writer->Append<int64_t>(kCounts, std::array{static_cast<int64_t>(mesh.vertices.size()), static_cast<int64_t>(faces)});
+  const auto id_of = [](std::span<const uint32_t> ids, uint32_t index) { return ids.empty() ? index : ids[index]; };
+  const auto vertex_count = static_cast<int64_t>(mesh.vertices.size()), face_count = static_cast<int64_t>(faces);
+  writer->Append<int64_t>(kCounts, std::array{vertex_count, face_count, std::max(vertex_count, city.vertex_ids_end),
+                                              std::max(face_count, city.face_ids_end)});
   for (size_t b = 0; b < rects.size(); ++b) {
     const auto vertex_begin = static_cast<size_t>(vertex_ends[b]);
-    const size_t vertex_count = static_cast<size_t>(vertex_ends[b + 1]) - vertex_begin;
     CityBlock block;
-    block.vertex_ids = vertex_ids.values().subspan(vertex_begin, vertex_count);
-    block.face_ids = faces_of(b);
-    block.mesh.faces = corners.values().subspan(static_cast<size_t>(face_ends[b]), block.face_ids.size());
+    block.mesh.faces = corners.values().subspan(static_cast<size_t>(face_ends[b]), faces_of(b).size());
     std::vector<Eigen::Vector3d> positions;
+    std::vector<uint32_t> ids_of_vertices, ids_of_faces;
     Eigen::AlignedBox3d box;
-    for (const uint32_t v : block.vertex_ids) {
+    for (const uint32_t v :
+         vertex_ids.values().subspan(vertex_begin, static_cast<size_t>(vertex_ends[b + 1]) - vertex_begin)) {
+      ids_of_vertices.push_back(id_of(city.vertex_ids, v));
       positions.push_back(mesh.vertices[v]);
       box.extend(positions.back());
     }
+    block.vertex_ids = ids_of_vertices;
     block.mesh.vertices = positions;
     std::vector<int32_t> labels;
     std::vector<uint32_t> input_face;
-    for (const uint32_t f : block.face_ids) {
+    for (const uint32_t f : faces_of(b)) {
+      ids_of_faces.push_back(id_of(city.face_ids, f));
       labels.push_back(mesh.labels[f]);
-      input_face.push_back(city.input_face.empty() ? f : city.input_face[f]);
+      input_face.push_back(id_of(city.input_face, f));
     }
+    block.face_ids = ids_of_faces;
     block.mesh.labels = labels;
     block.input_face = input_face;
     writer->Append<int32_t>(kBlockCells, std::array{rects[b].x0, rects[b].y0, rects[b].x1, rects[b].y1});
@@ -266,7 +272,7 @@ StatusOr<CityReader> CityReader::Open(const std::string& path) {
   CityReader city;
   TESSERA_ASSIGN_OR_RETURN(city.file_, MappedArrays::Open(path));
   const MappedArrays& file = city.file_;
-  TESSERA_ASSIGN_OR_RETURN(const auto counts, file.Verified<int64_t>(kCounts, 2));
+  TESSERA_ASSIGN_OR_RETURN(const auto counts, file.Verified<int64_t>(kCounts, 4));
   TESSERA_ASSIGN_OR_RETURN(const auto sums, file.Verified<int64_t>(kBlockSums));
   const auto blocks = static_cast<int64_t>(sums.size());
   TESSERA_ASSIGN_OR_RETURN(const auto cells, file.Verified<int32_t>(kBlockCells, 4 * blocks));
@@ -276,6 +282,8 @@ StatusOr<CityReader> CityReader::Open(const std::string& path) {
   const auto vertices = static_cast<int64_t>(city.vertex_ids_.size());
   city.vertices_ = counts[0];
   city.faces_ = counts[1];
+  city.vertex_ids_end_ = counts[2];
+  city.face_ids_end_ = counts[3];
   TESSERA_ASSIGN_OR_RETURN(city.positions_, file.Get<double>(kPositions, 3 * vertices));
   TESSERA_ASSIGN_OR_RETURN(city.corners_, file.Get<uint32_t>(kFaces, 3 * city.faces_));
   TESSERA_ASSIGN_OR_RETURN(city.face_ids_, file.Get<uint32_t>(kFaceIds, city.faces_));
@@ -330,15 +338,18 @@ StatusOr<CityBlock> CityReader::Block(size_t index) const {
       if (v >= vertex_count) return damaged(absl::StrCat("found vertex ", v, " of ", vertex_count));
     }
   }
-  if (vertex_count > 0 && block.vertex_ids.back() >= vertices_)
+  if (vertex_count > 0 && block.vertex_ids.back() >= vertex_ids_end_)
     return damaged("found a vertex that is not in the city");
-  if (face_count > 0 && block.face_ids.back() >= faces_) return damaged("found a face that is not in the city");
+  if (face_count > 0 && block.face_ids.back() >= face_ids_end_) return damaged("found a face that is not in the city");
   return block;
 }
 
 StatusOr<City> ReadCity(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const CityReader reader, CityReader::Open(path));
   City city;
+  if (reader.vertices() != reader.vertex_ids_end() || reader.faces() != reader.face_ids_end()) {
+    return absl::FailedPreconditionError(path + ": has ids that are used no more");
+  }
   city.mesh.vertices.resize(static_cast<size_t>(reader.vertices()));
   city.mesh.faces.resize(static_cast<size_t>(reader.faces()));
   city.mesh.labels.resize(city.mesh.faces.size());

@@ -16,11 +16,13 @@
 
 namespace tessera {
 
-// The mesh after repair and splitting, local frame, wherever it lies. Its indices are the global ids of vertices and
-// faces; its topology is that of the result.
+// The mesh after repair and splitting, local frame, wherever it lies; its topology is that of the result.
 struct CitySpans {
   MeshSpans mesh;                        // labels: one a face; -1: not labelled
   std::span<const uint32_t> input_face;  // face of the scene's mesh that each face is a part of; empty: its own
+  // Global ids, ascending; empty: the indices. Of a city whose mesh changed, some are used no more (revise_city.h).
+  std::span<const uint32_t> vertex_ids = {}, face_ids = {};
+  int64_t vertex_ids_end = 0, face_ids_end = 0;  // all ids that were ever used are below; of indices: 0
 };
 
 // The faces whose centroid lies in a rectangle of cells, as a mesh of its own. Points into a CityReader.
@@ -61,6 +63,9 @@ class CityReader {
 
   int64_t vertices() const { return vertices_; }
   int64_t faces() const { return faces_; }
+  // All ids are below, also those that are used no more.
+  int64_t vertex_ids_end() const { return vertex_ids_end_; }
+  int64_t face_ids_end() const { return face_ids_end_; }
   size_t block_count() const { return blocks_.size(); }
   const CellRect& cells(size_t block) const { return blocks_[block].cells; }
   const Eigen::AlignedBox3d& box(size_t block) const { return blocks_[block].box; }
@@ -76,14 +81,14 @@ class CityReader {
     uint64_t checksum = 0;
   };
   MappedArrays file_;
-  int64_t vertices_ = 0, faces_ = 0;
+  int64_t vertices_ = 0, faces_ = 0, vertex_ids_end_ = 0, face_ids_end_ = 0;
   std::vector<Entry> blocks_;
   std::span<const double> positions_;
   std::span<const uint32_t> vertex_ids_, corners_, face_ids_, input_face_;
   std::span<const int32_t> labels_;
 };
 
-// The whole city in memory, for tests, benchmarks and small cities.
+// The whole city in memory, without gaps between ids, for tests, benchmarks and small cities.
 struct City {
   TriangleMesh mesh;
   std::vector<int64_t> input_face;

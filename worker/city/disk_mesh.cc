@@ -68,6 +68,14 @@ StatusOr<DiskMesh> ReadMeshToDisk(const SceneDescription& scene, const std::stri
   return sink.Finish();
 }
 
+Status CompleteLabels(bool has_likelihoods, const std::string& scratch_folder, DiskMesh* mesh) {
+  if (mesh->labels.size() > 0) return absl::OkStatus();
+  TESSERA_ASSIGN_OR_RETURN(mesh->labels, ScratchArray<int32_t>::Create(scratch_folder, mesh->faces.size()));
+  const std::span<int32_t> labels = mesh->labels.values();
+  std::fill(labels.begin(), labels.end(), has_likelihoods ? -1 : 0);
+  return absl::OkStatus();
+}
+
 TriangleMesh PickFaces(const MeshSpans& mesh, const std::vector<size_t>& faces) {
   TriangleMesh picked;
   for (const size_t f : faces) {

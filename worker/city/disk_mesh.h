@@ -40,6 +40,9 @@ struct DiskMesh {
 // the same errors, but for the rounding of floats.
 StatusOr<DiskMesh> ReadMeshToDisk(const SceneDescription& scene, const std::string& scratch_folder);
 
+// Labels as the line needs them, one a face: where the mesh has none, -1 if the scene has likelihoods, else 0.
+Status CompleteLabels(bool has_likelihoods, const std::string& scratch_folder, DiskMesh* mesh);
+
 // These faces of a mesh as one of its own, with vertices of their own; labels are left out.
 TriangleMesh PickFaces(const MeshSpans& mesh, const std::vector<size_t>& faces);
 

@@ -277,7 +277,7 @@ Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_e
   for (size_t c = 0; c < touched.size(); ++c) {
     const SurveyCell& cell = survey->cells[c];
     cell_at[{cell.x, cell.y}] = c;
-    touched[c] = AnyChanged(cell.views, changes.changed);
+    touched[c] = IsRevised(*survey, cell.x, cell.y) || AnyChanged(cell.views, changes.changed);
     for (size_t v = 0; v < survey->views.size() && !touched[c]; ++v) {
       touched[c] = changes.changed[v] && !survey->views[v].withdrawn &&
                    MayShow(survey->views[v].camera, {cell.box_min, cell.box_max});
@@ -348,7 +348,10 @@ Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_e
         std::vector<int32_t> views =
             ChooseViewsOfCell(block.mesh, *cells[c].second, sight, centres, candidates[i], *survey, options);
         std::vector<int32_t>& known = cells[c].first->views;
-        if (AnyChanged(views, changes.changed) || AnyChanged(known, changes.changed)) known = std::move(views);
+        if (IsRevised(*survey, cells[c].first->x, cells[c].first->y) || AnyChanged(views, changes.changed) ||
+            AnyChanged(known, changes.changed)) {
+          known = std::move(views);
+        }
       }
     });
   }

@@ -35,10 +35,11 @@ inline constexpr double kSnap_px = 0.1;
 StatusOr<ViewChanges> TakeViews(const SceneDescription& scene, bool whole, const UpdateParameters& parameters,
                                 const std::map<std::string, std::string>& carried, Survey* survey);
 
-// Chooses views anew for the cells that a changed view may show or that had chosen one, and partners for the changed
-// views and those that lost one. What a cell chose stays if no changed view comes or goes. Occlusion is asked of all
-// that may hide something of these cells. `all_epochs` false: where the views of the newest flight see as much of a
-// cell (shares of its samples that two views see) as all views do, nearly, the others are left out.
+// Chooses views anew for the cells of which the mesh is another (survey->revision), that a changed view may show or
+// that had chosen one, and partners for the changed views and those that lost one. What a cell with the base's mesh
+// chose stays if no changed view comes or goes. Occlusion is asked of all that may hide something of these cells.
+// `all_epochs` false: where the views of the newest flight see as much of a cell (shares of its samples that two views
+// see) as all views do, nearly, the others are left out.
 Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_epochs, const CellViewOptions& options,
                   const PairOptions& pairs, const TaskControl& control, Survey* survey);
 

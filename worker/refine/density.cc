@@ -99,7 +99,7 @@ void AppendParts(const Triangle& face, const std::array<uint32_t, 3>& mid, std::
 }  // namespace
 
 SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
-                          const DensityOptions& options) {
+                          const DensityOptions& options, const EdgeRule& rule) {
   SplitMesh out;
   out.mesh = mesh;
   out.parent_face.resize(mesh.faces.size());
@@ -113,7 +113,8 @@ SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamer
     ParallelFor(static_cast<int64_t>(table.edges.size()), kGrain, [&](int64_t begin, int64_t end) {
       for (int64_t e = begin; e < end; ++e) {
         const Vector3d &a = out.mesh.vertices[table.edges[e].low], &b = out.mesh.vertices[table.edges[e].high];
-        if (LongestSquaredPx(a, b, cameras) > limit_px2) midpoint[e] = 0;
+        const std::optional<bool> told = rule ? rule(table.edges[e].low, table.edges[e].high) : std::nullopt;
+        if (told ? *told : LongestSquaredPx(a, b, cameras) > limit_px2) midpoint[e] = 0;
       }
     });
     bool any = false;

@@ -4,6 +4,8 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
+#include <optional>
 #include <vector>
 
 #include "common/geometry/mesh.h"
@@ -26,6 +28,10 @@ struct SplitMesh {
   std::vector<size_t> round_ends;
 };
 
+// Whether the edge between these vertices (lower id, higher id) is halved, whatever the cameras say; none: they decide.
+// Thread-safe.
+using EdgeRule = std::function<std::optional<bool>(uint32_t low, uint32_t high)>;
+
 // Halves edges until no face's footprint should exceed the limit: an edge is split where its longest projection (over
 // the cameras that have both of its ends inside the image, each end in front) is longer than the side of an equilateral
 // triangle of that area. Decided from the edge's two end points and the cameras alone, so that everyone who shares an
@@ -33,7 +39,7 @@ struct SplitMesh {
 // (of two, the diagonal starts at the lower id), so the surface itself does not change. Conforming, deterministic. Mesh
 // and cameras in one frame.
 SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
-                          const DensityOptions& options);
+                          const DensityOptions& options, const EdgeRule& rule = {});
 
 }  // namespace tessera
 

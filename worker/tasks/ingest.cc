@@ -73,15 +73,6 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
   std::sort(survey->pairs.begin(), survey->pairs.end());
 }
 
-// Labels as the line needs them: one a face, known or -1.
-Status CompleteLabels(const SceneDescription& scene, const std::string& scratch_folder, DiskMesh* mesh) {
-  if (mesh->labels.size() > 0) return absl::OkStatus();
-  TESSERA_ASSIGN_OR_RETURN(mesh->labels, ScratchArray<int32_t>::Create(scratch_folder, mesh->faces.size()));
-  const std::span<int32_t> labels = mesh->labels.values();
-  std::fill(labels.begin(), labels.end(), scene.has_likelihoods ? -1 : 0);
-  return absl::OkStatus();
-}
-
 // What CheckSceneFolder says of a mesh, of one that it has left to us.
 Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const MeshDefects& defects, double gsd_m,
                       const std::string& scratch_folder, const TaskControl& control, Warnings* warnings) {
@@ -142,7 +133,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
         control.Report(0.5 + 0.1 * fraction, "splitting faces");
         return control.Check();
       }));
-  TESSERA_RETURN_IF_ERROR(CompleteLabels(scene, scratch, &mesh));
+  TESSERA_RETURN_IF_ERROR(CompleteLabels(scene.has_likelihoods, scratch, &mesh));
 
   CellViewOptions view_options;
   view_options.choice.views_per_direction =

@@ -17,6 +17,10 @@ Status Misfit(int tile, const char* what, uint32_t id, const std::string& fault)
   return absl::DataLossError(absl::StrCat("core of tile ", tile, ": ", what, " ", id, " ", fault));
 }
 
+Status OtherNumber(const char* what, int64_t found, int64_t expected) {
+  return absl::DataLossError(absl::StrCat("city: its blocks have ", found, " ", what, ", expected ", expected));
+}
+
 Status Ascends(int tile, const char* what, std::span<const uint32_t> ids) {
   for (size_t i = 1; i < ids.size(); ++i) {
     if (ids[i] <= ids[i - 1]) return Misfit(tile, what, ids[i], absl::StrCat("stands behind ", ids[i - 1]));
@@ -77,15 +81,13 @@ Status CoreMerger::ForEachVertex(const std::function<void(const MergedVertex&)>&
   for (const CoreSpans& core : cores_) core_lists.push_back(core.vertex_ids);
   IdMerge<uint32_t> in_city(std::move(city_lists)), in_cores(std::move(core_lists));
   MergedVertex vertex;
-  for (int64_t v = 0; v < city_->vertices(); ++v) {
-    vertex.id = static_cast<uint32_t>(v);
-    if (in_city.AtEnd() || in_city.key() != vertex.id) {
-      return absl::DataLossError(absl::StrCat("city: vertex ", v, " is in no block"));
-    }
+  int64_t visited = 0;
+  for (; !in_city.AtEnd(); ++visited) {
+    vertex.id = in_city.key();
     vertex.before = blocks_[in_city.list()].mesh.vertices[in_city.index()];
     while (!in_city.AtEnd() && in_city.key() == vertex.id) in_city.Advance();
     if (in_cores.AtEnd() || in_cores.key() != vertex.id) {
-      return absl::DataLossError(absl::StrCat("vertex ", v, " is in no tile's core"));
+      return absl::DataLossError(absl::StrCat("vertex ", vertex.id, " is in no tile's core"));
     }
     const CoreSpans& first = cores_[in_cores.list()];
     vertex.after = first.positions[in_cores.index()];
@@ -97,6 +99,7 @@ Status CoreMerger::ForEachVertex(const std::function<void(const MergedVertex&)>&
     }
     visit(vertex);
   }
+  if (visited != city_->vertices()) return OtherNumber("vertices", visited, city_->vertices());
   if (!in_cores.AtEnd()) return Misfit(cores_[in_cores.list()].tile, "vertex", in_cores.key(), "is not in the city");
   return absl::OkStatus();
 }
@@ -107,11 +110,12 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
   for (const CoreSpans& core : cores_) core_lists.push_back(core.face_ids);
   IdMerge<uint32_t> in_city(std::move(city_lists)), in_cores(std::move(core_lists));
   MergedFace face;
-  for (int64_t f = 0; f < city_->faces(); ++f, in_city.Advance()) {
-    face.id = static_cast<uint32_t>(f);
-    if (in_city.AtEnd() || in_city.key() != face.id) {
-      return absl::DataLossError(absl::StrCat("city: found no face ", f, " or two"));
+  int64_t visited = 0;
+  for (; !in_city.AtEnd(); ++visited, in_city.Advance()) {
+    if (visited > 0 && in_city.key() == face.id) {
+      return absl::DataLossError(absl::StrCat("city: found face ", face.id, " in two blocks"));
     }
+    face.id = in_city.key();
     const CityBlock& block = blocks_[in_city.list()];
     const size_t at = in_city.index();
     face.vertices = block.GlobalFace(at);
@@ -119,7 +123,7 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
     face.label_before = block.mesh.labels[at];
     face.input_face = block.input_face[at];
     if (in_cores.AtEnd() || in_cores.key() != face.id) {
-      return absl::DataLossError(absl::StrCat("face ", f, " is in no tile's core"));
+      return absl::DataLossError(absl::StrCat("face ", face.id, " is in no tile's core"));
     }
     const CoreSpans& core = cores_[in_cores.list()];
     face.tile = core.tile;
@@ -132,6 +136,7 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
     }
     visit(face);
   }
+  if (visited != city_->faces()) return OtherNumber("faces", visited, city_->faces());
   if (!in_cores.AtEnd()) return Misfit(cores_[in_cores.list()].tile, "face", in_cores.key(), "is not in the city");
   return absl::OkStatus();
 }

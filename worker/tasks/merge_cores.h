@@ -3,7 +3,9 @@
 #define TESSERA_WORKER_TASKS_MERGE_CORES_H_
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <functional>
+#include <iterator>
 #include <string>
 #include <vector>
 
@@ -37,6 +39,30 @@ class MappedCore {
   MappedArrays file_;
   CoreSpans spans_;
   std::string report_;
+};
+
+// Places in a list of ascending ids of which some are used no more.
+class IdPlaces {
+ public:
+  // The next id, greater than all before.
+  void Add(uint32_t id) {
+    if (id != next_) gaps_.push_back({id, id - count_});
+    next_ = id + 1;
+    ++count_;
+  }
+  // Of an id that was added.
+  uint32_t operator()(uint32_t id) const {
+    const auto after =
+        std::upper_bound(gaps_.begin(), gaps_.end(), id, [](uint32_t i, const Gap& gap) { return i < gap.end; });
+    return after == gaps_.begin() ? id : id - std::prev(after)->missing;
+  }
+
+ private:
+  struct Gap {
+    uint32_t end, missing;  // the id behind it; how many are missing below
+  };
+  std::vector<Gap> gaps_;
+  uint32_t next_ = 0, count_ = 0;
 };
 
 struct MergedVertex {

@@ -47,7 +47,9 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
                            ResultStatistics::Create(request.output_dir, survey.classes.size()));
   TESSERA_ASSIGN_OR_RETURN(auto positions, ScratchList<Eigen::Vector3d>::Create(request.output_dir));
   const Eigen::Matrix3d scene_from_local = survey.rotation_local_from_scene.transpose();
+  IdPlaces places;
   TESSERA_RETURN_IF_ERROR(merger.ForEachVertex([&](const MergedVertex& vertex) {
+    places.Add(vertex.id);
     mesh.AddVertex(scene_from_local * vertex.after + survey.origin_in_scene);
     statistics.AddVertex(vertex.before, vertex.after);
     positions.Append(vertex.after);
@@ -58,8 +60,9 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   MeshSpans one_face;
   one_face.vertices = after.values();
   TESSERA_RETURN_IF_ERROR(merger.ForEachFace([&](const MergedFace& face) {
-    mesh.AddFace({face.vertices, face.label, face.confidence, face.input_face});
-    one_face.faces = {&face.vertices, 1};
+    const Triangle corners = {places(face.vertices[0]), places(face.vertices[1]), places(face.vertices[2])};
+    mesh.AddFace({corners, face.label, face.confidence, face.input_face});
+    one_face.faces = {&corners, 1};
     statistics.AddFace(face.area_before_m2, face.label_before, FaceArea(one_face, 0), face.label);
   }));
   TESSERA_RETURN_IF_ERROR(mesh.Finish());

@@ -31,8 +31,8 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
     TESSERA_ASSIGN_OR_RETURN(TileState state, ReadTileState(InputPath(request, TileInputName(tile, kStateFile))));
     states.push_back(std::move(state));
   }
-  TESSERA_ASSIGN_OR_RETURN(task.known,
-                           task.work->Join(states, task.step.labels() ? label_region : iteration_region, p.held));
+  TESSERA_ASSIGN_OR_RETURN(task.known, task.work->Join(states, task.step.labels() ? label_region : iteration_region,
+                                                       p.held, p.first_new_face));
   if (p.goes_on) task.known.report = "{}";
   return task;
 }

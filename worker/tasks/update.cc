@@ -1,13 +1,19 @@
+#include <algorithm>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
+#include "common/geometry/repair.h"
 #include "common/scene/check.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
+#include "worker/city/disk_mesh.h"
 #include "worker/city/local_grid.h"
+#include "worker/city/revise_city.h"
 #include "worker/city/update_survey.h"
 #include "worker/tasks/stages.h"
 
@@ -43,6 +49,53 @@ Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneD
   return control.Check();
 }
 
+// Takes the base's city on to the scene's mesh, and writes it.
+Status ReviseMesh(const SceneDescription& scene, const std::string& base_mesh_path, const TaskRequest& request,
+                  const CityReader& city, const TaskControl& control, Survey* survey, Warnings* warnings) {
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder scratch_folder, TempFolder::Create(request.output_dir, "scratch-"));
+  const std::string& scratch = scratch_folder.path();
+  control.Report(0, "reading the meshes");
+  MeshDefects defects, of_base;
+  TESSERA_ASSIGN_OR_RETURN(DiskMesh now, ReadMeshToDisk(scene, scratch));
+  survey->input_vertices = static_cast<int64_t>(now.vertices.size());
+  survey->input_faces = static_cast<int64_t>(now.faces.size());
+  TESSERA_ASSIGN_OR_RETURN(now, RepairOnDisk(std::move(now), scratch, DiskPassOptions(), &defects));
+  WarnOfDefects(defects, warnings);
+  const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
+  if (now.float_positions) TESSERA_RETURN_IF_ERROR(CheckFloatRounding(path, now.largest_coordinate_m, survey->gsd_m));
+  if ((now.labels.size() > 0) != survey->has_labels) {
+    return InputError(path, "", survey->has_labels ? "no labels" : "labels",
+                      survey->has_labels ? "some, as the base's mesh has" : "none, as in the base's mesh");
+  }
+  SceneDescription with_base_mesh = scene;
+  with_base_mesh.mesh_path = base_mesh_path;
+  if (!FileExists(absl::StrCat(scene.folder, "/", base_mesh_path))) {
+    return InputError(path, "", "another mesh than the base's, not called .ply", "a name that ends in .ply");
+  }
+  TESSERA_ASSIGN_OR_RETURN(DiskMesh base, ReadMeshToDisk(with_base_mesh, scratch));
+  TESSERA_ASSIGN_OR_RETURN(base, RepairOnDisk(std::move(base), scratch, DiskPassOptions(), &of_base));
+  TESSERA_RETURN_IF_ERROR(CompleteLabels(survey->has_likelihoods, scratch, &now));
+  TESSERA_RETURN_IF_ERROR(CompleteLabels(survey->has_likelihoods, scratch, &base));
+  TESSERA_RETURN_IF_ERROR(control.Check());
+  control.Report(0.4, "comparing the meshes");
+  std::vector<PosedCamera> cameras;
+  for (const SceneView& view : survey->views) {
+    if (!view.withdrawn) cameras.push_back(view.camera);
+  }
+  TESSERA_ASSIGN_OR_RETURN(const RevisedCity revised, ReviseCity(city, base, now, survey->ground, cameras,
+                                                                 DensityOptions(), scratch, PartOf(control, 0.4, 0.8)));
+  if (revised.spans().mesh.faces.empty()) return InputError(path, "", "degenerate faces alone", "a mesh");
+  control.Report(0.8, "writing the city");
+  std::map<std::pair<int, int>, std::vector<int32_t>> views;
+  for (SurveyCell& cell : survey->cells) views[{cell.x, cell.y}] = std::move(cell.views);
+  survey->cells = CellsOf(revised.spans().mesh, survey->ground);
+  for (SurveyCell& cell : survey->cells) cell.views = std::move(views[{cell.x, cell.y}]);
+  survey->revision = {city.face_ids_end(), {revised.changed_cells.begin(), revised.changed_cells.end()}};
+  survey->vertices = static_cast<int64_t>(revised.mesh.vertices.size());
+  survey->faces = static_cast<int64_t>(revised.mesh.faces.size());
+  return WriteCity(OutputPath(request, kCityFile), revised.spans(), survey->ground, survey->cells, scratch);
+}
+
 }  // namespace
 
 StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
@@ -52,7 +105,8 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(const UpdateFiles files, ParseUpdateFiles(files_json));
   TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kBaseSurveyFile)));
   TESSERA_ASSIGN_OR_RETURN(Survey survey, ParseSurvey(survey_json));
-  TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
+  survey.revision.reset();
+  TESSERA_ASSIGN_OR_RETURN(CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   control.Report(0, "reading the scene");
   SceneLoadOptions load;
   for (const auto& [path, known] : files.known) load.elsewhere.insert(path);
@@ -62,20 +116,23 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(SceneDescription scene,
                            LoadScene(InputPath(request, kSceneFolder), &outcome.warnings, load));
   const bool whole = !scene.mesh_path.empty();
-  if (whole) {
-    const auto mesh = files.known.find(scene.mesh_path);
-    if (mesh == files.known.end() || !mesh->second.mesh) {
-      return InputError(absl::StrCat(scene.folder, "/", scene.mesh_path), "", "another mesh than the base's",
-                        "the same file, or none: run a scene with a new mesh as a job of its own");
-    }
-    survey.mesh_path = scene.mesh_path;
-  } else if (const auto mesh = files.carried.find(survey.mesh_path); mesh != files.carried.end()) {
+  const auto known_mesh = files.known.find(scene.mesh_path);
+  const bool other_mesh = whole && (known_mesh == files.known.end() || !known_mesh->second.mesh);
+  if (const auto mesh = files.carried.find(survey.mesh_path); mesh != files.carried.end()) {
     survey.mesh_path = mesh->second;
   }
+  const std::string base_mesh_path = survey.mesh_path;
+  if (whole) survey.mesh_path = scene.mesh_path;
   for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
-  TESSERA_RETURN_IF_ERROR(FillContents(files, PartOf(control, 0, 0.6), &scene));
+  TESSERA_RETURN_IF_ERROR(FillContents(files, PartOf(control, 0, 0.4), &scene));
 
   TESSERA_ASSIGN_OR_RETURN(const ViewChanges changes, TakeViews(scene, whole, parameters, files.carried, &survey));
+  if (other_mesh) {
+    TESSERA_RETURN_IF_ERROR(
+        ReviseMesh(scene, base_mesh_path, request, city, PartOf(control, 0.4, 0.6), &survey, &outcome.warnings));
+    TESSERA_ASSIGN_OR_RETURN(city, CityReader::Open(OutputPath(request, kCityFile)));
+    outcome.outputs.push_back(kCityFile);
+  }
   CellViewOptions options;
   options.choice.views_per_direction =
       parameters.ingest.views_per_direction.value_or(options.choice.views_per_direction);
@@ -92,15 +149,17 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
 
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kSurveyFile), SurveyToJson(survey)));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kPlainSurveyFile), SurveyToJson(WithoutNames(survey))));
-  outcome.outputs = {kSurveyFile, kPlainSurveyFile};
-  outcome.stats = nlohmann::json{{"views", survey.views.size()},
-                                 {"added", changes.added},
-                                 {"withdrawn", changes.withdrawn},
-                                 {"moved", changes.moved},
-                                 {"replaced", changes.replaced},
-                                 {"snapped", changes.snapped},
-                                 {"seconds", SecondsSince(clock, start_us)}}
-                      .dump();
+  outcome.outputs.insert(outcome.outputs.end(), {kSurveyFile, kPlainSurveyFile});
+  outcome.stats =
+      nlohmann::json{{"views", survey.views.size()},
+                     {"added", changes.added},
+                     {"withdrawn", changes.withdrawn},
+                     {"moved", changes.moved},
+                     {"replaced", changes.replaced},
+                     {"snapped", changes.snapped},
+                     {"new_faces", survey.revision ? city.face_ids_end() - survey.revision->first_new_face : 0},
+                     {"seconds", SecondsSince(clock, start_us)}}
+          .dump();
   return outcome;
 }
 

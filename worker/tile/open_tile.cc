@@ -172,8 +172,8 @@ const RegionMesh& OpenTile::region(Region region) {
   return out;
 }
 
-StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_t region,
-                                    const std::vector<int>& held) {
+StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_t region, const std::vector<int>& held,
+                                    int64_t first_new_face) {
   KnownState known;
   known.positions = package_.mesh.vertices;
   known.labels = package_.mesh.labels;
@@ -222,6 +222,7 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
   // In sight are whole cells: those of the tiles that were read.
   for (size_t f = 0; region != 0 && f < has_face.size(); ++f) {
     if (!(package_.regions[f] & region)) continue;
+    if (first_new_face >= 0 && package_.face_ids[f] >= first_new_face) continue;
     const Triangle& face = package_.mesh.faces[f];
     if (has_face[f] && has_vertex[face[0]] && has_vertex[face[1]] && has_vertex[face[2]]) continue;
     return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no state has face ", package_.face_ids[f]));

@@ -91,7 +91,9 @@ class OpenTile {
 
   // The start where there are no states, else what they say; DATA_LOSS if they do not say it of every face in
   // `region` (0: of all that is in sight) and its corners. `held`: tiles of `states` that an update leaves as they are.
-  StatusOr<KnownState> Join(const std::vector<TileState>& states, uint8_t region, const std::vector<int>& held = {});
+  // Faces from id `first_new_face` on may be in no state; -1: none may.
+  StatusOr<KnownState> Join(const std::vector<TileState>& states, uint8_t region, const std::vector<int>& held = {},
+                            int64_t first_new_face = -1);
   // Sums of every face of the region; none of `held` ones (KnownState::held_faces). DATA_LOSS if another is missing.
   StatusOr<std::vector<FaceSums>> JoinPhoto(const std::vector<TileSums>& sums, Region region,
                                             const std::vector<uint8_t>& held = {});

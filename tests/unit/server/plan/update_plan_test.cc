@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "common/base/random.h"
 #include "server/plan/graph.h"
 #include "tests/unit/server/plan/small_surveys.h"
 
@@ -130,6 +131,10 @@ TEST(UpdatePlan, ReasonsAreToldApart) {
             }),
             Reasons{})
       << "names are none";
+  EXPECT_EQ(reason([](Pair* pair, SurveyCell* cell) {
+              pair->now.revision = {1000, {{cell->x, cell->y}}};
+            }),
+            Reasons{ChangeReason::kMeshChanged});
 }
 
 TEST(UpdatePlan, TheFirstPhaseGivesWhatTheBaseMadeAndReadsWhatIsNew) {
@@ -217,6 +222,102 @@ TEST(UpdatePlan, StepsHoldTheTilesThatStay) {
   ASSERT_TRUE(publish.ok());
   EXPECT_EQ(publish->kept, held);
   EXPECT_EQ(publish->tiles.size(), 4u);
+}
+
+TEST(UpdatePlan, AnotherMeshIsTakenFromTheUpdateAndRefinedOnAllLevels) {
+  Pair pair(4);
+  const SurveyCell& cell = pair.now.cells[3];
+  pair.now.revision = {1000, {{cell.x, cell.y}}};
+  const int redone = pair.TileOf(3);
+  const std::string survey = SurveyToJson(pair.now);
+  const auto tiles = PlanTiles({}, survey, pair.Files(), &pair.base);
+  ASSERT_TRUE(tiles.ok()) << tiles.status();
+  ASSERT_EQ(tiles->size(), 2u) << "the plan and one cut";
+  const std::vector<int> all = {0, 1, 2, 3};
+  const auto steps = PlanSteps({}, survey, pair.Files(), {{all, all, all, all}}, &pair.base);
+  ASSERT_TRUE(steps.ok()) << steps.status();
+  std::set<int> levels;
+  int begins = 0;
+  const std::vector<RefineStep> refine = RefineStepsOf("tessera", 0, {});
+  for (const std::vector<PlannedTask>* phase : {&*tiles, &*steps}) {
+    for (const PlannedTask& task : *phase) {
+      for (const PlannedInput& input : task.inputs) {
+        if (input.output == kCityFile) {
+          EXPECT_EQ(input.task.value(), 1) << task.name;
+        }
+        if (input.output == TileInputName(redone, kStateFile)) {
+          EXPECT_EQ(task.kind, "mend") << "whose states have the new faces";
+        }
+      }
+      if (task.kind != "solve" && task.kind != "mend") continue;
+      const auto parameters = ParseStepParameters(task.parameters);
+      ASSERT_TRUE(parameters.ok()) << parameters.status();
+      EXPECT_EQ(parameters->first_new_face, parameters->before ? 1000 : -1);
+      EXPECT_EQ(parameters->goes_on, parameters->before);
+      begins += parameters->before;
+      if (task.kind == "solve") levels.insert(refine[parameters->step].level);
+    }
+  }
+  EXPECT_EQ(begins, 1);
+  EXPECT_EQ(levels, (std::set<int>{-1, 0, 1, 2}));
+}
+
+TEST(UpdatePlan, TheBasesMeshIsReadWhereTheSceneMayHaveAnother) {
+  Pair pair(4);
+  for (const bool other : {false, true}) {
+    std::vector<NamedDigest> files;
+    for (const NamedDigest& file : pair.base.scene_files) {
+      if (file.name != "mesh.ply") files.push_back(file);
+      if (file.name == "mesh.ply") files.push_back({CarriedName(file), file.digest});
+    }
+    if (other) files.push_back({"mesh.ply", DigestOf("another mesh")});
+    std::sort(files.begin(), files.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+    const auto tasks = PlanUpdate({}, files, pair.base);
+    ASSERT_TRUE(tasks.ok()) << tasks.status();
+    int meshes = 0;
+    for (const int file : (*tasks)[1].scene_files) meshes += files[file].name.ends_with("mesh.ply");
+    EXPECT_EQ(meshes, other ? 2 : 0);
+    EXPECT_TRUE(std::is_sorted((*tasks)[1].scene_files.begin(), (*tasks)[1].scene_files.end()));
+  }
+}
+
+TEST(UpdatePlan, TilesGrowToNewCellsAndNeverMeet) {
+  Random random(5);
+  for (int round = 0; round < 40; ++round) {
+    Pair pair(9);
+    pair.now.revision.emplace();
+    for (int i = 0; i < 12; ++i) {
+      SurveyCell cell = pair.now.cells[0];
+      cell.x = static_cast<int>(random.Below(24)) - 8;
+      cell.y = static_cast<int>(random.Below(24)) - 8;
+      pair.now.cells.push_back(cell);
+      pair.now.revision->cells.push_back({cell.x, cell.y});
+    }
+    std::sort(pair.now.revision->cells.begin(), pair.now.revision->cells.end());
+    const std::vector<TileParameters> tiles = TilesOfUpdate(pair.base.tiles, pair.now);
+    for (const SurveyCell& cell : pair.now.cells) {
+      EXPECT_EQ(std::count_if(tiles.begin(), tiles.end(),
+                              [&](const TileParameters& tile) {
+                                return tile.core.Contains({cell.x, cell.y});
+                              }),
+                1);
+    }
+    for (size_t t = 0; t < tiles.size(); ++t) EXPECT_EQ(tiles[t].tile, static_cast<int>(t));
+  }
+}
+
+TEST(UpdatePlan, ATileOfWhichNothingIsLeftIsRefused) {
+  Pair pair(9);
+  const CellRect core = pair.base.tiles[4].core;
+  pair.now.revision.emplace();
+  std::erase_if(pair.now.cells, [&](const SurveyCell& cell) {
+    const bool gone = core.Contains({cell.x, cell.y});
+    if (gone) pair.now.revision->cells.push_back({cell.x, cell.y});
+    return gone;
+  });
+  std::sort(pair.now.revision->cells.begin(), pair.now.revision->cells.end());
+  const auto changes = FindChangedTiles({}, pair.before, pair.now, pair.base.tiles);
+  EXPECT_THAT(changes.status().message(), HasSubstr("all of tile 4 of the base"));
 }
 
 TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
