@@ -91,16 +91,8 @@ std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) 
   const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
   const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
   const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
-  int finest = steps.back().level;
-  for (const RefineStep& step : steps) {
-    if (!step.labels()) finest = finest < 0 ? step.level : std::min(finest, step.level);
-  }
-  std::vector<int> chosen;
-  for (const int s : ActiveSteps(steps, rules, traits)) {
-    if (steps[s].round == steps.back().round && (steps[s].labels() || survey.revision || steps[s].level == finest)) {
-      chosen.push_back(s);
-    }
-  }
+  std::vector<int> chosen = ActiveSteps(steps, rules, traits);
+  std::erase_if(chosen, [&](int s) { return steps[s].round != steps.back().round; });
   return chosen;
 }
 

@@ -214,8 +214,10 @@ bool AnyChanged(const std::vector<int32_t>& views, const std::vector<uint8_t>& c
   return std::any_of(views.begin(), views.end(), [&](int32_t v) { return changed[v] != 0; });
 }
 
-// Pairs with the views that are in play; of those that stay, as they were.
-void ChoosePartners(const TriangleMesh& samples, const ViewChanges& changes, const PairOptions& asked, Survey* survey) {
+// Pairs with the views that are in play; of those that stay, as they were. `epochs`: of views, as CellViewOptions has
+// them: each view has partners among its own too, for cells that leave the others out.
+void ChoosePartners(const TriangleMesh& samples, const ViewChanges& changes, const std::vector<int>& epochs,
+                    const PairOptions& asked, Survey* survey) {
   std::vector<uint8_t> chooses = changes.changed;
   std::vector<std::array<int32_t, 2>> pairs;
   for (const auto& pair : survey->pairs) {
@@ -225,21 +227,35 @@ void ChoosePartners(const TriangleMesh& samples, const ViewChanges& changes, con
       pairs.push_back(pair);
     }
   }
-  std::vector<int32_t> in_play;
-  std::vector<PosedCamera> cameras;
-  std::vector<uint8_t> choosers;
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& p : samples.vertices) box.extend(p);
+  std::vector<int32_t> in_play;
+  std::map<int, std::vector<int32_t>> of_epoch;  // of these, where one chooses
   for (size_t v = 0; v < survey->views.size(); ++v) {
     if (survey->views[v].withdrawn || !MayShow(survey->views[v].camera, box)) continue;
     in_play.push_back(static_cast<int32_t>(v));
-    cameras.push_back(survey->views[v].camera);
-    choosers.push_back(chooses[v]);
+    if (!epochs.empty() && chooses[v]) of_epoch[epochs[v]];
+  }
+  for (const int32_t v : in_play) {
+    if (epochs.empty()) break;
+    if (const auto epoch = of_epoch.find(epochs[v]); epoch != of_epoch.end()) epoch->second.push_back(v);
   }
   PairOptions options = asked;
   options.samples = static_cast<int>(samples.faces.size());
-  for (const ViewPair& pair : SelectPairs(samples, cameras, options, choosers)) {
-    pairs.push_back({in_play[pair.reference], in_play[pair.other]});
+  const auto add_partners = [&](const std::vector<int32_t>& views) {
+    std::vector<PosedCamera> cameras;
+    std::vector<uint8_t> choosers;
+    for (const int32_t v : views) {
+      cameras.push_back(survey->views[v].camera);
+      choosers.push_back(chooses[v]);
+    }
+    for (const ViewPair& pair : SelectPairs(samples, cameras, options, choosers)) {
+      pairs.push_back({views[pair.reference], views[pair.other]});
+    }
+  };
+  add_partners(in_play);
+  for (const auto& [epoch, views] : of_epoch) {
+    if (views.size() < in_play.size()) add_partners(views);
   }
   std::sort(pairs.begin(), pairs.end());
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
@@ -356,7 +372,7 @@ Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_e
     });
   }
   TESSERA_RETURN_IF_ERROR(control.Check());
-  ChoosePartners(samples, changes, pairs, survey);
+  ChoosePartners(samples, changes, options.epoch_of_view, pairs, survey);
   return absl::OkStatus();
 }
 

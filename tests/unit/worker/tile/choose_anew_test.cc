@@ -80,6 +80,26 @@ TEST(ChooseAnew, TheNewestFlightIsPreferredWhereItSeesEnough) {
   EXPECT_GT(old_views(true), 0);
 }
 
+TEST(ChooseAnew, NewViewsHavePartnersAmongThemselvesForCellsThatLeaveTheOldOut) {
+  ViewChanges changes;
+  TinyCity tiny = WithSecondFlight(&changes);
+  PairOptions pairs;
+  pairs.partners = 1;
+  pairs.min_angle_rad = 0;  // of the views that stand where it does
+  const auto without_new_partner = [&](bool all_epochs) {
+    Survey survey = tiny.survey;
+    survey.pairs.clear();
+    EXPECT_TRUE(ChooseAnew(tiny.city, changes, all_epochs, CellViewOptions(), pairs, {}, &survey).ok());
+    std::vector<uint8_t> has(survey.views.size(), 0);
+    for (const auto& [a, b] : survey.pairs) has[a] |= changes.changed[a] && changes.changed[b];
+    int without = 0;
+    for (size_t v = 0; v < has.size(); ++v) without += changes.changed[v] && !has[v];
+    return without;
+  };
+  EXPECT_EQ(without_new_partner(false), 0);
+  EXPECT_GT(without_new_partner(true), 0) << "its only partner is an old one";
+}
+
 TEST(ChooseAnew, DatesTellWhichFlightIsNewest) {
   ViewChanges changes;
   TinyCity tiny = WithSecondFlight(&changes);
