@@ -7,6 +7,8 @@
 #include <utility>
 
 #include "common/base/version.h"
+#include "common/tile/survey.h"
+#include "server/plan/rollback.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
 
@@ -96,7 +98,29 @@ JobStatus Dispatcher::JobStatusLocked(int job) const {
   return StatusOfJob(ledger_.jobs()[job], job, leases_, environment_.clock->MonotonicUs());
 }
 
+StatusOr<NewJob> Dispatcher::CompleteRollback(NewJob job) const {
+  UpdateSettings& update = job.settings.update;
+  std::vector<UpdateBase> chain;
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(chain, ledger_.ChainTo(update.base, update.rollback_to));
+    TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(update.base));
+    const JobHeader& base = ledger_.jobs()[index].header;
+    TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, base.settings));
+    job.scene_path = base.scene_path;
+    job.scene_files = chain.front().scene_files;
+    job.warnings = base.warnings;
+    if (job.display_name.empty()) job.display_name = base.display_name;
+  }
+  for (const UpdateBase* each : {&chain.front(), &chain.back()}) TESSERA_RETURN_IF_ERROR(CheckStored(*each));
+  TESSERA_ASSIGN_OR_RETURN(const std::string json, environment_.blobs->Read(chain.front().survey));
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(json));
+  TESSERA_ASSIGN_OR_RETURN(update.rollback_tiles, TilesToRollBack(chain, survey, update.rollback_tiles));
+  return job;
+}
+
 StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) const {
+  if (!job.settings.update.rollback_to.empty()) return CompleteRollback(std::move(job));
   for (const NamedDigest& file : job.scene_files) {
     if (!IsCarried(file.name)) continue;
     return InputError(job.scene_path + "/" + file.name, "", "a file in a folder of this name", "none: it is reserved");

@@ -28,6 +28,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.tile = record.tile();
   task.parameters = record.parameters_json();
   task.cost = record.cost();
+  if (record.scale() > 0) task.scale = record.scale();
   task.peak_bytes = record.peak_bytes();
   task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
   for (const auto& file : record.view_files()) {
@@ -110,6 +111,7 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
       if (as == kCityFile) {
         base.city = digest;
       } else if (as == kPlainSurveyFile) {
+        base.plain = digest;
         TESSERA_ASSIGN_OR_RETURN(base.survey, InputDigest(job, {input.task, kSurveyFile}));
       } else {
         base.states.push_back(digest);  // in the order of the tiles
@@ -119,7 +121,46 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
   if (base.tiles.empty()) {
     return absl::FailedPreconditionError(name + " has no result (it was a plan alone): name the job that it was for");
   }
+  base.measured = MeasuredIn(job);
   return base;
+}
+
+StatusOr<UpdateBase> Ledger::BaseOf(const UpdateSettings& update) const {
+  TESSERA_ASSIGN_OR_RETURN(UpdateBase base, BaseOf(update.base));
+  if (update.rollback_to.empty()) return base;
+  TESSERA_ASSIGN_OR_RETURN(const UpdateBase earlier, BaseOf(update.rollback_to));
+  for (const int tile : update.rollback_tiles) base.states[tile] = earlier.states[tile];
+  return base;
+}
+
+StatusOr<std::vector<UpdateBase>> Ledger::ChainTo(const std::string& name, const std::string& earlier) const {
+  std::vector<UpdateBase> chain;
+  std::string passed;
+  for (std::string next = name; !next.empty();) {
+    TESSERA_ASSIGN_OR_RETURN(chain.emplace_back(), BaseOf(next));
+    if (next == earlier && chain.size() > 1) return chain;
+    if (chain.size() > 1) passed += (passed.empty() ? "" : ", ") + next;
+    next = jobs_[*FindJob(next)].header.settings.update.base;
+  }
+  return InputError("rollback", "", earlier,
+                    passed.empty() ? name + " to have a base: it is the first of its city"
+                                   : "a job that " + name + " goes on from: " + passed);
+}
+
+MeasuredCosts Ledger::MeasuredIn(const Job& last) const {
+  MeasuredCosts measured;
+  for (const Job* job = &last; job != nullptr;) {
+    for (const JobTask& task : job->tasks) {
+      const std::string& kind = task.plan.kind;
+      if (task.reused || kind == kUpdateKind || (kind == kIngestKind && job != &last)) continue;
+      MeasuredCost& of_kind = measured[kind];
+      of_kind.predicted += task.plan.cost / task.plan.scale;
+      of_kind.used += task.usage.core_seconds;
+    }
+    const std::string& base = job->header.settings.update.base;
+    job = base.empty() ? nullptr : &jobs_[*FindJob(base)];
+  }
+  return measured;
 }
 
 const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const {

@@ -101,7 +101,8 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
 }
 
 StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
-                                                   const Survey& survey, const std::vector<TileParameters>& tiles) {
+                                                   const Survey& survey, const std::vector<TileParameters>& tiles,
+                                                   const CostScale& costs) {
   if (survey.cells.size() != base.cells.size() || survey.views.size() < base.views.size()) {
     return absl::InvalidArgumentError("update: the survey has other cells or fewer views than the base's");
   }
@@ -125,8 +126,10 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
     for (const auto& [reason, views] : why) change.why.push_back({reason, {views.begin(), views.end()}});
     if (change.why.empty()) continue;
     const TileWork work = MeasureTile(cells, tile.core);
-    for (const Prediction& part : {PredictCut(survey, work), PredictCrop(work), PredictMeasure(work, effort),
-                                   PredictSolve(work, effort), PredictMend(work, effort)}) {
+    for (const Prediction& part :
+         {costs.Corrected("cut", PredictCut(survey, work)), costs.Corrected("crop", PredictCrop(work)),
+          costs.Corrected("measure", PredictMeasure(work, effort)),
+          costs.Corrected("solve", PredictSolve(work, effort)), costs.Corrected("mend", PredictMend(work, effort))}) {
       change.predicted.core_seconds += part.core_seconds;
       change.predicted.peak_bytes = std::max(change.predicted.peak_bytes, part.peak_bytes);
     }
