@@ -28,7 +28,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.tile = record.tile();
   task.parameters = record.parameters_json();
   task.cost = record.cost();
-  if (record.scale() > 0) task.scale = record.scale();
+  task.scale = record.scale();
   task.peak_bytes = record.peak_bytes();
   task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
   for (const auto& file : record.view_files()) {
@@ -153,6 +153,7 @@ MeasuredCosts Ledger::MeasuredIn(const Job& last) const {
     for (const JobTask& task : job->tasks) {
       const std::string& kind = task.plan.kind;
       if (task.reused || kind == kUpdateKind || (kind == kIngestKind && job != &last)) continue;
+      if (task.plan.scale == 0) continue;  // predicted by the model of an earlier release
       MeasuredCost& of_kind = measured[kind];
       of_kind.predicted += task.plan.cost / task.plan.scale;
       of_kind.used += task.usage.core_seconds;

@@ -52,7 +52,7 @@ struct PlannedTask {
   // Not empty: outputs that are known beforehand; nothing runs. Contents are stored when the task is planned.
   std::vector<NamedDigest> given = {};
   std::vector<std::pair<std::string, std::string>> given_contents = {};  // name, content
-  double scale = 1;                                                      // in `cost`, of CostScale
+  double scale = 1;                                                      // in `cost`, of CostScale; 0: not known
 };
 
 // Kinds of tasks that the coordinator knows: what the next phase is planned from, and what ends a job.
