@@ -31,18 +31,21 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::Creat
   }
   // Before the scene is read; whether it can be planned is asked later.
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(FromProto(request.settings())));
-  if (!std::filesystem::path(request.scene_path()).is_absolute()) {
-    return InputError("scene_path", "", "'" + request.scene_path() + "'", "an absolute path");
-  }
-  TESSERA_ASSIGN_OR_RETURN(const SceneListing scene,
-                           environment.list_scene(request.scene_path(), request.settings().update().base().empty()));
   NewJob job;
   job.request_id = request.request_id();
-  job.display_name = request.display_name().empty() ? scene.name : request.display_name();
-  job.scene_path = scene.folder;
+  job.display_name = request.display_name();
   job.settings = FromProto(request.settings());
-  job.warnings = scene.warnings;
-  TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene, *environment.digests, *environment.clock));
+  if (job.settings.update.rollback_to.empty()) {  // else the base's scene, which is not read again
+    if (!std::filesystem::path(request.scene_path()).is_absolute()) {
+      return InputError("scene_path", "", "'" + request.scene_path() + "'", "an absolute path");
+    }
+    TESSERA_ASSIGN_OR_RETURN(const SceneListing scene,
+                             environment.list_scene(request.scene_path(), job.settings.update.base.empty()));
+    if (job.display_name.empty()) job.display_name = scene.name;
+    job.scene_path = scene.folder;
+    job.warnings = scene.warnings;
+    TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene, *environment.digests, *environment.clock));
+  }
   // Whoever asked may have gone meanwhile, and would not know of the job.
   if (context.IsCancelled()) return absl::CancelledError("the caller has gone");
   if (!request.validate_only()) return environment.dispatcher->CreateJob(job);

@@ -31,6 +31,15 @@ void TakeTask(const json& task, LineageJob* job) {
   }
 }
 
+// Place of the job that the one at `place` took the tile from; the chain's end if there is none.
+size_t TakenFrom(const std::vector<LineageJob>& chain, size_t place, int tile) {
+  const LineageJob& job = chain[place];
+  if (!job.rolled_back.contains(tile)) return place + 1;
+  const auto from = std::find_if(chain.begin() + static_cast<std::ptrdiff_t>(place), chain.end(),
+                                 [&](const LineageJob& each) { return each.name == job.rollback_to; });
+  return static_cast<size_t>(from - chain.begin());
+}
+
 }  // namespace
 
 StatusOr<LineageJob> ParseLineageJob(const std::string& job_text, const std::string& update_text) {
@@ -52,6 +61,10 @@ StatusOr<LineageJob> ParseLineageJob(const std::string& job_text, const std::str
     job.algorithm_version = head.value("algorithm_version", "");
     job.method = head.at("settings").at("method");
     job.from_scratch = head["settings"].value("from_scratch", false);
+    if (head.contains("rollback")) {
+      job.rollback_to = head["rollback"].at("to");
+      job.rolled_back = head["rollback"].at("tiles").get<std::set<int>>();
+    }
     if (!update_text.empty()) {
       const json update = json::parse(update_text);
       for (const json& tile : update.at("tiles")) {
@@ -95,23 +108,23 @@ StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain) {
   Lineage lineage;
   for (const TileParameters& tile : chain.front().tiles) {
     TileLineage traced = {tile, 0, {}, std::nullopt};
-    const Digest* handed_on = nullptr;  // by the base, as the job before took it
-    for (; traced.made_by < chain.size(); ++traced.made_by) {
+    const LineageJob* taker = nullptr;  // took the tile from the next
+    while (traced.made_by < chain.size()) {
       const LineageJob& job = chain[traced.made_by];
       const auto made = job.made.find(tile.tile), taken = job.taken.find(tile.tile);
       const bool here = made != job.made.end();
       if (!here && taken == job.taken.end()) {
         return absl::DataLossError(absl::StrCat(job.name, ": neither made tile ", tile.tile, " nor took it over"));
       }
-      const Digest& state = here ? made->second : taken->second;
-      if (handed_on != nullptr && !(*handed_on == state)) {
-        return absl::DataLossError(absl::StrCat(chain[traced.made_by - 1].name, ": took tile ", tile.tile,
-                                                " with the state ", handed_on->sha256, ", but ", job.name, " has ",
-                                                state.sha256));
+      traced.state = here ? made->second : taken->second;
+      if (taker != nullptr && !(taker->taken.at(tile.tile) == traced.state)) {
+        return absl::DataLossError(absl::StrCat(taker->name, ": took tile ", tile.tile, " with the state ",
+                                                taker->taken.at(tile.tile).sha256, ", but ", job.name, " has ",
+                                                traced.state.sha256));
       }
-      traced.state = state;
       if (here) break;
-      handed_on = &state;
+      taker = &job;
+      traced.made_by = TakenFrom(chain, traced.made_by, tile.tile);
     }
     if (traced.made_by == chain.size()) {
       return absl::DataLossError(absl::StrCat(chain.back().name, ": took over tile ", tile.tile, ", but has no base"));

@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -35,8 +36,10 @@ struct LineageJob {
   Digest survey;
   std::vector<TileParameters> tiles;             // ascending
   std::map<int, Digest> made;                    // by tile: the last state that a task of this job left
-  std::map<int, Digest> taken;                   // by tile: the state that it took from its base
+  std::map<int, Digest> taken;                   // by tile: the state that it took from its base, or from rollback_to
   std::map<int, std::vector<RedoReason>> redos;  // by tile that images touched, of an update
+  std::string rollback_to;                       // the job of the chain that it took these tiles from; empty: none
+  std::set<int> rolled_back;
 };
 
 // `job`: job.json. `update`: kUpdateFile, empty if the job is no update. Reads a task at a time: a city's have much

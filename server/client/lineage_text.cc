@@ -48,6 +48,7 @@ std::string ImagesWords(const TileLineage& tile) {
 struct Turn {
   bool made = false;
   bool from_start = false;                           // made from the start mesh
+  bool rolled_back = false;                          // taken from job.rollback_to
   const std::vector<RedoReason>* reasons = nullptr;  // of an update; null: images do not tell
 };
 
@@ -55,6 +56,7 @@ Turn TurnOf(const LineageJob& job, int tile) {
   Turn turn;
   turn.made = job.made.contains(tile);
   turn.from_start = turn.made && (job.base.empty() || job.from_scratch);
+  turn.rolled_back = job.rolled_back.contains(tile);
   if (const auto it = job.redos.find(tile); turn.made && it != job.redos.end()) turn.reasons = &it->second;
   return turn;
 }
@@ -72,6 +74,7 @@ std::string ReasonsWords(const std::vector<RedoReason>& reasons) {
 
 std::string TurnWords(const LineageJob& job, int tile) {
   const Turn turn = TurnOf(job, tile);
+  if (turn.rolled_back) return "rolled back to " + job.rollback_to;
   if (!turn.made) return "kept from " + job.base;
   std::string words = job.base.empty()  ? "made from the start mesh"
                       : turn.from_start ? "redone from the start mesh"
@@ -85,7 +88,12 @@ Json TileJson(const Lineage& lineage, const TileLineage& tile) {
   Json history = Json::array();
   for (const LineageJob& job : lineage.chain) {
     const Turn turn = TurnOf(job, tile.tile.tile);
-    Json entry = {{"job", job.name}, {"did", !turn.made ? "kept" : job.base.empty() ? "made" : "redone"}};
+    const char* const did = turn.rolled_back   ? "rolled back"
+                            : !turn.made       ? "kept"
+                            : job.base.empty() ? "made"
+                                               : "redone";
+    Json entry = {{"job", job.name}, {"did", did}};
+    if (turn.rolled_back) entry["to"] = job.rollback_to;
     if (turn.made) entry["from_start"] = turn.from_start;
     if (turn.reasons != nullptr) {
       entry["why"] = Json::array();

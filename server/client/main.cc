@@ -15,6 +15,7 @@ int main(int argc, char** argv) {
   tessera::AddPlanCommand(app, &exit_code);
   tessera::AddSubmitCommand(app, &exit_code);
   tessera::AddUpdateCommand(app, &exit_code);
+  tessera::AddRollbackCommand(app, &exit_code);
   tessera::AddJobsCommand(app, &exit_code);
   tessera::AddWatchCommand(app, &exit_code);
   tessera::AddCancelCommand(app, &exit_code);

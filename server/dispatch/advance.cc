@@ -19,6 +19,7 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_tile(task.tile);
   record->set_parameters_json(task.parameters);
   record->set_cost(task.cost);
+  record->set_scale(task.scale);
   record->set_peak_bytes(task.peak_bytes);
   record->mutable_scene_files()->Add(task.scene_files.begin(), task.scene_files.end());
   for (const PlannedTask::ViewFile& file : task.view_files) {
@@ -99,7 +100,7 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
     step.scene_files = job.scene_files;
     step.tasks = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
     const std::string& base = step.settings.update.base;
-    if (!base.empty()) step.base = ledger_.BaseOf(base);
+    if (!base.empty()) step.base = ledger_.BaseOf(step.settings.update);
     for (int task = 0; task < step.tasks; ++task) {
       const std::string& kind = job.tasks[task].plan.kind;
       if (kind == kIngestKind || kind == kUpdateKind) {
@@ -165,7 +166,7 @@ StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step
 // Results that an update takes over may have been lost since.
 Status Dispatcher::CheckStored(const UpdateBase& base) const {
   std::vector<Digest> needed = base.states;
-  needed.insert(needed.end(), {base.survey, base.city});
+  needed.insert(needed.end(), {base.survey, base.plain, base.city});
   for (const Digest& digest : needed) {
     if (environment_.blobs->Has(digest)) continue;
     return absl::FailedPreconditionError(base.name + ": its result " + digest.sha256 +

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <limits>
-#include <set>
 #include <utility>
 
 #include "common/base/version.h"
@@ -94,29 +93,6 @@ Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
 
 JobStatus Dispatcher::JobStatusLocked(int job) const {
   return StatusOfJob(ledger_.jobs()[job], job, leases_, environment_.clock->MonotonicUs());
-}
-
-StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) const {
-  for (const NamedDigest& file : job.scene_files) {
-    if (!IsCarried(file.name)) continue;
-    return InputError(job.scene_path + "/" + file.name, "", "a file in a folder of this name", "none: it is reserved");
-  }
-  if (!job.settings.update.base.empty()) {
-    std::lock_guard lock(mutex_);
-    TESSERA_ASSIGN_OR_RETURN(const UpdateBase base, ledger_.BaseOf(job.settings.update.base));
-    TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(base.name));
-    TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, ledger_.jobs()[index].header.settings));
-    std::set<std::string> contents;
-    for (const NamedDigest& file : job.scene_files) contents.insert(file.digest.sha256);
-    for (const NamedDigest& file : base.scene_files) {
-      if (contents.insert(file.digest.sha256).second) job.scene_files.push_back({CarriedName(file), file.digest});
-    }
-  }
-  std::vector<std::string> names;
-  for (const NamedDigest& file : job.scene_files) names.push_back(file.name);
-  std::sort(names.begin(), names.end());
-  TESSERA_RETURN_IF_ERROR(environment_.planner->Ingest(job.settings, names).status());
-  return job;
 }
 
 StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {

@@ -97,7 +97,8 @@ class Dispatcher {
   const DispatchOptions& options() const { return options_; }
 
   // The job as it would be accepted: an update with its base's settings and with the files of the base that its scene
-  // lacks. Errors, the user's to read, if its settings and scene cannot be planned. Changes nothing.
+  // lacks; one that rolls tiles back with its base's scene and all tiles that differ, if it names none. Errors, the
+  // user's to read, if its settings and scene cannot be planned. Changes nothing.
   StatusOr<NewJob> CompleteJob(NewJob job) const;
   // Jobs. A request_id that was used gives its job again (ALREADY_EXISTS if it was for another
   // scene).
@@ -152,6 +153,7 @@ class Dispatcher {
   std::optional<TaskRef> NextReadyLocked(const std::string& worker, double waited_s);
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
   Status SeenLocked(const std::string& worker);
+  StatusOr<NewJob> CompleteRollback(NewJob job) const;
   JobStatus JobStatusLocked(int job) const;
   void ChangedLocked();
 

@@ -109,6 +109,9 @@ std::string JobReportJson(const Job& job, const std::string& error, int64_t end_
                  {"from_scratch", header.settings.update.from_scratch},
                  {"method_settings", Json::parse(ToJson(header.settings.method_settings))}}},
                {"state", error.empty() ? "succeeded" : "failed"}};
+  if (const UpdateSettings& update = header.settings.update; !update.rollback_to.empty()) {
+    json["rollback"] = {{"to", update.rollback_to}, {"tiles", update.rollback_tiles}};
+  }
   if (!error.empty()) json["error"] = error;
   json["warnings"] = header.warnings;
   int attempts = 0, reused = 0;

@@ -28,6 +28,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.tile = record.tile();
   task.parameters = record.parameters_json();
   task.cost = record.cost();
+  task.scale = record.scale();
   task.peak_bytes = record.peak_bytes();
   task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
   for (const auto& file : record.view_files()) {
@@ -84,42 +85,6 @@ StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const Planne
     inputs.push_back({ViewFileName(file.view, file.likelihoods), job.scene_files[file.file].digest});
   }
   return inputs;
-}
-
-StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
-  TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(name));
-  const Job& job = jobs_[index];
-  if (job.header.state != JobState::kSucceeded) {
-    return absl::FailedPreconditionError(name + " has not succeeded: an update needs a base that has");
-  }
-  if (job.header.algorithm_version != algorithm_version_) {
-    return absl::FailedPreconditionError(name + " was made by version " + job.header.algorithm_version +
-                                         " of the algorithms, and this is " + algorithm_version_ +
-                                         ": its results do not go together; run its scene anew, without a base");
-  }
-  UpdateBase base;
-  base.name = name;
-  base.scene_files = job.scene_files;
-  for (const JobTask& task : job.tasks) {
-    if (task.plan.kind != kPublishKind) continue;
-    TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(task.plan.parameters));
-    base.tiles = parameters.tiles;
-    for (const PlannedInput& input : task.plan.inputs) {
-      TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
-      const std::string as = InputName(input);
-      if (as == kCityFile) {
-        base.city = digest;
-      } else if (as == kPlainSurveyFile) {
-        TESSERA_ASSIGN_OR_RETURN(base.survey, InputDigest(job, {input.task, kSurveyFile}));
-      } else {
-        base.states.push_back(digest);  // in the order of the tiles
-      }
-    }
-  }
-  if (base.tiles.empty()) {
-    return absl::FailedPreconditionError(name + " has no result (it was a plan alone): name the job that it was for");
-  }
-  return base;
 }
 
 const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const {

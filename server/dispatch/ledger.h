@@ -63,12 +63,18 @@ class Ledger {
   // What an update takes from this job, without the survey's content; FAILED_PRECONDITION with what to do unless the
   // job has succeeded, made by this version.
   StatusOr<UpdateBase> BaseOf(const std::string& job) const;
+  // The same for an update with these settings: of one that rolls tiles back, with the states that they go back to.
+  StatusOr<UpdateBase> BaseOf(const UpdateSettings& update) const;
+  // BaseOf `job`, its base, ... to `earlier`. INVALID_ARGUMENT with those that there are if that is not among them.
+  StatusOr<std::vector<UpdateBase>> ChainTo(const std::string& job, const std::string& earlier) const;
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
   // Absolute path of a scene file with this content; empty if no job has one.
   std::string FindSceneFile(const Digest& digest) const;
 
  private:
+  // What tasks that ran took, of this job and those that it goes on from, as UpdateBase::measured.
+  MeasuredCosts MeasuredIn(const Job& last) const;
   Status CheckAccepted(const v1::JobAccepted& change) const;
   Status CheckPlanned(const v1::TasksPlanned& change) const;
   Status CheckStarted(const v1::AttemptStarted& change) const;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <set>
 #include <string>
@@ -17,6 +18,8 @@ using Eigen::Vector3d;
 
 // How the refine task crops images (worker/tile/tile_views.cc).
 constexpr double kCropMargin_px = 32, kCropAlignment_px = 16;
+// How far pixels are read around those of a reference: two windows' radii (PhotoTerm).
+constexpr double kReferenceMargin_px = 6;
 constexpr double kNear_m = 1e-3;
 
 // --- Constants of the version ---
@@ -47,8 +50,8 @@ constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLab
 constexpr double kTaskSeconds = 0.01;       // of any task: to bring and store its files
 constexpr double kFaceSeconds = 2e-6;       // a face, before the first step
 constexpr double kStateSeconds = 0.1e-6;    // a face whose state or sums a task of one step reads
-constexpr double kWarpSeconds = 26e-9;      // a reference pixel, partner and evaluation
-constexpr double kDrawSeconds = 23e-9;      // a face in sight, view and step, on whatever level
+constexpr double kWarpSeconds = 32e-9;      // a reference pixel, partner and evaluation
+constexpr double kDrawSeconds = 85e-9;      // a face, view that is drawn and step, on whatever level
 constexpr double kSolveSeconds = 1.3e-6;    // a face and iteration
 constexpr double kMendSeconds = 2.7e-6;     // a face and repair
 constexpr double kLabelSeconds = 32e-9;     // a pixel of the crops and labelling
@@ -99,7 +102,7 @@ double ShareWithin(const SurveyCell& cell, const CellRect& core, double margin_m
 }
 
 // Pixels of the rectangle around what the camera sees of the boxes; 0 if it sees nothing.
-double CropPixels(const std::vector<Box>& boxes, const PosedCamera& camera) {
+double CropPixels(const std::vector<Box>& boxes, const PosedCamera& camera, double margin_px) {
   const double width = camera.intrinsics.width, height = camera.intrinsics.height;
   double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
   for (const Box& box : boxes) {
@@ -115,11 +118,54 @@ double CropPixels(const std::vector<Box>& boxes, const PosedCamera& camera) {
       y1 = std::max(y1, p.y());
     }
   }
-  const auto down = [](double x) { return std::floor((x - kCropMargin_px) / kCropAlignment_px) * kCropAlignment_px; };
-  const auto up = [](double x) { return std::ceil((x + kCropMargin_px) / kCropAlignment_px) * kCropAlignment_px; };
+  const auto down = [margin_px](double x) {
+    return std::floor((x - margin_px) / kCropAlignment_px) * kCropAlignment_px;
+  };
+  const auto up = [margin_px](double x) { return std::ceil((x + margin_px) / kCropAlignment_px) * kCropAlignment_px; };
   if (!(x1 > 0 && y1 > 0 && x0 < width && y0 < height)) return 0;
   return (std::min(up(x1), width) - std::max(down(x0), 0.0)) * (std::min(up(y1), height) - std::max(down(y0), 0.0));
 }
+
+constexpr CellRect kNoCells = {std::numeric_limits<int>::max(), std::numeric_limits<int>::max(),
+                               std::numeric_limits<int>::min(), std::numeric_limits<int>::min()};
+
+void Include(const CellRect& cells, CellRect* rect) {
+  rect->x0 = std::min(rect->x0, cells.x0);
+  rect->y0 = std::min(rect->y0, cells.y0);
+  rect->x1 = std::max(rect->x1, cells.x1);
+  rect->y1 = std::max(rect->y1, cells.y1);
+}
+
+// With the cells about it.
+CellRect Grown(const CellRect& rect) { return {rect.x0 - 1, rect.y0 - 1, rect.x1 + 1, rect.y1 + 1}; }
+
+// Faces of rectangles of cells (Crow 1984).
+class FaceTable {
+ public:
+  // For rectangles within `all`.
+  FaceTable(const CellIndex& cells, const CellRect& all)
+      : all_(all), columns_(static_cast<size_t>(all.x1 - all.x0) + 1) {
+    sums_.resize(columns_ * (static_cast<size_t>(all.y1 - all.y0) + 1));
+    cells.ForEachIn(all, [&](const SurveyCell& cell) { At(cell.x + 1, cell.y + 1) = static_cast<double>(cell.faces); });
+    for (int y = all.y0 + 1; y <= all.y1; ++y) {
+      for (int x = all.x0 + 1; x <= all.x1; ++x) At(x, y) += At(x - 1, y) + At(x, y - 1) - At(x - 1, y - 1);
+    }
+  }
+
+  double In(const CellRect& rect) {
+    return At(rect.x1, rect.y1) - At(rect.x0, rect.y1) - At(rect.x1, rect.y0) + At(rect.x0, rect.y0);
+  }
+
+ private:
+  // Of all cells left of x and below y.
+  double& At(int x, int y) {
+    return sums_[static_cast<size_t>(y - all_.y0) * columns_ + static_cast<size_t>(x - all_.x0)];
+  }
+
+  const CellRect all_;
+  const size_t columns_;
+  std::vector<double> sums_;
+};
 
 // A pixel of the whole image, while the file is read.
 double DecodedLikelihoodBytes(const std::string& path, int planes) {
@@ -137,7 +183,7 @@ double PixelBytes(const TileWork& work, const RefineEffort& effort, const PixelC
 // Views drawn and pixels compared.
 double MeasureSeconds(const TileWork& work, const RefineEffort& effort) {
   return kWarpSeconds * work.pair_pixels * effort.evaluations + kLabelSeconds * work.pixels * effort.labellings +
-         kDrawSeconds * work.sight_faces * work.seeing_views * (effort.iterations + effort.labellings);
+         kDrawSeconds * work.drawn_faces * (effort.iterations + effort.labellings);
 }
 
 double SolveSeconds(double faces, const RefineEffort& effort) {
@@ -186,7 +232,8 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
                sight_m = kSightGsd * survey.gsd_m;
   TileWork work;
   std::vector<Box> boxes;
-  std::set<int32_t> views, measured_views;
+  std::set<int32_t> views;
+  std::vector<const SurveyCell*> measured;  // whose faces the tile measures
   const SurveyCell* sample = nullptr;
   cells.ForEachWithin(core, sight_m, [&](const SurveyCell& cell) {
     const double faces = static_cast<double>(cell.faces);
@@ -198,18 +245,30 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
     sample = BetterSample(sample, cell, core);
     if (!core.Contains({cell.x, cell.y})) return;
     work.core_faces += faces;
-    measured_views.insert(cell.views.begin(), cell.views.end());
+    measured.push_back(&cell);
   });
-  if (sample != nullptr) measured_views.insert(sample->views.begin(), sample->views.end());
+  if (sample != nullptr) measured.push_back(sample);
+  std::map<int32_t, std::vector<Box>> chosen;  // boxes of the cells that chose the view
+  std::map<int32_t, CellRect> drawn;           // about the cells that chose the view, or one that is compared with it
+  for (const SurveyCell* cell : measured) {
+    for (const int32_t v : cell->views) {
+      chosen[v].push_back({cell->box_min, cell->box_max});
+      Include({cell->x, cell->y, cell->x + 1, cell->y + 1}, &drawn.try_emplace(v, kNoCells).first->second);
+    }
+  }
+  const std::map<int32_t, CellRect> looked_at = drawn;
   for (const auto& [reference, other] : survey.pairs) {
-    if (measured_views.contains(reference)) views.insert(other);
+    const auto found = looked_at.find(reference);
+    if (found == looked_at.end()) continue;
+    views.insert(other);
+    Include(found->second, &drawn.try_emplace(other, kNoCells).first->second);
   }
   work.views.assign(views.begin(), views.end());
   work.likelihood_planes = survey.has_likelihoods ? static_cast<int>(survey.classes.size()) : 0;
   std::map<int32_t, double> crop;
   for (const int32_t v : work.views) {
     const PosedCamera& camera = survey.views[v].camera;
-    const double pixels = CropPixels(boxes, camera);
+    const double pixels = CropPixels(boxes, camera, kCropMargin_px);
     if (pixels <= 0) continue;
     crop[v] = pixels;
     work.largest_crop = std::max(work.largest_crop, pixels);
@@ -220,12 +279,22 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
     work.largest_decoded = std::max(work.largest_decoded, whole * std::max(kImageBytes, likelihoods));
   }
   work.seeing_views = static_cast<int>(crop.size());
+  std::map<int32_t, double> compared;  // pixels of a reference
+  for (const auto& [v, of_view] : chosen) {
+    compared[v] = CropPixels(of_view, survey.views[v].camera, kReferenceMargin_px);
+  }
+  CellRect all = kNoCells;
+  for (const auto& [v, rect] : drawn) Include(Grown(rect), &all);
+  if (drawn.empty()) all = {};
+  FaceTable faces(cells, all);
+  for (const auto& [v, rect] : drawn) {
+    if (crop.contains(v)) work.drawn_faces += faces.In(Grown(rect));
+  }
   std::map<int32_t, std::pair<int32_t, int32_t>> open;  // first and last step of each view
   for (const auto& [v, pixels] : crop) open[v] = {v, v};
   for (const auto& [reference, other] : survey.pairs) {
-    const auto found = crop.find(reference), partner = crop.find(other);
-    if (found == crop.end() || partner == crop.end()) continue;
-    work.pair_pixels += found->second;
+    if (!crop.contains(reference) || !crop.contains(other)) continue;
+    if (const auto found = compared.find(reference); found != compared.end()) work.pair_pixels += found->second;
     auto& [first, last] = open[other];
     first = std::min(first, reference);
     last = std::max(last, reference);

@@ -43,7 +43,8 @@ struct TileWork {
   std::vector<int32_t> views;  // those that the tile's cells chose, ascending
   int seeing_views = 0;        // of these, those whose image the tile's boxes meet
   double pixels = 0;           // of all crops to the tile
-  double pair_pixels = 0;      // of the references' crops, over all pairs
+  double pair_pixels = 0;      // over all pairs, where the reference shows the cells of the core that chose it
+  double drawn_faces = 0;      // over all views, of the cells that they are drawn for: PhotoTerm::FindWork
   double open_pixels = 0;      // most that lie in the crops of views that are open together (PhotoTerm::Evaluate)
   double largest_crop = 0;     // of them, pixels
   double image_pixels = 0;     // of the whole images that are read for the crops

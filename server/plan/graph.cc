@@ -46,6 +46,14 @@ struct GraphTile {
   bool redone = true;                       // else an update leaves it as it is in the base
 };
 
+// Ingest is planned before the survey tells what the model takes for it.
+CostScale CostsOf(const UpdateBase& base, const Survey& survey) {
+  MeasuredCosts measured = base.measured;
+  const auto ingest = measured.find(kIngestKind);
+  if (ingest != measured.end()) ingest->second.predicted = PredictIngest(survey).core_seconds;
+  return CostScale(measured);
+}
+
 Status CheckLimit(const JobSettings& settings, double core_seconds) {
   if (settings.max_core_seconds == 0 || core_seconds <= settings.max_core_seconds) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrFormat(
@@ -194,8 +202,9 @@ class Graph {
 
   // An update's plan, as the user reads it.
   Status AddPlan(const UpdateBase& base) {
-    TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_));
-    const Prediction ingest = update_cost_, publish = PredictPublish(survey_), compare = CostOfChanges();
+    TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_, costs_));
+    const Prediction ingest = update_cost_, compare = CostOfChanges(),
+                     publish = costs_.Corrected(kPublishKind, PredictPublish(survey_));
     double core_seconds = ingest.core_seconds + publish.core_seconds + compare.core_seconds;
     for (const TileChange& change : changes_) core_seconds += change.predicted.core_seconds;
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
@@ -240,6 +249,8 @@ class Graph {
   explicit Graph(const JobSettings& settings) : settings_(settings) {}
 
   TaskId Add(PlannedTask task) {
+    task.scale = costs_.Of(task.kind);
+    task.cost *= task.scale;
     tasks_.push_back(std::move(task));
     return TaskId(static_cast<int>(tasks_.size()) - 1);
   }
@@ -252,11 +263,12 @@ class Graph {
     TESSERA_ASSIGN_OR_RETURN(const Survey base_survey, ParseSurvey(base.survey_json));
     if (survey_.revision) city_from_ = survey_from_;
     tiles_of_base_ = base.tiles.size();
-    TESSERA_ASSIGN_OR_RETURN(changes_,
-                             FindChangedTiles(settings_, base_survey, survey_, TilesOfUpdate(base.tiles, survey_)));
+    costs_ = CostsOf(base, base_survey);
+    TESSERA_ASSIGN_OR_RETURN(
+        changes_, FindChangedTiles(settings_, base_survey, survey_, TilesOfUpdate(base.tiles, survey_), costs_));
     effort_ = EffortOf(settings_, survey_);
     views_of_base_ = base_survey.views.size();
-    update_cost_ = PredictUpdateIngest(base_survey, survey_);
+    update_cost_ = costs_.Corrected(kIngestKind, PredictUpdateIngest(base_survey, survey_));
     for (const TileChange& change : changes_) {
       GraphTile tile;
       tile.parameters = change.tile;
@@ -381,6 +393,7 @@ class Graph {
   std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;
   Prediction update_cost_;
+  CostScale costs_;
 };
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "common/base/status.h"
 #include "common/storage/hash.h"
 #include "common/tile/task_parameters.h"
+#include "server/plan/cost_scale.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -51,6 +52,7 @@ struct PlannedTask {
   // Not empty: outputs that are known beforehand; nothing runs. Contents are stored when the task is planned.
   std::vector<NamedDigest> given = {};
   std::vector<std::pair<std::string, std::string>> given_contents = {};  // name, content
+  double scale = 1;                                                      // in `cost`, of CostScale; 0: not known
 };
 
 // Kinds of tasks that the coordinator knows: what the next phase is planned from, and what ends a job.
@@ -64,12 +66,14 @@ inline constexpr char kPublishKind[] = "publish";
 
 // What an update takes from the job that it goes on from.
 struct UpdateBase {
-  std::string name;         // "jobs/J"
-  Digest survey, city;      // its kSurveyFile and kCityFile
-  std::string survey_json;  // content of `survey`
+  std::string name;            // "jobs/J"
+  Digest survey, plain, city;  // its kSurveyFile, kPlainSurveyFile and kCityFile
+  std::string survey_json;     // content of `survey`
   std::vector<TileParameters> tiles;
   std::vector<Digest> states;            // the last of each tile
   std::vector<NamedDigest> scene_files;  // those of the base, sorted by name
+  // Of the base and those that it goes on from; of ingest, which took the survey of the base, its own alone.
+  MeasuredCosts measured;
 };
 
 // An update's list of scene files has those of its own scene, and those of its base whose content it lacks, under names
@@ -84,7 +88,7 @@ bool IsCarried(const std::string& name);
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
 
 // The same of an update: what it takes from its base (given), and the task that takes the survey on. `scene_files`:
-// sorted by name.
+// sorted by name. Of one that goes back to an earlier job all tasks (PlanRollback).
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
                                               const UpdateBase& base);
 

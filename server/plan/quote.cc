@@ -31,14 +31,14 @@ int64_t TileQuote::peak_bytes() const {
       {cut.peak_bytes, crop.peak_bytes, measure.peak_bytes, solve.peak_bytes, mend.peak_bytes, refine.peak_bytes});
 }
 
-StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
+StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, const CostScale& costs) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   Quote quote;
   const CellIndex cells(survey);
   const TilingOptions options = TilingOptionsOf(settings, survey);
   TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(cells, options));
-  quote.ingest = PredictIngest(survey);
-  quote.publish = PredictPublish(survey);
+  quote.ingest = costs.Corrected("ingest", PredictIngest(survey));
+  quote.publish = costs.Corrected("publish", PredictPublish(survey));
   quote.interval = RefineSecondsInterval();
   quote.area_m2 = static_cast<double>(survey.cells.size()) * survey.ground.cell_m * survey.ground.cell_m;
   quote.core_seconds = quote.ingest.core_seconds + quote.publish.core_seconds;
@@ -48,14 +48,14 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey) {
     tile.tile = static_cast<int>(quote.tiles.size());
     tile.core = core;
     tile.work = MeasureTile(cells, core);
-    tile.cut = PredictCut(survey, tile.work);
-    tile.crop = PredictCrop(tile.work);
+    tile.cut = costs.Corrected("cut", PredictCut(survey, tile.work));
+    tile.crop = costs.Corrected("crop", PredictCrop(tile.work));
     if (cores.size() == 1) {
-      tile.refine = PredictRefine(tile.work, options.effort);
+      tile.refine = costs.Corrected("refine", PredictRefine(tile.work, options.effort));
     } else {
-      tile.measure = PredictMeasure(tile.work, options.effort);
-      tile.solve = PredictSolve(tile.work, options.effort);
-      tile.mend = PredictMend(tile.work, options.effort);
+      tile.measure = costs.Corrected("measure", PredictMeasure(tile.work, options.effort));
+      tile.solve = costs.Corrected("solve", PredictSolve(tile.work, options.effort));
+      tile.mend = costs.Corrected("mend", PredictMend(tile.work, options.effort));
     }
     quote.core_faces += tile.work.core_faces;
     quote.sight_faces += tile.work.sight_faces;

@@ -7,7 +7,7 @@
 
 #include "common/base/status.h"
 #include "common/tile/survey.h"
-#include "server/plan/cost_model.h"
+#include "server/plan/cost_scale.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -37,8 +37,8 @@ struct Quote {
   Interval interval;
 };
 
-// The same tiles as PlanTiles gives for these settings. Errors as its.
-StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey);
+// The same tiles as PlanTiles gives for these settings, corrected by `costs`. Errors as its.
+StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, const CostScale& costs = {});
 
 // Seconds until the job is done by so many workers of `threads` cores each: stage after stage, in each the longest task
 // first to whoever is free, threads without loss.

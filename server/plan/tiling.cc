@@ -190,7 +190,7 @@ double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const Re
   const double partners =
       survey.views.empty() ? 0 : static_cast<double>(survey.pairs.size()) / static_cast<double>(survey.views.size());
   work.core_faces = work.solve_faces = work.sight_faces = static_cast<double>(cell.faces);
-  work.seeing_views = static_cast<int>(cell.views.size());
+  work.drawn_faces = work.core_faces * views;
   work.pixels = views * side_px * side_px;
   work.pair_pixels = work.pixels * std::min(partners, std::max(0.0, views - 1));
   // At least its faces, where there are no views: every tile's folds are looked for.

@@ -149,7 +149,8 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
 }
 
 StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
-                                                   const Survey& survey, const std::vector<TileParameters>& tiles) {
+                                                   const Survey& survey, const std::vector<TileParameters>& tiles,
+                                                   const CostScale& costs) {
   if (survey.views.size() < base.views.size()) {
     return absl::InvalidArgumentError("update: the survey has fewer views than the base's");
   }
@@ -193,8 +194,10 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
                           core.x0, core.y0, core.x1 - 1, core.y1 - 1, tile.tile));
     }
     const TileWork work = MeasureTile(cells, tile.core);
-    for (const Prediction& part : {PredictCut(survey, work), PredictCrop(work), PredictMeasure(work, effort),
-                                   PredictSolve(work, effort), PredictMend(work, effort)}) {
+    for (const Prediction& part :
+         {costs.Corrected("cut", PredictCut(survey, work)), costs.Corrected("crop", PredictCrop(work)),
+          costs.Corrected("measure", PredictMeasure(work, effort)),
+          costs.Corrected("solve", PredictSolve(work, effort)), costs.Corrected("mend", PredictMend(work, effort))}) {
       change.predicted.core_seconds += part.core_seconds;
       change.predicted.peak_bytes = std::max(change.predicted.peak_bytes, part.peak_bytes);
     }

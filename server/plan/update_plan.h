@@ -9,7 +9,7 @@
 #include "common/base/status.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
-#include "server/plan/cost_model.h"
+#include "server/plan/cost_scale.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -46,7 +46,8 @@ std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, con
 // the base, or one of those that it chooses changed. `tiles`: TilesOfUpdate. INVALID_ARGUMENT if the surveys do not fit
 // together.
 StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
-                                                   const Survey& survey, const std::vector<TileParameters>& tiles);
+                                                   const Survey& survey, const std::vector<TileParameters>& tiles,
+                                                   const CostScale& costs);
 
 // Of the task that took the base's survey on: what is new is read, and cells that it may show choose their views.
 Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);

@@ -11,6 +11,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "common/tile/change_cells.h"
+#include "server/plan/rollback.h"
 
 namespace tessera {
 namespace {
@@ -117,6 +118,7 @@ bool IsCarried(const std::string& name) { return name.starts_with(kCarriedPrefix
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
                                               const UpdateBase& base) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
+  if (!settings.update.rollback_to.empty()) return PlanRollback(base);
   if (base.tiles.size() != base.states.size() || base.tiles.empty()) {
     return absl::InvalidArgumentError(base.name + ": found no states of its tiles, expected a job that has succeeded");
   }

@@ -29,6 +29,15 @@ Status CheckJobSettings(const JobSettings& settings) {
     faults.Add(absl::InvalidArgumentError(
         "base: found none, expected one (withdrawn flights, epochs and from-scratch are about the base of an update)"));
   }
+  UpdateSettings rollback;
+  rollback.base = update.base;
+  rollback.rollback_to = update.rollback_to;
+  rollback.rollback_tiles = update.rollback_tiles;
+  if (!(update.rollback_to.empty() ? update.rollback_tiles.empty() : update == rollback)) {
+    faults.Add(absl::InvalidArgumentError(
+        "rollback: found tiles without an earlier job, or other changes beside it, expected an earlier job and nothing "
+        "else"));
+  }
   return faults.ToStatus();
 }
 

@@ -26,6 +26,10 @@ struct UpdateSettings {
   // they begin at the base's result, and all other tiles stay as they are, to the byte.
   bool from_scratch = false;
   bool plan_only = false;  // ends with the plan (kUpdateFile)
+  // "jobs/J", one that `base` goes on from: takes these tiles from there, the others from `base`, and refines none.
+  // Empty: nothing is taken back. No tiles: all that differ.
+  std::string rollback_to;
+  std::vector<int> rollback_tiles;
   bool operator==(const UpdateSettings&) const = default;
 };
 

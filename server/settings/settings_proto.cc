@@ -30,7 +30,9 @@ JobSettings FromProto(const v1::JobSettings& proto) {
                      {update.withdraw().begin(), update.withdraw().end()},
                      update.all_epochs(),
                      update.from_scratch(),
-                     update.plan_only()};
+                     update.plan_only(),
+                     update.rollback_to(),
+                     {update.rollback_tiles().begin(), update.rollback_tiles().end()}};
   settings.max_core_seconds = proto.max_core_seconds();
   return settings;
 }
@@ -49,6 +51,8 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
     to.set_all_epochs(update.all_epochs);
     to.set_from_scratch(update.from_scratch);
     to.set_plan_only(update.plan_only);
+    to.set_rollback_to(update.rollback_to);
+    to.mutable_rollback_tiles()->Add(update.rollback_tiles.begin(), update.rollback_tiles.end());
   }
   const MethodSettings& from = settings.method_settings;
   if (from == MethodSettings()) return;

@@ -84,13 +84,14 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
     if (kind == "ingest") prediction = PredictIngest(survey);
     if (kind == "publish") prediction = PredictPublish(survey);
     std::printf(
-        "%s\t%s\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.3f\t%.0f\t%.0f\t%zu\t%d\t%.3f\t%."
+        "%s\t%s\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.0f\t%.0f\t%.0f\t%.0f\t%.0f\t%.0f\t%d\t%.3f\t%.0f\t%.0f\t%zu\t%d\t%."
+        "3f\t%."
         "1f\t%."
         "3f\t%.1f\t%.0f\n",
         run.c_str(), kind.c_str(), tile, static_cast<double>(survey.faces), work.core_faces, work.solve_faces,
-        work.sight_faces, work.seeing_views, work.pixels, work.pair_pixels, work.open_pixels, work.image_pixels,
-        work.largest_crop, work.likelihood_planes, effort.evaluations, effort.iterations, effort.labellings,
-        survey.views.size(), threads, seconds, bytes / (1 << 20), prediction.core_seconds,
+        work.sight_faces, work.seeing_views, work.pixels, work.pair_pixels, work.drawn_faces, work.open_pixels,
+        work.image_pixels, work.largest_crop, work.likelihood_planes, effort.evaluations, effort.iterations,
+        effort.labellings, survey.views.size(), threads, seconds, bytes / (1 << 20), prediction.core_seconds,
         static_cast<double>(prediction.peak_bytes) / (1 << 20),
         task.at("stats").is_object() ? task.at("stats").value("faces", 0.0) : 0.0);
     Spread& spread = (*spreads)[kind];
@@ -109,7 +110,8 @@ int main(int argc, char** argv) {
   app.add_option("RUN", runs, "Folders with job.json and survey.json")->required();
   CLI11_PARSE(app, argc, argv);
   std::printf(
-      "run\tkind\ttile\tcity_faces\tcore_faces\tsolve_faces\tsight_faces\tviews\tpixels\tpair_pixels\topen_pixels\t"
+      "run\tkind\ttile\tcity_faces\tcore_faces\tsolve_faces\tsight_faces\tviews\tpixels\tpair_pixels\tdrawn_"
+      "faces\topen_pixels\t"
       "image_pixels\tlargest_crop\tplanes\tevaluations\titerations\tlabellings\tcity_"
       "views\tthreads\tseconds\tMiB\tpredicted_"
       "s\tpredicted_MiB\treported_faces\n");

@@ -101,6 +101,25 @@ TEST(LineageTest, ATileIsOfTheNewestJobThatHasTasksForIt) {
   EXPECT_THAT(states, ElementsAre("b", "f", "h"));
 }
 
+TEST(LineageTest, ATileThatWasRolledBackIsOfTheJobThatItWentBackTo) {
+  json back = JobReport("jobs/6", "jobs/5", {}, {{0, "b"}, {1, "c"}, {2, "h"}});
+  back["rollback"] = {{"to", "jobs/1"}, {"tiles", {1}}};
+  std::vector<LineageJob> chain = Chain();
+  chain.insert(chain.begin(), Parsed(back));
+  const auto lineage = TraceTiles(chain);
+  ASSERT_TRUE(lineage.ok()) << lineage.status();
+  EXPECT_EQ(lineage->chain[lineage->tiles[1].made_by].name, "jobs/1");
+  EXPECT_EQ(lineage->tiles[1].state.sha256, "c");
+  EXPECT_EQ(lineage->chain[lineage->tiles[2].made_by].name, "jobs/5");
+  EXPECT_THAT(*TileLineageText(*lineage, 1, false), HasSubstr("jobs/6 (city): rolled back to jobs/1\n"));
+  EXPECT_THAT(*TileLineageText(*lineage, 2, false), HasSubstr("jobs/6 (city): kept from jobs/5\n"));
+  const json told = json::parse(*LineageJson(*lineage, 1))["tiles"][0]["history"][0];
+  EXPECT_EQ(told["did"], "rolled back");
+  EXPECT_EQ(told["to"], "jobs/1");
+  chain[0].taken[1].sha256 = "f";
+  EXPECT_EQ(TraceTiles(chain).status().code(), absl::StatusCode::kDataLoss) << "not what jobs/1 left";
+}
+
 TEST(LineageTest, AStateThatIsNotWhatTheBaseMadeIsTold) {
   std::vector<LineageJob> chain = Chain();
   chain[1].taken[0].sha256 = "x";

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -68,7 +69,7 @@ struct Pair {
     return -1;
   }
   std::vector<int> Redone() const {
-    const auto changes = FindChangedTiles({}, before, now, base.tiles);
+    const auto changes = FindChangedTiles({}, before, now, base.tiles, {});
     EXPECT_TRUE(changes.ok()) << changes.status();
     std::vector<int> redone;
     for (const TileChange& change : *changes) {
@@ -84,7 +85,7 @@ TEST(UpdatePlan, TilesAreRedoneForWhatTheirOwnCellsChoose) {
   const size_t cell = 17;
   const int32_t view = pair.AddView(cell);
   EXPECT_THAT(pair.Redone(), ElementsAre(pair.TileOf(cell)));
-  const auto changes = *FindChangedTiles({}, pair.before, pair.now, pair.base.tiles);
+  const auto changes = *FindChangedTiles({}, pair.before, pair.now, pair.base.tiles, {});
   const TileChange& change = changes[pair.TileOf(cell)];
   ASSERT_EQ(change.why.size(), 1u);
   EXPECT_EQ(change.why[0].reason, ChangeReason::kImageSeen);
@@ -101,7 +102,7 @@ TEST(UpdatePlan, ReasonsAreToldApart) {
       break;
     }
     std::set<ChangeReason> found;
-    const auto changes = FindChangedTiles({}, pair.before, pair.now, pair.base.tiles);
+    const auto changes = FindChangedTiles({}, pair.before, pair.now, pair.base.tiles, {});
     EXPECT_TRUE(changes.ok()) << changes.status();
     for (const TileChange& change : *changes) {
       for (const TileChange::Why& why : change.why) found.insert(why.reason);
@@ -340,6 +341,44 @@ TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
   }
 }
 
+TEST(UpdatePlan, WhatTheBaseTookCorrectsPredictionsAndNothingElse) {
+  Pair pair(4);
+  pair.AddView(3);
+  const std::string survey = SurveyToJson(pair.now);
+  const std::vector<int> all = {0, 1, 2, 3};
+  const auto plan = [&] {
+    std::vector<PlannedTask> tasks = *PlanTiles({}, survey, pair.Files(), &pair.base);
+    const std::vector<PlannedTask> steps = *PlanSteps({}, survey, pair.Files(), {{all, all, all, all}}, &pair.base);
+    tasks.insert(tasks.end(), steps.begin(), steps.end());
+    return tasks;
+  };
+  const std::vector<PlannedTask> before = plan();
+  pair.base.measured = {{"measure", {100, 50}}, {"mend", {10, 20}}, {kIngestKind, {1000, 30}}};
+  // Of ingest the model's prediction counts, not what was known before there was a survey.
+  const double ingest = 30 / PredictIngest(pair.before).core_seconds;
+  const double others = 100 / (110 + PredictIngest(pair.before).core_seconds);
+  const std::vector<PlannedTask> after = plan();
+  ASSERT_EQ(after.size(), before.size());
+  std::set<std::string> kinds;
+  for (size_t t = 1; t < after.size(); ++t) {
+    kinds.insert(after[t].kind);
+    const double factor = after[t].kind == "measure" ? 0.5 : after[t].kind == "mend" ? 2 : others;
+    EXPECT_NEAR(after[t].cost, factor * before[t].cost, 1e-9 * before[t].cost) << after[t].name;
+    EXPECT_EQ(after[t].scale, factor) << after[t].name;
+    EXPECT_EQ(after[t].peak_bytes, before[t].peak_bytes);
+    EXPECT_EQ(after[t].parameters, before[t].parameters) << "keys do not depend on what is predicted";
+  }
+  EXPECT_TRUE(kinds.contains("measure") && kinds.contains("mend") && kinds.contains("compare"));
+  const auto was = nlohmann::json::parse(before[0].given_contents[0].second)["predicted"];
+  const auto now = nlohmann::json::parse(after[0].given_contents[0].second)["predicted"];
+  EXPECT_NEAR(now["ingest"]["core_seconds"],
+              was["ingest"]["core_seconds"].get<double>() * std::clamp(ingest, kLeastScale, kMostScale), 1e-9);
+  EXPECT_NEAR(now["publish"]["core_seconds"], was["publish"]["core_seconds"].get<double>() * others, 1e-9);
+  double sum = now["ingest"]["core_seconds"];
+  for (size_t t = 1; t < after.size(); ++t) sum += after[t].cost;
+  EXPECT_NEAR(now["core_seconds"], sum, 1e-6 * sum) << "the plan tells what its tasks sum to";
+}
+
 TEST(UpdatePlan, AJobThatIsPredictedToTakeTooMuchIsRefused) {
   Pair pair(4);
   pair.AddView(3);
@@ -355,10 +394,10 @@ TEST(UpdatePlan, AJobThatIsPredictedToTakeTooMuchIsRefused) {
 TEST(UpdatePlan, ASurveyOfOtherCellsIsRefused) {
   Pair pair(4);
   pair.now.cells.pop_back();
-  EXPECT_FALSE(FindChangedTiles({}, pair.before, pair.now, pair.base.tiles).ok());
+  EXPECT_FALSE(FindChangedTiles({}, pair.before, pair.now, pair.base.tiles, {}).ok());
   pair.now = pair.before;
   pair.now.cells[0].x += 1000;
-  EXPECT_FALSE(FindChangedTiles({}, pair.before, pair.now, pair.base.tiles).ok());
+  EXPECT_FALSE(FindChangedTiles({}, pair.before, pair.now, pair.base.tiles, {}).ok());
 }
 
 }  // namespace

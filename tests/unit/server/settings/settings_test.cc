@@ -53,6 +53,20 @@ TEST(Settings, OnlyWhatIsSetTravels) {
   EXPECT_EQ(FromProto(v1::JobSettings()).method, "tessera");
 }
 
+TEST(Settings, ARollbackStandsAlone) {
+  JobSettings settings;
+  settings.update.base = "jobs/2";
+  settings.update.rollback_tiles = {1, 4};
+  EXPECT_THAT(std::string(CheckJobSettings(settings).message()), HasSubstr("tiles without an earlier job"));
+  settings.update.rollback_to = "jobs/1";
+  EXPECT_TRUE(CheckJobSettings(settings).ok());
+  v1::JobSettings message;
+  ToProto(settings, &message);
+  EXPECT_EQ(FromProto(message).update, settings.update);
+  settings.update.withdraw = {"spring"};
+  EXPECT_FALSE(CheckJobSettings(settings).ok());
+}
+
 TEST(Settings, AllFaultsAreToldAtOnce) {
   JobSettings settings = {.tiles = -1, .rounds = kMaxRounds + 1, .method = "magic"};
   settings.method_settings.window_px = 99;

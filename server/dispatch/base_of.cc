@@ -1,0 +1,86 @@
+// What a job that goes on from others finds in their records.
+#include <utility>
+
+#include "common/tile/task_parameters.h"
+#include "server/dispatch/ledger.h"
+
+namespace tessera {
+
+StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
+  TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(name));
+  const Job& job = jobs_[index];
+  if (job.header.state != JobState::kSucceeded) {
+    return absl::FailedPreconditionError(name + " has not succeeded: an update needs a base that has");
+  }
+  if (job.header.algorithm_version != algorithm_version_) {
+    return absl::FailedPreconditionError(name + " was made by version " + job.header.algorithm_version +
+                                         " of the algorithms, and this is " + algorithm_version_ +
+                                         ": its results do not go together; run its scene anew, without a base");
+  }
+  UpdateBase base;
+  base.name = name;
+  base.scene_files = job.scene_files;
+  for (const JobTask& task : job.tasks) {
+    if (task.plan.kind != kPublishKind) continue;
+    TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(task.plan.parameters));
+    base.tiles = parameters.tiles;
+    for (const PlannedInput& input : task.plan.inputs) {
+      TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
+      const std::string as = InputName(input);
+      if (as == kCityFile) {
+        base.city = digest;
+      } else if (as == kPlainSurveyFile) {
+        base.plain = digest;
+        TESSERA_ASSIGN_OR_RETURN(base.survey, InputDigest(job, {input.task, kSurveyFile}));
+      } else {
+        base.states.push_back(digest);  // in the order of the tiles
+      }
+    }
+  }
+  if (base.tiles.empty()) {
+    return absl::FailedPreconditionError(name + " has no result (it was a plan alone): name the job that it was for");
+  }
+  base.measured = MeasuredIn(job);
+  return base;
+}
+
+StatusOr<UpdateBase> Ledger::BaseOf(const UpdateSettings& update) const {
+  TESSERA_ASSIGN_OR_RETURN(UpdateBase base, BaseOf(update.base));
+  if (update.rollback_to.empty()) return base;
+  TESSERA_ASSIGN_OR_RETURN(const UpdateBase earlier, BaseOf(update.rollback_to));
+  for (const int tile : update.rollback_tiles) base.states[tile] = earlier.states[tile];
+  return base;
+}
+
+StatusOr<std::vector<UpdateBase>> Ledger::ChainTo(const std::string& name, const std::string& earlier) const {
+  std::vector<UpdateBase> chain;
+  std::string passed;
+  for (std::string next = name; !next.empty();) {
+    TESSERA_ASSIGN_OR_RETURN(chain.emplace_back(), BaseOf(next));
+    if (next == earlier && chain.size() > 1) return chain;
+    if (chain.size() > 1) passed += (passed.empty() ? "" : ", ") + next;
+    next = jobs_[*FindJob(next)].header.settings.update.base;
+  }
+  return InputError("rollback", "", earlier,
+                    passed.empty() ? name + " to have a base: it is the first of its city"
+                                   : "a job that " + name + " goes on from: " + passed);
+}
+
+MeasuredCosts Ledger::MeasuredIn(const Job& last) const {
+  MeasuredCosts measured;
+  for (const Job* job = &last; job != nullptr;) {
+    for (const JobTask& task : job->tasks) {
+      const std::string& kind = task.plan.kind;
+      if (task.reused || kind == kUpdateKind || (kind == kIngestKind && job != &last)) continue;
+      if (task.plan.scale == 0) continue;  // predicted by the model of an earlier release
+      MeasuredCost& of_kind = measured[kind];
+      of_kind.predicted += task.plan.cost / task.plan.scale;
+      of_kind.used += task.usage.core_seconds;
+    }
+    const std::string& base = job->header.settings.update.base;
+    job = base.empty() ? nullptr : &jobs_[*FindJob(base)];
+  }
+  return measured;
+}
+
+}  // namespace tessera

@@ -1,0 +1,57 @@
+// A job as it would be accepted: what it takes over from the job that it goes on from.
+#include <algorithm>
+#include <set>
+#include <utility>
+
+#include "common/tile/survey.h"
+#include "server/dispatch/dispatcher.h"
+#include "server/plan/rollback.h"
+
+namespace tessera {
+
+StatusOr<NewJob> Dispatcher::CompleteRollback(NewJob job) const {
+  UpdateSettings& update = job.settings.update;
+  std::vector<UpdateBase> chain;
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(chain, ledger_.ChainTo(update.base, update.rollback_to));
+    TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(update.base));
+    const JobHeader& base = ledger_.jobs()[index].header;
+    TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, base.settings));
+    job.scene_path = base.scene_path;
+    job.scene_files = chain.front().scene_files;
+    job.warnings = base.warnings;
+    if (job.display_name.empty()) job.display_name = base.display_name;
+  }
+  for (const UpdateBase* each : {&chain.front(), &chain.back()}) TESSERA_RETURN_IF_ERROR(CheckStored(*each));
+  TESSERA_ASSIGN_OR_RETURN(const std::string json, environment_.blobs->Read(chain.front().survey));
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(json));
+  TESSERA_ASSIGN_OR_RETURN(update.rollback_tiles, TilesToRollBack(chain, survey, update.rollback_tiles));
+  return job;
+}
+
+StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) const {
+  if (!job.settings.update.rollback_to.empty()) return CompleteRollback(std::move(job));
+  for (const NamedDigest& file : job.scene_files) {
+    if (!IsCarried(file.name)) continue;
+    return InputError(job.scene_path + "/" + file.name, "", "a file in a folder of this name", "none: it is reserved");
+  }
+  if (!job.settings.update.base.empty()) {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(const UpdateBase base, ledger_.BaseOf(job.settings.update.base));
+    TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(base.name));
+    TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, ledger_.jobs()[index].header.settings));
+    std::set<std::string> contents;
+    for (const NamedDigest& file : job.scene_files) contents.insert(file.digest.sha256);
+    for (const NamedDigest& file : base.scene_files) {
+      if (contents.insert(file.digest.sha256).second) job.scene_files.push_back({CarriedName(file), file.digest});
+    }
+  }
+  std::vector<std::string> names;
+  for (const NamedDigest& file : job.scene_files) names.push_back(file.name);
+  std::sort(names.begin(), names.end());
+  TESSERA_RETURN_IF_ERROR(environment_.planner->Ingest(job.settings, names).status());
+  return job;
+}
+
+}  // namespace tessera

@@ -1,0 +1,107 @@
+#include "server/plan/rollback.h"
+
+#include <algorithm>
+#include <iterator>
+#include <set>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "server/plan/cell_index.h"
+#include "server/plan/update_tasks.h"
+
+namespace tessera {
+namespace {
+
+// How far corners of each tile's faces may lie outside its core.
+std::vector<double> Reaches(const std::vector<TileParameters>& tiles, const Survey& survey) {
+  const CellIndex cells(survey);
+  std::vector<double> reaches_m;
+  for (const TileParameters& tile : tiles) {
+    double& reach_m = reaches_m.emplace_back(0);
+    cells.ForEachWithin(tile.core, 0, [&](const SurveyCell& cell) { reach_m = std::max(reach_m, cell.reach_m); });
+  }
+  return reaches_m;
+}
+
+bool MadeTogether(const std::vector<UpdateBase>& chain, size_t a, size_t b) {
+  for (size_t i = 0; i + 1 < chain.size(); ++i) {
+    const std::vector<Digest>&now = chain[i].states, &before = chain[i + 1].states;
+    if (!(now[a] == before[a]) && !(now[b] == before[b])) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain, const Survey& survey,
+                                           const std::vector<int>& named) {
+  const UpdateBase &job = chain.front(), &earlier = chain.back();
+  for (const UpdateBase& each : chain) {
+    if (each.city == job.city) continue;
+    return absl::InvalidArgumentError(absl::StrCat("found another mesh in ", each.name, " than in ", job.name,
+                                                   ", expected the same: tiles of one do not fit the other"));
+  }
+  const int tiles = static_cast<int>(job.tiles.size());
+  std::set<int> differ, chosen;
+  for (int t = 0; t < tiles; ++t) {
+    if (!(job.states[t] == earlier.states[t])) differ.insert(t);
+  }
+  for (const int tile : named) {
+    if (tile < 0 || tile >= tiles) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("tile: found ", tile, ", expected one of the ", tiles, " tiles of ", job.name, ", from 0 on"));
+    }
+    if (differ.contains(tile)) chosen.insert(tile);
+  }
+  if (named.empty()) chosen = differ;
+  if (chosen.empty()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("found no tile to roll back: ", named.empty() ? "all are" : "those named are", " the same in ",
+                     job.name, " and ", earlier.name));
+  }
+  const std::vector<double> reaches_m = Reaches(job.tiles, survey);
+  std::set<int> all = chosen;
+  for (std::vector<int> open(chosen.begin(), chosen.end()); !open.empty();) {
+    const int tile = open.back();
+    open.pop_back();
+    for (const int other : differ) {
+      const double apart_m = DistanceBetween(job.tiles[tile].core, job.tiles[other].core, survey.ground.cell_m);
+      if (apart_m > reaches_m[tile] + reaches_m[other] || !MadeTogether(chain, tile, other)) continue;
+      if (all.insert(other).second) open.push_back(other);
+    }
+  }
+  if (all.size() == chosen.size()) return std::vector<int>(chosen.begin(), chosen.end());
+  std::vector<int> missing;
+  std::set_difference(all.begin(), all.end(), chosen.begin(), chosen.end(), std::back_inserter(missing));
+  return absl::InvalidArgumentError(absl::StrCat(
+      missing.size() == 1 ? "tile " : "tiles ", absl::StrJoin(missing, ", "),
+      " must go along: made anew together with those named, they share vertices with them; ask for all:\n  tessera "
+      "rollback ",
+      job.name, " --to ", earlier.name, " --tile ", absl::StrJoin(all, " --tile ")));
+}
+
+StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(base.survey_json));
+  PlannedTask taken;
+  taken.kind = kBaseKind;
+  taken.name = absl::StrCat(kBaseKind, " ", base.name);
+  taken.given = {{kSurveyFile, base.survey}, {kPlainSurveyFile, base.plain}, {kCityFile, base.city}};
+  PublishParameters parameters;
+  parameters.tiles = base.tiles;
+  parameters.scene_name = survey.scene_name;
+  parameters.warnings = survey.warnings;
+  PlannedTask publish;
+  publish.kind = publish.name = kPublishKind;
+  SetCost(PredictPublish(survey), &publish);
+  publish.inputs = {{TaskId(0), kCityFile}, {TaskId(0), kPlainSurveyFile}};
+  for (size_t t = 0; t < base.tiles.size(); ++t) {
+    const int tile = base.tiles[t].tile;
+    taken.given.push_back({TileInputName(tile, kStateFile), base.states[t]});
+    publish.inputs.push_back({TaskId(0), TileInputName(tile, kStateFile)});
+  }
+  publish.parameters = ToJson(parameters);
+  return std::vector<PlannedTask>{std::move(taken), std::move(publish)};
+}
+
+}  // namespace tessera
