@@ -111,6 +111,8 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
         base.city = digest;
       } else if (as == kPlainSurveyFile) {
         TESSERA_ASSIGN_OR_RETURN(base.survey, InputDigest(job, {input.task, kSurveyFile}));
+      } else if (as == kOutdatedFile) {
+        base.outdated = digest;
       } else {
         base.states.push_back(digest);  // in the order of the tiles
       }
