@@ -57,7 +57,7 @@ Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWrit
 // What a file that is written element by element will have.
 struct PlyLayout {
   int64_t vertices = 0, faces = 0;
-  bool has_labels = false, has_confidence = false, has_input_face = false;
+  bool has_labels = false, has_confidence = false, has_input_face = false, has_outdated = false;
   std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // as in PlyWriteOptions
 };
 
@@ -66,6 +66,7 @@ struct PlyFace {
   int32_t label = -1;
   float confidence = 0;
   int64_t input_face = 0;
+  bool outdated = false;  // uchar 0 or 1
 };
 
 // Writes the bytes of WritePly front to back without holding the mesh: all vertices, then all faces. Nothing appears

@@ -123,6 +123,7 @@ StatusOr<PlyStream> PlyStream::Create(const std::string& path, const PlyLayout& 
   }
   if (layout.has_confidence) header += "property float confidence\n";
   if (layout.has_input_face) header += "property int input_face\n";
+  if (layout.has_outdated) header += "property uchar outdated\n";
   header += "end_header\n";
   auto impl = std::make_unique<Impl>(path, absl::StrCat(path, ".tmp-", getpid()));
   impl->layout = layout;
@@ -138,7 +139,7 @@ void PlyStream::AddVertex(const Eigen::Vector3d& position) {
 void PlyStream::AddFace(const PlyFace& face) {
   const PlyLayout& layout = impl_->layout;
   ++impl_->faces;
-  char record[1 + 3 * 4 + 4 + 3 + 4 + 4];
+  char record[1 + 3 * 4 + 4 + 3 + 4 + 4 + 1];
   char* at = record;
   const auto put = [&at](const void* data, size_t size) {
     std::memcpy(at, data, size);
@@ -159,6 +160,10 @@ void PlyStream::AddFace(const PlyFace& face) {
   if (layout.has_input_face) {
     const auto input_face = static_cast<int32_t>(face.input_face);
     put(&input_face, sizeof(input_face));
+  }
+  if (layout.has_outdated) {
+    const uint8_t outdated = face.outdated ? 1 : 0;
+    put(&outdated, 1);
   }
   impl_->file.Add(record, static_cast<size_t>(at - record));
 }

@@ -471,8 +471,8 @@ StatusOr<SynthReport> SynthesizeSecondEpoch(const SecondEpochOptions& options, c
   };
   LaterEpoch epoch{options, base, {at(p[0], p[1]), at(p[2], p[3])}, {}};
   control.Report(0, "changes");
-  epoch.city = ChangeCity(plan, epoch.part, options.seed);
-  if (epoch.city.changes.empty())
+  epoch.city = options.changes ? ChangeCity(plan, epoch.part, options.seed) : ChangedCity{plan, {}};
+  if (options.changes && epoch.city.changes.empty())
     return absl::InvalidArgumentError("part: no room for a change, expected a larger one");
   TESSERA_RETURN_IF_ERROR(PrepareFolder(folder, options.overwrite, true));
   return CitySynthesizer(epoch, folder, control).Run();

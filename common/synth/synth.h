@@ -43,6 +43,7 @@ struct SecondEpochOptions {
   std::string base_folder;                            // the city, as SynthesizeCity left it
   std::array<double, 4> part = {0.3, 0.3, 0.7, 0.7};  // x, y, x, y as shares of the city's extent
   uint64_t seed = 1;                                  // of the changes and of the flight's drift
+  bool changes = true;                                // false: the city stays as it was; only the flight is another
   bool whole = false;     // the complete scene: the city's images and start mesh too, the same bytes
   bool new_mesh = false;  // the complete scene with a start mesh of the changed city
   bool overwrite = false;

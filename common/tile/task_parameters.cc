@@ -118,12 +118,15 @@ std::string ToJson(const CompareParameters& p) {
 std::string ToJson(const ChangesParameters& p) {
   json blocks = json::array();
   for (const CellRect& block : p.blocks) blocks.push_back(RectToJson(block));
-  return json{{"blocks", std::move(blocks)}, {"states", p.states}, {"scene_name", p.scene_name}}.dump();
+  json out = {{"blocks", std::move(blocks)}, {"states", p.states}, {"scene_name", p.scene_name}};
+  if (p.outdated) out["outdated"] = true;
+  return out.dump();
 }
 
 std::string ToJson(const PublishParameters& p) {
   json out = {{"tiles", TilesToJson(p.tiles)}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
   if (!p.kept.empty()) out["kept"] = p.kept;
+  if (p.outdated) out["outdated"] = true;
   return out.dump();
 }
 
@@ -237,6 +240,7 @@ StatusOr<ChangesParameters> ParseChangesParameters(const std::string& text) {
     for (const json& block : j.at("blocks")) p.blocks.push_back(RectFromJson(block));
     j.at("states").get_to(p.states);
     j.at("scene_name").get_to(p.scene_name);
+    p.outdated = j.value("outdated", false);
     return p;
   });
 }
@@ -244,7 +248,7 @@ StatusOr<ChangesParameters> ParseChangesParameters(const std::string& text) {
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) {
   return Parse<PublishParameters>(text, [](const json& j) {
     return PublishParameters{TilesFromJson(j.at("tiles")), j.value("kept", std::vector<int>()), j.at("scene_name"),
-                             j.at("warnings").get<std::vector<std::string>>()};
+                             j.at("warnings").get<std::vector<std::string>>(), j.value("outdated", false)};
   });
 }
 

@@ -33,6 +33,8 @@ inline constexpr char kReportFile[] = "report.json";  // publish
 inline constexpr char kTileMeshFolder[] = "tiles";    // publish, of more than one tile: a mesh each
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
 inline constexpr char kSceneFolder[] = "scene";  // scene files among other inputs lie under this name
+// changes: faces of an update's result that show what is gone
+inline constexpr char kOutdatedFile[] = "outdated.arrays";
 
 // A view's file among the inputs of crop, however it is called in the scene.
 std::string ViewFileName(int32_t view, bool likelihoods);
@@ -123,6 +125,7 @@ struct ChangesParameters {
   std::vector<CellRect> blocks;
   std::vector<int> states;  // tiles whose last kStateFile are among the inputs, ascending
   std::string scene_name;
+  bool outdated = false;  // the base's kOutdatedFile is among the inputs
 };
 
 struct PublishParameters {
@@ -130,6 +133,7 @@ struct PublishParameters {
   std::vector<int> kept = {};         // tiles that an update took over from its base, ascending
   std::string scene_name = {};        // for the report, with the warnings about the scene
   std::vector<std::string> warnings = {};
+  bool outdated = false;  // kOutdatedFile is among the inputs
 };
 
 std::string ToJson(const IngestParameters& parameters);

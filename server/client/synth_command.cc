@@ -23,7 +23,7 @@ struct SynthArguments {
   double gsd_m = 0;
   std::string change, part;
   uint64_t change_seed = 1;
-  bool whole = false, new_mesh = false;
+  bool whole = false, new_mesh = false, unchanged = false;
   bool toy = false, no_images = false, force = false, quiet = false;
   int threads = 0;
 };
@@ -131,6 +131,7 @@ int RunSynth(const SynthArguments& arguments) {
   SecondEpochOptions later;
   later.base_folder = arguments.change;
   later.seed = arguments.change_seed;
+  later.changes = !arguments.unchanged;
   later.whole = arguments.whole;
   later.new_mesh = arguments.new_mesh;
   later.overwrite = arguments.force;
@@ -176,6 +177,8 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
       ->add_option("--part", arguments->part, "X0,Y0,X1,Y1, what is flown over (default 0.3,0.3,0.7,0.7 of the extent)")
       ->needs(change);
   epoch->add_option("--change-seed", arguments->change_seed, "Other changes (default 1)")->needs(change);
+  epoch->add_flag("--unchanged", arguments->unchanged, "New images of the city as it was; the seed is the flight's")
+      ->needs(change);
   epoch->add_flag("--whole", arguments->whole, "With the city's own images and start mesh, not the new images alone")
       ->needs(change);
   epoch->add_flag("--new-mesh", arguments->new_mesh, "As --whole, with a start mesh of the changed city")

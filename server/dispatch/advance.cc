@@ -1,4 +1,6 @@
 // What the coordinator does by itself, without a worker: plan, reuse what is known, end jobs.
+#include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "common/tile/task_parameters.h"
@@ -116,7 +118,8 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
   } else {
     for (const JobTask& task : job.tasks) {
       if (task.plan.kind != kPublishKind && task.plan.kind != kPlanKind && task.plan.kind != kChangesKind) continue;
-      step.artifacts.insert(step.artifacts.end(), task.outputs.begin(), task.outputs.end());
+      std::copy_if(task.outputs.begin(), task.outputs.end(), std::back_inserter(step.artifacts),
+                   [](const NamedDigest& file) { return file.name != kOutdatedFile; });  // publish's input
     }
   }
   step.report = JobReportJson(job, step.error, environment_.clock->UnixTimeUs());
@@ -167,6 +170,7 @@ StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step
 Status Dispatcher::CheckStored(const UpdateBase& base) const {
   std::vector<Digest> needed = base.states;
   needed.insert(needed.end(), {base.survey, base.plain, base.city});
+  if (base.outdated) needed.push_back(*base.outdated);
   for (const Digest& digest : needed) {
     if (environment_.blobs->Has(digest)) continue;
     return absl::FailedPreconditionError(base.name + ": its result " + digest.sha256 +

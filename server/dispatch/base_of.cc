@@ -32,6 +32,8 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
       } else if (as == kPlainSurveyFile) {
         base.plain = digest;
         TESSERA_ASSIGN_OR_RETURN(base.survey, InputDigest(job, {input.task, kSurveyFile}));
+      } else if (as == kOutdatedFile) {
+        base.outdated = digest;
       } else {
         base.states.push_back(digest);  // in the order of the tiles
       }

@@ -217,14 +217,15 @@ class Graph {
   }
 
   void AddChanges() {
-    ChangeWork work = {survey_, files_of_view_, views_of_base_, base_from_, city_from_, survey_from_, size(), {}};
+    ChangeWork work = {survey_, files_of_view_, views_of_base_, base_from_, city_from_, survey_from_, size(),
+                       {},      outdated_};
     for (const GraphTile& tile : tiles_) {
       const int id = tile.parameters.tile;
       if (static_cast<size_t>(id) >= tiles_of_base_) continue;
       const PlannedInput of_base = {base_from_, TileInputName(id, kStateFile)};
       work.tiles.push_back({tile.parameters, of_base, tile.state.value_or(of_base)});
     }
-    for (PlannedTask& task : PlanChanges(work)) Add(std::move(task));
+    for (PlannedTask& task : PlanChanges(work)) outdated_ = PlannedInput{Add(std::move(task)), kOutdatedFile};
   }
 
   void AddPublish() {
@@ -241,6 +242,8 @@ class Graph {
       task.inputs.push_back(*tile.state);
     }
     if (parameters.kept.size() == tiles_.size()) parameters.kept.clear();  // the base's result, under its key
+    if (outdated_) task.inputs.push_back(*outdated_);
+    parameters.outdated = outdated_.has_value();
     task.parameters = ToJson(parameters);
     Add(std::move(task));
   }
@@ -269,6 +272,7 @@ class Graph {
     effort_ = EffortOf(settings_, survey_);
     views_of_base_ = base_survey.views.size();
     update_cost_ = costs_.Corrected(kIngestKind, PredictUpdateIngest(base_survey, survey_));
+    if (base.outdated) outdated_ = PlannedInput{base_from_, kOutdatedFile};
     for (const TileChange& change : changes_) {
       GraphTile tile;
       tile.parameters = change.tile;
@@ -392,6 +396,7 @@ class Graph {
   bool goes_on_ = false;             // from the base's states; tiles without a change stay as they are
   std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;
+  std::optional<PlannedInput> outdated_;  // the base's list of faces, then that of the last task of AddChanges
   Prediction update_cost_;
   CostScale costs_;
 };

@@ -4,6 +4,7 @@
 #define TESSERA_SERVER_PLAN_GRAPH_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -71,6 +72,7 @@ struct UpdateBase {
   std::string survey_json;     // content of `survey`
   std::vector<TileParameters> tiles;
   std::vector<Digest> states;            // the last of each tile
+  std::optional<Digest> outdated;        // its kOutdatedFile
   std::vector<NamedDigest> scene_files;  // those of the base, sorted by name
   // Of the base and those that it goes on from; of ingest, which took the survey of the base, its own alone.
   MeasuredCosts measured;

@@ -101,6 +101,8 @@ std::vector<PlannedTask> PlanChanges(const ChangeWork& work) {
     parameters.states.push_back(work.tiles[t].parameters.tile);
     report.inputs.push_back(work.tiles[t].after);
   }
+  if (work.outdated) report.inputs.push_back(*work.outdated);
+  parameters.outdated = work.outdated.has_value();
   report.parameters = ToJson(parameters);
   SetCost(PredictChanges(work.survey, static_cast<double>(parameters.blocks.size())), &report);
   tasks.push_back(std::move(report));
@@ -149,6 +151,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   for (size_t t = 0; t < base.tiles.size(); ++t) {
     taken.given.push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
   }
+  if (base.outdated) taken.given.push_back({kOutdatedFile, *base.outdated});
   bool other_mesh = false;  // there may be one
   update.kind = update.name = kUpdateKind;
   update.parameters =

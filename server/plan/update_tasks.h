@@ -3,6 +3,7 @@
 #define TESSERA_SERVER_PLAN_UPDATE_TASKS_H_
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "common/tile/survey.h"
@@ -31,10 +32,11 @@ struct ChangeWork {
   TaskId base_from, city_from, survey_from;  // whose kCityFile was before, and is now
   size_t first_task = 0;                     // place of the first of these tasks in the job's list
   std::vector<Tile> tiles;
+  std::optional<PlannedInput> outdated;  // the base's kOutdatedFile
 };
 
-// A task for each block of ground of which a cell chose a new view, which looks at it in these, and one that reports
-// what all of them found; none, if no cell did.
+// A task for each block of ground of which a cell chose a new view, which looks at it in these, and last one that
+// reports what all of them found; none, if no cell did.
 std::vector<PlannedTask> PlanChanges(const ChangeWork& work);
 
 }  // namespace tessera

@@ -27,6 +27,7 @@
 #include "common/tile/ground.h"
 #include "worker/changes/change_areas.h"
 #include "worker/changes/change_report.h"
+#include "worker/changes/disagreement.h"
 #include "worker/changes/measure_changes.h"
 #include "worker/changes/surface_raster.h"
 
@@ -281,7 +282,9 @@ Status Bench(const Arguments& arguments) {
   const std::vector<ChangeArea> areas =
       FindChangeAreas({&raster, 1}, refined, ClassRoles(scene.classes), gsd_m, arguments.areas);
   const double find_s = CpuSeconds() - start_s;
-  TESSERA_RETURN_IF_ERROR(WriteChangeReport({scene, ground, raster, areas, gsd_m}, arguments.out));
+  const EpochDisagreement disagreement =
+      MeasureDisagreement(raster, refined, ClassRoles(scene.classes), gsd_m, arguments.areas);
+  TESSERA_RETURN_IF_ERROR(WriteChangeReport({scene, ground, raster, areas, gsd_m, disagreement}, arguments.out));
   if (arguments.rasters) TESSERA_RETURN_IF_ERROR(WriteRasters(raster, arguments.out));
 
   const double ground_m2 = ground.cell_m * ground.cell_m * static_cast<double>(raster.before.size());
@@ -293,6 +296,9 @@ Status Bench(const Arguments& arguments) {
       choose_s, measure_s, 1e6 * measure_s / all_pixels,
       1e6 * measure_s / std::max(1.0, 1.0 * all_pixels / scene.views.size() * views.size()),
       1000 * measure_s / ground_m2, find_s, peak_mb);
+  std::printf("disagreement: ZNCC %.3f on the old surface, %.3f on the new; heights %.2f %%, labels %.2f %%\n",
+              disagreement.agreement_before, disagreement.agreement, 100 * disagreement.before.heights,
+              100 * disagreement.before.labels);
   const std::string newer_truth = arguments.later + "/truth/mesh.ply";
   if (FileExists(newer_truth)) {
     TESSERA_ASSIGN_OR_RETURN(const TriangleMesh newer, LoadMesh(newer_truth, scene));

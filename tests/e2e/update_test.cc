@@ -84,6 +84,18 @@ class UpdateTest : public testing::Test {
     }
     return kinds;
   }
+  // Of each face of the result; empty if it has no such property.
+  std::vector<bool> Outdated(const std::string& out) const {
+    const std::string mesh = Mesh(out), faces = "element face ";
+    const size_t begin = mesh.find("end_header\n");
+    const std::string header = mesh.substr(0, begin);
+    if (!header.ends_with("property uchar outdated\n")) return {};
+    std::vector<bool> outdated(std::stoul(header.substr(header.find(faces) + faces.size())));
+    const size_t bytes = 1 + 3 * 4 + 4 + 3 + 4 + 4 + 1;  // corners, label, colour, confidence, input face, and it
+    for (size_t f = 0; f < outdated.size(); ++f)
+      outdated[f] = mesh[mesh.size() - 1 - (outdated.size() - 1 - f) * bytes];
+    return outdated;
+  }
   std::string Mesh(const std::string& out) const { return Content(Path(out) + "/mesh.ply"); }
 
   // Of each tile, whether it was redone; checks that the tiles' meshes say so too.
@@ -176,6 +188,41 @@ TEST_F(UpdateTest, ANewFlightRedoesTheTilesThatItSeesAndNoOther) {
   ASSERT_EQ(back.exit_code, 0) << back.output;
   EXPECT_THAT(Content(Path("back/update.json")), HasSubstr("image withdrawn"));
   EXPECT_EQ(Json("back/update.json")["tiles_redone"], count);
+}
+
+TEST_F(UpdateTest, FacesThatShowWhatIsGoneAreFlaggedAndStaySo) {
+  const auto fly = [&](const std::string& name, const std::vector<std::string>& more) {
+    std::vector<std::string> words = {"synth", Path(name), "--change", Street(), "--quiet"};
+    words.insert(words.end(), more.begin(), more.end());
+    const Outcome outcome = Tessera(folder_.path(), words);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+    return Path(name);
+  };
+  const Outcome outcome = Update(fly("changed", {"--part", "0.65,0,1,1"}), "later");
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("need a new coarse mesh"));
+  const std::vector<bool> later = Outdated("later");
+  const auto count = std::count(later.begin(), later.end(), true);
+  const json changes = Json("later/changes.json"), index = Json("later/tiles/index.json");
+  int64_t of_areas = 0, of_tiles = 0;
+  for (const json& area : changes["areas"]) {
+    EXPECT_EQ(area.contains("new_mesh"), area["followed"] == false);
+    if (area.contains("new_mesh")) of_areas += area["new_mesh"]["outdated_faces"].get<int64_t>();
+  }
+  for (const json& tile : index["tiles"]) of_tiles += tile["outdated_faces"].get<int64_t>();
+  EXPECT_GT(count, 0);
+  EXPECT_LT(count, static_cast<int64_t>(later.size() / 4));
+  EXPECT_EQ(of_areas, count);
+  EXPECT_EQ(of_tiles, count);
+  EXPECT_FALSE(fs::exists(Path("later/outdated.arrays")));
+  Redone("later");  // tiles that were kept have their bytes
+  // Nobody looks, then others look elsewhere: what was found stays.
+  ASSERT_EQ(Update(Path("changed"), "again", {}, Path("later")).exit_code, 0);
+  EXPECT_TRUE(Mesh("again") == Mesh("later"));
+  ASSERT_EQ(Update(fly("elsewhere", {"--unchanged", "--part", "0,0,0.1,1"}), "next", {}, Path("later")).exit_code, 0);
+  const std::vector<bool> next = Outdated("next");
+  ASSERT_EQ(next.size(), later.size());
+  for (size_t f = 0; f < later.size(); ++f) ASSERT_LE(later[f], next[f]) << f;
 }
 
 TEST_F(UpdateTest, AWithdrawnImageRedoesTheTilesThatHadChosenIt) {

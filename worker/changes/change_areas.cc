@@ -22,13 +22,20 @@ uint8_t MostFrequent(const std::vector<uint8_t>& labels, const std::vector<size_
   return *best > 0 ? static_cast<uint8_t>(best - votes.begin()) : kNoLabel;
 }
 
+CellRect Common(const CellRect& a, const CellRect& b) {
+  return {std::max(a.x0, b.x0), std::max(a.y0, b.y0), std::min(a.x1, b.x1), std::min(a.y1, b.y1)};
+}
+
+// The cells that both have.
 void CopySurface(const SurfaceRaster& from, SurfaceRaster* to) {
-  for (int y = 0; y < from.height(); ++y) {
-    const size_t i = static_cast<size_t>(y) * from.width();
-    const size_t j =
-        static_cast<size_t>(from.cells.y0 + y - to->cells.y0) * to->width() + (from.cells.x0 - to->cells.x0);
-    std::copy_n(from.height_m.begin() + i, from.width(), to->height_m.begin() + j);
-    std::copy_n(from.label.begin() + i, from.width(), to->label.begin() + j);
+  const CellRect common = Common(from.cells, to->cells);
+  if (common.x0 >= common.x1) return;
+  const auto at = [&](const SurfaceRaster& raster, int y) {
+    return static_cast<size_t>(y - raster.cells.y0) * raster.width() + (common.x0 - raster.cells.x0);
+  };
+  for (int y = common.y0; y < common.y1; ++y) {
+    std::copy_n(from.height_m.begin() + at(from, y), common.x1 - common.x0, to->height_m.begin() + at(*to, y));
+    std::copy_n(from.label.begin() + at(from, y), common.x1 - common.x0, to->label.begin() + at(*to, y));
   }
 }
 
@@ -45,7 +52,7 @@ class AreaFinder {
         refined_(refined),
         roles_(roles),
         options_(options),
-        threshold_m_(std::max(options.height_m, options.height_gsd * gsd_m)) {}
+        threshold_m_(HeightThreshold_m(options, gsd_m)) {}
 
   std::vector<ChangeArea> Find() {
     std::vector<std::pair<size_t, ChangeArea>> found;
@@ -74,9 +81,7 @@ class AreaFinder {
     if (sign == Sign::kLower) return -difference_m > share * threshold_m_;
     if (!(std::abs(difference_m) <= options_.weak_share * threshold_m_)) return false;
     const uint8_t before = raster_.before.label[i], after = raster_.after.label[i];
-    if (before == kNoLabel || after == kNoLabel || before == after) return false;
-    // From above a roof may show its eaves' facade.
-    if (RoleOf(roles_, before) == ClassRole::kBuilding && RoleOf(roles_, after) == ClassRole::kBuilding) return false;
+    if (before == kNoLabel || after == kNoLabel || !ClassesDiffer(roles_, before, after)) return false;
     return raster_.label_margin[i] > share * options_.label_margin;
   }
 
@@ -85,17 +90,22 @@ class AreaFinder {
     ChangeArea area;
     area.area_m2 = count * cell_m * cell_m;
     if (area.area_m2 < (sign == Sign::kEqual ? options_.min_label_area_m2 : options_.min_area_m2)) return {};
-    std::vector<Eigen::Vector2i> places;
+    area.low_m = std::numeric_limits<double>::infinity();
+    area.high_m = -area.low_m;
     double known = 0, right = 0;
     area.label_before = MostFrequent(raster_.before.label, cells);
     area.label_after = MostFrequent(raster_.after.label, cells);
     for (const size_t i : cells) {
       const int x = static_cast<int>(i % raster_.before.width()), y = static_cast<int>(i / raster_.before.width());
-      places.emplace_back(raster_.cells().x0 + x, raster_.cells().y0 + y);
-      area.place.head<2>() += cell_m * (places.back().cast<double>() + Eigen::Vector2d::Constant(0.5)) / count;
+      area.cells.emplace_back(raster_.cells().x0 + x, raster_.cells().y0 + y);
+      area.place.head<2>() += cell_m * (area.cells.back().cast<double>() + Eigen::Vector2d::Constant(0.5)) / count;
       const double difference_m = raster_.after.height_m[i] - raster_.before.height_m[i];
       if (std::isnan(difference_m)) continue;  // closed by its neighbours
       known += 1;
+      for (const double height_m : {raster_.before.height_m[i], raster_.after.height_m[i]}) {
+        area.low_m = std::min(area.low_m, height_m);
+        area.high_m = std::max(area.high_m, height_m);
+      }
       area.place.z() += raster_.after.height_m[i];
       area.height_difference_m += difference_m;
       area.agreement += raster_.after_score[i];
@@ -123,7 +133,7 @@ class AreaFinder {
       area.kind = plants ? ChangeKind::kFelled : ChangeKind::kDemolished;
     }
     if (refined_ != nullptr) area.followed = right >= options_.followed_share * known;
-    area.outline = TraceOutline(places);
+    area.outline = TraceOutline(area.cells);
     for (Eigen::Vector2d& p : area.outline.outer) p *= cell_m;
     area.outline.outer = SimplifyRing(area.outline.outer, options_.simplify_cells * cell_m);
     for (Ring& hole : area.outline.holes) {
@@ -176,6 +186,20 @@ std::vector<ClassRole> ClassRoles(const std::vector<SceneClass>& classes) {
   return roles;
 }
 
+double HeightThreshold_m(const ChangeAreaOptions& options, double gsd_m) {
+  return std::max(options.height_m, options.height_gsd * gsd_m);
+}
+
+bool ClassesDiffer(const std::vector<ClassRole>& roles, uint8_t a, uint8_t b) {
+  return a != b && !(RoleOf(roles, a) == ClassRole::kBuilding && RoleOf(roles, b) == ClassRole::kBuilding);
+}
+
+SurfaceRaster MergeSurfaces(std::span<const SurfaceRaster> rasters, const CellRect& cells, double cell_m) {
+  SurfaceRaster merged(cells, cell_m);
+  for (const SurfaceRaster& raster : rasters) CopySurface(raster, &merged);
+  return merged;
+}
+
 ChangeRaster MergeRasters(std::span<const ChangeRaster> rasters) {
   if (rasters.empty()) return {};
   CellRect rect = rasters[0].cells();
@@ -202,20 +226,7 @@ std::vector<ChangeArea> FindChangeAreas(std::span<const ChangeRaster> rasters, s
                                         const ChangeAreaOptions& options) {
   if (rasters.empty()) return {};
   const ChangeRaster merged = MergeRasters(rasters);
-  SurfaceRaster shown;
-  if (!refined.empty()) {
-    CellRect rect = merged.cells();
-    for (const SurfaceRaster& raster : refined) rect = Around(rect, raster.cells);
-    SurfaceRaster all(rect, merged.cell_m());
-    for (const SurfaceRaster& raster : refined) CopySurface(raster, &all);
-    shown = SurfaceRaster(merged.cells(), merged.cell_m());
-    for (int y = 0; y < shown.height(); ++y) {
-      const size_t i = static_cast<size_t>(y) * shown.width();
-      const size_t j = static_cast<size_t>(shown.cells.y0 + y - rect.y0) * all.width() + (shown.cells.x0 - rect.x0);
-      std::copy_n(all.height_m.begin() + j, shown.width(), shown.height_m.begin() + i);
-      std::copy_n(all.label.begin() + j, shown.width(), shown.label.begin() + i);
-    }
-  }
+  const SurfaceRaster shown = MergeSurfaces(refined, merged.cells(), merged.cell_m());
   return AreaFinder(merged, refined.empty() ? nullptr : &shown, roles, gsd_m, options).Find();
 }
 

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <optional>
 #include <span>
 #include <string>
@@ -43,6 +44,9 @@ struct ChangeArea {
   double agreement = 0;          // of the new images on the new surface, mean (ChangeRaster::after_score)
   double agreement_before = 0;   // the same on the old surface
   std::optional<bool> followed;  // whether the refined mesh has it; nothing: not asked
+  std::vector<Eigen::Vector2i> cells;
+  double low_m = 0, high_m = 0;  // coordinates along the plane's up between which both surfaces lie
+  int64_t outdated_faces = 0;    // of the refined mesh, where it does not follow; counted by the changes task
 };
 
 struct ChangeAreaOptions {
@@ -59,6 +63,12 @@ struct ChangeAreaOptions {
   double simplify_cells = 0.75;  // outlines stay so near to the cells' border
 };
 
+// By how much heights differ for good at this ground sampling distance.
+double HeightThreshold_m(const ChangeAreaOptions& options, double gsd_m);
+
+// Whether labels, both of a class, stand for different things: from above a roof may show its eaves' facade.
+bool ClassesDiffer(const std::vector<ClassRole>& roles, uint8_t a, uint8_t b);
+
 // `rasters`: of one plane and cell size, of any number of tiles, in any order; cells that several have count as the
 // last one has them. `refined`: what the refined mesh of the update shows (DrawSurface), or empty. Areas come by their
 // first cell, row by row. Memory: 20 bytes a cell of the rectangle around all.
@@ -68,6 +78,8 @@ std::vector<ChangeArea> FindChangeAreas(std::span<const ChangeRaster> rasters, s
 
 // One raster of all cells of the rectangle around `rasters`.
 ChangeRaster MergeRasters(std::span<const ChangeRaster> rasters);
+// What of `rasters` lies in `cells`.
+SurfaceRaster MergeSurfaces(std::span<const SurfaceRaster> rasters, const CellRect& cells, double cell_m);
 
 }  // namespace tessera
 

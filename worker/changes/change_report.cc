@@ -69,6 +69,25 @@ Json SceneRing(const ChangeReport& report, const Ring& ring, double height_m) {
   return points;
 }
 
+Json SharesJson(const EpochDisagreement::Shares& shares) {
+  return {{"heights", Decimals(shares.heights, 4)}, {"labels", Decimals(shares.labels, 4)}};
+}
+
+// Two corners.
+Json SceneBox(const ChangeReport& report, const ChangeArea& area) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector2d& p : area.outline.outer) {
+    for (const double height_m : {area.low_m, area.high_m}) {
+      box.extend(report.scene.frame.SceneFromLocal(LocalPoint(report, p.x(), p.y(), height_m)));
+    }
+  }
+  Json corners = Json::array();
+  for (const Eigen::Vector3d& q : {box.min(), box.max()}) {
+    corners.push_back({Decimals(q.x(), 3), Decimals(q.y(), 3), Decimals(q.z(), 3)});
+  }
+  return corners;
+}
+
 // Closed, as RFC 7946 has rings.
 Json GeoRing(const ChangeReport& report, const Ring& ring, double height_m) {
   Json points = Json::array();
@@ -140,6 +159,11 @@ std::string ChangesJson(const ChangeReport& report) {
     json["totals"][ChangeKindName(kind)] = {
         {"count", count}, {"area_m2", Decimals(area_m2, 1)}, {"volume_m3", Decimals(volume_m3, 1)}};
   }
+  const EpochDisagreement& disagreement = report.disagreement;
+  json["disagreement"] = SharesJson(disagreement.before);
+  json["disagreement"]["agreement"] = Decimals(disagreement.agreement, 3);
+  json["disagreement"]["agreement_before"] = Decimals(disagreement.agreement_before, 3);
+  json["disagreement"]["refined"] = disagreement.refined ? SharesJson(*disagreement.refined) : Json(nullptr);
   json["needs_mesh"] = std::count_if(report.areas.begin(), report.areas.end(),
                                      [](const ChangeArea& area) { return area.followed && !*area.followed; });
   json["areas"] = Json::array();
@@ -162,6 +186,9 @@ std::string ChangesJson(const ChangeReport& report) {
     one["agreement"] = Decimals(area.agreement, 3);
     one["agreement_before"] = Decimals(area.agreement_before, 3);
     one["followed"] = Followed(area);
+    if (area.followed && !*area.followed) {
+      one["new_mesh"] = {{"box", SceneBox(report, area)}, {"outdated_faces", area.outdated_faces}};
+    }
     one["rings"] = Json::array({SceneRing(report, area.outline.outer, area.place.z())});
     for (const Ring& hole : area.outline.holes) one["rings"].push_back(SceneRing(report, hole, area.place.z()));
     json["areas"].push_back(std::move(one));

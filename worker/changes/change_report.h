@@ -7,6 +7,11 @@
 //   cell_m, gsd_m       side of the cells measured; ground sampling distance of the new images
 //   measured_area_m2    ground that at least two new views see, and of which the old surface is known
 //   totals              a kind: {count, area_m2, volume_m3}
+//   disagreement        of the new images with the surface that the earlier ones left, over the measured area:
+//     agreement, agreement_before       photo term: mean ZNCC of the new images on the new and on the old surface
+//     heights, labels                   shares of the area that differ: in height by as much as changes do; in class
+//     refined                           {heights, labels}: the same with the result in the old surface's place; null
+//                                       if none was compared
 //   needs_mesh          how many areas the refined mesh does not follow
 //   areas               by their first cell, row by row:
 //     id                from 1 on; the same as in changes.geojson
@@ -19,6 +24,8 @@
 //     agreement, agreement_before       mean ZNCC of the new images on the new and on the old surface
 //     followed          whether the refined mesh follows the change; false: a new coarse mesh is needed there; null: no
 //                       refined mesh was compared
+//     new_mesh          where not followed, what a new coarse mesh has to cover: {box, outdated_faces}: two corners
+//                       [x, y, z] around the area on the old and the new surface; faces of mesh.ply that lie there
 //     rings             [[[x, y], ...], ...]: the outline, then its holes; first corners not repeated
 //
 // changes.geojson (RFC 7946): a FeatureCollection of Polygons with the properties id, kind, area_m2,
@@ -40,6 +47,7 @@
 #include "common/tile/ground.h"
 #include "worker/changes/change_areas.h"
 #include "worker/changes/change_raster.h"
+#include "worker/changes/disagreement.h"
 
 namespace tessera {
 
@@ -49,6 +57,7 @@ struct ChangeReport {
   const ChangeRaster& raster;     // all of it (MergeRasters)
   const std::vector<ChangeArea>& areas;
   double gsd_m = 0;
+  EpochDisagreement disagreement = {};
 };
 
 std::string ChangesJson(const ChangeReport& report);

@@ -1,5 +1,6 @@
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_format.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "common/tile/change_cells.h"
@@ -8,6 +9,7 @@
 #include "worker/changes/change_report.h"
 #include "worker/changes/surface_raster.h"
 #include "worker/tasks/change_files.h"
+#include "worker/tasks/outdated_faces.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/stages.h"
 
@@ -21,36 +23,62 @@ StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& 
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   GroundPlane ground = survey.ground;
   ground.cell_m = ChangeCellSize_m(survey.gsd_m);
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedCore> states, OpenStates(request, parameters.states));
+  OutdatedFaces of_base;
+  if (parameters.outdated) {
+    TESSERA_ASSIGN_OR_RETURN(of_base, OutdatedFaces::Open(InputPath(request, kOutdatedFile)));
+  }
   std::vector<ChangeRaster> rasters;
   std::vector<SurfaceRaster> refined;
   for (const CellRect& block : parameters.blocks) {
     TESSERA_RETURN_IF_ERROR(control.Check());
-    control.Report(static_cast<double>(rasters.size()) / static_cast<double>(parameters.blocks.size()),
+    control.Report(0.7 * static_cast<double>(rasters.size()) / static_cast<double>(parameters.blocks.size()),
                    "comparing the result");
     TESSERA_ASSIGN_OR_RETURN(ChangeRaster raster, ReadChangeRaster(InputPath(request, ChangeBlockFile(block))));
-    TESSERA_ASSIGN_OR_RETURN(const TriangleMesh surface,
-                             RefinedSurface(request, city, ground, PlanOf(block, ground.cell_m, 1), parameters.states));
-    refined.push_back(surface.faces.empty() ? SurfaceRaster(block, ground.cell_m)
-                                            : DrawSurface(TopSurface(surface, ground), ground, block));
+    TESSERA_ASSIGN_OR_RETURN(const CollectedFaces surface,
+                             RefinedSurface(city, ground, PlanOf(block, ground.cell_m, 1), states));
+    refined.push_back(surface.face_ids.empty() ? SurfaceRaster(block, ground.cell_m)
+                                               : DrawSurface(TopSurface(surface.mesh, ground), ground, block));
     rasters.push_back(std::move(raster));
   }
-  const std::vector<ChangeArea> areas =
-      FindChangeAreas(rasters, refined, ClassRoles(survey.classes), survey.gsd_m, ChangeAreaOptions());
+  const std::vector<ClassRole> roles = ClassRoles(survey.classes);
+  const ChangeAreaOptions options;
+  std::vector<ChangeArea> areas = FindChangeAreas(rasters, refined, roles, survey.gsd_m, options);
+  const ChangeRaster whole = MergeRasters(rasters);
+  const EpochDisagreement disagreement = MeasureDisagreement(whole, refined, roles, survey.gsd_m, options);
+  OutdatedFaceFinder outdated(ground, whole, of_base.ids(), &areas);
+  control.Report(0.7, "finding what it cannot follow");
+  for (const CellRect& block : parameters.blocks) {
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    if (!outdated.Asks(block)) continue;
+    // Vertices have moved since the city's blocks were made.
+    TESSERA_ASSIGN_OR_RETURN(const CollectedFaces surface,
+                             RefinedSurface(city, ground, PlanOf(block, ground.cell_m, kBlockMargin), states));
+    outdated.Add(surface, block);
+  }
+  TESSERA_RETURN_IF_ERROR(WriteOutdatedFaces(OutputPath(request, kOutdatedFile), std::move(outdated).Finish()));
   SceneDescription scene;
   scene.name = parameters.scene_name;
   scene.classes = survey.classes;
   scene.up_in_local = survey.up;
   scene.frame = Frame::Of(survey.crs, survey.origin_in_scene, survey.rotation_local_from_scene);
-  const ChangeRaster whole = MergeRasters(rasters);
-  TESSERA_RETURN_IF_ERROR(WriteChangeReport({scene, ground, whole, areas, survey.gsd_m}, request.output_dir));
+  TESSERA_RETURN_IF_ERROR(
+      WriteChangeReport({scene, ground, whole, areas, survey.gsd_m, disagreement}, request.output_dir));
   TaskOutcome outcome;
-  outcome.outputs = {"changes.json", "changes.geojson", "changes.png"};
+  outcome.outputs = {"changes.json", "changes.geojson", "changes.png", kOutdatedFile};
   int64_t unfollowed = 0;
   for (const ChangeArea& area : areas) unfollowed += area.followed && !*area.followed;
   if (unfollowed > 0) {
     outcome.warnings.push_back(std::to_string(unfollowed) + " of " + std::to_string(areas.size()) +
                                " changed areas need a new coarse mesh, for the old one cannot follow them: "
                                "changes.json has them (followed: false)");
+  }
+  if (disagreement.IsLarge()) {
+    outcome.warnings.push_back(absl::StrFormat(
+        "the new images contradict the base's surface where they see it: heights on %.0f %% of the ground, classes on "
+        "%.0f %%, ZNCC %.2f on it and %.2f on what they show: where much was rebuilt, take a new coarse mesh",
+        100 * disagreement.before.heights, 100 * disagreement.before.labels, disagreement.agreement_before,
+        disagreement.agreement));
   }
   outcome.stats =
       nlohmann::json{{"areas", areas.size()}, {"unfollowed", unfollowed}, {"seconds", SecondsSince(clock, start_us)}}

@@ -88,7 +88,9 @@ StatusOr<TaskOutcome> RunCompare(const TaskRequest& request, const TaskControl& 
   GroundPlane ground = survey.ground;
   ground.cell_m = ChangeCellSize_m(survey.gsd_m);
   const Eigen::AlignedBox2d plan = PlanOf(parameters.cells, ground.cell_m, kBlockMargin);
-  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh surface, RefinedSurface(request, city, ground, plan, parameters.states));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedCore> states, OpenStates(request, parameters.states));
+  TESSERA_ASSIGN_OR_RETURN(const CollectedFaces faces, RefinedSurface(city, ground, plan, states));
+  const TriangleMesh& surface = faces.mesh;
   ChangeRaster raster(parameters.cells, ground.cell_m);
   size_t used = 0;
   if (!surface.faces.empty()) {

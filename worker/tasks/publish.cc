@@ -6,6 +6,7 @@
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "worker/tasks/merge_cores.h"
+#include "worker/tasks/outdated_faces.h"
 #include "worker/tasks/report.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/tile_meshes.h"
@@ -35,12 +36,17 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
   }
   TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, spans));
+  OutdatedFaces outdated;
+  if (parameters.outdated) {
+    TESSERA_ASSIGN_OR_RETURN(outdated, OutdatedFaces::Open(InputPath(request, kOutdatedFile)));
+  }
 
   control.Report(0.2, "writing the mesh");
   PlyLayout layout;
   layout.vertices = city.vertices();
   layout.faces = city.faces();
   layout.has_labels = layout.has_confidence = layout.has_input_face = true;
+  layout.has_outdated = !outdated.ids().empty();
   for (const SceneClass& c : survey.classes) layout.label_colors_rgb.push_back(c.color_rgb);
   TESSERA_ASSIGN_OR_RETURN(PlyStream mesh, PlyStream::Create(OutputPath(request, kMeshFile), layout));
   TESSERA_ASSIGN_OR_RETURN(ResultStatistics statistics,
@@ -59,9 +65,12 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   control.Report(0.5, "writing the mesh");
   MeshSpans one_face;
   one_face.vertices = after.values();
+  std::span<const uint32_t> outdated_left = outdated.ids();
   TESSERA_RETURN_IF_ERROR(merger.ForEachFace([&](const MergedFace& face) {
+    while (!outdated_left.empty() && outdated_left.front() < face.id) outdated_left = outdated_left.subspan(1);
+    const bool is_outdated = !outdated_left.empty() && outdated_left.front() == face.id;
     const Triangle corners = {places(face.vertices[0]), places(face.vertices[1]), places(face.vertices[2])};
-    mesh.AddFace({corners, face.label, face.confidence, face.input_face});
+    mesh.AddFace({corners, face.label, face.confidence, face.input_face, is_outdated});
     one_face.faces = {&corners, 1};
     statistics.AddFace(face.area_before_m2, face.label_before, FaceArea(one_face, 0), face.label);
   }));
@@ -72,9 +81,9 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   TaskOutcome outcome;
   outcome.outputs = {kMeshFile, kReportFile};
   if (parameters.tiles.size() > 1) {
-    TESSERA_ASSIGN_OR_RETURN(
-        const std::vector<std::string> names,
-        WriteTileMeshes(request.output_dir, city, survey, parameters.tiles, spans, PartOf(control, 0.8, 1)));
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names,
+                             WriteTileMeshes(request.output_dir, city, survey, parameters.tiles, spans, outdated.ids(),
+                                             PartOf(control, 0.8, 1)));
     outcome.outputs.insert(outcome.outputs.end(), names.begin(), names.end());
   }
   outcome.stats = nlohmann::json{{"faces", city.faces()}, {"seconds", SecondsSince(clock, start_us)}}.dump();

@@ -1,8 +1,6 @@
 #include "worker/tasks/refined_surface.h"
 
 #include "common/tile/task_parameters.h"
-#include "worker/city/collected_faces.h"
-#include "worker/tasks/merge_cores.h"
 #include "worker/tasks/stages.h"
 
 namespace tessera {
@@ -27,8 +25,17 @@ Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cell
   return {low * cell_m, high * cell_m};
 }
 
-StatusOr<TriangleMesh> RefinedSurface(const TaskRequest& request, const CityReader& city, const GroundPlane& ground,
-                                      const Eigen::AlignedBox2d& plan, const std::vector<int>& tiles) {
+StatusOr<std::vector<MappedCore>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles) {
+  std::vector<MappedCore> states;
+  for (const int tile : tiles) {
+    TESSERA_ASSIGN_OR_RETURN(MappedCore state, MappedCore::Open(InputPath(request, TileInputName(tile, kStateFile))));
+    states.push_back(std::move(state));
+  }
+  return states;
+}
+
+StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlane& ground,
+                                        const Eigen::AlignedBox2d& plan, const std::vector<MappedCore>& states) {
   FaceCollector collector;
   for (size_t b = 0; b < city.block_count(); ++b) {
     Eigen::AlignedBox2d of_block;
@@ -44,15 +51,13 @@ StatusOr<TriangleMesh> RefinedSurface(const TaskRequest& request, const CityRead
     }
   }
   CollectedFaces found = collector.Finish();
-  for (const int tile : tiles) {
-    TESSERA_ASSIGN_OR_RETURN(const MappedCore core,
-                             MappedCore::Open(InputPath(request, TileInputName(tile, kStateFile))));
-    const CoreSpans& spans = core.spans();
+  for (const MappedCore& state : states) {
+    const CoreSpans& spans = state.spans();
     ForShared(spans.vertex_ids, found.vertex_ids,
               [&](size_t i, size_t v) { found.mesh.vertices[v] = spans.positions[i]; });
     ForShared(spans.face_ids, found.face_ids, [&](size_t i, size_t f) { found.mesh.labels[f] = spans.labels[i]; });
   }
-  return std::move(found.mesh);
+  return found;
 }
 
 }  // namespace tessera

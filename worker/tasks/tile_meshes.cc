@@ -75,6 +75,13 @@ StatusOr<json> WriteTileMesh(const std::string& output_dir, const CityReader& ci
               {"box_max", VectorToJson(box.max())}};
 }
 
+// Of two ascending lists of ids.
+int64_t CountShared(std::span<const uint32_t> a, std::span<const uint32_t> b) {
+  int64_t count = 0;
+  for (const uint32_t id : a) count += std::binary_search(b.begin(), b.end(), id);
+  return count;
+}
+
 }  // namespace
 
 std::string TileMeshName(const CellRect& core) {
@@ -83,7 +90,8 @@ std::string TileMeshName(const CellRect& core) {
 
 StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir, const CityReader& city,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
-                                                   const std::vector<CoreSpans>& cores, const TaskControl& control) {
+                                                   const std::vector<CoreSpans>& cores,
+                                                   std::span<const uint32_t> outdated, const TaskControl& control) {
   TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(output_dir, "/", kTileMeshFolder)));
   std::vector<std::string> names;
   json entries = json::array();
@@ -91,6 +99,7 @@ StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(t) / static_cast<double>(tiles.size()), "writing tiles");
     TESSERA_ASSIGN_OR_RETURN(json entry, WriteTileMesh(output_dir, city, survey, tiles[t].core, cores[t]));
+    if (!outdated.empty()) entry["outdated_faces"] = CountShared(cores[t].face_ids, outdated);
     entries.push_back(std::move(entry));
     names.push_back(TileMeshName(tiles[t].core));
   }

@@ -2,6 +2,8 @@
 #ifndef TESSERA_WORKER_TASKS_TILE_MESHES_H_
 #define TESSERA_WORKER_TASKS_TILE_MESHES_H_
 
+#include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,13 +20,15 @@ namespace tessera {
 std::string TileMeshName(const CellRect& core);
 
 // Writes TileMeshName for each core (`cores[i]` is that of `tiles[i]`) and kTileIndexFile to `output_dir`: scene's
-// frame, with the properties of mesh.ply but `input_face`; vertices that tiles share are equal byte for byte. The index
-// names each file with its core (cells and metres of the ground plane), box (scene's frame), vertices, faces and faces
-// a class. Gives the files' names. Memory is bounded by a tile. DATA_LOSS if a core is not what the city has in its
-// rectangle.
+// frame, with the properties of mesh.ply but `input_face` and `outdated`, so that a tile that an update keeps has the
+// same bytes; vertices that tiles share are equal byte for byte. The index names each file with its core (cells and
+// metres of the ground plane), box (scene's frame), vertices, faces, faces a class and, unless `outdated` (ids,
+// ascending) is empty, how many of its faces are among those. Gives the files' names. Memory is bounded by a tile.
+// DATA_LOSS if a core is not what the city has in its rectangle.
 StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir, const CityReader& city,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
-                                                   const std::vector<CoreSpans>& cores, const TaskControl& control);
+                                                   const std::vector<CoreSpans>& cores,
+                                                   std::span<const uint32_t> outdated, const TaskControl& control);
 
 }  // namespace tessera
 

@@ -347,5 +347,27 @@ TEST(PlyStream, AppearsOnlyWithTheAnnouncedCounts) {
   EXPECT_EQ(*PlyFaceCount(path), 1);
 }
 
+TEST(PlyStream, OutdatedFacesHaveAByte) {
+  const std::string path = testing::TempDir() + "/outdated.ply";
+  PlyLayout layout;
+  layout.vertices = 3;
+  layout.faces = 2;
+  layout.has_outdated = true;
+  auto stream = PlyStream::Create(path, layout);
+  ASSERT_TRUE(stream.ok()) << stream.status();
+  for (int v = 0; v < 3; ++v) stream->AddVertex({0.5 * v, 1.0 * v * v, -1});
+  PlyFace face = {{0, 1, 2}};
+  stream->AddFace(face);
+  face.outdated = true;
+  stream->AddFace(face);
+  ASSERT_TRUE(stream->Finish().ok());
+  std::ifstream file(path, std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(file), {}};
+  EXPECT_THAT(bytes, HasSubstr("property list uchar int vertex_indices\nproperty uchar outdated\nend_header\n"));
+  EXPECT_EQ(bytes.back(), 1);
+  EXPECT_EQ(bytes[bytes.size() - 1 - 14], 0);  // a face: a byte, three indices, a byte
+  EXPECT_EQ(ReadPly(path)->mesh.faces.size(), 2u) << "it is read past";
+}
+
 }  // namespace
 }  // namespace tessera

@@ -243,6 +243,24 @@ TEST_F(SecondEpochTest, DeltaIsCamerasAndImagesAloneAndTheSameForAnyNumberOfThre
   EXPECT_GE(images, 15);
 }
 
+TEST_F(SecondEpochTest, AnUnchangedCityIsPhotographedAnew) {
+  SecondEpochOptions options = Options();
+  options.changes = false;
+  std::map<std::string, std::string> flights[2];
+  for (const uint64_t seed : {1, 2}) {
+    options.seed = seed;
+    const std::string folder = Scratch() + "unchanged" + std::to_string(seed);
+    const auto report = SynthesizeSecondEpoch(options, folder, {});
+    ASSERT_TRUE(report.ok()) << report.status();
+    for (const int64_t changes : report->changes) EXPECT_EQ(changes, 0);
+    EXPECT_GE(report->images, 15);
+    flights[seed - 1] = AllFiles(folder);
+  }
+  EXPECT_EQ(flights[0].at("truth/mesh.ply"), *ReadFile(Base() + "/truth/mesh.ply"));
+  EXPECT_EQ(flights[1].at("truth/mesh.ply"), *ReadFile(Base() + "/truth/mesh.ply"));
+  EXPECT_NE(flights[0].at("colmap/images.txt"), flights[1].at("colmap/images.txt")) << "another flight";
+}
+
 TEST_F(SecondEpochTest, GeoJsonHasClosedCounterClockwiseRingsOfTheStatedArea) {
   const std::string folder = Scratch() + "geojson";
   ASSERT_TRUE(SynthesizeSecondEpoch(Options(), folder, {}).ok());

@@ -93,6 +93,14 @@ TEST(TaskParameters, RoundTrip) {
   EXPECT_EQ(ToJson(*parsed), ToJson(cut));
   const PublishParameters publish = {{{0, {0, 0, 1, 1}}}};
   EXPECT_EQ(ToJson(*ParsePublishParameters(ToJson(publish))), ToJson(publish));
+  ChangesParameters changes = {{{0, 0, 96, 96}}, {1, 2}, "town"};
+  EXPECT_EQ(ToJson(*ParseChangesParameters(ToJson(changes))), ToJson(changes));
+  changes.outdated = true;
+  EXPECT_TRUE(ParseChangesParameters(ToJson(changes))->outdated);
+  PublishParameters update = publish;
+  update.outdated = true;
+  EXPECT_TRUE(ParsePublishParameters(ToJson(update))->outdated);
+  EXPECT_FALSE(ParsePublishParameters(ToJson(publish))->outdated);
   EXPECT_EQ(ToJson(*ParseRefineParameters(ToJson(RefineParameters{2, "tessera"}))),
             ToJson(RefineParameters{2, "tessera"}));
   EXPECT_FALSE(ParseCutParameters("{}").ok());

@@ -152,6 +152,7 @@ TEST(UpdatePlan, TheFirstPhaseGivesWhatTheBaseMadeAndReadsWhatIsNew) {
   }
   files.push_back({"new.jpg", DigestOf("a new image")});
   std::sort(files.begin(), files.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+  pair.base.outdated = DigestOf("faces");
   const auto tasks = PlanUpdate({}, files, pair.base);
   ASSERT_TRUE(tasks.ok()) << tasks.status();
   ASSERT_EQ(tasks->size(), 2u);
@@ -159,8 +160,8 @@ TEST(UpdatePlan, TheFirstPhaseGivesWhatTheBaseMadeAndReadsWhatIsNew) {
   EXPECT_EQ(taken.kind, kBaseKind);
   std::set<std::string> given;
   for (const NamedDigest& output : taken.given) given.insert(output.name);
-  EXPECT_EQ(given, (std::set<std::string>{kBaseSurveyFile, kCityFile, "0000/state.arrays", "0001/state.arrays",
-                                          "0002/state.arrays", "0003/state.arrays"}));
+  EXPECT_EQ(given, (std::set<std::string>{kBaseSurveyFile, kCityFile, kOutdatedFile, "0000/state.arrays",
+                                          "0001/state.arrays", "0002/state.arrays", "0003/state.arrays"}));
   ASSERT_EQ(taken.given_contents.size(), 1u);
   const auto told = ParseUpdateFiles(taken.given_contents[0].second);
   ASSERT_TRUE(told.ok());
@@ -223,6 +224,33 @@ TEST(UpdatePlan, StepsHoldTheTilesThatStay) {
   ASSERT_TRUE(publish.ok());
   EXPECT_EQ(publish->kept, held);
   EXPECT_EQ(publish->tiles.size(), 4u);
+  EXPECT_TRUE(publish->outdated);
+  const PlannedTask& changes = (*steps)[steps->size() - 2];
+  EXPECT_EQ(changes.kind, kChangesKind);
+  EXPECT_EQ(InputName(steps->back().inputs.back()), kOutdatedFile);
+  EXPECT_EQ(steps->back().inputs.back().task, TaskId(static_cast<int>(2 + tiles->size() + steps->size() - 2)));
+  EXPECT_FALSE(ParseChangesParameters(changes.parameters)->outdated) << "the base has none";
+}
+
+TEST(UpdatePlan, WhatTheBaseSaysOfOutdatedFacesIsHandedOn) {
+  Pair pair(4);
+  pair.base.outdated = DigestOf("faces");
+  const auto same = PlanTiles({}, SurveyToJson(pair.now), pair.Files(), &pair.base);
+  ASSERT_TRUE(same.ok()) << same.status();
+  EXPECT_TRUE(ParsePublishParameters(same->back().parameters)->outdated);
+  EXPECT_EQ(InputName(same->back().inputs.back()), kOutdatedFile);
+  EXPECT_EQ(same->back().inputs.back().task, TaskId(0)) << "the base's, which is given";
+  pair.AddView(3);
+  const std::string survey = SurveyToJson(pair.now);
+  const std::vector<int> all = {0, 1, 2, 3};
+  const auto steps = PlanSteps({}, survey, pair.Files(), {{all, all, all, all}}, &pair.base);
+  ASSERT_TRUE(steps.ok()) << steps.status();
+  const PlannedTask& changes = (*steps)[steps->size() - 2];
+  EXPECT_TRUE(ParseChangesParameters(changes.parameters)->outdated);
+  EXPECT_EQ(InputName(changes.inputs.back()), kOutdatedFile);
+  EXPECT_EQ(changes.inputs.back().task, TaskId(0));
+  EXPECT_EQ(InputName(steps->back().inputs.back()), kOutdatedFile);
+  EXPECT_GT(steps->back().inputs.back().task.value(), 0) << "the update's own";
 }
 
 TEST(UpdatePlan, AnotherMeshIsTakenFromTheUpdate) {
@@ -317,7 +345,7 @@ TEST(UpdatePlan, ATileOfWhichNothingIsLeftIsRefused) {
     return gone;
   });
   std::sort(pair.now.revision->cells.begin(), pair.now.revision->cells.end());
-  const auto changes = FindChangedTiles({}, pair.before, pair.now, pair.base.tiles);
+  const auto changes = FindChangedTiles({}, pair.before, pair.now, pair.base.tiles, {});
   EXPECT_THAT(changes.status().message(), HasSubstr("all of tile 4 of the base"));
 }
 

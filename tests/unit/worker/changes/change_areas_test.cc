@@ -41,6 +41,10 @@ TEST(ChangeAreas, AHouseHasItsFigures) {
   EXPECT_NEAR(area.agreement, 0.9, 1e-6);
   EXPECT_NEAR(area.agreement_before, 0.1, 1e-6);
   EXPECT_FALSE(area.followed.has_value());
+  EXPECT_EQ(area.cells.size(), area.area_m2 / (kCell_m * kCell_m));
+  for (const Eigen::Vector2i& cell : area.cells) EXPECT_TRUE((CellRect{0, 60, 20, 72}.Contains(cell)));
+  EXPECT_EQ(area.low_m, 10);
+  EXPECT_EQ(area.high_m, 16);
 }
 
 TEST(ChangeAreas, OutlinesEncloseTheCells) {

@@ -32,7 +32,7 @@ class ChangeReportTest : public testing::Test {
     ASSERT_TRUE(frame.ok()) << frame.status();
     scene_.frame = *frame;
   }
-  ChangeReport Report() const { return {scene_, ground_, raster_, areas_, 0.15}; }
+  ChangeReport Report() const { return {scene_, ground_, raster_, areas_, 0.15, {0.75, 0.5, {0.125, 0.25}, {}}}; }
 
   SceneDescription scene_;
   GroundPlane ground_ = MakeGroundPlane(Eigen::Vector3d::UnitZ(), 0.5);
@@ -43,6 +43,7 @@ class ChangeReportTest : public testing::Test {
 TEST_F(ChangeReportTest, JsonHasAllFigures) {
   Place({}, {5000, 3000, 0});
   areas_[1].followed = false;
+  areas_[1].outdated_faces = 7;
   const auto json = nlohmann::json::parse(ChangesJson(Report()));
   EXPECT_EQ(json["tessera_changes"], 1);
   EXPECT_EQ(json["scene"], "town");
@@ -52,6 +53,10 @@ TEST_F(ChangeReportTest, JsonHasAllFigures) {
   EXPECT_EQ(json["totals"]["felled"]["count"], 1);
   EXPECT_EQ(json["totals"]["label"]["count"], 0);
   EXPECT_EQ(json["needs_mesh"], 1);
+  EXPECT_EQ(json["disagreement"]["heights"], 0.125);
+  EXPECT_EQ(json["disagreement"]["labels"], 0.25);
+  EXPECT_EQ(json["disagreement"]["agreement_before"], 0.5);
+  EXPECT_TRUE(json["disagreement"]["refined"].is_null());
   ASSERT_EQ(json["areas"].size(), 2u);
   const auto& area = json["areas"][0];
   EXPECT_EQ(area["id"], 1);
@@ -61,7 +66,16 @@ TEST_F(ChangeReportTest, JsonHasAllFigures) {
   EXPECT_EQ(area["label_before"], "ground");
   EXPECT_EQ(area["label_after"], "roof");
   EXPECT_TRUE(area["followed"].is_null());
-  EXPECT_EQ(json["areas"][1]["followed"], false);
+  EXPECT_FALSE(area.contains("new_mesh"));
+  const auto& unfollowed = json["areas"][1];
+  EXPECT_EQ(unfollowed["followed"], false);
+  EXPECT_EQ(unfollowed["new_mesh"]["outdated_faces"], 7);
+  const Eigen::Vector3d low = scene_.frame.SceneFromLocal({20, 5, 10}),
+                        high = scene_.frame.SceneFromLocal({27.5, 15, 14});
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_NEAR(unfollowed["new_mesh"]["box"][0][k], low[k], 0.01);
+    EXPECT_NEAR(unfollowed["new_mesh"]["box"][1][k], high[k], 0.01);
+  }
   EXPECT_FALSE(area.contains("lon_lat"));
   // The scene's own coordinates, not the local frame's.
   const Eigen::Vector3d place = scene_.frame.SceneFromLocal({10, 10, 16});

@@ -156,6 +156,19 @@ TEST(MeasureChanges, GroundThatATallHouseHidesIsNotKnown) {
   EXPECT_TRUE(Areas(raster).empty());
 }
 
+TEST(MeasureChanges, WhatOneViewAloneWouldShowIsNotGone) {
+  // Both views see the ground, but the roof, nearer to them, would be outside of the left one's image.
+  const TownBox tower{9, -5, 13, 5, 12};
+  const ChangeRaster raster =
+      Measure(PaintedTown({tower}), Photographs(PaintedTown({}), {Overhead(-10, 0), Overhead(10, 0)}));
+  const auto at = [&](double x, double y) {
+    return raster.after.height_m[static_cast<size_t>((y + 20) / 0.5) * 80 + static_cast<size_t>((x + 20) / 0.5)];
+  };
+  for (double y = -4.8; y < 5; y += 0.5) EXPECT_TRUE(std::isnan(at(11.2, y))) << y << " " << at(11.2, y);
+  EXPECT_NEAR(at(11.2, 7.2), 0, 0.3);
+  EXPECT_TRUE(Areas(raster).empty());
+}
+
 TEST(MeasureChanges, ThreadsChangeNoByte) {
   const TriangleMesh before = PaintedTown({kHouse});
   const std::vector<ChangeView> views = Photographs(PaintedTown({kHouse, kNewHouse}), TownFlight());
