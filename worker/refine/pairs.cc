@@ -5,7 +5,6 @@
 #include <boost/graph/adjacency_list.hpp>
 #include <boost/graph/cuthill_mckee_ordering.hpp>
 #include <cmath>
-#include <map>
 #include <set>
 #include <utility>
 
@@ -49,34 +48,80 @@ Sight Look(const Sample& sample, const PosedCamera& camera) {
   return sight;
 }
 
-double PairQuality(const Sight& a, const Sight& b, const PairOptions& options) {
-  const double angle = std::acos(std::clamp(a.direction.dot(b.direction), -1.0, 1.0));
-  if (angle < options.min_angle_rad || angle > options.max_angle_rad) return 0;
-  const double scale = std::max(a.footprint_m / b.footprint_m, b.footprint_m / a.footprint_m);
-  if (scale > options.max_scale_ratio) return 0;
-  // Rises quickly to the best angle (depth is well determined), falls slowly after it (views grow unlike).
-  const double spread = angle < options.best_angle_rad ? options.best_angle_rad / 2 : options.best_angle_rad;
-  const double t = (angle - options.best_angle_rad) / spread;
-  return std::exp(-0.5 * t * t) / (scale * scale);
-}
+// How well a pair shows a sample, from what each sees of it.
+class PairQuality {
+ public:
+  explicit PairQuality(const PairOptions& options)
+      : options_(options),
+        // Beyond these the angle need not be worked out.
+        least_cosine_(std::cos(options.max_angle_rad) - kRounding),
+        most_cosine_(std::cos(options.min_angle_rad) + kRounding) {}
 
+  double operator()(const Sight& a, const Sight& b) const {
+    const double cosine = a.direction.dot(b.direction);
+    if (cosine < least_cosine_ || cosine > most_cosine_) return 0;
+    const double angle = std::acos(std::clamp(cosine, -1.0, 1.0));
+    if (angle < options_.min_angle_rad || angle > options_.max_angle_rad) return 0;
+    const double scale = std::max(a.footprint_m / b.footprint_m, b.footprint_m / a.footprint_m);
+    if (scale > options_.max_scale_ratio) return 0;
+    // Rises quickly to the best angle (depth is well determined), falls slowly after it (views grow unlike).
+    const double spread = angle < options_.best_angle_rad ? options_.best_angle_rad / 2 : options_.best_angle_rad;
+    const double t = (angle - options_.best_angle_rad) / spread;
+    return std::exp(-0.5 * t * t) / (scale * scale);
+  }
+
+ private:
+  static constexpr double kRounding = 1e-9;
+  const PairOptions& options_;
+  const double least_cosine_, most_cosine_;
+};
+
+struct Seeing {
+  int view;
+  Sight sight;
+};
 struct SeenSample {
   uint32_t sample;
   Sight sight;
 };
 
-// Of the pair at each sample of `own`; both ascend.
-std::vector<double> Qualities(const std::vector<SeenSample>& own, const std::vector<SeenSample>& other,
-                              const PairOptions& options) {
-  std::vector<double> qualities;
-  qualities.reserve(own.size());
-  auto at = other.begin();
-  for (const SeenSample& sample : own) {
-    while (at != other.end() && at->sample < sample.sample) ++at;
-    const bool shared = at != other.end() && at->sample == sample.sample;
-    qualities.push_back(shared ? PairQuality(sample.sight, at->sight, options) : 0);
+// Another view, as a partner.
+struct Candidate {
+  int view = 0;
+  std::vector<std::pair<uint32_t, double>> quality;  // of the pair at samples of the chooser, ascending; not 0
+  // With the partners chosen when it was last worked out: no less than now, for each term falls with what they cover.
+  double gain = 0;
+};
+
+double GainOf(const Candidate& candidate, const std::vector<double>& covered) {
+  double gain = 0;
+  for (const auto& [s, quality] : candidate.quality) gain += quality / (1 + 2 * covered[s]);
+  return gain;
+}
+
+// The most useful ones, each counted where those before it see little; of equal ones the first.
+std::vector<int> ChooseGreedily(std::vector<Candidate> candidates, size_t samples, int partners, double least_gain) {
+  std::vector<double> covered(samples, 0);
+  for (Candidate& candidate : candidates) candidate.gain = GainOf(candidate, covered);
+  const auto better = [](const Candidate& a, const Candidate& b) {
+    return a.gain != b.gain ? a.gain > b.gain : a.view < b.view;
+  };
+  std::vector<int> chosen;
+  while (static_cast<int>(chosen.size()) < partners && !candidates.empty()) {
+    // Only those that may still be the best are worked out anew.
+    std::sort(candidates.begin(), candidates.end(), better);
+    size_t best = 0;
+    for (size_t c = 0; c < candidates.size(); ++c) {
+      if (c > 0 && candidates[c].gain < candidates[best].gain) break;
+      candidates[c].gain = GainOf(candidates[c], covered);
+      if (better(candidates[c], candidates[best])) best = c;
+    }
+    if (candidates[best].gain <= least_gain) break;
+    for (const auto& [s, quality] : candidates[best].quality) covered[s] += quality;
+    chosen.push_back(candidates[best].view);
+    candidates.erase(candidates.begin() + static_cast<std::ptrdiff_t>(best));
   }
-  return qualities;
+  return chosen;
 }
 
 }  // namespace
@@ -95,40 +140,33 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
       }
     }
   });
-  std::vector<std::vector<int>> views_of_sample(samples.size());
+  std::vector<std::vector<Seeing>> views_of_sample(samples.size());
   for (int i = 0; i < views; ++i) {
-    for (const SeenSample& sample : seen[i]) views_of_sample[sample.sample].push_back(i);
+    for (const SeenSample& sample : seen[i]) views_of_sample[sample.sample].push_back({i, sample.sight});
   }
 
+  const PairQuality quality_of(options);
+  const double least_gain = 1e-3 * static_cast<double>(samples.size()) / std::max(views, 1);
   std::vector<std::vector<int>> chosen(views);
   ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
       if (!choosers.empty() && !choosers[i]) continue;
-      std::set<int> others;
-      for (const SeenSample& sample : seen[i]) {
-        others.insert(views_of_sample[sample.sample].begin(), views_of_sample[sample.sample].end());
-      }
-      others.erase(static_cast<int>(i));
-      std::map<int, std::vector<double>> quality;  // of each of these, at the samples of view i
-      for (const int j : others) quality.emplace(j, Qualities(seen[i], seen[j], options));
-      std::vector<double> covered(seen[i].size());
-      while (static_cast<int>(chosen[i].size()) < options.partners) {
-        int best = -1;
-        double best_gain = 1e-3 * static_cast<double>(samples.size()) / std::max(views, 1);
-        for (const auto& [j, of_pair] : quality) {
-          if (std::count(chosen[i].begin(), chosen[i].end(), j) > 0) continue;
-          double gain = 0;
-          for (size_t s = 0; s < covered.size(); ++s) gain += of_pair[s] / (1 + 2 * covered[s]);
-          if (gain > best_gain) {
-            best_gain = gain;
-            best = j;
+      std::vector<int> place(views, -1);  // among the candidates
+      std::vector<Candidate> candidates;
+      for (size_t s = 0; s < seen[i].size(); ++s) {
+        for (const Seeing& other : views_of_sample[seen[i][s].sample]) {
+          if (other.view == i) continue;
+          const double quality = quality_of(seen[i][s].sight, other.sight);
+          if (quality == 0) continue;
+          int& at = place[other.view];
+          if (at < 0) {
+            at = static_cast<int>(candidates.size());
+            candidates.emplace_back().view = other.view;
           }
+          candidates[at].quality.emplace_back(static_cast<uint32_t>(s), quality);
         }
-        if (best < 0) break;
-        const std::vector<double>& of_best = quality.at(best);
-        for (size_t s = 0; s < covered.size(); ++s) covered[s] += of_best[s];
-        chosen[i].push_back(best);
       }
+      chosen[i] = ChooseGreedily(std::move(candidates), seen[i].size(), options.partners, least_gain);
     }
   });
 

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <set>
 
 #include "common/base/random.h"
 #include "tests/unit/worker/refine/relief_scene.h"
@@ -23,6 +24,59 @@ std::vector<PosedCamera> Fan(int count, double spacing_rad) {
     cameras.push_back(LookAt(20 * Vector3d(std::sin(angle), 0, std::cos(angle)), Vector3d::Zero(), 160, 120, 200));
   }
   return cameras;
+}
+
+// The definition, as plainly as can be.
+std::vector<ViewPair> PlainPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
+                                 const PairOptions& options) {
+  const size_t step = std::max<size_t>(1, mesh.faces.size() / static_cast<size_t>(options.samples));
+  std::vector<size_t> samples;
+  for (size_t f = step / 2; f < mesh.faces.size(); f += step) samples.push_back(f);
+  const int views = static_cast<int>(cameras.size());
+  const auto quality = [&](size_t face, int i, int j) {
+    const Vector3d point = (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
+    std::array<Vector3d, 2> towards;
+    std::array<double, 2> footprint_m;
+    for (int k = 0; k < 2; ++k) {
+      const PosedCamera& camera = cameras[k == 0 ? i : j];
+      const Vector3d pixel = camera.Project(point);
+      towards[k] = (camera.Centre() - point).normalized();
+      if (!camera.InImage(pixel) || towards[k].dot(FaceNormal(mesh, face)) < 0.15) return 0.0;
+      footprint_m[k] = pixel.z() / camera.intrinsics.fx;
+    }
+    const double angle = std::acos(std::clamp(towards[0].dot(towards[1]), -1.0, 1.0));
+    const double scale = std::max(footprint_m[0] / footprint_m[1], footprint_m[1] / footprint_m[0]);
+    if (angle < options.min_angle_rad || angle > options.max_angle_rad || scale > options.max_scale_ratio) return 0.0;
+    const double spread = angle < options.best_angle_rad ? options.best_angle_rad / 2 : options.best_angle_rad;
+    const double t = (angle - options.best_angle_rad) / spread;
+    return std::exp(-0.5 * t * t) / (scale * scale);
+  };
+  std::set<std::pair<int, int>> pairs;
+  for (int i = 0; i < views; ++i) {
+    std::vector<double> covered(samples.size(), 0);
+    std::set<int> chosen;
+    while (static_cast<int>(chosen.size()) < options.partners) {
+      int best = -1;
+      double best_gain = 1e-3 * static_cast<double>(samples.size()) / views;
+      for (int j = 0; j < views; ++j) {
+        if (j == i || chosen.contains(j)) continue;
+        double gain = 0;
+        for (size_t s = 0; s < samples.size(); ++s) gain += quality(samples[s], i, j) / (1 + 2 * covered[s]);
+        if (gain > best_gain) {
+          best_gain = gain;
+          best = j;
+        }
+      }
+      if (best < 0) break;
+      for (size_t s = 0; s < samples.size(); ++s) covered[s] += quality(samples[s], i, best);
+      chosen.insert(best);
+      pairs.insert({i, best});
+      pairs.insert({best, i});
+    }
+  }
+  std::vector<ViewPair> out;
+  for (const auto& [i, j] : pairs) out.push_back({i, j});
+  return out;
 }
 
 TEST(Pairs, KeepsToTheAnglesAndIsSymmetric) {
@@ -43,6 +97,37 @@ TEST(Pairs, KeepsToTheAnglesAndIsSymmetric) {
   for (int i = 0; i < 9; ++i) {
     EXPECT_GE(std::count_if(pairs.begin(), pairs.end(), [&](const ViewPair& p) { return p.reference == i; }), 3);
   }
+}
+
+TEST(Pairs, AreThoseOfTheDefinition) {
+  Random random(7);
+  size_t pairs = 0;
+  for (int round = 0; round < 6; ++round) {
+    TriangleMesh mesh;
+    for (int f = 0; f < 60; ++f) {
+      const auto at = [&] { return 0.5 * static_cast<double>(random.Below(100)); };
+      const Vector3d corner(at(), at(), 0.1 * at());
+      const auto first = static_cast<uint32_t>(mesh.vertices.size());
+      mesh.vertices.insert(mesh.vertices.end(),
+                           {corner, corner + Vector3d(2, 0, 0.02 * at()), corner + Vector3d(0, 2, 0)});
+      mesh.faces.push_back({first, first + 1, first + 2});
+    }
+    std::vector<PosedCamera> cameras;
+    for (int i = 0; i < 24; ++i) {
+      PosedCamera camera;
+      camera.intrinsics = {100, 100, 80, 60, 160, 120};
+      camera.rotation_cam_from_world = Vector3d(1, -1, -1).asDiagonal();
+      // Some stand in one place, and are equally good.
+      const Vector3d centre(10.0 * random.Below(6), 10.0 * random.Below(6), 20.0 + 8 * random.Below(3));
+      camera.translation_cam_from_world = -(camera.rotation_cam_from_world * centre);
+      cameras.push_back(camera);
+    }
+    const std::vector<ViewPair> found = SelectPairs(mesh, cameras, PairOptions()),
+                                expected = PlainPairs(mesh, cameras, PairOptions());
+    EXPECT_EQ(found, expected);
+    pairs += found.size();
+  }
+  EXPECT_GT(pairs, 200u);
 }
 
 TEST(Pairs, TwinCamerasAreNoPair) {
