@@ -318,10 +318,6 @@ TEST_F(UpdateTest, AMeshThatChangedInOneDistrictIsRedoneThereAlone) {
   ASSERT_EQ(back.exit_code, 0) << back.output;
   EXPECT_EQ(Json("back/report.json")["seams"]["different"], 0);
   EXPECT_EQ(Json("back/report.json")["output"], Json("base/report.json")["output"]);
-  // From scratch it is what a job on the mesh is, but for the order of faces: the frame and the tiles are the same.
-  const Outcome scratch = Update(scene, "scratch", {"--from-scratch"});
-  ASSERT_EQ(scratch.exit_code, 0) << scratch.output;
-  EXPECT_EQ(Json("scratch/report.json")["seams"]["different"], 0);
 }
 
 TEST_F(UpdateTest, WhatCannotBeIsSaidWithWhatToDo) {
