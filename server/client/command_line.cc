@@ -96,7 +96,8 @@ void AddUpdateOptions(CLI::App& command, const std::string& base_is, JobFlags* f
   command
       .add_option(
           "--base", update.base,
-          "Go on from the result of this job: only what new, withdrawn or changed images show is done anew, "
+          "Go on from the result of this job: only what new, withdrawn or changed images show, and where the mesh "
+          "changed, is done anew, "
           "the rest stays as it is, to the byte. SCENE is the whole scene, or without a mesh what is new. Found "
           "in: " +
               base_is)

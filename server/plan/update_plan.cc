@@ -15,6 +15,10 @@ namespace {
 
 using nlohmann::json;
 
+// Levels that tiles take which go on from a result, finest first. With one, houses that went stay; with all, what did
+// not change loses what the base knew of it.
+constexpr size_t kUpdateLevels = 2;
+
 // What is new about a view that a cell has chosen before, and chooses still.
 std::vector<ChangeReason> ChangesOf(const SceneView& before, const SceneView& now) {
   std::vector<ChangeReason> changes;
@@ -93,6 +97,13 @@ std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) 
   const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
   std::vector<int> chosen = ActiveSteps(steps, rules, traits);
   std::erase_if(chosen, [&](int s) { return steps[s].round != steps.back().round; });
+  if (survey.revision) return chosen;  // new faces lie at the start
+  std::set<int> levels;
+  for (const int s : chosen) {
+    if (!steps[s].labels()) levels.insert(steps[s].level);
+  }
+  if (levels.size() > kUpdateLevels) levels.erase(std::next(levels.begin(), kUpdateLevels), levels.end());
+  std::erase_if(chosen, [&](int s) { return !steps[s].labels() && !levels.contains(steps[s].level); });
   return chosen;
 }
 
