@@ -85,13 +85,25 @@ class RollbackTest : public testing::Test {
   std::unique_ptr<Cluster> cluster_;
 };
 
-TEST_F(RollbackTest, TilesGoBackToTheByteTogetherWithThoseThatShareVertices) {
+TEST_F(RollbackTest, TilesGoBackToTheByteTogetherWithThoseThatShareVerticesOrNotAtAll) {
   const std::vector<std::string> first = Tiles(Path("1")), third = Tiles(Path("3"));
   std::set<int> differ;
   for (size_t t = 0; t < first.size(); ++t) {
     if (first[t] != third[t]) differ.insert(static_cast<int>(t));
   }
   ASSERT_GT(differ.size(), 1u);
+
+  // What cannot be is refused.
+  const auto expect = [&](const std::vector<std::string>& arguments, const std::string& words) {
+    const Outcome outcome = Try(At(arguments));
+    EXPECT_EQ(outcome.exit_code, 3);
+    EXPECT_THAT(outcome.output, HasSubstr(words));
+  };
+  expect({"rollback", "1", "--to", "3"}, "found jobs/3, expected jobs/1 to have a base");
+  expect({"rollback", "3", "--to", "7"}, "found jobs/7, expected a job that jobs/3 goes on from: jobs/2, jobs/1");
+  expect({"rollback", "3", "--to", "1", "--tile", "8"}, "found 8, expected one of the 8 tiles");
+  EXPECT_THAT(Run(At({"rollback", "3", "--to", "1", "--validate-only"})), HasSubstr("can go back to jobs/1"));
+  EXPECT_EQ(Try(At({"watch", "jobs/4"})).exit_code, 3) << "nothing was accepted";
 
   // One tile, and those that the refusal names: a part of all that differ.
   const Outcome refused = Try(At({"rollback", "3", "--to", "1", "--tile", std::to_string(*differ.begin())}));
@@ -130,19 +142,6 @@ TEST_F(RollbackTest, TilesGoBackToTheByteTogetherWithThoseThatShareVertices) {
   const json plan = json::parse(Content(again + "/update.json"));
   EXPECT_EQ(plan["tiles_redone"], 0) << plan["tiles"];
   EXPECT_TRUE(Content(again + "/mesh.ply") == mesh);
-}
-
-TEST_F(RollbackTest, WhatCannotBeIsRefused) {
-  const auto expect = [&](const std::vector<std::string>& arguments, const std::string& words) {
-    const Outcome outcome = Try(At(arguments));
-    EXPECT_EQ(outcome.exit_code, 3);
-    EXPECT_THAT(outcome.output, HasSubstr(words));
-  };
-  expect({"rollback", "1", "--to", "3"}, "found jobs/3, expected jobs/1 to have a base");
-  expect({"rollback", "3", "--to", "7"}, "found jobs/7, expected a job that jobs/3 goes on from: jobs/2, jobs/1");
-  expect({"rollback", "3", "--to", "1", "--tile", "8"}, "found 8, expected one of the 8 tiles");
-  EXPECT_THAT(Run(At({"rollback", "3", "--to", "1", "--validate-only"})), HasSubstr("can go back to jobs/1"));
-  EXPECT_EQ(Try(At({"watch", "jobs/4"})).exit_code, 3) << "nothing was accepted";
 }
 
 }  // namespace
