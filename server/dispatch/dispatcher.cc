@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "common/base/json_bounds.h"
 #include "common/base/version.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
@@ -26,7 +27,16 @@ constexpr double kPatience_s = 1;
 
 constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
-int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
+constexpr size_t kMaxStatisticsBytes = 64 << 10;  // ours have some hundred a round
+
+// Every task's go into job.json.
+Status CheckStatistics(const std::string& stats) {
+  if (stats.size() > kMaxStatisticsBytes) {
+    return InputError("statistics", "", std::to_string(stats.size()) + " bytes",
+                      "at most " + std::to_string(kMaxStatisticsBytes));
+  }
+  return CheckJsonDepth("statistics", stats);
+}
 
 // An output that some later task reads but `outputs` lacks, as a message; empty if all are there.
 std::string MissingOutput(const Job& job, int task, const std::vector<NamedDigest>& outputs) {
@@ -46,32 +56,6 @@ std::string MissingOutput(const Job& job, int task, const std::vector<NamedDiges
 
 Dispatcher::Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options)
     : environment_(environment), options_(options), ledger_(kAlgorithmVersion) {}
-
-StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment& environment,
-                                                       const DispatchOptions& options) {
-  std::unique_ptr<Dispatcher> dispatcher(new Dispatcher(environment, options));
-  Ledger& ledger = dispatcher->ledger_;
-  TESSERA_RETURN_IF_ERROR(environment.store->Replay([&](const std::string& bytes) -> Status {
-    v1::Record record;
-    if (!record.ParseFromString(bytes)) return absl::DataLossError("not a record");
-    if (const Status status = ledger.Check(record); !status.ok()) {
-      return absl::DataLossError("does not follow from those before it: " + std::string(status.message()));
-    }
-    ledger.Apply(record);
-    return absl::OkStatus();
-  }));
-  const int64_t now_us = environment.clock->MonotonicUs();
-  for (const int job : ledger.active_jobs()) {
-    const auto& tasks = ledger.jobs()[job].tasks;
-    for (int i = 0; i < static_cast<int>(tasks.size()); ++i) {
-      if (tasks[i].state != TaskState::kLeased) continue;
-      dispatcher->leases_.leases()[{job, i}] = {
-          tasks[i].worker(), tasks[i].attempt(), now_us, now_us + Micros(options.lease_s), 0, ""};
-      dispatcher->leases_.workers()[tasks[i].worker()].last_seen_us = now_us;
-    }
-  }
-  return dispatcher;
-}
 
 void Dispatcher::ChangedLocked() {
   ++version_;
@@ -356,6 +340,10 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
     if (leases_.FindCurrent(ref, worker, attempt) == nullptr) {
       return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
                                            " is not the current one");
+    }
+    if (const Status status = CheckStatistics(result.stats); !status.ok()) {
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kTransient, std::string(status.message())}, false));
+      return status;
     }
     v1::Record record;
     v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();

@@ -38,6 +38,8 @@ struct DispatchEnvironment {
   Clock* clock = nullptr;
   // Told of every change once it is stored and applied; for logs. Must be quick and not call back. May be empty.
   std::function<void(const v1::Record&)> on_change;
+  // Told of every stored record that Open sets aside, and why. May be empty.
+  std::function<void(int64_t number, const std::string& reason)> on_set_aside = {};
 };
 
 struct NewJob {
@@ -90,7 +92,8 @@ struct WorkerStatus {
 class Dispatcher {
  public:
   // Brings back the state that the store's records describe. Tasks leased before keep their lease for a full term, so
-  // that their workers can go on. DATA_LOSS if a record does not fit.
+  // that their workers can go on. A record that cannot be used is set aside; the job that it is of fails, unless it has
+  // ended, and so does one that later needs what an unreadable record said.
   static StatusOr<std::unique_ptr<Dispatcher>> Open(const DispatchEnvironment& environment,
                                                     const DispatchOptions& options);
 
@@ -122,7 +125,8 @@ class Dispatcher {
                                                   const std::function<bool()>& gone);
   // Renews leases. Gives the tasks that the worker must stop.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<ReportedProgress>& tasks);
-  // FAILED_PRECONDITION if the attempt is not the current one. The same report again is OK.
+  // FAILED_PRECONDITION if the attempt is not the current one. The same report again is OK. Statistics that are too
+  // large or too deep are refused (INVALID_ARGUMENT) and end the attempt as failed.
   Status ReportSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result);
   Status ReportFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure);
   // Its tasks return to the queue at once.
@@ -144,6 +148,8 @@ class Dispatcher {
  private:
   Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options);
   // Those below named ...Locked need mutex_.
+  Status Replay();
+  Status EndSpoiledJob(int job, const std::string& error);
   Status CommitLocked(v1::Record& record, Durability durability = Durability::kMachine);
   Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bool lease_expired);
   Status ExpireLeasesLocked();

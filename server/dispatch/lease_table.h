@@ -27,6 +27,8 @@ struct TileRef {
   friend auto operator<=>(const TileRef&, const TileRef&) = default;
 };
 
+inline int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
+
 // Times are Clock::MonotonicUs.
 struct LeaseState {
   std::string worker;

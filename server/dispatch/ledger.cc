@@ -12,6 +12,9 @@
 namespace tessera {
 namespace {
 
+// Jobs in a row of which it may be lost that they were accepted. Their numbers are not given again.
+constexpr int kMaxLostJobs = 1000;
+
 Digest FromProto(const v1::Digest& digest) { return {digest.sha256(), digest.size_bytes()}; }
 
 template <class List>
@@ -132,9 +135,11 @@ Status Ledger::Check(const v1::Record& record) const {
 }
 
 Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
-  const std::string next = JobName(static_cast<int>(jobs_.size()));
-  if (change.job() != next) return absl::FailedPreconditionError("the next job is " + next + ", not " + change.job());
-  if (!change.request_id().empty() && FindRequest(change.request_id()) >= 0) {
+  TESSERA_ASSIGN_OR_RETURN(const int index, ParseJobName(change.job()));
+  if (const int next = static_cast<int>(jobs_.size()); index < next || index > next + kMaxLostJobs) {
+    return absl::FailedPreconditionError("the next job is " + JobName(next) + ", not " + change.job());
+  }
+  if (job_of_request_.contains(change.request_id())) {
     return absl::AlreadyExistsError("request " + change.request_id() + " has a job already");
   }
   std::set<std::string> names;
@@ -277,7 +282,13 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   }
   std::sort(job.scene_files.begin(), job.scene_files.end(),
             [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
-  const int index = static_cast<int>(jobs_.size());
+  const int index = *ParseJobName(change.job());
+  while (static_cast<int>(jobs_.size()) < index) {
+    Job& lost = jobs_.emplace_back();
+    lost.header.name = JobName(static_cast<int>(jobs_.size()) - 1);
+    lost.header.state = JobState::kFailed;
+    lost.header.error = "the record that it was accepted cannot be used; submit it again";
+  }
   if (!change.request_id().empty()) job_of_request_[change.request_id()] = index;
   jobs_.push_back(std::move(job));
   active_jobs_.push_back(index);

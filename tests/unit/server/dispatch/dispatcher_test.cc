@@ -379,15 +379,5 @@ TEST_F(DispatcherTest, WaitingWorkerWakesWhenAJobComes) {
   EXPECT_FALSE(*dispatcher_->LeaseTask(worker, 60, [] { return true; }));
 }
 
-TEST_F(DispatcherTest, DamagedHistoryIsRefused) {
-  Create(AJob(1));
-  store_.records.push_back(store_.records[0]);  // the same job accepted twice
-  const auto twice = Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, {}}, {});
-  EXPECT_EQ(twice.status().code(), absl::StatusCode::kDataLoss);
-  store_.records.back() = "not a record";
-  EXPECT_EQ(Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, {}}, {}).status().code(),
-            absl::StatusCode::kDataLoss);
-}
-
 }  // namespace
 }  // namespace tessera
