@@ -84,20 +84,17 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   int index = -1;
   {
     std::lock_guard lock(mutex_);
-    if (!job.request_id.empty()) index = ledger_.FindRequest(job.request_id);
-    if (index >= 0) {
-      const JobHeader& header = ledger_.jobs()[index].header;
-      if (header.scene_path != job.scene_path) {
-        return absl::AlreadyExistsError("request " + job.request_id + " was used for " + header.name + " on " +
-                                        header.scene_path);
-      }
-      return JobStatusLocked(index);
-    }
+    TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, FindRequestLocked(job.request));
+    if (known) return *std::move(known);
     index = static_cast<int>(ledger_.jobs().size());
     v1::Record record;
     v1::JobAccepted& accepted = *record.mutable_job_accepted();
     accepted.set_job(JobName(index));
-    accepted.set_request_id(job.request_id);
+    if (!job.request.id.empty()) {
+      accepted.set_request_id(job.request.id);
+      accepted.mutable_request()->set_scene_path(job.request.scene_path);
+      ToProto(job.request.settings, accepted.mutable_request()->mutable_settings());
+    }
     accepted.set_display_name(job.display_name);
     accepted.set_scene_path(job.scene_path);
     ToProto(job.settings, accepted.mutable_settings());
@@ -116,9 +113,13 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   return JobStatusLocked(index);
 }
 
-std::optional<JobStatus> Dispatcher::FindRequest(const std::string& request_id) const {
+StatusOr<std::optional<JobStatus>> Dispatcher::FindRequest(const JobRequest& request) const {
   std::lock_guard lock(mutex_);
-  const int index = request_id.empty() ? -1 : ledger_.FindRequest(request_id);
+  return FindRequestLocked(request);
+}
+
+StatusOr<std::optional<JobStatus>> Dispatcher::FindRequestLocked(const JobRequest& request) const {
+  TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindRequest(request));
   if (index < 0) return std::nullopt;
   return JobStatusLocked(index);
 }

@@ -43,7 +43,7 @@ struct DispatchEnvironment {
 };
 
 struct NewJob {
-  std::string request_id;  // may be empty
+  JobRequest request;
   std::string display_name;
   std::string scene_path;  // absolute
   JobSettings settings;
@@ -103,10 +103,11 @@ class Dispatcher {
   // lacks; one that rolls tiles back with its base's scene and all tiles that differ, if it names none. Errors, the
   // user's to read, if its settings and scene cannot be planned. Changes nothing.
   StatusOr<NewJob> CompleteJob(NewJob job) const;
-  // Jobs. A request_id that was used gives its job again (ALREADY_EXISTS if it was for another
-  // scene).
+  // Jobs. A request whose id was used gives its job again; ALREADY_EXISTS with all that differs, a line each, if it was
+  // used for another scene or other settings.
   StatusOr<JobStatus> CreateJob(const NewJob& job);
-  std::optional<JobStatus> FindRequest(const std::string& request_id) const;
+  // None if no job has the id.
+  StatusOr<std::optional<JobStatus>> FindRequest(const JobRequest& request) const;
   StatusOr<JobStatus> GetJob(const std::string& name) const;
   // Newest first: those before `before` (a job's index; -1: from the newest), at most `count`.
   std::vector<JobStatus> ListJobs(int before, int count) const;
@@ -160,6 +161,7 @@ class Dispatcher {
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
   Status SeenLocked(const std::string& worker);
   StatusOr<NewJob> CompleteRollback(NewJob job) const;
+  StatusOr<std::optional<JobStatus>> FindRequestLocked(const JobRequest& request) const;
   JobStatus JobStatusLocked(int job) const;
   void ChangedLocked();
 

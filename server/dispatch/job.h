@@ -4,6 +4,7 @@
 #define TESSERA_SERVER_DISPATCH_JOB_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -57,10 +58,17 @@ struct JobTask {
   std::string worker() const { return attempts.empty() ? "" : attempts.back().worker; }
 };
 
+// What a user asked for, before anything is read or taken over from a base.
+struct JobRequest {
+  std::string id;          // may be empty
+  std::string scene_path;  // empty if none is read
+  JobSettings settings;
+};
+
 // What a job is, without its tasks.
 struct JobHeader {
-  std::string name;  // "jobs/J"
-  std::string request_id;
+  std::string name;                   // "jobs/J"
+  std::optional<JobRequest> request;  // one with an id; of jobs of earlier releases it is not known
   std::string display_name;
   std::string scene_path;  // absolute
   JobSettings settings;

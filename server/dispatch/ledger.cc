@@ -60,9 +60,19 @@ StatusOr<TaskRef> Ledger::FindTask(const std::string& name) const {
   return ref;
 }
 
-int Ledger::FindRequest(const std::string& request_id) const {
-  const auto it = job_of_request_.find(request_id);
-  return it == job_of_request_.end() ? -1 : it->second;
+StatusOr<int> Ledger::FindRequest(const JobRequest& request) const {
+  const auto it = job_of_request_.find(request.id);
+  if (it == job_of_request_.end()) return -1;
+  const JobHeader& header = jobs_[it->second].header;
+  if (!header.request) return it->second;
+  std::vector<std::string> differences = Differences(request.settings, header.request->settings);
+  if (request.scene_path != header.request->scene_path) {
+    differences.push_back("scene_path: found " + request.scene_path + ", expected " + header.request->scene_path);
+  }
+  if (differences.empty()) return it->second;
+  std::string message = "request " + request.id + " was used for " + header.name + ", and not for the same:";
+  for (const std::string& difference : differences) message += "\n" + difference;
+  return absl::AlreadyExistsError(message);
 }
 
 StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) const {
@@ -268,7 +278,9 @@ void Ledger::Apply(const v1::Record& record) {
 void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   Job job;
   job.header.name = change.job();
-  job.header.request_id = change.request_id();
+  if (change.has_request()) {
+    job.header.request = {change.request_id(), change.request().scene_path(), FromProto(change.request().settings())};
+  }
   job.header.display_name = change.display_name();
   job.header.scene_path = change.scene_path();
   job.header.settings = FromProto(change.settings());

@@ -51,8 +51,9 @@ class Ledger {
   // NOT_FOUND or INVALID_ARGUMENT with the name.
   StatusOr<int> FindJob(const std::string& name) const;
   StatusOr<TaskRef> FindTask(const std::string& name) const;
-  // Index of the job of this request; -1 if there is none.
-  int FindRequest(const std::string& request_id) const;
+  // Index of the job of this request; -1 if there is none, or the request has no id. ALREADY_EXISTS with what differs
+  // if the id was used for another request.
+  StatusOr<int> FindRequest(const JobRequest& request) const;
   const JobTask& task(TaskRef ref) const { return jobs_[ref.job].tasks[ref.task]; }
 
   // The input's content; NOT_FOUND while its producer has not succeeded.

@@ -123,6 +123,11 @@ TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
   EXPECT_EQ(job.state(), v1::QUEUED);
   ASSERT_TRUE(CreateJob(&again, "r").ok());
   EXPECT_EQ(again.name(), "jobs/1");
+  ASSERT_TRUE(CreateJob(&again, "r", false, scene_ + "/./").ok()) << "the same path";
+  EXPECT_EQ(again.name(), "jobs/1");
+  const grpc::Status other = CreateJob(&again, "r", false, "/none");
+  EXPECT_EQ(other.error_code(), grpc::StatusCode::ALREADY_EXISTS);
+  EXPECT_THAT(other.error_message(), HasSubstr("scene_path: found /none, expected " + scene_));
 
   const grpc::Status bad = CreateJob(&job, "", false, "/none");
   EXPECT_EQ(bad.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
