@@ -169,9 +169,9 @@ StatusOr<std::vector<TaskStatus>> Dispatcher::RunningTasks(const std::string& na
   return tasks;
 }
 
-std::string Dispatcher::FindSceneFile(const Digest& digest) const {
+std::vector<std::string> Dispatcher::SceneFilesWith(const Digest& digest) const {
   std::lock_guard lock(mutex_);
-  return ledger_.FindSceneFile(digest);
+  return ledger_.SceneFilesWith(digest);
 }
 
 // --- Workers ---
@@ -238,7 +238,11 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
       path = environment_.blobs->Path(inputs[i].digest);
     } else {
       const NamedDigest& file = job.scene_files[files[i - from_tasks]];
-      path = IsCarried(file.name) ? ledger_.FindSceneFile(file.digest) : job.header.scene_path + "/" + file.name;
+      path = job.header.scene_path + "/" + file.name;
+      if (IsCarried(file.name)) {
+        const std::vector<std::string> paths = ledger_.SceneFilesWith(file.digest);
+        path = paths.empty() ? "" : paths.front();  // where it is not what it was, the blob service knows the others
+      }
     }
     granted.inputs.push_back({std::move(inputs[i]), std::move(path)});
   }

@@ -115,8 +115,8 @@ class Dispatcher {
   // Tasks [first, first + count) in the plan's order.
   StatusOr<std::vector<TaskStatus>> ListTasks(const std::string& job, int first, int count) const;
   StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
-  // Absolute path of a scene file with this content; empty if there is none.
-  std::string FindSceneFile(const Digest& digest) const;
+  // Absolute paths where scene files of jobs had this content when the jobs were accepted, the oldest job's first.
+  std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
   // Workers.
   std::string RegisterWorker(const WorkerInfo& info);

@@ -105,9 +105,9 @@ const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const
   return it == result_of_key_.end() ? nullptr : &it->second;
 }
 
-std::string Ledger::FindSceneFile(const Digest& digest) const {
-  const auto it = scene_file_of_sha256_.find(digest.sha256);
-  return it == scene_file_of_sha256_.end() ? "" : it->second;
+std::vector<std::string> Ledger::SceneFilesWith(const Digest& digest) const {
+  const auto it = scene_files_of_sha256_.find(digest.sha256);
+  return it == scene_files_of_sha256_.end() ? std::vector<std::string>() : it->second;
 }
 
 StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attempt) const {
@@ -289,8 +289,10 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
   for (const auto& file : change.scene_files()) {
     job.scene_files.push_back({file.path(), FromProto(file.digest())});
-    if (!IsCarried(file.path()))
-      scene_file_of_sha256_[file.digest().sha256()] = change.scene_path() + "/" + file.path();
+    if (IsCarried(file.path())) continue;
+    std::vector<std::string>& paths = scene_files_of_sha256_[file.digest().sha256()];
+    const std::string path = change.scene_path() + "/" + file.path();
+    if (std::find(paths.begin(), paths.end(), path) == paths.end()) paths.push_back(path);
   }
   std::sort(job.scene_files.begin(), job.scene_files.end(),
             [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });

@@ -70,8 +70,8 @@ class Ledger {
   StatusOr<std::vector<UpdateBase>> ChainTo(const std::string& job, const std::string& earlier) const;
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
-  // Absolute path of a scene file with this content; empty if no job has one.
-  std::string FindSceneFile(const Digest& digest) const;
+  // Absolute paths at which scene files of jobs had this content when the jobs were accepted, the oldest job's first.
+  std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
  private:
   // What tasks that ran took, of this job and those that it goes on from, as UpdateBase::measured.
@@ -104,7 +104,7 @@ class Ledger {
   std::vector<TaskRef> newly_ready_;
   std::unordered_map<std::string, int> job_of_request_;
   std::unordered_map<std::string, std::vector<NamedDigest>> result_of_key_;
-  std::unordered_map<std::string, std::string> scene_file_of_sha256_;
+  std::unordered_map<std::string, std::vector<std::string>> scene_files_of_sha256_;
 };
 
 }  // namespace tessera
