@@ -196,7 +196,7 @@ Status Dispatcher::SeenLocked(const std::string& worker) {
 }
 
 std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, double waited_s) {
-  ledger_.PromoteRetries(environment_.clock->UnixTimeUs());
+  ledger_.PromoteRetries(environment_.clock->MonotonicUs());
   const ReadyTasks& ready = ledger_.ready();
   const auto may_run = [&](TaskRef ref) {
     return leases_.workers().size() < 2 || !RanOutOfMemory(ledger_.task(ref), worker);
@@ -316,10 +316,9 @@ Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bo
   failed.mutable_error()->set_message(verdict.failure.message);
   failed.set_final(verdict.final);
   failed.set_lease_expired(lease_expired);
-  if (verdict.delay_s > 0) {
-    failed.set_retry_time_us(environment_.clock->UnixTimeUs() + Micros(verdict.delay_s));
-  }
+  failed.set_retry_delay_us(Micros(verdict.delay_s));
   TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  ledger_.PromoteRetries(environment_.clock->MonotonicUs());  // the delay begins
   leases_.leases().erase(ref);
   return absl::OkStatus();
 }

@@ -44,7 +44,7 @@ struct JobTask {
   TaskState state = TaskState::kWaiting;
   std::string key;                // once all inputs are known
   std::vector<Attempt> attempts;  // attempt number n is attempts[n - 1]
-  int64_t retry_us = 0;           // not leased again before
+  int64_t retry_delay_us = 0;     // not leased again before so much time has passed
   TaskFailure error;              // the last
   bool reused = false;            // its result was found under its key; nothing ran
   std::string stats;              // JSON

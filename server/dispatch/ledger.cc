@@ -435,7 +435,8 @@ void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   attempt.failure = {static_cast<ErrorClass>(change.error().error_class()), change.error().message()};
   attempt.lease_expired = change.lease_expired();
   target.error = attempt.failure;
-  target.retry_us = change.retry_time_us();
+  target.retry_delay_us = change.retry_delay_us();
+  if (change.retry_time_us() > time_us) target.retry_delay_us = change.retry_time_us() - time_us;
   target.state = change.final() ? TaskState::kFailed : TaskState::kReady;
   if (change.final()) {
     target.end_us = time_us;

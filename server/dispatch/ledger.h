@@ -44,7 +44,7 @@ class Ledger {
   const std::set<int>& due_jobs() const { return due_jobs_; }
   // The ready tasks of jobs of which no task has failed.
   const ReadyTasks& ready() const { return ready_; }
-  // Tasks whose time to be tried again has come are found in ready() from now on.
+  // Tasks whose delay is over are found in ready() from now on; new delays begin. `now_us`: Clock::MonotonicUs.
   void PromoteRetries(int64_t now_us) { ready_.Promote(now_us); }
   // Tasks that became ready since the last call, each once, in the order in which they did; some may have left since.
   std::vector<TaskRef> TakeNewlyReady();

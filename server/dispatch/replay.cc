@@ -67,6 +67,7 @@ Status Dispatcher::Replay() {
       spoiled.emplace(job, "stored record " + std::to_string(stored.number) + " cannot be used: " + reason);
     }
   }));
+  ledger_.PromoteRetries(environment_.clock->MonotonicUs());  // whole delays begin again
   for (const auto& [job, error] : spoiled) TESSERA_RETURN_IF_ERROR(EndSpoiledJob(job, error));
   // Last: if this start is cut off, the next one finds the same.
   for (const auto& [number, reason] : unusable) {

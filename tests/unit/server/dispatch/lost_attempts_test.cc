@@ -1,0 +1,58 @@
+// Attempts that end before their task has: who is to blame, and when the next one begins.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "server/dispatch/dispatcher.h"
+#include "tessera/v1/records.pb.h"
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using LostAttemptsTest = CoordinatorTest;
+
+// The machine's time may be set; what was to be waited for stays what it was.
+TEST_F(LostAttemptsTest, DelaysDoNotFollowTheClockOnTheWall) {
+  Create(AJob(1));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kTransient).ok());
+  clock_.SetBy(-3600);
+  clock_.Advance(0.9);
+  EXPECT_FALSE(Lease(worker));
+  clock_.Advance(0.2);
+  const auto second = Lease(worker);
+  ASSERT_TRUE(second);
+  ASSERT_TRUE(Fail(worker, *second, ErrorClass::kTransient).ok());
+  clock_.SetBy(+7200);
+  EXPECT_FALSE(Lease(worker)) << "2 s have not passed";
+  // After a restart the whole delay once more, at most.
+  clock_.Advance(1.5);
+  Restart();
+  clock_.SetBy(-7200);
+  const std::string other = Worker();
+  clock_.Advance(1.9);
+  EXPECT_FALSE(Lease(other));
+  clock_.Advance(0.2);
+  EXPECT_TRUE(Lease(other));
+}
+
+TEST_F(LostAttemptsTest, DelaysOfEarlierRecordsAreUnderstood) {
+  Create(AJob(1));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kTransient).ok());
+  v1::Record record;
+  ASSERT_TRUE(record.ParseFromString(store_.records.back()));
+  ASSERT_EQ(record.attempt_failed().retry_delay_us(), 1'000'000);
+  record.mutable_attempt_failed()->clear_retry_delay_us();
+  record.mutable_attempt_failed()->set_retry_time_us(record.time_us() + 1'000'000);
+  store_.records.back() = record.SerializeAsString();
+  clock_.SetBy(-3600);
+  Restart();
+  const std::string other = Worker();
+  EXPECT_FALSE(Lease(other));
+  clock_.Advance(1);
+  EXPECT_TRUE(Lease(other));
+}
+
+}  // namespace
+}  // namespace tessera
