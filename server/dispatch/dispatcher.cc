@@ -250,11 +250,13 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   record.mutable_attempt_started()->set_task(granted.task);
   record.mutable_attempt_started()->set_attempt(granted.attempt);
   record.mutable_attempt_started()->set_worker(worker);
+  const auto self = leases_.workers().find(worker);
+  if (self != leases_.workers().end()) record.mutable_attempt_started()->set_machine(self->second.info.machine);
   TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
   leases_.leases()[ref] = {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), 0, ""};
   leases_.NoteTile(worker, {ref.job, granted.plan.tile});
-  if (const auto self = leases_.workers().find(worker); self != leases_.workers().end()) {
+  if (self != leases_.workers().end()) {
     granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->second.info.threads);
   }
   return granted;
@@ -305,13 +307,15 @@ StatusOr<std::vector<std::string>> Dispatcher::Heartbeat(const std::string& work
   return stop;
 }
 
-Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bool lease_expired) {
-  const JobTask& task = ledger_.task(ref);
-  const RetryVerdict verdict = JudgeFailure(task, failure, lease_expired, options_.retry);
+Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure) {
+  return EndAttemptLocked(ref, JudgeFailure(ledger_.task(ref), failure, options_.retry), false);
+}
+
+Status Dispatcher::EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired) {
   v1::Record record;
   v1::AttemptFailed& failed = *record.mutable_attempt_failed();
   failed.set_task(TaskName(ref));
-  failed.set_attempt(task.attempt());
+  failed.set_attempt(ledger_.task(ref).attempt());
   failed.mutable_error()->set_error_class(static_cast<v1::ErrorClass>(verdict.failure.error_class));
   failed.mutable_error()->set_message(verdict.failure.message);
   failed.set_final(verdict.final);
@@ -324,8 +328,12 @@ Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bo
 }
 
 Status Dispatcher::ExpireLeasesLocked() {
-  for (const TaskRef ref : leases_.Expired(environment_.clock->MonotonicUs())) {
-    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {}, true));
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  // Later than anything that was heard from a worker whose lease expires now.
+  const int64_t since_us = now_us - Micros(options_.lease_s / 2);
+  const auto lives = [&](const std::string& machine) { return leases_.Lives(machine, since_us); };
+  for (const TaskRef ref : leases_.Expired(now_us)) {
+    TESSERA_RETURN_IF_ERROR(EndAttemptLocked(ref, JudgeSilence(ledger_.task(ref), lives, options_.retry), true));
   }
   return absl::OkStatus();
 }
@@ -346,7 +354,7 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
                                            " is not the current one");
     }
     if (const Status status = CheckStatistics(result.stats); !status.ok()) {
-      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kTransient, std::string(status.message())}, false));
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kTransient, std::string(status.message())}));
       return status;
     }
     v1::Record record;
@@ -373,7 +381,7 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
       failure = {ErrorClass::kInput, missing};
     }
     if (failure.error_class != ErrorClass::kNone) {
-      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure, false));
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
     } else {
       TESSERA_RETURN_IF_ERROR(CommitLocked(record));
       leases_.leases().erase(ref);
@@ -393,7 +401,7 @@ Status Dispatcher::ReportFailure(const std::string& worker, const std::string& t
       return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
                                            " is not the current one");
     }
-    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure, false));
+    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
   }
   Advance().IgnoreError();
   return absl::OkStatus();
@@ -404,7 +412,7 @@ Status Dispatcher::UnregisterWorker(const std::string& worker) {
     std::lock_guard lock(mutex_);
     TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
     for (const TaskRef ref : leases_.HeldBy(worker)) {
-      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kAborted, worker + " has left"}, false));
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kAborted, worker + " has left"}));
     }
     leases_.workers().erase(worker);
     ChangedLocked();

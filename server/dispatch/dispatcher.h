@@ -152,7 +152,8 @@ class Dispatcher {
   Status Replay();
   Status EndSpoiledJob(int job, const std::string& error);
   Status CommitLocked(v1::Record& record, Durability durability = Durability::kMachine);
-  Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bool lease_expired);
+  Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure);
+  Status EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired);
   Status ExpireLeasesLocked();
   // Succeeds a ready task whose result is known and still stored. True if it did.
   StatusOr<bool> ReuseLocked(TaskRef ref);

@@ -30,6 +30,7 @@ struct TaskFailure {
 // One run of a task by one worker, under one lease.
 struct Attempt {
   std::string worker;
+  std::string machine;  // that the worker ran on; empty: not known
   int64_t start_us = 0;
   int64_t end_us = 0;
   TaskFailure failure;  // kNone: it runs or has succeeded

@@ -43,7 +43,9 @@ StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment
       if (tasks[i].state != TaskState::kLeased) continue;
       dispatcher->leases_.leases()[{job, i}] = {tasks[i].worker(), tasks[i].attempt(), now_us,
                                                 now_us + Micros(options.lease_s), 0, ""};
-      dispatcher->leases_.workers()[tasks[i].worker()].last_seen_us = now_us;
+      WorkerState& worker = dispatcher->leases_.workers()[tasks[i].worker()];
+      worker.last_seen_us = now_us;
+      worker.info.machine = tasks[i].attempts.back().machine;
     }
   }
   return dispatcher;

@@ -127,7 +127,9 @@ class CoordinatorTest : public testing::Test {
     EXPECT_TRUE(status.ok()) << status.status();
     return status.ok() ? status->header.name : "";
   }
-  std::string Worker() { return dispatcher_->RegisterWorker({"host", 1, 2, 1000}); }
+  std::string Worker(const std::string& machine = "host/boot") {
+    return dispatcher_->RegisterWorker({"host", 1, 2, 1000, 0, machine});
+  }
 
   std::optional<GrantedLease> Lease(const std::string& worker) {
     const auto lease = dispatcher_->LeaseTask(worker, 0, {});

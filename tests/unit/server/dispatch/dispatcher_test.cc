@@ -144,18 +144,6 @@ TEST_F(DispatcherTest, InputErrorFailsTheJobAtOnceAndStopsTheRest) {
   EXPECT_FALSE(Lease(worker));
 }
 
-TEST_F(DispatcherTest, ThreeSilentWorkersMakeATaskPoison) {
-  const std::string job = Create(AJob(1));
-  for (int i = 0; i < 3; ++i) {
-    ASSERT_TRUE(Lease(Worker())) << i;
-    clock_.Advance(31);
-    ASSERT_TRUE(dispatcher_->Tick().ok());
-  }
-  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
-  EXPECT_EQ(Task(job, 0).task.error.error_class, ErrorClass::kPoison);
-  EXPECT_THAT(Job(job).header.error, HasSubstr("'read the scene'"));
-}
-
 TEST_F(DispatcherTest, MemoryErrorGoesToAnotherWorkerThenFails) {
   const std::string job = Create(AJob(1));
   const std::string small = Worker(), large = Worker();

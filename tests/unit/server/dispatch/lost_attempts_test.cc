@@ -9,6 +9,8 @@
 namespace tessera {
 namespace {
 
+using testing::HasSubstr;
+
 using LostAttemptsTest = CoordinatorTest;
 
 // The machine's time may be set; what was to be waited for stays what it was.
@@ -52,6 +54,47 @@ TEST_F(LostAttemptsTest, DelaysOfEarlierRecordsAreUnderstood) {
   EXPECT_FALSE(Lease(other));
   clock_.Advance(1);
   EXPECT_TRUE(Lease(other));
+}
+
+// A tile that kills its workers: the machine is there, and starts them again.
+TEST_F(LostAttemptsTest, ThreeWorkersThatDieOnMachinesThatLiveMakeATaskPoison) {
+  const std::string job = Create(AJob(1));
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_EQ(Job(job).header.state, i == 0 ? JobState::kQueued : JobState::kRunning);
+    ASSERT_TRUE(Lease(Worker())) << i;
+    clock_.Advance(31);
+    Worker();
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+  }
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_EQ(Task(job, 0).task.error.error_class, ErrorClass::kPoison);
+  EXPECT_THAT(Job(job).header.error, HasSubstr("fell silent over 'read the scene', one of 3 workers that did while"));
+}
+
+// Spot machines: some vanish, others say that they go, one comes back as another boot; over one task, for a night.
+TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
+  const std::string job = Create(AJob(1));
+  for (int i = 0; i < 30; ++i) {
+    const std::string worker = Worker("spot/" + std::to_string(i));
+    const auto lease = Lease(worker);
+    ASSERT_TRUE(lease) << i;
+    if (i % 3 == 0) {
+      ASSERT_TRUE(dispatcher_->UnregisterWorker(worker).ok());
+    } else if (i % 3 == 1) {
+      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kAborted).ok());
+    } else {
+      // Two workers of one machine, of which the other was heard last.
+      const std::string other = Worker("spot/" + std::to_string(i));
+      clock_.Advance(1);
+      ASSERT_TRUE(dispatcher_->Heartbeat(other, {}).ok());
+      clock_.Advance(30);
+      ASSERT_TRUE(dispatcher_->Tick().ok());
+      if (i == 14) Restart();
+    }
+    ASSERT_EQ(Job(job).header.state, JobState::kRunning) << i;
+  }
+  WorkAll(Worker());
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
 }  // namespace
