@@ -254,10 +254,12 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   if (self != leases_.workers().end()) record.mutable_attempt_started()->set_machine(self->second.info.machine);
   TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
-  leases_.leases()[ref] = {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), 0, ""};
+  LeaseState& lease = leases_.leases()[ref];
+  lease = {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), now_us};
   leases_.NoteTile(worker, {ref.job, granted.plan.tile});
   if (self != leases_.workers().end()) {
     granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->second.info.threads);
+    lease.threads = std::max(1, granted.threads);
   }
   return granted;
 }
@@ -298,9 +300,12 @@ StatusOr<std::vector<std::string>> Dispatcher::Heartbeat(const std::string& work
       stop.push_back(reported.task);
       continue;
     }
-    lease->expires_us = environment_.clock->MonotonicUs() + Micros(options_.lease_s);
+    const int64_t now_us = environment_.clock->MonotonicUs();
+    lease->expires_us = now_us + Micros(options_.lease_s);
     // NaN and the like become 0.
-    lease->progress = reported.progress >= 0 ? std::min(1.0, reported.progress) : 0.0;
+    const double progress = reported.progress >= 0 ? std::min(1.0, reported.progress) : 0.0;
+    if (progress != lease->progress || reported.stage != lease->stage) lease->moved_us = now_us;
+    lease->progress = progress;
     lease->stage = reported.stage;
   }
   if (!tasks.empty()) ChangedLocked();
@@ -335,6 +340,13 @@ Status Dispatcher::ExpireLeasesLocked() {
   for (const TaskRef ref : leases_.Expired(now_us)) {
     TESSERA_RETURN_IF_ERROR(EndAttemptLocked(ref, JudgeSilence(ledger_.task(ref), lives, options_.retry), true));
   }
+  std::vector<std::pair<TaskRef, TaskFailure>> stalled;
+  for (const auto& [ref, lease] : leases_.leases()) {
+    const double limit_s = StallLimit_s(ledger_.task(ref).plan, lease.threads, options_.stall_s);
+    if (now_us - lease.moved_us <= Micros(limit_s)) continue;
+    stalled.emplace_back(ref, StallOf(lease, limit_s));
+  }
+  for (const auto& [ref, failure] : stalled) TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
   return absl::OkStatus();
 }
 

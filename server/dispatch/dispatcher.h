@@ -27,6 +27,7 @@ namespace tessera {
 struct DispatchOptions {
   double lease_s = 30;          // a lease lives that long after its last heartbeat
   double forget_worker_s = 90;  // a silent worker without a task is forgotten after that
+  double stall_s = 600;         // an attempt without progress for so long is ended; longer for tasks that take long
   RetryOptions retry;
 };
 
@@ -134,8 +135,8 @@ class Dispatcher {
   Status UnregisterWorker(const std::string& worker);
   std::vector<WorkerStatus> ListWorkers() const;
 
-  // Ends expired leases, plans and finishes jobs where that could not be done at once. To be called about once a
-  // second.
+  // Ends expired leases and attempts that stall, plans and finishes jobs where that could not be done at once. To be
+  // called about once a second.
   Status Tick();
 
   // Changes with every change of what is shown.

@@ -36,8 +36,10 @@ struct LeaseState {
   int attempt = 0;
   int64_t start_us = 0;
   int64_t expires_us = 0;
+  int64_t moved_us = 0;  // when progress or stage last changed
+  int threads = 1;       // that the task may use
   double progress = 0;
-  std::string stage;
+  std::string stage = {};
 };
 
 struct WorkerState {

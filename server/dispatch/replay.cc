@@ -42,7 +42,7 @@ StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment
     for (int i = 0; i < static_cast<int>(tasks.size()); ++i) {
       if (tasks[i].state != TaskState::kLeased) continue;
       dispatcher->leases_.leases()[{job, i}] = {tasks[i].worker(), tasks[i].attempt(), now_us,
-                                                now_us + Micros(options.lease_s), 0, ""};
+                                                now_us + Micros(options.lease_s), now_us};
       WorkerState& worker = dispatcher->leases_.workers()[tasks[i].worker()];
       worker.last_seen_us = now_us;
       worker.info.machine = tasks[i].attempts.back().machine;

@@ -53,6 +53,17 @@ RetryVerdict JudgeSilence(const JobTask& task, const std::function<bool(const st
   return verdict;
 }
 
+double StallLimit_s(const PlannedTask& plan, int threads, double stall_s) {
+  return std::max(stall_s, 10 * plan.cost / threads);
+}
+
+TaskFailure StallOf(const LeaseState& lease, double limit_s) {
+  return {ErrorClass::kTransient, "stalled: " + lease.worker + " showed no progress for " +
+                                      std::to_string(std::lround(limit_s)) + " s, at " +
+                                      std::to_string(std::lround(100 * lease.progress)) + " %" +
+                                      (lease.stage.empty() ? "" : " (" + lease.stage + ")")};
+}
+
 bool RanOutOfMemory(const JobTask& task, const std::string& worker) {
   return std::any_of(task.attempts.begin(), task.attempts.end(), [&](const Attempt& attempt) {
     return attempt.failure.error_class == ErrorClass::kMemory && attempt.worker == worker;

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "server/dispatch/job.h"
+#include "server/dispatch/lease_table.h"
 
 namespace tessera {
 
@@ -33,6 +34,12 @@ RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const
 // The same for one that ended in silence. `lives`: whether a worker on that machine is there now.
 RetryVerdict JudgeSilence(const JobTask& task, const std::function<bool(const std::string& machine)>& lives,
                           const RetryOptions& options);
+
+// How long a task on `threads` may show no progress before its attempt is ended, though its worker's heartbeats go on:
+// `stall_s`, or ten times what it is predicted to take.
+double StallLimit_s(const PlannedTask& plan, int threads, double stall_s);
+// The failure of an attempt that showed none for longer than `limit_s`.
+TaskFailure StallOf(const LeaseState& lease, double limit_s);
 
 // Whether `worker` ran out of memory on this task before.
 bool RanOutOfMemory(const JobTask& task, const std::string& worker);

@@ -9,7 +9,9 @@
 namespace tessera {
 namespace {
 
+using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::IsEmpty;
 
 using LostAttemptsTest = CoordinatorTest;
 
@@ -95,6 +97,31 @@ TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
   }
   WorkAll(Worker());
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+}
+
+TEST_F(LostAttemptsTest, AnAttemptWithoutProgressIsEndedThoughItsWorkerLives) {
+  const std::string job = Create(AJob(1));
+  const std::string hung = Worker();
+  const auto lease = Lease(hung);
+  ASSERT_TRUE(lease);
+  const auto beat = [&](double progress, const std::string& stage) {
+    clock_.Advance(20);
+    EXPECT_TRUE(dispatcher_->Tick().ok());
+    return *dispatcher_->Heartbeat(hung, {{lease->task, 1, progress, stage}});
+  };
+  for (int i = 0; i < 60; ++i) ASSERT_THAT(beat(0.01 * (i / 20), "reading"), IsEmpty()) << "every 400 s it moves";
+  for (int i = 0; i < 20; ++i) ASSERT_THAT(beat(0.02, "checking " + std::to_string(i / 10)), IsEmpty());
+  for (int i = 0; i < 21; ++i) ASSERT_THAT(beat(0.02, "checking 1"), IsEmpty());
+  const std::string other = Worker();
+  EXPECT_FALSE(Lease(other));
+  EXPECT_THAT(beat(0.02, "checking 1"), ElementsAre(lease->task));
+  EXPECT_EQ(Task(job, 0).task.error.message, "stalled: " + hung + " showed no progress for 600 s, at 2 % (checking 1)");
+  clock_.Advance(1.1);
+  const auto again = Lease(other);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->attempt, 2);
+  EXPECT_EQ(Succeed(hung, *lease).code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_TRUE(Succeed(other, *again).ok());
 }
 
 }  // namespace

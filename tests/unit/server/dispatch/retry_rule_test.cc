@@ -61,5 +61,19 @@ TEST(RetryRule, SilenceCountsWhereTheMachineLivesOn) {
   EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("b")}, "gone"), lives, {}).final);
 }
 
+TEST(RetryRule, AnAttemptMayStandStillForTenTimesItsTask) {
+  PlannedTask plan;
+  plan.cost = 100;
+  EXPECT_EQ(StallLimit_s(plan, 2, 600), 600);
+  EXPECT_EQ(StallLimit_s(plan, 1, 600), 1000);
+  LeaseState lease;
+  lease.worker = "workers/1-1";
+  lease.progress = 0.25;
+  lease.stage = "mending";
+  const TaskFailure stall = StallOf(lease, 600);
+  EXPECT_EQ(stall.error_class, ErrorClass::kTransient);
+  EXPECT_EQ(stall.message, "stalled: workers/1-1 showed no progress for 600 s, at 25 % (mending)");
+}
+
 }  // namespace
 }  // namespace tessera
