@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
+#include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace {
@@ -22,7 +23,7 @@ constexpr size_t kBufferBytes = size_t{1} << 20;
 class NewFile {
  public:
   explicit NewFile(const std::string& path)
-      : path_(path), fd_(open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666)) {
+      : path_(path), fd_(open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666)) {
     if (fd_ < 0) status_ = absl::ErrnoToStatus(errno, path_);
     buffer_.reserve(kBufferBytes);
   }
@@ -125,7 +126,7 @@ StatusOr<PlyStream> PlyStream::Create(const std::string& path, const PlyLayout& 
   if (layout.has_input_face) header += "property int input_face\n";
   if (layout.has_outdated) header += "property uchar outdated\n";
   header += "end_header\n";
-  auto impl = std::make_unique<Impl>(path, absl::StrCat(path, ".tmp-", getpid()));
+  auto impl = std::make_unique<Impl>(path, TemporaryBeside(path));
   impl->layout = layout;
   impl->file.Add(header.data(), header.size());
   return PlyStream(std::move(impl));

@@ -25,6 +25,10 @@ void SetDigest(const Digest& digest, v1::Digest* message) {
   message->set_size_bytes(digest.size_bytes);
 }
 
+double Share(int64_t offset, const Digest& digest) {
+  return digest.size_bytes > 0 ? static_cast<double>(offset) / static_cast<double>(digest.size_bytes) : 1;
+}
+
 // DATA_LOSS in transit is worth another try, for a few times: the line or the disk of the other side may be bad.
 constexpr int kMaxDamaged = 3;
 
@@ -92,6 +96,7 @@ Status BlobClient::FetchOnce(const Digest& digest, BlobStore& store, const TaskC
       const auto committed = store.Append(digest, offset, chunk.data());
       if (!committed.ok()) return stop(committed.status());
       offset = *committed;
+      control.Report(Share(offset, digest), "");
     }
     TESSERA_RETURN_IF_ERROR(FromGrpc(reader->Finish()));
     if (offset < digest.size_bytes) {
@@ -146,6 +151,7 @@ Status BlobClient::SendOnce(const std::string& path, const Digest& digest, const
     request.mutable_chunk()->set_offset(offset);
     request.mutable_chunk()->set_xxh3(Xxh3(*bytes));
     offset += static_cast<int64_t>(bytes->size());
+    control.Report(Share(offset, digest), "");
     *request.mutable_chunk()->mutable_data() = *bytes;
     if (!writer->Write(request)) break;  // Finish tells why
   }

@@ -28,11 +28,11 @@ class BlobClient {
 
   // Brings a blob into `store`, from what an interrupted transfer left there on. A chunk that does not match its XXH3
   // is fetched again; the whole is stored only if it hashes to its digest (else DATA_LOSS, after one fresh start).
-  // NOT_FOUND if the coordinator does not have it, CANCELLED by `control`.
+  // NOT_FOUND if the coordinator does not have it, CANCELLED by `control`, which is told the share that is here.
   Status Fetch(const Digest& digest, BlobStore& store, const TaskControl& control);
 
   // Sends the file at `path`, which has this digest, from what the coordinator already has on. Nothing is sent if it
-  // has all. DATA_LOSS if the file's bytes do not hash to the digest.
+  // has all. DATA_LOSS if the file's bytes do not hash to the digest. `control` as above.
   Status Send(const std::string& path, const Digest& digest, const TaskControl& control);
 
  private:

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "common/base/json_bounds.h"
 
 namespace tessera {
 namespace {
@@ -271,6 +272,10 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
   SceneFile scene;
   scene.classes = KnownClasses();
   scene.flights = {{{"all", ""}, {"*"}}};
+  if (const Status deep = CheckJsonDepth(file, text); !deep.ok()) {
+    faults->Add(deep);
+    return scene;
+  }
   Json json;
   try {
     json = Json::parse(text);

@@ -2,12 +2,12 @@
 
 #include <unistd.h>
 
-#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <fstream>
 
 #include "common/storage/files.h"
+#include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace {
@@ -31,10 +31,7 @@ std::string BlobStore::Path(const Digest& digest) const {
 
 std::string BlobStore::PartialPath(const Digest& digest) const { return root_ + "/partial/" + digest.sha256; }
 
-std::string BlobStore::NewTemporary() const {
-  static std::atomic<int64_t> count{0};
-  return root_ + "/partial/put-" + std::to_string(::getpid()) + "-" + std::to_string(count++);
-}
+std::string BlobStore::NewTemporary() const { return root_ + "/partial/put-" + UniqueName(); }
 
 bool BlobStore::Has(const Digest& digest) const {
   if (!CheckDigest(digest).ok()) return false;

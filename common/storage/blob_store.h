@@ -52,7 +52,7 @@ class BlobStore {
  private:
   explicit BlobStore(std::string root) : root_(std::move(root)) {}
   std::string PartialPath(const Digest& digest) const;
-  std::string NewTemporary() const;
+  std::string NewTemporary() const;  // a path that nobody else has
   Status Publish(const std::string& temporary, const Digest& digest);
   std::mutex& UploadMutex(const Digest& digest) const { return upload_mutexes_[digest.sha256[0] & 15]; }
 

@@ -6,12 +6,13 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <utility>
+
+#include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace fs = std::filesystem;
@@ -74,12 +75,19 @@ std::string FolderOf(const std::string& path) {
   return folder.empty() ? "." : folder;
 }
 
-std::string TemporaryBeside(const std::string& path) {
-  static std::atomic<int64_t> count{0};
-  return path + ".tmp-" + std::to_string(::getpid()) + "-" + std::to_string(count++);
-}
-
 }  // namespace
+
+std::string UniqueName() {
+  unsigned char random[16];
+  if (::getentropy(random, sizeof(random)) != 0) std::abort();  // only a kernel without random numbers refuses 16 bytes
+  std::string name;
+  for (const unsigned char byte : random) {
+    constexpr char kDigits[] = "0123456789abcdef";
+    name += kDigits[byte >> 4];
+    name += kDigits[byte & 15];
+  }
+  return name;
+}
 
 StatusOr<std::string> ReadFileRange(const std::string& path, int64_t offset_bytes, int64_t size_bytes) {
   OpenFile file(path, O_RDONLY);
@@ -126,7 +134,7 @@ Status WriteFileAtomic(const std::string& path, const std::string& content) {
   const std::string temporary = TemporaryBeside(path);
   Status status;
   {
-    OpenFile file(temporary, O_WRONLY | O_CREAT | O_TRUNC);
+    OpenFile file(temporary, O_WRONLY | O_CREAT | O_EXCL);
     if (!file.ok()) return SystemError("cannot create", path, file.error());
     status = WriteAll(file.fd(), content.data(), content.size(), path);
     if (status.ok() && ::fsync(file.fd()) != 0) status = SystemError("cannot sync", path, errno);
@@ -139,7 +147,7 @@ Status WriteFileAtomic(const std::string& path, const std::string& content) {
 Status CopyFileDurably(const std::string& from, const std::string& to) {
   OpenFile source(from, O_RDONLY);
   if (!source.ok()) return SystemError("cannot open", from, source.error());
-  OpenFile target(to, O_WRONLY | O_CREAT | O_TRUNC);
+  OpenFile target(to, O_WRONLY | O_CREAT | O_EXCL);
   if (!target.ok()) return SystemError("cannot create", to, target.error());
   std::string buffer(1 << 20, '\0');
   while (true) {

@@ -22,7 +22,7 @@ StatusOr<std::string> ReadFileRange(const std::string& path, int64_t offset_byte
 // Replaces `path` by a file with this content: after a crash the old or the new content is there, never a part.
 Status WriteFileAtomic(const std::string& path, const std::string& content);
 
-// Copies a file; the copy's bytes are durable when this returns.
+// Copies a file to `to`, which must not be there; the copy's bytes are durable when this returns.
 Status CopyFileDurably(const std::string& from, const std::string& to);
 
 // Renames within a file system and syncs the folder of `to`.

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/storage/files.h"
+#include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace {
@@ -23,9 +24,9 @@ struct FaceRecord {  // as in the PLY's body
 }  // namespace
 
 MeshSpool::MeshSpool(const std::string& path_prefix)
-    : vertex_path_(path_prefix + ".vertices.tmp"), face_path_(path_prefix + ".faces.tmp") {
-  vertices_ = std::fopen(vertex_path_.c_str(), "w+b");
-  faces_ = std::fopen(face_path_.c_str(), "w+b");
+    : vertex_path_(TemporaryBeside(path_prefix + ".vertices")), face_path_(TemporaryBeside(path_prefix + ".faces")) {
+  vertices_ = std::fopen(vertex_path_.c_str(), "w+bx");
+  faces_ = std::fopen(face_path_.c_str(), "w+bx");
   failed_ = vertices_ == nullptr || faces_ == nullptr;
 }
 
@@ -70,8 +71,8 @@ bool MeshSpool::NextFace(Triangle* face, int32_t* label) {
 
 Status WriteSpooledPly(const std::string& path, MeshSpool& spool) {
   TESSERA_RETURN_IF_ERROR(spool.Rewind());
-  const std::string temporary = path + ".tmp";
-  std::FILE* out = std::fopen(temporary.c_str(), "wb");
+  const std::string temporary = TemporaryBeside(path);
+  std::FILE* out = std::fopen(temporary.c_str(), "wbx");
   if (out == nullptr) return absl::PermissionDeniedError("cannot write " + temporary + ": " + std::strerror(errno));
   bool good =
       std::fprintf(out,

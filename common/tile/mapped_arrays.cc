@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/storage/files.h"
+#include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace {
@@ -70,8 +71,8 @@ StatusOr<std::unique_ptr<ArrayFileWriter>> ArrayFileWriter::Create(const std::st
                                                                    std::vector<Array> arrays) {
   std::unique_ptr<ArrayFileWriter> writer(new ArrayFileWriter());
   writer->path_ = path;
-  writer->temporary_ = absl::StrCat(path, ".tmp-", getpid());
-  writer->fd_ = open(writer->temporary_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  writer->temporary_ = TemporaryBeside(path);
+  writer->fd_ = open(writer->temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (writer->fd_ < 0) return absl::ErrnoToStatus(errno, writer->temporary_);
   std::sort(arrays.begin(), arrays.end(), [](const Array& a, const Array& b) { return a.name < b.name; });
   writer->header_.metadata = metadata;

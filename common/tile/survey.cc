@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "common/base/json_bounds.h"
 #include "common/tile/task_parameters.h"
 
 namespace tessera {
@@ -198,6 +199,7 @@ Status CheckCells(const Survey& s) {
 
 template <class Value, class Convert>
 StatusOr<Value> Parse(const std::string& text, const std::string& what, const Convert& convert) {
+  TESSERA_RETURN_IF_ERROR(CheckJsonDepth(what, text));
   try {
     return convert(json::parse(text));
   } catch (const json::exception& e) {

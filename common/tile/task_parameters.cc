@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "common/base/json_bounds.h"
+
 namespace tessera {
 namespace {
 
@@ -28,6 +30,7 @@ std::vector<TileParameters> TilesFromJson(const json& j) {
 
 template <class Value, class Convert>
 StatusOr<Value> Parse(const std::string& text, const Convert& convert) {
+  TESSERA_RETURN_IF_ERROR(CheckJsonDepth("task parameters", text));
   try {
     return convert(json::parse(text));
   } catch (const json::exception& e) {
@@ -193,6 +196,7 @@ StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles)
   const auto fault = [](const std::string& found) {
     return absl::InvalidArgumentError(std::string(kReadsFile) + ": " + found);
   };
+  TESSERA_RETURN_IF_ERROR(CheckJsonDepth(kReadsFile, text));
   TileReads reads;
   try {
     const json j = json::parse(text);

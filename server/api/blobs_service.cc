@@ -15,11 +15,17 @@ constexpr int64_t kChunkBytes = int64_t{1} << 20;
 StatusOr<std::string> BlobsService::Locate(const Digest& digest) const {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   if (environment_.blobs->Has(digest)) return environment_.blobs->Path(digest);
-  const std::string path = environment_.dispatcher->FindSceneFile(digest);
-  if (path.empty()) return absl::NotFoundError("no blob " + digest.sha256);
-  TESSERA_ASSIGN_OR_RETURN(const Digest found, DigestOfFile(path, *environment_.digests, *environment_.clock));
-  if (found == digest) return path;
-  return absl::FailedPreconditionError(path + " was changed after its job was submitted");
+  // Jobs on copies of a scene have files of one content, of which some may be gone.
+  Status fault = absl::NotFoundError("no blob " + digest.sha256);
+  for (const std::string& path : environment_.dispatcher->SceneFilesWith(digest)) {
+    const auto found = DigestOfFile(path, *environment_.digests, *environment_.clock);
+    if (found.ok() && *found == digest) return path;
+    if (absl::IsNotFound(fault)) {
+      fault = found.ok() ? absl::FailedPreconditionError(path + " was changed after its job was submitted")
+                         : found.status();
+    }
+  }
+  return fault;
 }
 
 grpc::Status BlobsService::StatBlobs(grpc::ServerContext*, const v1::StatBlobsRequest* request,

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 #include <thread>
 
 #include "common/rpc/status_conversion.h"
@@ -24,18 +25,27 @@ StatusOr<int> ParseToken(const std::string& token, int by_default) {
   return std::stoi(token);
 }
 
+// Without what makes no other path: "/a/./b/" is "/a/b".
+std::string Normal(const std::string& path) {
+  std::string normal = std::filesystem::path(path).lexically_normal().string();
+  while (normal.size() > 1 && normal.back() == '/') normal.pop_back();
+  return normal;
+}
+
 StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::CreateJobRequest& request,
                            const grpc::ServerContext& context) {
-  if (auto known = environment.dispatcher->FindRequest(request.request_id()); known && !request.validate_only()) {
-    return *std::move(known);
+  NewJob job;
+  job.settings = FromProto(request.settings());
+  const bool reads_scene = job.settings.update.rollback_to.empty();
+  job.request = {request.request_id(), reads_scene ? Normal(request.scene_path()) : "", job.settings};
+  if (!request.validate_only()) {
+    TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, environment.dispatcher->FindRequest(job.request));
+    if (known) return *std::move(known);
   }
   // Before the scene is read; whether it can be planned is asked later.
-  TESSERA_RETURN_IF_ERROR(CheckJobSettings(FromProto(request.settings())));
-  NewJob job;
-  job.request_id = request.request_id();
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(job.settings));
   job.display_name = request.display_name();
-  job.settings = FromProto(request.settings());
-  if (job.settings.update.rollback_to.empty()) {  // else the base's scene, which is not read again
+  if (reads_scene) {  // else the base's scene, which is not read again
     if (!std::filesystem::path(request.scene_path()).is_absolute()) {
       return InputError("scene_path", "", "'" + request.scene_path() + "'", "an absolute path");
     }

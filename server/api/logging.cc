@@ -114,4 +114,8 @@ void LogRecord(const v1::Record& record) {
   }
 }
 
+void LogSetAside(int64_t number, const std::string& reason) {
+  LogEvent(LogLevel::kError, "stored record set aside", {{"record", std::to_string(number)}, {"reason", reason}});
+}
+
 }  // namespace tessera

@@ -2,6 +2,7 @@
 #ifndef TESSERA_SERVER_API_LOGGING_H_
 #define TESSERA_SERVER_API_LOGGING_H_
 
+#include <cstdint>
 #include <string>
 #include <utility>
 #include <vector>
@@ -25,6 +26,9 @@ void LogEvent(LogLevel level, const std::string& message,
 
 // What a change of state says to an operator.
 void LogRecord(const v1::Record& record);
+
+// That a stored record cannot be used.
+void LogSetAside(int64_t number, const std::string& reason);
 
 }  // namespace tessera
 

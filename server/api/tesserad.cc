@@ -30,7 +30,7 @@ struct Flags {
   std::string data;
   std::string listen = "127.0.0.1:7575";
   std::string port_file;
-  double lease_s = 30;
+  double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
   bool no_shared_storage = false;
   std::string log_level = "info";
   bool json_logs = false;
@@ -89,9 +89,11 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
+  options.stall_s = flags.stall_s;
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
-  TESSERA_ASSIGN_OR_RETURN(const auto dispatcher,
-                           Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord}, options));
+  TESSERA_ASSIGN_OR_RETURN(
+      const auto dispatcher,
+      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside}, options));
 
   ServerEnvironment environment;
   environment.dispatcher = dispatcher.get();
@@ -135,6 +137,11 @@ int Main(int argc, char** argv) {
   app.add_option("--port-file", flags.port_file, "write the bound HOST:PORT to this file");
   app.add_option("--lease-s", flags.lease_s, "a task returns to the queue when its worker is silent for so long")
       ->check(CLI::Range(0.2, 86400.0))
+      ->capture_default_str();
+  app.add_option("--stall-s", flags.stall_s,
+                 "an attempt that shows no progress for so long, and for ten times what its task is predicted to take, "
+                 "is ended")
+      ->check(CLI::Range(0.2, 1e9))
       ->capture_default_str();
   app.add_flag("--no-shared-storage", flags.no_shared_storage, "workers move all data through the blob service");
   app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();

@@ -20,8 +20,9 @@ grpc::Status WorkersService::RegisterWorker(grpc::ServerContext*, const v1::Regi
                                                 "', the coordinator has '" + kAlgorithmVersion + "'"));
   }
   const double lease_s = environment_.dispatcher->options().lease_s;
-  const std::string worker = environment_.dispatcher->RegisterWorker(
-      {request->host(), request->pid(), request->threads(), request->memory_bytes(), request->cores()});
+  const std::string worker =
+      environment_.dispatcher->RegisterWorker({request->host(), request->pid(), request->threads(),
+                                               request->memory_bytes(), request->cores(), request->machine()});
   LogEvent(LogLevel::kInfo, "worker registered",
            {{"worker", worker}, {"host", request->host()}, {"pid", std::to_string(request->pid())}});
   response->set_worker(worker);

@@ -5,6 +5,7 @@
 
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/temporary_name.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -41,8 +42,9 @@ StatusOr<std::vector<std::string>> FetchArtifacts(Connection& connection, const 
       const bool wanted_again = std::any_of(artifacts.begin() + static_cast<std::ptrdiff_t>(i) + 1, artifacts.end(),
                                             [&](const Artifact& other) { return other.digest == artifact.digest; });
       if (wanted_again) {
-        TESSERA_RETURN_IF_ERROR(CopyFileDurably(store->Path(artifact.digest), artifact.path + ".part"));
-        TESSERA_RETURN_IF_ERROR(RenameDurably(artifact.path + ".part", artifact.path));
+        const std::string temporary = TemporaryBeside(artifact.path);
+        TESSERA_RETURN_IF_ERROR(CopyFileDurably(store->Path(artifact.digest), temporary));
+        TESSERA_RETURN_IF_ERROR(RenameDurably(temporary, artifact.path));
       } else {
         TESSERA_RETURN_IF_ERROR(RenameDurably(store->Path(artifact.digest), artifact.path));
       }

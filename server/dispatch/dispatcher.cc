@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "common/base/json_bounds.h"
 #include "common/base/version.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
@@ -26,7 +27,16 @@ constexpr double kPatience_s = 1;
 
 constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
-int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
+constexpr size_t kMaxStatisticsBytes = 64 << 10;  // ours have some hundred a round
+
+// Every task's go into job.json.
+Status CheckStatistics(const std::string& stats) {
+  if (stats.size() > kMaxStatisticsBytes) {
+    return InputError("statistics", "", std::to_string(stats.size()) + " bytes",
+                      "at most " + std::to_string(kMaxStatisticsBytes));
+  }
+  return CheckJsonDepth("statistics", stats);
+}
 
 // An output that some later task reads but `outputs` lacks, as a message; empty if all are there.
 std::string MissingOutput(const Job& job, int task, const std::vector<NamedDigest>& outputs) {
@@ -46,32 +56,6 @@ std::string MissingOutput(const Job& job, int task, const std::vector<NamedDiges
 
 Dispatcher::Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options)
     : environment_(environment), options_(options), ledger_(kAlgorithmVersion) {}
-
-StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment& environment,
-                                                       const DispatchOptions& options) {
-  std::unique_ptr<Dispatcher> dispatcher(new Dispatcher(environment, options));
-  Ledger& ledger = dispatcher->ledger_;
-  TESSERA_RETURN_IF_ERROR(environment.store->Replay([&](const std::string& bytes) -> Status {
-    v1::Record record;
-    if (!record.ParseFromString(bytes)) return absl::DataLossError("not a record");
-    if (const Status status = ledger.Check(record); !status.ok()) {
-      return absl::DataLossError("does not follow from those before it: " + std::string(status.message()));
-    }
-    ledger.Apply(record);
-    return absl::OkStatus();
-  }));
-  const int64_t now_us = environment.clock->MonotonicUs();
-  for (const int job : ledger.active_jobs()) {
-    const auto& tasks = ledger.jobs()[job].tasks;
-    for (int i = 0; i < static_cast<int>(tasks.size()); ++i) {
-      if (tasks[i].state != TaskState::kLeased) continue;
-      dispatcher->leases_.leases()[{job, i}] = {
-          tasks[i].worker(), tasks[i].attempt(), now_us, now_us + Micros(options.lease_s), 0, ""};
-      dispatcher->leases_.workers()[tasks[i].worker()].last_seen_us = now_us;
-    }
-  }
-  return dispatcher;
-}
 
 void Dispatcher::ChangedLocked() {
   ++version_;
@@ -100,20 +84,17 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   int index = -1;
   {
     std::lock_guard lock(mutex_);
-    if (!job.request_id.empty()) index = ledger_.FindRequest(job.request_id);
-    if (index >= 0) {
-      const JobHeader& header = ledger_.jobs()[index].header;
-      if (header.scene_path != job.scene_path) {
-        return absl::AlreadyExistsError("request " + job.request_id + " was used for " + header.name + " on " +
-                                        header.scene_path);
-      }
-      return JobStatusLocked(index);
-    }
+    TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, FindRequestLocked(job.request));
+    if (known) return *std::move(known);
     index = static_cast<int>(ledger_.jobs().size());
     v1::Record record;
     v1::JobAccepted& accepted = *record.mutable_job_accepted();
     accepted.set_job(JobName(index));
-    accepted.set_request_id(job.request_id);
+    if (!job.request.id.empty()) {
+      accepted.set_request_id(job.request.id);
+      accepted.mutable_request()->set_scene_path(job.request.scene_path);
+      ToProto(job.request.settings, accepted.mutable_request()->mutable_settings());
+    }
     accepted.set_display_name(job.display_name);
     accepted.set_scene_path(job.scene_path);
     ToProto(job.settings, accepted.mutable_settings());
@@ -132,9 +113,13 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   return JobStatusLocked(index);
 }
 
-std::optional<JobStatus> Dispatcher::FindRequest(const std::string& request_id) const {
+StatusOr<std::optional<JobStatus>> Dispatcher::FindRequest(const JobRequest& request) const {
   std::lock_guard lock(mutex_);
-  const int index = request_id.empty() ? -1 : ledger_.FindRequest(request_id);
+  return FindRequestLocked(request);
+}
+
+StatusOr<std::optional<JobStatus>> Dispatcher::FindRequestLocked(const JobRequest& request) const {
+  TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindRequest(request));
   if (index < 0) return std::nullopt;
   return JobStatusLocked(index);
 }
@@ -184,9 +169,9 @@ StatusOr<std::vector<TaskStatus>> Dispatcher::RunningTasks(const std::string& na
   return tasks;
 }
 
-std::string Dispatcher::FindSceneFile(const Digest& digest) const {
+std::vector<std::string> Dispatcher::SceneFilesWith(const Digest& digest) const {
   std::lock_guard lock(mutex_);
-  return ledger_.FindSceneFile(digest);
+  return ledger_.SceneFilesWith(digest);
 }
 
 // --- Workers ---
@@ -211,7 +196,7 @@ Status Dispatcher::SeenLocked(const std::string& worker) {
 }
 
 std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, double waited_s) {
-  ledger_.PromoteRetries(environment_.clock->UnixTimeUs());
+  ledger_.PromoteRetries(environment_.clock->MonotonicUs());
   const ReadyTasks& ready = ledger_.ready();
   const auto may_run = [&](TaskRef ref) {
     return leases_.workers().size() < 2 || !RanOutOfMemory(ledger_.task(ref), worker);
@@ -253,7 +238,11 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
       path = environment_.blobs->Path(inputs[i].digest);
     } else {
       const NamedDigest& file = job.scene_files[files[i - from_tasks]];
-      path = IsCarried(file.name) ? ledger_.FindSceneFile(file.digest) : job.header.scene_path + "/" + file.name;
+      path = job.header.scene_path + "/" + file.name;
+      if (IsCarried(file.name)) {
+        const std::vector<std::string> paths = ledger_.SceneFilesWith(file.digest);
+        path = paths.empty() ? "" : paths.front();  // where it is not what it was, the blob service knows the others
+      }
     }
     granted.inputs.push_back({std::move(inputs[i]), std::move(path)});
   }
@@ -261,12 +250,16 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   record.mutable_attempt_started()->set_task(granted.task);
   record.mutable_attempt_started()->set_attempt(granted.attempt);
   record.mutable_attempt_started()->set_worker(worker);
+  const auto self = leases_.workers().find(worker);
+  if (self != leases_.workers().end()) record.mutable_attempt_started()->set_machine(self->second.info.machine);
   TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
-  leases_.leases()[ref] = {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), 0, ""};
+  LeaseState& lease = leases_.leases()[ref];
+  lease = {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), now_us};
   leases_.NoteTile(worker, {ref.job, granted.plan.tile});
-  if (const auto self = leases_.workers().find(worker); self != leases_.workers().end()) {
+  if (self != leases_.workers().end()) {
     granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->second.info.threads);
+    lease.threads = std::max(1, granted.threads);
   }
   return granted;
 }
@@ -307,38 +300,53 @@ StatusOr<std::vector<std::string>> Dispatcher::Heartbeat(const std::string& work
       stop.push_back(reported.task);
       continue;
     }
-    lease->expires_us = environment_.clock->MonotonicUs() + Micros(options_.lease_s);
+    const int64_t now_us = environment_.clock->MonotonicUs();
+    lease->expires_us = now_us + Micros(options_.lease_s);
     // NaN and the like become 0.
-    lease->progress = reported.progress >= 0 ? std::min(1.0, reported.progress) : 0.0;
+    const double progress = reported.progress >= 0 ? std::min(1.0, reported.progress) : 0.0;
+    if (progress != lease->progress || reported.stage != lease->stage) lease->moved_us = now_us;
+    lease->progress = progress;
     lease->stage = reported.stage;
   }
   if (!tasks.empty()) ChangedLocked();
   return stop;
 }
 
-Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bool lease_expired) {
-  const JobTask& task = ledger_.task(ref);
-  const RetryVerdict verdict = JudgeFailure(task, failure, lease_expired, options_.retry);
+Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure) {
+  return EndAttemptLocked(ref, JudgeFailure(ledger_.task(ref), failure, options_.retry), false);
+}
+
+Status Dispatcher::EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired) {
   v1::Record record;
   v1::AttemptFailed& failed = *record.mutable_attempt_failed();
   failed.set_task(TaskName(ref));
-  failed.set_attempt(task.attempt());
+  failed.set_attempt(ledger_.task(ref).attempt());
   failed.mutable_error()->set_error_class(static_cast<v1::ErrorClass>(verdict.failure.error_class));
   failed.mutable_error()->set_message(verdict.failure.message);
   failed.set_final(verdict.final);
   failed.set_lease_expired(lease_expired);
-  if (verdict.delay_s > 0) {
-    failed.set_retry_time_us(environment_.clock->UnixTimeUs() + Micros(verdict.delay_s));
-  }
+  failed.set_retry_delay_us(Micros(verdict.delay_s));
   TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  ledger_.PromoteRetries(environment_.clock->MonotonicUs());  // the delay begins
   leases_.leases().erase(ref);
   return absl::OkStatus();
 }
 
 Status Dispatcher::ExpireLeasesLocked() {
-  for (const TaskRef ref : leases_.Expired(environment_.clock->MonotonicUs())) {
-    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {}, true));
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  // Later than anything that was heard from a worker whose lease expires now.
+  const int64_t since_us = now_us - Micros(options_.lease_s / 2);
+  const auto lives = [&](const std::string& machine) { return leases_.Lives(machine, since_us); };
+  for (const TaskRef ref : leases_.Expired(now_us)) {
+    TESSERA_RETURN_IF_ERROR(EndAttemptLocked(ref, JudgeSilence(ledger_.task(ref), lives, options_.retry), true));
   }
+  std::vector<std::pair<TaskRef, TaskFailure>> stalled;
+  for (const auto& [ref, lease] : leases_.leases()) {
+    const double limit_s = StallLimit_s(ledger_.task(ref).plan, lease.threads, options_.stall_s);
+    if (now_us - lease.moved_us <= Micros(limit_s)) continue;
+    stalled.emplace_back(ref, StallOf(lease, limit_s));
+  }
+  for (const auto& [ref, failure] : stalled) TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
   return absl::OkStatus();
 }
 
@@ -356,6 +364,10 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
     if (leases_.FindCurrent(ref, worker, attempt) == nullptr) {
       return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
                                            " is not the current one");
+    }
+    if (const Status status = CheckStatistics(result.stats); !status.ok()) {
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kTransient, std::string(status.message())}));
+      return status;
     }
     v1::Record record;
     v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();
@@ -381,7 +393,7 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
       failure = {ErrorClass::kInput, missing};
     }
     if (failure.error_class != ErrorClass::kNone) {
-      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure, false));
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
     } else {
       TESSERA_RETURN_IF_ERROR(CommitLocked(record));
       leases_.leases().erase(ref);
@@ -401,7 +413,7 @@ Status Dispatcher::ReportFailure(const std::string& worker, const std::string& t
       return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
                                            " is not the current one");
     }
-    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure, false));
+    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
   }
   Advance().IgnoreError();
   return absl::OkStatus();
@@ -412,7 +424,7 @@ Status Dispatcher::UnregisterWorker(const std::string& worker) {
     std::lock_guard lock(mutex_);
     TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
     for (const TaskRef ref : leases_.HeldBy(worker)) {
-      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kAborted, worker + " has left"}, false));
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kAborted, worker + " has left"}));
     }
     leases_.workers().erase(worker);
     ChangedLocked();

@@ -27,6 +27,7 @@ namespace tessera {
 struct DispatchOptions {
   double lease_s = 30;          // a lease lives that long after its last heartbeat
   double forget_worker_s = 90;  // a silent worker without a task is forgotten after that
+  double stall_s = 600;         // an attempt without progress for so long is ended; longer for tasks that take long
   RetryOptions retry;
 };
 
@@ -38,10 +39,12 @@ struct DispatchEnvironment {
   Clock* clock = nullptr;
   // Told of every change once it is stored and applied; for logs. Must be quick and not call back. May be empty.
   std::function<void(const v1::Record&)> on_change;
+  // Told of every stored record that Open sets aside, and why. May be empty.
+  std::function<void(int64_t number, const std::string& reason)> on_set_aside = {};
 };
 
 struct NewJob {
-  std::string request_id;  // may be empty
+  JobRequest request;
   std::string display_name;
   std::string scene_path;  // absolute
   JobSettings settings;
@@ -90,7 +93,8 @@ struct WorkerStatus {
 class Dispatcher {
  public:
   // Brings back the state that the store's records describe. Tasks leased before keep their lease for a full term, so
-  // that their workers can go on. DATA_LOSS if a record does not fit.
+  // that their workers can go on. A record that cannot be used is set aside; the job that it is of fails, unless it has
+  // ended, and so does one that later needs what an unreadable record said.
   static StatusOr<std::unique_ptr<Dispatcher>> Open(const DispatchEnvironment& environment,
                                                     const DispatchOptions& options);
 
@@ -100,10 +104,11 @@ class Dispatcher {
   // lacks; one that rolls tiles back with its base's scene and all tiles that differ, if it names none. Errors, the
   // user's to read, if its settings and scene cannot be planned. Changes nothing.
   StatusOr<NewJob> CompleteJob(NewJob job) const;
-  // Jobs. A request_id that was used gives its job again (ALREADY_EXISTS if it was for another
-  // scene).
+  // Jobs. A request whose id was used gives its job again; ALREADY_EXISTS with all that differs, a line each, if it was
+  // used for another scene or other settings.
   StatusOr<JobStatus> CreateJob(const NewJob& job);
-  std::optional<JobStatus> FindRequest(const std::string& request_id) const;
+  // None if no job has the id.
+  StatusOr<std::optional<JobStatus>> FindRequest(const JobRequest& request) const;
   StatusOr<JobStatus> GetJob(const std::string& name) const;
   // Newest first: those before `before` (a job's index; -1: from the newest), at most `count`.
   std::vector<JobStatus> ListJobs(int before, int count) const;
@@ -111,8 +116,8 @@ class Dispatcher {
   // Tasks [first, first + count) in the plan's order.
   StatusOr<std::vector<TaskStatus>> ListTasks(const std::string& job, int first, int count) const;
   StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
-  // Absolute path of a scene file with this content; empty if there is none.
-  std::string FindSceneFile(const Digest& digest) const;
+  // Absolute paths where scene files of jobs had this content when the jobs were accepted, the oldest job's first.
+  std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
   // Workers.
   std::string RegisterWorker(const WorkerInfo& info);
@@ -122,15 +127,16 @@ class Dispatcher {
                                                   const std::function<bool()>& gone);
   // Renews leases. Gives the tasks that the worker must stop.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<ReportedProgress>& tasks);
-  // FAILED_PRECONDITION if the attempt is not the current one. The same report again is OK.
+  // FAILED_PRECONDITION if the attempt is not the current one. The same report again is OK. Statistics that are too
+  // large or too deep are refused (INVALID_ARGUMENT) and end the attempt as failed.
   Status ReportSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result);
   Status ReportFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure);
   // Its tasks return to the queue at once.
   Status UnregisterWorker(const std::string& worker);
   std::vector<WorkerStatus> ListWorkers() const;
 
-  // Ends expired leases, plans and finishes jobs where that could not be done at once. To be called about once a
-  // second.
+  // Ends expired leases and attempts that stall, plans and finishes jobs where that could not be done at once. To be
+  // called about once a second.
   Status Tick();
 
   // Changes with every change of what is shown.
@@ -144,8 +150,11 @@ class Dispatcher {
  private:
   Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options);
   // Those below named ...Locked need mutex_.
+  Status Replay();
+  Status EndSpoiledJob(int job, const std::string& error);
   Status CommitLocked(v1::Record& record, Durability durability = Durability::kMachine);
-  Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure, bool lease_expired);
+  Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure);
+  Status EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired);
   Status ExpireLeasesLocked();
   // Succeeds a ready task whose result is known and still stored. True if it did.
   StatusOr<bool> ReuseLocked(TaskRef ref);
@@ -154,6 +163,7 @@ class Dispatcher {
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
   Status SeenLocked(const std::string& worker);
   StatusOr<NewJob> CompleteRollback(NewJob job) const;
+  StatusOr<std::optional<JobStatus>> FindRequestLocked(const JobRequest& request) const;
   JobStatus JobStatusLocked(int job) const;
   void ChangedLocked();
 

@@ -4,6 +4,7 @@
 #define TESSERA_SERVER_DISPATCH_JOB_H_
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -29,6 +30,7 @@ struct TaskFailure {
 // One run of a task by one worker, under one lease.
 struct Attempt {
   std::string worker;
+  std::string machine;  // that the worker ran on; empty: not known
   int64_t start_us = 0;
   int64_t end_us = 0;
   TaskFailure failure;  // kNone: it runs or has succeeded
@@ -43,7 +45,7 @@ struct JobTask {
   TaskState state = TaskState::kWaiting;
   std::string key;                // once all inputs are known
   std::vector<Attempt> attempts;  // attempt number n is attempts[n - 1]
-  int64_t retry_us = 0;           // not leased again before
+  int64_t retry_delay_us = 0;     // not leased again before so much time has passed
   TaskFailure error;              // the last
   bool reused = false;            // its result was found under its key; nothing ran
   std::string stats;              // JSON
@@ -57,10 +59,17 @@ struct JobTask {
   std::string worker() const { return attempts.empty() ? "" : attempts.back().worker; }
 };
 
+// What a user asked for, before anything is read or taken over from a base.
+struct JobRequest {
+  std::string id;          // may be empty
+  std::string scene_path;  // empty if none is read
+  JobSettings settings;
+};
+
 // What a job is, without its tasks.
 struct JobHeader {
-  std::string name;  // "jobs/J"
-  std::string request_id;
+  std::string name;                   // "jobs/J"
+  std::optional<JobRequest> request;  // one with an id; of jobs of earlier releases it is not known
   std::string display_name;
   std::string scene_path;  // absolute
   JobSettings settings;

@@ -4,6 +4,9 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string_view>
+#include <utility>
+
+#include "common/base/json_bounds.h"
 
 namespace tessera {
 namespace {
@@ -32,6 +35,13 @@ const char* Name(TaskState state) {
   return "unknown";
 }
 
+// Null if it is none. Statistics that an earlier coordinator took may be of any depth.
+Json ParseStored(const std::string& text) {
+  if (!CheckJsonDepth("", text).ok()) return nullptr;
+  Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  return json.is_discarded() ? Json(nullptr) : std::move(json);
+}
+
 Json TaskJson(const JobTask& task, int64_t end_us) {
   Json json = {{"kind", task.plan.kind},    {"title", task.plan.name}, {"tile", task.plan.tile},
                {"state", Name(task.state)}, {"reused", task.reused},   {"attempts", task.attempt()},
@@ -56,10 +66,8 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
                     {"threads", task.usage.threads}};
   }
   json["runs"] = std::move(runs);
-  const Json stats = Json::parse(task.stats, nullptr, /*allow_exceptions=*/false);
-  const Json parameters = Json::parse(task.plan.parameters, nullptr, /*allow_exceptions=*/false);
-  json["parameters"] = parameters.is_discarded() ? Json(nullptr) : parameters;
-  json["stats"] = stats.is_discarded() ? Json(nullptr) : stats;
+  json["parameters"] = ParseStored(task.plan.parameters);
+  json["stats"] = ParseStored(task.stats);
   Json outputs = Json::object();
   for (const NamedDigest& output : task.outputs) {
     outputs[output.name] = {{"sha256", output.digest.sha256}, {"size_bytes", output.digest.size_bytes}};
@@ -72,7 +80,7 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
 // Adds where a task's time went: what it says of itself, and the rest of the time that it was leased for.
 void AddStages(const JobTask& task, std::map<std::string, double>* seconds_of_stage) {
   if (task.state != TaskState::kSucceeded || task.reused) return;
-  const Json stats = Json::parse(task.stats, nullptr, /*allow_exceptions=*/false);
+  const Json stats = ParseStored(task.stats);
   if (!stats.is_object()) return;
   constexpr std::string_view kPrefix = "seconds_";
   for (const auto& [name, value] : stats.items()) {

@@ -36,6 +36,12 @@ std::vector<TaskRef> LeaseTable::HeldBy(const std::string& worker) const {
   return held;
 }
 
+bool LeaseTable::Lives(const std::string& machine, int64_t since_us) const {
+  return !machine.empty() && std::any_of(workers_.begin(), workers_.end(), [&](const auto& entry) {
+    return entry.second.info.machine == machine && entry.second.last_seen_us >= since_us;
+  });
+}
+
 void LeaseTable::NoteTile(const std::string& worker, TileRef tile) {
   const auto found = workers_.find(worker);
   if (found == workers_.end() || tile.tile < 0) return;

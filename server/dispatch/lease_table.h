@@ -17,7 +17,8 @@ struct WorkerInfo {
   int pid = 0;
   int threads = 0;  // that its tasks may use at most
   int64_t memory_bytes = 0;
-  int cores = 0;  // of the host; 0: not known
+  int cores = 0;             // of the host; 0: not known
+  std::string machine = {};  // host and boot; empty: not known
 };
 
 // A tile of a job.
@@ -27,14 +28,18 @@ struct TileRef {
   friend auto operator<=>(const TileRef&, const TileRef&) = default;
 };
 
+inline int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
+
 // Times are Clock::MonotonicUs.
 struct LeaseState {
   std::string worker;
   int attempt = 0;
   int64_t start_us = 0;
   int64_t expires_us = 0;
+  int64_t moved_us = 0;  // when progress or stage last changed
+  int threads = 1;       // that the task may use
   double progress = 0;
-  std::string stage;
+  std::string stage = {};
 };
 
 struct WorkerState {
@@ -60,6 +65,8 @@ class LeaseTable {
   std::vector<TaskRef> HeldBy(const std::string& worker) const;
   // Notes that the worker was given a task of the tile. Nothing for a worker that is not there.
   void NoteTile(const std::string& worker, TileRef tile);
+  // Whether a worker on the machine was seen since `since_us`.
+  bool Lives(const std::string& machine, int64_t since_us) const;
   // The worker that was last given a task of the tile; empty if there is none, or it has gone.
   const std::string& KeeperOf(TileRef tile) const;
   // The worker's host with its load. `cores` as the worker tells; else the most threads that a worker on it may use.

@@ -12,6 +12,9 @@
 namespace tessera {
 namespace {
 
+// Jobs in a row of which it may be lost that they were accepted. Their numbers are not given again.
+constexpr int kMaxLostJobs = 1000;
+
 Digest FromProto(const v1::Digest& digest) { return {digest.sha256(), digest.size_bytes()}; }
 
 template <class List>
@@ -57,9 +60,19 @@ StatusOr<TaskRef> Ledger::FindTask(const std::string& name) const {
   return ref;
 }
 
-int Ledger::FindRequest(const std::string& request_id) const {
-  const auto it = job_of_request_.find(request_id);
-  return it == job_of_request_.end() ? -1 : it->second;
+StatusOr<int> Ledger::FindRequest(const JobRequest& request) const {
+  const auto it = job_of_request_.find(request.id);
+  if (it == job_of_request_.end()) return -1;
+  const JobHeader& header = jobs_[it->second].header;
+  if (!header.request) return it->second;
+  std::vector<std::string> differences = Differences(request.settings, header.request->settings);
+  if (request.scene_path != header.request->scene_path) {
+    differences.push_back("scene_path: found " + request.scene_path + ", expected " + header.request->scene_path);
+  }
+  if (differences.empty()) return it->second;
+  std::string message = "request " + request.id + " was used for " + header.name + ", and not for the same:";
+  for (const std::string& difference : differences) message += "\n" + difference;
+  return absl::AlreadyExistsError(message);
 }
 
 StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) const {
@@ -92,9 +105,9 @@ const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const
   return it == result_of_key_.end() ? nullptr : &it->second;
 }
 
-std::string Ledger::FindSceneFile(const Digest& digest) const {
-  const auto it = scene_file_of_sha256_.find(digest.sha256);
-  return it == scene_file_of_sha256_.end() ? "" : it->second;
+std::vector<std::string> Ledger::SceneFilesWith(const Digest& digest) const {
+  const auto it = scene_files_of_sha256_.find(digest.sha256);
+  return it == scene_files_of_sha256_.end() ? std::vector<std::string>() : it->second;
 }
 
 StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attempt) const {
@@ -132,9 +145,11 @@ Status Ledger::Check(const v1::Record& record) const {
 }
 
 Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
-  const std::string next = JobName(static_cast<int>(jobs_.size()));
-  if (change.job() != next) return absl::FailedPreconditionError("the next job is " + next + ", not " + change.job());
-  if (!change.request_id().empty() && FindRequest(change.request_id()) >= 0) {
+  TESSERA_ASSIGN_OR_RETURN(const int index, ParseJobName(change.job()));
+  if (const int next = static_cast<int>(jobs_.size()); index < next || index > next + kMaxLostJobs) {
+    return absl::FailedPreconditionError("the next job is " + JobName(next) + ", not " + change.job());
+  }
+  if (job_of_request_.contains(change.request_id())) {
     return absl::AlreadyExistsError("request " + change.request_id() + " has a job already");
   }
   std::set<std::string> names;
@@ -263,7 +278,9 @@ void Ledger::Apply(const v1::Record& record) {
 void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   Job job;
   job.header.name = change.job();
-  job.header.request_id = change.request_id();
+  if (change.has_request()) {
+    job.header.request = {change.request_id(), change.request().scene_path(), FromProto(change.request().settings())};
+  }
   job.header.display_name = change.display_name();
   job.header.scene_path = change.scene_path();
   job.header.settings = FromProto(change.settings());
@@ -272,12 +289,20 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
   for (const auto& file : change.scene_files()) {
     job.scene_files.push_back({file.path(), FromProto(file.digest())});
-    if (!IsCarried(file.path()))
-      scene_file_of_sha256_[file.digest().sha256()] = change.scene_path() + "/" + file.path();
+    if (IsCarried(file.path())) continue;
+    std::vector<std::string>& paths = scene_files_of_sha256_[file.digest().sha256()];
+    const std::string path = change.scene_path() + "/" + file.path();
+    if (std::find(paths.begin(), paths.end(), path) == paths.end()) paths.push_back(path);
   }
   std::sort(job.scene_files.begin(), job.scene_files.end(),
             [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
-  const int index = static_cast<int>(jobs_.size());
+  const int index = *ParseJobName(change.job());
+  while (static_cast<int>(jobs_.size()) < index) {
+    Job& lost = jobs_.emplace_back();
+    lost.header.name = JobName(static_cast<int>(jobs_.size()) - 1);
+    lost.header.state = JobState::kFailed;
+    lost.header.error = "the record that it was accepted cannot be used; submit it again";
+  }
   if (!change.request_id().empty()) job_of_request_[change.request_id()] = index;
   jobs_.push_back(std::move(job));
   active_jobs_.push_back(index);
@@ -362,7 +387,7 @@ void Ledger::ApplyStarted(const v1::AttemptStarted& change, int64_t time_us) {
   JobTask& target = jobs_[ref.job].tasks[ref.task];
   ready_.Remove(ref, target);
   target.state = TaskState::kLeased;
-  target.attempts.push_back({change.worker(), time_us, 0, {}, false});
+  target.attempts.push_back({change.worker(), change.machine(), time_us, 0, {}, false});
   if (target.start_us == 0) target.start_us = time_us;
   if (header.state == JobState::kQueued) {
     header.state = JobState::kRunning;
@@ -410,7 +435,8 @@ void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   attempt.failure = {static_cast<ErrorClass>(change.error().error_class()), change.error().message()};
   attempt.lease_expired = change.lease_expired();
   target.error = attempt.failure;
-  target.retry_us = change.retry_time_us();
+  target.retry_delay_us = change.retry_delay_us();
+  if (change.retry_time_us() > time_us) target.retry_delay_us = change.retry_time_us() - time_us;
   target.state = change.final() ? TaskState::kFailed : TaskState::kReady;
   if (change.final()) {
     target.end_us = time_us;

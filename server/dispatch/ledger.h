@@ -44,15 +44,16 @@ class Ledger {
   const std::set<int>& due_jobs() const { return due_jobs_; }
   // The ready tasks of jobs of which no task has failed.
   const ReadyTasks& ready() const { return ready_; }
-  // Tasks whose time to be tried again has come are found in ready() from now on.
+  // Tasks whose delay is over are found in ready() from now on; new delays begin. `now_us`: Clock::MonotonicUs.
   void PromoteRetries(int64_t now_us) { ready_.Promote(now_us); }
   // Tasks that became ready since the last call, each once, in the order in which they did; some may have left since.
   std::vector<TaskRef> TakeNewlyReady();
   // NOT_FOUND or INVALID_ARGUMENT with the name.
   StatusOr<int> FindJob(const std::string& name) const;
   StatusOr<TaskRef> FindTask(const std::string& name) const;
-  // Index of the job of this request; -1 if there is none.
-  int FindRequest(const std::string& request_id) const;
+  // Index of the job of this request; -1 if there is none, or the request has no id. ALREADY_EXISTS with what differs
+  // if the id was used for another request.
+  StatusOr<int> FindRequest(const JobRequest& request) const;
   const JobTask& task(TaskRef ref) const { return jobs_[ref.job].tasks[ref.task]; }
 
   // The input's content; NOT_FOUND while its producer has not succeeded.
@@ -69,8 +70,8 @@ class Ledger {
   StatusOr<std::vector<UpdateBase>> ChainTo(const std::string& job, const std::string& earlier) const;
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
-  // Absolute path of a scene file with this content; empty if no job has one.
-  std::string FindSceneFile(const Digest& digest) const;
+  // Absolute paths at which scene files of jobs had this content when the jobs were accepted, the oldest job's first.
+  std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
  private:
   // What tasks that ran took, of this job and those that it goes on from, as UpdateBase::measured.
@@ -103,7 +104,7 @@ class Ledger {
   std::vector<TaskRef> newly_ready_;
   std::unordered_map<std::string, int> job_of_request_;
   std::unordered_map<std::string, std::vector<NamedDigest>> result_of_key_;
-  std::unordered_map<std::string, std::string> scene_file_of_sha256_;
+  std::unordered_map<std::string, std::vector<std::string>> scene_files_of_sha256_;
 };
 
 }  // namespace tessera

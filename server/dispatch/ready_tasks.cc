@@ -11,15 +11,24 @@ void ReadyTasks::Insert(TaskRef ref, const Place& place) {
 
 void ReadyTasks::Add(TaskRef ref, const JobTask& task) {
   const Place place = {RankOf(ref, task), task.plan.tile};
-  if (task.retry_us > 0) {
-    delayed_[{task.retry_us, ref}] = place;
+  if (task.retry_delay_us > 0) {
+    delayed_[ref] = {place, task.retry_delay_us};
+    to_begin_.insert(ref);
   } else {
     Insert(ref, place);
   }
 }
 
+void ReadyTasks::DropDelayed(TaskRef ref) {
+  const auto found = delayed_.find(ref);
+  if (found == delayed_.end()) return;
+  to_begin_.erase(ref);
+  by_end_.erase({found->second.end_us, ref});
+  delayed_.erase(found);
+}
+
 void ReadyTasks::Remove(TaskRef ref, const JobTask& task) {
-  delayed_.erase({task.retry_us, ref});
+  DropDelayed(ref);
   const auto job = jobs_.find(ref.job);
   if (job == jobs_.end()) return;
   const Rank rank = RankOf(ref, task);
@@ -32,7 +41,9 @@ void ReadyTasks::Remove(TaskRef ref, const JobTask& task) {
 }
 
 void ReadyTasks::DropJob(int job) {
-  std::erase_if(delayed_, [job](const auto& entry) { return entry.first.ref.job == job; });
+  for (auto it = delayed_.lower_bound({job, 0}); it != delayed_.end() && it->first.job == job;) {
+    DropDelayed((it++)->first);
+  }
   const auto found = jobs_.find(job);
   if (found == jobs_.end()) return;
   count_ -= static_cast<int>(found->second.all.size());
@@ -40,9 +51,16 @@ void ReadyTasks::DropJob(int job) {
 }
 
 void ReadyTasks::Promote(int64_t now_us) {
-  while (!delayed_.empty() && delayed_.begin()->first.retry_us <= now_us) {
-    Insert(delayed_.begin()->first.ref, delayed_.begin()->second);
-    delayed_.erase(delayed_.begin());
+  for (const TaskRef ref : to_begin_) {
+    Delayed& delayed = delayed_[ref];
+    delayed.end_us = now_us + delayed.delay_us;
+    by_end_.insert({delayed.end_us, ref});
+  }
+  to_begin_.clear();
+  while (!by_end_.empty() && by_end_.begin()->first <= now_us) {
+    const TaskRef ref = by_end_.begin()->second;
+    Insert(ref, delayed_[ref].place);
+    DropDelayed(ref);
   }
 }
 

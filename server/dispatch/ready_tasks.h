@@ -8,6 +8,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <utility>
 
 #include "server/dispatch/job.h"
 
@@ -18,12 +19,13 @@ namespace tessera {
 // first of the plan. A lookup takes logarithmic time unless tasks are refused. Not thread-safe.
 class ReadyTasks {
  public:
-  // A ready task. With a time before which it is not leased again it is found from Promote(that time) on.
+  // A ready task. One with a delay is found when that has passed since the next Promote.
   void Add(TaskRef ref, const JobTask& task);
   // Nothing if it is not there.
   void Remove(TaskRef ref, const JobTask& task);
   void DropJob(int job);
 
+  // Ends the delays that are over. `now_us`: Clock::MonotonicUs.
   void Promote(int64_t now_us);
   // Of all jobs, promoted ones only.
   int count() const { return count_; }
@@ -44,20 +46,23 @@ class ReadyTasks {
     std::set<Rank> all;
     std::map<int, std::set<Rank>> of_tile;
   };
-  struct Delayed {
-    int64_t retry_us = 0;
-    TaskRef ref;
-    friend auto operator<=>(const Delayed&, const Delayed&) = default;
-  };
   struct Place {
     Rank rank;
     int tile = -1;
   };
+  struct Delayed {
+    Place place;
+    int64_t delay_us = 0;
+    int64_t end_us = 0;  // 0: it has not begun
+  };
   static Rank RankOf(TaskRef ref, const JobTask& task) { return {task.depth, -task.plan.cost, ref.task}; }
   void Insert(TaskRef ref, const Place& place);
+  void DropDelayed(TaskRef ref);
 
   std::map<int, OfJob> jobs_;
-  std::map<Delayed, Place> delayed_;
+  std::map<TaskRef, Delayed> delayed_;
+  std::set<TaskRef> to_begin_;                    // of delayed_
+  std::set<std::pair<int64_t, TaskRef>> by_end_;  // of delayed_, those that have begun
   int count_ = 0;
 };
 

@@ -1,8 +1,59 @@
 #include "server/settings/settings_proto.h"
 
+#include <google/protobuf/descriptor.h>
+#include <google/protobuf/message.h>
+#include <google/protobuf/text_format.h>
+
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
+namespace {
+
+using google::protobuf::FieldDescriptor;
+using google::protobuf::Message;
+using google::protobuf::TextFormat;
+
+// A field's value, or values, for people.
+std::string Shown(const Message& message, const FieldDescriptor& field) {
+  const google::protobuf::Reflection& reflection = *message.GetReflection();
+  std::string shown, value;
+  if (!field.is_repeated()) {
+    if (field.has_presence() && !reflection.HasField(message, &field)) return "not set";
+    TextFormat::PrintFieldValueToString(message, &field, -1, &shown);
+    return shown;
+  }
+  for (int i = 0; i < reflection.FieldSize(message, &field); ++i) {
+    TextFormat::PrintFieldValueToString(message, &field, i, &value);
+    shown += (i > 0 ? ", " : "") + value;
+  }
+  return shown.empty() ? "not set" : shown;
+}
+
+void AddDifferences(const Message& found, const Message& expected, const std::string& prefix,
+                    std::vector<std::string>* differences) {
+  for (int i = 0; i < found.GetDescriptor()->field_count(); ++i) {
+    const FieldDescriptor& field = *found.GetDescriptor()->field(i);
+    const std::string name = prefix + field.name();
+    if (!field.is_repeated() && field.cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+      AddDifferences(found.GetReflection()->GetMessage(found, &field),
+                     expected.GetReflection()->GetMessage(expected, &field), name + ".", differences);
+      continue;
+    }
+    const std::string here = Shown(found, field), there = Shown(expected, field);
+    if (here != there) differences->push_back(name + ": found " + here + ", expected " + there);
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> Differences(const JobSettings& found, const JobSettings& expected) {
+  v1::JobSettings here, there;
+  ToProto(found, &here);
+  ToProto(expected, &there);
+  std::vector<std::string> differences;
+  AddDifferences(here, there, "", &differences);
+  return differences;
+}
 
 JobSettings FromProto(const v1::JobSettings& proto) {
   JobSettings settings;

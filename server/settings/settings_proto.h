@@ -2,6 +2,9 @@
 #ifndef TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_
 #define TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_
 
+#include <string>
+#include <vector>
+
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -13,6 +16,9 @@ class JobSettings;
 // Nothing is checked; an empty method becomes "tessera".
 JobSettings FromProto(const v1::JobSettings& proto);
 void ToProto(const JobSettings& settings, v1::JobSettings* proto);
+
+// What differs, a line a setting: "method_settings.levels: found 2, 1, 0, expected not set". Empty if nothing does.
+std::vector<std::string> Differences(const JobSettings& found, const JobSettings& expected);
 
 }  // namespace tessera
 

@@ -18,15 +18,22 @@ enum class Durability {
   kMachine,  // the machine's too, and so do all records before it
 };
 
+// A record as it is found, counted from 1.
+struct StoredRecord {
+  int64_t number = 0;
+  StatusOr<std::string> content;  // DATA_LOSS if it is damaged or missing
+};
+
 // State changes in the order they happened; whatever is lost, it is the end of the list. Thread-safe.
 class RecordStore {
  public:
   virtual ~RecordStore() = default;
   // On error nothing was stored.
   virtual Status Append(const std::string& record, Durability durability) = 0;
-  // Calls `visit` for every record, oldest first; stops at its first error and returns it. DATA_LOSS names the record
-  // that cannot be read.
-  virtual Status Replay(const std::function<Status(const std::string& record)>& visit) = 0;
+  // Calls `visit` for every record that was not set aside, oldest first. Errors are those of the store as a whole.
+  virtual Status Replay(const std::function<void(const StoredRecord& record)>& visit) = 0;
+  // Keeps the record, with the reason, but never visits it again.
+  virtual Status SetAside(int64_t number, const std::string& reason) = 0;
   // How often this store was opened, this time included; the same number is never given twice.
   virtual int64_t StartCount() const = 0;
 };

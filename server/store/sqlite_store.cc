@@ -3,6 +3,7 @@
 #include <sqlite3.h>
 
 #include <mutex>
+#include <set>
 #include <utility>
 
 namespace tessera {
@@ -17,6 +18,8 @@ constexpr char kSchema[] = R"(
   CREATE TABLE starts (count INTEGER NOT NULL);
   INSERT INTO starts VALUES (0);
 )";
+// Of any version of the records: what a coordinator could not use.
+constexpr char kSetAside[] = "CREATE TABLE IF NOT EXISTS set_aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL)";
 
 Status SqliteError(const std::string& path, sqlite3* db, int code, const std::string& what) {
   const std::string message = path + ": " + what + ": " + (db != nullptr ? sqlite3_errmsg(db) : sqlite3_errstr(code));
@@ -147,6 +150,7 @@ StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path
                                       "; PRAGMA user_version=" + std::to_string(kSchemaVersion) + ";" + kSchema +
                                       "COMMIT;"));
   }
+  TESSERA_RETURN_IF_ERROR(impl->Run(kSetAside));
   {
     Statement check(impl->db, "PRAGMA quick_check(1)");
     const int step = check.Step();
@@ -175,23 +179,40 @@ Status SqliteStore::Append(const std::string& record, Durability durability) {
   return status;
 }
 
-Status SqliteStore::Replay(const std::function<Status(const std::string& record)>& visit) {
+Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>& visit) {
   std::lock_guard lock(impl_->mutex);
+  std::set<int64_t> set_aside;
+  Statement select_set_aside(impl_->db, "SELECT id FROM set_aside");
+  int code = SQLITE_OK;
+  while ((code = select_set_aside.Step()) == SQLITE_ROW) set_aside.insert(select_set_aside.Int(0));
+  if (code != SQLITE_DONE) return impl_->Error(code, "cannot read what was set aside");
   Statement select(impl_->db, "SELECT id, content, xxh3 FROM records ORDER BY id");
-  int64_t expected_id = 1;
-  while (true) {
-    const int code = select.Step();
-    if (code == SQLITE_DONE) return absl::OkStatus();
-    if (code != SQLITE_ROW) return impl_->Error(code, "cannot read records");
-    const std::string record = select.Bytes(1);
-    const std::string place = impl_->path + ": record " + std::to_string(expected_id);
-    if (select.Int(0) != expected_id) return absl::DataLossError(place + " is missing");
-    if (static_cast<int64_t>(Xxh3(record)) != select.Int(2)) return absl::DataLossError(place + " is damaged");
-    if (const Status status = visit(record); !status.ok()) {
-      return Status(status.code(), place + ": " + std::string(status.message()));
+  int64_t expected = 1;
+  while ((code = select.Step()) == SQLITE_ROW) {
+    const int64_t id = select.Int(0);
+    if (id != expected && !set_aside.contains(expected)) {
+      visit({expected, absl::DataLossError("missing, as are all before " + std::to_string(id))});
     }
-    ++expected_id;
+    expected = id + 1;
+    if (set_aside.contains(id)) continue;
+    const std::string record = select.Bytes(1);
+    if (static_cast<int64_t>(Xxh3(record)) == select.Int(2)) {
+      visit({id, record});
+    } else {
+      visit({id, absl::DataLossError("damaged: its bytes do not fit their checksum")});
+    }
   }
+  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot read records");
+}
+
+Status SqliteStore::SetAside(int64_t number, const std::string& reason) {
+  std::lock_guard lock(impl_->mutex);
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
+  Statement insert(impl_->db, "INSERT OR IGNORE INTO set_aside VALUES (?, ?)");
+  insert.Bind(1, number);
+  insert.BindText(2, reason);
+  const int code = insert.Step();
+  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot set a record aside");
 }
 
 int64_t SqliteStore::StartCount() const { return impl_->start_count; }

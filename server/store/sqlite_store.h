@@ -17,7 +17,8 @@ class SqliteStore : public RecordStore, public DigestCache {
   ~SqliteStore() override;
 
   Status Append(const std::string& record, Durability durability) override;
-  Status Replay(const std::function<Status(const std::string& record)>& visit) override;
+  Status Replay(const std::function<void(const StoredRecord& record)>& visit) override;
+  Status SetAside(int64_t number, const std::string& reason) override;
   int64_t StartCount() const override;
   std::optional<Digest> Find(const std::string& path, const FileStamp& stamp) override;
   Status Remember(const std::string& path, const FileStamp& stamp, const Digest& digest) override;

@@ -191,8 +191,9 @@ std::map<std::string, int> AttemptsOf(const std::string& job_json, const std::st
   return attempts;
 }
 
-Cluster::Cluster(const std::string& folder, double lease_s)
-    : folder_(folder), data_(folder + "/data"), lease_s_(lease_s) {
+Cluster::Cluster(const std::string& folder, double lease_s, const std::vector<std::string>& arguments)
+    : folder_(folder), data_(folder + "/data"), coordinator_arguments_(arguments) {
+  coordinator_arguments_.insert(coordinator_arguments_.end(), {"--data", data_, "--lease-s", std::to_string(lease_s)});
   StartCoordinator();
 }
 
@@ -200,10 +201,9 @@ void Cluster::StartCoordinator() {
   const std::string port_file = folder_ + "/address";
   fs::remove(port_file);
   coordinator_ = nullptr;
-  coordinator_ =
-      std::make_unique<Program>(folder_, TESSERAD_PROGRAM,
-                                std::vector<std::string>{"--listen", address_, "--port-file", port_file, "--data",
-                                                         data_, "--lease-s", std::to_string(lease_s_)});
+  std::vector<std::string> arguments = {"--listen", address_, "--port-file", port_file};
+  arguments.insert(arguments.end(), coordinator_arguments_.begin(), coordinator_arguments_.end());
+  coordinator_ = std::make_unique<Program>(folder_, TESSERAD_PROGRAM, arguments);
   if (!WaitUntil([&] { return fs::exists(port_file) || !coordinator_->Running(); }) || !coordinator_->Running()) {
     throw std::runtime_error("tesserad: " + coordinator_->Output());
   }

@@ -67,7 +67,8 @@ std::map<std::string, int> AttemptsOf(const std::string& job_json, const std::st
 // A coordinator and workers that a test can kill.
 class Cluster {
  public:
-  explicit Cluster(const std::string& folder, double lease_s = 3);
+  // `arguments`: more of them for the coordinator.
+  explicit Cluster(const std::string& folder, double lease_s = 3, const std::vector<std::string>& arguments = {});
   // Starts the coordinator, on the same port as before if there was one.
   void StartCoordinator();
   Program& coordinator() { return *coordinator_; }
@@ -88,7 +89,7 @@ class Cluster {
  private:
   const std::string folder_;
   const std::string data_;
-  const double lease_s_;
+  std::vector<std::string> coordinator_arguments_;
   std::string address_ = "127.0.0.1:0";
   std::unique_ptr<Program> coordinator_;
   std::vector<std::unique_ptr<Program>> workers_;

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -24,14 +25,24 @@ class MemoryStore : public RecordStore {
     records.push_back(record);
     return absl::OkStatus();
   }
-  Status Replay(const std::function<Status(const std::string&)>& visit) override {
+  Status Replay(const std::function<void(const StoredRecord&)>& visit) override {
     ++starts;
-    for (const std::string& record : records) TESSERA_RETURN_IF_ERROR(visit(record));
+    int64_t number = 0;
+    for (const std::string& record : records) {
+      if (set_aside.contains(++number)) continue;
+      visit({number, record == kDamaged ? StatusOr<std::string>(absl::DataLossError("damaged")) : record});
+    }
+    return absl::OkStatus();
+  }
+  Status SetAside(int64_t number, const std::string& reason) override {
+    set_aside[number] = reason;
     return absl::OkStatus();
   }
   int64_t StartCount() const override { return starts; }
 
+  static constexpr char kDamaged[] = "damaged";  // in place of a record
   std::vector<std::string> records;
+  std::map<int64_t, std::string> set_aside;  // reasons by number
   int64_t starts = 0;
   bool fail = false;
   int fail_after = -1;  // records that are stored yet; negative: no end
@@ -116,7 +127,9 @@ class CoordinatorTest : public testing::Test {
     EXPECT_TRUE(status.ok()) << status.status();
     return status.ok() ? status->header.name : "";
   }
-  std::string Worker() { return dispatcher_->RegisterWorker({"host", 1, 2, 1000}); }
+  std::string Worker(const std::string& machine = "host/boot") {
+    return dispatcher_->RegisterWorker({"host", 1, 2, 1000, 0, machine});
+  }
 
   std::optional<GrantedLease> Lease(const std::string& worker) {
     const auto lease = dispatcher_->LeaseTask(worker, 0, {});

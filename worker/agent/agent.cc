@@ -225,12 +225,10 @@ class Agent::Impl {
     request.kind = lease.kind;
     request.parameters = lease.parameters;
     if (const Status made = MakeFolders(request); !made.ok()) return absl::UnavailableError(MessageOf(made));
-    control.Report(0, "bringing inputs");
     TESSERA_RETURN_IF_ERROR(files_.BringInputs(lease.inputs, request.input_dir, control));
     TESSERA_ASSIGN_OR_RETURN(const TaskOutcome outcome, RunGuarded(runner_, request, control));
     TESSERA_RETURN_IF_ERROR(control.Check());
     TESSERA_RETURN_IF_ERROR(files_.CheckInputsUnchanged());
-    control.Report(1, "storing outputs");
     TESSERA_ASSIGN_OR_RETURN(report.outputs, files_.StoreOutputs(outcome.outputs, request.output_dir, control));
     report.stats = outcome.stats;
     report.warnings = outcome.warnings;

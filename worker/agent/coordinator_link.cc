@@ -104,6 +104,7 @@ StatusOr<Registration> CoordinatorLink::Register(const WorkerDescription& descri
   request.set_memory_bytes(description.memory_bytes);
   request.set_version(description.version);
   request.set_cores(description.cores);
+  request.set_machine(PrintableText(description.machine));
   v1::RegisterWorkerResponse response;
   TESSERA_RETURN_IF_ERROR(FromGrpc(impl_->stub->RegisterWorker(&context, request, &response)));
   Registration registration;

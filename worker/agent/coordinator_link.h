@@ -26,6 +26,7 @@ struct WorkerDescription {
   int64_t memory_bytes = 0;
   std::string version;  // of the algorithms
   int cores = 0;        // of the host; 0: not known
+  std::string machine;  // host and boot
 };
 
 // What the coordinator answers.

@@ -58,6 +58,12 @@ std::string HostName() {
   return gethostname(name, sizeof(name) - 1) == 0 ? name : "unknown";
 }
 
+// Another one after the machine was started anew, though its name may be the same.
+std::string Machine() {
+  const std::string boot = tessera::ReadFileRange("/proc/sys/kernel/random/boot_id", 0, 8).value_or("");
+  return HostName() + "/" + boot;
+}
+
 int CoreCount() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
 
 int Fail(const tessera::Status& status) {
@@ -117,7 +123,8 @@ int main(int argc, char** argv) {
                          flags.threads > 0 ? flags.threads : CoreCount(),
                          tessera::MemoryLimit_bytes(),
                          tessera::kAlgorithmVersion,
-                         CoreCount()};
+                         CoreCount(),
+                         Machine()};
   options.retry.seed = static_cast<uint64_t>(getpid());
 
   const tessera::ThreadLimit thread_limit(flags.threads);

@@ -1,5 +1,6 @@
 #include "worker/agent/task_files.h"
 
+#include <cstdio>
 #include <filesystem>
 #include <set>
 
@@ -16,6 +17,19 @@ Status DiskStatus(const Status& status) {
   if (status.code() == absl::StatusCode::kFailedPrecondition) return absl::InvalidArgumentError(MessageOf(status));
   if (status.code() != absl::StatusCode::kResourceExhausted) return status;
   return absl::UnavailableError(MessageOf(status));
+}
+
+// For one file of a task's: the share of it that was moved becomes part of the stage, so that a long transfer is seen
+// to go on. `control` must outlive it.
+TaskControl Moving(const TaskControl& control, double fraction, const std::string& stage) {
+  TaskControl moving;
+  moving.cancelled = control.cancelled;
+  moving.report = [&control, fraction, stage](double share, const std::string&) {
+    char percent[32];
+    std::snprintf(percent, sizeof(percent), " (%.1f %%)", 100 * share);
+    control.Report(fraction, stage + percent);
+  };
+  return moving;
 }
 
 }  // namespace
@@ -87,7 +101,9 @@ Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::s
   for (const TaskInput& input : inputs) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     TESSERA_ASSIGN_OR_RETURN(const std::string link, JoinInside(input_dir, input.name));
-    TESSERA_ASSIGN_OR_RETURN(const std::string file, Locate(input, control));
+    const TaskControl moving = Moving(control, 0, "bringing " + input.name);
+    moving.Report(0, "");
+    TESSERA_ASSIGN_OR_RETURN(const std::string file, Locate(input, moving));
     if (!links.insert(link).second) {
       return absl::InvalidArgumentError("two inputs of the task are named " + input.name);
     }
@@ -132,7 +148,9 @@ StatusOr<std::vector<NamedDigest>> TaskFiles::StoreOutputs(const std::vector<std
     const auto path = JoinInside(output_dir, name);
     if (!path.ok() || !FileExists(*path))
       return absl::InternalError("the task named an output that is not there: " + name);
-    const auto digest = StoreOutput(*path, control);
+    const TaskControl moving = Moving(control, 1, "storing " + name);
+    moving.Report(0, "");
+    const auto digest = StoreOutput(*path, moving);
     if (!digest.ok()) {
       const Status status = DiskStatus(digest.status());
       return Status(status.code(), "output " + name + ": " + MessageOf(status));

@@ -146,6 +146,18 @@ TEST_F(BlobClientTest, SendsAnySizeAndNothingTwice) {
   }
 }
 
+TEST_F(BlobClientTest, TellsTheShareThatWasMoved) {
+  std::vector<double> shares;
+  TaskControl control;
+  control.report = [&shares](double share, const std::string&) { shares.push_back(share); };
+  const std::string bytes = RandomBytes(2 * kMiB, 12);
+  const Digest digest{Sha256Hex(bytes), 2 * kMiB};
+  ASSERT_TRUE(client_->Send(NewFile(bytes), digest, control).ok());
+  EXPECT_THAT(shares, ElementsAre(0.5, 1));
+  ASSERT_TRUE(client_->Fetch(digest, *store_, control).ok());
+  EXPECT_THAT(shares, ElementsAre(0.5, 1, 0.5, 1));
+}
+
 TEST_F(BlobClientTest, AnInterruptedSendGoesOnWhereItStopped) {
   const std::string bytes = RandomBytes(5 * kMiB, 10);
   const Digest digest{Sha256Hex(bytes), 5 * kMiB};

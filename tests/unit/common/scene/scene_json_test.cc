@@ -68,6 +68,12 @@ TEST(SceneJsonTest, SyntaxErrorsHaveLineAndColumn) {
   EXPECT_THAT(FaultsOf(""), ElementsAre(HasSubstr("line 1, column 1")));
 }
 
+TEST(SceneJsonTest, NestingIsBounded) {
+  const std::string deep(100'000, '['), end(100'000, ']');
+  EXPECT_THAT(FaultsOf("{\"tessera_scene\": 1, \"name\": " + deep + end + "}"),
+              ElementsAre(HasSubstr("scene.json: found JSON nested 100001 deep, expected at most 64")));
+}
+
 TEST(SceneJsonTest, AllFaultsAtOnceEachWithItsKey) {
   EXPECT_THAT(FaultsOf(R"({"tessera_scene": 2, "mash": "x", "mesh": 3, "images": "../else", "up": [0, 0, 0],
     "classes": ["ground", "grund", "ground", {"name": "a", "color": "red"}, {"name": "b", "colour": "#000000"}],

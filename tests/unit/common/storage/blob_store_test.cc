@@ -2,6 +2,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sched.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <filesystem>
@@ -135,6 +138,51 @@ TEST_F(BlobStoreTest, ConcurrentUploadsOfOneBlob) {
   }
   for (auto& thread : threads) thread.join();
   EXPECT_EQ(*store_->Read(digest), content_);
+}
+
+// As in containers that share the folder: each process is number 1 of a PID namespace of its own.
+TEST_F(BlobStoreTest, ProcessesOfOneNumberDoNotMeet) {
+  constexpr int kProcesses = 4, kBlobs = 60;
+  const auto content = [](int process, int blob) {
+    return std::string(200'000 + 1000 * process, static_cast<char>('a' + process)) + std::to_string(blob);
+  };
+  const std::string root = folder_.path() + "/shared";
+  const auto store = *BlobStore::Open(root);
+  std::vector<pid_t> children;
+  for (int process = 0; process < kProcesses; ++process) {
+    const pid_t outer = fork();
+    if (outer == 0) {
+      if (unshare(CLONE_NEWPID) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWPID) != 0) _exit(2);
+      const pid_t inner = fork();
+      if (inner == 0) {
+        const std::string file = folder_.path() + "/file-" + std::to_string(process);
+        for (int blob = 0; blob < kBlobs; ++blob) {
+          std::ofstream(file, std::ios::binary) << content(process, blob);
+          if (!store->PutFile(file).ok()) _exit(1);
+        }
+        _exit(getpid() == 1 ? 0 : 3);
+      }
+      int status = 0;
+      waitpid(inner, &status, 0);
+      _exit(WIFEXITED(status) ? WEXITSTATUS(status) : 4);
+    }
+    children.push_back(outer);
+  }
+  bool allowed = true;
+  for (const pid_t child : children) {
+    int status = 0;
+    waitpid(child, &status, 0);
+    ASSERT_TRUE(WIFEXITED(status));
+    if (WEXITSTATUS(status) == 2) allowed = false;
+    EXPECT_TRUE(WEXITSTATUS(status) == 0 || WEXITSTATUS(status) == 2) << WEXITSTATUS(status);
+  }
+  if (!allowed) GTEST_SKIP() << "no PID namespaces here";
+  for (int process = 0; process < kProcesses; ++process) {
+    for (int blob = 0; blob < kBlobs; ++blob) {
+      EXPECT_TRUE(store->Verify(DigestOf(content(process, blob))).ok()) << process << ", " << blob;
+    }
+  }
+  EXPECT_TRUE(fs::is_empty(root + "/partial"));
 }
 
 }  // namespace

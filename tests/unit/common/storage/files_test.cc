@@ -5,6 +5,9 @@
 
 #include <filesystem>
 #include <fstream>
+#include <set>
+
+#include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace {
@@ -25,6 +28,18 @@ TEST_F(FilesTest, WritesAtomicallyAndReplaces) {
   EXPECT_THAT(*ListFiles(folder_.path()), ElementsAre("a"));  // no temporary left
   EXPECT_EQ(*ReadFileRange(Path("a"), 1, 10), "wo");
   EXPECT_EQ(ReadFile(Path("a"), 2).status().code(), absl::StatusCode::kResourceExhausted);
+}
+
+TEST_F(FilesTest, TemporaryNamesAreBesideTheFileAndNobodyElses) {
+  std::set<std::string> names;
+  for (int i = 0; i < 1000; ++i) names.insert(TemporaryBeside("/f/a"));
+  EXPECT_EQ(names.size(), 1000u);
+  EXPECT_THAT(*names.begin(), testing::MatchesRegex("/f/a\\.tmp-[0-9a-f]+"));
+  EXPECT_EQ(UniqueName().size(), 32u);
+  ASSERT_TRUE(WriteFileAtomic(Path("a"), "one").ok());
+  ASSERT_TRUE(WriteFileAtomic(Path("b"), "two").ok());
+  EXPECT_FALSE(CopyFileDurably(Path("a"), Path("b")).ok()) << "what is there stays";
+  EXPECT_EQ(*ReadFile(Path("b")), "two");
 }
 
 TEST_F(FilesTest, ErrorsNameThePath) {

@@ -123,6 +123,11 @@ TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
   EXPECT_EQ(job.state(), v1::QUEUED);
   ASSERT_TRUE(CreateJob(&again, "r").ok());
   EXPECT_EQ(again.name(), "jobs/1");
+  ASSERT_TRUE(CreateJob(&again, "r", false, scene_ + "/./").ok()) << "the same path";
+  EXPECT_EQ(again.name(), "jobs/1");
+  const grpc::Status other = CreateJob(&again, "r", false, "/none");
+  EXPECT_EQ(other.error_code(), grpc::StatusCode::ALREADY_EXISTS);
+  EXPECT_THAT(other.error_message(), HasSubstr("scene_path: found /none, expected " + scene_));
 
   const grpc::Status bad = CreateJob(&job, "", false, "/none");
   EXPECT_EQ(bad.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
@@ -262,6 +267,30 @@ TEST_F(ServerTest, SceneFilesAreServedWhileTheyAreWhatTheyWere) {
   WriteScene("image", std::string(2'500'000, 'k') + "end");
   EXPECT_EQ(Fetch(DigestOf(content), *other).code(), absl::StatusCode::kDataLoss);
   EXPECT_FALSE(other->Has(DigestOf(content)));
+}
+
+TEST_F(ServerTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
+  const std::string copy = folder_.path() + "/copy", content = std::string(2'500'000, 'i') + "end";
+  // The copy is submitted after the scene itself, then before another job on it.
+  for (const auto& scenes : {std::vector<std::string>{scene_, copy}, std::vector<std::string>{copy, scene_}}) {
+    std::filesystem::copy(scene_, copy, std::filesystem::copy_options::recursive);
+    for (const std::string& scene : scenes) {
+      v1::Job job;
+      ASSERT_TRUE(CreateJob(&job, "", false, scene).ok());
+      const Status cancelled = scene == copy ? dispatcher_->CancelJob(job.name()).status() : absl::OkStatus();
+      EXPECT_TRUE(cancelled.ok());
+    }
+    ASSERT_TRUE(RemoveTree(copy).ok());
+    ASSERT_TRUE(RemoveTree(folder_.path() + "/worker").ok());
+    const auto store = *BlobStore::Open(folder_.path() + "/worker");
+    EXPECT_TRUE(Fetch(DigestOf(content), *store).ok());
+    // A ledger of its own for each order.
+    server_->Shutdown(1);
+    store_.records.clear();
+    Restart();
+    environment_.dispatcher = dispatcher_.get();
+    Start();
+  }
 }
 
 TEST_F(ServerTest, BlobsAreUploadedInCheckedChunksWithResume) {

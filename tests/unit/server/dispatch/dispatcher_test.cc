@@ -144,18 +144,6 @@ TEST_F(DispatcherTest, InputErrorFailsTheJobAtOnceAndStopsTheRest) {
   EXPECT_FALSE(Lease(worker));
 }
 
-TEST_F(DispatcherTest, ThreeSilentWorkersMakeATaskPoison) {
-  const std::string job = Create(AJob(1));
-  for (int i = 0; i < 3; ++i) {
-    ASSERT_TRUE(Lease(Worker())) << i;
-    clock_.Advance(31);
-    ASSERT_TRUE(dispatcher_->Tick().ok());
-  }
-  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
-  EXPECT_EQ(Task(job, 0).task.error.error_class, ErrorClass::kPoison);
-  EXPECT_THAT(Job(job).header.error, HasSubstr("'read the scene'"));
-}
-
 TEST_F(DispatcherTest, MemoryErrorGoesToAnotherWorkerThenFails) {
   const std::string job = Create(AJob(1));
   const std::string small = Worker(), large = Worker();
@@ -316,19 +304,53 @@ TEST_F(DispatcherTest, CancelStopsAndIsFinal) {
 
 TEST_F(DispatcherTest, OlderJobsFirstAndRequestsOnce) {
   NewJob job = AJob(1, "a");
-  job.request_id = "r";
+  job.request = {"r", "/scene", job.settings};
   const std::string first = Create(job);
   EXPECT_EQ(Create(job), first);
   const std::string second = Create(AJob(1, "b"));
   EXPECT_NE(first, second);
-  EXPECT_EQ(dispatcher_->FindRequest("r")->header.name, first);
-  job.scene_path = "/other";
-  EXPECT_EQ(dispatcher_->CreateJob(job).status().code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_EQ((*dispatcher_->FindRequest(job.request))->header.name, first);
   EXPECT_EQ(Lease(Worker())->task, first + "/tasks/0");
   const auto list = dispatcher_->ListJobs(-1, 10);
   ASSERT_EQ(list.size(), 2u);
   EXPECT_EQ(list[0].header.name, second);
   EXPECT_EQ(dispatcher_->ListJobs(1, 10).at(0).header.name, first);
+}
+
+TEST_F(DispatcherTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
+  NewJob job = AJob(1);
+  job.settings.rounds = 2;
+  job.request = {"r", "/scene", job.settings};
+  const std::string first = Create(job);
+  Restart();
+  EXPECT_EQ(Create(job), first);
+  NewJob other = job;
+  other.request.scene_path = "/other";
+  other.request.settings.tiles = 3;
+  other.request.settings.rounds = 0;
+  other.request.settings.method_settings.semantic = 0.5;
+  other.request.settings.method_settings.levels = {2, 1};
+  const Status differs = dispatcher_->CreateJob(other).status();
+  EXPECT_EQ(differs.code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_EQ(std::string(differs.message()),
+            "request r was used for jobs/1, and not for the same:\n"
+            "tiles: found 3, expected 1\n"
+            "rounds: found 0, expected 2\n"
+            "method_settings.semantic: found 0.5, expected not set\n"
+            "method_settings.levels: found 2, 1, expected not set\n"
+            "scene_path: found /other, expected /scene");
+  EXPECT_EQ(dispatcher_->FindRequest(other.request).status(), differs);
+  // An update and a rollback are known by what they name.
+  other = job;
+  other.request.settings.update.base = "jobs/1";
+  EXPECT_THAT(std::string(dispatcher_->FindRequest(other.request).status().message()),
+              HasSubstr("update.base: found \"jobs/1\", expected \"\""));
+  other.request.settings.update.rollback_to = "jobs/7";
+  other.request.settings.update.rollback_tiles = {4, 5};
+  EXPECT_THAT(std::string(dispatcher_->FindRequest(other.request).status().message()),
+              testing::AllOf(HasSubstr("update.rollback_to: found \"jobs/7\", expected \"\""),
+                             HasSubstr("update.rollback_tiles: found 4, 5, expected not set")));
+  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 1u);
 }
 
 TEST_F(DispatcherTest, WorkersGoOnAfterARestart) {
@@ -377,16 +399,6 @@ TEST_F(DispatcherTest, WaitingWorkerWakesWhenAJobComes) {
   EXPECT_FALSE(*dispatcher_->LeaseTask(worker, 60, {}));
   stopper.join();
   EXPECT_FALSE(*dispatcher_->LeaseTask(worker, 60, [] { return true; }));
-}
-
-TEST_F(DispatcherTest, DamagedHistoryIsRefused) {
-  Create(AJob(1));
-  store_.records.push_back(store_.records[0]);  // the same job accepted twice
-  const auto twice = Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, {}}, {});
-  EXPECT_EQ(twice.status().code(), absl::StatusCode::kDataLoss);
-  store_.records.back() = "not a record";
-  EXPECT_EQ(Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, {}}, {}).status().code(),
-            absl::StatusCode::kDataLoss);
 }
 
 }  // namespace

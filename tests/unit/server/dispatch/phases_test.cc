@@ -84,7 +84,7 @@ TEST_F(PhasesTest, ReadsThatAreNoReadsEndTheJobAndNameTheTile) {
   for (const auto& [reads, words] : std::vector<std::pair<std::string, std::string>>{
            {"", "parse error"},
            {"{}", "label"},
-           {std::string(100000, '['), "parse error"},
+           {std::string(100000, '['), "nested 100000 deep"},
            {std::string(2 << 20, ' '), "more than"},
            {fine + " ", "canonical"},
            {R"({"label":[0,1],"mend":[0,1.5],"sight":[0,1],"solve":[0,1]})", "canonical"},

@@ -13,12 +13,12 @@ namespace {
 
 bool Any(TaskRef) { return true; }
 
-JobTask Task(int depth, double cost, int tile, int64_t retry_us = 0) {
+JobTask Task(int depth, double cost, int tile, int64_t retry_delay_us = 0) {
   JobTask task;
   task.depth = depth;
   task.plan.cost = cost;
   task.plan.tile = tile;
-  task.retry_us = retry_us;
+  task.retry_delay_us = retry_delay_us;
   return task;
 }
 
@@ -48,18 +48,24 @@ TEST(ReadyTasks, WhatBacksOffIsFoundWhenItsTimeHasCome) {
   ready.Add({0, 0}, Task(0, 1, 0, 100));
   ready.Add({0, 1}, Task(0, 1, 0, 50));
   EXPECT_EQ(ready.First(Any), std::nullopt);
-  ready.Promote(49);
+  ready.Promote(1000);  // both begin
   EXPECT_EQ(ready.First(Any), std::nullopt);
-  ready.Promote(50);
+  ready.Promote(1049);
+  EXPECT_EQ(ready.First(Any), std::nullopt);
+  ready.Promote(1050);
   EXPECT_EQ(ready.First(Any), (TaskRef{0, 1}));
   ready.Remove({0, 1}, Task(0, 1, 0, 50));
   ready.Remove({0, 0}, Task(0, 1, 0, 100));  // while it backs off
-  ready.Promote(1000);
+  ready.Promote(2000);
   EXPECT_EQ(ready.First(Any), std::nullopt);
   ready.Add({1, 0}, Task(0, 1, 0, 100));
+  ready.Promote(3000);
+  ready.Add({1, 2}, Task(0, 1, 0, 100));  // has not begun
   ready.Add({1, 1}, Task(0, 1, 0));
   ready.DropJob(1);
-  ready.Promote(1000);
+  ready.Add({2, 0}, Task(0, 1, 0, 100));
+  ready.Remove({2, 0}, Task(0, 1, 0, 100));
+  for (const int64_t now : {4000, 5000}) ready.Promote(now);
   EXPECT_EQ(ready.count(), 0);
 }
 

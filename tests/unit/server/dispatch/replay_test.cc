@@ -27,8 +27,8 @@ std::string Text(const Ledger& ledger) {
     out << header.name << " " << static_cast<int>(header.state) << " " << header.error << " " << header.create_us << " "
         << header.start_us << " " << header.end_us << " " << Text(header.artifacts) << Text(job.scene_files) << "\n";
     for (const JobTask& task : job.tasks) {
-      out << task.plan.name << " " << static_cast<int>(task.state) << " " << task.key << " " << task.retry_us << " "
-          << task.error.message << " " << task.reused << task.stats << task.usage.core_seconds << " "
+      out << task.plan.name << " " << static_cast<int>(task.state) << " " << task.key << " " << task.retry_delay_us
+          << " " << task.error.message << " " << task.reused << task.stats << task.usage.core_seconds << " "
           << task.usage.peak_bytes << Text(task.outputs) << task.start_us << " " << task.end_us;
       for (const Attempt& attempt : task.attempts) {
         out << " [" << attempt.worker << " " << attempt.start_us << " " << attempt.end_us << " "

@@ -1,0 +1,93 @@
+// How a coordinator starts: the state from its records, whatever has become of some of them.
+#include <map>
+#include <utility>
+
+#include "server/dispatch/dispatcher.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+namespace {
+
+// The job that a record is of; -1 if it names none.
+int JobOf(const v1::Record& record) {
+  switch (record.change_case()) {
+    case v1::Record::kJobAccepted:
+      return ParseJobName(record.job_accepted().job()).value_or(-1);
+    case v1::Record::kTasksPlanned:
+      return ParseJobName(record.tasks_planned().job()).value_or(-1);
+    case v1::Record::kAttemptStarted:
+      return ParseTaskName(record.attempt_started().task()).value_or(TaskRef()).job;
+    case v1::Record::kTaskSucceeded:
+      return ParseTaskName(record.task_succeeded().task()).value_or(TaskRef()).job;
+    case v1::Record::kAttemptFailed:
+      return ParseTaskName(record.attempt_failed().task()).value_or(TaskRef()).job;
+    case v1::Record::kJobEnded:
+      return ParseJobName(record.job_ended().job()).value_or(-1);
+    case v1::Record::CHANGE_NOT_SET:
+      break;
+  }
+  return -1;
+}
+
+}  // namespace
+
+StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment& environment,
+                                                       const DispatchOptions& options) {
+  std::unique_ptr<Dispatcher> dispatcher(new Dispatcher(environment, options));
+  TESSERA_RETURN_IF_ERROR(dispatcher->Replay());
+  const Ledger& ledger = dispatcher->ledger_;
+  const int64_t now_us = environment.clock->MonotonicUs();
+  for (const int job : ledger.active_jobs()) {
+    const auto& tasks = ledger.jobs()[job].tasks;
+    for (int i = 0; i < static_cast<int>(tasks.size()); ++i) {
+      if (tasks[i].state != TaskState::kLeased) continue;
+      dispatcher->leases_.leases()[{job, i}] = {tasks[i].worker(), tasks[i].attempt(), now_us,
+                                                now_us + Micros(options.lease_s), now_us};
+      WorkerState& worker = dispatcher->leases_.workers()[tasks[i].worker()];
+      worker.last_seen_us = now_us;
+      worker.info.machine = tasks[i].attempts.back().machine;
+    }
+  }
+  return dispatcher;
+}
+
+Status Dispatcher::Replay() {
+  std::vector<std::pair<int64_t, std::string>> unusable;
+  std::map<int, std::string> spoiled;  // jobs, and why
+  TESSERA_RETURN_IF_ERROR(environment_.store->Replay([&](const StoredRecord& stored) {
+    v1::Record record;
+    Status status = stored.content.status();
+    if (status.ok() && !record.ParseFromString(*stored.content)) {
+      status = absl::DataLossError("not a record");
+      record.Clear();
+    }
+    if (status.ok()) status = ledger_.Check(record);
+    if (status.ok()) return ledger_.Apply(record);
+    const std::string reason(status.message());
+    unusable.emplace_back(stored.number, reason);
+    if (const int job = JobOf(record); job >= 0) {
+      spoiled.emplace(job, "stored record " + std::to_string(stored.number) + " cannot be used: " + reason);
+    }
+  }));
+  ledger_.PromoteRetries(environment_.clock->MonotonicUs());  // whole delays begin again
+  for (const auto& [job, error] : spoiled) TESSERA_RETURN_IF_ERROR(EndSpoiledJob(job, error));
+  // Last: if this start is cut off, the next one finds the same.
+  for (const auto& [number, reason] : unusable) {
+    TESSERA_RETURN_IF_ERROR(environment_.store->SetAside(number, reason));
+    if (environment_.on_set_aside) environment_.on_set_aside(number, reason);
+  }
+  return absl::OkStatus();
+}
+
+Status Dispatcher::EndSpoiledJob(int job, const std::string& error) {
+  if (job >= static_cast<int>(ledger_.jobs().size())) {  // what is lost is that it was accepted
+    v1::Record record;
+    record.mutable_job_accepted()->set_job(JobName(job));
+    if (!ledger_.Check(record).ok()) return absl::OkStatus();  // no number that was ever given
+    TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  }
+  if (HasEnded(ledger_.jobs()[job].header.state)) return absl::OkStatus();
+  return EndJobLocked(job, JobState::kFailed, error + "; submit it again", {});
+}
+
+}  // namespace tessera

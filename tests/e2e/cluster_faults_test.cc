@@ -1,0 +1,191 @@
+// What one bad request, report, copy, task or machine does to a cluster: nothing.
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "common/base/version.h"
+#include "common/rpc/channel.h"
+#include "server/store/sqlite_store.h"
+#include "tessera/v1/records.pb.h"
+#include "tessera/v1/workers.grpc.pb.h"
+#include "tests/e2e/programs.h"
+
+namespace tessera::e2e {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+// A worker that does what the test says.
+class ScriptedWorker {
+ public:
+  explicit ScriptedWorker(const std::string& coordinator) : stub_(v1::Workers::NewStub(MakeChannel(coordinator))) {
+    grpc::ClientContext context;
+    v1::RegisterWorkerRequest request;
+    request.set_version(kAlgorithmVersion);
+    request.set_threads(64);
+    request.set_cores(64);
+    v1::RegisterWorkerResponse response;
+    EXPECT_TRUE(stub_->RegisterWorker(&context, request, &response).ok());
+    name_ = response.worker();
+  }
+  v1::Lease Lease() {
+    grpc::ClientContext context;
+    v1::LeaseTaskRequest request;
+    request.set_worker(name_);
+    request.set_wait_s(20);
+    v1::LeaseTaskResponse response;
+    EXPECT_TRUE(stub_->LeaseTask(&context, request, &response).ok());
+    return response.lease();
+  }
+  // Whether the task is to be stopped.
+  bool Heartbeat(const v1::Lease& lease) {
+    grpc::ClientContext context;
+    v1::HeartbeatRequest request;
+    request.set_worker(name_);
+    request.add_tasks()->set_task(lease.spec().task());
+    request.mutable_tasks(0)->set_attempt(lease.attempt());
+    request.mutable_tasks(0)->set_stage("hanging");
+    v1::HeartbeatResponse response;
+    EXPECT_TRUE(stub_->Heartbeat(&context, request, &response).ok());
+    return response.stop_tasks_size() > 0;
+  }
+  grpc::Status Report(const v1::Lease& lease, v1::ReportTaskRequest report) {
+    grpc::ClientContext context;
+    report.set_worker(name_);
+    report.set_task(lease.spec().task());
+    report.set_attempt(lease.attempt());
+    v1::ReportTaskResponse response;
+    return stub_->ReportTask(&context, report, &response);
+  }
+
+ private:
+  std::unique_ptr<v1::Workers::Stub> stub_;
+  std::string name_;
+};
+
+class ClusterFaultsTest : public testing::Test {
+ protected:
+  TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();
+};
+
+TEST_F(ClusterFaultsTest, AReportOfAnyDepthIsRefusedAndTheCoordinatorLives) {
+  Cluster cluster(folder_.path());
+  const std::string job = cluster.Submit(ToyCity(), 4).name();
+  ScriptedWorker worker(cluster.address());
+  v1::ReportTaskRequest deep, broken;
+  deep.mutable_success()->set_stats_json(std::string(30'000, '[') + std::string(30'000, ']'));
+  const v1::Lease first = worker.Lease();
+  const grpc::Status refused = worker.Report(first, deep);
+  EXPECT_EQ(refused.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(refused.error_message(), HasSubstr("found JSON nested 30000 deep, expected at most 64"));
+  broken.mutable_failure()->set_error_class(v1::INPUT);
+  const v1::Lease second = worker.Lease();
+  EXPECT_EQ(second.attempt(), 2);
+  EXPECT_TRUE(worker.Report(second, broken).ok());
+  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_FAILED);
+  cluster.coordinator().Kill();
+  cluster.StartCoordinator();
+  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_FAILED);
+}
+
+TEST_F(ClusterFaultsTest, ARecordThatCannotBeUsedStopsNoStart) {
+  Cluster cluster(folder_.path());
+  const std::string spoiled = cluster.Submit(ToyCity(), 4).name(), other = cluster.Submit(ToyCity(), 2).name();
+  cluster.coordinator().Kill();
+  v1::Record twice;
+  twice.mutable_job_accepted()->set_job(spoiled);
+  for (const std::string& record : {std::string("rot"), twice.SerializeAsString()}) {
+    ASSERT_TRUE((*SqliteStore::Open(cluster.data() + "/state.sqlite"))->Append(record, Durability::kMachine).ok());
+  }
+  cluster.StartCoordinator();
+  EXPECT_THAT(cluster.coordinator().Output(),
+              testing::AllOf(HasSubstr("stored record set aside record=5 reason=\"not a record\""),
+                             HasSubstr("stored record set aside record=6 reason=\"the next job is jobs/3")));
+  const v1::Job job = cluster.Await(spoiled);
+  EXPECT_EQ(job.state(), v1::JOB_FAILED);
+  EXPECT_THAT(job.error(), HasSubstr("stored record 6 cannot be used: the next job is jobs/3"));
+  cluster.AddWorker();
+  EXPECT_EQ(cluster.Await(other).state(), v1::JOB_SUCCEEDED);
+  EXPECT_EQ(cluster.Submit(ToyCity(), 4).name(), "jobs/3");
+}
+
+TEST_F(ClusterFaultsTest, ARequestUsedAgainForAnotherJobIsRefused) {
+  Cluster cluster(folder_.path());
+  EXPECT_EQ(cluster.Submit(ToyCity(), 4, "night").name(), "jobs/1");
+  cluster.coordinator().Kill();
+  cluster.StartCoordinator();
+  EXPECT_EQ(cluster.Submit(ToyCity(), 4, "night").name(), "jobs/1");
+  v1::CreateJobRequest request;
+  request.set_request_id("night");
+  request.set_scene_path(ToyCity());
+  request.mutable_settings()->set_tiles(9);
+  request.mutable_settings()->mutable_update()->set_base("jobs/1");
+  v1::Job job;
+  const Status refused = cluster.connection().CreateJob(request, &job);
+  EXPECT_EQ(refused.code(), absl::StatusCode::kAlreadyExists);
+  EXPECT_THAT(std::string(refused.message()),
+              testing::AllOf(HasSubstr("tiles: found 9, expected 4"), HasSubstr("update.base: found \"jobs/1\"")));
+}
+
+TEST_F(ClusterFaultsTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
+  Cluster cluster(folder_.path());
+  const std::string copy = folder_.path() + "/copy";
+  fs::copy(ToyCity(), copy, fs::copy_options::recursive);
+  const std::string job = cluster.Submit(ToyCity(), 4).name();
+  v1::Job of_copy = cluster.Submit(copy, 4);
+  ASSERT_TRUE(cluster.connection().CancelJob(of_copy.name(), &of_copy).ok());
+  ASSERT_TRUE(RemoveTree(copy).ok());
+  cluster.AddWorker({"--no-shared-storage"});
+  const v1::Job ended = cluster.Await(job);
+  EXPECT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+}
+
+TEST_F(ClusterFaultsTest, ATaskThatHangsIsEndedAndDoneByAnother) {
+  Cluster cluster(folder_.path(), 3, {"--stall-s", "2"});
+  const std::string job = cluster.Submit(ToyCity(), 4).name();
+  ScriptedWorker hanging(cluster.address());
+  const v1::Lease lease = hanging.Lease();
+  ASSERT_FALSE(hanging.Heartbeat(lease));
+  ASSERT_TRUE(WaitUntil([&] { return hanging.Heartbeat(lease); }, 60));
+  EXPECT_THAT(cluster.Tasks(job).at(0).error().message(), HasSubstr("showed no progress for"));
+  cluster.AddWorker();
+  const v1::Job ended = cluster.Await(job);
+  EXPECT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+}
+
+// Each worker has a host name of its own, which goes with it.
+TEST_F(ClusterFaultsTest, MachinesThatAreTakenAwayDoNotFailATask) {
+  const auto machine = [](int i) -> std::vector<std::string> {
+    const std::string start = "hostname spot-" + std::to_string(i) + " && exec \"$0\" \"$@\"";
+    if (::geteuid() == 0) return {"/usr/bin/unshare", "--uts", "/bin/sh", "-c", start};
+    return {"/usr/bin/unshare", "--map-root-user", "--uts", "/bin/sh", "-c", start};
+  };
+  std::vector<std::string> nothing = machine(0);
+  nothing.push_back("/bin/true");
+  if (Program(folder_.path(), nothing.front(), {nothing.begin() + 1, nothing.end()}).Wait().exit_code != 0) {
+    GTEST_SKIP() << "no host names of their own here";
+  }
+  Cluster cluster(folder_.path(), 1);
+  const std::string job = cluster.Submit(ToyCity(), 1).name();
+  constexpr int kLost = 4;
+  for (int i = 0; i < kLost; ++i) {
+    Program& worker = cluster.AddWorker({}, machine(i));
+    // Of one task every time: nobody else is there.
+    ASSERT_TRUE(WaitUntil([&] {
+      const std::vector<v1::Task> tasks = cluster.Tasks(job);
+      return !tasks.empty() && tasks[0].state() == v1::LEASED && tasks[0].attempt() == i + 1;
+    }));
+    worker.Kill();
+  }
+  cluster.AddWorker();
+  const v1::Job ended = cluster.Await(job);
+  EXPECT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+  EXPECT_EQ(cluster.Tasks(job).at(0).attempt(), kLost + 1);
+}
+
+}  // namespace
+}  // namespace tessera::e2e

@@ -1,0 +1,79 @@
+#include "server/dispatch/retry_rule.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace tessera {
+namespace {
+
+using testing::HasSubstr;
+
+// A task whose last attempt has just ended; those before it as given.
+JobTask After(std::vector<Attempt> attempts, const std::string& machine = "m") {
+  JobTask task;
+  task.plan.name = "refine tile 3";
+  task.attempts = std::move(attempts);
+  task.attempts.push_back({"workers/1-9", machine, 0, 0, {}, false});
+  return task;
+}
+Attempt Failed(ErrorClass error_class) { return {"workers/1-1", "m", 0, 1, {error_class, "it broke"}, false}; }
+Attempt Silent(const std::string& machine) {
+  return {"workers/1-1", machine, 0, 1, {ErrorClass::kTransient, "lease expired"}, true};
+}
+bool AllLive(const std::string&) { return true; }
+bool NoneLives(const std::string&) { return false; }
+
+TEST(RetryRule, ReportsOfFailureCountByTheirKind) {
+  const RetryOptions options;
+  const auto judge = [&](std::vector<Attempt> before, ErrorClass now) {
+    return JudgeFailure(After(std::move(before)), {now, "it broke"}, options);
+  };
+  const Attempt transient = Failed(ErrorClass::kTransient), memory = Failed(ErrorClass::kMemory);
+  EXPECT_TRUE(judge({}, ErrorClass::kInput).final);
+  EXPECT_EQ(judge({}, ErrorClass::kTransient).delay_s, 1);
+  EXPECT_EQ(judge({memory, transient, transient}, ErrorClass::kTransient).delay_s, 4);
+  EXPECT_FALSE(judge({memory, transient, transient}, ErrorClass::kTransient).final);
+  EXPECT_TRUE(judge({transient, transient, transient}, ErrorClass::kTransient).final);
+  EXPECT_FALSE(judge({transient, transient, transient}, ErrorClass::kMemory).final);
+  EXPECT_TRUE(judge({memory}, ErrorClass::kMemory).final);
+  EXPECT_EQ(judge({}, ErrorClass::kNone).failure.error_class, ErrorClass::kTransient);
+}
+
+TEST(RetryRule, WhoLeavesSaysNothingAboutTheTask) {
+  const std::vector<Attempt> left(100, Failed(ErrorClass::kAborted));
+  const RetryVerdict verdict = JudgeFailure(After(left), {ErrorClass::kAborted, "it has left"}, {});
+  EXPECT_FALSE(verdict.final);
+  EXPECT_EQ(verdict.delay_s, 0);
+  EXPECT_EQ(JudgeFailure(After(left), {ErrorClass::kTransient, ""}, {}).delay_s, 1);
+}
+
+TEST(RetryRule, SilenceCountsWhereTheMachineLivesOn) {
+  EXPECT_FALSE(JudgeSilence(After({Silent("m")}), AllLive, {}).final);
+  const RetryVerdict third = JudgeSilence(After({Silent("m"), Failed(ErrorClass::kAborted), Silent("n")}), AllLive, {});
+  EXPECT_TRUE(third.final);
+  EXPECT_EQ(third.failure.error_class, ErrorClass::kPoison);
+  EXPECT_THAT(third.failure.message, HasSubstr("workers/1-9 fell silent over 'refine tile 3', one of 3"));
+  EXPECT_FALSE(JudgeSilence(After(std::vector<Attempt>(50, Silent("gone"))), NoneLives, {}).final);
+  // One that came back later counts then.
+  const auto lives = [](const std::string& machine) { return machine != "gone"; };
+  EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("gone")}), lives, {}).final);
+  EXPECT_TRUE(JudgeSilence(After({Silent("a"), Silent("gone"), Silent("b")}), lives, {}).final);
+  EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("b")}, "gone"), lives, {}).final);
+}
+
+TEST(RetryRule, AnAttemptMayStandStillForTenTimesItsTask) {
+  PlannedTask plan;
+  plan.cost = 100;
+  EXPECT_EQ(StallLimit_s(plan, 2, 600), 600);
+  EXPECT_EQ(StallLimit_s(plan, 1, 600), 1000);
+  LeaseState lease;
+  lease.worker = "workers/1-1";
+  lease.progress = 0.25;
+  lease.stage = "mending";
+  const TaskFailure stall = StallOf(lease, 600);
+  EXPECT_EQ(stall.error_class, ErrorClass::kTransient);
+  EXPECT_EQ(stall.message, "stalled: workers/1-1 showed no progress for 600 s, at 25 % (mending)");
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,141 @@
+// What cannot be used of the records costs the jobs that it is of, and nothing else.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "tessera/v1/records.pb.h"
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+std::string Nested(size_t depth) { return std::string(depth, '[') + std::string(depth, ']'); }
+
+class SetAsideTest : public CoordinatorTest {
+ protected:
+  // As Restart; gives what was set aside, "3: why".
+  std::vector<std::string> RestartAndTell() {
+    std::vector<std::string> told;
+    dispatcher_.reset();
+    auto dispatcher = Dispatcher::Open(
+        {&store_,
+         blobs_.get(),
+         &planner_,
+         &clock_,
+         {},
+         [&](int64_t number, const std::string& reason) { told.push_back(std::to_string(number) + ": " + reason); }},
+        DispatchOptions());
+    EXPECT_TRUE(dispatcher.ok()) << dispatcher.status();
+    dispatcher_ = *std::move(dispatcher);
+    return told;
+  }
+  // Place of the n-th record of a kind, from 0.
+  size_t Find(v1::Record::ChangeCase kind, int n = 0) {
+    v1::Record record;
+    for (size_t i = 0; i < store_.records.size(); ++i) {
+      if (record.ParseFromString(store_.records[i]) && record.change_case() == kind && n-- == 0) return i;
+    }
+    ADD_FAILURE() << "no such record";
+    return 0;
+  }
+};
+
+TEST_F(SetAsideTest, StatisticsAreBounded) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  for (const std::string& stats : {Nested(30'000), std::string(100'000, ' ')}) {
+    const auto lease = Lease(worker);
+    ReportedResult result = Result(*lease);
+    result.stats = stats;
+    const Status refused = dispatcher_->ReportSuccess(worker, lease->task, lease->attempt, result);
+    EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument);
+    EXPECT_THAT(std::string(refused.message()),
+                testing::AnyOf(HasSubstr("statistics: found JSON nested 30000 deep, expected at most 64"),
+                               HasSubstr("statistics: found 100000 bytes, expected at most 65536")));
+    EXPECT_EQ(Task(job, 0).task.error.message, refused.message()) << "the attempt has failed";
+    clock_.Advance(3);
+  }
+  WorkAll(worker);
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+}
+
+// A coordinator that did not look at them took them.
+TEST_F(SetAsideTest, StoredStatisticsOfAnyDepthEndNothing) {
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  v1::Record record;
+  const size_t at = Find(v1::Record::kTaskSucceeded);
+  ASSERT_TRUE(record.ParseFromString(store_.records[at]));
+  record.mutable_task_succeeded()->set_stats_json(Nested(1'000'000));
+  store_.records[at] = record.SerializeAsString();
+  EXPECT_THAT(RestartAndTell(), IsEmpty());
+  WorkAll(Worker());
+  ASSERT_EQ(Job(job).header.state, JobState::kSucceeded);
+  const auto report = nlohmann::json::parse(*blobs_->Read(Job(job).header.artifacts.at(1).digest));
+  EXPECT_TRUE(report["tasks"][0]["stats"].is_null());
+}
+
+TEST_F(SetAsideTest, ARecordThatDoesNotFollowFailsItsJobAlone) {
+  const std::string first = Create(AJob(1)), second = Create(AJob(1, "other"));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  store_.records.push_back(store_.records[Find(v1::Record::kTaskSucceeded)]);  // of the first, once more
+  const std::string number = std::to_string(store_.records.size());
+  EXPECT_THAT(RestartAndTell(), ElementsAre(HasSubstr(number + ": jobs/1/tasks/0: attempt 1 is not the current one")));
+  EXPECT_EQ(Job(first).header.state, JobState::kFailed);
+  EXPECT_THAT(Job(first).header.error, HasSubstr("stored record " + number + " cannot be used: jobs/1/tasks/0"));
+  // Told once, and the state is the same ever after.
+  EXPECT_THAT(RestartAndTell(), IsEmpty());
+  EXPECT_EQ(Job(first).header.state, JobState::kFailed);
+  EXPECT_EQ(Create(AJob(2)), "jobs/3");
+  WorkAll(Worker());
+  EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);
+  EXPECT_EQ(Job("jobs/3").header.state, JobState::kSucceeded);
+}
+
+// Each record in turn is damaged, or is none: the coordinator starts, says so, and other jobs go on.
+TEST_F(SetAsideTest, AnyRecordMayBeLost) {
+  const std::string worker = Worker();
+  const std::string done = Create(AJob(1)), active = Create(AJob(2, "second"));
+  for (int i = 0; i < 4; ++i) ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  const std::string other = Create(AJob(1, "third"));
+  ASSERT_EQ(Job(done).header.state, JobState::kSucceeded);
+  const std::vector<std::string> all = store_.records;
+  for (size_t lost = 0; lost < all.size(); ++lost) {
+    for (const std::string found : {MemoryStore::kDamaged, "not a record"}) {
+      SCOPED_TRACE("record " + std::to_string(lost + 1) + " is " + found);
+      store_.records = all;
+      store_.set_aside.clear();
+      store_.records[lost] = found;
+      const std::vector<std::string> told = RestartAndTell();
+      ASSERT_FALSE(told.empty());
+      EXPECT_THAT(told[0], HasSubstr(std::to_string(lost + 1) + ": "));
+      EXPECT_EQ(store_.records[lost], found) << "kept";
+      ASSERT_TRUE(dispatcher_->Tick().ok());
+      clock_.Advance(31);  // whoever had a lease is gone
+      ASSERT_TRUE(dispatcher_->Tick().ok());
+      WorkAll(Worker());
+      // Each job has ended: as it would have, or, one at most, failed with the reason.
+      int failed = 0;
+      for (const std::string& name : {done, active, other}) {
+        if (Job(name).header.state == JobState::kSucceeded) continue;
+        EXPECT_EQ(Job(name).header.state, JobState::kFailed);
+        EXPECT_THAT(Job(name).header.error, HasSubstr("cannot be used")) << name;
+        ++failed;
+      }
+      EXPECT_LE(failed, 1);
+      EXPECT_EQ(Create(AJob(1, "fourth")), "jobs/4");
+      EXPECT_THAT(RestartAndTell(), IsEmpty());
+      EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 4u);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace tessera
