@@ -141,7 +141,7 @@ int Work(const Arguments& arguments, const std::string& address_file, const std:
   options.coordinator = address;
   options.work_dir = folder;
   options.use_shared_storage = !arguments.no_shared_storage;
-  options.description = {"host", getpid(), 1, int64_t{1} << 34, kAlgorithmVersion, 2};
+  options.description = {"host", getpid(), 1, int64_t{1} << 34, kAlgorithmVersion, 2, ""};
   double in_tasks_s = 0;
   const auto agent = Agent::Create(options, [&](const TaskRequest& request, const TaskControl&) {
     const double start_s = Seconds();
