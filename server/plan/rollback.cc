@@ -100,6 +100,11 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
     taken.given.push_back({TileInputName(tile, kStateFile), base.states[t]});
     publish.inputs.push_back({TaskId(0), TileInputName(tile, kStateFile)});
   }
+  if (base.outdated) {  // going back brings no tile nearer to what the images show
+    taken.given.push_back({kOutdatedFile, *base.outdated});
+    publish.inputs.push_back({TaskId(0), kOutdatedFile});
+  }
+  parameters.outdated = base.outdated.has_value();
   publish.parameters = ToJson(parameters);
   return std::vector<PlannedTask>{std::move(taken), std::move(publish)};
 }

@@ -111,6 +111,8 @@ std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, con
   if (!survey.revision) return tiles;
   for (const SurveyCell& cell : survey.cells) {
     if (!IsRevised(survey, cell.x, cell.y)) continue;
+    const auto has = [&](const TileParameters& tile) { return tile.core.Contains({cell.x, cell.y}); };
+    if (std::any_of(tiles.begin(), tiles.end(), has)) continue;
     // The tile that grows least for it.
     TileParameters* best = nullptr;
     CellRect grown;

@@ -148,5 +148,18 @@ TEST(Rollback, ThePlanIsToPublishTheStatesGiven) {
   }
 }
 
+TEST(Rollback, FacesThatShowWhatIsGoneStayFlagged) {
+  City city;
+  UpdateBase base = city.jobs.back();
+  base.survey_json = SurveyToJson(city.survey);
+  base.outdated = DigestOf("flags");
+  const auto tasks = PlanRollback(base);
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  EXPECT_EQ((*tasks)[0].given.back().name, kOutdatedFile);
+  EXPECT_EQ((*tasks)[0].given.back().digest, *base.outdated);
+  EXPECT_EQ((*tasks)[1].inputs.back().output, kOutdatedFile);
+  EXPECT_TRUE(ParsePublishParameters((*tasks)[1].parameters)->outdated);
+}
+
 }  // namespace
 }  // namespace tessera

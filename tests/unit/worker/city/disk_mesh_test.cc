@@ -10,21 +10,11 @@
 #include "common/geometry/coarse_mesh.h"
 #include "common/geometry/repair.h"
 #include "tests/support/tiny_scene.h"
+#include "tests/unit/worker/city/to_disk.h"
 #include "worker/city/local_grid.h"
 
 namespace tessera {
 namespace {
-
-DiskMesh ToDisk(const TriangleMesh& mesh) {
-  DiskMesh out;
-  out.vertices = *ScratchArray<Eigen::Vector3d>::Create(testing::TempDir(), mesh.vertices.size());
-  out.faces = *ScratchArray<Triangle>::Create(testing::TempDir(), mesh.faces.size());
-  out.labels = *ScratchArray<int32_t>::Create(testing::TempDir(), mesh.labels.size());
-  std::copy(mesh.vertices.begin(), mesh.vertices.end(), out.vertices.values().begin());
-  std::copy(mesh.faces.begin(), mesh.faces.end(), out.faces.values().begin());
-  std::copy(mesh.labels.begin(), mesh.labels.end(), out.labels.values().begin());
-  return out;
-}
 
 template <class T>
 std::vector<T> Values(const ScratchArray<T>& array) {
