@@ -107,6 +107,27 @@ StatusOr<Digest> BlobStore::PutBytes(const std::string& bytes) {
   return digest;
 }
 
+StatusOr<Digest> BlobStore::PutParts(const std::function<void(const Writer& write)>& give) {
+  const std::string temporary = NewTemporary();
+  Digest digest;
+  Sha256Hasher hasher;
+  std::ofstream file(temporary, std::ios::binary);
+  give([&](const std::string& bytes) {
+    file << bytes;
+    hasher.Update(bytes);
+    digest.size_bytes += static_cast<int64_t>(bytes.size());
+  });
+  file.close();
+  digest.sha256 = hasher.Finish();
+  const Status written = file ? SyncPath(temporary) : absl::ResourceExhaustedError("cannot write " + temporary);
+  if (!written.ok()) {
+    std::remove(temporary.c_str());
+    return written;
+  }
+  TESSERA_RETURN_IF_ERROR(Publish(temporary, digest));
+  return digest;
+}
+
 StatusOr<int64_t> BlobStore::CommittedBytes(const Digest& digest) const {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   std::lock_guard lock(UploadMutex(digest));

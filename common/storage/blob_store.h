@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -39,6 +40,9 @@ class BlobStore {
   // The same, but takes the file away: renamed where it lies on the same file system.
   StatusOr<Digest> MoveFile(const std::string& path);
   StatusOr<Digest> PutBytes(const std::string& bytes);
+  // Stores all that `give` writes.
+  using Writer = std::function<void(const std::string& bytes)>;
+  StatusOr<Digest> PutParts(const std::function<void(const Writer& write)>& give);
 
   // Bytes of the blob that are here: of an unfinished upload, or all.
   StatusOr<int64_t> CommittedBytes(const Digest& digest) const;

@@ -118,4 +118,10 @@ void LogSetAside(int64_t number, const std::string& reason) {
   LogEvent(LogLevel::kError, "stored record set aside", {{"record", std::to_string(number)}, {"reason", reason}});
 }
 
+void LogStorageTrouble(const Status& trouble) {
+  if (trouble.ok()) return LogEvent(LogLevel::kInfo, "records are stored again");
+  LogEvent(LogLevel::kError, "records cannot be stored: all waits, and goes on when they can",
+           {{"reason", std::string(trouble.message())}});
+}
+
 }  // namespace tessera

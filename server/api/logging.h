@@ -30,6 +30,9 @@ void LogRecord(const v1::Record& record);
 // That a stored record cannot be used.
 void LogSetAside(int64_t number, const std::string& reason);
 
+// That records cannot be stored now, and why; or, if OK, that they can again.
+void LogStorageTrouble(const Status& trouble);
+
 }  // namespace tessera
 
 #endif  // TESSERA_SERVER_API_LOGGING_H_

@@ -93,7 +93,8 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
   TESSERA_ASSIGN_OR_RETURN(
       const auto dispatcher,
-      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside}, options));
+      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside, LogStorageTrouble},
+                       options));
 
   ServerEnvironment environment;
   environment.dispatcher = dispatcher.get();

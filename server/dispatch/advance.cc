@@ -12,7 +12,8 @@ namespace tessera {
 
 namespace {
 
-constexpr size_t kMaxPlanBytes = 4 << 20;             // of the tasks in one record
+constexpr size_t kMaxPlanBytes = 512 << 10;           // of the tasks in one record, which is applied at once
+constexpr int kReportedAtOnce = 256;                  // tasks
 constexpr int64_t kMaxReadsBytes = int64_t{1} << 20;  // of a tile's kReadsFile
 
 void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
@@ -50,14 +51,14 @@ struct Dispatcher::PendingStep {
   enum class Kind { kPlanIngest, kPlanUpdate, kPlanTiles, kPlanSteps, kEnd };
   Kind kind = Kind::kEnd;
   int job = -1;
-  int tasks = 0;  // before the phase that is to be planned; a plan for another number is stale
+  int tasks = 0;  // of the job, before the phase that is to be planned: a plan for another number is stale
   JobSettings settings;
   std::vector<NamedDigest> scene_files;
   std::optional<StatusOr<UpdateBase>> base;  // of an update
   StatusOr<Digest> survey = absl::UnknownError("not read");
   std::vector<std::pair<int, StatusOr<Digest>>> reads;  // tiles that were cut, and the kReadsFile of each
   std::string error;                                    // of a job that ends
-  std::string report;                                   // job.json
+  JobHeader header;
   std::vector<NamedDigest> artifacts;
 };
 
@@ -72,17 +73,24 @@ Status Dispatcher::Tick() {
 }
 
 Status Dispatcher::Advance() {
-  std::lock_guard one_at_a_time(advance_mutex_);
-  while (true) {
-    TESSERA_RETURN_IF_ERROR(ReuseReady());
-    std::optional<PendingStep> step;
-    {
-      std::lock_guard lock(mutex_);
-      step = NextStepLocked();
+  advance_wanted_ = true;
+  while (advance_wanted_) {
+    // Whoever is at it now sees to what is wanted.
+    const std::unique_lock one_at_a_time(advance_mutex_, std::try_to_lock);
+    if (!one_at_a_time) return absl::OkStatus();
+    advance_wanted_ = false;
+    while (true) {
+      TESSERA_RETURN_IF_ERROR(ReuseReady());
+      std::optional<PendingStep> step;
+      {
+        std::lock_guard lock(mutex_);
+        step = NextStepLocked();
+      }
+      if (!step) break;
+      TESSERA_RETURN_IF_ERROR(step->kind == PendingStep::Kind::kEnd ? EndJob(*step) : PlanJob(*step));
     }
-    if (!step) return absl::OkStatus();
-    TESSERA_RETURN_IF_ERROR(step->kind == PendingStep::Kind::kEnd ? EndJob(*step) : PlanJob(*step));
   }
+  return absl::OkStatus();
 }
 
 std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
@@ -122,7 +130,8 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
                    [](const NamedDigest& file) { return file.name != kOutdatedFile; });  // publish's input
     }
   }
-  step.report = JobReportJson(job, step.error, environment_.clock->UnixTimeUs());
+  step.header = job.header;
+  step.tasks = static_cast<int>(job.tasks.size());
   return step;
 }
 
@@ -189,32 +198,58 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
       (*tasks)[t].given.push_back({name, digest});
     }
   }
-  std::lock_guard lock(mutex_);
-  const Job& job = ledger_.jobs()[step.job];
-  const int at = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
-  if (HasEnded(job.header.state) || at != step.tasks) return absl::OkStatus();
   Status fault = tasks.status();
+  int first_task = step.tasks;
   for (size_t next = 0; fault.ok() && next < tasks->size();) {
     v1::Record record;
     v1::TasksPlanned& planned = *record.mutable_tasks_planned();
-    planned.set_job(job.header.name);
-    planned.set_first_task(next == 0 ? step.tasks : static_cast<int>(job.tasks.size()));
+    planned.set_job(JobName(step.job));
+    planned.set_first_task(first_task);
     for (size_t bytes = 0; next < tasks->size() && bytes < kMaxPlanBytes; ++next) {
       ToProto((*tasks)[next], planned.add_tasks());
       bytes += planned.tasks(planned.tasks_size() - 1).ByteSizeLong();
       (*tasks)[next] = PlannedTask();  // plans are large
     }
     planned.set_more(next < tasks->size());
-    fault = ledger_.Check(record);
-    if (fault.ok()) TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+    std::lock_guard lock(mutex_);
+    const Job& job = ledger_.jobs()[step.job];
+    const int at = first_task == step.tasks && job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
+    if (HasEnded(job.header.state) || at != first_task) return absl::OkStatus();
+    first_task += planned.tasks_size();
+    fault = CommitLocked(record);
   }
   if (fault.ok()) return absl::OkStatus();
+  std::lock_guard lock(mutex_);
+  if (HasEnded(ledger_.jobs()[step.job].header.state)) return absl::OkStatus();
   return EndJobLocked(step.job, JobState::kFailed, "cannot plan the job: " + std::string(fault.message()), {});
+}
+
+StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
+  // Under the mutex tasks are only copied, a few at once.
+  const auto visit = [&](const std::function<void(const JobTask&)>& visitor) {
+    for (int first = 0; first < step.tasks; first += kReportedAtOnce) {
+      std::vector<JobTask> tasks;
+      {
+        std::lock_guard lock(mutex_);
+        const std::vector<JobTask>& all = ledger_.jobs()[step.job].tasks;
+        const int end = std::min(first + kReportedAtOnce, step.tasks);
+        tasks.assign(all.begin() + first, all.begin() + end);
+      }
+      for (const JobTask& task : tasks) visitor(task);
+    }
+  };
+  JobReport report(step.header, step.error, environment_.clock->UnixTimeUs());
+  visit([&](const JobTask& task) { report.Count(task); });
+  return environment_.blobs->PutParts([&](const BlobStore::Writer& write) {
+    write(report.Head());
+    visit([&](const JobTask& task) { write(report.Line(task)); });
+    write(JobReport::Tail());
+  });
 }
 
 Status Dispatcher::EndJob(const PendingStep& step) {
   std::vector<NamedDigest> artifacts = step.artifacts;
-  TESSERA_ASSIGN_OR_RETURN(const Digest report, environment_.blobs->PutBytes(step.report));
+  TESSERA_ASSIGN_OR_RETURN(const Digest report, StoreReport(step));
   artifacts.push_back({"job.json", report});
   std::lock_guard lock(mutex_);
   if (HasEnded(ledger_.jobs()[step.job].header.state)) return absl::OkStatus();
@@ -239,37 +274,54 @@ Status Dispatcher::EndJobLocked(int job, JobState state, const std::string& erro
   return absl::OkStatus();
 }
 
-StatusOr<bool> Dispatcher::ReuseLocked(TaskRef ref) {
+bool Dispatcher::MayReuseLocked(TaskRef ref) const {
   const JobTask& task = ledger_.task(ref);
-  const std::vector<NamedDigest>* outputs = ledger_.FindResult(task.key);
-  if (outputs == nullptr) return false;
+  return task.state == TaskState::kReady && task.attempt() == 0 && ledger_.FindResult(task.key) != nullptr;
+}
+
+Status Dispatcher::Reuse(TaskRef ref) {
+  std::string key;
+  std::vector<NamedDigest> outputs;
+  {
+    std::lock_guard lock(mutex_);
+    if (!MayReuseLocked(ref)) return absl::OkStatus();
+    key = ledger_.task(ref).key;
+    outputs = *ledger_.FindResult(key);
+  }
+  const bool stored = std::all_of(outputs.begin(), outputs.end(), [&](const NamedDigest& output) {
+    return environment_.blobs->Has(output.digest);
+  });
+  std::lock_guard lock(mutex_);
+  if (!MayReuseLocked(ref)) return absl::OkStatus();
+  if (!stored) {
+    ledger_.ForgetResult(key);
+    return absl::OkStatus();
+  }
   v1::Record record;
   v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();
-  for (const NamedDigest& output : *outputs) {
-    if (!environment_.blobs->Has(output.digest)) return false;
+  succeeded.set_task(TaskName(ref));
+  succeeded.set_key(key);
+  succeeded.set_reused(true);
+  for (const NamedDigest& output : outputs) {
     v1::OutputFile& added = *succeeded.add_outputs();
     added.set_name(output.name);
     added.mutable_digest()->set_sha256(output.digest.sha256);
     added.mutable_digest()->set_size_bytes(output.digest.size_bytes);
   }
-  succeeded.set_task(TaskName(ref));
-  succeeded.set_key(task.key);
-  succeeded.set_reused(true);
-  TESSERA_RETURN_IF_ERROR(CommitLocked(record));
-  return true;
+  return CommitLocked(record);
 }
 
 Status Dispatcher::ReuseReady() {
-  std::lock_guard lock(mutex_);
   // Each reuse may make readers ready, which come into the list again: a chain of known results is followed to its end.
   while (true) {
-    std::vector<TaskRef> ready = ledger_.TakeNewlyReady();
-    if (ready.empty()) return absl::OkStatus();
-    for (const TaskRef ref : ready) {
-      const JobTask& task = ledger_.task(ref);
-      if (task.state != TaskState::kReady || task.attempt() > 0) continue;
-      TESSERA_RETURN_IF_ERROR(ReuseLocked(ref).status());
+    std::vector<TaskRef> known;
+    {
+      std::lock_guard lock(mutex_);
+      known = ledger_.TakeNewlyReady();
+      if (known.empty()) return absl::OkStatus();
+      std::erase_if(known, [&](TaskRef ref) { return !MayReuseLocked(ref); });
     }
+    for (const TaskRef ref : known) TESSERA_RETURN_IF_ERROR(Reuse(ref));
   }
 }
 

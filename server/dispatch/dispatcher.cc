@@ -25,6 +25,8 @@ constexpr int kStrangersSeen = 256;
 // another has in memory: to read the tile anew takes longer (delay scheduling, Zaharia et al., EuroSys 2010).
 constexpr double kPatience_s = 1;
 
+constexpr int64_t kExpiryInterval_us = 100'000;  // between two looks for leases that are over
+
 constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
 constexpr size_t kMaxStatisticsBytes = 64 << 10;  // ours have some hundred a round
@@ -52,10 +54,22 @@ std::string MissingOutput(const Job& job, int task, const std::vector<NamedDiges
   return "";
 }
 
+std::function<void(const std::string&)> ObserveWith(const std::function<void(const v1::Record&)>& on_change) {
+  if (!on_change) return {};
+  return [on_change](const std::string& bytes) {
+    v1::Record record;
+    if (record.ParseFromString(bytes)) on_change(record);
+  };
+}
+
 }  // namespace
 
 Dispatcher::Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options)
-    : environment_(environment), options_(options), ledger_(kAlgorithmVersion) {}
+    : environment_(environment),
+      options_(options),
+      ledger_(kAlgorithmVersion),
+      journal_(environment.store, {options.durable_wait_s, ObserveWith(environment.on_change), environment.on_trouble}) {
+}
 
 void Dispatcher::ChangedLocked() {
   ++version_;
@@ -65,26 +79,42 @@ void Dispatcher::ChangedLocked() {
 Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
   record.set_time_us(environment_.clock->UnixTimeUs());
   TESSERA_RETURN_IF_ERROR(ledger_.Check(record));
-  TESSERA_RETURN_IF_ERROR(environment_.store->Append(record.SerializeAsString(), durability));
+  const int ready_before = ledger_.ready().count();
+  const size_t newly_ready_before = ledger_.newly_ready().size();
   ledger_.Apply(record);
-  if (environment_.on_change) environment_.on_change(record);
+  journal_.Add(record.SerializeAsString(), durability);
   ChangedLocked();
-  if (ledger_.ready().count() > 0) work_.notify_all();
+  if (int more = ledger_.ready().count() - ready_before; more > 0) {
+    waiting_.ReadyHasGrown();
+    for (size_t i = newly_ready_before; i < ledger_.newly_ready().size(); ++i) {
+      const TaskRef ref = ledger_.newly_ready()[i];
+      more -= waiting_.Wake(leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile})) ? 1 : 0;
+    }
+    while (more-- > 0 && waiting_.WakeNext()) {
+    }
+  }
   return absl::OkStatus();
 }
 
 // --- Jobs ---
 
 JobStatus Dispatcher::JobStatusLocked(int job) const {
-  return StatusOfJob(ledger_.jobs()[job], job, leases_, environment_.clock->MonotonicUs());
+  JobStatus status = StatusOfJob(ledger_.jobs()[job], job, leases_, environment_.clock->MonotonicUs());
+  // What an attempt had done is lost with it, but the bar does not go back.
+  if (shown_progress_.size() < ledger_.jobs().size()) shown_progress_.resize(ledger_.jobs().size());
+  status.progress = shown_progress_[job] = std::max(status.progress, shown_progress_[job]);
+  return status;
 }
 
 StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   TESSERA_ASSIGN_OR_RETURN(const NewJob job, CompleteJob(asked));
+  TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, FindRequest(job.request));
+  if (known) return *std::move(known);
   int index = -1;
   {
     std::lock_guard lock(mutex_);
-    TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, FindRequestLocked(job.request));
+    // A second call with this request may have come in between.
+    TESSERA_ASSIGN_OR_RETURN(known, FindRequestLocked(job.request));
     if (known) return *std::move(known);
     index = static_cast<int>(ledger_.jobs().size());
     v1::Record record;
@@ -107,6 +137,7 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
     accepted.set_algorithm_version(kAlgorithmVersion);
     TESSERA_RETURN_IF_ERROR(CommitLocked(record));
   }
+  TESSERA_RETURN_IF_ERROR(Durable());
   // The job is accepted whatever comes of this; Tick tries again and tells.
   Advance().IgnoreError();
   std::lock_guard lock(mutex_);
@@ -114,8 +145,13 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
 }
 
 StatusOr<std::optional<JobStatus>> Dispatcher::FindRequest(const JobRequest& request) const {
-  std::lock_guard lock(mutex_);
-  return FindRequestLocked(request);
+  std::optional<JobStatus> known;
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(known, FindRequestLocked(request));
+  }
+  if (known) TESSERA_RETURN_IF_ERROR(Durable());  // the call that made it may still wait for that
+  return known;
 }
 
 StatusOr<std::optional<JobStatus>> Dispatcher::FindRequestLocked(const JobRequest& request) const {
@@ -125,9 +161,14 @@ StatusOr<std::optional<JobStatus>> Dispatcher::FindRequestLocked(const JobReques
 }
 
 StatusOr<JobStatus> Dispatcher::GetJob(const std::string& name) const {
-  std::lock_guard lock(mutex_);
-  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
-  return JobStatusLocked(job);
+  JobStatus status;
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+    status = JobStatusLocked(job);
+  }
+  if (HasEnded(status.header.state)) TESSERA_RETURN_IF_ERROR(Durable());  // no end is told that might not last
+  return status;
 }
 
 std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
@@ -140,12 +181,14 @@ std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
 }
 
 StatusOr<JobStatus> Dispatcher::CancelJob(const std::string& name) {
-  std::lock_guard lock(mutex_);
-  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
-  if (!HasEnded(ledger_.jobs()[job].header.state)) {
-    TESSERA_RETURN_IF_ERROR(EndJobLocked(job, JobState::kCancelled, "cancelled", {}));
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+    if (!HasEnded(ledger_.jobs()[job].header.state)) {
+      TESSERA_RETURN_IF_ERROR(EndJobLocked(job, JobState::kCancelled, "cancelled", {}));
+    }
   }
-  return JobStatusLocked(job);
+  return GetJob(name);
 }
 
 StatusOr<std::vector<TaskStatus>> Dispatcher::ListTasks(const std::string& name, int first, int count) const {
@@ -163,8 +206,8 @@ StatusOr<std::vector<TaskStatus>> Dispatcher::RunningTasks(const std::string& na
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
   std::vector<TaskStatus> tasks;
-  for (const auto& [ref, lease] : leases_.leases()) {
-    if (ref.job == job) tasks.push_back(StatusOfTask(ledger_.jobs()[job], ref, leases_));
+  for (const TaskRef ref : leases_.OfJob(job)) {
+    tasks.push_back(StatusOfTask(ledger_.jobs()[job], ref, leases_));
   }
   return tasks;
 }
@@ -181,17 +224,15 @@ std::string Dispatcher::RegisterWorker(const WorkerInfo& info) {
   // The store's start count keeps a worker of before a restart from sharing its name with a new one.
   const std::string name =
       "workers/" + std::to_string(environment_.store->StartCount()) + "-" + std::to_string(next_worker_++);
-  leases_.workers()[name] = {info, environment_.clock->MonotonicUs()};
+  leases_.AddWorker(name, info, environment_.clock->MonotonicUs());
   ChangedLocked();
   return name;
 }
 
 Status Dispatcher::SeenLocked(const std::string& worker) {
-  const auto it = leases_.workers().find(worker);
-  if (it == leases_.workers().end()) {
-    return absl::NotFoundError("no such worker: '" + worker + "'; it has to register again");
-  }
-  it->second.last_seen_us = environment_.clock->MonotonicUs();
+  WorkerState* const known = leases_.FindWorker(worker);
+  if (known == nullptr) return absl::NotFoundError("no such worker: '" + worker + "'; it has to register again");
+  known->last_seen_us = environment_.clock->MonotonicUs();
   return absl::OkStatus();
 }
 
@@ -202,11 +243,11 @@ std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, do
     return leases_.workers().size() < 2 || !RanOutOfMemory(ledger_.task(ref), worker);
   };
   const std::optional<TaskRef> first = ready.First(may_run);
-  const auto self = leases_.workers().find(worker);
-  if (!first || self == leases_.workers().end()) return first;
+  const WorkerState* const self = leases_.FindWorker(worker);
+  if (!first || self == nullptr) return first;
   // Of the same job rather one of a tile that this worker has had, and may have in memory; else none that another has
   // had, for some time. Only an order of preference: whatever is ready goes to whoever goes on asking.
-  for (const TileRef tile : self->second.recent_tiles) {
+  for (const TileRef tile : self->recent_tiles) {
     if (tile.job != first->job) continue;
     if (const auto own = ready.FirstOfTile(tile.job, tile.tile, may_run)) return own;
   }
@@ -250,15 +291,15 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   record.mutable_attempt_started()->set_task(granted.task);
   record.mutable_attempt_started()->set_attempt(granted.attempt);
   record.mutable_attempt_started()->set_worker(worker);
-  const auto self = leases_.workers().find(worker);
-  if (self != leases_.workers().end()) record.mutable_attempt_started()->set_machine(self->second.info.machine);
+  const WorkerState* const self = leases_.FindWorker(worker);
+  if (self != nullptr) record.mutable_attempt_started()->set_machine(self->info.machine);
   TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
-  LeaseState& lease = leases_.leases()[ref];
-  lease = {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), now_us};
+  LeaseState& lease =
+      leases_.Grant(ref, {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), now_us});
   leases_.NoteTile(worker, {ref.job, granted.plan.tile});
-  if (self != leases_.workers().end()) {
-    granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->second.info.threads);
+  if (self != nullptr) {
+    granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->info.threads);
     lease.threads = std::max(1, granted.threads);
   }
   return granted;
@@ -270,21 +311,37 @@ StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& w
   std::unique_lock lock(mutex_);
   while (true) {
     TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
-    if (stopped_ || (gone && gone())) return std::nullopt;
+    if (stopped_ || (gone && gone())) {
+      waiting_.WakeNext();  // what it was woken for is another's
+      return std::nullopt;
+    }
     TESSERA_RETURN_IF_ERROR(ExpireLeasesLocked());
     const auto now = std::chrono::steady_clock::now();
     const double waited_s = now < until ? std::chrono::duration<double>(now - asked).count() : kForever_s;
-    if (const auto ref = NextReadyLocked(worker, waited_s)) {
-      TESSERA_ASSIGN_OR_RETURN(const bool reused, ReuseLocked(*ref));
-      if (!reused) return GrantLocked(*ref, worker);
+    // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
+    const auto ref = journal_.trouble().ok() ? NextReadyLocked(worker, waited_s) : std::nullopt;
+    if (ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
+    if (ref && MayReuseLocked(*ref)) {
       lock.unlock();
+      TESSERA_RETURN_IF_ERROR(Reuse(*ref));
       TESSERA_RETURN_IF_ERROR(Advance());
       lock.lock();
       continue;
     }
+    if (ref) {
+      TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, GrantLocked(*ref, worker));
+      lock.unlock();
+      const Status durable = Durable();
+      if (durable.ok()) return granted;
+      lock.lock();
+      if (leases_.FindCurrent(*ref, worker, granted.attempt) != nullptr) {
+        TESSERA_RETURN_IF_ERROR(FailAttemptLocked(*ref, {ErrorClass::kAborted, "its lease could not be stored"}));
+      }
+      return durable;
+    }
     if (now >= until) return std::nullopt;
     // In short slices: a back-off may end, a lease expire, the caller go.
-    work_.wait_until(lock, std::min(until, now + std::chrono::milliseconds(500)));
+    waiting_.Wait(lock, worker, std::min(until, now + std::chrono::milliseconds(500)));
   }
 }
 
@@ -328,12 +385,14 @@ Status Dispatcher::EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bo
   failed.set_retry_delay_us(Micros(verdict.delay_s));
   TESSERA_RETURN_IF_ERROR(CommitLocked(record));
   ledger_.PromoteRetries(environment_.clock->MonotonicUs());  // the delay begins
-  leases_.leases().erase(ref);
+  leases_.Release(ref);
   return absl::OkStatus();
 }
 
 Status Dispatcher::ExpireLeasesLocked() {
   const int64_t now_us = environment_.clock->MonotonicUs();
+  if (now_us < next_expiry_us_) return absl::OkStatus();
+  next_expiry_us_ = now_us + kExpiryInterval_us;
   // Later than anything that was heard from a worker whose lease expires now.
   const int64_t since_us = now_us - Micros(options_.lease_s / 2);
   const auto lives = [&](const std::string& machine) { return leases_.Lives(machine, since_us); };
@@ -352,14 +411,21 @@ Status Dispatcher::ExpireLeasesLocked() {
 
 Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& task, int attempt,
                                  const ReportedResult& result) {
+  TaskFailure not_stored;
+  for (const NamedDigest& output : result.outputs) {
+    TESSERA_RETURN_IF_ERROR(CheckDigest(output.digest));
+    if (environment_.blobs->Has(output.digest)) continue;
+    not_stored = {ErrorClass::kTransient, "output " + output.name + " was reported but is not stored"};
+  }
   {
-    std::lock_guard lock(mutex_);
+    std::unique_lock lock(mutex_);
     SeenLocked(worker).IgnoreError();  // the attempt number is what counts
     TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ledger_.FindTask(task));
     const JobTask& target = ledger_.task(ref);
     if (target.state == TaskState::kSucceeded && !target.reused && target.attempt() == attempt &&
         target.worker() == worker) {
-      return absl::OkStatus();  // said twice: the first answer was lost
+      lock.unlock();
+      return Durable();  // said twice: the first answer was lost
     }
     if (leases_.FindCurrent(ref, worker, attempt) == nullptr) {
       return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
@@ -379,15 +445,12 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
     succeeded.mutable_usage()->set_core_seconds(result.usage.core_seconds);
     succeeded.mutable_usage()->set_peak_bytes(result.usage.peak_bytes);
     succeeded.mutable_usage()->set_threads(result.usage.threads);
-    TaskFailure failure;
     for (const NamedDigest& output : result.outputs) {
       v1::OutputFile& added = *succeeded.add_outputs();
       added.set_name(output.name);
       ToProto(output.digest, added.mutable_digest());
-      if (!environment_.blobs->Has(output.digest)) {
-        failure = {ErrorClass::kTransient, "output " + output.name + " was reported but is not stored"};
-      }
     }
+    TaskFailure failure = not_stored;
     if (const std::string missing = MissingOutput(ledger_.jobs()[ref.job], ref.task, result.outputs);
         !missing.empty()) {
       failure = {ErrorClass::kInput, missing};
@@ -396,11 +459,12 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
       TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
     } else {
       TESSERA_RETURN_IF_ERROR(CommitLocked(record));
-      leases_.leases().erase(ref);
+      leases_.Release(ref);
     }
   }
+  const int64_t reported = journal_.last();
   Advance().IgnoreError();  // Tick tries again and tells
-  return absl::OkStatus();
+  return journal_.Wait(reported);
 }
 
 Status Dispatcher::ReportFailure(const std::string& worker, const std::string& task, int attempt,
@@ -415,22 +479,25 @@ Status Dispatcher::ReportFailure(const std::string& worker, const std::string& t
     }
     TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
   }
+  const int64_t reported = journal_.last();
   Advance().IgnoreError();
-  return absl::OkStatus();
+  return journal_.Wait(reported);
 }
 
 Status Dispatcher::UnregisterWorker(const std::string& worker) {
   {
     std::lock_guard lock(mutex_);
     TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
-    for (const TaskRef ref : leases_.HeldBy(worker)) {
+    const std::set<TaskRef> held = leases_.FindWorker(worker)->tasks;
+    for (const TaskRef ref : held) {
       TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kAborted, worker + " has left"}));
     }
-    leases_.workers().erase(worker);
+    leases_.RemoveWorker(worker);
     ChangedLocked();
   }
+  const int64_t left = journal_.last();
   Advance().IgnoreError();
-  return absl::OkStatus();
+  return journal_.Wait(left);
 }
 
 std::vector<WorkerStatus> Dispatcher::ListWorkers() const {
@@ -439,7 +506,7 @@ std::vector<WorkerStatus> Dispatcher::ListWorkers() const {
   const int64_t now_us = environment_.clock->MonotonicUs();
   for (const auto& [name, worker] : leases_.workers()) {
     WorkerStatus status{name, worker.info, {}, static_cast<double>(now_us - worker.last_seen_us) / 1e6};
-    for (const TaskRef ref : leases_.HeldBy(name)) status.tasks.push_back(TaskName(ref));
+    for (const TaskRef ref : worker.tasks) status.tasks.push_back(TaskName(ref));
     workers.push_back(std::move(status));
   }
   return workers;
@@ -462,7 +529,7 @@ void Dispatcher::Stop() {
   std::lock_guard lock(mutex_);
   stopped_ = true;
   ChangedLocked();
-  work_.notify_all();
+  waiting_.WakeAll();
 }
 
 bool Dispatcher::stopped() const {

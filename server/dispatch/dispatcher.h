@@ -3,11 +3,13 @@
 #ifndef TESSERA_SERVER_DISPATCH_DISPATCHER_H_
 #define TESSERA_SERVER_DISPATCH_DISPATCHER_H_
 
+#include <atomic>
 #include <condition_variable>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -20,6 +22,8 @@
 #include "server/dispatch/ledger.h"
 #include "server/dispatch/planner.h"
 #include "server/dispatch/retry_rule.h"
+#include "server/dispatch/waiting_workers.h"
+#include "server/store/journal.h"
 #include "server/store/record_store.h"
 
 namespace tessera {
@@ -28,6 +32,7 @@ struct DispatchOptions {
   double lease_s = 30;          // a lease lives that long after its last heartbeat
   double forget_worker_s = 90;  // a silent worker without a task is forgotten after that
   double stall_s = 600;         // an attempt without progress for so long is ended; longer for tasks that take long
+  double durable_wait_s = 20;   // a call whose change is not durable after that is answered with UNAVAILABLE
   RetryOptions retry;
 };
 
@@ -37,10 +42,13 @@ struct DispatchEnvironment {
   BlobStore* blobs = nullptr;
   Planner* planner = nullptr;
   Clock* clock = nullptr;
-  // Told of every change once it is stored and applied; for logs. Must be quick and not call back. May be empty.
+  // Told of every change once it is stored, in order, by a thread of its own; for logs. Must be quick and not call
+  // back. May be empty.
   std::function<void(const v1::Record&)> on_change;
   // Told of every stored record that Open sets aside, and why. May be empty.
   std::function<void(int64_t number, const std::string& reason)> on_set_aside = {};
+  // Told when changes cannot be stored any more, and why; OK when they can again. May be empty.
+  std::function<void(const Status& trouble)> on_trouble = {};
 };
 
 struct NewJob {
@@ -88,8 +96,11 @@ struct WorkerStatus {
   double last_seen_s = 0;  // ago
 };
 
-// Thread-safe. Every change is durable before a call returns OK; on error nothing was changed. Leases alone survive no
-// failure of the machine: their workers' reports are refused then, and the tasks are leased again.
+// Thread-safe. Changes are checked and applied in memory under one mutex, and stored in batches by a journal; a call
+// returns OK once what it changed is durable, UNAVAILABLE if that takes too long: the change stands, and the call may be
+// repeated. On other errors nothing was changed. No file is read or written, nothing hashed and nothing planned under
+// the mutex. Leases alone survive no failure of the machine: their workers' reports are refused then, and the tasks are
+// leased again.
 class Dispatcher {
  public:
   // Brings back the state that the store's records describe. Tasks leased before keep their lease for a full term, so
@@ -147,17 +158,25 @@ class Dispatcher {
   void Stop();
   bool stopped() const;
 
+  // Why changes cannot be stored now, and nothing is leased; OK if they can.
+  Status storage_trouble() const { return journal_.trouble(); }
+
  private:
   Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options);
   // Those below named ...Locked need mutex_.
   Status Replay();
   Status EndSpoiledJob(int job, const std::string& error);
+  // Checks, applies and queues for the journal. Errors are those of the check.
   Status CommitLocked(v1::Record& record, Durability durability = Durability::kMachine);
+  // Waits until all changes so far are durable. Never under mutex_.
+  Status Durable() const { return journal_.Wait(journal_.last()); }
   Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure);
   Status EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired);
   Status ExpireLeasesLocked();
-  // Succeeds a ready task whose result is known and still stored. True if it did.
-  StatusOr<bool> ReuseLocked(TaskRef ref);
+  // Whether the task's result is known, and might be stored still.
+  bool MayReuseLocked(TaskRef ref) const;
+  // Succeeds such a task, or forgets the result if it is not stored any more. Never under mutex_.
+  Status Reuse(TaskRef ref);
   // `waited_s`: how long the worker has asked already.
   std::optional<TaskRef> NextReadyLocked(const std::string& worker, double waited_s);
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
@@ -175,20 +194,25 @@ class Dispatcher {
   Status CheckStored(const UpdateBase& base) const;
   Status PlanJob(const PendingStep& step);
   Status EndJob(const PendingStep& step);
+  StatusOr<Digest> StoreReport(const PendingStep& step);
   Status EndJobLocked(int job, JobState state, const std::string& error, const std::vector<NamedDigest>& artifacts);
   Status ReuseReady();
 
   const DispatchEnvironment environment_;
   const DispatchOptions options_;
+  std::atomic<bool> advance_wanted_ = false;
   std::mutex advance_mutex_;  // one Advance at a time; taken before mutex_
   mutable std::mutex mutex_;
   mutable std::condition_variable changed_;  // what is shown
-  std::condition_variable work_;             // there may be a task to lease
+  WaitingWorkers waiting_;
   Ledger ledger_;
   LeaseTable leases_;
+  int64_t next_expiry_us_ = 0;
+  mutable std::vector<double> shown_progress_;  // of each job, the furthest
   int next_worker_ = 1;
   int64_t version_ = 1;
   bool stopped_ = false;
+  Journal journal_;  // last: it ends first
 };
 
 }  // namespace tessera

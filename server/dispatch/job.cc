@@ -19,6 +19,36 @@ constexpr char kTasks[] = "/tasks/";
 
 }  // namespace
 
+JobSums::Part& JobSums::PartOf(const std::string& kind) {
+  return kind == kIngestKind || kind == kUpdateKind ? ingest : kind == kCutKind ? cut : rest;
+}
+
+void JobSums::AddRun(const PlannedTask& plan, double cost, double seconds) {
+  if (&PartOf(plan.kind) == &ingest) return;  // tells nothing about how long tiles take
+  timed_cost += cost;
+  timed_s += seconds;
+}
+
+void JobTotals::AddPlanned(const JobTask& task) {
+  if (!task.plan.given.empty()) return;
+  ++sums_.tasks;
+  sums_.PartOf(task.plan.kind).total += task.plan.cost;
+  if (task.plan.tile < 0) return;
+  const auto [of_tile, is_new] = unfinished_of_tile_.emplace(task.plan.tile, 0);
+  sums_.tiles += is_new;
+  sums_.unfinished_tiles += of_tile->second++ == 0;
+}
+
+void JobTotals::AddSucceeded(int index, const JobTask& task) {
+  ++sums_.tasks_done;
+  sums_.PartOf(task.plan.kind).done += task.plan.cost;
+  if (!task.reused) {
+    sums_.AddRun(task.plan, task.plan.cost, static_cast<double>(task.end_us - task.attempts.back().start_us) / 1e6);
+  }
+  if (!task.warnings.empty()) warned_.insert(index);
+  if (task.plan.tile >= 0) sums_.unfinished_tiles -= --unfinished_of_tile_[task.plan.tile] == 0;
+}
+
 // People count jobs from 1; tasks keep their index, which the plan's inputs name too.
 std::string JobName(int job) { return kJobs + std::to_string(job + 1); }
 

@@ -4,7 +4,9 @@
 #define TESSERA_SERVER_DISPATCH_JOB_H_
 
 #include <cstdint>
+#include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -83,6 +85,37 @@ struct JobHeader {
   Warnings warnings;
 };
 
+// Costs of a job's tasks, and what of them is done.
+struct JobSums {
+  struct Part {
+    double total = 0, done = 0;
+    double share() const { return total > 0 ? done / total : 0; }
+  };
+  Part& PartOf(const std::string& kind);
+  // Adds a run of the task so far: where cost meets seconds.
+  void AddRun(const PlannedTask& plan, double cost, double seconds);
+
+  int tasks = 0, tasks_done = 0;
+  int tiles = 0, unfinished_tiles = 0;
+  Part ingest, cut, rest;
+  double timed_cost = 0, timed_s = 0;
+};
+
+// What is shown of a job's tasks, kept up to date as they change: a city has millions.
+class JobTotals {
+ public:
+  // A task that is given is not counted. It has not succeeded yet.
+  void AddPlanned(const JobTask& task);
+  void AddSucceeded(int index, const JobTask& task);
+  const JobSums& sums() const { return sums_; }
+  const std::set<int>& warned() const { return warned_; }  // succeeded tasks with warnings
+
+ private:
+  JobSums sums_;
+  std::set<int> warned_;
+  std::map<int, int> unfinished_of_tile_;  // tasks
+};
+
 struct Job {
   JobHeader header;
   std::vector<NamedDigest> scene_files;  // sorted by name
@@ -91,6 +124,7 @@ struct Job {
   int failed = -1;                       // the first task that has for good; -1: none
   bool planned_to_end = false;           // publish is among the tasks, or the plan is all that is asked for
   int open_plan = -1;                    // first task of a plan whose last record has not come; -1: none
+  JobTotals totals;
 };
 
 // "jobs/J/tasks/T": which task, by its places in the ledger.

@@ -101,62 +101,62 @@ std::string Dump(const Json& json, int indent = 1) {
 
 }  // namespace
 
-std::string JobReportJson(const Job& job, const std::string& error, int64_t end_us) {
-  const JobHeader& header = job.header;
+JobReport::JobReport(JobHeader header, std::string error, int64_t end_us)
+    : header_(std::move(header)), error_(std::move(error)), end_us_(end_us) {}
+
+void JobReport::Count(const JobTask& task) {
+  const std::string& kind = task.plan.kind;
+  ++tasks_;
+  attempts_ += task.attempt();
+  reused_ += task.reused ? 1 : 0;
+  ++tasks_of_kind_[kind];
+  if (!task.reused) core_seconds_of_kind_[kind] += task.usage.core_seconds;
+  AddStages(task, &seconds_of_stage_);
+  for (const Attempt& attempt : task.attempts) {
+    const double run_s = Seconds(attempt.start_us, attempt.end_us > 0 ? attempt.end_us : end_us_);
+    seconds_of_kind_[kind] += run_s;
+    seconds_of_worker_[attempt.worker] += run_s;
+  }
+}
+
+std::string JobReport::Head() const {
+  const JobSettings& settings = header_.settings;
   Json json = {{"tessera_job", 1},
-               {"name", header.name},
-               {"display_name", header.display_name},
-               {"scene", header.scene_path},
-               {"algorithm_version", header.algorithm_version},
-               {"base", header.settings.update.base.empty() ? Json(nullptr) : Json(header.settings.update.base)},
+               {"name", header_.name},
+               {"display_name", header_.display_name},
+               {"scene", header_.scene_path},
+               {"algorithm_version", header_.algorithm_version},
+               {"base", settings.update.base.empty() ? Json(nullptr) : Json(settings.update.base)},
                {"settings",
-                {{"tiles", header.settings.tiles},
-                 {"tile_memory_bytes", header.settings.tile_memory_bytes},
-                 {"rounds", header.settings.rounds},
-                 {"method", header.settings.method},
-                 {"from_scratch", header.settings.update.from_scratch},
-                 {"method_settings", Json::parse(ToJson(header.settings.method_settings))}}},
-               {"state", error.empty() ? "succeeded" : "failed"}};
-  if (const UpdateSettings& update = header.settings.update; !update.rollback_to.empty()) {
+                {{"tiles", settings.tiles},
+                 {"tile_memory_bytes", settings.tile_memory_bytes},
+                 {"rounds", settings.rounds},
+                 {"method", settings.method},
+                 {"from_scratch", settings.update.from_scratch},
+                 {"method_settings", Json::parse(ToJson(settings.method_settings))}}},
+               {"state", error_.empty() ? "succeeded" : "failed"}};
+  if (const UpdateSettings& update = settings.update; !update.rollback_to.empty()) {
     json["rollback"] = {{"to", update.rollback_to}, {"tiles", update.rollback_tiles}};
   }
-  if (!error.empty()) json["error"] = error;
-  json["warnings"] = header.warnings;
-  int attempts = 0, reused = 0;
-  std::map<std::string, double> seconds_of_kind, seconds_of_stage, core_seconds_of_kind, seconds_of_worker;
-  std::map<std::string, int> tasks_of_kind;
-  for (const JobTask& task : job.tasks) {
-    attempts += task.attempt();
-    reused += task.reused ? 1 : 0;
-    ++tasks_of_kind[task.plan.kind];
-    if (!task.reused) core_seconds_of_kind[task.plan.kind] += task.usage.core_seconds;
-    AddStages(task, &seconds_of_stage);
-    for (const Attempt& attempt : task.attempts) {
-      const double run_s = Seconds(attempt.start_us, attempt.end_us > 0 ? attempt.end_us : end_us);
-      seconds_of_kind[task.plan.kind] += run_s;
-      seconds_of_worker[attempt.worker] += run_s;
-    }
-  }
-  json["totals"] = {{"seconds", Seconds(header.create_us, end_us)},
-                    {"tasks", job.tasks.size()},
-                    {"attempts", attempts},
-                    {"reused", reused},
-                    {"tasks_of_kind", tasks_of_kind},
-                    {"seconds_of_kind", seconds_of_kind},
-                    {"core_seconds_of_kind", core_seconds_of_kind},
-                    {"seconds_of_stage", seconds_of_stage},
-                    {"seconds_of_worker", seconds_of_worker}};
+  if (!error_.empty()) json["error"] = error_;
+  json["warnings"] = header_.warnings;
+  json["totals"] = {{"seconds", Seconds(header_.create_us, end_us_)},
+                    {"tasks", tasks_},
+                    {"attempts", attempts_},
+                    {"reused", reused_},
+                    {"tasks_of_kind", tasks_of_kind_},
+                    {"seconds_of_kind", seconds_of_kind_},
+                    {"core_seconds_of_kind", core_seconds_of_kind_},
+                    {"seconds_of_stage", seconds_of_stage_},
+                    {"seconds_of_worker", seconds_of_worker_}};
   std::string text = Dump(json);
   text.pop_back();  // the closing brace, and the line's end before it
   text.pop_back();
-  // A task a line, each by itself: all of a city's as one value would take many times their text.
-  text += ",\n \"tasks\": [";
-  const char* before = "\n  ";
-  for (const JobTask& task : job.tasks) {
-    text += before + Dump(TaskJson(task, end_us), -1);
-    before = ",\n  ";
-  }
-  return text + "\n ]\n}\n";
+  return text + ",\n \"tasks\": [";
+}
+
+std::string JobReport::Line(const JobTask& task) {
+  return (std::exchange(has_line_, true) ? ",\n  " : "\n  ") + Dump(TaskJson(task, end_us_), -1);
 }
 
 }  // namespace tessera

@@ -1,6 +1,7 @@
 #include "server/dispatch/lease_table.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace tessera {
 namespace {
@@ -28,12 +29,44 @@ std::vector<TaskRef> LeaseTable::Expired(int64_t now_us) const {
   return expired;
 }
 
-std::vector<TaskRef> LeaseTable::HeldBy(const std::string& worker) const {
-  std::vector<TaskRef> held;
-  for (const auto& [ref, lease] : leases_) {
-    if (lease.worker == worker) held.push_back(ref);
+std::vector<TaskRef> LeaseTable::OfJob(int job) const {
+  std::vector<TaskRef> tasks;
+  for (auto it = leases_.lower_bound({job, 0}); it != leases_.end() && it->first.job == job; ++it) {
+    tasks.push_back(it->first);
   }
-  return held;
+  return tasks;
+}
+
+WorkerState* LeaseTable::FindWorker(const std::string& worker) {
+  const auto found = workers_.find(worker);
+  return found == workers_.end() ? nullptr : &found->second;
+}
+
+void LeaseTable::AddWorker(const std::string& worker, const WorkerInfo& info, int64_t now_us) {
+  workers_[worker] = {info, now_us};
+  workers_of_host_[info.host].insert(worker);
+}
+
+void LeaseTable::RemoveWorker(const std::string& worker) {
+  const auto found = workers_.find(worker);
+  if (found == workers_.end()) return;
+  const auto host = workers_of_host_.find(found->second.info.host);
+  host->second.erase(worker);
+  if (host->second.empty()) workers_of_host_.erase(host);
+  workers_.erase(found);
+}
+
+LeaseState& LeaseTable::Grant(TaskRef ref, LeaseState lease) {
+  Release(ref);
+  if (WorkerState* const holder = FindWorker(lease.worker)) holder->tasks.insert(ref);
+  return leases_[ref] = std::move(lease);
+}
+
+void LeaseTable::Release(TaskRef ref) {
+  const auto found = leases_.find(ref);
+  if (found == leases_.end()) return;
+  if (WorkerState* const holder = FindWorker(found->second.worker)) holder->tasks.erase(ref);
+  leases_.erase(found);
 }
 
 bool LeaseTable::Lives(const std::string& machine, int64_t since_us) const {
@@ -62,31 +95,29 @@ HostLoad LeaseTable::LoadOf(const std::string& worker) const {
   HostLoad load;
   const auto found = workers_.find(worker);
   if (found == workers_.end()) return load;
-  const std::string& host = found->second.info.host;
   int most_threads = 0;
-  for (const auto& [name, other] : workers_) {
-    if (other.info.host != host) continue;
+  for (const std::string& name : workers_of_host_.at(found->second.info.host)) {
+    const WorkerState& other = workers_.at(name);
     ++load.workers;
     load.cores = std::max(load.cores, other.info.cores);
+    load.running += static_cast<int>(other.tasks.size());
     most_threads = std::max(most_threads, other.info.threads);
   }
   if (load.cores == 0) load.cores = most_threads;
-  for (const auto& [ref, lease] : leases_) {
-    const auto holder = workers_.find(lease.worker);
-    if (holder != workers_.end() && holder->second.info.host == host) ++load.running;
-  }
   return load;
 }
 
 void LeaseTable::DropJob(int job) {
   std::erase_if(keepers_, [job](const auto& entry) { return entry.first.job == job; });
-  std::erase_if(leases_, [job](const auto& entry) { return entry.first.job == job; });
+  for (const TaskRef ref : OfJob(job)) Release(ref);
 }
 
 void LeaseTable::ForgetSilentWorkers(int64_t before_us) {
-  std::erase_if(workers_, [&](const auto& entry) {
-    return entry.second.last_seen_us < before_us && HeldBy(entry.first).empty();
-  });
+  std::vector<std::string> silent;
+  for (const auto& [name, worker] : workers_) {
+    if (worker.last_seen_us < before_us && worker.tasks.empty()) silent.push_back(name);
+  }
+  for (const std::string& name : silent) RemoveWorker(name);
 }
 
 }  // namespace tessera

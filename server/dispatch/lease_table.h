@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -46,23 +47,33 @@ struct WorkerState {
   WorkerInfo info;
   int64_t last_seen_us = 0;
   std::vector<TileRef> recent_tiles = {};  // whose tasks it was given, the last first: it may have them in memory
+  std::set<TaskRef> tasks = {};            // that it has leases of
 };
 
 // Not thread-safe.
 class LeaseTable {
  public:
-  std::map<TaskRef, LeaseState>& leases() { return leases_; }
   const std::map<TaskRef, LeaseState>& leases() const { return leases_; }
-  std::map<std::string, WorkerState>& workers() { return workers_; }
   const std::map<std::string, WorkerState>& workers() const { return workers_; }
 
+  // Null if there is no such worker.
+  WorkerState* FindWorker(const std::string& worker);
+  void AddWorker(const std::string& worker, const WorkerInfo& info, int64_t now_us);
+  // One that holds no lease. Nothing if it is not there.
+  void RemoveWorker(const std::string& worker);
+
+  // To the worker that the lease names.
+  LeaseState& Grant(TaskRef ref, LeaseState lease);
+  // Nothing if the task is not leased.
+  void Release(TaskRef ref);
   // Null if the task is not leased.
   const LeaseState* Find(TaskRef ref) const;
   // The lease of just this attempt by just this worker; null otherwise.
   LeaseState* FindCurrent(TaskRef ref, const std::string& worker, int attempt);
   // Leases that ran out before `now_us`.
   std::vector<TaskRef> Expired(int64_t now_us) const;
-  std::vector<TaskRef> HeldBy(const std::string& worker) const;
+  // Leases of tasks of the job.
+  std::vector<TaskRef> OfJob(int job) const;
   // Notes that the worker was given a task of the tile. Nothing for a worker that is not there.
   void NoteTile(const std::string& worker, TileRef tile);
   // Whether a worker on the machine was seen since `since_us`.
@@ -78,6 +89,7 @@ class LeaseTable {
  private:
   std::map<TaskRef, LeaseState> leases_;
   std::map<std::string, WorkerState> workers_;
+  std::map<std::string, std::set<std::string>> workers_of_host_;
   std::map<TileRef, std::string> keepers_;
 };
 

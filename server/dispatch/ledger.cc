@@ -101,8 +101,8 @@ StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const Planne
 }
 
 const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const {
-  const auto it = result_of_key_.find(key);
-  return it == result_of_key_.end() ? nullptr : &it->second;
+  const auto it = task_of_key_.find(key);
+  return it == task_of_key_.end() ? nullptr : &task(it->second).outputs;
 }
 
 std::vector<std::string> Ledger::SceneFilesWith(const Digest& digest) const {
@@ -332,6 +332,7 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
     } else {
       ++job.unfinished;
     }
+    job.totals.AddPlanned(added);
     job.tasks.push_back(std::move(added));
   }
   if (!change.more()) {
@@ -351,6 +352,13 @@ void Ledger::DropOpenPlan(Job& job) {
   }
   for (size_t task = first; task < job.tasks.size(); ++task) job.unfinished -= job.tasks[task].plan.given.empty();
   job.tasks.resize(first);
+  job.totals = JobTotals();
+  for (size_t task = 0; task < first; ++task) {
+    job.totals.AddPlanned(job.tasks[task]);
+    if (job.tasks[task].state == TaskState::kSucceeded && job.tasks[task].plan.given.empty()) {
+      job.totals.AddSucceeded(static_cast<int>(task), job.tasks[task]);
+    }
+  }
   job.planned_to_end = false;
   job.open_plan = -1;
 }
@@ -418,7 +426,8 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
     job.header.state = JobState::kRunning;
     job.header.start_us = time_us;
   }
-  result_of_key_[change.key()] = target.outputs;
+  task_of_key_[change.key()] = ref;
+  job.totals.AddSucceeded(ref.task, target);
   for (const int reader : target.readers) {
     --job.tasks[reader].missing;
     ReadyTask({ref.job, reader});

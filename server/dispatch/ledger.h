@@ -8,6 +8,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "absl/container/flat_hash_map.h"
 #include "common/base/status.h"
 #include "server/dispatch/job.h"
 #include "server/dispatch/ready_tasks.h"
@@ -48,6 +49,7 @@ class Ledger {
   void PromoteRetries(int64_t now_us) { ready_.Promote(now_us); }
   // Tasks that became ready since the last call, each once, in the order in which they did; some may have left since.
   std::vector<TaskRef> TakeNewlyReady();
+  const std::vector<TaskRef>& newly_ready() const { return newly_ready_; }
   // NOT_FOUND or INVALID_ARGUMENT with the name.
   StatusOr<int> FindJob(const std::string& name) const;
   StatusOr<TaskRef> FindTask(const std::string& name) const;
@@ -70,6 +72,8 @@ class Ledger {
   StatusOr<std::vector<UpdateBase>> ChainTo(const std::string& job, const std::string& earlier) const;
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
+  // They are not stored any more.
+  void ForgetResult(const std::string& key) { task_of_key_.erase(key); }
   // Absolute paths at which scene files of jobs had this content when the jobs were accepted, the oldest job's first.
   std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
@@ -103,7 +107,7 @@ class Ledger {
   ReadyTasks ready_;
   std::vector<TaskRef> newly_ready_;
   std::unordered_map<std::string, int> job_of_request_;
-  std::unordered_map<std::string, std::vector<NamedDigest>> result_of_key_;
+  absl::flat_hash_map<std::string, TaskRef> task_of_key_;  // the last that succeeded
   std::unordered_map<std::string, std::vector<std::string>> scene_files_of_sha256_;
 };
 

@@ -41,11 +41,13 @@ StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment
     const auto& tasks = ledger.jobs()[job].tasks;
     for (int i = 0; i < static_cast<int>(tasks.size()); ++i) {
       if (tasks[i].state != TaskState::kLeased) continue;
-      dispatcher->leases_.leases()[{job, i}] = {tasks[i].worker(), tasks[i].attempt(), now_us,
-                                                now_us + Micros(options.lease_s), now_us};
-      WorkerState& worker = dispatcher->leases_.workers()[tasks[i].worker()];
-      worker.last_seen_us = now_us;
-      worker.info.machine = tasks[i].attempts.back().machine;
+      const std::string worker = tasks[i].worker();
+      if (dispatcher->leases_.FindWorker(worker) == nullptr) {
+        WorkerInfo info;
+        info.machine = tasks[i].attempts.back().machine;
+        dispatcher->leases_.AddWorker(worker, info, now_us);
+      }
+      dispatcher->leases_.Grant({job, i}, {worker, tasks[i].attempt(), now_us, now_us + Micros(options.lease_s), now_us});
     }
   }
   return dispatcher;
@@ -72,6 +74,7 @@ Status Dispatcher::Replay() {
   ledger_.PromoteRetries(environment_.clock->MonotonicUs());  // whole delays begin again
   for (const auto& [job, error] : spoiled) TESSERA_RETURN_IF_ERROR(EndSpoiledJob(job, error));
   // Last: if this start is cut off, the next one finds the same.
+  TESSERA_RETURN_IF_ERROR(Durable());
   for (const auto& [number, reason] : unusable) {
     TESSERA_RETURN_IF_ERROR(environment_.store->SetAside(number, reason));
     if (environment_.on_set_aside) environment_.on_set_aside(number, reason);

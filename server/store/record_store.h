@@ -5,6 +5,8 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "common/base/status.h"
 #include "common/storage/files.h"
@@ -28,8 +30,8 @@ struct StoredRecord {
 class RecordStore {
  public:
   virtual ~RecordStore() = default;
-  // On error nothing was stored.
-  virtual Status Append(const std::string& record, Durability durability) = 0;
+  // All of the records or, on error, none.
+  virtual Status Append(const std::vector<std::string_view>& records, Durability durability) = 0;
   // Calls `visit` for every record that was not set aside, oldest first. Errors are those of the store as a whole.
   virtual Status Replay(const std::function<void(const StoredRecord& record)>& visit) = 0;
   // Keeps the record, with the reason, but never visits it again.

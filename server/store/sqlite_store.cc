@@ -51,7 +51,7 @@ class Statement {
     Keep(sqlite3_bind_text(statement_, index, value.data(), static_cast<int>(value.size()), SQLITE_TRANSIENT));
   }
   // `value` must live until the next Reset.
-  void BindBlob(int index, const std::string& value) {
+  void BindBlob(int index, std::string_view value) {
     Keep(sqlite3_bind_blob64(statement_, index, value.data(), value.size(), SQLITE_STATIC));
   }
   // SQLITE_ROW, SQLITE_DONE or an error.
@@ -98,6 +98,21 @@ struct SqliteStore::Impl {
   Status Run(const std::string& sql) {
     const int code = sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr);
     return code == SQLITE_OK ? absl::OkStatus() : Error(code, sql.substr(0, 60));
+  }
+
+  Status Insert(const std::vector<std::string_view>& records) {
+    if (insert == nullptr) {
+      insert = std::make_unique<Statement>(db, "INSERT INTO records (content, xxh3) VALUES (?, ?)");
+    }
+    for (const std::string_view record : records) {
+      insert->BindBlob(1, record);
+      insert->Bind(2, static_cast<int64_t>(Xxh3(record.data(), record.size())));
+      const int code = insert->Step();
+      const Status status = code == SQLITE_DONE ? absl::OkStatus() : Error(code, "cannot store a record");
+      insert->Reset();
+      TESSERA_RETURN_IF_ERROR(status);
+    }
+    return absl::OkStatus();
   }
 
   // Of the commits from now on. Between commits that sync, the log is written but not synced: a later sync takes all
@@ -164,18 +179,14 @@ StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path
   return std::unique_ptr<SqliteStore>(new SqliteStore(std::move(impl)));
 }
 
-Status SqliteStore::Append(const std::string& record, Durability durability) {
+Status SqliteStore::Append(const std::vector<std::string_view>& records, Durability durability) {
   std::lock_guard lock(impl_->mutex);
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(durability));
-  if (impl_->insert == nullptr) {
-    impl_->insert = std::make_unique<Statement>(impl_->db, "INSERT INTO records (content, xxh3) VALUES (?, ?)");
-  }
-  Statement& insert = *impl_->insert;
-  insert.BindBlob(1, record);
-  insert.Bind(2, static_cast<int64_t>(Xxh3(record)));
-  const int code = insert.Step();
-  const Status status = code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot store a record");
-  insert.Reset();
+  TESSERA_RETURN_IF_ERROR(impl_->Run("BEGIN IMMEDIATE"));
+  Status status = impl_->Insert(records);
+  if (status.ok()) status = impl_->Run("COMMIT");
+  // Some errors have done so already.
+  if (!status.ok() && sqlite3_get_autocommit(impl_->db) == 0) impl_->Run("ROLLBACK").IgnoreError();
   return status;
 }
 

@@ -1,9 +1,11 @@
-// RecordStore and DigestCache in one SQLite file (write-ahead log, synced as each record asks).
+// RecordStore and DigestCache in one SQLite file (write-ahead log, synced as each batch of records asks).
 #ifndef TESSERA_SERVER_STORE_SQLITE_STORE_H_
 #define TESSERA_SERVER_STORE_SQLITE_STORE_H_
 
 #include <memory>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "server/store/record_store.h"
 
@@ -16,7 +18,7 @@ class SqliteStore : public RecordStore, public DigestCache {
   static StatusOr<std::unique_ptr<SqliteStore>> Open(const std::string& path);
   ~SqliteStore() override;
 
-  Status Append(const std::string& record, Durability durability) override;
+  Status Append(const std::vector<std::string_view>& records, Durability durability) override;
   Status Replay(const std::function<void(const StoredRecord& record)>& visit) override;
   Status SetAside(int64_t number, const std::string& reason) override;
   int64_t StartCount() const override;

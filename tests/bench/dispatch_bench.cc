@@ -20,6 +20,7 @@
 #include "server/api/coordinator_server.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/store/sqlite_store.h"
+#include "tests/bench/dispatch_fleet.h"
 #include "tests/bench/synthetic_survey.h"
 #include "worker/agent/agent.h"
 #include "worker/agent/log.h"
@@ -224,15 +225,24 @@ Status Run(const Arguments& arguments, const std::string& parent) {
 
 int main(int argc, char** argv) {
   tessera::Arguments arguments;
-  std::string folder;
+  tessera::FleetArguments fleet;
+  std::string folder, reopen;
   CLI::App app("What a task costs beside its work");
   app.add_option("--tiles", arguments.tiles)->capture_default_str();
   app.add_option("--workers", arguments.workers)->capture_default_str();
   app.add_option("--folder", folder, "where state and blobs lie for the while; else the system's temporary folder");
   app.add_flag("--empty", arguments.empty, "files of no size");
   app.add_flag("--no-shared-storage", arguments.no_shared_storage, "all data through the blob service");
+  app.add_option("--tasks", fleet.tasks,
+                 "instead: so many tasks and workers that do nothing, and write nothing, each a connection of its own; "
+                 "needs --folder, where the state stays");
+  app.add_option("--work-s", fleet.work_s, "with --tasks: that a worker takes for one");
+  app.add_option("--reopen", reopen, "instead: how long a coordinator takes to start on the state of such a run");
   CLI11_PARSE(app, argc, argv);
-  const tessera::Status status = tessera::Run(arguments, folder);
+  fleet.workers = arguments.workers;
+  const tessera::Status status = !reopen.empty()   ? tessera::ReopenFleet(reopen)
+                                 : fleet.tasks > 0 ? tessera::RunFleet(fleet, folder)
+                                                   : tessera::Run(arguments, folder);
   if (status.ok()) return 0;
   std::fprintf(stderr, "dispatch_bench: %s\n", std::string(status.message()).c_str());
   return 1;

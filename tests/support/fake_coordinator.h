@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <map>
 #include <memory>
 #include <string>
@@ -19,10 +20,13 @@ namespace tessera {
 
 class MemoryStore : public RecordStore {
  public:
-  Status Append(const std::string& record, Durability) override {
-    if (fail || fail_after == 0) return absl::ResourceExhaustedError("disk full");
-    if (fail_after > 0) --fail_after;
-    records.push_back(record);
+  Status Append(const std::vector<std::string_view>& added, Durability) override {
+    if (fail) return absl::ResourceExhaustedError("disk full");
+    if (const auto size = static_cast<int>(added.size()); fail_after >= 0) {
+      if (size > fail_after) return absl::ResourceExhaustedError("disk full");
+      fail_after -= size;
+    }
+    records.insert(records.end(), added.begin(), added.end());
     return absl::OkStatus();
   }
   Status Replay(const std::function<void(const StoredRecord&)>& visit) override {
@@ -44,8 +48,8 @@ class MemoryStore : public RecordStore {
   std::vector<std::string> records;
   std::map<int64_t, std::string> set_aside;  // reasons by number
   int64_t starts = 0;
-  bool fail = false;
-  int fail_after = -1;  // records that are stored yet; negative: no end
+  std::atomic<bool> fail = false;
+  std::atomic<int> fail_after = -1;  // records that are stored yet; negative: no end
 };
 
 // ingest -> `tiles` refine tasks (tile t costs t + 1) -> publish. The survey's text enters the refine tasks'
@@ -110,7 +114,7 @@ class CoordinatorTest : public testing::Test {
   void Restart() {
     dispatcher_.reset();
     auto dispatcher =
-        Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, DispatchOptions());
+        Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, options_);
     ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
     dispatcher_ = *std::move(dispatcher);
   }
@@ -186,6 +190,7 @@ class CoordinatorTest : public testing::Test {
   MemoryStore store_;
   FakePlanner planner_;
   FakeClock clock_;
+  DispatchOptions options_;
   std::unique_ptr<Dispatcher> dispatcher_;
 };
 

@@ -123,6 +123,7 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
     if (job.header.state == JobState::kSucceeded) ++succeeded;
   }
   EXPECT_GT(succeeded, 3);  // the walk got somewhere
+  dispatcher_.reset();  // all is stored then
   ASSERT_EQ(states.size(), store_.records.size() + 1);
   ASSERT_GT(store_.records.size(), 100u);
 

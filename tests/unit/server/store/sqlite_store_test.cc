@@ -51,9 +51,9 @@ TEST_F(SqliteStoreTest, KeepsRecordsInOrderAndCountsStarts) {
   {
     auto store = Open();
     EXPECT_EQ(store->StartCount(), 1);
-    EXPECT_TRUE(store->Append("one", Durability::kMachine).ok());
-    EXPECT_TRUE(store->Append(binary, Durability::kMachine).ok());
-    EXPECT_TRUE(store->Append("", Durability::kProcess).ok());
+    EXPECT_TRUE(store->Append({"one"}, Durability::kMachine).ok());
+    EXPECT_TRUE(store->Append({binary}, Durability::kMachine).ok());
+    EXPECT_TRUE(store->Append({""}, Durability::kProcess).ok());
   }
   auto store = Open();
   EXPECT_EQ(store->StartCount(), 2);
@@ -63,7 +63,7 @@ TEST_F(SqliteStoreTest, KeepsRecordsInOrderAndCountsStarts) {
 TEST_F(SqliteStoreTest, WhatIsSetAsideIsKeptButNotVisited) {
   {
     auto store = Open();
-    for (const char* record : {"one", "two", "three"}) ASSERT_TRUE(store->Append(record, Durability::kMachine).ok());
+    for (const char* record : {"one", "two", "three"}) ASSERT_TRUE(store->Append({record}, Durability::kMachine).ok());
     ASSERT_TRUE(store->SetAside(2, "does not fit").ok());
     ASSERT_TRUE(store->SetAside(2, "still not").ok());
   }
@@ -82,7 +82,7 @@ TEST_F(SqliteStoreTest, SurvivesAKilledProcess) {
     for (int i = 0; i < 20; ++i) {
       if (!store.ok() ||
           !(*store)
-               ->Append("record " + std::to_string(i), i % 2 == 0 ? Durability::kMachine : Durability::kProcess)
+               ->Append({"record " + std::to_string(i)}, i % 2 == 0 ? Durability::kMachine : Durability::kProcess)
                .ok())
         _exit(1);
     }
@@ -105,7 +105,7 @@ TEST_F(SqliteStoreTest, DamageIsToldAndHidesNothingElse) {
   {
     auto store = Open();
     for (const char* record : {"one", "two", "three", "four"}) {
-      ASSERT_TRUE(store->Append(record, Durability::kMachine).ok());
+      ASSERT_TRUE(store->Append({record}, Durability::kMachine).ok());
     }
   }
   Execute("UPDATE records SET content = 'owt' WHERE id = 2");

@@ -1,0 +1,386 @@
+#include "tests/bench/dispatch_fleet.h"
+
+#include <grpcpp/grpcpp.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <map>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "common/base/clock.h"
+#include "common/base/version.h"
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "server/api/coordinator_server.h"
+#include "server/dispatch/dispatcher.h"
+#include "server/store/sqlite_store.h"
+#include "tessera/v1/workers.grpc.pb.h"
+
+namespace tessera {
+namespace {
+
+using SteadyTime = std::chrono::steady_clock::time_point;
+
+SteadyTime Now() { return std::chrono::steady_clock::now(); }
+double SecondsSince(SteadyTime start) { return std::chrono::duration<double>(Now() - start).count(); }
+
+double ResidentBytes() {
+  double pages = 0;
+  std::ifstream("/proc/self/statm") >> pages >> pages;
+  return pages * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+// Chains of steps, one a worker, then publish.
+class ChainPlanner : public Planner {
+ public:
+  explicit ChainPlanner(const FleetArguments& arguments) : arguments_(arguments) {}
+  StatusOr<PlannedTask> Ingest(const JobSettings&, const std::vector<std::string>&) override {
+    return PlannedTask{kIngestKind, "ingest", -1, "{}", 1, {}};
+  }
+  StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings&, const std::string&, const std::vector<std::string>&,
+                                           const UpdateBase*) override {
+    std::vector<PlannedTask> tasks;
+    const int chains = arguments_.workers;
+    for (int i = 0; i < arguments_.tasks; ++i) {
+      const int tile = i % chains, step = i / chains;
+      std::string parameters = "{\"tile\":" + std::to_string(tile) + ",\"step\":" + std::to_string(step) + ",\"x\":\"";
+      parameters.resize(398, 'x');
+      tasks.push_back({"solve", "solve tile " + std::to_string(tile) + " step " + std::to_string(step), tile,
+                       parameters + "\"}", 0.01, {}});
+      tasks.back().inputs.push_back({TaskId(step == 0 ? 0 : 1 + i - chains), step == 0 ? kSurveyFile : kStateFile});
+    }
+    PlannedTask publish{kPublishKind, "publish", -1, "{}", 1, {}};
+    for (int i = std::max(0, arguments_.tasks - chains); i < arguments_.tasks; ++i) {
+      publish.inputs.push_back({TaskId(1 + i), kStateFile, i});
+    }
+    tasks.push_back(std::move(publish));
+    return tasks;
+  }
+
+ private:
+  const FleetArguments arguments_;
+};
+
+// Times in milliseconds.
+class Latencies {
+ public:
+  void Add(double ms) {
+    std::lock_guard lock(mutex_);
+    all_.push_back(ms);
+  }
+  void Print(const char* what) {
+    std::sort(all_.begin(), all_.end());
+    const auto at = [&](double share) { return all_[static_cast<size_t>(share * static_cast<double>(all_.size() - 1))]; };
+    if (all_.empty()) return;
+    std::printf("%s: %zu, ms: median %.1f, 99 %% %.1f, 99.9 %% %.1f, most %.1f\n", what, all_.size(), at(.5), at(.99),
+                at(.999), all_.back());
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<double> all_;
+};
+
+// Calls functions when their time has come.
+class Timers {
+ public:
+  Timers() : thread_([this] { Run(); }) {}
+  ~Timers() {
+    {
+      std::lock_guard lock(mutex_);
+      stop_ = true;
+    }
+    changed_.notify_all();
+    thread_.join();
+  }
+  void At(SteadyTime when, std::function<void()> call) {
+    std::lock_guard lock(mutex_);
+    calls_.emplace(when, std::move(call));
+    changed_.notify_all();
+  }
+
+ private:
+  void Run() {
+    std::unique_lock lock(mutex_);
+    while (!stop_) {
+      if (calls_.empty()) {
+        changed_.wait(lock);
+      } else if (const SteadyTime next = calls_.begin()->first; next > Now()) {
+        changed_.wait_until(lock, next);
+      } else {
+        const auto call = std::move(calls_.begin()->second);
+        calls_.erase(calls_.begin());
+        lock.unlock();
+        call();
+        lock.lock();
+      }
+    }
+  }
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::multimap<SteadyTime, std::function<void()>> calls_;
+  bool stop_ = false;
+  std::thread thread_;
+};
+
+struct Fleet {
+  FleetArguments arguments;
+  Digest output;  // all that tasks make
+  Latencies leases, reports, heartbeats;
+  Timers timers;
+  std::atomic<int> calls = 0;  // under way
+  std::atomic<int> errors = 0;
+  std::atomic<bool> stop = false;
+};
+
+// One worker: lease, work, report, and again; a heartbeat a second. Calls go on from their answers.
+class FleetWorker {
+ public:
+  FleetWorker(Fleet& fleet, const std::string& address) : fleet_(fleet) {
+    grpc::ChannelArguments own_connection;
+    own_connection.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
+    stub_ = v1::Workers::NewStub(
+        grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), own_connection));
+  }
+
+  Status Register(int index) {
+    grpc::ClientContext context;
+    v1::RegisterWorkerRequest request;
+    request.set_host("host" + std::to_string(index / 10));
+    request.set_threads(1);
+    request.set_version(kAlgorithmVersion);
+    v1::RegisterWorkerResponse response;
+    const grpc::Status status = stub_->RegisterWorker(&context, request, &response);
+    name_ = response.worker();
+    return status.ok() ? absl::OkStatus() : absl::UnavailableError(status.error_message());
+  }
+
+  void Start() {
+    Lease();
+    fleet_.timers.At(Now() + std::chrono::milliseconds(1000), [this] { Heartbeat(); });
+  }
+
+ private:
+  template <class Request, class Response>
+  struct Call {
+    grpc::ClientContext context;
+    Request request;
+    Response response;
+  };
+
+  void Lease() {
+    if (fleet_.stop) return;
+    auto* call = new Call<v1::LeaseTaskRequest, v1::LeaseTaskResponse>;
+    call->request.set_worker(name_);
+    call->request.set_wait_s(5);
+    const SteadyTime start = Now();
+    ++fleet_.calls;
+    stub_->async()->LeaseTask(&call->context, &call->request, &call->response, [this, call, start](grpc::Status status) {
+      if (!status.ok()) ++fleet_.errors;
+      if (status.ok() && call->response.has_lease()) {
+        fleet_.leases.Add(1e3 * SecondsSince(start));
+        {
+          std::lock_guard lock(mutex_);
+          task_ = call->response.lease().spec().task();
+          attempt_ = call->response.lease().attempt();
+        }
+        const std::string kind = call->response.lease().spec().kind();
+        if (fleet_.arguments.work_s > 0) {
+          fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * fleet_.arguments.work_s)),
+                           [this, kind] { Report(kind); });
+        } else {
+          Report(kind);
+        }
+      } else {
+        Lease();
+      }
+      delete call;
+      --fleet_.calls;
+    });
+  }
+
+  void Report(const std::string& kind) {
+    auto* call = new Call<v1::ReportTaskRequest, v1::ReportTaskResponse>;
+    call->request.set_worker(name_);
+    call->request.set_task(task_);
+    call->request.set_attempt(attempt_);
+    v1::TaskResult& result = *call->request.mutable_success();
+    const std::vector<std::string> names = kind == kIngestKind    ? std::vector<std::string>{kSurveyFile, kPlainSurveyFile}
+                                           : kind == kPublishKind ? std::vector<std::string>{kMeshFile}
+                                                                  : std::vector<std::string>{kStateFile};
+    for (const std::string& name : names) {
+      v1::OutputFile& output = *result.add_outputs();
+      output.set_name(name);
+      output.mutable_digest()->set_sha256(fleet_.output.sha256);
+      output.mutable_digest()->set_size_bytes(fleet_.output.size_bytes);
+    }
+    std::string stats = "{\"seconds\":0.01,\"x\":\"";
+    stats.resize(298, 'x');
+    result.set_stats_json(stats + "\"}");
+    result.mutable_usage()->set_core_seconds(0.01);
+    const SteadyTime start = Now();
+    ++fleet_.calls;
+    stub_->async()->ReportTask(&call->context, &call->request, &call->response,
+                               [this, call, start](grpc::Status status) {
+                                 if (!status.ok()) ++fleet_.errors;
+                                 fleet_.reports.Add(1e3 * SecondsSince(start));
+                                 {
+                                   std::lock_guard lock(mutex_);
+                                   task_.clear();
+                                 }
+                                 Lease();
+                                 delete call;
+                                 --fleet_.calls;
+                               });
+  }
+
+  void Heartbeat() {
+    if (fleet_.stop) return;
+    auto* call = new Call<v1::HeartbeatRequest, v1::HeartbeatResponse>;
+    call->request.set_worker(name_);
+    {
+      std::lock_guard lock(mutex_);
+      if (!task_.empty()) {
+        v1::TaskProgress& progress = *call->request.add_tasks();
+        progress.set_task(task_);
+        progress.set_attempt(attempt_);
+        progress.set_progress(0.5);
+      }
+    }
+    const SteadyTime start = Now();
+    ++fleet_.calls;
+    stub_->async()->Heartbeat(&call->context, &call->request, &call->response, [this, call, start](grpc::Status status) {
+      if (!status.ok()) ++fleet_.errors;
+      fleet_.heartbeats.Add(1e3 * SecondsSince(start));
+      fleet_.timers.At(start + std::chrono::milliseconds(1000), [this] { Heartbeat(); });
+      delete call;
+      --fleet_.calls;
+    });
+  }
+
+  Fleet& fleet_;
+  std::unique_ptr<v1::Workers::Stub> stub_;
+  std::string name_;
+  std::mutex mutex_;
+  std::string task_;
+  int attempt_ = 0;
+};
+
+// Runs until the address file is taken away.
+int Work(const FleetArguments& arguments, const std::string& address_file) {
+  std::string address;
+  while (address.empty()) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    address = ReadFile(address_file).value_or("");
+  }
+  Fleet fleet;
+  fleet.arguments = arguments;
+  fleet.output = {Sha256Hex("survey"), 6};
+  std::vector<std::unique_ptr<FleetWorker>> workers;
+  for (int i = 0; i < arguments.workers; ++i) {
+    workers.push_back(std::make_unique<FleetWorker>(fleet, address));
+    if (const Status status = workers.back()->Register(i); !status.ok()) {
+      std::fprintf(stderr, "cannot register: %s\n", std::string(status.message()).c_str());
+      return 1;
+    }
+  }
+  for (const auto& worker : workers) worker->Start();
+  while (FileExists(address_file)) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  fleet.stop = true;
+  fleet.leases.Print("leases");
+  fleet.reports.Print("reports");
+  fleet.heartbeats.Print("heartbeats");
+  std::printf("calls that failed: %d\n", fleet.errors.load());
+  std::fflush(stdout);
+  _exit(0);  // calls may be under way still
+}
+
+Status Serve(const FleetArguments& arguments, const std::string& folder, const std::string& address_file) {
+  SystemClock clock;
+  ChainPlanner planner(arguments);
+  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder + "/state.sqlite"));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder + "/blobs"));
+  TESSERA_RETURN_IF_ERROR(blobs->PutBytes("survey").status());
+  TESSERA_ASSIGN_OR_RETURN(
+      const auto dispatcher,
+      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
+  ServerEnvironment environment;
+  environment.dispatcher = dispatcher.get();
+  environment.blobs = blobs.get();
+  environment.digests = store.get();
+  environment.clock = &clock;
+  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start("127.0.0.1:0", environment));
+  std::thread ticker([&] {
+    while (!dispatcher->stopped()) {
+      dispatcher->Tick().IgnoreError();
+      dispatcher->WaitForChange(std::numeric_limits<int64_t>::max(), 1);
+    }
+  });
+  const double before = ResidentBytes();
+  NewJob job;
+  job.scene_path = "/scene";
+  TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher->CreateJob(job));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, server->address()));
+  SteadyTime start = Now();
+  double planned_s = 0, most_bytes = 0;
+  while (!HasEnded(status.header.state) && status.tasks_done < arguments.tasks + 1) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    TESSERA_ASSIGN_OR_RETURN(status, dispatcher->GetJob(status.header.name));
+    if (planned_s == 0 && status.tasks_total > arguments.tasks) {
+      planned_s = SecondsSince(start);
+      start = Now();
+    }
+    most_bytes = std::max(most_bytes, ResidentBytes());
+  }
+  const double run_s = SecondsSince(start);
+  TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));
+  while (!HasEnded(status.header.state)) {  // the report is written
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    TESSERA_ASSIGN_OR_RETURN(status, dispatcher->GetJob(status.header.name));
+    most_bytes = std::max(most_bytes, ResidentBytes());
+  }
+  while (wait(nullptr) > 0) {
+  }
+  std::printf("%d tasks, %d workers: planned in %.1f s, run in %.1f s: %.0f tasks a second; ended %.1f s later\n",
+              arguments.tasks, arguments.workers, planned_s, run_s, arguments.tasks / run_s,
+              SecondsSince(start) - run_s);
+  std::printf("memory at most: %.0f bytes a task\n", (most_bytes - before) / arguments.tasks);
+  dispatcher->Stop();
+  ticker.join();
+  return status.header.state == JobState::kSucceeded ? absl::OkStatus() : absl::InternalError(status.header.error);
+}
+
+}  // namespace
+
+Status RunFleet(const FleetArguments& arguments, const std::string& folder) {
+  const std::string address_file = folder + "/address";
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
+  if (fork() == 0) _exit(Work(arguments, address_file));
+  return Serve(arguments, folder, address_file);
+}
+
+Status ReopenFleet(const std::string& folder) {
+  SystemClock clock;
+  Planner planner;
+  const SteadyTime start = Now();
+  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder + "/state.sqlite"));
+  const double opened_s = SecondsSince(start);
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder + "/blobs"));
+  TESSERA_ASSIGN_OR_RETURN(
+      const auto dispatcher,
+      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
+  std::printf("restart: %.2f s, of which the database %.2f s; %.0f MiB\n", SecondsSince(start), opened_s,
+              ResidentBytes() / (1 << 20));
+  return absl::OkStatus();
+}
+
+}  // namespace tessera

@@ -1,0 +1,27 @@
+// What a coordinator bears: workers without work over gRPC on loopback.
+#ifndef TESSERA_TESTS_BENCH_DISPATCH_FLEET_H_
+#define TESSERA_TESTS_BENCH_DISPATCH_FLEET_H_
+
+#include <string>
+
+#include "common/base/status.h"
+
+namespace tessera {
+
+struct FleetArguments {
+  int tasks = 0;
+  int workers = 1000;
+  double work_s = 0;  // that a worker takes for a task
+};
+
+// Runs a job of so many tasks, each with parameters of 400 bytes and statistics of 300, in chains as long as tiles have
+// steps, and prints tasks a second, latencies of leases and heartbeats, and the coordinator's memory a task. `folder`:
+// where state and blobs lie, and stay.
+Status RunFleet(const FleetArguments& arguments, const std::string& folder);
+
+// Opens the state of such a run and prints how long that takes.
+Status ReopenFleet(const std::string& folder);
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_BENCH_DISPATCH_FLEET_H_
