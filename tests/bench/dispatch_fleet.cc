@@ -21,6 +21,7 @@
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "server/api/coordinator_server.h"
+#include "server/api/logging.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/store/sqlite_store.h"
 #include "tessera/v1/workers.grpc.pb.h"
@@ -305,6 +306,7 @@ int Work(const FleetArguments& arguments, const std::string& address_file) {
 }
 
 Status Serve(const FleetArguments& arguments, const std::string& folder, const std::string& address_file) {
+  TESSERA_RETURN_IF_ERROR(ConfigureLogging("off", false));
   SystemClock clock;
   ChainPlanner planner(arguments);
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder + "/state.sqlite"));

@@ -2,9 +2,11 @@
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 #include <unistd.h>
 
 #include <filesystem>
+#include <thread>
 
 #include "common/base/version.h"
 #include "common/rpc/channel.h"
@@ -92,22 +94,47 @@ TEST_F(ClusterFaultsTest, AReportOfAnyDepthIsRefusedAndTheCoordinatorLives) {
   EXPECT_EQ(cluster.Await(job).state(), v1::JOB_FAILED);
 }
 
+// A backup that holds the database, a disk that is full.
+TEST_F(ClusterFaultsTest, WhatCannotBeStoredForAWhileIsWaitedFor) {
+  Cluster cluster(folder_.path());
+  const std::string job = cluster.Submit(ToyCity(), 4).name();
+  cluster.AddWorker();
+  ASSERT_TRUE(WaitUntil([&] { return cluster.Tasks(job).size() > 1; }));
+  sqlite3* db = nullptr;
+  ASSERT_EQ(sqlite3_open((cluster.data() + "/state.sqlite").c_str(), &db), SQLITE_OK);
+  sqlite3_busy_timeout(db, 10'000);
+  ASSERT_EQ(sqlite3_exec(db, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(db);
+  EXPECT_TRUE(WaitUntil(
+      [&] { return cluster.coordinator().Output().find("records cannot be stored") != std::string::npos; }, 30));
+  std::this_thread::sleep_for(std::chrono::seconds(4));  // longer than a lease
+  sqlite3_close(db);
+  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_SUCCEEDED);
+  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("records are stored again"));
+  for (const v1::Task& task : cluster.Tasks(job)) EXPECT_EQ(task.attempt(), 1) << task.title();
+  EXPECT_TRUE(cluster.workers()[0]->Running());
+  EXPECT_TRUE(Content(cluster.Fetch(job) + "/mesh.ply") == Content(UndisturbedMesh()));
+}
+
 TEST_F(ClusterFaultsTest, ARecordThatCannotBeUsedStopsNoStart) {
   Cluster cluster(folder_.path());
   const std::string spoiled = cluster.Submit(ToyCity(), 4).name(), other = cluster.Submit(ToyCity(), 2).name();
   cluster.coordinator().Kill();
   v1::Record twice;
   twice.mutable_job_accepted()->set_job(spoiled);
-  for (const std::string& record : {std::string("rot"), twice.SerializeAsString()}) {
-    ASSERT_TRUE((*SqliteStore::Open(cluster.data() + "/state.sqlite"))->Append(record, Durability::kMachine).ok());
+  int64_t last = 0;
+  {
+    const auto store = SqliteStore::Open(cluster.data() + "/state.sqlite").value();
+    ASSERT_TRUE(store->Replay([&](const StoredRecord& record) { last = record.number; }).ok());
+    ASSERT_TRUE(store->Append({"rot", twice.SerializeAsString()}, Durability::kMachine).ok());
   }
   cluster.StartCoordinator();
+  const std::string first = std::to_string(last + 1), second = std::to_string(last + 2);
   EXPECT_THAT(cluster.coordinator().Output(),
-              testing::AllOf(HasSubstr("stored record set aside record=5 reason=\"not a record\""),
-                             HasSubstr("stored record set aside record=6 reason=\"the next job is jobs/3")));
+              testing::AllOf(HasSubstr("stored record set aside record=" + first + " reason=\"not a record\""),
+                             HasSubstr("stored record set aside record=" + second + " reason=\"the next job is jobs/3")));
   const v1::Job job = cluster.Await(spoiled);
   EXPECT_EQ(job.state(), v1::JOB_FAILED);
-  EXPECT_THAT(job.error(), HasSubstr("stored record 6 cannot be used: the next job is jobs/3"));
+  EXPECT_THAT(job.error(), HasSubstr("stored record " + second + " cannot be used: the next job is jobs/3"));
   cluster.AddWorker();
   EXPECT_EQ(cluster.Await(other).state(), v1::JOB_SUCCEEDED);
   EXPECT_EQ(cluster.Submit(ToyCity(), 4).name(), "jobs/3");
