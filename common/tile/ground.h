@@ -42,6 +42,7 @@ inline GroundPlane MakeGroundPlane(const Eigen::Vector3d& up, double cell_m) {
 // Half-open rectangle of cells.
 struct CellRect {
   int x0 = 0, y0 = 0, x1 = 0, y1 = 0;
+  bool empty() const { return x0 >= x1 || y0 >= y1; }
   bool Contains(const Eigen::Vector2i& cell) const {
     return cell.x() >= x0 && cell.x() < x1 && cell.y() >= y0 && cell.y() < y1;
   }

@@ -129,7 +129,7 @@ struct ChangesParameters {
 };
 
 struct PublishParameters {
-  std::vector<TileParameters> tiles;  // ascending
+  std::vector<TileParameters> tiles;  // by id; with an empty core: gone, without a state
   std::vector<int> kept = {};         // tiles that an update took over from its base, ascending
   std::string scene_name = {};        // for the report, with the warnings about the scene
   std::vector<std::string> warnings = {};

@@ -107,6 +107,7 @@ std::vector<FlightImages> ImagesOfTile(const Survey& survey, const CellRect& cor
 StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain) {
   Lineage lineage;
   for (const TileParameters& tile : chain.front().tiles) {
+    if (tile.core.empty()) continue;  // gone
     TileLineage traced = {tile, 0, {}, std::nullopt};
     const LineageJob* taker = nullptr;  // took the tile from the next
     while (traced.made_by < chain.size()) {

@@ -32,13 +32,15 @@ bool IsRedone(const json& tile) { return tile.at("redone") == true; }
 std::string Sentence(const json& plan) {
   const int redone = plan.at("tiles_redone"), tiles = static_cast<int>(plan.at("tiles").size());
   const std::string base = plan.at("base");
+  const size_t gone = plan.value("tiles_gone", json::array()).size();
+  const std::string without = gone > 0 ? absl::StrCat(", ", gone, " gone, of which the mesh has nothing left") : "";
   if (plan.at("from_scratch").get<bool>()) {
     return absl::StrFormat(
-        "update of %s from scratch: %d of %d tiles changed, the others follow as far as that reaches", base, redone,
-        tiles);
+        "update of %s from scratch: %d of %d tiles changed, the others follow as far as that reaches%s", base, redone,
+        tiles, without);
   }
-  return absl::StrFormat("update of %s: %d of %d tiles redone, %d kept as they are, to the byte", base, redone, tiles,
-                         tiles - redone);
+  return absl::StrFormat("update of %s: %d of %d tiles redone, %d kept as they are, to the byte%s", base, redone, tiles,
+                         tiles - redone, without);
 }
 
 // "image seen: 4 images (new/0001.jpg, ...)".

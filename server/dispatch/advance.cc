@@ -181,6 +181,7 @@ Status Dispatcher::CheckStored(const UpdateBase& base) const {
   needed.insert(needed.end(), {base.survey, base.plain, base.city});
   if (base.outdated) needed.push_back(*base.outdated);
   for (const Digest& digest : needed) {
+    if (digest == Digest()) continue;  // of a tile that is gone
     if (environment_.blobs->Has(digest)) continue;
     return absl::FailedPreconditionError(base.name + ": its result " + digest.sha256 +
                                          " is not stored any more; submit its scene anew (what is left of it is used "

@@ -24,6 +24,10 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
     if (task.plan.kind != kPublishKind) continue;
     TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(task.plan.parameters));
     base.tiles = parameters.tiles;
+    const auto skip_gone = [&base] {
+      std::vector<Digest>& states = base.states;
+      while (states.size() < base.tiles.size() && base.tiles[states.size()].core.empty()) states.emplace_back();
+    };
     for (const PlannedInput& input : task.plan.inputs) {
       TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
       const std::string as = InputName(input);
@@ -34,10 +38,12 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
         TESSERA_ASSIGN_OR_RETURN(base.survey, InputDigest(job, {input.task, kSurveyFile}));
       } else if (as == kOutdatedFile) {
         base.outdated = digest;
-      } else {
-        base.states.push_back(digest);  // in the order of the tiles
+      } else {  // in the order of the tiles
+        skip_gone();
+        base.states.push_back(digest);
       }
     }
+    skip_gone();
   }
   if (base.tiles.empty()) {
     return absl::FailedPreconditionError(name + " has no result (it was a plan alone): name the job that it was for");

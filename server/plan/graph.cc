@@ -44,15 +44,8 @@ struct GraphTile {
   TaskId cut, crop;
   std::optional<PlannedInput> sums, state;  // the latest
   bool redone = true;                       // else an update leaves it as it is in the base
+  bool gone() const { return parameters.core.empty(); }
 };
-
-// Ingest is planned before the survey tells what the model takes for it.
-CostScale CostsOf(const UpdateBase& base, const Survey& survey) {
-  MeasuredCosts measured = base.measured;
-  const auto ingest = measured.find(kIngestKind);
-  if (ingest != measured.end()) ingest->second.predicted = PredictIngest(survey).core_seconds;
-  return CostScale(measured);
-}
 
 Status CheckLimit(const JobSettings& settings, double core_seconds) {
   if (settings.max_core_seconds == 0 || core_seconds <= settings.max_core_seconds) return absl::OkStatus();
@@ -210,8 +203,9 @@ class Graph {
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
     PlannedTask task;
     task.kind = task.name = kPlanKind;
-    task.given_contents.emplace_back(kUpdateFile, UpdatePlanJson(base.name, !goes_on_, views_of_base_, changes_,
-                                                                 survey_, ingest, compare, publish, full.core_seconds));
+    task.given_contents.emplace_back(
+        kUpdateFile, UpdatePlanJson(base.name, !goes_on_, views_of_base_, base.tiles, changes_, survey_, ingest,
+                                    compare, publish, full.core_seconds));
     Add(std::move(task));
     return absl::OkStatus();
   }
@@ -219,11 +213,12 @@ class Graph {
   void AddChanges() {
     ChangeWork work = {survey_, files_of_view_, views_of_base_, base_from_, city_from_, survey_from_, size(),
                        {},      outdated_};
-    for (const GraphTile& tile : tiles_) {
-      const int id = tile.parameters.tile;
-      if (static_cast<size_t>(id) >= tiles_of_base_) continue;
-      const PlannedInput of_base = {base_from_, TileInputName(id, kStateFile)};
-      work.tiles.push_back({tile.parameters, of_base, tile.state.value_or(of_base)});
+    for (size_t t = 0; t < tiles_of_base_.size(); ++t) {
+      if (tiles_of_base_[t].core.empty()) continue;
+      const GraphTile& tile = tiles_[t];
+      const PlannedInput of_base = {base_from_, TileInputName(tile.parameters.tile, kStateFile)};
+      const auto after = tile.gone() ? std::nullopt : std::optional(tile.state.value_or(of_base));
+      work.tiles.push_back({tile.gone() ? tiles_of_base_[t] : tile.parameters, of_base, after});
     }
     for (PlannedTask& task : PlanChanges(work)) outdated_ = PlannedInput{Add(std::move(task)), kOutdatedFile};
   }
@@ -238,10 +233,11 @@ class Graph {
     task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
     for (const GraphTile& tile : tiles_) {
       parameters.tiles.push_back(tile.parameters);
+      if (tile.gone()) continue;
       if (!tile.redone) parameters.kept.push_back(tile.parameters.tile);
       task.inputs.push_back(*tile.state);
     }
-    if (parameters.kept.size() == tiles_.size()) parameters.kept.clear();  // the base's result, under its key
+    if (redone().empty()) parameters.kept.clear();  // the base's result, under its key
     if (outdated_) task.inputs.push_back(*outdated_);
     parameters.outdated = outdated_.has_value();
     task.parameters = ToJson(parameters);
@@ -265,7 +261,7 @@ class Graph {
     goes_on_ = !settings_.update.from_scratch;
     TESSERA_ASSIGN_OR_RETURN(const Survey base_survey, ParseSurvey(base.survey_json));
     if (survey_.revision) city_from_ = survey_from_;
-    tiles_of_base_ = base.tiles.size();
+    tiles_of_base_ = base.tiles;
     costs_ = CostsOf(base, base_survey);
     TESSERA_ASSIGN_OR_RETURN(
         changes_, FindChangedTiles(settings_, base_survey, survey_, TilesOfUpdate(base.tiles, survey_), costs_));
@@ -276,9 +272,9 @@ class Graph {
     for (const TileChange& change : changes_) {
       GraphTile tile;
       tile.parameters = change.tile;
-      tile.redone = !goes_on_ || !change.why.empty();
+      tile.redone = !tile.gone() && (!goes_on_ || !change.why.empty());
       if (tile.redone) tile.work = MeasureTile(cells, change.tile.core);
-      if (goes_on_ && static_cast<size_t>(change.tile.tile) < tiles_of_base_) {
+      if (goes_on_ && !tile.gone() && static_cast<size_t>(change.tile.tile) < tiles_of_base_.size()) {
         tile.state = PlannedInput{base_from_, TileInputName(change.tile.tile, kStateFile)};
       }
       tiles_.push_back(std::move(tile));
@@ -392,7 +388,7 @@ class Graph {
   std::vector<GraphTile> tiles_;
   std::vector<PlannedTask> tasks_;
   TaskId base_from_, city_from_, survey_from_;
-  size_t tiles_of_base_ = 0;
+  std::vector<TileParameters> tiles_of_base_;
   bool goes_on_ = false;             // from the base's states; tiles without a change stay as they are
   std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;

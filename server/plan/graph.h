@@ -71,7 +71,7 @@ struct UpdateBase {
   Digest survey, plain, city;  // its kSurveyFile, kPlainSurveyFile and kCityFile
   std::string survey_json;     // content of `survey`
   std::vector<TileParameters> tiles;
-  std::vector<Digest> states;            // the last of each tile
+  std::vector<Digest> states;            // the last of each tile; of one that is gone none, a Digest()
   std::optional<Digest> outdated;        // its kOutdatedFile
   std::vector<NamedDigest> scene_files;  // those of the base, sorted by name
   // Of the base and those that it goes on from; of ingest, which took the survey of the base, its own alone.

@@ -97,6 +97,7 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
   publish.inputs = {{TaskId(0), kCityFile}, {TaskId(0), kPlainSurveyFile}};
   for (size_t t = 0; t < base.tiles.size(); ++t) {
     const int tile = base.tiles[t].tile;
+    if (base.tiles[t].core.empty()) continue;
     taken.given.push_back({TileInputName(tile, kStateFile), base.states[t]});
     publish.inputs.push_back({TaskId(0), TileInputName(tile, kStateFile)});
   }

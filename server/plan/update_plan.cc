@@ -109,6 +109,12 @@ std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) 
 
 std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, const Survey& survey) {
   if (!survey.revision) return tiles;
+  const CellIndex index(survey);
+  for (TileParameters& tile : tiles) {
+    bool has_cells = false;
+    index.ForEachIn(tile.core, [&](const SurveyCell&) { has_cells = true; });
+    if (!has_cells) tile.core = {};
+  }
   for (const SurveyCell& cell : survey.cells) {
     if (!IsRevised(survey, cell.x, cell.y)) continue;
     const auto has = [&](const TileParameters& tile) { return tile.core.Contains({cell.x, cell.y}); };
@@ -119,13 +125,14 @@ std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, con
     int64_t least = 0;
     for (TileParameters& tile : tiles) {
       const CellRect& core = tile.core;
+      if (core.empty()) continue;
       const CellRect with = {std::min(core.x0, cell.x), std::min(core.y0, cell.y), std::max(core.x1, cell.x + 1),
                              std::max(core.y1, cell.y + 1)};
       const auto cells = [](const CellRect& rect) { return int64_t{rect.x1 - rect.x0} * (rect.y1 - rect.y0); };
       const int64_t more = cells(with) - cells(core);
       if (best != nullptr && more >= least) continue;
       const bool meets = std::any_of(tiles.begin(), tiles.end(), [&](const TileParameters& other) {
-        return other.tile != tile.tile && Overlap(with, other.core);
+        return other.tile != tile.tile && !other.core.empty() && Overlap(with, other.core);
       });
       if (meets) continue;
       best = &tile;
@@ -186,10 +193,8 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
     TileChange& change = changes.emplace_back();
     change.tile = tile;
     std::map<ChangeReason, std::set<int32_t>> why;
-    int64_t cells_left = 0;
     for (const SurveyCell& cell : survey.cells) {
       if (!tile.core.Contains({cell.x, cell.y})) continue;
-      ++cells_left;
       if (const SurveyCell* known = before.Find(cell)) FindReasons(base, survey, *known, cell, &why);
     }
     if (survey.revision) {
@@ -199,13 +204,6 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
     }
     for (const auto& [reason, views] : why) change.why.push_back({reason, {views.begin(), views.end()}});
     if (change.why.empty()) continue;
-    if (cells_left == 0) {
-      const CellRect& core = tile.core;
-      return absl::InvalidArgumentError(
-          absl::StrFormat("the new mesh has no face over the ground cells (%d, %d) to (%d, %d), which are all of tile "
-                          "%d of the base; run it as a job of its own",
-                          core.x0, core.y0, core.x1 - 1, core.y1 - 1, tile.tile));
-    }
     const TileWork work = MeasureTile(cells, tile.core);
     for (const Prediction& part :
          {costs.Corrected("cut", PredictCut(survey, work)), costs.Corrected("crop", PredictCrop(work)),
@@ -219,13 +217,18 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
 }
 
 std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t views_of_base,
-                           const std::vector<TileChange>& changes, const Survey& survey, const Prediction& ingest,
-                           const Prediction& compare, const Prediction& publish, double full_core_seconds) {
+                           const std::vector<TileParameters>& tiles_of_base, const std::vector<TileChange>& changes,
+                           const Survey& survey, const Prediction& ingest, const Prediction& compare,
+                           const Prediction& publish, double full_core_seconds) {
   double core_seconds = from_scratch ? full_core_seconds  // at most
                                      : ingest.core_seconds + compare.core_seconds + publish.core_seconds;
   int redone = 0;
-  json tiles = json::array();
+  json tiles = json::array(), gone = json::array();
   for (const TileChange& change : changes) {
+    if (change.tile.core.empty()) {
+      if (!tiles_of_base[change.tile.tile].core.empty()) gone.push_back(change.tile.tile);
+      continue;
+    }
     json why = json::array();
     for (const TileChange::Why& each : change.why) {
       json images = json::array();
@@ -258,6 +261,7 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
               {"from_scratch", from_scratch},
               {"tiles", std::move(tiles)},
               {"tiles_redone", redone},
+              {"tiles_gone", gone},
               {"cell_m", survey.ground.cell_m},
               {"predicted",
                {{"core_seconds", core_seconds},

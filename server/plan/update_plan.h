@@ -38,7 +38,8 @@ struct TileChange {
 };
 
 // The base's tiles, grown where the survey has cells beyond them; a tile of its own for a cell that none can grow to
-// without meeting another.
+// without meeting another. A tile of which no cell is left is gone: it keeps its number, which is never given again,
+// and has an empty core.
 std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, const Survey& survey);
 
 // What an update does. `survey` took the base's on: the same ground cells unless the mesh changed, views under the same
@@ -56,11 +57,13 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);
 // levels if the mesh changed. Indices in RefineStepsOf.
 std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey);
 
-// kUpdateFile. `full_core_seconds`: what a job on all images is predicted to take, and one from scratch at most: which
-// tiles it redoes beside the changed ones shows as it goes ("redone": null).
+// kUpdateFile. Of `tiles_of_base` it names those that are gone. `full_core_seconds`: what a job on all images is
+// predicted to take, and one from scratch at most: which tiles it redoes beside the changed ones shows as it goes
+// ("redone": null).
 std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t views_of_base,
-                           const std::vector<TileChange>& changes, const Survey& survey, const Prediction& ingest,
-                           const Prediction& compare, const Prediction& publish, double full_core_seconds);
+                           const std::vector<TileParameters>& tiles_of_base, const std::vector<TileChange>& changes,
+                           const Survey& survey, const Prediction& ingest, const Prediction& compare,
+                           const Prediction& publish, double full_core_seconds);
 
 }  // namespace tessera
 

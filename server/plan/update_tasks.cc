@@ -80,6 +80,14 @@ PlannedTask CompareTask(const ChangeWork& work, const CellRect& cells, const See
 
 }  // namespace
 
+CostScale CostsOf(const UpdateBase& base, const Survey& survey) {
+  MeasuredCosts measured = base.measured;
+  // It was planned before the survey told what the model takes for it.
+  const auto ingest = measured.find(kIngestKind);
+  if (ingest != measured.end()) ingest->second.predicted = PredictIngest(survey).core_seconds;
+  return CostScale(measured);
+}
+
 std::vector<PlannedTask> PlanChanges(const ChangeWork& work) {
   const double change_cell_m = ChangeCellSize_m(work.survey.gsd_m);
   std::vector<PlannedTask> tasks;
@@ -98,8 +106,9 @@ std::vector<PlannedTask> PlanChanges(const ChangeWork& work) {
   }
   if (tasks.empty()) return tasks;
   for (const size_t t : tiles_near) {
+    if (!work.tiles[t].after) continue;
     parameters.states.push_back(work.tiles[t].parameters.tile);
-    report.inputs.push_back(work.tiles[t].after);
+    report.inputs.push_back(*work.tiles[t].after);
   }
   if (work.outdated) report.inputs.push_back(*work.outdated);
   parameters.outdated = work.outdated.has_value();
@@ -149,6 +158,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   taken.name = absl::StrCat(kBaseKind, " ", base.name);
   taken.given = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
   for (size_t t = 0; t < base.tiles.size(); ++t) {
+    if (base.tiles[t].core.empty()) continue;
     taken.given.push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
   }
   if (base.outdated) taken.given.push_back({kOutdatedFile, *base.outdated});

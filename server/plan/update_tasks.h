@@ -20,11 +20,15 @@ inline void SetCost(const Prediction& cost, PlannedTask* task) {
   task->peak_bytes = cost.peak_bytes;
 }
 
+// What the model's seconds are corrected by. `survey`: the base's.
+CostScale CostsOf(const UpdateBase& base, const Survey& survey);
+
 // What the report of changes is made from.
 struct ChangeWork {
   struct Tile {
-    TileParameters parameters;
-    PlannedInput before, after;  // its kStateFile of the base, and the last
+    TileParameters parameters;          // of one that is gone: the base's
+    PlannedInput before;                // its kStateFile of the base
+    std::optional<PlannedInput> after;  // the last; none of a tile that is gone
   };
   const Survey& survey;
   const std::vector<std::vector<PlannedTask::ViewFile>>& files_of_view;

@@ -320,6 +320,41 @@ TEST_F(UpdateTest, AMeshThatChangedInOneDistrictIsRedoneThereAlone) {
   EXPECT_EQ(Json("back/report.json")["output"], Json("base/report.json")["output"]);
 }
 
+TEST_F(UpdateTest, ATileOfWhichTheMeshHasNothingLeftIsGone) {
+  // Without the faces that reach into the first tile.
+  const json index = json::parse(Content(Base() + "/tiles/index.json")), core = index["tiles"][0]["core_m"];
+  const double west_m = index["local_origin_in_scene"][0], south_m = index["local_origin_in_scene"][1];
+  const Eigen::AlignedBox2d ground(Eigen::Vector2d(core[0].get<double>() + west_m, core[1].get<double>() + south_m),
+                                   Eigen::Vector2d(core[2].get<double>() + west_m, core[3].get<double>() + south_m));
+  const std::string scene = CopyOfCity(Path("scene"));
+  const TriangleMesh street = ReadPly(scene + "/mesh.ply")->mesh;
+  TriangleMesh rest = {street.vertices, {}, {}};
+  for (size_t f = 0; f < street.faces.size(); ++f) {
+    Eigen::AlignedBox2d box;
+    for (int k = 0; k < 3; ++k) box.extend(street.Corner(f, k).head<2>());
+    if (box.intersects(ground)) continue;
+    rest.faces.push_back(street.faces[f]);
+    rest.labels.push_back(street.labels[f]);
+  }
+  ASSERT_LT(rest.faces.size(), street.faces.size());
+  ASSERT_GT(rest.faces.size(), street.faces.size() / 2);
+  ASSERT_TRUE(WritePly(scene + "/mesh.ply", rest).ok());
+  const Outcome outcome = Update(scene, "gone");
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("1 gone, of which the mesh has nothing left"));
+  EXPECT_EQ(Json("gone/update.json")["tiles_gone"], json::array({0}));
+  EXPECT_EQ(Json("gone/tiles/index.json")["tiles"].size(), index["tiles"].size() - 1);
+  EXPECT_FALSE(fs::exists(Path("gone/tiles/" + index["tiles"][0]["file"].get<std::string>())));
+  EXPECT_THAT(Redone("gone"), testing::Contains(false));
+  EXPECT_EQ(Json("gone/report.json")["output"]["faces"], ReadPly(Path("gone/mesh.ply"))->mesh.faces.size());
+  // The old mesh again: other tiles have that ground.
+  const Outcome back = Update(Street(), "back", {}, Path("gone"));
+  ASSERT_EQ(back.exit_code, 0) << back.output;
+  EXPECT_EQ(Json("back/report.json")["seams"]["different"], 0);
+  EXPECT_EQ(Json("back/report.json")["output"], Json("base/report.json")["output"]);
+  for (const json& tile : Json("back/tiles/index.json")["tiles"]) EXPECT_NE(tile["tile"], 0) << "a number given twice";
+}
+
 TEST_F(UpdateTest, WhatCannotBeIsSaidWithWhatToDo) {
   const auto expect = [&](const Outcome& outcome, const std::string& words) {
     EXPECT_NE(outcome.exit_code, 0);

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
+#include "common/base/pick.h"
 #include "common/storage/hash.h"
 #include "worker/city/view_box.h"
 
@@ -114,13 +115,6 @@ Status DropMisfits(const MeshSpans& base, const MeshSpans& now, const std::strin
   });
   for (const size_t f : dropped) (*match)[f] = kNone;
   return absl::OkStatus();
-}
-
-std::vector<uint32_t> Pick(const std::vector<uint32_t>& values, const std::vector<uint32_t>& places) {
-  std::vector<uint32_t> picked;
-  picked.reserve(places.size());
-  for (const uint32_t place : places) picked.push_back(values[place]);
-  return picked;
 }
 
 // A face that stays, beside faces that are new.

@@ -1,5 +1,6 @@
 #include <nlohmann/json.hpp>
 
+#include "common/base/pick.h"
 #include "common/tile/task_parameters.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"

@@ -25,13 +25,16 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
 
   std::vector<MappedCore> cores;
   std::vector<CoreSpans> spans;
-  std::vector<ReportedTile> tiles;
+  std::vector<ReportedTile> reported;
+  std::vector<TileParameters> tiles;
   for (const TileParameters& tile : parameters.tiles) {
     TESSERA_RETURN_IF_ERROR(control.Check());
+    if (tile.core.empty()) continue;  // gone
+    tiles.push_back(tile);
     TESSERA_ASSIGN_OR_RETURN(MappedCore core,
                              MappedCore::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));
     spans.push_back(core.spans());
-    tiles.push_back({core.spans().tile, core.report()});
+    reported.push_back({core.spans().tile, core.report()});
     cores.push_back(std::move(core));
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
   }
@@ -75,15 +78,15 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     statistics.AddFace(face.area_before_m2, face.label_before, FaceArea(one_face, 0), face.label);
   }));
   TESSERA_RETURN_IF_ERROR(mesh.Finish());
-  TESSERA_ASSIGN_OR_RETURN(const std::string report, MakeReport(survey, std::move(statistics), tiles));
+  TESSERA_ASSIGN_OR_RETURN(const std::string report, MakeReport(survey, std::move(statistics), reported));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(OutputPath(request, kReportFile), report));
 
   TaskOutcome outcome;
   outcome.outputs = {kMeshFile, kReportFile};
   if (parameters.tiles.size() > 1) {
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names,
-                             WriteTileMeshes(request.output_dir, city, survey, parameters.tiles, spans, outdated.ids(),
-                                             PartOf(control, 0.8, 1)));
+    TESSERA_ASSIGN_OR_RETURN(
+        const std::vector<std::string> names,
+        WriteTileMeshes(request.output_dir, city, survey, tiles, spans, outdated.ids(), PartOf(control, 0.8, 1)));
     outcome.outputs.insert(outcome.outputs.end(), names.begin(), names.end());
   }
   outcome.stats = nlohmann::json{{"faces", city.faces()}, {"seconds", SecondsSince(clock, start_us)}}.dump();

@@ -1,5 +1,6 @@
 #include <nlohmann/json.hpp>
 
+#include "common/base/pick.h"
 #include "common/tile/task_parameters.h"
 #include "worker/refine/vertex_sums.h"
 #include "worker/tasks/stages.h"

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/pick.h"
 #include "common/base/task_usage.h"
 #include "worker/tile/regions.h"
 

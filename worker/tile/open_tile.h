@@ -135,16 +135,6 @@ class OpenTile {
   std::unique_ptr<LabelledStepper> stepper_;
 };
 
-// Those of `values` at `places`.
-template <class T>
-std::vector<T> Pick(const std::vector<T>& values, const std::vector<uint32_t>& places) {
-  std::vector<T> picked;
-  if (values.empty()) return picked;
-  picked.reserve(places.size());
-  for (const uint32_t place : places) picked.push_back(values[place]);
-  return picked;
-}
-
 }  // namespace tessera
 
 #endif  // TESSERA_WORKER_TILE_OPEN_TILE_H_

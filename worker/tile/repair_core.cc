@@ -1,5 +1,6 @@
 #include "worker/tile/repair_core.h"
 
+#include "common/base/pick.h"
 #include "worker/tile/regions.h"
 
 namespace tessera {

@@ -62,6 +62,16 @@ struct Pair {
     FillViewDepths(&now);
     return view;
   }
+  // Another mesh has no face there.
+  void RemoveCellsOf(int tile) {
+    if (!now.revision) now.revision.emplace();
+    std::erase_if(now.cells, [&](const SurveyCell& cell) {
+      const bool gone = base.tiles[tile].core.Contains({cell.x, cell.y});
+      if (gone) now.revision->cells.push_back({cell.x, cell.y});
+      return gone;
+    });
+    std::sort(now.revision->cells.begin(), now.revision->cells.end());
+  }
   int TileOf(size_t cell) const {
     for (const TileParameters& tile : base.tiles) {
       if (tile.core.Contains({now.cells[cell].x, now.cells[cell].y})) return tile.tile;
@@ -312,9 +322,10 @@ TEST(UpdatePlan, TheBasesMeshIsReadWhereTheSceneMayHaveAnother) {
 
 TEST(UpdatePlan, TilesGrowToNewCellsAndNeverMeet) {
   Random random(5);
+  int gone = 0;
   for (int round = 0; round < 40; ++round) {
     Pair pair(9);
-    pair.now.revision.emplace();
+    pair.RemoveCellsOf(static_cast<int>(random.Below(9)));
     for (int i = 0; i < 12; ++i) {
       SurveyCell cell = pair.now.cells[0];
       cell.x = static_cast<int>(random.Below(24)) - 8;
@@ -331,22 +342,75 @@ TEST(UpdatePlan, TilesGrowToNewCellsAndNeverMeet) {
                               }),
                 1);
     }
-    for (size_t t = 0; t < tiles.size(); ++t) EXPECT_EQ(tiles[t].tile, static_cast<int>(t));
+    for (size_t t = 0; t < tiles.size(); ++t) {
+      EXPECT_EQ(tiles[t].tile, static_cast<int>(t));
+      const bool has_cells = std::any_of(pair.now.cells.begin(), pair.now.cells.end(), [&](const SurveyCell& cell) {
+        return tiles[t].core.Contains({cell.x, cell.y});
+      });
+      EXPECT_EQ(tiles[t].core.empty(), !has_cells);
+      gone += tiles[t].core.empty();
+    }
   }
+  EXPECT_GT(gone, 0);
 }
 
-TEST(UpdatePlan, ATileOfWhichNothingIsLeftIsRefused) {
+TEST(UpdatePlan, ATileOfWhichNothingIsLeftHasNoTasksAndNoState) {
+  constexpr int kGone = 4;  // in the middle
   Pair pair(9);
-  const CellRect core = pair.base.tiles[4].core;
-  pair.now.revision.emplace();
-  std::erase_if(pair.now.cells, [&](const SurveyCell& cell) {
-    const bool gone = core.Contains({cell.x, cell.y});
-    if (gone) pair.now.revision->cells.push_back({cell.x, cell.y});
-    return gone;
-  });
-  std::sort(pair.now.revision->cells.begin(), pair.now.revision->cells.end());
-  const auto changes = FindChangedTiles({}, pair.before, pair.now, pair.base.tiles, {});
-  EXPECT_THAT(changes.status().message(), HasSubstr("all of tile 4 of the base"));
+  pair.RemoveCellsOf(kGone);
+  size_t beside = 0;
+  while (DistanceBetween({pair.now.cells[beside].x, pair.now.cells[beside].y, pair.now.cells[beside].x + 1,
+                          pair.now.cells[beside].y + 1},
+                         pair.base.tiles[kGone].core, 1) > 0) {
+    ++beside;
+  }
+  pair.AddView(beside);
+  const int redone = pair.TileOf(beside);
+  const std::string survey = SurveyToJson(pair.now);
+  std::vector<int> left = {0, 1, 2, 3, 5, 6, 7, 8}, kept = left;
+  std::erase(kept, redone);
+  const auto tiles = PlanTiles({}, survey, pair.Files(), &pair.base);
+  ASSERT_TRUE(tiles.ok()) << tiles.status();
+  ASSERT_EQ(tiles->size(), 2u) << "the plan and one cut";
+  EXPECT_TRUE(ParseCutParameters((*tiles)[1].parameters)->cores[kGone].empty());
+  const auto plan = nlohmann::json::parse((*tiles)[0].given_contents[0].second);
+  EXPECT_EQ(plan["tiles_gone"], nlohmann::json::array({kGone}));
+  EXPECT_EQ(plan["tiles"].size(), left.size());
+  const auto steps = PlanSteps({}, survey, pair.Files(), {{left, left, left, left}}, &pair.base);
+  ASSERT_TRUE(steps.ok()) << steps.status();
+  int before = 0;
+  for (const PlannedTask& task : *steps) {
+    EXPECT_NE(task.tile, kGone) << task.name;
+    const bool compares = task.kind == "compare";
+    for (const PlannedInput& input : task.inputs) {
+      const bool of_gone = InputName(input) == TileInputName(kGone, kStateFile);
+      EXPECT_TRUE(!of_gone || compares) << task.name << " reads what is gone";
+      before += of_gone;
+    }
+  }
+  EXPECT_GT(before, 0) << "what stood there is compared with what the images show";
+  const auto publish = ParsePublishParameters(steps->back().parameters);
+  ASSERT_TRUE(publish.ok());
+  ASSERT_EQ(publish->tiles.size(), 9u) << "numbers stay";
+  for (int t = 0; t < 9; ++t) {
+    EXPECT_EQ(publish->tiles[t].tile, t);
+    EXPECT_EQ(publish->tiles[t].core.empty(), t == kGone);
+  }
+  EXPECT_EQ(publish->kept, kept);
+  // What goes on from that knows of the tile no more than its number.
+  pair.before = pair.now;
+  pair.now.revision.reset();
+  pair.base.survey_json = SurveyToJson(pair.before);
+  pair.base.tiles = publish->tiles;
+  pair.base.states[kGone] = {};
+  const auto given = PlanUpdate({}, pair.base.scene_files, pair.base);
+  ASSERT_TRUE(given.ok()) << given.status();
+  for (const NamedDigest& output : (*given)[0].given) EXPECT_NE(output.name, TileInputName(kGone, kStateFile));
+  const auto next = PlanTiles({}, SurveyToJson(pair.now), pair.Files(), &pair.base);
+  ASSERT_TRUE(next.ok()) << next.status();
+  EXPECT_EQ(next->back().kind, kPublishKind);
+  EXPECT_EQ(ParsePublishParameters(next->back().parameters)->tiles.size(), 9u);
+  EXPECT_EQ(nlohmann::json::parse((*next)[0].given_contents[0].second)["tiles_gone"], nlohmann::json::array());
 }
 
 TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {

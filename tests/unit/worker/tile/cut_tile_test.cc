@@ -7,6 +7,7 @@
 #include <set>
 
 #include "common/geometry/topology.h"
+#include "common/storage/files.h"
 #include "tests/unit/worker/tile/tiny_city.h"
 #include "worker/refine/descent.h"
 
@@ -240,6 +241,43 @@ TEST(CutTile, ReadsItsOwnTileAndAllWhoseCellsItNeeds) {
   });
   EXPECT_GT(unread, 0u) << "or every tile reads every other";
   EXPECT_GT(sampled, 0u);
+}
+
+// A cut reads the survey of the whole city; what changed out of its tile's sight must end with it, or crops and steps
+// of tiles that stay would run anew.
+TEST(CutTile, WhatChangesOutOfSightLeavesNoTrace) {
+  const TinyCity tiny = MakeTinyCity();
+  TinyCity other = MakeTinyCity();
+  // Another flight over one corner, which the cell there chose beside its others.
+  SurveyCell& changed = other.survey.cells.front();
+  ASSERT_FALSE(changed.views.empty());
+  const auto first_new = static_cast<int32_t>(other.survey.views.size());
+  for (int i = 0; i < 2; ++i) {
+    other.survey.views.push_back(other.survey.views[changed.views.front()]);
+    other.survey.views.back().image_content = "new";
+  }
+  for (int i = 0; i < 2; ++i) changed.views.push_back(first_new + i);
+  other.survey.pairs.push_back({first_new, first_new + 1});
+  other.survey.scene_name = "another";
+  FillViewDepths(&other.survey);
+  const auto bytes = [](const CutResult& cut) {
+    const std::string path = FreshTestFolder("package") + "/tile.arrays";
+    EXPECT_TRUE(WriteTilePackage(path, cut.package).ok());
+    return *ReadFile(path) + ToJson(cut.reads);
+  };
+  int same = 0, different = 0;
+  for (int seed = 0; seed < 4; ++seed) {
+    Random random(static_cast<uint64_t>(seed));
+    const std::vector<CellRect> cores = RandomCores(tiny.survey, &random);
+    const std::vector<CutResult> before = CutAll(tiny, cores, ShortReach()), now = CutAll(other, cores, ShortReach());
+    for (size_t t = 0; t < cores.size(); ++t) {
+      const bool touched = now[t].package.view_ids.back() >= first_new;
+      (touched ? different : same) += 1;
+      EXPECT_EQ(bytes(before[t]) == bytes(now[t]), !touched) << "seed " << seed << ", tile " << t;
+    }
+  }
+  EXPECT_GT(same, 0) << "or all tiles have the corner";
+  EXPECT_GT(different, 0);
 }
 
 TEST(CutTile, RefusesACoreWithoutFaces) {
