@@ -85,7 +85,7 @@ class FakePlanner : public Planner {
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>&, const std::vector<TileReads>& reads,
-                                           const UpdateBase*) override {
+                                           const UpdateBase*, const std::vector<SetAsideTile>&) override {
     std::vector<PlannedTask> tasks;
     for (int tile = 0; tile < settings.tiles; ++tile) {
       tasks.push_back(Refine(tile, "{\"survey\":\"" + survey + "\"}"));
