@@ -41,7 +41,7 @@ class RowPlanner : public FakePlanner {
         StepParameters parameters;
         parameters.step = step;
         parameters.tile.tile = tile;
-        PlannedTask task{kSolveKind, "solve tile " + std::to_string(tile) + " step " + std::to_string(step), tile};
+        PlannedTask task{kSolveKind, "solve tile " + std::to_string(tile) + " step " + std::to_string(step), tile, "", 1, {}};
         task.inputs.push_back({TaskId(1 + tile), kTileFile});
         for (int other = std::max(0, tile - 1); other < std::min(tiles, tile + 2); ++other) {
           task.inputs.push_back(states[other]);
@@ -53,7 +53,7 @@ class RowPlanner : public FakePlanner {
       }
       states = std::move(made);
     }
-    PlannedTask publish{kPublishKind, "publish", -1, "{}"};
+    PlannedTask publish{kPublishKind, "publish", -1, "{}", 1, {}};
     publish.inputs = std::move(states);
     tasks.push_back(std::move(publish));
     return tasks;

@@ -350,7 +350,7 @@ TEST_F(AgentTest, AReportOfAnOldAttemptIsDroppedAndWorkGoesOn) {
 
 // NOT_FOUND and the like have many causes; what is to be done is told by the details.
 TEST_F(AgentTest, ACodeAloneNeitherRegistersAgainNorEndsTheWorker) {
-  for (const auto code : {grpc::StatusCode::NOT_FOUND, grpc::StatusCode::FAILED_PRECONDITION}) {
+  for (const auto code : {grpc::StatusCode::FAILED_PRECONDITION, grpc::StatusCode::NOT_FOUND}) {
     coordinator_.AnswerReportsWith(grpc::Status(code, "something else"));
     coordinator_.AnswerLeasesWith(grpc::Status(code, "something else"), 2);
     coordinator_.Queue(NewLease("jobs/1/tasks/" + std::to_string(code)));
