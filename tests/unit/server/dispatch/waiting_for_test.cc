@@ -62,7 +62,7 @@ TEST_F(WaitingForTest, ATaskThatFitsNoWorkerIsToldAndTriedOnTheLargestInTheEnd) 
   EXPECT_FALSE(Lease(small));
   EXPECT_FALSE(Lease(larger));
   EXPECT_EQ(Why(job),
-            "no worker with 12.0 GiB for 'refine tile 0': the largest has 8.0 GiB, which tries in 60 s unless a larger "
+            "no worker with 12.0 GiB for 'refine tile 1': the largest has 8.0 GiB, which tries in 60 s unless a larger "
             "one comes");
   clock_.Advance(61);
   EXPECT_FALSE(Lease(small)) << "not the largest";
