@@ -64,17 +64,4 @@ TaskUsage TaskUsageMeter::Read() const {
   return usage;
 }
 
-int64_t MemoryLimit_bytes() {
-  int64_t least = static_cast<int64_t>(sysconf(_SC_PHYS_PAGES)) * sysconf(_SC_PAGESIZE);
-  for (const auto resource : {RLIMIT_AS, RLIMIT_DATA}) {
-    rlimit limit = {};
-    if (getrlimit(resource, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY) {
-      least = std::min(least, static_cast<int64_t>(limit.rlim_cur));
-    }
-  }
-  std::ifstream group("/sys/fs/cgroup/memory.max");  // "max" where there is no limit
-  if (int64_t bytes = 0; group >> bytes) least = std::min(least, bytes);
-  return least;
-}
-
 }  // namespace tessera

@@ -29,10 +29,6 @@ class TaskUsageMeter {
   bool peak_was_reset_ = false;
 };
 
-// The memory that this process may come to use: the machine's, the control group's (version 2) or its own limit,
-// whichever is least.
-int64_t MemoryLimit_bytes();
-
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_BASE_TASK_USAGE_H_

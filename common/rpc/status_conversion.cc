@@ -3,6 +3,10 @@
 #include <grpcpp/support/status.h>
 
 #include <string>
+#include <utility>
+
+#include "common/base/refusal.h"
+#include "tessera/v1/workers.pb.h"
 
 namespace tessera {
 namespace {
@@ -25,13 +29,22 @@ Status FromGrpc(const grpc::Status& status) {
   if (status.ok()) return absl::OkStatus();
   const int code = status.error_code();
   const bool known = code > 0 && code <= static_cast<int>(absl::StatusCode::kUnauthenticated);
-  return Status(known ? static_cast<absl::StatusCode>(code) : absl::StatusCode::kUnknown, status.error_message());
+  Status error(known ? static_cast<absl::StatusCode>(code) : absl::StatusCode::kUnknown, status.error_message());
+  v1::Refusal refusal;
+  if (status.error_details().empty() || !refusal.ParseFromString(status.error_details())) return error;
+  return Refuse(static_cast<Refusal>(refusal.reason()), std::move(error));
 }
 
 grpc::Status ToGrpc(const Status& status) {
   if (status.ok()) return grpc::Status::OK;
+  std::string details;
+  if (const Refusal reason = RefusalOf(status); reason != Refusal::kNone) {
+    v1::Refusal refusal;
+    refusal.set_reason(static_cast<v1::Refusal::Reason>(reason));
+    details = refusal.SerializeAsString();
+  }
   return grpc::Status(static_cast<grpc::StatusCode>(status.code()),
-                      Shortened(std::string(status.message().data(), status.message().size())));
+                      Shortened(std::string(status.message().data(), status.message().size())), details);
 }
 
 }  // namespace tessera

@@ -91,6 +91,8 @@ std::string ToJson(const CutParameters& p) {
   return out.dump();
 }
 
+std::string ToJson(const StartParameters& p) { return json{{"tile", TileToJson(p.tile)}}.dump(); }
+
 std::string ToJson(const RefineParameters& p) {
   return json{{"rounds", p.rounds}, {"method", p.method}, {"settings", json::parse(ToJson(p.settings))}}.dump();
 }
@@ -130,6 +132,7 @@ std::string ToJson(const PublishParameters& p) {
   json out = {{"tiles", TilesToJson(p.tiles)}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
   if (!p.kept.empty()) out["kept"] = p.kept;
   if (p.outdated) out["outdated"] = true;
+  if (!p.set_aside.empty()) out["set_aside"] = p.set_aside;
   return out.dump();
 }
 
@@ -159,6 +162,10 @@ StatusOr<CutParameters> ParseCutParameters(const std::string& text) {
     for (const json& core : j.at("cores")) p.cores.push_back(RectFromJson(core));
     return p;
   });
+}
+
+StatusOr<StartParameters> ParseStartParameters(const std::string& text) {
+  return Parse<StartParameters>(text, [](const json& j) { return StartParameters{TileFromJson(j.at("tile"))}; });
 }
 
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& text) {
@@ -252,7 +259,8 @@ StatusOr<ChangesParameters> ParseChangesParameters(const std::string& text) {
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) {
   return Parse<PublishParameters>(text, [](const json& j) {
     return PublishParameters{TilesFromJson(j.at("tiles")), j.value("kept", std::vector<int>()), j.at("scene_name"),
-                             j.at("warnings").get<std::vector<std::string>>(), j.value("outdated", false)};
+                             j.at("warnings").get<std::vector<std::string>>(), j.value("outdated", false),
+                             j.value("set_aside", std::vector<int>())};
   });
 }
 

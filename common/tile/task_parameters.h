@@ -78,6 +78,11 @@ struct CutParameters {
   int coarsest_level = 2;
 };
 
+// Of the task that gives a tile's core as the job found it.
+struct StartParameters {
+  TileParameters tile;
+};
+
 // Which tiles' states and sums the tasks of a tile read: ids, ascending, its own too. Cut finds them on the mesh from
 // what each operator is proven to read, and writes them as kReadsFile.
 struct TileReads {
@@ -134,12 +139,14 @@ struct PublishParameters {
   std::string scene_name = {};        // for the report, with the warnings about the scene
   std::vector<std::string> warnings = {};
   bool outdated = false;  // kOutdatedFile is among the inputs
+  std::vector<int> set_aside = {};  // tiles whose refinement failed, and which are as they were before, ascending
 };
 
 std::string ToJson(const IngestParameters& parameters);
 std::string ToJson(const UpdateParameters& parameters);
 std::string ToJson(const UpdateFiles& files);
 std::string ToJson(const CutParameters& parameters);
+std::string ToJson(const StartParameters& parameters);
 std::string ToJson(const RefineParameters& parameters);
 std::string ToJson(const StepParameters& parameters);
 std::string ToJson(const CompareParameters& parameters);
@@ -151,6 +158,7 @@ StatusOr<IngestParameters> ParseIngestParameters(const std::string& json);
 StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& json);
 StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& json);
 StatusOr<CutParameters> ParseCutParameters(const std::string& json);
+StatusOr<StartParameters> ParseStartParameters(const std::string& json);
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& json);
 StatusOr<StepParameters> ParseStepParameters(const std::string& json);
 StatusOr<CompareParameters> ParseCompareParameters(const std::string& json);

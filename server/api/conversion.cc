@@ -61,6 +61,9 @@ void ToProto(const JobStatus& status, v1::Job* proto) {
   proto->set_eta_s(status.eta_s);
   AddFiles(header.artifacts, proto->mutable_artifacts());
   for (const std::string& warning : header.warnings) proto->add_warnings(warning);
+  proto->set_priority(header.priority);
+  proto->set_paused(header.paused);
+  proto->set_waiting_for(status.waiting_for);
 }
 
 void ToProto(const TaskStatus& status, v1::Task* proto) {
@@ -87,6 +90,7 @@ void ToProto(const TaskStatus& status, v1::Task* proto) {
   proto->set_key(task.key);
   for (const std::string& warning : task.warnings) proto->add_warnings(warning);
   proto->set_predicted_peak_bytes(task.plan.peak_bytes);
+  proto->set_superseded(task.superseded);
   if (task.state == TaskState::kSucceeded && !task.reused) {
     proto->mutable_usage()->set_core_seconds(task.usage.core_seconds);
     proto->mutable_usage()->set_peak_bytes(task.usage.peak_bytes);

@@ -44,6 +44,8 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::Creat
   }
   // Before the scene is read; whether it can be planned is asked later.
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(job.settings));
+  TESSERA_RETURN_IF_ERROR(CheckPriority(request.priority()));
+  job.priority = request.priority();
   job.display_name = request.display_name();
   if (reads_scene) {  // else the base's scene, which is not read again
     if (!std::filesystem::path(request.scene_path()).is_absolute()) {
@@ -105,6 +107,24 @@ grpc::Status JobsService::CancelJob(grpc::ServerContext*, const v1::CancelJobReq
   return grpc::Status::OK;
 }
 
+grpc::Status JobsService::ChangeJob(grpc::ServerContext*, const v1::ChangeJobRequest* request, v1::Job* response) {
+  JobChange change;
+  if (request->has_priority()) change.priority = request->priority();
+  if (request->has_paused()) change.paused = request->paused();
+  const auto job = environment_.dispatcher->ChangeJob(request->name(), change);
+  if (!job.ok()) return ToGrpc(job.status());
+  ToProto(*job, response);
+  return grpc::Status::OK;
+}
+
+grpc::Status JobsService::RetryJob(grpc::ServerContext*, const v1::RetryJobRequest* request, v1::Job* response) {
+  const auto job = environment_.dispatcher->RetryJob(
+      request->name(), request->has_tile() ? std::optional<int>(request->tile()) : std::nullopt);
+  if (!job.ok()) return ToGrpc(job.status());
+  ToProto(*job, response);
+  return grpc::Status::OK;
+}
+
 grpc::Status JobsService::WatchJob(grpc::ServerContext* context, const v1::WatchJobRequest* request,
                                    grpc::ServerWriter<v1::WatchJobResponse>* writer) {
   Dispatcher& dispatcher = *environment_.dispatcher;
@@ -119,11 +139,11 @@ grpc::Status JobsService::WatchJob(grpc::ServerContext* context, const v1::Watch
     if (running.ok()) {
       for (const TaskStatus& task : *running) ToProto(task, response.add_running());
     }
-    // The estimate drifts with time alone; that is no change worth a message.
-    const double eta_s = response.job().eta_s();
-    response.mutable_job()->clear_eta_s();
-    std::string now = response.SerializeAsString();
-    response.mutable_job()->set_eta_s(eta_s);
+    // Estimates and durations drift with time alone; that is no change worth a message.
+    v1::WatchJobResponse lasting = response;
+    lasting.mutable_job()->clear_eta_s();
+    std::erase_if(*lasting.mutable_job()->mutable_waiting_for(), [](char c) { return c >= '0' && c <= '9'; });
+    std::string now = lasting.SerializeAsString();
     if (now != last && !writer->Write(response)) break;
     last = std::move(now);
     if (HasEnded(job->header.state)) return grpc::Status::OK;

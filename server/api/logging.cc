@@ -109,6 +109,26 @@ void LogRecord(const v1::Record& record) {
       return LogEvent(change.state() == v1::JOB_FAILED ? LogLevel::kError : LogLevel::kInfo, "job ended",
                       {{"job", change.job()}, {"state", v1::JobState_Name(change.state())}, {"error", change.error()}});
     }
+    case v1::Record::kJobChanged: {
+      const auto& change = record.job_changed();
+      std::vector<std::pair<std::string, std::string>> fields = {{"job", change.job()}};
+      if (change.has_priority()) fields.emplace_back("priority", std::to_string(change.priority()));
+      if (change.has_paused()) fields.emplace_back("paused", change.paused() ? "yes" : "no");
+      return LogEvent(LogLevel::kInfo, "job changed", fields);
+    }
+    case v1::Record::kTileSetAside: {
+      const auto& change = record.tile_set_aside();
+      return LogEvent(LogLevel::kWarning, "tile set aside",
+                      {{"job", change.job()},
+                       {"tile", std::to_string(change.tile())},
+                       {"task", std::to_string(change.task())}});
+    }
+    case v1::Record::kJobRetried: {
+      const auto& change = record.job_retried();
+      return LogEvent(
+          LogLevel::kInfo, "job retried",
+          {{"job", change.job()}, {"tile", change.has_tile() ? std::to_string(change.tile()) : "all"}});
+    }
     case v1::Record::CHANGE_NOT_SET:
       return;
   }

@@ -1,5 +1,6 @@
 #include <algorithm>
 
+#include "common/base/refusal.h"
 #include "common/base/version.h"
 #include "common/rpc/status_conversion.h"
 #include "server/api/conversion.h"
@@ -16,8 +17,9 @@ constexpr double kMaxWaitS = 30;  // of a LeaseTask call
 grpc::Status WorkersService::RegisterWorker(grpc::ServerContext*, const v1::RegisterWorkerRequest* request,
                                             v1::RegisterWorkerResponse* response) {
   if (request->version() != kAlgorithmVersion) {
-    return ToGrpc(absl::FailedPreconditionError("worker of algorithm version '" + request->version() +
-                                                "', the coordinator has '" + kAlgorithmVersion + "'"));
+    return ToGrpc(Refuse(Refusal::kOtherVersion,
+                         absl::FailedPreconditionError("worker of algorithm version '" + request->version() +
+                                                       "', the coordinator has '" + kAlgorithmVersion + "'")));
   }
   const double lease_s = environment_.dispatcher->options().lease_s;
   const std::string worker =

@@ -90,6 +90,14 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
   });
 }
 
+CLI::Option* AddPriorityOption(CLI::App& command, const std::string& name, int* priority) {
+  return command
+      .add_option(name, *priority,
+                  "A waiting job of a higher priority gets the next free worker; of the same, the older job")
+      ->check(CLI::Range(-100, 100))
+      ->capture_default_str();
+}
+
 void AddUpdateOptions(CLI::App& command, const std::string& base_is, JobFlags* flags) {
   const char* const group = "Update";
   UpdateSettings& update = flags->settings.update;
@@ -177,6 +185,7 @@ int ExitCodeOfJob(const v1::Job& job, bool bad_input) {
   const std::string why = job.error().empty() ? "" : ":\n" + job.error();
   std::fprintf(stderr, "%s %s%s\n", job.name().c_str(), JobStateWord(job.state()).c_str(), why.c_str());
   if (job.state() == v1::JOB_CANCELLED) return kExitCancelled;
+  if (job.state() == v1::JOB_PARTIAL) return kExitPartial;
   return bad_input ? kExitBadInput : kExitFailed;
 }
 

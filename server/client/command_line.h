@@ -9,6 +9,7 @@
 
 namespace CLI {
 class App;
+class Option;
 }  // namespace CLI
 
 namespace tessera {
@@ -20,6 +21,9 @@ class Job;
 
 // --coordinator HOST:PORT, or the environment's TESSERA_COORDINATOR, or 127.0.0.1:7575.
 void AddCoordinatorOption(CLI::App& command, std::string* address);
+
+// A job's priority, as option or argument `name`.
+CLI::Option* AddPriorityOption(CLI::App& command, const std::string& name, int* priority);
 
 // What a user asks of a job: the scene, and the flags --tiles, --rounds, --method and its settings.
 struct JobFlags {

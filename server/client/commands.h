@@ -14,6 +14,7 @@ inline constexpr int kExitFailed = 1;       // the work failed (a job failed, a 
 inline constexpr int kExitUsage = 2;        // wrong arguments
 inline constexpr int kExitBadInput = 3;     // the input is wrong: what and where is on standard error
 inline constexpr int kExitUnavailable = 4;  // no coordinator answers
+inline constexpr int kExitPartial = 5;      // a job ended without some tiles, whose refinement failed
 inline constexpr int kExitCancelled = 130;  // Ctrl-C, or the job was cancelled
 
 // Each adds one subcommand to `app`; when the user calls it, it runs from CLI11's callback and leaves its exit code in
@@ -24,8 +25,12 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code);
 void AddFetchCommand(CLI::App& app, int* exit_code);
 void AddJobsCommand(CLI::App& app, int* exit_code);
 void AddLineageCommand(CLI::App& app, int* exit_code);
+void AddPauseCommand(CLI::App& app, int* exit_code);
 void AddPlanCommand(CLI::App& app, int* exit_code);
+void AddPriorityCommand(CLI::App& app, int* exit_code);
 void AddRenderCommand(CLI::App& app, int* exit_code);
+void AddResumeCommand(CLI::App& app, int* exit_code);
+void AddRetryCommand(CLI::App& app, int* exit_code);
 void AddRollbackCommand(CLI::App& app, int* exit_code);
 void AddRunCommand(CLI::App& app, int* exit_code);
 void AddSubmitCommand(CLI::App& app, int* exit_code);

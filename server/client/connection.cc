@@ -94,6 +94,16 @@ Status Connection::CancelJob(const std::string& name, v1::Job* job) {
                      [&](grpc::ClientContext* context) { return impl_->jobs->CancelJob(context, request, job); });
 }
 
+Status Connection::ChangeJob(const v1::ChangeJobRequest& request, v1::Job* job) {
+  return impl_->Call(Idempotency::kIdempotent, kCallSeconds,
+                     [&](grpc::ClientContext* context) { return impl_->jobs->ChangeJob(context, request, job); });
+}
+
+Status Connection::RetryJob(const v1::RetryJobRequest& request, v1::Job* job) {
+  return impl_->Call(Idempotency::kOnce, kCallSeconds,
+                     [&](grpc::ClientContext* context) { return impl_->jobs->RetryJob(context, request, job); });
+}
+
 Status Connection::ListJobs(int count, v1::ListJobsResponse* jobs) {
   v1::ListJobsRequest request;
   do {

@@ -12,11 +12,13 @@
 namespace tessera {
 
 namespace v1 {
+class ChangeJobRequest;
 class CreateJobRequest;
 class Job;
 class ListJobsResponse;
 class ListTasksResponse;
 class ListWorkersResponse;
+class RetryJobRequest;
 class WatchJobResponse;
 }  // namespace v1
 
@@ -33,6 +35,9 @@ class Connection {
   Status CreateJob(const v1::CreateJobRequest& request, v1::Job* job);
   Status GetJob(const std::string& name, v1::Job* job);
   Status CancelJob(const std::string& name, v1::Job* job);
+  Status ChangeJob(const v1::ChangeJobRequest& request, v1::Job* job);
+  // Not repeated: the second would be refused, since the job goes on.
+  Status RetryJob(const v1::RetryJobRequest& request, v1::Job* job);
   // The newest `count` jobs.
   Status ListJobs(int count, v1::ListJobsResponse* jobs);
   // All tasks of a job.

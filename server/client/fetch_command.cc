@@ -28,7 +28,7 @@ struct FetchFlags {
 // Takes from `job` what need not be fetched, and gives what the tiles' meshes were and are.
 StatusOr<std::vector<TileFileChange>> LeaveOutUnchanged(const v1::Job& base, v1::Job* job) {
   for (const v1::Job* each : {&base, static_cast<const v1::Job*>(job)}) {
-    if (each->state() == v1::JOB_SUCCEEDED) continue;
+    if (HasResult(each->state())) continue;
     return absl::FailedPreconditionError(each->name() + " is " + JobStateWord(each->state()) +
                                          ": --changed-since compares results");
   }

@@ -18,6 +18,8 @@ std::string JobStateWord(int state) {
       return "succeeded";
     case v1::JOB_FAILED:
       return "failed";
+    case v1::JOB_PARTIAL:
+      return "partial";
     case v1::JOB_CANCELLED:
       return "cancelled";
     default:
@@ -44,7 +46,13 @@ std::string TaskStateWord(int state) {
   }
 }
 
-bool HasEnded(int state) { return state == v1::JOB_SUCCEEDED || state == v1::JOB_FAILED || state == v1::JOB_CANCELLED; }
+std::string JobWord(const v1::Job& job) {
+  return job.paused() && !HasEnded(job.state()) ? "paused" : JobStateWord(job.state());
+}
+
+bool HasEnded(int state) { return HasResult(state) || state == v1::JOB_FAILED || state == v1::JOB_CANCELLED; }
+
+bool HasResult(int state) { return state == v1::JOB_SUCCEEDED || state == v1::JOB_PARTIAL; }
 
 std::string FullJobName(const std::string& given) { return given.rfind("jobs/", 0) == 0 ? given : "jobs/" + given; }
 

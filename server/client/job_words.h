@@ -6,12 +6,21 @@
 
 namespace tessera {
 
+namespace v1 {
+class Job;
+}  // namespace v1
+
 // `state`: v1::JobState, v1::TaskState by number. "running", "succeeded", ...
 std::string JobStateWord(int state);
 std::string TaskStateWord(int state);
 
+// As JobStateWord, "paused" of a paused job that has not ended.
+std::string JobWord(const v1::Job& job);
+
 // Whether a v1::JobState is final.
 bool HasEnded(int state);
+// Whether a job in this v1::JobState has published one, be it without some tiles.
+bool HasResult(int state);
 
 // "jobs/3" of "jobs/3" or "3".
 std::string FullJobName(const std::string& given);

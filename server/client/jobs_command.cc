@@ -20,6 +20,7 @@ namespace {
 
 struct JobsFlags {
   std::string coordinator;
+  std::string job;
   int count = 100;
   bool workers = false;
   bool json = false;
@@ -83,17 +84,40 @@ int Workers(Connection& connection, bool json) {
   return kExitOk;
 }
 
+// One job, with why it does not move.
+int OneJob(Connection& connection, const JobsFlags& flags) {
+  v1::Job job;
+  if (const Status status = connection.GetJob(FullJobName(flags.job), &job); !status.ok()) {
+    return Complain("jobs", status);
+  }
+  if (flags.json) return PrintJson(job);
+  std::vector<Row> rows = {{"job", job.name()}, {"name", job.display_name()}, {"scene", job.scene_path()}};
+  rows.push_back({"state", JobWord(job)});
+  if (!job.waiting_for().empty()) rows.push_back({"why", job.waiting_for()});
+  rows.push_back({"priority", std::to_string(job.priority())});
+  rows.push_back({"submitted", TimeWords(job.create_time().seconds())});
+  rows.push_back({"done", std::to_string(static_cast<int>(100 * job.progress())) + "%, " +
+                              std::to_string(job.tiles_done()) + " of " + std::to_string(job.tiles_total()) +
+                              " tiles, " + std::to_string(job.tasks_done()) + " of " +
+                              std::to_string(job.tasks_total()) + " tasks"});
+  if (!HasEnded(job.state()) && job.eta_s() >= 0) rows.push_back({"to go", DurationWords(job.eta_s())});
+  if (!job.error().empty()) rows.push_back({"error", job.error()});
+  PrintTable(rows);
+  return kExitOk;
+}
+
 int Jobs(const JobsFlags& flags) {
   const auto connection = Connection::Open(flags.coordinator);
   if (!connection.ok()) return Complain("jobs", connection.status());
   if (flags.workers) return Workers(**connection, flags.json);
+  if (!flags.job.empty()) return OneJob(**connection, flags);
   v1::ListJobsResponse jobs;
   if (const Status status = (*connection)->ListJobs(flags.count, &jobs); !status.ok()) return Complain("jobs", status);
   if (flags.json) return PrintJson(jobs);
-  std::vector<Row> rows = {{"JOB", "STATE", "TILES", "DONE", "TO GO", "SUBMITTED", "NAME"}};
+  std::vector<Row> rows = {{"JOB", "STATE", "PRIORITY", "TILES", "DONE", "TO GO", "SUBMITTED", "NAME"}};
   for (const v1::Job& job : jobs.jobs()) {
     const bool ended = HasEnded(job.state());
-    rows.push_back({job.name(), JobStateWord(job.state()),
+    rows.push_back({job.name(), JobWord(job), std::to_string(job.priority()),
                     std::to_string(job.tiles_done()) + "/" + std::to_string(job.tiles_total()),
                     std::to_string(static_cast<int>(100 * job.progress())) + "%",
                     ended || job.eta_s() < 0 ? "-" : DurationWords(job.eta_s()), TimeWords(job.create_time().seconds()),
@@ -107,13 +131,16 @@ int Jobs(const JobsFlags& flags) {
 
 void AddJobsCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<JobsFlags>();
-  CLI::App* command = app.add_subcommand("jobs", "List a coordinator's jobs, newest first, or its workers");
+  CLI::App* command = app.add_subcommand("jobs", "List a coordinator's jobs, newest first, or its workers; of one job also why it does not "
+                                              "move");
   command->footer(
       "Examples:\n"
       "  tessera jobs\n"
+      "  tessera jobs jobs/7\n"
       "  tessera jobs --workers\n"
       "  tessera jobs --json --count 1000");
   AddCoordinatorOption(*command, &flags->coordinator);
+  command->add_option("JOB", flags->job, "One job alone, by name or number");
   command->add_option("--count", flags->count, "At most so many jobs")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();

@@ -64,7 +64,7 @@ struct LocalJob::Impl {
       const bool for_input = connection->FailedForInput(job.name());
       Tell([&](LocalJobState& to) { to.failed_for_input = for_input; });
     }
-    if (job.state() != v1::JOB_SUCCEEDED) return absl::OkStatus();
+    if (!HasResult(job.state())) return absl::OkStatus();
     TaskControl control;
     control.cancelled = [this] { return broken_off.load(); };
     TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> written,

@@ -18,6 +18,10 @@ int main(int argc, char** argv) {
   tessera::AddRollbackCommand(app, &exit_code);
   tessera::AddJobsCommand(app, &exit_code);
   tessera::AddWatchCommand(app, &exit_code);
+  tessera::AddPriorityCommand(app, &exit_code);
+  tessera::AddPauseCommand(app, &exit_code);
+  tessera::AddResumeCommand(app, &exit_code);
+  tessera::AddRetryCommand(app, &exit_code);
   tessera::AddCancelCommand(app, &exit_code);
   tessera::AddFetchCommand(app, &exit_code);
   tessera::AddLineageCommand(app, &exit_code);

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "common/base/clock.h"
+#include "common/base/machine_limits.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "common/tile/survey.h"
@@ -115,7 +116,7 @@ StatusOr<std::string> TakeSurvey(const PlanFlags& flags) {
   options.state_dir = state;
   options.data_dir = state + "/data";
   options.workers = 1;
-  options.threads_per_worker = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  options.threads_per_worker = CoreLimit();
   TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, Pause));
   TESSERA_ASSIGN_OR_RETURN(auto connection, Connection::Open(cluster->address()));
   ProgressDisplay display(stderr);
@@ -178,7 +179,7 @@ StatusOr<std::string> TakeUpdatePlan(const PlanFlags& flags) {
   options.state_dir = state.path() + "/state";
   options.data_dir = base.data_dir;
   options.workers = 1;
-  options.threads_per_worker = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  options.threads_per_worker = CoreLimit();
   TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, Pause));
   StatusOr<std::string> plan = absl::UnknownError("");
   {

@@ -45,6 +45,7 @@ std::string JobLine(const v1::Job& job) {
   }
   line += "  tasks " + std::to_string(job.tasks_done()) + "/" + std::to_string(job.tasks_total());
   if (HasEnded(job.state())) return line + "  " + JobStateWord(job.state());
+  if (job.paused()) return line + "  paused";
   if (job.state() == v1::QUEUED) return line + "  queued";
   if (job.eta_s() >= 0) line += "  " + DurationWords(job.eta_s()) + " to go";
   return line;
@@ -73,6 +74,9 @@ std::vector<std::string> ProgressDisplay::Picture(const v1::WatchJobResponse& up
   bar += "  ";
   bar += JobLine(update.job());
   lines.push_back(bar);
+  if (update.running().empty() && !update.job().waiting_for().empty()) {
+    lines.emplace_back("  ").append(update.job().waiting_for());
+  }
   for (const v1::Task& task : update.running()) {
     if (lines.size() > kMaxTaskLines) {
       lines.emplace_back("  and ").append(std::to_string(update.running_size() - kMaxTaskLines)).append(" more");
@@ -129,10 +133,18 @@ void ProgressDisplay::ShowPlain(const v1::WatchJobResponse& update) {
     std::fprintf(out_, "%s: %s%s\n", WorkerWords(task.worker()).c_str(), task.title().c_str(), attempt.c_str());
   }
   const int tenth = Percent(job.progress()) / 10;
-  if (job.state() != last_state_ || job.tiles_done() != last_tiles_ || tenth > last_tenth_) {
-    std::fprintf(out_, "%s: %s  %s\n", job.name().c_str(), JobStateWord(job.state()).c_str(), JobLine(job).c_str());
+  if (job.state() != last_state_ || job.paused() != last_paused_ || job.tiles_done() != last_tiles_ || tenth > last_tenth_) {
+    std::fprintf(out_, "%s: %s  %s\n", job.name().c_str(), JobWord(job).c_str(), JobLine(job).c_str());
   }
+  // The words' numbers change with time.
+  std::string waiting = update.running().empty() ? job.waiting_for() : "";
+  std::erase_if(waiting, [](char c) { return c >= '0' && c <= '9'; });
+  if (!waiting.empty() && waiting != last_waiting_) {
+    std::fprintf(out_, "%s: %s\n", job.name().c_str(), job.waiting_for().c_str());
+  }
+  last_waiting_ = waiting;
   last_state_ = job.state();
+  last_paused_ = job.paused();
   last_tiles_ = job.tiles_done();
   last_tenth_ = tenth;
   std::fflush(out_);

@@ -37,6 +37,8 @@ class ProgressDisplay {
   const bool terminal_;
   std::vector<std::string> shown_;  // lines on the terminal now
   int last_state_ = -1;             // plain lines: what was told last
+  bool last_paused_ = false;
+  std::string last_waiting_;
   int last_tiles_ = -1;
   int last_tenth_ = 0;
   std::map<std::string, int> told_;  // attempts told, by task

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "common/base/clock.h"
+#include "common/base/machine_limits.h"
 #include "common/storage/files.h"
 #include "server/client/base_job.h"
 #include "server/client/command_line.h"
@@ -98,10 +99,8 @@ int Conclude(const Ending& ending, const Folders& folders, double seconds) {
     return ending.accepted && code == kExitBadInput ? kExitFailed : code;
   }
   const int code = ExitCodeOfJob(*ending.state->job, ending.state->failed_for_input);
-  if (code != kExitOk) {
-    std::fprintf(stderr, "logs: %s/logs\n", folders.state.c_str());
-    return code;
-  }
+  if (code != kExitOk) std::fprintf(stderr, "logs: %s/logs\n", folders.state.c_str());
+  if (code != kExitOk && code != kExitPartial) return code;
   for (const std::string& line : RunSummary(folders.out)) std::printf("%s\n", line.c_str());
   std::printf("time: %s\n", DurationWords(seconds).c_str());
   std::printf("result: %s/mesh.ply\n", folders.out.c_str());
@@ -129,7 +128,7 @@ int Run(const RunFlags& flags) {
   const SystemClock clock;
   const int64_t start_us = clock.MonotonicUs();
   const Folders folders(flags.out);
-  const int cores = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const int cores = CoreLimit();
   LocalClusterOptions options;
   options.state_dir = folders.state;
   options.data_dir = data_dir.empty() ? folders.state + "/data" : data_dir;
@@ -178,7 +177,8 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
       "every task made (a run that was interrupted, or is repeated, does nothing twice) and the logs; it may be "
       "deleted,\n"
       "unless a later run is to go on from this one (--base).\n"
-      "Exit code: 0 done, 1 failed, 2 wrong arguments, 3 wrong input, 130 interrupted.\n"
+      "Exit code: 0 done, 1 failed, 2 wrong arguments, 3 wrong input, 5 done but for tiles whose refinement failed,\n"
+      "130 interrupted.\n"
       "Examples:\n"
       "  tessera run city --workers 2 --tiles 4 --out out\n"
       "  tessera run flight-2027 --base out --out out-2027");

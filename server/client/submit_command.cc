@@ -18,6 +18,7 @@ struct SubmitFlags {
   JobFlags job;
   std::string name;
   std::string request_id;
+  int priority = 0;
   bool validate_only = false;
   bool watch = false;
 };
@@ -29,6 +30,7 @@ int Submit(const SubmitFlags& flags) {
     update.set_base(FullJobName(update.base()));
   }
   request.set_display_name(flags.name);
+  request.set_priority(flags.priority);
   request.set_request_id(flags.request_id.empty() ? NewRequestId() : flags.request_id);
   request.set_validate_only(flags.validate_only);
   const auto connection = Connection::Open(flags.coordinator);
@@ -54,6 +56,7 @@ void AddOptions(CLI::App& command, SubmitFlags* flags) {
   AddPriceLimit(command, &flags->job);
   command.add_option("--name", flags->name, "Name for people; without it the scene's");
   command.add_option("--request-id", flags->request_id, "The same id again gives the same job, never a second one");
+  AddPriorityOption(command, "--priority", &flags->priority);
   command.add_flag("--validate-only", flags->validate_only, "Only check the scene, as the coordinator sees it");
   command.add_flag("--watch", flags->watch, "Show progress until the job has ended");
 }

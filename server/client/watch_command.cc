@@ -33,7 +33,7 @@ void AddWatchCommand(CLI::App& app, int* exit_code) {
       "Tiles done, time to go and what each worker does; plain lines where the output is no terminal. Goes on when "
       "the\n"
       "coordinator is restarted. Leaving it (Ctrl-C) does not touch the job. Exit code: 0 succeeded, 1 failed,\n"
-      "3 failed for its input, 130 cancelled.\n"
+      "3 failed for its input, 5 without some tiles, 130 cancelled.\n"
       "Example: tessera watch jobs/7");
   AddCoordinatorOption(*command, &flags->coordinator);
   command->add_option("JOB", flags->job, "The job's name or number")->required();

@@ -1,11 +1,13 @@
 // What the coordinator does by itself, without a worker: plan, reuse what is known, end jobs.
 #include <algorithm>
 #include <iterator>
+#include <map>
 #include <utility>
 
 #include "common/tile/task_parameters.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/dispatch/job_report.h"
+#include "server/dispatch/set_aside.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -48,7 +50,7 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
 }  // namespace
 
 struct Dispatcher::PendingStep {
-  enum class Kind { kPlanIngest, kPlanUpdate, kPlanTiles, kPlanSteps, kEnd };
+  enum class Kind { kPlanIngest, kPlanUpdate, kPlanTiles, kPlanSteps, kSetAside, kEnd };
   Kind kind = Kind::kEnd;
   int job = -1;
   int tasks = 0;  // of the job, before the phase that is to be planned: a plan for another number is stale
@@ -57,7 +59,13 @@ struct Dispatcher::PendingStep {
   std::optional<StatusOr<UpdateBase>> base;  // of an update
   StatusOr<Digest> survey = absl::UnknownError("not read");
   std::vector<std::pair<int, StatusOr<Digest>>> reads;  // tiles that were cut, and the kReadsFile of each
-  std::string error;                                    // of a job that ends
+  int tiles = 0;                                        // up to the last of which a cut was planned
+  std::vector<SetAsideTile> set_aside;
+  int replaces_from = -1;              // first task that the phase is planned in place of; -1: none
+  int failed = -1;                     // task whose tile is set aside
+  JobState end = JobState::kFailed;    // of a job that ends
+  std::string error;                   // likewise
+  std::map<int, std::string> why_set_aside;
   JobHeader header;
   std::vector<NamedDigest> artifacts;
 };
@@ -87,7 +95,9 @@ Status Dispatcher::Advance() {
         step = NextStepLocked();
       }
       if (!step) break;
-      TESSERA_RETURN_IF_ERROR(step->kind == PendingStep::Kind::kEnd ? EndJob(*step) : PlanJob(*step));
+      TESSERA_RETURN_IF_ERROR(step->kind == PendingStep::Kind::kEnd        ? EndJob(*step)
+                              : step->kind == PendingStep::Kind::kSetAside ? SetTileAside(*step)
+                                                                           : PlanJob(*step));
     }
   }
   return absl::OkStatus();
@@ -101,11 +111,18 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
   step.job = index;
   if (job.failed >= 0) {
     const JobTask& task = job.tasks[job.failed];
+    if (CanGoOnWithout(job)) {
+      step.kind = PendingStep::Kind::kSetAside;
+      step.failed = job.failed;
+      return step;
+    }
     step.error = task.plan.name + ": " + task.error.message;
     if (task.error.error_class != ErrorClass::kInput) {
       step.error += " (" + ErrorClassName(task.error.error_class) + ", attempt " + std::to_string(task.attempt()) + ")";
     }
-  } else if (job.open_plan >= 0 || !job.planned_to_end) {
+  } else if (job.open_plan >= 0 || !job.planned_to_end || (job.plans_anew && CutsAreDone(job))) {
+    step.set_aside = TilesSetAside(job);
+    if (job.plans_anew) step.replaces_from = FirstBehindCuts(job);
     step.settings = job.header.settings;
     step.scene_files = job.scene_files;
     step.tasks = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
@@ -117,19 +134,27 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
         step.survey = ledger_.InputDigest(job, {TaskId(task), kSurveyFile});
         step.kind = PendingStep::Kind::kPlanTiles;
       } else if (kind == kCutKind) {
-        step.reads.emplace_back(job.tasks[task].plan.tile, ledger_.InputDigest(job, {TaskId(task), kReadsFile}));
+        step.tiles = std::max(step.tiles, job.tasks[task].plan.tile + 1);
         step.kind = PendingStep::Kind::kPlanSteps;
+        if (job.tasks[task].superseded) continue;
+        step.reads.emplace_back(job.tasks[task].plan.tile, ledger_.InputDigest(job, {TaskId(task), kReadsFile}));
       }
     }
     if (step.tasks == 0) step.kind = base.empty() ? PendingStep::Kind::kPlanIngest : PendingStep::Kind::kPlanUpdate;
     return step;
   } else {
     for (const JobTask& task : job.tasks) {
+      if (task.superseded) continue;
       if (task.plan.kind != kPublishKind && task.plan.kind != kPlanKind && task.plan.kind != kChangesKind) continue;
       std::copy_if(task.outputs.begin(), task.outputs.end(), std::back_inserter(step.artifacts),
                    [](const NamedDigest& file) { return file.name != kOutdatedFile; });  // publish's input
     }
+    step.end = job.set_aside.empty() ? JobState::kSucceeded : JobState::kPartial;
+    for (const SetAside& tile : job.set_aside) {
+      step.error += (step.error.empty() ? "" : "\n") + SetAsideWords(job, tile);
+    }
   }
+  for (const SetAside& tile : job.set_aside) step.why_set_aside[tile.tile] = SetAsideWords(job, tile);
   step.header = job.header;
   step.tasks = static_cast<int>(job.tasks.size());
   return step;
@@ -157,8 +182,7 @@ StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step
   if (step.kind == PendingStep::Kind::kPlanTiles) return planner.Tiles(step.settings, survey, names, goes_on_from);
   std::vector<TileReads> reads;
   // An update has its base's tiles, and may have more behind them, which are cut.
-  int tiles = static_cast<int>(base ? base->tiles.size() : step.reads.size());
-  for (const auto& [tile, digest] : step.reads) tiles = std::max(tiles, tile + 1);
+  const int tiles = std::max(step.tiles, static_cast<int>(base ? base->tiles.size() : 0));
   const auto read = [&](int tile, const StatusOr<Digest>& digest) -> StatusOr<TileReads> {
     TESSERA_RETURN_IF_ERROR(digest.status());
     TESSERA_ASSIGN_OR_RETURN(const std::string json, environment_.blobs->Read(*digest, kMaxReadsBytes));
@@ -172,7 +196,7 @@ StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step
     }
     reads.push_back(*of_tile);
   }
-  return planner.Steps(step.settings, survey, names, reads, goes_on_from);
+  return planner.Steps(step.settings, survey, names, reads, goes_on_from, step.set_aside);
 }
 
 // Results that an update takes over may have been lost since.
@@ -200,6 +224,12 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
     }
   }
   Status fault = tasks.status();
+  std::vector<int> superseded;
+  if (fault.ok() && step.replaces_from >= 0) {
+    PlanChange change = ChangePlan(step.replaces_from, TasksFrom(step), *std::move(tasks));
+    tasks = std::move(change.added);
+    superseded = std::move(change.superseded);
+  }
   int first_task = step.tasks;
   for (size_t next = 0; fault.ok() && next < tasks->size();) {
     v1::Record record;
@@ -212,17 +242,35 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
       (*tasks)[next] = PlannedTask();  // plans are large
     }
     planned.set_more(next < tasks->size());
+    if (!planned.more()) planned.mutable_superseded()->Add(superseded.begin(), superseded.end());
     std::lock_guard lock(mutex_);
     const Job& job = ledger_.jobs()[step.job];
     const int at = first_task == step.tasks && job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
-    if (HasEnded(job.header.state) || at != first_task) return absl::OkStatus();
+    if (HasEnded(job.header.state) || at != first_task || TilesSetAside(job) != step.set_aside) return absl::OkStatus();
     first_task += planned.tasks_size();
     fault = CommitLocked(record);
+    if (!fault.ok() || planned.more()) continue;
+    for (const int task : superseded) leases_.Release({step.job, task});  // their next heartbeats tell the workers
   }
   if (fault.ok()) return absl::OkStatus();
   std::lock_guard lock(mutex_);
-  if (HasEnded(ledger_.jobs()[step.job].header.state)) return absl::OkStatus();
-  return EndJobLocked(step.job, JobState::kFailed, "cannot plan the job: " + std::string(fault.message()), {});
+  const Job& job = ledger_.jobs()[step.job];
+  if (HasEnded(job.header.state)) return absl::OkStatus();
+  std::string error = "cannot plan the job: " + std::string(fault.message());
+  for (const SetAside& tile : job.set_aside) error += "\n" + SetAsideWords(job, tile);
+  return EndJobLocked(step.job, JobState::kFailed, error, {});
+}
+
+// Under the mutex tasks are only copied, a few at once.
+std::vector<KnownTask> Dispatcher::TasksFrom(const PendingStep& step) const {
+  std::vector<KnownTask> known;
+  for (int first = step.replaces_from; first < step.tasks; first += kReportedAtOnce) {
+    std::lock_guard lock(mutex_);
+    const std::vector<JobTask>& all = ledger_.jobs()[step.job].tasks;
+    const int end = std::min({first + kReportedAtOnce, step.tasks, static_cast<int>(all.size())});
+    for (int i = first; i < end; ++i) known.push_back({all[i].plan, all[i].superseded});
+  }
+  return known;
 }
 
 StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
@@ -239,7 +287,7 @@ StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
       for (const JobTask& task : tasks) visitor(task);
     }
   };
-  JobReport report(step.header, step.error, environment_.clock->UnixTimeUs());
+  JobReport report(step.header, step.end, step.error, step.why_set_aside, environment_.clock->UnixTimeUs());
   visit([&](const JobTask& task) { report.Count(task); });
   return environment_.blobs->PutParts([&](const BlobStore::Writer& write) {
     write(report.Head());
@@ -254,7 +302,19 @@ Status Dispatcher::EndJob(const PendingStep& step) {
   artifacts.push_back({"job.json", report});
   std::lock_guard lock(mutex_);
   if (HasEnded(ledger_.jobs()[step.job].header.state)) return absl::OkStatus();
-  return EndJobLocked(step.job, step.error.empty() ? JobState::kSucceeded : JobState::kFailed, step.error, artifacts);
+  return EndJobLocked(step.job, step.end, step.error, artifacts);
+}
+
+Status Dispatcher::SetTileAside(const PendingStep& step) {
+  std::lock_guard lock(mutex_);
+  const Job& job = ledger_.jobs()[step.job];
+  if (HasEnded(job.header.state) || job.failed != step.failed) return absl::OkStatus();
+  v1::Record record;
+  v1::TileSetAside& change = *record.mutable_tile_set_aside();
+  change.set_job(job.header.name);
+  change.set_tile(job.tasks[step.failed].plan.tile);
+  change.set_task(step.failed);
+  return CommitLocked(record);
 }
 
 Status Dispatcher::EndJobLocked(int job, JobState state, const std::string& error,

@@ -21,7 +21,7 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
   base.name = name;
   base.scene_files = job.scene_files;
   for (const JobTask& task : job.tasks) {
-    if (task.plan.kind != kPublishKind) continue;
+    if (task.plan.kind != kPublishKind || task.superseded) continue;
     TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(task.plan.parameters));
     base.tiles = parameters.tiles;
     const auto skip_gone = [&base] {
@@ -79,7 +79,8 @@ MeasuredCosts Ledger::MeasuredIn(const Job& last) const {
   for (const Job* job = &last; job != nullptr;) {
     for (const JobTask& task : job->tasks) {
       const std::string& kind = task.plan.kind;
-      if (task.reused || kind == kUpdateKind || (kind == kIngestKind && job != &last)) continue;
+      if (task.state != TaskState::kSucceeded || task.reused) continue;
+      if (kind == kUpdateKind || (kind == kIngestKind && job != &last)) continue;
       if (task.plan.scale == 0) continue;  // predicted by the model of an earlier release
       MeasuredCost& of_kind = measured[kind];
       of_kind.predicted += task.plan.cost / task.plan.scale;

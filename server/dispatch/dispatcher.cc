@@ -6,7 +6,9 @@
 #include <utility>
 
 #include "common/base/json_bounds.h"
+#include "common/base/refusal.h"
 #include "common/base/version.h"
+#include "server/dispatch/waiting_for.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
 
@@ -17,13 +19,6 @@ void ToProto(const Digest& digest, v1::Digest* proto) {
   proto->set_sha256(digest.sha256);
   proto->set_size_bytes(digest.size_bytes);
 }
-
-// Ready tasks of tiles that other workers have had which are passed over for one of a tile that nobody has.
-constexpr int kStrangersSeen = 256;
-
-// A worker without a tile of its own waits that long and as long as the task takes before it takes one of a tile that
-// another has in memory: to read the tile anew takes longer (delay scheduling, Zaharia et al., EuroSys 2010).
-constexpr double kPatience_s = 1;
 
 constexpr int64_t kExpiryInterval_us = 100'000;  // between two looks for leases that are over
 
@@ -99,7 +94,9 @@ Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
 // --- Jobs ---
 
 JobStatus Dispatcher::JobStatusLocked(int job) const {
-  JobStatus status = StatusOfJob(ledger_.jobs()[job], job, leases_, environment_.clock->MonotonicUs());
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  JobStatus status = StatusOfJob(ledger_.jobs()[job], job, leases_, now_us);
+  status.waiting_for = WaitingFor(ledger_, job, leases_, journal_.trouble(), now_us);
   // What an attempt had done is lost with it, but the bar does not go back.
   if (shown_progress_.size() < ledger_.jobs().size()) shown_progress_.resize(ledger_.jobs().size());
   status.progress = shown_progress_[job] = std::max(status.progress, shown_progress_[job]);
@@ -135,6 +132,7 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
     }
     for (const std::string& warning : job.warnings) accepted.add_warnings(warning);
     accepted.set_algorithm_version(kAlgorithmVersion);
+    accepted.set_priority(job.priority);
     TESSERA_RETURN_IF_ERROR(CommitLocked(record));
   }
   TESSERA_RETURN_IF_ERROR(Durable());
@@ -231,35 +229,12 @@ std::string Dispatcher::RegisterWorker(const WorkerInfo& info) {
 
 Status Dispatcher::SeenLocked(const std::string& worker) {
   WorkerState* const known = leases_.FindWorker(worker);
-  if (known == nullptr) return absl::NotFoundError("no such worker: '" + worker + "'; it has to register again");
+  if (known == nullptr) {
+    return Refuse(Refusal::kUnknownWorker,
+                  absl::NotFoundError("no such worker: '" + worker + "'; it has to register again"));
+  }
   known->last_seen_us = environment_.clock->MonotonicUs();
   return absl::OkStatus();
-}
-
-std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, double waited_s) {
-  ledger_.PromoteRetries(environment_.clock->MonotonicUs());
-  const ReadyTasks& ready = ledger_.ready();
-  const auto may_run = [&](TaskRef ref) {
-    return leases_.workers().size() < 2 || !RanOutOfMemory(ledger_.task(ref), worker);
-  };
-  const std::optional<TaskRef> first = ready.First(may_run);
-  const WorkerState* const self = leases_.FindWorker(worker);
-  if (!first || self == nullptr) return first;
-  // Of the same job rather one of a tile that this worker has had, and may have in memory; else none that another has
-  // had, for some time. Only an order of preference: whatever is ready goes to whoever goes on asking.
-  for (const TileRef tile : self->recent_tiles) {
-    if (tile.job != first->job) continue;
-    if (const auto own = ready.FirstOfTile(tile.job, tile.tile, may_run)) return own;
-  }
-  int seen = 0;
-  const auto nobodys = ready.First([&](TaskRef ref) {
-    if (ref.job != first->job || ++seen > kStrangersSeen) return true;
-    const std::string& keeper = leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile});
-    return may_run(ref) && (keeper.empty() || keeper == worker);
-  });
-  if (nobodys && nobodys->job == first->job && seen <= kStrangersSeen) return nobodys;
-  if (seen <= kStrangersSeen && waited_s < kPatience_s + ledger_.task(*first).plan.cost) return std::nullopt;
-  return first;
 }
 
 StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& worker) {
@@ -370,7 +345,7 @@ StatusOr<std::vector<std::string>> Dispatcher::Heartbeat(const std::string& work
 }
 
 Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure) {
-  return EndAttemptLocked(ref, JudgeFailure(ledger_.task(ref), failure, options_.retry), false);
+  return EndAttemptLocked(ref, JudgeFailure(WithCountedAttempts(ledger_.task(ref)), failure, options_.retry), false);
 }
 
 Status Dispatcher::EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired) {
@@ -397,7 +372,8 @@ Status Dispatcher::ExpireLeasesLocked() {
   const int64_t since_us = now_us - Micros(options_.lease_s / 2);
   const auto lives = [&](const std::string& machine) { return leases_.Lives(machine, since_us); };
   for (const TaskRef ref : leases_.Expired(now_us)) {
-    TESSERA_RETURN_IF_ERROR(EndAttemptLocked(ref, JudgeSilence(ledger_.task(ref), lives, options_.retry), true));
+    TESSERA_RETURN_IF_ERROR(EndAttemptLocked(
+        ref, JudgeSilence(WithCountedAttempts(ledger_.task(ref)), lives, options_.retry), true));
   }
   std::vector<std::pair<TaskRef, TaskFailure>> stalled;
   for (const auto& [ref, lease] : leases_.leases()) {
@@ -407,6 +383,19 @@ Status Dispatcher::ExpireLeasesLocked() {
   }
   for (const auto& [ref, failure] : stalled) TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
   return absl::OkStatus();
+}
+
+StatusOr<TaskRef> Dispatcher::FindReportedLocked(const std::string& task) const {
+  StatusOr<TaskRef> ref = ledger_.FindTask(task);
+  if (!ref.ok()) return Refuse(Refusal::kNotCurrent, ref.status());
+  return ref;
+}
+
+Status Dispatcher::CheckCurrentLocked(TaskRef ref, const std::string& worker, int attempt) {
+  if (leases_.FindCurrent(ref, worker, attempt) != nullptr) return absl::OkStatus();
+  return Refuse(Refusal::kNotCurrent,
+                absl::FailedPreconditionError(TaskName(ref) + ": attempt " + std::to_string(attempt) + " of " + worker +
+                                              " is not the current one"));
 }
 
 Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& task, int attempt,
@@ -420,17 +409,14 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
   {
     std::unique_lock lock(mutex_);
     SeenLocked(worker).IgnoreError();  // the attempt number is what counts
-    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ledger_.FindTask(task));
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
     const JobTask& target = ledger_.task(ref);
     if (target.state == TaskState::kSucceeded && !target.reused && target.attempt() == attempt &&
         target.worker() == worker) {
       lock.unlock();
       return Durable();  // said twice: the first answer was lost
     }
-    if (leases_.FindCurrent(ref, worker, attempt) == nullptr) {
-      return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
-                                           " is not the current one");
-    }
+    TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
     if (const Status status = CheckStatistics(result.stats); !status.ok()) {
       TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kTransient, std::string(status.message())}));
       return status;
@@ -472,11 +458,8 @@ Status Dispatcher::ReportFailure(const std::string& worker, const std::string& t
   {
     std::lock_guard lock(mutex_);
     SeenLocked(worker).IgnoreError();
-    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ledger_.FindTask(task));
-    if (leases_.FindCurrent(ref, worker, attempt) == nullptr) {
-      return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
-                                           " is not the current one");
-    }
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
+    TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
     TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
   }
   const int64_t reported = journal_.last();

@@ -28,6 +28,8 @@
 
 namespace tessera {
 
+struct KnownTask;
+
 struct DispatchOptions {
   double lease_s = 30;          // a lease lives that long after its last heartbeat
   double forget_worker_s = 90;  // a silent worker without a task is forgotten after that
@@ -58,6 +60,7 @@ struct NewJob {
   JobSettings settings;
   std::vector<NamedDigest> scene_files;
   Warnings warnings;
+  int priority = 0;
 };
 
 struct LeasedInput {
@@ -124,6 +127,11 @@ class Dispatcher {
   // Newest first: those before `before` (a job's index; -1: from the newest), at most `count`.
   std::vector<JobStatus> ListJobs(int before, int count) const;
   StatusOr<JobStatus> CancelJob(const std::string& name);
+  // FAILED_PRECONDITION if the job has ended; INVALID_ARGUMENT for a priority out of its range.
+  StatusOr<JobStatus> ChangeJob(const std::string& name, const JobChange& change);
+  // Lets a job that failed or ended partially go on; of a tile: what failed of it alone. FAILED_PRECONDITION with the
+  // reason if that cannot be.
+  StatusOr<JobStatus> RetryJob(const std::string& name, std::optional<int> tile);
   // Tasks [first, first + count) in the plan's order.
   StatusOr<std::vector<TaskStatus>> ListTasks(const std::string& job, int first, int count) const;
   StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
@@ -133,12 +141,12 @@ class Dispatcher {
   // Workers.
   std::string RegisterWorker(const WorkerInfo& info);
   // Waits up to `wait_s` for a task; none if there was none. `gone`: whether the caller still waits for the answer.
-  // NOT_FOUND for a worker that is not registered (it was forgotten).
+  // Refusal::kUnknownWorker for a worker that is not registered (it was forgotten).
   StatusOr<std::optional<GrantedLease>> LeaseTask(const std::string& worker, double wait_s,
                                                   const std::function<bool()>& gone);
   // Renews leases. Gives the tasks that the worker must stop.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<ReportedProgress>& tasks);
-  // FAILED_PRECONDITION if the attempt is not the current one. The same report again is OK. Statistics that are too
+  // Refusal::kNotCurrent if the attempt is not the current one. The same report again is OK. Statistics that are too
   // large or too deep are refused (INVALID_ARGUMENT) and end the attempt as failed.
   Status ReportSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result);
   Status ReportFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure);
@@ -177,10 +185,15 @@ class Dispatcher {
   bool MayReuseLocked(TaskRef ref) const;
   // Succeeds such a task, or forgets the result if it is not stored any more. Never under mutex_.
   Status Reuse(TaskRef ref);
+  // Whether the worker's memory is enough for the task, or no worker's is and it has as much as any.
+  bool MayTryLocked(TaskRef ref, const std::string& worker) const;
   // `waited_s`: how long the worker has asked already.
   std::optional<TaskRef> NextReadyLocked(const std::string& worker, double waited_s);
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
   Status SeenLocked(const std::string& worker);
+  // Errors with Refusal::kNotCurrent.
+  StatusOr<TaskRef> FindReportedLocked(const std::string& task) const;
+  Status CheckCurrentLocked(TaskRef ref, const std::string& worker, int attempt);
   StatusOr<NewJob> CompleteRollback(NewJob job) const;
   StatusOr<std::optional<JobStatus>> FindRequestLocked(const JobRequest& request) const;
   JobStatus JobStatusLocked(int job) const;
@@ -195,6 +208,8 @@ class Dispatcher {
   Status PlanJob(const PendingStep& step);
   Status EndJob(const PendingStep& step);
   StatusOr<Digest> StoreReport(const PendingStep& step);
+  std::vector<KnownTask> TasksFrom(const PendingStep& step) const;
+  Status SetTileAside(const PendingStep& step);
   Status EndJobLocked(int job, JobState state, const std::string& error, const std::vector<NamedDigest>& artifacts);
   Status ReuseReady();
 

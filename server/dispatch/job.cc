@@ -1,5 +1,7 @@
 #include "server/dispatch/job.h"
 
+#include <algorithm>
+
 namespace tessera {
 namespace {
 
@@ -39,6 +41,12 @@ void JobTotals::AddPlanned(const JobTask& task) {
   sums_.unfinished_tiles += of_tile->second++ == 0;
 }
 
+void JobTotals::AddSetAside(int tile) {
+  const auto [of_tile, is_new] = unfinished_of_tile_.emplace(tile, 0);
+  sums_.tiles += is_new;
+  sums_.unfinished_tiles += of_tile->second++ == 0;
+}
+
 void JobTotals::AddSucceeded(int index, const JobTask& task) {
   ++sums_.tasks_done;
   sums_.PartOf(task.plan.kind).done += task.plan.cost;
@@ -69,6 +77,23 @@ StatusOr<TaskRef> ParseTaskName(const std::string& name) {
     if (job.ok() && task >= 0) return TaskRef{*job, task};
   }
   return absl::InvalidArgumentError("not a task's name (jobs/J/tasks/T): '" + name + "'");
+}
+
+JobTask WithCountedAttempts(JobTask task) {
+  task.attempts.erase(task.attempts.begin(), task.attempts.begin() + task.forgiven);
+  return task;
+}
+
+bool CutsAreDone(const Job& job) {
+  return std::all_of(job.tasks.begin(), job.tasks.end(), [](const JobTask& task) {
+    return task.plan.kind != kCutKind || task.superseded || task.state == TaskState::kSucceeded;
+  });
+}
+
+Status CheckPriority(int priority) {
+  if (priority >= -kMaxPriority && priority <= kMaxPriority) return absl::OkStatus();
+  return InputError("priority", "", std::to_string(priority),
+                    std::to_string(-kMaxPriority) + " to " + std::to_string(kMaxPriority));
 }
 
 std::string ErrorClassName(ErrorClass error_class) {

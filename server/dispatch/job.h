@@ -18,7 +18,7 @@
 namespace tessera {
 
 // The numbers of these are those of tessera.v1.
-enum class JobState { kQueued = 1, kRunning = 2, kSucceeded = 3, kFailed = 4, kCancelled = 5 };
+enum class JobState { kQueued = 1, kRunning = 2, kSucceeded = 3, kFailed = 4, kCancelled = 5, kPartial = 6 };
 enum class TaskState { kWaiting = 1, kReady = 2, kLeased = 3, kSucceeded = 4, kFailed = 5, kCancelled = 6 };
 enum class ErrorClass { kNone = 0, kInput = 1, kTransient = 2, kMemory = 3, kPoison = 4, kAborted = 5 };
 
@@ -49,6 +49,8 @@ struct JobTask {
   std::vector<Attempt> attempts;  // attempt number n is attempts[n - 1]
   int64_t retry_delay_us = 0;     // not leased again before so much time has passed
   TaskFailure error;              // the last
+  int forgiven = 0;               // attempts before the job was retried, which count no more
+  bool superseded = false;        // a later plan has another in its place, or does without
   bool reused = false;            // its result was found under its key; nothing ran
   std::string stats;              // JSON
   TaskUsage usage;                // of the attempt that succeeded; zeros if reused
@@ -83,6 +85,25 @@ struct JobHeader {
   int64_t end_us = 0;
   std::vector<NamedDigest> artifacts;
   Warnings warnings;
+  int priority = 0;     // a waiting job of a higher one gets the next free worker
+  bool paused = false;  // nothing more is leased; what runs goes on to its end
+};
+
+inline constexpr int kMaxPriority = 100;  // and -kMaxPriority the least
+// INVALID_ARGUMENT with what was found and what was expected.
+Status CheckPriority(int priority);
+
+// What a user changes of a job; what is not set stays.
+struct JobChange {
+  std::optional<int> priority;
+  std::optional<bool> paused;
+};
+
+// A tile that is left as it was, and its task that failed for good, by its place in the job's list.
+struct SetAside {
+  int tile = -1;
+  int task = -1;
+  friend bool operator==(const SetAside&, const SetAside&) = default;
 };
 
 // Costs of a job's tasks, and what of them is done.
@@ -107,6 +128,8 @@ class JobTotals {
   // A task that is given is not counted. It has not succeeded yet.
   void AddPlanned(const JobTask& task);
   void AddSucceeded(int index, const JobTask& task);
+  // A tile that stays unfinished whatever succeeds.
+  void AddSetAside(int tile);
   const JobSums& sums() const { return sums_; }
   const std::set<int>& warned() const { return warned_; }  // succeeded tasks with warnings
 
@@ -120,12 +143,20 @@ struct Job {
   JobHeader header;
   std::vector<NamedDigest> scene_files;  // sorted by name
   std::vector<JobTask> tasks;            // the first phase's first
-  int unfinished = 0;                    // tasks that have not succeeded
+  int unfinished = 0;                    // tasks that have not succeeded, but for superseded ones
   int failed = -1;                       // the first task that has for good; -1: none
   bool planned_to_end = false;           // publish is among the tasks, or the plan is all that is asked for
+  std::vector<SetAside> set_aside;       // by tile
+  bool plans_anew = false;               // what is behind the cuts, since other tiles are set aside than it was planned for
   int open_plan = -1;                    // first task of a plan whose last record has not come; -1: none
   JobTotals totals;
 };
+
+// The task as if it had been tried only since its job was last retried.
+JobTask WithCountedAttempts(JobTask task);
+
+// Whether every tile was cut, but those that were set aside instead.
+bool CutsAreDone(const Job& job);
 
 // "jobs/J/tasks/T": which task, by its places in the ledger.
 struct TaskRef {

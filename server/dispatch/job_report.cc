@@ -35,6 +35,10 @@ const char* Name(TaskState state) {
   return "unknown";
 }
 
+const char* Name(JobState end) {
+  return end == JobState::kSucceeded ? "succeeded" : end == JobState::kPartial ? "partial" : "failed";
+}
+
 // Null if it is none. Statistics that an earlier coordinator took may be of any depth.
 Json ParseStored(const std::string& text) {
   if (!CheckJsonDepth("", text).ok()) return nullptr;
@@ -46,6 +50,7 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
   Json json = {{"kind", task.plan.kind},    {"title", task.plan.name}, {"tile", task.plan.tile},
                {"state", Name(task.state)}, {"reused", task.reused},   {"attempts", task.attempt()},
                {"worker", task.worker()},   {"key", task.key}};
+  if (task.superseded) json["superseded"] = true;
   double seconds = 0;
   Json runs = Json::array();
   for (const Attempt& attempt : task.attempts) {
@@ -101,8 +106,13 @@ std::string Dump(const Json& json, int indent = 1) {
 
 }  // namespace
 
-JobReport::JobReport(JobHeader header, std::string error, int64_t end_us)
-    : header_(std::move(header)), error_(std::move(error)), end_us_(end_us) {}
+JobReport::JobReport(JobHeader header, JobState end, std::string error, std::map<int, std::string> set_aside,
+                     int64_t end_us)
+    : header_(std::move(header)),
+      end_(end),
+      error_(std::move(error)),
+      set_aside_(std::move(set_aside)),
+      end_us_(end_us) {}
 
 void JobReport::Count(const JobTask& task) {
   const std::string& kind = task.plan.kind;
@@ -134,12 +144,13 @@ std::string JobReport::Head() const {
                  {"method", settings.method},
                  {"from_scratch", settings.update.from_scratch},
                  {"method_settings", Json::parse(ToJson(settings.method_settings))}}},
-               {"state", error_.empty() ? "succeeded" : "failed"}};
+               {"state", Name(end_)}};
   if (const UpdateSettings& update = settings.update; !update.rollback_to.empty()) {
     json["rollback"] = {{"to", update.rollback_to}, {"tiles", update.rollback_tiles}};
   }
   if (!error_.empty()) json["error"] = error_;
   json["warnings"] = header_.warnings;
+  for (const auto& [tile, why] : set_aside_) json["set_aside"].push_back({{"tile", tile}, {"why", why}});
   json["totals"] = {{"seconds", Seconds(header_.create_us, end_us_)},
                     {"tasks", tasks_},
                     {"attempts", attempts_},

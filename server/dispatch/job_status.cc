@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <tuple>
 
+#include "server/dispatch/set_aside.h"
+
 namespace tessera {
 namespace {
 
@@ -19,6 +21,7 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
     const Warnings& added = job.tasks[index].warnings;
     status.header.warnings.insert(status.header.warnings.end(), added.begin(), added.end());
   }
+  for (const SetAside& tile : job.set_aside) status.header.warnings.push_back(SetAsideWords(job, tile));
   JobSums sums = job.totals.sums();
   const std::vector<TaskRef> running = leases.OfJob(job_index);
   for (const TaskRef ref : running) {
@@ -35,7 +38,7 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   const double cut_share = cut.total > 0 ? kCutShare : 0;
   status.progress =
       kIngestShare * ingest.share() + cut_share * cut.share() + (1 - kIngestShare - cut_share) * rest.share();
-  if (job.header.state == JobState::kSucceeded) status.progress = 1;
+  if (job.header.state == JobState::kSucceeded || job.header.state == JobState::kPartial) status.progress = 1;
   if (HasEnded(job.header.state)) {
     status.eta_s = 0;
   } else if (rest.total > 0 && sums.timed_cost > 0) {

@@ -18,6 +18,7 @@ struct JobStatus {
   int tiles_done = 0;   // refined
   double progress = 0;  // in [0, 1], by predicted cost; never goes back
   double eta_s = -1;    // negative: not known
+  std::string waiting_for;  // why it does not move (WaitingFor)
 };
 
 struct TaskStatus {

@@ -43,6 +43,7 @@ WorkerState* LeaseTable::FindWorker(const std::string& worker) {
 }
 
 void LeaseTable::AddWorker(const std::string& worker, const WorkerInfo& info, int64_t now_us) {
+  if (info.memory_bytes > Largest().memory_bytes) largest_since_us_ = now_us;
   workers_[worker] = {info, now_us};
   workers_of_host_[info.host].insert(worker);
 }
@@ -83,6 +84,14 @@ void LeaseTable::NoteTile(const std::string& worker, TileRef tile) {
   recent.insert(recent.begin(), tile);
   if (recent.size() > kRecentTiles) recent.pop_back();
   keepers_[tile] = worker;
+}
+
+LargestWorker LeaseTable::Largest() const {
+  LargestWorker largest = {0, largest_since_us_};
+  for (const auto& [name, worker] : workers_) {
+    largest.memory_bytes = std::max(largest.memory_bytes, worker.info.memory_bytes);
+  }
+  return largest;
 }
 
 const std::string& LeaseTable::KeeperOf(TileRef tile) const {

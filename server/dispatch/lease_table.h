@@ -50,6 +50,14 @@ struct WorkerState {
   std::set<TaskRef> tasks = {};            // that it has leases of
 };
 
+// A task that fits no worker waits so long for a larger one, from when the largest was registered; then that one tries.
+inline constexpr double kLargerWorkerWait_s = 60;
+
+struct LargestWorker {
+  int64_t memory_bytes = 0;  // 0: no worker, or none that tells
+  int64_t since_us = 0;
+};
+
 // Not thread-safe.
 class LeaseTable {
  public:
@@ -78,6 +86,8 @@ class LeaseTable {
   void NoteTile(const std::string& worker, TileRef tile);
   // Whether a worker on the machine was seen since `since_us`.
   bool Lives(const std::string& machine, int64_t since_us) const;
+  // Of the workers that there are. `since_us`: when one so large was registered while there was none.
+  LargestWorker Largest() const;
   // The worker that was last given a task of the tile; empty if there is none, or it has gone.
   const std::string& KeeperOf(TileRef tile) const;
   // The worker's host with its load. `cores` as the worker tells; else the most threads that a worker on it may use.
@@ -91,6 +101,7 @@ class LeaseTable {
   std::map<std::string, WorkerState> workers_;
   std::map<std::string, std::set<std::string>> workers_of_host_;
   std::map<TileRef, std::string> keepers_;
+  int64_t largest_since_us_ = 0;
 };
 
 }  // namespace tessera

@@ -124,26 +124,6 @@ StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attem
   return ref;
 }
 
-Status Ledger::Check(const v1::Record& record) const {
-  switch (record.change_case()) {
-    case v1::Record::kJobAccepted:
-      return CheckAccepted(record.job_accepted());
-    case v1::Record::kTasksPlanned:
-      return CheckPlanned(record.tasks_planned());
-    case v1::Record::kAttemptStarted:
-      return CheckStarted(record.attempt_started());
-    case v1::Record::kTaskSucceeded:
-      return CheckSucceeded(record.task_succeeded());
-    case v1::Record::kAttemptFailed:
-      return CheckFailed(record.attempt_failed());
-    case v1::Record::kJobEnded:
-      return CheckEnded(record.job_ended());
-    case v1::Record::CHANGE_NOT_SET:
-      break;
-  }
-  return absl::InvalidArgumentError("a record of unknown kind");
-}
-
 Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, ParseJobName(change.job()));
   if (const int next = static_cast<int>(jobs_.size()); index < next || index > next + kMaxLostJobs) {
@@ -152,6 +132,7 @@ Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
   if (job_of_request_.contains(change.request_id())) {
     return absl::AlreadyExistsError("request " + change.request_id() + " has a job already");
   }
+  TESSERA_RETURN_IF_ERROR(CheckPriority(change.priority()));
   std::set<std::string> names;
   for (const auto& file : change.scene_files()) {
     TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(file.digest())));
@@ -172,6 +153,11 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
                                          std::to_string(count));
   }
   count = change.first_task();
+  for (const int task : change.superseded()) {
+    if (task < 0 || task >= count || job.tasks[task].superseded) {
+      return absl::InvalidArgumentError("plan of " + change.job() + ": supersedes task " + std::to_string(task));
+    }
+  }
   for (const auto& planned : change.tasks()) {
     const auto fault = [&](const std::string& what) {
       return absl::InvalidArgumentError("plan of " + change.job() + ", '" + planned.title() + "': " + what);
@@ -246,33 +232,18 @@ Status Ledger::CheckEnded(const v1::JobEnded& change) const {
   const Job& job = jobs_[index];
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
   if (!HasEnded(static_cast<JobState>(change.state()))) return absl::InvalidArgumentError("not an end of a job");
-  if (change.state() == v1::JOB_SUCCEEDED) {
+  if (change.state() == v1::JOB_SUCCEEDED || change.state() == v1::JOB_PARTIAL) {
+    if (job.set_aside.empty() != (change.state() == v1::JOB_SUCCEEDED)) {
+      return absl::FailedPreconditionError(change.job() + ": " + std::to_string(job.set_aside.size()) +
+                                           " tiles were set aside");
+    }
     for (const JobTask& each : job.tasks) {
-      if (each.state != TaskState::kSucceeded) {
+      if (!each.superseded && each.state != TaskState::kSucceeded) {
         return absl::FailedPreconditionError(change.job() + ": '" + each.plan.name + "' has not succeeded");
       }
     }
   }
   return absl::OkStatus();
-}
-
-void Ledger::Apply(const v1::Record& record) {
-  switch (record.change_case()) {
-    case v1::Record::kJobAccepted:
-      return ApplyAccepted(record.job_accepted(), record.time_us());
-    case v1::Record::kTasksPlanned:
-      return ApplyPlanned(record.tasks_planned());
-    case v1::Record::kAttemptStarted:
-      return ApplyStarted(record.attempt_started(), record.time_us());
-    case v1::Record::kTaskSucceeded:
-      return ApplySucceeded(record.task_succeeded(), record.time_us());
-    case v1::Record::kAttemptFailed:
-      return ApplyFailed(record.attempt_failed(), record.time_us());
-    case v1::Record::kJobEnded:
-      return ApplyEnded(record.job_ended(), record.time_us());
-    case v1::Record::CHANGE_NOT_SET:
-      return;
-  }
 }
 
 void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
@@ -286,6 +257,7 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   job.header.settings = FromProto(change.settings());
   job.header.algorithm_version = change.algorithm_version();
   job.header.create_us = time_us;
+  job.header.priority = change.priority();
   job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
   for (const auto& file : change.scene_files()) {
     job.scene_files.push_back({file.path(), FromProto(file.digest())});
@@ -306,6 +278,7 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   if (!change.request_id().empty()) job_of_request_[change.request_id()] = index;
   jobs_.push_back(std::move(job));
   active_jobs_.push_back(index);
+  ready_.SetJob(index, change.priority(), /*paused=*/false);
   UpdateDue(index);
 }
 
@@ -336,6 +309,9 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
     job.tasks.push_back(std::move(added));
   }
   if (!change.more()) {
+    for (const int task : change.superseded()) Supersede({index, task});
+    if (!change.superseded().empty()) Recount(job);
+    job.plans_anew = false;
     const int first = std::exchange(job.open_plan, -1);
     for (int task = first; task < static_cast<int>(job.tasks.size()); ++task) ReadyTask({index, task});
   }
@@ -352,21 +328,16 @@ void Ledger::DropOpenPlan(Job& job) {
   }
   for (size_t task = first; task < job.tasks.size(); ++task) job.unfinished -= job.tasks[task].plan.given.empty();
   job.tasks.resize(first);
-  job.totals = JobTotals();
-  for (size_t task = 0; task < first; ++task) {
-    job.totals.AddPlanned(job.tasks[task]);
-    if (job.tasks[task].state == TaskState::kSucceeded && job.tasks[task].plan.given.empty()) {
-      job.totals.AddSucceeded(static_cast<int>(task), job.tasks[task]);
-    }
-  }
-  job.planned_to_end = false;
+  Recount(job);
+  job.planned_to_end = job.plans_anew;
   job.open_plan = -1;
 }
 
 void Ledger::UpdateDue(int index) {
   const Job& job = jobs_[index];
   // Also where the records of a plan broke off.
-  const bool due = job.tasks.empty() || job.unfinished == 0 || job.failed >= 0 || job.open_plan >= 0;
+  const bool due = job.tasks.empty() || job.unfinished == 0 || job.failed >= 0 || job.open_plan >= 0 ||
+                   (job.plans_anew && CutsAreDone(job));
   if (due && !HasEnded(job.header.state)) {
     due_jobs_.insert(index);
   } else {
@@ -465,7 +436,7 @@ void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
   job.header.end_us = time_us;
   job.header.artifacts = NamedDigests(change.artifacts());
   for (JobTask& each : job.tasks) {
-    if (each.state == TaskState::kSucceeded || each.state == TaskState::kFailed) continue;
+    if (each.superseded || each.state == TaskState::kSucceeded || each.state == TaskState::kFailed) continue;
     if (each.state == TaskState::kLeased) each.attempts.back().end_us = time_us;
     each.state = TaskState::kCancelled;
     each.end_us = time_us;

@@ -23,6 +23,9 @@ class AttemptStarted;
 class TaskSucceeded;
 class AttemptFailed;
 class JobEnded;
+class JobChanged;
+class TileSetAside;
+class JobRetried;
 }  // namespace v1
 
 // Change of state: Check (may fail) → store the record → Apply (cannot fail). Equal records give equal ledgers. Not
@@ -86,12 +89,18 @@ class Ledger {
   Status CheckSucceeded(const v1::TaskSucceeded& change) const;
   Status CheckFailed(const v1::AttemptFailed& change) const;
   Status CheckEnded(const v1::JobEnded& change) const;
+  Status CheckChanged(const v1::JobChanged& change) const;
+  Status CheckSetAside(const v1::TileSetAside& change) const;
+  Status CheckRetried(const v1::JobRetried& change) const;
   void ApplyAccepted(const v1::JobAccepted& change, int64_t time_us);
   void ApplyPlanned(const v1::TasksPlanned& change);
   void ApplyStarted(const v1::AttemptStarted& change, int64_t time_us);
   void ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us);
   void ApplyFailed(const v1::AttemptFailed& change, int64_t time_us);
   void ApplyEnded(const v1::JobEnded& change, int64_t time_us);
+  void ApplyChanged(const v1::JobChanged& change);
+  void ApplySetAside(const v1::TileSetAside& change);
+  void ApplyRetried(const v1::JobRetried& change);
   // Checks that the task exists in an active job and that `attempt` is its current one under lease.
   StatusOr<TaskRef> CheckCurrentAttempt(const std::string& name, int attempt) const;
   // Takes the tasks of a plan that was not stored to its end off the job's list.
@@ -99,6 +108,12 @@ class Ledger {
   // A waiting task whose inputs are all there becomes ready and gets its key.
   void ReadyTask(TaskRef ref);
   void UpdateDue(int job);
+  // Of a task that is not superseded yet: takes it off what the job does.
+  void Supersede(TaskRef ref);
+  // Of a job whose tasks or tiles became other ones.
+  static void Recount(Job& job);
+  // The first task of the job that has failed for good; -1: none.
+  static int FirstFailed(const Job& job);
 
   const std::string algorithm_version_;
   std::vector<Job> jobs_;

@@ -2,11 +2,38 @@
 
 namespace tessera {
 
+ReadyTasks::Standing ReadyTasks::StandingOf(int job) const {
+  const auto found = standings_.find(job);
+  return found == standings_.end() ? Standing() : found->second;
+}
+
+void ReadyTasks::List(int job) {
+  const Standing standing = StandingOf(job);
+  const auto found = jobs_.find(job);
+  if (standing.paused || found == jobs_.end()) return;
+  if (order_.insert({-standing.priority, job}).second) count_ += static_cast<int>(found->second.all.size());
+}
+
+void ReadyTasks::Unlist(int job) {
+  if (order_.erase({-StandingOf(job).priority, job}) > 0) count_ -= static_cast<int>(jobs_.at(job).all.size());
+}
+
+void ReadyTasks::SetJob(int job, int priority, bool paused) {
+  Unlist(job);
+  if (priority == 0 && !paused) {
+    standings_.erase(job);
+  } else {
+    standings_[job] = {priority, paused};
+  }
+  List(job);
+}
+
 void ReadyTasks::Insert(TaskRef ref, const Place& place) {
   OfJob& job = jobs_[ref.job];
   if (!job.all.insert(place.rank).second) return;
   job.of_tile[place.tile].insert(place.rank);
-  ++count_;
+  if (job.all.size() == 1) return List(ref.job);
+  if (!StandingOf(ref.job).paused) ++count_;
 }
 
 void ReadyTasks::Add(TaskRef ref, const JobTask& task) {
@@ -32,22 +59,26 @@ void ReadyTasks::Remove(TaskRef ref, const JobTask& task) {
   const auto job = jobs_.find(ref.job);
   if (job == jobs_.end()) return;
   const Rank rank = RankOf(ref, task);
-  if (job->second.all.erase(rank) == 0) return;
-  --count_;
+  if (!job->second.all.contains(rank)) return;
+  Unlist(ref.job);
+  job->second.all.erase(rank);
   const auto tile = job->second.of_tile.find(task.plan.tile);
   tile->second.erase(rank);
   if (tile->second.empty()) job->second.of_tile.erase(tile);
-  if (job->second.all.empty()) jobs_.erase(job);
+  if (job->second.all.empty()) {
+    jobs_.erase(job);
+  } else {
+    List(ref.job);
+  }
 }
 
 void ReadyTasks::DropJob(int job) {
   for (auto it = delayed_.lower_bound({job, 0}); it != delayed_.end() && it->first.job == job;) {
     DropDelayed((it++)->first);
   }
-  const auto found = jobs_.find(job);
-  if (found == jobs_.end()) return;
-  count_ -= static_cast<int>(found->second.all.size());
-  jobs_.erase(found);
+  Unlist(job);
+  jobs_.erase(job);
+  standings_.erase(job);
 }
 
 void ReadyTasks::Promote(int64_t now_us) {
@@ -64,9 +95,27 @@ void ReadyTasks::Promote(int64_t now_us) {
   }
 }
 
+std::optional<int> ReadyTasks::FirstJob() const {
+  return order_.empty() ? std::nullopt : std::optional(order_.begin()->second);
+}
+
+std::optional<TaskRef> ReadyTasks::FirstOfJob(int job) const {
+  const auto found = jobs_.find(job);
+  return found == jobs_.end() ? std::nullopt : std::optional(TaskRef{job, found->second.all.begin()->task});
+}
+
+std::optional<std::pair<int64_t, TaskRef>> ReadyTasks::NextOfDelayed(int job, int64_t now_us) const {
+  std::optional<std::pair<int64_t, TaskRef>> next;
+  for (auto it = delayed_.lower_bound({job, 0}); it != delayed_.end() && it->first.job == job; ++it) {
+    const int64_t end_us = it->second.end_us > 0 ? it->second.end_us : now_us + it->second.delay_us;
+    if (!next || end_us < next->first) next = {end_us, it->first};
+  }
+  return next;
+}
+
 std::optional<TaskRef> ReadyTasks::First(const Filter& filter) const {
-  for (const auto& [index, job] : jobs_) {
-    for (const Rank& rank : job.all) {
+  for (const auto& [negative_priority, index] : order_) {
+    for (const Rank& rank : jobs_.at(index).all) {
       const TaskRef ref = {index, rank.task};
       if (filter(ref)) return ref;
     }

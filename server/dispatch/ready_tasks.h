@@ -14,8 +14,8 @@
 
 namespace tessera {
 
-// An index over a ledger's ready tasks: nothing that it holds is not in the ledger too. Older jobs come first; in a job
-// the tasks that most others wait for (those with the fewest steps behind them), of these the dearest, of these the
+// An index over a ledger's ready tasks: nothing that it holds is not in the ledger too. Jobs of a higher priority come first, of
+// these the older ones, paused ones never; in a job the tasks that most others wait for (those with the fewest steps behind them), of these the dearest, of these the
 // first of the plan. A lookup takes logarithmic time unless tasks are refused. Not thread-safe.
 class ReadyTasks {
  public:
@@ -23,12 +23,22 @@ class ReadyTasks {
   void Add(TaskRef ref, const JobTask& task);
   // Nothing if it is not there.
   void Remove(TaskRef ref, const JobTask& task);
+  // What is ready of a job that ends, and its priority.
   void DropJob(int job);
+  // Without it a job has priority 0 and is not paused.
+  void SetJob(int job, int priority, bool paused);
 
   // Ends the delays that are over. `now_us`: Clock::MonotonicUs.
   void Promote(int64_t now_us);
-  // Of all jobs, promoted ones only.
+  // Of all jobs that are not paused, promoted ones only.
   int count() const { return count_; }
+
+  // The job whose tasks come first.
+  std::optional<int> FirstJob() const;
+  // Of a job, paused or not, the first that has no delay.
+  std::optional<TaskRef> FirstOfJob(int job) const;
+  // Of a job that which comes next of those with a delay, and when; whole delays of those that have not begun.
+  std::optional<std::pair<int64_t, TaskRef>> NextOfDelayed(int job, int64_t now_us) const;
 
   // Whether a task may be given; asked in the order above until one may.
   using Filter = std::function<bool(TaskRef ref)>;
@@ -55,11 +65,21 @@ class ReadyTasks {
     int64_t delay_us = 0;
     int64_t end_us = 0;  // 0: it has not begun
   };
+  struct Standing {
+    int priority = 0;
+    bool paused = false;
+  };
   static Rank RankOf(TaskRef ref, const JobTask& task) { return {task.depth, -task.plan.cost, ref.task}; }
+  Standing StandingOf(int job) const;
+  // A job that has tasks now enters the order of jobs, or leaves it.
+  void List(int job);
+  void Unlist(int job);
   void Insert(TaskRef ref, const Place& place);
   void DropDelayed(TaskRef ref);
 
   std::map<int, OfJob> jobs_;
+  std::map<int, Standing> standings_;    // those that are not as they are without SetJob
+  std::set<std::pair<int, int>> order_;  // (-priority, job) of jobs_ that are not paused
   std::map<TaskRef, Delayed> delayed_;
   std::set<TaskRef> to_begin_;                    // of delayed_
   std::set<std::pair<int64_t, TaskRef>> by_end_;  // of delayed_, those that have begun

@@ -23,6 +23,12 @@ int JobOf(const v1::Record& record) {
       return ParseTaskName(record.attempt_failed().task()).value_or(TaskRef()).job;
     case v1::Record::kJobEnded:
       return ParseJobName(record.job_ended().job()).value_or(-1);
+    case v1::Record::kJobChanged:
+      return ParseJobName(record.job_changed().job()).value_or(-1);
+    case v1::Record::kTileSetAside:
+      return ParseJobName(record.tile_set_aside().job()).value_or(-1);
+    case v1::Record::kJobRetried:
+      return ParseJobName(record.job_retried().job()).value_or(-1);
     case v1::Record::CHANGE_NOT_SET:
       break;
   }

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
-#include <numeric>
+#include <limits>
 #include <optional>
 #include <utility>
 
@@ -12,30 +12,15 @@
 #include "common/tile/survey.h"
 #include "server/plan/cell_index.h"
 #include "server/plan/cost_model.h"
+#include "server/plan/files_of_views.h"
 #include "server/plan/quote.h"
+#include "server/plan/stages.h"
 #include "server/plan/tiling.h"
 #include "server/plan/update_plan.h"
 #include "server/plan/update_tasks.h"
 
 namespace tessera {
 namespace {
-
-// Where the views' images and likelihoods are in the scene's list of files.
-StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
-                                                                       const std::vector<std::string>& files) {
-  std::vector<std::vector<PlannedTask::ViewFile>> found(survey.views.size());
-  for (size_t v = 0; v < survey.views.size(); ++v) {
-    const SceneView& view = survey.views[v];
-    for (const bool likelihoods : {false, true}) {
-      const std::string& path = likelihoods ? view.likelihood_path : view.image_path;
-      if (path.empty()) continue;
-      const auto it = std::lower_bound(files.begin(), files.end(), path);
-      if (it == files.end() || *it != path) return absl::NotFoundError("the scene has no file " + path);
-      found[v].push_back({static_cast<int>(it - files.begin()), static_cast<int32_t>(v), likelihoods});
-    }
-  }
-  return found;
-}
 
 // A tile with those of its tasks that others read, as far as they are planned.
 struct GraphTile {
@@ -44,15 +29,11 @@ struct GraphTile {
   TaskId cut, crop;
   std::optional<PlannedInput> sums, state;  // the latest
   bool redone = true;                       // else an update leaves it as it is in the base
+  // The stage (StageOf) from which on it was set aside and has no tasks; what it was before it stays.
+  int frozen_from = std::numeric_limits<int>::max();
+  bool never_began() const { return frozen_from < 0; }
   bool gone() const { return parameters.core.empty(); }
 };
-
-Status CheckLimit(const JobSettings& settings, double core_seconds) {
-  if (settings.max_core_seconds == 0 || core_seconds <= settings.max_core_seconds) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrFormat(
-      "the job is predicted to take %.4g core-seconds, more than the %.4g that it may; allow more, or ask for less",
-      core_seconds, settings.max_core_seconds));
-}
 
 // The job's list of tasks as it grows.
 class Graph {
@@ -88,12 +69,18 @@ class Graph {
 
   size_t tiles() const { return tiles_.size(); }
   bool goes_on() const { return goes_on_; }
-  // That are cut, cropped and stepped.
+  // That are cut, cropped and stepped, as far as they are not set aside.
   std::vector<int> redone() const {
     std::vector<int> ids;
     for (const GraphTile& tile : tiles_) {
       if (tile.redone) ids.push_back(tile.parameters.tile);
     }
+    return ids;
+  }
+  // Of these, those whose cut has succeeded.
+  std::vector<int> cut() const {
+    std::vector<int> ids = redone();
+    std::erase_if(ids, [&](int id) { return tiles_[id].frozen_from == kNoCut; });
     return ids;
   }
   size_t size() const { return tasks_.size(); }
@@ -122,10 +109,26 @@ class Graph {
     }
   }
 
+  // FAILED_PRECONDITION if a tile has nothing that could stay.
+  Status SetAside(const std::vector<SetAsideTile>& tiles) {
+    const std::vector<int> good = StagesWithGoodStates(settings_, survey_, goes_on_);
+    for (const SetAsideTile& each : tiles) {
+      if (each.tile < 0 || each.tile >= static_cast<int>(tiles_.size()) || !tiles_[each.tile].redone) {
+        return absl::FailedPreconditionError(absl::StrCat("no tile ", each.tile, " to set aside"));
+      }
+      GraphTile& tile = tiles_[each.tile];
+      tile.frozen_from = FrozenFrom(each, good);
+      if (!tile.never_began() || !goes_on_ || !survey_.revision) continue;
+      return absl::FailedPreconditionError(
+          absl::StrCat("tile ", each.tile, " cannot stay as it is in the base: the mesh has changed"));
+    }
+    return absl::OkStatus();
+  }
+
   void AddCrops() {
     for (GraphTile& tile : tiles_) {
-      if (!tile.redone) continue;
-      PlannedTask task = TaskOf(tile, "crop", PredictCrop(tile.work));
+      if (!tile.redone || tile.never_began()) continue;
+      PlannedTask task = TaskOf(tile, kCropKind, PredictCrop(tile.work));
       task.parameters = "{}";
       task.inputs = {{tile.cut, kTileFile}};
       for (const int32_t view : tile.work.views) {
@@ -149,14 +152,10 @@ class Graph {
   // tile that is redone.
   void AddSteps(std::vector<TileReads> of_redone) {
     std::vector<TileReads> reads(tiles_.size());
-    const std::vector<int> ids = redone();
+    const std::vector<int> ids = cut();
     for (size_t i = 0; i < ids.size(); ++i) reads[ids[i]] = std::move(of_redone[i]);
-    const MethodSettings& method = settings_.method_settings;
-    const std::vector<RefineStep> steps = RefineStepsOf(settings_.method, settings_.rounds, method);
-    const LabelTraits traits = {static_cast<int>(survey_.classes.size()), survey_.has_likelihoods, survey_.has_labels};
-    const std::vector<int> taken =
-        goes_on_ ? UpdateSteps(settings_, survey_)
-                 : ActiveSteps(steps, MethodRulesOf(settings_.method, settings_.rounds, method), traits);
+    const std::vector<RefineStep> steps = StepsOf(settings_);
+    const std::vector<int> taken = StepsTaken(settings_, survey_, goes_on_);
     bool mended = goes_on_;  // the start
     if (goes_on_ && survey_.revision) AddMends(taken.empty() ? 0 : taken.front(), /*before=*/true, reads);
     for (const int s : taken) {
@@ -235,6 +234,9 @@ class Graph {
       parameters.tiles.push_back(tile.parameters);
       if (tile.gone()) continue;
       if (!tile.redone) parameters.kept.push_back(tile.parameters.tile);
+      if (tile.redone && !Works(tile, std::numeric_limits<int>::max() - 1)) {
+        parameters.set_aside.push_back(tile.parameters.tile);
+      }
       task.inputs.push_back(*tile.state);
     }
     if (redone().empty()) parameters.kept.clear();  // the base's result, under its key
@@ -318,44 +320,64 @@ class Graph {
     return read;
   }
 
-  std::vector<int> Held(const std::vector<int>& ids) const {
+  std::vector<int> Held(const std::vector<int>& ids, int stage) const {
     std::vector<int> held;
-    std::copy_if(ids.begin(), ids.end(), std::back_inserter(held), [&](int id) { return !tiles_[id].redone; });
+    std::copy_if(ids.begin(), ids.end(), std::back_inserter(held), [&](int id) { return !Works(tiles_[id], stage); });
     return held;
   }
 
-  // Adds a task for each tile that is redone; what they make takes the latest's place when all are there, since others
-  // of the same step must not read it yet.
+  static bool Works(const GraphTile& tile, int stage) { return tile.redone && stage < tile.frozen_from; }
+
+  // Adds a task for each tile that takes part in the stage; what they make takes the latest's place when all are there,
+  // since others of the same step must not read it yet. Sums of tiles that are left as they are are not read any more.
   template <class Make>
-  void AddForEach(Latest latest, const char* file, const Make& make) {
+  void AddForEach(Latest latest, const char* file, int stage, const Make& make) {
     std::vector<std::pair<GraphTile*, TaskId>> made;
     for (GraphTile& tile : tiles_) {
-      if (tile.redone) made.emplace_back(&tile, Add(make(tile)));
+      if (!Works(tile, stage)) tile.sums.reset();
+    }
+    for (GraphTile& tile : tiles_) {
+      if (Works(tile, stage)) made.emplace_back(&tile, Add(make(tile)));
     }
     for (const auto& [tile, task] : made) tile->*latest = PlannedInput{task, file, tile->parameters.tile};
   }
 
+  // A tile that never began enters as it is at the start, when the others get their first states.
+  void BeginStates(int stage) {
+    last_states_ = stage;
+    for (GraphTile& tile : tiles_) {
+      if (!tile.redone || !tile.never_began() || tile.state) continue;
+      PlannedTask task = TaskOf(tile, kStartKind, PredictCut(survey_, tile.work));
+      task.parameters = ToJson(StartParameters{tile.parameters});
+      task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
+      tile.state = PlannedInput{Add(std::move(task)), kStateFile, tile.parameters.tile};
+    }
+  }
+
   void AddMeasures(int s, const RefineEffort& effort, const std::vector<TileReads>& reads) {
-    AddForEach(&GraphTile::sums, kSumsFile, [&](const GraphTile& tile) {
-      PlannedTask task = StepTask(tile, "measure", PredictMeasure(tile.work, effort), s);
+    const int stage = StageOf(kMeasureKind, s);
+    AddForEach(&GraphTile::sums, kSumsFile, stage, [&](const GraphTile& tile) {
+      PlannedTask task = StepTask(tile, kMeasureKind, PredictMeasure(tile.work, effort), s);
       task.inputs.push_back({tile.crop, kViewsFile});
       StepParameters parameters = ParametersOf(tile, s);
       parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].sight, &task);
-      parameters.held = Held(parameters.states);
+      parameters.held = Held(parameters.states, last_states_);  // else all states are of the same stage
       task.parameters = ToJson(parameters);
       return task;
     });
   }
 
   void AddSolves(int s, const RefineStep& step, const std::vector<TileReads>& reads) {
-    AddForEach(&GraphTile::state, kStateFile, [&](const GraphTile& tile) {
-      PlannedTask task = StepTask(tile, "solve", PredictSolve(tile.work, EffortOf(step)), s);
+    const int stage = StageOf(kSolveKind, s);
+    BeginStates(stage);
+    AddForEach(&GraphTile::state, kStateFile, stage, [&](const GraphTile& tile) {
+      PlannedTask task = StepTask(tile, kSolveKind, PredictSolve(tile.work, EffortOf(step)), s);
       const TileReads& of_tile = reads[tile.parameters.tile];
       const std::vector<int>& ids = step.labels() ? of_tile.label : of_tile.solve;
       StepParameters parameters = ParametersOf(tile, s);
       parameters.sums = Read(&GraphTile::sums, ids, &task);
       parameters.states = Read(&GraphTile::state, ids, &task);
-      parameters.held = Held(parameters.states);
+      parameters.held = Held(parameters.states, stage);
       parameters.goes_on = goes_on_ && !survey_.revision && s == UpdateSteps(settings_, survey_).front();
       task.parameters = ToJson(parameters);
       return task;
@@ -365,13 +387,15 @@ class Graph {
   void AddMends(int s, bool before, const std::vector<TileReads>& reads) {
     RefineEffort effort;
     effort.mends = 1;
-    AddForEach(&GraphTile::state, kStateFile, [&](const GraphTile& tile) {
-      PlannedTask task = StepTask(tile, "mend", PredictMend(tile.work, effort), s);
+    const int stage = StageOf(kMendKind, s, before);
+    BeginStates(stage);
+    AddForEach(&GraphTile::state, kStateFile, stage, [&](const GraphTile& tile) {
+      PlannedTask task = StepTask(tile, kMendKind, PredictMend(tile.work, effort), s);
       if (before) task.name = absl::StrCat("mend tile ", task.tile, " before step ", s);
       StepParameters parameters = ParametersOf(tile, s);
       parameters.before = before;
       parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].mend, &task);
-      parameters.held = Held(parameters.states);
+      parameters.held = Held(parameters.states, stage);
       if (before && goes_on_) {
         parameters.goes_on = true;
         parameters.first_new_face = survey_.revision->first_new_face;
@@ -389,6 +413,7 @@ class Graph {
   std::vector<PlannedTask> tasks_;
   TaskId base_from_, city_from_, survey_from_;
   std::vector<TileParameters> tiles_of_base_;
+  int last_states_ = std::numeric_limits<int>::min();  // stage that made the latest of others than those left as they are
   bool goes_on_ = false;             // from the base's states; tiles without a change stay as they are
   std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;
@@ -398,23 +423,6 @@ class Graph {
 };
 
 }  // namespace
-
-std::string InputName(const PlannedInput& input) {
-  return input.tile < 0 ? input.output : TileInputName(input.tile, input.output);
-}
-
-StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
-  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
-  if (scene_files.empty()) return absl::InvalidArgumentError("the scene has no files");
-  PlannedTask task;
-  task.kind = task.name = kIngestKind;
-  task.parameters =
-      ToJson(IngestParameters{settings.method_settings.partners, settings.method_settings.views_per_direction});
-  task.cost = kIngestSecondsPerFile * static_cast<double>(scene_files.size());
-  task.scene_files.resize(scene_files.size());
-  std::iota(task.scene_files.begin(), task.scene_files.end(), 0);
-  return task;
-}
 
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files, const UpdateBase* base) {
@@ -442,12 +450,14 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
 
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
-                                             const std::vector<TileReads>& reads, const UpdateBase* base) {
+                                             const std::vector<TileReads>& reads, const UpdateBase* base,
+                                             const std::vector<SetAsideTile>& set_aside) {
   TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
   if (base != nullptr) graph.SkipPlan();
-  if (graph.redone().size() != reads.size()) {
+  TESSERA_RETURN_IF_ERROR(graph.SetAside(set_aside));
+  if (graph.cut().size() != reads.size()) {
     return absl::FailedPreconditionError(absl::StrCat("the job was cut in ", reads.size(), " tiles, expected ",
-                                                      graph.redone().size(), ", as this version lays them out"));
+                                                      graph.cut().size(), ", as this version lays them out"));
   }
   for (const TileReads& of_tile : reads) {
     for (const std::vector<int>* ids : {&of_tile.label, &of_tile.mend, &of_tile.sight, &of_tile.solve}) {

@@ -63,6 +63,11 @@ inline constexpr char kBaseKind[] = "base";      // given: what the other job ma
 inline constexpr char kPlanKind[] = "plan";      // given: kUpdateFile
 inline constexpr char kChangesKind[] = "changes";
 inline constexpr char kCutKind[] = "cut";
+inline constexpr char kCropKind[] = "crop";
+inline constexpr char kMeasureKind[] = "measure";
+inline constexpr char kSolveKind[] = "solve";
+inline constexpr char kMendKind[] = "mend";
+inline constexpr char kStartKind[] = "start";  // a tile's core as the job found it
 inline constexpr char kPublishKind[] = "publish";
 
 // What an update takes from the job that it goes on from.
@@ -100,11 +105,22 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
                                              const std::vector<std::string>& scene_files,
                                              const UpdateBase* base = nullptr);
 
+// A tile that is left as it was because a task of it failed for good. Its neighbours hold what they share with it.
+struct SetAsideTile {
+  int tile = -1;
+  std::string kind;     // of the task: cut, crop, measure, solve or mend
+  int step = -1;        // of the last three, as in StepParameters
+  bool before = false;  // likewise
+  friend bool operator==(const SetAsideTile&, const SetAsideTile&) = default;
+};
+
 // Phase 3, of more than one tile or an update, publish at the end. `reads`: of each tile that was cut, in order, as its
-// cut wrote it.
+// cut wrote it. `set_aside`: tiles that stay as they were with the last state without folds before the task that
+// failed: what they did until then is planned as without this. FAILED_PRECONDITION if one has nothing that could stay.
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
-                                             const std::vector<TileReads>& reads, const UpdateBase* base = nullptr);
+                                             const std::vector<TileReads>& reads, const UpdateBase* base = nullptr,
+                                             const std::vector<SetAsideTile>& set_aside = {});
 
 }  // namespace tessera
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <functional>
 
+#include "absl/strings/str_format.h"
 #include "server/plan/tiling.h"
 
 namespace tessera {
@@ -75,6 +76,13 @@ double WallSeconds(const Quote& quote, int workers, int threads) {
     seconds += Makespan(std::move(tasks), workers);
   }
   return seconds / std::max(1, threads);
+}
+
+Status CheckLimit(const JobSettings& settings, double core_seconds) {
+  if (settings.max_core_seconds == 0 || core_seconds <= settings.max_core_seconds) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "the job is predicted to take %.4g core-seconds, more than the %.4g that it may; allow more, or ask for less",
+      core_seconds, settings.max_core_seconds));
 }
 
 }  // namespace tessera

@@ -44,6 +44,9 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
 // first to whoever is free, threads without loss.
 double WallSeconds(const Quote& quote, int workers, int threads);
 
+// INVALID_ARGUMENT with what to do if the job is predicted to take more than it may.
+Status CheckLimit(const JobSettings& settings, double core_seconds);
+
 }  // namespace tessera
 
 #endif  // TESSERA_SERVER_PLAN_QUOTE_H_

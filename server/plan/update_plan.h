@@ -10,6 +10,7 @@
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
 #include "server/plan/cost_scale.h"
+#include "server/plan/graph.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -64,6 +65,9 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
                            const std::vector<TileParameters>& tiles_of_base, const std::vector<TileChange>& changes,
                            const Survey& survey, const Prediction& ingest, const Prediction& compare,
                            const Prediction& publish, double full_core_seconds);
+
+// What tasks take beside the model's predictions, as it was measured in the base.
+CostScale CostsOf(const UpdateBase& base, const Survey& survey_of_base);
 
 }  // namespace tessera
 

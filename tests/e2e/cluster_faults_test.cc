@@ -184,6 +184,34 @@ TEST_F(ClusterFaultsTest, ATaskThatHangsIsEndedAndDoneByAnother) {
   EXPECT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
 }
 
+// It is published as it was, flagged; tried again, it is as if nothing had happened.
+TEST_F(ClusterFaultsTest, ATileThatKillsItsWorkersIsSetAsideAndCanBeTriedAgain) {
+  Cluster cluster(folder_.path());
+  const auto tessera = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--coordinator", cluster.address()});
+    return Tessera(folder_.path(), arguments);
+  };
+  const std::string job = cluster.Submit(ToyCity(), 4).name();
+  cluster.AddWorker();
+  ASSERT_TRUE(WaitUntil([&] { return cluster.Tasks(job).size() > 1; }));  // the city is read
+  ScriptedWorker killed(cluster.address());
+  const v1::Lease lease = killed.Lease();
+  v1::ReportTaskRequest died;
+  died.mutable_failure()->set_error_class(v1::POISON);
+  died.mutable_failure()->set_message("killed");
+  ASSERT_TRUE(killed.Report(lease, died).ok());
+  const Outcome watched = tessera({"watch", job});
+  EXPECT_EQ(watched.exit_code, 5) << watched.output;
+  EXPECT_THAT(watched.output, HasSubstr("was set aside: '" + lease.spec().title() + "' failed (poison): killed"));
+  const std::string partial = cluster.Fetch(job);
+  EXPECT_THAT(Content(partial + "/report.json"), HasSubstr("was set aside"));
+  EXPECT_THAT(Content(partial + "/tiles/index.json"), HasSubstr("\"set_aside\": true"));
+  EXPECT_FALSE(Content(partial + "/mesh.ply") == Content(UndisturbedMesh()));
+  const Outcome again = tessera({"retry", job, "--watch"});
+  EXPECT_EQ(again.exit_code, 0) << again.output;
+  EXPECT_TRUE(Content(cluster.Fetch(job) + "/mesh.ply") == Content(UndisturbedMesh()));
+}
+
 // Each worker has a host name of its own, which goes with it.
 TEST_F(ClusterFaultsTest, MachinesThatAreTakenAwayDoNotFailATask) {
   const auto machine = [](int i) -> std::vector<std::string> {

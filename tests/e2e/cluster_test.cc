@@ -166,9 +166,16 @@ TEST_F(ClusterTest, TheCommandsOfAJobsLife) {
   EXPECT_THAT(tessera({"submit", ToyCity(), "--validate-only"}).output, HasSubstr("valid"));
   EXPECT_EQ(tessera({"submit", ToyCity(), "--tiles", "4"}).output, "jobs/1\n");
   EXPECT_THAT(tessera({"jobs"}).output, HasSubstr("jobs/1  queued"));
+  EXPECT_THAT(tessera({"jobs", "1"}).output, HasSubstr("no worker is registered"));
+  EXPECT_EQ(tessera({"priority", "1", "5"}).output, "jobs/1 queued, priority 5\n");
+  EXPECT_EQ(tessera({"pause", "1"}).output, "jobs/1 paused, priority 5\n");
+  EXPECT_THAT(tessera({"jobs", "jobs/1"}).output, HasSubstr("why        paused"));
+  EXPECT_EQ(tessera({"resume", "1"}).output, "jobs/1 queued, priority 5\n");
+  EXPECT_EQ(tessera({"retry", "1"}).exit_code, 1);
   EXPECT_EQ(tessera({"fetch", "1", "--out", folder_.path() + "/out"}).exit_code, 1);
   EXPECT_EQ(tessera({"cancel", "jobs/1"}).output, "jobs/1 cancelled\n");
   EXPECT_EQ(tessera({"watch", "1"}).exit_code, 130);
+  EXPECT_THAT(tessera({"pause", "1"}).output, HasSubstr("jobs/1 has ended"));
   EXPECT_EQ(tessera({"fetch", "1", "--out", folder_.path() + "/out"}).exit_code, 1);
   EXPECT_EQ(tessera({"watch", "jobs/99"}).exit_code, 3);
   cluster.AddWorker();

@@ -8,6 +8,7 @@
 #include <atomic>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -54,7 +55,7 @@ class MemoryStore : public RecordStore {
 
 // ingest -> `tiles` refine tasks (tile t costs t + 1) -> publish. The survey's text enters the refine tasks'
 // parameters. Where tiles exchange: ingest; `tiles` cuts; refine tasks, each of which reads the cuts of the tiles that
-// its own cut named under `sight`, and publish.
+// its own cut named under `sight` (but of those that were set aside), and publish.
 class FakePlanner : public Planner {
  public:
   bool exchange = false;
@@ -85,13 +86,22 @@ class FakePlanner : public Planner {
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>&, const std::vector<TileReads>& reads,
-                                           const UpdateBase*) override {
+                                           const UpdateBase*, const std::vector<SetAsideTile>& set_aside) override {
+    std::set<int> not_cut;
+    for (const SetAsideTile& each : set_aside) not_cut.insert(each.tile);
     std::vector<PlannedTask> tasks;
+    PlannedTask publish = Publish(settings.tiles, 0);
+    auto of_tile = reads.begin();
     for (int tile = 0; tile < settings.tiles; ++tile) {
+      publish.inputs[tile] = {TaskId(0), "mesh", tile};
+      if (not_cut.contains(tile)) continue;
+      publish.inputs[tile] = {TaskId(1 + settings.tiles + static_cast<int>(tasks.size())), "refined", tile};
       tasks.push_back(Refine(tile, "{\"survey\":\"" + survey + "\"}"));
-      for (const int other : reads[tile].sight) tasks.back().inputs.push_back({TaskId(1 + other), kTileFile, other});
+      for (const int other : (of_tile++)->sight) {
+        if (!not_cut.contains(other)) tasks.back().inputs.push_back({TaskId(1 + other), kTileFile, other});
+      }
     }
-    tasks.push_back(Publish(settings.tiles, 1 + settings.tiles));
+    tasks.push_back(std::move(publish));
     return tasks;
   }
 

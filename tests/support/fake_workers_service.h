@@ -20,6 +20,12 @@
 
 namespace tessera {
 
+inline grpc::Status Refused(grpc::StatusCode code, v1::Refusal::Reason reason) {
+  v1::Refusal refusal;
+  refusal.set_reason(reason);
+  return grpc::Status(code, "told to refuse", refusal.SerializeAsString());
+}
+
 class FakeWorkersService : public v1::Workers::Service {
  public:
   FakeWorkersService() { Start(); }
@@ -72,13 +78,18 @@ class FakeWorkersService : public v1::Workers::Service {
     probe_path_ = probe_path;
     probe_content_ = probe_content;
   }
-  void AnswerReportsWith(grpc::StatusCode code) {
+  void AnswerReportsWith(const grpc::Status& status) {
     std::lock_guard lock(mutex_);
-    report_code_ = code;
+    report_answer_ = status;
   }
-  void AnswerRegistrationsWith(grpc::StatusCode code) {
+  // The next `times` calls for a lease.
+  void AnswerLeasesWith(const grpc::Status& status, int times) {
     std::lock_guard lock(mutex_);
-    register_code_ = code;
+    lease_answers_.insert(lease_answers_.end(), times, status);
+  }
+  void AnswerRegistrationsWith(const grpc::Status& status) {
+    std::lock_guard lock(mutex_);
+    register_answer_ = status;
   }
 
   // Waits for `condition`, called under the lock with *this; false after 20 s.
@@ -97,7 +108,7 @@ class FakeWorkersService : public v1::Workers::Service {
   grpc::Status RegisterWorker(grpc::ServerContext*, const v1::RegisterWorkerRequest*,
                               v1::RegisterWorkerResponse* response) override {
     std::lock_guard lock(mutex_);
-    if (register_code_ != grpc::StatusCode::OK) return grpc::Status(register_code_, "told to refuse");
+    if (!register_answer_.ok()) return register_answer_;
     const std::string name = "workers/" + std::to_string(++registrations);
     workers_.insert(name);
     response->set_worker(name);
@@ -116,6 +127,11 @@ class FakeWorkersService : public v1::Workers::Service {
     ++leases_asked;
     changed_.notify_all();
     if (!workers_.contains(request->worker())) return Forgotten();
+    if (!lease_answers_.empty()) {
+      const grpc::Status answer = lease_answers_.front();
+      lease_answers_.pop_front();
+      return answer;
+    }
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(request->wait_s());
     while (leases_.empty() && serving_ && !context->IsCancelled() && std::chrono::steady_clock::now() < deadline) {
       changed_.wait_for(lock, std::chrono::milliseconds(20));
@@ -145,7 +161,7 @@ class FakeWorkersService : public v1::Workers::Service {
     if (!workers_.contains(request->worker())) return Forgotten();
     reports.push_back(*request);
     changed_.notify_all();
-    return report_code_ == grpc::StatusCode::OK ? grpc::Status::OK : grpc::Status(report_code_, "told to refuse");
+    return report_answer_;
   }
 
   grpc::Status UnregisterWorker(grpc::ServerContext*, const v1::UnregisterWorkerRequest* request,
@@ -158,7 +174,9 @@ class FakeWorkersService : public v1::Workers::Service {
   }
 
  private:
-  static grpc::Status Forgotten() { return grpc::Status(grpc::StatusCode::NOT_FOUND, "no such worker"); }
+  static grpc::Status Forgotten() {
+    return Refused(grpc::StatusCode::NOT_FOUND, v1::Refusal::UNKNOWN_WORKER);
+  }
 
   std::mutex mutex_;
   std::condition_variable changed_;
@@ -170,8 +188,9 @@ class FakeWorkersService : public v1::Workers::Service {
   std::set<std::string> workers_;
   std::set<std::string> void_;
   std::string shared_blob_dir_, probe_path_, probe_content_;
-  grpc::StatusCode report_code_ = grpc::StatusCode::OK;
-  grpc::StatusCode register_code_ = grpc::StatusCode::OK;
+  grpc::Status report_answer_;
+  std::deque<grpc::Status> lease_answers_;
+  grpc::Status register_answer_;
 };
 
 }  // namespace tessera

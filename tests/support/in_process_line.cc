@@ -1,5 +1,6 @@
 #include "tests/support/in_process_line.h"
 
+#include <algorithm>
 #include <filesystem>
 
 #include "common/scene/scene.h"
@@ -39,7 +40,8 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
 }  // namespace
 
 StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std::string& work_dir,
-                                        const JobSettings& settings, const TaskRunner& runner) {
+                                        const JobSettings& settings, const TaskRunner& runner,
+                                        const std::vector<SetAsideTile>& set_aside) {
   Warnings warnings;
   TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(scene_dir, &warnings));
   std::vector<LineTask> tasks;
@@ -62,9 +64,10 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
     TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadFile(tasks[t].output_dir + "/" + kReadsFile));
     TESSERA_ASSIGN_OR_RETURN(TileReads of_tile,
                              ParseTileReads(json, tasks[t].planned.tile, static_cast<int>(tasks.size()) - 1));
-    reads.push_back(std::move(of_tile));
+    const SetAsideTile not_cut = {tasks[t].planned.tile, kCutKind};
+    if (std::find(set_aside.begin(), set_aside.end(), not_cut) == set_aside.end()) reads.push_back(std::move(of_tile));
   }
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> steps, PlanSteps(settings, survey, scene.files, reads));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> steps, PlanSteps(settings, survey, scene.files, reads, nullptr, set_aside));
   TESSERA_RETURN_IF_ERROR(run(steps));
   return tasks;
 }

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "common/base/parallel.h"
+#include "common/base/refusal.h"
 #include "common/rpc/blob_client.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
@@ -147,7 +148,7 @@ class Agent::Impl {
     for (int forgotten = 0;; ++forgotten) {
       const std::string name = worker();
       const Status status = call(name);
-      if (status.code() != absl::StatusCode::kNotFound || forgotten >= kMaxForgotten) return status;
+      if (RefusalOf(status) != Refusal::kUnknownWorker || forgotten >= kMaxForgotten) return status;
       TESSERA_RETURN_IF_ERROR(Register(name));
     }
   }
@@ -170,7 +171,7 @@ class Agent::Impl {
         if (lease.has_value()) RunLease(*lease);
         continue;
       }
-      if (status.code() == absl::StatusCode::kFailedPrecondition) return status;  // refused for good on registering
+      if (RefusalOf(status) == Refusal::kOtherVersion) return status;
       if (!away) LogWarning("coordinator is away", {{"reason", MessageOf(status)}});
       away = true;
       Wait(backoff.NextDelay());
@@ -273,7 +274,7 @@ class Agent::Impl {
       LogInfo("succeeded", who);
     }
     if (status.ok()) return;
-    if (status.code() == absl::StatusCode::kFailedPrecondition || attempt.IsVoid()) {
+    if (RefusalOf(status) == Refusal::kNotCurrent || attempt.IsVoid()) {
       LogInfo("report refused: not the current attempt", who);
     } else {
       LogError("could not report", {who[0], who[1], {"reason", MessageOf(status)}});

@@ -81,7 +81,7 @@ struct AttemptReport {
   std::string failure;
 };
 
-// Each call is one attempt with a deadline; errors are the coordinator's own, or UNAVAILABLE and DEADLINE_EXCEEDED of
+// Each call is one attempt with a deadline; errors are the coordinator's own (RefusalOf), or UNAVAILABLE and DEADLINE_EXCEEDED of
 // the way there. Thread-safe.
 class CoordinatorLink {
  public:
@@ -95,7 +95,7 @@ class CoordinatorLink {
   void StopLeasing();
   // The tasks to stop, of those named.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<AttemptProgress>& running);
-  // FAILED_PRECONDITION: the attempt is no longer the current one.
+  // Refusal::kNotCurrent: the attempt is no longer the current one.
   Status Report(const std::string& worker, const AttemptReport& report);
   Status Unregister(const std::string& worker);
 

@@ -11,6 +11,7 @@
 #include <optional>
 #include <thread>
 
+#include "common/base/machine_limits.h"
 #include "common/base/parallel.h"
 #include "common/base/version.h"
 #include "common/storage/files.h"
@@ -24,6 +25,7 @@ struct Flags {
   std::string coordinator = "127.0.0.1:7575";
   std::string work_dir;
   int threads = 0;
+  int64_t memory_bytes = 0;
   bool no_shared_storage = false;
   double cache_gib = 20;
   bool exit_with_parent = false;
@@ -43,6 +45,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
          "Threads of a task at most; the coordinator shares a host's cores out among its workers; 0: one for each core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
+  app.add_option("--memory", flags.memory_bytes,
+                 "Memory that it may use, where that is less than what the machine and its control groups leave it")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/true))
+      ->type_name("BYTES|MiB|GiB");
   app.add_flag("--no-shared-storage", flags.no_shared_storage,
                "Never read or write the coordinator's folders: all goes through its blob service");
   app.add_option("--cache-gib", flags.cache_gib, "Bound of the cache of fetched files; the oldest go first")
@@ -63,8 +69,6 @@ std::string Machine() {
   const std::string boot = tessera::ReadFileRange("/proc/sys/kernel/random/boot_id", 0, 8).value_or("");
   return HostName() + "/" + boot;
 }
-
-int CoreCount() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
 
 int Fail(const tessera::Status& status) {
   std::fprintf(stderr, "tessera-worker: %s\n", std::string(status.message().data(), status.message().size()).c_str());
@@ -113,6 +117,7 @@ int main(int argc, char** argv) {
     own_folder = *std::move(folder);
     flags.work_dir = own_folder->path();
   }
+  tessera::SetMemoryLimit(flags.memory_bytes);
   tessera::AgentOptions options;
   options.coordinator = flags.coordinator;
   options.work_dir = std::filesystem::absolute(flags.work_dir).string();
@@ -120,14 +125,14 @@ int main(int argc, char** argv) {
   options.cache_bytes = static_cast<int64_t>(flags.cache_gib * (int64_t{1} << 30));
   options.description = {HostName(),
                          getpid(),
-                         flags.threads > 0 ? flags.threads : CoreCount(),
+                         flags.threads > 0 ? flags.threads : tessera::CoreLimit(),
                          tessera::MemoryLimit_bytes(),
                          tessera::kAlgorithmVersion,
-                         CoreCount(),
+                         tessera::CoreLimit(),
                          Machine()};
   options.retry.seed = static_cast<uint64_t>(getpid());
 
-  const tessera::ThreadLimit thread_limit(flags.threads);
+  const tessera::ThreadLimit thread_limit(options.description.threads);
   const auto agent = tessera::Agent::Create(options, tessera::RunTask);
   if (!agent.ok()) return Fail(agent.status());
   std::thread([signals, &agent] { HandleSignals(signals, **agent); }).detach();

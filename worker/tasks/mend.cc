@@ -29,15 +29,12 @@ StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& con
     std::vector<Vector3d> good, positions = Pick(known.positions, region.vertices);
     if (task.parameters.before) {
       good = MotionGuard(region.mesh, region.fixed, MakeMotionLimits(options, work.package().gsd_m)).UnfoldedStart();
-      if (task.parameters.first_new_face < 0) {
-        positions.swap(good);
-      } else {
-        // The base's result among faces that are new: as if it had all moved there from the start.
-        const std::vector<uint8_t> held = Pick(known.held_vertices, region.vertices);
-        for (size_t v = 0; v < held.size(); ++v) {
-          if (held[v]) good[v] = positions[v];
-        }
+      // What is held stays; the base's result among faces that are new: as if it had all moved there from the start.
+      const std::vector<uint8_t> held = Pick(known.held_vertices, region.vertices);
+      for (size_t v = 0; v < held.size(); ++v) {
+        if (held[v]) good[v] = positions[v];
       }
+      if (task.parameters.first_new_face < 0) positions.swap(good);
     } else {
       if (known.level_start.empty()) return absl::DataLossError("mend: the states have no beginning of the level");
       good = Pick(known.level_start, region.vertices);

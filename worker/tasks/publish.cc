@@ -1,5 +1,7 @@
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_cat.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
 #include "common/storage/mapped_file.h"
@@ -21,6 +23,9 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   TESSERA_ASSIGN_OR_RETURN(Survey survey, ParseSurvey(survey_json));
   survey.scene_name = parameters.scene_name;
   survey.warnings = parameters.warnings;
+  for (const int tile : parameters.set_aside) {
+    survey.warnings.push_back(absl::StrCat("tile ", tile, " was set aside: its refinement failed, and it is as it was before"));
+  }
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
 
   std::vector<MappedCore> cores;
@@ -34,7 +39,9 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     TESSERA_ASSIGN_OR_RETURN(MappedCore core,
                              MappedCore::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));
     spans.push_back(core.spans());
-    reported.push_back({core.spans().tile, core.report()});
+    const bool set_aside =
+        std::binary_search(parameters.set_aside.begin(), parameters.set_aside.end(), tile.tile);
+    reported.push_back({core.spans().tile, core.report(), set_aside});
     cores.push_back(std::move(core));
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
   }
@@ -84,9 +91,9 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   TaskOutcome outcome;
   outcome.outputs = {kMeshFile, kReportFile};
   if (parameters.tiles.size() > 1) {
-    TESSERA_ASSIGN_OR_RETURN(
-        const std::vector<std::string> names,
-        WriteTileMeshes(request.output_dir, city, survey, tiles, spans, outdated.ids(), PartOf(control, 0.8, 1)));
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names,
+                             WriteTileMeshes(request.output_dir, city, survey, tiles, spans, outdated.ids(),
+                                             parameters.set_aside, PartOf(control, 0.8, 1)));
     outcome.outputs.insert(outcome.outputs.end(), names.begin(), names.end());
   }
   outcome.stats = nlohmann::json{{"faces", city.faces()}, {"seconds", SecondsSince(clock, start_us)}}.dump();

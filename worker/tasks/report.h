@@ -18,6 +18,7 @@ namespace tessera {
 struct ReportedTile {
   int tile = 0;
   std::string report;  // JSON of the tile's core
+  bool set_aside = false;  // its refinement failed
 };
 
 // What a result is like as a whole, added up vertex by vertex and face by face, in the order of their ids. Holds no

@@ -11,7 +11,8 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
   static constexpr std::pair<const char*, Stage> kStages[] = {
       {"ingest", RunIngest},   {"update", RunUpdate},   {"cut", RunCut},        {"crop", RunCrop},
       {"refine", RunRefine},   {"measure", RunMeasure}, {"solve", RunSolve},    {"mend", RunMend},
-      {"compare", RunCompare}, {"changes", RunChanges}, {"publish", RunPublish}};
+      {"compare", RunCompare}, {"changes", RunChanges}, {"publish", RunPublish},
+      {"start", RunStart}};
   const SystemClock clock;
   for (const auto& [kind, stage] : kStages) {
     if (request.kind != kind) continue;
@@ -23,7 +24,7 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
   }
   return absl::InvalidArgumentError(
       "task kind: found \"" + request.kind +
-      "\", expected ingest, update, cut, crop, refine, measure, solve, mend, compare, changes or publish");
+      "\", expected ingest, update, cut, crop, refine, measure, solve, mend, compare, changes, publish or start");
 }
 
 }  // namespace tessera

@@ -36,6 +36,9 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
 // Package and states of the tiles in reach → the core's state without folds.
 StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
+// City and survey → a tile's core as it is at the start, where its refinement failed.
+StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
 // City, survey, states of an update's base and new photographs → what they show of a block of ground.
 StatusOr<TaskOutcome> RunCompare(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 

@@ -91,7 +91,8 @@ std::string TileMeshName(const CellRect& core) {
 StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir, const CityReader& city,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
                                                    const std::vector<CoreSpans>& cores,
-                                                   std::span<const uint32_t> outdated, const TaskControl& control) {
+                                                   std::span<const uint32_t> outdated, const std::vector<int>& set_aside,
+                                                   const TaskControl& control) {
   TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(output_dir, "/", kTileMeshFolder)));
   std::vector<std::string> names;
   json entries = json::array();
@@ -100,6 +101,7 @@ StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir
     control.Report(static_cast<double>(t) / static_cast<double>(tiles.size()), "writing tiles");
     TESSERA_ASSIGN_OR_RETURN(json entry, WriteTileMesh(output_dir, city, survey, tiles[t].core, cores[t]));
     if (!outdated.empty()) entry["outdated_faces"] = CountShared(cores[t].face_ids, outdated);
+    if (std::binary_search(set_aside.begin(), set_aside.end(), tiles[t].tile)) entry["set_aside"] = true;
     entries.push_back(std::move(entry));
     names.push_back(TileMeshName(tiles[t].core));
   }

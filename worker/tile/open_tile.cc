@@ -13,8 +13,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/machine_limits.h"
 #include "common/base/pick.h"
-#include "common/base/task_usage.h"
 #include "worker/tile/regions.h"
 
 namespace tessera {
@@ -179,8 +179,11 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
   known.positions = package_.mesh.vertices;
   known.labels = package_.mesh.labels;
   if (states.empty()) return known;
-  const bool in_level =
-      std::any_of(states.begin(), states.end(), [](const TileState& s) { return !s.level_start.empty(); });
+  const auto is_held = [&](const TileState& s) { return std::find(held.begin(), held.end(), s.tile) != held.end(); };
+  // What is held may be of any level.
+  const bool in_level = std::any_of(states.begin(), states.end(),
+                                    [&](const TileState& s) { return !is_held(s) && !s.level_start.empty(); });
+  const bool others_begin = std::all_of(states.begin(), states.end(), is_held);
   if (in_level) known.level_start = package_.mesh.vertices;
   std::vector<uint8_t> has_vertex(known.positions.size(), 0), has_face(known.labels.size(), 0);
   known.confidence.assign(known.labels.size(), 0.0f);
@@ -189,15 +192,15 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
     known.held_faces.assign(has_face.size(), 0);
   }
   for (const TileState& state : states) {
-    const bool is_held = std::find(held.begin(), held.end(), state.tile) != held.end();
+    const bool of_held = is_held(state);
     // Where no vertex moves, the level began as it is.
-    const std::vector<Eigen::Vector3d>& level_start = is_held ? state.positions : state.level_start;
+    const std::vector<Eigen::Vector3d>& level_start = of_held ? state.positions : state.level_start;
     if (in_level && level_start.empty()) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": the state of tile ", state.tile,
                                               " has no beginning of the level, that of others has"));
     }
     vertices_by_id_.ForShared(state.vertex_ids, [&](size_t i, uint32_t v) {
-      if (is_held) known.held_vertices[v] = 1;
+      if (of_held) known.held_vertices[v] = 1;
       if (has_vertex[v]) {
         ++known.compared;
         if (std::memcmp(known.positions[v].data(), state.positions[i].data(), 3 * sizeof(double)) != 0) {
@@ -214,20 +217,21 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
     });
     faces_by_id_.ForShared(state.face_ids, [&](size_t i, uint32_t f) {
       has_face[f] = 1;
-      if (is_held) known.held_faces[f] = 1;
+      if (of_held) known.held_faces[f] = 1;
       known.labels[f] = state.labels[i];
       known.confidence[f] = state.confidence[i];
     });
     if (state.tile == package_.tile) known.report = state.report;
   }
   // In sight are whole cells: those of the tiles that were read.
-  for (size_t f = 0; region != 0 && f < has_face.size(); ++f) {
+  for (size_t f = 0; region != 0 && !others_begin && f < has_face.size(); ++f) {
     if (!(package_.regions[f] & region)) continue;
     if (first_new_face >= 0 && package_.face_ids[f] >= first_new_face) continue;
     const Triangle& face = package_.mesh.faces[f];
     if (has_face[f] && has_vertex[face[0]] && has_vertex[face[1]] && has_vertex[face[2]]) continue;
     return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no state has face ", package_.face_ids[f]));
   }
+  if (others_begin) known.confidence.clear();  // none of the core's is known yet
   return known;
 }
 

@@ -90,7 +90,8 @@ class OpenTile {
   std::vector<uint8_t> measured() const;  // flags of the core's faces and the sample's
 
   // The start where there are no states, else what they say; DATA_LOSS if they do not say it of every face in
-  // `region` (0: of all that is in sight) and its corners. `held`: tiles of `states` that an update leaves as they are.
+  // `region` (0: of all that is in sight) and its corners. `held`: tiles of `states` that are left as they are;
+  // where there are no others, all else is at the start.
   // Faces from id `first_new_face` on may be in no state; -1: none may.
   StatusOr<KnownState> Join(const std::vector<TileState>& states, uint8_t region, const std::vector<int>& held = {},
                             int64_t first_new_face = -1);

@@ -1,7 +1,6 @@
 #include "common/base/task_usage.h"
 
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 
 #include <chrono>
 #include <fstream>
@@ -44,18 +43,6 @@ TEST(TaskUsageTest, WhatIsHeldFromEarlierTasksIsNotTheTasks) {
     EXPECT_GE(after, 32 * kMiB);
     EXPECT_LT(after, before + 50 * kMiB);
   }
-}
-
-TEST(MemoryLimit, IsThatOfTheProcessIfItHasOne) {
-  const int64_t before = MemoryLimit_bytes();
-  EXPECT_GT(before, 64 * kMiB);
-  rlimit limit = {};
-  ASSERT_EQ(getrlimit(RLIMIT_DATA, &limit), 0);
-  const rlimit small = {static_cast<rlim_t>(before / 2), limit.rlim_max};
-  ASSERT_EQ(setrlimit(RLIMIT_DATA, &small), 0);
-  EXPECT_EQ(MemoryLimit_bytes(), before / 2);
-  ASSERT_EQ(setrlimit(RLIMIT_DATA, &limit), 0);
-  EXPECT_EQ(MemoryLimit_bytes(), before);
 }
 
 TEST(TaskUsageTest, CountsProcessorTimeAndNotTheTimeAsleep) {

@@ -8,9 +8,11 @@
 #include <fstream>
 #include <thread>
 
+#include "common/base/refusal.h"
 #include "common/base/version.h"
 #include "common/rpc/blob_client.h"
 #include "common/rpc/channel.h"
+#include "common/rpc/status_conversion.h"
 #include "server/store/sqlite_store.h"
 #include "tessera/v1/blobs.grpc.pb.h"
 #include "tessera/v1/jobs.grpc.pb.h"
@@ -231,6 +233,30 @@ TEST_F(ServerTest, ErrorsKeepTheirCodes) {
   v1::ReportTaskResponse reported;
   EXPECT_EQ(workers_->ReportTask(&report_context, report, &reported).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   EXPECT_EQ(CoordinatorServer::Start(server_->address(), environment_).status().code(), absl::StatusCode::kUnavailable);
+}
+
+// What a worker does about an error does not depend on its code.
+TEST_F(ServerTest, RefusalsComeWithTheirReasons) {
+  grpc::ClientContext lease_context, version_context, report_context, job_context;
+  v1::LeaseTaskRequest lease;
+  lease.set_worker("workers/nobody");
+  v1::LeaseTaskResponse leased;
+  EXPECT_EQ(RefusalOf(FromGrpc(workers_->LeaseTask(&lease_context, lease, &leased))), Refusal::kUnknownWorker);
+  v1::RegisterWorkerRequest registration;
+  registration.set_version("another");
+  v1::RegisterWorkerResponse registered;
+  EXPECT_EQ(RefusalOf(FromGrpc(workers_->RegisterWorker(&version_context, registration, &registered))),
+            Refusal::kOtherVersion);
+  v1::ReportTaskRequest report;
+  report.set_worker("workers/nobody");
+  report.set_task("jobs/9/tasks/3");
+  report.mutable_failure()->set_message("it broke");
+  v1::ReportTaskResponse reported;
+  EXPECT_EQ(RefusalOf(FromGrpc(workers_->ReportTask(&report_context, report, &reported))), Refusal::kNotCurrent);
+  v1::GetJobRequest get;
+  get.set_name("jobs/7");
+  v1::Job job;
+  EXPECT_EQ(RefusalOf(FromGrpc(jobs_->GetJob(&job_context, get, &job))), Refusal::kNone);
 }
 
 TEST_F(ServerTest, WithoutSharedStorageNoPathIsTold) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <functional>
 #include <tuple>
 #include <vector>
 
@@ -74,8 +75,11 @@ TEST(ReadyTasks, RandomComingAndGoing) {
   Random random(3);
   ReadyTasks ready;
   std::vector<std::pair<TaskRef, JobTask>> list;
-  const auto rank = [](const auto& entry) {
-    return std::tuple(entry.first.job, entry.second.depth, -entry.second.plan.cost, entry.first.task);
+  std::vector<std::pair<int, bool>> standings(3);  // priority, paused
+  const auto rank = [&](const auto& entry) {
+    const auto [priority, paused] = standings[entry.first.job];
+    return std::tuple(paused, -priority, entry.first.job, entry.second.depth, -entry.second.plan.cost,
+                      entry.first.task);
   };
   for (int step = 0; step < 3000; ++step) {
     if (list.empty() || random.Below(5) < 3) {
@@ -88,10 +92,16 @@ TEST(ReadyTasks, RandomComingAndGoing) {
       ready.Remove(gone->first, gone->second);
       list.erase(gone);
     }
+    if (random.Below(5) == 0) {
+      const int job = static_cast<int>(random.Below(3));
+      standings[job] = {static_cast<int>(random.Below(3)) - 1, random.Below(3) == 0};
+      ready.SetJob(job, standings[job].first, standings[job].second);
+    }
+    const auto is_paused = [&](const auto& entry) { return standings[entry.first.job].second; };
     const auto first =
         std::min_element(list.begin(), list.end(), [&](const auto& a, const auto& b) { return rank(a) < rank(b); });
-    ASSERT_EQ(ready.count(), static_cast<int>(list.size()));
-    ASSERT_EQ(ready.First(Any), first == list.end() ? std::nullopt : std::optional(first->first));
+    ASSERT_EQ(ready.count(), std::count_if(list.begin(), list.end(), std::not_fn(is_paused)));
+    ASSERT_EQ(ready.First(Any), first == list.end() || is_paused(*first) ? std::nullopt : std::optional(first->first));
   }
 }
 

@@ -338,7 +338,7 @@ TEST_F(AgentTest, AResultWaitsForACoordinatorThatIsAway) {
 }
 
 TEST_F(AgentTest, AReportOfAnOldAttemptIsDroppedAndWorkGoesOn) {
-  coordinator_.AnswerReportsWith(grpc::StatusCode::FAILED_PRECONDITION);
+  coordinator_.AnswerReportsWith(Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::NOT_CURRENT));
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   coordinator_.Queue(NewLease("jobs/1/tasks/2"));
   StartAgent(Concatenate);
@@ -346,6 +346,19 @@ TEST_F(AgentTest, AReportOfAnOldAttemptIsDroppedAndWorkGoesOn) {
   ASSERT_EQ(coordinator_.reports.size(), 2u);
   EXPECT_EQ(coordinator_.reports[0].task(), "jobs/1/tasks/1");
   EXPECT_EQ(coordinator_.reports[1].task(), "jobs/1/tasks/2");
+}
+
+// NOT_FOUND and the like have many causes; what is to be done is told by the details.
+TEST_F(AgentTest, ACodeAloneNeitherRegistersAgainNorEndsTheWorker) {
+  for (const auto code : {grpc::StatusCode::FAILED_PRECONDITION, grpc::StatusCode::NOT_FOUND}) {
+    coordinator_.AnswerReportsWith(grpc::Status(code, "something else"));
+    coordinator_.AnswerLeasesWith(grpc::Status(code, "something else"), 2);
+    coordinator_.Queue(NewLease("jobs/1/tasks/" + std::to_string(code)));
+  }
+  StartAgent(Concatenate);
+  WaitForReport(2);
+  EXPECT_EQ(coordinator_.reports.size(), 2u);
+  EXPECT_EQ(coordinator_.registrations, 1);
 }
 
 TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsAborted) {
@@ -373,7 +386,8 @@ TEST_F(AgentTest, DrainingEndsAnIdleWorkerAndOneThatFindsNobody) {
 }
 
 TEST_F(AgentTest, ARefusedVersionEndsTheWorker) {
-  coordinator_.AnswerRegistrationsWith(grpc::StatusCode::FAILED_PRECONDITION);
+  coordinator_.AnswerRegistrationsWith(
+      Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::OTHER_VERSION));
   StartAgent(Concatenate);
   thread_.join();
   EXPECT_EQ(agent_status_.code(), absl::StatusCode::kFailedPrecondition);

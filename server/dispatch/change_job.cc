@@ -1,0 +1,36 @@
+// What users change of a job that was accepted.
+#include "server/dispatch/dispatcher.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+
+StatusOr<JobStatus> Dispatcher::ChangeJob(const std::string& name, const JobChange& change) {
+  {
+    std::lock_guard lock(mutex_);
+    v1::Record record;
+    v1::JobChanged& changed = *record.mutable_job_changed();
+    changed.set_job(name);
+    if (change.priority) changed.set_priority(*change.priority);
+    if (change.paused) changed.set_paused(*change.paused);
+    TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  }
+  TESSERA_RETURN_IF_ERROR(Durable());
+  return GetJob(name);
+}
+
+StatusOr<JobStatus> Dispatcher::RetryJob(const std::string& name, std::optional<int> tile) {
+  {
+    std::lock_guard lock(mutex_);
+    v1::Record record;
+    record.mutable_job_retried()->set_job(name);
+    if (tile) record.mutable_job_retried()->set_tile(*tile);
+    TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+    const int job = *ledger_.FindJob(name);
+    if (job < static_cast<int>(shown_progress_.size())) shown_progress_[job] = 0;
+  }
+  TESSERA_RETURN_IF_ERROR(Durable());
+  Advance().IgnoreError();  // Tick tries again and tells
+  return GetJob(name);
+}
+
+}  // namespace tessera

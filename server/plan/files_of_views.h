@@ -1,0 +1,21 @@
+// Which files of a scene its views are read from.
+#ifndef TESSERA_SERVER_PLAN_FILES_OF_VIEWS_H_
+#define TESSERA_SERVER_PLAN_FILES_OF_VIEWS_H_
+
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/tile/survey.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+
+// Where the views' images and likelihoods are in the scene's list of files.
+// NOT_FOUND with the path of one that is missing.
+StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
+                                                                       const std::vector<std::string>& files);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_PLAN_FILES_OF_VIEWS_H_

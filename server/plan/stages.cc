@@ -1,0 +1,50 @@
+#include "server/plan/stages.h"
+
+#include <algorithm>
+#include <iterator>
+
+#include "server/plan/update_plan.h"
+
+namespace tessera {
+
+int StageOf(const std::string& kind, int step, bool before) {
+  const int first = 4 * step;
+  if (kind == kMeasureKind) return first + 1;
+  if (kind == kSolveKind) return first + 2;
+  return before ? first : first + 3;  // mend
+}
+
+std::vector<RefineStep> StepsOf(const JobSettings& settings) {
+  return RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
+}
+
+std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool goes_on) {
+  if (goes_on) return UpdateSteps(settings, survey);
+  const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
+  return ActiveSteps(StepsOf(settings), MethodRulesOf(settings.method, settings.rounds, settings.method_settings),
+                     traits);
+}
+
+std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool goes_on) {
+  std::vector<int> stages;
+  const std::vector<RefineStep> steps = StepsOf(settings);
+  bool mended = goes_on && !survey.revision;
+  for (const int s : StepsTaken(settings, survey, goes_on)) {
+    if (!mended && (goes_on || !steps[s].labels())) {
+      stages.push_back(StageOf(kMendKind, s, /*before=*/true));
+      mended = true;
+    }
+    if (steps[s].labels()) stages.push_back(StageOf(kSolveKind, s));
+    if (steps[s].ends_level) stages.push_back(StageOf(kMendKind, s));
+  }
+  return stages;
+}
+
+int FrozenFrom(const SetAsideTile& tile, const std::vector<int>& good) {
+  if (tile.kind == kCutKind) return kNoCut;
+  if (tile.kind == kCropKind) return kNoState;
+  const auto next = std::lower_bound(good.begin(), good.end(), StageOf(tile.kind, tile.step, tile.before));
+  return next == good.begin() ? kNoState : *std::prev(next) + 1;
+}
+
+}  // namespace tessera

@@ -1,0 +1,35 @@
+// The order of what the tiles of a job do together, and from where on one that was set aside stays as it is.
+#ifndef TESSERA_SERVER_PLAN_STAGES_H_
+#define TESSERA_SERVER_PLAN_STAGES_H_
+
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "common/tile/refine_steps.h"
+#include "common/tile/survey.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+
+std::vector<RefineStep> StepsOf(const JobSettings& settings);
+// Indices of those that a job of several tiles takes, ascending. `goes_on`: from the states of an update's base.
+std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool goes_on);
+
+// Of a tile that was not even cut, and of one that was but took part in no stage. Every stage is later.
+inline constexpr int kNoCut = std::numeric_limits<int>::min(), kNoState = -1;
+
+// Place of a task among the stages of a job, from 0: for each step mend (before it), measure, solve, mend.
+int StageOf(const std::string& kind, int step, bool before = false);
+
+// Those that leave a tile as it may stay, ascending: its folds are mended, and nothing but labels changed since. As
+// PlanSteps plans them.
+std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool goes_on);
+
+// The stage from which on the tile has no tasks: after the last of `good` (ascending) before the one that failed.
+// kNoState if there is none: it stays as it is at the job's start; kNoCut if it was not cut.
+int FrozenFrom(const SetAsideTile& tile, const std::vector<int>& good);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_PLAN_STAGES_H_

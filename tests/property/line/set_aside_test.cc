@@ -1,0 +1,136 @@
+// A tile whose refinement failed stays as it was, and the city closes about it without a crack.
+#include <gtest/gtest.h>
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "common/storage/files.h"
+#include "common/synth/synth.h"
+#include "common/tile/task_parameters.h"
+#include "tests/support/in_process_line.h"
+#include "tests/support/tiny_scene.h"
+#include "worker/tile/tile_files.h"
+
+namespace tessera {
+namespace {
+
+using nlohmann::json;
+
+class SetAsideTest : public testing::Test {
+ protected:
+  static constexpr int kTile = 1;  // one with neighbours on both sides
+
+  void SetUp() override {
+    folder_ = FreshTestFolder("set_aside");
+    SynthOptions options;
+    options.columns = 3;
+    options.rows = 1;
+    options.gsd_m = 0.5;
+    options.image_width_px = 120;
+    options.image_height_px = 90;
+    const auto made = SynthesizeCity(options, folder_ + "/scene", TaskControl());
+    ASSERT_TRUE(made.ok()) << made.status();
+    settings_ = {.tiles = 3};
+    settings_.method_settings.levels = {1, 0};
+    settings_.method_settings.iterations = {2, 1};
+  }
+  void TearDown() override { EXPECT_TRUE(RemoveTree(folder_).ok()); }
+
+  std::vector<LineTask> Run(const std::vector<SetAsideTile>& set_aside) {
+    auto tasks = RunLine(folder_ + "/scene", folder_ + "/" + std::to_string(runs_++), settings_, {}, set_aside);
+    EXPECT_TRUE(tasks.ok()) << tasks.status();  // publish compares all that tiles share, byte for byte
+    return tasks.ok() ? *std::move(tasks) : std::vector<LineTask>();
+  }
+  static json ReportOf(const std::vector<LineTask>& tasks, const std::string& file) {
+    return json::parse(ReadText(tasks.back().output_dir + "/" + file));
+  }
+  // The state of the tile that publish reads.
+  static TileState Published(const std::vector<LineTask>& tasks, int tile) {
+    for (const PlannedInput& input : tasks.back().planned.inputs) {
+      if (input.tile != tile) continue;
+      return *ReadTileState(tasks[input.task.value()].output_dir + "/" + kStateFile);
+    }
+    return {};
+  }
+
+  std::string folder_;
+  JobSettings settings_;
+  int runs_ = 0;
+};
+
+TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
+  const std::vector<LineTask> whole = Run({});
+  ASSERT_FALSE(whole.empty());
+  std::map<std::string, TileState> state_of;  // of the tile, after each of its tasks
+  for (const LineTask& task : whole) {
+    if (task.planned.tile != kTile || task.outcome.outputs != std::vector<std::string>{kStateFile}) continue;
+    state_of[task.planned.name] = *ReadTileState(task.output_dir + "/" + kStateFile);
+  }
+  // Labels first, two iterations on level 1, one on level 0, labels. What fails, and whose state stays; empty: the
+  // start's.
+  struct Case {
+    SetAsideTile failed;
+    std::string stays;
+  };
+  const Case cases[] = {{{kTile, kCutKind}, ""},
+                        {{kTile, kMeasureKind, 0}, ""},
+                        {{kTile, kSolveKind, 0}, ""},
+                        {{kTile, kMendKind, 1, true}, "solve tile 1 step 0"},
+                        {{kTile, kSolveKind, 2}, "mend tile 1 before step 1"},
+                        {{kTile, kMendKind, 2}, "mend tile 1 before step 1"},
+                        {{kTile, kMeasureKind, 3}, "mend tile 1 step 2"},
+                        {{kTile, kSolveKind, 4}, "mend tile 1 step 3"}};
+  for (const auto& [failed, stays] : cases) {
+    SCOPED_TRACE(failed.kind + " " + std::to_string(failed.step));
+    const std::vector<LineTask> tasks = Run({failed});
+    ASSERT_FALSE(tasks.empty());
+    const json report = ReportOf(tasks, kReportFile), index = ReportOf(tasks, kTileIndexFile);
+    EXPECT_EQ(report.at("seams").at("different"), 0) << report.at("seams").dump();
+    EXPECT_NE(report.at("warnings").dump().find("tile 1 was set aside"), std::string::npos);
+    for (int tile = 0; tile < 3; ++tile) {
+      EXPECT_EQ(report.at("tiles")[tile].contains("set_aside"), tile == kTile);
+      EXPECT_EQ(index.at("tiles")[tile].contains("set_aside"), tile == kTile);
+    }
+    const TileState left = Published(tasks, kTile);
+    if (stays.empty()) {
+      int starts = 0;
+      for (const LineTask& task : tasks) starts += task.planned.kind == kStartKind;
+      EXPECT_EQ(starts, 1);
+    } else {
+      ASSERT_TRUE(state_of.contains(stays));
+      EXPECT_EQ(left.positions, state_of[stays].positions);
+      EXPECT_EQ(left.labels, state_of[stays].labels);
+    }
+    // The others go on: but for what they share with it, they move as without this.
+    const TileState other = Published(tasks, 0), undisturbed = Published(whole, 0);
+    const std::set<uint32_t> shared(left.vertex_ids.begin(), left.vertex_ids.end());
+    ASSERT_EQ(other.vertex_ids, undisturbed.vertex_ids);
+    size_t same = 0, own = 0;
+    for (size_t v = 0; v < other.vertex_ids.size(); ++v) {
+      if (shared.contains(other.vertex_ids[v])) continue;
+      ++own;
+      same += (other.positions[v] - undisturbed.positions[v]).norm() < 1e-9;
+    }
+    EXPECT_GT(own, 0u);
+    EXPECT_GT(same, own / 2);
+  }
+}
+
+TEST_F(SetAsideTest, WhatWasDoneBeforeHasTheSameTasks) {
+  const std::vector<LineTask> whole = Run({}), tasks = Run({{kTile, kSolveKind, 2}});
+  std::set<std::pair<std::string, std::string>> planned;
+  for (const LineTask& task : whole) planned.emplace(task.planned.name, task.planned.parameters);
+  for (const LineTask& task : tasks) {
+    const bool same = planned.contains({task.planned.name, task.planned.parameters});
+    // Behind the tile's last good state, which is that before level 1, only what reads no state of another stage.
+    const bool before = task.planned.kind == "ingest" || task.planned.kind == kCutKind ||
+                        task.planned.kind == kCropKind || task.planned.name.ends_with("step 0") ||
+                        task.planned.name.ends_with("before step 1") || task.planned.name == "measure tile 0 step 1";
+    if (before) EXPECT_TRUE(same) << task.planned.name;
+    if (task.planned.name == "solve tile 0 step 1") EXPECT_FALSE(same);
+  }
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,76 @@
+// What users change of a job while it goes on: priority and pauses.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using testing::HasSubstr;
+
+class ChangeJobTest : public CoordinatorTest {
+ protected:
+  // The job of the task that the worker is given; empty: none.
+  std::string JobOfLease(const std::string& worker) {
+    const auto lease = Lease(worker);
+    return lease ? JobName(ParseTaskName(lease->task)->job) : "";
+  }
+  std::string CreateWith(int priority) {
+    NewJob job = AJob(2, "scene of priority " + std::to_string(priority));
+    job.priority = priority;
+    return Create(job);
+  }
+  Status Change(const std::string& job, const JobChange& change) { return dispatcher_->ChangeJob(job, change).status(); }
+};
+
+TEST_F(ChangeJobTest, TheNextFreeWorkerGetsTheJobOfTheHighestPriority) {
+  const std::string low = CreateWith(-1), first = CreateWith(5), high = CreateWith(6);
+  ASSERT_TRUE(Change(first, {7, {}}).ok());
+  Restart();
+  EXPECT_EQ(Job(first).header.priority, 7);
+  const std::string worker = Worker();
+  EXPECT_EQ(JobOfLease(worker), first);
+  ASSERT_TRUE(Change(low, {100, {}}).ok());
+  EXPECT_EQ(JobOfLease(worker), low);
+  EXPECT_EQ(JobOfLease(worker), high);
+  EXPECT_EQ(Task(first, 0).task.state, TaskState::kLeased) << "what runs is not interrupted";
+}
+
+TEST_F(ChangeJobTest, APausedJobsTasksEndAndNoMoreAreLeased) {
+  const std::string job = Create(AJob(2));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  const auto running = Lease(worker);
+  ASSERT_TRUE(running);
+  ASSERT_TRUE(Change(job, {{}, true}).ok());
+  EXPECT_FALSE(Lease(worker));
+  EXPECT_TRUE(Succeed(worker, *running).ok());
+  EXPECT_EQ(Job(job).tasks_done, 2);
+  EXPECT_FALSE(Lease(worker));
+  Restart();
+  EXPECT_TRUE(Job(job).header.paused);
+  const std::string other = Worker();
+  EXPECT_FALSE(Lease(other));
+  ASSERT_TRUE(Change(job, {3, {}}).ok()) << "which leaves it paused";
+  EXPECT_FALSE(Lease(other));
+  ASSERT_TRUE(Change(job, {{}, false}).ok());
+  EXPECT_EQ(WorkAll(other), 2);
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+}
+
+TEST_F(ChangeJobTest, WhatCannotBeChangedIsRefused) {
+  const std::string job = Create(AJob(2));
+  const Status status = Change(job, {101, {}});
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("found 101, expected -100 to 100"));
+  NewJob bad = AJob(2);
+  bad.priority = -101;
+  EXPECT_EQ(dispatcher_->CreateJob(bad).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(Change("jobs/9", {1, {}}).code(), absl::StatusCode::kNotFound);
+  ASSERT_TRUE(dispatcher_->CancelJob(job).ok());
+  EXPECT_EQ(Change(job, {{}, true}).code(), absl::StatusCode::kFailedPrecondition);
+}
+
+}  // namespace
+}  // namespace tessera

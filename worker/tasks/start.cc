@@ -1,0 +1,48 @@
+#include <nlohmann/json.hpp>
+
+#include "common/storage/files.h"
+#include "common/tile/survey.h"
+#include "common/tile/task_parameters.h"
+#include "worker/city/collected_faces.h"
+#include "worker/tasks/stages.h"
+#include "worker/tile/refine_tile.h"
+#include "worker/tile/tile_files.h"
+
+namespace tessera {
+
+StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
+  const int64_t start_us = clock.MonotonicUs();
+  TESSERA_ASSIGN_OR_RETURN(const StartParameters parameters, ParseStartParameters(request.parameters));
+  TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kPlainSurveyFile)));
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
+  TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
+  const CellRect& core = parameters.tile.core;
+  FaceCollector collector;
+  for (size_t b = 0; b < city.block_count(); ++b) {
+    const CellRect& cells = city.cells(b);
+    if (cells.x0 >= core.x1 || core.x0 >= cells.x1 || cells.y0 >= core.y1 || core.y0 >= cells.y1) continue;
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(static_cast<double>(b) / static_cast<double>(city.block_count()), "reading the city");
+    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
+    for (size_t f = 0; f < block.face_ids.size(); ++f) {
+      if (core.Contains(survey.ground.Cell(block.mesh.Centroid(f)))) collector.Add(block, f, false);
+    }
+  }
+  CollectedFaces faces = collector.Finish();
+  TileState state;
+  state.tile = parameters.tile.tile;
+  state.vertex_ids = std::move(faces.vertex_ids);
+  state.positions = std::move(faces.mesh.vertices);
+  state.face_ids = std::move(faces.face_ids);
+  state.labels = std::move(faces.mesh.labels);
+  const int classes = static_cast<int>(survey.classes.size());
+  for (const int32_t label : state.labels) state.confidence.push_back(CarriedConfidence(classes, label));
+  TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), state));
+  TaskOutcome outcome;
+  outcome.outputs = {kStateFile};
+  outcome.stats =
+      nlohmann::json{{"faces", state.face_ids.size()}, {"seconds", SecondsSince(clock, start_us)}}.dump();
+  return outcome;
+}
+
+}  // namespace tessera
