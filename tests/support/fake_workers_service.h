@@ -76,6 +76,12 @@ class FakeWorkersService : public v1::Workers::Service {
     std::lock_guard lock(mutex_);
     report_code_ = code;
   }
+  // The next `count` Lease calls.
+  void RefuseLeases(int count, grpc::StatusCode code) {
+    std::lock_guard lock(mutex_);
+    leases_to_refuse_ = count;
+    lease_code_ = code;
+  }
   void AnswerRegistrationsWith(grpc::StatusCode code) {
     std::lock_guard lock(mutex_);
     register_code_ = code;
@@ -116,6 +122,10 @@ class FakeWorkersService : public v1::Workers::Service {
     ++leases_asked;
     changed_.notify_all();
     if (!workers_.contains(request->worker())) return Forgotten();
+    if (leases_to_refuse_ > 0) {
+      --leases_to_refuse_;
+      return grpc::Status(lease_code_, "told to refuse");
+    }
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(request->wait_s());
     while (leases_.empty() && serving_ && !context->IsCancelled() && std::chrono::steady_clock::now() < deadline) {
       changed_.wait_for(lock, std::chrono::milliseconds(20));
@@ -172,6 +182,8 @@ class FakeWorkersService : public v1::Workers::Service {
   std::string shared_blob_dir_, probe_path_, probe_content_;
   grpc::StatusCode report_code_ = grpc::StatusCode::OK;
   grpc::StatusCode register_code_ = grpc::StatusCode::OK;
+  int leases_to_refuse_ = 0;
+  grpc::StatusCode lease_code_ = grpc::StatusCode::OK;
 };
 
 }  // namespace tessera
