@@ -4,9 +4,11 @@
 #include <spdlog/spdlog.h>
 
 #include <atomic>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "server/dispatch/worker_evidence.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -109,9 +111,20 @@ void LogRecord(const v1::Record& record) {
       return LogEvent(change.state() == v1::JOB_FAILED ? LogLevel::kError : LogLevel::kInfo, "job ended",
                       {{"job", change.job()}, {"state", v1::JobState_Name(change.state())}, {"error", change.error()}});
     }
+    case v1::Record::kResultLost: {
+      const auto& change = record.result_lost();
+      return LogEvent(LogLevel::kWarning, "result lost, made again",
+                      {{"task", change.task()}, {"reason", change.reason()}});
+    }
     case v1::Record::CHANGE_NOT_SET:
       return;
   }
+}
+
+void LogWorkerSetAside(const SetAsideWorker& worker) {
+  LogEvent(
+      LogLevel::kWarning, "worker set aside",
+      {{"worker", worker.worker}, {"seconds", std::to_string(std::lround(worker.for_s))}, {"reason", worker.reason}});
 }
 
 void LogSetAside(int64_t number, const std::string& reason) {
