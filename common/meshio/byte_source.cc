@@ -8,6 +8,8 @@
 #include <cerrno>
 #include <cstring>
 
+#include "common/storage/files.h"
+
 namespace tessera {
 namespace {
 
@@ -20,7 +22,7 @@ StatusOr<std::unique_ptr<ByteSource>> ByteSource::Open(const std::string& path) 
   source->path_ = path;
   source->fd_ = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   struct stat info {};
-  if (source->fd_ < 0 || fstat(source->fd_, &info) != 0) return absl::ErrnoToStatus(errno, path);
+  if (source->fd_ < 0 || fstat(source->fd_, &info) != 0) return FileError(errno, path);
   if (!S_ISREG(info.st_mode)) return InputError(path, "", "something that is not a file", "a file");
   source->size_bytes_ = info.st_size;
   source->drained_ = false;
@@ -51,7 +53,7 @@ bool ByteSource::Fill(size_t size) {
   while (filled < window_.size()) {
     const ssize_t got = read(fd_, window_.data() + filled, window_.size() - filled);
     if (got < 0 && errno == EINTR) continue;
-    if (got < 0) status_ = absl::ErrnoToStatus(errno, path_);
+    if (got < 0) status_ = FileError(errno, path_);
     if (got <= 0) {
       drained_ = true;
       break;

@@ -24,7 +24,7 @@ class NewFile {
  public:
   explicit NewFile(const std::string& path)
       : path_(path), fd_(open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666)) {
-    if (fd_ < 0) status_ = absl::ErrnoToStatus(errno, path_);
+    if (fd_ < 0) status_ = FileError(errno, path_);
     buffer_.reserve(kBufferBytes);
   }
   ~NewFile() {
@@ -57,7 +57,7 @@ class NewFile {
   }
 
  private:
-  void Fail() { status_ = absl::ErrnoToStatus(errno, path_); }
+  void Fail() { status_ = FileError(errno, path_); }
 
   void Flush() {
     size_t done = 0;

@@ -48,6 +48,27 @@ Status BlobStore::Verify(const Digest& digest) const {
                              found.sha256);
 }
 
+Status BlobStore::VerifyOrSetAside(const Digest& digest) {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  const std::string path = Path(digest);
+  if (!FileExists(path)) return absl::NotFoundError("no blob " + digest.sha256);
+  const auto found = HashFile(path);
+  if (found.ok() && *found == digest) return absl::OkStatus();
+  // It is there and cannot be opened: that passes, or is told by whoever stores.
+  if (absl::IsNotFound(found.status())) return absl::UnavailableError("cannot open " + path);
+  const std::string aside = root_ + "/set_aside/" + digest.sha256 + "-" + UniqueName();
+  Status moved = EnsureFolder(root_ + "/set_aside");
+  if (moved.ok()) moved = RenameDurably(path, aside);
+  if (!moved.ok()) return absl::UnavailableError("cannot set a damaged blob aside: " + std::string(moved.message()));
+  // Between reading and moving somebody may have stored the right content.
+  if (const auto again = HashFile(aside); again.ok() && *again == digest) return Publish(aside, digest);
+  return absl::DataLossError("blob " + digest.sha256 + " was damaged (" +
+                             (found.ok()
+                                  ? "its " + std::to_string(found->size_bytes) + " bytes hash to " + found->sha256
+                                  : std::string(found.status().message())) +
+                             ") and is now " + aside);
+}
+
 StatusOr<std::string> BlobStore::Read(const Digest& digest, int64_t max_bytes) const {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   TESSERA_ASSIGN_OR_RETURN(std::string content, ReadFile(Path(digest), max_bytes));
@@ -64,7 +85,6 @@ Status BlobStore::Publish(const std::string& temporary, const Digest& digest) {
     return SyncPath(folder);
   }
   if (status.ok()) status = RenameDurably(temporary, path);
-  if (!status.ok()) std::remove(temporary.c_str());
   return status;
 }
 
@@ -75,8 +95,10 @@ StatusOr<Digest> BlobStore::PutFile(const std::string& path) {
     std::remove(temporary.c_str());
     return digest.status();
   }
-  TESSERA_RETURN_IF_ERROR(Publish(temporary, *digest));
-  return digest;
+  const Status published = Publish(temporary, *digest);
+  if (published.ok()) return digest;
+  std::remove(temporary.c_str());
+  return published;
 }
 
 StatusOr<Digest> BlobStore::MoveFile(const std::string& path) {
@@ -88,20 +110,20 @@ StatusOr<Digest> BlobStore::MoveFile(const std::string& path) {
   }
   StatusOr<Digest> digest = HashFile(temporary);
   if (digest.ok()) {
-    const Status synced = SyncPath(temporary);
-    if (!synced.ok()) digest = synced;
+    Status stored = SyncPath(temporary);
+    if (stored.ok()) stored = Publish(temporary, *digest);
+    if (!stored.ok()) digest = stored;
   }
   if (!digest.ok()) {
     std::rename(temporary.c_str(), path.c_str());
     return digest.status();
   }
-  TESSERA_RETURN_IF_ERROR(Publish(temporary, *digest));
   return digest;
 }
 
 StatusOr<Digest> BlobStore::PutBytes(const std::string& bytes) {
   const Digest digest{Sha256Hex(bytes), static_cast<int64_t>(bytes.size())};
-  if (Has(digest)) return digest;
+  if (Verify(digest).ok()) return digest;
   TESSERA_RETURN_IF_ERROR(EnsureFolder(root_ + "/" + digest.sha256.substr(0, 2)));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(Path(digest), bytes));
   return digest;
@@ -119,13 +141,11 @@ StatusOr<Digest> BlobStore::PutParts(const std::function<void(const Writer& writ
   });
   file.close();
   digest.sha256 = hasher.Finish();
-  const Status written = file ? SyncPath(temporary) : absl::ResourceExhaustedError("cannot write " + temporary);
-  if (!written.ok()) {
-    std::remove(temporary.c_str());
-    return written;
-  }
-  TESSERA_RETURN_IF_ERROR(Publish(temporary, digest));
-  return digest;
+  Status stored = file ? SyncPath(temporary) : absl::ResourceExhaustedError("cannot write " + temporary);
+  if (stored.ok()) stored = Publish(temporary, digest);
+  if (stored.ok()) return digest;
+  std::remove(temporary.c_str());
+  return stored;
 }
 
 StatusOr<int64_t> BlobStore::CommittedBytes(const Digest& digest) const {
@@ -153,10 +173,11 @@ StatusOr<int64_t> BlobStore::Append(const Digest& digest, int64_t offset, const 
                                          " bytes, the next chunk starts at " + std::to_string(offset));
   }
   if (end <= committed) return committed;
+  errno = 0;
   std::ofstream file(path, std::ios::binary | std::ios::app);
   file.write(bytes.data() + (committed - offset), end - committed);
   file.close();
-  if (!file) return absl::ResourceExhaustedError("cannot write " + path);
+  if (!file) return FileError(errno != 0 ? errno : EIO, "cannot write " + path);
   return end;
 }
 

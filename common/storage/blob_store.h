@@ -1,5 +1,5 @@
 // A folder of files named by their content: ROOT/ab/abcd...: the blob of that SHA-256; ROOT/partial/: unfinished
-// uploads.
+// uploads; ROOT/set_aside/: files that were no longer what their names said.
 #ifndef TESSERA_COMMON_STORAGE_BLOB_STORE_H_
 #define TESSERA_COMMON_STORAGE_BLOB_STORE_H_
 
@@ -32,6 +32,10 @@ class BlobStore {
   // Reads the blob and compares: NOT_FOUND, or DATA_LOSS if its content is no longer what it was.
   Status Verify(const Digest& digest) const;
 
+  // Verify; what is not what its name says is moved to ROOT/set_aside, so that the content can be stored again, and the
+  // DATA_LOSS tells where it is now. UNAVAILABLE if the blob cannot be opened or moved now.
+  Status VerifyOrSetAside(const Digest& digest);
+
   // The whole content of a small blob, verified.
   StatusOr<std::string> Read(const Digest& digest, int64_t max_bytes = int64_t{1} << 30) const;
 
@@ -39,6 +43,7 @@ class BlobStore {
   StatusOr<Digest> PutFile(const std::string& path);
   // The same, but takes the file away: renamed where it lies on the same file system.
   StatusOr<Digest> MoveFile(const std::string& path);
+  // What is stored already is read, and replaced if it is damaged.
   StatusOr<Digest> PutBytes(const std::string& bytes);
   // Stores all that `give` writes.
   using Writer = std::function<void(const std::string& bytes)>;
@@ -57,6 +62,7 @@ class BlobStore {
   explicit BlobStore(std::string root) : root_(std::move(root)) {}
   std::string PartialPath(const Digest& digest) const;
   std::string NewTemporary() const;  // a path that nobody else has
+  // On error `temporary` stays.
   Status Publish(const std::string& temporary, const Digest& digest);
   std::mutex& UploadMutex(const Digest& digest) const { return upload_mutexes_[digest.sha256[0] & 15]; }
 

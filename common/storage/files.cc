@@ -12,30 +12,18 @@
 #include <filesystem>
 #include <utility>
 
+#include "absl/strings/cord.h"
 #include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace fs = std::filesystem;
 namespace {
 
+constexpr char kFileErrorPayload[] = "tessera/errno";
+
 Status SystemError(const std::string& what, const std::string& path, int error) {
-  const std::string message = what + " " + path + ": " + std::strerror(error);
-  switch (error) {
-    case ENOENT:
-    case ENOTDIR:
-      return absl::NotFoundError(message);
-    case EACCES:
-    case EPERM:
-    case EROFS:
-      return absl::PermissionDeniedError(message);
-    case ENOSPC:
-    case EDQUOT:
-    case EMFILE:
-    case ENFILE:
-      return absl::ResourceExhaustedError(message);
-    default:
-      return absl::InternalError(message);
-  }
+  const std::string message = what + " " + path;
+  return FileError(error, message);
 }
 
 // An open file that closes itself.
@@ -88,6 +76,34 @@ std::string UniqueName() {
   }
   return name;
 }
+
+Status FileError(int error, const std::string& what) {
+  const std::string message = what + ": " + std::strerror(error);
+  Status status;
+  switch (error) {
+    case ENOENT:
+    case ENOTDIR:
+      return absl::NotFoundError(message);
+    case EACCES:
+    case EPERM:
+    case EROFS:
+      status = absl::PermissionDeniedError(message);
+      break;
+    case ENOSPC:
+    case EDQUOT:
+    case EFBIG:
+    case EMFILE:
+    case ENFILE:
+      status = absl::ResourceExhaustedError(message);
+      break;
+    default:
+      status = absl::InternalError(message);
+  }
+  status.SetPayload(kFileErrorPayload, absl::Cord(std::to_string(error)));
+  return status;
+}
+
+bool IsFileError(const Status& status) { return status.GetPayload(kFileErrorPayload).has_value(); }
 
 StatusOr<std::string> ReadFileRange(const std::string& path, int64_t offset_bytes, int64_t size_bytes) {
   OpenFile file(path, O_RDONLY);

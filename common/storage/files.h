@@ -13,6 +13,12 @@ namespace tessera {
 // All functions: paths are in the system's encoding; errors name the path and the system's reason (NOT_FOUND,
 // PERMISSION_DENIED, RESOURCE_EXHAUSTED for a full disk, else INTERNAL). Thread-safe.
 
+// What a failed call of the file system gives: `what` and the system's words for `error` (an errno). But for a file
+// that is not there it is marked, so that IsFileError knows it, whatever its code, as long as it is passed on in one
+// process.
+Status FileError(int error, const std::string& what);
+bool IsFileError(const Status& status);
+
 // The whole content. RESOURCE_EXHAUSTED if the file is larger than `max_bytes`.
 StatusOr<std::string> ReadFile(const std::string& path, int64_t max_bytes = int64_t{4} << 30);
 

@@ -9,6 +9,7 @@
 #include <cstdlib>
 
 #include "absl/strings/str_cat.h"
+#include "common/storage/files.h"
 
 namespace tessera {
 namespace {
@@ -30,7 +31,7 @@ StatusOr<MappedFile> MappedFile::Map(int fd, size_t size_bytes, bool writable, c
   if (size_bytes == 0) return file;
   void* data = mmap(nullptr, size_bytes, writable ? PROT_READ | PROT_WRITE : PROT_READ,
                     writable ? MAP_SHARED : MAP_PRIVATE, fd, 0);
-  if (data == MAP_FAILED) return absl::ErrnoToStatus(errno, absl::StrCat("cannot map ", path));
+  if (data == MAP_FAILED) return FileError(errno, absl::StrCat("cannot map ", path));
   file.data_ = static_cast<char*>(data);
   file.size_bytes_ = size_bytes;
   return file;
@@ -44,24 +45,24 @@ void MappedFile::Release(size_t offset, size_t size_bytes) const {
 
 StatusOr<MappedFile> MappedFile::Open(const std::string& path) {
   const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot open ", path));
+  if (fd < 0) return FileError(errno, absl::StrCat("cannot open ", path));
   struct stat info {};
-  StatusOr<MappedFile> file =
-      fstat(fd, &info) == 0 ? Map(fd, static_cast<size_t>(info.st_size), false, path)
-                            : StatusOr<MappedFile>(absl::ErrnoToStatus(errno, absl::StrCat("cannot stat ", path)));
+  StatusOr<MappedFile> file = fstat(fd, &info) == 0
+                                  ? Map(fd, static_cast<size_t>(info.st_size), false, path)
+                                  : StatusOr<MappedFile>(FileError(errno, absl::StrCat("cannot stat ", path)));
   close(fd);
   return file;
 }
 
 StatusOr<MappedFile> MappedFile::Scratch(const std::string& folder, size_t size_bytes) {
   const int fd = OpenNameless(folder);
-  if (fd < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot make a scratch file in ", folder));
+  if (fd < 0) return FileError(errno, absl::StrCat("cannot make a scratch file in ", folder));
   // Reserved now: a full disk would else end the process at the first write to a page.
   const int error = size_bytes > 0 ? posix_fallocate(fd, 0, static_cast<off_t>(size_bytes)) : 0;
   StatusOr<MappedFile> file =
       error == 0 ? Map(fd, size_bytes, true, folder)
-                 : StatusOr<MappedFile>(absl::ErrnoToStatus(
-                       error, absl::StrCat("cannot reserve ", size_bytes, " bytes of scratch in ", folder)));
+                 : StatusOr<MappedFile>(
+                       FileError(error, absl::StrCat("cannot reserve ", size_bytes, " bytes of scratch in ", folder)));
   close(fd);
   return file;
 }
@@ -76,7 +77,7 @@ ScratchBytes::ScratchBytes(int fd, std::string folder) : fd_(fd), folder_(std::m
 
 StatusOr<std::unique_ptr<ScratchBytes>> ScratchBytes::Create(const std::string& folder) {
   const int fd = OpenNameless(folder);
-  if (fd < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot make a scratch file in ", folder));
+  if (fd < 0) return FileError(errno, absl::StrCat("cannot make a scratch file in ", folder));
   return std::unique_ptr<ScratchBytes>(new ScratchBytes(fd, folder));
 }
 
@@ -94,7 +95,7 @@ void ScratchBytes::Flush() {
   size_t done = 0;
   while (status_.ok() && done < buffer_.size()) {
     const ssize_t wrote = write(fd_, buffer_.data() + done, buffer_.size() - done);
-    if (wrote < 0 && errno != EINTR) status_ = absl::ErrnoToStatus(errno, absl::StrCat("scratch file in ", folder_));
+    if (wrote < 0 && errno != EINTR) status_ = FileError(errno, absl::StrCat("scratch file in ", folder_));
     if (wrote > 0) done += static_cast<size_t>(wrote);
   }
   buffer_.clear();

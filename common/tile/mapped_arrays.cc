@@ -73,7 +73,7 @@ StatusOr<std::unique_ptr<ArrayFileWriter>> ArrayFileWriter::Create(const std::st
   writer->path_ = path;
   writer->temporary_ = TemporaryBeside(path);
   writer->fd_ = open(writer->temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-  if (writer->fd_ < 0) return absl::ErrnoToStatus(errno, writer->temporary_);
+  if (writer->fd_ < 0) return FileError(errno, writer->temporary_);
   std::sort(arrays.begin(), arrays.end(), [](const Array& a, const Array& b) { return a.name < b.name; });
   writer->header_.metadata = metadata;
   for (const Array& array : arrays) {
@@ -94,7 +94,7 @@ void ArrayFileWriter::Write(uint64_t offset, const char* data, size_t size_bytes
   size_t done = 0;
   while (status_.ok() && done < size_bytes) {
     const ssize_t wrote = pwrite(fd_, data + done, size_bytes - done, static_cast<off_t>(offset + done));
-    if (wrote < 0 && errno != EINTR) status_ = absl::ErrnoToStatus(errno, temporary_);
+    if (wrote < 0 && errno != EINTR) status_ = FileError(errno, temporary_);
     if (wrote > 0) done += static_cast<size_t>(wrote);
   }
 }
@@ -137,9 +137,9 @@ Status ArrayFileWriter::Finish() {
   const std::string header = header_.Serialize();
   Write(0, header.data(), header.size());
   if (status_.ok() && ftruncate(fd_, static_cast<off_t>(header_.file_bytes)) != 0) {
-    status_ = absl::ErrnoToStatus(errno, temporary_);
+    status_ = FileError(errno, temporary_);
   }
-  if (status_.ok() && fsync(fd_) != 0) status_ = absl::ErrnoToStatus(errno, temporary_);
+  if (status_.ok() && fsync(fd_) != 0) status_ = FileError(errno, temporary_);
   TESSERA_RETURN_IF_ERROR(status_);
   TESSERA_RETURN_IF_ERROR(RenameDurably(temporary_, path_));
   close(fd_);

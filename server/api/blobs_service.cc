@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <chrono>
+#include <thread>
 
 #include "common/rpc/status_conversion.h"
 #include "common/storage/files.h"
@@ -9,6 +11,14 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kChunkBytes = int64_t{1} << 20;
+constexpr double kAwaitRemakeS = 20;  // at most, of a ReadBlob call
+
+// What is wrong with our own disk is not the caller's fault and may pass: RESOURCE_EXHAUSTED, which is nothing else
+// here.
+Status StorageStatus(const Status& status) {
+  if (!IsFileError(status)) return status;
+  return absl::ResourceExhaustedError("the coordinator cannot store it: " + std::string(status.message()));
+}
 
 }  // namespace
 
@@ -28,6 +38,24 @@ StatusOr<std::string> BlobsService::Locate(const Digest& digest) const {
   return fault;
 }
 
+Status BlobsService::AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const {
+  const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(kAwaitRemakeS);
+  while (true) {
+    TESSERA_RETURN_IF_ERROR(environment_.dispatcher->RemakeArtifact(digest));
+    if (environment_.blobs->Has(digest)) return absl::OkStatus();
+    if (context.IsCancelled() || environment_.dispatcher->stopped() || std::chrono::steady_clock::now() > until) {
+      return absl::UnavailableError("blob " + digest.sha256 + " was lost and is being made again; ask later");
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  }
+}
+
+Status BlobsService::Damaged(const Digest& digest, const std::string& what) const {
+  // It is made again if a job published it; who reads it as a task's input reports that.
+  environment_.dispatcher->RemakeArtifact(digest).IgnoreError();
+  return absl::DataLossError(what);
+}
+
 grpc::Status BlobsService::StatBlobs(grpc::ServerContext*, const v1::StatBlobsRequest* request,
                                      v1::StatBlobsResponse* response) {
   for (const auto& digest : request->digests()) response->add_held(Locate(FromProto(digest)).ok());
@@ -37,7 +65,11 @@ grpc::Status BlobsService::StatBlobs(grpc::ServerContext*, const v1::StatBlobsRe
 grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::ReadBlobRequest* request,
                                     grpc::ServerWriter<v1::BlobChunk>* writer) {
   const Digest digest = FromProto(request->digest());
-  const auto path = Locate(digest);
+  auto path = Locate(digest);
+  if (absl::IsNotFound(path.status())) {
+    if (const Status made = AwaitRemake(digest, *context); !made.ok()) return ToGrpc(made);
+    path = Locate(digest);
+  }
   if (!path.ok()) return ToGrpc(path.status());
   if (request->offset() < 0 || request->offset() > digest.size_bytes) {
     return ToGrpc(absl::InvalidArgumentError("offset " + std::to_string(request->offset()) + " of a blob of " +
@@ -50,11 +82,11 @@ grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::Read
   while (offset < digest.size_bytes && !context->IsCancelled()) {
     const auto bytes = ReadFileRange(*path, offset, std::min(kChunkBytes, digest.size_bytes - offset));
     if (!bytes.ok()) return ToGrpc(bytes.status());
-    if (bytes->empty()) return ToGrpc(absl::DataLossError(*path + " has become shorter"));
+    if (bytes->empty()) return ToGrpc(Damaged(digest, *path + " has become shorter"));
     hasher.Update(*bytes);
     const bool last = offset + static_cast<int64_t>(bytes->size()) == digest.size_bytes;
     if (last && request->offset() == 0 && hasher.Finish() != digest.sha256) {
-      return ToGrpc(absl::DataLossError(*path + " is damaged: it no longer hashes to " + digest.sha256));
+      return ToGrpc(Damaged(digest, *path + " is damaged: it no longer hashes to " + digest.sha256));
     }
     v1::BlobChunk chunk;
     chunk.set_offset(offset);
@@ -82,13 +114,13 @@ grpc::Status BlobsService::WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1
       return ToGrpc(absl::DataLossError("the chunk at " + std::to_string(chunk.offset()) + " was damaged on its way"));
     }
     const auto committed = environment_.blobs->Append(digest, chunk.offset(), chunk.data());
-    if (!committed.ok()) return ToGrpc(committed.status());
+    if (!committed.ok()) return ToGrpc(StorageStatus(committed.status()));
     response->set_committed_bytes(*committed);
   }
   if (first) return ToGrpc(absl::InvalidArgumentError("an upload that names no blob"));
   // A stream that ended early keeps what came; the writer goes on from there.
   if (response->committed_bytes() < digest.size_bytes) return grpc::Status::OK;
-  return ToGrpc(environment_.blobs->Complete(digest));
+  return ToGrpc(StorageStatus(environment_.blobs->Complete(digest)));
 }
 
 grpc::Status BlobsService::QueryWrite(grpc::ServerContext*, const v1::QueryWriteRequest* request,

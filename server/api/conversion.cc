@@ -30,7 +30,10 @@ void ToProto(const Digest& digest, v1::Digest* proto) {
 
 TaskFailure FromProto(const v1::TaskError& error) {
   const bool known = v1::ErrorClass_IsValid(error.error_class());
-  return {known ? static_cast<ErrorClass>(error.error_class()) : ErrorClass::kTransient, error.message()};
+  TaskFailure failure{known ? static_cast<ErrorClass>(error.error_class()) : ErrorClass::kInternal, error.message()};
+  if (failure.error_class == ErrorClass::kPoison) failure.error_class = ErrorClass::kInternal;  // not a worker's to say
+  for (const auto& digest : error.lost_inputs()) failure.lost_inputs.push_back(FromProto(digest));
+  return failure;
 }
 
 ReportedResult FromProto(const v1::TaskResult& proto) {

@@ -4,9 +4,11 @@
 #include <spdlog/spdlog.h>
 
 #include <atomic>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "server/dispatch/worker_evidence.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -129,9 +131,20 @@ void LogRecord(const v1::Record& record) {
           LogLevel::kInfo, "job retried",
           {{"job", change.job()}, {"tile", change.has_tile() ? std::to_string(change.tile()) : "all"}});
     }
+    case v1::Record::kResultLost: {
+      const auto& change = record.result_lost();
+      return LogEvent(LogLevel::kWarning, "result lost, made again",
+                      {{"task", change.task()}, {"reason", change.reason()}});
+    }
     case v1::Record::CHANGE_NOT_SET:
       return;
   }
+}
+
+void LogWorkerSetAside(const SetAsideWorker& worker) {
+  LogEvent(
+      LogLevel::kWarning, "worker set aside",
+      {{"worker", worker.worker}, {"seconds", std::to_string(std::lround(worker.for_s))}, {"reason", worker.reason}});
 }
 
 void LogSetAside(int64_t number, const std::string& reason) {

@@ -14,6 +14,7 @@ namespace tessera {
 namespace v1 {
 class Record;
 }  // namespace v1
+struct SetAsideWorker;
 
 enum class LogLevel { kDebug, kInfo, kWarning, kError };
 
@@ -26,6 +27,9 @@ void LogEvent(LogLevel level, const std::string& message,
 
 // What a change of state says to an operator.
 void LogRecord(const v1::Record& record);
+
+// That a worker gets no tasks for some time.
+void LogWorkerSetAside(const SetAsideWorker& worker);
 
 // That a stored record cannot be used.
 void LogSetAside(int64_t number, const std::string& reason);

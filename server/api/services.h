@@ -63,6 +63,10 @@ class BlobsService final : public v1::Blobs::Service {
  private:
   // Path of a file with this content: a blob, or a scene's own file that is still what it was.
   StatusOr<std::string> Locate(const Digest& digest) const;
+  // Waits for a file that a job published to be made again. NOT_FOUND if none did, UNAVAILABLE if that takes long.
+  Status AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const;
+  // DATA_LOSS, `what`; has it made again if a job published it.
+  Status Damaged(const Digest& digest, const std::string& what) const;
 
   const ServerEnvironment& environment_;
 };

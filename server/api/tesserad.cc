@@ -91,10 +91,10 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   options.lease_s = flags.lease_s;
   options.stall_s = flags.stall_s;
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
-  TESSERA_ASSIGN_OR_RETURN(
-      const auto dispatcher,
-      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside, LogStorageTrouble},
-                       options));
+  TESSERA_ASSIGN_OR_RETURN(const auto dispatcher,
+                           Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside,
+                                             LogStorageTrouble, LogWorkerSetAside},
+                                            options));
 
   ServerEnvironment environment;
   environment.dispatcher = dispatcher.get();

@@ -94,6 +94,8 @@ grpc::Status WorkersService::ListWorkers(grpc::ServerContext*, const v1::ListWor
     worker.set_memory_bytes(status.info.memory_bytes);
     for (const std::string& task : status.tasks) worker.add_tasks(task);
     worker.set_last_seen_s(status.last_seen_s);
+    worker.set_set_aside_reason(status.set_aside_reason);
+    worker.set_set_aside_s(status.set_aside_s);
   }
   return grpc::Status::OK;
 }

@@ -77,6 +77,9 @@ int Workers(Connection& connection, bool json) {
     for (const std::string& task : worker.tasks()) tasks += (tasks.empty() ? "" : ", ") + task;
     char memory[32];
     std::snprintf(memory, sizeof(memory), "%.1f GiB", static_cast<double>(worker.memory_bytes()) / (1 << 30));
+    if (!worker.set_aside_reason().empty()) {
+      tasks = "set aside for " + DurationWords(worker.set_aside_s()) + ": " + worker.set_aside_reason();
+    }
     rows.push_back({worker.name(), worker.host(), std::to_string(worker.pid()), std::to_string(worker.threads()),
                     memory, DurationWords(worker.last_seen_s()) + " ago", tasks.empty() ? "-" : tasks});
   }

@@ -7,6 +7,7 @@
 #include "common/tile/task_parameters.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/dispatch/job_report.h"
+#include "server/dispatch/pending_step.h"
 #include "server/dispatch/set_aside.h"
 #include "tessera/v1/records.pb.h"
 
@@ -48,27 +49,6 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
 }
 
 }  // namespace
-
-struct Dispatcher::PendingStep {
-  enum class Kind { kPlanIngest, kPlanUpdate, kPlanTiles, kPlanSteps, kSetAside, kEnd };
-  Kind kind = Kind::kEnd;
-  int job = -1;
-  int tasks = 0;  // of the job, before the phase that is to be planned: a plan for another number is stale
-  JobSettings settings;
-  std::vector<NamedDigest> scene_files;
-  std::optional<StatusOr<UpdateBase>> base;  // of an update
-  StatusOr<Digest> survey = absl::UnknownError("not read");
-  std::vector<std::pair<int, StatusOr<Digest>>> reads;  // tiles that were cut, and the kReadsFile of each
-  int tiles = 0;                                        // up to the last of which a cut was planned
-  std::vector<SetAsideTile> set_aside;
-  int replaces_from = -1;              // first task that the phase is planned in place of; -1: none
-  int failed = -1;                     // task whose tile is set aside
-  JobState end = JobState::kFailed;    // of a job that ends
-  std::string error;                   // likewise
-  std::map<int, std::string> why_set_aside;
-  JobHeader header;
-  std::vector<NamedDigest> artifacts;
-};
 
 Status Dispatcher::Tick() {
   {
@@ -120,6 +100,8 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
     if (task.error.error_class != ErrorClass::kInput) {
       step.error += " (" + ErrorClassName(task.error.error_class) + ", attempt " + std::to_string(task.attempt()) + ")";
     }
+  } else if (!job.lost_error.empty()) {
+    step.error = job.lost_error;
   } else if (job.open_plan >= 0 || !job.planned_to_end || (job.plans_anew && CutsAreDone(job))) {
     step.set_aside = TilesSetAside(job);
     if (job.plans_anew) step.replaces_from = FirstBehindCuts(job);
@@ -172,7 +154,6 @@ StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step
   if (step.base) {
     TESSERA_RETURN_IF_ERROR(step.base->status());
     base = **step.base;
-    TESSERA_RETURN_IF_ERROR(CheckStored(*base));
     TESSERA_ASSIGN_OR_RETURN(base->survey_json, environment_.blobs->Read(base->survey));
   }
   if (step.kind == PendingStep::Kind::kPlanUpdate) return planner.Update(step.settings, step.scene_files, *base);
@@ -199,23 +180,15 @@ StatusOr<std::vector<PlannedTask>> Dispatcher::PlanPhase(const PendingStep& step
   return planner.Steps(step.settings, survey, names, reads, goes_on_from, step.set_aside);
 }
 
-// Results that an update takes over may have been lost since.
-Status Dispatcher::CheckStored(const UpdateBase& base) const {
-  std::vector<Digest> needed = base.states;
-  needed.insert(needed.end(), {base.survey, base.plain, base.city});
-  if (base.outdated) needed.push_back(*base.outdated);
-  for (const Digest& digest : needed) {
-    if (digest == Digest()) continue;  // of a tile that is gone
-    if (environment_.blobs->Has(digest)) continue;
-    return absl::FailedPreconditionError(base.name + ": its result " + digest.sha256 +
-                                         " is not stored any more; submit its scene anew (what is left of it is used "
-                                         "again), and take that job as the base");
-  }
-  return absl::OkStatus();
-}
-
 Status Dispatcher::PlanJob(const PendingStep& step) {
   StatusOr<std::vector<PlannedTask>> tasks = PlanPhase(step);
+  if (!tasks.ok()) {
+    const StatusOr<bool> waits = RemakeForPlan(step);
+    if (waits.ok() && *waits) return absl::OkStatus();
+    const bool for_good = absl::IsFailedPrecondition(waits.status()) || absl::IsNotFound(waits.status());
+    if (!waits.ok() && !for_good) return waits.status();  // Tick tries again and tells
+    if (!waits.ok()) tasks = waits.status();
+  }
   if (tasks.ok() && tasks->empty()) tasks = absl::InternalError("the plan has no tasks");
   for (size_t t = 0; tasks.ok() && t < tasks->size(); ++t) {
     for (const auto& [name, content] : (*tasks)[t].given_contents) {
@@ -337,7 +310,9 @@ Status Dispatcher::EndJobLocked(int job, JobState state, const std::string& erro
 
 bool Dispatcher::MayReuseLocked(TaskRef ref) const {
   const JobTask& task = ledger_.task(ref);
-  return task.state == TaskState::kReady && task.attempt() == 0 && ledger_.FindResult(task.key) != nullptr;
+  if (task.state != TaskState::kReady || task.attempt() > 0) return false;
+  const std::vector<NamedDigest>* outputs = ledger_.FindResult(task.key);
+  return outputs != nullptr && (!task.remaking || *outputs == task.outputs);
 }
 
 Status Dispatcher::Reuse(TaskRef ref) {
@@ -349,9 +324,8 @@ Status Dispatcher::Reuse(TaskRef ref) {
     key = ledger_.task(ref).key;
     outputs = *ledger_.FindResult(key);
   }
-  const bool stored = std::all_of(outputs.begin(), outputs.end(), [&](const NamedDigest& output) {
-    return environment_.blobs->Has(output.digest);
-  });
+  const bool stored = std::all_of(outputs.begin(), outputs.end(),
+                                  [&](const NamedDigest& output) { return environment_.blobs->Has(output.digest); });
   std::lock_guard lock(mutex_);
   if (!MayReuseLocked(ref)) return absl::OkStatus();
   if (!stored) {

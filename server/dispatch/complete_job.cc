@@ -9,7 +9,7 @@
 
 namespace tessera {
 
-StatusOr<NewJob> Dispatcher::CompleteRollback(NewJob job) const {
+StatusOr<NewJob> Dispatcher::CompleteRollback(NewJob job) {
   UpdateSettings& update = job.settings.update;
   std::vector<UpdateBase> chain;
   {
@@ -23,14 +23,13 @@ StatusOr<NewJob> Dispatcher::CompleteRollback(NewJob job) const {
     job.warnings = base.warnings;
     if (job.display_name.empty()) job.display_name = base.display_name;
   }
-  for (const UpdateBase* each : {&chain.front(), &chain.back()}) TESSERA_RETURN_IF_ERROR(CheckStored(*each));
-  TESSERA_ASSIGN_OR_RETURN(const std::string json, environment_.blobs->Read(chain.front().survey));
+  TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadSurveyOf(chain.front()));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(json));
   TESSERA_ASSIGN_OR_RETURN(update.rollback_tiles, TilesToRollBack(chain, survey, update.rollback_tiles));
   return job;
 }
 
-StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) const {
+StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) {
   if (!job.settings.update.rollback_to.empty()) return CompleteRollback(std::move(job));
   for (const NamedDigest& file : job.scene_files) {
     if (!IsCarried(file.name)) continue;

@@ -63,8 +63,8 @@ Dispatcher::Dispatcher(const DispatchEnvironment& environment, const DispatchOpt
     : environment_(environment),
       options_(options),
       ledger_(kAlgorithmVersion),
-      journal_(environment.store, {options.durable_wait_s, ObserveWith(environment.on_change), environment.on_trouble}) {
-}
+      journal_(environment.store,
+               {options.durable_wait_s, ObserveWith(environment.on_change), environment.on_trouble}) {}
 
 void Dispatcher::ChangedLocked() {
   ++version_;
@@ -270,8 +270,7 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   if (self != nullptr) record.mutable_attempt_started()->set_machine(self->info.machine);
   TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
-  LeaseState& lease =
-      leases_.Grant(ref, {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), now_us});
+  LeaseState& lease = leases_.Grant(ref, {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), now_us});
   leases_.NoteTile(worker, {ref.job, granted.plan.tile});
   if (self != nullptr) {
     granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->info.threads);
@@ -310,7 +309,7 @@ StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& w
       if (durable.ok()) return granted;
       lock.lock();
       if (leases_.FindCurrent(*ref, worker, granted.attempt) != nullptr) {
-        TESSERA_RETURN_IF_ERROR(FailAttemptLocked(*ref, {ErrorClass::kAborted, "its lease could not be stored"}));
+        TESSERA_RETURN_IF_ERROR(FailAttemptLocked(*ref, {ErrorClass::kPreempted, "its lease could not be stored"}));
       }
       return durable;
     }
@@ -345,7 +344,13 @@ StatusOr<std::vector<std::string>> Dispatcher::Heartbeat(const std::string& work
 }
 
 Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure) {
-  return EndAttemptLocked(ref, JudgeFailure(WithCountedAttempts(ledger_.task(ref)), failure, options_.retry), false);
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  const JobTask& task = ledger_.task(ref);
+  const JobTask counted = WithCountedAttempts(task);
+  const Witnesses witnesses = WitnessesOf(counted, leases_, options_.retry, now_us);
+  TESSERA_RETURN_IF_ERROR(EndAttemptLocked(ref, JudgeFailure(counted, failure, options_.retry, witnesses), false));
+  TellSetAside(NoteFailure(task, failure, options_.retry, now_us, leases_));
+  return absl::OkStatus();
 }
 
 Status Dispatcher::EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired) {
@@ -404,7 +409,7 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
   for (const NamedDigest& output : result.outputs) {
     TESSERA_RETURN_IF_ERROR(CheckDigest(output.digest));
     if (environment_.blobs->Has(output.digest)) continue;
-    not_stored = {ErrorClass::kTransient, "output " + output.name + " was reported but is not stored"};
+    not_stored = {ErrorClass::kInternal, "output " + output.name + " was reported but is not stored"};
   }
   {
     std::unique_lock lock(mutex_);
@@ -418,7 +423,7 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
     }
     TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
     if (const Status status = CheckStatistics(result.stats); !status.ok()) {
-      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kTransient, std::string(status.message())}));
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kInternal, std::string(status.message())}));
       return status;
     }
     v1::Record record;
@@ -439,13 +444,17 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
     TaskFailure failure = not_stored;
     if (const std::string missing = MissingOutput(ledger_.jobs()[ref.job], ref.task, result.outputs);
         !missing.empty()) {
-      failure = {ErrorClass::kInput, missing};
+      failure = {ErrorClass::kInternal, missing};
+    }
+    if (const Status same = ledger_.CheckSameAsBefore(ref, result.outputs); !same.ok()) {
+      failure = {ErrorClass::kInternal, std::string(same.message())};
     }
     if (failure.error_class != ErrorClass::kNone) {
       TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
     } else {
       TESSERA_RETURN_IF_ERROR(CommitLocked(record));
       leases_.Release(ref);
+      TellSetAside(NoteSuccess(ledger_.task(ref), worker, options_.retry, environment_.clock->MonotonicUs(), leases_));
     }
   }
   const int64_t reported = journal_.last();
@@ -455,7 +464,9 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
 
 Status Dispatcher::ReportFailure(const std::string& worker, const std::string& task, int attempt,
                                  const TaskFailure& failure) {
-  {
+  if (failure.error_class == ErrorClass::kLostInput) {
+    TESSERA_RETURN_IF_ERROR(ReportLostInputs(worker, task, attempt, failure));
+  } else {
     std::lock_guard lock(mutex_);
     SeenLocked(worker).IgnoreError();
     TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
@@ -473,7 +484,7 @@ Status Dispatcher::UnregisterWorker(const std::string& worker) {
     TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
     const std::set<TaskRef> held = leases_.FindWorker(worker)->tasks;
     for (const TaskRef ref : held) {
-      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kAborted, worker + " has left"}));
+      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kPreempted, worker + " has left"}));
     }
     leases_.RemoveWorker(worker);
     ChangedLocked();
@@ -490,6 +501,10 @@ std::vector<WorkerStatus> Dispatcher::ListWorkers() const {
   for (const auto& [name, worker] : leases_.workers()) {
     WorkerStatus status{name, worker.info, {}, static_cast<double>(now_us - worker.last_seen_us) / 1e6};
     for (const TaskRef ref : worker.tasks) status.tasks.push_back(TaskName(ref));
+    if (IsSetAside(worker, now_us)) {
+      status.set_aside_reason = worker.set_aside_reason;
+      status.set_aside_s = static_cast<double>(worker.set_aside_until_us - now_us) / 1e6;
+    }
     workers.push_back(std::move(status));
   }
   return workers;

@@ -23,6 +23,7 @@
 #include "server/dispatch/planner.h"
 #include "server/dispatch/retry_rule.h"
 #include "server/dispatch/waiting_workers.h"
+#include "server/dispatch/worker_evidence.h"
 #include "server/store/journal.h"
 #include "server/store/record_store.h"
 
@@ -51,6 +52,8 @@ struct DispatchEnvironment {
   std::function<void(int64_t number, const std::string& reason)> on_set_aside = {};
   // Told when changes cannot be stored any more, and why; OK when they can again. May be empty.
   std::function<void(const Status& trouble)> on_trouble = {};
+  // Told of every worker that gets no tasks for some time, and why. As on_change. May be empty.
+  std::function<void(const SetAsideWorker& worker)> on_worker_set_aside = {};
 };
 
 struct NewJob {
@@ -96,14 +99,16 @@ struct WorkerStatus {
   std::string name;
   WorkerInfo info;
   std::vector<std::string> tasks;
-  double last_seen_s = 0;  // ago
+  double last_seen_s = 0;             // ago
+  std::string set_aside_reason = {};  // why it gets no tasks now; empty: it gets them
+  double set_aside_s = 0;             // until it gets one again
 };
 
 // Thread-safe. Changes are checked and applied in memory under one mutex, and stored in batches by a journal; a call
-// returns OK once what it changed is durable, UNAVAILABLE if that takes too long: the change stands, and the call may be
-// repeated. On other errors nothing was changed. No file is read or written, nothing hashed and nothing planned under
-// the mutex. Leases alone survive no failure of the machine: their workers' reports are refused then, and the tasks are
-// leased again.
+// returns OK once what it changed is durable, UNAVAILABLE if that takes too long: the change stands, and the call may
+// be repeated. On other errors nothing was changed. No file is read or written, nothing hashed and nothing planned
+// under the mutex. Leases alone survive no failure of the machine: their workers' reports are refused then, and the
+// tasks are leased again.
 class Dispatcher {
  public:
   // Brings back the state that the store's records describe. Tasks leased before keep their lease for a full term, so
@@ -116,8 +121,9 @@ class Dispatcher {
 
   // The job as it would be accepted: an update with its base's settings and with the files of the base that its scene
   // lacks; one that rolls tiles back with its base's scene and all tiles that differ, if it names none. Errors, the
-  // user's to read, if its settings and scene cannot be planned. Changes nothing.
-  StatusOr<NewJob> CompleteJob(NewJob job) const;
+  // user's to read, if its settings and scene cannot be planned; UNAVAILABLE while what it needs of its base is made
+  // again. Changes nothing else.
+  StatusOr<NewJob> CompleteJob(NewJob job);
   // Jobs. A request whose id was used gives its job again; ALREADY_EXISTS with all that differs, a line each, if it was
   // used for another scene or other settings.
   StatusOr<JobStatus> CreateJob(const NewJob& job);
@@ -154,6 +160,10 @@ class Dispatcher {
   Status UnregisterWorker(const std::string& worker);
   std::vector<WorkerStatus> ListWorkers() const;
 
+  // Has a file that a job published, and that is lost or damaged, made again. NOT_FOUND if no job published it; an
+  // error that tells why if it cannot be. Safe to call again while it is made.
+  Status RemakeArtifact(const Digest& digest);
+
   // Ends expired leases and attempts that stall, plans and finishes jobs where that could not be done at once. To be
   // called about once a second.
   Status Tick();
@@ -186,7 +196,7 @@ class Dispatcher {
   // Succeeds such a task, or forgets the result if it is not stored any more. Never under mutex_.
   Status Reuse(TaskRef ref);
   // Whether the worker's memory is enough for the task, or no worker's is and it has as much as any.
-  bool MayTryLocked(TaskRef ref, const std::string& worker) const;
+  bool FitsLocked(TaskRef ref, const std::string& worker) const;
   // `waited_s`: how long the worker has asked already.
   std::optional<TaskRef> NextReadyLocked(const std::string& worker, double waited_s);
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
@@ -194,7 +204,7 @@ class Dispatcher {
   // Errors with Refusal::kNotCurrent.
   StatusOr<TaskRef> FindReportedLocked(const std::string& task) const;
   Status CheckCurrentLocked(TaskRef ref, const std::string& worker, int attempt);
-  StatusOr<NewJob> CompleteRollback(NewJob job) const;
+  StatusOr<NewJob> CompleteRollback(NewJob job);
   StatusOr<std::optional<JobStatus>> FindRequestLocked(const JobRequest& request) const;
   JobStatus JobStatusLocked(int job) const;
   void ChangedLocked();
@@ -204,7 +214,24 @@ class Dispatcher {
   struct PendingStep;
   std::optional<PendingStep> NextStepLocked() const;
   StatusOr<std::vector<PlannedTask>> PlanPhase(const PendingStep& step) const;
-  Status CheckStored(const UpdateBase& base) const;
+  // --- lost_results.cc ---
+  // How it stands with a content that somebody could not read.
+  struct Lost;
+  // Ends an attempt whose worker could not read its inputs: those that are lost here too are made again.
+  Status ReportLostInputs(const std::string& worker, const std::string& task, int attempt, TaskFailure failure);
+  std::vector<Lost> LostInputsLocked(TaskRef ref, const std::set<std::string>& sha256) const;
+  // Reads the content, and sets it aside if it is not what it was. Without lock, for it may take long.
+  Status Examine(Lost& lost) const;
+  // The task that made it is to run again, and `needed_by` is to wait: a task whose given output it is; with task -1
+  // the plan of the job; none (job -1): nobody. FAILED_PRECONDITION if it cannot be made again.
+  Status RemakeLocked(TaskRef maker, const std::string& reason, TaskRef needed_by);
+  // Those that the job's plan reads and cannot are made again; true if some are, and the job has to wait.
+  StatusOr<bool> RemakeForPlan(const PendingStep& step);
+  // Stores what the coordinator itself put into the job's plan. NOT_FOUND if it did not.
+  Status RestorePlanned(int job, const Digest& digest);
+  // A base's survey, which is needed at once: UNAVAILABLE while it is made again.
+  StatusOr<std::string> ReadSurveyOf(const UpdateBase& base);
+  void TellSetAside(const std::vector<SetAsideWorker>& workers) const;
   Status PlanJob(const PendingStep& step);
   Status EndJob(const PendingStep& step);
   StatusOr<Digest> StoreReport(const PendingStep& step);

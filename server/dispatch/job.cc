@@ -57,6 +57,13 @@ void JobTotals::AddSucceeded(int index, const JobTask& task) {
   if (task.plan.tile >= 0) sums_.unfinished_tiles -= --unfinished_of_tile_[task.plan.tile] == 0;
 }
 
+void JobTotals::AddLost(int index, const JobTask& task) {
+  --sums_.tasks_done;
+  sums_.PartOf(task.plan.kind).done -= task.plan.cost;
+  warned_.erase(index);
+  if (task.plan.tile >= 0) sums_.unfinished_tiles += unfinished_of_tile_[task.plan.tile]++ == 0;
+}
+
 // People count jobs from 1; tasks keep their index, which the plan's inputs name too.
 std::string JobName(int job) { return kJobs + std::to_string(job + 1); }
 
@@ -108,8 +115,18 @@ std::string ErrorClassName(ErrorClass error_class) {
       return "memory";
     case ErrorClass::kPoison:
       return "poison";
-    case ErrorClass::kAborted:
-      return "aborted";
+    case ErrorClass::kPreempted:
+      return "preempted";
+    case ErrorClass::kLostInput:
+      return "lost input";
+    case ErrorClass::kScratch:
+      return "scratch";
+    case ErrorClass::kStorage:
+      return "storage";
+    case ErrorClass::kPeer:
+      return "peer";
+    case ErrorClass::kInternal:
+      return "internal";
   }
   return "unknown";
 }

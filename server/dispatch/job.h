@@ -20,13 +20,33 @@ namespace tessera {
 // The numbers of these are those of tessera.v1.
 enum class JobState { kQueued = 1, kRunning = 2, kSucceeded = 3, kFailed = 4, kCancelled = 5, kPartial = 6 };
 enum class TaskState { kWaiting = 1, kReady = 2, kLeased = 3, kSucceeded = 4, kFailed = 5, kCancelled = 6 };
-enum class ErrorClass { kNone = 0, kInput = 1, kTransient = 2, kMemory = 3, kPoison = 4, kAborted = 5 };
+enum class ErrorClass {
+  kNone = 0,
+  kInput = 1,
+  kTransient = 2,
+  kMemory = 3,
+  kPoison = 4,
+  kPreempted = 5,
+  kLostInput = 6,
+  kScratch = 7,
+  kStorage = 8,
+  kPeer = 9,
+  kInternal = 10
+};
 
 inline bool HasEnded(JobState state) { return state >= JobState::kSucceeded; }
 
 struct TaskFailure {
   ErrorClass error_class = ErrorClass::kNone;
   std::string message;
+  std::vector<Digest> lost_inputs = {};  // of kLostInput, as the worker tells; not stored
+};
+
+// "jobs/J/tasks/T": which task, by its places in the ledger.
+struct TaskRef {
+  int job = -1;
+  int task = -1;
+  friend auto operator<=>(const TaskRef&, const TaskRef&) = default;
 };
 
 // One run of a task by one worker, under one lease.
@@ -58,6 +78,10 @@ struct JobTask {
   Warnings warnings;
   int64_t start_us = 0;  // of the first attempt
   int64_t end_us = 0;
+  int remakes = 0;        // how often its result was lost; `outputs` stay, for what is made again must be the same
+  bool remaking = false;  // lost, and not there again yet
+  // While `remaking`: who waits for it in other jobs. Tasks whose given outputs it made, or (task -1) a plan.
+  std::vector<TaskRef> awaited_by = {};
 
   int attempt() const { return static_cast<int>(attempts.size()); }
   std::string worker() const { return attempts.empty() ? "" : attempts.back().worker; }
@@ -130,6 +154,8 @@ class JobTotals {
   void AddSucceeded(int index, const JobTask& task);
   // A tile that stays unfinished whatever succeeds.
   void AddSetAside(int tile);
+  // What it made is lost: it has not succeeded any more.
+  void AddLost(int index, const JobTask& task);
   const JobSums& sums() const { return sums_; }
   const std::set<int>& warned() const { return warned_; }  // succeeded tasks with warnings
 
@@ -150,6 +176,8 @@ struct Job {
   bool plans_anew = false;               // what is behind the cuts, since other tiles are set aside than it was planned for
   int open_plan = -1;                    // first task of a plan whose last record has not come; -1: none
   JobTotals totals;
+  int lost = 0;                 // results that it needs and that are being made again, here or elsewhere
+  std::string lost_error = {};  // why one that its plan reads could not be
 };
 
 // The task as if it had been tried only since its job was last retried.
@@ -157,13 +185,6 @@ JobTask WithCountedAttempts(JobTask task);
 
 // Whether every tile was cut, but those that were set aside instead.
 bool CutsAreDone(const Job& job);
-
-// "jobs/J/tasks/T": which task, by its places in the ledger.
-struct TaskRef {
-  int job = -1;
-  int task = -1;
-  friend auto operator<=>(const TaskRef&, const TaskRef&) = default;
-};
 
 std::string JobName(int job);
 std::string TaskName(TaskRef ref);

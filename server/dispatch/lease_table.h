@@ -48,6 +48,11 @@ struct WorkerState {
   int64_t last_seen_us = 0;
   std::vector<TileRef> recent_tiles = {};  // whose tasks it was given, the last first: it may have them in memory
   std::set<TaskRef> tasks = {};            // that it has leases of
+  // worker_evidence.h.
+  int strikes = 0;  // tasks that it failed and others did, since it last did one
+  int times_set_aside = 0;
+  int64_t set_aside_until_us = 0;
+  std::string set_aside_reason = {};
 };
 
 // A task that fits no worker waits so long for a larger one, from when the largest was registered; then that one tries.

@@ -24,26 +24,6 @@ std::vector<NamedDigest> NamedDigests(const List& files) {
   return result;
 }
 
-PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
-  PlannedTask task;
-  task.kind = record.kind();
-  task.name = record.title();
-  task.tile = record.tile();
-  task.parameters = record.parameters_json();
-  task.cost = record.cost();
-  task.scale = record.scale();
-  task.peak_bytes = record.peak_bytes();
-  task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
-  for (const auto& file : record.view_files()) {
-    task.view_files.push_back({file.file(), file.view(), file.likelihoods()});
-  }
-  for (const auto& input : record.inputs()) {
-    task.inputs.push_back({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
-  }
-  task.given = NamedDigests(record.given());
-  return task;
-}
-
 }  // namespace
 
 StatusOr<int> Ledger::FindJob(const std::string& name) const {
@@ -113,7 +93,7 @@ std::vector<std::string> Ledger::SceneFilesWith(const Digest& digest) const {
 StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attempt) const {
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(name));
   const JobTask& target = task(ref);
-  if (HasEnded(jobs_[ref.job].header.state)) {
+  if (!MayRun(ref)) {
     return absl::FailedPreconditionError(name + ": its job has ended");
   }
   if (target.state != TaskState::kLeased || target.attempt() != attempt) {
@@ -141,65 +121,10 @@ Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
   return absl::OkStatus();
 }
 
-Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
-  TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
-  const Job& job = jobs_[index];
-  if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
-  if (change.tasks().empty()) return absl::InvalidArgumentError("a plan without tasks");
-  int count = static_cast<int>(job.tasks.size());
-  if (change.first_task() != count && (job.open_plan < 0 || change.first_task() != job.open_plan)) {
-    return absl::FailedPreconditionError("plan of " + change.job() + " from task " +
-                                         std::to_string(change.first_task()) + ", the next is " +
-                                         std::to_string(count));
-  }
-  count = change.first_task();
-  for (const int task : change.superseded()) {
-    if (task < 0 || task >= count || job.tasks[task].superseded) {
-      return absl::InvalidArgumentError("plan of " + change.job() + ": supersedes task " + std::to_string(task));
-    }
-  }
-  for (const auto& planned : change.tasks()) {
-    const auto fault = [&](const std::string& what) {
-      return absl::InvalidArgumentError("plan of " + change.job() + ", '" + planned.title() + "': " + what);
-    };
-    std::set<std::string> names;
-    if (planned.kind().empty()) return fault("no kind");
-    if (!(planned.cost() >= 0)) return fault("cost is not a number of at least 0");
-    for (const auto& output : planned.given()) TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(output.digest())));
-    if (!planned.given().empty() &&
-        planned.inputs_size() + planned.scene_files_size() + planned.view_files_size() > 0) {
-      return fault("has inputs, though its outputs are given");
-    }
-    for (const auto& input : planned.inputs()) {
-      const std::string name = InputName({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
-      if (!names.insert(name).second) return fault("two inputs named " + name);
-      if (input.task() < 0 || input.task() >= count) {
-        return fault("input " + name + " comes from task " + std::to_string(input.task()) + ", which is not before it");
-      }
-    }
-    for (int i = 0, last = -1; i < planned.scene_files_size(); last = planned.scene_files(i++)) {
-      if (planned.scene_files(i) <= last || planned.scene_files(i) >= static_cast<int>(job.scene_files.size())) {
-        return fault("scene file " + std::to_string(planned.scene_files(i)) + " of " +
-                     std::to_string(job.scene_files.size()) + ", after " + std::to_string(last));
-      }
-    }
-    for (const auto& file : planned.view_files()) {
-      if (file.file() >= 0 && file.file() < static_cast<int>(job.scene_files.size()) && file.view() >= 0 &&
-          names.insert(ViewFileName(file.view(), file.likelihoods())).second) {
-        continue;
-      }
-      return fault("file " + std::to_string(file.file()) + " of view " + std::to_string(file.view()) + ", of " +
-                   std::to_string(job.scene_files.size()) + " scene files");
-    }
-    ++count;
-  }
-  return absl::OkStatus();
-}
-
 Status Ledger::CheckStarted(const v1::AttemptStarted& change) const {
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
   const JobTask& target = task(ref);
-  if (HasEnded(jobs_[ref.job].header.state) || target.state != TaskState::kReady) {
+  if (!MayRun(ref) || target.state != TaskState::kReady) {
     return absl::FailedPreconditionError(change.task() + " is not ready");
   }
   if (change.attempt() != target.attempt() + 1) {
@@ -215,9 +140,10 @@ Status Ledger::CheckSucceeded(const v1::TaskSucceeded& change) const {
     TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(output.digest())));
     if (!names.insert(output.name()).second) return absl::InvalidArgumentError("two outputs named " + output.name());
   }
-  if (!change.reused()) return CheckCurrentAttempt(change.task(), change.attempt()).status();
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
-  if (HasEnded(jobs_[ref.job].header.state) || task(ref).state != TaskState::kReady) {
+  TESSERA_RETURN_IF_ERROR(CheckSameAsBefore(ref, NamedDigests(change.outputs())));
+  if (!change.reused()) return CheckCurrentAttempt(change.task(), change.attempt()).status();
+  if (!MayRun(ref) || task(ref).state != TaskState::kReady) {
     return absl::FailedPreconditionError(change.task() + " is not ready");
   }
   return absl::OkStatus();
@@ -282,62 +208,12 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   UpdateDue(index);
 }
 
-void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
-  const int index = *FindJob(change.job());
-  Job& job = jobs_[index];
-  if (job.open_plan >= 0 && change.first_task() == job.open_plan) DropOpenPlan(job);
-  if (job.open_plan < 0) job.open_plan = change.first_task();
-  for (const auto& planned : change.tasks()) {
-    JobTask added;
-    added.plan = FromProto(planned);
-    for (const PlannedInput& input : added.plan.inputs) {
-      JobTask& producer = job.tasks[input.task.value()];
-      producer.readers.push_back(static_cast<int>(job.tasks.size()));
-      added.missing += producer.state != TaskState::kSucceeded;
-      added.depth = std::max(added.depth, producer.depth + 1);
-    }
-    job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind ||
-                         (added.plan.kind == kPlanKind && job.header.settings.update.plan_only);
-    if (!added.plan.given.empty()) {
-      added.state = TaskState::kSucceeded;
-      added.reused = true;
-      added.outputs = added.plan.given;
-    } else {
-      ++job.unfinished;
-    }
-    job.totals.AddPlanned(added);
-    job.tasks.push_back(std::move(added));
-  }
-  if (!change.more()) {
-    for (const int task : change.superseded()) Supersede({index, task});
-    if (!change.superseded().empty()) Recount(job);
-    job.plans_anew = false;
-    const int first = std::exchange(job.open_plan, -1);
-    for (int task = first; task < static_cast<int>(job.tasks.size()); ++task) ReadyTask({index, task});
-  }
-  UpdateDue(index);
-}
-
-void Ledger::DropOpenPlan(Job& job) {
-  const auto first = static_cast<size_t>(job.open_plan);
-  for (size_t task = first; task < job.tasks.size(); ++task) {
-    for (const PlannedInput& input : job.tasks[task].plan.inputs) {
-      std::vector<int>& readers = job.tasks[input.task.value()].readers;
-      while (!readers.empty() && readers.back() >= job.open_plan) readers.pop_back();
-    }
-  }
-  for (size_t task = first; task < job.tasks.size(); ++task) job.unfinished -= job.tasks[task].plan.given.empty();
-  job.tasks.resize(first);
-  Recount(job);
-  job.planned_to_end = job.plans_anew;
-  job.open_plan = -1;
-}
-
 void Ledger::UpdateDue(int index) {
   const Job& job = jobs_[index];
   // Also where the records of a plan broke off.
-  const bool due = job.tasks.empty() || job.unfinished == 0 || job.failed >= 0 || job.open_plan >= 0 ||
-                   (job.plans_anew && CutsAreDone(job));
+  const bool asks = job.tasks.empty() || job.unfinished == 0 || job.open_plan >= 0 ||
+                    (job.plans_anew && CutsAreDone(job));
+  const bool due = (asks && job.lost == 0) || job.failed >= 0 || !job.lost_error.empty();
   if (due && !HasEnded(job.header.state)) {
     due_jobs_.insert(index);
   } else {
@@ -348,7 +224,8 @@ void Ledger::UpdateDue(int index) {
 void Ledger::ReadyTask(TaskRef ref) {
   const Job& job = jobs_[ref.job];
   JobTask& waiting = jobs_[ref.job].tasks[ref.task];
-  if (waiting.state != TaskState::kWaiting || waiting.missing > 0 || job.open_plan >= 0) return;
+  if (waiting.state != TaskState::kWaiting || waiting.missing > 0 || !waiting.plan.given.empty()) return;
+  if (job.open_plan >= 0 && ref.task >= job.open_plan) return;
   StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
   if (!inputs.ok()) return;
   inputs->resize(inputs->size() - waiting.plan.view_files.size());  // their content is told by others
@@ -381,28 +258,28 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
   if (target.state == TaskState::kReady) ready_.Remove(ref, target);  // reused
   target.state = TaskState::kSucceeded;
   --job.unfinished;
-  target.key = change.key();
-  target.reused = change.reused();
-  target.outputs = NamedDigests(change.outputs());
-  target.stats = change.stats_json();
-  target.usage = {change.usage().core_seconds(), change.usage().peak_bytes(), change.usage().threads()};
-  target.warnings.assign(change.warnings().begin(), change.warnings().end());
-  target.end_us = time_us;
-  if (change.reused()) {
-    target.start_us = time_us;
-  } else {
-    target.attempts.back().end_us = time_us;
+  if (!change.reused()) target.attempts.back().end_us = time_us;
+  if (!HasEnded(job.header.state)) {  // else made again for others: the job keeps what it had
+    target.key = change.key();
+    target.reused = change.reused();
+    target.outputs = NamedDigests(change.outputs());
+    target.stats = change.stats_json();
+    target.usage = {change.usage().core_seconds(), change.usage().peak_bytes(), change.usage().threads()};
+    target.warnings.assign(change.warnings().begin(), change.warnings().end());
+    target.end_us = time_us;
+    if (change.reused()) target.start_us = time_us;
+    if (!target.superseded) job.totals.AddSucceeded(ref.task, target);
   }
   if (job.header.state == JobState::kQueued) {
     job.header.state = JobState::kRunning;
     job.header.start_us = time_us;
   }
   task_of_key_[change.key()] = ref;
-  job.totals.AddSucceeded(ref.task, target);
   for (const int reader : target.readers) {
     --job.tasks[reader].missing;
     ReadyTask({ref.job, reader});
   }
+  if (target.remaking) EndRemake(ref);
   UpdateDue(ref.job);
 }
 
@@ -417,13 +294,15 @@ void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   target.error = attempt.failure;
   target.retry_delay_us = change.retry_delay_us();
   if (change.retry_time_us() > time_us) target.retry_delay_us = change.retry_time_us() - time_us;
-  target.state = change.final() ? TaskState::kFailed : TaskState::kReady;
-  if (change.final()) {
+  target.state = change.final() ? TaskState::kFailed : target.missing > 0 ? TaskState::kWaiting : TaskState::kReady;
+  if (change.final() && HasEnded(job.header.state)) {
+    GiveUpRemake(ref, target.error);
+  } else if (change.final()) {
     target.end_us = time_us;
     job.failed = job.failed < 0 ? ref.task : std::min(job.failed, ref.task);
     ready_.DropJob(ref.job);  // the job is about to end
     UpdateDue(ref.job);
-  } else if (job.failed < 0) {
+  } else if (job.failed < 0 && target.state == TaskState::kReady) {
     ready_.Add(ref, target);
   }
 }

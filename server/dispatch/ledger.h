@@ -26,6 +26,7 @@ class JobEnded;
 class JobChanged;
 class TileSetAside;
 class JobRetried;
+class ResultLost;
 }  // namespace v1
 
 // Change of state: Check (may fail) → store the record → Apply (cannot fail). Equal records give equal ledgers. Not
@@ -73,6 +74,13 @@ class Ledger {
   StatusOr<UpdateBase> BaseOf(const UpdateSettings& update) const;
   // BaseOf `job`, its base, ... to `earlier`. INVALID_ARGUMENT with those that there are if that is not among them.
   StatusOr<std::vector<UpdateBase>> ChainTo(const std::string& job, const std::string& earlier) const;
+  // The task that made this content and can make it again: of the job, where `own`, or of those that it goes on from,
+  // the nearest first. NOT_FOUND if no task did.
+  StatusOr<TaskRef> MakerOf(int job, const Digest& digest, bool own) const;
+  // Tasks of jobs that have ended whose results are being made again, for others.
+  const std::set<TaskRef>& remakes_of_ended() const { return remakes_of_ended_; }
+  // FAILED_PRECONDITION with both digests if the task's result was lost, and what was made again is not what it was.
+  Status CheckSameAsBefore(TaskRef ref, const std::vector<NamedDigest>& outputs) const;
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
   // They are not stored any more.
@@ -92,6 +100,7 @@ class Ledger {
   Status CheckChanged(const v1::JobChanged& change) const;
   Status CheckSetAside(const v1::TileSetAside& change) const;
   Status CheckRetried(const v1::JobRetried& change) const;
+  Status CheckLost(const v1::ResultLost& change) const;
   void ApplyAccepted(const v1::JobAccepted& change, int64_t time_us);
   void ApplyPlanned(const v1::TasksPlanned& change);
   void ApplyStarted(const v1::AttemptStarted& change, int64_t time_us);
@@ -101,12 +110,21 @@ class Ledger {
   void ApplyChanged(const v1::JobChanged& change);
   void ApplySetAside(const v1::TileSetAside& change);
   void ApplyRetried(const v1::JobRetried& change);
+  void ApplyLost(const v1::ResultLost& change);
   // Checks that the task exists in an active job and that `attempt` is its current one under lease.
   StatusOr<TaskRef> CheckCurrentAttempt(const std::string& name, int attempt) const;
   // Takes the tasks of a plan that was not stored to its end off the job's list.
   void DropOpenPlan(Job& job);
   // A waiting task whose inputs are all there becomes ready and gets its key.
   void ReadyTask(TaskRef ref);
+  // Whether its tasks may run: its job has not ended, or its result is needed by another job and lost.
+  bool MayRun(TaskRef ref) const { return !HasEnded(jobs_[ref.job].header.state) || task(ref).remaking; }
+  // A task that has succeeded has not, and its readers wait.
+  void Unmake(TaskRef ref);
+  // The result is there again: who waits for it goes on. The task has succeeded.
+  void EndRemake(TaskRef ref);
+  // It cannot be made again: who waits for it fails. The task is of a job that has ended, and stays as it was.
+  void GiveUpRemake(TaskRef ref, const TaskFailure& failure);
   void UpdateDue(int job);
   // Of a task that is not superseded yet: takes it off what the job does.
   void Supersede(TaskRef ref);
@@ -119,6 +137,7 @@ class Ledger {
   std::vector<Job> jobs_;
   std::vector<int> active_jobs_;
   std::set<int> due_jobs_;
+  std::set<TaskRef> remakes_of_ended_;
   ReadyTasks ready_;
   std::vector<TaskRef> newly_ready_;
   std::unordered_map<std::string, int> job_of_request_;

@@ -24,6 +24,8 @@ Status Ledger::Check(const v1::Record& record) const {
       return CheckSetAside(record.tile_set_aside());
     case v1::Record::kJobRetried:
       return CheckRetried(record.job_retried());
+    case v1::Record::kResultLost:
+      return CheckLost(record.result_lost());
     case v1::Record::CHANGE_NOT_SET:
       break;
   }
@@ -50,6 +52,8 @@ void Ledger::Apply(const v1::Record& record) {
       return ApplySetAside(record.tile_set_aside());
     case v1::Record::kJobRetried:
       return ApplyRetried(record.job_retried());
+    case v1::Record::kResultLost:
+      return ApplyLost(record.result_lost());
     case v1::Record::CHANGE_NOT_SET:
       return;
   }

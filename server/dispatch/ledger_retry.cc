@@ -19,6 +19,7 @@ void Ledger::Supersede(TaskRef ref) {
   Job& job = jobs_[ref.job];
   JobTask& task = job.tasks[ref.task];
   task.superseded = true;
+  if (std::exchange(task.remaking, false)) --job.lost;
   if (task.state == TaskState::kSucceeded) return;
   --job.unfinished;
   if (task.state == TaskState::kFailed) return;
@@ -122,6 +123,19 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
     failed.superseded = false;
     ++job.unfinished;
   }
+  // What was given may be asked for again, and be found lost again.
+  for (JobTask& given : job.tasks) {
+    if (given.plan.given.empty() || given.state == TaskState::kSucceeded) continue;
+    given.state = TaskState::kSucceeded;
+    given.error = {};
+    given.missing = 0;
+    --job.unfinished;
+    if (std::exchange(given.remaking, false)) --job.lost;
+    for (const int reader : given.readers) --job.tasks[reader].missing;
+  }
+  job.lost_error.clear();
+  job.lost = static_cast<int>(std::count_if(job.tasks.begin(), job.tasks.end(),
+                                            [](const JobTask& task) { return task.remaking; }));
   for (JobTask& task : job.tasks) {
     if (task.superseded || (task.state != TaskState::kFailed && task.state != TaskState::kCancelled)) continue;
     task.state = TaskState::kWaiting;

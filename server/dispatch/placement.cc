@@ -1,5 +1,6 @@
 // Which task a worker gets: what fits its memory, of the first job the one whose tile it has.
 #include "server/dispatch/dispatcher.h"
+#include "server/dispatch/worker_evidence.h"
 
 namespace tessera {
 namespace {
@@ -13,7 +14,7 @@ constexpr double kPatience_s = 1;
 
 }  // namespace
 
-bool Dispatcher::MayTryLocked(TaskRef ref, const std::string& worker) const {
+bool Dispatcher::FitsLocked(TaskRef ref, const std::string& worker) const {
   const int64_t needed_bytes = ledger_.task(ref).plan.peak_bytes;
   const auto self = leases_.workers().find(worker);
   const int64_t has_bytes = self == leases_.workers().end() ? 0 : self->second.info.memory_bytes;
@@ -24,13 +25,15 @@ bool Dispatcher::MayTryLocked(TaskRef ref, const std::string& worker) const {
 }
 
 std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, double waited_s) {
-  ledger_.PromoteRetries(environment_.clock->MonotonicUs());
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  ledger_.PromoteRetries(now_us);
+  const WorkerState* const self = leases_.FindWorker(worker);
+  if (self != nullptr && IsSetAside(*self, now_us)) return std::nullopt;
   const ReadyTasks& ready = ledger_.ready();
   const auto may_run = [&](TaskRef ref) {
-    return (leases_.workers().size() < 2 || !RanOutOfMemory(ledger_.task(ref), worker)) && MayTryLocked(ref, worker);
+    return MayTry(ledger_.task(ref), worker, leases_, now_us) && FitsLocked(ref, worker);
   };
   const std::optional<TaskRef> first = ready.First(may_run);
-  const WorkerState* const self = leases_.FindWorker(worker);
   if (!first || self == nullptr) return first;
   // Of the same job rather one of a tile that this worker has had, and may have in memory; else none that another has
   // had, for some time. Only an order of preference: whatever is ready goes to whoever goes on asking.

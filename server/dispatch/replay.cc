@@ -29,6 +29,8 @@ int JobOf(const v1::Record& record) {
       return ParseJobName(record.tile_set_aside().job()).value_or(-1);
     case v1::Record::kJobRetried:
       return ParseJobName(record.job_retried().job()).value_or(-1);
+    case v1::Record::kResultLost:
+      return ParseTaskName(record.result_lost().task()).value_or(TaskRef()).job;
     case v1::Record::CHANGE_NOT_SET:
       break;
   }
@@ -43,19 +45,20 @@ StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment
   TESSERA_RETURN_IF_ERROR(dispatcher->Replay());
   const Ledger& ledger = dispatcher->ledger_;
   const int64_t now_us = environment.clock->MonotonicUs();
-  for (const int job : ledger.active_jobs()) {
-    const auto& tasks = ledger.jobs()[job].tasks;
-    for (int i = 0; i < static_cast<int>(tasks.size()); ++i) {
-      if (tasks[i].state != TaskState::kLeased) continue;
-      const std::string worker = tasks[i].worker();
-      if (dispatcher->leases_.FindWorker(worker) == nullptr) {
-        WorkerInfo info;
-        info.machine = tasks[i].attempts.back().machine;
-        dispatcher->leases_.AddWorker(worker, info, now_us);
-      }
-      dispatcher->leases_.Grant({job, i}, {worker, tasks[i].attempt(), now_us, now_us + Micros(options.lease_s), now_us});
+  const auto restore = [&](TaskRef ref) {
+    const JobTask& task = ledger.task(ref);
+    if (task.state != TaskState::kLeased) return;
+    if (dispatcher->leases_.FindWorker(task.worker()) == nullptr) {
+      WorkerInfo info;
+      info.machine = task.attempts.back().machine;
+      dispatcher->leases_.AddWorker(task.worker(), info, now_us);
     }
+    dispatcher->leases_.Grant(ref, {task.worker(), task.attempt(), now_us, now_us + Micros(options.lease_s), now_us});
+  };
+  for (const int job : ledger.active_jobs()) {
+    for (int i = 0; i < static_cast<int>(ledger.jobs()[job].tasks.size()); ++i) restore({job, i});
   }
+  for (const TaskRef ref : ledger.remakes_of_ended()) restore(ref);
   return dispatcher;
 }
 

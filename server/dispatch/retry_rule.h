@@ -1,9 +1,11 @@
-// What follows from a failed attempt: another one, when, or the end of the task.
+// What follows from a failed attempt: another one, when, or the end of the task; and against whom it counts.
 //
-// What a worker reports speaks against the task, and so does an attempt that stalls. A worker that leaves, or drains,
-// says nothing about its task. One that falls silent does if its machine lives on, for then it was the worker's process
-// that ended, or hung: a worker on that machine (same host, same boot) has been seen since. A machine that vanished,
-// such as one that was taken away, says nothing, however often; that it came back is seen when the task is next lost.
+// What a worker reports is laid at the task, at the worker or at storage by its class (RuleOf); status codes mean
+// nothing here. Failures of a worker that others have proved wrong do not count against tasks (worker_evidence.h). An
+// attempt that stalls speaks against its task. A worker that leaves, or drains, says nothing about its task. One that
+// falls silent does if its machine lives on, for then it was the worker's process that ended, or hung: a worker on that
+// machine (same host, same boot) has been seen since. A machine that vanished, such as one that was taken away, says
+// nothing, however often; that it came back is seen when the task is next lost.
 #ifndef TESSERA_SERVER_DISPATCH_RETRY_RULE_H_
 #define TESSERA_SERVER_DISPATCH_RETRY_RULE_H_
 
@@ -16,11 +18,34 @@
 namespace tessera {
 
 struct RetryOptions {
-  int max_transient = 4;       // attempts that may fail for a reason that may pass
+  int max_transient = 4;       // attempts that may fail by a worker's fault, or stall
   int max_memory = 2;          // attempts that may run out of memory, each on another worker where there is one
+  int max_input = 2;           // workers that say that the input is wrong; of one that is alone, its attempts
   int max_expired_leases = 3;  // workers that may fall silent on machines that live on before the task counts as poison
-  double first_delay_s = 1;    // back-off: doubles with every transient failure
+  int max_remakes = 5;         // times that a task's result may be lost and made again
+  double first_delay_s = 1;    // back-off: doubles with every failure of the kind
   double max_delay_s = 60;
+  int max_strikes = 2;     // tasks that a worker failed and others did, before it is set aside
+  double set_aside_s = 5;  // for how long, the first time; doubles
+  double max_set_aside_s = 600;
+};
+
+// Against whom a failure counts.
+enum class Blame { kNobody, kTask, kWorker, kStorage };
+
+struct RetryRule {
+  Blame blame = Blame::kTask;
+  int limit = 0;         // attempts that may fail so before the task has failed; 0: any number
+  bool delays = false;   // the next attempt waits, longer every time
+  bool strikes = false;  // if another worker then does the task, this one was wrong
+};
+
+RetryRule RuleOf(ErrorClass error_class, const RetryOptions& options);
+
+// What is known about the workers that failed a task.
+struct Witnesses {
+  std::function<bool(const std::string& worker)> doubted = {};  // its word does not count; may be empty: nobody's
+  bool alone = true;                                            // no other worker is there that could do the task
 };
 
 struct RetryVerdict {
@@ -29,8 +54,9 @@ struct RetryVerdict {
   TaskFailure failure;  // as it is to be recorded
 };
 
-// `task`: its attempts before this one's end; the current attempt has just ended with `failure`.
-RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options);
+// `task`: its attempts, of which the last has just ended with `failure`.
+RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
+                          const Witnesses& witnesses = {});
 // The same for one that ended in silence. `lives`: whether a worker on that machine is there now.
 RetryVerdict JudgeSilence(const JobTask& task, const std::function<bool(const std::string& machine)>& lives,
                           const RetryOptions& options);
@@ -40,9 +66,6 @@ RetryVerdict JudgeSilence(const JobTask& task, const std::function<bool(const st
 double StallLimit_s(const PlannedTask& plan, int threads, double stall_s);
 // The failure of an attempt that showed none for longer than `limit_s`.
 TaskFailure StallOf(const LeaseState& lease, double limit_s);
-
-// Whether `worker` ran out of memory on this task before.
-bool RanOutOfMemory(const JobTask& task, const std::string& worker);
 
 }  // namespace tessera
 

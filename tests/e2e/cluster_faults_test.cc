@@ -85,9 +85,11 @@ TEST_F(ClusterFaultsTest, AReportOfAnyDepthIsRefusedAndTheCoordinatorLives) {
   EXPECT_EQ(refused.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   EXPECT_THAT(refused.error_message(), HasSubstr("found JSON nested 30000 deep, expected at most 64"));
   broken.mutable_failure()->set_error_class(v1::INPUT);
-  const v1::Lease second = worker.Lease();
-  EXPECT_EQ(second.attempt(), 2);
-  EXPECT_TRUE(worker.Report(second, broken).ok());
+  for (const int attempt : {2, 3}) {  // it is alone: its word counts when it says so twice
+    const v1::Lease lease = worker.Lease();
+    EXPECT_EQ(lease.attempt(), attempt);
+    EXPECT_TRUE(worker.Report(lease, broken).ok());
+  }
   EXPECT_EQ(cluster.Await(job).state(), v1::JOB_FAILED);
   cluster.coordinator().Kill();
   cluster.StartCoordinator();

@@ -49,6 +49,11 @@ class FakeBlobService : public v1::Blobs::Service {
     std::lock_guard lock(mutex_);
     chunks_to_damage_ = count;
   }
+  // The next `count` uploads find no room: RESOURCE_EXHAUSTED.
+  void RefuseUploads(int count) {
+    std::lock_guard lock(mutex_);
+    uploads_to_refuse_ = count;
+  }
   // Offsets that streams started from.
   std::vector<int64_t> read_offsets() {
     std::lock_guard lock(mutex_);
@@ -106,6 +111,10 @@ class FakeBlobService : public v1::Blobs::Service {
         if (Xxh3(request.chunk().data()) != request.chunk().xxh3()) {
           return grpc::Status(grpc::StatusCode::DATA_LOSS, "damaged chunk");
         }
+        if (uploads_to_refuse_ > 0) {
+          --uploads_to_refuse_;
+          return grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "no space left on device");
+        }
       }
       if (Breaks(chunks++)) return grpc::Status(grpc::StatusCode::UNAVAILABLE, "told to break");
       std::lock_guard lock(mutex_);
@@ -153,6 +162,7 @@ class FakeBlobService : public v1::Blobs::Service {
   int streams_to_break_ = 0;
   int chunks_before_break_ = 0;
   int chunks_to_damage_ = 0;
+  int uploads_to_refuse_ = 0;
   std::vector<int64_t> read_offsets_;
   std::vector<int64_t> write_offsets_;
 };

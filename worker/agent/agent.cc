@@ -30,26 +30,52 @@ StatusOr<TaskOutcome> RunGuarded(const TaskRunner& runner, const TaskRequest& re
   try {
     return runner(request, control);
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError(request.kind + " task: out of memory");
+    return AsStatus(FailureClass::kMemory, request.kind + " task: out of memory");
   } catch (const std::exception& error) {
-    return absl::InternalError(request.kind + " task: unexpected exception: " + error.what());
+    return AsStatus(FailureClass::kInternal, request.kind + " task: unexpected exception: " + error.what());
   } catch (...) {
-    return absl::InternalError(request.kind + " task: unexpected exception of unknown type");
+    return AsStatus(FailureClass::kInternal, request.kind + " task: unexpected exception of unknown type");
   }
 }
 
-FailureClass Classify(const Status& status, bool draining) {
+// Whether a file can be written in the folder, now.
+Status TryToWrite(const std::string& folder) {
+  const std::string path = folder + "/probe";
+  const Status written = WriteFileAtomic(path, std::string(size_t{1} << 20, 'x'));
+  TESSERA_RETURN_IF_ERROR(RemoveTree(path));
+  return written;
+}
+
+// What failed when a task ended with this error, by what can be seen about it: a task reads its inputs and writes to
+// its folder, nothing else.
+Status JudgeTask(const Status& status, TaskFiles& files, const TaskRequest& request) {
+  if (IsFailure(status) || absl::IsCancelled(status)) return status;
+  const std::string message = MessageOf(status);
   switch (status.code()) {
     case absl::StatusCode::kInvalidArgument:
     case absl::StatusCode::kNotFound:
-      return FailureClass::kInput;
-    case absl::StatusCode::kResourceExhausted:
-      return FailureClass::kMemory;
-    case absl::StatusCode::kCancelled:
-      return draining ? FailureClass::kAborted : FailureClass::kTransient;
+    case absl::StatusCode::kDataLoss:
+    case absl::StatusCode::kOutOfRange:
+      if (IsFileError(status)) break;
+      // What is wrong with them may have come upon them since they were brought.
+      TESSERA_RETURN_IF_ERROR(files.CheckInputs(/*read=*/true));
+      return AsStatus(FailureClass::kInput, message);
     default:
-      return FailureClass::kTransient;
+      break;
   }
+  TESSERA_RETURN_IF_ERROR(files.CheckInputs(/*read=*/false));
+  if (IsFileError(status)) return AsStatus(FailureClass::kScratch, message);
+  if (absl::IsResourceExhausted(status)) return AsStatus(FailureClass::kMemory, message);
+  if (const Status room = TryToWrite(request.output_dir); !room.ok()) {  // libraries do not tell what failed them
+    return AsStatus(FailureClass::kScratch, message + "; " + MessageOf(room));
+  }
+  return AsStatus(FailureClass::kInternal, message);
+}
+
+// Whether a report was taken, or never will be. Whatever else is wrong with the coordinator passes.
+bool IsAnswered(const Status& report) {
+  return report.ok() || absl::IsFailedPrecondition(report) || absl::IsInvalidArgument(report) ||
+         absl::IsNotFound(report);
 }
 
 RetryPolicy Endless(RetryPolicy policy) {
@@ -68,7 +94,8 @@ class Agent::Impl {
         channel_(MakeChannel(options.coordinator)),
         link_(channel_),
         files_(BlobClient(channel_, Endless(options.retry), [this](double seconds) { return Wait(seconds); }),
-               std::move(cache), options.use_shared_storage) {}
+               std::move(cache), options.use_shared_storage,
+               {options.storage_wait_s, options.retry, [this](double seconds) { return Wait(seconds); }}) {}
 
   Status Run() {
     Status status = Register("");
@@ -130,7 +157,7 @@ class Agent::Impl {
     const Status status = Retry(
         Endless(options_.retry), Idempotency::kIdempotent, [this](double seconds) { return WaitToRegister(seconds); },
         call);
-    if (!status.ok()) return status;
+    TESSERA_RETURN_IF_ERROR(status);
     std::lock_guard lock(mutex_);
     registration_ = registration;
     to_probe_ = true;
@@ -211,8 +238,8 @@ class Agent::Impl {
     if (!status.ok()) folder_.reset();  // whatever it left there
     report.succeeded = status.ok();
     if (!status.ok()) {
-      report.failure_class = Classify(status, draining_);
-      report.failure = MessageOf(status);
+      report.failure = FailureOf(status);
+      if (absl::IsCancelled(status) && draining_) report.failure.failure_class = FailureClass::kPreempted;
     }
     return report;
   }
@@ -225,14 +252,15 @@ class Agent::Impl {
     TaskRequest request;
     request.kind = lease.kind;
     request.parameters = lease.parameters;
-    if (const Status made = MakeFolders(request); !made.ok()) return absl::UnavailableError(MessageOf(made));
+    if (const Status made = MakeFolders(request); !made.ok()) return AsStatus(FailureClass::kScratch, MessageOf(made));
     TESSERA_RETURN_IF_ERROR(files_.BringInputs(lease.inputs, request.input_dir, control));
-    TESSERA_ASSIGN_OR_RETURN(const TaskOutcome outcome, RunGuarded(runner_, request, control));
+    const StatusOr<TaskOutcome> outcome = RunGuarded(runner_, request, control);
+    if (!outcome.ok()) return JudgeTask(outcome.status(), files_, request);
     TESSERA_RETURN_IF_ERROR(control.Check());
-    TESSERA_RETURN_IF_ERROR(files_.CheckInputsUnchanged());
-    TESSERA_ASSIGN_OR_RETURN(report.outputs, files_.StoreOutputs(outcome.outputs, request.output_dir, control));
-    report.stats = outcome.stats;
-    report.warnings = outcome.warnings;
+    TESSERA_RETURN_IF_ERROR(files_.CheckInputs(/*read=*/false));
+    TESSERA_ASSIGN_OR_RETURN(report.outputs, files_.StoreOutputs(outcome->outputs, request.output_dir, control));
+    report.stats = outcome->stats;
+    report.warnings = outcome->warnings;
     report.usage = meter.Read();
     return absl::OkStatus();
   }
@@ -265,11 +293,17 @@ class Agent::Impl {
 
   // Tells the coordinator, however long it is away; gives up only when draining or when the lease is void.
   void Deliver(const AttemptReport& report, const Attempt& attempt, const LogFields& who) {
-    const Status status = Retry(
-        Endless(options_.retry), Idempotency::kIdempotent, [this](double seconds) { return Wait(seconds); },
-        [&] { return CallAs([&](const std::string& name) { return link_.Report(name, report); }); });
+    Backoff backoff(options_.retry);
+    Status status;
+    for (bool told = false;;) {
+      status = CallAs([&](const std::string& name) { return link_.Report(name, report); });
+      if (IsAnswered(status)) break;
+      if (!told) LogWarning("cannot report yet", {who[0], who[1], {"reason", MessageOf(status)}});
+      told = true;
+      if (!Wait(backoff.NextDelay())) break;
+    }
     if (!report.succeeded) {
-      LogWarning("failed", {who[0], who[1], {"reason", report.failure}});
+      LogWarning("failed", {who[0], who[1], {"reason", report.failure.message}});
     } else if (status.ok()) {
       LogInfo("succeeded", who);
     }

@@ -22,7 +22,8 @@ struct AgentOptions {
   int64_t cache_bytes = int64_t{20} << 30;
   double lease_wait_s = 20;  // a lease call waits that long for a task
   WorkerDescription description;
-  RetryPolicy retry;  // while the coordinator is away; attempts without end whatever it says
+  RetryPolicy retry;            // while the coordinator is away; attempts without end whatever it says
+  double storage_wait_s = 600;  // finished outputs wait that long for room to store them, then the attempt fails
 };
 
 // RunTask, or what a test puts in its place. May throw.

@@ -27,7 +27,7 @@ StatusOr<std::unique_ptr<BlobCache>> BlobCache::Open(const std::string& root, in
             [](const Found& a, const Found& b) { return a.stamp.modified_ns < b.stamp.modified_ns; });
   for (const Found& one : found) {
     cache->Insert(one.digest);
-    cache->entries_[one.digest.sha256].verified = false;
+    cache->entries_[one.digest.sha256].stamp = {};
   }
   cache->MakeRoom(0);
   return cache;
@@ -36,23 +36,23 @@ StatusOr<std::unique_ptr<BlobCache>> BlobCache::Open(const std::string& root, in
 StatusOr<std::string> BlobCache::Get(const Digest& digest, const Fetcher& fetch) {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   const auto entry = entries_.find(digest.sha256);
-  if (entry != entries_.end() && !entry->second.verified) {
-    if (store_->Verify(digest).ok()) {
-      entry->second.verified = true;
-    } else {
-      Remove(digest.sha256);
-    }
+  if (entry != entries_.end()) {
+    const auto stamp = StampOf(store_->Path(digest));
+    const bool known = stamp.ok() && *stamp == entry->second.stamp;
+    if (!known && !store_->Verify(digest).ok()) Remove(digest.sha256);
   }
-  in_use_.insert(digest.sha256);
+  const bool in_use = !in_use_.insert(digest.sha256).second;
   if (!entries_.contains(digest.sha256)) {
     MakeRoom(digest.size_bytes);
     TESSERA_RETURN_IF_ERROR(fetch(digest, *store_));
     Insert(digest);
   }
   entries_[digest.sha256].last_use = ++uses_;
+  const std::string path = store_->Path(digest);
   std::error_code ignored;  // the time only orders what a later process finds
-  std::filesystem::last_write_time(store_->Path(digest), std::filesystem::file_time_type::clock::now(), ignored);
-  return store_->Path(digest);
+  if (!in_use) std::filesystem::last_write_time(path, std::filesystem::file_time_type::clock::now(), ignored);
+  entries_[digest.sha256].stamp = StampOf(path).value_or(FileStamp());
+  return path;
 }
 
 Status BlobCache::Adopt(const std::string& path, const Digest& digest) {
@@ -70,7 +70,7 @@ void BlobCache::Release() {
 }
 
 void BlobCache::Insert(const Digest& digest) {
-  entries_[digest.sha256] = {digest.size_bytes, ++uses_, true};
+  entries_[digest.sha256] = {digest.size_bytes, ++uses_, StampOf(store_->Path(digest)).value_or(FileStamp())};
   size_bytes_ += digest.size_bytes;
 }
 

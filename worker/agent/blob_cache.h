@@ -11,12 +11,13 @@
 
 #include "common/base/status.h"
 #include "common/storage/blob_store.h"
+#include "common/storage/files.h"
 
 namespace tessera {
 
 // A folder of at most `max_bytes` of blobs (what a running task needs may exceed it until the task ends). Keeps its
-// content over restarts; what an earlier process left is hashed before its first use. Not thread-safe; one process a
-// folder.
+// content over restarts; what an earlier process left, or somebody changed, is hashed before its next use. Not
+// thread-safe; one process a folder.
 class BlobCache {
  public:
   static StatusOr<std::unique_ptr<BlobCache>> Open(const std::string& root, int64_t max_bytes);
@@ -39,8 +40,8 @@ class BlobCache {
  private:
   struct Entry {
     int64_t size_bytes = 0;
-    int64_t last_use = 0;   // order of use
-    bool verified = false;  // by this process
+    int64_t last_use = 0;  // order of use
+    FileStamp stamp = {};  // when this process last knew its content; none: not yet
   };
 
   BlobCache(std::unique_ptr<BlobStore> store, int64_t max_bytes) : store_(std::move(store)), max_bytes_(max_bytes) {}

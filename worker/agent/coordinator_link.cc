@@ -55,14 +55,22 @@ v1::ErrorClass ToProto(FailureClass failure) {
   switch (failure) {
     case FailureClass::kInput:
       return v1::INPUT;
+    case FailureClass::kLostInput:
+      return v1::LOST_INPUT;
     case FailureClass::kMemory:
       return v1::MEMORY;
-    case FailureClass::kAborted:
-      return v1::ABORTED;
-    case FailureClass::kTransient:
+    case FailureClass::kScratch:
+      return v1::SCRATCH;
+    case FailureClass::kStorage:
+      return v1::STORAGE;
+    case FailureClass::kPeer:
+      return v1::PEER;
+    case FailureClass::kPreempted:
+      return v1::PREEMPTED;
+    case FailureClass::kInternal:
       break;
   }
-  return v1::TRANSIENT;
+  return v1::INTERNAL;
 }
 
 LeasedTask FromProto(const v1::Lease& lease) {
@@ -184,8 +192,14 @@ Status CoordinatorLink::Report(const std::string& worker, const AttemptReport& r
     success->mutable_usage()->set_peak_bytes(report.usage.peak_bytes);
     success->mutable_usage()->set_threads(report.usage.threads);
   } else {
-    request.mutable_failure()->set_error_class(ToProto(report.failure_class));
-    request.mutable_failure()->set_message(PrintableText(report.failure));
+    v1::TaskError& failure = *request.mutable_failure();
+    failure.set_error_class(ToProto(report.failure.failure_class));
+    failure.set_message(PrintableText(report.failure.message));
+    for (const Digest& digest : report.failure.lost_inputs) {
+      v1::Digest& lost = *failure.add_lost_inputs();
+      lost.set_sha256(digest.sha256);
+      lost.set_size_bytes(digest.size_bytes);
+    }
   }
   v1::ReportTaskResponse response;
   return FromGrpc(impl_->stub->ReportTask(&context, request, &response));

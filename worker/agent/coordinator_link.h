@@ -11,6 +11,7 @@
 #include "common/base/status.h"
 #include "common/base/task_usage.h"
 #include "common/storage/hash.h"
+#include "worker/agent/failure.h"
 
 namespace grpc {
 class Channel;
@@ -65,9 +66,6 @@ struct AttemptProgress {
   std::string stage;
 };
 
-// How a failure is to be treated; as the proto's ErrorClass.
-enum class FailureClass { kInput, kTransient, kMemory, kAborted };
-
 // How an attempt ended.
 struct AttemptReport {
   std::string task;
@@ -77,8 +75,7 @@ struct AttemptReport {
   std::string stats;
   Warnings warnings;
   TaskUsage usage;
-  FailureClass failure_class = FailureClass::kTransient;  // of a failure
-  std::string failure;
+  Failure failure;  // of one that did not succeed
 };
 
 // Each call is one attempt with a deadline; errors are the coordinator's own (RefusalOf), or UNAVAILABLE and DEADLINE_EXCEEDED of

@@ -11,13 +11,23 @@ constexpr int64_t kMaxProbeBytes = 4096;
 
 std::string MessageOf(const Status& status) { return std::string(status.message().data(), status.message().size()); }
 
-// What a failed transfer means for the task: a full disk is no lack of memory, which is what RESOURCE_EXHAUSTED tells
-// of a task; and a file that the coordinator finds changed since the job was submitted is an input that is wrong.
-Status DiskStatus(const Status& status) {
-  if (status.code() == absl::StatusCode::kFailedPrecondition) return absl::InvalidArgumentError(MessageOf(status));
-  if (status.code() != absl::StatusCode::kResourceExhausted) return status;
-  return absl::UnavailableError(MessageOf(status));
+// Why an input could not be brought. What the coordinator cannot give, or gives wrong, it is to look at itself.
+Failure WhyNotBrought(const TaskInput& input, const Status& status) {
+  const std::string message = "input " + input.name + ": " + MessageOf(status);
+  if (IsFileError(status)) return {FailureClass::kScratch, message};
+  switch (status.code()) {
+    case absl::StatusCode::kNotFound:
+    case absl::StatusCode::kDataLoss:
+    case absl::StatusCode::kFailedPrecondition:
+    case absl::StatusCode::kInvalidArgument:
+      return {FailureClass::kLostInput, message, {input.digest}};
+    default:
+      return {FailureClass::kPeer, message};
+  }
 }
+
+// Whether an output could not be stored for what may pass: no room, a folder that cannot be written now.
+bool MayPass(const Status& status) { return IsFileError(status) || absl::IsResourceExhausted(status); }
 
 // For one file of a task's: the share of it that was moved becomes part of the stage, so that a long transfer is seen
 // to go on. `control` must outlive it.
@@ -60,12 +70,14 @@ bool TaskFiles::ReadableAt(const std::string& path, const Digest& digest) {
     verified_[path] = {*stamp, *found};
   }
   if (verified_[path].digest != digest) return false;
-  in_use_.emplace_back(path, *stamp);
+  in_use_.push_back({path, *stamp, digest});
   return true;
 }
 
 StatusOr<std::string> TaskFiles::Locate(const TaskInput& input, const TaskControl& control) {
-  TESSERA_RETURN_IF_ERROR(CheckDigest(input.digest));
+  if (const Status named = CheckDigest(input.digest); !named.ok()) {
+    return AsStatus(FailureClass::kInput, MessageOf(named));
+  }
   if (use_shared_storage_ && !input.shared_path.empty() && ReadableAt(input.shared_path, input.digest)) {
     return input.shared_path;
   }
@@ -74,10 +86,9 @@ StatusOr<std::string> TaskFiles::Locate(const TaskInput& input, const TaskContro
   }
   const auto cached = cache_->Get(
       input.digest, [&](const Digest& digest, BlobStore& store) { return blobs_.Fetch(digest, store, control); });
-  if (!cached.ok()) {
-    const Status status = DiskStatus(cached.status());
-    return Status(status.code(), "input " + input.name + ": " + MessageOf(status));
-  }
+  if (absl::IsCancelled(cached.status())) return cached;
+  if (!cached.ok()) return AsStatus(WhyNotBrought(input, cached.status()));
+  in_use_.push_back({*cached, StampOf(*cached).value_or(FileStamp()), input.digest});
   return *cached;
 }
 
@@ -89,7 +100,7 @@ Status TaskFiles::Link(const std::string& file, const std::string& link, bool is
     error.clear();
     std::filesystem::create_symlink(target, link, error);
   }
-  if (error) return absl::UnavailableError("cannot make " + link + ": " + error.message());
+  if (error) return AsStatus(FailureClass::kScratch, "cannot make " + link + ": " + error.message());
   links_.push_back(link);
   return absl::OkStatus();
 }
@@ -98,33 +109,51 @@ Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::s
                               const TaskControl& control) {
   in_use_.clear();
   std::set<std::string> links, folders;
+  Failure lost;
   for (const TaskInput& input : inputs) {
     TESSERA_RETURN_IF_ERROR(control.Check());
-    TESSERA_ASSIGN_OR_RETURN(const std::string link, JoinInside(input_dir, input.name));
+    const auto link = JoinInside(input_dir, input.name);
+    if (!link.ok()) return AsStatus(FailureClass::kInput, MessageOf(link.status()));
     const TaskControl moving = Moving(control, 0, "bringing " + input.name);
     moving.Report(0, "");
-    TESSERA_ASSIGN_OR_RETURN(const std::string file, Locate(input, moving));
-    if (!links.insert(link).second) {
-      return absl::InvalidArgumentError("two inputs of the task are named " + input.name);
+    const StatusOr<std::string> file = Locate(input, moving);
+    if (const Failure failure = FailureOf(file.status()); failure.failure_class == FailureClass::kLostInput) {
+      if (lost.lost_inputs.empty()) lost = {FailureClass::kLostInput, failure.message};
+      lost.lost_inputs.push_back(input.digest);
+      continue;  // those that are lost too are told together
     }
-    const std::string folder = std::filesystem::path(link).parent_path().string();
-    if (folders.insert(folder).second) TESSERA_RETURN_IF_ERROR(DiskStatus(EnsureFolder(folder)));
-    TESSERA_RETURN_IF_ERROR(Link(file, link, std::filesystem::path(file).filename() == input.digest.sha256));
+    if (!file.ok()) return file.status();
+    if (!links.insert(*link).second) {
+      return AsStatus(FailureClass::kInput, "two inputs of the task are named " + input.name);
+    }
+    const std::string folder = std::filesystem::path(*link).parent_path().string();
+    if (folders.insert(folder).second) {
+      const Status made = EnsureFolder(folder);
+      if (!made.ok()) return AsStatus(FailureClass::kScratch, MessageOf(made));
+    }
+    TESSERA_RETURN_IF_ERROR(Link(*file, *link, std::filesystem::path(*file).filename() == input.digest.sha256));
   }
-  return absl::OkStatus();
+  return lost.lost_inputs.empty() ? absl::OkStatus() : AsStatus(lost);
 }
 
-Status TaskFiles::CheckInputsUnchanged() const {
-  for (const auto& [path, stamp] : in_use_) {
-    const auto now = StampOf(path);
-    if (!now.ok() || !(*now == stamp)) {
-      return absl::InvalidArgumentError(path + " was changed while a task read it; submit the job again");
+Status TaskFiles::CheckInputs(bool read) {
+  Failure lost;
+  for (const UsedFile& file : in_use_) {
+    const auto now = StampOf(file.path);
+    bool same = now.ok() && *now == file.stamp;
+    if (same && read) {
+      const auto found = HashFile(file.path);
+      same = found.ok() && *found == file.digest;
     }
+    if (same) continue;
+    verified_.erase(file.path);
+    if (lost.lost_inputs.empty()) lost = {FailureClass::kLostInput, file.path + " was changed while a task read it"};
+    lost.lost_inputs.push_back(file.digest);
   }
-  return absl::OkStatus();
+  return lost.lost_inputs.empty() ? absl::OkStatus() : AsStatus(lost);
 }
 
-StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskControl& control) {
+StatusOr<Digest> TaskFiles::StoreOnce(const std::string& path, const TaskControl& control) {
   if (shared_blobs_ != nullptr) {
     const auto stored = shared_blobs_->MoveFile(path);
     if (stored.ok()) {
@@ -136,8 +165,23 @@ StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskContr
   }
   TESSERA_ASSIGN_OR_RETURN(const Digest digest, HashFile(path));
   TESSERA_RETURN_IF_ERROR(blobs_.Send(path, digest, control));
-  TESSERA_RETURN_IF_ERROR(cache_->Adopt(path, digest));  // often the next task's input
+  if (!cache_->Adopt(path, digest).ok()) std::remove(path.c_str());  // it is only often the next task's input
   return digest;
+}
+
+StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskControl& moving,
+                                        const TaskControl& control) {
+  Backoff backoff(storage_wait_.retry);
+  for (double waited_s = 0;;) {
+    const auto stored = StoreOnce(path, moving);
+    if (stored.ok() || !MayPass(stored.status()) || waited_s >= storage_wait_.limit_s) return stored;
+    const double delay_s = backoff.NextDelay();
+    waited_s += delay_s;
+    char seconds[32];
+    std::snprintf(seconds, sizeof(seconds), "%.0f", waited_s);
+    control.Report(1, "waiting for room since " + std::string(seconds) + " s: " + MessageOf(stored.status()));
+    if (!storage_wait_.sleeper(delay_s)) return absl::CancelledError("broken off while waiting for room");
+  }
 }
 
 StatusOr<std::vector<NamedDigest>> TaskFiles::StoreOutputs(const std::vector<std::string>& names,
@@ -146,14 +190,16 @@ StatusOr<std::vector<NamedDigest>> TaskFiles::StoreOutputs(const std::vector<std
   for (const std::string& name : names) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     const auto path = JoinInside(output_dir, name);
-    if (!path.ok() || !FileExists(*path))
-      return absl::InternalError("the task named an output that is not there: " + name);
+    if (!path.ok() || !FileExists(*path)) {
+      return AsStatus(FailureClass::kInternal, "the task named an output that is not there: " + name);
+    }
     const TaskControl moving = Moving(control, 1, "storing " + name);
     moving.Report(0, "");
-    const auto digest = StoreOutput(*path, moving);
+    const auto digest = StoreOutput(*path, moving, control);
+    if (absl::IsCancelled(digest.status())) return digest.status();
     if (!digest.ok()) {
-      const Status status = DiskStatus(digest.status());
-      return Status(status.code(), "output " + name + ": " + MessageOf(status));
+      return AsStatus(MayPass(digest.status()) ? FailureClass::kStorage : FailureClass::kPeer,
+                      "output " + name + ": " + MessageOf(digest.status()));
     }
     outputs.push_back({name, *digest});
   }

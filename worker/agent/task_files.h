@@ -10,10 +10,12 @@
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/rpc/blob_client.h"
+#include "common/rpc/retry.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "worker/agent/blob_cache.h"
 #include "worker/agent/coordinator_link.h"
+#include "worker/agent/failure.h"
 
 namespace tessera {
 
@@ -24,22 +26,37 @@ namespace tessera {
 // there is one, else sent. Not thread-safe.
 class TaskFiles {
  public:
+  struct StorageWait {
+    double limit_s = 600;
+    RetryPolicy retry = {};
+    Sleeper sleeper = RealSleeper();
+  };
+
   // `use_shared_storage` false: shared paths are never touched.
-  TaskFiles(BlobClient blobs, std::unique_ptr<BlobCache> cache, bool use_shared_storage)
-      : blobs_(std::move(blobs)), cache_(std::move(cache)), use_shared_storage_(use_shared_storage) {}
+  // `storage_wait`: between attempts to store an output for which there is no room; the sleeper gives up by false.
+  TaskFiles(BlobClient blobs, std::unique_ptr<BlobCache> cache, bool use_shared_storage,
+            const StorageWait& storage_wait)
+      : blobs_(std::move(blobs)),
+        cache_(std::move(cache)),
+        use_shared_storage_(use_shared_storage),
+        storage_wait_(storage_wait) {}
 
   // Learns from a registration whether this worker shares the coordinator's blob folder. True if it does.
   bool Probe(const Registration& registration);
 
+  // Errors of these are Failures (failure.h), or CANCELLED by `control`.
+
   // Makes `input_dir`/NAME for every input, in a folder that holds nothing else but perhaps folders without files.
-  // INVALID_ARGUMENT for names that leave the folder, NOT_FOUND if the
-  // coordinator does not have the content either; a full disk is UNAVAILABLE here, never a lack of memory.
+  // kInput for names that leave the folder, kLostInput with all that the coordinator does not have either, or not as it
+  // was, kScratch if there is no room for them here.
   Status BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir, const TaskControl& control);
 
-  // INVALID_ARGUMENT if a shared input was changed since BringInputs: what was made of it cannot be trusted.
-  Status CheckInputsUnchanged() const;
+  // kLostInput with those that were changed since BringInputs: what was made of them cannot be trusted. `read`: hashes
+  // all of them again, whatever their times of change say.
+  Status CheckInputs(bool read);
 
-  // Stores the named files of `output_dir`, which are moved away. In the order of `names`.
+  // Stores the named files of `output_dir`, which are moved away. In the order of `names`. While there is no room for
+  // them it waits, as `storage_wait` says, and tells so as the stage; then kStorage.
   StatusOr<std::vector<NamedDigest>> StoreOutputs(const std::vector<std::string>& names, const std::string& output_dir,
                                                   const TaskControl& control);
 
@@ -52,20 +69,27 @@ class TaskFiles {
     FileStamp stamp;
     Digest digest;
   };
+  struct UsedFile {
+    std::string path;
+    FileStamp stamp;
+    Digest digest;
+  };
 
   // Path where the input may be read.
   StatusOr<std::string> Locate(const TaskInput& input, const TaskControl& control);
   bool ReadableAt(const std::string& path, const Digest& digest);
   Status Link(const std::string& file, const std::string& link, bool is_blob);
-  StatusOr<Digest> StoreOutput(const std::string& path, const TaskControl& control);
+  StatusOr<Digest> StoreOnce(const std::string& path, const TaskControl& control);
+  StatusOr<Digest> StoreOutput(const std::string& path, const TaskControl& moving, const TaskControl& control);
 
   BlobClient blobs_;
   std::unique_ptr<BlobCache> cache_;
   const bool use_shared_storage_;
-  std::unique_ptr<BlobStore> shared_blobs_;                // null: blob service only
-  std::map<std::string, VerifiedFile> verified_;           // shared files, by path
-  std::vector<std::pair<std::string, FileStamp>> in_use_;  // shared files of the running task
-  std::vector<std::string> links_;                         // the running task's inputs
+  const StorageWait storage_wait_;
+  std::unique_ptr<BlobStore> shared_blobs_;       // null: blob service only
+  std::map<std::string, VerifiedFile> verified_;  // shared files, by path
+  std::vector<UsedFile> in_use_;                  // the running task's inputs, where they are
+  std::vector<std::string> links_;                // and as it sees them
 };
 
 }  // namespace tessera

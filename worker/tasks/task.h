@@ -24,8 +24,9 @@ struct TaskOutcome {
   Warnings warnings;
 };
 
-// Runs one task. Errors: INVALID_ARGUMENT and NOT_FOUND are the input's fault and not retried, RESOURCE_EXHAUSTED is
-// memory, CANCELLED follows `control`, anything else may be retried. Outputs are byte-equal for equal inputs.
+// Runs one task. Errors: INVALID_ARGUMENT, NOT_FOUND, OUT_OF_RANGE and DATA_LOSS say that the inputs are wrong, or do
+// not go together; RESOURCE_EXHAUSTED is memory unless IsFileError; CANCELLED follows `control`. What is made of them
+// is worker/agent's to say. Outputs are byte-equal for equal inputs.
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control);
 
 }  // namespace tessera

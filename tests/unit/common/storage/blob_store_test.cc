@@ -94,6 +94,48 @@ TEST_F(BlobStoreTest, FindsDamage) {
   EXPECT_TRUE(store_->Verify(digest).ok());
 }
 
+// Who reads it keeps what it has; who stores the content again finds the place free.
+TEST_F(BlobStoreTest, ADamagedBlobIsSetAside) {
+  const Digest digest = *store_->PutFile(File(content_));
+  EXPECT_TRUE(store_->VerifyOrSetAside(digest).ok());
+  EXPECT_TRUE(store_->Has(digest));
+  std::string damaged = content_;
+  damaged[5] ^= 1;
+  std::ofstream(store_->Path(digest), std::ios::binary) << damaged;
+  EXPECT_TRUE(store_->Has(digest)) << "that does not read it";
+  const Status status = store_->VerifyOrSetAside(digest);
+  EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
+  EXPECT_FALSE(store_->Has(digest));
+  EXPECT_EQ(store_->VerifyOrSetAside(digest).code(), absl::StatusCode::kNotFound);
+  const std::string where(status.message());
+  EXPECT_EQ(ReadFile(where.substr(where.find(store_->root() + "/set_aside/"))).value(), damaged) << where;
+  EXPECT_EQ(*store_->CommittedBytes(digest), 0);
+  ASSERT_TRUE(store_->Append(digest, 0, content_).ok());
+  ASSERT_TRUE(store_->Complete(digest).ok());
+  EXPECT_EQ(*store_->Read(digest), content_);
+}
+
+TEST_F(BlobStoreTest, BytesPutAgainMendWhatRotted) {
+  const Digest digest = *store_->PutBytes(content_);
+  std::string damaged = content_;
+  damaged[5] ^= 1;
+  std::ofstream(store_->Path(digest), std::ios::binary) << damaged;
+  ASSERT_TRUE(store_->PutBytes(content_).ok());
+  EXPECT_EQ(*store_->Read(digest), content_);
+}
+
+// What could not be stored is still where it was.
+TEST_F(BlobStoreTest, AFileThatCannotBeStoredStays) {
+  const std::string file = File(content_);
+  const Digest digest = DigestOf(content_);
+  const std::string folder = folder_.path() + "/blobs/" + digest.sha256.substr(0, 2);
+  std::ofstream(folder) << "not a folder";
+  EXPECT_FALSE(store_->MoveFile(file).ok());
+  EXPECT_EQ(*ReadFile(file), content_);
+  fs::remove(folder);
+  EXPECT_EQ(*store_->MoveFile(file), digest);
+}
+
 TEST_F(BlobStoreTest, UploadResumesAfterReopening) {
   const Digest digest = DigestOf(content_);
   EXPECT_EQ(*store_->CommittedBytes(digest), 0);

@@ -128,13 +128,16 @@ TEST_F(DispatcherTest, TransientErrorsBackOffAndEndTheTask) {
   EXPECT_EQ(Job(job).header.artifacts.at(0).name, "job.json");
 }
 
-TEST_F(DispatcherTest, InputErrorFailsTheJobAtOnceAndStopsTheRest) {
+TEST_F(DispatcherTest, AnInputErrorThatIsEvidentFailsTheJobAndStopsTheRest) {
   const std::string job = Create(AJob(2));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
   const auto a = Lease(worker), b = Lease(worker);
   ASSERT_TRUE(a && b);
   ASSERT_TRUE(Fail(worker, *a, ErrorClass::kInput).ok());
+  EXPECT_EQ(Job(job).header.state, JobState::kRunning);
+  clock_.Advance(1.1);
+  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kInput).ok());
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(Job(job).header.error, "refine tile 1: it broke");
   EXPECT_EQ(Task(job, 2).task.state, TaskState::kFailed);
@@ -170,7 +173,7 @@ TEST_F(DispatcherTest, LeavingReturnsTheTaskAtOnce) {
 TEST_F(DispatcherTest, AbortedAttemptIsLeasedAgainAtOnce) {
   Create(AJob(1));
   const std::string worker = Worker();
-  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kAborted).ok());
+  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kPreempted).ok());
   const auto lease = Lease(worker);
   ASSERT_TRUE(lease);
   EXPECT_EQ(lease->attempt, 2);
@@ -181,7 +184,7 @@ TEST_F(DispatcherTest, ATileStaysWithItsWorkerUnlessThatOneIsSlow) {
   Create(AJob(1));
   const std::string keeper = Worker(), other = Worker();
   ASSERT_TRUE(Succeed(keeper, *Lease(keeper)).ok());
-  ASSERT_TRUE(Fail(keeper, *Lease(keeper), ErrorClass::kAborted).ok());
+  ASSERT_TRUE(Fail(keeper, *Lease(keeper), ErrorClass::kPreempted).ok());
   std::atomic<bool> gone = false;
   std::thread waiting([&] { EXPECT_FALSE(*dispatcher_->LeaseTask(other, 60, [&] { return gone.load(); })); });
   std::this_thread::sleep_for(std::chrono::milliseconds(100));  // less than its patience
@@ -190,13 +193,13 @@ TEST_F(DispatcherTest, ATileStaysWithItsWorkerUnlessThatOneIsSlow) {
   waiting.join();
   ASSERT_TRUE(lease);
   EXPECT_EQ(lease->plan.kind, "refine");
-  ASSERT_TRUE(Fail(keeper, *lease, ErrorClass::kAborted).ok());
+  ASSERT_TRUE(Fail(keeper, *lease, ErrorClass::kPreempted).ok());
   // It waits no longer than it would for any task.
   const auto taken = dispatcher_->LeaseTask(other, 0.2, {});
   ASSERT_TRUE(taken.ok() && *taken);
   EXPECT_EQ((*taken)->plan.kind, "refine");
   // Of a worker that is gone nobody waits.
-  ASSERT_TRUE(Fail(other, **taken, ErrorClass::kAborted).ok());
+  ASSERT_TRUE(Fail(other, **taken, ErrorClass::kPreempted).ok());
   ASSERT_TRUE(dispatcher_->UnregisterWorker(other).ok());
   EXPECT_TRUE(*dispatcher_->LeaseTask(keeper, 3600, {}));
 }
@@ -250,8 +253,12 @@ TEST_F(DispatcherTest, OutputsMustBeThere) {
   EXPECT_THAT(Task(job, 0).task.error.message, HasSubstr("not stored"));
   clock_.Advance(2);
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
-  const auto refine = Lease(worker);
-  ASSERT_TRUE(dispatcher_->ReportSuccess(worker, refine->task, 1, {}).ok());
+  for (int attempt = 1; attempt <= 4; ++attempt) {
+    const auto refine = Lease(worker);
+    ASSERT_TRUE(refine);
+    ASSERT_TRUE(dispatcher_->ReportSuccess(worker, refine->task, attempt, {}).ok());
+    clock_.Advance(10);
+  }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_THAT(Job(job).header.error, HasSubstr("no output refined, which 'publish' reads"));
 }
@@ -427,7 +434,7 @@ TEST_F(DispatcherTest, ProgressDoesNotGoBackWithALostLease) {
   const auto lease = Lease(worker);
   ASSERT_TRUE(dispatcher_->Heartbeat(worker, {{lease->task, 1, 0.5, ""}}).ok());
   EXPECT_NEAR(Job(job).progress, 0.5 * 0.02, 1e-12);
-  ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kAborted).ok());
+  ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPreempted).ok());
   EXPECT_NEAR(Job(job).progress, 0.5 * 0.02, 1e-12);
 }
 

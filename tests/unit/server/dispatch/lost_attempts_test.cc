@@ -83,7 +83,7 @@ TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
     if (i % 3 == 0) {
       ASSERT_TRUE(dispatcher_->UnregisterWorker(worker).ok());
     } else if (i % 3 == 1) {
-      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kAborted).ok());
+      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPreempted).ok());
     } else {
       // Two workers of one machine, of which the other was heard last.
       const std::string other = Worker("spot/" + std::to_string(i));

@@ -26,7 +26,7 @@ class PhasesTest : public CoordinatorTest {
       const auto lease = Lease(worker);
       if (!lease) return attempts;
       if (lease->plan.kind != kind) {
-        EXPECT_TRUE(Fail(worker, *lease, ErrorClass::kAborted).ok());
+        EXPECT_TRUE(Fail(worker, *lease, ErrorClass::kPreempted).ok());
         return attempts;
       }
       EXPECT_TRUE(Succeed(worker, *lease).ok());

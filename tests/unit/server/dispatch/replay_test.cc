@@ -1,10 +1,12 @@
 // Whatever happens, the records alone bring back the state.
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <map>
 #include <sstream>
 
 #include "common/base/random.h"
+#include "common/base/version.h"
 #include "server/dispatch/ledger.h"
 #include "server/dispatch/task_key.h"
 #include "tessera/v1/records.pb.h"
@@ -25,11 +27,13 @@ std::string Text(const Ledger& ledger) {
   for (const Job& job : ledger.jobs()) {
     const JobHeader& header = job.header;
     out << header.name << " " << static_cast<int>(header.state) << " " << header.error << " " << header.create_us << " "
-        << header.start_us << " " << header.end_us << " " << Text(header.artifacts) << Text(job.scene_files) << "\n";
+        << header.start_us << " " << header.end_us << " " << job.lost << job.unfinished << " " << Text(header.artifacts)
+        << Text(job.scene_files) << "\n";
     for (const JobTask& task : job.tasks) {
       out << task.plan.name << " " << static_cast<int>(task.state) << " " << task.key << " " << task.retry_delay_us
           << " " << task.error.message << " " << task.reused << task.stats << task.usage.core_seconds << " "
-          << task.usage.peak_bytes << Text(task.outputs) << task.start_us << " " << task.end_us;
+          << task.usage.peak_bytes << " " << task.remakes << task.remaking << task.missing << Text(task.outputs)
+          << task.start_us << " " << task.end_us;
       for (const Attempt& attempt : task.attempts) {
         out << " [" << attempt.worker << " " << attempt.start_us << " " << attempt.end_us << " "
             << static_cast<int>(attempt.failure.error_class) << attempt.lease_expired << "]";
@@ -72,7 +76,7 @@ class ReplayTest : public CoordinatorTest {
           Fail(worker, lease,
                random.Below(8) == 0   ? ErrorClass::kInput
                : random.Below(2) == 0 ? ErrorClass::kTransient
-                                      : ErrorClass::kAborted)
+                                      : ErrorClass::kPreempted)
               .IgnoreError();
         break;
       }
@@ -83,6 +87,19 @@ class ReplayTest : public CoordinatorTest {
             leases[leases.size() - 1 -
                    static_cast<size_t>(random.Below(std::min<int64_t>(3, static_cast<int64_t>(leases.size()))))];
         Succeed(worker, lease).IgnoreError();
+        break;
+      }
+      case 7: {  // an input of a task is found lost
+        if (leases.empty()) break;
+        const auto& [worker, lease] =
+            leases[leases.size() - 1 -
+                   static_cast<size_t>(random.Below(std::min<int64_t>(3, static_cast<int64_t>(leases.size()))))];
+        if (lease.plan.inputs.empty()) break;
+        const Digest digest =
+            lease.inputs[static_cast<size_t>(random.Below(static_cast<int64_t>(lease.plan.inputs.size())))].file.digest;
+        if (random.Below(4) == 0) std::filesystem::remove(blobs_->Path(digest));
+        dispatcher_->ReportFailure(worker, lease.task, lease.attempt, {ErrorClass::kLostInput, "gone", {digest}})
+            .IgnoreError();
         break;
       }
       default: {
@@ -97,7 +114,7 @@ class ReplayTest : public CoordinatorTest {
 
 TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   std::map<std::string, int> attempts;  // of each task: numbers only ever grow by one
-  Ledger live("1");
+  Ledger live(kAlgorithmVersion);
   std::vector<std::string> states = {Text(live)};
   dispatcher_.reset();
   const auto observe = [&](const v1::Record& record) {
@@ -114,6 +131,7 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   int succeeded = 0;
   for (int restart = 0; restart < 12; ++restart) {
     planner_.exchange = restart % 2 == 1;
+    dispatcher_.reset();  // it stores what it has yet to
     auto dispatcher = Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, observe}, DispatchOptions());
     ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
     dispatcher_ = *std::move(dispatcher);
@@ -123,11 +141,11 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
     if (job.header.state == JobState::kSucceeded) ++succeeded;
   }
   EXPECT_GT(succeeded, 3);  // the walk got somewhere
-  dispatcher_.reset();  // all is stored then
+  dispatcher_.reset();      // all is stored then
   ASSERT_EQ(states.size(), store_.records.size() + 1);
   ASSERT_GT(store_.records.size(), 100u);
 
-  Ledger replayed("1");
+  Ledger replayed(kAlgorithmVersion);
   for (size_t i = 0; i < store_.records.size(); ++i) {
     v1::Record record;
     ASSERT_TRUE(record.ParseFromString(store_.records[i]));

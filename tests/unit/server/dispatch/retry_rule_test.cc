@@ -29,19 +29,50 @@ TEST(RetryRule, ReportsOfFailureCountByTheirKind) {
     return JudgeFailure(After(std::move(before)), {now, "it broke"}, options);
   };
   const Attempt transient = Failed(ErrorClass::kTransient), memory = Failed(ErrorClass::kMemory);
-  EXPECT_TRUE(judge({}, ErrorClass::kInput).final);
   EXPECT_EQ(judge({}, ErrorClass::kTransient).delay_s, 1);
   EXPECT_EQ(judge({memory, transient, transient}, ErrorClass::kTransient).delay_s, 4);
-  EXPECT_FALSE(judge({memory, transient, transient}, ErrorClass::kTransient).final);
-  EXPECT_TRUE(judge({transient, transient, transient}, ErrorClass::kTransient).final);
+  EXPECT_FALSE(judge({memory, transient, transient}, ErrorClass::kInternal).final);
+  EXPECT_TRUE(judge({transient, Failed(ErrorClass::kInternal), transient}, ErrorClass::kTransient).final);
   EXPECT_FALSE(judge({transient, transient, transient}, ErrorClass::kMemory).final);
   EXPECT_TRUE(judge({memory}, ErrorClass::kMemory).final);
-  EXPECT_EQ(judge({}, ErrorClass::kNone).failure.error_class, ErrorClass::kTransient);
+  EXPECT_TRUE(judge({}, ErrorClass::kPoison).final);
+  EXPECT_EQ(judge({}, ErrorClass::kNone).failure.error_class, ErrorClass::kInternal);
+}
+
+// Neither the worker's scratch, nor storage, nor the way there, nor an input that is whole, say anything about a task.
+TEST(RetryRule, WhatIsAboutATaskNeverFailsIt) {
+  for (const ErrorClass error_class : {ErrorClass::kScratch, ErrorClass::kStorage, ErrorClass::kPeer,
+                                       ErrorClass::kLostInput, ErrorClass::kPreempted}) {
+    const RetryVerdict verdict =
+        JudgeFailure(After(std::vector<Attempt>(2000, Failed(error_class))), {error_class, "it broke"}, {});
+    EXPECT_FALSE(verdict.final) << ErrorClassName(error_class);
+    EXPECT_EQ(verdict.delay_s, RuleOf(error_class, {}).delays ? 60 : 0) << ErrorClassName(error_class);
+    EXPECT_NE(RuleOf(error_class, {}).blame, Blame::kTask) << ErrorClassName(error_class);
+  }
+}
+
+TEST(RetryRule, AnInputIsWrongOnTheWordOfTwo) {
+  Witnesses several;
+  several.alone = false;
+  const Attempt by_one = Failed(ErrorClass::kInput);  // workers/1-1; After adds workers/1-9
+  const auto judge = [](std::vector<Attempt> before, const Witnesses& witnesses) {
+    return JudgeFailure(After(std::move(before)), {ErrorClass::kInput, "line 3"}, {}, witnesses);
+  };
+  Attempt same = by_one;
+  same.worker = "workers/1-9";
+  EXPECT_FALSE(judge({}, several).final);
+  EXPECT_FALSE(judge({same}, several).final);
+  EXPECT_TRUE(judge({by_one}, several).final);
+  EXPECT_FALSE(judge({}, {}).final);
+  EXPECT_EQ(judge({}, {}).delay_s, 1);
+  EXPECT_TRUE(judge({same}, {}).final);
+  several.doubted = [](const std::string& worker) { return worker == "workers/1-1"; };
+  EXPECT_FALSE(judge({by_one}, several).final) << "who was wrong before";
 }
 
 TEST(RetryRule, WhoLeavesSaysNothingAboutTheTask) {
-  const std::vector<Attempt> left(100, Failed(ErrorClass::kAborted));
-  const RetryVerdict verdict = JudgeFailure(After(left), {ErrorClass::kAborted, "it has left"}, {});
+  const std::vector<Attempt> left(100, Failed(ErrorClass::kPreempted));
+  const RetryVerdict verdict = JudgeFailure(After(left), {ErrorClass::kPreempted, "it has left"}, {});
   EXPECT_FALSE(verdict.final);
   EXPECT_EQ(verdict.delay_s, 0);
   EXPECT_EQ(JudgeFailure(After(left), {ErrorClass::kTransient, ""}, {}).delay_s, 1);
@@ -49,7 +80,8 @@ TEST(RetryRule, WhoLeavesSaysNothingAboutTheTask) {
 
 TEST(RetryRule, SilenceCountsWhereTheMachineLivesOn) {
   EXPECT_FALSE(JudgeSilence(After({Silent("m")}), AllLive, {}).final);
-  const RetryVerdict third = JudgeSilence(After({Silent("m"), Failed(ErrorClass::kAborted), Silent("n")}), AllLive, {});
+  const RetryVerdict third =
+      JudgeSilence(After({Silent("m"), Failed(ErrorClass::kPreempted), Silent("n")}), AllLive, {});
   EXPECT_TRUE(third.final);
   EXPECT_EQ(third.failure.error_class, ErrorClass::kPoison);
   EXPECT_THAT(third.failure.message, HasSubstr("workers/1-9 fell silent over 'refine tile 3', one of 3"));

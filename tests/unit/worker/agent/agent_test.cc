@@ -6,15 +6,12 @@
 #include <atomic>
 #include <filesystem>
 #include <fstream>
-#include <new>
-#include <stdexcept>
 #include <thread>
 
 #include "common/base/parallel.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "tests/support/fake_workers_service.h"
-#include "worker/agent/log.h"
+#include "tests/unit/worker/agent/agent_fixture.h"
 
 namespace tessera {
 namespace {
@@ -22,81 +19,6 @@ namespace {
 namespace fs = std::filesystem;
 using testing::ElementsAre;
 using testing::HasSubstr;
-
-class AgentTest : public testing::Test {
- protected:
-  AgentTest() : folder_(TempFolder::Create(testing::TempDir()).value()) { EXPECT_TRUE(SetUpLog("off", false).ok()); }
-  ~AgentTest() override { StopAgent(); }
-
-  // A task that reads "in.txt" and "sub/other.bin" where they are there, and writes "out.txt" with what it read.
-  static StatusOr<TaskOutcome> Concatenate(const TaskRequest& request, const TaskControl&) {
-    std::string content = request.kind + "(" + request.parameters + ")";
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListFiles(request.input_dir));
-    for (const std::string& name : names) {
-      content += name + "=" + ReadFile(request.input_dir + "/" + name).value() + ";";
-    }
-    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(request.output_dir + "/out.txt", content));
-    TaskOutcome outcome;
-    outcome.outputs = {"out.txt"};
-    outcome.stats = "{\"n\":1}";
-    outcome.warnings = {"odd \xff byte"};
-    return outcome;
-  }
-
-  void StartAgent(TaskRunner runner, bool use_shared_storage = true) {
-    AgentOptions options;
-    options.coordinator = coordinator_.address();
-    options.work_dir = folder_.path() + "/work";
-    options.use_shared_storage = use_shared_storage;
-    options.retry.first_delay_s = 0.01;
-    options.retry.max_delay_s = 0.05;
-    auto agent = Agent::Create(options, std::move(runner));
-    ASSERT_TRUE(agent.ok()) << agent.status();
-    agent_ = *std::move(agent);
-    thread_ = std::thread([this] { agent_status_ = agent_->Run(); });
-  }
-  void StopAgent() {
-    if (agent_ == nullptr) return;
-    agent_->Drain();
-    if (thread_.joinable()) thread_.join();
-    agent_ = nullptr;
-  }
-
-  v1::Lease NewLease(const std::string& task, int attempt = 1) {
-    v1::Lease lease;
-    lease.set_attempt(attempt);
-    lease.mutable_spec()->set_task(task);
-    lease.mutable_spec()->set_kind("cut");
-    lease.mutable_spec()->set_parameters_json("{}");
-    return lease;
-  }
-  void AddInput(v1::Lease& lease, const std::string& name, const std::string& content,
-                const std::string& shared_path = "") {
-    AddInput(lease, name, coordinator_.blobs().Add(content), shared_path);
-  }
-  static void AddInput(v1::Lease& lease, const std::string& name, const Digest& digest,
-                       const std::string& shared_path) {
-    v1::InputFile* input = lease.mutable_spec()->add_inputs();
-    input->set_name(name);
-    input->mutable_digest()->set_sha256(digest.sha256);
-    input->mutable_digest()->set_size_bytes(digest.size_bytes);
-    input->set_shared_path(shared_path);
-  }
-  v1::ReportTaskRequest WaitForReport(size_t count = 1) {
-    EXPECT_TRUE(coordinator_.WaitFor([&](const FakeWorkersService& c) { return c.reports.size() >= count; }));
-    StopAgent();
-    return coordinator_.reports.empty() ? v1::ReportTaskRequest() : coordinator_.reports.back();
-  }
-  static Digest DigestOf(const v1::OutputFile& output) {
-    return {output.digest().sha256(), output.digest().size_bytes()};
-  }
-
-  TempFolder folder_;
-  FakeWorkersService coordinator_;
-  std::unique_ptr<Agent> agent_;
-  std::thread thread_;
-  Status agent_status_;
-};
 
 TEST_F(AgentTest, RunsATaskThroughTheBlobService) {
   v1::Lease lease = NewLease("jobs/1/tasks/1", 3);
@@ -228,7 +150,9 @@ TEST_F(AgentTest, AnInputChangedDuringTheTaskFailsIt) {
     return Concatenate(request, control);
   });
   const v1::ReportTaskRequest report = WaitForReport();
-  EXPECT_EQ(report.failure().error_class(), v1::INPUT);
+  EXPECT_EQ(report.failure().error_class(), v1::LOST_INPUT);
+  ASSERT_EQ(report.failure().lost_inputs_size(), 1);
+  EXPECT_EQ(report.failure().lost_inputs(0).sha256(), Sha256Hex("hello"));
   EXPECT_THAT(report.failure().message(), HasSubstr("scene.txt was changed"));
 }
 
@@ -247,33 +171,6 @@ TEST_F(AgentTest, InputNamesThatLeaveTheFolderAreRefused) {
   EXPECT_EQ(runs, 0);
   for (const v1::ReportTaskRequest& report : coordinator_.reports) {
     EXPECT_EQ(report.failure().error_class(), v1::INPUT);
-  }
-}
-
-TEST_F(AgentTest, FailuresHaveTheirClassAndTheWorkerLivesOn) {
-  const std::vector<std::pair<std::function<StatusOr<TaskOutcome>()>, v1::ErrorClass>> cases = {
-      {[] { return absl::InvalidArgumentError("line 3 is wrong"); }, v1::INPUT},
-      {[] { return absl::NotFoundError("no image"); }, v1::INPUT},
-      {[] { return absl::ResourceExhaustedError("too big"); }, v1::MEMORY},
-      {[]() -> StatusOr<TaskOutcome> { throw std::bad_alloc(); }, v1::MEMORY},
-      {[]() -> StatusOr<TaskOutcome> { throw std::runtime_error("odd"); }, v1::TRANSIENT},
-      {[]() -> StatusOr<TaskOutcome> { throw 5; }, v1::TRANSIENT},
-      {[] { return absl::UnavailableError("disk full"); }, v1::TRANSIENT},
-      {[]() -> StatusOr<TaskOutcome> {
-         TaskOutcome outcome;
-         outcome.outputs = {"never written"};
-         return outcome;
-       },
-       v1::TRANSIENT},
-  };
-  for (size_t i = 0; i < cases.size(); ++i) coordinator_.Queue(NewLease("jobs/1/tasks/" + std::to_string(i)));
-  std::atomic<size_t> next{0};
-  StartAgent([&](const TaskRequest&, const TaskControl&) { return cases[next++].first(); });
-  WaitForReport(cases.size());
-  ASSERT_EQ(coordinator_.reports.size(), cases.size());
-  for (size_t i = 0; i < cases.size(); ++i) {
-    EXPECT_EQ(coordinator_.reports[i].failure().error_class(), cases[i].second) << i;
-    EXPECT_FALSE(coordinator_.reports[i].failure().message().empty()) << i;
   }
 }
 
@@ -349,9 +246,8 @@ TEST_F(AgentTest, AReportOfAnOldAttemptIsDroppedAndWorkGoesOn) {
 }
 
 // NOT_FOUND and the like have many causes; what is to be done is told by the details.
-TEST_F(AgentTest, ACodeAloneNeitherRegistersAgainNorEndsTheWorker) {
+TEST_F(AgentTest, ACodeAloneDoesNotRegisterAgain) {
   for (const auto code : {grpc::StatusCode::FAILED_PRECONDITION, grpc::StatusCode::NOT_FOUND}) {
-    coordinator_.AnswerReportsWith(grpc::Status(code, "something else"));
     coordinator_.AnswerLeasesWith(grpc::Status(code, "something else"), 2);
     coordinator_.Queue(NewLease("jobs/1/tasks/" + std::to_string(code)));
   }
@@ -361,7 +257,7 @@ TEST_F(AgentTest, ACodeAloneNeitherRegistersAgainNorEndsTheWorker) {
   EXPECT_EQ(coordinator_.registrations, 1);
 }
 
-TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsAborted) {
+TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsPreempted) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   StartAgent([&](const TaskRequest&, const TaskControl& control) -> StatusOr<TaskOutcome> {
     std::thread([this] { agent_->Drain(); }).detach();
@@ -369,7 +265,7 @@ TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsAborted) {
     return control.Check();
   });
   const v1::ReportTaskRequest report = WaitForReport();
-  EXPECT_EQ(report.failure().error_class(), v1::ABORTED);
+  EXPECT_EQ(report.failure().error_class(), v1::PREEMPTED);
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
 }
 

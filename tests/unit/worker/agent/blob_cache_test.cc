@@ -78,6 +78,15 @@ TEST_F(BlobCacheTest, DamagedContentOfAnEarlierProcessIsFetchedAgain) {
   EXPECT_EQ(fetches_, 2);
 }
 
+TEST_F(BlobCacheTest, ContentThatRotsWhileTheProcessLivesIsFetchedAgain) {
+  const std::string path = Get('a');
+  ASSERT_TRUE(WriteFileAtomic(path, Content('z')).ok());
+  Get('a');
+  EXPECT_EQ(fetches_, 2);
+  Get('a');
+  EXPECT_EQ(fetches_, 2);
+}
+
 TEST_F(BlobCacheTest, AFailedFetchLeavesNothing) {
   const auto path = cache_->Get(DigestOf('a'), [](const Digest&, BlobStore&) { return absl::NotFoundError("gone"); });
   EXPECT_EQ(path.status().code(), absl::StatusCode::kNotFound);
