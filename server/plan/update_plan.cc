@@ -274,12 +274,4 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
          "\n";
 }
 
-// Ingest is planned before the survey tells what the model takes for it.
-CostScale CostsOf(const UpdateBase& base, const Survey& survey) {
-  MeasuredCosts measured = base.measured;
-  const auto ingest = measured.find(kIngestKind);
-  if (ingest != measured.end()) ingest->second.predicted = PredictIngest(survey).core_seconds;
-  return CostScale(measured);
-}
-
 }  // namespace tessera

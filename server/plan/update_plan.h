@@ -66,9 +66,6 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
                            const Survey& survey, const Prediction& ingest, const Prediction& compare,
                            const Prediction& publish, double full_core_seconds);
 
-// What tasks take beside the model's predictions, as it was measured in the base.
-CostScale CostsOf(const UpdateBase& base, const Survey& survey_of_base);
-
 }  // namespace tessera
 
 #endif  // TESSERA_SERVER_PLAN_UPDATE_PLAN_H_

@@ -23,10 +23,6 @@ class MemoryStore : public RecordStore {
  public:
   Status Append(const std::vector<std::string_view>& added, Durability) override {
     if (fail) return absl::ResourceExhaustedError("disk full");
-    if (const auto size = static_cast<int>(added.size()); fail_after >= 0) {
-      if (size > fail_after) return absl::ResourceExhaustedError("disk full");
-      fail_after -= size;
-    }
     records.insert(records.end(), added.begin(), added.end());
     return absl::OkStatus();
   }
@@ -50,7 +46,6 @@ class MemoryStore : public RecordStore {
   std::map<int64_t, std::string> set_aside;  // reasons by number
   int64_t starts = 0;
   std::atomic<bool> fail = false;
-  std::atomic<int> fail_after = -1;  // records that are stored yet; negative: no end
 };
 
 // ingest -> `tiles` refine tasks (tile t costs t + 1) -> publish. The survey's text enters the refine tasks'
