@@ -21,8 +21,8 @@ bool IsThere(const WorkerState& worker, int64_t now_us) {
   return !IsSetAside(worker, now_us) && now_us - worker.last_seen_us <= kHeardLately_us;
 }
 
-SetAsideWorker SetAside(const std::string& name, const std::string& reason, const RetryOptions& options, int64_t now_us,
-                        WorkerState& worker) {
+SetAsideWorker SetWorkerAside(const std::string& name, const std::string& reason, const RetryOptions& options,
+                              int64_t now_us, WorkerState& worker) {
   const double for_s =
       std::min(options.max_set_aside_s, options.set_aside_s * std::ldexp(1.0, worker.times_set_aside++));
   worker.set_aside_reason = reason;
@@ -63,11 +63,11 @@ std::vector<SetAsideWorker> NoteFailure(const JobTask& task, const TaskFailure& 
   if (worker == nullptr) return {};
   const RetryRule rule = RuleOf(failure.error_class, options);
   if (failure.error_class == ErrorClass::kScratch) {
-    return {SetAside(task.worker(), failure.message, options, now_us, *worker)};
+    return {SetWorkerAside(task.worker(), failure.message, options, now_us, *worker)};
   }
   // It was let try again, and goes on as before.
   if (rule.strikes && worker->strikes >= options.max_strikes) {
-    return {SetAside(task.worker(), worker->set_aside_reason, options, now_us, *worker)};
+    return {SetWorkerAside(task.worker(), worker->set_aside_reason, options, now_us, *worker)};
   }
   return {};
 }
@@ -88,9 +88,9 @@ std::vector<SetAsideWorker> NoteSuccess(const JobTask& task, const std::string& 
     if (other == nullptr || !struck.insert(attempt.worker).second) continue;
     if (++other->strikes < options.max_strikes || IsSetAside(*other, now_us)) continue;
     set_aside.push_back(
-        SetAside(attempt.worker,
-                 "it failed tasks that others did, the last '" + task.plan.name + "': " + attempt.failure.message,
-                 options, now_us, *other));
+        SetWorkerAside(attempt.worker,
+                       "it failed tasks that others did, the last '" + task.plan.name + "': " + attempt.failure.message,
+                       options, now_us, *other));
   }
   return set_aside;
 }
