@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+constexpr double kUndefined = std::numeric_limits<double>::quiet_NaN();
 
 // Linear between the order statistics, as NumPy's default.
 double Quantile(const std::vector<double>& sorted, double q) {
@@ -27,7 +27,7 @@ std::vector<MeasuredPoint> OfClass(const std::vector<MeasuredPoint>& points, int
 }
 
 double ShareWithin(const std::vector<MeasuredPoint>& points, double distance_m) {
-  if (points.empty()) return kNone;
+  if (points.empty()) return kUndefined;
   const auto within =
       std::count_if(points.begin(), points.end(), [&](const MeasuredPoint& p) { return p.distance_m <= distance_m; });
   return static_cast<double>(within) / static_cast<double>(points.size());
@@ -36,7 +36,7 @@ double ShareWithin(const std::vector<MeasuredPoint>& points, double distance_m) 
 }  // namespace
 
 DistanceStatistics ComputeStatistics(const std::vector<MeasuredPoint>& points, double cap_m) {
-  if (points.empty()) return {0, kNone, kNone, kNone, kNone, kNone};
+  if (points.empty()) return {0, kUndefined, kUndefined, kUndefined, kUndefined, kUndefined};
   DistanceStatistics statistics;
   std::vector<double> distances;
   distances.reserve(points.size());

@@ -4,6 +4,9 @@
 add_library(tessera_options INTERFACE)
 target_compile_options(tessera_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor
   $<$<BOOL:${TESSERA_WARNINGS_AS_ERRORS}>:-Werror>)
+if(CMAKE_UNITY_BUILD)  # what is said of one file's names and of headers is not true of several files in one
+  target_compile_options(tessera_options INTERFACE -Wno-shadow -Wno-subobject-linkage)
+endif()
 target_include_directories(tessera_options INTERFACE ${PROJECT_SOURCE_DIR})
 if(TESSERA_SANITIZE)
   target_compile_options(tessera_options INTERFACE -fsanitize=${TESSERA_SANITIZE} -fno-omit-frame-pointer)
@@ -29,14 +32,15 @@ function(tessera_executable NAME)
   install(TARGETS ${NAME} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 endfunction()
 
-# tessera_test(DIR [DEPS ...] [LABELS ...] [TIMEOUT seconds])
+# tessera_test(DIR [DEPS ...] [LABELS ...] [TIMEOUT seconds] [ONE_PROCESS])
 # One test program of all tests/DIR/*_test.cc, e.g. DIR = unit/common/base; the name is DIR with underscores.
+# Each test is a process of its own in ctest; ONE_PROCESS: all are one, since what they share is dear to make.
 # Call it from the module's own CMakeLists.txt.
 function(tessera_test DIR)
   if(NOT TESSERA_BUILD_TESTS)
     return()
   endif()
-  cmake_parse_arguments(ARG "" "TIMEOUT" "DEPS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "ONE_PROCESS" "TIMEOUT" "DEPS;LABELS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 300)
   endif()
@@ -48,6 +52,11 @@ function(tessera_test DIR)
   add_executable(${name} ${sources})
   target_link_libraries(${name} PRIVATE tessera_options ${ARG_DEPS} GTest::gmock GTest::gtest_main)
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+  if(ARG_ONE_PROCESS)
+    add_test(NAME ${DIR} COMMAND ${name})
+    set_tests_properties(${DIR} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+    return()
+  endif()
   gtest_discover_tests(${name} TEST_PREFIX "${DIR}:" DISCOVERY_TIMEOUT 60
     PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
 endfunction()

@@ -3,6 +3,8 @@
 #include <signal.h>
 
 #include <atomic>
+#include <chrono>
+#include <thread>
 
 namespace tessera {
 namespace {
@@ -23,5 +25,10 @@ void CountInterrupts() {
 }
 
 int Interrupts() { return interrupts; }
+
+bool PauseUnlessInterrupted(double seconds) {
+  std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
+  return Interrupts() == 0;
+}
 
 }  // namespace tessera

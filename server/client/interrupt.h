@@ -10,6 +10,9 @@ void CountInterrupts();
 // How many have come. Any thread.
 int Interrupts();
 
+// Sleeps; whether none has come by then.
+bool PauseUnlessInterrupted(double seconds);
+
 }  // namespace tessera
 
 #endif  // TESSERA_SERVER_CLIENT_INTERRUPT_H_

@@ -24,18 +24,11 @@
 namespace tessera {
 namespace {
 
-constexpr double kStopSeconds = 8;
-
 struct LineageFlags {
   std::string coordinator, job;
   int tile = -1;
   bool images = false, json = false;
 };
-
-bool Pause(double seconds) {
-  std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
-  return Interrupts() == 0;
-}
 
 // Reads blobs of a coordinator by way of a store of its own.
 class Reader {
@@ -96,13 +89,13 @@ StatusOr<Lineage> LineageOfRun(const LineageFlags& flags) {
   options.state_dir = state.path();
   options.data_dir = result.data_dir;
   options.workers = 0;
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, Pause));
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
   StatusOr<Lineage> lineage = absl::UnknownError("");
   {
     TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
     lineage = ReadLineage(*connection, result.job, flags.tile);
   }
-  cluster->Stop(kStopSeconds, Pause);
+  cluster->Stop(LocalCluster::kStopSeconds, PauseUnlessInterrupted);
   return lineage;
 }
 

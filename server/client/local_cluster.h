@@ -39,6 +39,8 @@ class LocalCluster {
   // died or workers keep dying as soon as they start.
   Status LookAfter(std::vector<std::string>* notes);
 
+  static constexpr double kStopSeconds = 8;  // that programs usually get for it
+
   // Asks all to end, waits up to `seconds` (with `wait`), then kills.
   void Stop(double seconds, const Sleeper& wait);
 

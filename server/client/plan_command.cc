@@ -29,18 +29,13 @@
 namespace tessera {
 namespace {
 
-constexpr double kLookSeconds = 0.1, kStopSeconds = 8;
+constexpr double kPlanLookSeconds = 0.1;
 
 struct PlanFlags {
   JobFlags job;
   std::string out, data, survey, map, json, coordinator;
   PlanTerms terms;
 };
-
-bool Pause(double seconds) {
-  std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
-  return Interrupts() == 0;
-}
 
 StatusOr<std::string> FetchSurvey(Connection& connection, const v1::Task& ingest, const std::string& staging) {
   for (const v1::OutputFile& output : ingest.outputs()) {
@@ -88,7 +83,7 @@ StatusOr<std::string> SurveyByJob(Connection& connection, LocalCluster& cluster,
     const Status alive = cluster.LookAfter(&notes);
     for (const std::string& note : notes) display.Note(note);
     if (!alive.ok()) return alive;
-    if (!Pause(kLookSeconds)) break;
+    if (!PauseUnlessInterrupted(kPlanLookSeconds)) break;
   }
   connection.CancelJob(job.name(), &job).IgnoreError();
   return survey;
@@ -117,13 +112,13 @@ StatusOr<std::string> TakeSurvey(const PlanFlags& flags) {
   options.data_dir = state + "/data";
   options.workers = 1;
   options.threads_per_worker = CoreLimit();
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, Pause));
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
   TESSERA_ASSIGN_OR_RETURN(auto connection, Connection::Open(cluster->address()));
   ProgressDisplay display(stderr);
   StatusOr<std::string> survey = SurveyByJob(*connection, *cluster, request, state + "/fetch", display);
   display.Finish();
   connection.reset();
-  cluster->Stop(kStopSeconds, [](double seconds) {
+  cluster->Stop(LocalCluster::kStopSeconds, [](double seconds) {
     std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
     return Interrupts() < 2;
   });
@@ -180,13 +175,13 @@ StatusOr<std::string> TakeUpdatePlan(const PlanFlags& flags) {
   options.data_dir = base.data_dir;
   options.workers = 1;
   options.threads_per_worker = CoreLimit();
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, Pause));
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
   StatusOr<std::string> plan = absl::UnknownError("");
   {
     TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
     plan = PlanOfUpdate(*connection, request);
   }
-  cluster->Stop(kStopSeconds, [](double seconds) {
+  cluster->Stop(LocalCluster::kStopSeconds, [](double seconds) {
     std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
     return Interrupts() < 2;
   });

@@ -27,7 +27,6 @@ namespace {
 
 constexpr double kLookSeconds = 0.1;
 constexpr double kCancelSeconds = 2;  // for the job's calls to end after it was cancelled
-constexpr double kStopSeconds = 8;
 
 struct RunFlags {
   JobFlags job;
@@ -157,7 +156,7 @@ int Run(const RunFlags& flags) {
   while (Interrupts() < 2 && clock.MonotonicUs() < patience_us && !job->Wait(kLookSeconds).ended) {
   }
   if (job->Wait(0).ended) job.reset();
-  (*cluster)->Stop(kStopSeconds, until(2));
+  (*cluster)->Stop(LocalCluster::kStopSeconds, until(2));
   job.reset();
   if (ending.state && ending.state->job && ending.state->job->state() == v1::JOB_SUCCEEDED) {
     const Status status = WriteRunResult(folders.state, {options.data_dir, ending.state->job->name()});

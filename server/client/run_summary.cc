@@ -11,16 +11,15 @@
 namespace tessera {
 namespace {
 
-using Json = nlohmann::json;
-
-Json ReadJson(const std::string& path) {
+nlohmann::json ReadJson(const std::string& path) {
   const auto text = ReadFile(path);
-  return text.ok() ? Json::parse(*text, nullptr, /*allow_exceptions=*/false) : Json(Json::value_t::discarded);
+  return text.ok() ? nlohmann::json::parse(*text, nullptr, /*allow_exceptions=*/false)
+                   : nlohmann::json(nlohmann::json::value_t::discarded);
 }
 
 // The number at a path of keys, if it is there.
-bool FindNumber(const Json& json, const std::string& pointer, double* value) {
-  const Json::json_pointer path(pointer);
+bool FindNumber(const nlohmann::json& json, const std::string& pointer, double* value) {
+  const nlohmann::json::json_pointer path(pointer);
   if (!json.is_structured() || !json.contains(path) || !json[path].is_number()) return false;
   *value = json[path].get<double>();
   return true;
@@ -28,12 +27,13 @@ bool FindNumber(const Json& json, const std::string& pointer, double* value) {
 
 // Photo energy (1 - ZNCC, robust mean) at the finest level's first step of the first round and last of the last: the
 // tiles' means, weighted by their pixels.
-bool EnergyOfTiles(const Json& report, double* before, double* after) {
+bool EnergyOfTiles(const nlohmann::json& report, double* before, double* after) {
   if (!report.is_object() || !report.contains("tiles")) return false;
   double weights = 0;
-  for (const Json& tile : report["tiles"]) {
-    const Json::json_pointer rounds_path("/rounds");
-    const Json rounds = tile.is_object() && tile.contains(rounds_path) ? tile[rounds_path] : Json::array();
+  for (const nlohmann::json& tile : report["tiles"]) {
+    const nlohmann::json::json_pointer rounds_path("/rounds");
+    const nlohmann::json rounds =
+        tile.is_object() && tile.contains(rounds_path) ? tile[rounds_path] : nlohmann::json::array();
     if (!rounds.is_array() || rounds.empty()) continue;
     double first = 0, last = 0, pixels = 0;
     if (!FindNumber(rounds.front(), "/photo_energy_start", &first)) continue;
@@ -49,7 +49,7 @@ bool EnergyOfTiles(const Json& report, double* before, double* after) {
   return true;
 }
 
-std::string Percent(double share) {
+std::string PercentText(double share) {
   char text[32];
   std::snprintf(text, sizeof(text), "%.1f %%", 100 * share);
   return text;
@@ -65,7 +65,7 @@ std::string Short(double value) {
 
 std::vector<std::string> RunSummary(const std::string& out) {
   std::vector<std::string> lines;
-  const Json report = ReadJson(out + "/report.json");
+  const nlohmann::json report = ReadJson(out + "/report.json");
   double faces = 0, vertices = 0, changed = 0, moved_m = 0, before = 0, after = 0;
   if (FindNumber(report, "/output/faces", &faces) && FindNumber(report, "/output/vertices", &vertices)) {
     lines.push_back("mesh: " + Grouped(static_cast<long long>(faces)) + " faces, " +
@@ -79,7 +79,7 @@ std::vector<std::string> RunSummary(const std::string& out) {
   if (FindNumber(report, "/displacement/rms_m", &moved_m)) lines.push_back("moved: " + Short(moved_m) + " m rms");
   if (FindNumber(report, "/label_changes", &changed) && faces > 0) {
     lines.push_back("labels changed: " + Grouped(static_cast<long long>(changed)) + " faces, " +
-                    Percent(changed / faces));
+                    PercentText(changed / faces));
   }
   double samples = 0, different = 0, farthest_m = 0;
   if (FindNumber(report, "/seams/samples", &samples) && FindNumber(report, "/seams/different", &different) &&
@@ -93,7 +93,7 @@ std::vector<std::string> RunSummary(const std::string& out) {
   if (const auto plan = ReadFile(out + "/" + kUpdateFile); plan.ok()) {
     if (const auto words = UpdateSummary(*plan); words.ok()) lines.push_back(*words);
   }
-  const Json job = ReadJson(out + "/job.json");
+  const nlohmann::json job = ReadJson(out + "/job.json");
   double tasks = 0, reused = 0;
   if (FindNumber(job, "/totals/tasks", &tasks) && FindNumber(job, "/totals/reused", &reused)) {
     lines.push_back("tasks: " + Grouped(static_cast<long long>(tasks)) + ", of which " +

@@ -45,11 +45,10 @@ bool ParseFour(const std::string& text, std::array<double, 4>* four) {
 }
 
 // One line on a terminal, redrawn in place; nothing elsewhere.
-class ProgressLine {
+class StageLine {
  public:
-  explicit ProgressLine(bool wanted)
-      : shown_(wanted && isatty(STDERR_FILENO)), start_(std::chrono::steady_clock::now()) {}
-  ~ProgressLine() {
+  explicit StageLine(bool wanted) : shown_(wanted && isatty(STDERR_FILENO)), start_(std::chrono::steady_clock::now()) {}
+  ~StageLine() {
     if (shown_) std::fprintf(stderr, "\r\033[K");
   }
   void Show(double fraction, const std::string& stage) {
@@ -72,7 +71,7 @@ class ProgressLine {
   double last_s_ = -1;
 };
 
-void PrintTable(const SynthOptions& options, const SynthReport& r, double seconds) {
+void PrintReport(const SynthOptions& options, const SynthReport& r, double seconds) {
   std::printf("blocks                          %d x %d, %.2f ha\n", options.columns, options.rows, r.area_m2 / 1e4);
   std::printf("images                          %lld of %d x %d px\n", static_cast<long long>(r.images),
               options.image_width_px, options.image_height_px);
@@ -145,7 +144,7 @@ int RunSynth(const SynthArguments& arguments) {
   const auto start = std::chrono::steady_clock::now();
   StatusOr<SynthReport> report = absl::InternalError("not run");
   {
-    ProgressLine line(!arguments.quiet);
+    StageLine line(!arguments.quiet);
     TaskControl control;
     control.report = [&](double fraction, const std::string& stage) { line.Show(fraction, stage); };
     report = is_later ? SynthesizeSecondEpoch(later, arguments.folder, control)
@@ -159,7 +158,7 @@ int RunSynth(const SynthArguments& arguments) {
   if (is_later) {
     PrintChanges(*report, Seconds(start));
   } else {
-    PrintTable(options, *report, Seconds(start));
+    PrintReport(options, *report, Seconds(start));
   }
   return kExitOk;
 }

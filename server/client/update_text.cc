@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kMiB = 1 << 20, kHour = 3600;
+constexpr double kBytesPerMiB = 1 << 20, kSecondsPerHour = 3600;
 
 template <class Make>
 StatusOr<std::string> FromJson(const std::string& text, const Make& make) {
@@ -53,8 +53,7 @@ std::string Reasons(const json& tile) {
       continue;
     }
     reasons.push_back(absl::StrFormat("%s: %d (%s%s)", why.at("reason").get<std::string>(), images.size(),
-                                      images.front().get<std::string>(),
-                                      images.size() > 1 ? ", ..." : ""));
+                                      images.front().get<std::string>(), images.size() > 1 ? ", ..." : ""));
   }
   return absl::StrJoin(reasons, "; ");
 }
@@ -69,17 +68,17 @@ StatusOr<std::string> UpdateTable(const std::string& text, const PlanTerms& term
     for (const json& tile : plan.at("tiles")) {
       if (!IsRedone(tile)) continue;
       absl::StrAppendFormat(&out, "%6d %12.1f %9.0f  %s\n", tile.at("tile").get<int>(), PredictedSeconds(tile),
-                            tile.at("predicted").at("peak_bytes").get<double>() / kMiB, Reasons(tile));
+                            tile.at("predicted").at("peak_bytes").get<double>() / kBytesPerMiB, Reasons(tile));
     }
     const json& predicted = plan.at("predicted");
     const double seconds = predicted.at("core_seconds"), in_full = predicted.at("core_seconds_in_full");
     absl::StrAppend(&out, Sentence(plan), "\n");
     absl::StrAppendFormat(&out, "core-hours: %s%.3f, of %.3f for all anew (%.1f %%)\n",
-                          plan.at("from_scratch").get<bool>() ? "at most " : "", seconds / kHour, in_full / kHour,
-                          in_full > 0 ? 100 * seconds / in_full : 0);
+                          plan.at("from_scratch").get<bool>() ? "at most " : "", seconds / kSecondsPerHour,
+                          in_full / kSecondsPerHour, in_full > 0 ? 100 * seconds / in_full : 0);
     if (terms.price_per_core_hour) {
-      absl::StrAppendFormat(&out, "price: %.2f, of %.2f\n", *terms.price_per_core_hour * seconds / kHour,
-                            *terms.price_per_core_hour * in_full / kHour);
+      absl::StrAppendFormat(&out, "price: %.2f, of %.2f\n", *terms.price_per_core_hour * seconds / kSecondsPerHour,
+                            *terms.price_per_core_hour * in_full / kSecondsPerHour);
     }
     return out;
   });

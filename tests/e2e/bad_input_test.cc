@@ -25,13 +25,15 @@ struct BadInput {
 // Names the test's parameter in lists of tests.
 void PrintTo(const BadInput& input, std::ostream* out) { *out << input.name; }
 
-void Write(const std::string& path, const std::string& content) { ASSERT_TRUE(WriteFileAtomic(path, content).ok()); }
+void WriteText(const std::string& path, const std::string& content) {
+  ASSERT_TRUE(WriteFileAtomic(path, content).ok());
+}
 
 void Replace(const std::string& path, const std::string& from, const std::string& to) {
   std::string content = Content(path);
   const size_t at = content.find(from);
   ASSERT_NE(at, std::string::npos) << path << " has no " << from;
-  Write(path, content.replace(at, from.size(), to));
+  WriteText(path, content.replace(at, from.size(), to));
 }
 
 std::string FirstIn(const std::string& folder) { return folder + "/" + ListFiles(folder).value().front(); }
@@ -41,7 +43,7 @@ std::vector<BadInput> BadInputs() {
       {"NoScene", [](const std::string& city) { fs::remove_all(city); }, {"city"}},
       {"NoSceneJson", [](const std::string& city) { fs::remove(city + "/scene.json"); }, {"scene.json"}},
       {"UnreadableJson",
-       [](const std::string& city) { Write(city + "/scene.json", "{\n \"tessera_scene\": 1,\n oops\n}"); },
+       [](const std::string& city) { WriteText(city + "/scene.json", "{\n \"tessera_scene\": 1,\n oops\n}"); },
        {"scene.json", "line 3"}},
       {"MissingImage", [](const std::string& city) { fs::remove(FirstIn(city + "/images")); }, {"east_00_000.jpg"}},
       {"MissingImages",
@@ -51,7 +53,7 @@ std::vector<BadInput> BadInputs() {
        },
        {"east_00_000.jpg", "nadir_00_001.jpg"}},
       {"UnreadableImage",
-       [](const std::string& city) { Write(city + "/images/east_00_000.jpg", "not a picture"); },
+       [](const std::string& city) { WriteText(city + "/images/east_00_000.jpg", "not a picture"); },
        {"east_00_000.jpg"}},
       {"TruncatedMesh",
        [](const std::string& city) { fs::resize_file(city + "/mesh.ply", fs::file_size(city + "/mesh.ply") / 2); },
@@ -92,12 +94,12 @@ TEST(BadInputLeftoversTest, ARefusedSceneLeavesNoFolderAndOldResultsStay) {
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
   const std::string city = folder.path() + "/city";
   ASSERT_TRUE(EnsureFolder(city).ok());
-  Write(city + "/scene.json", "{");
+  WriteText(city + "/scene.json", "{");
   const std::string out = folder.path() + "/out";
   EXPECT_EQ(Tessera(folder.path(), {"run", city, "--out", out}).exit_code, 3);
   EXPECT_FALSE(fs::exists(out));
   ASSERT_TRUE(EnsureFolder(out).ok());
-  Write(out + "/mesh.ply", "of an earlier run");
+  WriteText(out + "/mesh.ply", "of an earlier run");
   EXPECT_EQ(Tessera(folder.path(), {"run", city, "--out", out}).exit_code, 3);
   EXPECT_EQ(Content(out + "/mesh.ply"), "of an earlier run");
 }

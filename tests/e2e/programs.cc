@@ -215,8 +215,12 @@ void Cluster::StartCoordinator() {
 Program& Cluster::AddWorker(const std::vector<std::string>& arguments, const std::vector<std::string>& before) {
   std::vector<std::string> command = before;
   command.push_back(TESSERA_WORKER_PROGRAM);
-  command.insert(command.end(), {"--coordinator", address_, "--threads", "1"});
-  if (std::find(arguments.begin(), arguments.end(), "--work") == arguments.end()) {
+  command.insert(command.end(), {"--threads", "1"});
+  const auto given = [&](const char* option) {
+    return std::find(arguments.begin(), arguments.end(), option) != arguments.end();
+  };
+  if (!given("--coordinator")) command.insert(command.end(), {"--coordinator", address_});
+  if (!given("--work")) {
     command.insert(command.end(), {"--work", folder_ + "/work-" + std::to_string(workers_.size())});
   }
   command.insert(command.end(), arguments.begin(), arguments.end());

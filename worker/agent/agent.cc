@@ -23,8 +23,6 @@ namespace {
 
 constexpr int kMaxForgotten = 3;  // times that one call may find the worker forgotten
 
-std::string MessageOf(const Status& status) { return std::string(status.message().data(), status.message().size()); }
-
 // Calls the task and turns whatever it throws into a status: a worker never dies of a task's exception.
 StatusOr<TaskOutcome> RunGuarded(const TaskRunner& runner, const TaskRequest& request, const TaskControl& control) {
   try {

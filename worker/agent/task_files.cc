@@ -9,8 +9,6 @@ namespace {
 
 constexpr int64_t kMaxProbeBytes = 4096;
 
-std::string MessageOf(const Status& status) { return std::string(status.message().data(), status.message().size()); }
-
 // Why an input could not be brought. What the coordinator cannot give, or gives wrong, it is to look at itself.
 Failure WhyNotBrought(const TaskInput& input, const Status& status) {
   const std::string message = "input " + input.name + ": " + MessageOf(status);
@@ -43,6 +41,8 @@ TaskControl Moving(const TaskControl& control, double fraction, const std::strin
 }
 
 }  // namespace
+
+std::string MessageOf(const Status& status) { return std::string(status.message().data(), status.message().size()); }
 
 bool TaskFiles::Probe(const Registration& registration) {
   shared_blobs_ = nullptr;

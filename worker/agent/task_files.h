@@ -19,6 +19,9 @@
 
 namespace tessera {
 
+// The status's text without its code.
+std::string MessageOf(const Status& status);
+
 // Inputs are links: to the shared file where it can be read and has the right content (hashed once for each path, size
 // and time of change), else to the cache, filled by the blob service. Blobs get hard links where the file system has
 // them, since a task of one step has dozens and to make and drop as many files would cost more than the rest of

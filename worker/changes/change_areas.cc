@@ -22,13 +22,9 @@ uint8_t MostFrequent(const std::vector<uint8_t>& labels, const std::vector<size_
   return *best > 0 ? static_cast<uint8_t>(best - votes.begin()) : kNoLabel;
 }
 
-CellRect Common(const CellRect& a, const CellRect& b) {
-  return {std::max(a.x0, b.x0), std::max(a.y0, b.y0), std::min(a.x1, b.x1), std::min(a.y1, b.y1)};
-}
-
 // The cells that both have.
 void CopySurface(const SurfaceRaster& from, SurfaceRaster* to) {
-  const CellRect common = Common(from.cells, to->cells);
+  const CellRect common = CommonCells(from.cells, to->cells);
   if (common.x0 >= common.x1) return;
   const auto at = [&](const SurfaceRaster& raster, int y) {
     return static_cast<size_t>(y - raster.cells.y0) * raster.width() + (common.x0 - raster.cells.x0);

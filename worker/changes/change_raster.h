@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "common/tile/ground.h"
@@ -11,6 +12,10 @@
 namespace tessera {
 
 inline constexpr uint8_t kNoLabel = 255;
+inline constexpr float kNotKnown = std::numeric_limits<float>::quiet_NaN();  // of heights and scores
+
+// The cells that both have; none where x0 >= x1 or y0 >= y1.
+CellRect CommonCells(const CellRect& a, const CellRect& b);
 
 // Cells are those of a GroundPlane with this cell_m, row after row from the lowest y. Heights are coordinates along the
 // plane's up, metres, of the local frame; NaN: not known.

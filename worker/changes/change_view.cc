@@ -21,7 +21,7 @@ double PairWorth(double base_to_height) { return std::abs(std::log(base_to_heigh
 }  // namespace
 
 ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlane& ground,
-                       const Eigen::AlignedBox2d& block, double height_m, const ViewChoiceOptions& options) {
+                       const Eigen::AlignedBox2d& block, double height_m, const BlockViewOptions& options) {
   const Eigen::Vector3d up = ground.axis_x.cross(ground.axis_y);
   std::vector<Eigen::Vector3d> places;
   for (int j = 0; j < kPlaces; ++j) {

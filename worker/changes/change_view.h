@@ -28,7 +28,7 @@ struct ViewChoice {
   double base_to_height = 0;              // of the widest pair: its parallax in the plane a metre of height
 };
 
-struct ViewChoiceOptions {
+struct BlockViewOptions {
   int views_per_place = 4;  // that each place of a block is measured from, if so many see it
   int pairs_per_place = 5;
   int max_views = 14, max_pairs = 30;  // of a block
@@ -42,7 +42,7 @@ struct ViewChoiceOptions {
 // nothing else, so that a tile may load the views that its blocks choose. `cameras`: of whole images. Fewer than two
 // views: no pairs.
 ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlane& ground,
-                       const Eigen::AlignedBox2d& block, double height_m, const ViewChoiceOptions& options);
+                       const Eigen::AlignedBox2d& block, double height_m, const BlockViewOptions& options);
 
 }  // namespace tessera
 

@@ -13,7 +13,6 @@
 namespace tessera {
 namespace {
 
-constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
 // Units of cost: a window that does not agree at all. What no pair shows costs about what chance agreement does.
 constexpr float kUnit = 100;
 constexpr uint8_t kUnseen = 60;
@@ -243,7 +242,7 @@ class BlockMeasurer {
                                ? seen[i] >= 2
                                : seen_before[i] >= 2 && (seen[i] >= 2 || raster_.after.height_m[i] < old_m);
         if (!known) {
-          raster_.after.height_m[i] = raster_.after_score[i] = raster_.before_score[i] = kUnknown;
+          raster_.after.height_m[i] = raster_.after_score[i] = raster_.before_score[i] = kNotKnown;
           continue;
         }
         // With the neighbours on the same surface.
@@ -280,14 +279,10 @@ class BlockMeasurer {
   ChangeRaster raster_;
 };
 
-CellRect Common(const CellRect& a, const CellRect& b) {
-  return {std::max(a.x0, b.x0), std::max(a.y0, b.y0), std::min(a.x1, b.x1), std::min(a.y1, b.y1)};
-}
-
 // Copies the cells of `from` that lie in both `part` and `to`.
 void CopyCells(const ChangeRaster& from, const CellRect& part, ChangeRaster* to) {
   const CellRect& rect = to->cells();
-  const CellRect common = Common(Common(from.cells(), part), rect);
+  const CellRect common = CommonCells(CommonCells(from.cells(), part), rect);
   for (int y = common.y0; y < common.y1; ++y) {
     for (int x = common.x0; x < common.x1; ++x) {
       const size_t i = static_cast<size_t>(y - from.cells().y0) * from.before.width() + (x - from.cells().x0);

@@ -27,7 +27,7 @@ struct MeasureOptions {
   double semantic_weight = 0.3;      // of the likelihoods' disagreement beside the images'
   double old_bonus = 0.02;           // of agreement that the old height is given
   SmoothPenalties penalties;
-  ViewChoiceOptions views;
+  BlockViewOptions views;
 };
 
 // Rasters of rectangles made of whole blocks (kBlockCells) have the same bytes however a city is cut, if the views come

@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-constexpr int64_t kGrain = 1024;
+constexpr int64_t kPartsGrain = 1024;
 
 // Where a chunk's values lie in the scratch files.
 struct Chunk {
@@ -60,7 +60,7 @@ std::vector<double> PredictParts(const TriangleMesh& mesh, const std::vector<Pos
                                  const DensityOptions& density) {
   const double limit_px2 = density.max_footprint_px2 * 4 / std::sqrt(3.0);
   std::vector<double> parts(mesh.faces.size(), 1);
-  ParallelFor(static_cast<int64_t>(parts.size()), kGrain, [&](int64_t begin, int64_t end) {
+  ParallelFor(static_cast<int64_t>(parts.size()), kPartsGrain, [&](int64_t begin, int64_t end) {
     for (int64_t f = begin; f < end; ++f) {
       double longest_px2 = 0;
       for (const PosedCamera& camera : cameras) {

@@ -34,7 +34,7 @@ LensModel Lens(double k1, double p1) {
 
 const LensModel kLenses[] = {Lens(0, 0), Lens(-0.2, 0.01), Lens(0.4, 0), Lens(-1.5, 0)};
 
-ByteImage RandomImage(int width, int height, int channels) {
+ByteImage RandomPart(int width, int height, int channels) {
   Random random(3);
   ByteImage image(width, height, channels);
   for (uint8_t& value : image.data) value = static_cast<uint8_t>(1 + random.Below(255));
@@ -53,8 +53,8 @@ void ExpectEqualsPart(const FloatImage& part, const FloatImage& whole, int x0, i
 
 TEST(ImagePartTest, OfLuminance) {
   const std::string folder = FreshTestFolder("f");
-  ASSERT_TRUE(WriteJpeg(folder + "/a.jpg", RandomImage(kWidth, kHeight, 3), 90).ok());
-  ASSERT_TRUE(WritePng(folder + "/a.png", RandomImage(kWidth, kHeight, 1)).ok());
+  ASSERT_TRUE(WriteJpeg(folder + "/a.jpg", RandomPart(kWidth, kHeight, 3), 90).ok());
+  ASSERT_TRUE(WritePng(folder + "/a.png", RandomPart(kWidth, kHeight, 1)).ok());
   for (const char* name : {"/a.jpg", "/a.png"}) {
     for (const LensModel& lens : kLenses) {
       const auto whole = ReadLuminance(folder + name, lens);
@@ -100,19 +100,19 @@ void CheckLikelihoods(const std::string& path) {
 
 TEST(ImagePartTest, OfLikelihoodsInStrips) {
   const std::string path = FreshTestFolder("f") + "/a.tif";
-  ASSERT_TRUE(WriteLikelihoodTiff(path, RandomImage(kWidth, kHeight, kClasses)).ok());
+  ASSERT_TRUE(WriteLikelihoodTiff(path, RandomPart(kWidth, kHeight, kClasses)).ok());
   CheckLikelihoods(path);
 }
 
 TEST(ImagePartTest, OfCoarserLikelihoods) {
   const std::string path = FreshTestFolder("f") + "/a.tif";
-  ASSERT_TRUE(WriteLikelihoodTiff(path, RandomImage(kWidth / 2, kHeight / 2, kClasses)).ok());
+  ASSERT_TRUE(WriteLikelihoodTiff(path, RandomPart(kWidth / 2, kHeight / 2, kClasses)).ok());
   CheckLikelihoods(path);
 }
 
 TEST(ImagePartTest, OfLikelihoodsInTiles) {
   const std::string path = FreshTestFolder("f") + "/a.tif";
-  const ByteImage image = RandomImage(kWidth, kHeight, kClasses);
+  const ByteImage image = RandomPart(kWidth, kHeight, kClasses);
   TIFF* tiff = TIFFOpen(path.c_str(), "w");
   ASSERT_NE(tiff, nullptr);
   constexpr int kTile = 48;
@@ -144,7 +144,7 @@ TEST(ImagePartTest, OfLikelihoodsInTiles) {
 
 TEST(ImagePartTest, OfLikelihoodsInAnArray) {
   const std::string path = FreshTestFolder("f") + "/a.npy";
-  const ByteImage image = RandomImage(kWidth, kHeight, kClasses);
+  const ByteImage image = RandomPart(kWidth, kHeight, kClasses);
   const std::string header = "{'descr': '|u1', 'fortran_order': False, 'shape': (3, 131, 173), }";
   std::string npy("\x93NUMPY\x01\x00", 8);
   npy += static_cast<char>(header.size());
@@ -155,7 +155,7 @@ TEST(ImagePartTest, OfLikelihoodsInAnArray) {
 
 TEST(ImagePartTest, OfALabelPicture) {
   const std::string path = FreshTestFolder("f") + "/a.png";
-  ByteImage image = RandomImage(kWidth, kHeight, 1);
+  ByteImage image = RandomPart(kWidth, kHeight, 1);
   for (uint8_t& label : image.data) label %= kClasses;
   ASSERT_TRUE(WritePng(path, image).ok());
   CheckLikelihoods(path);

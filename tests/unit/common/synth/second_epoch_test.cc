@@ -20,6 +20,7 @@
 #include "common/synth/city_scene.h"
 #include "common/synth/ring.h"
 #include "common/synth/synth.h"
+#include "tests/unit/common/synth/all_files.h"
 
 namespace tessera {
 namespace {
@@ -29,13 +30,6 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 std::string Scratch() { return testing::TempDir() + "second_epoch_test." + std::to_string(::getpid()) + "/"; }
-
-std::map<std::string, std::string> AllFiles(const std::string& folder) {
-  std::map<std::string, std::string> content;
-  const auto names = ListFiles(folder);
-  for (const std::string& name : *names) content[name] = *ReadFile(folder + "/" + name);
-  return content;
-}
 
 // Five by five blocks and the part that is flown over by default.
 const CityPlan& Plan() {

@@ -6,7 +6,6 @@
 
 #include <filesystem>
 #include <fstream>
-#include <map>
 #include <set>
 #include <sstream>
 
@@ -18,6 +17,7 @@
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "common/synth/flight.h"
+#include "tests/unit/common/synth/all_files.h"
 
 namespace tessera {
 namespace {
@@ -33,27 +33,20 @@ SynthOptions Toy(uint64_t seed) {
 }
 
 // A folder of this process alone: each test may run in a process of its own, several at once.
-std::string Scratch() { return testing::TempDir() + "synth_test." + std::to_string(::getpid()) + "/"; }
-
-std::map<std::string, std::string> AllFiles(const std::string& folder) {
-  std::map<std::string, std::string> content;
-  const auto names = ListFiles(folder);
-  for (const std::string& name : *names) content[name] = *ReadFile(folder + "/" + name);
-  return content;
-}
+std::string OwnFolder() { return testing::TempDir() + "synth_test." + std::to_string(::getpid()) + "/"; }
 
 // One toy city for all tests that only read it.
 class SynthTest : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    folder_ = Scratch() + "synth_toy";
+    folder_ = OwnFolder() + "synth_toy";
     std::filesystem::remove_all(folder_);
     ThreadLimit limit(2);
     report_ = new StatusOr<SynthReport>(SynthesizeCity(Toy(11), folder_, {}));
     ASSERT_TRUE(report_->ok()) << report_->status();
   }
   static void TearDownTestSuite() {
-    std::filesystem::remove_all(Scratch());
+    std::filesystem::remove_all(OwnFolder());
     delete report_;
   }
 
@@ -71,7 +64,7 @@ void ExpectDifficultyInRange(const SynthReport& report) {
 }
 
 TEST_F(SynthTest, SameSeedSameBytesForAnyNumberOfThreads) {
-  const std::string again = Scratch() + "again/synth_toy";  // the scene is named after its folder
+  const std::string again = OwnFolder() + "again/synth_toy";  // the scene is named after its folder
   std::filesystem::remove_all(again);
   {
     ThreadLimit limit(1);
@@ -86,7 +79,7 @@ TEST_F(SynthTest, SameSeedSameBytesForAnyNumberOfThreads) {
 
 TEST_F(SynthTest, EverySeedIsEquallyHard) {
   ExpectDifficultyInRange(**report_);
-  const std::string other = Scratch() + "synth_other";
+  const std::string other = OwnFolder() + "synth_other";
   std::filesystem::remove_all(other);
   const auto report = SynthesizeCity(Toy(12), other, {});
   ASSERT_TRUE(report.ok()) << report.status();
@@ -222,7 +215,7 @@ TEST(SynthOptionsTest, SenselessOptionsAreNamed) {
   SynthOptions options;
   options.columns = 0;
   options.gsd_m = -1;
-  const std::string folder = Scratch() + "synth_never";
+  const std::string folder = OwnFolder() + "synth_never";
   const auto report = SynthesizeCity(options, folder, {});
   EXPECT_EQ(report.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(report.status().message()),

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <latch>
 #include <thread>
 
 #include "common/base/refusal.h"
@@ -140,6 +141,27 @@ TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
   request.set_scene_path(scene_);
   request.mutable_settings()->set_tiles(-1);
   EXPECT_EQ(jobs_->CreateJob(&context, request, &job).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 1u);
+}
+
+TEST_F(ServerTest, ARequestThatComesAHundredTimesAtOnceIsOneJob) {
+  constexpr int kCalls = 100;
+  std::latch together(kCalls);
+  std::vector<v1::Job> jobs(kCalls);
+  std::vector<grpc::Status> answers(kCalls);
+  {
+    std::vector<std::jthread> callers;
+    for (int i = 0; i < kCalls; ++i) {
+      callers.emplace_back([&, i] {
+        together.arrive_and_wait();
+        answers[i] = CreateJob(&jobs[i], "night");
+      });
+    }
+  }
+  for (int i = 0; i < kCalls; ++i) {
+    EXPECT_TRUE(answers[i].ok()) << answers[i].error_message();
+    EXPECT_EQ(jobs[i].name(), "jobs/1");
+  }
   EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 1u);
 }
 

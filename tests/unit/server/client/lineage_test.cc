@@ -50,7 +50,7 @@ json JobReport(const std::string& name, const std::string& base, const std::map<
           {"tasks", tasks}};
 }
 
-std::string Update(int tile, const std::string& reason) {
+std::string UpdateOf(int tile, const std::string& reason) {
   json tiles = json::array();
   for (int t = 0; t < 3; ++t) {
     json why = json::array();
@@ -71,7 +71,7 @@ std::vector<LineageJob> Chain() {
   const json first = JobReport("jobs/1", "", {{0, {"a", "b"}}, {1, {"c"}}, {2, {"d"}}});
   const json second = JobReport("jobs/4", "jobs/1", {{1, {"e", "f"}}, {2, {"g"}}}, {{0, "b"}, {1, "c"}, {2, "d"}});
   const json third = JobReport("jobs/5", "jobs/4", {{2, {"h"}}}, {{0, "b"}, {1, "f"}, {2, "g"}});
-  return {Parsed(third, Update(2, "image seen")), Parsed(second, Update(1, "image withdrawn")), Parsed(first)};
+  return {Parsed(third, UpdateOf(2, "image seen")), Parsed(second, UpdateOf(1, "image withdrawn")), Parsed(first)};
 }
 
 TEST(LineageTest, ReadsOfAJobWhatItMadeAndWhatItTook) {

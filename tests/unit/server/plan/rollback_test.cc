@@ -12,7 +12,7 @@ using testing::HasSubstr;
 
 constexpr int kSide = 3, kCells = 2;  // tiles in a row and column, cells of a tile
 
-Digest DigestOf(const std::string& content) { return {Sha256Hex(content), static_cast<int64_t>(content.size())}; }
+Digest ContentDigest(const std::string& content) { return {Sha256Hex(content), static_cast<int64_t>(content.size())}; }
 
 // Nine tiles, 0 1 2 from the first row on, and what a chain of jobs left of them; jobs/0 made all.
 struct City {
@@ -32,11 +32,11 @@ struct City {
     }
     UpdateBase& first = jobs.emplace_back();
     first.name = "jobs/0";
-    first.city = DigestOf("city");
+    first.city = ContentDigest("city");
     for (int t = 0; t < kSide * kSide; ++t) {
       const int x = t % kSide * kCells, y = t / kSide * kCells;
       first.tiles.push_back({t, {x, y, x + kCells, y + kCells}});
-      first.states.push_back(DigestOf("start" + std::to_string(t)));
+      first.states.push_back(ContentDigest("start" + std::to_string(t)));
     }
   }
 
@@ -44,7 +44,7 @@ struct City {
   void Redo(const std::vector<int>& tiles) {
     UpdateBase job = jobs.back();
     job.name = "jobs/" + std::to_string(jobs.size());
-    for (const int t : tiles) job.states[t] = DigestOf(job.name + " " + std::to_string(t));
+    for (const int t : tiles) job.states[t] = ContentDigest(job.name + " " + std::to_string(t));
     jobs.push_back(std::move(job));
   }
 
@@ -125,7 +125,7 @@ TEST(Rollback, WhatCannotBeIsRefused) {
   city.Redo({0});
   EXPECT_THAT(city.Refusal(0, {9}), HasSubstr("found 9, expected one of the 9 tiles of jobs/1"));
   EXPECT_THAT(city.Refusal(0, {-1}), HasSubstr("found -1"));
-  city.jobs[0].city = DigestOf("another");
+  city.jobs[0].city = ContentDigest("another");
   EXPECT_THAT(city.Refusal(0, {0}), HasSubstr("another mesh in jobs/0 than in jobs/1"));
 }
 
@@ -152,7 +152,7 @@ TEST(Rollback, FacesThatShowWhatIsGoneStayFlagged) {
   City city;
   UpdateBase base = city.jobs.back();
   base.survey_json = SurveyToJson(city.survey);
-  base.outdated = DigestOf("flags");
+  base.outdated = ContentDigest("flags");
   const auto tasks = PlanRollback(base);
   ASSERT_TRUE(tasks.ok()) << tasks.status();
   EXPECT_EQ((*tasks)[0].given.back().name, kOutdatedFile);

@@ -11,14 +11,14 @@
 namespace tessera {
 namespace {
 
-constexpr double kGsd_m = 0.15, kCell_m = 0.5;
-const CellRect kCells{-30, 40, 50, 120};
+constexpr double kAreaGsd_m = 0.15, kCell_m = 0.5;
+const CellRect kAreaCells{-30, 40, 50, 120};
 
-ChangeRaster Flat() { return FlatRaster(kCells, kCell_m); }
+ChangeRaster Flat() { return FlatRaster(kAreaCells, kCell_m); }
 
 std::vector<ChangeArea> Find(const ChangeRaster& raster, const ChangeAreaOptions& options = {},
                              std::span<const SurfaceRaster> refined = {}) {
-  return FindChangeAreas({&raster, 1}, refined, kPaintedRoles, kGsd_m, options);
+  return FindChangeAreas({&raster, 1}, refined, kPaintedRoles, kAreaGsd_m, options);
 }
 
 TEST(ChangeAreas, NothingIsFoundWhereNothingChanged) { EXPECT_TRUE(Find(Flat()).empty()); }
@@ -151,7 +151,7 @@ TEST(ChangeAreas, TilesInAnyOrderGiveTheSameAreas) {
     Paint(&tile, clipped({-20, 76, 30, 90}), 14, 2, 10, 0);
     tiles.push_back(std::move(tile));
   }
-  const std::vector<ChangeArea> one = Find(whole), many = FindChangeAreas(tiles, {}, kPaintedRoles, kGsd_m, {});
+  const std::vector<ChangeArea> one = Find(whole), many = FindChangeAreas(tiles, {}, kPaintedRoles, kAreaGsd_m, {});
   ASSERT_EQ(one.size(), 2u);
   ASSERT_EQ(many.size(), 2u);
   for (size_t i = 0; i < one.size(); ++i) {

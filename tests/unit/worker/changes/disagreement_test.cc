@@ -14,14 +14,14 @@ namespace tessera {
 namespace {
 
 constexpr double kGsd_m = 0.15;
-const CellRect kCells{0, 0, 100, 50};
+const CellRect kEpochCells{0, 0, 100, 50};
 
 EpochDisagreement Of(const ChangeRaster& raster, std::span<const SurfaceRaster> refined = {}) {
   return MeasureDisagreement(raster, refined, kPaintedRoles, kGsd_m, {});
 }
 
 TEST(Disagreement, OfNothingIsNone) {
-  const EpochDisagreement none = Of(ChangeRaster(kCells, 0.5));
+  const EpochDisagreement none = Of(ChangeRaster(kEpochCells, 0.5));
   EXPECT_EQ(none.agreement, 0);
   EXPECT_EQ(none.before.heights, 0);
   EXPECT_EQ(none.before.labels, 0);
@@ -30,7 +30,7 @@ TEST(Disagreement, OfNothingIsNone) {
 }
 
 TEST(Disagreement, IsTheShareOfWhatIsKnown) {
-  ChangeRaster raster = FlatRaster(kCells, 0.5);
+  ChangeRaster raster = FlatRaster(kEpochCells, 0.5);
   Paint(&raster, {0, 0, 100, 10}, 10, 0, 16, 2);     // a fifth is built
   Paint(&raster, {0, 10, 100, 15}, 10, 0, 10, 3);    // a tenth is planted
   Paint(&raster, {0, 15, 100, 20}, 10, 2, 10, 1);    // a roof shows its facade
@@ -49,7 +49,7 @@ TEST(Disagreement, IsTheShareOfWhatIsKnown) {
 }
 
 TEST(Disagreement, IsLessWithAResultThatFollows) {
-  ChangeRaster raster = FlatRaster(kCells, 0.5);
+  ChangeRaster raster = FlatRaster(kEpochCells, 0.5);
   Paint(&raster, {0, 0, 100, 10}, 10, 0, 16, 2);
   const auto left = [&](const SurfaceRaster& refined) { return Of(raster, {&refined, 1}).refined.value(); };
   EXPECT_NEAR(left(raster.before).heights, 0.2, 1e-9);

@@ -27,12 +27,12 @@ constexpr int kAround = 48, kRows = 24;
 const Vector3d kCentre(0, 0, 4.5);
 
 // A ball of 3 m above level ground; the ground's vertices and faces first.
-struct Bed {
+struct ContourBed {
   TriangleMesh mesh;
   std::vector<int32_t> labels;
   uint32_t first_ball_vertex = 4;
 
-  Bed() {
+  ContourBed() {
     for (const double y : {-20.0, 20.0}) {
       for (const double x : {-20.0, 20.0}) mesh.vertices.push_back({x, y, 0});
     }
@@ -96,7 +96,7 @@ PhotoView View(const PosedCamera& camera, double radius, const Vector3d& at) {
 }
 
 // Σ of 1 - L over the pixels, each cut into parts.
-double Energy(const Bed& bed, double aside, double radius, const Vector3d& at) {
+double Energy(const ContourBed& bed, double aside, double radius, const Vector3d& at) {
   constexpr int kParts = 8;
   const PosedCamera camera = Camera(aside, kParts);
   const FaceMap map = RasterizeFaces(bed.mesh, nullptr, camera);
@@ -117,7 +117,7 @@ struct Derivatives {
   std::vector<Matrix3d> curvature;
 };
 
-Derivatives Evaluate(const Bed& bed, const std::vector<PhotoView>& views, ContourOptions options = {1, 4}) {
+Derivatives Evaluate(const ContourBed& bed, const std::vector<PhotoView>& views, ContourOptions options = {1, 4}) {
   std::vector<std::vector<FaceContour>> contours;
   std::vector<int32_t> ids;
   for (const PhotoView& view : views) {
@@ -142,10 +142,10 @@ TEST(ContourTerm, GradientIsThatOfTheRenderedEnergy) {
   for (const double aside : {0.0, 9.0}) {
     for (const auto& [radius, at] : truths) {
       for (const auto& direction : {std::function<Vector3d(const Vector3d&)>(grow), {slide}, {lift}}) {
-        const Bed bed;
+        const ContourBed bed;
         const Derivatives d = Evaluate(bed, {View(Camera(aside), radius, at)});
         constexpr double kStep = 0.1;
-        Bed ahead, behind;
+        ContourBed ahead, behind;
         double along = 0, length = 0;
         for (size_t v = bed.first_ball_vertex; v < bed.mesh.vertices.size(); ++v) {
           const Vector3d move = direction(bed.mesh.vertices[v]);
@@ -164,19 +164,19 @@ TEST(ContourTerm, GradientIsThatOfTheRenderedEnergy) {
 
 TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
   const std::vector<PhotoView> views = {View(Camera(4), 3.3, kCentre)};
-  const auto pull = [&](const Bed& bed, ContourOptions options = {1, 4}) {
+  const auto pull = [&](const ContourBed& bed, ContourOptions options = {1, 4}) {
     const Derivatives d = Evaluate(bed, views, options);
     double sum = 0;
     for (const Vector3d& g : d.gradient) sum += g.norm();
     for (uint32_t v = 0; v < bed.first_ball_vertex; ++v) EXPECT_EQ(d.gradient[v], Vector3d::Zero()) << "behind";
     return sum;
   };
-  const Bed bed;
+  const ContourBed bed;
   EXPECT_GT(pull(bed), 0);
-  Bed same = bed;
+  ContourBed same = bed;
   std::fill(same.labels.begin(), same.labels.end(), kBall);
   EXPECT_EQ(pull(same), 0);
-  Bed unknown = bed;
+  ContourBed unknown = bed;
   std::fill(unknown.labels.begin(), unknown.labels.begin() + 2, -1);
   EXPECT_EQ(pull(unknown), 0);
   // 4 to 6 m of depth are 50 to 80 pixels here.
@@ -186,7 +186,7 @@ TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
 
 // What belongs to some faces and what to the others is what belongs to all.
 TEST(ContourTerm, OwnFacesHaveTheirContoursAlone) {
-  const Bed bed;
+  const ContourBed bed;
   const PhotoView view = View(Camera(4), 3.3, kCentre);
   const FaceMap map = RasterizeFaces(bed.mesh, nullptr, view.camera);
   std::vector<uint8_t> own(bed.mesh.faces.size()), others = own;
@@ -210,7 +210,7 @@ TEST(ContourTerm, OwnFacesHaveTheirContoursAlone) {
 }
 
 TEST(ContourTerm, CurvatureIsPositiveWherePulled) {
-  const Bed bed;
+  const ContourBed bed;
   const Derivatives d = Evaluate(bed, {View(Camera(4), 3.3, kCentre), View(Camera(-7), 3, Vector3d::Zero())});
   for (size_t v = 0; v < bed.mesh.vertices.size(); ++v) {
     const Eigen::Vector3d values = d.curvature[v].selfadjointView<Eigen::Lower>().eigenvalues();
@@ -224,7 +224,7 @@ TEST(ContourTerm, CurvatureIsPositiveWherePulled) {
 // Grey photographs, so that nothing but silhouettes tells how large the ball is.
 TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
   for (const double radius : {3.6, 2.5}) {
-    const Bed bed;
+    const ContourBed bed;
     RefineProblem problem;
     problem.mesh = bed.mesh;
     problem.gsd_m = 16 / kFocal_px;
@@ -252,7 +252,7 @@ TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
     for (int k = 0; k < kAround; ++k) {
       double widest = 0;
       for (int row = 1; row < kRows; ++row) {
-        widest = std::max(widest, (refined[Bed::RingVertex(row, k)] - kCentre).head<2>().norm());
+        widest = std::max(widest, (refined[ContourBed::RingVertex(row, k)] - kCentre).head<2>().norm());
       }
       mean += widest / kAround;
     }

@@ -17,7 +17,7 @@ namespace {
 using Eigen::Vector3d;
 using Positions = std::vector<Vector3d>;
 
-double Flat(double, double) { return 0.0; }
+double Level(double, double) { return 0.0; }
 
 TriangleMesh Joined(const TriangleMesh& a, const TriangleMesh& b) {
   TriangleMesh out = a;
@@ -29,12 +29,12 @@ TriangleMesh Joined(const TriangleMesh& a, const TriangleMesh& b) {
 
 // Two sheets, the upper `gap_m` above the lower.
 TriangleMesh Sheets(int n, double half_m, double gap_m) {
-  return Joined(HeightField(n, half_m, Flat), HeightField(n, half_m, [&](double, double) { return gap_m; }));
+  return Joined(HeightField(n, half_m, Level), HeightField(n, half_m, [&](double, double) { return gap_m; }));
 }
 
 // A wall of thickness `thickness_m` that stands on the ground: one sheet that runs up, over and down again.
 TriangleMesh ThinWall(int n, double thickness_m) {
-  TriangleMesh mesh = HeightField(n, 4, Flat);
+  TriangleMesh mesh = HeightField(n, 4, Level);
   for (Vector3d& v : mesh.vertices) {
     const double s = v.x();  // along the profile: ground, up 2 m, across, down 2 m, ground
     const double half = 0.5 * thickness_m;
@@ -97,8 +97,8 @@ TEST(IntersectingFacePairs, AreThoseThatCgalFindsOnGridPoints) {
 }
 
 TEST(IntersectingFacePairs, FlatAndFoldedNeighbours) {
-  EXPECT_TRUE(IntersectingFacePairs(HeightField(9, 3, Flat)).empty());
-  TriangleMesh folded = HeightField(1, 1, Flat);  // 0 1 3, 0 3 2
+  EXPECT_TRUE(IntersectingFacePairs(HeightField(9, 3, Level)).empty());
+  TriangleMesh folded = HeightField(1, 1, Level);  // 0 1 3, 0 3 2
   EXPECT_TRUE(IntersectingFacePairs(folded).empty());
   folded.vertices[2] = Vector3d(0.9, -0.8, 0);  // over onto the other face's side
   EXPECT_EQ(IntersectingFacePairs(folded), (std::vector<FacePair>{{0, 1}}));
@@ -191,7 +191,7 @@ TEST(FoldRepair, KeepsThinWallsApart) {
 }
 
 TEST(FoldRepair, UnfoldsFans) {
-  const TriangleMesh start = HeightField(12, 3, Flat);
+  const TriangleMesh start = HeightField(12, 3, Level);
   TriangleMesh moved = start;
   moved.vertices[6 * 13 + 6] += Vector3d(1.2, 0.9, 0);  // over its ring, in the plane: overlap and turned faces
   moved.vertices[3 * 13 + 3] += Vector3d(-0.8, 0.1, 0.02);

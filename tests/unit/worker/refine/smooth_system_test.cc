@@ -19,7 +19,7 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr uint64_t kSeeds = 12;
+constexpr uint64_t kSystemSeeds = 12;
 const std::vector<ClassSmoothness> kClasses = {{2, 0.7}, {0.5, 0}, {1, 0}, {0.3, 0.2}};
 constexpr double kMixed = 0.15;
 
@@ -111,7 +111,7 @@ MatrixXd FromGradients(const SmoothTerm& term, const Positions& start, const Smo
 }
 
 TEST(SmoothSystem, GradientIsTheDerivativeOfTheEnergy) {
-  for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+  for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
     SmoothTerm term = LabelledTerm(mesh, fixed);
@@ -148,7 +148,7 @@ TEST(SmoothSystem, GradientIsTheDerivativeOfTheEnergy) {
 }
 
 TEST(SmoothSystem, OperatorIsThatOfTheDefinitionSymmetricAndPositiveSemidefinite) {
-  for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+  for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     TriangleMesh mesh = RandomLabelledMesh(seed);
     mesh.labels[11] = mesh.labels[12] = -1;
     SmoothTerm term = LabelledTerm(mesh, {});
@@ -201,7 +201,7 @@ double SolveError(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, c
   return (exact - approximate).norm() / exact.norm();
 }
 
-MatrixXd Dense(const InterCurvature& curvature, size_t vertices) {
+MatrixXd DenseSystem(const InterCurvature& curvature, size_t vertices) {
   MatrixXd out = MatrixXd::Zero(3 * vertices, 3 * vertices);
   for (const auto& corner : curvature.corners) {
     Eigen::Matrix<double, 3, 9> jacobian;
@@ -219,7 +219,7 @@ MatrixXd Dense(const InterCurvature& curvature, size_t vertices) {
 }
 
 TEST(SmoothSystem, SolveStepConvergesToTheDenseSolution) {
-  for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+  for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
     SmoothTerm term = LabelledTerm(mesh, fixed);
@@ -238,7 +238,7 @@ TEST(SmoothSystem, SolveStepConvergesToTheDenseSolution) {
         EXPECT_EQ(step[k], Vector3d::Zero());
       }
     }
-    a += Dense(curvature, mesh.vertices.size());
+    a += DenseSystem(curvature, mesh.vertices.size());
     EXPECT_GT(SolveError(mesh, fixed, a, problem, step), 1e-2) << "E_inter must matter here";
     term.SolveStep(problem.data, problem.rhs, weights, 300, &step, &curvature);
     EXPECT_LT(SolveError(mesh, fixed, a, problem, step), 1e-5) << seed;
@@ -286,7 +286,7 @@ TEST(SmoothSystem, SweepsDoNotDivergeOnHubsNorForAnyWeights) {
 }
 
 TEST(SmoothSystem, OneClassOfWeightOneGivesTheBytesOfNoLabels) {
-  for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+  for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
     const SmoothTerm plain(mesh, fixed);
@@ -351,7 +351,7 @@ TEST(SmoothSystem, KeepHoldsOnlyItsClassAndOnlyAlongItsNormals) {
 }
 
 TEST(SmoothSystem, TurnsWithTheScene) {
-  for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+  for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     TriangleMesh mesh = RandomLabelledMesh(seed);
     const SmoothWeights weights{0.7, 0.2, 0.4, 0.6};
     const Problem problem = RandomProblem(mesh.vertices.size(), seed, 0.1);
@@ -379,7 +379,7 @@ TEST(SmoothSystem, TurnsWithTheScene) {
 
 // Who wants the steps of some vertices gets the bytes of who wants all, in fewer sweeps over the rest.
 TEST(SmoothSystem, WantedStepsAreThoseOfAll) {
-  for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+  for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
     const Problem problem = RandomProblem(mesh.vertices.size(), seed, 0.3);

@@ -34,11 +34,11 @@ TriangleMesh BlockyOverhang() {
 
 enum class Photographs { kTrue, kExchanged, kNoise };
 
-struct Scene {
+struct SafetyScene {
   RefineProblem problem;
   RefineOptions options;
 
-  explicit Scene(Photographs photographs) {
+  explicit SafetyScene(Photographs photographs) {
     const TriangleMesh truth = HeightField(90, 5, ReliefHeight);
     const std::vector<PosedCamera> cameras = ReliefCameras(160);
     std::vector<FloatImage> images;
@@ -72,7 +72,7 @@ struct Scene {
 class SurfaceSafety : public testing::TestWithParam<Photographs> {};
 
 TEST_P(SurfaceSafety, NothingTurnsCutsOrFlies) {
-  const Scene scene(GetParam());
+  const SafetyScene scene(GetParam());
   const Positions& start = scene.problem.mesh.vertices;
   const Positions end = scene.Refine();
   EXPECT_EQ(scene.Guard().TurnedFaces(end), 0);
@@ -90,12 +90,12 @@ TEST_P(SurfaceSafety, NothingTurnsCutsOrFlies) {
 
 // The limits count from where the job began, not from where a round did.
 TEST_P(SurfaceSafety, RoundsKeepToTheFirstStart) {
-  Scene scene(GetParam());
+  SafetyScene scene(GetParam());
   const MotionGuard guard = scene.Guard();
   const Positions start = scene.problem.mesh.vertices;
   const std::vector<FacePair> before = PairsByCgal(scene.problem.mesh);
   const auto rounds = [&](bool tell_start) {
-    Scene again(GetParam());
+    SafetyScene again(GetParam());
     for (int round = 0; round < 3; ++round) {
       if (tell_start && round > 0) again.problem.start = start;
       again.problem.mesh.vertices = again.Refine();
@@ -109,13 +109,13 @@ TEST_P(SurfaceSafety, RoundsKeepToTheFirstStart) {
 }
 
 TEST_P(SurfaceSafety, ItIsTheLimitsThatHold) {
-  Scene scene(GetParam());
+  SafetyScene scene(GetParam());
   scene.options.min_start_cosine = -1;
   EXPECT_GT(scene.Guard().TurnedFaces(scene.Refine()), 0);
 }
 
 TEST_P(SurfaceSafety, OneThreadIsAsManyByteForByte) {
-  const Scene scene(GetParam());
+  const SafetyScene scene(GetParam());
   Positions one, many;
   {
     const ThreadLimit limit(1);

@@ -233,7 +233,7 @@ struct RayHit {
   bool clear = true;
 };
 
-RayHit TraceRay(const TriangleMesh& mesh, const PosedCamera& camera, int column, int row, double near_m) {
+RayHit TracePixel(const TriangleMesh& mesh, const PosedCamera& camera, int column, int row, double near_m) {
   const Vector3d origin = camera.Centre(), d = camera.Ray(column + 0.5, row + 0.5);
   RayHit best;
   std::vector<double> depths;
@@ -278,7 +278,7 @@ TEST(RasterOracle, AgreesWithRaysThroughFacesAcrossTheNearPlane) {
       const FaceMap map = RasterizeFaces(mesh, nullptr, camera, near_m);
       int clear = 0, seen = 0;
       for (int i = 0; i < 64 * 48; ++i) {
-        const RayHit hit = TraceRay(mesh, camera, i % 64, i / 64, near_m);
+        const RayHit hit = TracePixel(mesh, camera, i % 64, i / 64, near_m);
         if (!hit.clear) continue;
         ++clear;
         seen += hit.face >= 0;

@@ -1,0 +1,22 @@
+// What a folder holds, to be compared with another.
+#ifndef TESSERA_TESTS_UNIT_COMMON_SYNTH_ALL_FILES_H_
+#define TESSERA_TESTS_UNIT_COMMON_SYNTH_ALL_FILES_H_
+
+#include <map>
+#include <string>
+
+#include "common/storage/files.h"
+
+namespace tessera {
+
+// The bytes of every file below `folder` by its name from there.
+inline std::map<std::string, std::string> AllFiles(const std::string& folder) {
+  std::map<std::string, std::string> content;
+  const auto names = ListFiles(folder);
+  for (const std::string& name : *names) content[name] = *ReadFile(folder + "/" + name);
+  return content;
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_UNIT_COMMON_SYNTH_ALL_FILES_H_

@@ -1,0 +1,125 @@
+// A job whose coordinator is killed, or its machine stops, at any step of what it writes: what was told is kept, and
+// the job ends as if nothing had happened.
+#include <gtest/gtest.h>
+
+#include <optional>
+#include <set>
+
+#include "server/store/sqlite_store.h"
+#include "tests/support/fake_coordinator.h"
+#include "tests/support/forgetful_disk.h"
+
+namespace tessera {
+namespace {
+
+using Left = ForgetfulDisk::Left;
+
+class MachineFailureTest : public CoordinatorTest {
+ protected:
+  // What the coordinator told somebody.
+  struct Told {
+    bool accepted = false;
+    std::set<std::string> done;  // tasks whose results it took
+  };
+
+  MachineFailureTest() {
+    planner_.exchange = true;
+    job_ = AJob(2);
+    job_.request.id = "night";
+    options_.durable_wait_s = 0.02;  // what cannot be stored, never can be here
+  }
+
+  // False if the machine stopped at it.
+  bool Start() {
+    auto store = SqliteStore::Open(path_);
+    if (!store.ok()) return false;
+    sqlite_ = *std::move(store);
+    auto dispatcher = Dispatcher::Open({sqlite_.get(),
+                                        blobs_.get(),
+                                        &planner_,
+                                        &clock_,
+                                        {},
+                                        [](int64_t, const auto& why) { ADD_FAILURE() << "set aside: " << why; }},
+                                       options_);
+    if (!dispatcher.ok()) return false;
+    dispatcher_ = *std::move(dispatcher);
+    return true;
+  }
+  void End() {
+    dispatcher_.reset();
+    sqlite_.reset();
+  }
+
+  // From the submission to the end, or until something is not answered with OK.
+  Told Live() {
+    Told told;
+    if (!dispatcher_->CreateJob(job_).ok()) return told;
+    told.accepted = true;
+    const std::string worker = Worker();
+    while (true) {
+      const auto lease = dispatcher_->LeaseTask(worker, 0, {});
+      if (!lease.ok() || !lease->has_value() || !Succeed(worker, **lease).ok()) return told;
+      told.done.insert((*lease)->task);
+    }
+  }
+
+  // One life with a stop, and the next, to the job's end. False if all was done before that step.
+  bool StopsAt(int64_t step, Left left) {
+    SCOPED_TRACE(testing::Message() << "stopped at step " << step << ", left: " << static_cast<int>(left));
+    ForgetfulDisk disk;
+    path_ = folder_.path() + "/state-" + std::to_string(++lives_) + ".sqlite";
+    disk.StopAtStep(step);
+    Told told;
+    if (Start()) told = Live();
+    const bool stopped = disk.stopped();
+    End();
+    disk.Restart(left, random_);
+    [&] {
+      ASSERT_TRUE(Start());
+      CheckKept(told);
+      GoOn();
+    }();
+    End();
+    return stopped;
+  }
+  void CheckKept(const Told& told) {
+    const auto jobs = dispatcher_->ListJobs(-1, 10);
+    EXPECT_LE(jobs.size(), 1u);
+    ASSERT_GE(jobs.size(), told.accepted ? 1u : 0u) << "an accepted job is gone";
+    for (const std::string& task : told.done) {
+      const auto tasks = dispatcher_->ListTasks("jobs/1", ParseTaskName(task)->task, 1);
+      ASSERT_TRUE(tasks.ok() && !tasks->empty()) << task;
+      EXPECT_EQ(tasks->at(0).task.state, TaskState::kSucceeded) << task << " was told to be done";
+    }
+  }
+  void GoOn() {
+    // The user asks again, as after an answer that never came.
+    ASSERT_EQ(Create(job_), "jobs/1");
+    clock_.Advance(31);  // whoever had a lease is gone
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+    WorkAll(Worker());
+    const JobStatus ended = Job("jobs/1");
+    ASSERT_EQ(ended.header.state, JobState::kSucceeded);
+    if (!mesh_) mesh_ = ended.header.artifacts.at(0).digest;
+    EXPECT_EQ(ended.header.artifacts.at(0).digest, *mesh_);
+  }
+
+  Random random_{1};
+  NewJob job_;
+  std::optional<Digest> mesh_;  // of the first life
+  int lives_ = 0;
+  std::string path_;
+  std::unique_ptr<SqliteStore> sqlite_;
+};
+
+TEST_F(MachineFailureTest, AtAnyStepLosesNothingThatWasTold) {
+  for (const Left left : {Left::kNothing, Left::kFirst, Left::kAnything, Left::kAll}) {
+    int64_t step = 1;
+    while (StopsAt(step, left) && !HasFailure()) ++step;
+    EXPECT_GT(step, 50);
+    if (HasFailure()) return;
+  }
+}
+
+}  // namespace
+}  // namespace tessera
