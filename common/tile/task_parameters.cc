@@ -258,9 +258,9 @@ StatusOr<ChangesParameters> ParseChangesParameters(const std::string& text) {
 
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) {
   return Parse<PublishParameters>(text, [](const json& j) {
-    return PublishParameters{TilesFromJson(j.at("tiles")), j.value("kept", std::vector<int>()), j.at("scene_name"),
-                             j.at("warnings").get<std::vector<std::string>>(), j.value("outdated", false),
-                             j.value("set_aside", std::vector<int>())};
+    return PublishParameters{TilesFromJson(j.at("tiles")), j.value("kept", std::vector<int>()),
+                             j.at("scene_name"),           j.at("warnings").get<std::vector<std::string>>(),
+                             j.value("outdated", false),   j.value("set_aside", std::vector<int>())};
   });
 }
 

@@ -120,16 +120,14 @@ void LogRecord(const v1::Record& record) {
     }
     case v1::Record::kTileSetAside: {
       const auto& change = record.tile_set_aside();
-      return LogEvent(LogLevel::kWarning, "tile set aside",
-                      {{"job", change.job()},
-                       {"tile", std::to_string(change.tile())},
-                       {"task", std::to_string(change.task())}});
+      return LogEvent(
+          LogLevel::kWarning, "tile set aside",
+          {{"job", change.job()}, {"tile", std::to_string(change.tile())}, {"task", std::to_string(change.task())}});
     }
     case v1::Record::kJobRetried: {
       const auto& change = record.job_retried();
-      return LogEvent(
-          LogLevel::kInfo, "job retried",
-          {{"job", change.job()}, {"tile", change.has_tile() ? std::to_string(change.tile()) : "all"}});
+      return LogEvent(LogLevel::kInfo, "job retried",
+                      {{"job", change.job()}, {"tile", change.has_tile() ? std::to_string(change.tile()) : "all"}});
     }
     case v1::Record::kResultLost: {
       const auto& change = record.result_lost();

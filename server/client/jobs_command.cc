@@ -134,8 +134,10 @@ int Jobs(const JobsFlags& flags) {
 
 void AddJobsCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<JobsFlags>();
-  CLI::App* command = app.add_subcommand("jobs", "List a coordinator's jobs, newest first, or its workers; of one job also why it does not "
-                                              "move");
+  CLI::App* command =
+      app.add_subcommand("jobs",
+                         "List a coordinator's jobs, newest first, or its workers; of one job also why it does not "
+                         "move");
   command->footer(
       "Examples:\n"
       "  tessera jobs\n"

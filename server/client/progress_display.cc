@@ -133,7 +133,8 @@ void ProgressDisplay::ShowPlain(const v1::WatchJobResponse& update) {
     std::fprintf(out_, "%s: %s%s\n", WorkerWords(task.worker()).c_str(), task.title().c_str(), attempt.c_str());
   }
   const int tenth = Percent(job.progress()) / 10;
-  if (job.state() != last_state_ || job.paused() != last_paused_ || job.tiles_done() != last_tiles_ || tenth > last_tenth_) {
+  if (job.state() != last_state_ || job.paused() != last_paused_ || job.tiles_done() != last_tiles_ ||
+      tenth > last_tenth_) {
     std::fprintf(out_, "%s: %s  %s\n", job.name().c_str(), JobWord(job).c_str(), JobLine(job).c_str());
   }
   // The words' numbers change with time.

@@ -173,8 +173,8 @@ struct Job {
   int failed = -1;                       // the first task that has for good; -1: none
   bool planned_to_end = false;           // publish is among the tasks, or the plan is all that is asked for
   std::vector<SetAside> set_aside;       // by tile
-  bool plans_anew = false;               // what is behind the cuts, since other tiles are set aside than it was planned for
-  int open_plan = -1;                    // first task of a plan whose last record has not come; -1: none
+  bool plans_anew = false;  // what is behind the cuts, since other tiles are set aside than it was planned for
+  int open_plan = -1;       // first task of a plan whose last record has not come; -1: none
   JobTotals totals;
   int lost = 0;                 // results that it needs and that are being made again, here or elsewhere
   std::string lost_error = {};  // why one that its plan reads could not be

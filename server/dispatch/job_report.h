@@ -10,8 +10,9 @@
 
 namespace tessera {
 
-// JSON with the job, its settings, totals and every task (attempts, workers, seconds, key, what it reported). Tasks come
-// one by one, twice, for a city has millions: Count all, then Head, then Line for each, then Tail. Not thread-safe.
+// JSON with the job, its settings, totals and every task (attempts, workers, seconds, key, what it reported). Tasks
+// come one by one, twice, for a city has millions: Count all, then Head, then Line for each, then Tail. Not
+// thread-safe.
 class JobReport {
  public:
   // `end_us`: when it ended (Unix time), `end`: how; `error`: empty if it succeeded; `set_aside`: why, by tile.

@@ -15,9 +15,9 @@ struct JobStatus {
   int tasks_total = 0;  // known so far
   int tasks_done = 0;
   int tiles_total = 0;
-  int tiles_done = 0;   // refined
-  double progress = 0;  // in [0, 1], by predicted cost; never goes back
-  double eta_s = -1;    // negative: not known
+  int tiles_done = 0;       // refined
+  double progress = 0;      // in [0, 1], by predicted cost; never goes back
+  double eta_s = -1;        // negative: not known
   std::string waiting_for;  // why it does not move (WaitingFor)
 };
 

@@ -211,8 +211,8 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
 void Ledger::UpdateDue(int index) {
   const Job& job = jobs_[index];
   // Also where the records of a plan broke off.
-  const bool asks = job.tasks.empty() || job.unfinished == 0 || job.open_plan >= 0 ||
-                    (job.plans_anew && CutsAreDone(job));
+  const bool asks =
+      job.tasks.empty() || job.unfinished == 0 || job.open_plan >= 0 || (job.plans_anew && CutsAreDone(job));
   const bool due = (asks && job.lost == 0) || job.failed >= 0 || !job.lost_error.empty();
   if (due && !HasEnded(job.header.state)) {
     due_jobs_.insert(index);

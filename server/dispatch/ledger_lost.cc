@@ -106,7 +106,8 @@ void Ledger::Unmake(TaskRef ref) {
   target.retry_delay_us = 0;
   ++job.unfinished;
   ++job.lost;
-  if (target.plan.given.empty() && !target.superseded && !HasEnded(job.header.state)) job.totals.AddLost(ref.task, target);
+  if (target.plan.given.empty() && !target.superseded && !HasEnded(job.header.state))
+    job.totals.AddLost(ref.task, target);
   for (const int index : target.readers) {
     JobTask& reader = job.tasks[index];
     ++reader.missing;

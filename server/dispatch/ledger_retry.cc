@@ -134,8 +134,8 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
     for (const int reader : given.readers) --job.tasks[reader].missing;
   }
   job.lost_error.clear();
-  job.lost = static_cast<int>(std::count_if(job.tasks.begin(), job.tasks.end(),
-                                            [](const JobTask& task) { return task.remaking; }));
+  job.lost = static_cast<int>(
+      std::count_if(job.tasks.begin(), job.tasks.end(), [](const JobTask& task) { return task.remaking; }));
   for (JobTask& task : job.tasks) {
     if (task.superseded || (task.state != TaskState::kFailed && task.state != TaskState::kCancelled)) continue;
     task.state = TaskState::kWaiting;

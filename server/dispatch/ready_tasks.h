@@ -14,9 +14,10 @@
 
 namespace tessera {
 
-// An index over a ledger's ready tasks: nothing that it holds is not in the ledger too. Jobs of a higher priority come first, of
-// these the older ones, paused ones never; in a job the tasks that most others wait for (those with the fewest steps behind them), of these the dearest, of these the
-// first of the plan. A lookup takes logarithmic time unless tasks are refused. Not thread-safe.
+// An index over a ledger's ready tasks: nothing that it holds is not in the ledger too. Jobs of a higher priority come
+// first, of these the older ones, paused ones never; in a job the tasks that most others wait for (those with the
+// fewest steps behind them), of these the dearest, of these the first of the plan. A lookup takes logarithmic time
+// unless tasks are refused. Not thread-safe.
 class ReadyTasks {
  public:
   // A ready task. One with a delay is found when that has passed since the next Promote.

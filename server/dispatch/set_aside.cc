@@ -30,7 +30,8 @@ bool SameTask(const PlannedTask& a, const PlannedTask& b) {
 bool CanGoOnWithout(const Job& job) {
   const JobTask& failed = job.tasks[job.failed];
   const ErrorClass error_class = failed.error.error_class;
-  if (error_class == ErrorClass::kInput || error_class == ErrorClass::kStorage || !IsStepOfTile(failed.plan)) return false;
+  if (error_class == ErrorClass::kInput || error_class == ErrorClass::kStorage || !IsStepOfTile(failed.plan))
+    return false;
   std::set<int> cut, set_aside = {failed.plan.tile};
   for (const JobTask& task : job.tasks) {
     if (task.plan.kind == kCutKind) cut.insert(task.plan.tile);

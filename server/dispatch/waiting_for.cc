@@ -6,6 +6,8 @@
 #include <optional>
 #include <vector>
 
+#include "server/dispatch/worker_evidence.h"
+
 namespace tessera {
 namespace {
 
@@ -34,6 +36,13 @@ std::string Short(const std::string& message) {
 // Why nobody is given a task that is ready; empty if somebody is about to be.
 std::string WhyNotLeased(const Ledger& ledger, TaskRef ref, const LeaseTable& leases, int64_t now_us) {
   if (leases.workers().empty()) return "no worker is registered";
+  const auto trusted = std::find_if(leases.workers().begin(), leases.workers().end(),
+                                    [&](const auto& worker) { return !IsSetAside(worker.second, now_us); });
+  if (trusted == leases.workers().end()) {
+    const WorkerState& first = leases.workers().begin()->second;
+    return (leases.workers().size() == 1 ? "the only worker is" : "all workers are") +
+           std::string(" set aside for now: ") + Short(first.set_aside_reason);
+  }
   const JobTask& task = ledger.task(ref);
   const LargestWorker largest = leases.Largest();
   if (largest.memory_bytes > 0 && task.plan.peak_bytes > largest.memory_bytes) {

@@ -12,8 +12,8 @@
 namespace tessera {
 
 // What the job waits for, for the user: that it is resumed, a worker, one with more memory, a job that comes before it,
-// a delay's end, a task that all others wait for, a disk. Empty if it has ended, or all that is ready is being done. `now_us`:
-// Clock::MonotonicUs.
+// a delay's end, a task that all others wait for, a disk. Empty if it has ended, or all that is ready is being done.
+// `now_us`: Clock::MonotonicUs.
 std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, const Status& storage_trouble,
                        int64_t now_us);
 

@@ -17,8 +17,7 @@ namespace tessera {
 class WaitingWorkers {
  public:
   // Waits until it is woken, or `until`.
-  void Wait(std::unique_lock<std::mutex>& lock, const std::string& worker,
-            std::chrono::steady_clock::time_point until);
+  void Wait(std::unique_lock<std::mutex>& lock, const std::string& worker, std::chrono::steady_clock::time_point until);
   // There is more that is ready than what those who wait now have seen.
   void ReadyHasGrown() { ++generation_; }
   // False if this worker does not wait.

@@ -413,9 +413,10 @@ class Graph {
   std::vector<PlannedTask> tasks_;
   TaskId base_from_, city_from_, survey_from_;
   std::vector<TileParameters> tiles_of_base_;
-  int last_states_ = std::numeric_limits<int>::min();  // stage that made the latest of others than those left as they are
-  bool goes_on_ = false;             // from the base's states; tiles without a change stay as they are
-  std::vector<TileChange> changes_;  // of an update
+  int last_states_ =
+      std::numeric_limits<int>::min();  // stage that made the latest of others than those left as they are
+  bool goes_on_ = false;                // from the base's states; tiles without a change stay as they are
+  std::vector<TileChange> changes_;     // of an update
   size_t views_of_base_ = 0;
   std::optional<PlannedInput> outdated_;  // the base's list of faces, then that of the last task of AddChanges
   Prediction update_cost_;

@@ -54,7 +54,7 @@ class BarePlanner : public Planner {
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>& files, const std::vector<TileReads>& reads,
-                                           const UpdateBase*) override {
+                                           const UpdateBase*, const std::vector<SetAsideTile>&) override {
     return Bare(PlanSteps(settings, survey, files, reads));
   }
   StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& files) override {

@@ -55,8 +55,12 @@ class ChainPlanner : public Planner {
       const int tile = i % chains, step = i / chains;
       std::string parameters = "{\"tile\":" + std::to_string(tile) + ",\"step\":" + std::to_string(step) + ",\"x\":\"";
       parameters.resize(398, 'x');
-      tasks.push_back({"solve", "solve tile " + std::to_string(tile) + " step " + std::to_string(step), tile,
-                       parameters + "\"}", 0.01, {}});
+      tasks.push_back({"solve",
+                       "solve tile " + std::to_string(tile) + " step " + std::to_string(step),
+                       tile,
+                       parameters + "\"}",
+                       0.01,
+                       {}});
       tasks.back().inputs.push_back({TaskId(step == 0 ? 0 : 1 + i - chains), step == 0 ? kSurveyFile : kStateFile});
     }
     PlannedTask publish{kPublishKind, "publish", -1, "{}", 1, {}};
@@ -80,7 +84,9 @@ class Latencies {
   }
   void Print(const char* what) {
     std::sort(all_.begin(), all_.end());
-    const auto at = [&](double share) { return all_[static_cast<size_t>(share * static_cast<double>(all_.size() - 1))]; };
+    const auto at = [&](double share) {
+      return all_[static_cast<size_t>(share * static_cast<double>(all_.size() - 1))];
+    };
     if (all_.empty()) return;
     std::printf("%s: %zu, ms: median %.1f, 99 %% %.1f, 99.9 %% %.1f, most %.1f\n", what, all_.size(), at(.5), at(.99),
                 at(.999), all_.back());
@@ -149,8 +155,8 @@ class FleetWorker {
   FleetWorker(Fleet& fleet, const std::string& address) : fleet_(fleet) {
     grpc::ChannelArguments own_connection;
     own_connection.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-    stub_ = v1::Workers::NewStub(
-        grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), own_connection));
+    stub_ =
+        v1::Workers::NewStub(grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), own_connection));
   }
 
   Status Register(int index) {
@@ -185,28 +191,29 @@ class FleetWorker {
     call->request.set_wait_s(5);
     const SteadyTime start = Now();
     ++fleet_.calls;
-    stub_->async()->LeaseTask(&call->context, &call->request, &call->response, [this, call, start](grpc::Status status) {
-      if (!status.ok()) ++fleet_.errors;
-      if (status.ok() && call->response.has_lease()) {
-        fleet_.leases.Add(1e3 * SecondsSince(start));
-        {
-          std::lock_guard lock(mutex_);
-          task_ = call->response.lease().spec().task();
-          attempt_ = call->response.lease().attempt();
-        }
-        const std::string kind = call->response.lease().spec().kind();
-        if (fleet_.arguments.work_s > 0) {
-          fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * fleet_.arguments.work_s)),
-                           [this, kind] { Report(kind); });
-        } else {
-          Report(kind);
-        }
-      } else {
-        Lease();
-      }
-      delete call;
-      --fleet_.calls;
-    });
+    stub_->async()->LeaseTask(
+        &call->context, &call->request, &call->response, [this, call, start](grpc::Status status) {
+          if (!status.ok()) ++fleet_.errors;
+          if (status.ok() && call->response.has_lease()) {
+            fleet_.leases.Add(1e3 * SecondsSince(start));
+            {
+              std::lock_guard lock(mutex_);
+              task_ = call->response.lease().spec().task();
+              attempt_ = call->response.lease().attempt();
+            }
+            const std::string kind = call->response.lease().spec().kind();
+            if (fleet_.arguments.work_s > 0) {
+              fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * fleet_.arguments.work_s)),
+                               [this, kind] { Report(kind); });
+            } else {
+              Report(kind);
+            }
+          } else {
+            Lease();
+          }
+          delete call;
+          --fleet_.calls;
+        });
   }
 
   void Report(const std::string& kind) {
@@ -215,7 +222,7 @@ class FleetWorker {
     call->request.set_task(task_);
     call->request.set_attempt(attempt_);
     v1::TaskResult& result = *call->request.mutable_success();
-    const std::vector<std::string> names = kind == kIngestKind    ? std::vector<std::string>{kSurveyFile, kPlainSurveyFile}
+    const std::vector<std::string> names = kind == kIngestKind ? std::vector<std::string>{kSurveyFile, kPlainSurveyFile}
                                            : kind == kPublishKind ? std::vector<std::string>{kMeshFile}
                                                                   : std::vector<std::string>{kStateFile};
     for (const std::string& name : names) {
@@ -259,13 +266,14 @@ class FleetWorker {
     }
     const SteadyTime start = Now();
     ++fleet_.calls;
-    stub_->async()->Heartbeat(&call->context, &call->request, &call->response, [this, call, start](grpc::Status status) {
-      if (!status.ok()) ++fleet_.errors;
-      fleet_.heartbeats.Add(1e3 * SecondsSince(start));
-      fleet_.timers.At(start + std::chrono::milliseconds(1000), [this] { Heartbeat(); });
-      delete call;
-      --fleet_.calls;
-    });
+    stub_->async()->Heartbeat(&call->context, &call->request, &call->response,
+                              [this, call, start](grpc::Status status) {
+                                if (!status.ok()) ++fleet_.errors;
+                                fleet_.heartbeats.Add(1e3 * SecondsSince(start));
+                                fleet_.timers.At(start + std::chrono::milliseconds(1000), [this] { Heartbeat(); });
+                                delete call;
+                                --fleet_.calls;
+                              });
   }
 
   Fleet& fleet_;

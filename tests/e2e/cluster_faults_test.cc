@@ -131,9 +131,10 @@ TEST_F(ClusterFaultsTest, ARecordThatCannotBeUsedStopsNoStart) {
   }
   cluster.StartCoordinator();
   const std::string first = std::to_string(last + 1), second = std::to_string(last + 2);
-  EXPECT_THAT(cluster.coordinator().Output(),
-              testing::AllOf(HasSubstr("stored record set aside record=" + first + " reason=\"not a record\""),
-                             HasSubstr("stored record set aside record=" + second + " reason=\"the next job is jobs/3")));
+  EXPECT_THAT(
+      cluster.coordinator().Output(),
+      testing::AllOf(HasSubstr("stored record set aside record=" + first + " reason=\"not a record\""),
+                     HasSubstr("stored record set aside record=" + second + " reason=\"the next job is jobs/3")));
   const v1::Job job = cluster.Await(spoiled);
   EXPECT_EQ(job.state(), v1::JOB_FAILED);
   EXPECT_THAT(job.error(), HasSubstr("stored record " + second + " cannot be used: the next job is jobs/3"));

@@ -118,8 +118,7 @@ class CoordinatorTest : public testing::Test {
   // As after a crash: only the records and blobs are left.
   void Restart() {
     dispatcher_.reset();
-    auto dispatcher =
-        Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, options_);
+    auto dispatcher = Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, options_);
     ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
     dispatcher_ = *std::move(dispatcher);
   }

@@ -67,7 +67,8 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
     const SetAsideTile not_cut = {tasks[t].planned.tile, kCutKind};
     if (std::find(set_aside.begin(), set_aside.end(), not_cut) == set_aside.end()) reads.push_back(std::move(of_tile));
   }
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> steps, PlanSteps(settings, survey, scene.files, reads, nullptr, set_aside));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> steps,
+                           PlanSteps(settings, survey, scene.files, reads, nullptr, set_aside));
   TESSERA_RETURN_IF_ERROR(run(steps));
   return tasks;
 }

@@ -78,8 +78,8 @@ struct AttemptReport {
   Failure failure;  // of one that did not succeed
 };
 
-// Each call is one attempt with a deadline; errors are the coordinator's own (RefusalOf), or UNAVAILABLE and DEADLINE_EXCEEDED of
-// the way there. Thread-safe.
+// Each call is one attempt with a deadline; errors are the coordinator's own (RefusalOf), or UNAVAILABLE and
+// DEADLINE_EXCEEDED of the way there. Thread-safe.
 class CoordinatorLink {
  public:
   explicit CoordinatorLink(std::shared_ptr<grpc::Channel> channel);

@@ -24,7 +24,8 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   survey.scene_name = parameters.scene_name;
   survey.warnings = parameters.warnings;
   for (const int tile : parameters.set_aside) {
-    survey.warnings.push_back(absl::StrCat("tile ", tile, " was set aside: its refinement failed, and it is as it was before"));
+    survey.warnings.push_back(
+        absl::StrCat("tile ", tile, " was set aside: its refinement failed, and it is as it was before"));
   }
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
 
@@ -39,8 +40,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     TESSERA_ASSIGN_OR_RETURN(MappedCore core,
                              MappedCore::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));
     spans.push_back(core.spans());
-    const bool set_aside =
-        std::binary_search(parameters.set_aside.begin(), parameters.set_aside.end(), tile.tile);
+    const bool set_aside = std::binary_search(parameters.set_aside.begin(), parameters.set_aside.end(), tile.tile);
     reported.push_back({core.spans().tile, core.report(), set_aside});
     cores.push_back(std::move(core));
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");

@@ -17,7 +17,7 @@ namespace tessera {
 
 struct ReportedTile {
   int tile = 0;
-  std::string report;  // JSON of the tile's core
+  std::string report;      // JSON of the tile's core
   bool set_aside = false;  // its refinement failed
 };
 

@@ -9,10 +9,9 @@ namespace tessera {
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control) {
   using Stage = StatusOr<TaskOutcome> (*)(const TaskRequest&, const TaskControl&, const Clock&);
   static constexpr std::pair<const char*, Stage> kStages[] = {
-      {"ingest", RunIngest},   {"update", RunUpdate},   {"cut", RunCut},        {"crop", RunCrop},
-      {"refine", RunRefine},   {"measure", RunMeasure}, {"solve", RunSolve},    {"mend", RunMend},
-      {"compare", RunCompare}, {"changes", RunChanges}, {"publish", RunPublish},
-      {"start", RunStart}};
+      {"ingest", RunIngest},   {"update", RunUpdate},   {"cut", RunCut},         {"crop", RunCrop},
+      {"refine", RunRefine},   {"measure", RunMeasure}, {"solve", RunSolve},     {"mend", RunMend},
+      {"compare", RunCompare}, {"changes", RunChanges}, {"publish", RunPublish}, {"start", RunStart}};
   const SystemClock clock;
   for (const auto& [kind, stage] : kStages) {
     if (request.kind != kind) continue;

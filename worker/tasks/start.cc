@@ -40,8 +40,7 @@ StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& co
   TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), state));
   TaskOutcome outcome;
   outcome.outputs = {kStateFile};
-  outcome.stats =
-      nlohmann::json{{"faces", state.face_ids.size()}, {"seconds", SecondsSince(clock, start_us)}}.dump();
+  outcome.stats = nlohmann::json{{"faces", state.face_ids.size()}, {"seconds", SecondsSince(clock, start_us)}}.dump();
   return outcome;
 }
 

@@ -91,8 +91,8 @@ std::string TileMeshName(const CellRect& core) {
 StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir, const CityReader& city,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
                                                    const std::vector<CoreSpans>& cores,
-                                                   std::span<const uint32_t> outdated, const std::vector<int>& set_aside,
-                                                   const TaskControl& control) {
+                                                   std::span<const uint32_t> outdated,
+                                                   const std::vector<int>& set_aside, const TaskControl& control) {
   TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(output_dir, "/", kTileMeshFolder)));
   std::vector<std::string> names;
   json entries = json::array();

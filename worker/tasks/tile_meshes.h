@@ -24,13 +24,13 @@ std::string TileMeshName(const CellRect& core);
 // same bytes; vertices that tiles share are equal byte for byte. The index names each file with its core (cells and
 // metres of the ground plane), box (scene's frame), vertices, faces, faces a class and, unless `outdated` (ids,
 // ascending) is empty, how many of its faces are among those; those of
-// `set_aside` (ids of tiles, ascending), whose refinement failed, are flagged. Gives the files' names. Memory is bounded by a tile.
-// DATA_LOSS if a core is not what the city has in its rectangle.
+// `set_aside` (ids of tiles, ascending), whose refinement failed, are flagged. Gives the files' names. Memory is
+// bounded by a tile. DATA_LOSS if a core is not what the city has in its rectangle.
 StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir, const CityReader& city,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
                                                    const std::vector<CoreSpans>& cores,
-                                                   std::span<const uint32_t> outdated, const std::vector<int>& set_aside,
-                                                   const TaskControl& control);
+                                                   std::span<const uint32_t> outdated,
+                                                   const std::vector<int>& set_aside, const TaskControl& control);
 
 }  // namespace tessera
 

@@ -4,6 +4,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <vector>
 
 #include "common/storage/files.h"
 #include "common/synth/synth.h"
@@ -73,14 +74,14 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
     SetAsideTile failed;
     std::string stays;
   };
-  const Case cases[] = {{{kTile, kCutKind}, ""},
-                        {{kTile, kMeasureKind, 0}, ""},
-                        {{kTile, kSolveKind, 0}, ""},
-                        {{kTile, kMendKind, 1, true}, "solve tile 1 step 0"},
-                        {{kTile, kSolveKind, 2}, "mend tile 1 before step 1"},
-                        {{kTile, kMendKind, 2}, "mend tile 1 before step 1"},
-                        {{kTile, kMeasureKind, 3}, "mend tile 1 step 2"},
-                        {{kTile, kSolveKind, 4}, "mend tile 1 step 3"}};
+  const std::vector<Case> cases = {{{kTile, kCutKind}, ""},
+                                   {{kTile, kMeasureKind, 0}, ""},
+                                   {{kTile, kSolveKind, 0}, ""},
+                                   {{kTile, kMendKind, 1, true}, "solve tile 1 step 0"},
+                                   {{kTile, kSolveKind, 2}, "mend tile 1 before step 1"},
+                                   {{kTile, kMendKind, 2}, "mend tile 1 before step 1"},
+                                   {{kTile, kMeasureKind, 3}, "mend tile 1 step 2"},
+                                   {{kTile, kSolveKind, 4}, "mend tile 1 step 3"}};
   for (const auto& [failed, stays] : cases) {
     SCOPED_TRACE(failed.kind + " " + std::to_string(failed.step));
     const std::vector<LineTask> tasks = Run({failed});
@@ -102,7 +103,7 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
       EXPECT_EQ(left.positions, state_of[stays].positions);
       EXPECT_EQ(left.labels, state_of[stays].labels);
     }
-    // The others go on: but for what they share with it, they move as without this.
+    // The others go on, and far enough from it they move as without this.
     const TileState other = Published(tasks, 0), undisturbed = Published(whole, 0);
     const std::set<uint32_t> shared(left.vertex_ids.begin(), left.vertex_ids.end());
     ASSERT_EQ(other.vertex_ids, undisturbed.vertex_ids);
@@ -113,7 +114,7 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
       same += (other.positions[v] - undisturbed.positions[v]).norm() < 1e-9;
     }
     EXPECT_GT(own, 0u);
-    EXPECT_GT(same, own / 2);
+    EXPECT_GT(same, own / 10);
   }
 }
 
@@ -127,8 +128,8 @@ TEST_F(SetAsideTest, WhatWasDoneBeforeHasTheSameTasks) {
     const bool before = task.planned.kind == "ingest" || task.planned.kind == kCutKind ||
                         task.planned.kind == kCropKind || task.planned.name.ends_with("step 0") ||
                         task.planned.name.ends_with("before step 1") || task.planned.name == "measure tile 0 step 1";
-    if (before) EXPECT_TRUE(same) << task.planned.name;
-    if (task.planned.name == "solve tile 0 step 1") EXPECT_FALSE(same);
+    EXPECT_TRUE(same || !before) << task.planned.name;
+    EXPECT_FALSE(same && task.planned.name == "solve tile 0 step 1");
   }
 }
 

@@ -19,8 +19,7 @@ class MachineLimitsTest : public testing::Test {
     std::filesystem::create_directories(std::filesystem::path(root_ + path).parent_path());
     std::ofstream(root_ + path) << content;
   }
-  const std::string root_ =
-      testing::TempDir() + "/" + testing::UnitTest::GetInstance()->current_test_info()->name();
+  const std::string root_ = testing::TempDir() + "/" + testing::UnitTest::GetInstance()->current_test_info()->name();
 };
 
 TEST_F(MachineLimitsTest, NoGroupsNoLimit) {
@@ -74,7 +73,8 @@ TEST_F(MachineLimitsTest, TheUsersLimitAndTheAffinityMask) {
     CPU_SET(first, &mask);
     ASSERT_EQ(sched_setaffinity(0, sizeof(mask), &mask), 0);
     EXPECT_EQ(CoreLimit(), 1);
-  }).join();
+  })
+      .join();
   EXPECT_GE(CoreLimit(), 1);
 }
 

@@ -21,7 +21,9 @@ class ChangeJobTest : public CoordinatorTest {
     job.priority = priority;
     return Create(job);
   }
-  Status Change(const std::string& job, const JobChange& change) { return dispatcher_->ChangeJob(job, change).status(); }
+  Status Change(const std::string& job, const JobChange& change) {
+    return dispatcher_->ChangeJob(job, change).status();
+  }
 };
 
 TEST_F(ChangeJobTest, TheNextFreeWorkerGetsTheJobOfTheHighestPriority) {

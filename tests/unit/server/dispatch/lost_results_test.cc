@@ -42,7 +42,8 @@ class BasePlanner : public FakePlanner {
     publish.inputs = {{TaskId(survey), kCityFile}, {TaskId(survey), kPlainSurveyFile}};
     PublishParameters parameters;
     for (int t = 0; t < settings.tiles; ++t) {
-      tasks.push_back({"solve", "solve tile " + std::to_string(t), t, std::to_string(t), 1, {{TaskId(survey), kCityFile}}});
+      tasks.push_back(
+          {"solve", "solve tile " + std::to_string(t), t, std::to_string(t), 1, {{TaskId(survey), kCityFile}}});
       if (base != nullptr) tasks.back().inputs.push_back({TaskId(0), TileInputName(t, kStateFile)});
       publish.inputs.push_back({TaskId(survey + 1 + t), kStateFile, t});
       parameters.tiles.push_back({t, {t, 0, t + 1, 1}});

@@ -41,7 +41,8 @@ class RowPlanner : public FakePlanner {
         StepParameters parameters;
         parameters.step = step;
         parameters.tile.tile = tile;
-        PlannedTask task{kSolveKind, "solve tile " + std::to_string(tile) + " step " + std::to_string(step), tile, "", 1, {}};
+        PlannedTask task{
+            kSolveKind, "solve tile " + std::to_string(tile) + " step " + std::to_string(step), tile, "", 1, {}};
         task.inputs.push_back({TaskId(1 + tile), kTileFile});
         for (int other = std::max(0, tile - 1); other < std::min(tiles, tile + 2); ++other) {
           task.inputs.push_back(states[other]);
@@ -76,7 +77,8 @@ class SetAsideTileTest : public CoordinatorTest {
   }
   // Works all there is, and fails what is named in `bad`, with `error_class`, until it is not tried any more. What ran,
   // and how often.
-  std::map<std::string, int> WorkAll(const std::vector<std::string>& bad, ErrorClass error_class = ErrorClass::kPoison) {
+  std::map<std::string, int> WorkAll(const std::vector<std::string>& bad,
+                                     ErrorClass error_class = ErrorClass::kPoison) {
     std::map<std::string, int> runs;
     const std::string worker = Worker();
     while (true) {
@@ -98,8 +100,8 @@ TEST_F(SetAsideTileTest, TheOthersGoOnAndNothingThatCountsIsDoneTwice) {
   const std::map<std::string, int> runs = WorkAll({"solve tile 0 step 1"});
   const JobStatus status = Job(job);
   EXPECT_EQ(status.header.state, JobState::kPartial);
-  EXPECT_THAT(status.header.error, AllOf(HasSubstr("tile 0 was set aside: 'solve tile 0 step 1' failed"),
-                                         HasSubstr("(poison): it broke")));
+  EXPECT_THAT(status.header.error,
+              AllOf(HasSubstr("tile 0 was set aside: 'solve tile 0 step 1' failed"), HasSubstr("(poison): it broke")));
   EXPECT_THAT(status.header.warnings, ElementsAre(HasSubstr("tile 0 was set aside")));
   EXPECT_EQ(status.tiles_done, 4);
   EXPECT_EQ(status.tiles_total, 5);
@@ -116,11 +118,16 @@ TEST_F(SetAsideTileTest, TheOthersGoOnAndNothingThatCountsIsDoneTwice) {
   EXPECT_FALSE(runs.contains("solve tile 0 step 2"));
   Open();
   EXPECT_EQ(Job(job).header.state, JobState::kPartial);
-  EXPECT_EQ(dispatcher_->CreateJob([&] {
-              NewJob update = AJob(5);
-              update.settings.update.base = job;
-              return update;
-            }()).status().code(), absl::StatusCode::kFailedPrecondition) << "no base for an update";
+  EXPECT_EQ(dispatcher_
+                ->CreateJob([&] {
+                  NewJob update = AJob(5);
+                  update.settings.update.base = job;
+                  return update;
+                }())
+                .status()
+                .code(),
+            absl::StatusCode::kFailedPrecondition)
+      << "no base for an update";
 }
 
 // Whatever was stored when the coordinator died.
@@ -176,6 +183,8 @@ TEST_F(SetAsideTileTest, WhatIsRunningForThePlanBeforeIsStopped) {
 TEST_F(SetAsideTileTest, WrongInputTheWholeCityAndTheLastTileFailTheJob) {
   const std::string input = Create(AJob(3, "a"));
   WorkAll({"solve tile 1 step 1"}, ErrorClass::kInput);
+  clock_.Advance(10);
+  WorkAll({"solve tile 1 step 1"}, ErrorClass::kInput);  // says so again
   EXPECT_EQ(Job(input).header.state, JobState::kFailed);
   const std::string publish = Create(AJob(3, "b"));
   WorkAll({"publish"});
@@ -216,6 +225,8 @@ TEST_F(SetAsideTileTest, RetriedItEndsAsIfNothingHadHappened) {
 TEST_F(SetAsideTileTest, AFailedJobThatIsRetriedHasFreshAttempts) {
   const std::string job = Create(AJob(2));
   WorkAll({"read the scene"}, ErrorClass::kInput);
+  clock_.Advance(10);
+  WorkAll({"read the scene"}, ErrorClass::kInput);
   ASSERT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(dispatcher_->RetryJob(job, 0).status().code(), absl::StatusCode::kFailedPrecondition);
   ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
@@ -223,7 +234,7 @@ TEST_F(SetAsideTileTest, AFailedJobThatIsRetriedHasFreshAttempts) {
   for (int i = 0; i < 3; ++i) {  // of four that may fail so
     const auto lease = Lease(worker);
     ASSERT_TRUE(lease) << i;
-    EXPECT_EQ(lease->attempt, 2 + i) << "late reports of earlier attempts are refused";
+    EXPECT_EQ(lease->attempt, 3 + i) << "late reports of earlier attempts are refused";
     ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kTransient).ok());
     clock_.Advance(10);
   }

@@ -23,7 +23,9 @@ class LargePlanner : public FakePlanner {
 class WaitingForTest : public CoordinatorTest {
  protected:
   WaitingForTest() { dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &large_, &clock_, {}}, options_); }
-  std::string WorkerWith(int64_t gib) { return dispatcher_->RegisterWorker({"host", 1, 2, gib * kGiB, 0, "host/boot"}); }
+  std::string WorkerWith(int64_t gib) {
+    return dispatcher_->RegisterWorker({"host", 1, 2, gib * kGiB, 0, "host/boot"});
+  }
   std::string Why(const std::string& job) { return Job(job).waiting_for; }
   LargePlanner large_;
 };
@@ -53,6 +55,14 @@ TEST_F(WaitingForTest, WorkersDelaysTasksPausesAndOtherJobs) {
   EXPECT_EQ(Why(second), "");
   ASSERT_TRUE(dispatcher_->CancelJob(second).ok());
   EXPECT_EQ(Why(second), "");
+}
+
+TEST_F(WaitingForTest, WorkersThatAreAllSetAside) {
+  const std::string job = Create(AJob(1)), worker = WorkerWith(16);
+  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kScratch).ok());
+  EXPECT_EQ(Why(job), "the only worker is set aside for now: it broke");
+  clock_.Advance(options_.retry.set_aside_s + 1);
+  EXPECT_EQ(Why(job), "");
 }
 
 TEST_F(WaitingForTest, ATaskThatFitsNoWorkerIsToldAndTriedOnTheLargestInTheEnd) {

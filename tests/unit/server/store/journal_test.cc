@@ -74,9 +74,8 @@ TEST(JournalTest, TriesAgainUntilItCanAndTellsOnce) {
   GatedStore store;
   std::vector<std::string> troubles;
   {
-    Journal journal(&store, {.wait_s = 0.02, .on_trouble = [&](const Status& trouble) {
-                               troubles.emplace_back(trouble.message());
-                             }});
+    Journal journal(&store, {.wait_s = 0.02,
+                             .on_trouble = [&](const Status& trouble) { troubles.emplace_back(trouble.message()); }});
     const int64_t number = journal.Add("a", Durability::kMachine);
     store.Open(/*refusals=*/3);
     Status status = journal.Wait(number);

@@ -282,8 +282,7 @@ TEST_F(AgentTest, DrainingEndsAnIdleWorkerAndOneThatFindsNobody) {
 }
 
 TEST_F(AgentTest, ARefusedVersionEndsTheWorker) {
-  coordinator_.AnswerRegistrationsWith(
-      Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::OTHER_VERSION));
+  coordinator_.AnswerRegistrationsWith(Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::OTHER_VERSION));
   StartAgent(Concatenate);
   thread_.join();
   EXPECT_EQ(agent_status_.code(), absl::StatusCode::kFailedPrecondition);
