@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
+#include <signal.h>
 #include <sqlite3.h>
 #include <unistd.h>
 
@@ -188,24 +189,30 @@ TEST_F(ClusterFaultsTest, ATaskThatHangsIsEndedAndDoneByAnother) {
 }
 
 // It is published as it was, flagged; tried again, it is as if nothing had happened.
-TEST_F(ClusterFaultsTest, ATileThatKillsItsWorkersIsSetAsideAndCanBeTriedAgain) {
+TEST_F(ClusterFaultsTest, ATileThatFailsEverywhereIsSetAsideAndCanBeTriedAgain) {
   Cluster cluster(folder_.path());
   const auto tessera = [&](std::vector<std::string> arguments) {
     arguments.insert(arguments.end(), {"--coordinator", cluster.address()});
     return Tessera(folder_.path(), arguments);
   };
   const std::string job = cluster.Submit(ToyCity(), 4).name();
-  cluster.AddWorker();
+  Program& reader = cluster.AddWorker();
   ASSERT_TRUE(WaitUntil([&] { return cluster.Tasks(job).size() > 1; }));  // the city is read
-  ScriptedWorker killed(cluster.address());
-  const v1::Lease lease = killed.Lease();
+  reader.Signal(SIGTERM);
+  reader.Wait();
+  ScriptedWorker small(cluster.address());
   v1::ReportTaskRequest died;
-  died.mutable_failure()->set_error_class(v1::POISON);
+  died.mutable_failure()->set_error_class(v1::MEMORY);
   died.mutable_failure()->set_message("killed");
-  ASSERT_TRUE(killed.Report(lease, died).ok());
+  const v1::Lease lease = small.Lease();
+  ASSERT_TRUE(small.Report(lease, died).ok());
+  const v1::Lease second = small.Lease();
+  ASSERT_EQ(second.spec().task(), lease.spec().task());
+  ASSERT_TRUE(small.Report(second, died).ok());
+  cluster.AddWorker();
   const Outcome watched = tessera({"watch", job});
   EXPECT_EQ(watched.exit_code, 5) << watched.output;
-  EXPECT_THAT(watched.output, HasSubstr("was set aside: '" + lease.spec().title() + "' failed (poison): killed"));
+  EXPECT_THAT(watched.output, HasSubstr("was set aside: '" + lease.spec().title() + "' failed (memory): killed"));
   const std::string partial = cluster.Fetch(job);
   EXPECT_THAT(Content(partial + "/report.json"), HasSubstr("was set aside"));
   EXPECT_THAT(Content(partial + "/tiles/index.json"), HasSubstr("\"set_aside\": true"));

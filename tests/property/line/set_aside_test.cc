@@ -71,18 +71,19 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
   // Labels first, two iterations on level 1, one on level 0, labels. What fails, and whose state stays; empty: the
   // start's.
   struct Case {
-    SetAsideTile failed;
-    std::string stays;
+    const char* kind;
+    int step;
+    bool before;
+    const char* stays;
   };
-  const std::vector<Case> cases = {{{kTile, kCutKind}, ""},
-                                   {{kTile, kMeasureKind, 0}, ""},
-                                   {{kTile, kSolveKind, 0}, ""},
-                                   {{kTile, kMendKind, 1, true}, "solve tile 1 step 0"},
-                                   {{kTile, kSolveKind, 2}, "mend tile 1 before step 1"},
-                                   {{kTile, kMendKind, 2}, "mend tile 1 before step 1"},
-                                   {{kTile, kMeasureKind, 3}, "mend tile 1 step 2"},
-                                   {{kTile, kSolveKind, 4}, "mend tile 1 step 3"}};
-  for (const auto& [failed, stays] : cases) {
+  constexpr Case kCases[] = {{kCutKind, -1, false, ""},
+                             {kMeasureKind, 0, false, ""},
+                             {kMendKind, 1, true, "solve tile 1 step 0"},
+                             {kSolveKind, 2, false, "mend tile 1 before step 1"},
+                             {kSolveKind, 4, false, "mend tile 1 step 3"}};
+  for (const Case& each : kCases) {
+    const SetAsideTile failed = {kTile, each.kind, each.step, each.before};
+    const std::string stays = each.stays;
     SCOPED_TRACE(failed.kind + " " + std::to_string(failed.step));
     const std::vector<LineTask> tasks = Run({failed});
     ASSERT_FALSE(tasks.empty());
