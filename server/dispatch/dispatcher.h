@@ -176,6 +176,8 @@ class Dispatcher {
   void Stop();
   bool stopped() const;
 
+  // Waits until all changes so far are durable.
+  Status Durable() const { return journal_.Wait(journal_.last()); }
   // Why changes cannot be stored now, and nothing is leased; OK if they can.
   Status storage_trouble() const { return journal_.trouble(); }
 
@@ -186,8 +188,6 @@ class Dispatcher {
   Status EndSpoiledJob(int job, const std::string& error);
   // Checks, applies and queues for the journal. Errors are those of the check.
   Status CommitLocked(v1::Record& record, Durability durability = Durability::kMachine);
-  // Waits until all changes so far are durable. Never under mutex_.
-  Status Durable() const { return journal_.Wait(journal_.last()); }
   Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure);
   Status EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired);
   Status ExpireLeasesLocked();

