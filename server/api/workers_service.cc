@@ -41,8 +41,8 @@ grpc::Status WorkersService::RegisterWorker(grpc::ServerContext*, const v1::Regi
 grpc::Status WorkersService::LeaseTask(grpc::ServerContext* context, const v1::LeaseTaskRequest* request,
                                        v1::LeaseTaskResponse* response) {
   const double wait_s = request->wait_s() > 0 ? std::min(request->wait_s(), kMaxWaitS) : 0.0;
-  const auto lease =
-      environment_.dispatcher->LeaseTask(request->worker(), wait_s, [context] { return context->IsCancelled(); });
+  const auto lease = environment_.dispatcher->LeaseTask(
+      request->worker(), wait_s, [context] { return context->IsCancelled(); }, request->call());
   if (!lease.ok()) return ToGrpc(lease.status());
   if (*lease) ToProto(**lease, !environment_.shared_probe_path.empty(), response->mutable_lease());
   return grpc::Status::OK;

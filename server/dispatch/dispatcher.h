@@ -147,9 +147,10 @@ class Dispatcher {
   // Workers.
   std::string RegisterWorker(const WorkerInfo& info);
   // Waits up to `wait_s` for a task; none if there was none. `gone`: whether the caller still waits for the answer.
+  // `call`: above 0, the same if the worker repeats a call whose answer was lost: it is given that lease again.
   // Refusal::kUnknownWorker for a worker that is not registered (it was forgotten).
   StatusOr<std::optional<GrantedLease>> LeaseTask(const std::string& worker, double wait_s,
-                                                  const std::function<bool()>& gone);
+                                                  const std::function<bool()>& gone, int64_t call = 0);
   // Renews leases. Gives the tasks that the worker must stop.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<ReportedProgress>& tasks);
   // Refusal::kNotCurrent if the attempt is not the current one. The same report again is OK. Statistics that are too
@@ -199,7 +200,11 @@ class Dispatcher {
   bool FitsLocked(TaskRef ref, const std::string& worker) const;
   // `waited_s`: how long the worker has asked already.
   std::optional<TaskRef> NextReadyLocked(const std::string& worker, double waited_s);
+  // What the task's worker is told; without threads.
+  StatusOr<GrantedLease> DescribeLocked(TaskRef ref, int attempt) const;
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
+  // The lease that this call was given before, if it is still current.
+  StatusOr<std::optional<GrantedLease>> GrantedBeforeLocked(const std::string& worker, int64_t call);
   Status SeenLocked(const std::string& worker);
   // Errors with Refusal::kNotCurrent.
   StatusOr<TaskRef> FindReportedLocked(const std::string& task) const;

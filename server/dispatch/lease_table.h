@@ -48,6 +48,10 @@ struct WorkerState {
   int64_t last_seen_us = 0;
   std::vector<TileRef> recent_tiles = {};  // whose tasks it was given, the last first: it may have them in memory
   std::set<TaskRef> tasks = {};            // that it has leases of
+  // Its last call that was given a lease (0: none), and what it was given.
+  int64_t call = 0;
+  TaskRef granted = {};
+  int granted_attempt = 0;
   // worker_evidence.h.
   int strikes = 0;  // tasks that it failed and others did, since it last did one
   int times_set_aside = 0;

@@ -14,11 +14,11 @@ constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
-StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& worker) {
+StatusOr<GrantedLease> Dispatcher::DescribeLocked(TaskRef ref, int attempt) const {
   const Job& job = ledger_.jobs()[ref.job];
   GrantedLease granted;
   granted.task = TaskName(ref);
-  granted.attempt = ledger_.task(ref).attempt() + 1;
+  granted.attempt = attempt;
   granted.plan = ledger_.task(ref).plan;
   granted.key = ledger_.task(ref).key;
   TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, ledger_.InputsOf(job, granted.plan));
@@ -39,6 +39,11 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
     }
     granted.inputs.push_back({std::move(inputs[i]), std::move(path)});
   }
+  return granted;
+}
+
+StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& worker) {
+  TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, DescribeLocked(ref, ledger_.task(ref).attempt() + 1));
   v1::Record record;
   record.mutable_attempt_started()->set_task(granted.task);
   record.mutable_attempt_started()->set_attempt(granted.attempt);
@@ -56,8 +61,19 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   return granted;
 }
 
+StatusOr<std::optional<GrantedLease>> Dispatcher::GrantedBeforeLocked(const std::string& worker, int64_t call) {
+  const WorkerState* const self = leases_.FindWorker(worker);
+  if (call <= 0 || self == nullptr || self->call != call) return std::nullopt;
+  LeaseState* const lease = leases_.FindCurrent(self->granted, worker, self->granted_attempt);
+  if (lease == nullptr) return std::nullopt;
+  lease->expires_us = environment_.clock->MonotonicUs() + Micros(options_.lease_s);
+  TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, DescribeLocked(self->granted, self->granted_attempt));
+  granted.threads = lease->threads;
+  return granted;
+}
+
 StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& worker, double wait_s,
-                                                            const std::function<bool()>& gone) {
+                                                            const std::function<bool()>& gone, int64_t call) {
   const auto asked = std::chrono::steady_clock::now(), until = asked + std::chrono::microseconds(Micros(wait_s));
   std::unique_lock lock(mutex_);
   while (true) {
@@ -67,6 +83,14 @@ StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& w
       return std::nullopt;
     }
     TESSERA_RETURN_IF_ERROR(ExpireLeasesLocked());
+    // Also while this call waits: the one before, whose answer nobody takes, may be given a lease now.
+    TESSERA_ASSIGN_OR_RETURN(const std::optional<GrantedLease> before, GrantedBeforeLocked(worker, call));
+    if (before) {
+      waiting_.WakeNext();  // what it was woken for is another's
+      lock.unlock();
+      TESSERA_RETURN_IF_ERROR(Durable());
+      return before;
+    }
     const auto now = std::chrono::steady_clock::now();
     const double waited_s = now < until ? std::chrono::duration<double>(now - asked).count() : kForever_s;
     // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
@@ -81,6 +105,11 @@ StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& w
     }
     if (ref) {
       TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, GrantLocked(*ref, worker));
+      if (WorkerState* const self = leases_.FindWorker(worker)) {
+        self->call = call;
+        self->granted = *ref;
+        self->granted_attempt = granted.attempt;
+      }
       lock.unlock();
       const Status durable = Durable();
       if (durable.ok()) return granted;

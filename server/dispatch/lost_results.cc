@@ -63,10 +63,9 @@ Status Dispatcher::ReportLostInputs(const std::string& worker, const std::string
                                     TaskFailure failure) {
   const auto find = [&]() -> StatusOr<TaskRef> {
     SeenLocked(worker).IgnoreError();
-    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ledger_.FindTask(task));
-    if (leases_.FindCurrent(ref, worker, attempt) != nullptr) return ref;
-    return absl::FailedPreconditionError(task + ": attempt " + std::to_string(attempt) + " of " + worker +
-                                         " is not the current one");
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
+    TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
+    return ref;
   };
   std::set<std::string> told;
   for (const Digest& digest : failure.lost_inputs) told.insert(digest.sha256);
@@ -181,7 +180,7 @@ StatusOr<std::string> Dispatcher::ReadSurveyOf(const UpdateBase& base) {
 
 Status Dispatcher::RemakeArtifact(const Digest& digest) {
   const auto published = [&digest](const Job& job) {
-    return job.header.state == JobState::kSucceeded &&
+    return (job.header.state == JobState::kSucceeded || job.header.state == JobState::kPartial) &&
            std::any_of(job.header.artifacts.begin(), job.header.artifacts.end(),
                        [&](const NamedDigest& file) { return file.digest == digest; });
   };

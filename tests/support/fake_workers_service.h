@@ -104,6 +104,7 @@ class FakeWorkersService : public v1::Workers::Service {
   std::vector<std::string> unregistered;
   int registrations = 0;
   int leases_asked = 0;
+  std::vector<int64_t> lease_calls;
 
   grpc::Status RegisterWorker(grpc::ServerContext*, const v1::RegisterWorkerRequest*,
                               v1::RegisterWorkerResponse* response) override {
@@ -125,6 +126,7 @@ class FakeWorkersService : public v1::Workers::Service {
                          v1::LeaseTaskResponse* response) override {
     std::unique_lock lock(mutex_);
     ++leases_asked;
+    lease_calls.push_back(request->call());
     changed_.notify_all();
     if (!workers_.contains(request->worker())) return Forgotten();
     if (!lease_answers_.empty()) {

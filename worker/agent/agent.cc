@@ -181,15 +181,17 @@ class Agent::Impl {
   Status LeaseLoop() {
     Backoff backoff(options_.retry);
     bool away = false;
+    int64_t lease_call = 1;  // the same until it is answered
     while (!draining_) {
       std::optional<LeasedTask> lease;
       const Status status = CallAs([&](const std::string& name) -> Status {
-        auto answer = link_.Lease(name, options_.lease_wait_s);
+        auto answer = link_.Lease(name, options_.lease_wait_s, lease_call);
         if (answer.ok()) lease = *std::move(answer);
         return answer.status();
       });
       if (draining_) break;
       if (status.ok()) {
+        ++lease_call;
         if (away) LogInfo("coordinator is back", {{"coordinator", options_.coordinator}});
         away = false;
         backoff.Reset();

@@ -125,7 +125,8 @@ StatusOr<Registration> CoordinatorLink::Register(const WorkerDescription& descri
   return registration;
 }
 
-StatusOr<std::optional<LeasedTask>> CoordinatorLink::Lease(const std::string& worker, double wait_s) {
+StatusOr<std::optional<LeasedTask>> CoordinatorLink::Lease(const std::string& worker, double wait_s,
+                                                            int64_t call) {
   grpc::ClientContext context;
   SetDeadline(context, wait_s + kCallSeconds);
   {
@@ -136,6 +137,7 @@ StatusOr<std::optional<LeasedTask>> CoordinatorLink::Lease(const std::string& wo
   v1::LeaseTaskRequest request;
   request.set_worker(worker);
   request.set_wait_s(wait_s);
+  request.set_call(call);
   v1::LeaseTaskResponse response;
   const Status status = FromGrpc(impl_->stub->LeaseTask(&context, request, &response));
   {

@@ -86,8 +86,8 @@ class CoordinatorLink {
   ~CoordinatorLink();
 
   StatusOr<Registration> Register(const WorkerDescription& description);
-  // Waits up to `wait_s` for a task; nothing if there was none.
-  StatusOr<std::optional<LeasedTask>> Lease(const std::string& worker, double wait_s);
+  // Waits up to `wait_s` for a task; nothing if there was none. `call`: above 0, another one once a call was answered.
+  StatusOr<std::optional<LeasedTask>> Lease(const std::string& worker, double wait_s, int64_t call);
   // Ends a running Lease call, and every later one at once, with CANCELLED.
   void StopLeasing();
   // The tasks to stop, of those named.

@@ -438,6 +438,44 @@ TEST_F(DispatcherTest, ProgressDoesNotGoBackWithALostLease) {
   EXPECT_NEAR(Job(job).progress, 0.5 * 0.02, 1e-12);
 }
 
+TEST_F(DispatcherTest, ALeaseWhoseAnswerWasLostIsGivenAgain) {
+  Create(AJob(2));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  const auto first = *dispatcher_->LeaseTask(worker, 0, {}, 7);
+  ASSERT_TRUE(first);
+  clock_.Advance(20);
+  const auto again = *dispatcher_->LeaseTask(worker, 0, {}, 7);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->task, first->task);
+  EXPECT_EQ(again->attempt, first->attempt);
+  EXPECT_EQ(again->threads, first->threads);
+  EXPECT_EQ(again->inputs.size(), first->inputs.size());
+  clock_.Advance(20);  // a whole lease from when it was given again
+  const auto second = *dispatcher_->LeaseTask(worker, 0, {}, 8);
+  ASSERT_TRUE(second);
+  EXPECT_NE(second->task, first->task);
+  EXPECT_TRUE(Succeed(worker, *again).ok());
+  EXPECT_TRUE(Succeed(worker, *second).ok());
+  // What it was given is over: the call is like a new one.
+  EXPECT_EQ((*dispatcher_->LeaseTask(worker, 0, {}, 8))->plan.kind, "publish");
+}
+
+// The call whose answer nobody takes is given the lease while its repetition waits already.
+TEST_F(DispatcherTest, ARepeatedCallThatWaitsBesideTheFirstHasItsLease) {
+  const std::string worker = Worker();
+  std::vector<StatusOr<std::optional<GrantedLease>>> given(2, std::nullopt);
+  std::vector<std::thread> calls;
+  for (auto& each : given) {
+    calls.emplace_back([&] { each = dispatcher_->LeaseTask(worker, 60, {}, 1); });
+  }
+  Create(AJob(1));
+  for (std::thread& call : calls) call.join();
+  ASSERT_TRUE(given[0].ok() && *given[0] && given[1].ok() && *given[1]);
+  EXPECT_EQ((*given[0])->task, (*given[1])->task);
+  EXPECT_EQ((*given[0])->attempt, (*given[1])->attempt);
+}
+
 TEST_F(DispatcherTest, WaitingWorkerWakesWhenAJobComes) {
   const std::string worker = Worker();
   std::thread creator([&] { Create(AJob(1)); });

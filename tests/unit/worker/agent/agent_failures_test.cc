@@ -168,9 +168,13 @@ TEST_F(AgentFailuresTest, LeasesThatFailDoNotEndTheWorker) {
        {grpc::StatusCode::FAILED_PRECONDITION, grpc::StatusCode::INTERNAL, grpc::StatusCode::RESOURCE_EXHAUSTED}) {
     coordinator_.AnswerLeasesWith(grpc::Status(code, "told to refuse"), 5);
     coordinator_.reports.clear();
+    coordinator_.lease_calls.clear();
     coordinator_.Queue(NewLease("jobs/1/tasks/1"));
     StartAgent(Concatenate);
     EXPECT_TRUE(WaitForReport().has_success()) << code;
+    const std::vector<int64_t>& calls = coordinator_.lease_calls;
+    EXPECT_EQ(std::count(calls.begin(), calls.end(), calls.front()), 6) << "the same until it is answered";
+    EXPECT_GT(calls.front(), 0);
   }
 }
 
