@@ -10,23 +10,7 @@ google::protobuf::Timestamp ToTimestamp(int64_t time_us) {
   return time;
 }
 
-template <class List>
-void AddFiles(const std::vector<NamedDigest>& files, List* list) {
-  for (const NamedDigest& file : files) {
-    auto* added = list->Add();
-    added->set_name(file.name);
-    ToProto(file.digest, added->mutable_digest());
-  }
-}
-
 }  // namespace
-
-Digest FromProto(const v1::Digest& digest) { return {digest.sha256(), digest.size_bytes()}; }
-
-void ToProto(const Digest& digest, v1::Digest* proto) {
-  proto->set_sha256(digest.sha256);
-  proto->set_size_bytes(digest.size_bytes);
-}
 
 TaskFailure FromProto(const v1::TaskError& error) {
   const bool known = v1::ErrorClass_IsValid(error.error_class());
@@ -38,7 +22,7 @@ TaskFailure FromProto(const v1::TaskError& error) {
 
 ReportedResult FromProto(const v1::TaskResult& proto) {
   ReportedResult result;
-  for (const auto& output : proto.outputs()) result.outputs.push_back({output.name(), FromProto(output.digest())});
+  result.outputs = NamedDigests(proto.outputs());
   result.stats = proto.stats_json();
   result.warnings.assign(proto.warnings().begin(), proto.warnings().end());
   result.usage = {proto.usage().core_seconds(), proto.usage().peak_bytes(), proto.usage().threads()};

@@ -2,6 +2,7 @@
 #ifndef TESSERA_SERVER_API_CONVERSION_H_
 #define TESSERA_SERVER_API_CONVERSION_H_
 
+#include "server/dispatch/digest_proto.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
@@ -9,8 +10,6 @@
 
 namespace tessera {
 
-Digest FromProto(const v1::Digest& digest);
-void ToProto(const Digest& digest, v1::Digest* proto);
 TaskFailure FromProto(const v1::TaskError& error);
 ReportedResult FromProto(const v1::TaskResult& result);
 void ToProto(const JobStatus& status, v1::Job* proto);

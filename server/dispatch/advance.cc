@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "common/tile/task_parameters.h"
+#include "server/dispatch/digest_proto.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/dispatch/job_report.h"
 #include "server/dispatch/pending_step.h"
@@ -40,12 +41,7 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
     added.set_output(input.output);
     if (input.tile >= 0) added.set_tile(input.tile);
   }
-  for (const NamedDigest& output : task.given) {
-    v1::OutputFile& added = *record->add_given();
-    added.set_name(output.name);
-    added.mutable_digest()->set_sha256(output.digest.sha256);
-    added.mutable_digest()->set_size_bytes(output.digest.size_bytes);
-  }
+  AddFiles(task.given, record->mutable_given());
 }
 
 }  // namespace
@@ -297,12 +293,7 @@ Status Dispatcher::EndJobLocked(int job, JobState state, const std::string& erro
   ended.set_job(ledger_.jobs()[job].header.name);
   ended.set_state(static_cast<v1::JobState>(state));
   ended.set_error(error);
-  for (const NamedDigest& artifact : artifacts) {
-    v1::Artifact& added = *ended.add_artifacts();
-    added.set_name(artifact.name);
-    added.mutable_digest()->set_sha256(artifact.digest.sha256);
-    added.mutable_digest()->set_size_bytes(artifact.digest.size_bytes);
-  }
+  AddFiles(artifacts, ended.mutable_artifacts());
   TESSERA_RETURN_IF_ERROR(CommitLocked(record));
   leases_.DropJob(job);  // their next heartbeats tell the workers
   return absl::OkStatus();
@@ -337,12 +328,7 @@ Status Dispatcher::Reuse(TaskRef ref) {
   succeeded.set_task(TaskName(ref));
   succeeded.set_key(key);
   succeeded.set_reused(true);
-  for (const NamedDigest& output : outputs) {
-    v1::OutputFile& added = *succeeded.add_outputs();
-    added.set_name(output.name);
-    added.mutable_digest()->set_sha256(output.digest.sha256);
-    added.mutable_digest()->set_size_bytes(output.digest.size_bytes);
-  }
+  AddFiles(outputs, succeeded.mutable_outputs());
   return CommitLocked(record);
 }
 

@@ -7,17 +7,13 @@
 #include "common/base/json_bounds.h"
 #include "common/base/refusal.h"
 #include "common/base/version.h"
+#include "server/dispatch/digest_proto.h"
 #include "server/dispatch/waiting_for.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
 namespace {
-
-void ToProto(const Digest& digest, v1::Digest* proto) {
-  proto->set_sha256(digest.sha256);
-  proto->set_size_bytes(digest.size_bytes);
-}
 
 constexpr int64_t kExpiryInterval_us = 100'000;  // between two looks for leases that are over
 
@@ -351,11 +347,7 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
     succeeded.mutable_usage()->set_core_seconds(result.usage.core_seconds);
     succeeded.mutable_usage()->set_peak_bytes(result.usage.peak_bytes);
     succeeded.mutable_usage()->set_threads(result.usage.threads);
-    for (const NamedDigest& output : result.outputs) {
-      v1::OutputFile& added = *succeeded.add_outputs();
-      added.set_name(output.name);
-      ToProto(output.digest, added.mutable_digest());
-    }
+    AddFiles(result.outputs, succeeded.mutable_outputs());
     TaskFailure failure = not_stored;
     if (const std::string missing = MissingOutput(ledger_.jobs()[ref.job], ref.task, result.outputs);
         !missing.empty()) {

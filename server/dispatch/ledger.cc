@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "common/tile/task_parameters.h"
+#include "server/dispatch/digest_proto.h"
 #include "server/dispatch/task_key.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
@@ -14,15 +15,6 @@ namespace {
 
 // Jobs in a row of which it may be lost that they were accepted. Their numbers are not given again.
 constexpr int kMaxLostJobs = 1000;
-
-Digest FromProto(const v1::Digest& digest) { return {digest.sha256(), digest.size_bytes()}; }
-
-template <class List>
-std::vector<NamedDigest> NamedDigests(const List& files) {
-  std::vector<NamedDigest> result;
-  for (const auto& file : files) result.push_back({file.name(), FromProto(file.digest())});
-  return result;
-}
 
 }  // namespace
 

@@ -4,13 +4,12 @@
 #include <utility>
 
 #include "common/tile/task_parameters.h"
+#include "server/dispatch/digest_proto.h"
 #include "server/dispatch/ledger.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
 namespace {
-
-Digest DigestOf(const v1::Digest& digest) { return {digest.sha256(), digest.size_bytes()}; }
 
 PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   PlannedTask task;
@@ -28,7 +27,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   for (const auto& input : record.inputs()) {
     task.inputs.push_back({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
   }
-  for (const auto& file : record.given()) task.given.push_back({file.name(), DigestOf(file.digest())});
+  task.given = NamedDigests(record.given());
   return task;
 }
 
@@ -58,7 +57,7 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
     std::set<std::string> names;
     if (planned.kind().empty()) return fault("no kind");
     if (!(planned.cost() >= 0)) return fault("cost is not a number of at least 0");
-    for (const auto& output : planned.given()) TESSERA_RETURN_IF_ERROR(CheckDigest(DigestOf(output.digest())));
+    for (const auto& output : planned.given()) TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(output.digest())));
     if (!planned.given().empty() &&
         planned.inputs_size() + planned.scene_files_size() + planned.view_files_size() > 0) {
       return fault("has inputs, though its outputs are given");

@@ -12,14 +12,10 @@
 #include <thread>
 #include <vector>
 
-#include "common/base/clock.h"
 #include "common/base/version.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "common/tile/task_parameters.h"
-#include "server/api/coordinator_server.h"
-#include "server/dispatch/dispatcher.h"
-#include "server/store/sqlite_store.h"
+#include "tests/bench/bench_coordinator.h"
 #include "tests/bench/dispatch_fleet.h"
 #include "tests/bench/synthetic_survey.h"
 #include "worker/agent/agent.h"
@@ -166,22 +162,9 @@ int Work(const Arguments& arguments, const std::string& address_file, const std:
 }
 
 Status Serve(const Arguments& arguments, const std::string& folder, const std::string& address_file) {
-  SystemClock clock;
   BarePlanner planner;
-  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder + "/state.sqlite"));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder + "/blobs"));
-  TESSERA_ASSIGN_OR_RETURN(
-      const auto dispatcher,
-      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
-  ServerEnvironment environment;
-  environment.dispatcher = dispatcher.get();
-  environment.blobs = blobs.get();
-  environment.digests = store.get();
-  environment.clock = &clock;
-  environment.shared_probe_path = blobs->root() + "/probe";
-  environment.shared_probe_content = "probe";
-  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
-  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start("127.0.0.1:0", environment));
+  TESSERA_ASSIGN_OR_RETURN(const auto coordinator, BenchCoordinator::Start(folder, &planner, /*shared_storage=*/true));
+  Dispatcher& dispatcher = coordinator->dispatcher();
   NewJob job;
   job.scene_path = "/scene";
   job.settings.tiles = arguments.tiles;
@@ -191,11 +174,11 @@ Status Serve(const Arguments& arguments, const std::string& folder, const std::s
     job.scene_files.push_back({view.likelihood_path, nothing});
   }
   const double start_s = Seconds(), start_cpu_s = CpuSeconds(RUSAGE_SELF);
-  TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher->CreateJob(job));
-  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, server->address()));
+  TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher.CreateJob(job));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, coordinator->address()));
   while (!HasEnded(status.header.state)) {
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    TESSERA_ASSIGN_OR_RETURN(status, dispatcher->GetJob(status.header.name));
+    TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
   }
   const double wall_s = Seconds() - start_s, cpu_s = CpuSeconds(RUSAGE_SELF) - start_cpu_s;
   TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));

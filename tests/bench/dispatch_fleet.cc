@@ -20,11 +20,11 @@
 #include "common/base/version.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "server/api/coordinator_server.h"
 #include "server/api/logging.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/store/sqlite_store.h"
 #include "tessera/v1/workers.grpc.pb.h"
+#include "tests/bench/bench_coordinator.h"
 
 namespace tessera {
 namespace {
@@ -189,11 +189,13 @@ class FleetWorker {
     auto* call = new Call<v1::LeaseTaskRequest, v1::LeaseTaskResponse>;
     call->request.set_worker(name_);
     call->request.set_wait_s(5);
+    call->request.set_call(lease_call_);
     const SteadyTime start = Now();
     ++fleet_.calls;
     stub_->async()->LeaseTask(
         &call->context, &call->request, &call->response, [this, call, start](grpc::Status status) {
           if (!status.ok()) ++fleet_.errors;
+          if (status.ok()) ++lease_call_;
           if (status.ok() && call->response.has_lease()) {
             fleet_.leases.Add(1e3 * SecondsSince(start));
             {
@@ -282,6 +284,7 @@ class FleetWorker {
   std::mutex mutex_;
   std::string task_;
   int attempt_ = 0;
+  int64_t lease_call_ = 1;  // the same until it is answered
 };
 
 // Runs until the address file is taken away.
@@ -315,36 +318,26 @@ int Work(const FleetArguments& arguments, const std::string& address_file) {
 
 Status Serve(const FleetArguments& arguments, const std::string& folder, const std::string& address_file) {
   TESSERA_RETURN_IF_ERROR(ConfigureLogging("off", false));
-  SystemClock clock;
   ChainPlanner planner(arguments);
-  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder + "/state.sqlite"));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder + "/blobs"));
-  TESSERA_RETURN_IF_ERROR(blobs->PutBytes("survey").status());
-  TESSERA_ASSIGN_OR_RETURN(
-      const auto dispatcher,
-      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
-  ServerEnvironment environment;
-  environment.dispatcher = dispatcher.get();
-  environment.blobs = blobs.get();
-  environment.digests = store.get();
-  environment.clock = &clock;
-  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start("127.0.0.1:0", environment));
+  TESSERA_ASSIGN_OR_RETURN(const auto coordinator, BenchCoordinator::Start(folder, &planner, /*shared_storage=*/false));
+  TESSERA_RETURN_IF_ERROR(coordinator->blobs().PutBytes("survey").status());
+  Dispatcher& dispatcher = coordinator->dispatcher();
   std::thread ticker([&] {
-    while (!dispatcher->stopped()) {
-      dispatcher->Tick().IgnoreError();
-      dispatcher->WaitForChange(std::numeric_limits<int64_t>::max(), 1);
+    while (!dispatcher.stopped()) {
+      dispatcher.Tick().IgnoreError();
+      dispatcher.WaitForChange(std::numeric_limits<int64_t>::max(), 1);
     }
   });
   const double before = ResidentBytes();
   NewJob job;
   job.scene_path = "/scene";
-  TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher->CreateJob(job));
-  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, server->address()));
+  TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher.CreateJob(job));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, coordinator->address()));
   SteadyTime start = Now();
   double planned_s = 0, most_bytes = 0;
   while (!HasEnded(status.header.state) && status.tasks_done < arguments.tasks + 1) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    TESSERA_ASSIGN_OR_RETURN(status, dispatcher->GetJob(status.header.name));
+    TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
     if (planned_s == 0 && status.tasks_total > arguments.tasks) {
       planned_s = SecondsSince(start);
       start = Now();
@@ -355,7 +348,7 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));
   while (!HasEnded(status.header.state)) {  // the report is written
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    TESSERA_ASSIGN_OR_RETURN(status, dispatcher->GetJob(status.header.name));
+    TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
     most_bytes = std::max(most_bytes, ResidentBytes());
   }
   while (wait(nullptr) > 0) {
@@ -364,7 +357,7 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
               arguments.tasks, arguments.workers, planned_s, run_s, arguments.tasks / run_s,
               SecondsSince(start) - run_s);
   std::printf("memory at most: %.0f bytes a task\n", (most_bytes - before) / arguments.tasks);
-  dispatcher->Stop();
+  dispatcher.Stop();
   ticker.join();
   return status.header.state == JobState::kSucceeded ? absl::OkStatus() : absl::InternalError(status.header.error);
 }

@@ -125,8 +125,7 @@ StatusOr<Registration> CoordinatorLink::Register(const WorkerDescription& descri
   return registration;
 }
 
-StatusOr<std::optional<LeasedTask>> CoordinatorLink::Lease(const std::string& worker, double wait_s,
-                                                            int64_t call) {
+StatusOr<std::optional<LeasedTask>> CoordinatorLink::Lease(const std::string& worker, double wait_s, int64_t call) {
   grpc::ClientContext context;
   SetDeadline(context, wait_s + kCallSeconds);
   {

@@ -6,9 +6,9 @@
 #include <nlohmann/json.hpp>
 
 #include "common/storage/files.h"
-#include "common/synth/synth.h"
 #include "common/tile/task_parameters.h"
 #include "tests/property/line/same_mesh.h"
+#include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/tile/tile_files.h"
@@ -21,14 +21,7 @@ class ExactTest : public testing::Test {
  protected:
   void SetUp() override {
     folder_ = FreshTestFolder("exact");
-    SynthOptions options;
-    options.columns = 4;
-    options.rows = 1;
-    options.gsd_m = 0.5;
-    options.image_width_px = 120;
-    options.image_height_px = 90;
-    const auto made = SynthesizeCity(options, folder_ + "/scene", TaskControl());
-    ASSERT_TRUE(made.ok()) << made.status();
+    ASSERT_NO_FATAL_FAILURE(SynthesizeStrip(folder_ + "/scene", 4));
   }
   void TearDown() override { EXPECT_TRUE(RemoveTree(folder_).ok()); }
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "common/storage/files.h"
-#include "common/synth/synth.h"
 #include "common/tile/task_parameters.h"
+#include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/tile/tile_files.h"
@@ -24,14 +24,7 @@ class SetAsideTest : public testing::Test {
 
   void SetUp() override {
     folder_ = FreshTestFolder("set_aside");
-    SynthOptions options;
-    options.columns = 3;
-    options.rows = 1;
-    options.gsd_m = 0.5;
-    options.image_width_px = 120;
-    options.image_height_px = 90;
-    const auto made = SynthesizeCity(options, folder_ + "/scene", TaskControl());
-    ASSERT_TRUE(made.ok()) << made.status();
+    ASSERT_NO_FATAL_FAILURE(SynthesizeStrip(folder_ + "/scene", 3));
     settings_ = {.tiles = 3};
     settings_.method_settings.levels = {1, 0};
     settings_.method_settings.iterations = {2, 1};

@@ -232,6 +232,37 @@ TEST_F(LostResultsTest, AnUpdateHasTheResultsOfItsBaseMadeAgain) {
   }
 }
 
+TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
+  based_ = true;
+  Open(&base_planner_);
+  const std::string base = Create(Scene(1));
+  Work(base);
+  const std::string update = Create(Scene(1, base)), workers[] = {Worker(), Worker()};
+  ASSERT_TRUE(Turn(workers[0]));
+  fs::remove(blobs_->Path(Task(base, 1).task.outputs.at(0).digest));
+  ASSERT_TRUE(Turn(workers[0]));  // tells that it is lost
+  int remakes = 0;
+  for (int turn = 0; turn < 20 && !HasEnded(Job(update).header.state); ++turn, clock_.Advance(20)) {
+    const auto lease = Lease(workers[turn % 2]);
+    if (!lease) continue;
+    ASSERT_EQ(lease->task, base + "/tasks/1");
+    EXPECT_FALSE(Lease(workers[1 - turn % 2])) << "who reads it waits";
+    ReportedResult result = Made(*lease);
+    result.outputs[0].digest = *blobs_->PutBytes("other bytes");
+    ASSERT_TRUE(dispatcher_->ReportSuccess(workers[turn % 2], lease->task, lease->attempt, result).ok());
+    ++remakes;
+  }
+  EXPECT_GT(remakes, 1);
+  EXPECT_EQ(Job(update).header.state, JobState::kFailed);
+  EXPECT_THAT(Job(update).header.error, HasSubstr("cannot be made again"));
+  ASSERT_TRUE(dispatcher_->RetryJob(update, {}).ok());
+  Open(&base_planner_);  // the records tell the same
+  EXPECT_EQ(Job(update).header.state, JobState::kRunning);
+  Work(update);
+  EXPECT_EQ(Job(update).header.state, JobState::kSucceeded) << Job(update).header.error;
+  EXPECT_EQ(Job(update).tasks_done, Job(update).tasks_total);
+}
+
 TEST_F(LostResultsTest, ARemakeWithOtherBytesIsToldAndRefused) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(Turn(worker));

@@ -1,0 +1,27 @@
+// A row of blocks with small images, for tests of the line with several tiles.
+#ifndef TESSERA_TESTS_PROPERTY_LINE_STRIP_H_
+#define TESSERA_TESTS_PROPERTY_LINE_STRIP_H_
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "common/synth/synth.h"
+
+namespace tessera {
+
+// Writes the scene to `folder`; the test fails if that cannot be.
+inline void SynthesizeStrip(const std::string& folder, int columns) {
+  SynthOptions options;
+  options.columns = columns;
+  options.rows = 1;
+  options.gsd_m = 0.5;
+  options.image_width_px = 120;
+  options.image_height_px = 90;
+  const auto made = SynthesizeCity(options, folder, TaskControl());
+  ASSERT_TRUE(made.ok()) << made.status();
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_PROPERTY_LINE_STRIP_H_
