@@ -98,37 +98,37 @@ JobStatus Dispatcher::JobStatusLocked(int job) const {
 
 StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   TESSERA_ASSIGN_OR_RETURN(const NewJob job, CompleteJob(asked));
-  TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, FindRequest(job.request));
-  if (known) return *std::move(known);
+  v1::Record record;
+  v1::JobAccepted& accepted = *record.mutable_job_accepted();
+  if (!job.request.id.empty()) {
+    accepted.set_request_id(job.request.id);
+    accepted.mutable_request()->set_scene_path(job.request.scene_path);
+    ToProto(job.request.settings, accepted.mutable_request()->mutable_settings());
+  }
+  accepted.set_display_name(job.display_name);
+  accepted.set_scene_path(job.scene_path);
+  ToProto(job.settings, accepted.mutable_settings());
+  for (const NamedDigest& file : job.scene_files) {
+    v1::SceneFileRecord& added = *accepted.add_scene_files();
+    added.set_path(file.name);
+    ToProto(file.digest, added.mutable_digest());
+  }
+  for (const std::string& warning : job.warnings) accepted.add_warnings(warning);
+  accepted.set_algorithm_version(kAlgorithmVersion);
+  accepted.set_priority(job.priority);
+  std::optional<JobStatus> known;
   int index = -1;
   {
     std::lock_guard lock(mutex_);
-    // A second call with this request may have come in between.
     TESSERA_ASSIGN_OR_RETURN(known, FindRequestLocked(job.request));
-    if (known) return *std::move(known);
-    index = static_cast<int>(ledger_.jobs().size());
-    v1::Record record;
-    v1::JobAccepted& accepted = *record.mutable_job_accepted();
-    accepted.set_job(JobName(index));
-    if (!job.request.id.empty()) {
-      accepted.set_request_id(job.request.id);
-      accepted.mutable_request()->set_scene_path(job.request.scene_path);
-      ToProto(job.request.settings, accepted.mutable_request()->mutable_settings());
+    if (!known) {
+      index = static_cast<int>(ledger_.jobs().size());
+      accepted.set_job(JobName(index));
+      TESSERA_RETURN_IF_ERROR(CommitLocked(record));
     }
-    accepted.set_display_name(job.display_name);
-    accepted.set_scene_path(job.scene_path);
-    ToProto(job.settings, accepted.mutable_settings());
-    for (const NamedDigest& file : job.scene_files) {
-      v1::SceneFileRecord& added = *accepted.add_scene_files();
-      added.set_path(file.name);
-      ToProto(file.digest, added.mutable_digest());
-    }
-    for (const std::string& warning : job.warnings) accepted.add_warnings(warning);
-    accepted.set_algorithm_version(kAlgorithmVersion);
-    accepted.set_priority(job.priority);
-    TESSERA_RETURN_IF_ERROR(CommitLocked(record));
   }
   TESSERA_RETURN_IF_ERROR(Durable());
+  if (known) return *std::move(known);
   // The job is accepted whatever comes of this; Tick tries again and tells.
   Advance().IgnoreError();
   std::lock_guard lock(mutex_);

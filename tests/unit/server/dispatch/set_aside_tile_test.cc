@@ -223,24 +223,44 @@ TEST_F(SetAsideTileTest, RetriedItEndsAsIfNothingHadHappened) {
 }
 
 TEST_F(SetAsideTileTest, AFailedJobThatIsRetriedHasFreshAttempts) {
-  const std::string job = Create(AJob(2));
-  WorkAll({"read the scene"}, ErrorClass::kInput);
-  clock_.Advance(10);
-  WorkAll({"read the scene"}, ErrorClass::kInput);
+  const std::string job = Create(AJob(2)), worker = Worker();
+  int attempt = 0;
+  const auto fail = [&](int times) {
+    for (int i = 0; i < times; ++i) {
+      const auto lease = Lease(worker);
+      ASSERT_TRUE(lease) << attempt;
+      EXPECT_EQ(lease->attempt, ++attempt) << "late reports of earlier attempts are refused";
+      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kInternal).ok());
+      clock_.Advance(10);
+    }
+  };
+  fail(4);
   ASSERT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(dispatcher_->RetryJob(job, 0).status().code(), absl::StatusCode::kFailedPrecondition);
   ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
-  const std::string worker = Worker();
-  for (int i = 0; i < 3; ++i) {  // of four that may fail so
-    const auto lease = Lease(worker);
-    ASSERT_TRUE(lease) << i;
-    EXPECT_EQ(lease->attempt, 3 + i) << "late reports of earlier attempts are refused";
-    ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kTransient).ok());
-    clock_.Advance(10);
-  }
+  fail(3);
+  EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "one more may fail so";
   WorkAll({});
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
   EXPECT_EQ(dispatcher_->RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+}
+
+TEST_F(SetAsideTileTest, AJobKeepsItsPriorityWhenATileIsSetAside) {
+  const std::string older = Create(AJob(2, "older")), job = Create(AJob(2)), worker = Worker();
+  ASSERT_TRUE(dispatcher_->ChangeJob(job, {5, {}}).ok());
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(SucceedAny(worker, *Lease(worker)).ok());  // the city and two cuts
+  const auto lease = Lease(worker);
+  ASSERT_TRUE(lease);
+  ASSERT_EQ(lease->plan.kind, kSolveKind);
+  for (int i = 0; i < 2; ++i) {
+    const auto again = i == 0 ? lease : Lease(worker);
+    ASSERT_TRUE(again);
+    ASSERT_EQ(again->task, lease->task);
+    ASSERT_TRUE(Fail(worker, *again, ErrorClass::kMemory).ok());
+  }
+  const auto next = Lease(worker);
+  ASSERT_TRUE(next);
+  EXPECT_EQ(next->task.substr(0, job.size()), job) << "and not " << older;
 }
 
 }  // namespace
