@@ -2,9 +2,12 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
+#include <limits>
 
 #include "common/storage/files.h"
 #include "common/storage/temporary_name.h"
@@ -67,6 +70,13 @@ Status BlobStore::VerifyOrSetAside(const Digest& digest) {
                                   ? "its " + std::to_string(found->size_bytes) + " bytes hash to " + found->sha256
                                   : std::string(found.status().message())) +
                              ") and is now " + aside);
+}
+
+std::optional<int64_t> BlobStore::FreeBytes() const {
+  std::error_code error;
+  const std::filesystem::space_info space = std::filesystem::space(root_, error);
+  if (error) return std::nullopt;
+  return static_cast<int64_t>(std::min<uintmax_t>(space.available, std::numeric_limits<int64_t>::max()));
 }
 
 StatusOr<std::string> BlobStore::Read(const Digest& digest, int64_t max_bytes) const {

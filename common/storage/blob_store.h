@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 
 #include "common/base/status.h"
@@ -35,6 +36,9 @@ class BlobStore {
   // Verify; what is not what its name says is moved to ROOT/set_aside, so that the content can be stored again, and the
   // DATA_LOSS tells where it is now. UNAVAILABLE if the blob cannot be opened or moved now.
   Status VerifyOrSetAside(const Digest& digest);
+
+  // Bytes that may still be stored, as the file system tells; none if it does not.
+  std::optional<int64_t> FreeBytes() const;
 
   // The whole content of a small blob, verified.
   StatusOr<std::string> Read(const Digest& digest, int64_t max_bytes = int64_t{1} << 30) const;

@@ -12,7 +12,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kMiB = 1 << 20, kSquareKilometre = 1e6, kHour = 3600;
+constexpr double kMiB = 1 << 20, kGiB = 1 << 30, kSquareKilometre = 1e6, kHour = 3600;
 
 std::string GroupedRounded(double value) { return Grouped(std::llround(value)); }
 
@@ -56,6 +56,10 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
                         quote.ingest.core_seconds, static_cast<double>(quote.ingest.peak_bytes) / kMiB,
                         quote.publish.core_seconds, static_cast<double>(quote.publish.peak_bytes) / kMiB);
   absl::StrAppendFormat(&out, "memory of a worker: %.0f MiB at most\n", static_cast<double>(quote.peak_bytes) / kMiB);
+  const Interval stored = StoredBytesInterval();
+  const double stored_gib = static_cast<double>(quote.stored_bytes) / kGiB;
+  absl::StrAppendFormat(&out, "disk: %.2f GiB (%.2f to %.2f)\n", stored_gib, stored.low * stored_gib,
+                        stored.high * stored_gib);
   absl::StrAppend(&out, "core-hours: ", range(quote.core_seconds / kHour, "%.3f"), "\n");
   absl::StrAppendFormat(&out, "area: %.4f km2", km2);
   if (km2 > 0) absl::StrAppend(&out, ", core-hours a km2: ", range(quote.core_seconds / kHour / km2, "%.2f"));
@@ -74,7 +78,7 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
 std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
   using Json = nlohmann::ordered_json;
   const auto cost = [](const Prediction& p) {
-    return Json{{"core_seconds", p.core_seconds}, {"peak_bytes", p.peak_bytes}};
+    return Json{{"core_seconds", p.core_seconds}, {"peak_bytes", p.peak_bytes}, {"stored_bytes", p.stored_bytes}};
   };
   Json tiles = Json::array();
   for (const TileQuote& tile : quote.tiles) {
@@ -104,6 +108,7 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
   Json json = {{"tessera_plan", 1},
                {"area_m2", quote.area_m2},
                {"peak_bytes", quote.peak_bytes},
+               {"stored_bytes", quote.stored_bytes},
                {"core_seconds", range(quote.core_seconds)},
                {"workers", terms.workers},
                {"threads_per_worker", terms.threads_per_worker},

@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kBytesPerMiB = 1 << 20, kSecondsPerHour = 3600;
+constexpr double kBytesPerMiB = 1 << 20, kBytesPerGiB = 1 << 30, kSecondsPerHour = 3600;
 
 template <class Make>
 StatusOr<std::string> FromJson(const std::string& text, const Make& make) {
@@ -76,6 +76,9 @@ StatusOr<std::string> UpdateTable(const std::string& text, const PlanTerms& term
     absl::StrAppendFormat(&out, "core-hours: %s%.3f, of %.3f for all anew (%.1f %%)\n",
                           plan.at("from_scratch").get<bool>() ? "at most " : "", seconds / kSecondsPerHour,
                           in_full / kSecondsPerHour, in_full > 0 ? 100 * seconds / in_full : 0);
+    absl::StrAppendFormat(&out, "disk: %s%.2f GiB, of %.2f\n", plan.at("from_scratch").get<bool>() ? "at most " : "",
+                          predicted.at("stored_bytes").get<double>() / kBytesPerGiB,
+                          predicted.at("stored_bytes_in_full").get<double>() / kBytesPerGiB);
     if (terms.price_per_core_hour) {
       absl::StrAppendFormat(&out, "price: %.2f, of %.2f\n", *terms.price_per_core_hour * seconds / kSecondsPerHour,
                             *terms.price_per_core_hour * in_full / kSecondsPerHour);

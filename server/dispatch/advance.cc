@@ -28,6 +28,7 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_cost(task.cost);
   record->set_scale(task.scale);
   record->set_peak_bytes(task.peak_bytes);
+  record->set_stored_bytes(task.stored_bytes);
   record->mutable_scene_files()->Add(task.scene_files.begin(), task.scene_files.end());
   for (const PlannedTask::ViewFile& file : task.view_files) {
     v1::ViewFileRecord& added = *record->add_view_files();
@@ -75,6 +76,7 @@ Status Dispatcher::Advance() {
                               : step->kind == PendingStep::Kind::kSetAside ? SetTileAside(*step)
                                                                            : PlanJob(*step));
     }
+    AdmitHeld();
   }
   return absl::OkStatus();
 }

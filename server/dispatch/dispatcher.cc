@@ -72,16 +72,19 @@ Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
   ledger_.Apply(record);
   journal_.Add(record.SerializeAsString(), durability);
   ChangedLocked();
-  if (int more = ledger_.ready().count() - ready_before; more > 0) {
-    waiting_.ReadyHasGrown();
-    for (size_t i = newly_ready_before; i < ledger_.newly_ready().size(); ++i) {
-      const TaskRef ref = ledger_.newly_ready()[i];
-      more -= waiting_.Wake(leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile})) ? 1 : 0;
-    }
-    while (more-- > 0 && waiting_.WakeNext()) {
-    }
-  }
+  WakeForLocked(ledger_.ready().count() - ready_before, newly_ready_before);
   return absl::OkStatus();
+}
+
+void Dispatcher::WakeForLocked(int more, size_t first) {
+  if (more <= 0) return;
+  waiting_.ReadyHasGrown();
+  for (size_t i = first; i < ledger_.newly_ready().size(); ++i) {
+    const TaskRef ref = ledger_.newly_ready()[i];
+    more -= waiting_.Wake(leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile})) ? 1 : 0;
+  }
+  while (more-- > 0 && waiting_.WakeNext()) {
+  }
 }
 
 // --- Jobs ---
@@ -89,7 +92,7 @@ Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
 JobStatus Dispatcher::JobStatusLocked(int job) const {
   const int64_t now_us = environment_.clock->MonotonicUs();
   JobStatus status = StatusOfJob(ledger_.jobs()[job], job, leases_, now_us);
-  status.waiting_for = WaitingFor(ledger_, job, leases_, journal_.trouble(), now_us);
+  status.waiting_for = WaitingFor(ledger_, job, leases_, journal_.trouble(), room_, now_us);
   // What an attempt had done is lost with it, but the bar does not go back.
   if (shown_progress_.size() < ledger_.jobs().size()) shown_progress_.resize(ledger_.jobs().size());
   status.progress = shown_progress_[job] = std::max(status.progress, shown_progress_[job]);

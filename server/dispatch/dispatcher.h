@@ -22,6 +22,7 @@
 #include "server/dispatch/ledger.h"
 #include "server/dispatch/planner.h"
 #include "server/dispatch/retry_rule.h"
+#include "server/dispatch/waiting_for.h"
 #include "server/dispatch/waiting_workers.h"
 #include "server/dispatch/worker_evidence.h"
 #include "server/store/journal.h"
@@ -213,11 +214,15 @@ class Dispatcher {
   StatusOr<std::optional<JobStatus>> FindRequestLocked(const JobRequest& request) const;
   JobStatus JobStatusLocked(int job) const;
   void ChangedLocked();
+  // Workers are woken for `more` tasks, those in newly_ready() from `first` on by who has their tile.
+  void WakeForLocked(int more, size_t first);
 
   // Does all that follows from the state without a worker: planning, reusing results, ending jobs.
   Status Advance();
   struct PendingStep;
   std::optional<PendingStep> NextStepLocked() const;
+  // Jobs that are held begin as soon as what they are predicted to store fits the disk, beside what others are.
+  void AdmitHeld();
   StatusOr<std::vector<PlannedTask>> PlanPhase(const PendingStep& step) const;
   // --- lost_results.cc ---
   // How it stands with a content that somebody could not read.
@@ -259,6 +264,7 @@ class Dispatcher {
   int next_worker_ = 1;
   int64_t version_ = 1;
   bool stopped_ = false;
+  Room room_;
   Journal journal_;  // last: it ends first
 };
 

@@ -34,6 +34,7 @@ void JobSums::AddRun(const PlannedTask& plan, double cost, double seconds) {
 void JobTotals::AddPlanned(const JobTask& task) {
   if (!task.plan.given.empty()) return;
   ++sums_.tasks;
+  sums_.bytes_to_store += task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).total += task.plan.cost;
   if (task.plan.tile < 0) return;
   const auto [of_tile, is_new] = unfinished_of_tile_.emplace(task.plan.tile, 0);
@@ -49,6 +50,7 @@ void JobTotals::AddSetAside(int tile) {
 
 void JobTotals::AddSucceeded(int index, const JobTask& task) {
   ++sums_.tasks_done;
+  sums_.bytes_to_store -= task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).done += task.plan.cost;
   if (!task.reused) {
     sums_.AddRun(task.plan, task.plan.cost, static_cast<double>(task.end_us - task.attempts.back().start_us) / 1e6);
@@ -59,6 +61,7 @@ void JobTotals::AddSucceeded(int index, const JobTask& task) {
 
 void JobTotals::AddLost(int index, const JobTask& task) {
   --sums_.tasks_done;
+  sums_.bytes_to_store += task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).done -= task.plan.cost;
   warned_.erase(index);
   if (task.plan.tile >= 0) sums_.unfinished_tiles += unfinished_of_tile_[task.plan.tile]++ == 0;

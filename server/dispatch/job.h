@@ -142,6 +142,7 @@ struct JobSums {
 
   int tasks = 0, tasks_done = 0;
   int tiles = 0, unfinished_tiles = 0;
+  int64_t bytes_to_store = 0;  // predicted, of what is not done
   Part ingest, cut, rest;
   double timed_cost = 0, timed_s = 0;
 };

@@ -64,7 +64,8 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
     runs.push_back(std::move(run));
   }
   json["seconds"] = seconds;
-  json["predicted"] = {{"core_seconds", task.plan.cost}, {"peak_bytes", task.plan.peak_bytes}};
+  json["predicted"] = {
+      {"core_seconds", task.plan.cost}, {"peak_bytes", task.plan.peak_bytes}, {"stored_bytes", task.plan.stored_bytes}};
   if (task.state == TaskState::kSucceeded && !task.reused) {
     json["used"] = {{"core_seconds", task.usage.core_seconds},
                     {"peak_bytes", task.usage.peak_bytes},

@@ -49,6 +49,8 @@ class Ledger {
   const std::set<int>& due_jobs() const { return due_jobs_; }
   // The ready tasks of jobs of which no task has failed.
   const ReadyTasks& ready() const { return ready_; }
+  // Lets the tasks of a job run, which is held from each plan with predicted outputs on. Not recorded.
+  void Admit(int job) { ready_.Admit(job); }
   // Tasks whose delay is over are found in ready() from now on; new delays begin. `now_us`: Clock::MonotonicUs.
   void PromoteRetries(int64_t now_us) { ready_.Promote(now_us); }
   // Tasks that became ready since the last call, each once, in the order in which they did; some may have left since.

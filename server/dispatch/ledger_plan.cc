@@ -20,6 +20,7 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.cost = record.cost();
   task.scale = record.scale();
   task.peak_bytes = record.peak_bytes();
+  task.stored_bytes = record.stored_bytes();
   task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
   for (const auto& file : record.view_files()) {
     task.view_files.push_back({file.file(), file.view(), file.likelihoods()});
@@ -111,6 +112,7 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
     } else {
       ++job.unfinished;
     }
+    if (added.plan.stored_bytes > 0) ready_.Hold(index);
     job.totals.AddPlanned(added);
     job.tasks.push_back(std::move(added));
   }

@@ -1,5 +1,7 @@
 #include "server/dispatch/ready_tasks.h"
 
+#include <algorithm>
+
 namespace tessera {
 
 ReadyTasks::Standing ReadyTasks::StandingOf(int job) const {
@@ -10,7 +12,7 @@ ReadyTasks::Standing ReadyTasks::StandingOf(int job) const {
 void ReadyTasks::List(int job) {
   const Standing standing = StandingOf(job);
   const auto found = jobs_.find(job);
-  if (standing.paused || found == jobs_.end()) return;
+  if (!standing.listed() || found == jobs_.end()) return;
   if (order_.insert({-standing.priority, job}).second) count_ += static_cast<int>(found->second.all.size());
 }
 
@@ -18,14 +20,34 @@ void ReadyTasks::Unlist(int job) {
   if (order_.erase({-StandingOf(job).priority, job}) > 0) count_ -= static_cast<int>(jobs_.at(job).all.size());
 }
 
-void ReadyTasks::SetJob(int job, int priority, bool paused) {
+void ReadyTasks::SetStanding(int job, const Standing& standing) {
   Unlist(job);
-  if (priority == 0 && !paused) {
+  if (standing.priority == 0 && standing.listed()) {
     standings_.erase(job);
   } else {
-    standings_[job] = {priority, paused};
+    standings_[job] = standing;
   }
   List(job);
+}
+
+void ReadyTasks::SetJob(int job, int priority, bool paused) {
+  SetStanding(job, {priority, paused, StandingOf(job).held});
+}
+
+void ReadyTasks::SetHeld(int job, bool held) {
+  Standing standing = StandingOf(job);
+  standing.held = held;
+  SetStanding(job, standing);
+}
+
+std::vector<int> ReadyTasks::held() const {
+  std::vector<int> jobs;
+  for (const auto& [job, standing] : standings_) {
+    if (standing.held) jobs.push_back(job);
+  }
+  std::stable_sort(jobs.begin(), jobs.end(),
+                   [&](int a, int b) { return standings_.at(a).priority > standings_.at(b).priority; });
+  return jobs;
 }
 
 void ReadyTasks::Insert(TaskRef ref, const Place& place) {
@@ -33,7 +55,7 @@ void ReadyTasks::Insert(TaskRef ref, const Place& place) {
   if (!job.all.insert(place.rank).second) return;
   job.of_tile[place.tile].insert(place.rank);
   if (job.all.size() == 1) return List(ref.job);
-  if (!StandingOf(ref.job).paused) ++count_;
+  if (StandingOf(ref.job).listed()) ++count_;
 }
 
 void ReadyTasks::Add(TaskRef ref, const JobTask& task) {

@@ -9,15 +9,16 @@
 #include <optional>
 #include <set>
 #include <utility>
+#include <vector>
 
 #include "server/dispatch/job.h"
 
 namespace tessera {
 
 // An index over a ledger's ready tasks: nothing that it holds is not in the ledger too. Jobs of a higher priority come
-// first, of these the older ones, paused ones never; in a job the tasks that most others wait for (those with the
-// fewest steps behind them), of these the dearest, of these the first of the plan. A lookup takes logarithmic time
-// unless tasks are refused. Not thread-safe.
+// first, of these the older ones, those that are paused or held never; in a job the tasks that most others wait for
+// (those with the fewest steps behind them), of these the dearest, of these the first of the plan. A lookup takes
+// logarithmic time unless tasks are refused. Not thread-safe.
 class ReadyTasks {
  public:
   // A ready task. One with a delay is found when that has passed since the next Promote.
@@ -28,10 +29,16 @@ class ReadyTasks {
   void DropJob(int job);
   // Without it a job has priority 0 and is not paused.
   void SetJob(int job, int priority, bool paused);
+  // Nothing of the job is found until it is admitted, as if it were paused.
+  void Hold(int job) { SetHeld(job, true); }
+  void Admit(int job) { SetHeld(job, false); }
+  bool IsHeld(int job) const { return StandingOf(job).held; }
+  // Those held, in the order in which they would come.
+  std::vector<int> held() const;
 
   // Ends the delays that are over. `now_us`: Clock::MonotonicUs.
   void Promote(int64_t now_us);
-  // Of all jobs that are not paused, promoted ones only.
+  // Of all jobs that are neither paused nor held, promoted ones only.
   int count() const { return count_; }
 
   // The job whose tasks come first.
@@ -68,10 +75,13 @@ class ReadyTasks {
   };
   struct Standing {
     int priority = 0;
-    bool paused = false;
+    bool paused = false, held = false;
+    bool listed() const { return !paused && !held; }
   };
   static Rank RankOf(TaskRef ref, const JobTask& task) { return {task.depth, -task.plan.cost, ref.task}; }
   Standing StandingOf(int job) const;
+  void SetStanding(int job, const Standing& standing);
+  void SetHeld(int job, bool held);
   // A job that has tasks now enters the order of jobs, or leaves it.
   void List(int job);
   void Unlist(int job);
@@ -80,7 +90,7 @@ class ReadyTasks {
 
   std::map<int, OfJob> jobs_;
   std::map<int, Standing> standings_;    // those that are not as they are without SetJob
-  std::set<std::pair<int, int>> order_;  // (-priority, job) of jobs_ that are not paused
+  std::set<std::pair<int, int>> order_;  // (-priority, job) of jobs_ that are listed
   std::map<TaskRef, Delayed> delayed_;
   std::set<TaskRef> to_begin_;                    // of delayed_
   std::set<std::pair<int64_t, TaskRef>> by_end_;  // of delayed_, those that have begun

@@ -71,7 +71,7 @@ std::string WhyNotLeased(const Ledger& ledger, TaskRef ref, const LeaseTable& le
 }  // namespace
 
 std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, const Status& storage_trouble,
-                       int64_t now_us) {
+                       const Room& room, int64_t now_us) {
   const JobHeader& header = ledger.jobs()[job].header;
   if (HasEnded(header.state)) return "";
   if (!storage_trouble.ok()) {
@@ -81,6 +81,12 @@ std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, 
   const std::vector<TaskRef> running = leases.OfJob(job);
   if (header.paused) {
     return running.empty() ? "paused" : "paused; " + std::to_string(running.size()) + " tasks run to their end";
+  }
+  if (running.empty() && ledger.ready().IsHeld(job) && !room.folder.empty()) {
+    return "no room for the " + Gib(ledger.jobs()[job].totals.sums().bytes_to_store) +
+           " that it will store: " + Gib(room.free_bytes) + " are free for " + room.folder +
+           (room.promised_bytes > 0 ? ", of which jobs that have begun will take " + Gib(room.promised_bytes) : "") +
+           "; it begins when there is enough";
   }
   if (const std::optional<TaskRef> ready = ledger.ready().FirstOfJob(job)) {
     return running.empty() ? WhyNotLeased(ledger, *ready, leases, now_us) : "";

@@ -11,11 +11,18 @@
 
 namespace tessera {
 
-// What the job waits for, for the user: that it is resumed, a worker, one with more memory, a job that comes before it,
-// a delay's end, a task that all others wait for, a disk. Empty if it has ended, or all that is ready is being done.
-// `now_us`: Clock::MonotonicUs.
+// What the disk has for jobs that are to begin, as it was last found.
+struct Room {
+  std::string folder;
+  int64_t free_bytes = 0;
+  int64_t promised_bytes = 0;  // of these, to jobs that have begun
+};
+
+// What the job waits for, for the user: that it is resumed, room on the disk, a worker, one with more memory, a job
+// that comes before it, a delay's end, a task that all others wait for, a disk. Empty if it has ended, or all that is
+// ready is being done. `now_us`: Clock::MonotonicUs.
 std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, const Status& storage_trouble,
-                       int64_t now_us);
+                       const Room& room, int64_t now_us);
 
 }  // namespace tessera
 

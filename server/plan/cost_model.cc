@@ -67,6 +67,17 @@ constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 0.5e-6;
 // A cell that new images are compared over, at all heights; two blocks at a time in memory. A cell of the report.
 constexpr double kCompareSeconds = 0.3e-3, kCompareBytes = 200 * kMiB, kChangeCellSeconds = 5e-6, kChangeCellBytes = 60;
 
+// Bytes that are stored. A pixel of a crop and its likelihoods a class, with all levels of their pyramids; the crops of
+// a tile among others hold so much more than the core and its apron, as far as the images go.
+constexpr double kStoredPixel = 8.0 / 3, kStoredPlanePixel = 4.0 / 3, kStoredCropShare = 1.08, kStoredRimShare = 1.8;
+// A face of the core and one that is only in sight, as cut; of the core a face as measured, and with it a pixel that is
+// compared, at half of the width half of it; labels, and a class; a state; with what moves on to the next iteration.
+constexpr double kStoredFace = 36, kStoredSightFace = 90, kStoredMeasuredFace = 32, kStoredPairPixel = 0.09;
+constexpr double kStoredLabels = 8, kStoredClass = 4, kStoredState = 26.5, kStoredIteration = 38.5;
+// Of the city: a face and a view as surveyed; a face as published, whole and in tiles; a cell that was compared.
+constexpr double kStoredCityFace = 38.5, kStoredView = 2000, kStoredPublished = 40, kStoredInTiles = 36,
+                 kStoredChangeCell = 50;
+
 // Most of what tasks hold of the city are pages of mapped files, which the system takes back when memory is short; of
 // a large city more of them may be resident than counts here. The second is what city_bench's tasks needed (README).
 constexpr double kResidentFaces = 4 << 20, kBytesPerFaceBeyond = 12;
@@ -186,6 +197,10 @@ double MeasureSeconds(const TileWork& work, const RefineEffort& effort) {
          kDrawSeconds * work.drawn_faces * (effort.iterations + effort.labellings);
 }
 
+int64_t Bytes(double bytes) { return static_cast<int64_t>(bytes); }
+
+bool IsOnlyTile(const TileWork& work) { return work.sight_faces < work.core_faces + 1; }
+
 double SolveSeconds(double faces, const RefineEffort& effort) {
   return faces * (kSolveSeconds * effort.iterations + kLabelFaceSeconds * effort.labellings);
 }
@@ -199,6 +214,7 @@ RefineEffort EffortOf(const RefineStep& step) {
   } else {
     effort.evaluations = effort.finest_share = std::ldexp(1.0, -2 * step.level);
     effort.iterations = 1;
+    effort.widths = std::ldexp(1.0, -step.level);
     effort.mends = step.ends_level ? 1 : 0;
   }
   return effort;
@@ -210,6 +226,7 @@ RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<in
     const RefineEffort effort = EffortOf(steps[step]);
     sum.evaluations += effort.evaluations;
     sum.iterations += effort.iterations;
+    sum.widths += effort.widths;
     sum.finest_share = std::max(sum.finest_share, effort.finest_share);
     sum.labellings += effort.labellings;
     sum.mends += effort.mends;
@@ -311,10 +328,11 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
 
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
   Prediction prediction;
-  prediction.peak_bytes = static_cast<int64_t>(kFixedBytes + kRefineBytesPerFace * work.core_faces +
-                                               PixelBytes(work, effort, kRefinePixels));
+  prediction.peak_bytes =
+      Bytes(kFixedBytes + kRefineBytesPerFace * work.core_faces + PixelBytes(work, effort, kRefinePixels));
   prediction.core_seconds = kTaskSeconds + kFaceSeconds * work.core_faces + MeasureSeconds(work, effort) +
                             SolveSeconds(work.core_faces, effort) + kMendSeconds * work.core_faces * effort.mends;
+  prediction.stored_bytes = Bytes(kStoredState * work.core_faces);
   return prediction;
 }
 
@@ -324,35 +342,43 @@ Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
   const double pixel_bytes = effort.iterations > 0
                                  ? PixelBytes(work, effort, kMeasurePixels)
                                  : (kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop;
-  return {tasks * (kTaskSeconds + kStateSeconds * work.sight_faces) + MeasureSeconds(work, effort),
-          static_cast<int64_t>(kFixedBytes + kMeasureBytesPerFace * work.core_faces +
-                               kSightBytesPerFace * work.sight_faces + pixel_bytes)};
+  return {
+      tasks * (kTaskSeconds + kStateSeconds * work.sight_faces) + MeasureSeconds(work, effort),
+      Bytes(kFixedBytes + kMeasureBytesPerFace * work.core_faces + kSightBytesPerFace * work.sight_faces + pixel_bytes),
+      Bytes(effort.iterations * kStoredMeasuredFace * work.core_faces +
+            effort.widths * kStoredPairPixel * work.pair_pixels +
+            effort.labellings * (kStoredLabels + kStoredClass * work.likelihood_planes) * work.core_faces)};
 }
 
 Prediction PredictSolve(const TileWork& work, const RefineEffort& effort) {
   const double tasks = effort.iterations + effort.labellings;
   return {tasks * (kTaskSeconds + 2 * kStateSeconds * work.solve_faces) + SolveSeconds(work.solve_faces, effort),
-          static_cast<int64_t>(kFixedBytes + kSolveBytesPerFace * work.solve_faces)};
+          Bytes(kFixedBytes + kSolveBytesPerFace * work.solve_faces),
+          Bytes((effort.iterations * kStoredIteration + effort.labellings * kStoredState) * work.core_faces)};
 }
 
 Prediction PredictMend(const TileWork& work, const RefineEffort& effort) {
   return {effort.mends * (kTaskSeconds + (kStateSeconds + kMendSeconds) * work.solve_faces),
-          static_cast<int64_t>(kFixedBytes + kMendBytesPerFace * work.solve_faces)};
+          Bytes(kFixedBytes + kMendBytesPerFace * work.solve_faces),
+          Bytes(effort.mends * kStoredState * work.core_faces)};
 }
 
 Prediction PredictCrop(const TileWork& work) {
   const int planes = work.likelihood_planes;
+  const double stored_pixels =
+      IsOnlyTile(work) ? kStoredCropShare * work.pixels : std::min(kStoredRimShare * work.pixels, work.image_pixels);
   return {kTaskSeconds + kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels,
-          static_cast<int64_t>(kFixedBytes + kLoadBytesPerFace * work.sight_faces +
-                               kCropBytes * (1 + planes) * work.largest_crop + work.largest_decoded)};
+          Bytes(kFixedBytes + kLoadBytesPerFace * work.sight_faces + kCropBytes * (1 + planes) * work.largest_crop +
+                work.largest_decoded),
+          Bytes((kStoredPixel + kStoredPlanePixel * planes) * stored_pixels)};
 }
 
 Prediction PredictCut(const Survey& survey, const TileWork& work) {
   const double city = static_cast<double>(survey.faces);
-  return {
-      kTaskSeconds + kCutSecondsPerCityFace * city +
-          (kCutSecondsPerFace + kCutSecondsPerFaceView * work.seeing_views) * work.sight_faces,
-      static_cast<int64_t>(kFixedBytes + CityBytes(kCutBytesPerCityFace, city) + kCutBytesPerFace * work.sight_faces)};
+  return {kTaskSeconds + kCutSecondsPerCityFace * city +
+              (kCutSecondsPerFace + kCutSecondsPerFaceView * work.seeing_views) * work.sight_faces,
+          Bytes(kFixedBytes + CityBytes(kCutBytesPerCityFace, city) + kCutBytesPerFace * work.sight_faces),
+          Bytes(kStoredFace * work.core_faces + kStoredSightFace * std::max(0.0, work.sight_faces - work.core_faces))};
 }
 
 Prediction PredictIngest(const Survey& survey) {
@@ -366,31 +392,36 @@ Prediction PredictIngest(const Survey& survey) {
     pixels += static_cast<double>(view.camera.intrinsics.width) * view.camera.intrinsics.height;
   }
   return {kDecodeSeconds * (1 + planes) * pixels + kIngestSecondsPerFaceView * face_views,
-          static_cast<int64_t>(kFixedBytes + CityBytes(kIngestBytesPerFace, static_cast<double>(survey.faces)))};
+          Bytes(kFixedBytes + CityBytes(kIngestBytesPerFace, static_cast<double>(survey.faces))),
+          Bytes(kStoredCityFace * static_cast<double>(survey.faces) +
+                kStoredView * static_cast<double>(survey.views.size()))};
 }
 
 Prediction PredictPublish(const Survey& survey) {
   const double faces = static_cast<double>(survey.faces);
-  return {kTaskSeconds + kPublishSecondsPerFace * faces,
-          static_cast<int64_t>(kFixedBytes + CityBytes(kPublishBytesPerFace, faces))};
+  return {kTaskSeconds + kPublishSecondsPerFace * faces, Bytes(kFixedBytes + CityBytes(kPublishBytesPerFace, faces)),
+          Bytes((kStoredPublished + kStoredInTiles) * faces)};
 }
 
 Prediction PredictCompare(const Survey& survey, double image_pixels, double cells) {
   const double planes = survey.has_likelihoods ? static_cast<double>(survey.classes.size()) : 0;
   return {kTaskSeconds + kDecodeSeconds * (1 + planes) * image_pixels + kCompareSeconds * cells,
-          static_cast<int64_t>(kFixedBytes + kCompareBytes + 4 * (1 + planes) * image_pixels)};
+          Bytes(kFixedBytes + kCompareBytes + 4 * (1 + planes) * image_pixels),
+          Bytes(kStoredChangeCell * kBlockCells * kBlockCells)};
 }
 
 Prediction PredictChanges(const Survey& survey, double blocks) {
   const double cells = blocks * kBlockCells * kBlockCells;
   return {kTaskSeconds + kChangeCellSeconds * cells,
-          static_cast<int64_t>(kFixedBytes + CityBytes(kPublishBytesPerFace, static_cast<double>(survey.faces)) +
-                               kChangeCellBytes * cells)};
+          Bytes(kFixedBytes + CityBytes(kPublishBytesPerFace, static_cast<double>(survey.faces)) +
+                kChangeCellBytes * cells),
+          Bytes(kStoredChangeCell * cells)};
 }
 
-int64_t LeastTileBytes(double faces) { return static_cast<int64_t>(kFixedBytes + kSolveBytesPerFace * faces); }
+int64_t LeastTileBytes(double faces) { return Bytes(kFixedBytes + kSolveBytesPerFace * faces); }
 
 Interval RefineSecondsInterval() { return {0.7, 1.5}; }
 Interval RefineBytesInterval() { return {0.65, 1.1}; }
+Interval StoredBytesInterval() { return {0.85, 1.15}; }
 
 }  // namespace tessera

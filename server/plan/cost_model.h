@@ -1,4 +1,4 @@
-// What tasks will take, in core-seconds and bytes of a worker's memory, predicted from the survey alone.
+// What tasks will take, in core-seconds, bytes of a worker's memory and bytes stored, predicted from the survey alone.
 //
 // The model is linear in a few quantities of a tile (TileWork), with constants of the program's version that were
 // fitted to what workers reported (tests/bench/cost_bench.cc fits them anew and prints the residuals). The tiling rests
@@ -21,6 +21,7 @@ namespace tessera {
 struct RefineEffort {
   double evaluations = 0;   // of the data term, in equivalents of full resolution: a level l counts 4^-l
   double iterations = 0;    // steps, on whatever level
+  double widths = 0;        // of the images that steps compare: a level l counts 2^-l
   double finest_share = 0;  // pixels of the finest level, as a share of those of full resolution
   double labellings = 0;    // at full resolution
   double mends = 0;         // repairs of folds
@@ -59,9 +60,10 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core);
 struct Prediction {
   double core_seconds = 0;
   int64_t peak_bytes = 0;
+  int64_t stored_bytes = 0;  // of what it makes, which stays in the blob store
 };
 
-// The tasks of a tile. Those of several steps: seconds summed, memory of the hungriest.
+// The tasks of a tile. Those of several steps: seconds and what is stored summed, memory of the hungriest.
 Prediction PredictCut(const Survey& survey, const TileWork& work);
 Prediction PredictCrop(const TileWork& work);
 Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort);
@@ -87,6 +89,7 @@ struct Interval {
 };
 Interval RefineSecondsInterval();
 Interval RefineBytesInterval();
+Interval StoredBytesInterval();
 
 }  // namespace tessera
 

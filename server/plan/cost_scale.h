@@ -23,7 +23,7 @@ inline constexpr double kLeastScale = 0.125, kMostScale = 8;
 
 // Factors by which predictions for tasks of a kind are corrected: used / predicted, within the limits; of kinds that
 // were not measured the ratio of all kinds together, and 1 where nothing was. Memory stays as predicted: the tiling
-// rests on it.
+// rests on it; so does what is stored.
 class CostScale {
  public:
   CostScale() = default;
@@ -31,7 +31,7 @@ class CostScale {
 
   double Of(const std::string& kind) const;
   Prediction Corrected(const std::string& kind, const Prediction& prediction) const {
-    return {prediction.core_seconds * Of(kind), prediction.peak_bytes};
+    return {prediction.core_seconds * Of(kind), prediction.peak_bytes, prediction.stored_bytes};
   }
 
  private:

@@ -185,6 +185,7 @@ class Graph {
     for (size_t t = first; t < graph.size(); ++t) {
       sum.core_seconds += graph.tasks_[t].cost;
       sum.peak_bytes = std::max(sum.peak_bytes, graph.tasks_[t].peak_bytes);
+      sum.stored_bytes += graph.tasks_[t].stored_bytes;
     }
     return sum;
   }
@@ -202,9 +203,8 @@ class Graph {
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
     PlannedTask task;
     task.kind = task.name = kPlanKind;
-    task.given_contents.emplace_back(
-        kUpdateFile, UpdatePlanJson(base.name, !goes_on_, views_of_base_, base.tiles, changes_, survey_, ingest,
-                                    compare, publish, full.core_seconds));
+    task.given_contents.emplace_back(kUpdateFile, UpdatePlanJson(base.name, !goes_on_, views_of_base_, base.tiles,
+                                                                 changes_, survey_, ingest, compare, publish, full));
     Add(std::move(task));
     return absl::OkStatus();
   }

@@ -54,6 +54,7 @@ struct PlannedTask {
   std::vector<NamedDigest> given = {};
   std::vector<std::pair<std::string, std::string>> given_contents = {};  // name, content
   double scale = 1;                                                      // in `cost`, of CostScale; 0: not known
+  int64_t stored_bytes = 0;  // predicted size of its outputs; 0: not predicted
 };
 
 // Kinds of tasks that the coordinator knows: what the next phase is planned from, and what ends a job.

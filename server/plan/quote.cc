@@ -32,6 +32,11 @@ int64_t TileQuote::peak_bytes() const {
       {cut.peak_bytes, crop.peak_bytes, measure.peak_bytes, solve.peak_bytes, mend.peak_bytes, refine.peak_bytes});
 }
 
+int64_t TileQuote::stored_bytes() const {
+  return cut.stored_bytes + crop.stored_bytes + measure.stored_bytes + solve.stored_bytes + mend.stored_bytes +
+         refine.stored_bytes;
+}
+
 StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, const CostScale& costs) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   Quote quote;
@@ -44,6 +49,7 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
   quote.area_m2 = static_cast<double>(survey.cells.size()) * survey.ground.cell_m * survey.ground.cell_m;
   quote.core_seconds = quote.ingest.core_seconds + quote.publish.core_seconds;
   quote.peak_bytes = std::max(quote.ingest.peak_bytes, quote.publish.peak_bytes);
+  quote.stored_bytes = quote.ingest.stored_bytes + quote.publish.stored_bytes;
   for (const CellRect& core : cores) {
     TileQuote tile;
     tile.tile = static_cast<int>(quote.tiles.size());
@@ -62,6 +68,7 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
     quote.sight_faces += tile.work.sight_faces;
     quote.core_seconds += tile.core_seconds();
     quote.peak_bytes = std::max(quote.peak_bytes, tile.peak_bytes());
+    quote.stored_bytes += tile.stored_bytes();
     quote.tiles.push_back(std::move(tile));
   }
   return quote;

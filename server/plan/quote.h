@@ -20,7 +20,8 @@ struct TileQuote {
   Prediction measure, solve, mend;  // of all steps: seconds summed, memory of the hungriest
   Prediction refine;                // of the only tile, in place of these
   double core_seconds() const;
-  int64_t peak_bytes() const;  // of its hungriest task
+  int64_t peak_bytes() const;    // of its hungriest task
+  int64_t stored_bytes() const;  // of all its tasks
 };
 
 struct Quote {
@@ -30,6 +31,7 @@ struct Quote {
   double core_faces = 0, sight_faces = 0;  // summed over tiles: their own, and with what they have in sight
   double core_seconds = 0;                 // of all tasks
   int64_t peak_bytes = 0;                  // of the hungriest task
+  int64_t stored_bytes = 0;                // of all tasks
   // About 90 % of tasks took between these shares of what was predicted for them, each task's on its own: the residuals
   // of the model's fit, on machines of one kind with other work on them. What makes a task differ (the machine, its
   // load, how textured the scene is) is much the same for all tasks of a job, so they do not average out, and the sum's

@@ -66,7 +66,9 @@ class CellsByPlace {
 bool Overlap(const CellRect& a, const CellRect& b) { return a.x0 < b.x1 && b.x0 < a.x1 && a.y0 < b.y1 && b.y0 < a.y1; }
 
 json PredictionJson(const Prediction& prediction) {
-  return {{"core_seconds", prediction.core_seconds}, {"peak_bytes", prediction.peak_bytes}};
+  return {{"core_seconds", prediction.core_seconds},
+          {"peak_bytes", prediction.peak_bytes},
+          {"stored_bytes", prediction.stored_bytes}};
 }
 
 }  // namespace
@@ -165,7 +167,9 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
     part.faces += cell.faces;
   }
   if (survey.revision) part.faces = base.faces + survey.faces;  // both meshes are read
-  return PredictIngest(part);
+  Prediction prediction = PredictIngest(part);
+  prediction.stored_bytes = PredictIngest(survey).stored_bytes;  // at most: the mesh only if it changed
+  return prediction;
 }
 
 StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
@@ -211,6 +215,7 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
           costs.Corrected("solve", PredictSolve(work, effort)), costs.Corrected("mend", PredictMend(work, effort))}) {
       change.predicted.core_seconds += part.core_seconds;
       change.predicted.peak_bytes = std::max(change.predicted.peak_bytes, part.peak_bytes);
+      change.predicted.stored_bytes += part.stored_bytes;
     }
   }
   return changes;
@@ -219,9 +224,11 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
 std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t views_of_base,
                            const std::vector<TileParameters>& tiles_of_base, const std::vector<TileChange>& changes,
                            const Survey& survey, const Prediction& ingest, const Prediction& compare,
-                           const Prediction& publish, double full_core_seconds) {
-  double core_seconds = from_scratch ? full_core_seconds  // at most
+                           const Prediction& publish, const Quote& full) {
+  double core_seconds = from_scratch ? full.core_seconds  // at most
                                      : ingest.core_seconds + compare.core_seconds + publish.core_seconds;
+  int64_t stored_bytes =
+      from_scratch ? full.stored_bytes : ingest.stored_bytes + compare.stored_bytes + publish.stored_bytes;
   int redone = 0;
   json tiles = json::array(), gone = json::array();
   for (const TileChange& change : changes) {
@@ -242,7 +249,10 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
                      {"why", std::move(why)}});
     if (change.why.empty()) continue;
     tiles.back()["predicted"] = PredictionJson(change.predicted);
-    if (!from_scratch) core_seconds += change.predicted.core_seconds;
+    if (!from_scratch) {
+      core_seconds += change.predicted.core_seconds;
+      stored_bytes += change.predicted.stored_bytes;
+    }
     ++redone;
   }
   json cameras = json::array();
@@ -265,7 +275,9 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
               {"cell_m", survey.ground.cell_m},
               {"predicted",
                {{"core_seconds", core_seconds},
-                {"core_seconds_in_full", full_core_seconds},
+                {"core_seconds_in_full", full.core_seconds},
+                {"stored_bytes", stored_bytes},
+                {"stored_bytes_in_full", full.stored_bytes},
                 {"ingest", PredictionJson(ingest)},
                 {"changes", PredictionJson(compare)},
                 {"publish", PredictionJson(publish)}}},

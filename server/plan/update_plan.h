@@ -11,6 +11,7 @@
 #include "common/tile/task_parameters.h"
 #include "server/plan/cost_scale.h"
 #include "server/plan/graph.h"
+#include "server/plan/quote.h"
 #include "server/settings/job_settings.h"
 
 namespace tessera {
@@ -58,13 +59,12 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);
 // levels if the mesh changed. Indices in RefineStepsOf.
 std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey);
 
-// kUpdateFile. Of `tiles_of_base` it names those that are gone. `full_core_seconds`: what a job on all images is
-// predicted to take, and one from scratch at most: which tiles it redoes beside the changed ones shows as it goes
-// ("redone": null).
+// kUpdateFile. Of `tiles_of_base` it names those that are gone. `full`: what a job on all images is predicted to take,
+// and one from scratch at most: which tiles it redoes beside the changed ones shows as it goes ("redone": null).
 std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t views_of_base,
                            const std::vector<TileParameters>& tiles_of_base, const std::vector<TileChange>& changes,
                            const Survey& survey, const Prediction& ingest, const Prediction& compare,
-                           const Prediction& publish, double full_core_seconds);
+                           const Prediction& publish, const Quote& full);
 
 }  // namespace tessera
 

@@ -18,6 +18,7 @@ inline constexpr double kIngestSecondsPerFile = 0.1;
 inline void SetCost(const Prediction& cost, PlannedTask* task) {
   task->cost = cost.core_seconds;
   task->peak_bytes = cost.peak_bytes;
+  task->stored_bytes = cost.stored_bytes;
 }
 
 // What the model's seconds are corrected by. `survey`: the base's.

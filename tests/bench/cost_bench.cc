@@ -33,7 +33,7 @@ JobSettings SettingsOf(const json& job) {
 
 // Of each kind of task: measured / predicted.
 struct Spread {
-  std::vector<double> seconds, bytes;
+  std::vector<double> seconds, bytes, stored;
 };
 
 double Quantile(std::vector<double> values, double q) {
@@ -56,6 +56,7 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
     TESSERA_ASSIGN_OR_RETURN(const CutParameters parameters, ParseCutParameters(task.at("parameters").dump()));
     cores[parameters.tile.tile] = parameters.tile.core;
   }
+  double stored_in_all = 0, predicted_in_all = 0;
   for (const json& task : job.at("tasks")) {
     if (!task.contains("used")) continue;
     const std::string kind = task.at("kind"), title = task.at("title");
@@ -96,8 +97,16 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
         task.at("stats").is_object() ? task.at("stats").value("faces", 0.0) : 0.0);
     Spread& spread = (*spreads)[kind];
     if (prediction.core_seconds > 0) spread.seconds.push_back(seconds / prediction.core_seconds);
+    double stored = 0;
+    for (const auto& [name, file] : task.at("outputs").items()) stored += file.at("size_bytes").get<double>();
+    if (prediction.stored_bytes > 0) {
+      spread.stored.push_back(stored / static_cast<double>(prediction.stored_bytes));
+      stored_in_all += stored;
+      predicted_in_all += static_cast<double>(prediction.stored_bytes);
+    }
     if (bytes > 0) spread.bytes.push_back(bytes / static_cast<double>(prediction.peak_bytes));
   }
+  if (predicted_in_all > 0) (*spreads)["(run)"].stored.push_back(stored_in_all / predicted_in_all);
   return absl::OkStatus();
 }
 
@@ -106,7 +115,7 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
 
 int main(int argc, char** argv) {
   std::vector<std::string> runs;
-  CLI::App app("Predictions of cost and memory against what workers reported");
+  CLI::App app("Predictions of cost, memory and disk against what workers reported");
   app.add_option("RUN", runs, "Folders with job.json and survey.json")->required();
   CLI11_PARSE(app, argc, argv);
   std::printf(
@@ -132,6 +141,7 @@ int main(int argc, char** argv) {
     };
     line("core-seconds", spread.seconds);
     line("peak memory", spread.bytes);
+    line("stored", spread.stored);
   }
   return 0;
 }

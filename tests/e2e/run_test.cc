@@ -88,11 +88,13 @@ TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
   const auto planned = nlohmann::json::parse(Content(json));
   ASSERT_EQ(Run({"--tiles", "4"}).exit_code, 0);
   std::map<std::pair<int, std::string>, double> predicted_s;  // of a tile's tasks of a kind
+  double stored = 0;
   const auto job = nlohmann::json::parse(Content(out_ + "/job.json"));
   for (const auto& task : job["tasks"]) {
     if (task["kind"] == "ingest") {
       EXPECT_EQ(task["reused"], true);
     }
+    for (const auto& [name, file] : task["outputs"].items()) stored += file["size_bytes"].get<double>();
     const int tile = task["tile"];
     if (tile < 0) continue;
     const std::string kind = task["kind"];
@@ -102,6 +104,8 @@ TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
     EXPECT_GT(task["used"]["core_seconds"], 0);
     EXPECT_GT(task["used"]["peak_bytes"], 1 << 20);
   }
+  EXPECT_LT(stored, 1.5 * planned["stored_bytes"].get<double>());
+  EXPECT_GT(stored, 0.5 * planned["stored_bytes"].get<double>());
   EXPECT_EQ(predicted_s.size(), 4u * 5) << "cut, crop, measure, solve, mend";
   for (const auto& [task, seconds] : predicted_s) {
     const auto& [tile, kind] = task;

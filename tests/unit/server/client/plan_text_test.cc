@@ -49,10 +49,13 @@ TEST(QuoteTest, TotalsAreThoseOfAllTasks) {
   ASSERT_TRUE(quote.ok()) << quote.status();
   ASSERT_EQ(quote->tiles.size(), 4u);
   double seconds = quote->ingest.core_seconds + quote->publish.core_seconds, faces = 0;
+  int64_t stored = quote->ingest.stored_bytes + quote->publish.stored_bytes;
   for (const TileQuote& tile : quote->tiles) {
     for (const Prediction& task : {tile.cut, tile.crop, tile.measure, tile.solve, tile.mend}) {
       EXPECT_GT(task.core_seconds, 0);
+      EXPECT_GT(task.stored_bytes, 0);
       seconds += task.core_seconds;
+      stored += task.stored_bytes;
     }
     EXPECT_EQ(tile.refine.core_seconds, 0);
     faces += tile.work.core_faces;
@@ -60,6 +63,7 @@ TEST(QuoteTest, TotalsAreThoseOfAllTasks) {
     EXPECT_LE(tile.peak_bytes(), quote->peak_bytes);
   }
   EXPECT_DOUBLE_EQ(quote->core_seconds, seconds);
+  EXPECT_EQ(quote->stored_bytes, stored);
   EXPECT_EQ(faces, static_cast<double>(survey.faces));
   EXPECT_DOUBLE_EQ(quote->area_m2, 6400);
 }

@@ -424,6 +424,8 @@ TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
   EXPECT_EQ(tiles->size(), 5u) << "the plan and all cuts";
   const auto plan = nlohmann::json::parse((*tiles)[0].given_contents[0].second);
   EXPECT_EQ(plan["predicted"]["core_seconds"], plan["predicted"]["core_seconds_in_full"]) << "at most";
+  EXPECT_EQ(plan["predicted"]["stored_bytes"], plan["predicted"]["stored_bytes_in_full"]) << "at most";
+  EXPECT_GT(plan["predicted"]["stored_bytes"], 0);
   for (const auto& tile : plan["tiles"]) {
     if (tile["tile"] == pair.TileOf(3)) {
       EXPECT_EQ(tile["redone"], true);
