@@ -1,6 +1,7 @@
 #include "tests/bench/dispatch_fleet.h"
 
 #include <grpcpp/grpcpp.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -10,7 +11,6 @@
 #include <cstdio>
 #include <fstream>
 #include <functional>
-#include <limits>
 #include <map>
 #include <mutex>
 #include <thread>
@@ -38,6 +38,13 @@ double ResidentBytes() {
   double pages = 0;
   std::ifstream("/proc/self/statm") >> pages >> pages;
   return pages * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+double CpuSeconds(int who) {
+  rusage usage = {};
+  getrusage(who, &usage);
+  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * t.tv_usec; };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
 // Chains of steps, one a worker, then publish.
@@ -325,7 +332,7 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   std::thread ticker([&] {
     while (!dispatcher.stopped()) {
       dispatcher.Tick().IgnoreError();
-      dispatcher.WaitForChange(std::numeric_limits<int64_t>::max(), 1);
+      std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
   });
   const double before = ResidentBytes();
@@ -334,28 +341,32 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher.CreateJob(job));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, coordinator->address()));
   SteadyTime start = Now();
-  double planned_s = 0, most_bytes = 0;
+  double planned_s = 0, most_bytes = 0, start_cpu_s = 0;
   while (!HasEnded(status.header.state) && status.tasks_done < arguments.tasks + 1) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
     if (planned_s == 0 && status.tasks_total > arguments.tasks) {
       planned_s = SecondsSince(start);
       start = Now();
+      start_cpu_s = CpuSeconds(RUSAGE_SELF);
     }
     most_bytes = std::max(most_bytes, ResidentBytes());
   }
-  const double run_s = SecondsSince(start);
-  TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));
-  while (!HasEnded(status.header.state)) {  // the report is written
+  const double run_s = SecondsSince(start), cpu_s = CpuSeconds(RUSAGE_SELF) - start_cpu_s;
+  while (!HasEnded(status.header.state)) {  // published, and the report is written
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
     most_bytes = std::max(most_bytes, ResidentBytes());
   }
+  const double end_s = SecondsSince(start);
+  TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));
   while (wait(nullptr) > 0) {
   }
   std::printf("%d tasks, %d workers: planned in %.1f s, run in %.1f s: %.0f tasks a second; ended %.1f s later\n",
               arguments.tasks, arguments.workers, planned_s, run_s, arguments.tasks / run_s,
-              SecondsSince(start) - run_s);
+              end_s - run_s);
+  std::printf("processor time a task: coordinator %.2f ms, fleet %.2f ms\n", 1e3 * cpu_s / arguments.tasks,
+              1e3 * CpuSeconds(RUSAGE_CHILDREN) / arguments.tasks);
   std::printf("memory at most: %.0f bytes a task\n", (most_bytes - before) / arguments.tasks);
   dispatcher.Stop();
   ticker.join();
