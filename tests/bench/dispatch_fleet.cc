@@ -13,7 +13,9 @@
 #include <functional>
 #include <map>
 #include <mutex>
+#include <random>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "common/base/clock.h"
@@ -156,20 +158,21 @@ struct Fleet {
   std::atomic<bool> stop = false;
 };
 
-// One worker: lease, work, report, and again; a heartbeat a second. Calls go on from their answers.
+// One worker: lease, work, report, and again; a heartbeat a second. Calls go on from their answers. Work takes from a
+// half to one and a half times as long as asked for, so that the workers do not all come back at once.
 class FleetWorker {
  public:
-  FleetWorker(Fleet& fleet, const std::string& address) : fleet_(fleet) {
+  FleetWorker(Fleet& fleet, const std::string& address, int index) : fleet_(fleet), random_(index) {
     grpc::ChannelArguments own_connection;
     own_connection.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
     stub_ =
         v1::Workers::NewStub(grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), own_connection));
   }
 
-  Status Register(int index) {
+  Status Register(const std::string& host) {
     grpc::ClientContext context;
     v1::RegisterWorkerRequest request;
-    request.set_host("host" + std::to_string(index / 10));
+    request.set_host(host);
     request.set_threads(1);
     request.set_version(kAlgorithmVersion);
     v1::RegisterWorkerResponse response;
@@ -204,7 +207,8 @@ class FleetWorker {
           if (!status.ok()) ++fleet_.errors;
           if (status.ok()) ++lease_call_;
           if (status.ok() && call->response.has_lease()) {
-            fleet_.leases.Add(1e3 * SecondsSince(start));
+            // The first waited for the plan.
+            if (std::exchange(has_leased_, true)) fleet_.leases.Add(1e3 * SecondsSince(start));
             {
               std::lock_guard lock(mutex_);
               task_ = call->response.lease().spec().task();
@@ -212,7 +216,8 @@ class FleetWorker {
             }
             const std::string kind = call->response.lease().spec().kind();
             if (fleet_.arguments.work_s > 0) {
-              fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * fleet_.arguments.work_s)),
+              const double work_s = fleet_.arguments.work_s * std::uniform_real_distribution(0.5, 1.5)(random_);
+              fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * work_s)),
                                [this, kind] { Report(kind); });
             } else {
               Report(kind);
@@ -292,6 +297,8 @@ class FleetWorker {
   std::string task_;
   int attempt_ = 0;
   int64_t lease_call_ = 1;  // the same until it is answered
+  bool has_leased_ = false;
+  std::minstd_rand random_;
 };
 
 // Runs until the address file is taken away.
@@ -306,8 +313,8 @@ int Work(const FleetArguments& arguments, const std::string& address_file) {
   fleet.output = {Sha256Hex("survey"), 6};
   std::vector<std::unique_ptr<FleetWorker>> workers;
   for (int i = 0; i < arguments.workers; ++i) {
-    workers.push_back(std::make_unique<FleetWorker>(fleet, address));
-    if (const Status status = workers.back()->Register(i); !status.ok()) {
+    workers.push_back(std::make_unique<FleetWorker>(fleet, address, i));
+    if (const Status status = workers.back()->Register("host" + std::to_string(i / 10)); !status.ok()) {
       std::fprintf(stderr, "cannot register: %s\n", std::string(status.message()).c_str());
       return 1;
     }
