@@ -15,8 +15,10 @@ namespace tessera {
 struct Sha256Hasher::Impl {
   EVP_MD_CTX* context = EVP_MD_CTX_new();
   Impl() {
+    // Looked up once: each time costs more than to hash a task's key.
+    static const EVP_MD* const sha256 = EVP_MD_fetch(nullptr, "SHA256", nullptr);
     // Fails only without memory or with a broken OpenSSL: nothing can go on then.
-    if (context == nullptr || EVP_DigestInit_ex(context, EVP_sha256(), nullptr) != 1) std::abort();
+    if (context == nullptr || EVP_DigestInit_ex(context, sha256, nullptr) != 1) std::abort();
   }
   ~Impl() { EVP_MD_CTX_free(context); }
   Impl(const Impl&) = delete;

@@ -2,6 +2,8 @@
 #ifndef TESSERA_SERVER_API_SERVICES_H_
 #define TESSERA_SERVER_API_SERVICES_H_
 
+#include <grpcpp/support/server_callback.h>
+
 #include "server/api/coordinator_server.h"
 #include "tessera/v1/blobs.grpc.pb.h"
 #include "tessera/v1/jobs.grpc.pb.h"
@@ -28,21 +30,23 @@ class JobsService final : public v1::Jobs::Service {
   const ServerEnvironment& environment_;
 };
 
-class WorkersService final : public v1::Workers::Service {
+// A call that waits, for a task or until what it told is durable, holds no thread: thousands may.
+class WorkersService final : public v1::Workers::CallbackService {
  public:
+  using Context = grpc::CallbackServerContext;
+  using Reactor = grpc::ServerUnaryReactor;
+
   explicit WorkersService(const ServerEnvironment& environment) : environment_(environment) {}
-  grpc::Status RegisterWorker(grpc::ServerContext* context, const v1::RegisterWorkerRequest* request,
-                              v1::RegisterWorkerResponse* response) override;
-  grpc::Status LeaseTask(grpc::ServerContext* context, const v1::LeaseTaskRequest* request,
-                         v1::LeaseTaskResponse* response) override;
-  grpc::Status Heartbeat(grpc::ServerContext* context, const v1::HeartbeatRequest* request,
-                         v1::HeartbeatResponse* response) override;
-  grpc::Status ReportTask(grpc::ServerContext* context, const v1::ReportTaskRequest* request,
-                          v1::ReportTaskResponse* response) override;
-  grpc::Status UnregisterWorker(grpc::ServerContext* context, const v1::UnregisterWorkerRequest* request,
-                                v1::UnregisterWorkerResponse* response) override;
-  grpc::Status ListWorkers(grpc::ServerContext* context, const v1::ListWorkersRequest* request,
-                           v1::ListWorkersResponse* response) override;
+  Reactor* RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
+                          v1::RegisterWorkerResponse* response) override;
+  Reactor* LeaseTask(Context* context, const v1::LeaseTaskRequest* request, v1::LeaseTaskResponse* response) override;
+  Reactor* Heartbeat(Context* context, const v1::HeartbeatRequest* request, v1::HeartbeatResponse* response) override;
+  Reactor* ReportTask(Context* context, const v1::ReportTaskRequest* request,
+                      v1::ReportTaskResponse* response) override;
+  Reactor* UnregisterWorker(Context* context, const v1::UnregisterWorkerRequest* request,
+                            v1::UnregisterWorkerResponse* response) override;
+  Reactor* ListWorkers(Context* context, const v1::ListWorkersRequest* request,
+                       v1::ListWorkersResponse* response) override;
 
  private:
   const ServerEnvironment& environment_;

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <utility>
 
 #include "common/base/refusal.h"
 #include "common/base/version.h"
@@ -10,16 +11,35 @@
 namespace tessera {
 namespace {
 
-constexpr double kMaxWaitS = 30;  // of a LeaseTask call
+constexpr double kMaxWait_s = 30;  // of a LeaseTask call
+
+grpc::ServerUnaryReactor* Finished(grpc::CallbackServerContext* context, const Status& status) {
+  grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
+  reactor->Finish(ToGrpc(status));
+  return reactor;
+}
+
+// A LeaseTask call: whoever answers it calls Finish, once. Owns itself.
+class LeaseReactor final : public grpc::ServerUnaryReactor {
+ public:
+  LeaseReactor(Dispatcher& dispatcher, std::string worker) : dispatcher_(dispatcher), worker_(std::move(worker)) {}
+  void OnCancel() override { dispatcher_.LookAfterCall(worker_); }
+  void OnDone() override { delete this; }
+
+ private:
+  Dispatcher& dispatcher_;
+  const std::string worker_;
+};
 
 }  // namespace
 
-grpc::Status WorkersService::RegisterWorker(grpc::ServerContext*, const v1::RegisterWorkerRequest* request,
-                                            v1::RegisterWorkerResponse* response) {
+grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
+                                                         v1::RegisterWorkerResponse* response) {
   if (request->version() != kAlgorithmVersion) {
-    return ToGrpc(Refuse(Refusal::kOtherVersion,
-                         absl::FailedPreconditionError("worker of algorithm version '" + request->version() +
-                                                       "', the coordinator has '" + kAlgorithmVersion + "'")));
+    return Finished(context,
+                    Refuse(Refusal::kOtherVersion,
+                           absl::FailedPreconditionError("worker of algorithm version '" + request->version() +
+                                                         "', the coordinator has '" + kAlgorithmVersion + "'")));
   }
   const double lease_s = environment_.dispatcher->options().lease_s;
   const std::string worker =
@@ -35,56 +55,71 @@ grpc::Status WorkersService::RegisterWorker(grpc::ServerContext*, const v1::Regi
     response->set_shared_probe_path(environment_.shared_probe_path);
     response->set_shared_probe_content(environment_.shared_probe_content);
   }
-  return grpc::Status::OK;
+  return Finished(context, absl::OkStatus());
 }
 
-grpc::Status WorkersService::LeaseTask(grpc::ServerContext* context, const v1::LeaseTaskRequest* request,
-                                       v1::LeaseTaskResponse* response) {
-  const double wait_s = request->wait_s() > 0 ? std::min(request->wait_s(), kMaxWaitS) : 0.0;
-  const auto lease = environment_.dispatcher->LeaseTask(
-      request->worker(), wait_s, [context] { return context->IsCancelled(); }, request->call());
-  if (!lease.ok()) return ToGrpc(lease.status());
-  if (*lease) ToProto(**lease, !environment_.shared_probe_path.empty(), response->mutable_lease());
-  return grpc::Status::OK;
+grpc::ServerUnaryReactor* WorkersService::LeaseTask(Context* context, const v1::LeaseTaskRequest* request,
+                                                    v1::LeaseTaskResponse* response) {
+  auto* const reactor = new LeaseReactor(*environment_.dispatcher, request->worker());
+  LeaseCall call;
+  call.worker = request->worker();
+  call.wait_s = request->wait_s() > 0 ? std::min(request->wait_s(), kMaxWait_s) : 0.0;
+  call.call = request->call();
+  call.gone = [context] { return context->IsCancelled(); };
+  const bool shared_paths = !environment_.shared_probe_path.empty();
+  call.done = [reactor, response, shared_paths](LeaseAnswer answer) {
+    if (answer.ok() && *answer) ToProto(**answer, shared_paths, response->mutable_lease());
+    reactor->Finish(ToGrpc(answer.status()));
+  };
+  environment_.dispatcher->LeaseTask(std::move(call));
+  return reactor;
 }
 
-grpc::Status WorkersService::Heartbeat(grpc::ServerContext*, const v1::HeartbeatRequest* request,
-                                       v1::HeartbeatResponse* response) {
+grpc::ServerUnaryReactor* WorkersService::Heartbeat(Context* context, const v1::HeartbeatRequest* request,
+                                                    v1::HeartbeatResponse* response) {
   std::vector<ReportedProgress> tasks;
   for (const auto& task : request->tasks()) {
     tasks.push_back({task.task(), task.attempt(), task.progress(), task.stage()});
   }
   const auto stop = environment_.dispatcher->Heartbeat(request->worker(), tasks);
-  if (!stop.ok()) return ToGrpc(stop.status());
+  if (!stop.ok()) return Finished(context, stop.status());
   for (const std::string& task : *stop) response->add_stop_tasks(task);
-  return grpc::Status::OK;
+  return Finished(context, absl::OkStatus());
 }
 
-grpc::Status WorkersService::ReportTask(grpc::ServerContext*, const v1::ReportTaskRequest* request,
-                                        v1::ReportTaskResponse*) {
+grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1::ReportTaskRequest* request,
+                                                     v1::ReportTaskResponse*) {
   Dispatcher& dispatcher = *environment_.dispatcher;
+  Reactor* const reactor = context->DefaultReactor();
+  const auto done = [reactor](const Status& status) { reactor->Finish(ToGrpc(status)); };
   switch (request->result_case()) {
     case v1::ReportTaskRequest::kSuccess:
-      return ToGrpc(dispatcher.ReportSuccess(request->worker(), request->task(), request->attempt(),
-                                             FromProto(request->success())));
-    case v1::ReportTaskRequest::kFailure:
-      return ToGrpc(dispatcher.ReportFailure(request->worker(), request->task(), request->attempt(),
-                                             FromProto(request->failure())));
-    case v1::ReportTaskRequest::RESULT_NOT_SET:
+      dispatcher.ReportSuccess(request->worker(), request->task(), request->attempt(), FromProto(request->success()),
+                               done);
       break;
+    case v1::ReportTaskRequest::kFailure:
+      dispatcher.ReportFailure(request->worker(), request->task(), request->attempt(), FromProto(request->failure()),
+                               done);
+      break;
+    case v1::ReportTaskRequest::RESULT_NOT_SET:
+      done(absl::InvalidArgumentError("a report with neither success nor failure"));
   }
-  return ToGrpc(absl::InvalidArgumentError("a report with neither success nor failure"));
+  return reactor;
 }
 
-grpc::Status WorkersService::UnregisterWorker(grpc::ServerContext*, const v1::UnregisterWorkerRequest* request,
-                                              v1::UnregisterWorkerResponse*) {
-  const Status status = environment_.dispatcher->UnregisterWorker(request->worker());
-  if (status.ok()) LogEvent(LogLevel::kInfo, "worker left", {{"worker", request->worker()}});
-  return ToGrpc(status);
+grpc::ServerUnaryReactor* WorkersService::UnregisterWorker(Context* context, const v1::UnregisterWorkerRequest* request,
+                                                           v1::UnregisterWorkerResponse*) {
+  Reactor* const reactor = context->DefaultReactor();
+  environment_.dispatcher->UnregisterWorker(
+      request->worker(), [reactor, worker = request->worker()](const Status& status) {
+        if (status.ok()) LogEvent(LogLevel::kInfo, "worker left", {{"worker", worker}});
+        reactor->Finish(ToGrpc(status));
+      });
+  return reactor;
 }
 
-grpc::Status WorkersService::ListWorkers(grpc::ServerContext*, const v1::ListWorkersRequest*,
-                                         v1::ListWorkersResponse* response) {
+grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1::ListWorkersRequest*,
+                                                      v1::ListWorkersResponse* response) {
   for (const WorkerStatus& status : environment_.dispatcher->ListWorkers()) {
     v1::Worker& worker = *response->add_workers();
     worker.set_name(status.name);
@@ -97,7 +132,7 @@ grpc::Status WorkersService::ListWorkers(grpc::ServerContext*, const v1::ListWor
     worker.set_set_aside_reason(status.set_aside_reason);
     worker.set_set_aside_s(status.set_aside_s);
   }
-  return grpc::Status::OK;
+  return Finished(context, absl::OkStatus());
 }
 
 }  // namespace tessera

@@ -57,7 +57,18 @@ Dispatcher::Dispatcher(const DispatchEnvironment& environment, const DispatchOpt
       options_(options),
       ledger_(kAlgorithmVersion),
       journal_(environment.store,
-               {options.durable_wait_s, ObserveWith(environment.on_change), environment.on_trouble}) {}
+               {options.durable_wait_s, ObserveWith(environment.on_change), environment.on_trouble}),
+      waiting_thread_([this] { ServeWaiting(); }) {}
+
+Dispatcher::~Dispatcher() {
+  Stop();
+  {
+    std::lock_guard lock(mutex_);
+    ends_ = true;
+  }
+  waiting_changed_.notify_one();
+  waiting_thread_.join();
+}
 
 void Dispatcher::ChangedLocked() {
   ++version_;
@@ -85,6 +96,7 @@ void Dispatcher::WakeForLocked(int more, size_t first) {
   }
   while (more-- > 0 && waiting_.WakeNext()) {
   }
+  ServeWokenLocked();
 }
 
 // --- Jobs ---
@@ -317,8 +329,8 @@ Status Dispatcher::CheckCurrentLocked(TaskRef ref, const std::string& worker, in
                                               " is not the current one"));
 }
 
-Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& task, int attempt,
-                                 const ReportedResult& result) {
+Status Dispatcher::TakeSuccess(const std::string& worker, const std::string& task, int attempt,
+                               const ReportedResult& result) {
   TaskFailure not_stored;
   for (const NamedDigest& output : result.outputs) {
     TESSERA_RETURN_IF_ERROR(CheckDigest(output.digest));
@@ -326,14 +338,13 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
     not_stored = {ErrorClass::kInternal, "output " + output.name + " was reported but is not stored"};
   }
   {
-    std::unique_lock lock(mutex_);
+    std::lock_guard lock(mutex_);
     SeenLocked(worker).IgnoreError();  // the attempt number is what counts
     TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
     const JobTask& target = ledger_.task(ref);
     if (target.state == TaskState::kSucceeded && !target.reused && target.attempt() == attempt &&
         target.worker() == worker) {
-      lock.unlock();
-      return Durable();  // said twice: the first answer was lost
+      return absl::OkStatus();  // said twice: the first answer was lost
     }
     TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
     if (const Status status = CheckStatistics(result.stats); !status.ok()) {
@@ -367,41 +378,30 @@ Status Dispatcher::ReportSuccess(const std::string& worker, const std::string& t
       TellSetAside(NoteSuccess(ledger_.task(ref), worker, options_.retry, environment_.clock->MonotonicUs(), leases_));
     }
   }
-  const int64_t reported = journal_.last();
-  Advance().IgnoreError();  // Tick tries again and tells
-  return journal_.Wait(reported);
+  return absl::OkStatus();
 }
 
-Status Dispatcher::ReportFailure(const std::string& worker, const std::string& task, int attempt,
-                                 const TaskFailure& failure) {
-  if (failure.error_class == ErrorClass::kLostInput) {
-    TESSERA_RETURN_IF_ERROR(ReportLostInputs(worker, task, attempt, failure));
-  } else {
-    std::lock_guard lock(mutex_);
-    SeenLocked(worker).IgnoreError();
-    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
-    TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
-    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, failure));
-  }
-  const int64_t reported = journal_.last();
-  Advance().IgnoreError();
-  return journal_.Wait(reported);
+Status Dispatcher::TakeFailure(const std::string& worker, const std::string& task, int attempt,
+                               const TaskFailure& failure) {
+  if (failure.error_class == ErrorClass::kLostInput) return ReportLostInputs(worker, task, attempt, failure);
+  std::lock_guard lock(mutex_);
+  SeenLocked(worker).IgnoreError();
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
+  TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
+  return FailAttemptLocked(ref, failure);
 }
 
-Status Dispatcher::UnregisterWorker(const std::string& worker) {
-  {
-    std::lock_guard lock(mutex_);
-    TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
-    const std::set<TaskRef> held = leases_.FindWorker(worker)->tasks;
-    for (const TaskRef ref : held) {
-      TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kPreempted, worker + " has left"}));
-    }
-    leases_.RemoveWorker(worker);
-    ChangedLocked();
+Status Dispatcher::TakeLeave(const std::string& worker) {
+  std::lock_guard lock(mutex_);
+  TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
+  const std::set<TaskRef> held = leases_.FindWorker(worker)->tasks;
+  for (const TaskRef ref : held) {
+    TESSERA_RETURN_IF_ERROR(FailAttemptLocked(ref, {ErrorClass::kPreempted, worker + " has left"}));
   }
-  const int64_t left = journal_.last();
-  Advance().IgnoreError();
-  return journal_.Wait(left);
+  leases_.RemoveWorker(worker);
+  ChangedLocked();
+  if (waiting_.Wake(worker)) ServeWokenLocked();  // to be told that it is unknown
+  return absl::OkStatus();
 }
 
 std::vector<WorkerStatus> Dispatcher::ListWorkers() const {
@@ -438,6 +438,7 @@ void Dispatcher::Stop() {
   stopped_ = true;
   ChangedLocked();
   waiting_.WakeAll();
+  ServeWokenLocked();
 }
 
 bool Dispatcher::stopped() const {

@@ -11,6 +11,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "common/base/clock.h"
@@ -18,12 +19,14 @@
 #include "common/storage/blob_store.h"
 #include "server/dispatch/job.h"
 #include "server/dispatch/job_status.h"
+#include "server/dispatch/lease_call.h"
 #include "server/dispatch/lease_table.h"
 #include "server/dispatch/ledger.h"
 #include "server/dispatch/planner.h"
 #include "server/dispatch/retry_rule.h"
 #include "server/dispatch/waiting_for.h"
 #include "server/dispatch/waiting_workers.h"
+#include "server/dispatch/work_thread.h"
 #include "server/dispatch/worker_evidence.h"
 #include "server/store/journal.h"
 #include "server/store/record_store.h"
@@ -67,21 +70,6 @@ struct NewJob {
   int priority = 0;
 };
 
-struct LeasedInput {
-  NamedDigest file;
-  std::string path;  // where the coordinator has it
-};
-
-// A task given to a worker.
-struct GrantedLease {
-  std::string task;
-  int attempt = 0;  // the fencing token
-  int threads = 0;  // that the task may use
-  PlannedTask plan;
-  std::vector<LeasedInput> inputs;
-  std::string key;
-};
-
 struct ReportedProgress {
   std::string task;
   int attempt = 0;
@@ -110,13 +98,21 @@ struct WorkerStatus {
 // be repeated. On other errors nothing was changed. No file is read or written, nothing hashed and nothing planned
 // under the mutex. Leases alone survive no failure of the machine: their workers' reports are refused then, and the
 // tasks are leased again.
+//
+// Calls of workers, of which thousands may wait at once, have a form with a completion, `done`: it is called once, also
+// after Stop, without a lock, from a thread of the dispatcher's or from the one that calls; it must be quick and not
+// wait for the dispatcher. The other form of the same name waits for that, and for what follows from the call.
 class Dispatcher {
  public:
+  using Done = Journal::Done;
+
   // Brings back the state that the store's records describe. Tasks leased before keep their lease for a full term, so
   // that their workers can go on. A record that cannot be used is set aside; the job that it is of fails, unless it has
   // ended, and so does one that later needs what an unreadable record said.
   static StatusOr<std::unique_ptr<Dispatcher>> Open(const DispatchEnvironment& environment,
                                                     const DispatchOptions& options);
+  // Ends all waits first.
+  ~Dispatcher();
 
   const DispatchOptions& options() const { return options_; }
 
@@ -147,18 +143,24 @@ class Dispatcher {
 
   // Workers.
   std::string RegisterWorker(const WorkerInfo& info);
-  // Waits up to `wait_s` for a task; none if there was none. `gone`: whether the caller still waits for the answer.
-  // `call`: above 0, the same if the worker repeats a call whose answer was lost: it is given that lease again.
-  // Refusal::kUnknownWorker for a worker that is not registered (it was forgotten).
-  StatusOr<std::optional<GrantedLease>> LeaseTask(const std::string& worker, double wait_s,
-                                                  const std::function<bool()>& gone, int64_t call = 0);
+  // Waits for a task; none if there was none. Refusal::kUnknownWorker for a worker that is not registered (it was
+  // forgotten). A worker waits once: ABORTED ends its earlier call when a later one comes.
+  void LeaseTask(LeaseCall call);
+  LeaseAnswer LeaseTask(const std::string& worker, double wait_s, const std::function<bool()>& gone, int64_t call = 0);
+  // The worker's call that waits, if one does, may be gone: it is asked whether it is.
+  void LookAfterCall(const std::string& worker);
   // Renews leases. Gives the tasks that the worker must stop.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<ReportedProgress>& tasks);
   // Refusal::kNotCurrent if the attempt is not the current one. The same report again is OK. Statistics that are too
   // large or too deep are refused (INVALID_ARGUMENT) and end the attempt as failed.
+  void ReportSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result,
+                     Done done);
   Status ReportSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result);
+  void ReportFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure,
+                     Done done);
   Status ReportFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure);
   // Its tasks return to the queue at once.
+  void UnregisterWorker(const std::string& worker, Done done);
   Status UnregisterWorker(const std::string& worker);
   std::vector<WorkerStatus> ListWorkers() const;
 
@@ -206,7 +208,24 @@ class Dispatcher {
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
   // The lease that this call was given before, if it is still current.
   StatusOr<std::optional<GrantedLease>> GrantedBeforeLocked(const std::string& worker, int64_t call);
+  // --- lease_task.cc ---
+  struct Look;
+  Look LookLocked(const LeaseCall& call);
+  // Never under mutex_.
+  void Answer(LeaseCall call, Look look);
+  void ServeWaiting();      // a thread: those that were woken, or are due
+  void ServeWokenLocked();  // by that thread
   Status SeenLocked(const std::string& worker);
+  // --- report_task.cc ---
+  // What the calls of these names do; what follows is left to Settle.
+  Status TakeSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result);
+  Status TakeFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure);
+  Status TakeLeave(const std::string& worker);
+  Status Settle(const Status& taken);
+  void Settle(const Status& taken, Done done);
+  // Whether Advance has anything to do.
+  bool AdvanceIsDueLocked();
+  void AdvanceSoon();
   // Errors with Refusal::kNotCurrent.
   StatusOr<TaskRef> FindReportedLocked(const std::string& task) const;
   Status CheckCurrentLocked(TaskRef ref, const std::string& worker, int attempt);
@@ -256,7 +275,9 @@ class Dispatcher {
   std::mutex advance_mutex_;  // one Advance at a time; taken before mutex_
   mutable std::mutex mutex_;
   mutable std::condition_variable changed_;  // what is shown
+  std::condition_variable waiting_changed_;  // for ServeWaiting
   WaitingWorkers waiting_;
+  LeaseCall::Time served_at_ = LeaseCall::Time::min();  // when ServeWaiting looks next
   Ledger ledger_;
   LeaseTable leases_;
   int64_t next_expiry_us_ = 0;
@@ -265,7 +286,14 @@ class Dispatcher {
   int64_t version_ = 1;
   bool stopped_ = false;
   Room room_;
-  Journal journal_;  // last: it ends first
+  bool ends_ = false;
+  Journal journal_;
+  // They end first, in this order from below. What comes of calls is done by threads of its own, so that no call holds
+  // up others.
+  std::atomic<bool> advance_soon_ = false;
+  WorkThread advance_thread_;
+  WorkThread examine_thread_;
+  std::thread waiting_thread_;
 };
 
 }  // namespace tessera

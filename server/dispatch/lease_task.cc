@@ -1,7 +1,9 @@
 // How a worker comes to a task.
 #include <algorithm>
 #include <chrono>
+#include <future>
 #include <limits>
+#include <memory>
 #include <utility>
 
 #include "server/dispatch/dispatcher.h"
@@ -11,6 +13,9 @@ namespace tessera {
 namespace {
 
 constexpr double kForever_s = std::numeric_limits<double>::infinity();
+
+constexpr std::chrono::milliseconds kLookAgain{500};  // of a call that waits
+constexpr size_t kServedAtOnce = 16;                   // calls, under the mutex
 
 }  // namespace
 
@@ -72,56 +77,140 @@ StatusOr<std::optional<GrantedLease>> Dispatcher::GrantedBeforeLocked(const std:
   return granted;
 }
 
-StatusOr<std::optional<GrantedLease>> Dispatcher::LeaseTask(const std::string& worker, double wait_s,
-                                                            const std::function<bool()>& gone, int64_t call) {
-  const auto asked = std::chrono::steady_clock::now(), until = asked + std::chrono::microseconds(Micros(wait_s));
+// What is to become of a call.
+struct Dispatcher::Look {
+  bool waits = false;            // there is nothing for it now
+  std::optional<TaskRef> reuse;  // there is once this task, whose result is known, has succeeded
+  LeaseAnswer answer = std::nullopt;
+  TaskRef granted = {};  // task -1: none, or one that it was given before
+};
+
+Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
+  Look look;
+  if (Status seen = SeenLocked(call.worker); !seen.ok()) {
+    look.answer = std::move(seen);
+    return look;
+  }
+  if (stopped_ || (call.gone && call.gone())) {
+    waiting_.WakeNext();  // what it was woken for is another's
+    return look;
+  }
+  if (Status expired = ExpireLeasesLocked(); !expired.ok()) {
+    look.answer = std::move(expired);
+    return look;
+  }
+  // Also while the call waits: the one before, whose answer nobody takes, may be given a lease now.
+  look.answer = GrantedBeforeLocked(call.worker, call.call);
+  if (!look.answer.ok() || *look.answer) {
+    waiting_.WakeNext();
+    return look;
+  }
+  const auto now = std::chrono::steady_clock::now();
+  const double waited_s = now < call.until ? std::chrono::duration<double>(now - call.asked).count() : kForever_s;
+  // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
+  const auto ref = journal_.trouble().ok() ? NextReadyLocked(call.worker, waited_s) : std::nullopt;
+  if (ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
+  if (!ref || MayReuseLocked(*ref)) {
+    look.reuse = ref;
+    look.waits = ref || now < call.until;
+    return look;
+  }
+  auto granted = GrantLocked(*ref, call.worker);
+  if (WorkerState* const self = leases_.FindWorker(call.worker); granted.ok() && self != nullptr) {
+    self->call = call.call;
+    self->granted = *ref;
+    self->granted_attempt = granted->attempt;
+    look.granted = *ref;
+  }
+  look.answer = std::move(granted);
+  return look;
+}
+
+void Dispatcher::Answer(LeaseCall call, Look look) {
+  if (!look.answer.ok() || !*look.answer) return call.done(std::move(look.answer));
+  auto told = std::make_shared<std::pair<LeaseCall, Look>>(std::move(call), std::move(look));
+  journal_.WhenStored([this, told](const Status& durable) {
+    auto& [of_worker, given] = *told;
+    if (!durable.ok()) {
+      const int attempt = (*given.answer)->attempt;
+      given.answer = durable;
+      std::lock_guard lock(mutex_);
+      if (given.granted.task >= 0 && leases_.FindCurrent(given.granted, of_worker.worker, attempt) != nullptr) {
+        const Status failed =
+            FailAttemptLocked(given.granted, {ErrorClass::kPreempted, "its lease could not be stored"});
+        if (!failed.ok()) given.answer = failed;
+      }
+    }
+    of_worker.done(std::move(given.answer));
+  });
+}
+
+void Dispatcher::LeaseTask(LeaseCall call) {
+  call.asked = std::chrono::steady_clock::now();
+  call.until = call.asked + std::chrono::microseconds(Micros(call.wait_s));
+  std::optional<LeaseCall> earlier;
+  Look look;
+  {
+    std::lock_guard lock(mutex_);
+    earlier = waiting_.Take(call.worker);
+    look = LookLocked(call);
+    if (look.waits) waiting_.Add(call, look.reuse ? call.asked : std::min(call.until, call.asked + kLookAgain));
+    ServeWokenLocked();
+  }
+  if (earlier) earlier->done(absl::AbortedError("a later call of " + call.worker + " for a task has come"));
+  if (!look.waits) Answer(std::move(call), std::move(look));
+}
+
+LeaseAnswer Dispatcher::LeaseTask(const std::string& worker, double wait_s, const std::function<bool()>& gone,
+                                  int64_t call) {
+  const auto answer = std::make_shared<std::promise<LeaseAnswer>>();
+  LeaseTask({worker, wait_s, call, gone, [answer](LeaseAnswer given) { answer->set_value(std::move(given)); }});
+  return answer->get_future().get();
+}
+
+void Dispatcher::LookAfterCall(const std::string& worker) {
+  std::lock_guard lock(mutex_);
+  if (waiting_.Wake(worker)) ServeWokenLocked();
+}
+
+void Dispatcher::ServeWokenLocked() {
+  const auto due = waiting_.NextDue();
+  if (due && *due < served_at_) waiting_changed_.notify_one();
+}
+
+void Dispatcher::ServeWaiting() {
   std::unique_lock lock(mutex_);
   while (true) {
-    TESSERA_RETURN_IF_ERROR(SeenLocked(worker));
-    if (stopped_ || (gone && gone())) {
-      waiting_.WakeNext();  // what it was woken for is another's
-      return std::nullopt;
-    }
-    TESSERA_RETURN_IF_ERROR(ExpireLeasesLocked());
-    // Also while this call waits: the one before, whose answer nobody takes, may be given a lease now.
-    TESSERA_ASSIGN_OR_RETURN(const std::optional<GrantedLease> before, GrantedBeforeLocked(worker, call));
-    if (before) {
-      waiting_.WakeNext();  // what it was woken for is another's
-      lock.unlock();
-      TESSERA_RETURN_IF_ERROR(Durable());
-      return before;
-    }
     const auto now = std::chrono::steady_clock::now();
-    const double waited_s = now < until ? std::chrono::duration<double>(now - asked).count() : kForever_s;
-    // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
-    const auto ref = journal_.trouble().ok() ? NextReadyLocked(worker, waited_s) : std::nullopt;
-    if (ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
-    if (ref && MayReuseLocked(*ref)) {
-      lock.unlock();
-      TESSERA_RETURN_IF_ERROR(Reuse(*ref));
-      TESSERA_RETURN_IF_ERROR(Advance());
-      lock.lock();
+    const auto due = waiting_.NextDue();
+    if (!due && ends_) return;
+    if (!due || *due > now) {
+      served_at_ = due.value_or(LeaseCall::Time::max());
+      due ? static_cast<void>(waiting_changed_.wait_until(lock, *due)) : waiting_changed_.wait(lock);
+      served_at_ = LeaseCall::Time::min();  // sees for itself
       continue;
     }
-    if (ref) {
-      TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, GrantLocked(*ref, worker));
-      if (WorkerState* const self = leases_.FindWorker(worker)) {
-        self->call = call;
-        self->granted = *ref;
-        self->granted_attempt = granted.attempt;
+    std::vector<std::pair<LeaseCall, Look>> ends;
+    std::optional<TaskRef> reuse;
+    while (!reuse && ends.size() < kServedAtOnce) {
+      std::optional<LeaseCall> call = waiting_.TakeDue(now);
+      if (!call) break;
+      Look look = LookLocked(*call);
+      reuse = look.reuse;
+      if (look.waits) {
+        // In short slices: a back-off may end, a lease expire.
+        const auto look_again = reuse ? now : std::min(call->until, now + kLookAgain);
+        waiting_.Add(*std::move(call), look_again);
+      } else {
+        ends.emplace_back(*std::move(call), std::move(look));
       }
-      lock.unlock();
-      const Status durable = Durable();
-      if (durable.ok()) return granted;
-      lock.lock();
-      if (leases_.FindCurrent(*ref, worker, granted.attempt) != nullptr) {
-        TESSERA_RETURN_IF_ERROR(FailAttemptLocked(*ref, {ErrorClass::kPreempted, "its lease could not be stored"}));
-      }
-      return durable;
     }
-    if (now >= until) return std::nullopt;
-    // In short slices: a back-off may end, a lease expire, the caller go.
-    waiting_.Wait(lock, worker, std::min(until, now + std::chrono::milliseconds(500)));
+    lock.unlock();
+    for (auto& [call, look] : ends) Answer(std::move(call), std::move(look));
+    const bool reused = !reuse || Reuse(*reuse).ok();
+    if (reuse) AdvanceSoon();
+    lock.lock();
+    if (!reused) ledger_.ForgetResult(ledger_.task(*reuse).key);  // then it is made again
   }
 }
 

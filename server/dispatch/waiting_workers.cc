@@ -2,29 +2,25 @@
 
 namespace tessera {
 
-void WaitingWorkers::Wait(std::unique_lock<std::mutex>& lock, const std::string& worker,
-                          std::chrono::steady_clock::time_point until) {
-  Waiter waiter;
+void WaitingWorkers::Add(LeaseCall call, Time due) {
+  Waiter& waiter = of_worker_[call.worker];
+  waiter.call = std::move(call);
   waiter.seen = generation_;
+  waiter.due = due;
   waiter.place = waiting_.insert(waiting_.end(), &waiter);
-  waiter.of_worker = of_worker_.emplace(worker, &waiter);
-  waiter.woken.wait_until(lock, until, [&] { return waiter.is_woken; });
-  if (waiter.is_woken) return;
-  waiting_.erase(waiter.place);
-  of_worker_.erase(waiter.of_worker);
+  by_due_.insert({due, &waiter});
 }
 
 void WaitingWorkers::WakeOne(Waiter& waiter) {
   waiter.is_woken = true;
-  waiting_.erase(waiter.place);
-  of_worker_.erase(waiter.of_worker);
-  waiter.woken.notify_one();
+  woken_.splice(woken_.end(), waiting_, waiter.place);
+  by_due_.erase({waiter.due, &waiter});
 }
 
 bool WaitingWorkers::Wake(const std::string& worker) {
   const auto found = of_worker_.find(worker);
-  if (found == of_worker_.end()) return false;
-  WakeOne(*found->second);
+  if (found == of_worker_.end() || found->second.is_woken) return false;
+  WakeOne(found->second);
   return true;
 }
 
@@ -36,6 +32,28 @@ bool WaitingWorkers::WakeNext() {
 
 void WaitingWorkers::WakeAll() {
   while (!waiting_.empty()) WakeOne(*waiting_.front());
+}
+
+std::optional<WaitingWorkers::Time> WaitingWorkers::NextDue() const {
+  if (!woken_.empty()) return Time::min();
+  return by_due_.empty() ? std::nullopt : std::optional(by_due_.begin()->first);
+}
+
+std::optional<LeaseCall> WaitingWorkers::TakeDue(Time now) {
+  if (!woken_.empty()) return Take(woken_.front()->call.worker);
+  if (by_due_.empty() || by_due_.begin()->first > now) return std::nullopt;
+  return Take(by_due_.begin()->second->call.worker);
+}
+
+std::optional<LeaseCall> WaitingWorkers::Take(const std::string& worker) {
+  const auto found = of_worker_.find(worker);
+  if (found == of_worker_.end()) return std::nullopt;
+  Waiter& waiter = found->second;
+  if (!waiter.is_woken) by_due_.erase({waiter.due, &waiter});
+  (waiter.is_woken ? woken_ : waiting_).erase(waiter.place);
+  LeaseCall call = std::move(waiter.call);
+  of_worker_.erase(found);
+  return call;
 }
 
 }  // namespace tessera

@@ -2,43 +2,55 @@
 #ifndef TESSERA_SERVER_DISPATCH_WAITING_WORKERS_H_
 #define TESSERA_SERVER_DISPATCH_WAITING_WORKERS_H_
 
-#include <chrono>
-#include <condition_variable>
 #include <cstdint>
 #include <list>
 #include <map>
-#include <mutex>
+#include <optional>
+#include <set>
 #include <string>
+#include <utility>
+
+#include "server/dispatch/lease_call.h"
 
 namespace tessera {
 
-// One is woken for each task, not all for any. A worker that leaves a task to others wakes the next one, until all have
-// seen what is ready. All calls under the mutex that Wait is given.
+// Their calls, at most one a worker, without a thread for any. One is woken for each task, not all for any. A worker
+// that leaves a task to others wakes the next one, until all have seen what is ready. Whoever owns this takes out those
+// that were woken or are due, and adds those again that go on waiting. Not thread-safe.
 class WaitingWorkers {
  public:
-  // Waits until it is woken, or `until`.
-  void Wait(std::unique_lock<std::mutex>& lock, const std::string& worker, std::chrono::steady_clock::time_point until);
+  using Time = LeaseCall::Time;
+
+  // Waits until it is woken, or `due`. None of its worker waits.
+  void Add(LeaseCall call, Time due);
   // There is more that is ready than what those who wait now have seen.
   void ReadyHasGrown() { ++generation_; }
-  // False if this worker does not wait.
+  // False if this worker does not wait, or is woken already.
   bool Wake(const std::string& worker);
   // Wakes who has waited longest, if that one has not seen what is ready now. False if all have.
   bool WakeNext();
   void WakeAll();
+  // When TakeDue will have one: the past if it has one now; none if nobody waits.
+  std::optional<Time> NextDue() const;
+  // One that was woken or is due.
+  std::optional<LeaseCall> TakeDue(Time now);
+  std::optional<LeaseCall> Take(const std::string& worker);
 
  private:
   struct Waiter {
-    std::condition_variable woken;
-    bool is_woken = false;
+    LeaseCall call;
     int64_t seen = 0;  // generation
-    std::list<Waiter*>::iterator place;
-    std::multimap<std::string, Waiter*>::iterator of_worker;
+    Time due = {};
+    bool is_woken = false;
+    std::list<Waiter*>::iterator place = {};
   };
   void WakeOne(Waiter& waiter);
 
   int64_t generation_ = 0;
+  std::map<std::string, Waiter> of_worker_;
   std::list<Waiter*> waiting_;  // not woken yet, the longest first: so ascending in `seen`
-  std::multimap<std::string, Waiter*> of_worker_;
+  std::list<Waiter*> woken_;    // the first woken first
+  std::set<std::pair<Time, Waiter*>> by_due_;  // not woken
 };
 
 }  // namespace tessera

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <future>
+#include <iterator>
+#include <memory>
 #include <utility>
 
 namespace tessera {
@@ -13,7 +16,10 @@ constexpr std::chrono::milliseconds kFirstPause{50}, kLongestPause{1000};
 }  // namespace
 
 Journal::Journal(RecordStore* store, Options options)
-    : store_(store), options_(std::move(options)), thread_([this] { Run(); }) {}
+    : store_(store),
+      options_(std::move(options)),
+      thread_([this] { Run(); }),
+      waits_thread_([this] { EndWaits(); }) {}
 
 Journal::~Journal() {
   {
@@ -22,6 +28,12 @@ Journal::~Journal() {
   }
   added_.notify_all();
   thread_.join();
+  {
+    std::lock_guard lock(mutex_);
+    ended_ = true;
+  }
+  stored_.notify_all();
+  waits_thread_.join();
 }
 
 int64_t Journal::Add(std::string record, Durability durability) {
@@ -40,12 +52,57 @@ int64_t Journal::last() const {
   return last_;
 }
 
-Status Journal::Wait(int64_t number) const {
-  std::unique_lock lock(mutex_);
-  const auto limit = std::chrono::microseconds(static_cast<int64_t>(options_.wait_s * 1e6));
-  if (stored_.wait_for(lock, limit, [&] { return last_stored_ >= number; })) return absl::OkStatus();
+Status Journal::TooLateLocked() const {
   return absl::UnavailableError("the coordinator cannot store its records now, and goes on trying: " +
                                 std::string(trouble_.ok() ? "the disk is slow" : trouble_.message()));
+}
+
+Status Journal::Wait(int64_t number) const {
+  const auto stored = std::make_shared<std::promise<Status>>();
+  WhenStored(number, [stored](const Status& status) { stored->set_value(status); });
+  return stored->get_future().get();
+}
+
+void Journal::WhenStored(Done done) const { WhenStored(last(), std::move(done)); }
+
+void Journal::WhenStored(int64_t number, Done done) const {
+  {
+    std::lock_guard lock(mutex_);
+    if (last_stored_ < number) {
+      const auto limit = std::chrono::microseconds(static_cast<int64_t>(options_.wait_s * 1e6));
+      waiters_.push_back({number, std::chrono::steady_clock::now() + limit, std::move(done)});
+      if (waiters_.size() == 1) stored_.notify_one();
+      return;
+    }
+  }
+  done(absl::OkStatus());
+}
+
+void Journal::EndWaits() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    const auto now = std::chrono::steady_clock::now();
+    const auto goes_on = [&](const Waiter& waiter) {
+      return waiter.number > last_stored_ && waiter.until > now && !ended_;
+    };
+    const auto over = std::stable_partition(waiters_.begin(), waiters_.end(), goes_on);
+    if (over == waiters_.end()) {
+      if (ended_) return;
+      if (waiters_.empty()) {
+        stored_.wait(lock);
+      } else {
+        stored_.wait_until(lock, waiters_.front().until);
+      }
+      continue;
+    }
+    const std::vector<Waiter> ends(std::make_move_iterator(over), std::make_move_iterator(waiters_.end()));
+    waiters_.erase(over, waiters_.end());
+    const int64_t last_stored = last_stored_;
+    const Status too_late = TooLateLocked();
+    lock.unlock();
+    for (const Waiter& waiter : ends) waiter.done(waiter.number <= last_stored ? absl::OkStatus() : too_late);
+    lock.lock();
+  }
 }
 
 Status Journal::trouble() const {
@@ -74,7 +131,7 @@ void Journal::Run() {
     lock.lock();
     if (!stored) return;
     last_stored_ += static_cast<int64_t>(batch.size());
-    stored_.notify_all();
+    stored_.notify_one();
   }
 }
 

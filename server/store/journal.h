@@ -2,8 +2,10 @@
 #ifndef TESSERA_SERVER_STORE_JOURNAL_H_
 #define TESSERA_SERVER_STORE_JOURNAL_H_
 
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <mutex>
 #include <string>
@@ -15,12 +17,16 @@
 
 namespace tessera {
 
-// Whoever adds a record goes on at once, and waits for it before telling anybody. What cannot be stored (a full disk, a
-// database that a backup holds) is tried again until it can: the order is kept, and nothing is left out. Thread-safe.
+// Whoever adds a record goes on at once, and waits for it before telling anybody: in its own thread or, for thousands
+// at once, without one. What cannot be stored (a full disk, a database that a backup holds) is tried again until it
+// can: the order is kept, and nothing is left out. Thread-safe.
 class Journal {
  public:
+  // OK once all that was waited for is stored. UNAVAILABLE, with what stands in the way, if that takes too long.
+  using Done = std::function<void(const Status& stored)>;
+
   struct Options {
-    double wait_s = 20;  // longest that Wait waits
+    double wait_s = 20;  // longest wait
     // Told of every record once it is stored, in order. May be empty.
     std::function<void(const std::string& record)> on_stored = {};
     // Told when storing begins to fail, and why; OK when it works again. May be empty.
@@ -29,16 +35,18 @@ class Journal {
 
   // `store` must outlive the journal.
   Journal(RecordStore* store, Options options);
-  // Stores what was added, unless that fails.
+  // Stores what was added, unless that fails, and ends all waits.
   ~Journal();
 
   // Gives the record's number, counted from 1. Records are stored in the order of the calls.
   int64_t Add(std::string record, Durability durability);
   // The last that was added; 0 if none was.
   int64_t last() const;
-  // Waits until all records up to `number` are stored. UNAVAILABLE, with what stands in the way, if that takes too
-  // long.
+  // Waits until all records up to `number` are stored, or too long.
   Status Wait(int64_t number) const;
+  // Calls `done` once, when that wait would be over: at once if all that was added is stored, else from a thread of the
+  // journal's, where it must be quick and not wait for the journal. It is called without a lock of the journal's.
+  void WhenStored(Done done) const;
   // Why nothing can be stored now; OK if nothing is known.
   Status trouble() const;
 
@@ -47,20 +55,31 @@ class Journal {
     std::string record;
     Durability durability;
   };
+  struct Waiter {
+    int64_t number;
+    std::chrono::steady_clock::time_point until;
+    Done done;
+  };
   void Run();
   bool Store(const std::vector<Entry>& batch);  // with retries; false if it was given up
+  void WhenStored(int64_t number, Done done) const;
+  Status TooLateLocked() const;
+  void EndWaits();
 
   RecordStore* const store_;
   const Options options_;
   mutable std::mutex mutex_;
   std::condition_variable added_;
-  mutable std::condition_variable stored_;
+  mutable std::condition_variable stored_;  // or there is somebody who waits for it
   std::vector<Entry> waiting_;
+  mutable std::deque<Waiter> waiters_;  // all wait equally long: in the order of their ends
   int64_t last_ = 0;
   int64_t last_stored_ = 0;
   Status trouble_;
   bool stop_ = false;
+  bool ended_ = false;  // nothing more will be stored
   std::thread thread_;
+  std::thread waits_thread_;  // so that the next batch is stored while those who waited for the last one are told
 };
 
 }  // namespace tessera

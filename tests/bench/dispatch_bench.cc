@@ -12,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "absl/synchronization/mutex.h"
 #include "common/base/version.h"
 #include "common/storage/files.h"
 #include "common/tile/task_parameters.h"
@@ -207,6 +208,8 @@ Status Run(const Arguments& arguments, const std::string& parent) {
 }  // namespace tessera
 
 int main(int argc, char** argv) {
+  // As the coordinator does, so that the fleet takes less of the processors.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   tessera::Arguments arguments;
   tessera::FleetArguments fleet;
   std::string folder, reopen;

@@ -1,6 +1,7 @@
 #include "tests/bench/dispatch_fleet.h"
 
 #include <grpcpp/grpcpp.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -10,10 +11,11 @@
 #include <cstdio>
 #include <fstream>
 #include <functional>
-#include <limits>
 #include <map>
 #include <mutex>
+#include <random>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "common/base/clock.h"
@@ -38,6 +40,13 @@ double ResidentBytes() {
   double pages = 0;
   std::ifstream("/proc/self/statm") >> pages >> pages;
   return pages * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+double CpuSeconds(int who) {
+  rusage usage = {};
+  getrusage(who, &usage);
+  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * t.tv_usec; };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
 // Chains of steps, one a worker, then publish.
@@ -149,20 +158,21 @@ struct Fleet {
   std::atomic<bool> stop = false;
 };
 
-// One worker: lease, work, report, and again; a heartbeat a second. Calls go on from their answers.
+// One worker: lease, work, report, and again; a heartbeat a second. Calls go on from their answers. Work takes from a
+// half to one and a half times as long as asked for, so that the workers do not all come back at once.
 class FleetWorker {
  public:
-  FleetWorker(Fleet& fleet, const std::string& address) : fleet_(fleet) {
+  FleetWorker(Fleet& fleet, const std::string& address, int index) : fleet_(fleet), random_(index) {
     grpc::ChannelArguments own_connection;
     own_connection.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
     stub_ =
         v1::Workers::NewStub(grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), own_connection));
   }
 
-  Status Register(int index) {
+  Status Register(const std::string& host) {
     grpc::ClientContext context;
     v1::RegisterWorkerRequest request;
-    request.set_host("host" + std::to_string(index / 10));
+    request.set_host(host);
     request.set_threads(1);
     request.set_version(kAlgorithmVersion);
     v1::RegisterWorkerResponse response;
@@ -197,7 +207,8 @@ class FleetWorker {
           if (!status.ok()) ++fleet_.errors;
           if (status.ok()) ++lease_call_;
           if (status.ok() && call->response.has_lease()) {
-            fleet_.leases.Add(1e3 * SecondsSince(start));
+            // The first waited for the plan.
+            if (std::exchange(has_leased_, true)) fleet_.leases.Add(1e3 * SecondsSince(start));
             {
               std::lock_guard lock(mutex_);
               task_ = call->response.lease().spec().task();
@@ -205,7 +216,8 @@ class FleetWorker {
             }
             const std::string kind = call->response.lease().spec().kind();
             if (fleet_.arguments.work_s > 0) {
-              fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * fleet_.arguments.work_s)),
+              const double work_s = fleet_.arguments.work_s * std::uniform_real_distribution(0.5, 1.5)(random_);
+              fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * work_s)),
                                [this, kind] { Report(kind); });
             } else {
               Report(kind);
@@ -285,6 +297,8 @@ class FleetWorker {
   std::string task_;
   int attempt_ = 0;
   int64_t lease_call_ = 1;  // the same until it is answered
+  bool has_leased_ = false;
+  std::minstd_rand random_;
 };
 
 // Runs until the address file is taken away.
@@ -299,8 +313,8 @@ int Work(const FleetArguments& arguments, const std::string& address_file) {
   fleet.output = {Sha256Hex("survey"), 6};
   std::vector<std::unique_ptr<FleetWorker>> workers;
   for (int i = 0; i < arguments.workers; ++i) {
-    workers.push_back(std::make_unique<FleetWorker>(fleet, address));
-    if (const Status status = workers.back()->Register(i); !status.ok()) {
+    workers.push_back(std::make_unique<FleetWorker>(fleet, address, i));
+    if (const Status status = workers.back()->Register("host" + std::to_string(i / 10)); !status.ok()) {
       std::fprintf(stderr, "cannot register: %s\n", std::string(status.message()).c_str());
       return 1;
     }
@@ -325,7 +339,7 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   std::thread ticker([&] {
     while (!dispatcher.stopped()) {
       dispatcher.Tick().IgnoreError();
-      dispatcher.WaitForChange(std::numeric_limits<int64_t>::max(), 1);
+      std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
   });
   const double before = ResidentBytes();
@@ -334,28 +348,32 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher.CreateJob(job));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, coordinator->address()));
   SteadyTime start = Now();
-  double planned_s = 0, most_bytes = 0;
+  double planned_s = 0, most_bytes = 0, start_cpu_s = 0;
   while (!HasEnded(status.header.state) && status.tasks_done < arguments.tasks + 1) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
     if (planned_s == 0 && status.tasks_total > arguments.tasks) {
       planned_s = SecondsSince(start);
       start = Now();
+      start_cpu_s = CpuSeconds(RUSAGE_SELF);
     }
     most_bytes = std::max(most_bytes, ResidentBytes());
   }
-  const double run_s = SecondsSince(start);
-  TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));
-  while (!HasEnded(status.header.state)) {  // the report is written
+  const double run_s = SecondsSince(start), cpu_s = CpuSeconds(RUSAGE_SELF) - start_cpu_s;
+  while (!HasEnded(status.header.state)) {  // published, and the report is written
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
     most_bytes = std::max(most_bytes, ResidentBytes());
   }
+  const double end_s = SecondsSince(start);
+  TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));
   while (wait(nullptr) > 0) {
   }
   std::printf("%d tasks, %d workers: planned in %.1f s, run in %.1f s: %.0f tasks a second; ended %.1f s later\n",
               arguments.tasks, arguments.workers, planned_s, run_s, arguments.tasks / run_s,
-              SecondsSince(start) - run_s);
+              end_s - run_s);
+  std::printf("processor time a task: coordinator %.2f ms, fleet %.2f ms\n", 1e3 * cpu_s / arguments.tasks,
+              1e3 * CpuSeconds(RUSAGE_CHILDREN) / arguments.tasks);
   std::printf("memory at most: %.0f bytes a task\n", (most_bytes - before) / arguments.tasks);
   dispatcher.Stop();
   ticker.join();

@@ -4,6 +4,7 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <latch>
@@ -387,6 +388,55 @@ TEST_F(ServerTest, ShutdownEndsWaitingCalls) {
   while (dispatcher_->ListWorkers().at(0).last_seen_s > 0) std::this_thread::yield();  // until the call has come
   server_->Shutdown(20);
   waiter.join();
+}
+
+TEST_F(ServerTest, ACallThatWasCancelledIsGivenNoTask) {
+  const auto registration = Register(), other = Register();
+  clock_.Advance(5);
+  grpc::ClientContext context;
+  std::thread waiter([&] {
+    v1::LeaseTaskRequest request;
+    request.set_worker(registration.worker());
+    request.set_wait_s(30);
+    v1::LeaseTaskResponse response;
+    EXPECT_EQ(workers_->LeaseTask(&context, request, &response).error_code(), grpc::StatusCode::CANCELLED);
+  });
+  while (dispatcher_->ListWorkers().at(0).last_seen_s > 0) std::this_thread::yield();  // until the call has come
+  context.TryCancel();
+  waiter.join();
+  for (int i = 0; i < 3; ++i) Register();  // the same connection: the server knows by then
+  v1::Job job;
+  ASSERT_TRUE(CreateJob(&job).ok());
+  EXPECT_EQ(LeaseOverRpc(other.worker()).lease().attempt(), 1);
+}
+
+// More than there are threads, and than calls that a connection may have under way, beside calls that do not wait.
+TEST_F(ServerTest, HundredsMayWaitAtOnce) {
+  constexpr int kWorkers = 300;
+  struct Call {
+    grpc::ClientContext context;
+    v1::LeaseTaskRequest request;
+    v1::LeaseTaskResponse response;
+  };
+  std::vector<Call> calls(kWorkers);
+  std::latch answered(kWorkers);
+  const auto other = MakeChannel(server_->address());
+  const auto others = v1::Workers::NewStub(other);
+  for (int i = 0; i < kWorkers; ++i) {
+    calls[i].request.set_worker(Register().worker());
+    calls[i].request.set_wait_s(30);
+    const auto& stub = i % 2 == 0 ? workers_ : others;
+    stub->async()->LeaseTask(&calls[i].context, &calls[i].request, &calls[i].response, [&](const grpc::Status& status) {
+      EXPECT_TRUE(status.ok()) << status.error_message();
+      answered.count_down();
+    });
+  }
+  v1::Job job;
+  ASSERT_TRUE(CreateJob(&job).ok());
+  dispatcher_->Stop();
+  answered.wait();
+  const auto given = std::count_if(calls.begin(), calls.end(), [](const Call& call) { return call.response.has_lease(); });
+  EXPECT_EQ(given, 1) << "the job's first task";
 }
 
 TEST_F(ServerTest, DigestsAreRememberedOnceAFileHasSettled) {

@@ -407,6 +407,7 @@ TEST_F(DispatcherTest, WhatCannotBeStoredIsNotToldAndNotForgotten) {
   }
   EXPECT_EQ(dispatcher_->CreateJob(second)->header.name, "jobs/2");
   EXPECT_TRUE(dispatcher_->storage_trouble().ok());
+  options_ = {};
   Restart();
   EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 2u);
   EXPECT_EQ(WorkAll(Worker()), 3 + 3);
@@ -459,21 +460,6 @@ TEST_F(DispatcherTest, ALeaseWhoseAnswerWasLostIsGivenAgain) {
   EXPECT_TRUE(Succeed(worker, *second).ok());
   // What it was given is over: the call is like a new one.
   EXPECT_EQ((*dispatcher_->LeaseTask(worker, 0, {}, 8))->plan.kind, "publish");
-}
-
-// The call whose answer nobody takes is given the lease while its repetition waits already.
-TEST_F(DispatcherTest, ARepeatedCallThatWaitsBesideTheFirstHasItsLease) {
-  const std::string worker = Worker();
-  std::vector<StatusOr<std::optional<GrantedLease>>> given(2, std::nullopt);
-  std::vector<std::thread> calls;
-  for (auto& each : given) {
-    calls.emplace_back([&] { each = dispatcher_->LeaseTask(worker, 60, {}, 1); });
-  }
-  Create(AJob(1));
-  for (std::thread& call : calls) call.join();
-  ASSERT_TRUE(given[0].ok() && *given[0] && given[1].ok() && *given[1]);
-  EXPECT_EQ((*given[0])->task, (*given[1])->task);
-  EXPECT_EQ((*given[0])->attempt, (*given[1])->attempt);
 }
 
 TEST_F(DispatcherTest, WaitingWorkerWakesWhenAJobComes) {

@@ -97,5 +97,87 @@ TEST(JournalTest, EndsThoughNothingCanBeStored) {
   EXPECT_FALSE(journal.Wait(1).ok());
 }
 
+// What the completions were told, in order.
+class Told {
+ public:
+  Journal::Done Next() {
+    return [this](const Status& status) {
+      std::lock_guard lock(mutex_);
+      codes_.push_back(status.code());
+      changed_.notify_all();
+    };
+  }
+  std::vector<absl::StatusCode> Await(size_t count) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return codes_.size() >= count; });
+    return codes_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::vector<absl::StatusCode> codes_;
+};
+
+constexpr absl::StatusCode kOk = absl::StatusCode::kOk, kUnavailable = absl::StatusCode::kUnavailable;
+
+TEST(JournalTest, CompletionsAreToldOnceWhatCameBeforeThemIsStored) {
+  GatedStore store;
+  Told told;
+  size_t batches_when_told = 0;
+  Journal journal(&store, {});
+  journal.WhenStored(told.Next());
+  EXPECT_THAT(told.Await(1), ElementsAre(kOk)) << "at once: there is nothing to store";
+  journal.Add("a", Durability::kMachine);
+  store.WaitUntilAsked();
+  journal.Add("b", Durability::kMachine);
+  journal.WhenStored([&](const Status& status) {
+    batches_when_told = store.batches.size();
+    journal.Add("c", Durability::kMachine);  // no lock is held
+    told.Next()(status);
+  });
+  journal.WhenStored(told.Next());
+  EXPECT_THAT(told.Await(1), ElementsAre(kOk));
+  store.Open();
+  EXPECT_THAT(told.Await(3), ElementsAre(kOk, kOk, kOk));
+  EXPECT_GE(batches_when_told, 2u);
+}
+
+TEST(JournalTest, CompletionsThatAreLateAreToldSoOnce) {
+  GatedStore store;
+  Told told;
+  {
+    Journal journal(&store, {.wait_s = 0.02});
+    journal.Add("a", Durability::kMachine);
+    journal.WhenStored(told.Next());
+    journal.WhenStored(told.Next());
+    EXPECT_THAT(told.Await(2), ElementsAre(kUnavailable, kUnavailable));
+    store.Open();
+    while (!journal.Wait(1).ok()) {
+    }
+    journal.WhenStored(told.Next());
+  }
+  EXPECT_THAT(told.Await(3), ElementsAre(kUnavailable, kUnavailable, kOk));
+}
+
+TEST(JournalTest, ItsEndEndsAllWaits) {
+  GatedStore store;
+  Told told;
+  {
+    Journal journal(&store, {});
+    journal.Add("a", Durability::kMachine);
+    journal.WhenStored(told.Next());
+    store.Open();
+  }
+  EXPECT_THAT(told.Await(1), ElementsAre(kOk)) << "it was stored before the end";
+  {
+    Journal journal(&store, {.wait_s = 3600});
+    store.Open(/*refusals=*/1 << 30);
+    journal.Add("b", Durability::kMachine);
+    journal.WhenStored(told.Next());
+  }
+  EXPECT_THAT(told.Await(2), ElementsAre(kOk, kUnavailable));
+}
+
 }  // namespace
 }  // namespace tessera

@@ -1,0 +1,197 @@
+// Calls that wait, for a task or until what they told is stored, without a thread for each.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <condition_variable>
+#include <mutex>
+#include <set>
+
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using testing::_;
+using testing::ElementsAre;
+using testing::IsEmpty;
+using testing::Pair;
+
+class WaitingCallsTest : public CoordinatorTest {
+ protected:
+  // Who was answered, and what: the title of a task, "-" for none, or a status.
+  using Answers = std::vector<std::pair<std::string, std::string>>;
+
+  void Ask(const std::string& worker, double wait_s, const std::function<bool()>& gone = {}, int64_t call = 0) {
+    dispatcher_->LeaseTask({worker, wait_s, call, gone, [this, worker, at = dispatcher_.get()](LeaseAnswer answer) {
+                              Note(*at, worker,
+                                   !answer.ok() ? absl::StatusCodeToString(answer.status().code())
+                                   : *answer    ? (*answer)->plan.name
+                                                : "-");
+                            }});
+  }
+  Dispatcher::Done Noting(const std::string& who) {
+    return [this, who, at = dispatcher_.get()](const Status& status) {
+      Note(*at, who, absl::StatusCodeToString(status.code()));
+    };
+  }
+  void Note(const Dispatcher& at, const std::string& who, const std::string& what) {
+    at.Version();  // takes the dispatcher's lock: nobody may be told under it
+    std::lock_guard lock(mutex_);
+    answers_.emplace_back(who, what);
+    changed_.notify_all();
+  }
+  Answers Await(size_t count) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return answers_.size() >= count; });
+    return answers_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  Answers answers_;
+};
+
+TEST_F(WaitingCallsTest, ATaskThatComesIsGivenToOneThatWaits) {
+  const std::string first = Worker(), second = Worker();
+  Ask(first, 3600);
+  Ask(second, 3600);
+  EXPECT_THAT(Await(0), IsEmpty());
+  Create(AJob(1));
+  EXPECT_THAT(Await(1), ElementsAre(Pair(first, "read the scene")));
+  dispatcher_->Stop();
+  EXPECT_THAT(Await(2), ElementsAre(_, Pair(second, "-")));
+}
+
+// What follows from a report is planned though nobody waits for it.
+TEST_F(WaitingCallsTest, EachOfManyIsGivenOne) {
+  constexpr int kCount = 300;
+  const std::string planner = Worker();
+  Create(AJob(kCount));
+  const auto ingest = Lease(planner);
+  ASSERT_TRUE(ingest);
+  for (int i = 0; i < kCount; ++i) Ask(Worker(), 3600);
+  dispatcher_->ReportSuccess(planner, ingest->task, 1, Result(*ingest), Noting("report"));
+  std::set<std::string> who, what;
+  for (const auto& [worker, task] : Await(kCount + 1)) {
+    who.insert(worker);
+    what.insert(task);
+  }
+  EXPECT_EQ(who.size(), size_t{kCount + 1});
+  EXPECT_EQ(what.size(), size_t{kCount + 1});
+  EXPECT_TRUE(what.contains("OK") && !what.contains("-"));
+}
+
+TEST_F(WaitingCallsTest, ACallEndsInTime) {
+  const std::string first = Worker(), second = Worker();
+  Ask(first, 0.05);
+  Ask(second, 0);
+  EXPECT_THAT(Await(2), ElementsAre(Pair(second, "-"), Pair(first, "-")));
+}
+
+TEST_F(WaitingCallsTest, ACallThatIsGoneIsGivenNothing) {
+  const std::string first = Worker(), second = Worker(), other = Worker();
+  std::atomic<bool> gone = false;
+  Ask(first, 3600, [&] { return gone.load(); });
+  gone = true;
+  Create(AJob(1));
+  EXPECT_THAT(Await(1), ElementsAre(Pair(first, "-")));
+  const auto lease = Lease(other);
+  ASSERT_TRUE(lease);
+  EXPECT_EQ(lease->attempt, 1);
+  ASSERT_TRUE(Fail(other, *lease, ErrorClass::kPreempted).ok());
+  Ask(first, 3600, [] { return true; });
+  EXPECT_THAT(Await(2), ElementsAre(_, Pair(first, "-"))) << "and at once";
+  // Who is told that it is gone looks.
+  ASSERT_TRUE(Lease(other));
+  gone = false;
+  Ask(second, 3600, [&] { return gone.load(); });
+  gone = true;
+  dispatcher_->LookAfterCall(second);
+  dispatcher_->LookAfterCall("workers/unknown");
+  EXPECT_THAT(Await(3), ElementsAre(_, _, Pair(second, "-")));
+}
+
+// A worker that repeats its call has the task; nothing is given to the call whose answer it does not take.
+TEST_F(WaitingCallsTest, ALaterCallOfAWorkerEndsTheEarlierOne) {
+  const std::string worker = Worker();
+  for (int i = 0; i < 3; ++i) Ask(worker, 3600, {}, 1);
+  EXPECT_THAT(Await(2), ElementsAre(Pair(worker, "ABORTED"), Pair(worker, "ABORTED")));
+  Create(AJob(1));
+  EXPECT_THAT(Await(3), ElementsAre(_, _, Pair(worker, "read the scene")));
+  Ask(worker, 3600, {}, 1);  // once more: the same
+  EXPECT_THAT(Await(4), ElementsAre(_, _, _, Pair(worker, "read the scene")));
+  Ask("workers/unknown", 3600);
+  EXPECT_THAT(Await(5), ElementsAre(_, _, _, _, Pair("workers/unknown", "NOT_FOUND")));
+}
+
+TEST_F(WaitingCallsTest, AWorkerThatLeavesWaitsNoLonger) {
+  const std::string worker = Worker();
+  Ask(worker, 3600);
+  dispatcher_->UnregisterWorker(worker, Noting("left"));
+  EXPECT_THAT(Await(2), testing::UnorderedElementsAre(Pair("left", "OK"), Pair(worker, "NOT_FOUND")));
+}
+
+TEST_F(WaitingCallsTest, StopEndsAllWaitsOnceAndSoDoesTheEnd) {
+  for (int i = 0; i < 100; ++i) Ask(Worker(), 3600);
+  dispatcher_->Stop();
+  Ask(Worker(), 3600);
+  EXPECT_EQ(Await(101).size(), 101u);
+  Restart();
+  for (int i = 0; i < 100; ++i) Ask(Worker(), 3600);
+  dispatcher_.reset();
+  const Answers answers = Await(201);
+  EXPECT_EQ(answers.size(), 201u);
+  for (const auto& [who, what] : answers) EXPECT_EQ(what, "-") << who;
+}
+
+// A lease that could not be stored is not given, nor lost; a report is refused until it is stored.
+TEST_F(WaitingCallsTest, WhatIsNotStoredInTimeIsToldSo) {
+  options_.durable_wait_s = 0.05;
+  Restart();
+  Create(AJob(2));
+  const std::string worker = Worker();
+  const auto ingest = Lease(worker);
+  ASSERT_TRUE(ingest);
+  store_.fail = true;
+  dispatcher_->ReportSuccess(worker, ingest->task, 1, Result(*ingest), Noting("report"));
+  EXPECT_THAT(Await(1), ElementsAre(Pair("report", "UNAVAILABLE")));
+  store_.fail = false;
+  while (!Succeed(worker, *ingest).ok()) {
+  }
+  dispatcher_->ReportSuccess(worker, ingest->task, 1, Result(*ingest), Noting("again"));
+  dispatcher_->ReportFailure(worker, ingest->task, 1, {ErrorClass::kInternal, "it broke"}, Noting("otherwise"));
+  EXPECT_THAT(Await(3), ElementsAre(_, Pair("again", "OK"), Pair("otherwise", "FAILED_PRECONDITION")));
+}
+
+TEST_F(WaitingCallsTest, InputsThatAWorkerLacksAreExaminedBesideOtherCalls) {
+  const std::string job = Create(AJob(1)), worker = Worker();
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  const auto refine = Lease(worker);
+  ASSERT_TRUE(refine);
+  const Digest mesh = refine->inputs.at(0).file.digest;
+  ASSERT_TRUE(RemoveTree(blobs_->Path(mesh)).ok());
+  dispatcher_->ReportFailure(worker, refine->task, 1, {ErrorClass::kLostInput, "gone", {mesh}}, Noting("lost"));
+  EXPECT_THAT(Await(1), ElementsAre(Pair("lost", "OK")));
+  const auto again = Lease(worker);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->plan.kind, "ingest");
+}
+
+// Another job was given the same task meanwhile.
+TEST_F(WaitingCallsTest, ATaskWhoseResultIsKnownByThenIsNotGiven) {
+  Create(AJob(1));
+  const std::string first = Worker(), second = Worker();
+  const auto ingest = Lease(first);
+  ASSERT_TRUE(ingest);
+  const std::string job = Create(AJob(1));
+  ASSERT_TRUE(Succeed(first, *ingest).ok());
+  ASSERT_TRUE(Lease(first));  // the first job's next
+  Ask(second, 3600);
+  EXPECT_THAT(Await(1), ElementsAre(Pair(second, "refine tile 0")));
+  EXPECT_TRUE(Task(job, 0).task.reused);
+}
+
+}  // namespace
+}  // namespace tessera
