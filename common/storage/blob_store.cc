@@ -1,5 +1,7 @@
 #include "common/storage/blob_store.h"
 
+#include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -42,13 +44,19 @@ bool BlobStore::Has(const Digest& digest) const {
   return stamp.ok() && stamp->size_bytes == digest.size_bytes;
 }
 
+bool BlobStore::Touch(const Digest& digest) const {
+  const timespec times[] = {{0, UTIME_NOW}, {0, UTIME_OMIT}};                            // of access, of writing
+  return ::utimensat(AT_FDCWD, Path(digest).c_str(), times, 0) == 0 || errno != ENOENT;  // it may be another user's
+}
+
 Status BlobStore::Verify(const Digest& digest) const {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   if (!FileExists(Path(digest))) return absl::NotFoundError("no blob " + digest.sha256);
   TESSERA_ASSIGN_OR_RETURN(const Digest found, HashFile(Path(digest)));
   if (found == digest) return absl::OkStatus();
   return absl::DataLossError(Path(digest) + " is damaged: its " + std::to_string(found.size_bytes) + " bytes hash to " +
-                             found.sha256);
+                             found.sha256 + ", expected " + std::to_string(digest.size_bytes) +
+                             " that hash to its name");
 }
 
 Status BlobStore::VerifyOrSetAside(const Digest& digest) {
@@ -67,7 +75,8 @@ Status BlobStore::VerifyOrSetAside(const Digest& digest) {
   if (const auto again = HashFile(aside); again.ok() && *again == digest) return Publish(aside, digest);
   return absl::DataLossError("blob " + digest.sha256 + " was damaged (" +
                              (found.ok()
-                                  ? "its " + std::to_string(found->size_bytes) + " bytes hash to " + found->sha256
+                                  ? "its " + std::to_string(found->size_bytes) + " bytes hash to " + found->sha256 +
+                                        ", expected " + std::to_string(digest.size_bytes) + " that hash to its name"
                                   : std::string(found.status().message())) +
                              ") and is now " + aside);
 }
@@ -90,7 +99,8 @@ Status BlobStore::Publish(const std::string& temporary, const Digest& digest) {
   const std::string folder = root_ + "/" + digest.sha256.substr(0, 2), path = Path(digest);
   Status status = EnsureFolder(folder);
   // What is there already stays unless it is damaged: others may be reading it, and would find it changed.
-  if (status.ok() && (::link(temporary.c_str(), path.c_str()) == 0 || (errno == EEXIST && Verify(digest).ok()))) {
+  if (status.ok() &&
+      (::link(temporary.c_str(), path.c_str()) == 0 || (errno == EEXIST && Touch(digest) && Verify(digest).ok()))) {
     std::remove(temporary.c_str());
     return SyncPath(folder);
   }
@@ -133,7 +143,7 @@ StatusOr<Digest> BlobStore::MoveFile(const std::string& path) {
 
 StatusOr<Digest> BlobStore::PutBytes(const std::string& bytes) {
   const Digest digest{Sha256Hex(bytes), static_cast<int64_t>(bytes.size())};
-  if (Verify(digest).ok()) return digest;
+  if (Touch(digest) && Verify(digest).ok()) return digest;
   TESSERA_RETURN_IF_ERROR(EnsureFolder(root_ + "/" + digest.sha256.substr(0, 2)));
   TESSERA_RETURN_IF_ERROR(WriteFileAtomic(Path(digest), bytes));
   return digest;
@@ -161,7 +171,7 @@ StatusOr<Digest> BlobStore::PutParts(const std::function<void(const Writer& writ
 StatusOr<int64_t> BlobStore::CommittedBytes(const Digest& digest) const {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   std::lock_guard lock(UploadMutex(digest));
-  if (Has(digest)) return digest.size_bytes;
+  if (Has(digest) && Touch(digest)) return digest.size_bytes;
   const auto stamp = StampOf(PartialPath(digest));
   return stamp.ok() ? stamp->size_bytes : 0;
 }
@@ -174,7 +184,7 @@ StatusOr<int64_t> BlobStore::Append(const Digest& digest, int64_t offset, const 
                                       " of a blob of " + std::to_string(digest.size_bytes));
   }
   std::lock_guard lock(UploadMutex(digest));
-  if (Has(digest)) return digest.size_bytes;
+  if (Has(digest) && Touch(digest)) return digest.size_bytes;
   const std::string path = PartialPath(digest);
   const auto stamp = StampOf(path);
   const int64_t committed = stamp.ok() ? stamp->size_bytes : 0;
@@ -194,7 +204,7 @@ StatusOr<int64_t> BlobStore::Append(const Digest& digest, int64_t offset, const 
 Status BlobStore::Complete(const Digest& digest) {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   std::lock_guard lock(UploadMutex(digest));
-  if (Has(digest)) return absl::OkStatus();
+  if (Has(digest) && Touch(digest)) return absl::OkStatus();
   const std::string path = PartialPath(digest);
   if (digest.size_bytes == 0 && !FileExists(path)) std::ofstream(path, std::ios::binary);
   TESSERA_ASSIGN_OR_RETURN(const Digest found, HashFile(path));

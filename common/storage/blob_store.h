@@ -43,6 +43,9 @@ class BlobStore {
   // The whole content of a small blob, verified.
   StatusOr<std::string> Read(const Digest& digest, int64_t max_bytes = int64_t{1} << 30) const;
 
+  // What is stored again is not written, but its file's time of access is now: what looks old has nobody who has just
+  // found it there.
+
   // Stores a copy of a file (hashed as it is copied), durable on return.
   StatusOr<Digest> PutFile(const std::string& path);
   // The same, but takes the file away: renamed where it lies on the same file system.
@@ -53,7 +56,7 @@ class BlobStore {
   using Writer = std::function<void(const std::string& bytes)>;
   StatusOr<Digest> PutParts(const std::function<void(const Writer& write)>& give);
 
-  // Bytes of the blob that are here: of an unfinished upload, or all.
+  // Bytes of the blob that are here: of an unfinished upload, or all, and then it is as if it had been stored again.
   StatusOr<int64_t> CommittedBytes(const Digest& digest) const;
   // Adds bytes [offset, offset + size) to the unfinished upload; bytes it has already are skipped. Gives the committed
   // size after it. FAILED_PRECONDITION if `offset` leaves a gap, INVALID_ARGUMENT beyond the digest's size.
@@ -66,6 +69,8 @@ class BlobStore {
   explicit BlobStore(std::string root) : root_(std::move(root)) {}
   std::string PartialPath(const Digest& digest) const;
   std::string NewTemporary() const;  // a path that nobody else has
+  // Sets the time of access of the blob's file. False if it is not there.
+  bool Touch(const Digest& digest) const;
   // On error `temporary` stays.
   Status Publish(const std::string& temporary, const Digest& digest);
   std::mutex& UploadMutex(const Digest& digest) const { return upload_mutexes_[digest.sha256[0] & 15]; }

@@ -125,6 +125,10 @@ grpc::Status JobsService::RetryJob(grpc::ServerContext*, const v1::RetryJobReque
   return grpc::Status::OK;
 }
 
+grpc::Status JobsService::DeleteJob(grpc::ServerContext*, const v1::DeleteJobRequest* request, v1::DeleteJobResponse*) {
+  return ToGrpc(environment_.dispatcher->DeleteJob(request->name(), "asked for"));
+}
+
 grpc::Status JobsService::WatchJob(grpc::ServerContext* context, const v1::WatchJobRequest* request,
                                    grpc::ServerWriter<v1::WatchJobResponse>* writer) {
   Dispatcher& dispatcher = *environment_.dispatcher;

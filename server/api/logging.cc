@@ -134,6 +134,13 @@ void LogRecord(const v1::Record& record) {
       return LogEvent(LogLevel::kWarning, "result lost, made again",
                       {{"task", change.task()}, {"reason", change.reason()}});
     }
+    case v1::Record::kJobDeleted:
+      return LogEvent(LogLevel::kInfo, "job deleted",
+                      {{"job", record.job_deleted().job()}, {"reason", record.job_deleted().reason()}});
+    case v1::Record::kJobBegunAnew:
+      return LogEvent(
+          LogLevel::kWarning, "job of another version begins anew",
+          {{"job", record.job_begun_anew().job()}, {"algorithm_version", record.job_begun_anew().algorithm_version()}});
     case v1::Record::CHANGE_NOT_SET:
       return;
   }

@@ -18,8 +18,11 @@
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "server/api/coordinator_server.h"
+#include "server/api/keeper.h"
 #include "server/api/logging.h"
+#include "server/api/maintenance.h"
 #include "server/dispatch/dispatcher.h"
+#include "server/dispatch/record_owner.h"
 #include "server/plan/graph.h"
 #include "server/store/sqlite_store.h"
 
@@ -31,6 +34,9 @@ struct Flags {
   std::string listen = "127.0.0.1:7575";
   std::string port_file;
   double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
+  double keep_days = 0, blob_gib = 0;
+  std::string backup;
+  bool verify_state = false, deep = false, salvage = false;
   bool no_shared_storage = false;
   std::string log_level = "info";
   bool json_logs = false;
@@ -73,17 +79,19 @@ Status FollowParent() {
   return absl::OkStatus();
 }
 
+std::string DataFolder(const Flags& flags) { return std::filesystem::absolute(flags.data).lexically_normal().string(); }
+
 // Serves until a signal of `stop_signals` comes.
 Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   if (flags.data.empty()) return absl::InvalidArgumentError("no --data folder, and no home to put one");
-  const std::string data = std::filesystem::absolute(flags.data).lexically_normal().string();
+  const std::string data = DataFolder(flags);
   TESSERA_RETURN_IF_ERROR(EnsureFolder(data));
   const auto lock = FileLock::Acquire(data + "/lock");
   if (!lock.ok()) {
     return Status(lock.status().code(),
                   "another coordinator uses " + data + "? " + std::string(lock.status().message()));
   }
-  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite"));
+  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
   TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
   SystemClock clock;
   Planner planner;
@@ -113,6 +121,13 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   LogEvent(LogLevel::kInfo, "coordinator started",
            {{"address", server->address()}, {"data", data}, {"start", std::to_string(store->StartCount())}});
 
+  KeeperOptions keeping;
+  keeping.keep_s = flags.keep_days * 86400;
+  keeping.collector.keep_set_aside_s = keeping.keep_s;
+  keeping.collector.limit_bytes = static_cast<int64_t>(flags.blob_gib * (int64_t{1} << 30));
+  keeping.collector.grace_s = std::max(keeping.collector.grace_s, 2 * flags.lease_s);
+  const Keeper keeper(dispatcher.get(), blobs.get(), &clock, keeping);
+
   const double tick_s = std::clamp(flags.lease_s / 4, 0.05, 1.0);
   const timespec tick = {static_cast<time_t>(tick_s), static_cast<long>((tick_s - static_cast<time_t>(tick_s)) * 1e9)};
   std::string last_error;
@@ -126,6 +141,13 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   LogEvent(LogLevel::kInfo, "coordinator stops");
   server->Shutdown(5);
   return absl::OkStatus();
+}
+
+// The exit code, after a word about it.
+int Ended(const Status& status) {
+  if (status.ok()) return 0;
+  std::cerr << "tesserad: " << status.message() << "\n";
+  return status.code() == absl::StatusCode::kInvalidArgument ? 2 : 1;
 }
 
 int Main(int argc, char** argv) {
@@ -144,6 +166,26 @@ int Main(int argc, char** argv) {
                  "is ended")
       ->check(CLI::Range(0.2, 1e9))
       ->capture_default_str();
+  app.add_option(
+         "--keep-days", flags.keep_days,
+         "delete jobs so many days after they ended, unless others go on from them, and damaged results that were "
+         "set aside; 0: never")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+  app.add_option(
+         "--blob-gib", flags.blob_gib,
+         "when results take more GiB, drop damaged ones that were set aside, then what can be made again of jobs that "
+         "have ended; 0: never")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
+  const auto instead = [&](CLI::Option* option) { return option->group("Instead of serving"); };
+  instead(
+      app.add_option("--backup", flags.backup, "copy the state of the data folder, which may be in use, to this file"));
+  CLI::Option* const verify = instead(app.add_flag("--verify-state", flags.verify_state,
+                                                   "say what is wrong in the data folder; exit code 1 if anything is"));
+  instead(app.add_flag("--deep", flags.deep, "with --verify-state: read all results"))->needs(verify);
+  instead(app.add_flag("--salvage", flags.salvage,
+                       "of a damaged state, keep what can be read; the damaged file stays under another name"));
   app.add_flag("--no-shared-storage", flags.no_shared_storage, "workers move all data through the blob service");
   app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();
   app.add_flag("--json-logs", flags.json_logs, "one JSON object a line");
@@ -154,6 +196,14 @@ int Main(int argc, char** argv) {
     std::cerr << "tesserad: " << status.message() << "\n";
     return 2;
   }
+  Status status;
+  if (!flags.backup.empty() || flags.verify_state || flags.salvage) {
+    const std::string data = DataFolder(flags);
+    if (!flags.backup.empty()) status = BackUpData(data, flags.backup);
+    if (status.ok() && flags.salvage) status = SalvageData(data);
+    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.deep);
+    return Ended(status);
+  }
   // Blocked in every thread and taken by Serve alone.
   sigset_t stop_signals;
   sigemptyset(&stop_signals);
@@ -161,11 +211,9 @@ int Main(int argc, char** argv) {
   sigaddset(&stop_signals, SIGINT);
   pthread_sigmask(SIG_BLOCK, &stop_signals, nullptr);
   ::signal(SIGPIPE, SIG_IGN);
-  Status status = flags.exit_with_parent ? FollowParent() : absl::OkStatus();
+  status = flags.exit_with_parent ? FollowParent() : absl::OkStatus();
   if (status.ok()) status = Serve(flags, stop_signals);
-  if (status.ok()) return 0;
-  std::cerr << "tesserad: " << status.message() << "\n";
-  return status.code() == absl::StatusCode::kInvalidArgument ? 2 : 1;
+  return Ended(status);
 }
 
 }  // namespace

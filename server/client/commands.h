@@ -21,6 +21,7 @@ inline constexpr int kExitCancelled = 130;  // Ctrl-C, or the job was cancelled
 // *exit_code, which must outlive `app`. Results go to standard output, everything else to standard error.
 void AddCancelCommand(CLI::App& app, int* exit_code);
 void AddCheckCommand(CLI::App& app, int* exit_code);
+void AddDeleteCommand(CLI::App& app, int* exit_code);
 void AddEvaluateCommand(CLI::App& app, int* exit_code);
 void AddFetchCommand(CLI::App& app, int* exit_code);
 void AddJobsCommand(CLI::App& app, int* exit_code);

@@ -104,6 +104,14 @@ Status Connection::RetryJob(const v1::RetryJobRequest& request, v1::Job* job) {
                      [&](grpc::ClientContext* context) { return impl_->jobs->RetryJob(context, request, job); });
 }
 
+Status Connection::DeleteJob(const std::string& name) {
+  v1::DeleteJobRequest request;
+  request.set_name(name);
+  v1::DeleteJobResponse response;
+  return impl_->Call(Idempotency::kIdempotent, kCallSeconds,
+                     [&](grpc::ClientContext* context) { return impl_->jobs->DeleteJob(context, request, &response); });
+}
+
 Status Connection::ListJobs(int count, v1::ListJobsResponse* jobs) {
   v1::ListJobsRequest request;
   do {

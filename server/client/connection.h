@@ -38,6 +38,7 @@ class Connection {
   Status ChangeJob(const v1::ChangeJobRequest& request, v1::Job* job);
   // Not repeated: the second would be refused, since the job goes on.
   Status RetryJob(const v1::RetryJobRequest& request, v1::Job* job);
+  Status DeleteJob(const std::string& name);
   // The newest `count` jobs.
   Status ListJobs(int count, v1::ListJobsResponse* jobs);
   // All tasks of a job.

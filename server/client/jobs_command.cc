@@ -105,6 +105,7 @@ int OneJob(Connection& connection, const JobsFlags& flags) {
                               std::to_string(job.tasks_total()) + " tasks"});
   if (!HasEnded(job.state()) && job.eta_s() >= 0) rows.push_back({"to go", DurationWords(job.eta_s())});
   if (!job.error().empty()) rows.push_back({"error", job.error()});
+  for (const std::string& warning : job.warnings()) rows.push_back({"warning", warning});
   PrintTable(rows);
   return kExitOk;
 }

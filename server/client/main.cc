@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
   tessera::AddResumeCommand(app, &exit_code);
   tessera::AddRetryCommand(app, &exit_code);
   tessera::AddCancelCommand(app, &exit_code);
+  tessera::AddDeleteCommand(app, &exit_code);
   tessera::AddFetchCommand(app, &exit_code);
   tessera::AddLineageCommand(app, &exit_code);
   tessera::AddCheckCommand(app, &exit_code);

@@ -188,6 +188,7 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
     if (!waits.ok()) tasks = waits.status();
   }
   if (tasks.ok() && tasks->empty()) tasks = absl::InternalError("the plan has no tasks");
+  const std::shared_lock refers(blobs_mutex_);
   for (size_t t = 0; tasks.ok() && t < tasks->size(); ++t) {
     for (const auto& [name, content] : (*tasks)[t].given_contents) {
       TESSERA_ASSIGN_OR_RETURN(const Digest digest, environment_.blobs->PutBytes(content));
@@ -253,6 +254,7 @@ StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
         std::lock_guard lock(mutex_);
         const std::vector<JobTask>& all = ledger_.jobs()[step.job].tasks;
         const int end = std::min(first + kReportedAtOnce, step.tasks);
+        if (end > static_cast<int>(all.size())) return;  // cancelled and deleted meanwhile
         tasks.assign(all.begin() + first, all.begin() + end);
       }
       for (const JobTask& task : tasks) visitor(task);
@@ -268,6 +270,7 @@ StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
 }
 
 Status Dispatcher::EndJob(const PendingStep& step) {
+  const std::shared_lock refers(blobs_mutex_);
   std::vector<NamedDigest> artifacts = step.artifacts;
   TESSERA_ASSIGN_OR_RETURN(const Digest report, StoreReport(step));
   artifacts.push_back({"job.json", report});
@@ -302,6 +305,7 @@ Status Dispatcher::EndJobLocked(int job, JobState state, const std::string& erro
 }
 
 bool Dispatcher::MayReuseLocked(TaskRef ref) const {
+  if (ledger_.WasDeleted(ref.job)) return false;
   const JobTask& task = ledger_.task(ref);
   if (task.state != TaskState::kReady || task.attempt() > 0) return false;
   const std::vector<NamedDigest>* outputs = ledger_.FindResult(task.key);
@@ -309,6 +313,7 @@ bool Dispatcher::MayReuseLocked(TaskRef ref) const {
 }
 
 Status Dispatcher::Reuse(TaskRef ref) {
+  const std::shared_lock refers(blobs_mutex_);
   std::string key;
   std::vector<NamedDigest> outputs;
   {

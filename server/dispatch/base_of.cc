@@ -12,11 +12,7 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
   if (job.header.state != JobState::kSucceeded) {
     return absl::FailedPreconditionError(name + " has not succeeded: an update needs a base that has");
   }
-  if (job.header.algorithm_version != algorithm_version_) {
-    return absl::FailedPreconditionError(name + " was made by version " + job.header.algorithm_version +
-                                         " of the algorithms, and this is " + algorithm_version_ +
-                                         ": its results do not go together; run its scene anew, without a base");
-  }
+  TESSERA_RETURN_IF_ERROR(CheckVersion(index, "its results do not go together; run its scene anew, without a base"));
   UpdateBase base;
   base.name = name;
   base.scene_files = job.scene_files;
@@ -86,8 +82,8 @@ MeasuredCosts Ledger::MeasuredIn(const Job& last) const {
       of_kind.predicted += task.plan.cost / task.plan.scale;
       of_kind.used += task.usage.core_seconds;
     }
-    const std::string& base = job->header.settings.update.base;
-    job = base.empty() ? nullptr : &jobs_[*FindJob(base)];
+    const StatusOr<int> base = FindJob(job->header.settings.update.base);
+    job = base.ok() ? &jobs_[*base] : nullptr;
   }
   return measured;
 }

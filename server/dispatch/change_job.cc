@@ -20,12 +20,14 @@ StatusOr<JobStatus> Dispatcher::ChangeJob(const std::string& name, const JobChan
 
 StatusOr<JobStatus> Dispatcher::RetryJob(const std::string& name, std::optional<int> tile) {
   {
+    const std::shared_lock refers(blobs_mutex_);
     std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+    TESSERA_RETURN_IF_ERROR(ledger_.CheckVersion(job, "submit its scene again"));
     v1::Record record;
     record.mutable_job_retried()->set_job(name);
     if (tile) record.mutable_job_retried()->set_tile(*tile);
     TESSERA_RETURN_IF_ERROR(CommitLocked(record));
-    const int job = *ledger_.FindJob(name);
     if (job < static_cast<int>(shown_progress_.size())) shown_progress_[job] = 0;
   }
   TESSERA_RETURN_IF_ERROR(Durable());

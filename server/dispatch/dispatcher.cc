@@ -81,6 +81,7 @@ Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
   const int ready_before = ledger_.ready().count();
   const size_t newly_ready_before = ledger_.newly_ready().size();
   ledger_.Apply(record);
+  NoteReferencesLocked(record);
   journal_.Add(record.SerializeAsString(), durability);
   ChangedLocked();
   WakeForLocked(ledger_.ready().count() - ready_before, newly_ready_before);
@@ -137,6 +138,10 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
     std::lock_guard lock(mutex_);
     TESSERA_ASSIGN_OR_RETURN(known, FindRequestLocked(job.request));
     if (!known) {
+      // They may have been deleted since the job was completed.
+      for (const std::string& name : {job.settings.update.base, job.settings.update.rollback_to}) {
+        if (!name.empty()) TESSERA_RETURN_IF_ERROR(ledger_.FindJob(name).status());
+      }
       index = static_cast<int>(ledger_.jobs().size());
       accepted.set_job(JobName(index));
       TESSERA_RETURN_IF_ERROR(CommitLocked(record));
@@ -182,7 +187,9 @@ std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
   std::vector<JobStatus> jobs;
   const int size = static_cast<int>(ledger_.jobs().size());
   int index = before < 0 || before > size ? size : before;
-  while (--index >= 0 && static_cast<int>(jobs.size()) < count) jobs.push_back(JobStatusLocked(index));
+  while (--index >= 0 && static_cast<int>(jobs.size()) < count) {
+    if (!ledger_.WasDeleted(index)) jobs.push_back(JobStatusLocked(index));
+  }
   return jobs;
 }
 
@@ -331,6 +338,7 @@ Status Dispatcher::CheckCurrentLocked(TaskRef ref, const std::string& worker, in
 
 Status Dispatcher::TakeSuccess(const std::string& worker, const std::string& task, int attempt,
                                const ReportedResult& result) {
+  const std::shared_lock refers(blobs_mutex_);
   TaskFailure not_stored;
   for (const NamedDigest& output : result.outputs) {
     TESSERA_RETURN_IF_ERROR(CheckDigest(output.digest));

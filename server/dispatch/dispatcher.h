@@ -10,19 +10,24 @@
 #include <mutex>
 #include <optional>
 #include <set>
+#include <shared_mutex>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "absl/container/flat_hash_set.h"
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/storage/blob_store.h"
+#include "common/storage/blob_sweep.h"
+#include "server/dispatch/blob_references.h"
 #include "server/dispatch/job.h"
 #include "server/dispatch/job_status.h"
 #include "server/dispatch/lease_call.h"
 #include "server/dispatch/lease_table.h"
 #include "server/dispatch/ledger.h"
 #include "server/dispatch/planner.h"
+#include "server/dispatch/retention.h"
 #include "server/dispatch/retry_rule.h"
 #include "server/dispatch/waiting_for.h"
 #include "server/dispatch/waiting_workers.h"
@@ -111,6 +116,8 @@ class Dispatcher {
   // ended, and so does one that later needs what an unreadable record said.
   static StatusOr<std::unique_ptr<Dispatcher>> Open(const DispatchEnvironment& environment,
                                                     const DispatchOptions& options);
+  // Does with the stored records what Open does, and no more.
+  static Status SetUnusableAside(const DispatchEnvironment& environment);
   // Ends all waits first.
   ~Dispatcher();
 
@@ -135,6 +142,18 @@ class Dispatcher {
   // Lets a job that failed or ended partially go on; of a tile: what failed of it alone. FAILED_PRECONDITION with the
   // reason if that cannot be.
   StatusOr<JobStatus> RetryJob(const std::string& name, std::optional<int> tile);
+  // Forgets a job that has ended: nothing of it is shown or used again. FAILED_PRECONDITION, with what to do, if it has
+  // not ended or another goes on from it. OK if it was deleted before. `reason`: for the log.
+  Status DeleteJob(const std::string& name, const std::string& reason);
+  // Deletes the jobs that have been kept for long enough and that no other needs. Gives how many.
+  StatusOr<int> DeleteExpired(Retention& retention);
+  // Frees some of the memory and of the stored records of deleted jobs, little enough for others to wait. False: all
+  // is.
+  StatusOr<bool> FreeDeleted();
+  // Blobs that jobs refer to; what they come to refer to from now on is noted, until the next call.
+  BlobReferences CollectReferences();
+  // Removes those of the files that nobody has come to refer to since CollectReferences. Gives those that it removed.
+  StatusOr<std::vector<BlobFile>> RemoveBlobs(const std::vector<BlobFile>& files);
   // Tasks [first, first + count) in the plan's order.
   StatusOr<std::vector<TaskStatus>> ListTasks(const std::string& job, int first, int count) const;
   StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
@@ -189,9 +208,14 @@ class Dispatcher {
   Dispatcher(const DispatchEnvironment& environment, const DispatchOptions& options);
   // Those below named ...Locked need mutex_.
   Status Replay();
+  // Jobs that another version planned begin anew; what it made, and was being made again, is given up.
+  Status BeginOthersAnew();
   Status EndSpoiledJob(int job, const std::string& error);
   // Checks, applies and queues for the journal. Errors are those of the check.
   Status CommitLocked(v1::Record& record, Durability durability = Durability::kMachine);
+  // OK if it was deleted before.
+  Status DeleteJobLocked(const std::string& name, const std::string& reason);
+  void NoteReferencesLocked(const v1::Record& record);
   Status FailAttemptLocked(TaskRef ref, const TaskFailure& failure);
   Status EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bool lease_expired);
   Status ExpireLeasesLocked();
@@ -252,7 +276,8 @@ class Dispatcher {
   // Reads the content, and sets it aside if it is not what it was. Without lock, for it may take long.
   Status Examine(Lost& lost) const;
   // The task that made it is to run again, and `needed_by` is to wait: a task whose given output it is; with task -1
-  // the plan of the job; none (job -1): nobody. FAILED_PRECONDITION if it cannot be made again.
+  // the plan of the job; none (job -1): nobody. FAILED_PRECONDITION if it cannot be made again. Needs blobs_mutex_ too,
+  // shared, for its job may need all that it made again.
   Status RemakeLocked(TaskRef maker, const std::string& reason, TaskRef needed_by);
   // Those that the job's plan reads and cannot are made again; true if some are, and the job has to wait.
   StatusOr<bool> RemakeForPlan(const PendingStep& step);
@@ -273,6 +298,8 @@ class Dispatcher {
   const DispatchOptions options_;
   std::atomic<bool> advance_wanted_ = false;
   std::mutex advance_mutex_;  // one Advance at a time; taken before mutex_
+  // Shared by who refers to blobs that may be stored already; taken before mutex_.
+  std::shared_mutex blobs_mutex_;
   mutable std::mutex mutex_;
   mutable std::condition_variable changed_;  // what is shown
   std::condition_variable waiting_changed_;  // for ServeWaiting
@@ -282,6 +309,12 @@ class Dispatcher {
   LeaseTable leases_;
   int64_t next_expiry_us_ = 0;
   mutable std::vector<double> shown_progress_;  // of each job, the furthest
+  // What came to be referred to since CollectReferences: by records, and by jobs that run again.
+  struct NewReferences {
+    absl::flat_hash_set<uint64_t> blobs;  // BlobReferences::IdOf
+    std::set<int> jobs;                   // whose outputs are all among these
+  };
+  std::optional<NewReferences> referred_since_;
   int next_worker_ = 1;
   int64_t version_ = 1;
   bool stopped_ = false;

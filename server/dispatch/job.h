@@ -179,6 +179,7 @@ struct Job {
   JobTotals totals;
   int lost = 0;                 // results that it needs and that are being made again, here or elsewhere
   std::string lost_error = {};  // why one that its plan reads could not be
+  bool deleted = false;         // nothing else is left of it, but tasks that are being freed
 };
 
 // The task as if it had been tried only since its job was last retried.

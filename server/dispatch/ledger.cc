@@ -11,22 +11,18 @@
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
-namespace {
-
-// Jobs in a row of which it may be lost that they were accepted. Their numbers are not given again.
-constexpr int kMaxLostJobs = 1000;
-
-}  // namespace
 
 StatusOr<int> Ledger::FindJob(const std::string& name) const {
   TESSERA_ASSIGN_OR_RETURN(const int job, ParseJobName(name));
   if (job >= static_cast<int>(jobs_.size())) return absl::NotFoundError("no such job: " + name);
+  if (WasDeleted(job)) return absl::NotFoundError(name + " was deleted");
   return job;
 }
 
 StatusOr<TaskRef> Ledger::FindTask(const std::string& name) const {
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ParseTaskName(name));
-  if (ref.job >= static_cast<int>(jobs_.size()) || ref.task >= static_cast<int>(jobs_[ref.job].tasks.size())) {
+  if (ref.job >= static_cast<int>(jobs_.size()) || WasDeleted(ref.job) ||
+      ref.task >= static_cast<int>(jobs_[ref.job].tasks.size())) {
     return absl::NotFoundError("no such task: " + name);
   }
   return ref;
@@ -73,13 +69,12 @@ StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const Planne
 }
 
 const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const {
-  const auto it = task_of_key_.find(key);
-  return it == task_of_key_.end() ? nullptr : &task(it->second).outputs;
-}
-
-std::vector<std::string> Ledger::SceneFilesWith(const Digest& digest) const {
-  const auto it = scene_files_of_sha256_.find(digest.sha256);
-  return it == scene_files_of_sha256_.end() ? std::vector<std::string>() : it->second;
+  const auto it = tasks_of_key_.find(key);
+  if (it == tasks_of_key_.end()) return nullptr;
+  for (auto ref = it->second.rbegin(); ref != it->second.rend(); ++ref) {
+    if (!WasDeleted(ref->job)) return &task(*ref).outputs;
+  }
+  return nullptr;
 }
 
 StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attempt) const {
@@ -98,7 +93,8 @@ StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attem
 
 Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, ParseJobName(change.job()));
-  if (const int next = static_cast<int>(jobs_.size()); index < next || index > next + kMaxLostJobs) {
+  if (!MayBeNext(index)) {
+    const int next = static_cast<int>(jobs_.size());
     return absl::FailedPreconditionError("the next job is " + JobName(next) + ", not " + change.job());
   }
   if (job_of_request_.contains(change.request_id())) {
@@ -180,19 +176,15 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   for (const auto& file : change.scene_files()) {
     job.scene_files.push_back({file.path(), FromProto(file.digest())});
     if (IsCarried(file.path())) continue;
-    std::vector<std::string>& paths = scene_files_of_sha256_[file.digest().sha256()];
+    std::vector<ScenePath>& paths = scene_files_of_sha256_[file.digest().sha256()];
     const std::string path = change.scene_path() + "/" + file.path();
-    if (std::find(paths.begin(), paths.end(), path) == paths.end()) paths.push_back(path);
+    const auto known = std::find_if(paths.begin(), paths.end(), [&](const auto& each) { return each.path == path; });
+    ++(known != paths.end() ? *known : paths.emplace_back(ScenePath{path})).jobs;
   }
   std::sort(job.scene_files.begin(), job.scene_files.end(),
             [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
   const int index = *ParseJobName(change.job());
-  while (static_cast<int>(jobs_.size()) < index) {
-    Job& lost = jobs_.emplace_back();
-    lost.header.name = JobName(static_cast<int>(jobs_.size()) - 1);
-    lost.header.state = JobState::kFailed;
-    lost.header.error = "the record that it was accepted cannot be used; submit it again";
-  }
+  FillJobsUpTo(index);
   if (!change.request_id().empty()) job_of_request_[change.request_id()] = index;
   jobs_.push_back(std::move(job));
   active_jobs_.push_back(index);
@@ -248,6 +240,7 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
   Job& job = jobs_[ref.job];
   JobTask& target = job.tasks[ref.task];
   if (target.state == TaskState::kReady) ready_.Remove(ref, target);  // reused
+  ForgetTask(ref);
   target.state = TaskState::kSucceeded;
   --job.unfinished;
   if (!change.reused()) target.attempts.back().end_us = time_us;
@@ -266,7 +259,7 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
     job.header.state = JobState::kRunning;
     job.header.start_us = time_us;
   }
-  task_of_key_[change.key()] = ref;
+  tasks_of_key_[target.key].push_back(ref);
   for (const int reader : target.readers) {
     --job.tasks[reader].missing;
     ReadyTask({ref.job, reader});

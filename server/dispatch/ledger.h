@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
+#include "absl/container/inlined_vector.h"
 #include "common/base/status.h"
 #include "server/dispatch/job.h"
 #include "server/dispatch/ready_tasks.h"
@@ -27,6 +28,8 @@ class JobChanged;
 class TileSetAside;
 class JobRetried;
 class ResultLost;
+class JobDeleted;
+class JobBegunAnew;
 }  // namespace v1
 
 // Change of state: Check (may fail) → store the record → Apply (cannot fail). Equal records give equal ledgers. Not
@@ -56,6 +59,20 @@ class Ledger {
   // Tasks that became ready since the last call, each once, in the order in which they did; some may have left since.
   std::vector<TaskRef> TakeNewlyReady();
   const std::vector<TaskRef>& newly_ready() const { return newly_ready_; }
+  // Before the first record: jobs of which no record comes any more but that they were deleted.
+  void ExpectDeleted(std::set<int> jobs) { expected_deleted_ = std::move(jobs); }
+  // After the last record: their numbers are not given again, though none may have come.
+  void EndReplay();
+  // Whether there was such a job, and it was deleted.
+  bool WasDeleted(int job) const;
+  // FAILED_PRECONDITION with what to do first unless the job, which is there, may be deleted.
+  Status MayDelete(int job) const;
+  // Frees the memory of at most so many tasks of deleted jobs. False if none is left.
+  bool FreeDeleted(int max_tasks);
+  // FAILED_PRECONDITION with both versions, and `then`, what follows from that, if another one made the job.
+  Status CheckVersion(int job, const std::string& then) const;
+  // Whether tasks of the job may run: it has not ended, or results of it are being made again.
+  bool Runs(int job) const;
   // NOT_FOUND or INVALID_ARGUMENT with the name.
   StatusOr<int> FindJob(const std::string& name) const;
   StatusOr<TaskRef> FindTask(const std::string& name) const;
@@ -86,7 +103,7 @@ class Ledger {
   // Outputs of an earlier task with this key; null if none is known.
   const std::vector<NamedDigest>* FindResult(const std::string& key) const;
   // They are not stored any more.
-  void ForgetResult(const std::string& key) { task_of_key_.erase(key); }
+  void ForgetResult(const std::string& key) { tasks_of_key_.erase(key); }
   // Absolute paths at which scene files of jobs had this content when the jobs were accepted, the oldest job's first.
   std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
@@ -103,6 +120,8 @@ class Ledger {
   Status CheckSetAside(const v1::TileSetAside& change) const;
   Status CheckRetried(const v1::JobRetried& change) const;
   Status CheckLost(const v1::ResultLost& change) const;
+  Status CheckDeleted(const v1::JobDeleted& change) const;
+  Status CheckBegunAnew(const v1::JobBegunAnew& change) const;
   void ApplyAccepted(const v1::JobAccepted& change, int64_t time_us);
   void ApplyPlanned(const v1::TasksPlanned& change);
   void ApplyStarted(const v1::AttemptStarted& change, int64_t time_us);
@@ -113,6 +132,18 @@ class Ledger {
   void ApplySetAside(const v1::TileSetAside& change);
   void ApplyRetried(const v1::JobRetried& change);
   void ApplyLost(const v1::ResultLost& change);
+  void ApplyDeleted(const v1::JobDeleted& change);
+  void ApplyBegunAnew(const v1::JobBegunAnew& change);
+  // Whether a job of this number may be next: not if more records would be lost than can be believed.
+  bool MayBeNext(int job) const;
+  // Jobs up to there of which no record came: deleted ones, and others whose acceptance is lost.
+  void FillJobsUpTo(int job);
+  void DropRemakesOf(int job);
+  // Of a job whose tasks are going.
+  void DropReady(int job);
+  // The task's result is not known by it any more.
+  void ForgetTask(TaskRef ref);
+  void ForgetSceneFiles(const Job& job);
   // Checks that the task exists in an active job and that `attempt` is its current one under lease.
   StatusOr<TaskRef> CheckCurrentAttempt(const std::string& name, int attempt) const;
   // Takes the tasks of a plan that was not stored to its end off the job's list.
@@ -143,8 +174,15 @@ class Ledger {
   ReadyTasks ready_;
   std::vector<TaskRef> newly_ready_;
   std::unordered_map<std::string, int> job_of_request_;
-  absl::flat_hash_map<std::string, TaskRef> task_of_key_;  // the last that succeeded
-  std::unordered_map<std::string, std::vector<std::string>> scene_files_of_sha256_;
+  // That succeeded, the last behind. Those of deleted jobs stay until FreeDeleted comes to them.
+  absl::flat_hash_map<std::string, absl::InlinedVector<TaskRef, 1>> tasks_of_key_;
+  struct ScenePath {
+    std::string path;
+    int jobs = 0;  // that have it
+  };
+  std::unordered_map<std::string, std::vector<ScenePath>> scene_files_of_sha256_;
+  std::set<int> expected_deleted_;
+  std::vector<int> to_free_;  // deleted jobs that still hold tasks
 };
 
 }  // namespace tessera

@@ -11,6 +11,7 @@ StatusOr<TaskRef> Ledger::MakerOf(int job, const Digest& digest, bool own) const
   std::vector<int> search = {job};
   for (size_t at = 0; at < search.size(); ++at) {
     const Job& searched = jobs_[search[at]];
+    if (searched.deleted) continue;
     for (int task = 0; (at > 0 || own) && task < static_cast<int>(searched.tasks.size()); ++task) {
       const JobTask& made = searched.tasks[task];
       if (!made.plan.given.empty() || (made.state != TaskState::kSucceeded && !made.remaking)) continue;
@@ -37,11 +38,6 @@ Status Ledger::CheckLost(const v1::ResultLost& change) const {
   }
   if (HasEnded(header.state) && header.state != JobState::kSucceeded && header.state != JobState::kPartial) {
     return absl::FailedPreconditionError(change.task() + ": its job has ended without a result");
-  }
-  if (header.algorithm_version != algorithm_version_) {
-    return absl::FailedPreconditionError(change.task() + " was made by version " + header.algorithm_version +
-                                         " of the algorithms, and this is " + algorithm_version_ +
-                                         ": it cannot be made again; run its scene anew");
   }
   for (const std::string& name : change.needed_by_tasks()) {
     TESSERA_ASSIGN_OR_RETURN(const TaskRef reader, FindTask(name));
@@ -100,6 +96,7 @@ void Ledger::ApplyLost(const v1::ResultLost& change) {
 void Ledger::Unmake(TaskRef ref) {
   Job& job = jobs_[ref.job];
   JobTask& target = job.tasks[ref.task];
+  ForgetTask(ref);
   target.state = TaskState::kWaiting;
   target.remaking = true;
   ++target.remakes;

@@ -26,6 +26,10 @@ Status Ledger::Check(const v1::Record& record) const {
       return CheckRetried(record.job_retried());
     case v1::Record::kResultLost:
       return CheckLost(record.result_lost());
+    case v1::Record::kJobDeleted:
+      return CheckDeleted(record.job_deleted());
+    case v1::Record::kJobBegunAnew:
+      return CheckBegunAnew(record.job_begun_anew());
     case v1::Record::CHANGE_NOT_SET:
       break;
   }
@@ -54,6 +58,10 @@ void Ledger::Apply(const v1::Record& record) {
       return ApplyRetried(record.job_retried());
     case v1::Record::kResultLost:
       return ApplyLost(record.result_lost());
+    case v1::Record::kJobDeleted:
+      return ApplyDeleted(record.job_deleted());
+    case v1::Record::kJobBegunAnew:
+      return ApplyBegunAnew(record.job_begun_anew());
     case v1::Record::CHANGE_NOT_SET:
       return;
   }

@@ -81,11 +81,6 @@ Status Ledger::CheckRetried(const v1::JobRetried& change) const {
   if (job.header.state != JobState::kFailed && job.header.state != JobState::kPartial) {
     return absl::FailedPreconditionError(change.job() + " has not failed: there is nothing to try again");
   }
-  if (job.header.algorithm_version != algorithm_version_) {
-    return absl::FailedPreconditionError(change.job() + " was begun by version " + job.header.algorithm_version +
-                                         " of the algorithms, and this is " + algorithm_version_ +
-                                         ": submit its scene again");
-  }
   if (!change.has_tile()) return absl::OkStatus();
   bool found = std::any_of(job.set_aside.begin(), job.set_aside.end(),
                            [&](const SetAside& each) { return each.tile == change.tile(); });
@@ -137,6 +132,7 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
   job.lost = static_cast<int>(
       std::count_if(job.tasks.begin(), job.tasks.end(), [](const JobTask& task) { return task.remaking; }));
   for (JobTask& task : job.tasks) {
+    task.remakes = 0;
     if (task.superseded || (task.state != TaskState::kFailed && task.state != TaskState::kCancelled)) continue;
     task.state = TaskState::kWaiting;
     task.forgiven = task.attempt();

@@ -86,6 +86,7 @@ Status Dispatcher::ReportLostInputs(const std::string& worker, const std::string
       fault = status;
     }
   }
+  const std::shared_lock refers(blobs_mutex_);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, find());
   if (absl::IsInvalidArgument(fault)) {  // seen by the coordinator too: no other worker need try
@@ -127,6 +128,7 @@ Status Dispatcher::RemakeLocked(TaskRef maker, const std::string& reason, TaskRe
                                          " and lost every time: look after the disk under " +
                                          environment_.blobs->root());
   }
+  TESSERA_RETURN_IF_ERROR(ledger_.CheckVersion(maker.job, "it cannot be made again; run its scene anew"));
   v1::Record record;
   v1::ResultLost& lost = *record.mutable_result_lost();
   lost.set_task(TaskName(maker));
@@ -151,6 +153,7 @@ StatusOr<bool> Dispatcher::RemakeForPlan(const PendingStep& step) {
     const Status status = environment_.blobs->VerifyOrSetAside(digest);
     if (status.ok()) continue;
     if (!IsLost(status)) return status;
+    const std::shared_lock refers(blobs_mutex_);
     std::lock_guard lock(mutex_);
     if (HasEnded(ledger_.jobs()[step.job].header.state)) return true;
     TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(step.job, digest, own));
@@ -170,6 +173,7 @@ StatusOr<std::string> Dispatcher::ReadSurveyOf(const UpdateBase& base) {
   if (survey.ok()) return survey;
   const Status status = environment_.blobs->VerifyOrSetAside(base.survey);
   if (!IsLost(status)) return survey.status();
+  const std::shared_lock refers(blobs_mutex_);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(base.name));
   TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, base.survey, true));
@@ -197,6 +201,7 @@ Status Dispatcher::RemakeArtifact(const Digest& digest) {
   const Status status = environment_.blobs->VerifyOrSetAside(digest);
   if (!IsLost(status)) return status;
   if (RestorePlanned(job, digest).ok()) return absl::OkStatus();
+  const std::shared_lock refers(blobs_mutex_);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, digest, true));
   return ledger_.task(maker).remaking ? absl::OkStatus() : RemakeLocked(maker, MessageOf(status), {});

@@ -3,12 +3,11 @@
 #include <utility>
 
 #include "server/dispatch/dispatcher.h"
+#include "server/dispatch/record_owner.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
-namespace {
 
-// The job that a record is of; -1 if it names none.
 int JobOf(const v1::Record& record) {
   switch (record.change_case()) {
     case v1::Record::kJobAccepted:
@@ -31,18 +30,21 @@ int JobOf(const v1::Record& record) {
       return ParseJobName(record.job_retried().job()).value_or(-1);
     case v1::Record::kResultLost:
       return ParseTaskName(record.result_lost().task()).value_or(TaskRef()).job;
+    case v1::Record::kJobDeleted:
+      return ParseJobName(record.job_deleted().job()).value_or(-1);
+    case v1::Record::kJobBegunAnew:
+      return ParseJobName(record.job_begun_anew().job()).value_or(-1);
     case v1::Record::CHANGE_NOT_SET:
       break;
   }
   return -1;
 }
 
-}  // namespace
-
 StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment& environment,
                                                        const DispatchOptions& options) {
   std::unique_ptr<Dispatcher> dispatcher(new Dispatcher(environment, options));
   TESSERA_RETURN_IF_ERROR(dispatcher->Replay());
+  TESSERA_RETURN_IF_ERROR(dispatcher->BeginOthersAnew());
   const Ledger& ledger = dispatcher->ledger_;
   const int64_t now_us = environment.clock->MonotonicUs();
   const auto restore = [&](TaskRef ref) {
@@ -62,9 +64,15 @@ StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment
   return dispatcher;
 }
 
+Status Dispatcher::SetUnusableAside(const DispatchEnvironment& environment) {
+  return std::unique_ptr<Dispatcher>(new Dispatcher(environment, {}))->Replay();
+}
+
 Status Dispatcher::Replay() {
   std::vector<std::pair<int64_t, std::string>> unusable;
   std::map<int, std::string> spoiled;  // jobs, and why
+  TESSERA_ASSIGN_OR_RETURN(std::set<int> deleted, environment_.store->DeletedJobs());
+  ledger_.ExpectDeleted(std::move(deleted));
   TESSERA_RETURN_IF_ERROR(environment_.store->Replay([&](const StoredRecord& stored) {
     v1::Record record;
     Status status = stored.content.status();
@@ -80,6 +88,7 @@ Status Dispatcher::Replay() {
       spoiled.emplace(job, "stored record " + std::to_string(stored.number) + " cannot be used: " + reason);
     }
   }));
+  ledger_.EndReplay();
   ledger_.PromoteRetries(environment_.clock->MonotonicUs());  // whole delays begin again
   for (const auto& [job, error] : spoiled) TESSERA_RETURN_IF_ERROR(EndSpoiledJob(job, error));
   // Last: if this start is cut off, the next one finds the same.

@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,16 +27,29 @@ struct StoredRecord {
   StatusOr<std::string> content;  // DATA_LOSS if it is damaged or missing
 };
 
+// Whose a record is.
+struct RecordOwner {
+  int job = -1;          // its index; -1: nobody's
+  bool deletes = false;  // the record says that the job is deleted: it is kept itself, and ends the life of the job's
+};
+// Reads that from a record's content. Must give the same at every time. Thread-safe.
+using OwnerOf = std::function<RecordOwner(std::string_view content)>;
+
 // State changes in the order they happened; whatever is lost, it is the end of the list. Thread-safe.
 class RecordStore {
  public:
   virtual ~RecordStore() = default;
   // All of the records or, on error, none.
   virtual Status Append(const std::vector<std::string_view>& records, Durability durability) = 0;
-  // Calls `visit` for every record that was not set aside, oldest first. Errors are those of the store as a whole.
+  // Calls `visit` for every record that was not set aside, but those of deleted jobs, oldest first. Errors are those of
+  // the store as a whole.
   virtual Status Replay(const std::function<void(const StoredRecord& record)>& visit) = 0;
   // Keeps the record, with the reason, but never visits it again.
   virtual Status SetAside(int64_t number, const std::string& reason) = 0;
+  // Jobs whose deletion is stored.
+  virtual StatusOr<std::set<int>> DeletedJobs() = 0;
+  // Frees the space of at most so many records of deleted jobs. Gives how many; 0: none is left.
+  virtual StatusOr<int> RemoveRecords(int max_records) = 0;
   // How often this store was opened, this time included; the same number is never given twice.
   virtual int64_t StartCount() const = 0;
 };

@@ -2,88 +2,23 @@
 
 #include <sqlite3.h>
 
+#include <map>
+#include <memory>
 #include <mutex>
 #include <set>
 #include <utility>
 
+#include "server/store/sqlite_schema.h"
+#include "server/store/sqlite_statement.h"
+
 namespace tessera {
-namespace {
-
-constexpr int kApplicationId = 0x54657373;  // "Tess"
-constexpr int kSchemaVersion = 3;           // of the tables, and of the records in them
-constexpr char kSchema[] = R"(
-  CREATE TABLE records (id INTEGER PRIMARY KEY, content BLOB NOT NULL, xxh3 INTEGER NOT NULL);
-  CREATE TABLE file_digests (path TEXT PRIMARY KEY, size_bytes INTEGER NOT NULL, modified_ns INTEGER NOT NULL,
-                             sha256 TEXT NOT NULL) WITHOUT ROWID;
-  CREATE TABLE starts (count INTEGER NOT NULL);
-  INSERT INTO starts VALUES (0);
-)";
-// Of any version of the records: what a coordinator could not use.
-constexpr char kSetAside[] = "CREATE TABLE IF NOT EXISTS set_aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL)";
-
-Status SqliteError(const std::string& path, sqlite3* db, int code, const std::string& what) {
-  const std::string message = path + ": " + what + ": " + (db != nullptr ? sqlite3_errmsg(db) : sqlite3_errstr(code));
-  switch (code & 0xff) {
-    case SQLITE_CORRUPT:
-    case SQLITE_NOTADB:
-      return absl::DataLossError(message);
-    case SQLITE_FULL:
-    case SQLITE_NOMEM:
-      return absl::ResourceExhaustedError(message);
-    case SQLITE_BUSY:
-    case SQLITE_LOCKED:
-      return absl::FailedPreconditionError(message);
-    default:
-      return absl::InternalError(message);
-  }
-}
-
-// A prepared statement that finalises itself. Binding and stepping report through codes.
-class Statement {
- public:
-  Statement(sqlite3* db, const char* sql) { code_ = sqlite3_prepare_v2(db, sql, -1, &statement_, nullptr); }
-  ~Statement() { sqlite3_finalize(statement_); }
-  Statement(const Statement&) = delete;
-  Statement& operator=(const Statement&) = delete;
-
-  void Bind(int index, int64_t value) { Keep(sqlite3_bind_int64(statement_, index, value)); }
-  void BindText(int index, const std::string& value) {
-    Keep(sqlite3_bind_text(statement_, index, value.data(), static_cast<int>(value.size()), SQLITE_TRANSIENT));
-  }
-  // `value` must live until the next Reset.
-  void BindBlob(int index, std::string_view value) {
-    Keep(sqlite3_bind_blob64(statement_, index, value.data(), value.size(), SQLITE_STATIC));
-  }
-  // SQLITE_ROW, SQLITE_DONE or an error.
-  int Step() { return code_ == SQLITE_OK ? sqlite3_step(statement_) : code_; }
-  // To be bound and stepped through once more; nothing is held of what was bound.
-  void Reset() {
-    if (statement_ == nullptr) return;
-    sqlite3_reset(statement_);
-    sqlite3_clear_bindings(statement_);
-    code_ = SQLITE_OK;
-  }
-  int64_t Int(int column) { return sqlite3_column_int64(statement_, column); }
-  std::string Bytes(int column) {
-    const auto* data = static_cast<const char*>(sqlite3_column_blob(statement_, column));
-    return data == nullptr ? std::string()
-                           : std::string(data, static_cast<size_t>(sqlite3_column_bytes(statement_, column)));
-  }
-
- private:
-  void Keep(int code) {
-    if (code_ == SQLITE_OK) code_ = code;
-  }
-  sqlite3_stmt* statement_ = nullptr;
-  int code_ = SQLITE_OK;
-};
-
-}  // namespace
 
 struct SqliteStore::Impl {
   std::string path;
   sqlite3* db = nullptr;
+  OwnerOf owner_of;
   int64_t start_count = 0;
+  int64_t next_id = 1;  // of records
   std::mutex mutex;
   std::unique_ptr<Statement> insert;  // of records; made when first needed
   Durability durability = Durability::kMachine;
@@ -95,24 +30,59 @@ struct SqliteStore::Impl {
 
   Status Error(int code, const std::string& what) const { return SqliteError(path, db, code, what); }
 
-  Status Run(const std::string& sql) {
-    const int code = sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr);
-    return code == SQLITE_OK ? absl::OkStatus() : Error(code, sql.substr(0, 60));
-  }
+  Status Run(const std::string& sql) { return RunSql(db, path, sql); }
 
+  // Numbers are given here and not by SQLite, which would give a removed record's again.
   Status Insert(const std::vector<std::string_view>& records) {
     if (insert == nullptr) {
-      insert = std::make_unique<Statement>(db, "INSERT INTO records (content, xxh3) VALUES (?, ?)");
+      insert = std::make_unique<Statement>(db, "INSERT INTO records (id, content, xxh3, job) VALUES (?, ?, ?, ?)");
     }
+    int64_t id = next_id;
     for (const std::string_view record : records) {
-      insert->BindBlob(1, record);
-      insert->Bind(2, static_cast<int64_t>(Xxh3(record.data(), record.size())));
+      const RecordOwner owner = owner_of ? owner_of(record) : RecordOwner();
+      insert->Bind(1, id++);
+      insert->BindBlob(2, record);
+      insert->Bind(3, static_cast<int64_t>(Xxh3(record.data(), record.size())));
+      insert->Bind(4, owner.deletes ? -1 : owner.job);
       const int code = insert->Step();
-      const Status status = code == SQLITE_DONE ? absl::OkStatus() : Error(code, "cannot store a record");
+      Status status = code == SQLITE_DONE ? absl::OkStatus() : Error(code, "cannot store a record");
       insert->Reset();
+      if (status.ok() && owner.deletes) {
+        status = Run("INSERT OR IGNORE INTO deleted_jobs VALUES (" + std::to_string(owner.job) + ")");
+      }
       TESSERA_RETURN_IF_ERROR(status);
     }
     return absl::OkStatus();
+  }
+
+  // Ends the transaction that is open: commits if `status` is OK. Some errors have ended it already.
+  Status End(Status status) {
+    if (status.ok()) status = Run("COMMIT");
+    if (!status.ok() && sqlite3_get_autocommit(db) == 0) Run("ROLLBACK").IgnoreError();
+    return status;
+  }
+
+  StatusOr<std::set<int>> DeletedJobs() {
+    std::set<int> jobs;
+    Statement select(db, "SELECT job FROM deleted_jobs");
+    int code = SQLITE_OK;
+    while ((code = select.Step()) == SQLITE_ROW) jobs.insert(static_cast<int>(select.Int(0)));
+    if (code != SQLITE_DONE) return Error(code, "cannot read which jobs were deleted");
+    return jobs;
+  }
+
+  // Notes [first, last] as removed, joined with its neighbours.
+  Status NoteRemoved(int64_t first, int64_t last) {
+    Statement before(db, "SELECT first FROM removed WHERE first < ? AND last = ? - 1 ORDER BY first DESC LIMIT 1");
+    before.Bind(1, first);
+    before.Bind(2, first);
+    if (before.Step() == SQLITE_ROW) first = before.Int(0);
+    Statement after(db, "SELECT last FROM removed WHERE first = ? + 1");
+    after.Bind(1, last);
+    if (after.Step() == SQLITE_ROW) last = after.Int(0);
+    const std::string bounds = std::to_string(first) + " AND " + std::to_string(last);
+    TESSERA_RETURN_IF_ERROR(Run("DELETE FROM removed WHERE first BETWEEN " + bounds));
+    return Run("INSERT INTO removed VALUES (" + std::to_string(first) + ", " + std::to_string(last) + ")");
   }
 
   // Of the commits from now on. Between commits that sync, the log is written but not synced: a later sync takes all
@@ -126,54 +96,21 @@ struct SqliteStore::Impl {
   }
 };
 
-namespace {
-
-StatusOr<int64_t> ReadNumber(sqlite3* db, const std::string& path, const char* sql) {
-  Statement statement(db, sql);
-  const int code = statement.Step();
-  if (code != SQLITE_ROW) return SqliteError(path, db, code, sql);
-  return statement.Int(0);
-}
-
-}  // namespace
-
 SqliteStore::SqliteStore(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 SqliteStore::~SqliteStore() = default;
 
-StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path) {
+StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path, OwnerOf owner_of) {
   auto impl = std::make_unique<Impl>();
   impl->path = path;
+  impl->owner_of = std::move(owner_of);
   const int code = sqlite3_open_v2(path.c_str(), &impl->db,
                                    SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX, nullptr);
   if (code != SQLITE_OK) return impl->Error(code, "cannot open");
   sqlite3_busy_timeout(impl->db, 2000);
-  TESSERA_ASSIGN_OR_RETURN(const int64_t application, ReadNumber(impl->db, path, "PRAGMA application_id"));
-  TESSERA_ASSIGN_OR_RETURN(const int64_t version, ReadNumber(impl->db, path, "PRAGMA user_version"));
-  TESSERA_ASSIGN_OR_RETURN(const int64_t tables, ReadNumber(impl->db, path, "SELECT count(*) FROM sqlite_master"));
-  if (tables > 0 && application != kApplicationId) {
-    return absl::FailedPreconditionError(path + ": a database of another program");
-  }
-  if (tables > 0 && version != kSchemaVersion) {
-    return absl::FailedPreconditionError(path + ": schema version " + std::to_string(version) + ", expected " +
-                                         std::to_string(kSchemaVersion) +
-                                         "; a coordinator of another version wrote it: use that, or another folder");
-  }
-  TESSERA_RETURN_IF_ERROR(impl->Run("PRAGMA journal_mode=WAL"));
-  TESSERA_RETURN_IF_ERROR(impl->Run("PRAGMA synchronous=FULL"));
-  if (tables == 0) {
-    TESSERA_RETURN_IF_ERROR(impl->Run("BEGIN IMMEDIATE; PRAGMA application_id=" + std::to_string(kApplicationId) +
-                                      "; PRAGMA user_version=" + std::to_string(kSchemaVersion) + ";" + kSchema +
-                                      "COMMIT;"));
-  }
-  TESSERA_RETURN_IF_ERROR(impl->Run(kSetAside));
-  {
-    Statement check(impl->db, "PRAGMA quick_check(1)");
-    const int step = check.Step();
-    if (step != SQLITE_ROW) return impl->Error(step, "integrity check");
-    if (const std::string found = check.Bytes(0); found != "ok") {
-      return absl::DataLossError(path + " is damaged: " + found);
-    }
-  }
+  TESSERA_RETURN_IF_ERROR(PrepareSchema(impl->db, path, impl->owner_of));
+  TESSERA_ASSIGN_OR_RETURN(impl->next_id, ReadNumber(impl->db, path,
+                                                     "SELECT 1 + max(ifnull((SELECT max(id) FROM records), 0),"
+                                                     " ifnull((SELECT max(last) FROM removed), 0))"));
   TESSERA_RETURN_IF_ERROR(impl->Run("UPDATE starts SET count = count + 1"));
   TESSERA_ASSIGN_OR_RETURN(impl->start_count, ReadNumber(impl->db, path, "SELECT count FROM starts"));
   return std::unique_ptr<SqliteStore>(new SqliteStore(std::move(impl)));
@@ -183,11 +120,9 @@ Status SqliteStore::Append(const std::vector<std::string_view>& records, Durabil
   std::lock_guard lock(impl_->mutex);
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(durability));
   TESSERA_RETURN_IF_ERROR(impl_->Run("BEGIN IMMEDIATE"));
-  Status status = impl_->Insert(records);
-  if (status.ok()) status = impl_->Run("COMMIT");
-  // Some errors have done so already.
-  if (!status.ok() && sqlite3_get_autocommit(impl_->db) == 0) impl_->Run("ROLLBACK").IgnoreError();
-  return status;
+  TESSERA_RETURN_IF_ERROR(impl_->End(impl_->Insert(records)));
+  impl_->next_id += static_cast<int64_t>(records.size());
+  return absl::OkStatus();
 }
 
 Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>& visit) {
@@ -197,20 +132,32 @@ Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>
   int code = SQLITE_OK;
   while ((code = select_set_aside.Step()) == SQLITE_ROW) set_aside.insert(select_set_aside.Int(0));
   if (code != SQLITE_DONE) return impl_->Error(code, "cannot read what was set aside");
-  Statement select(impl_->db, "SELECT id, content, xxh3 FROM records ORDER BY id");
+  std::map<int64_t, int64_t> removed;  // first and last
+  Statement select_removed(impl_->db, "SELECT first, last FROM removed");
+  while ((code = select_removed.Step()) == SQLITE_ROW) removed[select_removed.Int(0)] = select_removed.Int(1);
+  if (code != SQLITE_DONE) return impl_->Error(code, "cannot read which records were removed");
+  TESSERA_ASSIGN_OR_RETURN(const std::set<int> deleted, impl_->DeletedJobs());
+  Statement select(impl_->db, "SELECT id, content, xxh3, job FROM records ORDER BY id");
   int64_t expected = 1;
+  auto next_removed = removed.begin();
   while ((code = select.Step()) == SQLITE_ROW) {
     const int64_t id = select.Int(0);
+    for (; next_removed != removed.end() && next_removed->first == expected; ++next_removed) {
+      expected = next_removed->second + 1;
+    }
     if (id != expected && !set_aside.contains(expected)) {
       visit({expected, absl::DataLossError("missing, as are all before " + std::to_string(id))});
     }
     expected = id + 1;
-    if (set_aside.contains(id)) continue;
+    if (set_aside.contains(id) || deleted.contains(static_cast<int>(select.Int(3)))) continue;
     const std::string record = select.Bytes(1);
     if (static_cast<int64_t>(Xxh3(record)) == select.Int(2)) {
       visit({id, record});
     } else {
-      visit({id, absl::DataLossError("damaged: its bytes do not fit their checksum")});
+      visit({id, absl::DataLossError("row " + std::to_string(id) + " of table records is damaged: its " +
+                                     std::to_string(record.size()) + " bytes hash to " +
+                                     std::to_string(static_cast<int64_t>(Xxh3(record))) + ", expected " +
+                                     std::to_string(select.Int(2)))});
     }
   }
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot read records");
@@ -224,6 +171,38 @@ Status SqliteStore::SetAside(int64_t number, const std::string& reason) {
   insert.BindText(2, reason);
   const int code = insert.Step();
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot set a record aside");
+}
+
+StatusOr<std::set<int>> SqliteStore::DeletedJobs() {
+  std::lock_guard lock(impl_->mutex);
+  return impl_->DeletedJobs();
+}
+
+StatusOr<int> SqliteStore::RemoveRecords(int max_records) {
+  std::lock_guard lock(impl_->mutex);
+  // Lost with the machine, it is done again.
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));
+  Statement select(impl_->db,
+                   "SELECT id FROM records WHERE job IN (SELECT job FROM deleted_jobs) ORDER BY job, id LIMIT ?");
+  select.Bind(1, max_records);
+  std::set<int64_t> ids;
+  int code = SQLITE_OK;
+  while ((code = select.Step()) == SQLITE_ROW) ids.insert(select.Int(0));
+  if (code != SQLITE_DONE) return impl_->Error(code, "cannot find records of deleted jobs");
+  select.Reset();
+  if (ids.empty()) return 0;
+  TESSERA_RETURN_IF_ERROR(impl_->Run("BEGIN IMMEDIATE"));
+  Status status;
+  for (auto it = ids.begin(); status.ok() && it != ids.end();) {
+    const int64_t first = *it;
+    int64_t last = first;
+    while (++it != ids.end() && *it == last + 1) ++last;
+    status =
+        impl_->Run("DELETE FROM records WHERE id BETWEEN " + std::to_string(first) + " AND " + std::to_string(last));
+    if (status.ok()) status = impl_->NoteRemoved(first, last);
+  }
+  TESSERA_RETURN_IF_ERROR(impl_->End(std::move(status)));
+  return static_cast<int>(ids.size());
 }
 
 int64_t SqliteStore::StartCount() const { return impl_->start_count; }
@@ -248,6 +227,17 @@ Status SqliteStore::Remember(const std::string& path, const FileStamp& stamp, co
   insert.BindText(4, digest.sha256);
   const int code = insert.Step();
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot remember a digest");
+}
+
+Status BackUp(const std::string& database, const std::string& to) {
+  sqlite3* opened = nullptr;
+  const int code = sqlite3_open_v2(database.c_str(), &opened, SQLITE_OPEN_READWRITE, nullptr);
+  const std::unique_ptr<sqlite3, int (*)(sqlite3*)> db(opened, sqlite3_close_v2);
+  if (code != SQLITE_OK) return SqliteError(database, opened, code, "cannot open");
+  sqlite3_busy_timeout(opened, 2000);
+  // Workers of coordinators that started after this moment may be alive when one starts from the copy: their names,
+  // which have the start count in them, must not be given again, whichever copy is used how often.
+  return CopyDatabase(opened, database, to, "UPDATE starts SET count = count + 1048576 + (random() & 1099511627775)");
 }
 
 }  // namespace tessera

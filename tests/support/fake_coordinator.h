@@ -39,6 +39,8 @@ class MemoryStore : public RecordStore {
     set_aside[number] = reason;
     return absl::OkStatus();
   }
+  StatusOr<std::set<int>> DeletedJobs() override { return std::set<int>(); }
+  StatusOr<int> RemoveRecords(int) override { return 0; }
   int64_t StartCount() const override { return starts; }
 
   static constexpr char kDamaged[] = "damaged";  // in place of a record

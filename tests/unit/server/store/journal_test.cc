@@ -27,6 +27,8 @@ class GatedStore : public RecordStore {
   }
   Status Replay(const std::function<void(const StoredRecord&)>&) override { return absl::OkStatus(); }
   Status SetAside(int64_t, const std::string&) override { return absl::OkStatus(); }
+  StatusOr<std::set<int>> DeletedJobs() override { return std::set<int>(); }
+  StatusOr<int> RemoveRecords(int) override { return 0; }
   int64_t StartCount() const override { return 1; }
 
   void Open(int refusals = 0) {

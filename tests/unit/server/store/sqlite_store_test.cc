@@ -109,7 +109,8 @@ TEST_F(SqliteStoreTest, DamageIsToldAndHidesNothingElse) {
     }
   }
   Execute("UPDATE records SET content = 'owt' WHERE id = 2");
-  EXPECT_THAT(All(*Open()), ElementsAre("one", HasSubstr("2: DATA_LOSS: damaged"), "three", "four"));
+  EXPECT_THAT(All(*Open()),
+              ElementsAre("one", HasSubstr("2: DATA_LOSS: row 2 of table records is damaged"), "three", "four"));
   Execute("DELETE FROM records WHERE id IN (1, 2)");
   EXPECT_THAT(All(*Open()), ElementsAre(HasSubstr("1: DATA_LOSS: missing, as are all before 3"), "three", "four"));
   ASSERT_TRUE(Open()->SetAside(1, "missing").ok());
@@ -124,7 +125,7 @@ TEST_F(SqliteStoreTest, RefusesWhatIsNotIts) {
   EXPECT_EQ(SqliteStore::Open(path_).status().code(), absl::StatusCode::kFailedPrecondition);
   ASSERT_TRUE(RemoveTree(path_).ok());
   { Open(); }
-  for (const std::string version : {"1", "99"}) {
+  for (const std::string version : {"2", "99"}) {
     Execute("PRAGMA user_version = " + version);
     const auto other = SqliteStore::Open(path_);
     EXPECT_THAT(std::string(other.status().message()), HasSubstr("schema version " + version + ", expected"));

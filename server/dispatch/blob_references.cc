@@ -1,0 +1,38 @@
+#include "server/dispatch/blob_references.h"
+
+#include <algorithm>
+#include <charconv>
+
+#include "common/tile/task_parameters.h"
+
+namespace tessera {
+
+uint64_t BlobReferences::IdOf(const std::string& sha256) {
+  uint64_t id = 0;
+  std::from_chars(sha256.data(), sha256.data() + std::min<size_t>(16, sha256.size()), id, 16);
+  return id;
+}
+
+void BlobReferences::AddArtifacts(const JobHeader& job) {
+  for (const NamedDigest& artifact : job.artifacts) needed_.insert(IdOf(artifact.digest.sha256));
+}
+
+void BlobReferences::AddOutputs(const JobHeader& job, bool runs, const std::vector<NamedDigest>& outputs) {
+  for (const NamedDigest& output : outputs) {
+    const uint64_t id = IdOf(output.digest.sha256);
+    const bool handed_on = output.name == kTileFile || output.name == kViewsFile || output.name == kSumsFile;
+    if (runs || !handed_on) {
+      needed_.insert(id);
+    } else {
+      int64_t& since_us = spare_[id];
+      since_us = std::max(since_us, job.end_us);
+    }
+  }
+}
+
+int64_t BlobReferences::SpareSince(uint64_t id) const {
+  const auto it = spare_.find(id);
+  return it == spare_.end() || Needs(id) ? -1 : it->second;
+}
+
+}  // namespace tessera

@@ -1,0 +1,53 @@
+// SQLite's C interface as the files of this folder use it. Included by .cc files only.
+#ifndef TESSERA_SERVER_STORE_SQLITE_STATEMENT_H_
+#define TESSERA_SERVER_STORE_SQLITE_STATEMENT_H_
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "common/base/status.h"
+
+struct sqlite3;
+struct sqlite3_stmt;
+
+namespace tessera {
+
+// DATA_LOSS for a damaged file or another program's, RESOURCE_EXHAUSTED, FAILED_PRECONDITION for one that is locked,
+// else INTERNAL; with SQLite's words. `db`: may be null.
+Status SqliteError(const std::string& path, sqlite3* db, int code, const std::string& what);
+
+// Statements without results, one after the other.
+Status RunSql(sqlite3* db, const std::string& path, const std::string& sql);
+
+// The first column of the first row.
+StatusOr<int64_t> ReadNumber(sqlite3* db, const std::string& path, const char* sql);
+
+// A prepared statement that finalises itself. Binding and stepping report through codes. Not thread-safe.
+class Statement {
+ public:
+  Statement(sqlite3* db, const char* sql);
+  ~Statement();
+  Statement(const Statement&) = delete;
+  Statement& operator=(const Statement&) = delete;
+
+  void Bind(int index, int64_t value);
+  void BindText(int index, const std::string& value);
+  // `value` must live until the next Reset.
+  void BindBlob(int index, std::string_view value);
+  // SQLITE_ROW, SQLITE_DONE or an error.
+  int Step();
+  // To be bound and stepped through once more; nothing is held of what was bound.
+  void Reset();
+  int64_t Int(int column);
+  std::string Bytes(int column);
+
+ private:
+  void Keep(int code);
+  sqlite3_stmt* statement_ = nullptr;
+  int code_ = 0;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_STORE_SQLITE_STATEMENT_H_
