@@ -87,7 +87,9 @@ Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
     waiting_.ReadyHasGrown();
     for (size_t i = newly_ready_before; i < ledger_.newly_ready().size(); ++i) {
       const TaskRef ref = ledger_.newly_ready()[i];
-      more -= waiting_.Wake(leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile})) ? 1 : 0;
+      const std::string& keeper = leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile});
+      waiting_.Wake(keeper);
+      more -= keeper.empty() ? 0 : 1;  // it comes for it, or others that look again see it
     }
     while (more-- > 0 && waiting_.WakeNext()) {
     }
