@@ -93,7 +93,9 @@ void Dispatcher::WakeForLocked(int more, size_t first) {
   waiting_.ReadyHasGrown();
   for (size_t i = first; i < ledger_.newly_ready().size(); ++i) {
     const TaskRef ref = ledger_.newly_ready()[i];
-    more -= waiting_.Wake(leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile})) ? 1 : 0;
+    const std::string& keeper = leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile});
+    waiting_.Wake(keeper);
+    more -= keeper.empty() ? 0 : 1;  // it comes for it, or others that look again see it
   }
   while (more-- > 0 && waiting_.WakeNext()) {
   }

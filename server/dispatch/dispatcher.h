@@ -225,8 +225,9 @@ class Dispatcher {
   Status Reuse(TaskRef ref);
   // Whether the worker's memory is enough for the task, or no worker's is and it has as much as any.
   bool FitsLocked(TaskRef ref, const std::string& worker) const;
-  // `waited_s`: how long the worker has asked already.
-  std::optional<TaskRef> NextReadyLocked(const std::string& worker, double waited_s);
+  // `waited_s`: how long the worker has asked already. `left_to_keepers`: whether there are only tasks that others have
+  // the tiles of, which any worker that has not waited for long would leave to them too.
+  std::optional<TaskRef> NextReadyLocked(const std::string& worker, double waited_s, bool& left_to_keepers);
   // What the task's worker is told; without threads.
   StatusOr<GrantedLease> DescribeLocked(TaskRef ref, int attempt) const;
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);

@@ -24,7 +24,8 @@ bool Dispatcher::FitsLocked(TaskRef ref, const std::string& worker) const {
          environment_.clock->MonotonicUs() - largest.since_us >= Micros(kLargerWorkerWait_s);
 }
 
-std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, double waited_s) {
+std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, double waited_s, bool& left_to_keepers) {
+  left_to_keepers = false;
   const int64_t now_us = environment_.clock->MonotonicUs();
   ledger_.PromoteRetries(now_us);
   const WorkerState* const self = leases_.FindWorker(worker);
@@ -45,11 +46,11 @@ std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, do
   const auto nobodys = ready.First([&](TaskRef ref) {
     if (ref.job != first->job || ++seen > kStrangersSeen) return true;
     const std::string& keeper = leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile});
-    return may_run(ref) && (keeper.empty() || keeper == worker);
+    return (keeper.empty() || keeper == worker) && may_run(ref);
   });
   if (nobodys && nobodys->job == first->job && seen <= kStrangersSeen) return nobodys;
-  if (seen <= kStrangersSeen && waited_s < kPatience_s + ledger_.task(*first).plan.cost) return std::nullopt;
-  return first;
+  left_to_keepers = seen <= kStrangersSeen && waited_s < kPatience_s + ledger_.task(*first).plan.cost;
+  return left_to_keepers ? std::nullopt : first;
 }
 
 }  // namespace tessera

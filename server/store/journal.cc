@@ -52,14 +52,14 @@ int64_t Journal::last() const {
   return last_;
 }
 
-Status Journal::TooLateLocked() const {
-  return absl::UnavailableError("the coordinator cannot store its records now, and goes on trying: " +
-                                std::string(trouble_.ok() ? "the disk is slow" : trouble_.message()));
+std::string Journal::WhyLateLocked() const {
+  return "the coordinator cannot store its records now, and goes on trying: " +
+         std::string(trouble_.ok() ? "the disk is slow" : trouble_.message());
 }
 
 Status Journal::Wait(int64_t number) const {
   const auto stored = std::make_shared<std::promise<Status>>();
-  WhenStored(number, [stored](const Status& status) { stored->set_value(status); });
+  WhenStored(number, [stored](Status status) { stored->set_value(std::move(status)); });
   return stored->get_future().get();
 }
 
@@ -98,9 +98,11 @@ void Journal::EndWaits() {
     const std::vector<Waiter> ends(std::make_move_iterator(over), std::make_move_iterator(waiters_.end()));
     waiters_.erase(over, waiters_.end());
     const int64_t last_stored = last_stored_;
-    const Status too_late = TooLateLocked();
+    const std::string too_late = WhyLateLocked();
     lock.unlock();
-    for (const Waiter& waiter : ends) waiter.done(waiter.number <= last_stored ? absl::OkStatus() : too_late);
+    for (const Waiter& waiter : ends) {
+      waiter.done(waiter.number <= last_stored ? absl::OkStatus() : absl::UnavailableError(too_late));
+    }
     lock.lock();
   }
 }

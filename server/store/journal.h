@@ -23,7 +23,7 @@ namespace tessera {
 class Journal {
  public:
   // OK once all that was waited for is stored. UNAVAILABLE, with what stands in the way, if that takes too long.
-  using Done = std::function<void(const Status& stored)>;
+  using Done = std::function<void(Status stored)>;
 
   struct Options {
     double wait_s = 20;  // longest wait
@@ -63,7 +63,7 @@ class Journal {
   void Run();
   bool Store(const std::vector<Entry>& batch);  // with retries; false if it was given up
   void WhenStored(int64_t number, Done done) const;
-  Status TooLateLocked() const;
+  std::string WhyLateLocked() const;
   void EndWaits();
 
   RecordStore* const store_;

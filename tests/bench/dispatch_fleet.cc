@@ -183,7 +183,9 @@ class FleetWorker {
 
   void Start() {
     Lease();
-    fleet_.timers.At(Now() + std::chrono::milliseconds(1000), [this] { Heartbeat(); });
+    // Each at another time of the second.
+    fleet_.timers.At(Now() + std::chrono::microseconds(std::uniform_int_distribution(0, 1'000'000)(random_)),
+                     [this] { Heartbeat(); });
   }
 
  private:

@@ -385,7 +385,7 @@ TEST_F(DispatcherTest, WorkersGoOnAfterARestart) {
 
 // A full disk, a database that a backup holds: nobody is told OK, nothing more is leased, and all goes on afterwards.
 TEST_F(DispatcherTest, WhatCannotBeStoredIsNotToldAndNotForgotten) {
-  options_.durable_wait_s = 0.05;
+  options_.durable_wait_s = 0.3;
   Restart();
   const std::string job = Create(AJob(2));
   const std::string worker = Worker();

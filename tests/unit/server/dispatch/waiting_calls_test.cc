@@ -148,7 +148,7 @@ TEST_F(WaitingCallsTest, StopEndsAllWaitsOnceAndSoDoesTheEnd) {
 
 // A lease that could not be stored is not given, nor lost; a report is refused until it is stored.
 TEST_F(WaitingCallsTest, WhatIsNotStoredInTimeIsToldSo) {
-  options_.durable_wait_s = 0.05;
+  options_.durable_wait_s = 0.3;
   Restart();
   Create(AJob(2));
   const std::string worker = Worker();
@@ -177,6 +177,26 @@ TEST_F(WaitingCallsTest, InputsThatAWorkerLacksAreExaminedBesideOtherCalls) {
   const auto again = Lease(worker);
   ASSERT_TRUE(again);
   EXPECT_EQ(again->plan.kind, "ingest");
+}
+
+// A task of a tile that a worker has in memory is that worker's: it does not wake all that wait in vain.
+TEST_F(WaitingCallsTest, ATaskOfATileThatAnotherHasWakesItsKeeperAlone) {
+  Create(AJob(1));
+  const std::string keeper = Worker(), other = Worker();
+  ASSERT_TRUE(Succeed(keeper, *Lease(keeper)).ok());
+  std::optional<GrantedLease> lease = Lease(keeper);
+  ASSERT_TRUE(lease);
+  std::atomic<int> looks = 0;
+  Ask(other, 3600, [&] { return ++looks < 0; });
+  for (int i = 0; i < 100 && lease; ++i) {  // until the other has waited longer than its patience
+    ASSERT_TRUE(Fail(keeper, *lease, ErrorClass::kPreempted).ok());
+    lease = Lease(keeper);
+  }
+  EXPECT_LT(looks, 20) << "but now and then it looks";
+  if (lease) {
+    EXPECT_TRUE(Fail(keeper, *lease, ErrorClass::kPreempted).ok());
+  }
+  EXPECT_THAT(Await(1), ElementsAre(Pair(other, "refine tile 0"))) << "who waits for long has it";
 }
 
 // Another job was given the same task meanwhile.
