@@ -167,7 +167,12 @@ std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
   std::vector<JobStatus> jobs;
   const int size = static_cast<int>(ledger_.jobs().size());
   int index = before < 0 || before > size ? size : before;
-  while (--index >= 0 && static_cast<int>(jobs.size()) < count) jobs.push_back(JobStatusLocked(index));
+  const int64_t stored = journal_.stored();
+  while (--index >= 0 && static_cast<int>(jobs.size()) < count) {
+    jobs.push_back(JobStatusLocked(index));
+    const auto end = ends_.find(index);
+    if (end != ends_.end() && end->second > stored) TakeEndFrom(jobs.back());
+  }
   return jobs;
 }
 

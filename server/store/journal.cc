@@ -40,6 +40,11 @@ int64_t Journal::last() const {
   return last_;
 }
 
+int64_t Journal::stored() const {
+  std::lock_guard lock(mutex_);
+  return last_stored_;
+}
+
 Status Journal::Wait(int64_t number) const {
   std::unique_lock lock(mutex_);
   const auto limit = std::chrono::microseconds(static_cast<int64_t>(options_.wait_s * 1e6));

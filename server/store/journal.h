@@ -36,6 +36,8 @@ class Journal {
   int64_t Add(std::string record, Durability durability);
   // The last that was added; 0 if none was.
   int64_t last() const;
+  // The last that is stored.
+  int64_t stored() const;
   // Waits until all records up to `number` are stored. UNAVAILABLE, with what stands in the way, if that takes too
   // long.
   Status Wait(int64_t number) const;
