@@ -300,6 +300,7 @@ Status Dispatcher::EndJobLocked(int job, JobState state, const std::string& erro
   ended.set_error(error);
   AddFiles(artifacts, ended.mutable_artifacts());
   TESSERA_RETURN_IF_ERROR(CommitLocked(record));
+  end_records_[job] = journal_.last();
   leases_.DropJob(job);  // their next heartbeats tell the workers
   return absl::OkStatus();
 }

@@ -189,8 +189,12 @@ std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
   std::vector<JobStatus> jobs;
   const int size = static_cast<int>(ledger_.jobs().size());
   int index = before < 0 || before > size ? size : before;
+  const int64_t stored = journal_.stored();
   while (--index >= 0 && static_cast<int>(jobs.size()) < count) {
-    if (!ledger_.WasDeleted(index)) jobs.push_back(JobStatusLocked(index));
+    if (ledger_.WasDeleted(index)) continue;
+    jobs.push_back(JobStatusLocked(index));
+    const auto end = end_records_.find(index);
+    if (end != end_records_.end() && end->second > stored) TakeEndFrom(jobs.back());
   }
   return jobs;
 }

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -134,7 +135,8 @@ class Dispatcher {
   // None if no job has the id.
   StatusOr<std::optional<JobStatus>> FindRequest(const JobRequest& request) const;
   StatusOr<JobStatus> GetJob(const std::string& name) const;
-  // Newest first: those before `before` (a job's index; -1: from the newest), at most `count`.
+  // Newest first: those before `before` (a job's index; -1: from the newest), at most `count`. Does not wait for what
+  // is not durable: an end that is not yet is not told.
   std::vector<JobStatus> ListJobs(int before, int count) const;
   StatusOr<JobStatus> CancelJob(const std::string& name);
   // FAILED_PRECONDITION if the job has ended; INVALID_ARGUMENT for a priority out of its range.
@@ -308,6 +310,7 @@ class Dispatcher {
   LeaseCall::Time served_at_ = LeaseCall::Time::min();  // when ServeWaiting looks next
   Ledger ledger_;
   LeaseTable leases_;
+  std::map<int, int64_t> end_records_;  // of jobs that ended: the record's number in the journal
   int64_t next_expiry_us_ = 0;
   mutable std::vector<double> shown_progress_;  // of each job, the furthest
   // What came to be referred to since CollectReferences: by records, and by jobs that run again.

@@ -48,6 +48,15 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   return status;
 }
 
+void TakeEndFrom(JobStatus& status) {
+  if (!HasEnded(status.header.state)) return;
+  status.header.state = status.header.start_us > 0 ? JobState::kRunning : JobState::kQueued;
+  status.header.end_us = 0;
+  status.header.error.clear();
+  status.header.artifacts.clear();
+  status.waiting_for = "its end is not stored yet";
+}
+
 TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases) {
   TaskStatus status;
   status.name = TaskName(ref);

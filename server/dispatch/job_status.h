@@ -30,6 +30,8 @@ struct TaskStatus {
 
 // `now_us`: Clock::MonotonicUs.
 JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us);
+// As before the job ended, if it has: the end is not stored, and might not last.
+void TakeEndFrom(JobStatus& status);
 TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases);
 
 }  // namespace tessera

@@ -57,6 +57,11 @@ std::string Journal::WhyLateLocked() const {
          std::string(trouble_.ok() ? "the disk is slow" : trouble_.message());
 }
 
+int64_t Journal::stored() const {
+  std::lock_guard lock(mutex_);
+  return last_stored_;
+}
+
 Status Journal::Wait(int64_t number) const {
   const auto stored = std::make_shared<std::promise<Status>>();
   WhenStored(number, [stored](Status status) { stored->set_value(std::move(status)); });

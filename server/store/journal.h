@@ -42,6 +42,8 @@ class Journal {
   int64_t Add(std::string record, Durability durability);
   // The last that was added; 0 if none was.
   int64_t last() const;
+  // The last that is stored.
+  int64_t stored() const;
   // Waits until all records up to `number` are stored, or too long.
   Status Wait(int64_t number) const;
   // Calls `done` once, when that wait would be over: at once if all that was added is stored, else from a thread of the

@@ -7,9 +7,11 @@
 #include <atomic>
 #include <chrono>
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "common/storage/hash.h"
 #include "server/client/base_job.h"
 
 namespace tessera::e2e {
@@ -115,18 +117,7 @@ const std::string& ToyCity() {
 }
 
 const std::string& UndisturbedMesh() {
-  static const std::string mesh = [] {
-    const std::string scene = ToyCity();
-    const std::string path = std::string(TESSERA_E2E_SCENES) + "/mesh" + BuildStamp() + ".ply";
-    MakeOnce(path, [&](const std::string& made) {
-      const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
-      const Outcome outcome =
-          Tessera(folder.path(), {"run", scene, "--tiles", "4", "--workers", "1", "--out", folder.path() + "/out"});
-      EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
-      if (outcome.exit_code == 0) fs::copy_file(folder.path() + "/out/mesh.ply", made);
-    });
-    return path;
-  }();
+  static const std::string mesh = UndisturbedResult(ToyCity(), {"--tiles", "4"}) + "/mesh.ply";
   return mesh;
 }
 
@@ -161,17 +152,59 @@ const std::string& NextFlight() {
   return flight;
 }
 
-void CopyStreetResult(const std::string& to) {
-  const std::string street = Street();
-  const std::string path = std::string(TESSERA_E2E_SCENES) + "/street-result" + BuildStamp();
+std::string UndisturbedResult(const std::string& scene, const std::vector<std::string>& arguments,
+                              const std::string& base) {
+  std::vector<std::string> run = {"run", scene};
+  run.insert(run.end(), arguments.begin(), arguments.end());
+  std::string of = base;
+  for (const std::string& word : run) of += "\n" + word;
+  const std::string path = std::string(TESSERA_E2E_SCENES) + "/result-" + Sha256Hex(of).substr(0, 12) + BuildStamp();
   MakeOnce(path, [&](const std::string& made) {
     const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
-    const Outcome outcome = Tessera(folder.path(), {"run", street, "--tiles", "8", "--out", folder.path() + "/out"});
+    run.insert(run.end(), {"--out", folder.path() + "/out"});
+    if (!base.empty()) {
+      CopyResult(base, folder.path() + "/base");
+      run.insert(run.end(), {"--base", folder.path() + "/base"});
+    }
+    const Outcome outcome = Tessera(folder.path(), run);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
     if (outcome.exit_code == 0) fs::copy(folder.path() + "/out", made, fs::copy_options::recursive);
   });
-  fs::copy(path, to, fs::copy_options::recursive);
+  return path;
+}
+
+void CopyResult(const std::string& from, const std::string& to) {
+  fs::copy(from, to, fs::copy_options::recursive);
   ASSERT_TRUE(WriteRunResult(to + "/.tessera", {to + "/.tessera/data", "jobs/1"}).ok());
+}
+
+void CopyStreetResult(const std::string& to) { CopyResult(UndisturbedResult(Street(), {"--tiles", "8"}), to); }
+
+void HarmFile(const std::string& path, Harm harm) {
+  const auto half = static_cast<std::streamoff>(fs::file_size(path) / 2);
+  if (harm == Harm::kFlip) {
+    std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+    file.seekg(half);
+    const int byte = file.get();
+    file.seekp(half);
+    file.put(static_cast<char>(byte ^ 1));
+  } else if (harm == Harm::kCut) {
+    // Not in its place: who has mapped it would be ended by the system.
+    fs::copy_file(path, path + ".cut");
+    fs::resize_file(path + ".cut", static_cast<uintmax_t>(half));
+    fs::rename(path + ".cut", path);
+  } else {
+    fs::remove(path);
+  }
+}
+
+std::vector<std::string> BlobsIn(const std::string& folder) {
+  std::vector<std::string> blobs;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file() && entry.path().filename().string().size() == 64) blobs.push_back(entry.path());
+  }
+  std::sort(blobs.begin(), blobs.end());
+  return blobs;
 }
 
 std::string Content(const std::string& path) {
@@ -191,8 +224,9 @@ std::map<std::string, int> AttemptsOf(const std::string& job_json, const std::st
   return attempts;
 }
 
-Cluster::Cluster(const std::string& folder, double lease_s, const std::vector<std::string>& arguments)
-    : folder_(folder), data_(folder + "/data"), coordinator_arguments_(arguments) {
+Cluster::Cluster(const std::string& folder, double lease_s, const std::vector<std::string>& arguments,
+                 const std::string& host)
+    : folder_(folder), data_(folder + "/data"), coordinator_arguments_(arguments), address_(host + ":0") {
   coordinator_arguments_.insert(coordinator_arguments_.end(), {"--data", data_, "--lease-s", std::to_string(lease_s)});
   StartCoordinator();
 }

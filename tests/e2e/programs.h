@@ -30,6 +30,8 @@ class Program {
   Program(const std::string& folder, const std::string& program, const std::vector<std::string>& arguments);
   pid_t pid() const { return process_->pid(); }
   bool Running() { return process_->Running(); }
+  // "exit code 1", "signal 9 (Killed)"; empty while it runs.
+  std::string HowItEnded() { return process_->HowItEnded(); }
   void Signal(int signal);
   std::string Output() const;
   Outcome Wait();
@@ -46,7 +48,7 @@ Outcome Tessera(const std::string& folder, const std::vector<std::string>& argum
 // Folder of a toy city, made once for the programs as they are built now. Read-only.
 const std::string& ToyCity();
 
-// The mesh that an undisturbed job of four tiles makes of the toy city, one worker, made once.
+// The mesh that an undisturbed job of four tiles makes of the toy city, made once.
 const std::string& UndisturbedMesh();
 
 // A row of blocks of which each image sees a part, made once. Read-only.
@@ -55,9 +57,24 @@ const std::string& Street();
 // What a second flight, "next", sees of the street's end, as a scene of its own, made once. Read-only.
 const std::string& NextFlight();
 
-// Copies what `tessera run` made of the street in eight tiles, once, with its state: a base for updates. The job is
-// jobs/1.
+// Folder of what `tessera run SCENE ARGUMENTS` makes where nothing happens to it, made once. With `base`, another such
+// folder: of an update of it. Read-only.
+std::string UndisturbedResult(const std::string& scene, const std::vector<std::string>& arguments,
+                              const std::string& base = "");
+
+// Copies such a folder with its state, so that it can be a base. Its job is jobs/1.
+void CopyResult(const std::string& from, const std::string& to);
+
+// The same of the street in eight tiles.
 void CopyStreetResult(const std::string& to);
+
+enum class Harm { kFlip, kCut, kDelete };
+
+// Flips a bit in the middle of the file, puts a shorter one in its place, or removes it.
+void HarmFile(const std::string& path, Harm harm);
+
+// All files of a folder of blobs, sorted.
+std::vector<std::string> BlobsIn(const std::string& folder);
 
 std::string Content(const std::string& path);
 
@@ -67,8 +84,9 @@ std::map<std::string, int> AttemptsOf(const std::string& job_json, const std::st
 // A coordinator and workers that a test can kill.
 class Cluster {
  public:
-  // `arguments`: more of them for the coordinator.
-  explicit Cluster(const std::string& folder, double lease_s = 3, const std::vector<std::string>& arguments = {});
+  // `arguments`: more of them for the coordinator, which listens on a free port of `host`.
+  explicit Cluster(const std::string& folder, double lease_s = 3, const std::vector<std::string>& arguments = {},
+                   const std::string& host = "127.0.0.1");
   // Starts the coordinator, on the same port as before if there was one.
   void StartCoordinator();
   Program& coordinator() { return *coordinator_; }
@@ -90,7 +108,7 @@ class Cluster {
   const std::string folder_;
   const std::string data_;
   std::vector<std::string> coordinator_arguments_;
-  std::string address_ = "127.0.0.1:0";
+  std::string address_;
   std::unique_ptr<Program> coordinator_;
   std::vector<std::unique_ptr<Program>> workers_;
   std::unique_ptr<Connection> connection_;

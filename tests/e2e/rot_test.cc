@@ -1,12 +1,9 @@
-// Stored files that are damaged or vanish, and workers that cannot work, on real processes: the same bytes all the
-// same.
+// Stored files that are damaged or vanish, on real processes: the same bytes all the same.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 
 #include "common/storage/blob_store.h"
 #include "tests/e2e/programs.h"
@@ -21,25 +18,8 @@ class RotTest : public testing::Test {
  protected:
   // Every stored file: one is flipped in a byte, the next cut, the next removed. How many there were.
   static int HarmAll(const std::string& data) {
-    std::vector<fs::path> blobs;
-    for (const auto& entry : fs::recursive_directory_iterator(data + "/blobs")) {
-      if (entry.is_regular_file() && entry.path().filename().string().size() == 64) blobs.push_back(entry.path());
-    }
-    std::sort(blobs.begin(), blobs.end());
-    for (size_t i = 0; i < blobs.size(); ++i) {
-      const auto size = static_cast<std::streamoff>(fs::file_size(blobs[i]));
-      if (i % 3 == 0) {
-        std::fstream file(blobs[i], std::ios::in | std::ios::out | std::ios::binary);
-        file.seekg(size / 2);
-        const int byte = file.get();
-        file.seekp(size / 2);
-        file.put(static_cast<char>(byte ^ 1));
-      } else if (i % 3 == 1) {
-        fs::resize_file(blobs[i], static_cast<uintmax_t>(size / 2));
-      } else {
-        fs::remove(blobs[i]);
-      }
-    }
+    const std::vector<std::string> blobs = BlobsIn(data + "/blobs");
+    for (size_t i = 0; i < blobs.size(); ++i) HarmFile(blobs[i], static_cast<Harm>(i % 3));
     return static_cast<int>(blobs.size());
   }
 
@@ -78,32 +58,6 @@ TEST_F(RotTest, AJobWhoseFilesAllRotEndsWithTheSameBytes) {
     ASSERT_TRUE(WaitUntil([&] { return cluster.connection().blobs().Fetch(digest, *store, {}).ok(); }));
     EXPECT_EQ(*store->Read(digest), Content(UndisturbedMesh()));
   }
-}
-
-// One worker has 300 KiB of scratch, the other enough.
-TEST_F(RotTest, AWorkerWithAFullScratchFolderIsSetAside) {
-  const std::string small = folder_.path() + "/small";
-  fs::create_directories(small);
-  const std::string mount = "mount -t tmpfs -o size=300k none " + small + " && exec \"$0\" \"$@\"";
-  std::vector<std::string> before = {"/usr/bin/unshare", "--mount", "/bin/sh", "-c", mount};
-  if (::geteuid() != 0) before.insert(before.begin() + 1, "--map-root-user");
-  std::vector<std::string> nothing(before.begin() + 1, before.end());
-  nothing.push_back("/bin/true");
-  if (Program(folder_.path(), before.front(), nothing).Wait().exit_code != 0) GTEST_SKIP() << "no mounts here";
-  Cluster cluster(folder_.path());
-  const std::string job = cluster.Submit(ToyCity(), 4).name();
-  cluster.AddWorker({"--work", small, "--no-shared-storage"}, before);
-  const auto reason = [&]() -> std::string {
-    v1::ListWorkersResponse workers;
-    EXPECT_TRUE(cluster.connection().ListWorkers(&workers).ok());
-    return workers.workers_size() > 0 ? workers.workers(0).set_aside_reason() : "";
-  };
-  ASSERT_TRUE(WaitUntil([&] { return !reason().empty(); }));
-  EXPECT_THAT(reason(), HasSubstr("No space left on device"));
-  EXPECT_EQ(cluster.Tasks(job).at(0).error().error_class(), v1::SCRATCH);
-  cluster.AddWorker();
-  const v1::Job ended = cluster.Await(job);
-  EXPECT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <atomic>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <set>
 #include <string>
 #include <vector>
@@ -19,17 +20,24 @@
 
 namespace tessera {
 
+// Its members are for while no dispatcher writes.
 class MemoryStore : public RecordStore {
  public:
   Status Append(const std::vector<std::string_view>& added, Durability) override {
     if (fail) return absl::ResourceExhaustedError("disk full");
+    std::lock_guard lock(mutex_);
     records.insert(records.end(), added.begin(), added.end());
     return absl::OkStatus();
   }
   Status Replay(const std::function<void(const StoredRecord&)>& visit) override {
     ++starts;
+    std::vector<std::string> stored;
+    {
+      std::lock_guard lock(mutex_);
+      stored = records;
+    }
     int64_t number = 0;
-    for (const std::string& record : records) {
+    for (const std::string& record : stored) {
       if (set_aside.contains(++number)) continue;
       visit({number, record == kDamaged ? StatusOr<std::string>(absl::DataLossError("damaged")) : record});
     }
@@ -48,6 +56,9 @@ class MemoryStore : public RecordStore {
   std::map<int64_t, std::string> set_aside;  // reasons by number
   int64_t starts = 0;
   std::atomic<bool> fail = false;
+
+ private:
+  std::mutex mutex_;  // of `records`
 };
 
 // ingest -> `tiles` refine tasks (tile t costs t + 1) -> publish. The survey's text enters the refine tasks'

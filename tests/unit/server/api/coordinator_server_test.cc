@@ -452,5 +452,16 @@ TEST_F(ServerTest, DigestsAreRememberedOnceAFileHasSettled) {
   EXPECT_THAT(std::string(missing.status().message()), testing::AllOf(HasSubstr("none1"), HasSubstr("none2")));
 }
 
+TEST_F(ServerTest, ADigestThatCannotBeRememberedIsADigestAllTheSame) {
+  struct FullCache : DigestCache {
+    std::optional<Digest> Find(const std::string&, const FileStamp&) override { return std::nullopt; }
+    Status Remember(const std::string&, const FileStamp&, const Digest&) override {
+      return absl::ResourceExhaustedError("disk is full");
+    }
+  } full;
+  const std::string path = scene_ + "/image";
+  EXPECT_EQ(DigestOfFile(path, full, clock_).value(), HashFile(path).value());
+}
+
 }  // namespace
 }  // namespace tessera

@@ -60,7 +60,8 @@ class BlobCollectorTest : public CheckingWorkerTest {
   // What is wrong with what is stored, of jobs that are kept.
   std::vector<std::string> Faults() {
     std::vector<std::string> faults;
-    EXPECT_TRUE(dispatcher_->Durable().ok());  // the store is read
+    // What is in the store from here on goes with all that was collected, whatever is added meanwhile.
+    EXPECT_TRUE(dispatcher_->Durable().ok());
     EXPECT_TRUE(VerifyState(store_, *blobs_, true, [&](const std::string& fault) { faults.push_back(fault); }).ok());
     std::erase_if(faults, [&](const std::string& fault) {
       return std::any_of(spared_.begin(), spared_.end(), [&](const std::string& sha256) {

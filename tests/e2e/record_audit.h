@@ -1,0 +1,60 @@
+// What a coordinator has stored, read from the first record to the last and held against what it promises.
+#ifndef TESSERA_TESTS_E2E_RECORD_AUDIT_H_
+#define TESSERA_TESTS_E2E_RECORD_AUDIT_H_
+
+#include <map>
+#include <string>
+#include <vector>
+
+namespace tessera::v1 {
+class Record;
+}  // namespace tessera::v1
+
+namespace tessera::e2e {
+
+// Fed with the records in their order. Not of the coordinator's code: it shares no view of what may follow what.
+class RecordAudit {
+ public:
+  struct Task {
+    int attempts = 0;   // started
+    bool runs = false;  // the last of them has not ended
+    bool done = false;  // has succeeded, and its result was not lost since
+    int successes = 0;
+    std::map<std::string, std::string> outputs = {};  // name: SHA-256
+  };
+  struct Job {
+    std::string request_id;
+    int state = 0;  // v1::JobState, 0: not ended
+    int ends = 0;
+    std::map<std::string, Task> tasks = {};  // those that were tried or have a result
+    std::map<int, std::string> kinds = {};   // of planned tasks
+  };
+
+  void Add(const v1::Record& record);
+
+  const std::map<std::string, Job>& jobs() const { return jobs_; }
+  // What must not be, in words: an attempt that ended twice or was never begun, two results of one task, two jobs of
+  // one request, a change of a job that has ended.
+  const std::vector<std::string>& faults() const { return faults_; }
+  int records() const { return records_; }
+  // Of attempts that ended without a result: their errors by class, "silence" where the worker told none.
+  const std::map<std::string, std::vector<std::string>>& failures() const { return failures_; }
+
+ private:
+  Task& TaskOf(const std::string& name);
+  Job& JobOf(const std::string& task);
+  void Fault(const std::string& what);
+  void Expect(bool holds, const std::string& what);
+
+  std::map<std::string, Job> jobs_;
+  std::map<std::string, std::vector<std::string>> failures_;
+  std::vector<std::string> faults_;
+  int records_ = 0;
+};
+
+// Of a coordinator's state.sqlite, which nobody uses any more.
+RecordAudit AuditRecords(const std::string& path);
+
+}  // namespace tessera::e2e
+
+#endif  // TESSERA_TESTS_E2E_RECORD_AUDIT_H_

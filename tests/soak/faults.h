@@ -1,0 +1,60 @@
+// Everything that may happen to a cluster, by chance, and be over after a while.
+#ifndef TESSERA_TESTS_SOAK_FAULTS_H_
+#define TESSERA_TESTS_SOAK_FAULTS_H_
+
+#include <functional>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "common/base/random.h"
+#include "tests/soak/soaked_cluster.h"
+
+namespace tessera::soak {
+
+class Faults {
+ public:
+  // All must outlive it. `disks`: the cluster's folders are small file systems, which can be full.
+  Faults(SoakedCluster& cluster, bool disks, uint64_t seed, History& history, std::map<std::string, int>& counts);
+
+  // Lets a fault begin, counted by its kind; none if the one that is drawn cannot be now.
+  void Strike();
+  // Ends those whose time is over.
+  void Lift();
+  void LiftAll();
+
+ private:
+  struct Kind {
+    const char* name;
+    double weight;
+    std::function<bool()> begin;  // false: it cannot be now
+  };
+
+  // Always true.
+  bool Until(double for_s, std::function<void()> lift);
+  // A worker's place.
+  int Any();
+  // Shorter than a lease or longer, by chance.
+  double Pause_s();
+  bool LockDatabase();
+  bool FillDisk();
+  bool HarmBlob();
+  bool TakeScratch();
+
+  SoakedCluster& cluster_;
+  History& history_;
+  std::map<std::string, int>& counts_;
+  const uint64_t seed_;
+  int strikes_ = 0;
+  Random random_{0};  // of the fault that begins now
+  std::vector<Kind> kinds_;
+  std::multimap<double, std::function<void()>> lifts_;  // by when they are due
+  std::string what_;                                    // of the fault that begins now
+  bool database_locked_ = false;
+  std::set<std::string> harmed_;  // folders, now
+};
+
+}  // namespace tessera::soak
+
+#endif  // TESSERA_TESTS_SOAK_FAULTS_H_

@@ -1,0 +1,82 @@
+// A coordinator and workers that are stopped, killed, cut off and started again.
+#ifndef TESSERA_TESTS_SOAK_SOAKED_CLUSTER_H_
+#define TESSERA_TESTS_SOAK_SOAKED_CLUSTER_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/base/random.h"
+#include "tests/e2e/programs.h"
+#include "tests/e2e/tcp_proxy.h"
+#include "tests/soak/history.h"
+
+namespace tessera::soak {
+
+// How a program is to end next, if it does. kRefuses: it finds that it cannot start.
+enum class End { kNone, kDrains, kKilled, kRefuses };
+
+class SoakedCluster {
+ public:
+  static constexpr double kLease_s = 2;
+
+  struct Worker {
+    std::unique_ptr<e2e::TcpProxy> network;
+    std::string scratch;
+    bool shared = true;  // reads the coordinator's folders
+    e2e::Program* program = nullptr;
+    End end = End::kNone;
+    double start_s = 0;           // when it is to be started again
+    bool stopped = false;         // stands still
+    bool scratch_harmed = false;  // now
+  };
+
+  // With `disks`: state, blobs and each scratch folder are small file systems, of mounts of one's own.
+  SoakedCluster(const std::string& folder, int workers, bool disks, uint64_t seed, History& history);
+  ~SoakedCluster();
+
+  // Starts what is due again. Throws Violation if a program ended that nobody ended.
+  void LookAfter();
+  // Nothing stands still, is away or waits to be started any more.
+  void LiftAll();
+  // All workers drain, then the coordinator ends. Throws Violation unless all go well.
+  void Finish();
+
+  void HarmScratch(int index, bool harmed);
+  // False if it ends already.
+  bool EndWorker(int index, bool kill, double back_s);
+  void StopWorker(int index, bool stop);
+  bool EndCoordinator(bool kill, double back_s);
+  void StopCoordinator(bool stop);
+  // One thing more, or less, for which the coordinator may not start.
+  void AddHarmOfState(int change) { harms_of_state_ += change; }
+
+  std::vector<Worker>& workers() { return workers_; }
+  const std::string& address() const { return cluster_->address(); }
+  const std::string& data() const { return cluster_->data(); }
+  const std::string& folder() const { return folder_; }
+  bool coordinator_stopped() const { return coordinator_stopped_; }
+  // Since when the coordinator has been there without a fault of its own; infinite while it has one.
+  double CalmSince_s();
+  int restarts() const { return restarts_; }
+  int refused_starts() const { return refused_starts_; }
+
+ private:
+  void StartWorker(Worker& worker);
+  static void MountOn(const std::string& folder);
+
+  const std::string folder_;
+  const bool disks_;
+  const uint64_t seed_;
+  History& history_;
+  std::unique_ptr<e2e::Cluster> cluster_;
+  std::vector<Worker> workers_;
+  End coordinator_end_ = End::kNone;
+  double coordinator_start_s_ = 0, calm_since_s_ = 0;
+  bool coordinator_stopped_ = false;
+  int harms_of_state_ = 0, starts_ = 0, restarts_ = 0, refused_starts_ = 0;
+};
+
+}  // namespace tessera::soak
+
+#endif  // TESSERA_TESTS_SOAK_SOAKED_CLUSTER_H_

@@ -1,0 +1,91 @@
+// A coordinator that cannot store its records for a while.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+class StorageTroubleTest : public CoordinatorTest {};
+
+// A full disk, a database that a backup holds: nobody is told OK, nothing more is leased, and all goes on afterwards.
+TEST_F(StorageTroubleTest, WhatCannotBeStoredIsNotToldAndNotForgotten) {
+  options_.durable_wait_s = 0.3;
+  Restart();
+  const std::string job = Create(AJob(2));
+  const std::string worker = Worker();
+  const auto lease = Lease(worker);
+  ASSERT_TRUE(lease);
+  store_.fail = true;
+  EXPECT_EQ(Succeed(worker, *lease).code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(dispatcher_->storage_trouble().message(), HasSubstr("disk full"));
+  NewJob second = AJob(1, "other");
+  second.request = {"request", "/scene", {}};
+  const auto refused = dispatcher_->CreateJob(second);
+  EXPECT_EQ(refused.status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(refused.status().message(), HasSubstr("disk full"));
+  EXPECT_EQ(dispatcher_->CreateJob(second).status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_FALSE(Lease(worker));
+  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {}), IsEmpty());
+  store_.fail = false;
+  while (!Succeed(worker, *lease).ok()) {  // said again until it is taken
+  }
+  EXPECT_EQ(dispatcher_->CreateJob(second)->header.name, "jobs/2");
+  EXPECT_TRUE(dispatcher_->storage_trouble().ok());
+  options_ = {};
+  Restart();
+  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 2u);
+  EXPECT_EQ(WorkAll(Worker()), 3 + 3);
+}
+
+// What a coordinator took in that never reached the disk is as if it had not been said.
+TEST_F(StorageTroubleTest, WhatNobodyWasToldMayBeLost) {
+  options_.durable_wait_s = 0.05;
+  Restart();
+  const std::string job = Create(AJob(1));
+  const auto lease = Lease(Worker());
+  store_.fail = true;
+  EXPECT_FALSE(Succeed(dispatcher_->ListWorkers().at(0).name, *lease).ok());
+  dispatcher_.reset();
+  store_.fail = false;
+  Restart();
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
+  clock_.Advance(31);
+  EXPECT_EQ(WorkAll(Worker()), 3);
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+}
+
+// A list of jobs is given whatever the disk does, and nothing in it is taken back.
+TEST_F(StorageTroubleTest, AnEndThatIsNotStoredIsInNoList) {
+  options_.durable_wait_s = 0.05;
+  Restart();
+  const std::string cancelled = Create(AJob(1)), done = Create(AJob(1, "other"));
+  const std::string worker = Worker();
+  ASSERT_TRUE(dispatcher_->ChangeJob(cancelled, {{}, true}).ok());
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
+  const auto publish = Lease(worker);
+  store_.fail = true;
+  EXPECT_FALSE(Succeed(worker, *publish).ok());
+  EXPECT_FALSE(dispatcher_->CancelJob(cancelled).ok());
+  const auto states = [&] {
+    std::vector<JobState> listed;
+    for (const JobStatus& job : dispatcher_->ListJobs(-1, 10)) listed.push_back(job.header.state);
+    return listed;
+  };
+  EXPECT_THAT(states(), ElementsAre(JobState::kRunning, JobState::kQueued));
+  EXPECT_THAT(dispatcher_->ListJobs(-1, 10).at(0).header.artifacts, IsEmpty());
+  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).at(1).waiting_for, "its end is not stored yet");
+  store_.fail = false;
+  ASSERT_TRUE(Settled(absl::OkStatus()).ok());
+  EXPECT_THAT(states(), ElementsAre(JobState::kSucceeded, JobState::kCancelled));
+  EXPECT_EQ(Job(done).header.state, JobState::kSucceeded);
+}
+
+}  // namespace
+}  // namespace tessera
