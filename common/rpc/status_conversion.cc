@@ -27,6 +27,9 @@ std::string Shortened(std::string message) {
 
 Status FromGrpc(const grpc::Status& status) {
   if (status.ok()) return absl::OkStatus();
+  if (status.error_code() == grpc::StatusCode::CANCELLED) {
+    return absl::AbortedError("the call was broken off before it was answered: the other side stops");
+  }
   const int code = status.error_code();
   const bool known = code > 0 && code <= static_cast<int>(absl::StatusCode::kUnauthenticated);
   Status error(known ? static_cast<absl::StatusCode>(code) : absl::StatusCode::kUnknown, status.error_message());

@@ -183,9 +183,7 @@ Status Connection::WatchJob(const std::string& name,
       if (impl_->stopped) return absl::CancelledError("no longer watching");
     }
     if (ended) return absl::OkStatus();
-    const bool again =
-        status.ok() || status.code() == absl::StatusCode::kCancelled || IsTransient(status, Idempotency::kIdempotent);
-    if (!again) return status;
+    if (!status.ok() && !IsTransient(status, Idempotency::kIdempotent)) return status;
     if (!impl_->Wait(backoff.NextDelay())) return absl::CancelledError("no longer watching");
   }
 }

@@ -5,14 +5,25 @@
 
 #include <string>
 
+#include "common/rpc/retry.h"
+
 namespace tessera {
 namespace {
 
 TEST(StatusConversionTest, EveryCodeAndMessageSurvivesTheRoundTrip) {
   for (int code = 0; code <= 16; ++code) {
+    if (code == static_cast<int>(absl::StatusCode::kCancelled)) continue;
     const Status status(static_cast<absl::StatusCode>(code), code == 0 ? "" : "scene.json: line 3: found x");
     EXPECT_EQ(FromGrpc(ToGrpc(status)), status) << code;
   }
+}
+
+TEST(StatusConversionTest, ACallThatAServerBreaksOffAsItStopsMayBeRepeated) {
+  const Status status = FromGrpc(ToGrpc(absl::CancelledError("")));
+  EXPECT_EQ(status.code(), absl::StatusCode::kAborted);
+  EXPECT_FALSE(status.message().empty());
+  EXPECT_TRUE(IsTransient(status, Idempotency::kIdempotent));
+  EXPECT_FALSE(IsTransient(status, Idempotency::kOnce));
 }
 
 TEST(StatusConversionTest, UnknownCodesBecomeUnknown) {
