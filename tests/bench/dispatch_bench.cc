@@ -35,13 +35,6 @@ struct Arguments {
 
 double Seconds() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
-double CpuSeconds(int who) {
-  rusage usage = {};
-  getrusage(who, &usage);
-  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * t.tv_usec; };
-  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
-}
-
 // The plan as it is, but that no task reads files of a scene: there is none.
 class BarePlanner : public Planner {
  public:

@@ -42,13 +42,6 @@ double ResidentBytes() {
   return pages * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
-double CpuSeconds(int who) {
-  rusage usage = {};
-  getrusage(who, &usage);
-  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * t.tv_usec; };
-  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
-}
-
 // Chains of steps, one a worker, then publish.
 class ChainPlanner : public Planner {
  public:
@@ -383,6 +376,13 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
 }
 
 }  // namespace
+
+double CpuSeconds(int who) {
+  rusage usage = {};
+  getrusage(who, &usage);
+  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * t.tv_usec; };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
 
 Status RunFleet(const FleetArguments& arguments, const std::string& folder) {
   const std::string address_file = folder + "/address";

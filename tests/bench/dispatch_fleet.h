@@ -8,6 +8,9 @@
 
 namespace tessera {
 
+// Of RUSAGE_SELF or RUSAGE_CHILDREN, processor time in seconds.
+double CpuSeconds(int who);
+
 struct FleetArguments {
   int tasks = 0;
   int workers = 1000;

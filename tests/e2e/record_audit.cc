@@ -99,6 +99,18 @@ void RecordAudit::Add(const v1::Record& record) {
       TaskOf(record.result_lost().task()).done = false;
       break;
     }
+    case v1::Record::kJobBegunAnew: {
+      Job& job = jobs_[record.job_begun_anew().job()];
+      Expect(job.state == 0, record.job_begun_anew().job() + " began anew after its end");
+      job.tasks.clear();
+      job.kinds.clear();
+      break;
+    }
+    case v1::Record::kJobDeleted: {
+      Expect(jobs_[record.job_deleted().job()].state != 0, record.job_deleted().job() + " was deleted before its end");
+      jobs_.erase(record.job_deleted().job());
+      break;
+    }
     case v1::Record::kJobChanged:
     case v1::Record::kTileSetAside:
       break;
