@@ -36,10 +36,9 @@ class LeaseReactor final : public grpc::ServerUnaryReactor {
 grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
                                                          v1::RegisterWorkerResponse* response) {
   if (request->version() != kAlgorithmVersion) {
-    return Finished(context,
-                    Refuse(Refusal::kOtherVersion,
-                           absl::FailedPreconditionError("worker of algorithm version '" + request->version() +
-                                                         "', the coordinator has '" + kAlgorithmVersion + "'")));
+    return Finished(context, Refuse(Refusal::kOtherVersion, absl::FailedPreconditionError(
+                                                                "worker of algorithm version '" + request->version() +
+                                                                "', the coordinator has '" + kAlgorithmVersion + "'")));
   }
   const double lease_s = environment_.dispatcher->options().lease_s;
   const std::string worker =
@@ -110,11 +109,12 @@ grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1:
 grpc::ServerUnaryReactor* WorkersService::UnregisterWorker(Context* context, const v1::UnregisterWorkerRequest* request,
                                                            v1::UnregisterWorkerResponse*) {
   Reactor* const reactor = context->DefaultReactor();
-  environment_.dispatcher->UnregisterWorker(
-      request->worker(), [reactor, worker = request->worker()](const Status& status) {
-        if (status.ok()) LogEvent(LogLevel::kInfo, "worker left", {{"worker", worker}});
-        reactor->Finish(ToGrpc(status));
-      });
+  environment_.dispatcher->UnregisterWorker(request->worker(),
+                                            [reactor, worker = request->worker()](const Status& status) {
+                                              if (status.ok())
+                                                LogEvent(LogLevel::kInfo, "worker left", {{"worker", worker}});
+                                              reactor->Finish(ToGrpc(status));
+                                            });
   return reactor;
 }
 

@@ -56,8 +56,7 @@ Dispatcher::Dispatcher(const DispatchEnvironment& environment, const DispatchOpt
     : environment_(environment),
       options_(options),
       ledger_(kAlgorithmVersion),
-      journal_(environment.store,
-               {options.durable_wait_s, ObserveWith(environment.on_change), environment.on_trouble}),
+      journal_(environment.store, {options.durable_wait_s, ObserveWith(environment.on_change), environment.on_trouble}),
       waiting_thread_([this] { ServeWaiting(); }) {}
 
 Dispatcher::~Dispatcher() {

@@ -15,7 +15,7 @@ namespace {
 constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
 constexpr std::chrono::milliseconds kLookAgain{500};  // of a call that waits
-constexpr size_t kServedAtOnce = 16;                   // calls, under the mutex
+constexpr size_t kServedAtOnce = 16;                  // calls, under the mutex
 
 }  // namespace
 

@@ -48,8 +48,8 @@ class WaitingWorkers {
 
   int64_t generation_ = 0;
   std::map<std::string, Waiter> of_worker_;
-  std::list<Waiter*> waiting_;  // not woken yet, the longest first: so ascending in `seen`
-  std::list<Waiter*> woken_;    // the first woken first
+  std::list<Waiter*> waiting_;                 // not woken yet, the longest first: so ascending in `seen`
+  std::list<Waiter*> woken_;                   // the first woken first
   std::set<std::pair<Time, Waiter*>> by_due_;  // not woken
 };
 

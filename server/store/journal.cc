@@ -16,10 +16,7 @@ constexpr std::chrono::milliseconds kFirstPause{50}, kLongestPause{1000};
 }  // namespace
 
 Journal::Journal(RecordStore* store, Options options)
-    : store_(store),
-      options_(std::move(options)),
-      thread_([this] { Run(); }),
-      waits_thread_([this] { EndWaits(); }) {}
+    : store_(store), options_(std::move(options)), thread_([this] { Run(); }), waits_thread_([this] { EndWaits(); }) {}
 
 Journal::~Journal() {
   {

@@ -365,8 +365,7 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   while (wait(nullptr) > 0) {
   }
   std::printf("%d tasks, %d workers: planned in %.1f s, run in %.1f s: %.0f tasks a second; ended %.1f s later\n",
-              arguments.tasks, arguments.workers, planned_s, run_s, arguments.tasks / run_s,
-              end_s - run_s);
+              arguments.tasks, arguments.workers, planned_s, run_s, arguments.tasks / run_s, end_s - run_s);
   std::printf("processor time a task: coordinator %.2f ms, fleet %.2f ms\n", 1e3 * cpu_s / arguments.tasks,
               1e3 * CpuSeconds(RUSAGE_CHILDREN) / arguments.tasks);
   std::printf("memory at most: %.0f bytes a task\n", (most_bytes - before) / arguments.tasks);

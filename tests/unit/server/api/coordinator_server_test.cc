@@ -435,7 +435,8 @@ TEST_F(ServerTest, HundredsMayWaitAtOnce) {
   ASSERT_TRUE(CreateJob(&job).ok());
   dispatcher_->Stop();
   answered.wait();
-  const auto given = std::count_if(calls.begin(), calls.end(), [](const Call& call) { return call.response.has_lease(); });
+  const auto given =
+      std::count_if(calls.begin(), calls.end(), [](const Call& call) { return call.response.has_lease(); });
   EXPECT_EQ(given, 1) << "the job's first task";
 }
 
