@@ -10,9 +10,9 @@ class Status;
 
 namespace tessera {
 
-// What a call returned, as our own status. A code that gRPC does not know becomes UNKNOWN. CANCELLED becomes ABORTED: who
-// breaks a call off himself knows it; else it was a server that stops, and the call may be repeated as any that may have
-// been carried out.
+// What a call returned, as our own status. A code that gRPC does not know becomes UNKNOWN. CANCELLED becomes ABORTED:
+// who breaks a call off himself knows it; else it was a server that stops, and the call may be repeated as any that may
+// have been carried out.
 Status FromGrpc(const grpc::Status& status);
 
 // What a service method returns. gRPC sends the message in a header, of which MakeChannel's clients take 1 MiB (others

@@ -2,8 +2,6 @@
 #ifndef TESSERA_SERVER_API_SERVICES_H_
 #define TESSERA_SERVER_API_SERVICES_H_
 
-#include <grpcpp/support/server_callback.h>
-
 #include "server/api/coordinator_server.h"
 #include "tessera/v1/blobs.grpc.pb.h"
 #include "tessera/v1/jobs.grpc.pb.h"

@@ -7,7 +7,8 @@ namespace tessera {
 RecordOwner OwnerOfRecord(std::string_view content) {
   v1::Record record;
   if (!record.ParseFromArray(content.data(), static_cast<int>(content.size()))) return {};
-  return {JobOf(record), record.change_case() == v1::Record::kJobDeleted};
+  const int job = JobOf(record);
+  return {job, job >= 0 && record.change_case() == v1::Record::kJobDeleted};
 }
 
 }  // namespace tessera

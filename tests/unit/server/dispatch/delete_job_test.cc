@@ -228,12 +228,14 @@ TEST_F(DeleteJobTest, ItsNumberIsNotGivenAgainThoughNoRecordOfItIsLeft) {
   ASSERT_TRUE(sqlite_->SetAside(last.at(0), "that it was deleted").ok());
   RestartFromFile();
   EXPECT_EQ(Done(1, "{\"other\":1}"), "jobs/3");
-  v1::Record far;  // no number that was ever given
-  far.mutable_job_deleted()->set_job("jobs/2000000000");
-  ASSERT_TRUE(sqlite_->Append({far.SerializeAsString()}, Durability::kMachine).ok());
+  for (const char* const never_given : {"jobs/999999999", "jobs/2000000000"}) {  // the second is no job's name at all
+    v1::Record far;
+    far.mutable_job_deleted()->set_job(never_given);
+    ASSERT_TRUE(sqlite_->Append({far.SerializeAsString()}, Durability::kMachine).ok());
+  }
   RestartFromFile();
   EXPECT_THAT(Names(), ElementsAre("jobs/3", "jobs/1"));
-  EXPECT_THAT(set_aside_, ElementsAre(HasSubstr("no such job")));
+  EXPECT_THAT(set_aside_, ElementsAre(HasSubstr("no such job"), HasSubstr("not a job's name")));
 }
 
 // What was being made again of it has no worker any more, nor waits for one.
