@@ -125,10 +125,15 @@ TEST(ChangeCityTest, HeightsAndLabelsDifferInFootprintsAsMeasured) {
   }
 }
 
+bool HasPatch(const TexturedSurface& surface, uint64_t seed) {
+  return std::any_of(surface.patches.begin(), surface.patches.end(),
+                     [&](const SurfacePatch& patch) { return patch.seed == seed; });
+}
+
 // Heights, classes and the texture's function.
 TEST(ChangeCityTest, WhatLiesOutsideTheFootprintsIsTheSame) {
   constexpr double kMargin = 0.7;  // balconies and cornices stand out of a roof's outline
-  int same = 0;
+  int same = 0, ambiguous = 0;
   for (double y = -110; y <= 110; y += 0.37) {
     for (double x = -110; x <= 110; x += 0.37) {
       const bool near = std::any_of(City().changes.begin(), City().changes.end(), [&](const CityChange& change) {
@@ -138,17 +143,23 @@ TEST(ChangeCityTest, WhatLiesOutsideTheFootprintsIsTheSame) {
       const RayHit before = FromAbove(Before(), {x, y}), after = FromAbove(After(), {x, y});
       ASSERT_NEAR(before.distance, after.distance, 1e-4) << x << " " << y;
       const TexturedSurface &old_surface = Before().surface(), &new_surface = After().surface();
-      ASSERT_EQ(old_surface.mesh.labels[before.face], new_surface.mesh.labels[after.face]);
+      ASSERT_EQ(old_surface.mesh.labels[before.face], new_surface.mesh.labels[after.face]) << x << " " << y;
       const SurfacePatch& a = old_surface.patches[old_surface.patch_of_face[before.face]];
       const SurfacePatch& b = new_surface.patches[new_surface.patch_of_face[after.face]];
       ASSERT_EQ(a.material, b.material) << x << " " << y;
-      ASSERT_EQ(a.seed, b.seed);
-      ASSERT_EQ(a.origin, b.origin);
-      ASSERT_EQ(a.albedo, b.albedo);
+      // Where roofs of one height meet, a ray takes either: both are there in both cities.
+      if (a.seed != b.seed && HasPatch(new_surface, a.seed) && HasPatch(old_surface, b.seed)) {
+        ++ambiguous;
+        continue;
+      }
+      ASSERT_EQ(a.seed, b.seed) << x << " " << y;
+      ASSERT_EQ(a.origin, b.origin) << x << " " << y;
+      ASSERT_EQ(a.albedo, b.albedo) << x << " " << y;
       ++same;
     }
   }
   EXPECT_GT(same, 300000);
+  EXPECT_LT(ambiguous, 10);
   EXPECT_EQ(Before().sun(), After().sun());
 }
 
