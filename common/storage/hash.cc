@@ -3,6 +3,7 @@
 #include <openssl/evp.h>
 #include <xxhash.h>
 
+#include <algorithm>
 #include <cinttypes>
 #include <cstdio>
 #include <cstdlib>
@@ -10,7 +11,17 @@
 #include <new>
 #include <vector>
 
+#include "absl/strings/escaping.h"
+
 namespace tessera {
+namespace {
+
+bool IsSha256Hex(const std::string& text) {
+  return text.size() == 64 &&
+         std::all_of(text.begin(), text.end(), [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
+}
+
+}  // namespace
 
 struct Sha256Hasher::Impl {
   EVP_MD_CTX* context = EVP_MD_CTX_new();
@@ -36,13 +47,7 @@ std::string Sha256Hasher::Finish() {
   unsigned char digest[EVP_MAX_MD_SIZE];
   unsigned int size = 0;
   EVP_DigestFinal_ex(impl_->context, digest, &size);
-  static const char kDigits[] = "0123456789abcdef";
-  std::string hex;
-  for (unsigned int i = 0; i < size; ++i) {
-    hex += kDigits[digest[i] >> 4];
-    hex += kDigits[digest[i] & 15];
-  }
-  return hex;
+  return absl::BytesToHexString({reinterpret_cast<const char*>(digest), size});
 }
 
 std::string Sha256Hex(const std::string& bytes) {
@@ -67,10 +72,18 @@ StatusOr<Digest> HashFile(const std::string& path) {
   return digest;
 }
 
+std::optional<Sha256> Sha256::FromHex(const std::string& hex) {
+  if (!IsSha256Hex(hex)) return std::nullopt;
+  Sha256 sha256;
+  const std::string bytes = absl::HexStringToBytes(hex);
+  std::copy(bytes.begin(), bytes.end(), sha256.bytes_.begin());
+  return sha256;
+}
+
+std::string Sha256::Hex() const { return absl::BytesToHexString({bytes_.data(), bytes_.size()}); }
+
 Status CheckDigest(const Digest& digest) {
-  bool good = digest.sha256.size() == 64 && digest.size_bytes >= 0;
-  for (const char c : digest.sha256) good = good && ((c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'));
-  if (good) return absl::OkStatus();
+  if (IsSha256Hex(digest.sha256) && digest.size_bytes >= 0) return absl::OkStatus();
   return absl::InvalidArgumentError("not a digest: sha256 '" + digest.sha256.substr(0, 80) + "', " +
                                     std::to_string(digest.size_bytes) + " bytes");
 }

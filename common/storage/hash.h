@@ -2,10 +2,13 @@
 #ifndef TESSERA_COMMON_STORAGE_HASH_H_
 #define TESSERA_COMMON_STORAGE_HASH_H_
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 
 #include "common/base/status.h"
 
@@ -23,6 +26,23 @@ struct NamedDigest {
   std::string name;
   Digest digest;
   friend bool operator==(const NamedDigest&, const NamedDigest&) = default;
+};
+
+// The bytes that 64 hex digits stand for, where there are millions of them.
+class Sha256 {
+ public:
+  Sha256() = default;  // zeros
+  // None but for 64 lower-case hex digits.
+  static std::optional<Sha256> FromHex(const std::string& hex);
+  std::string Hex() const;
+  friend bool operator==(const Sha256&, const Sha256&) = default;
+  template <class H>
+  friend H AbslHashValue(H state, const Sha256& sha256) {
+    return H::combine(std::move(state), sha256.bytes_);
+  }
+
+ private:
+  std::array<char, 32> bytes_ = {};
 };
 
 // SHA-256 of bytes that come in pieces. Not thread-safe.

@@ -66,16 +66,16 @@ void ToProto(const TaskStatus& status, v1::Task* proto) {
   proto->set_stage(status.stage);
   proto->set_cost(task.plan.cost);
   proto->set_reused(task.reused);
-  if (task.error.error_class != ErrorClass::kNone) {
-    proto->mutable_error()->set_error_class(static_cast<v1::ErrorClass>(task.error.error_class));
-    proto->mutable_error()->set_message(task.error.message);
+  if (task.error->error_class != ErrorClass::kNone) {
+    proto->mutable_error()->set_error_class(static_cast<v1::ErrorClass>(task.error->error_class));
+    proto->mutable_error()->set_message(task.error->message);
   }
   proto->set_stats_json(task.stats);
   AddFiles(task.outputs, proto->mutable_outputs());
   if (task.start_us != 0) *proto->mutable_start_time() = ToTimestamp(task.start_us);
   if (task.end_us != 0) *proto->mutable_end_time() = ToTimestamp(task.end_us);
-  proto->set_key(task.key);
-  for (const std::string& warning : task.warnings) proto->add_warnings(warning);
+  proto->set_key(task.key_hex());
+  for (const std::string& warning : *task.warnings) proto->add_warnings(warning);
   proto->set_predicted_peak_bytes(task.plan.peak_bytes);
   proto->set_superseded(task.superseded);
   if (task.state == TaskState::kSucceeded && !task.reused) {

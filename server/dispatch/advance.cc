@@ -1,4 +1,6 @@
 // What the coordinator does by itself, without a worker: plan, reuse what is known, end jobs.
+#include <malloc.h>
+
 #include <algorithm>
 #include <iterator>
 #include <map>
@@ -17,6 +19,7 @@ namespace tessera {
 namespace {
 
 constexpr size_t kMaxPlanBytes = 512 << 10;           // of the tasks in one record, which is applied at once
+constexpr int64_t kRecordsAhead = 8;                  // of a plan, that are not stored yet
 constexpr int kReportedAtOnce = 256;                  // tasks
 constexpr int64_t kMaxReadsBytes = int64_t{1} << 20;  // of a tile's kReadsFile
 
@@ -29,8 +32,8 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_scale(task.scale);
   record->set_peak_bytes(task.peak_bytes);
   record->set_stored_bytes(task.stored_bytes);
-  record->mutable_scene_files()->Add(task.scene_files.begin(), task.scene_files.end());
-  for (const PlannedTask::ViewFile& file : task.view_files) {
+  record->mutable_scene_files()->Add(task.scene_files->begin(), task.scene_files->end());
+  for (const PlannedTask::ViewFile& file : *task.view_files) {
     v1::ViewFileRecord& added = *record->add_view_files();
     added.set_file(file.file);
     added.set_view(file.view);
@@ -42,7 +45,7 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
     added.set_output(input.output);
     if (input.tile >= 0) added.set_tile(input.tile);
   }
-  AddFiles(task.given, record->mutable_given());
+  AddFiles(*task.given, record->mutable_given());
 }
 
 }  // namespace
@@ -94,9 +97,10 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
       step.failed = job.failed;
       return step;
     }
-    step.error = task.plan.name + ": " + task.error.message;
-    if (task.error.error_class != ErrorClass::kInput) {
-      step.error += " (" + ErrorClassName(task.error.error_class) + ", attempt " + std::to_string(task.attempt()) + ")";
+    step.error = task.plan.name + ": " + task.error->message;
+    if (task.error->error_class != ErrorClass::kInput) {
+      step.error +=
+          " (" + ErrorClassName(task.error->error_class) + ", attempt " + std::to_string(task.attempt()) + ")";
     }
   } else if (!job.lost_error.empty()) {
     step.error = job.lost_error;
@@ -126,8 +130,9 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
     for (const JobTask& task : job.tasks) {
       if (task.superseded) continue;
       if (task.plan.kind != kPublishKind && task.plan.kind != kPlanKind && task.plan.kind != kChangesKind) continue;
-      std::copy_if(task.outputs.begin(), task.outputs.end(), std::back_inserter(step.artifacts),
-                   [](const NamedDigest& file) { return file.name != kOutdatedFile; });  // publish's input
+      for (const StoredFile& file : task.outputs) {
+        if (file.name != kOutdatedFile) step.artifacts.push_back(file);  // that one is publish's input
+      }
     }
     step.end = job.set_aside.empty() ? JobState::kSucceeded : JobState::kPartial;
     for (const SetAside& tile : job.set_aside) {
@@ -190,9 +195,9 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
   if (tasks.ok() && tasks->empty()) tasks = absl::InternalError("the plan has no tasks");
   const std::shared_lock refers(blobs_mutex_);
   for (size_t t = 0; tasks.ok() && t < tasks->size(); ++t) {
-    for (const auto& [name, content] : (*tasks)[t].given_contents) {
+    for (const auto& [name, content] : *(*tasks)[t].given_contents) {
       TESSERA_ASSIGN_OR_RETURN(const Digest digest, environment_.blobs->PutBytes(content));
-      (*tasks)[t].given.push_back({name, digest});
+      (*tasks)[t].given.Edit().push_back({name, digest});
     }
   }
   Status fault = tasks.status();
@@ -209,11 +214,13 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
     planned.set_job(JobName(step.job));
     planned.set_first_task(first_task);
     for (size_t bytes = 0; next < tasks->size() && bytes < kMaxPlanBytes; ++next) {
-      ToProto((*tasks)[next], planned.add_tasks());
+      const PlannedTask task = std::move((*tasks)[next]);  // plans are large: it goes here
+      ToProto(task, planned.add_tasks());
       bytes += planned.tasks(planned.tasks_size() - 1).ByteSizeLong();
-      (*tasks)[next] = PlannedTask();  // plans are large
     }
     planned.set_more(next < tasks->size());
+    // A plan is made faster than it is stored, and not all of its records need wait in memory.
+    journal_.Wait(journal_.last() - kRecordsAhead).IgnoreError();
     if (!planned.more()) planned.mutable_superseded()->Add(superseded.begin(), superseded.end());
     std::lock_guard lock(mutex_);
     const Job& job = ledger_.jobs()[step.job];
@@ -224,7 +231,11 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
     if (!fault.ok() || planned.more()) continue;
     for (const int task : superseded) leases_.Release({step.job, task});  // their next heartbeats tell the workers
   }
-  if (fault.ok()) return absl::OkStatus();
+  if (fault.ok()) {
+    tasks = std::vector<PlannedTask>();
+    malloc_trim(0);  // the planner's memory lies between that of the tasks as they stay, which may be millions
+    return absl::OkStatus();
+  }
   std::lock_guard lock(mutex_);
   const Job& job = ledger_.jobs()[step.job];
   if (HasEnded(job.header.state)) return absl::OkStatus();
@@ -238,7 +249,7 @@ std::vector<KnownTask> Dispatcher::TasksFrom(const PendingStep& step) const {
   std::vector<KnownTask> known;
   for (int first = step.replaces_from; first < step.tasks; first += kReportedAtOnce) {
     std::lock_guard lock(mutex_);
-    const std::vector<JobTask>& all = ledger_.jobs()[step.job].tasks;
+    const std::deque<JobTask>& all = ledger_.jobs()[step.job].tasks;
     const int end = std::min({first + kReportedAtOnce, step.tasks, static_cast<int>(all.size())});
     for (int i = first; i < end; ++i) known.push_back({all[i].plan, all[i].superseded});
   }
@@ -252,7 +263,7 @@ StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
       std::vector<JobTask> tasks;
       {
         std::lock_guard lock(mutex_);
-        const std::vector<JobTask>& all = ledger_.jobs()[step.job].tasks;
+        const std::deque<JobTask>& all = ledger_.jobs()[step.job].tasks;
         const int end = std::min(first + kReportedAtOnce, step.tasks);
         if (end > static_cast<int>(all.size())) return;  // cancelled and deleted meanwhile
         tasks.assign(all.begin() + first, all.begin() + end);
@@ -309,22 +320,22 @@ bool Dispatcher::MayReuseLocked(TaskRef ref) const {
   if (ledger_.WasDeleted(ref.job)) return false;
   const JobTask& task = ledger_.task(ref);
   if (task.state != TaskState::kReady || task.attempt() > 0) return false;
-  const std::vector<NamedDigest>* outputs = ledger_.FindResult(task.key);
+  const auto* outputs = ledger_.FindResult(*task.key);
   return outputs != nullptr && (!task.remaking || *outputs == task.outputs);
 }
 
 Status Dispatcher::Reuse(TaskRef ref) {
   const std::shared_lock refers(blobs_mutex_);
-  std::string key;
-  std::vector<NamedDigest> outputs;
+  Sha256 key;
+  absl::InlinedVector<StoredFile, 1> outputs;
   {
     std::lock_guard lock(mutex_);
     if (!MayReuseLocked(ref)) return absl::OkStatus();
-    key = ledger_.task(ref).key;
+    key = *ledger_.task(ref).key;
     outputs = *ledger_.FindResult(key);
   }
   const bool stored = std::all_of(outputs.begin(), outputs.end(),
-                                  [&](const NamedDigest& output) { return environment_.blobs->Has(output.digest); });
+                                  [&](const StoredFile& output) { return environment_.blobs->Has(output.digest()); });
   std::lock_guard lock(mutex_);
   if (!MayReuseLocked(ref)) return absl::OkStatus();
   if (!stored) {
@@ -334,7 +345,7 @@ Status Dispatcher::Reuse(TaskRef ref) {
   v1::Record record;
   v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();
   succeeded.set_task(TaskName(ref));
-  succeeded.set_key(key);
+  succeeded.set_key(key.Hex());
   succeeded.set_reused(true);
   AddFiles(outputs, succeeded.mutable_outputs());
   return CommitLocked(record);

@@ -17,9 +17,9 @@ void BlobReferences::AddArtifacts(const JobHeader& job) {
   for (const NamedDigest& artifact : job.artifacts) needed_.insert(IdOf(artifact.digest.sha256));
 }
 
-void BlobReferences::AddOutputs(const JobHeader& job, bool runs, const std::vector<NamedDigest>& outputs) {
-  for (const NamedDigest& output : outputs) {
-    const uint64_t id = IdOf(output.digest.sha256);
+void BlobReferences::AddOutputs(const JobHeader& job, bool runs, absl::Span<const StoredFile> outputs) {
+  for (const StoredFile& output : outputs) {
+    const uint64_t id = IdOf(output.sha256.Hex());
     const bool handed_on = output.name == kTileFile || output.name == kViewsFile || output.name == kSumsFile;
     if (runs || !handed_on) {
       needed_.insert(id);

@@ -8,6 +8,7 @@
 
 #include "absl/container/flat_hash_map.h"
 #include "absl/container/flat_hash_set.h"
+#include "absl/types/span.h"
 #include "server/dispatch/job.h"
 
 namespace tessera {
@@ -20,7 +21,7 @@ class BlobReferences {
 
   void AddArtifacts(const JobHeader& job);
   // `runs`: whether tasks of the job may run: Ledger::Runs.
-  void AddOutputs(const JobHeader& job, bool runs, const std::vector<NamedDigest>& outputs);
+  void AddOutputs(const JobHeader& job, bool runs, absl::Span<const StoredFile> outputs);
 
   // By a job that runs, or what is read of one that does not: artifacts, and what updates go on from.
   bool Needs(uint64_t id) const { return needed_.contains(id); }

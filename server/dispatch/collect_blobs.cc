@@ -47,8 +47,7 @@ void Dispatcher::NoteReferencesLocked(const v1::Record& record) {
   const int job = record.has_job_retried() || record.has_result_lost() ? JobOf(record) : -1;
   if (job < 0 || !referred_since_->jobs.insert(job).second) return;
   for (const JobTask& task : ledger_.jobs()[job].tasks) {
-    for (const NamedDigest& file : task.outputs)
-      referred_since_->blobs.insert(BlobReferences::IdOf(file.digest.sha256));
+    for (const StoredFile& file : task.outputs) referred_since_->blobs.insert(BlobReferences::IdOf(file.sha256.Hex()));
   }
 }
 

@@ -25,9 +25,11 @@ std::vector<NamedDigest> NamedDigests(const List& files) {
   return result;
 }
 
-template <class List>
-void AddFiles(const std::vector<NamedDigest>& files, List* list) {
-  for (const NamedDigest& file : files) {
+// `files`: NamedDigests, or what becomes one.
+template <class Files, class List>
+void AddFiles(const Files& files, List* list) {
+  for (const auto& each : files) {
+    const NamedDigest& file = each;
     auto* added = list->Add();
     added->set_name(file.name);
     ToProto(file.digest, added->mutable_digest());

@@ -36,7 +36,7 @@ std::string MissingOutput(const Job& job, int task, const std::vector<NamedDiges
       if (input.task.value() != task) continue;
       const bool found = std::any_of(outputs.begin(), outputs.end(),
                                      [&](const NamedDigest& output) { return output.name == input.output; });
-      if (!found) return "no output " + input.output + ", which '" + reader.plan.name + "' reads";
+      if (!found) return "no output " + input.output.str() + ", which '" + reader.plan.name + "' reads";
     }
   }
   return "";
@@ -368,7 +368,7 @@ Status Dispatcher::TakeSuccess(const std::string& worker, const std::string& tas
     v1::TaskSucceeded& succeeded = *record.mutable_task_succeeded();
     succeeded.set_task(task);
     succeeded.set_attempt(attempt);
-    succeeded.set_key(target.key);
+    succeeded.set_key(target.key_hex());
     succeeded.set_stats_json(result.stats);
     for (const std::string& warning : result.warnings) succeeded.add_warnings(warning);
     succeeded.mutable_usage()->set_core_seconds(result.usage.core_seconds);

@@ -32,7 +32,7 @@ void JobSums::AddRun(const PlannedTask& plan, double cost, double seconds) {
 }
 
 void JobTotals::AddPlanned(const JobTask& task) {
-  if (!task.plan.given.empty()) return;
+  if (!task.plan.given->empty()) return;
   ++sums_.tasks;
   sums_.bytes_to_store += task.plan.stored_bytes;
   sums_.PartOf(task.plan.kind).total += task.plan.cost;
@@ -55,7 +55,7 @@ void JobTotals::AddSucceeded(int index, const JobTask& task) {
   if (!task.reused) {
     sums_.AddRun(task.plan, task.plan.cost, static_cast<double>(task.end_us - task.attempts.back().start_us) / 1e6);
   }
-  if (!task.warnings.empty()) warned_.insert(index);
+  if (!task.warnings->empty()) warned_.insert(index);
   if (task.plan.tile >= 0) sums_.unfinished_tiles -= --unfinished_of_tile_[task.plan.tile] == 0;
 }
 

@@ -4,12 +4,16 @@
 #define TESSERA_SERVER_DISPATCH_JOB_H_
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "absl/container/inlined_vector.h"
+#include "common/base/interned_string.h"
+#include "common/base/rarely.h"
 #include "common/base/status.h"
 #include "common/base/task_usage.h"
 #include "common/storage/hash.h"
@@ -19,7 +23,7 @@ namespace tessera {
 
 // The numbers of these are those of tessera.v1.
 enum class JobState { kQueued = 1, kRunning = 2, kSucceeded = 3, kFailed = 4, kCancelled = 5, kPartial = 6 };
-enum class TaskState { kWaiting = 1, kReady = 2, kLeased = 3, kSucceeded = 4, kFailed = 5, kCancelled = 6 };
+enum class TaskState : int8_t { kWaiting = 1, kReady = 2, kLeased = 3, kSucceeded = 4, kFailed = 5, kCancelled = 6 };
 enum class ErrorClass {
   kNone = 0,
   kInput = 1,
@@ -40,6 +44,7 @@ struct TaskFailure {
   ErrorClass error_class = ErrorClass::kNone;
   std::string message;
   std::vector<Digest> lost_inputs = {};  // of kLostInput, as the worker tells; not stored
+  friend bool operator==(const TaskFailure&, const TaskFailure&) = default;
 };
 
 // "jobs/J/tasks/T": which task, by its places in the ledger.
@@ -51,40 +56,58 @@ struct TaskRef {
 
 // One run of a task by one worker, under one lease.
 struct Attempt {
-  std::string worker;
-  std::string machine;  // that the worker ran on; empty: not known
+  InternedString worker;
+  InternedString machine;  // that the worker ran on; empty: not known
   int64_t start_us = 0;
   int64_t end_us = 0;
-  TaskFailure failure;  // kNone: it runs or has succeeded
+  Rarely<TaskFailure> failure;  // kNone: it runs or has succeeded
   bool lease_expired = false;
 };
 
+// A file as NamedDigest has it, in less memory.
+struct StoredFile {
+  InternedString name;
+  Sha256 sha256;
+  int64_t size_bytes = 0;
+
+  StoredFile() = default;
+  // One whose digest was checked.
+  StoredFile(const NamedDigest& file)  // NOLINT(google-explicit-constructor)
+      : name(file.name), sha256(*Sha256::FromHex(file.digest.sha256)), size_bytes(file.digest.size_bytes) {}
+  Digest digest() const { return {sha256.Hex(), size_bytes}; }
+  operator NamedDigest() const { return {name, digest()}; }  // NOLINT(google-explicit-constructor)
+  friend bool operator==(const StoredFile&, const StoredFile&) = default;
+};
+
+// Cities have millions, of all of which the coordinator holds what follows: `dispatch_bench` prints what one takes.
 struct JobTask {
   PlannedTask plan;
-  std::vector<int> readers = {};  // tasks that take an output of this one, each as often as it takes one, ascending
-  int missing = 0;                // inputs whose producers have not succeeded
-  int depth = 0;                  // longest way from here to a task without inputs
+  absl::InlinedVector<int, 4> readers;  // tasks that take an output of this one, as often as they do, ascending
+  int missing = 0;                      // inputs whose producers have not succeeded
+  int depth = 0;                        // longest way from here to a task without inputs
+  int forgiven = 0;                     // attempts before the job was retried, which count no more
+  int remakes = 0;            // how often its result was lost; `outputs` stay: what is made again must be the same
+  std::optional<Sha256> key;  // once all inputs are known
   TaskState state = TaskState::kWaiting;
-  std::string key;                // once all inputs are known
-  std::vector<Attempt> attempts;  // attempt number n is attempts[n - 1]
-  int64_t retry_delay_us = 0;     // not leased again before so much time has passed
-  TaskFailure error;              // the last
-  int forgiven = 0;               // attempts before the job was retried, which count no more
-  bool superseded = false;        // a later plan has another in its place, or does without
-  bool reused = false;            // its result was found under its key; nothing ran
-  std::string stats;              // JSON
-  TaskUsage usage;                // of the attempt that succeeded; zeros if reused
-  std::vector<NamedDigest> outputs;
-  Warnings warnings;
+  bool superseded = false;                   // a later plan has another in its place, or does without
+  bool reused = false;                       // its result was found under its key; nothing ran
+  bool remaking = false;                     // its result is lost, and not there again yet
+  absl::InlinedVector<Attempt, 1> attempts;  // attempt number n is attempts[n - 1]
+  int64_t retry_delay_us = 0;                // not leased again before so much time has passed
+  Rarely<TaskFailure> error;                 // the last
+  std::string stats;                         // JSON
+  TaskUsage usage;                           // of the attempt that succeeded; zeros if reused
+  absl::InlinedVector<StoredFile, 1> outputs;
+  Rarely<Warnings> warnings;
   int64_t start_us = 0;  // of the first attempt
   int64_t end_us = 0;
-  int remakes = 0;        // how often its result was lost; `outputs` stay, for what is made again must be the same
-  bool remaking = false;  // lost, and not there again yet
   // While `remaking`: who waits for it in other jobs. Tasks whose given outputs it made, or (task -1) a plan.
-  std::vector<TaskRef> awaited_by = {};
+  Rarely<std::vector<TaskRef>> awaited_by;
+  TaskRef older_with_key;  // of Ledger::tasks_of_key_
 
   int attempt() const { return static_cast<int>(attempts.size()); }
-  std::string worker() const { return attempts.empty() ? "" : attempts.back().worker; }
+  std::string worker() const { return attempts.empty() ? "" : attempts.back().worker.str(); }
+  std::string key_hex() const { return key ? key->Hex() : ""; }
 };
 
 // What a user asked for, before anything is read or taken over from a base.
@@ -169,7 +192,7 @@ class JobTotals {
 struct Job {
   JobHeader header;
   std::vector<NamedDigest> scene_files;  // sorted by name
-  std::vector<JobTask> tasks;            // the first phase's first
+  std::deque<JobTask> tasks;             // the first phase's first; a vector that grows would need three times as much
   int unfinished = 0;                    // tasks that have not succeeded, but for superseded ones
   int failed = -1;                       // the first task that has for good; -1: none
   bool planned_to_end = false;           // publish is among the tasks, or the plan is all that is asked for

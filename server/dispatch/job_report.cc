@@ -47,19 +47,19 @@ Json ParseStored(const std::string& text) {
 }
 
 Json TaskJson(const JobTask& task, int64_t end_us) {
-  Json json = {{"kind", task.plan.kind},    {"title", task.plan.name}, {"tile", task.plan.tile},
-               {"state", Name(task.state)}, {"reused", task.reused},   {"attempts", task.attempt()},
-               {"worker", task.worker()},   {"key", task.key}};
+  Json json = {{"kind", task.plan.kind.str()}, {"title", task.plan.name}, {"tile", task.plan.tile},
+               {"state", Name(task.state)},    {"reused", task.reused},   {"attempts", task.attempt()},
+               {"worker", task.worker()},      {"key", task.key_hex()}};
   if (task.superseded) json["superseded"] = true;
   double seconds = 0;
   Json runs = Json::array();
   for (const Attempt& attempt : task.attempts) {
     const double run_s = Seconds(attempt.start_us, attempt.end_us > 0 ? attempt.end_us : end_us);
     seconds = run_s;
-    Json run = {{"worker", attempt.worker}, {"seconds", run_s}};
-    if (attempt.failure.error_class != ErrorClass::kNone) {
-      run["error_class"] = attempt.lease_expired ? "lease expired" : ErrorClassName(attempt.failure.error_class);
-      run["error"] = attempt.failure.message;
+    Json run = {{"worker", attempt.worker.str()}, {"seconds", run_s}};
+    if (attempt.failure->error_class != ErrorClass::kNone) {
+      run["error_class"] = attempt.lease_expired ? "lease expired" : ErrorClassName(attempt.failure->error_class);
+      run["error"] = attempt.failure->message;
     }
     runs.push_back(std::move(run));
   }
@@ -75,11 +75,11 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
   json["parameters"] = ParseStored(task.plan.parameters);
   json["stats"] = ParseStored(task.stats);
   Json outputs = Json::object();
-  for (const NamedDigest& output : task.outputs) {
-    outputs[output.name] = {{"sha256", output.digest.sha256}, {"size_bytes", output.digest.size_bytes}};
+  for (const StoredFile& output : task.outputs) {
+    outputs[output.name.str()] = {{"sha256", output.sha256.Hex()}, {"size_bytes", output.size_bytes}};
   }
   json["outputs"] = std::move(outputs);
-  if (!task.warnings.empty()) json["warnings"] = task.warnings;
+  if (!task.warnings->empty()) json["warnings"] = *task.warnings;
   return json;
 }
 

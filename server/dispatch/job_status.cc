@@ -18,7 +18,7 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
   JobStatus status;
   status.header = job.header;
   for (const int index : job.totals.warned()) {
-    const Warnings& added = job.tasks[index].warnings;
+    const Warnings& added = *job.tasks[index].warnings;
     status.header.warnings.insert(status.header.warnings.end(), added.begin(), added.end());
   }
   for (const SetAside& tile : job.set_aside) status.header.warnings.push_back(SetAsideWords(job, tile));

@@ -25,10 +25,10 @@ StatusOr<GrantedLease> Dispatcher::DescribeLocked(TaskRef ref, int attempt) cons
   granted.task = TaskName(ref);
   granted.attempt = attempt;
   granted.plan = ledger_.task(ref).plan;
-  granted.key = ledger_.task(ref).key;
+  granted.key = ledger_.task(ref).key_hex();
   TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, ledger_.InputsOf(job, granted.plan));
-  std::vector<int> files = granted.plan.scene_files;
-  for (const PlannedTask::ViewFile& file : granted.plan.view_files) files.push_back(file.file);
+  std::vector<int> files = *granted.plan.scene_files;
+  for (const PlannedTask::ViewFile& file : *granted.plan.view_files) files.push_back(file.file);
   const size_t from_tasks = granted.plan.inputs.size();
   for (size_t i = 0; i < inputs.size(); ++i) {
     std::string path;
@@ -211,7 +211,7 @@ void Dispatcher::ServeWaiting() {
     const bool reused = !reuse || Reuse(*reuse).ok();
     if (reuse) AdvanceSoon();
     lock.lock();
-    if (!reused) ledger_.ForgetResult(ledger_.task(*reuse).key);  // then it is made again
+    if (!reused) ledger_.ForgetResult(*ledger_.task(*reuse).key);  // then it is made again
   }
 }
 

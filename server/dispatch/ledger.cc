@@ -45,36 +45,62 @@ StatusOr<int> Ledger::FindRequest(const JobRequest& request) const {
 
 StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) const {
   const JobTask& producer = job.tasks[input.task.value()];
-  for (const NamedDigest& output : producer.outputs) {
-    if (output.name == input.output) return output.digest;
+  for (const StoredFile& output : producer.outputs) {
+    if (output.name == input.output) return output.digest();
   }
-  return absl::NotFoundError("no output " + input.output + " of '" + producer.plan.name + "' yet");
+  return absl::NotFoundError("no output " + input.output.str() + " of '" + producer.plan.name + "' yet");
 }
 
 StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const PlannedTask& task) const {
   std::vector<NamedDigest> inputs;
-  inputs.reserve(task.inputs.size() + task.scene_files.size() + task.view_files.size());
+  inputs.reserve(task.inputs.size() + task.scene_files->size() + task.view_files->size());
   for (const PlannedInput& input : task.inputs) {
     TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
     inputs.push_back({InputName(input), digest});
   }
-  for (const int file : task.scene_files) {
+  for (const int file : *task.scene_files) {
     const NamedDigest& found = job.scene_files[file];
     inputs.push_back({std::string(kSceneFolder) + "/" + found.name, found.digest});
   }
-  for (const PlannedTask::ViewFile& file : task.view_files) {
+  for (const PlannedTask::ViewFile& file : *task.view_files) {
     inputs.push_back({ViewFileName(file.view, file.likelihoods), job.scene_files[file.file].digest});
   }
   return inputs;
 }
 
-const std::vector<NamedDigest>* Ledger::FindResult(const std::string& key) const {
+const absl::InlinedVector<StoredFile, 1>* Ledger::FindResult(const Sha256& key) const {
   const auto it = tasks_of_key_.find(key);
-  if (it == tasks_of_key_.end()) return nullptr;
-  for (auto ref = it->second.rbegin(); ref != it->second.rend(); ++ref) {
-    if (!WasDeleted(ref->job)) return &task(*ref).outputs;
+  for (TaskRef ref = it == tasks_of_key_.end() ? TaskRef() : *it; ref.job >= 0; ref = task(ref).older_with_key) {
+    if (!WasDeleted(ref.job)) return &task(ref).outputs;
   }
   return nullptr;
+}
+
+void Ledger::RememberTask(TaskRef ref) {
+  TaskRef& older = jobs_[ref.job].tasks[ref.task].older_with_key;
+  older = {};
+  if (const auto last = tasks_of_key_.find(ref); last != tasks_of_key_.end()) {
+    older = *last;
+    tasks_of_key_.erase(last);
+  }
+  tasks_of_key_.insert(ref);
+}
+
+void Ledger::ForgetTask(TaskRef ref) {
+  const JobTask& forgotten = task(ref);
+  const auto last = forgotten.key ? tasks_of_key_.find(ref) : tasks_of_key_.end();
+  if (last == tasks_of_key_.end()) return;
+  if (*last == ref) {
+    tasks_of_key_.erase(last);
+    if (forgotten.older_with_key.job >= 0) tasks_of_key_.insert(forgotten.older_with_key);
+    return;
+  }
+  for (TaskRef newer = *last; newer.job >= 0; newer = task(newer).older_with_key) {
+    TaskRef& older = jobs_[newer.job].tasks[newer.task].older_with_key;
+    if (older != ref) continue;
+    older = forgotten.older_with_key;
+    return;
+  }
 }
 
 StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attempt) const {
@@ -128,6 +154,7 @@ Status Ledger::CheckSucceeded(const v1::TaskSucceeded& change) const {
     TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(output.digest())));
     if (!names.insert(output.name()).second) return absl::InvalidArgumentError("two outputs named " + output.name());
   }
+  if (!Sha256::FromHex(change.key())) return absl::InvalidArgumentError("not a key: '" + change.key() + "'");
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
   TESSERA_RETURN_IF_ERROR(CheckSameAsBefore(ref, NamedDigests(change.outputs())));
   if (!change.reused()) return CheckCurrentAttempt(change.task(), change.attempt()).status();
@@ -208,13 +235,13 @@ void Ledger::UpdateDue(int index) {
 void Ledger::ReadyTask(TaskRef ref) {
   const Job& job = jobs_[ref.job];
   JobTask& waiting = jobs_[ref.job].tasks[ref.task];
-  if (waiting.state != TaskState::kWaiting || waiting.missing > 0 || !waiting.plan.given.empty()) return;
+  if (waiting.state != TaskState::kWaiting || waiting.missing > 0 || !waiting.plan.given->empty()) return;
   if (job.open_plan >= 0 && ref.task >= job.open_plan) return;
   StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
   if (!inputs.ok()) return;
-  inputs->resize(inputs->size() - waiting.plan.view_files.size());  // their content is told by others
+  inputs->resize(inputs->size() - waiting.plan.view_files->size());  // their content is told by others
   waiting.state = TaskState::kReady;
-  waiting.key = TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, *inputs);
+  waiting.key = Sha256::FromHex(TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, *inputs));
   newly_ready_.push_back(ref);
   if (job.failed < 0) ready_.Add(ref, waiting);
 }
@@ -245,12 +272,13 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
   --job.unfinished;
   if (!change.reused()) target.attempts.back().end_us = time_us;
   if (!HasEnded(job.header.state)) {  // else made again for others: the job keeps what it had
-    target.key = change.key();
+    target.key = Sha256::FromHex(change.key());
     target.reused = change.reused();
-    target.outputs = NamedDigests(change.outputs());
+    const std::vector<NamedDigest> outputs = NamedDigests(change.outputs());
+    target.outputs.assign(outputs.begin(), outputs.end());
     target.stats = change.stats_json();
     target.usage = {change.usage().core_seconds(), change.usage().peak_bytes(), change.usage().threads()};
-    target.warnings.assign(change.warnings().begin(), change.warnings().end());
+    target.warnings = Warnings(change.warnings().begin(), change.warnings().end());
     target.end_us = time_us;
     if (change.reused()) target.start_us = time_us;
     if (!target.superseded) job.totals.AddSucceeded(ref.task, target);
@@ -259,7 +287,7 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
     job.header.state = JobState::kRunning;
     job.header.start_us = time_us;
   }
-  tasks_of_key_[target.key].push_back(ref);
+  RememberTask(ref);
   for (const int reader : target.readers) {
     --job.tasks[reader].missing;
     ReadyTask({ref.job, reader});
@@ -274,7 +302,7 @@ void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   JobTask& target = job.tasks[ref.task];
   Attempt& attempt = target.attempts.back();
   attempt.end_us = time_us;
-  attempt.failure = {static_cast<ErrorClass>(change.error().error_class()), change.error().message()};
+  attempt.failure = TaskFailure{static_cast<ErrorClass>(change.error().error_class()), change.error().message()};
   attempt.lease_expired = change.lease_expired();
   target.error = attempt.failure;
   target.retry_delay_us = change.retry_delay_us();

@@ -8,8 +8,8 @@
 #include <unordered_map>
 #include <vector>
 
-#include "absl/container/flat_hash_map.h"
-#include "absl/container/inlined_vector.h"
+#include "absl/container/flat_hash_set.h"
+#include "absl/hash/hash.h"
 #include "common/base/status.h"
 #include "server/dispatch/job.h"
 #include "server/dispatch/ready_tasks.h"
@@ -38,6 +38,8 @@ class Ledger {
  public:
   // `algorithm_version` enters the keys of tasks.
   explicit Ledger(std::string algorithm_version) : algorithm_version_(std::move(algorithm_version)) {}
+  Ledger(const Ledger&) = delete;
+  Ledger& operator=(const Ledger&) = delete;
 
   // Whether the record may follow: NOT_FOUND for what does not exist, FAILED_PRECONDITION for what is no longer or not
   // yet so, INVALID_ARGUMENT for a malformed record.
@@ -101,9 +103,9 @@ class Ledger {
   // FAILED_PRECONDITION with both digests if the task's result was lost, and what was made again is not what it was.
   Status CheckSameAsBefore(TaskRef ref, const std::vector<NamedDigest>& outputs) const;
   // Outputs of an earlier task with this key; null if none is known.
-  const std::vector<NamedDigest>* FindResult(const std::string& key) const;
+  const absl::InlinedVector<StoredFile, 1>* FindResult(const Sha256& key) const;
   // They are not stored any more.
-  void ForgetResult(const std::string& key) { tasks_of_key_.erase(key); }
+  void ForgetResult(const Sha256& key) { tasks_of_key_.erase(key); }
   // Absolute paths at which scene files of jobs had this content when the jobs were accepted, the oldest job's first.
   std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
@@ -141,7 +143,9 @@ class Ledger {
   void DropRemakesOf(int job);
   // Of a job whose tasks are going.
   void DropReady(int job);
-  // The task's result is not known by it any more.
+  // A task that has succeeded is known by its key from now on.
+  void RememberTask(TaskRef ref);
+  // It is not any more; nothing if it was not.
   void ForgetTask(TaskRef ref);
   void ForgetSceneFiles(const Job& job);
   // Checks that the task exists in an active job and that `attempt` is its current one under lease.
@@ -174,8 +178,25 @@ class Ledger {
   ReadyTasks ready_;
   std::vector<TaskRef> newly_ready_;
   std::unordered_map<std::string, int> job_of_request_;
-  // That succeeded, the last behind. Those of deleted jobs stay until FreeDeleted comes to them.
-  absl::flat_hash_map<std::string, absl::InlinedVector<TaskRef, 1>> tasks_of_key_;
+  // Tasks that succeeded, found by their keys, which lie in the tasks. Of those with one key it has the last, and each
+  // of them knows the one before (JobTask::older_with_key). Those of deleted jobs stay until FreeDeleted comes to them.
+  struct HashOfKey {
+    using is_transparent = void;
+    size_t operator()(const Sha256& key) const { return absl::Hash<Sha256>()(key); }
+    size_t operator()(TaskRef ref) const { return (*this)(*ledger->task(ref).key); }
+    const Ledger* ledger;
+  };
+  struct SameKey {
+    using is_transparent = void;
+    const Sha256& KeyOf(const Sha256& key) const { return key; }
+    const Sha256& KeyOf(TaskRef ref) const { return *ledger->task(ref).key; }
+    template <class A, class B>
+    bool operator()(const A& a, const B& b) const {
+      return KeyOf(a) == KeyOf(b);
+    }
+    const Ledger* ledger;
+  };
+  absl::flat_hash_set<TaskRef, HashOfKey, SameKey> tasks_of_key_{0, HashOfKey{this}, SameKey{this}};
   struct ScenePath {
     std::string path;
     int jobs = 0;  // that have it

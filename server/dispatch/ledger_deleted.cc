@@ -119,7 +119,8 @@ void Ledger::ApplyBegunAnew(const v1::JobBegunAnew& change) {
   DropReady(index);
   // Nor does it wait any more for what others were to make again for it.
   for (const TaskRef ref : remakes_of_ended_) {
-    std::erase_if(jobs_[ref.job].tasks[ref.task].awaited_by, [&](TaskRef waiting) { return waiting.job == index; });
+    std::erase_if(jobs_[ref.job].tasks[ref.task].awaited_by.Edit(),
+                  [&](TaskRef waiting) { return waiting.job == index; });
   }
   Job anew;
   anew.header = std::move(job.header);
@@ -138,7 +139,7 @@ void Ledger::ApplyBegunAnew(const v1::JobBegunAnew& change) {
 bool Ledger::FreeDeleted(int max_tasks) {
   while (!to_free_.empty()) {
     const int index = to_free_.back();
-    std::vector<JobTask>& tasks = jobs_[index].tasks;
+    std::deque<JobTask>& tasks = jobs_[index].tasks;
     for (; max_tasks > 0 && !tasks.empty(); --max_tasks) {
       ForgetTask({index, static_cast<int>(tasks.size()) - 1});
       tasks.pop_back();
@@ -148,14 +149,6 @@ bool Ledger::FreeDeleted(int max_tasks) {
     to_free_.pop_back();
   }
   return false;
-}
-
-void Ledger::ForgetTask(TaskRef ref) {
-  const auto it = tasks_of_key_.find(task(ref).key);
-  if (it == tasks_of_key_.end()) return;
-  const auto found = std::find(it->second.begin(), it->second.end(), ref);
-  if (found != it->second.end()) it->second.erase(found);
-  if (it->second.empty()) tasks_of_key_.erase(it);
 }
 
 std::vector<std::string> Ledger::SceneFilesWith(const Digest& digest) const {

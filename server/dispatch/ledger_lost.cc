@@ -8,14 +8,15 @@
 namespace tessera {
 
 StatusOr<TaskRef> Ledger::MakerOf(int job, const Digest& digest, bool own) const {
+  const auto sha256 = Sha256::FromHex(digest.sha256);
   std::vector<int> search = {job};
   for (size_t at = 0; at < search.size(); ++at) {
     const Job& searched = jobs_[search[at]];
     if (searched.deleted) continue;
     for (int task = 0; (at > 0 || own) && task < static_cast<int>(searched.tasks.size()); ++task) {
       const JobTask& made = searched.tasks[task];
-      if (!made.plan.given.empty() || (made.state != TaskState::kSucceeded && !made.remaking)) continue;
-      const auto is_it = [&](const NamedDigest& output) { return output.digest == digest; };
+      if (!made.plan.given->empty() || (made.state != TaskState::kSucceeded && !made.remaking)) continue;
+      const auto is_it = [&](const StoredFile& output) { return output.sha256 == sha256; };
       if (std::any_of(made.outputs.begin(), made.outputs.end(), is_it)) return TaskRef{search[at], task};
     }
     const UpdateSettings& update = searched.header.settings.update;
@@ -32,7 +33,7 @@ Status Ledger::CheckLost(const v1::ResultLost& change) const {
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
   const JobTask& target = task(ref);
   const JobHeader& header = jobs_[ref.job].header;
-  if (!target.plan.given.empty()) return absl::FailedPreconditionError(change.task() + " never ran: it is given");
+  if (!target.plan.given->empty()) return absl::FailedPreconditionError(change.task() + " never ran: it is given");
   if (target.state != TaskState::kSucceeded && !target.remaking) {
     return absl::FailedPreconditionError(change.task() + " has no result");
   }
@@ -42,7 +43,7 @@ Status Ledger::CheckLost(const v1::ResultLost& change) const {
   for (const std::string& name : change.needed_by_tasks()) {
     TESSERA_ASSIGN_OR_RETURN(const TaskRef reader, FindTask(name));
     const JobTask& given = task(reader);
-    if (given.plan.given.empty() || HasEnded(jobs_[reader.job].header.state) || given.state == TaskState::kFailed) {
+    if (given.plan.given->empty() || HasEnded(jobs_[reader.job].header.state) || given.state == TaskState::kFailed) {
       return absl::FailedPreconditionError(name + " waits for no other task's result");
     }
   }
@@ -56,14 +57,14 @@ Status Ledger::CheckLost(const v1::ResultLost& change) const {
 Status Ledger::CheckSameAsBefore(TaskRef ref, const std::vector<NamedDigest>& outputs) const {
   const JobTask& target = task(ref);
   if (!target.remaking) return absl::OkStatus();
-  for (const NamedDigest& before : target.outputs) {
+  for (const StoredFile& before : target.outputs) {
     const auto now = std::find_if(outputs.begin(), outputs.end(),
                                   [&](const NamedDigest& output) { return output.name == before.name; });
-    if (now != outputs.end() && now->digest == before.digest) continue;
+    if (now != outputs.end() && now->digest == before.digest()) continue;
     return absl::FailedPreconditionError(
         "'" + target.plan.name + "' was made again, and is not what it was, which others have read: output " +
-        before.name + ": found " + (now == outputs.end() ? "none" : now->digest.sha256) + ", expected " +
-        before.digest.sha256);
+        before.name.str() + ": found " + (now == outputs.end() ? "none" : now->digest.sha256) + ", expected " +
+        before.sha256.Hex());
   }
   return absl::OkStatus();
 }
@@ -74,8 +75,9 @@ void Ledger::ApplyLost(const v1::ResultLost& change) {
   if (!target.remaking) Unmake(ref);
   if (HasEnded(jobs_[ref.job].header.state)) remakes_of_ended_.insert(ref);
   const auto await = [&](TaskRef reader) {
-    if (std::find(target.awaited_by.begin(), target.awaited_by.end(), reader) != target.awaited_by.end()) return false;
-    target.awaited_by.push_back(reader);
+    std::vector<TaskRef>& waiting = target.awaited_by.Edit();
+    if (std::find(waiting.begin(), waiting.end(), reader) != waiting.end()) return false;
+    waiting.push_back(reader);
     return true;
   };
   for (const std::string& name : change.needed_by_tasks()) {
@@ -103,7 +105,7 @@ void Ledger::Unmake(TaskRef ref) {
   target.retry_delay_us = 0;
   ++job.unfinished;
   ++job.lost;
-  if (target.plan.given.empty() && !target.superseded && !HasEnded(job.header.state))
+  if (target.plan.given->empty() && !target.superseded && !HasEnded(job.header.state))
     job.totals.AddLost(ref.task, target);
   for (const int index : target.readers) {
     JobTask& reader = job.tasks[index];
@@ -120,7 +122,7 @@ void Ledger::EndRemake(TaskRef ref) {
   made.remaking = false;
   --jobs_[ref.job].lost;
   remakes_of_ended_.erase(ref);
-  for (const TaskRef waiting : std::exchange(made.awaited_by, {})) {
+  for (const TaskRef waiting : std::exchange(made.awaited_by.Edit(), {})) {
     Job& job = jobs_[waiting.job];
     if (HasEnded(job.header.state)) continue;
     if (waiting.task < 0) {
@@ -156,7 +158,7 @@ void Ledger::GiveUpRemake(TaskRef first, const TaskFailure& failure) {
       const TaskRef next = {ref.job, index};
       if (waits && std::find(given_up.begin(), given_up.end(), next) == given_up.end()) given_up.push_back(next);
     }
-    for (const TaskRef waiting : std::exchange(target.awaited_by, {})) {
+    for (const TaskRef waiting : std::exchange(target.awaited_by.Edit(), {})) {
       Job& other = jobs_[waiting.job];
       if (HasEnded(other.header.state)) continue;
       const std::string error = job.header.name + ", '" + target.plan.name + "', whose result is lost and cannot be " +
@@ -166,7 +168,7 @@ void Ledger::GiveUpRemake(TaskRef first, const TaskFailure& failure) {
       } else {
         JobTask& given = other.tasks[waiting.task];
         given.state = TaskState::kFailed;
-        given.error = {failure.error_class, error};
+        given.error = TaskFailure{failure.error_class, error};
         other.failed = other.failed < 0 ? waiting.task : std::min(other.failed, waiting.task);
       }
       ready_.DropJob(waiting.job);  // the job is about to end

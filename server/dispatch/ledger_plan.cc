@@ -21,9 +21,9 @@ PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   task.scale = record.scale();
   task.peak_bytes = record.peak_bytes();
   task.stored_bytes = record.stored_bytes();
-  task.scene_files.assign(record.scene_files().begin(), record.scene_files().end());
+  task.scene_files = std::vector<int>(record.scene_files().begin(), record.scene_files().end());
   for (const auto& file : record.view_files()) {
-    task.view_files.push_back({file.file(), file.view(), file.likelihoods()});
+    task.view_files.Edit().push_back({file.file(), file.view(), file.likelihoods()});
   }
   for (const auto& input : record.inputs()) {
     task.inputs.push_back({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
@@ -105,10 +105,10 @@ void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
     }
     job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind ||
                          (added.plan.kind == kPlanKind && job.header.settings.update.plan_only);
-    if (!added.plan.given.empty()) {
+    if (!added.plan.given->empty()) {
       added.state = TaskState::kSucceeded;
       added.reused = true;
-      added.outputs = added.plan.given;
+      added.outputs.assign(added.plan.given->begin(), added.plan.given->end());
     } else {
       ++job.unfinished;
     }
@@ -130,11 +130,11 @@ void Ledger::DropOpenPlan(Job& job) {
   const auto first = static_cast<size_t>(job.open_plan);
   for (size_t task = first; task < job.tasks.size(); ++task) {
     for (const PlannedInput& input : job.tasks[task].plan.inputs) {
-      std::vector<int>& readers = job.tasks[input.task.value()].readers;
+      auto& readers = job.tasks[input.task.value()].readers;
       while (!readers.empty() && readers.back() >= job.open_plan) readers.pop_back();
     }
   }
-  for (size_t task = first; task < job.tasks.size(); ++task) job.unfinished -= job.tasks[task].plan.given.empty();
+  for (size_t task = first; task < job.tasks.size(); ++task) job.unfinished -= job.tasks[task].plan.given->empty();
   job.tasks.resize(first);
   Recount(job);
   job.planned_to_end = job.plans_anew;

@@ -34,7 +34,7 @@ void Ledger::Recount(Job& job) {
     const JobTask& task = job.tasks[i];
     if (task.superseded) continue;
     job.totals.AddPlanned(task);
-    if (task.state == TaskState::kSucceeded && task.plan.given.empty()) job.totals.AddSucceeded(i, task);
+    if (task.state == TaskState::kSucceeded && task.plan.given->empty()) job.totals.AddSucceeded(i, task);
   }
 }
 
@@ -120,9 +120,9 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
   }
   // What was given may be asked for again, and be found lost again.
   for (JobTask& given : job.tasks) {
-    if (given.plan.given.empty() || given.state == TaskState::kSucceeded) continue;
+    if (given.plan.given->empty() || given.state == TaskState::kSucceeded) continue;
     given.state = TaskState::kSucceeded;
-    given.error = {};
+    given.error.Clear();
     given.missing = 0;
     --job.unfinished;
     if (std::exchange(given.remaking, false)) --job.lost;
@@ -137,7 +137,7 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
     task.state = TaskState::kWaiting;
     task.forgiven = task.attempt();
     task.retry_delay_us = 0;
-    task.error = {};
+    task.error.Clear();
     task.end_us = 0;
   }
   job.failed = -1;

@@ -35,8 +35,8 @@ std::vector<Dispatcher::Lost> Dispatcher::LostInputsLocked(TaskRef ref, const st
     const TaskRef producer = {ref.job, input.task.value()};
     lost.push_back({*digest, InputName(input), producer, ledger_.task(producer).remakes, {}});
   }
-  std::vector<int> files = plan.scene_files;
-  for (const PlannedTask::ViewFile& file : plan.view_files) files.push_back(file.file);
+  std::vector<int> files = *plan.scene_files;
+  for (const PlannedTask::ViewFile& file : *plan.view_files) files.push_back(file.file);
   for (const int index : files) {
     const NamedDigest& file = job.scene_files[index];
     if (!sha256.contains(file.digest.sha256)) continue;
@@ -99,10 +99,11 @@ Status Dispatcher::ReportLostInputs(const std::string& worker, const std::string
                 [&](const auto& each) { return ledger_.task(each.first->producer).remakes != each.first->remakes; });
   for (const auto& [input, reason] : lost) {
     const JobTask& producer = ledger_.task(input->producer);
-    if (producer.plan.given.empty() && producer.state != TaskState::kSucceeded) continue;  // for another of its outputs
+    if (producer.plan.given->empty() && producer.state != TaskState::kSucceeded)
+      continue;  // for another of its outputs
     TaskRef maker = input->producer, needed_by = {};
     Status made_again;
-    if (!producer.plan.given.empty()) {
+    if (!producer.plan.given->empty()) {
       const auto elsewhere = ledger_.MakerOf(ref.job, input->digest, false);
       made_again = elsewhere.status();
       if (elsewhere.ok()) maker = *elsewhere;
@@ -213,7 +214,7 @@ Status Dispatcher::RestorePlanned(int index, const Digest& digest) {
     std::lock_guard lock(mutex_);
     const Job& job = ledger_.jobs()[index];
     const bool given = std::any_of(job.tasks.begin(), job.tasks.end(), [&](const JobTask& task) {
-      return std::any_of(task.plan.given.begin(), task.plan.given.end(),
+      return std::any_of(task.plan.given->begin(), task.plan.given->end(),
                          [&](const NamedDigest& output) { return output.digest == digest; });
     });
     if (!given || ledger_.MakerOf(index, digest, false).ok()) return absl::NotFoundError("not the coordinator's own");
@@ -233,7 +234,7 @@ Status Dispatcher::RestorePlanned(int index, const Digest& digest) {
     const auto tasks = PlanPhase(step);
     if (!tasks.ok()) continue;
     for (const PlannedTask& task : *tasks) {
-      for (const auto& [name, content] : task.given_contents) {
+      for (const auto& [name, content] : *task.given_contents) {
         if (Sha256Hex(content) == digest.sha256) return environment_.blobs->PutBytes(content).status();
       }
     }

@@ -46,7 +46,7 @@ RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const
   std::set<std::string> workers = {task.worker()};
   for (const Attempt& attempt : task.attempts) {
     if (&attempt == &task.attempts.back() || attempt.lease_expired) continue;
-    if (kind(attempt.failure.error_class) != kind(verdict.failure.error_class)) continue;
+    if (kind(attempt.failure->error_class) != kind(verdict.failure.error_class)) continue;
     ++times;
     if (witnesses.doubted && witnesses.doubted(attempt.worker)) continue;
     ++counted;

@@ -20,8 +20,8 @@ bool SameTask(const PlannedTask& a, const PlannedTask& b) {
   const auto same_input = [](const PlannedInput& x, const PlannedInput& y) {
     return x.task == y.task && x.output == y.output && x.tile == y.tile;
   };
-  return a.kind == b.kind && a.parameters == b.parameters && a.scene_files == b.scene_files &&
-         a.view_files == b.view_files &&
+  return a.kind == b.kind && a.parameters == b.parameters && *a.scene_files == *b.scene_files &&
+         *a.view_files == *b.view_files &&
          std::equal(a.inputs.begin(), a.inputs.end(), b.inputs.begin(), b.inputs.end(), same_input);
 }
 
@@ -29,7 +29,7 @@ bool SameTask(const PlannedTask& a, const PlannedTask& b) {
 
 bool CanGoOnWithout(const Job& job) {
   const JobTask& failed = job.tasks[job.failed];
-  const ErrorClass error_class = failed.error.error_class;
+  const ErrorClass error_class = failed.error->error_class;
   if (error_class == ErrorClass::kInput || error_class == ErrorClass::kStorage || !IsStepOfTile(failed.plan))
     return false;
   std::set<int> cut, set_aside = {failed.plan.tile};
@@ -57,7 +57,7 @@ std::vector<SetAsideTile> TilesSetAside(const Job& job) {
 std::string SetAsideWords(const Job& job, const SetAside& tile) {
   const JobTask& failed = job.tasks[tile.task];
   return "tile " + std::to_string(tile.tile) + " was set aside: '" + failed.plan.name + "' failed (" +
-         ErrorClassName(failed.error.error_class) + "): " + failed.error.message;
+         ErrorClassName(failed.error->error_class) + "): " + failed.error->message;
 }
 
 PlanChange ChangePlan(int first, const std::vector<KnownTask>& known, std::vector<PlannedTask> tasks) {

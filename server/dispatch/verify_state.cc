@@ -58,7 +58,7 @@ StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool de
     if (job.deleted) continue;
     for (const NamedDigest& artifact : job.header.artifacts) check(job.header.name, artifact, false);
     for (const JobTask& task : job.tasks) {
-      for (const NamedDigest& output : task.outputs) {
+      for (const StoredFile& output : task.outputs) {
         check(job.header.name + ", '" + task.plan.name + "'", output, task.remaking);
       }
     }

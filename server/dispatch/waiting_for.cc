@@ -105,7 +105,7 @@ std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, 
   if (const auto delayed = ledger.ready().NextOfDelayed(job, now_us)) {
     const JobTask& task = ledger.task(delayed->second);
     return Quoted(task) + " is tried again in " + Duration(delayed->first - now_us) +
-           ", after: " + Short(task.error.message);
+           ", after: " + Short(task.error->message);
   }
   return "the coordinator is planning it";
 }

@@ -9,8 +9,8 @@ namespace {
 
 // Ended as it did by the task or the worker, and not by what is about them.
 bool Failed(const Attempt& attempt) {
-  if (attempt.lease_expired || attempt.failure.error_class == ErrorClass::kNone) return false;
-  const RetryRule rule = RuleOf(attempt.failure.error_class, {});
+  if (attempt.lease_expired || attempt.failure->error_class == ErrorClass::kNone) return false;
+  const RetryRule rule = RuleOf(attempt.failure->error_class, {});
   return rule.blame == Blame::kTask || rule.strikes;
 }
 
@@ -82,14 +82,14 @@ std::vector<SetAsideWorker> NoteSuccess(const JobTask& task, const std::string& 
   std::vector<SetAsideWorker> set_aside;
   std::set<std::string> struck = {name};
   for (const Attempt& attempt : task.attempts) {
-    const ErrorClass error_class = attempt.failure.error_class;
+    const ErrorClass error_class = attempt.failure->error_class;
     if (attempt.lease_expired || error_class == ErrorClass::kNone || !RuleOf(error_class, options).strikes) continue;
     WorkerState* const other = leases.FindWorker(attempt.worker);
     if (other == nullptr || !struck.insert(attempt.worker).second) continue;
     if (++other->strikes < options.max_strikes || IsSetAside(*other, now_us)) continue;
     set_aside.push_back(
         PutAside(attempt.worker,
-                 "it failed tasks that others did, the last '" + task.plan.name + "': " + attempt.failure.message,
+                 "it failed tasks that others did, the last '" + task.plan.name + "': " + attempt.failure->message,
                  options, now_us, *other));
   }
   return set_aside;

@@ -133,7 +133,7 @@ class Graph {
       task.inputs = {{tile.cut, kTileFile}};
       for (const int32_t view : tile.work.views) {
         const auto& files = files_of_view_[view];
-        task.view_files.insert(task.view_files.end(), files.begin(), files.end());
+        task.view_files.Edit().insert(task.view_files->end(), files.begin(), files.end());
       }
       tile.crop = Add(std::move(task));
     }
@@ -203,8 +203,9 @@ class Graph {
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
     PlannedTask task;
     task.kind = task.name = kPlanKind;
-    task.given_contents.emplace_back(kUpdateFile, UpdatePlanJson(base.name, !goes_on_, views_of_base_, base.tiles,
-                                                                 changes_, survey_, ingest, compare, publish, full));
+    task.given_contents.Edit().emplace_back(
+        kUpdateFile, UpdatePlanJson(base.name, !goes_on_, views_of_base_, base.tiles, changes_, survey_, ingest,
+                                    compare, publish, full));
     Add(std::move(task));
     return absl::OkStatus();
   }

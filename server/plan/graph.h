@@ -9,7 +9,10 @@
 #include <utility>
 #include <vector>
 
+#include "absl/container/inlined_vector.h"
 #include "common/base/ids.h"
+#include "common/base/interned_string.h"
+#include "common/base/rarely.h"
 #include "common/base/status.h"
 #include "common/storage/hash.h"
 #include "common/tile/task_parameters.h"
@@ -23,25 +26,27 @@ using TaskId = Id<struct TaskTag>;
 
 // An output of an earlier task of the graph, which a task reads. Cities have hundreds of thousands.
 struct PlannedInput {
-  TaskId task;         // that makes it
-  std::string output;  // its name among that task's outputs
-  int tile = -1;       // among the inputs it lies as TileInputName(tile, output); -1: under its own name
+  PlannedInput(TaskId made_by, InternedString name, int of_tile = -1)
+      : task(made_by), tile(of_tile), output(std::move(name)) {}
+  TaskId task;            // that makes it
+  int tile;               // among the inputs it lies as TileInputName(tile, output); -1: under its own name
+  InternedString output;  // its name among that task's outputs
 };
 
 // How the task sees it: a path relative to its input folder.
 std::string InputName(const PlannedInput& input);
 
 struct PlannedTask {
-  std::string kind;        // see TaskRequest
+  InternedString kind;     // see TaskRequest
   std::string name;        // unique in the job, for people: "measure tile 3 step 7"
   int tile = -1;           // -1: the whole job
   std::string parameters;  // canonical JSON (sorted keys, no spaces)
   double cost = 1;         // predicted core-seconds; for progress, ETA, order and quotes
-  std::vector<PlannedInput> inputs;
+  absl::InlinedVector<PlannedInput, 1> inputs;
   int64_t peak_bytes = 0;  // predicted peak of a worker's resident memory; 0: not predicted
   // The scene's files that it reads, as ascending places in the scene's sorted list: cities have millions of such
   // inputs. The task sees each at its path below kSceneFolder.
-  std::vector<int> scene_files = {};
+  Rarely<std::vector<int>> scene_files = {};
   // Files of views, which it sees under ViewFileName. They are not in the task's key: other inputs tell their content.
   struct ViewFile {
     int file = 0;  // place in the scene's list
@@ -49,11 +54,11 @@ struct PlannedTask {
     bool likelihoods = false;
     friend bool operator==(const ViewFile&, const ViewFile&) = default;
   };
-  std::vector<ViewFile> view_files = {};
+  Rarely<std::vector<ViewFile>> view_files = {};
   // Not empty: outputs that are known beforehand; nothing runs. Contents are stored when the task is planned.
-  std::vector<NamedDigest> given = {};
-  std::vector<std::pair<std::string, std::string>> given_contents = {};  // name, content
-  double scale = 1;                                                      // in `cost`, of CostScale; 0: not known
+  Rarely<std::vector<NamedDigest>> given = {};
+  Rarely<std::vector<std::pair<std::string, std::string>>> given_contents = {};  // name, content; not recorded
+  double scale = 1;          // in `cost`, of CostScale; 0: not known
   int64_t stored_bytes = 0;  // predicted size of its outputs; 0: not predicted
 };
 

@@ -6,7 +6,7 @@
 namespace tessera {
 
 std::string InputName(const PlannedInput& input) {
-  return input.tile < 0 ? input.output : TileInputName(input.tile, input.output);
+  return input.tile < 0 ? input.output.str() : TileInputName(input.tile, input.output);
 }
 
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
@@ -17,8 +17,9 @@ StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<
   task.parameters =
       ToJson(IngestParameters{settings.method_settings.partners, settings.method_settings.views_per_direction});
   task.cost = kIngestSecondsPerFile * static_cast<double>(scene_files.size());
-  task.scene_files.resize(scene_files.size());
-  std::iota(task.scene_files.begin(), task.scene_files.end(), 0);
+  std::vector<int>& files = task.scene_files.Edit();
+  files.resize(scene_files.size());
+  std::iota(files.begin(), files.end(), 0);
   return task;
 }
 

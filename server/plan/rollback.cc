@@ -86,7 +86,7 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
   PlannedTask taken;
   taken.kind = kBaseKind;
   taken.name = absl::StrCat(kBaseKind, " ", base.name);
-  taken.given = {{kSurveyFile, base.survey}, {kPlainSurveyFile, base.plain}, {kCityFile, base.city}};
+  taken.given.Edit() = {{kSurveyFile, base.survey}, {kPlainSurveyFile, base.plain}, {kCityFile, base.city}};
   PublishParameters parameters;
   parameters.tiles = base.tiles;
   parameters.scene_name = survey.scene_name;
@@ -98,11 +98,11 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
   for (size_t t = 0; t < base.tiles.size(); ++t) {
     const int tile = base.tiles[t].tile;
     if (base.tiles[t].core.empty()) continue;
-    taken.given.push_back({TileInputName(tile, kStateFile), base.states[t]});
+    taken.given.Edit().push_back({TileInputName(tile, kStateFile), base.states[t]});
     publish.inputs.push_back({TaskId(0), TileInputName(tile, kStateFile)});
   }
   if (base.outdated) {  // going back brings no tile nearer to what the images show
-    taken.given.push_back({kOutdatedFile, *base.outdated});
+    taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
     publish.inputs.push_back({TaskId(0), kOutdatedFile});
   }
   parameters.outdated = base.outdated.has_value();

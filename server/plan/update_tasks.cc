@@ -57,7 +57,7 @@ PlannedTask CompareTask(const ChangeWork& work, const CellRect& cells, const See
   task.inputs = {{work.base_from, kCityFile}, {work.survey_from, kPlainSurveyFile}};
   double pixels = 0;
   for (const int32_t v : parameters.views) {
-    task.view_files.insert(task.view_files.end(), work.files_of_view[v].begin(), work.files_of_view[v].end());
+    task.view_files.Edit().insert(task.view_files->end(), work.files_of_view[v].begin(), work.files_of_view[v].end());
     const PinholeCamera& k = work.survey.views[v].camera.intrinsics;
     pixels += static_cast<double>(k.width) * k.height;
   }
@@ -156,12 +156,12 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   PlannedTask taken, update;
   taken.kind = kBaseKind;
   taken.name = absl::StrCat(kBaseKind, " ", base.name);
-  taken.given = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
+  taken.given.Edit() = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
   for (size_t t = 0; t < base.tiles.size(); ++t) {
     if (base.tiles[t].core.empty()) continue;
-    taken.given.push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
+    taken.given.Edit().push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
   }
-  if (base.outdated) taken.given.push_back({kOutdatedFile, *base.outdated});
+  if (base.outdated) taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
   bool other_mesh = false;  // there may be one
   update.kind = update.name = kUpdateKind;
   update.parameters =
@@ -174,7 +174,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
     if (known != known_of_content.end()) {
       files.known[scene_files[i].name] = known->second;
     } else {
-      update.scene_files.push_back(static_cast<int>(i));
+      update.scene_files.Edit().push_back(static_cast<int>(i));
       other_mesh |= absl::EndsWithIgnoreCase(scene_files[i].name, ".ply");
     }
   }
@@ -182,12 +182,12 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
     const auto mesh = std::find_if(scene_files.begin(), scene_files.end(), [&](const NamedDigest& file) {
       return file.name == files.carried[survey.mesh_path];
     });
-    update.scene_files.push_back(static_cast<int>(mesh - scene_files.begin()));
-    std::sort(update.scene_files.begin(), update.scene_files.end());
+    update.scene_files.Edit().push_back(static_cast<int>(mesh - scene_files.begin()));
+    std::sort(update.scene_files.Edit().begin(), update.scene_files.Edit().end());
   }
-  taken.given_contents.emplace_back(kFilesFile, ToJson(files));
+  taken.given_contents.Edit().emplace_back(kFilesFile, ToJson(files));
   update.inputs = {{TaskId(0), kBaseSurveyFile}, {TaskId(0), kCityFile}, {TaskId(0), kFilesFile}};
-  update.cost = kIngestSecondsPerFile * static_cast<double>(update.scene_files.size());
+  update.cost = kIngestSecondsPerFile * static_cast<double>(update.scene_files->size());
   return std::vector<PlannedTask>{std::move(taken), std::move(update)};
 }
 

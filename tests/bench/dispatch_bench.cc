@@ -49,14 +49,14 @@ class BarePlanner : public Planner {
   }
   StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& files) override {
     TESSERA_ASSIGN_OR_RETURN(PlannedTask task, PlanIngest(settings, files));
-    task.scene_files.clear();
+    task.scene_files.Clear();
     return task;
   }
 
  private:
   static StatusOr<std::vector<PlannedTask>> Bare(StatusOr<std::vector<PlannedTask>> tasks) {
     if (tasks.ok()) {
-      for (PlannedTask& task : *tasks) task.view_files.clear();
+      for (PlannedTask& task : *tasks) task.view_files.Clear();
     }
     return tasks;
   }

@@ -52,6 +52,7 @@ class ChainPlanner : public Planner {
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings&, const std::string&, const std::vector<std::string>&,
                                            const UpdateBase*) override {
     std::vector<PlannedTask> tasks;
+    tasks.reserve(arguments_.tasks + 1);
     const int chains = arguments_.workers;
     for (int i = 0; i < arguments_.tasks; ++i) {
       const int tile = i % chains, step = i / chains;

@@ -17,11 +17,11 @@ class BasePlanner : public FakePlanner {
   StatusOr<std::vector<PlannedTask>> Update(const JobSettings&, const std::vector<NamedDigest>&,
                                             const UpdateBase& base) override {
     PlannedTask taken{kBaseKind, "base", -1, "", 1, {}}, update{kUpdateKind, "update", -1, "{}", 1, {}};
-    taken.given = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
+    taken.given.Edit() = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
     for (size_t t = 0; t < base.states.size(); ++t) {
-      taken.given.push_back({TileInputName(static_cast<int>(t), kStateFile), base.states[t]});
+      taken.given.Edit().push_back({TileInputName(static_cast<int>(t), kStateFile), base.states[t]});
     }
-    taken.given_contents = {{"files.json", "files, and " + base.survey_json}};
+    taken.given_contents.Edit() = {{"files.json", "files, and " + base.survey_json}};
     update.inputs = {{TaskId(0), kBaseSurveyFile}, {TaskId(0), kCityFile}, {TaskId(0), "files.json"}};
     return std::vector<PlannedTask>{taken, update};
   }

@@ -71,7 +71,7 @@ class FakePlanner : public Planner {
   StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) override {
     if (settings.method != "tessera") return absl::InvalidArgumentError("no method " + settings.method);
     PlannedTask task{"ingest", "read the scene", -1, "{}", 1, {}};
-    for (size_t i = 0; i < scene_files.size(); ++i) task.scene_files.push_back(static_cast<int>(i));
+    for (size_t i = 0; i < scene_files.size(); ++i) task.scene_files.Edit().push_back(static_cast<int>(i));
     return task;
   }
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
@@ -86,7 +86,7 @@ class FakePlanner : public Planner {
       } else {
         tasks.push_back(Refine(tile, parameters));
         tasks.back().inputs = {{TaskId(0), "mesh"}};
-        tasks.back().scene_files = {0};
+        tasks.back().scene_files.Edit() = {0};
       }
     }
     if (!exchange) tasks.push_back(Publish(settings.tiles, 1));

@@ -26,10 +26,10 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
   for (const PlannedInput& input : planned.inputs) {
     bring(fs::path(earlier.at(input.task.value()).output_dir) / input.output, InputName(input));
   }
-  for (const int file : planned.scene_files) {
+  for (const int file : *planned.scene_files) {
     bring(fs::path(scene.folder) / scene.files.at(file), std::string(kSceneFolder) + "/" + scene.files[file]);
   }
-  for (const PlannedTask::ViewFile& file : planned.view_files) {
+  for (const PlannedTask::ViewFile& file : *planned.view_files) {
     bring(fs::path(scene.folder) / scene.files.at(file.file), ViewFileName(file.view, file.likelihoods));
   }
   const TaskRequest request = {planned.kind, planned.parameters, input_dir, task.output_dir};

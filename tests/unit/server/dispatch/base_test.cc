@@ -81,7 +81,7 @@ class BaseTest : public testing::Test {
       v1::Record done;
       v1::TaskSucceeded& succeeded = *done.mutable_task_succeeded();
       succeeded.set_task(TaskName({job, t}));
-      succeeded.set_key(name + std::to_string(t));
+      succeeded.set_key(Sha256Hex(name + std::to_string(t)));
       succeeded.set_reused(all[t].used == 0);
       for (const std::string& output : all[t].outputs) {
         succeeded.add_outputs()->set_name(output);

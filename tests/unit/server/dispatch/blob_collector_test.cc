@@ -77,8 +77,8 @@ class BlobCollectorTest : public CheckingWorkerTest {
       if (HasEnded(job.header.state)) continue;
       const auto tasks = dispatcher_->ListTasks(job.header.name, 0, 1000);
       for (const TaskStatus& task : *tasks) {
-        for (const NamedDigest& output : task.task.outputs) {
-          if (!blobs_->Has(output.digest)) missing.insert(output.digest.sha256);
+        for (const StoredFile& output : task.task.outputs) {
+          if (!blobs_->Has(output.digest())) missing.insert(output.sha256.Hex());
         }
       }
     }
@@ -146,7 +146,7 @@ TEST_F(BlobCollectorTest, AboveTheLimitWhatCanBeMadeAgainGoesOldestJobsFirst) {
     int tiles = 0;
     const auto tasks = dispatcher_->ListTasks(job, 0, 100);
     for (const TaskStatus& task : *tasks) {
-      if (task.task.plan.kind == "cut") tiles += blobs_->Has(task.task.outputs[0].digest);
+      if (task.task.plan.kind == "cut") tiles += blobs_->Has(task.task.outputs[0].digest());
     }
     return tiles;
   };
@@ -218,7 +218,7 @@ TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainLacksIsMadeAgain) {
     Work(job);
     ASSERT_THAT(Job(job).header.error, HasSubstr("it broke")) << round;
     Look();
-    ASSERT_FALSE(blobs_->Has(Task(job, 1).task.outputs[0].digest));
+    ASSERT_FALSE(blobs_->Has(Task(job, 1).task.outputs[0].digest()));
     ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
   }
   fails_ = "";
@@ -233,9 +233,9 @@ TEST_F(BlobCollectorTest, WhatIsMadeAgainStaysUntilItWasRead) {
   Work(job);
   Limit(1);
   Look();
-  const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest;
+  const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest();
   EXPECT_FALSE(blobs_->Has(tile));
-  for (const int task : {3, 4, 5}) ASSERT_TRUE(RemoveTree(blobs_->Path(Task(job, task).task.outputs[0].digest)).ok());
+  for (const int task : {3, 4, 5}) ASSERT_TRUE(RemoveTree(blobs_->Path(Task(job, task).task.outputs[0].digest())).ok());
   ASSERT_TRUE(dispatcher_->RemakeArtifact(mesh).ok());
   for (int turns = 0; turns < 40 && Turn(worker); ++turns) Look();
   EXPECT_TRUE(blobs_->Verify(mesh).ok());
@@ -248,7 +248,7 @@ TEST_F(BlobCollectorTest, WhatIsMadeAgainStaysUntilItWasRead) {
 TEST_F(BlobCollectorTest, WhatAnEndedJobMakesAgainMeanwhileStays) {
   const std::string job = Create(Scene(2)), worker = Worker();
   Work(job);
-  const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest;
+  const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest();
   const BlobReferences references = dispatcher_->CollectReferences();
   std::vector<BlobFile> listed;
   for (int part = 0; part < kBlobParts; ++part) {
@@ -372,8 +372,8 @@ TEST_F(BlobCollectorTest, VerifyingSaysWhatIsWrong) {
   WorkAll(Worker());
   EXPECT_THAT(Faults(), IsEmpty());
   const auto outputs = Task("jobs/1", 0).task.outputs;
-  std::ofstream(blobs_->Path(outputs[0].digest), std::ios::in | std::ios::out) << "X";
-  ASSERT_TRUE(RemoveTree(blobs_->Path(outputs[1].digest)).ok());
+  std::ofstream(blobs_->Path(outputs[0].digest()), std::ios::in | std::ios::out) << "X";
+  ASSERT_TRUE(RemoveTree(blobs_->Path(outputs[1].digest())).ok());
   store_.records.push_back("no record");
   const auto shallow = VerifyState(store_, *blobs_, false, [](const std::string&) {});
   EXPECT_EQ(shallow->faults, 2) << "no content is read";
@@ -382,7 +382,7 @@ TEST_F(BlobCollectorTest, VerifyingSaysWhatIsWrong) {
   const auto mesh_is_gone = HasSubstr("jobs/1, 'read the scene', mesh: no blob");
   EXPECT_THAT(Faults(),
               ElementsAre(HasSubstr("record " + std::to_string(store_.records.size()) + ": not a record"),
-                          AllOf(HasSubstr(survey + "blob " + outputs[0].digest.sha256 + " was damaged (its 6"),
+                          AllOf(HasSubstr(survey + "blob " + outputs[0].digest().sha256 + " was damaged (its 6"),
                                 HasSubstr(Sha256Hex("Xurvey") + ", expected 6"), HasSubstr("/set_aside/")),
                           mesh_is_gone));
   EXPECT_THAT(Faults(), ElementsAre(_, HasSubstr(survey + "no blob"), mesh_is_gone)) << "it was set aside";

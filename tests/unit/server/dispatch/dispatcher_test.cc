@@ -235,7 +235,7 @@ TEST_F(DispatcherTest, LostBlobsAreMadeAnew) {
   const std::string worker = Worker();
   const std::string first = Create(AJob(1));
   WorkAll(worker);
-  ASSERT_TRUE(RemoveTree(blobs_->Path(Task(first, 1).task.outputs[0].digest)).ok());
+  ASSERT_TRUE(RemoveTree(blobs_->Path(Task(first, 1).task.outputs[0].digest())).ok());
   const std::string second = Create(AJob(1));
   EXPECT_EQ(WorkAll(worker), 1);
   EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);
@@ -250,7 +250,7 @@ TEST_F(DispatcherTest, OutputsMustBeThere) {
   result.outputs.push_back({"more", {std::string(64, 'a'), 5}});
   ASSERT_TRUE(dispatcher_->ReportSuccess(worker, ingest->task, 1, result).ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady);
-  EXPECT_THAT(Task(job, 0).task.error.message, HasSubstr("not stored"));
+  EXPECT_THAT(Task(job, 0).task.error->message, HasSubstr("not stored"));
   clock_.Advance(2);
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
   for (int attempt = 1; attempt <= 4; ++attempt) {

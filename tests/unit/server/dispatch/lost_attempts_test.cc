@@ -69,7 +69,7 @@ TEST_F(LostAttemptsTest, ThreeWorkersThatDieOnMachinesThatLiveMakeATaskPoison) {
     ASSERT_TRUE(dispatcher_->Tick().ok());
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
-  EXPECT_EQ(Task(job, 0).task.error.error_class, ErrorClass::kPoison);
+  EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPoison);
   EXPECT_THAT(Job(job).header.error, HasSubstr("fell silent over 'read the scene', one of 3 workers that did while"));
 }
 
@@ -115,7 +115,8 @@ TEST_F(LostAttemptsTest, AnAttemptWithoutProgressIsEndedThoughItsWorkerLives) {
   const std::string other = Worker();
   EXPECT_FALSE(Lease(other));
   EXPECT_THAT(beat(0.02, "checking 1"), ElementsAre(lease->task));
-  EXPECT_EQ(Task(job, 0).task.error.message, "stalled: " + hung + " showed no progress for 600 s, at 2 % (checking 1)");
+  EXPECT_EQ(Task(job, 0).task.error->message,
+            "stalled: " + hung + " showed no progress for 600 s, at 2 % (checking 1)");
   clock_.Advance(1.1);
   const auto again = Lease(other);
   ASSERT_TRUE(again);

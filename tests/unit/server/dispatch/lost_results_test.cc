@@ -123,7 +123,7 @@ TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
   Work(base);
   const std::string update = Create(Scene(1, base)), workers[] = {Worker(), Worker()};
   ASSERT_TRUE(Turn(workers[0]));
-  fs::remove(blobs_->Path(Task(base, 1).task.outputs.at(0).digest));
+  fs::remove(blobs_->Path(Task(base, 1).task.outputs.at(0).digest()));
   ASSERT_TRUE(Turn(workers[0]));  // tells that it is lost
   int remakes = 0;
   for (int turn = 0; turn < 20 && !HasEnded(Job(update).header.state); ++turn, clock_.Advance(20)) {
@@ -150,7 +150,7 @@ TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
 TEST_F(LostResultsTest, ARemakeWithOtherBytesIsToldAndRefused) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(Turn(worker));
-  fs::remove(blobs_->Path(Task(job, 0).task.outputs[1].digest));
+  fs::remove(blobs_->Path(Task(job, 0).task.outputs[1].digest()));
   ASSERT_TRUE(Turn(worker));
   for (int i = 0; i < 10 && !HasEnded(Job(job).header.state); ++i) {
     const auto lease = Lease(worker);
@@ -172,8 +172,8 @@ TEST_F(LostResultsTest, AFolderThatEatsFilesFailsTheJobInTheEnd) {
   int turns = 0;
   for (; turns < 100 && !HasEnded(Job(job).header.state); ++turns) {
     if (!Turn(worker)) break;
-    for (const NamedDigest& output : Task(job, 0).task.outputs) {
-      if (output.name == "mesh") fs::remove(blobs_->Path(output.digest));
+    for (const StoredFile& output : Task(job, 0).task.outputs) {
+      if (output.name == "mesh") fs::remove(blobs_->Path(output.digest()));
     }
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
@@ -195,7 +195,7 @@ TEST_F(LostResultsTest, ASceneFileThatChangedIsNamed) {
 TEST_F(LostResultsTest, WhatIsWholeIsNotMadeAgain) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(Turn(worker));
-  const Digest mesh = Task(job, 0).task.outputs[1].digest, survey = Task(job, 0).task.outputs[0].digest;
+  const Digest mesh = Task(job, 0).task.outputs[1].digest(), survey = Task(job, 0).task.outputs[0].digest();
   fs::remove(blobs_->Path(survey));  // is no input of the task
   for (int i = 0; i < 10; ++i) {
     const auto lease = Lease(worker);

@@ -15,9 +15,13 @@
 namespace tessera {
 namespace {
 
-std::string Text(const std::vector<NamedDigest>& files) {
+template <class Files>
+std::string Text(const Files& files) {
   std::string text;
-  for (const NamedDigest& file : files) text += file.name + ":" + file.digest.sha256 + " ";
+  for (const auto& each : files) {
+    const NamedDigest& file = each;
+    text += file.name + ":" + file.digest.sha256 + " ";
+  }
   return text;
 }
 
@@ -30,13 +34,13 @@ std::string Text(const Ledger& ledger) {
         << header.start_us << " " << header.end_us << " " << job.lost << job.unfinished << " " << Text(header.artifacts)
         << Text(job.scene_files) << "\n";
     for (const JobTask& task : job.tasks) {
-      out << task.plan.name << " " << static_cast<int>(task.state) << " " << task.key << " " << task.retry_delay_us
-          << " " << task.error.message << " " << task.reused << task.stats << task.usage.core_seconds << " "
-          << task.usage.peak_bytes << " " << task.remakes << task.remaking << task.missing << Text(task.outputs)
-          << task.start_us << " " << task.end_us;
+      out << task.plan.name << " " << static_cast<int>(task.state) << " " << task.key_hex() << " "
+          << task.retry_delay_us << " " << task.error->message << " " << task.reused << task.stats
+          << task.usage.core_seconds << " " << task.usage.peak_bytes << " " << task.remakes << task.remaking
+          << task.missing << Text(task.outputs) << task.start_us << " " << task.end_us;
       for (const Attempt& attempt : task.attempts) {
         out << " [" << attempt.worker << " " << attempt.start_us << " " << attempt.end_us << " "
-            << static_cast<int>(attempt.failure.error_class) << attempt.lease_expired << "]";
+            << static_cast<int>(attempt.failure->error_class) << attempt.lease_expired << "]";
       }
       out << "\n";
     }

@@ -12,13 +12,15 @@ using testing::HasSubstr;
 JobTask After(std::vector<Attempt> attempts, const std::string& machine = "m") {
   JobTask task;
   task.plan.name = "refine tile 3";
-  task.attempts = std::move(attempts);
+  task.attempts.assign(attempts.begin(), attempts.end());
   task.attempts.push_back({"workers/1-9", machine, 0, 0, {}, false});
   return task;
 }
-Attempt Failed(ErrorClass error_class) { return {"workers/1-1", "m", 0, 1, {error_class, "it broke"}, false}; }
+Attempt Failed(ErrorClass error_class) {
+  return {"workers/1-1", "m", 0, 1, TaskFailure{error_class, "it broke"}, false};
+}
 Attempt Silent(const std::string& machine) {
-  return {"workers/1-1", machine, 0, 1, {ErrorClass::kTransient, "lease expired"}, true};
+  return {"workers/1-1", machine, 0, 1, TaskFailure{ErrorClass::kTransient, "lease expired"}, true};
 }
 bool AllLive(const std::string&) { return true; }
 bool NoneLives(const std::string&) { return false; }

@@ -57,7 +57,7 @@ TEST_F(SetAsideTest, StatisticsAreBounded) {
     EXPECT_THAT(std::string(refused.message()),
                 testing::AnyOf(HasSubstr("statistics: found JSON nested 30000 deep, expected at most 64"),
                                HasSubstr("statistics: found 100000 bytes, expected at most 65536")));
-    EXPECT_EQ(Task(job, 0).task.error.message, refused.message()) << "the attempt has failed";
+    EXPECT_EQ(Task(job, 0).task.error->message, refused.message()) << "the attempt has failed";
     clock_.Advance(3);
   }
   WorkAll(worker);

@@ -55,7 +55,7 @@ class RowPlanner : public FakePlanner {
       states = std::move(made);
     }
     PlannedTask publish{kPublishKind, "publish", -1, "{}", 1, {}};
-    publish.inputs = std::move(states);
+    publish.inputs.assign(states.begin(), states.end());
     tasks.push_back(std::move(publish));
     return tasks;
   }

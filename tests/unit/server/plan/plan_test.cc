@@ -261,7 +261,7 @@ TEST(Plan, CropReadsThePixelsOfEveryViewOfItsCells) {
   for (const PlannedTask& task : PlanOf(survey, 5)) {
     if (task.kind != "crop") continue;
     std::set<std::string> files;
-    for (const PlannedTask::ViewFile& file : task.view_files) files.insert(all.at(file.file));
+    for (const PlannedTask::ViewFile& file : *task.view_files) files.insert(all.at(file.file));
     const auto cores = Cores(survey, 5);
     for (const SurveyCell& cell : survey.cells) {
       if (!cores[task.tile].Contains({cell.x, cell.y})) continue;
@@ -360,7 +360,7 @@ TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {
   ASSERT_TRUE(a.ok() && b.ok() && c.ok() && d.ok());
   EXPECT_NE(a->parameters, c->parameters) << "ingest chooses the pairs";
   EXPECT_NE(a->parameters, d->parameters) << "and the views of cells";
-  EXPECT_EQ(a->scene_files, (std::vector<int>{0, 1}));
+  EXPECT_EQ(*a->scene_files, (std::vector<int>{0, 1}));
   EXPECT_EQ(a->parameters, b->parameters) << "so that it is done once for all tilings";
 }
 

@@ -137,12 +137,12 @@ TEST(Rollback, ThePlanIsToPublishTheStatesGiven) {
   ASSERT_TRUE(tasks.ok()) << tasks.status();
   ASSERT_EQ(tasks->size(), 2u);
   const PlannedTask &taken = (*tasks)[0], &publish = (*tasks)[1];
-  EXPECT_EQ(taken.given.back().name, "0008/state.arrays");
-  EXPECT_EQ(taken.given.back().digest, base.states[8]);
+  EXPECT_EQ(taken.given->back().name, "0008/state.arrays");
+  EXPECT_EQ(taken.given->back().digest, base.states[8]);
   EXPECT_EQ(publish.kind, kPublishKind);
   EXPECT_EQ(publish.inputs.size(), 2 + base.tiles.size());
   for (const PlannedInput& input : publish.inputs) {
-    EXPECT_TRUE(std::any_of(taken.given.begin(), taken.given.end(), [&](const NamedDigest& given) {
+    EXPECT_TRUE(std::any_of(taken.given->begin(), taken.given->end(), [&](const NamedDigest& given) {
       return given.name == input.output;
     })) << input.output;
   }
@@ -155,8 +155,8 @@ TEST(Rollback, FacesThatShowWhatIsGoneStayFlagged) {
   base.outdated = ContentDigest("flags");
   const auto tasks = PlanRollback(base);
   ASSERT_TRUE(tasks.ok()) << tasks.status();
-  EXPECT_EQ((*tasks)[0].given.back().name, kOutdatedFile);
-  EXPECT_EQ((*tasks)[0].given.back().digest, *base.outdated);
+  EXPECT_EQ((*tasks)[0].given->back().name, kOutdatedFile);
+  EXPECT_EQ((*tasks)[0].given->back().digest, *base.outdated);
   EXPECT_EQ((*tasks)[1].inputs.back().output, kOutdatedFile);
   EXPECT_TRUE(ParsePublishParameters((*tasks)[1].parameters)->outdated);
 }

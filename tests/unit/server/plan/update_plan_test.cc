@@ -169,18 +169,18 @@ TEST(UpdatePlan, TheFirstPhaseGivesWhatTheBaseMadeAndReadsWhatIsNew) {
   const PlannedTask &taken = (*tasks)[0], &update = (*tasks)[1];
   EXPECT_EQ(taken.kind, kBaseKind);
   std::set<std::string> given;
-  for (const NamedDigest& output : taken.given) given.insert(output.name);
+  for (const NamedDigest& output : *taken.given) given.insert(output.name);
   EXPECT_EQ(given, (std::set<std::string>{kBaseSurveyFile, kCityFile, kOutdatedFile, "0000/state.arrays",
                                           "0001/state.arrays", "0002/state.arrays", "0003/state.arrays"}));
-  ASSERT_EQ(taken.given_contents.size(), 1u);
-  const auto told = ParseUpdateFiles(taken.given_contents[0].second);
+  ASSERT_EQ(taken.given_contents->size(), 1u);
+  const auto told = ParseUpdateFiles(taken.given_contents->front().second);
   ASSERT_TRUE(told.ok());
   EXPECT_EQ(told->known.at("renamed.jpg").content, "pixels2");
   EXPECT_TRUE(told->known.at("mesh.ply").mesh);
   EXPECT_EQ(told->carried.at("images/2.jpg"), "renamed.jpg");
   EXPECT_TRUE(IsCarried(told->carried.at("images/1.jpg")));
   std::set<std::string> read;
-  for (const int file : update.scene_files) read.insert(files[file].name);
+  for (const int file : *update.scene_files) read.insert(files[file].name);
   EXPECT_EQ(read, (std::set<std::string>{"new.jpg", "scene.json"})) << "no image of the base, no mesh";
 }
 
@@ -314,9 +314,9 @@ TEST(UpdatePlan, TheBasesMeshIsReadWhereTheSceneMayHaveAnother) {
     const auto tasks = PlanUpdate({}, files, pair.base);
     ASSERT_TRUE(tasks.ok()) << tasks.status();
     int meshes = 0;
-    for (const int file : (*tasks)[1].scene_files) meshes += files[file].name.ends_with("mesh.ply");
+    for (const int file : *(*tasks)[1].scene_files) meshes += files[file].name.ends_with("mesh.ply");
     EXPECT_EQ(meshes, other ? 2 : 0);
-    EXPECT_TRUE(std::is_sorted((*tasks)[1].scene_files.begin(), (*tasks)[1].scene_files.end()));
+    EXPECT_TRUE(std::is_sorted((*tasks)[1].scene_files->begin(), (*tasks)[1].scene_files->end()));
   }
 }
 
@@ -373,7 +373,7 @@ TEST(UpdatePlan, ATileOfWhichNothingIsLeftHasNoTasksAndNoState) {
   ASSERT_TRUE(tiles.ok()) << tiles.status();
   ASSERT_EQ(tiles->size(), 2u) << "the plan and one cut";
   EXPECT_TRUE(ParseCutParameters((*tiles)[1].parameters)->cores[kGone].empty());
-  const auto plan = nlohmann::json::parse((*tiles)[0].given_contents[0].second);
+  const auto plan = nlohmann::json::parse((*tiles)[0].given_contents->front().second);
   EXPECT_EQ(plan["tiles_gone"], nlohmann::json::array({kGone}));
   EXPECT_EQ(plan["tiles"].size(), left.size());
   const auto steps = PlanSteps({}, survey, pair.Files(), {{left, left, left, left}}, &pair.base);
@@ -405,12 +405,12 @@ TEST(UpdatePlan, ATileOfWhichNothingIsLeftHasNoTasksAndNoState) {
   pair.base.states[kGone] = {};
   const auto given = PlanUpdate({}, pair.base.scene_files, pair.base);
   ASSERT_TRUE(given.ok()) << given.status();
-  for (const NamedDigest& output : (*given)[0].given) EXPECT_NE(output.name, TileInputName(kGone, kStateFile));
+  for (const NamedDigest& output : *(*given)[0].given) EXPECT_NE(output.name, TileInputName(kGone, kStateFile));
   const auto next = PlanTiles({}, SurveyToJson(pair.now), pair.Files(), &pair.base);
   ASSERT_TRUE(next.ok()) << next.status();
   EXPECT_EQ(next->back().kind, kPublishKind);
   EXPECT_EQ(ParsePublishParameters(next->back().parameters)->tiles.size(), 9u);
-  EXPECT_EQ(nlohmann::json::parse((*next)[0].given_contents[0].second)["tiles_gone"], nlohmann::json::array());
+  EXPECT_EQ(nlohmann::json::parse((*next)[0].given_contents->front().second)["tiles_gone"], nlohmann::json::array());
 }
 
 TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
@@ -422,7 +422,7 @@ TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
   const auto tiles = PlanTiles(settings, SurveyToJson(pair.now), pair.Files(), &pair.base);
   ASSERT_TRUE(tiles.ok()) << tiles.status();
   EXPECT_EQ(tiles->size(), 5u) << "the plan and all cuts";
-  const auto plan = nlohmann::json::parse((*tiles)[0].given_contents[0].second);
+  const auto plan = nlohmann::json::parse((*tiles)[0].given_contents->front().second);
   EXPECT_EQ(plan["predicted"]["core_seconds"], plan["predicted"]["core_seconds_in_full"]) << "at most";
   EXPECT_EQ(plan["predicted"]["stored_bytes"], plan["predicted"]["stored_bytes_in_full"]) << "at most";
   EXPECT_GT(plan["predicted"]["stored_bytes"], 0);
@@ -463,8 +463,8 @@ TEST(UpdatePlan, WhatTheBaseTookCorrectsPredictionsAndNothingElse) {
     EXPECT_EQ(after[t].parameters, before[t].parameters) << "keys do not depend on what is predicted";
   }
   EXPECT_TRUE(kinds.contains("measure") && kinds.contains("mend") && kinds.contains("compare"));
-  const auto was = nlohmann::json::parse(before[0].given_contents[0].second)["predicted"];
-  const auto now = nlohmann::json::parse(after[0].given_contents[0].second)["predicted"];
+  const auto was = nlohmann::json::parse(before[0].given_contents->front().second)["predicted"];
+  const auto now = nlohmann::json::parse(after[0].given_contents->front().second)["predicted"];
   EXPECT_NEAR(now["ingest"]["core_seconds"],
               was["ingest"]["core_seconds"].get<double>() * std::clamp(ingest, kLeastScale, kMostScale), 1e-9);
   EXPECT_NEAR(now["publish"]["core_seconds"], was["publish"]["core_seconds"].get<double>() * others, 1e-9);

@@ -1,0 +1,38 @@
+// Strings that are said a million times: kinds of tasks, workers, files.
+#ifndef TESSERA_COMMON_BASE_INTERNED_STRING_H_
+#define TESSERA_COMMON_BASE_INTERNED_STRING_H_
+
+#include <boost/flyweight.hpp>
+#include <concepts>
+#include <ostream>
+#include <string>
+#include <string_view>
+#include <utility>
+
+namespace tessera {
+
+// A constant string in the memory of a pointer: equal ones of the process share what they hold, which goes with the
+// last of them. Made and copied under a lock of its own; else as thread-safe as a std::string.
+class InternedString {
+ public:
+  InternedString() = default;
+  InternedString(std::string text) : text_(std::move(text)) {}  // NOLINT(google-explicit-constructor)
+  InternedString(const char* text) : text_(text) {}             // NOLINT(google-explicit-constructor)
+
+  const std::string& str() const { return text_.get(); }
+  operator const std::string&() const { return str(); }  // NOLINT(google-explicit-constructor)
+
+  friend bool operator==(const InternedString& a, const InternedString& b) { return a.text_ == b.text_; }
+  template <std::convertible_to<std::string_view> Text>
+  friend bool operator==(const InternedString& a, const Text& b) {
+    return a.str() == std::string_view(b);
+  }
+  friend std::ostream& operator<<(std::ostream& out, const InternedString& text) { return out << text.str(); }
+
+ private:
+  boost::flyweight<std::string> text_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_BASE_INTERNED_STRING_H_
