@@ -141,6 +141,9 @@ grpc::Status JobsService::WatchJob(grpc::ServerContext* context, const v1::Watch
   Dispatcher& dispatcher = *environment_.dispatcher;
   std::string last;
   while (!context->IsCancelled()) {
+    if (environment_.access->CallerOf(*context).roles == 0) {
+      return ToGrpc(absl::UnauthenticatedError("the token was revoked, or has expired"));
+    }
     const int64_t version = dispatcher.Version();
     const auto job = dispatcher.GetJob(request->name());
     if (!job.ok()) return ToGrpc(job.status());
