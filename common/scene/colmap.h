@@ -10,6 +10,7 @@
 
 #include "common/base/status.h"
 #include "common/imaging/camera.h"
+#include "common/storage/allowed_files.h"
 
 namespace tessera {
 

@@ -94,11 +94,15 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     return Status(lock.status().code(),
                   "another coordinator uses " + data + "? " + std::string(lock.status().message()));
   }
-  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
   SystemClock clock;
   TESSERA_ASSIGN_OR_RETURN(const std::string worker_key, EnsureSecretFile(data + "/worker.key"));
   TESSERA_ASSIGN_OR_RETURN(const auto access, Access::Open(worker_key, flags.token_file, &clock));
+  AllowedFiles scene_files = AllowedFiles::OwnedBy(::geteuid());
+  if (!flags.scene_roots.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(scene_files, AllowedFiles::Under(flags.scene_roots));
+  }
+  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
   Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
@@ -116,11 +120,8 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   environment.clock = &clock;
   environment.access = access.get();
   environment.list_scene = ListScene;
-  environment.scene_files = AllowedFiles::OwnedBy(::geteuid());
+  environment.scene_files = scene_files;
   environment.scenes_over_network = !flags.scene_roots.empty();
-  if (!flags.scene_roots.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(environment.scene_files, AllowedFiles::Under(flags.scene_roots));
-  }
   if (!flags.no_shared_storage) {
     environment.shared_probe_path = blobs->root() + "/probe";
     environment.shared_probe_content = RandomSecret();  // that no other machine's folder has

@@ -1,4 +1,6 @@
 // `tessera access`: certificates and tokens for a coordinator and those who call it.
+#include <sys/stat.h>
+
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <filesystem>
@@ -123,6 +125,7 @@ CLI::App* AddAction(CLI::App& command, const std::string& name, const std::strin
   CLI::App* action = command.add_subcommand(name, what);
   action->add_option("FOLDER", flags->folder, "Where the files are kept, for the user alone")->required();
   action->callback([flags, exit_code, act] {
+    ::umask(S_IRWXG | S_IRWXO);
     const Status status = act(*flags);
     *exit_code = status.ok() ? kExitOk : Complain("access", status);
   });
