@@ -340,6 +340,7 @@ TEST_F(IntrudersTest, TokensComeAndGoWithTheirFile) {
   TokenTable table = *TokenTable::Read(token_file_);
   ASSERT_TRUE(Call(list, "", TokenOf("viewer")).ok());
   grpc::ClientContext watching;
+  SetDeadline(watching, 20);
   watching.AddMetadata("authorization", "Bearer " + tokens_["viewer"]);
   v1::WatchJobRequest watch;
   watch.set_name(SubmitScene());
