@@ -1,16 +1,15 @@
 #include "common/scene/colmap.h"
 
 #include "absl/strings/str_cat.h"
-#include "common/storage/files.h"
 
 namespace tessera {
 namespace {
 
 constexpr int64_t kLargestFile_bytes = int64_t{64} << 30;
 
-std::string ReadModelFile(const std::string& path, bool required, Faults* faults) {
-  if (!required && !FileExists(path)) return "";
-  StatusOr<std::string> content = ReadFile(path, kLargestFile_bytes);
+std::string ReadModelFile(const std::string& path, bool required, const AllowedFiles& allowed, Faults* faults) {
+  if (!required && !allowed.Exists(path)) return "";
+  StatusOr<std::string> content = allowed.ReadWhole(path, kLargestFile_bytes);
   if (content.ok()) return *std::move(content);
   if (absl::IsNotFound(content.status())) {
     faults->Add(InputError(path, "", "no such file", "a file of a COLMAP model"));
@@ -22,19 +21,20 @@ std::string ReadModelFile(const std::string& path, bool required, Faults* faults
 
 }  // namespace
 
-ColmapModel ReadColmapModel(const std::string& folder, ColmapContent content, Faults* faults) {
+ColmapModel ReadColmapModel(const std::string& folder, ColmapContent content, Faults* faults,
+                            const AllowedFiles& allowed) {
   ColmapModel model;
-  const bool binary = FileExists(folder + "/cameras.bin");
-  if (!binary && !FileExists(folder + "/cameras.txt")) {
+  const bool binary = allowed.Exists(folder + "/cameras.bin");
+  if (!binary && !allowed.Exists(folder + "/cameras.txt")) {
     faults->Add(InputError(folder, "", "neither cameras.bin nor cameras.txt", "a COLMAP model"));
     return model;
   }
   const std::string extension = binary ? ".bin" : ".txt";
   const size_t faults_before = faults->messages().size();
-  const std::string cameras = ReadModelFile(absl::StrCat(folder, "/cameras", extension), true, faults);
-  const std::string images = ReadModelFile(absl::StrCat(folder, "/images", extension), true, faults);
+  const std::string cameras = ReadModelFile(absl::StrCat(folder, "/cameras", extension), true, allowed, faults);
+  const std::string images = ReadModelFile(absl::StrCat(folder, "/images", extension), true, allowed, faults);
   const std::string points = content == ColmapContent::kCamerasAndPoints
-                                 ? ReadModelFile(absl::StrCat(folder, "/points3D", extension), false, faults)
+                                 ? ReadModelFile(absl::StrCat(folder, "/points3D", extension), false, allowed, faults)
                                  : "";
   if (faults->messages().size() > faults_before) return model;
   (binary ? ParseColmapBinary : ParseColmapText)(cameras, images, points, folder, content, &model, faults);

@@ -10,6 +10,7 @@
 
 #include "common/base/status.h"
 #include "common/imaging/camera.h"
+#include "common/storage/allowed_files.h"
 
 namespace tessera {
 
@@ -48,7 +49,8 @@ enum class ColmapContent { kCameras, kCamerasAndPoints };  // the latter with ob
 // whose coefficients are all zero becomes a pinhole. Quaternions are normalised. Every fault goes into `faults` with
 // file and line (text) or byte offset (binary); what is returned then lacks the faulty entries. Never allocates more
 // than a small multiple of the files' sizes.
-ColmapModel ReadColmapModel(const std::string& folder, ColmapContent content, Faults* faults);
+ColmapModel ReadColmapModel(const std::string& folder, ColmapContent content, Faults* faults,
+                            const AllowedFiles& allowed = AllowedFiles::All());
 
 // The same from memory, one file each, for tests and fuzzing. `name` stands for the file in messages. `model` grows.
 void ParseColmapText(const std::string& cameras, const std::string& images, const std::string& points,

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
 #include "common/scene/colmap.h"
@@ -21,14 +22,15 @@ namespace fs = std::filesystem;
 
 std::string WithoutExtension(const std::string& name) { return fs::path(name).replace_extension().generic_string(); }
 
-bool IsFolder(const std::string& path) {
-  std::error_code error;
-  return fs::is_directory(path, error);
+// What a library says of an open file, by the name that the user knows.
+Status Named(const Status& status, const HeldFile& file, const std::string& path) {
+  if (status.ok() || file.path() == path) return status;
+  return Status(status.code(), absl::StrReplaceAll(status.message(), {{file.path(), path}}));
 }
 
 // The mesh's header alone: whether its faces have labels.
-bool MeshHasLabels(const std::string& path) {
-  const StatusOr<std::string> head = ReadFileRange(path, 0, 1 << 16);
+bool MeshHasLabels(const HeldFile& file) {
+  const StatusOr<std::string> head = file.Read(0, 1 << 16);
   if (!head.ok()) return false;
   const std::string header = head->substr(0, head->find("end_header"));
   const size_t faces = header.find("element face");
@@ -49,7 +51,7 @@ class SceneLoader {
   }
 
   SceneDescription Load(const std::string& file) {
-    StatusOr<std::string> text = ReadFile(file, 64 << 20);
+    StatusOr<std::string> text = options_.allowed.ReadWhole(file, 64 << 20);
     if (!text.ok()) {
       faults_.Add(absl::IsNotFound(text.status()) ? InputError(file, "", "no such file", "a scene.json")
                                                   : text.status());
@@ -72,6 +74,12 @@ class SceneLoader {
 
  private:
   std::string Full(const std::string& relative) const { return absl::StrCat(scene_.folder, "/", relative); }
+  // False, and the fault is told, for one that leads where it must not.
+  bool IsFolder(const std::string& path) {
+    const StatusOr<bool> is_folder = options_.allowed.IsFolder(path);
+    faults_.Add(is_folder.status());
+    return is_folder.value_or(false);
+  }
   void Warn(const std::string& text) {
     if (warnings_ != nullptr) warnings_->push_back(text);
   }
@@ -82,10 +90,11 @@ class SceneLoader {
       return;
     }
     scene_.cameras_folder = json_.cameras.path;
-    const ColmapModel model = ReadColmapModel(Full(json_.cameras.path), ColmapContent::kCameras, &faults_);
+    const ColmapModel model =
+        ReadColmapModel(Full(json_.cameras.path), ColmapContent::kCameras, &faults_, options_.allowed);
     for (const char* stem : {"cameras", "images"}) {
       const std::string file = absl::StrCat(json_.cameras.path, "/", stem, model.binary ? ".bin" : ".txt");
-      if (FileExists(Full(file))) scene_.files.push_back(file);
+      if (options_.allowed.Exists(Full(file))) scene_.files.push_back(file);
     }
     if (model.images.empty()) {
       if (faults_.empty()) faults_.Add(InputError(Full(json_.cameras.path), "", "no images", "at least one"));
@@ -141,13 +150,17 @@ class SceneLoader {
         return;
       }
       const std::string path = Full(*inside);
-      if (!FileExists(path)) {
-        found[i] = InputError(path, "", "no such file", absl::StrCat("the image '", view.name, "' of the cameras"));
+      const StatusOr<HeldFile> file = options_.allowed.Open(path);
+      if (!file.ok()) {
+        found[i] =
+            absl::IsNotFound(file.status())
+                ? InputError(path, "", "no such file", absl::StrCat("the image '", view.name, "' of the cameras"))
+                : file.status();
         return;
       }
-      const StatusOr<ImageSize> size = ReadImageSize(path);
+      const StatusOr<ImageSize> size = ReadImageSize(file->path());
       if (!size.ok()) {
-        found[i] = size.status();
+        found[i] = Named(size.status(), *file, path);
       } else if (size->width != view.lens.pinhole.width || size->height != view.lens.pinhole.height) {
         found[i] =
             InputError(path, "", absl::StrCat(size->width, " x ", size->height, " pixels"),
@@ -168,14 +181,15 @@ class SceneLoader {
     for (const std::string& file : options_.elsewhere) {
       if (file.starts_with(folder + "/")) names.push_back(file.substr(folder.size() + 1));
     }
-    if (names.empty() && !IsFolder(Full(folder))) {
+    const bool is_folder = IsFolder(Full(folder));
+    if (names.empty() && !is_folder) {
       if (json_.likelihoods.given) {
         faults_.Add(InputError(Full(folder), "", "no such folder", "the likelihoods that scene.json names"));
       }
       return;
     }
-    if (IsFolder(Full(folder))) {
-      const StatusOr<std::vector<std::string>> files = ListFiles(Full(folder));
+    if (is_folder) {
+      const StatusOr<std::vector<std::string>> files = options_.allowed.List(Full(folder));
       if (!files.ok()) return faults_.Add(files.status());
       names.insert(names.end(), files->begin(), files->end());
     }
@@ -212,15 +226,17 @@ class SceneLoader {
       mesh_has_labels_ = true;  // as far as this scene is concerned: its base knows
       return;
     }
-    if (!FileExists(Full(json_.mesh.path)) || IsFolder(Full(json_.mesh.path))) {
+    if (!options_.allowed.Exists(Full(json_.mesh.path)) || IsFolder(Full(json_.mesh.path))) {
       mesh_has_labels_ = !options_.needs_mesh && !json_.mesh.given;
       if (mesh_has_labels_) return;
       faults_.Add(InputError(Full(json_.mesh.path), "", "no such file", "the start mesh"));
       return;
     }
+    const StatusOr<HeldFile> file = options_.allowed.Open(Full(json_.mesh.path));
+    if (!file.ok()) return faults_.Add(file.status());
     scene_.mesh_path = json_.mesh.path;
     scene_.files.push_back(json_.mesh.path);
-    mesh_has_labels_ = MeshHasLabels(Full(json_.mesh.path));
+    mesh_has_labels_ = MeshHasLabels(*file);
   }
 
   void ChooseClasses() {
@@ -280,12 +296,17 @@ class SceneLoader {
 
 SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOptions& options, Warnings* warnings,
                                      Faults* faults) {
-  const bool is_file = !IsFolder(path) && fs::path(path).extension() == ".json";
+  const StatusOr<bool> is_folder = options.allowed.IsFolder(path);
+  if (!is_folder.ok()) {
+    faults->Add(is_folder.status());
+    return {};
+  }
+  const bool is_file = !*is_folder && fs::path(path).extension() == ".json";
   std::string folder = is_file ? fs::path(path).parent_path().string() : path;
   while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
   if (folder.empty()) folder.push_back('.');
   const std::string file = is_file ? path : absl::StrCat(folder, "/scene.json");
-  if (!is_file && !IsFolder(folder)) {
+  if (!is_file && !*is_folder) {
     faults->Add(InputError(path, "", "no such folder", "a scene (a folder with a scene.json)"));
     return {};
   }

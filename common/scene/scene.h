@@ -13,6 +13,7 @@
 #include "common/geodesy/frame.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
+#include "common/storage/allowed_files.h"
 
 namespace tessera {
 
@@ -66,6 +67,7 @@ struct SceneLoadOptions {
   std::set<std::string> elsewhere = {};
   bool needs_mesh = true;           // false: without a mesh, the cameras and images add to those of another scene
   std::optional<Frame> frame = {};  // else one about its cameras; a scene in other coordinates is at fault
+  AllowedFiles allowed = AllowedFiles::All();  // nothing else is opened
 };
 
 // Reads scene.json, the camera model and the list of files. `path` is the scene's folder or its scene.json. Every fault

@@ -146,11 +146,11 @@ Status RenameDurably(const std::string& from, const std::string& to) {
   return SyncPath(FolderOf(to));
 }
 
-Status WriteFileAtomic(const std::string& path, const std::string& content) {
+Status WriteFileAtomic(const std::string& path, const std::string& content, mode_t mode) {
   const std::string temporary = TemporaryBeside(path);
   Status status;
   {
-    OpenFile file(temporary, O_WRONLY | O_CREAT | O_EXCL);
+    OpenFile file(temporary, O_WRONLY | O_CREAT | O_EXCL, mode);
     if (!file.ok()) return SystemError("cannot create", path, file.error());
     status = WriteAll(file.fd(), content.data(), content.size(), path);
     if (status.ok() && ::fsync(file.fd()) != 0) status = SystemError("cannot sync", path, errno);
@@ -184,6 +184,24 @@ Status EnsureFolder(const std::string& path) {
   fs::create_directories(path, error);
   if (error) return SystemError("cannot make folder", path, error.value());
   if (!fs::is_directory(path, error)) return absl::InternalError("not a folder: " + path);
+  return absl::OkStatus();
+}
+
+Status EnsurePrivateFolder(const std::string& path) {
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(path));
+  const fs::perms others = fs::perms::group_all | fs::perms::others_all;
+  std::error_code error;
+  const auto close = [&](const fs::path& entry) {
+    if (!error) fs::permissions(entry, others, fs::perm_options::remove | fs::perm_options::nofollow, error);
+    if (error == std::errc::operation_not_supported) error.clear();  // a link
+  };
+  if ((fs::status(path, error).permissions() & others) == fs::perms::none) return absl::OkStatus();
+  for (fs::recursive_directory_iterator it(path, error); !error && it != fs::recursive_directory_iterator();
+       it.increment(error)) {
+    if (!it->is_symlink()) close(it->path());
+  }
+  close(path);  // last: until then the next call begins anew
+  if (error) return SystemError("cannot keep others out of", path, error.value());
   return absl::OkStatus();
 }
 

@@ -2,6 +2,8 @@
 #ifndef TESSERA_COMMON_STORAGE_FILES_H_
 #define TESSERA_COMMON_STORAGE_FILES_H_
 
+#include <sys/types.h>
+
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -26,7 +28,8 @@ StatusOr<std::string> ReadFile(const std::string& path, int64_t max_bytes = int6
 StatusOr<std::string> ReadFileRange(const std::string& path, int64_t offset_bytes, int64_t size_bytes);
 
 // Replaces `path` by a file with this content: after a crash the old or the new content is there, never a part.
-Status WriteFileAtomic(const std::string& path, const std::string& content);
+// `mode`: who may do what with it, less the process's umask.
+Status WriteFileAtomic(const std::string& path, const std::string& content, mode_t mode = 0644);
 
 // Copies a file to `to`, which must not be there; the copy's bytes are durable when this returns.
 Status CopyFileDurably(const std::string& from, const std::string& to);
@@ -39,6 +42,10 @@ Status SyncPath(const std::string& path);
 
 // Makes the folder and its parents; nothing if it is there.
 Status EnsureFolder(const std::string& path);
+
+// Makes the folder, or takes all that others may do there from them: from the folder, and, if it was open to them, from
+// all that is in it.
+Status EnsurePrivateFolder(const std::string& path);
 
 // Removes a file or a folder with all that is in it; nothing if it is not there.
 Status RemoveTree(const std::string& path);

@@ -1,6 +1,7 @@
 #include "common/storage/hash.h"
 
 #include <openssl/evp.h>
+#include <sys/stat.h>
 #include <xxhash.h>
 
 #include <algorithm>
@@ -57,6 +58,8 @@ std::string Sha256Hex(const std::string& bytes) {
 }
 
 StatusOr<Digest> HashFile(const std::string& path) {
+  struct stat info;  // a pipe would be waited for
+  if (::stat(path.c_str(), &info) == 0 && !S_ISREG(info.st_mode)) return absl::NotFoundError("no file: " + path);
   std::ifstream file(path, std::ios::binary);
   if (!file) return absl::NotFoundError("cannot open " + path);
   Sha256Hasher hasher;

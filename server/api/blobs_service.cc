@@ -12,6 +12,9 @@ namespace {
 
 constexpr int64_t kChunkBytes = int64_t{1} << 20;
 constexpr double kAwaitRemakeS = 20;  // at most, of a ReadBlob call
+constexpr size_t kMaxWorkersKept = 10'000;
+constexpr char kNotYours[] =
+    "this content is not for you: workers read what their leases name, others what jobs published";
 
 // What is wrong with our own disk is not the caller's fault and may pass: RESOURCE_EXHAUSTED, which is nothing else
 // here.
@@ -22,14 +25,44 @@ Status StorageStatus(const Status& status) {
 
 }  // namespace
 
-StatusOr<std::string> BlobsService::Locate(const Digest& digest) const {
+bool BlobsService::IsInput(const std::string& worker, const Digest& digest) const {
+  auto leases = environment_.dispatcher->LeasesOf(worker);
+  std::lock_guard lock(mutex_);
+  if (leases.empty()) {
+    inputs_.erase(worker);
+    return false;
+  }
+  if (inputs_.size() > kMaxWorkersKept) inputs_.clear();
+  Inputs& inputs = inputs_[worker];
+  if (inputs.leases != leases) inputs = {std::move(leases), environment_.dispatcher->InputsOfLeases(worker)};
+  return inputs.sha256.contains(digest.sha256);
+}
+
+Status BlobsService::MayRead(const Caller& caller, const Digest& digest) const {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
-  if (environment_.blobs->Has(digest)) return environment_.blobs->Path(digest);
-  // Jobs on copies of a scene have files of one content, of which some may be gone.
+  if (!caller.worker.empty() && IsInput(caller.worker, digest)) return absl::OkStatus();
+  if (caller.Has(Role::kAdmin)) return absl::OkStatus();
+  const bool reads_jobs = caller.Has(Role::kViewer) || caller.Has(Role::kSubmitter);
+  if (reads_jobs && environment_.dispatcher->IsPublished(digest)) return absl::OkStatus();
+  return absl::PermissionDeniedError(kNotYours);
+}
+
+Status BlobsService::MayWrite(const grpc::ServerContext& context) const {
+  const Caller caller = environment_.access->CallerOf(context);
+  if (!caller.worker.empty() && !environment_.dispatcher->LeasesOf(caller.worker).empty()) return absl::OkStatus();
+  return absl::PermissionDeniedError("a worker stores what its leases write, and this is none that has one");
+}
+
+StatusOr<HeldFile> BlobsService::Locate(const Caller& caller, const Digest& digest) const {
+  if (environment_.blobs->Has(digest)) return AllowedFiles::All().Open(environment_.blobs->Path(digest));
   Status fault = absl::NotFoundError("no blob " + digest.sha256);
+  if (caller.worker.empty() || !IsInput(caller.worker, digest)) return fault;
+  // Jobs on copies of a scene have files of one content, of which some may be gone.
   for (const std::string& path : environment_.dispatcher->SceneFilesWith(digest)) {
-    const auto found = DigestOfFile(path, *environment_.digests, *environment_.clock);
-    if (found.ok() && *found == digest) return path;
+    auto file = environment_.scene_files.Open(path);
+    const auto found =
+        file.ok() ? DigestOfFile(*file, *environment_.digests, *environment_.clock) : StatusOr<Digest>(file.status());
+    if (found.ok() && *found == digest) return file;
     if (absl::IsNotFound(fault)) {
       fault = found.ok() ? absl::FailedPreconditionError(path + " was changed after its job was submitted")
                          : found.status();
@@ -56,21 +89,27 @@ Status BlobsService::Damaged(const Digest& digest, const std::string& what) cons
   return absl::DataLossError(what);
 }
 
-grpc::Status BlobsService::StatBlobs(grpc::ServerContext*, const v1::StatBlobsRequest* request,
+grpc::Status BlobsService::StatBlobs(grpc::ServerContext* context, const v1::StatBlobsRequest* request,
                                      v1::StatBlobsResponse* response) {
-  for (const auto& digest : request->digests()) response->add_held(Locate(FromProto(digest)).ok());
+  const Caller caller = environment_.access->CallerOf(*context);
+  for (const auto& message : request->digests()) {
+    const Digest digest = FromProto(message);
+    response->add_held(MayRead(caller, digest).ok() && Locate(caller, digest).ok());
+  }
   return grpc::Status::OK;
 }
 
 grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::ReadBlobRequest* request,
                                     grpc::ServerWriter<v1::BlobChunk>* writer) {
   const Digest digest = FromProto(request->digest());
-  auto path = Locate(digest);
-  if (absl::IsNotFound(path.status())) {
+  const Caller caller = environment_.access->CallerOf(*context);
+  if (const Status allowed = MayRead(caller, digest); !allowed.ok()) return ToGrpc(allowed);
+  auto file = Locate(caller, digest);
+  if (absl::IsNotFound(file.status())) {
     if (const Status made = AwaitRemake(digest, *context); !made.ok()) return ToGrpc(made);
-    path = Locate(digest);
+    file = Locate(caller, digest);
   }
-  if (!path.ok()) return ToGrpc(path.status());
+  if (!file.ok()) return ToGrpc(file.status());
   if (request->offset() < 0 || request->offset() > digest.size_bytes) {
     return ToGrpc(absl::InvalidArgumentError("offset " + std::to_string(request->offset()) + " of a blob of " +
                                              std::to_string(digest.size_bytes) + " bytes"));
@@ -80,13 +119,13 @@ grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::Read
   Sha256Hasher hasher;
   int64_t offset = request->offset();
   while (offset < digest.size_bytes && !context->IsCancelled()) {
-    const auto bytes = ReadFileRange(*path, offset, std::min(kChunkBytes, digest.size_bytes - offset));
+    const auto bytes = file->Read(offset, std::min(kChunkBytes, digest.size_bytes - offset));
     if (!bytes.ok()) return ToGrpc(bytes.status());
-    if (bytes->empty()) return ToGrpc(Damaged(digest, *path + " has become shorter"));
+    if (bytes->empty()) return ToGrpc(Damaged(digest, file->real_path() + " has become shorter"));
     hasher.Update(*bytes);
     const bool last = offset + static_cast<int64_t>(bytes->size()) == digest.size_bytes;
     if (last && request->offset() == 0 && hasher.Finish() != digest.sha256) {
-      return ToGrpc(Damaged(digest, *path + " is damaged: it no longer hashes to " + digest.sha256));
+      return ToGrpc(Damaged(digest, file->real_path() + " is damaged: it no longer hashes to " + digest.sha256));
     }
     v1::BlobChunk chunk;
     chunk.set_offset(offset);
@@ -98,8 +137,9 @@ grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::Read
   return grpc::Status::OK;
 }
 
-grpc::Status BlobsService::WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+grpc::Status BlobsService::WriteBlob(grpc::ServerContext* context, grpc::ServerReader<v1::WriteBlobRequest>* reader,
                                      v1::WriteBlobResponse* response) {
+  if (const Status allowed = MayWrite(*context); !allowed.ok()) return ToGrpc(allowed);
   v1::WriteBlobRequest request;
   Digest digest;
   bool first = true;
@@ -123,8 +163,9 @@ grpc::Status BlobsService::WriteBlob(grpc::ServerContext*, grpc::ServerReader<v1
   return ToGrpc(StorageStatus(environment_.blobs->Complete(digest)));
 }
 
-grpc::Status BlobsService::QueryWrite(grpc::ServerContext*, const v1::QueryWriteRequest* request,
+grpc::Status BlobsService::QueryWrite(grpc::ServerContext* context, const v1::QueryWriteRequest* request,
                                       v1::QueryWriteResponse* response) {
+  if (const Status allowed = MayWrite(*context); !allowed.ok()) return ToGrpc(allowed);
   const Digest digest = FromProto(request->digest());
   const auto committed = environment_.blobs->CommittedBytes(digest);
   if (!committed.ok()) return ToGrpc(committed.status());

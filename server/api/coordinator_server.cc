@@ -3,11 +3,19 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/security/auth_metadata_processor.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
+#include <cstring>
 
 #include "absl/synchronization/mutex.h"
+#include "common/access/secrets.h"
 #include "common/rpc/channel.h"
+#include "common/storage/files.h"
 #include "server/api/services.h"
 
 namespace tessera {
@@ -15,6 +23,46 @@ namespace {
 
 // Calls of one connection that are under way; more wait on the caller's side. A worker has three at most.
 constexpr int kMaxCallsOfConnection = 256;
+constexpr int64_t kMaxPemBytes = 4 << 20;
+
+// gRPC would take a socket away from whoever listens on it.
+Status CheckSocketIsFree(const std::string& address) {
+  const std::string path = address.substr(address.find(':') + 1);
+  sockaddr_un name = {};
+  name.sun_family = AF_UNIX;
+  std::strncpy(name.sun_path, path.c_str(), sizeof(name.sun_path) - 1);
+  const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const bool taken = fd >= 0 && ::connect(fd, reinterpret_cast<const sockaddr*>(&name), sizeof(name)) == 0;
+  if (fd >= 0) ::close(fd);
+  return taken ? absl::UnavailableError("another process listens on " + path) : absl::OkStatus();
+}
+
+StatusOr<std::shared_ptr<grpc::ServerCredentials>> CredentialsFor(const std::string& address,
+                                                                  const ListenOptions& options, const Access& access) {
+  std::shared_ptr<grpc::ServerCredentials> credentials;
+  if (IsSocketAddress(address)) {
+    TESSERA_RETURN_IF_ERROR(CheckSocketIsFree(address));
+    credentials = grpc::experimental::LocalServerCredentials(UDS);
+  } else if (!options.tls_cert.empty()) {
+    grpc::SslServerCredentialsOptions tls(options.tls_ca.empty()
+                                              ? GRPC_SSL_DONT_REQUEST_CLIENT_CERTIFICATE
+                                              : GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY);
+    grpc::SslServerCredentialsOptions::PemKeyCertPair own;
+    TESSERA_ASSIGN_OR_RETURN(own.cert_chain, ReadFile(options.tls_cert, kMaxPemBytes));
+    TESSERA_ASSIGN_OR_RETURN(own.private_key, ReadFile(options.tls_key, kMaxPemBytes));
+    if (!options.tls_ca.empty()) {
+      TESSERA_ASSIGN_OR_RETURN(tls.pem_root_certs, ReadFile(options.tls_ca, kMaxPemBytes));
+    }
+    tls.pem_key_cert_pairs.push_back(std::move(own));
+    credentials = grpc::SslServerCredentials(tls);
+  } else if (IsLocalAddress(address)) {
+    credentials = grpc::experimental::LocalServerCredentials(LOCAL_TCP);  // refuses who comes from elsewhere
+  } else {
+    return grpc::InsecureServerCredentials();  // asks nobody: CheckListenOptions saw to it that this is wanted
+  }
+  credentials->SetAuthMetadataProcessor(access.Processor(IsSocketAddress(address)));
+  return credentials;
+}
 
 }  // namespace
 
@@ -22,29 +70,72 @@ struct CoordinatorServer::Impl {
   explicit Impl(const ServerEnvironment& services_environment)
       : environment(services_environment), jobs(environment), workers(environment), blobs(environment) {}
 
+  std::unique_ptr<Access> own_access;
   const ServerEnvironment environment;
   JobsService jobs;
   WorkersService workers;
   BlobsService blobs;
-  std::string address;
+  std::vector<std::string> addresses;
   std::unique_ptr<grpc::Server> server;
 };
 
 CoordinatorServer::CoordinatorServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 
+Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens) {
+  if (options.addresses.empty()) return absl::InvalidArgumentError("nothing to listen on");
+  if (options.tls_cert.empty() != options.tls_key.empty()) {
+    return absl::InvalidArgumentError("--tls-cert and --tls-key: expected both or neither");
+  }
+  if (!options.tls_ca.empty() && options.tls_cert.empty()) {
+    return absl::InvalidArgumentError("--tls-ca asks callers for certificates: expected --tls-cert and --tls-key too");
+  }
+  for (const std::string& address : options.addresses) {
+    TESSERA_RETURN_IF_ERROR(CheckAddress(address));
+    if (IsLocalAddress(address)) continue;
+    const bool tls = !options.tls_cert.empty();
+    if (asks_for_tokens && !tls) {
+      return absl::InvalidArgumentError("tokens on " + address +
+                                        " could be read by others on the network: give --tls-cert and --tls-key");
+    }
+    if (!options.insecure && !asks_for_tokens) {
+      return absl::InvalidArgumentError(
+          "whoever reaches " + address +
+          " could do everything: give --tls-cert, --tls-key and --token-file (`tessera access` makes them), or "
+          "--insecure if nobody but friends can reach it");
+    }
+  }
+  return absl::OkStatus();
+}
+
 StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const std::string& address,
                                                                       const ServerEnvironment& environment) {
-  const size_t colon = address.rfind(':');
-  if (colon == std::string::npos) return absl::InvalidArgumentError("not host:port: '" + address + "'");
+  ListenOptions options;
+  options.addresses = {address};
+  return Start(options, environment);
+}
+
+StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const ListenOptions& options,
+                                                                      const ServerEnvironment& environment) {
+  ServerEnvironment services = environment;
+  std::unique_ptr<Access> own_access;
+  if (services.access == nullptr) {
+    TESSERA_ASSIGN_OR_RETURN(own_access, Access::Open(RandomSecret(), "", services.clock));
+    services.access = own_access.get();
+  }
+  TESSERA_RETURN_IF_ERROR(CheckListenOptions(options, services.access->asks_for_tokens()));
   // Debian builds Abseil so that all mutexes of a process, gRPC's too, keep a graph of who is locked after whom under
   // one lock: a tenth of a busy coordinator's processor time.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
-  auto impl = std::make_unique<Impl>(environment);
+  auto impl = std::make_unique<Impl>(services);
+  impl->own_access = std::move(own_access);
   grpc::EnableDefaultHealthCheckService(true);
   grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;
-  int port = 0;
-  builder.AddListeningPort(address, grpc::InsecureServerCredentials(), &port);
+  std::vector<int> ports(options.addresses.size());
+  for (size_t i = 0; i < ports.size(); ++i) {
+    TESSERA_ASSIGN_OR_RETURN(const auto credentials, CredentialsFor(options.addresses[i], options, *services.access));
+    builder.AddListeningPort(options.addresses[i], credentials, &ports[i]);
+  }
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // a second coordinator on the port is an error
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxCallsOfConnection);
   builder.AddChannelArgument(GRPC_ARG_ENABLE_CHANNELZ, 0);  // statistics that nobody can ask for
@@ -53,14 +144,22 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const std:
   builder.RegisterService(&impl->workers);
   builder.RegisterService(&impl->blobs);
   impl->server = builder.BuildAndStart();
-  if (impl->server == nullptr || port == 0) return absl::UnavailableError("cannot listen on " + address);
-  impl->address = address.substr(0, colon + 1) + std::to_string(port);
+  for (size_t i = 0; i < ports.size(); ++i) {
+    const std::string& address = options.addresses[i];
+    if (impl->server == nullptr || ports[i] == 0) {
+      return absl::UnavailableError("cannot listen on " + address +
+                                    (options.tls_cert.empty() ? "" : ", or its certificate and key are no pair"));
+    }
+    impl->addresses.push_back(
+        IsSocketAddress(address) ? address : address.substr(0, address.rfind(':') + 1) + std::to_string(ports[i]));
+  }
   return std::unique_ptr<CoordinatorServer>(new CoordinatorServer(std::move(impl)));
 }
 
 CoordinatorServer::~CoordinatorServer() { Shutdown(0); }
 
-const std::string& CoordinatorServer::address() const { return impl_->address; }
+const std::string& CoordinatorServer::address() const { return impl_->addresses.front(); }
+const std::vector<std::string>& CoordinatorServer::addresses() const { return impl_->addresses; }
 
 void CoordinatorServer::Shutdown(double grace_s) {
   if (impl_->server == nullptr) return;

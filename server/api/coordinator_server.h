@@ -4,10 +4,12 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/storage/blob_store.h"
+#include "server/api/access.h"
 #include "server/api/scene_files.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/store/record_store.h"
@@ -20,20 +22,39 @@ struct ServerEnvironment {
   BlobStore* blobs = nullptr;
   DigestCache* digests = nullptr;
   const Clock* clock = nullptr;
+  const Access* access = nullptr;  // null: one of the server's own, which asks nobody who he is
   SceneLister list_scene;
+  AllowedFiles scene_files = AllowedFiles::All();  // that scenes may have
+  // False: whoever submits has to come through a socket, for nobody said which files others may have read.
+  bool scenes_over_network = true;
   // Empty: workers move all data through the blob service.
   std::string shared_probe_path;
   std::string shared_probe_content;
 };
 
+struct ListenOptions {
+  // HOST:PORT (port 0: any) or unix:PATH, which whoever may open the socket has to himself: without tokens.
+  std::vector<std::string> addresses;
+  // Files. A certificate and its key: TLS on every HOST:PORT. `tls_ca`: callers need a certificate of its too.
+  std::string tls_cert, tls_key, tls_ca;
+  bool insecure = false;  // a HOST:PORT beyond this machine may be listened on without TLS, tokens or both
+};
+
+// INVALID_ARGUMENT, with what to do, if the options do not fit together.
+Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens);
+
 class CoordinatorServer {
  public:
-  // Listens on `address` ("host:port"; port 0: any). UNAVAILABLE if that is not possible.
+  // UNAVAILABLE if that cannot be listened on, errors of CheckListenOptions and of the files.
+  static StatusOr<std::unique_ptr<CoordinatorServer>> Start(const ListenOptions& options,
+                                                            const ServerEnvironment& environment);
+  // On one address, without TLS.
   static StatusOr<std::unique_ptr<CoordinatorServer>> Start(const std::string& address,
                                                             const ServerEnvironment& environment);
   ~CoordinatorServer();
-  // With the port that was bound.
+  // The first, with the port that was bound.
   const std::string& address() const;
+  const std::vector<std::string>& addresses() const;
   // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The dispatcher is stopped.
   void Shutdown(double grace_s);
 

@@ -34,6 +34,7 @@ std::string Normal(const std::string& path) {
 
 StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::CreateJobRequest& request,
                            const grpc::ServerContext& context) {
+  const Cancelled cancelled = [&] { return context.IsCancelled() || environment.dispatcher->stopped(); };
   NewJob job;
   job.settings = FromProto(request.settings());
   const bool reads_scene = job.settings.update.rollback_to.empty();
@@ -51,12 +52,18 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::Creat
     if (!std::filesystem::path(request.scene_path()).is_absolute()) {
       return InputError("scene_path", "", "'" + request.scene_path() + "'", "an absolute path");
     }
-    TESSERA_ASSIGN_OR_RETURN(const SceneListing scene,
-                             environment.list_scene(request.scene_path(), job.settings.update.base.empty()));
+    if (!environment.scenes_over_network && !environment.access->CallerOf(context).local) {
+      return absl::FailedPreconditionError(
+          "this coordinator reads no scenes for callers from the network: start tesserad with --scene-root FOLDER");
+    }
+    TESSERA_ASSIGN_OR_RETURN(
+        const SceneListing scene,
+        environment.list_scene(request.scene_path(), job.settings.update.base.empty(), environment.scene_files));
     if (job.display_name.empty()) job.display_name = scene.name;
     job.scene_path = scene.folder;
     job.warnings = scene.warnings;
-    TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene, *environment.digests, *environment.clock));
+    TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene, environment.scene_files, *environment.digests,
+                                                               *environment.clock, cancelled));
   }
   // Whoever asked may have gone meanwhile, and would not know of the job.
   if (context.IsCancelled()) return absl::CancelledError("the caller has gone");
@@ -134,6 +141,9 @@ grpc::Status JobsService::WatchJob(grpc::ServerContext* context, const v1::Watch
   Dispatcher& dispatcher = *environment_.dispatcher;
   std::string last;
   while (!context->IsCancelled()) {
+    if (environment_.access->CallerOf(*context).roles == 0) {
+      return ToGrpc(absl::UnauthenticatedError("the token was revoked, or has expired"));
+    }
     const int64_t version = dispatcher.Version();
     const auto job = dispatcher.GetJob(request->name());
     if (!job.ok()) return ToGrpc(job.status());

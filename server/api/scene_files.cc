@@ -1,7 +1,6 @@
 #include "server/api/scene_files.h"
 
 #include "common/base/parallel.h"
-#include "common/storage/files.h"
 
 namespace tessera {
 namespace {
@@ -11,11 +10,13 @@ constexpr int64_t kSettledNs = 2'000'000'000;
 
 }  // namespace
 
-StatusOr<Digest> DigestOfFile(const std::string& path, DigestCache& cache, const Clock& clock) {
-  TESSERA_ASSIGN_OR_RETURN(const FileStamp before, StampOf(path));
+StatusOr<Digest> DigestOfFile(const HeldFile& file, DigestCache& cache, const Clock& clock,
+                              const Cancelled& cancelled) {
+  const std::string& path = file.real_path();
+  TESSERA_ASSIGN_OR_RETURN(const FileStamp before, file.Stamp());
   if (const auto known = cache.Find(path, before)) return *known;
-  TESSERA_ASSIGN_OR_RETURN(const Digest digest, HashFile(path));
-  TESSERA_ASSIGN_OR_RETURN(const FileStamp after, StampOf(path));
+  TESSERA_ASSIGN_OR_RETURN(const Digest digest, file.Hash(cancelled));
+  TESSERA_ASSIGN_OR_RETURN(const FileStamp after, file.Stamp());
   if (!(before == after) || digest.size_bytes != after.size_bytes) {
     return absl::FailedPreconditionError(path + " changed while it was read");
   }
@@ -25,18 +26,24 @@ StatusOr<Digest> DigestOfFile(const std::string& path, DigestCache& cache, const
   return digest;
 }
 
-StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const SceneListing& scene, DigestCache& cache, const Clock& clock) {
+StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const SceneListing& scene, const AllowedFiles& allowed,
+                                                    DigestCache& cache, const Clock& clock,
+                                                    const Cancelled& cancelled) {
   std::vector<NamedDigest> digests(scene.files.size());
   std::vector<Status> statuses(scene.files.size());
   ParallelFor(static_cast<int64_t>(scene.files.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
-      const auto digest = DigestOfFile(scene.folder + "/" + scene.files[i], cache, clock);
+      const auto file = allowed.Open(scene.folder + "/" + scene.files[i]);
+      const auto digest = file.ok() ? DigestOfFile(*file, cache, clock, cancelled) : file.status();
       statuses[i] = digest.status();
       if (digest.ok()) digests[i] = {scene.files[i], *digest};
     }
   });
   Faults faults;
-  for (const Status& status : statuses) faults.Add(status);
+  for (const Status& status : statuses) {
+    if (absl::IsCancelled(status)) return status;
+    faults.Add(status);
+  }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return digests;
 }

@@ -8,6 +8,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
+#include "common/storage/allowed_files.h"
 #include "common/storage/hash.h"
 #include "server/store/record_store.h"
 
@@ -21,17 +22,24 @@ struct SceneListing {
   Warnings warnings;
 };
 
-// Reads and validates the scene at a path; every fault is in the returned INVALID_ARGUMENT. A scene that adds to
-// another needs no mesh. Thread-safe.
-using SceneLister = std::function<StatusOr<SceneListing>(const std::string& path, bool needs_mesh)>;
+// Reads and validates the scene at a path, opening nothing but what is allowed; every fault is in the returned
+// INVALID_ARGUMENT. A scene that adds to another needs no mesh. Thread-safe.
+using SceneLister =
+    std::function<StatusOr<SceneListing>(const std::string& path, bool needs_mesh, const AllowedFiles& allowed)>;
 
-// Digest of the file as it is now: remembered while its size and time of change stay the same, else computed.
-// FAILED_PRECONDITION if it changes while it is read. Thread-safe.
-StatusOr<Digest> DigestOfFile(const std::string& path, DigestCache& cache, const Clock& clock);
+// Whether nobody waits for an answer any more. May be empty.
+using Cancelled = std::function<bool()>;
+
+// Digest of the open file as it is now: remembered by its real path while its size and time of change stay the same,
+// else computed. FAILED_PRECONDITION if it changes while it is read, CANCELLED. Thread-safe.
+StatusOr<Digest> DigestOfFile(const HeldFile& file, DigestCache& cache, const Clock& clock,
+                              const Cancelled& cancelled = {});
 
 // Digests of all files of the scene, in their order, several at a time. INVALID_ARGUMENT lists every file that cannot
-// be read.
-StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const SceneListing& scene, DigestCache& cache, const Clock& clock);
+// be read, or is not among those that may be.
+StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const SceneListing& scene, const AllowedFiles& allowed,
+                                                    DigestCache& cache, const Clock& clock,
+                                                    const Cancelled& cancelled = {});
 
 }  // namespace tessera
 

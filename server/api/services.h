@@ -2,6 +2,13 @@
 #ifndef TESSERA_SERVER_API_SERVICES_H_
 #define TESSERA_SERVER_API_SERVICES_H_
 
+#include <map>
+#include <mutex>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "server/api/coordinator_server.h"
 #include "tessera/v1/blobs.grpc.pb.h"
 #include "tessera/v1/jobs.grpc.pb.h"
@@ -49,6 +56,9 @@ class WorkersService final : public v1::Workers::CallbackService {
                        v1::ListWorkersResponse* response) override;
 
  private:
+  // Refusal::kUnknownWorker unless the caller proved to be the worker.
+  Status Refused(const Context& context, const std::string& worker) const;
+
   const ServerEnvironment& environment_;
 };
 
@@ -65,14 +75,28 @@ class BlobsService final : public v1::Blobs::Service {
                           v1::QueryWriteResponse* response) override;
 
  private:
-  // Path of a file with this content: a blob, or a scene's own file that is still what it was.
-  StatusOr<std::string> Locate(const Digest& digest) const;
+  // What a worker is given to read; kept while its leases stay the same.
+  struct Inputs {
+    std::vector<std::pair<std::string, int>> leases;
+    std::set<std::string> sha256;
+  };
+
+  // Who may have a content: a worker what its leases read; readers of jobs what jobs published, admins all results.
+  // PERMISSION_DENIED, whether there is such a content or not.
+  Status MayRead(const Caller& caller, const Digest& digest) const;
+  bool IsInput(const std::string& worker, const Digest& digest) const;
+  // A worker that has a lease.
+  Status MayWrite(const grpc::ServerContext& context) const;
+  // A file with this content: a blob, or, for a worker, a scene's own file that is still what it was.
+  StatusOr<HeldFile> Locate(const Caller& caller, const Digest& digest) const;
   // Waits for a file that a job published to be made again. NOT_FOUND if none did, UNAVAILABLE if that takes long.
   Status AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const;
   // DATA_LOSS, `what`; has it made again if a job published it.
   Status Damaged(const Digest& digest, const std::string& what) const;
 
   const ServerEnvironment& environment_;
+  mutable std::mutex mutex_;                      // of `inputs_`
+  mutable std::map<std::string, Inputs> inputs_;  // by worker
 };
 
 }  // namespace tessera

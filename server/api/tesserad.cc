@@ -2,18 +2,20 @@
 #include <pthread.h>
 #include <signal.h>
 #include <sys/prctl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
 #include <iostream>
 #include <memory>
-#include <random>
 #include <string>
+#include <vector>
 
+#include "common/access/secrets.h"
 #include "common/base/clock.h"
+#include "common/rpc/channel.h"
 #include "common/scene/scene.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
@@ -31,8 +33,9 @@ namespace {
 
 struct Flags {
   std::string data;
-  std::string listen = "127.0.0.1:7575";
-  std::string port_file;
+  ListenOptions listen;
+  std::string port_file, token_file;
+  std::vector<std::string> scene_roots;
   double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
   double keep_days = 0, blob_gib = 0;
   std::string backup;
@@ -43,32 +46,17 @@ struct Flags {
   bool exit_with_parent = false;
 };
 
-std::string DefaultDataFolder() {
-  if (const char* data = std::getenv("XDG_DATA_HOME"); data != nullptr && data[0] == '/') {
-    return std::string(data) + "/tessera";
-  }
-  const char* home = std::getenv("HOME");
-  return home != nullptr ? std::string(home) + "/.local/share/tessera" : "";
-}
-
-StatusOr<SceneListing> ListScene(const std::string& path, bool needs_mesh) {
+StatusOr<SceneListing> ListScene(const std::string& path, bool needs_mesh, const AllowedFiles& allowed) {
   SceneListing listing;
   SceneLoadOptions options;
   options.needs_mesh = needs_mesh;
+  options.allowed = allowed;
   TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(path, &listing.warnings, options));
   listing.folder = std::filesystem::absolute(scene.folder).lexically_normal().string();
   while (listing.folder.size() > 1 && listing.folder.back() == '/') listing.folder.pop_back();
   listing.name = scene.name;
   listing.files = scene.files;
   return listing;
-}
-
-// A content that no other machine's folder has by chance.
-std::string RandomToken() {
-  std::random_device device;
-  std::string token;
-  for (int i = 0; i < 4; ++i) token += std::to_string(device()) + "-";
-  return token;
 }
 
 // Ends the process when its parent ends, also if that has happened already.
@@ -81,19 +69,40 @@ Status FollowParent() {
 
 std::string DataFolder(const Flags& flags) { return std::filesystem::absolute(flags.data).lexically_normal().string(); }
 
+// Whom the coordinator asks who he is, and who was not asked.
+void WarnOfOpenDoors(const CoordinatorServer& server, const Access& access) {
+  if (access.asks_for_tokens()) return;
+  for (const std::string& address : server.addresses()) {
+    if (IsSocketAddress(address)) continue;
+    LogEvent(LogLevel::kWarning,
+             IsLocalAddress(address) ? "every local user may do everything: no --token-file"
+                                     : "whoever reaches this address may do everything: --insecure",
+             {{"address", address}});
+  }
+}
+
 // Serves until a signal of `stop_signals` comes.
 Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   if (flags.data.empty()) return absl::InvalidArgumentError("no --data folder, and no home to put one");
   const std::string data = DataFolder(flags);
-  TESSERA_RETURN_IF_ERROR(EnsureFolder(data));
+  ListenOptions listen = flags.listen;
+  if (listen.addresses.empty()) listen.addresses = {"unix:" + data + "/socket"};
+  TESSERA_RETURN_IF_ERROR(CheckListenOptions(listen, !flags.token_file.empty()));
+  TESSERA_RETURN_IF_ERROR(EnsurePrivateFolder(data));
   const auto lock = FileLock::Acquire(data + "/lock");
   if (!lock.ok()) {
     return Status(lock.status().code(),
                   "another coordinator uses " + data + "? " + std::string(lock.status().message()));
   }
+  SystemClock clock;
+  TESSERA_ASSIGN_OR_RETURN(const std::string worker_key, EnsureSecretFile(data + "/worker.key"));
+  TESSERA_ASSIGN_OR_RETURN(const auto access, Access::Open(worker_key, flags.token_file, &clock));
+  AllowedFiles scene_files = AllowedFiles::OwnedBy(::geteuid());
+  if (!flags.scene_roots.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(scene_files, AllowedFiles::Under(flags.scene_roots));
+  }
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
   TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
-  SystemClock clock;
   Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
@@ -109,15 +118,19 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   environment.blobs = blobs.get();
   environment.digests = store.get();
   environment.clock = &clock;
+  environment.access = access.get();
   environment.list_scene = ListScene;
+  environment.scene_files = scene_files;
+  environment.scenes_over_network = !flags.scene_roots.empty();
   if (!flags.no_shared_storage) {
     environment.shared_probe_path = blobs->root() + "/probe";
-    environment.shared_probe_content = RandomToken();
+    environment.shared_probe_content = RandomSecret();  // that no other machine's folder has
     TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
   }
-  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(flags.listen, environment));
+  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(listen, environment));
   if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));
-  std::cout << "tesserad listens on " << server->address() << std::endl;
+  for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
+  WarnOfOpenDoors(*server, *access);
   LogEvent(LogLevel::kInfo, "coordinator started",
            {{"address", server->address()}, {"data", data}, {"start", std::to_string(store->StartCount())}});
 
@@ -130,8 +143,14 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
 
   const double tick_s = std::clamp(flags.lease_s / 4, 0.05, 1.0);
   const timespec tick = {static_cast<time_t>(tick_s), static_cast<long>((tick_s - static_cast<time_t>(tick_s)) * 1e9)};
-  std::string last_error;
+  std::string last_error, last_refreshed = absl::OkStatus().ToString();
   while (::sigtimedwait(&stop_signals, nullptr, &tick) < 0) {
+    if (const Status refreshed = access->Refresh(); refreshed.ToString() != last_refreshed) {
+      last_refreshed = refreshed.ToString();
+      if (!refreshed.ok()) {
+        LogEvent(LogLevel::kError, "token file not read, the tokens of before stay", {{"error", last_refreshed}});
+      }
+    }
     const Status status = dispatcher->Tick();
     const std::string error = status.ok() ? "" : status.ToString();
     // Each trouble once, not at every tick.
@@ -156,7 +175,23 @@ int Main(int argc, char** argv) {
   CLI::App app("Coordinator of Tessera: takes jobs, plans tiles and hands out tasks to workers.", "tesserad");
   app.set_version_flag("--version", TESSERA_VERSION);
   app.add_option("--data", flags.data, "folder for state and results")->capture_default_str();
-  app.add_option("--listen", flags.listen, "HOST:PORT to listen on; port 0: any")->capture_default_str();
+  app.add_option("--listen", flags.listen.addresses,
+                 "HOST:PORT (port 0: any) or unix:PATH to listen on, several; who may open the socket needs no token. "
+                 "Without it unix:DATA/socket, for the user alone");
+  app.add_option("--tls-cert", flags.listen.tls_cert, "certificate for every HOST:PORT, PEM")->type_name("FILE");
+  app.add_option("--tls-key", flags.listen.tls_key, "its key")->type_name("FILE");
+  app.add_option("--tls-ca", flags.listen.tls_ca, "callers need a certificate of this authority as well as a token")
+      ->type_name("FILE");
+  app.add_option("--token-file", flags.token_file,
+                 "who may call what, by the hash of his token (`tessera access token`); read again when it changes")
+      ->type_name("FILE");
+  app.add_flag("--insecure", flags.listen.insecure,
+               "listen beyond this machine without asking anybody who he is: whoever reaches it may do everything");
+  app.add_option(
+         "--scene-root", flags.scene_roots,
+         "folder whose scenes may be read, several; links must stay under one of them. Without it only files of "
+         "the user who runs this, in jobs that come through a socket")
+      ->type_name("FOLDER");
   app.add_option("--port-file", flags.port_file, "write the bound HOST:PORT to this file");
   app.add_option("--lease-s", flags.lease_s, "a task returns to the queue when its worker is silent for so long")
       ->check(CLI::Range(0.2, 86400.0))
@@ -186,11 +221,15 @@ int Main(int argc, char** argv) {
   instead(app.add_flag("--deep", flags.deep, "with --verify-state: read all results"))->needs(verify);
   instead(app.add_flag("--salvage", flags.salvage,
                        "of a damaged state, keep what can be read; the damaged file stays under another name"));
-  app.add_flag("--no-shared-storage", flags.no_shared_storage, "workers move all data through the blob service");
+  app.add_flag("--no-shared-storage", flags.no_shared_storage,
+               "workers move all data through the blob service; else those of the same user share DATA/blobs, and "
+               "whoever may write there is trusted fully");
   app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();
   app.add_flag("--json-logs", flags.json_logs, "one JSON object a line");
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "stop when the process that started this one ends");
   CLI11_PARSE(app, argc, argv);
+  ::umask(S_IRWXG | S_IRWXO);
+  LeaveNoCore();
 
   if (const Status status = ConfigureLogging(flags.log_level, flags.json_logs); !status.ok()) {
     std::cerr << "tesserad: " << status.message() << "\n";

@@ -33,6 +33,11 @@ class LeaseReactor final : public grpc::ServerUnaryReactor {
 
 }  // namespace
 
+// A worker speaks for itself alone.
+Status WorkersService::Refused(const Context& context, const std::string& worker) const {
+  return Access::CheckWorker(environment_.access->CallerOf(context), worker);
+}
+
 grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
                                                          v1::RegisterWorkerResponse* response) {
   if (request->version() != kAlgorithmVersion) {
@@ -47,6 +52,7 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
   LogEvent(LogLevel::kInfo, "worker registered",
            {{"worker", worker}, {"host", request->host()}, {"pid", std::to_string(request->pid())}});
   response->set_worker(worker);
+  response->set_secret(environment_.access->SecretOf(worker));
   response->set_lease_s(lease_s);
   response->set_heartbeat_s(std::min(lease_s / 4, 1.0));  // progress for people; the lease alone would need fewer
   if (!environment_.shared_probe_path.empty()) {
@@ -59,6 +65,7 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
 
 grpc::ServerUnaryReactor* WorkersService::LeaseTask(Context* context, const v1::LeaseTaskRequest* request,
                                                     v1::LeaseTaskResponse* response) {
+  if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   auto* const reactor = new LeaseReactor(*environment_.dispatcher, request->worker());
   LeaseCall call;
   call.worker = request->worker();
@@ -76,6 +83,7 @@ grpc::ServerUnaryReactor* WorkersService::LeaseTask(Context* context, const v1::
 
 grpc::ServerUnaryReactor* WorkersService::Heartbeat(Context* context, const v1::HeartbeatRequest* request,
                                                     v1::HeartbeatResponse* response) {
+  if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   std::vector<ReportedProgress> tasks;
   for (const auto& task : request->tasks()) {
     tasks.push_back({task.task(), task.attempt(), task.progress(), task.stage()});
@@ -88,6 +96,7 @@ grpc::ServerUnaryReactor* WorkersService::Heartbeat(Context* context, const v1::
 
 grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1::ReportTaskRequest* request,
                                                      v1::ReportTaskResponse*) {
+  if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   Dispatcher& dispatcher = *environment_.dispatcher;
   Reactor* const reactor = context->DefaultReactor();
   const auto done = [reactor](const Status& status) { reactor->Finish(ToGrpc(status)); };
@@ -108,6 +117,7 @@ grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1:
 
 grpc::ServerUnaryReactor* WorkersService::UnregisterWorker(Context* context, const v1::UnregisterWorkerRequest* request,
                                                            v1::UnregisterWorkerResponse*) {
+  if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   Reactor* const reactor = context->DefaultReactor();
   environment_.dispatcher->UnregisterWorker(request->worker(),
                                             [reactor, worker = request->worker()](const Status& status) {

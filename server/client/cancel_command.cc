@@ -13,7 +13,7 @@ namespace tessera {
 namespace {
 
 struct CancelFlags {
-  std::string coordinator;
+  Endpoint coordinator;
   std::string job;
 };
 

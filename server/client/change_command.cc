@@ -15,7 +15,7 @@ namespace tessera {
 namespace {
 
 struct ChangeFlags {
-  std::string coordinator;
+  Endpoint coordinator;
   std::string job;
   int priority = 0;
 };

@@ -19,7 +19,7 @@ StatusOr<std::unique_ptr<ChildProcess>> ChildProcess::Start(const std::string& p
                                                             const std::vector<std::string>& arguments,
                                                             const std::string& log) {
   if (::access(program.c_str(), X_OK) != 0) return absl::NotFoundError("no program " + program);
-  const int log_fd = ::open(log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  const int log_fd = ::open(log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
   if (log_fd < 0) return absl::InternalError("cannot write " + log + ": " + std::strerror(errno));
   const int null_fd = ::open("/dev/null", O_RDONLY | O_CLOEXEC);
   std::vector<char*> argv = {const_cast<char*>(program.c_str())};

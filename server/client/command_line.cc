@@ -64,11 +64,32 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
 
 }  // namespace
 
-void AddCoordinatorOption(CLI::App& command, std::string* address) {
-  *address = "127.0.0.1:7575";
-  command.add_option("--coordinator", *address, "Where tesserad listens, HOST:PORT")
+void AddCoordinatorOption(CLI::App& command, Endpoint* endpoint) {
+  endpoint->address = DefaultAddress();
+  command.add_option("--coordinator", endpoint->address, "Where tesserad listens, HOST:PORT or unix:PATH")
       ->envname("TESSERA_COORDINATOR")
       ->capture_default_str();
+  AddTlsOptions(command, endpoint);
+}
+
+void AddTlsOptions(CLI::App& command, Endpoint* endpoint) {
+  const char* const group = "Who you are";
+  command.add_option("--tls-ca", endpoint->tls_ca, "Authority of its certificate, PEM; without it no TLS")
+      ->envname("TESSERA_TLS_CA")
+      ->type_name("FILE")
+      ->group(group);
+  command.add_option("--tls-cert", endpoint->tls_cert, "Your own certificate, where it asks for one")
+      ->envname("TESSERA_TLS_CERT")
+      ->type_name("FILE")
+      ->group(group);
+  command.add_option("--tls-key", endpoint->tls_key, "Its key")
+      ->envname("TESSERA_TLS_KEY")
+      ->type_name("FILE")
+      ->group(group);
+  command.add_option("--token-file", endpoint->token_file, "File with your token")
+      ->envname("TESSERA_TOKEN_FILE")
+      ->type_name("FILE")
+      ->group(group);
 }
 
 void AddJobOptions(CLI::App& command, JobFlags* flags) {

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "common/base/status.h"
+#include "common/rpc/channel.h"
 #include "server/settings/job_settings.h"
 
 namespace CLI {
@@ -19,8 +20,11 @@ class CreateJobRequest;
 class Job;
 }  // namespace v1
 
-// --coordinator HOST:PORT, or the environment's TESSERA_COORDINATOR, or 127.0.0.1:7575.
-void AddCoordinatorOption(CLI::App& command, std::string* address);
+// --coordinator, --tls-ca, --tls-cert, --tls-key, --token-file, each or its variable of the environment
+// (TESSERA_COORDINATOR, ...); else the socket of the user's own coordinator.
+void AddCoordinatorOption(CLI::App& command, Endpoint* endpoint);
+// All but --coordinator.
+void AddTlsOptions(CLI::App& command, Endpoint* endpoint);
 
 // A job's priority, as option or argument `name`.
 CLI::Option* AddPriorityOption(CLI::App& command, const std::string& name, int* priority);

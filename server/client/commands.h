@@ -19,6 +19,7 @@ inline constexpr int kExitCancelled = 130;  // Ctrl-C, or the job was cancelled
 
 // Each adds one subcommand to `app`; when the user calls it, it runs from CLI11's callback and leaves its exit code in
 // *exit_code, which must outlive `app`. Results go to standard output, everything else to standard error.
+void AddAccessCommand(CLI::App& app, int* exit_code);
 void AddCancelCommand(CLI::App& app, int* exit_code);
 void AddCheckCommand(CLI::App& app, int* exit_code);
 void AddDeleteCommand(CLI::App& app, int* exit_code);

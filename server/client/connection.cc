@@ -60,11 +60,11 @@ struct Connection::Impl {
 Connection::Connection(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Connection::~Connection() = default;
 
-StatusOr<std::unique_ptr<Connection>> Connection::Open(const std::string& address, double seconds) {
+StatusOr<std::unique_ptr<Connection>> Connection::Open(const Endpoint& endpoint, double seconds) {
   auto impl = std::make_unique<Impl>();
-  impl->address = address;
-  impl->channel = MakeChannel(address);
-  TESSERA_RETURN_IF_ERROR(WaitConnected(*impl->channel, address, seconds));
+  impl->address = endpoint.address;
+  TESSERA_ASSIGN_OR_RETURN(impl->channel, OpenChannel(endpoint, std::make_shared<CallIdentity>(endpoint.token_file)));
+  TESSERA_RETURN_IF_ERROR(WaitConnected(*impl->channel, endpoint.address, seconds));
   impl->jobs = v1::Jobs::NewStub(impl->channel);
   impl->workers = v1::Workers::NewStub(impl->channel);
   impl->blobs = std::make_unique<BlobClient>(impl->channel, ShortRetry(), RealSleeper());

@@ -8,6 +8,7 @@
 
 #include "common/base/status.h"
 #include "common/rpc/blob_client.h"
+#include "common/rpc/channel.h"
 
 namespace tessera {
 
@@ -25,8 +26,8 @@ class WatchJobResponse;
 // Calls that can be repeated safely are, for a few seconds, when the coordinator is away. Thread-safe.
 class Connection {
  public:
-  // `address`: HOST:PORT. UNAVAILABLE if nobody answers there within `seconds`.
-  static StatusOr<std::unique_ptr<Connection>> Open(const std::string& address, double seconds = 5);
+  // UNAVAILABLE if nobody answers there within `seconds`; errors of OpenChannel.
+  static StatusOr<std::unique_ptr<Connection>> Open(const Endpoint& endpoint, double seconds = 5);
   ~Connection();
 
   const std::string& address() const;

@@ -12,7 +12,7 @@ namespace tessera {
 namespace {
 
 struct DeleteFlags {
-  std::string coordinator;
+  Endpoint coordinator;
   std::string job;
 };
 

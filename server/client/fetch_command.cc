@@ -19,7 +19,7 @@ namespace tessera {
 namespace {
 
 struct FetchFlags {
-  std::string coordinator;
+  Endpoint coordinator;
   std::string job;
   std::string changed_since;
   std::string out;

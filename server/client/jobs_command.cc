@@ -19,7 +19,7 @@ namespace tessera {
 namespace {
 
 struct JobsFlags {
-  std::string coordinator;
+  Endpoint coordinator;
   std::string job;
   int count = 100;
   bool workers = false;

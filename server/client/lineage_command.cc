@@ -25,7 +25,8 @@ namespace tessera {
 namespace {
 
 struct LineageFlags {
-  std::string coordinator, job;
+  Endpoint coordinator;
+  std::string job;
   int tile = -1;
   bool images = false, json = false;
 };

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "common/rpc/channel.h"
+
 namespace tessera {
 namespace {
 
@@ -16,6 +18,7 @@ constexpr char kLeaseSeconds[] = "10";  // all on one machine: silence means dea
 
 StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Start(const LocalClusterOptions& options, const Clock& clock,
                                                             const Sleeper& wait) {
+  TESSERA_RETURN_IF_ERROR(EnsurePrivateFolder(options.state_dir));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(options.state_dir + "/logs"));
   auto lock = FileLock::Acquire(options.state_dir + "/lock");
   if (!lock.ok()) return absl::FailedPreconditionError("another tessera run uses " + options.state_dir);
@@ -37,8 +40,14 @@ Status LocalCluster::Died(ChildProcess& process, const std::string& name) const 
 Status LocalCluster::StartCoordinator(const Sleeper& wait) {
   const std::string port_file = options_.state_dir + "/address";
   TESSERA_RETURN_IF_ERROR(RemoveTree(port_file));
-  std::vector<std::string> arguments = {"--listen", "127.0.0.1:0",     "--port-file", port_file,
-                                        "--data",   options_.data_dir, "--lease-s",   kLeaseSeconds};
+  std::string socket = "unix:" + options_.data_dir + "/socket";
+  if (!CheckAddress(socket).ok()) {
+    TESSERA_ASSIGN_OR_RETURN(socket_folder_, TempFolder::Create("", "tessera-"));
+    socket = "unix:" + socket_folder_->path() + "/socket";
+  }
+  // The coordinator is the user's own: it may read what he may read.
+  std::vector<std::string> arguments = {"--listen",        socket,      "--port-file", port_file,      "--data",
+                                        options_.data_dir, "--lease-s", kLeaseSeconds, "--scene-root", "/"};
   if (!options_.shared_storage) arguments.push_back("--no-shared-storage");
   TESSERA_ASSIGN_OR_RETURN(coordinator_,
                            ChildProcess::Start(program_folder_ + "/tesserad", arguments, LogPath("tesserad")));

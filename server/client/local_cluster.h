@@ -3,6 +3,7 @@
 #define TESSERA_SERVER_CLIENT_LOCAL_CLUSTER_H_
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -32,7 +33,7 @@ class LocalCluster {
   // Stops whatever still runs.
   ~LocalCluster();
 
-  // HOST:PORT of the coordinator.
+  // unix:PATH of the coordinator, in a folder that no other user may enter.
   const std::string& address() const { return address_; }
 
   // Replaces workers that died; tells each in `notes`. An error, with the last lines of the log, if the coordinator
@@ -62,6 +63,7 @@ class LocalCluster {
   const Clock& clock_;
   FileLock lock_;
   std::string program_folder_;
+  std::optional<TempFolder> socket_folder_;  // where the data folder's path is too long for a socket
   std::string address_;
   std::unique_ptr<ChildProcess> coordinator_;
   std::vector<Worker> workers_;

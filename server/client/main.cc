@@ -26,6 +26,7 @@ int main(int argc, char** argv) {
   tessera::AddDeleteCommand(app, &exit_code);
   tessera::AddFetchCommand(app, &exit_code);
   tessera::AddLineageCommand(app, &exit_code);
+  tessera::AddAccessCommand(app, &exit_code);
   tessera::AddCheckCommand(app, &exit_code);
   tessera::AddSynthCommand(app, &exit_code);
   tessera::AddEvaluateCommand(app, &exit_code);

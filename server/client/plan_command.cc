@@ -33,7 +33,8 @@ constexpr double kPlanLookSeconds = 0.1;
 
 struct PlanFlags {
   JobFlags job;
-  std::string out, data, survey, map, json, coordinator;
+  std::string out, data, survey, map, json;
+  Endpoint coordinator;
   PlanTerms terms;
 };
 
@@ -162,7 +163,7 @@ StatusOr<std::string> TakeUpdatePlan(const PlanFlags& flags) {
   v1::UpdateSettings& update = *request.mutable_settings()->mutable_update();
   update.set_plan_only(true);
   CountInterrupts();
-  if (!flags.coordinator.empty()) {
+  if (!flags.coordinator.address.empty()) {
     TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
     return PlanOfUpdate(*connection, request);
   }
@@ -242,8 +243,10 @@ void AddPlanCommand(CLI::App& app, int* exit_code) {
   AddUpdateOptions(
       *command, "the folder with an earlier run's results, with its .tessera; with --coordinator its jobs, as jobs/3",
       &flags->job);
-  command->add_option("--coordinator", flags->coordinator,
-                      "With --base: the coordinator that has the job, HOST:PORT; it reads the scene and plans");
+  command->add_option("--coordinator", flags->coordinator.address,
+                      "With --base: the coordinator that has the job, HOST:PORT or unix:PATH; it reads the scene and "
+                      "plans");
+  AddTlsOptions(*command, &flags->coordinator);
   command->add_option("--data", flags->data, "With --base jobs/J: the state that has the job, as `run` keeps it");
   command->add_option("--out", flags->out, "Keep the survey's state in this folder, for `tessera run --out`");
   command->add_option("--survey", flags->survey, "Read the survey from this file, or, if there is none, write it");

@@ -16,7 +16,8 @@ namespace tessera {
 namespace {
 
 struct RollbackFlags {
-  std::string coordinator, job, to;
+  Endpoint coordinator;
+  std::string job, to;
   std::vector<int> tiles;
   std::string name, request_id;
   bool validate_only = false, watch = false;

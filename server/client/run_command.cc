@@ -171,7 +171,8 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<RunFlags>();
   CLI::App* command = app.add_subcommand("run", "Refine a scene on this machine, from start to end");
   command->footer(
-      "Starts a coordinator and workers on loopback, runs the job, writes mesh.ply, report.json and job.json to the\n"
+      "Starts a coordinator and workers that nobody else can use, runs the job, writes mesh.ply, report.json and "
+      "job.json to the\n"
       "folder, and stops them. Results appear there only when all are complete. The folder .tessera in it keeps what\n"
       "every task made (a run that was interrupted, or is repeated, does nothing twice) and the logs; it may be "
       "deleted,\n"

@@ -14,7 +14,7 @@ namespace tessera {
 namespace {
 
 struct SubmitFlags {
-  std::string coordinator;
+  Endpoint coordinator;
   JobFlags job;
   std::string name;
   std::string request_id;

@@ -12,7 +12,7 @@ namespace tessera {
 namespace {
 
 struct WatchFlags {
-  std::string coordinator;
+  Endpoint coordinator;
   std::string job;
   bool json = false;
 };

@@ -185,6 +185,14 @@ class Dispatcher {
   Status UnregisterWorker(const std::string& worker);
   std::vector<WorkerStatus> ListWorkers() const;
 
+  // --- who_reads.cc ---
+  // What each of the worker's leases is of, and its attempt: as long as it stays the same, so do their inputs.
+  std::vector<std::pair<std::string, int>> LeasesOf(const std::string& worker) const;
+  // SHA-256 of all that the tasks which the worker has leases of read.
+  std::set<std::string> InputsOfLeases(const std::string& worker) const;
+  // Whether the content is one that readers of jobs are shown: published by a job, or its survey.
+  bool IsPublished(const Digest& digest) const;
+
   // Has a file that a job published, and that is lost or damaged, made again. NOT_FOUND if no job published it; an
   // error that tells why if it cannot be. Safe to call again while it is made.
   Status RemakeArtifact(const Digest& digest);

@@ -20,6 +20,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/version.h"
+#include "common/rpc/channel.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "server/api/logging.h"
@@ -172,6 +173,7 @@ class FleetWorker {
     v1::RegisterWorkerResponse response;
     const grpc::Status status = stub_->RegisterWorker(&context, request, &response);
     name_ = response.worker();
+    secret_ = response.secret();
     return status.ok() ? absl::OkStatus() : absl::UnavailableError(status.error_message());
   }
 
@@ -185,6 +187,10 @@ class FleetWorker {
  private:
   template <class Request, class Response>
   struct Call {
+    explicit Call(const FleetWorker& worker) {
+      context.AddMetadata(kWorkerMetadata, worker.name_);
+      context.AddMetadata(kWorkerSecretMetadata, worker.secret_);
+    }
     grpc::ClientContext context;
     Request request;
     Response response;
@@ -192,7 +198,7 @@ class FleetWorker {
 
   void Lease() {
     if (fleet_.stop) return;
-    auto* call = new Call<v1::LeaseTaskRequest, v1::LeaseTaskResponse>;
+    auto* call = new Call<v1::LeaseTaskRequest, v1::LeaseTaskResponse>(*this);
     call->request.set_worker(name_);
     call->request.set_wait_s(5);
     call->request.set_call(lease_call_);
@@ -227,7 +233,7 @@ class FleetWorker {
   }
 
   void Report(const std::string& kind) {
-    auto* call = new Call<v1::ReportTaskRequest, v1::ReportTaskResponse>;
+    auto* call = new Call<v1::ReportTaskRequest, v1::ReportTaskResponse>(*this);
     call->request.set_worker(name_);
     call->request.set_task(task_);
     call->request.set_attempt(attempt_);
@@ -263,7 +269,7 @@ class FleetWorker {
 
   void Heartbeat() {
     if (fleet_.stop) return;
-    auto* call = new Call<v1::HeartbeatRequest, v1::HeartbeatResponse>;
+    auto* call = new Call<v1::HeartbeatRequest, v1::HeartbeatResponse>(*this);
     call->request.set_worker(name_);
     {
       std::lock_guard lock(mutex_);
@@ -288,7 +294,7 @@ class FleetWorker {
 
   Fleet& fleet_;
   std::unique_ptr<v1::Workers::Stub> stub_;
-  std::string name_;
+  std::string name_, secret_;
   std::mutex mutex_;
   std::string task_;
   int attempt_ = 0;

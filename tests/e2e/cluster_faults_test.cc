@@ -25,7 +25,8 @@ using testing::HasSubstr;
 // A worker that does what the test says.
 class ScriptedWorker {
  public:
-  explicit ScriptedWorker(const std::string& coordinator) : stub_(v1::Workers::NewStub(MakeChannel(coordinator))) {
+  explicit ScriptedWorker(const std::string& coordinator)
+      : stub_(v1::Workers::NewStub(MakeChannel(coordinator, identity_))) {
     grpc::ClientContext context;
     v1::RegisterWorkerRequest request;
     request.set_version(kAlgorithmVersion);
@@ -34,6 +35,7 @@ class ScriptedWorker {
     v1::RegisterWorkerResponse response;
     EXPECT_TRUE(stub_->RegisterWorker(&context, request, &response).ok());
     name_ = response.worker();
+    identity_->SetWorker(name_, response.secret());
   }
   v1::Lease Lease() {
     grpc::ClientContext context;
@@ -66,6 +68,7 @@ class ScriptedWorker {
   }
 
  private:
+  const std::shared_ptr<CallIdentity> identity_ = std::make_shared<CallIdentity>();
   std::unique_ptr<v1::Workers::Stub> stub_;
   std::string name_;
 };

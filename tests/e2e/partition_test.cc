@@ -41,7 +41,7 @@ TEST_F(PartitionTest, WorkersBehindALinkThatGoesLoseTheirTasksOnceAndComeBack) {
                                " --net sh -c 'ip addr add 10.77.0.2/30 dev far && ip link set far up'");
   if (joined.exit_code != 0) GTEST_SKIP() << "no cable between two networks here: " << joined.output;
 
-  Cluster cluster(folder_.path(), kLease_s, {}, "10.77.0.1");
+  Cluster cluster(folder_.path(), kLease_s, {"--insecure"}, "10.77.0.1");
   const std::vector<std::string> there_too = {"/usr/bin/nsenter", "--target", pid, "--net"};
   Program& sharing = cluster.AddWorker({}, there_too);
   Program& other = cluster.AddWorker({"--no-shared-storage"}, there_too);

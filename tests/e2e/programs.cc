@@ -235,7 +235,7 @@ void Cluster::StartCoordinator() {
   const std::string port_file = folder_ + "/address";
   fs::remove(port_file);
   coordinator_ = nullptr;
-  std::vector<std::string> arguments = {"--listen", address_, "--port-file", port_file};
+  std::vector<std::string> arguments = {"--listen", address_, "--port-file", port_file, "--scene-root", "/"};
   arguments.insert(arguments.end(), coordinator_arguments_.begin(), coordinator_arguments_.end());
   coordinator_ = std::make_unique<Program>(folder_, TESSERAD_PROGRAM, arguments);
   if (!WaitUntil([&] { return fs::exists(port_file) || !coordinator_->Running(); }) || !coordinator_->Running()) {

@@ -85,11 +85,13 @@ RetryPolicy Endless(RetryPolicy policy) {
 
 class Agent::Impl {
  public:
-  Impl(const AgentOptions& options, TaskRunner runner, FileLock lock, std::unique_ptr<BlobCache> cache)
+  Impl(const AgentOptions& options, TaskRunner runner, FileLock lock, std::unique_ptr<BlobCache> cache,
+       std::shared_ptr<CallIdentity> identity, std::shared_ptr<grpc::Channel> channel)
       : options_(options),
         runner_(std::move(runner)),
         lock_(std::move(lock)),
-        channel_(MakeChannel(options.coordinator)),
+        identity_(std::move(identity)),
+        channel_(std::move(channel)),
         link_(channel_),
         files_(BlobClient(channel_, Endless(options.retry), [this](double seconds) { return Wait(seconds); }),
                std::move(cache), options.use_shared_storage,
@@ -148,7 +150,7 @@ class Agent::Impl {
       } else if (!told) {
         told = true;
         LogWarning("cannot register yet",
-                   {{"coordinator", options_.coordinator}, {"reason", MessageOf(answer.status())}});
+                   {{"coordinator", options_.coordinator.address}, {"reason", MessageOf(answer.status())}});
       }
       return answer.status();
     };
@@ -156,10 +158,11 @@ class Agent::Impl {
         Endless(options_.retry), Idempotency::kIdempotent, [this](double seconds) { return WaitToRegister(seconds); },
         call);
     TESSERA_RETURN_IF_ERROR(status);
+    identity_->SetWorker(registration.worker, registration.secret);
     std::lock_guard lock(mutex_);
     registration_ = registration;
     to_probe_ = true;
-    LogInfo("registered", {{"worker", registration.worker}, {"coordinator", options_.coordinator}});
+    LogInfo("registered", {{"worker", registration.worker}, {"coordinator", options_.coordinator.address}});
     return absl::OkStatus();
   }
 
@@ -192,7 +195,7 @@ class Agent::Impl {
       if (draining_) break;
       if (status.ok()) {
         ++lease_call;
-        if (away) LogInfo("coordinator is back", {{"coordinator", options_.coordinator}});
+        if (away) LogInfo("coordinator is back", {{"coordinator", options_.coordinator.address}});
         away = false;
         backoff.Reset();
         if (lease.has_value()) RunLease(*lease);
@@ -345,6 +348,7 @@ class Agent::Impl {
   const AgentOptions options_;
   const TaskRunner runner_;
   const FileLock lock_;
+  const std::shared_ptr<CallIdentity> identity_;
   const std::shared_ptr<grpc::Channel> channel_;
   CoordinatorLink link_;
 
@@ -366,12 +370,14 @@ Agent::Agent(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Agent::~Agent() = default;
 
 StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options, TaskRunner runner) {
+  auto identity = std::make_shared<CallIdentity>(options.coordinator.token_file);
+  TESSERA_ASSIGN_OR_RETURN(auto channel, OpenChannel(options.coordinator, identity));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(options.work_dir));
   TESSERA_ASSIGN_OR_RETURN(FileLock lock, FileLock::Acquire(options.work_dir + "/lock"));
   TESSERA_RETURN_IF_ERROR(RemoveTree(options.work_dir + "/tasks"));  // of a process that was killed
   TESSERA_ASSIGN_OR_RETURN(auto cache, BlobCache::Open(options.work_dir + "/cache", options.cache_bytes));
-  return std::unique_ptr<Agent>(
-      new Agent(std::make_unique<Impl>(options, std::move(runner), std::move(lock), std::move(cache))));
+  return std::unique_ptr<Agent>(new Agent(std::make_unique<Impl>(
+      options, std::move(runner), std::move(lock), std::move(cache), std::move(identity), std::move(channel))));
 }
 
 Status Agent::Run() { return impl_->Run(); }

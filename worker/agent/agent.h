@@ -9,6 +9,7 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
+#include "common/rpc/channel.h"
 #include "common/rpc/retry.h"
 #include "worker/agent/coordinator_link.h"
 #include "worker/tasks/task.h"
@@ -16,7 +17,7 @@
 namespace tessera {
 
 struct AgentOptions {
-  std::string coordinator = "127.0.0.1:7575";
+  Endpoint coordinator;
   std::string work_dir;  // cache and scratch; one process at a time
   bool use_shared_storage = true;
   int64_t cache_bytes = int64_t{20} << 30;
@@ -31,7 +32,7 @@ using TaskRunner = std::function<StatusOr<TaskOutcome>(const TaskRequest&, const
 
 class Agent {
  public:
-  // FAILED_PRECONDITION if another process works in the folder.
+  // FAILED_PRECONDITION if another process works in the folder; errors of the endpoint's files.
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options, TaskRunner runner);
   ~Agent();
 

@@ -117,6 +117,7 @@ StatusOr<Registration> CoordinatorLink::Register(const WorkerDescription& descri
   TESSERA_RETURN_IF_ERROR(FromGrpc(impl_->stub->RegisterWorker(&context, request, &response)));
   Registration registration;
   registration.worker = response.worker();
+  registration.secret = response.secret();
   registration.lease_s = response.lease_s();
   registration.heartbeat_s = response.heartbeat_s();
   registration.shared_blob_dir = response.shared_blob_dir();

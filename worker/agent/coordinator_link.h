@@ -33,6 +33,7 @@ struct WorkerDescription {
 // What the coordinator answers.
 struct Registration {
   std::string worker;  // "workers/W"
+  std::string secret;  // to be shown with every later call
   double lease_s = 0;
   double heartbeat_s = 0;
   // A worker that reads `shared_probe_content` at `shared_probe_path` may write blobs to `shared_blob_dir`; empty:

@@ -2,6 +2,7 @@
 #include <pthread.h>
 #include <signal.h>
 #include <sys/prctl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -11,6 +12,7 @@
 #include <optional>
 #include <thread>
 
+#include "common/access/secrets.h"
 #include "common/base/machine_limits.h"
 #include "common/base/parallel.h"
 #include "common/base/version.h"
@@ -22,7 +24,7 @@
 namespace {
 
 struct Flags {
-  std::string coordinator = "127.0.0.1:7575";
+  tessera::Endpoint coordinator = tessera::DefaultAddress();
   std::string work_dir;
   int threads = 0;
   int64_t memory_bytes = 0;
@@ -34,12 +36,23 @@ struct Flags {
 };
 
 void AddFlags(CLI::App& app, Flags& flags) {
-  app.add_option("--coordinator", flags.coordinator, "Where tesserad listens, HOST:PORT")
+  app.add_option("--coordinator", flags.coordinator.address, "Where tesserad listens, HOST:PORT or unix:PATH")
       ->envname("TESSERA_COORDINATOR")
       ->capture_default_str();
-  app.add_option(
-      "--work", flags.work_dir,
-      "Folder for cache and scratch, kept; without it one in the system's temporary folder, removed at the end");
+  app.add_option("--tls-ca", flags.coordinator.tls_ca, "Authority of its certificate, PEM; without it no TLS")
+      ->envname("TESSERA_TLS_CA")
+      ->type_name("FILE");
+  app.add_option("--tls-cert", flags.coordinator.tls_cert, "The worker's own certificate, where it is asked for one")
+      ->envname("TESSERA_TLS_CERT")
+      ->type_name("FILE");
+  app.add_option("--tls-key", flags.coordinator.tls_key, "Its key")->envname("TESSERA_TLS_KEY")->type_name("FILE");
+  app.add_option("--token-file", flags.coordinator.token_file,
+                 "File with the worker's token; read again when it changes")
+      ->envname("TESSERA_TOKEN_FILE")
+      ->type_name("FILE");
+  app.add_option("--work", flags.work_dir,
+                 "Folder for cache and scratch, kept, which no other user may enter; without it one in the system's "
+                 "temporary folder, removed at the end");
   app.add_option(
          "--threads", flags.threads,
          "Threads of a task at most; the coordinator shares a host's cores out among its workers; 0: one for each core")
@@ -108,6 +121,8 @@ int main(int argc, char** argv) {
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent) return 1;  // it ended in between
   }
+  tessera::LeaveNoCore();  // it would hold the worker's secret
+  umask(S_IRWXG | S_IRWXO);
   if (const auto status = tessera::SetUpLog(flags.log_level, flags.json_logs); !status.ok()) return Fail(status);
 
   std::optional<tessera::TempFolder> own_folder;

@@ -1,5 +1,8 @@
 #include "worker/agent/task_files.h"
 
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <cstdio>
 #include <filesystem>
 #include <set>
@@ -49,6 +52,9 @@ bool TaskFiles::Probe(const Registration& registration) {
   if (!use_shared_storage_ || registration.shared_blob_dir.empty() || registration.shared_probe_path.empty()) {
     return false;
   }
+  // What another user writes there the coordinator could not read.
+  struct stat info;
+  if (::stat(registration.shared_blob_dir.c_str(), &info) != 0 || info.st_uid != ::geteuid()) return false;
   const auto content = ReadFile(registration.shared_probe_path, kMaxProbeBytes);
   if (!content.ok() || *content != registration.shared_probe_content) return false;
   if (!std::filesystem::is_directory(registration.shared_blob_dir)) return false;

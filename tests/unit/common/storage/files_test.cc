@@ -69,6 +69,28 @@ TEST_F(FilesTest, JoinInsideKeepsNamesInTheFolder) {
   }
 }
 
+TEST_F(FilesTest, APrivateFolderIsClosedWithAllThatIsInIt) {
+  const auto mode = [&](const std::string& name) {
+    return static_cast<unsigned>(std::filesystem::status(Path(name)).permissions());
+  };
+  std::filesystem::create_directories(Path("p/q"));
+  std::ofstream(Path("p/q/file")) << "x";
+  std::ofstream(Path("outside")) << "x";
+  std::filesystem::create_symlink(Path("outside"), Path("p/link"));
+  std::filesystem::create_symlink(Path("none"), Path("p/dangling"));
+  for (const char* name : {"p", "p/q"}) std::filesystem::permissions(Path(name), std::filesystem::perms(0755));
+  for (const char* name : {"p/q/file", "outside"}) {
+    std::filesystem::permissions(Path(name), std::filesystem::perms(0664));
+  }
+  ASSERT_TRUE(EnsurePrivateFolder(Path("p")).ok());
+  EXPECT_EQ(mode("p"), 0700u);
+  EXPECT_EQ(mode("p/q"), 0700u);
+  EXPECT_EQ(mode("p/q/file"), 0600u);
+  EXPECT_EQ(mode("outside"), 0664u) << "links are not followed";
+  ASSERT_TRUE(EnsurePrivateFolder(Path("new/folder")).ok());
+  EXPECT_EQ(mode("new/folder"), 0700u);
+}
+
 TEST_F(FilesTest, TempFolderIsRemoved) {
   std::string path;
   {

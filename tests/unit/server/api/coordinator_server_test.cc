@@ -1,7 +1,6 @@
 #include "server/api/coordinator_server.h"
 
 #include <gmock/gmock.h>
-#include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,109 +10,14 @@
 #include <thread>
 
 #include "common/base/refusal.h"
-#include "common/base/version.h"
-#include "common/rpc/blob_client.h"
-#include "common/rpc/channel.h"
 #include "common/rpc/status_conversion.h"
-#include "server/store/sqlite_store.h"
-#include "tessera/v1/blobs.grpc.pb.h"
-#include "tessera/v1/jobs.grpc.pb.h"
-#include "tessera/v1/workers.grpc.pb.h"
-#include "tests/support/fake_coordinator.h"
+#include "tests/unit/server/api/server_fixture.h"
 
 namespace tessera {
 namespace {
 
 using testing::ElementsAre;
 using testing::HasSubstr;
-
-// A coordinator on loopback with the fake planner; a scene is any folder with a scene.json.
-class ServerTest : public CoordinatorTest {
- protected:
-  ServerTest() {
-    scene_ = folder_.path() + "/scene";
-    EXPECT_TRUE(EnsureFolder(scene_).ok());
-    WriteScene("scene.json", "{}");
-    WriteScene("image", std::string(2'500'000, 'i') + "end");
-    cache_ = *SqliteStore::Open(folder_.path() + "/cache.sqlite");
-    environment_.dispatcher = dispatcher_.get();
-    environment_.blobs = blobs_.get();
-    environment_.digests = cache_.get();
-    environment_.clock = &clock_;
-    environment_.list_scene = [](const std::string& path, bool) -> StatusOr<SceneListing> {
-      if (!FileExists(path + "/scene.json")) {
-        return absl::InvalidArgumentError("scene.json: missing\nimages: missing");
-      }
-      TESSERA_ASSIGN_OR_RETURN(auto files, ListFiles(path));
-      return SceneListing{path, "fake", files, {"an odd thing"}};
-    };
-    environment_.shared_probe_path = "/probe";
-    environment_.shared_probe_content = "content";
-    Start();
-  }
-  ~ServerTest() override { server_->Shutdown(1); }
-
-  void Start() {
-    server_ = *CoordinatorServer::Start("127.0.0.1:0", environment_);
-    channel_ = MakeChannel(server_->address());
-    jobs_ = v1::Jobs::NewStub(channel_);
-    workers_ = v1::Workers::NewStub(channel_);
-    blob_service_ = v1::Blobs::NewStub(channel_);
-  }
-
-  // With a time of change well before the fake clock's, as of a file that has lain there for long.
-  void WriteScene(const std::string& name, const std::string& content, int age_hours = 1) {
-    const std::string path = scene_ + "/" + name;
-    std::ofstream(path, std::ios::binary) << content;
-    const auto now = std::chrono::file_clock::from_sys(
-        std::chrono::sys_time<std::chrono::microseconds>(std::chrono::microseconds(clock_.UnixTimeUs())));
-    std::filesystem::last_write_time(path, now - std::chrono::hours(age_hours));
-  }
-
-  grpc::Status CreateJob(v1::Job* job, const std::string& request_id = "", bool validate_only = false,
-                         const std::string& path = "") {
-    grpc::ClientContext context;
-    v1::CreateJobRequest request;
-    request.set_request_id(request_id);
-    request.set_validate_only(validate_only);
-    request.set_scene_path(path.empty() ? scene_ : path);
-    request.mutable_settings()->set_tiles(2);
-    return jobs_->CreateJob(&context, request, job);
-  }
-  v1::RegisterWorkerResponse Register() {
-    grpc::ClientContext context;
-    v1::RegisterWorkerRequest request;
-    request.set_version(kAlgorithmVersion);
-    v1::RegisterWorkerResponse response;
-    EXPECT_TRUE(workers_->RegisterWorker(&context, request, &response).ok());
-    return response;
-  }
-  v1::LeaseTaskResponse LeaseOverRpc(const std::string& worker) {
-    grpc::ClientContext context;
-    v1::LeaseTaskRequest request;
-    request.set_worker(worker);
-    v1::LeaseTaskResponse response;
-    EXPECT_TRUE(workers_->LeaseTask(&context, request, &response).ok());
-    return response;
-  }
-  static Digest DigestOf(const std::string& content) {
-    return {Sha256Hex(content), static_cast<int64_t>(content.size())};
-  }
-  Status Fetch(const Digest& digest, BlobStore& store) {
-    RetryPolicy once;
-    once.max_attempts = 1;
-    return BlobClient(channel_, once, [](double) { return true; }).Fetch(digest, store, {});
-  }
-
-  std::string scene_;
-  std::unique_ptr<SqliteStore> cache_;
-  ServerEnvironment environment_;
-  std::unique_ptr<CoordinatorServer> server_;
-  std::shared_ptr<grpc::Channel> channel_;
-  std::unique_ptr<v1::Jobs::Stub> jobs_;
-  std::unique_ptr<v1::Workers::Stub> workers_;
-  std::unique_ptr<v1::Blobs::Stub> blob_service_;
-};
 
 TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
   v1::Job job, again;
@@ -191,6 +95,8 @@ TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
       EXPECT_EQ(lease.spec().inputs(0).shared_path(), scene_ + "/image");
     }
     grpc::ClientContext heartbeat_context, report_context;
+    As(heartbeat_context, registration.worker());
+    As(report_context, registration.worker());
     v1::HeartbeatRequest heartbeat;
     heartbeat.set_worker(registration.worker());
     heartbeat.add_tasks()->set_task(lease.spec().task());
@@ -240,7 +146,9 @@ TEST_F(ServerTest, ErrorsKeepTheirCodes) {
   v1::Job job;
   EXPECT_EQ(jobs_->GetJob(&job_context, get, &job).error_code(), grpc::StatusCode::NOT_FOUND);
   v1::LeaseTaskRequest lease;
-  lease.set_worker("workers/nobody");
+  lease.set_worker(Register().worker());
+  As(lease_context, lease.worker());
+  EXPECT_TRUE(dispatcher_->UnregisterWorker(lease.worker()).ok());
   v1::LeaseTaskResponse leased;
   EXPECT_EQ(workers_->LeaseTask(&lease_context, lease, &leased).error_code(), grpc::StatusCode::NOT_FOUND);
   v1::RegisterWorkerRequest registration;
@@ -253,6 +161,8 @@ TEST_F(ServerTest, ErrorsKeepTheirCodes) {
   v1::ListJobsResponse listed;
   EXPECT_EQ(jobs_->ListJobs(&token_context, list, &listed).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   v1::ReportTaskRequest report;
+  report.set_worker(lease.worker());
+  As(report_context, lease.worker());
   v1::ReportTaskResponse reported;
   EXPECT_EQ(workers_->ReportTask(&report_context, report, &reported).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   EXPECT_EQ(CoordinatorServer::Start(server_->address(), environment_).status().code(), absl::StatusCode::kUnavailable);
@@ -262,7 +172,9 @@ TEST_F(ServerTest, ErrorsKeepTheirCodes) {
 TEST_F(ServerTest, RefusalsComeWithTheirReasons) {
   grpc::ClientContext lease_context, version_context, report_context, job_context;
   v1::LeaseTaskRequest lease;
-  lease.set_worker("workers/nobody");
+  lease.set_worker(Register().worker());
+  As(lease_context, lease.worker());
+  EXPECT_TRUE(dispatcher_->UnregisterWorker(lease.worker()).ok());
   v1::LeaseTaskResponse leased;
   EXPECT_EQ(RefusalOf(FromGrpc(workers_->LeaseTask(&lease_context, lease, &leased))), Refusal::kUnknownWorker);
   v1::RegisterWorkerRequest registration;
@@ -271,7 +183,8 @@ TEST_F(ServerTest, RefusalsComeWithTheirReasons) {
   EXPECT_EQ(RefusalOf(FromGrpc(workers_->RegisterWorker(&version_context, registration, &registered))),
             Refusal::kOtherVersion);
   v1::ReportTaskRequest report;
-  report.set_worker("workers/nobody");
+  report.set_worker(lease.worker());
+  As(report_context, lease.worker());
   report.set_task("jobs/9/tasks/3");
   report.mutable_failure()->set_message("it broke");
   v1::ReportTaskResponse reported;
@@ -302,19 +215,21 @@ TEST_F(ServerTest, SceneFilesAreServedWhileTheyAreWhatTheyWere) {
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
   const std::string content = std::string(2'500'000, 'i') + "end";
+  const std::string worker = Register().worker();
+  ASSERT_TRUE(LeaseOverRpc(worker).has_lease());
   const auto store = *BlobStore::Open(folder_.path() + "/worker");
-  ASSERT_TRUE(Fetch(DigestOf(content), *store).ok());
+  ASSERT_TRUE(Fetch(DigestOf(content), *store, worker).ok());
   EXPECT_EQ(*store->Read(DigestOf(content)), content);
   EXPECT_EQ(Fetch(DigestOf("nowhere"), *store).code(), absl::StatusCode::kNotFound);
 
   const auto other = *BlobStore::Open(folder_.path() + "/other");
   WriteScene("image", std::string(2'500'000, 'j') + "end", 0);
-  const Status changed = Fetch(DigestOf(content), *other);
+  const Status changed = Fetch(DigestOf(content), *other, worker);
   EXPECT_EQ(changed.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(changed.message()), HasSubstr("was changed after its job was submitted"));
-  // Changed without a trace in size and time: found while it is read.
+  // Changed without a trace in size and time of writing: the inode has another.
   WriteScene("image", std::string(2'500'000, 'k') + "end");
-  EXPECT_EQ(Fetch(DigestOf(content), *other).code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(Fetch(DigestOf(content), *other, worker).code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_FALSE(other->Has(DigestOf(content)));
 }
 
@@ -332,7 +247,9 @@ TEST_F(ServerTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
     ASSERT_TRUE(RemoveTree(copy).ok());
     ASSERT_TRUE(RemoveTree(folder_.path() + "/worker").ok());
     const auto store = *BlobStore::Open(folder_.path() + "/worker");
-    EXPECT_TRUE(Fetch(DigestOf(content), *store).ok());
+    const std::string worker = Register().worker();
+    ASSERT_TRUE(LeaseOverRpc(worker).has_lease());
+    EXPECT_TRUE(Fetch(DigestOf(content), *store, worker).ok());
     // A ledger of its own for each order.
     server_->Shutdown(1);
     store_.records.clear();
@@ -345,8 +262,13 @@ TEST_F(ServerTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
 TEST_F(ServerTest, BlobsAreUploadedInCheckedChunksWithResume) {
   const std::string content = std::string(1'500'000, 'u') + "end";
   const Digest digest = DigestOf(content);
+  v1::Job job;
+  ASSERT_TRUE(CreateJob(&job).ok());
+  const std::string worker = Register().worker();
+  ASSERT_TRUE(LeaseOverRpc(worker).has_lease());
   const auto write = [&](const std::vector<std::pair<int64_t, std::string>>& chunks, bool damage) {
     grpc::ClientContext context;
+    As(context, worker);
     v1::WriteBlobResponse response;
     const auto writer = blob_service_->WriteBlob(&context, &response);
     v1::WriteBlobRequest request;
@@ -368,7 +290,8 @@ TEST_F(ServerTest, BlobsAreUploadedInCheckedChunksWithResume) {
   EXPECT_FALSE(blobs_->Has(digest));
   EXPECT_EQ(write({{2000, "gap"}}, false).error_code(), grpc::StatusCode::FAILED_PRECONDITION);
   std::ofstream(folder_.path() + "/upload", std::ios::binary) << content;
-  ASSERT_TRUE(BlobClient(channel_, {}, [](double) { return true; }).Send(folder_.path() + "/upload", digest, {}).ok());
+  ASSERT_TRUE(
+      BlobClient(ChannelOf(worker), {}, [](double) { return true; }).Send(folder_.path() + "/upload", digest, {}).ok());
   EXPECT_EQ(*blobs_->Read(digest), content);
   EXPECT_EQ(write({}, false).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
 }
@@ -378,6 +301,7 @@ TEST_F(ServerTest, ShutdownEndsWaitingCalls) {
   clock_.Advance(5);
   std::thread waiter([&] {
     grpc::ClientContext context;
+    As(context, registration.worker());
     v1::LeaseTaskRequest request;
     request.set_worker(registration.worker());
     request.set_wait_s(30);
@@ -394,6 +318,7 @@ TEST_F(ServerTest, ACallThatWasCancelledIsGivenNoTask) {
   const auto registration = Register(), other = Register();
   clock_.Advance(5);
   grpc::ClientContext context;
+  As(context, registration.worker());
   std::thread waiter([&] {
     v1::LeaseTaskRequest request;
     request.set_worker(registration.worker());
@@ -424,6 +349,7 @@ TEST_F(ServerTest, HundredsMayWaitAtOnce) {
   const auto others = v1::Workers::NewStub(other);
   for (int i = 0; i < kWorkers; ++i) {
     calls[i].request.set_worker(Register().worker());
+    As(calls[i].context, calls[i].request.worker());
     calls[i].request.set_wait_s(30);
     const auto& stub = i % 2 == 0 ? workers_ : others;
     stub->async()->LeaseTask(&calls[i].context, &calls[i].request, &calls[i].response, [&](const grpc::Status& status) {
@@ -438,30 +364,6 @@ TEST_F(ServerTest, HundredsMayWaitAtOnce) {
   const auto given =
       std::count_if(calls.begin(), calls.end(), [](const Call& call) { return call.response.has_lease(); });
   EXPECT_EQ(given, 1) << "the job's first task";
-}
-
-TEST_F(ServerTest, DigestsAreRememberedOnceAFileHasSettled) {
-  const std::string path = scene_ + "/image";
-  const FileStamp stamp = *StampOf(path);
-  EXPECT_FALSE(cache_->Find(path, stamp).has_value());
-  const Digest digest = *DigestOfFile(path, *cache_, clock_);
-  EXPECT_EQ(cache_->Find(path, stamp), digest);
-  WriteScene("fresh", "x", 0);
-  ASSERT_TRUE(DigestOfFile(scene_ + "/fresh", *cache_, clock_).ok());
-  EXPECT_FALSE(cache_->Find(scene_ + "/fresh", *StampOf(scene_ + "/fresh")).has_value());
-  const auto missing = DigestSceneFiles({scene_, "s", {"none1", "image", "none2"}, {}}, *cache_, clock_);
-  EXPECT_THAT(std::string(missing.status().message()), testing::AllOf(HasSubstr("none1"), HasSubstr("none2")));
-}
-
-TEST_F(ServerTest, ADigestThatCannotBeRememberedIsADigestAllTheSame) {
-  struct FullCache : DigestCache {
-    std::optional<Digest> Find(const std::string&, const FileStamp&) override { return std::nullopt; }
-    Status Remember(const std::string&, const FileStamp&, const Digest&) override {
-      return absl::ResourceExhaustedError("disk is full");
-    }
-  } full;
-  const std::string path = scene_ + "/image";
-  EXPECT_EQ(DigestOfFile(path, full, clock_).value(), HashFile(path).value());
 }
 
 }  // namespace

@@ -291,6 +291,7 @@ TEST_F(AgentTest, ARefusedVersionEndsTheWorker) {
 TEST_F(AgentTest, AWorkFolderBelongsToOneProcess) {
   StartAgent(Concatenate);
   AgentOptions options;
+  options.coordinator = coordinator_.address();
   options.work_dir = folder_.path() + "/work";
   EXPECT_EQ(Agent::Create(options, Concatenate).status().code(), absl::StatusCode::kFailedPrecondition);
 }
