@@ -5,9 +5,11 @@
 #include <grpcpp/health_check_service_interface.h>
 
 #include <chrono>
+#include <optional>
 
 #include "absl/synchronization/mutex.h"
 #include "common/rpc/channel.h"
+#include "server/api/call_observer.h"
 #include "server/api/services.h"
 
 namespace tessera {
@@ -22,11 +24,24 @@ struct CoordinatorServer::Impl {
   explicit Impl(const ServerEnvironment& services_environment)
       : environment(services_environment), jobs(environment), workers(environment), blobs(environment) {}
 
+  void SetServing(bool now) {
+    if (now == serving) return;
+    serving = now;
+    grpc::HealthCheckServiceInterface& health = *server->GetHealthCheckService();
+    for (const char* service :
+         {v1::Jobs::service_full_name(), v1::Workers::service_full_name(), v1::Blobs::service_full_name()}) {
+      health.SetServingStatus(service, now);
+    }
+    health.SetServingStatus(now);
+  }
+
   const ServerEnvironment environment;
   JobsService jobs;
   WorkersService workers;
   BlobsService blobs;
   std::string address;
+  RpcCounts rpcs{AllMethods()};
+  std::optional<bool> serving;  // what the health service says; none: nothing of each service yet
   std::unique_ptr<grpc::Server> server;
 };
 
@@ -49,21 +64,33 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const std:
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxCallsOfConnection);
   builder.AddChannelArgument(GRPC_ARG_ENABLE_CHANNELZ, 0);  // statistics that nobody can ask for
   AllowKeepalive(builder);
+  std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> observers;
+  observers.push_back(ObserveCalls(&impl->rpcs));
+  builder.experimental().SetInterceptorCreators(std::move(observers));
   builder.RegisterService(&impl->jobs);
   builder.RegisterService(&impl->workers);
   builder.RegisterService(&impl->blobs);
   impl->server = builder.BuildAndStart();
   if (impl->server == nullptr || port == 0) return absl::UnavailableError("cannot listen on " + address);
   impl->address = address.substr(0, colon + 1) + std::to_string(port);
-  return std::unique_ptr<CoordinatorServer>(new CoordinatorServer(std::move(impl)));
+  std::unique_ptr<CoordinatorServer> server(new CoordinatorServer(std::move(impl)));
+  server->UpdateHealth();
+  return server;
 }
 
 CoordinatorServer::~CoordinatorServer() { Shutdown(0); }
 
 const std::string& CoordinatorServer::address() const { return impl_->address; }
 
+const RpcCounts& CoordinatorServer::rpc_counts() const { return impl_->rpcs; }
+
+void CoordinatorServer::UpdateHealth() {
+  if (impl_->server != nullptr) impl_->SetServing(impl_->environment.dispatcher->storage_trouble().ok());
+}
+
 void CoordinatorServer::Shutdown(double grace_s) {
   if (impl_->server == nullptr) return;
+  impl_->SetServing(false);
   impl_->environment.dispatcher->Stop();
   impl_->server->Shutdown(std::chrono::system_clock::now() +
                           std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));

@@ -10,6 +10,7 @@
 #include "common/storage/blob_store.h"
 #include "server/api/scene_files.h"
 #include "server/dispatch/dispatcher.h"
+#include "server/metrics/rpc_counts.h"
 #include "server/store/record_store.h"
 
 namespace tessera {
@@ -34,6 +35,11 @@ class CoordinatorServer {
   ~CoordinatorServer();
   // With the port that was bound.
   const std::string& address() const;
+  // Of all calls since the start.
+  const RpcCounts& rpc_counts() const;
+  // Has the health service say NOT_SERVING while the dispatcher cannot store anything, and SERVING else. To be called
+  // about once a second.
+  void UpdateHealth();
   // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The dispatcher is stopped.
   void Shutdown(double grace_s);
 

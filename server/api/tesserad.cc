@@ -23,6 +23,7 @@
 #include "server/api/maintenance.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/dispatch/record_owner.h"
+#include "server/metrics/metrics_server.h"
 #include "server/plan/graph.h"
 #include "server/store/sqlite_store.h"
 
@@ -33,6 +34,7 @@ struct Flags {
   std::string data;
   std::string listen = "127.0.0.1:7575";
   std::string port_file;
+  std::string metrics_listen;
   double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
   double keep_days = 0, blob_gib = 0;
   std::string backup;
@@ -116,6 +118,16 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
   }
   TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(flags.listen, environment));
+  std::unique_ptr<MetricsServer> metrics;
+  if (!flags.metrics_listen.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(metrics,
+                             MetricsServer::Start(flags.metrics_listen, {
+                                                                            [&] { return dispatcher->Snapshot(); },
+                                                                            [&] { return blobs->FreeBytes(); },
+                                                                            &server->rpc_counts(),
+                                                                        }));
+    std::cout << "metrics: http://" << metrics->address() << "/metrics" << std::endl;
+  }
   if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));
   std::cout << "tesserad listens on " << server->address() << std::endl;
   LogEvent(LogLevel::kInfo, "coordinator started",
@@ -137,6 +149,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     // Each trouble once, not at every tick.
     if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "cannot go on", {{"error", error}});
     last_error = error;
+    server->UpdateHealth();
   }
   LogEvent(LogLevel::kInfo, "coordinator stops");
   server->Shutdown(5);
@@ -158,6 +171,9 @@ int Main(int argc, char** argv) {
   app.add_option("--data", flags.data, "folder for state and results")->capture_default_str();
   app.add_option("--listen", flags.listen, "HOST:PORT to listen on; port 0: any")->capture_default_str();
   app.add_option("--port-file", flags.port_file, "write the bound HOST:PORT to this file");
+  app.add_option("--metrics-listen", flags.metrics_listen,
+                 "HOST:PORT where Prometheus reads metrics, at /metrics; without it none are served. Whoever reaches "
+                 "it reads them, without authentication: beyond loopback, in a trusted network only");
   app.add_option("--lease-s", flags.lease_s, "a task returns to the queue when its worker is silent for so long")
       ->check(CLI::Range(0.2, 86400.0))
       ->capture_default_str();
@@ -192,7 +208,7 @@ int Main(int argc, char** argv) {
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "stop when the process that started this one ends");
   CLI11_PARSE(app, argc, argv);
 
-  if (const Status status = ConfigureLogging(flags.log_level, flags.json_logs); !status.ok()) {
+  if (const Status status = SetUpLog(flags.log_level, flags.json_logs); !status.ok()) {
     std::cerr << "tesserad: " << status.message() << "\n";
     return 2;
   }

@@ -55,8 +55,9 @@ struct Attempt {
   std::string machine;  // that the worker ran on; empty: not known
   int64_t start_us = 0;
   int64_t end_us = 0;
-  TaskFailure failure;  // kNone: it runs or has succeeded
+  TaskFailure failure;  // kNone: it runs, has succeeded or was cancelled
   bool lease_expired = false;
+  bool cancelled = false;  // its job ended, or went on without the task
 };
 
 struct JobTask {

@@ -12,6 +12,7 @@
 
 #include "common/base/refusal.h"
 #include "common/base/version.h"
+#include "common/log/log.h"
 #include "common/rpc/blob_client.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/status_conversion.h"
@@ -31,6 +32,7 @@ using testing::HasSubstr;
 class ServerTest : public CoordinatorTest {
  protected:
   ServerTest() {
+    EXPECT_TRUE(SetUpLog("off", false).ok());
     scene_ = folder_.path() + "/scene";
     EXPECT_TRUE(EnsureFolder(scene_).ok());
     WriteScene("scene.json", "{}");
@@ -433,6 +435,7 @@ TEST_F(ServerTest, HundredsMayWaitAtOnce) {
   }
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
+  while (dispatcher_->RunningTasks(job.name())->empty()) std::this_thread::yield();
   dispatcher_->Stop();
   answered.wait();
   const auto given =
