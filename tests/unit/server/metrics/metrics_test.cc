@@ -1,10 +1,6 @@
 // What Prometheus reads of a dispatcher whose every step is known.
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <cstdio>
@@ -16,6 +12,7 @@
 
 #include "server/metrics/metrics_server.h"
 #include "tests/support/fake_coordinator.h"
+#include "tests/support/http_get.h"
 
 namespace tessera {
 namespace {
@@ -183,31 +180,13 @@ TEST_F(MetricsTest, NameNobodyAndStayAsMany) {
   EXPECT_EQ(lines(), before);
 }
 
-std::string Get(const std::string& address, const std::string& path) {
-  const int port = std::stoi(address.substr(address.rfind(':') + 1));
-  const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in to = {};
-  to.sin_family = AF_INET;
-  to.sin_port = htons(static_cast<uint16_t>(port));
-  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  std::string answer;
-  if (::connect(fd, reinterpret_cast<const sockaddr*>(&to), sizeof(to)) == 0) {
-    const std::string request = "GET " + path + " HTTP/1.0\r\n\r\n";
-    EXPECT_EQ(::write(fd, request.data(), request.size()), static_cast<ssize_t>(request.size()));
-    char bytes[4096];
-    for (ssize_t n = 0; (n = ::read(fd, bytes, sizeof(bytes))) > 0;) answer.append(bytes, static_cast<size_t>(n));
-  }
-  ::close(fd);
-  return answer;
-}
-
 TEST_F(MetricsTest, AreServedOverHttp) {
   const auto server = MetricsServer::Start("127.0.0.1:0", sources_);
   ASSERT_TRUE(server.ok()) << server.status();
-  const std::string answer = Get((*server)->address(), "/metrics");
+  const std::string answer = HttpGet((*server)->address(), "/metrics");
   EXPECT_THAT(answer, HasSubstr("200 OK"));
   EXPECT_THAT(answer, HasSubstr("\ntessera_tasks_unfinished 0\n"));
-  EXPECT_THAT(Get((*server)->address(), "/other"), HasSubstr("404"));
+  EXPECT_THAT(HttpGet((*server)->address(), "/other"), HasSubstr("404"));
   EXPECT_EQ(MetricsServer::Start((*server)->address(), sources_).status().code(), absl::StatusCode::kUnavailable);
   for (const char* wrong : {"", "9464", ":9464", "127.0.0.1:", "127.0.0.1:x", "127.0.0.1:70000", "127.0.0.1:1,2:3"}) {
     EXPECT_EQ(MetricsServer::Start(wrong, sources_).status().code(), absl::StatusCode::kInvalidArgument) << wrong;
