@@ -30,9 +30,11 @@ DispatchSnapshot Dispatcher::Snapshot() const {
   for (const auto& [ref, lease] : leases_.leases()) ++snapshot.leases[KindIndex(ledger_.task(ref).plan.kind)];
   const int64_t monotonic_us = environment_.clock->MonotonicUs();
   for (const auto& [name, worker] : leases_.workers()) {
-    ++(IsSetAside(worker, monotonic_us) ? snapshot.workers_set_aside
-       : worker.tasks.empty()           ? snapshot.workers_idle
-                                        : snapshot.workers_working);
+    const bool silent = monotonic_us - worker.last_seen_us > Micros(options_.lease_s);
+    ++(silent                             ? snapshot.workers_silent
+       : IsSetAside(worker, monotonic_us) ? snapshot.workers_set_aside
+       : worker.tasks.empty()             ? snapshot.workers_idle
+                                          : snapshot.workers_working);
   }
   return snapshot;
 }

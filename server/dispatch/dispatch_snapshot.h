@@ -20,7 +20,8 @@ struct DispatchSnapshot {
   int64_t delayed = 0;        // that are to be tried again after a while
   int64_t unfinished = 0;     // of jobs that have not ended, as far as they are planned
   std::array<int64_t, kTaskKinds.size()> leases = {};
-  int64_t workers_working = 0, workers_idle = 0, workers_set_aside = 0;
+  int64_t workers_working = 0, workers_idle = 0, workers_set_aside = 0;  // each in one
+  int64_t workers_silent = 0;  // not heard of for as long as a lease lives; forgotten after a while
   int64_t jobs_queued = 0, jobs_running = 0, jobs_paused = 0;  // each in one
   int64_t jobs_held = 0;                                       // of these, those for which the disk has no room
   JournalStats journal;

@@ -92,10 +92,13 @@ void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
   list.Add(now.unfinished);
   list.Gauge("leases", "Tasks that workers have now, by kind");
   for (size_t kind = 0; kind < kTaskKinds.size(); ++kind) list.Add(now.leases[kind], {{"kind", KindName(kind)}});
-  list.Gauge("workers", "Workers: with a task, without one, or set aside and given none for a while");
+  list.Gauge(
+      "workers",
+      "Workers: with a task, without one, set aside and given none for a while, or not heard of for a lease's time");
   list.Add(now.workers_working, {{"state", "working"}});
   list.Add(now.workers_idle, {{"state", "idle"}});
   list.Add(now.workers_set_aside, {{"state", "set_aside"}});
+  list.Add(now.workers_silent, {{"state", "silent"}});
   list.Gauge("jobs", "Jobs that have not ended");
   list.Add(now.jobs_queued, {{"state", "queued"}});
   list.Add(now.jobs_running, {{"state", "running"}});

@@ -63,6 +63,8 @@ TEST_F(MetricsTest, AddUpWhatTasksDid) {
   EXPECT_EQ(Value("tessera_tasks_delayed"), 1);
   clock_.Advance(60);
   EXPECT_EQ(Value("tessera_oldest_ready_task_age_seconds"), 60);
+  EXPECT_EQ(Value("tessera_workers{state=\"silent\"}"), 2);
+  EXPECT_EQ(Value("tessera_workers{state=\"idle\"}"), 0);
   ASSERT_TRUE(Lease(other));
   clock_.Advance(31);
   ASSERT_TRUE(dispatcher_->Tick().ok());  // its lease expires
