@@ -30,6 +30,7 @@ const std::map<std::string, RoleSet>& Rules() {
       {"/tessera.v1.Jobs/DeleteJob", kAdmin},
       {"/tessera.v1.Jobs/WatchJob", kReaders},
       {"/tessera.v1.Jobs/ListTasks", kReaders},
+      {"/tessera.v1.Jobs/ListAttempts", kReaders},
       {"/tessera.v1.Workers/RegisterWorker", kWorker},
       {"/tessera.v1.Workers/LeaseTask", kWorker},
       {"/tessera.v1.Workers/Heartbeat", kWorker},

@@ -1,7 +1,11 @@
 #include "server/api/conversion.h"
 
+#include "common/base/printable.h"
+
 namespace tessera {
 namespace {
+
+constexpr size_t kMaxAttemptMessageBytes = 4 << 10;  // a page has a thousand of them
 
 google::protobuf::Timestamp ToTimestamp(int64_t time_us) {
   google::protobuf::Timestamp time;
@@ -85,6 +89,23 @@ void ToProto(const TaskStatus& status, v1::Task* proto) {
   }
 }
 
+void ToProto(const AttemptStatus& status, v1::Attempt* proto) {
+  const Attempt& attempt = status.attempt;
+  proto->set_task(TaskName(status.task));
+  proto->set_attempt(status.number);
+  proto->set_kind(status.kind);
+  proto->set_title(status.title);
+  proto->set_tile(status.tile);
+  proto->set_worker(attempt.worker);
+  proto->set_machine(attempt.machine);
+  *proto->mutable_start_time() = ToTimestamp(attempt.start_us);
+  if (attempt.end_us > 0) *proto->mutable_end_time() = ToTimestamp(attempt.end_us);
+  proto->set_outcome(static_cast<v1::AttemptOutcome>(OutcomeOf(attempt)));
+  if (attempt.failure->error_class == ErrorClass::kNone) return;
+  proto->mutable_error()->set_error_class(static_cast<v1::ErrorClass>(attempt.failure->error_class));
+  proto->mutable_error()->set_message(std::string(Prefix(attempt.failure->message, kMaxAttemptMessageBytes)));
+}
+
 void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto) {
   v1::TaskSpec& spec = *proto->mutable_spec();
   spec.set_task(lease.task);
@@ -92,6 +113,7 @@ void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto) {
   spec.set_title(lease.plan.name);
   spec.set_parameters_json(lease.plan.parameters);
   spec.set_key(lease.key);
+  spec.set_tile(lease.plan.tile);
   for (const LeasedInput& input : lease.inputs) {
     v1::InputFile& added = *spec.add_inputs();
     added.set_name(input.file.name);

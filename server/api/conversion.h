@@ -14,6 +14,7 @@ TaskFailure FromProto(const v1::TaskError& error);
 ReportedResult FromProto(const v1::TaskResult& result);
 void ToProto(const JobStatus& status, v1::Job* proto);
 void ToProto(const TaskStatus& status, v1::Task* proto);
+void ToProto(const AttemptStatus& status, v1::Attempt* proto);
 // `shared_paths`: whether workers may be told where the coordinator has the inputs.
 void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto);
 

@@ -11,11 +11,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cstring>
+#include <optional>
 
 #include "absl/synchronization/mutex.h"
 #include "common/access/secrets.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
+#include "server/api/call_observer.h"
 #include "server/api/services.h"
 
 namespace tessera {
@@ -70,12 +72,25 @@ struct CoordinatorServer::Impl {
   explicit Impl(const ServerEnvironment& services_environment)
       : environment(services_environment), jobs(environment), workers(environment), blobs(environment) {}
 
+  void SetServing(bool now) {
+    if (now == serving) return;
+    serving = now;
+    grpc::HealthCheckServiceInterface& health = *server->GetHealthCheckService();
+    for (const char* service :
+         {v1::Jobs::service_full_name(), v1::Workers::service_full_name(), v1::Blobs::service_full_name()}) {
+      health.SetServingStatus(service, now);
+    }
+    health.SetServingStatus(now);
+  }
+
   std::unique_ptr<Access> own_access;
   const ServerEnvironment environment;
   JobsService jobs;
   WorkersService workers;
   BlobsService blobs;
   std::vector<std::string> addresses;
+  RpcCounts rpcs{AllMethods()};
+  std::optional<bool> serving;  // what the health service says; none: nothing of each service yet
   std::unique_ptr<grpc::Server> server;
 };
 
@@ -140,6 +155,9 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxCallsOfConnection);
   builder.AddChannelArgument(GRPC_ARG_ENABLE_CHANNELZ, 0);  // statistics that nobody can ask for
   AllowKeepalive(builder);
+  std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> observers;
+  observers.push_back(ObserveCalls(&impl->rpcs, services.access));
+  builder.experimental().SetInterceptorCreators(std::move(observers));
   builder.RegisterService(&impl->jobs);
   builder.RegisterService(&impl->workers);
   builder.RegisterService(&impl->blobs);
@@ -153,7 +171,9 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
     impl->addresses.push_back(
         IsSocketAddress(address) ? address : address.substr(0, address.rfind(':') + 1) + std::to_string(ports[i]));
   }
-  return std::unique_ptr<CoordinatorServer>(new CoordinatorServer(std::move(impl)));
+  std::unique_ptr<CoordinatorServer> server(new CoordinatorServer(std::move(impl)));
+  server->UpdateHealth();
+  return server;
 }
 
 CoordinatorServer::~CoordinatorServer() { Shutdown(0); }
@@ -161,8 +181,15 @@ CoordinatorServer::~CoordinatorServer() { Shutdown(0); }
 const std::string& CoordinatorServer::address() const { return impl_->addresses.front(); }
 const std::vector<std::string>& CoordinatorServer::addresses() const { return impl_->addresses; }
 
+const RpcCounts& CoordinatorServer::rpc_counts() const { return impl_->rpcs; }
+
+void CoordinatorServer::UpdateHealth() {
+  if (impl_->server != nullptr) impl_->SetServing(impl_->environment.dispatcher->storage_trouble().ok());
+}
+
 void CoordinatorServer::Shutdown(double grace_s) {
   if (impl_->server == nullptr) return;
+  impl_->SetServing(false);
   impl_->environment.dispatcher->Stop();
   impl_->server->Shutdown(std::chrono::system_clock::now() +
                           std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));

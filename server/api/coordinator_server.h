@@ -12,6 +12,7 @@
 #include "server/api/access.h"
 #include "server/api/scene_files.h"
 #include "server/dispatch/dispatcher.h"
+#include "server/metrics/rpc_counts.h"
 #include "server/store/record_store.h"
 
 namespace tessera {
@@ -55,6 +56,11 @@ class CoordinatorServer {
   // The first, with the port that was bound.
   const std::string& address() const;
   const std::vector<std::string>& addresses() const;
+  // Of all calls since the start.
+  const RpcCounts& rpc_counts() const;
+  // Has the health service say NOT_SERVING while the dispatcher cannot store anything, and SERVING else. To be called
+  // about once a second.
+  void UpdateHealth();
   // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The dispatcher is stopped.
   void Shutdown(double grace_s);
 

@@ -189,4 +189,33 @@ grpc::Status JobsService::ListTasks(grpc::ServerContext*, const v1::ListTasksReq
   return grpc::Status::OK;
 }
 
+grpc::Status JobsService::ListAttempts(grpc::ServerContext*, const v1::ListAttemptsRequest* request,
+                                       v1::ListAttemptsResponse* response) {
+  // A token is the task and the attempt where the next page starts.
+  const std::string& token = request->page_token();
+  const size_t dot = std::min(token.find('.'), token.size());
+  const auto task = ParseToken(token.substr(0, dot), 0);
+  const auto number = ParseToken(token.substr(std::min(dot + 1, token.size())), 1);
+  for (const auto* part : {&task, &number}) {
+    if (!part->ok()) return ToGrpc(absl::InvalidArgumentError("not a page token: '" + token + "'"));
+  }
+  const auto page =
+      environment_.dispatcher->ListAttempts(request->parent(), *task, *number, PageSize(request->page_size(), 1000));
+  if (!page.ok()) return ToGrpc(page.status());
+  const auto go_on_from = [&](int next_task, int next_number) {
+    response->set_next_page_token(std::to_string(next_task) + "." + std::to_string(next_number));
+  };
+  size_t bytes = 0;
+  for (const AttemptStatus& attempt : page->attempts) {
+    if (bytes > kPageBytes) {
+      go_on_from(attempt.task.task, attempt.number);
+      return grpc::Status::OK;
+    }
+    ToProto(attempt, response->add_attempts());
+    bytes += response->attempts(response->attempts_size() - 1).ByteSizeLong();
+  }
+  if (page->next_task >= 0) go_on_from(page->next_task, page->next_number);
+  return grpc::Status::OK;
+}
+
 }  // namespace tessera

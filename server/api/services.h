@@ -32,6 +32,8 @@ class JobsService final : public v1::Jobs::Service {
                         grpc::ServerWriter<v1::WatchJobResponse>* writer) override;
   grpc::Status ListTasks(grpc::ServerContext* context, const v1::ListTasksRequest* request,
                          v1::ListTasksResponse* response) override;
+  grpc::Status ListAttempts(grpc::ServerContext* context, const v1::ListAttemptsRequest* request,
+                            v1::ListAttemptsResponse* response) override;
 
  private:
   const ServerEnvironment& environment_;

@@ -25,6 +25,7 @@
 #include "server/api/maintenance.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/dispatch/record_owner.h"
+#include "server/metrics/metrics_server.h"
 #include "server/plan/graph.h"
 #include "server/store/sqlite_store.h"
 
@@ -35,6 +36,7 @@ struct Flags {
   std::string data;
   ListenOptions listen;
   std::string port_file, token_file;
+  std::string metrics_listen;
   std::vector<std::string> scene_roots;
   double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
   double keep_days = 0, blob_gib = 0;
@@ -128,6 +130,14 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
   }
   TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(listen, environment));
+  std::unique_ptr<MetricsServer> metrics;
+  if (!flags.metrics_listen.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(
+        metrics,
+        MetricsServer::Start(flags.metrics_listen, {[&] { return dispatcher->Snapshot(); },
+                                                    [&] { return blobs->FreeBytes(); }, &server->rpc_counts()}));
+    std::cout << "metrics: http://" << metrics->address() << "/metrics" << std::endl;
+  }
   if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));
   for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
   WarnOfOpenDoors(*server, *access);
@@ -156,6 +166,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     // Each trouble once, not at every tick.
     if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "cannot go on", {{"error", error}});
     last_error = error;
+    server->UpdateHealth();
   }
   LogEvent(LogLevel::kInfo, "coordinator stops");
   server->Shutdown(5);
@@ -193,6 +204,9 @@ int Main(int argc, char** argv) {
          "the user who runs this, in jobs that come through a socket")
       ->type_name("FOLDER");
   app.add_option("--port-file", flags.port_file, "write the bound HOST:PORT to this file");
+  app.add_option("--metrics-listen", flags.metrics_listen,
+                 "HOST:PORT where Prometheus reads metrics, at /metrics; without it none are served. Whoever reaches "
+                 "it reads them, without authentication: beyond loopback, in a trusted network only");
   app.add_option("--lease-s", flags.lease_s, "a task returns to the queue when its worker is silent for so long")
       ->check(CLI::Range(0.2, 86400.0))
       ->capture_default_str();
@@ -231,7 +245,7 @@ int Main(int argc, char** argv) {
   ::umask(S_IRWXG | S_IRWXO);
   LeaveNoCore();
 
-  if (const Status status = ConfigureLogging(flags.log_level, flags.json_logs); !status.ok()) {
+  if (const Status status = SetUpLog(flags.log_level, flags.json_logs); !status.ok()) {
     std::cerr << "tesserad: " << status.message() << "\n";
     return 2;
   }

@@ -8,6 +8,7 @@
 
 #include "common/scene/check.h"
 #include "common/storage/files.h"
+#include "server/client/command_line.h"
 #include "server/client/commands.h"
 
 namespace tessera {
@@ -49,16 +50,16 @@ int RunCheck(const CheckOptions& options) {
   control.report = [&](double fraction, const std::string& stage) { progress.Show(fraction, stage); };
   const StatusOr<SceneSummary> summary = CheckSceneFolder(options.scene, &warnings, control);
   progress.Clear();
-  for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  PrintWarnings(warnings);
   if (!summary.ok()) {
-    std::fprintf(stderr, "%s\n", std::string(summary.status().message()).c_str());
+    std::fprintf(stderr, "%s\n", PrintableLines(std::string(summary.status().message())).c_str());
     return absl::IsInvalidArgument(summary.status()) ? kExitBadInput : kExitFailed;
   }
-  std::fputs(SummaryToText(*summary).c_str(), stdout);
+  std::fputs(PrintableLines(SummaryToText(*summary)).c_str(), stdout);
   if (!options.json_file.empty()) {
     const Status written = WriteFileAtomic(options.json_file, SummaryToJson(*summary, warnings));
     if (!written.ok()) {
-      std::fprintf(stderr, "%s\n", std::string(written.message()).c_str());
+      std::fprintf(stderr, "%s\n", PrintableLines(std::string(written.message())).c_str());
       return kExitFailed;
     }
   }

@@ -186,7 +186,7 @@ std::string NewRequestId() {
 
 int Complain(const std::string& command, const Status& status) {
   const std::string message(status.message().data(), status.message().size());
-  std::fprintf(stderr, "tessera %s: %s\n", command.c_str(), message.c_str());
+  std::fprintf(stderr, "tessera %s: %s\n", command.c_str(), PrintableLines(message).c_str());
   switch (status.code()) {
     case absl::StatusCode::kInvalidArgument:
     case absl::StatusCode::kNotFound:
@@ -204,7 +204,7 @@ int Complain(const std::string& command, const Status& status) {
 int ExitCodeOfJob(const v1::Job& job, bool bad_input) {
   if (job.state() == v1::JOB_SUCCEEDED) return kExitOk;
   const std::string why = job.error().empty() ? "" : ":\n" + job.error();
-  std::fprintf(stderr, "%s %s%s\n", job.name().c_str(), JobStateWord(job.state()).c_str(), why.c_str());
+  std::fprintf(stderr, "%s %s%s\n", job.name().c_str(), JobStateWord(job.state()).c_str(), PrintableLines(why).c_str());
   if (job.state() == v1::JOB_CANCELLED) return kExitCancelled;
   if (job.state() == v1::JOB_PARTIAL) return kExitPartial;
   return bad_input ? kExitBadInput : kExitFailed;

@@ -2,8 +2,10 @@
 #ifndef TESSERA_SERVER_CLIENT_COMMAND_LINE_H_
 #define TESSERA_SERVER_CLIENT_COMMAND_LINE_H_
 
+#include <cstdio>
 #include <string>
 
+#include "common/base/printable.h"
 #include "common/base/status.h"
 #include "common/rpc/channel.h"
 #include "server/settings/job_settings.h"
@@ -48,6 +50,12 @@ Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request);
 
 // A request_id that nobody has used, so that a submission whose answer was lost can be sent again.
 std::string NewRequestId();
+
+// Prints "warning: ..." on standard error for each.
+template <class Warnings>
+void PrintWarnings(const Warnings& warnings) {
+  for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", PrintableLines(warning).c_str());
+}
 
 // Prints the error, line by line as it came, on standard error and gives the exit code for it.
 int Complain(const std::string& command, const Status& status);

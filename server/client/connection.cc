@@ -142,6 +142,21 @@ Status Connection::ListTasks(const std::string& job, v1::ListTasksResponse* task
   return absl::OkStatus();
 }
 
+Status Connection::ListAttempts(const std::string& job, std::vector<v1::Attempt>* attempts) {
+  v1::ListAttemptsRequest request;
+  request.set_parent(job);
+  do {
+    v1::ListAttemptsResponse page;
+    TESSERA_RETURN_IF_ERROR(impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
+      page.Clear();
+      return impl_->jobs->ListAttempts(context, request, &page);
+    }));
+    for (v1::Attempt& attempt : *page.mutable_attempts()) attempts->emplace_back().Swap(&attempt);
+    request.set_page_token(page.next_page_token());
+  } while (!request.page_token().empty());
+  return absl::OkStatus();
+}
+
 bool Connection::FailedForInput(const std::string& job) {
   v1::ListTasksResponse tasks;
   if (!ListTasks(job, &tasks).ok()) return false;

@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "common/base/status.h"
 #include "common/rpc/blob_client.h"
@@ -13,6 +14,7 @@
 namespace tessera {
 
 namespace v1 {
+class Attempt;
 class ChangeJobRequest;
 class CreateJobRequest;
 class Job;
@@ -44,6 +46,8 @@ class Connection {
   Status ListJobs(int count, v1::ListJobsResponse* jobs);
   // All tasks of a job.
   Status ListTasks(const std::string& job, v1::ListTasksResponse* tasks);
+  // All attempts at tasks of a job.
+  Status ListAttempts(const std::string& job, std::vector<v1::Attempt>* attempts);
   Status ListWorkers(v1::ListWorkersResponse* workers);
   // Whether a task of the job failed for good because its input is wrong; false if that cannot be found out.
   bool FailedForInput(const std::string& job);

@@ -16,6 +16,7 @@
 #include "common/meshio/ply.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
+#include "server/client/command_line.h"
 #include "server/client/commands.h"
 
 namespace tessera {
@@ -69,7 +70,7 @@ Status Evaluate(EvaluateArguments arguments) {
   const ThreadLimit limit(arguments.threads);
   Warnings warnings;
   TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.scene, &warnings));
-  for (const std::string& warning : warnings) std::cerr << "warning: " << warning << "\n";
+  PrintWarnings(warnings);
   if (arguments.truth.empty()) arguments.truth = (fs::path(scene.folder) / "truth").string();
   const std::string truth_path = (fs::path(arguments.truth) / "mesh.ply").string();
   if (!fs::exists(truth_path)) {
@@ -167,7 +168,7 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
   command->callback([arguments, exit_code] {
     const Status status = Evaluate(*arguments);
     if (status.ok()) return;
-    std::cerr << "tessera evaluate: " << std::string(status.message()) << "\n";
+    std::cerr << "tessera evaluate: " << PrintableLines(std::string(status.message())) << "\n";
     const bool input =
         absl::IsInvalidArgument(status) || absl::IsNotFound(status) || absl::IsFailedPrecondition(status);
     *exit_code = input ? kExitBadInput : kExitFailed;

@@ -13,6 +13,7 @@
 #include "server/client/connection.h"
 #include "server/client/job_words.h"
 #include "server/client/tile_changes.h"
+#include "server/client/timeline.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -23,6 +24,7 @@ struct FetchFlags {
   std::string job;
   std::string changed_since;
   std::string out;
+  std::string timeline;
 };
 
 // Takes from `job` what need not be fetched, and gives what the tiles' meshes were and are.
@@ -41,11 +43,9 @@ StatusOr<std::vector<TileFileChange>> LeaveOutUnchanged(const v1::Job& base, v1:
   return changes;
 }
 
-int Fetch(const FetchFlags& flags) {
-  const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return Complain("fetch", connection.status());
+int FetchResults(Connection& connection, const FetchFlags& flags) {
   v1::Job job, base;
-  if (const Status status = (*connection)->GetJob(FullJobName(flags.job), &job); !status.ok()) {
+  if (const Status status = connection.GetJob(FullJobName(flags.job), &job); !status.ok()) {
     return Complain("fetch", status);
   }
   if (!HasEnded(job.state())) {
@@ -60,7 +60,7 @@ int Fetch(const FetchFlags& flags) {
   }
   std::vector<TileFileChange> changes;
   if (!flags.changed_since.empty()) {
-    if (const Status status = (*connection)->GetJob(FullJobName(flags.changed_since), &base); !status.ok()) {
+    if (const Status status = connection.GetJob(FullJobName(flags.changed_since), &base); !status.ok()) {
       return Complain("fetch", status);
     }
     auto found = LeaveOutUnchanged(base, &job);
@@ -74,7 +74,7 @@ int Fetch(const FetchFlags& flags) {
     // Of an earlier fetch; where there is one, all that it tells of has come.
     if (const Status status = RemoveTree(changes_path); !status.ok()) return Complain("fetch", status);
   }
-  const auto written = FetchArtifacts(**connection, job, out, out + "/.fetch", {});
+  const auto written = FetchArtifacts(connection, job, out, out + "/.fetch", {});
   if (!written.ok()) return Complain("fetch", written.status());
   for (const std::string& path : *written) std::printf("%s\n", path.c_str());
   if (flags.changed_since.empty()) return kExitOk;
@@ -86,6 +86,17 @@ int Fetch(const FetchFlags& flags) {
   std::printf("%s\n%td of %zu tile meshes changed since %s\n", changes_path.c_str(), changed, changes.size(),
               base.name().c_str());
   return kExitOk;
+}
+
+int Fetch(const FetchFlags& flags) {
+  const auto connection = Connection::Open(flags.coordinator);
+  if (!connection.ok()) return Complain("fetch", connection.status());
+  if (!flags.timeline.empty()) {
+    const Status status = WriteTimeline(**connection, FullJobName(flags.job), SystemClock(), flags.timeline);
+    if (!status.ok()) return Complain("fetch", status);
+    std::printf("%s\n", flags.timeline.c_str());
+  }
+  return flags.out.empty() ? kExitOk : FetchResults(**connection, flags);
 }
 
 }  // namespace
@@ -103,12 +114,21 @@ void AddFetchCommand(CLI::App& app, int* exit_code) {
       "Every job stays as it was published: fetch an earlier one for the city as of then.\n"
       "Examples:\n"
       "  tessera fetch jobs/7 --out result\n"
-      "  tessera fetch jobs/7 --changed-since jobs/3 --out changed");
+      "  tessera fetch jobs/7 --changed-since jobs/3 --out changed\n"
+      "  tessera fetch jobs/7 --timeline timeline.json");
   AddCoordinatorOption(*command, &flags->coordinator);
   command->add_option("JOB", flags->job, "The job's name or number")->required();
-  command->add_option("--out", flags->out, "Folder for mesh.ply, report.json and the like")->required();
-  command->add_option("--changed-since", flags->changed_since,
-                      "Another job of the coordinator, as a rule an earlier one: only tiles that differ from its");
+  CLI::Option* const out = command->add_option("--out", flags->out, "Folder for mesh.ply, report.json and the like");
+  command
+      ->add_option("--changed-since", flags->changed_since,
+                   "Another job of the coordinator, as a rule an earlier one: only tiles that differ from its")
+      ->needs(out);
+  command->add_option("--timeline", flags->timeline,
+                      "File for who did what when, which ui.perfetto.dev and chrome://tracing show: a row a worker, a "
+                      "slice an attempt; of jobs in any state");
+  command->parse_complete_callback([flags] {
+    if (flags->out.empty() && flags->timeline.empty()) throw CLI::ValidationError("--out or --timeline is needed");
+  });
   command->callback([flags, exit_code] { *exit_code = Fetch(*flags); });
 }
 

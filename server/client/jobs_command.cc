@@ -6,8 +6,11 @@
 #include <cstdio>
 #include <ctime>
 #include <memory>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "common/base/printable.h"
 #include "server/client/command_line.h"
 #include "server/client/commands.h"
 #include "server/client/connection.h"
@@ -29,7 +32,10 @@ struct JobsFlags {
 using Row = std::vector<std::string>;
 
 // Columns as wide as their widest entry.
-void PrintTable(const std::vector<Row>& rows) {
+void PrintTable(std::vector<Row> rows) {
+  for (Row& row : rows) {
+    for (std::string& entry : row) entry = Printable(entry);
+  }
   std::vector<size_t> widths(rows.front().size());
   for (const Row& row : rows) {
     for (size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
@@ -39,6 +45,15 @@ void PrintTable(const std::vector<Row>& rows) {
     for (size_t i = 0; i < row.size(); ++i) line += row[i] + std::string(widths[i] - row[i].size() + 2, ' ');
     line.erase(line.find_last_not_of(' ') + 1);
     std::printf("%s\n", line.c_str());
+  }
+}
+
+// A row a line of the text, the first of them with the name.
+void AddText(const std::string& name, std::string_view text, std::vector<Row>* rows) {
+  for (bool first = true; first || !text.empty(); first = false) {
+    const size_t end = std::min(text.find('\n'), text.size());
+    rows->push_back({first ? name : "", std::string(text.substr(0, end))});
+    text.remove_prefix(std::min(end + 1, text.size()));
   }
 }
 
@@ -83,7 +98,7 @@ int Workers(Connection& connection, bool json) {
     rows.push_back({worker.name(), worker.host(), std::to_string(worker.pid()), std::to_string(worker.threads()),
                     memory, DurationWords(worker.last_seen_s()) + " ago", tasks.empty() ? "-" : tasks});
   }
-  PrintTable(rows);
+  PrintTable(std::move(rows));
   return kExitOk;
 }
 
@@ -96,7 +111,7 @@ int OneJob(Connection& connection, const JobsFlags& flags) {
   if (flags.json) return PrintJson(job);
   std::vector<Row> rows = {{"job", job.name()}, {"name", job.display_name()}, {"scene", job.scene_path()}};
   rows.push_back({"state", JobWord(job)});
-  if (!job.waiting_for().empty()) rows.push_back({"why", job.waiting_for()});
+  if (!job.waiting_for().empty()) AddText("why", job.waiting_for(), &rows);
   rows.push_back({"priority", std::to_string(job.priority())});
   rows.push_back({"submitted", TimeWords(job.create_time().seconds())});
   rows.push_back({"done", std::to_string(static_cast<int>(100 * job.progress())) + "%, " +
@@ -104,9 +119,9 @@ int OneJob(Connection& connection, const JobsFlags& flags) {
                               " tiles, " + std::to_string(job.tasks_done()) + " of " +
                               std::to_string(job.tasks_total()) + " tasks"});
   if (!HasEnded(job.state()) && job.eta_s() >= 0) rows.push_back({"to go", DurationWords(job.eta_s())});
-  if (!job.error().empty()) rows.push_back({"error", job.error()});
-  for (const std::string& warning : job.warnings()) rows.push_back({"warning", warning});
-  PrintTable(rows);
+  if (!job.error().empty()) AddText("error", job.error(), &rows);
+  for (const std::string& warning : job.warnings()) AddText("warning", warning, &rows);
+  PrintTable(std::move(rows));
   return kExitOk;
 }
 
@@ -127,7 +142,7 @@ int Jobs(const JobsFlags& flags) {
                     ended || job.eta_s() < 0 ? "-" : DurationWords(job.eta_s()), TimeWords(job.create_time().seconds()),
                     job.display_name()});
   }
-  PrintTable(rows);
+  PrintTable(std::move(rows));
   return kExitOk;
 }
 

@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "common/base/clock.h"
+#include "common/base/printable.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "server/client/base_job.h"
@@ -119,7 +120,7 @@ Status TellLineage(const LineageFlags& flags) {
                                : flags.tile >= 0 ? TileLineageText(*lineage, flags.tile, flags.images)
                                                  : LineageTable(*lineage);
   TESSERA_RETURN_IF_ERROR(text.status());
-  std::fputs(text->c_str(), stdout);
+  std::fputs(PrintableLines(*text).c_str(), stdout);
   return absl::OkStatus();
 }
 

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "common/base/printable.h"
 
 namespace tessera {
 namespace {
@@ -39,7 +40,8 @@ std::string ImagesWords(const TileLineage& tile) {
   if (!tile.images) return "not stored";
   std::vector<std::string> words;
   for (const FlightImages& flight : *tile.images) {
-    words.push_back(absl::StrCat(flight.flight.empty() ? "images" : flight.flight, " ", flight.images.size()));
+    words.push_back(
+        absl::StrCat(flight.flight.empty() ? "images" : Printable(flight.flight), " ", flight.images.size()));
   }
   return words.empty() ? "none" : absl::StrJoin(words, ", ");
 }
@@ -164,8 +166,9 @@ StatusOr<std::string> TileLineageText(const Lineage& lineage, int id, bool with_
   }
   if (!with_images || !tile->images) return out;
   for (const FlightImages& flight : *tile->images) {
-    absl::StrAppend(&out, "flight ", OrDash(flight.flight), flight.date.empty() ? "" : ", ", flight.date, "\n");
-    for (const std::string& image : flight.images) absl::StrAppend(&out, "  ", image, "\n");
+    absl::StrAppend(&out, "flight ", OrDash(Printable(flight.flight)), flight.date.empty() ? "" : ", ",
+                    Printable(flight.date), "\n");
+    for (const std::string& image : flight.images) absl::StrAppend(&out, "  ", Printable(image), "\n");
   }
   return out;
 }

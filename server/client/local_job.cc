@@ -8,6 +8,7 @@
 
 #include "server/client/artifacts.h"
 #include "server/client/job_words.h"
+#include "server/client/timeline.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -17,6 +18,7 @@ struct LocalJob::Impl {
   v1::CreateJobRequest request;
   std::string out;
   std::string staging;
+  std::string timeline;
 
   std::atomic<bool> broken_off{false};
   std::mutex mutex;
@@ -64,6 +66,9 @@ struct LocalJob::Impl {
       const bool for_input = connection->FailedForInput(job.name());
       Tell([&](LocalJobState& to) { to.failed_for_input = for_input; });
     }
+    if (!timeline.empty()) {
+      TESSERA_RETURN_IF_ERROR(WriteTimeline(*connection, job.name(), SystemClock(), timeline));
+    }
     if (!HasResult(job.state())) return absl::OkStatus();
     TaskControl control;
     control.cancelled = [this] { return broken_off.load(); };
@@ -75,12 +80,13 @@ struct LocalJob::Impl {
 };
 
 LocalJob::LocalJob(std::unique_ptr<Connection> connection, const v1::CreateJobRequest& request, const std::string& out,
-                   const std::string& staging)
+                   const std::string& staging, const std::string& timeline)
     : impl_(std::make_unique<Impl>()) {
   impl_->connection = std::move(connection);
   impl_->request = request;
   impl_->out = out;
   impl_->staging = staging;
+  impl_->timeline = timeline;
   impl_->thread = std::thread([impl = impl_.get()] {
     const Status status = impl->Run();
     impl->Tell([&](LocalJobState& to) {

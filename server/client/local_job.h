@@ -26,9 +26,10 @@ struct LocalJobState {
 class LocalJob {
  public:
   // Cancels what an interrupted run left unfinished at this coordinator, submits `request`, follows the job and, if it
-  // succeeded, brings its files to `out` by way of `staging`.
+  // succeeded, brings its files to `out` by way of `staging`. `timeline`: file for its timeline once it has ended;
+  // empty: none.
   LocalJob(std::unique_ptr<Connection> connection, const v1::CreateJobRequest& request, const std::string& out,
-           const std::string& staging);
+           const std::string& staging, const std::string& timeline = "");
   // Breaks off and waits for the thread. The coordinator should have been told or stopped before.
   ~LocalJob();
 

@@ -150,7 +150,7 @@ StatusOr<std::string> PlanOfUpdate(Connection& connection, const v1::CreateJobRe
     connection.CancelJob(job.name(), &job).IgnoreError();
     return watched;
   }
-  for (const std::string& warning : job.warnings()) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  PrintWarnings(job.warnings());
   if (job.state() == v1::JOB_SUCCEEDED) return FetchFile(connection, job, kUpdateFile);
   const bool input = connection.FailedForInput(job.name());
   return Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, job.error());
@@ -215,7 +215,7 @@ Status Plan(const PlanFlags& flags) {
   TESSERA_ASSIGN_OR_RETURN(const Quote quote, MakeQuote(flags.job.settings, survey));
   if (!flags.map.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.map, PlanMap(quote, survey)));
   if (!flags.json.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.json, PlanJson(quote, flags.terms)));
-  for (const std::string& warning : survey.warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  PrintWarnings(survey.warnings);
   std::fputs(PlanTable(quote, flags.terms).c_str(), stdout);
   return absl::OkStatus();
 }

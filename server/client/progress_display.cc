@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "common/base/printable.h"
 #include "server/client/job_words.h"
 #include "tessera/v1/jobs.pb.h"
 
@@ -85,9 +86,8 @@ std::vector<std::string> ProgressDisplay::Picture(const v1::WatchJobResponse& up
     lines.emplace_back("  ").append(TaskLine(task));
   }
   for (std::string& line : lines) {
-    std::replace_if(
-        line.begin(), line.end(), [](char c) { return static_cast<unsigned char>(c) < ' '; }, ' ');
-    if (static_cast<int>(line.size()) > width) line.resize(width);
+    line = Printable(line);
+    line.resize(Prefix(line, static_cast<size_t>(std::max(0, width))).size());
   }
   return lines;
 }
@@ -102,7 +102,7 @@ void ProgressDisplay::Show(const v1::WatchJobResponse& update) {
 void ProgressDisplay::Note(const std::string& line) {
   const std::vector<std::string> kept = shown_;
   Erase();
-  std::fprintf(out_, "%s\n", line.c_str());
+  std::fprintf(out_, "%s\n", PrintableLines(line).c_str());
   shown_ = kept;
   Draw();
 }
@@ -130,7 +130,8 @@ void ProgressDisplay::ShowPlain(const v1::WatchJobResponse& update) {
     if (told == task.attempt()) continue;
     told = task.attempt();
     const std::string attempt = told > 1 ? " (attempt " + std::to_string(told) + ")" : "";
-    std::fprintf(out_, "%s: %s%s\n", WorkerWords(task.worker()).c_str(), task.title().c_str(), attempt.c_str());
+    std::fprintf(out_, "%s: %s%s\n", WorkerWords(task.worker()).c_str(), Printable(task.title()).c_str(),
+                 attempt.c_str());
   }
   const int tenth = Percent(job.progress()) / 10;
   if (job.state() != last_state_ || job.paused() != last_paused_ || job.tiles_done() != last_tiles_ ||
@@ -141,7 +142,7 @@ void ProgressDisplay::ShowPlain(const v1::WatchJobResponse& update) {
   std::string waiting = update.running().empty() ? job.waiting_for() : "";
   std::erase_if(waiting, [](char c) { return c >= '0' && c <= '9'; });
   if (!waiting.empty() && waiting != last_waiting_) {
-    std::fprintf(out_, "%s: %s\n", job.name().c_str(), job.waiting_for().c_str());
+    std::fprintf(out_, "%s: %s\n", job.name().c_str(), Printable(job.waiting_for()).c_str());
   }
   last_waiting_ = waiting;
   last_state_ = job.state();

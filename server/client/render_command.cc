@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "common/base/parallel.h"
+#include "common/base/printable.h"
 #include "common/geometry/nearest_surface.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/ply.h"
@@ -306,7 +307,7 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
     arguments->mode = static_cast<Mode>(name - kModeNames.begin());
     const Status status = RenderPicture(*arguments);
     if (status.ok()) return;
-    std::cerr << "tessera render: " << std::string(status.message()) << "\n";
+    std::cerr << "tessera render: " << PrintableLines(std::string(status.message())) << "\n";
     *exit_code = absl::IsInvalidArgument(status) || absl::IsNotFound(status) ? kExitBadInput : kExitFailed;
   });
 }

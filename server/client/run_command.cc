@@ -10,6 +10,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/machine_limits.h"
+#include "common/base/printable.h"
 #include "common/storage/files.h"
 #include "server/client/base_job.h"
 #include "server/client/command_line.h"
@@ -32,6 +33,7 @@ struct RunFlags {
   JobFlags job;
   std::string out;
   std::string data;
+  std::string timeline;
   int workers = 0;
   int threads_per_worker = 0;
   bool no_shared_storage = false;
@@ -100,7 +102,7 @@ int Conclude(const Ending& ending, const Folders& folders, double seconds) {
   const int code = ExitCodeOfJob(*ending.state->job, ending.state->failed_for_input);
   if (code != kExitOk) std::fprintf(stderr, "logs: %s/logs\n", folders.state.c_str());
   if (code != kExitOk && code != kExitPartial) return code;
-  for (const std::string& line : RunSummary(folders.out)) std::printf("%s\n", line.c_str());
+  for (const std::string& line : RunSummary(folders.out)) std::printf("%s\n", PrintableLines(line).c_str());
   std::printf("time: %s\n", DurationWords(seconds).c_str());
   std::printf("result: %s/mesh.ply\n", folders.out.c_str());
   return code;
@@ -147,7 +149,8 @@ int Run(const RunFlags& flags) {
   if (!connection.ok()) return Complain("run", connection.status());
 
   ProgressDisplay display(stderr);
-  auto job = std::make_unique<LocalJob>(*std::move(connection), request, folders.out, folders.state + "/fetch");
+  auto job = std::make_unique<LocalJob>(*std::move(connection), request, folders.out, folders.state + "/fetch",
+                                        flags.timeline);
   const Ending ending = Follow(**cluster, *job, display);
   display.Finish();
   // The connection goes first, or the coordinator waits for it; unless a call hangs, which the coordinator's end
@@ -188,6 +191,8 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
   AddPriceLimit(*command, &flags->job);
   command->add_option("--out", flags->out, "Folder for the results")->required();
   command->add_option("--data", flags->data, "The coordinator's state; without it OUT/.tessera/data");
+  command->add_option("--timeline", flags->timeline,
+                      "File for who did what when, which ui.perfetto.dev and chrome://tracing show");
   command->add_option("--workers", flags->workers, "Worker processes; 0: two, or one on one core")
       ->check(CLI::Range(0, 256))
       ->capture_default_str();

@@ -37,7 +37,7 @@ int Submit(const SubmitFlags& flags) {
   if (!connection.ok()) return Complain("submit", connection.status());
   v1::Job job;
   if (const Status status = (*connection)->CreateJob(request, &job); !status.ok()) return Complain("submit", status);
-  for (const std::string& warning : job.warnings()) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  PrintWarnings(job.warnings());
   if (flags.validate_only) {
     std::printf("%s: valid\n", request.scene_path().c_str());
     return kExitOk;

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "common/base/parallel.h"
+#include "common/base/printable.h"
 #include "common/synth/synth.h"
 #include "server/client/commands.h"
 
@@ -151,7 +152,7 @@ int RunSynth(const SynthArguments& arguments) {
                       : SynthesizeCity(options, arguments.folder, control);
   }
   if (!report.ok()) {
-    std::fprintf(stderr, "tessera synth: %s\n", std::string(report.status().message()).c_str());
+    std::fprintf(stderr, "tessera synth: %s\n", PrintableLines(std::string(report.status().message())).c_str());
     return report.status().code() == absl::StatusCode::kInvalidArgument ? kExitUsage : kExitFailed;
   }
   if (arguments.quiet) return kExitOk;

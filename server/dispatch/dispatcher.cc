@@ -42,11 +42,13 @@ std::string MissingOutput(const Job& job, int task, const std::vector<NamedDiges
   return "";
 }
 
-std::function<void(const std::string&)> ObserveWith(const std::function<void(const v1::Record&)>& on_change) {
+std::function<void(const std::string&)> ObserveWith(
+    const std::function<void(const v1::Record&, const ChangedTask&)>& on_change, ChangedTasks& tasks) {
   if (!on_change) return {};
-  return [on_change](const std::string& bytes) {
+  return [on_change, &tasks](const std::string& bytes) {
+    const ChangedTask task = tasks.Pop();
     v1::Record record;
-    if (record.ParseFromString(bytes)) on_change(record);
+    if (record.ParseFromString(bytes)) on_change(record, task);
   };
 }
 
@@ -56,7 +58,8 @@ Dispatcher::Dispatcher(const DispatchEnvironment& environment, const DispatchOpt
     : environment_(environment),
       options_(options),
       ledger_(kAlgorithmVersion),
-      journal_(environment.store, {options.durable_wait_s, ObserveWith(environment.on_change), environment.on_trouble}),
+      journal_(environment.store,
+               {options.durable_wait_s, ObserveWith(environment.on_change, changed_tasks_), environment.on_trouble}),
       waiting_thread_([this] { ServeWaiting(); }) {}
 
 Dispatcher::~Dispatcher() {
@@ -81,6 +84,12 @@ Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
   const size_t newly_ready_before = ledger_.newly_ready().size();
   ledger_.Apply(record);
   NoteReferencesLocked(record);
+  const std::optional<TaskRef> ref = TaskOf(record, ledger_);
+  counts_.Count(record, ledger_, ref);
+  if (environment_.on_change) {
+    const JobTask* const task = ref ? &ledger_.task(*ref) : nullptr;
+    changed_tasks_.Push(task ? ChangedTask{task->plan.kind, task->plan.tile, task->worker()} : ChangedTask());
+  }
   journal_.Add(record.SerializeAsString(), durability);
   ChangedLocked();
   WakeForLocked(ledger_.ready().count() - ready_before, newly_ready_before);
@@ -287,7 +296,7 @@ Status Dispatcher::FailAttemptLocked(TaskRef ref, const TaskFailure& failure) {
   const JobTask counted = WithCountedAttempts(task);
   const Witnesses witnesses = WitnessesOf(counted, leases_, options_.retry, now_us);
   TESSERA_RETURN_IF_ERROR(EndAttemptLocked(ref, JudgeFailure(counted, failure, options_.retry, witnesses), false));
-  TellSetAside(NoteFailure(task, failure, options_.retry, now_us, leases_));
+  TellSetAsideLocked(NoteFailure(task, failure, options_.retry, now_us, leases_));
   return absl::OkStatus();
 }
 
@@ -388,7 +397,8 @@ Status Dispatcher::TakeSuccess(const std::string& worker, const std::string& tas
     } else {
       TESSERA_RETURN_IF_ERROR(CommitLocked(record));
       leases_.Release(ref);
-      TellSetAside(NoteSuccess(ledger_.task(ref), worker, options_.retry, environment_.clock->MonotonicUs(), leases_));
+      TellSetAsideLocked(
+          NoteSuccess(ledger_.task(ref), worker, options_.retry, environment_.clock->MonotonicUs(), leases_));
     }
   }
   return absl::OkStatus();

@@ -22,6 +22,8 @@
 #include "common/storage/blob_store.h"
 #include "common/storage/blob_sweep.h"
 #include "server/dispatch/blob_references.h"
+#include "server/dispatch/changed_task.h"
+#include "server/dispatch/dispatch_snapshot.h"
 #include "server/dispatch/job.h"
 #include "server/dispatch/job_status.h"
 #include "server/dispatch/lease_call.h"
@@ -57,7 +59,7 @@ struct DispatchEnvironment {
   Clock* clock = nullptr;
   // Told of every change once it is stored, in order, by a thread of its own; for logs. Must be quick and not call
   // back. May be empty.
-  std::function<void(const v1::Record&)> on_change;
+  std::function<void(const v1::Record&, const ChangedTask&)> on_change;
   // Told of every stored record that Open sets aside, and why. May be empty.
   std::function<void(int64_t number, const std::string& reason)> on_set_aside = {};
   // Told when changes cannot be stored any more, and why; OK when they can again. May be empty.
@@ -158,6 +160,8 @@ class Dispatcher {
   StatusOr<std::vector<BlobFile>> RemoveBlobs(const std::vector<BlobFile>& files);
   // Tasks [first, first + count) in the plan's order.
   StatusOr<std::vector<TaskStatus>> ListTasks(const std::string& job, int first, int count) const;
+  // At most `count` attempts from attempt `number` of task `first` on; fewer, or none, where many tasks have none.
+  StatusOr<AttemptPage> ListAttempts(const std::string& job, int first, int number, int count) const;
   StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
   // Absolute paths where scene files of jobs had this content when the jobs were accepted, the oldest job's first.
   std::vector<std::string> SceneFilesWith(const Digest& digest) const;
@@ -211,6 +215,8 @@ class Dispatcher {
 
   // Waits until all changes so far are durable.
   Status Durable() const { return journal_.Wait(journal_.last()); }
+  // How it stands: what of it is a count since Open. Takes no longer for more tasks.
+  DispatchSnapshot Snapshot() const;
   // Why changes cannot be stored now, and nothing is leased; OK if they can.
   Status storage_trouble() const { return journal_.trouble(); }
 
@@ -296,7 +302,7 @@ class Dispatcher {
   Status RestorePlanned(int job, const Digest& digest);
   // A base's survey, which is needed at once: UNAVAILABLE while it is made again.
   StatusOr<std::string> ReadSurveyOf(const UpdateBase& base);
-  void TellSetAside(const std::vector<SetAsideWorker>& workers) const;
+  void TellSetAsideLocked(const std::vector<SetAsideWorker>& workers);
   Status PlanJob(const PendingStep& step);
   Status EndJob(const PendingStep& step);
   StatusOr<Digest> StoreReport(const PendingStep& step);
@@ -332,6 +338,8 @@ class Dispatcher {
   bool stopped_ = false;
   Room room_;
   bool ends_ = false;
+  DispatchCounts counts_;
+  ChangedTasks changed_tasks_;  // of what the journal has yet to store
   Journal journal_;
   // They end first, in this order from below. What comes of calls is done by threads of its own, so that no call holds
   // up others.

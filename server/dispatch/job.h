@@ -60,8 +60,9 @@ struct Attempt {
   InternedString machine;  // that the worker ran on; empty: not known
   int64_t start_us = 0;
   int64_t end_us = 0;
-  Rarely<TaskFailure> failure;  // kNone: it runs or has succeeded
+  Rarely<TaskFailure> failure;  // kNone: it runs, has succeeded or was cancelled
   bool lease_expired = false;
+  bool cancelled = false;  // its job ended, or went on without the task
 };
 
 // A file as NamedDigest has it, in less memory.

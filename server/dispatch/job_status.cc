@@ -14,6 +14,13 @@ constexpr double kIngestShare = 0.02, kCutShare = 0.03;
 
 }  // namespace
 
+AttemptOutcome OutcomeOf(const Attempt& attempt) {
+  if (attempt.lease_expired) return AttemptOutcome::kLeaseExpired;
+  if (attempt.failure->error_class != ErrorClass::kNone) return AttemptOutcome::kFailed;
+  if (attempt.cancelled) return AttemptOutcome::kCancelled;
+  return attempt.end_us > 0 ? AttemptOutcome::kSucceeded : AttemptOutcome::kRunning;
+}
+
 JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us) {
   JobStatus status;
   status.header = job.header;

@@ -28,6 +28,26 @@ struct TaskStatus {
   std::string stage;
 };
 
+// The numbers of these are those of tessera.v1.
+enum class AttemptOutcome { kRunning = 1, kSucceeded = 2, kFailed = 3, kLeaseExpired = 4, kCancelled = 5 };
+AttemptOutcome OutcomeOf(const Attempt& attempt);
+
+// One attempt, and of its task what says which it is.
+struct AttemptStatus {
+  TaskRef task;
+  int number = 0;  // counted from 1
+  std::string kind, title;
+  int tile = -1;
+  Attempt attempt;
+};
+
+// Attempts in the order of tasks, then of their numbers.
+struct AttemptPage {
+  std::vector<AttemptStatus> attempts;
+  int next_task = -1;   // where the next page starts; -1: there is none
+  int next_number = 1;  // its attempt
+};
+
 // `now_us`: Clock::MonotonicUs.
 JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us);
 // As before the job ended, if it has: the end is not stored, and might not last.

@@ -329,7 +329,10 @@ void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
   job.header.artifacts = NamedDigests(change.artifacts());
   for (JobTask& each : job.tasks) {
     if (each.superseded || each.state == TaskState::kSucceeded || each.state == TaskState::kFailed) continue;
-    if (each.state == TaskState::kLeased) each.attempts.back().end_us = time_us;
+    if (each.state == TaskState::kLeased) {
+      each.attempts.back().end_us = time_us;
+      each.attempts.back().cancelled = true;
+    }
     each.state = TaskState::kCancelled;
     each.end_us = time_us;
   }

@@ -37,6 +37,7 @@ Status Ledger::Check(const v1::Record& record) const {
 }
 
 void Ledger::Apply(const v1::Record& record) {
+  ready_.NoteTime(record.time_us());
   switch (record.change_case()) {
     case v1::Record::kJobAccepted:
       return ApplyAccepted(record.job_accepted(), record.time_us());

@@ -24,6 +24,10 @@ void Ledger::Supersede(TaskRef ref) {
   --job.unfinished;
   if (task.state == TaskState::kFailed) return;
   ready_.Remove(ref, task);
+  if (task.state == TaskState::kLeased) {
+    task.attempts.back().end_us = ready_.now_us();
+    task.attempts.back().cancelled = true;
+  }
   task.state = TaskState::kCancelled;
 }
 

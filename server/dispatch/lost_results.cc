@@ -242,7 +242,8 @@ Status Dispatcher::RestorePlanned(int index, const Digest& digest) {
   return absl::NotFoundError("not in the plan");
 }
 
-void Dispatcher::TellSetAside(const std::vector<SetAsideWorker>& workers) const {
+void Dispatcher::TellSetAsideLocked(const std::vector<SetAsideWorker>& workers) {
+  counts_.CountSetAside(static_cast<int64_t>(workers.size()));
   if (!environment_.on_worker_set_aside) return;
   for (const SetAsideWorker& worker : workers) environment_.on_worker_set_aside(worker);
 }

@@ -52,14 +52,16 @@ std::vector<int> ReadyTasks::held() const {
 
 void ReadyTasks::Insert(TaskRef ref, const Place& place) {
   OfJob& job = jobs_[ref.job];
-  if (!job.all.insert(place.rank).second) return;
+  if (!job.all.insert({place.rank, now_us_}).second) return;
   job.of_tile[place.tile].insert(place.rank);
+  ++job.of_group[place.group];
+  job.by_time.insert({now_us_, ref.task});
   if (job.all.size() == 1) return List(ref.job);
   if (StandingOf(ref.job).listed()) ++count_;
 }
 
 void ReadyTasks::Add(TaskRef ref, const JobTask& task) {
-  const Place place = {RankOf(ref, task), task.plan.tile};
+  const Place place = {RankOf(ref, task), task.plan.tile, GroupOf(task)};
   if (task.retry_delay_us > 0) {
     delayed_[ref] = {place, task.retry_delay_us};
     to_begin_.insert(ref);
@@ -81,9 +83,13 @@ void ReadyTasks::Remove(TaskRef ref, const JobTask& task) {
   const auto job = jobs_.find(ref.job);
   if (job == jobs_.end()) return;
   const Rank rank = RankOf(ref, task);
-  if (!job->second.all.contains(rank)) return;
+  const auto found = job->second.all.find(rank);
+  if (found == job->second.all.end()) return;
   Unlist(ref.job);
-  job->second.all.erase(rank);
+  job->second.by_time.erase({found->second, ref.task});
+  job->second.all.erase(found);
+  const auto group = job->second.of_group.find(GroupOf(task));
+  if (--group->second == 0) job->second.of_group.erase(group);
   const auto tile = job->second.of_tile.find(task.plan.tile);
   tile->second.erase(rank);
   if (tile->second.empty()) job->second.of_tile.erase(tile);
@@ -117,13 +123,30 @@ void ReadyTasks::Promote(int64_t now_us) {
   }
 }
 
+std::map<TaskGroup, int64_t> ReadyTasks::Groups() const {
+  std::map<TaskGroup, int64_t> groups;
+  for (const auto& [negative_priority, job] : order_) {
+    for (const auto& [group, count] : jobs_.at(job).of_group) groups[group] += count;
+  }
+  return groups;
+}
+
+std::optional<int64_t> ReadyTasks::OldestSince() const {
+  std::optional<int64_t> oldest;
+  for (const auto& [negative_priority, job] : order_) {
+    const int64_t since_us = jobs_.at(job).by_time.begin()->first;
+    if (!oldest || since_us < *oldest) oldest = since_us;
+  }
+  return oldest;
+}
+
 std::optional<int> ReadyTasks::FirstJob() const {
   return order_.empty() ? std::nullopt : std::optional(order_.begin()->second);
 }
 
 std::optional<TaskRef> ReadyTasks::FirstOfJob(int job) const {
   const auto found = jobs_.find(job);
-  return found == jobs_.end() ? std::nullopt : std::optional(TaskRef{job, found->second.all.begin()->task});
+  return found == jobs_.end() ? std::nullopt : std::optional(TaskRef{job, found->second.all.begin()->first.task});
 }
 
 std::optional<std::pair<int64_t, TaskRef>> ReadyTasks::NextOfDelayed(int job, int64_t now_us) const {
@@ -137,7 +160,7 @@ std::optional<std::pair<int64_t, TaskRef>> ReadyTasks::NextOfDelayed(int job, in
 
 std::optional<TaskRef> ReadyTasks::First(const Filter& filter) const {
   for (const auto& [negative_priority, index] : order_) {
-    for (const Rank& rank : jobs_.at(index).all) {
+    for (const auto& [rank, since_us] : jobs_.at(index).all) {
       const TaskRef ref = {index, rank.task};
       if (filter(ref)) return ref;
     }

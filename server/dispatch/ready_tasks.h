@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "server/dispatch/job.h"
+#include "server/dispatch/task_kinds.h"
 
 namespace tessera {
 
@@ -41,6 +42,16 @@ class ReadyTasks {
   // Of all jobs that are neither paused nor held, promoted ones only.
   int count() const { return count_; }
 
+  // What is counted, by kind and memory.
+  std::map<TaskGroup, int64_t> Groups() const;
+  // When that of these that has been there longest came, in the time of NoteTime; none if there is none.
+  std::optional<int64_t> OldestSince() const;
+  // `now_us`: Unix time; tasks that come from now on came then.
+  void NoteTime(int64_t now_us) { now_us_ = now_us; }
+  int64_t now_us() const { return now_us_; }
+  // Those with a delay, of all jobs.
+  int delayed_count() const { return static_cast<int>(delayed_.size()); }
+
   // The job whose tasks come first.
   std::optional<int> FirstJob() const;
   // Of a job, paused or not, the first that has no delay.
@@ -61,12 +72,15 @@ class ReadyTasks {
     friend auto operator<=>(const Rank&, const Rank&) = default;
   };
   struct OfJob {
-    std::set<Rank> all;
+    std::map<Rank, int64_t> all;  // when each came
     std::map<int, std::set<Rank>> of_tile;
+    std::map<TaskGroup, int64_t> of_group;           // how many
+    std::set<std::pair<int64_t, int>> by_time = {};  // when, task
   };
   struct Place {
     Rank rank;
     int tile = -1;
+    TaskGroup group = {};
   };
   struct Delayed {
     Place place;
@@ -79,6 +93,9 @@ class ReadyTasks {
     bool listed() const { return !paused && !held; }
   };
   static Rank RankOf(TaskRef ref, const JobTask& task) { return {task.depth, -task.plan.cost, ref.task}; }
+  static TaskGroup GroupOf(const JobTask& task) {
+    return {KindIndex(task.plan.kind.str()), MemoryClass(task.plan.peak_bytes)};
+  }
   Standing StandingOf(int job) const;
   void SetStanding(int job, const Standing& standing);
   void SetHeld(int job, bool held);
@@ -95,6 +112,7 @@ class ReadyTasks {
   std::set<TaskRef> to_begin_;                    // of delayed_
   std::set<std::pair<int64_t, TaskRef>> by_end_;  // of delayed_, those that have begun
   int count_ = 0;
+  int64_t now_us_ = 0;
 };
 
 }  // namespace tessera

@@ -114,6 +114,13 @@ Status Journal::trouble() const {
   return trouble_;
 }
 
+JournalStats Journal::stats() const {
+  std::lock_guard lock(mutex_);
+  JournalStats stats = stats_;
+  stats.waiting = last_ - last_stored_;
+  return stats;
+}
+
 void Journal::Run() {
   std::unique_lock lock(mutex_);
   while (true) {
@@ -139,6 +146,18 @@ void Journal::Run() {
   }
 }
 
+void Journal::CountLocked(size_t records, Durability durability, double seconds, const Status& status) {
+  if (!status.ok()) {
+    ++stats_.failed;
+    return;
+  }
+  ++stats_.batches;
+  stats_.records += static_cast<int64_t>(records);
+  stats_.syncs += durability == Durability::kMachine ? 1 : 0;
+  stats_.seconds.Add(seconds);
+  stats_.batch_records.Add(static_cast<double>(records));
+}
+
 bool Journal::Store(const std::vector<Entry>& batch) {
   std::vector<std::string_view> records;
   Durability durability = Durability::kProcess;
@@ -147,8 +166,11 @@ bool Journal::Store(const std::vector<Entry>& batch) {
     durability = std::max(durability, entry.durability);
   }
   for (auto pause = kFirstPause;; pause = std::min(2 * pause, kLongestPause)) {
+    const auto begun = std::chrono::steady_clock::now();
     const Status status = store_->Append(records, durability);
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
     std::unique_lock lock(mutex_);
+    CountLocked(records.size(), durability, seconds, status);
     const bool changed = trouble_.ok() != status.ok();
     trouble_ = status;
     if (changed && options_.on_trouble) {

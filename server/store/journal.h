@@ -12,10 +12,22 @@
 #include <thread>
 #include <vector>
 
+#include "common/base/histogram.h"
 #include "common/base/status.h"
 #include "server/store/record_store.h"
 
 namespace tessera {
+
+// What a journal has done since it was made.
+struct JournalStats {
+  int64_t batches = 0;  // stored
+  int64_t records = 0;
+  int64_t syncs = 0;    // of the batches, those that were to survive a failure of the machine
+  int64_t failed = 0;   // tries to store a batch
+  int64_t waiting = 0;  // records that are not stored yet
+  Histogram seconds{{0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 3, 10}};  // a batch, once it could be stored
+  Histogram batch_records{{1, 3, 10, 30, 100, 300, 1000, 4096}};
+};
 
 // Whoever adds a record goes on at once, and waits for it before telling anybody: in its own thread or, for thousands
 // at once, without one. What cannot be stored (a full disk, a database that a backup holds) is tried again until it
@@ -51,6 +63,7 @@ class Journal {
   void WhenStored(Done done) const;
   // Why nothing can be stored now; OK if nothing is known.
   Status trouble() const;
+  JournalStats stats() const;
 
  private:
   struct Entry {
@@ -65,6 +78,7 @@ class Journal {
   void Run();
   bool Store(const std::vector<Entry>& batch);  // with retries; false if it was given up
   void WhenStored(int64_t number, Done done) const;
+  void CountLocked(size_t records, Durability durability, double seconds, const Status& status);
   std::string WhyLateLocked() const;
   void EndWaits();
 
@@ -78,6 +92,7 @@ class Journal {
   int64_t last_ = 0;
   int64_t last_stored_ = 0;
   Status trouble_;
+  JournalStats stats_;
   bool stop_ = false;
   bool ended_ = false;  // nothing more will be stored
   std::thread thread_;

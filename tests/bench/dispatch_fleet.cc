@@ -333,7 +333,7 @@ int Work(const FleetArguments& arguments, const std::string& address_file) {
 }
 
 Status Serve(const FleetArguments& arguments, const std::string& folder, const std::string& address_file) {
-  TESSERA_RETURN_IF_ERROR(ConfigureLogging("off", false));
+  TESSERA_RETURN_IF_ERROR(SetUpLog("off", false));
   ChainPlanner planner(arguments);
   TESSERA_ASSIGN_OR_RETURN(const auto coordinator, BenchCoordinator::Start(folder, &planner, /*shared_storage=*/false));
   TESSERA_RETURN_IF_ERROR(coordinator->blobs().PutBytes("survey").status());

@@ -11,11 +11,11 @@
 
 #include "common/base/parallel.h"
 #include "common/base/refusal.h"
+#include "common/log/log.h"
 #include "common/rpc/blob_client.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
 #include "worker/agent/attempt.h"
-#include "worker/agent/log.h"
 #include "worker/agent/task_files.h"
 
 namespace tessera {
@@ -74,6 +74,11 @@ Status JudgeTask(const Status& status, TaskFiles& files, const TaskRequest& requ
 bool IsAnswered(const Status& report) {
   return report.ok() || absl::IsFailedPrecondition(report) || absl::IsInvalidArgument(report) ||
          absl::IsNotFound(report);
+}
+
+LogFields With(LogFields fields, const std::string& key, const std::string& value) {
+  fields.emplace_back(key, value);
+  return fields;
 }
 
 RetryPolicy Endless(RetryPolicy policy) {
@@ -212,8 +217,8 @@ class Agent::Impl {
   void RunLease(const LeasedTask& lease) {
     const auto attempt = std::make_shared<Attempt>(lease.task, lease.attempt);
     SetAttempt(attempt);
-    const LogFields who = {{"task", lease.task}, {"attempt", std::to_string(lease.attempt)}};
-    LogInfo("started", {who[0], who[1], {"title", lease.title}});
+    const LogFields who = FieldsOf(lease);
+    LogInfo("started", With(who, "title", lease.title));
     AttemptReport report = Work(lease, *attempt);
     if (attempt->IsVoid()) {
       LogInfo("lease void, work dropped", who);
@@ -221,6 +226,16 @@ class Agent::Impl {
       Deliver(report, *attempt, who);
     }
     SetAttempt(nullptr);
+  }
+
+  LogFields FieldsOf(const LeasedTask& lease) const {
+    LogFields fields = {{"job", lease.task.substr(0, lease.task.find("/tasks/"))}};
+    if (lease.tile >= 0) fields.emplace_back("tile", std::to_string(lease.tile));
+    fields.emplace_back("task", lease.task);
+    fields.emplace_back("attempt", std::to_string(lease.attempt));
+    fields.emplace_back("worker", worker());
+    fields.emplace_back("kind", lease.kind);
+    return fields;
   }
 
   void SetAttempt(std::shared_ptr<Attempt> attempt) {
@@ -301,12 +316,12 @@ class Agent::Impl {
     for (bool told = false;;) {
       status = CallAs([&](const std::string& name) { return link_.Report(name, report); });
       if (IsAnswered(status)) break;
-      if (!told) LogWarning("cannot report yet", {who[0], who[1], {"reason", MessageOf(status)}});
+      if (!told) LogWarning("cannot report yet", With(who, "reason", MessageOf(status)));
       told = true;
       if (!Wait(backoff.NextDelay())) break;
     }
     if (!report.succeeded) {
-      LogWarning("failed", {who[0], who[1], {"reason", report.failure.message}});
+      LogWarning("failed", With(who, "reason", report.failure.message));
     } else if (status.ok()) {
       LogInfo("succeeded", who);
     }
@@ -314,7 +329,7 @@ class Agent::Impl {
     if (RefusalOf(status) == Refusal::kNotCurrent || attempt.IsVoid()) {
       LogInfo("report refused: not the current attempt", who);
     } else {
-      LogError("could not report", {who[0], who[1], {"reason", MessageOf(status)}});
+      LogError("could not report", With(who, "reason", MessageOf(status)));
     }
   }
 

@@ -79,6 +79,7 @@ LeasedTask FromProto(const v1::Lease& lease) {
   task.attempt = lease.attempt();
   task.kind = lease.spec().kind();
   task.title = lease.spec().title();
+  task.tile = lease.spec().tile();
   task.parameters = lease.spec().parameters_json();
   task.threads = lease.threads();
   for (const v1::InputFile& input : lease.spec().inputs()) {

@@ -55,6 +55,7 @@ struct LeasedTask {
   int attempt = 0;   // fencing token
   std::string kind;
   std::string title;
+  int tile = -1;  // -1: the whole job
   std::string parameters;
   std::vector<TaskInput> inputs;
   int threads = 0;  // that it may use; 0: as many as the worker has

@@ -16,9 +16,9 @@
 #include "common/base/machine_limits.h"
 #include "common/base/parallel.h"
 #include "common/base/version.h"
+#include "common/log/log.h"
 #include "common/storage/files.h"
 #include "worker/agent/agent.h"
-#include "worker/agent/log.h"
 #include "worker/tasks/task.h"
 
 namespace {

@@ -359,6 +359,7 @@ TEST_F(ServerTest, HundredsMayWaitAtOnce) {
   }
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
+  while (dispatcher_->RunningTasks(job.name())->empty()) std::this_thread::yield();
   dispatcher_->Stop();
   answered.wait();
   const auto given =

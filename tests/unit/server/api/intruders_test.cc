@@ -33,6 +33,7 @@ const std::map<std::string, std::set<std::string>> kMayCall = {
     {"/tessera.v1.Jobs/DeleteJob", {"admin"}},
     {"/tessera.v1.Jobs/WatchJob", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Jobs/ListTasks", {"viewer", "submitter", "admin"}},
+    {"/tessera.v1.Jobs/ListAttempts", {"viewer", "submitter", "admin"}},
     {"/tessera.v1.Workers/RegisterWorker", {"worker"}},
     {"/tessera.v1.Workers/LeaseTask", {"worker"}},
     {"/tessera.v1.Workers/Heartbeat", {"worker"}},

@@ -12,6 +12,7 @@
 #include <string>
 
 #include "common/base/version.h"
+#include "common/log/log.h"
 #include "common/rpc/blob_client.h"
 #include "common/rpc/channel.h"
 #include "server/api/coordinator_server.h"
@@ -27,6 +28,7 @@ namespace tessera {
 class ServerTest : public CoordinatorTest {
  protected:
   ServerTest() {
+    EXPECT_TRUE(SetUpLog("off", false).ok());
     scene_ = folder_.path() + "/scene";
     EXPECT_TRUE(EnsureFolder(scene_).ok());
     WriteScene("scene.json", "{}");

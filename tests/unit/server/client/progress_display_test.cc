@@ -74,6 +74,28 @@ TEST(ProgressDisplayTest, PlainLinesAreOnlyWrittenForWhatIsNew) {
   EXPECT_EQ(text.find('\x1b'), std::string::npos);
 }
 
+// Titles, stages and warnings come from afar.
+TEST(ProgressDisplayTest, NothingThatComesMovesTheCursor) {
+  v1::WatchJobResponse update = Update(0.5, 1);
+  update.mutable_running(0)->set_title(
+      "refine\x1b[2J\n\xC2\x9B"
+      "31m");
+  update.mutable_running(0)->set_stage("\u202estage");
+  EXPECT_THAT(ProgressDisplay::Picture(update, 120)[1], HasSubstr("refine\\x1b[2J\\n\\u009b31m 50%  \\u202estage"));
+  EXPECT_THAT(ProgressDisplay::Picture(update, 120)[1], Not(HasSubstr("\x1b")));
+  std::FILE* file = std::tmpfile();
+  ProgressDisplay display(file);
+  display.Show(update);
+  display.Note("warning: \x1b[1A");
+  std::rewind(file);
+  std::string text(4096, '\0');
+  text.resize(std::fread(text.data(), 1, text.size(), file));
+  std::fclose(file);
+  EXPECT_EQ(text.find('\x1b'), std::string::npos) << text;
+  EXPECT_THAT(text, HasSubstr("refine\\x1b[2J\\n"));
+  EXPECT_THAT(text, HasSubstr("warning: \\x1b[1A\n"));
+}
+
 TEST(JobWordsTest, NamesDurationsAndNumbers) {
   EXPECT_EQ(FullJobName("7"), "jobs/7");
   EXPECT_EQ(FullJobName("jobs/7"), "jobs/7");

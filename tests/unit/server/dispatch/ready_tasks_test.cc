@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <map>
 #include <tuple>
 #include <vector>
 
@@ -21,6 +22,48 @@ JobTask Task(int depth, double cost, int tile, int64_t retry_delay_us = 0) {
   task.plan.tile = tile;
   task.retry_delay_us = retry_delay_us;
   return task;
+}
+
+TEST(ReadyTasks, AreCountedByKindAndMemoryWithTheOldest) {
+  ReadyTasks ready;
+  const auto task = [](const char* kind, int64_t peak_bytes, int64_t delay_us = 0) {
+    JobTask made = Task(1, 1, 0, delay_us);
+    made.plan.kind = kind;
+    made.plan.peak_bytes = peak_bytes;
+    return made;
+  };
+  const JobTask cut = task("cut", 3LL << 30), late = task("cut", 4LL << 30), solve = task("solve", 5LL << 30);
+  const JobTask delayed = task("of tomorrow", 0, 5);
+  EXPECT_EQ(ready.OldestSince(), std::nullopt);
+  ready.NoteTime(100);
+  ready.Add({0, 0}, cut);
+  ready.Add({1, 0}, solve);
+  ready.NoteTime(200);
+  ready.Add({0, 1}, late);
+  ready.Add({0, 2}, delayed);
+  const TaskGroup cuts = {KindIndex("cut"), 2}, solves = {KindIndex("solve"), 3};
+  using Groups = std::map<TaskGroup, int64_t>;
+  EXPECT_EQ(ready.Groups(), (Groups{{cuts, 2}, {solves, 1}}));
+  EXPECT_EQ(ready.OldestSince(), 100);
+  EXPECT_EQ(ready.delayed_count(), 1);
+  ready.Remove({0, 0}, cut);
+  EXPECT_EQ(ready.Groups(), (Groups{{cuts, 1}, {solves, 1}}));
+  ready.SetJob(1, 0, /*paused=*/true);
+  EXPECT_EQ(ready.Groups(), (Groups{{cuts, 1}}));
+  EXPECT_EQ(ready.OldestSince(), 200);
+  ready.NoteTime(300);
+  ready.Promote(0);
+  ready.Promote(5);
+  EXPECT_EQ(ready.delayed_count(), 0);
+  const TaskGroup others = {static_cast<int>(kTaskKinds.size()) - 1, kUnknownMemoryClass};
+  EXPECT_EQ(ready.Groups(), (Groups{{cuts, 1}, {others, 1}}));
+  ready.Remove({0, 1}, late);
+  EXPECT_EQ(ready.OldestSince(), 300) << "when its delay was over";
+  ready.SetJob(1, 0, /*paused=*/false);
+  EXPECT_EQ(ready.OldestSince(), 100);
+  ready.DropJob(1);
+  ready.DropJob(0);
+  EXPECT_EQ(ready.Groups(), Groups());
 }
 
 TEST(ReadyTasks, OlderJobsThenFewerStepsThenTheDearestThenTheFirst) {

@@ -121,7 +121,7 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   Ledger live(kAlgorithmVersion);
   std::vector<std::string> states = {Text(live)};
   dispatcher_.reset();
-  const auto observe = [&](const v1::Record& record) {
+  const auto observe = [&](const v1::Record& record, const ChangedTask&) {
     if (record.has_attempt_started()) {
       EXPECT_EQ(record.attempt_started().attempt(), ++attempts[record.attempt_started().task()]);
     }

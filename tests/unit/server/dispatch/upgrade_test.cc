@@ -48,8 +48,9 @@ class UpgradeTest : public CheckingWorkerTest {
     auto store = SqliteStore::Open(path_, OwnerOfRecord);
     ASSERT_TRUE(store.ok()) << store.status();
     sqlite_ = *std::move(store);
-    DispatchEnvironment environment{sqlite_.get(), blobs_.get(), &base_planner_, &clock_,
-                                    [this](const auto& record) { told_.push_back(record.ShortDebugString()); }};
+    DispatchEnvironment environment{
+        sqlite_.get(), blobs_.get(), &base_planner_, &clock_,
+        [this](const auto& record, const ChangedTask&) { told_.push_back(record.ShortDebugString()); }};
     environment.on_set_aside = [this](int64_t number, const std::string& why) {
       set_aside_.push_back(std::to_string(number) + ": " + why);
     };

@@ -91,6 +91,28 @@ TEST(JournalTest, TriesAgainUntilItCanAndTellsOnce) {
   EXPECT_THAT(troubles, ElementsAre(HasSubstr("disk full"), ""));
 }
 
+TEST(JournalTest, CountsWhatItStores) {
+  GatedStore store;
+  Journal journal(&store, {});
+  EXPECT_EQ(journal.stats().batches, 0);
+  journal.Add("a", Durability::kProcess);
+  store.WaitUntilAsked();
+  for (const char* record : {"b", "c", "d"}) journal.Add(record, Durability::kMachine);
+  EXPECT_EQ(journal.stats().waiting, 4);
+  store.Open(/*refusals=*/2);
+  while (!journal.Wait(4).ok()) {
+  }
+  const JournalStats stats = journal.stats();
+  EXPECT_EQ(stats.batches, 2);
+  EXPECT_EQ(stats.records, 4);
+  EXPECT_EQ(stats.syncs, 1);
+  EXPECT_EQ(stats.failed, 2);
+  EXPECT_EQ(stats.waiting, 0);
+  EXPECT_EQ(stats.seconds.count(), 2);
+  EXPECT_EQ(stats.batch_records.sum(), 4);
+  EXPECT_EQ(stats.batch_records.counts().at(0), 1) << "a batch of one";
+}
+
 TEST(JournalTest, EndsThoughNothingCanBeStored) {
   GatedStore store;
   Journal journal(&store, {.wait_s = 0.02});

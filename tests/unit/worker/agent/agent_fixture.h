@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
+#include "common/log/log.h"
 #include "common/storage/files.h"
 #include "tests/support/fake_workers_service.h"
 #include "worker/agent/agent.h"
-#include "worker/agent/log.h"
 
 namespace tessera {
 
