@@ -1,6 +1,4 @@
 // What the coordinator does by itself, without a worker: plan, reuse what is known, end jobs.
-#include <malloc.h>
-
 #include <algorithm>
 #include <iterator>
 #include <map>
@@ -231,11 +229,7 @@ Status Dispatcher::PlanJob(const PendingStep& step) {
     if (!fault.ok() || planned.more()) continue;
     for (const int task : superseded) leases_.Release({step.job, task});  // their next heartbeats tell the workers
   }
-  if (fault.ok()) {
-    tasks = std::vector<PlannedTask>();
-    malloc_trim(0);  // the planner's memory lies between that of the tasks as they stay, which may be millions
-    return absl::OkStatus();
-  }
+  if (fault.ok()) return absl::OkStatus();
   std::lock_guard lock(mutex_);
   const Job& job = ledger_.jobs()[step.job];
   if (HasEnded(job.header.state)) return absl::OkStatus();

@@ -256,7 +256,7 @@ void Run(const std::string& folder, double faces, int tiles, int limit_mib, int 
     PublishParameters publish;
     for (const PlannedTask& task : tasks) {
       if (task.kind != kCutKind) continue;
-      absl::StrAppend(&lines, task.kind, " ", task.parameters, "\n");
+      absl::StrAppend(&lines, task.kind.str(), " ", task.parameters, "\n");
       TESSERA_ASSIGN_OR_RETURN(const CutParameters cut, ParseCutParameters(task.parameters));
       publish.tiles.push_back(cut.tile);
     }

@@ -24,7 +24,7 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
     fs::create_symlink(fs::absolute(target), link);
   };
   for (const PlannedInput& input : planned.inputs) {
-    bring(fs::path(earlier.at(input.task.value()).output_dir) / input.output, InputName(input));
+    bring(fs::path(earlier.at(input.task.value()).output_dir) / input.output.str(), InputName(input));
   }
   for (const int file : *planned.scene_files) {
     bring(fs::path(scene.folder) / scene.files.at(file), std::string(kSceneFolder) + "/" + scene.files[file]);

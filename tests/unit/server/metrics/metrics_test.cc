@@ -88,7 +88,7 @@ TEST_F(MetricsTest, AddUpWhatTasksDid) {
   EXPECT_EQ(Value("tessera_task_core_seconds_ratio_bucket{kind=\"refine\",le=\"10\"}"), 2) << "7.5 / 1";
   EXPECT_EQ(Value("tessera_task_memory_ratio_count{kind=\"refine\"}"), 0) << "no memory was predicted";
   EXPECT_EQ(Value("tessera_task_output_bytes_total{kind=\"publish\"}"),
-            static_cast<double>(Task(job, 3).task.outputs.at(0).digest.size_bytes));
+            static_cast<double>(Task(job, 3).task.outputs.at(0).size_bytes));
   EXPECT_EQ(Value("tessera_jobs_accepted_total"), 1);
   EXPECT_EQ(Value("tessera_jobs_ended_total{state=\"succeeded\"}"), 1);
   EXPECT_EQ(Value("tessera_jobs{state=\"running\"}"), 0);
