@@ -10,10 +10,16 @@ bool IsAmong(const std::vector<NamedDigest>& files, const Digest& digest) {
   return std::any_of(files.begin(), files.end(), [&](const NamedDigest& file) { return file.digest == digest; });
 }
 
-bool MadeSurvey(const JobTask& task, const Digest& digest) {
-  if (task.plan.kind != kIngestKind && task.plan.kind != kUpdateKind) return false;
-  return std::any_of(task.outputs.begin(), task.outputs.end(),
-                     [&](const NamedDigest& output) { return output.name == kSurveyFile && output.digest == digest; });
+// Surveys are made before all cuts, and behind those there may be a million tasks.
+bool MadeSurvey(const Job& job, const Digest& digest) {
+  for (const JobTask& task : job.tasks) {
+    if (task.plan.kind == kCutKind) return false;
+    if (task.plan.kind != kIngestKind && task.plan.kind != kUpdateKind) continue;
+    for (const StoredFile& output : task.outputs) {
+      if (output.name == kSurveyFile && output.digest() == digest) return true;
+    }
+  }
+  return false;
 }
 
 }  // namespace
@@ -45,11 +51,8 @@ std::set<std::string> Dispatcher::InputsOfLeases(const std::string& worker) cons
 
 bool Dispatcher::IsPublished(const Digest& digest) const {
   std::lock_guard lock(mutex_);
-  return std::any_of(ledger_.jobs().rbegin(), ledger_.jobs().rend(), [&](const Job& job) {
-    return IsAmong(job.header.artifacts, digest) ||
-           std::any_of(job.tasks.begin(), job.tasks.end(),
-                       [&](const JobTask& task) { return MadeSurvey(task, digest); });
-  });
+  return std::any_of(ledger_.jobs().rbegin(), ledger_.jobs().rend(),
+                     [&](const Job& job) { return IsAmong(job.header.artifacts, digest) || MadeSurvey(job, digest); });
 }
 
 }  // namespace tessera
