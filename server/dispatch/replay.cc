@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "server/dispatch/dispatcher.h"
+#include "server/dispatch/read_records.h"
 #include "server/dispatch/record_owner.h"
 #include "tessera/v1/records.pb.h"
 
@@ -73,21 +74,16 @@ Status Dispatcher::Replay() {
   std::map<int, std::string> spoiled;  // jobs, and why
   TESSERA_ASSIGN_OR_RETURN(std::set<int> deleted, environment_.store->DeletedJobs());
   ledger_.ExpectDeleted(std::move(deleted));
-  TESSERA_RETURN_IF_ERROR(environment_.store->Replay([&](const StoredRecord& stored) {
-    v1::Record record;
-    Status status = stored.content.status();
-    if (status.ok() && !record.ParseFromString(*stored.content)) {
-      status = absl::DataLossError("not a record");
-      record.Clear();
-    }
-    if (status.ok()) status = ledger_.Check(record);
-    if (status.ok()) return ledger_.Apply(record);
-    const std::string reason(status.message());
-    unusable.emplace_back(stored.number, reason);
-    if (const int job = JobOf(record); job >= 0) {
-      spoiled.emplace(job, "stored record " + std::to_string(stored.number) + " cannot be used: " + reason);
-    }
-  }));
+  TESSERA_RETURN_IF_ERROR(
+      ReadRecords(*environment_.store, [&](int64_t number, Status status, const v1::Record& record) {
+        if (status.ok()) status = ledger_.Check(record);
+        if (status.ok()) return ledger_.Apply(record);
+        const std::string reason(status.message());
+        unusable.emplace_back(number, reason);
+        if (const int job = JobOf(record); job >= 0) {
+          spoiled.emplace(job, "stored record " + std::to_string(number) + " cannot be used: " + reason);
+        }
+      }));
   ledger_.EndReplay();
   ledger_.PromoteRetries(environment_.clock->MonotonicUs());  // whole delays begin again
   for (const auto& [job, error] : spoiled) TESSERA_RETURN_IF_ERROR(EndSpoiledJob(job, error));

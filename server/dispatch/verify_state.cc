@@ -6,6 +6,7 @@
 #include "common/base/version.h"
 #include "server/dispatch/blob_references.h"
 #include "server/dispatch/ledger.h"
+#include "server/dispatch/read_records.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -20,13 +21,10 @@ StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool de
   Ledger ledger(kAlgorithmVersion);
   TESSERA_ASSIGN_OR_RETURN(std::set<int> deleted, store.DeletedJobs());
   ledger.ExpectDeleted(std::move(deleted));
-  TESSERA_RETURN_IF_ERROR(store.Replay([&](const StoredRecord& stored) {
-    v1::Record record;
-    Status status = stored.content.status();
-    if (status.ok() && !record.ParseFromString(*stored.content)) status = absl::DataLossError("not a record");
+  TESSERA_RETURN_IF_ERROR(ReadRecords(store, [&](int64_t number, Status status, const v1::Record& record) {
     if (status.ok()) status = ledger.Check(record);
     if (!status.ok()) {
-      return fault("record " + std::to_string(stored.number) + ": " + std::string(status.message()) +
+      return fault("record " + std::to_string(number) + ": " + std::string(status.message()) +
                    " (the jobs that need it fail)");
     }
     ledger.Apply(record);
