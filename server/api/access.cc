@@ -3,12 +3,14 @@
 #include <grpcpp/security/auth_metadata_processor.h>
 #include <grpcpp/server_context.h>
 
+#include <chrono>
 #include <utility>
 
 #include "common/access/secrets.h"
 #include "common/base/refusal.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/status_conversion.h"
+#include "server/api/audit.h"
 
 namespace tessera {
 namespace {
@@ -57,6 +59,8 @@ std::optional<std::string> Single(const Metadata& metadata, const std::string& k
   return std::string(begin->second.data(), begin->second.size());
 }
 
+constexpr int kToldASecond = 10;
+
 class Gate final : public grpc::AuthMetadataProcessor {
  public:
   Gate(const Access& access, bool socket) : access_(access), socket_(socket) {}
@@ -66,10 +70,25 @@ class Gate final : public grpc::AuthMetadataProcessor {
   grpc::Status Process(const InputMetadata& metadata, grpc::AuthContext*, OutputMetadata*, OutputMetadata*) override {
     const auto authorization = Single(metadata, "authorization");
     const Caller caller = access_.Identify(socket_ ? "unix:" : "", authorization);
-    return ToGrpc(access_.Check(Single(metadata, ":path").value_or(""), caller, authorization.has_value()));
+    const std::string method = Single(metadata, ":path").value_or("");
+    const Status status = access_.Check(method, caller, authorization.has_value());
+    if (!status.ok() && IsAudited(method)) Tell(method, caller, status);
+    return ToGrpc(status);
   }
 
  private:
+  // What is refused here no interceptor sees. Whoever knocks without end fills no disk.
+  void Tell(const std::string& method, const Caller& caller, const Status& status) {
+    const int64_t second =
+        std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
+    if (told_in_.exchange(second) != second) told_ = 0;
+    if (++told_ > kToldASecond) return;
+    LogAudit(method, "", caller.name, std::string(absl::StatusCodeToString(status.code())),
+             std::string(status.message()), {});
+  }
+
+  std::atomic<int64_t> told_in_ = 0;  // the second of which told_ counts
+  std::atomic<int> told_ = 0;
   const Access& access_;
   const bool socket_;
 };

@@ -82,7 +82,8 @@ LogFields AuditedResponse(std::string_view method, const MessageLite& message) {
 
 void LogAudit(std::string_view method, const std::string& peer, const std::string& user, const std::string& outcome,
               const std::string& error, const LogFields& what) {
-  LogFields fields = {{"action", std::string(Action(method))}, {"outcome", outcome}, {"peer", peer}};
+  LogFields fields = {{"action", std::string(Action(method))}, {"outcome", outcome}};
+  if (!peer.empty()) fields.emplace_back("peer", peer);
   if (!user.empty()) fields.emplace_back("user", user);
   fields.insert(fields.end(), what.begin(), what.end());
   if (!error.empty()) fields.emplace_back("error", error);

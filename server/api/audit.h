@@ -24,7 +24,7 @@ std::optional<LogFields> AuditedRequest(std::string_view method, const google::p
 LogFields AuditedResponse(std::string_view method, const google::protobuf::MessageLite& response);
 
 // "audit action=CreateJob outcome=OK peer=... user=... job=..."; `peer`: where the call comes from, as gRPC writes
-// addresses; `user`: of its token, may be empty; `error`: of one that was refused or failed.
+// addresses; empty: not known; `user`: of its token, may be empty; `error`: of one that was refused or failed.
 void LogAudit(std::string_view method, const std::string& peer, const std::string& user, const std::string& outcome,
               const std::string& error, const LogFields& what);
 

@@ -12,6 +12,7 @@ namespace {
 
 constexpr int64_t kChunkBytes = int64_t{1} << 20;
 constexpr double kAwaitRemakeS = 20;  // at most, of a ReadBlob call
+constexpr int kMaxDigests = 1000;     // of a StatBlobs call
 constexpr size_t kMaxWorkersKept = 10'000;
 constexpr char kNotYours[] =
     "this content is not for you: workers read what their leases name, others what jobs published";
@@ -91,6 +92,10 @@ Status BlobsService::Damaged(const Digest& digest, const std::string& what) cons
 
 grpc::Status BlobsService::StatBlobs(grpc::ServerContext* context, const v1::StatBlobsRequest* request,
                                      v1::StatBlobsResponse* response) {
+  if (request->digests_size() > kMaxDigests) {
+    return ToGrpc(InputError("digests", "", std::to_string(request->digests_size()),
+                             "at most " + std::to_string(kMaxDigests) + " in a call"));
+  }
   const Caller caller = environment_.access->CallerOf(*context);
   for (const auto& message : request->digests()) {
     const Digest digest = FromProto(message);

@@ -16,7 +16,8 @@ namespace tessera {
 
 namespace {
 
-constexpr size_t kMaxPlanBytes = 512 << 10;           // of the tasks in one record, which is applied at once
+constexpr size_t kMaxPlanBytes = 512 << 10;  // of the tasks in one record, which is applied at once
+constexpr char kJobFile[] = "job.json";
 constexpr int64_t kRecordsAhead = 8;                  // of a plan, that are not stored yet
 constexpr int kReportedAtOnce = 256;                  // tasks
 constexpr int64_t kMaxReadsBytes = int64_t{1} << 20;  // of a tile's kReadsFile
@@ -262,10 +263,14 @@ StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
         if (end > static_cast<int>(all.size())) return;  // cancelled and deleted meanwhile
         tasks.assign(all.begin() + first, all.begin() + end);
       }
-      for (const JobTask& task : tasks) visitor(task);
+      for (JobTask& task : tasks) {
+        // Later ones made results again that were lost.
+        while (!task.attempts.empty() && task.attempts.back().start_us > step.end_us) task.attempts.pop_back();
+        visitor(task);
+      }
     }
   };
-  JobReport report(step.header, step.end, step.error, step.why_set_aside, environment_.clock->UnixTimeUs());
+  JobReport report(step.header, step.end, step.error, step.why_set_aside, step.end_us);
   visit([&](const JobTask& task) { report.Count(task); });
   return environment_.blobs->PutParts([&](const BlobStore::Writer& write) {
     write(report.Head());
@@ -274,14 +279,41 @@ StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
   });
 }
 
-Status Dispatcher::EndJob(const PendingStep& step) {
+Status Dispatcher::EndJob(PendingStep step) {
+  step.end_us = environment_.clock->UnixTimeUs();
   const std::shared_lock refers(blobs_mutex_);
   std::vector<NamedDigest> artifacts = step.artifacts;
   TESSERA_ASSIGN_OR_RETURN(const Digest report, StoreReport(step));
-  artifacts.push_back({"job.json", report});
+  artifacts.push_back({kJobFile, report});
   std::lock_guard lock(mutex_);
   if (HasEnded(ledger_.jobs()[step.job].header.state)) return absl::OkStatus();
-  return EndJobLocked(step.job, step.end, step.error, artifacts);
+  return EndJobLocked(step.job, step.end, step.error, artifacts, step.end_us);
+}
+
+Status Dispatcher::RestoreReport(int index, const Digest& digest) {
+  PendingStep step;
+  {
+    std::lock_guard lock(mutex_);
+    const Job& job = ledger_.jobs()[index];
+    const NamedDigest report = {kJobFile, digest};
+    const auto& artifacts = job.header.artifacts;
+    if (std::find(artifacts.begin(), artifacts.end(), report) == artifacts.end()) {
+      return absl::NotFoundError("not the report of " + job.header.name);
+    }
+    if (job.lost > 0)
+      return absl::UnavailableError("results of " + job.header.name + " are being made again; ask later");
+    step.job = index;
+    step.header = job.header;
+    step.end = job.header.state;
+    step.end_us = job.header.end_us;
+    step.error = job.header.error;
+    step.tasks = static_cast<int>(job.tasks.size());
+    for (const SetAside& tile : job.set_aside) step.why_set_aside[tile.tile] = SetAsideWords(job, tile);
+  }
+  TESSERA_ASSIGN_OR_RETURN(const Digest again, StoreReport(step));
+  if (again == digest) return absl::OkStatus();
+  return absl::FailedPreconditionError(std::string(kJobFile) + " of " + step.header.name +
+                                       " is lost, and cannot be written as an earlier release had it");
 }
 
 Status Dispatcher::SetTileAside(const PendingStep& step) {
@@ -297,8 +329,9 @@ Status Dispatcher::SetTileAside(const PendingStep& step) {
 }
 
 Status Dispatcher::EndJobLocked(int job, JobState state, const std::string& error,
-                                const std::vector<NamedDigest>& artifacts) {
+                                const std::vector<NamedDigest>& artifacts, int64_t time_us) {
   v1::Record record;
+  record.set_time_us(time_us);
   v1::JobEnded& ended = *record.mutable_job_ended();
   ended.set_job(ledger_.jobs()[job].header.name);
   ended.set_state(static_cast<v1::JobState>(state));

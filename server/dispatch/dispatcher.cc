@@ -78,7 +78,7 @@ void Dispatcher::ChangedLocked() {
 }
 
 Status Dispatcher::CommitLocked(v1::Record& record, Durability durability) {
-  record.set_time_us(environment_.clock->UnixTimeUs());
+  if (record.time_us() == 0) record.set_time_us(environment_.clock->UnixTimeUs());
   TESSERA_RETURN_IF_ERROR(ledger_.Check(record));
   const int ready_before = ledger_.ready().count();
   const size_t newly_ready_before = ledger_.newly_ready().size();

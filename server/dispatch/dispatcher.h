@@ -304,11 +304,16 @@ class Dispatcher {
   StatusOr<std::string> ReadSurveyOf(const UpdateBase& base);
   void TellSetAsideLocked(const std::vector<SetAsideWorker>& workers);
   Status PlanJob(const PendingStep& step);
-  Status EndJob(const PendingStep& step);
+  Status EndJob(PendingStep step);
+  // Of a job that has ended: the report as it was then, under its digest. NOT_FOUND if the digest is not that report's,
+  // UNAVAILABLE while results are made again, FAILED_PRECONDITION if it was written by an earlier release.
+  Status RestoreReport(int job, const Digest& digest);
   StatusOr<Digest> StoreReport(const PendingStep& step);
   std::vector<KnownTask> TasksFrom(const PendingStep& step) const;
   Status SetTileAside(const PendingStep& step);
-  Status EndJobLocked(int job, JobState state, const std::string& error, const std::vector<NamedDigest>& artifacts);
+  // `time_us`: of its end, which its report tells; 0: now.
+  Status EndJobLocked(int job, JobState state, const std::string& error, const std::vector<NamedDigest>& artifacts,
+                      int64_t time_us = 0);
   Status ReuseReady();
 
   const DispatchEnvironment environment_;

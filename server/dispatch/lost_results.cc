@@ -202,6 +202,7 @@ Status Dispatcher::RemakeArtifact(const Digest& digest) {
   const Status status = environment_.blobs->VerifyOrSetAside(digest);
   if (!IsLost(status)) return status;
   if (RestorePlanned(job, digest).ok()) return absl::OkStatus();
+  if (const Status report = RestoreReport(job, digest); !absl::IsNotFound(report)) return report;
   const std::shared_lock refers(blobs_mutex_);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, digest, true));

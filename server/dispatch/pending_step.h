@@ -29,6 +29,7 @@ struct Dispatcher::PendingStep {
   int failed = -1;                   // task whose tile is set aside
   JobState end = JobState::kFailed;  // of a job that ends
   std::string error;                 // likewise
+  int64_t end_us = 0;                // likewise, and when
   std::map<int, std::string> why_set_aside;
   JobHeader header;
   std::vector<NamedDigest> artifacts;

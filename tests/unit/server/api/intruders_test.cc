@@ -218,6 +218,40 @@ TEST_F(IntrudersTest, NobodyDoesOrLearnsWhatIsNotHisRole) {
   EXPECT_TRUE(Call("/tessera.v1.Jobs/CancelJob", request, TokenOf("submitter")).ok());
 }
 
+TEST_F(IntrudersTest, WhoIsRefusedAChangeIsLoggedButFillsNoDisk) {
+  SubmitScene();
+  v1::CancelJobRequest cancel;
+  cancel.set_name("jobs/1");
+  const auto logged = [&](const std::string& method, const Metadata& metadata, int times) {
+    testing::internal::CaptureStderr();
+    EXPECT_TRUE(SetUpLog("info", false).ok());
+    for (int i = 0; i < times; ++i) EXPECT_FALSE(Call(method, cancel.SerializeAsString(), metadata).ok());
+    EXPECT_TRUE(SetUpLog("off", false).ok());
+    return testing::internal::GetCapturedStderr();
+  };
+  const std::string method = "/tessera.v1.Jobs/CancelJob";
+  EXPECT_THAT(logged(method, TokenOf("viewer"), 1),
+              HasSubstr(" info audit action=CancelJob outcome=PERMISSION_DENIED user=a-viewer error="));
+  const std::string stranger = logged(method, {}, 1);
+  EXPECT_THAT(stranger, HasSubstr(" info audit action=CancelJob outcome=UNAUTHENTICATED error="));
+  EXPECT_THAT(stranger, Not(HasSubstr("user=")));
+  EXPECT_EQ(logged("/tessera.v1.Jobs/GetJob", {}, 1), "");
+  const auto begun = std::chrono::steady_clock::now();
+  const std::string flood = logged(method, {}, 300);
+  const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now() - begun);
+  EXPECT_LE(std::count(flood.begin(), flood.end(), '\n'), 10 * (seconds.count() + 2));
+}
+
+TEST_F(IntrudersTest, HowManyContentsMayBeAskedForAtOnceIsBounded) {
+  v1::StatBlobsRequest stat;
+  for (int i = 0; i < 1000; ++i) *stat.add_digests()->mutable_sha256() = Sha256Hex(std::to_string(i));
+  EXPECT_TRUE(Call("/tessera.v1.Blobs/StatBlobs", stat.SerializeAsString(), TokenOf("viewer")).ok());
+  stat.add_digests();
+  const Status status = Call("/tessera.v1.Blobs/StatBlobs", stat.SerializeAsString(), TokenOf("viewer"));
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("found 1001, expected at most 1000"));
+}
+
 TEST_F(IntrudersTest, AWorkerSpeaksForItselfAlone) {
   SubmitScene();
   const auto victim = RegisterOverRpc(), thief = RegisterOverRpc();

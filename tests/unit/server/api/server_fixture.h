@@ -99,6 +99,7 @@ class ServerTest : public CoordinatorTest {
     As(context, worker);
     v1::LeaseTaskRequest request;
     request.set_worker(worker);
+    request.set_wait_s(20);  // what is planned is so soon
     v1::LeaseTaskResponse response;
     EXPECT_TRUE(workers_->LeaseTask(&context, request, &response).ok());
     return response;

@@ -82,6 +82,29 @@ TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
   EXPECT_GT(remade, 0);
 }
 
+TEST_F(LostResultsTest, TheReportOfAJobIsWrittenAgainAsItWas) {
+  const std::string job = Create(Scene(2));
+  Work(job);
+  const std::vector<NamedDigest> artifacts = Job(job).header.artifacts;
+  ASSERT_EQ(artifacts.back().name, "job.json");
+  const Digest report = artifacts.back().digest;
+  clock_.Advance(60);
+  // What is made again later has attempts that it does not tell of.
+  fs::remove(blobs_->Path(Mesh(job)));
+  ASSERT_TRUE(dispatcher_->RemakeArtifact(Mesh(job)).ok());
+  fs::remove(blobs_->Path(report));
+  EXPECT_EQ(dispatcher_->RemakeArtifact(report).code(), absl::StatusCode::kUnavailable) << "not while that goes on";
+  const std::string worker = Worker();
+  while (Turn(worker)) {
+  }
+  for (const Damage damage : kDamages) {
+    ASSERT_TRUE(dispatcher_->RemakeArtifact(report).ok()) << dispatcher_->RemakeArtifact(report);
+    ASSERT_TRUE(blobs_->Verify(report).ok());
+    Harm(blobs_->Path(report), damage);
+    Restart();
+  }
+}
+
 TEST_F(LostResultsTest, AnUpdateHasTheResultsOfItsBaseMadeAgain) {
   based_ = true;
   Digest expected;
