@@ -367,5 +367,19 @@ TEST_F(ServerTest, HundredsMayWaitAtOnce) {
   EXPECT_EQ(given, 1) << "the job's first task";
 }
 
+TEST_F(ServerTest, HowManyContentsMayBeAskedForAtOnceIsBounded) {
+  v1::StatBlobsRequest stat;
+  for (int i = 0; i < 1000; ++i) stat.add_digests()->set_sha256(Sha256Hex(std::to_string(i)));
+  const auto ask = [&] {
+    grpc::ClientContext context;
+    v1::StatBlobsResponse held;
+    return FromGrpc(blob_service_->StatBlobs(&context, stat, &held));
+  };
+  EXPECT_TRUE(ask().ok());
+  stat.add_digests();
+  EXPECT_EQ(ask().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(ask().message()), HasSubstr("found 1001, expected at most 1000"));
+}
+
 }  // namespace
 }  // namespace tessera

@@ -242,16 +242,6 @@ TEST_F(IntrudersTest, WhoIsRefusedAChangeIsLoggedButFillsNoDisk) {
   EXPECT_LE(std::count(flood.begin(), flood.end(), '\n'), 10 * (seconds.count() + 2));
 }
 
-TEST_F(IntrudersTest, HowManyContentsMayBeAskedForAtOnceIsBounded) {
-  v1::StatBlobsRequest stat;
-  for (int i = 0; i < 1000; ++i) *stat.add_digests()->mutable_sha256() = Sha256Hex(std::to_string(i));
-  EXPECT_TRUE(Call("/tessera.v1.Blobs/StatBlobs", stat.SerializeAsString(), TokenOf("viewer")).ok());
-  stat.add_digests();
-  const Status status = Call("/tessera.v1.Blobs/StatBlobs", stat.SerializeAsString(), TokenOf("viewer"));
-  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_THAT(std::string(status.message()), HasSubstr("found 1001, expected at most 1000"));
-}
-
 TEST_F(IntrudersTest, AWorkerSpeaksForItselfAlone) {
   SubmitScene();
   const auto victim = RegisterOverRpc(), thief = RegisterOverRpc();
