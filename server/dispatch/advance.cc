@@ -264,8 +264,8 @@ StatusOr<Digest> Dispatcher::StoreReport(const PendingStep& step) {
         tasks.assign(all.begin() + first, all.begin() + end);
       }
       for (JobTask& task : tasks) {
-        // Later ones made results again that were lost.
-        while (!task.attempts.empty() && task.attempts.back().start_us > step.end_us) task.attempts.pop_back();
+        const auto after_end = [](const Attempt& attempt) { return attempt.after_end; };
+        task.attempts.erase(std::remove_if(task.attempts.begin(), task.attempts.end(), after_end), task.attempts.end());
         visitor(task);
       }
     }

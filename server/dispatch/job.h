@@ -63,6 +63,7 @@ struct Attempt {
   Rarely<TaskFailure> failure;  // kNone: it runs, has succeeded or was cancelled
   bool lease_expired = false;
   bool cancelled = false;  // its job ended, or went on without the task
+  bool after_end = false;  // its job had ended: it makes again what was lost, and the job's report knows nothing of it
 };
 
 // A file as NamedDigest has it, in less memory.

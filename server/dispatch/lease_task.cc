@@ -107,8 +107,8 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
   }
   const auto now = std::chrono::steady_clock::now();
   const double waited_s = now < call.until ? std::chrono::duration<double>(now - call.asked).count() : kForever_s;
-  // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
   bool left_to_keepers = false;
+  // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
   const auto ref = journal_.trouble().ok() ? NextReadyLocked(call.worker, waited_s, left_to_keepers) : std::nullopt;
   if (!left_to_keepers && ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
   if (!ref || MayReuseLocked(*ref)) {

@@ -255,6 +255,7 @@ void Ledger::ApplyStarted(const v1::AttemptStarted& change, int64_t time_us) {
   ready_.Remove(ref, target);
   target.state = TaskState::kLeased;
   target.attempts.push_back({change.worker(), change.machine(), time_us, 0, {}, false});
+  target.attempts.back().after_end = HasEnded(header.state);
   if (target.start_us == 0) target.start_us = time_us;
   if (header.state == JobState::kQueued) {
     header.state = JobState::kRunning;

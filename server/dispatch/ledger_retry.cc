@@ -137,6 +137,7 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
       std::count_if(job.tasks.begin(), job.tasks.end(), [](const JobTask& task) { return task.remaking; }));
   for (JobTask& task : job.tasks) {
     task.remakes = 0;
+    for (Attempt& attempt : task.attempts) attempt.after_end = false;  // the next report tells of all
     if (task.superseded || (task.state != TaskState::kFailed && task.state != TaskState::kCancelled)) continue;
     task.state = TaskState::kWaiting;
     task.forgiven = task.attempt();

@@ -41,6 +41,15 @@ class DeleteJobTest : public CheckingWorkerTest {
     EXPECT_EQ(Job(name).header.state, JobState::kSucceeded);
     return name;
   }
+  // So many seconds with a look at what has expired every half hour. Gives how many were deleted.
+  int Pass(Retention& retention, double seconds) {
+    int deleted = 0;
+    for (; seconds > 0; seconds -= 1800) {
+      clock_.Advance(1800);
+      deleted += *dispatcher_->DeleteExpired(retention);
+    }
+    return deleted;
+  }
   Status Delete(const std::string& job) { return dispatcher_->DeleteJob(job, "test"); }
   void FreeAll() {
     while (*dispatcher_->FreeDeleted()) {
@@ -149,14 +158,7 @@ TEST_F(DeleteJobTest, AnyNumberMayGo) {
 TEST_F(DeleteJobTest, RetentionDeletesWhatWasKeptForLongEnough) {
   constexpr double kDay_s = 86400;
   Retention retention(10 * kDay_s);
-  const auto pass = [&](double seconds) {
-    int deleted = 0;
-    for (; seconds > 0; seconds -= 1800) {
-      clock_.Advance(1800);
-      deleted += *dispatcher_->DeleteExpired(retention);
-    }
-    return deleted;
-  };
+  const auto pass = [&](double seconds) { return Pass(retention, seconds); };
   const std::string first = Done(1);
   clock_.Advance(kDay_s);
   const std::string second = Done(2);
@@ -178,14 +180,7 @@ TEST_F(DeleteJobTest, AJobThatIsTriedAgainIsKeptFromItsNewEndOn) {
   options_.lease_s = options_.stall_s = options_.forget_worker_s = 1e9;
   RestartFromFile();
   Retention retention(10 * kDay_s);
-  const auto pass = [&](double seconds) {
-    int deleted = 0;
-    for (; seconds > 0; seconds -= 1800) {
-      clock_.Advance(1800);
-      deleted += *dispatcher_->DeleteExpired(retention);
-    }
-    return deleted;
-  };
+  const auto pass = [&](double seconds) { return Pass(retention, seconds); };
   fails_ = "refine";
   const std::string job = Create(Scene(1));
   Work(job);

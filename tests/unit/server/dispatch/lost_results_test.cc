@@ -88,7 +88,7 @@ TEST_F(LostResultsTest, TheReportOfAJobIsWrittenAgainAsItWas) {
   const std::vector<NamedDigest> artifacts = Job(job).header.artifacts;
   ASSERT_EQ(artifacts.back().name, "job.json");
   const Digest report = artifacts.back().digest;
-  clock_.Advance(60);
+  clock_.SetBy(-3600);  // it has no part in what the report tells
   // What is made again later has attempts that it does not tell of.
   fs::remove(blobs_->Path(Mesh(job)));
   ASSERT_TRUE(dispatcher_->RemakeArtifact(Mesh(job)).ok());
