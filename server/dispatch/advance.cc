@@ -313,7 +313,7 @@ Status Dispatcher::RestoreReport(int index, const Digest& digest) {
   TESSERA_ASSIGN_OR_RETURN(const Digest again, StoreReport(step));
   if (again == digest) return absl::OkStatus();
   return absl::FailedPreconditionError(std::string(kJobFile) + " of " + step.header.name +
-                                       " is lost, and cannot be written as an earlier release had it");
+                                       " is lost, and would have other bytes now: an earlier release wrote it");
 }
 
 Status Dispatcher::SetTileAside(const PendingStep& step) {

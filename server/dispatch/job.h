@@ -72,7 +72,6 @@ struct StoredFile {
   Sha256 sha256;
   int64_t size_bytes = 0;
 
-  StoredFile() = default;
   // One whose digest was checked.
   StoredFile(const NamedDigest& file)  // NOLINT(google-explicit-constructor)
       : name(file.name), sha256(*Sha256::FromHex(file.digest.sha256)), size_bytes(file.digest.size_bytes) {}
