@@ -3,6 +3,7 @@
 #define TESSERA_SERVER_DISPATCH_LEASE_TABLE_H_
 
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <set>
 #include <string>
@@ -31,14 +32,17 @@ struct TileRef {
 
 inline int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
 
+// Of a lease that is not stored yet, so that its worker knows nothing of it and cannot be silent: never.
+inline constexpr int64_t kUntold_us = std::numeric_limits<int64_t>::max();
+
 // Times are Clock::MonotonicUs.
 struct LeaseState {
   std::string worker;
   int attempt = 0;
   int64_t start_us = 0;
-  int64_t expires_us = 0;
-  int64_t moved_us = 0;  // when progress or stage last changed
-  int threads = 1;       // that the task may use
+  int64_t expires_us = 0;  // or kUntold_us
+  int64_t moved_us = 0;    // when progress or stage last changed, or kUntold_us
+  int threads = 1;         // that the task may use
   double progress = 0;
   std::string stage = {};
 };

@@ -57,7 +57,7 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   if (self != nullptr) record.mutable_attempt_started()->set_machine(self->info.machine);
   TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
-  LeaseState& lease = leases_.Grant(ref, {worker, granted.attempt, now_us, now_us + Micros(options_.lease_s), now_us});
+  LeaseState& lease = leases_.Grant(ref, {worker, granted.attempt, now_us, kUntold_us, kUntold_us});
   leases_.NoteTile(worker, {ref.job, granted.plan.tile});
   if (self != nullptr) {
     granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->info.threads);
@@ -71,9 +71,9 @@ StatusOr<std::optional<GrantedLease>> Dispatcher::GrantedBeforeLocked(const std:
   if (call <= 0 || self == nullptr || self->call != call) return std::nullopt;
   LeaseState* const lease = leases_.FindCurrent(self->granted, worker, self->granted_attempt);
   if (lease == nullptr) return std::nullopt;
-  lease->expires_us = environment_.clock->MonotonicUs() + Micros(options_.lease_s);
   TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, DescribeLocked(self->granted, self->granted_attempt));
   granted.threads = lease->threads;
+  lease->expires_us = kUntold_us;
   return granted;
 }
 
@@ -82,7 +82,8 @@ struct Dispatcher::Look {
   bool waits = false;            // there is nothing for it now
   std::optional<TaskRef> reuse;  // there is once this task, whose result is known, has succeeded
   LeaseAnswer answer = std::nullopt;
-  TaskRef granted = {};  // task -1: none, or one that it was given before
+  TaskRef granted = {};  // what the answer gives; task -1: nothing
+  bool anew = false;     // the call began its attempt, and was not only told of it again
 };
 
 Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
@@ -102,6 +103,7 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
   // Also while the call waits: the one before, whose answer nobody takes, may be given a lease now.
   look.answer = GrantedBeforeLocked(call.worker, call.call);
   if (!look.answer.ok() || *look.answer) {
+    if (look.answer.ok()) look.granted = leases_.FindWorker(call.worker)->granted;
     waiting_.WakeNext();
     return look;
   }
@@ -122,6 +124,7 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
     self->granted = *ref;
     self->granted_attempt = granted->attempt;
     look.granted = *ref;
+    look.anew = true;
   }
   look.answer = std::move(granted);
   return look;
@@ -132,14 +135,19 @@ void Dispatcher::Answer(LeaseCall call, Look look) {
   auto told = std::make_shared<std::pair<LeaseCall, Look>>(std::move(call), std::move(look));
   journal_.WhenStored([this, told](const Status& durable) {
     auto& [of_worker, given] = *told;
-    if (!durable.ok()) {
-      const int attempt = (*given.answer)->attempt;
-      given.answer = durable;
+    const int attempt = (*given.answer)->attempt;
+    if (!durable.ok()) given.answer = durable;
+    {
       std::lock_guard lock(mutex_);
-      if (given.granted.task >= 0 && leases_.FindCurrent(given.granted, of_worker.worker, attempt) != nullptr) {
+      LeaseState* const lease = leases_.FindCurrent(given.granted, of_worker.worker, attempt);
+      if (lease != nullptr && !durable.ok() && given.anew) {
         const Status failed =
             FailAttemptLocked(given.granted, {ErrorClass::kPreempted, "its lease could not be stored"});
         if (!failed.ok()) given.answer = failed;
+      } else if (lease != nullptr) {  // from now on the worker can be silent
+        const int64_t now_us = environment_.clock->MonotonicUs();
+        lease->expires_us = now_us + Micros(options_.lease_s);
+        if (given.anew) lease->moved_us = now_us;
       }
     }
     of_worker.done(std::move(given.answer));

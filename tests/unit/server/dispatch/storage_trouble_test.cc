@@ -2,6 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <future>
+#include <utility>
+
 #include "tests/support/fake_coordinator.h"
 
 namespace tessera {
@@ -58,6 +61,37 @@ TEST_F(StorageTroubleTest, WhatNobodyWasToldMayBeLost) {
   clock_.Advance(31);
   EXPECT_EQ(WorkAll(Worker()), 3);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+}
+
+// Between the first record that cannot be stored and the word of it a lease may be given, which waits with all others.
+TEST_F(StorageTroubleTest, ALeaseThatWaitsToBeStoredDoesNotRunOut) {
+  const std::string job = Create(AJob(1)), worker = Worker();
+  std::promise<LeaseAnswer> told;
+  const auto ask = [&](std::promise<LeaseAnswer>& answer) {
+    dispatcher_->LeaseTask({worker, 0, 7, {}, [&](LeaseAnswer given) { answer.set_value(std::move(given)); }});
+  };
+  store_.fail = true;
+  ask(told);
+  ASSERT_EQ(Task(job, 0).task.state, TaskState::kLeased);
+  clock_.Advance(3600);  // more than a lease, and than a task may stand still
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
+  store_.fail = false;
+  const LeaseAnswer lease = told.get_future().get();
+  ASSERT_TRUE(lease.ok() && *lease) << lease.status();
+  clock_.Advance(29);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
+  // Told again it begins anew, and from then on it does run out.
+  std::promise<LeaseAnswer> again;
+  ask(again);
+  EXPECT_EQ((*again.get_future().get())->attempt, 1);
+  clock_.Advance(29);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
+  clock_.Advance(2);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_NE(Task(job, 0).task.state, TaskState::kLeased);
 }
 
 // A list of jobs is given whatever the disk does, and nothing in it is taken back.
