@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <atomic>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -88,14 +89,15 @@ int Fail(const tessera::Status& status) {
   return 1;
 }
 
-// First signal: drain. Second: out, at once.
-void HandleSignals(sigset_t signals, tessera::Agent& agent) {
+// First signal: drain. Second: out, at once. Returns at the next one once `ended`.
+void HandleSignals(const sigset_t& signals, tessera::Agent& agent, const std::atomic<bool>& ended) {
   int signal = 0;
   sigwait(&signals, &signal);
+  if (ended) return;
   tessera::LogInfo("draining", {{"signal", std::to_string(signal)}});
   agent.Drain();
   sigwait(&signals, &signal);
-  _exit(128 + signal);
+  if (!ended) _exit(128 + signal);
 }
 
 }  // namespace
@@ -150,7 +152,12 @@ int main(int argc, char** argv) {
   const tessera::ThreadLimit thread_limit(options.description.threads);
   const auto agent = tessera::Agent::Create(options, tessera::RunTask);
   if (!agent.ok()) return Fail(agent.status());
-  std::thread([signals, &agent] { HandleSignals(signals, **agent); }).detach();
+  std::atomic<bool> ended = false;
+  std::thread handler([&] { HandleSignals(signals, **agent, ended); });
   const tessera::Status status = (*agent)->Run();
+  // The agent goes after whoever may still be draining it.
+  ended = true;
+  pthread_kill(handler.native_handle(), SIGTERM);
+  handler.join();
   return status.ok() ? 0 : Fail(status);
 }
