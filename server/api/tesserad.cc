@@ -108,6 +108,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
+  options.stood_still_s = flags.lease_s / 2;  // a heartbeat comes every third of a lease, a look every fourth or second
   options.stall_s = flags.stall_s;
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
   TESSERA_ASSIGN_OR_RETURN(const auto dispatcher,

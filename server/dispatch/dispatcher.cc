@@ -318,8 +318,12 @@ Status Dispatcher::EndAttemptLocked(TaskRef ref, const RetryVerdict& verdict, bo
 
 Status Dispatcher::ExpireLeasesLocked() {
   const int64_t now_us = environment_.clock->MonotonicUs();
-  if (now_us < next_expiry_us_) return absl::OkStatus();
-  next_expiry_us_ = now_us + kExpiryInterval_us;
+  const int64_t gap_us = last_expiry_us_ == 0 ? kExpiryInterval_us : now_us - last_expiry_us_;
+  if (gap_us < kExpiryInterval_us) return absl::OkStatus();
+  last_expiry_us_ = now_us;
+  if (static_cast<double>(gap_us) * 1e-6 > options_.stood_still_s) {
+    leases_.LeaveOut(gap_us, now_us, Micros(options_.lease_s));
+  }
   // Later than anything that was heard from a worker whose lease expires now.
   const int64_t since_us = now_us - Micros(options_.lease_s / 2);
   const auto lives = [&](const std::string& machine) { return leases_.Lives(machine, since_us); };

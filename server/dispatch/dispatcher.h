@@ -6,6 +6,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <functional>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -44,7 +45,10 @@ namespace tessera {
 struct KnownTask;
 
 struct DispatchOptions {
-  double lease_s = 30;          // a lease lives that long after its last heartbeat
+  double lease_s = 30;  // a lease lives that long after its last heartbeat
+  // Where nobody looked for ended leases for so long, the coordinator stood still (a machine that was suspended):
+  // nobody could be heard, and that time counts as no worker's silence. Tesserad looks a few times a lease.
+  double stood_still_s = std::numeric_limits<double>::infinity();
   double forget_worker_s = 90;  // a silent worker without a task is forgotten after that
   double stall_s = 600;         // an attempt without progress for so long is ended; longer for tasks that take long
   double durable_wait_s = 20;   // a call whose change is not durable after that is answered with UNAVAILABLE
@@ -329,8 +333,8 @@ class Dispatcher {
   LeaseCall::Time served_at_ = LeaseCall::Time::min();  // when ServeWaiting looks next
   Ledger ledger_;
   LeaseTable leases_;
-  std::map<int, int64_t> end_records_;  // of jobs that ended: the record's number in the journal
-  int64_t next_expiry_us_ = 0;
+  std::map<int, int64_t> end_records_;          // of jobs that ended: the record's number in the journal
+  int64_t last_expiry_us_ = 0;                  // when it was last looked for leases that are over; 0: never
   mutable std::vector<double> shown_progress_;  // of each job, the furthest
   // What came to be referred to since CollectReferences: by records, and by jobs that run again.
   struct NewReferences {

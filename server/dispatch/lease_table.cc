@@ -21,6 +21,15 @@ LeaseState* LeaseTable::FindCurrent(TaskRef ref, const std::string& worker, int 
   return &it->second;
 }
 
+void LeaseTable::LeaveOut(int64_t time_us, int64_t now_us, int64_t lease_us) {
+  for (auto& [ref, lease] : leases_) {
+    if (lease.expires_us == kUntold_us) continue;
+    lease.expires_us = std::min(lease.expires_us + time_us, now_us + lease_us);
+    lease.moved_us = std::min(lease.moved_us + time_us, now_us);
+  }
+  for (auto& [name, worker] : workers_) worker.last_seen_us = std::min(worker.last_seen_us + time_us, now_us);
+}
+
 std::vector<TaskRef> LeaseTable::Expired(int64_t now_us) const {
   std::vector<TaskRef> expired;
   for (const auto& [ref, lease] : leases_) {

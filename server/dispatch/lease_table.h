@@ -91,6 +91,9 @@ class LeaseTable {
   const LeaseState* Find(TaskRef ref) const;
   // The lease of just this attempt by just this worker; null otherwise.
   LeaseState* FindCurrent(TaskRef ref, const std::string& worker, int attempt);
+  // As if so much time had not passed before `now_us`: for what ends leases, which live `lease_us`, and for what tells
+  // which machines live.
+  void LeaveOut(int64_t time_us, int64_t now_us, int64_t lease_us);
   // Leases that ran out before `now_us`.
   std::vector<TaskRef> Expired(int64_t now_us) const;
   // Leases of tasks of the job.

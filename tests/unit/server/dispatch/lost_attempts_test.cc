@@ -73,6 +73,25 @@ TEST_F(LostAttemptsTest, ThreeWorkersThatDieOnMachinesThatLiveMakeATaskPoison) {
   EXPECT_THAT(Job(job).header.error, HasSubstr("fell silent over 'read the scene', one of 3 workers that did while"));
 }
 
+// A suspended machine, a debugger: nobody could be heard. After it the lease is what it was before.
+TEST_F(LostAttemptsTest, TimeInWhichTheCoordinatorStoodStillIsNoSilence) {
+  options_.stood_still_s = 15;
+  Restart();
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Lease(worker));
+  clock_.Advance(10);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  clock_.Advance(2 * 3600);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  clock_.Advance(14);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased) << "24 s of 30 were listened to";
+  clock_.Advance(7);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady) << "31 s of silence";
+}
+
 // Spot machines: some vanish, others say that they go, one comes back as another boot; over one task, for a night.
 TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
   const std::string job = Create(AJob(1));
