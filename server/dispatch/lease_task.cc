@@ -6,6 +6,7 @@
 #include <memory>
 #include <utility>
 
+#include "common/base/refusal.h"
 #include "server/dispatch/dispatcher.h"
 #include "tessera/v1/records.pb.h"
 
@@ -90,6 +91,10 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
   Look look;
   if (Status seen = SeenLocked(call.worker); !seen.ok()) {
     look.answer = std::move(seen);
+    return look;
+  }
+  if (draining_) {
+    look.answer = DrainingError("leases nothing");
     return look;
   }
   if (stopped_ || (call.gone && call.gone())) {

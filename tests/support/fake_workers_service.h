@@ -176,7 +176,7 @@ class FakeWorkersService : public v1::Workers::Service {
   }
 
  private:
-  static grpc::Status Forgotten() { return Refused(grpc::StatusCode::NOT_FOUND, v1::Refusal::UNKNOWN_WORKER); }
+  static grpc::Status Forgotten() { return Refused(grpc::StatusCode::NOT_FOUND, v1::Refusal::REASON_UNKNOWN_WORKER); }
 
   std::mutex mutex_;
   std::condition_variable changed_;
