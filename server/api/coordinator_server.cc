@@ -234,6 +234,7 @@ void CoordinatorServer::Shutdown(double grace_s) {
                           std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));
   impl_->server->Wait();
   impl_->server.reset();
+  impl_->jobs.StopWatches();
 }
 
 }  // namespace tessera

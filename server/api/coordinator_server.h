@@ -68,7 +68,8 @@ class CoordinatorServer {
   void Drain();
   // Calls that move data or read a scene are under way.
   bool IsBusy() const;
-  // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The dispatcher is stopped.
+  // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The dispatcher is stopped, and not
+  // needed any more then.
   void Shutdown(double grace_s);
 
  private:

@@ -1,6 +1,7 @@
 #include "server/api/job_watches.h"
 
 #include <grpcpp/grpcpp.h>
+#include <time.h>
 
 #include <algorithm>
 #include <chrono>
@@ -33,6 +34,12 @@ constexpr size_t kMaxRunning = 1000, kMaxRunningBytes = 64 << 10;
 constexpr size_t kMaxLastErrorBytes = 4 << 10;  // of a task that runs, of the attempt before
 
 double SecondsSince(Steady::time_point start) { return std::chrono::duration<double>(Steady::now() - start).count(); }
+
+double CpuSecondsOfThread() {
+  timespec now = {};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
 
 Status Gone() { return absl::CancelledError("the caller has gone"); }
 Status Stops() { return RetryAfter(absl::UnavailableError("the coordinator stops"), kRestart_s); }
@@ -78,13 +85,14 @@ class JobWatches::Watching {
  public:
   Watching(Dispatcher& dispatcher, const Access& access, ClientLimits& limits)
       : dispatcher_(dispatcher), access_(access), limits_(limits), thread_([this] { Run(); }) {}
-  ~Watching() {
+  ~Watching() { Stop(); }
+  void Stop() {
     {
       std::lock_guard lock(mutex_);
       ends_ = true;
     }
     end_.notify_one();
-    thread_.join();
+    if (thread_.joinable()) thread_.join();
   }
 
   class Call;
@@ -320,6 +328,7 @@ void JobWatches::Watching::Run() {
   while (true) {
     version = dispatcher_.WaitForChange(version, end_waits ? kInterval_s : kIdle_s);
     const Steady::time_point begun = Steady::now();
+    const double begun_cpu_s = CpuSecondsOfThread();
     if (dispatcher_.stopped()) {
       for (const auto& call : AllCalls()) call->End(Stops());
     } else {
@@ -329,16 +338,21 @@ void JobWatches::Watching::Run() {
         callers_checked = Steady::now();
       }
     }
-    // Bounds the rate of messages, and half of a processor's time.
+    // Bounds the rate of messages, and what this takes of a processor to half.
+    const double round_s = std::max(kInterval_s, 2 * (CpuSecondsOfThread() - begun_cpu_s));
     std::unique_lock lock(mutex_);
-    const std::chrono::duration<double> pause(std::max(kInterval_s, SecondsSince(begun)));
-    if (end_.wait_for(lock, pause, [&] { return ends_; })) return;
+    if (end_.wait_until(lock,
+                        begun + std::chrono::duration_cast<Steady::duration>(std::chrono::duration<double>(round_s)),
+                        [&] { return ends_; })) {
+      return;
+    }
   }
 }
 
 JobWatches::JobWatches(Dispatcher* dispatcher, const Access* access, ClientLimits* limits)
     : watching_(std::make_unique<Watching>(*dispatcher, *access, *limits)) {}
 JobWatches::~JobWatches() = default;
+void JobWatches::Stop() { watching_->Stop(); }
 
 grpc::ServerWriteReactor<grpc::ByteBuffer>* JobWatches::Watch(grpc::CallbackServerContext* context,
                                                               const grpc::ByteBuffer& request) {

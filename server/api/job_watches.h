@@ -27,6 +27,8 @@ class JobWatches {
   JobWatches(Dispatcher* dispatcher, const Access* access, ClientLimits* limits);
   // The server must have ended.
   ~JobWatches();
+  // No job is looked at any more. The server must have ended.
+  void Stop();
 
   // The call Jobs.WatchJob; messages as bytes.
   grpc::ServerWriteReactor<grpc::ByteBuffer>* Watch(grpc::CallbackServerContext* context,

@@ -36,6 +36,8 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
                                                        const grpc::ByteBuffer* request) override {
     return watches_.Watch(context, *request);
   }
+  // Once the server has ended.
+  void StopWatches() { watches_.Stop(); }
   grpc::Status ListTasks(grpc::ServerContext* context, const v1::ListTasksRequest* request,
                          v1::ListTasksResponse* response) override;
   grpc::Status ListAttempts(grpc::ServerContext* context, const v1::ListAttemptsRequest* request,

@@ -2,6 +2,7 @@
 #include <pthread.h>
 #include <signal.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -73,6 +74,14 @@ Status FollowParent() {
   if (::prctl(PR_SET_PDEATHSIG, SIGTERM) != 0) return absl::InternalError("cannot follow the parent process");
   if (::getppid() != parent || parent == 1) return absl::CancelledError("the parent process has gone");
   return absl::OkStatus();
+}
+
+// Each connection is an open file, and shells give a process a thousand.
+void AllowManyFiles() {
+  rlimit limit = {};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  ::setrlimit(RLIMIT_NOFILE, &limit);
 }
 
 std::string DataFolder(const Flags& flags) { return std::filesystem::absolute(flags.data).lexically_normal().string(); }
@@ -299,6 +308,7 @@ int Main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   ::umask(S_IRWXG | S_IRWXO);
   LeaveNoCore();
+  AllowManyFiles();
 
   if (const Status status = SetUpLog(flags.log_level, flags.json_logs); !status.ok()) {
     std::cerr << "tesserad: " << status.message() << "\n";

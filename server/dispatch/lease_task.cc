@@ -93,10 +93,6 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
     look.answer = std::move(seen);
     return look;
   }
-  if (draining_) {
-    look.answer = DrainingError("leases nothing");
-    return look;
-  }
   if (stopped_ || (call.gone && call.gone())) {
     waiting_.WakeNext();  // what it was woken for is another's
     return look;
@@ -110,6 +106,10 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
   if (!look.answer.ok() || *look.answer) {
     if (look.answer.ok()) look.granted = leases_.FindWorker(call.worker)->granted;
     waiting_.WakeNext();
+    return look;
+  }
+  if (draining_) {
+    look.answer = DrainingError("leases nothing");
     return look;
   }
   const auto now = std::chrono::steady_clock::now();

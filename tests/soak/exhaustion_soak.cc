@@ -1,6 +1,7 @@
 // Many of everything at once on a real coordinator: submissions, watches and uploads without end. It stays small, tells
 // its limits, and serves others meanwhile, who come through its socket.
 #include <grpcpp/grpcpp.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -64,6 +65,15 @@ int64_t OfStatus(pid_t pid, const std::string& name) {
   return 0;
 }
 
+double CpuSeconds(pid_t pid) {
+  std::ifstream stat("/proc/" + std::to_string(pid) + "/stat");
+  std::string skipped;
+  for (int i = 0; i < 13; ++i) stat >> skipped;  // the program's name has no space
+  double user = 0, system = 0;
+  stat >> user >> system;
+  return (user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
+}
+
 class Coordinator {
  public:
   Coordinator(const std::string& folder, const Sizes& sizes)
@@ -84,9 +94,11 @@ class Coordinator {
   void Show(const char* after) {
     Require(program_.Running(), program_.HowItEnded() + "\n" + program_.Output());
     const int64_t most = OfStatus(program_.pid(), "VmHWM") << 10;
-    std::printf("  coordinator after %s: %lld MiB resident, at most %lld MiB; %lld threads\n", after,
-                static_cast<long long>(OfStatus(program_.pid(), "VmRSS") >> 10), static_cast<long long>(most >> 20),
-                static_cast<long long>(OfStatus(program_.pid(), "Threads")));
+    const double cpu_s = CpuSeconds(program_.pid());
+    std::printf("  coordinator: %.1f core-seconds for %s; %lld MiB resident, at most %lld MiB; %lld threads\n",
+                cpu_s - cpu_s_, after, static_cast<long long>(OfStatus(program_.pid(), "VmRSS") >> 10),
+                static_cast<long long>(most >> 20), static_cast<long long>(OfStatus(program_.pid(), "Threads")));
+    cpu_s_ = cpu_s;
     std::fflush(stdout);
     Require(most <= kMaxResidentBytes, "it has taken more than 1 GiB");
   }
@@ -94,6 +106,7 @@ class Coordinator {
  private:
   const std::string socket_;
   e2e::Program program_;
+  double cpu_s_ = 0;
   std::string address_;
 };
 
@@ -350,8 +363,10 @@ class Uploader {
     upload->writer->Write(request);
   }
   Status EndLast() {
-    uploads_.back()->writer->WritesDone();
-    return FromGrpc(uploads_.back()->writer->Finish());
+    const auto last = std::move(uploads_.back());
+    uploads_.pop_back();
+    last->writer->WritesDone();
+    return FromGrpc(last->writer->Finish());
   }
   void Cancel() {
     for (const auto& upload : uploads_) upload->context.TryCancel();

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "common/rpc/channel.h"
+#include "tessera/v1/errors.pb.h"
 #include "tessera/v1/workers.grpc.pb.h"
 #include "tests/support/fake_blob_service.h"
 

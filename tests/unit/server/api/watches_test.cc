@@ -139,6 +139,11 @@ TEST_F(WatchesTest, WhoIsSlowMissesStatesBetweenButNotTheNewest) {
   };
   StartAgain();
   const std::string job = AJobOnTheWire();
+  grpc::ChannelArguments small_window;
+  small_window.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  small_window.SetInt(GRPC_ARG_HTTP2_STREAM_LOOKAHEAD_BYTES, 64 << 10);
+  jobs_ = v1::Jobs::NewStub(
+      grpc::CreateCustomChannel(server_->address(), grpc::InsecureChannelCredentials(), small_window));
   const auto slow = Watch(job);
   Reader fast(*v1::Jobs::NewStub(MakeChannel(server_->address())), job);
   constexpr int kChanges = 6;
