@@ -7,6 +7,7 @@
 #include <condition_variable>
 #include <mutex>
 
+#include "common/base/refusal.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/retry.h"
 #include "common/rpc/status_conversion.h"
@@ -183,7 +184,7 @@ Status Connection::WatchJob(const std::string& name,
                             const std::function<void(const v1::WatchJobResponse&)>& on_update) {
   v1::WatchJobRequest request;
   request.set_name(name);
-  Backoff backoff({});
+  Backoff backoff(ShortRetry());
   bool ended = false;
   while (true) {
     grpc::ClientContext context;
@@ -207,7 +208,9 @@ Status Connection::WatchJob(const std::string& name,
       if (impl_->stopped) return absl::CancelledError("no longer watching");
     }
     if (ended) return absl::OkStatus();
-    if (!status.ok() && !IsTransient(status, Idempotency::kIdempotent)) return status;
+    // Who has not begun is told of a limit; who goes on waits for his place.
+    const bool waits = RefusalOf(status) != Refusal::kLimit || !request.seen_etag().empty();
+    if (!status.ok() && (!waits || !IsTransient(status, Idempotency::kIdempotent))) return status;
     if (!impl_->Wait(backoff.NextDelay(status))) return absl::CancelledError("no longer watching");
   }
 }
