@@ -145,18 +145,20 @@ TEST_F(WatchesTest, WhoIsSlowMissesStatesBetweenButNotTheNewest) {
   jobs_ = v1::Jobs::NewStub(
       grpc::CreateCustomChannel(server_->address(), grpc::InsecureChannelCredentials(), small_window));
   const auto slow = Watch(job);
+  v1::WatchJobResponse update;
+  ASSERT_TRUE(slow->reader->Read(&update));  // it is there, and reads no more
   Reader fast(*v1::Jobs::NewStub(MakeChannel(server_->address())), job);
   constexpr int kChanges = 6;
   for (int priority = 1; priority <= kChanges; ++priority) {
     SetPriority(job, priority);
     ASSERT_TRUE(fast.AwaitPriority(priority));
   }
-  v1::WatchJobResponse update;
   std::vector<int> seen;
   while (slow->reader->Read(&update)) {
     seen.push_back(update.job().priority());
     if (seen.back() == kChanges) break;
   }
+  ASSERT_FALSE(seen.empty());
   EXPECT_EQ(seen.back(), kChanges);
   EXPECT_LE(seen.size(), 3u) << "what was under way, and the newest";
   EXPECT_TRUE(std::is_sorted(seen.begin(), seen.end()));
