@@ -2,22 +2,55 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "common/base/status_parts.h"
 
 namespace tessera {
+namespace {
+
+constexpr char kFaults[] = "Faults";                  // four parts each
+constexpr size_t kPartsOfFault = 4, kMaxFaults = 50;  // that are told in parts
+
+}  // namespace
 
 Status InputError(const std::string& file, const std::string& place, const std::string& found,
                   const std::string& expected) {
-  return absl::InvalidArgumentError(
+  Status error = absl::InvalidArgumentError(
       absl::StrCat(file, place.empty() ? "" : ": ", place, ": found ", found, ", expected ", expected));
+  SetFaults(error, {{file, place, found, expected}});
+  return error;
+}
+
+void SetFaults(Status& error, const std::vector<InputFault>& faults) {
+  std::vector<std::string> parts;
+  for (const InputFault& fault : faults) {
+    if (parts.size() >= kPartsOfFault * kMaxFaults) break;
+    parts.insert(parts.end(), {fault.file, fault.place, fault.found, fault.expected});
+  }
+  if (!parts.empty()) SetParts(error, kFaults, parts);
+}
+
+std::vector<InputFault> FaultsOf(const Status& status) {
+  const std::vector<std::string> parts = PartsOf(status, kFaults);
+  std::vector<InputFault> faults;
+  for (size_t i = 0; i + kPartsOfFault <= parts.size(); i += kPartsOfFault) {
+    faults.push_back({parts[i], parts[i + 1], parts[i + 2], parts[i + 3]});
+  }
+  return faults;
 }
 
 void Faults::Add(const Status& status) {
-  if (!status.ok()) messages_.emplace_back(status.message());
+  if (status.ok()) return;
+  messages_.emplace_back(status.message());
+  for (const std::string& part : PartsOf(status, kFaults)) {
+    if (parts_.size() < kPartsOfFault * kMaxFaults) parts_.push_back(part);
+  }
 }
 
 Status Faults::ToStatus() const {
   if (messages_.empty()) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrJoin(messages_, "\n"));
+  Status error = absl::InvalidArgumentError(absl::StrJoin(messages_, "\n"));
+  if (!parts_.empty()) SetParts(error, kFaults, parts_);
+  return error;
 }
 
 }  // namespace tessera

@@ -18,6 +18,16 @@ using absl::StatusOr;
 Status InputError(const std::string& file, const std::string& place, const std::string& found,
                   const std::string& expected);
 
+// What such an error tells, in parts.
+struct InputFault {
+  std::string file, place, found, expected;
+};
+
+// Those that the error tells of, in their order, the first 50: of InputError, and of Faults that had such errors.
+std::vector<InputFault> FaultsOf(const Status& status);
+// In place of those that it has; of an error with a message of its own.
+void SetFaults(Status& error, const std::vector<InputFault>& faults);
+
 // Collects every fault of an input so that all are reported at once. Not thread-safe.
 class Faults {
  public:
@@ -30,6 +40,7 @@ class Faults {
 
  private:
   std::vector<std::string> messages_;
+  std::vector<std::string> parts_;  // of the first that InputError made
 };
 
 // What is odd but not fatal; the user sees all of it in the job's report.
@@ -41,10 +52,10 @@ using Warnings = std::vector<std::string>;
 #define TESSERA_CONCAT_(a, b) TESSERA_CONCAT_INNER_(a, b)
 
 // Returns from the function if `expr`, a Status, is an error.
-#define TESSERA_RETURN_IF_ERROR(expr)                            \
-  do {                                                           \
-    ::absl::Status tessera_status_ = (expr);                     \
-    if (!tessera_status_.ok()) return tessera_status_;           \
+#define TESSERA_RETURN_IF_ERROR(expr)                  \
+  do {                                                 \
+    ::absl::Status tessera_status_ = (expr);           \
+    if (!tessera_status_.ok()) return tessera_status_; \
   } while (false)
 
 // `lhs = value of expr`, a StatusOr, or returns its error.

@@ -60,7 +60,7 @@ struct BlobClient::Impl {
       }
       before = now;
       if (retry.max_attempts > 0 && ++failures >= retry.max_attempts) return status;
-      if (!sleeper(backoff.NextDelay())) return absl::CancelledError("transfer broken off");
+      if (!sleeper(backoff.NextDelay(status))) return absl::CancelledError("transfer broken off");
     }
   }
 };

@@ -4,7 +4,14 @@
 #include <chrono>
 #include <thread>
 
+#include "common/base/refusal.h"
+
 namespace tessera {
+namespace {
+
+constexpr double kMaxToldDelay_s = 60;
+
+}  // namespace
 
 Sleeper RealSleeper() {
   return [](double seconds) {
@@ -19,6 +26,10 @@ double Backoff::NextDelay() {
   return delay * (1.0 + policy_.jitter * random_.Uniform(-1.0, 1.0));
 }
 
+double Backoff::NextDelay(const Status& error) {
+  return std::max(NextDelay(), std::min(RetryDelayOf(error), kMaxToldDelay_s));
+}
+
 bool IsTransient(const Status& status, Idempotency idempotency) {
   switch (status.code()) {
     case absl::StatusCode::kUnavailable:
@@ -28,6 +39,8 @@ bool IsTransient(const Status& status, Idempotency idempotency) {
     case absl::StatusCode::kUnknown:
     case absl::StatusCode::kInternal:
       return idempotency == Idempotency::kIdempotent;
+    case absl::StatusCode::kResourceExhausted:
+      return RefusalOf(status) == Refusal::kLimit && RetryDelayOf(status) > 0;
     default:
       return false;
   }
@@ -40,7 +53,7 @@ Status Retry(const RetryPolicy& policy, Idempotency idempotency, const Sleeper& 
     const Status status = call();
     if (status.ok() || !IsTransient(status, idempotency)) return status;
     if (policy.max_attempts > 0 && attempt >= policy.max_attempts) return status;
-    if (!sleeper(backoff.NextDelay())) return absl::CancelledError("broken off while waiting to try again");
+    if (!sleeper(backoff.NextDelay(status))) return absl::CancelledError("broken off while waiting to try again");
   }
 }
 

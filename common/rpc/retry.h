@@ -34,6 +34,8 @@ class Backoff {
  public:
   explicit Backoff(const RetryPolicy& policy) : policy_(policy), random_(policy.seed), next_s_(policy.first_delay_s) {}
   double NextDelay();
+  // No less than the other side told with its error, up to a minute.
+  double NextDelay(const Status& error);
   // After a success: starts small again.
   void Reset() { next_s_ = policy_.first_delay_s; }
 
@@ -43,8 +45,9 @@ class Backoff {
   double next_s_;
 };
 
-// Whether an error may go away by itself. UNAVAILABLE does and says that nothing was lost on the way; what may have
-// been carried out (DEADLINE_EXCEEDED, ABORTED, UNKNOWN, INTERNAL of a broken stream) only counts for idempotent calls.
+// Whether an error may go away by itself. UNAVAILABLE does and says that nothing was lost on the way, and so does a
+// limit (Refusal::kLimit) where it was told when to try again; what may have been carried out (DEADLINE_EXCEEDED,
+// ABORTED, UNKNOWN, INTERNAL of a broken stream) only counts for idempotent calls.
 bool IsTransient(const Status& status, Idempotency idempotency);
 
 // Calls `call` until it succeeds, fails for good, the attempts are used up or the sleeper is broken off (CANCELLED

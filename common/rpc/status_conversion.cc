@@ -4,14 +4,17 @@
 
 #include <string>
 #include <utility>
+#include <vector>
 
+#include "common/base/printable.h"
 #include "common/base/refusal.h"
-#include "tessera/v1/workers.pb.h"
+#include "tessera/v1/errors.pb.h"
 
 namespace tessera {
 namespace {
 
 constexpr size_t kMaxMessageBytes = 96 << 10;  // percent-encoded at worst three times as long
+constexpr size_t kMaxDetailsBytes = 4 << 10, kMaxFaultTextBytes = 256;
 
 std::string Shortened(std::string message) {
   if (message.size() <= kMaxMessageBytes) return message;
@@ -21,6 +24,48 @@ std::string Shortened(std::string message) {
   const size_t left_out = message.size() - end;
   message.resize(end);
   return message + "\n... and " + std::to_string(left_out) + " more bytes of messages";
+}
+
+// protobuf takes UTF-8 alone, and files hold anything.
+std::string Text(const std::string& text) { return Printable(std::string(Prefix(text, kMaxFaultTextBytes))); }
+
+v1::Refusal DetailsOf(const Status& status) {
+  v1::Refusal refusal;
+  refusal.set_reason(static_cast<v1::Refusal::Reason>(RefusalOf(status)));
+  refusal.set_retry_s(RetryDelayOf(status));
+  if (const Limit limit = LimitOf(status); !limit.what.empty()) {
+    refusal.mutable_limit()->set_what(Text(limit.what));
+    refusal.mutable_limit()->set_most(limit.most);
+    refusal.mutable_limit()->set_flag(limit.flag);
+  }
+  for (const InputFault& fault : FaultsOf(status)) {
+    v1::InputFault& added = *refusal.add_faults();
+    added.set_file(Text(fault.file));
+    added.set_place(Text(fault.place));
+    added.set_found(Text(fault.found));
+    added.set_expected(Text(fault.expected));
+    if (refusal.ByteSizeLong() <= kMaxDetailsBytes) continue;
+    refusal.mutable_faults()->RemoveLast();
+    break;
+  }
+  return refusal;
+}
+
+Status WithDetails(Status error, const v1::Refusal& refusal) {
+  if (refusal.reason() != v1::Refusal::REASON_UNSPECIFIED) {
+    error = Refuse(static_cast<Refusal>(refusal.reason()), std::move(error));
+  }
+  if (refusal.has_limit()) {
+    const v1::Limit& limit = refusal.limit();
+    SetLimit(error, {limit.what(), limit.most(), limit.flag()});
+  }
+  if (refusal.retry_s() > 0) error = RetryAfter(std::move(error), refusal.retry_s());
+  std::vector<InputFault> faults;
+  for (const v1::InputFault& fault : refusal.faults()) {
+    faults.push_back({fault.file(), fault.place(), fault.found(), fault.expected()});
+  }
+  SetFaults(error, faults);
+  return error;
 }
 
 }  // namespace
@@ -35,19 +80,14 @@ Status FromGrpc(const grpc::Status& status) {
   Status error(known ? static_cast<absl::StatusCode>(code) : absl::StatusCode::kUnknown, status.error_message());
   v1::Refusal refusal;
   if (status.error_details().empty() || !refusal.ParseFromString(status.error_details())) return error;
-  return Refuse(static_cast<Refusal>(refusal.reason()), std::move(error));
+  return WithDetails(std::move(error), refusal);
 }
 
 grpc::Status ToGrpc(const Status& status) {
   if (status.ok()) return grpc::Status::OK;
-  std::string details;
-  if (const Refusal reason = RefusalOf(status); reason != Refusal::kNone) {
-    v1::Refusal refusal;
-    refusal.set_reason(static_cast<v1::Refusal::Reason>(reason));
-    details = refusal.SerializeAsString();
-  }
   return grpc::Status(static_cast<grpc::StatusCode>(status.code()),
-                      Shortened(std::string(status.message().data(), status.message().size())), details);
+                      Shortened(std::string(status.message().data(), status.message().size())),
+                      DetailsOf(status).SerializeAsString());
 }
 
 }  // namespace tessera

@@ -46,7 +46,8 @@ const std::map<std::string, RoleSet>& Rules() {
       {"/tessera.v1.Blobs/QueryWrite", kWorker},
       {"/grpc.health.v1.Health/Check", kAllRoles},
       {"/grpc.health.v1.Health/Watch", kAllRoles},
-      {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", kAllRoles},
+      // Where --reflection serves it.
+      {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", kReaders},
   };
   return kRules;
 }
@@ -131,7 +132,9 @@ Caller Access::Identify(const std::string& peer, const std::optional<std::string
 
 Caller Access::CallerOf(const grpc::ServerContextBase& context) const {
   const auto& metadata = context.client_metadata();
-  Caller caller = Identify(context.peer(), Single(metadata, "authorization"));
+  const std::string peer = context.peer();
+  Caller caller = Identify(peer, Single(metadata, "authorization"));
+  caller.client = caller.name.empty() ? peer.substr(0, peer.rfind(':')) : caller.name;
   const auto worker = Single(metadata, kWorkerMetadata), secret = Single(metadata, kWorkerSecretMetadata);
   if (worker && secret && caller.Has(Role::kWorker) && SameSecret(*secret, SecretOf(*worker))) caller.worker = *worker;
   return caller;

@@ -30,6 +30,9 @@ struct Caller {
   RoleSet roles = 0;
   bool local = false;       // through a socket
   std::string worker = {};  // "workers/W", proved by its secret; empty: none, or not proved
+  std::string client = {};  // whose limits count: the name, or the address without its port
+  // Of data that a worker moves: its own, for many have one token.
+  const std::string& mover() const { return worker.empty() ? client : worker; }
   bool Has(Role role) const { return (roles & static_cast<unsigned>(role)) != 0; }
 };
 

@@ -48,8 +48,7 @@ Status BlobsService::MayRead(const Caller& caller, const Digest& digest) const {
   return absl::PermissionDeniedError(kNotYours);
 }
 
-Status BlobsService::MayWrite(const grpc::ServerContext& context) const {
-  const Caller caller = environment_.access->CallerOf(context);
+Status BlobsService::MayWrite(const Caller& caller) const {
   if (!caller.worker.empty() && !environment_.dispatcher->LeasesOf(caller.worker).empty()) return absl::OkStatus();
   return absl::PermissionDeniedError("a worker stores what its leases write, and this is none that has one");
 }
@@ -109,6 +108,8 @@ grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::Read
   const Digest digest = FromProto(request->digest());
   const Caller caller = environment_.access->CallerOf(*context);
   if (const Status allowed = MayRead(caller, digest); !allowed.ok()) return ToGrpc(allowed);
+  auto ticket = limits_.Transfer(caller.mover(), [context] { context->TryCancel(); });
+  if (!ticket.ok()) return ToGrpc(ticket.status());
   auto file = Locate(caller, digest);
   if (absl::IsNotFound(file.status())) {
     if (const Status made = AwaitRemake(digest, *context); !made.ok()) return ToGrpc(made);
@@ -138,20 +139,26 @@ grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::Read
     offset += static_cast<int64_t>(bytes->size());
     *chunk.mutable_data() = *bytes;
     if (!writer->Write(chunk)) break;
+    ticket->Moved();
   }
   return grpc::Status::OK;
 }
 
 grpc::Status BlobsService::WriteBlob(grpc::ServerContext* context, grpc::ServerReader<v1::WriteBlobRequest>* reader,
                                      v1::WriteBlobResponse* response) {
-  if (const Status allowed = MayWrite(*context); !allowed.ok()) return ToGrpc(allowed);
+  const Caller caller = environment_.access->CallerOf(*context);
+  if (const Status allowed = MayWrite(caller); !allowed.ok()) return ToGrpc(allowed);
+  auto ticket = limits_.Transfer(caller.mover(), [context] { context->TryCancel(); });
+  if (!ticket.ok()) return ToGrpc(ticket.status());
   v1::WriteBlobRequest request;
   Digest digest;
   bool first = true;
   while (reader->Read(&request)) {
+    ticket->Moved();
     if (first) {
       digest = FromProto(request.digest());
       if (const Status status = CheckDigest(digest); !status.ok()) return ToGrpc(status);
+      if (const Status status = limits_.BeginUpload(caller.client, digest); !status.ok()) return ToGrpc(status);
       first = false;
     }
     const v1::BlobChunk& chunk = request.chunk();
@@ -165,12 +172,14 @@ grpc::Status BlobsService::WriteBlob(grpc::ServerContext* context, grpc::ServerR
   if (first) return ToGrpc(absl::InvalidArgumentError("an upload that names no blob"));
   // A stream that ended early keeps what came; the writer goes on from there.
   if (response->committed_bytes() < digest.size_bytes) return grpc::Status::OK;
-  return ToGrpc(StorageStatus(environment_.blobs->Complete(digest)));
+  const Status complete = environment_.blobs->Complete(digest);
+  if (complete.ok() || absl::IsDataLoss(complete)) limits_.EndUpload(digest);
+  return ToGrpc(StorageStatus(complete));
 }
 
 grpc::Status BlobsService::QueryWrite(grpc::ServerContext* context, const v1::QueryWriteRequest* request,
                                       v1::QueryWriteResponse* response) {
-  if (const Status allowed = MayWrite(*context); !allowed.ok()) return ToGrpc(allowed);
+  if (const Status allowed = MayWrite(environment_.access->CallerOf(*context)); !allowed.ok()) return ToGrpc(allowed);
   const Digest digest = FromProto(request->digest());
   const auto committed = environment_.blobs->CommittedBytes(digest);
   if (!committed.ok()) return ToGrpc(committed.status());

@@ -6,6 +6,12 @@ namespace tessera {
 namespace {
 
 constexpr size_t kMaxAttemptMessageBytes = 4 << 10;  // a page has a thousand of them
+// Of what workers report, which is kept as long as their jobs.
+constexpr size_t kMaxErrorBytes = 256 << 10, kMaxWarningBytes = 4 << 10;
+constexpr int kMaxWarnings = 1000;  // of a task, and shown of a job
+constexpr int kMaxLostInputs = 1000;
+
+std::string Cut(const std::string& text, size_t max_bytes) { return std::string(Prefix(text, max_bytes)); }
 
 google::protobuf::Timestamp ToTimestamp(int64_t time_us) {
   google::protobuf::Timestamp time;
@@ -18,9 +24,12 @@ google::protobuf::Timestamp ToTimestamp(int64_t time_us) {
 
 TaskFailure FromProto(const v1::TaskError& error) {
   const bool known = v1::ErrorClass_IsValid(error.error_class());
-  TaskFailure failure{known ? static_cast<ErrorClass>(error.error_class()) : ErrorClass::kInternal, error.message()};
+  TaskFailure failure{known ? static_cast<ErrorClass>(error.error_class()) : ErrorClass::kInternal,
+                      Cut(error.message(), kMaxErrorBytes)};
   if (failure.error_class == ErrorClass::kPoison) failure.error_class = ErrorClass::kInternal;  // not a worker's to say
-  for (const auto& digest : error.lost_inputs()) failure.lost_inputs.push_back(FromProto(digest));
+  for (const auto& digest : error.lost_inputs()) {
+    if (failure.lost_inputs.size() < kMaxLostInputs) failure.lost_inputs.push_back(FromProto(digest));
+  }
   return failure;
 }
 
@@ -28,7 +37,9 @@ ReportedResult FromProto(const v1::TaskResult& proto) {
   ReportedResult result;
   result.outputs = NamedDigests(proto.outputs());
   result.stats = proto.stats_json();
-  result.warnings.assign(proto.warnings().begin(), proto.warnings().end());
+  for (const std::string& warning : proto.warnings()) {
+    if (result.warnings.size() < kMaxWarnings) result.warnings.push_back(Cut(warning, kMaxWarningBytes));
+  }
   result.usage = {proto.usage().core_seconds(), proto.usage().peak_bytes(), proto.usage().threads()};
   return result;
 }
@@ -51,7 +62,9 @@ void ToProto(const JobStatus& status, v1::Job* proto) {
   proto->set_progress(status.progress);
   proto->set_eta_s(status.eta_s);
   AddFiles(header.artifacts, proto->mutable_artifacts());
-  for (const std::string& warning : header.warnings) proto->add_warnings(warning);
+  for (const std::string& warning : header.warnings) {
+    if (proto->warnings_size() < kMaxWarnings) proto->add_warnings(warning);
+  }
   proto->set_priority(header.priority);
   proto->set_paused(header.paused);
   proto->set_waiting_for(status.waiting_for);

@@ -3,6 +3,7 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/resource_quota.h>
 #include <grpcpp/security/auth_metadata_processor.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -26,6 +27,24 @@ namespace {
 // Calls of one connection that are under way; more wait on the caller's side. A worker has three at most.
 constexpr int kMaxCallsOfConnection = 256;
 constexpr int64_t kMaxPemBytes = 4 << 20;
+constexpr int kMaxMessageBytes = 4 << 20;             // that callers may send; what is sent is bounded where it is made
+constexpr size_t kMaxCallMemory = size_t{768} << 20;  // of gRPC's own, for what is on its way
+constexpr int kThreadsBesideTransfers = 500;          // for calls that are answered at once
+
+// Linking gRPC's reflection library serves it; this decides.
+class ReflectionOption final : public grpc::ServerBuilderOption {
+ public:
+  explicit ReflectionOption(bool wanted) : wanted_(wanted) {}
+  void UpdateArguments(grpc::ChannelArguments*) override {}
+  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
+    std::erase_if(*plugins, [](const auto& plugin) { return plugin->name() == kReflectionPlugin; });
+    if (wanted_) plugins->push_back(std::make_unique<grpc::reflection::ProtoServerReflectionPlugin>());
+  }
+
+ private:
+  static constexpr char kReflectionPlugin[] = "proto_server_reflection";
+  const bool wanted_;
+};
 
 // gRPC would take a socket away from whoever listens on it.
 Status CheckSocketIsFree(const std::string& address) {
@@ -70,7 +89,11 @@ StatusOr<std::shared_ptr<grpc::ServerCredentials>> CredentialsFor(const std::str
 
 struct CoordinatorServer::Impl {
   explicit Impl(const ServerEnvironment& services_environment)
-      : environment(services_environment), jobs(environment), workers(environment), blobs(environment) {}
+      : environment(services_environment),
+        limits(environment.limits, environment.blobs),
+        jobs(environment, limits),
+        workers(environment),
+        blobs(environment, limits) {}
 
   void SetServing(bool now) {
     if (now == serving) return;
@@ -85,11 +108,13 @@ struct CoordinatorServer::Impl {
 
   std::unique_ptr<Access> own_access;
   const ServerEnvironment environment;
+  ClientLimits limits;
   JobsService jobs;
   WorkersService workers;
   BlobsService blobs;
   std::vector<std::string> addresses;
   RpcCounts rpcs{AllMethods()};
+  bool draining = false;
   std::optional<bool> serving;  // what the health service says; none: nothing of each service yet
   std::unique_ptr<grpc::Server> server;
 };
@@ -144,8 +169,12 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
   auto impl = std::make_unique<Impl>(services);
   impl->own_access = std::move(own_access);
   grpc::EnableDefaultHealthCheckService(true);
-  grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   grpc::ServerBuilder builder;
+  builder.SetOption(std::make_unique<ReflectionOption>(options.reflection));
+  grpc::ResourceQuota quota("coordinator");
+  quota.Resize(kMaxCallMemory).SetMaxThreads(kThreadsBesideTransfers + environment.limits.all_transfers);
+  builder.SetResourceQuota(quota);
+  builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
   std::vector<int> ports(options.addresses.size());
   for (size_t i = 0; i < ports.size(); ++i) {
     TESSERA_ASSIGN_OR_RETURN(const auto credentials, CredentialsFor(options.addresses[i], options, *services.access));
@@ -172,7 +201,7 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
         IsSocketAddress(address) ? address : address.substr(0, address.rfind(':') + 1) + std::to_string(ports[i]));
   }
   std::unique_ptr<CoordinatorServer> server(new CoordinatorServer(std::move(impl)));
-  server->UpdateHealth();
+  server->Tick();
   return server;
 }
 
@@ -183,9 +212,19 @@ const std::vector<std::string>& CoordinatorServer::addresses() const { return im
 
 const RpcCounts& CoordinatorServer::rpc_counts() const { return impl_->rpcs; }
 
-void CoordinatorServer::UpdateHealth() {
-  if (impl_->server != nullptr) impl_->SetServing(impl_->environment.dispatcher->storage_trouble().ok());
+void CoordinatorServer::Tick() {
+  if (impl_->server == nullptr) return;
+  impl_->SetServing(!impl_->draining && impl_->environment.dispatcher->storage_trouble().ok());
+  impl_->limits.BreakOffSilent(ClientLimits::Clock::now());
 }
+
+void CoordinatorServer::Drain() {
+  impl_->draining = true;
+  impl_->environment.dispatcher->Drain();
+  Tick();
+}
+
+bool CoordinatorServer::IsBusy() const { return impl_->limits.transfers() > 0; }
 
 void CoordinatorServer::Shutdown(double grace_s) {
   if (impl_->server == nullptr) return;
@@ -195,6 +234,7 @@ void CoordinatorServer::Shutdown(double grace_s) {
                           std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));
   impl_->server->Wait();
   impl_->server.reset();
+  impl_->jobs.StopWatches();
 }
 
 }  // namespace tessera

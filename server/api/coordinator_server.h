@@ -1,4 +1,4 @@
-// The coordinator on the network: the services of tessera.v1, health and reflection on one address.
+// The coordinator on the network: the services of tessera.v1, health and, where it is asked for, reflection.
 #ifndef TESSERA_SERVER_API_COORDINATOR_SERVER_H_
 #define TESSERA_SERVER_API_COORDINATOR_SERVER_H_
 
@@ -10,6 +10,7 @@
 #include "common/base/status.h"
 #include "common/storage/blob_store.h"
 #include "server/api/access.h"
+#include "server/api/client_limits.h"
 #include "server/api/scene_files.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/metrics/rpc_counts.h"
@@ -31,6 +32,7 @@ struct ServerEnvironment {
   // Empty: workers move all data through the blob service.
   std::string shared_probe_path;
   std::string shared_probe_content;
+  ClientLimitOptions limits = {};
 };
 
 struct ListenOptions {
@@ -38,7 +40,8 @@ struct ListenOptions {
   std::vector<std::string> addresses;
   // Files. A certificate and its key: TLS on every HOST:PORT. `tls_ca`: callers need a certificate of its too.
   std::string tls_cert, tls_key, tls_ca;
-  bool insecure = false;  // a HOST:PORT beyond this machine may be listened on without TLS, tokens or both
+  bool reflection = false;  // tells readers of jobs which calls there are (grpc.reflection)
+  bool insecure = false;    // a HOST:PORT beyond this machine may be listened on without TLS, tokens or both
 };
 
 // INVALID_ARGUMENT, with what to do, if the options do not fit together.
@@ -58,10 +61,15 @@ class CoordinatorServer {
   const std::vector<std::string>& addresses() const;
   // Of all calls since the start.
   const RpcCounts& rpc_counts() const;
-  // Has the health service say NOT_SERVING while the dispatcher cannot store anything, and SERVING else. To be called
-  // about once a second.
-  void UpdateHealth();
-  // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The dispatcher is stopped.
+  // Has the health service say NOT_SERVING while the dispatcher cannot store anything or drains, and SERVING else;
+  // breaks off transfers that are silent. To be called about once a second.
+  void Tick();
+  // Takes no jobs and leases nothing from now on, and says NOT_SERVING; all else goes on.
+  void Drain();
+  // Calls that move data or read a scene are under way.
+  bool IsBusy() const;
+  // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The dispatcher is stopped, and not
+  // needed any more then.
   void Shutdown(double grace_s);
 
  private:

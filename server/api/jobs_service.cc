@@ -1,20 +1,16 @@
 #include <algorithm>
 #include <filesystem>
 #include <optional>
-#include <thread>
 
 #include "common/rpc/status_conversion.h"
 #include "server/api/conversion.h"
+#include "server/api/request_bounds.h"
 #include "server/api/services.h"
 
 namespace tessera {
 namespace {
 
-constexpr double kWatchIntervalS = 0.25;        // between two messages of a watch
-constexpr size_t kPageBytes = size_t{2} << 20;  // a page of tasks ends there, below gRPC's usual limit of 4 MiB
-
-// Page sizes as asked for, within limits.
-int PageSize(int asked, int by_default) { return asked <= 0 ? by_default : std::min(asked, 1000); }
+constexpr size_t kMaxSettingsBytes = 64 << 10;
 
 // A token is the index where the next page starts; empty: `by_default`.
 StatusOr<int> ParseToken(const std::string& token, int by_default) {
@@ -32,10 +28,24 @@ std::string Normal(const std::string& path) {
   return normal;
 }
 
-StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::CreateJobRequest& request,
-                           const grpc::ServerContext& context) {
+// All of it is kept as long as the job.
+Status CheckSizes(const v1::CreateJobRequest& request) {
+  Faults faults;
+  faults.Add(CheckSize("request_id", request.request_id().size(), kMaxNameBytes));
+  faults.Add(CheckSize("display_name", request.display_name().size(), kMaxNameBytes));
+  faults.Add(CheckSize("scene_path", request.scene_path().size(), kMaxPathBytes));
+  faults.Add(CheckSize("settings", request.settings().ByteSizeLong(), kMaxSettingsBytes));
+  return faults.ToStatus();
+}
+
+StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& limits,
+                           const v1::CreateJobRequest& request, const grpc::ServerContext& context) {
+  // Also once the deadline has passed.
   const Cancelled cancelled = [&] { return context.IsCancelled() || environment.dispatcher->stopped(); };
+  const Caller caller = environment.access->CallerOf(context);
+  TESSERA_RETURN_IF_ERROR(CheckSizes(request));
   NewJob job;
+  job.client = caller.client;
   job.settings = FromProto(request.settings());
   const bool reads_scene = job.settings.update.rollback_to.empty();
   job.request = {request.request_id(), reads_scene ? Normal(request.scene_path()) : "", job.settings};
@@ -44,6 +54,8 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::Creat
     if (known) return *std::move(known);
   }
   // Before the scene is read; whether it can be planned is asked later.
+  if (!request.validate_only()) TESSERA_RETURN_IF_ERROR(environment.dispatcher->MayCreateJob(caller.client));
+  TESSERA_ASSIGN_OR_RETURN(const ClientLimits::Ticket reading, limits.Transfer(caller.client, {}));
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(job.settings));
   TESSERA_RETURN_IF_ERROR(CheckPriority(request.priority()));
   job.priority = request.priority();
@@ -52,7 +64,7 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::Creat
     if (!std::filesystem::path(request.scene_path()).is_absolute()) {
       return InputError("scene_path", "", "'" + request.scene_path() + "'", "an absolute path");
     }
-    if (!environment.scenes_over_network && !environment.access->CallerOf(context).local) {
+    if (!environment.scenes_over_network && !caller.local) {
       return absl::FailedPreconditionError(
           "this coordinator reads no scenes for callers from the network: start tesserad with --scene-root FOLDER");
     }
@@ -81,7 +93,7 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, const v1::Creat
 
 grpc::Status JobsService::CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request,
                                     v1::Job* response) {
-  const auto job = Create(environment_, *request, *context);
+  const auto job = Create(environment_, limits_, *request, *context);
   if (!job.ok()) return ToGrpc(job.status());
   ToProto(*job, response);
   return grpc::Status::OK;
@@ -99,11 +111,15 @@ grpc::Status JobsService::ListJobs(grpc::ServerContext*, const v1::ListJobsReque
   const auto before = ParseToken(request->page_token(), -1);
   if (!before.ok()) return ToGrpc(before.status());
   const auto jobs = environment_.dispatcher->ListJobs(*before, PageSize(request->page_size(), 100));
-  for (const JobStatus& job : jobs) ToProto(job, response->add_jobs());
-  if (!jobs.empty()) {
-    const int last = *ParseJobName(jobs.back().header.name);
-    if (last > 0) response->set_next_page_token(std::to_string(last));
+  size_t bytes = 0;
+  int last = 0;
+  for (const JobStatus& job : jobs) {
+    if (bytes > kPageBytes) break;
+    ToProto(job, response->add_jobs());
+    bytes += response->jobs(response->jobs_size() - 1).ByteSizeLong();
+    last = *ParseJobName(job.header.name);
   }
+  if (last > 0) response->set_next_page_token(std::to_string(last));
   return grpc::Status::OK;
 }
 
@@ -134,39 +150,6 @@ grpc::Status JobsService::RetryJob(grpc::ServerContext*, const v1::RetryJobReque
 
 grpc::Status JobsService::DeleteJob(grpc::ServerContext*, const v1::DeleteJobRequest* request, v1::DeleteJobResponse*) {
   return ToGrpc(environment_.dispatcher->DeleteJob(request->name(), "asked for"));
-}
-
-grpc::Status JobsService::WatchJob(grpc::ServerContext* context, const v1::WatchJobRequest* request,
-                                   grpc::ServerWriter<v1::WatchJobResponse>* writer) {
-  Dispatcher& dispatcher = *environment_.dispatcher;
-  std::string last;
-  while (!context->IsCancelled()) {
-    if (environment_.access->CallerOf(*context).roles == 0) {
-      return ToGrpc(absl::UnauthenticatedError("the token was revoked, or has expired"));
-    }
-    const int64_t version = dispatcher.Version();
-    const auto job = dispatcher.GetJob(request->name());
-    if (!job.ok()) return ToGrpc(job.status());
-    const auto running = dispatcher.RunningTasks(request->name());
-    v1::WatchJobResponse response;
-    ToProto(*job, response.mutable_job());
-    if (running.ok()) {
-      for (const TaskStatus& task : *running) ToProto(task, response.add_running());
-    }
-    // Estimates and durations drift with time alone; that is no change worth a message.
-    v1::WatchJobResponse lasting = response;
-    lasting.mutable_job()->clear_eta_s();
-    std::erase_if(*lasting.mutable_job()->mutable_waiting_for(), [](char c) { return c >= '0' && c <= '9'; });
-    std::string now = lasting.SerializeAsString();
-    if (now != last && !writer->Write(response)) break;
-    last = std::move(now);
-    if (HasEnded(job->header.state)) return grpc::Status::OK;
-    if (dispatcher.stopped()) return ToGrpc(absl::UnavailableError("the coordinator stops"));
-    // The pause bounds the rate; then the next change, or soon enough to see that the caller has gone.
-    std::this_thread::sleep_for(std::chrono::duration<double>(kWatchIntervalS));
-    dispatcher.WaitForChange(version, 1.0);
-  }
-  return ToGrpc(absl::CancelledError("the caller has gone"));
 }
 
 grpc::Status JobsService::ListTasks(grpc::ServerContext*, const v1::ListTasksRequest* request,

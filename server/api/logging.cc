@@ -1,6 +1,8 @@
 #include "server/api/logging.h"
 
 #include <cmath>
+#include <string_view>
+#include <utility>
 
 #include "server/dispatch/changed_task.h"
 #include "server/dispatch/worker_evidence.h"
@@ -18,6 +20,12 @@ LogFields FieldsOf(const std::string& name, int attempt, const ChangedTask& task
   if (!task.worker.empty()) fields.emplace_back("worker", task.worker);
   if (!task.kind.empty()) fields.emplace_back("kind", task.kind);
   return fields;
+}
+
+// An enum's value without the type that its name begins with.
+std::string Without(std::string_view type, std::string name) {
+  if (name.starts_with(type)) name.erase(0, type.size());
+  return name;
 }
 
 }  // namespace
@@ -46,16 +54,19 @@ void LogRecord(const v1::Record& record, const ChangedTask& task) {
     case v1::Record::kAttemptFailed: {
       const auto& change = record.attempt_failed();
       LogFields fields = FieldsOf(change.task(), change.attempt(), task);
-      fields.emplace_back("class",
-                          change.lease_expired() ? "LEASE_EXPIRED" : v1::ErrorClass_Name(change.error().error_class()));
+      fields.emplace_back("class", change.lease_expired()
+                                       ? "LEASE_EXPIRED"
+                                       : Without("ERROR_CLASS_", v1::ErrorClass_Name(change.error().error_class())));
       fields.emplace_back("error", change.error().message());
       return LogEvent(change.final() ? LogLevel::kError : LogLevel::kWarning,
                       change.final() ? "task failed" : "attempt failed", fields);
     }
     case v1::Record::kJobEnded: {
       const auto& change = record.job_ended();
-      return LogEvent(change.state() == v1::JOB_FAILED ? LogLevel::kError : LogLevel::kInfo, "job ended",
-                      {{"job", change.job()}, {"state", v1::JobState_Name(change.state())}, {"error", change.error()}});
+      return LogEvent(change.state() == v1::JOB_STATE_FAILED ? LogLevel::kError : LogLevel::kInfo, "job ended",
+                      {{"job", change.job()},
+                       {"state", Without("JOB_STATE_", v1::JobState_Name(change.state()))},
+                       {"error", change.error()}});
     }
     case v1::Record::kJobChanged: {
       const auto& change = record.job_changed();

@@ -9,16 +9,20 @@
 #include <utility>
 #include <vector>
 
+#include "server/api/client_limits.h"
 #include "server/api/coordinator_server.h"
+#include "server/api/job_watches.h"
 #include "tessera/v1/blobs.grpc.pb.h"
 #include "tessera/v1/jobs.grpc.pb.h"
 #include "tessera/v1/workers.grpc.pb.h"
 
 namespace tessera {
 
-class JobsService final : public v1::Jobs::Service {
+// Its watches hold no thread, and give many callers the same bytes.
+class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jobs::Service> {
  public:
-  explicit JobsService(const ServerEnvironment& environment) : environment_(environment) {}
+  JobsService(const ServerEnvironment& environment, ClientLimits& limits)
+      : environment_(environment), limits_(limits), watches_(environment.dispatcher, environment.access, &limits) {}
   grpc::Status CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request, v1::Job* response) override;
   grpc::Status GetJob(grpc::ServerContext* context, const v1::GetJobRequest* request, v1::Job* response) override;
   grpc::Status ListJobs(grpc::ServerContext* context, const v1::ListJobsRequest* request,
@@ -28,8 +32,12 @@ class JobsService final : public v1::Jobs::Service {
   grpc::Status RetryJob(grpc::ServerContext* context, const v1::RetryJobRequest* request, v1::Job* response) override;
   grpc::Status DeleteJob(grpc::ServerContext* context, const v1::DeleteJobRequest* request,
                          v1::DeleteJobResponse* response) override;
-  grpc::Status WatchJob(grpc::ServerContext* context, const v1::WatchJobRequest* request,
-                        grpc::ServerWriter<v1::WatchJobResponse>* writer) override;
+  grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchJob(grpc::CallbackServerContext* context,
+                                                       const grpc::ByteBuffer* request) override {
+    return watches_.Watch(context, *request);
+  }
+  // Once the server has ended.
+  void StopWatches() { watches_.Stop(); }
   grpc::Status ListTasks(grpc::ServerContext* context, const v1::ListTasksRequest* request,
                          v1::ListTasksResponse* response) override;
   grpc::Status ListAttempts(grpc::ServerContext* context, const v1::ListAttemptsRequest* request,
@@ -37,6 +45,8 @@ class JobsService final : public v1::Jobs::Service {
 
  private:
   const ServerEnvironment& environment_;
+  ClientLimits& limits_;
+  JobWatches watches_;
 };
 
 // A call that waits, for a task or until what it told is durable, holds no thread: thousands may.
@@ -66,7 +76,8 @@ class WorkersService final : public v1::Workers::CallbackService {
 
 class BlobsService final : public v1::Blobs::Service {
  public:
-  explicit BlobsService(const ServerEnvironment& environment) : environment_(environment) {}
+  BlobsService(const ServerEnvironment& environment, ClientLimits& limits)
+      : environment_(environment), limits_(limits) {}
   grpc::Status StatBlobs(grpc::ServerContext* context, const v1::StatBlobsRequest* request,
                          v1::StatBlobsResponse* response) override;
   grpc::Status ReadBlob(grpc::ServerContext* context, const v1::ReadBlobRequest* request,
@@ -88,7 +99,7 @@ class BlobsService final : public v1::Blobs::Service {
   Status MayRead(const Caller& caller, const Digest& digest) const;
   bool IsInput(const std::string& worker, const Digest& digest) const;
   // A worker that has a lease.
-  Status MayWrite(const grpc::ServerContext& context) const;
+  Status MayWrite(const Caller& caller) const;
   // A file with this content: a blob, or, for a worker, a scene's own file that is still what it was.
   StatusOr<HeldFile> Locate(const Caller& caller, const Digest& digest) const;
   // Waits for a file that a job published to be made again. NOT_FOUND if none did, UNAVAILABLE if that takes long.
@@ -97,6 +108,7 @@ class BlobsService final : public v1::Blobs::Service {
   Status Damaged(const Digest& digest, const std::string& what) const;
 
   const ServerEnvironment& environment_;
+  ClientLimits& limits_;
   mutable std::mutex mutex_;                      // of `inputs_`
   mutable std::map<std::string, Inputs> inputs_;  // by worker
 };

@@ -2,6 +2,7 @@
 #include <pthread.h>
 #include <signal.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -32,6 +33,8 @@
 namespace tessera {
 namespace {
 
+constexpr double kLastAnswers_s = 1;  // for calls that are answered at once
+
 struct Flags {
   std::string data;
   ListenOptions listen;
@@ -40,6 +43,10 @@ struct Flags {
   std::vector<std::string> scene_roots;
   double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
   double keep_days = 0, blob_gib = 0;
+  double drain_s = 5;
+  JobLimits jobs;
+  ClientLimitOptions limits;
+  double upload_gib = static_cast<double>(ClientLimitOptions().upload_bytes) / (int64_t{1} << 30);
   std::string backup;
   bool verify_state = false, deep = false, salvage = false;
   bool no_shared_storage = false;
@@ -69,6 +76,14 @@ Status FollowParent() {
   return absl::OkStatus();
 }
 
+// Each connection is an open file, and shells give a process a thousand.
+void AllowManyFiles() {
+  rlimit limit = {};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  ::setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 std::string DataFolder(const Flags& flags) { return std::filesystem::absolute(flags.data).lexically_normal().string(); }
 
 // Whom the coordinator asks who he is, and who was not asked.
@@ -80,6 +95,17 @@ void WarnOfOpenDoors(const CoordinatorServer& server, const Access& access) {
              IsLocalAddress(address) ? "every local user may do everything: no --token-file"
                                      : "whoever reaches this address may do everything: --insecure",
              {{"address", address}});
+  }
+}
+
+// Waits until no call moves data or reads a scene, so long at most. Another signal ends the process at once: what was
+// acknowledged is durable.
+void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& stop_signals) {
+  const timespec poll = {0, 50'000'000};
+  const SystemClock clock;
+  const int64_t until_us = clock.MonotonicUs() + static_cast<int64_t>(seconds * 1e6);
+  while (server.IsBusy() && clock.MonotonicUs() < until_us) {
+    if (const int signal = ::sigtimedwait(&stop_signals, nullptr, &poll); signal > 0) ::_exit(128 + signal);
   }
 }
 
@@ -109,6 +135,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   DispatchOptions options;
   options.lease_s = flags.lease_s;
   options.stall_s = flags.stall_s;
+  options.limits = flags.jobs;
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
   TESSERA_ASSIGN_OR_RETURN(const auto dispatcher,
                            Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside,
@@ -124,6 +151,8 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   environment.list_scene = ListScene;
   environment.scene_files = scene_files;
   environment.scenes_over_network = !flags.scene_roots.empty();
+  environment.limits = flags.limits;
+  environment.limits.upload_bytes = static_cast<int64_t>(flags.upload_gib * (int64_t{1} << 30));
   if (!flags.no_shared_storage) {
     environment.shared_probe_path = blobs->root() + "/probe";
     environment.shared_probe_content = RandomSecret();  // that no other machine's folder has
@@ -166,10 +195,13 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     // Each trouble once, not at every tick.
     if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "cannot go on", {{"error", error}});
     last_error = error;
-    server->UpdateHealth();
+    server->Tick();
   }
+  server->Drain();
+  LogEvent(LogLevel::kInfo, "coordinator drains", {{"seconds", std::to_string(flags.drain_s)}});
+  AwaitIdle(*server, flags.drain_s, stop_signals);
   LogEvent(LogLevel::kInfo, "coordinator stops");
-  server->Shutdown(5);
+  server->Shutdown(kLastAnswers_s);
   return absl::OkStatus();
 }
 
@@ -178,6 +210,30 @@ int Ended(const Status& status) {
   if (status.ok()) return 0;
   std::cerr << "tesserad: " << status.message() << "\n";
   return status.code() == absl::StatusCode::kInvalidArgument ? 2 : 1;
+}
+
+// A client is a token's name, else an address.
+void AddLimits(CLI::App& app, Flags& flags) {
+  const auto limit = [&](const std::string& name, auto& value, const std::string& help) {
+    app.add_option(name, value, help)->check(CLI::Range(1, 100'000'000))->capture_default_str()->group("Limits");
+  };
+  limit("--max-jobs-of-client", flags.jobs.of_client,
+        "jobs of a client (a token, else an address) that have not ended");
+  limit("--max-jobs", flags.jobs.in_all, "jobs of all that have not ended");
+  limit("--max-kept-jobs", flags.jobs.kept, "jobs until they are deleted, ended ones too");
+  limit("--max-watches", flags.limits.watches, "watches of a client");
+  limit("--max-transfers", flags.limits.transfers,
+        "calls that move results or read a scene, of a client or of one worker, at once");
+  limit("--max-all-transfers", flags.limits.all_transfers, "of all; each takes a thread");
+  limit("--max-uploads", flags.limits.uploads, "results that a client has begun to send and not finished");
+  app.add_option("--max-upload-gib", flags.upload_gib, "GiB that these will have")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str()
+      ->group("Limits");
+  app.add_option("--max-silence-s", flags.limits.silence_s, "a transfer of which nothing moves for so long is ended")
+      ->check(CLI::Range(1.0, 1e6))
+      ->capture_default_str()
+      ->group("Limits");
 }
 
 int Main(int argc, char** argv) {
@@ -227,6 +283,14 @@ int Main(int argc, char** argv) {
          "have ended; 0: never")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();
+  app.add_option("--drain-s", flags.drain_s,
+                 "when asked to stop (SIGTERM, SIGINT), take no jobs and lease nothing any more, say NOT_SERVING, and "
+                 "wait so long for calls that move data or read a scene; a second signal stops at once")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
+  app.add_flag("--reflection", flags.listen.reflection,
+               "tell those who may read jobs which calls there are (grpc.reflection, for grpcurl and the like)");
+  AddLimits(app, flags);
   const auto instead = [&](CLI::Option* option) { return option->group("Instead of serving"); };
   instead(
       app.add_option("--backup", flags.backup, "copy the state of the data folder, which may be in use, to this file"));
@@ -244,6 +308,7 @@ int Main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   ::umask(S_IRWXG | S_IRWXO);
   LeaveNoCore();
+  AllowManyFiles();
 
   if (const Status status = SetUpLog(flags.log_level, flags.json_logs); !status.ok()) {
     std::cerr << "tesserad: " << status.message() << "\n";

@@ -1,17 +1,27 @@
 #include <algorithm>
 #include <utility>
 
+#include "common/base/printable.h"
 #include "common/base/refusal.h"
 #include "common/base/version.h"
 #include "common/rpc/status_conversion.h"
 #include "server/api/conversion.h"
 #include "server/api/logging.h"
+#include "server/api/request_bounds.h"
 #include "server/api/services.h"
 
 namespace tessera {
 namespace {
 
 constexpr double kMaxWait_s = 30;  // of a LeaseTask call
+constexpr size_t kMaxFileNameBytes = 1024;
+
+Status CheckNames(const v1::TaskResult& result) {
+  for (const v1::OutputFile& output : result.outputs()) {
+    TESSERA_RETURN_IF_ERROR(CheckSize("outputs.name", output.name().size(), kMaxFileNameBytes));
+  }
+  return absl::OkStatus();
+}
 
 grpc::ServerUnaryReactor* Finished(grpc::CallbackServerContext* context, const Status& status) {
   grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
@@ -44,6 +54,10 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
     return Finished(context, Refuse(Refusal::kOtherVersion, absl::FailedPreconditionError(
                                                                 "worker of algorithm version '" + request->version() +
                                                                 "', the coordinator has '" + kAlgorithmVersion + "'")));
+  }
+  for (const auto& [field, text] : {std::pair{"host", &request->host()}, std::pair{"machine", &request->machine()}}) {
+    if (const Status status = CheckSize(field, text->size(), kMaxNameBytes); !status.ok())
+      return Finished(context, status);
   }
   const double lease_s = environment_.dispatcher->options().lease_s;
   const std::string worker =
@@ -86,7 +100,7 @@ grpc::ServerUnaryReactor* WorkersService::Heartbeat(Context* context, const v1::
   if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   std::vector<ReportedProgress> tasks;
   for (const auto& task : request->tasks()) {
-    tasks.push_back({task.task(), task.attempt(), task.progress(), task.stage()});
+    tasks.push_back({task.task(), task.attempt(), task.progress(), std::string(Prefix(task.stage(), kMaxNameBytes))});
   }
   const auto stop = environment_.dispatcher->Heartbeat(request->worker(), tasks);
   if (!stop.ok()) return Finished(context, stop.status());
@@ -97,6 +111,7 @@ grpc::ServerUnaryReactor* WorkersService::Heartbeat(Context* context, const v1::
 grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1::ReportTaskRequest* request,
                                                      v1::ReportTaskResponse*) {
   if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
+  if (const Status names = CheckNames(request->success()); !names.ok()) return Finished(context, names);
   Dispatcher& dispatcher = *environment_.dispatcher;
   Reactor* const reactor = context->DefaultReactor();
   const auto done = [reactor](const Status& status) { reactor->Finish(ToGrpc(status)); };
@@ -128,9 +143,17 @@ grpc::ServerUnaryReactor* WorkersService::UnregisterWorker(Context* context, con
   return reactor;
 }
 
-grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1::ListWorkersRequest*,
+grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1::ListWorkersRequest* request,
                                                       v1::ListWorkersResponse* response) {
+  const int page_size = PageSize(request->page_size(), kMaxPage);
+  size_t bytes = 0;
+  // By name, and a token is the last name of the page before.
   for (const WorkerStatus& status : environment_.dispatcher->ListWorkers()) {
+    if (status.name <= request->page_token()) continue;
+    if (response->workers_size() == page_size || bytes > kPageBytes) {
+      response->set_next_page_token(response->workers(response->workers_size() - 1).name());
+      break;
+    }
     v1::Worker& worker = *response->add_workers();
     worker.set_name(status.name);
     worker.set_host(status.info.host);
@@ -141,6 +164,7 @@ grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1
     worker.set_last_seen_s(status.last_seen_s);
     worker.set_set_aside_reason(status.set_aside_reason);
     worker.set_set_aside_s(status.set_aside_s);
+    bytes += worker.ByteSizeLong();
   }
   return Finished(context, absl::OkStatus());
 }

@@ -202,11 +202,11 @@ int Complain(const std::string& command, const Status& status) {
 }
 
 int ExitCodeOfJob(const v1::Job& job, bool bad_input) {
-  if (job.state() == v1::JOB_SUCCEEDED) return kExitOk;
+  if (job.state() == v1::JOB_STATE_SUCCEEDED) return kExitOk;
   const std::string why = job.error().empty() ? "" : ":\n" + job.error();
   std::fprintf(stderr, "%s %s%s\n", job.name().c_str(), JobStateWord(job.state()).c_str(), PrintableLines(why).c_str());
-  if (job.state() == v1::JOB_CANCELLED) return kExitCancelled;
-  if (job.state() == v1::JOB_PARTIAL) return kExitPartial;
+  if (job.state() == v1::JOB_STATE_CANCELLED) return kExitCancelled;
+  if (job.state() == v1::JOB_STATE_PARTIAL) return kExitPartial;
   return bad_input ? kExitBadInput : kExitFailed;
 }
 

@@ -7,6 +7,7 @@
 #include <condition_variable>
 #include <mutex>
 
+#include "common/base/refusal.h"
 #include "common/rpc/channel.h"
 #include "common/rpc/retry.h"
 #include "common/rpc/status_conversion.h"
@@ -161,21 +162,30 @@ bool Connection::FailedForInput(const std::string& job) {
   v1::ListTasksResponse tasks;
   if (!ListTasks(job, &tasks).ok()) return false;
   return std::any_of(tasks.tasks().begin(), tasks.tasks().end(), [](const v1::Task& task) {
-    return task.state() == v1::FAILED && task.error().error_class() == v1::INPUT;
+    return task.state() == v1::TASK_STATE_FAILED && task.error().error_class() == v1::ERROR_CLASS_INPUT;
   });
 }
 
 Status Connection::ListWorkers(v1::ListWorkersResponse* workers) {
-  return impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
-    return impl_->workers->ListWorkers(context, v1::ListWorkersRequest(), workers);
-  });
+  v1::ListWorkersRequest request;
+  do {
+    v1::ListWorkersResponse page;
+    TESSERA_RETURN_IF_ERROR(impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
+      page.Clear();
+      return impl_->workers->ListWorkers(context, request, &page);
+    }));
+    for (v1::Worker& worker : *page.mutable_workers()) workers->add_workers()->Swap(&worker);
+    request.set_page_token(page.next_page_token());
+  } while (!request.page_token().empty());
+  return absl::OkStatus();
 }
 
 Status Connection::WatchJob(const std::string& name,
                             const std::function<void(const v1::WatchJobResponse&)>& on_update) {
   v1::WatchJobRequest request;
   request.set_name(name);
-  Backoff backoff({});
+  Backoff backoff(ShortRetry());
+  bool ended = false;
   while (true) {
     grpc::ClientContext context;
     {
@@ -185,10 +195,10 @@ Status Connection::WatchJob(const std::string& name,
     }
     const auto reader = impl_->jobs->WatchJob(&context, request);
     v1::WatchJobResponse update;
-    bool ended = false;
     while (reader->Read(&update)) {
       backoff.Reset();
       ended = HasEnded(update.job().state());
+      request.set_seen_etag(update.etag());
       on_update(update);
     }
     const Status status = FromGrpc(reader->Finish());
@@ -198,8 +208,10 @@ Status Connection::WatchJob(const std::string& name,
       if (impl_->stopped) return absl::CancelledError("no longer watching");
     }
     if (ended) return absl::OkStatus();
-    if (!status.ok() && !IsTransient(status, Idempotency::kIdempotent)) return status;
-    if (!impl_->Wait(backoff.NextDelay())) return absl::CancelledError("no longer watching");
+    // Who has not begun is told of a limit; who goes on waits for his place.
+    const bool waits = RefusalOf(status) != Refusal::kLimit || !request.seen_etag().empty();
+    if (!status.ok() && (!waits || !IsTransient(status, Idempotency::kIdempotent))) return status;
+    if (!impl_->Wait(backoff.NextDelay(status))) return absl::CancelledError("no longer watching");
   }
 }
 

@@ -52,8 +52,8 @@ class Connection {
   // Whether a task of the job failed for good because its input is wrong; false if that cannot be found out.
   bool FailedForInput(const std::string& job);
 
-  // Calls `on_update` with the job's present state and every change until it has ended. A stream that breaks is taken
-  // up again, for as long as the coordinator is away. CANCELLED once StopWatching was called.
+  // Calls `on_update` with the job's present state and its newest after changes until it has ended. A stream that
+  // breaks is taken up where it was, for as long as the coordinator is away. CANCELLED once StopWatching was called.
   Status WatchJob(const std::string& name, const std::function<void(const v1::WatchJobResponse&)>& on_update);
   // Ends WatchJob, now and later. Any thread.
   void StopWatching();

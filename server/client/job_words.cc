@@ -10,17 +10,17 @@ namespace tessera {
 
 std::string JobStateWord(int state) {
   switch (state) {
-    case v1::QUEUED:
+    case v1::JOB_STATE_QUEUED:
       return "queued";
-    case v1::RUNNING:
+    case v1::JOB_STATE_RUNNING:
       return "running";
-    case v1::JOB_SUCCEEDED:
+    case v1::JOB_STATE_SUCCEEDED:
       return "succeeded";
-    case v1::JOB_FAILED:
+    case v1::JOB_STATE_FAILED:
       return "failed";
-    case v1::JOB_PARTIAL:
+    case v1::JOB_STATE_PARTIAL:
       return "partial";
-    case v1::JOB_CANCELLED:
+    case v1::JOB_STATE_CANCELLED:
       return "cancelled";
     default:
       return "unknown";
@@ -29,17 +29,17 @@ std::string JobStateWord(int state) {
 
 std::string TaskStateWord(int state) {
   switch (state) {
-    case v1::WAITING:
+    case v1::TASK_STATE_WAITING:
       return "waiting";
-    case v1::READY:
+    case v1::TASK_STATE_READY:
       return "ready";
-    case v1::LEASED:
+    case v1::TASK_STATE_LEASED:
       return "running";
-    case v1::SUCCEEDED:
+    case v1::TASK_STATE_SUCCEEDED:
       return "succeeded";
-    case v1::FAILED:
+    case v1::TASK_STATE_FAILED:
       return "failed";
-    case v1::CANCELLED:
+    case v1::TASK_STATE_CANCELLED:
       return "cancelled";
     default:
       return "unknown";
@@ -50,9 +50,11 @@ std::string JobWord(const v1::Job& job) {
   return job.paused() && !HasEnded(job.state()) ? "paused" : JobStateWord(job.state());
 }
 
-bool HasEnded(int state) { return HasResult(state) || state == v1::JOB_FAILED || state == v1::JOB_CANCELLED; }
+bool HasEnded(int state) {
+  return HasResult(state) || state == v1::JOB_STATE_FAILED || state == v1::JOB_STATE_CANCELLED;
+}
 
-bool HasResult(int state) { return state == v1::JOB_SUCCEEDED || state == v1::JOB_PARTIAL; }
+bool HasResult(int state) { return state == v1::JOB_STATE_SUCCEEDED || state == v1::JOB_STATE_PARTIAL; }
 
 std::string FullJobName(const std::string& given) { return given.rfind("jobs/", 0) == 0 ? given : "jobs/" + given; }
 

@@ -53,7 +53,7 @@ class Reader {
   StatusOr<LineageJob> Job(const std::string& name) {
     v1::Job job;
     TESSERA_RETURN_IF_ERROR(connection_.GetJob(name, &job));
-    if (job.state() != v1::JOB_SUCCEEDED) {
+    if (job.state() != v1::JOB_STATE_SUCCEEDED) {
       return absl::FailedPreconditionError(name + " is " + JobStateWord(job.state()) + ": lineage is of results");
     }
     TESSERA_ASSIGN_OR_RETURN(const std::string report, Artifact(job, "job.json"));

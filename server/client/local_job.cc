@@ -62,7 +62,7 @@ struct LocalJob::Impl {
         to.update = std::make_shared<v1::WatchJobResponse>(update);
       });
     }));
-    if (job.state() == v1::JOB_FAILED) {
+    if (job.state() == v1::JOB_STATE_FAILED) {
       const bool for_input = connection->FailedForInput(job.name());
       Tell([&](LocalJobState& to) { to.failed_for_input = for_input; });
     }

@@ -62,7 +62,7 @@ StatusOr<std::string> SurveyByJob(Connection& connection, LocalCluster& cluster,
       survey = status;
       break;
     }
-    if (tasks.tasks_size() > 0 && tasks.tasks(0).state() == v1::SUCCEEDED) {
+    if (tasks.tasks_size() > 0 && tasks.tasks(0).state() == v1::TASK_STATE_SUCCEEDED) {
       survey = FetchSurvey(connection, tasks.tasks(0), staging);
       break;
     }
@@ -71,13 +71,13 @@ StatusOr<std::string> SurveyByJob(Connection& connection, LocalCluster& cluster,
       survey = status;
       break;
     }
-    if (update.job().state() == v1::JOB_FAILED) {
+    if (update.job().state() == v1::JOB_STATE_FAILED) {
       const bool input = connection.FailedForInput(job.name());
       survey = Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, update.job().error());
       return survey;
     }
     for (const v1::Task& task : tasks.tasks()) {
-      if (task.state() == v1::LEASED) *update.add_running() = task;
+      if (task.state() == v1::TASK_STATE_LEASED) *update.add_running() = task;
     }
     display.Show(update);
     std::vector<std::string> notes;
@@ -151,7 +151,7 @@ StatusOr<std::string> PlanOfUpdate(Connection& connection, const v1::CreateJobRe
     return watched;
   }
   PrintWarnings(job.warnings());
-  if (job.state() == v1::JOB_SUCCEEDED) return FetchFile(connection, job, kUpdateFile);
+  if (job.state() == v1::JOB_STATE_SUCCEEDED) return FetchFile(connection, job, kUpdateFile);
   const bool input = connection.FailedForInput(job.name());
   return Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, job.error());
 }

@@ -47,7 +47,7 @@ std::string JobLine(const v1::Job& job) {
   line += "  tasks " + std::to_string(job.tasks_done()) + "/" + std::to_string(job.tasks_total());
   if (HasEnded(job.state())) return line + "  " + JobStateWord(job.state());
   if (job.paused()) return line + "  paused";
-  if (job.state() == v1::QUEUED) return line + "  queued";
+  if (job.state() == v1::JOB_STATE_QUEUED) return line + "  queued";
   if (job.eta_s() >= 0) line += "  " + DurationWords(job.eta_s()) + " to go";
   return line;
 }

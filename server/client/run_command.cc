@@ -161,7 +161,7 @@ int Run(const RunFlags& flags) {
   if (job->Wait(0).ended) job.reset();
   (*cluster)->Stop(LocalCluster::kStopSeconds, until(2));
   job.reset();
-  if (ending.state && ending.state->job && ending.state->job->state() == v1::JOB_SUCCEEDED) {
+  if (ending.state && ending.state->job && ending.state->job->state() == v1::JOB_STATE_SUCCEEDED) {
     const Status status = WriteRunResult(folders.state, {options.data_dir, ending.state->job->name()});
     if (!status.ok()) return Complain("run", status);
   }

@@ -17,24 +17,25 @@ namespace {
 
 int64_t Micros(const google::protobuf::Timestamp& time) { return time.seconds() * 1'000'000 + time.nanos() / 1000; }
 
-// "lost input" of LOST_INPUT.
+// "lost input" of ERROR_CLASS_LOST_INPUT.
 std::string ErrorWord(const v1::TaskError& error) {
   std::string word = v1::ErrorClass_Name(error.error_class());
+  if (constexpr std::string_view kType = "ERROR_CLASS_"; word.starts_with(kType)) word.erase(0, kType.size());
   for (char& c : word) c = c == '_' ? ' ' : static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return word;
 }
 
 std::string OutcomeWord(const v1::Attempt& attempt) {
   switch (attempt.outcome()) {
-    case v1::ATTEMPT_RUNNING:
+    case v1::ATTEMPT_OUTCOME_RUNNING:
       return "running";
-    case v1::ATTEMPT_SUCCEEDED:
+    case v1::ATTEMPT_OUTCOME_SUCCEEDED:
       return "succeeded";
-    case v1::ATTEMPT_FAILED:
+    case v1::ATTEMPT_OUTCOME_FAILED:
       return ErrorWord(attempt.error());
-    case v1::ATTEMPT_LEASE_EXPIRED:
+    case v1::ATTEMPT_OUTCOME_LEASE_EXPIRED:
       return "lease expired";
-    case v1::ATTEMPT_CANCELLED:
+    case v1::ATTEMPT_OUTCOME_CANCELLED:
       return "cancelled";
     default:
       return "unknown";
@@ -42,7 +43,7 @@ std::string OutcomeWord(const v1::Attempt& attempt) {
 }
 
 bool HasFailed(const v1::Attempt& attempt) {
-  return attempt.outcome() == v1::ATTEMPT_FAILED || attempt.outcome() == v1::ATTEMPT_LEASE_EXPIRED;
+  return attempt.outcome() == v1::ATTEMPT_OUTCOME_FAILED || attempt.outcome() == v1::ATTEMPT_OUTCOME_LEASE_EXPIRED;
 }
 
 // Puts a trace together, event by event.
@@ -55,7 +56,7 @@ class Trace {
 
   void Slice(const v1::Attempt& attempt, int process, int row, int64_t start_us, int64_t duration_us) {
     const std::string outcome = OutcomeWord(attempt);
-    const bool succeeded = attempt.outcome() == v1::ATTEMPT_SUCCEEDED;
+    const bool succeeded = attempt.outcome() == v1::ATTEMPT_OUTCOME_SUCCEEDED;
     Begin(succeeded ? attempt.title() : attempt.title() + " (" + outcome + ")", "X", process, row);
     Add("cat", HasFailed(attempt) ? attempt.kind() + ",failed" : attempt.kind());
     if (!succeeded) Add("cname", HasFailed(attempt) ? "terrible" : "grey");

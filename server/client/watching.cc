@@ -19,7 +19,7 @@ int Watch(Connection& connection, const std::string& name, const std::string& co
     show(update);
   });
   if (!status.ok()) return Complain(command, status);
-  return ExitCodeOfJob(job, job.state() == v1::JOB_FAILED && connection.FailedForInput(name));
+  return ExitCodeOfJob(job, job.state() == v1::JOB_STATE_FAILED && connection.FailedForInput(name));
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
 // What users change of a job that was accepted.
+#include "common/base/refusal.h"
 #include "server/dispatch/dispatcher.h"
 #include "tessera/v1/records.pb.h"
 
@@ -22,6 +23,7 @@ StatusOr<JobStatus> Dispatcher::RetryJob(const std::string& name, std::optional<
   {
     const std::shared_lock refers(blobs_mutex_);
     std::lock_guard lock(mutex_);
+    if (draining_) return DrainingError("takes no jobs");
     TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
     TESSERA_RETURN_IF_ERROR(ledger_.CheckVersion(job, "submit its scene again"));
     v1::Record record;

@@ -122,6 +122,16 @@ JobStatus Dispatcher::JobStatusLocked(int job) const {
   return status;
 }
 
+Status Dispatcher::MayCreateJobLocked(const std::string& client) const {
+  if (draining_) return DrainingError("takes no jobs");
+  return CheckJobLimits(ledger_, client, options_.limits);
+}
+
+Status Dispatcher::MayCreateJob(const std::string& client) const {
+  std::lock_guard lock(mutex_);
+  return MayCreateJobLocked(client);
+}
+
 StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   TESSERA_ASSIGN_OR_RETURN(const NewJob job, CompleteJob(asked));
   v1::Record record;
@@ -142,12 +152,14 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   for (const std::string& warning : job.warnings) accepted.add_warnings(warning);
   accepted.set_algorithm_version(kAlgorithmVersion);
   accepted.set_priority(job.priority);
+  accepted.set_client(job.client);
   std::optional<JobStatus> known;
   int index = -1;
   {
     std::lock_guard lock(mutex_);
     TESSERA_ASSIGN_OR_RETURN(known, FindRequestLocked(job.request));
     if (!known) {
+      TESSERA_RETURN_IF_ERROR(MayCreateJobLocked(job.client));
       // They may have been deleted since the job was completed.
       for (const std::string& name : {job.settings.update.base, job.settings.update.rollback_to}) {
         if (!name.empty()) TESSERA_RETURN_IF_ERROR(ledger_.FindJob(name).status());
@@ -192,21 +204,6 @@ StatusOr<JobStatus> Dispatcher::GetJob(const std::string& name) const {
   return status;
 }
 
-std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
-  std::lock_guard lock(mutex_);
-  std::vector<JobStatus> jobs;
-  const int size = static_cast<int>(ledger_.jobs().size());
-  int index = before < 0 || before > size ? size : before;
-  const int64_t stored = journal_.stored();
-  while (--index >= 0 && static_cast<int>(jobs.size()) < count) {
-    if (ledger_.WasDeleted(index)) continue;
-    jobs.push_back(JobStatusLocked(index));
-    const auto end = end_records_.find(index);
-    if (end != end_records_.end() && end->second > stored) TakeEndFrom(jobs.back());
-  }
-  return jobs;
-}
-
 StatusOr<JobStatus> Dispatcher::CancelJob(const std::string& name) {
   {
     std::lock_guard lock(mutex_);
@@ -216,27 +213,6 @@ StatusOr<JobStatus> Dispatcher::CancelJob(const std::string& name) {
     }
   }
   return GetJob(name);
-}
-
-StatusOr<std::vector<TaskStatus>> Dispatcher::ListTasks(const std::string& name, int first, int count) const {
-  std::lock_guard lock(mutex_);
-  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
-  std::vector<TaskStatus> tasks;
-  const int size = static_cast<int>(ledger_.jobs()[job].tasks.size());
-  for (int i = std::max(0, first); i < size && static_cast<int>(tasks.size()) < count; ++i) {
-    tasks.push_back(StatusOfTask(ledger_.jobs()[job], {job, i}, leases_));
-  }
-  return tasks;
-}
-
-StatusOr<std::vector<TaskStatus>> Dispatcher::RunningTasks(const std::string& name) const {
-  std::lock_guard lock(mutex_);
-  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
-  std::vector<TaskStatus> tasks;
-  for (const TaskRef ref : leases_.OfJob(job)) {
-    tasks.push_back(StatusOfTask(ledger_.jobs()[job], ref, leases_));
-  }
-  return tasks;
 }
 
 std::vector<std::string> Dispatcher::SceneFilesWith(const Digest& digest) const {
@@ -454,6 +430,13 @@ int64_t Dispatcher::WaitForChange(int64_t seen, double seconds) const {
   std::unique_lock lock(mutex_);
   changed_.wait_for(lock, std::chrono::microseconds(Micros(seconds)), [&] { return stopped_ || version_ > seen; });
   return version_;
+}
+
+void Dispatcher::Drain() {
+  std::lock_guard lock(mutex_);
+  draining_ = true;
+  waiting_.WakeAll();
+  ServeWokenLocked();
 }
 
 void Dispatcher::Stop() {

@@ -25,6 +25,7 @@
 #include "server/dispatch/changed_task.h"
 #include "server/dispatch/dispatch_snapshot.h"
 #include "server/dispatch/job.h"
+#include "server/dispatch/job_limits.h"
 #include "server/dispatch/job_status.h"
 #include "server/dispatch/lease_call.h"
 #include "server/dispatch/lease_table.h"
@@ -49,6 +50,7 @@ struct DispatchOptions {
   double stall_s = 600;         // an attempt without progress for so long is ended; longer for tasks that take long
   double durable_wait_s = 20;   // a call whose change is not durable after that is answered with UNAVAILABLE
   RetryOptions retry;
+  JobLimits limits;
 };
 
 // What the dispatcher stands on; all of it must outlive it.
@@ -76,6 +78,7 @@ struct NewJob {
   std::vector<NamedDigest> scene_files;
   Warnings warnings;
   int priority = 0;
+  std::string client;  // who submits it
 };
 
 struct ReportedProgress {
@@ -132,8 +135,10 @@ class Dispatcher {
   // again. Changes nothing else.
   StatusOr<NewJob> CompleteJob(NewJob job);
   // Jobs. A request whose id was used gives its job again; ALREADY_EXISTS with all that differs, a line each, if it was
-  // used for another scene or other settings.
+  // used for another scene or other settings; errors of MayCreateJob.
   StatusOr<JobStatus> CreateJob(const NewJob& job);
+  // RESOURCE_EXHAUSTED if the client, or all together, have as many jobs as they may; UNAVAILABLE while draining.
+  Status MayCreateJob(const std::string& client) const;
   // None if no job has the id.
   StatusOr<std::optional<JobStatus>> FindRequest(const JobRequest& request) const;
   StatusOr<JobStatus> GetJob(const std::string& name) const;
@@ -163,6 +168,8 @@ class Dispatcher {
   // At most `count` attempts from attempt `number` of task `first` on; fewer, or none, where many tasks have none.
   StatusOr<AttemptPage> ListAttempts(const std::string& job, int first, int number, int count) const;
   StatusOr<std::vector<TaskStatus>> RunningTasks(const std::string& job) const;
+  // The job as ListJobs tells it, and at most so many of its tasks that run. Waits for nothing.
+  StatusOr<WatchedJob> LookAtJob(const std::string& job, size_t max_running) const;
   // Absolute paths where scene files of jobs had this content when the jobs were accepted, the oldest job's first.
   std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
@@ -209,6 +216,9 @@ class Dispatcher {
   int64_t Version() const;
   // Waits until Version() is above `seen`, Stop is called or `seconds` of real time have passed. Gives Version().
   int64_t WaitForChange(int64_t seen, double seconds) const;
+  // From now on no job is accepted and nothing is leased: UNAVAILABLE, Refusal::kDraining, for those who ask or wait.
+  // What was leased goes on.
+  void Drain();
   // Ends all waits, now and later.
   void Stop();
   bool stopped() const;
@@ -273,6 +283,9 @@ class Dispatcher {
   StatusOr<NewJob> CompleteRollback(NewJob job);
   StatusOr<std::optional<JobStatus>> FindRequestLocked(const JobRequest& request) const;
   JobStatus JobStatusLocked(int job) const;
+  // The same, but without an end that is not stored yet.
+  JobStatus StoredStatusLocked(int job) const;
+  Status MayCreateJobLocked(const std::string& client) const;
   void ChangedLocked();
   // Workers are woken for `more` tasks, those in newly_ready() from `first` on by who has their tile.
   void WakeForLocked(int more, size_t first);
@@ -340,7 +353,7 @@ class Dispatcher {
   std::optional<NewReferences> referred_since_;
   int next_worker_ = 1;
   int64_t version_ = 1;
-  bool stopped_ = false;
+  bool draining_ = false, stopped_ = false;
   Room room_;
   bool ends_ = false;
   DispatchCounts counts_;

@@ -133,6 +133,7 @@ struct JobHeader {
   int64_t end_us = 0;
   std::vector<NamedDigest> artifacts;
   Warnings warnings;
+  std::string client;   // who submitted it; empty: of an earlier release
   int priority = 0;     // a waiting job of a higher one gets the next free worker
   bool paused = false;  // nothing more is leased; what runs goes on to its end
 };

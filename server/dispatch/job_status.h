@@ -28,6 +28,13 @@ struct TaskStatus {
   std::string stage;
 };
 
+// What a watcher of a job is shown.
+struct WatchedJob {
+  JobStatus job;
+  std::vector<TaskStatus> running;
+  bool end_waits = false;  // it has ended, which is not told before it is durable
+};
+
 // The numbers of these are those of tessera.v1.
 enum class AttemptOutcome { kRunning = 1, kSucceeded = 2, kFailed = 3, kLeaseExpired = 4, kCancelled = 5 };
 AttemptOutcome OutcomeOf(const Attempt& attempt);

@@ -6,6 +6,7 @@
 #include <memory>
 #include <utility>
 
+#include "common/base/refusal.h"
 #include "server/dispatch/dispatcher.h"
 #include "tessera/v1/records.pb.h"
 
@@ -105,6 +106,10 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
   if (!look.answer.ok() || *look.answer) {
     if (look.answer.ok()) look.granted = leases_.FindWorker(call.worker)->granted;
     waiting_.WakeNext();
+    return look;
+  }
+  if (draining_) {
+    look.answer = DrainingError("leases nothing");
     return look;
   }
   const auto now = std::chrono::steady_clock::now();

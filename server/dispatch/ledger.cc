@@ -117,6 +117,17 @@ StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attem
   return ref;
 }
 
+int Ledger::ActiveJobsOf(const std::string& client) const {
+  const auto found = active_of_client_.find(client);
+  return found == active_of_client_.end() ? 0 : found->second;
+}
+
+void Ledger::CountActive(const std::string& client, int more) {
+  const auto counted = active_of_client_.try_emplace(client, 0).first;
+  counted->second += more;
+  if (counted->second == 0) active_of_client_.erase(counted);
+}
+
 Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, ParseJobName(change.job()));
   if (!MayBeNext(index)) {
@@ -173,8 +184,8 @@ Status Ledger::CheckEnded(const v1::JobEnded& change) const {
   const Job& job = jobs_[index];
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
   if (!HasEnded(static_cast<JobState>(change.state()))) return absl::InvalidArgumentError("not an end of a job");
-  if (change.state() == v1::JOB_SUCCEEDED || change.state() == v1::JOB_PARTIAL) {
-    if (job.set_aside.empty() != (change.state() == v1::JOB_SUCCEEDED)) {
+  if (change.state() == v1::JOB_STATE_SUCCEEDED || change.state() == v1::JOB_STATE_PARTIAL) {
+    if (job.set_aside.empty() != (change.state() == v1::JOB_STATE_SUCCEEDED)) {
       return absl::FailedPreconditionError(change.job() + ": " + std::to_string(job.set_aside.size()) +
                                            " tiles were set aside");
     }
@@ -199,6 +210,7 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   job.header.algorithm_version = change.algorithm_version();
   job.header.create_us = time_us;
   job.header.priority = change.priority();
+  job.header.client = change.client();
   job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
   for (const auto& file : change.scene_files()) {
     job.scene_files.push_back({file.path(), FromProto(file.digest())});
@@ -215,6 +227,7 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   if (!change.request_id().empty()) job_of_request_[change.request_id()] = index;
   jobs_.push_back(std::move(job));
   active_jobs_.push_back(index);
+  CountActive(change.client(), 1);
   ready_.SetJob(index, change.priority(), /*paused=*/false);
   UpdateDue(index);
 }
@@ -338,6 +351,7 @@ void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
     each.end_us = time_us;
   }
   active_jobs_.erase(std::find(active_jobs_.begin(), active_jobs_.end(), index));
+  CountActive(job.header.client, -1);
   ready_.DropJob(index);
   UpdateDue(index);
 }

@@ -50,7 +50,11 @@ class Ledger {
   const std::vector<Job>& jobs() const { return jobs_; }
   // Indices of the jobs that have not ended, oldest first.
   const std::vector<int>& active_jobs() const { return active_jobs_; }
-  // Of these, those that wait for the coordinator: to be planned on, or to be ended.
+  // How many of these the client submitted.
+  int ActiveJobsOf(const std::string& client) const;
+  // Jobs that were not deleted.
+  int kept_jobs() const { return static_cast<int>(jobs_.size()) - deleted_jobs_; }
+  // Of the jobs that have not ended, those that wait for the coordinator: to be planned on, or to be ended.
   const std::set<int>& due_jobs() const { return due_jobs_; }
   // The ready tasks of jobs of which no task has failed.
   const ReadyTasks& ready() const { return ready_; }
@@ -138,6 +142,7 @@ class Ledger {
   void ApplyBegunAnew(const v1::JobBegunAnew& change);
   // Whether a job of this number may be next: not if more records would be lost than can be believed.
   bool MayBeNext(int job) const;
+  void CountActive(const std::string& client, int more);
   // Jobs up to there of which no record came: deleted ones, and others whose acceptance is lost.
   void FillJobsUpTo(int job);
   void DropRemakesOf(int job);
@@ -173,6 +178,8 @@ class Ledger {
   const std::string algorithm_version_;
   std::vector<Job> jobs_;
   std::vector<int> active_jobs_;
+  std::unordered_map<std::string, int> active_of_client_;  // none of 0
+  int deleted_jobs_ = 0;
   std::set<int> due_jobs_;
   std::set<TaskRef> remakes_of_ended_;
   ReadyTasks ready_;

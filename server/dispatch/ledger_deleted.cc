@@ -89,6 +89,7 @@ void Ledger::FillJobsUpTo(int index) {
     Job& filled = jobs_.emplace_back();
     filled.header.name = JobName(number);
     filled.deleted = expected_deleted_.contains(number);
+    deleted_jobs_ += filled.deleted ? 1 : 0;
     filled.header.state = filled.deleted ? JobState::kCancelled : JobState::kFailed;
     if (!filled.deleted) filled.header.error = "the record that it was accepted cannot be used; submit it again";
   }
@@ -108,6 +109,7 @@ void Ledger::ApplyDeleted(const v1::JobDeleted& change) {
   left.header.state = JobState::kCancelled;
   left.tasks = std::move(job.tasks);  // a city has millions: FreeDeleted
   left.deleted = true;
+  ++deleted_jobs_;
   if (!left.tasks.empty()) to_free_.push_back(index);
   job = std::move(left);
 }

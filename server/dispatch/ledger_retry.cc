@@ -110,6 +110,7 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
   header.error.clear();
   header.end_us = 0;
   active_jobs_.insert(std::lower_bound(active_jobs_.begin(), active_jobs_.end(), index), index);
+  CountActive(header.client, 1);
   ready_.SetJob(index, header.priority, header.paused);
   for (const SetAside& each : std::exchange(job.set_aside, {})) {
     if (change.has_tile() && each.tile != change.tile()) {

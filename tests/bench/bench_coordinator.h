@@ -4,7 +4,11 @@
 
 #include <memory>
 #include <string>
+#include <utility>
 
+#include "common/access/certificates.h"
+#include "common/access/secrets.h"
+#include "common/access/tokens.h"
 #include "common/base/clock.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
@@ -17,8 +21,9 @@ namespace tessera {
 class BenchCoordinator {
  public:
   // State and blobs lie in `folder`. `planner` must outlive it. `shared_storage`: workers are told where blobs lie.
+  // `tls`: with a certificate by `folder`/ca.pem, and for workers with the token in `folder`/worker.token.
   static StatusOr<std::unique_ptr<BenchCoordinator>> Start(const std::string& folder, Planner* planner,
-                                                           bool shared_storage) {
+                                                           bool shared_storage, bool tls = false) {
     std::unique_ptr<BenchCoordinator> started(new BenchCoordinator);
     TESSERA_ASSIGN_OR_RETURN(started->store_, SqliteStore::Open(folder + "/state.sqlite"));
     TESSERA_ASSIGN_OR_RETURN(started->blobs_, BlobStore::Open(folder + "/blobs"));
@@ -35,7 +40,13 @@ class BenchCoordinator {
       environment.shared_probe_content = "probe";
       TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
     }
-    TESSERA_ASSIGN_OR_RETURN(started->server_, CoordinatorServer::Start("127.0.0.1:0", environment));
+    ListenOptions listen;
+    listen.addresses = {"127.0.0.1:0"};
+    if (tls) {
+      TESSERA_RETURN_IF_ERROR(started->MakeKeys(folder, listen));
+      environment.access = started->access_.get();
+    }
+    TESSERA_ASSIGN_OR_RETURN(started->server_, CoordinatorServer::Start(listen, environment));
     return started;
   }
 
@@ -46,7 +57,28 @@ class BenchCoordinator {
  private:
   BenchCoordinator() = default;
 
+  Status MakeKeys(const std::string& folder, ListenOptions& listen) {
+    const int64_t now_s = clock_.UnixTimeUs() / 1'000'000;
+    TESSERA_ASSIGN_OR_RETURN(const Certificate ca, MakeAuthority({"bench", {}, now_s, -3600, 86400}));
+    TESSERA_ASSIGN_OR_RETURN(const Certificate own,
+                             MakeCertificate(ca, {"server", {"127.0.0.1"}, now_s, -3600, 86400}));
+    listen.tls_cert = folder + "/server.pem";
+    listen.tls_key = folder + "/server.key";
+    const std::string token = RandomSecret();
+    TokenTable tokens;
+    TESSERA_RETURN_IF_ERROR(tokens.Add({"fleet", Role::kWorker, Sha256Hex(token), 0}));
+    for (const auto& [path, content] :
+         {std::pair(folder + "/ca.pem", ca.certificate_pem), std::pair(listen.tls_cert, own.certificate_pem),
+          std::pair(listen.tls_key, own.key_pem), std::pair(folder + "/tokens", tokens.ToText()),
+          std::pair(folder + "/worker.token", token + "\n")}) {
+      TESSERA_RETURN_IF_ERROR(WriteSecretFile(path, content));
+    }
+    TESSERA_ASSIGN_OR_RETURN(access_, Access::Open(RandomSecret(), folder + "/tokens", &clock_));
+    return absl::OkStatus();
+  }
+
   SystemClock clock_;
+  std::unique_ptr<Access> access_;
   std::unique_ptr<SqliteStore> store_;
   std::unique_ptr<BlobStore> blobs_;
   std::unique_ptr<Dispatcher> dispatcher_;

@@ -216,6 +216,7 @@ int main(int argc, char** argv) {
                  "instead: so many tasks and workers that do nothing, and write nothing, each a connection of its own; "
                  "needs --folder, where the state stays");
   app.add_option("--work-s", fleet.work_s, "with --tasks: that a worker takes for one");
+  app.add_flag("--tls", fleet.tls, "with --tasks: over TLS, with tokens");
   app.add_option("--reopen", reopen, "instead: how long a coordinator takes to start on the state of such a run");
   CLI11_PARSE(app, argc, argv);
   fleet.workers = arguments.workers;

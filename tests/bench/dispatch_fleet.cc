@@ -18,6 +18,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/access/secrets.h"
 #include "common/base/clock.h"
 #include "common/base/version.h"
 #include "common/rpc/channel.h"
@@ -145,6 +146,7 @@ class Timers {
 
 struct Fleet {
   FleetArguments arguments;
+  std::string token;
   Digest output;  // all that tasks make
   Latencies leases, reports, heartbeats;
   Timers timers;
@@ -157,15 +159,23 @@ struct Fleet {
 // half to one and a half times as long as asked for, so that the workers do not all come back at once.
 class FleetWorker {
  public:
-  FleetWorker(Fleet& fleet, const std::string& address, int index) : fleet_(fleet), random_(index) {
+  // `ca`: of the coordinator's certificate; empty: no TLS, and no token.
+  FleetWorker(Fleet& fleet, const std::string& address, const std::string& ca, int index)
+      : fleet_(fleet), random_(index) {
     grpc::ChannelArguments own_connection;
     own_connection.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-    stub_ =
-        v1::Workers::NewStub(grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), own_connection));
+    auto credentials = grpc::InsecureChannelCredentials();
+    if (!ca.empty()) {
+      grpc::SslCredentialsOptions tls;
+      tls.pem_root_certs = ca;
+      credentials = grpc::SslCredentials(tls);
+    }
+    stub_ = v1::Workers::NewStub(grpc::CreateCustomChannel(address, credentials, own_connection));
   }
 
   Status Register(const std::string& host) {
     grpc::ClientContext context;
+    ShowToken(context);
     v1::RegisterWorkerRequest request;
     request.set_host(host);
     request.set_threads(1);
@@ -188,6 +198,7 @@ class FleetWorker {
   template <class Request, class Response>
   struct Call {
     explicit Call(const FleetWorker& worker) {
+      worker.ShowToken(context);
       context.AddMetadata(kWorkerMetadata, worker.name_);
       context.AddMetadata(kWorkerSecretMetadata, worker.secret_);
     }
@@ -195,6 +206,10 @@ class FleetWorker {
     Request request;
     Response response;
   };
+
+  void ShowToken(grpc::ClientContext& context) const {
+    if (!fleet_.token.empty()) context.AddMetadata("authorization", "Bearer " + fleet_.token);
+  }
 
   void Lease() {
     if (fleet_.stop) return;
@@ -304,7 +319,7 @@ class FleetWorker {
 };
 
 // Runs until the address file is taken away.
-int Work(const FleetArguments& arguments, const std::string& address_file) {
+int Work(const FleetArguments& arguments, const std::string& folder, const std::string& address_file) {
   std::string address;
   while (address.empty()) {
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -313,9 +328,11 @@ int Work(const FleetArguments& arguments, const std::string& address_file) {
   Fleet fleet;
   fleet.arguments = arguments;
   fleet.output = {Sha256Hex("survey"), 6};
+  const std::string ca = arguments.tls ? ReadFile(folder + "/ca.pem").value_or("") : "";
+  if (arguments.tls) fleet.token = ReadSecretFile(folder + "/worker.token").value_or("");
   std::vector<std::unique_ptr<FleetWorker>> workers;
   for (int i = 0; i < arguments.workers; ++i) {
-    workers.push_back(std::make_unique<FleetWorker>(fleet, address, i));
+    workers.push_back(std::make_unique<FleetWorker>(fleet, address, ca, i));
     if (const Status status = workers.back()->Register("host" + std::to_string(i / 10)); !status.ok()) {
       std::fprintf(stderr, "cannot register: %s\n", std::string(status.message()).c_str());
       return 1;
@@ -335,7 +352,8 @@ int Work(const FleetArguments& arguments, const std::string& address_file) {
 Status Serve(const FleetArguments& arguments, const std::string& folder, const std::string& address_file) {
   TESSERA_RETURN_IF_ERROR(SetUpLog("off", false));
   ChainPlanner planner(arguments);
-  TESSERA_ASSIGN_OR_RETURN(const auto coordinator, BenchCoordinator::Start(folder, &planner, /*shared_storage=*/false));
+  TESSERA_ASSIGN_OR_RETURN(const auto coordinator,
+                           BenchCoordinator::Start(folder, &planner, /*shared_storage=*/false, arguments.tls));
   TESSERA_RETURN_IF_ERROR(coordinator->blobs().PutBytes("survey").status());
   Dispatcher& dispatcher = coordinator->dispatcher();
   std::thread ticker([&] {
@@ -393,7 +411,7 @@ double CpuSeconds(int who) {
 Status RunFleet(const FleetArguments& arguments, const std::string& folder) {
   const std::string address_file = folder + "/address";
   TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
-  if (fork() == 0) _exit(Work(arguments, address_file));
+  if (fork() == 0) _exit(Work(arguments, folder, address_file));
   return Serve(arguments, folder, address_file);
 }
 

@@ -88,16 +88,16 @@ TEST_F(ClusterFaultsTest, AReportOfAnyDepthIsRefusedAndTheCoordinatorLives) {
   const grpc::Status refused = worker.Report(first, deep);
   EXPECT_EQ(refused.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   EXPECT_THAT(refused.error_message(), HasSubstr("found JSON nested 30000 deep, expected at most 64"));
-  broken.mutable_failure()->set_error_class(v1::INPUT);
+  broken.mutable_failure()->set_error_class(v1::ERROR_CLASS_INPUT);
   for (const int attempt : {2, 3}) {  // it is alone: its word counts when it says so twice
     const v1::Lease lease = worker.Lease();
     EXPECT_EQ(lease.attempt(), attempt);
     EXPECT_TRUE(worker.Report(lease, broken).ok());
   }
-  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_FAILED);
+  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_STATE_FAILED);
   cluster.coordinator().Kill();
   cluster.StartCoordinator();
-  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_FAILED);
+  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_STATE_FAILED);
 }
 
 // A backup that holds the database, a disk that is full.
@@ -114,7 +114,7 @@ TEST_F(ClusterFaultsTest, WhatCannotBeStoredForAWhileIsWaitedFor) {
       [&] { return cluster.coordinator().Output().find("records cannot be stored") != std::string::npos; }, 30));
   std::this_thread::sleep_for(std::chrono::seconds(4));  // longer than a lease
   sqlite3_close(db);
-  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_SUCCEEDED);
+  EXPECT_EQ(cluster.Await(job).state(), v1::JOB_STATE_SUCCEEDED);
   EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("records are stored again"));
   for (const v1::Task& task : cluster.Tasks(job)) EXPECT_EQ(task.attempt(), 1) << task.title();
   EXPECT_TRUE(cluster.workers()[0]->Running());
@@ -140,10 +140,10 @@ TEST_F(ClusterFaultsTest, ARecordThatCannotBeUsedStopsNoStart) {
       testing::AllOf(HasSubstr("stored record set aside record=" + first + " reason=\"not a record\""),
                      HasSubstr("stored record set aside record=" + second + " reason=\"the next job is jobs/3")));
   const v1::Job job = cluster.Await(spoiled);
-  EXPECT_EQ(job.state(), v1::JOB_FAILED);
+  EXPECT_EQ(job.state(), v1::JOB_STATE_FAILED);
   EXPECT_THAT(job.error(), HasSubstr("stored record " + second + " cannot be used: the next job is jobs/3"));
   cluster.AddWorker();
-  EXPECT_EQ(cluster.Await(other).state(), v1::JOB_SUCCEEDED);
+  EXPECT_EQ(cluster.Await(other).state(), v1::JOB_STATE_SUCCEEDED);
   EXPECT_EQ(cluster.Submit(ToyCity(), 4).name(), "jobs/3");
 }
 
@@ -175,7 +175,7 @@ TEST_F(ClusterFaultsTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
   ASSERT_TRUE(RemoveTree(copy).ok());
   cluster.AddWorker({"--no-shared-storage"});
   const v1::Job ended = cluster.Await(job);
-  EXPECT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+  EXPECT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
 }
 
 TEST_F(ClusterFaultsTest, ATaskThatHangsIsEndedAndDoneByAnother) {
@@ -188,7 +188,7 @@ TEST_F(ClusterFaultsTest, ATaskThatHangsIsEndedAndDoneByAnother) {
   EXPECT_THAT(cluster.Tasks(job).at(0).error().message(), HasSubstr("showed no progress for"));
   cluster.AddWorker();
   const v1::Job ended = cluster.Await(job);
-  EXPECT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+  EXPECT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
 }
 
 // It is published as it was, flagged; tried again, it is as if nothing had happened.
@@ -205,7 +205,7 @@ TEST_F(ClusterFaultsTest, ATileThatFailsEverywhereIsSetAsideAndCanBeTriedAgain) 
   reader.Wait();
   ScriptedWorker small(cluster.address());
   v1::ReportTaskRequest died;
-  died.mutable_failure()->set_error_class(v1::MEMORY);
+  died.mutable_failure()->set_error_class(v1::ERROR_CLASS_MEMORY);
   died.mutable_failure()->set_message("killed");
   const v1::Lease lease = small.Lease();
   ASSERT_TRUE(small.Report(lease, died).ok());
@@ -245,13 +245,13 @@ TEST_F(ClusterFaultsTest, MachinesThatAreTakenAwayDoNotFailATask) {
     // Of one task every time: nobody else is there.
     ASSERT_TRUE(WaitUntil([&] {
       const std::vector<v1::Task> tasks = cluster.Tasks(job);
-      return !tasks.empty() && tasks[0].state() == v1::LEASED && tasks[0].attempt() == i + 1;
+      return !tasks.empty() && tasks[0].state() == v1::TASK_STATE_LEASED && tasks[0].attempt() == i + 1;
     }));
     worker.Kill();
   }
   cluster.AddWorker();
   const v1::Job ended = cluster.Await(job);
-  EXPECT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+  EXPECT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
   EXPECT_EQ(cluster.Tasks(job).at(0).attempt(), kLost + 1);
 }
 

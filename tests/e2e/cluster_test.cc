@@ -22,7 +22,7 @@ class ClusterTest : public testing::Test {
   // A measure task that is leased now.
   static std::optional<v1::Task> LeasedMeasure(Cluster& cluster, const std::string& job) {
     for (const v1::Task& task : cluster.Tasks(job)) {
-      if (task.kind() == "measure" && task.state() == v1::LEASED) return task;
+      if (task.kind() == "measure" && task.state() == v1::TASK_STATE_LEASED) return task;
     }
     return std::nullopt;
   }
@@ -55,7 +55,7 @@ TEST_F(ClusterTest, AWorkerKilledWhileItMeasuresOnlyDelaysTheJob) {
   }
   ASSERT_TRUE(killed);
   const v1::Job job = cluster.Await(submitted.name());
-  ASSERT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error();
+  ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
   const std::string out = cluster.Fetch(job.name());
   EXPECT_EQ(AttemptsOf(out + "/job.json", "measure")[victim->title()], 2);
   EXPECT_TRUE(Content(out + "/mesh.ply") == Content(UndisturbedMesh()));
@@ -73,7 +73,7 @@ TEST_F(ClusterTest, ACoordinatorKilledInTheMiddleGoesOnWhenItIsBack) {
   cluster.coordinator().Kill();
   cluster.StartCoordinator();
   const v1::Job job = cluster.Await(submitted.name());
-  ASSERT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error();
+  ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
   const std::string out = cluster.Fetch(job.name());
   EXPECT_TRUE(Content(out + "/mesh.ply") == Content(UndisturbedMesh()));
   EXPECT_EQ(AttemptsOf(out + "/job.json", "measure")[running->title()], 1) << "the worker went on meanwhile";
@@ -94,7 +94,7 @@ TEST_F(ClusterTest, WorkersMayComeAndGo) {
   EXPECT_EQ(workers.workers_size(), 0);
   cluster.AddWorker();
   const v1::Job job = cluster.Await(submitted.name());
-  ASSERT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error();
+  ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
   EXPECT_TRUE(Content(cluster.Fetch(job.name()) + "/mesh.ply") == Content(UndisturbedMesh()));
 }
 
@@ -138,7 +138,7 @@ TEST_F(ClusterTest, AWorkerThatCannotReadTheCoordinatorsFolderGetsAllFromTheBlob
     arguments.insert(arguments.end(), flag.begin(), flag.end());
     Program& worker = cluster.AddWorker(arguments, before);
     const v1::Job job = cluster.Await(cluster.Submit(hidden + "/city", 4).name());
-    ASSERT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error() << worker.Output();
+    ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error() << worker.Output();
     EXPECT_TRUE(Content(cluster.Fetch(job.name()) + "/mesh.ply") == Content(UndisturbedMesh()));
     EXPECT_THAT(worker.Output(), HasSubstr("blob service"));
     EXPECT_THAT(worker.Output(), testing::Not(HasSubstr("shared storage")));
@@ -183,7 +183,7 @@ TEST_F(ClusterTest, TheCommandsOfAJobsLife) {
   EXPECT_EQ(watched.exit_code, 0) << watched.output;
   EXPECT_THAT(watched.output, HasSubstr("tiles 4/4"));
   EXPECT_THAT(tessera({"jobs", "--workers"}).output, HasSubstr("workers/1-1"));
-  EXPECT_THAT(tessera({"jobs", "--json"}).output, HasSubstr("\"JOB_SUCCEEDED\""));
+  EXPECT_THAT(tessera({"jobs", "--json"}).output, HasSubstr("\"JOB_STATE_SUCCEEDED\""));
   EXPECT_THAT(tessera({"watch", "2", "--json"}).output, HasSubstr("\"tiles_done\":4"));
   EXPECT_TRUE(Content(cluster.Fetch("jobs/2") + "/mesh.ply") == Content(UndisturbedMesh()));
   EXPECT_FALSE(fs::exists(folder_.path() + "/fetched/.fetch"));

@@ -33,7 +33,7 @@ TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
   const auto done = [&] {
     const std::vector<v1::Task> tasks = cluster.Tasks(job);
     return std::count_if(tasks.begin(), tasks.end(),
-                         [](const v1::Task& task) { return task.state() == v1::SUCCEEDED; });
+                         [](const v1::Task& task) { return task.state() == v1::TASK_STATE_SUCCEEDED; });
   };
   const auto goes_on = [&] {
     const auto now = done();
@@ -47,7 +47,7 @@ TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
   ASSERT_TRUE(told("worker set aside"));
   EXPECT_THAT(Tessera(folder.path(), {"jobs", "--workers", "--coordinator", cluster.address()}).output,
               AllOf(HasSubstr("set aside for"), HasSubstr("No space left on device")));
-  EXPECT_EQ(cluster.Tasks(job).at(0).error().error_class(), v1::SCRATCH);
+  EXPECT_EQ(cluster.Tasks(job).at(0).error().error_class(), v1::ERROR_CLASS_SCRATCH);
   cluster.AddWorker();
   ASSERT_TRUE(goes_on());
 
@@ -68,7 +68,7 @@ TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
   full.reset();
   ASSERT_TRUE(goes_on());
   const v1::Job ended = cluster.Await(job);
-  ASSERT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+  ASSERT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
   EXPECT_TRUE(Content(cluster.Fetch(job) + "/mesh.ply") == Content(UndisturbedMesh()));
   for (const auto& worker : cluster.workers()) EXPECT_TRUE(worker->Running());
   cluster.coordinator().Kill();

@@ -23,7 +23,7 @@ class LostTimeTest : public testing::Test {
     v1::Task leased;
     EXPECT_TRUE(WaitUntil([&] {
       for (const v1::Task& task : cluster.Tasks(job)) {
-        if (task.kind() != "measure" || task.state() != v1::LEASED) continue;
+        if (task.kind() != "measure" || task.state() != v1::TASK_STATE_LEASED) continue;
         leased = task;
         return true;
       }
@@ -41,8 +41,8 @@ class LostTimeTest : public testing::Test {
   // The job's end: published once, with the bytes of a job that nothing happened to. Gives the attempts of `kind`.
   std::map<std::string, int> ExpectUndisturbed(Cluster& cluster, const std::string& name, const std::string& kind) {
     const v1::Job job = cluster.Await(name);
-    EXPECT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error();
-    if (job.state() != v1::JOB_SUCCEEDED) return {};
+    EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
+    if (job.state() != v1::JOB_STATE_SUCCEEDED) return {};
     const std::string out = cluster.Fetch(name);
     EXPECT_TRUE(Content(out + "/mesh.ply") == Content(UndisturbedMesh()));
     return AttemptsOf(out + "/job.json", kind);
@@ -65,7 +65,7 @@ TEST_F(LostTimeTest, AWorkerThatStoodStillBeyondItsLeaseIsLateAndChangesNothing)
   const v1::Task task = LeasedMeasure(cluster, job);
   still.Signal(SIGSTOP);
   cluster.AddWorker();
-  ASSERT_TRUE(WaitUntil([&] { return TaskNow(cluster, job, task.name()).state() == v1::SUCCEEDED; }));
+  ASSERT_TRUE(WaitUntil([&] { return TaskNow(cluster, job, task.name()).state() == v1::TASK_STATE_SUCCEEDED; }));
   EXPECT_EQ(TaskNow(cluster, job, task.name()).attempt(), task.attempt() + 1);
   EXPECT_FALSE(ToldThatItIsLate(still));
   still.Signal(SIGCONT);
@@ -82,7 +82,7 @@ TEST_F(LostTimeTest, AWorkerCutOffForLongerThanItsLeaseLosesOneTask) {
   const v1::Task task = LeasedMeasure(cluster, job);
   network.Set(TcpProxy::Mode::kStall);
   cluster.AddWorker();
-  ASSERT_TRUE(WaitUntil([&] { return TaskNow(cluster, job, task.name()).state() == v1::SUCCEEDED; }));
+  ASSERT_TRUE(WaitUntil([&] { return TaskNow(cluster, job, task.name()).state() == v1::TASK_STATE_SUCCEEDED; }));
   EXPECT_EQ(TaskNow(cluster, job, task.name()).attempt(), task.attempt() + 1) << "one lease was lost";
   network.Set(TcpProxy::Mode::kPass);
   EXPECT_TRUE(WaitUntil([&] { return ToldThatItIsLate(away); })) << away.Output();
@@ -123,12 +123,14 @@ TEST_F(LostTimeTest, ProgramsKilledAtRandomCostTimeAlone) {
   const std::string job = cluster.Submit(ToyCity(), 4).name();
   const auto changes = [&] {
     int count = 0;
-    for (const v1::Task& task : cluster.Tasks(job)) count += task.attempt() + (task.state() == v1::SUCCEEDED);
+    for (const v1::Task& task : cluster.Tasks(job))
+      count += task.attempt() + (task.state() == v1::TASK_STATE_SUCCEEDED);
     return count;
   };
   const auto ended = [&] {
     v1::Job now;
-    return cluster.connection().GetJob(job, &now).ok() && now.state() != v1::QUEUED && now.state() != v1::RUNNING;
+    return cluster.connection().GetJob(job, &now).ok() && now.state() != v1::JOB_STATE_QUEUED &&
+           now.state() != v1::JOB_STATE_RUNNING;
   };
   int kills = 0;
   for (; kills < kRounds && !ended(); ++kills) {
@@ -138,7 +140,7 @@ TEST_F(LostTimeTest, ProgramsKilledAtRandomCostTimeAlone) {
     // A task that loses three workers is set aside as what kills them: that is another promise.
     bool lost_before = false;
     for (const v1::Task& task : cluster.Tasks(job)) {
-      lost_before = lost_before || (task.state() == v1::LEASED && task.attempt() > 2);
+      lost_before = lost_before || (task.state() == v1::TASK_STATE_LEASED && task.attempt() > 2);
     }
     if (victim < 2 && !lost_before) {
       auto& workers = cluster.workers();

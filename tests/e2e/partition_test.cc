@@ -48,7 +48,8 @@ TEST_F(PartitionTest, WorkersBehindALinkThatGoesLoseTheirTasksOnceAndComeBack) {
   const std::string job = cluster.Submit(ToyCity(), 4).name();
   const auto leased = [&](const std::string& kind) {
     int count = 0;
-    for (const v1::Task& task : cluster.Tasks(job)) count += task.state() == v1::LEASED && task.kind() == kind;
+    for (const v1::Task& task : cluster.Tasks(job))
+      count += task.state() == v1::TASK_STATE_LEASED && task.kind() == kind;
     return count;
   };
   ASSERT_TRUE(WaitUntil([&] { return leased("measure") == 2; }));
@@ -57,7 +58,7 @@ TEST_F(PartitionTest, WorkersBehindALinkThatGoesLoseTheirTasksOnceAndComeBack) {
   const auto lost = [&] {
     int count = 0;
     for (const v1::Task& task : cluster.Tasks(job)) {
-      if (task.state() == v1::LEASED) return 0;
+      if (task.state() == v1::TASK_STATE_LEASED) return 0;
       count += task.error().message().find("fell silent") != std::string::npos;
     }
     return count;
@@ -65,19 +66,19 @@ TEST_F(PartitionTest, WorkersBehindALinkThatGoesLoseTheirTasksOnceAndComeBack) {
   ASSERT_TRUE(WaitUntil([&] { return lost() > 0; }));
   EXPECT_LE(lost(), 2);
   int done = 0;
-  for (const v1::Task& task : cluster.Tasks(job)) done += task.state() == v1::SUCCEEDED;
+  for (const v1::Task& task : cluster.Tasks(job)) done += task.state() == v1::TASK_STATE_SUCCEEDED;
   ASSERT_EQ(Shell("ip link set near up").exit_code, 0);
   const auto up = std::chrono::steady_clock::now();
   ASSERT_TRUE(WaitUntil([&] {
     int now = 0;
-    for (const v1::Task& task : cluster.Tasks(job)) now += task.state() == v1::SUCCEEDED;
+    for (const v1::Task& task : cluster.Tasks(job)) now += task.state() == v1::TASK_STATE_SUCCEEDED;
     return now > done;
   })) << sharing.Output()
       << other.Output();
   const std::chrono::duration<double> back = std::chrono::steady_clock::now() - up;
   std::printf("a task was done %.1f s after the link was up, %.1f leases\n", back.count(), back.count() / kLease_s);
   const v1::Job ended = cluster.Await(job);
-  ASSERT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+  ASSERT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
   EXPECT_TRUE(Content(cluster.Fetch(job) + "/mesh.ply") == Content(UndisturbedMesh()));
   for (const v1::Task& task : cluster.Tasks(job)) EXPECT_LE(task.attempt(), 2) << task.title();
   cluster.coordinator().Kill();

@@ -278,7 +278,8 @@ v1::Job Cluster::Submit(const std::string& scene, int tiles, const std::string& 
 v1::Job Cluster::Await(const std::string& name) {
   v1::Job job;
   EXPECT_TRUE(WaitUntil([&] {
-    return connection_->GetJob(name, &job).ok() && job.state() != v1::QUEUED && job.state() != v1::RUNNING;
+    return connection_->GetJob(name, &job).ok() && job.state() != v1::JOB_STATE_QUEUED &&
+           job.state() != v1::JOB_STATE_RUNNING;
   })) << coordinator_->Output();
   return job;
 }

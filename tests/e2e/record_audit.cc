@@ -90,7 +90,7 @@ void RecordAudit::Add(const v1::Record& record) {
     }
     case v1::Record::kJobRetried: {
       Job& job = jobs_[record.job_retried().job()];
-      Expect(job.state == v1::JOB_FAILED || job.state == v1::JOB_PARTIAL,
+      Expect(job.state == v1::JOB_STATE_FAILED || job.state == v1::JOB_STATE_PARTIAL,
              record.job_retried().job() + " was tried again but has not failed");
       job.state = 0;
       break;

@@ -68,7 +68,7 @@ class RollbackTest : public testing::Test {
     std::string name = Run(At(arguments));
     name.resize(name.find('\n'));
     const v1::Job job = cluster_->Await(name);
-    EXPECT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error();
+    EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
     return name;
   }
   // The mesh of each tile.
@@ -137,7 +137,7 @@ TEST_F(RollbackTest, TilesGoBackToTheByteTogetherWithThoseThatShareVerticesOrNot
   EXPECT_THAT(Run(At({"lineage", back, "--tile", std::to_string(*differ.rbegin())})),
               testing::AllOf(HasSubstr("made by jobs/3"), HasSubstr(": kept from jobs/3\n")));
   const v1::Job same = cluster_->Await(cluster_->Submit(Path("fewer"), 0, "", back).name());
-  ASSERT_EQ(same.state(), v1::JOB_SUCCEEDED) << same.error();
+  ASSERT_EQ(same.state(), v1::JOB_STATE_SUCCEEDED) << same.error();
   const std::string again = cluster_->Fetch(same.name());
   const json plan = json::parse(Content(again + "/update.json"));
   EXPECT_EQ(plan["tiles_redone"], 0) << plan["tiles"];

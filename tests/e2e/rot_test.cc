@@ -32,14 +32,15 @@ TEST_F(RotTest, AJobWhoseFilesAllRotEndsWithTheSameBytes) {
   Program& first = cluster.AddWorker();
   ASSERT_TRUE(WaitUntil([&] {
     const std::vector<v1::Task> tasks = cluster.Tasks(job);
-    return std::any_of(tasks.begin(), tasks.end(),
-                       [](const v1::Task& task) { return task.kind() == "solve" && task.state() == v1::SUCCEEDED; });
+    return std::any_of(tasks.begin(), tasks.end(), [](const v1::Task& task) {
+      return task.kind() == "solve" && task.state() == v1::TASK_STATE_SUCCEEDED;
+    });
   }));
   first.Kill();
   EXPECT_GT(HarmAll(cluster.data()), 10);
   cluster.AddWorker();
   const v1::Job ended = cluster.Await(job);
-  ASSERT_EQ(ended.state(), v1::JOB_SUCCEEDED) << ended.error();
+  ASSERT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
   EXPECT_EQ(Content(cluster.Fetch(job) + "/mesh.ply"), Content(UndisturbedMesh()));
   EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("result lost, made again"));
   EXPECT_FALSE(fs::is_empty(cluster.data() + "/blobs/set_aside"));
@@ -49,7 +50,7 @@ TEST_F(RotTest, AJobWhoseFilesAllRotEndsWithTheSameBytes) {
   cluster.AddWorker({"--no-shared-storage"});
   const std::string again = cluster.Submit(ToyCity(), 4).name();
   const v1::Job ended_again = cluster.Await(again);
-  ASSERT_EQ(ended_again.state(), v1::JOB_SUCCEEDED) << ended_again.error();
+  ASSERT_EQ(ended_again.state(), v1::JOB_STATE_SUCCEEDED) << ended_again.error();
   v1::Job published = ended_again;
   for (const v1::Artifact& artifact : published.artifacts()) {
     if (artifact.name() != "mesh.ply") continue;

@@ -60,7 +60,7 @@ TEST_F(SeenTest, MetricsAndTimelineAddUpToWhatTheJobTells) {
   const auto is_at_work = [&] {
     const std::vector<v1::Task> tasks = cluster.Tasks("jobs/1");
     return std::any_of(tasks.begin(), tasks.end(), [&](const v1::Task& task) {
-      return task.kind() != "ingest" && task.state() == v1::LEASED && task.worker() == name;
+      return task.kind() != "ingest" && task.state() == v1::TASK_STATE_LEASED && task.worker() == name;
     });
   };
   ASSERT_TRUE(WaitUntil([&] {
@@ -72,7 +72,7 @@ TEST_F(SeenTest, MetricsAndTimelineAddUpToWhatTheJobTells) {
   }));
   killed.Kill();
   const v1::Job job = cluster.Await("jobs/1");
-  ASSERT_EQ(job.state(), v1::JOB_SUCCEEDED) << job.error();
+  ASSERT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.error();
   const std::string out = cluster.Fetch(job.name());
   const json told = json::parse(Content(out + "/job.json"));
   const std::map<std::string, double> samples = Samples();

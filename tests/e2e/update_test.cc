@@ -267,13 +267,13 @@ TEST_F(UpdateTest, ACoordinatorKilledInOneOfTwoUpdatesLosesNothing) {
   cluster.AddWorker();
   cluster.AddWorker();
   const v1::Job base = cluster.Await(cluster.Submit(Street(), 8).name());
-  ASSERT_EQ(base.state(), v1::JOB_SUCCEEDED) << base.error();
+  ASSERT_EQ(base.state(), v1::JOB_STATE_SUCCEEDED) << base.error();
   // The same flight, and the whole scene as it was: two updates of one base at once.
   const std::string flight = cluster.Submit(NextFlight(), 0, "a", base.name()).name();
   const std::string same = cluster.Submit(Street(), 0, "b", base.name()).name();
   const auto solved = [&] {
     for (const v1::Task& task : cluster.Tasks(flight)) {
-      if (task.kind() == "solve" && task.state() == v1::SUCCEEDED) return true;
+      if (task.kind() == "solve" && task.state() == v1::TASK_STATE_SUCCEEDED) return true;
     }
     return false;
   };
@@ -282,7 +282,7 @@ TEST_F(UpdateTest, ACoordinatorKilledInOneOfTwoUpdatesLosesNothing) {
   cluster.StartCoordinator();
   for (const std::string& job : {flight, same}) {
     const v1::Job done = cluster.Await(job);
-    EXPECT_EQ(done.state(), v1::JOB_SUCCEEDED) << done.error();
+    EXPECT_EQ(done.state(), v1::JOB_STATE_SUCCEEDED) << done.error();
   }
   EXPECT_TRUE(Content(cluster.Fetch(flight) + "/mesh.ply") == Mesh("next"));
   EXPECT_TRUE(Content(cluster.Fetch(same) + "/mesh.ply") == Content(Base() + "/mesh.ply"));

@@ -57,7 +57,9 @@ const std::vector<Errand>& Errands() {
   return errands;
 }
 
-bool SoakedJobs::Job::ended() const { return !state.empty() && state != "QUEUED" && state != "RUNNING"; }
+bool SoakedJobs::Job::ended() const {
+  return !state.empty() && state != "JOB_STATE_QUEUED" && state != "JOB_STATE_RUNNING";
+}
 
 SoakedJobs::SoakedJobs(SoakedCluster& cluster, uint64_t seed, History& history, Tally& tally)
     : cluster_(cluster), seed_(seed), history_(history), tally_(tally) {}
@@ -105,7 +107,7 @@ void SoakedJobs::NewJob() {
   const bool twice = random_.Below(3) == 0;
   if (const int base = Errands()[job.errand].base; base >= 0) {
     const auto done = std::find_if(jobs_.begin(), jobs_.end(), [&](const Job& each) {
-      return each.errand == base && each.state == "JOB_SUCCEEDED";
+      return each.errand == base && each.state == "JOB_STATE_SUCCEEDED";
     });
     if (done == jobs_.end()) {
       job.errand = base;
@@ -214,12 +216,12 @@ void SoakedJobs::TakeList(const json& list, double asked_s) {
 
 void SoakedJobs::TakeState(Job& job, const json& told, double asked_s) {
   const std::string state = told.value("state", ""), files = told.value("artifacts", json::array()).dump();
-  const bool had_ended = job.ended(), may_go_on = job.state == "JOB_FAILED" || job.state == "JOB_PARTIAL";
+  const bool had_ended = job.ended(), may_go_on = job.state == "JOB_STATE_FAILED" || job.state == "JOB_STATE_PARTIAL";
   if (had_ended && (state != job.state || files != job.files) && !may_go_on) {
     throw Violation(job.name + " had ended as " + job.state + " and is " + state + " now, with " +
                     (files == job.files ? "the same files" : "other files"));
   }
-  if (job.cancelled_s < asked_s && state != "JOB_CANCELLED")
+  if (job.cancelled_s < asked_s && state != "JOB_STATE_CANCELLED")
     throw Violation(job.name + " was cancelled and is " + state);
   job.paused = told.value("paused", false);
   job.error = told.value("error", "");
@@ -228,8 +230,8 @@ void SoakedJobs::TakeState(Job& job, const json& told, double asked_s) {
   history_.Note(job.name + " is " + state + (job.error.empty() ? "" : ": " + job.error));
   if (!job.ended()) return;
   job.retry_asked = false;
-  if (state == "JOB_CANCELLED" && !job.cancel_asked) throw Violation(job.name + " was cancelled by nobody");
-  if ((state == "JOB_FAILED" || state == "JOB_PARTIAL") && !IsBySoak(job.error)) {
+  if (state == "JOB_STATE_CANCELLED" && !job.cancel_asked) throw Violation(job.name + " was cancelled by nobody");
+  if ((state == "JOB_STATE_FAILED" || state == "JOB_STATE_PARTIAL") && !IsBySoak(job.error)) {
     throw Violation(job.name + " is " + state + ": " + job.error);
   }
   ++tally_.jobs[state];
@@ -243,12 +245,12 @@ bool SoakedJobs::BringToEnd() {
     } else if (job.paused && !job.ended()) {
       job.paused = false;  // until it is told again
       Run({"resume", job.name}, [](const Outcome&) {});
-    } else if ((job.state == "JOB_FAILED" || job.state == "JOB_PARTIAL") && !job.retry_asked) {
+    } else if ((job.state == "JOB_STATE_FAILED" || job.state == "JOB_STATE_PARTIAL") && !job.retry_asked) {
       job.retry_asked = true;
       history_.Note("retry " + job.name);
       Run({"retry", job.name}, [](const Outcome&) {});
     }
-    all = all && (job.state == "JOB_SUCCEEDED" || job.state == "JOB_CANCELLED");
+    all = all && (job.state == "JOB_STATE_SUCCEEDED" || job.state == "JOB_STATE_CANCELLED");
   }
   // What was asked before may still change something.
   return all && std::all_of(commands_.begin(), commands_.end(),
@@ -258,7 +260,7 @@ bool SoakedJobs::BringToEnd() {
 std::string SoakedJobs::Waiting() const {
   std::string words;
   for (const Job& job : jobs_) {
-    if (job.state == "JOB_SUCCEEDED" || job.state == "JOB_CANCELLED") continue;
+    if (job.state == "JOB_STATE_SUCCEEDED" || job.state == "JOB_STATE_CANCELLED") continue;
     words += "\n  " + (job.name.empty() ? job.request_id + " without a name" : job.name + " " + job.state) + " (" +
              Errands()[job.errand].name + ")";
   }
@@ -268,7 +270,7 @@ std::string SoakedJobs::Waiting() const {
 
 void SoakedJobs::Compare() {
   for (const Job& job : jobs_) {
-    if (job.state != "JOB_SUCCEEDED") continue;
+    if (job.state != "JOB_STATE_SUCCEEDED") continue;
     const std::string out = cluster_.folder() + "/fetched";
     fs::remove_all(out);
     Outcome fetched;

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "common/rpc/channel.h"
+#include "tessera/v1/errors.pb.h"
 #include "tessera/v1/workers.grpc.pb.h"
 #include "tests/support/fake_blob_service.h"
 
@@ -176,7 +177,7 @@ class FakeWorkersService : public v1::Workers::Service {
   }
 
  private:
-  static grpc::Status Forgotten() { return Refused(grpc::StatusCode::NOT_FOUND, v1::Refusal::UNKNOWN_WORKER); }
+  static grpc::Status Forgotten() { return Refused(grpc::StatusCode::NOT_FOUND, v1::Refusal::REASON_UNKNOWN_WORKER); }
 
   std::mutex mutex_;
   std::condition_variable changed_;

@@ -119,6 +119,16 @@ class Agent::Impl {
     return draining_ ? absl::OkStatus() : status;
   }
 
+  void StopLeasing() {
+    {
+      std::lock_guard lock(mutex_);
+      last_task_ = true;
+      if (attempt_ == nullptr) draining_ = true;
+    }
+    changed_.notify_all();
+    link_.StopLeasing();
+  }
+
   void Drain() {
     {
       std::lock_guard lock(mutex_);
@@ -190,7 +200,7 @@ class Agent::Impl {
     Backoff backoff(options_.retry);
     bool away = false;
     int64_t lease_call = 1;  // the same until it is answered
-    while (!draining_) {
+    while (!draining_ && !last_task_) {
       std::optional<LeasedTask> lease;
       const Status status = CallAs([&](const std::string& name) -> Status {
         auto answer = link_.Lease(name, options_.lease_wait_s, lease_call);
@@ -209,7 +219,7 @@ class Agent::Impl {
       if (RefusalOf(status) == Refusal::kOtherVersion) return status;
       if (!away) LogWarning("coordinator is away", {{"reason", MessageOf(status)}});
       away = true;
-      Wait(backoff.NextDelay());
+      Wait(backoff.NextDelay(status));
     }
     return absl::OkStatus();
   }
@@ -318,7 +328,7 @@ class Agent::Impl {
       if (IsAnswered(status)) break;
       if (!told) LogWarning("cannot report yet", With(who, "reason", MessageOf(status)));
       told = true;
-      if (!Wait(backoff.NextDelay())) break;
+      if (!Wait(backoff.NextDelay(status))) break;
     }
     if (!report.succeeded) {
       LogWarning("failed", With(who, "reason", report.failure.message));
@@ -370,11 +380,12 @@ class Agent::Impl {
   std::mutex registering_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  Registration registration_;          // guarded by mutex_
-  bool to_probe_ = false;              // guarded by mutex_: the registration is new to files_
-  std::shared_ptr<Attempt> attempt_;   // guarded by mutex_
-  bool ended_ = false;                 // guarded by mutex_: no lease will come any more
-  std::atomic<bool> draining_{false};  // written under mutex_
+  Registration registration_;           // guarded by mutex_
+  bool to_probe_ = false;               // guarded by mutex_: the registration is new to files_
+  std::shared_ptr<Attempt> attempt_;    // guarded by mutex_
+  bool ended_ = false;                  // guarded by mutex_: no lease will come any more
+  std::atomic<bool> draining_{false};   // written under mutex_
+  std::atomic<bool> last_task_{false};  // written under mutex_: none is taken after the one at hand
 
   // Of the task's thread alone.
   TaskFiles files_;
@@ -396,6 +407,7 @@ StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options, Task
 }
 
 Status Agent::Run() { return impl_->Run(); }
+void Agent::StopLeasing() { impl_->StopLeasing(); }
 void Agent::Drain() { impl_->Drain(); }
 
 }  // namespace tessera

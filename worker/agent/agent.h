@@ -36,10 +36,14 @@ class Agent {
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options, TaskRunner runner);
   ~Agent();
 
-  // Works until Drain. A coordinator that is away, restarted or has forgotten this worker is waited for without end;
-  // the task at hand goes on meanwhile and is reported when it is back. An error only if the coordinator refuses the
-  // worker for good (other version of the algorithms).
+  // Works until StopLeasing or Drain. A coordinator that is away, restarted or has forgotten this worker is waited for
+  // without end; the task at hand goes on meanwhile and is reported when it is back. An error only if the coordinator
+  // refuses the worker for good (other version of the algorithms).
   Status Run();
+
+  // Takes no other task: Run ends once the one at hand was reported, at once if there is none. Any thread; not a signal
+  // handler.
+  void StopLeasing();
 
   // Gives the running task up (reported as aborted), unregisters and ends Run. Any thread; not a signal handler.
   void Drain();

@@ -54,23 +54,23 @@ std::string PrintableText(const std::string& text) {
 v1::ErrorClass ToProto(FailureClass failure) {
   switch (failure) {
     case FailureClass::kInput:
-      return v1::INPUT;
+      return v1::ERROR_CLASS_INPUT;
     case FailureClass::kLostInput:
-      return v1::LOST_INPUT;
+      return v1::ERROR_CLASS_LOST_INPUT;
     case FailureClass::kMemory:
-      return v1::MEMORY;
+      return v1::ERROR_CLASS_MEMORY;
     case FailureClass::kScratch:
-      return v1::SCRATCH;
+      return v1::ERROR_CLASS_SCRATCH;
     case FailureClass::kStorage:
-      return v1::STORAGE;
+      return v1::ERROR_CLASS_STORAGE;
     case FailureClass::kPeer:
-      return v1::PEER;
+      return v1::ERROR_CLASS_PEER;
     case FailureClass::kPreempted:
-      return v1::PREEMPTED;
+      return v1::ERROR_CLASS_PREEMPTED;
     case FailureClass::kInternal:
       break;
   }
-  return v1::INTERNAL;
+  return v1::ERROR_CLASS_INTERNAL;
 }
 
 LeasedTask FromProto(const v1::Lease& lease) {

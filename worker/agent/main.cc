@@ -32,6 +32,7 @@ struct Flags {
   bool no_shared_storage = false;
   double cache_gib = 20;
   bool exit_with_parent = false;
+  double drain_s = 0;
   std::string log_level = "info";
   bool json_logs = false;
 };
@@ -68,6 +69,11 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--cache-gib", flags.cache_gib, "Bound of the cache of fetched files; the oldest go first")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
+  app.add_option("--drain-s", flags.drain_s,
+                 "When asked to stop (SIGTERM, SIGINT), take no other task and go on with the one at hand for so long, "
+                 "then give it back; a second signal stops at once")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "Drain when the process that started this one ends");
   app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();
   app.add_flag("--json-logs", flags.json_logs, "One JSON object a line");
@@ -89,14 +95,21 @@ int Fail(const tessera::Status& status) {
   return 1;
 }
 
-// First signal: drain. Second: out, at once. Returns at the next one once `ended`.
-void HandleSignals(const sigset_t& signals, tessera::Agent& agent, const std::atomic<bool>& ended) {
+// First signal: drain, the task at hand given up after so long. Second: out, at once. Returns at the next one once
+// `ended`.
+void HandleSignals(const sigset_t& signals, double drain_s, tessera::Agent& agent, const std::atomic<bool>& ended) {
   int signal = 0;
   sigwait(&signals, &signal);
   if (ended) return;
-  tessera::LogInfo("draining", {{"signal", std::to_string(signal)}});
-  agent.Drain();
-  sigwait(&signals, &signal);
+  tessera::LogInfo("draining", {{"signal", std::to_string(signal)}, {"seconds", std::to_string(drain_s)}});
+  agent.StopLeasing();
+  const auto whole_s = static_cast<time_t>(drain_s);
+  const timespec grace = {whole_s, static_cast<long>((drain_s - static_cast<double>(whole_s)) * 1e9)};
+  signal = sigtimedwait(&signals, nullptr, &grace);
+  if (signal < 0) {
+    agent.Drain();
+    sigwait(&signals, &signal);
+  }
   if (!ended) _exit(128 + signal);
 }
 
@@ -153,7 +166,7 @@ int main(int argc, char** argv) {
   const auto agent = tessera::Agent::Create(options, tessera::RunTask);
   if (!agent.ok()) return Fail(agent.status());
   std::atomic<bool> ended = false;
-  std::thread handler([&] { HandleSignals(signals, **agent, ended); });
+  std::thread handler([&] { HandleSignals(signals, flags.drain_s, **agent, ended); });
   const tessera::Status status = (*agent)->Run();
   // The agent goes after whoever may still be draining it.
   ended = true;

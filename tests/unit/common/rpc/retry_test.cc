@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <utility>
 #include <vector>
+
+#include "common/base/refusal.h"
 
 namespace tessera {
 namespace {
@@ -69,6 +72,22 @@ TEST(RetryTest, ErrorsForGoodAreNotRepeated) {
     });
     EXPECT_EQ(status, fatal);
     EXPECT_EQ(calls, 1);
+  }
+}
+
+// What reached a limit was not done, and the other side may know when to try again.
+TEST(RetryTest, TheDelayThatWasToldIsKept) {
+  const Status limit = LimitError({"calls", 2, "--max"}, "wait");
+  EXPECT_FALSE(IsTransient(limit, Idempotency::kIdempotent)) << "nobody knows when";
+  for (const auto& [told_s, waited_s] : {std::pair(0.2, 1.0), std::pair(3.5, 3.5), std::pair(1e9, 60.0)}) {
+    for (const Status& error : {limit, absl::UnavailableError("away")}) {
+      RecordedSleep sleep;
+      int calls = 0;
+      EXPECT_TRUE(Retry(Policy(3), Idempotency::kOnce, sleep.sleeper(), [&] {
+                    return ++calls < 2 ? RetryAfter(error, told_s) : absl::OkStatus();
+                  }).ok());
+      EXPECT_EQ(sleep.delays, std::vector<double>{waited_s});
+    }
   }
 }
 

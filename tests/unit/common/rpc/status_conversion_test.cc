@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "common/base/refusal.h"
 #include "common/rpc/retry.h"
 
 namespace tessera {
@@ -24,6 +25,47 @@ TEST(StatusConversionTest, ACallThatAServerBreaksOffAsItStopsMayBeRepeated) {
   EXPECT_FALSE(status.message().empty());
   EXPECT_TRUE(IsTransient(status, Idempotency::kIdempotent));
   EXPECT_FALSE(IsTransient(status, Idempotency::kOnce));
+}
+
+TEST(StatusConversionTest, DetailsSayWhatIsWrongWhereAndWhenToTryAgain) {
+  Faults faults;
+  faults.Add(InputError("mesh.ply", "line 12", "'x'", "a number"));
+  faults.Add(absl::NotFoundError("something else"));
+  faults.Add(InputError("settings.tiles", "", "-1", "at least 0"));
+  const Status told = FromGrpc(ToGrpc(faults.ToStatus()));
+  EXPECT_EQ(told.message(), faults.ToStatus().message());
+  const std::vector<InputFault> parts = FaultsOf(told);
+  ASSERT_EQ(parts.size(), 2u);
+  EXPECT_EQ(parts[0].file, "mesh.ply");
+  EXPECT_EQ(parts[0].place, "line 12");
+  EXPECT_EQ(parts[0].found, "'x'");
+  EXPECT_EQ(parts[0].expected, "a number");
+  EXPECT_EQ(parts[1].file, "settings.tiles");
+
+  const Status limit =
+      FromGrpc(ToGrpc(RetryAfter(LimitError({"watches of 'anna'", 7, "--max-watches"}, "end some"), 2.5)));
+  EXPECT_EQ(limit.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(limit.message(), "watches of 'anna': 7 is the most (--max-watches of tesserad); end some");
+  EXPECT_EQ(RefusalOf(limit), Refusal::kLimit);
+  EXPECT_EQ(LimitOf(limit).what, "watches of 'anna'");
+  EXPECT_EQ(LimitOf(limit).most, 7);
+  EXPECT_EQ(LimitOf(limit).flag, "--max-watches");
+  EXPECT_EQ(RetryDelayOf(limit), 2.5);
+  EXPECT_EQ(RetryDelayOf(absl::UnavailableError("")), 0);
+  EXPECT_TRUE(LimitOf(absl::UnavailableError("")).what.empty());
+}
+
+TEST(StatusConversionTest, DetailsStaySmallWhateverIsInFiles) {
+  Faults faults;
+  for (int i = 0; i < 1000; ++i) {
+    faults.Add(
+        InputError("image " + std::to_string(i), "", std::string(10'000, i % 2 == 0 ? '\xff' : 'x'), "a number"));
+  }
+  const grpc::Status told = ToGrpc(faults.ToStatus());
+  EXPECT_LE(told.error_details().size(), 4096u);
+  const std::vector<InputFault> parts = FaultsOf(FromGrpc(told));
+  ASSERT_GE(parts.size(), 2u);
+  EXPECT_EQ(parts[1].file, "image 1");
 }
 
 TEST(StatusConversionTest, UnknownCodesBecomeUnknown) {

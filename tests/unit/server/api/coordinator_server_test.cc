@@ -28,7 +28,7 @@ TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
   ASSERT_TRUE(CreateJob(&job, "r").ok());
   EXPECT_EQ(job.name(), "jobs/1");
   EXPECT_EQ(job.display_name(), "fake");
-  EXPECT_EQ(job.state(), v1::QUEUED);
+  EXPECT_EQ(job.state(), v1::JOB_STATE_QUEUED);
   ASSERT_TRUE(CreateJob(&again, "r").ok());
   EXPECT_EQ(again.name(), "jobs/1");
   ASSERT_TRUE(CreateJob(&again, "r", false, scene_ + "/./").ok()) << "the same path";
@@ -122,7 +122,7 @@ TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
     ASSERT_TRUE(workers_->ReportTask(&report_context, report, &response).ok());
   }
   watcher.join();
-  EXPECT_EQ(states.back(), "JOB_SUCCEEDED");
+  EXPECT_EQ(states.back(), "JOB_STATE_SUCCEEDED");
 
   // Tasks in pages.
   grpc::ClientContext first_context, second_context;

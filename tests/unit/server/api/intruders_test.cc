@@ -46,7 +46,7 @@ const std::map<std::string, std::set<std::string>> kMayCall = {
     {"/tessera.v1.Blobs/QueryWrite", {"worker"}},
     {"/grpc.health.v1.Health/Check", {"viewer", "submitter", "worker", "admin"}},
     {"/grpc.health.v1.Health/Watch", {"viewer", "submitter", "worker", "admin"}},
-    {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", {"viewer", "submitter", "worker", "admin"}},
+    {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", {"viewer", "submitter", "admin"}},
 };
 
 std::vector<std::string> ServedMethods() {

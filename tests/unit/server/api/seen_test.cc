@@ -147,13 +147,13 @@ TEST_F(SeenTest, HealthSaysWhetherAnythingCanBeStored) {
   }
   store_.fail = true;
   EXPECT_FALSE(dispatcher_->CreateJob(AJob(1)).ok());
-  server_->UpdateHealth();
+  server_->Tick();
   EXPECT_EQ(Health(""), kNotServing);
   EXPECT_EQ(Health("tessera.v1.Jobs"), kNotServing);
   store_.fail = false;
   while (!dispatcher_->Durable().ok()) {  // the journal tries again after a while
   }
-  server_->UpdateHealth();
+  server_->Tick();
   EXPECT_EQ(Health(""), kServing);
   EXPECT_EQ(Health("no.such.Service"), -static_cast<int>(grpc::StatusCode::NOT_FOUND));
 }
@@ -310,26 +310,26 @@ TEST_F(SeenTest, EveryAttemptIsListedWithItsEnd) {
     EXPECT_EQ(attempts[0].task(), "jobs/1/tasks/0");
     EXPECT_EQ(attempts[0].worker(), one);
     EXPECT_EQ(attempts[0].machine(), "host/boot");
-    EXPECT_EQ(attempts[0].outcome(), v1::ATTEMPT_LEASE_EXPIRED);
+    EXPECT_EQ(attempts[0].outcome(), v1::ATTEMPT_OUTCOME_LEASE_EXPIRED);
     EXPECT_EQ(attempts[1].attempt(), 2);
-    EXPECT_EQ(attempts[1].outcome(), v1::ATTEMPT_SUCCEEDED);
+    EXPECT_EQ(attempts[1].outcome(), v1::ATTEMPT_OUTCOME_SUCCEEDED);
     EXPECT_EQ(attempts[1].end_time().seconds() - attempts[1].start_time().seconds(), 2);
     std::vector<int> outcomes = {attempts[2].outcome(), attempts[3].outcome()};
-    EXPECT_THAT(outcomes, testing::UnorderedElementsAre(v1::ATTEMPT_FAILED, v1::ATTEMPT_RUNNING));
-    const v1::Attempt& failed = attempts[attempts[2].outcome() == v1::ATTEMPT_FAILED ? 2 : 3];
-    EXPECT_EQ(failed.error().error_class(), v1::INTERNAL);
+    EXPECT_THAT(outcomes, testing::UnorderedElementsAre(v1::ATTEMPT_OUTCOME_FAILED, v1::ATTEMPT_OUTCOME_RUNNING));
+    const v1::Attempt& failed = attempts[attempts[2].outcome() == v1::ATTEMPT_OUTCOME_FAILED ? 2 : 3];
+    EXPECT_EQ(failed.error().error_class(), v1::ERROR_CLASS_INTERNAL);
     EXPECT_EQ(failed.error().message().size(), 4096u);
     EXPECT_EQ(failed.kind(), "refine");
     EXPECT_GE(failed.tile(), 0);
     for (const v1::Attempt& attempt : attempts) {
-      EXPECT_EQ(attempt.has_end_time(), attempt.outcome() != v1::ATTEMPT_RUNNING);
+      EXPECT_EQ(attempt.has_end_time(), attempt.outcome() != v1::ATTEMPT_OUTCOME_RUNNING);
     }
   }
   ASSERT_TRUE(dispatcher_->CancelJob("jobs/1").ok());
   int pages = 0;
   const auto attempts = Attempts("jobs/1", 10, &pages);
   EXPECT_EQ(std::count_if(attempts.begin(), attempts.end(),
-                          [](const auto& each) { return each.outcome() == v1::ATTEMPT_CANCELLED; }),
+                          [](const auto& each) { return each.outcome() == v1::ATTEMPT_OUTCOME_CANCELLED; }),
             1);
   for (const char* token : {"x", "1", "1.", ".1", "1.2.3", "-1.1"}) {
     grpc::ClientContext context;
@@ -366,7 +366,7 @@ TEST_F(SeenTest, ChangesOfTasksNameAllThatIsAboutThem) {
   v1::Record record;
   record.mutable_attempt_failed()->set_task("jobs/3/tasks/12");
   record.mutable_attempt_failed()->set_attempt(2);
-  record.mutable_attempt_failed()->mutable_error()->set_error_class(v1::MEMORY);
+  record.mutable_attempt_failed()->mutable_error()->set_error_class(v1::ERROR_CLASS_MEMORY);
   record.mutable_attempt_failed()->mutable_error()->set_message("it took\nmore");
   const auto lines = Logged([&] { LogRecord(record, {"solve", 7, "workers/1-4"}); });
   EXPECT_THAT(lines, ElementsAre(HasSubstr(" warning attempt failed job=jobs/3 tile=7 task=jobs/3/tasks/12 attempt=2 "

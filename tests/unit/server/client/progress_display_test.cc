@@ -21,7 +21,7 @@ using testing::Not;
 v1::WatchJobResponse Update(double progress, int running) {
   v1::WatchJobResponse update;
   update.mutable_job()->set_name("jobs/7");
-  update.mutable_job()->set_state(v1::RUNNING);
+  update.mutable_job()->set_state(v1::JOB_STATE_RUNNING);
   update.mutable_job()->set_progress(progress);
   update.mutable_job()->set_tiles_done(3);
   update.mutable_job()->set_tiles_total(8);

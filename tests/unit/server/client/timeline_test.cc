@@ -21,13 +21,13 @@ v1::Job AJob() {
   v1::Job job;
   job.set_name("jobs/3");
   job.set_display_name("a \"city\"\n");
-  job.set_state(v1::RUNNING);
+  job.set_state(v1::JOB_STATE_RUNNING);
   job.mutable_create_time()->set_seconds(kZero_s);
   return job;
 }
 
 v1::Attempt AnAttempt(int task, const std::string& worker, int start_s, int end_s,
-                      v1::AttemptOutcome outcome = v1::ATTEMPT_SUCCEEDED) {
+                      v1::AttemptOutcome outcome = v1::ATTEMPT_OUTCOME_SUCCEEDED) {
   v1::Attempt attempt;
   attempt.set_task("jobs/3/tasks/" + std::to_string(task));
   attempt.set_attempt(1);
@@ -51,15 +51,15 @@ std::vector<json> Slices(const json& trace) {
 }
 
 TEST(Timeline, HasARowAWorkerAndASliceAnAttempt) {
-  v1::Attempt failed = AnAttempt(2, "workers/1-1", 30, 50, v1::ATTEMPT_FAILED);
-  failed.mutable_error()->set_error_class(v1::LOST_INPUT);
+  v1::Attempt failed = AnAttempt(2, "workers/1-1", 30, 50, v1::ATTEMPT_OUTCOME_FAILED);
+  failed.mutable_error()->set_error_class(v1::ERROR_CLASS_LOST_INPUT);
   failed.mutable_error()->set_message("no such\nfile");
   const std::vector<v1::Attempt> attempts = {
       failed,
       AnAttempt(0, "workers/1-1", 10, 30),
-      AnAttempt(1, "workers/1-2", 10, 20, v1::ATTEMPT_LEASE_EXPIRED),
-      AnAttempt(3, "workers/1-3", 40, 45, v1::ATTEMPT_CANCELLED),
-      AnAttempt(4, "workers/1-3", 60, -1, v1::ATTEMPT_RUNNING),
+      AnAttempt(1, "workers/1-2", 10, 20, v1::ATTEMPT_OUTCOME_LEASE_EXPIRED),
+      AnAttempt(3, "workers/1-3", 40, 45, v1::ATTEMPT_OUTCOME_CANCELLED),
+      AnAttempt(4, "workers/1-3", 60, -1, v1::ATTEMPT_OUTCOME_RUNNING),
   };
   const json trace = json::parse(TimelineJson(AJob(), attempts, (kZero_s + 100) * 1'000'000));
   EXPECT_EQ(trace["otherData"]["name"], "a \"city\"\n");

@@ -99,7 +99,7 @@ class BaseTest : public testing::Test {
     }
     v1::Record ended;
     ended.mutable_job_ended()->set_job(name);
-    ended.mutable_job_ended()->set_state(v1::JOB_SUCCEEDED);
+    ended.mutable_job_ended()->set_state(v1::JOB_STATE_SUCCEEDED);
     Apply(ended);
     return name;
   }

@@ -138,7 +138,7 @@ TEST_F(DeleteJobTest, AnyNumberMayGo) {
     record.mutable_job_accepted()->set_job("jobs/" + std::to_string(job));
     records.push_back(record.SerializeAsString());
     record.mutable_job_ended()->set_job("jobs/" + std::to_string(job));
-    record.mutable_job_ended()->set_state(v1::JOB_CANCELLED);
+    record.mutable_job_ended()->set_state(v1::JOB_STATE_CANCELLED);
     records.push_back(record.SerializeAsString());
   }
   const std::vector<std::string_view> views(records.begin(), records.end());

@@ -25,22 +25,22 @@ using AgentFailuresTest = AgentTest;
 
 TEST_F(AgentFailuresTest, FailuresHaveTheirClassAndTheWorkerLivesOn) {
   const std::vector<std::pair<std::function<StatusOr<TaskOutcome>()>, v1::ErrorClass>> cases = {
-      {[] { return absl::InvalidArgumentError("line 3 is wrong"); }, v1::INPUT},
-      {[] { return absl::NotFoundError("no image"); }, v1::INPUT},
-      {[] { return absl::ResourceExhaustedError("too big"); }, v1::MEMORY},
-      {[]() -> StatusOr<TaskOutcome> { throw std::bad_alloc(); }, v1::MEMORY},
-      {[]() -> StatusOr<TaskOutcome> { throw std::runtime_error("odd"); }, v1::INTERNAL},
-      {[]() -> StatusOr<TaskOutcome> { throw 5; }, v1::INTERNAL},
-      {[] { return absl::UnavailableError("some library's own"); }, v1::INTERNAL},
-      {[] { return FileError(ENOSPC, "cannot write it"); }, v1::SCRATCH},
-      {[] { return FileError(EIO, "cannot map it"); }, v1::SCRATCH},
-      {[] { return FileError(ENOENT, "image 7"); }, v1::INPUT},
+      {[] { return absl::InvalidArgumentError("line 3 is wrong"); }, v1::ERROR_CLASS_INPUT},
+      {[] { return absl::NotFoundError("no image"); }, v1::ERROR_CLASS_INPUT},
+      {[] { return absl::ResourceExhaustedError("too big"); }, v1::ERROR_CLASS_MEMORY},
+      {[]() -> StatusOr<TaskOutcome> { throw std::bad_alloc(); }, v1::ERROR_CLASS_MEMORY},
+      {[]() -> StatusOr<TaskOutcome> { throw std::runtime_error("odd"); }, v1::ERROR_CLASS_INTERNAL},
+      {[]() -> StatusOr<TaskOutcome> { throw 5; }, v1::ERROR_CLASS_INTERNAL},
+      {[] { return absl::UnavailableError("some library's own"); }, v1::ERROR_CLASS_INTERNAL},
+      {[] { return FileError(ENOSPC, "cannot write it"); }, v1::ERROR_CLASS_SCRATCH},
+      {[] { return FileError(EIO, "cannot map it"); }, v1::ERROR_CLASS_SCRATCH},
+      {[] { return FileError(ENOENT, "image 7"); }, v1::ERROR_CLASS_INPUT},
       {[]() -> StatusOr<TaskOutcome> {
          TaskOutcome outcome;
          outcome.outputs = {"never written"};
          return outcome;
        },
-       v1::INTERNAL},
+       v1::ERROR_CLASS_INTERNAL},
   };
   for (size_t i = 0; i < cases.size(); ++i) coordinator_.Queue(NewLease("jobs/1/tasks/" + std::to_string(i)));
   std::atomic<size_t> next{0};
@@ -68,7 +68,7 @@ TEST_F(AgentFailuresTest, InputsThatCannotBeHadAreToldByTheirDigests) {
   coordinator_.Queue(lease);
   StartAgent(Concatenate);
   const v1::ReportTaskRequest report = WaitForReport();
-  EXPECT_EQ(report.failure().error_class(), v1::LOST_INPUT);
+  EXPECT_EQ(report.failure().error_class(), v1::ERROR_CLASS_LOST_INPUT);
   ASSERT_EQ(report.failure().lost_inputs_size(), 2) << report.failure().message();
   EXPECT_EQ(report.failure().lost_inputs(0).sha256(), rotten.sha256);
   EXPECT_EQ(report.failure().lost_inputs(1).sha256(), gone.sha256);
@@ -88,7 +88,7 @@ TEST_F(AgentFailuresTest, AnInputThatIsCalledWrongIsReadAgain) {
     fs::last_write_time(path, time);
     return absl::InvalidArgumentError("in.txt: byte 0: found j, expected h");
   });
-  EXPECT_EQ(WaitForReport().failure().error_class(), v1::LOST_INPUT);
+  EXPECT_EQ(WaitForReport().failure().error_class(), v1::ERROR_CLASS_LOST_INPUT);
 }
 
 // A file may only become so long, which is what a full disk looks like from within.
@@ -106,7 +106,7 @@ TEST_F(AgentFailuresTest, AFullScratchFolderIsNoLackOfMemory) {
     return status;
   });
   const v1::ReportTaskRequest report = WaitForReport();
-  EXPECT_EQ(report.failure().error_class(), v1::SCRATCH);
+  EXPECT_EQ(report.failure().error_class(), v1::ERROR_CLASS_SCRATCH);
   EXPECT_THAT(report.failure().message(), HasSubstr("File too large"));
 }
 
@@ -120,7 +120,7 @@ TEST_F(AgentFailuresTest, AScratchFolderThatHasGoneIsNotTheTasksFault) {
     return outcome;
   });
   WaitForReport(2);
-  EXPECT_EQ(coordinator_.reports[1].failure().error_class(), v1::SCRATCH)
+  EXPECT_EQ(coordinator_.reports[1].failure().error_class(), v1::ERROR_CLASS_SCRATCH)
       << coordinator_.reports[1].failure().message();
 }
 
@@ -141,7 +141,7 @@ TEST_F(AgentFailuresTest, OutputsThatCannotBeStoredForLongAreStoragesFault) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   StartAgent(Concatenate);
   const v1::ReportTaskRequest report = WaitForReport();
-  EXPECT_EQ(report.failure().error_class(), v1::STORAGE);
+  EXPECT_EQ(report.failure().error_class(), v1::ERROR_CLASS_STORAGE);
   EXPECT_THAT(report.failure().message(), HasSubstr("no space left"));
 }
 

@@ -150,7 +150,7 @@ TEST_F(AgentTest, AnInputChangedDuringTheTaskFailsIt) {
     return Concatenate(request, control);
   });
   const v1::ReportTaskRequest report = WaitForReport();
-  EXPECT_EQ(report.failure().error_class(), v1::LOST_INPUT);
+  EXPECT_EQ(report.failure().error_class(), v1::ERROR_CLASS_LOST_INPUT);
   ASSERT_EQ(report.failure().lost_inputs_size(), 1);
   EXPECT_EQ(report.failure().lost_inputs(0).sha256(), Sha256Hex("hello"));
   EXPECT_THAT(report.failure().message(), HasSubstr("scene.txt was changed"));
@@ -170,7 +170,7 @@ TEST_F(AgentTest, InputNamesThatLeaveTheFolderAreRefused) {
   WaitForReport(4);
   EXPECT_EQ(runs, 0);
   for (const v1::ReportTaskRequest& report : coordinator_.reports) {
-    EXPECT_EQ(report.failure().error_class(), v1::INPUT);
+    EXPECT_EQ(report.failure().error_class(), v1::ERROR_CLASS_INPUT);
   }
 }
 
@@ -235,7 +235,7 @@ TEST_F(AgentTest, AResultWaitsForACoordinatorThatIsAway) {
 }
 
 TEST_F(AgentTest, AReportOfAnOldAttemptIsDroppedAndWorkGoesOn) {
-  coordinator_.AnswerReportsWith(Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::NOT_CURRENT));
+  coordinator_.AnswerReportsWith(Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::REASON_NOT_CURRENT));
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   coordinator_.Queue(NewLease("jobs/1/tasks/2"));
   StartAgent(Concatenate);
@@ -265,7 +265,31 @@ TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsPreempted) {
     return control.Check();
   });
   const v1::ReportTaskRequest report = WaitForReport();
-  EXPECT_EQ(report.failure().error_class(), v1::PREEMPTED);
+  EXPECT_EQ(report.failure().error_class(), v1::ERROR_CLASS_PREEMPTED);
+  EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
+}
+
+TEST_F(AgentTest, StoppingToLeaseEndsWithTheTaskAtHand) {
+  coordinator_.Queue(NewLease("jobs/1/tasks/1"));
+  coordinator_.Queue(NewLease("jobs/1/tasks/2"));
+  StartAgent([&](const TaskRequest& request, const TaskControl& control) {
+    agent_->StopLeasing();
+    EXPECT_TRUE(control.Check().ok()) << "it goes on";
+    return Concatenate(request, control);
+  });
+  thread_.join();
+  EXPECT_TRUE(agent_status_.ok());
+  ASSERT_EQ(coordinator_.reports.size(), 1u);
+  EXPECT_TRUE(coordinator_.reports[0].has_success());
+  EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
+}
+
+TEST_F(AgentTest, StoppingToLeaseEndsAnIdleWorkerAtOnce) {
+  StartAgent(Concatenate);
+  ASSERT_TRUE(coordinator_.WaitFor([](const FakeWorkersService& c) { return c.leases_asked > 0; }));
+  agent_->StopLeasing();
+  thread_.join();
+  EXPECT_TRUE(agent_status_.ok());
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
 }
 
@@ -282,7 +306,8 @@ TEST_F(AgentTest, DrainingEndsAnIdleWorkerAndOneThatFindsNobody) {
 }
 
 TEST_F(AgentTest, ARefusedVersionEndsTheWorker) {
-  coordinator_.AnswerRegistrationsWith(Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::OTHER_VERSION));
+  coordinator_.AnswerRegistrationsWith(
+      Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::REASON_OTHER_VERSION));
   StartAgent(Concatenate);
   thread_.join();
   EXPECT_EQ(agent_status_.code(), absl::StatusCode::kFailedPrecondition);

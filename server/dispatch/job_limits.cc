@@ -1,0 +1,24 @@
+#include "server/dispatch/job_limits.h"
+
+#include "common/base/refusal.h"
+#include "server/dispatch/ledger.h"
+
+namespace tessera {
+
+Status CheckJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits) {
+  constexpr char kWait[] = "wait until some have ended, or cancel some";
+  if (ledger.ActiveJobsOf(client) >= limits.of_client) {
+    return LimitError({"jobs of '" + client + "' that have not ended", limits.of_client, "--max-jobs-of-client"},
+                      kWait);
+  }
+  if (static_cast<int>(ledger.active_jobs().size()) >= limits.in_all) {
+    return LimitError({"jobs that have not ended", limits.in_all, "--max-jobs"}, kWait);
+  }
+  if (ledger.kept_jobs() >= limits.kept) {
+    return LimitError({"jobs that are kept", limits.kept, "--max-kept-jobs"},
+                      "delete some, or have it done (--keep-days)");
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace tessera

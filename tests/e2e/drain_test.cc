@@ -1,0 +1,154 @@
+// Programs that are asked to stop, and watches that outlive them.
+#include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "common/base/version.h"
+#include "common/rpc/channel.h"
+#include "common/storage/hash.h"
+#include "tessera/v1/blobs.grpc.pb.h"
+#include "tessera/v1/jobs.grpc.pb.h"
+#include "tessera/v1/workers.grpc.pb.h"
+#include "tests/e2e/programs.h"
+
+namespace tessera::e2e {
+namespace {
+
+using testing::HasSubstr;
+
+class DrainTest : public testing::Test {
+ protected:
+  // An upload that is under way to the coordinator, by a worker that has a lease.
+  struct Upload {
+    explicit Upload(Cluster& cluster) {
+      const auto identity = std::make_shared<CallIdentity>();
+      const auto channel = MakeChannel(cluster.address(), identity);
+      const auto workers = v1::Workers::NewStub(channel);
+      grpc::ClientContext registering, leasing;
+      v1::RegisterWorkerRequest registration;
+      registration.set_version(kAlgorithmVersion);
+      registration.set_memory_bytes(int64_t{1} << 40);
+      v1::RegisterWorkerResponse registered;
+      EXPECT_TRUE(workers->RegisterWorker(&registering, registration, &registered).ok());
+      identity->SetWorker(registered.worker(), registered.secret());
+      v1::LeaseTaskRequest request;
+      request.set_worker(registered.worker());
+      request.set_wait_s(20);
+      v1::LeaseTaskResponse leased;
+      EXPECT_TRUE(workers->LeaseTask(&leasing, request, &leased).ok());
+      EXPECT_TRUE(leased.has_lease());
+      blobs = v1::Blobs::NewStub(channel);
+      writer = blobs->WriteBlob(&context, &response);
+      v1::WriteBlobRequest chunk;
+      chunk.mutable_digest()->set_sha256(Sha256Hex("content"));
+      chunk.mutable_digest()->set_size_bytes(7);
+      chunk.mutable_chunk()->set_data("cont");
+      chunk.mutable_chunk()->set_xxh3(Xxh3("cont"));
+      EXPECT_TRUE(writer->Write(chunk));
+      const std::string partial = cluster.data() + "/blobs/partial/" + Sha256Hex("content");
+      EXPECT_TRUE(WaitUntil([&] { return FileExists(partial); }));
+    }
+    std::unique_ptr<v1::Blobs::Stub> blobs;
+    grpc::ClientContext context;
+    v1::WriteBlobResponse response;
+    std::unique_ptr<grpc::ClientWriter<v1::WriteBlobRequest>> writer;
+  };
+
+  TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();
+};
+
+TEST_F(DrainTest, ACoordinatorThatStopsLetsCallsEnd) {
+  Cluster cluster(folder_.path(), 3, {"--drain-s", "600"});
+  cluster.Submit(ToyCity(), 2);
+  Upload upload(cluster);
+  cluster.coordinator().Signal(SIGTERM);
+  EXPECT_TRUE(WaitUntil([&] { return cluster.coordinator().Output().find("drains") != std::string::npos; }));
+  v1::CreateJobRequest request;
+  request.set_scene_path(ToyCity());
+  grpc::ClientContext context;
+  v1::Job job;
+  const auto jobs = v1::Jobs::NewStub(MakeChannel(cluster.address()));
+  EXPECT_EQ(jobs->CreateJob(&context, request, &job).error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_TRUE(cluster.coordinator().Running());
+  v1::WriteBlobRequest rest;
+  rest.mutable_chunk()->set_offset(4);
+  rest.mutable_chunk()->set_data("ent");
+  rest.mutable_chunk()->set_xxh3(Xxh3("ent"));
+  EXPECT_TRUE(upload.writer->Write(rest));
+  EXPECT_TRUE(upload.writer->WritesDone());
+  EXPECT_TRUE(upload.writer->Finish().ok());
+  EXPECT_EQ(cluster.coordinator().Wait().exit_code, 0);
+}
+
+TEST_F(DrainTest, ASecondSignalStopsACoordinatorAtOnce) {
+  Cluster cluster(folder_.path(), 3, {"--drain-s", "600"});
+  cluster.Submit(ToyCity(), 2);
+  Upload upload(cluster);
+  cluster.coordinator().Signal(SIGTERM);
+  EXPECT_TRUE(WaitUntil([&] { return cluster.coordinator().Output().find("drains") != std::string::npos; }));
+  cluster.coordinator().Signal(SIGTERM);
+  EXPECT_EQ(cluster.coordinator().Wait().exit_code, 128 + SIGTERM);
+  cluster.StartCoordinator();
+  v1::Job job;
+  EXPECT_TRUE(cluster.connection().GetJob("jobs/1", &job).ok()) << "what was acknowledged is there";
+}
+
+TEST_F(DrainTest, AWorkerThatStopsEndsItsTask) {
+  Cluster cluster(folder_.path());
+  const v1::Job job = cluster.Submit(ToyCity(), 4);
+  Program& worker = cluster.AddWorker({"--drain-s", "600"});
+  std::string title;
+  const auto leased = [&] {
+    for (const v1::Task& task : cluster.Tasks(job.name())) {
+      if (task.state() == v1::TASK_STATE_LEASED) title = task.title();
+    }
+    return !title.empty();
+  };
+  ASSERT_TRUE(WaitUntil(leased));
+  worker.Signal(SIGTERM);
+  EXPECT_EQ(worker.Wait().exit_code, 0);
+  EXPECT_THAT(worker.Output(), testing::AllOf(HasSubstr("draining"), testing::Not(HasSubstr("failed"))));
+  for (const v1::Task& task : cluster.Tasks(job.name())) {
+    EXPECT_NE(task.state(), v1::TASK_STATE_LEASED);
+    EXPECT_EQ(task.error().message(), "") << task.title();
+  }
+}
+
+// Each state once, the end among them, though the coordinator was killed and started anew.
+TEST_F(DrainTest, AWatchGoesOnWhereItWas) {
+  Cluster cluster(folder_.path());
+  const v1::Job job = cluster.Submit(ToyCity(), 2);
+  Program watch(folder_.path(), TESSERA_PROGRAM, {"watch", job.name(), "--json", "--coordinator", cluster.address()});
+  const auto shows = [&](const std::string& text) {
+    return WaitUntil([&] { return watch.Output().find(text) != std::string::npos; });
+  };
+  ASSERT_TRUE(shows("etag"));
+  cluster.coordinator().Kill();
+  cluster.StartCoordinator();
+  v1::ChangeJobRequest change;
+  change.set_name(job.name());
+  change.set_priority(42);
+  v1::Job changed;
+  ASSERT_TRUE(cluster.connection().ChangeJob(change, &changed).ok());
+  ASSERT_TRUE(shows("\"priority\":42"));
+  ASSERT_TRUE(cluster.connection().CancelJob(job.name(), &changed).ok());
+  const Outcome outcome = watch.Wait();
+  EXPECT_EQ(outcome.exit_code, 130) << outcome.output;
+  std::istringstream lines(outcome.output);
+  std::string last_etag, last_state;
+  for (std::string line; std::getline(lines, line);) {
+    const auto update = nlohmann::json::parse(line, nullptr, false);
+    if (!update.is_object()) continue;
+    EXPECT_NE(update["etag"], last_etag) << line;
+    last_etag = update["etag"];
+    last_state = update["job"]["state"];
+  }
+  EXPECT_EQ(last_state, "JOB_STATE_CANCELLED");
+}
+
+}  // namespace
+}  // namespace tessera::e2e
