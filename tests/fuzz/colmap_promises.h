@@ -2,6 +2,7 @@
 #ifndef TESSERA_TESTS_FUZZ_COLMAP_PROMISES_H_
 #define TESSERA_TESTS_FUZZ_COLMAP_PROMISES_H_
 
+#include <Eigen/LU>
 #include <cmath>
 #include <string>
 #include <vector>
