@@ -73,9 +73,8 @@ StatusOr<std::string> AlternativeNames(const std::vector<std::string>& hosts) {
 }
 
 // What a key signs with: null for one whose method has its own hash (Ed25519).
-const EVP_MD* HashFor(EVP_PKEY* key) {
-  int hash = 0;
-  return EVP_PKEY_get_default_digest_nid(key, &hash) == 2 && hash == NID_undef ? nullptr : EVP_sha256();
+const EVP_MD* HashFor(const EVP_PKEY* key) {
+  return EVP_PKEY_is_a(key, "ED25519") == 1 || EVP_PKEY_is_a(key, "ED448") == 1 ? nullptr : EVP_sha256();
 }
 
 // A key behind a password is none: nobody is asked for it.
@@ -134,7 +133,8 @@ StatusOr<Certificate> MakeCertificate(const Certificate& authority, const Certif
   const Key key(PEM_read_bio_PrivateKey(read(authority.key_pem).get(), nullptr, NoPassword, nullptr));
   if (issuer == nullptr || key == nullptr || X509_check_private_key(issuer.get(), key.get()) != 1) {
     ERR_clear_error();
-    return absl::InvalidArgumentError("no certificate authority: a certificate and its key are expected, as PEM without a password");
+    return absl::InvalidArgumentError(
+        "no certificate authority: a certificate and its key are expected, as PEM without a password");
   }
   return Make(terms, issuer.get(), key.get());
 }

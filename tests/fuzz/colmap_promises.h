@@ -15,7 +15,7 @@ namespace tessera {
 
 // True if all three were taken without a fault.
 inline bool RunColmapTarget(const std::string& bytes, decltype(&ParseColmapText) parse) {
-  std::vector<Frame> files = SplitFrames(bytes);
+  std::vector<InputFrame> files = SplitFrames(bytes);
   files.resize(3);
   bool good = true;
   for (const ColmapContent content : {ColmapContent::kCameras, ColmapContent::kCamerasAndPoints}) {

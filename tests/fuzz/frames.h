@@ -9,14 +9,14 @@
 
 namespace tessera {
 
-struct Frame {
+struct InputFrame {
   uint8_t kind = 0;
   std::string bytes;
 };
 
 // Every input has frames; one whose length is too large takes what is left.
-inline std::vector<Frame> SplitFrames(const std::string& input) {
-  std::vector<Frame> frames;
+inline std::vector<InputFrame> SplitFrames(const std::string& input) {
+  std::vector<InputFrame> frames;
   for (size_t at = 0; input.size() - at >= 3;) {
     const size_t length = static_cast<uint8_t>(input[at + 1]) + 256 * static_cast<uint8_t>(input[at + 2]);
     const size_t taken = std::min(length, input.size() - at - 3);
@@ -26,9 +26,9 @@ inline std::vector<Frame> SplitFrames(const std::string& input) {
   return frames;
 }
 
-inline std::string JoinFrames(const std::vector<Frame>& frames) {
+inline std::string JoinFrames(const std::vector<InputFrame>& frames) {
   std::string input;
-  for (const Frame& frame : frames) {
+  for (const InputFrame& frame : frames) {
     const size_t length = std::min<size_t>(frame.bytes.size(), 65535);
     input += static_cast<char>(frame.kind);
     input += static_cast<char>(length % 256);

@@ -1,6 +1,7 @@
 #include "tests/fuzz/message_mutator.h"
 
 #include <google/protobuf/descriptor.h>
+#include <google/protobuf/stubs/logging.h>
 
 #include <cstring>
 #include <iterator>
@@ -17,6 +18,9 @@ extern "C" size_t LLVMFuzzerMutate(uint8_t* data, size_t size, size_t max_size);
 
 namespace tessera {
 namespace {
+
+// It would write a line for each of the many strings that are not UTF-8.
+[[maybe_unused]] const bool kSilent = (google::protobuf::SetLogHandler(nullptr), true);
 
 using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
@@ -168,13 +172,13 @@ size_t MutateFrames(uint8_t* data, size_t size, size_t max_size, unsigned seed, 
                     const std::function<const google::protobuf::Message*(uint8_t)>& prototype) {
   Mutator mutator(seed);
   if (size == 0 || mutator.Below(16) == 0) return LLVMFuzzerMutate(data, size, max_size);
-  std::vector<Frame> frames = SplitFrames(std::string(reinterpret_cast<const char*>(data), size));
+  std::vector<InputFrame> frames = SplitFrames(std::string(reinterpret_cast<const char*>(data), size));
   if (frames.empty()) frames.emplace_back();
   const size_t at = mutator.Below(frames.size()), what = mutator.Below(12);
   if (what == 0 && frames.size() > 1) {
     frames.erase(frames.begin() + static_cast<ptrdiff_t>(at));
   } else if (what == 1) {
-    frames.insert(frames.begin() + static_cast<ptrdiff_t>(mutator.Below(frames.size() + 1)), Frame(frames[at]));
+    frames.insert(frames.begin() + static_cast<ptrdiff_t>(mutator.Below(frames.size() + 1)), InputFrame(frames[at]));
   } else if (what == 2) {
     std::swap(frames[at], frames[mutator.Below(frames.size())]);
   } else if (what == 3) {

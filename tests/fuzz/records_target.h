@@ -35,7 +35,7 @@ inline std::string DescribeJob(const Ledger& ledger, int index) {
 inline bool RunRecordsTarget(const std::string& bytes) {
   Ledger ledger(kAlgorithmVersion), again(kAlgorithmVersion);
   bool taken = true;
-  for (const Frame& frame : SplitFrames(bytes)) {
+  for (const InputFrame& frame : SplitFrames(bytes)) {
     OwnerOfRecord(frame.bytes);
     v1::Record record;
     if (!record.ParseFromString(frame.bytes)) {

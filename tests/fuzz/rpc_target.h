@@ -154,9 +154,9 @@ inline bool RunRpcTarget(const std::string& bytes) {
   FuzzedCoordinator coordinator;
   bool all_ok = true;
   int calls = 0;
-  const std::vector<Frame> frames = SplitFrames(bytes);
+  const std::vector<InputFrame> frames = SplitFrames(bytes);
   for (size_t i = 0; i < frames.size(); ++i) {
-    const Frame& frame = frames[i];
+    const InputFrame& frame = frames[i];
     if (frame.kind == kTimePasses) coordinator.Advance(frame.bytes.empty() ? 1 : 60.0 * frame.bytes[0]);
     const google::protobuf::MethodDescriptor* const method = MethodOfKind(frame.kind);
     if (method == nullptr || ++calls > 20) continue;

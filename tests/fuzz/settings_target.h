@@ -15,10 +15,10 @@ namespace tessera {
 
 // True if the first may be asked for.
 inline bool RunSettingsTarget(const std::string& bytes) {
-  std::vector<Frame> frames = SplitFrames(bytes);
+  std::vector<InputFrame> frames = SplitFrames(bytes);
   frames.resize(2);
   std::vector<JobSettings> both;
-  for (const Frame& frame : frames) {
+  for (const InputFrame& frame : frames) {
     v1::JobSettings proto;
     if (!proto.ParseFromString(frame.bytes)) return false;
     both.push_back(FromProto(proto));

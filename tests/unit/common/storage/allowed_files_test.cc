@@ -146,7 +146,9 @@ TEST_F(AllowedFilesTest, APipeThatTakesAFilesPlaceIsNotWaitedFor) {
   for (int i = 0; i < 200'000 && (i < 20'000 || opened == 0 || refused == 0); ++i) {
     const auto file = allowed_.Open(image);
     ++(file.ok() ? opened : refused);
-    if (file.ok()) EXPECT_EQ(*file->Read(0, 100), "an image");
+    if (file.ok()) {
+      EXPECT_EQ(*file->Read(0, 100), "an image");
+    }
   }
   stop = true;
   swapper.join();
