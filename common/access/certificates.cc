@@ -72,6 +72,14 @@ StatusOr<std::string> AlternativeNames(const std::vector<std::string>& hosts) {
   return names;
 }
 
+// What a key signs with: null for one whose method has its own hash (Ed25519).
+const EVP_MD* HashFor(const EVP_PKEY* key) {
+  return EVP_PKEY_is_a(key, "ED25519") == 1 || EVP_PKEY_is_a(key, "ED448") == 1 ? nullptr : EVP_sha256();
+}
+
+// A key behind a password is none: nobody is asked for it.
+int NoPassword(char*, int, int, void*) { return -1; }
+
 // `issuer`, `issuer_key`: null for one that signs itself.
 StatusOr<Certificate> Make(const CertificateTerms& terms, X509* issuer, EVP_PKEY* issuer_key) {
   const Key key(EVP_EC_gen("P-256"));
@@ -104,8 +112,11 @@ StatusOr<Certificate> Make(const CertificateTerms& terms, X509* issuer, EVP_PKEY
     if (!names.empty()) good = good && AddExtension(made, signer, NID_subject_alt_name, names);
   }
   good = good && AddExtension(made, signer, NID_subject_key_identifier, "hash");
-  if (!good || X509_sign(made, issuer_key != nullptr ? issuer_key : key.get(), EVP_sha256()) == 0) {
-    return OpenSslError("make a certificate");
+  EVP_PKEY* const signing = issuer_key != nullptr ? issuer_key : key.get();
+  if (!good) return OpenSslError("make a certificate");
+  if (X509_sign(made, signing, HashFor(signing)) == 0) {
+    const Status status = OpenSslError("sign with the authority's key");
+    return issuer_key == nullptr ? status : absl::InvalidArgumentError(status.message());
   }
   return ToPem(made, key.get());
 }
@@ -118,11 +129,12 @@ StatusOr<Certificate> MakeCertificate(const Certificate& authority, const Certif
   const auto read = [](const std::string& pem) {
     return Bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
   };
-  const X509Ptr issuer(PEM_read_bio_X509(read(authority.certificate_pem).get(), nullptr, nullptr, nullptr));
-  const Key key(PEM_read_bio_PrivateKey(read(authority.key_pem).get(), nullptr, nullptr, nullptr));
+  const X509Ptr issuer(PEM_read_bio_X509(read(authority.certificate_pem).get(), nullptr, NoPassword, nullptr));
+  const Key key(PEM_read_bio_PrivateKey(read(authority.key_pem).get(), nullptr, NoPassword, nullptr));
   if (issuer == nullptr || key == nullptr || X509_check_private_key(issuer.get(), key.get()) != 1) {
     ERR_clear_error();
-    return absl::InvalidArgumentError("no certificate authority: a certificate and its key are expected, as PEM");
+    return absl::InvalidArgumentError(
+        "no certificate authority: a certificate and its key are expected, as PEM without a password");
   }
   return Make(terms, issuer.get(), key.get());
 }

@@ -100,6 +100,17 @@ std::string JsonQuoted(std::string_view text) {
   return out + '"';
 }
 
+bool IsUtf8(std::string_view text) {
+  while (!text.empty()) {
+    const Character character = First(text);
+    if (!character.valid) return false;
+    text.remove_prefix(character.bytes);
+  }
+  return true;
+}
+
+std::string AsUtf8(const std::string& text) { return IsUtf8(text) ? text : PrintableLines(text); }
+
 std::string_view Prefix(std::string_view text, size_t max_bytes) {
   if (text.size() <= max_bytes) return text;
   size_t end = max_bytes;

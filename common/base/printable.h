@@ -19,6 +19,11 @@ std::string PrintableLines(std::string_view text);
 // become U+FFFD.
 std::string JsonQuoted(std::string_view text);
 
+bool IsUtf8(std::string_view text);
+
+// `text` as it is if it is UTF-8, which protobuf asks of all strings; else PrintableLines of it.
+std::string AsUtf8(const std::string& text);
+
 // At most `max_bytes` of `text`, cut between two characters.
 std::string_view Prefix(std::string_view text, size_t max_bytes);
 

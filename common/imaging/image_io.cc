@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "common/imaging/file_bytes.h"
@@ -68,13 +69,41 @@ bool JpegEnds(const Bytes& bytes) {
   return false;
 }
 
-StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, int flags) {
+// No format that we read packs more pixels into a byte, but for images of one colour in CCITT fax codes.
+constexpr int64_t kMaxPixelsPerByte = 2048;
+
+// What the header of the image at `path` says, of which `bytes` are the whole or the beginning. 0 x 0 where a JPEG's
+// frame header lies further on.
+StatusOr<ImageSize> HeaderSize(const std::string& path, const Bytes& bytes) {
+  if (IsTiff(bytes)) {
+    TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadTiffSize(path));
+    return ImageSize{size.width, size.height};
+  }
+  if (IsJpeg(bytes)) return WalkJpeg(bytes).size;
+  if (!IsPng(bytes)) {
+    return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "another kind of file",
+                      "a JPEG, PNG or TIFF image");
+  }
+  if (bytes.size() < 24) return InputError(path, "", "no image size", "a readable image");
+  return ImageSize{static_cast<int>(BigEndian(bytes, 16, 4)), static_cast<int>(BigEndian(bytes, 20, 4))};
+}
+
+// `expected`: nothing else is decoded, for a few bytes may say that they are an image of gigabytes; none: any size that
+// the file's own bytes may hold.
+StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std::optional<ImageSize>& expected,
+                         int flags) {
+  TESSERA_ASSIGN_OR_RETURN(const ImageSize size, HeaderSize(path, bytes));
   if (IsJpeg(bytes) && !JpegEnds(bytes)) {
     return InputError(path, absl::StrCat("byte ", bytes.size()), "the end of the file", "the end of the JPEG image");
   }
-  if (!IsJpeg(bytes) && !IsPng(bytes) && !IsTiff(bytes)) {
-    return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "another kind of file",
-                      "a JPEG, PNG or TIFF image");
+  if (expected && size != *expected) {
+    return InputError(path, "", absl::StrCat(size.width, " x ", size.height, " pixels"),
+                      absl::StrCat(expected->width, " x ", expected->height, " (its camera's size)"));
+  }
+  if (size.width <= 0 || size.height <= 0 ||
+      size.width > static_cast<int64_t>(bytes.size()) * kMaxPixelsPerByte / size.height) {
+    return InputError(path, "", absl::StrCat(size.width, " x ", size.height, " pixels in ", bytes.size(), " bytes"),
+                      "a readable image");
   }
   cv::Mat image;
   try {
@@ -112,22 +141,10 @@ Status EncodeAndReplace(const std::string& path, const ByteImage& image, const s
 
 StatusOr<ImageSize> ReadImageSize(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(Bytes bytes, ReadFileStart(path, 64 * 1024));
-  if (IsTiff(bytes)) {
-    TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadTiffSize(path));
-    return ImageSize{size.width, size.height};
-  }
-  ImageSize size;
-  if (IsPng(bytes) && bytes.size() >= 24) {
-    size = {static_cast<int>(BigEndian(bytes, 16, 4)), static_cast<int>(BigEndian(bytes, 20, 4))};
-  } else if (IsJpeg(bytes)) {
+  TESSERA_ASSIGN_OR_RETURN(ImageSize size, HeaderSize(path, bytes));
+  if (IsJpeg(bytes) && size.width == 0) {  // long metadata before the frame header
+    TESSERA_ASSIGN_OR_RETURN(bytes, ReadFileBytes(path));
     size = WalkJpeg(bytes).size;
-    if (size.width == 0) {  // long metadata before the frame header
-      TESSERA_ASSIGN_OR_RETURN(bytes, ReadFileBytes(path));
-      size = WalkJpeg(bytes).size;
-    }
-  } else {
-    return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "another kind of file",
-                      "a JPEG, PNG or TIFF image");
   }
   if (size.width <= 0 || size.height <= 0) return InputError(path, "", "no image size", "a readable image");
   return size;
@@ -143,7 +160,8 @@ StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel&
   cv::Mat mat;
   {
     TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
-    TESSERA_ASSIGN_OR_RETURN(mat, Decode(path, bytes, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH));
+    TESSERA_ASSIGN_OR_RETURN(
+        mat, Decode(path, bytes, ImageSize{whole.width, whole.height}, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH));
   }
   if (mat.cols != whole.width || mat.rows != whole.height) {
     return InputError(path, "", absl::StrCat(mat.cols, " x ", mat.rows, " pixels"),
@@ -176,7 +194,7 @@ StatusOr<FloatImage> ReadLuminance(const std::string& path, const LensModel& len
 
 StatusOr<ByteImage> ReadRgb(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
-  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, cv::IMREAD_COLOR));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_COLOR));
   ByteImage image(mat.cols, mat.rows, 3);
   for (int y = 0; y < mat.rows; ++y) {
     const uint8_t* row = mat.ptr<uint8_t>(y);
@@ -190,7 +208,7 @@ StatusOr<ByteImage> ReadRgb(const std::string& path) {
 StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
   if (!IsPng(bytes)) return InputError(path, "byte 0", "another kind of file", "a PNG image of class ids");
-  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, cv::IMREAD_UNCHANGED));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_UNCHANGED));
   if (mat.type() != CV_8UC1) {
     return InputError(path, "", absl::StrCat(mat.channels(), " channels of ", 8 * mat.elemSize1(), " bits"),
                       "one channel of 8 bits (class ids)");

@@ -121,8 +121,10 @@ StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes
   Parts parts;
   FloatImage image;
   if (begins("\x89PNG", 4)) {
+    // Before anything is decoded.
+    TESSERA_ASSIGN_OR_RETURN(const ImageSize size, ReadImageSize(path));
+    TESSERA_ASSIGN_OR_RETURN(parts, set_size(size.width, size.height));
     TESSERA_ASSIGN_OR_RETURN(const LabelImage labels, ReadLabelImage(path));
-    TESSERA_ASSIGN_OR_RETURN(parts, set_size(labels.width, labels.height));
     TESSERA_ASSIGN_OR_RETURN(image, FromLabels(path, labels, classes, parts.source, label_confidence));
     TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, parts.source, image));
   } else if (begins("\x93NUMPY", 6)) {

@@ -286,6 +286,9 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
     faults->Add(InputError(file, LineAndColumn(text, error.byte == 0 ? 0 : error.byte - 1),
                            reason == std::string::npos ? what : what.substr(reason), "JSON"));
     return scene;
+  } catch (const Json::out_of_range&) {
+    faults->Add(InputError(file, "", "a number that is too large", "at most 1.7e308"));
+    return scene;
   }
   if (!json.is_object()) {
     faults->Add(InputError(file, "line 1", Shown(json), "a JSON object"));

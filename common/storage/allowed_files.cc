@@ -17,6 +17,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "common/base/printable.h"
 
 namespace tessera {
 namespace fs = std::filesystem;
@@ -163,6 +164,8 @@ StatusOr<std::string> AllowedFiles::Resolve(const std::string& path) const {
     return Fault(path.substr(0, PATH_MAX), "no absolute path", "one");
   }
   if (HasControlCharacters(path)) return Fault(path, "control characters in its name", "none");
+  // It could not be stored: messages are UTF-8.
+  if (!IsUtf8(path)) return Fault(path, "a name that is not UTF-8", "UTF-8");
   std::deque<std::string> rest = absl::StrSplit(path, '/', absl::SkipEmpty());
   std::string real = "/";
   int links = 0;

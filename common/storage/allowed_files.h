@@ -52,8 +52,8 @@ class AllowedFiles {
 
   // Opens the file at an absolute path. INVALID_ARGUMENT, with what was found, for what is not allowed: another place
   // or owner, no regular file, a file of a pseudo file system, one above 1 TiB, a large one that is all but empty
-  // (sparse), a name with control characters. Nothing outside is touched, so that the answer does not tell whether
-  // there is anything. NOT_FOUND if inside there is none. Never waits for who writes to a pipe.
+  // (sparse), a name with control characters or that is not UTF-8. Nothing outside is touched, so that the answer does
+  // not tell whether there is anything. NOT_FOUND if inside there is none. Never waits for who writes to a pipe.
   StatusOr<HeldFile> Open(const std::string& path) const;
   // The whole content; RESOURCE_EXHAUSTED above `max_bytes`.
   StatusOr<std::string> ReadWhole(const std::string& path, int64_t max_bytes) const;

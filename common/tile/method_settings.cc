@@ -1,15 +1,18 @@
 #include "common/tile/method_settings.h"
 
 #include <algorithm>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "common/tile/exact_numbers.h"
 
 namespace tessera {
 namespace {
 
-using nlohmann::json;
+using json = nlohmann::basic_json<std::map, std::vector, std::string, bool, int64_t, uint64_t, double, std::allocator,
+                                  ExactNumbers<nlohmann::adl_serializer>::Serializer>;
 
 constexpr char kLabelsFirst[] = "labels_first";
 constexpr size_t kMaxLevels = 6;

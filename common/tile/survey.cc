@@ -2,15 +2,18 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "common/base/json_bounds.h"
+#include "common/tile/exact_numbers.h"
 #include "common/tile/task_parameters.h"
 
 namespace tessera {
 namespace {
 
-using nlohmann::json;
+using json = nlohmann::basic_json<std::map, std::vector, std::string, bool, int64_t, uint64_t, double, std::allocator,
+                                  ExactNumbers<nlohmann::adl_serializer>::Serializer>;
 
 json VectorToJson(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 

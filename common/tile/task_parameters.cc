@@ -1,14 +1,17 @@
 #include "common/tile/task_parameters.h"
 
 #include <algorithm>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "common/base/json_bounds.h"
+#include "common/tile/exact_numbers.h"
 
 namespace tessera {
 namespace {
 
-using nlohmann::json;
+using json = nlohmann::basic_json<std::map, std::vector, std::string, bool, int64_t, uint64_t, double, std::allocator,
+                                  ExactNumbers<nlohmann::adl_serializer>::Serializer>;
 
 json RectToJson(const CellRect& rect) { return {rect.x0, rect.y0, rect.x1, rect.y1}; }
 CellRect RectFromJson(const json& j) { return {j.at(0), j.at(1), j.at(2), j.at(3)}; }

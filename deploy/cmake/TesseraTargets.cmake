@@ -5,12 +5,16 @@ add_library(tessera_options INTERFACE)
 target_compile_options(tessera_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor
   $<$<BOOL:${TESSERA_WARNINGS_AS_ERRORS}>:-Werror>)
 if(CMAKE_UNITY_BUILD)  # what is said of one file's names and of headers is not true of several files in one
-  target_compile_options(tessera_options INTERFACE -Wno-shadow -Wno-subobject-linkage)
+  target_compile_options(tessera_options INTERFACE -Wno-shadow $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
 endif()
 target_include_directories(tessera_options INTERFACE ${PROJECT_SOURCE_DIR})
 if(TESSERA_SANITIZE)
   target_compile_options(tessera_options INTERFACE -fsanitize=${TESSERA_SANITIZE} -fno-omit-frame-pointer)
   target_link_options(tessera_options INTERFACE -fsanitize=${TESSERA_SANITIZE})
+endif()
+
+if(TESSERA_BUILD_FUZZ)  # fuzzers see which branches of our code an input takes
+  target_compile_options(tessera_options INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
 # tessera_module(NAME SOURCES a.cc ... [HEADERS a.h ...] [DEPS public ...] [PRIVATE_DEPS ...])

@@ -1,5 +1,6 @@
 #include "server/api/coordinator_server.h"
 
+#include <google/protobuf/stubs/logging.h>
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/health_check_service_interface.h>
@@ -163,6 +164,8 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
     services.access = own_access.get();
   }
   TESSERA_RETURN_IF_ERROR(CheckListenOptions(options, services.access->asks_for_tokens()));
+  // protobuf would write a line of its own to standard error for every request with a string that is not UTF-8.
+  google::protobuf::SetLogHandler(nullptr);
   // Debian builds Abseil so that all mutexes of a process, gRPC's too, keep a graph of who is locked after whom under
   // one lock: a tenth of a busy coordinator's processor time.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);

@@ -4,6 +4,7 @@
 #include <map>
 #include <utility>
 
+#include "common/base/printable.h"
 #include "common/tile/task_parameters.h"
 #include "server/dispatch/digest_proto.h"
 #include "server/dispatch/dispatcher.h"
@@ -335,7 +336,7 @@ Status Dispatcher::EndJobLocked(int job, JobState state, const std::string& erro
   v1::JobEnded& ended = *record.mutable_job_ended();
   ended.set_job(ledger_.jobs()[job].header.name);
   ended.set_state(static_cast<v1::JobState>(state));
-  ended.set_error(error);
+  ended.set_error(AsUtf8(error));  // what libraries say of files may be anything
   AddFiles(artifacts, ended.mutable_artifacts());
   TESSERA_RETURN_IF_ERROR(CommitLocked(record));
   end_records_[job] = journal_.last();

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "common/base/json_bounds.h"
+#include "common/base/printable.h"
 #include "common/base/refusal.h"
 #include "common/base/version.h"
 #include "server/dispatch/digest_proto.h"
@@ -149,7 +150,7 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
     added.set_path(file.name);
     ToProto(file.digest, added.mutable_digest());
   }
-  for (const std::string& warning : job.warnings) accepted.add_warnings(warning);
+  for (const std::string& warning : job.warnings) accepted.add_warnings(AsUtf8(warning));
   accepted.set_algorithm_version(kAlgorithmVersion);
   accepted.set_priority(job.priority);
   accepted.set_client(job.client);

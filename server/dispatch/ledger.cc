@@ -11,6 +11,11 @@
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
+namespace {
+
+constexpr int64_t kMaxRetryDelayUs = int64_t{86'400'000'000} * 365;
+
+}  // namespace
 
 StatusOr<int> Ledger::FindJob(const std::string& name) const {
   TESSERA_ASSIGN_OR_RETURN(const int job, ParseJobName(name));
@@ -321,6 +326,7 @@ void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   target.error = attempt.failure;
   target.retry_delay_us = change.retry_delay_us();
   if (change.retry_time_us() > time_us) target.retry_delay_us = change.retry_time_us() - time_us;
+  target.retry_delay_us = std::clamp(target.retry_delay_us, int64_t{0}, kMaxRetryDelayUs);
   target.state = change.final() ? TaskState::kFailed : target.missing > 0 ? TaskState::kWaiting : TaskState::kReady;
   if (change.final() && HasEnded(job.header.state)) {
     GiveUpRemake(ref, target.error);

@@ -11,16 +11,20 @@
 namespace tessera {
 namespace {
 
+// A prediction beyond that is none; sums over millions of tasks stay numbers.
+constexpr int64_t kMaxPeakBytes = int64_t{1} << 46, kMaxStoredBytes = int64_t{1} << 40;
+constexpr double kMaxCost = 1e12;
+
 PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
   PlannedTask task;
   task.kind = record.kind();
   task.name = record.title();
   task.tile = record.tile();
   task.parameters = record.parameters_json();
-  task.cost = record.cost();
+  task.cost = std::min(record.cost(), kMaxCost);
   task.scale = record.scale();
-  task.peak_bytes = record.peak_bytes();
-  task.stored_bytes = record.stored_bytes();
+  task.peak_bytes = std::clamp(record.peak_bytes(), int64_t{0}, kMaxPeakBytes);
+  task.stored_bytes = std::clamp(record.stored_bytes(), int64_t{0}, kMaxStoredBytes);
   task.scene_files = std::vector<int>(record.scene_files().begin(), record.scene_files().end());
   for (const auto& file : record.view_files()) {
     task.view_files.Edit().push_back({file.file(), file.view(), file.likelihoods()});
@@ -46,8 +50,9 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
                                          std::to_string(count));
   }
   count = change.first_task();
+  std::set<int> superseded;
   for (const int task : change.superseded()) {
-    if (task < 0 || task >= count || job.tasks[task].superseded) {
+    if (task < 0 || task >= count || job.tasks[task].superseded || !superseded.insert(task).second) {
       return absl::InvalidArgumentError("plan of " + change.job() + ": supersedes task " + std::to_string(task));
     }
   }

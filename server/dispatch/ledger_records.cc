@@ -3,8 +3,16 @@
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
+namespace {
+
+constexpr int64_t kLastTimeUs = 253'402'300'799'999'999;  // of the year 9999: what times differ by is a number too
+
+}  // namespace
 
 Status Ledger::Check(const v1::Record& record) const {
+  if (record.time_us() < 0 || record.time_us() > kLastTimeUs) {
+    return absl::InvalidArgumentError("a record of the time " + std::to_string(record.time_us()) + " us");
+  }
   switch (record.change_case()) {
     case v1::Record::kJobAccepted:
       return CheckAccepted(record.job_accepted());

@@ -1,19 +1,17 @@
-// What the PLY fuzzer and the test that replays its corpus do with one input.
+// PLY meshes.
 #ifndef TESSERA_TESTS_FUZZ_PLY_TARGET_H_
 #define TESSERA_TESTS_FUZZ_PLY_TARGET_H_
 
-#include <cstdlib>
 #include <string>
 
 #include "common/meshio/ply.h"
+#include "tests/fuzz/promises.h"
 
 namespace tessera {
 
 // Parses `bytes`; aborts if what comes out breaks a promise of ParsePly. True if it was taken as a mesh.
 inline bool RunPlyTarget(const std::string& bytes) {
-  const auto require = [](bool condition) {
-    if (!condition) std::abort();
-  };
+  const auto require = [](bool condition) { Require(condition, "ParsePly's"); };
   const StatusOr<PlyContent> content = ParsePly(bytes, "input");
   if (!content.ok()) {
     require(content.status().code() == absl::StatusCode::kInvalidArgument);

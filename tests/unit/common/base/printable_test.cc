@@ -43,5 +43,17 @@ TEST(Printable, CutsBetweenCharacters) {
   EXPECT_EQ(Prefix(std::string(9, '\x80'), 6).size(), 2u) << "no characters at all: it does not look far for one";
 }
 
+TEST(Printable, TellsWhatIsUtf8) {
+  for (const char* text : {"", "plain\n", "Zürich", "\xf0\x9f\x8f\x99"}) {
+    EXPECT_TRUE(IsUtf8(text)) << text;
+    EXPECT_EQ(AsUtf8(text), text);
+  }
+  for (const char* text : {"\xff", "a\xc3", "\xc0\x80", "\xed\xa0\x80"}) {
+    EXPECT_FALSE(IsUtf8(text)) << text;
+    EXPECT_TRUE(IsUtf8(AsUtf8(text))) << text;
+  }
+  EXPECT_EQ(AsUtf8("image\xff\n"), "image\\xff\n");
+}
+
 }  // namespace
 }  // namespace tessera

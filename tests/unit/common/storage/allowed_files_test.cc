@@ -3,7 +3,10 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/sysmacros.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -91,6 +94,66 @@ TEST_F(AllowedFilesTest, OnlyDataIsOpenedAndNobodyIsWaitedFor) {
   EXPECT_THAT(std::string(all.Open("/dev/null").status().message()), HasSubstr("a device"));
   EXPECT_THAT(std::string(all.Open("/proc/self/environ").status().message()), HasSubstr("the system's own"));
   EXPECT_TRUE(all.Open(Path("secret/key")).ok());
+}
+
+TEST_F(AllowedFilesTest, WhatIsNoDataIsRefusedInsideTooAndWhoeverOwnsIt) {
+  const auto own = AllowedFiles::OwnedBy(::geteuid());
+  const auto expect_refused = [&](const std::string& name, const std::string& found) {
+    ExpectRefused(name, found);
+    EXPECT_THAT(std::string(own.Open(Path(name)).status().message()), HasSubstr(found)) << name;
+    EXPECT_FALSE(allowed_.ReadWhole(Path(name), 100).ok()) << name;
+    EXPECT_FALSE(own.ReadWhole(Path(name), 100).ok()) << name;
+  };
+  ASSERT_EQ(::mkfifo(Path("root/scene/pipe").c_str(), 0600), 0);
+  Link("root/scene/to_pipe", "pipe");
+  expect_refused("root/scene/pipe", "a pipe");
+  expect_refused("root/scene/to_pipe", "a pipe");
+  const int socket = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_un name = {};
+  name.sun_family = AF_UNIX;
+  const std::string path = Path("root/scene/socket");
+  ASSERT_LT(path.size(), sizeof(name.sun_path));
+  path.copy(name.sun_path, path.size());
+  ASSERT_EQ(::bind(socket, reinterpret_cast<const sockaddr*>(&name), sizeof(name)), 0);
+  expect_refused("root/scene/socket", "a socket");
+  ::close(socket);
+  expect_refused("root/scene/bell\a", "control characters");
+  expect_refused("root/scene/no\xffutf8", "not UTF-8");
+  for (const char* system : {"/proc/self/environ", "/proc/self/mem", "/sys/kernel/uevent_seqnum"}) {
+    EXPECT_FALSE(own.Open(system).ok()) << system;
+    EXPECT_FALSE(allowed_.Open(system).ok()) << system;
+  }
+  for (const char* device : {"/dev/null", "/dev/zero", "/dev/tty"}) EXPECT_FALSE(own.Open(device).ok()) << device;
+  if (::mknod(Path("root/scene/zero").c_str(), S_IFCHR | 0600, ::makedev(1, 5)) == 0) {
+    expect_refused("root/scene/zero", "a device");
+  }
+  // What cannot be opened is listed, for its reader to be told of.
+  Write("root/scene/two\nlines", "x");
+  EXPECT_EQ(allowed_.List(Path("root/scene")).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+// Nobody waits for who writes to a pipe, whenever it took the file's place.
+TEST_F(AllowedFilesTest, APipeThatTakesAFilesPlaceIsNotWaitedFor) {
+  ASSERT_EQ(::mkfifo(Path("root/scene/pipe").c_str(), 0600), 0);
+  const std::string image = Path("root/scene/image"), pipe = Path("root/scene/pipe");
+  const auto swap = [&] { return ::renameat2(AT_FDCWD, image.c_str(), AT_FDCWD, pipe.c_str(), RENAME_EXCHANGE) == 0; };
+  if (!swap()) GTEST_SKIP() << "this file system exchanges no names";
+  std::atomic<bool> stop = false;
+  std::thread swapper([&] {
+    while (!stop) swap();
+  });
+  int opened = 0, refused = 0;
+  for (int i = 0; i < 200'000 && (i < 20'000 || opened == 0 || refused == 0); ++i) {
+    const auto file = allowed_.Open(image);
+    ++(file.ok() ? opened : refused);
+    if (file.ok()) {
+      EXPECT_EQ(*file->Read(0, 100), "an image");
+    }
+  }
+  stop = true;
+  swapper.join();
+  EXPECT_GT(opened, 0);
+  EXPECT_GT(refused, 0);
 }
 
 TEST_F(AllowedFilesTest, AHugeFileThatIsAllButEmptyIsRefused) {

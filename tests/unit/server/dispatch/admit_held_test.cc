@@ -23,7 +23,7 @@ class StoringPlanner : public FakePlanner {
   int64_t bytes = 0;
 };
 
-constexpr int64_t kTooMuch = int64_t{1} << 60;
+constexpr int64_t kTooMuch = int64_t{1} << 41;
 
 class AdmitHeldTest : public CoordinatorTest {
  protected:
@@ -47,7 +47,7 @@ TEST_F(AdmitHeldTest, NothingIsLeasedOfAJobForWhichThereIsNoRoom) {
   storing_.bytes = kTooMuch / 2;
   const std::string worker = Worker(), job = CreateSurveyed("{}", worker);
   EXPECT_FALSE(Lease(worker));
-  EXPECT_THAT(Job(job).waiting_for, HasSubstr("no room for the 1073741824.0 GiB that it will store"));
+  EXPECT_THAT(Job(job).waiting_for, HasSubstr("no room for the 2048.0 GiB that it will store"));
   EXPECT_THAT(Job(job).waiting_for, HasSubstr("free for " + folder_.path() + "/blobs; it begins when"));
   Reopen();
   EXPECT_FALSE(Lease(Worker())) << "nor after a restart";

@@ -199,5 +199,16 @@ TEST(NamesTest, RoundTripAndRefuseOthers) {
   }
 }
 
+// protobuf writes strings that are not UTF-8, and does not read them again.
+TEST_F(ReplayTest, WhatLibrariesSayOfFilesCanBeStored) {
+  NewJob job = AJob(1);
+  job.warnings = {"image\xff.jpg: odd"};
+  const std::string name = Create(job);
+  Restart();
+  EXPECT_TRUE(store_.set_aside.empty());
+  EXPECT_EQ(Job(name).header.state, JobState::kQueued);
+  EXPECT_EQ(Job(name).header.warnings.at(0), "image\\xff.jpg: odd");
+}
+
 }  // namespace
 }  // namespace tessera

@@ -1,0 +1,45 @@
+// Likelihoods of a photograph of 16 x 12 pixels and three classes: TIFF, NPY or label PNG.
+#ifndef TESSERA_TESTS_FUZZ_LIKELIHOODS_TARGET_H_
+#define TESSERA_TESTS_FUZZ_LIKELIHOODS_TARGET_H_
+
+#include <cmath>
+#include <string>
+
+#include "common/imaging/image_io.h"
+#include "tests/fuzz/memory_file.h"
+
+namespace tessera {
+
+// The camera of the corpus's images.
+inline LensModel SmallLens() {
+  LensModel lens;
+  lens.kind = LensModel::Kind::kRadial;
+  lens.pinhole = {16, 12, 14, 14, 8, 6};
+  lens.coefficients[0] = 0.05;
+  return lens;
+}
+
+// True if they were taken.
+inline bool RunLikelihoodsTarget(const std::string& bytes) {
+  const MemoryFile file(bytes);
+  const StatusOr<FloatImage> all = ReadLikelihoods(file.path(), 3, SmallLens());
+  const StatusOr<LikelihoodPart> part = ReadLikelihoodPart(file.path(), 3, SmallLens(), {5, 4, 9, 8});
+  if (!all.ok()) {
+    RequireRefusal(all.status());
+    return false;
+  }
+  Require(part.ok(), "a part of what can be read can be read");
+  for (size_t i = 0; i < all->plane_size(); ++i) {
+    float sum = 0;
+    for (int c = 0; c < 3; ++c) {
+      Require(all->plane(c)[i] >= 0, "likelihoods are not negative");
+      sum += all->plane(c)[i];
+    }
+    Require(std::abs(sum - 1) < 1e-3, "likelihoods sum to one");
+  }
+  return true;
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_FUZZ_LIKELIHOODS_TARGET_H_

@@ -1,0 +1,32 @@
+// An input as a file, for readers that take a path.
+#ifndef TESSERA_TESTS_FUZZ_MEMORY_FILE_H_
+#define TESSERA_TESTS_FUZZ_MEMORY_FILE_H_
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <string>
+
+#include "tests/fuzz/promises.h"
+
+namespace tessera {
+
+// In memory alone, gone with this object.
+class MemoryFile {
+ public:
+  explicit MemoryFile(const std::string& bytes) : fd_(::memfd_create("input", MFD_CLOEXEC)) {
+    Require(fd_ >= 0 && ::write(fd_, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size()),
+            "there is memory for a file");
+  }
+  MemoryFile(const MemoryFile&) = delete;
+  MemoryFile& operator=(const MemoryFile&) = delete;
+  ~MemoryFile() { ::close(fd_); }
+  std::string path() const { return "/proc/self/fd/" + std::to_string(fd_); }
+
+ private:
+  const int fd_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_FUZZ_MEMORY_FILE_H_

@@ -1,0 +1,20 @@
+// Changes inputs of framed messages as messages: a fuzzer that changes bytes alone would not get past their parser.
+#ifndef TESSERA_TESTS_FUZZ_MESSAGE_MUTATOR_H_
+#define TESSERA_TESTS_FUZZ_MESSAGE_MUTATOR_H_
+
+#include <google/protobuf/message.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+
+namespace tessera {
+
+// LLVMFuzzerCustomMutator for SplitFrames' inputs. `prototype`: of a frame of this kind; null: mere bytes. `kinds`: how
+// many kinds there are.
+size_t MutateFrames(uint8_t* data, size_t size, size_t max_size, unsigned seed, int kinds,
+                    const std::function<const google::protobuf::Message*(uint8_t)>& prototype);
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_FUZZ_MESSAGE_MUTATOR_H_

@@ -1,0 +1,29 @@
+// NumPy arrays.
+#ifndef TESSERA_TESTS_FUZZ_NPY_TARGET_H_
+#define TESSERA_TESTS_FUZZ_NPY_TARGET_H_
+
+#include <string>
+#include <vector>
+
+#include "common/imaging/npy.h"
+#include "tests/fuzz/promises.h"
+
+namespace tessera {
+
+// True if it was taken as an array.
+inline bool RunNpyTarget(const std::string& bytes) {
+  const std::vector<uint8_t> data(bytes.begin(), bytes.end());
+  const StatusOr<FloatImage> image = ParseNpy(data, "input");
+  if (!image.ok()) {
+    RequireRefusal(image.status());
+    return false;
+  }
+  Require(image->width > 0 && image->height > 0 && image->channels > 0, "an array has values");
+  Require(image->data.size() == image->plane_size() * image->channels && image->data.size() <= data.size(),
+          "an array is no larger than its file");
+  return true;
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_FUZZ_NPY_TARGET_H_

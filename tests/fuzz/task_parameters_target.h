@@ -1,0 +1,57 @@
+// Parameters of tasks, as JSON: the first byte says of which kind, a letter from 'a' on.
+#ifndef TESSERA_TESTS_FUZZ_TASK_PARAMETERS_TARGET_H_
+#define TESSERA_TESTS_FUZZ_TASK_PARAMETERS_TARGET_H_
+
+#include <string>
+
+#include "common/tile/task_parameters.h"
+#include "tests/fuzz/promises.h"
+
+namespace tessera {
+
+// True if they were taken.
+inline bool RunTaskParametersTarget(const std::string& bytes) {
+  if (bytes.empty()) return false;
+  const std::string json = bytes.substr(1);
+  const auto check = [&](const auto& parse) {
+    const auto parsed = parse(json);
+    if (!parsed.ok()) {
+      RequireRefusal(parsed.status());
+      return false;
+    }
+    const std::string text = ToJson(*parsed);
+    const auto again = parse(text);
+    Require(again.ok() && ToJson(*again) == text, "what is written is read as it was");
+    return true;
+  };
+  switch (bytes[0]) {
+    case 'a':
+      return check(ParseIngestParameters);
+    case 'b':
+      return check(ParseUpdateParameters);
+    case 'c':
+      return check(ParseUpdateFiles);
+    case 'd':
+      return check(ParseCutParameters);
+    case 'e':
+      return check(ParseStartParameters);
+    case 'f':
+      return check(ParseRefineParameters);
+    case 'g':
+      return check(ParseStepParameters);
+    case 'h':
+      return check(ParseCompareParameters);
+    case 'i':
+      return check(ParseChangesParameters);
+    case 'j':
+      return check(ParsePublishParameters);
+    case 'k':
+      return check(ParseMethodSettings);
+    default:
+      return false;
+  }
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_FUZZ_TASK_PARAMETERS_TARGET_H_

@@ -1,0 +1,25 @@
+// reads.json, which workers write and the coordinator plans by.
+#ifndef TESSERA_TESTS_FUZZ_TILE_READS_TARGET_H_
+#define TESSERA_TESTS_FUZZ_TILE_READS_TARGET_H_
+
+#include <string>
+
+#include "common/tile/task_parameters.h"
+#include "tests/fuzz/promises.h"
+
+namespace tessera {
+
+// True if it was taken as what tile 3 of 8 reads.
+inline bool RunTileReadsTarget(const std::string& bytes) {
+  const StatusOr<TileReads> reads = ParseTileReads(bytes, 3, 8);
+  if (!reads.ok()) {
+    RequireRefusal(reads.status());
+    return false;
+  }
+  Require(ToJson(*reads) == bytes, "nothing is taken but what is written");
+  return true;
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_TESTS_FUZZ_TILE_READS_TARGET_H_
