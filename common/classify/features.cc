@@ -16,9 +16,9 @@ constexpr int kLevels = 6;                          // of the pyramid above the 
 constexpr std::array<int, 2> kMeshLevels = {2, 4};  // levels at which the mesh's channels are averaged
 constexpr int kChannels = 8;                        // of the image: see ImageChannels
 constexpr int kMeshChannels = 5;                    // hit, normal, its square, height, its square
-constexpr int kSingle = 5;                          // features of the pixel alone
+constexpr int kSingle = 4;                          // features of the pixel alone
 constexpr int kPerLevel = 8;                        // features a level
-constexpr int kMeshSingle = 2 + 3 + 2 + 2;          // of MeshSurface::Sight
+constexpr int kMeshSingle = 1 + 3 + 2 + 2;          // of MeshSurface::Sight
 constexpr int kMeshPerLevel = 4;
 constexpr float kHighest_m = 60;  // heights are clamped: beyond it all is a tower
 using LevelPixel = cv::Vec<float, kPerLevel>;
@@ -139,14 +139,14 @@ cv::Mat Halved(const cv::Mat& plane) {
 }
 
 std::vector<std::string> MakeNames() {
-  std::vector<std::string> names = {"light", "greenness", "red_blue", "light_contrast", "view_up"};
+  std::vector<std::string> names = {"light", "greenness", "red_blue", "light_contrast"};
   for (int level = 1; level <= kLevels; ++level) {
     for (const char* name : {"light", "greenness", "red_blue", "light_deviation", "greenness_deviation", "gradient",
                              "gradient_up", "gradient_skew"}) {
       names.push_back(absl::StrCat(name, "_", level));
     }
   }
-  names.insert(names.end(), {"up_normal", "facing"});
+  names.push_back("up_normal");
   for (const double r : MeshSurface::kGroundRadii_m) names.push_back(absl::StrCat("above_ground_", r, "m"));
   for (const double r : MeshSurface::kReliefRadii_m) names.push_back(absl::StrCat("above_lowest_", r, "m"));
   for (const double r : MeshSurface::kReliefRadii_m) names.push_back(absl::StrCat("below_highest_", r, "m"));
@@ -182,8 +182,6 @@ Eigen::Vector2d UndistortPosition(const LensModel& lens, const Eigen::Vector2d& 
 }
 
 struct ImageFeatures::Planes {
-  SceneView view;
-  Eigen::Vector3d up;
   cv::Mat channels;
   std::array<cv::Mat, kLevels> levels;
   std::vector<MeshSurface::Sight> sights;  // of every pixel; empty without a surface
@@ -196,8 +194,6 @@ ImageFeatures::ImageFeatures(const ByteImage& rgb, const SceneView& view, const 
                              const MeshSurface* surface)
     : planes_(std::make_unique<Planes>()) {
   Planes& planes = *planes_;
-  planes.view = view;
-  planes.up = up;
   planes.channels = ImageChannels(rgb, view, up);
   cv::Mat level = planes.channels;
   for (int l = 0; l < kLevels; ++l) {
@@ -239,17 +235,13 @@ int ImageFeatures::height() const { return planes_->channels.rows; }
 
 void ImageFeatures::Row(int x, int y, int count, int stride, float* out) const {
   const Planes& planes = *planes_;
-  const PinholeCamera& k = planes.view.lens.pinhole;
-  const Eigen::Vector3d up_in_camera = planes.view.camera.rotation_cam_from_world * planes.up;
   const ChannelPixel* row = planes.channels.ptr<ChannelPixel>(y);
   const auto set = [&](int f, int i, float value) { out[static_cast<size_t>(f) * stride + i] = value; };
   for (int i = 0; i < count; ++i) {
     const ChannelPixel& c = row[x + i];
-    const Eigen::Vector3d ray((x + i + 0.5 - k.cx) / k.fx, (y + 0.5 - k.cy) / k.fy, 1);
     set(0, i, c[0]);
     set(1, i, c[1]);
     set(2, i, c[2]);
-    set(4, i, static_cast<float>(ray.dot(up_in_camera) / ray.norm()));
   }
   for (int l = 0; l < kLevels; ++l) {
     // Pixel i of a level is centred at 2 i of the level below, as pyrDown has it.
@@ -272,7 +264,6 @@ void ImageFeatures::Row(int x, int y, int count, int stride, float* out) const {
     const MeshSurface::Sight& sight = planes.sights[static_cast<size_t>(y) * width() + x + i];
     int f = mesh_first;
     set(f++, i, sight.up_normal);
-    set(f++, i, sight.facing);
     for (const float h : sight.above_ground_m) set(f++, i, clamped(h));
     for (const float h : sight.above_lowest_m) set(f++, i, clamped(h));
     for (const float h : sight.below_highest_m) set(f++, i, clamped(h));

@@ -96,7 +96,6 @@ MeshSurface::Sight MeshSurface::See(const Eigen::Vector3d& origin, const Eigen::
   const Eigen::Vector3f normal = normals_[hit.face];
   const float towards = -normal.dot(direction.normalized().cast<float>());
   const float side = towards < 0 ? -1.0f : 1.0f;
-  sight.facing = std::abs(towards);
   sight.up_normal = side * normal.dot(axes_.row(2).transpose().cast<float>());
   sight.place_m = p.head<2>();
   const float z = static_cast<float>(p.z());

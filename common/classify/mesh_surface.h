@@ -27,7 +27,6 @@ class MeshSurface {
   struct Sight {
     bool hit = false;
     float up_normal = 0;  // cosine between the face's normal, turned to the viewer, and up
-    float facing = 0;     // cosine between that normal and the direction to the viewer
     std::array<float, kGroundRadii_m.size()> above_ground_m = {};
     std::array<float, kReliefRadii_m.size()> above_lowest_m = {}, below_highest_m = {};
     Eigen::Vector2d place_m;  // horizontal coordinates
