@@ -6,6 +6,7 @@
 
 #include <filesystem>
 
+#include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
 #include "common/classify/classified_scene_files.h"
 #include "common/classify/classify_report.h"
@@ -62,7 +63,8 @@ TEST_F(ClassifySceneTest, TheMeshTellsClassesApartWhereColoursDoNot) {
   ConfusionMatrix unseen(3);
   for (size_t v = 2; v < scene_.views.size(); ++v) {
     const std::string stem = std::filesystem::path(scene_.views[v].name).stem();
-    const FloatImage p = ReadLikelihoods(out + "/geometry/" + stem + ".tif", 3, scene_.views[v].lens).value();
+    const FloatImage p =
+        ReadLikelihoods(absl::StrCat(out, "/geometry/", stem, ".tif"), 3, scene_.views[v].lens).value();
     for (int y = 0; y < p.height; ++y) {
       for (int x = 0; x < p.width; ++x) {
         int best = 0;
@@ -108,7 +110,8 @@ TEST_F(ClassifySceneTest, AModelDoesWhatTheTrainingDid) {
   const ClassifierModel model = ParseModel(SerializeModel(trained_.model), "model").value();
   const std::string by_model = Output("by_model", 0, &model);
   for (size_t v = 2; v < scene_.views.size(); ++v) {
-    const std::string file = "/geometry/" + std::filesystem::path(scene_.views[v].name).stem().string() + ".tif";
+    const std::string file =
+        absl::StrCat("/geometry/", std::filesystem::path(scene_.views[v].name).stem().string(), ".tif");
     EXPECT_EQ(ReadText(trained + file), ReadText(by_model + file));
   }
 }
@@ -147,7 +150,7 @@ TEST_F(ClassifySceneTest, TheDefaultKnowsABoxOnTheGround) {
   ASSERT_TRUE(ClassifyScene(scene_, surface, use, out, {}).ok());
   ConfusionMatrix confusion(3);
   const std::string stem = std::filesystem::path(scene_.views[1].name).stem();
-  const FloatImage p = ReadLikelihoods(out + "/geometry/" + stem + ".tif", 3, scene_.views[1].lens).value();
+  const FloatImage p = ReadLikelihoods(absl::StrCat(out, "/geometry/", stem, ".tif"), 3, scene_.views[1].lens).value();
   for (int y = 0; y < p.height; ++y) {
     for (int x = 0; x < p.width; ++x) {
       int best = 0;
