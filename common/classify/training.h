@@ -20,8 +20,8 @@ namespace tessera {
 
 struct TrainingOptions {
   BoostingOptions boosting;
-  int64_t samples = 40000;     // pixels learnt from, at most
-  double class_balance = 0.5;  // classes' weight: their share of the annotated pixels to this power
+  int64_t samples = 60000;      // pixels learnt from, at most
+  double class_balance = 0.25;  // classes' weight: their share of the annotated pixels to this power
   int folds = 4;
   uint64_t seed = 1;
 };
