@@ -27,7 +27,8 @@ class ClassifyTest : public testing::Test {
       const fs::path& truth = truths[k * truths.size() / 4];
       fs::copy_file(truth, fs::path(painted_) / truth.filename());
       const std::string name = truth.filename().string();
-      except_ += (k ? "," : "") + name.substr(0, name.size() - std::string("_label.png").size());
+      if (k > 0) except_.push_back(',');
+      except_.append(name, 0, name.size() - std::string("_label.png").size());
     }
   }
   Outcome Run(const std::vector<std::string>& arguments) { return Tessera(folder_.path(), arguments); }
