@@ -212,6 +212,16 @@ class Trainer {
   std::vector<uint32_t> chosen_;
 };
 
+// kClasses: `classes` where it is known when this is compiled, else 0.
+template <int kClasses>
+void AddLeaves(const float* table, const int32_t* leaf, int count, int classes, float* scores) {
+  const int k = kClasses > 0 ? kClasses : classes;
+  for (int i = 0; i < count; ++i) {
+    const float* from = table + static_cast<size_t>(leaf[i]) * k;
+    for (int c = 0; c < k; ++c) scores[static_cast<size_t>(i) * k + c] += from[c];
+  }
+}
+
 }  // namespace
 
 void BoostedTrees::Score(const float* values, int count, int stride, float* scores) const {
@@ -229,18 +239,19 @@ void BoostedTrees::Score(const float* values, int count, int stride, float* scor
         for (int i = 0; i < n; ++i) leaf[i] |= column[i] > threshold ? bit : 0;
       }
       const float* table = leaves.data() + (static_cast<size_t>(t) << depth) * classes;
-      if (classes == 4) {
-        for (int i = 0; i < n; ++i) {
-          const float* from = table + leaf[i] * 4;
-          float* to = scores + static_cast<size_t>(first + i) * 4;
-          for (int c = 0; c < 4; ++c) to[c] += from[c];
-        }
-        continue;
-      }
-      for (int i = 0; i < n; ++i) {
-        const float* from = table + static_cast<size_t>(leaf[i]) * classes;
-        float* to = scores + static_cast<size_t>(first + i) * classes;
-        for (int c = 0; c < classes; ++c) to[c] += from[c];
+      float* of_batch = scores + static_cast<size_t>(first) * classes;
+      switch (classes) {
+        case 2:
+          AddLeaves<2>(table, leaf, n, 2, of_batch);
+          break;
+        case 3:
+          AddLeaves<3>(table, leaf, n, 3, of_batch);
+          break;
+        case 4:
+          AddLeaves<4>(table, leaf, n, 4, of_batch);
+          break;
+        default:
+          AddLeaves<0>(table, leaf, n, classes, of_batch);
       }
     }
   }
