@@ -24,6 +24,16 @@ std::string EvaluationTable(const std::vector<NamedEvaluation>& evaluations, con
 std::string EvaluationJson(const std::vector<NamedEvaluation>& evaluations, const std::vector<std::string>& classes,
                            const EvaluationOptions& options);
 
+// A view's likeliest classes against its truth.
+struct NamedConfusion {
+  std::string name;
+  ConfusionMatrix confusion;
+};
+
+// Overall and average accuracy and mean IoU of each view and of all together, and recall and precision a class of all.
+std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
+std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
+
 }  // namespace tessera
 
 #endif  // TESSERA_COMMON_EVALUATE_REPORT_H_

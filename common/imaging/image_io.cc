@@ -220,6 +220,25 @@ StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
   return image;
 }
 
+StatusOr<ByteImage> ReadPng(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
+  if (!IsPng(bytes)) return InputError(path, "byte 0", "another kind of file", "a PNG image");
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, cv::IMREAD_UNCHANGED));
+  const int channels = mat.channels();
+  if (mat.depth() != CV_8U || (channels != 1 && channels != 3 && channels != 4)) {
+    return InputError(path, "", absl::StrCat(channels, " channels of ", 8 * mat.elemSize1(), " bits"),
+                      "1, 3 or 4 channels of 8 bits");
+  }
+  ByteImage image(mat.cols, mat.rows, channels);
+  for (int y = 0; y < mat.rows; ++y) {
+    const uint8_t* row = mat.ptr<uint8_t>(y);
+    for (int x = 0; x < mat.cols; ++x) {
+      for (int c = 0; c < channels; ++c) image.at(x, y, c) = row[channels * x + (channels > 1 && c < 3 ? 2 - c : c)];
+    }
+  }
+  return image;
+}
+
 Status WritePng(const std::string& path, const ByteImage& image) { return EncodeAndReplace(path, image, ".png", {}); }
 
 Status WriteJpeg(const std::string& path, const ByteImage& image, int quality) {

@@ -54,6 +54,9 @@ StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes
 // Class ids of an 8-bit one-channel PNG, as stored (255: nothing seen).
 StatusOr<LabelImage> ReadLabelImage(const std::string& path);
 
+// Planes of an 8-bit PNG as stored: grey, RGB or RGBA (1, 3 or 4 channels); palettes become RGB.
+StatusOr<ByteImage> ReadPng(const std::string& path);
+
 // Writers go through a temporary name and rename.
 Status WritePng(const std::string& path, const ByteImage& image);  // 1 or 3 (RGB) channels
 Status WriteJpeg(const std::string& path, const ByteImage& image, int quality);

@@ -203,6 +203,12 @@ class SceneLoader {
       }
     }
     scene_.has_likelihoods = true;
+    if (json_.likelihoods_source == kDefaultLikelihoods) {
+      Warn(
+          "the likelihoods are a default from geometry and greenness, not learnt from this scene: annotate a few "
+          "images "
+          "(tessera classify --train)");
+    }
     for (SceneView& view : scene_.views) {
       const std::string stem = WithoutExtension(view.name);
       const auto it = by_stem.find(stem);
@@ -241,7 +247,7 @@ class SceneLoader {
 
   void ChooseClasses() {
     scene_.classes = json_.classes;
-    if (scene_.has_likelihoods || mesh_has_labels_) return;
+    if (scene_.has_likelihoods || mesh_has_labels_ || options_.all_classes) return;
     if (json_.classes_given && scene_.classes.size() > 1) {
       Warn("classes are given, but neither labels nor likelihoods: the scene is refined as one class");
     }

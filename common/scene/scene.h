@@ -67,6 +67,7 @@ struct SceneLoadOptions {
   std::set<std::string> elsewhere = {};
   bool needs_mesh = true;           // false: without a mesh, the cameras and images add to those of another scene
   std::optional<Frame> frame = {};  // else one about its cameras; a scene in other coordinates is at fault
+  bool all_classes = false;         // as scene.json has them, though nothing in the scene has a class yet
   AllowedFiles allowed = AllowedFiles::All();  // nothing else is opened
 };
 

@@ -303,6 +303,7 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
   in.Path("cameras", &scene.cameras);
   in.Path("images", &scene.images);
   in.Path("likelihoods", &scene.likelihoods);
+  in.String("likelihoods_source", &scene.likelihoods_source);
   in.Path("mesh", &scene.mesh);
   if (const Json* value = in.Find("classes")) ParseClasses(*value, file, &scene, faults);
   if (const Json* value = in.Find("crs")) ParseCrs(*value, file, &scene.crs, faults);

@@ -27,12 +27,16 @@ struct FlightEntry {
 struct SceneFile {
   std::string name;
   ScenePath cameras{"colmap"}, images{"images"}, likelihoods{"likelihoods"}, mesh{"mesh.ply"};
+  std::string likelihoods_source;   // what they come from, in a scene that a classification left
   std::vector<SceneClass> classes;  // the four known ones unless given
   bool classes_given = false;
   Crs crs;
   std::optional<Eigen::Vector3d> up;  // unit, the scene's frame
   std::vector<FlightEntry> flights;   // one of all images unless given
 };
+
+// SceneFile::likelihoods_source of likelihoods that nobody trained for the scene.
+inline constexpr const char* kDefaultLikelihoods = "default";
 
 // The known classes of design and paper: ground, facade, roof, vegetation.
 const std::vector<SceneClass>& KnownClasses();

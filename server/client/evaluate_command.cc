@@ -11,6 +11,7 @@
 
 #include "common/base/parallel.h"
 #include "common/evaluate/evaluator.h"
+#include "common/evaluate/likelihood_scores.h"
 #include "common/evaluate/report.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/ply.h"
@@ -32,6 +33,8 @@ struct EvaluateArguments {
   std::string truth;  // folder; empty: SCENE/truth
   std::string json;
   std::optional<double> rim_m;
+  std::string likelihoods;                // folder; measured in place of a mesh
+  std::vector<std::string> except_views;  // names, with or without extension
   bool no_start = false;
   int threads = 0;
   EvaluationOptions options;
@@ -66,12 +69,69 @@ std::vector<std::string> ClassNames(const SceneDescription& scene) {
   return names;
 }
 
+// Of each view, whether --except-views names it; a name that no view has is an error.
+StatusOr<std::vector<bool>> LeftOut(const std::vector<std::string>& names, const SceneDescription& scene) {
+  std::vector<bool> left_out(scene.views.size());
+  for (const std::string& name : names) {
+    bool found = false;
+    for (size_t v = 0; v < scene.views.size(); ++v) {
+      const std::string& view = scene.views[v].name;
+      if (name != view && name != fs::path(view).replace_extension().string()) continue;
+      found = left_out[v] = true;
+    }
+    if (!found) return InputError("--except-views", "", name, "names of images of the scene");
+  }
+  return left_out;
+}
+
+// The likelihoods of a view in a folder of them, whatever their format.
+StatusOr<std::string> LikelihoodPath(const std::string& folder, const SceneView& view) {
+  for (const char* extension : {".tif", ".tiff", ".npy", ".png"}) {
+    const fs::path path = fs::path(folder) / fs::path(view.name).replace_extension(extension);
+    if (fs::exists(path)) return path.string();
+  }
+  return InputError((fs::path(folder) / fs::path(view.name).replace_extension()).string(), "",
+                    "no .tif, .tiff, .npy or .png", "the likelihoods of image '" + view.name + "'");
+}
+
+Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescription& scene,
+                           const TruthLabelSource& truth_labels) {
+  const int classes = static_cast<int>(scene.classes.size());
+  std::vector<LensModel> lenses;
+  for (const SceneView& view : scene.views) lenses.push_back(view.lens);
+  const LikelihoodSource likelihoods = [&](size_t view) -> StatusOr<FloatImage> {
+    TESSERA_ASSIGN_OR_RETURN(const std::string path, LikelihoodPath(arguments.likelihoods, scene.views[view]));
+    return ReadLikelihoods(path, classes, scene.views[view].lens);
+  };
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<ConfusionMatrix> confusions,
+                           ConfuseLikelihoods(lenses, classes, truth_labels, likelihoods));
+  std::vector<NamedConfusion> named;
+  for (size_t v = 0; v < confusions.size(); ++v) {
+    if (confusions[v].total() > 0) named.push_back({scene.views[v].name, confusions[v]});
+  }
+  if (named.empty()) {
+    return InputError(arguments.truth, "", "no IMAGE_label.png of a view that counts", "true labels of some images");
+  }
+  std::cout << LikelihoodTable(named, ClassNames(scene)) << std::flush;
+  if (arguments.json.empty()) return absl::OkStatus();
+  const Status written = WriteFileAtomic(arguments.json, LikelihoodJson(named, ClassNames(scene)));
+  return written.ok() ? written : absl::InternalError(written.message());
+}
+
 Status Evaluate(EvaluateArguments arguments) {
   const ThreadLimit limit(arguments.threads);
   Warnings warnings;
   TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.scene, &warnings));
   PrintWarnings(warnings);
   if (arguments.truth.empty()) arguments.truth = (fs::path(scene.folder) / "truth").string();
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<bool> left_out, LeftOut(arguments.except_views, scene));
+  const TruthLabelSource truth_labels = [&](size_t view) -> StatusOr<LabelImage> {
+    const std::string path = TruthImagePath(arguments.truth, scene.views[view]);
+    if (left_out[view] || !fs::exists(path)) return LabelImage();
+    return ReadLabelImage(path);
+  };
+  if (!arguments.likelihoods.empty()) return EvaluateLikelihoods(arguments, scene, truth_labels);
+  if (arguments.mesh.empty()) return InputError("evaluate", "", "no mesh", "a mesh, or --likelihoods DIR");
   const std::string truth_path = (fs::path(arguments.truth) / "mesh.ply").string();
   if (!fs::exists(truth_path)) {
     return InputError(truth_path, "", "no such file",
@@ -100,12 +160,6 @@ Status Evaluate(EvaluateArguments arguments) {
   } else if (truth_images < scene.views.size()) {
     std::cerr << "note: " << truth_images << " of " << scene.views.size() << " views have a truth image\n";
   }
-  const TruthLabelSource truth_labels = [&](size_t view) -> StatusOr<LabelImage> {
-    const std::string path = TruthImagePath(arguments.truth, scene.views[view]);
-    if (!fs::exists(path)) return LabelImage();
-    return ReadLabelImage(path);
-  };
-
   TESSERA_ASSIGN_OR_RETURN(
       const Evaluator evaluator,
       Evaluator::Create(std::move(truth), scene.views, static_cast<int>(scene.classes.size()), truth_labels, options));
@@ -136,12 +190,22 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
       "ray-tested on their own surface, count with their exact distance to the other surface. Labels are measured by\n"
       "area and by rendered pixels.\n\n"
       "  tessera evaluate out/mesh.ply --scene city\n"
-      "  tessera evaluate peer.ply --scene campus --rim 3 --json peer.json");
+      "  tessera evaluate peer.ply --scene campus --rim 3 --json peer.json\n"
+      "  tessera evaluate --likelihoods classified/geometry --scene city --except-views 0000,0007");
   EvaluationOptions& options = arguments->options;
-  command->add_option("mesh", arguments->mesh, "PLY in the scene's own coordinates, as a job writes it")->required();
+  CLI::Option* mesh =
+      command->add_option("mesh", arguments->mesh, "PLY in the scene's own coordinates, as a job writes it");
   command->add_option("--scene", arguments->scene, "the scene's folder or its scene.json")->required();
   command->add_option("--truth", arguments->truth,
                       "folder of mesh.ply and IMAGE_label.png, in the scene's coordinates (default SCENE/truth)");
+  CLI::Option* likelihoods =
+      command->add_option("--likelihoods", arguments->likelihoods,
+                          "folder of likelihoods to measure in place of a mesh: their likeliest class, pixel by pixel");
+  mesh->excludes(likelihoods);
+  command
+      ->add_option("--except-views", arguments->except_views,
+                   "images whose pixels do not count for labels, as those that were annotated: 0000,0007")
+      ->delimiter(',');
   command->add_option("--rim", arguments->rim_m, "metres inside the truth's horizontal box left out (default 30 GSD)")
       ->check(CLI::NonNegativeNumber);
   command->add_option("--cap", options.cap_m, "metres; larger distances count as this in capped means")

@@ -28,6 +28,7 @@ int main(int argc, char** argv) {
   tessera::AddLineageCommand(app, &exit_code);
   tessera::AddAccessCommand(app, &exit_code);
   tessera::AddCheckCommand(app, &exit_code);
+  tessera::AddClassifyCommand(app, &exit_code);
   tessera::AddSynthCommand(app, &exit_code);
   tessera::AddEvaluateCommand(app, &exit_code);
   tessera::AddRenderCommand(app, &exit_code);

@@ -1,17 +1,15 @@
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
 #include <array>
 #include <chrono>
 #include <cstdio>
 #include <memory>
-#include <mutex>
 #include <string>
 
 #include "common/base/parallel.h"
 #include "common/base/printable.h"
 #include "common/synth/synth.h"
 #include "server/client/commands.h"
+#include "server/client/stage_line.h"
 
 namespace tessera {
 namespace {
@@ -44,33 +42,6 @@ bool ParseFour(const std::string& text, std::array<double, 4>* four) {
   char rest = 0;
   return std::sscanf(text.c_str(), "%lf,%lf,%lf,%lf%c", &(*four)[0], &(*four)[1], &(*four)[2], &(*four)[3], &rest) == 4;
 }
-
-// One line on a terminal, redrawn in place; nothing elsewhere.
-class StageLine {
- public:
-  explicit StageLine(bool wanted) : shown_(wanted && isatty(STDERR_FILENO)), start_(std::chrono::steady_clock::now()) {}
-  ~StageLine() {
-    if (shown_) std::fprintf(stderr, "\r\033[K");
-  }
-  void Show(double fraction, const std::string& stage) {
-    if (!shown_) return;
-    std::lock_guard<std::mutex> lock(mutex_);
-    const double elapsed_s = Seconds(start_);
-    if (elapsed_s - last_s_ < 0.1) return;
-    last_s_ = elapsed_s;
-    const int filled = static_cast<int>(30 * fraction);
-    std::fprintf(stderr, "\r\033[K[%s%s] %3.0f %%  %s", std::string(filled, '#').c_str(),
-                 std::string(30 - filled, '.').c_str(), 100 * fraction, stage.c_str());
-    if (fraction > 0.05) std::fprintf(stderr, "  %.0f s left", elapsed_s * (1 - fraction) / fraction);
-    std::fflush(stderr);
-  }
-
- private:
-  bool shown_;
-  std::chrono::steady_clock::time_point start_;
-  std::mutex mutex_;
-  double last_s_ = -1;
-};
 
 void PrintReport(const SynthOptions& options, const SynthReport& r, double seconds) {
   std::printf("blocks                          %d x %d, %.2f ha\n", options.columns, options.rows, r.area_m2 / 1e4);

@@ -1,0 +1,188 @@
+#include "common/classify/annotations.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <map>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "common/imaging/image_io.h"
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr uint8_t kNothing = 255;
+constexpr int kColourReach = 16;        // a channel, for brushes that blend
+constexpr double kBlendedShare = 0.05;  // of painted pixels that may have a colour between those of classes
+constexpr int kLeastPixels = 20;        // of a class, to learn it
+
+using Colour = std::array<uint8_t, 3>;
+
+std::string Hex(const Colour& c) { return absl::StrFormat("#%02x%02x%02x", c[0], c[1], c[2]); }
+
+bool Near(const Colour& a, const Colour& b) {
+  for (int k = 0; k < 3; ++k) {
+    if (std::abs(a[k] - b[k]) > kColourReach) return false;
+  }
+  return true;
+}
+
+std::string Palette(const std::vector<SceneClass>& classes) {
+  std::vector<std::string> entries;
+  for (const SceneClass& c : classes) entries.push_back(absl::StrCat(c.name, " ", Hex(c.color_rgb)));
+  return absl::StrJoin(entries, ", ");
+}
+
+std::string Numbers(const std::vector<SceneClass>& classes) {
+  std::vector<std::string> entries;
+  for (size_t c = 0; c < classes.size(); ++c) entries.push_back(absl::StrCat(c, " ", classes[c].name));
+  return absl::StrJoin(entries, ", ");
+}
+
+StatusOr<LabelImage> FromNumbers(const std::string& path, const ByteImage& image,
+                                 const std::vector<SceneClass>& classes) {
+  for (size_t i = 0; i < image.plane_size(); ++i) {
+    const uint8_t value = image.data[i];
+    if (value == kNothing || value < classes.size()) continue;
+    return InputError(path, absl::StrCat("pixel (", i % image.width, ", ", i / image.width, ")"),
+                      absl::StrCat("class ", value),
+                      absl::StrCat(Numbers(classes), ", or 255 where nothing is annotated; colours need an RGB PNG"));
+  }
+  LabelImage labels(image.width, image.height);
+  labels.data = image.data;
+  return labels;
+}
+
+StatusOr<LabelImage> FromColours(const std::string& path, const ByteImage& image,
+                                 const std::vector<SceneClass>& classes, Warnings* warnings) {
+  for (size_t a = 0; a < classes.size(); ++a) {
+    for (size_t b = 0; b < a; ++b) {
+      if (!Near(classes[a].color_rgb, classes[b].color_rgb)) continue;
+      return InputError(path, "",
+                        absl::StrCat("colours, and classes ", classes[b].name, " and ", classes[a].name, " share one"),
+                        "class numbers in one channel, or a \"color\" for each class in scene.json");
+    }
+  }
+  LabelImage labels(image.width, image.height, 1, kNothing);
+  std::map<Colour, int64_t> unknown;
+  int64_t painted = 0, blended = 0;
+  for (size_t i = 0; i < image.plane_size(); ++i) {
+    if (image.channels == 4 && image.plane(3)[i] < 128) continue;
+    const Colour colour = {image.plane(0)[i], image.plane(1)[i], image.plane(2)[i]};
+    const auto it =
+        std::find_if(classes.begin(), classes.end(), [&](const SceneClass& c) { return Near(colour, c.color_rgb); });
+    if (it != classes.end()) {
+      labels.data[i] = static_cast<uint8_t>(it - classes.begin());
+      ++painted;
+    } else if (!Near(colour, {255, 255, 255}) && !Near(colour, {0, 0, 0})) {
+      ++painted;
+      ++blended;
+      if (unknown.size() < 100000 || unknown.contains(colour)) ++unknown[colour];
+    }
+  }
+  if (blended == 0) return labels;
+  const auto most = std::max_element(unknown.begin(), unknown.end(),
+                                     [](const auto& a, const auto& b) { return a.second < b.second; });
+  if (static_cast<double>(blended) > kBlendedShare * static_cast<double>(painted)) {
+    return InputError(
+        path, "", absl::StrCat(blended, " of ", painted, " painted pixels in other colours, most ", Hex(most->first)),
+        absl::StrCat(Palette(classes),
+                     "; white, black or transparent where nothing is annotated (export "
+                     "what is painted without the photograph below it)"));
+  }
+  warnings->push_back(absl::StrCat(path, ": ", blended, " pixels between two colours are not used"));
+  return labels;
+}
+
+// The view that a picture annotates, by its name without extension.
+std::optional<size_t> ViewOf(const std::string& stem, const std::map<std::string, size_t>& views) {
+  auto it = views.find(stem);
+  constexpr std::string_view kSuffix = "_label";
+  if (it == views.end() && stem.ends_with(kSuffix)) it = views.find(stem.substr(0, stem.size() - kSuffix.size()));
+  return it == views.end() ? std::nullopt : std::optional<size_t>(it->second);
+}
+
+}  // namespace
+
+int64_t Annotations::annotated() const { return std::accumulate(pixels.begin(), pixels.end(), int64_t{0}); }
+
+StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDescription& scene, Warnings* warnings) {
+  if (!fs::is_directory(folder)) {
+    return InputError(folder, "", "no such folder", "the annotations, PNGs named as the scene's images");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> files, ListFiles(folder));
+  std::map<std::string, size_t> views;
+  for (size_t v = 0; v < scene.views.size(); ++v) {
+    views[fs::path(scene.views[v].name).replace_extension().generic_string()] = v;
+  }
+  Annotations annotations;
+  annotations.pixels.assign(scene.classes.size(), 0);
+  Faults faults;
+  std::map<size_t, std::string> taken;
+  for (const std::string& file : files) {
+    if (fs::path(file).extension() != ".png") continue;
+    const std::string path = (fs::path(folder) / file).string();
+    const std::optional<size_t> view = ViewOf(fs::path(file).replace_extension().generic_string(), views);
+    if (!view) {
+      faults.Add(InputError(path, "", "a name that no image of the scene has",
+                            absl::StrCat("one as ", fs::path(scene.views[0].name).replace_extension(".png").string(),
+                                         " for image ", scene.views[0].name)));
+      continue;
+    }
+    if (const auto [it, is_new] = taken.emplace(*view, path); !is_new) {
+      faults.Add(InputError(path, "", absl::StrCat("a second annotation beside ", it->second),
+                            absl::StrCat("one for image ", scene.views[*view].name)));
+      continue;
+    }
+    StatusOr<ByteImage> image = ReadPng(path);
+    if (!image.ok()) {
+      faults.Add(image.status());
+      continue;
+    }
+    const PinholeCamera& camera = scene.views[*view].lens.pinhole;
+    if (image->width != camera.width || image->height != camera.height) {
+      faults.Add(InputError(path, "", absl::StrCat(image->width, " x ", image->height, " pixels"),
+                            absl::StrCat("the ", camera.width, " x ", camera.height, " of its image")));
+      continue;
+    }
+    StatusOr<LabelImage> labels = image->channels == 1 ? FromNumbers(path, *image, scene.classes)
+                                                       : FromColours(path, *image, scene.classes, warnings);
+    if (!labels.ok()) {
+      faults.Add(labels.status());
+      continue;
+    }
+    for (const uint8_t label : labels->data) {
+      if (label != kNothing) ++annotations.pixels[label];
+    }
+    annotations.images.push_back({*view, path, *std::move(labels)});
+  }
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  std::sort(annotations.images.begin(), annotations.images.end(),
+            [](const Annotation& a, const Annotation& b) { return a.view < b.view; });
+  size_t present = 0;
+  for (size_t c = 0; c < scene.classes.size(); ++c) {
+    if (annotations.pixels[c] >= kLeastPixels) {
+      ++present;
+    } else {
+      warnings->push_back(absl::StrCat(folder, ": class ", scene.classes[c].name, " has ", annotations.pixels[c],
+                                       " annotated pixels: it is hardly learnt; paint some of it"));
+    }
+  }
+  if (present < 2) {
+    return InputError(folder, "",
+                      absl::StrCat(present, present == 1 ? " class" : " classes", " with annotated pixels in ",
+                                   annotations.images.size(), " pictures"),
+                      absl::StrCat("at least 2 of ", Palette(scene.classes)));
+  }
+  return annotations;
+}
+
+}  // namespace tessera

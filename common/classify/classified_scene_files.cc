@@ -1,0 +1,71 @@
+#include "common/classify/classified_scene_files.h"
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <system_error>
+
+#include "absl/strings/str_cat.h"
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+// Replaces a link of an earlier classification.
+Status Link(const fs::path& target, const fs::path& link) {
+  std::error_code error;
+  const fs::path absolute = fs::canonical(target, error);
+  if (error) return FileError(error.value(), absl::StrCat(target.string(), ": cannot be resolved"));
+  if (fs::is_symlink(link)) fs::remove(link, error);
+  fs::create_symlink(absolute, link, error);
+  if (error) return FileError(error.value(), absl::StrCat(link.string(), ": cannot be made a link"));
+  return absl::OkStatus();
+}
+
+// The folder that holds the images under their names.
+std::string ImagesFolder(const SceneDescription& scene) {
+  const SceneView& view = scene.views.front();
+  return view.image_path.substr(0, view.image_path.size() - view.name.size());
+}
+
+}  // namespace
+
+Status CheckClassifiedFolder(const std::string& folder) {
+  static const std::set<std::string> known = {"scene.json", "report.json", "appearance", "geometry",
+                                              "cameras",    "images",      "mesh.ply"};
+  std::error_code error;
+  if (!fs::exists(folder, error)) return absl::OkStatus();
+  const bool earlier = fs::is_symlink(fs::path(folder) / "mesh.ply") || fs::is_empty(folder, error);
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
+    if (earlier && known.contains(entry.path().filename().string())) continue;
+    return absl::AlreadyExistsError(absl::StrCat(folder, ": found ", entry.path().filename().string(),
+                                                 ", expected a folder of its own: a new one, an empty one, or one that "
+                                                 "an earlier classification made"));
+  }
+  if (error) return FileError(error.value(), absl::StrCat(folder, ": cannot be listed"));
+  return absl::OkStatus();
+}
+
+Status WriteClassifiedScene(const SceneDescription& scene, const std::string& scene_file, const std::string& folder,
+                            const std::string& source) {
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
+  const fs::path from(scene.folder), to(folder);
+  TESSERA_RETURN_IF_ERROR(Link(from / scene.cameras_folder, to / "cameras"));
+  TESSERA_RETURN_IF_ERROR(Link(from / ImagesFolder(scene), to / "images"));
+  TESSERA_RETURN_IF_ERROR(Link(from / scene.mesh_path, to / "mesh.ply"));
+  TESSERA_ASSIGN_OR_RETURN(const std::string text, ReadFile(scene_file));
+  Json json = Json::parse(text, nullptr, false);
+  if (!json.is_object()) return InputError(scene_file, "", "no JSON object any more", "the scene that was read");
+  json["name"] = scene.name;
+  json["cameras"] = "cameras";
+  json["images"] = "images";
+  json["mesh"] = "mesh.ply";
+  json["likelihoods"] = "geometry";
+  json["likelihoods_source"] = source;
+  return WriteFileAtomic((to / "scene.json").string(), json.dump(2) + "\n");
+}
+
+}  // namespace tessera

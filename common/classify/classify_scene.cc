@@ -1,0 +1,195 @@
+#include "common/classify/classify_scene.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <filesystem>
+#include <mutex>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
+#include "common/classify/calibration.h"
+#include "common/classify/features.h"
+#include "common/imaging/image_io.h"
+#include "common/storage/files.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kBatch = 64;  // pixels of a row at once
+constexpr double kWeightOfAnnotatedPlace = 0.25;
+
+// What is classified of one image.
+struct ViewResult {
+  std::array<ByteImage, 2> likelihoods;
+  std::array<ConfusionMatrix, 2> held_out;
+  ViewFigures figures;
+};
+
+class ViewClassifier {
+ public:
+  ViewClassifier(const SceneDescription& scene, const MeshSurface& surface, const ClassifierInUse& classifier)
+      : scene_(scene), surface_(surface), use_(classifier), classes_(static_cast<int>(scene.classes.size())) {}
+
+  StatusOr<ViewResult> Classify(size_t view) const {
+    const SceneView& scene_view = scene_.views[view];
+    TESSERA_ASSIGN_OR_RETURN(const ByteImage rgb, ReadRgb(scene_.folder + "/" + scene_view.image_path));
+    const ImageFeatures features(rgb, scene_view, scene_.up_in_local, &surface_);
+    const Annotation* annotation = nullptr;
+    if (use_.annotations != nullptr) {
+      for (const Annotation& a : use_.annotations->images) {
+        if (a.view == view) annotation = &a;
+      }
+    }
+    ViewResult result;
+    result.figures.annotated = annotation != nullptr;
+    const size_t outputs = use_.rule != nullptr ? 1 : 2;
+    for (size_t e = 2 - outputs; e < 2; ++e) {
+      result.likelihoods[e] = ByteImage(rgb.width, rgb.height, classes_);
+      result.held_out[e] = ConfusionMatrix(classes_);
+    }
+    std::vector<float> values(static_cast<size_t>(FeatureCount()) * kBatch);
+    std::vector<float> p(static_cast<size_t>(classes_) * kBatch), of_fold(p.size());
+    std::vector<int> fold(kBatch);
+    double entropy = 0, gain = 0;
+    int64_t known = 0;
+    for (int y = 0; y < rgb.height; ++y) {
+      for (int x = 0; x < rgb.width; x += kBatch) {
+        const int count = std::min(kBatch, rgb.width - x);
+        features.Row(x, y, count, kBatch, values.data());
+        for (int i = 0; i < count; ++i) {
+          fold[i] = use_.trained == nullptr
+                        ? -1
+                        : use_.trained->places.FoldOf(features.PlaceOf(x + i, y, static_cast<uint32_t>(view)));
+        }
+        for (size_t e = 2 - outputs; e < 2; ++e) {
+          if (use_.rule != nullptr) {
+            use_.rule->Apply(values.data(), count, kBatch, p.data());
+          } else {
+            Probabilities(e, values.data(), count, annotation != nullptr ? &fold : nullptr, &of_fold, p.data());
+          }
+          Store(annotation, e, x, y, count, p.data(), &result);
+        }
+        // The last output's: with the mesh.
+        for (int i = 0; i < count; ++i) {
+          double h = 0;
+          for (int c = 0; c < classes_; ++c) {
+            const double q = p[static_cast<size_t>(i) * classes_ + c];
+            if (q > 1e-9) h -= q * std::log(q);
+          }
+          h /= std::log(std::max(2, classes_));
+          entropy += h;
+          known += fold[i] >= 0;
+          gain += h * (fold[i] >= 0 ? kWeightOfAnnotatedPlace : 1);
+        }
+      }
+    }
+    const double pixels = static_cast<double>(rgb.plane_size());
+    result.figures.entropy = entropy / pixels;
+    result.figures.new_share = 1 - static_cast<double>(known) / pixels;
+    result.figures.gain = gain / pixels;
+    return result;
+  }
+
+ private:
+  // Of the model, or, where `fold` says so, of what was learnt without the pixel's place; classes in the scene's order.
+  void Probabilities(size_t evidence, const float* values, int count, const std::vector<int>* fold,
+                     std::vector<float>* scratch, float* p) const {
+    const ClassifierPart& part = use_.model->parts[evidence];
+    const int classes = part.trees.classes;
+    std::vector<float> scores(static_cast<size_t>(classes) * kBatch);
+    part.trees.Score(values, count, kBatch, scores.data());
+    if (fold != nullptr) {
+      scratch->resize(scores.size());
+      for (size_t k = 0; k < use_.trained->folds.size(); ++k) {
+        if (std::find(fold->begin(), fold->begin() + count, static_cast<int>(k)) == fold->begin() + count) continue;
+        use_.trained->folds[k][evidence].Score(values, count, kBatch, scratch->data());
+        for (int i = 0; i < count; ++i) {
+          if ((*fold)[i] == static_cast<int>(k)) {
+            std::copy_n(scratch->begin() + i * classes, classes, scores.begin() + i * classes);
+          }
+        }
+      }
+    }
+    for (int i = 0; i < count; ++i) {
+      float* of_pixel = scores.data() + static_cast<size_t>(i) * classes;
+      SoftmaxInPlace(of_pixel, classes, part.temperature);
+      for (int c = 0; c < classes_; ++c) {
+        p[static_cast<size_t>(i) * classes_ + c] = of_pixel[use_.class_of_scene.empty() ? c : use_.class_of_scene[c]];
+      }
+    }
+  }
+
+  void Store(const Annotation* annotation, size_t evidence, int x, int y, int count, const float* p,
+             ViewResult* result) const {
+    ByteImage& image = result->likelihoods[evidence];
+    for (int i = 0; i < count; ++i) {
+      const float* of_pixel = p + static_cast<size_t>(i) * classes_;
+      for (int c = 0; c < classes_; ++c) {
+        // Never nothing: no pixel rules a class out.
+        image.at(x + i, y, c) = static_cast<uint8_t>(std::clamp(std::lround(255 * of_pixel[c]), 1l, 255l));
+      }
+      if (annotation == nullptr) continue;
+      const uint8_t truth = annotation->labels.at(x + i, y);
+      if (truth != 255) {
+        result->held_out[evidence].Add(truth,
+                                       static_cast<int>(std::max_element(of_pixel, of_pixel + classes_) - of_pixel));
+      }
+    }
+  }
+
+  const SceneDescription& scene_;
+  const MeshSurface& surface_;
+  const ClassifierInUse& use_;
+  const int classes_;
+};
+
+}  // namespace
+
+StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const MeshSurface& surface,
+                                        const ClassifierInUse& classifier, const std::string& folder,
+                                        const TaskControl& control) {
+  const size_t views = scene.views.size();
+  const ViewClassifier of_views(scene, surface, classifier);
+  std::vector<Status> failed(views);
+  std::vector<std::array<ConfusionMatrix, 2>> held_out(views);
+  ClassifiedScene classified;
+  classified.views.resize(views);
+  std::atomic<int64_t> done = 0;
+  ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t v, int64_t) {
+    failed[v] = control.Check();
+    if (!failed[v].ok()) return;
+    StatusOr<ViewResult> result = of_views.Classify(v);
+    if (!result.ok()) {
+      failed[v] = result.status();
+      return;
+    }
+    for (size_t e = 0; e < 2 && failed[v].ok(); ++e) {
+      if (result->likelihoods[e].empty()) continue;
+      const fs::path path =
+          fs::path(folder) / kEvidenceNames[e] / fs::path(scene.views[v].name).replace_extension(".tif");
+      failed[v] = EnsureFolder(path.parent_path().string());
+      if (failed[v].ok()) failed[v] = WriteLikelihoodTiff(path.string(), result->likelihoods[e]);
+    }
+    classified.views[v] = result->figures;
+    held_out[v] = std::move(result->held_out);
+    const int64_t now = ++done;
+    control.Report(static_cast<double>(now) / static_cast<double>(views), absl::StrCat("image ", now, " of ", views));
+  });
+  for (const Status& status : failed) TESSERA_RETURN_IF_ERROR(status);
+  for (size_t e = 0; e < 2; ++e) {
+    classified.held_out[e] = ConfusionMatrix(static_cast<int>(scene.classes.size()));
+    for (const auto& of_view : held_out) {
+      if (of_view[e].classes() > 0) classified.held_out[e].Add(of_view[e]);
+    }
+  }
+  for (const SceneView& view : scene.views) {
+    classified.pixels += int64_t{1} * view.lens.pinhole.width * view.lens.pinhole.height;
+  }
+  return classified;
+}
+
+}  // namespace tessera

@@ -1,0 +1,106 @@
+#include "common/classify/model.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/json_bounds.h"
+#include "common/classify/features.h"
+#include "common/storage/files.h"
+#include "common/tile/array_file.h"
+
+namespace tessera {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr int64_t kMostBytes = int64_t{1} << 30;
+constexpr const char* kKind = "tessera classifier";
+
+Status ParseMetadata(const std::string& text, const std::string& name, ClassifierModel* model) {
+  TESSERA_RETURN_IF_ERROR(CheckJsonDepth(name, text));
+  try {
+    const Json json = Json::parse(text);
+    if (json.value("kind", "") != kKind) return InputError(name, "", "another kind of file", "a classifier's model");
+    if (json.at("version") != kModelVersion) {
+      return InputError(name, "version", json.at("version").dump(), absl::StrCat(kModelVersion, "; train it anew"));
+    }
+    model->classes = json.at("classes").get<std::vector<std::string>>();
+    model->features = json.at("features").get<std::vector<std::string>>();
+    model->gsd_m = json.at("gsd_m").get<double>();
+    for (size_t e = 0; e < model->parts.size(); ++e) {
+      const Json& part = json.at(kEvidenceNames[e]);
+      model->parts[e].temperature = part.at("temperature").get<double>();
+      model->parts[e].trees.depth = part.at("depth").get<int>();
+    }
+  } catch (const Json::exception& error) {
+    return InputError(name, "metadata", error.what(), "what a model tells of itself");
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+std::string SerializeModel(const ClassifierModel& model) {
+  Json json = {{"kind", kKind},
+               {"version", kModelVersion},
+               {"classes", model.classes},
+               {"features", model.features},
+               {"gsd_m", model.gsd_m}};
+  ArrayFile file;
+  for (size_t e = 0; e < model.parts.size(); ++e) {
+    const std::string name = kEvidenceNames[e];
+    const BoostedTrees& trees = model.parts[e].trees;
+    json[name] = {{"temperature", model.parts[e].temperature}, {"depth", trees.depth}};
+    file.arrays[name + ".base"] = trees.base;
+    file.arrays[name + ".features"] = trees.features;
+    file.arrays[name + ".thresholds"] = trees.thresholds;
+    file.arrays[name + ".leaves"] = trees.leaves;
+  }
+  file.metadata = json.dump();
+  return SerializeArrayFile(file);
+}
+
+StatusOr<ClassifierModel> ParseModel(const std::string& bytes, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ParseArrayFile(bytes, name));
+  ClassifierModel model;
+  TESSERA_RETURN_IF_ERROR(ParseMetadata(file.metadata, name, &model));
+  if (model.classes.size() < 2 || model.classes.size() > 254) {
+    return InputError(name, "classes", absl::StrCat(model.classes.size()), "2 to 254");
+  }
+  if (model.features != FeatureNames()) {
+    return InputError(name, "features", absl::StrCat(model.features.size(), " that this version does not compute"),
+                      absl::StrCat("its ", FeatureCount(), "; train the model anew"));
+  }
+  if (!(model.gsd_m > 0 && model.gsd_m < 1e6)) {
+    return InputError(name, "gsd_m", absl::StrCat(model.gsd_m), "a positive length");
+  }
+  for (size_t e = 0; e < model.parts.size(); ++e) {
+    const std::string part = kEvidenceNames[e];
+    BoostedTrees& trees = model.parts[e].trees;
+    trees.classes = static_cast<int>(model.classes.size());
+    trees.feature_count = static_cast<Evidence>(e) == Evidence::kAppearance ? AppearanceFeatureCount() : FeatureCount();
+    TESSERA_ASSIGN_OR_RETURN(trees.base, file.Take<float>(part + ".base"));
+    TESSERA_ASSIGN_OR_RETURN(trees.features, file.Take<int32_t>(part + ".features"));
+    TESSERA_ASSIGN_OR_RETURN(trees.thresholds, file.Take<float>(part + ".thresholds"));
+    TESSERA_ASSIGN_OR_RETURN(trees.leaves, file.Take<float>(part + ".leaves"));
+    TESSERA_RETURN_IF_ERROR(trees.Check(absl::StrCat(name, ": ", part)));
+    const double temperature = model.parts[e].temperature;
+    if (!(temperature >= 0.01 && temperature <= 100)) {
+      return InputError(name, part + ".temperature", absl::StrCat(temperature), "a number from 0.01 to 100");
+    }
+  }
+  return model;
+}
+
+Status WriteModel(const std::string& path, const ClassifierModel& model) {
+  return WriteFileAtomic(path, SerializeModel(model));
+}
+
+StatusOr<ClassifierModel> ReadModel(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, kMostBytes));
+  return ParseModel(bytes, path);
+}
+
+}  // namespace tessera

@@ -1,0 +1,44 @@
+// A trained classifier, and the file that carries it to the next flight or city.
+#ifndef TESSERA_COMMON_CLASSIFY_MODEL_H_
+#define TESSERA_COMMON_CLASSIFY_MODEL_H_
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/classify/boosted_trees.h"
+
+namespace tessera {
+
+// What a likelihood rests on: colour and texture alone, for shape; or the start mesh too, for labels.
+enum class Evidence { kAppearance = 0, kGeometry = 1 };
+inline constexpr std::array<const char*, 2> kEvidenceNames = {"appearance", "geometry"};
+
+struct ClassifierPart {
+  BoostedTrees trees;
+  double temperature = 1;
+};
+
+// A plain value.
+struct ClassifierModel {
+  std::vector<std::string> classes;
+  std::vector<std::string> features;    // all; those of appearance first
+  double gsd_m = 0;                     // of the images that it learnt from
+  std::array<ClassifierPart, 2> parts;  // by Evidence
+};
+
+inline constexpr int kModelVersion = 1;
+
+// An array file (common/tile) with a checksum for each part; the same model is the same bytes.
+std::string SerializeModel(const ClassifierModel& model);
+// Whatever the bytes: INVALID_ARGUMENT or DATA_LOSS with what was found, or a model that can be used as it is with this
+// version's features.
+StatusOr<ClassifierModel> ParseModel(const std::string& bytes, const std::string& name);
+
+Status WriteModel(const std::string& path, const ClassifierModel& model);
+StatusOr<ClassifierModel> ReadModel(const std::string& path);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_CLASSIFY_MODEL_H_

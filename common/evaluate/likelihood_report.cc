@@ -1,0 +1,61 @@
+// Likelihoods measured against true labels, as table and JSON.
+#include <absl/strings/str_format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "common/evaluate/report.h"
+
+namespace tessera {
+namespace {
+
+ConfusionMatrix Sum(const std::vector<NamedConfusion>& views, size_t classes) {
+  ConfusionMatrix all(static_cast<int>(classes));
+  for (const NamedConfusion& view : views) all.Add(view.confusion);
+  return all;
+}
+
+std::string ScoreRow(const std::string& name, const ConfusionMatrix& confusion) {
+  const LabelScores s = ScoreLabels(confusion);
+  return absl::StrFormat("%-34s %12d %8.4f %8.4f %8.4f\n", name, s.counted, s.overall_accuracy, s.average_accuracy,
+                         s.mean_iou);
+}
+
+nlohmann::ordered_json ScoresOf(const ConfusionMatrix& confusion) {
+  const LabelScores s = ScoreLabels(confusion);
+  const auto number = [](double v) { return std::isfinite(v) ? nlohmann::ordered_json(v) : nlohmann::ordered_json(); };
+  return {{"pixels", s.counted},
+          {"overall_accuracy", number(s.overall_accuracy)},
+          {"average_accuracy", number(s.average_accuracy)},
+          {"mean_iou", number(s.mean_iou)}};
+}
+
+}  // namespace
+
+std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes) {
+  std::string text =
+      absl::StrFormat("%-34s %12s %8s %8s %8s\n", "likeliest class of pixels", "pixels", "OA", "AA", "mIoU");
+  for (const NamedConfusion& view : views) text += ScoreRow("  " + view.name, view.confusion);
+  const ConfusionMatrix all = Sum(views, classes.size());
+  text += ScoreRow("all", all);
+  const LabelScores scores = ScoreLabels(all);
+  for (size_t c = 0; c < classes.size(); ++c) {
+    absl::StrAppendFormat(&text, "  %-32s recall %.4f, precision %.4f, IoU %.4f\n", classes[c],
+                          scores.classes[c].recall, scores.classes[c].precision, scores.classes[c].iou);
+  }
+  return text;
+}
+
+std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes) {
+  const ConfusionMatrix all = Sum(views, classes.size());
+  nlohmann::ordered_json json = {{"classes", classes}, {"all", ScoresOf(all)}};
+  for (int t = 0; t < all.classes(); ++t) {
+    nlohmann::ordered_json row = nlohmann::ordered_json::array();
+    for (int r = 0; r < all.classes(); ++r) row.push_back(all.at(t, r));
+    json["confusion"].push_back(std::move(row));
+  }
+  for (const NamedConfusion& view : views) json["views"][view.name] = ScoresOf(view.confusion);
+  return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace tessera

@@ -1,0 +1,95 @@
+// `tessera classify`: from four painted images to likelihoods, and on to a labelled mesh.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "tests/e2e/programs.h"
+
+namespace tessera::e2e {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+class ClassifyTest : public testing::Test {
+ protected:
+  ClassifyTest() : folder_(TempFolder::Create(testing::TempDir()).value()), painted_(folder_.path() + "/painted") {
+    fs::create_directory(painted_);
+    std::vector<fs::path> truths;
+    for (const auto& entry : fs::directory_iterator(ToyCity() + "/truth")) {
+      if (entry.path().filename().string().ends_with("_label.png")) truths.push_back(entry.path());
+    }
+    std::sort(truths.begin(), truths.end());
+    for (size_t k = 0; k < 4; ++k) {
+      const fs::path& truth = truths[k * truths.size() / 4];
+      fs::copy_file(truth, fs::path(painted_) / truth.filename());
+      const std::string name = truth.filename().string();
+      if (k > 0) except_.push_back(',');
+      except_.append(name, 0, name.size() - std::string("_label.png").size());
+    }
+  }
+  Outcome Run(const std::vector<std::string>& arguments) { return Tessera(folder_.path(), arguments); }
+  double OverallAccuracy(const std::string& likelihoods) {
+    const std::string json = folder_.path() + "/scores.json";
+    const Outcome outcome = Run(
+        {"evaluate", "--likelihoods", likelihoods, "--scene", ToyCity(), "--except-views", except_, "--json", json});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+    return nlohmann::json::parse(Content(json))["all"]["overall_accuracy"];
+  }
+
+  TempFolder folder_;
+  const std::string painted_;
+  std::string except_;  // the painted images
+};
+
+TEST_F(ClassifyTest, FourPaintedImagesGiveALabelledMesh) {
+  const std::string out = folder_.path() + "/classified", model = folder_.path() + "/city.model";
+  const Outcome classified = Run({"classify", ToyCity(), "--train", painted_, "--out", out, "--save-model", model});
+  ASSERT_EQ(classified.exit_code, 0) << classified.output;
+  EXPECT_THAT(classified.output, HasSubstr("cross-validation       over places"));
+  EXPECT_THAT(classified.output, HasSubstr("annotate next"));
+  const auto report = nlohmann::json::parse(Content(out + "/report.json"));
+  EXPECT_EQ(report["source"], "annotations");
+  EXPECT_EQ(report["annotated"].size(), 4u);
+  EXPECT_GT(OverallAccuracy(out + "/geometry"), 0.8);
+
+  const Outcome run = Run({"run", out, "--out", folder_.path() + "/out", "--rounds", "1", "--levels", "1",
+                           "--iterations", "2", "--tiles", "1"});
+  ASSERT_EQ(run.exit_code, 0) << run.output;
+  EXPECT_GT(fs::file_size(folder_.path() + "/out/mesh.ply"), 1000u);
+
+  const std::string again = folder_.path() + "/again";
+  const Outcome by_model = Run({"classify", ToyCity(), "--model", model, "--out", again});
+  ASSERT_EQ(by_model.exit_code, 0) << by_model.output;
+  EXPECT_GT(OverallAccuracy(again + "/geometry"), 0.8);
+}
+
+TEST_F(ClassifyTest, WithNothingGivenTheDefaultIsMarked) {
+  const std::string out = folder_.path() + "/guessed";
+  const Outcome outcome = Run({"classify", ToyCity(), "--out", out});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("a default from the mesh and greenness"));
+  EXPECT_THAT(Content(out + "/scene.json"), HasSubstr("\"likelihoods_source\": \"default\""));
+  EXPECT_THAT(Run({"check", out}).output, HasSubstr("a default from geometry and greenness"));
+}
+
+TEST_F(ClassifyTest, BadInputIsTold) {
+  const std::string out = folder_.path() + "/out";
+  Outcome outcome = Run({"classify", ToyCity(), "--train", folder_.path() + "/none", "--out", out});
+  EXPECT_EQ(outcome.exit_code, 3);
+  EXPECT_THAT(outcome.output, HasSubstr("no such folder, expected the annotations"));
+  outcome = Run({"classify", ToyCity(), "--model", ToyCity() + "/mesh.ply", "--out", out});
+  EXPECT_EQ(outcome.exit_code, 3) << outcome.output;
+  outcome = Run({"classify", ToyCity(), "--out", painted_});
+  EXPECT_EQ(outcome.exit_code, 2) << "a folder with something else in it is left alone";
+  EXPECT_FALSE(fs::exists(out));
+  outcome = Run({"evaluate", "--likelihoods", out, "--scene", ToyCity(), "--except-views", "nobody"});
+  EXPECT_EQ(outcome.exit_code, 3);
+  EXPECT_THAT(outcome.output, HasSubstr("found nobody, expected names of images of the scene"));
+}
+
+}  // namespace
+}  // namespace tessera::e2e
