@@ -223,7 +223,7 @@ StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
 StatusOr<ByteImage> ReadPng(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
   if (!IsPng(bytes)) return InputError(path, "byte 0", "another kind of file", "a PNG image");
-  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, cv::IMREAD_UNCHANGED));
+  TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_UNCHANGED));
   const int channels = mat.channels();
   if (mat.depth() != CV_8U || (channels != 1 && channels != 3 && channels != 4)) {
     return InputError(path, "", absl::StrCat(channels, " channels of ", 8 * mat.elemSize1(), " bits"),
