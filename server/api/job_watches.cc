@@ -148,10 +148,10 @@ class JobWatches::Watching::Call final : public grpc::ServerWriteReactor<grpc::B
     }
     StartWrite(&under_way_->bytes);
   }
-  // The caller knows it already.
+  // The caller knows it already; a newer one may have been offered by now.
   void Skip(std::shared_ptr<const Update> update) {
     std::lock_guard lock(mutex_);
-    newest_ = std::move(update);
+    if (newest_ == nullptr) newest_ = std::move(update);
   }
   void End(const Status& status) { End(status, false); }
   void OnWriteDone(bool ok) override {
