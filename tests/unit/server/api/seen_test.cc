@@ -373,8 +373,8 @@ TEST_F(SeenTest, ChangesOfTasksNameAllThatIsAboutThem) {
                                            "worker=workers/1-4 kind=solve class=MEMORY error=\"it took\\nmore\"")));
   // What the dispatcher tells with them.
   std::vector<std::string> told;
-  dispatcher_.reset();
   server_.reset();
+  dispatcher_.reset();
   dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_,
                                    [&](const v1::Record& change, const ChangedTask& task) {
                                      if (!change.has_attempt_started()) return;

@@ -20,6 +20,9 @@ using testing::Pair;
 
 class WaitingCallsTest : public CoordinatorTest {
  protected:
+  // Ends the calls that wait: they tell this object.
+  ~WaitingCallsTest() override { dispatcher_.reset(); }
+
   // Who was answered, and what: the title of a task, "-" for none, or a status.
   using Answers = std::vector<std::pair<std::string, std::string>>;
 
