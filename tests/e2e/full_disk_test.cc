@@ -75,7 +75,7 @@ TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
   const RecordAudit audit = AuditRecords(state + "/state.sqlite");
   EXPECT_EQ(audit.faults(), std::vector<std::string>());
   // Where there is no room for what was done, it waits: nothing is done twice.
-  EXPECT_THAT(audit.failures(), ElementsAre(Key("SCRATCH")));
+  EXPECT_THAT(audit.failures(), ElementsAre(Key("ERROR_CLASS_SCRATCH")));
 }
 
 }  // namespace
