@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <mutex>
 #include <numbers>
 #include <unordered_map>
 
@@ -86,11 +87,19 @@ class SceneChecker {
   // Every image and every likelihood file is decoded once.
   void CheckPixels() {
     const int64_t views = summary_.images;
+    const int classes = static_cast<int>(scene_.classes.size());
     std::vector<StatusOr<PixelContent>> contents(views, PixelContent());
+    BorderCounts borders(classes);
+    std::mutex borders_mutex;
     std::atomic<int64_t> done = 0;
     ParallelFor(views, 1, [&](int64_t i, int64_t) {
       if (!control_.Check().ok()) return;
-      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], static_cast<int>(scene_.classes.size()));
+      BorderCounts of_view(classes);
+      contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view);
+      {
+        std::lock_guard lock(borders_mutex);
+        borders.Add(of_view);
+      }
       const int64_t now = ++done;
       control_.Report(0.7 * static_cast<double>(now) / static_cast<double>(views),
                       absl::StrCat("images, ", now, " of ", views));
@@ -99,6 +108,7 @@ class SceneChecker {
       faults_.Add(content.status());
       summary_.contents.push_back(content.ok() ? *content : PixelContent());
     }
+    summary_.borders = borders.Trusts();
   }
 
   Status CheckMeshAndSight() {
@@ -290,18 +300,25 @@ StatusOr<SceneSummary> CheckAndReport(const SceneDescription& scene, int64_t max
 
 }  // namespace
 
-StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes) {
+StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
+                                        BorderCounts* borders) {
   PixelContent content;
   Faults faults;
-  const auto hash = [&faults](const StatusOr<FloatImage>& image) -> std::string {
+  const auto take = [&faults](StatusOr<FloatImage> image, std::string* hash) -> FloatImage {
     faults.Add(image.status());
-    return image.ok() ? Xxh3Hex(image->data.data(), image->data.size() * sizeof(float)) : "";
+    if (!image.ok()) return {};
+    *hash = Xxh3Hex(image->data.data(), image->data.size() * sizeof(float));
+    return *std::move(image);
   };
+  FloatImage luminance;
   if (!view.image_path.empty()) {
-    content.image = hash(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens));
+    luminance = take(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens), &content.image);
   }
   if (!view.likelihood_path.empty()) {
-    content.likelihood = hash(ReadLikelihoods(absl::StrCat(folder, "/", view.likelihood_path), classes, view.lens));
+    if (borders == nullptr) luminance = FloatImage();  // not both in memory
+    const FloatImage likelihoods =
+        take(ReadLikelihoods(absl::StrCat(folder, "/", view.likelihood_path), classes, view.lens), &content.likelihood);
+    if (borders != nullptr) borders->Add(luminance, likelihoods);
   }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return content;

@@ -9,6 +9,7 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
+#include "common/imaging/border_trust.h"
 #include "common/scene/coverage.h"
 #include "common/scene/scene.h"
 
@@ -20,8 +21,9 @@ struct PixelContent {
 };
 
 // Decodes the view's files: image and likelihoods of so many classes, below `folder`. INVALID_ARGUMENT lists what is
-// wrong with either.
-StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes);
+// wrong with either. `borders` (of as many classes; may be null) gets what the two say of each other.
+StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
+                                        BorderCounts* borders = nullptr);
 
 struct SceneSummary {
   struct SizeCount {
@@ -59,6 +61,7 @@ struct SceneSummary {
   std::vector<ClassShare> classes;
   int64_t unlabelled_faces = 0;
   std::vector<PixelContent> contents;  // of each view
+  BorderTrusts borders;                // of all views' likelihoods
   // Shares of the faces that were tried (at most 200,000, every n-th): seen by no view, by fewer than three. A view
   // sees a face whose front and centroid nothing hides.
   int64_t faces_tried = 0;

@@ -58,12 +58,12 @@ void CheckLevels(const MethodSettings& settings, Faults* faults) {
 
 std::span<const Setting<double>> RealSettings() {
   static constexpr Setting<double> kSettings[] = {
-      {"semantic", "Weight of the likelihoods' consistency (lambda 1), relative to the images'; 0: off", 0, 100, 0.1,
+      {"semantic", "Weight of the likelihoods' consistency (lambda 1), relative to the images'; 0: off", 0, 100, 0,
        &MethodSettings::semantic},
       {"thin_plate", "Weight of smoothness (lambda 2), relative to the images' energy at a displacement of a pixel", 0,
        100, 0.3, &MethodSettings::thin_plate},
-      {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0.1, &MethodSettings::inter},
-      {"contour", "Weight of silhouettes that fit the likelihoods (lambda 4); 0: off", 0, 100, 0.5,
+      {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0, &MethodSettings::inter},
+      {"contour", "Weight of silhouettes at the image edges that likelihoods name (lambda 4); 0: off", 0, 100, 0.5,
        &MethodSettings::contour},
       {"normal_prior", "Weight of classes' slopes in the labels (mu 1); 0: off", 0, 100, 0.35,
        &MethodSettings::normal_prior},

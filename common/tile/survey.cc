@@ -131,6 +131,28 @@ std::vector<SceneClass> ClassesFromArray(const json& j) {
   return classes;
 }
 
+// Of each pair of classes that is known: [first, second, bias, sigma, weight].
+json BorderArray(const BorderTrusts& borders) {
+  json out = json::array();
+  for (int a = 0; a < borders.classes(); ++a) {
+    for (int b = a + 1; b < borders.classes(); ++b) {
+      const BorderTrust& trust = borders.Of(a, b);
+      if (trust.weight > 0) out.push_back({a, b, trust.bias_px, trust.sigma_px, trust.weight});
+    }
+  }
+  return out;
+}
+
+BorderTrusts BordersFromArray(const json& j, int classes) {
+  BorderTrusts borders(classes);
+  for (const json& item : j) {
+    const int a = item.at(0), b = item.at(1);
+    if (a < 0 || b <= a || b >= classes) throw json::type_error::create(302, "found a border of unknown classes", &item);
+    borders.Set(a, b, {item.at(2), item.at(3), item.at(4)});
+  }
+  return borders;
+}
+
 Survey SurveyFromJson(const json& j) {
   Survey s;
   s.scene_name = j.at("scene_name");
@@ -157,6 +179,8 @@ Survey SurveyFromJson(const json& j) {
   s.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
   s.classes = ClassesFromArray(j.at("classes"));
   s.has_likelihoods = j.at("has_likelihoods");
+  // Surveys of versions before 12 have none.
+  s.borders = BordersFromArray(j.value("borders", json::array()), static_cast<int>(s.classes.size()));
   s.has_labels = j.at("has_labels");
   s.crs = CrsFromJson(j.at("crs"));
   s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));
@@ -279,6 +303,7 @@ std::string SurveyToJson(const Survey& s) {
                     {"revision", std::move(revision)},
                     {"classes", ClassArray(s.classes)},
                     {"has_likelihoods", s.has_likelihoods},
+                    {"borders", BorderArray(s.borders)},
                     {"has_labels", s.has_labels},
                     {"crs", CrsToJson(s.crs)},
                     {"origin_in_scene", VectorToJson(s.origin_in_scene)},
@@ -301,6 +326,13 @@ std::string ViewsToJson(const std::vector<SceneView>& views) { return ViewArray(
 
 StatusOr<std::vector<SceneView>> ParseViews(const std::string& text) {
   return Parse<std::vector<SceneView>>(text, "views", ViewsFromArray);
+}
+
+std::string BordersToJson(const BorderTrusts& borders) { return BorderArray(borders).dump(); }
+
+StatusOr<BorderTrusts> ParseBorders(const std::string& text, size_t classes) {
+  return Parse<BorderTrusts>(text, "borders",
+                             [&](const json& j) { return BordersFromArray(j, static_cast<int>(classes)); });
 }
 
 std::string ClassesToJson(const std::vector<SceneClass>& classes) { return ClassArray(classes).dump(); }

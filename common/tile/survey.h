@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/imaging/border_trust.h"
 #include "common/scene/scene.h"
 #include "common/tile/ground.h"
 
@@ -47,6 +48,7 @@ struct Survey {
   std::vector<std::array<int32_t, 2>> pairs;  // ordered pairs of views (reference, other) for the whole job
   std::vector<SceneClass> classes;
   bool has_likelihoods = false;
+  BorderTrusts borders;  // of the likelihoods; an update keeps its base's
   bool has_labels = false;
   Crs crs;
   // p_scene = rotationᵀ p_local + origin.
@@ -77,6 +79,8 @@ StatusOr<Survey> ParseSurvey(const std::string& json);
 // The same for parts, which tile packages hold too.
 std::string ViewsToJson(const std::vector<SceneView>& views);
 StatusOr<std::vector<SceneView>> ParseViews(const std::string& json);
+std::string BordersToJson(const BorderTrusts& borders);
+StatusOr<BorderTrusts> ParseBorders(const std::string& json, size_t classes);
 std::string ClassesToJson(const std::vector<SceneClass>& classes);
 StatusOr<std::vector<SceneClass>> ParseClasses(const std::string& json);
 

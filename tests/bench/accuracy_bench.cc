@@ -18,6 +18,7 @@
 #include "tests/bench/accuracy_table.h"
 #include "tests/bench/bench_scenes.h"
 #include "tests/bench/left_out_view.h"
+#include "tests/bench/likelihood_ladder.h"
 #include "tests/bench/scene_runner.h"
 
 namespace tessera {
@@ -29,7 +30,7 @@ constexpr double kRimGsd = 30;  // as `tessera evaluate` has it
 
 struct Arguments {
   std::vector<uint64_t> seeds;
-  std::vector<std::string> scenes, methods = {"baseline", "paper", "tessera"};
+  std::vector<std::string> scenes, methods = {"baseline", "paper", "tessera"}, rungs;
   std::string blocks = "1x1", out, settings = "{}", sweep;
   SynthOptions synth;
   int rounds = 0, tiles = 1, threads = 0, leave_out = -1;
@@ -79,6 +80,10 @@ StatusOr<std::vector<Variant>> MakeVariants(const Arguments& arguments) {
   }
   std::vector<Variant> variants;
   for (const std::string& method : arguments.methods) {
+    if (method == "baseline" && !arguments.rungs.empty()) {  // what the rungs stand beside
+      variants.push_back({method, {arguments.tiles, 0, 0, method, {}}});
+      continue;
+    }
     for (const auto& [suffix, one] : settings) {
       Variant variant = {method + suffix, {arguments.tiles, 0, arguments.rounds, method, one}};
       if (method == "baseline") variant.settings.rounds = 0;  // labels do not steer it: more would only repeat it
@@ -128,6 +133,8 @@ StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, co
   SceneRunner runner(scene.folder, work, scene.frame);
   std::unique_ptr<FoldCounter> folds;
   for (const Variant& variant : variants) {
+    // What does not ask for likelihoods is the same on all rungs.
+    if (!arguments.rungs.empty() && variant.settings.method != "baseline") continue;
     TESSERA_ASSIGN_OR_RETURN(const SceneRunner::Result result, runner.Run(variant.name, variant.settings));
     TESSERA_RETURN_IF_ERROR(add(variant.name, result.mesh));
     table.rows.back().cpu_s = result.all_cpu_s();
@@ -140,6 +147,17 @@ StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, co
     }
     TESSERA_ASSIGN_OR_RETURN(table.rows.back().folds, folds->Count(result.mesh));
   }
+  for (size_t r = 0; r < arguments.rungs.size(); ++r) {
+    const std::string rung = absl::StrCat(arguments.out, "/rungs/", table.scene, "/", r);
+    TESSERA_RETURN_IF_ERROR(MakeRung(scene, arguments.rungs[r], rung));
+    SceneRunner rung_runner(rung, absl::StrCat(work, "/rungs/", r), scene.frame);
+    for (const Variant& variant : variants) {
+      if (variant.settings.method == "baseline") continue;
+      TESSERA_ASSIGN_OR_RETURN(const SceneRunner::Result result, rung_runner.Run(variant.name, variant.settings));
+      TESSERA_RETURN_IF_ERROR(add(absl::StrCat(arguments.rungs[r], ": ", variant.name), result.mesh));
+      table.rows.back().cpu_s = result.all_cpu_s();
+    }
+  }
   if (arguments.drift) {
     const std::string from_truth = absl::StrCat(arguments.out, "/from_truth/", table.scene);
     TESSERA_RETURN_IF_ERROR(StartFromTruth(scene, from_truth));
@@ -150,6 +168,22 @@ StatusOr<AccuracyTable> BenchScene(const std::string& folder, bool synthetic, co
     }
   }
   return table;
+}
+
+// Each row's mean capped distances over the baseline's, of the mesh and of the truth.
+void PrintLadder(const AccuracyTable& table) {
+  const SurfaceScores* baseline = nullptr;
+  for (const AccuracyRow& row : table.rows) {
+    if (row.name == "baseline") baseline = &row.evaluation.surface;
+  }
+  if (baseline == nullptr) return;
+  std::printf("\n%-44s|%22s|%22s\n", "beside the baseline", "accuracy", "completeness");
+  for (const AccuracyRow& row : table.rows) {
+    const SurfaceScores& s = row.evaluation.surface;
+    std::printf("%-44.44s|%13.4f  %.3f |%13.4f  %.3f\n", row.name.c_str(), s.accuracy.capped_mean_m,
+                s.accuracy.capped_mean_m / baseline->accuracy.capped_mean_m, s.completeness.capped_mean_m,
+                s.completeness.capped_mean_m / baseline->completeness.capped_mean_m);
+  }
 }
 
 void PrintDrift(const AccuracyTable& table) {
@@ -222,6 +256,7 @@ Status Bench(Arguments arguments) {
     TESSERA_ASSIGN_OR_RETURN(AccuracyTable table, BenchScene(folder, synthetic, variants, arguments));
     Print(table);
     PrintDrift(table);
+    if (!arguments.rungs.empty()) PrintLadder(table);
     tables.push_back(std::move(table));
   }
   PrintRatios(tables);
@@ -244,6 +279,11 @@ int main(int argc, char** argv) {
   app.add_option("--settings", a.settings, "of all methods, as JSON: {\"thin_plate\":0.5,\"levels\":[1,0]}");
   app.add_option("--sweep", a.sweep, "NAME=VALUE,VALUE,...: a row of each method for every value of a setting");
   app.add_flag("--ablation", a.ablation, "instead of --methods: ours, and ours without each of its terms");
+  app.add_option(
+         "--rungs", a.rungs,
+         "truth,grown=3,shrunk=3,start,permuted,uniform,shipped,FOLDER: methods that use likelihoods with these")
+      ->delimiter(',')
+      ->allow_extra_args(false);
   app.add_option("--rounds", a.rounds, "0: the methods' own");
   app.add_option("--tiles", a.tiles)->capture_default_str();
   app.add_option("--threads", a.threads, "0: one for each core");

@@ -15,20 +15,6 @@ namespace fs = std::filesystem;
 
 constexpr char kDescriptionFile[] = "bench_options.txt";
 
-// An empty `folder` with links to all that is in scene.folder but for `changed`.
-Status LinkScene(const SceneDescription& scene, const std::string& changed, const std::string& folder) {
-  if (changed.empty() || changed.find('/') != std::string::npos) {
-    return absl::UnimplementedError(absl::StrCat(scene.folder, ": '", changed, "' does not lie in the scene's folder"));
-  }
-  TESSERA_RETURN_IF_ERROR(RemoveTree(folder));
-  TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
-  for (const auto& entry : fs::directory_iterator(scene.folder)) {
-    if (entry.path().filename() == changed) continue;
-    fs::create_symlink(fs::absolute(entry.path()), fs::path(folder) / entry.path().filename());
-  }
-  return absl::OkStatus();
-}
-
 // images.txt without the image `name`, whose id goes to `id`.
 std::string WithoutImage(const std::string& images, const std::string& name, std::string* id) {
   std::istringstream in(images);
@@ -67,6 +53,19 @@ std::string WithoutTracks(const std::string& points, const std::string& id) {
 }
 
 }  // namespace
+
+Status LinkScene(const SceneDescription& scene, const std::string& changed, const std::string& folder) {
+  if (changed.empty() || changed.find('/') != std::string::npos) {
+    return absl::UnimplementedError(absl::StrCat(scene.folder, ": '", changed, "' does not lie in the scene's folder"));
+  }
+  TESSERA_RETURN_IF_ERROR(RemoveTree(folder));
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(folder));
+  for (const auto& entry : fs::directory_iterator(scene.folder)) {
+    if (entry.path().filename() == changed) continue;
+    fs::create_symlink(fs::absolute(entry.path()), fs::path(folder) / entry.path().filename());
+  }
+  return absl::OkStatus();
+}
 
 Status EnsureCity(const SynthOptions& options, const std::string& folder) {
   const std::string description =

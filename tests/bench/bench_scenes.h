@@ -13,6 +13,9 @@ namespace tessera {
 // Makes the city in `folder` unless an earlier call with the same options already has.
 Status EnsureCity(const SynthOptions& options, const std::string& folder);
 
+// An empty `folder` with links to all that is in scene.folder but for `changed`.
+Status LinkScene(const SceneDescription& scene, const std::string& changed, const std::string& folder);
+
 // A scene in `folder` (made anew) that is `scene` but for its start mesh, which is the truth with its labels.
 Status StartFromTruth(const SceneDescription& scene, const std::string& folder);
 

@@ -4,14 +4,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include "worker/refine/contour_profile.h"
+
 namespace tessera {
 namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Of a pixel of contour: likelihoods go from one class to the other over about two pixels.
-constexpr double kCurvaturePerPx2 = 0.5;
+constexpr double kCurvaturePerPx2 = 0.5;  // of w ρ(d)
+constexpr double kMaxPull_px = 2;         // farther edges pull no more
 
 FaceContour NoContour(uint32_t face) {
   FaceContour contour;
@@ -58,9 +60,11 @@ class ContourView {
       FaceContour sum = NoContour(pulls_[i].face);
       for (; i < pulls_.size() && pulls_[i].face == sum.face; ++i) {
         const Pull& pull = pulls_[i];
-        const Vector3d root = std::sqrt(options_.weight * kCurvaturePerPx2) * pull.outward;
+        const double weight = options_.weight * kCurvaturePerPx2 * pull.measured.weight;
+        const double residual = std::clamp(pull.measured.outward_px, -kMaxPull_px, kMaxPull_px);
+        const Vector3d root = std::sqrt(weight) * pull.outward;
         for (int c = 0; c < 3; ++c) {
-          sum.gradient[c] -= options_.weight * pull.share[c] * pull.gain * pull.outward;
+          sum.gradient[c] -= weight * pull.share[c] * residual * pull.outward;
           sum.curvature[c] += pull.share[c] * Upper(root);
         }
       }
@@ -92,6 +96,25 @@ class ContourView {
     }
   }
 
+  // Across the side from (x, y), on the nearer face, to (x + dx, y + dy), behind it.
+  ContourMeasurement Measure(int x, int y, int dx, int dy, int front, int behind, const BorderTrust& trust) const {
+    constexpr int kReach = ContourProfile::kReach;
+    const Texels& texels = view_.texels;
+    const auto inside = [&](int k) {
+      const int u = x + k * dx, v = y + k * dy;
+      return u >= 0 && v >= 0 && u < texels.width && v < texels.height;
+    };
+    if (!inside(1 - kReach) || !inside(kReach)) return {};
+    ContourProfile profile;
+    for (int k = 0; k < ContourProfile::kPixels; ++k) {
+      const int u = x + (k + 1 - kReach) * dx, v = y + (k + 1 - kReach) * dy;
+      if (!texels.Valid(u, v)) return {};
+      profile.front_gain[k] = texels.Likelihood(u, v, front) - texels.Likelihood(u, v, behind);
+      profile.luminance[k] = texels.Luminance(u, v);
+    }
+    return MeasureContour(profile, trust, std::ldexp(1.0, -options_.level));
+  }
+
   // (x, y) is on the nearer face, (bx, by) behind it.
   void AddContour(int x, int y, int bx, int by, int front, int behind) {
     const int32_t face = map_.face[Index(x, y)];
@@ -101,8 +124,10 @@ class ContourView {
     const double along = normal.dot(ray);
     if (along == 0) return;
     const Vector3d point = centre_ + normal.dot(corner(0) - centre_) / along * ray;
-    const double gain = 0.5 * (view_.texels.Likelihood(x, y, front) - view_.texels.Likelihood(x, y, behind) +
-                               view_.texels.Likelihood(bx, by, front) - view_.texels.Likelihood(bx, by, behind));
+    const BorderTrust& trust = options_.borders.Of(front, behind);
+    if (trust.weight <= 0) return;
+    const ContourMeasurement measured = Measure(x, y, bx - x, by - y, front, behind, trust);
+    if (measured.weight <= 0) return;
     // How far outward the contour goes in the image, pixels, when the point moves a metre.
     const PinholeCamera& k = view_.camera.intrinsics;
     const Vector3d seen = view_.camera.CameraFromWorld(point);
@@ -110,7 +135,7 @@ class ContourView {
     const Vector3d outward = view_.camera.rotation_cam_from_world.transpose() *
                              Vector3d(right, down, -(right * seen.x() + down * seen.y()) / seen.z());
     const double area2 = normal.squaredNorm();
-    Pull pull = {static_cast<uint32_t>(face), {}, gain, outward};
+    Pull pull = {static_cast<uint32_t>(face), {}, measured, outward};
     for (int c = 0; c < 3; ++c) {
       const Vector3d opposite = (corner((c + 2) % 3) - corner((c + 1) % 3)).cross(point - corner((c + 1) % 3));
       pull.share[c] = std::clamp(opposite.dot(normal) / area2, 0.0, 1.0);
@@ -122,8 +147,8 @@ class ContourView {
   struct Pull {
     uint32_t face = 0;
     std::array<double, 3> share;  // of its corners
-    double gain = 0;              // of likelihood when the contour moves outward by a pixel
-    Vector3d outward;             // pixels a metre
+    ContourMeasurement measured;
+    Vector3d outward;  // pixels a metre
   };
 
   const TriangleMesh& mesh_;

@@ -1,4 +1,4 @@
-// E_contour: what the classes say about occluding contours, where the nearer surface should end in each image.
+// E_contour: occluding contours go to the edges of the images that the class likelihoods name.
 #ifndef TESSERA_WORKER_REFINE_CONTOUR_TERM_H_
 #define TESSERA_WORKER_REFINE_CONTOUR_TERM_H_
 
@@ -8,19 +8,23 @@
 #include <vector>
 
 #include "common/geometry/mesh.h"
+#include "common/imaging/border_trust.h"
 #include "worker/refine/photo_term.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {
 
-// E = Σ over views and pixels of 1 - L(label of the face seen). This is its derivative by the silhouettes (after
-// Gargallo et al. 2007): a contour that moves by a pixel shows the label in front where it showed the label behind.
-// Terms between views do not have it, so crowns, eaves and roofs that start too small would stay too small. Two pixels
-// side by side make a contour where one lies deeper than the other by more than the gap and both have labels, different
-// ones.
+// Two pixels side by side make a contour where one lies deeper than the other by more than the gap and both have
+// labels, different ones. Across each such side the edge that the likelihoods name is sought (MeasureContour), and
+// pulls the nearer surface along the line across the side by w d: d pixels to the edge, at most kMaxPull_px, w what the
+// measurement is worth. This is a spring to the edge as it was found and not the derivative of an energy of labels:
+// likelihoods as such (Gargallo et al. 2007) would put a contour wherever a classifier errs, in all views alike. Terms
+// between views do not have it, so crowns, eaves and roofs that start too small would stay too small.
 struct ContourOptions {
-  double weight = 0;  // λ4, beside the photo energy of a pixel
-  double gap_px = 4;  // of depth, in pixels at the nearer depth
+  double weight = 0;          // λ4, beside the photo energy of a pixel
+  double gap_px = 4;          // of depth, in pixels at the nearer depth
+  BorderTrusts borders = {};  // of the likelihoods, pixels of level 0
+  int level = 0;              // of the pyramid
 };
 
 // What contours do to the corners of a face that ends at them.

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
+#include "worker/refine/contour_profile.h"
 #include "worker/visibility/image_window.h"
 
 namespace tessera {
@@ -42,10 +43,13 @@ PhotoOptions MakePhotoOptions(const DataOptions& options) {
   out.window.outlier = static_cast<float>(options.photo_outlier);
   out.semantic.weight = static_cast<float>(options.semantic);
   out.occlusion_px = options.occlusion_px;
+  if (options.contour > 0) out.visitor_margin_px = ContourProfile::kReach;
   return out;
 }
 
-int ReferenceMargin_px(int window_px, int level) { return (2 * (window_px / 2) + 1) << level; }
+int ReferenceMargin_px(int window_px, int level) {
+  return (std::max(2 * (window_px / 2), ContourProfile::kReach) + 1) << level;
+}
 
 int TargetMargin_px(int level) { return 2 << level; }
 
@@ -77,6 +81,8 @@ void DataTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& ow
                         FaceDerivatives* out) {
   ContourOptions contour;
   contour.weight = options_.contour;
+  contour.borders = options_.borders;
+  contour.level = level_;
   std::vector<std::vector<FaceContour>> contours(views_.size());
   const auto find = [&](size_t index, const PhotoView& view, const FaceMap& map) {
     contours[index] = FindContours(mesh, mesh.labels, own, view, map, contour);

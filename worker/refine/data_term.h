@@ -10,6 +10,7 @@
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
+#include "common/imaging/border_trust.h"
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
 #include "worker/refine/contour_term.h"
@@ -43,8 +44,9 @@ struct DataOptions {
   double occlusion_px = 1;     // slack of the depth test, in pixels of the level
   double photo_outlier = 0.5;  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
 
-  double semantic = 0;  // λ1, of E_sem; 0: off
-  double contour = 0;   // λ4, of E_contour; 0: off
+  double semantic = 0;   // λ1, of E_sem; 0: off
+  double contour = 0;    // λ4, of E_contour; 0: off
+  BorderTrusts borders;  // of the views' likelihoods
 };
 
 // What the pixels say of each face, all views together.

@@ -134,7 +134,7 @@ void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   problem.boxes = boxes.boxes();
   problem.own = OwnCellsOfViews(*cells, own, groups_->looks, views_.size());
   for (const ViewPair& pair : pairs_) problem.pairs.push_back({pair.reference, pair.other});
-  problem.reference_margin_px = 2 * options_.window.radius;
+  problem.reference_margin_px = std::max(2 * options_.window.radius, options_.visitor_margin_px);
   problem.target_margin_px = 1;
   const CellSight sight = FindCellSight(problem);
   for (size_t v = 0; v < views_.size(); ++v) {

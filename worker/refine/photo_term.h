@@ -54,9 +54,10 @@ struct PhotoView {
 
 struct PhotoOptions {
   ZnccWindow window;
-  SemanticWeight semantic;  // pairs of which a view has no likelihoods have no E_sem
-  double min_cosine = 0.1;  // of the angle between a face's normal and the ray
-  double occlusion_px = 1;  // slack of the depth test, in pixels of the other view
+  SemanticWeight semantic;    // pairs of which a view has no likelihoods have no E_sem
+  double min_cosine = 0.1;    // of the angle between a face's normal and the ray
+  double occlusion_px = 1;    // slack of the depth test, in pixels of the other view
+  int visitor_margin_px = 0;  // that a visitor reads about own faces' pixels
 };
 
 // What the pixels say of each face, all views together.

@@ -147,6 +147,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   FillPairs(mesh.spans(), cameras, parameters, &survey);
   survey.classes = scene.classes;
   survey.has_likelihoods = scene.has_likelihoods;
+  survey.borders = summary.borders;
   survey.crs = scene.frame.crs();
   survey.origin_in_scene = scene.frame.origin_in_scene();
   survey.rotation_local_from_scene = scene.frame.rotation_local_from_scene();

@@ -24,11 +24,8 @@ namespace tessera {
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes,
                                           const LabelTraits& scene);
 
-// Of a tile's package.
-inline StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const TilePackage& package) {
-  return MethodOptions(parameters, package.classes,
-                       {static_cast<int>(package.classes.size()), package.has_likelihoods, package.has_labels});
-}
+// Of a tile's package, with what it knows of its likelihoods.
+StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const TilePackage& package);
 
 }  // namespace tessera
 

@@ -101,6 +101,7 @@ Status WriteTilePackage(const std::string& path, const TilePackage& p) {
       {"has_labels", p.has_labels},
       {"compares", p.compares},
       {"classes", json::parse(ClassesToJson(p.classes))},
+      {"borders", json::parse(BordersToJson(p.borders))},
       {"views", json::parse(ViewsToJson(p.views))},
       {"view_ids", p.view_ids},
       {"view_rects", rects},
@@ -124,7 +125,7 @@ Status WriteTilePackage(const std::string& path, const TilePackage& p) {
 StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
   TilePackage p;
-  std::string classes, views;
+  std::string classes, borders, views;
   TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
     p.tile = j.at("tile");
     p.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
@@ -142,9 +143,11 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
     }
     p.view_depths = j.at("view_depths").get<std::vector<std::array<double, 2>>>();
     classes = j.at("classes").dump();
+    borders = j.at("borders").dump();
     views = j.at("views").dump();
   }));
   TESSERA_ASSIGN_OR_RETURN(p.classes, ParseClasses(classes));
+  TESSERA_ASSIGN_OR_RETURN(p.borders, ParseBorders(borders, p.classes.size()));
   TESSERA_ASSIGN_OR_RETURN(p.views, ParseViews(views));
   if (p.view_depths.size() != p.views.size() || p.view_ids.size() != p.views.size() ||
       p.view_rects.size() != p.views.size()) {

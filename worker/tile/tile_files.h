@@ -10,6 +10,7 @@
 
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
+#include "common/imaging/border_trust.h"
 #include "common/scene/scene.h"
 #include "common/tile/ground.h"
 #include "worker/refine/contour_term.h"
@@ -45,6 +46,7 @@ struct TilePackage {
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   std::vector<SceneClass> classes;
   bool has_likelihoods = false;
+  BorderTrusts borders;     // of the likelihoods (Survey)
   bool has_labels = false;  // the job's start has
   bool compares = false;    // some cell of the city chose both views of a pair: else no tile's geometry moves
 

@@ -26,6 +26,8 @@ Survey MakeSurvey() {
   s.classes[1].name = "roof";
   s.classes[1].prior_alpha_rad = 1.0 / 9;
   s.classes[1].smoothness = 1.0 / 11;
+  s.borders = BorderTrusts(2);
+  s.borders.Set(0, 1, {1.0 / 13, 0.5, 1.0 / 3});
   s.warnings = {"something odd"};
   FillViewDepths(&s);
   return s;
@@ -41,6 +43,7 @@ TEST(Survey, JsonRoundTripKeepsEveryBit) {
             MakeSurvey().views[0].camera.translation_cam_from_world);
   EXPECT_EQ(parsed->views[0].lens.coefficients[1], 1.0 / 7);
   EXPECT_EQ(parsed->classes[1].smoothness, 1.0 / 11);
+  EXPECT_EQ(parsed->borders, MakeSurvey().borders);
 }
 
 TEST(Survey, RefusesWhatItDidNotWrite) {
@@ -49,6 +52,9 @@ TEST(Survey, RefusesWhatItDidNotWrite) {
   Survey survey = MakeSurvey();
   survey.cells[0].views = {1};
   EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok()) << "there is only view 0";
+  survey = MakeSurvey();
+  survey.classes.resize(1);
+  EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok()) << "a border of a second class";
   survey = MakeSurvey();
   survey.pairs = {{0, -1}};
   EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok());

@@ -72,17 +72,20 @@ PosedCamera Camera(double aside, int scale = 1) {
   return camera;
 }
 
-// The ball's likelihood where a ball of `radius` about `at` would be seen, falling off over a third of a metre.
-double BallLikelihood(const PosedCamera& camera, double x, double y, double radius, const Vector3d& at) {
+// How far outside the silhouette of a ball of `radius` about `at` a pixel lies, metres at the ball.
+double Outside_m(const PosedCamera& camera, double x, double y, double radius, const Vector3d& at) {
   const Vector3d ray = camera.Ray(x, y).normalized();
-  return 0.05 + 0.9 / (1 + std::exp(((at - camera.Centre()).cross(ray).norm() - radius) / 0.15));
+  return (at - camera.Centre()).cross(ray).norm() - radius;
 }
+
+// The ball's likelihood, which falls off within a pixel.
+double BallLikelihood(double outside_m) { return 0.05 + 0.9 / (1 + std::exp(outside_m / 0.02)); }
 
 FloatImage Likelihoods(const PosedCamera& camera, double radius, const Vector3d& at = kCentre) {
   FloatImage image(camera.intrinsics.width, camera.intrinsics.height, 2);
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
-      const double ball = BallLikelihood(camera, x + 0.5, y + 0.5, radius, at);
+      const double ball = BallLikelihood(Outside_m(camera, x + 0.5, y + 0.5, radius, at));
       image.at(x, y, kBall) = static_cast<float>(ball);
       image.at(x, y, kGround) = static_cast<float>(1 - ball);
     }
@@ -90,26 +93,74 @@ FloatImage Likelihoods(const PosedCamera& camera, double radius, const Vector3d&
   return image;
 }
 
-PhotoView View(const PosedCamera& camera, double radius, const Vector3d& at) {
-  const FloatImage grey(camera.intrinsics.width, camera.intrinsics.height, 1, 0.5f);
-  return {camera, MakeTexels(grey, Likelihoods(camera, radius, at), PixelMapping())};
-}
-
-// Σ of 1 - L over the pixels, each cut into parts.
-double Energy(const ContourBed& bed, double aside, double radius, const Vector3d& at) {
-  constexpr int kParts = 8;
-  const PosedCamera camera = Camera(aside, kParts);
-  const FaceMap map = RasterizeFaces(bed.mesh, nullptr, camera);
-  double sum = 0;
-  for (int y = 0; y < map.height; ++y) {
-    for (int x = 0; x < map.width; ++x) {
-      const int32_t face = map.face[static_cast<size_t>(y) * map.width + x];
-      if (face < 0) continue;
-      const double ball = BallLikelihood(camera, x + 0.5, y + 0.5, radius, at);
-      sum += 1 - (bed.labels[face] == kBall ? ball : 1 - ball);
+// A light ball without texture on dark ground.
+FloatImage Photograph(const PosedCamera& camera, double radius, const Vector3d& at = kCentre) {
+  constexpr int kParts = 4;
+  FloatImage image(camera.intrinsics.width, camera.intrinsics.height);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      int inside = 0;
+      for (int k = 0; k < kParts * kParts; ++k) {
+        const double u = x + (k % kParts + 0.5) / kParts, v = y + (k / kParts + 0.5) / kParts;
+        inside += Outside_m(camera, u, v, radius, at) < 0;
+      }
+      image.at(x, y) = 0.3f + 0.4f * static_cast<float>(inside) / (kParts * kParts);
     }
   }
-  return sum / (kParts * kParts);
+  return image;
+}
+
+BorderTrusts Trusted() {
+  BorderTrusts trusts(2);
+  trusts.Set(kBall, kGround, {0, 0.5, 1});
+  return trusts;
+}
+
+ContourOptions Options(double weight = 1, double gap_px = 4) { return {weight, gap_px, Trusted()}; }
+
+PhotoView View(const PosedCamera& camera, double radius, const Vector3d& at) {
+  return {camera, MakeTexels(Photograph(camera, radius, at), Likelihoods(camera, radius, at), PixelMapping())};
+}
+
+using Motion = std::function<Vector3d(const Vector3d&)>;
+
+// How hard the edges pull the ball along a motion: Σ over the sides of its contour, each pixel cut into parts, of how
+// far the edge lies along the line across the side, two pixels at most, times how far the motion takes the contour
+// along it.
+double Pull(const ContourBed& bed, double aside, double radius, const Vector3d& at, const Motion& motion) {
+  constexpr int kParts = 8, kFar = 4 * kParts;
+  constexpr double kWorth = 0.9 * 0.5, kMost_px = 2, kStep = 1e-3;
+  const PosedCamera camera = Camera(aside, kParts);
+  const FaceMap map = RasterizeFaces(bed.mesh, nullptr, camera);
+  const auto index = [&](int x, int y) { return static_cast<size_t>(y) * map.width + x; };
+  const auto ball = [&](int x, int y) { return bed.labels[map.face[index(x, y)]] == kBall; };
+  double sum = 0;
+  const auto add = [&](int x, int y, int dx, int dy) {
+    if (ball(x, y) == ball(x + dx, y + dy)) return;
+    if (!ball(x, y)) {
+      x += dx, y += dy;
+      dx = -dx, dy = -dy;
+    }
+    const auto outside = [&](int k) {
+      return Outside_m(camera, x + 0.5 + dx * (0.5 + k), y + 0.5 + dy * (0.5 + k), radius, at);
+    };
+    for (int k = -kFar; k < kFar; ++k) {
+      const double here = outside(k), next = outside(k + 1);
+      if (here > 0 || next <= 0) continue;
+      const double edge_px = (k + here / (here - next)) / kParts;
+      const Vector3d seen = camera.Centre() + map.depth[index(x, y)] * camera.Ray(x + 0.5, y + 0.5);
+      const Vector3d moved = kStep * motion(seen);
+      const Vector3d along = (camera.Project(seen + moved) - camera.Project(seen - moved)) / (2 * kStep * kParts);
+      sum += kWorth / kParts * std::clamp(edge_px, -kMost_px, kMost_px) * (dx * along.x() + dy * along.y());
+    }
+  };
+  for (int y = 0; y + 1 < map.height; ++y) {
+    for (int x = 0; x + 1 < map.width; ++x) {
+      add(x, y, 1, 0);
+      add(x, y, 0, 1);
+    }
+  }
+  return sum;
 }
 
 struct Derivatives {
@@ -117,7 +168,8 @@ struct Derivatives {
   std::vector<Matrix3d> curvature;
 };
 
-Derivatives Evaluate(const ContourBed& bed, const std::vector<PhotoView>& views, ContourOptions options = {1, 4}) {
+Derivatives Evaluate(const ContourBed& bed, const std::vector<PhotoView>& views,
+                     const ContourOptions& options = Options()) {
   std::vector<std::vector<FaceContour>> contours;
   std::vector<int32_t> ids;
   for (const PhotoView& view : views) {
@@ -130,32 +182,28 @@ Derivatives Evaluate(const ContourBed& bed, const std::vector<PhotoView>& views,
   return {std::move(out.gradient), std::move(out.curvature)};
 }
 
-TEST(ContourTerm, GradientIsThatOfTheRenderedEnergy) {
-  // Where the images would have the ball: larger, smaller, to the side; and how it moves.
+TEST(ContourTerm, EdgesPullAsFarAsTheyLie) {
+  // Where the images have the ball: larger, smaller, to the side; and how it moves.
   const struct {
     double radius;
     Vector3d at;
-  } truths[] = {{3.3, kCentre}, {2.8, kCentre}, {3, kCentre + Vector3d(0.4, 0.2, 0)}};
-  const auto grow = [](const Vector3d& p) { return Vector3d((p - kCentre) / 3); };
-  const auto slide = [](const Vector3d&) { return Vector3d(0.8, 0.6, 0); };
-  const auto lift = [](const Vector3d&) { return Vector3d(0, 0, 1); };
+  } truths[] = {{3.12, kCentre}, {2.9, kCentre}, {3, kCentre + Vector3d(0.12, 0.06, 0)}};
+  const Motion grow = [](const Vector3d& p) { return Vector3d((p - kCentre) / 3); };
+  const Motion slide = [](const Vector3d&) { return Vector3d(0.8, 0.6, 0); };
+  const Motion lift = [](const Vector3d&) { return Vector3d(0, 0, 1); };
   for (const double aside : {0.0, 9.0}) {
     for (const auto& [radius, at] : truths) {
-      for (const auto& direction : {std::function<Vector3d(const Vector3d&)>(grow), {slide}, {lift}}) {
+      for (const Motion& motion : {grow, slide, lift}) {
         const ContourBed bed;
         const Derivatives d = Evaluate(bed, {View(Camera(aside), radius, at)});
-        constexpr double kStep = 0.1;
-        ContourBed ahead, behind;
         double along = 0, length = 0;
         for (size_t v = bed.first_ball_vertex; v < bed.mesh.vertices.size(); ++v) {
-          const Vector3d move = direction(bed.mesh.vertices[v]);
-          ahead.mesh.vertices[v] += kStep * move;
-          behind.mesh.vertices[v] -= kStep * move;
+          const Vector3d move = motion(bed.mesh.vertices[v]);
           along += d.gradient[v].dot(move);
           length += d.gradient[v].norm() * move.norm();
         }
-        const double difference = (Energy(ahead, aside, radius, at) - Energy(behind, aside, radius, at)) / (2 * kStep);
-        EXPECT_NEAR(along, difference, 0.06 * length) << aside << " " << radius << " " << at.transpose();
+        EXPECT_NEAR(-along, Pull(bed, aside, radius, at, motion), 0.15 * length)
+            << aside << " " << radius << " " << at.transpose();
         EXPECT_GT(length, 100);
       }
     }
@@ -163,8 +211,8 @@ TEST(ContourTerm, GradientIsThatOfTheRenderedEnergy) {
 }
 
 TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
-  const std::vector<PhotoView> views = {View(Camera(4), 3.3, kCentre)};
-  const auto pull = [&](const ContourBed& bed, ContourOptions options = {1, 4}) {
+  const std::vector<PhotoView> views = {View(Camera(4), 3.15, kCentre)};
+  const auto pull = [&](const ContourBed& bed, const ContourOptions& options = Options()) {
     const Derivatives d = Evaluate(bed, views, options);
     double sum = 0;
     for (const Vector3d& g : d.gradient) sum += g.norm();
@@ -180,14 +228,15 @@ TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
   std::fill(unknown.labels.begin(), unknown.labels.begin() + 2, -1);
   EXPECT_EQ(pull(unknown), 0);
   // 4 to 6 m of depth are 50 to 80 pixels here.
-  EXPECT_EQ(pull(bed, {1, 120}), 0);
-  EXPECT_NEAR(pull(bed, {3, 4}), 3 * pull(bed), 1e-6 * pull(bed));
+  EXPECT_EQ(pull(bed, Options(1, 120)), 0);
+  EXPECT_NEAR(pull(bed, Options(3)), 3 * pull(bed), 1e-6 * pull(bed));
+  EXPECT_EQ(pull(bed, {1, 4}), 0) << "borders that nothing is known of";
 }
 
 // What belongs to some faces and what to the others is what belongs to all.
 TEST(ContourTerm, OwnFacesHaveTheirContoursAlone) {
   const ContourBed bed;
-  const PhotoView view = View(Camera(4), 3.3, kCentre);
+  const PhotoView view = View(Camera(4), 3.15, kCentre);
   const FaceMap map = RasterizeFaces(bed.mesh, nullptr, view.camera);
   std::vector<uint8_t> own(bed.mesh.faces.size()), others = own;
   for (size_t f = 0; f < own.size(); ++f) {
@@ -195,7 +244,7 @@ TEST(ContourTerm, OwnFacesHaveTheirContoursAlone) {
     others[f] = !own[f];
   }
   const auto find = [&](const std::vector<uint8_t>& flags) {
-    return FindContours(bed.mesh, bed.labels, flags, view, map, {1, 4});
+    return FindContours(bed.mesh, bed.labels, flags, view, map, Options());
   };
   const std::vector<FaceContour> all = find({}), some = find(own), rest = find(others);
   ASSERT_EQ(all.size(), some.size() + rest.size());
@@ -211,17 +260,17 @@ TEST(ContourTerm, OwnFacesHaveTheirContoursAlone) {
 
 TEST(ContourTerm, CurvatureIsPositiveWherePulled) {
   const ContourBed bed;
-  const Derivatives d = Evaluate(bed, {View(Camera(4), 3.3, kCentre), View(Camera(-7), 3, Vector3d::Zero())});
+  const Derivatives d = Evaluate(bed, {View(Camera(4), 3.15, kCentre), View(Camera(-7), 2.9, kCentre)});
   for (size_t v = 0; v < bed.mesh.vertices.size(); ++v) {
     const Eigen::Vector3d values = d.curvature[v].selfadjointView<Eigen::Lower>().eigenvalues();
     EXPECT_GE(values.minCoeff(), -1e-9 * (1 + values.maxCoeff()));
-    // A Newton step against the curvature is bounded in pixels: gains are at most 1, and it is 0.5 a pixel squared.
+    // A Newton step against the curvature is bounded in pixels: edges pull as at most 2.
     const double px = kFocal_px / 16;
     EXPECT_LE(d.gradient[v].norm(), 4 * values.maxCoeff() / px + 1e-9);
   }
 }
 
-// Grey photographs, so that nothing but silhouettes tells how large the ball is.
+// Nothing but silhouettes tells how large the ball is.
 TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
   for (const double radius : {3.6, 2.5}) {
     const ContourBed bed;
@@ -230,14 +279,15 @@ TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
     problem.gsd_m = 16 / kFocal_px;
     for (const double aside : {-8.0, -3.0, 2.0, 7.0}) {
       const PosedCamera camera = Camera(aside);
-      const FloatImage grey(camera.intrinsics.width, camera.intrinsics.height, 1, 0.5f);
-      problem.views.push_back({camera, std::make_shared<HeldPixels>(grey, Likelihoods(camera, radius))});
+      const FloatImage photograph = Photograph(camera, radius);
+      problem.views.push_back({camera, std::make_shared<HeldPixels>(photograph, Likelihoods(camera, radius))});
     }
     problem.pairs = {{0, 1}, {1, 2}, {2, 3}, {3, 2}};
     RefineOptions options;
     options.levels = {1, 0};
     options.iterations = {6, 10};
     options.contour = 0.5;
+    options.borders = Trusted();
     options.thin_plate = 0.0005;  // without data smoothness alone would draw the ball together
     options.membrane = 0;
     std::vector<Vector3d> refined, again;

@@ -1,9 +1,10 @@
-#include "tests/support/make_texels.h"
 #include "worker/refine/texels.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
+
+#include "tests/support/make_texels.h"
 
 namespace tessera {
 namespace {

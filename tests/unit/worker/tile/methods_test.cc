@@ -29,8 +29,8 @@ TEST(Methods, EachHasItsTerms) {
   const TileRefineOptions ours = OptionsOf("tessera"), baseline = OptionsOf("baseline"), paper = OptionsOf("paper");
   EXPECT_TRUE(ours.geometry_knows_labels);
   EXPECT_TRUE(ours.labels_first);
-  EXPECT_GT(ours.geometry.semantic, 0);
-  EXPECT_GT(ours.geometry.inter, 0);
+  EXPECT_EQ(ours.geometry.semantic, 0);
+  EXPECT_EQ(ours.geometry.inter, 0);
   EXPECT_EQ(ours.label.form, LabelOptions::Form::kTessera);
   EXPECT_THAT(ours.geometry.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
                                                  ::testing::Field(&ClassSmoothness::smoothness, 0.25)));

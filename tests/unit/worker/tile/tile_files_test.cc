@@ -48,6 +48,8 @@ TilePackage OnePackage() {
   p.up = Eigen::Vector3d(1, 2, 3).normalized();
   p.classes.resize(2);
   p.has_likelihoods = p.has_labels = p.compares = true;
+  p.borders = BorderTrusts(2);
+  p.borders.Set(0, 1, {-1.0 / 3, 0.7, 0.9});
   p.views.resize(2);
   p.views[1].name = std::string("second");
   p.view_ids = {3, 8};
@@ -81,6 +83,7 @@ TEST(TileFiles, PackageRoundTrip) {
   EXPECT_EQ(read->up, p.up);
   EXPECT_EQ(read->classes.size(), 2u);
   EXPECT_TRUE(read->has_likelihoods && read->has_labels && read->compares);
+  EXPECT_EQ(read->borders, p.borders);
   EXPECT_EQ(read->views[1].name, "second");
   EXPECT_EQ(read->view_ids, p.view_ids);
   EXPECT_EQ(read->view_rects, p.view_rects);
