@@ -3,15 +3,18 @@
 
 #include <algorithm>
 #include <array>
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 
 #include "common/base/parallel.h"
+#include "common/imaging/image_io.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
 #include "common/tile/refine_steps.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
+#include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/city/city_file.h"
@@ -319,6 +322,27 @@ int64_t WarpedPixels(const std::string& folder, const std::string& work, JobSett
     }
   }
   return pixels;
+}
+
+// What ingest finds out about the likelihoods' borders reaches the silhouettes, and without likelihoods worth a look
+// there is nothing to reach them.
+TEST(Line, TrustedBordersMoveSilhouettes) {
+  const std::string folder = FreshTestFolder("silhouettes");
+  SynthesizeStrip(folder, 1);
+  JobSettings with, without;
+  with.method_settings.levels = without.method_settings.levels = {1};
+  with.method_settings.iterations = without.method_settings.iterations = {2};
+  without.method_settings.contour = 0;
+  const auto mesh = [&](const std::string& work, const JobSettings& settings) {
+    return ReadFile(RunScene(folder, work, settings) + "/" + kMeshFile).value();
+  };
+  EXPECT_NE(mesh("with", with), mesh("without", without));
+  for (const auto& file : std::filesystem::directory_iterator(folder + "/likelihoods")) {
+    LabelImage unknown(120, 90, 1, 255);
+    ASSERT_TRUE(WritePng(std::filesystem::path(file.path()).replace_extension(".png").string(), unknown).ok());
+    std::filesystem::remove(file.path());
+  }
+  EXPECT_EQ(mesh("unknown-with", with), mesh("unknown-without", without));
 }
 
 TEST(Line, MethodAndSettingsReachTheRefinement) {
