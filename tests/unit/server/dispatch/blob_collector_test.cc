@@ -32,6 +32,7 @@ class BlobCollectorTest : public CheckingWorkerTest {
     options_.lease_s = options_.stall_s = options_.forget_worker_s = 1e9;
     clock_.SetBy(kYears_s);  // every file looks old
     Restart();
+    collector_ = std::make_unique<BlobCollector>(dispatcher_.get(), blobs_.get(), &clock_, CollectorOptions());
   }
   Collected Look(double pass_s = kLook_s) {
     clock_.Advance(pass_s);
@@ -87,8 +88,7 @@ class BlobCollectorTest : public CheckingWorkerTest {
 
   int64_t limit_bytes_ = 0;
   std::set<std::string> spared_;  // what jobs lacked when they were tried again
-  std::unique_ptr<BlobCollector> collector_ =
-      std::make_unique<BlobCollector>(dispatcher_.get(), blobs_.get(), &clock_, CollectorOptions());
+  std::unique_ptr<BlobCollector> collector_;
 };
 
 TEST_F(BlobCollectorTest, WhatADeletedJobHadGoesAndWhatOthersHaveStays) {
