@@ -71,7 +71,7 @@ struct SceneSummary {
 
 // Reads everything that the scene names and reports all faults at once (INVALID_ARGUMENT, one a line), each with its
 // file and place. What is odd but usable goes into `warnings`. CANCELLED if `control` says so. Uses all threads; memory
-// is bounded by the mesh and one image a thread.
+// is bounded by the mesh and one image with its likelihoods a thread.
 StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warnings, const TaskControl& control);
 
 // LoadScene and CheckScene in one: faults of both, as far as a scene that is only partly readable lets one go on.

@@ -147,8 +147,12 @@ BorderTrusts BordersFromArray(const json& j, int classes) {
   BorderTrusts borders(classes);
   for (const json& item : j) {
     const int a = item.at(0), b = item.at(1);
-    if (a < 0 || b <= a || b >= classes) throw json::type_error::create(302, "found a border of unknown classes", &item);
-    borders.Set(a, b, {item.at(2), item.at(3), item.at(4)});
+    const BorderTrust trust = {item.at(2), item.at(3), item.at(4)};
+    const bool known = a >= 0 && a < b && b < classes;
+    if (!known || !(trust.weight > 0 && trust.weight <= 1) || !(trust.sigma_px >= 0)) {
+      throw json::type_error::create(302, "found " + item.dump() + ", expected what is known of a border", &item);
+    }
+    borders.Set(a, b, trust);
   }
   return borders;
 }
@@ -179,8 +183,7 @@ Survey SurveyFromJson(const json& j) {
   s.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
   s.classes = ClassesFromArray(j.at("classes"));
   s.has_likelihoods = j.at("has_likelihoods");
-  // Surveys of versions before 12 have none.
-  s.borders = BordersFromArray(j.value("borders", json::array()), static_cast<int>(s.classes.size()));
+  s.borders = BordersFromArray(j.at("borders"), static_cast<int>(s.classes.size()));
   s.has_labels = j.at("has_labels");
   s.crs = CrsFromJson(j.at("crs"));
   s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));

@@ -54,7 +54,7 @@ StatusOr<std::vector<Variant>> MakeAblation(const Arguments& arguments) {
     return CheckJobSettings(variants.back().settings);
   };
   TESSERA_RETURN_IF_ERROR(add(kMethods[0], nlohmann::json::object()));
-  for (const char* term : {"semantic", "thin_plate", "inter", "contour", "normal_prior", "label_smoothness"}) {
+  for (const char* term : {"thin_plate", "contour", "normal_prior", "label_smoothness"}) {
     TESSERA_RETURN_IF_ERROR(add(absl::StrCat("without ", term), {{term, 0}}));
   }
   TESSERA_RETURN_IF_ERROR(add("without labels first", {{"labels_first", false}}));

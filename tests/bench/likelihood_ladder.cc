@@ -63,7 +63,7 @@ LabelImage Spread(const LabelImage& labels, int radius, const std::set<int>& spr
   return pass(pass(labels, 1, 0), 0, 1);
 }
 
-// Labels of the mesh that each pixel sees, in the image as it was taken: distorted images have no such rung.
+// Labels of the mesh that each pixel sees.
 LabelImage Rendered(const TriangleMesh& mesh, const PosedCamera& camera) {
   const FaceMap map =
       RasterizeFaces(mesh, nullptr, CameraWindow{camera, {0, 0, camera.intrinsics.width, camera.intrinsics.height}});
@@ -79,7 +79,13 @@ LabelImage Rendered(const TriangleMesh& mesh, const PosedCamera& camera) {
 
 Status MakeRung(const SceneDescription& scene, const std::string& name, const std::string& folder) {
   TESSERA_ASSIGN_OR_RETURN(const Rung rung, ParseRung(name));
-  const std::string likelihoods = "likelihoods";
+  // Where the scene has its own, by whatever name.
+  std::string likelihoods = "likelihoods";
+  for (const SceneView& view : scene.views) {
+    if (view.likelihood_path.empty()) continue;
+    likelihoods = view.likelihood_path.substr(0, view.likelihood_path.find('/'));
+    break;
+  }
   TESSERA_RETURN_IF_ERROR(LinkScene(scene, likelihoods, folder));
   const fs::path to = fs::path(folder) / likelihoods;
   if (rung.kind == "shipped" || rung.kind == "folder") {
@@ -103,6 +109,9 @@ Status MakeRung(const SceneDescription& scene, const std::string& name, const st
     const std::string stem = (image.parent_path() / image.stem()).string();
     LabelImage labels;
     if (rung.kind == "start") {
+      if (view.lens.kind != LensModel::Kind::kPinhole) {
+        return absl::UnimplementedError(scene.folder + ": distorted images have no rung 'start'");
+      }
       labels = Rendered(start, view.camera);
     } else {
       const std::string path = absl::StrCat(scene.folder, "/truth/", stem, "_label.png");

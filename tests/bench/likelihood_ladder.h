@@ -18,7 +18,8 @@ namespace tessera {
 //   uniform    no class is more likely than another
 //   shipped    the scene's own
 //   a folder   the likelihoods in it, a file an image, as a scene has them
-// INVALID_ARGUMENT for another name; NOT_FOUND if the scene has no truth labels or no labels on its mesh.
+// INVALID_ARGUMENT for another name; NOT_FOUND if the scene has no truth labels or no labels on its mesh; UNIMPLEMENTED
+// where `start` would have to be distorted.
 Status MakeRung(const SceneDescription& scene, const std::string& rung, const std::string& folder);
 
 }  // namespace tessera

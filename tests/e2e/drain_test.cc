@@ -13,6 +13,7 @@
 #include "tessera/v1/blobs.grpc.pb.h"
 #include "tessera/v1/jobs.grpc.pb.h"
 #include "tessera/v1/workers.grpc.pb.h"
+#include "tests/e2e/leased_worker.h"
 #include "tests/e2e/programs.h"
 
 namespace tessera::e2e {
@@ -25,23 +26,10 @@ class DrainTest : public testing::Test {
   // An upload that is under way to the coordinator, by a worker that has a lease.
   struct Upload {
     explicit Upload(Cluster& cluster) {
-      const auto identity = std::make_shared<CallIdentity>();
-      const auto channel = MakeChannel(cluster.address(), identity);
-      const auto workers = v1::Workers::NewStub(channel);
-      grpc::ClientContext registering, leasing;
-      v1::RegisterWorkerRequest registration;
-      registration.set_version(kAlgorithmVersion);
-      registration.set_memory_bytes(int64_t{1} << 40);
-      v1::RegisterWorkerResponse registered;
-      EXPECT_TRUE(workers->RegisterWorker(&registering, registration, &registered).ok());
-      identity->SetWorker(registered.worker(), registered.secret());
-      v1::LeaseTaskRequest request;
-      request.set_worker(registered.worker());
-      request.set_wait_s(20);
-      v1::LeaseTaskResponse leased;
-      EXPECT_TRUE(workers->LeaseTask(&leasing, request, &leased).ok());
-      EXPECT_TRUE(leased.has_lease());
-      blobs = v1::Blobs::NewStub(channel);
+      const auto channel = ConnectLeasedWorker(cluster.address());
+      EXPECT_TRUE(channel.ok()) << channel.status();
+      if (!channel.ok()) return;
+      blobs = v1::Blobs::NewStub(*channel);
       writer = blobs->WriteBlob(&context, &response);
       v1::WriteBlobRequest chunk;
       chunk.mutable_digest()->set_sha256(Sha256Hex("content"));

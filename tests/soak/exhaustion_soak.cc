@@ -28,6 +28,7 @@
 #include "tessera/v1/blobs.grpc.pb.h"
 #include "tessera/v1/jobs.grpc.pb.h"
 #include "tessera/v1/workers.grpc.pb.h"
+#include "tests/e2e/leased_worker.h"
 #include "tests/e2e/programs.h"
 
 namespace tessera::soak {
@@ -333,22 +334,10 @@ void Watches(Coordinator& coordinator, const std::string& job, const Sizes& size
 // A worker with a lease, over a connection of its own.
 class Uploader {
  public:
-  explicit Uploader(const std::string& address) : identity_(std::make_shared<CallIdentity>()) {
-    const auto channel = MakeChannel(address, identity_);
-    blobs_ = v1::Blobs::NewStub(channel);
-    const auto workers = v1::Workers::NewStub(channel);
-    grpc::ClientContext registering, leasing;
-    v1::RegisterWorkerRequest registration;
-    registration.set_version(kAlgorithmVersion);
-    registration.set_memory_bytes(int64_t{1} << 40);
-    v1::RegisterWorkerResponse registered;
-    Require(workers->RegisterWorker(&registering, registration, &registered).ok(), "cannot register");
-    identity_->SetWorker(registered.worker(), registered.secret());
-    v1::LeaseTaskRequest request;
-    request.set_worker(registered.worker());
-    request.set_wait_s(20);
-    v1::LeaseTaskResponse leased;
-    Require(workers->LeaseTask(&leasing, request, &leased).ok() && leased.has_lease(), "no lease");
+  explicit Uploader(const std::string& address) {
+    const auto channel = e2e::ConnectLeasedWorker(address);
+    Require(channel.ok(), channel.status().ToString());
+    blobs_ = v1::Blobs::NewStub(*channel);
   }
   // Some bytes of a large blob, and no more.
   void Begin(int number) {
@@ -379,7 +368,6 @@ class Uploader {
     v1::WriteBlobResponse response;
     std::unique_ptr<grpc::ClientWriter<v1::WriteBlobRequest>> writer;
   };
-  const std::shared_ptr<CallIdentity> identity_;
   std::unique_ptr<v1::Blobs::Stub> blobs_;
   std::vector<std::unique_ptr<Upload>> uploads_;
 };

@@ -86,6 +86,14 @@ TEST_F(ExactTest, SoDoesThePapersMethod) {
   ExpectSame({9}, settings);
 }
 
+// Silhouettes read farther than so small a window does.
+TEST_F(ExactTest, SoDoStrongSilhouettesAndASmallWindow) {
+  JobSettings settings = Settings(1);
+  settings.method_settings.window_px = 3;
+  settings.method_settings.contour = 20;
+  ExpectSame({9}, settings);
+}
+
 // A tile whose pixels went wrong is told by the neighbour that measured a few of its faces, too.
 TEST_F(ExactTest, AWrongMeasureIsNoticed) {
   int64_t changed = 0;

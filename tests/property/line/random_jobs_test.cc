@@ -9,6 +9,7 @@
 #include "common/storage/files.h"
 #include "common/tile/task_parameters.h"
 #include "tests/property/line/same_mesh.h"
+#include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
 
@@ -60,6 +61,10 @@ JobSettings RandomJob(Random* random) {
 }
 
 std::string RandomScene(const std::string& folder, Random* random) {
+  if (random->Below(4) == 0) {  // whose likelihoods have borders enough to be trusted; tiny scenes have not
+    SynthesizeStrip(folder, 2);
+    return folder;
+  }
   using Likelihoods = TinySceneOptions::Likelihoods;
   TinySceneOptions options;
   options.tower = random->Below(3) == 0;

@@ -56,6 +56,9 @@ TEST(Survey, RefusesWhatItDidNotWrite) {
   survey.classes.resize(1);
   EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok()) << "a border of a second class";
   survey = MakeSurvey();
+  survey.borders.Set(0, 1, {0, 1, 1.5});
+  EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok()) << "a weight above 1";
+  survey = MakeSurvey();
   survey.pairs = {{0, -1}};
   EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok());
   survey = MakeSurvey();

@@ -1,7 +1,6 @@
 // Every call of every service, by everybody who must not make it.
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
-#include <grpcpp/generic/generic_stub.h>
 #include <sys/un.h>
 
 #include <set>
@@ -11,6 +10,7 @@
 #include "common/access/tokens.h"
 #include "common/base/refusal.h"
 #include "common/rpc/status_conversion.h"
+#include "tests/unit/server/api/raw_call.h"
 #include "tests/unit/server/api/server_fixture.h"
 
 namespace tessera {
@@ -18,7 +18,7 @@ namespace {
 
 using testing::HasSubstr;
 using testing::Not;
-using Metadata = std::vector<std::pair<std::string, std::string>>;
+using Metadata = CallMetadata;
 
 constexpr const char* kRoleNames[] = {"viewer", "submitter", "worker", "admin"};
 
@@ -96,27 +96,7 @@ class IntrudersTest : public ServerTest {
   // One message there; the last answer's bytes, if one came, in *answer.
   static Status CallOn(const std::shared_ptr<grpc::Channel>& channel, const std::string& method,
                        const std::string& request, const Metadata& metadata, std::string* answer = nullptr) {
-    grpc::GenericStub stub(channel);
-    grpc::ClientContext context;
-    SetDeadline(context, 20);
-    for (const auto& [key, value] : metadata) context.AddMetadata(key, value);
-    grpc::CompletionQueue queue;
-    const grpc::Slice slice(request);
-    const grpc::ByteBuffer sent(&slice, 1);
-    const auto call = stub.PrepareUnaryCall(&context, method, sent, &queue);
-    call->StartCall();
-    grpc::ByteBuffer received;
-    grpc::Status status;
-    call->Finish(&received, &status, &queue);
-    void* tag = nullptr;
-    bool ok = false;
-    queue.Next(&tag, &ok);
-    if (answer != nullptr && status.ok()) {
-      std::vector<grpc::Slice> slices;
-      received.Dump(&slices).ok();
-      for (const grpc::Slice& each : slices) answer->append(reinterpret_cast<const char*>(each.begin()), each.size());
-    }
-    return FromGrpc(status);
+    return FromGrpc(RawCall(channel, method, request, metadata, answer));
   }
   Status Call(const std::string& method, const std::string& request, const Metadata& metadata,
               std::string* answer = nullptr) {

@@ -1,7 +1,6 @@
 // How much of everything a client may have, and what he is told beyond that; how a coordinator drains.
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
-#include <grpcpp/generic/generic_stub.h>
 
 #include <algorithm>
 #include <atomic>
@@ -13,6 +12,7 @@
 #include "common/base/refusal.h"
 #include "common/rpc/status_conversion.h"
 #include "server/api/client_limits.h"
+#include "tests/unit/server/api/raw_call.h"
 #include "tests/unit/server/api/server_fixture.h"
 
 namespace tessera {
@@ -346,26 +346,10 @@ TEST_F(LimitsTest, ADrainingCoordinatorTakesNothingNewAndEndsWhatItHas) {
 // Reflection, as grpcurl asks for it: the names of the services.
 TEST_F(LimitsTest, ReflectionIsServedOnlyWhereItIsAskedFor) {
   const auto ask = [&](std::string* answer) {
-    grpc::GenericStub stub(channel_);
-    grpc::ClientContext context;
-    SetDeadline(context, 20);
-    grpc::CompletionQueue queue;
-    const grpc::Slice slice(std::string("\x3a\x00", 2));
-    const grpc::ByteBuffer sent(&slice, 1);
-    const auto call =
-        stub.PrepareUnaryCall(&context, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", sent, &queue);
-    call->StartCall();
-    grpc::ByteBuffer received;
-    grpc::Status status;
-    call->Finish(&received, &status, &queue);
-    void* tag = nullptr;
-    bool ok = false;
-    queue.Next(&tag, &ok);
-    std::vector<grpc::Slice> slices;
-    if (status.ok() && received.Dump(&slices).ok()) {
-      for (const grpc::Slice& each : slices) answer->append(reinterpret_cast<const char*>(each.begin()), each.size());
-    }
-    return status.error_code();
+    const std::string list_services("\x3a\x00", 2);
+    return RawCall(channel_, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", list_services, {},
+                   answer)
+        .error_code();
   };
   std::string answer;
   EXPECT_EQ(ask(&answer), grpc::StatusCode::UNIMPLEMENTED);

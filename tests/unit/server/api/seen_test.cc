@@ -1,6 +1,5 @@
 // What an operator sees of calls: health, audit, counts, attempts.
 #include <gmock/gmock.h>
-#include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
@@ -24,6 +23,7 @@
 #include "tessera/v1/records.pb.h"
 #include "tessera/v1/workers.grpc.pb.h"
 #include "tests/support/fake_coordinator.h"
+#include "tests/unit/server/api/raw_call.h"
 
 namespace tessera {
 namespace {
@@ -66,24 +66,11 @@ class SeenTest : public CoordinatorTest {
   }
   // What health.proto's Check answers, read by hand: Debian installs no message classes of it.
   int Health(const std::string& service) {
-    grpc::ClientContext context;
-    grpc::GenericStub generic(channel_);
-    std::string asked;
+    std::string asked, answer;
     if (!service.empty()) asked = "\x0a" + std::string(1, static_cast<char>(service.size())) + service;
-    const grpc::Slice slice(asked);
-    grpc::ByteBuffer request(&slice, 1), response;
-    grpc::CompletionQueue queue;
-    const auto call = generic.PrepareUnaryCall(&context, "/grpc.health.v1.Health/Check", request, &queue);
-    call->StartCall();
-    grpc::Status status;
-    call->Finish(&response, &status, nullptr);
-    void* tag = nullptr;
-    bool ok = false;
-    queue.Next(&tag, &ok);
+    const grpc::Status status = RawCall(channel_, "/grpc.health.v1.Health/Check", asked, {}, &answer);
     if (!status.ok()) return -static_cast<int>(status.error_code());
-    grpc::Slice answer;
-    EXPECT_TRUE(response.TrySingleSlice(&answer).ok());
-    return answer.size() == 2 ? answer.begin()[1] : 0;  // field 1: status
+    return answer.size() == 2 ? answer[1] : 0;  // field 1: status
   }
   static constexpr int kServing = 1, kNotServing = 2;
 
