@@ -145,6 +145,12 @@ Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens) {
           "--insecure if nobody but friends can reach it");
     }
   }
+  if (!options.metrics.empty() && !IsLocalAddress(options.metrics) && !options.open_metrics) {
+    return absl::InvalidArgumentError(
+        "whoever reaches " + options.metrics +
+        " could read the metrics: listen on 127.0.0.1 and let Prometheus come through a proxy that asks who it is, or "
+        "give --open-metrics if nobody but friends can reach it");
+  }
   return absl::OkStatus();
 }
 

@@ -42,6 +42,10 @@ struct ListenOptions {
   std::string tls_cert, tls_key, tls_ca;
   bool reflection = false;  // tells readers of jobs which calls there are (grpc.reflection)
   bool insecure = false;    // a HOST:PORT beyond this machine may be listened on without TLS, tokens or both
+  // HOST:PORT of the metrics, which nobody is asked for who he is; empty: none. Beyond this machine only if
+  // `open_metrics`.
+  std::string metrics;
+  bool open_metrics = false;
 };
 
 // INVALID_ARGUMENT, with what to do, if the options do not fit together.

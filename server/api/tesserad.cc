@@ -39,7 +39,6 @@ struct Flags {
   std::string data;
   ListenOptions listen;
   std::string port_file, token_file;
-  std::string metrics_listen;
   std::vector<std::string> scene_roots;
   double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
   double keep_days = 0, blob_gib = 0;
@@ -161,10 +160,10 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   }
   TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(listen, environment));
   std::unique_ptr<MetricsServer> metrics;
-  if (!flags.metrics_listen.empty()) {
+  if (!flags.listen.metrics.empty()) {
     TESSERA_ASSIGN_OR_RETURN(
         metrics,
-        MetricsServer::Start(flags.metrics_listen, {[&] { return dispatcher->Snapshot(); },
+        MetricsServer::Start(flags.listen.metrics, {[&] { return dispatcher->Snapshot(); },
                                                     [&] { return blobs->FreeBytes(); }, &server->rpc_counts()}));
     std::cout << "metrics: http://" << metrics->address() << "/metrics" << std::endl;
   }
@@ -261,9 +260,11 @@ int Main(int argc, char** argv) {
          "the user who runs this, in jobs that come through a socket")
       ->type_name("FOLDER");
   app.add_option("--port-file", flags.port_file, "write the bound HOST:PORT to this file");
-  app.add_option("--metrics-listen", flags.metrics_listen,
+  app.add_option("--metrics-listen", flags.listen.metrics,
                  "HOST:PORT where Prometheus reads metrics, at /metrics; without it none are served. Whoever reaches "
-                 "it reads them, without authentication: beyond loopback, in a trusted network only");
+                 "it reads them: beyond this machine only with --open-metrics");
+  app.add_flag("--open-metrics", flags.listen.open_metrics,
+               "serve metrics beyond this machine too, to everybody who reaches them");
   app.add_option("--lease-s", flags.lease_s, "a task returns to the queue when its worker is silent for so long")
       ->check(CLI::Range(0.2, 86400.0))
       ->capture_default_str();

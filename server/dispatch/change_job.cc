@@ -1,6 +1,7 @@
 // What users change of a job that was accepted.
 #include "common/base/refusal.h"
 #include "server/dispatch/dispatcher.h"
+#include "server/dispatch/job_limits.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -29,6 +30,8 @@ StatusOr<JobStatus> Dispatcher::RetryJob(const std::string& name, std::optional<
     v1::Record record;
     record.mutable_job_retried()->set_job(name);
     if (tile) record.mutable_job_retried()->set_tile(*tile);
+    TESSERA_RETURN_IF_ERROR(ledger_.Check(record));
+    TESSERA_RETURN_IF_ERROR(CheckActiveJobLimits(ledger_, ledger_.jobs()[job].header.client, options_.limits));
     TESSERA_RETURN_IF_ERROR(CommitLocked(record));
     if (job < static_cast<int>(shown_progress_.size())) shown_progress_[job] = 0;
   }

@@ -5,7 +5,7 @@
 
 namespace tessera {
 
-Status CheckJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits) {
+Status CheckActiveJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits) {
   constexpr char kWait[] = "wait until some have ended, or cancel some";
   if (ledger.ActiveJobsOf(client) >= limits.of_client) {
     return LimitError({"jobs of '" + client + "' that have not ended", limits.of_client, "--max-jobs-of-client"},
@@ -14,6 +14,11 @@ Status CheckJobLimits(const Ledger& ledger, const std::string& client, const Job
   if (static_cast<int>(ledger.active_jobs().size()) >= limits.in_all) {
     return LimitError({"jobs that have not ended", limits.in_all, "--max-jobs"}, kWait);
   }
+  return absl::OkStatus();
+}
+
+Status CheckJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits) {
+  TESSERA_RETURN_IF_ERROR(CheckActiveJobLimits(ledger, client, limits));
   if (ledger.kept_jobs() >= limits.kept) {
     return LimitError({"jobs that are kept", limits.kept, "--max-kept-jobs"},
                       "delete some, or have it done (--keep-days)");

@@ -16,7 +16,9 @@ struct JobLimits {
   int kept = 100'000;    // ended ones too, until they are deleted
 };
 
-// OK if the client may submit another job, else RESOURCE_EXHAUSTED with the limit (Refusal::kLimit).
+// OK if one more job of the client may go on that has ended, else RESOURCE_EXHAUSTED with the limit (Refusal::kLimit).
+Status CheckActiveJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits);
+// The same for a new job.
 Status CheckJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits);
 
 }  // namespace tessera

@@ -33,13 +33,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr uint8_t kNoClass = 255;  // in a truth
+
 struct Arguments {
   std::string scene, pictures;
   std::vector<std::string> meshes;
   LabelOptions label;
   SolverOptions solver;
   int threads = 0;
-  bool expansion = false, halve = false;
+  bool expansion = false, halve = false, covered = false;
+  std::vector<std::string> except_views;
 };
 
 // A view's truth and the classes that it would choose alone.
@@ -70,14 +73,15 @@ LabelImage Argmax(const FloatImage& likelihoods, const PixelMapping& mapping, in
   return image;
 }
 
-StatusOr<std::vector<ScoredView>> LoadViews(const SceneDescription& scene) {
+StatusOr<std::vector<ScoredView>> LoadViews(const SceneDescription& scene, const std::vector<std::string>& except) {
   std::vector<ScoredView> views(scene.views.size());
   for (size_t v = 0; v < views.size(); ++v) {
     const SceneView& view = scene.views[v];
     const PinholeCamera& pinhole = view.camera.intrinsics;
     const fs::path name(view.name);
     const fs::path path = fs::path(scene.folder) / "truth" / name.parent_path() / (name.stem().string() + "_label.png");
-    if (fs::exists(path)) {
+    const bool scored = std::find(except.begin(), except.end(), name.stem().string()) == except.end();
+    if (scored && fs::exists(path)) {
       TESSERA_ASSIGN_OR_RETURN(const LabelImage truth, ReadLabelImage(path.string()));
       views[v].truth = UndistortLabels(truth, view.lens);
     }
@@ -230,7 +234,7 @@ Status PrintAgreement(const SceneDescription& scene, const std::vector<ScoredVie
   return absl::OkStatus();
 }
 
-Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& views, const std::string& path,
+Status BenchMesh(const SceneDescription& scene, std::vector<ScoredView> views, const std::string& path,
                  const Arguments& arguments) {
   TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
   TriangleMesh& mesh = content.mesh;
@@ -242,6 +246,12 @@ Status BenchMesh(const SceneDescription& scene, const std::vector<ScoredView>& v
   for (const SceneView& view : scene.views) cameras.push_back(view.camera);
   std::vector<FaceMap> maps;
   Rasterizer().DrawViews(mesh, CellBoxes(mesh), cameras, &maps);
+
+  for (size_t v = 0; v < views.size() && arguments.covered; ++v) {
+    for (size_t i = 0; i < views[v].truth.data.size(); ++i) {
+      if (maps[v].face[i] < 0) views[v].truth.data[i] = kNoClass;
+    }
+  }
 
   std::printf("\n%s: %zu faces, GSD %.3f m\n", path.c_str(), mesh.faces.size(), gsd_m);
   PrintHeader();
@@ -309,7 +319,12 @@ Status Bench(const Arguments& arguments) {
   const ThreadLimit limit(arguments.threads);
   Warnings warnings;
   TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.scene, &warnings));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<ScoredView> views, LoadViews(scene));
+  for (const std::string& name : arguments.except_views) {
+    const bool known = std::any_of(scene.views.begin(), scene.views.end(),
+                                   [&](const SceneView& view) { return fs::path(view.name).stem() == name; });
+    if (!known) return absl::InvalidArgumentError("--except-views: no view is called '" + name + "'");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<ScoredView> views, LoadViews(scene, arguments.except_views));
   for (const std::string& mesh : arguments.meshes) {
     TESSERA_RETURN_IF_ERROR(BenchMesh(scene, views, mesh, arguments));
   }
@@ -332,6 +347,9 @@ int main(int argc, char** argv) {
   app.add_flag("--expansion", a.expansion, "compare with alpha expansion (minutes)");
   app.add_option("--pictures", a.pictures,
                  "folder, there already, for a picture of each view with the errors of the field's labels in red");
+  app.add_flag("--covered", a.covered, "score only pixels where the mesh shows something");
+  app.add_option("--except-views", a.except_views, "views that are not scored, by their names without extension")
+      ->delimiter(',');
   app.add_flag("--halve", a.halve, "also split every face in four: does the field give the same labels?");
   app.add_option("--threads", a.threads, "0: one for each core");
   CLI11_PARSE(app, argc, argv);

@@ -207,6 +207,7 @@ TEST_F(AccessTest, WhatDoesNotFitTogetherIsRefusedAtTheStart) {
   };
   EXPECT_THAT(refused({"--listen", "0.0.0.0:0"}), HasSubstr("--insecure"));
   EXPECT_THAT(refused({"--listen", "0.0.0.0:0", "--token-file", Path("keys/tokens")}), HasSubstr("--tls-cert"));
+  EXPECT_THAT(refused({"--metrics-listen", "0.0.0.0:0"}), HasSubstr("--open-metrics"));
   EXPECT_THAT(refused({"--listen", "unix:/" + std::string(200, 'x')}), HasSubstr("107"));
   std::ofstream(Path("keys/bad")) << "anna boss\n";
   EXPECT_THAT(refused({"--token-file", Path("keys/bad")}), HasSubstr("line 1"));

@@ -437,6 +437,13 @@ TEST_F(IntrudersTest, NobodyListensBeyondThisMachineUnasked) {
   options.tls_cert = options.tls_key = "file";
   EXPECT_TRUE(CheckListenOptions(options, true).ok());
   EXPECT_FALSE(CheckListenOptions(options, false).ok());
+  options.metrics = "0.0.0.0:9464";
+  EXPECT_THAT(std::string(CheckListenOptions(options, true).message()), HasSubstr("--open-metrics"));
+  options.open_metrics = true;
+  EXPECT_TRUE(CheckListenOptions(options, true).ok());
+  options.metrics = "127.0.0.1:9464";
+  options.open_metrics = false;
+  EXPECT_TRUE(CheckListenOptions(options, true).ok());
   for (const char* local : {"unix:/tmp/s", "127.0.0.1:0", "localhost:0", "[::1]:0"}) {
     EXPECT_TRUE(IsLocalAddress(local)) << local;
   }

@@ -6,6 +6,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "common/base/refusal.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/dispatch/set_aside.h"
 #include "tessera/v1/records.pb.h"
@@ -192,6 +193,22 @@ TEST_F(SetAsideTileTest, WrongInputTheWholeCityAndTheLastTileFailTheJob) {
   const std::string all = Create(AJob(2, "c"));
   WorkAll({"solve tile 0 step 1", "solve tile 1 step 1", "solve tile 1 step 0"});
   EXPECT_EQ(Job(all).header.state, JobState::kFailed);
+}
+
+TEST_F(SetAsideTileTest, ARetryCountsAsAJobThatHasNotEnded) {
+  const std::string job = Create(AJob(4));
+  WorkAll({"solve tile 0 step 1"});
+  ASSERT_EQ(Job(job).header.state, JobState::kPartial);
+  options_.limits.of_client = 1;
+  Open();
+  const std::string other = Create(AJob(2, "other"));
+  const Status refused = dispatcher_->RetryJob(job, {}).status();
+  EXPECT_EQ(LimitOf(refused).flag, "--max-jobs-of-client") << refused;
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial);
+  EXPECT_EQ(dispatcher_->RetryJob(other, {}).status().code(), absl::StatusCode::kFailedPrecondition)
+      << "not what limits are about";
+  ASSERT_TRUE(dispatcher_->CancelJob(other).ok());
+  EXPECT_TRUE(dispatcher_->RetryJob(job, {}).ok());
 }
 
 TEST_F(SetAsideTileTest, RetriedItEndsAsIfNothingHadHappened) {
