@@ -2,12 +2,14 @@
 
 namespace tessera {
 
+size_t FirstLevelOf(int round, size_t levels) { return round > 0 && levels > 0 ? levels - 1 : 0; }
+
 std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations,
                                         int rounds) {
   std::vector<RefineStep> steps = {RefineStep()};
   for (int round = 0; round < rounds; ++round) {
     int iteration = 0;
-    for (size_t i = 0; i < levels.size(); ++i) {
+    for (size_t i = FirstLevelOf(round, levels.size()); i < levels.size(); ++i) {
       for (int k = 0; k < iterations[i]; ++k) steps.push_back({round, levels[i], iteration++, k + 1 == iterations[i]});
     }
     steps.push_back({round, -1, iteration});

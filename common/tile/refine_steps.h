@@ -20,7 +20,11 @@ struct RefineStep {
   bool first() const { return round < 0; }
 };
 
-// Labels first (a step even where a method has none there: it does nothing), then in each round the iterations of all
+// Index of the level that a round begins at, of so many, coarsest first: the first round at the coarsest, later ones at
+// the finest. What images show at coarser levels the surface has by then, and going back there blurs it.
+size_t FirstLevelOf(int round, size_t levels);
+
+// Labels first (a step even where a method has none there: it does nothing), then in each round the iterations of its
 // levels and labels again. `levels` and `iterations` are as long.
 std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations, int rounds);
 

@@ -6,6 +6,7 @@
 
 #include "common/base/elapsed.h"
 #include "common/geometry/topology.h"
+#include "common/tile/refine_steps.h"
 #include "worker/visibility/cell_sight.h"
 #include "worker/visibility/rasterizer.h"
 
@@ -129,6 +130,9 @@ class CityRefiner {
     problem.up = package_.up;
     RefineOptions geometry = options_.geometry;
     geometry.clock = &clock_;
+    const auto first = static_cast<std::ptrdiff_t>(FirstLevelOf(round, geometry.levels.size()));
+    geometry.levels.erase(geometry.levels.begin(), geometry.levels.begin() + first);
+    geometry.iterations.erase(geometry.iterations.begin(), geometry.iterations.begin() + first);
     TESSERA_ASSIGN_OR_RETURN(const RefineReport r, RefineGeometry(problem, &known_.positions, geometry, control));
     // Only energies of one level compare.
     for (const RefineIteration& iteration : r.iterations) {
