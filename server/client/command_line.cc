@@ -34,7 +34,8 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
       ->group(group);
   command
       .add_option("--rounds", settings->rounds,
-                  absl::StrCat("Rounds of shape and labels, to ", kMaxRounds, "; 0: the method's own"))
+                  absl::StrCat("Rounds of shape and labels, to ", kMaxRounds,
+                               ", after the first at the finest level alone; 0: the method's own"))
       ->capture_default_str()
       ->group(group);
   const auto add_number = [&](const auto& setting) {
