@@ -44,6 +44,7 @@ struct Flags {
   double keep_days = 0, blob_gib = 0;
   double drain_s = 5;
   JobLimits jobs;
+  WorkerLimits workers;
   ClientLimitOptions limits;
   double upload_gib = static_cast<double>(ClientLimitOptions().upload_bytes) / (int64_t{1} << 30);
   std::string backup;
@@ -136,6 +137,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   options.stood_still_s = flags.lease_s / 2;  // a heartbeat comes every third of a lease, a look every fourth or second
   options.stall_s = flags.stall_s;
   options.limits = flags.jobs;
+  options.worker_limits = flags.workers;
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
   TESSERA_ASSIGN_OR_RETURN(const auto dispatcher,
                            Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside,
@@ -221,6 +223,8 @@ void AddLimits(CLI::App& app, Flags& flags) {
         "jobs of a client (a token, else an address) that have not ended");
   limit("--max-jobs", flags.jobs.in_all, "jobs of all that have not ended");
   limit("--max-kept-jobs", flags.jobs.kept, "jobs until they are deleted, ended ones too");
+  limit("--max-workers-of-client", flags.workers.of_client, "workers that a client has registered");
+  limit("--max-workers", flags.workers.in_all, "workers of all");
   limit("--max-watches", flags.limits.watches, "watches of a client");
   limit("--max-transfers", flags.limits.transfers,
         "calls that move results or read a scene, of a client or of one worker, at once");

@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <atomic>
+#include <optional>
 #include <utility>
 
 #include "common/base/printable.h"
@@ -14,6 +16,7 @@ namespace tessera {
 namespace {
 
 constexpr double kMaxWait_s = 30;  // of a LeaseTask call
+constexpr double kRetryRegister_s = 10;
 constexpr size_t kMaxFileNameBytes = 1024;
 
 Status CheckNames(const v1::TaskResult& result) {
@@ -41,6 +44,39 @@ class LeaseReactor final : public grpc::ServerUnaryReactor {
   const std::string worker_;
 };
 
+// A ReportTask call, which may ask for the next task too: ends once both are answered. Owns itself.
+class ReportReactor final : public grpc::ServerUnaryReactor {
+ public:
+  ReportReactor(v1::ReportTaskResponse* response, bool asks_for_task)
+      : response_(response), due_(asks_for_task ? 2 : 1) {}
+  void OnDone() override { delete this; }
+
+  // Once each, from any thread; Leased only where a task was asked for.
+  void Reported(const Status& status) {
+    if (!status.ok()) refused_ = true;
+    reported_ = status;
+    EndIfDue();
+  }
+  void Leased(std::optional<v1::Lease> lease) {
+    lease_ = std::move(lease);
+    EndIfDue();
+  }
+  // Whether Reported has been told of an error. Until both are told.
+  bool refused() const { return refused_; }
+
+ private:
+  void EndIfDue() {
+    if (--due_ > 0) return;
+    if (reported_.ok() && lease_) response_->mutable_lease()->Swap(&*lease_);
+    Finish(ToGrpc(reported_));
+  }
+  v1::ReportTaskResponse* const response_;
+  std::atomic<int> due_;
+  std::atomic<bool> refused_ = false;
+  Status reported_;
+  std::optional<v1::Lease> lease_;
+};
+
 }  // namespace
 
 // A worker speaks for itself alone.
@@ -60,13 +96,14 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
       return Finished(context, status);
   }
   const double lease_s = environment_.dispatcher->options().lease_s;
-  const std::string worker =
-      environment_.dispatcher->RegisterWorker({request->host(), request->pid(), request->threads(),
-                                               request->memory_bytes(), request->cores(), request->machine()});
+  const StatusOr<std::string> worker = environment_.dispatcher->RegisterWorker(
+      {request->host(), request->pid(), request->threads(), request->memory_bytes(), request->cores(),
+       request->machine(), environment_.access->CallerOf(*context).client});
+  if (!worker.ok()) return Finished(context, RetryAfter(worker.status(), kRetryRegister_s));
   LogEvent(LogLevel::kInfo, "worker registered",
-           {{"worker", worker}, {"host", request->host()}, {"pid", std::to_string(request->pid())}});
-  response->set_worker(worker);
-  response->set_secret(environment_.access->SecretOf(worker));
+           {{"worker", *worker}, {"host", request->host()}, {"pid", std::to_string(request->pid())}});
+  response->set_worker(*worker);
+  response->set_secret(environment_.access->SecretOf(*worker));
   response->set_lease_s(lease_s);
   response->set_heartbeat_s(std::min(lease_s / 4, 1.0));  // progress for people; the lease alone would need fewer
   if (!environment_.shared_probe_path.empty()) {
@@ -109,12 +146,13 @@ grpc::ServerUnaryReactor* WorkersService::Heartbeat(Context* context, const v1::
 }
 
 grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1::ReportTaskRequest* request,
-                                                     v1::ReportTaskResponse*) {
+                                                     v1::ReportTaskResponse* response) {
   if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   if (const Status names = CheckNames(request->success()); !names.ok()) return Finished(context, names);
   Dispatcher& dispatcher = *environment_.dispatcher;
-  Reactor* const reactor = context->DefaultReactor();
-  const auto done = [reactor](const Status& status) { reactor->Finish(ToGrpc(status)); };
+  const bool asks_for_task = request->lease_call() > 0 && request->has_success();
+  auto* const reactor = new ReportReactor(response, asks_for_task);
+  const auto done = [reactor](const Status& status) { reactor->Reported(status); };
   switch (request->result_case()) {
     case v1::ReportTaskRequest::kSuccess:
       dispatcher.ReportSuccess(request->worker(), request->task(), request->attempt(), FromProto(request->success()),
@@ -127,6 +165,24 @@ grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1:
     case v1::ReportTaskRequest::RESULT_NOT_SET:
       done(absl::InvalidArgumentError("a report with neither success nor failure"));
   }
+  if (!asks_for_task) return reactor;
+  if (reactor->refused()) {
+    reactor->Leased(std::nullopt);
+    return reactor;
+  }
+  LeaseCall call;
+  call.worker = request->worker();
+  call.call = request->lease_call();
+  call.comes_with_report = true;
+  call.gone = [context] { return context->IsCancelled(); };
+  call.done = [reactor, shared_paths = !environment_.shared_probe_path.empty()](const LeaseAnswer& answer) {
+    // What is wrong with leasing, LeaseTask tells.
+    if (!answer.ok() || !*answer) return reactor->Leased(std::nullopt);
+    v1::Lease lease;
+    ToProto(**answer, shared_paths, &lease);
+    reactor->Leased(std::move(lease));
+  };
+  dispatcher.LeaseTask(std::move(call));
   return reactor;
 }
 

@@ -223,8 +223,9 @@ std::vector<std::string> Dispatcher::SceneFilesWith(const Digest& digest) const 
 
 // --- Workers ---
 
-std::string Dispatcher::RegisterWorker(const WorkerInfo& info) {
+StatusOr<std::string> Dispatcher::RegisterWorker(const WorkerInfo& info) {
   std::lock_guard lock(mutex_);
+  TESSERA_RETURN_IF_ERROR(CheckWorkerLimits(leases_, info.client, options_.worker_limits));
   // The store's start count keeps a worker of before a restart from sharing its name with a new one.
   const std::string name =
       "workers/" + std::to_string(environment_.store->StartCount()) + "-" + std::to_string(next_worker_++);
@@ -240,6 +241,7 @@ Status Dispatcher::SeenLocked(const std::string& worker) {
                   absl::NotFoundError("no such worker: '" + worker + "'; it has to register again"));
   }
   known->last_seen_us = environment_.clock->MonotonicUs();
+  known->heard = true;
   return absl::OkStatus();
 }
 
@@ -305,8 +307,11 @@ Status Dispatcher::ExpireLeasesLocked() {
   const int64_t since_us = now_us - Micros(options_.lease_s / 2);
   const auto lives = [&](const std::string& machine) { return leases_.Lives(machine, since_us); };
   for (const TaskRef ref : leases_.Expired(now_us)) {
+    const JobTask& task = ledger_.task(ref);
+    const WorkerState* const worker = leases_.FindWorker(task.worker());
+    const bool heard = worker == nullptr || worker->heard;
     TESSERA_RETURN_IF_ERROR(
-        EndAttemptLocked(ref, JudgeSilence(WithCountedAttempts(ledger_.task(ref)), lives, options_.retry), true));
+        EndAttemptLocked(ref, JudgeSilence(WithCountedAttempts(task), heard, lives, options_.retry), true));
   }
   std::vector<std::pair<TaskRef, TaskFailure>> stalled;
   for (const auto& [ref, lease] : leases_.leases()) {

@@ -55,6 +55,7 @@ struct DispatchOptions {
   double durable_wait_s = 20;   // a call whose change is not durable after that is answered with UNAVAILABLE
   RetryOptions retry;
   JobLimits limits;
+  WorkerLimits worker_limits;
 };
 
 // What the dispatcher stands on; all of it must outlive it.
@@ -178,7 +179,8 @@ class Dispatcher {
   std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
   // Workers.
-  std::string RegisterWorker(const WorkerInfo& info);
+  // RESOURCE_EXHAUSTED with the limit (Refusal::kLimit) where there are too many.
+  StatusOr<std::string> RegisterWorker(const WorkerInfo& info);
   // Waits for a task; none if there was none. Refusal::kUnknownWorker for a worker that is not registered (it was
   // forgotten). A worker waits once: ABORTED ends its earlier call when a later one comes.
   void LeaseTask(LeaseCall call);

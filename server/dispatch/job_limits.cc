@@ -1,6 +1,7 @@
 #include "server/dispatch/job_limits.h"
 
 #include "common/base/refusal.h"
+#include "server/dispatch/lease_table.h"
 #include "server/dispatch/ledger.h"
 
 namespace tessera {
@@ -22,6 +23,17 @@ Status CheckJobLimits(const Ledger& ledger, const std::string& client, const Job
   if (ledger.kept_jobs() >= limits.kept) {
     return LimitError({"jobs that are kept", limits.kept, "--max-kept-jobs"},
                       "delete some, or have it done (--keep-days)");
+  }
+  return absl::OkStatus();
+}
+
+Status CheckWorkerLimits(const LeaseTable& leases, const std::string& client, const WorkerLimits& limits) {
+  constexpr char kWait[] = "end some, or wait until those that fell silent are forgotten";
+  if (leases.WorkersOf(client) >= limits.of_client) {
+    return LimitError({"workers of '" + client + "'", limits.of_client, "--max-workers-of-client"}, kWait);
+  }
+  if (static_cast<int>(leases.workers().size()) >= limits.in_all) {
+    return LimitError({"workers", limits.in_all, "--max-workers"}, kWait);
   }
   return absl::OkStatus();
 }

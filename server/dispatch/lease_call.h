@@ -45,7 +45,8 @@ struct LeaseCall {
   std::function<bool()> gone = {};
   // Called once, without a lock of the dispatcher's, from any thread, also from the one that calls.
   std::function<void(LeaseAnswer answer)> done = {};
-  Time asked = {}, until = {};  // the dispatcher's
+  bool comes_with_report = false;  // gets what a call that waits gets at once, or nothing; wait_s is 0
+  Time asked = {}, until = {};     // the dispatcher's
 };
 
 }  // namespace tessera

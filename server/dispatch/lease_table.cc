@@ -46,6 +46,11 @@ std::vector<TaskRef> LeaseTable::OfJob(int job) const {
   return tasks;
 }
 
+int LeaseTable::WorkersOf(const std::string& client) const {
+  const auto found = workers_of_client_.find(client);
+  return found == workers_of_client_.end() ? 0 : found->second;
+}
+
 WorkerState* LeaseTable::FindWorker(const std::string& worker) {
   const auto found = workers_.find(worker);
   return found == workers_.end() ? nullptr : &found->second;
@@ -55,6 +60,7 @@ void LeaseTable::AddWorker(const std::string& worker, const WorkerInfo& info, in
   if (info.memory_bytes > Largest().memory_bytes) largest_since_us_ = now_us;
   workers_[worker] = {info, now_us};
   workers_of_host_[info.host].insert(worker);
+  ++workers_of_client_[info.client];
 }
 
 void LeaseTable::RemoveWorker(const std::string& worker) {
@@ -63,6 +69,8 @@ void LeaseTable::RemoveWorker(const std::string& worker) {
   const auto host = workers_of_host_.find(found->second.info.host);
   host->second.erase(worker);
   if (host->second.empty()) workers_of_host_.erase(host);
+  const auto client = workers_of_client_.find(found->second.info.client);
+  if (--client->second == 0) workers_of_client_.erase(client);
   workers_.erase(found);
 }
 

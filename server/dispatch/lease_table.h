@@ -21,6 +21,7 @@ struct WorkerInfo {
   int64_t memory_bytes = 0;
   int cores = 0;             // of the host; 0: not known
   std::string machine = {};  // host and boot; empty: not known
+  std::string client = {};   // who registered it
 };
 
 // A tile of a job.
@@ -50,6 +51,7 @@ struct LeaseState {
 struct WorkerState {
   WorkerInfo info;
   int64_t last_seen_us = 0;
+  bool heard = true;                       // false: known from the records alone, since the coordinator began anew
   std::vector<TileRef> recent_tiles = {};  // whose tasks it was given, the last first: it may have them in memory
   std::set<TaskRef> tasks = {};            // that it has leases of
   // Its last call that was given a lease (0: none), and what it was given.
@@ -77,6 +79,7 @@ class LeaseTable {
   const std::map<TaskRef, LeaseState>& leases() const { return leases_; }
   const std::map<std::string, WorkerState>& workers() const { return workers_; }
 
+  int WorkersOf(const std::string& client) const;
   // Null if there is no such worker.
   WorkerState* FindWorker(const std::string& worker);
   void AddWorker(const std::string& worker, const WorkerInfo& info, int64_t now_us);
@@ -116,6 +119,7 @@ class LeaseTable {
   std::map<TaskRef, LeaseState> leases_;
   std::map<std::string, WorkerState> workers_;
   std::map<std::string, std::set<std::string>> workers_of_host_;
+  std::map<std::string, int> workers_of_client_;  // none of 0
   std::map<TileRef, std::string> keepers_;
   int64_t largest_since_us_ = 0;
 };

@@ -113,7 +113,9 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
     return look;
   }
   const auto now = std::chrono::steady_clock::now();
-  const double waited_s = now < call.until ? std::chrono::duration<double>(now - call.asked).count() : kForever_s;
+  const double waited_s = call.comes_with_report ? 0.0
+                          : now < call.until     ? std::chrono::duration<double>(now - call.asked).count()
+                                                 : kForever_s;
   bool left_to_keepers = false;
   // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
   const auto ref = journal_.trouble().ok() ? NextReadyLocked(call.worker, waited_s, left_to_keepers) : std::nullopt;

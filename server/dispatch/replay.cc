@@ -55,6 +55,7 @@ StatusOr<std::unique_ptr<Dispatcher>> Dispatcher::Open(const DispatchEnvironment
       WorkerInfo info;
       info.machine = task.attempts.back().machine;
       dispatcher->leases_.AddWorker(task.worker(), info, now_us);
+      dispatcher->leases_.FindWorker(task.worker())->heard = false;
     }
     dispatcher->leases_.Grant(ref, {task.worker(), task.attempt(), now_us, now_us + Micros(options.lease_s), now_us});
   };

@@ -61,13 +61,19 @@ RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const
   return verdict;
 }
 
-RetryVerdict JudgeSilence(const JobTask& task, const std::function<bool(const std::string& machine)>& lives,
+RetryVerdict JudgeSilence(const JobTask& task, bool heard, const std::function<bool(const std::string& machine)>& lives,
                           const RetryOptions& options) {
-  const int deaths = static_cast<int>(std::count_if(
-      task.attempts.begin(), task.attempts.end(), [&, current = &task.attempts.back()](const Attempt& attempt) {
-        return (attempt.lease_expired || &attempt == current) && lives(attempt.machine);
-      }));
   RetryVerdict verdict;
+  if (!heard) {
+    verdict.failure = {ErrorClass::kPreempted,
+                       "lease expired: " + task.worker() + " was not heard of since the coordinator began anew"};
+    return verdict;
+  }
+  const auto speaks = [&, current = &task.attempts.back()](const Attempt& attempt) {
+    const bool fell_silent = attempt.lease_expired && attempt.failure->error_class != ErrorClass::kPreempted;
+    return (fell_silent || &attempt == current) && lives(attempt.machine);
+  };
+  const int deaths = static_cast<int>(std::count_if(task.attempts.begin(), task.attempts.end(), speaks));
   verdict.final = deaths >= options.max_expired_leases;
   verdict.failure = {verdict.final ? ErrorClass::kPoison : ErrorClass::kTransient,
                      "lease expired: " + task.worker() + " fell silent"};

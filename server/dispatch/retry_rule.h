@@ -5,7 +5,8 @@
 // attempt that stalls speaks against its task. A worker that leaves, or drains, says nothing about its task. One that
 // falls silent does if its machine lives on, for then it was the worker's process that ended, or hung: a worker on that
 // machine (same host, same boot) has been seen since. A machine that vanished, such as one that was taken away, says
-// nothing, however often; that it came back is seen when the task is next lost.
+// nothing, however often; that it came back is seen when the task is next lost. Nor does a worker that was not heard of
+// since the coordinator began anew: what became of it, nobody saw.
 #ifndef TESSERA_SERVER_DISPATCH_RETRY_RULE_H_
 #define TESSERA_SERVER_DISPATCH_RETRY_RULE_H_
 
@@ -57,8 +58,9 @@ struct RetryVerdict {
 // `task`: its attempts, of which the last has just ended with `failure`.
 RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
                           const Witnesses& witnesses = {});
-// The same for one that ended in silence. `lives`: whether a worker on that machine is there now.
-RetryVerdict JudgeSilence(const JobTask& task, const std::function<bool(const std::string& machine)>& lives,
+// The same for one that ended in silence. `heard`: whether its worker was, in the coordinator's present life. `lives`:
+// whether a worker on that machine is there now.
+RetryVerdict JudgeSilence(const JobTask& task, bool heard, const std::function<bool(const std::string& machine)>& lives,
                           const RetryOptions& options);
 
 // How long a task on `threads` may show no progress before its attempt is ended, though its worker's heartbeats go on:

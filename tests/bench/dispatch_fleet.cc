@@ -155,8 +155,9 @@ struct Fleet {
   std::atomic<bool> stop = false;
 };
 
-// One worker: lease, work, report, and again; a heartbeat a second. Calls go on from their answers. Work takes from a
-// half to one and a half times as long as asked for, so that the workers do not all come back at once.
+// One worker: lease, work, report, which brings the next lease where there is one, and again; a heartbeat a second.
+// Calls go on from their answers. Work takes from a half to one and a half times as long as asked for, so that the
+// workers do not all come back at once.
 class FleetWorker {
  public:
   // `ca`: of the coordinator's certificate; empty: no TLS, and no token.
@@ -219,32 +220,33 @@ class FleetWorker {
     call->request.set_call(lease_call_);
     const SteadyTime start = Now();
     ++fleet_.calls;
-    stub_->async()->LeaseTask(
-        &call->context, &call->request, &call->response, [this, call, start](grpc::Status status) {
-          if (!status.ok()) ++fleet_.errors;
-          if (status.ok()) ++lease_call_;
-          if (status.ok() && call->response.has_lease()) {
-            // The first waited for the plan.
-            if (std::exchange(has_leased_, true)) fleet_.leases.Add(1e3 * SecondsSince(start));
-            {
-              std::lock_guard lock(mutex_);
-              task_ = call->response.lease().spec().task();
-              attempt_ = call->response.lease().attempt();
-            }
-            const std::string kind = call->response.lease().spec().kind();
-            if (fleet_.arguments.work_s > 0) {
-              const double work_s = fleet_.arguments.work_s * std::uniform_real_distribution(0.5, 1.5)(random_);
-              fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * work_s)),
-                               [this, kind] { Report(kind); });
-            } else {
-              Report(kind);
-            }
-          } else {
-            Lease();
-          }
-          delete call;
-          --fleet_.calls;
-        });
+    stub_->async()->LeaseTask(&call->context, &call->request, &call->response,
+                              [this, call, start](grpc::Status status) {
+                                if (!status.ok()) ++fleet_.errors;
+                                if (status.ok()) ++lease_call_;
+                                if (status.ok() && call->response.has_lease()) {
+                                  // The first waited for the plan.
+                                  if (std::exchange(has_leased_, true)) fleet_.leases.Add(1e3 * SecondsSince(start));
+                                  DoTask(call->response.lease());
+                                } else {
+                                  Lease();
+                                }
+                                delete call;
+                                --fleet_.calls;
+                              });
+  }
+
+  void DoTask(const v1::Lease& lease) {
+    {
+      std::lock_guard lock(mutex_);
+      task_ = lease.spec().task();
+      attempt_ = lease.attempt();
+    }
+    const std::string kind = lease.spec().kind();
+    if (fleet_.arguments.work_s <= 0) return Report(kind);
+    const double work_s = fleet_.arguments.work_s * std::uniform_real_distribution(0.5, 1.5)(random_);
+    fleet_.timers.At(Now() + std::chrono::microseconds(static_cast<int64_t>(1e6 * work_s)),
+                     [this, kind] { Report(kind); });
   }
 
   void Report(const std::string& kind) {
@@ -252,6 +254,7 @@ class FleetWorker {
     call->request.set_worker(name_);
     call->request.set_task(task_);
     call->request.set_attempt(attempt_);
+    call->request.set_lease_call(lease_call_);
     v1::TaskResult& result = *call->request.mutable_success();
     const std::vector<std::string> names = kind == kIngestKind ? std::vector<std::string>{kSurveyFile, kPlainSurveyFile}
                                            : kind == kPublishKind ? std::vector<std::string>{kMeshFile}
@@ -276,7 +279,12 @@ class FleetWorker {
                                    std::lock_guard lock(mutex_);
                                    task_.clear();
                                  }
-                                 Lease();
+                                 if (status.ok() && call->response.has_lease()) {
+                                   ++lease_call_;
+                                   DoTask(call->response.lease());
+                                 } else {
+                                   Lease();
+                                 }
                                  delete call;
                                  --fleet_.calls;
                                });

@@ -101,7 +101,7 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
   TESSERA_ASSIGN_OR_RETURN(const JobStatus accepted, dispatcher->CreateJob(job));
   job = NewJob();
   Print("job accepted", meter);
-  const std::string worker = dispatcher->RegisterWorker({"host", 1, 2, int64_t{1} << 34});
+  TESSERA_ASSIGN_OR_RETURN(const std::string worker, dispatcher->RegisterWorker({"host", 1, 2, int64_t{1} << 34}));
   std::set<std::string> told;
   size_t tasks = 0, inputs = 0;
   double cost = 0;

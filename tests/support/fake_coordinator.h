@@ -154,7 +154,7 @@ class CoordinatorTest : public testing::Test {
     return status;
   }
   std::string Worker(const std::string& machine = "host/boot") {
-    return dispatcher_->RegisterWorker({"host", 1, 2, 1000, 0, machine});
+    return *dispatcher_->RegisterWorker({"host", 1, 2, 1000, 0, machine});
   }
 
   std::optional<GrantedLease> Lease(const std::string& worker) {

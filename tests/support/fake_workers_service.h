@@ -83,6 +83,11 @@ class FakeWorkersService : public v1::Workers::Service {
     std::lock_guard lock(mutex_);
     report_answer_ = status;
   }
+  // The answer to a success that asks for the next task brings it.
+  void BringTasksWithAnswers() {
+    std::lock_guard lock(mutex_);
+    answers_bring_tasks_ = true;
+  }
   // The next `times` calls for a lease.
   void AnswerLeasesWith(const grpc::Status& status, int times) {
     std::lock_guard lock(mutex_);
@@ -159,11 +164,15 @@ class FakeWorkersService : public v1::Workers::Service {
   }
 
   grpc::Status ReportTask(grpc::ServerContext*, const v1::ReportTaskRequest* request,
-                          v1::ReportTaskResponse*) override {
+                          v1::ReportTaskResponse* response) override {
     std::lock_guard lock(mutex_);
     if (!workers_.contains(request->worker())) return Forgotten();
     reports.push_back(*request);
     changed_.notify_all();
+    if (answers_bring_tasks_ && request->has_success() && request->lease_call() > 0 && !leases_.empty()) {
+      *response->mutable_lease() = leases_.front();
+      leases_.pop_front();
+    }
     return report_answer_;
   }
 
@@ -190,6 +199,7 @@ class FakeWorkersService : public v1::Workers::Service {
   std::set<std::string> void_;
   std::string shared_blob_dir_, probe_path_, probe_content_;
   grpc::Status report_answer_;
+  bool answers_bring_tasks_ = false;
   std::deque<grpc::Status> lease_answers_;
   grpc::Status register_answer_;
 };

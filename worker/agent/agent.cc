@@ -199,21 +199,23 @@ class Agent::Impl {
   Status LeaseLoop() {
     Backoff backoff(options_.retry);
     bool away = false;
-    int64_t lease_call = 1;  // the same until it is answered
+    std::optional<LeasedTask> lease;
     while (!draining_ && !last_task_) {
-      std::optional<LeasedTask> lease;
+      if (lease) {
+        lease = RunLease(*lease);
+        continue;
+      }
       const Status status = CallAs([&](const std::string& name) -> Status {
-        auto answer = link_.Lease(name, options_.lease_wait_s, lease_call);
+        auto answer = link_.Lease(name, options_.lease_wait_s, lease_call_);
         if (answer.ok()) lease = *std::move(answer);
         return answer.status();
       });
       if (draining_) break;
       if (status.ok()) {
-        ++lease_call;
+        ++lease_call_;
         if (away) LogInfo("coordinator is back", {{"coordinator", options_.coordinator.address}});
         away = false;
         backoff.Reset();
-        if (lease.has_value()) RunLease(*lease);
         continue;
       }
       if (RefusalOf(status) == Refusal::kOtherVersion) return status;
@@ -224,18 +226,21 @@ class Agent::Impl {
     return absl::OkStatus();
   }
 
-  void RunLease(const LeasedTask& lease) {
+  // Gives the next task, if the report's answer brought one.
+  std::optional<LeasedTask> RunLease(const LeasedTask& lease) {
     const auto attempt = std::make_shared<Attempt>(lease.task, lease.attempt);
     SetAttempt(attempt);
     const LogFields who = FieldsOf(lease);
     LogInfo("started", With(who, "title", lease.title));
-    AttemptReport report = Work(lease, *attempt);
+    const AttemptReport report = Work(lease, *attempt);
+    std::optional<LeasedTask> next;
     if (attempt->IsVoid()) {
       LogInfo("lease void, work dropped", who);
     } else {
-      Deliver(report, *attempt, who);
+      next = Deliver(report, *attempt, who);
     }
     SetAttempt(nullptr);
+    return next;
   }
 
   LogFields FieldsOf(const LeasedTask& lease) const {
@@ -319,28 +324,40 @@ class Agent::Impl {
     LogInfo(shared ? "shared storage" : "blob service", {{"folder", registration.shared_blob_dir}});
   }
 
-  // Tells the coordinator, however long it is away; gives up only when draining or when the lease is void.
-  void Deliver(const AttemptReport& report, const Attempt& attempt, const LogFields& who) {
+  // Tells the coordinator, however long it is away; gives up only when draining or when the lease is void: then once
+  // more, for it is also void if the report was taken and the answer lost. Gives the next task where the answer brings
+  // one.
+  std::optional<LeasedTask> Deliver(const AttemptReport& report, const Attempt& attempt, const LogFields& who) {
     Backoff backoff(options_.retry);
     Status status;
-    for (bool told = false;;) {
-      status = CallAs([&](const std::string& name) { return link_.Report(name, report); });
-      if (IsAnswered(status)) break;
+    std::optional<LeasedTask> next;
+    for (bool told = false, last = false;;) {
+      status = CallAs([&](const std::string& name) -> Status {
+        auto answer = link_.Report(name, report, last_task_ ? 0 : lease_call_);
+        if (answer.ok()) next = *std::move(answer);
+        return answer.status();
+      });
+      if (IsAnswered(status) || last) break;
       if (!told) LogWarning("cannot report yet", With(who, "reason", MessageOf(status)));
       told = true;
-      if (!Wait(backoff.NextDelay(status))) break;
+      if (!Wait(backoff.NextDelay(status))) {
+        if (draining_) break;
+        last = true;
+      }
     }
     if (!report.succeeded) {
       LogWarning("failed", With(who, "reason", report.failure.message));
     } else if (status.ok()) {
       LogInfo("succeeded", who);
     }
-    if (status.ok()) return;
+    if (next) ++lease_call_;
+    if (status.ok()) return next;
     if (RefusalOf(status) == Refusal::kNotCurrent || attempt.IsVoid()) {
       LogInfo("report refused: not the current attempt", who);
     } else {
       LogError("could not report", With(who, "reason", MessageOf(status)));
     }
+    return std::nullopt;
   }
 
   void SendHeartbeats() {
@@ -388,6 +405,7 @@ class Agent::Impl {
   std::atomic<bool> last_task_{false};  // written under mutex_: none is taken after the one at hand
 
   // Of the task's thread alone.
+  int64_t lease_call_ = 1;  // the same until it is answered
   TaskFiles files_;
   std::optional<TempFolder> folder_;  // the last task's
 };

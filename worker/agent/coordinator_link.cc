@@ -88,6 +88,12 @@ LeasedTask FromProto(const v1::Lease& lease) {
   return task;
 }
 
+// Of an answer that may have one.
+template <class Response>
+std::optional<LeasedTask> LeaseIn(const Response& response) {
+  return response.has_lease() ? std::optional(FromProto(response.lease())) : std::nullopt;
+}
+
 }  // namespace
 
 struct CoordinatorLink::Impl {
@@ -146,8 +152,7 @@ StatusOr<std::optional<LeasedTask>> CoordinatorLink::Lease(const std::string& wo
     impl_->leasing = nullptr;
   }
   TESSERA_RETURN_IF_ERROR(status);
-  if (!response.has_lease()) return std::optional<LeasedTask>();
-  return std::optional<LeasedTask>(FromProto(response.lease()));
+  return LeaseIn(response);
 }
 
 void CoordinatorLink::StopLeasing() {
@@ -174,7 +179,8 @@ StatusOr<std::vector<std::string>> CoordinatorLink::Heartbeat(const std::string&
   return std::vector<std::string>(response.stop_tasks().begin(), response.stop_tasks().end());
 }
 
-Status CoordinatorLink::Report(const std::string& worker, const AttemptReport& report) {
+StatusOr<std::optional<LeasedTask>> CoordinatorLink::Report(const std::string& worker, const AttemptReport& report,
+                                                            int64_t lease_call) {
   grpc::ClientContext context;
   SetDeadline(context, kReportSeconds);
   v1::ReportTaskRequest request;
@@ -194,6 +200,7 @@ Status CoordinatorLink::Report(const std::string& worker, const AttemptReport& r
     success->mutable_usage()->set_core_seconds(report.usage.core_seconds);
     success->mutable_usage()->set_peak_bytes(report.usage.peak_bytes);
     success->mutable_usage()->set_threads(report.usage.threads);
+    request.set_lease_call(lease_call);
   } else {
     v1::TaskError& failure = *request.mutable_failure();
     failure.set_error_class(ToProto(report.failure.failure_class));
@@ -205,7 +212,8 @@ Status CoordinatorLink::Report(const std::string& worker, const AttemptReport& r
     }
   }
   v1::ReportTaskResponse response;
-  return FromGrpc(impl_->stub->ReportTask(&context, request, &response));
+  TESSERA_RETURN_IF_ERROR(FromGrpc(impl_->stub->ReportTask(&context, request, &response)));
+  return LeaseIn(response);
 }
 
 Status CoordinatorLink::Unregister(const std::string& worker) {

@@ -94,8 +94,10 @@ class CoordinatorLink {
   void StopLeasing();
   // The tasks to stop, of those named.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<AttemptProgress>& running);
-  // Refusal::kNotCurrent: the attempt is no longer the current one.
-  Status Report(const std::string& worker, const AttemptReport& report);
+  // Refusal::kNotCurrent: the attempt is no longer the current one. With a success the next task comes back, if there
+  // is one for the worker now, and `lease_call` is above 0, as Lease's.
+  StatusOr<std::optional<LeasedTask>> Report(const std::string& worker, const AttemptReport& report,
+                                             int64_t lease_call);
   Status Unregister(const std::string& worker);
 
  private:

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <latch>
+#include <set>
 #include <thread>
 
 #include "common/base/refusal.h"
@@ -137,6 +138,63 @@ TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
   ASSERT_TRUE(jobs_->ListTasks(&second_context, request, &page).ok());
   EXPECT_EQ(page.tasks_size(), 1);
   EXPECT_EQ(page.next_page_token(), "");
+}
+
+// One call does for a report and the next lease. An answer that was lost loses nothing: the call again, or one for a
+// lease under the same number, is given the same.
+TEST_F(ServerTest, AReportsAnswerBringsTheNextTask) {
+  v1::Job job;
+  ASSERT_TRUE(CreateJob(&job).ok());
+  const std::string worker = Register().worker();
+  const auto report = [&](const v1::Lease& lease, int64_t lease_call, v1::ReportTaskResponse* response) {
+    grpc::ClientContext context;
+    As(context, worker);
+    v1::ReportTaskRequest request;
+    request.set_worker(worker);
+    request.set_task(lease.spec().task());
+    request.set_attempt(lease.attempt());
+    request.set_lease_call(lease_call);
+    GrantedLease granted;
+    granted.plan.kind = lease.spec().kind();
+    granted.key = lease.spec().key();
+    for (const NamedDigest& output : Result(granted).outputs) {
+      v1::OutputFile& added = *request.mutable_success()->add_outputs();
+      added.set_name(output.name);
+      added.mutable_digest()->set_sha256(output.digest.sha256);
+      added.mutable_digest()->set_size_bytes(output.digest.size_bytes);
+    }
+    return FromGrpc(workers_->ReportTask(&context, request, response));
+  };
+  const auto leased_tasks = [&] { return dispatcher_->ListWorkers().at(0).tasks; };
+
+  v1::ReportTaskResponse ingested, first, again, stale, none;
+  ASSERT_TRUE(report(LeaseOverRpc(worker).lease(), 0, &ingested).ok());
+  EXPECT_FALSE(ingested.has_lease()) << "not asked for";
+  const v1::Lease tile = LeaseOverRpc(worker).lease();
+  ASSERT_TRUE(report(tile, 7, &first).ok());
+  EXPECT_EQ(std::set({tile.spec().title(), first.lease().spec().title()}),
+            std::set<std::string>({"refine tile 0", "refine tile 1"}));
+  EXPECT_THAT(leased_tasks(), ElementsAre(first.lease().spec().task()));
+
+  ASSERT_TRUE(report(tile, 7, &again).ok());
+  EXPECT_EQ(again.SerializeAsString(), first.SerializeAsString());
+  grpc::ClientContext context;
+  As(context, worker);
+  v1::LeaseTaskRequest request;
+  request.set_worker(worker);
+  request.set_call(7);
+  v1::LeaseTaskResponse leased;
+  ASSERT_TRUE(workers_->LeaseTask(&context, request, &leased).ok());
+  EXPECT_EQ(leased.lease().SerializeAsString(), first.lease().SerializeAsString());
+
+  v1::Lease late = tile;
+  late.set_attempt(9);
+  EXPECT_EQ(RefusalOf(report(late, 8, &stale)), Refusal::kNotCurrent);
+  EXPECT_FALSE(stale.has_lease());
+  EXPECT_THAT(leased_tasks(), ElementsAre(first.lease().spec().task())) << "who is refused gets nothing";
+
+  // Nothing is waited for: the report of the last task before publish is answered whatever comes after it.
+  ASSERT_TRUE(report(first.lease(), 8, &none).ok());
 }
 
 TEST_F(ServerTest, ErrorsKeepTheirCodes) {

@@ -145,6 +145,31 @@ TEST_F(LimitsTest, WhatIsKeptOfASubmissionIsBounded) {
             grpc::StatusCode::INVALID_ARGUMENT);
 }
 
+// Of one client and of all; one that leaves makes room.
+TEST_F(LimitsTest, RegisteredWorkers) {
+  options_.worker_limits.of_client = 2;
+  StartAgain();
+  const auto try_register = [&] {
+    grpc::ClientContext context;
+    v1::RegisterWorkerRequest request;
+    request.set_version(kAlgorithmVersion);
+    v1::RegisterWorkerResponse response;
+    return FromGrpc(workers_->RegisterWorker(&context, request, &response));
+  };
+  const std::string first = Register().worker();
+  Register();
+  const Status refused = try_register();
+  ExpectLimit(refused, "workers of 'ipv4:127.0.0.1'", 2, "--max-workers-of-client");
+  EXPECT_GT(RetryDelayOf(refused), 0);
+  ASSERT_TRUE(dispatcher_->UnregisterWorker(first).ok());
+  EXPECT_TRUE(try_register().ok());
+
+  options_.worker_limits = {.of_client = 100, .in_all = 3};
+  StartAgain();
+  for (int i = 0; i < 3; ++i) Register();
+  ExpectLimit(try_register(), "workers", 3, "--max-workers");
+}
+
 TEST_F(LimitsTest, TransfersAtOnce) {
   environment_.limits.transfers = 2;
   StartAgain();

@@ -276,7 +276,7 @@ TEST_F(DispatcherTest, PlanFaultsFailTheJob) {
 
 TEST_F(DispatcherTest, ThreadsFollowTheWorkAtHand) {
   const auto worker = [&](const char* host, int threads) {
-    return dispatcher_->RegisterWorker({host, 1, threads, 1000, 8});
+    return *dispatcher_->RegisterWorker({host, 1, threads, 1000, 8});
   };
   const std::string a = worker("one", 8), b = worker("one", 8), narrow = worker("other", 3);
   Create(AJob(4));

@@ -73,6 +73,33 @@ TEST_F(LostAttemptsTest, ThreeWorkersThatDieOnMachinesThatLiveMakeATaskPoison) {
   EXPECT_THAT(Job(job).header.error, HasSubstr("fell silent over 'read the scene', one of 3 workers that did while"));
 }
 
+// A coordinator that begins anew again and again over one task, each time for too short for its worker to find it.
+TEST_F(LostAttemptsTest, WorkersThatARestartLosesSayNothingAboutTheTask) {
+  const std::string job = Create(AJob(1));
+  for (int i = 0; i < 5; ++i) {
+    ASSERT_TRUE(Lease(Worker())) << i;
+    Restart();
+    clock_.Advance(31);
+    Worker();  // the machine lives
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+    EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady);
+    EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPreempted);
+  }
+  // One that is heard of and then falls silent is what it was.
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_EQ(Job(job).header.state, JobState::kRunning);
+    const std::string worker = Worker();
+    ASSERT_TRUE(Lease(worker));
+    Restart();
+    ASSERT_TRUE(dispatcher_->Heartbeat(worker, {}).ok());
+    clock_.Advance(31);
+    Worker();
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+  }
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPoison);
+}
+
 // A suspended machine, a debugger: nobody could be heard. After it the lease is what it was before.
 TEST_F(LostAttemptsTest, TimeInWhichTheCoordinatorStoodStillIsNoSilence) {
   options_.stood_still_s = 15;

@@ -81,18 +81,26 @@ TEST(RetryRule, WhoLeavesSaysNothingAboutTheTask) {
 }
 
 TEST(RetryRule, SilenceCountsWhereTheMachineLivesOn) {
-  EXPECT_FALSE(JudgeSilence(After({Silent("m")}), AllLive, {}).final);
+  EXPECT_FALSE(JudgeSilence(After({Silent("m")}), true, AllLive, {}).final);
   const RetryVerdict third =
-      JudgeSilence(After({Silent("m"), Failed(ErrorClass::kPreempted), Silent("n")}), AllLive, {});
+      JudgeSilence(After({Silent("m"), Failed(ErrorClass::kPreempted), Silent("n")}), true, AllLive, {});
   EXPECT_TRUE(third.final);
   EXPECT_EQ(third.failure.error_class, ErrorClass::kPoison);
   EXPECT_THAT(third.failure.message, HasSubstr("workers/1-9 fell silent over 'refine tile 3', one of 3"));
-  EXPECT_FALSE(JudgeSilence(After(std::vector<Attempt>(50, Silent("gone"))), NoneLives, {}).final);
+  EXPECT_FALSE(JudgeSilence(After(std::vector<Attempt>(50, Silent("gone"))), true, NoneLives, {}).final);
   // One that came back later counts then.
   const auto lives = [](const std::string& machine) { return machine != "gone"; };
-  EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("gone")}), lives, {}).final);
-  EXPECT_TRUE(JudgeSilence(After({Silent("a"), Silent("gone"), Silent("b")}), lives, {}).final);
-  EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("b")}, "gone"), lives, {}).final);
+  EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("gone")}), true, lives, {}).final);
+  EXPECT_TRUE(JudgeSilence(After({Silent("a"), Silent("gone"), Silent("b")}), true, lives, {}).final);
+  EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("b")}, "gone"), true, lives, {}).final);
+  // Of a worker that was not heard of since the coordinator began anew nobody knows when it fell silent, and why.
+  const RetryVerdict unheard = JudgeSilence(After({Silent("a"), Silent("b")}), false, AllLive, {});
+  EXPECT_FALSE(unheard.final);
+  EXPECT_EQ(unheard.failure.error_class, ErrorClass::kPreempted);
+  Attempt before = Silent("c");
+  before.failure = unheard.failure;
+  EXPECT_FALSE(JudgeSilence(After({Silent("a"), before, before}), true, AllLive, {}).final);
+  EXPECT_TRUE(JudgeSilence(After({Silent("a"), before, Silent("b")}), true, AllLive, {}).final);
 }
 
 TEST(RetryRule, AnAttemptMayStandStillForTenTimesItsTask) {

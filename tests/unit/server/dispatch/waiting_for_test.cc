@@ -24,7 +24,7 @@ class WaitingForTest : public CoordinatorTest {
  protected:
   WaitingForTest() { dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &large_, &clock_, {}}, options_); }
   std::string WorkerWith(int64_t gib) {
-    return dispatcher_->RegisterWorker({"host", 1, 2, gib * kGiB, 0, "host/boot"});
+    return *dispatcher_->RegisterWorker({"host", 1, 2, gib * kGiB, 0, "host/boot"});
   }
   std::string Why(const std::string& job) { return Job(job).waiting_for; }
   LargePlanner large_;

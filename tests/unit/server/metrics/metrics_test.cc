@@ -171,7 +171,7 @@ TEST_F(MetricsTest, NameNobodyAndStayAsMany) {
     job.scene_path = "/secret/path";
     job.request = {"secret request " + std::to_string(i), "/secret/path", job.settings};
     Create(job);
-    dispatcher_->RegisterWorker({"secret-host", 1, 2, 1000, 0, "secret-host/boot"});
+    ASSERT_TRUE(dispatcher_->RegisterWorker({"secret-host", 1, 2, 1000, 0, "secret-host/boot"}).ok());
   }
   const std::string worker = Worker();
   ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kInternal).ok());

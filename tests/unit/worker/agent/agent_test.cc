@@ -19,6 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::Pair;
 
 TEST_F(AgentTest, RunsATaskThroughTheBlobService) {
   v1::Lease lease = NewLease("jobs/1/tasks/1", 3);
@@ -40,6 +41,24 @@ TEST_F(AgentTest, RunsATaskThroughTheBlobService) {
   EXPECT_EQ(coordinator_.blobs().Content(DigestOf(report.success().outputs(0))), "cut({})in.txt=hello;sub/other.bin=;");
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
   EXPECT_TRUE(agent_status_.ok());
+}
+
+// One call does for a report and the next lease, and what the answer does not bring is called for under the same
+// number.
+TEST_F(AgentTest, AReportsAnswerBringsTheNextTask) {
+  coordinator_.BringTasksWithAnswers();
+  for (const char* task : {"jobs/1/tasks/1", "jobs/1/tasks/2", "jobs/1/tasks/3"}) coordinator_.Queue(NewLease(task));
+  StartAgent(Concatenate);
+  EXPECT_TRUE(coordinator_.WaitFor(
+      [](const FakeWorkersService& c) { return c.reports.size() == 3 && c.lease_calls.size() == 2; }));
+  StopAgent();
+  std::vector<std::pair<std::string, int64_t>> reports;
+  for (const v1::ReportTaskRequest& report : coordinator_.reports) {
+    EXPECT_TRUE(report.has_success());
+    reports.emplace_back(report.task(), report.lease_call());
+  }
+  EXPECT_THAT(reports, ElementsAre(Pair("jobs/1/tasks/1", 2), Pair("jobs/1/tasks/2", 3), Pair("jobs/1/tasks/3", 4)));
+  EXPECT_THAT(coordinator_.lease_calls, ElementsAre(1, 4));
 }
 
 TEST_F(AgentTest, ATaskUsesTheThreadsOfItsLease) {
