@@ -28,7 +28,10 @@ std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, con
 
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings) {
   MethodRules rules;
-  if (method == "baseline") rules.geometry_knows_labels = rules.labels_first = false;
+  if (method == "baseline") {
+    rules.rounds = kBaselineRounds;
+    rules.geometry_knows_labels = rules.labels_first = false;
+  }
   if (method == "paper") {
     rules.rounds = kPaperRounds;
     rules.labels_first = false;

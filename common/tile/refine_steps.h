@@ -9,7 +9,7 @@
 
 namespace tessera {
 
-inline constexpr int kPaperRounds = 5;
+inline constexpr int kTesseraRounds = 2, kBaselineRounds = 1, kPaperRounds = 5;
 
 struct RefineStep {
   int round = -1;           // -1: before the first
@@ -33,7 +33,7 @@ std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, con
 
 // What a method does about rounds and labels where its settings leave it open, and what they ask for where not.
 struct MethodRules {
-  int rounds = 1;
+  int rounds = kTesseraRounds;
   bool labels_first = true;           // labels are solved before the first geometry too
   bool geometry_knows_labels = true;  // false: the geometry sees a mesh without labels
 };

@@ -98,7 +98,8 @@ std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) 
   const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
   const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
   std::vector<int> chosen = ActiveSteps(steps, rules, traits);
-  std::erase_if(chosen, [&](int s) { return steps[s].round != steps.back().round; });
+  // Later rounds are at the finest level alone, so the first one is among them.
+  std::erase_if(chosen, [&](int s) { return steps[s].round != 0 && steps[s].round != steps.back().round; });
   if (survey.revision) return chosen;  // new faces lie at the start
   std::set<int> levels;
   for (const int s : chosen) {

@@ -55,8 +55,8 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
 // Of the task that took the base's survey on: what is new is read, and cells that it may show choose their views.
 Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);
 
-// The steps that tiles take which begin at a refined state: of the last round labels and the two finest levels; all
-// levels if the mesh changed. Indices in RefineStepsOf.
+// The steps that tiles take which begin at a refined state: of the first round and the last labels and the two finest
+// levels; all levels if the mesh changed. Indices in RefineStepsOf.
 std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey);
 
 // kUpdateFile. Of `tiles_of_base` it names those that are gone. `full`: what a job on all images is predicted to take,

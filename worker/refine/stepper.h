@@ -29,7 +29,7 @@ struct StepperOptions {
   int smoothing_sweeps = 20;             // Chebyshev sweeps of the semi-implicit step
 
   double max_step_px = 1.0;                          // per iteration, pixels of the level
-  double step_decay = 0.9;                           // of the step cap per iteration
+  double step_decay = 0.95;                          // of the step cap per iteration
   double grid_gsd = 0.016;                           // steps end on a grid of (at most) so much
   double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
   int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)

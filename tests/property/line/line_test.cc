@@ -250,6 +250,7 @@ TEST(Line, WithoutBothThereIsOneClass) {
 std::string RunMethod(const std::string& folder, const std::string& method) {
   JobSettings settings;
   settings.tiles = 2;
+  settings.rounds = 2;
   settings.method = method;
   settings.method_settings.levels = {1, 0};
   settings.method_settings.iterations = {2, 2};
@@ -364,7 +365,7 @@ TEST(Line, MethodAndSettingsReachTheRefinement) {
   settings.method_settings.views_per_direction.reset();
 
   const nlohmann::json ours = RefineStats(folder, "ours", settings);
-  EXPECT_EQ(ours.at("rounds").size(), 1u);
+  EXPECT_EQ(ours.at("rounds").size(), 2u);
   EXPECT_TRUE(ours.contains("labels_first"));
   settings.method = "paper";
   const nlohmann::json paper = RefineStats(folder, "paper", settings);

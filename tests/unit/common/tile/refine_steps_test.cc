@@ -26,7 +26,9 @@ TEST(RefineSteps, RulesAreTheMethodsUnlessSettingsSayOther) {
   EXPECT_TRUE(MethodRulesOf("paper", 0, {}).geometry_knows_labels);
   EXPECT_EQ(MethodRulesOf("paper", 0, {}).rounds, kPaperRounds);
   EXPECT_EQ(MethodRulesOf("paper", 2, {}).rounds, 2);
-  EXPECT_EQ(MethodRulesOf("tessera", 0, {}).rounds, 1);
+  EXPECT_EQ(MethodRulesOf("tessera", 0, {}).rounds, kTesseraRounds);
+  EXPECT_EQ(MethodRulesOf("", 0, {}).rounds, kTesseraRounds);
+  EXPECT_EQ(MethodRulesOf("baseline", 0, {}).rounds, kBaselineRounds);
   MethodSettings other;
   other.labels_first = false;
   EXPECT_FALSE(MethodRulesOf("tessera", 0, other).labels_first);

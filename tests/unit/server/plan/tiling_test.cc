@@ -7,6 +7,7 @@
 #include <numeric>
 #include <set>
 
+#include "common/tile/refine_steps.h"
 #include "server/plan/cost_model.h"
 #include "server/plan/graph.h"
 #include "tests/unit/server/plan/small_surveys.h"
@@ -183,7 +184,7 @@ TEST(CostModel, CoarserLevelsTakeLess) {
   JobSettings coarse, twice;
   coarse.method_settings.levels = {2, 1};
   coarse.method_settings.iterations = {3, 10};
-  twice.rounds = 2;
+  twice.rounds = 2 * kTesseraRounds;
   const Survey survey = SeenFromAbove(20);
   const TileWork work = MeasureTile(CellIndex(survey), {-5, -3, 15, 17});
   const auto compare = [&](Prediction (*predict)(const TileWork&, const RefineEffort&)) {
