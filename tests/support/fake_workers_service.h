@@ -73,6 +73,11 @@ class FakeWorkersService : public v1::Workers::Service {
     std::lock_guard lock(mutex_);
     void_.insert(task);
   }
+  // The task's report is taken, and its answers are lost until a heartbeat was told that nobody has the task any more.
+  void LoseAnswersOf(const std::string& task) {
+    std::lock_guard lock(mutex_);
+    lost_task_ = task;
+  }
   void ShareFolder(const std::string& dir, const std::string& probe_path, const std::string& probe_content) {
     std::lock_guard lock(mutex_);
     shared_blob_dir_ = dir;
@@ -111,6 +116,7 @@ class FakeWorkersService : public v1::Workers::Service {
   int registrations = 0;
   int leases_asked = 0;
   std::vector<int64_t> lease_calls;
+  int reports_answered = 0;
 
   grpc::Status RegisterWorker(grpc::ServerContext*, const v1::RegisterWorkerRequest*,
                               v1::RegisterWorkerResponse* response) override {
@@ -158,6 +164,7 @@ class FakeWorkersService : public v1::Workers::Service {
     for (const v1::TaskProgress& task : request->tasks()) {
       progress.push_back(task);
       if (void_.contains(task.task())) response->add_stop_tasks(task.task());
+      if (void_.contains(task.task()) && task.task() == lost_task_) lost_task_.clear();
     }
     changed_.notify_all();
     return grpc::Status::OK;
@@ -169,6 +176,11 @@ class FakeWorkersService : public v1::Workers::Service {
     if (!workers_.contains(request->worker())) return Forgotten();
     reports.push_back(*request);
     changed_.notify_all();
+    if (request->task() == lost_task_) {
+      void_.insert(lost_task_);
+      return grpc::Status(grpc::StatusCode::UNAVAILABLE, "lost");
+    }
+    ++reports_answered;
     if (answers_bring_tasks_ && request->has_success() && request->lease_call() > 0 && !leases_.empty()) {
       *response->mutable_lease() = leases_.front();
       leases_.pop_front();
@@ -197,6 +209,7 @@ class FakeWorkersService : public v1::Workers::Service {
   std::deque<v1::Lease> leases_;
   std::set<std::string> workers_;
   std::set<std::string> void_;
+  std::string lost_task_;
   std::string shared_blob_dir_, probe_path_, probe_content_;
   grpc::Status report_answer_;
   bool answers_bring_tasks_ = false;

@@ -212,6 +212,18 @@ TEST_F(AgentTest, AVoidLeaseStopsTheWorkAndIsNotReported) {
   EXPECT_EQ(coordinator_.reports.size(), 1u);
 }
 
+// A lease is void too once its report was taken: who did not hear the answer asks once more before he goes on.
+TEST_F(AgentTest, AReportWhoseAnswerWasLostIsAnsweredAfterAll) {
+  coordinator_.LoseAnswersOf("jobs/1/tasks/1");
+  coordinator_.Queue(NewLease("jobs/1/tasks/1"));
+  coordinator_.Queue(NewLease("jobs/1/tasks/2"));
+  StartAgent(Concatenate);
+  EXPECT_TRUE(coordinator_.WaitFor([](const FakeWorkersService& c) { return c.reports_answered == 2; }));
+  StopAgent();
+  EXPECT_GT(coordinator_.reports.size(), 2u);
+  EXPECT_EQ(coordinator_.reports.back().task(), "jobs/1/tasks/2");
+}
+
 TEST_F(AgentTest, ProgressGoesWithHeartbeats) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1", 7));
   StartAgent([&](const TaskRequest& request, const TaskControl& control) {
