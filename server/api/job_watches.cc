@@ -1,6 +1,7 @@
 #include "server/api/job_watches.h"
 
 #include <grpcpp/grpcpp.h>
+#include <grpcpp/impl/codegen/proto_utils.h>
 #include <time.h>
 
 #include <algorithm>
