@@ -81,12 +81,11 @@ StatusOr<std::vector<Variant>> MakeVariants(const Arguments& arguments) {
   std::vector<Variant> variants;
   for (const std::string& method : arguments.methods) {
     if (method == "baseline" && !arguments.rungs.empty()) {  // what the rungs stand beside
-      variants.push_back({method, {arguments.tiles, 0, 0, method, {}}});
+      variants.push_back({method, {arguments.tiles, 0, arguments.rounds, method, {}}});
       continue;
     }
     for (const auto& [suffix, one] : settings) {
       Variant variant = {method + suffix, {arguments.tiles, 0, arguments.rounds, method, one}};
-      if (method == "baseline") variant.settings.rounds = 0;  // labels do not steer it: more would only repeat it
       TESSERA_RETURN_IF_ERROR(CheckJobSettings(variant.settings));
       variants.push_back(std::move(variant));
     }
