@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <future>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -194,6 +195,13 @@ TEST_F(DispatcherTest, ATileStaysWithItsWorkerUnlessThatOneIsSlow) {
   ASSERT_TRUE(lease);
   EXPECT_EQ(lease->plan.kind, "refine");
   ASSERT_TRUE(Fail(keeper, *lease, ErrorClass::kPreempted).ok());
+  // A call that comes with a report waits for nothing, and yet does not take it from its keeper.
+  std::promise<bool> brought;
+  LeaseCall with_report = {.worker = other,
+                           .done = [&](LeaseAnswer answer) { brought.set_value(answer->has_value()); }};
+  with_report.comes_with_report = true;
+  dispatcher_->LeaseTask(std::move(with_report));
+  EXPECT_FALSE(brought.get_future().get());
   // It waits no longer than it would for any task.
   const auto taken = dispatcher_->LeaseTask(other, 0.2, {});
   ASSERT_TRUE(taken.ok() && *taken);
