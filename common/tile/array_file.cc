@@ -16,6 +16,7 @@ constexpr char kMagic[8] = {'T', 'E', 'S', 'A', 'R', 'R', '\0', '\1'};
 constexpr uint64_t kAlignment = 64;
 constexpr size_t kFixedHeaderBytes = 32;
 constexpr size_t kEntryBytes = 2 + 1 + 8 + 8 + 8;  // without the name
+constexpr size_t kMostNameBytes = 255;             // names are quoted in messages
 
 uint64_t Aligned(uint64_t offset) { return (offset + kAlignment - 1) / kAlignment * kAlignment; }
 
@@ -167,6 +168,10 @@ StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std
     if (!cursor.Has(kEntryBytes)) return Damaged(name, at, "the end of the file", "an array's entry");
     ArrayFileHeader::Entry entry;
     const size_t name_bytes = cursor.Next<uint16_t>();
+    if (name_bytes > kMostNameBytes) {
+      return Damaged(name, at, "a name of " + std::to_string(name_bytes) + " bytes",
+                     "at most " + std::to_string(kMostNameBytes));
+    }
     if (!cursor.Has(name_bytes + kEntryBytes - 2)) return Damaged(name, at, "the end of the file", "an array's entry");
     entry.name = cursor.NextString(name_bytes);
     entry.type = cursor.Next<uint8_t>();

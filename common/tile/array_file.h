@@ -47,7 +47,7 @@ struct ArrayFile {
 
 // Layout (little-endian): "TESARR" 0 VERSION; u64 file size; u64 metadata size; u64 array count; then for each array,
 // by name: u16 name size, name, u8 type, u64 count, u64 offset, u64 XXH3 of its bytes; then the metadata; u64 XXH3 of
-// everything so far; then the arrays' bytes, each at a multiple of 64 with zeros between.
+// everything so far; then the arrays' bytes, each at a multiple of 64 with zeros between. Names have 255 bytes at most.
 std::string SerializeArrayFile(const ArrayFile& file);
 
 // Strict: anything but what SerializeArrayFile writes is DATA_LOSS with the byte offset, what was found and what was

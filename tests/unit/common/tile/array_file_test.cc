@@ -61,6 +61,16 @@ TEST(ArrayFile, TakeChecksNameTypeAndCount) {
   EXPECT_FALSE(file.Take<float>("floats").ok()) << "it was moved out";
 }
 
+TEST(ArrayFile, NamesAreShort) {
+  ArrayFile file;
+  file.arrays[std::string(255, 'a')] = std::vector<double>{1};
+  EXPECT_TRUE(ParseArrayFile(SerializeArrayFile(file), "short").ok());
+  file.arrays[std::string(256, 'b')] = std::vector<double>{1};
+  const Status refused = ParseArrayFile(SerializeArrayFile(file), "long").status();
+  EXPECT_EQ(refused.code(), absl::StatusCode::kDataLoss);
+  EXPECT_LT(refused.message().size(), 100u) << refused;
+}
+
 TEST(ArrayFile, MissingFileIsNotFound) {
   EXPECT_EQ(ReadArrayFile(testing::TempDir() + "/no_such.arrays").status().code(), absl::StatusCode::kNotFound);
 }
