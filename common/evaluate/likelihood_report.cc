@@ -9,9 +9,12 @@
 namespace tessera {
 namespace {
 
-ConfusionMatrix Sum(const std::vector<NamedConfusion>& views, size_t classes) {
+ConfusionMatrix Sum(const std::vector<NamedConfusion>& views, size_t classes,
+                    ConfusionMatrix NamedConfusion::*of = &NamedConfusion::confusion) {
   ConfusionMatrix all(static_cast<int>(classes));
-  for (const NamedConfusion& view : views) all.Add(view.confusion);
+  for (const NamedConfusion& view : views) {
+    if ((view.*of).classes() > 0) all.Add(view.*of);
+  }
   return all;
 }
 
@@ -36,13 +39,17 @@ std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std:
   std::string text =
       absl::StrFormat("%-34s %12s %8s %8s %8s\n", "likeliest class of pixels", "pixels", "OA", "AA", "mIoU");
   for (const NamedConfusion& view : views) text += ScoreRow("  " + view.name, view.confusion);
-  const ConfusionMatrix all = Sum(views, classes.size());
-  text += ScoreRow("all", all);
-  const LabelScores scores = ScoreLabels(all);
-  for (size_t c = 0; c < classes.size(); ++c) {
-    absl::StrAppendFormat(&text, "  %-32s recall %.4f, precision %.4f, IoU %.4f\n", classes[c],
-                          scores.classes[c].recall, scores.classes[c].precision, scores.classes[c].iou);
-  }
+  const auto add = [&](const std::string& name, const ConfusionMatrix& all) {
+    text += ScoreRow(name, all);
+    const LabelScores scores = ScoreLabels(all);
+    for (size_t c = 0; c < classes.size(); ++c) {
+      absl::StrAppendFormat(&text, "  %-32s recall %.4f, precision %.4f, IoU %.4f\n", classes[c],
+                            scores.classes[c].recall, scores.classes[c].precision, scores.classes[c].iou);
+    }
+  };
+  add("all", Sum(views, classes.size()));
+  const ConfusionMatrix mesh = Sum(views, classes.size(), &NamedConfusion::mesh);
+  if (mesh.total() > 0) add("all: the mesh's labels there", mesh);
   return text;
 }
 
@@ -54,6 +61,8 @@ std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::
     for (int r = 0; r < all.classes(); ++r) row.push_back(all.at(t, r));
     json["confusion"].push_back(std::move(row));
   }
+  const ConfusionMatrix mesh = Sum(views, classes.size(), &NamedConfusion::mesh);
+  if (mesh.total() > 0) json["mesh"] = ScoresOf(mesh);
   for (const NamedConfusion& view : views) json["views"][view.name] = ScoresOf(view.confusion);
   return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }

@@ -24,13 +24,15 @@ std::string EvaluationTable(const std::vector<NamedEvaluation>& evaluations, con
 std::string EvaluationJson(const std::vector<NamedEvaluation>& evaluations, const std::vector<std::string>& classes,
                            const EvaluationOptions& options);
 
-// A view's likeliest classes against its truth.
+// A view's likeliest classes against its truth, and a mesh's labels over the same pixels (empty: no mesh).
 struct NamedConfusion {
   std::string name;
   ConfusionMatrix confusion;
+  ConfusionMatrix mesh;
 };
 
-// Overall and average accuracy and mean IoU of each view and of all together, and recall and precision a class of all.
+// Overall and average accuracy and mean IoU of each view and of all together, and recall and precision a class of all;
+// then those of the mesh's labels.
 std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
 std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
 

@@ -14,6 +14,7 @@ namespace {
 
 constexpr size_t kMaxHeaderLineBytes = 64 << 10;
 constexpr int64_t kMaxHeaderLines = 100000;
+constexpr size_t kMaxNameBytes = 100;  // of elements and properties: messages name them
 
 constexpr std::array<std::pair<std::string_view, PlyType>, 16> kTypes = {{{"char", PlyType::kInt8},
                                                                           {"int8", PlyType::kInt8},
@@ -111,6 +112,12 @@ class HeaderParser {
     return InputError(name_, absl::StrCat("line ", line), found, expected);
   }
 
+  Status CheckName(std::string_view name) const {
+    if (name.size() <= kMaxNameBytes) return absl::OkStatus();
+    return Error(absl::StrCat("a name of ", name.size(), " bytes: ", Quoted(name)),
+                 absl::StrCat("at most ", kMaxNameBytes, " bytes"));
+  }
+
   Status Format(const std::vector<std::string_view>& words) {
     if (has_format_) return Error("a second format", "one");
     if (words.size() != 3) return Error(absl::StrCat("a format of ", words.size(), " words"), "'format NAME 1.0'");
@@ -131,6 +138,7 @@ class HeaderParser {
   Status Element(const std::vector<std::string_view>& words) {
     if (words.size() != 3) return Error(absl::StrCat("an element of ", words.size(), " words"), "'element NAME COUNT'");
     PlyElement element;
+    TESSERA_RETURN_IF_ERROR(CheckName(words[1]));
     element.name = std::string(words[1]);
     element.line = lines_;
     const char* end = words[2].data() + words[2].size();
@@ -171,6 +179,7 @@ class HeaderParser {
     if (property.is_list && (!FindType(words[2], property.count_type) || !IsInteger(property.count_type))) {
       return Error(absl::StrCat("list count type ", Quoted(words[2])), "an integer type");
     }
+    TESSERA_RETURN_IF_ERROR(CheckName(words[type_at + 1]));
     property.name = std::string(words[type_at + 1]);
     PlyElement& element = header_.elements.back();
     for (const PlyProperty& other : element.properties) {

@@ -111,6 +111,16 @@ Status CheckMethod(const std::string& method, const MethodSettings& settings) {
   if (method == "baseline" && (settings.semantic || settings.inter)) {
     faults.Add(Fault(settings.semantic ? "semantic" : "inter", "a weight", "none: baseline knows no classes"));
   }
+  if (method == kLabelsMethod) {
+    MethodSettings taken;  // views choose what labels are seen by
+    taken.normal_prior = settings.normal_prior;
+    taken.label_smoothness = settings.label_smoothness;
+    taken.views_per_direction = settings.views_per_direction;
+    if (settings != taken) {
+      faults.Add(Fault("method settings", "some of geometry",
+                       "normal_prior, label_smoothness and views_per_direction at most: labels moves nothing"));
+    }
+  }
   return faults.ToStatus();
 }
 

@@ -12,8 +12,10 @@
 
 namespace tessera {
 
-// tessera: ours. baseline: Vu et al. 2012, images alone. paper: Bláha et al. 2017, its terms and rounds.
-inline constexpr std::array<const char*, 3> kMethods = {"tessera", "baseline", "paper"};
+// tessera: ours. baseline: Vu et al. 2012, images alone. paper: Bláha et al. 2017, its terms and rounds. labels: no
+// vertex moves, labels are solved once.
+inline constexpr std::array<const char*, 4> kMethods = {"tessera", "baseline", "paper", "labels"};
+inline constexpr const char* kLabelsMethod = "labels";
 
 // What is not set (empty for lists) is as the method has it.
 struct MethodSettings {

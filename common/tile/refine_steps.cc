@@ -21,9 +21,10 @@ std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, con
   const auto or_standard = [](const ListSetting& list, const std::vector<int>& value) {
     return value.empty() ? list.standard : value;
   };
+  const MethodRules rules = MethodRulesOf(method, rounds, settings);
+  if (!rules.moves) return MakeRefineSteps({}, {}, rules.rounds);
   return MakeRefineSteps(or_standard(ListSettings()[0], settings.levels),
-                         or_standard(ListSettings()[1], settings.iterations),
-                         MethodRulesOf(method, rounds, settings).rounds);
+                         or_standard(ListSettings()[1], settings.iterations), rules.rounds);
 }
 
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings) {
@@ -35,6 +36,10 @@ MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSet
   if (method == "paper") {
     rules.rounds = kPaperRounds;
     rules.labels_first = false;
+  }
+  if (method == kLabelsMethod) {
+    rules.rounds = 1;
+    rules.geometry_knows_labels = rules.labels_first = rules.moves = false;
   }
   if (rounds > 0) rules.rounds = rounds;
   if (settings.labels_first) rules.labels_first = *settings.labels_first;

@@ -36,6 +36,7 @@ struct MethodRules {
   int rounds = kTesseraRounds;
   bool labels_first = true;           // labels are solved before the first geometry too
   bool geometry_knows_labels = true;  // false: the geometry sees a mesh without labels
+  bool moves = true;                  // false: labels alone
 };
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings);
 

@@ -32,6 +32,7 @@ namespace fs = std::filesystem;
 struct ClassifyArguments {
   std::string scene, out;
   std::string train, model, save_model;
+  std::string mesh;  // in place of the scene's
   uint64_t seed = 1;
   int threads = 0;
   bool quiet = false;
@@ -69,7 +70,12 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
   ClassifyReport report;
   SceneLoadOptions load;
   load.all_classes = true;
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.scene, &report.warnings, load));
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(arguments.scene, &report.warnings, load));
+  if (!arguments.mesh.empty()) {
+    std::error_code error;
+    scene.mesh_path = fs::relative(arguments.mesh, scene.folder, error).string();
+    if (error) return InputError(arguments.mesh, "", error.message(), "a mesh in the scene's coordinates");
+  }
   TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, LoadSceneMesh(scene, 0));
   if (mesh.faces.empty()) return InputError(scene.mesh_path, "", "no faces", "at least one");
   TESSERA_ASSIGN_OR_RETURN(report.gsd_m, MedianGsd(scene, mesh));
@@ -158,6 +164,9 @@ void AddClassifyCommand(CLI::App& app, int* exit_code) {
   command->add_option("--model", arguments->model, "what --save-model wrote, of another flight or city")
       ->excludes(train);
   command->add_option("--save-model", arguments->save_model, "also write what was learnt to this file")->needs(train);
+  command->add_option(
+      "--mesh", arguments->mesh,
+      "a mesh in place of the scene's, as a job refined it: truer features, truer labels; OUT takes it over");
   command->add_option("--seed", arguments->seed, "of the pixels drawn")->capture_default_str();
   command->add_option("--threads", arguments->threads, "0: one for each core; the same bytes for any number")
       ->check(CLI::NonNegativeNumber);
@@ -166,6 +175,8 @@ void AddClassifyCommand(CLI::App& app, int* exit_code) {
       "Examples:\n"
       "  tessera classify city --train painted --out classified --save-model city.model\n"
       "  tessera run classified --out out\n"
+      "  tessera classify city --train painted --mesh out/mesh.ply --out again      once the shape is refined;\n"
+      "  tessera run again --method labels --out labelled                           then the labels alone\n"
       "  tessera classify next-city --model city.model --out classified-next\n"
       "  tessera classify bare --out guessed          without both: a default from the mesh and greenness");
   command->callback([arguments, exit_code] {

@@ -26,9 +26,8 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
   const char* const group = "Method";
   command
       .add_option("--method", settings->method,
-                  "tessera; baseline: Vu et al. 2012, images alone; paper: Blaha et al. 2017, its terms and rounds. "
-                  "The defaults "
-                  "below are those of tessera")
+                  "tessera; baseline: Vu et al. 2012, images alone; paper: Blaha et al. 2017, its terms and rounds; "
+                  "labels: the shape stays. The defaults below are those of tessera")
       ->type_name(absl::StrJoin(kMethods, "|"))
       ->capture_default_str()
       ->group(group);

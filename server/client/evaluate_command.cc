@@ -11,8 +11,10 @@
 
 #include "common/base/parallel.h"
 #include "common/evaluate/evaluator.h"
+#include "common/evaluate/label_rendering.h"
 #include "common/evaluate/likelihood_scores.h"
 #include "common/evaluate/report.h"
+#include "common/geometry/ray_caster.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/ply.h"
 #include "common/scene/scene.h"
@@ -33,7 +35,7 @@ struct EvaluateArguments {
   std::string truth;  // folder; empty: SCENE/truth
   std::string json;
   std::optional<double> rim_m;
-  std::string likelihoods;                // folder; measured in place of a mesh
+  std::string likelihoods;                // folder; measured in place of a mesh, or beside its labels
   std::vector<std::string> except_views;  // names, with or without extension
   bool no_start = false;
   int threads = 0;
@@ -94,6 +96,39 @@ StatusOr<std::string> LikelihoodPath(const std::string& folder, const SceneView&
                     "no .tif, .tiff, .npy or .png", "the likelihoods of image '" + view.name + "'");
 }
 
+// What views show of a mesh's labels, where the start has a surface too.
+class MeshInViews {
+ public:
+  // Faces without a label are wrong wherever they show. `mesh` is not kept.
+  static StatusOr<MeshInViews> Of(TriangleMesh mesh, const std::string& path, const SceneDescription& scene) {
+    if (mesh.labels.empty()) return InputError(path, "", "no labels", "labels to compare with the likelihoods");
+    for (int32_t& label : mesh.labels) label = label < 0 ? static_cast<int32_t>(scene.classes.size()) : label;
+    TESSERA_ASSIGN_OR_RETURN(const TriangleMesh start, LoadSceneMesh(scene, 0));
+    return MeshInViews(std::move(mesh), start, scene);
+  }
+
+  LabelImage Rendered(size_t view) const {
+    const SceneView& of = scene_->views[view];
+    const PosedCamera camera = of.camera;
+    LabelImage labels = RenderLabels(mesh_, caster_, camera);
+    const Eigen::Vector3d centre = camera.Centre();
+    for (int y = 0; y < labels.height; ++y) {
+      for (int x = 0; x < labels.width; ++x) {
+        if (!start_.Cast(centre, camera.Ray(x + 0.5, y + 0.5)).hit()) labels.at(x, y) = 255;
+      }
+    }
+    return labels;
+  }
+
+ private:
+  MeshInViews(TriangleMesh mesh, const TriangleMesh& start, const SceneDescription& scene)
+      : scene_(&scene), mesh_(std::move(mesh)), caster_(mesh_), start_(start) {}
+
+  const SceneDescription* scene_;
+  TriangleMesh mesh_;
+  RayCaster caster_, start_;
+};
+
 Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescription& scene,
                            const TruthLabelSource& truth_labels) {
   const int classes = static_cast<int>(scene.classes.size());
@@ -103,11 +138,21 @@ Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescri
     TESSERA_ASSIGN_OR_RETURN(const std::string path, LikelihoodPath(arguments.likelihoods, scene.views[view]));
     return ReadLikelihoods(path, classes, scene.views[view].lens);
   };
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<ConfusionMatrix> confusions,
-                           ConfuseLikelihoods(lenses, classes, truth_labels, likelihoods));
+  std::optional<MeshInViews> mesh_in_views;
+  LabelRendering rendering;
+  if (!arguments.mesh.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene.frame));
+    TESSERA_RETURN_IF_ERROR(CheckMesh(mesh, arguments.mesh, scene.classes.size()));
+    TESSERA_ASSIGN_OR_RETURN(mesh_in_views, MeshInViews::Of(std::move(mesh), arguments.mesh, scene));
+    rendering = [&](size_t view) { return mesh_in_views->Rendered(view); };
+  }
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<LikelihoodConfusion> confusions,
+                           ConfuseLikelihoods(lenses, classes, truth_labels, likelihoods, rendering));
   std::vector<NamedConfusion> named;
   for (size_t v = 0; v < confusions.size(); ++v) {
-    if (confusions[v].total() > 0) named.push_back({scene.views[v].name, confusions[v]});
+    if (confusions[v].likelihoods.total() > 0) {
+      named.push_back({scene.views[v].name, confusions[v].likelihoods, confusions[v].mesh});
+    }
   }
   if (named.empty()) {
     return InputError(arguments.truth, "", "no IMAGE_label.png of a view that counts", "true labels of some images");
@@ -191,17 +236,17 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
       "area and by rendered pixels.\n\n"
       "  tessera evaluate out/mesh.ply --scene city\n"
       "  tessera evaluate peer.ply --scene campus --rim 3 --json peer.json\n"
-      "  tessera evaluate --likelihoods classified/geometry --scene city --except-views 0000,0007");
+      "  tessera evaluate --likelihoods classified/geometry --scene city --except-views 0000,0007\n"
+      "  tessera evaluate out/mesh.ply --likelihoods classified/geometry --scene city");
   EvaluationOptions& options = arguments->options;
-  CLI::Option* mesh =
-      command->add_option("mesh", arguments->mesh, "PLY in the scene's own coordinates, as a job writes it");
+  command->add_option("mesh", arguments->mesh, "PLY in the scene's own coordinates, as a job writes it");
   command->add_option("--scene", arguments->scene, "the scene's folder or its scene.json")->required();
   command->add_option("--truth", arguments->truth,
                       "folder of mesh.ply and IMAGE_label.png, in the scene's coordinates (default SCENE/truth)");
-  CLI::Option* likelihoods =
-      command->add_option("--likelihoods", arguments->likelihoods,
-                          "folder of likelihoods to measure in place of a mesh: their likeliest class, pixel by pixel");
-  mesh->excludes(likelihoods);
+  command->add_option(
+      "--likelihoods", arguments->likelihoods,
+      "folder of likelihoods to measure in place of a mesh: their likeliest class, pixel by pixel; with a\n"
+      "mesh, beside its labels, where it and the start have a surface");
   command
       ->add_option("--except-views", arguments->except_views,
                    "images whose pixels do not count for labels, as those that were annotated: 0000,0007")

@@ -168,7 +168,14 @@ class Graph {
       AddSolves(s, step, reads);
       if (step.ends_level) AddMends(s, /*before=*/false, reads);
     }
-    if (!mended) AddMends(static_cast<int>(steps.size()) - 1, /*before=*/true, reads);  // publish needs a state
+  }
+
+  // Publish needs a state of each tile.
+  Status CheckSteps() const {
+    if (!StepsTaken(settings_, survey_, goes_on_).empty()) return absl::OkStatus();
+    return InputError(survey_.scene_name, "likelihoods", "none of two classes or more",
+                      absl::StrCat("some: labels are all that the method \"", MethodName(),
+                                   "\" solves, and tessera classify makes likelihoods"));
   }
 
   Status CheckQuote() const {
@@ -440,6 +447,7 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
   } else {
     TESSERA_RETURN_IF_ERROR(graph.CheckQuote());
   }
+  TESSERA_RETURN_IF_ERROR(graph.CheckSteps());
   graph.AddCuts();
   if (graph.tiles() == 1 && !graph.goes_on()) {
     graph.AddCrops();

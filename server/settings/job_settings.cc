@@ -19,6 +19,10 @@ Status CheckJobSettings(const JobSettings& settings) {
                                                        "takes) or 128 MiB to 64 TiB")));
   }
   check("rounds", settings.rounds, kMaxRounds, "the method's own");
+  if (settings.method == kLabelsMethod && settings.rounds > 1) {
+    faults.Add(absl::InvalidArgumentError(
+        absl::StrCat("rounds: found ", settings.rounds, ", expected 1: labels are solved once where nothing moves")));
+  }
   faults.Add(CheckMethod(settings.method, settings.method_settings));
   if (!(settings.max_core_seconds >= 0)) {
     faults.Add(absl::InvalidArgumentError(

@@ -40,6 +40,18 @@ class ClassifyTest : public testing::Test {
     return nlohmann::json::parse(Content(json))["all"]["overall_accuracy"];
   }
 
+  // Of a mesh's labels, where it and the start have a surface.
+  double MeshAccuracy(const std::string& mesh, const std::string& likelihoods) {
+    const std::string json = folder_.path() + "/beside.json";
+    const Outcome outcome = Run({"evaluate", mesh, "--likelihoods", likelihoods, "--scene", ToyCity(), "--except-views",
+                                 except_, "--json", json});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
+    EXPECT_THAT(outcome.output, HasSubstr("all: the mesh's labels there"));
+    const auto figures = nlohmann::json::parse(Content(json));
+    EXPECT_EQ(figures["mesh"]["pixels"], figures["all"]["pixels"]) << "over the same pixels";
+    return figures["mesh"]["overall_accuracy"];
+  }
+
   TempFolder folder_;
   const std::string painted_;
   std::string except_;  // the painted images
@@ -60,6 +72,19 @@ TEST_F(ClassifyTest, FourPaintedImagesGiveALabelledMesh) {
                            "--iterations", "2", "--tiles", "1"});
   ASSERT_EQ(run.exit_code, 0) << run.output;
   EXPECT_GT(fs::file_size(folder_.path() + "/out/mesh.ply"), 1000u);
+
+  // Seen on the refined shape, which stays.
+  const std::string refined = folder_.path() + "/refined", mesh = folder_.path() + "/out/mesh.ply",
+                    labelled = folder_.path() + "/labelled";
+  const Outcome seen = Run({"classify", ToyCity(), "--train", painted_, "--mesh", mesh, "--out", refined});
+  ASSERT_EQ(seen.exit_code, 0) << seen.output;
+  EXPECT_EQ(fs::canonical(refined + "/mesh.ply"), fs::canonical(mesh));
+  const Outcome labels = Run({"run", refined, "--out", labelled, "--method", "labels", "--tiles", "2"});
+  ASSERT_EQ(labels.exit_code, 0) << labels.output;
+  const double before = MeshAccuracy(mesh, out + "/geometry"),
+               after = MeshAccuracy(labelled + "/mesh.ply", out + "/geometry");
+  EXPECT_GT(before, 0.8);
+  EXPECT_GT(after, before - 0.02) << "truer features, though the toy's four iterations make no truer shape";
 
   const std::string again = folder_.path() + "/again";
   const Outcome by_model = Run({"classify", ToyCity(), "--model", model, "--out", again});

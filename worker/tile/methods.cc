@@ -55,6 +55,10 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
     options.label.smoothness_weight = kPaperLabelSmoothness;
   }
   Apply(parameters.settings, &options);
+  if (!rules.moves) {
+    options.geometry.levels.clear();
+    options.geometry.iterations.clear();
+  }
   return options;
 }
 

@@ -117,7 +117,7 @@ class CityRefiner {
 
   Status Geometry(int round, const TaskControl& control, json* report) {
     // Where nothing is compared, what is left would only smooth.
-    if (!package_.compares || data_.pairs.empty()) return absl::OkStatus();
+    if (!package_.compares || data_.pairs.empty() || options_.geometry.levels.empty()) return absl::OkStatus();
     RefineProblem problem;
     problem.mesh = {known_.positions, package_.mesh.faces, {}};
     if (knows_labels_) problem.mesh.labels = known_.labels;

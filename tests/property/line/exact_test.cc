@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "common/meshio/ply.h"
 #include "common/storage/files.h"
 #include "common/tile/task_parameters.h"
 #include "tests/property/line/same_mesh.h"
@@ -84,6 +85,22 @@ TEST_F(ExactTest, SoDoesThePapersMethod) {
   settings.rounds = 2;
   settings.method_settings.iterations = {1, 1};
   ExpectSame({9}, settings);
+}
+
+// And no vertex moves.
+TEST_F(ExactTest, SoDoLabelsAlone) {
+  JobSettings settings;
+  settings.method = "labels";
+  ExpectSame({2, 9}, settings);
+  settings.tiles = 2;
+  int unread = 0;
+  const auto start = ReadPly(folder_ + "/scene/mesh.ply"), result = ReadPly(Run(settings, &unread));
+  ASSERT_TRUE(start.ok() && result.ok());
+  ASSERT_GE(result->mesh.vertices.size(), start->mesh.vertices.size());
+  for (size_t v = 0; v < start->mesh.vertices.size(); ++v) {
+    // The grid of the local frame.
+    ASSERT_LE((result->mesh.vertices[v] - start->mesh.vertices[v]).norm(), std::ldexp(1, -20)) << "vertex " << v;
+  }
 }
 
 // Silhouettes read farther than so small a window does.

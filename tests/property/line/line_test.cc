@@ -270,6 +270,20 @@ TEST(Line, WithOneClassTheMethodIsTheBaseline) {
   EXPECT_EQ(*ours, *baseline);
 }
 
+TEST(Line, LabelsAloneNeedLikelihoods) {
+  TinySceneOptions options;
+  options.likelihoods = TinySceneOptions::Likelihoods::kNone;
+  const std::string folder = FreshTestFolder("labels_alone");
+  WriteTinyScene(folder, options);
+  for (const int tiles : {1, 4}) {
+    JobSettings settings = {.tiles = tiles};
+    settings.method = "labels";
+    const Status status = RunLine(folder, folder + "/work" + std::to_string(tiles), settings).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << tiles;
+    EXPECT_NE(std::string(status.message()).find("likelihoods: found none"), std::string::npos) << status;
+  }
+}
+
 TEST(Line, AClassThatIsNowhereChangesNothing) {
   PlyContent results[2];
   for (const bool absent : {false, true}) {

@@ -249,6 +249,11 @@ TEST(Ply, HeaderFaults) {
     EXPECT_THAT(error(std::string("float ") + axis, "float w"),
                 HasSubstr(std::string("line 3: found vertices without property '") + axis + "'"));
   }
+  const std::string longest(100, 'n'), longer(101, 'n');
+  EXPECT_TRUE(ParsePly(Replaced(good, "element vertex", "element " + longest + " 0\nelement vertex"), "long").ok());
+  EXPECT_THAT(error("element vertex", "element " + longer + " 0\nelement vertex"),
+              HasSubstr("line 3: found a name of 101 bytes: 'nnn"));
+  EXPECT_THAT(error("int label", "int " + longer), HasSubstr("line 9: found a name of 101 bytes"));
   EXPECT_THAT(error("vertex_indices", "indices"), HasSubstr("line 7: found faces without a list 'vertex_indices'"));
   EXPECT_THAT(error("list uchar int", "int"), HasSubstr("line 8: found a face's 'vertex_indices' that is no list"));
   EXPECT_THAT(error("list uchar int", "list uchar float"), HasSubstr("line 8: found a face's 'vertex_indices'"));

@@ -36,6 +36,15 @@ TEST(RefineSteps, RulesAreTheMethodsUnlessSettingsSayOther) {
   EXPECT_TRUE(MethodRulesOf("baseline", 0, other).labels_first);
 }
 
+TEST(RefineSteps, LabelsAloneAreOneStep) {
+  const auto steps = RefineStepsOf("labels", 0, {});
+  const MethodRules rules = MethodRulesOf("labels", 0, {});
+  ASSERT_EQ(steps.size(), 2u);
+  EXPECT_EQ(ActiveSteps(steps, rules, {4, true, true}), std::vector<int>{1});
+  EXPECT_EQ(ActiveSteps(steps, rules, {4, true, false}), std::vector<int>{1});
+  EXPECT_TRUE(ActiveSteps(steps, rules, {4, false, true}).empty());
+}
+
 TEST(RefineSteps, LabelsActWhereTheyCanChangeAndAreAskedFor) {
   const auto steps = MakeRefineSteps({0}, {2}, 1);  // L00L
   const auto active = [&](const MethodRules& rules, const LabelTraits& scene) {

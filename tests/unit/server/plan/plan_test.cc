@@ -318,7 +318,8 @@ std::string ParametersOf(JobSettings settings, const std::string& kind) {
 TEST(Plan, RefinementKnowsMethodAndSettings) {
   for (const std::string kind : {"refine", "measure", "solve", "mend"}) {
     std::set<std::string> seen;
-    for (const char* method : kMethods) {
+    for (const std::string method : kMethods) {
+      if (method == kLabelsMethod) continue;  // below
       JobSettings settings;
       settings.method = method;
       EXPECT_TRUE(seen.insert(ParametersOf(settings, kind)).second) << method;
@@ -343,6 +344,29 @@ TEST(Plan, RefinementKnowsMethodAndSettings) {
     unnamed.method = "";
     EXPECT_EQ(ParametersOf(unnamed, kind), ParametersOf(named, kind));
   }
+}
+
+TEST(Plan, LabelsAloneHaveOneStepAndNothingToMend) {
+  JobSettings settings = {.tiles = 2};
+  settings.method = kLabelsMethod;
+  Survey survey = RandomSurvey(6, 6, 1, 1);
+  survey.has_likelihoods = true;
+  survey.classes.resize(2);
+  std::map<std::string, int> kinds;
+  for (const PlannedTask& task : PlanOf(survey, settings, {{{0}, {0}, {0}, {0}}, {{1}, {1}, {1}, {1}}})) {
+    ++kinds[task.kind];
+  }
+  EXPECT_EQ(kinds["measure"], 2);
+  EXPECT_EQ(kinds["solve"], 2);
+  EXPECT_EQ(kinds["mend"], 0);
+  survey.has_likelihoods = false;
+  EXPECT_EQ(PlanTiles(settings, SurveyToJson(survey), FilesOf(survey)).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  settings.rounds = 2;
+  settings.method_settings.contour = 1;
+  const std::string refused(CheckJobSettings(settings).message());
+  EXPECT_NE(refused.find("rounds: found 2, expected 1"), std::string::npos) << refused;
+  EXPECT_NE(refused.find("method settings: found some of geometry"), std::string::npos) << refused;
 }
 
 TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {
