@@ -68,6 +68,9 @@ std::string NameOf(Role role) {
   return "";
 }
 
+// That a file is told of: it is read again and again.
+constexpr size_t kMostFaults = 50;
+
 StatusOr<TokenTable> TokenTable::Parse(const std::string& text, const std::string& path) {
   TokenTable table;
   Faults faults;
@@ -81,6 +84,10 @@ StatusOr<TokenTable> TokenTable::Parse(const std::string& text, const std::strin
     if (added.ok()) added = table.Add(*entry);
     if (entry.ok() && !added.ok()) added = InputError(path, where, std::string(added.message()), "another name");
     faults.Add(added);
+    if (faults.messages().size() == kMostFaults) {
+      faults.Add(InputError(path, where, absl::StrCat(kMostFaults, " faults up to here"), "a file of tokens"));
+      break;
+    }
   }
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());
   return table;

@@ -147,6 +147,7 @@ StatusOr<TiffSize> ReadTiffSize(const std::string& path) {
   TiffSize size = CurrentSize(tiff.get());
   size.pages = static_cast<int>(TIFFNumberOfDirectories(tiff.get()));
   if (size.width <= 0 || size.height <= 0) return InputError(path, "page 1", "no size", "an image");
+  if (size.pages <= 0) return InputError(path, "page 1", "the end of the file within it", "a whole page");
   return size;
 }
 

@@ -45,5 +45,12 @@ TEST(Tokens, EveryFaultOfTheFileIsNamedByItsLineAndNothingOfWhatItHolds) {
   EXPECT_THAT(faults, AllOf(Not(HasSubstr("line 3")), HasSubstr("tokens"), Not(HasSubstr("the-token-itself"))));
 }
 
+TEST(Tokens, OfManyFaultsTheFirstAreNamed) {
+  std::string text;
+  for (int line = 0; line < 10000; ++line) text += "x\n";
+  const std::string faults(TokenTable::Parse(text, "tokens").status().message());
+  EXPECT_THAT(faults, AllOf(HasSubstr("line 50: found 50 faults up to here"), Not(HasSubstr("line 51"))));
+}
+
 }  // namespace
 }  // namespace tessera
