@@ -27,12 +27,12 @@ Vector3d CrossAt(const Triangle& t, const std::vector<Vector3d>& at) {
   return (at[t[1]] - at[t[0]]).cross(at[t[2]] - at[t[0]]);
 }
 
-// Nothing holds a rim against the smoothness of the surface inside, so level surfaces would shrink from it. Where the
-// surface is level a rim keeps its place in plan; a wall may end higher or lower.
+// Nothing holds a rim against the smoothness of the surface inside, so surfaces would shrink from it, step by step. A
+// rim keeps its place in plan, but for that of a wall (steeper than 45 degrees), the more so the steeper it is.
 Vector3d RimStep(const Vector3d& step, const Vector3d& normal, const Vector3d& up) {
-  const Vector3d along = normal * normal.dot(step);
+  const Vector3d lift = up * up.dot(step);
   const double cosine = normal.dot(up);
-  return along + (1 - cosine * cosine) * (step - along);
+  return lift + std::max(0.0, 1 - 2 * cosine * cosine) * (step - lift);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/base/random.h"
+#include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "common/tile/task_parameters.h"
 #include "tests/property/line/same_mesh.h"
@@ -50,6 +51,15 @@ JobSettings RandomJob(Random* random) {
   if (settings.window_px) *settings.window_px |= 1;
   if (random->Below(2) == 0) settings.labels_first = random->Below(2) == 0;
   if (job.method == "baseline") settings.semantic = settings.inter = std::nullopt;
+  if (job.method == kLabelsMethod) {
+    job.rounds = 0;
+    MethodSettings of_labels;
+    of_labels.normal_prior = settings.normal_prior;
+    of_labels.label_smoothness = settings.label_smoothness;
+    of_labels.views_per_direction = settings.views_per_direction;
+    settings = of_labels;
+    return job;
+  }
   // Lists: a level or two, from coarse to fine, a step or two on each.
   const ListSetting& levels = ListSettings()[0];
   settings.levels = {RandomWhole(levels.low, levels.high, random)};
@@ -86,6 +96,8 @@ TEST(RandomJobs, TilesChangeNoByte) {
     Random random(seed);
     const std::string folder = RandomScene(FreshTestFolder("scene"), &random);
     JobSettings job = RandomJob(&random);
+    const bool has_likelihoods = LoadScene(folder, nullptr).value().has_likelihoods;
+    while (job.method == kLabelsMethod && !has_likelihoods) job = RandomJob(&random);
     const int tiles = RandomWhole(2, 6, &random);
     SCOPED_TRACE(testing::Message() << "seed " << seed << ": " << tiles << " tiles, method " << job.method << ", "
                                     << job.rounds << " rounds, " << ToJson(job.method_settings));

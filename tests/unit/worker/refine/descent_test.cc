@@ -8,6 +8,7 @@
 #include "common/base/parallel.h"
 #include "common/base/random.h"
 #include "tests/unit/worker/refine/relief_scene.h"
+#include "worker/refine/stepper.h"
 
 namespace tessera {
 namespace {
@@ -35,6 +36,47 @@ TriangleMesh Stairs(int n, double half_m) {
   const double cell = 2 * half_m / n;
   for (Vector3d& v : mesh.vertices) v.z() = cell * std::round(1.5 * std::sin(0.9 * v.x()) * std::cos(v.y()) / cell);
   return mesh;
+}
+
+// However ragged the ground's rim: what recedes a little in each step is gone after some rounds.
+TEST(Stepper, TheGroundKeepsItsRimAndAWallMayEndLower) {
+  TriangleMesh ground = Stairs(24, 6);
+  Random random(7);
+  for (Vector3d& v : ground.vertices) v += 0.1 * Vector3d(random.Normal(), random.Normal(), random.Normal());
+  StepperOptions options;
+  const auto moved = [&](const TriangleMesh& start, const Vector3d& pull) {
+    Stepper stepper(start, {}, 0.1, Vector3d::UnitZ(), options);
+    TriangleMesh mesh = {start.vertices, start.faces, {}};
+    PhotoDerivatives data;
+    data.gradient.assign(start.vertices.size(), -pull);
+    data.curvature.assign(start.vertices.size(), Eigen::Matrix3d::Identity());
+    data.pairs.assign(start.vertices.size(), 1);
+    for (int i = 0; i < 20; ++i) mesh.vertices = Added(mesh.vertices, stepper.Step(mesh, data, 0, 0));
+    return mesh.vertices;
+  };
+  const Positions after = moved(ground, Vector3d::Zero());
+  const IndexRows faces = FacesOfVertices(ground);
+  const MotionGuard guard(ground, {}, MakeMotionLimits(options, 0.1));
+  const SmoothTerm smooth(ground, {});
+  int rim = 0;
+  double inside = 0;
+  for (size_t v = 0; v < after.size(); ++v) {
+    const double in_plan = (after[v] - ground.vertices[v]).head<2>().norm();
+    if (!smooth.on_rim(v)) {
+      inside = std::max(inside, in_plan);
+    } else if (std::abs(guard.start_normal(v).z()) > std::sqrt(0.5)) {
+      ++rim;
+      // Steps end on a grid.
+      EXPECT_LE(in_plan, 20 * options.grid_gsd * 0.1) << "vertex " << v;
+    }
+  }
+  EXPECT_GT(rim, 40);
+  EXPECT_GT(inside, 0.1) << "the surface inside is smoothed: the test shows something";
+
+  TriangleMesh wall = HeightField(12, 3, Flat);
+  for (Vector3d& v : wall.vertices) v = {v.x(), 0, v.y()};
+  const Positions lower = moved(wall, Vector3d(0, 0, -2));
+  for (size_t v = 0; v < lower.size(); ++v) EXPECT_LT(lower[v].z(), wall.vertices[v].z() - 0.01) << v;
 }
 
 TEST(SmoothedPositions, RoundsStairsAndKeepsRimsAndFixedVertices) {

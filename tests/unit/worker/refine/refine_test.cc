@@ -23,8 +23,9 @@ double Hills(double x, double y) { return 0.5 * std::sin(0.9 * x) * std::cos(0.8
 struct Bed {
   RefineProblem problem;
   RefineOptions options;
+  bool at_truth = false;  // where the energy has nothing to fall by
 
-  explicit Bed(double error_m = 0.2, uint64_t seed = 2) {
+  explicit Bed(double error_m = 0.2, uint64_t seed = 2) : at_truth(error_m == 0) {
     const TriangleMesh truth = HeightField(80, 5, Hills);
     problem.mesh = HeightField(36, 4.2, Hills);
     Random random(seed);
@@ -45,7 +46,7 @@ struct Bed {
     Positions out;
     const StatusOr<RefineReport> report = RefineGeometry(problem, &out, options, TaskControl());
     EXPECT_TRUE(report.ok()) << report.status();
-    if (report.ok()) {
+    if (report.ok() && !at_truth) {
       const std::vector<RefineIteration>& iterations = report->iterations;
       EXPECT_LT(iterations.back().energy, iterations[iterations.size() - options.iterations.back()].energy);
     }
