@@ -109,7 +109,7 @@ class MeshInViews {
 
   LabelImage Rendered(size_t view) const {
     const SceneView& of = scene_->views[view];
-    const PosedCamera camera = of.camera;
+    const PosedCamera& camera = of.camera;
     LabelImage labels = RenderLabels(mesh_, caster_, camera);
     const Eigen::Vector3d centre = camera.Centre();
     for (int y = 0; y < labels.height; ++y) {

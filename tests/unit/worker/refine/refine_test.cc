@@ -23,7 +23,7 @@ double Hills(double x, double y) { return 0.5 * std::sin(0.9 * x) * std::cos(0.8
 struct Bed {
   RefineProblem problem;
   RefineOptions options;
-  bool at_truth = false;  // where the energy has nothing to fall by
+  bool at_truth = false;  // where the energy has nothing to fall by, and smoothness takes a little
 
   explicit Bed(double error_m = 0.2, uint64_t seed = 2) : at_truth(error_m == 0) {
     const TriangleMesh truth = HeightField(80, 5, Hills);
@@ -46,9 +46,10 @@ struct Bed {
     Positions out;
     const StatusOr<RefineReport> report = RefineGeometry(problem, &out, options, TaskControl());
     EXPECT_TRUE(report.ok()) << report.status();
-    if (report.ok() && !at_truth) {
+    if (report.ok()) {
       const std::vector<RefineIteration>& iterations = report->iterations;
-      EXPECT_LT(iterations.back().energy, iterations[iterations.size() - options.iterations.back()].energy);
+      const double before = iterations[iterations.size() - options.iterations.back()].energy;
+      EXPECT_LT(iterations.back().energy, (at_truth ? 1.05 : 1) * before);
     }
     return out;
   }
