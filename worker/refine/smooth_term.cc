@@ -36,6 +36,7 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
   factor_.assign(n, 1);
   mixed_.assign(n, 0);
   kept_.clear();
+  class_factor_.clear();
   if (labels.empty()) {
     FindDiagonals();
     return;
@@ -60,6 +61,7 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
   for (size_t v = 0; v < n; ++v) {
     if (met[v]) factor_[v] = mixed_[v] ? mixed : settings(label_at[v]).smoothness;
   }
+  class_factor_ = factor_;
   FindDiagonals();
 
   std::vector<uint32_t> slot(n);
@@ -79,6 +81,35 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
     }
   }
   for (KeptVertex& kept : kept_) kept.block /= faces_at[kept.vertex];
+}
+
+void SmoothTerm::Reweight(const Positions& v, const CreaseWeights& creases) {
+  if (creases.bend <= 0 || class_factor_.empty()) return;
+  Positions at = v, rows;
+  for (int step = 0; step < kCreaseSteps; ++step) {
+    Umbrella(at, &rows);
+    ForVertices(at.size(), [&](size_t k) {
+      if (!rings_.rim[k]) at[k] -= 0.5 * rows[k];
+    });
+  }
+  Umbrella(at, &rows);
+  Positions normals(at.size(), Vector3d::Zero());
+  for (const auto& [a, b, c] : faces_) {
+    const Vector3d cross = (at[b] - at[a]).cross(at[c] - at[a]);
+    normals[a] += cross;
+    normals[b] += cross;
+    normals[c] += cross;
+  }
+  ForVertices(at.size(), [&](size_t k) {
+    factor_[k] = class_factor_[k];
+    if (rings_.rim[k] || rings_.degree(k) == 0) return;
+    double edges = 0;
+    for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) edges += (at[rings_.to[e]] - at[k]).norm();
+    if (edges <= 0) return;
+    const double bend = normals[k].stableNormalized().dot(rows[k]) * rings_.degree(k) / (edges * creases.bend);
+    factor_[k] *= creases.flat / (1 + bend * bend);
+  });
+  FindDiagonals();
 }
 
 void SmoothTerm::Umbrella(const Positions& v, Positions* rows) const {

@@ -25,6 +25,7 @@ struct StepperOptions {
   double rim = 0.3;                      // keeps the displacement of mesh rims smooth along the rim
   std::vector<ClassSmoothness> classes;  // by label; beyond its end: weight 1
   double mixed = 0.3;                    // weight of vertices whose faces have several labels; 0: none
+  CreaseWeights creases;                 // of vertices with labels
   double inter = 0;                      // λ3, of E_inter; 0: off
   int smoothing_sweeps = 20;             // Chebyshev sweeps of the semi-implicit step
 
@@ -49,9 +50,9 @@ class Stepper {
 
   const MotionGuard& guard() const { return guard_; }
 
-  // Iteration `iteration` (from 0) of a level: what to add to the positions of `mesh`.
+  // Iteration `iteration` (from 0) of a level: what to add to the positions of `mesh`. Not thread-safe.
   std::vector<Eigen::Vector3d> Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
-                                    int iteration) const;
+                                    int iteration);
 
   // Takes back what turned faces or made them cut each other since `good`. Not thread-safe.
   FoldRepair::Result Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions);

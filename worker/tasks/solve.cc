@@ -48,7 +48,7 @@ Status SolveIteration(const std::vector<TileSums>& sums, StepTask* task, json* r
   const RegionMesh& region = work.region(kSolveRegion);
   TESSERA_ASSIGN_OR_RETURN(const std::vector<FaceSums> photo, work.JoinPhoto(sums, kSolveRegion, known.held_faces));
   TESSERA_ASSIGN_OR_RETURN(const ContourSums contours, work.JoinContours(sums, kSolveRegion));
-  const Stepper& stepper =
+  Stepper& stepper =
       work.SolveStepper(Pick(known.labels, region.faces), Pick(known.held_vertices, region.vertices), task->options);
   TriangleMesh mesh = {Pick(known.positions, region.vertices), region.mesh.faces, {}};
   const std::vector<Vector3d> step =

@@ -22,7 +22,7 @@ class ExactTest : public testing::Test {
  protected:
   void SetUp() override {
     folder_ = FreshTestFolder("exact");
-    ASSERT_NO_FATAL_FAILURE(SynthesizeStrip(folder_ + "/scene", 4));
+    ASSERT_NO_FATAL_FAILURE(SynthesizeStrip(folder_ + "/scene", 5));
   }
   void TearDown() override { EXPECT_TRUE(RemoveTree(folder_).ok()); }
 
