@@ -21,6 +21,7 @@ namespace fs = std::filesystem;
 
 constexpr int kBatch = 64;  // pixels of a row at once
 constexpr double kWeightOfAnnotatedPlace = 0.25;
+constexpr int kRows = 16;  // at once
 
 // What is classified of one image.
 struct ViewResult {
@@ -34,7 +35,8 @@ class ViewClassifier {
   ViewClassifier(const SceneDescription& scene, const MeshSurface& surface, const ClassifierInUse& classifier)
       : scene_(scene), surface_(surface), use_(classifier), classes_(static_cast<int>(scene.classes.size())) {}
 
-  StatusOr<ViewResult> Classify(size_t view) const {
+  // By evidence from `first` on.
+  StatusOr<ViewResult> Classify(size_t view, Evidence first) const {
     const SceneView& scene_view = scene_.views[view];
     TESSERA_ASSIGN_OR_RETURN(const ByteImage rgb, ReadRgb(scene_.folder + "/" + scene_view.image_path));
     const ImageFeatures features(rgb, scene_view, scene_.up_in_local, &surface_);
@@ -46,32 +48,64 @@ class ViewClassifier {
     }
     ViewResult result;
     result.figures.annotated = annotation != nullptr;
-    const size_t outputs = use_.rule != nullptr ? 1 : 2;
-    for (size_t e = 2 - outputs; e < 2; ++e) {
+    const size_t first_output = use_.rule != nullptr ? 1 : static_cast<size_t>(first);
+    for (size_t e = first_output; e < 2; ++e) {
       result.likelihoods[e] = ByteImage(rgb.width, rgb.height, classes_);
       result.held_out[e] = ConfusionMatrix(classes_);
     }
+    const int parts = (rgb.height + kRows - 1) / kRows;
+    std::vector<RowsResult> of_parts(parts);
+    ParallelFor(parts, 1, [&](int64_t begin, int64_t end) {
+      for (int64_t part = begin; part < end; ++part) {
+        const int y = static_cast<int>(part) * kRows;
+        of_parts[part] = ClassifyRows(features, annotation, first_output, static_cast<uint32_t>(view), y,
+                                      std::min(y + kRows, rgb.height), rgb.width, &result.likelihoods);
+      }
+    });
+    RowsResult sum;
+    for (const RowsResult& part : of_parts) {
+      sum.entropy += part.entropy;
+      sum.gain += part.gain;
+      sum.known += part.known;
+      for (size_t e = first_output; e < 2; ++e) result.held_out[e].Add(part.held_out[e]);
+    }
+    const double pixels = static_cast<double>(rgb.plane_size());
+    result.figures.entropy = sum.entropy / pixels;
+    result.figures.new_share = 1 - static_cast<double>(sum.known) / pixels;
+    result.figures.gain = sum.gain / pixels;
+    return result;
+  }
+
+ private:
+  // Sums over some rows of an image.
+  struct RowsResult {
+    double entropy = 0, gain = 0;
+    int64_t known = 0;
+    std::array<ConfusionMatrix, 2> held_out;
+  };
+
+  RowsResult ClassifyRows(const ImageFeatures& features, const Annotation* annotation, size_t first_output,
+                          uint32_t view, int y_begin, int y_end, int width,
+                          std::array<ByteImage, 2>* likelihoods) const {
+    RowsResult result;
+    for (size_t e = first_output; e < 2; ++e) result.held_out[e] = ConfusionMatrix(classes_);
     std::vector<float> values(static_cast<size_t>(FeatureCount()) * kBatch);
     std::vector<float> p(static_cast<size_t>(classes_) * kBatch), of_fold(p.size());
     std::vector<int> fold(kBatch);
-    double entropy = 0, gain = 0;
-    int64_t known = 0;
-    for (int y = 0; y < rgb.height; ++y) {
-      for (int x = 0; x < rgb.width; x += kBatch) {
-        const int count = std::min(kBatch, rgb.width - x);
+    for (int y = y_begin; y < y_end; ++y) {
+      for (int x = 0; x < width; x += kBatch) {
+        const int count = std::min(kBatch, width - x);
         features.Row(x, y, count, kBatch, values.data());
         for (int i = 0; i < count; ++i) {
-          fold[i] = use_.trained == nullptr
-                        ? -1
-                        : use_.trained->places.FoldOf(features.PlaceOf(x + i, y, static_cast<uint32_t>(view)));
+          fold[i] = use_.trained == nullptr ? -1 : use_.trained->places.FoldOf(features.PlaceOf(x + i, y, view));
         }
-        for (size_t e = 2 - outputs; e < 2; ++e) {
+        for (size_t e = first_output; e < 2; ++e) {
           if (use_.rule != nullptr) {
             use_.rule->Apply(values.data(), count, kBatch, p.data());
           } else {
             Probabilities(e, values.data(), count, annotation != nullptr ? &fold : nullptr, &of_fold, p.data());
           }
-          Store(annotation, e, x, y, count, p.data(), &result);
+          Store(annotation, x, y, count, p.data(), &(*likelihoods)[e], &result.held_out[e]);
         }
         // The last output's: with the mesh.
         for (int i = 0; i < count; ++i) {
@@ -81,20 +115,15 @@ class ViewClassifier {
             if (q > 1e-9) h -= q * std::log(q);
           }
           h /= std::log(std::max(2, classes_));
-          entropy += h;
-          known += fold[i] >= 0;
-          gain += h * (fold[i] >= 0 ? kWeightOfAnnotatedPlace : 1);
+          result.entropy += h;
+          result.known += fold[i] >= 0;
+          result.gain += h * (fold[i] >= 0 ? kWeightOfAnnotatedPlace : 1);
         }
       }
     }
-    const double pixels = static_cast<double>(rgb.plane_size());
-    result.figures.entropy = entropy / pixels;
-    result.figures.new_share = 1 - static_cast<double>(known) / pixels;
-    result.figures.gain = gain / pixels;
     return result;
   }
 
- private:
   // Of the model, or, where `fold` says so, of what was learnt without the pixel's place; classes in the scene's order.
   void Probabilities(size_t evidence, const float* values, int count, const std::vector<int>* fold,
                      std::vector<float>* scratch, float* p) const {
@@ -123,20 +152,18 @@ class ViewClassifier {
     }
   }
 
-  void Store(const Annotation* annotation, size_t evidence, int x, int y, int count, const float* p,
-             ViewResult* result) const {
-    ByteImage& image = result->likelihoods[evidence];
+  void Store(const Annotation* annotation, int x, int y, int count, const float* p, ByteImage* image,
+             ConfusionMatrix* held_out) const {
     for (int i = 0; i < count; ++i) {
       const float* of_pixel = p + static_cast<size_t>(i) * classes_;
       for (int c = 0; c < classes_; ++c) {
         // Never nothing: no pixel rules a class out.
-        image.at(x + i, y, c) = static_cast<uint8_t>(std::clamp(std::lround(255 * of_pixel[c]), 1l, 255l));
+        image->at(x + i, y, c) = static_cast<uint8_t>(std::clamp(std::lround(255 * of_pixel[c]), 1l, 255l));
       }
       if (annotation == nullptr) continue;
       const uint8_t truth = annotation->labels.at(x + i, y);
       if (truth != 255) {
-        result->held_out[evidence].Add(truth,
-                                       static_cast<int>(std::max_element(of_pixel, of_pixel + classes_) - of_pixel));
+        held_out->Add(truth, static_cast<int>(std::max_element(of_pixel, of_pixel + classes_) - of_pixel));
       }
     }
   }
@@ -148,6 +175,13 @@ class ViewClassifier {
 };
 
 }  // namespace
+
+StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface& surface,
+                                 const ClassifierInUse& classifier) {
+  TESSERA_ASSIGN_OR_RETURN(ViewResult result,
+                           ViewClassifier(scene, surface, classifier).Classify(view, Evidence::kGeometry));
+  return std::move(result.likelihoods[static_cast<size_t>(Evidence::kGeometry)]);
+}
 
 StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const MeshSurface& surface,
                                         const ClassifierInUse& classifier, const std::string& folder,
@@ -162,7 +196,7 @@ StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const Mes
   ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t v, int64_t) {
     failed[v] = control.Check();
     if (!failed[v].ok()) return;
-    StatusOr<ViewResult> result = of_views.Classify(v);
+    StatusOr<ViewResult> result = of_views.Classify(v, Evidence::kAppearance);
     if (!result.ok()) {
       failed[v] = result.status();
       return;

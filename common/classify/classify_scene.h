@@ -40,6 +40,11 @@ struct ClassifiedScene {
   int64_t pixels = 0;
 };
 
+// The likelihoods of one view, those that know the mesh: a plane a class, 1 to 255, in the image's own frame, about 130
+// bytes a pixel at work. Rows are shared out among threads; the same bytes for any number of them. Errors of reading.
+StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface& surface,
+                                 const ClassifierInUse& classifier);
+
 // Writes FOLDER/appearance/STEM.tif and FOLDER/geometry/STEM.tif for each image: a page a class, 8 bits, in the image's
 // own frame. Images are shared out among threads, about 130 bytes a pixel each; the same bytes for any number of them.
 // Errors of reading and writing, or CANCELLED; what is written until then stays.

@@ -1,10 +1,12 @@
 #include "common/classify/model.h"
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "common/base/json_bounds.h"
 #include "common/classify/features.h"
 #include "common/storage/files.h"
@@ -16,6 +18,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr int64_t kMostBytes = int64_t{1} << 30;
+constexpr double kAlikeGsd = 1.5;  // times the model's, or a part of it
 constexpr const char* kKind = "tessera classifier";
 
 Status ParseMetadata(const std::string& text, const std::string& name, ClassifierModel* model) {
@@ -92,6 +95,28 @@ StatusOr<ClassifierModel> ParseModel(const std::string& bytes, const std::string
     }
   }
   return model;
+}
+
+StatusOr<std::vector<int>> ModelClassesOf(const ClassifierModel& model, const std::vector<std::string>& classes,
+                                          const std::string& name) {
+  std::vector<int> found;
+  for (const std::string& c : classes) {
+    const auto it = std::find(model.classes.begin(), model.classes.end(), c);
+    if (it == model.classes.end()) {
+      return InputError(name, "classes", absl::StrJoin(model.classes, ", "),
+                        absl::StrCat("all of the scene's, and there is no ", c,
+                                     "; name the scene's classes alike, or train a model for them"));
+    }
+    found.push_back(static_cast<int>(it - model.classes.begin()));
+  }
+  return found;
+}
+
+std::string GsdWarning(const ClassifierModel& model, double gsd_m, const std::string& name) {
+  const double ratio = gsd_m / model.gsd_m;
+  if (ratio <= kAlikeGsd && ratio >= 1 / kAlikeGsd) return "";
+  return absl::StrCat(name, ": learnt at a GSD of ", model.gsd_m, " m, and the scene has ", gsd_m,
+                      " m: textures look otherwise; annotate a few images of it");
 }
 
 Status WriteModel(const std::string& path, const ClassifierModel& model) {

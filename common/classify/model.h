@@ -36,6 +36,13 @@ std::string SerializeModel(const ClassifierModel& model);
 // version's features.
 StatusOr<ClassifierModel> ParseModel(const std::string& bytes, const std::string& name);
 
+// Of the model's classes, that of each of `classes`. INVALID_ARGUMENT if it lacks one; `name` stands for the model.
+StatusOr<std::vector<int>> ModelClassesOf(const ClassifierModel& model, const std::vector<std::string>& classes,
+                                          const std::string& name);
+
+// What to warn of where a model meets a scene of another resolution; empty: nothing. `name` stands for the model.
+std::string GsdWarning(const ClassifierModel& model, double gsd_m, const std::string& name);
+
 Status WriteModel(const std::string& path, const ClassifierModel& model);
 StatusOr<ClassifierModel> ReadModel(const std::string& path);
 

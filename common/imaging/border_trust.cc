@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "absl/strings/str_cat.h"
+
 namespace tessera {
 namespace {
 
@@ -138,6 +140,32 @@ BorderTrust BorderCounts::TrustOf(const Pair& pair) {
   const double biases = trust.bias_px / kUsualBias_px;
   trust.weight = std::min(1.0, contrast / kFullContrast) / (1 + biases * biases);
   return trust;
+}
+
+std::vector<int64_t> BorderCounts::ToCounts() const {
+  std::vector<int64_t> counts;
+  for (const Pair& pair : pairs_) {
+    counts.push_back(pair.borders);
+    counts.insert(counts.end(), pair.edges.begin(), pair.edges.end());
+  }
+  return counts;
+}
+
+StatusOr<BorderCounts> BorderCounts::FromCounts(int classes, const std::vector<int64_t>& counts) {
+  BorderCounts found(classes);
+  constexpr size_t kOfPair = 1 + kOffsets;
+  const bool negative = std::any_of(counts.begin(), counts.end(), [](int64_t count) { return count < 0; });
+  if (counts.size() != found.pairs_.size() * kOfPair || negative) {
+    return absl::InvalidArgumentError(absl::StrCat("counts of borders: found ", counts.size(),
+                                                   negative ? ", some negative" : "", ", expected ",
+                                                   found.pairs_.size() * kOfPair, " for ", classes, " classes"));
+  }
+  for (size_t p = 0; p < found.pairs_.size(); ++p) {
+    Pair& pair = found.pairs_[p];
+    pair.borders = counts[p * kOfPair];
+    std::copy_n(counts.begin() + static_cast<std::ptrdiff_t>(p * kOfPair) + 1, kOffsets, pair.edges.begin());
+  }
+  return found;
 }
 
 BorderTrusts BorderCounts::Trusts() const {

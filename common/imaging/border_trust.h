@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/base/status.h"
 #include "common/imaging/raster.h"
 
 namespace tessera {
@@ -53,6 +54,10 @@ class BorderCounts {
   void Add(const BorderCounts& other);
 
   BorderTrusts Trusts() const;
+
+  // All counts as one list, pair by pair, and back. INVALID_ARGUMENT if `counts` is not such a list.
+  std::vector<int64_t> ToCounts() const;
+  static StatusOr<BorderCounts> FromCounts(int classes, const std::vector<int64_t>& counts);
 
  private:
   static constexpr double kVote = 1 << 20;

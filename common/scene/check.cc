@@ -345,13 +345,13 @@ StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warni
 }
 
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
-  return CheckSceneFolder(path, kAnyFaces, warnings, control);
+  return CheckSceneFolder(path, SceneLoadOptions(), kAnyFaces, warnings, control);
 }
 
-StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, int64_t max_mesh_faces, Warnings* warnings,
-                                        const TaskControl& control) {
+StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
+                                        Warnings* warnings, const TaskControl& control) {
   Faults faults;
-  const SceneDescription scene = LoadSceneCollecting(path, SceneLoadOptions(), warnings, &faults);
+  const SceneDescription scene = LoadSceneCollecting(path, load, warnings, &faults);
   if (scene.files.empty()) return faults.ToStatus();  // no scene.json
   return CheckAndReport(scene, max_mesh_faces, warnings, &faults, control);
 }

@@ -77,9 +77,9 @@ StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warni
 // LoadScene and CheckScene in one: faults of both, as far as a scene that is only partly readable lets one go on.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);
 
-// The same for a scene whose mesh has more than `max_mesh_faces` faces: leaves the mesh unread, for others to stream.
-StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, int64_t max_mesh_faces, Warnings* warnings,
-                                        const TaskControl& control);
+// The same, loaded so; a mesh of more than `max_mesh_faces` faces is left unread, for others to stream.
+StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
+                                        Warnings* warnings, const TaskControl& control);
 
 // The fault of a view that sees of the mesh at `mesh_path` what `sight` says; OK if it is good.
 Status SightFault(const std::string& mesh_path, const SceneView& view, ViewSight sight);

@@ -175,7 +175,18 @@ class SceneLoader {
     }
   }
 
+  void WarnOfDefault() {
+    Warn(
+        "the likelihoods are a default from geometry and greenness, not learnt from this scene: annotate a few images "
+        "(tessera classify --train)");
+  }
+
   void FindLikelihoods() {
+    if (options_.to_be_classified) {
+      scene_.has_likelihoods = true;
+      if (options_.by_default_rule) WarnOfDefault();
+      return;
+    }
     const std::string folder = json_.likelihoods.path;
     std::vector<std::string> names;
     for (const std::string& file : options_.elsewhere) {
@@ -203,12 +214,7 @@ class SceneLoader {
       }
     }
     scene_.has_likelihoods = true;
-    if (json_.likelihoods_source == kDefaultLikelihoods) {
-      Warn(
-          "the likelihoods are a default from geometry and greenness, not learnt from this scene: annotate a few "
-          "images "
-          "(tessera classify --train)");
-    }
+    if (json_.likelihoods_source == kDefaultLikelihoods) WarnOfDefault();
     for (SceneView& view : scene_.views) {
       const std::string stem = WithoutExtension(view.name);
       const auto it = by_stem.find(stem);
@@ -229,12 +235,12 @@ class SceneLoader {
     if (options_.elsewhere.contains(json_.mesh.path)) {
       scene_.mesh_path = json_.mesh.path;
       scene_.files.push_back(json_.mesh.path);
-      mesh_has_labels_ = true;  // as far as this scene is concerned: its base knows
+      scene_.mesh_has_labels = true;  // as far as this scene is concerned: its base knows
       return;
     }
     if (!options_.allowed.Exists(Full(json_.mesh.path)) || IsFolder(Full(json_.mesh.path))) {
-      mesh_has_labels_ = !options_.needs_mesh && !json_.mesh.given;
-      if (mesh_has_labels_) return;
+      scene_.mesh_has_labels = !options_.needs_mesh && !json_.mesh.given;
+      if (scene_.mesh_has_labels) return;
       faults_.Add(InputError(Full(json_.mesh.path), "", "no such file", "the start mesh"));
       return;
     }
@@ -242,12 +248,12 @@ class SceneLoader {
     if (!file.ok()) return faults_.Add(file.status());
     scene_.mesh_path = json_.mesh.path;
     scene_.files.push_back(json_.mesh.path);
-    mesh_has_labels_ = MeshHasLabels(*file);
+    scene_.mesh_has_labels = MeshHasLabels(*file);
   }
 
   void ChooseClasses() {
     scene_.classes = json_.classes;
-    if (scene_.has_likelihoods || mesh_has_labels_ || options_.all_classes) return;
+    if (scene_.has_likelihoods || scene_.mesh_has_labels || options_.all_classes) return;
     if (json_.classes_given && scene_.classes.size() > 1) {
       Warn("classes are given, but neither labels nor likelihoods: the scene is refined as one class");
     }
@@ -295,7 +301,6 @@ class SceneLoader {
   Faults& faults_;
   SceneDescription scene_;
   SceneFile json_;
-  bool mesh_has_labels_ = false;
 };
 
 }  // namespace

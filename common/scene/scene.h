@@ -58,6 +58,7 @@ struct SceneDescription {
   std::string cameras_folder;    // of the COLMAP model, relative to folder
   std::string mesh_path;         // relative to folder
   bool has_likelihoods = false;
+  bool mesh_has_labels = false;
   std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
 };
 
@@ -68,6 +69,9 @@ struct SceneLoadOptions {
   bool needs_mesh = true;           // false: without a mesh, the cameras and images add to those of another scene
   std::optional<Frame> frame = {};  // else one about its cameras; a scene in other coordinates is at fault
   bool all_classes = false;         // as scene.json has them, though nothing in the scene has a class yet
+  // Likelihoods are made from the images later: there are some, and classes, but no likelihood_path; those in the
+  // folder are not looked at. `by_default_rule`: not by what was learnt, of which users are warned.
+  bool to_be_classified = false, by_default_rule = false;
   AllowedFiles allowed = AllowedFiles::All();  // nothing else is opened
 };
 

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/base/json_bounds.h"
+#include "common/storage/hash.h"
 #include "common/tile/exact_numbers.h"
 #include "common/tile/task_parameters.h"
 
@@ -183,6 +184,7 @@ Survey SurveyFromJson(const json& j) {
   s.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
   s.classes = ClassesFromArray(j.at("classes"));
   s.has_likelihoods = j.at("has_likelihoods");
+  s.classifier = j.value("classifier", std::string());
   s.borders = BordersFromArray(j.at("borders"), static_cast<int>(s.classes.size()));
   s.has_labels = j.at("has_labels");
   s.crs = CrsFromJson(j.at("crs"));
@@ -271,9 +273,15 @@ Survey WithoutNames(Survey survey) {
     view.name.clear();
     view.flight = -1;
     if (!view.image_path.empty()) view.image_path = ViewFileName(static_cast<int32_t>(v), false);
-    if (!view.likelihood_path.empty()) view.likelihood_path = ViewFileName(static_cast<int32_t>(v), true);
+    const bool made = !survey.classifier.empty() && !view.withdrawn;
+    if (made || !view.likelihood_path.empty()) view.likelihood_path = ViewFileName(static_cast<int32_t>(v), true);
   }
   return survey;
+}
+
+std::string ClassifiedContent(const Survey& survey, const std::string& pixels) {
+  const std::string both = survey.classifier + " " + pixels;
+  return Xxh3Hex(both.data(), both.size());
 }
 
 std::string SurveyToJson(const Survey& s) {
@@ -291,31 +299,32 @@ std::string SurveyToJson(const Survey& s) {
   for (const Flight& flight : s.flights) flights.push_back({{"name", flight.name}, {"date", flight.date}});
   json revision;
   if (s.revision) revision = {{"first_new_face", s.revision->first_new_face}, {"cells", s.revision->cells}};
-  const json out = {{"scene_name", s.scene_name},
-                    {"mesh", s.mesh_path},
-                    {"flights", std::move(flights)},
-                    {"gsd_m", s.gsd_m},
-                    {"up", VectorToJson(s.up)},
-                    {"ground_axis_x", VectorToJson(s.ground.axis_x)},
-                    {"ground_axis_y", VectorToJson(s.ground.axis_y)},
-                    {"cell_m", s.ground.cell_m},
-                    {"cells", std::move(cells)},
-                    {"views", ViewArray(s.views)},
-                    {"view_depths", s.view_depths},
-                    {"pairs", s.pairs},
-                    {"revision", std::move(revision)},
-                    {"classes", ClassArray(s.classes)},
-                    {"has_likelihoods", s.has_likelihoods},
-                    {"borders", BorderArray(s.borders)},
-                    {"has_labels", s.has_labels},
-                    {"crs", CrsToJson(s.crs)},
-                    {"origin_in_scene", VectorToJson(s.origin_in_scene)},
-                    {"rotation_local_from_scene", MatrixToJson(s.rotation_local_from_scene)},
-                    {"input_vertices", s.input_vertices},
-                    {"input_faces", s.input_faces},
-                    {"vertices", s.vertices},
-                    {"faces", s.faces},
-                    {"warnings", s.warnings}};
+  json out = {{"scene_name", s.scene_name},
+              {"mesh", s.mesh_path},
+              {"flights", std::move(flights)},
+              {"gsd_m", s.gsd_m},
+              {"up", VectorToJson(s.up)},
+              {"ground_axis_x", VectorToJson(s.ground.axis_x)},
+              {"ground_axis_y", VectorToJson(s.ground.axis_y)},
+              {"cell_m", s.ground.cell_m},
+              {"cells", std::move(cells)},
+              {"views", ViewArray(s.views)},
+              {"view_depths", s.view_depths},
+              {"pairs", s.pairs},
+              {"revision", std::move(revision)},
+              {"classes", ClassArray(s.classes)},
+              {"has_likelihoods", s.has_likelihoods},
+              {"borders", BorderArray(s.borders)},
+              {"has_labels", s.has_labels},
+              {"crs", CrsToJson(s.crs)},
+              {"origin_in_scene", VectorToJson(s.origin_in_scene)},
+              {"rotation_local_from_scene", MatrixToJson(s.rotation_local_from_scene)},
+              {"input_vertices", s.input_vertices},
+              {"input_faces", s.input_faces},
+              {"vertices", s.vertices},
+              {"faces", s.faces},
+              {"warnings", s.warnings}};
+  if (!s.classifier.empty()) out["classifier"] = s.classifier;
   return out.dump();
 }
 

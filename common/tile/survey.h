@@ -48,6 +48,9 @@ struct Survey {
   std::vector<std::array<int32_t, 2>> pairs;  // ordered pairs of views (reference, other) for the whole job
   std::vector<SceneClass> classes;
   bool has_likelihoods = false;
+  // Where the job makes the likelihoods itself: what tells its classifier from others (a trained one by its content).
+  // Their borders are then known from borders.json alone, and views have no likelihood_path.
+  std::string classifier;
   BorderTrusts borders;  // of the likelihoods; an update keeps its base's
   bool has_labels = false;
   Crs crs;
@@ -62,6 +65,9 @@ struct Survey {
 
 // Whether the mesh over the cell is not the base's.
 bool IsRevised(const Survey& survey, int x, int y);
+
+// A view's likelihood_content where the job makes the likelihoods: `pixels` tells the photograph, with its colours.
+std::string ClassifiedContent(const Survey& survey, const std::string& pixels);
 
 // Makes view_depths hold what the cells ask for: those that are there are widened, new ones added.
 void FillViewDepths(Survey* survey);

@@ -55,12 +55,18 @@ std::string ViewFileName(int32_t view, bool likelihoods) {
   return "views/" + number + (likelihoods ? ".likelihoods" : ".image");
 }
 
+std::string ViewBordersName(int32_t view) {
+  const std::string image = ViewFileName(view, false);
+  return image.substr(0, image.rfind('.')) + ".borders";
+}
+
 namespace {
 
 json IngestToJson(const IngestParameters& p) {
   json out = json::object();
   if (p.partners) out["partners"] = *p.partners;
   if (p.views_per_direction) out["views_per_direction"] = *p.views_per_direction;
+  if (p.classify) out["classify"] = p.by_default_rule ? "default" : "model";
   return out;
 }
 
@@ -68,6 +74,8 @@ IngestParameters IngestFromJson(const json& j) {
   IngestParameters parameters;
   if (j.contains("partners")) parameters.partners = j.at("partners").get<int>();
   if (j.contains("views_per_direction")) parameters.views_per_direction = j.at("views_per_direction").get<int>();
+  parameters.classify = j.contains("classify");
+  parameters.by_default_rule = parameters.classify && j.at("classify").get<std::string>() == "default";
   return parameters;
 }
 
@@ -81,7 +89,10 @@ std::string ToJson(const UpdateParameters& p) {
 
 std::string ToJson(const UpdateFiles& files) {
   json known = json::object();
-  for (const auto& [path, of] : files.known) known[path] = {{"mesh", of.mesh}, {"content", of.content}};
+  for (const auto& [path, of] : files.known) {
+    known[path] = {{"mesh", of.mesh}, {"content", of.content}};
+    if (!of.classified.empty()) known[path]["classified"] = of.classified;
+  }
   return json{{"known", std::move(known)}, {"carried", files.carried}}.dump();
 }
 
@@ -91,8 +102,17 @@ std::string ToJson(const CutParameters& p) {
               {"window_px", p.window_px},
               {"coarsest_level", p.coarsest_level}};
   for (const CellRect& core : p.cores) out["cores"].push_back(RectToJson(core));
+  if (p.borders) out["borders"] = true;
   return out.dump();
 }
+
+std::string ToJson(const ClassifyParameters& p) {
+  return json{{"view", p.view},   {"camera", p.view_json}, {"classes", p.classes_json},   {"up", p.up},
+              {"gsd_m", p.gsd_m}, {"depth_m", p.depth_m},  {"default", p.by_default_rule}}
+      .dump();
+}
+
+std::string ToJson(const BordersParameters& p) { return json{{"classes", p.classes}, {"views", p.views}}.dump(); }
 
 std::string ToJson(const StartParameters& p) { return json{{"tile", TileToJson(p.tile)}}.dump(); }
 
@@ -153,7 +173,9 @@ StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& text) {
 StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& text) {
   return Parse<UpdateFiles>(text, [](const json& j) {
     UpdateFiles files;
-    for (const auto& [path, of] : j.at("known").items()) files.known[path] = {of.at("mesh"), of.at("content")};
+    for (const auto& [path, of] : j.at("known").items()) {
+      files.known[path] = {of.at("mesh"), of.at("content"), of.value("classified", std::string())};
+    }
     j.at("carried").get_to(files.carried);
     return files;
   });
@@ -163,7 +185,28 @@ StatusOr<CutParameters> ParseCutParameters(const std::string& text) {
   return Parse<CutParameters>(text, [](const json& j) {
     CutParameters p = {TileFromJson(j.at("tile")), {}, j.at("window_px"), j.at("coarsest_level")};
     for (const json& core : j.at("cores")) p.cores.push_back(RectFromJson(core));
+    p.borders = j.contains("borders") && j.at("borders").get<bool>();
     return p;
+  });
+}
+
+StatusOr<ClassifyParameters> ParseClassifyParameters(const std::string& text) {
+  return Parse<ClassifyParameters>(text, [](const json& j) {
+    ClassifyParameters p;
+    p.view = j.at("view");
+    p.view_json = j.at("camera").get<std::string>();
+    p.classes_json = j.at("classes").get<std::string>();
+    p.up = j.at("up").get<std::vector<double>>();
+    p.gsd_m = j.at("gsd_m");
+    p.depth_m = j.at("depth_m");
+    p.by_default_rule = j.at("default");
+    return p;
+  });
+}
+
+StatusOr<BordersParameters> ParseBordersParameters(const std::string& text) {
+  return Parse<BordersParameters>(text, [](const json& j) {
+    return BordersParameters{j.at("classes"), j.at("views").get<std::vector<int32_t>>()};
   });
 }
 

@@ -33,11 +33,16 @@ inline constexpr char kReportFile[] = "report.json";  // publish
 inline constexpr char kTileMeshFolder[] = "tiles";    // publish, of more than one tile: a mesh each
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
 inline constexpr char kSceneFolder[] = "scene";  // scene files among other inputs lie under this name
+// Among a scene's files, wherever it lies: the trained classifier (common/classify/model.h) that a job was given.
+inline constexpr char kClassifierFile[] = ".classifier";
+inline constexpr char kBordersFile[] = "borders.json";  // borders: how far borders of likelihoods can be trusted
 // changes: faces of an update's result that show what is gone
 inline constexpr char kOutdatedFile[] = "outdated.arrays";
 
 // A view's file among the inputs of crop, however it is called in the scene.
 std::string ViewFileName(int32_t view, bool likelihoods);
+// What classify counts about the borders of a view's likelihoods.
+std::string ViewBordersName(int32_t view);
 
 struct TileParameters {
   int tile = 0;
@@ -52,6 +57,8 @@ struct IngestParameters {
   // Unset: the defaults.
   std::optional<int> partners;             // that a view chooses
   std::optional<int> views_per_direction;  // that a cell of the ground is refined from, at most
+  bool classify = false;                   // the job makes likelihoods itself, in place of the scene's
+  bool by_default_rule = false;            // not by kClassifierFile
 };
 
 // Of the task that takes an earlier job's survey on to more images.
@@ -64,8 +71,9 @@ struct UpdateParameters {
 // What the update task needs to know of files that it does not read (kFilesFile). Paths as in SceneView.
 struct UpdateFiles {
   struct Known {
-    bool mesh = false;    // of the base
-    std::string content;  // else: PixelContent of an image or of likelihoods
+    bool mesh = false;            // of the base
+    std::string content;          // else: PixelContent of an image or of likelihoods
+    std::string classified = {};  // of an image: likelihood_content, where the base made the likelihoods itself
   };
   std::map<std::string, Known> known;          // of the scene: the same bytes as a file of the base
   std::map<std::string, std::string> carried;  // of the base: under which names the job has them
@@ -76,6 +84,24 @@ struct CutParameters {
   std::vector<CellRect> cores;  // of all tiles of the job, by id, so that cut can tell whose faces it needs
   int window_px = 7;            // of the method: how far pixels depend on those around them
   int coarsest_level = 2;
+  bool borders = false;  // kBordersFile is among the inputs, in place of what the survey says
+};
+
+// Of the task that makes a view's likelihoods. It does not read the survey, so that an update finds what its base made.
+struct ClassifyParameters {
+  int32_t view = 0;
+  std::string view_json;     // ViewsToJson of the view alone, without names
+  std::string classes_json;  // ClassesToJson
+  std::vector<double> up;    // local frame
+  double gsd_m = 0;
+  double depth_m = 0;  // what lies farther from the camera is not looked at
+  bool by_default_rule = false;
+};
+
+// Of the task that sums up what classify counted.
+struct BordersParameters {
+  int classes = 0;
+  std::vector<int32_t> views;  // ascending
 };
 
 // Of the task that gives a tile's core as the job found it.
@@ -138,7 +164,7 @@ struct PublishParameters {
   std::vector<int> kept = {};         // tiles that an update took over from its base, ascending
   std::string scene_name = {};        // for the report, with the warnings about the scene
   std::vector<std::string> warnings = {};
-  bool outdated = false;  // kOutdatedFile is among the inputs
+  bool outdated = false;            // kOutdatedFile is among the inputs
   std::vector<int> set_aside = {};  // tiles whose refinement failed, and which are as they were before, ascending
 };
 
@@ -146,6 +172,8 @@ std::string ToJson(const IngestParameters& parameters);
 std::string ToJson(const UpdateParameters& parameters);
 std::string ToJson(const UpdateFiles& files);
 std::string ToJson(const CutParameters& parameters);
+std::string ToJson(const ClassifyParameters& parameters);
+std::string ToJson(const BordersParameters& parameters);
 std::string ToJson(const StartParameters& parameters);
 std::string ToJson(const RefineParameters& parameters);
 std::string ToJson(const StepParameters& parameters);
@@ -158,6 +186,8 @@ StatusOr<IngestParameters> ParseIngestParameters(const std::string& json);
 StatusOr<UpdateParameters> ParseUpdateParameters(const std::string& json);
 StatusOr<UpdateFiles> ParseUpdateFiles(const std::string& json);
 StatusOr<CutParameters> ParseCutParameters(const std::string& json);
+StatusOr<ClassifyParameters> ParseClassifyParameters(const std::string& json);
+StatusOr<BordersParameters> ParseBordersParameters(const std::string& json);
 StatusOr<StartParameters> ParseStartParameters(const std::string& json);
 StatusOr<RefineParameters> ParseRefineParameters(const std::string& json);
 StatusOr<StepParameters> ParseStepParameters(const std::string& json);

@@ -70,12 +70,23 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& l
     }
     TESSERA_ASSIGN_OR_RETURN(
         const SceneListing scene,
-        environment.list_scene(request.scene_path(), job.settings.update.base.empty(), environment.scene_files));
+        environment.list_scene(request.scene_path(), {job.settings.update.base.empty(), job.settings.classifier},
+                               environment.scene_files));
+    if (job.settings.update.base.empty()) job.settings.classifier = scene.classifier;
     if (job.display_name.empty()) job.display_name = scene.name;
     job.scene_path = scene.folder;
     job.warnings = scene.warnings;
     TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene, environment.scene_files, *environment.digests,
                                                                *environment.clock, cancelled));
+    if (std::binary_search(scene.files.begin(), scene.files.end(), kClassifierFile)) {
+      return InputError(scene.folder + "/" + kClassifierFile, "", "a file of this name", "none: it is reserved");
+    }
+    if (job.settings.update.base.empty() && Classifies(job.settings) && job.settings.classifier != kDefaultClassifier) {
+      TESSERA_ASSIGN_OR_RETURN(const HeldFile model, environment.scene_files.Open(job.settings.classifier));
+      TESSERA_ASSIGN_OR_RETURN(const Digest digest,
+                               DigestOfFile(model, *environment.digests, *environment.clock, cancelled));
+      job.scene_files.push_back({kClassifierFile, digest});
+    }
   }
   // Whoever asked may have gone meanwhile, and would not know of the job.
   if (context.IsCancelled()) return absl::CancelledError("the caller has gone");

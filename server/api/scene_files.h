@@ -14,18 +14,26 @@
 
 namespace tessera {
 
+// What is asked of a scene.
+struct SceneRequest {
+  bool needs_mesh = true;  // else it adds to another
+  std::string classifier;  // as JobSettings
+};
+
 // What a coordinator needs to know of a scene.
 struct SceneListing {
   std::string folder;  // absolute
   std::string name;
   std::vector<std::string> files;  // relative to folder, sorted
   Warnings warnings;
+  // As JobSettings, settled: where it was empty the default, if the scene needs one.
+  std::string classifier = {};
 };
 
 // Reads and validates the scene at a path, opening nothing but what is allowed; every fault is in the returned
-// INVALID_ARGUMENT. A scene that adds to another needs no mesh. Thread-safe.
-using SceneLister =
-    std::function<StatusOr<SceneListing>(const std::string& path, bool needs_mesh, const AllowedFiles& allowed)>;
+// INVALID_ARGUMENT; also those of the classifier, which is opened too. Thread-safe.
+using SceneLister = std::function<StatusOr<SceneListing>(const std::string& path, const SceneRequest& request,
+                                                         const AllowedFiles& allowed)>;
 
 // Whether nobody waits for an answer any more. May be empty.
 using Cancelled = std::function<bool()>;

@@ -16,6 +16,8 @@
 
 #include "common/access/secrets.h"
 #include "common/base/clock.h"
+#include "common/classify/default_rule.h"
+#include "common/classify/model.h"
 #include "common/rpc/channel.h"
 #include "common/scene/scene.h"
 #include "common/storage/blob_store.h"
@@ -33,6 +35,7 @@
 namespace tessera {
 namespace {
 
+constexpr int64_t kMostClassifierBytes = int64_t{64} << 20;
 constexpr double kLastAnswers_s = 1;  // for calls that are answered at once
 
 struct Flags {
@@ -55,12 +58,43 @@ struct Flags {
   bool exit_with_parent = false;
 };
 
-StatusOr<SceneListing> ListScene(const std::string& path, bool needs_mesh, const AllowedFiles& allowed) {
+// OK if the classifier tells the scene's classes.
+Status CheckClassifier(const std::string& classifier, const SceneDescription& scene, const AllowedFiles& allowed) {
+  std::vector<std::string> classes;
+  for (const SceneClass& c : scene.classes) classes.push_back(c.name);
+  if (classifier == kDefaultClassifier) return DefaultRule::Of(classes, scene.folder + "/scene.json").status();
+  TESSERA_ASSIGN_OR_RETURN(const std::string bytes, allowed.ReadWhole(classifier, kMostClassifierBytes));
+  const StatusOr<ClassifierModel> model = ParseModel(bytes, classifier);
+  if (!model.ok()) return absl::InvalidArgumentError(model.status().message());  // not the coordinator's data loss
+  return ModelClassesOf(*model, classes, classifier).status();
+}
+
+StatusOr<SceneListing> ListScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
   SceneListing listing;
   SceneLoadOptions options;
-  options.needs_mesh = needs_mesh;
+  options.needs_mesh = request.needs_mesh;
   options.allowed = allowed;
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(path, &listing.warnings, options));
+  listing.classifier = request.classifier;
+  if (listing.classifier == kNoClassifier) listing.classifier.clear();
+  const auto load = [&]() -> StatusOr<SceneDescription> {
+    options.to_be_classified = !listing.classifier.empty();
+    options.by_default_rule = listing.classifier == kDefaultClassifier;
+    listing.warnings.clear();
+    TESSERA_ASSIGN_OR_RETURN(SceneDescription found, LoadScene(path, &listing.warnings, options));
+    if (options.to_be_classified) TESSERA_RETURN_IF_ERROR(CheckClassifier(listing.classifier, found, allowed));
+    return found;
+  };
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, load());
+  if (request.classifier.empty() && request.needs_mesh && !scene.has_likelihoods && !scene.mesh_has_labels) {
+    const SceneListing without = listing;
+    listing.classifier = kDefaultClassifier;
+    StatusOr<SceneDescription> guessed = load();
+    if (guessed.ok()) {
+      scene = *std::move(guessed);
+    } else {
+      listing = without;  // classes that nobody can tell
+    }
+  }
   listing.folder = std::filesystem::absolute(scene.folder).lexically_normal().string();
   while (listing.folder.size() > 1 && listing.folder.back() == '/') listing.folder.pop_back();
   listing.name = scene.name;

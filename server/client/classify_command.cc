@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_join.h"
 #include "common/base/parallel.h"
 #include "common/base/task_usage.h"
 #include "common/classify/classified_scene_files.h"
@@ -42,22 +41,6 @@ std::string SceneFileOf(const std::string& path) {
   return fs::is_directory(path) ? (fs::path(path) / "scene.json").string() : path;
 }
 
-// Of the model's classes, that of each of the scene's.
-StatusOr<std::vector<int>> ClassesOfScene(const ClassifierModel& model, const SceneDescription& scene,
-                                          const std::string& path) {
-  std::vector<int> classes;
-  for (const SceneClass& c : scene.classes) {
-    const auto it = std::find(model.classes.begin(), model.classes.end(), c.name);
-    if (it == model.classes.end()) {
-      return InputError(path, "classes", absl::StrJoin(model.classes, ", "),
-                        absl::StrCat("all of the scene's, and there is no ", c.name,
-                                     "; name the scene's classes alike, or train a model for them"));
-    }
-    classes.push_back(static_cast<int>(it - model.classes.begin()));
-  }
-  return classes;
-}
-
 Status WriteOutput(const std::string& path, const std::string& content) {
   const Status written = WriteFileAtomic(path, content);
   // Not the input's fault, whatever the code.
@@ -86,25 +69,21 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
   ClassifierModel model;
   std::optional<DefaultRule> rule;
   ClassifierInUse use;
+  std::vector<std::string> names;
+  for (const SceneClass& c : scene.classes) names.push_back(c.name);
   if (!arguments.train.empty()) {
     report.source = "annotations";
     TESSERA_ASSIGN_OR_RETURN(annotations, ReadAnnotations(arguments.train, scene, &report.warnings));
   } else if (!arguments.model.empty()) {
     report.source = "model";
     TESSERA_ASSIGN_OR_RETURN(model, ReadModel(arguments.model));
-    TESSERA_ASSIGN_OR_RETURN(use.class_of_scene, ClassesOfScene(model, scene, arguments.model));
+    TESSERA_ASSIGN_OR_RETURN(use.class_of_scene, ModelClassesOf(model, names, arguments.model));
     use.model = &model;
     report.model_gsd_m = model.gsd_m;
-    const double ratio = report.gsd_m / model.gsd_m;
-    if (ratio > 1.5 || ratio < 1 / 1.5) {
-      report.warnings.push_back(absl::StrCat(arguments.model, ": learnt at a GSD of ", model.gsd_m,
-                                             " m, and the scene has ", report.gsd_m,
-                                             " m: textures look otherwise; annotate a few images of it"));
-    }
+    const std::string warning = GsdWarning(model, report.gsd_m, arguments.model);
+    if (!warning.empty()) report.warnings.push_back(warning);
   } else {
     report.source = kDefaultLikelihoods;
-    std::vector<std::string> names;
-    for (const SceneClass& c : scene.classes) names.push_back(c.name);
     TESSERA_ASSIGN_OR_RETURN(rule, DefaultRule::Of(names, SceneFileOf(arguments.scene)));
     use.rule = &*rule;
   }

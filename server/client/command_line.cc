@@ -104,6 +104,19 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
                   "this nor --tiles is given")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/true))
       ->type_name("BYTES|MiB|GiB");
+  command
+      .add_option(
+          "--classifier", flags->settings.classifier,
+          "What makes class likelihoods of the images, in place of the scene's: a file of `tessera classify "
+          "--save-model`, or 'default' (geometry and greenness), or 'none' (what the scene has). Without it the "
+          "default where the scene has neither likelihoods nor labels")
+      ->transform([](const std::string& given) {
+        if (given == kDefaultClassifier || given == kNoClassifier || given.empty()) return given;
+        std::error_code error;
+        const std::filesystem::path path = std::filesystem::absolute(given, error).lexically_normal();
+        return error ? given : path.string();
+      })
+      ->type_name("MODEL|default|none");
   AddMethodOptions(command, &flags->settings);
   command.parse_complete_callback([flags] {
     const Status status = CheckJobSettings(flags->settings);

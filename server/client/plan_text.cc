@@ -40,8 +40,9 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
   }
   double most = 0;
   for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.core_seconds());
-  const double mean = (quote.core_seconds - quote.ingest.core_seconds - quote.publish.core_seconds) /
-                      static_cast<double>(std::max<size_t>(1, quote.tiles.size()));
+  const double mean =
+      (quote.core_seconds - quote.ingest.core_seconds - quote.classify.core_seconds - quote.publish.core_seconds) /
+      static_cast<double>(std::max<size_t>(1, quote.tiles.size()));
   const double km2 = quote.area_m2 / kSquareKilometre,
                wall_s = WallSeconds(quote, terms.workers, terms.threads_per_worker);
   const Interval& i = quote.interval;
@@ -55,6 +56,10 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
   absl::StrAppendFormat(&out, "ingest: %.0f core-s, %.0f MiB; publish: %.0f core-s, %.0f MiB\n",
                         quote.ingest.core_seconds, static_cast<double>(quote.ingest.peak_bytes) / kMiB,
                         quote.publish.core_seconds, static_cast<double>(quote.publish.peak_bytes) / kMiB);
+  if (quote.classify.core_seconds > 0) {
+    absl::StrAppendFormat(&out, "classify: %.0f core-s, %.0f MiB\n", quote.classify.core_seconds,
+                          static_cast<double>(quote.classify.peak_bytes) / kMiB);
+  }
   absl::StrAppendFormat(&out, "memory of a worker: %.0f MiB at most\n", static_cast<double>(quote.peak_bytes) / kMiB);
   const Interval stored = StoredBytesInterval();
   const double stored_gib = static_cast<double>(quote.stored_bytes) / kGiB;
@@ -115,6 +120,7 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
                {"wall_seconds", range(wall_s)}};
   if (terms.price_per_core_hour) json["price"] = range(*terms.price_per_core_hour * quote.core_seconds / kHour);
   json["ingest"] = cost(quote.ingest);
+  if (quote.classify.core_seconds > 0) json["classify"] = cost(quote.classify);
   json["publish"] = cost(quote.publish);
   json["tiles"] = std::move(tiles);
   return json.dump(1) + "\n";

@@ -17,7 +17,11 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
   base.name = name;
   base.scene_files = job.scene_files;
   for (const JobTask& task : job.tasks) {
-    if (task.plan.kind != kPublishKind || task.superseded) continue;
+    if (task.superseded) continue;
+    for (const StoredFile& output : task.outputs) {
+      if (output.name == kBordersFile) base.borders = output.digest();
+    }
+    if (task.plan.kind != kPublishKind) continue;
     TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(task.plan.parameters));
     base.tiles = parameters.tiles;
     const auto skip_gone = [&base] {

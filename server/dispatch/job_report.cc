@@ -146,6 +146,7 @@ std::string JobReport::Head() const {
                  {"from_scratch", settings.update.from_scratch},
                  {"method_settings", Json::parse(ToJson(settings.method_settings))}}},
                {"state", Name(end_)}};
+  if (!settings.classifier.empty()) json["settings"]["classifier"] = settings.classifier;
   if (const UpdateSettings& update = settings.update; !update.rollback_to.empty()) {
     json["rollback"] = {{"to", update.rollback_to}, {"tiles", update.rollback_tiles}};
   }

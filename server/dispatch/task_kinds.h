@@ -11,9 +11,9 @@
 namespace tessera {
 
 // All that are planned; the last stands for any other.
-inline constexpr std::array<std::string_view, 15> kTaskKinds = {"ingest", "update",  "base",    "plan",    "cut",
-                                                                "crop",   "start",   "measure", "solve",   "mend",
-                                                                "refine", "compare", "changes", "publish", "other"};
+inline constexpr std::array<std::string_view, 17> kTaskKinds = {
+    "ingest",  "update", "base", "plan",   "classify", "borders", "cut",     "crop", "start",
+    "measure", "solve",  "mend", "refine", "compare",  "changes", "publish", "other"};
 
 // The kind's place in kTaskKinds.
 inline int KindIndex(std::string_view kind) {

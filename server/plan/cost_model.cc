@@ -57,7 +57,11 @@ constexpr double kMendSeconds = 2.7e-6;     // a face and repair
 constexpr double kLabelSeconds = 32e-9;     // a pixel of the crops and labelling
 constexpr double kLabelFaceSeconds = 4e-6;  // a face and labelling
 constexpr double kDecodeSeconds = 28e-9;    // a pixel of a whole photograph
-constexpr double kReadSeconds = 30e-9;      // a pixel and class of the crops
+// A pixel of a photograph that is classified, and a class of it; a face of what it may see.
+constexpr double kClassifySeconds = 0.6e-6, kClassifyClassSeconds = 0.11e-6, kClassifyFaceSeconds = 0.5e-6;
+constexpr double kClassifyPixelBytes = 140, kClassifyBytesPerFace = 250, kClassifySightShare = 2;
+constexpr double kStoredClassified = 0.6;  // a pixel and class
+constexpr double kReadSeconds = 30e-9;     // a pixel and class of the crops
 
 constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
@@ -386,7 +390,10 @@ Prediction PredictIngest(const Survey& survey) {
   for (const SurveyCell& cell : survey.cells) {
     face_views += static_cast<double>(cell.faces) * static_cast<double>(cell.views.size());
   }
-  const double planes = survey.has_likelihoods ? static_cast<double>(survey.classes.size()) : 0;
+  // Of likelihoods that the job makes it reads none, but the photographs' colours.
+  const double planes = !survey.classifier.empty() ? 1
+                        : survey.has_likelihoods   ? static_cast<double>(survey.classes.size())
+                                                   : 0;
   double pixels = 0;  // all are checked
   for (const SceneView& view : survey.views) {
     pixels += static_cast<double>(view.camera.intrinsics.width) * view.camera.intrinsics.height;
@@ -395,6 +402,29 @@ Prediction PredictIngest(const Survey& survey) {
           Bytes(kFixedBytes + CityBytes(kIngestBytesPerFace, static_cast<double>(survey.faces))),
           Bytes(kStoredCityFace * static_cast<double>(survey.faces) +
                 kStoredView * static_cast<double>(survey.views.size()))};
+}
+
+std::vector<Prediction> PredictClassify(const Survey& survey) {
+  std::vector<double> chosen(survey.views.size(), 0);  // faces of the cells that chose the view
+  double by_any = 0;
+  for (const SurveyCell& cell : survey.cells) {
+    for (const int32_t v : cell.views) chosen[v] += static_cast<double>(cell.faces);
+    by_any += static_cast<double>(cell.faces) * static_cast<double>(cell.views.size());
+  }
+  const double classes = static_cast<double>(survey.classes.size());
+  std::vector<Prediction> predictions;
+  for (size_t v = 0; v < chosen.size(); ++v) {
+    const PinholeCamera& camera = survey.views[v].camera.intrinsics;
+    const double pixels = static_cast<double>(camera.width) * camera.height;
+    // One that is only compared with others sees about as much as they; all see beyond the cells that chose them.
+    const double about = chosen[v] > 0 ? chosen[v] : by_any / static_cast<double>(chosen.size());
+    const double faces = std::min(kClassifySightShare * about, static_cast<double>(survey.faces));
+    predictions.push_back(
+        {kTaskSeconds + (kClassifySeconds + kClassifyClassSeconds * classes) * pixels + kClassifyFaceSeconds * faces,
+         Bytes(kFixedBytes + kClassifyPixelBytes * pixels + kClassifyBytesPerFace * faces),
+         Bytes(kStoredClassified * classes * pixels)});
+  }
+  return predictions;
 }
 
 Prediction PredictPublish(const Survey& survey) {

@@ -74,6 +74,8 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
 // The tasks of the job.
 Prediction PredictIngest(const Survey& survey);
 Prediction PredictPublish(const Survey& survey);
+// The likelihoods of each view, where the job makes them.
+std::vector<Prediction> PredictClassify(const Survey& survey);
 // Of an update: a block of ground of which new images, of so many pixels, see so many change cells; the report of so
 // many blocks.
 Prediction PredictCompare(const Survey& survey, double image_pixels, double cells);

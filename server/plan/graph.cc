@@ -4,13 +4,14 @@
 #include <iterator>
 #include <limits>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "common/tile/refine_steps.h"
 #include "common/tile/survey.h"
 #include "server/plan/cell_index.h"
+#include "server/plan/classify_tasks.h"
 #include "server/plan/cost_model.h"
 #include "server/plan/files_of_views.h"
 #include "server/plan/quote.h"
@@ -50,6 +51,8 @@ class Graph {
     }
     TESSERA_ASSIGN_OR_RETURN(graph.survey_, ParseSurvey(survey_json));
     TESSERA_ASSIGN_OR_RETURN(graph.files_of_view_, FilesOfViews(graph.survey_, scene_files));
+    graph.classified_.resize(graph.survey_.views.size());
+    graph.classifier_file_ = ClassifierFile(scene_files);
     const CellIndex cells(graph.survey_);
     if (base != nullptr) {
       TESSERA_RETURN_IF_ERROR(graph.TakeTiles(*base, cells));
@@ -69,6 +72,7 @@ class Graph {
 
   size_t tiles() const { return tiles_.size(); }
   bool goes_on() const { return goes_on_; }
+  const Survey& survey() const { return survey_; }
   // That are cut, cropped and stepped, as far as they are not set aside.
   std::vector<int> redone() const {
     std::vector<int> ids;
@@ -89,6 +93,23 @@ class Graph {
     return std::move(tasks_);
   }
 
+  // The likelihoods of all views that tiles read, where the job makes them itself. Of a job on the whole city these are
+  // the same views for any tiles, and so is what is known of their borders, which an update takes over.
+  Status AddClassifiers() {
+    if (survey_.classifier.empty()) return absl::OkStatus();
+    const bool by_default_rule = settings_.classifier == kDefaultClassifier, is_update = !tiles_of_base_.empty();
+    if (!by_default_rule && classifier_file_ < 0) return absl::NotFoundError("the job's files lack its classifier");
+    const std::set<int32_t> views = ViewsRead();
+    int made = static_cast<int>(size());
+    for (PlannedTask& task : PlanClassify({survey_, files_of_view_, views, by_default_rule ? -1 : classifier_file_,
+                                           city_from_, size(), /*borders=*/!is_update})) {
+      Add(std::move(task));
+    }
+    for (const int32_t v : views) classified_[v] = PlannedInput{TaskId(made++), ViewFileName(v, true)};
+    borders_ = PlannedInput{is_update ? base_from_ : TaskId(made), kBordersFile};
+    return absl::OkStatus();
+  }
+
   void AddCuts() {
     std::vector<CellRect> cores;
     for (const GraphTile& tile : tiles_) cores.push_back(tile.parameters.core);
@@ -103,8 +124,10 @@ class Graph {
       parameters.cores = cores;
       parameters.window_px = method.window_px.value_or(parameters.window_px);
       parameters.coarsest_level = coarsest;
+      parameters.borders = borders_.has_value();
       task.parameters = ToJson(parameters);
       task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
+      if (borders_) task.inputs.push_back(*borders_);
       tile.cut = Add(std::move(task));
     }
   }
@@ -134,6 +157,7 @@ class Graph {
       for (const int32_t view : tile.work.views) {
         const auto& files = files_of_view_[view];
         task.view_files.Edit().insert(task.view_files->end(), files.begin(), files.end());
+        if (classified_[view]) task.inputs.push_back(*classified_[view]);
       }
       tile.crop = Add(std::move(task));
     }
@@ -170,20 +194,6 @@ class Graph {
     }
   }
 
-  // Publish needs a state of each tile.
-  Status CheckSteps() const {
-    if (!StepsTaken(settings_, survey_, goes_on_).empty()) return absl::OkStatus();
-    return InputError(survey_.scene_name, "likelihoods", "none of two classes or more",
-                      absl::StrCat("some: labels are all that the method \"", MethodName(),
-                                   "\" solves, and tessera classify makes likelihoods"));
-  }
-
-  Status CheckQuote() const {
-    if (settings_.max_core_seconds == 0) return absl::OkStatus();
-    TESSERA_ASSIGN_OR_RETURN(const Quote quote, MakeQuote(settings_, survey_));
-    return CheckLimit(settings_, quote.core_seconds);
-  }
-
   Prediction CostOfChanges() const {
     Graph graph = *this;
     const size_t first = graph.size();
@@ -203,8 +213,9 @@ class Graph {
   // An update's plan, as the user reads it.
   Status AddPlan(const UpdateBase& base) {
     TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_, costs_));
-    const Prediction ingest = update_cost_, compare = CostOfChanges(),
-                     publish = costs_.Corrected(kPublishKind, PredictPublish(survey_));
+    Prediction ingest = update_cost_;
+    ingest.core_seconds += PredictViews(survey_, ViewsRead(), costs_).core_seconds;
+    const Prediction compare = CostOfChanges(), publish = costs_.Corrected(kPublishKind, PredictPublish(survey_));
     double core_seconds = ingest.core_seconds + publish.core_seconds + compare.core_seconds;
     for (const TileChange& change : changes_) core_seconds += change.predicted.core_seconds;
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
@@ -218,8 +229,8 @@ class Graph {
   }
 
   void AddChanges() {
-    ChangeWork work = {survey_, files_of_view_, views_of_base_, base_from_, city_from_, survey_from_, size(),
-                       {},      outdated_};
+    ChangeWork work = {survey_,      files_of_view_, classified_, views_of_base_, base_from_, city_from_,
+                       survey_from_, size(),         {},          outdated_};
     for (size_t t = 0; t < tiles_of_base_.size(); ++t) {
       if (tiles_of_base_[t].core.empty()) continue;
       const GraphTile& tile = tiles_[t];
@@ -265,6 +276,12 @@ class Graph {
   }
 
   std::string MethodName() const { return settings_.method.empty() ? kMethods[0] : settings_.method; }
+
+  std::set<int32_t> ViewsRead() const {
+    std::set<int32_t> views;
+    for (const GraphTile& tile : tiles_) views.insert(tile.work.views.begin(), tile.work.views.end());
+    return views;
+  }
 
   // The base's tiles, with what an update does about them.
   Status TakeTiles(const UpdateBase& base, const CellIndex& cells) {
@@ -419,12 +436,15 @@ class Graph {
   std::vector<std::vector<PlannedTask::ViewFile>> files_of_view_;
   std::vector<GraphTile> tiles_;
   std::vector<PlannedTask> tasks_;
+  std::vector<std::optional<PlannedInput>> classified_;  // by view: its likelihoods, if the job makes them
+  std::optional<PlannedInput> borders_;                  // what is known of these
+  int classifier_file_ = -1;                             // among the scene's files
   TaskId base_from_, city_from_, survey_from_;
   std::vector<TileParameters> tiles_of_base_;
-  int last_states_ =
-      std::numeric_limits<int>::min();  // stage that made the latest of others than those left as they are
-  bool goes_on_ = false;                // from the base's states; tiles without a change stay as they are
-  std::vector<TileChange> changes_;     // of an update
+  // Stage that made the latest of others than those left as they are.
+  int last_states_ = std::numeric_limits<int>::min();
+  bool goes_on_ = false;             // from the base's states; tiles without a change stay as they are
+  std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;
   std::optional<PlannedInput> outdated_;  // the base's list of faces, then that of the last task of AddChanges
   Prediction update_cost_;
@@ -445,9 +465,10 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
       return std::move(graph).TakeFrom(first);
     }
   } else {
-    TESSERA_RETURN_IF_ERROR(graph.CheckQuote());
+    TESSERA_RETURN_IF_ERROR(CheckQuote(settings, graph.survey()));
   }
-  TESSERA_RETURN_IF_ERROR(graph.CheckSteps());
+  TESSERA_RETURN_IF_ERROR(CheckSteps(settings, graph.survey(), graph.goes_on()));
+  TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
   graph.AddCuts();
   if (graph.tiles() == 1 && !graph.goes_on()) {
     graph.AddCrops();
@@ -465,18 +486,8 @@ StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const 
   TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
   if (base != nullptr) graph.SkipPlan();
   TESSERA_RETURN_IF_ERROR(graph.SetAside(set_aside));
-  if (graph.cut().size() != reads.size()) {
-    return absl::FailedPreconditionError(absl::StrCat("the job was cut in ", reads.size(), " tiles, expected ",
-                                                      graph.cut().size(), ", as this version lays them out"));
-  }
-  for (const TileReads& of_tile : reads) {
-    for (const std::vector<int>* ids : {&of_tile.label, &of_tile.mend, &of_tile.sight, &of_tile.solve}) {
-      for (const int id : *ids) {
-        if (id >= 0 && id < static_cast<int>(graph.tiles())) continue;
-        return absl::InvalidArgumentError(absl::StrCat("reads: found tile ", id, " of ", graph.tiles()));
-      }
-    }
-  }
+  TESSERA_RETURN_IF_ERROR(CheckReads(reads, graph.cut().size(), graph.tiles()));
+  TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
   graph.AddCuts();
   const size_t first = graph.size();
   graph.AddCrops();

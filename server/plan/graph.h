@@ -68,6 +68,8 @@ inline constexpr char kUpdateKind[] = "update";  // in place of ingest, of a job
 inline constexpr char kBaseKind[] = "base";      // given: what the other job made
 inline constexpr char kPlanKind[] = "plan";      // given: kUpdateFile
 inline constexpr char kChangesKind[] = "changes";
+inline constexpr char kClassifyKind[] = "classify";  // a view
+inline constexpr char kBordersKind[] = "borders";    // after these
 inline constexpr char kCutKind[] = "cut";
 inline constexpr char kCropKind[] = "crop";
 inline constexpr char kMeasureKind[] = "measure";
@@ -84,6 +86,7 @@ struct UpdateBase {
   std::vector<TileParameters> tiles;
   std::vector<Digest> states;            // the last of each tile; of one that is gone none, a Digest()
   std::optional<Digest> outdated;        // its kOutdatedFile
+  std::optional<Digest> borders;         // its kBordersFile, if it made its likelihoods itself
   std::vector<NamedDigest> scene_files;  // those of the base, sorted by name
   // Of the base and those that it goes on from; of ingest, which took the survey of the base, its own alone.
   MeasuredCosts measured;
@@ -93,6 +96,8 @@ struct UpdateBase {
 // that tell their content: the files lie where the base has them.
 std::string CarriedName(const NamedDigest& file_of_base);
 bool IsCarried(const std::string& name);
+// Whether it is the job's own or its base's kClassifierFile, which tasks see under that name.
+bool IsClassifier(const std::string& name);
 
 // Each gives the tasks of a phase, to be appended to those before. `scene_files`: every file of the scene, relative,
 // sorted; `survey`: content of ingest's kSurveyFile. Deterministic.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <set>
 
 #include "absl/strings/str_format.h"
 #include "server/plan/tiling.h"
@@ -35,6 +36,19 @@ int64_t TileQuote::peak_bytes() const {
 int64_t TileQuote::stored_bytes() const {
   return cut.stored_bytes + crop.stored_bytes + measure.stored_bytes + solve.stored_bytes + mend.stored_bytes +
          refine.stored_bytes;
+}
+
+Prediction PredictViews(const Survey& survey, const std::set<int32_t>& views, const CostScale& costs) {
+  Prediction sum;
+  if (survey.classifier.empty()) return sum;
+  const std::vector<Prediction> predicted = PredictClassify(survey);
+  for (const int32_t v : views) {
+    const Prediction of_view = costs.Corrected("classify", predicted[v]);
+    sum.core_seconds += of_view.core_seconds;
+    sum.stored_bytes += of_view.stored_bytes;
+    sum.peak_bytes = std::max(sum.peak_bytes, of_view.peak_bytes);
+  }
+  return sum;
 }
 
 StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, const CostScale& costs) {
@@ -71,11 +85,19 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
     quote.stored_bytes += tile.stored_bytes();
     quote.tiles.push_back(std::move(tile));
   }
+  std::set<int32_t> views;
+  for (const TileQuote& tile : quote.tiles) views.insert(tile.work.views.begin(), tile.work.views.end());
+  quote.classify = PredictViews(survey, views, costs);
+  quote.core_seconds += quote.classify.core_seconds;
+  quote.stored_bytes += quote.classify.stored_bytes;
+  quote.peak_bytes = std::max(quote.peak_bytes, quote.classify.peak_bytes);
   return quote;
 }
 
 double WallSeconds(const Quote& quote, int workers, int threads) {
-  double seconds = quote.ingest.core_seconds + quote.publish.core_seconds;
+  // Views that are classified are many and alike.
+  double seconds =
+      quote.ingest.core_seconds + quote.publish.core_seconds + quote.classify.core_seconds / std::max(1, workers);
   for (const Prediction TileQuote::*stage : {&TileQuote::cut, &TileQuote::crop, &TileQuote::measure, &TileQuote::solve,
                                              &TileQuote::mend, &TileQuote::refine}) {
     std::vector<double> tasks;
@@ -83,6 +105,12 @@ double WallSeconds(const Quote& quote, int workers, int threads) {
     seconds += Makespan(std::move(tasks), workers);
   }
   return seconds / std::max(1, threads);
+}
+
+Status CheckQuote(const JobSettings& settings, const Survey& survey) {
+  if (settings.max_core_seconds == 0) return absl::OkStatus();
+  TESSERA_ASSIGN_OR_RETURN(const Quote quote, MakeQuote(settings, survey));
+  return CheckLimit(settings, quote.core_seconds);
 }
 
 Status CheckLimit(const JobSettings& settings, double core_seconds) {

@@ -3,6 +3,7 @@
 #define TESSERA_SERVER_PLAN_QUOTE_H_
 
 #include <cstdint>
+#include <set>
 #include <vector>
 
 #include "common/base/status.h"
@@ -27,6 +28,7 @@ struct TileQuote {
 struct Quote {
   std::vector<TileQuote> tiles;
   Prediction ingest, publish;
+  Prediction classify;                     // of all views, where the job makes likelihoods; memory of the hungriest
   double area_m2 = 0;                      // of the ground cells that have faces
   double core_faces = 0, sight_faces = 0;  // summed over tiles: their own, and with what they have in sight
   double core_seconds = 0;                 // of all tasks
@@ -39,6 +41,9 @@ struct Quote {
   Interval interval;
 };
 
+// The likelihoods of these views, where the job makes them (else nothing); memory of the hungriest.
+Prediction PredictViews(const Survey& survey, const std::set<int32_t>& views, const CostScale& costs);
+
 // The same tiles as PlanTiles gives for these settings, corrected by `costs`. Errors as its.
 StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, const CostScale& costs = {});
 
@@ -48,6 +53,7 @@ double WallSeconds(const Quote& quote, int workers, int threads);
 
 // INVALID_ARGUMENT with what to do if the job is predicted to take more than it may.
 Status CheckLimit(const JobSettings& settings, double core_seconds);
+Status CheckQuote(const JobSettings& settings, const Survey& survey);
 
 }  // namespace tessera
 

@@ -105,6 +105,7 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
     taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
     publish.inputs.push_back({TaskId(0), kOutdatedFile});
   }
+  if (base.borders) taken.given.Edit().push_back({kBordersFile, *base.borders});  // for updates of it
   parameters.outdated = base.outdated.has_value();
   publish.parameters = ToJson(parameters);
   return std::vector<PlannedTask>{std::move(taken), std::move(publish)};

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <iterator>
 
+#include "absl/strings/str_cat.h"
 #include "server/plan/update_plan.h"
 
 namespace tessera {
@@ -23,6 +24,29 @@ std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, b
   const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
   return ActiveSteps(StepsOf(settings), MethodRulesOf(settings.method, settings.rounds, settings.method_settings),
                      traits);
+}
+
+Status CheckSteps(const JobSettings& settings, const Survey& survey, bool goes_on) {
+  if (!StepsTaken(settings, survey, goes_on).empty()) return absl::OkStatus();
+  return InputError(survey.scene_name, "likelihoods", "none of two classes or more",
+                    absl::StrCat("some: labels are all that the method \"", settings.method,
+                                 "\" solves, and tessera classify makes likelihoods"));
+}
+
+Status CheckReads(const std::vector<TileReads>& reads, size_t cut, size_t tiles) {
+  if (cut != reads.size()) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("the job was cut in ", reads.size(), " tiles, expected ", cut, ", as this version lays them out"));
+  }
+  for (const TileReads& of_tile : reads) {
+    for (const std::vector<int>* ids : {&of_tile.label, &of_tile.mend, &of_tile.sight, &of_tile.solve}) {
+      for (const int id : *ids) {
+        if (id >= 0 && id < static_cast<int>(tiles)) continue;
+        return absl::InvalidArgumentError(absl::StrCat("reads: found tile ", id, " of ", tiles));
+      }
+    }
+  }
+  return absl::OkStatus();
 }
 
 std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool goes_on) {

@@ -16,6 +16,11 @@ std::vector<RefineStep> StepsOf(const JobSettings& settings);
 // Indices of those that a job of several tiles takes, ascending. `goes_on`: from the states of an update's base.
 std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool goes_on);
 
+// Publish needs a state of each tile: some step has to be taken.
+Status CheckSteps(const JobSettings& settings, const Survey& survey, bool goes_on);
+// One for each tile that was cut, and of tiles that there are.
+Status CheckReads(const std::vector<TileReads>& reads, size_t cut, size_t tiles);
+
 // Of a tile that was not even cut, and of one that was but took part in no stage. Every stage is later.
 inline constexpr int kNoCut = std::numeric_limits<int>::min(), kNoState = -1;
 

@@ -58,6 +58,7 @@ PlannedTask CompareTask(const ChangeWork& work, const CellRect& cells, const See
   double pixels = 0;
   for (const int32_t v : parameters.views) {
     task.view_files.Edit().insert(task.view_files->end(), work.files_of_view[v].begin(), work.files_of_view[v].end());
+    if (work.classified[v]) task.inputs.push_back(*work.classified[v]);
     const PinholeCamera& k = work.survey.views[v].camera.intrinsics;
     pixels += static_cast<double>(k.width) * k.height;
   }
@@ -126,6 +127,12 @@ std::string CarriedName(const NamedDigest& file) {
 
 bool IsCarried(const std::string& name) { return name.starts_with(kCarriedPrefix); }
 
+bool IsClassifier(const std::string& name) {
+  if (!IsCarried(name)) return name == kClassifierFile;
+  const size_t folder = name.find('/', sizeof(kCarriedPrefix) - 1);
+  return folder != std::string::npos && name.substr(folder + 1) == kClassifierFile;
+}
+
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
                                               const UpdateBase& base) {
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
@@ -137,7 +144,9 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   std::map<std::string, std::string> name_of_content;  // in the job's list
   for (const NamedDigest& file : scene_files) name_of_content.emplace(file.digest.sha256, file.name);
   std::map<std::string, std::string> content_of_path;  // of images and likelihoods of the base
+  std::map<std::string, std::string> classified;       // of images, where the base made the likelihoods
   for (const SceneView& view : survey.views) {
+    if (!survey.classifier.empty()) classified[view.image_path] = view.likelihood_content;
     if (!view.image_path.empty()) content_of_path[view.image_path] = view.image_content;
     if (!view.likelihood_path.empty()) content_of_path[view.likelihood_path] = view.likelihood_content;
   }
@@ -149,6 +158,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
     UpdateFiles::Known& known = known_of_content[file.digest.sha256];
     known.mesh = pixels == content_of_path.end();
     if (!known.mesh) known.content = pixels->second;
+    if (const auto of = classified.find(file.name); of != classified.end()) known.classified = of->second;
     const auto name = name_of_content.find(file.digest.sha256);
     if (name == name_of_content.end()) return absl::InternalError(base.name + ": " + file.name + " is not carried on");
     files.carried[file.name] = name->second;
@@ -162,12 +172,11 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
     taken.given.Edit().push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
   }
   if (base.outdated) taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
+  if (base.borders) taken.given.Edit().push_back({kBordersFile, *base.borders});
   bool other_mesh = false;  // there may be one
   update.kind = update.name = kUpdateKind;
   update.parameters =
-      ToJson(UpdateParameters{{settings.method_settings.partners, settings.method_settings.views_per_direction},
-                              settings.update.withdraw,
-                              settings.update.all_epochs});
+      ToJson(UpdateParameters{IngestParametersOf(settings), settings.update.withdraw, settings.update.all_epochs});
   for (size_t i = 0; i < scene_files.size(); ++i) {
     if (IsCarried(scene_files[i].name)) continue;
     const auto known = known_of_content.find(scene_files[i].digest.sha256);

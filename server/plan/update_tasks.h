@@ -21,6 +21,9 @@ inline void SetCost(const Prediction& cost, PlannedTask* task) {
   task->stored_bytes = cost.stored_bytes;
 }
 
+// What ingest, or an update in its place, needs to know of the settings.
+IngestParameters IngestParametersOf(const JobSettings& settings);
+
 // What the model's seconds are corrected by. `survey`: the base's.
 CostScale CostsOf(const UpdateBase& base, const Survey& survey);
 
@@ -33,9 +36,10 @@ struct ChangeWork {
   };
   const Survey& survey;
   const std::vector<std::vector<PlannedTask::ViewFile>>& files_of_view;
-  size_t views_of_base = 0;                  // those behind are new
-  TaskId base_from, city_from, survey_from;  // whose kCityFile was before, and is now
-  size_t first_task = 0;                     // place of the first of these tasks in the job's list
+  const std::vector<std::optional<PlannedInput>>& classified;  // likelihoods of views that the job makes itself
+  size_t views_of_base = 0;                                    // those behind are new
+  TaskId base_from, city_from, survey_from;                    // whose kCityFile was before, and is now
+  size_t first_task = 0;                                       // place of the first of these tasks in the job's list
   std::vector<Tile> tiles;
   std::optional<PlannedInput> outdated;  // the base's kOutdatedFile
 };

@@ -1,8 +1,17 @@
 #include "server/settings/job_settings.h"
 
 #include "absl/strings/str_cat.h"
+#include "common/tile/task_parameters.h"
 
 namespace tessera {
+
+bool Classifies(const JobSettings& settings) {
+  return !settings.classifier.empty() && settings.classifier != kNoClassifier;
+}
+
+std::string SceneFilePath(const std::string& scene_path, const JobSettings& settings, const std::string& name) {
+  return name == kClassifierFile ? settings.classifier : absl::StrCat(scene_path, "/", name);
+}
 
 Status CheckJobSettings(const JobSettings& settings) {
   Faults faults;
@@ -27,6 +36,11 @@ Status CheckJobSettings(const JobSettings& settings) {
   if (!(settings.max_core_seconds >= 0)) {
     faults.Add(absl::InvalidArgumentError(
         absl::StrCat("max core-seconds: found ", settings.max_core_seconds, ", expected 0 (no limit) or more")));
+  }
+  if (Classifies(settings) && settings.classifier != kDefaultClassifier && settings.classifier.front() != '/') {
+    faults.Add(absl::InvalidArgumentError(absl::StrCat("classifier: found '", settings.classifier, "', expected '",
+                                                       kDefaultClassifier, "', '", kNoClassifier,
+                                                       "' or the absolute path of a trained one")));
   }
   const UpdateSettings& update = settings.update;
   if (update.base.empty() && !(update == UpdateSettings())) {
@@ -56,6 +70,7 @@ StatusOr<JobSettings> SettingsOfUpdate(const JobSettings& asked, const JobSettin
   check("tiles", asked.tiles, standard.tiles, base.tiles);
   check("tile memory", asked.tile_memory_bytes, standard.tile_memory_bytes, base.tile_memory_bytes);
   check("rounds", asked.rounds, standard.rounds, base.rounds);
+  check("classifier", asked.classifier, standard.classifier, base.classifier);
   check("method", asked.method, standard.method, base.method);
   check("method settings", asked.method_settings, standard.method_settings, base.method_settings);
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());

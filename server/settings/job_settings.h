@@ -33,6 +33,8 @@ struct UpdateSettings {
   bool operator==(const UpdateSettings&) const = default;
 };
 
+inline constexpr char kDefaultClassifier[] = "default", kNoClassifier[] = "none";
+
 // Everything in it enters the tasks' parameters, and so their keys, as far as it concerns them.
 struct JobSettings {
   int tiles = 0;  // 0: as many as fit; 1: the untiled run
@@ -41,9 +43,18 @@ struct JobSettings {
   int rounds = 0;  // outer loop; 0: the method's own
   std::string method = "tessera";
   MethodSettings method_settings = {};
+  // What makes the likelihoods, in place of the scene's: the absolute path of a file that `tessera classify
+  // --save-model` wrote, or kDefaultClassifier. Empty: nothing, but the default where a scene has neither likelihoods
+  // nor labels (of a job that was accepted that is settled); kNoClassifier: nothing.
+  std::string classifier = {};
   UpdateSettings update = {};
   double max_core_seconds = 0;  // a job that is predicted to take more is refused; 0: no limit
 };
+
+// Whether the job makes likelihoods itself.
+bool Classifies(const JobSettings& settings);
+// Where a file of the job's scene lies, by its name in the job's list.
+std::string SceneFilePath(const std::string& scene_path, const JobSettings& settings, const std::string& name);
 
 // INVALID_ARGUMENT with every fault, one a line: what was found, what was expected.
 Status CheckJobSettings(const JobSettings& settings);

@@ -85,6 +85,7 @@ JobSettings FromProto(const v1::JobSettings& proto) {
                      update.rollback_to(),
                      {update.rollback_tiles().begin(), update.rollback_tiles().end()}};
   settings.max_core_seconds = proto.max_core_seconds();
+  settings.classifier = proto.classifier();
   return settings;
 }
 
@@ -95,6 +96,7 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   proto->set_tile_memory_bytes(settings.tile_memory_bytes);
   proto->set_method(settings.method);
   proto->set_max_core_seconds(settings.max_core_seconds);
+  proto->set_classifier(settings.classifier);
   if (const UpdateSettings& update = settings.update; !(update == UpdateSettings())) {
     v1::UpdateSettings& to = *proto->mutable_update();
     to.set_base(update.base);

@@ -4,8 +4,11 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 
+#include "common/meshio/ply.h"
 #include "tests/e2e/programs.h"
 
 namespace tessera::e2e {
@@ -13,6 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using testing::HasSubstr;
+using testing::Not;
 
 class ClassifyTest : public testing::Test {
  protected:
@@ -99,6 +103,69 @@ TEST_F(ClassifyTest, WithNothingGivenTheDefaultIsMarked) {
   EXPECT_THAT(outcome.output, HasSubstr("a default from the mesh and greenness"));
   EXPECT_THAT(Content(out + "/scene.json"), HasSubstr("\"likelihoods_source\": \"default\""));
   EXPECT_THAT(Run({"check", out}).output, HasSubstr("a default from geometry and greenness"));
+}
+
+// The job makes the likelihoods, by a model that lies anywhere, on workers that share no files.
+TEST_F(ClassifyTest, AJobClassifiesItsImages) {
+  const std::string model = folder_.path() + "/city.model", out = folder_.path() + "/out";
+  ASSERT_EQ(
+      Run({"classify", ToyCity(), "--train", painted_, "--out", folder_.path() + "/classified", "--save-model", model})
+          .exit_code,
+      0);
+  const std::vector<std::string> few = {"--rounds", "1", "--levels", "1", "--iterations", "2", "--tiles", "2"};
+  const auto run = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "run");
+    arguments.insert(arguments.end(), few.begin(), few.end());
+    return Run(arguments);
+  };
+  Outcome outcome = run({ToyCity(), "--classifier", model, "--no-shared-storage", "--out", out});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("seams: 0 of"));
+  const auto job = nlohmann::json::parse(Content(out + "/job.json"));
+  EXPECT_EQ(job["settings"]["classifier"], model);
+  int classified = 0;
+  for (const auto& task : job.at("tasks")) classified += task.at("kind") == "classify";
+  EXPECT_GT(classified, 4);
+  EXPECT_GT(MeshAccuracy(out + "/mesh.ply", folder_.path() + "/classified/geometry"), 0.8);
+
+  // An update takes the classifier over; where nothing changed, nothing is done.
+  fs::remove(model);
+  outcome = Run({"run", ToyCity(), "--base", out, "--out", folder_.path() + "/same"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_EQ(Content(folder_.path() + "/same/mesh.ply"), Content(out + "/mesh.ply"));
+
+  outcome = run({ToyCity(), "--classifier", model, "--out", folder_.path() + "/none"});
+  EXPECT_EQ(outcome.exit_code, 3) << outcome.output;
+  EXPECT_THAT(outcome.output, HasSubstr("city.model"));
+  outcome = run({ToyCity(), "--classifier", ToyCity() + "/mesh.ply", "--out", folder_.path() + "/none"});
+  EXPECT_EQ(outcome.exit_code, 3) << outcome.output;
+  EXPECT_FALSE(fs::exists(folder_.path() + "/none"));
+}
+
+TEST_F(ClassifyTest, ImagesAndABareMeshGiveLabels) {
+  const std::string bare = folder_.path() + "/bare", out = folder_.path() + "/out";
+  fs::create_directory(bare);
+  for (const char* part : {"colmap", "images"}) fs::create_directory_symlink(ToyCity() + "/" + part, bare + "/" + part);
+  auto mesh = ReadPly(ToyCity() + "/mesh.ply");
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  mesh->mesh.labels.clear();
+  ASSERT_TRUE(WritePly(bare + "/mesh.ply", mesh->mesh).ok());
+  std::ofstream(bare + "/scene.json") << R"({"tessera_scene": 1})";
+  const Outcome outcome =
+      Run({"run", bare, "--out", out, "--rounds", "1", "--levels", "1", "--iterations", "2", "--tiles", "1"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
+  EXPECT_EQ(nlohmann::json::parse(Content(out + "/job.json"))["settings"]["classifier"], "default");
+  EXPECT_THAT(outcome.output, HasSubstr("a default from geometry and greenness"));
+  EXPECT_THAT(Content(out + "/report.json"), HasSubstr("a default from geometry and greenness"));
+  const auto result = ReadPly(out + "/mesh.ply");
+  ASSERT_TRUE(result.ok()) << result.status();
+  const auto& labels = result->mesh.labels;
+  EXPECT_EQ(std::set<int32_t>(labels.begin(), labels.end()), (std::set<int32_t>{0, 1, 2, 3}));
+
+  const Outcome plain = Run({"run", bare, "--out", folder_.path() + "/plain", "--classifier", "none", "--rounds", "1",
+                             "--levels", "1", "--iterations", "1", "--tiles", "1"});
+  ASSERT_EQ(plain.exit_code, 0) << plain.output;
+  EXPECT_THAT(Content(folder_.path() + "/plain/report.json"), Not(HasSubstr("a default from")));
 }
 
 TEST_F(ClassifyTest, BadInputIsTold) {

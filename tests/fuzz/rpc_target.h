@@ -56,7 +56,8 @@ class FuzzedCoordinator {
     environment_.digests = &digests_;
     environment_.clock = &clock_;
     environment_.scene_files = *AllowedFiles::Under({folder_.path()});
-    environment_.list_scene = [](const std::string& path, bool, const AllowedFiles& allowed) -> StatusOr<SceneListing> {
+    environment_.list_scene = [](const std::string& path, const SceneRequest&,
+                                 const AllowedFiles& allowed) -> StatusOr<SceneListing> {
       TESSERA_ASSIGN_OR_RETURN(auto files, allowed.List(path));
       return SceneListing{path, "fake", files, {}};
     };

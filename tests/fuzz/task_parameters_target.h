@@ -47,6 +47,10 @@ inline bool RunTaskParametersTarget(const std::string& bytes) {
       return check(ParsePublishParameters);
     case 'k':
       return check(ParseMethodSettings);
+    case 'l':
+      return check(ParseClassifyParameters);
+    case 'm':
+      return check(ParseBordersParameters);
     default:
       return false;
   }

@@ -12,8 +12,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription& scene, const std::string& folder,
-                              const std::vector<LineTask>& earlier, const TaskRunner& runner) {
+StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription& scene, const JobSettings& settings,
+                              const std::string& folder, const std::vector<LineTask>& earlier,
+                              const TaskRunner& runner) {
   LineTask task = {planned, folder + "/out", {}};
   const std::string input_dir = folder + "/in";
   TESSERA_RETURN_IF_ERROR(EnsureFolder(input_dir));
@@ -27,7 +28,8 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
     bring(fs::path(earlier.at(input.task.value()).output_dir) / input.output.str(), InputName(input));
   }
   for (const int file : *planned.scene_files) {
-    bring(fs::path(scene.folder) / scene.files.at(file), std::string(kSceneFolder) + "/" + scene.files[file]);
+    bring(SceneFilePath(scene.folder, settings, scene.files.at(file)),
+          std::string(kSceneFolder) + "/" + scene.files[file]);
   }
   for (const PlannedTask::ViewFile& file : *planned.view_files) {
     bring(fs::path(scene.folder) / scene.files.at(file.file), ViewFileName(file.view, file.likelihoods));
@@ -43,12 +45,17 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
                                         const JobSettings& settings, const TaskRunner& runner,
                                         const std::vector<SetAsideTile>& set_aside) {
   Warnings warnings;
-  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(scene_dir, &warnings));
+  SceneLoadOptions load;
+  load.to_be_classified = Classifies(settings);
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(scene_dir, &warnings, load));
+  if (load.to_be_classified && settings.classifier != kDefaultClassifier) {
+    scene.files.insert(std::lower_bound(scene.files.begin(), scene.files.end(), kClassifierFile), kClassifierFile);
+  }
   std::vector<LineTask> tasks;
   const auto run = [&](const std::vector<PlannedTask>& phase) -> Status {
     for (const PlannedTask& task : phase) {
       const std::string folder = work_dir + "/" + std::to_string(tasks.size());
-      TESSERA_ASSIGN_OR_RETURN(LineTask done, RunPlanned(task, scene, folder, tasks, runner));
+      TESSERA_ASSIGN_OR_RETURN(LineTask done, RunPlanned(task, scene, settings, folder, tasks, runner));
       tasks.push_back(std::move(done));
     }
     return absl::OkStatus();
@@ -60,10 +67,12 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
   TESSERA_RETURN_IF_ERROR(run(tiles));
   if (tasks.back().planned.kind == kPublishKind) return tasks;
   std::vector<TileReads> reads;
+  const auto is_cut = [](const LineTask& task) { return task.planned.kind == kCutKind; };
+  const auto cuts = static_cast<int>(std::count_if(tasks.begin(), tasks.end(), is_cut));
   for (size_t t = 1; t < tasks.size(); ++t) {
+    if (!is_cut(tasks[t])) continue;
     TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadFile(tasks[t].output_dir + "/" + kReadsFile));
-    TESSERA_ASSIGN_OR_RETURN(TileReads of_tile,
-                             ParseTileReads(json, tasks[t].planned.tile, static_cast<int>(tasks.size()) - 1));
+    TESSERA_ASSIGN_OR_RETURN(TileReads of_tile, ParseTileReads(json, tasks[t].planned.tile, cuts));
     const SetAsideTile not_cut = {tasks[t].planned.tile, kCutKind};
     if (std::find(set_aside.begin(), set_aside.end(), not_cut) == set_aside.end()) reads.push_back(std::move(of_tile));
   }

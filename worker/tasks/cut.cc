@@ -13,7 +13,11 @@ StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& cont
   TESSERA_ASSIGN_OR_RETURN(const CutParameters parameters, ParseCutParameters(request.parameters));
   control.Report(0, "reading the city");
   TESSERA_ASSIGN_OR_RETURN(const std::string survey_json, ReadFile(InputPath(request, kPlainSurveyFile)));
-  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(survey_json));
+  TESSERA_ASSIGN_OR_RETURN(Survey survey, ParseSurvey(survey_json));
+  if (parameters.borders) {
+    TESSERA_ASSIGN_OR_RETURN(const std::string borders_json, ReadFile(InputPath(request, kBordersFile)));
+    TESSERA_ASSIGN_OR_RETURN(survey.borders, ParseBorders(borders_json, survey.classes.size()));
+  }
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.3, "cutting");

@@ -17,6 +17,7 @@
 #include "worker/city/local_grid.h"
 #include "worker/refine/density.h"
 #include "worker/refine/pairs.h"
+#include "worker/tasks/classified_views.h"
 #include "worker/tasks/stages.h"
 
 namespace tessera {
@@ -97,12 +98,15 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   const std::string& scratch = scratch_folder.path();
   TaskOutcome outcome;
   control.Report(0, "checking the scene");
+  SceneLoadOptions load;
+  load.to_be_classified = parameters.classify;
+  load.by_default_rule = parameters.by_default_rule;
   // Says all that is wrong at once; after it loading cannot fail for the scene's sake.
   TESSERA_ASSIGN_OR_RETURN(const SceneSummary summary,
-                           CheckSceneFolder(InputPath(request, kSceneFolder), kMaxFacesInMemory, &outcome.warnings,
-                                            PartOf(control, 0, 0.3)));
+                           CheckSceneFolder(InputPath(request, kSceneFolder), load, kMaxFacesInMemory,
+                                            &outcome.warnings, PartOf(control, 0, 0.3)));
   Warnings said_already;
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(InputPath(request, kSceneFolder), &said_already));
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(InputPath(request, kSceneFolder), &said_already, load));
   for (size_t v = 0; v < scene.views.size(); ++v) {
     SceneView& view = scene.views[v];
     view.camera = OnLocalGrid(view.camera);
@@ -114,6 +118,11 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(DiskMesh mesh, ReadMeshToDisk(scene, scratch));
   Survey survey;
   TESSERA_ASSIGN_OR_RETURN(survey.gsd_m, MedianGsd(scene, GsdSamples(mesh.spans())));
+  if (parameters.classify) {
+    TESSERA_ASSIGN_OR_RETURN(survey.classifier,
+                             ClassifierContent(request, parameters, survey.gsd_m, &outcome.warnings));
+    TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, {}, control, &scene));
+  }
   survey.has_labels = mesh.labels.size() > 0;
   survey.input_vertices = static_cast<int64_t>(mesh.vertices.size());
   survey.input_faces = static_cast<int64_t>(mesh.faces.size());

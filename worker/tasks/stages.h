@@ -18,6 +18,12 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
 // An earlier job's survey and city, and a scene → the survey with the scene's views taken in.
 StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
+// City, classifier and a photograph → its likelihoods, and what they and its edges say of each other's borders.
+StatusOr<TaskOutcome> RunClassify(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
+// What these say of all photographs → how far borders of likelihoods can be trusted.
+StatusOr<TaskOutcome> RunBorders(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+
 // City and survey → a tile's package, and which tiles it reads.
 StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -15,6 +16,7 @@
 #include "worker/city/local_grid.h"
 #include "worker/city/revise_city.h"
 #include "worker/city/update_survey.h"
+#include "worker/tasks/classified_views.h"
 #include "worker/tasks/stages.h"
 
 namespace tessera {
@@ -36,6 +38,9 @@ Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneD
       };
       take(&unread.image_path, &view.image_content);
       take(&unread.likelihood_path, &view.likelihood_content);
+      if (const auto known = files.known.find(view.image_path); known != files.known.end()) {
+        if (!known->second.classified.empty()) view.likelihood_content = known->second.classified;
+      }
       const auto content = ReadPixelContent(scene->folder, unread, static_cast<int>(scene->classes.size()));
       statuses[v] = content.status();
       if (!content.ok()) continue;
@@ -111,6 +116,8 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   SceneLoadOptions load;
   for (const auto& [path, known] : files.known) load.elsewhere.insert(path);
   load.needs_mesh = false;
+  load.to_be_classified = !survey.classifier.empty();
+  load.by_default_rule = parameters.ingest.by_default_rule;
   load.frame = Frame::Of(survey.crs, survey.origin_in_scene, survey.rotation_local_from_scene);
   TaskOutcome outcome;
   TESSERA_ASSIGN_OR_RETURN(SceneDescription scene,
@@ -125,6 +132,13 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   if (whole) survey.mesh_path = scene.mesh_path;
   for (SceneView& view : scene.views) view.camera = OnLocalGrid(view.camera);
   TESSERA_RETURN_IF_ERROR(FillContents(files, PartOf(control, 0, 0.4), &scene));
+  if (!survey.classifier.empty()) {
+    std::set<std::string> classified;
+    for (const auto& [path, known] : files.known) {
+      if (!known.classified.empty()) classified.insert(path);
+    }
+    TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, classified, control, &scene));
+  }
 
   TESSERA_ASSIGN_OR_RETURN(const ViewChanges changes, TakeViews(scene, whole, parameters, files.carried, &survey));
   if (other_mesh) {

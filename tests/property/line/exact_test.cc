@@ -103,6 +103,13 @@ TEST_F(ExactTest, SoDoLabelsAlone) {
   }
 }
 
+TEST_F(ExactTest, SoDoLikelihoodsThatTheJobMakes) {
+  JobSettings settings = Settings(1);
+  settings.classifier = kDefaultClassifier;
+  settings.method_settings.contour = 2;  // their borders steer it
+  ExpectSame({2, 9}, settings);
+}
+
 // Silhouettes read farther than so small a window does.
 TEST_F(ExactTest, SoDoStrongSilhouettesAndASmallWindow) {
   JobSettings settings = Settings(1);

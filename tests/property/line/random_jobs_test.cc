@@ -91,16 +91,20 @@ std::string RandomScene(const std::string& folder, Random* random) {
 }
 
 TEST(RandomJobs, TilesChangeNoByte) {
-  int64_t samples = 0, moved = 0;
+  int64_t samples = 0, moved = 0, classified = 0;
   for (uint64_t seed = kFirstSeed; seed < kFirstSeed + kCases; ++seed) {
     Random random(seed);
     const std::string folder = RandomScene(FreshTestFolder("scene"), &random);
     JobSettings job = RandomJob(&random);
-    const bool has_likelihoods = LoadScene(folder, nullptr).value().has_likelihoods;
+    // Now and then the job makes the likelihoods.
+    if (Random(seed + 1000).Below(4) == 0) job.classifier = kDefaultClassifier;
+    const bool has_likelihoods = Classifies(job) || LoadScene(folder, nullptr).value().has_likelihoods;
     while (job.method == kLabelsMethod && !has_likelihoods) job = RandomJob(&random);
+    classified += Classifies(job);
     const int tiles = RandomWhole(2, 6, &random);
     SCOPED_TRACE(testing::Message() << "seed " << seed << ": " << tiles << " tiles, method " << job.method << ", "
-                                    << job.rounds << " rounds, " << ToJson(job.method_settings));
+                                    << (Classifies(job) ? "classified, " : "") << job.rounds << " rounds, "
+                                    << ToJson(job.method_settings));
     std::string meshes[2];
     for (const bool tiled : {false, true}) {
       job.tiles = tiled ? tiles : 1;
@@ -117,6 +121,7 @@ TEST(RandomJobs, TilesChangeNoByte) {
     EXPECT_TRUE(RemoveTree(folder).ok());
   }
   EXPECT_GT(samples, 0);
+  EXPECT_GT(classified, 2);
   EXPECT_GT(moved, static_cast<int64_t>(kCases)) << "most jobs do something";
 }
 

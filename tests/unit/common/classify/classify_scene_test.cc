@@ -116,6 +116,17 @@ TEST_F(ClassifySceneTest, AModelDoesWhatTheTrainingDid) {
   }
 }
 
+TEST_F(ClassifySceneTest, OneViewIsAsAllOfThem) {
+  const std::string all = Output("all", 0);
+  ClassifierInUse use;
+  use.model = &trained_.model;
+  const auto view = ClassifyView(scene_, 3, MeshSurface(mesh_, scene_.up_in_local, 0.2), use);
+  ASSERT_TRUE(view.ok()) << view.status();
+  ASSERT_TRUE(WriteLikelihoodTiff(folder_ + "/one.tif", *view).ok());
+  const std::string stem = std::filesystem::path(scene_.views[3].name).stem();
+  EXPECT_EQ(ReadText(folder_ + "/one.tif"), ReadText(all + "/geometry/" + stem + ".tif"));
+}
+
 TEST_F(ClassifySceneTest, WhatIsAnnotatedIsNotAskedForAgain) {
   Output("out", 0);
   const std::vector<size_t> next = NextToAnnotate(classified_);

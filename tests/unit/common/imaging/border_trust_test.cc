@@ -156,6 +156,21 @@ TEST(BorderTrust, ViewsAddUp) {
   EXPECT_GT(both.Trusts().Of(0, 1).weight, 0);
 }
 
+TEST(BorderTrust, CountsAreAListAndBack) {
+  const LabelImage blocks = Blocks(1);
+  BorderCounts counts(2);
+  counts.Add(Light(blocks), Likely(Grown(blocks, 2)));
+  std::vector<int64_t> list = counts.ToCounts();
+  const auto again = BorderCounts::FromCounts(2, list);
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_EQ(again->Trusts(), counts.Trusts());
+  EXPECT_GT(again->Trusts().Of(0, 1).weight, 0);
+  EXPECT_EQ(again->ToCounts(), list);
+  EXPECT_FALSE(BorderCounts::FromCounts(3, list).ok());
+  list.back() = -1;
+  EXPECT_FALSE(BorderCounts::FromCounts(2, list).ok());
+}
+
 TEST(BorderTrust, ClassesThatThereAreNoneOfAreNotTrusted) {
   EXPECT_EQ(BorderTrusts().Of(0, 1).weight, 0);
   EXPECT_EQ(BorderTrusts(2).Of(0, 2).weight, 0);

@@ -269,7 +269,8 @@ TEST_F(LimitsTest, ListsComeInPages) {
 }
 
 TEST_F(LimitsTest, APageOfJobsEndsBeforeItIsTooLarge) {
-  environment_.list_scene = [](const std::string& path, bool, const AllowedFiles&) -> StatusOr<SceneListing> {
+  environment_.list_scene = [](const std::string& path, const SceneRequest&,
+                               const AllowedFiles&) -> StatusOr<SceneListing> {
     return SceneListing{path, "fake", {"image"}, Warnings(500, std::string(1000, 'w'))};
   };
   StartAgain();
@@ -308,10 +309,10 @@ TEST_F(LimitsTest, NothingIsHashedForACallWhoseDeadlineHasPassed) {
   std::latch reading(1), go_on(1);
   const SceneLister list = environment_.list_scene;
   environment_.digests = &cache;
-  environment_.list_scene = [&](const std::string& path, bool needs_mesh, const AllowedFiles& allowed) {
+  environment_.list_scene = [&](const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
     if (!reading.try_wait()) reading.count_down();
     go_on.wait();
-    return list(path, needs_mesh, allowed);
+    return list(path, request, allowed);
   };
   StartAgain();
   std::thread caller([&] {

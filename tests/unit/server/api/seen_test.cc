@@ -55,7 +55,8 @@ class SeenTest : public CoordinatorTest {
     environment.blobs = blobs_.get();
     environment.digests = cache_.get();
     environment.clock = &clock_;
-    environment.list_scene = [](const std::string& path, bool, const AllowedFiles&) -> StatusOr<SceneListing> {
+    environment.list_scene = [](const std::string& path, const SceneRequest&,
+                                const AllowedFiles&) -> StatusOr<SceneListing> {
       return SceneListing{path, "fake", {"scene.json"}, {}};
     };
     environment_ = environment;

@@ -38,7 +38,8 @@ class ServerTest : public CoordinatorTest {
     environment_.blobs = blobs_.get();
     environment_.digests = cache_.get();
     environment_.clock = &clock_;
-    environment_.list_scene = [](const std::string& path, bool, const AllowedFiles&) -> StatusOr<SceneListing> {
+    environment_.list_scene = [](const std::string& path, const SceneRequest&,
+                                 const AllowedFiles&) -> StatusOr<SceneListing> {
       if (!FileExists(path + "/scene.json")) {
         return absl::InvalidArgumentError("scene.json: missing\nimages: missing");
       }

@@ -134,7 +134,8 @@ TEST_F(WatchesTest, ManyHoldNoThreadEachAndAllAreTold) {
 
 // A message that is larger than what a stream takes whose reader does nothing.
 TEST_F(WatchesTest, WhoIsSlowMissesStatesBetweenButNotTheNewest) {
-  environment_.list_scene = [](const std::string& path, bool, const AllowedFiles&) -> StatusOr<SceneListing> {
+  environment_.list_scene = [](const std::string& path, const SceneRequest&,
+                               const AllowedFiles&) -> StatusOr<SceneListing> {
     return SceneListing{path, "fake", {"image"}, Warnings(50, std::string(4000, 'w'))};
   };
   StartAgain();

@@ -1,0 +1,50 @@
+#include "server/plan/classify_tasks.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/plan/update_tasks.h"
+
+namespace tessera {
+
+std::vector<PlannedTask> PlanClassify(const ClassifyWork& work) {
+  const Survey& survey = work.survey;
+  double farthest_m = 0;
+  for (const auto& [near_m, far_m] : survey.view_depths) farthest_m = std::max(farthest_m, far_m);
+  const std::vector<Prediction> predicted = PredictClassify(survey);
+  std::vector<PlannedTask> tasks;
+  PlannedTask borders;
+  borders.kind = borders.name = kBordersKind;
+  borders.parameters =
+      ToJson(BordersParameters{static_cast<int>(survey.classes.size()), {work.views.begin(), work.views.end()}});
+  for (const int32_t v : work.views) {
+    SceneView view = survey.views[v];
+    view.name.clear();
+    view.image_path.clear();
+    view.flight = -1;
+    ClassifyParameters parameters;
+    parameters.view = v;
+    parameters.view_json = ViewsToJson({view});
+    parameters.classes_json = ClassesToJson(survey.classes);
+    parameters.up.assign(survey.up.begin(), survey.up.end());
+    parameters.gsd_m = survey.gsd_m;
+    // Of one that is only compared with others: as far as any looks.
+    parameters.depth_m = survey.view_depths[v][1] > 0 ? survey.view_depths[v][1] : farthest_m;
+    parameters.by_default_rule = work.classifier_file < 0;
+    PlannedTask task;
+    task.kind = kClassifyKind;
+    task.name = absl::StrCat(kClassifyKind, " view ", v);
+    task.parameters = ToJson(parameters);
+    SetCost(predicted[v], &task);
+    task.inputs = {{work.city_from, kCityFile}};
+    if (work.classifier_file >= 0) task.scene_files.Edit() = {work.classifier_file};
+    task.view_files.Edit() = work.files_of_view[v];
+    borders.inputs.push_back({TaskId(static_cast<int>(work.first_task + tasks.size())), ViewBordersName(v)});
+    tasks.push_back(std::move(task));
+  }
+  if (work.borders) tasks.push_back(std::move(borders));
+  return tasks;
+}
+
+}  // namespace tessera

@@ -1,0 +1,145 @@
+// Jobs that make their likelihoods themselves: of which views, from what, and who reads them.
+#include "server/plan/classify_tasks.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "common/tile/task_parameters.h"
+#include "server/plan/cost_model.h"
+#include "tests/unit/server/plan/update_pair.h"
+
+namespace tessera {
+namespace {
+
+// A job that makes its likelihoods makes those of the same views, from the same, whatever its tiles; who reads a view's
+// pixels reads them, and cut what they all say of borders.
+TEST(ClassifyTasks, AreTheSameForAnyTiles) {
+  Survey survey = RandomSurvey(12, 12, 0.8, 5);
+  survey.classifier = "0123";
+  for (SceneView& view : survey.views) view.likelihood_path.clear();
+  std::set<int32_t> read;  // by any tile: what a cell chose, and what that is compared with
+  for (const SurveyCell& cell : survey.cells) read.insert(cell.views.begin(), cell.views.end());
+  const std::set<int32_t> chosen = read;
+  for (const auto& [reference, other] : survey.pairs) {
+    if (chosen.contains(reference)) read.insert(other);
+  }
+  std::vector<std::string> of_tiles[2];
+  for (const int tiles : {1, 5}) {
+    JobSettings settings = {.tiles = tiles, .classifier = "/models/city.model"};
+    std::vector<std::string> files = FilesOf(survey);
+    files.insert(std::lower_bound(files.begin(), files.end(), kClassifierFile), kClassifierFile);
+    const auto planned = PlanTiles(settings, SurveyToJson(survey), files);
+    ASSERT_TRUE(planned.ok()) << planned.status();
+    std::vector<PlannedTask> tasks = {*PlanIngest(settings, files)};
+    tasks.insert(tasks.end(), planned->begin(), planned->end());
+    if (tiles > 1) {
+      std::vector<TileReads> reads(Cores(survey, tiles).size());
+      for (int t = 0; t < static_cast<int>(reads.size()); ++t) reads[t] = {{t}, {t}, {t}, {t}};
+      const auto steps = PlanSteps(settings, SurveyToJson(survey), files, reads);
+      ASSERT_TRUE(steps.ok()) << steps.status();
+      tasks.insert(tasks.end(), steps->begin(), steps->end());
+    }
+    std::set<int32_t> made;
+    for (const PlannedTask& task : tasks) {
+      if (task.kind == kClassifyKind) {
+        of_tiles[tiles > 1].push_back(task.parameters);
+        const ClassifyParameters parameters = ParseClassifyParameters(task.parameters).value();
+        made.insert(parameters.view);
+        EXPECT_FALSE(parameters.by_default_rule);
+        ASSERT_EQ(task.scene_files->size(), 1u);
+        EXPECT_EQ(files[task.scene_files->front()], kClassifierFile);
+        ASSERT_EQ(task.view_files->size(), 1u);
+        EXPECT_EQ(files[task.view_files->front().file], survey.views[parameters.view].image_path);
+        EXPECT_EQ(ParseViews(parameters.view_json)->front().name, "") << "names change no key";
+      } else if (task.kind == kBordersKind) {
+        EXPECT_EQ(task.inputs.size(), made.size());
+      } else if (task.kind == kCutKind) {
+        EXPECT_EQ(InputName(task.inputs.back()), kBordersFile);
+        EXPECT_TRUE(ParseCutParameters(task.parameters)->borders);
+      } else if (task.kind == kCropKind) {
+        ASSERT_EQ(task.inputs.size(), 1 + task.view_files->size());
+        for (size_t i = 0; i < task.view_files->size(); ++i) {
+          const int32_t view = (*task.view_files)[i].view;
+          EXPECT_TRUE(made.contains(view));
+          EXPECT_EQ(InputName(task.inputs[1 + i]), ViewFileName(view, true));
+          EXPECT_EQ(tasks[task.inputs[1 + i].task.value()].name, "classify view " + std::to_string(view));
+        }
+      }
+    }
+    EXPECT_EQ(made, read);
+    EXPECT_GT(made.size(), 3u);
+  }
+  EXPECT_EQ(of_tiles[0], of_tiles[1]);
+  EXPECT_EQ(PlanTiles({.classifier = "/models/city.model"}, SurveyToJson(survey), FilesOf(survey)).status().code(),
+            absl::StatusCode::kNotFound);
+}
+
+// An update of a job that made its likelihoods makes those that it reads, as its base did, and takes over what the base
+// knew of their borders.
+TEST(ClassifyTasks, OfAnUpdateAreThoseOfItsBase) {
+  Pair pair(4);
+  const auto classify = [](Survey* survey) {
+    survey->classifier = "0123";
+    for (SceneView& view : survey->views) view.likelihood_path.clear();
+  };
+  classify(&pair.before);
+  classify(&pair.now);
+  pair.base.survey_json = SurveyToJson(pair.before);
+  pair.base.borders = DigestOf("borders");
+  const NamedDigest model = {kClassifierFile, DigestOf("model")};
+  pair.base.scene_files.push_back(model);
+  std::vector<std::string> files = pair.Files();
+  EXPECT_TRUE(IsClassifier(CarriedName(model)) && IsClassifier(kClassifierFile));
+  EXPECT_FALSE(IsClassifier("images/" + model.name) || IsClassifier(CarriedName({"images/.classifier", {}})));
+  files.insert(files.begin(), CarriedName(model));
+  const auto kinds = [](const std::vector<PlannedTask>& tasks) {
+    std::map<std::string, int> count;
+    for (const PlannedTask& task : tasks) ++count[task.kind.str()];
+    return count;
+  };
+  const JobSettings settings = {.classifier = "/models/city.model"};
+  const auto same = PlanTiles(settings, SurveyToJson(pair.now), files, &pair.base);
+  ASSERT_TRUE(same.ok()) << same.status();
+  EXPECT_EQ(kinds(*same).count(kClassifyKind), 0u);
+  const int32_t view = pair.AddView(3);
+  classify(&pair.now);
+  files = pair.Files();
+  files.insert(files.begin(), CarriedName(model));
+  const auto tiles = PlanTiles(settings, SurveyToJson(pair.now), files, &pair.base);
+  ASSERT_TRUE(tiles.ok()) << tiles.status();
+  auto count = kinds(*tiles);
+  EXPECT_EQ(count[kCutKind], 1);
+  EXPECT_EQ(count[kBordersKind], 0);
+  const CellRect& redone = pair.base.tiles[pair.TileOf(3)].core;
+  const CellIndex cells(pair.now);
+  EXPECT_EQ(count[kClassifyKind], static_cast<int>(MeasureTile(cells, redone).views.size()));
+  const PlannedTask& cut = tiles->back();
+  EXPECT_EQ(InputName(cut.inputs.back()), kBordersFile);
+  EXPECT_EQ(cut.inputs.back().task, TaskId(0)) << "the base's, which is given";
+  std::vector<NamedDigest> digests;
+  for (const std::string& file : files) digests.push_back({file, DigestOf(file)});
+  for (NamedDigest& file : digests) {
+    if (IsClassifier(file.name)) file.digest = model.digest;
+  }
+  const auto first = PlanUpdate(settings, digests, pair.base);
+  ASSERT_TRUE(first.ok()) << first.status();
+  EXPECT_THAT(*first->front().given, testing::Contains(NamedDigest{kBordersFile, *pair.base.borders}));
+  const UpdateFiles known = ParseUpdateFiles(first->front().given_contents->front().second).value();
+  EXPECT_EQ(known.known.at(pair.before.views[0].image_path).classified, pair.before.views[0].likelihood_content);
+  const std::vector<int> all = {0, 1, 2, 3};
+  const auto steps = PlanSteps(settings, SurveyToJson(pair.now), files, {{all, all, all, all}}, &pair.base);
+  ASSERT_TRUE(steps.ok()) << steps.status();
+  int compared = 0;
+  for (const PlannedTask& task : *steps) {
+    if (task.kind != "compare") continue;
+    for (const PlannedInput& input : task.inputs) compared += InputName(input) == ViewFileName(view, true);
+  }
+  EXPECT_GT(compared, 0) << "new images are looked at with their likelihoods";
+}
+
+}  // namespace
+}  // namespace tessera
