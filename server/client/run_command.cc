@@ -184,6 +184,7 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
       "130 interrupted.\n"
       "Examples:\n"
       "  tessera run city --workers 2 --tiles 4 --out out\n"
+      "  tessera run city --classifier city.model --out out      likelihoods by what `tessera classify` learnt\n"
       "  tessera run flight-2027 --base out --out out-2027");
   AddJobOptions(*command, &flags->job);
   AddUpdateOptions(*command, "the folder with an earlier run's results, with its .tessera, or jobs/J of --data",

@@ -106,6 +106,13 @@ TEST_F(AccessTest, WithTlsTokensAndRootsAJobRunsAndNoSecretIsLeftAnywhere) {
   EXPECT_EQ(wrong->Wait().exit_code, 1);
   EXPECT_THAT(wrong->Output(), HasSubstr("no role"));
 
+  // Nor may a classifier lie anywhere else; nothing is learnt of what lies there.
+  for (const char* name : {"/etc/shadow", "/etc/no-such-file"}) {
+    const Outcome outside = TesseraAs("anna", {"submit", Path("scenes/city"), "--classifier", name, "--validate-only"});
+    EXPECT_EQ(outside.exit_code, 3);
+    EXPECT_THAT(outside.output, HasSubstr(std::string(name) + ": found a path that leads outside"));
+  }
+
   // A scene that leads out of the root, of which nothing is learnt.
   fs::create_directories(Path("elsewhere"));
   std::ofstream(Path("elsewhere/secret")) << "what others must not read\n";
