@@ -185,6 +185,9 @@ class SceneLoader {
     if (options_.to_be_classified) {
       scene_.has_likelihoods = true;
       if (options_.by_default_rule) WarnOfDefault();
+      if (IsFolder(Full(json_.likelihoods.path))) {
+        Warn(absl::StrCat(json_.likelihoods.path, ": not used, for likelihoods are made from the images"));
+      }
       return;
     }
     const std::string folder = json_.likelihoods.path;

@@ -121,6 +121,7 @@ TEST_F(ClassifyTest, AJobClassifiesItsImages) {
   Outcome outcome = run({ToyCity(), "--classifier", model, "--no-shared-storage", "--out", out});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_THAT(outcome.output, HasSubstr("seams: 0 of"));
+  EXPECT_THAT(outcome.output, HasSubstr("warning: likelihoods: not used, for likelihoods are made from the images"));
   const auto job = nlohmann::json::parse(Content(out + "/job.json"));
   EXPECT_EQ(job["settings"]["classifier"], model);
   int classified = 0;
