@@ -261,6 +261,37 @@ TEST_F(UpdateTest, FromScratchGivesTheSameBytesForAnyTiling) {
   EXPECT_TRUE(Mesh("scratch") == Mesh("whole"));
 }
 
+// The images of a flight are classified as those of the base were, and no other again.
+TEST_F(UpdateTest, LikelihoodsThatTheJobMakesAreMadeOfTheFlightToo) {
+  const auto base = [&](const char* name, const char* tiles) {
+    return Tessera(folder_.path(), {"run", Street(), "--classifier", "default", "--tiles", tiles, "--rounds", "1",
+                                    "--levels", "1", "--iterations", "2", "--out", Path(name)});
+  };
+  const Outcome first = base("four", "4"), other = base("one", "1");
+  ASSERT_TRUE(first.exit_code == 0 && other.exit_code == 0) << first.output << other.output;
+  EXPECT_TRUE(Mesh("four") == Mesh("one"));
+  const auto images = [](const std::string& scene) {
+    return std::distance(fs::directory_iterator(scene + "/images"), fs::directory_iterator());
+  };
+
+  const Outcome flight = Update(NextFlight(), "next", {}, Path("four"));
+  ASSERT_EQ(flight.exit_code, 0) << flight.output;
+  const std::multiset<std::string> ran = Ran("next");
+  EXPECT_GT(ran.count("classify"), 0u);
+  EXPECT_LE(ran.count("classify"), static_cast<size_t>(images(NextFlight())));
+  EXPECT_EQ(ran.count("borders"), 0u) << "the base's";
+  EXPECT_GT(ran.count("compare"), 0u);
+  EXPECT_EQ(Json("next/report.json")["seams"]["different"], 0);
+  // As far as it is stored nothing is made twice, in an update of the update either.
+  ASSERT_EQ(Update(NextFlight(), "again", {}, Path("next")).exit_code, 0);
+  EXPECT_EQ(Ran("again").count("classify"), 0u);
+  EXPECT_TRUE(Mesh("again") == Mesh("next"));
+
+  ASSERT_EQ(Update(NextFlight(), "whole4", {"--from-scratch"}, Path("four")).exit_code, 0);
+  ASSERT_EQ(Update(NextFlight(), "whole1", {"--from-scratch"}, Path("one")).exit_code, 0);
+  EXPECT_TRUE(Mesh("whole4") == Mesh("whole1"));
+}
+
 TEST_F(UpdateTest, ACoordinatorKilledInOneOfTwoUpdatesLosesNothing) {
   ASSERT_EQ(Update(NextFlight(), "next").exit_code, 0);
   Cluster cluster(Path("cluster"));
