@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/json_bounds.h"
 #include "common/classify/classify_scene.h"
 #include "common/imaging/image_io.h"
 #include "common/scene/check.h"
@@ -127,6 +128,7 @@ StatusOr<TaskOutcome> RunBorders(const TaskRequest& request, const TaskControl& 
     TESSERA_RETURN_IF_ERROR(control.Check());
     const std::string name = ViewBordersName(view);
     TESSERA_ASSIGN_OR_RETURN(const std::string text, ReadFile(InputPath(request, name)));
+    TESSERA_RETURN_IF_ERROR(CheckJsonDepth(name, text));
     std::vector<int64_t> counts;
     try {
       nlohmann::json::parse(text).get_to(counts);

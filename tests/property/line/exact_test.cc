@@ -108,6 +108,27 @@ TEST_F(ExactTest, SoDoLikelihoodsThatTheJobMakes) {
   settings.classifier = kDefaultClassifier;
   settings.method_settings.contour = 2;  // their borders steer it
   ExpectSame({2, 9}, settings);
+
+  // What all views together say of the borders is what every tile goes by.
+  settings.tiles = 2;
+  const auto tasks = RunLine(folder_ + "/scene", folder_ + "/borders", settings);
+  ASSERT_TRUE(tasks.ok()) << tasks.status();
+  std::string known;
+  int cuts = 0;
+  for (const LineTask& task : *tasks) {
+    if (task.planned.kind == kBordersKind) known = ReadText(task.output_dir + "/" + kBordersFile);
+    if (task.planned.kind != kCutKind) continue;
+    ++cuts;
+    const auto package = ReadTilePackage(task.output_dir + "/" + kTileFile);
+    ASSERT_TRUE(package.ok()) << package.status();
+    EXPECT_EQ(BordersToJson(package->borders), known);
+    double weight = 0;
+    for (int a = 0; a < 4; ++a) {
+      for (int b = a + 1; b < 4; ++b) weight += package->borders.Of(a, b).weight;
+    }
+    EXPECT_GT(weight, 0) << "no border is trusted: the test shows nothing";
+  }
+  EXPECT_EQ(cuts, 2);
 }
 
 // Silhouettes read farther than so small a window does.
