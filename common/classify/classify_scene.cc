@@ -32,14 +32,14 @@ struct ViewResult {
 
 class ViewClassifier {
  public:
-  ViewClassifier(const SceneDescription& scene, const MeshSurface& surface, const ClassifierInUse& classifier)
+  ViewClassifier(const SceneDescription& scene, const MeshSurface* surface, const ClassifierInUse& classifier)
       : scene_(scene), surface_(surface), use_(classifier), classes_(static_cast<int>(scene.classes.size())) {}
 
   // By evidence from `first` on.
   StatusOr<ViewResult> Classify(size_t view, Evidence first) const {
     const SceneView& scene_view = scene_.views[view];
     TESSERA_ASSIGN_OR_RETURN(const ByteImage rgb, ReadRgb(scene_.folder + "/" + scene_view.image_path));
-    const ImageFeatures features(rgb, scene_view, scene_.up_in_local, &surface_);
+    const ImageFeatures features(rgb, scene_view, scene_.up_in_local, surface_);
     const Annotation* annotation = nullptr;
     if (use_.annotations != nullptr) {
       for (const Annotation& a : use_.annotations->images) {
@@ -169,25 +169,26 @@ class ViewClassifier {
   }
 
   const SceneDescription& scene_;
-  const MeshSurface& surface_;
+  const MeshSurface* surface_;
   const ClassifierInUse& use_;
   const int classes_;
 };
 
 }  // namespace
 
-StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface& surface,
+StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface* surface,
                                  const ClassifierInUse& classifier) {
-  TESSERA_ASSIGN_OR_RETURN(ViewResult result,
-                           ViewClassifier(scene, surface, classifier).Classify(view, Evidence::kGeometry));
-  return std::move(result.likelihoods[static_cast<size_t>(Evidence::kGeometry)]);
+  const Evidence evidence =
+      surface == nullptr && classifier.model != nullptr ? Evidence::kAppearance : Evidence::kGeometry;
+  TESSERA_ASSIGN_OR_RETURN(ViewResult result, ViewClassifier(scene, surface, classifier).Classify(view, evidence));
+  return std::move(result.likelihoods[static_cast<size_t>(evidence)]);
 }
 
 StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const MeshSurface& surface,
                                         const ClassifierInUse& classifier, const std::string& folder,
                                         const TaskControl& control) {
   const size_t views = scene.views.size();
-  const ViewClassifier of_views(scene, surface, classifier);
+  const ViewClassifier of_views(scene, &surface, classifier);
   std::vector<Status> failed(views);
   std::vector<std::array<ConfusionMatrix, 2>> held_out(views);
   ClassifiedScene classified;

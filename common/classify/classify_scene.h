@@ -41,8 +41,9 @@ struct ClassifiedScene {
 };
 
 // The likelihoods of one view, those that know the mesh: a plane a class, 1 to 255, in the image's own frame, about 130
-// bytes a pixel at work. Rows are shared out among threads; the same bytes for any number of them. Errors of reading.
-StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface& surface,
+// bytes a pixel at work; without a surface by appearance alone. Rows are shared out among threads; the same bytes for
+// any number of them. Errors of reading.
+StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface* surface,
                                  const ClassifierInUse& classifier);
 
 // Writes FOLDER/appearance/STEM.tif and FOLDER/geometry/STEM.tif for each image: a page a class, 8 bits, in the image's

@@ -17,7 +17,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr int64_t kMostBytes = int64_t{1} << 30;
 constexpr double kAlikeGsd = 1.5;  // times the model's, or a part of it
 constexpr const char* kKind = "tessera classifier";
 
@@ -124,7 +123,7 @@ Status WriteModel(const std::string& path, const ClassifierModel& model) {
 }
 
 StatusOr<ClassifierModel> ReadModel(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, kMostBytes));
+  TESSERA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, kMostModelBytes));
   return ParseModel(bytes, path);
 }
 

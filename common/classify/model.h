@@ -3,6 +3,7 @@
 #define TESSERA_COMMON_CLASSIFY_MODEL_H_
 
 #include <array>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -29,6 +30,7 @@ struct ClassifierModel {
 };
 
 inline constexpr int kModelVersion = 1;
+inline constexpr int64_t kMostModelBytes = int64_t{64} << 20;
 
 // An array file (common/tile) with a checksum for each part; the same model is the same bytes.
 std::string SerializeModel(const ClassifierModel& model);

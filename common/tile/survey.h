@@ -49,7 +49,7 @@ struct Survey {
   std::vector<SceneClass> classes;
   bool has_likelihoods = false;
   // Where the job makes the likelihoods itself: what tells its classifier from others (a trained one by its content).
-  // Their borders are then known from borders.json alone, and views have no likelihood_path.
+  // Their borders are then known from borders.json alone, and views have no likelihood_path but in plain.json.
   std::string classifier;
   BorderTrusts borders;  // of the likelihoods; an update keeps its base's
   bool has_labels = false;

@@ -52,7 +52,7 @@ std::string TileInputName(int tile, const std::string& file) {
 std::string ViewFileName(int32_t view, bool likelihoods) {
   std::string number = std::to_string(view);
   if (number.size() < 6) number.insert(0, 6 - number.size(), '0');
-  return "views/" + number + (likelihoods ? ".likelihoods" : ".image");
+  return "views/" + number + (likelihoods ? kLikelihoodsEnding : ".image");
 }
 
 std::string ViewBordersName(int32_t view) {

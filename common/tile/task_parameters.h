@@ -33,13 +33,14 @@ inline constexpr char kReportFile[] = "report.json";  // publish
 inline constexpr char kTileMeshFolder[] = "tiles";    // publish, of more than one tile: a mesh each
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
 inline constexpr char kSceneFolder[] = "scene";  // scene files among other inputs lie under this name
-// Among a scene's files, wherever it lies: the trained classifier (common/classify/model.h) that a job was given.
+// Among the files of a job's scene, though it lies among the blobs: the trained classifier (common/classify/model.h).
 inline constexpr char kClassifierFile[] = ".classifier";
 inline constexpr char kBordersFile[] = "borders.json";  // borders: how far borders of likelihoods can be trusted
 // changes: faces of an update's result that show what is gone
 inline constexpr char kOutdatedFile[] = "outdated.arrays";
 
-// A view's file among the inputs of crop, however it is called in the scene.
+// A view's file among the inputs of crop, however it is called in the scene. Those of likelihoods end so.
+inline constexpr char kLikelihoodsEnding[] = ".likelihoods";
 std::string ViewFileName(int32_t view, bool likelihoods);
 // What classify counts about the borders of a view's likelihoods.
 std::string ViewBordersName(int32_t view);

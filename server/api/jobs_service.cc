@@ -68,24 +68,26 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& l
       return absl::FailedPreconditionError(
           "this coordinator reads no scenes for callers from the network: start tesserad with --scene-root FOLDER");
     }
-    TESSERA_ASSIGN_OR_RETURN(
-        const SceneListing scene,
-        environment.list_scene(request.scene_path(), {job.settings.update.base.empty(), job.settings.classifier},
-                               environment.scene_files));
-    if (job.settings.update.base.empty()) job.settings.classifier = scene.classifier;
+    SceneRequest asked = {job.settings.update.base.empty(), job.settings.classifier};
+    if (!asked.needs_mesh) {
+      TESSERA_ASSIGN_OR_RETURN(const JobStatus base, environment.dispatcher->GetJob(job.settings.update.base));
+      asked.base_classifies = Classifies(base.header.settings);
+    }
+    TESSERA_ASSIGN_OR_RETURN(SceneListing scene,
+                             environment.list_scene(request.scene_path(), asked, environment.scene_files));
+    if (std::binary_search(scene.files.begin(), scene.files.end(), kClassifierFile)) {
+      return InputError(scene.folder + "/" + kClassifierFile, "", "a file of this name", "none: it is reserved");
+    }
+    if (asked.needs_mesh) job.settings.classifier = scene.classifier;
     if (job.display_name.empty()) job.display_name = scene.name;
     job.scene_path = scene.folder;
     job.warnings = scene.warnings;
     TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene, environment.scene_files, *environment.digests,
                                                                *environment.clock, cancelled));
-    if (std::binary_search(scene.files.begin(), scene.files.end(), kClassifierFile)) {
-      return InputError(scene.folder + "/" + kClassifierFile, "", "a file of this name", "none: it is reserved");
-    }
-    if (job.settings.update.base.empty() && Classifies(job.settings) && job.settings.classifier != kDefaultClassifier) {
-      TESSERA_ASSIGN_OR_RETURN(const HeldFile model, environment.scene_files.Open(job.settings.classifier));
-      TESSERA_ASSIGN_OR_RETURN(const Digest digest,
-                               DigestOfFile(model, *environment.digests, *environment.clock, cancelled));
-      job.scene_files.push_back({kClassifierFile, digest});
+    if (!scene.classifier_content.empty()) {
+      job.classifier = std::move(scene.classifier_content);
+      job.scene_files.push_back(
+          {kClassifierFile, {Sha256Hex(job.classifier), static_cast<int64_t>(job.classifier.size())}});
     }
   }
   // Whoever asked may have gone meanwhile, and would not know of the job.

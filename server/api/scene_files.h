@@ -16,8 +16,9 @@ namespace tessera {
 
 // What is asked of a scene.
 struct SceneRequest {
-  bool needs_mesh = true;  // else it adds to another
-  std::string classifier;  // as JobSettings
+  bool needs_mesh = true;        // else it adds to another
+  std::string classifier;        // as JobSettings
+  bool base_classifies = false;  // so likelihoods are not looked at, whatever `classifier` says
 };
 
 // What a coordinator needs to know of a scene.
@@ -28,6 +29,7 @@ struct SceneListing {
   Warnings warnings;
   // As JobSettings, settled: where it was empty the default, if the scene needs one.
   std::string classifier = {};
+  std::string classifier_content = {};  // of a trained one
 };
 
 // Reads and validates the scene at a path, opening nothing but what is allowed; every fault is in the returned

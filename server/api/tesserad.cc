@@ -35,7 +35,6 @@
 namespace tessera {
 namespace {
 
-constexpr int64_t kMostClassifierBytes = int64_t{64} << 20;
 constexpr double kLastAnswers_s = 1;  // for calls that are answered at once
 
 struct Flags {
@@ -58,15 +57,24 @@ struct Flags {
   bool exit_with_parent = false;
 };
 
-// OK if the classifier tells the scene's classes.
-Status CheckClassifier(const std::string& classifier, const SceneDescription& scene, const AllowedFiles& allowed) {
+// The content of a trained classifier, if it tells the scene's classes; of the default nothing.
+StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneDescription& scene,
+                                     const AllowedFiles& allowed) {
   std::vector<std::string> classes;
   for (const SceneClass& c : scene.classes) classes.push_back(c.name);
-  if (classifier == kDefaultClassifier) return DefaultRule::Of(classes, scene.folder + "/scene.json").status();
-  TESSERA_ASSIGN_OR_RETURN(const std::string bytes, allowed.ReadWhole(classifier, kMostClassifierBytes));
-  const StatusOr<ClassifierModel> model = ParseModel(bytes, classifier);
-  if (!model.ok()) return absl::InvalidArgumentError(model.status().message());  // not the coordinator's data loss
-  return ModelClassesOf(*model, classes, classifier).status();
+  if (classifier == kDefaultClassifier) {
+    TESSERA_RETURN_IF_ERROR(DefaultRule::Of(classes, scene.folder + "/scene.json").status());
+    return std::string();
+  }
+  StatusOr<std::string> bytes = allowed.ReadWhole(classifier, kMostModelBytes);
+  const StatusOr<ClassifierModel> model =
+      bytes.ok() ? ParseModel(*bytes, classifier) : StatusOr<ClassifierModel>(bytes.status());
+  if (!model.ok() && !absl::IsNotFound(model.status())) {
+    return absl::InvalidArgumentError(model.status().message());  // the caller's fault, whatever the code
+  }
+  TESSERA_RETURN_IF_ERROR(model.status());
+  TESSERA_RETURN_IF_ERROR(ModelClassesOf(*model, classes, classifier).status());
+  return bytes;
 }
 
 StatusOr<SceneListing> ListScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
@@ -77,11 +85,13 @@ StatusOr<SceneListing> ListScene(const std::string& path, const SceneRequest& re
   listing.classifier = request.classifier;
   if (listing.classifier == kNoClassifier) listing.classifier.clear();
   const auto load = [&]() -> StatusOr<SceneDescription> {
-    options.to_be_classified = !listing.classifier.empty();
+    options.to_be_classified = request.base_classifies || !listing.classifier.empty();
     options.by_default_rule = listing.classifier == kDefaultClassifier;
     listing.warnings.clear();
     TESSERA_ASSIGN_OR_RETURN(SceneDescription found, LoadScene(path, &listing.warnings, options));
-    if (options.to_be_classified) TESSERA_RETURN_IF_ERROR(CheckClassifier(listing.classifier, found, allowed));
+    if (!listing.classifier.empty()) {
+      TESSERA_ASSIGN_OR_RETURN(listing.classifier_content, ReadClassifier(listing.classifier, found, allowed));
+    }
     return found;
   };
   TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, load());

@@ -13,14 +13,18 @@ uint64_t BlobReferences::IdOf(const std::string& sha256) {
   return id;
 }
 
-void BlobReferences::AddArtifacts(const JobHeader& job) {
-  for (const NamedDigest& artifact : job.artifacts) needed_.insert(IdOf(artifact.digest.sha256));
+void BlobReferences::AddJob(const Job& job) {
+  for (const NamedDigest& artifact : job.header.artifacts) needed_.insert(IdOf(artifact.digest.sha256));
+  for (const NamedDigest& file : job.scene_files) {
+    if (file.name == kClassifierFile) needed_.insert(IdOf(file.digest.sha256));
+  }
 }
 
 void BlobReferences::AddOutputs(const JobHeader& job, bool runs, absl::Span<const StoredFile> outputs) {
   for (const StoredFile& output : outputs) {
     const uint64_t id = IdOf(output.sha256.Hex());
-    const bool handed_on = output.name == kTileFile || output.name == kViewsFile || output.name == kSumsFile;
+    const bool handed_on = output.name == kTileFile || output.name == kViewsFile || output.name == kSumsFile ||
+                           output.name.str().ends_with(kLikelihoodsEnding);
     if (runs || !handed_on) {
       needed_.insert(id);
     } else {

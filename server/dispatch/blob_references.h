@@ -19,7 +19,8 @@ class BlobReferences {
  public:
   static uint64_t IdOf(const std::string& sha256);
 
-  void AddArtifacts(const JobHeader& job);
+  // What the job published, and the classifier that it was given.
+  void AddJob(const Job& job);
   // `runs`: whether tasks of the job may run: Ledger::Runs.
   void AddOutputs(const JobHeader& job, bool runs, absl::Span<const StoredFile> outputs);
 

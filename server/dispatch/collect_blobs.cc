@@ -27,7 +27,7 @@ BlobReferences Dispatcher::CollectReferences() {
       if (job >= static_cast<int>(ledger_.jobs().size())) return references;
       const Job& of = ledger_.jobs()[job];
       if (of.deleted) break;
-      if (task == 0) references.AddArtifacts(of.header);
+      if (task == 0) references.AddJob(of);
       const int end = std::min(task + kTasksAtOnce, static_cast<int>(of.tasks.size()));
       for (; task < end; ++task) references.AddOutputs(of.header, ledger_.Runs(job), of.tasks[task].outputs);
       more = task < static_cast<int>(of.tasks.size());
@@ -43,6 +43,9 @@ void Dispatcher::NoteReferencesLocked(const v1::Record& record) {
   note(record.task_succeeded().outputs());
   note(record.job_ended().artifacts());
   for (const auto& task : record.tasks_planned().tasks()) note(task.given());
+  for (const auto& file : record.job_accepted().scene_files()) {
+    if (file.path() == kClassifierFile) referred_since_->blobs.insert(BlobReferences::IdOf(file.digest().sha256()));
+  }
   // A job that had ended runs again: what could be spared of it cannot any more.
   const int job = record.has_job_retried() || record.has_result_lost() ? JobOf(record) : -1;
   if (job < 0 || !referred_since_->jobs.insert(job).second) return;

@@ -41,8 +41,20 @@ StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) {
     TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(base.name));
     TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, ledger_.jobs()[index].header.settings));
     std::set<std::string> contents;
-    for (const NamedDigest& file : job.scene_files) contents.insert(file.digest.sha256);
+    std::optional<Digest> given;  // the classifier
+    for (const NamedDigest& file : job.scene_files) {
+      contents.insert(file.digest.sha256);
+      if (file.name == kClassifierFile) given = file.digest;
+    }
     for (const NamedDigest& file : base.scene_files) {
+      if (file.name == kClassifierFile) {
+        if (given && *given != file.digest) {
+          return InputError("classifier", "", "sha256 " + given->sha256,
+                            file.digest.sha256 + ", that of " + base.name + ": an update keeps that of its base");
+        }
+        if (!given) job.scene_files.push_back(file);
+        continue;
+      }
       if (contents.insert(file.digest.sha256).second) job.scene_files.push_back({CarriedName(file), file.digest});
     }
   }

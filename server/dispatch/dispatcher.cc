@@ -157,6 +157,8 @@ StatusOr<JobStatus> Dispatcher::CreateJob(const NewJob& asked) {
   std::optional<JobStatus> known;
   int index = -1;
   {
+    const std::shared_lock refers(blobs_mutex_);
+    if (!job.classifier.empty()) TESSERA_RETURN_IF_ERROR(environment_.blobs->PutBytes(job.classifier).status());
     std::lock_guard lock(mutex_);
     TESSERA_ASSIGN_OR_RETURN(known, FindRequestLocked(job.request));
     if (!known) {

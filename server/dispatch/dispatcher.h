@@ -84,6 +84,8 @@ struct NewJob {
   Warnings warnings;
   int priority = 0;
   std::string client;  // who submits it
+  // Content of the kClassifierFile among scene_files, which is stored with the job; of an update it may be empty.
+  std::string classifier = {};
 };
 
 struct ReportedProgress {

@@ -37,8 +37,10 @@ StatusOr<GrantedLease> Dispatcher::DescribeLocked(TaskRef ref, int attempt) cons
       path = environment_.blobs->Path(inputs[i].digest);
     } else {
       const NamedDigest& file = job.scene_files[files[i - from_tasks]];
-      path = SceneFilePath(job.header.scene_path, job.header.settings, file.name);
-      if (IsCarried(file.name)) {
+      path = job.header.scene_path + "/" + file.name;
+      if (file.name == kClassifierFile) {
+        path = environment_.blobs->Path(file.digest);
+      } else if (IsCarried(file.name)) {
         const std::vector<std::string> paths = ledger_.SceneFilesWith(file.digest);
         path = paths.empty() ? "" : paths.front();  // where it is not what it was, the blob service knows the others
       }

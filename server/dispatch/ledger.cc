@@ -65,8 +65,7 @@ StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const Planne
   }
   for (const int file : *task.scene_files) {
     const NamedDigest& found = job.scene_files[file];
-    const std::string name = IsClassifier(found.name) ? kClassifierFile : found.name;
-    inputs.push_back({std::string(kSceneFolder) + "/" + name, found.digest});
+    inputs.push_back({std::string(kSceneFolder) + "/" + found.name, found.digest});
   }
   for (const PlannedTask::ViewFile& file : *task.view_files) {
     inputs.push_back({ViewFileName(file.view, file.likelihoods), job.scene_files[file.file].digest});
@@ -220,9 +219,9 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
   for (const auto& file : change.scene_files()) {
     job.scene_files.push_back({file.path(), FromProto(file.digest())});
-    if (IsCarried(file.path())) continue;
+    if (!LiesInScene(file.path())) continue;
     std::vector<ScenePath>& paths = scene_files_of_sha256_[file.digest().sha256()];
-    const std::string path = SceneFilePath(job.header.scene_path, job.header.settings, file.path());
+    const std::string path = change.scene_path() + "/" + file.path();
     const auto known = std::find_if(paths.begin(), paths.end(), [&](const auto& each) { return each.path == path; });
     ++(known != paths.end() ? *known : paths.emplace_back(ScenePath{path})).jobs;
   }

@@ -163,11 +163,11 @@ std::vector<std::string> Ledger::SceneFilesWith(const Digest& digest) const {
 
 void Ledger::ForgetSceneFiles(const Job& job) {
   for (const NamedDigest& file : job.scene_files) {
-    if (IsCarried(file.name)) continue;
+    if (!LiesInScene(file.name)) continue;
     const auto it = scene_files_of_sha256_.find(file.digest.sha256);
     if (it == scene_files_of_sha256_.end()) continue;
     std::vector<ScenePath>& paths = it->second;
-    const std::string path = SceneFilePath(job.header.scene_path, job.header.settings, file.name);
+    const std::string path = job.header.scene_path + "/" + file.name;
     const auto known = std::find_if(paths.begin(), paths.end(), [&](const auto& each) { return each.path == path; });
     if (known != paths.end() && --known->jobs == 0) paths.erase(known);
     if (paths.empty()) scene_files_of_sha256_.erase(it);

@@ -41,8 +41,8 @@ std::vector<Dispatcher::Lost> Dispatcher::LostInputsLocked(TaskRef ref, const st
     const NamedDigest& file = job.scene_files[index];
     if (!sha256.contains(file.digest.sha256)) continue;
     Lost& added = lost.emplace_back(Lost{file.digest, file.name, {}, 0, ledger_.SceneFilesWith(file.digest)});
-    if (IsCarried(file.name)) continue;
-    added.paths.insert(added.paths.begin(), SceneFilePath(job.header.scene_path, job.header.settings, file.name));
+    if (LiesInScene(file.name)) added.paths.insert(added.paths.begin(), job.header.scene_path + "/" + file.name);
+    if (file.name == kClassifierFile) added.paths = {environment_.blobs->Path(file.digest)};
   }
   return lost;
 }

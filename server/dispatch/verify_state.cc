@@ -36,7 +36,7 @@ StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool de
     const Job& job = ledger.jobs()[index];
     if (job.deleted) continue;
     ++summary.jobs;
-    references.AddArtifacts(job.header);
+    references.AddJob(job);
     for (const JobTask& task : job.tasks) references.AddOutputs(job.header, ledger.Runs(index), task.outputs);
   }
   absl::flat_hash_set<uint64_t> seen;
@@ -55,6 +55,9 @@ StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool de
   for (const Job& job : ledger.jobs()) {
     if (job.deleted) continue;
     for (const NamedDigest& artifact : job.header.artifacts) check(job.header.name, artifact, false);
+    for (const NamedDigest& file : job.scene_files) {
+      if (file.name == kClassifierFile) check(job.header.name, file, false);
+    }
     for (const JobTask& task : job.tasks) {
       for (const StoredFile& output : task.outputs) {
         check(job.header.name + ", '" + task.plan.name + "'", output, task.remaking);

@@ -1,17 +1,20 @@
 #include "server/plan/classify_tasks.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/plan/update_tasks.h"
 
 namespace tessera {
+namespace {
+
+// What a view shows with pixels so many times as large as the survey's is too far to matter.
+constexpr double kFarthestGsd = 16;
+
+}  // namespace
 
 std::vector<PlannedTask> PlanClassify(const ClassifyWork& work) {
   const Survey& survey = work.survey;
-  double farthest_m = 0;
-  for (const auto& [near_m, far_m] : survey.view_depths) farthest_m = std::max(farthest_m, far_m);
   const std::vector<Prediction> predicted = PredictClassify(survey);
   std::vector<PlannedTask> tasks;
   PlannedTask borders;
@@ -29,8 +32,8 @@ std::vector<PlannedTask> PlanClassify(const ClassifyWork& work) {
     parameters.classes_json = ClassesToJson(survey.classes);
     parameters.up.assign(survey.up.begin(), survey.up.end());
     parameters.gsd_m = survey.gsd_m;
-    // Of one that is only compared with others: as far as any looks.
-    parameters.depth_m = survey.view_depths[v][1] > 0 ? survey.view_depths[v][1] : farthest_m;
+    // By the camera alone, so that no other image of an update changes it.
+    parameters.depth_m = kFarthestGsd * survey.gsd_m * view.camera.intrinsics.fx;
     parameters.by_default_rule = work.classifier_file < 0;
     PlannedTask task;
     task.kind = kClassifyKind;

@@ -6,6 +6,7 @@
 #ifndef TESSERA_SERVER_PLAN_COST_MODEL_H_
 #define TESSERA_SERVER_PLAN_COST_MODEL_H_
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -61,6 +62,13 @@ struct Prediction {
   double core_seconds = 0;
   int64_t peak_bytes = 0;
   int64_t stored_bytes = 0;  // of what it makes, which stays in the blob store
+  // Of several tasks: memory of the hungriest.
+  Prediction& operator+=(const Prediction& other) {
+    core_seconds += other.core_seconds;
+    peak_bytes = std::max(peak_bytes, other.peak_bytes);
+    stored_bytes += other.stored_bytes;
+    return *this;
+  }
 };
 
 // The tasks of a tile. Those of several steps: seconds and what is stored summed, memory of the hungriest.

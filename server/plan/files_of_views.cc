@@ -20,9 +20,4 @@ StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Sur
   return found;
 }
 
-int ClassifierFile(const std::vector<std::string>& files) {
-  const auto found = std::find_if(files.begin(), files.end(), IsClassifier);
-  return found == files.end() ? -1 : static_cast<int>(found - files.begin());
-}
-
 }  // namespace tessera

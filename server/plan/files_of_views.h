@@ -16,9 +16,6 @@ namespace tessera {
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
                                                                        const std::vector<std::string>& files);
 
-// Place of the job's classifier among its files, its own or its base's; -1: there is none.
-int ClassifierFile(const std::vector<std::string>& files);
-
 }  // namespace tessera
 
 #endif  // TESSERA_SERVER_PLAN_FILES_OF_VIEWS_H_

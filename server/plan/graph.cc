@@ -52,7 +52,8 @@ class Graph {
     TESSERA_ASSIGN_OR_RETURN(graph.survey_, ParseSurvey(survey_json));
     TESSERA_ASSIGN_OR_RETURN(graph.files_of_view_, FilesOfViews(graph.survey_, scene_files));
     graph.classified_.resize(graph.survey_.views.size());
-    graph.classifier_file_ = ClassifierFile(scene_files);
+    const auto file = std::lower_bound(scene_files.begin(), scene_files.end(), kClassifierFile);
+    if (file != scene_files.end() && *file == kClassifierFile) graph.classifier_file_ = file - scene_files.begin();
     const CellIndex cells(graph.survey_);
     if (base != nullptr) {
       TESSERA_RETURN_IF_ERROR(graph.TakeTiles(*base, cells));
@@ -200,9 +201,7 @@ class Graph {
     graph.AddChanges();
     Prediction sum;
     for (size_t t = first; t < graph.size(); ++t) {
-      sum.core_seconds += graph.tasks_[t].cost;
-      sum.peak_bytes = std::max(sum.peak_bytes, graph.tasks_[t].peak_bytes);
-      sum.stored_bytes += graph.tasks_[t].stored_bytes;
+      sum += {graph.tasks_[t].cost, graph.tasks_[t].peak_bytes, graph.tasks_[t].stored_bytes};
     }
     return sum;
   }
@@ -213,9 +212,8 @@ class Graph {
   // An update's plan, as the user reads it.
   Status AddPlan(const UpdateBase& base) {
     TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_, costs_));
-    Prediction ingest = update_cost_;
-    ingest.core_seconds += PredictViews(survey_, ViewsRead(), costs_).core_seconds;
-    const Prediction compare = CostOfChanges(), publish = costs_.Corrected(kPublishKind, PredictPublish(survey_));
+    const Prediction ingest = update_cost_, compare = CostOfChanges(),
+                     publish = costs_.Corrected(kPublishKind, PredictPublish(survey_));
     double core_seconds = ingest.core_seconds + publish.core_seconds + compare.core_seconds;
     for (const TileChange& change : changes_) core_seconds += change.predicted.core_seconds;
     TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
@@ -306,6 +304,7 @@ class Graph {
       }
       tiles_.push_back(std::move(tile));
     }
+    update_cost_ += PredictViews(survey_, ViewsToClassify(base_survey, survey_, ViewsRead()), costs_);
     return absl::OkStatus();
   }
 

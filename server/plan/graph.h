@@ -96,8 +96,8 @@ struct UpdateBase {
 // that tell their content: the files lie where the base has them.
 std::string CarriedName(const NamedDigest& file_of_base);
 bool IsCarried(const std::string& name);
-// Whether it is the job's own or its base's kClassifierFile, which tasks see under that name.
-bool IsClassifier(const std::string& name);
+// In the scene's folder: neither carried nor kClassifierFile, which is a blob.
+bool LiesInScene(const std::string& name);
 
 // Each gives the tasks of a phase, to be appended to those before. `scene_files`: every file of the scene, relative,
 // sorted; `survey`: content of ingest's kSurveyFile. Deterministic.

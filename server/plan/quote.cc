@@ -42,12 +42,7 @@ Prediction PredictViews(const Survey& survey, const std::set<int32_t>& views, co
   Prediction sum;
   if (survey.classifier.empty()) return sum;
   const std::vector<Prediction> predicted = PredictClassify(survey);
-  for (const int32_t v : views) {
-    const Prediction of_view = costs.Corrected("classify", predicted[v]);
-    sum.core_seconds += of_view.core_seconds;
-    sum.stored_bytes += of_view.stored_bytes;
-    sum.peak_bytes = std::max(sum.peak_bytes, of_view.peak_bytes);
-  }
+  for (const int32_t v : views) sum += costs.Corrected(kClassifyKind, predicted[v]);
   return sum;
 }
 

@@ -154,6 +154,7 @@ std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, con
 Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
   Survey part;
   part.has_likelihoods = survey.has_likelihoods;
+  part.classifier = survey.classifier;
   part.classes = survey.classes;
   for (size_t v = 0; v < survey.views.size(); ++v) {
     if (v >= base.views.size() || survey.views[v].image_content != base.views[v].image_content) {
@@ -171,6 +172,17 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
   Prediction prediction = PredictIngest(part);
   prediction.stored_bytes = PredictIngest(survey).stored_bytes;  // at most: the mesh only if it changed
   return prediction;
+}
+
+std::set<int32_t> ViewsToClassify(const Survey& base, const Survey& survey, std::set<int32_t> read) {
+  if (survey.revision) return read;
+  std::erase_if(read, [&](int32_t v) {
+    if (static_cast<size_t>(v) >= base.views.size()) return false;
+    const SceneView &before = base.views[v], &now = survey.views[v];
+    return before.likelihood_content == now.likelihood_content && before.camera == now.camera &&
+           before.lens == now.lens;
+  });
+  return read;
 }
 
 StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,

@@ -3,6 +3,7 @@
 #define TESSERA_SERVER_PLAN_UPDATE_PLAN_H_
 
 #include <cstdint>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -54,6 +55,9 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
 
 // Of the task that took the base's survey on: what is new is read, and cells that it may show choose their views.
 Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);
+
+// Of these views, those whose likelihoods the base has not made, where jobs make them.
+std::set<int32_t> ViewsToClassify(const Survey& base, const Survey& survey, std::set<int32_t> read);
 
 // The steps that tiles take which begin at a refined state: of the first round and the last labels and the two finest
 // levels; all levels if the mesh changed. Indices in RefineStepsOf.

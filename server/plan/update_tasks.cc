@@ -127,11 +127,7 @@ std::string CarriedName(const NamedDigest& file) {
 
 bool IsCarried(const std::string& name) { return name.starts_with(kCarriedPrefix); }
 
-bool IsClassifier(const std::string& name) {
-  if (!IsCarried(name)) return name == kClassifierFile;
-  const size_t folder = name.find('/', sizeof(kCarriedPrefix) - 1);
-  return folder != std::string::npos && name.substr(folder + 1) == kClassifierFile;
-}
+bool LiesInScene(const std::string& name) { return !IsCarried(name) && name != kClassifierFile; }
 
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
                                               const UpdateBase& base) {
@@ -178,7 +174,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   update.parameters =
       ToJson(UpdateParameters{IngestParametersOf(settings), settings.update.withdraw, settings.update.all_epochs});
   for (size_t i = 0; i < scene_files.size(); ++i) {
-    if (IsCarried(scene_files[i].name)) continue;
+    if (!LiesInScene(scene_files[i].name)) continue;
     const auto known = known_of_content.find(scene_files[i].digest.sha256);
     if (known != known_of_content.end()) {
       files.known[scene_files[i].name] = known->second;

@@ -1,7 +1,6 @@
 #include "server/settings/job_settings.h"
 
 #include "absl/strings/str_cat.h"
-#include "common/tile/task_parameters.h"
 
 namespace tessera {
 
@@ -9,9 +8,15 @@ bool Classifies(const JobSettings& settings) {
   return !settings.classifier.empty() && settings.classifier != kNoClassifier;
 }
 
-std::string SceneFilePath(const std::string& scene_path, const JobSettings& settings, const std::string& name) {
-  return name == kClassifierFile ? settings.classifier : absl::StrCat(scene_path, "/", name);
+namespace {
+
+// For people. Trained ones are told apart by their contents, elsewhere.
+std::string KindOfClassifier(const JobSettings& settings) {
+  if (!Classifies(settings)) return "none";
+  return settings.classifier == kDefaultClassifier ? "the default" : "a trained one";
 }
+
+}  // namespace
 
 Status CheckJobSettings(const JobSettings& settings) {
   Faults faults;
@@ -70,7 +75,11 @@ StatusOr<JobSettings> SettingsOfUpdate(const JobSettings& asked, const JobSettin
   check("tiles", asked.tiles, standard.tiles, base.tiles);
   check("tile memory", asked.tile_memory_bytes, standard.tile_memory_bytes, base.tile_memory_bytes);
   check("rounds", asked.rounds, standard.rounds, base.rounds);
-  check("classifier", asked.classifier, standard.classifier, base.classifier);
+  if (!asked.classifier.empty() && KindOfClassifier(asked) != KindOfClassifier(base)) {
+    faults.Add(absl::InvalidArgumentError(absl::StrCat("classifier: found ", KindOfClassifier(asked), ", expected ",
+                                                       KindOfClassifier(base), ", as ", asked.update.base,
+                                                       " has: an update keeps that of its base")));
+  }
   check("method", asked.method, standard.method, base.method);
   check("method settings", asked.method_settings, standard.method_settings, base.method_settings);
   TESSERA_RETURN_IF_ERROR(faults.ToStatus());

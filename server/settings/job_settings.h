@@ -53,8 +53,6 @@ struct JobSettings {
 
 // Whether the job makes likelihoods itself.
 bool Classifies(const JobSettings& settings);
-// Where a file of the job's scene lies, by its name in the job's list.
-std::string SceneFilePath(const std::string& scene_path, const JobSettings& settings, const std::string& name);
 
 // INVALID_ARGUMENT with every fault, one a line: what was found, what was expected.
 Status CheckJobSettings(const JobSettings& settings);

@@ -263,13 +263,33 @@ TEST_F(UpdateTest, FromScratchGivesTheSameBytesForAnyTiling) {
 
 // The images of a flight are classified as those of the base were, and no other again.
 TEST_F(UpdateTest, LikelihoodsThatTheJobMakesAreMadeOfTheFlightToo) {
+  fs::create_directory(Path("painted"));
+  int painted = 0;
+  for (const auto& entry : fs::directory_iterator(Street() + "/truth")) {
+    if (entry.path().extension() == ".png" && painted++ < 4) {
+      fs::copy_file(entry.path(), Path("painted") + "/" + entry.path().filename().string());
+    }
+  }
+  ASSERT_EQ(Tessera(folder_.path(), {"classify", Street(), "--train", Path("painted"), "--out", Path("classified"),
+                                     "--save-model", Path("model")})
+                .exit_code,
+            0);
   const auto base = [&](const char* name, const char* tiles) {
-    return Tessera(folder_.path(), {"run", Street(), "--classifier", "default", "--tiles", tiles, "--rounds", "1",
+    return Tessera(folder_.path(), {"run", Street(), "--classifier", Path("model"), "--tiles", tiles, "--rounds", "1",
                                     "--levels", "1", "--iterations", "2", "--out", Path(name)});
   };
   const Outcome first = base("four", "4"), other = base("one", "1");
   ASSERT_TRUE(first.exit_code == 0 && other.exit_code == 0) << first.output << other.output;
   EXPECT_TRUE(Mesh("four") == Mesh("one"));
+  // The job has kept it; another is not what the base went by.
+  ASSERT_EQ(Tessera(folder_.path(), {"classify", Street(), "--train", Path("painted"), "--out", Path("classified"),
+                                     "--seed", "2", "--save-model", Path("model")})
+                .exit_code,
+            0);
+  const Outcome another = Update(NextFlight(), "another", {"--classifier", Path("model")}, Path("four"));
+  EXPECT_EQ(another.exit_code, 3) << another.output;
+  EXPECT_THAT(another.output, HasSubstr("an update keeps that of its base"));
+  fs::remove(Path("model"));
   const auto images = [](const std::string& scene) {
     return std::distance(fs::directory_iterator(scene + "/images"), fs::directory_iterator());
   };

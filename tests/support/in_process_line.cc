@@ -28,7 +28,8 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
     bring(fs::path(earlier.at(input.task.value()).output_dir) / input.output.str(), InputName(input));
   }
   for (const int file : *planned.scene_files) {
-    bring(SceneFilePath(scene.folder, settings, scene.files.at(file)),
+    bring(scene.files.at(file) == kClassifierFile ? fs::path(settings.classifier)
+                                                  : fs::path(scene.folder) / scene.files[file],
           std::string(kSceneFolder) + "/" + scene.files[file]);
   }
   for (const PlannedTask::ViewFile& file : *planned.view_files) {

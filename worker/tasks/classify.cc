@@ -1,7 +1,5 @@
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
-#include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -24,8 +22,8 @@ namespace {
 constexpr double kReach_m = 30;
 static_assert(kReach_m >= MeshSurface::kGroundRadii_m.back() && kReach_m >= MeshSurface::kReliefRadii_m.back());
 
-// The blocks of the city that the view may show anything of, or of what is about that, up to the depth; of a view that
-// only shows what is farther, all.
+// The blocks of the city that the view may show anything of, or of what is about that, up to the depth. None, if
+// it shows no part of the city.
 StatusOr<TriangleMesh> MeshInSight(const CityReader& city, const PosedCamera& camera, double depth_m) {
   const Eigen::Vector3d reach = Eigen::Vector3d::Constant(kReach_m);
   TriangleMesh mesh;
@@ -45,10 +43,6 @@ StatusOr<TriangleMesh> MeshInSight(const CityReader& city, const PosedCamera& ca
       mesh.faces.push_back({first + face[0], first + face[1], first + face[2]});
     }
   }
-  if (mesh.faces.empty() && std::isfinite(depth_m)) {
-    return MeshInSight(city, camera, std::numeric_limits<double>::infinity());
-  }
-  if (mesh.faces.empty()) return absl::InvalidArgumentError("the view shows nothing of the city");
   return mesh;
 }
 
@@ -93,10 +87,12 @@ StatusOr<TaskOutcome> RunClassify(const TaskRequest& request, const TaskControl&
   SceneView& view = scene.views[0];
   TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, MeshInSight(city, view.camera, parameters.depth_m));
   TESSERA_RETURN_IF_ERROR(control.Check());
-  const MeshSurface surface(mesh, scene.up_in_local, parameters.gsd_m);
+  // A view that is compared with others may show nothing of the city, where its mesh was revised.
+  std::optional<MeshSurface> surface;
+  if (!mesh.faces.empty()) surface.emplace(mesh, scene.up_in_local, parameters.gsd_m);
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.2, "classifying");
-  TESSERA_ASSIGN_OR_RETURN(const ByteImage likelihoods, ClassifyView(scene, 0, surface, use));
+  TESSERA_ASSIGN_OR_RETURN(const ByteImage likelihoods, ClassifyView(scene, 0, surface ? &*surface : nullptr, use));
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.9, "looking at borders");
   const std::string file = ViewFileName(parameters.view, true), borders_file = ViewBordersName(parameters.view);

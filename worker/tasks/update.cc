@@ -117,7 +117,6 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   for (const auto& [path, known] : files.known) load.elsewhere.insert(path);
   load.needs_mesh = false;
   load.to_be_classified = !survey.classifier.empty();
-  load.by_default_rule = parameters.ingest.by_default_rule;
   load.frame = Frame::Of(survey.crs, survey.origin_in_scene, survey.rotation_local_from_scene);
   TaskOutcome outcome;
   TESSERA_ASSIGN_OR_RETURN(SceneDescription scene,

@@ -120,11 +120,19 @@ TEST_F(ClassifySceneTest, OneViewIsAsAllOfThem) {
   const std::string all = Output("all", 0);
   ClassifierInUse use;
   use.model = &trained_.model;
-  const auto view = ClassifyView(scene_, 3, MeshSurface(mesh_, scene_.up_in_local, 0.2), use);
-  ASSERT_TRUE(view.ok()) << view.status();
-  ASSERT_TRUE(WriteLikelihoodTiff(folder_ + "/one.tif", *view).ok());
+  const MeshSurface surface(mesh_, scene_.up_in_local, 0.2);
   const std::string stem = std::filesystem::path(scene_.views[3].name).stem();
-  EXPECT_EQ(ReadText(folder_ + "/one.tif"), ReadText(all + "/geometry/" + stem + ".tif"));
+  // One that sees no surface goes by appearance.
+  for (const bool sees : {true, false}) {
+    const auto view = ClassifyView(scene_, 3, sees ? &surface : nullptr, use);
+    ASSERT_TRUE(view.ok()) << view.status();
+    ASSERT_TRUE(WriteLikelihoodTiff(folder_ + "/one.tif", *view).ok());
+    EXPECT_EQ(ReadText(folder_ + "/one.tif"), ReadText(all + (sees ? "/geometry/" : "/appearance/") + stem + ".tif"));
+  }
+  const DefaultRule rule = DefaultRule::Of({"ground", "facade", "roof"}, "scene").value();
+  ClassifierInUse by_rule;
+  by_rule.rule = &rule;
+  EXPECT_TRUE(ClassifyView(scene_, 3, nullptr, by_rule).ok());
 }
 
 TEST_F(ClassifySceneTest, WhatIsAnnotatedIsNotAskedForAgain) {

@@ -111,6 +111,27 @@ TEST_F(BlobCollectorTest, WhatADeletedJobHadGoesAndWhatOthersHaveStays) {
   EXPECT_THAT(Stored(), IsEmpty());
 }
 
+TEST_F(BlobCollectorTest, AClassifierStaysAsLongAsItsJob) {
+  NewJob job = AJob(2);
+  job.classifier = "what was learnt";
+  job.settings.classifier = "/models/city.model";
+  const Digest digest = {Sha256Hex(job.classifier), static_cast<int64_t>(job.classifier.size())};
+  job.scene_files.push_back({kClassifierFile, digest});
+  const std::string name = Create(job);
+  LookLong();
+  EXPECT_TRUE(blobs_->Has(digest)) << "before any task read it";
+  RestartAll();
+  WorkAll(Worker());
+  LookLong();
+  EXPECT_TRUE(blobs_->Has(digest));
+  EXPECT_THAT(Faults(), IsEmpty());
+  ASSERT_EQ(std::remove(blobs_->Path(digest).c_str()), 0);
+  EXPECT_THAT(Faults(), testing::Contains(testing::HasSubstr(kClassifierFile)));
+  ASSERT_TRUE(dispatcher_->DeleteJob(name, "").ok());
+  LookLong();
+  EXPECT_THAT(Stored(), IsEmpty());
+}
+
 TEST_F(BlobCollectorTest, LeftoversGoAfterADayAndWhatIsNotOursStays) {
   const std::string folder = blobs_->root() + "/ab/";
   ASSERT_TRUE(EnsureFolder(folder).ok());

@@ -93,9 +93,7 @@ TEST(ClassifyTasks, OfAnUpdateAreThoseOfItsBase) {
   const NamedDigest model = {kClassifierFile, DigestOf("model")};
   pair.base.scene_files.push_back(model);
   std::vector<std::string> files = pair.Files();
-  EXPECT_TRUE(IsClassifier(CarriedName(model)) && IsClassifier(kClassifierFile));
-  EXPECT_FALSE(IsClassifier("images/" + model.name) || IsClassifier(CarriedName({"images/.classifier", {}})));
-  files.insert(files.begin(), CarriedName(model));
+  files.insert(files.begin(), model.name);
   const auto kinds = [](const std::vector<PlannedTask>& tasks) {
     std::map<std::string, int> count;
     for (const PlannedTask& task : tasks) ++count[task.kind.str()];
@@ -108,7 +106,7 @@ TEST(ClassifyTasks, OfAnUpdateAreThoseOfItsBase) {
   const int32_t view = pair.AddView(3);
   classify(&pair.now);
   files = pair.Files();
-  files.insert(files.begin(), CarriedName(model));
+  files.insert(files.begin(), model.name);
   const auto tiles = PlanTiles(settings, SurveyToJson(pair.now), files, &pair.base);
   ASSERT_TRUE(tiles.ok()) << tiles.status();
   auto count = kinds(*tiles);
@@ -117,13 +115,38 @@ TEST(ClassifyTasks, OfAnUpdateAreThoseOfItsBase) {
   const CellRect& redone = pair.base.tiles[pair.TileOf(3)].core;
   const CellIndex cells(pair.now);
   EXPECT_EQ(count[kClassifyKind], static_cast<int>(MeasureTile(cells, redone).views.size()));
+  // Of images that it knows, by what its base read, whatever else looks how far: their results are found.
+  std::set<std::string> of_base;
+  JobSettings settings_of_base = settings;
+  settings_of_base.tiles = 4;
+  std::vector<std::string> files_of_base = FilesOf(pair.before);
+  files_of_base.insert(files_of_base.begin(), model.name);
+  const auto first_job = PlanTiles(settings_of_base, SurveyToJson(pair.before), files_of_base);
+  ASSERT_TRUE(first_job.ok()) << first_job.status();
+  for (const PlannedTask& task : *first_job) {
+    if (task.kind == kClassifyKind) of_base.insert(task.parameters);
+  }
+  Survey widened = pair.now;
+  for (auto& [near_m, far_m] : widened.view_depths) far_m = 2 * far_m + 100;
+  const auto again = PlanTiles(settings, SurveyToJson(widened), files, &pair.base);
+  ASSERT_TRUE(again.ok()) << again.status();
+  int known_views = 0;
+  for (const PlannedTask& task : *again) {
+    if (task.kind != kClassifyKind) continue;
+    if (ParseClassifyParameters(task.parameters)->view == view) continue;
+    ++known_views;
+    EXPECT_TRUE(of_base.contains(task.parameters)) << task.name;
+  }
+  EXPECT_GT(known_views, 0);
+  EXPECT_EQ(ViewsToClassify(pair.before, pair.now, {0, 1, view}), std::set<int32_t>{view});
+
   const PlannedTask& cut = tiles->back();
   EXPECT_EQ(InputName(cut.inputs.back()), kBordersFile);
   EXPECT_EQ(cut.inputs.back().task, TaskId(0)) << "the base's, which is given";
   std::vector<NamedDigest> digests;
   for (const std::string& file : files) digests.push_back({file, DigestOf(file)});
   for (NamedDigest& file : digests) {
-    if (IsClassifier(file.name)) file.digest = model.digest;
+    if (file.name == kClassifierFile) file.digest = model.digest;
   }
   const auto first = PlanUpdate(settings, digests, pair.base);
   ASSERT_TRUE(first.ok()) << first.status();

@@ -80,5 +80,20 @@ TEST(Settings, AllFaultsAreToldAtOnce) {
   EXPECT_TRUE(CheckJobSettings({}).ok());
 }
 
+TEST(Settings, AnUpdateKeepsTheKindOfItsBasesClassifier) {
+  const std::string model = "/models/city.model";
+  const auto ok = [](const std::string& asked, const std::string& base) {
+    const auto settings = SettingsOfUpdate({.classifier = asked}, {.classifier = base});
+    EXPECT_TRUE(!settings.ok() || settings->classifier == base);
+    return settings.ok();
+  };
+  for (const std::string& base : {std::string(), std::string("default"), model}) EXPECT_TRUE(ok("", base));
+  EXPECT_TRUE(ok("none", "") && ok("default", "default") && ok("/elsewhere/same.model", model));
+  EXPECT_FALSE(ok("none", model) || ok("none", "default") || ok("default", "") || ok(model, "") ||
+               ok(model, "default"));
+  EXPECT_FALSE(CheckJobSettings({.classifier = "city.model"}).ok()) << "which folder's?";
+  EXPECT_TRUE(CheckJobSettings({.classifier = model}).ok());
+}
+
 }  // namespace
 }  // namespace tessera
