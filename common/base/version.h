@@ -6,7 +6,7 @@
 namespace tessera {
 
 // Part of every task's key; coordinator and workers must agree on it.
-inline constexpr char kAlgorithmVersion[] = "16";
+inline constexpr char kAlgorithmVersion[] = "17";
 
 }  // namespace tessera
 

@@ -12,7 +12,7 @@
 namespace tessera {
 namespace {
 
-constexpr int kLevels = 6;                          // of the pyramid above the image itself
+constexpr int kLevels = 4;                          // of the pyramid above the image itself
 constexpr std::array<int, 2> kMeshLevels = {2, 4};  // levels at which the mesh's channels are averaged
 constexpr int kChannels = 8;                        // of the image: see ImageChannels
 constexpr int kMeshChannels = 5;                    // hit, normal, its square, height, its square

@@ -14,7 +14,6 @@ namespace {
 using json = nlohmann::basic_json<std::map, std::vector, std::string, bool, int64_t, uint64_t, double, std::allocator,
                                   ExactNumbers<nlohmann::adl_serializer>::Serializer>;
 
-constexpr char kLabelsFirst[] = "labels_first";
 constexpr size_t kMaxLevels = 6;
 
 Status Fault(const std::string& name, const std::string& found, const std::string& expected) {
@@ -97,6 +96,14 @@ std::span<const ListSetting> ListSettings() {
   return kSettings;
 }
 
+std::span<const BoolSetting> BoolSettings() {
+  static constexpr BoolSetting kSettings[] = {
+      {"labels_first", "Whether labels are solved before the first round too", true, &MethodSettings::labels_first},
+      {"flip_edges", "Whether edges of the result's faces are flipped where that makes creases straight", true,
+       &MethodSettings::flip_edges}};
+  return kSettings;
+}
+
 Status CheckMethod(const std::string& method, const MethodSettings& settings) {
   Faults faults;
   if (!method.empty() && std::find(kMethods.begin(), kMethods.end(), method) == kMethods.end()) {
@@ -135,7 +142,9 @@ std::string ToJson(const MethodSettings& settings) {
   for (const ListSetting& setting : ListSettings()) {
     if (!(settings.*setting.value).empty()) out[setting.name] = settings.*setting.value;
   }
-  if (settings.labels_first) out[kLabelsFirst] = *settings.labels_first;
+  for (const BoolSetting& setting : BoolSettings()) {
+    if (settings.*setting.value) out[setting.name] = *(settings.*setting.value);
+  }
   return out.dump();
 }
 
@@ -154,7 +163,7 @@ StatusOr<MethodSettings> ParseMethodSettings(const std::string& text) {
     for (const auto& setting : RealSettings()) take_optional(setting.name, &(settings.*setting.value));
     for (const auto& setting : WholeSettings()) take_optional(setting.name, &(settings.*setting.value));
     for (const ListSetting& setting : ListSettings()) take(setting.name, &(settings.*setting.value));
-    take_optional(kLabelsFirst, &settings.labels_first);
+    for (const BoolSetting& setting : BoolSettings()) take_optional(setting.name, &(settings.*setting.value));
     if (!in.is_object() || !in.empty()) {
       return absl::InvalidArgumentError(absl::StrCat("method settings: found the unknown ", in.dump()));
     }

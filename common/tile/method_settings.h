@@ -23,7 +23,7 @@ struct MethodSettings {
   std::optional<double> normal_prior, label_smoothness;        // μ1, μ2
   std::optional<double> max_step_px;
   std::optional<int> window_px, partners, views_per_direction;
-  std::optional<bool> labels_first;
+  std::optional<bool> labels_first, flip_edges;
   std::vector<int> levels, iterations;
 
   friend bool operator==(const MethodSettings&, const MethodSettings&) = default;
@@ -48,9 +48,17 @@ struct ListSetting {
   std::vector<int> MethodSettings::*value;
 };
 
+struct BoolSetting {
+  const char* name;
+  const char* meaning;
+  bool standard;
+  std::optional<bool> MethodSettings::*value;
+};
+
 std::span<const Setting<double>> RealSettings();
 std::span<const Setting<int>> WholeSettings();
 std::span<const ListSetting> ListSettings();
+std::span<const BoolSetting> BoolSettings();
 
 // INVALID_ARGUMENT with every fault, each with what was found and what was expected. An empty method is "tessera".
 Status CheckMethod(const std::string& method, const MethodSettings& settings);

@@ -31,18 +31,19 @@ MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSet
   MethodRules rules;
   if (method == "baseline") {
     rules.rounds = kBaselineRounds;
-    rules.geometry_knows_labels = rules.labels_first = false;
+    rules.geometry_knows_labels = rules.labels_first = rules.flips_edges = false;
   }
   if (method == "paper") {
     rules.rounds = kPaperRounds;
-    rules.labels_first = false;
+    rules.labels_first = rules.flips_edges = false;
   }
   if (method == kLabelsMethod) {
     rules.rounds = 1;
-    rules.geometry_knows_labels = rules.labels_first = rules.moves = false;
+    rules.geometry_knows_labels = rules.labels_first = rules.moves = rules.flips_edges = false;
   }
   if (rounds > 0) rules.rounds = rounds;
   if (settings.labels_first) rules.labels_first = *settings.labels_first;
+  if (settings.flip_edges) rules.flips_edges = *settings.flip_edges;
   return rules;
 }
 

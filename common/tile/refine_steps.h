@@ -31,12 +31,13 @@ std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const st
 // Those of a job: `rounds` 0 and empty settings are the method's own. Settings as CheckMethod accepts them.
 std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, const MethodSettings& settings);
 
-// What a method does about rounds and labels where its settings leave it open, and what they ask for where not.
+// What a method does about rounds, labels and flips where its settings leave it open, and what they ask for where not.
 struct MethodRules {
   int rounds = kTesseraRounds;
   bool labels_first = true;           // labels are solved before the first geometry too
   bool geometry_knows_labels = true;  // false: the geometry sees a mesh without labels
   bool moves = true;                  // false: labels alone
+  bool flips_edges = true;            // of the faces that are published
 };
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings);
 

@@ -156,6 +156,7 @@ std::string ToJson(const PublishParameters& p) {
   if (!p.kept.empty()) out["kept"] = p.kept;
   if (p.outdated) out["outdated"] = true;
   if (!p.set_aside.empty()) out["set_aside"] = p.set_aside;
+  if (p.flip_edges) out["flip_edges"] = true;
   return out.dump();
 }
 
@@ -306,7 +307,8 @@ StatusOr<PublishParameters> ParsePublishParameters(const std::string& text) {
   return Parse<PublishParameters>(text, [](const json& j) {
     return PublishParameters{TilesFromJson(j.at("tiles")), j.value("kept", std::vector<int>()),
                              j.at("scene_name"),           j.at("warnings").get<std::vector<std::string>>(),
-                             j.value("outdated", false),   j.value("set_aside", std::vector<int>())};
+                             j.value("outdated", false),   j.value("set_aside", std::vector<int>()),
+                             j.value("flip_edges", false)};
   });
 }
 

@@ -167,6 +167,7 @@ struct PublishParameters {
   std::vector<std::string> warnings = {};
   bool outdated = false;            // kOutdatedFile is among the inputs
   std::vector<int> set_aside = {};  // tiles whose refinement failed, and which are as they were before, ascending
+  bool flip_edges = false;          // edges are flipped where that makes creases straight
 };
 
 std::string ToJson(const IngestParameters& parameters);

@@ -55,11 +55,13 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
         ->allow_extra_args(false)
         ->group(group);
   }
-  command
-      .add_option("--labels-first", settings->method_settings.labels_first,
-                  "Whether labels are solved before the first round too (default true)")
-      ->type_name("true|false")
-      ->group(group);
+  for (const BoolSetting& setting : BoolSettings()) {
+    command
+        .add_option(FlagOf(setting.name), settings->method_settings.*setting.value,
+                    absl::StrCat(setting.meaning, " (default ", setting.standard ? "true" : "false", ")"))
+        ->type_name("true|false")
+        ->group(group);
+  }
 }
 
 }  // namespace

@@ -24,6 +24,7 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
     if (task.plan.kind != kPublishKind) continue;
     TESSERA_ASSIGN_OR_RETURN(const PublishParameters parameters, ParsePublishParameters(task.plan.parameters));
     base.tiles = parameters.tiles;
+    base.flip_edges = parameters.flip_edges;
     const auto skip_gone = [&base] {
       std::vector<Digest>& states = base.states;
       while (states.size() < base.tiles.size() && base.tiles[states.size()].core.empty()) states.emplace_back();

@@ -259,6 +259,7 @@ class Graph {
     if (redone().empty()) parameters.kept.clear();  // the base's result, under its key
     if (outdated_) task.inputs.push_back(*outdated_);
     parameters.outdated = outdated_.has_value();
+    parameters.flip_edges = MethodRulesOf(MethodName(), settings_.rounds, settings_.method_settings).flips_edges;
     task.parameters = ToJson(parameters);
     Add(std::move(task));
   }

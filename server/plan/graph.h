@@ -87,6 +87,7 @@ struct UpdateBase {
   std::vector<Digest> states;            // the last of each tile; of one that is gone none, a Digest()
   std::optional<Digest> outdated;        // its kOutdatedFile
   std::optional<Digest> borders;         // its kBordersFile, if it made its likelihoods itself
+  bool flip_edges = false;               // in what it published
   std::vector<NamedDigest> scene_files;  // those of the base, sorted by name
   // Of the base and those that it goes on from; of ingest, which took the survey of the base, its own alone.
   MeasuredCosts measured;

@@ -91,6 +91,7 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
   parameters.tiles = base.tiles;
   parameters.scene_name = survey.scene_name;
   parameters.warnings = survey.warnings;
+  parameters.flip_edges = base.flip_edges;
   PlannedTask publish;
   publish.kind = publish.name = kPublishKind;
   SetCost(PredictPublish(survey), &publish);

@@ -74,6 +74,7 @@ JobSettings FromProto(const v1::JobSettings& proto) {
   if (from.has_partners()) to.partners = from.partners();
   if (from.has_views_per_direction()) to.views_per_direction = from.views_per_direction();
   if (from.has_labels_first()) to.labels_first = from.labels_first();
+  if (from.has_flip_edges()) to.flip_edges = from.flip_edges();
   to.levels.assign(from.levels().begin(), from.levels().end());
   to.iterations.assign(from.iterations().begin(), from.iterations().end());
   const v1::UpdateSettings& update = proto.update();
@@ -121,6 +122,7 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto) {
   if (from.partners) to.set_partners(*from.partners);
   if (from.views_per_direction) to.set_views_per_direction(*from.views_per_direction);
   if (from.labels_first) to.set_labels_first(*from.labels_first);
+  if (from.flip_edges) to.set_flip_edges(*from.flip_edges);
   for (const int level : from.levels) to.add_levels(level);
   for (const int iterations : from.iterations) to.add_iterations(iterations);
 }

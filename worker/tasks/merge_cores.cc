@@ -109,6 +109,8 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
   for (const CityBlock& block : blocks_) city_lists.push_back(block.face_ids);
   for (const CoreSpans& core : cores_) core_lists.push_back(core.face_ids);
   IdMerge<uint32_t> in_city(std::move(city_lists)), in_cores(std::move(core_lists));
+  std::vector<std::span<const FlippedFace>> flipped_left;
+  for (const CoreSpans& core : cores_) flipped_left.push_back(core.flipped);
   MergedFace face;
   int64_t visited = 0;
   for (; !in_city.AtEnd(); ++visited, in_city.Advance()) {
@@ -129,6 +131,11 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
     face.tile = core.tile;
     face.label = core.labels[in_cores.index()];
     face.confidence = core.confidence[in_cores.index()];
+    std::span<const FlippedFace>& flipped = flipped_left[in_cores.list()];
+    if (!flipped.empty() && flipped.front().face == in_cores.index()) {
+      for (int k = 0; k < 3; ++k) face.vertices[k] = core.vertex_ids[flipped.front().vertices[k]];
+      flipped = flipped.subspan(1);
+    }
     in_cores.Advance();
     if (!in_cores.AtEnd() && in_cores.key() == face.id) {
       return Misfit(cores_[in_cores.list()].tile, "face", face.id,

@@ -16,6 +16,12 @@
 
 namespace tessera {
 
+// A face whose corners are not those of the city's.
+struct FlippedFace {
+  uint32_t face;      // its place in the core's list
+  Triangle vertices;  // their places in the core's list
+};
+
 // A core, wherever it lies.
 struct CoreSpans {
   CoreSpans() = default;
@@ -25,6 +31,7 @@ struct CoreSpans {
   std::span<const Eigen::Vector3d> positions;
   std::span<const int32_t> labels;
   std::span<const float> confidence;
+  std::span<const FlippedFace> flipped;  // ascending
 };
 
 // A core's file in the address space.
@@ -72,7 +79,7 @@ struct MergedVertex {
 
 struct MergedFace {
   uint32_t id = 0;
-  Triangle vertices;  // global
+  Triangle vertices;  // global; flipped where the core says so
   double area_before_m2 = 0;
   int32_t label_before = -1;
   uint32_t input_face = 0;

@@ -7,6 +7,7 @@
 #include "common/storage/mapped_file.h"
 #include "common/tile/survey.h"
 #include "common/tile/task_parameters.h"
+#include "worker/tasks/flipped_faces.h"
 #include "worker/tasks/merge_cores.h"
 #include "worker/tasks/outdated_faces.h"
 #include "worker/tasks/report.h"
@@ -44,6 +45,11 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     reported.push_back({core.spans().tile, core.report(), set_aside});
     cores.push_back(std::move(core));
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
+  }
+  ScratchArray<FlippedFace> flipped;
+  if (parameters.flip_edges) {
+    TESSERA_ASSIGN_OR_RETURN(flipped, FlipCores(city, survey.ground, tiles, parameters.set_aside, request.output_dir,
+                                                PartOf(control, 0.1, 0.2), &spans));
   }
   TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, spans));
   OutdatedFaces outdated;

@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
-#include "worker/city/collected_faces.h"
+#include "worker/tasks/flipped_faces.h"
 
 namespace tessera {
 namespace {
@@ -16,29 +16,10 @@ using nlohmann::json;
 
 json VectorToJson(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
-// The city's faces in the rectangle.
-StatusOr<CollectedFaces> FacesOfCore(const CityReader& city, const GroundPlane& ground, const CellRect& core) {
-  FaceCollector found;
-  for (size_t b = 0; b < city.block_count(); ++b) {
-    const CellRect& cells = city.cells(b);
-    if (cells.x0 >= core.x1 || cells.x1 <= core.x0 || cells.y0 >= core.y1 || cells.y1 <= core.y0) continue;
-    TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
-    for (size_t f = 0; f < block.face_ids.size(); ++f) {
-      if (core.Contains(ground.Cell(block.mesh.Centroid(f)))) found.Add(block, f, true);
-    }
-  }
-  return found.Finish();
-}
-
 StatusOr<json> WriteTileMesh(const std::string& output_dir, const CityReader& city, const Survey& survey,
                              const CellRect& rect, const CoreSpans& core) {
-  TESSERA_ASSIGN_OR_RETURN(const CollectedFaces tile, FacesOfCore(city, survey.ground, rect));
-  // Then faces name the core's vertices by their place in it.
-  if (!std::equal(tile.face_ids.begin(), tile.face_ids.end(), core.face_ids.begin(), core.face_ids.end()) ||
-      !std::equal(tile.vertex_ids.begin(), tile.vertex_ids.end(), core.vertex_ids.begin(), core.vertex_ids.end())) {
-    return absl::DataLossError(
-        absl::StrCat("core of tile ", core.tile, ": has not the faces and vertices of its rectangle"));
-  }
+  TESSERA_ASSIGN_OR_RETURN(CollectedFaces tile, FacesOfCore(city, survey.ground, rect, core));
+  for (const FlippedFace& flipped : core.flipped) tile.mesh.faces[flipped.face] = flipped.vertices;
   PlyLayout layout;
   layout.vertices = static_cast<int64_t>(core.positions.size());
   layout.faces = static_cast<int64_t>(core.face_ids.size());

@@ -20,7 +20,7 @@ MethodSettings AllSet() {
   for (const auto& setting : WholeSettings()) settings.*setting.value = setting.low;
   settings.levels = {3, 1};
   settings.iterations = {4, 5};
-  settings.labels_first = false;
+  for (const BoolSetting& setting : BoolSettings()) settings.*setting.value = !setting.standard;
   return settings;
 }
 
@@ -136,10 +136,12 @@ TEST(MethodSettings, EverySettingShowsInTheTasksParameters) {
     settings.*setting.value = {3, 2};
     add(settings, setting.name);
   }
-  for (const bool first : {false, true}) {
-    MethodSettings settings;
-    settings.labels_first = first;
-    add(settings, "labels_first");
+  for (const BoolSetting& setting : BoolSettings()) {
+    for (const bool value : {false, true}) {
+      MethodSettings settings;
+      settings.*setting.value = value;
+      add(settings, setting.name);
+    }
   }
 }
 

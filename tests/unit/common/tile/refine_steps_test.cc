@@ -29,7 +29,13 @@ TEST(RefineSteps, RulesAreTheMethodsUnlessSettingsSayOther) {
   EXPECT_EQ(MethodRulesOf("tessera", 0, {}).rounds, kTesseraRounds);
   EXPECT_EQ(MethodRulesOf("", 0, {}).rounds, kTesseraRounds);
   EXPECT_EQ(MethodRulesOf("baseline", 0, {}).rounds, kBaselineRounds);
+  EXPECT_TRUE(MethodRulesOf("tessera", 0, {}).flips_edges);
+  for (const char* method : {"baseline", "paper", "labels"}) EXPECT_FALSE(MethodRulesOf(method, 0, {}).flips_edges);
   MethodSettings other;
+  other.flip_edges = true;
+  EXPECT_TRUE(MethodRulesOf("paper", 0, other).flips_edges);
+  other.flip_edges = false;
+  EXPECT_FALSE(MethodRulesOf("tessera", 0, other).flips_edges);
   other.labels_first = false;
   EXPECT_FALSE(MethodRulesOf("tessera", 0, other).labels_first);
   other.labels_first = true;

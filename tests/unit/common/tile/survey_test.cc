@@ -109,6 +109,9 @@ TEST(TaskParameters, RoundTrip) {
   PublishParameters update = publish;
   update.outdated = true;
   EXPECT_TRUE(ParsePublishParameters(ToJson(update))->outdated);
+  EXPECT_FALSE(ParsePublishParameters(ToJson(update))->flip_edges);
+  update.flip_edges = true;
+  EXPECT_TRUE(ParsePublishParameters(ToJson(update))->flip_edges);
   EXPECT_FALSE(ParsePublishParameters(ToJson(publish))->outdated);
   EXPECT_EQ(ToJson(*ParseRefineParameters(ToJson(RefineParameters{2, "tessera"}))),
             ToJson(RefineParameters{2, "tessera"}));

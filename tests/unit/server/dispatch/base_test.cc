@@ -62,6 +62,7 @@ class BaseTest : public testing::Test {
       task.set_scale(tasks[t].scale);
     }
     PublishParameters parameters;
+    parameters.flip_edges = true;
     for (int t = 0; t < kTiles; ++t) parameters.tiles.push_back({t, {t, 0, t + 1, 1}});
     v1::PlannedTaskRecord& publish = plan(kPublishKind, ToJson(parameters));
     const auto read = [&](int task, const std::string& output, int tile) {
@@ -154,6 +155,7 @@ TEST_F(BaseTest, TheChainGoesBackToTheFirstJob) {
 
 TEST_F(BaseTest, ARollbackTakesItsTilesFromTheEarlierJob) {
   FinishTwo();
+  EXPECT_TRUE(ledger_.BaseOf(first_)->flip_edges) << "as it published";
   const std::vector<Digest> before = ledger_.BaseOf(first_)->states, after = ledger_.BaseOf(second_)->states;
   UpdateSettings update;
   update.base = second_;

@@ -153,12 +153,14 @@ TEST(Rollback, FacesThatShowWhatIsGoneStayFlagged) {
   UpdateBase base = city.jobs.back();
   base.survey_json = SurveyToJson(city.survey);
   base.outdated = ContentDigest("flags");
+  base.flip_edges = true;
   const auto tasks = PlanRollback(base);
   ASSERT_TRUE(tasks.ok()) << tasks.status();
   EXPECT_EQ((*tasks)[0].given->back().name, kOutdatedFile);
   EXPECT_EQ((*tasks)[0].given->back().digest, *base.outdated);
   EXPECT_EQ((*tasks)[1].inputs.back().output, kOutdatedFile);
   EXPECT_TRUE(ParsePublishParameters((*tasks)[1].parameters)->outdated);
+  EXPECT_TRUE(ParsePublishParameters((*tasks)[1].parameters)->flip_edges) << "as the base published";
 }
 
 }  // namespace

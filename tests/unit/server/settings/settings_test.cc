@@ -43,6 +43,7 @@ TEST(Settings, TravelAsTheyAre) {
   lists.method_settings.levels = {1, 0};
   lists.method_settings.iterations = {20, 5};
   lists.method_settings.labels_first = false;
+  lists.method_settings.flip_edges = false;
   ExpectRoundTrip(lists);
 }
 

@@ -71,7 +71,7 @@ TEST(Methods, StandardsAreThoseOfTheMethod) {
   for (const auto& setting : RealSettings()) standard.*setting.value = setting.standard;
   for (const auto& setting : WholeSettings()) standard.*setting.value = setting.standard;
   for (const ListSetting& setting : ListSettings()) standard.*setting.value = setting.standard;
-  standard.labels_first = true;
+  for (const BoolSetting& setting : BoolSettings()) standard.*setting.value = setting.standard;
   const TileRefineOptions same = OptionsOf("tessera", standard);
   EXPECT_EQ(same.geometry.semantic, ours.geometry.semantic);
   EXPECT_EQ(same.geometry.thin_plate, ours.geometry.thin_plate);
