@@ -78,9 +78,7 @@ class GroupFlipper {
     double gain;
     uint64_t key;
     // The greatest gain first, of equal ones the lower edge.
-    bool operator<(const Candidate& other) const {
-      return gain != other.gain ? gain < other.gain : key > other.key;
-    }
+    bool operator<(const Candidate& other) const { return gain != other.gain ? gain < other.gain : key > other.key; }
   };
   // Face f is (a, b, c), face g (b, a, d); flipped they are (a, d, c) and (d, b, c).
   struct Quad {
@@ -129,11 +127,6 @@ class GroupFlipper {
     if ((!a.on_border && a.faces <= 3) || (!b.on_border && b.faces <= 3)) return 0;
     const Vector3d f = Cross(q.a, q.b, q.c), g = Cross(q.b, q.a, q.d);
     const Vector3d new_f = Cross(q.a, q.d, q.c), new_g = Cross(q.d, q.b, q.c);
-    const Vector3d mean = f + g;
-    // Both new faces look to the side of the two together, and each to that of an old one.
-    if (new_f.dot(mean) <= 0.1 * new_f.norm() * mean.norm() || new_g.dot(mean) <= 0.1 * new_g.norm() * mean.norm()) {
-      return 0;
-    }
     const double least = std::min(LeastAngle(At(q.a), At(q.b), At(q.c)), LeastAngle(At(q.b), At(q.a), At(q.d)));
     const double after = std::min(LeastAngle(At(q.a), At(q.d), At(q.c)), LeastAngle(At(q.d), At(q.b), At(q.c)));
     if (after < std::min(least, kLeastAngle_rad)) return 0;

@@ -48,6 +48,26 @@ double CreaseCost(const TriangleMesh& mesh, const std::vector<uint64_t>& groups)
   return cost;
 }
 
+// The least angle of any face, radians.
+double LeastAngle(const TriangleMesh& mesh) {
+  double least = 10;
+  for (size_t f = 0; f < mesh.faces.size(); ++f) {
+    for (int k = 0; k < 3; ++k) {
+      const Vector3d to_next = mesh.Corner(f, (k + 1) % 3) - mesh.Corner(f, k);
+      const Vector3d to_last = mesh.Corner(f, (k + 2) % 3) - mesh.Corner(f, k);
+      least = std::min(least, std::atan2(to_next.cross(to_last).norm(), to_next.dot(to_last)));
+    }
+  }
+  return least;
+}
+
+// Faces that look down.
+int64_t FacesDown(const TriangleMesh& mesh) {
+  int64_t count = 0;
+  for (size_t f = 0; f < mesh.faces.size(); ++f) count += FaceCross(mesh, f).z() < 0;
+  return count;
+}
+
 std::vector<uint64_t> GroupsOf(const TriangleMesh& mesh, double side) {
   std::vector<uint64_t> groups;
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
@@ -87,6 +107,15 @@ TEST(FlipEdges, BordersOfClassesAndGroupsStay) {
   EXPECT_FALSE(FlipEdges(OneGroup(mesh), &mesh).empty());
 }
 
+// A flat tetrahedron: the upper group's only edge would gain, but the new one is there already, in the lower group.
+TEST(FlipEdges, AnEdgeOfAnotherGroupIsNotMadeTwice) {
+  TriangleMesh mesh;
+  mesh.vertices = {{-1.5, 0, 0.4}, {1.5, 0, 0.4}, {0, 1, 0}, {0, -1, 0}};
+  mesh.faces = {{0, 1, 2}, {1, 0, 3}, {0, 2, 3}, {2, 1, 3}};
+  ASSERT_TRUE(CheckMesh(mesh)->IsClean());
+  EXPECT_TRUE(FlipEdges({1, 1, 2, 2}, &mesh).empty());
+}
+
 // A needle stands in the way of one of the new edges.
 TEST(FlipEdges, NothingIsCutAnew) {
   constexpr int kCells = 8;
@@ -105,7 +134,7 @@ TEST(FlipEdges, NothingIsCutAnew) {
 
 // Wild meshes: rough, with holes and folds.
 TEST(FlipEdges, WhatHoldsOfEveryMesh) {
-  int64_t flips = 0;
+  int64_t flips = 0, down_before = 0, down = 0;
   for (uint64_t seed = 1; seed <= 60; ++seed) {
     Random random(seed);
     const TriangleMesh start = RandomRelief(random, 40);
@@ -121,6 +150,9 @@ TEST(FlipEdges, WhatHoldsOfEveryMesh) {
     for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
       EXPECT_EQ(mesh.faces[f] != start.faces[f], std::binary_search(changed.begin(), changed.end(), f));
     }
+    EXPECT_GE(LeastAngle(mesh), std::min(LeastAngle(start), 0.17)) << seed;
+    down_before += FacesDown(start);
+    down += FacesDown(mesh);
     const MeshDefects defects = *CheckMesh(mesh), defects_before = *CheckMesh(start);
     EXPECT_EQ(defects.non_manifold_edges.count, defects_before.non_manifold_edges.count) << seed;
     EXPECT_EQ(defects.conflicting_edges.count, 0) << seed;
@@ -137,6 +169,7 @@ TEST(FlipEdges, WhatHoldsOfEveryMesh) {
     EXPECT_EQ(alone.faces, mesh.faces) << seed;
   }
   EXPECT_GT(flips, 1000);
+  EXPECT_LT(down, down_before) << "folds are smoothed, and none is made";
 }
 
 // What tiles rest on: a part of the mesh that has whole groups gives their faces what the whole mesh gives, wherever
