@@ -66,7 +66,7 @@ constexpr double kReadSeconds = 30e-9;     // a pixel and class of the crops
 constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
 constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
-constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 0.5e-6;
+constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 4e-6;
 
 // A cell that new images are compared over, at all heights; two blocks at a time in memory. A cell of the report.
 constexpr double kCompareSeconds = 0.3e-3, kCompareBytes = 200 * kMiB, kChangeCellSeconds = 5e-6, kChangeCellBytes = 60;

@@ -19,7 +19,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kLeastAngle_rad = 10 * 3.14159265358979323846 / 180;  // of a face that a flip makes
-constexpr double kLeastGain = 1e-6;                                    // of the cost, times the edge's length
+constexpr double kLeastGain = 0.02;                                    // times the edge's length
 constexpr int32_t kNone = -1, kSeveral = -2;
 
 uint64_t KeyOf(uint32_t a, uint32_t b) { return static_cast<uint64_t>(std::min(a, b)) << 32 | std::max(a, b); }
@@ -34,9 +34,10 @@ double LeastAngle(const Vector3d& a, const Vector3d& b, const Vector3d& c) {
 class GroupFlipper {
  public:
   GroupFlipper(TriangleMesh* mesh, const std::vector<uint8_t>& frozen)
-      : mesh_(*mesh), frozen_(frozen), vertices_(mesh->vertices.size()) {
+      : mesh_(*mesh), frozen_(frozen), vertices_(mesh->vertices.size()), normals_(mesh->faces.size()) {
     edges_.reserve(mesh_.faces.size() * 3 / 2 + 8);
     for (size_t f = 0; f < mesh_.faces.size(); ++f) {
+      normals_[f] = FaceNormal(mesh_, f);
       for (int k = 0; k < 3; ++k) {
         const uint32_t a = mesh_.faces[f][k], b = mesh_.faces[f][(k + 1) % 3];
         const auto [edge, made] = edges_.try_emplace(KeyOf(a, b), Sides{static_cast<int32_t>(f), kNone});
@@ -53,18 +54,17 @@ class GroupFlipper {
   }
 
   void Run() {
-    for (size_t f = 0; f < mesh_.faces.size(); ++f) {
-      for (int k = 0; k < 3; ++k) Ask(KeyOf(mesh_.faces[f][k], mesh_.faces[f][(k + 1) % 3]));
+    for (int32_t f = 0; f < static_cast<int32_t>(mesh_.faces.size()); ++f) {
+      for (int k = 0; k < 3; ++k) {
+        const uint64_t key = KeyOf(mesh_.faces[f][k], mesh_.faces[f][(k + 1) % 3]);
+        if (edges_.find(key)->second[0] == f) Ask(key);
+      }
     }
     while (!waiting_.empty()) {
       const Candidate best = waiting_.top();
       waiting_.pop();
-      const double gain = Gain(best.key);
-      if (gain == best.gain) {
-        Flip(best.key);
-      } else if (gain > 0) {
-        waiting_.push({gain, best.key});
-      }
+      // Else a flip nearby changed it, and asked again.
+      if (Gain(best.key) == best.gain) Flip(best.key);
     }
   }
 
@@ -87,7 +87,9 @@ class GroupFlipper {
   };
 
   const Vector3d& At(uint32_t vertex) const { return mesh_.vertices[vertex]; }
-  Vector3d Cross(uint32_t a, uint32_t b, uint32_t c) const { return (At(b) - At(a)).cross(At(c) - At(a)); }
+  Vector3d Normal(uint32_t a, uint32_t b, uint32_t c) const {
+    return (At(b) - At(a)).cross(At(c) - At(a)).stableNormalized();
+  }
 
   // No face f: the edge is not one of two faces that look the same way.
   Quad QuadOf(uint64_t key) const {
@@ -108,12 +110,12 @@ class GroupFlipper {
     return quad;
   }
 
-  // What an edge costs between a face of normal `normal` and the face on the other side, that is not `face`.
-  double CostBeside(uint32_t a, uint32_t b, int32_t face, const Vector3d& normal) const {
+  // By how much the cost of an edge of `face` rises if that face's normal there becomes `normal`.
+  double Rise(uint32_t a, uint32_t b, int32_t face, const Vector3d& normal) const {
     const Sides& sides = edges_.find(KeyOf(a, b))->second;
     const int32_t other = sides[0] == face ? sides[1] : sides[0];
     if (other < 0) return 0;
-    return (At(a) - At(b)).norm() * AngleBetween(normal, FaceCross(mesh_, other));
+    return (At(a) - At(b)).norm() * ((normal - normals_[other]).norm() - (normals_[face] - normals_[other]).norm());
   }
 
   // By how much a flip of the edge lowers the cost; 0: it stays.
@@ -125,19 +127,16 @@ class GroupFlipper {
     // Another group may have an edge between two vertices of the border; a closed fan keeps three faces.
     if (c.on_border && d.on_border) return 0;
     if ((!a.on_border && a.faces <= 3) || (!b.on_border && b.faces <= 3)) return 0;
-    const Vector3d f = Cross(q.a, q.b, q.c), g = Cross(q.b, q.a, q.d);
-    const Vector3d new_f = Cross(q.a, q.d, q.c), new_g = Cross(q.d, q.b, q.c);
+    const Vector3d new_f = Normal(q.a, q.d, q.c), new_g = Normal(q.d, q.b, q.c);
+    const double length = (At(q.a) - At(q.b)).norm();
+    const double gain = length * (normals_[q.f] - normals_[q.g]).norm() -
+                        (At(q.c) - At(q.d)).norm() * (new_f - new_g).norm() - Rise(q.b, q.c, q.f, new_g) -
+                        Rise(q.c, q.a, q.f, new_f) - Rise(q.a, q.d, q.g, new_f) - Rise(q.d, q.b, q.g, new_g);
+    if (gain <= kLeastGain * length) return 0;
     const double least = std::min(LeastAngle(At(q.a), At(q.b), At(q.c)), LeastAngle(At(q.b), At(q.a), At(q.d)));
     const double after = std::min(LeastAngle(At(q.a), At(q.d), At(q.c)), LeastAngle(At(q.d), At(q.b), At(q.c)));
     if (after < std::min(least, kLeastAngle_rad)) return 0;
-    const double length = (At(q.a) - At(q.b)).norm(), new_length = (At(q.c) - At(q.d)).norm();
-    const double before = length * AngleBetween(f, g) + CostBeside(q.b, q.c, q.f, f) + CostBeside(q.c, q.a, q.f, f) +
-                          CostBeside(q.a, q.d, q.g, g) + CostBeside(q.d, q.b, q.g, g);
-    const double flipped = new_length * AngleBetween(new_f, new_g) + CostBeside(q.b, q.c, q.f, new_g) +
-                           CostBeside(q.c, q.a, q.f, new_f) + CostBeside(q.a, q.d, q.g, new_f) +
-                           CostBeside(q.d, q.b, q.g, new_g);
-    const double gain = before - flipped;
-    return gain > kLeastGain * length ? gain : 0;
+    return gain;
   }
 
   void Ask(uint64_t key) {
@@ -154,6 +153,8 @@ class GroupFlipper {
     const Quad q = QuadOf(key);
     mesh_.faces[q.f] = {q.a, q.d, q.c};
     mesh_.faces[q.g] = {q.d, q.b, q.c};
+    normals_[q.f] = FaceNormal(mesh_, q.f);
+    normals_[q.g] = FaceNormal(mesh_, q.g);
     edges_.erase(key);
     edges_[KeyOf(q.c, q.d)] = {q.f, q.g};
     Replace(q.b, q.c, q.f, q.g);
@@ -182,6 +183,7 @@ class GroupFlipper {
   const std::vector<uint8_t>& frozen_;
   absl::flat_hash_map<uint64_t, Sides> edges_;
   std::vector<Vertex> vertices_;
+  std::vector<Vector3d> normals_;  // of the faces, as they are
   std::priority_queue<Candidate> waiting_;
 };
 
@@ -198,17 +200,17 @@ std::vector<uint32_t> ChangedFaces(const std::vector<Triangle>& before, const st
 void FlipGroup(TriangleMesh* mesh) {
   constexpr int kAttempts = 8;
   const std::vector<Triangle> before = mesh->faces;
-  const FaceBoxes boxes_before(*mesh);
   std::vector<uint8_t> frozen(before.size());
+  FaceBoxes boxes(*mesh);
+  std::vector<FacePair> cut_before;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     GroupFlipper(mesh, frozen).Run();
     const std::vector<uint32_t> changed = ChangedFaces(before, mesh->faces);
     if (changed.empty()) return;
-    FaceBoxes boxes = boxes_before;
     boxes.Refit(*mesh);
     const std::vector<FacePair> cut = boxes.Intersections(*mesh, changed);
-    std::vector<FacePair> anew;
-    if (!cut.empty()) anew = NewPairs(IntersectingFacePairs({mesh->vertices, before, {}}), cut);
+    if (attempt == 0 && !cut.empty()) cut_before = IntersectingFacePairs({mesh->vertices, before, {}});
+    const std::vector<FacePair> anew = NewPairs(cut_before, cut);
     if (anew.empty()) return;
     mesh->faces = before;
     for (const FacePair& pair : anew) frozen[pair[0]] = frozen[pair[1]] = 1;

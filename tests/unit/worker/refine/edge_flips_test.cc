@@ -33,7 +33,7 @@ TriangleMesh Grid(int n, const std::function<double(int x, int y)>& height) {
 
 std::vector<uint64_t> OneGroup(const TriangleMesh& mesh) { return std::vector<uint64_t>(mesh.faces.size(), 7); }
 
-// Σ |e| |angle| over the edges between faces of one group, independent of the code under test.
+// Σ |e| |n_f - n_g| over the edges between faces of one group, independent of the code under test.
 double CreaseCost(const TriangleMesh& mesh, const std::vector<uint64_t>& groups) {
   std::map<std::pair<uint32_t, uint32_t>, std::vector<uint32_t>> edges;
   for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
@@ -42,8 +42,8 @@ double CreaseCost(const TriangleMesh& mesh, const std::vector<uint64_t>& groups)
   double cost = 0;
   for (const auto& [edge, faces] : edges) {
     if (faces.size() != 2 || groups[faces[0]] != groups[faces[1]]) continue;
-    const Vector3d a = FaceNormal(mesh, faces[0]), b = FaceNormal(mesh, faces[1]);
-    cost += (mesh.vertices[edge.first] - mesh.vertices[edge.second]).norm() * std::atan2(a.cross(b).norm(), a.dot(b));
+    const double bend = (FaceNormal(mesh, faces[0]) - FaceNormal(mesh, faces[1])).norm();
+    cost += (mesh.vertices[edge.first] - mesh.vertices[edge.second]).norm() * bend;
   }
   return cost;
 }
