@@ -22,9 +22,9 @@ struct TrainingSamples {
 };
 
 struct BoostingOptions {
-  int trees = 300;
+  int trees = 220;
   int depth = 6;
-  double rate = 0.06;
+  double rate = 0.08;
   double ridge = 4;            // added to the curvature of every leaf, in mean weights
   double row_share = 0.5;      // of the samples that each tree sees
   double feature_share = 0.4;  // of the features that each tree may ask for
