@@ -67,6 +67,7 @@ constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
 constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
 constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 4e-6;
+constexpr double kFlipBytesPerFace = 110;  // of a tile; counted as if the city were one, up to kResidentFaces
 
 // A cell that new images are compared over, at all heights; two blocks at a time in memory. A cell of the report.
 constexpr double kCompareSeconds = 0.3e-3, kCompareBytes = 200 * kMiB, kChangeCellSeconds = 5e-6, kChangeCellBytes = 60;
@@ -429,7 +430,8 @@ std::vector<Prediction> PredictClassify(const Survey& survey) {
 
 Prediction PredictPublish(const Survey& survey) {
   const double faces = static_cast<double>(survey.faces);
-  return {kTaskSeconds + kPublishSecondsPerFace * faces, Bytes(kFixedBytes + CityBytes(kPublishBytesPerFace, faces)),
+  return {kTaskSeconds + kPublishSecondsPerFace * faces,
+          Bytes(kFixedBytes + CityBytes(kPublishBytesPerFace + kFlipBytesPerFace, faces)),
           Bytes((kStoredPublished + kStoredInTiles) * faces)};
 }
 

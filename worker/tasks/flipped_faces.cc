@@ -1,7 +1,6 @@
 #include "worker/tasks/flipped_faces.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "worker/refine/edge_flips.h"

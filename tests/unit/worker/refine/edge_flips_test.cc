@@ -4,31 +4,23 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <map>
 
 #include "common/base/parallel.h"
 #include "common/geometry/mesh_defects.h"
 #include "tests/unit/worker/refine/random_reliefs.h"
+#include "tests/unit/worker/refine/relief_scene.h"
 #include "worker/refine/self_intersection.h"
 
 namespace tessera {
 namespace {
 
-// A grid of n x n cells of a metre with all diagonals from (x, y) to (x + 1, y + 1).
-TriangleMesh Grid(int n, const std::function<double(int x, int y)>& height) {
-  TriangleMesh mesh;
-  for (int y = 0; y <= n; ++y) {
-    for (int x = 0; x <= n; ++x) mesh.vertices.emplace_back(x, y, height(x, y));
-  }
-  const auto id = [&](int x, int y) { return static_cast<uint32_t>(y * (n + 1) + x); };
-  for (int y = 0; y < n; ++y) {
-    for (int x = 0; x < n; ++x) {
-      mesh.faces.push_back({id(x, y), id(x + 1, y), id(x + 1, y + 1)});
-      mesh.faces.push_back({id(x, y), id(x + 1, y + 1), id(x, y + 1)});
-    }
-  }
-  return mesh;
+constexpr int kCells = 8;
+
+// Cells of a metre with all diagonals from (x, y) to (x + 1, y + 1); a slope begins on x + y = 0, so that every cell on
+// that line is cut across by its edge.
+TriangleMesh SlopeAcrossTheEdges() {
+  return HeightField(kCells, kCells / 2, [](double x, double y) { return 0.8 * std::max(0.0, x + y); });
 }
 
 std::vector<uint64_t> OneGroup(const TriangleMesh& mesh) { return std::vector<uint64_t>(mesh.faces.size(), 7); }
@@ -77,16 +69,14 @@ std::vector<uint64_t> GroupsOf(const TriangleMesh& mesh, double side) {
   return groups;
 }
 
-// A slope that ends on the diagonal x + y = n, where a level begins: every cell on it is cut across by its edge.
 TEST(FlipEdges, EdgesComeToLieAlongTheCrease) {
-  constexpr int kCells = 8;
-  TriangleMesh mesh = Grid(kCells, [](int x, int y) { return 0.8 * std::max(0, x + y - kCells); });
+  TriangleMesh mesh = SlopeAcrossTheEdges();
   const std::vector<Eigen::Vector3d> vertices = mesh.vertices;
   const std::vector<uint32_t> changed = FlipEdges(OneGroup(mesh), &mesh);
   EXPECT_EQ(mesh.vertices, vertices);
   EXPECT_EQ(changed.size(), 2u * kCells);
   for (const uint32_t f : changed) {
-    const auto side = [&](uint32_t v) { return mesh.vertices[v].x() + mesh.vertices[v].y() - kCells; };
+    const auto side = [&](uint32_t v) { return mesh.vertices[v].x() + mesh.vertices[v].y(); };
     const Triangle& t = mesh.faces[f];
     const double low = std::min({side(t[0]), side(t[1]), side(t[2])});
     const double high = std::max({side(t[0]), side(t[1]), side(t[2])});
@@ -95,9 +85,7 @@ TEST(FlipEdges, EdgesComeToLieAlongTheCrease) {
 }
 
 TEST(FlipEdges, BordersOfClassesAndGroupsStay) {
-  constexpr int kCells = 8;
-  const auto height = [](int x, int y) { return 0.8 * std::max(0, x + y - kCells); };
-  TriangleMesh mesh = Grid(kCells, height);
+  TriangleMesh mesh = SlopeAcrossTheEdges();
   for (size_t f = 0; f < mesh.faces.size(); ++f) mesh.labels.push_back(static_cast<int32_t>(f % 2));
   EXPECT_TRUE(FlipEdges(OneGroup(mesh), &mesh).empty());
   mesh.labels.assign(mesh.faces.size(), 3);
@@ -118,12 +106,11 @@ TEST(FlipEdges, AnEdgeOfAnotherGroupIsNotMadeTwice) {
 
 // A needle stands in the way of one of the new edges.
 TEST(FlipEdges, NothingIsCutAnew) {
-  constexpr int kCells = 8;
-  TriangleMesh mesh = Grid(kCells, [](int x, int y) { return 0.8 * std::max(0, x + y - kCells); });
+  TriangleMesh mesh = SlopeAcrossTheEdges();
   const TriangleMesh start = mesh;
   const auto first = static_cast<uint32_t>(mesh.vertices.size());
   // The cell (3, 4) has its old edge at .4 m above its middle, and the new one would lie at 0.
-  mesh.vertices.insert(mesh.vertices.end(), {{3.49, 4.5, -0.05}, {3.51, 4.5, -0.05}, {3.5, 4.5, 0.2}});
+  mesh.vertices.insert(mesh.vertices.end(), {{-0.51, 0.5, -0.05}, {-0.49, 0.5, -0.05}, {-0.5, 0.5, 0.2}});
   mesh.faces.push_back({first, first + 1, first + 2});
   const std::vector<FacePair> before = IntersectingFacePairs(mesh);
   const std::vector<uint32_t> changed = FlipEdges(OneGroup(mesh), &mesh);
