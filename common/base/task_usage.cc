@@ -47,21 +47,32 @@ bool ResetPeak() {
 
 }  // namespace
 
-TaskUsageMeter::TaskUsageMeter() {
-  malloc_trim(0);
-  peak_was_reset_ = ResetPeak();
-  start_peak_bytes_ = PeakBytes();
-  held_bytes_ = HeldBytes();
+TaskUsageMeter::TaskUsageMeter(bool with_peak) : with_peak_(with_peak) {
+  if (with_peak_) {
+    malloc_trim(0);
+    peak_was_reset_ = ResetPeak();
+    start_peak_bytes_ = PeakBytes();
+    held_bytes_ = HeldBytes();
+  }
   start_core_seconds_ = CoreSeconds();
 }
 
 TaskUsage TaskUsageMeter::Read() const {
   TaskUsage usage;
   usage.core_seconds = CoreSeconds() - start_core_seconds_;
+  usage.threads = ThreadCount();
+  if (!with_peak_) return usage;
   const int64_t peak_bytes = PeakBytes();
   if (peak_was_reset_ || peak_bytes > start_peak_bytes_) usage.peak_bytes = peak_bytes - held_bytes_;
-  usage.threads = ThreadCount();
   return usage;
+}
+
+bool PeakSampling::IsDue(const std::string& kind, Clock::time_point now) {
+  constexpr std::chrono::seconds kApart{10};
+  const auto [measured, is_first] = measured_.try_emplace(kind, now);
+  if (!is_first && now - measured->second < kApart) return false;
+  measured->second = now;
+  return true;
 }
 
 }  // namespace tessera

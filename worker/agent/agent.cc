@@ -279,7 +279,7 @@ class Agent::Impl {
 
   Status WorkIn(const LeasedTask& lease, const TaskControl& control, AttemptReport& report) {
     ProbeIfNew();
-    const TaskUsageMeter meter;  // a worker runs one task at a time
+    const TaskUsageMeter meter(peaks_.IsDue(lease.kind));  // a worker runs one task at a time
     std::optional<ThreadLimit> thread_limit;
     if (lease.threads > 0) thread_limit.emplace(lease.threads);
     TaskRequest request;
@@ -408,6 +408,7 @@ class Agent::Impl {
   int64_t lease_call_ = 1;  // the same until it is answered
   TaskFiles files_;
   std::optional<TempFolder> folder_;  // the last task's
+  PeakSampling peaks_;
 };
 
 Agent::Agent(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}

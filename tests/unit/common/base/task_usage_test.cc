@@ -58,5 +58,26 @@ TEST(TaskUsageTest, CountsProcessorTimeAndNotTheTimeAsleep) {
   EXPECT_GE(meter.Read().threads, 1);
 }
 
+TEST(TaskUsageTest, APeakThatIsNotMeasuredIsNotKnown) {
+  const TaskUsageMeter meter(/*with_peak=*/false);
+  std::vector<char> block(64 * kMiB);
+  for (size_t i = 0; i < block.size(); i += 1024) block[i] = static_cast<char>(i);
+  EXPECT_EQ(meter.Read().peak_bytes, 0);
+  EXPECT_GE(meter.Read().threads, 1);
+}
+
+TEST(PeakSamplingTest, TheFirstOfAKindIsDueAndThenOneInTenSeconds) {
+  PeakSampling sampling;
+  const PeakSampling::Clock::time_point start;
+  const auto after = [&](int seconds) { return start + std::chrono::seconds(seconds); };
+  EXPECT_TRUE(sampling.IsDue("measure", after(0)));
+  EXPECT_FALSE(sampling.IsDue("measure", after(1)));
+  EXPECT_TRUE(sampling.IsDue("solve", after(1))) << "each kind has its own";
+  EXPECT_FALSE(sampling.IsDue("measure", after(9)));
+  EXPECT_TRUE(sampling.IsDue("measure", after(10)));
+  EXPECT_FALSE(sampling.IsDue("measure", after(19))) << "counted from the last that was measured";
+  EXPECT_TRUE(sampling.IsDue("measure", after(20)));
+}
+
 }  // namespace
 }  // namespace tessera
