@@ -48,15 +48,18 @@ constexpr double kWindowShare = 1.15;
 // TIFFs do not. A pixel of a crop, and one of a class, as floats, before and after undistortion, and as stored.
 constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
 constexpr double kTaskSeconds = 0.01;       // of any task: to bring and store its files
-constexpr double kFaceSeconds = 2e-6;       // a face, before the first step
-constexpr double kStateSeconds = 0.1e-6;    // a face whose state or sums a task of one step reads
-constexpr double kWarpSeconds = 32e-9;      // a reference pixel, partner and evaluation
-constexpr double kDrawSeconds = 85e-9;      // a face, view that is drawn and step, on whatever level
-constexpr double kSolveSeconds = 1.3e-6;    // a face and iteration
-constexpr double kMendSeconds = 2.7e-6;     // a face and repair
-constexpr double kLabelSeconds = 32e-9;     // a pixel of the crops and labelling
-constexpr double kLabelFaceSeconds = 4e-6;  // a face and labelling
-constexpr double kDecodeSeconds = 28e-9;    // a pixel of a whole photograph
+constexpr double kFaceSeconds = 4e-6;       // a face, before the first step
+constexpr double kStateSeconds = 0.15e-6;   // a face whose state or sums a task of one step reads
+constexpr double kWarpSeconds = 16e-9;      // a reference pixel, partner and evaluation
+constexpr double kDrawSeconds = 10.5e-9;    // a face, view that is drawn and step, on whatever level
+constexpr double kMapSeconds = 27e-9;       // a pixel of the crops and evaluation
+// A tile among others draws what may hide its faces too, and mends as far as a fold may reach.
+constexpr double kTileDrawShare = 1.9, kTileMendShare = 2.7;
+constexpr double kSolveSeconds = 0.9e-6;    // a face and iteration
+constexpr double kMendSeconds = 1.1e-6;     // a face and repair
+constexpr double kLabelSeconds = 50e-9;     // a pixel of the crops and labelling
+constexpr double kLabelFaceSeconds = 2e-6;  // a face and labelling
+constexpr double kDecodeSeconds = 24e-9;    // a pixel of a whole photograph
 // A pixel of a photograph that is classified, and a class of it; a face of what it may see.
 constexpr double kClassifySeconds = 0.6e-6, kClassifyClassSeconds = 0.11e-6, kClassifyFaceSeconds = 0.5e-6;
 constexpr double kClassifyPixelBytes = 140, kClassifyBytesPerFace = 250, kClassifySightShare = 2;
@@ -66,7 +69,7 @@ constexpr double kReadSeconds = 30e-9;     // a pixel and class of the crops
 constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
 constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
-constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 4e-6;
+constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 2.6e-6;
 constexpr double kFlipBytesPerFace = 110;  // of a tile; counted as if the city were one, up to kResidentFaces
 
 // A cell that new images are compared over, at all heights; two blocks at a time in memory. A cell of the report.
@@ -196,15 +199,17 @@ double PixelBytes(const TileWork& work, const RefineEffort& effort, const PixelC
          (costs.all * work.pixels + (costs.open + packed_planes) * work.open_pixels);
 }
 
+bool IsOnlyTile(const TileWork& work) { return work.sight_faces < work.core_faces + 1; }
+
 // Views drawn and pixels compared.
 double MeasureSeconds(const TileWork& work, const RefineEffort& effort) {
+  const double draw =
+      kDrawSeconds * work.drawn_faces * effort.iterations + kMapSeconds * work.pixels * effort.evaluations;
   return kWarpSeconds * work.pair_pixels * effort.evaluations + kLabelSeconds * work.pixels * effort.labellings +
-         kDrawSeconds * work.drawn_faces * (effort.iterations + effort.labellings);
+         (IsOnlyTile(work) ? 1 : kTileDrawShare) * draw;
 }
 
 int64_t Bytes(double bytes) { return static_cast<int64_t>(bytes); }
-
-bool IsOnlyTile(const TileWork& work) { return work.sight_faces < work.core_faces + 1; }
 
 double SolveSeconds(double faces, const RefineEffort& effort) {
   return faces * (kSolveSeconds * effort.iterations + kLabelFaceSeconds * effort.labellings);
@@ -363,7 +368,7 @@ Prediction PredictSolve(const TileWork& work, const RefineEffort& effort) {
 }
 
 Prediction PredictMend(const TileWork& work, const RefineEffort& effort) {
-  return {effort.mends * (kTaskSeconds + (kStateSeconds + kMendSeconds) * work.solve_faces),
+  return {effort.mends * (kTaskSeconds + (kStateSeconds + kTileMendShare * kMendSeconds) * work.solve_faces),
           Bytes(kFixedBytes + kMendBytesPerFace * work.solve_faces),
           Bytes(effort.mends * kStoredState * work.core_faces)};
 }
