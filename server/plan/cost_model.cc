@@ -81,7 +81,7 @@ constexpr double kStoredPixel = 8.0 / 3, kStoredPlanePixel = 4.0 / 3, kStoredCro
 // A face of the core and one that is only in sight, as cut; of the core a face as measured, and with it a pixel that is
 // compared, at half of the width half of it; labels, and a class; a state; with what moves on to the next iteration.
 constexpr double kStoredFace = 36, kStoredSightFace = 90, kStoredMeasuredFace = 32, kStoredPairPixel = 0.09;
-constexpr double kStoredLabels = 8, kStoredClass = 4, kStoredState = 26.5, kStoredIteration = 38.5;
+constexpr double kStoredLabels = 8, kStoredClass = 4, kStoredState = 26.5, kStoredIteration = 44.5;
 // Of the city: a face and a view as surveyed; a face as published, whole and in tiles; a cell that was compared.
 constexpr double kStoredCityFace = 38.5, kStoredView = 2000, kStoredPublished = 40, kStoredInTiles = 36,
                  kStoredChangeCell = 50;

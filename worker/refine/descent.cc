@@ -252,7 +252,8 @@ StepReach StepReachOf(const StepOptions& options, const MotionLimits& limits) {
 }
 
 std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo, const SmoothTerm& smooth,
-                                  const InterTerm& inter, const MotionGuard& guard, const StepOptions& options) {
+                                  const InterTerm& inter, const MotionGuard& guard, const StepOptions& options,
+                                  const std::vector<Vector3f>& last) {
   std::vector<Vector3d> rhs, step;
   smooth.Gradient(mesh.vertices, options.weights, &rhs);
   InterCurvature inter_curvature;
@@ -265,6 +266,12 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
                    options.inter > 0 ? &inter_curvature : nullptr);
   for (size_t v = 0; v < step.size(); ++v) {
     Vector3d& s = step[v];
+    const double data = photo.curvature[v].trace();
+    if (data > 0 && !s.isZero(0)) {  // a fixed vertex stays, whatever it did where it is not
+      const double share = data / (data + options.evidence);
+      s *= 1 + share * (options.acceleration.relaxation - 1);
+      if (!last.empty()) s += share * options.acceleration.momentum * last[v].cast<double>();
+    }
     if (smooth.on_rim(v)) s = RimStep(s, guard.start_normal(v), options.up);
     const double length = s.norm();
     if (length > options.max_step_m) s *= options.max_step_m / length;

@@ -115,6 +115,14 @@ struct StepReach {
   int rings() const { return folding + std::max(gradient + sweeps, start); }
 };
 
+// The curvatures bound the terms' own from above, so steps are safe and short. Where images say something, a step is
+// made longer and goes on in part with the one before (Polyak 1964): by the share e/(e + evidence) of the data's
+// curvature e at the vertex, so that nothing gathers way where only smoothness speaks (beyond rims, behind crowns).
+struct Acceleration {
+  double relaxation = 1;  // what a step is multiplied by, >= 1
+  double momentum = 0;    // share of the step before that is added, [0, 1)
+};
+
 struct StepOptions {
   SmoothWeights weights;  // per metre²
   double inter = 0;       // λ3
@@ -124,17 +132,19 @@ struct StepOptions {
   double max_step_m = 0;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
   double min_turn_cosine = 0.4;  // a face's normal turns by less than this angle's arc cosine in a step
+  Acceleration acceleration;
+  double evidence = 0;  // per metre²: the data's curvature at which half of the acceleration is had
 };
 
 StepReach StepReachOf(const StepOptions& options, const MotionLimits& limits);
 
-// The Gauss-Newton step of data and smoothness terms at `mesh`: (curvatures + A) step = -(gradients), every vertex's
-// length bounded, and what `guard` makes of it. Rims of level surfaces keep their place in plan. Zero at fixed
+// The Gauss-Newton step of data and smoothness terms at `mesh`: (curvatures + A) step = -(gradients), accelerated by
+// `last`, the steps before (empty: none), every vertex's length bounded, and what `guard` makes of it. Rims of level surfaces keep their place in plan. Zero at fixed
 // vertices. A vertex's step depends on StepReachOf's rings about it, to the last bit; of the order of vertices and
 // faces only on which of two comes first, so that a part of a mesh that keeps the order gives the bytes of the whole.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
                                          const SmoothTerm& smooth, const InterTerm& inter, const MotionGuard& guard,
-                                         const StepOptions& options);
+                                         const StepOptions& options, const std::vector<Eigen::Vector3f>& last = {});
 
 }  // namespace tessera
 

@@ -107,6 +107,7 @@ class Refiner {
     for (size_t i = 0; i < options_.levels.size(); ++i) {
       const int level = options_.levels[i];
       const std::vector<Vector3d> level_start = mesh_.vertices;
+      last_step_.clear();
       for (int k = 0; k < options_.iterations[i]; ++k) {
         TESSERA_RETURN_IF_ERROR(control.Check());
         control.Report(work_ / total_work_,
@@ -136,8 +137,10 @@ class Refiner {
     const PhotoSums& photo = derivatives_.photo;
     const std::vector<Vector3d> step = stepper_->Step(
         mesh_, GatherVertices(mesh_, stepper_->guard().faces_of_vertex(), photo.faces, derivatives_.contours), level,
-        iteration);
+        iteration, last_step_);
     for (size_t v = 0; v < step.size(); ++v) mesh_.vertices[v] += step[v];
+    last_step_.assign(step.size(), {});
+    for (size_t v = 0; v < step.size(); ++v) last_step_[v] = step[v].cast<float>();
     report_.seconds_prepare += entered_s - start_s;
     report_.seconds_visibility += photo.seconds_visibility;
     report_.seconds_photo += evaluated_s - entered_s - photo.seconds_visibility;
@@ -165,6 +168,7 @@ class Refiner {
   std::optional<Stepper> stepper_;
   std::optional<DataTerm> data_;
   FaceDerivatives derivatives_;
+  std::vector<Eigen::Vector3f> last_step_;  // of the level at hand; empty before its first
   double work_ = 0, total_work_ = 0;
   RefineReport report_;
 };

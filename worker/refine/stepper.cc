@@ -41,7 +41,7 @@ Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& fixed, d
 }
 
 std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
-                                           int iteration) {
+                                           int iteration, const std::vector<Eigen::Vector3f>& last) {
   const double pixel_m = std::ldexp(gsd_m_, level), unit = 1 / (pixel_m * pixel_m);
   StepOptions step;
   step.weights = {options_.thin_plate * unit, options_.membrane * unit, options_.rim * unit, unit};
@@ -50,8 +50,10 @@ std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const Photo
   step.smoothing_sweeps = options_.smoothing_sweeps;
   step.grid_m = std::exp2(std::floor(std::log2(options_.grid_gsd * gsd_m_)));
   step.max_step_m = options_.max_step_px * pixel_m * std::pow(options_.step_decay, iteration);
+  step.acceleration = options_.acceleration;
+  step.evidence = options_.evidence * unit;
   smooth_.Reweight(mesh.vertices, options_.creases);
-  return ComputeStep(mesh, derivatives, smooth_, inter_, guard_, step);
+  return ComputeStep(mesh, derivatives, smooth_, inter_, guard_, step, last);
 }
 
 FoldRepair::Result Stepper::Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions) {

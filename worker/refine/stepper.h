@@ -31,6 +31,8 @@ struct StepperOptions {
 
   double max_step_px = 1.0;                          // per iteration, pixels of the level
   double step_decay = 0.95;                          // of the step cap per iteration
+  Acceleration acceleration = {1.5, 0.8};
+  double evidence = 0.3;  // the data's curvature a vertex, as smoothness counts, at which it has half of its effect
   double grid_gsd = 0.016;                           // steps end on a grid of (at most) so much
   double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
   int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)
@@ -50,9 +52,10 @@ class Stepper {
 
   const MotionGuard& guard() const { return guard_; }
 
-  // Iteration `iteration` (from 0) of a level: what to add to the positions of `mesh`. Not thread-safe.
+  // Iteration `iteration` (from 0) of a level: what to add to the positions of `mesh`. `last`: what the iteration
+  // before added; empty at the first, else as many as vertices. Not thread-safe.
   std::vector<Eigen::Vector3d> Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
-                                    int iteration);
+                                    int iteration, const std::vector<Eigen::Vector3f>& last);
 
   // Takes back what turned faces or made them cut each other since `good`. Not thread-safe.
   FoldRepair::Result Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions);

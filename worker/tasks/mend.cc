@@ -44,6 +44,7 @@ StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& con
     work.Forget(kMendRegion);
   }
   known.level_start.clear();
+  known.last_step.clear();
   CountSeams(&known);
   if (known.confidence.empty()) {
     const int classes = static_cast<int>(work.package().classes.size());

@@ -44,7 +44,10 @@ Status SolveLabelStep(const std::vector<TileSums>& sums, StepTask* task, json* r
 Status SolveIteration(const std::vector<TileSums>& sums, StepTask* task, json* report) {
   OpenTile& work = *task->work;
   KnownState& known = task->known;
-  if (task->level_iteration == 0) known.level_start = known.positions;
+  if (task->level_iteration == 0) {
+    known.level_start = known.positions;
+    known.last_step.assign(known.positions.size(), Eigen::Vector3f::Zero());
+  }
   const RegionMesh& region = work.region(kSolveRegion);
   TESSERA_ASSIGN_OR_RETURN(const std::vector<FaceSums> photo, work.JoinPhoto(sums, kSolveRegion, known.held_faces));
   TESSERA_ASSIGN_OR_RETURN(const ContourSums contours, work.JoinContours(sums, kSolveRegion));
@@ -53,8 +56,11 @@ Status SolveIteration(const std::vector<TileSums>& sums, StepTask* task, json* r
   TriangleMesh mesh = {Pick(known.positions, region.vertices), region.mesh.faces, {}};
   const std::vector<Vector3d> step =
       stepper.Step(mesh, GatherVertices(mesh, stepper.guard().faces_of_vertex(), photo, contours), task->step.level,
-                   task->level_iteration);
-  for (size_t v = 0; v < step.size(); ++v) known.positions[region.vertices[v]] = mesh.vertices[v] + step[v];
+                   task->level_iteration, Pick(known.last_step, region.vertices));
+  for (size_t v = 0; v < step.size(); ++v) {
+    known.positions[region.vertices[v]] = mesh.vertices[v] + step[v];
+    known.last_step[region.vertices[v]] = step[v].cast<float>();
+  }
   for (const TileSums& of_tile : sums) {
     if (of_tile.tile != work.package().tile) continue;
     (*report)["warped_pixels"] = report->value("warped_pixels", int64_t{0}) + of_tile.warped_pixels;

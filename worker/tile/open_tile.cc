@@ -184,7 +184,10 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
   const bool in_level = std::any_of(states.begin(), states.end(),
                                     [&](const TileState& s) { return !is_held(s) && !s.level_start.empty(); });
   const bool others_begin = std::all_of(states.begin(), states.end(), is_held);
-  if (in_level) known.level_start = package_.mesh.vertices;
+  if (in_level) {
+    known.level_start = package_.mesh.vertices;
+    known.last_step.assign(known.positions.size(), Eigen::Vector3f::Zero());
+  }
   std::vector<uint8_t> has_vertex(known.positions.size(), 0), has_face(known.labels.size(), 0);
   known.confidence.assign(known.labels.size(), 0.0f);
   if (!held.empty()) {
@@ -195,7 +198,7 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
     const bool of_held = is_held(state);
     // Where no vertex moves, the level began as it is.
     const std::vector<Eigen::Vector3d>& level_start = of_held ? state.positions : state.level_start;
-    if (in_level && level_start.empty()) {
+    if (in_level && (level_start.empty() || (!of_held && state.last_step.empty()))) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": the state of tile ", state.tile,
                                               " has no beginning of the level, that of others has"));
     }
@@ -213,7 +216,9 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
       }
       has_vertex[v] = 1;
       known.positions[v] = state.positions[i];
-      if (in_level) known.level_start[v] = level_start[i];
+      if (!in_level) return;
+      known.level_start[v] = level_start[i];
+      if (!of_held) known.last_step[v] = state.last_step[i];
     });
     faces_by_id_.ForShared(state.face_ids, [&](size_t i, uint32_t f) {
       has_face[f] = 1;
@@ -320,6 +325,7 @@ TileState OpenTile::StateOf(const KnownState& known) const {
   state.vertex_ids = Pick(package_.vertex_ids, core_vertices_);
   state.positions = Pick(known.positions, core_vertices_);
   state.level_start = Pick(known.level_start, core_vertices_);
+  state.last_step = Pick(known.last_step, core_vertices_);
   state.face_ids = Pick(package_.face_ids, core_faces_);
   state.labels = Pick(known.labels, core_faces_);
   state.confidence = Pick(known.confidence, core_faces_);

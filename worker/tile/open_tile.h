@@ -34,7 +34,9 @@ struct RegionMesh {
 
 // What is known of the package at a moment.
 struct KnownState {
-  std::vector<Eigen::Vector3d> positions, level_start;  // of the package's vertices; level_start may be empty
+  // Of the package's vertices; those of a level are empty between levels.
+  std::vector<Eigen::Vector3d> positions, level_start;
+  std::vector<Eigen::Vector3f> last_step;
   std::vector<int32_t> labels;                          // of its faces
   std::vector<float> confidence;
   // Flags of vertices and faces of tiles that an update leaves as they are; empty: none.

@@ -260,6 +260,9 @@ Status WriteTileState(const std::string& path, const TileState& s) {
   file.arrays["vertex_ids"] = s.vertex_ids;
   PutPoints(s.positions, "positions", &file);
   PutPoints(s.level_start, "level_start", &file);
+  std::vector<float> last_step;
+  for (const Eigen::Vector3f& step : s.last_step) last_step.insert(last_step.end(), step.data(), step.data() + 3);
+  file.arrays["last_step"] = std::move(last_step);
   file.arrays["face_ids"] = s.face_ids;
   file.arrays["labels"] = s.labels;
   file.arrays["confidence"] = s.confidence;
@@ -279,6 +282,9 @@ StatusOr<TileState> ReadTileState(const std::string& path) {
   const int64_t vertices = static_cast<int64_t>(s.vertex_ids.size());
   TESSERA_ASSIGN_OR_RETURN(s.positions, TakePoints("positions", vertices, &file));
   TESSERA_ASSIGN_OR_RETURN(s.level_start, TakePoints("level_start", in_level ? vertices : 0, &file));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<float> last_step,
+                           file.Take<float>("last_step", in_level ? 3 * vertices : 0));
+  for (size_t i = 0; i < last_step.size(); i += 3) s.last_step.emplace_back(&last_step[i]);
   TESSERA_ASSIGN_OR_RETURN(s.face_ids, file.Take<uint32_t>("face_ids"));
   const int64_t faces = static_cast<int64_t>(s.face_ids.size());
   TESSERA_ASSIGN_OR_RETURN(s.labels, file.Take<int32_t>("labels", faces));

@@ -99,7 +99,9 @@ struct TileState {
   int tile = 0;
   std::vector<uint32_t> vertex_ids;
   std::vector<Eigen::Vector3d> positions;
-  std::vector<Eigen::Vector3d> level_start;  // when the level at hand began; empty between levels
+  // When the level at hand began, and what its last iteration added; empty between levels.
+  std::vector<Eigen::Vector3d> level_start;
+  std::vector<Eigen::Vector3f> last_step;
   std::vector<uint32_t> face_ids;
   std::vector<int32_t> labels;
   std::vector<float> confidence;  // in [0, 1] (LabelConfidence), 0 where no view shows the face; as last labelled

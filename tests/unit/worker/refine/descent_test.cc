@@ -51,7 +51,7 @@ TEST(Stepper, TheGroundKeepsItsRimAndAWallMayEndLower) {
     data.gradient.assign(start.vertices.size(), -pull);
     data.curvature.assign(start.vertices.size(), Eigen::Matrix3d::Identity());
     data.pairs.assign(start.vertices.size(), 1);
-    for (int i = 0; i < 20; ++i) mesh.vertices = Added(mesh.vertices, stepper.Step(mesh, data, 0, 0));
+    for (int i = 0; i < 20; ++i) mesh.vertices = Added(mesh.vertices, stepper.Step(mesh, data, 0, 0, {}));
     return mesh.vertices;
   };
   const Positions after = moved(ground, Vector3d::Zero());
@@ -77,6 +77,51 @@ TEST(Stepper, TheGroundKeepsItsRimAndAWallMayEndLower) {
   for (Vector3d& v : wall.vertices) v = {v.x(), 0, v.y()};
   const Positions lower = moved(wall, Vector3d(0, 0, -2));
   for (size_t v = 0; v < lower.size(); ++v) EXPECT_LT(lower[v].z(), wall.vertices[v].z() - 0.01) << v;
+}
+
+// Where images say something a step is longer and goes on with the one before, by the share of what they say; where
+// they say nothing it is as if neither were asked for, and fixed vertices stay.
+TEST(ComputeStep, GathersWayOnlyWhereImagesSpeak) {
+  const TriangleMesh mesh = HeightField(12, 6, Flat);
+  const size_t n = mesh.vertices.size();
+  std::vector<uint8_t> fixed(n);
+  PhotoDerivatives data;
+  data.gradient.assign(n, Vector3d(0.01, 0, -0.02));
+  data.pairs.assign(n, 1);
+  std::vector<Eigen::Vector3f> last;
+  for (size_t v = 0; v < n; ++v) {
+    fixed[v] = v % 7 == 3;
+    data.curvature.push_back(v % 2 == 0 ? Eigen::Matrix3d::Zero() : Eigen::Matrix3d(Eigen::Matrix3d::Identity()));
+    last.push_back({0.01f, -0.02f, 0.03f * static_cast<float>(v % 5)});
+  }
+  const SmoothTerm smooth(mesh, fixed);
+  const InterTerm inter(mesh, fixed);
+  MotionLimits limits;
+  limits.max_normal_m = limits.max_tangent_m = 1e3;
+  const MotionGuard guard(mesh, fixed, limits);
+  StepOptions options;
+  options.weights = {1, 0.1, 0, 0};
+  options.max_step_m = 1e3;
+  options.min_turn_cosine = -1;  // no step is limited
+  const Positions plain = ComputeStep(mesh, data, smooth, inter, guard, options);
+  options.acceleration = {1.5, 0.8};
+  options.evidence = 2;
+  const Positions with = ComputeStep(mesh, data, smooth, inter, guard, options, last);
+  const Positions first = ComputeStep(mesh, data, smooth, inter, guard, options);  // nothing before it
+  const double share = 3.0 / (3 + 2);  // the trace of the curvature
+  int moving = 0;
+  for (size_t v = 0; v < n; ++v) {
+    if (smooth.on_rim(v)) continue;
+    if (fixed[v] || v % 2 == 0) {
+      EXPECT_EQ(with[v], plain[v]) << "vertex " << v;
+      EXPECT_EQ(fixed[v] && !with[v].isZero(0), false) << "vertex " << v;
+      continue;
+    }
+    ++moving;
+    EXPECT_LT((first[v] - (1 + share * 0.5) * plain[v]).norm(), 1e-12) << "vertex " << v;
+    EXPECT_LT((with[v] - first[v] - share * 0.8 * last[v].cast<double>()).norm(), 1e-12) << "vertex " << v;
+  }
+  EXPECT_GT(moving, 30);
 }
 
 TEST(SmoothedPositions, RoundsStairsAndKeepsRimsAndFixedVertices) {

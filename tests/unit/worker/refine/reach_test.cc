@@ -25,6 +25,7 @@ struct StepInput {
   Positions start;
   std::vector<uint8_t> fixed;
   PhotoDerivatives photo;
+  std::vector<Eigen::Vector3f> last;  // may be empty
   std::vector<ClassSmoothness> classes;
   double mixed = 0;
   CreaseWeights creases;
@@ -38,7 +39,7 @@ struct StepInput {
     smooth.Reweight(mesh.vertices, creases);
     InterTerm inter(from, fixed);
     inter.SetLabels(mesh.labels);
-    return ComputeStep(mesh, photo, smooth, inter, MotionGuard(from, fixed, limits), options);
+    return ComputeStep(mesh, photo, smooth, inter, MotionGuard(from, fixed, limits), options, last);
   }
 };
 
@@ -72,6 +73,11 @@ StepInput RandomStep(Random& random) {
   in.options.smoothing_sweeps = static_cast<int>(random.Below(Chance(random, 0.7) ? 5 : 31));
   in.options.grid_m = Chance(random, 0.5) ? 0 : std::exp2(-static_cast<double>(random.Below(12)));
   in.options.max_step_m = Magnitude(random, 0.05, 5);
+  if (Chance(random, 0.7)) in.options.acceleration = {random.Uniform(1, 2), random.Uniform()};
+  in.options.evidence = weight();
+  for (size_t v = 0; in.options.acceleration.momentum > 0 && v < n; ++v) {
+    in.last.push_back((moved * RandomVector(random)).cast<float>());
+  }
   in.options.min_turn_cosine = random.Uniform(-1, 0.95);
   in.options.up = RandomVector(random).normalized();
   in.limits.start_smoothing_steps = static_cast<int>(random.Below(9));
@@ -102,6 +108,7 @@ Differing BeyondStep(const StepInput& in, const Positions& whole, const std::vec
   small.photo.gradient = part.OfVertices(in.photo.gradient);
   small.photo.curvature = part.OfVertices(in.photo.curvature);
   small.photo.pairs = part.OfVertices(in.photo.pairs);
+  if (!in.last.empty()) small.last = part.OfVertices(in.last);
   // A tile flags what is on its cut.
   const bool flagged = Chance(random, 0.5);
   for (size_t i = 0; flagged && i < part.vertices.size(); ++i) {
@@ -118,6 +125,7 @@ Differing BeyondStep(const StepInput& in, const Positions& whole, const std::vec
     other.photo.gradient[v] = 3 * RandomVector(random);
     other.photo.curvature[v] = RandomCurvature(random);
     other.photo.pairs[v] = 1 - in.photo.pairs[v];
+    if (!in.last.empty()) other.last[v] = RandomVector(random).cast<float>();
   }
   for (size_t f = 0; f < kept.size(); ++f) {
     if (!kept[f]) other.mesh.labels[f] = static_cast<int32_t>(random.Below(5)) - 1;

@@ -133,13 +133,17 @@ TEST_F(OpenTileTest, TilesThatDisagreeAreCounted) {
 TEST_F(OpenTileTest, ALevelsStartIsKeptWhereAllHaveIt) {
   OpenTile tile(cuts_[0].package);
   for (TileState& state : states_) {
-    for (const uint32_t v : state.vertex_ids) state.level_start.push_back(2 * Moved(v));
+    for (const uint32_t v : state.vertex_ids) {
+      state.level_start.push_back(2 * Moved(v));
+      state.last_step.push_back(3 * Moved(v).cast<float>());
+    }
   }
   const auto known = tile.Join(states_, kSolveRegion);
   ASSERT_TRUE(known.ok()) << known.status();
   ASSERT_EQ(known->level_start.size(), known->positions.size());
   for (size_t v = 0; v < known->level_start.size(); ++v) {
     EXPECT_EQ(known->level_start[v], 2 * Moved(cuts_[0].package.vertex_ids[v]));
+    EXPECT_EQ(known->last_step[v], 3 * Moved(cuts_[0].package.vertex_ids[v]).cast<float>());
   }
   states_[1].level_start.clear();
   EXPECT_EQ(tile.Join(states_, kSolveRegion).status().code(), absl::StatusCode::kDataLoss);

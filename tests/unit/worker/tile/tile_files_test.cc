@@ -196,6 +196,7 @@ TEST(TileFiles, StateRoundTrip) {
   const std::string path = TestPath("state.arrays");
   for (const bool in_level : {false, true}) {
     if (in_level) s.level_start = {{1, 2, 3}, {4, 5, 6}, {7, 8, 9}};
+    if (in_level) s.last_step = {{0.5f, 0, -1}, {2, 3, 4}, {-5, 6, 7}};
     ASSERT_TRUE(WriteTileState(path, s).ok());
     const auto read = ReadTileState(path);
     ASSERT_TRUE(read.ok()) << read.status();
@@ -204,6 +205,7 @@ TEST(TileFiles, StateRoundTrip) {
     EXPECT_EQ(read->positions, s.positions);
     EXPECT_TRUE(std::signbit(read->positions[2].z()));
     EXPECT_EQ(read->level_start, s.level_start);
+    EXPECT_EQ(read->last_step, s.last_step);
     EXPECT_EQ(read->face_ids, s.face_ids);
     EXPECT_EQ(read->labels, s.labels);
     EXPECT_EQ(read->confidence, s.confidence);
