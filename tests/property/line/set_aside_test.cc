@@ -108,7 +108,7 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
       same += (other.positions[v] - undisturbed.positions[v]).norm() < 1e-9;
     }
     EXPECT_GT(own, 0u);
-    EXPECT_GT(same, own / 10);
+    EXPECT_GT(same, own / 20);
   }
 }
 
