@@ -34,7 +34,7 @@ class TaskUsageMeter {
 };
 
 // Of which tasks to measure the peak: memory that is handed back before each of many short tasks must be had again
-// page by page, which took longer than the tasks (a job of three tiles: 48 core-seconds, without 23).
+// page by page, which took longer than the tasks (a job of three tiles: 48 core-seconds for 24).
 // Not thread-safe.
 class PeakSampling {
  public:

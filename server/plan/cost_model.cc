@@ -47,12 +47,12 @@ constexpr double kWindowShare = 1.15;
 // likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
 // TIFFs do not. A pixel of a crop, and one of a class, as floats, before and after undistortion, and as stored.
 constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
-constexpr double kTaskSeconds = 0.01;       // of any task: to bring and store its files
-constexpr double kFaceSeconds = 4e-6;       // a face, before the first step
-constexpr double kStateSeconds = 0.15e-6;   // a face whose state or sums a task of one step reads
-constexpr double kWarpSeconds = 16e-9;      // a reference pixel, partner and evaluation
-constexpr double kDrawSeconds = 10.5e-9;    // a face, view that is drawn and step, on whatever level
-constexpr double kMapSeconds = 27e-9;       // a pixel of the crops and evaluation
+constexpr double kTaskSeconds = 0.01;      // of any task: to bring and store its files
+constexpr double kFaceSeconds = 4e-6;      // a face, before the first step
+constexpr double kStateSeconds = 0.15e-6;  // a face whose state or sums a task of one step reads
+constexpr double kWarpSeconds = 16e-9;     // a reference pixel, partner and evaluation
+constexpr double kDrawSeconds = 10.5e-9;   // a face, view that is drawn and step, on whatever level
+constexpr double kMapSeconds = 27e-9;      // a pixel of the crops and evaluation
 // A tile among others draws what may hide its faces too, and mends as far as a fold may reach.
 constexpr double kTileDrawShare = 1.9, kTileMendShare = 2.7;
 constexpr double kSolveSeconds = 0.9e-6;    // a face and iteration

@@ -135,7 +135,8 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
   }
   const auto status = dispatcher->GetJob(accepted.header.name);
   if (!status.ok() || status->header.state != JobState::kSucceeded) {
-    return absl::InternalError("the job did not succeed: " + (status.ok() ? status->header.error + status->waiting_for : ""));
+    return absl::InternalError("the job did not succeed: " +
+                               (status.ok() ? status->header.error + status->waiting_for : ""));
   }
   Print("ended", meter);
   std::printf("%zu tasks, %zu inputs, %.0f core-seconds of work\n", tasks, inputs, cost);

@@ -90,7 +90,7 @@ TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
   const auto planned = nlohmann::json::parse(Content(json));
   ASSERT_EQ(Run({"--tiles", "4"}).exit_code, 0);
   std::map<std::pair<int, std::string>, double> predicted_s;  // of a tile's tasks of a kind
-  std::set<std::string> measured;  // kinds of tasks whose memory is known
+  std::set<std::string> measured;                             // kinds of tasks whose memory is known
   double stored = 0;
   const auto job = nlohmann::json::parse(Content(out_ + "/job.json"));
   for (const auto& task : job["tasks"]) {

@@ -138,10 +138,11 @@ struct StepOptions {
 
 StepReach StepReachOf(const StepOptions& options, const MotionLimits& limits);
 
-// The Gauss-Newton step of data and smoothness terms at `mesh`: (curvatures + A) step = -(gradients), accelerated by
-// `last`, the steps before (empty: none), every vertex's length bounded, and what `guard` makes of it. Rims of level surfaces keep their place in plan. Zero at fixed
-// vertices. A vertex's step depends on StepReachOf's rings about it, to the last bit; of the order of vertices and
-// faces only on which of two comes first, so that a part of a mesh that keeps the order gives the bytes of the whole.
+// The Gauss-Newton step of data and smoothness terms at `mesh`: (curvatures + A) step = -(gradients), accelerated with
+// `last`, what the iteration before added (empty: none), every vertex's length bounded, and what `guard` makes of it.
+// Rims of level surfaces keep their place in plan. Zero at fixed vertices. A vertex's step depends on StepReachOf's
+// rings about it, to the last bit; of the order of vertices and faces only on which of two comes first, so that a part
+// of a mesh that keeps the order gives the bytes of the whole.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
                                          const SmoothTerm& smooth, const InterTerm& inter, const MotionGuard& guard,
                                          const StepOptions& options, const std::vector<Eigen::Vector3f>& last = {});

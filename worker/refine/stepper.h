@@ -29,11 +29,11 @@ struct StepperOptions {
   double inter = 0;                      // λ3, of E_inter; 0: off
   int smoothing_sweeps = 20;             // Chebyshev sweeps of the semi-implicit step
 
-  double max_step_px = 1.0;                          // per iteration, pixels of the level
-  double step_decay = 0.95;                          // of the step cap per iteration
+  double max_step_px = 1.0;  // per iteration, pixels of the level
+  double step_decay = 0.95;  // of the step cap per iteration
   Acceleration acceleration = {1.5, 0.8};
-  double evidence = 0.3;  // the data's curvature a vertex, as smoothness counts, at which it has half of its effect
-  double grid_gsd = 0.016;                           // steps end on a grid of (at most) so much
+  double evidence = 0.3;    // the data's curvature a vertex, as smoothness counts, at which it has half of its effect
+  double grid_gsd = 0.016;  // steps end on a grid of (at most) so much
   double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
   int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)
   double min_start_cosine = 0.02;                    // of a face's normal with the smoothed start's

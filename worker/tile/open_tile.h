@@ -37,7 +37,7 @@ struct KnownState {
   // Of the package's vertices; those of a level are empty between levels.
   std::vector<Eigen::Vector3d> positions, level_start;
   std::vector<Eigen::Vector3f> last_step;
-  std::vector<int32_t> labels;                          // of its faces
+  std::vector<int32_t> labels;  // of its faces
   std::vector<float> confidence;
   // Flags of vertices and faces of tiles that an update leaves as they are; empty: none.
   std::vector<uint8_t> held_vertices, held_faces;

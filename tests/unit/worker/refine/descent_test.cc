@@ -108,7 +108,7 @@ TEST(ComputeStep, GathersWayOnlyWhereImagesSpeak) {
   options.evidence = 2;
   const Positions with = ComputeStep(mesh, data, smooth, inter, guard, options, last);
   const Positions first = ComputeStep(mesh, data, smooth, inter, guard, options);  // nothing before it
-  const double share = 3.0 / (3 + 2);  // the trace of the curvature
+  const double share = 3.0 / (3 + 2);                                              // the trace of the curvature
   int moving = 0;
   for (size_t v = 0; v < n; ++v) {
     if (smooth.on_rim(v)) continue;
