@@ -31,7 +31,7 @@ struct StepperOptions {
 
   double max_step_px = 1.0;  // per iteration, pixels of the level
   double step_decay = 0.95;  // of the step cap per iteration
-  Acceleration acceleration = {1.5, 0.8};
+  Acceleration acceleration = {1.5, 0.6};
   double evidence = 0.3;    // the data's curvature a vertex, as smoothness counts, at which it has half of its effect
   double grid_gsd = 0.016;  // steps end on a grid of (at most) so much
   double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
