@@ -6,7 +6,7 @@
 namespace tessera {
 
 // Part of every task's key; coordinator and workers must agree on it.
-inline constexpr char kAlgorithmVersion[] = "18";
+inline constexpr char kAlgorithmVersion[] = "19";
 
 }  // namespace tessera
 

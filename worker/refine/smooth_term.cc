@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
 
 #include "common/base/parallel.h"
 
@@ -85,6 +86,7 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
 
 void SmoothTerm::Reweight(const Positions& v, const CreaseWeights& creases) {
   if (creases.bend <= 0 || class_factor_.empty()) return;
+  const std::vector<double> before = Bends(v);
   Positions at = v, rows;
   for (int step = 0; step < kCreaseSteps; ++step) {
     Umbrella(at, &rows);
@@ -92,24 +94,34 @@ void SmoothTerm::Reweight(const Positions& v, const CreaseWeights& creases) {
       if (!rings_.rim[k]) at[k] -= 0.5 * rows[k];
     });
   }
-  Umbrella(at, &rows);
-  Positions normals(at.size(), Vector3d::Zero());
+  const std::vector<double> after = Bends(at);
+  const auto relative = [&](double bend) { return bend * bend / (creases.bend * creases.bend); };
+  ForVertices(at.size(), [&](size_t k) {
+    factor_[k] = class_factor_[k];
+    if (rings_.rim[k] || rings_.degree(k) == 0) return;
+    const double bends = relative(after[k]), expected = relative(kCreaseShrinks * before[k]);
+    factor_[k] *= creases.flat / (1 + bends / (1 + creases.rough * std::max(0.0, expected - bends)));
+  });
+  FindDiagonals();
+}
+
+std::vector<double> SmoothTerm::Bends(const Positions& v) const {
+  Positions rows, normals(v.size(), Vector3d::Zero());
+  Umbrella(v, &rows);
   for (const auto& [a, b, c] : faces_) {
-    const Vector3d cross = (at[b] - at[a]).cross(at[c] - at[a]);
+    const Vector3d cross = (v[b] - v[a]).cross(v[c] - v[a]);
     normals[a] += cross;
     normals[b] += cross;
     normals[c] += cross;
   }
-  ForVertices(at.size(), [&](size_t k) {
-    factor_[k] = class_factor_[k];
+  std::vector<double> bends(v.size(), 0);
+  ForVertices(v.size(), [&](size_t k) {
     if (rings_.rim[k] || rings_.degree(k) == 0) return;
     double edges = 0;
-    for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) edges += (at[rings_.to[e]] - at[k]).norm();
-    if (edges <= 0) return;
-    const double bend = normals[k].stableNormalized().dot(rows[k]) * rings_.degree(k) / (edges * creases.bend);
-    factor_[k] *= creases.flat / (1 + bend * bend);
+    for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) edges += (v[rings_.to[e]] - v[k]).norm();
+    if (edges > 0) bends[k] = std::abs(normals[k].stableNormalized().dot(rows[k])) * rings_.degree(k) / edges;
   });
-  FindDiagonals();
+  return bends;
 }
 
 void SmoothTerm::Umbrella(const Positions& v, Positions* rows) const {

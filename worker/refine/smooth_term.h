@@ -29,12 +29,14 @@ struct SmoothWeights {
 };
 
 // Where a surface bends it may be an edge of what was built, where it is flat it is to be flat: a vertex's weight of
-// thin plate and membrane is multiplied by flat / (1 + (b / bend)²), b = |n·U v| over the mean length of its edges on
-// the surface after a few smoothing steps, which take most of the noise. On a right-angled edge of regular faces b is
-// .41, and .19 after these steps.
+// thin plate and membrane is multiplied by flat / (1 + s / (1 + rough max(0, r - s))), s = (b / bend)², b = |n·U v|
+// over the mean length of its edges on the surface after a few smoothing steps, which take most of the noise. On a
+// right-angled edge of regular faces b is .41 before these steps and .19 after them (kCreaseShrinks); where it shrinks
+// by more, what bends is noise or leaves, not an edge: r is what s would be by the bend before.
 struct CreaseWeights {
-  double bend = 0;  // 0: off, all weights stay
-  double flat = 1;  // >= 0
+  double bend = 0;   // 0: off, all weights stay
+  double flat = 1;   // >= 0
+  double rough = 0;  // >= 0; 0: whatever bends is an edge
 };
 
 // The quadratic form E(v) = ½ ⟨v, A v⟩ - ⟨c, v⟩ + const on one mesh's topology. Fixed vertices take part but get no
@@ -60,6 +62,7 @@ class SmoothTerm {
   double Energy(const Positions& v, const SmoothWeights& weights) const;
   // Smoothing steps before Reweight looks.
   static constexpr int kCreaseSteps = 3;
+  static constexpr double kCreaseShrinks = 0.19 / 0.41;
   // Of vertices, that a derivative and a block of the system depend on: a neighbour's row takes in its neighbours, its
   // weights their faces, and as many rings about it as Reweight looks at: the smoothing steps' and its umbrella's.
   // (Within r rings: the faces that have a corner within r - 1.)
@@ -106,6 +109,8 @@ class SmoothTerm {
   bool has_rim_row(size_t v) const { return rings_.along_rim[v][0] != rings_.along_rim[v][1] && !fixed_[v]; }
   // U v inside the surface, U d along rims.
   void Umbrella(const Positions& v, Positions* rows) const;
+  // |n·U v| over the mean length of edges, of vertices inside the surface; of others 0.
+  std::vector<double> Bends(const Positions& v) const;
   // Weight of an edge inside the surface.
   double EdgeFactor(uint32_t v, uint32_t w) const { return mixed_[v] ? factor_[w] : factor_[v]; }
 

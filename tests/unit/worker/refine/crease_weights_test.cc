@@ -46,29 +46,39 @@ Dense Definition(const TriangleMesh& mesh, const Positions& v, const CreaseWeigh
     out.umbrella.row(k) = -adjacent.row(k) / degree[k];
     out.umbrella(k, k) = 1;
   }
+  const auto bends = [&](const MatrixXd& surface) {
+    const MatrixXd rows = out.umbrella * surface;
+    std::vector<double> found(n, 0);
+    for (size_t k = 0; k < n; ++k) {
+      if (out.umbrella.row(k).isZero(0)) continue;
+      Vector3d normal = Vector3d::Zero();
+      for (const auto& [a, b, c] : mesh.faces) {
+        if (a == k || b == k || c == k) {
+          normal += Vector3d(surface.row(b) - surface.row(a)).cross(Vector3d(surface.row(c) - surface.row(a)));
+        }
+      }
+      double length = 0;
+      for (size_t w = 0; w < n; ++w) length += adjacent(k, w) * (surface.row(w) - surface.row(k)).norm() / degree[k];
+      found[k] = normal.normalized().dot(Vector3d(rows.row(k))) / length / creases.bend;
+    }
+    return found;
+  };
+  const std::vector<double> before = bends(at);
   for (int step = 0; step < SmoothTerm::kCreaseSteps; ++step) at -= 0.5 * out.umbrella * at;
-  const MatrixXd rows = out.umbrella * at;
+  const std::vector<double> after = bends(at);
   for (size_t k = 0; k < n; ++k) {
     if (out.umbrella.row(k).isZero(0)) continue;
-    Vector3d normal = Vector3d::Zero();
-    for (const auto& [a, b, c] : mesh.faces) {
-      if (a == k || b == k || c == k) {
-        normal += Vector3d(at.row(b) - at.row(a)).cross(Vector3d(at.row(c) - at.row(a)));
-      }
-    }
-    double length = 0;
-    for (size_t w = 0; w < n; ++w) length += adjacent(k, w) * (at.row(w) - at.row(k)).norm() / degree[k];
-    const double bend = normal.normalized().dot(Vector3d(rows.row(k))) / length;
-    out.share[k] = creases.flat / (1 + bend * bend / (creases.bend * creases.bend));
+    const double s = after[k] * after[k], r = std::pow(0.19 / 0.41 * before[k], 2);
+    out.share[k] = creases.flat / (1 + s / (1 + (r > s ? creases.rough * (r - s) : 0)));
   }
   return out;
 }
 
 TEST(CreaseWeights, AreThoseOfTheDefinition) {
-  const CreaseWeights creases = {0.15, 1.4};
   const SmoothWeights weights{0.7, 0, 0, 0};
   double least = 1, most = 0;
-  for (uint64_t seed = 0; seed < 12; ++seed) {
+  for (uint64_t seed = 0; seed < 24; ++seed) {
+    const CreaseWeights creases = {0.15, 1.4, seed % 2 == 0 ? 0 : 0.5};
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     Random random(seed);
     Positions v = mesh.vertices;
@@ -151,10 +161,31 @@ TEST(CreaseWeights, ARidgeStaysAndSlopesGetFlat) {
     return std::pair(ridge / on_ridge, std::sqrt(slopes / on_slopes));
   };
   const auto [plain_ridge, plain_slopes] = smoothed({});
-  const auto [ridge, slopes] = smoothed({0.12, 1.3});
-  EXPECT_GT(plain_ridge, 0.05);
-  EXPECT_LT(ridge, 0.7 * plain_ridge);
-  EXPECT_LT(slopes, 1.02 * plain_slopes);
+  for (const double rough : {0.0, 4.0}) {
+    const auto [ridge, slopes] = smoothed({0.12, 1.3, rough});
+    EXPECT_GT(plain_ridge, 0.05);
+    EXPECT_LT(ridge, 0.7 * plain_ridge) << rough;
+    EXPECT_LT(slopes, 1.02 * plain_slopes) << rough;
+  }
+}
+
+// What noise bends is as smooth as a plane, what an edge bends is not.
+TEST(CreaseWeights, RoughnessIsNoEdge) {
+  Random random(5);
+  TriangleMesh rough = HeightField(16, 16, [](double, double) { return 0.0; });
+  for (Vector3d& p : rough.vertices) p.z() += 0.8 * random.Normal();
+  const TriangleMesh gable = HeightField(16, 4, [](double x, double) { return 4 - std::abs(x); });
+  const auto energies = [](const TriangleMesh& mesh, double rough) {
+    SmoothTerm term(mesh, {});
+    term.SetLabels(std::vector<int32_t>(mesh.faces.size(), 0), {}, 0);
+    const double plain = term.Energy(mesh.vertices, {1, 0, 0, 0});
+    term.Reweight(mesh.vertices, {0.12, 1, rough});
+    return term.Energy(mesh.vertices, {1, 0, 0, 0}) / plain;
+  };
+  EXPECT_LT(energies(rough, 0), 0.85);
+  EXPECT_GT(energies(rough, 4), 0.97);
+  EXPECT_LT(energies(gable, 0), 0.35);
+  EXPECT_LT(energies(gable, 4), 0.35);
 }
 
 }  // namespace

@@ -69,7 +69,7 @@ StepInput RandomStep(Random& random) {
   in.mixed = Chance(random, 0.3) ? 0 : random.Uniform();
   in.options.weights = {weight(), weight(), weight(), weight()};
   in.options.inter = weight();
-  if (Chance(random, 0.7)) in.creases = {Magnitude(random, 0.01, 1), random.Uniform(0, 3)};
+  if (Chance(random, 0.7)) in.creases = {Magnitude(random, 0.01, 1), random.Uniform(0, 3), random.Uniform(0, 8)};
   in.options.smoothing_sweeps = static_cast<int>(random.Below(Chance(random, 0.7) ? 5 : 31));
   in.options.grid_m = Chance(random, 0.5) ? 0 : std::exp2(-static_cast<double>(random.Below(12)));
   in.options.max_step_m = Magnitude(random, 0.05, 5);

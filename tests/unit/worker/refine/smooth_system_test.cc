@@ -312,10 +312,10 @@ TEST(SmoothSystem, OneClassOfWeightOneGivesTheBytesOfNoLabels) {
     term.SetLabels(none, kClasses, kMixed);
     expect_same(term);
     term.SetLabels(mesh.labels, kClasses, kMixed);
-    term.Reweight(v, {0.2, 1.5});
+    term.Reweight(v, {0.2, 1.5, 1});
     term.SetLabels({}, kClasses, kMixed);
     expect_same(term);
-    term.Reweight(v, {0.2, 1.5});  // no labels, nothing to reweight
+    term.Reweight(v, {0.2, 1.5, 1});  // no labels, nothing to reweight
     expect_same(term);
   }
 }
