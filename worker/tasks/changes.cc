@@ -9,6 +9,7 @@
 #include "worker/changes/change_report.h"
 #include "worker/changes/surface_raster.h"
 #include "worker/tasks/change_files.h"
+#include "worker/tasks/open_states.h"
 #include "worker/tasks/outdated_faces.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/stages.h"
@@ -23,7 +24,7 @@ StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& 
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   GroundPlane ground = survey.ground;
   ground.cell_m = ChangeCellSize_m(survey.gsd_m);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedCore> states, OpenStates(request, parameters.states));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> states, OpenStates(request, parameters.states));
   OutdatedFaces of_base;
   if (parameters.outdated) {
     TESSERA_ASSIGN_OR_RETURN(of_base, OutdatedFaces::Open(InputPath(request, kOutdatedFile)));

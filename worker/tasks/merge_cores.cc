@@ -1,7 +1,6 @@
 #include "worker/tasks/merge_cores.h"
 
 #include <cstring>
-#include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
 #include "worker/city/id_merge.h"
@@ -29,36 +28,6 @@ Status Ascends(int tile, const char* what, std::span<const uint32_t> ids) {
 }
 
 }  // namespace
-
-CoreSpans::CoreSpans(const TileState& core)
-    : tile(core.tile),
-      vertex_ids(core.vertex_ids),
-      face_ids(core.face_ids),
-      positions(core.positions),
-      labels(core.labels),
-      confidence(core.confidence) {}
-
-StatusOr<MappedCore> MappedCore::Open(const std::string& path) {
-  MappedCore core;
-  TESSERA_ASSIGN_OR_RETURN(core.file_, MappedArrays::Open(path));
-  const MappedArrays& file = core.file_;
-  try {
-    const nlohmann::json metadata = nlohmann::json::parse(file.metadata());
-    core.spans_.tile = metadata.at("tile");
-    core.report_ = metadata.at("report").dump();
-  } catch (const nlohmann::json::exception& e) {
-    return absl::DataLossError(absl::StrCat(path, ": metadata: ", e.what()));
-  }
-  TESSERA_ASSIGN_OR_RETURN(core.spans_.vertex_ids, file.Verified<uint32_t>("vertex_ids"));
-  const auto vertices = static_cast<int64_t>(core.spans_.vertex_ids.size());
-  TESSERA_ASSIGN_OR_RETURN(const auto positions, file.Verified<double>("positions", 3 * vertices));
-  core.spans_.positions = {reinterpret_cast<const Eigen::Vector3d*>(positions.data()), static_cast<size_t>(vertices)};
-  TESSERA_ASSIGN_OR_RETURN(core.spans_.face_ids, file.Verified<uint32_t>("face_ids"));
-  const auto faces = static_cast<int64_t>(core.spans_.face_ids.size());
-  TESSERA_ASSIGN_OR_RETURN(core.spans_.labels, file.Verified<int32_t>("labels", faces));
-  TESSERA_ASSIGN_OR_RETURN(core.spans_.confidence, file.Verified<float>("confidence", faces));
-  return core;
-}
 
 StatusOr<CoreMerger> CoreMerger::Create(const CityReader& city, std::vector<CoreSpans> cores) {
   CoreMerger merger;

@@ -6,11 +6,10 @@
 #include <algorithm>
 #include <functional>
 #include <iterator>
-#include <string>
+#include <span>
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/tile/mapped_arrays.h"
 #include "worker/city/city_file.h"
 #include "worker/tile/tile_files.h"
 
@@ -22,30 +21,11 @@ struct FlippedFace {
   Triangle vertices;  // their places in the core's list
 };
 
-// A core, wherever it lies.
-struct CoreSpans {
+// A tile's last state.
+struct CoreSpans : StateSpans {
   CoreSpans() = default;
-  explicit CoreSpans(const TileState& core);
-  int tile = 0;
-  std::span<const uint32_t> vertex_ids, face_ids;
-  std::span<const Eigen::Vector3d> positions;
-  std::span<const int32_t> labels;
-  std::span<const float> confidence;
+  explicit CoreSpans(const StateSpans& state) : StateSpans(state) {}
   std::span<const FlippedFace> flipped;  // ascending
-};
-
-// A core's file in the address space.
-class MappedCore {
- public:
-  // Reads it once and checks it: DATA_LOSS as ReadTileState.
-  static StatusOr<MappedCore> Open(const std::string& path);
-  const CoreSpans& spans() const { return spans_; }
-  const std::string& report() const { return report_; }
-
- private:
-  MappedArrays file_;
-  CoreSpans spans_;
-  std::string report_;
 };
 
 // Places in a list of ascending ids of which some are used no more.

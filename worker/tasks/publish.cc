@@ -30,7 +30,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   }
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
 
-  std::vector<MappedCore> cores;
+  std::vector<MappedState> cores;
   std::vector<CoreSpans> spans;
   std::vector<ReportedTile> reported;
   std::vector<TileParameters> tiles;
@@ -38,11 +38,11 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     TESSERA_RETURN_IF_ERROR(control.Check());
     if (tile.core.empty()) continue;  // gone
     tiles.push_back(tile);
-    TESSERA_ASSIGN_OR_RETURN(MappedCore core,
-                             MappedCore::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));
-    spans.push_back(core.spans());
+    TESSERA_ASSIGN_OR_RETURN(MappedState core,
+                             MappedState::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));
+    spans.emplace_back(core.spans());
     const bool set_aside = std::binary_search(parameters.set_aside.begin(), parameters.set_aside.end(), tile.tile);
-    reported.push_back({core.spans().tile, core.report(), set_aside});
+    reported.push_back({core.spans().tile, core.spans().report, set_aside});
     cores.push_back(std::move(core));
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
   }

@@ -1,7 +1,6 @@
 #include "worker/tasks/refined_surface.h"
 
-#include "common/tile/task_parameters.h"
-#include "worker/tasks/stages.h"
+#include <span>
 
 namespace tessera {
 namespace {
@@ -25,17 +24,8 @@ Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cell
   return {low * cell_m, high * cell_m};
 }
 
-StatusOr<std::vector<MappedCore>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles) {
-  std::vector<MappedCore> states;
-  for (const int tile : tiles) {
-    TESSERA_ASSIGN_OR_RETURN(MappedCore state, MappedCore::Open(InputPath(request, TileInputName(tile, kStateFile))));
-    states.push_back(std::move(state));
-  }
-  return states;
-}
-
 StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlane& ground,
-                                        const Eigen::AlignedBox2d& plan, const std::vector<MappedCore>& states) {
+                                        const Eigen::AlignedBox2d& plan, const std::vector<MappedState>& states) {
   FaceCollector collector;
   for (size_t b = 0; b < city.block_count(); ++b) {
     Eigen::AlignedBox2d of_block;
@@ -51,8 +41,8 @@ StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlan
     }
   }
   CollectedFaces found = collector.Finish();
-  for (const MappedCore& state : states) {
-    const CoreSpans& spans = state.spans();
+  for (const MappedState& state : states) {
+    const StateSpans& spans = state.spans();
     ForShared(spans.vertex_ids, found.vertex_ids,
               [&](size_t i, size_t v) { found.mesh.vertices[v] = spans.positions[i]; });
     ForShared(spans.face_ids, found.face_ids, [&](size_t i, size_t f) { found.mesh.labels[f] = spans.labels[i]; });

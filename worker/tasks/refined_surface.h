@@ -3,25 +3,20 @@
 #define TESSERA_WORKER_TASKS_REFINED_SURFACE_H_
 
 #include <Eigen/Geometry>
-#include <string>
 #include <vector>
 
 #include "common/base/status.h"
 #include "common/tile/ground.h"
 #include "worker/city/city_file.h"
 #include "worker/city/collected_faces.h"
-#include "worker/tasks/merge_cores.h"
-#include "worker/tasks/task.h"
+#include "worker/tile/tile_files.h"
 
 namespace tessera {
-
-// The states of these tiles, whose kStateFile are among the request's inputs. Errors as MappedCore::Open's.
-StatusOr<std::vector<MappedCore>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles);
 
 // The faces that may lie over `plan` (metres in the ground plane), with labels; positions and labels where `states`
 // have them, else those of the start. Errors as the city's.
 StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlane& ground,
-                                        const Eigen::AlignedBox2d& plan, const std::vector<MappedCore>& states);
+                                        const Eigen::AlignedBox2d& plan, const std::vector<MappedState>& states);
 
 // Of a rectangle of cells that are `cell_m` wide.
 Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cells);

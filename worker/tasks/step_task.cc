@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "worker/tasks/open_states.h"
 #include "worker/tasks/stages.h"
 #include "worker/tile/methods.h"
 
@@ -26,11 +27,9 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
          steps[p.step - task.level_iteration - 1].round == task.step.round) {
     ++task.level_iteration;
   }
-  std::vector<TileState> states;
-  for (const int tile : p.states) {
-    TESSERA_ASSIGN_OR_RETURN(TileState state, ReadTileState(InputPath(request, TileInputName(tile, kStateFile))));
-    states.push_back(std::move(state));
-  }
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> files, OpenStates(request, p.states));
+  std::vector<StateSpans> states;
+  for (const MappedState& file : files) states.push_back(file.spans());
   TESSERA_ASSIGN_OR_RETURN(task.known, task.work->Join(states, task.step.labels() ? label_region : iteration_region,
                                                        p.held, p.first_new_face));
   if (p.goes_on) task.known.report = "{}";

@@ -173,16 +173,16 @@ const RegionMesh& OpenTile::region(Region region) {
   return out;
 }
 
-StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_t region, const std::vector<int>& held,
+StatusOr<KnownState> OpenTile::Join(const std::vector<StateSpans>& states, uint8_t region, const std::vector<int>& held,
                                     int64_t first_new_face) {
   KnownState known;
   known.positions = package_.mesh.vertices;
   known.labels = package_.mesh.labels;
   if (states.empty()) return known;
-  const auto is_held = [&](const TileState& s) { return std::find(held.begin(), held.end(), s.tile) != held.end(); };
+  const auto is_held = [&](const StateSpans& s) { return std::find(held.begin(), held.end(), s.tile) != held.end(); };
   // What is held may be of any level.
   const bool in_level = std::any_of(states.begin(), states.end(),
-                                    [&](const TileState& s) { return !is_held(s) && !s.level_start.empty(); });
+                                    [&](const StateSpans& s) { return !is_held(s) && !s.level_start.empty(); });
   const bool others_begin = std::all_of(states.begin(), states.end(), is_held);
   if (in_level) {
     known.level_start = package_.mesh.vertices;
@@ -194,10 +194,10 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
     known.held_vertices.assign(has_vertex.size(), 0);
     known.held_faces.assign(has_face.size(), 0);
   }
-  for (const TileState& state : states) {
+  for (const StateSpans& state : states) {
     const bool of_held = is_held(state);
     // Where no vertex moves, the level began as it is.
-    const std::vector<Eigen::Vector3d>& level_start = of_held ? state.positions : state.level_start;
+    const std::span<const Eigen::Vector3d> level_start = of_held ? state.positions : state.level_start;
     if (in_level && (level_start.empty() || (!of_held && state.last_step.empty()))) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": the state of tile ", state.tile,
                                               " has no beginning of the level, that of others has"));
@@ -240,24 +240,34 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<TileState>& states, uint8_
   return known;
 }
 
+std::vector<uint32_t> OpenTile::PlacesIn(const RegionMesh& part) const {
+  std::vector<uint32_t> places(package_.face_ids.size(), kNone);
+  for (uint32_t i = 0; i < part.faces.size(); ++i) places[part.faces[i]] = i;
+  return places;
+}
+
 StatusOr<std::vector<FaceSums>> OpenTile::JoinPhoto(const std::vector<TileSums>& sums, Region region,
                                                     const std::vector<uint8_t>& held) {
-  std::vector<FaceSums> all(package_.face_ids.size());
-  std::vector<uint8_t> has(all.size(), 0);
+  const RegionMesh& part = this->region(region);
+  std::vector<FaceSums> out(part.faces.size());
+  std::vector<uint8_t> has(out.size(), 0);
+  const std::vector<uint32_t> local = PlacesIn(part);
   for (const TileSums& tile : sums) {
     if (tile.photo.empty()) continue;
     faces_by_id_.ForShared(tile.face_ids, [&](size_t i, uint32_t f) {
-      has[f] = 1;
-      all[f] = tile.photo[i];
+      const uint32_t at = local[f];
+      if (at == kNone) return;
+      has[at] = 1;
+      out[at] = tile.photo[i];
     });
   }
-  const RegionMesh& part = this->region(region);
-  for (const uint32_t f : part.faces) {
-    if (!has[f] && (held.empty() || !held[f])) {
+  for (size_t i = 0; i < has.size(); ++i) {
+    const uint32_t f = part.faces[i];
+    if (!has[i] && (held.empty() || !held[f])) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no sums of face ", package_.face_ids[f]));
     }
   }
-  return Pick(all, part.faces);
+  return out;
 }
 
 StatusOr<ContourSums> OpenTile::JoinContours(const std::vector<TileSums>& sums, Region region) {
@@ -267,8 +277,7 @@ StatusOr<ContourSums> OpenTile::JoinContours(const std::vector<TileSums>& sums, 
     const FaceContour* contour;
   };
   const RegionMesh& part = this->region(region);
-  std::vector<uint32_t> local(package_.face_ids.size(), kNone);
-  for (uint32_t i = 0; i < part.faces.size(); ++i) local[part.faces[i]] = i;
+  const std::vector<uint32_t> local = PlacesIn(part);
   std::vector<Entry> entries;
   for (const TileSums& tile : sums) {
     std::vector<uint32_t> place(tile.face_ids.size(), kNone);
@@ -297,8 +306,7 @@ StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>&
   const RegionMesh& part = this->region(region);
   const int classes = static_cast<int>(package_.classes.size());
   FaceLikelihoods out(part.faces.size(), classes);
-  std::vector<uint32_t> local(package_.face_ids.size(), kNone);
-  for (uint32_t i = 0; i < part.faces.size(); ++i) local[part.faces[i]] = i;
+  const std::vector<uint32_t> local = PlacesIn(part);
   std::vector<uint8_t> has(part.faces.size(), 0);
   for (const TileSums& tile : sums) {
     if (tile.pixels.empty() || tile.classes != classes) continue;

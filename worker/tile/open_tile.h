@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -95,7 +96,7 @@ class OpenTile {
   // `region` (0: of all that is in sight) and its corners. `held`: tiles of `states` that are left as they are;
   // where there are no others, all else is at the start.
   // Faces from id `first_new_face` on may be in no state; -1: none may.
-  StatusOr<KnownState> Join(const std::vector<TileState>& states, uint8_t region, const std::vector<int>& held = {},
+  StatusOr<KnownState> Join(const std::vector<StateSpans>& states, uint8_t region, const std::vector<int>& held = {},
                             int64_t first_new_face = -1);
   // Sums of every face of the region; none of `held` ones (KnownState::held_faces). DATA_LOSS if another is missing.
   StatusOr<std::vector<FaceSums>> JoinPhoto(const std::vector<TileSums>& sums, Region region,
@@ -114,7 +115,7 @@ class OpenTile {
     explicit ById(const std::vector<uint32_t>& ids_of_places);
     // Calls found(i, place) for each of `others` (ascending) that is among the ids.
     template <class Found>
-    void ForShared(const std::vector<uint32_t>& others, const Found& found) const {
+    void ForShared(std::span<const uint32_t> others, const Found& found) const {
       size_t at = 0;
       for (size_t i = 0; i < others.size(); ++i) {
         while (at < ids.size() && ids[at] < others[i]) ++at;
@@ -123,6 +124,9 @@ class OpenTile {
       }
     }
   };
+
+  // Of the package's faces, their places in the region; kNone beyond it.
+  std::vector<uint32_t> PlacesIn(const RegionMesh& part) const;
 
   TilePackage package_;
   ById faces_by_id_, vertices_by_id_;

@@ -20,14 +20,14 @@ Eigen::Vector3d VectorFromJson(const json& j) {
   return Eigen::Vector3d(j.at(0).get<double>(), j.at(1).get<double>(), j.at(2).get<double>());
 }
 
-// Runs `read` on the file's metadata.
+// Runs `read` on a file's metadata.
 template <class Read>
-Status ReadMetadata(const ArrayFile& file, const Read& read) {
+Status ReadMetadata(const std::string& metadata, const std::string& file, const Read& read) {
   try {
-    read(json::parse(file.metadata));
+    read(json::parse(metadata));
     return absl::OkStatus();
   } catch (const json::exception& e) {
-    return absl::DataLossError(file.name + ": metadata: " + e.what());
+    return absl::DataLossError(file + ": metadata: " + e.what());
   }
 }
 
@@ -40,12 +40,16 @@ std::vector<float> ToFloats(const std::vector<Record>& records) {
   return floats;
 }
 
-template <class Record>
-std::vector<Record> FromFloats(const std::vector<float>& floats) {
-  static_assert(sizeof(Record) % sizeof(float) == 0 && std::is_trivially_copyable_v<Record>);
-  std::vector<Record> records(floats.size() * sizeof(float) / sizeof(Record));
-  if (!records.empty()) std::memcpy(static_cast<void*>(records.data()), floats.data(), floats.size() * sizeof(float));
-  return records;
+// Records of numbers of one kind where they lie, those that are whole.
+template <class Record, class Number>
+std::span<const Record> ToRecords(std::span<const Number> numbers) {
+  static_assert(sizeof(Record) % sizeof(Number) == 0 && alignof(Record) == alignof(Number));
+  return {reinterpret_cast<const Record*>(numbers.data()), numbers.size_bytes() / sizeof(Record)};
+}
+
+template <class T>
+std::vector<T> Copy(std::span<const T> values) {
+  return {values.begin(), values.end()};
 }
 
 constexpr int kContourNumbers = 3 * (3 + 6);
@@ -75,12 +79,17 @@ StatusOr<std::vector<std::vector<int32_t>>> TakeRows(const std::string& name, in
   return rows;
 }
 
+Status CheckBegins(std::span<const uint32_t> begin, size_t count, const std::string& name, const std::string& file) {
+  if (begin.front() == 0 && begin.back() == count && std::is_sorted(begin.begin(), begin.end())) {
+    return absl::OkStatus();
+  }
+  return absl::DataLossError(absl::StrCat(file, ": ", name, ": found no ascending offsets from 0 to ", count));
+}
+
 // Offsets of cells: ascending, from 0 to `count`.
 StatusOr<std::vector<uint32_t>> TakeBegins(const std::string& name, size_t cells, size_t count, ArrayFile* file) {
   TESSERA_ASSIGN_OR_RETURN(std::vector<uint32_t> begin, file->Take<uint32_t>(name, static_cast<int64_t>(cells) + 1));
-  if (begin.front() != 0 || begin.back() != count || !std::is_sorted(begin.begin(), begin.end())) {
-    return absl::DataLossError(absl::StrCat(file->name, ": ", name, ": found no ascending offsets from 0 to ", count));
-  }
+  TESSERA_RETURN_IF_ERROR(CheckBegins(begin, count, name, file->name));
   return begin;
 }
 
@@ -126,7 +135,7 @@ StatusOr<TilePackage> ReadTilePackage(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
   TilePackage p;
   std::string classes, borders, views;
-  TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
+  TESSERA_RETURN_IF_ERROR(ReadMetadata(file.metadata, file.name, [&](const json& j) {
     p.tile = j.at("tile");
     p.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
     p.ground.axis_y = VectorFromJson(j.at("ground_axis_y"));
@@ -205,31 +214,41 @@ Status WriteTileSums(const std::string& path, const TileSums& s) {
 }
 
 StatusOr<TileSums> ReadTileSums(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
+  TESSERA_ASSIGN_OR_RETURN(const MappedArrays file, MappedArrays::Open(path));
   TileSums s;
-  TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
+  TESSERA_RETURN_IF_ERROR(ReadMetadata(file.metadata(), path, [&](const json& j) {
     s.tile = j.at("tile");
     s.classes = j.at("classes");
     s.energy = j.at("energy");
     s.semantic_energy = j.at("semantic_energy");
     s.warped_pixels = j.at("warped_pixels");
   }));
-  TESSERA_ASSIGN_OR_RETURN(s.face_ids, file.Take<uint32_t>("face_ids"));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<float> photo, file.Take<float>("photo"));
-  s.photo = FromFloats<FaceSums>(photo);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> faces, file.Take<uint32_t>("contour_faces"));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<double> contours,
-                           file.Take<double>("contours", kContourNumbers * static_cast<int64_t>(faces.size())));
-  TESSERA_ASSIGN_OR_RETURN(s.contours.views, file.Take<int32_t>("contour_views"));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> views_begin,
-                           TakeBegins("contour_views_begin", faces.size(), s.contours.views.size(), &file));
-  TESSERA_ASSIGN_OR_RETURN(s.likelihoods, file.Take<float>("likelihoods"));
-  TESSERA_ASSIGN_OR_RETURN(s.pixels, file.Take<float>("pixels"));
-  TESSERA_ASSIGN_OR_RETURN(s.sample.face_ids, file.Take<uint32_t>("sample_face_ids"));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<float> sample_photo, file.Take<float>("sample_photo"));
-  s.sample.photo = FromFloats<FaceSums>(sample_photo);
-  TESSERA_ASSIGN_OR_RETURN(s.sample.likelihoods, file.Take<float>("sample_likelihoods"));
-  TESSERA_ASSIGN_OR_RETURN(s.sample.pixels, file.Take<float>("sample_pixels"));
+  const auto read = [&]<class T>(const char* name, std::vector<T>* out) -> Status {
+    TESSERA_ASSIGN_OR_RETURN(const std::span<const T> values, file.Verified<T>(name));
+    *out = Copy(values);
+    return absl::OkStatus();
+  };
+  const auto read_photo = [&](const char* name, std::vector<FaceSums>* out) -> Status {
+    TESSERA_ASSIGN_OR_RETURN(const auto values, file.Verified<float>(name));
+    *out = Copy(ToRecords<FaceSums>(values));
+    return absl::OkStatus();
+  };
+  TESSERA_RETURN_IF_ERROR(read("face_ids", &s.face_ids));
+  TESSERA_RETURN_IF_ERROR(read_photo("photo", &s.photo));
+  TESSERA_ASSIGN_OR_RETURN(const auto faces, file.Verified<uint32_t>("contour_faces"));
+  TESSERA_ASSIGN_OR_RETURN(const auto contours,
+                           file.Verified<double>("contours", kContourNumbers * static_cast<int64_t>(faces.size())));
+  TESSERA_RETURN_IF_ERROR(read("contour_views", &s.contours.views));
+  constexpr char kViewsBegin[] = "contour_views_begin";
+  TESSERA_ASSIGN_OR_RETURN(const auto views_begin,
+                           file.Verified<uint32_t>(kViewsBegin, static_cast<int64_t>(faces.size()) + 1));
+  TESSERA_RETURN_IF_ERROR(CheckBegins(views_begin, s.contours.views.size(), kViewsBegin, path));
+  TESSERA_RETURN_IF_ERROR(read("likelihoods", &s.likelihoods));
+  TESSERA_RETURN_IF_ERROR(read("pixels", &s.pixels));
+  TESSERA_RETURN_IF_ERROR(read("sample_face_ids", &s.sample.face_ids));
+  TESSERA_RETURN_IF_ERROR(read_photo("sample_photo", &s.sample.photo));
+  TESSERA_RETURN_IF_ERROR(read("sample_likelihoods", &s.sample.likelihoods));
+  TESSERA_RETURN_IF_ERROR(read("sample_pixels", &s.sample.pixels));
   for (size_t i = 0; i < faces.size(); ++i) {
     FaceContour c;
     c.face = faces[i];
@@ -269,27 +288,41 @@ Status WriteTileState(const std::string& path, const TileState& s) {
   return WriteArrayFile(path, file);
 }
 
-StatusOr<TileState> ReadTileState(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(ArrayFile file, ReadArrayFile(path));
-  TileState s;
+StateSpans::StateSpans(const TileState& state)
+    : tile(state.tile),
+      vertex_ids(state.vertex_ids),
+      face_ids(state.face_ids),
+      positions(state.positions),
+      level_start(state.level_start),
+      last_step(state.last_step),
+      labels(state.labels),
+      confidence(state.confidence),
+      report(state.report) {}
+
+StatusOr<MappedState> MappedState::Open(const std::string& path) {
+  MappedState state;
+  TESSERA_ASSIGN_OR_RETURN(state.file_, MappedArrays::Open(path));
+  const MappedArrays& file = state.file_;
+  StateSpans& s = state.spans_;
   bool in_level = false;
-  TESSERA_RETURN_IF_ERROR(ReadMetadata(file, [&](const json& j) {
+  TESSERA_RETURN_IF_ERROR(ReadMetadata(file.metadata(), path, [&](const json& j) {
     s.tile = j.at("tile");
     in_level = j.at("in_level");
     s.report = j.at("report").dump();
   }));
-  TESSERA_ASSIGN_OR_RETURN(s.vertex_ids, file.Take<uint32_t>("vertex_ids"));
-  const int64_t vertices = static_cast<int64_t>(s.vertex_ids.size());
-  TESSERA_ASSIGN_OR_RETURN(s.positions, TakePoints("positions", vertices, &file));
-  TESSERA_ASSIGN_OR_RETURN(s.level_start, TakePoints("level_start", in_level ? vertices : 0, &file));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<float> last_step,
-                           file.Take<float>("last_step", in_level ? 3 * vertices : 0));
-  for (size_t i = 0; i < last_step.size(); i += 3) s.last_step.emplace_back(&last_step[i]);
-  TESSERA_ASSIGN_OR_RETURN(s.face_ids, file.Take<uint32_t>("face_ids"));
-  const int64_t faces = static_cast<int64_t>(s.face_ids.size());
-  TESSERA_ASSIGN_OR_RETURN(s.labels, file.Take<int32_t>("labels", faces));
-  TESSERA_ASSIGN_OR_RETURN(s.confidence, file.Take<float>("confidence", faces));
-  return s;
+  TESSERA_ASSIGN_OR_RETURN(s.vertex_ids, file.Verified<uint32_t>("vertex_ids"));
+  const auto vertices = static_cast<int64_t>(s.vertex_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(const auto positions, file.Verified<double>("positions", 3 * vertices));
+  s.positions = ToRecords<Eigen::Vector3d>(positions);
+  TESSERA_ASSIGN_OR_RETURN(const auto level_start, file.Verified<double>("level_start", in_level ? 3 * vertices : 0));
+  s.level_start = ToRecords<Eigen::Vector3d>(level_start);
+  TESSERA_ASSIGN_OR_RETURN(const auto last_step, file.Verified<float>("last_step", in_level ? 3 * vertices : 0));
+  s.last_step = ToRecords<Eigen::Vector3f>(last_step);
+  TESSERA_ASSIGN_OR_RETURN(s.face_ids, file.Verified<uint32_t>("face_ids"));
+  const auto faces = static_cast<int64_t>(s.face_ids.size());
+  TESSERA_ASSIGN_OR_RETURN(s.labels, file.Verified<int32_t>("labels", faces));
+  TESSERA_ASSIGN_OR_RETURN(s.confidence, file.Verified<float>("confidence", faces));
+  return state;
 }
 
 }  // namespace tessera

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "common/imaging/border_trust.h"
 #include "common/scene/scene.h"
 #include "common/tile/ground.h"
+#include "common/tile/mapped_arrays.h"
 #include "worker/refine/contour_term.h"
 #include "worker/refine/face_sums.h"
 #include "worker/visibility/image_window.h"
@@ -109,7 +111,31 @@ struct TileState {
 };
 
 Status WriteTileState(const std::string& path, const TileState& state);
-StatusOr<TileState> ReadTileState(const std::string& path);
+
+// A state, wherever it lies.
+struct StateSpans {
+  StateSpans() = default;
+  explicit StateSpans(const TileState& state);
+  int tile = 0;
+  std::span<const uint32_t> vertex_ids, face_ids;
+  std::span<const Eigen::Vector3d> positions, level_start;
+  std::span<const Eigen::Vector3f> last_step;
+  std::span<const int32_t> labels;
+  std::span<const float> confidence;
+  std::string report;
+};
+
+// A state's file in the address space: a step reads those of all tiles in sight, and of most of them little.
+class MappedState {
+ public:
+  // Reads it once and checks it: DATA_LOSS as MappedArrays::Open and Verified.
+  static StatusOr<MappedState> Open(const std::string& path);
+  const StateSpans& spans() const { return spans_; }
+
+ private:
+  MappedArrays file_;
+  StateSpans spans_;
+};
 
 }  // namespace tessera
 

@@ -10,6 +10,7 @@
 #include "common/tile/task_parameters.h"
 #include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
+#include "tests/support/read_tile_state.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/tile/tile_files.h"
 

@@ -8,6 +8,7 @@
 
 #include "common/base/clock.h"
 #include "common/tile/task_parameters.h"
+#include "tests/support/read_tile_state.h"
 #include "worker/tasks/stages.h"
 #include "worker/tile/tile_files.h"
 

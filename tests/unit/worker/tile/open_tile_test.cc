@@ -9,6 +9,12 @@ namespace tessera {
 namespace {
 
 // Four tiles of the toy, and the states of all where every vertex has moved by what its id says.
+std::vector<StateSpans> SpansOf(const std::vector<TileState>& states) {
+  std::vector<StateSpans> spans;
+  for (const TileState& state : states) spans.emplace_back(state);
+  return spans;
+}
+
 class OpenTileTest : public testing::Test {
  protected:
   OpenTileTest() : tiny_(MakeTinyCity()) {
@@ -70,7 +76,7 @@ TEST_F(OpenTileTest, WithoutStatesItIsTheStart) {
 TEST_F(OpenTileTest, StatesSayWhereEverythingIs) {
   for (size_t t = 0; t < cuts_.size(); ++t) {
     OpenTile tile(cuts_[t].package);
-    const auto known = tile.Join(states_, kSolveRegion | kMendRegion | kLabelRegion);
+    const auto known = tile.Join(SpansOf(states_), kSolveRegion | kMendRegion | kLabelRegion);
     ASSERT_TRUE(known.ok()) << known.status();
     for (size_t v = 0; v < known->positions.size(); ++v) {
       EXPECT_EQ(known->positions[v], Moved(cuts_[t].package.vertex_ids[v]));
@@ -99,9 +105,9 @@ TEST_F(OpenTileTest, AMissingNeighbourIsFound) {
       for (const int t : reads) {
         if (t != missing) states.push_back(states_[t]);
       }
-      EXPECT_EQ(tile.Join(states, region).status().code(), absl::StatusCode::kDataLoss) << missing;
+      EXPECT_EQ(tile.Join(SpansOf(states), region).status().code(), absl::StatusCode::kDataLoss) << missing;
       states.push_back(states_[missing]);
-      EXPECT_TRUE(tile.Join(states, region).ok()) << "all that it reads is enough";
+      EXPECT_TRUE(tile.Join(SpansOf(states), region).ok()) << "all that it reads is enough";
     }
   }
 }
@@ -116,9 +122,9 @@ TEST_F(OpenTileTest, TilesThatDisagreeAreCounted) {
   for (size_t v = 0; v < states[1].vertex_ids.size(); ++v) {
     const uint32_t id = states[1].vertex_ids[v];
     if (!has(0, id) || has(2, id) || has(3, id)) continue;
-    const auto before = tile.Join(states, kSolveRegion);
+    const auto before = tile.Join(SpansOf(states), kSolveRegion);
     states[1].positions[v].z() = std::nextafter(states[1].positions[v].z(), 1e9);
-    const auto known = tile.Join(states, kSolveRegion);
+    const auto known = tile.Join(SpansOf(states), kSolveRegion);
     ASSERT_TRUE(before.ok() && known.ok());
     EXPECT_EQ(known->compared, before->compared);
     EXPECT_EQ(before->different, 0);
@@ -138,7 +144,7 @@ TEST_F(OpenTileTest, ALevelsStartIsKeptWhereAllHaveIt) {
       state.last_step.push_back(3 * Moved(v).cast<float>());
     }
   }
-  const auto known = tile.Join(states_, kSolveRegion);
+  const auto known = tile.Join(SpansOf(states_), kSolveRegion);
   ASSERT_TRUE(known.ok()) << known.status();
   ASSERT_EQ(known->level_start.size(), known->positions.size());
   for (size_t v = 0; v < known->level_start.size(); ++v) {
@@ -146,7 +152,7 @@ TEST_F(OpenTileTest, ALevelsStartIsKeptWhereAllHaveIt) {
     EXPECT_EQ(known->last_step[v], 3 * Moved(cuts_[0].package.vertex_ids[v]).cast<float>());
   }
   states_[1].level_start.clear();
-  EXPECT_EQ(tile.Join(states_, kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(tile.Join(SpansOf(states_), kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
 }
 
 TEST_F(OpenTileTest, SumsAreThoseOfTheRegionsFaces) {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "common/storage/files.h"
+#include "tests/support/read_tile_state.h"
 #include "worker/tasks/task.h"
 
 namespace tessera {

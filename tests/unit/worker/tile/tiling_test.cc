@@ -35,7 +35,7 @@ std::vector<TileState> StatesOf(const std::vector<CutResult>& cuts) {
 
 Status MergeInto(const CityReader& city, const std::vector<TileState>& cores, TriangleMesh* merged) {
   std::vector<CoreSpans> spans;
-  for (const TileState& core : cores) spans.emplace_back(core);
+  for (const TileState& core : cores) spans.emplace_back(StateSpans(core));
   TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, spans));
   TESSERA_RETURN_IF_ERROR(
       merger.ForEachVertex([&](const MergedVertex& vertex) { merged->vertices.push_back(vertex.after); }));
