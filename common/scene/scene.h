@@ -25,6 +25,7 @@ struct SceneClass {
   double prior_alpha_rad = 3.141592653589793;
   double prior_beta_rad = 0;
   double smoothness = 1;
+  double keep = 0;  // how much its faces stay at the start, along their normals; in units of smoothness
 };
 
 struct Flight {

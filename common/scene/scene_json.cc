@@ -136,6 +136,7 @@ void ParseClasses(const Json& value, const std::string& file, SceneFile* scene, 
       if (in.Number("prior_alpha_deg", 0, 180, &degrees)) entry.prior_alpha_rad = degrees * kRadiansPerDegree;
       if (in.Number("prior_beta_deg", 0, 180, &degrees)) entry.prior_beta_rad = degrees * kRadiansPerDegree;
       in.Number("smoothness", 0, 1000, &entry.smoothness);
+      in.Number("keep", 0, 1000, &entry.keep);
       in.RefuseUnknown();
     } else {
       faults->Add(InputError(file, place, Shown(value[i]), "a class name or an object"));

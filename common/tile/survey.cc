@@ -113,7 +113,8 @@ json ClassArray(const std::vector<SceneClass>& classes) {
                    {"color_rgb", c.color_rgb},
                    {"prior_alpha_rad", c.prior_alpha_rad},
                    {"prior_beta_rad", c.prior_beta_rad},
-                   {"smoothness", c.smoothness}});
+                   {"smoothness", c.smoothness},
+                   {"keep", c.keep}});
   }
   return out;
 }
@@ -127,6 +128,7 @@ std::vector<SceneClass> ClassesFromArray(const json& j) {
     c.prior_alpha_rad = item.at("prior_alpha_rad");
     c.prior_beta_rad = item.at("prior_beta_rad");
     c.smoothness = item.at("smoothness");
+    c.keep = item.value("keep", 0.0);  // surveys of before version 19 have none
     classes.push_back(std::move(c));
   }
   return classes;

@@ -43,7 +43,7 @@ TEST(SceneJsonTest, DefaultsOfTheShortestScene) {
 
 TEST(SceneJsonTest, EveryKeyIsRead) {
   const SceneFile file = Parse(R"({"tessera_scene": 1, "name": "a", "cameras": "c", "images": "i", "likelihoods": "l",
-    "mesh": "m.ply", "classes": [{"name": "roof", "color": "#0a0B0c", "smoothness": 2},
+    "mesh": "m.ply", "classes": [{"name": "roof", "color": "#0a0B0c", "smoothness": 2, "keep": 0.5},
     {"name": "water", "prior_alpha_deg": 10, "prior_beta_deg": 5}, "ground"],
     "crs": {"type": "enu", "lat_deg": 52.5, "lon_deg": 7, "height_m": 40}, "up": [0, 3, 4],
     "flights": [{"name": "spring", "date": "2026-05-14", "images": ["s*"]}, {"name": "rest"}]})");
@@ -51,6 +51,8 @@ TEST(SceneJsonTest, EveryKeyIsRead) {
   EXPECT_TRUE(file.mesh.given);
   EXPECT_EQ(file.classes[0].color_rgb, (std::array<uint8_t, 3>{10, 11, 12}));
   EXPECT_EQ(file.classes[0].smoothness, 2);
+  EXPECT_EQ(file.classes[0].keep, 0.5);
+  EXPECT_EQ(file.classes[1].keep, 0);
   EXPECT_DOUBLE_EQ(file.classes[0].prior_alpha_rad, 60 * kDegree);  // a known name's default
   EXPECT_DOUBLE_EQ(file.classes[1].prior_alpha_rad, 10 * kDegree);
   EXPECT_EQ(file.classes[2].name, "ground");

@@ -26,6 +26,7 @@ Survey MakeSurvey() {
   s.classes[1].name = "roof";
   s.classes[1].prior_alpha_rad = 1.0 / 9;
   s.classes[1].smoothness = 1.0 / 11;
+  s.classes[1].keep = 1.0 / 17;
   s.borders = BorderTrusts(2);
   s.borders.Set(0, 1, {1.0 / 13, 0.5, 1.0 / 3});
   s.warnings = {"something odd"};
@@ -43,6 +44,7 @@ TEST(Survey, JsonRoundTripKeepsEveryBit) {
             MakeSurvey().views[0].camera.translation_cam_from_world);
   EXPECT_EQ(parsed->views[0].lens.coefficients[1], 1.0 / 7);
   EXPECT_EQ(parsed->classes[1].smoothness, 1.0 / 11);
+  EXPECT_EQ(parsed->classes[1].keep, 1.0 / 17);
   EXPECT_EQ(parsed->borders, MakeSurvey().borders);
 }
 

@@ -15,6 +15,7 @@ constexpr LabelTraits kLabelled = {.classes = 2, .has_likelihoods = true, .has_l
 std::vector<SceneClass> TwoClasses() {
   std::vector<SceneClass> classes(2);
   classes[0].smoothness = 3;
+  classes[0].keep = 0.5;
   classes[1].smoothness = 0.25;
   return classes;
 }
@@ -34,6 +35,9 @@ TEST(Methods, EachHasItsTerms) {
   EXPECT_EQ(ours.label.form, LabelOptions::Form::kTessera);
   EXPECT_THAT(ours.geometry.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
                                                  ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
+
+  EXPECT_THAT(ours.geometry.classes,
+              ElementsAre(::testing::Field(&ClassSmoothness::keep, 0.5), ::testing::Field(&ClassSmoothness::keep, 0)));
 
   EXPECT_FALSE(baseline.geometry_knows_labels);
   EXPECT_EQ(baseline.rounds, 1);
