@@ -3,9 +3,12 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <chrono>
 #include <cstdlib>
+#include <functional>
 #include <optional>
 #include <random>
+#include <thread>
 
 #include "common/base/random.h"
 #include "tests/e2e/programs.h"
@@ -38,6 +41,22 @@ class LostTimeTest : public testing::Test {
     return {};
   }
 
+  // Stops the only worker while it has a measure task, and gives that. Tasks take milliseconds: one that was leased
+  // when it was looked at may have ended by then, so what is under way is waited for, a tenth of the lease.
+  static v1::Task StoppedInMeasure(Cluster& cluster, const std::string& job, const std::function<void()>& stop,
+                                   const std::function<void()>& go_on) {
+    v1::Task task;
+    EXPECT_TRUE(WaitUntil([&] {
+      task = LeasedMeasure(cluster, job);
+      stop();
+      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+      if (TaskNow(cluster, job, task.name()).state() == v1::TASK_STATE_LEASED) return true;
+      go_on();
+      return false;
+    }));
+    return task;
+  }
+
   // The job's end: published once, with the bytes of a job that nothing happened to. Gives the attempts of `kind`.
   std::map<std::string, int> ExpectUndisturbed(Cluster& cluster, const std::string& name, const std::string& kind) {
     const v1::Job job = cluster.Await(name);
@@ -62,8 +81,8 @@ TEST_F(LostTimeTest, AWorkerThatStoodStillBeyondItsLeaseIsLateAndChangesNothing)
   Cluster cluster(folder_.path(), 2);
   Program& still = cluster.AddWorker();
   const std::string job = cluster.Submit(ToyCity(), 4).name();
-  const v1::Task task = LeasedMeasure(cluster, job);
-  still.Signal(SIGSTOP);
+  const v1::Task task = StoppedInMeasure(
+      cluster, job, [&] { still.Signal(SIGSTOP); }, [&] { still.Signal(SIGCONT); });
   cluster.AddWorker();
   ASSERT_TRUE(WaitUntil([&] { return TaskNow(cluster, job, task.name()).state() == v1::TASK_STATE_SUCCEEDED; }));
   EXPECT_EQ(TaskNow(cluster, job, task.name()).attempt(), task.attempt() + 1);
@@ -79,8 +98,8 @@ TEST_F(LostTimeTest, AWorkerCutOffForLongerThanItsLeaseLosesOneTask) {
   TcpProxy network(cluster.address());
   Program& away = cluster.AddWorker({"--coordinator", network.address()});
   const std::string job = cluster.Submit(ToyCity(), 4).name();
-  const v1::Task task = LeasedMeasure(cluster, job);
-  network.Set(TcpProxy::Mode::kStall);
+  const v1::Task task = StoppedInMeasure(
+      cluster, job, [&] { network.Set(TcpProxy::Mode::kStall); }, [&] { network.Set(TcpProxy::Mode::kPass); });
   cluster.AddWorker();
   ASSERT_TRUE(WaitUntil([&] { return TaskNow(cluster, job, task.name()).state() == v1::TASK_STATE_SUCCEEDED; }));
   EXPECT_EQ(TaskNow(cluster, job, task.name()).attempt(), task.attempt() + 1) << "one lease was lost";

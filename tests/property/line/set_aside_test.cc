@@ -6,12 +6,14 @@
 #include <set>
 #include <vector>
 
+#include "common/meshio/ply.h"
 #include "common/storage/files.h"
 #include "common/tile/task_parameters.h"
 #include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/read_tile_state.h"
 #include "tests/support/tiny_scene.h"
+#include "worker/city/city_file.h"
 #include "worker/tile/tile_files.h"
 
 namespace tessera {
@@ -98,6 +100,16 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
       EXPECT_EQ(left.positions, state_of[stays].positions);
       EXPECT_EQ(left.labels, state_of[stays].labels);
     }
+    // Its edges are not flipped, others' are.
+    const auto city = ReadCity(tasks.front().output_dir + "/" + kCityFile);
+    const auto result = ReadPly(tasks.back().output_dir + "/" + kMeshFile);
+    ASSERT_TRUE(city.ok() && result.ok());
+    std::set<size_t> flipped;
+    for (size_t f = 0; f < result->mesh.faces.size(); ++f) {
+      if (result->mesh.faces[f] != city->mesh.faces[f]) flipped.insert(f);
+    }
+    EXPECT_FALSE(flipped.empty());
+    for (const uint32_t f : left.face_ids) EXPECT_FALSE(flipped.contains(f));
     // The others go on, and far enough from it they move as without this.
     const TileState other = Published(tasks, 0), undisturbed = Published(whole, 0);
     const std::set<uint32_t> shared(left.vertex_ids.begin(), left.vertex_ids.end());
