@@ -128,7 +128,7 @@ std::vector<SceneClass> ClassesFromArray(const json& j) {
     c.prior_alpha_rad = item.at("prior_alpha_rad");
     c.prior_beta_rad = item.at("prior_beta_rad");
     c.smoothness = item.at("smoothness");
-    c.keep = item.value("keep", 0.0);  // surveys of before version 19 have none
+    c.keep = item.value("keep", 0.0);  // jobs of before version 19, whose lineage may be asked for, have none
     classes.push_back(std::move(c));
   }
   return classes;

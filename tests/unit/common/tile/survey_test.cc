@@ -48,6 +48,17 @@ TEST(Survey, JsonRoundTripKeepsEveryBit) {
   EXPECT_EQ(parsed->borders, MakeSurvey().borders);
 }
 
+TEST(Survey, OfAnEarlierVersionKeepsNoClass) {
+  std::string json = SurveyToJson(MakeSurvey());
+  for (size_t at = json.find("\"keep\":"); at != std::string::npos; at = json.find("\"keep\":")) {
+    json.erase(at, json.find(',', at) + 1 - at);
+  }
+  const StatusOr<Survey> parsed = ParseSurvey(json);
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->classes[1].keep, 0);
+  EXPECT_EQ(parsed->classes[1].smoothness, 1.0 / 11);
+}
+
 TEST(Survey, RefusesWhatItDidNotWrite) {
   EXPECT_FALSE(ParseSurvey("").ok());
   EXPECT_FALSE(ParseSurvey("{}").ok());
