@@ -11,7 +11,7 @@
 
 namespace tessera {
 
-// What its bearer may do; server/api/access.cc says which calls. Each is a bit.
+// What its bearer may do; server/auth/access.cc says which calls. Each is a bit.
 enum class Role : unsigned {
   kViewer = 1,     // reads jobs and what they published
   kSubmitter = 2,  // what a viewer may; submits and steers jobs

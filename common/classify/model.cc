@@ -7,10 +7,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "common/arrays/array_file.h"
 #include "common/base/json_bounds.h"
 #include "common/classify/features.h"
 #include "common/storage/files.h"
-#include "common/tile/array_file.h"
 
 namespace tessera {
 namespace {

@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "common/storage/hash.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
 
 namespace tessera {
 

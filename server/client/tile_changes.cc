@@ -6,7 +6,7 @@
 #include <set>
 
 #include "absl/strings/str_cat.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "common/base/printable.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "server/dispatch/digest_proto.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/dispatch/job_report.h"

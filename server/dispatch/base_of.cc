@@ -1,7 +1,7 @@
 // What a job that goes on from others finds in their records.
 #include <utility>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "server/dispatch/ledger.h"
 
 namespace tessera {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <charconv>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 
 namespace tessera {
 

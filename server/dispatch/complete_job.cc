@@ -3,7 +3,7 @@
 #include <set>
 #include <utility>
 
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/plan/rollback.h"
 

@@ -4,7 +4,7 @@
 #include <set>
 #include <utility>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "server/dispatch/digest_proto.h"
 #include "server/dispatch/task_key.h"
 #include "server/settings/settings_proto.h"

@@ -3,7 +3,7 @@
 #include <set>
 #include <utility>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "server/dispatch/digest_proto.h"
 #include "server/dispatch/ledger.h"
 #include "tessera/v1/records.pb.h"

@@ -6,7 +6,7 @@
 #include <unordered_map>
 #include <utility>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 
 namespace tessera {
 namespace {

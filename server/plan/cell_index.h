@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/tile/ground.h"
-#include "common/tile/survey.h"
+#include "common/job/ground.h"
+#include "common/job/survey.h"
 
 namespace tessera {
 

@@ -7,7 +7,7 @@
 #include <set>
 #include <vector>
 
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 #include "server/plan/graph.h"
 
 namespace tessera {

@@ -8,8 +8,8 @@
 #include <string>
 #include <utility>
 
-#include "common/tile/change_cells.h"
-#include "common/tile/sample_cell.h"
+#include "common/job/change_cells.h"
+#include "common/job/sample_cell.h"
 
 namespace tessera {
 namespace {

@@ -10,9 +10,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/tile/ground.h"
-#include "common/tile/refine_steps.h"
-#include "common/tile/survey.h"
+#include "common/job/ground.h"
+#include "common/job/refine_steps.h"
+#include "common/job/survey.h"
 #include "server/plan/cell_index.h"
 #include "server/settings/job_settings.h"
 

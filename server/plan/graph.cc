@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "common/tile/refine_steps.h"
-#include "common/tile/survey.h"
+#include "common/job/refine_steps.h"
+#include "common/job/survey.h"
 #include "server/plan/cell_index.h"
 #include "server/plan/classify_tasks.h"
 #include "server/plan/cost_model.h"

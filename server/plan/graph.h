@@ -14,8 +14,8 @@
 #include "common/base/interned_string.h"
 #include "common/base/rarely.h"
 #include "common/base/status.h"
+#include "common/job/task_parameters.h"
 #include "common/storage/hash.h"
-#include "common/tile/task_parameters.h"
 #include "server/plan/cost_scale.h"
 #include "server/settings/job_settings.h"
 

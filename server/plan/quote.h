@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 #include "server/plan/cost_scale.h"
 #include "server/settings/job_settings.h"
 

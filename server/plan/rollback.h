@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 #include "server/plan/graph.h"
 
 namespace tessera {

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "common/tile/refine_steps.h"
-#include "common/tile/survey.h"
+#include "common/job/refine_steps.h"
+#include "common/job/survey.h"
 #include "server/plan/graph.h"
 
 namespace tessera {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 #include "server/plan/cell_index.h"
 #include "server/plan/cost_model.h"
 

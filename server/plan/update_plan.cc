@@ -7,7 +7,7 @@
 #include <set>
 
 #include "absl/strings/str_format.h"
-#include "common/tile/refine_steps.h"
+#include "common/job/refine_steps.h"
 #include "server/plan/cell_index.h"
 
 namespace tessera {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "server/plan/cost_scale.h"
 #include "server/plan/graph.h"
 #include "server/plan/quote.h"

@@ -10,7 +10,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "common/tile/change_cells.h"
+#include "common/job/change_cells.h"
 #include "server/plan/rollback.h"
 
 namespace tessera {

@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 #include "server/plan/cost_model.h"
 #include "server/plan/graph.h"
 

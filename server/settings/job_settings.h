@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/tile/method_settings.h"
+#include "common/job/method_settings.h"
 
 namespace tessera {
 

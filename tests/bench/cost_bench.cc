@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 #include "server/plan/cost_model.h"
 #include "server/plan/graph.h"
 

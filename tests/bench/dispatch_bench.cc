@@ -14,9 +14,9 @@
 
 #include "absl/synchronization/mutex.h"
 #include "common/base/version.h"
+#include "common/job/task_parameters.h"
 #include "common/log/log.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 #include "tests/bench/bench_coordinator.h"
 #include "tests/bench/dispatch_fleet.h"
 #include "tests/bench/synthetic_survey.h"

@@ -24,9 +24,9 @@
 #include "common/rpc/channel.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "server/api/logging.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/store/sqlite_store.h"
+#include "server/tesserad/logging.h"
 #include "tessera/v1/workers.grpc.pb.h"
 #include "tests/bench/bench_coordinator.h"
 

@@ -13,9 +13,9 @@
 
 #include "common/base/parallel.h"
 #include "tests/support/make_texels.h"
-#include "tests/unit/worker/refine/relief_scene.h"
-#include "tests/unit/worker/refine/zncc_oracle.h"
-#include "worker/refine/photo_term.h"
+#include "tests/support/relief_scene.h"
+#include "tests/unit/worker/photo/zncc_oracle.h"
+#include "worker/photo/photo_term.h"
 
 namespace tessera {
 namespace {

@@ -5,7 +5,7 @@
 
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
-#include "worker/refine/pairs.h"
+#include "worker/photo/pairs.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {

@@ -15,9 +15,9 @@
 
 #include "common/base/clock.h"
 #include "common/base/task_usage.h"
+#include "common/job/task_parameters.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 #include "server/dispatch/dispatcher.h"
 #include "server/store/sqlite_store.h"
 #include "tests/bench/synthetic_survey.h"

@@ -4,9 +4,9 @@
 #include <filesystem>
 
 #include "absl/strings/str_cat.h"
+#include "common/job/task_parameters.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 
 namespace tessera {
 

@@ -15,9 +15,9 @@
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
 #include "common/geometry/nearest_surface.h"
+#include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 #include "tests/bench/bench_scenes.h"
 #include "tests/bench/scene_runner.h"
 

@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 
 namespace tessera {
 

@@ -5,8 +5,8 @@
 #include <cstring>
 #include <string>
 
+#include "common/arrays/mapped_arrays.h"
 #include "common/storage/hash.h"
-#include "common/tile/mapped_arrays.h"
 #include "tests/fuzz/memory_file.h"
 
 namespace tessera {

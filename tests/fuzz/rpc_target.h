@@ -17,7 +17,7 @@
 #include "common/base/version.h"
 #include "common/log/log.h"
 #include "common/rpc/channel.h"
-#include "server/api/coordinator_server.h"
+#include "server/grpc/coordinator_server.h"
 #include "tessera/v1/blobs.pb.h"
 #include "tessera/v1/jobs.pb.h"
 #include "tessera/v1/workers.pb.h"

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "common/tile/method_settings.h"
+#include "common/job/method_settings.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
 #include "tests/fuzz/frames.h"

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 #include "tests/fuzz/promises.h"
 
 namespace tessera {

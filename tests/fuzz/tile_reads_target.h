@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "tests/fuzz/promises.h"
 
 namespace tessera {

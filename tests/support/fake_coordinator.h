@@ -13,8 +13,8 @@
 #include <string>
 #include <vector>
 
+#include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 #include "server/dispatch/dispatcher.h"
 #include "tests/support/fake_clock.h"
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "tests/support/make_texels.h"
-#include "worker/refine/view_pixels.h"
+#include "worker/photo/view_pixels.h"
 
 namespace tessera {
 

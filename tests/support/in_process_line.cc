@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 
 namespace tessera {
 namespace {

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "common/imaging/raster.h"
-#include "worker/refine/stored_texels.h"
-#include "worker/refine/texels.h"
+#include "worker/photo/stored_texels.h"
+#include "worker/photo/texels.h"
 
 namespace tessera {
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 
 namespace tessera {
 

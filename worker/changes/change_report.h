@@ -43,8 +43,8 @@
 
 #include "common/base/status.h"
 #include "common/imaging/raster.h"
+#include "common/job/ground.h"
 #include "common/scene/scene.h"
-#include "common/tile/ground.h"
 #include "worker/changes/change_areas.h"
 #include "worker/changes/change_raster.h"
 #include "worker/changes/disagreement.h"

@@ -8,7 +8,7 @@
 
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 
 namespace tessera {
 

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 #include "worker/changes/change_view.h"
 
 namespace tessera {

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "common/geometry/mesh.h"
-#include "common/tile/change_cells.h"
-#include "common/tile/ground.h"
+#include "common/job/change_cells.h"
+#include "common/job/ground.h"
 #include "worker/changes/change_raster.h"
 #include "worker/changes/change_view.h"
 #include "worker/changes/semi_global.h"

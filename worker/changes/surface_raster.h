@@ -7,7 +7,7 @@
 
 #include "common/geometry/mesh.h"
 #include "common/geometry/ray_caster.h"
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 #include "worker/changes/change_raster.h"
 
 namespace tessera {

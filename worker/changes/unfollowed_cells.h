@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 #include "worker/changes/change_areas.h"
 
 namespace tessera {

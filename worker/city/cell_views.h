@@ -11,7 +11,7 @@
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/geometry/mesh.h"
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 #include "worker/city/city_file.h"
 #include "worker/city/city_sight.h"
 #include "worker/city/view_choice.h"

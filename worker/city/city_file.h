@@ -8,11 +8,11 @@
 #include <string>
 #include <vector>
 
+#include "common/arrays/mapped_arrays.h"
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
-#include "common/tile/ground.h"
-#include "common/tile/mapped_arrays.h"
-#include "common/tile/survey.h"
+#include "common/job/ground.h"
+#include "common/job/survey.h"
 
 namespace tessera {
 

@@ -11,7 +11,7 @@
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "common/imaging/camera.h"
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 #include "worker/city/city_file.h"
 #include "worker/city/disk_mesh.h"
 #include "worker/refine/density.h"

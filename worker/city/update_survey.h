@@ -9,12 +9,12 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
 #include "worker/city/cell_views.h"
 #include "worker/city/city_file.h"
-#include "worker/refine/pairs.h"
+#include "worker/photo/pairs.h"
 
 namespace tessera {
 

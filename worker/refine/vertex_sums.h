@@ -7,8 +7,8 @@
 
 #include "common/geometry/mesh.h"
 #include "common/geometry/topology.h"
-#include "worker/refine/contour_term.h"
-#include "worker/refine/face_sums.h"
+#include "worker/photo/contour_term.h"
+#include "worker/photo/face_sums.h"
 
 namespace tessera {
 

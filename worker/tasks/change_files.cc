@@ -2,7 +2,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "common/tile/array_file.h"
+#include "common/arrays/array_file.h"
 
 namespace tessera {
 

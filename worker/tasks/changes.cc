@@ -1,16 +1,16 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_format.h"
+#include "common/job/change_cells.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
-#include "common/tile/change_cells.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
 #include "worker/changes/change_report.h"
 #include "worker/changes/surface_raster.h"
+#include "worker/publish/outdated_faces.h"
 #include "worker/tasks/change_files.h"
 #include "worker/tasks/open_states.h"
-#include "worker/tasks/outdated_faces.h"
 #include "worker/tasks/refined_surface.h"
 #include "worker/tasks/stages.h"
 

@@ -7,9 +7,9 @@
 
 #include "common/base/status.h"
 #include "common/base/task_control.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
 #include "worker/tasks/task.h"
 
 namespace tessera {

@@ -3,10 +3,10 @@
 #include <nlohmann/json.hpp>
 
 #include "common/imaging/image_io.h"
+#include "common/job/change_cells.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "common/tile/change_cells.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
 #include "worker/changes/measure_changes.h"
 #include "worker/tasks/change_files.h"
 #include "worker/tasks/open_states.h"

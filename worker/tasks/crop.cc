@@ -1,6 +1,6 @@
 #include <nlohmann/json.hpp>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "worker/tasks/stages.h"
 #include "worker/tile/tile_files.h"
 #include "worker/tile/tile_views.h"

@@ -1,8 +1,8 @@
 #include <nlohmann/json.hpp>
 
 #include "common/base/pick.h"
-#include "common/tile/refine_steps.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/refine_steps.h"
+#include "common/job/task_parameters.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
 

@@ -1,7 +1,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/base/pick.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
 #include "worker/tile/repair_core.h"

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "worker/tasks/stages.h"
 
 namespace tessera {

@@ -2,17 +2,17 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
 #include "common/storage/mapped_file.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
-#include "worker/tasks/flipped_faces.h"
-#include "worker/tasks/merge_cores.h"
-#include "worker/tasks/outdated_faces.h"
-#include "worker/tasks/report.h"
+#include "worker/publish/flipped_faces.h"
+#include "worker/publish/merge_cores.h"
+#include "worker/publish/outdated_faces.h"
+#include "worker/publish/report.h"
+#include "worker/publish/tile_meshes.h"
 #include "worker/tasks/stages.h"
-#include "worker/tasks/tile_meshes.h"
 
 namespace tessera {
 

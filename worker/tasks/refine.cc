@@ -1,6 +1,6 @@
 #include <nlohmann/json.hpp>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
 #include "worker/tile/methods.h"

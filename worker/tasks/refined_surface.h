@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 #include "worker/city/city_file.h"
 #include "worker/city/collected_faces.h"
 #include "worker/tile/tile_files.h"

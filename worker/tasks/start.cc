@@ -1,8 +1,8 @@
 #include <nlohmann/json.hpp>
 
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
 #include "worker/city/collected_faces.h"
 #include "worker/tasks/stages.h"
 #include "worker/tile/refine_tile.h"

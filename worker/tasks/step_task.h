@@ -6,8 +6,8 @@
 #include <string>
 
 #include "common/base/status.h"
-#include "common/tile/refine_steps.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/refine_steps.h"
+#include "common/job/task_parameters.h"
 #include "worker/tasks/task.h"
 #include "worker/tile/open_tile.h"
 #include "worker/tile/refine_tile.h"

@@ -9,7 +9,7 @@
 #include <set>
 
 #include "absl/strings/str_cat.h"
-#include "common/tile/sample_cell.h"
+#include "common/job/sample_cell.h"
 #include "worker/city/collected_faces.h"
 #include "worker/refine/descent.h"
 #include "worker/visibility/rasterizer.h"

@@ -3,8 +3,8 @@
 #define TESSERA_WORKER_TILE_CUT_TILE_H_
 
 #include "common/base/status.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "worker/city/city_file.h"
 #include "worker/tile/regions.h"
 #include "worker/tile/sight.h"

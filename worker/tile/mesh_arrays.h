@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "common/arrays/array_file.h"
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
-#include "common/tile/array_file.h"
 
 namespace tessera {
 

@@ -1,6 +1,6 @@
 #include "worker/tile/methods.h"
 
-#include "common/tile/refine_steps.h"
+#include "common/job/refine_steps.h"
 
 namespace tessera {
 namespace {

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "common/base/status.h"
+#include "common/job/refine_steps.h"
+#include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
-#include "common/tile/refine_steps.h"
-#include "common/tile/task_parameters.h"
 #include "worker/tile/tile_options.h"
 
 namespace tessera {

@@ -6,7 +6,7 @@
 
 #include "common/base/elapsed.h"
 #include "common/geometry/topology.h"
-#include "common/tile/refine_steps.h"
+#include "common/job/refine_steps.h"
 #include "worker/visibility/cell_sight.h"
 #include "worker/visibility/rasterizer.h"
 

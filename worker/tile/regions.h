@@ -9,7 +9,7 @@
 
 #include "common/geometry/mesh.h"
 #include "common/geometry/topology.h"
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 #include "worker/label/label_reach.h"
 #include "worker/refine/stepper.h"
 

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/tile/ground.h"
-#include "common/tile/survey.h"
+#include "common/job/ground.h"
+#include "common/job/survey.h"
 #include "worker/visibility/image_window.h"
 
 namespace tessera {

@@ -6,8 +6,8 @@
 #include <type_traits>
 
 #include "absl/strings/str_cat.h"
-#include "common/tile/array_file.h"
-#include "common/tile/survey.h"
+#include "common/arrays/array_file.h"
+#include "common/job/survey.h"
 #include "worker/tile/mesh_arrays.h"
 
 namespace tessera {

@@ -9,14 +9,14 @@
 #include <string>
 #include <vector>
 
+#include "common/arrays/mapped_arrays.h"
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/border_trust.h"
+#include "common/job/ground.h"
 #include "common/scene/scene.h"
-#include "common/tile/ground.h"
-#include "common/tile/mapped_arrays.h"
-#include "worker/refine/contour_term.h"
-#include "worker/refine/face_sums.h"
+#include "worker/photo/contour_term.h"
+#include "worker/photo/face_sums.h"
 #include "worker/visibility/image_window.h"
 #include "worker/visibility/mesh_cells.h"
 

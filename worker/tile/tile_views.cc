@@ -9,10 +9,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "common/arrays/mapped_arrays.h"
 #include "common/imaging/image_io.h"
 #include "common/storage/mapped_file.h"
-#include "common/tile/mapped_arrays.h"
-#include "worker/refine/texels.h"
+#include "worker/photo/texels.h"
 
 namespace tessera {
 namespace {

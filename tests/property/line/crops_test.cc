@@ -4,9 +4,9 @@
 #include <algorithm>
 
 #include "common/imaging/image_io.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "common/tile/survey.h"
-#include "common/tile/task_parameters.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/tile/tile_files.h"

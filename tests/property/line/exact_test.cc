@@ -5,9 +5,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "common/job/task_parameters.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 #include "tests/property/line/same_mesh.h"
 #include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"

@@ -6,9 +6,9 @@
 #include <nlohmann/json.hpp>
 
 #include "common/base/random.h"
+#include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 #include "tests/property/line/same_mesh.h"
 #include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"

@@ -6,9 +6,9 @@
 #include <set>
 #include <vector>
 
+#include "common/job/task_parameters.h"
 #include "common/meshio/ply.h"
 #include "common/storage/files.h"
-#include "common/tile/task_parameters.h"
 #include "tests/property/line/strip.h"
 #include "tests/support/in_process_line.h"
 #include "tests/support/read_tile_state.h"

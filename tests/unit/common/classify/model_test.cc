@@ -3,10 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "common/arrays/array_file.h"
 #include "common/base/random.h"
 #include "common/classify/features.h"
 #include "common/storage/files.h"
-#include "common/tile/array_file.h"
 #include "tests/support/tiny_scene.h"
 
 namespace tessera {

@@ -2,7 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "server/dispatch/ledger.h"
 #include "tessera/v1/records.pb.h"
 

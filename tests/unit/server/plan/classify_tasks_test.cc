@@ -8,7 +8,7 @@
 #include <map>
 #include <set>
 
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "server/plan/cost_model.h"
 #include "tests/unit/server/plan/update_pair.h"
 

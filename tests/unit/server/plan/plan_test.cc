@@ -5,8 +5,8 @@
 #include <map>
 #include <set>
 
-#include "common/tile/refine_steps.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/refine_steps.h"
+#include "common/job/task_parameters.h"
 #include "server/plan/graph.h"
 #include "tests/unit/server/plan/small_surveys.h"
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "common/base/random.h"
-#include "common/tile/survey.h"
+#include "common/job/survey.h"
 #include "server/plan/tiling.h"
 
 namespace tessera {

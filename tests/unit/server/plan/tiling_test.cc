@@ -7,7 +7,7 @@
 #include <numeric>
 #include <set>
 
-#include "common/tile/refine_steps.h"
+#include "common/job/refine_steps.h"
 #include "server/plan/cost_model.h"
 #include "server/plan/graph.h"
 #include "tests/unit/server/plan/small_surveys.h"

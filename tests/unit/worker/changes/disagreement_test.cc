@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "common/tile/change_cells.h"
+#include "common/job/change_cells.h"
 #include "tests/unit/worker/changes/painted_raster.h"
 #include "tests/unit/worker/changes/painted_town.h"
 #include "worker/changes/measure_changes.h"

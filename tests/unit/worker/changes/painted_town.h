@@ -10,7 +10,7 @@
 #include "common/base/random.h"
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
-#include "common/tile/ground.h"
+#include "common/job/ground.h"
 #include "worker/changes/change_view.h"
 #include "worker/visibility/rasterizer.h"
 

@@ -6,7 +6,7 @@
 #include <map>
 #include <set>
 
-#include "tests/unit/worker/refine/relief_scene.h"
+#include "tests/support/relief_scene.h"
 
 namespace tessera {
 namespace {

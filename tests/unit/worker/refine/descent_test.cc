@@ -7,7 +7,7 @@
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
-#include "tests/unit/worker/refine/relief_scene.h"
+#include "tests/support/relief_scene.h"
 #include "worker/refine/stepper.h"
 
 namespace tessera {

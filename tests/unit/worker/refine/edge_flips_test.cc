@@ -8,8 +8,8 @@
 
 #include "common/base/parallel.h"
 #include "common/geometry/mesh_defects.h"
+#include "tests/support/relief_scene.h"
 #include "tests/unit/worker/refine/random_reliefs.h"
-#include "tests/unit/worker/refine/relief_scene.h"
 #include "worker/refine/self_intersection.h"
 
 namespace tessera {

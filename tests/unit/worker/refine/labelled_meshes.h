@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "common/base/random.h"
+#include "tests/support/relief_scene.h"
 #include "tests/unit/common/geometry/meshes.h"
-#include "tests/unit/worker/refine/relief_scene.h"
 
 namespace tessera {
 

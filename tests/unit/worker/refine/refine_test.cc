@@ -8,7 +8,7 @@
 
 #include "common/base/parallel.h"
 #include "tests/support/held_pixels.h"
-#include "tests/unit/worker/refine/relief_scene.h"
+#include "tests/support/relief_scene.h"
 #include "worker/refine/density.h"
 
 namespace tessera {

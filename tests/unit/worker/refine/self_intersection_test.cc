@@ -7,8 +7,8 @@
 
 #include "common/base/parallel.h"
 #include "common/base/random.h"
+#include "tests/support/relief_scene.h"
 #include "tests/unit/worker/refine/cgal_pairs.h"
-#include "tests/unit/worker/refine/relief_scene.h"
 #include "worker/refine/descent.h"
 
 namespace tessera {

@@ -4,7 +4,7 @@
 
 #include <Eigen/Geometry>
 
-#include "tests/unit/worker/refine/relief_scene.h"
+#include "tests/support/relief_scene.h"
 
 namespace tessera {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "common/base/clock.h"
-#include "common/tile/task_parameters.h"
+#include "common/job/task_parameters.h"
 #include "tests/support/read_tile_state.h"
 #include "worker/tasks/stages.h"
 #include "worker/tile/tile_files.h"

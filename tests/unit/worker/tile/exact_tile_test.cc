@@ -7,7 +7,7 @@
 #include <map>
 
 #include "tests/unit/worker/tile/tiny_city.h"
-#include "worker/refine/data_term.h"
+#include "worker/photo/data_term.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {

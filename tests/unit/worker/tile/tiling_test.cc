@@ -7,9 +7,9 @@
 #include <numeric>
 
 #include "tests/unit/worker/tile/tiny_city.h"
+#include "worker/publish/merge_cores.h"
+#include "worker/publish/report.h"
 #include "worker/refine/descent.h"
-#include "worker/tasks/merge_cores.h"
-#include "worker/tasks/report.h"
 #include "worker/tile/open_tile.h"
 #include "worker/tile/refine_tile.h"
 

@@ -1,0 +1,93 @@
+// Array files larger than memory: written front to back, read in parts.
+#ifndef TESSERA_COMMON_ARRAYS_MAPPED_ARRAYS_H_
+#define TESSERA_COMMON_ARRAYS_MAPPED_ARRAYS_H_
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/arrays/array_file.h"
+#include "common/base/status.h"
+#include "common/storage/hash.h"
+#include "common/storage/mapped_file.h"
+
+namespace tessera {
+
+// An array file in the address space. Const members are thread-safe.
+class MappedArrays {
+ public:
+  // Checks the header and that all arrays are there. DATA_LOSS as ParseArrayFile, but values are not read: whoever uses
+  // a part checks it, by Verify or by checksums of its own.
+  static StatusOr<MappedArrays> Open(const std::string& path);
+
+  const std::string& metadata() const { return header_.metadata; }
+  const std::string& path() const { return path_; }
+
+  // The array's values; they live as long as this object. DATA_LOSS if it is missing, of another type, or has not
+  // `count` values (-1: any number).
+  template <class T>
+  StatusOr<std::span<const T>> Get(const std::string& array, int64_t count = -1) const {
+    TESSERA_ASSIGN_OR_RETURN(const ArrayFileHeader::Entry* entry,
+                             Find(array, ArrayData(std::vector<T>()).index(), count));
+    return std::span<const T>(reinterpret_cast<const T*>(file_.data() + entry->offset), entry->count);
+  }
+  // The same, its bytes compared with their checksum.
+  template <class T>
+  StatusOr<std::span<const T>> Verified(const std::string& array, int64_t count = -1) const {
+    TESSERA_RETURN_IF_ERROR(Verify(array));
+    return Get<T>(array, count);
+  }
+  Status Verify(const std::string& array) const;
+  // Gives the array's pages back to the system, which reads them again when they are asked for.
+  void Release(const std::string& array) const;
+
+ private:
+  StatusOr<const ArrayFileHeader::Entry*> Find(const std::string& array, size_t type, int64_t count) const;
+
+  std::string path_;
+  MappedFile file_;
+  ArrayFileHeader header_;
+};
+
+// Writes an array file whose counts are known beforehand; arrays grow side by side, in any order among each other. The
+// bytes are those of WriteArrayFile. Not thread-safe.
+class ArrayFileWriter {
+ public:
+  struct Array {
+    std::string name;
+    ArrayData type;  // an empty vector of the array's type
+    uint64_t count = 0;
+  };
+  static StatusOr<std::unique_ptr<ArrayFileWriter>> Create(const std::string& path, const std::string& metadata,
+                                                           std::vector<Array> arrays);
+  ~ArrayFileWriter();
+  ArrayFileWriter(const ArrayFileWriter&) = delete;
+  ArrayFileWriter& operator=(const ArrayFileWriter&) = delete;
+
+  // Appends to the array `name`. A fault of the disk is kept for Finish. Aborts if there is no such array of this type.
+  template <class T>
+  void Append(const std::string& name, std::span<const T> values) {
+    AppendBytes(name, ArrayData(std::vector<T>()).index(), values.data(), values.size_bytes());
+  }
+
+  // Makes the file appear under its name, durable. INTERNAL if an array has not the announced number of values.
+  Status Finish();
+
+ private:
+  struct Region;
+  ArrayFileWriter() = default;
+  void AppendBytes(const std::string& name, size_t type, const void* data, size_t size_bytes);
+  void Write(uint64_t offset, const char* data, size_t size_bytes);
+
+  std::string path_, temporary_;
+  int fd_ = -1;
+  ArrayFileHeader header_;
+  std::vector<Region> regions_;
+  Status status_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_ARRAYS_MAPPED_ARRAYS_H_

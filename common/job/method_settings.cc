@@ -1,0 +1,176 @@
+#include "common/job/method_settings.h"
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "common/job/exact_numbers.h"
+
+namespace tessera {
+namespace {
+
+using json = nlohmann::basic_json<std::map, std::vector, std::string, bool, int64_t, uint64_t, double, std::allocator,
+                                  ExactNumbers<nlohmann::adl_serializer>::Serializer>;
+
+constexpr size_t kMaxLevels = 6;
+
+Status Fault(const std::string& name, const std::string& found, const std::string& expected) {
+  return absl::InvalidArgumentError(absl::StrCat(name, ": found ", found, ", expected ", expected));
+}
+
+template <class Number>
+void CheckNumbers(std::span<const Setting<Number>> table, const MethodSettings& settings, Faults* faults) {
+  for (const Setting<Number>& setting : table) {
+    const std::optional<Number>& value = settings.*setting.value;
+    // Written so that NaN is a fault.
+    if (!value || (*value >= setting.low && *value <= setting.high)) continue;
+    faults->Add(Fault(setting.name, absl::StrCat(*value), absl::StrCat(setting.low, " to ", setting.high)));
+  }
+}
+
+void CheckLevels(const MethodSettings& settings, Faults* faults) {
+  for (const ListSetting& setting : ListSettings()) {
+    for (const int item : settings.*setting.value) {
+      if (item >= setting.low && item <= setting.high) continue;
+      faults->Add(Fault(setting.name, absl::StrCat(item), absl::StrCat(setting.low, " to ", setting.high)));
+    }
+  }
+  const auto or_standard = [](const ListSetting& setting, const std::vector<int>& value) {
+    return value.empty() ? setting.standard : value;
+  };
+  const std::vector<int> levels = or_standard(ListSettings()[0], settings.levels);
+  const std::vector<int> iterations = or_standard(ListSettings()[1], settings.iterations);
+  if (levels.size() > kMaxLevels ||
+      std::adjacent_find(levels.begin(), levels.end(), std::less_equal<>()) != levels.end()) {
+    faults->Add(Fault("levels", absl::StrJoin(levels, ","), "coarsest first, each level once"));
+  }
+  if (levels.size() != iterations.size()) {
+    faults->Add(
+        Fault("iterations", absl::StrCat(iterations.size(), " numbers (", absl::StrJoin(iterations, ","), ")"),
+              absl::StrCat("one for each of the ", levels.size(), " levels (", absl::StrJoin(levels, ","), ")")));
+  }
+}
+
+}  // namespace
+
+std::span<const Setting<double>> RealSettings() {
+  static constexpr Setting<double> kSettings[] = {
+      {"semantic", "Weight of the likelihoods' consistency (lambda 1), relative to the images'; 0: off", 0, 100, 0,
+       &MethodSettings::semantic},
+      {"thin_plate", "Weight of smoothness (lambda 2), relative to the images' energy at a displacement of a pixel", 0,
+       100, 0.3, &MethodSettings::thin_plate},
+      {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0, &MethodSettings::inter},
+      {"contour", "Weight of silhouettes at the image edges that likelihoods name (lambda 4); 0: off", 0, 100, 0.5,
+       &MethodSettings::contour},
+      {"normal_prior", "Weight of classes' slopes in the labels (mu 1); 0: off", 0, 100, 0.35,
+       &MethodSettings::normal_prior},
+      {"label_smoothness", "Weight of short class boundaries in the labels (mu 2); 0: off", 0, 100, 0.25,
+       &MethodSettings::label_smoothness},
+      {"max_step_px", "Longest step of a vertex in one iteration, pixels of the level", 0.05, 4, 1,
+       &MethodSettings::max_step_px}};
+  return kSettings;
+}
+
+std::span<const Setting<int>> WholeSettings() {
+  static constexpr Setting<int> kSettings[] = {
+      {"window_px", "Side of the windows that images are compared in, pixels, odd", 3, 11, 7,
+       &MethodSettings::window_px},
+      {"partners", "Views that each view chooses to be compared with", 1, 16, 4, &MethodSettings::partners},
+      {"views_per_direction",
+       "Views that a place is refined from, at most, of each of five directions: above and four sides", 1, 1000, 8,
+       &MethodSettings::views_per_direction}};
+  return kSettings;
+}
+
+std::span<const ListSetting> ListSettings() {
+  static const ListSetting kSettings[] = {
+      {"levels",
+       "Pyramid levels, coarsest first: level l halves the images l times",
+       0,
+       5,
+       {2, 1, 0},
+       &MethodSettings::levels},
+      {"iterations", "Iterations of geometry, one number a level", 1, 200, {3, 10, 10}, &MethodSettings::iterations}};
+  return kSettings;
+}
+
+std::span<const BoolSetting> BoolSettings() {
+  static constexpr BoolSetting kSettings[] = {
+      {"labels_first", "Whether labels are solved before the first round too", true, &MethodSettings::labels_first},
+      {"flip_edges", "Whether edges of the result's faces are flipped where that makes creases straight", true,
+       &MethodSettings::flip_edges}};
+  return kSettings;
+}
+
+Status CheckMethod(const std::string& method, const MethodSettings& settings) {
+  Faults faults;
+  if (!method.empty() && std::find(kMethods.begin(), kMethods.end(), method) == kMethods.end()) {
+    faults.Add(Fault("method", absl::StrCat("\"", method, "\""), absl::StrJoin(kMethods, ", ")));
+  }
+  CheckNumbers(RealSettings(), settings, &faults);
+  CheckNumbers(WholeSettings(), settings, &faults);
+  if (settings.window_px && *settings.window_px % 2 == 0) {
+    faults.Add(Fault("window_px", absl::StrCat(*settings.window_px), "an odd number"));
+  }
+  CheckLevels(settings, &faults);
+  if (method == "baseline" && (settings.semantic || settings.inter)) {
+    faults.Add(Fault(settings.semantic ? "semantic" : "inter", "a weight", "none: baseline knows no classes"));
+  }
+  if (method == kLabelsMethod) {
+    MethodSettings taken;  // views choose what labels are seen by
+    taken.normal_prior = settings.normal_prior;
+    taken.label_smoothness = settings.label_smoothness;
+    taken.views_per_direction = settings.views_per_direction;
+    if (settings != taken) {
+      faults.Add(Fault("method settings", "some of geometry",
+                       "normal_prior, label_smoothness and views_per_direction at most: labels moves nothing"));
+    }
+  }
+  return faults.ToStatus();
+}
+
+std::string ToJson(const MethodSettings& settings) {
+  json out = json::object();
+  for (const auto& setting : RealSettings()) {
+    if (settings.*setting.value) out[setting.name] = *(settings.*setting.value);
+  }
+  for (const auto& setting : WholeSettings()) {
+    if (settings.*setting.value) out[setting.name] = *(settings.*setting.value);
+  }
+  for (const ListSetting& setting : ListSettings()) {
+    if (!(settings.*setting.value).empty()) out[setting.name] = settings.*setting.value;
+  }
+  for (const BoolSetting& setting : BoolSettings()) {
+    if (settings.*setting.value) out[setting.name] = *(settings.*setting.value);
+  }
+  return out.dump();
+}
+
+StatusOr<MethodSettings> ParseMethodSettings(const std::string& text) {
+  MethodSettings settings;
+  try {
+    json in = json::parse(text);
+    const auto take = [&in](const char* name, auto* value) {
+      if (!in.contains(name)) return;
+      in.at(name).get_to(*value);
+      in.erase(name);
+    };
+    const auto take_optional = [&take, &in](const char* name, auto* value) {
+      if (in.contains(name)) take(name, &value->emplace());
+    };
+    for (const auto& setting : RealSettings()) take_optional(setting.name, &(settings.*setting.value));
+    for (const auto& setting : WholeSettings()) take_optional(setting.name, &(settings.*setting.value));
+    for (const ListSetting& setting : ListSettings()) take(setting.name, &(settings.*setting.value));
+    for (const BoolSetting& setting : BoolSettings()) take_optional(setting.name, &(settings.*setting.value));
+    if (!in.is_object() || !in.empty()) {
+      return absl::InvalidArgumentError(absl::StrCat("method settings: found the unknown ", in.dump()));
+    }
+  } catch (const json::exception& e) {
+    return absl::InvalidArgumentError(absl::StrCat("method settings: ", e.what()));
+  }
+  return settings;
+}
+
+}  // namespace tessera

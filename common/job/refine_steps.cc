@@ -1,0 +1,64 @@
+#include "common/job/refine_steps.h"
+
+namespace tessera {
+
+size_t FirstLevelOf(int round, size_t levels) { return round > 0 && levels > 0 ? levels - 1 : 0; }
+
+std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations,
+                                        int rounds) {
+  std::vector<RefineStep> steps = {RefineStep()};
+  for (int round = 0; round < rounds; ++round) {
+    int iteration = 0;
+    for (size_t i = FirstLevelOf(round, levels.size()); i < levels.size(); ++i) {
+      for (int k = 0; k < iterations[i]; ++k) steps.push_back({round, levels[i], iteration++, k + 1 == iterations[i]});
+    }
+    steps.push_back({round, -1, iteration});
+  }
+  return steps;
+}
+
+std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, const MethodSettings& settings) {
+  const auto or_standard = [](const ListSetting& list, const std::vector<int>& value) {
+    return value.empty() ? list.standard : value;
+  };
+  const MethodRules rules = MethodRulesOf(method, rounds, settings);
+  if (!rules.moves) return MakeRefineSteps({}, {}, rules.rounds);
+  return MakeRefineSteps(or_standard(ListSettings()[0], settings.levels),
+                         or_standard(ListSettings()[1], settings.iterations), rules.rounds);
+}
+
+MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings) {
+  MethodRules rules;
+  if (method == "baseline") {
+    rules.rounds = kBaselineRounds;
+    rules.geometry_knows_labels = rules.labels_first = rules.flips_edges = false;
+  }
+  if (method == "paper") {
+    rules.rounds = kPaperRounds;
+    rules.labels_first = rules.flips_edges = false;
+  }
+  if (method == kLabelsMethod) {
+    rules.rounds = 1;
+    rules.geometry_knows_labels = rules.labels_first = rules.moves = rules.flips_edges = false;
+  }
+  if (rounds > 0) rules.rounds = rounds;
+  if (settings.labels_first) rules.labels_first = *settings.labels_first;
+  if (settings.flip_edges) rules.flips_edges = *settings.flip_edges;
+  return rules;
+}
+
+bool LabelStepActs(const RefineStep& step, const MethodRules& rules, const LabelTraits& scene) {
+  // One class is no class: nothing can change.
+  if (!scene.has_likelihoods || scene.classes < 2) return false;
+  return !step.first() || rules.labels_first || (rules.geometry_knows_labels && !scene.has_labels);
+}
+
+std::vector<int> ActiveSteps(const std::vector<RefineStep>& steps, const MethodRules& rules, const LabelTraits& scene) {
+  std::vector<int> active;
+  for (int i = 0; i < static_cast<int>(steps.size()); ++i) {
+    if (!steps[i].labels() || LabelStepActs(steps[i], rules, scene)) active.push_back(i);
+  }
+  return active;
+}
+
+}  // namespace tessera

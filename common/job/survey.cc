@@ -1,0 +1,358 @@
+#include "common/job/survey.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "common/base/json_bounds.h"
+#include "common/job/exact_numbers.h"
+#include "common/job/task_parameters.h"
+#include "common/storage/hash.h"
+
+namespace tessera {
+namespace {
+
+using json = nlohmann::basic_json<std::map, std::vector, std::string, bool, int64_t, uint64_t, double, std::allocator,
+                                  ExactNumbers<nlohmann::adl_serializer>::Serializer>;
+
+json VectorToJson(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+Eigen::Vector3d VectorFromJson(const json& j) {
+  return Eigen::Vector3d(j.at(0).get<double>(), j.at(1).get<double>(), j.at(2).get<double>());
+}
+
+json MatrixToJson(const Eigen::Matrix3d& m) {
+  json out = json::array();
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) out.push_back(m(r, c));
+  }
+  return out;
+}
+
+Eigen::Matrix3d MatrixFromJson(const json& j) {
+  Eigen::Matrix3d m;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) m(r, c) = j.at(3 * r + c).get<double>();
+  }
+  return m;
+}
+
+json PinholeToJson(const PinholeCamera& c) { return {c.width, c.height, c.fx, c.fy, c.cx, c.cy}; }
+
+PinholeCamera PinholeFromJson(const json& j) { return {j.at(0), j.at(1), j.at(2), j.at(3), j.at(4), j.at(5)}; }
+
+json ViewToJson(const SceneView& view) {
+  return {{"name", view.name},
+          {"image", view.image_path},
+          {"likelihood", view.likelihood_path},
+          {"flight", view.flight},
+          {"image_content", view.image_content},
+          {"likelihood_content", view.likelihood_content},
+          {"withdrawn", view.withdrawn},
+          {"lens",
+           {{"kind", static_cast<int>(view.lens.kind)},
+            {"pinhole", PinholeToJson(view.lens.pinhole)},
+            {"coefficients", view.lens.coefficients}}},
+          {"intrinsics", PinholeToJson(view.camera.intrinsics)},
+          {"rotation_cam_from_local", MatrixToJson(view.camera.rotation_cam_from_world)},
+          {"translation_cam_from_local", VectorToJson(view.camera.translation_cam_from_world)}};
+}
+
+SceneView ViewFromJson(const json& j) {
+  SceneView view;
+  view.name = j.at("name");
+  view.image_path = j.at("image");
+  view.likelihood_path = j.at("likelihood");
+  view.flight = j.at("flight");
+  view.image_content = j.at("image_content");
+  view.likelihood_content = j.at("likelihood_content");
+  view.withdrawn = j.at("withdrawn");
+  const json& lens = j.at("lens");
+  view.lens.kind = static_cast<LensModel::Kind>(lens.at("kind").get<int>());
+  view.lens.pinhole = PinholeFromJson(lens.at("pinhole"));
+  for (size_t k = 0; k < std::size(view.lens.coefficients); ++k) {
+    view.lens.coefficients[k] = lens.at("coefficients").at(k);
+  }
+  view.camera.intrinsics = PinholeFromJson(j.at("intrinsics"));
+  view.camera.rotation_cam_from_world = MatrixFromJson(j.at("rotation_cam_from_local"));
+  view.camera.translation_cam_from_world = VectorFromJson(j.at("translation_cam_from_local"));
+  return view;
+}
+
+json CrsToJson(const Crs& crs) {
+  return {{"kind", static_cast<int>(crs.kind)}, {"lat_rad", crs.lat_rad}, {"lon_rad", crs.lon_rad},
+          {"height_m", crs.height_m},           {"zone", crs.zone},       {"north", crs.north}};
+}
+
+Crs CrsFromJson(const json& j) {
+  return {static_cast<Crs::Kind>(j.at("kind").get<int>()),
+          j.at("lat_rad"),
+          j.at("lon_rad"),
+          j.at("height_m"),
+          j.at("zone"),
+          j.at("north")};
+}
+
+json ViewArray(const std::vector<SceneView>& views) {
+  json out = json::array();
+  for (const SceneView& view : views) out.push_back(ViewToJson(view));
+  return out;
+}
+
+std::vector<SceneView> ViewsFromArray(const json& j) {
+  std::vector<SceneView> views;
+  for (const json& view : j) views.push_back(ViewFromJson(view));
+  return views;
+}
+
+json ClassArray(const std::vector<SceneClass>& classes) {
+  json out = json::array();
+  for (const SceneClass& c : classes) {
+    out.push_back({{"name", c.name},
+                   {"color_rgb", c.color_rgb},
+                   {"prior_alpha_rad", c.prior_alpha_rad},
+                   {"prior_beta_rad", c.prior_beta_rad},
+                   {"smoothness", c.smoothness},
+                   {"keep", c.keep}});
+  }
+  return out;
+}
+
+std::vector<SceneClass> ClassesFromArray(const json& j) {
+  std::vector<SceneClass> classes;
+  for (const json& item : j) {
+    SceneClass c;
+    c.name = item.at("name");
+    c.color_rgb = item.at("color_rgb").get<std::array<uint8_t, 3>>();
+    c.prior_alpha_rad = item.at("prior_alpha_rad");
+    c.prior_beta_rad = item.at("prior_beta_rad");
+    c.smoothness = item.at("smoothness");
+    c.keep = item.value("keep", 0.0);  // jobs of before version 19, whose lineage may be asked for, have none
+    classes.push_back(std::move(c));
+  }
+  return classes;
+}
+
+// Of each pair of classes that is known: [first, second, bias, sigma, weight].
+json BorderArray(const BorderTrusts& borders) {
+  json out = json::array();
+  for (int a = 0; a < borders.classes(); ++a) {
+    for (int b = a + 1; b < borders.classes(); ++b) {
+      const BorderTrust& trust = borders.Of(a, b);
+      if (trust.weight > 0) out.push_back({a, b, trust.bias_px, trust.sigma_px, trust.weight});
+    }
+  }
+  return out;
+}
+
+BorderTrusts BordersFromArray(const json& j, int classes) {
+  BorderTrusts borders(classes);
+  for (const json& item : j) {
+    const int a = item.at(0), b = item.at(1);
+    const BorderTrust trust = {item.at(2), item.at(3), item.at(4)};
+    const bool known = a >= 0 && a < b && b < classes;
+    if (!known || !(trust.weight > 0 && trust.weight <= 1) || !(trust.sigma_px >= 0)) {
+      throw json::type_error::create(302, "found " + item.dump() + ", expected what is known of a border", &item);
+    }
+    borders.Set(a, b, trust);
+  }
+  return borders;
+}
+
+Survey SurveyFromJson(const json& j) {
+  Survey s;
+  s.scene_name = j.at("scene_name");
+  s.mesh_path = j.at("mesh");
+  s.gsd_m = j.at("gsd_m");
+  s.up = VectorFromJson(j.at("up"));
+  s.ground.axis_x = VectorFromJson(j.at("ground_axis_x"));
+  s.ground.axis_y = VectorFromJson(j.at("ground_axis_y"));
+  s.ground.cell_m = j.at("cell_m");
+  for (const json& item : j.at("cells")) {
+    SurveyCell cell;
+    cell.x = item.at("x");
+    cell.y = item.at("y");
+    cell.faces = item.at("faces");
+    cell.reach_m = item.at("reach_m");
+    cell.box_min = VectorFromJson(item.at("box_min"));
+    cell.box_max = VectorFromJson(item.at("box_max"));
+    cell.views = item.at("views").get<std::vector<int32_t>>();
+    s.cells.push_back(std::move(cell));
+  }
+  s.views = ViewsFromArray(j.at("views"));
+  j.at("view_depths").get_to(s.view_depths);
+  for (const json& item : j.at("flights")) s.flights.push_back({item.at("name"), item.at("date")});
+  s.pairs = j.at("pairs").get<std::vector<std::array<int32_t, 2>>>();
+  s.classes = ClassesFromArray(j.at("classes"));
+  s.has_likelihoods = j.at("has_likelihoods");
+  s.classifier = j.value("classifier", std::string());
+  s.borders = BordersFromArray(j.at("borders"), static_cast<int>(s.classes.size()));
+  s.has_labels = j.at("has_labels");
+  s.crs = CrsFromJson(j.at("crs"));
+  s.origin_in_scene = VectorFromJson(j.at("origin_in_scene"));
+  s.rotation_local_from_scene = MatrixFromJson(j.at("rotation_local_from_scene"));
+  s.input_vertices = j.at("input_vertices");
+  s.input_faces = j.at("input_faces");
+  s.vertices = j.at("vertices");
+  s.faces = j.at("faces");
+  s.warnings = j.at("warnings").get<Warnings>();
+  if (const json& revision = j.at("revision"); !revision.is_null()) {
+    s.revision = {revision.at("first_new_face"), revision.at("cells").get<std::vector<std::array<int, 2>>>()};
+  }
+  return s;
+}
+
+// Every view that is named exists.
+Status CheckCells(const Survey& s) {
+  if (!(s.gsd_m > 0) || !(s.ground.cell_m > 0) || s.cells.empty()) {
+    return absl::InvalidArgumentError("survey: expected a positive GSD and cell size and at least one cell");
+  }
+  const auto check_view = [&](int32_t view) {
+    if (view >= 0 && view < static_cast<int32_t>(s.views.size())) return absl::OkStatus();
+    return absl::InvalidArgumentError("survey: found view " + std::to_string(view) + " of " +
+                                      std::to_string(s.views.size()));
+  };
+  for (const SurveyCell& cell : s.cells) {
+    for (const int32_t view : cell.views) TESSERA_RETURN_IF_ERROR(check_view(view));
+  }
+  for (const auto& pair : s.pairs) {
+    for (const int32_t view : pair) TESSERA_RETURN_IF_ERROR(check_view(view));
+  }
+  for (const SceneView& view : s.views) {
+    if (view.flight >= -1 && view.flight < static_cast<int>(s.flights.size())) continue;
+    return absl::InvalidArgumentError("survey: found flight " + std::to_string(view.flight) + " of " +
+                                      std::to_string(s.flights.size()));
+  }
+  if (s.view_depths.size() != s.views.size()) {
+    return absl::InvalidArgumentError("survey: found depths of " + std::to_string(s.view_depths.size()) +
+                                      " views, expected " + std::to_string(s.views.size()));
+  }
+  return absl::OkStatus();
+}
+
+template <class Value, class Convert>
+StatusOr<Value> Parse(const std::string& text, const std::string& what, const Convert& convert) {
+  TESSERA_RETURN_IF_ERROR(CheckJsonDepth(what, text));
+  try {
+    return convert(json::parse(text));
+  } catch (const json::exception& e) {
+    return absl::InvalidArgumentError(what + ": " + e.what());
+  }
+}
+
+}  // namespace
+
+bool IsRevised(const Survey& survey, int x, int y) {
+  return survey.revision &&
+         std::binary_search(survey.revision->cells.begin(), survey.revision->cells.end(), std::array<int, 2>{x, y});
+}
+
+void FillViewDepths(Survey* survey) {
+  survey->view_depths.resize(survey->views.size(), {0, 0});
+  for (const SurveyCell& cell : survey->cells) {
+    const Eigen::AlignedBox3d box(cell.box_min, cell.box_max);
+    for (const int32_t view : cell.views) {
+      auto& [near_m, far_m] = survey->view_depths[view];
+      for (int k = 0; k < 8; ++k) {
+        const auto corner = box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(k));
+        const double depth_m = std::max(0.0, survey->views[view].camera.CameraFromWorld(corner).z());
+        near_m = far_m == 0 ? depth_m : std::min(near_m, depth_m);
+        far_m = std::max(far_m, depth_m);
+      }
+    }
+  }
+}
+
+Survey WithoutNames(Survey survey) {
+  survey.scene_name.clear();
+  survey.mesh_path.clear();
+  survey.flights.clear();
+  survey.warnings.clear();
+  survey.revision.reset();
+  for (size_t v = 0; v < survey.views.size(); ++v) {
+    SceneView& view = survey.views[v];
+    view.name.clear();
+    view.flight = -1;
+    if (!view.image_path.empty()) view.image_path = ViewFileName(static_cast<int32_t>(v), false);
+    const bool made = !survey.classifier.empty() && !view.withdrawn;
+    if (made || !view.likelihood_path.empty()) view.likelihood_path = ViewFileName(static_cast<int32_t>(v), true);
+  }
+  return survey;
+}
+
+std::string ClassifiedContent(const Survey& survey, const std::string& pixels) {
+  const std::string both = survey.classifier + " " + pixels;
+  return Xxh3Hex(both.data(), both.size());
+}
+
+std::string SurveyToJson(const Survey& s) {
+  json cells = json::array();
+  for (const SurveyCell& cell : s.cells) {
+    cells.push_back({{"x", cell.x},
+                     {"y", cell.y},
+                     {"faces", cell.faces},
+                     {"reach_m", cell.reach_m},
+                     {"box_min", VectorToJson(cell.box_min)},
+                     {"box_max", VectorToJson(cell.box_max)},
+                     {"views", cell.views}});
+  }
+  json flights = json::array();
+  for (const Flight& flight : s.flights) flights.push_back({{"name", flight.name}, {"date", flight.date}});
+  json revision;
+  if (s.revision) revision = {{"first_new_face", s.revision->first_new_face}, {"cells", s.revision->cells}};
+  json out = {{"scene_name", s.scene_name},
+              {"mesh", s.mesh_path},
+              {"flights", std::move(flights)},
+              {"gsd_m", s.gsd_m},
+              {"up", VectorToJson(s.up)},
+              {"ground_axis_x", VectorToJson(s.ground.axis_x)},
+              {"ground_axis_y", VectorToJson(s.ground.axis_y)},
+              {"cell_m", s.ground.cell_m},
+              {"cells", std::move(cells)},
+              {"views", ViewArray(s.views)},
+              {"view_depths", s.view_depths},
+              {"pairs", s.pairs},
+              {"revision", std::move(revision)},
+              {"classes", ClassArray(s.classes)},
+              {"has_likelihoods", s.has_likelihoods},
+              {"borders", BorderArray(s.borders)},
+              {"has_labels", s.has_labels},
+              {"crs", CrsToJson(s.crs)},
+              {"origin_in_scene", VectorToJson(s.origin_in_scene)},
+              {"rotation_local_from_scene", MatrixToJson(s.rotation_local_from_scene)},
+              {"input_vertices", s.input_vertices},
+              {"input_faces", s.input_faces},
+              {"vertices", s.vertices},
+              {"faces", s.faces},
+              {"warnings", s.warnings}};
+  if (!s.classifier.empty()) out["classifier"] = s.classifier;
+  return out.dump();
+}
+
+StatusOr<Survey> ParseSurvey(const std::string& text) {
+  TESSERA_ASSIGN_OR_RETURN(Survey survey, Parse<Survey>(text, "survey", SurveyFromJson));
+  TESSERA_RETURN_IF_ERROR(CheckCells(survey));
+  return survey;
+}
+
+std::string ViewsToJson(const std::vector<SceneView>& views) { return ViewArray(views).dump(); }
+
+StatusOr<std::vector<SceneView>> ParseViews(const std::string& text) {
+  return Parse<std::vector<SceneView>>(text, "views", ViewsFromArray);
+}
+
+std::string BordersToJson(const BorderTrusts& borders) { return BorderArray(borders).dump(); }
+
+StatusOr<BorderTrusts> ParseBorders(const std::string& text, size_t classes) {
+  return Parse<BorderTrusts>(text, "borders",
+                             [&](const json& j) { return BordersFromArray(j, static_cast<int>(classes)); });
+}
+
+std::string ClassesToJson(const std::vector<SceneClass>& classes) { return ClassArray(classes).dump(); }
+
+StatusOr<std::vector<SceneClass>> ParseClasses(const std::string& text) {
+  return Parse<std::vector<SceneClass>>(text, "classes", ClassesFromArray);
+}
+
+}  // namespace tessera

@@ -1,0 +1,51 @@
+#include "server/admission/scene_files.h"
+
+#include "common/base/parallel.h"
+
+namespace tessera {
+namespace {
+
+// A file changed again within the clock tick of its last change shows the same time: only older times are trusted.
+constexpr int64_t kSettledNs = 2'000'000'000;
+
+}  // namespace
+
+StatusOr<Digest> DigestOfFile(const HeldFile& file, DigestCache& cache, const Clock& clock,
+                              const Cancelled& cancelled) {
+  const std::string& path = file.real_path();
+  TESSERA_ASSIGN_OR_RETURN(const FileStamp before, file.Stamp());
+  if (const auto known = cache.Find(path, before)) return *known;
+  TESSERA_ASSIGN_OR_RETURN(const Digest digest, file.Hash(cancelled));
+  TESSERA_ASSIGN_OR_RETURN(const FileStamp after, file.Stamp());
+  if (!(before == after) || digest.size_bytes != after.size_bytes) {
+    return absl::FailedPreconditionError(path + " changed while it was read");
+  }
+  if (after.modified_ns + kSettledNs < clock.UnixTimeUs() * 1000) {
+    cache.Remember(path, after, digest).IgnoreError();  // a disk may be full: then it is hashed again
+  }
+  return digest;
+}
+
+StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const SceneListing& scene, const AllowedFiles& allowed,
+                                                    DigestCache& cache, const Clock& clock,
+                                                    const Cancelled& cancelled) {
+  std::vector<NamedDigest> digests(scene.files.size());
+  std::vector<Status> statuses(scene.files.size());
+  ParallelFor(static_cast<int64_t>(scene.files.size()), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      const auto file = allowed.Open(scene.folder + "/" + scene.files[i]);
+      const auto digest = file.ok() ? DigestOfFile(*file, cache, clock, cancelled) : file.status();
+      statuses[i] = digest.status();
+      if (digest.ok()) digests[i] = {scene.files[i], *digest};
+    }
+  });
+  Faults faults;
+  for (const Status& status : statuses) {
+    if (absl::IsCancelled(status)) return status;
+    faults.Add(status);
+  }
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return digests;
+}
+
+}  // namespace tessera

@@ -1,0 +1,165 @@
+#include "server/auth/access.h"
+
+#include <grpcpp/security/auth_metadata_processor.h>
+#include <grpcpp/server_context.h>
+
+#include <chrono>
+#include <utility>
+
+#include "common/access/secrets.h"
+#include "common/base/refusal.h"
+#include "common/rpc/channel.h"
+#include "common/rpc/status_conversion.h"
+#include "server/auth/audit.h"
+
+namespace tessera {
+namespace {
+
+constexpr RoleSet kViewer = static_cast<unsigned>(Role::kViewer), kSubmitter = static_cast<unsigned>(Role::kSubmitter),
+                  kWorker = static_cast<unsigned>(Role::kWorker), kAdmin = static_cast<unsigned>(Role::kAdmin);
+constexpr RoleSet kReaders = kViewer | kSubmitter | kAdmin;
+constexpr RoleSet kSubmitters = kSubmitter | kAdmin;
+
+// Every method that is served has its row.
+const std::map<std::string, RoleSet>& Rules() {
+  static const std::map<std::string, RoleSet> kRules = {
+      {"/tessera.v1.Jobs/CreateJob", kSubmitters},
+      {"/tessera.v1.Jobs/GetJob", kReaders},
+      {"/tessera.v1.Jobs/ListJobs", kReaders},
+      {"/tessera.v1.Jobs/CancelJob", kSubmitters},
+      {"/tessera.v1.Jobs/ChangeJob", kSubmitters},
+      {"/tessera.v1.Jobs/RetryJob", kSubmitters},
+      {"/tessera.v1.Jobs/DeleteJob", kAdmin},
+      {"/tessera.v1.Jobs/WatchJob", kReaders},
+      {"/tessera.v1.Jobs/ListTasks", kReaders},
+      {"/tessera.v1.Jobs/ListAttempts", kReaders},
+      {"/tessera.v1.Workers/RegisterWorker", kWorker},
+      {"/tessera.v1.Workers/LeaseTask", kWorker},
+      {"/tessera.v1.Workers/Heartbeat", kWorker},
+      {"/tessera.v1.Workers/ReportTask", kWorker},
+      {"/tessera.v1.Workers/UnregisterWorker", kWorker},
+      {"/tessera.v1.Workers/ListWorkers", kReaders},
+      // Which blobs, BlobsService asks.
+      {"/tessera.v1.Blobs/StatBlobs", kAllRoles},
+      {"/tessera.v1.Blobs/ReadBlob", kAllRoles},
+      {"/tessera.v1.Blobs/WriteBlob", kWorker},
+      {"/tessera.v1.Blobs/QueryWrite", kWorker},
+      {"/grpc.health.v1.Health/Check", kAllRoles},
+      {"/grpc.health.v1.Health/Watch", kAllRoles},
+      // Where --reflection serves it.
+      {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", kReaders},
+  };
+  return kRules;
+}
+
+// The value of a key that comes once; none where it comes more often, which nobody who means well sends.
+template <class Metadata>
+std::optional<std::string> Single(const Metadata& metadata, const std::string& key) {
+  const auto [begin, end] = metadata.equal_range(key);
+  if (begin == end || std::next(begin) != end) return std::nullopt;
+  return std::string(begin->second.data(), begin->second.size());
+}
+
+constexpr int kToldASecond = 10;
+
+class Gate final : public grpc::AuthMetadataProcessor {
+ public:
+  Gate(const Access& access, bool socket) : access_(access), socket_(socket) {}
+  bool IsBlocking() const override { return false; }
+  // gRPC gives all calls of a connection the same context, so that who calls must not be noted there: handlers find it
+  // by Access::CallerOf.
+  grpc::Status Process(const InputMetadata& metadata, grpc::AuthContext*, OutputMetadata*, OutputMetadata*) override {
+    const auto authorization = Single(metadata, "authorization");
+    const Caller caller = access_.Identify(socket_ ? "unix:" : "", authorization);
+    const std::string method = Single(metadata, ":path").value_or("");
+    const Status status = access_.Check(method, caller, authorization.has_value());
+    if (!status.ok() && IsAudited(method)) Tell(method, caller, status);
+    return ToGrpc(status);
+  }
+
+ private:
+  // What is refused here no interceptor sees. Whoever knocks without end fills no disk.
+  void Tell(const std::string& method, const Caller& caller, const Status& status) {
+    const int64_t second =
+        std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
+    if (told_in_.exchange(second) != second) told_ = 0;
+    if (++told_ > kToldASecond) return;
+    LogAudit(method, "", caller.name, std::string(absl::StatusCodeToString(status.code())),
+             std::string(status.message()), {});
+  }
+
+  std::atomic<int64_t> told_in_ = 0;  // the second of which told_ counts
+  std::atomic<int> told_ = 0;
+  const Access& access_;
+  const bool socket_;
+};
+
+}  // namespace
+
+std::optional<RoleSet> RolesFor(const std::string& method) {
+  const auto rule = Rules().find(method);
+  return rule == Rules().end() ? std::nullopt : std::optional<RoleSet>(rule->second);
+}
+
+StatusOr<std::unique_ptr<Access>> Access::Open(const std::string& worker_key, const std::string& token_file,
+                                               const Clock* clock) {
+  std::unique_ptr<Access> access(new Access(worker_key, token_file, clock));
+  TESSERA_RETURN_IF_ERROR(access->Refresh());
+  return access;
+}
+
+Status Access::Refresh() {
+  if (token_file_.empty()) return absl::OkStatus();
+  const auto stamp = StampOf(token_file_);
+  TESSERA_RETURN_IF_ERROR(stamp.status());
+  if (stamp_ && *stamp_ == *stamp) return absl::OkStatus();
+  stamp_ = *stamp;
+  TESSERA_ASSIGN_OR_RETURN(TokenTable table, TokenTable::Read(token_file_));
+  tokens_ = std::make_shared<const TokenTable>(std::move(table));
+  return absl::OkStatus();
+}
+
+Caller Access::Identify(const std::string& peer, const std::optional<std::string>& authorization) const {
+  if (peer.starts_with("unix:")) return {"local", kAllRoles, true};
+  if (!asks_for_tokens()) return {"", kAllRoles};
+  const std::string scheme = "Bearer ";
+  if (!authorization || !authorization->starts_with(scheme)) return {};
+  const auto tokens = tokens_.load();
+  const TokenEntry* const entry = tokens->Find(authorization->substr(scheme.size()));
+  if (entry == nullptr || (entry->expires_us > 0 && entry->expires_us <= clock_->UnixTimeUs())) return {};
+  return {entry->name, static_cast<unsigned>(entry->role)};
+}
+
+Caller Access::CallerOf(const grpc::ServerContextBase& context) const {
+  const auto& metadata = context.client_metadata();
+  const std::string peer = context.peer();
+  Caller caller = Identify(peer, Single(metadata, "authorization"));
+  caller.client = caller.name.empty() ? peer.substr(0, peer.rfind(':')) : caller.name;
+  const auto worker = Single(metadata, kWorkerMetadata), secret = Single(metadata, kWorkerSecretMetadata);
+  if (worker && secret && caller.Has(Role::kWorker) && SameSecret(*secret, SecretOf(*worker))) caller.worker = *worker;
+  return caller;
+}
+
+Status Access::Check(const std::string& method, const Caller& caller, bool has_token) const {
+  if (caller.roles == 0) {
+    return absl::UnauthenticatedError(has_token ? "the token is not known here, or has expired"
+                                                : "no token: give one with --token-file or TESSERA_TOKEN_FILE");
+  }
+  const auto roles = RolesFor(method);
+  if (roles && (caller.roles & *roles) != 0) return absl::OkStatus();
+  return absl::PermissionDeniedError("'" + caller.name + "' has no role that may call this");
+}
+
+std::shared_ptr<grpc::AuthMetadataProcessor> Access::Processor(bool socket) const {
+  return std::make_shared<Gate>(*this, socket);
+}
+
+std::string Access::SecretOf(const std::string& worker) const { return KeyedHash(worker_key_, worker); }
+
+Status Access::CheckWorker(const Caller& caller, const std::string& worker) {
+  if (!caller.worker.empty() && caller.worker == worker) return absl::OkStatus();
+  return Refuse(Refusal::kUnknownWorker,
+                absl::PermissionDeniedError("not the secret that this worker was given: register again"));
+}
+
+}  // namespace tessera

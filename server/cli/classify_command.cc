@@ -1,0 +1,186 @@
+// tessera classify: class likelihoods of a scene's images, learnt from a few that somebody painted.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "common/base/parallel.h"
+#include "common/base/task_usage.h"
+#include "common/classify/classified_scene_files.h"
+#include "common/classify/classify_report.h"
+#include "common/classify/classify_scene.h"
+#include "common/classify/training.h"
+#include "common/scene/scene.h"
+#include "common/scene/scene_json.h"
+#include "common/storage/files.h"
+#include "server/cli/command_line.h"
+#include "server/cli/commands.h"
+#include "server/client/interrupt.h"
+#include "server/display/stage_line.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ClassifyArguments {
+  std::string scene, out;
+  std::string train, model, save_model;
+  std::string mesh;  // in place of the scene's
+  uint64_t seed = 1;
+  int threads = 0;
+  bool quiet = false;
+};
+
+std::string SceneFileOf(const std::string& path) {
+  return fs::is_directory(path) ? (fs::path(path) / "scene.json").string() : path;
+}
+
+Status WriteOutput(const std::string& path, const std::string& content) {
+  const Status written = WriteFileAtomic(path, content);
+  // Not the input's fault, whatever the code.
+  return written.ok() ? written : absl::InternalError(written.message());
+}
+
+Status Classify(const ClassifyArguments& arguments, const TaskControl& control, std::string* text) {
+  const ThreadLimit limit(arguments.threads);
+  TESSERA_RETURN_IF_ERROR(CheckClassifiedFolder(arguments.out));
+  ClassifyReport report;
+  SceneLoadOptions load;
+  load.all_classes = true;
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, LoadScene(arguments.scene, &report.warnings, load));
+  if (!arguments.mesh.empty()) {
+    std::error_code error;
+    scene.mesh_path = fs::relative(arguments.mesh, scene.folder, error).string();
+    if (error) return InputError(arguments.mesh, "", error.message(), "a mesh in the scene's coordinates");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, LoadSceneMesh(scene, 0));
+  if (mesh.faces.empty()) return InputError(scene.mesh_path, "", "no faces", "at least one");
+  TESSERA_ASSIGN_OR_RETURN(report.gsd_m, MedianGsd(scene, mesh));
+  report.scene = &scene;
+
+  // All that may be wrong with the input comes before the work.
+  std::optional<Annotations> annotations;
+  ClassifierModel model;
+  std::optional<DefaultRule> rule;
+  ClassifierInUse use;
+  std::vector<std::string> names;
+  for (const SceneClass& c : scene.classes) names.push_back(c.name);
+  if (!arguments.train.empty()) {
+    report.source = "annotations";
+    TESSERA_ASSIGN_OR_RETURN(annotations, ReadAnnotations(arguments.train, scene, &report.warnings));
+  } else if (!arguments.model.empty()) {
+    report.source = "model";
+    TESSERA_ASSIGN_OR_RETURN(model, ReadModel(arguments.model));
+    TESSERA_ASSIGN_OR_RETURN(use.class_of_scene, ModelClassesOf(model, names, arguments.model));
+    use.model = &model;
+    report.model_gsd_m = model.gsd_m;
+    const std::string warning = GsdWarning(model, report.gsd_m, arguments.model);
+    if (!warning.empty()) report.warnings.push_back(warning);
+  } else {
+    report.source = kDefaultLikelihoods;
+    TESSERA_ASSIGN_OR_RETURN(rule, DefaultRule::Of(names, SceneFileOf(arguments.scene)));
+    use.rule = &*rule;
+  }
+
+  control.Report(0, "looking at the mesh");
+  const MeshSurface surface(mesh, scene.up_in_local, report.gsd_m);
+  std::optional<TrainedClassifier> trained;
+  if (annotations) {
+    const TaskUsageMeter meter;
+    const TaskControl part = PartOf(control, 0.02, 0.5);
+    TESSERA_ASSIGN_OR_RETURN(trained, TrainClassifier(
+                                          scene, *annotations, surface, report.gsd_m,
+                                          [&] {
+                                            TrainingOptions options;
+                                            options.seed = arguments.seed;
+                                            return options;
+                                          }(),
+                                          part));
+    report.train_cpu_s = meter.Read().core_seconds;
+    use.model = &trained->model;
+    use.trained = report.trained = &*trained;
+    use.annotations = report.annotations = &*annotations;
+  }
+  const TaskUsageMeter meter;
+  const TaskControl part = PartOf(control, annotations ? 0.5 : 0.02, 1);
+  TESSERA_ASSIGN_OR_RETURN(const ClassifiedScene classified, ClassifyScene(scene, surface, use, arguments.out, part));
+  report.classify_cpu_s = meter.Read().core_seconds;
+  report.classified = &classified;
+  TESSERA_RETURN_IF_ERROR(WriteClassifiedScene(scene, SceneFileOf(arguments.scene), arguments.out, report.source));
+  if (!arguments.save_model.empty())
+    TESSERA_RETURN_IF_ERROR(WriteOutput(arguments.save_model, SerializeModel(*use.model)));
+  TESSERA_RETURN_IF_ERROR(WriteOutput((fs::path(arguments.out) / "report.json").string(), ClassifyJson(report)));
+  *text = ClassifyText(report);
+  PrintWarnings(report.warnings);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddClassifyCommand(CLI::App& app, int* exit_code) {
+  auto arguments = std::make_shared<ClassifyArguments>();
+  CLI::App* command = app.add_subcommand(
+      "classify",
+      "Makes the class likelihoods of a scene's images, learnt from a few that you painted.\n\n"
+      "DIR of --train has PNGs named as the images (0007.png for 0007.jpg), of their size: class numbers in one "
+      "channel,\n"
+      "255 where nothing is annotated; or the classes' colours, the rest white, black or transparent. A few strokes "
+      "of\n"
+      "each class in four images do; but strokes teach no borders: paint some objects up to their rim.\n\n"
+      "--out is a scene of its own, with links to the rest: OUT/geometry has the likelihoods that know the start "
+      "mesh,\n"
+      "for labels, OUT/appearance those of colour and texture alone, for shape; OUT/report.json what cross-validation\n"
+      "over places says of them, and which image to annotate next.");
+  command->add_option("SCENE", arguments->scene, "the scene's folder or its scene.json")->required();
+  command->add_option("--out", arguments->out, "folder to write, new or of an earlier classification")->required();
+  CLI::Option* train = command->add_option("--train", arguments->train, "folder of annotations");
+  command->add_option("--model", arguments->model, "what --save-model wrote, of another flight or city")
+      ->excludes(train);
+  command->add_option("--save-model", arguments->save_model, "also write what was learnt to this file")->needs(train);
+  command->add_option(
+      "--mesh", arguments->mesh,
+      "a mesh in place of the scene's, as a job refined it: truer features, truer labels; OUT takes it over");
+  command->add_option("--seed", arguments->seed, "of the pixels drawn")->capture_default_str();
+  command->add_option("--threads", arguments->threads, "0: one for each core; the same bytes for any number")
+      ->check(CLI::NonNegativeNumber);
+  command->add_flag("--quiet", arguments->quiet, "no progress and no table");
+  command->footer(
+      "Examples:\n"
+      "  tessera classify city --train painted --out classified --save-model city.model\n"
+      "  tessera run classified --out out\n"
+      "  tessera classify city --train painted --mesh out/mesh.ply --out again      once the shape is refined;\n"
+      "  tessera run again --method labels --out labelled                           then the labels alone\n"
+      "  tessera classify next-city --model city.model --out classified-next\n"
+      "  tessera classify bare --out guessed          without both: a default from the mesh and greenness");
+  command->callback([arguments, exit_code] {
+    CountInterrupts();
+    Status status;
+    std::string text;
+    {
+      StageLine line(!arguments->quiet);
+      TaskControl control;
+      control.report = [&](double fraction, const std::string& stage) { line.Show(fraction, stage); };
+      control.cancelled = [] { return Interrupts() > 0; };
+      status = Classify(*arguments, control, &text);
+    }
+    if (status.ok()) {
+      if (!arguments->quiet) std::cout << text << std::flush;
+      return;
+    }
+    std::cerr << "tessera classify: " << PrintableLines(std::string(status.message())) << "\n";
+    *exit_code = absl::IsCancelled(status)       ? kExitCancelled
+                 : absl::IsAlreadyExists(status) ? kExitUsage
+                 : absl::IsInvalidArgument(status) || absl::IsNotFound(status) || absl::IsFailedPrecondition(status) ||
+                         absl::IsDataLoss(status)
+                     ? kExitBadInput
+                     : kExitFailed;
+  });
+}
+
+}  // namespace tessera

@@ -1,0 +1,287 @@
+// tessera evaluate: how good a mesh is, against the scene's truth.
+#include <CLI/CLI.hpp>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/base/parallel.h"
+#include "common/evaluate/evaluator.h"
+#include "common/evaluate/label_rendering.h"
+#include "common/evaluate/likelihood_scores.h"
+#include "common/evaluate/report.h"
+#include "common/geometry/ray_caster.h"
+#include "common/imaging/image_io.h"
+#include "common/meshio/ply.h"
+#include "common/scene/scene.h"
+#include "common/storage/files.h"
+#include "server/cli/command_line.h"
+#include "server/cli/commands.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kRimInGsd = 30;  // default of --rim
+
+struct EvaluateArguments {
+  std::string mesh;
+  std::string scene;
+  std::string truth;  // folder; empty: SCENE/truth
+  std::string json;
+  std::optional<double> rim_m;
+  std::string likelihoods;                // folder; measured in place of a mesh, or beside its labels
+  std::vector<std::string> except_views;  // names, with or without extension
+  bool no_start = false;
+  int threads = 0;
+  EvaluationOptions options;
+};
+
+StatusOr<TriangleMesh> ReadMeshInLocalFrame(const std::string& path, const Frame& frame) {
+  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  for (Eigen::Vector3d& v : content.mesh.vertices) v = frame.LocalFromScene(v);
+  return std::move(content.mesh);
+}
+
+// Checks here what the evaluator calls "the mesh", to name the file.
+Status CheckMesh(const TriangleMesh& mesh, const std::string& path, size_t classes) {
+  if (mesh.faces.empty()) return InputError(path, "", "no faces", "at least one");
+  for (size_t f = 0; f < mesh.labels.size(); ++f) {
+    if (mesh.labels[f] < -1 || mesh.labels[f] >= static_cast<int64_t>(classes)) {
+      return InputError(path, "faces[" + std::to_string(f) + "]", "label " + std::to_string(mesh.labels[f]),
+                        "one of the scene's " + std::to_string(classes) + " classes from 0, or -1 for none");
+    }
+  }
+  return absl::OkStatus();
+}
+
+std::string TruthImagePath(const std::string& truth_folder, const SceneView& view) {
+  const fs::path name(view.name);
+  return (fs::path(truth_folder) / name.parent_path() / (name.stem().string() + "_label.png")).string();
+}
+
+std::vector<std::string> ClassNames(const SceneDescription& scene) {
+  std::vector<std::string> names;
+  for (const SceneClass& c : scene.classes) names.push_back(c.name);
+  return names;
+}
+
+// Of each view, whether --except-views names it; a name that no view has is an error.
+StatusOr<std::vector<bool>> LeftOut(const std::vector<std::string>& names, const SceneDescription& scene) {
+  std::vector<bool> left_out(scene.views.size());
+  for (const std::string& name : names) {
+    bool found = false;
+    for (size_t v = 0; v < scene.views.size(); ++v) {
+      const std::string& view = scene.views[v].name;
+      if (name != view && name != fs::path(view).replace_extension().string()) continue;
+      found = left_out[v] = true;
+    }
+    if (!found) return InputError("--except-views", "", name, "names of images of the scene");
+  }
+  return left_out;
+}
+
+// The likelihoods of a view in a folder of them, whatever their format.
+StatusOr<std::string> LikelihoodPath(const std::string& folder, const SceneView& view) {
+  for (const char* extension : {".tif", ".tiff", ".npy", ".png"}) {
+    const fs::path path = fs::path(folder) / fs::path(view.name).replace_extension(extension);
+    if (fs::exists(path)) return path.string();
+  }
+  return InputError((fs::path(folder) / fs::path(view.name).replace_extension()).string(), "",
+                    "no .tif, .tiff, .npy or .png", "the likelihoods of image '" + view.name + "'");
+}
+
+// What views show of a mesh's labels, where the start has a surface too.
+class MeshInViews {
+ public:
+  // Faces without a label are wrong wherever they show. `mesh` is not kept.
+  static StatusOr<MeshInViews> Of(TriangleMesh mesh, const std::string& path, const SceneDescription& scene) {
+    if (mesh.labels.empty()) return InputError(path, "", "no labels", "labels to compare with the likelihoods");
+    for (int32_t& label : mesh.labels) label = label < 0 ? static_cast<int32_t>(scene.classes.size()) : label;
+    TESSERA_ASSIGN_OR_RETURN(const TriangleMesh start, LoadSceneMesh(scene, 0));
+    return MeshInViews(std::move(mesh), start, scene);
+  }
+
+  LabelImage Rendered(size_t view) const {
+    const SceneView& of = scene_->views[view];
+    const PosedCamera& camera = of.camera;
+    LabelImage labels = RenderLabels(mesh_, caster_, camera);
+    const Eigen::Vector3d centre = camera.Centre();
+    for (int y = 0; y < labels.height; ++y) {
+      for (int x = 0; x < labels.width; ++x) {
+        if (!start_.Cast(centre, camera.Ray(x + 0.5, y + 0.5)).hit()) labels.at(x, y) = 255;
+      }
+    }
+    return labels;
+  }
+
+ private:
+  MeshInViews(TriangleMesh mesh, const TriangleMesh& start, const SceneDescription& scene)
+      : scene_(&scene), mesh_(std::move(mesh)), caster_(mesh_), start_(start) {}
+
+  const SceneDescription* scene_;
+  TriangleMesh mesh_;
+  RayCaster caster_, start_;
+};
+
+Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescription& scene,
+                           const TruthLabelSource& truth_labels) {
+  const int classes = static_cast<int>(scene.classes.size());
+  std::vector<LensModel> lenses;
+  for (const SceneView& view : scene.views) lenses.push_back(view.lens);
+  const LikelihoodSource likelihoods = [&](size_t view) -> StatusOr<FloatImage> {
+    TESSERA_ASSIGN_OR_RETURN(const std::string path, LikelihoodPath(arguments.likelihoods, scene.views[view]));
+    return ReadLikelihoods(path, classes, scene.views[view].lens);
+  };
+  std::optional<MeshInViews> mesh_in_views;
+  LabelRendering rendering;
+  if (!arguments.mesh.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene.frame));
+    TESSERA_RETURN_IF_ERROR(CheckMesh(mesh, arguments.mesh, scene.classes.size()));
+    TESSERA_ASSIGN_OR_RETURN(mesh_in_views, MeshInViews::Of(std::move(mesh), arguments.mesh, scene));
+    rendering = [&](size_t view) { return mesh_in_views->Rendered(view); };
+  }
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<LikelihoodConfusion> confusions,
+                           ConfuseLikelihoods(lenses, classes, truth_labels, likelihoods, rendering));
+  std::vector<NamedConfusion> named;
+  for (size_t v = 0; v < confusions.size(); ++v) {
+    if (confusions[v].likelihoods.total() > 0) {
+      named.push_back({scene.views[v].name, confusions[v].likelihoods, confusions[v].mesh});
+    }
+  }
+  if (named.empty()) {
+    return InputError(arguments.truth, "", "no IMAGE_label.png of a view that counts", "true labels of some images");
+  }
+  std::cout << LikelihoodTable(named, ClassNames(scene)) << std::flush;
+  if (arguments.json.empty()) return absl::OkStatus();
+  const Status written = WriteFileAtomic(arguments.json, LikelihoodJson(named, ClassNames(scene)));
+  return written.ok() ? written : absl::InternalError(written.message());
+}
+
+Status Evaluate(EvaluateArguments arguments) {
+  const ThreadLimit limit(arguments.threads);
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(arguments.scene, &warnings));
+  PrintWarnings(warnings);
+  if (arguments.truth.empty()) arguments.truth = (fs::path(scene.folder) / "truth").string();
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<bool> left_out, LeftOut(arguments.except_views, scene));
+  const TruthLabelSource truth_labels = [&](size_t view) -> StatusOr<LabelImage> {
+    const std::string path = TruthImagePath(arguments.truth, scene.views[view]);
+    if (left_out[view] || !fs::exists(path)) return LabelImage();
+    return ReadLabelImage(path);
+  };
+  if (!arguments.likelihoods.empty()) return EvaluateLikelihoods(arguments, scene, truth_labels);
+  if (arguments.mesh.empty()) return InputError("evaluate", "", "no mesh", "a mesh, or --likelihoods DIR");
+  const std::string truth_path = (fs::path(arguments.truth) / "mesh.ply").string();
+  if (!fs::exists(truth_path)) {
+    return InputError(truth_path, "", "no such file",
+                      "the true mesh; a scene without truth cannot be evaluated (another folder: --truth DIR)");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene.frame));
+  TESSERA_RETURN_IF_ERROR(CheckMesh(mesh, arguments.mesh, scene.classes.size()));
+  TESSERA_ASSIGN_OR_RETURN(TriangleMesh truth, ReadMeshInLocalFrame(truth_path, scene.frame));
+  TESSERA_RETURN_IF_ERROR(CheckMesh(truth, truth_path, scene.classes.size()));
+
+  EvaluationOptions& options = arguments.options;
+  options.up_in_local = scene.up_in_local;
+  if (arguments.rim_m) {
+    options.rim_m = *arguments.rim_m;
+  } else {
+    TESSERA_ASSIGN_OR_RETURN(const double gsd_m, MedianGsd(scene, truth));
+    options.rim_m = 0.01 * std::round(100 * kRimInGsd * gsd_m);
+  }
+
+  size_t truth_images = 0;
+  for (const SceneView& view : scene.views) truth_images += fs::exists(TruthImagePath(arguments.truth, view));
+  if (mesh.labels.empty()) {
+    std::cerr << "note: " << arguments.mesh << " has no labels: geometry only\n";
+  } else if (truth_images == 0) {
+    std::cerr << "note: " << arguments.truth << " has no IMAGE_label.png: no labels by rendered pixels\n";
+  } else if (truth_images < scene.views.size()) {
+    std::cerr << "note: " << truth_images << " of " << scene.views.size() << " views have a truth image\n";
+  }
+  TESSERA_ASSIGN_OR_RETURN(
+      const Evaluator evaluator,
+      Evaluator::Create(std::move(truth), scene.views, static_cast<int>(scene.classes.size()), truth_labels, options));
+  std::vector<NamedEvaluation> evaluations;
+  if (!arguments.no_start) {
+    TESSERA_ASSIGN_OR_RETURN(const TriangleMesh start, LoadSceneMesh(scene, 0));
+    TESSERA_ASSIGN_OR_RETURN(Evaluation evaluation, evaluator.Evaluate(start));
+    evaluations.push_back({"start", std::move(evaluation)});
+  }
+  TESSERA_ASSIGN_OR_RETURN(Evaluation evaluation, evaluator.Evaluate(mesh));
+  evaluations.push_back({"result", std::move(evaluation)});
+  std::cout << EvaluationTable(evaluations, ClassNames(scene), options) << std::flush;
+  if (arguments.json.empty()) return absl::OkStatus();
+  const Status written = WriteFileAtomic(arguments.json, EvaluationJson(evaluations, ClassNames(scene), options));
+  // Not the input's fault, whatever the code.
+  return written.ok() ? written : absl::InternalError(written.message());
+}
+
+}  // namespace
+
+void AddEvaluateCommand(CLI::App& app, int* exit_code) {
+  auto arguments = std::make_shared<EvaluateArguments>();
+  CLI::App* command = app.add_subcommand(
+      "evaluate",
+      "Measures a mesh against the scene's truth: geometry and labels, beside the start mesh's figures.\n\n"
+      "Points are drawn by area on the mesh (accuracy) and on the truth (completeness); those that enough cameras "
+      "see,\n"
+      "ray-tested on their own surface, count with their exact distance to the other surface. Labels are measured by\n"
+      "area and by rendered pixels.\n\n"
+      "  tessera evaluate out/mesh.ply --scene city\n"
+      "  tessera evaluate peer.ply --scene campus --rim 3 --json peer.json\n"
+      "  tessera evaluate --likelihoods classified/geometry --scene city --except-views 0000,0007\n"
+      "  tessera evaluate out/mesh.ply --likelihoods classified/geometry --scene city");
+  EvaluationOptions& options = arguments->options;
+  command->add_option("mesh", arguments->mesh, "PLY in the scene's own coordinates, as a job writes it");
+  command->add_option("--scene", arguments->scene, "the scene's folder or its scene.json")->required();
+  command->add_option("--truth", arguments->truth,
+                      "folder of mesh.ply and IMAGE_label.png, in the scene's coordinates (default SCENE/truth)");
+  command->add_option(
+      "--likelihoods", arguments->likelihoods,
+      "folder of likelihoods to measure in place of a mesh: their likeliest class, pixel by pixel; with a\n"
+      "mesh, beside its labels, where it and the start have a surface");
+  command
+      ->add_option("--except-views", arguments->except_views,
+                   "images whose pixels do not count for labels, as those that were annotated: 0000,0007")
+      ->delimiter(',');
+  command->add_option("--rim", arguments->rim_m, "metres inside the truth's horizontal box left out (default 30 GSD)")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--cap", options.cap_m, "metres; larger distances count as this in capped means")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--f-distances", options.f_distances_m, "metres at which the F-score is taken")
+      ->check(CLI::PositiveNumber)
+      ->delimiter(',')
+      ->capture_default_str();
+  command->add_option("--min-views", options.min_views, "cameras that must see a point for it to count")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command->add_option("--samples", options.samples, "points drawn on each surface")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "of the points drawn")->capture_default_str();
+  command->add_option("--boundary-px", options.boundary_reach_px, "pixels within which class boundaries match")
+      ->check(CLI::Range(0, 50))
+      ->capture_default_str();
+  command->add_option("--json", arguments->json, "also write all figures to this file");
+  command->add_flag("--no-start", arguments->no_start, "leave out the column of the start mesh");
+  command->add_option("--threads", arguments->threads, "0: one for each core; the figures are the same for any number")
+      ->check(CLI::NonNegativeNumber);
+  command->callback([arguments, exit_code] {
+    const Status status = Evaluate(*arguments);
+    if (status.ok()) return;
+    std::cerr << "tessera evaluate: " << PrintableLines(std::string(status.message())) << "\n";
+    const bool input =
+        absl::IsInvalidArgument(status) || absl::IsNotFound(status) || absl::IsFailedPrecondition(status);
+    *exit_code = input ? kExitBadInput : kExitFailed;
+  });
+}
+
+}  // namespace tessera

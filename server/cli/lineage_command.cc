@@ -1,0 +1,158 @@
+// `tessera lineage`: where each tile of a job comes from.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cctype>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <thread>
+
+#include "common/base/clock.h"
+#include "common/base/printable.h"
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "server/cli/command_line.h"
+#include "server/cli/commands.h"
+#include "server/client/base_job.h"
+#include "server/client/connection.h"
+#include "server/client/interrupt.h"
+#include "server/client/job_words.h"
+#include "server/client/lineage.h"
+#include "server/client/local_cluster.h"
+#include "server/display/lineage_text.h"
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+namespace {
+
+struct LineageFlags {
+  Endpoint coordinator;
+  std::string job;
+  int tile = -1;
+  bool images = false, json = false;
+};
+
+// Reads blobs of a coordinator by way of a store of its own.
+class Reader {
+ public:
+  Reader(Connection& connection, BlobStore& store) : connection_(connection), store_(store) {}
+
+  StatusOr<std::string> Blob(const Digest& digest) {
+    TESSERA_RETURN_IF_ERROR(connection_.blobs().Fetch(digest, store_, TaskControl()));
+    return store_.Read(digest);
+  }
+
+  // Empty if the job has none of this name.
+  StatusOr<std::string> Artifact(const v1::Job& job, const std::string& name) {
+    for (const v1::Artifact& artifact : job.artifacts()) {
+      if (artifact.name() == name) return Blob({artifact.digest().sha256(), artifact.digest().size_bytes()});
+    }
+    return std::string();
+  }
+
+  StatusOr<LineageJob> Job(const std::string& name) {
+    v1::Job job;
+    TESSERA_RETURN_IF_ERROR(connection_.GetJob(name, &job));
+    if (job.state() != v1::JOB_STATE_SUCCEEDED) {
+      return absl::FailedPreconditionError(name + " is " + JobStateWord(job.state()) + ": lineage is of results");
+    }
+    TESSERA_ASSIGN_OR_RETURN(const std::string report, Artifact(job, "job.json"));
+    TESSERA_ASSIGN_OR_RETURN(const std::string update, Artifact(job, kUpdateFile));
+    TESSERA_ASSIGN_OR_RETURN(LineageJob parsed, ParseLineageJob(report, update));
+    parsed.base = job.settings().update().base();  // job.json of earlier releases lacks it
+    parsed.finished_s = job.end_time().seconds();
+    return parsed;
+  }
+
+ private:
+  Connection& connection_;
+  BlobStore& store_;
+};
+
+StatusOr<Lineage> ReadLineage(Connection& connection, const std::string& job, int only_tile) {
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "tessera-lineage-"));
+  TESSERA_ASSIGN_OR_RETURN(const auto store, BlobStore::Open(folder.path()));
+  Reader reader(connection, *store);
+  std::vector<LineageJob> chain;
+  for (std::string name = job; !name.empty(); name = chain.back().base) {
+    TESSERA_ASSIGN_OR_RETURN(LineageJob next, reader.Job(name));
+    chain.push_back(std::move(next));
+  }
+  TESSERA_ASSIGN_OR_RETURN(Lineage lineage, TraceTiles(std::move(chain)));
+  TESSERA_RETURN_IF_ERROR(FillImages([&](const Digest& survey) { return reader.Blob(survey); }, only_tile, &lineage));
+  return lineage;
+}
+
+StatusOr<Lineage> LineageOfRun(const LineageFlags& flags) {
+  TESSERA_ASSIGN_OR_RETURN(const RunResult result, FindBase(flags.job, ""));
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder state, TempFolder::Create("", "tessera-lineage-"));
+  const SystemClock clock;
+  LocalClusterOptions options;
+  options.state_dir = state.path();
+  options.data_dir = result.data_dir;
+  options.workers = 0;
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
+  StatusOr<Lineage> lineage = absl::UnknownError("");
+  {
+    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
+    lineage = ReadLineage(*connection, result.job, flags.tile);
+  }
+  cluster->Stop(LocalCluster::kStopSeconds, PauseUnlessInterrupted);
+  return lineage;
+}
+
+bool IsJobName(const std::string& given) {
+  return given.starts_with("jobs/") ||
+         std::all_of(given.begin(), given.end(), [](unsigned char c) { return std::isdigit(c) != 0; });
+}
+
+Status TellLineage(const LineageFlags& flags) {
+  CountInterrupts();
+  StatusOr<Lineage> lineage = absl::UnknownError("");
+  if (IsJobName(flags.job)) {
+    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
+    lineage = ReadLineage(*connection, FullJobName(flags.job), flags.tile);
+  } else {
+    lineage = LineageOfRun(flags);
+  }
+  TESSERA_RETURN_IF_ERROR(lineage.status());
+  StatusOr<std::string> text = flags.json        ? LineageJson(*lineage, flags.tile)
+                               : flags.tile >= 0 ? TileLineageText(*lineage, flags.tile, flags.images)
+                                                 : LineageTable(*lineage);
+  TESSERA_RETURN_IF_ERROR(text.status());
+  std::fputs(PrintableLines(*text).c_str(), stdout);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddLineageCommand(CLI::App& app, int* exit_code) {
+  auto flags = std::make_shared<LineageFlags>();
+  CLI::App* command = app.add_subcommand("lineage", "Tell where each tile of a job comes from");
+  command->footer(
+      "A job with --base keeps the tiles that no new or withdrawn image touches, to the byte. A line a tile: the job\n"
+      "that made it, when that finished (UTC), its method and version of the algorithms, how many images of each "
+      "flight\n"
+      "the tile was refined from, and the SHA-256 of its state. --tile: what every job of the chain did about it, and "
+      "why.\n"
+      "Exit code: 0 done, 1 failed, 2 wrong arguments, 3 wrong input, 4 no coordinator answers.\n"
+      "Examples:\n"
+      "  tessera lineage jobs/7\n"
+      "  tessera lineage jobs/7 --tile 12 --images\n"
+      "  tessera lineage out --json > lineage.json");
+  AddCoordinatorOption(*command, &flags->coordinator);
+  command
+      ->add_option("JOB", flags->job,
+                   "The job's name or number at the coordinator, or the folder with a run's results, with its .tessera")
+      ->required();
+  CLI::Option* const tile =
+      command->add_option("--tile", flags->tile, "Only this tile, in full")->check(CLI::NonNegativeNumber);
+  command->add_flag("--images", flags->images, "Also the names of the images that the tile's cells chose")->needs(tile);
+  command->add_flag("--json", flags->json, "As JSON, with all names of images");
+  command->callback([flags, exit_code] {
+    const Status status = TellLineage(*flags);
+    *exit_code = status.ok() ? kExitOk : Complain("lineage", status);
+  });
+}
+
+}  // namespace tessera

@@ -1,0 +1,269 @@
+// `tessera plan`: what a job would take, before it runs.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <thread>
+
+#include "common/base/clock.h"
+#include "common/base/machine_limits.h"
+#include "common/job/survey.h"
+#include "common/job/task_parameters.h"
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "server/cli/command_line.h"
+#include "server/cli/commands.h"
+#include "server/client/artifacts.h"
+#include "server/client/base_job.h"
+#include "server/client/connection.h"
+#include "server/client/interrupt.h"
+#include "server/client/local_cluster.h"
+#include "server/display/plan_text.h"
+#include "server/display/progress_display.h"
+#include "server/display/update_text.h"
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kPlanLookSeconds = 0.1;
+
+struct PlanFlags {
+  JobFlags job;
+  std::string out, data, survey, map, json;
+  Endpoint coordinator;
+  PlanTerms terms;
+};
+
+StatusOr<std::string> FetchSurvey(Connection& connection, const v1::Task& ingest, const std::string& staging) {
+  for (const v1::OutputFile& output : ingest.outputs()) {
+    if (output.name() != kSurveyFile) continue;
+    const Digest digest = {output.digest().sha256(), output.digest().size_bytes()};
+    TESSERA_ASSIGN_OR_RETURN(const auto store, BlobStore::Open(staging));
+    TESSERA_RETURN_IF_ERROR(connection.blobs().Fetch(digest, *store, TaskControl()));
+    return store->Read(digest);
+  }
+  return absl::InternalError("ingest made no survey");
+}
+
+// Submits the job, follows it until its first task has ended and breaks it off: the plan needs no more, and a run with
+// the same state finds that task done.
+StatusOr<std::string> SurveyByJob(Connection& connection, LocalCluster& cluster, const v1::CreateJobRequest& request,
+                                  const std::string& staging, ProgressDisplay& display) {
+  v1::Job job;
+  TESSERA_RETURN_IF_ERROR(connection.CreateJob(request, &job));
+  StatusOr<std::string> survey = absl::CancelledError("interrupted");
+  while (true) {
+    v1::ListTasksResponse tasks;
+    if (Status status = connection.ListTasks(job.name(), &tasks); !status.ok()) {
+      survey = status;
+      break;
+    }
+    if (tasks.tasks_size() > 0 && tasks.tasks(0).state() == v1::TASK_STATE_SUCCEEDED) {
+      survey = FetchSurvey(connection, tasks.tasks(0), staging);
+      break;
+    }
+    v1::WatchJobResponse update;
+    if (Status status = connection.GetJob(job.name(), update.mutable_job()); !status.ok()) {
+      survey = status;
+      break;
+    }
+    if (update.job().state() == v1::JOB_STATE_FAILED) {
+      const bool input = connection.FailedForInput(job.name());
+      survey = Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, update.job().error());
+      return survey;
+    }
+    for (const v1::Task& task : tasks.tasks()) {
+      if (task.state() == v1::TASK_STATE_LEASED) *update.add_running() = task;
+    }
+    display.Show(update);
+    std::vector<std::string> notes;
+    const Status alive = cluster.LookAfter(&notes);
+    for (const std::string& note : notes) display.Note(note);
+    if (!alive.ok()) return alive;
+    if (!PauseUnlessInterrupted(kPlanLookSeconds)) break;
+  }
+  connection.CancelJob(job.name(), &job).IgnoreError();
+  return survey;
+}
+
+StatusOr<std::string> TakeSurvey(const PlanFlags& flags) {
+  v1::CreateJobRequest request;
+  TESSERA_RETURN_IF_ERROR(MakeRequest(flags.job, &request));
+  std::error_code error;
+  if (!std::filesystem::exists(request.scene_path(), error)) {
+    return absl::InvalidArgumentError(request.scene_path() + ": no such folder, expected a scene");
+  }
+  request.set_request_id(NewRequestId());
+  CountInterrupts();
+  std::optional<TempFolder> own_folder;
+  std::string state;
+  if (flags.out.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(own_folder, TempFolder::Create("", "tessera-plan-"));
+    state = own_folder->path() + "/state";
+  } else {
+    state = std::filesystem::absolute(flags.out).lexically_normal().string() + "/.tessera";
+  }
+  const SystemClock clock;
+  LocalClusterOptions options;
+  options.state_dir = state;
+  options.data_dir = state + "/data";
+  options.workers = 1;
+  options.threads_per_worker = CoreLimit();
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
+  TESSERA_ASSIGN_OR_RETURN(auto connection, Connection::Open(cluster->address()));
+  ProgressDisplay display(stderr);
+  StatusOr<std::string> survey = SurveyByJob(*connection, *cluster, request, state + "/fetch", display);
+  display.Finish();
+  connection.reset();
+  cluster->Stop(LocalCluster::kStopSeconds, [](double seconds) {
+    std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
+    return Interrupts() < 2;
+  });
+  RemoveTree(state + "/fetch").IgnoreError();
+  return survey;
+}
+
+// What a job published, without a folder to leave it in.
+StatusOr<std::string> FetchFile(Connection& connection, const v1::Job& job, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "tessera-plan-"));
+  TESSERA_RETURN_IF_ERROR(
+      FetchArtifacts(connection, job, folder.path() + "/out", folder.path() + "/fetch", TaskControl()).status());
+  return ReadFile(folder.path() + "/out/" + name);
+}
+
+// The plan of an update is what a job ends with that is asked for it alone.
+StatusOr<std::string> PlanOfUpdate(Connection& connection, const v1::CreateJobRequest& request) {
+  v1::Job job;
+  TESSERA_RETURN_IF_ERROR(connection.CreateJob(request, &job));
+  ProgressDisplay display(stderr);
+  const Status watched = connection.WatchJob(job.name(), [&](const v1::WatchJobResponse& update) {
+    job = update.job();
+    display.Show(update);
+    if (Interrupts() > 0) connection.StopWatching();
+  });
+  display.Finish();
+  if (!watched.ok()) {
+    connection.CancelJob(job.name(), &job).IgnoreError();
+    return watched;
+  }
+  PrintWarnings(job.warnings());
+  if (job.state() == v1::JOB_STATE_SUCCEEDED) return FetchFile(connection, job, kUpdateFile);
+  const bool input = connection.FailedForInput(job.name());
+  return Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, job.error());
+}
+
+StatusOr<std::string> TakeUpdatePlan(const PlanFlags& flags) {
+  v1::CreateJobRequest request;
+  TESSERA_RETURN_IF_ERROR(MakeRequest(flags.job, &request));
+  request.set_request_id(NewRequestId());
+  v1::UpdateSettings& update = *request.mutable_settings()->mutable_update();
+  update.set_plan_only(true);
+  CountInterrupts();
+  if (!flags.coordinator.address.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
+    return PlanOfUpdate(*connection, request);
+  }
+  TESSERA_ASSIGN_OR_RETURN(const RunResult base, FindBase(update.base(), flags.data));
+  update.set_base(base.job);
+  TESSERA_ASSIGN_OR_RETURN(const TempFolder state, TempFolder::Create("", "tessera-plan-"));
+  const SystemClock clock;
+  LocalClusterOptions options;
+  options.state_dir = state.path() + "/state";
+  options.data_dir = base.data_dir;
+  options.workers = 1;
+  options.threads_per_worker = CoreLimit();
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
+  StatusOr<std::string> plan = absl::UnknownError("");
+  {
+    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
+    plan = PlanOfUpdate(*connection, request);
+  }
+  cluster->Stop(LocalCluster::kStopSeconds, [](double seconds) {
+    std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
+    return Interrupts() < 2;
+  });
+  return plan;
+}
+
+Status TellUpdatePlan(const PlanFlags& flags) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string plan, TakeUpdatePlan(flags));
+  TESSERA_ASSIGN_OR_RETURN(const std::string table, UpdateTable(plan, flags.terms));
+  if (!flags.map.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(const std::string map, UpdateMap(plan));
+    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.map, map));
+  }
+  if (!flags.json.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.json, plan));
+  std::fputs(table.c_str(), stdout);
+  return absl::OkStatus();
+}
+
+Status Plan(const PlanFlags& flags) {
+  if (!flags.job.settings.update.base.empty()) return TellUpdatePlan(flags);
+  StatusOr<std::string> survey_json = absl::NotFoundError("");
+  if (!flags.survey.empty() && std::filesystem::exists(flags.survey)) {
+    survey_json = ReadFile(flags.survey);
+  } else {
+    survey_json = TakeSurvey(flags);
+  }
+  TESSERA_RETURN_IF_ERROR(survey_json.status());
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(*survey_json));
+  if (!flags.survey.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.survey, *survey_json));
+  TESSERA_ASSIGN_OR_RETURN(const Quote quote, MakeQuote(flags.job.settings, survey));
+  if (!flags.map.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.map, PlanMap(quote, survey)));
+  if (!flags.json.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.json, PlanJson(quote, flags.terms)));
+  PrintWarnings(survey.warnings);
+  std::fputs(PlanTable(quote, flags.terms).c_str(), stdout);
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void AddPlanCommand(CLI::App& app, int* exit_code) {
+  auto flags = std::make_shared<PlanFlags>();
+  CLI::App* command = app.add_subcommand("plan", "Tell what a job would take: tiles, memory, time and price");
+  command->footer(
+      "Reads and surveys the scene as a job's first task does (on this machine; no image is refined), lays out the "
+      "tiles\n"
+      "that `run` or `submit` would use with the same options, and predicts memory and time of each with the constants "
+      "of\n"
+      "this version. The range behind a total is where 9 of 10 of the tasks that the constants were fitted to lay; "
+      "other\n"
+      "kinds of machines shift it. With --out, `tessera run --out` of the same folder goes on from the survey.\n"
+      "Exit code: 0 done, 1 failed, 2 wrong arguments, 3 wrong input, 130 interrupted.\n"
+      "Examples:\n"
+      "  tessera plan city --workers 16 --map plan.svg\n"
+      "  tessera plan city --tile-memory 2GiB --price-per-core-hour 0.05 --json plan.json\n"
+      "  tessera plan city --out out && tessera run city --out out\n"
+      "  tessera plan flight-2027 --base out --map update.svg");
+  AddJobOptions(*command, &flags->job);
+  AddUpdateOptions(
+      *command, "the folder with an earlier run's results, with its .tessera; with --coordinator its jobs, as jobs/3",
+      &flags->job);
+  command->add_option("--coordinator", flags->coordinator.address,
+                      "With --base: the coordinator that has the job, HOST:PORT or unix:PATH; it reads the scene and "
+                      "plans");
+  AddTlsOptions(*command, &flags->coordinator);
+  command->add_option("--data", flags->data, "With --base jobs/J: the state that has the job, as `run` keeps it");
+  command->add_option("--out", flags->out, "Keep the survey's state in this folder, for `tessera run --out`");
+  command->add_option("--survey", flags->survey, "Read the survey from this file, or, if there is none, write it");
+  command->add_option("--workers", flags->terms.workers, "Workers that time is told for")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  command->add_option("--threads-per-worker", flags->terms.threads_per_worker, "Cores of each")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+  command->add_option("--price-per-core-hour", flags->terms.price_per_core_hour, "To tell a price")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--map", flags->map, "Draw the tiles and cameras to this SVG file");
+  command->add_option("--json", flags->json, "Also write the plan to this file, as JSON");
+  command->callback([flags, exit_code] {
+    const Status status = Plan(*flags);
+    *exit_code = status.ok() ? kExitOk : Complain("plan", status);
+  });
+}
+
+}  // namespace tessera

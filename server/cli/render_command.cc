@@ -1,0 +1,315 @@
+// tessera render: a picture of a mesh.
+#include <CLI/CLI.hpp>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/base/parallel.h"
+#include "common/base/printable.h"
+#include "common/geometry/nearest_surface.h"
+#include "common/imaging/image_io.h"
+#include "common/meshio/ply.h"
+#include "common/render/annotation.h"
+#include "common/render/coloring.h"
+#include "common/render/framing.h"
+#include "common/render/renderer.h"
+#include "common/scene/scene.h"
+#include "server/cli/commands.h"
+
+namespace tessera {
+namespace {
+
+namespace fs = std::filesystem;
+
+enum class Mode { kShaded, kLabels, kErrors, kDisplacement, kNormals };
+const std::vector<std::string> kModeNames = {"shaded", "labels", "errors", "displacement", "normals"};  // in that order
+
+struct RenderArguments {
+  std::string mesh, out;
+  std::string compare;
+  std::string scene;
+  std::string reference;
+  std::string truth;
+  std::string view = "oblique";
+  std::string mode_name = kModeNames[0];
+  Mode mode = Mode::kShaded;
+  std::string size;
+  std::vector<double> zoom;
+  double azimuth_deg = 45, pitch_deg = 40;
+  std::optional<double> range_m;
+  std::vector<std::string> captions;
+  bool edges = false, plain = false;
+  int samples_per_axis = 2, occlusion_rays = 16;
+  int threads = 0;
+};
+
+struct Picture {
+  int width = 1600, height = 1200;
+  bool given = false;
+};
+
+StatusOr<Picture> ParseSize(const std::string& text) {
+  Picture size;
+  if (text.empty()) return size;
+  char times = 0, rest = 0;
+  const int read = std::sscanf(text.c_str(), "%d%c%d%c", &size.width, &times, &size.height, &rest);
+  if (read != 3 || times != 'x' || size.width < 1 || size.height < 1 || size.width > 20000 || size.height > 20000) {
+    return InputError("--size", "", text, "WIDTHxHEIGHT in pixels, each 1 to 20000, such as 1600x1200");
+  }
+  size.given = true;
+  return size;
+}
+
+// What a class looks like where there is no scene: ground, facade, roof, vegetation as in the paper, then others.
+std::vector<SceneClass> DefaultClasses() {
+  const std::vector<std::pair<std::string, std::array<uint8_t, 3>>> known = {
+      {"ground", {128, 128, 128}},   {"facade", {148, 82, 158}},  {"roof", {235, 196, 60}},
+      {"vegetation", {88, 160, 72}}, {"class 4", {70, 130, 180}}, {"class 5", {200, 90, 60}},
+      {"class 6", {90, 190, 190}},   {"class 7", {150, 110, 80}}};
+  std::vector<SceneClass> classes;
+  for (const auto& [name, color] : known) {
+    SceneClass c;
+    c.name = name;
+    c.color_rgb = color;
+    classes.push_back(c);
+  }
+  return classes;
+}
+
+struct World {
+  std::optional<SceneDescription> scene;
+  Frame frame;
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  std::vector<SceneClass> classes = DefaultClasses();
+};
+
+StatusOr<World> LoadWorld(const std::string& scene_path) {
+  World world;
+  if (scene_path.empty()) return world;
+  Warnings warnings;
+  TESSERA_ASSIGN_OR_RETURN(world.scene, LoadScene(scene_path, &warnings));
+  world.frame = world.scene->frame;
+  world.up = world.scene->up_in_local;
+  world.classes = world.scene->classes;
+  return world;
+}
+
+StatusOr<TriangleMesh> ReadMesh(const std::string& path, const World& world) {
+  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  if (content.mesh.faces.empty()) return InputError(path, "", "no faces", "at least one");
+  for (Eigen::Vector3d& v : content.mesh.vertices) v = world.frame.LocalFromScene(v);
+  return std::move(content.mesh);
+}
+
+StatusOr<PosedCamera> SceneCamera(const World& world, const std::string& name, const Picture& size) {
+  if (!world.scene) {
+    return InputError("--view", "", name, "nadir, oblique, or the name of an image together with --scene");
+  }
+  for (const SceneView& view : world.scene->views) {
+    if (view.name != name && fs::path(view.name).stem() != name) continue;
+    PosedCamera camera = view.camera;
+    if (size.given) {
+      // The whole view inside the picture, its aspect kept.
+      const PinholeCamera old = camera.intrinsics;
+      const double scale = std::min(1.0 * size.width / old.width, 1.0 * size.height / old.height);
+      camera.intrinsics = {size.width,
+                           size.height,
+                           old.fx * scale,
+                           old.fy * scale,
+                           (old.cx - 0.5 * old.width) * scale + 0.5 * size.width,
+                           (old.cy - 0.5 * old.height) * scale + 0.5 * size.height};
+    }
+    return camera;
+  }
+  return InputError("--view", "", name,
+                    "nadir, oblique or one of the scene's " + std::to_string(world.scene->views.size()) +
+                        " images, such as " + (world.scene->views.empty() ? "" : world.scene->views[0].name));
+}
+
+StatusOr<PosedCamera> ChooseCamera(const RenderArguments& arguments, const World& world, const TriangleMesh& mesh) {
+  TESSERA_ASSIGN_OR_RETURN(const Picture size, ParseSize(arguments.size));
+  constexpr double kRadians = std::numbers::pi / 180;
+  PosedCamera camera;
+  if (arguments.view == "nadir") {
+    camera = NadirCamera(mesh, world.up, size.width, size.height);
+  } else if (arguments.view == "oblique") {
+    camera = ObliqueCamera(mesh, world.up, arguments.azimuth_deg * kRadians, arguments.pitch_deg * kRadians, size.width,
+                           size.height);
+  } else {
+    TESSERA_ASSIGN_OR_RETURN(camera, SceneCamera(world, arguments.view, size));
+  }
+  if (!arguments.zoom.empty()) {
+    camera.intrinsics = Zoomed(camera.intrinsics, arguments.zoom[0], arguments.zoom[1], arguments.zoom[2]);
+  }
+  return camera;
+}
+
+// The mesh that a mode compares with, and its search tree.
+struct Reference {
+  TriangleMesh mesh;
+  std::optional<NearestSurface> surface;
+};
+
+StatusOr<std::unique_ptr<Reference>> LoadReference(const RenderArguments& arguments, const World& world) {
+  auto reference = std::make_unique<Reference>();
+  std::string path;
+  if (arguments.mode == Mode::kDisplacement) {
+    path = arguments.reference;
+    if (path.empty() && world.scene) path = (fs::path(world.scene->folder) / world.scene->mesh_path).string();
+    if (path.empty()) return InputError("--mode displacement", "", "no --reference and no --scene", "one of them");
+  } else if (arguments.mode == Mode::kErrors) {
+    path = arguments.truth;
+    if (path.empty() && world.scene) path = (fs::path(world.scene->folder) / "truth" / "mesh.ply").string();
+    if (path.empty()) return InputError("--mode errors", "", "no --truth and no --scene", "one of them");
+  } else {
+    return reference;
+  }
+  TESSERA_ASSIGN_OR_RETURN(reference->mesh, ReadMesh(path, world));
+  if (arguments.mode == Mode::kErrors && reference->mesh.labels.empty()) {
+    return InputError(path, "", "faces without labels", "labels, to show where others are wrong");
+  }
+  reference->surface.emplace(reference->mesh);
+  return reference;
+}
+
+SurfaceColor ColorFor(Mode mode, const TriangleMesh& mesh, const Reference& reference, const Palette& palette,
+                      double range_m) {
+  switch (mode) {
+    case Mode::kLabels:
+      return LabelColor(mesh, palette);
+    case Mode::kErrors:
+      return LabelErrorColor(mesh, reference.mesh, *reference.surface);
+    case Mode::kDisplacement:
+      return DisplacementColor(reference.mesh, *reference.surface, range_m);
+    case Mode::kNormals:
+      return NormalColor(mesh);
+    case Mode::kShaded:
+      break;
+  }
+  return UniformColor(Color(0.86f, 0.85f, 0.82f));
+}
+
+Status RenderPicture(const RenderArguments& arguments) {
+  const ThreadLimit limit(arguments.threads);
+  TESSERA_ASSIGN_OR_RETURN(const World world, LoadWorld(arguments.scene));
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMesh(arguments.mesh, world));
+  TESSERA_ASSIGN_OR_RETURN(const PosedCamera camera, ChooseCamera(arguments, world, mesh));
+  TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<Reference> reference, LoadReference(arguments, world));
+  std::optional<TriangleMesh> other;
+  if (!arguments.compare.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(other, ReadMesh(arguments.compare, world));
+  }
+  const bool needs_labels = arguments.mode == Mode::kLabels || arguments.mode == Mode::kErrors;
+  for (const TriangleMesh* m : {&mesh, other ? &*other : &mesh}) {
+    if (needs_labels && m->labels.empty()) {
+      return InputError(m == &mesh ? arguments.mesh : arguments.compare, "", "faces without labels",
+                        "labels for this --mode");
+    }
+  }
+  double range_m = 1;
+  if (arguments.mode == Mode::kDisplacement) {
+    range_m = arguments.range_m.value_or(DisplacementRange(mesh, *reference->surface));
+  }
+  Palette palette;
+  for (const SceneClass& c : world.classes) palette.push_back(c.color_rgb);
+  RenderOptions options;
+  options.samples_per_axis = arguments.samples_per_axis;
+  options.occlusion_rays = arguments.occlusion_rays;
+  options.lit = !arguments.plain && arguments.mode != Mode::kNormals;
+  options.edges = arguments.edges;
+  options.up = world.up;
+  const auto render = [&](const TriangleMesh& m) {
+    return Render(m, RayCaster(m), camera, ColorFor(arguments.mode, m, *reference, palette, range_m), options);
+  };
+
+  ByteImage picture = render(mesh);
+  if (other) {
+    ByteImage before = render(*other);
+    if (!arguments.captions.empty()) DrawCaption(&before, arguments.captions.front());
+    if (arguments.captions.size() > 1) DrawCaption(&picture, arguments.captions.back());
+    picture = SideBySide(before, picture);
+  } else if (!arguments.captions.empty()) {
+    DrawCaption(&picture, arguments.captions.front());
+  }
+  if (arguments.mode == Mode::kDisplacement) DrawDisplacementBar(&picture, range_m);
+  if (arguments.mode == Mode::kLabels && world.scene) {
+    std::vector<std::pair<std::string, std::array<uint8_t, 3>>> entries;
+    for (const SceneClass& c : world.classes) entries.emplace_back(c.name, c.color_rgb);
+    DrawLegend(&picture, entries);
+  }
+  return WritePng(arguments.out, picture);
+}
+
+}  // namespace
+
+void AddRenderCommand(CLI::App& app, int* exit_code) {
+  auto arguments = std::make_shared<RenderArguments>();
+  CLI::App* command = app.add_subcommand(
+      "render",
+      "Draws a mesh into a PNG picture.\n\n"
+      "  tessera render out/mesh.ply --out after.png\n"
+      "  tessera render out/mesh.ply --scene city --mode labels --view nadir --out labels.png\n"
+      "  tessera render out/mesh.ply --compare city/mesh.ply --caption before --caption after --out both.png\n"
+      "  tessera render out/mesh.ply --scene city --mode displacement --zoom 0.5,0.4,0.25 --out moved.png\n"
+      "  tessera render out/mesh.ply --scene city --mode errors --view 0003.jpg --out wrong.png");
+  command->add_option("mesh", arguments->mesh, "PLY; in the scene's own coordinates if --scene is given")->required();
+  command->add_option("--out", arguments->out, "the PNG to write")->required();
+  command->add_option("--scene", arguments->scene, "gives class colours, up, views, start mesh and truth");
+  command->add_option("--compare", arguments->compare, "another mesh, drawn to the left (before) from the same camera");
+  command
+      ->add_option("--mode", arguments->mode_name,
+                   "shaded; labels: class colours; errors: labels other than the truth's red; displacement: signed\n"
+                   "distance from the reference, red outwards, blue inwards; normals")
+      ->check(CLI::IsMember(kModeNames))
+      ->capture_default_str();
+  command->add_option("--view", arguments->view, "nadir, oblique, or the name of an image of the scene")
+      ->capture_default_str();
+  command->add_option("--azimuth", arguments->azimuth_deg, "oblique: degrees clockwise from north to look along")
+      ->capture_default_str();
+  command->add_option("--pitch", arguments->pitch_deg, "oblique: degrees below the horizon")
+      ->check(CLI::Range(1.0, 89.0))
+      ->capture_default_str();
+  command->add_option("--size", arguments->size, "WIDTHxHEIGHT in pixels (default 1600x1200, or the image's)")
+      ->check([](const std::string& text) {
+        return ParseSize(text).ok() ? std::string() : text + " is not WIDTHxHEIGHT in pixels, such as 1600x1200";
+      });
+  command
+      ->add_option("--zoom", arguments->zoom,
+                   "X,Y,SHARE: the part of the picture around (X, Y) and SHARE as wide, 0 to 1")
+      ->delimiter(',')
+      ->expected(3)
+      ->check(CLI::Range(1e-4, 1.0));
+  command->add_option("--reference", arguments->reference, "mesh for --mode displacement (default the scene's start)");
+  command->add_option("--range", arguments->range_m, "metres of displacement at full colour (default from the mesh)")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--truth", arguments->truth, "labelled mesh for --mode errors (default SCENE/truth/mesh.ply)");
+  command->add_option("--caption", arguments->captions, "text in the corner; twice with --compare, left first");
+  command->add_flag("--edges", arguments->edges, "draw the faces' edges");
+  command->add_flag("--plain", arguments->plain, "colours without light and shade");
+  command->add_option("--antialias", arguments->samples_per_axis, "rays a pixel along each axis")
+      ->check(CLI::Range(1, 8))
+      ->capture_default_str();
+  command->add_option("--occlusion-rays", arguments->occlusion_rays, "shade rays for each of those; 0: none")
+      ->check(CLI::Range(0, 256))
+      ->capture_default_str();
+  command->add_option("--threads", arguments->threads, "0: one for each core")->check(CLI::NonNegativeNumber);
+  command->callback([arguments, exit_code] {
+    const auto name = std::find(kModeNames.begin(), kModeNames.end(), arguments->mode_name);
+    arguments->mode = static_cast<Mode>(name - kModeNames.begin());
+    const Status status = RenderPicture(*arguments);
+    if (status.ok()) return;
+    std::cerr << "tessera render: " << PrintableLines(std::string(status.message())) << "\n";
+    *exit_code = absl::IsInvalidArgument(status) || absl::IsNotFound(status) ? kExitBadInput : kExitFailed;
+  });
+}
+
+}  // namespace tessera

@@ -1,0 +1,91 @@
+// `tessera submit`: gives a job to a coordinator.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <memory>
+
+#include "server/cli/command_line.h"
+#include "server/cli/commands.h"
+#include "server/cli/watching.h"
+#include "server/client/connection.h"
+#include "server/client/job_words.h"
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+namespace {
+
+struct SubmitFlags {
+  Endpoint coordinator;
+  JobFlags job;
+  std::string name;
+  std::string request_id;
+  int priority = 0;
+  bool validate_only = false;
+  bool watch = false;
+};
+
+int Submit(const SubmitFlags& flags) {
+  v1::CreateJobRequest request;
+  if (const Status status = MakeRequest(flags.job, &request); !status.ok()) return Complain("submit", status);
+  if (v1::UpdateSettings& update = *request.mutable_settings()->mutable_update(); !update.base().empty()) {
+    update.set_base(FullJobName(update.base()));
+  }
+  request.set_display_name(flags.name);
+  request.set_priority(flags.priority);
+  request.set_request_id(flags.request_id.empty() ? NewRequestId() : flags.request_id);
+  request.set_validate_only(flags.validate_only);
+  const auto connection = Connection::Open(flags.coordinator);
+  if (!connection.ok()) return Complain("submit", connection.status());
+  v1::Job job;
+  if (const Status status = (*connection)->CreateJob(request, &job); !status.ok()) return Complain("submit", status);
+  PrintWarnings(job.warnings());
+  if (flags.validate_only) {
+    std::printf("%s: valid\n", request.scene_path().c_str());
+    return kExitOk;
+  }
+  std::printf("%s\n", job.name().c_str());
+  std::fflush(stdout);
+  return flags.watch ? WatchToTheEnd(**connection, job.name(), "submit") : kExitOk;
+}
+
+constexpr char kBaseIs[] = "the coordinator's jobs, as jobs/3";
+
+void AddOptions(CLI::App& command, SubmitFlags* flags) {
+  AddCoordinatorOption(command, &flags->coordinator);
+  AddJobOptions(command, &flags->job);
+  AddUpdateOptions(command, kBaseIs, &flags->job);
+  AddPriceLimit(command, &flags->job);
+  command.add_option("--name", flags->name, "Name for people; without it the scene's");
+  command.add_option("--request-id", flags->request_id, "The same id again gives the same job, never a second one");
+  AddPriorityOption(command, "--priority", &flags->priority);
+  command.add_flag("--validate-only", flags->validate_only, "Only check the scene, as the coordinator sees it");
+  command.add_flag("--watch", flags->watch, "Show progress until the job has ended");
+}
+
+}  // namespace
+
+void AddSubmitCommand(CLI::App& app, int* exit_code) {
+  auto flags = std::make_shared<SubmitFlags>();
+  CLI::App* command = app.add_subcommand("submit", "Give a job to a coordinator; prints the job's name");
+  command->footer(
+      "The coordinator reads the scene from the same path, so it must be on a file system that it sees.\n"
+      "Example:\n"
+      "  job=$(tessera submit city --tiles 16 --coordinator city-server:7575)\n"
+      "  tessera watch $job && tessera fetch $job --out result");
+  AddOptions(*command, flags.get());
+  command->callback([flags, exit_code] { *exit_code = Submit(*flags); });
+}
+
+void AddUpdateCommand(CLI::App& app, int* exit_code) {
+  auto flags = std::make_shared<SubmitFlags>();
+  CLI::App* command = app.add_subcommand("update", "Give a new flight over part of a city to a coordinator");
+  command->footer(
+      "As `submit`, of a job that goes on from another's result (--base). `tessera plan --base` tells beforehand what "
+      "it will do.\n"
+      "Example:\n"
+      "  tessera update flight-2027 --base jobs/1 --watch && tessera fetch jobs/2 --out city-2027");
+  AddOptions(*command, flags.get());
+  command->get_option("--base")->required();
+  command->callback([flags, exit_code] { *exit_code = Submit(*flags); });
+}
+
+}  // namespace tessera

@@ -1,0 +1,184 @@
+#include "server/display/plan_text.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "server/client/job_words.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kMiB = 1 << 20, kGiB = 1 << 30, kSquareKilometre = 1e6, kHour = 3600;
+
+std::string GroupedRounded(double value) { return Grouped(std::llround(value)); }
+
+std::string Row(const std::array<std::string, 9>& words) {
+  std::string row;
+  for (const std::string& word : words) absl::StrAppendFormat(&row, "%12s", word);
+  return row + "\n";
+}
+
+// Of the faces that tiles have in sight beside their own, over these.
+double SightShare(const Quote& quote) { return quote.core_faces > 0 ? quote.sight_faces / quote.core_faces - 1 : 0; }
+
+}  // namespace
+
+std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
+  std::string out =
+      Row({"tile", "cells", "faces", "in sight", "cameras", "megapixels", "pair MP", "peak MiB", "core-s"});
+  for (const TileQuote& tile : quote.tiles) {
+    const CellRect& c = tile.core;
+    out += Row({std::to_string(tile.tile), absl::StrCat(c.x1 - c.x0, " x ", c.y1 - c.y0),
+                GroupedRounded(tile.work.core_faces), GroupedRounded(tile.work.sight_faces),
+                std::to_string(tile.work.seeing_views), GroupedRounded(1e-6 * tile.work.pixels),
+                GroupedRounded(1e-6 * tile.work.pair_pixels),
+                GroupedRounded(static_cast<double>(tile.peak_bytes()) / kMiB), GroupedRounded(tile.core_seconds())});
+  }
+  double most = 0;
+  for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.core_seconds());
+  const double mean =
+      (quote.core_seconds - quote.ingest.core_seconds - quote.classify.core_seconds - quote.publish.core_seconds) /
+      static_cast<double>(std::max<size_t>(1, quote.tiles.size()));
+  const double km2 = quote.area_m2 / kSquareKilometre,
+               wall_s = WallSeconds(quote, terms.workers, terms.threads_per_worker);
+  const Interval& i = quote.interval;
+  const auto range = [&](double value, const char* format) {
+    return absl::StrCat(absl::StrFormat(*absl::ParsedFormat<'f'>::New(format), value), " (",
+                        absl::StrFormat(*absl::ParsedFormat<'f'>::New(format), i.low * value), " to ",
+                        absl::StrFormat(*absl::ParsedFormat<'f'>::New(format), i.high * value), ")");
+  };
+  absl::StrAppendFormat(&out, "tiles: %d, %.0f %% more faces in sight, heaviest / mean tile %.2f\n",
+                        static_cast<int>(quote.tiles.size()), 100 * SightShare(quote), mean > 0 ? most / mean : 1.0);
+  absl::StrAppendFormat(&out, "ingest: %.0f core-s, %.0f MiB; publish: %.0f core-s, %.0f MiB\n",
+                        quote.ingest.core_seconds, static_cast<double>(quote.ingest.peak_bytes) / kMiB,
+                        quote.publish.core_seconds, static_cast<double>(quote.publish.peak_bytes) / kMiB);
+  if (quote.classify.core_seconds > 0) {
+    absl::StrAppendFormat(&out, "classify: %.0f core-s, %.0f MiB\n", quote.classify.core_seconds,
+                          static_cast<double>(quote.classify.peak_bytes) / kMiB);
+  }
+  absl::StrAppendFormat(&out, "memory of a worker: %.0f MiB at most\n", static_cast<double>(quote.peak_bytes) / kMiB);
+  const Interval stored = StoredBytesInterval();
+  const double stored_gib = static_cast<double>(quote.stored_bytes) / kGiB;
+  absl::StrAppendFormat(&out, "disk: %.2f GiB (%.2f to %.2f)\n", stored_gib, stored.low * stored_gib,
+                        stored.high * stored_gib);
+  absl::StrAppend(&out, "core-hours: ", range(quote.core_seconds / kHour, "%.3f"), "\n");
+  absl::StrAppendFormat(&out, "area: %.4f km2", km2);
+  if (km2 > 0) absl::StrAppend(&out, ", core-hours a km2: ", range(quote.core_seconds / kHour / km2, "%.2f"));
+  absl::StrAppendFormat(&out, "\ntime with %d worker%s of %d core%s: %s (%s to %s)", terms.workers,
+                        terms.workers == 1 ? "" : "s", terms.threads_per_worker,
+                        terms.threads_per_worker == 1 ? "" : "s", DurationWords(wall_s), DurationWords(i.low * wall_s),
+                        DurationWords(i.high * wall_s));
+  if (km2 > 0) absl::StrAppend(&out, ", hours a km2: ", range(wall_s / kHour / km2, "%.2f"));
+  out += "\n";
+  if (terms.price_per_core_hour) {
+    absl::StrAppend(&out, "price: ", range(*terms.price_per_core_hour * quote.core_seconds / kHour, "%.2f"), "\n");
+  }
+  return out;
+}
+
+std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
+  using Json = nlohmann::ordered_json;
+  const auto cost = [](const Prediction& p) {
+    return Json{{"core_seconds", p.core_seconds}, {"peak_bytes", p.peak_bytes}, {"stored_bytes", p.stored_bytes}};
+  };
+  Json tiles = Json::array();
+  for (const TileQuote& tile : quote.tiles) {
+    Json json = {{"tile", tile.tile},
+                 {"core", {tile.core.x0, tile.core.y0, tile.core.x1, tile.core.y1}},
+                 {"core_faces", tile.work.core_faces},
+                 {"sight_faces", std::round(tile.work.sight_faces)},
+                 {"cameras", tile.work.seeing_views},
+                 {"pixels", tile.work.pixels},
+                 {"pair_pixels", tile.work.pair_pixels},
+                 {"cut", cost(tile.cut)},
+                 {"crop", cost(tile.crop)}};
+    if (quote.tiles.size() == 1) {
+      json["refine"] = cost(tile.refine);
+    } else {
+      json["measure"] = cost(tile.measure);
+      json["solve"] = cost(tile.solve);
+      json["mend"] = cost(tile.mend);
+    }
+    tiles.push_back(std::move(json));
+  }
+  const Interval& i = quote.interval;
+  const double wall_s = WallSeconds(quote, terms.workers, terms.threads_per_worker);
+  const auto range = [&](double value) {
+    return Json{{"predicted", value}, {"low", i.low * value}, {"high", i.high * value}};
+  };
+  Json json = {{"tessera_plan", 1},
+               {"area_m2", quote.area_m2},
+               {"peak_bytes", quote.peak_bytes},
+               {"stored_bytes", quote.stored_bytes},
+               {"core_seconds", range(quote.core_seconds)},
+               {"workers", terms.workers},
+               {"threads_per_worker", terms.threads_per_worker},
+               {"wall_seconds", range(wall_s)}};
+  if (terms.price_per_core_hour) json["price"] = range(*terms.price_per_core_hour * quote.core_seconds / kHour);
+  json["ingest"] = cost(quote.ingest);
+  if (quote.classify.core_seconds > 0) json["classify"] = cost(quote.classify);
+  json["publish"] = cost(quote.publish);
+  json["tiles"] = std::move(tiles);
+  return json.dump(1) + "\n";
+}
+
+std::string PlanMap(const Quote& quote, const Survey& survey) {
+  const double cell_m = survey.ground.cell_m;
+  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300, least = 1e300, most = 0;
+  const auto include = [&](double x, double y) {
+    x0 = std::min(x0, x);
+    x1 = std::max(x1, x);
+    y0 = std::min(y0, y);
+    y1 = std::max(y1, y);
+  };
+  for (const TileQuote& tile : quote.tiles) {
+    include(tile.core.x0 * cell_m, tile.core.y0 * cell_m);
+    include(tile.core.x1 * cell_m, tile.core.y1 * cell_m);
+    least = std::min(least, tile.core_seconds());
+    most = std::max(most, tile.core_seconds());
+  }
+  std::vector<Eigen::Vector2d> stands;
+  for (const SceneView& view : survey.views) {
+    stands.push_back(survey.ground.Coordinates(view.camera.Centre()));
+    include(stands.back().x(), stands.back().y());
+  }
+  const double size = std::max({x1 - x0, y1 - y0, 1e-9}), margin = 0.03 * size, line = size / 600, text = size / 45;
+  // Y down, as SVG has it.
+  const auto rect = [&](double left, double bottom, double right, double top, const std::string& style) {
+    return absl::StrFormat("<rect x=\"%.3f\" y=\"%.3f\" width=\"%.3f\" height=\"%.3f\" %s>", left, -top, right - left,
+                           top - bottom, style);
+  };
+  std::string out = absl::StrFormat(
+      "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"900\" viewBox=\"%.3f %.3f %.3f %.3f\" "
+      "font-family=\"sans-serif\" font-size=\"%.3f\">\n",
+      x0 - margin, -y1 - margin, x1 - x0 + 2 * margin, y1 - y0 + 2 * margin + 3 * text, text);
+  for (const TileQuote& tile : quote.tiles) {
+    // From pale to dark red.
+    const double t = most > least ? (tile.core_seconds() - least) / (most - least) : 0;
+    const std::string style =
+        absl::StrFormat("fill=\"rgb(%d,%d,%d)\" stroke=\"#333\" stroke-width=\"%.3f\"", static_cast<int>(255 - 102 * t),
+                        static_cast<int>(240 - 220 * t), static_cast<int>(217 - 200 * t), line);
+    const CellRect& c = tile.core;
+    absl::StrAppend(&out, rect(c.x0 * cell_m, c.y0 * cell_m, c.x1 * cell_m, c.y1 * cell_m, style));
+    absl::StrAppendFormat(&out, "<title>tile %d: %s faces, %d cameras, %.0f MiB, %.0f core-seconds</title></rect>\n",
+                          tile.tile, GroupedRounded(tile.work.core_faces), tile.work.seeing_views,
+                          static_cast<double>(tile.peak_bytes()) / kMiB, tile.core_seconds());
+  }
+  for (const Eigen::Vector2d& at : stands) {
+    absl::StrAppendFormat(&out, "<circle cx=\"%.3f\" cy=\"%.3f\" r=\"%.3f\" fill=\"#06c\"/>\n", at.x(), -at.y(),
+                          2.5 * line);
+  }
+  absl::StrAppendFormat(&out,
+                        "<text x=\"%.3f\" y=\"%.3f\">%d tiles of %.0f (pale) to %.0f (dark) core-seconds; "
+                        "dots: %d cameras</text>\n</svg>\n",
+                        x0, -y0 + margin + 1.5 * text, static_cast<int>(quote.tiles.size()), least, most,
+                        static_cast<int>(stands.size()));
+  return out;
+}
+
+}  // namespace tessera

@@ -1,0 +1,191 @@
+#include <algorithm>
+#include <chrono>
+#include <thread>
+
+#include "common/rpc/status_conversion.h"
+#include "common/storage/files.h"
+#include "server/grpc/conversion.h"
+#include "server/grpc/services.h"
+
+namespace tessera {
+namespace {
+
+constexpr int64_t kChunkBytes = int64_t{1} << 20;
+constexpr double kAwaitRemakeS = 20;  // at most, of a ReadBlob call
+constexpr int kMaxDigests = 1000;     // of a StatBlobs call
+constexpr size_t kMaxWorkersKept = 10'000;
+constexpr char kNotYours[] =
+    "this content is not for you: workers read what their leases name, others what jobs published";
+
+// What is wrong with our own disk is not the caller's fault and may pass: RESOURCE_EXHAUSTED, which is nothing else
+// here.
+Status StorageStatus(const Status& status) {
+  if (!IsFileError(status)) return status;
+  return absl::ResourceExhaustedError("the coordinator cannot store it: " + std::string(status.message()));
+}
+
+}  // namespace
+
+bool BlobsService::IsInput(const std::string& worker, const Digest& digest) const {
+  auto leases = environment_.dispatcher->LeasesOf(worker);
+  std::lock_guard lock(mutex_);
+  if (leases.empty()) {
+    inputs_.erase(worker);
+    return false;
+  }
+  if (inputs_.size() > kMaxWorkersKept) inputs_.clear();
+  Inputs& inputs = inputs_[worker];
+  if (inputs.leases != leases) inputs = {std::move(leases), environment_.dispatcher->InputsOfLeases(worker)};
+  return inputs.sha256.contains(digest.sha256);
+}
+
+Status BlobsService::MayRead(const Caller& caller, const Digest& digest) const {
+  TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
+  if (!caller.worker.empty() && IsInput(caller.worker, digest)) return absl::OkStatus();
+  if (caller.Has(Role::kAdmin)) return absl::OkStatus();
+  const bool reads_jobs = caller.Has(Role::kViewer) || caller.Has(Role::kSubmitter);
+  if (reads_jobs && environment_.dispatcher->IsPublished(digest)) return absl::OkStatus();
+  return absl::PermissionDeniedError(kNotYours);
+}
+
+Status BlobsService::MayWrite(const Caller& caller) const {
+  if (!caller.worker.empty() && !environment_.dispatcher->LeasesOf(caller.worker).empty()) return absl::OkStatus();
+  return absl::PermissionDeniedError("a worker stores what its leases write, and this is none that has one");
+}
+
+StatusOr<HeldFile> BlobsService::Locate(const Caller& caller, const Digest& digest) const {
+  if (environment_.blobs->Has(digest)) return AllowedFiles::All().Open(environment_.blobs->Path(digest));
+  Status fault = absl::NotFoundError("no blob " + digest.sha256);
+  if (caller.worker.empty() || !IsInput(caller.worker, digest)) return fault;
+  // Jobs on copies of a scene have files of one content, of which some may be gone.
+  for (const std::string& path : environment_.dispatcher->SceneFilesWith(digest)) {
+    auto file = environment_.scene_files.Open(path);
+    const auto found =
+        file.ok() ? DigestOfFile(*file, *environment_.digests, *environment_.clock) : StatusOr<Digest>(file.status());
+    if (found.ok() && *found == digest) return file;
+    if (absl::IsNotFound(fault)) {
+      fault = found.ok() ? absl::FailedPreconditionError(path + " was changed after its job was submitted")
+                         : found.status();
+    }
+  }
+  return fault;
+}
+
+Status BlobsService::AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const {
+  const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(kAwaitRemakeS);
+  while (true) {
+    TESSERA_RETURN_IF_ERROR(environment_.dispatcher->RemakeArtifact(digest));
+    if (environment_.blobs->Has(digest)) return absl::OkStatus();
+    if (context.IsCancelled() || environment_.dispatcher->stopped() || std::chrono::steady_clock::now() > until) {
+      return absl::UnavailableError("blob " + digest.sha256 + " was lost and is being made again; ask later");
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  }
+}
+
+Status BlobsService::Damaged(const Digest& digest, const std::string& what) const {
+  // It is made again if a job published it; who reads it as a task's input reports that.
+  environment_.dispatcher->RemakeArtifact(digest).IgnoreError();
+  return absl::DataLossError(what);
+}
+
+grpc::Status BlobsService::StatBlobs(grpc::ServerContext* context, const v1::StatBlobsRequest* request,
+                                     v1::StatBlobsResponse* response) {
+  if (request->digests_size() > kMaxDigests) {
+    return ToGrpc(InputError("digests", "", std::to_string(request->digests_size()),
+                             "at most " + std::to_string(kMaxDigests) + " in a call"));
+  }
+  const Caller caller = environment_.access->CallerOf(*context);
+  for (const auto& message : request->digests()) {
+    const Digest digest = FromProto(message);
+    response->add_held(MayRead(caller, digest).ok() && Locate(caller, digest).ok());
+  }
+  return grpc::Status::OK;
+}
+
+grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::ReadBlobRequest* request,
+                                    grpc::ServerWriter<v1::BlobChunk>* writer) {
+  const Digest digest = FromProto(request->digest());
+  const Caller caller = environment_.access->CallerOf(*context);
+  if (const Status allowed = MayRead(caller, digest); !allowed.ok()) return ToGrpc(allowed);
+  auto ticket = limits_.Transfer(caller.mover(), [context] { context->TryCancel(); });
+  if (!ticket.ok()) return ToGrpc(ticket.status());
+  auto file = Locate(caller, digest);
+  if (absl::IsNotFound(file.status())) {
+    if (const Status made = AwaitRemake(digest, *context); !made.ok()) return ToGrpc(made);
+    file = Locate(caller, digest);
+  }
+  if (!file.ok()) return ToGrpc(file.status());
+  if (request->offset() < 0 || request->offset() > digest.size_bytes) {
+    return ToGrpc(absl::InvalidArgumentError("offset " + std::to_string(request->offset()) + " of a blob of " +
+                                             std::to_string(digest.size_bytes) + " bytes"));
+  }
+  // A stream from the start is hashed on its way, so that a file damaged on disk is told here and not taken for damage
+  // of the transfer.
+  Sha256Hasher hasher;
+  int64_t offset = request->offset();
+  while (offset < digest.size_bytes && !context->IsCancelled()) {
+    const auto bytes = file->Read(offset, std::min(kChunkBytes, digest.size_bytes - offset));
+    if (!bytes.ok()) return ToGrpc(bytes.status());
+    if (bytes->empty()) return ToGrpc(Damaged(digest, file->real_path() + " has become shorter"));
+    hasher.Update(*bytes);
+    const bool last = offset + static_cast<int64_t>(bytes->size()) == digest.size_bytes;
+    if (last && request->offset() == 0 && hasher.Finish() != digest.sha256) {
+      return ToGrpc(Damaged(digest, file->real_path() + " is damaged: it no longer hashes to " + digest.sha256));
+    }
+    v1::BlobChunk chunk;
+    chunk.set_offset(offset);
+    chunk.set_xxh3(Xxh3(*bytes));
+    offset += static_cast<int64_t>(bytes->size());
+    *chunk.mutable_data() = *bytes;
+    if (!writer->Write(chunk)) break;
+    ticket->Moved();
+  }
+  return grpc::Status::OK;
+}
+
+grpc::Status BlobsService::WriteBlob(grpc::ServerContext* context, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+                                     v1::WriteBlobResponse* response) {
+  const Caller caller = environment_.access->CallerOf(*context);
+  if (const Status allowed = MayWrite(caller); !allowed.ok()) return ToGrpc(allowed);
+  auto ticket = limits_.Transfer(caller.mover(), [context] { context->TryCancel(); });
+  if (!ticket.ok()) return ToGrpc(ticket.status());
+  v1::WriteBlobRequest request;
+  Digest digest;
+  bool first = true;
+  while (reader->Read(&request)) {
+    ticket->Moved();
+    if (first) {
+      digest = FromProto(request.digest());
+      if (const Status status = CheckDigest(digest); !status.ok()) return ToGrpc(status);
+      if (const Status status = limits_.BeginUpload(caller.client, digest); !status.ok()) return ToGrpc(status);
+      first = false;
+    }
+    const v1::BlobChunk& chunk = request.chunk();
+    if (Xxh3(chunk.data()) != chunk.xxh3()) {
+      return ToGrpc(absl::DataLossError("the chunk at " + std::to_string(chunk.offset()) + " was damaged on its way"));
+    }
+    const auto committed = environment_.blobs->Append(digest, chunk.offset(), chunk.data());
+    if (!committed.ok()) return ToGrpc(StorageStatus(committed.status()));
+    response->set_committed_bytes(*committed);
+  }
+  if (first) return ToGrpc(absl::InvalidArgumentError("an upload that names no blob"));
+  // A stream that ended early keeps what came; the writer goes on from there.
+  if (response->committed_bytes() < digest.size_bytes) return grpc::Status::OK;
+  const Status complete = environment_.blobs->Complete(digest);
+  if (complete.ok() || absl::IsDataLoss(complete)) limits_.EndUpload(digest);
+  return ToGrpc(StorageStatus(complete));
+}
+
+grpc::Status BlobsService::QueryWrite(grpc::ServerContext* context, const v1::QueryWriteRequest* request,
+                                      v1::QueryWriteResponse* response) {
+  if (const Status allowed = MayWrite(environment_.access->CallerOf(*context)); !allowed.ok()) return ToGrpc(allowed);
+  const Digest digest = FromProto(request->digest());
+  const auto committed = environment_.blobs->CommittedBytes(digest);
+  if (!committed.ok()) return ToGrpc(committed.status());
+  response->set_committed_bytes(*committed);
+  response->set_complete(environment_.blobs->Has(digest));
+  return grpc::Status::OK;
+}
+
+}  // namespace tessera

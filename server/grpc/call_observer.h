@@ -1,0 +1,28 @@
+// Sees every call of the coordinator's services: counts it, and logs those that change something.
+#ifndef TESSERA_SERVER_GRPC_CALL_OBSERVER_H_
+#define TESSERA_SERVER_GRPC_CALL_OBSERVER_H_
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "server/auth/access.h"
+#include "server/metrics/rpc_counts.h"
+
+namespace grpc::experimental {
+class ServerInterceptorFactoryInterface;
+}  // namespace grpc::experimental
+
+namespace tessera {
+
+// All methods of tessera.v1, as gRPC names them.
+std::vector<std::string> AllMethods();
+
+// For a ServerBuilder. `counts`, made of AllMethods, and `access` must outlive the server. What `access` refuses it
+// does not see.
+std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(RpcCounts* counts,
+                                                                                    const Access* access);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_GRPC_CALL_OBSERVER_H_

@@ -1,0 +1,23 @@
+// Between the coordinator's own values and the messages of tessera.v1. Included by the services' .cc files only.
+#ifndef TESSERA_SERVER_GRPC_CONVERSION_H_
+#define TESSERA_SERVER_GRPC_CONVERSION_H_
+
+#include "server/dispatch/digest_proto.h"
+#include "server/dispatch/dispatcher.h"
+#include "server/settings/settings_proto.h"
+#include "tessera/v1/jobs.pb.h"
+#include "tessera/v1/workers.pb.h"
+
+namespace tessera {
+
+TaskFailure FromProto(const v1::TaskError& error);
+ReportedResult FromProto(const v1::TaskResult& result);
+void ToProto(const JobStatus& status, v1::Job* proto);
+void ToProto(const TaskStatus& status, v1::Task* proto);
+void ToProto(const AttemptStatus& status, v1::Attempt* proto);
+// `shared_paths`: whether workers may be told where the coordinator has the inputs.
+void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_GRPC_CONVERSION_H_

@@ -1,0 +1,249 @@
+#include "server/grpc/coordinator_server.h"
+
+#include <google/protobuf/stubs/logging.h>
+#include <grpcpp/ext/proto_server_reflection_plugin.h>
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/health_check_service_interface.h>
+#include <grpcpp/resource_quota.h>
+#include <grpcpp/security/auth_metadata_processor.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstring>
+#include <optional>
+
+#include "absl/synchronization/mutex.h"
+#include "common/access/secrets.h"
+#include "common/rpc/channel.h"
+#include "common/storage/files.h"
+#include "server/grpc/call_observer.h"
+#include "server/grpc/services.h"
+
+namespace tessera {
+namespace {
+
+// Calls of one connection that are under way; more wait on the caller's side. A worker has three at most.
+constexpr int kMaxCallsOfConnection = 256;
+constexpr int64_t kMaxPemBytes = 4 << 20;
+constexpr int kMaxMessageBytes = 4 << 20;             // that callers may send; what is sent is bounded where it is made
+constexpr size_t kMaxCallMemory = size_t{768} << 20;  // of gRPC's own, for what is on its way
+constexpr int kThreadsBesideTransfers = 500;          // for calls that are answered at once
+
+// Linking gRPC's reflection library serves it; this decides.
+class ReflectionOption final : public grpc::ServerBuilderOption {
+ public:
+  explicit ReflectionOption(bool wanted) : wanted_(wanted) {}
+  void UpdateArguments(grpc::ChannelArguments*) override {}
+  void UpdatePlugins(std::vector<std::unique_ptr<grpc::ServerBuilderPlugin>>* plugins) override {
+    std::erase_if(*plugins, [](const auto& plugin) { return plugin->name() == kReflectionPlugin; });
+    if (wanted_) plugins->push_back(std::make_unique<grpc::reflection::ProtoServerReflectionPlugin>());
+  }
+
+ private:
+  static constexpr char kReflectionPlugin[] = "proto_server_reflection";
+  const bool wanted_;
+};
+
+// gRPC would take a socket away from whoever listens on it.
+Status CheckSocketIsFree(const std::string& address) {
+  const std::string path = address.substr(address.find(':') + 1);
+  sockaddr_un name = {};
+  name.sun_family = AF_UNIX;
+  std::strncpy(name.sun_path, path.c_str(), sizeof(name.sun_path) - 1);
+  const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const bool taken = fd >= 0 && ::connect(fd, reinterpret_cast<const sockaddr*>(&name), sizeof(name)) == 0;
+  if (fd >= 0) ::close(fd);
+  return taken ? absl::UnavailableError("another process listens on " + path) : absl::OkStatus();
+}
+
+StatusOr<std::shared_ptr<grpc::ServerCredentials>> CredentialsFor(const std::string& address,
+                                                                  const ListenOptions& options, const Access& access) {
+  std::shared_ptr<grpc::ServerCredentials> credentials;
+  if (IsSocketAddress(address)) {
+    TESSERA_RETURN_IF_ERROR(CheckSocketIsFree(address));
+    credentials = grpc::experimental::LocalServerCredentials(UDS);
+  } else if (!options.tls_cert.empty()) {
+    grpc::SslServerCredentialsOptions tls(options.tls_ca.empty()
+                                              ? GRPC_SSL_DONT_REQUEST_CLIENT_CERTIFICATE
+                                              : GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY);
+    grpc::SslServerCredentialsOptions::PemKeyCertPair own;
+    TESSERA_ASSIGN_OR_RETURN(own.cert_chain, ReadFile(options.tls_cert, kMaxPemBytes));
+    TESSERA_ASSIGN_OR_RETURN(own.private_key, ReadFile(options.tls_key, kMaxPemBytes));
+    if (!options.tls_ca.empty()) {
+      TESSERA_ASSIGN_OR_RETURN(tls.pem_root_certs, ReadFile(options.tls_ca, kMaxPemBytes));
+    }
+    tls.pem_key_cert_pairs.push_back(std::move(own));
+    credentials = grpc::SslServerCredentials(tls);
+  } else if (IsLocalAddress(address)) {
+    credentials = grpc::experimental::LocalServerCredentials(LOCAL_TCP);  // refuses who comes from elsewhere
+  } else {
+    return grpc::InsecureServerCredentials();  // asks nobody: CheckListenOptions saw to it that this is wanted
+  }
+  credentials->SetAuthMetadataProcessor(access.Processor(IsSocketAddress(address)));
+  return credentials;
+}
+
+}  // namespace
+
+struct CoordinatorServer::Impl {
+  explicit Impl(const ServerEnvironment& services_environment)
+      : environment(services_environment),
+        limits(environment.limits, environment.blobs),
+        jobs(environment, limits),
+        workers(environment),
+        blobs(environment, limits) {}
+
+  void SetServing(bool now) {
+    if (now == serving) return;
+    serving = now;
+    grpc::HealthCheckServiceInterface& health = *server->GetHealthCheckService();
+    for (const char* service :
+         {v1::Jobs::service_full_name(), v1::Workers::service_full_name(), v1::Blobs::service_full_name()}) {
+      health.SetServingStatus(service, now);
+    }
+    health.SetServingStatus(now);
+  }
+
+  std::unique_ptr<Access> own_access;
+  const ServerEnvironment environment;
+  ClientLimits limits;
+  JobsService jobs;
+  WorkersService workers;
+  BlobsService blobs;
+  std::vector<std::string> addresses;
+  RpcCounts rpcs{AllMethods()};
+  bool draining = false;
+  std::optional<bool> serving;  // what the health service says; none: nothing of each service yet
+  std::unique_ptr<grpc::Server> server;
+};
+
+CoordinatorServer::CoordinatorServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+
+Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens) {
+  if (options.addresses.empty()) return absl::InvalidArgumentError("nothing to listen on");
+  if (options.tls_cert.empty() != options.tls_key.empty()) {
+    return absl::InvalidArgumentError("--tls-cert and --tls-key: expected both or neither");
+  }
+  if (!options.tls_ca.empty() && options.tls_cert.empty()) {
+    return absl::InvalidArgumentError("--tls-ca asks callers for certificates: expected --tls-cert and --tls-key too");
+  }
+  for (const std::string& address : options.addresses) {
+    TESSERA_RETURN_IF_ERROR(CheckAddress(address));
+    if (IsLocalAddress(address)) continue;
+    const bool tls = !options.tls_cert.empty();
+    if (asks_for_tokens && !tls) {
+      return absl::InvalidArgumentError("tokens on " + address +
+                                        " could be read by others on the network: give --tls-cert and --tls-key");
+    }
+    if (!options.insecure && !asks_for_tokens) {
+      return absl::InvalidArgumentError(
+          "whoever reaches " + address +
+          " could do everything: give --tls-cert, --tls-key and --token-file (`tessera access` makes them), or "
+          "--insecure if nobody but friends can reach it");
+    }
+  }
+  if (!options.metrics.empty() && !IsLocalAddress(options.metrics) && !options.open_metrics) {
+    return absl::InvalidArgumentError(
+        "whoever reaches " + options.metrics +
+        " could read the metrics: listen on 127.0.0.1 and let Prometheus come through a proxy that asks who it is, or "
+        "give --open-metrics if nobody but friends can reach it");
+  }
+  return absl::OkStatus();
+}
+
+StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const std::string& address,
+                                                                      const ServerEnvironment& environment) {
+  ListenOptions options;
+  options.addresses = {address};
+  return Start(options, environment);
+}
+
+StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const ListenOptions& options,
+                                                                      const ServerEnvironment& environment) {
+  ServerEnvironment services = environment;
+  std::unique_ptr<Access> own_access;
+  if (services.access == nullptr) {
+    TESSERA_ASSIGN_OR_RETURN(own_access, Access::Open(RandomSecret(), "", services.clock));
+    services.access = own_access.get();
+  }
+  TESSERA_RETURN_IF_ERROR(CheckListenOptions(options, services.access->asks_for_tokens()));
+  // protobuf would write a line of its own to standard error for every request with a string that is not UTF-8.
+  google::protobuf::SetLogHandler(nullptr);
+  // Debian builds Abseil so that all mutexes of a process, gRPC's too, keep a graph of who is locked after whom under
+  // one lock: a tenth of a busy coordinator's processor time.
+  absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
+  auto impl = std::make_unique<Impl>(services);
+  impl->own_access = std::move(own_access);
+  grpc::EnableDefaultHealthCheckService(true);
+  grpc::ServerBuilder builder;
+  builder.SetOption(std::make_unique<ReflectionOption>(options.reflection));
+  grpc::ResourceQuota quota("coordinator");
+  quota.Resize(kMaxCallMemory).SetMaxThreads(kThreadsBesideTransfers + environment.limits.all_transfers);
+  builder.SetResourceQuota(quota);
+  builder.SetMaxReceiveMessageSize(kMaxMessageBytes);
+  std::vector<int> ports(options.addresses.size());
+  for (size_t i = 0; i < ports.size(); ++i) {
+    TESSERA_ASSIGN_OR_RETURN(const auto credentials, CredentialsFor(options.addresses[i], options, *services.access));
+    builder.AddListeningPort(options.addresses[i], credentials, &ports[i]);
+  }
+  builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // a second coordinator on the port is an error
+  builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxCallsOfConnection);
+  builder.AddChannelArgument(GRPC_ARG_ENABLE_CHANNELZ, 0);  // statistics that nobody can ask for
+  AllowKeepalive(builder);
+  std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> observers;
+  observers.push_back(ObserveCalls(&impl->rpcs, services.access));
+  builder.experimental().SetInterceptorCreators(std::move(observers));
+  builder.RegisterService(&impl->jobs);
+  builder.RegisterService(&impl->workers);
+  builder.RegisterService(&impl->blobs);
+  impl->server = builder.BuildAndStart();
+  for (size_t i = 0; i < ports.size(); ++i) {
+    const std::string& address = options.addresses[i];
+    if (impl->server == nullptr || ports[i] == 0) {
+      return absl::UnavailableError("cannot listen on " + address +
+                                    (options.tls_cert.empty() ? "" : ", or its certificate and key are no pair"));
+    }
+    impl->addresses.push_back(
+        IsSocketAddress(address) ? address : address.substr(0, address.rfind(':') + 1) + std::to_string(ports[i]));
+  }
+  std::unique_ptr<CoordinatorServer> server(new CoordinatorServer(std::move(impl)));
+  server->Tick();
+  return server;
+}
+
+CoordinatorServer::~CoordinatorServer() { Shutdown(0); }
+
+const std::string& CoordinatorServer::address() const { return impl_->addresses.front(); }
+const std::vector<std::string>& CoordinatorServer::addresses() const { return impl_->addresses; }
+
+const RpcCounts& CoordinatorServer::rpc_counts() const { return impl_->rpcs; }
+
+void CoordinatorServer::Tick() {
+  if (impl_->server == nullptr) return;
+  impl_->SetServing(!impl_->draining && impl_->environment.dispatcher->storage_trouble().ok());
+  impl_->limits.BreakOffSilent(ClientLimits::Clock::now());
+}
+
+void CoordinatorServer::Drain() {
+  impl_->draining = true;
+  impl_->environment.dispatcher->Drain();
+  Tick();
+}
+
+bool CoordinatorServer::IsBusy() const { return impl_->limits.transfers() > 0; }
+
+void CoordinatorServer::Shutdown(double grace_s) {
+  if (impl_->server == nullptr) return;
+  impl_->SetServing(false);
+  impl_->environment.dispatcher->Stop();
+  impl_->server->Shutdown(std::chrono::system_clock::now() +
+                          std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));
+  impl_->server->Wait();
+  impl_->server.reset();
+  impl_->jobs.StopWatches();
+}
+
+}  // namespace tessera

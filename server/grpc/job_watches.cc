@@ -1,0 +1,363 @@
+#include "server/grpc/job_watches.h"
+
+#include <grpcpp/grpcpp.h>
+#include <grpcpp/impl/codegen/proto_utils.h>
+#include <time.h>
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <cstdio>
+#include <map>
+#include <mutex>
+#include <set>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "common/base/printable.h"
+#include "common/base/refusal.h"
+#include "common/rpc/status_conversion.h"
+#include "common/storage/hash.h"
+#include "server/grpc/conversion.h"
+
+namespace tessera {
+namespace {
+
+using Steady = std::chrono::steady_clock;
+
+constexpr double kInterval_s = 0.25;      // between two messages of a watch
+constexpr double kCallersInterval_s = 1;  // between two looks at their tokens
+constexpr double kIdle_s = 1;             // longest wait for a change
+constexpr double kRestart_s = 1;
+constexpr size_t kMaxRunning = 1000, kMaxRunningBytes = 64 << 10;
+constexpr size_t kMaxLastErrorBytes = 4 << 10;  // of a task that runs, of the attempt before
+
+double SecondsSince(Steady::time_point start) { return std::chrono::duration<double>(Steady::now() - start).count(); }
+
+double CpuSecondsOfThread() {
+  timespec now = {};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+Status Gone() { return absl::CancelledError("the caller has gone"); }
+Status Stops() { return RetryAfter(absl::UnavailableError("the coordinator stops"), kRestart_s); }
+
+// A state of a job, as all who watch it are told.
+struct Update {
+  int64_t number = 0;  // grows
+  std::string etag;
+  grpc::ByteBuffer bytes;
+  bool last = false;  // the job has ended
+};
+
+v1::WatchJobResponse MessageOf(const WatchedJob& watched) {
+  v1::WatchJobResponse message;
+  ToProto(watched.job, message.mutable_job());
+  size_t bytes = 0;
+  for (const TaskStatus& task : watched.running) {
+    v1::Task& added = *message.add_running();
+    ToProto(task, &added);
+    if (added.error().message().size() > kMaxLastErrorBytes) {
+      added.mutable_error()->set_message(std::string(Prefix(added.error().message(), kMaxLastErrorBytes)));
+    }
+    bytes += added.ByteSizeLong();
+    if (bytes <= kMaxRunningBytes) continue;
+    message.mutable_running()->RemoveLast();
+    break;
+  }
+  return message;
+}
+
+// Estimates and durations drift with time alone; that is no change worth a message.
+std::string EtagOf(v1::WatchJobResponse message) {
+  message.mutable_job()->clear_eta_s();
+  std::erase_if(*message.mutable_job()->mutable_waiting_for(), [](char c) { return c >= '0' && c <= '9'; });
+  char hex[17];
+  std::snprintf(hex, sizeof(hex), "%016llx", static_cast<unsigned long long>(Xxh3(message.SerializeAsString())));
+  return hex;
+}
+
+}  // namespace
+
+class JobWatches::Watching {
+ public:
+  Watching(Dispatcher& dispatcher, const Access& access, ClientLimits& limits)
+      : dispatcher_(dispatcher), access_(access), limits_(limits), thread_([this] { Run(); }) {}
+  ~Watching() { Stop(); }
+  void Stop() {
+    {
+      std::lock_guard lock(mutex_);
+      ends_ = true;
+    }
+    end_.notify_one();
+    if (thread_.joinable()) thread_.join();
+  }
+
+  class Call;
+  grpc::ServerWriteReactor<grpc::ByteBuffer>* Watch(grpc::CallbackServerContext* context,
+                                                    const grpc::ByteBuffer& request);
+
+ private:
+  // A job that is watched.
+  struct Watched {
+    std::shared_ptr<const Update> newest;
+    int64_t offered = 0;  // the number of the update that all have been offered
+    bool end_waits = false;
+    std::set<std::shared_ptr<Call>> calls;
+  };
+  using Jobs = std::map<std::string, Watched>;
+
+  Status BeginWatch(const std::shared_ptr<Call>& call, const grpc::ByteBuffer& request);
+  void EndWatch(const std::shared_ptr<Call>& call);
+  void Run();
+  // True if the end of a job waits to be stored.
+  bool TellAll();
+  void CheckCallers();
+  // Takes the job's newest state.
+  Status LookLocked(const std::string& job, Watched& watched);
+  std::vector<std::shared_ptr<Call>> AllCalls();
+
+  Dispatcher& dispatcher_;
+  const Access& access_;
+  ClientLimits& limits_;
+  std::mutex mutex_;
+  std::condition_variable end_;
+  bool ends_ = false;
+  Jobs jobs_;
+  int64_t updates_ = 0;
+  std::thread thread_;  // last
+};
+
+// One watch. gRPC's methods are called without a lock of its own, so that whatever they call back may take it.
+class JobWatches::Watching::Call final : public grpc::ServerWriteReactor<grpc::ByteBuffer> {
+ public:
+  Call(Watching& watching, grpc::CallbackServerContext* context) : watching_(watching), context_(context) {}
+  // From now on OnDone lets it go.
+  void Hold(std::shared_ptr<Call> self) { self_ = std::move(self); }
+
+  // Has it sent as soon as what is under way has gone, unless a newer one is there by then.
+  void Offer(std::shared_ptr<const Update> update) {
+    {
+      std::lock_guard lock(mutex_);
+      if (ended_ || !end_.ok() || (newest_ != nullptr && newest_->number >= update->number)) return;
+      newest_ = std::move(update);
+      if (under_way_ != nullptr) return;
+      under_way_ = newest_;
+    }
+    StartWrite(&under_way_->bytes);
+  }
+  // The caller knows it already; a newer one may have been offered by now.
+  void Skip(std::shared_ptr<const Update> update) {
+    std::lock_guard lock(mutex_);
+    if (newest_ == nullptr) newest_ = std::move(update);
+  }
+  void End(const Status& status) { End(status, false); }
+  void OnWriteDone(bool ok) override {
+    std::unique_lock lock(mutex_);
+    const std::shared_ptr<const Update> sent = std::exchange(under_way_, nullptr);
+    if (ok && !sent->last && end_.ok()) {
+      if (newest_->number == sent->number) return;
+      under_way_ = newest_;
+      lock.unlock();
+      StartWrite(&under_way_->bytes);
+      return;
+    }
+    const Status status = !end_.ok() ? end_ : ok ? absl::OkStatus() : Gone();
+    lock.unlock();
+    End(status, true);
+  }
+  void OnCancel() override { End(Gone()); }
+  void OnDone() override {
+    {
+      std::lock_guard lock(mutex_);
+      context_ = nullptr;
+    }
+    const std::shared_ptr<Call> self = std::move(self_);
+    watching_.EndWatch(self);
+  }
+  bool MayStay() {
+    std::lock_guard lock(mutex_);
+    return context_ == nullptr || watching_.access_.CallerOf(*context_).roles != 0;
+  }
+
+  std::string job;
+  ClientLimits::Ticket ticket;
+
+ private:
+  // `written`: all that was under way.
+  void End(const Status& status, bool written) {
+    {
+      std::lock_guard lock(mutex_);
+      if (ended_) return;
+      if (!written && under_way_ != nullptr) {
+        if (end_.ok()) end_ = status;
+        return;
+      }
+      ended_ = true;
+    }
+    Finish(ToGrpc(status));
+  }
+
+  Watching& watching_;
+  std::mutex mutex_;
+  grpc::CallbackServerContext* context_;  // null once it has gone
+  std::shared_ptr<const Update> newest_, under_way_;
+  Status end_;  // an error: to end with it once what is under way has gone
+  bool ended_ = false;
+  std::shared_ptr<Call> self_;
+};
+
+grpc::ServerWriteReactor<grpc::ByteBuffer>* JobWatches::Watching::Watch(grpc::CallbackServerContext* context,
+                                                                        const grpc::ByteBuffer& request) {
+  const auto call = std::make_shared<Call>(*this, context);
+  call->Hold(call);
+  const Caller caller = access_.CallerOf(*context);
+  auto ticket = limits_.Watch(caller.client);
+  Status begun = ticket.status();
+  if (ticket.ok()) {
+    call->ticket = *std::move(ticket);
+    begun = BeginWatch(call, request);
+  }
+  if (!begun.ok()) call->End(begun);
+  return call.get();
+}
+
+Status JobWatches::Watching::BeginWatch(const std::shared_ptr<Call>& call, const grpc::ByteBuffer& bytes) {
+  grpc::ByteBuffer read = bytes;
+  v1::WatchJobRequest request;
+  if (!grpc::SerializationTraits<v1::WatchJobRequest>::Deserialize(&read, &request).ok()) {
+    return absl::InvalidArgumentError("not a WatchJobRequest");
+  }
+  if (dispatcher_.stopped()) return Stops();
+  std::shared_ptr<const Update> newest;
+  {
+    std::lock_guard lock(mutex_);
+    const auto [job, is_new] = jobs_.try_emplace(request.name());
+    if (const Status looked = LookLocked(request.name(), job->second); !looked.ok()) {
+      if (is_new) jobs_.erase(job);
+      return looked;
+    }
+    newest = job->second.newest;
+    if (is_new) job->second.offered = newest->number;
+    call->job = request.name();
+    job->second.calls.insert(call);
+  }
+  if (newest->etag != request.seen_etag()) {
+    call->Offer(newest);
+  } else if (newest->last) {
+    call->End(absl::OkStatus());
+  } else {
+    call->Skip(newest);
+  }
+  return absl::OkStatus();
+}
+
+void JobWatches::Watching::EndWatch(const std::shared_ptr<Call>& call) {
+  call->ticket = {};
+  std::lock_guard lock(mutex_);
+  const auto job = jobs_.find(call->job);
+  if (job == jobs_.end()) return;
+  job->second.calls.erase(call);
+  if (job->second.calls.empty()) jobs_.erase(job);
+}
+
+Status JobWatches::Watching::LookLocked(const std::string& job, Watched& watched) {
+  TESSERA_ASSIGN_OR_RETURN(const WatchedJob looked, dispatcher_.LookAtJob(job, kMaxRunning));
+  watched.end_waits = looked.end_waits;
+  v1::WatchJobResponse message = MessageOf(looked);
+  message.set_etag(EtagOf(message));
+  if (watched.newest != nullptr && watched.newest->etag == message.etag()) return absl::OkStatus();
+  const auto update = std::make_shared<Update>();
+  update->number = ++updates_;
+  update->etag = message.etag();
+  update->last = HasEnded(looked.job.header.state);
+  const grpc::Slice slice(message.SerializeAsString());
+  update->bytes = grpc::ByteBuffer(&slice, 1);
+  watched.newest = update;
+  return absl::OkStatus();
+}
+
+bool JobWatches::Watching::TellAll() {
+  std::vector<std::string> names;
+  {
+    std::lock_guard lock(mutex_);
+    for (const auto& [name, watched] : jobs_) names.push_back(name);
+  }
+  bool end_waits = false;
+  for (const std::string& name : names) {
+    std::vector<std::shared_ptr<Call>> calls;
+    std::shared_ptr<const Update> newest;
+    Status looked;
+    {
+      std::lock_guard lock(mutex_);
+      const auto job = jobs_.find(name);
+      if (job == jobs_.end()) continue;
+      Watched& watched = job->second;
+      looked = LookLocked(name, watched);
+      end_waits = end_waits || watched.end_waits;
+      if (looked.ok() && watched.offered == watched.newest->number) continue;
+      newest = watched.newest;
+      watched.offered = newest->number;
+      calls.assign(watched.calls.begin(), watched.calls.end());
+    }
+    for (const auto& call : calls) looked.ok() ? call->Offer(newest) : call->End(looked);
+  }
+  return end_waits;
+}
+
+std::vector<std::shared_ptr<JobWatches::Watching::Call>> JobWatches::Watching::AllCalls() {
+  std::lock_guard lock(mutex_);
+  std::vector<std::shared_ptr<Call>> calls;
+  for (const auto& [name, watched] : jobs_) calls.insert(calls.end(), watched.calls.begin(), watched.calls.end());
+  return calls;
+}
+
+void JobWatches::Watching::CheckCallers() {
+  if (!access_.asks_for_tokens()) return;
+  for (const auto& call : AllCalls()) {
+    if (!call->MayStay()) call->End(absl::UnauthenticatedError("the token was revoked, or has expired"));
+  }
+}
+
+void JobWatches::Watching::Run() {
+  int64_t version = 0;
+  bool end_waits = false;
+  Steady::time_point callers_checked = Steady::now();
+  while (true) {
+    version = dispatcher_.WaitForChange(version, end_waits ? kInterval_s : kIdle_s);
+    const Steady::time_point begun = Steady::now();
+    const double begun_cpu_s = CpuSecondsOfThread();
+    if (dispatcher_.stopped()) {
+      for (const auto& call : AllCalls()) call->End(Stops());
+    } else {
+      end_waits = TellAll();
+      if (SecondsSince(callers_checked) >= kCallersInterval_s) {
+        CheckCallers();
+        callers_checked = Steady::now();
+      }
+    }
+    // Bounds the rate of messages, and what this takes of a processor to half.
+    const double round_s = std::max(kInterval_s, 2 * (CpuSecondsOfThread() - begun_cpu_s));
+    std::unique_lock lock(mutex_);
+    if (end_.wait_until(lock,
+                        begun + std::chrono::duration_cast<Steady::duration>(std::chrono::duration<double>(round_s)),
+                        [&] { return ends_; })) {
+      return;
+    }
+  }
+}
+
+JobWatches::JobWatches(Dispatcher* dispatcher, const Access* access, ClientLimits* limits)
+    : watching_(std::make_unique<Watching>(*dispatcher, *access, *limits)) {}
+JobWatches::~JobWatches() = default;
+void JobWatches::Stop() { watching_->Stop(); }
+
+grpc::ServerWriteReactor<grpc::ByteBuffer>* JobWatches::Watch(grpc::CallbackServerContext* context,
+                                                              const grpc::ByteBuffer& request) {
+  return watching_->Watch(context, request);
+}
+
+}  // namespace tessera

@@ -1,0 +1,118 @@
+// The service classes: each method converts, calls the dispatcher, converts back. Included by .cc files only.
+#ifndef TESSERA_SERVER_GRPC_SERVICES_H_
+#define TESSERA_SERVER_GRPC_SERVICES_H_
+
+#include <map>
+#include <mutex>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "server/auth/client_limits.h"
+#include "server/grpc/coordinator_server.h"
+#include "server/grpc/job_watches.h"
+#include "tessera/v1/blobs.grpc.pb.h"
+#include "tessera/v1/jobs.grpc.pb.h"
+#include "tessera/v1/workers.grpc.pb.h"
+
+namespace tessera {
+
+// Its watches hold no thread, and give many callers the same bytes.
+class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jobs::Service> {
+ public:
+  JobsService(const ServerEnvironment& environment, ClientLimits& limits)
+      : environment_(environment), limits_(limits), watches_(environment.dispatcher, environment.access, &limits) {}
+  grpc::Status CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request, v1::Job* response) override;
+  grpc::Status GetJob(grpc::ServerContext* context, const v1::GetJobRequest* request, v1::Job* response) override;
+  grpc::Status ListJobs(grpc::ServerContext* context, const v1::ListJobsRequest* request,
+                        v1::ListJobsResponse* response) override;
+  grpc::Status CancelJob(grpc::ServerContext* context, const v1::CancelJobRequest* request, v1::Job* response) override;
+  grpc::Status ChangeJob(grpc::ServerContext* context, const v1::ChangeJobRequest* request, v1::Job* response) override;
+  grpc::Status RetryJob(grpc::ServerContext* context, const v1::RetryJobRequest* request, v1::Job* response) override;
+  grpc::Status DeleteJob(grpc::ServerContext* context, const v1::DeleteJobRequest* request,
+                         v1::DeleteJobResponse* response) override;
+  grpc::ServerWriteReactor<grpc::ByteBuffer>* WatchJob(grpc::CallbackServerContext* context,
+                                                       const grpc::ByteBuffer* request) override {
+    return watches_.Watch(context, *request);
+  }
+  // Once the server has ended.
+  void StopWatches() { watches_.Stop(); }
+  grpc::Status ListTasks(grpc::ServerContext* context, const v1::ListTasksRequest* request,
+                         v1::ListTasksResponse* response) override;
+  grpc::Status ListAttempts(grpc::ServerContext* context, const v1::ListAttemptsRequest* request,
+                            v1::ListAttemptsResponse* response) override;
+
+ private:
+  const ServerEnvironment& environment_;
+  ClientLimits& limits_;
+  JobWatches watches_;
+};
+
+// A call that waits, for a task or until what it told is durable, holds no thread: thousands may.
+class WorkersService final : public v1::Workers::CallbackService {
+ public:
+  using Context = grpc::CallbackServerContext;
+  using Reactor = grpc::ServerUnaryReactor;
+
+  explicit WorkersService(const ServerEnvironment& environment) : environment_(environment) {}
+  Reactor* RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
+                          v1::RegisterWorkerResponse* response) override;
+  Reactor* LeaseTask(Context* context, const v1::LeaseTaskRequest* request, v1::LeaseTaskResponse* response) override;
+  Reactor* Heartbeat(Context* context, const v1::HeartbeatRequest* request, v1::HeartbeatResponse* response) override;
+  Reactor* ReportTask(Context* context, const v1::ReportTaskRequest* request,
+                      v1::ReportTaskResponse* response) override;
+  Reactor* UnregisterWorker(Context* context, const v1::UnregisterWorkerRequest* request,
+                            v1::UnregisterWorkerResponse* response) override;
+  Reactor* ListWorkers(Context* context, const v1::ListWorkersRequest* request,
+                       v1::ListWorkersResponse* response) override;
+
+ private:
+  // Refusal::kUnknownWorker unless the caller proved to be the worker.
+  Status Refused(const Context& context, const std::string& worker) const;
+
+  const ServerEnvironment& environment_;
+};
+
+class BlobsService final : public v1::Blobs::Service {
+ public:
+  BlobsService(const ServerEnvironment& environment, ClientLimits& limits)
+      : environment_(environment), limits_(limits) {}
+  grpc::Status StatBlobs(grpc::ServerContext* context, const v1::StatBlobsRequest* request,
+                         v1::StatBlobsResponse* response) override;
+  grpc::Status ReadBlob(grpc::ServerContext* context, const v1::ReadBlobRequest* request,
+                        grpc::ServerWriter<v1::BlobChunk>* writer) override;
+  grpc::Status WriteBlob(grpc::ServerContext* context, grpc::ServerReader<v1::WriteBlobRequest>* reader,
+                         v1::WriteBlobResponse* response) override;
+  grpc::Status QueryWrite(grpc::ServerContext* context, const v1::QueryWriteRequest* request,
+                          v1::QueryWriteResponse* response) override;
+
+ private:
+  // What a worker is given to read; kept while its leases stay the same.
+  struct Inputs {
+    std::vector<std::pair<std::string, int>> leases;
+    std::set<std::string> sha256;
+  };
+
+  // Who may have a content: a worker what its leases read; readers of jobs what jobs published, admins all results.
+  // PERMISSION_DENIED, whether there is such a content or not.
+  Status MayRead(const Caller& caller, const Digest& digest) const;
+  bool IsInput(const std::string& worker, const Digest& digest) const;
+  // A worker that has a lease.
+  Status MayWrite(const Caller& caller) const;
+  // A file with this content: a blob, or, for a worker, a scene's own file that is still what it was.
+  StatusOr<HeldFile> Locate(const Caller& caller, const Digest& digest) const;
+  // Waits for a file that a job published to be made again. NOT_FOUND if none did, UNAVAILABLE if that takes long.
+  Status AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const;
+  // DATA_LOSS, `what`; has it made again if a job published it.
+  Status Damaged(const Digest& digest, const std::string& what) const;
+
+  const ServerEnvironment& environment_;
+  ClientLimits& limits_;
+  mutable std::mutex mutex_;                      // of `inputs_`
+  mutable std::map<std::string, Inputs> inputs_;  // by worker
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_GRPC_SERVICES_H_

@@ -1,0 +1,228 @@
+#include <algorithm>
+#include <atomic>
+#include <optional>
+#include <utility>
+
+#include "common/base/printable.h"
+#include "common/base/refusal.h"
+#include "common/base/version.h"
+#include "common/rpc/status_conversion.h"
+#include "server/grpc/conversion.h"
+#include "server/grpc/request_bounds.h"
+#include "server/grpc/services.h"
+#include "server/tesserad/logging.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kMaxWait_s = 30;  // of a LeaseTask call
+constexpr double kRetryRegister_s = 10;
+constexpr size_t kMaxFileNameBytes = 1024;
+
+Status CheckNames(const v1::TaskResult& result) {
+  for (const v1::OutputFile& output : result.outputs()) {
+    TESSERA_RETURN_IF_ERROR(CheckSize("outputs.name", output.name().size(), kMaxFileNameBytes));
+  }
+  return absl::OkStatus();
+}
+
+grpc::ServerUnaryReactor* Finished(grpc::CallbackServerContext* context, const Status& status) {
+  grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
+  reactor->Finish(ToGrpc(status));
+  return reactor;
+}
+
+// A LeaseTask call: whoever answers it calls Finish, once. Owns itself.
+class LeaseReactor final : public grpc::ServerUnaryReactor {
+ public:
+  LeaseReactor(Dispatcher& dispatcher, std::string worker) : dispatcher_(dispatcher), worker_(std::move(worker)) {}
+  void OnCancel() override { dispatcher_.LookAfterCall(worker_); }
+  void OnDone() override { delete this; }
+
+ private:
+  Dispatcher& dispatcher_;
+  const std::string worker_;
+};
+
+// A ReportTask call, which may ask for the next task too: ends once both are answered. Owns itself.
+class ReportReactor final : public grpc::ServerUnaryReactor {
+ public:
+  ReportReactor(v1::ReportTaskResponse* response, bool asks_for_task)
+      : response_(response), due_(asks_for_task ? 2 : 1) {}
+  void OnDone() override { delete this; }
+
+  // Once each, from any thread; Leased only where a task was asked for.
+  void Reported(const Status& status) {
+    if (!status.ok()) refused_ = true;
+    reported_ = status;
+    EndIfDue();
+  }
+  void Leased(std::optional<v1::Lease> lease) {
+    lease_ = std::move(lease);
+    EndIfDue();
+  }
+  // Whether Reported has been told of an error. Until both are told.
+  bool refused() const { return refused_; }
+
+ private:
+  void EndIfDue() {
+    if (--due_ > 0) return;
+    if (reported_.ok() && lease_) response_->mutable_lease()->Swap(&*lease_);
+    Finish(ToGrpc(reported_));
+  }
+  v1::ReportTaskResponse* const response_;
+  std::atomic<int> due_;
+  std::atomic<bool> refused_ = false;
+  Status reported_;
+  std::optional<v1::Lease> lease_;
+};
+
+}  // namespace
+
+// A worker speaks for itself alone.
+Status WorkersService::Refused(const Context& context, const std::string& worker) const {
+  return Access::CheckWorker(environment_.access->CallerOf(context), worker);
+}
+
+grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
+                                                         v1::RegisterWorkerResponse* response) {
+  if (request->version() != kAlgorithmVersion) {
+    return Finished(context, Refuse(Refusal::kOtherVersion, absl::FailedPreconditionError(
+                                                                "worker of algorithm version '" + request->version() +
+                                                                "', the coordinator has '" + kAlgorithmVersion + "'")));
+  }
+  for (const auto& [field, text] : {std::pair{"host", &request->host()}, std::pair{"machine", &request->machine()}}) {
+    if (const Status status = CheckSize(field, text->size(), kMaxNameBytes); !status.ok())
+      return Finished(context, status);
+  }
+  const double lease_s = environment_.dispatcher->options().lease_s;
+  const StatusOr<std::string> worker = environment_.dispatcher->RegisterWorker(
+      {request->host(), request->pid(), request->threads(), request->memory_bytes(), request->cores(),
+       request->machine(), environment_.access->CallerOf(*context).client});
+  if (!worker.ok()) return Finished(context, RetryAfter(worker.status(), kRetryRegister_s));
+  LogEvent(LogLevel::kInfo, "worker registered",
+           {{"worker", *worker}, {"host", request->host()}, {"pid", std::to_string(request->pid())}});
+  response->set_worker(*worker);
+  response->set_secret(environment_.access->SecretOf(*worker));
+  response->set_lease_s(lease_s);
+  response->set_heartbeat_s(std::min(lease_s / 4, 1.0));  // progress for people; the lease alone would need fewer
+  if (!environment_.shared_probe_path.empty()) {
+    response->set_shared_blob_dir(environment_.blobs->root());
+    response->set_shared_probe_path(environment_.shared_probe_path);
+    response->set_shared_probe_content(environment_.shared_probe_content);
+  }
+  return Finished(context, absl::OkStatus());
+}
+
+grpc::ServerUnaryReactor* WorkersService::LeaseTask(Context* context, const v1::LeaseTaskRequest* request,
+                                                    v1::LeaseTaskResponse* response) {
+  if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
+  auto* const reactor = new LeaseReactor(*environment_.dispatcher, request->worker());
+  LeaseCall call;
+  call.worker = request->worker();
+  call.wait_s = request->wait_s() > 0 ? std::min(request->wait_s(), kMaxWait_s) : 0.0;
+  call.call = request->call();
+  call.gone = [context] { return context->IsCancelled(); };
+  const bool shared_paths = !environment_.shared_probe_path.empty();
+  call.done = [reactor, response, shared_paths](LeaseAnswer answer) {
+    if (answer.ok() && *answer) ToProto(**answer, shared_paths, response->mutable_lease());
+    reactor->Finish(ToGrpc(answer.status()));
+  };
+  environment_.dispatcher->LeaseTask(std::move(call));
+  return reactor;
+}
+
+grpc::ServerUnaryReactor* WorkersService::Heartbeat(Context* context, const v1::HeartbeatRequest* request,
+                                                    v1::HeartbeatResponse* response) {
+  if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
+  std::vector<ReportedProgress> tasks;
+  for (const auto& task : request->tasks()) {
+    tasks.push_back({task.task(), task.attempt(), task.progress(), std::string(Prefix(task.stage(), kMaxNameBytes))});
+  }
+  const auto stop = environment_.dispatcher->Heartbeat(request->worker(), tasks);
+  if (!stop.ok()) return Finished(context, stop.status());
+  for (const std::string& task : *stop) response->add_stop_tasks(task);
+  return Finished(context, absl::OkStatus());
+}
+
+grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1::ReportTaskRequest* request,
+                                                     v1::ReportTaskResponse* response) {
+  if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
+  if (const Status names = CheckNames(request->success()); !names.ok()) return Finished(context, names);
+  Dispatcher& dispatcher = *environment_.dispatcher;
+  const bool asks_for_task = request->lease_call() > 0 && request->has_success();
+  auto* const reactor = new ReportReactor(response, asks_for_task);
+  const auto done = [reactor](const Status& status) { reactor->Reported(status); };
+  switch (request->result_case()) {
+    case v1::ReportTaskRequest::kSuccess:
+      dispatcher.ReportSuccess(request->worker(), request->task(), request->attempt(), FromProto(request->success()),
+                               done);
+      break;
+    case v1::ReportTaskRequest::kFailure:
+      dispatcher.ReportFailure(request->worker(), request->task(), request->attempt(), FromProto(request->failure()),
+                               done);
+      break;
+    case v1::ReportTaskRequest::RESULT_NOT_SET:
+      done(absl::InvalidArgumentError("a report with neither success nor failure"));
+  }
+  if (!asks_for_task) return reactor;
+  if (reactor->refused()) {
+    reactor->Leased(std::nullopt);
+    return reactor;
+  }
+  LeaseCall call;
+  call.worker = request->worker();
+  call.call = request->lease_call();
+  call.comes_with_report = true;
+  call.gone = [context] { return context->IsCancelled(); };
+  call.done = [reactor, shared_paths = !environment_.shared_probe_path.empty()](const LeaseAnswer& answer) {
+    // What is wrong with leasing, LeaseTask tells.
+    if (!answer.ok() || !*answer) return reactor->Leased(std::nullopt);
+    v1::Lease lease;
+    ToProto(**answer, shared_paths, &lease);
+    reactor->Leased(std::move(lease));
+  };
+  dispatcher.LeaseTask(std::move(call));
+  return reactor;
+}
+
+grpc::ServerUnaryReactor* WorkersService::UnregisterWorker(Context* context, const v1::UnregisterWorkerRequest* request,
+                                                           v1::UnregisterWorkerResponse*) {
+  if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
+  Reactor* const reactor = context->DefaultReactor();
+  environment_.dispatcher->UnregisterWorker(request->worker(),
+                                            [reactor, worker = request->worker()](const Status& status) {
+                                              if (status.ok())
+                                                LogEvent(LogLevel::kInfo, "worker left", {{"worker", worker}});
+                                              reactor->Finish(ToGrpc(status));
+                                            });
+  return reactor;
+}
+
+grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1::ListWorkersRequest* request,
+                                                      v1::ListWorkersResponse* response) {
+  const int page_size = PageSize(request->page_size(), kMaxPage);
+  size_t bytes = 0;
+  // By name, and a token is the last name of the page before.
+  for (const WorkerStatus& status : environment_.dispatcher->ListWorkers()) {
+    if (status.name <= request->page_token()) continue;
+    if (response->workers_size() == page_size || bytes > kPageBytes) {
+      response->set_next_page_token(response->workers(response->workers_size() - 1).name());
+      break;
+    }
+    v1::Worker& worker = *response->add_workers();
+    worker.set_name(status.name);
+    worker.set_host(status.info.host);
+    worker.set_pid(status.info.pid);
+    worker.set_threads(status.info.threads);
+    worker.set_memory_bytes(status.info.memory_bytes);
+    for (const std::string& task : status.tasks) worker.add_tasks(task);
+    worker.set_last_seen_s(status.last_seen_s);
+    worker.set_set_aside_reason(status.set_aside_reason);
+    worker.set_set_aside_s(status.set_aside_s);
+    bytes += worker.ByteSizeLong();
+  }
+  return Finished(context, absl::OkStatus());
+}
+
+}  // namespace tessera

@@ -1,0 +1,72 @@
+#include "server/tesserad/maintenance.h"
+
+#include <filesystem>
+#include <iostream>
+
+#include "common/base/clock.h"
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "server/dispatch/dispatcher.h"
+#include "server/dispatch/record_owner.h"
+#include "server/dispatch/verify_state.h"
+#include "server/plan/graph.h"
+#include "server/store/sqlite_salvage.h"
+#include "server/store/sqlite_store.h"
+#include "server/tesserad/logging.h"
+
+namespace tessera {
+namespace {
+
+Status CheckIsData(const std::string& data) {
+  if (FileExists(data + "/state.sqlite")) return absl::OkStatus();
+  return absl::InvalidArgumentError(data + ": no data folder of a coordinator: it has no state.sqlite");
+}
+
+StatusOr<FileLock> LockUnused(const std::string& data) {
+  TESSERA_RETURN_IF_ERROR(CheckIsData(data));
+  StatusOr<FileLock> lock = FileLock::Acquire(data + "/lock");
+  if (lock.ok()) return lock;
+  return Status(lock.status().code(), "a coordinator uses " + data + ": stop it first, or look at a backup (" +
+                                          std::string(lock.status().message()) + ")");
+}
+
+}  // namespace
+
+Status BackUpData(const std::string& data, const std::string& to) {
+  TESSERA_RETURN_IF_ERROR(CheckIsData(data));
+  TESSERA_RETURN_IF_ERROR(BackUp(data + "/state.sqlite", std::filesystem::absolute(to).string()));
+  std::cout << to << " written\n";
+  return absl::OkStatus();
+}
+
+Status VerifyData(const std::string& data, bool deep) {
+  TESSERA_ASSIGN_OR_RETURN(const FileLock lock, LockUnused(data));
+  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
+  const auto tell = [](const std::string& fault) { std::cout << fault << "\n"; };
+  TESSERA_ASSIGN_OR_RETURN(const StateSummary found, VerifyState(*store, *blobs, deep, tell));
+  std::cout << found.records << " records, " << found.jobs << " jobs, " << found.blobs << " blobs";
+  if (found.spare > 0) std::cout << " (" << found.spare << " not kept: made again where needed)";
+  std::cout << ", " << found.faults << " faults\n";
+  if (found.faults == 0) return absl::OkStatus();
+  SystemClock clock;
+  Planner planner;
+  DispatchEnvironment environment{store.get(), blobs.get(), &planner, &clock, LogRecord};
+  environment.on_set_aside = [](int64_t number, const std::string&) {
+    std::cout << "record " << number << " set aside\n";
+  };
+  TESSERA_RETURN_IF_ERROR(Dispatcher::SetUnusableAside(environment));
+  return absl::DataLossError(data + ": " + std::to_string(found.faults) +
+                             " faults; what was damaged is set aside, and missing files are made again when something "
+                             "reads them");
+}
+
+Status SalvageData(const std::string& data) {
+  TESSERA_ASSIGN_OR_RETURN(const FileLock lock, LockUnused(data));
+  TESSERA_ASSIGN_OR_RETURN(const Salvaged salvaged, Salvage(data + "/state.sqlite", OwnerOfRecord));
+  std::cout << salvaged.records << " records of " << salvaged.last << " can be used; the damaged file is "
+            << salvaged.damaged << "\n";
+  return absl::OkStatus();
+}
+
+}  // namespace tessera

@@ -1,0 +1,390 @@
+// tesserad: the coordinator.
+#include <pthread.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/access/secrets.h"
+#include "common/base/clock.h"
+#include "common/classify/default_rule.h"
+#include "common/classify/model.h"
+#include "common/rpc/channel.h"
+#include "common/scene/scene.h"
+#include "common/storage/blob_store.h"
+#include "common/storage/files.h"
+#include "server/dispatch/dispatcher.h"
+#include "server/dispatch/record_owner.h"
+#include "server/grpc/coordinator_server.h"
+#include "server/metrics/metrics_server.h"
+#include "server/plan/graph.h"
+#include "server/store/sqlite_store.h"
+#include "server/tesserad/keeper.h"
+#include "server/tesserad/logging.h"
+#include "server/tesserad/maintenance.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kLastAnswers_s = 1;  // for calls that are answered at once
+
+struct Flags {
+  std::string data;
+  ListenOptions listen;
+  std::string port_file, token_file;
+  std::vector<std::string> scene_roots;
+  double lease_s = DispatchOptions().lease_s, stall_s = DispatchOptions().stall_s;
+  double keep_days = 0, blob_gib = 0;
+  double drain_s = 5;
+  JobLimits jobs;
+  WorkerLimits workers;
+  ClientLimitOptions limits;
+  double upload_gib = static_cast<double>(ClientLimitOptions().upload_bytes) / (int64_t{1} << 30);
+  std::string backup;
+  bool verify_state = false, deep = false, salvage = false;
+  bool no_shared_storage = false;
+  std::string log_level = "info";
+  bool json_logs = false;
+  bool exit_with_parent = false;
+};
+
+// The content of a trained classifier, if it tells the scene's classes; of the default nothing.
+StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneDescription& scene,
+                                     const AllowedFiles& allowed) {
+  std::vector<std::string> classes;
+  for (const SceneClass& c : scene.classes) classes.push_back(c.name);
+  if (classifier == kDefaultClassifier) {
+    TESSERA_RETURN_IF_ERROR(DefaultRule::Of(classes, scene.folder + "/scene.json").status());
+    return std::string();
+  }
+  StatusOr<std::string> bytes = allowed.ReadWhole(classifier, kMostModelBytes);
+  const StatusOr<ClassifierModel> model =
+      bytes.ok() ? ParseModel(*bytes, classifier) : StatusOr<ClassifierModel>(bytes.status());
+  if (!model.ok() && !absl::IsNotFound(model.status())) {
+    return absl::InvalidArgumentError(model.status().message());  // the caller's fault, whatever the code
+  }
+  TESSERA_RETURN_IF_ERROR(model.status());
+  TESSERA_RETURN_IF_ERROR(ModelClassesOf(*model, classes, classifier).status());
+  return bytes;
+}
+
+StatusOr<SceneListing> ListScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
+  SceneListing listing;
+  SceneLoadOptions options;
+  options.needs_mesh = request.needs_mesh;
+  options.allowed = allowed;
+  listing.classifier = request.classifier;
+  if (listing.classifier == kNoClassifier) listing.classifier.clear();
+  const auto load = [&]() -> StatusOr<SceneDescription> {
+    options.to_be_classified = request.base_classifies || !listing.classifier.empty();
+    options.by_default_rule = listing.classifier == kDefaultClassifier;
+    listing.warnings.clear();
+    TESSERA_ASSIGN_OR_RETURN(SceneDescription found, LoadScene(path, &listing.warnings, options));
+    if (!listing.classifier.empty()) {
+      TESSERA_ASSIGN_OR_RETURN(listing.classifier_content, ReadClassifier(listing.classifier, found, allowed));
+    }
+    return found;
+  };
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, load());
+  if (request.classifier.empty() && request.needs_mesh && !scene.has_likelihoods && !scene.mesh_has_labels) {
+    const SceneListing without = listing;
+    listing.classifier = kDefaultClassifier;
+    StatusOr<SceneDescription> guessed = load();
+    if (guessed.ok()) {
+      scene = *std::move(guessed);
+    } else {
+      listing = without;  // classes that nobody can tell
+    }
+  }
+  listing.folder = std::filesystem::absolute(scene.folder).lexically_normal().string();
+  while (listing.folder.size() > 1 && listing.folder.back() == '/') listing.folder.pop_back();
+  listing.name = scene.name;
+  listing.files = scene.files;
+  return listing;
+}
+
+// Ends the process when its parent ends, also if that has happened already.
+Status FollowParent() {
+  const pid_t parent = ::getppid();
+  if (::prctl(PR_SET_PDEATHSIG, SIGTERM) != 0) return absl::InternalError("cannot follow the parent process");
+  if (::getppid() != parent || parent == 1) return absl::CancelledError("the parent process has gone");
+  return absl::OkStatus();
+}
+
+// Each connection is an open file, and shells give a process a thousand.
+void AllowManyFiles() {
+  rlimit limit = {};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = limit.rlim_max;
+  ::setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+std::string DataFolder(const Flags& flags) { return std::filesystem::absolute(flags.data).lexically_normal().string(); }
+
+// Whom the coordinator asks who he is, and who was not asked.
+void WarnOfOpenDoors(const CoordinatorServer& server, const Access& access) {
+  if (access.asks_for_tokens()) return;
+  for (const std::string& address : server.addresses()) {
+    if (IsSocketAddress(address)) continue;
+    LogEvent(LogLevel::kWarning,
+             IsLocalAddress(address) ? "every local user may do everything: no --token-file"
+                                     : "whoever reaches this address may do everything: --insecure",
+             {{"address", address}});
+  }
+}
+
+// Waits until no call moves data or reads a scene, so long at most. Another signal ends the process at once: what was
+// acknowledged is durable.
+void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& stop_signals) {
+  const timespec poll = {0, 50'000'000};
+  const SystemClock clock;
+  const int64_t until_us = clock.MonotonicUs() + static_cast<int64_t>(seconds * 1e6);
+  while (server.IsBusy() && clock.MonotonicUs() < until_us) {
+    if (const int signal = ::sigtimedwait(&stop_signals, nullptr, &poll); signal > 0) ::_exit(128 + signal);
+  }
+}
+
+// Serves until a signal of `stop_signals` comes.
+Status Serve(const Flags& flags, const sigset_t& stop_signals) {
+  if (flags.data.empty()) return absl::InvalidArgumentError("no --data folder, and no home to put one");
+  const std::string data = DataFolder(flags);
+  ListenOptions listen = flags.listen;
+  if (listen.addresses.empty()) listen.addresses = {"unix:" + data + "/socket"};
+  TESSERA_RETURN_IF_ERROR(CheckListenOptions(listen, !flags.token_file.empty()));
+  TESSERA_RETURN_IF_ERROR(EnsurePrivateFolder(data));
+  const auto lock = FileLock::Acquire(data + "/lock");
+  if (!lock.ok()) {
+    return Status(lock.status().code(),
+                  "another coordinator uses " + data + "? " + std::string(lock.status().message()));
+  }
+  SystemClock clock;
+  TESSERA_ASSIGN_OR_RETURN(const std::string worker_key, EnsureSecretFile(data + "/worker.key"));
+  TESSERA_ASSIGN_OR_RETURN(const auto access, Access::Open(worker_key, flags.token_file, &clock));
+  AllowedFiles scene_files = AllowedFiles::OwnedBy(::geteuid());
+  if (!flags.scene_roots.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(scene_files, AllowedFiles::Under(flags.scene_roots));
+  }
+  TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
+  Planner planner;
+  DispatchOptions options;
+  options.lease_s = flags.lease_s;
+  options.stood_still_s = flags.lease_s / 2;  // a heartbeat comes every third of a lease, a look every fourth or second
+  options.stall_s = flags.stall_s;
+  options.limits = flags.jobs;
+  options.worker_limits = flags.workers;
+  options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
+  TESSERA_ASSIGN_OR_RETURN(const auto dispatcher,
+                           Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside,
+                                             LogStorageTrouble, LogWorkerSetAside},
+                                            options));
+
+  ServerEnvironment environment;
+  environment.dispatcher = dispatcher.get();
+  environment.blobs = blobs.get();
+  environment.digests = store.get();
+  environment.clock = &clock;
+  environment.access = access.get();
+  environment.list_scene = ListScene;
+  environment.scene_files = scene_files;
+  environment.scenes_over_network = !flags.scene_roots.empty();
+  environment.limits = flags.limits;
+  environment.limits.upload_bytes = static_cast<int64_t>(flags.upload_gib * (int64_t{1} << 30));
+  if (!flags.no_shared_storage) {
+    environment.shared_probe_path = blobs->root() + "/probe";
+    environment.shared_probe_content = RandomSecret();  // that no other machine's folder has
+    TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
+  }
+  TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(listen, environment));
+  std::unique_ptr<MetricsServer> metrics;
+  if (!flags.listen.metrics.empty()) {
+    TESSERA_ASSIGN_OR_RETURN(
+        metrics,
+        MetricsServer::Start(flags.listen.metrics, {[&] { return dispatcher->Snapshot(); },
+                                                    [&] { return blobs->FreeBytes(); }, &server->rpc_counts()}));
+    std::cout << "metrics: http://" << metrics->address() << "/metrics" << std::endl;
+  }
+  if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));
+  for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
+  WarnOfOpenDoors(*server, *access);
+  LogEvent(LogLevel::kInfo, "coordinator started",
+           {{"address", server->address()}, {"data", data}, {"start", std::to_string(store->StartCount())}});
+
+  KeeperOptions keeping;
+  keeping.keep_s = flags.keep_days * 86400;
+  keeping.collector.keep_set_aside_s = keeping.keep_s;
+  keeping.collector.limit_bytes = static_cast<int64_t>(flags.blob_gib * (int64_t{1} << 30));
+  keeping.collector.grace_s = std::max(keeping.collector.grace_s, 2 * flags.lease_s);
+  const Keeper keeper(dispatcher.get(), blobs.get(), &clock, keeping);
+
+  const double tick_s = std::clamp(flags.lease_s / 4, 0.05, 1.0);
+  const timespec tick = {static_cast<time_t>(tick_s), static_cast<long>((tick_s - static_cast<time_t>(tick_s)) * 1e9)};
+  std::string last_error, last_refreshed = absl::OkStatus().ToString();
+  while (::sigtimedwait(&stop_signals, nullptr, &tick) < 0) {
+    if (const Status refreshed = access->Refresh(); refreshed.ToString() != last_refreshed) {
+      last_refreshed = refreshed.ToString();
+      if (!refreshed.ok()) {
+        LogEvent(LogLevel::kError, "token file not read, the tokens of before stay", {{"error", last_refreshed}});
+      }
+    }
+    const Status status = dispatcher->Tick();
+    const std::string error = status.ok() ? "" : status.ToString();
+    // Each trouble once, not at every tick.
+    if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "cannot go on", {{"error", error}});
+    last_error = error;
+    server->Tick();
+  }
+  server->Drain();
+  LogEvent(LogLevel::kInfo, "coordinator drains", {{"seconds", std::to_string(flags.drain_s)}});
+  AwaitIdle(*server, flags.drain_s, stop_signals);
+  LogEvent(LogLevel::kInfo, "coordinator stops");
+  server->Shutdown(kLastAnswers_s);
+  return absl::OkStatus();
+}
+
+// The exit code, after a word about it.
+int Ended(const Status& status) {
+  if (status.ok()) return 0;
+  std::cerr << "tesserad: " << status.message() << "\n";
+  return status.code() == absl::StatusCode::kInvalidArgument ? 2 : 1;
+}
+
+// A client is a token's name, else an address.
+void AddLimits(CLI::App& app, Flags& flags) {
+  const auto limit = [&](const std::string& name, auto& value, const std::string& help) {
+    app.add_option(name, value, help)->check(CLI::Range(1, 100'000'000))->capture_default_str()->group("Limits");
+  };
+  limit("--max-jobs-of-client", flags.jobs.of_client,
+        "jobs of a client (a token, else an address) that have not ended");
+  limit("--max-jobs", flags.jobs.in_all, "jobs of all that have not ended");
+  limit("--max-kept-jobs", flags.jobs.kept, "jobs until they are deleted, ended ones too");
+  limit("--max-workers-of-client", flags.workers.of_client, "workers that a client has registered");
+  limit("--max-workers", flags.workers.in_all, "workers of all");
+  limit("--max-watches", flags.limits.watches, "watches of a client");
+  limit("--max-transfers", flags.limits.transfers,
+        "calls that move results or read a scene, of a client or of one worker, at once");
+  limit("--max-all-transfers", flags.limits.all_transfers, "of all; each takes a thread");
+  limit("--max-uploads", flags.limits.uploads, "results that a client has begun to send and not finished");
+  app.add_option("--max-upload-gib", flags.upload_gib, "GiB that these will have")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str()
+      ->group("Limits");
+  app.add_option("--max-silence-s", flags.limits.silence_s, "a transfer of which nothing moves for so long is ended")
+      ->check(CLI::Range(1.0, 1e6))
+      ->capture_default_str()
+      ->group("Limits");
+}
+
+int Main(int argc, char** argv) {
+  Flags flags;
+  flags.data = DefaultDataFolder();
+  CLI::App app("Coordinator of Tessera: takes jobs, plans tiles and hands out tasks to workers.", "tesserad");
+  app.set_version_flag("--version", TESSERA_VERSION);
+  app.add_option("--data", flags.data, "folder for state and results")->capture_default_str();
+  app.add_option("--listen", flags.listen.addresses,
+                 "HOST:PORT (port 0: any) or unix:PATH to listen on, several; who may open the socket needs no token. "
+                 "Without it unix:DATA/socket, for the user alone");
+  app.add_option("--tls-cert", flags.listen.tls_cert, "certificate for every HOST:PORT, PEM")->type_name("FILE");
+  app.add_option("--tls-key", flags.listen.tls_key, "its key")->type_name("FILE");
+  app.add_option("--tls-ca", flags.listen.tls_ca, "callers need a certificate of this authority as well as a token")
+      ->type_name("FILE");
+  app.add_option("--token-file", flags.token_file,
+                 "who may call what, by the hash of his token (`tessera access token`); read again when it changes")
+      ->type_name("FILE");
+  app.add_flag("--insecure", flags.listen.insecure,
+               "listen beyond this machine without asking anybody who he is: whoever reaches it may do everything");
+  app.add_option(
+         "--scene-root", flags.scene_roots,
+         "folder whose scenes may be read, several; links must stay under one of them. Without it only files of "
+         "the user who runs this, in jobs that come through a socket")
+      ->type_name("FOLDER");
+  app.add_option("--port-file", flags.port_file, "write the bound HOST:PORT to this file");
+  app.add_option("--metrics-listen", flags.listen.metrics,
+                 "HOST:PORT where Prometheus reads metrics, at /metrics; without it none are served. Whoever reaches "
+                 "it reads them: beyond this machine only with --open-metrics");
+  app.add_flag("--open-metrics", flags.listen.open_metrics,
+               "serve metrics beyond this machine too, to everybody who reaches them");
+  app.add_option("--lease-s", flags.lease_s, "a task returns to the queue when its worker is silent for so long")
+      ->check(CLI::Range(0.2, 86400.0))
+      ->capture_default_str();
+  app.add_option("--stall-s", flags.stall_s,
+                 "an attempt that shows no progress for so long, and for ten times what its task is predicted to take, "
+                 "is ended")
+      ->check(CLI::Range(0.2, 1e9))
+      ->capture_default_str();
+  app.add_option(
+         "--keep-days", flags.keep_days,
+         "delete jobs so many days after they ended, unless others go on from them, and damaged results that were "
+         "set aside; 0: never")
+      ->check(CLI::Range(0.0, 1e6))
+      ->capture_default_str();
+  app.add_option(
+         "--blob-gib", flags.blob_gib,
+         "when results take more GiB, drop damaged ones that were set aside, then what can be made again of jobs that "
+         "have ended; 0: never")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
+  app.add_option("--drain-s", flags.drain_s,
+                 "when asked to stop (SIGTERM, SIGINT), take no jobs and lease nothing any more, say NOT_SERVING, and "
+                 "wait so long for calls that move data or read a scene; a second signal stops at once")
+      ->check(CLI::Range(0.0, 86400.0))
+      ->capture_default_str();
+  app.add_flag("--reflection", flags.listen.reflection,
+               "tell those who may read jobs which calls there are (grpc.reflection, for grpcurl and the like)");
+  AddLimits(app, flags);
+  const auto instead = [&](CLI::Option* option) { return option->group("Instead of serving"); };
+  instead(
+      app.add_option("--backup", flags.backup, "copy the state of the data folder, which may be in use, to this file"));
+  CLI::Option* const verify = instead(app.add_flag("--verify-state", flags.verify_state,
+                                                   "say what is wrong in the data folder; exit code 1 if anything is"));
+  instead(app.add_flag("--deep", flags.deep, "with --verify-state: read all results"))->needs(verify);
+  instead(app.add_flag("--salvage", flags.salvage,
+                       "of a damaged state, keep what can be read; the damaged file stays under another name"));
+  app.add_flag("--no-shared-storage", flags.no_shared_storage,
+               "workers move all data through the blob service; else those of the same user share DATA/blobs, and "
+               "whoever may write there is trusted fully");
+  app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();
+  app.add_flag("--json-logs", flags.json_logs, "one JSON object a line");
+  app.add_flag("--exit-with-parent", flags.exit_with_parent, "stop when the process that started this one ends");
+  CLI11_PARSE(app, argc, argv);
+  ::umask(S_IRWXG | S_IRWXO);
+  LeaveNoCore();
+  AllowManyFiles();
+
+  if (const Status status = SetUpLog(flags.log_level, flags.json_logs); !status.ok()) {
+    std::cerr << "tesserad: " << status.message() << "\n";
+    return 2;
+  }
+  Status status;
+  if (!flags.backup.empty() || flags.verify_state || flags.salvage) {
+    const std::string data = DataFolder(flags);
+    if (!flags.backup.empty()) status = BackUpData(data, flags.backup);
+    if (status.ok() && flags.salvage) status = SalvageData(data);
+    if (status.ok() && flags.verify_state) status = VerifyData(data, flags.deep);
+    return Ended(status);
+  }
+  // Blocked in every thread and taken by Serve alone.
+  sigset_t stop_signals;
+  sigemptyset(&stop_signals);
+  sigaddset(&stop_signals, SIGTERM);
+  sigaddset(&stop_signals, SIGINT);
+  pthread_sigmask(SIG_BLOCK, &stop_signals, nullptr);
+  ::signal(SIGPIPE, SIG_IGN);
+  status = flags.exit_with_parent ? FollowParent() : absl::OkStatus();
+  if (status.ok()) status = Serve(flags, stop_signals);
+  return Ended(status);
+}
+
+}  // namespace
+}  // namespace tessera
+
+int main(int argc, char** argv) { return tessera::Main(argc, argv); }

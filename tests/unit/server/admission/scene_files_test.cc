@@ -1,0 +1,64 @@
+#include "server/admission/scene_files.h"
+
+#include <gmock/gmock.h>
+
+#include "tests/unit/server/grpc/server_fixture.h"
+
+namespace tessera {
+namespace {
+
+using testing::HasSubstr;
+
+// Times of change are the machine's: nobody can set them.
+class SceneFilesTest : public ServerTest {
+ protected:
+  SceneFilesTest() { clock_.SetBy(static_cast<double>(SystemClock().UnixTimeUs() - clock_.UnixTimeUs()) / 1e6); }
+  HeldFile Hold(const std::string& name) { return *AllowedFiles::All().Open(scene_ + "/" + name); }
+};
+
+TEST_F(SceneFilesTest, DigestsAreRememberedOnceAFileHasSettled) {
+  const HeldFile file = Hold("image");
+  ASSERT_TRUE(DigestOfFile(file, *cache_, clock_).ok());
+  EXPECT_FALSE(cache_->Find(file.real_path(), *file.Stamp()).has_value()) << "it is too fresh";
+  clock_.Advance(3600);
+  const Digest digest = *DigestOfFile(file, *cache_, clock_);
+  EXPECT_EQ(cache_->Find(file.real_path(), *file.Stamp()), digest);
+  const auto missing =
+      DigestSceneFiles({scene_, "s", {"none1", "image", "none2"}, {}}, AllowedFiles::All(), *cache_, clock_);
+  EXPECT_THAT(std::string(missing.status().message()), testing::AllOf(HasSubstr("none1"), HasSubstr("none2")));
+}
+
+TEST_F(SceneFilesTest, AFileThatIsGivenAnotherContentAndItsOldTimeIsHashedAgain) {
+  clock_.Advance(3600);
+  const std::string path = scene_ + "/image";
+  const auto written = std::filesystem::last_write_time(path);
+  const Digest digest = *DigestOfFile(Hold("image"), *cache_, clock_);
+  std::ofstream(path, std::ios::binary) << std::string(2'500'000, 'x') << "end";
+  std::filesystem::last_write_time(path, written);
+  const Digest other = *DigestOfFile(Hold("image"), *cache_, clock_);
+  EXPECT_NE(other.sha256, digest.sha256);
+  EXPECT_EQ(other.size_bytes, digest.size_bytes);
+}
+
+TEST_F(SceneFilesTest, NobodyHashesForWhoHasGone) {
+  EXPECT_EQ(DigestOfFile(Hold("image"), *cache_, clock_, [] { return true; }).status().code(),
+            absl::StatusCode::kCancelled);
+  EXPECT_EQ(DigestSceneFiles({scene_, "s", {"image"}, {}}, AllowedFiles::All(), *cache_, clock_, [] { return true; })
+                .status()
+                .code(),
+            absl::StatusCode::kCancelled);
+}
+
+TEST_F(SceneFilesTest, ADigestThatCannotBeRememberedIsADigestAllTheSame) {
+  struct FullCache : DigestCache {
+    std::optional<Digest> Find(const std::string&, const FileStamp&) override { return std::nullopt; }
+    Status Remember(const std::string&, const FileStamp&, const Digest&) override {
+      return absl::ResourceExhaustedError("disk is full");
+    }
+  } full;
+  clock_.Advance(3600);
+  EXPECT_EQ(DigestOfFile(Hold("image"), full, clock_).value(), HashFile(scene_ + "/image").value());
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,233 @@
+// No answer grows without bound: each call whose answer could has a row here, and is made where there is more than
+// fits.
+#include <gmock/gmock.h>
+#include <google/protobuf/descriptor.h>
+#include <google/protobuf/message.h>
+#include <grpcpp/generic/generic_stub.h>
+
+#include <limits>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "common/rpc/status_conversion.h"
+#include "tests/unit/server/grpc/server_fixture.h"
+
+namespace tessera {
+namespace {
+
+using google::protobuf::Descriptor;
+using google::protobuf::FieldDescriptor;
+using google::protobuf::FileDescriptor;
+using google::protobuf::Message;
+using google::protobuf::MessageFactory;
+using google::protobuf::MethodDescriptor;
+using google::protobuf::Reflection;
+
+struct Bound {
+  int64_t entries = 0;  // of a message, in its list
+  int64_t bytes = 0;    // of a message
+  bool pages = false;
+};
+constexpr int64_t kMiB = 1 << 20;
+// Of a job its files and the first 1,000 warnings; of a task the files that it made. Pages end at 2 MiB.
+constexpr Bound kOneJob = {100'000, 16 * kMiB}, kPages = {1000, 3 * kMiB, true};
+
+const std::map<std::string, Bound> kBounds = {
+    {"Jobs/CreateJob", kOneJob},
+    {"Jobs/GetJob", kOneJob},
+    {"Jobs/ListJobs", kPages},
+    {"Jobs/CancelJob", kOneJob},
+    {"Jobs/ChangeJob", kOneJob},
+    {"Jobs/RetryJob", kOneJob},
+    {"Jobs/WatchJob", {1000, kOneJob.bytes + (64 << 10)}},  // tasks that run, as far as they fit 64 KiB
+    {"Jobs/ListTasks", kPages},
+    {"Jobs/ListAttempts", kPages},
+    {"Workers/LeaseTask", {0, 64 * kMiB}},    // one task, whose inputs a plan names
+    {"Workers/ReportTask", {0, 64 * kMiB}},   // the next task
+    {"Workers/Heartbeat", {3000, 4 * kMiB}},  // those that were asked about
+    {"Workers/ListWorkers", kPages},
+    {"Blobs/StatBlobs", {1000, 4 * kMiB}},  // those that were asked about
+    {"Blobs/ReadBlob", {0, kMiB + 100}},    // a chunk
+    {"Blobs/WriteBlob", {0, 100}},
+};
+
+std::vector<const MethodDescriptor*> MethodsOfServices() {
+  std::vector<const MethodDescriptor*> methods;
+  for (const FileDescriptor* file :
+       {v1::CreateJobRequest::descriptor()->file(), v1::RegisterWorkerRequest::descriptor()->file(),
+        v1::ReadBlobRequest::descriptor()->file()}) {
+    for (int s = 0; s < file->service_count(); ++s) {
+      for (int m = 0; m < file->service(s)->method_count(); ++m) methods.push_back(file->service(s)->method(m));
+    }
+  }
+  return methods;
+}
+
+std::string NameOfCall(const MethodDescriptor& method) { return method.service()->name() + "/" + method.name(); }
+
+// Whether a message of this type holds any number of values, or of bytes.
+bool Grows(const Descriptor& type, std::set<const Descriptor*>& seen) {
+  if (!seen.insert(&type).second) return false;
+  for (int i = 0; i < type.field_count(); ++i) {
+    const FieldDescriptor& field = *type.field(i);
+    if (field.is_repeated() || field.type() == FieldDescriptor::TYPE_BYTES) return true;
+    if (field.message_type() != nullptr && Grows(*field.message_type(), seen)) return true;
+  }
+  return false;
+}
+
+bool NeedsBound(const MethodDescriptor& method) {
+  std::set<const Descriptor*> seen;
+  return method.client_streaming() || method.server_streaming() || Grows(*method.output_type(), seen);
+}
+
+TEST(Bounds, EveryCallWhoseAnswerGrowsHasItsRow) {
+  std::set<std::string> needed;
+  for (const MethodDescriptor* method : MethodsOfServices()) {
+    const std::string name = NameOfCall(*method);
+    const bool asks_for_pages = method->input_type()->FindFieldByName("page_size") != nullptr;
+    if (!NeedsBound(*method) && !asks_for_pages) continue;
+    needed.insert(name);
+    ASSERT_TRUE(kBounds.contains(name)) << name << " has no row";
+    const bool pages = kBounds.at(name).pages;
+    EXPECT_EQ(asks_for_pages, pages) << name;
+    EXPECT_EQ(method->input_type()->FindFieldByName("page_token") != nullptr, pages) << name;
+    EXPECT_EQ(method->output_type()->FindFieldByName("next_page_token") != nullptr, pages) << name;
+    EXPECT_EQ(method->name().starts_with("List"), pages) << name;
+  }
+  for (const auto& [name, bound] : kBounds) EXPECT_TRUE(needed.contains(name)) << name << " is no such call";
+}
+
+// More of everything than a page has.
+class BoundsTest : public ServerTest {
+ protected:
+  static constexpr int kMany = 1300;
+  BoundsTest() {
+    for (int i = 1; i < kMany; ++i) {
+      NewJob job = AJob(1);
+      job.client = std::to_string(i % 2);  // one may have a thousand
+      EXPECT_TRUE(dispatcher_->CreateJob(job).ok());
+    }
+    big_ = Create(AJob(kMany + 100));
+    EXPECT_TRUE(dispatcher_->ChangeJob(big_, {100, std::nullopt}).ok());
+    asker_ = Register().worker();
+    const auto ingest = Lease(asker_);
+    EXPECT_EQ(ingest->plan.kind, "ingest");
+    EXPECT_TRUE(Succeed(asker_, *ingest).ok());
+    for (int i = 0; i < kMany; ++i) {
+      const std::string worker = Worker();
+      EXPECT_TRUE(Lease(worker).has_value());
+    }
+    content_.assign(3 * kMiB, 'c');
+    published_ = *blobs_->PutBytes(content_);
+  }
+
+  // Asks for as much as can be asked for.
+  std::string Request(const MethodDescriptor& method) {
+    const std::unique_ptr<Message> request(
+        MessageFactory::generated_factory()->GetPrototype(method.input_type())->New());
+    const Reflection& of = *request->GetReflection();
+    const auto set = [&](const char* field, const std::string& value) {
+      const FieldDescriptor* const found = method.input_type()->FindFieldByName(field);
+      if (found != nullptr) of.SetString(request.get(), found, value);
+    };
+    const bool ends = method.name() == "CancelJob" || method.name() == "RetryJob";
+    set("name", ends ? "jobs/1" : big_);
+    set("parent", big_);
+    set("worker", asker_);
+    set("scene_path", scene_);
+    if (const FieldDescriptor* const size = method.input_type()->FindFieldByName("page_size")) {
+      of.SetInt32(request.get(), size, std::numeric_limits<int32_t>::max());
+    }
+    if (auto* const create = dynamic_cast<v1::CreateJobRequest*>(request.get()))
+      create->mutable_settings()->set_tiles(2);
+    if (auto* const stat = dynamic_cast<v1::StatBlobsRequest*>(request.get())) {
+      for (int i = 0; i < 1000; ++i) ToProto(published_, stat->add_digests());
+    }
+    if (auto* const read = dynamic_cast<v1::ReadBlobRequest*>(request.get()))
+      ToProto(published_, read->mutable_digest());
+    if (auto* const beat = dynamic_cast<v1::HeartbeatRequest*>(request.get())) {
+      for (int i = 0; i < 3000; ++i) beat->add_tasks()->set_task(big_ + "/tasks/" + std::to_string(i));
+    }
+    return request->SerializeAsString();
+  }
+  static void ToProto(const Digest& digest, v1::Digest* proto) {
+    proto->set_sha256(digest.sha256);
+    proto->set_size_bytes(digest.size_bytes);
+  }
+  // The first answers of the call, at most four.
+  std::vector<std::string> Ask(const MethodDescriptor& method) {
+    grpc::GenericStub stub(channel_);
+    grpc::ClientContext context;
+    SetDeadline(context, 60);
+    As(context, asker_);
+    grpc::CompletionQueue queue;
+    const auto done = [&queue] {
+      void* tag = nullptr;
+      bool ok = false;
+      return queue.Next(&tag, &ok) && ok;
+    };
+    const auto call = stub.PrepareCall(&context, "/tessera.v1." + NameOfCall(method), &queue);
+    call->StartCall(nullptr);
+    done();
+    const grpc::Slice slice(Request(method));
+    call->WriteLast(grpc::ByteBuffer(&slice, 1), grpc::WriteOptions(), nullptr);
+    done();
+    std::vector<std::string> answers;
+    while (answers.size() < 4) {
+      grpc::ByteBuffer received;
+      call->Read(&received, nullptr);
+      if (!done()) break;
+      grpc::Slice whole;
+      EXPECT_TRUE(received.DumpToSingleSlice(&whole).ok());
+      answers.emplace_back(reinterpret_cast<const char*>(whole.begin()), whole.size());
+      if (method.name() == "WatchJob") break;  // more come when something changes
+    }
+    context.TryCancel();
+    grpc::Status status;
+    call->Finish(&status, nullptr);
+    done();
+    return answers;
+  }
+
+  std::string big_, asker_, content_;
+  Digest published_;
+};
+
+TEST_F(BoundsTest, NoAnswerIsLargerThanItMayBe) {
+  for (const MethodDescriptor* method : MethodsOfServices()) {
+    const auto bound = kBounds.find(NameOfCall(*method));
+    if (bound == kBounds.end()) continue;
+    SCOPED_TRACE(bound->first);
+    const std::vector<std::string> answers = Ask(*method);
+    for (const std::string& answer : answers) {
+      EXPECT_LE(static_cast<int64_t>(answer.size()), bound->second.bytes);
+      const std::unique_ptr<Message> message(
+          MessageFactory::generated_factory()->GetPrototype(method->output_type())->New());
+      ASSERT_TRUE(message->ParseFromString(answer));
+      for (int i = 0; i < method->output_type()->field_count(); ++i) {
+        const FieldDescriptor* const field = method->output_type()->field(i);
+        if (!field->is_repeated()) continue;
+        EXPECT_LE(message->GetReflection()->FieldSize(*message, field), bound->second.entries) << field->name();
+      }
+      if (!bound->second.pages) continue;
+      const FieldDescriptor* const next = method->output_type()->FindFieldByName("next_page_token");
+      EXPECT_NE(message->GetReflection()->GetString(*message, next), "") << "there was less than a page";
+    }
+    const std::set<std::string> refused = {"Jobs/RetryJob", "Blobs/WriteBlob", "Workers/ReportTask"};
+    EXPECT_EQ(answers.empty(), refused.contains(bound->first));
+  }
+}
+
+TEST_F(BoundsTest, NoMessageOfMoreThanGrpcsOwnLimitIsRead) {
+  grpc::ClientContext context;
+  v1::GetJobRequest request;
+  request.set_name(std::string(5 * kMiB, 'x'));
+  v1::Job job;
+  EXPECT_EQ(FromGrpc(jobs_->GetJob(&context, request, &job)).code(), absl::StatusCode::kResourceExhausted);
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,288 @@
+#include "worker/photo/photo_term.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "common/base/parallel.h"
+#include "tests/support/make_texels.h"
+#include "tests/support/relief_scene.h"
+#include "tests/unit/worker/photo/photo_oracle.h"
+#include "worker/refine/descent.h"
+#include "worker/refine/vertex_sums.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Vector3d;
+using Positions = std::vector<Vector3d>;
+
+struct Evaluated : PhotoDerivatives {
+  ZnccSums sums;
+};
+
+// True relief photographed and classified; the surface under test is off by some decimetres (pixels: about 0.14 m).
+struct Scene {
+  TriangleMesh truth = HeightField(60, 5, ReliefHeight);
+  TriangleMesh mesh = HeightField(12, 4.5, ReliefHeight);
+  std::vector<PhotoView> views;
+  PhotoOptions options;
+
+  explicit Scene(bool gaussian = true, int classes = 0, double gain = 1, double offset = 0) {
+    Random random(4);
+    for (Vector3d& v : mesh.vertices) v.z() += 0.15 * random.Normal();
+    const std::vector<PosedCamera> cameras = ReliefCameras(120);
+    for (size_t i = 0; i < cameras.size(); ++i) {
+      FloatImage luminance = Photograph(truth, cameras[i], 0.9 + 0.05 * static_cast<double>(i), 0.01, 10 + i);
+      if (i == 1) {
+        for (float& value : luminance.data) value = static_cast<float>(gain * value + offset);
+      }
+      if (classes > 0) {
+        FloatImage likelihoods = PhotographClasses(truth, cameras[i], classes);
+        for (float& value : likelihoods.data) value = static_cast<float>(value * random.Uniform(0.9, 1.1));
+        views.push_back({cameras[i], MakeTexels(luminance, likelihoods, PixelMapping())});
+      } else {
+        views.push_back({cameras[i], MakeTexels(luminance)});
+      }
+    }
+    options.window = MakeWindow(7, gaussian);
+    options.window.epsilon = 1e-6f;
+    options.window.min_variance = 1e-4f;
+    options.window.noise_variance = 4e-4f;
+    options.window.max_mean_difference = 0.3f;
+    options.window.max_variance_ratio = 10;
+    options.occlusion_px = 3;
+  }
+  PhotoOracle Oracle(int i, int j) const { return PhotoOracle(mesh, views[i], views[j], options); }
+  PhotoSums Faces(const std::vector<ViewPair>& pairs, const std::vector<uint8_t>& own = {}) const {
+    PhotoSums out;
+    std::vector<PhotoView> at_hand = views;
+    PhotoTerm(&at_hand, pairs, options).Evaluate(mesh, own, nullptr, nullptr, &out);
+    return out;
+  }
+  Evaluated Evaluate(const std::vector<ViewPair>& pairs) const {
+    const PhotoSums faces = Faces(pairs);
+    return {GatherVertices(mesh, FacesOfVertices(mesh), faces.faces, {}), faces.sums};
+  }
+};
+
+struct Agreement {
+  double median_relative_error = 0, cosine = 0;
+};
+
+// Over the vertices whose expected gradient is not negligible.
+Agreement Compare(const Positions& expected, const Positions& got) {
+  double largest = 0, dot = 0, e2 = 0, g2 = 0;
+  for (const Vector3d& e : expected) largest = std::max(largest, e.norm());
+  std::vector<double> errors;
+  for (size_t v = 0; v < expected.size(); ++v) {
+    dot += expected[v].dot(got[v]);
+    e2 += expected[v].squaredNorm();
+    g2 += got[v].squaredNorm();
+    if (expected[v].norm() > 1e-3 * largest) errors.push_back((expected[v] - got[v]).norm() / expected[v].norm());
+  }
+  if (errors.size() < 50) return {1e9, 0};
+  std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
+  return {errors[errors.size() / 2], dot / std::sqrt(e2 * g2)};
+}
+
+Positions FiniteDifferences(const PhotoOracle& oracle, Positions v) {
+  constexpr double kStep_m = 1e-6;
+  Positions gradient(v.size(), Vector3d::Zero());
+  for (size_t k = 0; k < v.size(); ++k) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const double at = v[k][axis];
+      v[k][axis] = at + kStep_m;
+      const double up = oracle.Energy(v);
+      v[k][axis] = at - kStep_m;
+      gradient[k][axis] = (up - oracle.Energy(v)) / (2 * kStep_m);
+      v[k][axis] = at;
+    }
+  }
+  return gradient;
+}
+
+// The parts of the energy, with and without functions that weigh outliers down.
+enum Terms { kPhoto, kSemantic, kBoth, kRobust };
+
+class DataTerm : public testing::TestWithParam<Terms> {
+ protected:
+  static Scene MakeScene() {
+    const Terms terms = GetParam();
+    Scene scene(true, terms == kPhoto ? 0 : 5);
+    if (terms != kPhoto) scene.options.semantic.weight = 3;
+    // No window is accepted.
+    if (terms == kSemantic) scene.options.window.min_variance = 10;
+    if (terms == kRobust) {
+      scene.options.window.outlier = 0.3f;
+      scene.options.semantic.outlier = 0.02f;
+    }
+    return scene;
+  }
+};
+
+TEST_P(DataTerm, GradientIsTheDerivativeOfTheEnergy) {
+  const Scene scene = MakeScene();
+  const PhotoOracle oracle = scene.Oracle(1, 2);
+  if (GetParam() != kSemantic) {
+    ASSERT_GT(oracle.accepted_windows(), 1500);
+  }
+  ASSERT_GT(oracle.masked_pixels(), 1500);
+  ASSERT_LT(oracle.masked_pixels(), 120 * 90 * 4 / 5);  // something is hidden or outside
+  const Positions measured = FiniteDifferences(oracle, scene.mesh.vertices);
+  const auto passes = [&](const Positions& gradient) {
+    const Agreement agreement = Compare(measured, gradient);
+    return agreement.median_relative_error < 1e-4 && agreement.cosine > 0.999;
+  };
+  const Agreement exact = Compare(measured, oracle.Gradient(scene.mesh.vertices));
+  EXPECT_LT(exact.median_relative_error, 1e-4);
+  EXPECT_GT(exact.cosine, 0.999);
+  // What the product computes passes the same check.
+  const Agreement got = Compare(measured, scene.Evaluate({{1, 2}}).gradient);
+  EXPECT_LT(got.median_relative_error, 1e-4);
+  EXPECT_GT(got.cosine, 0.999);
+  // A wrong formula does not.
+  std::vector<PhotoOracle::Fault> faults = {PhotoOracle::kNoPerspective};
+  if (GetParam() != kSemantic) faults.insert(faults.end(), {PhotoOracle::kPointwise, PhotoOracle::kNearestTexel});
+  if (GetParam() != kPhoto) faults.push_back(PhotoOracle::kOneClassFewer);
+  if (GetParam() == kRobust) faults.push_back(PhotoOracle::kNoOutlier);
+  for (const PhotoOracle::Fault fault : faults) {
+    EXPECT_FALSE(passes(oracle.Gradient(scene.mesh.vertices, fault))) << "fault " << fault;
+  }
+  Positions slightly = oracle.Gradient(scene.mesh.vertices);
+  for (Vector3d& g : slightly) g *= 1.001;
+  EXPECT_FALSE(passes(slightly));
+}
+
+TEST_P(DataTerm, AStepByTheCurvatureLowersTheEnergy) {
+  const Scene scene = MakeScene();
+  const Evaluated got = scene.Evaluate({{0, 1}});
+  Positions moved = scene.mesh.vertices;
+  for (size_t v = 0; v < moved.size(); ++v) {
+    const double stiffness = got.curvature[v].trace();
+    if (stiffness > 0) moved[v] -= 0.5 * got.gradient[v] / stiffness;
+  }
+  const PhotoOracle oracle = scene.Oracle(0, 1);
+  EXPECT_LT(oracle.Energy(moved), 0.95 * oracle.Energy(scene.mesh.vertices));
+}
+
+INSTANTIATE_TEST_SUITE_P(Terms, DataTerm, testing::Values(kPhoto, kSemantic, kBoth, kRobust));
+
+class Kernel : public testing::TestWithParam<bool> {};
+
+TEST_P(Kernel, AgreesWithTheOracle) {
+  Scene scene(GetParam(), 5);
+  scene.options.semantic.weight = 2;
+  for (const ViewPair& pair : std::vector<ViewPair>{{0, 1}, {1, 2}, {2, 0}, {3, 1}}) {
+    // With one pair there is nothing to divide by.
+    const Evaluated got = scene.Evaluate({pair});
+    const PhotoOracle oracle = scene.Oracle(pair.reference, pair.other);
+    const Agreement agreement = Compare(oracle.Gradient(scene.mesh.vertices), got.gradient);
+    EXPECT_LT(agreement.median_relative_error, 1e-4);
+    EXPECT_GT(agreement.cosine, 0.9999);
+    const double photo = oracle.PhotoEnergy(scene.mesh.vertices), semantic = oracle.SemanticEnergy(scene.mesh.vertices);
+    EXPECT_NEAR(got.sums.energy, photo, 1e-3 * photo);
+    EXPECT_NEAR(got.sums.semantic_energy, semantic, 1e-3 * semantic);
+    EXPECT_NEAR(static_cast<double>(got.sums.windows), oracle.accepted_windows(), 5);
+    EXPECT_NEAR(static_cast<double>(got.sums.semantic_pixels), oracle.masked_pixels(), 5);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Windows, Kernel, testing::Bool());
+
+TEST(PhotoTerm, AGainOfOneImageChangesNoGradient) {
+  Evaluated derivatives[2];
+  for (int k = 0; k < 2; ++k) {
+    Scene scene(true, 0, k == 0 ? 1 : 0.6, k == 0 ? 0 : 0.1);
+    scene.options.window.epsilon = 0;
+    scene.options.window.noise_variance = 0;
+    scene.options.window.min_variance = 1e-6f;
+    scene.options.window.max_variance_ratio = 1e6f;
+    scene.options.window.max_mean_difference = 1;
+    derivatives[k] = scene.Evaluate({{0, 1}});
+  }
+  EXPECT_GT(Compare(derivatives[0].gradient, derivatives[1].gradient).cosine, 0.9999);
+  EXPECT_NEAR(derivatives[0].sums.energy, derivatives[1].sums.energy, 1e-2 * derivatives[0].sums.energy);
+}
+
+TEST(PhotoTerm, AViewWithoutLikelihoodsHasNoSemanticTerm) {
+  Scene with(true, 4), without(true, 0);
+  with.options.semantic.weight = without.options.semantic.weight = 2;
+  with.views[2].texels = without.views[2].texels;
+  EXPECT_GT(with.Evaluate({{0, 1}}).sums.semantic_pixels, 1000);
+  const Evaluated mixed = with.Evaluate({{0, 2}}), none = without.Evaluate({{0, 2}});
+  EXPECT_EQ(mixed.sums.semantic_pixels, 0);
+  EXPECT_EQ(mixed.gradient, none.gradient);
+}
+
+// Of a view whose classes are swapped over half of the image, an outlier function leaves less in the gradient.
+TEST(PhotoTerm, AnOutlierFunctionWeighsAGrossErrorDown) {
+  Agreement kept[2];
+  for (int k = 0; k < 2; ++k) {
+    Scene scene(true, 4);
+    scene.options.window.min_variance = 10;
+    scene.options.semantic.weight = 1;
+    if (k == 1) scene.options.semantic.outlier = 0.02f;
+    const std::vector<ViewPair> pairs = {{0, 1}, {0, 3}};
+    const Evaluated clean = scene.Evaluate(pairs);
+    Texels& texels = scene.views[3].texels;
+    for (int y = 0; y < texels.height; ++y) {
+      for (int x = 0; x < texels.width / 2; ++x) {
+        uint32_t& texel = texels.likelihoods[0][texels.Index(x, y)];
+        texel = texel << 8 | texel >> 24;
+      }
+    }
+    kept[k] = Compare(clean.gradient, scene.Evaluate(pairs).gradient);
+  }
+  EXPECT_LT(kept[0].cosine, 0.9);
+  EXPECT_GT(kept[1].cosine, kept[0].cosine + 0.05);
+}
+
+TEST(PhotoTerm, DoesNotDependOnThreads) {
+  Scene scene(true, 4);
+  scene.options.semantic.weight = 2;
+  const std::vector<ViewPair> pairs = {{0, 1}, {0, 2}, {1, 0}, {2, 0}, {3, 0}};
+  Evaluated one;
+  {
+    ThreadLimit limit(1);
+    one = scene.Evaluate(pairs);
+  }
+  for (int threads : {2, 5}) {
+    ThreadLimit limit(threads);
+    const Evaluated many = scene.Evaluate(pairs);
+    EXPECT_EQ(one.gradient, many.gradient);
+    EXPECT_EQ(one.curvature, many.curvature);
+    EXPECT_EQ(one.pairs, many.pairs);
+    EXPECT_EQ(one.sums.energy, many.sums.energy);
+    EXPECT_EQ(one.sums.semantic_energy, many.sums.semantic_energy);
+  }
+}
+
+// Sums of own faces are those of all, and looking at part of the mesh alone is enough for them where that holds all
+// that windows about them see: here, all of it.
+TEST(PhotoTerm, OwnFacesHaveTheSumsOfAll) {
+  Scene scene(true, 4);
+  scene.options.semantic.weight = 2;
+  const std::vector<ViewPair> pairs = {{0, 1}, {0, 2}, {1, 0}, {2, 0}, {3, 0}};
+  const PhotoSums all = scene.Faces(pairs);
+  std::vector<uint8_t> own(scene.mesh.faces.size(), 0);
+  int64_t compared = 0;
+  for (size_t f = 0; f < own.size(); ++f) {
+    const Vector3d at = MeshSpans(scene.mesh).Centroid(f);
+    own[f] = at.x() > 0.5 && at.y() < 2;
+  }
+  const PhotoSums some = scene.Faces(pairs, own);
+  EXPECT_LT(some.sums.windows, all.sums.windows / 2);
+  for (size_t f = 0; f < own.size(); ++f) {
+    if (!own[f]) continue;
+    compared += all.faces[f].pairs > 0;
+    EXPECT_EQ(all.faces[f].gradient, some.faces[f].gradient) << "face " << f;
+    EXPECT_EQ(all.faces[f].curvature, some.faces[f].curvature) << "face " << f;
+    EXPECT_EQ(all.faces[f].pairs, some.faces[f].pairs) << "face " << f;
+  }
+  EXPECT_GT(compared, 50);
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,209 @@
+#include "worker/photo/contour_term.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "worker/photo/contour_profile.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double kCurvaturePerPx2 = 0.5;  // of w ρ(d)
+constexpr double kMaxPull_px = 2;         // farther edges pull no more
+
+FaceContour NoContour(uint32_t face) {
+  FaceContour contour;
+  contour.face = face;
+  for (int c = 0; c < 3; ++c) {
+    contour.gradient[c].setZero();
+    contour.curvature[c].setZero();
+  }
+  return contour;
+}
+
+// The upper triangle of the outer square, row by row.
+Eigen::Matrix<double, 6, 1> Upper(const Vector3d& v) {
+  Eigen::Matrix<double, 6, 1> out;
+  out << v.x() * v.x(), v.x() * v.y(), v.x() * v.z(), v.y() * v.y(), v.y() * v.z(), v.z() * v.z();
+  return out;
+}
+
+// One view's contours.
+class ContourView {
+ public:
+  ContourView(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const std::vector<uint8_t>& own,
+              const PhotoView& view, const FaceMap& map, const ContourOptions& options)
+      : mesh_(mesh),
+        labels_(labels),
+        own_(own),
+        view_(view),
+        map_(map),
+        options_(options),
+        gap_(static_cast<float>(options.gap_px / view.camera.intrinsics.fx)),
+        centre_(view.camera.Centre()) {}
+
+  std::vector<FaceContour> Run() {
+    for (int y = 0; y < map_.height; ++y) {
+      for (int x = 0; x < map_.width; ++x) {
+        if (x + 1 < map_.width) AddSide(x, y, x + 1, y);
+        if (y + 1 < map_.height) AddSide(x, y, x, y + 1);
+      }
+    }
+    // Sides of a face in the order of their pixels.
+    std::stable_sort(pulls_.begin(), pulls_.end(), [](const Pull& a, const Pull& b) { return a.face < b.face; });
+    std::vector<FaceContour> faces;
+    for (size_t i = 0; i < pulls_.size();) {
+      FaceContour sum = NoContour(pulls_[i].face);
+      for (; i < pulls_.size() && pulls_[i].face == sum.face; ++i) {
+        const Pull& pull = pulls_[i];
+        const double weight = options_.weight * kCurvaturePerPx2 * pull.measured.weight;
+        const double residual = std::clamp(pull.measured.outward_px, -kMaxPull_px, kMaxPull_px);
+        const Vector3d root = std::sqrt(weight) * pull.outward;
+        for (int c = 0; c < 3; ++c) {
+          sum.gradient[c] -= weight * pull.share[c] * residual * pull.outward;
+          sum.curvature[c] += pull.share[c] * Upper(root);
+        }
+      }
+      faces.push_back(sum);
+    }
+    return faces;
+  }
+
+ private:
+  size_t Index(int x, int y) const { return static_cast<size_t>(y) * map_.width + x; }
+  Vector3d Ray(int x, int y) const { return view_.camera.Ray(map_.x0 + x + 0.5, map_.y0 + y + 0.5); }
+  int LabelAt(size_t pixel) const {
+    const int32_t face = map_.face[pixel];
+    return face >= 0 && labels_[face] < view_.texels.classes ? labels_[face] : -1;
+  }
+
+  void AddSide(int x0, int y0, int x1, int y1) {
+    const size_t p = Index(x0, y0), q = Index(x1, y1);
+    const float nearer = std::min(map_.depth[p], map_.depth[q]), farther = std::max(map_.depth[p], map_.depth[q]);
+    if (farther - nearer <= gap_ * nearer) return;
+    const int32_t front = map_.depth[p] == nearer ? map_.face[p] : map_.face[q];
+    if (front < 0 || (!own_.empty() && !own_[front])) return;
+    const int a = LabelAt(p), b = LabelAt(q);
+    if (a < 0 || b < 0 || a == b) return;
+    if (map_.depth[p] == nearer) {
+      AddContour(x0, y0, x1, y1, a, b);
+    } else {
+      AddContour(x1, y1, x0, y0, b, a);
+    }
+  }
+
+  // Across the side from (x, y), on the nearer face, to (x + dx, y + dy), behind it.
+  ContourMeasurement Measure(int x, int y, int dx, int dy, int front, int behind, const BorderTrust& trust) const {
+    constexpr int kReach = ContourProfile::kReach;
+    const Texels& texels = view_.texels;
+    const auto inside = [&](int k) {
+      const int u = x + k * dx, v = y + k * dy;
+      return u >= 0 && v >= 0 && u < texels.width && v < texels.height;
+    };
+    if (!inside(1 - kReach) || !inside(kReach)) return {};
+    ContourProfile profile;
+    for (int k = 0; k < ContourProfile::kPixels; ++k) {
+      const int u = x + (k + 1 - kReach) * dx, v = y + (k + 1 - kReach) * dy;
+      if (!texels.Valid(u, v)) return {};
+      profile.front_gain[k] = texels.Likelihood(u, v, front) - texels.Likelihood(u, v, behind);
+      profile.luminance[k] = texels.Luminance(u, v);
+    }
+    return MeasureContour(profile, trust, std::ldexp(1.0, -options_.level));
+  }
+
+  // (x, y) is on the nearer face, (bx, by) behind it.
+  void AddContour(int x, int y, int bx, int by, int front, int behind) {
+    const int32_t face = map_.face[Index(x, y)];
+    const auto corner = [&](int c) { return mesh_.Corner(face, c); };
+    const Vector3d normal = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    const Vector3d ray = Ray(x, y);
+    const double along = normal.dot(ray);
+    if (along == 0) return;
+    const Vector3d point = centre_ + normal.dot(corner(0) - centre_) / along * ray;
+    const BorderTrust& trust = options_.borders.Of(front, behind);
+    if (trust.weight <= 0) return;
+    const ContourMeasurement measured = Measure(x, y, bx - x, by - y, front, behind, trust);
+    if (measured.weight <= 0) return;
+    // How far outward the contour goes in the image, pixels, when the point moves a metre.
+    const PinholeCamera& k = view_.camera.intrinsics;
+    const Vector3d seen = view_.camera.CameraFromWorld(point);
+    const double right = k.fx * (bx - x) / seen.z(), down = k.fy * (by - y) / seen.z();
+    const Vector3d outward = view_.camera.rotation_cam_from_world.transpose() *
+                             Vector3d(right, down, -(right * seen.x() + down * seen.y()) / seen.z());
+    const double area2 = normal.squaredNorm();
+    Pull pull = {static_cast<uint32_t>(face), {}, measured, outward};
+    for (int c = 0; c < 3; ++c) {
+      const Vector3d opposite = (corner((c + 2) % 3) - corner((c + 1) % 3)).cross(point - corner((c + 1) % 3));
+      pull.share[c] = std::clamp(opposite.dot(normal) / area2, 0.0, 1.0);
+    }
+    pulls_.push_back(pull);
+  }
+
+  // What the side between two pixels does to the nearer face.
+  struct Pull {
+    uint32_t face = 0;
+    std::array<double, 3> share;  // of its corners
+    ContourMeasurement measured;
+    Vector3d outward;  // pixels a metre
+  };
+
+  const TriangleMesh& mesh_;
+  const std::vector<int32_t>& labels_;
+  const std::vector<uint8_t>& own_;
+  const PhotoView& view_;
+  const FaceMap& map_;
+  const ContourOptions& options_;
+  const float gap_;  // of depth, relative to the nearer one
+  const Vector3d centre_;
+  std::vector<Pull> pulls_;
+};
+
+}  // namespace
+
+Matrix3d FaceContour::Curvature(int corner) const {
+  const Eigen::Matrix<double, 6, 1>& m = curvature[corner];
+  Matrix3d out;
+  out << m[0], m[1], m[2], m[1], m[3], m[4], m[2], m[4], m[5];
+  return out;
+}
+
+std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
+                                      const std::vector<uint8_t>& own, const PhotoView& view, const FaceMap& map,
+                                      const ContourOptions& options) {
+  if (view.texels.classes == 0) return {};
+  return ContourView(mesh, labels, own, view, map, options).Run();
+}
+
+ContourSums AddContours(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids) {
+  struct Entry {
+    uint32_t face;
+    size_t view;
+    const FaceContour* contour;
+  };
+  std::vector<Entry> entries;
+  for (size_t v = 0; v < views.size(); ++v) {
+    for (const FaceContour& contour : views[v]) entries.push_back({contour.face, v, &contour});
+  }
+  std::stable_sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.face < b.face; });
+  ContourSums sums;
+  for (size_t i = 0; i < entries.size();) {
+    FaceContour sum = NoContour(entries[i].face);
+    sum.views_begin = static_cast<uint32_t>(sums.views.size());
+    for (; i < entries.size() && entries[i].face == sum.face; ++i) {
+      for (int c = 0; c < 3; ++c) {
+        sum.gradient[c] += entries[i].contour->gradient[c];
+        sum.curvature[c] += entries[i].contour->curvature[c];
+      }
+      sums.views.push_back(view_ids[entries[i].view]);
+    }
+    sum.views_end = static_cast<uint32_t>(sums.views.size());
+    sums.faces.push_back(sum);
+  }
+  return sums;
+}
+
+}  // namespace tessera

@@ -1,0 +1,97 @@
+#include "worker/photo/data_term.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "common/base/parallel.h"
+#include "worker/photo/contour_profile.h"
+#include "worker/visibility/image_window.h"
+
+namespace tessera {
+namespace {
+
+StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semantic) {
+  PhotoView out;
+  out.camera = PyramidCamera(view.camera, level);
+  // Pixels count from the middle of the whole image, where floats hold them best; from an even one (Texels).
+  PinholeCamera& k = out.camera.intrinsics;
+  const int middle_x = k.width / 4 * 2, middle_y = k.height / 4 * 2;
+  k.cx -= middle_x;
+  k.cy -= middle_y;
+  out.step_x = -middle_x;
+  out.step_y = -middle_y;
+  out.depths = view.depths;
+  TESSERA_ASSIGN_OR_RETURN(const StoredTexels stored, view.pixels->Level(level));
+  out.stored = stored.CountedFrom(middle_x, middle_y);
+  if (!semantic || !view.asks_likelihoods) out.stored->classes = 0;
+  return out;
+}
+
+}  // namespace
+
+PhotoOptions MakePhotoOptions(const DataOptions& options) {
+  PhotoOptions out;
+  out.window = MakeWindow(options.window_px, options.gaussian_window);
+  out.window.min_valid = static_cast<float>(options.min_valid);
+  out.window.min_variance = static_cast<float>(options.min_sigma * options.min_sigma);
+  out.window.max_mean_difference = static_cast<float>(options.max_mean_difference);
+  out.window.max_variance_ratio = static_cast<float>(options.max_variance_ratio);
+  out.window.epsilon = 1e-6f;
+  out.window.noise_variance = static_cast<float>(options.noise_sigma * options.noise_sigma);
+  out.min_cosine = options.min_cosine;
+  out.window.outlier = static_cast<float>(options.photo_outlier);
+  out.semantic.weight = static_cast<float>(options.semantic);
+  out.occlusion_px = options.occlusion_px;
+  if (options.contour > 0) out.visitor_margin_px = ContourProfile::kReach;
+  return out;
+}
+
+int ReferenceMargin_px(int window_px, int level) {
+  return (std::max(2 * (window_px / 2), ContourProfile::kReach) + 1) << level;
+}
+
+int TargetMargin_px(int level) { return 2 << level; }
+
+DataTerm::DataTerm(const std::vector<RefineView>& views, const std::vector<ViewPair>& pairs, const ViewGroups& groups,
+                   const MeshCells* cells, const DataOptions& options)
+    : problem_views_(views), pairs_(pairs), groups_(groups), cells_(cells), options_(options) {}
+
+Status DataTerm::EnterLevel(int level) {
+  if (level == level_) return absl::OkStatus();
+  const bool semantic = options_.semantic > 0 || options_.contour > 0;
+  level_ = -1;
+  photo_.reset();
+  views_.assign(problem_views_.size(), PhotoView());
+  std::vector<Status> read(views_.size());
+  ParallelFor(static_cast<int64_t>(views_.size()), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      StatusOr<PhotoView> view = MakePhotoView(problem_views_[i], level, semantic);
+      read[i] = view.status();
+      if (view.ok()) views_[i] = *std::move(view);
+    }
+  });
+  for (const Status& status : read) TESSERA_RETURN_IF_ERROR(status);
+  photo_ = std::make_unique<PhotoTerm>(&views_, pairs_, MakePhotoOptions(options_), &groups_);
+  level_ = level;
+  return absl::OkStatus();
+}
+
+void DataTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const Clock* clock,
+                        FaceDerivatives* out) {
+  ContourOptions contour;
+  contour.weight = options_.contour;
+  contour.borders = options_.borders;
+  contour.level = level_;
+  std::vector<std::vector<FaceContour>> contours(views_.size());
+  const auto find = [&](size_t index, const PhotoView& view, const FaceMap& map) {
+    contours[index] = FindContours(mesh, mesh.labels, own, view, map, contour);
+  };
+  const bool has_contours = options_.contour > 0 && !mesh.labels.empty();
+  photo_->Evaluate(mesh, own, cells_, clock, &out->photo, has_contours ? PhotoTerm::MapVisitor(find) : nullptr);
+  std::vector<int32_t> ids;
+  for (const RefineView& view : problem_views_) ids.push_back(view.id);
+  out->contours = AddContours(contours, ids);
+}
+
+}  // namespace tessera

@@ -1,0 +1,305 @@
+#include "worker/photo/photo_term.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include "common/base/parallel.h"
+#include "worker/visibility/cell_sight.h"
+
+namespace tessera {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr int kStripRows = PhotoView::kWindowStep;
+constexpr int64_t kFaceGrain = 2048;
+
+Matrix3d Calibration(const PinholeCamera& k) {
+  Matrix3d out = Matrix3d::Identity();
+  out(0, 0) = k.fx;
+  out(1, 1) = k.fy;
+  out(0, 2) = k.cx;
+  out(1, 2) = k.cy;
+  return out;
+}
+
+// Calls body(face) for the faces of a part, on all threads.
+template <class Body>
+void ForFaces(const MeshPart& part, const Body& body) {
+  for (const auto& [first, last] : part.faces) {
+    ParallelFor(last - first, kFaceGrain, [&, base = static_cast<int64_t>(first)](int64_t begin, int64_t end) {
+      for (int64_t f = base + begin; f < base + end; ++f) body(f);
+    });
+  }
+}
+
+double Seconds(const Clock* clock) { return clock ? 1e-6 * static_cast<double>(clock->MonotonicUs()) : 0; }
+
+}  // namespace
+
+ZnccWindow MakeWindow(int size_px, bool gaussian) {
+  ZnccWindow window;
+  window.radius = std::clamp(size_px / 2, 1, ZnccWindow::kMaxRadius);
+  const double sigma = (2 * window.radius + 1) / 4.0;
+  double sum = 0;
+  double taps[2 * ZnccWindow::kMaxRadius + 1] = {};
+  for (int k = 0; k <= 2 * window.radius; ++k) {
+    const double t = (k - window.radius) / sigma;
+    taps[k] = gaussian ? std::exp(-0.5 * t * t) : 1;
+    sum += taps[k];
+  }
+  for (int k = 0; k <= 2 * window.radius; ++k) window.taps[k] = static_cast<float>(taps[k] / sum);
+  return window;
+}
+
+ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, const WarpTarget& target,
+                      double occlusion_px) {
+  ZnccPair pair;
+  pair.reference = &reference.texels;
+  pair.other = &target;
+  pair.depth_slack = static_cast<float>(occlusion_px / other.intrinsics.fx);
+  // q = z·M x̃ + t from the reference's pixels to the other's.
+  const PosedCamera &from = reference.camera, &to = other;
+  const Matrix3d rotation = to.rotation_cam_from_world * from.rotation_cam_from_world.transpose();
+  const Matrix3d k = Calibration(to.intrinsics);
+  const Matrix3d m = k * rotation * Calibration(from.intrinsics).inverse();
+  const Vector3d t = k * (to.translation_cam_from_world - rotation * from.translation_cam_from_world);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) pair.m[3 * r + c] = static_cast<float>(m(r, c));
+    pair.t[r] = static_cast<float>(t(r));
+  }
+  return pair;
+}
+
+PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
+                     const ViewGroups* groups)
+    : views_(*views),
+      pairs_(pairs),
+      options_(options),
+      groups_(groups),
+      opening_(views->size()),
+      first_step_(views->size()),
+      closing_(views->size()),
+      maps_(views->size()),
+      targets_(views->size()) {
+  std::iota(opening_.begin(), opening_.end(), size_t{0});
+  first_step_ = opening_;
+  std::vector<size_t> last_step = opening_;
+  for (const ViewPair& pair : pairs_) {
+    const size_t step = static_cast<size_t>(pair.reference);
+    first_step_[pair.other] = std::min(first_step_[pair.other], step);
+    last_step[pair.other] = std::max(last_step[pair.other], step);
+  }
+  std::stable_sort(opening_.begin(), opening_.end(),
+                   [&](size_t a, size_t b) { return first_step_[a] < first_step_[b]; });
+  for (size_t v = 0; v < views_.size(); ++v) closing_[last_step[v]].push_back(v);
+}
+
+// Those that fit best, so that small views do not come to hold large buffers.
+PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
+  if (spare_.empty()) return Buffers();
+  const auto room = [](const Buffers& buffers) { return buffers.map.depth.capacity(); };
+  size_t best = 0;
+  for (size_t i = 1; i < spare_.size(); ++i) {
+    const size_t a = room(spare_[i]), b = room(spare_[best]);
+    if (b < pixels ? a > b : a >= pixels && a < b) best = i;
+  }
+  Buffers buffers = std::move(spare_[best]);
+  spare_.erase(spare_.begin() + static_cast<ptrdiff_t>(best));
+  return buffers;
+}
+
+void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells) {
+  const CellBoxes boxes(mesh, cells);
+  parts_.clear();
+  target_rects_.clear();
+  CellSightProblem problem;
+  for (size_t v = 0; v < views_.size(); ++v) {
+    const PixelRect all = views_[v].rect();
+    problem.views.push_back({views_[v].camera, all});
+    target_rects_.push_back(all);
+  }
+  reference_rects_ = target_rects_;
+  references_.resize(views_.size());
+  for (size_t v = 0; v < views_.size(); ++v) references_[v].camera = views_[v].camera;
+  if (own.empty() || cells == nullptr || groups_ == nullptr) {
+    for (const CameraWindow& view : problem.views) parts_.push_back(boxes.InWindow(view, kNearPlane_m));
+    return;
+  }
+  problem.boxes = boxes.boxes();
+  problem.own = OwnCellsOfViews(*cells, own, groups_->looks, views_.size());
+  for (const ViewPair& pair : pairs_) problem.pairs.push_back({pair.reference, pair.other});
+  problem.reference_margin_px = std::max(2 * options_.window.radius, options_.visitor_margin_px);
+  problem.target_margin_px = 1;
+  const CellSight sight = FindCellSight(problem);
+  for (size_t v = 0; v < views_.size(); ++v) {
+    parts_.push_back(boxes.PartOf(sight.cells[v]));
+    if (!views_[v].stored) continue;
+    const auto window = [&](const PixelRect& needed) {
+      return needed.empty() ? PixelRect() : views_[v].FromStep(needed);
+    };
+    target_rects_[v] = window(sight.windows[v]);
+    reference_rects_[v] = window(sight.own_windows[v]);
+  }
+}
+
+void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit) {
+  if (opened_ == opening_.size() || first_step_[opening_[opened_]] > step) return;
+  const size_t wanted = opened_ + 2 * static_cast<size_t>(ThreadCount());
+  std::vector<size_t> open;
+  while (opened_ < opening_.size() && (opened_ < wanted || first_step_[opening_[opened_]] <= step)) {
+    if (const size_t view = opening_[opened_++]; !target_rects_[view].empty()) open.push_back(view);
+  }
+  std::vector<CameraWindow> windows;
+  std::vector<MeshPart> parts;
+  for (const size_t view : open) {
+    windows.push_back({views_[view].camera, target_rects_[view]});
+    parts.push_back(parts_[view]);
+    const PixelRect& reference = reference_rects_[view];
+    Buffers buffers = TakeBuffers(static_cast<size_t>(reference.width()) * reference.height());
+    maps_[view] = std::move(buffers.map);
+    targets_[view] = std::move(buffers.target);
+    if (views_[view].stored) views_[view].texels = std::move(buffers.target_texels);
+    references_[view].texels = std::move(buffers.reference_texels);
+  }
+  rasterizer_.DrawParts(mesh, parts, windows, &drawn_);
+  ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      const size_t view = open[i];
+      if (!views_[view].stored) continue;
+      views_[view].stored->Bring(target_rects_[view], &views_[view].texels);
+      if (IsNarrow(view)) views_[view].stored->Bring(reference_rects_[view], &references_[view].texels);
+    }
+  });
+  for (size_t i = 0; i < open.size(); ++i) {
+    const size_t view = open[i];
+    if (groups_ != nullptr) MarkNotLookedAt(*groups_, view, &drawn_[i]);
+    SetWarpTarget(views_[view].texels, drawn_[i], views_[view].depths, &targets_[view]);
+  }
+  ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      const size_t view = open[i];
+      if (IsNarrow(view)) {
+        CropFaceMap(drawn_[i], reference_rects_[view], &maps_[view]);
+      } else {
+        std::swap(drawn_[i], maps_[view]);
+      }
+      if (visit) visit(view, ReferenceOf(view), maps_[view]);
+      if (!own.empty()) KeepNearOwn(own, 2 * options_.window.radius, &maps_[view]);
+    }
+  });
+}
+
+void PhotoTerm::Close(size_t step) {
+  for (const size_t view : closing_[step]) {
+    if (target_rects_[view].empty()) continue;
+    Buffers buffers = {std::move(maps_[view]), std::move(targets_[view]), {}, {}};
+    if (views_[view].stored) buffers.target_texels = std::move(views_[view].texels);
+    buffers.reference_texels = std::move(references_[view].texels);
+    spare_.push_back(std::move(buffers));
+  }
+}
+
+void PhotoTerm::ReleaseBuffers() {
+  spare_ = {};
+  drawn_ = {};
+  workspaces_.clear();
+  gatherer_ = FaceGatherer();
+  rasterizer_ = Rasterizer();
+}
+
+std::unique_ptr<PhotoTerm::Workspace> PhotoTerm::TakeWorkspace() {
+  const std::lock_guard<std::mutex> lock(workspace_mutex_);
+  if (workspaces_.empty()) return std::make_unique<Workspace>();
+  std::unique_ptr<Workspace> workspace = std::move(workspaces_.back());
+  workspaces_.pop_back();
+  return workspace;
+}
+
+void PhotoTerm::ReturnWorkspace(std::unique_ptr<Workspace> workspace) {
+  const std::lock_guard<std::mutex> lock(workspace_mutex_);
+  workspaces_.push_back(std::move(workspace));
+}
+
+void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<uint8_t>& own, size_t first_pair,
+                                  size_t last_pair, PhotoSums* out) {
+  const int i = pairs_[first_pair].reference;
+  const PhotoView& reference = ReferenceOf(i);
+  const PosedCamera& camera = reference.camera;
+  const Texels& texels = reference.texels;
+  const Vector3d centre = camera.Centre();
+  offsets_.resize(mesh.faces.size());
+  ForFaces(parts_[i], [&](int64_t f) { offsets_[f] = static_cast<float>(plane_[f] - normals_[f].dot(centre)); });
+  std::vector<ZnccPair> warps;
+  for (size_t p = first_pair; p < last_pair; ++p) {
+    const int j = pairs_[p].other;
+    if (target_rects_[j].empty()) continue;
+    warps.push_back(MakeZnccPair(reference, views_[j].camera, targets_[j], options_.occlusion_px));
+  }
+  const int height = texels.height, strips = (height + kStripRows - 1) / kStripRows;
+  std::vector<ZnccSums> sums(strips);
+  gatherer_.Begin(mesh, camera, maps_[i], own, strips);
+  ParallelFor(strips, 1, [&](int64_t begin, int64_t end) {
+    std::unique_ptr<Workspace> work = TakeWorkspace();
+    ReferenceStrip& strip = work->strip;
+    for (int64_t s = begin; s < end; ++s) {
+      const int row_begin = static_cast<int>(s) * kStripRows, row_end = std::min(height, row_begin + kStripRows);
+      if (!own.empty()) {
+        // Rows without an own pixel give nothing.
+        const auto first = maps_[i].face.begin() + static_cast<ptrdiff_t>(row_begin) * texels.width;
+        const auto last = maps_[i].face.begin() + static_cast<ptrdiff_t>(row_end) * texels.width;
+        gatherer_.SkipStrip(static_cast<int>(s));
+        if (std::find_if(first, last, [&](int32_t face) { return face >= 0 && own[face] != 0; }) == last) continue;
+      }
+      strip.Reset(texels.width, height, options_.window.radius, row_begin, row_end);
+      FillStrip(camera.intrinsics, texels, maps_[i], offsets_.data(), options_.min_cosine, &strip);
+      SummarizeReference(texels, options_.window, &strip, &work->scratch);
+      for (const ZnccPair& warp : warps) {
+        sums[s].Add(AccumulateZncc(warp, options_.window, options_.semantic, &strip, &work->scratch));
+      }
+      gatherer_.AddStrip(static_cast<int>(s), strip, &work->slots);
+    }
+    ReturnWorkspace(std::move(work));
+  });
+  for (const ZnccSums& part : sums) out->sums.Add(part);
+  out->warped_pixels += static_cast<int64_t>(warps.size()) * height * texels.width;
+  gatherer_.Finish(&out->faces);
+}
+
+void PhotoTerm::Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells,
+                         const Clock* clock, PhotoSums* out, const MapVisitor& visit) {
+  const double start_s = Seconds(clock);
+  out->seconds_visibility = 0;
+  FindWork(mesh, own, cells);
+  normals_.resize(mesh.faces.size());
+  plane_.resize(mesh.faces.size());
+  ParallelFor(static_cast<int64_t>(mesh.faces.size()), kFaceGrain, [&](int64_t begin, int64_t end) {
+    for (int64_t f = begin; f < end; ++f) {
+      normals_[f] = FaceNormal(mesh, f);
+      plane_[f] = normals_[f].dot(mesh.Corner(f, 0));
+    }
+  });
+  out->faces.assign(mesh.faces.size(), FaceSums());
+  out->sums = ZnccSums();
+  out->warped_pixels = 0;
+  opened_ = 0;
+  size_t first = 0;
+  for (size_t step = 0; step < views_.size(); ++step) {
+    const double open_s = Seconds(clock);
+    Open(step, mesh, own, visit);
+    out->seconds_visibility += Seconds(clock) - open_s;
+    size_t last = first;
+    while (last < pairs_.size() && pairs_[last].reference == static_cast<int>(step)) ++last;
+    if (last > first && !reference_rects_[step].empty()) EvaluateReference(mesh, own, first, last, out);
+    first = last;
+    Close(step);
+  }
+  out->seconds_photo = Seconds(clock) - start_s - out->seconds_visibility;
+}
+
+}  // namespace tessera

@@ -1,0 +1,220 @@
+#include "worker/photo/stored_texels.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+namespace tessera {
+namespace {
+
+// Two neighbouring pixels of a line and their weights.
+struct Tap {
+  int low = 0, high = 0;
+  float weight_low = 0, weight_high = 0;
+};
+
+// Taps that average an image line over the footprint of each of `count` pixels, `per_pixel` taps each.
+struct LineTaps {
+  int per_pixel = 1;
+  std::vector<Tap> taps;
+
+  // `size` pixels of the other line are at hand, the first of them its pixel `origin`.
+  LineTaps(int first, int count, double scale, double offset, int origin, int size) {
+    per_pixel = std::max(1, static_cast<int>(std::lround(scale)));
+    const float share = 1 / static_cast<float>(per_pixel);
+    for (int i = first; i < first + count; ++i) {
+      for (int k = 0; k < per_pixel; ++k) {
+        const double at = scale * (i + (k + 0.5) / per_pixel) + offset - 0.5;
+        const double clamped = std::clamp(at, static_cast<double>(origin), static_cast<double>(origin + size - 1));
+        const int low = static_cast<int>(clamped);
+        const float high = static_cast<float>(clamped - low);
+        taps.push_back({low - origin, std::min(low - origin + 1, size - 1), share * (1 - high), share * high});
+      }
+    }
+  }
+  const Tap* of(int i) const { return &taps[static_cast<size_t>(i) * per_pixel]; }
+};
+
+// Of another resolution: class l of all of `out`.
+void SampleClass(const StoredTexels& from, int l, const LineTaps& columns, const LineTaps& rows, Texels* out) {
+  const size_t width = from.likelihood_width;
+  const uint8_t* plane = from.likelihoods.data() + width * from.likelihood_height * l;
+  const int shift = 8 * (l % Texels::kClassesPerPlane);
+  LineVector<uint32_t>& packed = out->likelihoods[l / Texels::kClassesPerPlane];
+  std::vector<float> line(width);
+  for (int y = 0; y < out->height; ++y) {
+    std::fill(line.begin(), line.end(), 0.0f);
+    for (int k = 0; k < rows.per_pixel; ++k) {
+      const Tap& tap = rows.of(y)[k];
+      const uint8_t *low = plane + tap.low * width, *high = plane + tap.high * width;
+      for (size_t x = 0; x < width; ++x) line[x] += tap.weight_low * low[x] + tap.weight_high * high[x];
+    }
+    uint32_t* row = &packed[out->Index(0, y)];
+    for (int x = 0; x < out->width; ++x) {
+      float sum = 0;
+      for (int k = 0; k < columns.per_pixel; ++k) {
+        const Tap& tap = columns.of(x)[k];
+        sum += tap.weight_low * line[tap.low] + tap.weight_high * line[tap.high];
+      }
+      row[x] |= static_cast<uint32_t>(std::min(sum, Texels::kLikelihoodSteps) + 0.5f) << shift;
+    }
+  }
+}
+
+PixelRect Common(const PixelRect& a, const PixelRect& b) {
+  const PixelRect both{std::max(a.x0, b.x0), std::max(a.y0, b.y0), std::min(a.x1, b.x1), std::min(a.y1, b.y1)};
+  return both.empty() ? PixelRect() : both;
+}
+
+// Sizes a plane of `texels` and makes all of it zero but what is `inside`, which is within the texels or empty.
+template <class T>
+void ClearAround(const PixelRect& inside, const Texels& texels, LineVector<T>* plane) {
+  // A spare row, since a cell of bilinear interpolation reads two.
+  plane->resize(static_cast<size_t>(texels.stride) * (texels.height + 1));
+  for (int y = 0; y <= texels.height; ++y) {
+    T* row = plane->data() + texels.Index(0, y);
+    const bool crosses = y >= inside.y0 - texels.y0 && y < inside.y1 - texels.y0;
+    const int begin = crosses ? inside.x0 - texels.x0 : 0, end = crosses ? inside.x1 - texels.x0 : 0;
+    std::fill(row, row + begin, T(0));
+    std::fill(row + end, row + texels.stride, T(0));
+  }
+}
+
+// Of the same resolution: all classes.
+void InterleaveClasses(const StoredTexels& from, const PixelRect& both, Texels* out) {
+  const size_t stride = from.rect.width(), plane = from.pixels();
+  for (size_t p = 0; p < out->likelihoods.size(); ++p) {
+    const size_t first = p * Texels::kClassesPerPlane;
+    const size_t classes = std::min<size_t>(Texels::kClassesPerPlane, from.classes - first);
+    for (int y = both.y0; y < both.y1; ++y) {
+      const uint8_t* in =
+          from.likelihoods.data() + first * plane + (y - from.rect.y0) * stride + (both.x0 - from.rect.x0);
+      uint32_t* row = &out->likelihoods[p][out->Index(both.x0 - out->x0, y - out->y0)];
+      const int width = both.width();
+      const auto at = [&](size_t l, int x) { return static_cast<uint32_t>(in[l * plane + x]); };
+      switch (classes) {
+        case 4:
+          for (int x = 0; x < width; ++x) row[x] = at(0, x) | at(1, x) << 8 | at(2, x) << 16 | at(3, x) << 24;
+          break;
+        case 3:
+          for (int x = 0; x < width; ++x) row[x] = at(0, x) | at(1, x) << 8 | at(2, x) << 16;
+          break;
+        case 2:
+          for (int x = 0; x < width; ++x) row[x] = at(0, x) | at(1, x) << 8;
+          break;
+        default:
+          for (int x = 0; x < width; ++x) row[x] = at(0, x);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+TexelShape TexelShape::First(const PixelRect& rect, int classes, int likelihood_width, int likelihood_height,
+                             const PixelMapping& mapping) {
+  TexelShape out = {rect, classes, likelihood_width, likelihood_height, mapping};
+  out.same_resolution = classes > 0 && mapping.scale_x == 1 && mapping.scale_y == 1 && mapping.offset_x == 0 &&
+                        mapping.offset_y == 0 && mapping.first_x == rect.x0 && mapping.first_y == rect.y0 &&
+                        likelihood_width == rect.width() && likelihood_height == rect.height();
+  return out;
+}
+
+TexelShape TexelShape::Half() const {
+  TexelShape half = *this;
+  // Of odd numbers, upwards: not within as a whole.
+  half.rect = {(rect.x0 + 1) >> 1, (rect.y0 + 1) >> 1, rect.x1 >> 1, rect.y1 >> 1};
+  if (half.rect.empty()) half.rect = {half.rect.x0, half.rect.y0, half.rect.x0, half.rect.y0};
+  if (classes == 0) return half;
+  if (same_resolution) {
+    half.likelihood_width = half.rect.width();
+    half.likelihood_height = half.rect.height();
+    half.mapping.first_x = half.rect.x0;
+    half.mapping.first_y = half.rect.y0;
+  } else {
+    half.mapping.scale_x *= 2;
+    half.mapping.scale_y *= 2;
+  }
+  return half;
+}
+
+StoredTexels StoredTexels::CountedFrom(int x, int y) const {
+  StoredTexels out = *this;
+  out.rect = {rect.x0 - x, rect.y0 - y, rect.x1 - x, rect.y1 - y};
+  if (same_resolution) {
+    out.mapping.first_x -= x;
+    out.mapping.first_y -= y;
+  } else {
+    out.mapping.offset_x += mapping.scale_x * x;
+    out.mapping.offset_y += mapping.scale_y * y;
+  }
+  return out;
+}
+
+void StoredTexels::Bring(const PixelRect& window, Texels* texels) const {
+  assert(window.x0 % 2 == 0 && window.y0 % 2 == 0);
+  texels->x0 = window.x0;
+  texels->y0 = window.y0;
+  texels->width = window.width();
+  texels->height = window.height();
+  texels->stride = PaddedStride(texels->width);
+  texels->classes = classes;
+  const PixelRect both = Common(rect, window);
+  ClearAround(both, *texels, &texels->luminance);
+  for (int y = both.y0; y < both.y1; ++y) {
+    const uint16_t* in = luminance.data() + static_cast<size_t>(y - rect.y0) * rect.width() + (both.x0 - rect.x0);
+    std::copy_n(in, both.width(), &texels->luminance[texels->Index(both.x0 - window.x0, y - window.y0)]);
+  }
+  texels->likelihoods.resize((classes + Texels::kClassesPerPlane - 1) / Texels::kClassesPerPlane);
+  const PixelRect nothing;
+  for (LineVector<uint32_t>& plane : texels->likelihoods)
+    ClearAround(same_resolution ? both : nothing, *texels, &plane);
+  if (classes > 0 && !both.empty()) {
+    if (same_resolution) {
+      InterleaveClasses(*this, both, texels);
+    } else {
+      const LineTaps columns(window.x0, texels->width, mapping.scale_x, mapping.offset_x, mapping.first_x,
+                             likelihood_width);
+      const LineTaps rows(window.y0, texels->height, mapping.scale_y, mapping.offset_y, mapping.first_y,
+                          likelihood_height);
+      for (int l = 0; l < classes; ++l) SampleClass(*this, l, columns, rows, texels);
+    }
+  }
+  if (release) release();
+}
+
+std::vector<uint16_t> StoredTexels::HalfLuminance() const {
+  const TexelShape half = Half();
+  std::vector<uint16_t> out(half.pixels());
+  const size_t stride = rect.width();
+  for (int y = 0; y < half.rect.height(); ++y) {
+    const uint16_t* in = luminance.data() + (2 * (half.rect.y0 + y) - rect.y0) * stride + (2 * half.rect.x0 - rect.x0);
+    uint16_t* row = out.data() + static_cast<size_t>(y) * half.rect.width();
+    for (int x = 0; x < half.rect.width(); ++x) {
+      const uint32_t a = in[2 * x], b = in[2 * x + 1], c = in[2 * x + stride], d = in[2 * x + stride + 1];
+      row[x] = (a == 0 || b == 0 || c == 0 || d == 0) ? 0 : static_cast<uint16_t>((a + b + c + d + 2) >> 2);
+    }
+  }
+  return out;
+}
+
+std::vector<uint8_t> StoredTexels::HalfLikelihoods() const {
+  assert(same_resolution);
+  const TexelShape half = Half();
+  std::vector<uint8_t> out(half.likelihood_values());
+  const size_t stride = rect.width();
+  uint8_t* row = out.data();
+  for (int l = 0; l < classes; ++l) {
+    for (int y = 0; y < half.rect.height(); ++y, row += half.rect.width()) {
+      const uint8_t* in = likelihoods.data() + l * pixels() + (2 * (half.rect.y0 + y) - rect.y0) * stride +
+                          (2 * half.rect.x0 - rect.x0);
+      for (int x = 0; x < half.rect.width(); ++x) {
+        row[x] =
+            static_cast<uint8_t>((in[2 * x] + in[2 * x + 1] + in[2 * x + stride] + in[2 * x + stride + 1] + 2) >> 2);
+      }
+    }
+  }
+  return out;
+}
+
+}  // namespace tessera

@@ -1,0 +1,88 @@
+// Pixels as the data term's inner loop reads them: luminance and class likelihoods of one view at one pyramid level,
+// quantised and packed. What is stored here is the image for all purposes, finite differences included.
+#ifndef TESSERA_WORKER_PHOTO_TEXELS_H_
+#define TESSERA_WORKER_PHOTO_TEXELS_H_
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <new>
+#include <vector>
+
+namespace tessera {
+
+// Allocates at cache lines, so that whole vectors of any instruction set do not straddle them.
+template <class T>
+struct LineAllocator {
+  using value_type = T;
+  static constexpr std::align_val_t kLine{64};
+  LineAllocator() = default;
+  template <class U>
+  LineAllocator(const LineAllocator<U>&) {}
+  T* allocate(size_t n) { return static_cast<T*>(::operator new(n * sizeof(T), kLine)); }
+  void deallocate(T* p, size_t) { ::operator delete(p, kLine); }
+  bool operator==(const LineAllocator&) const { return true; }
+};
+template <class T>
+using LineVector = std::vector<T, LineAllocator<T>>;
+
+// All loops over pixels advance by blocks of this many, whatever the instruction set.
+inline constexpr int kPixelBlock = 16;
+
+// Row length that holds `width` pixels in whole blocks and one spare; an odd number of blocks, so that the same column
+// of consecutive rows does not fall on few cache sets.
+inline int PaddedStride(int width) {
+  const int blocks = (width + kPixelBlock - 1) / kPixelBlock + 1;
+  return (blocks | 1) * kPixelBlock;
+}
+
+// Float rows [first_row, first_row + rows) of an image, each in whole blocks with padding after it.
+struct PaddedPlane {
+  int width = 0, first_row = 0, rows = 0, stride = 0;
+  LineVector<float> data;
+
+  // Contents are unspecified after it, except that a new plane is zero.
+  void Reset(int new_width, int new_first_row, int new_rows) {
+    width = new_width;
+    first_row = new_first_row;
+    rows = new_rows;
+    stride = PaddedStride(width);
+    data.resize(static_cast<size_t>(stride) * rows);
+  }
+  float* row(int y) { return data.data() + static_cast<ptrdiff_t>(stride) * (y - first_row); }
+  const float* row(int y) const { return data.data() + static_cast<ptrdiff_t>(stride) * (y - first_row); }
+  void Clear() { std::fill(data.begin(), data.end(), 0.0f); }
+};
+
+// Row y of a plane begins at y·stride; padding, and a spare row at the end, are zero.
+struct Texels {
+  static constexpr int kClassesPerPlane = 4;
+  static constexpr float kLuminanceSteps = 65534;
+  static constexpr float kLikelihoodSteps = 255;
+
+  int width = 0, height = 0, stride = 0;
+  // Of the first pixel in the whole image of this level. Even: the kernel finds cells by rounding to even, and the
+  // centre of the first pixel must not fall into a cell before it.
+  int x0 = 0, y0 = 0;
+  LineVector<uint16_t> luminance;  // 0: invalid; else 1 + luminance in [0, 1] · kLuminanceSteps
+  int classes = 0;                 // 0: the view has no likelihoods
+  // Classes 4p .. 4p + 3 of a pixel in bytes 0..3 (lowest first) of plane p, each likelihood · kLikelihoodSteps.
+  std::vector<LineVector<uint32_t>> likelihoods;
+
+  size_t Index(int x, int y) const { return static_cast<size_t>(y) * stride + x; }
+  bool Valid(int x, int y) const { return luminance[Index(x, y)] != 0; }
+  double Luminance(int x, int y) const { return (luminance[Index(x, y)] - 1.0) / kLuminanceSteps; }
+  double Likelihood(int x, int y, int l) const {
+    const uint32_t packed = likelihoods[l / kClassesPerPlane][Index(x, y)];
+    return static_cast<double>(packed >> (8 * (l % kClassesPerPlane)) & 255) / kLikelihoodSteps;
+  }
+};
+
+// As Texels::luminance has it: values in [0, 1] (others are clamped), NaN where invalid.
+uint16_t LuminanceCode(float luminance);
+// A likelihood in [0, 1] (others are clamped) · Texels::kLikelihoodSteps.
+uint8_t LikelihoodStep(float likelihood);
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_PHOTO_TEXELS_H_
