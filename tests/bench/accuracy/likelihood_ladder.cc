@@ -1,4 +1,4 @@
-#include "tests/bench/likelihood_ladder.h"
+#include "tests/bench/accuracy/likelihood_ladder.h"
 
 #include <filesystem>
 #include <set>
@@ -9,7 +9,7 @@
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
-#include "tests/bench/bench_scenes.h"
+#include "tests/bench/accuracy/bench_scenes.h"
 #include "worker/visibility/rasterizer.h"
 
 namespace tessera {

@@ -1,13 +1,13 @@
 // What the accuracy bench prints.
-#ifndef TESSERA_TESTS_BENCH_ACCURACY_TABLE_H_
-#define TESSERA_TESTS_BENCH_ACCURACY_TABLE_H_
+#ifndef TESSERA_TESTS_BENCH_ACCURACY_ACCURACY_TABLE_H_
+#define TESSERA_TESTS_BENCH_ACCURACY_ACCURACY_TABLE_H_
 
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "common/evaluate/evaluator.h"
-#include "tests/bench/surface_folds.h"
+#include "tests/bench/accuracy/surface_folds.h"
 
 namespace tessera {
 
@@ -35,4 +35,4 @@ void PrintRatios(const std::vector<AccuracyTable>& tables);
 
 }  // namespace tessera
 
-#endif  // TESSERA_TESTS_BENCH_ACCURACY_TABLE_H_
+#endif  // TESSERA_TESTS_BENCH_ACCURACY_ACCURACY_TABLE_H_

@@ -1,4 +1,4 @@
-#include "tests/bench/scene_runner.h"
+#include "tests/bench/accuracy/scene_runner.h"
 
 #include <ctime>
 #include <filesystem>

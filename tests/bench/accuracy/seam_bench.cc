@@ -18,8 +18,8 @@
 #include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
-#include "tests/bench/bench_scenes.h"
-#include "tests/bench/scene_runner.h"
+#include "tests/bench/accuracy/bench_scenes.h"
+#include "tests/bench/accuracy/scene_runner.h"
 
 namespace tessera {
 namespace {

@@ -1,6 +1,6 @@
 // Jobs on one scene, in this process, for the benches.
-#ifndef TESSERA_TESTS_BENCH_SCENE_RUNNER_H_
-#define TESSERA_TESTS_BENCH_SCENE_RUNNER_H_
+#ifndef TESSERA_TESTS_BENCH_ACCURACY_SCENE_RUNNER_H_
+#define TESSERA_TESTS_BENCH_ACCURACY_SCENE_RUNNER_H_
 
 #include <map>
 #include <string>
@@ -56,4 +56,4 @@ class SceneRunner {
 
 }  // namespace tessera
 
-#endif  // TESSERA_TESTS_BENCH_SCENE_RUNNER_H_
+#endif  // TESSERA_TESTS_BENCH_ACCURACY_SCENE_RUNNER_H_

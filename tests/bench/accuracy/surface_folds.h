@@ -1,6 +1,6 @@
 // Where refining broke a surface: faces that turned over, faces that cut through each other.
-#ifndef TESSERA_TESTS_BENCH_SURFACE_FOLDS_H_
-#define TESSERA_TESTS_BENCH_SURFACE_FOLDS_H_
+#ifndef TESSERA_TESTS_BENCH_ACCURACY_SURFACE_FOLDS_H_
+#define TESSERA_TESTS_BENCH_ACCURACY_SURFACE_FOLDS_H_
 
 #include <cstdint>
 #include <utility>
@@ -35,4 +35,4 @@ class FoldCounter {
 
 }  // namespace tessera
 
-#endif  // TESSERA_TESTS_BENCH_SURFACE_FOLDS_H_
+#endif  // TESSERA_TESTS_BENCH_ACCURACY_SURFACE_FOLDS_H_

@@ -1,4 +1,4 @@
-#include "tests/bench/surface_folds.h"
+#include "tests/bench/accuracy/surface_folds.h"
 
 #include "common/geometry/mesh_defects.h"
 

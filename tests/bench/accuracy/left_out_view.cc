@@ -1,4 +1,4 @@
-#include "tests/bench/left_out_view.h"
+#include "tests/bench/accuracy/left_out_view.h"
 
 #include <algorithm>
 #include <cmath>

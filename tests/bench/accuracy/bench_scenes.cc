@@ -1,4 +1,4 @@
-#include "tests/bench/bench_scenes.h"
+#include "tests/bench/accuracy/bench_scenes.h"
 
 #include <filesystem>
 #include <sstream>

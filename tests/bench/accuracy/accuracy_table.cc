@@ -1,4 +1,4 @@
-#include "tests/bench/accuracy_table.h"
+#include "tests/bench/accuracy/accuracy_table.h"
 
 #include <algorithm>
 #include <cmath>

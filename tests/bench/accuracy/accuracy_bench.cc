@@ -15,11 +15,11 @@
 #include "common/imaging/image_io.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "tests/bench/accuracy_table.h"
-#include "tests/bench/bench_scenes.h"
-#include "tests/bench/left_out_view.h"
-#include "tests/bench/likelihood_ladder.h"
-#include "tests/bench/scene_runner.h"
+#include "tests/bench/accuracy/accuracy_table.h"
+#include "tests/bench/accuracy/bench_scenes.h"
+#include "tests/bench/accuracy/left_out_view.h"
+#include "tests/bench/accuracy/likelihood_ladder.h"
+#include "tests/bench/accuracy/scene_runner.h"
 
 namespace tessera {
 namespace {

@@ -1,6 +1,6 @@
 // How well meshes carry their images over to a photograph that took no part in making them.
-#ifndef TESSERA_TESTS_BENCH_LEFT_OUT_VIEW_H_
-#define TESSERA_TESTS_BENCH_LEFT_OUT_VIEW_H_
+#ifndef TESSERA_TESTS_BENCH_ACCURACY_LEFT_OUT_VIEW_H_
+#define TESSERA_TESTS_BENCH_ACCURACY_LEFT_OUT_VIEW_H_
 
 #include <cstdint>
 #include <vector>
@@ -25,4 +25,4 @@ StatusOr<LeftOutScore> ScoreLeftOutView(const SceneDescription& scene, size_t le
 
 }  // namespace tessera
 
-#endif  // TESSERA_TESTS_BENCH_LEFT_OUT_VIEW_H_
+#endif  // TESSERA_TESTS_BENCH_ACCURACY_LEFT_OUT_VIEW_H_

@@ -1,6 +1,6 @@
 // The scenes that the accuracy bench runs on: synthetic cities, and scenes changed for a question.
-#ifndef TESSERA_TESTS_BENCH_BENCH_SCENES_H_
-#define TESSERA_TESTS_BENCH_BENCH_SCENES_H_
+#ifndef TESSERA_TESTS_BENCH_ACCURACY_BENCH_SCENES_H_
+#define TESSERA_TESTS_BENCH_ACCURACY_BENCH_SCENES_H_
 
 #include <string>
 
@@ -24,4 +24,4 @@ Status LeaveOutView(const SceneDescription& scene, size_t view, const std::strin
 
 }  // namespace tessera
 
-#endif  // TESSERA_TESTS_BENCH_BENCH_SCENES_H_
+#endif  // TESSERA_TESTS_BENCH_ACCURACY_BENCH_SCENES_H_

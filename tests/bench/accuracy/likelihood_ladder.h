@@ -1,6 +1,6 @@
 // Scenes that differ in their likelihoods alone, from the truth's to worthless ones.
-#ifndef TESSERA_TESTS_BENCH_LIKELIHOOD_LADDER_H_
-#define TESSERA_TESTS_BENCH_LIKELIHOOD_LADDER_H_
+#ifndef TESSERA_TESTS_BENCH_ACCURACY_LIKELIHOOD_LADDER_H_
+#define TESSERA_TESTS_BENCH_ACCURACY_LIKELIHOOD_LADDER_H_
 
 #include <string>
 
@@ -24,4 +24,4 @@ Status MakeRung(const SceneDescription& scene, const std::string& rung, const st
 
 }  // namespace tessera
 
-#endif  // TESSERA_TESTS_BENCH_LIKELIHOOD_LADDER_H_
+#endif  // TESSERA_TESTS_BENCH_ACCURACY_LIKELIHOOD_LADDER_H_
