@@ -12,7 +12,7 @@
 #include "server/admission/scene_files.h"
 #include "server/auth/access.h"
 #include "server/auth/client_limits.h"
-#include "server/dispatch/dispatcher.h"
+#include "server/jobs/dispatcher.h"
 #include "server/metrics/rpc_counts.h"
 #include "server/store/record_store.h"
 

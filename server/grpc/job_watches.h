@@ -6,7 +6,7 @@
 
 #include "server/auth/access.h"
 #include "server/auth/client_limits.h"
-#include "server/dispatch/dispatcher.h"
+#include "server/jobs/dispatcher.h"
 
 namespace grpc {
 class ByteBuffer;

@@ -6,11 +6,11 @@
 #include "common/base/printable.h"
 #include "common/base/refusal.h"
 #include "common/base/version.h"
+#include "common/log/log.h"
 #include "common/rpc/status_conversion.h"
 #include "server/grpc/conversion.h"
 #include "server/grpc/request_bounds.h"
 #include "server/grpc/services.h"
-#include "server/tesserad/logging.h"
 
 namespace tessera {
 namespace {

@@ -4,8 +4,8 @@
 #include <string_view>
 #include <utility>
 
-#include "server/dispatch/changed_task.h"
-#include "server/dispatch/worker_evidence.h"
+#include "server/leases/worker_evidence.h"
+#include "server/ledger/changed_task.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {

@@ -12,8 +12,8 @@
 #include "common/base/clock.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "server/dispatch/dispatcher.h"
 #include "server/grpc/coordinator_server.h"
+#include "server/jobs/dispatcher.h"
 #include "server/store/sqlite_store.h"
 
 namespace tessera {

@@ -24,7 +24,7 @@
 #include "common/rpc/channel.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "server/dispatch/dispatcher.h"
+#include "server/jobs/dispatcher.h"
 #include "server/store/sqlite_store.h"
 #include "server/tesserad/logging.h"
 #include "tessera/v1/workers.grpc.pb.h"

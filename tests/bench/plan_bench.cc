@@ -18,7 +18,7 @@
 #include "common/job/task_parameters.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "server/dispatch/dispatcher.h"
+#include "server/jobs/dispatcher.h"
 #include "server/store/sqlite_store.h"
 #include "tests/bench/synthetic_survey.h"
 

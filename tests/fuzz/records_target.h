@@ -5,9 +5,9 @@
 #include <string>
 
 #include "common/base/version.h"
-#include "server/dispatch/job_report.h"
-#include "server/dispatch/ledger.h"
-#include "server/dispatch/record_owner.h"
+#include "server/jobs/job_report.h"
+#include "server/ledger/ledger.h"
+#include "server/ledger/record_owner.h"
 #include "tessera/v1/records.pb.h"
 #include "tests/fuzz/frames.h"
 #include "tests/fuzz/promises.h"

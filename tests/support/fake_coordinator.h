@@ -15,7 +15,7 @@
 
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "server/dispatch/dispatcher.h"
+#include "server/jobs/dispatcher.h"
 #include "tests/support/fake_clock.h"
 
 namespace tessera {

@@ -1,0 +1,41 @@
+// A job begins when the disk has room for what it is predicted to store.
+#include <limits>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "server/jobs/dispatcher.h"
+
+namespace tessera {
+
+// Held are jobs from the plan of each phase on (Ledger::ApplyPlanned), so that nothing is leased of one before this has
+// looked; results that are known have been taken by then and need no room. Once it has begun, a job goes on: what it
+// writes where there is no room after all waits for it.
+void Dispatcher::AdmitHeld() {
+  {
+    std::lock_guard lock(mutex_);
+    if (ledger_.ready().held().empty()) return;
+  }
+  const std::optional<int64_t> free_bytes = environment_.blobs->FreeBytes();
+  std::lock_guard lock(mutex_);
+  const std::vector<int> held = ledger_.ready().held();
+  Room room = {environment_.blobs->root(), free_bytes.value_or(std::numeric_limits<int64_t>::max()), 0};
+  for (const int job : ledger_.active_jobs()) {
+    if (!ledger_.ready().IsHeld(job)) room.promised_bytes += ledger_.jobs()[job].totals.sums().bytes_to_store;
+  }
+  const int ready_before = ledger_.ready().count();
+  for (const int job : held) {
+    const int64_t needed_bytes = ledger_.jobs()[job].totals.sums().bytes_to_store;
+    if (ledger_.jobs()[job].open_plan >= 0) continue;  // more of it comes
+    if (needed_bytes > room.free_bytes - room.promised_bytes) continue;
+    ledger_.Admit(job);
+    room.promised_bytes += needed_bytes;
+  }
+  const bool first_look = room_.folder.empty();
+  room_ = std::move(room);
+  const int more = ledger_.ready().count() - ready_before;
+  if (more > 0 || first_look) ChangedLocked();
+  WakeForLocked(more, ledger_.newly_ready().size());
+}
+
+}  // namespace tessera

@@ -1,0 +1,39 @@
+// job.json: how a job went, for its user.
+#ifndef TESSERA_SERVER_JOBS_JOB_REPORT_H_
+#define TESSERA_SERVER_JOBS_JOB_REPORT_H_
+
+#include <cstdint>
+#include <map>
+#include <string>
+
+#include "server/ledger/job.h"
+
+namespace tessera {
+
+// JSON with the job, its settings, totals and every task (attempts, workers, seconds, key, what it reported). Tasks
+// come one by one, twice, for a city has millions: Count all, then Head, then Line for each, then Tail. Not
+// thread-safe.
+class JobReport {
+ public:
+  // `end_us`: when it ended (Unix time), `end`: how; `error`: empty if it succeeded; `set_aside`: why, by tile.
+  JobReport(JobHeader header, JobState end, std::string error, std::map<int, std::string> set_aside, int64_t end_us);
+  void Count(const JobTask& task);
+  std::string Head() const;
+  std::string Line(const JobTask& task);
+  static std::string Tail() { return "\n ]\n}\n"; }
+
+ private:
+  const JobHeader header_;
+  const JobState end_;
+  const std::string error_;
+  const std::map<int, std::string> set_aside_;
+  const int64_t end_us_;
+  int64_t tasks_ = 0, attempts_ = 0, reused_ = 0;
+  std::map<std::string, double> seconds_of_kind_, seconds_of_stage_, core_seconds_of_kind_, seconds_of_worker_;
+  std::map<std::string, int64_t> tasks_of_kind_;
+  bool has_line_ = false;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_JOBS_JOB_REPORT_H_

@@ -1,0 +1,80 @@
+#include "server/jobs/job_status.h"
+
+#include <algorithm>
+#include <tuple>
+
+#include "server/jobs/set_aside.h"
+
+namespace tessera {
+namespace {
+
+// Shares of the progress bar that reading the scene and cutting it get: before either has ended, the rest of the work
+// is not known.
+constexpr double kIngestShare = 0.02, kCutShare = 0.03;
+
+}  // namespace
+
+AttemptOutcome OutcomeOf(const Attempt& attempt) {
+  if (attempt.lease_expired) return AttemptOutcome::kLeaseExpired;
+  if (attempt.failure->error_class != ErrorClass::kNone) return AttemptOutcome::kFailed;
+  if (attempt.cancelled) return AttemptOutcome::kCancelled;
+  return attempt.end_us > 0 ? AttemptOutcome::kSucceeded : AttemptOutcome::kRunning;
+}
+
+JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us) {
+  JobStatus status;
+  status.header = job.header;
+  for (const int index : job.totals.warned()) {
+    const Warnings& added = *job.tasks[index].warnings;
+    status.header.warnings.insert(status.header.warnings.end(), added.begin(), added.end());
+  }
+  for (const SetAside& tile : job.set_aside) status.header.warnings.push_back(SetAsideWords(job, tile));
+  JobSums sums = job.totals.sums();
+  const std::vector<TaskRef> running = leases.OfJob(job_index);
+  for (const TaskRef ref : running) {
+    const PlannedTask& plan = job.tasks[ref.task].plan;
+    const LeaseState& lease = *leases.Find(ref);
+    sums.PartOf(plan.kind).done += plan.cost * lease.progress;
+    sums.AddRun(plan, plan.cost * lease.progress, static_cast<double>(now_us - lease.start_us) / 1e6);
+  }
+  status.tasks_total = sums.tasks;
+  status.tasks_done = sums.tasks_done;
+  status.tiles_total = sums.tiles;
+  status.tiles_done = job.planned_to_end ? sums.tiles - sums.unfinished_tiles : 0;
+  const auto& [ingest, cut, rest] = std::tie(sums.ingest, sums.cut, sums.rest);
+  const double cut_share = cut.total > 0 ? kCutShare : 0;
+  status.progress =
+      kIngestShare * ingest.share() + cut_share * cut.share() + (1 - kIngestShare - cut_share) * rest.share();
+  if (job.header.state == JobState::kSucceeded || job.header.state == JobState::kPartial) status.progress = 1;
+  if (HasEnded(job.header.state)) {
+    status.eta_s = 0;
+  } else if (rest.total > 0 && sums.timed_cost > 0) {
+    status.eta_s = (cut.total - cut.done + rest.total - rest.done) * sums.timed_s / sums.timed_cost /
+                   static_cast<double>(std::max(size_t{1}, running.size()));
+  }
+  return status;
+}
+
+void TakeEndFrom(JobStatus& status) {
+  if (!HasEnded(status.header.state)) return;
+  status.header.state = status.header.start_us > 0 ? JobState::kRunning : JobState::kQueued;
+  status.header.end_us = 0;
+  status.header.error.clear();
+  status.header.artifacts.clear();
+  status.waiting_for = "its end is not stored yet";
+}
+
+TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases) {
+  TaskStatus status;
+  status.name = TaskName(ref);
+  status.task = job.tasks[ref.task];
+  if (const LeaseState* lease = leases.Find(ref)) {
+    status.progress = lease->progress;
+    status.stage = lease->stage;
+  } else if (status.task.state == TaskState::kSucceeded) {
+    status.progress = 1;
+  }
+  return status;
+}
+
+}  // namespace tessera

@@ -1,0 +1,235 @@
+// How a worker comes to a task.
+#include <algorithm>
+#include <chrono>
+#include <future>
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include "common/base/refusal.h"
+#include "server/jobs/dispatcher.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+namespace {
+
+constexpr double kForever_s = std::numeric_limits<double>::infinity();
+
+constexpr std::chrono::milliseconds kLookAgain{500};  // of a call that waits
+constexpr size_t kServedAtOnce = 16;                  // calls, under the mutex
+
+}  // namespace
+
+StatusOr<GrantedLease> Dispatcher::DescribeLocked(TaskRef ref, int attempt) const {
+  const Job& job = ledger_.jobs()[ref.job];
+  GrantedLease granted;
+  granted.task = TaskName(ref);
+  granted.attempt = attempt;
+  granted.plan = ledger_.task(ref).plan;
+  granted.key = ledger_.task(ref).key_hex();
+  TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, ledger_.InputsOf(job, granted.plan));
+  std::vector<int> files = *granted.plan.scene_files;
+  for (const PlannedTask::ViewFile& file : *granted.plan.view_files) files.push_back(file.file);
+  const size_t from_tasks = granted.plan.inputs.size();
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    std::string path;
+    if (i < from_tasks) {
+      path = environment_.blobs->Path(inputs[i].digest);
+    } else {
+      const NamedDigest& file = job.scene_files[files[i - from_tasks]];
+      path = job.header.scene_path + "/" + file.name;
+      if (file.name == kClassifierFile) {
+        path = environment_.blobs->Path(file.digest);
+      } else if (IsCarried(file.name)) {
+        const std::vector<std::string> paths = ledger_.SceneFilesWith(file.digest);
+        path = paths.empty() ? "" : paths.front();  // where it is not what it was, the blob service knows the others
+      }
+    }
+    granted.inputs.push_back({std::move(inputs[i]), std::move(path)});
+  }
+  return granted;
+}
+
+StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& worker) {
+  TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, DescribeLocked(ref, ledger_.task(ref).attempt() + 1));
+  v1::Record record;
+  record.mutable_attempt_started()->set_task(granted.task);
+  record.mutable_attempt_started()->set_attempt(granted.attempt);
+  record.mutable_attempt_started()->set_worker(worker);
+  const WorkerState* const self = leases_.FindWorker(worker);
+  if (self != nullptr) record.mutable_attempt_started()->set_machine(self->info.machine);
+  TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  LeaseState& lease = leases_.Grant(ref, {worker, granted.attempt, now_us, kUntold_us, kUntold_us});
+  leases_.NoteTile(worker, {ref.job, granted.plan.tile});
+  if (self != nullptr) {
+    granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->info.threads);
+    lease.threads = std::max(1, granted.threads);
+  }
+  return granted;
+}
+
+StatusOr<std::optional<GrantedLease>> Dispatcher::GrantedBeforeLocked(const std::string& worker, int64_t call) {
+  const WorkerState* const self = leases_.FindWorker(worker);
+  if (call <= 0 || self == nullptr || self->call != call) return std::nullopt;
+  LeaseState* const lease = leases_.FindCurrent(self->granted, worker, self->granted_attempt);
+  if (lease == nullptr) return std::nullopt;
+  TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, DescribeLocked(self->granted, self->granted_attempt));
+  granted.threads = lease->threads;
+  lease->expires_us = kUntold_us;
+  return granted;
+}
+
+// What is to become of a call.
+struct Dispatcher::Look {
+  bool waits = false;            // there is nothing for it now
+  std::optional<TaskRef> reuse;  // there is once this task, whose result is known, has succeeded
+  LeaseAnswer answer = std::nullopt;
+  TaskRef granted = {};  // what the answer gives; task -1: nothing
+  bool anew = false;     // the call began its attempt, and was not only told of it again
+};
+
+Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
+  Look look;
+  if (Status seen = SeenLocked(call.worker); !seen.ok()) {
+    look.answer = std::move(seen);
+    return look;
+  }
+  if (stopped_ || (call.gone && call.gone())) {
+    waiting_.WakeNext();  // what it was woken for is another's
+    return look;
+  }
+  if (Status expired = ExpireLeasesLocked(); !expired.ok()) {
+    look.answer = std::move(expired);
+    return look;
+  }
+  // Also while the call waits: the one before, whose answer nobody takes, may be given a lease now.
+  look.answer = GrantedBeforeLocked(call.worker, call.call);
+  if (!look.answer.ok() || *look.answer) {
+    if (look.answer.ok()) look.granted = leases_.FindWorker(call.worker)->granted;
+    waiting_.WakeNext();
+    return look;
+  }
+  if (draining_) {
+    look.answer = DrainingError("leases nothing");
+    return look;
+  }
+  const auto now = std::chrono::steady_clock::now();
+  const double waited_s = call.comes_with_report ? 0.0
+                          : now < call.until     ? std::chrono::duration<double>(now - call.asked).count()
+                                                 : kForever_s;
+  bool left_to_keepers = false;
+  // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
+  const auto ref = journal_.trouble().ok() ? NextReadyLocked(call.worker, waited_s, left_to_keepers) : std::nullopt;
+  if (!left_to_keepers && ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
+  if (!ref || MayReuseLocked(*ref)) {
+    look.reuse = ref;
+    look.waits = ref || now < call.until;
+    return look;
+  }
+  auto granted = GrantLocked(*ref, call.worker);
+  if (WorkerState* const self = leases_.FindWorker(call.worker); granted.ok() && self != nullptr) {
+    self->call = call.call;
+    self->granted = *ref;
+    self->granted_attempt = granted->attempt;
+    look.granted = *ref;
+    look.anew = true;
+  }
+  look.answer = std::move(granted);
+  return look;
+}
+
+void Dispatcher::Answer(LeaseCall call, Look look) {
+  if (!look.answer.ok() || !*look.answer) return call.done(std::move(look.answer));
+  auto told = std::make_shared<std::pair<LeaseCall, Look>>(std::move(call), std::move(look));
+  journal_.WhenStored([this, told](const Status& durable) {
+    auto& [of_worker, given] = *told;
+    const int attempt = (*given.answer)->attempt;
+    if (!durable.ok()) given.answer = durable;
+    {
+      std::lock_guard lock(mutex_);
+      LeaseState* const lease = leases_.FindCurrent(given.granted, of_worker.worker, attempt);
+      if (lease != nullptr && !durable.ok() && given.anew) {
+        const Status failed =
+            FailAttemptLocked(given.granted, {ErrorClass::kPreempted, "its lease could not be stored"});
+        if (!failed.ok()) given.answer = failed;
+      } else if (lease != nullptr) {  // from now on the worker can be silent
+        const int64_t now_us = environment_.clock->MonotonicUs();
+        lease->expires_us = now_us + Micros(options_.lease_s);
+        if (given.anew) lease->moved_us = now_us;
+      }
+    }
+    of_worker.done(std::move(given.answer));
+  });
+}
+
+void Dispatcher::LeaseTask(LeaseCall call) {
+  call.asked = std::chrono::steady_clock::now();
+  call.until = call.asked + std::chrono::microseconds(Micros(call.wait_s));
+  std::optional<LeaseCall> earlier;
+  Look look;
+  {
+    std::lock_guard lock(mutex_);
+    earlier = waiting_.Take(call.worker);
+    look = LookLocked(call);
+    if (look.waits) waiting_.Add(call, look.reuse ? call.asked : std::min(call.until, call.asked + kLookAgain));
+    ServeWokenLocked();
+  }
+  if (earlier) earlier->done(absl::AbortedError("a later call of " + call.worker + " for a task has come"));
+  if (!look.waits) Answer(std::move(call), std::move(look));
+}
+
+LeaseAnswer Dispatcher::LeaseTask(const std::string& worker, double wait_s, const std::function<bool()>& gone,
+                                  int64_t call) {
+  const auto answer = std::make_shared<std::promise<LeaseAnswer>>();
+  LeaseTask({worker, wait_s, call, gone, [answer](LeaseAnswer given) { answer->set_value(std::move(given)); }});
+  return answer->get_future().get();
+}
+
+void Dispatcher::LookAfterCall(const std::string& worker) {
+  std::lock_guard lock(mutex_);
+  if (waiting_.Wake(worker)) ServeWokenLocked();
+}
+
+void Dispatcher::ServeWokenLocked() {
+  const auto due = waiting_.NextDue();
+  if (due && *due < served_at_) waiting_changed_.notify_one();
+}
+
+void Dispatcher::ServeWaiting() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    const auto now = std::chrono::steady_clock::now();
+    const auto due = waiting_.NextDue();
+    if (!due && ends_) return;
+    if (!due || *due > now) {
+      served_at_ = due.value_or(LeaseCall::Time::max());
+      due ? static_cast<void>(waiting_changed_.wait_until(lock, *due)) : waiting_changed_.wait(lock);
+      served_at_ = LeaseCall::Time::min();  // sees for itself
+      continue;
+    }
+    std::vector<std::pair<LeaseCall, Look>> ends;
+    std::optional<TaskRef> reuse;
+    while (!reuse && ends.size() < kServedAtOnce) {
+      std::optional<LeaseCall> call = waiting_.TakeDue(now);
+      if (!call) break;
+      Look look = LookLocked(*call);
+      reuse = look.reuse;
+      if (look.waits) {
+        // In short slices: a back-off may end, a lease expire.
+        const auto look_again = reuse ? now : std::min(call->until, now + kLookAgain);
+        waiting_.Add(*std::move(call), look_again);
+      } else {
+        ends.emplace_back(*std::move(call), std::move(look));
+      }
+    }
+    lock.unlock();
+    for (auto& [call, look] : ends) Answer(std::move(call), std::move(look));
+    const bool reused = !reuse || Reuse(*reuse).ok();
+    if (reuse) AdvanceSoon();
+    lock.lock();
+    if (!reused) ledger_.ForgetResult(*ledger_.task(*reuse).key);  // then it is made again
+  }
+}
+
+}  // namespace tessera

@@ -1,0 +1,253 @@
+// Contents that somebody could not read: what is lost or rotten is set aside and made again by the task that made it,
+// as far back as needed, while those who need it wait.
+#include <algorithm>
+#include <utility>
+
+#include "server/jobs/dispatcher.h"
+#include "server/jobs/pending_step.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+namespace {
+
+std::string MessageOf(const Status& status) { return std::string(status.message()); }
+
+// What VerifyOrSetAside says of a content that has to be made again.
+bool IsLost(const Status& status) { return absl::IsNotFound(status) || absl::IsDataLoss(status); }
+
+}  // namespace
+
+struct Dispatcher::Lost {
+  Digest digest;
+  std::string name;                // of the input, or of the scene's file
+  TaskRef producer = {};           // task -1: a file of the scene, or nobody of this job
+  int remakes = 0;                 // of the producer, when it was asked for
+  std::vector<std::string> paths;  // of a file of a scene: where it may be
+};
+
+std::vector<Dispatcher::Lost> Dispatcher::LostInputsLocked(TaskRef ref, const std::set<std::string>& sha256) const {
+  const Job& job = ledger_.jobs()[ref.job];
+  const PlannedTask& plan = ledger_.task(ref).plan;
+  std::vector<Lost> lost;
+  for (const PlannedInput& input : plan.inputs) {
+    const auto digest = ledger_.InputDigest(job, input);
+    if (!digest.ok() || !sha256.contains(digest->sha256)) continue;
+    const TaskRef producer = {ref.job, input.task.value()};
+    lost.push_back({*digest, InputName(input), producer, ledger_.task(producer).remakes, {}});
+  }
+  std::vector<int> files = *plan.scene_files;
+  for (const PlannedTask::ViewFile& file : *plan.view_files) files.push_back(file.file);
+  for (const int index : files) {
+    const NamedDigest& file = job.scene_files[index];
+    if (!sha256.contains(file.digest.sha256)) continue;
+    Lost& added = lost.emplace_back(Lost{file.digest, file.name, {}, 0, ledger_.SceneFilesWith(file.digest)});
+    if (LiesInScene(file.name)) added.paths.insert(added.paths.begin(), job.header.scene_path + "/" + file.name);
+    if (file.name == kClassifierFile) added.paths = {environment_.blobs->Path(file.digest)};
+  }
+  return lost;
+}
+
+Status Dispatcher::Examine(Lost& lost) const {
+  if (lost.producer.task >= 0) return environment_.blobs->VerifyOrSetAside(lost.digest);
+  std::string faults;
+  for (const std::string& path : lost.paths) {
+    const auto found = HashFile(path);
+    if (found.ok() && *found == lost.digest) return absl::OkStatus();
+    faults += (faults.empty() ? "" : "; ") +
+              (found.ok() ? path + " was changed after the job was submitted" : MessageOf(found.status()));
+  }
+  return absl::InvalidArgumentError("the scene's file " + lost.name + " is not what it was: " + faults +
+                                    "; put it back and submit again, or submit the scene as it is now");
+}
+
+Status Dispatcher::ReportLostInputs(const std::string& worker, const std::string& task, int attempt,
+                                    TaskFailure failure) {
+  const auto find = [&]() -> StatusOr<TaskRef> {
+    SeenLocked(worker).IgnoreError();
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
+    TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
+    return ref;
+  };
+  std::set<std::string> told;
+  for (const Digest& digest : failure.lost_inputs) told.insert(digest.sha256);
+  std::vector<Lost> inputs;
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, find());
+    inputs = LostInputsLocked(ref, told);
+  }
+  std::vector<std::pair<const Lost*, std::string>> lost;
+  Status fault;
+  for (Lost& input : inputs) {
+    Status status = Examine(input);
+    if (IsLost(status) && RestorePlanned(input.producer.job, input.digest).ok()) status = absl::OkStatus();
+    if (IsLost(status)) {
+      lost.emplace_back(&input, "input " + input.name + ": " + MessageOf(status));
+    } else if (fault.ok() || absl::IsInvalidArgument(status)) {
+      fault = status;
+    }
+  }
+  const std::shared_lock refers(blobs_mutex_);
+  std::lock_guard lock(mutex_);
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, find());
+  if (absl::IsInvalidArgument(fault)) {  // seen by the coordinator too: no other worker need try
+    return EndAttemptLocked(ref, {true, 0, {ErrorClass::kInput, MessageOf(fault)}}, false);
+  }
+  // Of those that somebody else has told meanwhile, some may be there again.
+  const bool any_lost = !lost.empty();
+  const std::string first_reason = any_lost ? lost.front().second : "";
+  std::erase_if(lost,
+                [&](const auto& each) { return ledger_.task(each.first->producer).remakes != each.first->remakes; });
+  for (const auto& [input, reason] : lost) {
+    const JobTask& producer = ledger_.task(input->producer);
+    if (producer.plan.given->empty() && producer.state != TaskState::kSucceeded)
+      continue;  // for another of its outputs
+    TaskRef maker = input->producer, needed_by = {};
+    Status made_again;
+    if (!producer.plan.given->empty()) {
+      const auto elsewhere = ledger_.MakerOf(ref.job, input->digest, false);
+      made_again = elsewhere.status();
+      if (elsewhere.ok()) maker = *elsewhere;
+      needed_by = input->producer;
+    }
+    if (made_again.ok()) made_again = RemakeLocked(maker, reason, needed_by);
+    if (absl::IsFailedPrecondition(made_again) || absl::IsNotFound(made_again)) {
+      return EndAttemptLocked(ref, {true, 0, {ErrorClass::kStorage, reason + "; " + MessageOf(made_again)}}, false);
+    }
+    TESSERA_RETURN_IF_ERROR(made_again);
+  }
+  // Storage's fault, and once it is made again there is nothing to wait for.
+  if (any_lost) return EndAttemptLocked(ref, {false, 0, {ErrorClass::kStorage, first_reason}}, false);
+  if (!fault.ok()) failure = {ErrorClass::kStorage, failure.message + "; " + MessageOf(fault)};
+  return FailAttemptLocked(ref, failure);  // it is whole here: the worker's own view is at fault
+}
+
+Status Dispatcher::RemakeLocked(TaskRef maker, const std::string& reason, TaskRef needed_by) {
+  const JobTask& made = ledger_.task(maker);
+  if (!made.remaking && made.remakes >= options_.retry.max_remakes) {
+    return absl::FailedPreconditionError("it was made again " + std::to_string(made.remakes) + " times by '" +
+                                         made.plan.name + "' of " + ledger_.jobs()[maker.job].header.name +
+                                         " and lost every time: look after the disk under " +
+                                         environment_.blobs->root());
+  }
+  TESSERA_RETURN_IF_ERROR(ledger_.CheckVersion(maker.job, "it cannot be made again; run its scene anew"));
+  v1::Record record;
+  v1::ResultLost& lost = *record.mutable_result_lost();
+  lost.set_task(TaskName(maker));
+  lost.set_reason(reason);
+  if (needed_by.task >= 0) {
+    lost.add_needed_by_tasks(TaskName(needed_by));
+  } else if (needed_by.job >= 0) {
+    lost.add_needed_by_jobs(JobName(needed_by.job));
+  }
+  return CommitLocked(record);
+}
+
+StatusOr<bool> Dispatcher::RemakeForPlan(const PendingStep& step) {
+  std::vector<std::pair<Digest, bool>> reads;  // whether a task of the job itself made it
+  if (step.survey.ok()) reads.emplace_back(*step.survey, true);
+  for (const auto& [tile, digest] : step.reads) {
+    if (digest.ok()) reads.emplace_back(*digest, true);
+  }
+  if (step.base && step.base->ok()) reads.emplace_back((**step.base).survey, false);
+  bool waits = false;
+  for (const auto& [digest, own] : reads) {
+    const Status status = environment_.blobs->VerifyOrSetAside(digest);
+    if (status.ok()) continue;
+    if (!IsLost(status)) return status;
+    const std::shared_lock refers(blobs_mutex_);
+    std::lock_guard lock(mutex_);
+    if (HasEnded(ledger_.jobs()[step.job].header.state)) return true;
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(step.job, digest, own));
+    // A task of the job itself holds the plan up by not having succeeded.
+    const TaskRef needed_by = maker.job == step.job ? TaskRef() : TaskRef{step.job, -1};
+    if (!ledger_.task(maker).remaking || needed_by.job >= 0) {
+      TESSERA_RETURN_IF_ERROR(
+          RemakeLocked(maker, "the plan of " + JobName(step.job) + ": " + MessageOf(status), needed_by));
+    }
+    waits = true;
+  }
+  return waits;
+}
+
+StatusOr<std::string> Dispatcher::ReadSurveyOf(const UpdateBase& base) {
+  auto survey = environment_.blobs->Read(base.survey);
+  if (survey.ok()) return survey;
+  const Status status = environment_.blobs->VerifyOrSetAside(base.survey);
+  if (!IsLost(status)) return survey.status();
+  const std::shared_lock refers(blobs_mutex_);
+  std::lock_guard lock(mutex_);
+  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(base.name));
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, base.survey, true));
+  if (!ledger_.task(maker).remaking) TESSERA_RETURN_IF_ERROR(RemakeLocked(maker, MessageOf(status), {}));
+  return absl::UnavailableError(base.name + ": its survey was lost and is being made again by '" +
+                                ledger_.task(maker).plan.name + "'; submit again when a worker has done that");
+}
+
+Status Dispatcher::RemakeArtifact(const Digest& digest) {
+  const auto published = [&digest](const Job& job) {
+    return (job.header.state == JobState::kSucceeded || job.header.state == JobState::kPartial) &&
+           std::any_of(job.header.artifacts.begin(), job.header.artifacts.end(),
+                       [&](const NamedDigest& file) { return file.digest == digest; });
+  };
+  int job = -1;
+  const auto find = [&] {
+    const auto found = std::find_if(ledger_.jobs().rbegin(), ledger_.jobs().rend(), published);
+    job = found == ledger_.jobs().rend() ? -1 : static_cast<int>(ledger_.jobs().rend() - found) - 1;
+  };
+  {
+    std::lock_guard lock(mutex_);
+    find();
+  }
+  if (job < 0) return absl::NotFoundError("no blob " + digest.sha256);
+  const Status status = environment_.blobs->VerifyOrSetAside(digest);
+  if (!IsLost(status)) return status;
+  if (RestorePlanned(job, digest).ok()) return absl::OkStatus();
+  if (const Status report = RestoreReport(job, digest); !absl::IsNotFound(report)) return report;
+  const std::shared_lock refers(blobs_mutex_);
+  std::lock_guard lock(mutex_);
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, digest, true));
+  return ledger_.task(maker).remaking ? absl::OkStatus() : RemakeLocked(maker, MessageOf(status), {});
+}
+
+Status Dispatcher::RestorePlanned(int index, const Digest& digest) {
+  PendingStep step;
+  {
+    std::lock_guard lock(mutex_);
+    const Job& job = ledger_.jobs()[index];
+    const bool given = std::any_of(job.tasks.begin(), job.tasks.end(), [&](const JobTask& task) {
+      return std::any_of(task.plan.given->begin(), task.plan.given->end(),
+                         [&](const NamedDigest& output) { return output.digest == digest; });
+    });
+    if (!given || ledger_.MakerOf(index, digest, false).ok()) return absl::NotFoundError("not the coordinator's own");
+    step.job = index;
+    step.settings = job.header.settings;
+    step.scene_files = job.scene_files;
+    step.base = ledger_.BaseOf(step.settings.update);
+    for (size_t task = 0; task < job.tasks.size(); ++task) {
+      const std::string& kind = job.tasks[task].plan.kind;
+      if (kind != kIngestKind && kind != kUpdateKind) continue;
+      step.survey = ledger_.InputDigest(job, {TaskId(static_cast<int>(task)), kSurveyFile});
+    }
+  }
+  for (const auto kind : {PendingStep::Kind::kPlanUpdate, PendingStep::Kind::kPlanTiles}) {
+    step.kind = kind;
+    if (kind == PendingStep::Kind::kPlanTiles && !step.survey.ok()) continue;
+    const auto tasks = PlanPhase(step);
+    if (!tasks.ok()) continue;
+    for (const PlannedTask& task : *tasks) {
+      for (const auto& [name, content] : *task.given_contents) {
+        if (Sha256Hex(content) == digest.sha256) return environment_.blobs->PutBytes(content).status();
+      }
+    }
+  }
+  return absl::NotFoundError("not in the plan");
+}
+
+void Dispatcher::TellSetAsideLocked(const std::vector<SetAsideWorker>& workers) {
+  counts_.CountSetAside(static_cast<int64_t>(workers.size()));
+  if (!environment_.on_worker_set_aside) return;
+  for (const SetAsideWorker& worker : workers) environment_.on_worker_set_aside(worker);
+}
+
+}  // namespace tessera

@@ -1,0 +1,56 @@
+// Which task a worker gets: what fits its memory, of the first job the one whose tile it has.
+#include "server/jobs/dispatcher.h"
+#include "server/leases/worker_evidence.h"
+
+namespace tessera {
+namespace {
+
+// Ready tasks of tiles that other workers have had which are passed over for one of a tile that nobody has.
+constexpr int kStrangersSeen = 256;
+
+// A worker without a tile of its own waits that long and as long as the task takes before it takes one of a tile that
+// another has in memory: to read the tile anew takes longer (delay scheduling, Zaharia et al., EuroSys 2010).
+constexpr double kPatience_s = 1;
+
+}  // namespace
+
+bool Dispatcher::FitsLocked(TaskRef ref, const std::string& worker) const {
+  const int64_t needed_bytes = ledger_.task(ref).plan.peak_bytes;
+  const auto self = leases_.workers().find(worker);
+  const int64_t has_bytes = self == leases_.workers().end() ? 0 : self->second.info.memory_bytes;
+  if (has_bytes == 0 || needed_bytes <= has_bytes) return true;  // 0: not known
+  const LargestWorker largest = leases_.Largest();
+  return needed_bytes > largest.memory_bytes && has_bytes == largest.memory_bytes &&
+         environment_.clock->MonotonicUs() - largest.since_us >= Micros(kLargerWorkerWait_s);
+}
+
+std::optional<TaskRef> Dispatcher::NextReadyLocked(const std::string& worker, double waited_s, bool& left_to_keepers) {
+  left_to_keepers = false;
+  const int64_t now_us = environment_.clock->MonotonicUs();
+  ledger_.PromoteRetries(now_us);
+  const WorkerState* const self = leases_.FindWorker(worker);
+  if (self != nullptr && IsSetAside(*self, now_us)) return std::nullopt;
+  const ReadyTasks& ready = ledger_.ready();
+  const auto may_run = [&](TaskRef ref) {
+    return MayTry(ledger_.task(ref), worker, leases_, now_us) && FitsLocked(ref, worker);
+  };
+  const std::optional<TaskRef> first = ready.First(may_run);
+  if (!first || self == nullptr) return first;
+  // Of the same job rather one of a tile that this worker has had, and may have in memory; else none that another has
+  // had, for some time. Only an order of preference: whatever is ready goes to whoever goes on asking.
+  for (const TileRef tile : self->recent_tiles) {
+    if (tile.job != first->job) continue;
+    if (const auto own = ready.FirstOfTile(tile.job, tile.tile, may_run)) return own;
+  }
+  int seen = 0;
+  const auto nobodys = ready.First([&](TaskRef ref) {
+    if (ref.job != first->job || ++seen > kStrangersSeen) return true;
+    const std::string& keeper = leases_.KeeperOf({ref.job, ledger_.task(ref).plan.tile});
+    return (keeper.empty() || keeper == worker) && may_run(ref);
+  });
+  if (nobodys && nobodys->job == first->job && seen <= kStrangersSeen) return nobodys;
+  left_to_keepers = seen <= kStrangersSeen && waited_s < kPatience_s + ledger_.task(*first).plan.cost;
+  return left_to_keepers ? std::nullopt : first;
+}
+
+}  // namespace tessera

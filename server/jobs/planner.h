@@ -1,0 +1,41 @@
+// What dispatch asks of server/plan; tests override it to plan small graphs of their own.
+#ifndef TESSERA_SERVER_JOBS_PLANNER_H_
+#define TESSERA_SERVER_JOBS_PLANNER_H_
+
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+
+// The functions of server/plan/graph.h. Thread-safe.
+class Planner {
+ public:
+  virtual ~Planner() = default;
+  virtual StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
+    return PlanIngest(settings, scene_files);
+  }
+  virtual StatusOr<std::vector<PlannedTask>> Update(const JobSettings& settings,
+                                                    const std::vector<NamedDigest>& scene_files,
+                                                    const UpdateBase& base) {
+    return PlanUpdate(settings, scene_files, base);
+  }
+  // `base`: null but for updates.
+  virtual StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
+                                                   const std::vector<std::string>& scene_files,
+                                                   const UpdateBase* base) {
+    return PlanTiles(settings, survey, scene_files, base);
+  }
+  virtual StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
+                                                   const std::vector<std::string>& scene_files,
+                                                   const std::vector<TileReads>& reads, const UpdateBase* base,
+                                                   const std::vector<SetAsideTile>& set_aside) {
+    return PlanSteps(settings, survey, scene_files, reads, base, set_aside);
+  }
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_JOBS_PLANNER_H_

@@ -1,0 +1,40 @@
+// Jobs that go on without a tile whose refinement fails.
+#ifndef TESSERA_SERVER_JOBS_SET_ASIDE_H_
+#define TESSERA_SERVER_JOBS_SET_ASIDE_H_
+
+#include <string>
+#include <vector>
+
+#include "server/ledger/job.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+
+// Whether the job can go on without the tile of its task that has failed for good (Job::failed): a step of one of
+// several tiles, for another reason than wrong input, which is the user's to mend. A job whose tiles all fail fails.
+bool CanGoOnWithout(const Job& job);
+
+// Those of the job, as the plan is to take them.
+std::vector<SetAsideTile> TilesSetAside(const Job& job);
+
+// "tile 3 was set aside: 'solve tile 3 step 4' failed (poison): ...".
+std::string SetAsideWords(const Job& job, const SetAside& tile);
+
+// What a plan made anew changes: what is in both stays, with all that was done for it.
+struct PlanChange {
+  std::vector<PlannedTask> added;  // to the end of the job's list
+  std::vector<int> superseded;     // of the job's list, ascending
+};
+struct KnownTask {
+  PlannedTask plan;
+  bool superseded = false;
+};
+// `known`: the job's tasks from `first` on; `tasks`: what is to be in place of them, with inputs as if it stood there.
+PlanChange ChangePlan(int first, const std::vector<KnownTask>& known, std::vector<PlannedTask> tasks);
+
+// The first task behind the job's cuts.
+int FirstBehindCuts(const Job& job);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_JOBS_SET_ASIDE_H_

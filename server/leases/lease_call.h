@@ -1,0 +1,54 @@
+// A worker's call for a task, and what it is given.
+#ifndef TESSERA_SERVER_LEASES_LEASE_CALL_H_
+#define TESSERA_SERVER_LEASES_LEASE_CALL_H_
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/storage/hash.h"
+#include "server/plan/graph.h"
+
+namespace tessera {
+
+struct LeasedInput {
+  NamedDigest file;
+  std::string path;  // where the coordinator has it
+};
+
+// A task given to a worker.
+struct GrantedLease {
+  std::string task;
+  int attempt = 0;  // the fencing token
+  int threads = 0;  // that the task may use
+  PlannedTask plan;
+  std::vector<LeasedInput> inputs;
+  std::string key;
+};
+
+// None: there was no task for it.
+using LeaseAnswer = StatusOr<std::optional<GrantedLease>>;
+
+struct LeaseCall {
+  using Time = std::chrono::steady_clock::time_point;
+
+  std::string worker;
+  double wait_s = 0;  // longest wait for a task
+  // Above 0: the same if the worker repeats a call whose answer was lost; it is given that lease again.
+  int64_t call = 0;
+  // Whether nobody waits for the answer any more. Must be quick and not call back; not called after `done`. May be
+  // empty.
+  std::function<bool()> gone = {};
+  // Called once, without a lock of the dispatcher's, from any thread, also from the one that calls.
+  std::function<void(LeaseAnswer answer)> done = {};
+  bool comes_with_report = false;  // gets what a call that waits gets at once, or nothing; wait_s is 0
+  Time asked = {}, until = {};     // the dispatcher's
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_LEASES_LEASE_CALL_H_

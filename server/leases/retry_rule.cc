@@ -1,0 +1,98 @@
+#include "server/leases/retry_rule.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+namespace tessera {
+
+RetryRule RuleOf(ErrorClass error_class, const RetryOptions& options) {
+  switch (error_class) {
+    //                          counts against, limit, delays, strikes
+    case ErrorClass::kInput:
+      return {Blame::kTask, options.max_input, false, true};
+    case ErrorClass::kMemory:
+      return {Blame::kTask, options.max_memory, false, false};
+    case ErrorClass::kPoison:
+      return {Blame::kTask, 1, false, false};
+    case ErrorClass::kNone:
+    case ErrorClass::kTransient:
+    case ErrorClass::kInternal:
+      return {Blame::kTask, options.max_transient, true, true};
+    case ErrorClass::kPreempted:
+      return {Blame::kNobody, 0, false, false};
+    case ErrorClass::kLostInput:  // not confirmed: whoever confirms it makes the input again instead
+      return {Blame::kWorker, 0, true, true};
+    case ErrorClass::kScratch:
+      return {Blame::kWorker, 0, false, false};
+    case ErrorClass::kPeer:
+      return {Blame::kNobody, 0, true, false};
+    case ErrorClass::kStorage:
+      return {Blame::kStorage, 0, true, false};
+  }
+  return {Blame::kTask, options.max_transient, true, true};
+}
+
+RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
+                          const Witnesses& witnesses) {
+  RetryVerdict verdict;
+  verdict.failure = failure;
+  if (failure.error_class == ErrorClass::kNone) verdict.failure.error_class = ErrorClass::kInternal;
+  const bool is_input = failure.error_class == ErrorClass::kInput;
+  const RetryRule rule = RuleOf(verdict.failure.error_class, options);
+  // Stalls and faults of workers have one limit, for either may be the other's symptom.
+  const auto kind = [](ErrorClass of) { return of == ErrorClass::kTransient ? ErrorClass::kInternal : of; };
+  int times = 1, counted = 1;  // this time included
+  std::set<std::string> workers = {task.worker()};
+  for (const Attempt& attempt : task.attempts) {
+    if (&attempt == &task.attempts.back() || attempt.lease_expired) continue;
+    if (kind(attempt.failure->error_class) != kind(verdict.failure.error_class)) continue;
+    ++times;
+    if (witnesses.doubted && witnesses.doubted(attempt.worker)) continue;
+    ++counted;
+    workers.insert(attempt.worker);
+  }
+  if (is_input && !witnesses.alone) counted = static_cast<int>(workers.size());
+  const bool doubted = witnesses.doubted && witnesses.doubted(task.worker());
+  verdict.final = rule.limit > 0 && !doubted && counted >= rule.limit;
+  if (rule.delays || (is_input && witnesses.alone)) {
+    verdict.delay_s = std::min(options.max_delay_s, options.first_delay_s * std::ldexp(1.0, times - 1));
+  }
+  return verdict;
+}
+
+RetryVerdict JudgeSilence(const JobTask& task, bool heard, const std::function<bool(const std::string& machine)>& lives,
+                          const RetryOptions& options) {
+  RetryVerdict verdict;
+  if (!heard) {
+    verdict.failure = {ErrorClass::kPreempted,
+                       "lease expired: " + task.worker() + " was not heard of since the coordinator began anew"};
+    return verdict;
+  }
+  const auto speaks = [&, current = &task.attempts.back()](const Attempt& attempt) {
+    const bool fell_silent = attempt.lease_expired && attempt.failure->error_class != ErrorClass::kPreempted;
+    return (fell_silent || &attempt == current) && lives(attempt.machine);
+  };
+  const int deaths = static_cast<int>(std::count_if(task.attempts.begin(), task.attempts.end(), speaks));
+  verdict.final = deaths >= options.max_expired_leases;
+  verdict.failure = {verdict.final ? ErrorClass::kPoison : ErrorClass::kTransient,
+                     "lease expired: " + task.worker() + " fell silent"};
+  if (verdict.final) {
+    verdict.failure.message += " over '" + task.plan.name + "', one of " + std::to_string(deaths) +
+                               " workers that did while their machines live on";
+  }
+  return verdict;
+}
+
+double StallLimit_s(const PlannedTask& plan, int threads, double stall_s) {
+  return std::max(stall_s, 10 * plan.cost / threads);
+}
+
+TaskFailure StallOf(const LeaseState& lease, double limit_s) {
+  return {ErrorClass::kTransient, "stalled: " + lease.worker + " showed no progress for " +
+                                      std::to_string(std::lround(limit_s)) + " s, at " +
+                                      std::to_string(std::lround(100 * lease.progress)) + " %" +
+                                      (lease.stage.empty() ? "" : " (" + lease.stage + ")")};
+}
+
+}  // namespace tessera

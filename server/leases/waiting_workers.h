@@ -1,0 +1,58 @@
+// Workers that wait for a task, and who of them is woken.
+#ifndef TESSERA_SERVER_LEASES_WAITING_WORKERS_H_
+#define TESSERA_SERVER_LEASES_WAITING_WORKERS_H_
+
+#include <cstdint>
+#include <list>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "server/leases/lease_call.h"
+
+namespace tessera {
+
+// Their calls, at most one a worker, without a thread for any. One is woken for each task, not all for any. A worker
+// that leaves a task to others wakes the next one, until all have seen what is ready. Whoever owns this takes out those
+// that were woken or are due, and adds those again that go on waiting. Not thread-safe.
+class WaitingWorkers {
+ public:
+  using Time = LeaseCall::Time;
+
+  // Waits until it is woken, or `due`. None of its worker waits.
+  void Add(LeaseCall call, Time due);
+  // There is more that is ready than what those who wait now have seen.
+  void ReadyHasGrown() { ++generation_; }
+  // False if this worker does not wait, or is woken already.
+  bool Wake(const std::string& worker);
+  // Wakes who has waited longest, if that one has not seen what is ready now. False if all have.
+  bool WakeNext();
+  void WakeAll();
+  // When TakeDue will have one: the past if it has one now; none if nobody waits.
+  std::optional<Time> NextDue() const;
+  // One that was woken or is due.
+  std::optional<LeaseCall> TakeDue(Time now);
+  std::optional<LeaseCall> Take(const std::string& worker);
+
+ private:
+  struct Waiter {
+    LeaseCall call;
+    int64_t seen = 0;  // generation
+    Time due = {};
+    bool is_woken = false;
+    std::list<Waiter*>::iterator place = {};
+  };
+  void WakeOne(Waiter& waiter);
+
+  int64_t generation_ = 0;
+  std::map<std::string, Waiter> of_worker_;
+  std::list<Waiter*> waiting_;                 // not woken yet, the longest first: so ascending in `seen`
+  std::list<Waiter*> woken_;                   // the first woken first
+  std::set<std::pair<Time, Waiter*>> by_due_;  // not woken
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_LEASES_WAITING_WORKERS_H_

@@ -1,0 +1,33 @@
+// A thread for what takes too long for whoever asks for it.
+#ifndef TESSERA_SERVER_LEASES_WORK_THREAD_H_
+#define TESSERA_SERVER_LEASES_WORK_THREAD_H_
+
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <mutex>
+#include <thread>
+
+namespace tessera {
+
+// Does what it is given, one after the other. Thread-safe.
+class WorkThread {
+ public:
+  WorkThread() : thread_([this] { Run(); }) {}
+  // Does all that it was given first.
+  ~WorkThread();
+  void Do(std::function<void()> work);
+
+ private:
+  void Run();
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<std::function<void()>> work_;
+  bool ends_ = false;
+  std::thread thread_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_LEASES_WORK_THREAD_H_

@@ -1,0 +1,98 @@
+#include "server/leases/worker_evidence.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+namespace tessera {
+namespace {
+
+// Ended as it did by the task or the worker, and not by what is about them.
+bool Failed(const Attempt& attempt) {
+  if (attempt.lease_expired || attempt.failure->error_class == ErrorClass::kNone) return false;
+  const RetryRule rule = RuleOf(attempt.failure->error_class, {});
+  return rule.blame == Blame::kTask || rule.strikes;
+}
+
+// A worker that works, or asks for work, is heard of every second.
+constexpr int64_t kHeardLately_us = 15'000'000;
+
+bool IsThere(const WorkerState& worker, int64_t now_us) {
+  return !IsSetAside(worker, now_us) && now_us - worker.last_seen_us <= kHeardLately_us;
+}
+
+SetAsideWorker PutAside(const std::string& name, const std::string& reason, const RetryOptions& options, int64_t now_us,
+                        WorkerState& worker) {
+  const double for_s =
+      std::min(options.max_set_aside_s, options.set_aside_s * std::ldexp(1.0, worker.times_set_aside++));
+  worker.set_aside_reason = reason;
+  worker.set_aside_until_us = now_us + Micros(for_s);
+  return {name, reason, for_s};
+}
+
+}  // namespace
+
+bool IsSetAside(const WorkerState& worker, int64_t now_us) { return worker.set_aside_until_us > now_us; }
+
+bool MayTry(const JobTask& task, const std::string& worker, const LeaseTable& leases, int64_t now_us) {
+  const auto failed = [&](const std::string& name) {
+    return std::any_of(task.attempts.begin(), task.attempts.end(),
+                       [&](const Attempt& attempt) { return attempt.worker == name && Failed(attempt); });
+  };
+  if (task.attempts.empty() || !failed(worker)) return true;
+  return std::none_of(leases.workers().begin(), leases.workers().end(), [&](const auto& other) {
+    return other.first != worker && IsThere(other.second, now_us) && !failed(other.first);
+  });
+}
+
+Witnesses WitnessesOf(const JobTask& task, const LeaseTable& leases, const RetryOptions& options, int64_t now_us) {
+  Witnesses witnesses;
+  witnesses.doubted = [&leases, &options](const std::string& name) {
+    const auto found = leases.workers().find(name);
+    return found != leases.workers().end() && found->second.strikes >= options.max_strikes;
+  };
+  witnesses.alone = std::none_of(leases.workers().begin(), leases.workers().end(), [&](const auto& other) {
+    return other.first != task.worker() && IsThere(other.second, now_us);
+  });
+  return witnesses;
+}
+
+std::vector<SetAsideWorker> NoteFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
+                                        int64_t now_us, LeaseTable& leases) {
+  WorkerState* const worker = leases.FindWorker(task.worker());
+  if (worker == nullptr) return {};
+  const RetryRule rule = RuleOf(failure.error_class, options);
+  if (failure.error_class == ErrorClass::kScratch) {
+    return {PutAside(task.worker(), failure.message, options, now_us, *worker)};
+  }
+  // It was let try again, and goes on as before.
+  if (rule.strikes && worker->strikes >= options.max_strikes) {
+    return {PutAside(task.worker(), worker->set_aside_reason, options, now_us, *worker)};
+  }
+  return {};
+}
+
+std::vector<SetAsideWorker> NoteSuccess(const JobTask& task, const std::string& name, const RetryOptions& options,
+                                        int64_t now_us, LeaseTable& leases) {
+  if (WorkerState* const worker = leases.FindWorker(name)) {
+    worker->strikes = worker->times_set_aside = 0;
+    worker->set_aside_until_us = 0;
+    worker->set_aside_reason.clear();
+  }
+  std::vector<SetAsideWorker> set_aside;
+  std::set<std::string> struck = {name};
+  for (const Attempt& attempt : task.attempts) {
+    const ErrorClass error_class = attempt.failure->error_class;
+    if (attempt.lease_expired || error_class == ErrorClass::kNone || !RuleOf(error_class, options).strikes) continue;
+    WorkerState* const other = leases.FindWorker(attempt.worker);
+    if (other == nullptr || !struck.insert(attempt.worker).second) continue;
+    if (++other->strikes < options.max_strikes || IsSetAside(*other, now_us)) continue;
+    set_aside.push_back(
+        PutAside(attempt.worker,
+                 "it failed tasks that others did, the last '" + task.plan.name + "': " + attempt.failure->message,
+                 options, now_us, *other));
+  }
+  return set_aside;
+}
+
+}  // namespace tessera

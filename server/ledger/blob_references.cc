@@ -1,0 +1,42 @@
+#include "server/ledger/blob_references.h"
+
+#include <algorithm>
+#include <charconv>
+
+#include "common/job/task_parameters.h"
+
+namespace tessera {
+
+uint64_t BlobReferences::IdOf(const std::string& sha256) {
+  uint64_t id = 0;
+  std::from_chars(sha256.data(), sha256.data() + std::min<size_t>(16, sha256.size()), id, 16);
+  return id;
+}
+
+void BlobReferences::AddJob(const Job& job) {
+  for (const NamedDigest& artifact : job.header.artifacts) needed_.insert(IdOf(artifact.digest.sha256));
+  for (const NamedDigest& file : job.scene_files) {
+    if (file.name == kClassifierFile) needed_.insert(IdOf(file.digest.sha256));
+  }
+}
+
+void BlobReferences::AddOutputs(const JobHeader& job, bool runs, absl::Span<const StoredFile> outputs) {
+  for (const StoredFile& output : outputs) {
+    const uint64_t id = IdOf(output.sha256.Hex());
+    const bool handed_on = output.name == kTileFile || output.name == kViewsFile || output.name == kSumsFile ||
+                           output.name.str().ends_with(kLikelihoodsEnding);
+    if (runs || !handed_on) {
+      needed_.insert(id);
+    } else {
+      int64_t& since_us = spare_[id];
+      since_us = std::max(since_us, job.end_us);
+    }
+  }
+}
+
+int64_t BlobReferences::SpareSince(uint64_t id) const {
+  const auto it = spare_.find(id);
+  return it == spare_.end() || Needs(id) ? -1 : it->second;
+}
+
+}  // namespace tessera

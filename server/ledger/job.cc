@@ -1,0 +1,137 @@
+#include "server/ledger/job.h"
+
+#include <algorithm>
+
+namespace tessera {
+namespace {
+
+// The number in `text`, 1 to 9 digits without leading zero; else -1.
+int ParseNumber(const std::string& text) {
+  if (text.empty() || text.size() > 9 || (text[0] == '0' && text.size() > 1)) return -1;
+  int number = 0;
+  for (const char c : text) {
+    if (c < '0' || c > '9') return -1;
+    number = number * 10 + (c - '0');
+  }
+  return number;
+}
+
+constexpr char kJobs[] = "jobs/";
+constexpr char kTasks[] = "/tasks/";
+
+}  // namespace
+
+JobSums::Part& JobSums::PartOf(const std::string& kind) {
+  return kind == kIngestKind || kind == kUpdateKind ? ingest : kind == kCutKind ? cut : rest;
+}
+
+void JobSums::AddRun(const PlannedTask& plan, double cost, double seconds) {
+  if (&PartOf(plan.kind) == &ingest) return;  // tells nothing about how long tiles take
+  timed_cost += cost;
+  timed_s += seconds;
+}
+
+void JobTotals::AddPlanned(const JobTask& task) {
+  if (!task.plan.given->empty()) return;
+  ++sums_.tasks;
+  sums_.bytes_to_store += task.plan.stored_bytes;
+  sums_.PartOf(task.plan.kind).total += task.plan.cost;
+  if (task.plan.tile < 0) return;
+  const auto [of_tile, is_new] = unfinished_of_tile_.emplace(task.plan.tile, 0);
+  sums_.tiles += is_new;
+  sums_.unfinished_tiles += of_tile->second++ == 0;
+}
+
+void JobTotals::AddSetAside(int tile) {
+  const auto [of_tile, is_new] = unfinished_of_tile_.emplace(tile, 0);
+  sums_.tiles += is_new;
+  sums_.unfinished_tiles += of_tile->second++ == 0;
+}
+
+void JobTotals::AddSucceeded(int index, const JobTask& task) {
+  ++sums_.tasks_done;
+  sums_.bytes_to_store -= task.plan.stored_bytes;
+  sums_.PartOf(task.plan.kind).done += task.plan.cost;
+  if (!task.reused) {
+    sums_.AddRun(task.plan, task.plan.cost, static_cast<double>(task.end_us - task.attempts.back().start_us) / 1e6);
+  }
+  if (!task.warnings->empty()) warned_.insert(index);
+  if (task.plan.tile >= 0) sums_.unfinished_tiles -= --unfinished_of_tile_[task.plan.tile] == 0;
+}
+
+void JobTotals::AddLost(int index, const JobTask& task) {
+  --sums_.tasks_done;
+  sums_.bytes_to_store += task.plan.stored_bytes;
+  sums_.PartOf(task.plan.kind).done -= task.plan.cost;
+  warned_.erase(index);
+  if (task.plan.tile >= 0) sums_.unfinished_tiles += unfinished_of_tile_[task.plan.tile]++ == 0;
+}
+
+// People count jobs from 1; tasks keep their index, which the plan's inputs name too.
+std::string JobName(int job) { return kJobs + std::to_string(job + 1); }
+
+std::string TaskName(TaskRef ref) { return JobName(ref.job) + kTasks + std::to_string(ref.task); }
+
+StatusOr<int> ParseJobName(const std::string& name) {
+  const std::string prefix = kJobs;
+  const int number = name.compare(0, prefix.size(), prefix) == 0 ? ParseNumber(name.substr(prefix.size())) : -1;
+  if (number < 1) return absl::InvalidArgumentError("not a job's name (jobs/J): '" + name + "'");
+  return number - 1;
+}
+
+StatusOr<TaskRef> ParseTaskName(const std::string& name) {
+  const size_t split = name.find(kTasks);
+  if (split != std::string::npos) {
+    const auto job = ParseJobName(name.substr(0, split));
+    const int task = ParseNumber(name.substr(split + std::string(kTasks).size()));
+    if (job.ok() && task >= 0) return TaskRef{*job, task};
+  }
+  return absl::InvalidArgumentError("not a task's name (jobs/J/tasks/T): '" + name + "'");
+}
+
+JobTask WithCountedAttempts(JobTask task) {
+  task.attempts.erase(task.attempts.begin(), task.attempts.begin() + task.forgiven);
+  return task;
+}
+
+bool CutsAreDone(const Job& job) {
+  return std::all_of(job.tasks.begin(), job.tasks.end(), [](const JobTask& task) {
+    return task.plan.kind != kCutKind || task.superseded || task.state == TaskState::kSucceeded;
+  });
+}
+
+Status CheckPriority(int priority) {
+  if (priority >= -kMaxPriority && priority <= kMaxPriority) return absl::OkStatus();
+  return InputError("priority", "", std::to_string(priority),
+                    std::to_string(-kMaxPriority) + " to " + std::to_string(kMaxPriority));
+}
+
+std::string ErrorClassName(ErrorClass error_class) {
+  switch (error_class) {
+    case ErrorClass::kNone:
+      return "none";
+    case ErrorClass::kInput:
+      return "input";
+    case ErrorClass::kTransient:
+      return "transient";
+    case ErrorClass::kMemory:
+      return "memory";
+    case ErrorClass::kPoison:
+      return "poison";
+    case ErrorClass::kPreempted:
+      return "preempted";
+    case ErrorClass::kLostInput:
+      return "lost input";
+    case ErrorClass::kScratch:
+      return "scratch";
+    case ErrorClass::kStorage:
+      return "storage";
+    case ErrorClass::kPeer:
+      return "peer";
+    case ErrorClass::kInternal:
+      return "internal";
+  }
+  return "unknown";
+}
+
+}  // namespace tessera

@@ -1,0 +1,58 @@
+#include "server/ledger/read_records.h"
+
+#include <tbb/concurrent_queue.h>
+
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+namespace {
+
+constexpr size_t kBatchRecords = 256, kBatchBytes = 256 << 10;  // a batch ends at either
+constexpr int kBatchesAhead = 8;
+
+struct ReadRecord {
+  int64_t number = 0;
+  Status status;
+  v1::Record record;
+};
+
+}  // namespace
+
+Status ReadRecords(RecordStore& store,
+                   const std::function<void(int64_t number, Status status, const v1::Record& record)>& visit) {
+  tbb::concurrent_bounded_queue<std::vector<ReadRecord>> batches;  // an empty one is the end
+  batches.set_capacity(kBatchesAhead);
+  Status status;
+  std::thread reader([&] {
+    std::vector<ReadRecord> batch;
+    size_t bytes = 0;
+    status = store.Replay([&](const StoredRecord& stored) {
+      ReadRecord& read = batch.emplace_back();
+      read.number = stored.number;
+      read.status = stored.content.status();
+      if (read.status.ok()) {
+        bytes += stored.content->size();
+        if (!read.record.ParseFromString(*stored.content)) {
+          read.status = absl::DataLossError("not a record");
+          read.record.Clear();
+        }
+      }
+      if (batch.size() < kBatchRecords && bytes < kBatchBytes) return;
+      batches.push(std::exchange(batch, {}));
+      bytes = 0;
+    });
+    if (!batch.empty()) batches.push(std::move(batch));
+    batches.push({});
+  });
+  for (std::vector<ReadRecord> batch; batches.pop(batch), !batch.empty();) {
+    for (ReadRecord& read : batch) visit(read.number, std::move(read.status), read.record);
+  }
+  reader.join();
+  return status;
+}
+
+}  // namespace tessera

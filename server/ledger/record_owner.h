@@ -1,0 +1,23 @@
+// Whose a stored record is: what a store needs to know of it.
+#ifndef TESSERA_SERVER_LEDGER_RECORD_OWNER_H_
+#define TESSERA_SERVER_LEDGER_RECORD_OWNER_H_
+
+#include <string_view>
+
+#include "server/store/record_store.h"
+
+namespace tessera {
+
+namespace v1 {
+class Record;
+}  // namespace v1
+
+// Index of the job that a record is of; -1 if it names none.
+int JobOf(const v1::Record& record);
+
+// Of a record's bytes; nobody's if they are not a record. An OwnerOf.
+RecordOwner OwnerOfRecord(std::string_view content);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_LEDGER_RECORD_OWNER_H_

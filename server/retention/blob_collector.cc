@@ -1,0 +1,81 @@
+#include "server/retention/blob_collector.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+namespace tessera {
+
+using Kind = BlobFile::Kind;
+
+StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
+  struct Spare {
+    int64_t since_us = 0;
+    BlobFile file;
+  };
+  Collected collected;
+  std::vector<Spare> spare;
+  std::vector<BlobFile> set_aside;
+  absl::flat_hash_map<std::string, int64_t> unneeded;
+  const BlobReferences references = dispatcher_->CollectReferences();
+  const auto remove = [&](const std::vector<BlobFile>& files) -> Status {
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<BlobFile> gone, dispatcher_->RemoveBlobs(files));
+    for (const BlobFile& file : gone) {
+      ++collected.files;
+      collected.bytes += file.size_bytes;
+      collected.bytes_left -= file.size_bytes;
+      unneeded.erase(file.path);
+    }
+    return absl::OkStatus();
+  };
+  for (int part = 0; part < kBlobParts; ++part) {
+    if (stop && stop()) return collected;
+    const int64_t now_us = clock_->MonotonicUs(), unix_us = clock_->UnixTimeUs();
+    std::vector<BlobFile> doomed;
+    for (BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
+      collected.bytes_left += file.size_bytes;
+      if (file.kind == Kind::kSetAside) {
+        set_aside.push_back(std::move(file));
+        continue;
+      }
+      const int64_t wait_us = Micros(file.kind == Kind::kLeftover ? options_.leftover_s : options_.grace_s);
+      const bool is_old = unix_us - file.since_us >= wait_us;
+      if (file.kind == Kind::kBlob) {
+        const uint64_t id = BlobReferences::IdOf(file.sha256);
+        if (references.Needs(id)) continue;
+        if (const int64_t since_us = references.SpareSince(id); since_us >= 0) {
+          if (is_old) spare.push_back({since_us, std::move(file)});
+          continue;
+        }
+      }
+      const auto known = unneeded_since_us_.find(file.path);
+      const int64_t since_us = known == unneeded_since_us_.end() ? now_us : known->second;
+      unneeded[file.path] = since_us;
+      if (now_us - since_us >= wait_us && is_old) doomed.push_back(std::move(file));
+    }
+    TESSERA_RETURN_IF_ERROR(remove(doomed));
+  }
+  std::stable_sort(set_aside.begin(), set_aside.end(),
+                   [](const BlobFile& a, const BlobFile& b) { return a.since_us < b.since_us; });
+  std::stable_sort(spare.begin(), spare.end(), [](const Spare& a, const Spare& b) { return a.since_us < b.since_us; });
+  TESSERA_RETURN_IF_ERROR(remove(TakeExpired(set_aside)));
+  const auto is_full = [&] { return options_.limit_bytes > 0 && collected.bytes_left > options_.limit_bytes; };
+  for (size_t i = 0; is_full() && i < set_aside.size(); ++i) TESSERA_RETURN_IF_ERROR(remove({set_aside[i]}));
+  for (size_t i = 0; is_full() && i < spare.size(); ++i) TESSERA_RETURN_IF_ERROR(remove({spare[i].file}));
+  unneeded_since_us_ = std::move(unneeded);
+  return collected;
+}
+
+std::vector<BlobFile> BlobCollector::TakeExpired(std::vector<BlobFile>& set_aside) {
+  std::vector<KeptThing> kept;
+  for (const BlobFile& file : set_aside) kept.push_back({file.path, file.since_us});
+  const std::vector<int> places = set_aside_retention_.Expired(kept, clock_->UnixTimeUs(), clock_->MonotonicUs());
+  std::vector<BlobFile> expired;
+  for (auto place = places.rbegin(); place != places.rend(); ++place) {
+    expired.push_back(std::move(set_aside[*place]));
+    set_aside.erase(set_aside.begin() + *place);
+  }
+  return expired;
+}
+
+}  // namespace tessera

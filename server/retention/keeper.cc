@@ -1,0 +1,75 @@
+#include "server/retention/keeper.h"
+
+#include <chrono>
+#include <string>
+
+#include "common/log/log.h"
+
+namespace tessera {
+namespace {
+
+using Steady = std::chrono::steady_clock;
+
+constexpr std::chrono::seconds kFreeInterval{1}, kJobsInterval{60}, kBlobsInterval{600};
+constexpr std::chrono::milliseconds kFreePause{5};  // between two steps, for others
+
+}  // namespace
+
+Keeper::Keeper(Dispatcher* dispatcher, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options)
+    : dispatcher_(dispatcher),
+      retention_(options.keep_s),
+      collector_(dispatcher, blobs, clock, options.collector),
+      thread_([this] { Run(); }) {}
+
+Keeper::~Keeper() {
+  {
+    std::lock_guard lock(mutex_);
+    stopped_ = true;
+  }
+  stop_.notify_all();
+  thread_.join();
+}
+
+bool Keeper::stopped() {
+  std::lock_guard lock(mutex_);
+  return stopped_;
+}
+
+void Keeper::Run() {
+  auto next_jobs = Steady::now(), next_blobs = next_jobs;
+  std::string last_error;
+  while (!stopped()) {
+    const StatusOr<bool> more = dispatcher_->FreeDeleted();
+    const std::string error = more.ok() ? "" : std::string(more.status().message());
+    if (!error.empty() && error != last_error) {
+      LogEvent(LogLevel::kWarning, "records of deleted jobs are not removed yet", {{"reason", error}});
+    }
+    last_error = error;
+    if (Steady::now() >= next_jobs) LookAtJobs(), next_jobs = Steady::now() + kJobsInterval;
+    if (Steady::now() >= next_blobs) LookAtBlobs(), next_blobs = Steady::now() + kBlobsInterval;
+    std::unique_lock lock(mutex_);
+    const std::chrono::milliseconds pause = more.ok() && *more ? kFreePause : kFreeInterval;
+    stop_.wait_for(lock, pause, [&] { return stopped_; });
+  }
+}
+
+void Keeper::LookAtJobs() {
+  const StatusOr<int> deleted = dispatcher_->DeleteExpired(retention_);
+  if (deleted.ok()) return;
+  LogEvent(LogLevel::kWarning, "old jobs are not deleted yet", {{"reason", std::string(deleted.status().message())}});
+}
+
+void Keeper::LookAtBlobs() {
+  const StatusOr<Collected> collected = collector_.Pass([this] { return stopped(); });
+  if (!collected.ok()) {
+    LogEvent(LogLevel::kWarning, "blobs are not collected yet",
+             {{"reason", std::string(collected.status().message())}});
+  } else if (collected->files > 0) {
+    LogEvent(LogLevel::kInfo, "blobs collected",
+             {{"files", std::to_string(collected->files)},
+              {"bytes", std::to_string(collected->bytes)},
+              {"bytes_left", std::to_string(collected->bytes_left)}});
+  }
+}
+
+}  // namespace tessera

@@ -1,0 +1,45 @@
+// What a coordinator does beside its work: frees what deleted jobs held, deletes old jobs, removes blobs nobody needs.
+#ifndef TESSERA_SERVER_RETENTION_KEEPER_H_
+#define TESSERA_SERVER_RETENTION_KEEPER_H_
+
+#include <condition_variable>
+#include <functional>
+#include <mutex>
+#include <thread>
+
+#include "server/jobs/dispatcher.h"
+#include "server/jobs/retention.h"
+#include "server/retention/blob_collector.h"
+
+namespace tessera {
+
+struct KeeperOptions {
+  double keep_s = 0;  // of jobs that have ended; 0: for ever
+  CollectorOptions collector;
+};
+
+// A thread of its own, from construction to destruction. What cannot be done is logged and tried again.
+class Keeper {
+ public:
+  // All must outlive the keeper.
+  Keeper(Dispatcher* dispatcher, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options);
+  ~Keeper();
+
+ private:
+  void Run();
+  void LookAtJobs();
+  void LookAtBlobs();
+  bool stopped();
+
+  Dispatcher* const dispatcher_;
+  Retention retention_;
+  BlobCollector collector_;
+  std::mutex mutex_;
+  std::condition_variable stop_;
+  bool stopped_ = false;
+  std::thread thread_;  // last
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_RETENTION_KEEPER_H_

@@ -1,0 +1,31 @@
+// Whether what a coordinator stored is whole, without serving it.
+#ifndef TESSERA_SERVER_RETENTION_VERIFY_STATE_H_
+#define TESSERA_SERVER_RETENTION_VERIFY_STATE_H_
+
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "common/base/status.h"
+#include "common/storage/blob_store.h"
+#include "server/store/record_store.h"
+
+namespace tessera {
+
+struct StateSummary {
+  int64_t records = 0;  // usable
+  int64_t jobs = 0;
+  int64_t blobs = 0;  // that jobs refer to, each once
+  int64_t spare = 0;  // of these, gone but made again where they are needed, or being made again
+  int64_t faults = 0;
+};
+
+// Reads all records and looks for every blob that they refer to; with `deep` reads those too. `tell`: of each fault in
+// words: where, what was found and what was expected. Damaged blobs are set aside, so that they are made again when
+// they are needed; records stay for Dispatcher::SetUnusableAside.
+StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool deep,
+                                   const std::function<void(const std::string& fault)>& tell);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_RETENTION_VERIFY_STATE_H_

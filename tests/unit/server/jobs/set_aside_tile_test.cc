@@ -1,0 +1,284 @@
+// Jobs that go on without a tile whose refinement fails, and those that are tried again.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "common/base/refusal.h"
+#include "server/jobs/dispatcher.h"
+#include "server/jobs/set_aside.h"
+#include "tessera/v1/records.pb.h"
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+// Tiles in a row that solve `steps` steps, each after what those beside it left. One that is set aside has no solves
+// from its failed one on; the others read what it had before.
+class RowPlanner : public FakePlanner {
+ public:
+  RowPlanner() { exchange = true; }
+  int steps = 3;
+
+  StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string&,
+                                           const std::vector<std::string>&, const std::vector<TileReads>&,
+                                           const UpdateBase*, const std::vector<SetAsideTile>& set_aside) override {
+    const int tiles = settings.tiles, first = 1 + tiles;
+    std::vector<int> ends(tiles, steps);
+    for (const SetAsideTile& each : set_aside) ends[each.tile] = std::max(0, each.step);
+    std::vector<PlannedTask> tasks;
+    std::vector<PlannedInput> states;
+    for (int tile = 0; tile < tiles; ++tile) states.push_back({TaskId(0), "mesh", tile});
+    for (int step = 0; step < steps; ++step) {
+      std::vector<PlannedInput> made = states;
+      for (int tile = 0; tile < tiles; ++tile) {
+        if (step >= ends[tile]) continue;
+        StepParameters parameters;
+        parameters.step = step;
+        parameters.tile.tile = tile;
+        PlannedTask task{
+            kSolveKind, "solve tile " + std::to_string(tile) + " step " + std::to_string(step), tile, "", 1, {}};
+        task.inputs.push_back({TaskId(1 + tile), kTileFile});
+        for (int other = std::max(0, tile - 1); other < std::min(tiles, tile + 2); ++other) {
+          task.inputs.push_back(states[other]);
+          if (step >= ends[other]) parameters.held.push_back(other);
+        }
+        task.parameters = ToJson(parameters);
+        made[tile] = {TaskId(first + static_cast<int>(tasks.size())), kStateFile, tile};
+        tasks.push_back(std::move(task));
+      }
+      states = std::move(made);
+    }
+    PlannedTask publish{kPublishKind, "publish", -1, "{}", 1, {}};
+    publish.inputs.assign(states.begin(), states.end());
+    tasks.push_back(std::move(publish));
+    return tasks;
+  }
+};
+
+class SetAsideTileTest : public CoordinatorTest {
+ protected:
+  SetAsideTileTest() { Open(); }
+
+  void Open() {
+    dispatcher_.reset();
+    dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &row_, &clock_, {}}, options_);
+  }
+  Status SucceedAny(const std::string& worker, const GrantedLease& lease) {
+    if (lease.plan.kind != kSolveKind) return Succeed(worker, lease);
+    ReportedResult result;
+    result.outputs.push_back({kStateFile, *blobs_->PutBytes("state " + lease.key)});
+    return dispatcher_->ReportSuccess(worker, lease.task, lease.attempt, result);
+  }
+  // Works all there is, and fails what is named in `bad`, with `error_class`, until it is not tried any more. What ran,
+  // and how often.
+  std::map<std::string, int> WorkAll(const std::vector<std::string>& bad,
+                                     ErrorClass error_class = ErrorClass::kPoison) {
+    std::map<std::string, int> runs;
+    const std::string worker = Worker();
+    while (true) {
+      const auto lease = Lease(worker);
+      if (!lease) return runs;
+      ++runs[lease->plan.name];
+      const bool is_bad = std::find(bad.begin(), bad.end(), lease->plan.name) != bad.end();
+      EXPECT_TRUE((is_bad ? Fail(worker, *lease, error_class) : SucceedAny(worker, *lease)).ok());
+    }
+  }
+  // What the tiles' states are that were published, as hashes.
+  std::string Published(const std::string& job) { return Job(job).header.artifacts.at(0).digest.sha256; }
+
+  RowPlanner row_;
+};
+
+TEST_F(SetAsideTileTest, TheOthersGoOnAndNothingThatCountsIsDoneTwice) {
+  const std::string job = Create(AJob(5));
+  const std::map<std::string, int> runs = WorkAll({"solve tile 0 step 1"});
+  const JobStatus status = Job(job);
+  EXPECT_EQ(status.header.state, JobState::kPartial);
+  EXPECT_THAT(status.header.error,
+              AllOf(HasSubstr("tile 0 was set aside: 'solve tile 0 step 1' failed"), HasSubstr("(poison): it broke")));
+  EXPECT_THAT(status.header.warnings, ElementsAre(HasSubstr("tile 0 was set aside")));
+  EXPECT_EQ(status.tiles_done, 4);
+  EXPECT_EQ(status.tiles_total, 5);
+  EXPECT_EQ(status.progress, 1);
+  EXPECT_EQ(status.tasks_done, status.tasks_total);
+  ASSERT_EQ(status.header.artifacts.size(), 2u);
+  const auto report = nlohmann::json::parse(*blobs_->Read(status.header.artifacts[1].digest));
+  EXPECT_EQ(report["state"], "partial");
+  EXPECT_EQ(report["set_aside"][0]["tile"], 0);
+  // Beside it a step may have been done with what it did not come to; nobody else's work was.
+  EXPECT_LE(runs.at("solve tile 1 step 1"), 2);
+  EXPECT_EQ(runs.at("solve tile 1 step 0"), 1);
+  for (const int tile : {2, 3, 4}) EXPECT_EQ(runs.at("solve tile " + std::to_string(tile) + " step 1"), 1);
+  EXPECT_FALSE(runs.contains("solve tile 0 step 2"));
+  Open();
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial);
+  EXPECT_EQ(dispatcher_
+                ->CreateJob([&] {
+                  NewJob update = AJob(5);
+                  update.settings.update.base = job;
+                  return update;
+                }())
+                .status()
+                .code(),
+            absl::StatusCode::kFailedPrecondition)
+      << "no base for an update";
+}
+
+// Whatever was stored when the coordinator died.
+TEST_F(SetAsideTileTest, TheSameEndAfterAnyNumberOfRecords) {
+  const std::string job = Create(AJob(3));
+  WorkAll({"solve tile 1 step 1"});
+  ASSERT_EQ(Job(job).header.state, JobState::kPartial);
+  const std::string published = Published(job);
+  dispatcher_.reset();  // which stores what it has not yet
+  const std::vector<std::string> all = store_.records;
+  for (size_t size = 1; size < all.size(); ++size) {
+    dispatcher_.reset();
+    store_.records.assign(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(size));
+    Open();
+    clock_.Advance(31);  // what was leased is lost
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+    clock_.Advance(10);
+    WorkAll({"solve tile 1 step 1"});
+    EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "after " << size << " records";
+    EXPECT_EQ(Published(job), published) << "after " << size << " records";
+  }
+}
+
+TEST_F(SetAsideTileTest, ATileThatCannotBeCutIsLeftOutFromTheStart) {
+  const std::string job = Create(AJob(3));
+  const std::map<std::string, int> runs = WorkAll({"cut tile 2"});
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial);
+  EXPECT_FALSE(runs.contains("solve tile 2 step 0"));
+  EXPECT_TRUE(runs.contains("solve tile 1 step 2"));
+}
+
+TEST_F(SetAsideTileTest, WhatIsRunningForThePlanBeforeIsStopped) {
+  const std::string job = Create(AJob(3)), worker = Worker(), other = Worker();
+  std::optional<GrantedLease> bad, beside;
+  while (!bad || !beside) {
+    const auto lease = Lease(worker);
+    ASSERT_TRUE(lease);
+    if (lease->plan.name == "solve tile 0 step 0") {
+      bad = lease;
+    } else if (lease->plan.name == "solve tile 1 step 0") {
+      beside = lease;
+    } else {
+      ASSERT_TRUE(SucceedAny(worker, *lease).ok());
+    }
+  }
+  ASSERT_TRUE(Fail(worker, *bad, ErrorClass::kPoison).ok());
+  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{beside->task, 1, 0.5, ""}}), ElementsAre(beside->task));
+  EXPECT_EQ(SucceedAny(worker, *beside).code(), absl::StatusCode::kFailedPrecondition);
+  WorkAll({});
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial);
+}
+
+TEST_F(SetAsideTileTest, WrongInputTheWholeCityAndTheLastTileFailTheJob) {
+  const std::string input = Create(AJob(3, "a"));
+  WorkAll({"solve tile 1 step 1"}, ErrorClass::kInput);
+  clock_.Advance(10);
+  WorkAll({"solve tile 1 step 1"}, ErrorClass::kInput);  // says so again
+  EXPECT_EQ(Job(input).header.state, JobState::kFailed);
+  const std::string publish = Create(AJob(3, "b"));
+  WorkAll({"publish"});
+  EXPECT_EQ(Job(publish).header.state, JobState::kFailed);
+  const std::string all = Create(AJob(2, "c"));
+  WorkAll({"solve tile 0 step 1", "solve tile 1 step 1", "solve tile 1 step 0"});
+  EXPECT_EQ(Job(all).header.state, JobState::kFailed);
+}
+
+TEST_F(SetAsideTileTest, ARetryCountsAsAJobThatHasNotEnded) {
+  const std::string job = Create(AJob(4));
+  WorkAll({"solve tile 0 step 1"});
+  ASSERT_EQ(Job(job).header.state, JobState::kPartial);
+  options_.limits.of_client = 1;
+  Open();
+  const std::string other = Create(AJob(2, "other"));
+  const Status refused = dispatcher_->RetryJob(job, {}).status();
+  EXPECT_EQ(LimitOf(refused).flag, "--max-jobs-of-client") << refused;
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial);
+  EXPECT_EQ(dispatcher_->RetryJob(other, {}).status().code(), absl::StatusCode::kFailedPrecondition)
+      << "not what limits are about";
+  ASSERT_TRUE(dispatcher_->CancelJob(other).ok());
+  EXPECT_TRUE(dispatcher_->RetryJob(job, {}).ok());
+}
+
+TEST_F(SetAsideTileTest, RetriedItEndsAsIfNothingHadHappened) {
+  const std::string job = Create(AJob(4));
+  EXPECT_EQ(dispatcher_->RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+  WorkAll({"solve tile 0 step 1", "cut tile 3"});
+  ASSERT_EQ(Job(job).header.state, JobState::kPartial);
+  EXPECT_EQ(Job(job).tiles_done, 2);
+  EXPECT_EQ(dispatcher_->RetryJob(job, 1).status().code(), absl::StatusCode::kFailedPrecondition);
+  ASSERT_TRUE(dispatcher_->RetryJob(job, 3).ok());
+  EXPECT_EQ(Job(job).header.state, JobState::kRunning);
+  EXPECT_EQ(Job(job).header.error, "");
+  Open();
+  std::map<std::string, int> runs = WorkAll({});
+  EXPECT_EQ(runs.at("cut tile 3"), 1);
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "without tile 0";
+  EXPECT_EQ(Job(job).tiles_done, 3);
+  ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
+  runs = WorkAll({});
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+  EXPECT_TRUE(Job(job).header.warnings.empty());
+  EXPECT_EQ(Job(job).tiles_done, 4);
+  EXPECT_FALSE(runs.contains("solve tile 3 step 0")) << "which was not beside tile 0";
+  const std::string published = Published(job);
+  // An undisturbed job of the same scene has the same result, and nothing left to do.
+  const std::string again = Create(AJob(4));
+  EXPECT_TRUE(WorkAll({}).empty());
+  EXPECT_EQ(Published(again), published);
+}
+
+TEST_F(SetAsideTileTest, AFailedJobThatIsRetriedHasFreshAttempts) {
+  const std::string job = Create(AJob(2)), worker = Worker();
+  int attempt = 0;
+  const auto fail = [&](int times) {
+    for (int i = 0; i < times; ++i) {
+      const auto lease = Lease(worker);
+      ASSERT_TRUE(lease) << attempt;
+      EXPECT_EQ(lease->attempt, ++attempt) << "late reports of earlier attempts are refused";
+      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kInternal).ok());
+      clock_.Advance(10);
+    }
+  };
+  fail(4);
+  ASSERT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_EQ(dispatcher_->RetryJob(job, 0).status().code(), absl::StatusCode::kFailedPrecondition);
+  ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
+  fail(3);
+  EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "one more may fail so";
+  WorkAll({});
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+  EXPECT_EQ(dispatcher_->RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+}
+
+TEST_F(SetAsideTileTest, AJobKeepsItsPriorityWhenATileIsSetAside) {
+  const std::string older = Create(AJob(2, "older")), job = Create(AJob(2)), worker = Worker();
+  ASSERT_TRUE(dispatcher_->ChangeJob(job, {5, {}}).ok());
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(SucceedAny(worker, *Lease(worker)).ok());  // the city and two cuts
+  const auto lease = Lease(worker);
+  ASSERT_TRUE(lease);
+  ASSERT_EQ(lease->plan.kind, kSolveKind);
+  for (int i = 0; i < 2; ++i) {
+    const auto again = i == 0 ? lease : Lease(worker);
+    ASSERT_TRUE(again);
+    ASSERT_EQ(again->task, lease->task);
+    ASSERT_TRUE(Fail(worker, *again, ErrorClass::kMemory).ok());
+  }
+  const auto next = Lease(worker);
+  ASSERT_TRUE(next);
+  EXPECT_EQ(next->task.substr(0, job.size()), job) << "and not " << older;
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,140 @@
+// A data folder that a release before this one left, with another version of the algorithms.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+
+#include "common/base/version.h"
+#include "server/ledger/record_owner.h"
+#include "server/store/sqlite_store.h"
+#include "tessera/v1/records.pb.h"
+#include "tests/support/checking_worker.h"
+#include "tests/support/version3_database.h"
+
+namespace tessera {
+namespace {
+
+using testing::AllOf;
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+class UpgradeTest : public CheckingWorkerTest {
+ protected:
+  UpgradeTest() {
+    based_ = true;
+    Open(&base_planner_);
+    EXPECT_TRUE(EnsureFolder(folder_.path() + "/other").ok());
+    EXPECT_TRUE(WriteFileAtomic(folder_.path() + "/other/scene.json", "[]").ok());
+  }
+  // All that was stored so far becomes a folder of version 3, whose jobs version "before" of the algorithms made.
+  void Upgrade() {
+    dispatcher_->Durable().IgnoreError();
+    std::vector<std::string> records;
+    for (const std::string& stored : store_.records) {
+      v1::Record record;
+      ASSERT_TRUE(record.ParseFromString(stored));
+      if (record.has_job_accepted()) record.mutable_job_accepted()->set_algorithm_version("before");
+      ++kinds_[record.change_case()];
+      records.push_back(record.SerializeAsString());
+    }
+    MakeVersion3Database(path_, records);
+    OpenUpgraded();
+  }
+  void OpenUpgraded() {
+    dispatcher_.reset();
+    sqlite_.reset();
+    auto store = SqliteStore::Open(path_, OwnerOfRecord);
+    ASSERT_TRUE(store.ok()) << store.status();
+    sqlite_ = *std::move(store);
+    DispatchEnvironment environment{
+        sqlite_.get(), blobs_.get(), &base_planner_, &clock_,
+        [this](const auto& record, const ChangedTask&) { told_.push_back(record.ShortDebugString()); }};
+    environment.on_set_aside = [this](int64_t number, const std::string& why) {
+      set_aside_.push_back(std::to_string(number) + ": " + why);
+    };
+    auto dispatcher = Dispatcher::Open(environment, options_);
+    ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
+    dispatcher_ = *std::move(dispatcher);
+  }
+
+  const std::string path_ = folder_.path() + "/state.sqlite";
+  std::map<int, int> kinds_;  // of records
+  std::unique_ptr<SqliteStore> sqlite_;
+  std::vector<std::string> set_aside_, told_;
+};
+
+TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
+  for (const bool leased : {false, true}) {
+    SCOPED_TRACE(leased);
+    store_.records.clear();
+    for (const char* const end : {"", ".v3", "-wal", "-shm"}) ASSERT_TRUE(RemoveTree(path_ + end).ok());
+    dispatcher_.reset();
+    set_aside_.clear(), told_.clear();
+    for (const std::string& path : Blobs()) std::filesystem::remove(path);
+    Open(&base_planner_);
+
+    const std::string base = Create(Scene(1));
+    Work(base);
+    const Digest mesh = Mesh(base);
+    fails_ = "solve";
+    const std::string failed = Create(Scene(2)), retried = Create(Scene(3));
+    Work(failed);
+    Work(retried);
+    fails_.clear();
+    ASSERT_TRUE(dispatcher_->RetryJob(retried, {}).ok());
+    Work(retried);
+    const Digest retried_mesh = Mesh(retried);
+    // One that waits for what it lost itself, has a priority and is paused.
+    NewJob other = Scene(4);
+    other.scene_path += "/other";
+    other.scene_files[0].digest = {Sha256Hex("[]"), 2};
+    const std::string paused = Create(other);
+    const std::string worker = Worker();
+    ASSERT_TRUE(Turn(worker));
+    std::filesystem::remove(blobs_->Path(Task(paused, 0).task.outputs.at(2).digest()));
+    ASSERT_TRUE(Turn(worker));
+    ASSERT_TRUE(dispatcher_->ChangeJob(paused, {7, true}).ok());
+    // One that waits for what its base makes again.
+    const std::string update = Create(Scene(1, base));
+    ASSERT_TRUE(Turn(worker));
+    std::filesystem::remove(blobs_->Path(Task(base, 1).task.outputs.at(0).digest()));
+    ASSERT_TRUE(Turn(worker));
+    if (leased) {
+      ASSERT_EQ(Lease(worker)->task, base + "/tasks/1");
+    }
+    Upgrade();
+    EXPECT_EQ(kinds_[v1::Record::kJobRetried], 1 + leased);
+    EXPECT_EQ(kinds_[v1::Record::kResultLost], 2 * (1 + leased));
+    EXPECT_TRUE(FileExists(path_ + ".v3"));
+    for (int start = 0; start < 2; ++start) {
+      EXPECT_THAT(set_aside_, IsEmpty());
+      EXPECT_EQ(Mesh(base), mesh);
+      EXPECT_EQ(Mesh(retried), retried_mesh);
+      EXPECT_EQ(Job(failed).header.state, JobState::kFailed);
+      EXPECT_EQ(Job(paused).header.state, JobState::kQueued);
+      EXPECT_EQ(Job(paused).header.priority, 7);
+      EXPECT_TRUE(Job(paused).header.paused);
+      EXPECT_THAT(Job(paused).header.warnings,
+                  ElementsAre(AllOf(HasSubstr("begun anew by version"), HasSubstr("before"))));
+      EXPECT_FALSE(Lease(Worker())) << "nothing of the base is made again, for it would not be the same";
+      EXPECT_THAT(std::string(dispatcher_->RetryJob(failed, {}).status().message()),
+                  AllOf(HasSubstr("was made by version before"), HasSubstr("submit its scene again")));
+      if (start == 0) OpenUpgraded();
+    }
+    ASSERT_TRUE(dispatcher_->Durable().ok());
+    EXPECT_THAT(told_, Contains(AllOf(HasSubstr("job_begun_anew"), HasSubstr(paused))));
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+    EXPECT_EQ(Job(update).header.state, JobState::kFailed);
+    EXPECT_THAT(Job(update).header.error, AllOf(HasSubstr(base + " was made by version before"),
+                                                HasSubstr("run its scene anew, without a base")));
+    ASSERT_TRUE(dispatcher_->ChangeJob(paused, {{}, false}).ok());
+    Work(paused);
+    Mesh(paused);
+    EXPECT_EQ(Job(base).header.state, JobState::kSucceeded) << "still";
+  }
+}
+
+}  // namespace
+}  // namespace tessera

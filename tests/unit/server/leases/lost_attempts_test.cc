@@ -1,0 +1,175 @@
+// Attempts that end before their task has: who is to blame, and when the next one begins.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "server/jobs/dispatcher.h"
+#include "tessera/v1/records.pb.h"
+#include "tests/support/fake_coordinator.h"
+
+namespace tessera {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+using LostAttemptsTest = CoordinatorTest;
+
+// The machine's time may be set; what was to be waited for stays what it was.
+TEST_F(LostAttemptsTest, DelaysDoNotFollowTheClockOnTheWall) {
+  Create(AJob(1));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kTransient).ok());
+  clock_.SetBy(-3600);
+  clock_.Advance(0.9);
+  EXPECT_FALSE(Lease(worker));
+  clock_.Advance(0.2);
+  const auto second = Lease(worker);
+  ASSERT_TRUE(second);
+  ASSERT_TRUE(Fail(worker, *second, ErrorClass::kTransient).ok());
+  clock_.SetBy(+7200);
+  EXPECT_FALSE(Lease(worker)) << "2 s have not passed";
+  // After a restart the whole delay once more, at most.
+  clock_.Advance(1.5);
+  Restart();
+  clock_.SetBy(-7200);
+  const std::string other = Worker();
+  clock_.Advance(1.9);
+  EXPECT_FALSE(Lease(other));
+  clock_.Advance(0.2);
+  EXPECT_TRUE(Lease(other));
+}
+
+TEST_F(LostAttemptsTest, DelaysOfEarlierRecordsAreUnderstood) {
+  Create(AJob(1));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kTransient).ok());
+  v1::Record record;
+  ASSERT_TRUE(record.ParseFromString(store_.records.back()));
+  ASSERT_EQ(record.attempt_failed().retry_delay_us(), 1'000'000);
+  record.mutable_attempt_failed()->clear_retry_delay_us();
+  record.mutable_attempt_failed()->set_retry_time_us(record.time_us() + 1'000'000);
+  store_.records.back() = record.SerializeAsString();
+  clock_.SetBy(-3600);
+  Restart();
+  const std::string other = Worker();
+  EXPECT_FALSE(Lease(other));
+  clock_.Advance(1);
+  EXPECT_TRUE(Lease(other));
+}
+
+// A tile that kills its workers: the machine is there, and starts them again.
+TEST_F(LostAttemptsTest, ThreeWorkersThatDieOnMachinesThatLiveMakeATaskPoison) {
+  const std::string job = Create(AJob(1));
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_EQ(Job(job).header.state, i == 0 ? JobState::kQueued : JobState::kRunning);
+    ASSERT_TRUE(Lease(Worker())) << i;
+    clock_.Advance(31);
+    Worker();
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+  }
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPoison);
+  EXPECT_THAT(Job(job).header.error, HasSubstr("fell silent over 'read the scene', one of 3 workers that did while"));
+}
+
+// A coordinator that begins anew again and again over one task, each time for too short for its worker to find it.
+TEST_F(LostAttemptsTest, WorkersThatARestartLosesSayNothingAboutTheTask) {
+  const std::string job = Create(AJob(1));
+  for (int i = 0; i < 5; ++i) {
+    ASSERT_TRUE(Lease(Worker())) << i;
+    Restart();
+    clock_.Advance(31);
+    Worker();  // the machine lives
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+    EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady);
+    EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPreempted);
+  }
+  // One that is heard of and then falls silent is what it was.
+  for (int i = 0; i < 3; ++i) {
+    ASSERT_EQ(Job(job).header.state, JobState::kRunning);
+    const std::string worker = Worker();
+    ASSERT_TRUE(Lease(worker));
+    Restart();
+    ASSERT_TRUE(dispatcher_->Heartbeat(worker, {}).ok());
+    clock_.Advance(31);
+    Worker();
+    ASSERT_TRUE(dispatcher_->Tick().ok());
+  }
+  EXPECT_EQ(Job(job).header.state, JobState::kFailed);
+  EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPoison);
+}
+
+// A suspended machine, a debugger: nobody could be heard. After it the lease is what it was before.
+TEST_F(LostAttemptsTest, TimeInWhichTheCoordinatorStoodStillIsNoSilence) {
+  options_.stood_still_s = 15;
+  Restart();
+  const std::string job = Create(AJob(1));
+  const std::string worker = Worker();
+  ASSERT_TRUE(Lease(worker));
+  clock_.Advance(10);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  clock_.Advance(2 * 3600);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  clock_.Advance(14);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased) << "24 s of 30 were listened to";
+  clock_.Advance(7);
+  ASSERT_TRUE(dispatcher_->Tick().ok());
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady) << "31 s of silence";
+}
+
+// Spot machines: some vanish, others say that they go, one comes back as another boot; over one task, for a night.
+TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
+  const std::string job = Create(AJob(1));
+  for (int i = 0; i < 30; ++i) {
+    const std::string worker = Worker("spot/" + std::to_string(i));
+    const auto lease = Lease(worker);
+    ASSERT_TRUE(lease) << i;
+    if (i % 3 == 0) {
+      ASSERT_TRUE(dispatcher_->UnregisterWorker(worker).ok());
+    } else if (i % 3 == 1) {
+      ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPreempted).ok());
+    } else {
+      // Two workers of one machine, of which the other was heard last.
+      const std::string other = Worker("spot/" + std::to_string(i));
+      clock_.Advance(1);
+      ASSERT_TRUE(dispatcher_->Heartbeat(other, {}).ok());
+      clock_.Advance(30);
+      ASSERT_TRUE(dispatcher_->Tick().ok());
+      if (i == 14) Restart();
+    }
+    ASSERT_EQ(Job(job).header.state, JobState::kRunning) << i;
+  }
+  WorkAll(Worker());
+  EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
+}
+
+TEST_F(LostAttemptsTest, AnAttemptWithoutProgressIsEndedThoughItsWorkerLives) {
+  const std::string job = Create(AJob(1));
+  const std::string hung = Worker();
+  const auto lease = Lease(hung);
+  ASSERT_TRUE(lease);
+  const auto beat = [&](double progress, const std::string& stage) {
+    clock_.Advance(20);
+    EXPECT_TRUE(dispatcher_->Tick().ok());
+    return *dispatcher_->Heartbeat(hung, {{lease->task, 1, progress, stage}});
+  };
+  for (int i = 0; i < 60; ++i) ASSERT_THAT(beat(0.01 * (i / 20), "reading"), IsEmpty()) << "every 400 s it moves";
+  for (int i = 0; i < 20; ++i) ASSERT_THAT(beat(0.02, "checking " + std::to_string(i / 10)), IsEmpty());
+  for (int i = 0; i < 21; ++i) ASSERT_THAT(beat(0.02, "checking 1"), IsEmpty());
+  const std::string other = Worker();
+  EXPECT_FALSE(Lease(other));
+  EXPECT_THAT(beat(0.02, "checking 1"), ElementsAre(lease->task));
+  EXPECT_EQ(Task(job, 0).task.error->message,
+            "stalled: " + hung + " showed no progress for 600 s, at 2 % (checking 1)");
+  clock_.Advance(1.1);
+  const auto again = Lease(other);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->attempt, 2);
+  EXPECT_EQ(Succeed(hung, *lease).code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_TRUE(Succeed(other, *again).ok());
+}
+
+}  // namespace
+}  // namespace tessera

@@ -1,0 +1,121 @@
+#include "server/leases/retry_rule.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace tessera {
+namespace {
+
+using testing::HasSubstr;
+
+// A task whose last attempt has just ended; those before it as given.
+JobTask After(std::vector<Attempt> attempts, const std::string& machine = "m") {
+  JobTask task;
+  task.plan.name = "refine tile 3";
+  task.attempts.assign(attempts.begin(), attempts.end());
+  task.attempts.push_back({"workers/1-9", machine, 0, 0, {}, false});
+  return task;
+}
+Attempt Failed(ErrorClass error_class) {
+  return {"workers/1-1", "m", 0, 1, TaskFailure{error_class, "it broke"}, false};
+}
+Attempt Silent(const std::string& machine) {
+  return {"workers/1-1", machine, 0, 1, TaskFailure{ErrorClass::kTransient, "lease expired"}, true};
+}
+bool AllLive(const std::string&) { return true; }
+bool NoneLives(const std::string&) { return false; }
+
+TEST(RetryRule, ReportsOfFailureCountByTheirKind) {
+  const RetryOptions options;
+  const auto judge = [&](std::vector<Attempt> before, ErrorClass now) {
+    return JudgeFailure(After(std::move(before)), {now, "it broke"}, options);
+  };
+  const Attempt transient = Failed(ErrorClass::kTransient), memory = Failed(ErrorClass::kMemory);
+  EXPECT_EQ(judge({}, ErrorClass::kTransient).delay_s, 1);
+  EXPECT_EQ(judge({memory, transient, transient}, ErrorClass::kTransient).delay_s, 4);
+  EXPECT_FALSE(judge({memory, transient, transient}, ErrorClass::kInternal).final);
+  EXPECT_TRUE(judge({transient, Failed(ErrorClass::kInternal), transient}, ErrorClass::kTransient).final);
+  EXPECT_FALSE(judge({transient, transient, transient}, ErrorClass::kMemory).final);
+  EXPECT_TRUE(judge({memory}, ErrorClass::kMemory).final);
+  EXPECT_TRUE(judge({}, ErrorClass::kPoison).final);
+  EXPECT_EQ(judge({}, ErrorClass::kNone).failure.error_class, ErrorClass::kInternal);
+}
+
+// Neither the worker's scratch, nor storage, nor the way there, nor an input that is whole, say anything about a task.
+TEST(RetryRule, WhatIsAboutATaskNeverFailsIt) {
+  for (const ErrorClass error_class : {ErrorClass::kScratch, ErrorClass::kStorage, ErrorClass::kPeer,
+                                       ErrorClass::kLostInput, ErrorClass::kPreempted}) {
+    const RetryVerdict verdict =
+        JudgeFailure(After(std::vector<Attempt>(2000, Failed(error_class))), {error_class, "it broke"}, {});
+    EXPECT_FALSE(verdict.final) << ErrorClassName(error_class);
+    EXPECT_EQ(verdict.delay_s, RuleOf(error_class, {}).delays ? 60 : 0) << ErrorClassName(error_class);
+    EXPECT_NE(RuleOf(error_class, {}).blame, Blame::kTask) << ErrorClassName(error_class);
+  }
+}
+
+TEST(RetryRule, AnInputIsWrongOnTheWordOfTwo) {
+  Witnesses several;
+  several.alone = false;
+  const Attempt by_one = Failed(ErrorClass::kInput);  // workers/1-1; After adds workers/1-9
+  const auto judge = [](std::vector<Attempt> before, const Witnesses& witnesses) {
+    return JudgeFailure(After(std::move(before)), {ErrorClass::kInput, "line 3"}, {}, witnesses);
+  };
+  Attempt same = by_one;
+  same.worker = "workers/1-9";
+  EXPECT_FALSE(judge({}, several).final);
+  EXPECT_FALSE(judge({same}, several).final);
+  EXPECT_TRUE(judge({by_one}, several).final);
+  EXPECT_FALSE(judge({}, {}).final);
+  EXPECT_EQ(judge({}, {}).delay_s, 1);
+  EXPECT_TRUE(judge({same}, {}).final);
+  several.doubted = [](const std::string& worker) { return worker == "workers/1-1"; };
+  EXPECT_FALSE(judge({by_one}, several).final) << "who was wrong before";
+}
+
+TEST(RetryRule, WhoLeavesSaysNothingAboutTheTask) {
+  const std::vector<Attempt> left(100, Failed(ErrorClass::kPreempted));
+  const RetryVerdict verdict = JudgeFailure(After(left), {ErrorClass::kPreempted, "it has left"}, {});
+  EXPECT_FALSE(verdict.final);
+  EXPECT_EQ(verdict.delay_s, 0);
+  EXPECT_EQ(JudgeFailure(After(left), {ErrorClass::kTransient, ""}, {}).delay_s, 1);
+}
+
+TEST(RetryRule, SilenceCountsWhereTheMachineLivesOn) {
+  EXPECT_FALSE(JudgeSilence(After({Silent("m")}), true, AllLive, {}).final);
+  const RetryVerdict third =
+      JudgeSilence(After({Silent("m"), Failed(ErrorClass::kPreempted), Silent("n")}), true, AllLive, {});
+  EXPECT_TRUE(third.final);
+  EXPECT_EQ(third.failure.error_class, ErrorClass::kPoison);
+  EXPECT_THAT(third.failure.message, HasSubstr("workers/1-9 fell silent over 'refine tile 3', one of 3"));
+  EXPECT_FALSE(JudgeSilence(After(std::vector<Attempt>(50, Silent("gone"))), true, NoneLives, {}).final);
+  // One that came back later counts then.
+  const auto lives = [](const std::string& machine) { return machine != "gone"; };
+  EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("gone")}), true, lives, {}).final);
+  EXPECT_TRUE(JudgeSilence(After({Silent("a"), Silent("gone"), Silent("b")}), true, lives, {}).final);
+  EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("b")}, "gone"), true, lives, {}).final);
+  // Of a worker that was not heard of since the coordinator began anew nobody knows when it fell silent, and why.
+  const RetryVerdict unheard = JudgeSilence(After({Silent("a"), Silent("b")}), false, AllLive, {});
+  EXPECT_FALSE(unheard.final);
+  EXPECT_EQ(unheard.failure.error_class, ErrorClass::kPreempted);
+  Attempt before = Silent("c");
+  before.failure = unheard.failure;
+  EXPECT_FALSE(JudgeSilence(After({Silent("a"), before, before}), true, AllLive, {}).final);
+  EXPECT_TRUE(JudgeSilence(After({Silent("a"), before, Silent("b")}), true, AllLive, {}).final);
+}
+
+TEST(RetryRule, AnAttemptMayStandStillForTenTimesItsTask) {
+  PlannedTask plan;
+  plan.cost = 100;
+  EXPECT_EQ(StallLimit_s(plan, 2, 600), 600);
+  EXPECT_EQ(StallLimit_s(plan, 1, 600), 1000);
+  LeaseState lease;
+  lease.worker = "workers/1-1";
+  lease.progress = 0.25;
+  lease.stage = "mending";
+  const TaskFailure stall = StallOf(lease, 600);
+  EXPECT_EQ(stall.error_class, ErrorClass::kTransient);
+  EXPECT_EQ(stall.message, "stalled: workers/1-1 showed no progress for 600 s, at 25 % (mending)");
+}
+
+}  // namespace
+}  // namespace tessera
