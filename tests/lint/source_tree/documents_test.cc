@@ -32,18 +32,16 @@ std::string ReadAll(const fs::path& path) {
   return text.str();
 }
 
-// Paths from the project's root, sorted. Folders of builds and hidden ones are left out.
+// Paths from the project's root, sorted. Other folders beside the project's (builds, results) do not count.
 std::vector<std::string> AllPages() {
   const fs::path root = TESSERA_SOURCE_DIR;
   std::vector<std::string> pages;
-  for (auto it = fs::recursive_directory_iterator(root); it != fs::recursive_directory_iterator(); ++it) {
-    const std::string name = it->path().filename().string();
-    if (it->is_directory()) {
-      const bool of_builds = it.depth() == 0 && (name == "out" || name.starts_with("build"));
-      if (name.starts_with(".") || of_builds) it.disable_recursion_pending();
-    } else if (name.ends_with(".md")) {
-      pages.push_back(fs::relative(it->path(), root).generic_string());
-    }
+  const auto add = [&](const fs::path& path) {
+    if (path.extension() == ".md") pages.push_back(fs::relative(path, root).generic_string());
+  };
+  for (const auto& entry : fs::directory_iterator(root)) add(entry.path());
+  for (const char* folder : {"common", "deploy", "proto", "server", "tests", "worker"}) {
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) add(entry.path());
   }
   std::sort(pages.begin(), pages.end());
   return pages;
