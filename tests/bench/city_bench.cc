@@ -31,8 +31,8 @@
 #include "common/storage/hash.h"
 #include "server/plan/graph.h"
 #include "worker/tasks/task.h"
-#include "worker/tile/open_tile.h"
 #include "worker/tile/tile_files.h"
+#include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 namespace {
@@ -130,8 +130,8 @@ StatusOr<std::vector<PlannedTask>> Plan(const std::string& folder, int tiles) {
 
 // The core as the tile has it, unrefined.
 StatusOr<TileState> PassThrough(TilePackage package) {
-  OpenTile tile(std::move(package));
-  TESSERA_ASSIGN_OR_RETURN(KnownState start, tile.Join({}, 0));
+  TileWorkspace tile(std::move(package));
+  TESSERA_ASSIGN_OR_RETURN(TileSnapshot start, tile.Assemble({}, 0));
   start.confidence.assign(start.labels.size(), 1.0f);
   return tile.StateOf(start);
 }

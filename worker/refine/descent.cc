@@ -98,14 +98,14 @@ std::vector<uint8_t> EitherFlag(std::vector<uint8_t> a, const std::vector<uint8_
   return a;
 }
 
-MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits,
-                         const std::vector<uint8_t>& held)
+MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& boundary, const MotionLimits& limits,
+                         const std::vector<uint8_t>& frozen)
     : limits_(limits),
-      fixed_(EitherFlag(fixed, held)),
+      fixed_(EitherFlag(boundary, frozen)),
       faces_(start.faces),
       faces_of_vertex_(FacesOfVertices(start)),
       start_(start.vertices) {
-  smoothed_ = SmoothedPositions(start, faces_of_vertex_, fixed, limits.start_smoothing_steps);
+  smoothed_ = SmoothedPositions(start, faces_of_vertex_, boundary, limits.start_smoothing_steps);
   start_normals_.resize(faces_.size());
   ForEach(faces_.size(),
           [&](size_t f) { start_normals_[f] = CrossAt(faces_[f], smoothed_).stableNormalized().cast<float>(); });

@@ -42,10 +42,10 @@ class MotionGuard {
  public:
   using Positions = std::vector<Eigen::Vector3d>;
 
-  // `fixed`: one flag a vertex or empty; `held` likewise: vertices that do not move either, but whose start is smoothed
-  // as that of all others. The mesh need not be a manifold.
-  MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& fixed, const MotionLimits& limits,
-              const std::vector<uint8_t>& held = {});
+  // `boundary`, `frozen`: flags of vertices that do not move, one a vertex or empty. Only boundary vertices keep their
+  // place in the smoothed start. The mesh need not be a manifold.
+  MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& boundary, const MotionLimits& limits,
+              const std::vector<uint8_t>& frozen = {});
 
   // Brakes what would leave the vertices' ellipsoids. Steps are only shortened.
   void LimitDisplacement(const Positions& at, Positions* step) const;
@@ -86,7 +86,7 @@ class MotionGuard {
   Eigen::Vector3d InBall(size_t vertex, const Eigen::Vector3d& from_start) const;
 
   MotionLimits limits_;
-  std::vector<uint8_t> fixed_;
+  std::vector<uint8_t> fixed_;  // boundary or frozen
   std::vector<Triangle> faces_;
   IndexRows faces_of_vertex_;
   Positions start_, smoothed_;
@@ -116,8 +116,8 @@ struct StepReach {
 };
 
 // The curvatures bound the terms' own from above, so steps are safe and short. Where images say something, a step is
-// made longer and goes on in part with the one before (Polyak 1964): by the share e/(e + evidence) of the data's
-// curvature e at the vertex, so that nothing gathers way where only smoothness speaks (beyond rims, behind crowns).
+// made longer and part of the step before is added (momentum, Polyak 1964): by the share e/(e + evidence) of the data's
+// curvature e at the vertex, so that there is no momentum where only smoothness acts (beyond rims, behind crowns).
 struct Acceleration {
   double relaxation = 1;  // what a step is multiplied by, >= 1
   double momentum = 0;    // share of the step before that is added, [0, 1)

@@ -58,8 +58,8 @@ class InterTerm {
  public:
   using Positions = std::vector<Eigen::Vector3d>;
 
-  // `fixed`: one flag a vertex or empty; their derivative is zero, but their neighbours straighten against them. No
-  // corners until SetLabels.
+  // `fixed`: flags of boundary and frozen vertices, one a vertex or empty; their derivative is zero, but their
+  // neighbours straighten against them. No corners until SetLabels.
   InterTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed);
 
   // One label a face, or empty: no corners. Faces of label -1 or 255 (unlabelled) have no border.

@@ -132,11 +132,11 @@ std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const 
 }
 
 // How many bands each vertex is away from those with a flag; 0 without flags.
-std::vector<int> BandsFrom(const std::vector<uint8_t>& wanted, const OneRings& rings) {
-  std::vector<int> away(rings.rim.size(), wanted.empty() ? 0 : -1);
+std::vector<int> BandsFrom(const std::vector<uint8_t>& active, const OneRings& rings) {
+  std::vector<int> away(rings.rim.size(), active.empty() ? 0 : -1);
   std::vector<uint32_t> front, next;
-  for (uint32_t v = 0; v < wanted.size(); ++v) {
-    if (!wanted[v]) continue;
+  for (uint32_t v = 0; v < active.size(); ++v) {
+    if (!active[v]) continue;
     away[v] = 0;
     front.push_back(v);
   }
@@ -162,19 +162,19 @@ struct SmoothTerm::Layout {
   std::vector<uint32_t> vertex_at;  // of a place
   std::vector<uint32_t> place_of;   // of a vertex
   std::vector<uint32_t> ring_begin, ring;
-  // Ends of the places of the wanted vertices, then of those further away, kBandRings by kBandRings.
+  // Ends of the places of the active vertices, then of those further away, kBandRings by kBandRings.
   std::vector<uint32_t> band_end;
 
-  // The first places, with all vertices that are at most `rings` rings from the wanted ones.
+  // The first places, with all vertices that are at most `rings` rings from the active ones.
   size_t PlacesWithin(int rings) const {
     const size_t band = (rings + kBandRings - 1) / kBandRings;
     return band < band_end.size() ? band_end[band] : band_end.empty() ? vertex_at.size() : band_end.back();
   }
 };
 
-void SmoothTerm::MakeLayout(const std::vector<uint8_t>& wanted) {
+void SmoothTerm::MakeLayout(const std::vector<uint8_t>& active) {
   auto layout = std::make_shared<Layout>();
-  const std::vector<int> band = BandsFrom(wanted, rings_);
+  const std::vector<int> band = BandsFrom(active, rings_);
   layout->vertex_at = MemoryOrder(start_, rings_, band);
   for (size_t p = 0; p < start_.size() && band[layout->vertex_at[p]] != std::numeric_limits<int>::max(); ++p) {
     layout->band_end.resize(band[layout->vertex_at[p]] + 1, static_cast<uint32_t>(p));
@@ -249,7 +249,7 @@ class SmoothTerm::System {
     ForSpecials(places, [&](Special& special) { special.rhs = rhs_[special.place].lanes; });
   }
 
-  // A sweep reads the one before within two rings, so that less and less about the wanted vertices is of use: `rings`
+  // A sweep reads the one before within two rings, so that less and less about the active vertices is of use: `rings`
   // about them is what the sweeps to come read. Elsewhere nothing is done.
 
   // The first sweep finds no step yet.

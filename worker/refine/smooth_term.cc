@@ -24,10 +24,10 @@ void ForVertices(size_t count, const Body& body) {
 
 }  // namespace
 
-SmoothTerm::SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& wanted)
+SmoothTerm::SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& active)
     : start_(mesh.vertices), faces_(mesh.faces), fixed_(fixed), rings_(FindOneRings(mesh)) {
   if (fixed_.empty()) fixed_.assign(start_.size(), 0);
-  MakeLayout(wanted);
+  MakeLayout(active);
   SetLabels({}, {}, 0);
 }
 

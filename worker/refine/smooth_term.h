@@ -46,10 +46,10 @@ class SmoothTerm {
  public:
   using Positions = std::vector<Eigen::Vector3d>;
 
-  // `fixed`: one flag a vertex or empty. Rims of fixed vertices (tile cuts) get no terms. `mesh.vertices` is the start.
-  // One class of weight 1 until SetLabels; labels of `mesh` are not looked at.
-  // `wanted`: flags of the vertices whose steps SolveStep is to find; empty: all.
-  SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& wanted = {});
+  // `fixed`: flags of boundary and frozen vertices, one a vertex or empty. Rims of fixed vertices get no terms.
+  // `mesh.vertices` is the start. One class of weight 1 until SetLabels; labels of `mesh` are ignored. `active`: flags
+  // of the vertices whose steps SolveStep finds; empty: all.
+  SmoothTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const std::vector<uint8_t>& active = {});
 
   // `labels`: one a face (-1 or 255: unlabelled, a class of its own with weight 1), or empty: one class of weight 1.
   // Classes beyond the end of `classes` have weight 1. Vertices whose faces have several labels get weight `mixed`
@@ -75,7 +75,7 @@ class SmoothTerm {
   // iteration from zero, in single precision. What a vertex gets depends on `data` and `rhs` within SolveRings, and on
   // topology and labels within kGradientRings of those.
   // `data`: one symmetric positive semidefinite 3x3 block a vertex; `inter`: of the same mesh, or null. Steps of fixed
-  // vertices are zero, so are those that are not wanted. The iteration never diverges, whatever the weights.
+  // vertices are zero, as are those that are not active. The iteration never diverges, whatever the weights.
   void SolveStep(const std::vector<Eigen::Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
                  int sweeps, Positions* step, const InterCurvature* inter = nullptr) const;
 
@@ -105,7 +105,7 @@ class SmoothTerm {
     uint32_t vertex;
     Eigen::Matrix3d block;  // mean of keep(f) n_f n_fᵀ
   };
-  void MakeLayout(const std::vector<uint8_t>& wanted);
+  void MakeLayout(const std::vector<uint8_t>& active);
   void FindDiagonals();
   bool has_rim_row(size_t v) const { return rings_.along_rim[v][0] != rings_.along_rim[v][1] && !fixed_[v]; }
   // U v inside the surface, U d along rims.

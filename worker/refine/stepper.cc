@@ -27,15 +27,16 @@ MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m) {
   return out;
 }
 
-Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& fixed, double gsd_m, const Eigen::Vector3d& up,
-                 const StepperOptions& options, const std::vector<uint8_t>& wanted, const std::vector<uint8_t>& held)
+Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary, double gsd_m,
+                 const Eigen::Vector3d& up, const StepperOptions& options, const std::vector<uint8_t>& active,
+                 const std::vector<uint8_t>& frozen)
     : options_(options),
       gsd_m_(gsd_m),
       up_(up),
       start_{start.vertices, start.faces, {}},
-      smooth_(start_, EitherFlag(fixed, held), Grown(wanted, start.faces, MotionGuard::kFoldingPasses)),
-      inter_(start_, EitherFlag(fixed, held)),
-      guard_(start_, fixed, MakeMotionLimits(options, gsd_m), held) {
+      smooth_(start_, EitherFlag(boundary, frozen), Grown(active, start.faces, MotionGuard::kFoldingPasses)),
+      inter_(start_, EitherFlag(boundary, frozen)),
+      guard_(start_, boundary, MakeMotionLimits(options, gsd_m), frozen) {
   smooth_.SetLabels(start.labels, options.classes, options.mixed);
   if (options.inter > 0) inter_.SetLabels(start.labels);
 }

@@ -1,5 +1,4 @@
-// What moves the vertices between two looks at the images: step, guard and repair, with all that they keep of the
-// start.
+// Moves the vertices once the data term is evaluated: step, guard and repair, with what they keep of the start.
 #ifndef TESSERA_WORKER_REFINE_STEPPER_H_
 #define TESSERA_WORKER_REFINE_STEPPER_H_
 
@@ -43,21 +42,21 @@ struct StepperOptions {
 // threads.
 class Stepper {
  public:
-  // `start`: the mesh as the run began, with the labels as they are now. `fixed`: one flag a vertex or empty.
-  // `wanted`: flags of the vertices whose steps are asked for, empty: all; those of others are anything. `held`: flags
-  // of vertices that stay where they are, with all faces about them, unlike fixed ones; empty: none.
-  Stepper(const TriangleMesh& start, const std::vector<uint8_t>& fixed, double gsd_m, const Eigen::Vector3d& up,
-          const StepperOptions& options, const std::vector<uint8_t>& wanted = {},
-          const std::vector<uint8_t>& held = {});
+  // `start`: positions before the first round, with the current labels. Flags, one a vertex or empty for none:
+  // `boundary`: some faces about the vertex are missing, so it does not move; `frozen`: does not move, but all its
+  // faces are there. `active` (empty: all): vertices whose steps are right; those of others are unspecified.
+  Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary, double gsd_m, const Eigen::Vector3d& up,
+          const StepperOptions& options, const std::vector<uint8_t>& active = {},
+          const std::vector<uint8_t>& frozen = {});
 
   const MotionGuard& guard() const { return guard_; }
 
-  // Iteration `iteration` (from 0) of a level: what to add to the positions of `mesh`. `last`: what the iteration
-  // before added; empty at the first, else as many as vertices. Not thread-safe.
+  // The step of iteration `iteration` (from 0) of a level, to be added to the positions of `mesh`. `last`: the step of
+  // the iteration before; empty or zeros at the first. Not thread-safe.
   std::vector<Eigen::Vector3d> Step(const TriangleMesh& mesh, const PhotoDerivatives& derivatives, int level,
                                     int iteration, const std::vector<Eigen::Vector3f>& last);
 
-  // Takes back what turned faces or made them cut each other since `good`. Not thread-safe.
+  // Takes back the motion since `good` that turned faces or made them cut each other. Not thread-safe.
   FoldRepair::Result Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions);
 
  private:

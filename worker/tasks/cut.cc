@@ -35,7 +35,7 @@ StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& cont
   TaskOutcome outcome;
   outcome.outputs = {kTileFile, kReadsFile};
   outcome.stats = nlohmann::json{{"faces", package.mesh.faces.size()},    {"core_faces", faces_in(kCoreRegion)},
-                                 {"solve_faces", faces_in(kSolveRegion)}, {"mend_faces", faces_in(kMendRegion)},
+                                 {"solve_faces", faces_in(kSolveRegion)}, {"repair_faces", faces_in(kRepairRegion)},
                                  {"label_faces", faces_in(kLabelRegion)}, {"views", package.views.size()},
                                  {"pairs", package.pairs.size()},         {"seconds", SecondsSince(clock, start_us)}}
                       .dump();

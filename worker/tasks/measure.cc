@@ -9,7 +9,7 @@
 namespace tessera {
 namespace {
 
-void FillDerivatives(const OpenTile& work, const FaceDerivatives& derivatives, TileSums* sums) {
+void FillDerivatives(const TileWorkspace& work, const FaceDerivatives& derivatives, TileSums* sums) {
   const PhotoSums& photo = derivatives.photo;
   sums->photo = Pick(photo.faces, work.core_faces());
   sums->sample.photo = Pick(photo.faces, work.sample_faces());
@@ -33,7 +33,7 @@ void FillDerivatives(const OpenTile& work, const FaceDerivatives& derivatives, T
   }
 }
 
-void FillLikelihoods(const OpenTile& work, const FaceLikelihoods& likelihoods, TileSums* sums) {
+void FillLikelihoods(const TileWorkspace& work, const FaceLikelihoods& likelihoods, TileSums* sums) {
   sums->classes = likelihoods.classes;
   const auto fill = [&](const std::vector<uint32_t>& faces, auto* out) {
     out->pixels = Pick(likelihoods.pixels, faces);
@@ -51,7 +51,7 @@ void FillLikelihoods(const OpenTile& work, const FaceLikelihoods& likelihoods, T
 StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(StepTask task, OpenStepTask(request, 0, 0));
-  OpenTile& work = *task.work;
+  TileWorkspace& work = *task.work;
   const TilePackage& package = work.package();
   TileSums sums;
   sums.tile = package.tile;
@@ -62,7 +62,7 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
   double seconds_loading = SecondsSince(clock, start_us);
   if (task.step.labels()) {
     TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods likelihoods,
-                             SumLikelihoods(package, work.measured(), task.known.positions, sight->views,
+                             SumLikelihoods(package, work.measured(), task.snapshot.positions, sight->views,
                                             sight->data.groups, PartOf(control, 0, 0.9)));
     FillLikelihoods(work, likelihoods, &sums);
     stats["seconds_labels"] = SecondsSince(clock, start_us) - seconds_loading;
@@ -70,8 +70,8 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
     const int64_t entered_us = clock.MonotonicUs();
     TESSERA_RETURN_IF_ERROR(sight->data_term.EnterLevel(task.step.level));
     seconds_loading += SecondsSince(clock, entered_us);
-    TriangleMesh mesh = {std::move(task.known.positions), package.mesh.faces, {}};
-    if (GeometryKnowsLabels(package, task.options)) mesh.labels = std::move(task.known.labels);
+    TriangleMesh mesh = {std::move(task.snapshot.positions), package.mesh.faces, {}};
+    if (GeometryKnowsLabels(package, task.options)) mesh.labels = std::move(task.snapshot.labels);
     FaceDerivatives derivatives;
     sight->data_term.Evaluate(mesh, work.measured(), &clock, &derivatives);
     sight->data_term.ReleaseBuffers();

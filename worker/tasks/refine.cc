@@ -4,10 +4,10 @@
 #include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
 #include "worker/tile/methods.h"
-#include "worker/tile/open_tile.h"
 #include "worker/tile/refine_tile.h"
 #include "worker/tile/tile_files.h"
 #include "worker/tile/tile_views.h"
+#include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 
@@ -15,7 +15,7 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(const RefineParameters parameters, ParseRefineParameters(request.parameters));
   TESSERA_ASSIGN_OR_RETURN(TilePackage package, ReadTilePackage(InputPath(request, kTileFile)));
-  OpenTile work(std::move(package));
+  TileWorkspace work(std::move(package));
   TESSERA_ASSIGN_OR_RETURN(const std::vector<TileView> views,
                            OpenTileViews(work.package(), InputPath(request, kViewsFile)));
   TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, work.package()));

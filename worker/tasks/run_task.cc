@@ -10,7 +10,7 @@ StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& con
   using Stage = StatusOr<TaskOutcome> (*)(const TaskRequest&, const TaskControl&, const Clock&);
   static constexpr std::pair<const char*, Stage> kStages[] = {
       {"ingest", RunIngest},     {"update", RunUpdate},   {"cut", RunCut},         {"crop", RunCrop},
-      {"refine", RunRefine},     {"measure", RunMeasure}, {"solve", RunSolve},     {"mend", RunMend},
+      {"refine", RunRefine},     {"measure", RunMeasure}, {"solve", RunSolve},     {"mend", RunRepair},
       {"compare", RunCompare},   {"changes", RunChanges}, {"publish", RunPublish}, {"start", RunStart},
       {"classify", RunClassify}, {"borders", RunBorders}};
   const SystemClock clock;

@@ -20,21 +20,21 @@ json* RoundReport(const RefineStep& step, json* report) {
 }
 
 Status SolveLabelStep(const std::vector<TileSums>& sums, StepTask* task, json* report) {
-  OpenTile& work = *task->work;
-  KnownState& known = task->known;
+  TileWorkspace& work = *task->work;
+  TileSnapshot& snapshot = task->snapshot;
   const RegionMesh& region = work.region(kLabelRegion);
   TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods likelihoods,
-                           work.JoinLikelihoods(sums, kLabelRegion, known.held_faces));
-  const std::vector<int32_t> start = Pick(known.labels, region.faces);
-  const RegionLabels labelled = LabelRegion(work.package(), region, Pick(known.positions, region.vertices), start,
-                                            likelihoods, task->options, Pick(known.held_faces, region.faces));
-  known.confidence.resize(known.labels.size(), 0.0f);
+                           work.AssembleLikelihoods(sums, kLabelRegion, snapshot.frozen_faces));
+  const std::vector<int32_t> start = Pick(snapshot.labels, region.faces);
+  const RegionLabels labelled = LabelRegion(work.package(), region, Pick(snapshot.positions, region.vertices), start,
+                                            likelihoods, task->options, Pick(snapshot.frozen_faces, region.faces));
+  snapshot.confidence.resize(snapshot.labels.size(), 0.0f);
   int64_t changes = 0;
   for (size_t i = 0; i < region.faces.size(); ++i) {
     const uint32_t f = region.faces[i];
-    if (work.package().regions[f] & kCoreRegion) changes += known.labels[f] != labelled.labels[i];
-    known.labels[f] = labelled.labels[i];
-    known.confidence[f] = labelled.confidence[i];
+    if (work.package().regions[f] & kCoreRegion) changes += snapshot.labels[f] != labelled.labels[i];
+    snapshot.labels[f] = labelled.labels[i];
+    snapshot.confidence[f] = labelled.confidence[i];
   }
   (*report)["label_changes"] = changes;
   work.Forget(kLabelRegion);
@@ -42,24 +42,25 @@ Status SolveLabelStep(const std::vector<TileSums>& sums, StepTask* task, json* r
 }
 
 Status SolveIteration(const std::vector<TileSums>& sums, StepTask* task, json* report) {
-  OpenTile& work = *task->work;
-  KnownState& known = task->known;
+  TileWorkspace& work = *task->work;
+  TileSnapshot& snapshot = task->snapshot;
   if (task->level_iteration == 0) {
-    known.level_start = known.positions;
-    known.last_step.assign(known.positions.size(), Eigen::Vector3f::Zero());
+    snapshot.level_start = snapshot.positions;
+    snapshot.last_step.assign(snapshot.positions.size(), Eigen::Vector3f::Zero());
   }
   const RegionMesh& region = work.region(kSolveRegion);
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<FaceSums> photo, work.JoinPhoto(sums, kSolveRegion, known.held_faces));
-  TESSERA_ASSIGN_OR_RETURN(const ContourSums contours, work.JoinContours(sums, kSolveRegion));
-  Stepper& stepper =
-      work.SolveStepper(Pick(known.labels, region.faces), Pick(known.held_vertices, region.vertices), task->options);
-  TriangleMesh mesh = {Pick(known.positions, region.vertices), region.mesh.faces, {}};
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<FaceSums> photo,
+                           work.AssemblePhoto(sums, kSolveRegion, snapshot.frozen_faces));
+  TESSERA_ASSIGN_OR_RETURN(const ContourSums contours, work.AssembleContours(sums, kSolveRegion));
+  Stepper& stepper = work.SolveStepper(Pick(snapshot.labels, region.faces),
+                                       Pick(snapshot.frozen_vertices, region.vertices), task->options);
+  TriangleMesh mesh = {Pick(snapshot.positions, region.vertices), region.mesh.faces, {}};
   const std::vector<Vector3d> step =
       stepper.Step(mesh, GatherVertices(mesh, stepper.guard().faces_of_vertex(), photo, contours), task->step.level,
-                   task->level_iteration, Pick(known.last_step, region.vertices));
+                   task->level_iteration, Pick(snapshot.last_step, region.vertices));
   for (size_t v = 0; v < step.size(); ++v) {
-    known.positions[region.vertices[v]] = mesh.vertices[v] + step[v];
-    known.last_step[region.vertices[v]] = step[v].cast<float>();
+    snapshot.positions[region.vertices[v]] = mesh.vertices[v] + step[v];
+    snapshot.last_step[region.vertices[v]] = step[v].cast<float>();
   }
   for (const TileSums& of_tile : sums) {
     if (of_tile.tile != work.package().tile) continue;
@@ -81,9 +82,9 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
   const bool labels = task.step.labels();
   const double seconds_loading = SecondsSince(clock, start_us);
   control.Report(0.3, labels ? "labelling" : "moving");
-  CompareSample(task.work->package(), sums, &task.known);
-  CountSeams(&task.known);
-  json report = json::parse(task.known.report);
+  CompareSample(task.work->package(), sums, &task.snapshot);
+  CountSeams(&task.snapshot);
+  json report = json::parse(task.snapshot.report);
   report["faces"] = task.work->core_faces().size();
   json* of_round = RoundReport(task.step, &report);
   if (labels) {
@@ -91,17 +92,17 @@ StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& co
   } else if (task.work->package().compares) {
     TESSERA_RETURN_IF_ERROR(SolveIteration(sums, &task, of_round));
   }
-  task.known.report = report.dump();
+  task.snapshot.report = report.dump();
   control.Report(0.95, "writing the state");
-  TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), task.work->StateOf(task.known)));
+  TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), task.work->StateOf(task.snapshot)));
   TaskOutcome outcome;
   outcome.outputs = {kStateFile};
-  outcome.warnings = SeamWarnings(task.work->package().tile, task.known);
+  outcome.warnings = SeamWarnings(task.work->package().tile, task.snapshot);
   outcome.stats = json{{"seconds_loading", seconds_loading},
                        {labels ? "seconds_labels" : "seconds_step", SecondsSince(clock, start_us) - seconds_loading},
-                       {"compared_vertices", task.known.compared},
-                       {"different_vertices", task.known.different},
-                       {"farthest_m", task.known.farthest_m},
+                       {"compared_vertices", task.snapshot.compared},
+                       {"different_vertices", task.snapshot.different},
+                       {"farthest_m", task.snapshot.farthest_m},
                        {"seconds", SecondsSince(clock, start_us)}}
                       .dump();
   return outcome;

@@ -39,8 +39,8 @@ StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& 
 // Package, sums and states of the tiles in reach → the core's state after the step.
 StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and states of the tiles in reach → the core's state without folds.
-StatusOr<TaskOutcome> RunMend(const TaskRequest& request, const TaskControl& control, const Clock& clock);
+// Package and states of the tiles in reach → the core's state with folds repaired.
+StatusOr<TaskOutcome> RunRepair(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
 // City and survey → a tile's core as it is at the start, where its refinement failed.
 StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& control, const Clock& clock);

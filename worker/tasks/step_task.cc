@@ -15,8 +15,9 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
   StepTask task;
   TESSERA_ASSIGN_OR_RETURN(task.parameters, ParseStepParameters(request.parameters));
   const StepParameters& p = task.parameters;
-  TESSERA_ASSIGN_OR_RETURN(task.work, OpenTile::Open(InputPath(request, kTileFile),
-                                                     absl::StrCat(p.method, "|", p.rounds, "|", ToJson(p.settings))));
+  TESSERA_ASSIGN_OR_RETURN(task.work,
+                           TileWorkspace::Open(InputPath(request, kTileFile),
+                                               absl::StrCat(p.method, "|", p.rounds, "|", ToJson(p.settings))));
   TESSERA_ASSIGN_OR_RETURN(task.options, MethodOptions({p.rounds, p.method, p.settings}, task.work->package()));
   const std::vector<RefineStep> steps = RefineStepsOf(p.method, p.rounds, p.settings);
   if (p.step < 0 || p.step >= static_cast<int>(steps.size())) {
@@ -30,24 +31,25 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
   TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> files, OpenStates(request, p.states));
   std::vector<StateSpans> states;
   for (const MappedState& file : files) states.push_back(file.spans());
-  TESSERA_ASSIGN_OR_RETURN(task.known, task.work->Join(states, task.step.labels() ? label_region : iteration_region,
-                                                       p.held, p.first_new_face));
-  if (p.goes_on) task.known.report = "{}";
+  TESSERA_ASSIGN_OR_RETURN(
+      task.snapshot,
+      task.work->Assemble(states, task.step.labels() ? label_region : iteration_region, p.held, p.first_new_face));
+  if (p.goes_on) task.snapshot.report = "{}";
   return task;
 }
 
-void CountSeams(KnownState* known) {
-  if (known->compared == 0) return;
-  nlohmann::json report = nlohmann::json::parse(known->report);
+void CountSeams(TileSnapshot* snapshot) {
+  if (snapshot->compared == 0) return;
+  nlohmann::json report = nlohmann::json::parse(snapshot->report);
   nlohmann::json& seams = report["seams"];
   if (seams.is_null()) seams = nlohmann::json::object();
-  seams["samples"] = seams.value("samples", int64_t{0}) + known->compared;
-  seams["different"] = seams.value("different", int64_t{0}) + known->different;
-  seams["farthest_m"] = std::max(seams.value("farthest_m", 0.0), known->farthest_m);
-  known->report = report.dump();
+  seams["samples"] = seams.value("samples", int64_t{0}) + snapshot->compared;
+  seams["different"] = seams.value("different", int64_t{0}) + snapshot->different;
+  seams["farthest_m"] = std::max(seams.value("farthest_m", 0.0), snapshot->farthest_m);
+  snapshot->report = report.dump();
 }
 
-void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, KnownState* known) {
+void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, TileSnapshot* snapshot) {
   const auto own = std::find_if(sums.begin(), sums.end(), [&](const TileSums& of) { return of.tile == package.tile; });
   if (own == sums.end()) return;
   const TileSample& sample = own->sample;
@@ -62,25 +64,26 @@ void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums
       const auto found = std::lower_bound(other.face_ids.begin(), other.face_ids.end(), sample.face_ids[i]);
       if (found == other.face_ids.end() || *found != sample.face_ids[i]) continue;
       const auto j = static_cast<size_t>(found - other.face_ids.begin());
-      ++known->compared;
+      ++snapshot->compared;
       if (!differ(sample.photo, i, other.photo, j, 1) && !differ(sample.pixels, i, other.pixels, j, 1) &&
           other.classes == own->classes && !differ(sample.likelihoods, i, other.likelihoods, j, classes)) {
         continue;
       }
-      ++known->different;
+      ++snapshot->different;
       const auto face = std::find(package.face_ids.begin(), package.face_ids.end(), sample.face_ids[i]);
-      if (known->farthest_m > 0 || face == package.face_ids.end()) continue;
-      known->farthest_at = known->positions[package.mesh.faces[face - package.face_ids.begin()][0]];
+      if (snapshot->farthest_m > 0 || face == package.face_ids.end()) continue;
+      snapshot->farthest_at = snapshot->positions[package.mesh.faces[face - package.face_ids.begin()][0]];
     }
   }
 }
 
-Warnings SeamWarnings(int tile, const KnownState& known) {
-  if (known.different == 0) return {};
-  const Eigen::Vector3d& at = known.farthest_at;
-  return {absl::StrCat("about tile ", tile, ": neighbouring tiles differ at ", known.different, " of ", known.compared,
-                       " vertices and faces, positions by ", known.farthest_m, " m at most, at (", at.x(), ", ", at.y(),
-                       ", ", at.z(), ") of the local frame; this is a fault of the program, please report it")};
+Warnings SeamWarnings(int tile, const TileSnapshot& snapshot) {
+  if (snapshot.different == 0) return {};
+  const Eigen::Vector3d& at = snapshot.farthest_at;
+  return {absl::StrCat("about tile ", tile, ": neighbouring tiles differ at ", snapshot.different, " of ",
+                       snapshot.compared, " vertices and faces, positions by ", snapshot.farthest_m, " m at most, at (",
+                       at.x(), ", ", at.y(), ", ", at.z(),
+                       ") of the local frame; this is a fault of the program, please report it")};
 }
 
 std::string FoldWarning(int tile, int64_t faces) {

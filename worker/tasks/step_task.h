@@ -1,4 +1,4 @@
-// What the tasks of a step begin with: measure, solve and mend.
+// Inputs and warnings that the tasks of a step share: measure, solve and repair.
 #ifndef TESSERA_WORKER_TASKS_STEP_TASK_H_
 #define TESSERA_WORKER_TASKS_STEP_TASK_H_
 
@@ -9,33 +9,33 @@
 #include "common/job/refine_steps.h"
 #include "common/job/task_parameters.h"
 #include "worker/tasks/task.h"
-#include "worker/tile/open_tile.h"
 #include "worker/tile/refine_tile.h"
+#include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 
 struct StepTask {
   StepParameters parameters;
-  std::shared_ptr<OpenTile> work;
+  std::shared_ptr<TileWorkspace> work;
   TileRefineOptions options;
   RefineStep step;
   int level_iteration = 0;  // of an iteration, counted from 0 in its level
-  KnownState known;         // as OpenTile::Join gives it
+  TileSnapshot snapshot;    // as TileWorkspace::Assemble gives it
 };
 
 // Reads the package and the states among the inputs, which must tell of a region: that of label steps or that of
 // iterations; 0: whatever is there. Errors as those of the files; INVALID_ARGUMENT for parameters that do not fit.
 StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region, uint8_t iteration_region);
 
-// Adds what Join compared to the report that the next state has.
-void CountSeams(KnownState* known);
+// Adds what Assemble compared to the report that the next state has.
+void CountSeams(TileSnapshot* snapshot);
 
-// Compares the tile's sample with what the faces' own tile measured, and adds it to what Join compared. `sums`: of the
-// tile and those that it reads.
-void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, KnownState* known);
+// Compares the tile's sample with what the faces' own tile measured, and adds it to what Assemble compared. `sums`: of
+// the tile and those that it reads.
+void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, TileSnapshot* snapshot);
 
 // What the user is told of a difference: vertices and faces that several tiles compute must be alike.
-Warnings SeamWarnings(int tile, const KnownState& known);
+Warnings SeamWarnings(int tile, const TileSnapshot& snapshot);
 
 // Of faces about the tile that cut each other or turned against the start and could not be drawn back.
 std::string FoldWarning(int tile, int64_t faces);

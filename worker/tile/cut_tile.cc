@@ -82,14 +82,14 @@ bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const st
     const Eigen::AlignedBox3d wide(box.min() - margin, box.max() + margin);
     for (size_t v = 0; v < used.size() && !(*blocks)[b]; ++v) {
       if (used[v] == 0) continue;
-      if (box.contains(mesh.vertices[v]) || ((used[v] & kMendRegion) && wide.contains(mesh.vertices[v]))) {
+      if (box.contains(mesh.vertices[v]) || ((used[v] & kRepairRegion) && wide.contains(mesh.vertices[v]))) {
         (*blocks)[b] = 1;
         any = true;
       }
     }
     // A face may reach across a block without a vertex in it.
     for (size_t f = 0; f < regions.size() && !(*blocks)[b]; ++f) {
-      if (!(regions[f] & kMendRegion)) continue;
+      if (!(regions[f] & kRepairRegion)) continue;
       Eigen::AlignedBox3d face;
       for (const uint32_t v : mesh.faces[f]) face.extend(mesh.vertices[v]);
       if (face.intersects(wide)) {
@@ -284,7 +284,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   for (size_t f = 0; f < regions.size(); ++f) {
     if (regions[f] == 0) continue;
     cells.insert(loaded.cell[f]);
-    for (const uint8_t region : {kSolveRegion, kMendRegion, kLabelRegion}) {
+    for (const uint8_t region : {kSolveRegion, kRepairRegion, kLabelRegion}) {
       if (regions[f] & region) of_region[region].insert(loaded.cell[f]);
     }
   }
@@ -355,7 +355,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   };
   result.reads.sight = tiles_of(in_sight);
   result.reads.solve = tiles_of(of_region[kSolveRegion]);
-  result.reads.mend = tiles_of(of_region[kMendRegion]);
+  result.reads.mend = tiles_of(of_region[kRepairRegion]);
   result.reads.label = tiles_of(of_region[kLabelRegion]);
   return result;
 }

@@ -16,8 +16,8 @@ namespace {
 using Eigen::Vector3d;
 using nlohmann::json;
 
-constexpr float kHeldCost = 1e9f;   // of another label than a held face has: more than any edges weigh
-constexpr float kCertainCost = 10;  // of another label than the one that is carried through
+constexpr float kFrozenCost = 1e9f;  // of another label than a frozen face has: more than any edges weigh
+constexpr float kCertainCost = 10;   // of another label than the one that is carried through
 
 int64_t CountDifferent(const std::vector<int32_t>& a, const std::vector<int32_t>& b) {
   int64_t count = 0;
@@ -58,14 +58,14 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::
 
 RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region, const std::vector<Vector3d>& positions,
                          const std::vector<int32_t>& start, const FaceLikelihoods& sums,
-                         const TileRefineOptions& options, const std::vector<uint8_t>& held) {
+                         const TileRefineOptions& options, const std::vector<uint8_t>& frozen) {
   const TriangleMesh mesh = {positions, region.mesh.faces, {}};
   LabelField field =
       BuildLabelField(mesh, EdgeList(mesh.faces), sums, package.classes, package.up, package.gsd_m, options.label);
   field.cell = region.cell;
-  for (size_t f = 0; f < held.size(); ++f) {
-    if (!held[f] || start[f] < 0) continue;
-    for (int l = 0; l < field.classes; ++l) field.unary[f * field.classes + l] = l == start[f] ? 0 : kHeldCost;
+  for (size_t f = 0; f < frozen.size(); ++f) {
+    if (!frozen[f] || start[f] < 0) continue;
+    for (int l = 0; l < field.classes; ++l) field.unary[f * field.classes + l] = l == start[f] ? 0 : kFrozenCost;
   }
   Labelling labelling = SolveLabels(field, start, options.solver);
   RegionLabels out;
@@ -88,7 +88,8 @@ namespace {
 // The whole city between its steps.
 class CityRefiner {
  public:
-  CityRefiner(OpenTile& work, const std::vector<TileView>& views, const TileRefineOptions& options, const Clock& clock)
+  CityRefiner(TileWorkspace& work, const std::vector<TileView>& views, const TileRefineOptions& options,
+              const Clock& clock)
       : package_(work.package()),
         own_(work.measured()),
         whole_(work.region(kCoreRegion)),
@@ -97,20 +98,20 @@ class CityRefiner {
         clock_(clock),
         knows_labels_(GeometryKnowsLabels(package_, options)),
         data_(MakeTileData(package_, views, knows_labels_)),
-        known_(*work.Join({}, 0)) {}
+        snapshot_(*work.Assemble({}, 0)) {}
 
   Status Labels(const TaskControl& control, json* report) {
     if (!LabelsChange(package_)) return absl::OkStatus();
     const int64_t start_us = clock_.MonotonicUs();
-    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums, SumLikelihoods(package_, own_, known_.positions, views_,
+    TESSERA_ASSIGN_OR_RETURN(const FaceLikelihoods sums, SumLikelihoods(package_, own_, snapshot_.positions, views_,
                                                                         data_.groups, PartOf(control, 0, 0.8)));
     control.Report(0.8, "labelling");
-    RegionLabels labelled = LabelRegion(package_, whole_, known_.positions, known_.labels, sums, options_);
+    RegionLabels labelled = LabelRegion(package_, whole_, snapshot_.positions, snapshot_.labels, sums, options_);
     (*report)["label_energy_start"] = labelled.start_energy;
     (*report)["label_energy_end"] = labelled.energy;
-    (*report)["label_changes"] = CountDifferent(known_.labels, labelled.labels);
-    known_.labels = std::move(labelled.labels);
-    known_.confidence = std::move(labelled.confidence);
+    (*report)["label_changes"] = CountDifferent(snapshot_.labels, labelled.labels);
+    snapshot_.labels = std::move(labelled.labels);
+    snapshot_.confidence = std::move(labelled.confidence);
     refinement_.seconds_labels += SecondsSince(clock_, start_us);
     return absl::OkStatus();
   }
@@ -119,8 +120,8 @@ class CityRefiner {
     // Where nothing is compared, what is left would only smooth.
     if (!package_.compares || data_.pairs.empty() || options_.geometry.levels.empty()) return absl::OkStatus();
     RefineProblem problem;
-    problem.mesh = {known_.positions, package_.mesh.faces, {}};
-    if (knows_labels_) problem.mesh.labels = known_.labels;
+    problem.mesh = {snapshot_.positions, package_.mesh.faces, {}};
+    if (knows_labels_) problem.mesh.labels = snapshot_.labels;
     if (round > 0) problem.start = package_.mesh.vertices;
     problem.cells = package_.cells;
     problem.views = data_.views;
@@ -133,7 +134,7 @@ class CityRefiner {
     const auto first = static_cast<std::ptrdiff_t>(FirstLevelOf(round, geometry.levels.size()));
     geometry.levels.erase(geometry.levels.begin(), geometry.levels.begin() + first);
     geometry.iterations.erase(geometry.iterations.begin(), geometry.iterations.begin() + first);
-    TESSERA_ASSIGN_OR_RETURN(const RefineReport r, RefineGeometry(problem, &known_.positions, geometry, control));
+    TESSERA_ASSIGN_OR_RETURN(const RefineReport r, RefineGeometry(problem, &snapshot_.positions, geometry, control));
     // Only energies of one level compare.
     for (const RefineIteration& iteration : r.iterations) {
       if (iteration.level != geometry.levels.back()) continue;
@@ -150,7 +151,7 @@ class CityRefiner {
     return absl::OkStatus();
   }
 
-  KnownState& known() { return known_; }
+  TileSnapshot& snapshot() { return snapshot_; }
   TileRefinement& refinement() { return refinement_; }
   const TilePackage& package() const { return package_; }
 
@@ -163,13 +164,13 @@ class CityRefiner {
   const Clock& clock_;
   const bool knows_labels_;
   const TileData data_;
-  KnownState known_;
+  TileSnapshot snapshot_;
   TileRefinement refinement_;
 };
 
 }  // namespace
 
-StatusOr<TileRefinement> RefineTile(OpenTile& work, const std::vector<TileView>& views,
+StatusOr<TileRefinement> RefineTile(TileWorkspace& work, const std::vector<TileView>& views,
                                     const TileRefineOptions& options, const TaskControl& control, const Clock& clock) {
   CityRefiner refiner(work, views, options, clock);
   json report = {{"faces", work.package().mesh.faces.size()}, {"views", views.size()}, {"rounds", json::array()}};
@@ -184,14 +185,14 @@ StatusOr<TileRefinement> RefineTile(OpenTile& work, const std::vector<TileView>&
     TESSERA_RETURN_IF_ERROR(refiner.Geometry(round, PartOf(part, 0, 0.95), &of_round));
     TESSERA_RETURN_IF_ERROR(refiner.Labels(PartOf(part, 0.95, 1), &of_round));
   }
-  KnownState& known = refiner.known();
-  if (known.confidence.empty()) {
-    for (const int32_t label : known.labels) {
-      known.confidence.push_back(CarriedConfidence(static_cast<int>(work.package().classes.size()), label));
+  TileSnapshot& snapshot = refiner.snapshot();
+  if (snapshot.confidence.empty()) {
+    for (const int32_t label : snapshot.labels) {
+      snapshot.confidence.push_back(CarriedConfidence(static_cast<int>(work.package().classes.size()), label));
     }
   }
-  known.report = report.dump();
-  refiner.refinement().state = work.StateOf(known);
+  snapshot.report = report.dump();
+  refiner.refinement().state = work.StateOf(snapshot);
   return std::move(refiner.refinement());
 }
 

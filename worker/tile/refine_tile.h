@@ -10,10 +10,10 @@
 #include "common/base/status.h"
 #include "common/base/task_control.h"
 #include "worker/label/unary.h"
-#include "worker/tile/open_tile.h"
 #include "worker/tile/tile_files.h"
 #include "worker/tile/tile_options.h"
 #include "worker/tile/tile_views.h"
+#include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 
@@ -24,8 +24,8 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::
                                          const std::vector<TileView>& views, const ViewGroups& groups,
                                          const TaskControl& control);
 
-// Labels of a region's faces from what the views say of them. `confidence`: 0 where they say nothing. `held`: flags of
-// faces that keep the label of `start`; empty: none.
+// Labels of a region's faces from what the views say of them. `confidence`: 0 where they say nothing. `frozen`: flags
+// of faces that keep the label of `start`; empty: none.
 struct RegionLabels {
   std::vector<int32_t> labels;
   std::vector<float> confidence;
@@ -34,7 +34,7 @@ struct RegionLabels {
 RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region,
                          const std::vector<Eigen::Vector3d>& positions, const std::vector<int32_t>& start,
                          const FaceLikelihoods& sums, const TileRefineOptions& options,
-                         const std::vector<uint8_t>& held = {});
+                         const std::vector<uint8_t>& frozen = {});
 
 // Confidence of labels that are carried through: nothing speaks against them.
 float CarriedConfidence(int classes, int32_t label);
@@ -49,7 +49,7 @@ struct TileRefinement {
 // All steps of a package that holds the whole city: the bytes that the steps give tile by tile. `views` as
 // OpenTileViews gives them. Without likelihoods labels are carried through; with fewer than two views the geometry
 // stays. CANCELLED follows `control`.
-StatusOr<TileRefinement> RefineTile(OpenTile& work, const std::vector<TileView>& views,
+StatusOr<TileRefinement> RefineTile(TileWorkspace& work, const std::vector<TileView>& views,
                                     const TileRefineOptions& options, const TaskControl& control, const Clock& clock);
 
 }  // namespace tessera

@@ -163,7 +163,7 @@ std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const IndexRows& face
   std::vector<uint8_t> regions(core.size());
   for (size_t f = 0; f < regions.size(); ++f) {
     regions[f] = static_cast<uint8_t>((core[f] ? kCoreRegion : 0) | (solve[f] ? kSolveRegion : 0) |
-                                      (mend[f] ? kMendRegion : 0) | (label[f] ? kLabelRegion : 0));
+                                      (mend[f] ? kRepairRegion : 0) | (label[f] ? kLabelRegion : 0));
   }
   return regions;
 }

@@ -30,13 +30,13 @@ CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core
   const std::vector<uint8_t> read =
       FacesForRepair(all, faces_of_vertex, core, RepairReachOf(options), SweptBoxes(all.faces, good, *positions));
   const PickedMesh part = PickFlagged(all, read);
-  std::vector<uint8_t> fixed;
+  std::vector<uint8_t> boundary;
   for (const uint32_t v : part.vertices) {
-    bool some_missing = !region.fixed.empty() && region.fixed[v] != 0;
+    bool some_missing = !region.boundary.empty() && region.boundary[v] != 0;
     for (const uint32_t f : faces_of_vertex[v]) some_missing |= !read[f];
-    fixed.push_back(some_missing);
+    boundary.push_back(some_missing);
   }
-  const MotionGuard guard(part.mesh, fixed, MakeMotionLimits(options, gsd_m));
+  const MotionGuard guard(part.mesh, boundary, MakeMotionLimits(options, gsd_m));
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
     return guard.KeepsFacing(face, from, to);
   };

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "worker/refine/stepper.h"
-#include "worker/tile/open_tile.h"
+#include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 

@@ -26,7 +26,7 @@ namespace tessera {
 enum Region : uint8_t {
   kCoreRegion = 1,
   kSolveRegion = 2,
-  kMendRegion = 4,
+  kRepairRegion = 4,
   kLabelRegion = 8,
   kSampleRegion = 16,  // a few of a neighbour's core, measured here as well to be compared
 };

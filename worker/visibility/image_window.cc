@@ -87,11 +87,6 @@ PosedCamera PyramidCamera(const PosedCamera& camera, int level) {
   return out;
 }
 
-CameraWindow PyramidWindow(const CameraWindow& window, int level) {
-  const PixelRect& r = window.rect;
-  return {PyramidCamera(window.camera, level), {r.x0 >> level, r.y0 >> level, r.x1 >> level, r.y1 >> level}};
-}
-
 PixelRect ProjectedBounds(const TriangleMesh& mesh, const PosedCamera& camera, int margin_px, int alignment_px,
                           double near_m) {
   const PinholeCamera& k = camera.intrinsics;

@@ -32,9 +32,6 @@ struct CameraWindow {
 // row has no counterpart and is cut, so that pixel edges of all levels coincide).
 PosedCamera PyramidCamera(const PosedCamera& camera, int level);
 
-// The same of a window whose corners are multiples of 2^level, or the image's end.
-CameraWindow PyramidWindow(const CameraWindow& window, int level);
-
 // Smallest rectangle with all pixels that `mesh` may cover, grown by `margin_px` and clipped to the image, its corners
 // rounded outward to multiples of `alignment_px` (but never past the image). The whole image where a face crosses the
 // near plane inside the image's cone; empty where nothing is in sight.

@@ -19,8 +19,8 @@
 #include "tests/support/in_process_line.h"
 #include "tests/support/tiny_scene.h"
 #include "worker/city/city_file.h"
-#include "worker/tile/open_tile.h"
 #include "worker/tile/tile_files.h"
+#include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 namespace {
@@ -30,8 +30,8 @@ StatusOr<TaskOutcome> StandStill(const TaskRequest& request) {
   if (request.kind == "measure") return TaskOutcome{{}, "{}", {}};
   if (request.kind != "refine" && request.kind != "solve" && request.kind != "mend") return RunTask(request, {});
   TESSERA_ASSIGN_OR_RETURN(TilePackage package, ReadTilePackage(request.input_dir + "/" + kTileFile));
-  OpenTile work(std::move(package));
-  TESSERA_ASSIGN_OR_RETURN(const KnownState start, work.Join({}, 0));
+  TileWorkspace work(std::move(package));
+  TESSERA_ASSIGN_OR_RETURN(const TileSnapshot start, work.Assemble({}, 0));
   TESSERA_RETURN_IF_ERROR(WriteTileState(request.output_dir + "/" + kStateFile, work.StateOf(start)));
   return TaskOutcome{{kStateFile}, "{}", {}};
 }

@@ -381,7 +381,7 @@ TEST(SmoothSystem, TurnsWithTheScene) {
 }
 
 // Who wants the steps of some vertices gets the bytes of who wants all, in fewer sweeps over the rest.
-TEST(SmoothSystem, WantedStepsAreThoseOfAll) {
+TEST(SmoothSystem, ActiveStepsAreThoseOfAll) {
   for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
@@ -391,18 +391,18 @@ TEST(SmoothSystem, WantedStepsAreThoseOfAll) {
     inter.SetLabels(mesh.labels);
     const InterCurvature curvature = inter.Curvature(mesh.vertices, 0.2);
     Random random(seed);
-    std::vector<uint8_t> wanted(mesh.vertices.size(), 0);
+    std::vector<uint8_t> active(mesh.vertices.size(), 0);
     const size_t count = 1 + random.Below(6);
-    for (size_t i = 0; i < count; ++i) wanted[random.Below(wanted.size())] = 1;
-    SmoothTerm all(mesh, fixed), some(mesh, fixed, wanted);
+    for (size_t i = 0; i < count; ++i) active[random.Below(active.size())] = 1;
+    SmoothTerm all(mesh, fixed), some(mesh, fixed, active);
     all.SetLabels(mesh.labels, kClasses, kMixed);
     some.SetLabels(mesh.labels, kClasses, kMixed);
     for (const int sweeps : {0, 1, 2, 3, 7, 20}) {
       Positions expected, found;
       all.SolveStep(problem.data, problem.rhs, weights, sweeps, &expected, &curvature);
       some.SolveStep(problem.data, problem.rhs, weights, sweeps, &found, &curvature);
-      for (size_t v = 0; v < wanted.size(); ++v) {
-        ASSERT_EQ(found[v], wanted[v] ? expected[v] : Vector3d::Zero().eval()) << seed << " " << sweeps << " " << v;
+      for (size_t v = 0; v < active.size(); ++v) {
+        ASSERT_EQ(found[v], active[v] ? expected[v] : Vector3d::Zero().eval()) << seed << " " << sweeps << " " << v;
       }
     }
   }

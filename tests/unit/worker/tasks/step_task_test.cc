@@ -11,14 +11,14 @@ namespace {
 struct Sampled {
   TilePackage package;
   std::vector<TileSums> sums{2};
-  KnownState known;
+  TileSnapshot snapshot;
 
   Sampled() {
     package.tile = 3;
     package.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {7, 8, 9}};
     package.mesh.faces = {{0, 1, 2}, {3, 1, 2}, {3, 0, 1}};
     package.face_ids = {5, 9, 12};
-    known.positions = package.mesh.vertices;
+    snapshot.positions = package.mesh.vertices;
     sums[0].tile = 3;
     sums[0].face_ids = {5};
     sums[1].tile = 4;
@@ -47,9 +47,9 @@ TEST(CompareSample, WhatIsAlikeIsCountedAsCompared) {
   step.Derivatives();
   labels.Labels();
   for (Sampled* of : {&step, &labels}) {
-    CompareSample(of->package, of->sums, &of->known);
-    EXPECT_EQ(of->known.compared, 2);
-    EXPECT_EQ(of->known.different, 0);
+    CompareSample(of->package, of->sums, &of->snapshot);
+    EXPECT_EQ(of->snapshot.compared, 2);
+    EXPECT_EQ(of->snapshot.different, 0);
   }
 }
 
@@ -57,25 +57,25 @@ TEST(CompareSample, ABitIsADifferenceWithAPlace) {
   Sampled step;
   step.Derivatives();
   step.sums[1].photo[1].curvature[2] = std::nextafter(step.sums[1].photo[1].curvature[2], 1.0f);
-  CompareSample(step.package, step.sums, &step.known);
-  EXPECT_EQ(step.known.compared, 2);
-  EXPECT_EQ(step.known.different, 1);
-  EXPECT_EQ(step.known.farthest_at, Eigen::Vector3d(7, 8, 9));
-  ASSERT_EQ(SeamWarnings(3, step.known).size(), 1u);
+  CompareSample(step.package, step.sums, &step.snapshot);
+  EXPECT_EQ(step.snapshot.compared, 2);
+  EXPECT_EQ(step.snapshot.different, 1);
+  EXPECT_EQ(step.snapshot.farthest_at, Eigen::Vector3d(7, 8, 9));
+  ASSERT_EQ(SeamWarnings(3, step.snapshot).size(), 1u);
   Sampled labels;
   labels.Labels();
   labels.sums[0].sample.likelihoods[3] = 0.5f;
-  CompareSample(labels.package, labels.sums, &labels.known);
-  EXPECT_EQ(labels.known.different, 1);
+  CompareSample(labels.package, labels.sums, &labels.snapshot);
+  EXPECT_EQ(labels.snapshot.different, 1);
 }
 
 TEST(CompareSample, OthersAreNotAsked) {
   Sampled step;
   step.Derivatives();
   step.sums.pop_back();
-  CompareSample(step.package, step.sums, &step.known);
-  EXPECT_EQ(step.known.compared, 0);
-  EXPECT_TRUE(SeamWarnings(3, step.known).empty());
+  CompareSample(step.package, step.sums, &step.snapshot);
+  EXPECT_EQ(step.snapshot.compared, 0);
+  EXPECT_TRUE(SeamWarnings(3, step.snapshot).empty());
 }
 
 }  // namespace

@@ -152,7 +152,7 @@ TEST(CutTile, RegionsHaveAllThatTheOperatorsRead) {
       mend = touching(mend);
     }
     GrowRings(mesh, faces_of_vertex, reach.repair.start_rings, &mend);
-    ExpectHas(FacesWith(cut.package, kMendRegion), mend, "mend");
+    ExpectHas(FacesWith(cut.package, kRepairRegion), mend, "mend");
     ExpectHas(FacesWith(cut.package, kLabelRegion), FacesInReach(links, cell, core, reach.label), "label");
   });
 }
@@ -164,7 +164,7 @@ TEST(CutTile, FlagsExactlyTheVerticesThatLackFaces) {
   int64_t cut_off = 0;
   ForTiles(tiny, ShortReach(), 4, [&](size_t, const std::vector<CellRect>&, const CutResult& cut) {
     const TilePackage& p = cut.package;
-    for (const uint8_t bit : {kCoreRegion, kSolveRegion, kMendRegion, kLabelRegion}) {
+    for (const uint8_t bit : {kCoreRegion, kSolveRegion, kRepairRegion, kLabelRegion}) {
       const std::set<uint32_t> faces = FacesWith(p, bit);
       for (size_t v = 0; v < p.vertex_ids.size(); ++v) {
         size_t in = 0, all = 0;
@@ -205,7 +205,7 @@ TEST(CutTile, ReadsItsOwnTileAndAllWhoseCellsItNeeds) {
       return cells;
     };
     EXPECT_EQ(cut.reads.solve, tiles_of(cells_of(kSolveRegion)));
-    EXPECT_EQ(cut.reads.mend, tiles_of(cells_of(kMendRegion)));
+    EXPECT_EQ(cut.reads.mend, tiles_of(cells_of(kRepairRegion)));
     EXPECT_EQ(cut.reads.label, tiles_of(cells_of(kLabelRegion)));
     // The sample is of one cell beside the core, with all its views.
     const std::set<std::array<int, 2>> sample = cells_of(kSampleRegion);

@@ -66,7 +66,7 @@ TilePackage OnePackage() {
   p.vertex_ids = {4, 5, 9};
   p.face_ids = {7};
   p.regions = {kCoreRegion | kLabelRegion};
-  p.cut_regions = {0, kSolveRegion, kMendRegion};
+  p.cut_regions = {0, kSolveRegion, kRepairRegion};
   return p;
 }
 

@@ -10,8 +10,8 @@
 #include "worker/publish/merge_cores.h"
 #include "worker/publish/report.h"
 #include "worker/refine/descent.h"
-#include "worker/tile/open_tile.h"
 #include "worker/tile/refine_tile.h"
+#include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 namespace {
@@ -19,8 +19,8 @@ namespace {
 // What a tile hands on if `displace` moves the vertices, by their global ids.
 template <class Displace>
 TileState StateOf(const TilePackage& package, const Displace& displace) {
-  OpenTile tile(package);
-  KnownState known = *tile.Join({}, 0);
+  TileWorkspace tile(package);
+  TileSnapshot known = *tile.Assemble({}, 0);
   for (size_t v = 0; v < known.positions.size(); ++v) known.positions[v] += displace(package.vertex_ids[v]);
   return tile.StateOf(known);
 }
@@ -89,7 +89,7 @@ TEST(Tiling, WhatTheTilesAgreeOnIsTheResultInAnyOrder) {
 TEST(Tiling, FacesThatNoViewShowsHaveNoConfidence) {
   const TinyCity tiny = MakeTinyCity();
   const CellRect all = AllCells(tiny.survey);
-  OpenTile tile(CutAll(tiny, {all}, ShortReach())[0].package);
+  TileWorkspace tile(CutAll(tiny, {all}, ShortReach())[0].package);
   const RegionMesh& region = tile.region(kCoreRegion);
   FaceLikelihoods sums(region.faces.size(), 3);
   const size_t unseen = region.faces.size() / 2;
@@ -103,28 +103,28 @@ TEST(Tiling, FacesThatNoViewShowsHaveNoConfidence) {
   for (size_t f = 0; f < region.faces.size(); ++f) EXPECT_EQ(labelled.confidence[f] == 0, f == unseen) << f;
 }
 
-TEST(Tiling, HeldFacesKeepTheirLabelsAgainstAllEvidence) {
+TEST(Tiling, FrozenFacesKeepTheirLabelsAgainstAllEvidence) {
   const TinyCity tiny = MakeTinyCity();
-  OpenTile tile(CutAll(tiny, {AllCells(tiny.survey)}, ShortReach())[0].package);
+  TileWorkspace tile(CutAll(tiny, {AllCells(tiny.survey)}, ShortReach())[0].package);
   const RegionMesh& region = tile.region(kCoreRegion);
   FaceLikelihoods sums(region.faces.size(), 3);
   const std::vector<int32_t> start(region.faces.size(), 2);
-  std::vector<uint8_t> held(region.faces.size(), 0);
+  std::vector<uint8_t> frozen(region.faces.size(), 0);
   for (size_t f = 0; f < region.faces.size(); ++f) {
-    held[f] = f % 3 == 0;
+    frozen[f] = f % 3 == 0;
     sums.pixels[f] = 1000;
     sums.sum[3 * f] = 1000;  // all of them say 0
   }
   const auto label = [&](const std::vector<uint8_t>& flags) {
     return LabelRegion(tile.package(), region, region.mesh.vertices, start, sums, {}, flags).labels;
   };
-  const std::vector<int32_t> with = label(held), without = label({});
+  const std::vector<int32_t> with = label(frozen), without = label({});
   int64_t zeros = 0;
   for (size_t f = 0; f < with.size(); ++f) {
-    if (held[f]) {
+    if (frozen[f]) {
       EXPECT_EQ(with[f], 2) << f;
     }
-    zeros += held[f] && without[f] == 0;
+    zeros += frozen[f] && without[f] == 0;
   }
   EXPECT_GT(zeros, 0) << "which they would not keep by themselves";
 }

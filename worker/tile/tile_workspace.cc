@@ -1,4 +1,4 @@
-#include "worker/tile/open_tile.h"
+#include "worker/tile/tile_workspace.h"
 
 #include <sys/stat.h>
 
@@ -22,28 +22,28 @@ namespace {
 
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
-// Of a face of a package, of a region, and of its stepper.
+// Bytes a face: of a package, of a region, and of its stepper.
 constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300;
 
-// What tiles that nobody works on may hold together.
+// Bound on the bytes of all idle workspaces.
 size_t KeptLimit_bytes() {
   static const auto limit = static_cast<size_t>(std::min(MemoryLimit_bytes() / 8, int64_t{2} << 30));
   return limit;
 }
 
-// Tiles that were worked on last, so that their next step need not begin from the files.
+// Workspaces of recent tasks, so that the next step of their tile need not read the package again.
 class KeptTiles {
  public:
-  std::unique_ptr<OpenTile> Take(const std::string& key) {
+  std::unique_ptr<TileWorkspace> Take(const std::string& key) {
     const std::lock_guard lock(mutex_);
     const auto found = std::find_if(kept_.begin(), kept_.end(), [&](const Kept& kept) { return kept.key == key; });
     if (found == kept_.end()) return nullptr;
-    std::unique_ptr<OpenTile> work = std::move(found->work);
+    std::unique_ptr<TileWorkspace> work = std::move(found->work);
     kept_.erase(found);
     return work;
   }
 
-  void Put(const std::string& key, std::unique_ptr<OpenTile> work) {
+  void Put(const std::string& key, std::unique_ptr<TileWorkspace> work) {
     const std::lock_guard lock(mutex_);
     kept_.push_front({key, std::move(work)});
     size_t bytes = 0;
@@ -56,7 +56,7 @@ class KeptTiles {
  private:
   struct Kept {
     std::string key;
-    std::unique_ptr<OpenTile> work;
+    std::unique_ptr<TileWorkspace> work;
   };
   std::mutex mutex_;
   std::list<Kept> kept_;  // the last used first
@@ -67,7 +67,7 @@ KeptTiles& Kept() {
   return *kept;
 }
 
-// Which file lies at a path, links of both kinds followed: blobs are not changed in place.
+// Identifies the content of the file at `path`, links followed: blobs are never changed in place.
 StatusOr<std::string> ContentKey(const std::string& path) {
   struct stat file = {};
   if (stat(path.c_str(), &file) != 0) return absl::NotFoundError(path + ": " + std::strerror(errno));
@@ -77,19 +77,19 @@ StatusOr<std::string> ContentKey(const std::string& path) {
 
 }  // namespace
 
-StatusOr<std::shared_ptr<OpenTile>> OpenTile::Open(const std::string& path, const std::string& options_key) {
+StatusOr<std::shared_ptr<TileWorkspace>> TileWorkspace::Open(const std::string& path, const std::string& options_key) {
   TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(path));
   const std::string key = absl::StrCat(content, "|", options_key);
-  std::unique_ptr<OpenTile> work = Kept().Take(key);
+  std::unique_ptr<TileWorkspace> work = Kept().Take(key);
   if (work == nullptr) {
     TESSERA_ASSIGN_OR_RETURN(TilePackage package, ReadTilePackage(path));
-    work = std::make_unique<OpenTile>(std::move(package));
+    work = std::make_unique<TileWorkspace>(std::move(package));
   }
-  return std::shared_ptr<OpenTile>(work.release(),
-                                   [key](OpenTile* done) { Kept().Put(key, std::unique_ptr<OpenTile>(done)); });
+  return std::shared_ptr<TileWorkspace>(
+      work.release(), [key](TileWorkspace* done) { Kept().Put(key, std::unique_ptr<TileWorkspace>(done)); });
 }
 
-StatusOr<TileSight*> OpenTile::Sight(const std::string& views_path, const TileRefineOptions& options) {
+StatusOr<TileSight*> TileWorkspace::Sight(const std::string& views_path, const TileRefineOptions& options) {
   TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(views_path));
   if (sight_ == nullptr || sight_content_ != content) {
     TESSERA_ASSIGN_OR_RETURN(std::vector<TileView> views, OpenTileViews(package_, views_path));
@@ -99,10 +99,10 @@ StatusOr<TileSight*> OpenTile::Sight(const std::string& views_path, const TileRe
   return sight_.get();
 }
 
-Stepper& OpenTile::SolveStepper(const std::vector<int32_t>& labels, const std::vector<uint8_t>& held,
-                                const TileRefineOptions& options) {
-  const std::vector<int32_t> known = GeometryKnowsLabels(package_, options) ? labels : std::vector<int32_t>();
-  if (!stepper_ || stepper_->labels != known || stepper_->held != held) {
+Stepper& TileWorkspace::SolveStepper(const std::vector<int32_t>& labels, const std::vector<uint8_t>& frozen,
+                                     const TileRefineOptions& options) {
+  const std::vector<int32_t> visible_labels = GeometryKnowsLabels(package_, options) ? labels : std::vector<int32_t>();
+  if (!stepper_ || stepper_->labels != visible_labels || stepper_->frozen != frozen) {
     const RegionMesh& part = region(kSolveRegion);
     std::vector<uint8_t> core(part.vertices.size(), 0);
     for (size_t f = 0; f < part.faces.size(); ++f) {
@@ -111,16 +111,16 @@ Stepper& OpenTile::SolveStepper(const std::vector<int32_t>& labels, const std::v
     }
     stepper_.reset();
     stepper_ = std::make_unique<LabelledStepper>(
-        LabelledStepper{known, held,
-                        Stepper({part.mesh.vertices, part.mesh.faces, known}, part.fixed, package_.gsd_m, package_.up,
-                                options.geometry, core, held)});
+        LabelledStepper{visible_labels, frozen,
+                        Stepper({part.mesh.vertices, part.mesh.faces, visible_labels}, part.boundary, package_.gsd_m,
+                                package_.up, options.geometry, core, frozen)});
   }
   return stepper_->stepper;
 }
 
-void OpenTile::Forget(Region region) { regions_.erase(region); }
+void TileWorkspace::Forget(Region region) { regions_.erase(region); }
 
-size_t OpenTile::bytes() const {
+size_t TileWorkspace::bytes() const {
   size_t bytes = kPackageBytes * package_.face_ids.size();
   for (const auto& [region, part] : regions_) {
     bytes += (kRegionBytes + (region == kSolveRegion ? kStepperBytes : 0)) * part.faces.size();
@@ -128,13 +128,13 @@ size_t OpenTile::bytes() const {
   return bytes;
 }
 
-OpenTile::ById::ById(const std::vector<uint32_t>& ids_of_places) : places(ids_of_places.size()) {
+TileWorkspace::ById::ById(const std::vector<uint32_t>& ids_of_places) : places(ids_of_places.size()) {
   std::iota(places.begin(), places.end(), 0u);
   std::sort(places.begin(), places.end(), [&](uint32_t a, uint32_t b) { return ids_of_places[a] < ids_of_places[b]; });
   ids = Pick(ids_of_places, places);
 }
 
-OpenTile::OpenTile(TilePackage package)
+TileWorkspace::TileWorkspace(TilePackage package)
     : package_(std::move(package)), faces_by_id_(package_.face_ids), vertices_by_id_(package_.vertex_ids) {
   std::vector<uint8_t> used(package_.vertex_ids.size(), 0);
   for (const uint32_t f : faces_by_id_.places) {
@@ -148,13 +148,13 @@ OpenTile::OpenTile(TilePackage package)
   }
 }
 
-std::vector<uint8_t> OpenTile::measured() const {
+std::vector<uint8_t> TileWorkspace::measured() const {
   std::vector<uint8_t> flags(package_.regions.size());
   for (size_t f = 0; f < flags.size(); ++f) flags[f] = (package_.regions[f] & (kCoreRegion | kSampleRegion)) != 0;
   return flags;
 }
 
-const RegionMesh& OpenTile::region(Region region) {
+const RegionMesh& TileWorkspace::region(Region region) {
   const auto [entry, is_new] = regions_.try_emplace(region);
   RegionMesh& out = entry->second;
   if (!is_new) return out;
@@ -165,70 +165,72 @@ const RegionMesh& OpenTile::region(Region region) {
   out.mesh = std::move(picked.mesh);
   out.vertices = std::move(picked.vertices);
   out.faces = std::move(picked.faces);
-  for (const uint32_t v : out.vertices) out.fixed.push_back((package_.cut_regions[v] & region) != 0);
+  for (const uint32_t v : out.vertices) out.boundary.push_back((package_.cut_regions[v] & region) != 0);
   for (const uint32_t f : out.faces) {
     out.cell.push_back(LabelCellOf(package_.ground, package_.gsd_m, MeshSpans(mesh).Centroid(f)));
   }
-  if (std::find(out.fixed.begin(), out.fixed.end(), 1) == out.fixed.end()) out.fixed.clear();
+  if (std::find(out.boundary.begin(), out.boundary.end(), 1) == out.boundary.end()) out.boundary.clear();
   return out;
 }
 
-StatusOr<KnownState> OpenTile::Join(const std::vector<StateSpans>& states, uint8_t region, const std::vector<int>& held,
-                                    int64_t first_new_face) {
-  KnownState known;
-  known.positions = package_.mesh.vertices;
-  known.labels = package_.mesh.labels;
-  if (states.empty()) return known;
-  const auto is_held = [&](const StateSpans& s) { return std::find(held.begin(), held.end(), s.tile) != held.end(); };
-  // What is held may be of any level.
+StatusOr<TileSnapshot> TileWorkspace::Assemble(const std::vector<StateSpans>& states, uint8_t region,
+                                               const std::vector<int>& frozen, int64_t first_new_face) {
+  TileSnapshot snapshot;
+  snapshot.positions = package_.mesh.vertices;
+  snapshot.labels = package_.mesh.labels;
+  if (states.empty()) return snapshot;
+  const auto is_frozen = [&](const StateSpans& s) {
+    return std::find(frozen.begin(), frozen.end(), s.tile) != frozen.end();
+  };
+  // Frozen tiles may be at any level.
   const bool in_level = std::any_of(states.begin(), states.end(),
-                                    [&](const StateSpans& s) { return !is_held(s) && !s.level_start.empty(); });
-  const bool others_begin = std::all_of(states.begin(), states.end(), is_held);
+                                    [&](const StateSpans& s) { return !is_frozen(s) && !s.level_start.empty(); });
+  const bool others_begin = std::all_of(states.begin(), states.end(), is_frozen);
   if (in_level) {
-    known.level_start = package_.mesh.vertices;
-    known.last_step.assign(known.positions.size(), Eigen::Vector3f::Zero());
+    snapshot.level_start = package_.mesh.vertices;
+    snapshot.last_step.assign(snapshot.positions.size(), Eigen::Vector3f::Zero());
   }
-  std::vector<uint8_t> has_vertex(known.positions.size(), 0), has_face(known.labels.size(), 0);
-  known.confidence.assign(known.labels.size(), 0.0f);
-  if (!held.empty()) {
-    known.held_vertices.assign(has_vertex.size(), 0);
-    known.held_faces.assign(has_face.size(), 0);
+  std::vector<uint8_t> has_vertex(snapshot.positions.size(), 0), has_face(snapshot.labels.size(), 0);
+  snapshot.confidence.assign(snapshot.labels.size(), 0.0f);
+  if (!frozen.empty()) {
+    snapshot.frozen_vertices.assign(has_vertex.size(), 0);
+    snapshot.frozen_faces.assign(has_face.size(), 0);
   }
   for (const StateSpans& state : states) {
-    const bool of_held = is_held(state);
-    // Where no vertex moves, the level began as it is.
-    const std::span<const Eigen::Vector3d> level_start = of_held ? state.positions : state.level_start;
-    if (in_level && (level_start.empty() || (!of_held && state.last_step.empty()))) {
+    const bool of_frozen = is_frozen(state);
+    // Frozen vertices are where the level started.
+    const std::span<const Eigen::Vector3d> level_start = of_frozen ? state.positions : state.level_start;
+    if (in_level && (level_start.empty() || (!of_frozen && state.last_step.empty()))) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": the state of tile ", state.tile,
-                                              " has no beginning of the level, that of others has"));
+                                              " has no level start, but that of other tiles has"));
     }
     vertices_by_id_.ForShared(state.vertex_ids, [&](size_t i, uint32_t v) {
-      if (of_held) known.held_vertices[v] = 1;
+      if (of_frozen) snapshot.frozen_vertices[v] = 1;
       if (has_vertex[v]) {
-        ++known.compared;
-        if (std::memcmp(known.positions[v].data(), state.positions[i].data(), 3 * sizeof(double)) != 0) {
-          ++known.different;
-          const double apart_m = (known.positions[v] - state.positions[i]).norm();
-          if (apart_m >= known.farthest_m) known.farthest_at = known.positions[v];
-          known.farthest_m = std::max(known.farthest_m, apart_m);
+        ++snapshot.compared;
+        if (std::memcmp(snapshot.positions[v].data(), state.positions[i].data(), 3 * sizeof(double)) != 0) {
+          ++snapshot.different;
+          const double apart_m = (snapshot.positions[v] - state.positions[i]).norm();
+          if (apart_m >= snapshot.farthest_m) snapshot.farthest_at = snapshot.positions[v];
+          snapshot.farthest_m = std::max(snapshot.farthest_m, apart_m);
         }
         return;
       }
       has_vertex[v] = 1;
-      known.positions[v] = state.positions[i];
+      snapshot.positions[v] = state.positions[i];
       if (!in_level) return;
-      known.level_start[v] = level_start[i];
-      if (!of_held) known.last_step[v] = state.last_step[i];
+      snapshot.level_start[v] = level_start[i];
+      if (!of_frozen) snapshot.last_step[v] = state.last_step[i];
     });
     faces_by_id_.ForShared(state.face_ids, [&](size_t i, uint32_t f) {
       has_face[f] = 1;
-      if (of_held) known.held_faces[f] = 1;
-      known.labels[f] = state.labels[i];
-      known.confidence[f] = state.confidence[i];
+      if (of_frozen) snapshot.frozen_faces[f] = 1;
+      snapshot.labels[f] = state.labels[i];
+      snapshot.confidence[f] = state.confidence[i];
     });
-    if (state.tile == package_.tile) known.report = state.report;
+    if (state.tile == package_.tile) snapshot.report = state.report;
   }
-  // In sight are whole cells: those of the tiles that were read.
+  // The tiles that were read cover the region.
   for (size_t f = 0; region != 0 && !others_begin && f < has_face.size(); ++f) {
     if (!(package_.regions[f] & region)) continue;
     if (first_new_face >= 0 && package_.face_ids[f] >= first_new_face) continue;
@@ -236,18 +238,18 @@ StatusOr<KnownState> OpenTile::Join(const std::vector<StateSpans>& states, uint8
     if (has_face[f] && has_vertex[face[0]] && has_vertex[face[1]] && has_vertex[face[2]]) continue;
     return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no state has face ", package_.face_ids[f]));
   }
-  if (others_begin) known.confidence.clear();  // none of the core's is known yet
-  return known;
+  if (others_begin) snapshot.confidence.clear();  // the core's faces have none yet
+  return snapshot;
 }
 
-std::vector<uint32_t> OpenTile::PlacesIn(const RegionMesh& part) const {
+std::vector<uint32_t> TileWorkspace::PlacesIn(const RegionMesh& part) const {
   std::vector<uint32_t> places(package_.face_ids.size(), kNone);
   for (uint32_t i = 0; i < part.faces.size(); ++i) places[part.faces[i]] = i;
   return places;
 }
 
-StatusOr<std::vector<FaceSums>> OpenTile::JoinPhoto(const std::vector<TileSums>& sums, Region region,
-                                                    const std::vector<uint8_t>& held) {
+StatusOr<std::vector<FaceSums>> TileWorkspace::AssemblePhoto(const std::vector<TileSums>& sums, Region region,
+                                                             const std::vector<uint8_t>& frozen) {
   const RegionMesh& part = this->region(region);
   std::vector<FaceSums> out(part.faces.size());
   std::vector<uint8_t> has(out.size(), 0);
@@ -263,14 +265,14 @@ StatusOr<std::vector<FaceSums>> OpenTile::JoinPhoto(const std::vector<TileSums>&
   }
   for (size_t i = 0; i < has.size(); ++i) {
     const uint32_t f = part.faces[i];
-    if (!has[i] && (held.empty() || !held[f])) {
+    if (!has[i] && (frozen.empty() || !frozen[f])) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no sums of face ", package_.face_ids[f]));
     }
   }
   return out;
 }
 
-StatusOr<ContourSums> OpenTile::JoinContours(const std::vector<TileSums>& sums, Region region) {
+StatusOr<ContourSums> TileWorkspace::AssembleContours(const std::vector<TileSums>& sums, Region region) {
   struct Entry {
     uint32_t face;
     const TileSums* tile;
@@ -301,8 +303,8 @@ StatusOr<ContourSums> OpenTile::JoinContours(const std::vector<TileSums>& sums, 
   return out;
 }
 
-StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>& sums, Region region,
-                                                    const std::vector<uint8_t>& held) {
+StatusOr<FaceLikelihoods> TileWorkspace::AssembleLikelihoods(const std::vector<TileSums>& sums, Region region,
+                                                             const std::vector<uint8_t>& frozen) {
   const RegionMesh& part = this->region(region);
   const int classes = static_cast<int>(package_.classes.size());
   FaceLikelihoods out(part.faces.size(), classes);
@@ -319,7 +321,7 @@ StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>&
     });
   }
   for (size_t i = 0; i < has.size(); ++i) {
-    if (!has[i] && (held.empty() || !held[part.faces[i]])) {
+    if (!has[i] && (frozen.empty() || !frozen[part.faces[i]])) {
       return absl::DataLossError(
           absl::StrCat("tile ", package_.tile, ": no likelihoods of face ", package_.face_ids[part.faces[i]]));
     }
@@ -327,18 +329,18 @@ StatusOr<FaceLikelihoods> OpenTile::JoinLikelihoods(const std::vector<TileSums>&
   return out;
 }
 
-TileState OpenTile::StateOf(const KnownState& known) const {
+TileState TileWorkspace::StateOf(const TileSnapshot& snapshot) const {
   TileState state;
   state.tile = package_.tile;
   state.vertex_ids = Pick(package_.vertex_ids, core_vertices_);
-  state.positions = Pick(known.positions, core_vertices_);
-  state.level_start = Pick(known.level_start, core_vertices_);
-  state.last_step = Pick(known.last_step, core_vertices_);
+  state.positions = Pick(snapshot.positions, core_vertices_);
+  state.level_start = Pick(snapshot.level_start, core_vertices_);
+  state.last_step = Pick(snapshot.last_step, core_vertices_);
   state.face_ids = Pick(package_.face_ids, core_faces_);
-  state.labels = Pick(known.labels, core_faces_);
-  state.confidence = Pick(known.confidence, core_faces_);
+  state.labels = Pick(snapshot.labels, core_faces_);
+  state.confidence = Pick(snapshot.confidence, core_faces_);
   if (state.confidence.empty()) state.confidence.assign(state.face_ids.size(), 0.0f);
-  state.report = known.report;
+  state.report = snapshot.report;
   return state;
 }
 

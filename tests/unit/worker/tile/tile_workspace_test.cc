@@ -1,5 +1,5 @@
 // What a tile makes of the other tiles' states and sums.
-#include "worker/tile/open_tile.h"
+#include "worker/tile/tile_workspace.h"
 
 #include <gtest/gtest.h>
 
@@ -15,21 +15,21 @@ std::vector<StateSpans> SpansOf(const std::vector<TileState>& states) {
   return spans;
 }
 
-class OpenTileTest : public testing::Test {
+class TileWorkspaceTest : public testing::Test {
  protected:
-  OpenTileTest() : tiny_(MakeTinyCity()) {
+  TileWorkspaceTest() : tiny_(MakeTinyCity()) {
     const CellRect all = AllCells(tiny_.survey);
     const int x = (all.x0 + all.x1) / 2, y = (all.y0 + all.y1) / 2;
     cuts_ =
         CutAll(tiny_, {{all.x0, all.y0, x, y}, {x, all.y0, all.x1, y}, {all.x0, y, x, all.y1}, {x, y, all.x1, all.y1}},
                ShortReach());
     for (const CutResult& cut : cuts_) {
-      OpenTile tile(cut.package);
-      KnownState known = *tile.Join({}, 0);
-      for (size_t v = 0; v < known.positions.size(); ++v) known.positions[v] = Moved(cut.package.vertex_ids[v]);
-      known.confidence.assign(known.labels.size(), 0.5f);
-      known.report = "{\"tile\":" + std::to_string(cut.package.tile) + "}";
-      states_.push_back(tile.StateOf(known));
+      TileWorkspace tile(cut.package);
+      TileSnapshot snapshot = *tile.Assemble({}, 0);
+      for (size_t v = 0; v < snapshot.positions.size(); ++v) snapshot.positions[v] = Moved(cut.package.vertex_ids[v]);
+      snapshot.confidence.assign(snapshot.labels.size(), 0.5f);
+      snapshot.report = "{\"tile\":" + std::to_string(cut.package.tile) + "}";
+      states_.push_back(tile.StateOf(snapshot));
       TileSums sums;
       sums.tile = cut.package.tile;
       sums.face_ids = states_.back().face_ids;
@@ -65,55 +65,55 @@ class OpenTileTest : public testing::Test {
   std::vector<TileSums> sums_;
 };
 
-TEST_F(OpenTileTest, WithoutStatesItIsTheStart) {
-  OpenTile tile(cuts_[0].package);
-  const auto known = tile.Join({}, kSolveRegion);
-  ASSERT_TRUE(known.ok()) << known.status();
-  EXPECT_EQ(known->positions, cuts_[0].package.mesh.vertices);
-  EXPECT_EQ(known->labels, cuts_[0].package.mesh.labels);
+TEST_F(TileWorkspaceTest, WithoutStatesItIsTheStart) {
+  TileWorkspace tile(cuts_[0].package);
+  const auto snapshot = tile.Assemble({}, kSolveRegion);
+  ASSERT_TRUE(snapshot.ok()) << snapshot.status();
+  EXPECT_EQ(snapshot->positions, cuts_[0].package.mesh.vertices);
+  EXPECT_EQ(snapshot->labels, cuts_[0].package.mesh.labels);
 }
 
-TEST_F(OpenTileTest, StatesSayWhereEverythingIs) {
+TEST_F(TileWorkspaceTest, StatesSayWhereEverythingIs) {
   for (size_t t = 0; t < cuts_.size(); ++t) {
-    OpenTile tile(cuts_[t].package);
-    const auto known = tile.Join(SpansOf(states_), kSolveRegion | kMendRegion | kLabelRegion);
-    ASSERT_TRUE(known.ok()) << known.status();
-    for (size_t v = 0; v < known->positions.size(); ++v) {
-      EXPECT_EQ(known->positions[v], Moved(cuts_[t].package.vertex_ids[v]));
+    TileWorkspace tile(cuts_[t].package);
+    const auto snapshot = tile.Assemble(SpansOf(states_), kSolveRegion | kRepairRegion | kLabelRegion);
+    ASSERT_TRUE(snapshot.ok()) << snapshot.status();
+    for (size_t v = 0; v < snapshot->positions.size(); ++v) {
+      EXPECT_EQ(snapshot->positions[v], Moved(cuts_[t].package.vertex_ids[v]));
     }
-    EXPECT_EQ(known->labels, cuts_[t].package.mesh.labels);
-    EXPECT_EQ(known->confidence, std::vector<float>(known->labels.size(), 0.5f));
-    EXPECT_EQ(known->report, states_[t].report);
-    EXPECT_TRUE(known->level_start.empty());
-    EXPECT_GT(known->compared, 0);
-    EXPECT_EQ(known->different, 0);
-    const TileState again = tile.StateOf(*known);
+    EXPECT_EQ(snapshot->labels, cuts_[t].package.mesh.labels);
+    EXPECT_EQ(snapshot->confidence, std::vector<float>(snapshot->labels.size(), 0.5f));
+    EXPECT_EQ(snapshot->report, states_[t].report);
+    EXPECT_TRUE(snapshot->level_start.empty());
+    EXPECT_GT(snapshot->compared, 0);
+    EXPECT_EQ(snapshot->different, 0);
+    const TileState again = tile.StateOf(*snapshot);
     EXPECT_EQ(again.vertex_ids, states_[t].vertex_ids);
     EXPECT_EQ(again.positions, states_[t].positions);
     EXPECT_EQ(again.face_ids, states_[t].face_ids);
   }
 }
 
-TEST_F(OpenTileTest, AMissingNeighbourIsFound) {
-  OpenTile tile(cuts_[0].package);
-  for (const Region region : {kSolveRegion, kMendRegion, kLabelRegion}) {
+TEST_F(TileWorkspaceTest, AMissingNeighbourIsFound) {
+  TileWorkspace tile(cuts_[0].package);
+  for (const Region region : {kSolveRegion, kRepairRegion, kLabelRegion}) {
     const TileReads& all = cuts_[0].reads;
-    const std::vector<int>& reads = region == kSolveRegion ? all.solve : region == kMendRegion ? all.mend : all.label;
+    const std::vector<int>& reads = region == kSolveRegion ? all.solve : region == kRepairRegion ? all.mend : all.label;
     ASSERT_GT(reads.size(), 1u);
     for (const int missing : reads) {
       std::vector<TileState> states;
       for (const int t : reads) {
         if (t != missing) states.push_back(states_[t]);
       }
-      EXPECT_EQ(tile.Join(SpansOf(states), region).status().code(), absl::StatusCode::kDataLoss) << missing;
+      EXPECT_EQ(tile.Assemble(SpansOf(states), region).status().code(), absl::StatusCode::kDataLoss) << missing;
       states.push_back(states_[missing]);
-      EXPECT_TRUE(tile.Join(SpansOf(states), region).ok()) << "all that it reads is enough";
+      EXPECT_TRUE(tile.Assemble(SpansOf(states), region).ok()) << "all that it reads is enough";
     }
   }
 }
 
-TEST_F(OpenTileTest, TilesThatDisagreeAreCounted) {
-  OpenTile tile(cuts_[0].package);
+TEST_F(TileWorkspaceTest, TilesThatDisagreeAreCounted) {
+  TileWorkspace tile(cuts_[0].package);
   // A vertex that tiles 0 and 1 alone share.
   const auto has = [&](size_t t, uint32_t id) {
     return std::binary_search(states_[t].vertex_ids.begin(), states_[t].vertex_ids.end(), id);
@@ -122,50 +122,50 @@ TEST_F(OpenTileTest, TilesThatDisagreeAreCounted) {
   for (size_t v = 0; v < states[1].vertex_ids.size(); ++v) {
     const uint32_t id = states[1].vertex_ids[v];
     if (!has(0, id) || has(2, id) || has(3, id)) continue;
-    const auto before = tile.Join(SpansOf(states), kSolveRegion);
+    const auto before = tile.Assemble(SpansOf(states), kSolveRegion);
     states[1].positions[v].z() = std::nextafter(states[1].positions[v].z(), 1e9);
-    const auto known = tile.Join(SpansOf(states), kSolveRegion);
-    ASSERT_TRUE(before.ok() && known.ok());
-    EXPECT_EQ(known->compared, before->compared);
+    const auto snapshot = tile.Assemble(SpansOf(states), kSolveRegion);
+    ASSERT_TRUE(before.ok() && snapshot.ok());
+    EXPECT_EQ(snapshot->compared, before->compared);
     EXPECT_EQ(before->different, 0);
-    EXPECT_EQ(known->different, 1) << "in the last bit";
-    EXPECT_GT(known->farthest_m, 0);
-    EXPECT_LT(known->farthest_m, 1e-9);
+    EXPECT_EQ(snapshot->different, 1) << "in the last bit";
+    EXPECT_GT(snapshot->farthest_m, 0);
+    EXPECT_LT(snapshot->farthest_m, 1e-9);
     return;
   }
   FAIL() << "no vertex is shared by tiles 0 and 1 alone";
 }
 
-TEST_F(OpenTileTest, ALevelsStartIsKeptWhereAllHaveIt) {
-  OpenTile tile(cuts_[0].package);
+TEST_F(TileWorkspaceTest, ALevelsStartIsKeptWhereAllHaveIt) {
+  TileWorkspace tile(cuts_[0].package);
   for (TileState& state : states_) {
     for (const uint32_t v : state.vertex_ids) {
       state.level_start.push_back(2 * Moved(v));
       state.last_step.push_back(3 * Moved(v).cast<float>());
     }
   }
-  const auto known = tile.Join(SpansOf(states_), kSolveRegion);
-  ASSERT_TRUE(known.ok()) << known.status();
-  ASSERT_EQ(known->level_start.size(), known->positions.size());
-  for (size_t v = 0; v < known->level_start.size(); ++v) {
-    EXPECT_EQ(known->level_start[v], 2 * Moved(cuts_[0].package.vertex_ids[v]));
-    EXPECT_EQ(known->last_step[v], 3 * Moved(cuts_[0].package.vertex_ids[v]).cast<float>());
+  const auto snapshot = tile.Assemble(SpansOf(states_), kSolveRegion);
+  ASSERT_TRUE(snapshot.ok()) << snapshot.status();
+  ASSERT_EQ(snapshot->level_start.size(), snapshot->positions.size());
+  for (size_t v = 0; v < snapshot->level_start.size(); ++v) {
+    EXPECT_EQ(snapshot->level_start[v], 2 * Moved(cuts_[0].package.vertex_ids[v]));
+    EXPECT_EQ(snapshot->last_step[v], 3 * Moved(cuts_[0].package.vertex_ids[v]).cast<float>());
   }
   states_[1].level_start.clear();
-  EXPECT_EQ(tile.Join(SpansOf(states_), kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(tile.Assemble(SpansOf(states_), kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
 }
 
-TEST_F(OpenTileTest, SumsAreThoseOfTheRegionsFaces) {
+TEST_F(TileWorkspaceTest, SumsAreThoseOfTheRegionsFaces) {
   const TilePackage& package = cuts_[0].package;
-  OpenTile tile(package);
+  TileWorkspace tile(package);
   const RegionMesh& solve = tile.region(kSolveRegion);
-  const auto photo = tile.JoinPhoto(sums_, kSolveRegion);
+  const auto photo = tile.AssemblePhoto(sums_, kSolveRegion);
   ASSERT_TRUE(photo.ok()) << photo.status();
   ASSERT_EQ(photo->size(), solve.faces.size());
   for (size_t i = 0; i < photo->size(); ++i) {
     EXPECT_EQ((*photo)[i].pairs, static_cast<float>(package.face_ids[solve.faces[i]]));
   }
-  const auto contours = tile.JoinContours(sums_, kSolveRegion);
+  const auto contours = tile.AssembleContours(sums_, kSolveRegion);
   ASSERT_TRUE(contours.ok()) << contours.status();
   size_t expected = 0;
   for (const uint32_t f : solve.faces) expected += package.face_ids[f] % 5 == 0;
@@ -177,7 +177,7 @@ TEST_F(OpenTileTest, SumsAreThoseOfTheRegionsFaces) {
     EXPECT_EQ(contours->views[contour.views_begin], static_cast<int32_t>(package.face_ids[solve.faces[contour.face]]));
   }
   const RegionMesh& label = tile.region(kLabelRegion);
-  const auto likelihoods = tile.JoinLikelihoods(sums_, kLabelRegion);
+  const auto likelihoods = tile.AssembleLikelihoods(sums_, kLabelRegion);
   ASSERT_TRUE(likelihoods.ok()) << likelihoods.status();
   for (size_t i = 0; i < label.faces.size(); ++i) {
     const auto id = static_cast<float>(package.face_ids[label.faces[i]]);
@@ -186,12 +186,12 @@ TEST_F(OpenTileTest, SumsAreThoseOfTheRegionsFaces) {
   }
 }
 
-TEST_F(OpenTileTest, MissingSumsAreFound) {
-  OpenTile tile(cuts_[0].package);
+TEST_F(TileWorkspaceTest, MissingSumsAreFound) {
+  TileWorkspace tile(cuts_[0].package);
   const std::vector<TileSums> own(sums_.begin(), sums_.begin() + 1);
-  EXPECT_EQ(tile.JoinPhoto(own, kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
-  EXPECT_EQ(tile.JoinLikelihoods(own, kLabelRegion).status().code(), absl::StatusCode::kDataLoss);
-  EXPECT_TRUE(tile.JoinPhoto(own, kCoreRegion).ok());
+  EXPECT_EQ(tile.AssemblePhoto(own, kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(tile.AssembleLikelihoods(own, kLabelRegion).status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_TRUE(tile.AssemblePhoto(own, kCoreRegion).ok());
 }
 
 }  // namespace

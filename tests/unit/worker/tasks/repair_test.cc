@@ -1,4 +1,5 @@
-// The first mend of an update with another mesh: what is held stays where the base has it, whatever repair asks for.
+// The first repair of an update with another mesh: what is frozen stays where the base has it, whatever repair asks
+// for.
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -41,7 +42,7 @@ TilePackage Sheet() {
       p.mesh.faces.push_back({VertexAt(x, y), VertexAt(x + 1, y), VertexAt(x + 1, y + 1)});
       p.mesh.faces.push_back({VertexAt(x, y), VertexAt(x + 1, y + 1), VertexAt(x, y + 1)});
       const int own = x < kBorder ? kCoreRegion : 0;
-      p.regions.insert(p.regions.end(), 2, static_cast<uint8_t>(kMendRegion | own));
+      p.regions.insert(p.regions.end(), 2, static_cast<uint8_t>(kRepairRegion | own));
     }
   }
   p.mesh.labels.assign(p.mesh.faces.size(), 0);
@@ -76,9 +77,9 @@ TileState StateInBase(const TilePackage& p, int tile) {
   return state;
 }
 
-// The left tile's state after the mend.
-TileState Mended(const TilePackage& package, const std::vector<int>& held) {
-  const std::string folder = testing::TempDir() + "mend_test";
+// The left tile's state after the repair.
+TileState Repaired(const TilePackage& package, const std::vector<int>& frozen) {
+  const std::string folder = testing::TempDir() + "repair_test";
   std::filesystem::remove_all(folder);
   const TaskRequest request = [&] {
     StepParameters parameters;
@@ -86,7 +87,7 @@ TileState Mended(const TilePackage& package, const std::vector<int>& held) {
     parameters.before = parameters.goes_on = true;
     parameters.tile.tile = kOwnTile;
     parameters.states = {kOwnTile, kOtherTile};
-    parameters.held = held;
+    parameters.held = frozen;
     parameters.first_new_face = static_cast<int64_t>(package.face_ids.size());
     return TaskRequest{"mend", ToJson(parameters), folder + "/in", folder + "/out"};
   }();
@@ -97,16 +98,16 @@ TileState Mended(const TilePackage& package, const std::vector<int>& held) {
     EXPECT_TRUE(WriteTileState(path, StateInBase(package, tile)).ok());
   }
   EXPECT_TRUE(WriteTilePackage(InputPath(request, kTileFile), package).ok());
-  const auto outcome = RunMend(request, TaskControl(), SystemClock());
+  const auto outcome = RunRepair(request, TaskControl(), SystemClock());
   EXPECT_TRUE(outcome.ok()) << outcome.status();
   auto state = ReadTileState(OutputPath(request, kStateFile));
   EXPECT_TRUE(state.ok()) << state.status();
   return *std::move(state);
 }
 
-TEST(Mend, HeldVerticesAreNotDrawnBack) {
+TEST(RunRepair, FrozenVerticesAreNotDrawnBack) {
   const TilePackage package = Sheet();
-  const TileState with = Mended(package, {kOtherTile}), without = Mended(package, {});
+  const TileState with = Repaired(package, {kOtherTile}), without = Repaired(package, {});
   ASSERT_EQ(with.vertex_ids.size(), (kBorder + 1) * (kWidth + 1));
   int border = 0, drawn_back = 0, would_be = 0;
   for (size_t i = 0; i < with.vertex_ids.size(); ++i) {
