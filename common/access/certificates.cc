@@ -55,7 +55,8 @@ bool AddExtension(X509* certificate, X509* issuer, int kind, const std::string& 
   return extension != nullptr && X509_add_ext(certificate, extension.get(), -1) == 1;
 }
 
-// "DNS:city-server,IP:10.0.0.1". INVALID_ARGUMENT for what is neither.
+// The hosts as a subject alternative name, such as "DNS:city-server,IP:10.0.0.1". INVALID_ARGUMENT for a host that is
+// neither a DNS name nor an IP address.
 StatusOr<std::string> AlternativeNames(const std::vector<std::string>& hosts) {
   std::string names;
   for (const std::string& host : hosts) {
@@ -66,21 +67,21 @@ StatusOr<std::string> AlternativeNames(const std::vector<std::string>& hosts) {
         ip || (!host.empty() && host.size() <= 253 &&
                host.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-*") ==
                    std::string::npos);
-    if (!good) return absl::InvalidArgumentError("'" + host + "': expected a host's name or IP address");
+    if (!good) return absl::InvalidArgumentError("found host '" + host + "', expected a host name or an IP address");
     absl::StrAppend(&names, names.empty() ? "" : ",", ip ? "IP:" : "DNS:", host);
   }
   return names;
 }
 
-// What a key signs with: null for one whose method has its own hash (Ed25519).
+// The hash for signatures by `key`; null for Ed25519 and Ed448, which define their own.
 const EVP_MD* HashFor(const EVP_PKEY* key) {
   return EVP_PKEY_is_a(key, "ED25519") == 1 || EVP_PKEY_is_a(key, "ED448") == 1 ? nullptr : EVP_sha256();
 }
 
-// A key behind a password is none: nobody is asked for it.
+// Makes OpenSSL fail on an encrypted key instead of asking for its password on the terminal.
 int NoPassword(char*, int, int, void*) { return -1; }
 
-// `issuer`, `issuer_key`: null for one that signs itself.
+// `issuer`, `issuer_key`: null for a self-signed certificate.
 StatusOr<Certificate> Make(const CertificateTerms& terms, X509* issuer, EVP_PKEY* issuer_key) {
   const Key key(EVP_EC_gen("P-256"));
   const X509Ptr certificate(X509_new());
@@ -134,7 +135,7 @@ StatusOr<Certificate> MakeCertificate(const Certificate& authority, const Certif
   if (issuer == nullptr || key == nullptr || X509_check_private_key(issuer.get(), key.get()) != 1) {
     ERR_clear_error();
     return absl::InvalidArgumentError(
-        "no certificate authority: a certificate and its key are expected, as PEM without a password");
+        "cannot read the certificate authority: expected a certificate and its private key in PEM, without a password");
   }
   return Make(terms, issuer.get(), key.get());
 }

@@ -1,5 +1,5 @@
-// X.509 certificates for coordinators and, where they are asked for, for those who call them: a certificate authority
-// of one's own and what it signs. Keys are on P-256.
+// X.509 certificates for TLS: a private certificate authority, and the certificates that it signs for coordinators and
+// (with mutual TLS) for their clients. Keys are on the curve P-256.
 #ifndef TESSERA_COMMON_ACCESS_CERTIFICATES_H_
 #define TESSERA_COMMON_ACCESS_CERTIFICATES_H_
 
@@ -18,17 +18,17 @@ struct Certificate {
 
 struct CertificateTerms {
   std::string common_name;
-  // DNS names and IP addresses of a server; none: it is a caller's.
+  // DNS names and IP addresses of a server; empty: a client's certificate.
   std::vector<std::string> hosts;
   int64_t now_s = 0;      // Unix time
-  int64_t begins_s = 0;   // after `now_s`; may be negative
-  int64_t expires_s = 0;  // after `now_s`
+  int64_t begins_s = 0;   // start of validity, relative to `now_s`; may be negative
+  int64_t expires_s = 0;  // end of validity, relative to `now_s`
 };
 
-// Signs itself, and may sign others. Thread-safe, as below.
+// A self-signed certificate that may sign others. Both functions are thread-safe.
 StatusOr<Certificate> MakeAuthority(const CertificateTerms& terms);
 
-// Signed by `authority`. INVALID_ARGUMENT if that is none.
+// A certificate signed by `authority`. INVALID_ARGUMENT if `authority` does not hold a certificate and its key.
 StatusOr<Certificate> MakeCertificate(const Certificate& authority, const CertificateTerms& terms);
 
 }  // namespace tessera

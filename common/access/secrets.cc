@@ -23,7 +23,7 @@ constexpr int64_t kMaxSecretBytes = 4096;
 
 std::string RandomSecret() {
   unsigned char bytes[32];
-  if (::getentropy(bytes, sizeof(bytes)) != 0) std::abort();  // only a kernel without random numbers refuses 32 bytes
+  if (::getentropy(bytes, sizeof(bytes)) != 0) std::abort();  // fails only on kernels without random numbers
   std::string text;
   absl::WebSafeBase64Escape({reinterpret_cast<const char*>(bytes), sizeof(bytes)}, &text);
   return text;
@@ -44,13 +44,14 @@ std::string KeyedHash(const std::string& key, const std::string& message) {
 StatusOr<std::string> ReadSecretFile(const std::string& path) {
   struct stat info;
   if (::stat(path.c_str(), &info) == 0 && (info.st_mode & S_IROTH) != 0) {
-    return absl::PermissionDeniedError(path + " can be read by every local user: chmod 600 " + path);
+    return absl::PermissionDeniedError(path + " is readable by every local user: run chmod 600 " + path);
   }
   TESSERA_ASSIGN_OR_RETURN(std::string secret, ReadFile(path, kMaxSecretBytes));
   while (!secret.empty() && (secret.back() == '\n' || secret.back() == '\r')) secret.pop_back();
   const bool printable = std::all_of(secret.begin(), secret.end(), [](char c) { return c > ' ' && c < 127; });
   if (secret.empty() || !printable) {
-    return InputError(path, "", secret.empty() ? "nothing" : "more than a secret", "a secret as its only line");
+    return InputError(path, "", secret.empty() ? "an empty file" : "spaces, several lines or unprintable characters",
+                      "one line that holds the secret");
   }
   return secret;
 }
@@ -64,8 +65,8 @@ StatusOr<std::string> EnsureSecretFile(const std::string& path) {
   return ReadSecretFile(path);
 }
 
-void LeaveNoCore() {
-  // Not 0: a core that is piped to a program is not subject to the limit, except that the kernel drops it at 1.
+void DisableCoreDumps() {
+  // A limit of 0 does not stop cores that are piped to a program (core_pattern "|..."); a limit of 1 does.
   const rlimit one_byte = {1, 1};
   ::setrlimit(RLIMIT_CORE, &one_byte);
 }

@@ -1,4 +1,4 @@
-// Secrets of processes: made, compared, kept in files that nobody else reads.
+// Secrets of processes: creation, comparison, and storage in files that only the owner can read.
 #ifndef TESSERA_COMMON_ACCESS_SECRETS_H_
 #define TESSERA_COMMON_ACCESS_SECRETS_H_
 
@@ -13,24 +13,24 @@ namespace tessera {
 // 256 random bits as 43 characters of letters, digits, '-' and '_'.
 std::string RandomSecret();
 
-// In a time that does not depend on where they differ.
+// Compares in constant time for equal lengths, so that timing does not reveal where the secrets differ.
 bool SameSecret(const std::string& a, const std::string& b);
 
 // HMAC-SHA256 of `message`, in hex.
 std::string KeyedHash(const std::string& key, const std::string& message);
 
-// The secret that is a file's only line. INVALID_ARGUMENT if it holds anything else; PERMISSION_DENIED if every local
-// user may read it.
+// Reads a secret: the only line of the file, at most 4 KiB. INVALID_ARGUMENT if the file holds anything else;
+// PERMISSION_DENIED if every local user can read it.
 StatusOr<std::string> ReadSecretFile(const std::string& path);
 
-// Replaces `path` by a file that its owner alone may read; as WriteFileAtomic.
+// Replaces `path` atomically by a file that only its owner can read (mode 600), like WriteFileAtomic.
 Status WriteSecretFile(const std::string& path, const std::string& content);
 
-// The secret in the file at `path`, which is made with a new one if it is not there.
+// Reads the secret at `path`; first creates the file with a new random secret if it does not exist.
 StatusOr<std::string> EnsureSecretFile(const std::string& path);
 
-// This process leaves no core file, and none is handed to a collector of cores: they would hold its secrets.
-void LeaveNoCore();
+// Disables core dumps of this process, also those piped to a crash collector, because they would contain its secrets.
+void DisableCoreDumps();
 
 }  // namespace tessera
 

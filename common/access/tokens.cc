@@ -16,6 +16,7 @@ namespace {
 constexpr char kTimeFormat[] = "%Y-%m-%dT%H:%M:%SZ";
 constexpr int64_t kMaxFileBytes = 4 << 20;
 constexpr size_t kMaxNameBytes = 64;
+constexpr char kNameRule[] = "up to 64 letters, digits, '.', '_' and '-', not starting with '.' or '-'";
 
 constexpr std::pair<Role, const char*> kRoles[] = {
     {Role::kViewer, "viewer"}, {Role::kSubmitter, "submitter"}, {Role::kWorker, "worker"}, {Role::kAdmin, "admin"}};
@@ -30,22 +31,22 @@ bool IsName(const std::string& name) {
 
 StatusOr<TokenEntry> ParseLine(const std::vector<std::string>& words, const std::string& path,
                                const std::string& line) {
-  // What a line holds is not told: a token may have been put there by mistake.
+  // Messages never quote the line: a token may have been put there by mistake.
   const auto fault = [&](const std::string& found, const std::string& expected) {
     return InputError(path, line, found, expected);
   };
-  if (words.size() != 4) return fault(absl::StrCat(words.size(), " words"), "NAME ROLE SHA256 EXPIRY");
+  if (words.size() != 4) return fault(absl::StrCat(words.size(), " words"), "4 words: NAME ROLE SHA256 EXPIRY");
   TokenEntry entry;
   entry.name = words[0];
   const auto role = ParseRole(words[1]);
-  if (!role) return fault("no role as the second word", "viewer, submitter, worker or admin");
+  if (!role) return fault("an unknown role as word 2", "viewer, submitter, worker or admin");
   entry.role = *role;
   entry.sha256 = words[2];
-  if (!CheckDigest({entry.sha256, 0}).ok()) return fault("no hash as the third word", "a SHA-256 in lower-case hex");
+  if (!CheckDigest({entry.sha256, 0}).ok()) return fault("no hash as word 3", "a SHA-256 in lower-case hex");
   if (words[3] != "never") {
     absl::Time time;
     if (!absl::ParseTime(kTimeFormat, words[3], &time, nullptr)) {
-      return fault("no time as the fourth word", "never, or as 2027-11-23T00:00:00Z");
+      return fault("no time as word 4", "'never' or a UTC time such as 2027-11-23T00:00:00Z");
     }
     entry.expires_us = std::max<int64_t>(1, absl::ToUnixMicros(time));
   }
@@ -68,8 +69,8 @@ std::string NameOf(Role role) {
   return "";
 }
 
-// That a file is told of: it is read again and again.
-constexpr size_t kMostFaults = 50;
+// Bounds the message of a bad file, which is reported each time that the file is read again.
+constexpr size_t kMaxFaults = 50;
 
 StatusOr<TokenTable> TokenTable::Parse(const std::string& text, const std::string& path) {
   TokenTable table;
@@ -82,10 +83,13 @@ StatusOr<TokenTable> TokenTable::Parse(const std::string& text, const std::strin
     const auto entry = ParseLine(words, path, where);
     Status added = entry.status();
     if (added.ok()) added = table.Add(*entry);
-    if (entry.ok() && !added.ok()) added = InputError(path, where, std::string(added.message()), "another name");
+    if (entry.ok() && !added.ok()) {
+      added = IsName(entry->name) ? InputError(path, where, "a second token named " + entry->name, "a unique name")
+                                  : InputError(path, where, "an invalid name as word 1", kNameRule);
+    }
     faults.Add(added);
-    if (faults.messages().size() == kMostFaults) {
-      faults.Add(InputError(path, where, absl::StrCat(kMostFaults, " faults up to here"), "a file of tokens"));
+    if (faults.messages().size() == kMaxFaults) {
+      faults.Add(InputError(path, where, absl::StrCat(kMaxFaults, " errors so far"), "a file of tokens"));
       break;
     }
   }
@@ -109,11 +113,13 @@ const TokenEntry* TokenTable::Find(const std::string& token) const {
 
 Status TokenTable::Add(const TokenEntry& entry) {
   if (!IsName(entry.name)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("no name: expected up to ", kMaxNameBytes, " letters, digits, '.', '_' and '-'"));
+    return absl::InvalidArgumentError(absl::StrCat("invalid token name: expected ", kNameRule));
   }
   for (const TokenEntry& other : entries_) {
-    if (other.name == entry.name) return absl::InvalidArgumentError("there is a token of the name " + entry.name);
+    if (other.name == entry.name) {
+      return absl::InvalidArgumentError("a token named " + entry.name +
+                                        " exists: choose another name or revoke it first");
+    }
   }
   entries_.push_back(entry);
   return absl::OkStatus();
@@ -124,7 +130,7 @@ bool TokenTable::Remove(const std::string& name) {
 }
 
 std::string TokenTable::ToText() const {
-  std::string text = "# NAME ROLE SHA256-OF-TOKEN EXPIRY; tesserad reads it again when it changes\n";
+  std::string text = "# NAME ROLE SHA256-OF-TOKEN EXPIRY; tesserad reloads this file when it changes\n";
   for (const TokenEntry& entry : entries_) {
     const std::string expiry =
         entry.expires_us == 0

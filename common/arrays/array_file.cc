@@ -10,13 +10,13 @@
 namespace tessera {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "arrays are stored as they lie in memory");
+static_assert(std::endian::native == std::endian::little, "arrays are stored in native byte order");
 
 constexpr char kMagic[8] = {'T', 'E', 'S', 'A', 'R', 'R', '\0', '\1'};
 constexpr uint64_t kAlignment = 64;
 constexpr size_t kFixedHeaderBytes = 32;
 constexpr size_t kEntryBytes = 2 + 1 + 8 + 8 + 8;  // without the name
-constexpr size_t kMostNameBytes = 255;             // names are quoted in messages
+constexpr size_t kMaxNameBytes = 255;              // names are quoted in messages
 
 uint64_t Aligned(uint64_t offset) { return (offset + kAlignment - 1) / kAlignment * kAlignment; }
 
@@ -41,7 +41,7 @@ Status Damaged(const std::string& name, uint64_t offset, const std::string& foun
   return absl::DataLossError(name + ": byte " + std::to_string(offset) + ": found " + found + ", expected " + expected);
 }
 
-// Reads numbers one after the other and knows where it is.
+// Reads consecutive values from `bytes`. Call Has() before Next().
 class Cursor {
  public:
   explicit Cursor(std::string_view bytes) : bytes_(bytes) {}
@@ -84,11 +84,11 @@ static_assert(std::size(kValueBytes) == std::variant_size_v<ArrayData>);
 }  // namespace
 
 Status ArrayFile::Missing(const std::string& array) const {
-  return absl::DataLossError(name + ": array \"" + array + "\": found none");
+  return absl::DataLossError(name + ": array \"" + array + "\" is missing");
 }
 
 Status ArrayFile::WrongType(const std::string& array) const {
-  return absl::DataLossError(name + ": array \"" + array + "\": found another type of values than expected");
+  return absl::DataLossError(name + ": array \"" + array + "\": its value type differs from the expected one");
 }
 
 Status ArrayFile::WrongCount(const std::string& array, int64_t found, int64_t expected) const {
@@ -151,7 +151,7 @@ StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std
     return Damaged(name, 0, std::to_string(bytes.size()) + " bytes", "at least " + std::to_string(kFixedHeaderBytes));
   }
   const std::string magic = cursor.NextString(sizeof(kMagic));
-  if (magic.compare(0, 7, kMagic, 7) != 0) return Damaged(name, 0, "another kind of file", "an array file");
+  if (magic.compare(0, 7, kMagic, 7) != 0) return Damaged(name, 0, "no array file signature", "\"TESARR\"");
   if (magic[7] != kMagic[7]) {
     return Damaged(name, 7, "version " + std::to_string(static_cast<uint8_t>(magic[7])),
                    "version " + std::to_string(kMagic[7]));
@@ -168,9 +168,9 @@ StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std
     if (!cursor.Has(kEntryBytes)) return Damaged(name, at, "the end of the file", "an array's entry");
     ArrayFileHeader::Entry entry;
     const size_t name_bytes = cursor.Next<uint16_t>();
-    if (name_bytes > kMostNameBytes) {
+    if (name_bytes > kMaxNameBytes) {
       return Damaged(name, at, "a name of " + std::to_string(name_bytes) + " bytes",
-                     "at most " + std::to_string(kMostNameBytes));
+                     "at most " + std::to_string(kMaxNameBytes));
     }
     if (!cursor.Has(name_bytes + kEntryBytes - 2)) return Damaged(name, at, "the end of the file", "an array's entry");
     entry.name = cursor.NextString(name_bytes);
@@ -179,10 +179,12 @@ StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std
     entry.offset = cursor.Next<uint64_t>();
     entry.hash = cursor.Next<uint64_t>();
     if (entry.type >= std::size(kValueBytes)) {
-      return Damaged(name, at, "type " + std::to_string(entry.type), "a known type of values");
+      return Damaged(name, at, "value type " + std::to_string(entry.type),
+                     "0 to " + std::to_string(std::size(kValueBytes) - 1));
     }
     if (!entries.empty() && entry.name <= entries.back().name) {
-      return Damaged(name, at, "\"" + entry.name + "\" behind \"" + entries.back().name + "\"", "names in order");
+      return Damaged(name, at, "array \"" + entry.name + "\" after \"" + entries.back().name + "\"",
+                     "names in ascending order");
     }
     entries.push_back(std::move(entry));
   }
@@ -192,13 +194,14 @@ StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std
   header.metadata = cursor.NextString(metadata_bytes);
   const uint64_t header_hash = Xxh3(bytes.data(), cursor.offset());
   const size_t hash_at = cursor.offset();
-  if (cursor.Next<uint64_t>() != header_hash) return Damaged(name, hash_at, "another checksum", "the header's");
+  if (cursor.Next<uint64_t>() != header_hash) return Damaged(name, hash_at, "a wrong checksum", "that of the header");
 
   uint64_t end = cursor.offset();
   for (const ArrayFileHeader::Entry& entry : entries) {
     const uint64_t begin = Aligned(end);
     if (entry.offset != begin) {
-      return Damaged(name, end, "\"" + entry.name + "\" at " + std::to_string(entry.offset), std::to_string(begin));
+      return Damaged(name, end, "array \"" + entry.name + "\" at byte " + std::to_string(entry.offset),
+                     "byte " + std::to_string(begin));
     }
     const uint64_t value_bytes = kValueBytes[entry.type];
     if (begin > bytes.size() || entry.count > (bytes.size() - begin) / value_bytes) {
@@ -206,12 +209,12 @@ StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std
                      std::to_string(entry.count) + " values of \"" + entry.name + "\"");
     }
     for (uint64_t i = end; i < begin; ++i) {
-      if (bytes[i] != '\0') return Damaged(name, i, "a byte between arrays", "zero");
+      if (bytes[i] != '\0') return Damaged(name, i, "a nonzero byte between arrays", "zero");
     }
     end = begin + entry.count * value_bytes;
   }
   if (end != bytes.size()) {
-    return Damaged(name, end, std::to_string(bytes.size() - end) + " bytes more", "the end of the file");
+    return Damaged(name, end, std::to_string(bytes.size() - end) + " more bytes", "the end of the file");
   }
   return header;
 }
@@ -224,7 +227,7 @@ StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& 
   for (const ArrayFileHeader::Entry& entry : header.entries) {
     const uint64_t size = entry.count * kValueBytes[entry.type];
     if (Xxh3(bytes.data() + entry.offset, size) != entry.hash) {
-      return Damaged(name, entry.offset, "another checksum", "that of \"" + entry.name + "\"");
+      return Damaged(name, entry.offset, "a wrong checksum", "that of array \"" + entry.name + "\"");
     }
     ReadValues(entry.type, bytes.data() + entry.offset, size, &file.arrays[entry.name]);
   }

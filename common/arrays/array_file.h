@@ -1,4 +1,4 @@
-// One container for every intermediate file: named typed arrays and a JSON string.
+// The container format of all intermediate files: named typed arrays and a JSON string.
 #ifndef TESSERA_COMMON_ARRAYS_ARRAY_FILE_H_
 #define TESSERA_COMMON_ARRAYS_ARRAY_FILE_H_
 
@@ -17,14 +17,14 @@ namespace tessera {
 using ArrayData = std::variant<std::vector<float>, std::vector<double>, std::vector<int32_t>, std::vector<uint32_t>,
                                std::vector<int64_t>, std::vector<uint8_t>, std::vector<uint16_t>>;
 
-// A plain value; equal values are equal bytes on disk.
+// The content of an array file. Equal contents serialize to equal bytes.
 struct ArrayFile {
-  std::string name = "array file";  // the path it came from, for messages; not stored
+  std::string name = "array file";  // its path, for error messages; not stored
   std::string metadata = "{}";      // canonical JSON
   std::map<std::string, ArrayData> arrays;
 
-  // Moves the array `array` out. DATA_LOSS if it is missing, of another type, or has not `count` values (pass -1 to
-  // take any number).
+  // Removes the array `array` and returns it. DATA_LOSS if it is missing, has another type, or does not have `count`
+  // values (-1: any number).
   template <class T>
   StatusOr<std::vector<T>> Take(const std::string& array, int64_t count = -1) {
     const auto it = arrays.find(array);
@@ -47,14 +47,15 @@ struct ArrayFile {
 
 // Layout (little-endian): "TESARR" 0 VERSION; u64 file size; u64 metadata size; u64 array count; then for each array,
 // by name: u16 name size, name, u8 type, u64 count, u64 offset, u64 XXH3 of its bytes; then the metadata; u64 XXH3 of
-// everything so far; then the arrays' bytes, each at a multiple of 64 with zeros between. Names have 255 bytes at most.
+// all bytes before it; then the arrays, each at a multiple of 64 bytes, with zeros between. Names have at most 255
+// bytes.
 std::string SerializeArrayFile(const ArrayFile& file);
 
-// Strict: anything but what SerializeArrayFile writes is DATA_LOSS with the byte offset, what was found and what was
-// expected. `name` stands for the file in messages.
+// Accepts only the exact bytes that SerializeArrayFile writes; else DATA_LOSS with the byte offset, what was found and
+// what was expected. `name`: the file's path, for messages.
 StatusOr<ArrayFile> ParseArrayFile(const std::string& bytes, const std::string& name);
 
-// Where the arrays of a file lie: what stands before their bytes.
+// The header of an array file: everything before the arrays' bytes.
 struct ArrayFileHeader {
   struct Entry {
     std::string name;
@@ -66,14 +67,14 @@ struct ArrayFileHeader {
   uint64_t file_bytes = 0;
 
   static uint64_t value_bytes(const Entry& entry);
-  uint64_t LayOut();              // fills offsets and file_bytes, and gives the latter
-  std::string Serialize() const;  // after LayOut
+  uint64_t LayOut();              // computes all offsets and file_bytes; returns file_bytes
+  std::string Serialize() const;  // call LayOut first
 };
 
-// Reads and checks all but the arrays' own bytes. Errors as ParseArrayFile's.
+// Reads and checks the header and the padding, not the arrays' bytes. Errors as in ParseArrayFile.
 StatusOr<ArrayFileHeader> ParseArrayFileHeader(std::string_view bytes, const std::string& name);
 
-// Through a temporary name, synced and renamed.
+// Writes a temporary file, syncs it and renames it to `path`.
 Status WriteArrayFile(const std::string& path, const ArrayFile& file);
 StatusOr<ArrayFile> ReadArrayFile(const std::string& path);
 

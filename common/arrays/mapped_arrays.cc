@@ -14,7 +14,7 @@
 namespace tessera {
 namespace {
 
-constexpr size_t kBufferBytes = size_t{1} << 18;  // of an array, between the disk and what is appended
+constexpr size_t kBufferBytes = size_t{1} << 18;  // write buffer of each array
 
 }  // namespace
 
@@ -32,7 +32,7 @@ StatusOr<const ArrayFileHeader::Entry*> MappedArrays::Find(const std::string& ar
     if (entry.name != array) continue;
     if (entry.type != type) {
       return absl::DataLossError(
-          absl::StrCat(path_, ": array \"", array, "\": found another type of values than expected"));
+          absl::StrCat(path_, ": array \"", array, "\": its value type differs from the expected one"));
     }
     if (count >= 0 && entry.count != static_cast<uint64_t>(count)) {
       return absl::DataLossError(
@@ -40,7 +40,7 @@ StatusOr<const ArrayFileHeader::Entry*> MappedArrays::Find(const std::string& ar
     }
     return &entry;
   }
-  return absl::DataLossError(absl::StrCat(path_, ": array \"", array, "\": found none"));
+  return absl::DataLossError(absl::StrCat(path_, ": array \"", array, "\" is missing"));
 }
 
 Status MappedArrays::Verify(const std::string& array) const {
@@ -50,9 +50,9 @@ Status MappedArrays::Verify(const std::string& array) const {
       return absl::OkStatus();
     }
     return absl::DataLossError(
-        absl::StrCat(path_, ": byte ", entry.offset, ": found another checksum, expected that of \"", array, "\""));
+        absl::StrCat(path_, ": byte ", entry.offset, ": found a wrong checksum, expected that of \"", array, "\""));
   }
-  return absl::DataLossError(absl::StrCat(path_, ": array \"", array, "\": found none"));
+  return absl::DataLossError(absl::StrCat(path_, ": array \"", array, "\" is missing"));
 }
 
 void MappedArrays::Release(const std::string& array) const {
@@ -63,7 +63,7 @@ void MappedArrays::Release(const std::string& array) const {
 
 struct ArrayFileWriter::Region {
   Xxh3Hasher hasher;
-  uint64_t written_bytes = 0;  // buffer included
+  uint64_t written_bytes = 0;  // including the buffer
   std::string buffer;
 };
 

@@ -1,4 +1,4 @@
-// Array files larger than memory: written front to back, read in parts.
+// Reading and writing of array files larger than memory.
 #ifndef TESSERA_COMMON_ARRAYS_MAPPED_ARRAYS_H_
 #define TESSERA_COMMON_ARRAYS_MAPPED_ARRAYS_H_
 
@@ -15,17 +15,17 @@
 
 namespace tessera {
 
-// An array file in the address space. Const members are thread-safe.
+// A memory-mapped array file. Const members are thread-safe.
 class MappedArrays {
  public:
-  // Checks the header and that all arrays are there. DATA_LOSS as ParseArrayFile, but values are not read: whoever uses
-  // a part checks it, by Verify or by checksums of its own.
+  // Checks the header and the file's size; DATA_LOSS as in ParseArrayFile. Does not read the values: the user of an
+  // array checks it with Verify or with checksums of its own.
   static StatusOr<MappedArrays> Open(const std::string& path);
 
   const std::string& metadata() const { return header_.metadata; }
   const std::string& path() const { return path_; }
 
-  // The array's values; they live as long as this object. DATA_LOSS if it is missing, of another type, or has not
+  // The array's values, valid as long as this object. DATA_LOSS if it is missing, has another type, or does not have
   // `count` values (-1: any number).
   template <class T>
   StatusOr<std::span<const T>> Get(const std::string& array, int64_t count = -1) const {
@@ -33,14 +33,15 @@ class MappedArrays {
                              Find(array, ArrayData(std::vector<T>()).index(), count));
     return std::span<const T>(reinterpret_cast<const T*>(file_.data() + entry->offset), entry->count);
   }
-  // The same, its bytes compared with their checksum.
+  // Verify, then Get.
   template <class T>
   StatusOr<std::span<const T>> Verified(const std::string& array, int64_t count = -1) const {
     TESSERA_RETURN_IF_ERROR(Verify(array));
     return Get<T>(array, count);
   }
+  // Compares the array's bytes with their checksum; DATA_LOSS if they differ.
   Status Verify(const std::string& array) const;
-  // Gives the array's pages back to the system, which reads them again when they are asked for.
+  // Releases the array's memory pages; the system reads them again on the next access.
   void Release(const std::string& array) const;
 
  private:
@@ -51,8 +52,8 @@ class MappedArrays {
   ArrayFileHeader header_;
 };
 
-// Writes an array file whose counts are known beforehand; arrays grow side by side, in any order among each other. The
-// bytes are those of WriteArrayFile. Not thread-safe.
+// Writes an array file piece by piece; the number of values of each array is known in advance. Appends to different
+// arrays may alternate. The file equals that of WriteArrayFile, byte for byte. Not thread-safe.
 class ArrayFileWriter {
  public:
   struct Array {
@@ -66,13 +67,13 @@ class ArrayFileWriter {
   ArrayFileWriter(const ArrayFileWriter&) = delete;
   ArrayFileWriter& operator=(const ArrayFileWriter&) = delete;
 
-  // Appends to the array `name`. A fault of the disk is kept for Finish. Aborts if there is no such array of this type.
+  // Appends to the array `name`. Finish returns errors of the disk. Aborts if there is no array of this name and type.
   template <class T>
   void Append(const std::string& name, std::span<const T> values) {
     AppendBytes(name, ArrayData(std::vector<T>()).index(), values.data(), values.size_bytes());
   }
 
-  // Makes the file appear under its name, durable. INTERNAL if an array has not the announced number of values.
+  // Syncs the file and renames it to its path. INTERNAL if an array does not have the announced number of values.
   Status Finish();
 
  private:

@@ -1,4 +1,5 @@
-// Time, passed in: nothing below a main() asks the machine for it.
+// Interface to the system's clocks. It is passed in, so that tests can use a fake clock; only main() makes a
+// SystemClock.
 #ifndef TESSERA_COMMON_BASE_CLOCK_H_
 #define TESSERA_COMMON_BASE_CLOCK_H_
 
@@ -11,13 +12,13 @@ namespace tessera {
 class Clock {
  public:
   virtual ~Clock() = default;
-  // Microseconds since 1970-01-01 UTC; may jump when the machine's time is set. For what is stored and shown.
+  // Microseconds since 1970-01-01 UTC, for times that are stored or displayed. May jump when the system time is set.
   virtual int64_t UnixTimeUs() const = 0;
-  // Microseconds since some fixed moment; never goes back. For leases and rates.
+  // Microseconds since an arbitrary fixed time, for leases and rates. Never decreases.
   virtual int64_t MonotonicUs() const = 0;
 };
 
-// The machine's own clocks.
+// The clocks of the operating system.
 class SystemClock : public Clock {
  public:
   int64_t UnixTimeUs() const override {

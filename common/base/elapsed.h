@@ -1,4 +1,4 @@
-// Seconds of the clock.
+// Elapsed time in seconds.
 #ifndef TESSERA_COMMON_BASE_ELAPSED_H_
 #define TESSERA_COMMON_BASE_ELAPSED_H_
 
@@ -8,7 +8,7 @@
 
 namespace tessera {
 
-// `start_us`: an earlier MonotonicUs of the same clock.
+// Seconds since `start_us`, an earlier MonotonicUs() of the same clock.
 inline double SecondsSince(const Clock& clock, int64_t start_us) {
   return 1e-6 * static_cast<double>(clock.MonotonicUs() - start_us);
 }

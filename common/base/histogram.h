@@ -1,4 +1,4 @@
-// How often values were how large.
+// A histogram with fixed buckets, for metrics.
 #ifndef TESSERA_COMMON_BASE_HISTOGRAM_H_
 #define TESSERA_COMMON_BASE_HISTOGRAM_H_
 
@@ -12,9 +12,9 @@ namespace tessera {
 // Not thread-safe.
 class Histogram {
  public:
-  // `bounds`: ascending, each the largest value of its bucket; what is above the last has one of its own.
+  // `bounds`: ascending inclusive upper bounds of the buckets; values above the last bound go into one more bucket.
   explicit Histogram(std::vector<double> bounds) : bounds_(std::move(bounds)), counts_(bounds_.size() + 1) {}
-  // A value that is not a number counts as one above all bounds, and adds nothing to the sum.
+  // NaN is counted in the last bucket and is not added to the sum.
   void Add(double value) {
     const auto not_less = [value](double bound) { return value <= bound; };
     ++counts_[std::find_if(bounds_.begin(), bounds_.end(), not_less) - bounds_.begin()];
@@ -22,7 +22,7 @@ class Histogram {
     if (value == value) sum_ += value;
   }
   const std::vector<double>& bounds() const { return bounds_; }
-  const std::vector<int64_t>& counts() const { return counts_; }  // of each bucket, not cumulative
+  const std::vector<int64_t>& counts() const { return counts_; }  // one per bucket, not cumulative
   int64_t count() const { return count_; }
   double sum() const { return sum_; }
 

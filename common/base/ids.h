@@ -1,4 +1,4 @@
-// Strong integer ids: a FaceId is no VertexId and no int.
+// Strong integer ids: ids of different things, and ids and integers, do not convert to each other.
 #ifndef TESSERA_COMMON_BASE_IDS_H_
 #define TESSERA_COMMON_BASE_IDS_H_
 

@@ -1,4 +1,4 @@
-// Strings that are said a million times: kinds of tasks, workers, files.
+// Interned strings, for values that are stored many times: task kinds, worker names, file names.
 #ifndef TESSERA_COMMON_BASE_INTERNED_STRING_H_
 #define TESSERA_COMMON_BASE_INTERNED_STRING_H_
 
@@ -11,8 +11,8 @@
 
 namespace tessera {
 
-// A constant string in the memory of a pointer: equal ones of the process share what they hold, which goes with the
-// last of them. Made and copied under a lock of its own; else as thread-safe as a std::string.
+// A constant string of the size of a pointer. Equal strings of the process share one reference-counted buffer.
+// Construction and copies take an internal lock; otherwise as thread-safe as std::string.
 class InternedString {
  public:
   InternedString() = default;

@@ -20,8 +20,8 @@ Status CheckJsonDepth(const std::string& what, std::string_view text) {
     }
   }
   if (deepest <= kMaxJsonDepth) return absl::OkStatus();
-  return InputError(what, "", "JSON nested " + std::to_string(deepest) + " deep",
-                    "at most " + std::to_string(kMaxJsonDepth));
+  return InputError(what, "", "JSON nested " + std::to_string(deepest) + " levels deep",
+                    "at most " + std::to_string(kMaxJsonDepth) + " levels");
 }
 
 }  // namespace tessera

@@ -1,5 +1,5 @@
-// A bound on JSON from outside, to be checked before it is parsed: values are copied, written and compared by functions
-// that call themselves once a level, and a deep one would overflow the stack.
+// A bound on the depth of JSON from outside. Check it before parsing: the JSON library recurses once per level when it
+// copies, writes or compares values, so deep input would overflow the stack.
 #ifndef TESSERA_COMMON_BASE_JSON_BOUNDS_H_
 #define TESSERA_COMMON_BASE_JSON_BOUNDS_H_
 
@@ -10,10 +10,10 @@
 
 namespace tessera {
 
-inline constexpr int kMaxJsonDepth = 64;  // arrays and objects inside each other; ours have less than ten
+inline constexpr int kMaxJsonDepth = 64;  // nested arrays and objects; files of this project have fewer than 10
 
-// INVALID_ARGUMENT if arrays and objects nest deeper than kMaxJsonDepth in `text`, which errors call `what`. Whether it
-// is JSON at all is the parser's to say.
+// INVALID_ARGUMENT if arrays and objects in `text` nest deeper than kMaxJsonDepth. `what` names the text in the
+// message. Does not check whether `text` is valid JSON.
 Status CheckJsonDepth(const std::string& what, std::string_view text);
 
 }  // namespace tessera

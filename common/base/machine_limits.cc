@@ -22,15 +22,15 @@ int64_t& UserLimit_bytes() {
   return limit;
 }
 
-// The number that the file begins with; `otherwise` where there is no such file, or it holds a word ("max").
-int64_t ReadNumber(const std::string& path, int64_t otherwise) {
+// The number at the start of the file; `fallback` if there is no file or no number ("max").
+int64_t ReadNumber(const std::string& path, int64_t fallback) {
   std::ifstream file(path);
   int64_t number = 0;
-  return file >> number ? number : otherwise;
+  return file >> number ? number : fallback;
 }
 
-// Calls visit(folder) for the process's group of `controller` ("": version 2) and every one above it, the mount itself
-// last: in a container that may be all that is seen of the group.
+// Calls visit(folder) for the process's control group of `controller` ("": version 2) and for each of its ancestors.
+// The mount point comes last: in a container it may be the only folder of the group that is visible.
 void ForEachGroup(const std::string& root, const std::string& controller,
                   const std::function<void(const std::string& folder)>& visit) {
   std::ifstream groups(root + "/proc/self/cgroup");
@@ -67,7 +67,7 @@ int64_t GroupMemoryLimit_bytes(const std::string& root) {
 double GroupCoreLimit(const std::string& root) {
   double least = 0;
   const auto limit = [&](int64_t quota, int64_t period) {
-    if (quota <= 0 || period <= 0) return;  // -1, "max" or no such file: none
+    if (quota <= 0 || period <= 0) return;  // -1, "max" or no file: no limit
     const double cores = static_cast<double>(quota) / static_cast<double>(period);
     least = least > 0 ? std::min(least, cores) : cores;
   };

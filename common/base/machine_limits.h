@@ -1,4 +1,5 @@
-// What of its machine a process may really use: containers, batch systems and affinity masks give it less than there is.
+// Memory and cores that a process may use. Containers, batch systems and affinity masks allow less than the machine
+// has.
 #ifndef TESSERA_COMMON_BASE_MACHINE_LIMITS_H_
 #define TESSERA_COMMON_BASE_MACHINE_LIMITS_H_
 
@@ -7,23 +8,23 @@
 
 namespace tessera {
 
-// The least limit of memory that a control group of this process, or one above it, has (version 2: memory.max,
-// version 1: memory.limit_in_bytes); int64_t's largest where there is none. `root` stands for "/" in the paths that are
-// read, for tests.
+// The smallest memory limit of this process's control group and its ancestors (version 2: memory.max, version 1:
+// memory.limit_in_bytes); the largest int64_t if there is none. `root` replaces "/" in the paths that are read; for
+// tests.
 int64_t GroupMemoryLimit_bytes(const std::string& root = "");
 
-// The same of processor time, in cores (cpu.max; cpu.cfs_quota_us / cpu.cfs_period_us); 0: no limit.
+// The same for processor time, in cores (cpu.max; cpu.cfs_quota_us / cpu.cfs_period_us); 0: no limit.
 double GroupCoreLimit(const std::string& root = "");
 
-// The memory that this process may come to use: the machine's, its control groups', its own limit (RLIMIT_AS,
-// RLIMIT_DATA) or what SetMemoryLimit said, whichever is least.
+// The memory that this process may use: the smallest of the machine's memory, the limits of its control groups, its
+// resource limits (RLIMIT_AS, RLIMIT_DATA) and the value passed to SetMemoryLimit.
 int64_t MemoryLimit_bytes();
 
-// A limit that the user set; 0: none. To be called before threads are started.
+// Sets the user's limit; 0: none. Not thread-safe: call it before starting threads.
 void SetMemoryLimit(int64_t bytes);
 
-// The cores that this process may use at a time: the machine's, those of its affinity mask, or its control groups' share
-// (rounded down), whichever is least; at least 1.
+// The cores that this process may use at the same time: the smallest of the machine's cores, those of its affinity mask
+// and its control groups' limit (rounded down); at least 1.
 int CoreLimit();
 
 }  // namespace tessera

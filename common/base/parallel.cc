@@ -14,7 +14,7 @@ namespace tessera {
 namespace {
 
 #ifdef __SANITIZE_THREAD__
-// Debian's oneTBB is not instrumented: that it hands chunks over is not seen, and every loop would be reported.
+// Under ThreadSanitizer, use plain threads: Debian's oneTBB is not instrumented, so every loop would be reported.
 void ForEachChunk(int64_t chunks, const std::function<void(int64_t)>& run) {
   std::atomic<int64_t> next = 0;
   const auto work = [&] {

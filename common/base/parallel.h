@@ -1,4 +1,4 @@
-// Parallel loops over fixed chunks, so that sums reduced chunk by chunk do not depend on the number of threads.
+// Parallel loops over fixed chunks. Sums reduced chunk by chunk do not depend on the number of threads.
 #ifndef TESSERA_COMMON_BASE_PARALLEL_H_
 #define TESSERA_COMMON_BASE_PARALLEL_H_
 
@@ -13,14 +13,14 @@ namespace tessera {
 // of the process. The chunks are the same for every number of threads. `body` must not throw.
 void ParallelFor(int64_t count, int64_t grain, const std::function<void(int64_t begin, int64_t end)>& body);
 
-// Sum of body(begin, end) over the same chunks, added in the order of the chunks: the same bytes for every number of
+// Sum of body(begin, end) over the same chunks, added in the order of the chunks: bit-identical for every number of
 // threads.
 double ParallelSum(int64_t count, int64_t grain, const std::function<double(int64_t begin, int64_t end)>& body);
 
-// Threads that ParallelFor may use now, at least one.
+// The number of threads that ParallelFor may use now; at least 1.
 int ThreadCount();
 
-// Bounds the threads that ParallelFor uses in the whole process while it lives; 0 means one for each core.
+// Limits the threads of ParallelFor in the whole process for the lifetime of the object; 0: one per core.
 class ThreadLimit {
  public:
   explicit ThreadLimit(int threads);

@@ -1,4 +1,4 @@
-// Some of many values.
+// Selection of elements by index.
 #ifndef TESSERA_COMMON_BASE_PICK_H_
 #define TESSERA_COMMON_BASE_PICK_H_
 
@@ -7,14 +7,13 @@
 
 namespace tessera {
 
-// Those of `values` at `places`, in the places' order; none if there are no values at all, for what is not known of
-// anything is not known of some.
+// values[i] for each i of `indices`, in that order. Empty if `values` is empty: an empty array means "not available".
 template <class T>
-std::vector<T> Pick(const std::vector<T>& values, const std::vector<uint32_t>& places) {
+std::vector<T> Pick(const std::vector<T>& values, const std::vector<uint32_t>& indices) {
   std::vector<T> picked;
   if (values.empty()) return picked;
-  picked.reserve(places.size());
-  for (const uint32_t place : places) picked.push_back(values[place]);
+  picked.reserve(indices.size());
+  for (const uint32_t index : indices) picked.push_back(values[index]);
   return picked;
 }
 

@@ -9,10 +9,10 @@ namespace {
 struct Character {
   uint32_t code = 0;
   size_t bytes = 1;
-  bool valid = false;  // else: one byte that begins no character
+  bool valid = false;  // false: one byte that does not start a character
 };
 
-// The character at the start of `text`, which is not empty. Neither overlong forms nor surrogates are valid.
+// Decodes the first character of `text`, which is not empty. Overlong forms and surrogates are invalid.
 Character First(std::string_view text) {
   const auto byte = [&](size_t i) { return static_cast<unsigned char>(text[i]); };
   const uint32_t lead = byte(0);
@@ -29,7 +29,7 @@ Character First(std::string_view text) {
   return {code, bytes, true};
 }
 
-// Whether it is to be escaped. U+200C and U+200D are part of words and of emoji.
+// Whether the character must be escaped. U+200C and U+200D are not: words and emoji use them.
 bool IsHidden(uint32_t code) {
   struct Range {
     uint32_t first, last;

@@ -1,4 +1,4 @@
-// Random numbers that are the same on every machine: SplitMix64 (Steele, Lea, Flood 2014). Seeds are passed in.
+// Pseudo-random numbers that are equal on every machine: SplitMix64 (Steele, Lea, Flood 2014). Seeds are passed in.
 #ifndef TESSERA_COMMON_BASE_RANDOM_H_
 #define TESSERA_COMMON_BASE_RANDOM_H_
 
@@ -7,7 +7,7 @@
 
 namespace tessera {
 
-// SplitMix64's finaliser: a hash of 64 bits.
+// SplitMix64's finaliser: a 64-bit hash.
 constexpr uint64_t MixBits(uint64_t x) {
   x += 0x9e3779b97f4a7c15ull;
   x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;

@@ -8,7 +8,7 @@ namespace tessera {
 namespace {
 
 constexpr char kReason[] = "Refusal", kLimitParts[] = "Limit", kDelay[] = "RetryDelay";
-constexpr double kRestart_s = 3;  // until a coordinator that ends may have been started again
+constexpr double kRestart_s = 3;  // typical time until a stopped coordinator runs again
 
 }  // namespace
 
@@ -29,8 +29,8 @@ Refusal RefusalOf(const Status& status) {
 
 Status LimitError(const Limit& limit, const std::string& advice) {
   Status error =
-      Refuse(Refusal::kLimit, absl::ResourceExhaustedError(limit.what + ": " + std::to_string(limit.most) +
-                                                           " is the most (" + limit.flag + " of tesserad); " + advice));
+      Refuse(Refusal::kLimit, absl::ResourceExhaustedError(limit.what + ": limit " + std::to_string(limit.most) +
+                                                           " reached (tesserad " + limit.flag + "); " + advice));
   SetLimit(error, limit);
   return error;
 }
@@ -45,10 +45,9 @@ Limit LimitOf(const Status& status) {
   return {parts[0], std::strtoll(parts[1].c_str(), nullptr, 10), parts[2]};
 }
 
-Status DrainingError(const std::string& does) {
+Status DrainingError(const std::string& action) {
   return RetryAfter(
-      Refuse(Refusal::kDraining, absl::UnavailableError("the coordinator is about to end and " + does + " any more")),
-      kRestart_s);
+      Refuse(Refusal::kDraining, absl::UnavailableError("the coordinator is shutting down and " + action)), kRestart_s);
 }
 
 Status RetryAfter(Status error, double seconds) {

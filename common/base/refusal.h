@@ -1,4 +1,4 @@
-// Why a coordinator refuses what it is asked, where the caller acts on it: codes of statuses have other meanings too.
+// Machine-readable reasons of a coordinator's errors, for callers that act on them. A status code alone is ambiguous.
 #ifndef TESSERA_COMMON_BASE_REFUSAL_H_
 #define TESSERA_COMMON_BASE_REFUSAL_H_
 
@@ -9,41 +9,43 @@
 
 namespace tessera {
 
-// The numbers of these are those of tessera.v1.
+// The numbers equal those of tessera.v1.Refusal.Reason.
 enum class Refusal {
   kNone = 0,           // any other error
-  kUnknownWorker = 1,  // not registered, or forgotten: to register again
-  kOtherVersion = 2,   // of the algorithms: not to ask again
-  kNotCurrent = 3,     // the attempt is over, or of a task that there is not: its work is to be dropped
-  kLimit = 4,          // the caller, or all together, have as much as they may; nothing was done
-  kDraining = 5,       // the coordinator is about to end and takes nothing new; nothing was done
+  kUnknownWorker = 1,  // the worker is not registered or its registration expired: register again
+  kOtherVersion = 2,   // the worker's algorithm version differs: do not retry
+  kNotCurrent = 3,     // the attempt has ended or its task does not exist: drop its work
+  kLimit = 4,          // a limit of the caller or of the coordinator is reached; the call had no effect
+  kDraining = 5,       // the coordinator is shutting down and accepts nothing new; the call had no effect
 };
 
-// What follows is given back by the function of the same matter, also across the network (status_conversion.h).
+// Each setter below has a getter that returns the same value, also after the error crossed the network
+// (status_conversion.h).
 
-// The error with its reason.
+// Adds `reason` to `error`.
 Status Refuse(Refusal reason, Status error);
 Refusal RefusalOf(const Status& status);
 
-// Of what there is as much as there may be.
+// A limit that was reached.
 struct Limit {
   std::string what;  // "watches of 'anna'"
   int64_t most = 0;
-  std::string flag;  // of tesserad, which sets it
+  std::string flag;  // the option of tesserad that sets it, such as "--max-watches"
 };
 
-// RESOURCE_EXHAUSTED, Refusal::kLimit, with the limit, how it is set and what to do (`advice`) in its message.
+// RESOURCE_EXHAUSTED with Refusal::kLimit. The message states the limit, the option that sets it and what to do
+// (`advice`).
 Status LimitError(const Limit& limit, const std::string& advice);
-void SetLimit(Status& error, const Limit& limit);  // without a word in the message
-// An empty `what` if no limit was told.
+void SetLimit(Status& error, const Limit& limit);  // leaves the message unchanged
+// `what` is empty if the error carries no limit.
 Limit LimitOf(const Status& status);
 
-// UNAVAILABLE, Refusal::kDraining, of a coordinator that ends and so `does` no more what it is asked.
-Status DrainingError(const std::string& does);
+// UNAVAILABLE with Refusal::kDraining: "the coordinator is shutting down and ACTION", such as "accepts no jobs".
+Status DrainingError(const std::string& action);
 
-// The error with when the same call may succeed, in seconds.
+// Adds to `error` the time in seconds after which the same call may succeed.
 Status RetryAfter(Status error, double seconds);
-// 0: not known.
+// 0: unknown.
 double RetryDelayOf(const Status& status);
 
 }  // namespace tessera

@@ -7,16 +7,16 @@
 namespace tessera {
 namespace {
 
-constexpr char kFaults[] = "Faults";                  // four parts each
-constexpr size_t kPartsOfFault = 4, kMaxFaults = 50;  // that are told in parts
+constexpr char kFaults[] = "Faults";                  // payload: four strings per fault
+constexpr size_t kPartsOfFault = 4, kMaxFaults = 50;  // faults beyond kMaxFaults are in the message only
 
 }  // namespace
 
-Status InputError(const std::string& file, const std::string& place, const std::string& found,
+Status InputError(const std::string& file, const std::string& location, const std::string& found,
                   const std::string& expected) {
   Status error = absl::InvalidArgumentError(
-      absl::StrCat(file, place.empty() ? "" : ": ", place, ": found ", found, ", expected ", expected));
-  SetFaults(error, {{file, place, found, expected}});
+      absl::StrCat(file, location.empty() ? "" : ": ", location, ": found ", found, ", expected ", expected));
+  SetFaults(error, {{file, location, found, expected}});
   return error;
 }
 
@@ -24,7 +24,7 @@ void SetFaults(Status& error, const std::vector<InputFault>& faults) {
   std::vector<std::string> parts;
   for (const InputFault& fault : faults) {
     if (parts.size() >= kPartsOfFault * kMaxFaults) break;
-    parts.insert(parts.end(), {fault.file, fault.place, fault.found, fault.expected});
+    parts.insert(parts.end(), {fault.file, fault.location, fault.found, fault.expected});
   }
   if (!parts.empty()) SetParts(error, kFaults, parts);
 }

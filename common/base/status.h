@@ -1,4 +1,4 @@
-// Errors: absl::Status everywhere, with the house's own wording for bad input.
+// Errors: absl::Status, with one wording for wrong input.
 #ifndef TESSERA_COMMON_BASE_STATUS_H_
 #define TESSERA_COMMON_BASE_STATUS_H_
 
@@ -13,37 +13,37 @@ namespace tessera {
 using absl::Status;
 using absl::StatusOr;
 
-// Where input is wrong: file, place in it ("line 12", "byte 4096", "faces[7]"; may be empty), what was found there
-// and what was expected. Gives INVALID_ARGUMENT reading "FILE: PLACE: found FOUND, expected EXPECTED".
-Status InputError(const std::string& file, const std::string& place, const std::string& found,
+// INVALID_ARGUMENT for wrong input, with the message "FILE: LOCATION: found FOUND, expected EXPECTED". `location` is
+// the position in the file ("line 12", "byte 4096", "faces[7]"); it may be empty.
+Status InputError(const std::string& file, const std::string& location, const std::string& found,
                   const std::string& expected);
 
-// What such an error tells, in parts.
+// The parts of such an error.
 struct InputFault {
-  std::string file, place, found, expected;
+  std::string file, location, found, expected;
 };
 
-// Those that the error tells of, in their order, the first 50: of InputError, and of Faults that had such errors.
+// The faults of an error made by InputError or Faults, in order; at most the first 50.
 std::vector<InputFault> FaultsOf(const Status& status);
-// In place of those that it has; of an error with a message of its own.
+// Replaces the faults of `error`; its message stays.
 void SetFaults(Status& error, const std::vector<InputFault>& faults);
 
-// Collects every fault of an input so that all are reported at once. Not thread-safe.
+// Collects all faults of an input, to report them together. Not thread-safe.
 class Faults {
  public:
   // Records `status` unless it is OK.
   void Add(const Status& status);
   bool empty() const { return messages_.empty(); }
   const std::vector<std::string>& messages() const { return messages_; }
-  // OK if there was no fault, else INVALID_ARGUMENT with one line a fault.
+  // OK if there was no fault, else INVALID_ARGUMENT with one line per fault.
   Status ToStatus() const;
 
  private:
   std::vector<std::string> messages_;
-  std::vector<std::string> parts_;  // of the first that InputError made
+  std::vector<std::string> parts_;  // of the first 50 faults made by InputError
 };
 
-// What is odd but not fatal; the user sees all of it in the job's report.
+// Messages about unusual but not fatal input; the job's report lists them all.
 using Warnings = std::vector<std::string>;
 
 }  // namespace tessera

@@ -11,7 +11,7 @@ std::string UrlOf(const std::string& kind) { return "type.tessera/" + kind; }
 
 }  // namespace
 
-// Each part as its length in bytes, a colon and its bytes.
+// Encoding: each part is its length in bytes, a colon and its bytes.
 void SetParts(Status& error, const std::string& kind, const std::vector<std::string>& parts) {
   std::string bytes;
   for (const std::string& part : parts) bytes += std::to_string(part.size()) + ":" + part;

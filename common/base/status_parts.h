@@ -1,4 +1,4 @@
-// Strings that travel with an error, beside its message.
+// Lists of strings that an error carries beside its message, as payloads of absl::Status.
 #ifndef TESSERA_COMMON_BASE_STATUS_PARTS_H_
 #define TESSERA_COMMON_BASE_STATUS_PARTS_H_
 
@@ -9,9 +9,9 @@
 
 namespace tessera {
 
-// What PartsOf gives back for the same `kind`. An OK status stays as it is.
+// Stores `parts` under `kind`. An OK status stays unchanged.
 void SetParts(Status& error, const std::string& kind, const std::vector<std::string>& parts);
-// None if none were set.
+// The parts stored under `kind`; empty if there are none.
 std::vector<std::string> PartsOf(const Status& status, const std::string& kind);
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// How long work tells its progress and learns that it is no longer wanted.
+// Progress reports and cancellation of long-running work.
 #ifndef TESSERA_COMMON_BASE_TASK_CONTROL_H_
 #define TESSERA_COMMON_BASE_TASK_CONTROL_H_
 
@@ -9,23 +9,24 @@
 
 namespace tessera {
 
-// Both functions may be empty, and may be called from any thread.
+// Both functions may be empty. They are called from any thread.
 struct TaskControl {
-  // fraction in [0, 1] of the whole call, and what is being done ("level 2, step 7 of 20").
+  // `fraction`: the finished share of the call, in [0, 1]. `stage`: the current step ("level 2, step 7 of 20").
   std::function<void(double fraction, const std::string& stage)> report;
   std::function<bool()> cancelled;
 
   void Report(double fraction, const std::string& stage) const {
     if (report) report(fraction, stage);
   }
-  // CANCELLED if the work should stop; long loops return it at once.
+  // CANCELLED if the work should stop. Long loops call it regularly and return its error.
   Status Check() const {
     if (cancelled && cancelled()) return absl::CancelledError("cancelled");
     return absl::OkStatus();
   }
 };
 
-// The part [low, high] of `control`'s progress as a whole of its own. `control` must outlive it.
+// A control for a part of the work: its progress 0 to 1 is reported to `control` as `low` to `high`. `control` must
+// outlive it.
 inline TaskControl PartOf(const TaskControl& control, double low, double high) {
   TaskControl part;
   part.cancelled = control.cancelled;

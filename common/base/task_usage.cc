@@ -21,7 +21,7 @@ double CoreSeconds() {
   return seconds(usage.ru_utime) + seconds(usage.ru_stime);
 }
 
-// 0 where there is no such line.
+// The value of the line `name` of /proc/self/status; 0 if there is no such line.
 int64_t StatusBytes(const std::string& name) {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
@@ -32,7 +32,7 @@ int64_t StatusBytes(const std::string& name) {
 
 int64_t PeakBytes() { return StatusBytes("VmHWM"); }
 
-// What the process holds now beyond what it held when it was first asked.
+// Resident memory beyond that at the first call of this function in the process.
 int64_t HeldBytes() {
   const int64_t now = StatusBytes("VmRSS");
   static const int64_t first = now;

@@ -1,4 +1,4 @@
-// What a task took of its machine: processor time and memory.
+// Measures the processor time and memory of a task.
 #ifndef TESSERA_COMMON_BASE_TASK_USAGE_H_
 #define TESSERA_COMMON_BASE_TASK_USAGE_H_
 
@@ -10,20 +10,20 @@
 namespace tessera {
 
 struct TaskUsage {
-  double core_seconds = 0;  // processor time of all threads, the system's on their behalf included
-  int64_t peak_bytes = 0;   // resident memory at its highest, but what the process held before it; 0: not known
-  int threads = 0;          // that the task could use; 0: not known
+  double core_seconds = 0;  // processor time of all threads, user and system
+  int64_t peak_bytes = 0;   // peak resident memory minus the memory that earlier tasks retained; 0: unknown
+  int threads = 0;          // threads available to the task; 0: unknown
 };
 
-// From its construction on, for the whole process: of use where a process runs one task at a time, and one meter at a
-// time. Before a peak is measured, memory that earlier tasks freed is handed back to the system, so that they do not
-// count, nor does what they keep.
+// Measures the whole process from construction on. Use one meter at a time, in a process that runs one task at a time.
+// Before measuring a peak it returns freed memory to the system (malloc_trim) and subtracts what earlier tasks
+// retained.
 //
-// The peak is Linux's VmHWM, set back by way of /proc/self/clear_refs. Where that cannot be written (no such file, or
-// no right to it) the peak is known only if the process has risen above all that it held before.
+// The peak is Linux's VmHWM, reset through /proc/self/clear_refs. If that file cannot be written, the peak is known
+// only if the process exceeds its highest use before.
 class TaskUsageMeter {
  public:
-  // Without the peak it is not known, and costs nothing.
+  // `with_peak` false: peak_bytes stays 0, and memory is neither trimmed nor measured.
   explicit TaskUsageMeter(bool with_peak = true);
   TaskUsage Read() const;
 
@@ -33,13 +33,12 @@ class TaskUsageMeter {
   bool with_peak_ = false, peak_was_reset_ = false;
 };
 
-// Of which tasks to measure the peak: memory that is handed back before each of many short tasks must be had again
-// page by page, which took longer than the tasks (a job of three tiles: 48 core-seconds for 24).
-// Not thread-safe.
+// Selects the tasks whose peak is measured. Measuring every short task is too slow, because trimmed memory must be
+// mapped again page by page (a job of three tiles took 48 core-seconds instead of 24). Not thread-safe.
 class PeakSampling {
  public:
   using Clock = std::chrono::steady_clock;
-  // Whether this task of a kind is the first, or the first in ten seconds since one that was.
+  // True for the first task of a kind, and again when 10 s have passed since the last task with result true.
   bool IsDue(const std::string& kind, Clock::time_point now = Clock::now());
 
  private:

@@ -1,11 +1,11 @@
-// The version of the algorithms: whatever changes a task's output bytes raises it, and results made before are made
-// anew.
+// The version of the algorithms. Raise it with every change of a task's output bytes; earlier results are then computed
+// again.
 #ifndef TESSERA_COMMON_BASE_VERSION_H_
 #define TESSERA_COMMON_BASE_VERSION_H_
 
 namespace tessera {
 
-// Part of every task's key; coordinator and workers must agree on it.
+// It is part of every task's key. Coordinator and workers must have the same version.
 inline constexpr char kAlgorithmVersion[] = "19";
 
 }  // namespace tessera

@@ -19,10 +19,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr uint8_t kNothing = 255;
-constexpr int kColourReach = 16;        // a channel, for brushes that blend
-constexpr double kBlendedShare = 0.05;  // of painted pixels that may have a colour between those of classes
-constexpr int kLeastPixels = 20;        // of a class, to learn it
+constexpr uint8_t kNotAnnotated = 255;
+constexpr int kColourTolerance = 16;    // per channel, for brushes that blend colours
+constexpr double kBlendedShare = 0.05;  // largest accepted share of painted pixels with mixed colours
+constexpr int kMinPixels = 20;          // a class with fewer annotated pixels is reported
 
 using Colour = std::array<uint8_t, 3>;
 
@@ -30,7 +30,7 @@ std::string Hex(const Colour& c) { return absl::StrFormat("#%02x%02x%02x", c[0],
 
 bool Near(const Colour& a, const Colour& b) {
   for (int k = 0; k < 3; ++k) {
-    if (std::abs(a[k] - b[k]) > kColourReach) return false;
+    if (std::abs(a[k] - b[k]) > kColourTolerance) return false;
   }
   return true;
 }
@@ -51,10 +51,10 @@ StatusOr<LabelImage> FromNumbers(const std::string& path, const ByteImage& image
                                  const std::vector<SceneClass>& classes) {
   for (size_t i = 0; i < image.plane_size(); ++i) {
     const uint8_t value = image.data[i];
-    if (value == kNothing || value < classes.size()) continue;
-    return InputError(path, absl::StrCat("pixel (", i % image.width, ", ", i / image.width, ")"),
-                      absl::StrCat("class ", value),
-                      absl::StrCat(Numbers(classes), ", or 255 where nothing is annotated; colours need an RGB PNG"));
+    if (value == kNotAnnotated || value < classes.size()) continue;
+    return InputError(
+        path, absl::StrCat("pixel (", i % image.width, ", ", i / image.width, ")"), absl::StrCat("class ", value),
+        absl::StrCat(Numbers(classes), ", or 255 where nothing is annotated (or an RGB PNG with colours)"));
   }
   LabelImage labels(image.width, image.height);
   labels.data = image.data;
@@ -66,12 +66,13 @@ StatusOr<LabelImage> FromColours(const std::string& path, const ByteImage& image
   for (size_t a = 0; a < classes.size(); ++a) {
     for (size_t b = 0; b < a; ++b) {
       if (!Near(classes[a].color_rgb, classes[b].color_rgb)) continue;
-      return InputError(path, "",
-                        absl::StrCat("colours, and classes ", classes[b].name, " and ", classes[a].name, " share one"),
-                        "class numbers in one channel, or a \"color\" for each class in scene.json");
+      return InputError(
+          path, "",
+          absl::StrCat("colours, but classes ", classes[b].name, " and ", classes[a].name, " have the same colour"),
+          "class ids in one channel, or a distinct \"color\" for each class in scene.json");
     }
   }
-  LabelImage labels(image.width, image.height, 1, kNothing);
+  LabelImage labels(image.width, image.height, 1, kNotAnnotated);
   std::map<Colour, int64_t> unknown;
   int64_t painted = 0, blended = 0;
   for (size_t i = 0; i < image.plane_size(); ++i) {
@@ -93,16 +94,17 @@ StatusOr<LabelImage> FromColours(const std::string& path, const ByteImage& image
                                      [](const auto& a, const auto& b) { return a.second < b.second; });
   if (static_cast<double>(blended) > kBlendedShare * static_cast<double>(painted)) {
     return InputError(
-        path, "", absl::StrCat(blended, " of ", painted, " painted pixels in other colours, most ", Hex(most->first)),
+        path, "",
+        absl::StrCat(blended, " of ", painted, " painted pixels in unknown colours, mostly ", Hex(most->first)),
         absl::StrCat(Palette(classes),
-                     "; white, black or transparent where nothing is annotated (export "
-                     "what is painted without the photograph below it)"));
+                     "; white, black or transparent where nothing is annotated (export the painted "
+                     "layer without the photograph)"));
   }
-  warnings->push_back(absl::StrCat(path, ": ", blended, " pixels between two colours are not used"));
+  warnings->push_back(absl::StrCat(path, ": ", blended, " pixels with mixed colours are ignored"));
   return labels;
 }
 
-// The view that a picture annotates, by its name without extension.
+// The view of an annotation file, found by its name without extension.
 std::optional<size_t> ViewOf(const std::string& stem, const std::map<std::string, size_t>& views) {
   auto it = views.find(stem);
   constexpr std::string_view kSuffix = "_label";
@@ -116,7 +118,8 @@ int64_t Annotations::annotated() const { return std::accumulate(pixels.begin(), 
 
 StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDescription& scene, Warnings* warnings) {
   if (!fs::is_directory(folder)) {
-    return InputError(folder, "", "no such folder", "the annotations, PNGs named as the scene's images");
+    return InputError(folder, "", "no such folder",
+                      "a folder of annotations: PNGs with the names of the scene's images");
   }
   TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> files, ListFiles(folder));
   std::map<std::string, size_t> views;
@@ -132,14 +135,15 @@ StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDesc
     const std::string path = (fs::path(folder) / file).string();
     const std::optional<size_t> view = ViewOf(fs::path(file).replace_extension().generic_string(), views);
     if (!view) {
-      faults.Add(InputError(path, "", "a name that no image of the scene has",
-                            absl::StrCat("one as ", fs::path(scene.views[0].name).replace_extension(".png").string(),
-                                         " for image ", scene.views[0].name)));
+      faults.Add(
+          InputError(path, "", "a name that matches no image of the scene",
+                     absl::StrCat("a name such as ", fs::path(scene.views[0].name).replace_extension(".png").string(),
+                                  " for image ", scene.views[0].name)));
       continue;
     }
     if (const auto [it, is_new] = taken.emplace(*view, path); !is_new) {
-      faults.Add(InputError(path, "", absl::StrCat("a second annotation beside ", it->second),
-                            absl::StrCat("one for image ", scene.views[*view].name)));
+      faults.Add(InputError(path, "", absl::StrCat("a second annotation of the image of ", it->second),
+                            absl::StrCat("one annotation of image ", scene.views[*view].name)));
       continue;
     }
     StatusOr<ByteImage> image = ReadPng(path);
@@ -150,7 +154,7 @@ StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDesc
     const PinholeCamera& camera = scene.views[*view].lens.pinhole;
     if (image->width != camera.width || image->height != camera.height) {
       faults.Add(InputError(path, "", absl::StrCat(image->width, " x ", image->height, " pixels"),
-                            absl::StrCat("the ", camera.width, " x ", camera.height, " of its image")));
+                            absl::StrCat(camera.width, " x ", camera.height, " (the size of its image)")));
       continue;
     }
     StatusOr<LabelImage> labels = image->channels == 1 ? FromNumbers(path, *image, scene.classes)
@@ -160,7 +164,7 @@ StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDesc
       continue;
     }
     for (const uint8_t label : labels->data) {
-      if (label != kNothing) ++annotations.pixels[label];
+      if (label != kNotAnnotated) ++annotations.pixels[label];
     }
     annotations.images.push_back({*view, path, *std::move(labels)});
   }
@@ -169,17 +173,18 @@ StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDesc
             [](const Annotation& a, const Annotation& b) { return a.view < b.view; });
   size_t present = 0;
   for (size_t c = 0; c < scene.classes.size(); ++c) {
-    if (annotations.pixels[c] >= kLeastPixels) {
+    if (annotations.pixels[c] >= kMinPixels) {
       ++present;
     } else {
       warnings->push_back(absl::StrCat(folder, ": class ", scene.classes[c].name, " has ", annotations.pixels[c],
-                                       " annotated pixels: it is hardly learnt; paint some of it"));
+                                       " annotated pixels, too few to train it: annotate more of it"));
     }
   }
   if (present < 2) {
     return InputError(folder, "",
-                      absl::StrCat(present, present == 1 ? " class" : " classes", " with annotated pixels in ",
-                                   annotations.images.size(), " pictures"),
+                      absl::StrCat(present, present == 1 ? " class" : " classes", " with at least ", kMinPixels,
+                                   " annotated pixels in ", annotations.images.size(),
+                                   annotations.images.size() == 1 ? " image" : " images"),
                       absl::StrCat("at least 2 of ", Palette(scene.classes)));
   }
   return annotations;

@@ -1,4 +1,4 @@
-// Pictures in which people painted classes.
+// Training labels: images in which people painted classes.
 #ifndef TESSERA_COMMON_CLASSIFY_ANNOTATIONS_H_
 #define TESSERA_COMMON_CLASSIFY_ANNOTATIONS_H_
 
@@ -14,19 +14,20 @@ namespace tessera {
 struct Annotation {
   size_t view = 0;
   std::string path;
-  LabelImage labels;  // in the image's own frame and size; 255: not annotated
+  LabelImage labels;  // distorted, of the photograph's size; 255: not annotated
 };
 
 struct Annotations {
-  std::vector<Annotation> images;  // by view
-  std::vector<int64_t> pixels;     // of each class
-  int64_t annotated() const;
+  std::vector<Annotation> images;  // sorted by view
+  std::vector<int64_t> pixels;     // annotated pixels of each class
+  int64_t annotated() const;       // annotated pixels of all classes
 };
 
-// Every PNG of `folder`: STEM.png or STEM_label.png annotates the image whose name without extension is STEM. One
-// channel of 8 bits: class numbers, 255 where nothing is annotated. Colours: those of the scene's classes; white, black
-// and what is transparent is not annotated. All faults at once: names that no image has, an image twice, another size,
-// numbers and colours that no class has, fewer than two classes in all.
+// Reads every PNG of `folder`. STEM.png or STEM_label.png annotates the image whose name without extension is STEM. A
+// PNG with one 8-bit channel holds class ids, 255 where nothing is annotated. A PNG with colours uses those of the
+// scene's classes; white, black and transparent pixels are not annotated. INVALID_ARGUMENT lists all errors: names
+// without an image, two annotations of an image, a wrong size, unknown ids or colours, fewer than two annotated
+// classes.
 StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDescription& scene, Warnings* warnings);
 
 }  // namespace tessera

@@ -14,8 +14,8 @@ namespace {
 
 constexpr int kBins = 64;
 
-// Ascending values between which the samples of a column are about equally many; at most kBins - 1, all different, none
-// below the lowest or from the highest on.
+// Split candidates of a column: at most kBins - 1 ascending, distinct values that divide its samples into bins of about
+// equal size. Each lies between the smallest and the largest value.
 std::vector<float> Cuts(const float* column, const std::vector<uint32_t>& rows) {
   std::vector<float> values;
   const size_t step = std::max<size_t>(1, rows.size() / 20000);
@@ -23,7 +23,7 @@ std::vector<float> Cuts(const float* column, const std::vector<uint32_t>& rows) 
   std::sort(values.begin(), values.end());
   std::vector<float> cuts;
   for (int b = 1; b < kBins; ++b) {
-    // The last of the values equal to the quantile stays below the cut.
+    // Place the cut above all values that equal the quantile.
     const float low = values[values.size() * b / kBins];
     const auto above = std::upper_bound(values.begin(), values.end(), low);
     if (above == values.end()) break;
@@ -97,7 +97,9 @@ class Trainer {
     });
   }
 
-  // Sum over all nodes of what a cut behind each bin would gain.
+  // For each bin, the gain of a split after it, summed over all nodes of the depth. In an oblivious tree all nodes
+  // share one split, so gains add up. The gain is the second-order one of the multi-class log loss, G^2 / (H + ridge),
+  // with the gradient sums G and hessian sums H of both sides.
   void Gains(int f, int nodes, std::vector<float>* sums, std::vector<double>* gains) const {
     const int width = 2 * classes_;
     const int bins = static_cast<int>(cuts_[f].size()) + 1;
@@ -130,6 +132,9 @@ class Trainer {
     }
   }
 
+  // Fits one tree to a random subset of rows and features (stochastic gradient boosting), which reduces overfitting.
+  // Random draws depend on the seed and the tree's index only, and candidate splits are compared in the order of
+  // features, so that the tree does not depend on threads.
   void AddTree(int tree, BoostedTrees* model) {
     FindSlopes();
     Random random(MixBits(options_.seed) + tree);
@@ -140,12 +145,12 @@ class Trainer {
     if (chosen_.empty()) chosen_.push_back(static_cast<uint32_t>(random.Below(static_cast<int64_t>(rows_.size()))));
     std::vector<int> features(samples_.feature_count);
     std::iota(features.begin(), features.end(), 0);
-    const int asked =
+    const int candidates =
         std::clamp(static_cast<int>(options_.feature_share * samples_.feature_count), 1, samples_.feature_count);
-    for (int k = 0; k < asked; ++k) {
+    for (int k = 0; k < candidates; ++k) {
       std::swap(features[k], features[k + random.Below(samples_.feature_count - k)]);
     }
-    features.resize(asked);
+    features.resize(candidates);
 
     std::fill(node_.begin(), node_.end(), 0);
     for (int depth = 0; depth < options_.depth; ++depth) {
@@ -153,8 +158,8 @@ class Trainer {
         double gain = -1;
         int bin = 0;
       };
-      std::vector<Best> best(asked);
-      ParallelFor(asked, 1, [&](int64_t k, int64_t) {
+      std::vector<Best> best(candidates);
+      ParallelFor(candidates, 1, [&](int64_t k, int64_t) {
         std::vector<float> sums;
         std::vector<double> gains;
         Gains(features[k], 1 << depth, &sums, &gains);
@@ -163,11 +168,11 @@ class Trainer {
         }
       });
       int chosen = 0;
-      for (int k = 1; k < asked; ++k) {
+      for (int k = 1; k < candidates; ++k) {
         if (best[k].gain > best[chosen].gain) chosen = k;
       }
       const int f = features[chosen];
-      const bool splits = best[chosen].gain >= 0;  // else all asked features are constant
+      const bool splits = best[chosen].gain >= 0;  // false: all candidate features are constant
       model->features.push_back(f);
       model->thresholds.push_back(splits ? cuts_[f][best[chosen].bin] : samples_.column(f)[rows_[0]]);
       if (!splits) continue;
@@ -212,7 +217,7 @@ class Trainer {
   std::vector<uint32_t> chosen_;
 };
 
-// kClasses: `classes` where it is known when this is compiled, else 0.
+// kClasses: the number of classes if it is known at compile time, else 0.
 template <int kClasses>
 void AddLeaves(const float* table, const int32_t* leaf, int count, int classes, float* scores) {
   const int k = kClasses > 0 ? kClasses : classes;
@@ -265,14 +270,14 @@ Status BoostedTrees::Check(const std::string& name) const {
   if (depth < 1 || depth > kMaxTreeDepth)
     return bad(absl::StrCat("depth ", depth), absl::StrCat("1 to ", kMaxTreeDepth));
   if (features.empty() || features.size() % depth != 0 || features.size() > 1000000) {
-    return bad(absl::StrCat(features.size(), " questions"), absl::StrCat("a multiple of the depth, ", depth));
+    return bad(absl::StrCat(features.size(), " tests"), absl::StrCat("1 to 1000000, a multiple of the depth ", depth));
   }
   const size_t leaf_values = static_cast<size_t>(trees()) * (size_t{1} << depth) * classes;
   if (thresholds.size() != features.size() || leaves.size() != leaf_values ||
       base.size() != static_cast<size_t>(classes)) {
     return bad(
-        absl::StrCat(thresholds.size(), " thresholds, ", leaves.size(), " leaf values, ", base.size(), " scores"),
-        absl::StrCat(features.size(), ", ", leaf_values, ", ", classes));
+        absl::StrCat(thresholds.size(), " thresholds, ", leaves.size(), " leaf values, ", base.size(), " base scores"),
+        absl::StrCat(features.size(), " thresholds, ", leaf_values, " leaf values, ", classes, " base scores"));
   }
   for (const int32_t f : features) {
     if (f < 0 || f >= feature_count) {
@@ -282,7 +287,7 @@ Status BoostedTrees::Check(const std::string& name) const {
   const auto finite = [](const std::vector<float>& values) {
     return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
   };
-  if (!finite(thresholds) || !finite(leaves) || !finite(base)) return bad("a number that is not finite", "finite ones");
+  if (!finite(thresholds) || !finite(leaves) || !finite(base)) return bad("NaN or infinity", "finite numbers");
   return absl::OkStatus();
 }
 

@@ -1,6 +1,5 @@
-// Gradient-boosted oblivious trees for several classes: all nodes of one depth ask the same question, so that a tree is
-// a table and a row of pixels goes through it without a branch (Friedman 2001; oblivious trees as in Prokhorenkova et
-// al. 2018).
+// Gradient-boosted oblivious trees for several classes (Friedman 2001; Prokhorenkova et al. 2018). All nodes at one
+// depth use the same test, so a tree is a table, and a row of pixels is evaluated without branches.
 #ifndef TESSERA_COMMON_CLASSIFY_BOOSTED_TREES_H_
 #define TESSERA_COMMON_CLASSIFY_BOOSTED_TREES_H_
 
@@ -11,7 +10,7 @@
 
 namespace tessera {
 
-// Samples to learn from. `features`: column after column, `count` values each, finite.
+// Training samples. `features`: column by column, `count` finite values each.
 struct TrainingSamples {
   int64_t count = 0;
   int feature_count = 0;
@@ -25,15 +24,15 @@ struct BoostingOptions {
   int trees = 220;
   int depth = 6;
   double rate = 0.08;
-  double ridge = 4;            // added to the curvature of every leaf, in mean weights
-  double row_share = 0.5;      // of the samples that each tree sees
-  double feature_share = 0.4;  // of the features that each tree may ask for
+  double ridge = 4;            // L2 regularisation: added to the hessian of each leaf, in units of the mean weight
+  double row_share = 0.5;      // share of the samples that each tree is fitted to
+  double feature_share = 0.4;  // share of the features that each tree may use
   uint64_t seed = 1;
 };
 
-// A plain value. Tree t asks at depth d whether features[t * depth + d] exceeds thresholds[t * depth + d]; the answers,
-// first depth as lowest bit, are the leaf's number, and leaves[((t << depth) + leaf) * classes + c] adds to the score
-// of class c.
+// A trained ensemble. Tree t tests at depth d whether feature features[t * depth + d] exceeds
+// thresholds[t * depth + d]. The results are the bits of the leaf's index (depth 0 is the lowest bit), and
+// leaves[((t << depth) + leaf) * classes + c] is added to the score of class c.
 struct BoostedTrees {
   int classes = 0;
   int feature_count = 0;
@@ -44,17 +43,18 @@ struct BoostedTrees {
   std::vector<float> leaves;
 
   int trees() const { return depth == 0 ? 0 : static_cast<int>(features.size()) / depth; }
-  // Scores of `count` samples, feature f of sample i in values[f * stride + i], to scores[i * classes + c]. Softmax of
-  // them is the classes' probability. Any thread.
+  // Writes the scores of `count` samples to scores[i * classes + c]; feature f of sample i is values[f * stride + i].
+  // The softmax of the scores gives class probabilities. Thread-safe.
   void Score(const float* values, int count, int stride, float* scores) const;
-  // INVALID_ARGUMENT unless sizes, features and numbers are such that Score reads nothing else; `name` for the message.
+  // INVALID_ARGUMENT unless sizes, feature indices and values are valid, so that Score never reads out of bounds.
+  // `name`: the model's name in the message.
   Status Check(const std::string& name) const;
 };
 
 inline constexpr int kMaxTreeDepth = 12;
 
-// Learns from the samples `rows` (ascending; empty: all). `classes` in [2, 254]; at least one sample. The same bytes
-// for any number of threads.
+// Trains on the samples `rows` (ascending; empty: all). `classes` is in [2, 254]; needs at least one sample. The result
+// does not depend on the number of threads.
 BoostedTrees TrainBoostedTrees(const TrainingSamples& samples, const std::vector<uint32_t>& rows, int classes,
                                const BoostingOptions& options);
 

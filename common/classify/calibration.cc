@@ -44,7 +44,7 @@ double MeanLogLoss(const HeldOutScores& held_out, double temperature) {
 
 double FitTemperature(const HeldOutScores& held_out) {
   if (held_out.count() == 0) return 1;
-  // Golden section over the logarithm; the loss is convex in 1 / temperature, so it has one minimum.
+  // Golden-section search over log(temperature). The loss is convex in 1 / temperature, so it has one minimum.
   const double golden = (std::sqrt(5.0) - 1) / 2;
   double low = std::log(kLowest), high = std::log(kHighest);
   double a = high - golden * (high - low), b = low + golden * (high - low);
@@ -69,7 +69,7 @@ double FitTemperature(const HeldOutScores& held_out) {
 
 double CalibrationError(const HeldOutScores& held_out, double temperature) {
   struct Bin {
-    double weight = 0, said = 0, right = 0;
+    double weight = 0, predicted = 0, correct = 0;
   };
   std::array<Bin, kReliabilityBins> bins;
   std::vector<float> p(held_out.classes);
@@ -80,12 +80,12 @@ double CalibrationError(const HeldOutScores& held_out, double temperature) {
     const auto best = std::max_element(p.begin(), p.end());
     Bin& bin = bins[std::min(kReliabilityBins - 1, static_cast<int>(*best * kReliabilityBins))];
     bin.weight += held_out.weights[i];
-    bin.said += held_out.weights[i] * *best;
-    if (best - p.begin() == held_out.labels[i]) bin.right += held_out.weights[i];
+    bin.predicted += held_out.weights[i] * *best;
+    if (best - p.begin() == held_out.labels[i]) bin.correct += held_out.weights[i];
     total += held_out.weights[i];
   }
   double error = 0;
-  for (const Bin& bin : bins) error += std::abs(bin.said - bin.right);
+  for (const Bin& bin : bins) error += std::abs(bin.predicted - bin.correct);
   return total > 0 ? error / total : 0;
 }
 

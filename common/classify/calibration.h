@@ -1,4 +1,4 @@
-// From scores to probabilities that are right as often as they say.
+// Calibration of classifier scores, so that predicted probabilities equal observed frequencies.
 #ifndef TESSERA_COMMON_CLASSIFY_CALIBRATION_H_
 #define TESSERA_COMMON_CLASSIFY_CALIBRATION_H_
 
@@ -7,27 +7,27 @@
 
 namespace tessera {
 
-// Scores of samples that the classifier had not learnt from.
+// Scores of samples that were not used for training.
 struct HeldOutScores {
   int classes = 0;
-  std::vector<float> scores;  // a sample's classes side by side
+  std::vector<float> scores;  // scores[i * classes + c]
   std::vector<uint8_t> labels;
   std::vector<float> weights;
   int64_t count() const { return static_cast<int64_t>(labels.size()); }
 };
 
-// Temperature by which scores are divided so that the likelihood of the held-out labels is greatest (Guo et al. 2017),
-// in [0.2, 20]; 1 without samples.
+// Temperature scaling (Guo et al. 2017): the divisor of the scores, in [0.2, 20], that maximises the likelihood of the
+// held-out labels; 1 without samples.
 double FitTemperature(const HeldOutScores& held_out);
 
-// Mean over samples of -log of the probability given to the label.
+// Weighted mean of -log(probability of the label).
 double MeanLogLoss(const HeldOutScores& held_out, double temperature);
 
-// Expected calibration error: mean distance between the highest probability and how often it is right, over 20 bins of
-// that probability, weighted by their samples.
+// Expected calibration error: the weighted mean over 20 bins of |mean highest probability - accuracy|. Samples are
+// binned by their highest probability.
 double CalibrationError(const HeldOutScores& held_out, double temperature);
 
-// Softmax of scores / temperature, in place.
+// Replaces scores by softmax(scores / temperature).
 void SoftmaxInPlace(float* scores, int classes, double temperature);
 
 }  // namespace tessera

@@ -14,18 +14,18 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-// Replaces a link of an earlier classification.
+// Creates a symbolic link; replaces an existing one.
 Status Link(const fs::path& target, const fs::path& link) {
   std::error_code error;
   const fs::path absolute = fs::canonical(target, error);
-  if (error) return FileError(error.value(), absl::StrCat(target.string(), ": cannot be resolved"));
+  if (error) return FileError(error.value(), absl::StrCat(target.string(), ": cannot resolve the path"));
   if (fs::is_symlink(link)) fs::remove(link, error);
   fs::create_symlink(absolute, link, error);
-  if (error) return FileError(error.value(), absl::StrCat(link.string(), ": cannot be made a link"));
+  if (error) return FileError(error.value(), absl::StrCat(link.string(), ": cannot create a symbolic link"));
   return absl::OkStatus();
 }
 
-// The folder that holds the images under their names.
+// The images folder: the image path of a view without its name.
 std::string ImagesFolder(const SceneDescription& scene) {
   const SceneView& view = scene.views.front();
   return view.image_path.substr(0, view.image_path.size() - view.name.size());
@@ -42,10 +42,10 @@ Status CheckClassifiedFolder(const std::string& folder) {
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
     if (earlier && known.contains(entry.path().filename().string())) continue;
     return absl::AlreadyExistsError(absl::StrCat(folder, ": found ", entry.path().filename().string(),
-                                                 ", expected a folder of its own: a new one, an empty one, or one that "
-                                                 "an earlier classification made"));
+                                                 ", expected a new or empty folder, or one that tessera classify "
+                                                 "wrote: choose another folder"));
   }
-  if (error) return FileError(error.value(), absl::StrCat(folder, ": cannot be listed"));
+  if (error) return FileError(error.value(), absl::StrCat(folder, ": cannot list the folder"));
   return absl::OkStatus();
 }
 
@@ -58,7 +58,8 @@ Status WriteClassifiedScene(const SceneDescription& scene, const std::string& sc
   TESSERA_RETURN_IF_ERROR(Link(from / scene.mesh_path, to / "mesh.ply"));
   TESSERA_ASSIGN_OR_RETURN(const std::string text, ReadFile(scene_file));
   Json json = Json::parse(text, nullptr, false);
-  if (!json.is_object()) return InputError(scene_file, "", "no JSON object any more", "the scene that was read");
+  if (!json.is_object())
+    return InputError(scene_file, "", "no JSON object", "an unchanged scene.json: it changed while it was used");
   json["name"] = scene.name;
   json["cameras"] = "cameras";
   json["images"] = "images";

@@ -1,4 +1,4 @@
-// What `tessera classify` leaves: a folder that is a scene itself, with the likelihoods beside links to the rest.
+// The output folder of `tessera classify`: a scene that contains the likelihoods and links to the other files.
 #ifndef TESSERA_COMMON_CLASSIFY_CLASSIFIED_SCENE_FILES_H_
 #define TESSERA_COMMON_CLASSIFY_CLASSIFIED_SCENE_FILES_H_
 
@@ -9,11 +9,11 @@
 
 namespace tessera {
 
-// Refuses a folder that holds anything but an earlier classification: ALREADY_EXISTS. Call it before any work.
+// ALREADY_EXISTS if the folder holds anything but an earlier output of `tessera classify`. Call it before classifying.
 Status CheckClassifiedFolder(const std::string& folder);
 
-// FOLDER/scene.json, as `scene_file` but with the likelihoods of FOLDER/geometry, and links `cameras`, `images` and
-// `mesh.ply` to the scene's. `source`: what the likelihoods come from, in scene.json's words ("annotations", "model",
+// Writes FOLDER/scene.json, a copy of `scene_file` with the likelihoods in FOLDER/geometry, and the links `cameras`,
+// `images` and `mesh.ply` to the scene's files. `source`: the value of "likelihoods_source" ("annotations", "model",
 // "default").
 Status WriteClassifiedScene(const SceneDescription& scene, const std::string& scene_file, const std::string& folder,
                             const std::string& source);

@@ -15,10 +15,10 @@ using OrderedJson = nlohmann::ordered_json;
 constexpr size_t kShownImages = 3;
 
 std::string Title(size_t evidence) {
-  return evidence == 0 ? "by appearance alone, for shape" : "with the start mesh, for labels";
+  return evidence == 0 ? "appearance only (used for geometry)" : "appearance and start mesh (used for labels)";
 }
 
-// Rows are the annotation's classes, in shares of each.
+// Rows are annotated classes; values are shares of the row.
 std::string ConfusionTable(const ConfusionMatrix& confusion, const std::vector<SceneClass>& classes) {
   std::string text = absl::StrFormat("    %-14s %10s", "annotated as", "pixels");
   for (const SceneClass& c : classes) absl::StrAppendFormat(&text, " %10.10s", c.name);
@@ -39,7 +39,7 @@ OrderedJson Number(double value) { return std::isfinite(value) ? OrderedJson(val
 
 OrderedJson EvidenceJson(const ClassifyReport& report, size_t e) {
   const ConfusionMatrix& confusion = report.classified->held_out[e];
-  const HeldOutFigures& figures = report.trained->held_out[e];
+  const HeldOutStatistics& figures = report.trained->held_out[e];
   const LabelScores scores = ScoreLabels(confusion);
   OrderedJson json = {{"overall_accuracy", Number(scores.overall_accuracy)},
                       {"average_accuracy", Number(scores.average_accuracy)},
@@ -75,36 +75,36 @@ std::string ClassifyText(const ClassifyReport& report) {
   absl::StrAppendFormat(&text, "GSD                    %.3f m\n", report.gsd_m);
   if (report.source == "default") {
     text +=
-        "likelihoods            a default from the mesh and greenness, not learnt from this scene:\n"
-        "                       annotate a few images and give --train DIR for better ones\n";
+        "likelihoods            default rule (mesh and greenness), not trained on this scene:\n"
+        "                       annotate a few images and pass --train DIR for better likelihoods\n";
   }
   if (report.model_gsd_m) absl::StrAppendFormat(&text, "GSD of the model       %.3f m\n", *report.model_gsd_m);
   if (report.trained != nullptr) {
-    absl::StrAppendFormat(&text, "annotated              %d images, %d pixels (%d learnt from)\n",
+    absl::StrAppendFormat(&text, "annotated              %d images, %d pixels (%d used for training)\n",
                           report.annotations->images.size(), report.annotations->annotated(), report.trained->samples);
-    absl::StrAppendFormat(&text, "cross-validation       over places: %d folds of cells of %.1f m\n",
-                          report.trained->places.folds(), report.trained->places.cell_m());
+    absl::StrAppendFormat(&text, "cross-validation       spatial: %d folds of cells of %.1f m\n",
+                          report.trained->spatial_folds.folds(), report.trained->spatial_folds.cell_m());
     for (size_t e = 0; e < 2; ++e) {
       const LabelScores scores = ScoreLabels(report.classified->held_out[e]);
-      const HeldOutFigures& figures = report.trained->held_out[e];
-      absl::StrAppendFormat(
-          &text, "  %s\n    OA %.3f  AA %.3f  mIoU %.3f; probabilities off by %.3f (%.3f before calibration)\n",
-          Title(e), scores.overall_accuracy, scores.average_accuracy, scores.mean_iou, figures.calibration_error_after,
-          figures.calibration_error_before);
+      const HeldOutStatistics& figures = report.trained->held_out[e];
+      absl::StrAppendFormat(&text,
+                            "  %s\n    OA %.3f  AA %.3f  mIoU %.3f; calibration error %.3f (%.3f before calibration)\n",
+                            Title(e), scores.overall_accuracy, scores.average_accuracy, scores.mean_iou,
+                            figures.calibration_error_after, figures.calibration_error_before);
       text += ConfusionTable(report.classified->held_out[e], scene.classes);
     }
   }
   if (report.source != "default") {
     const std::vector<size_t> next = NextToAnnotate(*report.classified);
-    if (!next.empty()) text += "annotate next          uncertainty, share of pixels of places not annotated yet\n";
+    if (!next.empty()) text += "annotate next          uncertainty, share of pixels outside annotated areas\n";
     for (size_t k = 0; k < std::min(kShownImages, next.size()); ++k) {
-      const ViewFigures& view = report.classified->views[next[k]];
+      const ViewStatistics& view = report.classified->views[next[k]];
       absl::StrAppendFormat(&text, "  %-20s %.3f, %.2f\n", scene.views[next[k]].name, view.entropy, view.new_share);
     }
   }
   if (report.trained != nullptr) absl::StrAppendFormat(&text, "CPU, training          %.1f s\n", report.train_cpu_s);
   absl::StrAppendFormat(
-      &text, "CPU, classifying       %.1f s, %.2f us a pixel\n", report.classify_cpu_s,
+      &text, "CPU, classification    %.1f s, %.2f us per pixel\n", report.classify_cpu_s,
       1e6 * report.classify_cpu_s / static_cast<double>(std::max<int64_t>(1, report.classified->pixels)));
   return text;
 }
@@ -118,11 +118,12 @@ std::string ClassifyJson(const ClassifyReport& report) {
     for (const Annotation& a : report.annotations->images) json["annotated"].push_back(scene.views[a.view].name);
     json["annotated_pixels"] = report.annotations->pixels;
     json["samples"] = report.trained->samples;
-    json["cross_validation"] = {{"folds", report.trained->places.folds()}, {"cell_m", report.trained->places.cell_m()}};
+    json["cross_validation"] = {{"folds", report.trained->spatial_folds.folds()},
+                                {"cell_m", report.trained->spatial_folds.cell_m()}};
     for (size_t e = 0; e < 2; ++e) json["cross_validation"][kEvidenceNames[e]] = EvidenceJson(report, e);
   }
   for (size_t v = 0; v < scene.views.size(); ++v) {
-    const ViewFigures& view = report.classified->views[v];
+    const ViewStatistics& view = report.classified->views[v];
     json["images"].push_back({{"name", scene.views[v].name},
                               {"annotated", view.annotated},
                               {"uncertainty", view.entropy},

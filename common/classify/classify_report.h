@@ -1,4 +1,4 @@
-// A classification as people read it and as programs do.
+// Reports of a classification, as text and as JSON.
 #ifndef TESSERA_COMMON_CLASSIFY_CLASSIFY_REPORT_H_
 #define TESSERA_COMMON_CLASSIFY_CLASSIFY_REPORT_H_
 
@@ -15,16 +15,16 @@ namespace tessera {
 struct ClassifyReport {
   const SceneDescription* scene = nullptr;
   std::string source;                          // "annotations", "model" or "default"
-  const TrainedClassifier* trained = nullptr;  // null but for "annotations"
-  const Annotations* annotations = nullptr;    // with it
+  const TrainedClassifier* trained = nullptr;  // only for "annotations", else null
+  const Annotations* annotations = nullptr;    // only for "annotations", else null
   const ClassifiedScene* classified = nullptr;
   double gsd_m = 0;
-  std::optional<double> model_gsd_m;  // of a model that was read
+  std::optional<double> model_gsd_m;  // of a loaded model
   double train_cpu_s = 0, classify_cpu_s = 0;
   Warnings warnings;
 };
 
-// The images that gain most from an annotation, best first; without those that have one.
+// The images without annotation, sorted by the expected gain of annotating them, best first.
 std::vector<size_t> NextToAnnotate(const ClassifiedScene& classified);
 
 std::string ClassifyText(const ClassifyReport& report);  // ends with a newline

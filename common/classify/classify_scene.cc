@@ -19,23 +19,23 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kBatch = 64;  // pixels of a row at once
-constexpr double kWeightOfAnnotatedPlace = 0.25;
-constexpr int kRows = 16;  // at once
+constexpr int kBatch = 64;  // pixels of a row that are classified together
+constexpr double kWeightOfAnnotatedLocation = 0.25;
+constexpr int kRows = 16;  // rows per parallel chunk
 
-// What is classified of one image.
+// The classification of one image.
 struct ViewResult {
   std::array<ByteImage, 2> likelihoods;
   std::array<ConfusionMatrix, 2> held_out;
-  ViewFigures figures;
+  ViewStatistics figures;
 };
 
 class ViewClassifier {
  public:
-  ViewClassifier(const SceneDescription& scene, const MeshSurface* surface, const ClassifierInUse& classifier)
+  ViewClassifier(const SceneDescription& scene, const MeshSurface* surface, const ClassifierSelection& classifier)
       : scene_(scene), surface_(surface), use_(classifier), classes_(static_cast<int>(scene.classes.size())) {}
 
-  // By evidence from `first` on.
+  // Classifies with the evidence `first` and those after it.
   StatusOr<ViewResult> Classify(size_t view, Evidence first) const {
     const SceneView& scene_view = scene_.views[view];
     TESSERA_ASSIGN_OR_RETURN(const ByteImage rgb, ReadRgb(scene_.folder + "/" + scene_view.image_path));
@@ -97,7 +97,8 @@ class ViewClassifier {
         const int count = std::min(kBatch, width - x);
         features.Row(x, y, count, kBatch, values.data());
         for (int i = 0; i < count; ++i) {
-          fold[i] = use_.trained == nullptr ? -1 : use_.trained->places.FoldOf(features.PlaceOf(x + i, y, view));
+          fold[i] =
+              use_.trained == nullptr ? -1 : use_.trained->spatial_folds.FoldOf(features.LocationOf(x + i, y, view));
         }
         for (size_t e = first_output; e < 2; ++e) {
           if (use_.rule != nullptr) {
@@ -107,7 +108,7 @@ class ViewClassifier {
           }
           Store(annotation, x, y, count, p.data(), &(*likelihoods)[e], &result.held_out[e]);
         }
-        // The last output's: with the mesh.
+        // `p` now holds the last output: the likelihoods with the mesh.
         for (int i = 0; i < count; ++i) {
           double h = 0;
           for (int c = 0; c < classes_; ++c) {
@@ -117,14 +118,15 @@ class ViewClassifier {
           h /= std::log(std::max(2, classes_));
           result.entropy += h;
           result.known += fold[i] >= 0;
-          result.gain += h * (fold[i] >= 0 ? kWeightOfAnnotatedPlace : 1);
+          result.gain += h * (fold[i] >= 0 ? kWeightOfAnnotatedLocation : 1);
         }
       }
     }
     return result;
   }
 
-  // Of the model, or, where `fold` says so, of what was learnt without the pixel's place; classes in the scene's order.
+  // Class probabilities of the model, in the scene's order of classes. Pixels with fold[i] >= 0 use the trees of that
+  // fold, which were not trained on the pixel's cell; else the pixel's own annotation would leak into its likelihood.
   void Probabilities(size_t evidence, const float* values, int count, const std::vector<int>* fold,
                      std::vector<float>* scratch, float* p) const {
     const ClassifierPart& part = use_.model->parts[evidence];
@@ -157,7 +159,7 @@ class ViewClassifier {
     for (int i = 0; i < count; ++i) {
       const float* of_pixel = p + static_cast<size_t>(i) * classes_;
       for (int c = 0; c < classes_; ++c) {
-        // Never nothing: no pixel rules a class out.
+        // At least 1, so that no pixel excludes a class.
         image->at(x + i, y, c) = static_cast<uint8_t>(std::clamp(std::lround(255 * of_pixel[c]), 1l, 255l));
       }
       if (annotation == nullptr) continue;
@@ -170,14 +172,14 @@ class ViewClassifier {
 
   const SceneDescription& scene_;
   const MeshSurface* surface_;
-  const ClassifierInUse& use_;
+  const ClassifierSelection& use_;
   const int classes_;
 };
 
 }  // namespace
 
 StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface* surface,
-                                 const ClassifierInUse& classifier) {
+                                 const ClassifierSelection& classifier) {
   const Evidence evidence =
       surface == nullptr && classifier.model != nullptr ? Evidence::kAppearance : Evidence::kGeometry;
   TESSERA_ASSIGN_OR_RETURN(ViewResult result, ViewClassifier(scene, surface, classifier).Classify(view, evidence));
@@ -185,7 +187,7 @@ StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, con
 }
 
 StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const MeshSurface& surface,
-                                        const ClassifierInUse& classifier, const std::string& folder,
+                                        const ClassifierSelection& classifier, const std::string& folder,
                                         const TaskControl& control) {
   const size_t views = scene.views.size();
   const ViewClassifier of_views(scene, &surface, classifier);

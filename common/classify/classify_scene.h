@@ -1,4 +1,4 @@
-// Likelihoods of all images of a scene.
+// Classification of the images of a scene: computes likelihoods.
 #ifndef TESSERA_COMMON_CLASSIFY_CLASSIFY_SCENE_H_
 #define TESSERA_COMMON_CLASSIFY_CLASSIFY_SCENE_H_
 
@@ -18,39 +18,40 @@
 
 namespace tessera {
 
-// One of the first two; `trained` and `annotations` go together. All must outlive the call.
-struct ClassifierInUse {
-  const ClassifierModel* model = nullptr;      // classes in the order of `class_of_scene`
-  const DefaultRule* rule = nullptr;           // writes Evidence::kGeometry alone
-  const TrainedClassifier* trained = nullptr;  // the model's: annotated pixels are classified without their place
+// The classifier to use: either `model` or `rule`. `trained` and `annotations` are set together, with `model`. All
+// pointers must outlive the call.
+struct ClassifierSelection {
+  const ClassifierModel* model = nullptr;
+  const DefaultRule* rule = nullptr;           // writes only Evidence::kGeometry
+  const TrainedClassifier* trained = nullptr;  // classifies annotated areas with the fold that did not train on them
   const Annotations* annotations = nullptr;
-  std::vector<int> class_of_scene;  // of the model for each of the scene; empty: the same order
+  std::vector<int> class_of_scene;  // model class of each scene class; empty: equal order
 };
 
-struct ViewFigures {
+struct ViewStatistics {
   bool annotated = false;
-  double entropy = 0;    // mean over its pixels, of the likelihoods with the mesh, as a share of the greatest
-  double new_share = 1;  // of its pixels, that show no annotated place
-  double gain = 0;       // mean over pixels of entropy, those of annotated places counted for a quarter
+  double entropy = 0;    // mean entropy of the pixels' kGeometry likelihoods, relative to the maximum
+  double new_share = 1;  // share of its pixels outside annotated areas
+  double gain = 0;       // mean entropy, where pixels in annotated areas have weight 1/4
 };
 
 struct ClassifiedScene {
-  std::vector<ViewFigures> views;
-  std::array<ConfusionMatrix, 2> held_out;  // by Evidence, of annotated pixels; empty without annotations
+  std::vector<ViewStatistics> views;
+  std::array<ConfusionMatrix, 2> held_out;  // of annotated pixels, by Evidence; empty without annotations
   int64_t pixels = 0;
 };
 
-// The likelihoods of one view, those that know the mesh: a plane a class, 1 to 255, in the image's own frame, about 130
-// bytes a pixel at work; without a surface by appearance alone. Rows are shared out among threads; the same bytes for
-// any number of them. Errors of reading.
+// The likelihoods of one view (Evidence::kGeometry; kAppearance if `surface` is null): one plane per class, values 1 to
+// 255, in the distorted image. Needs about 130 bytes per pixel. Uses all threads; the result does not depend on their
+// number. Errors of reading the image.
 StatusOr<ByteImage> ClassifyView(const SceneDescription& scene, size_t view, const MeshSurface* surface,
-                                 const ClassifierInUse& classifier);
+                                 const ClassifierSelection& classifier);
 
-// Writes FOLDER/appearance/STEM.tif and FOLDER/geometry/STEM.tif for each image: a page a class, 8 bits, in the image's
-// own frame. Images are shared out among threads, about 130 bytes a pixel each; the same bytes for any number of them.
-// Errors of reading and writing, or CANCELLED; what is written until then stays.
+// Writes FOLDER/appearance/STEM.tif and FOLDER/geometry/STEM.tif for each image: one 8-bit page per class, in the
+// distorted image. Processes images in parallel, about 130 bytes per pixel each; the result does not depend on the
+// number of threads. Errors of reading and writing, or CANCELLED; files written before an error stay.
 StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const MeshSurface& surface,
-                                        const ClassifierInUse& classifier, const std::string& folder,
+                                        const ClassifierSelection& classifier, const std::string& folder,
                                         const TaskControl& control);
 
 }  // namespace tessera

@@ -12,7 +12,7 @@ namespace {
 constexpr float kGreen = 0.06f, kGreenSlack = 0.02f;  // excess green over the sum of channels
 constexpr float kSteep = 0.5f, kSteepSlack = 0.12f;   // cosine between normal and up
 constexpr float kHigh_m = 2.2f, kHighSlack_m = 0.6f;  // above the ground
-constexpr float kDoubt = 0.2f;                        // share that all classes have alike
+constexpr float kUniformShare = 0.2f;                 // probability mass that is spread over all classes
 
 float Above(float value, float middle, float slack) { return 1 / (1 + std::exp((middle - value) / slack)); }
 
@@ -35,8 +35,8 @@ StatusOr<DefaultRule> DefaultRule::Of(const std::vector<std::string>& classes, c
   }
   if (classes.size() - std::count(rule.kinds_.begin(), rule.kinds_.end(), kUnknown) < 2) {
     return InputError(name, "classes", absl::StrJoin(classes, ", "),
-                      "at least two of ground, facade, roof, building and vegetation, which can be told without "
-                      "annotations; else annotate a few images and give --train DIR");
+                      "at least two of ground, facade, roof, building and vegetation, which the default rule supports; "
+                      "for other classes annotate a few images and pass --train DIR");
   }
   rule.greenness_ = FeatureNamed("greenness_2");
   rule.up_normal_ = FeatureNamed("up_normal");
@@ -79,7 +79,7 @@ void DefaultRule::Apply(const float* values, int count, int stride, float* out) 
     }
     for (size_t c = 0; c < classes; ++c) {
       const float even = 1 / static_cast<float>(classes);
-      p[c] = kDoubt * even + (1 - kDoubt) * (sum > 1e-6f ? p[c] / sum : even);
+      p[c] = kUniformShare * even + (1 - kUniformShare) * (sum > 1e-6f ? p[c] / sum : even);
     }
   }
 }

@@ -1,4 +1,4 @@
-// Likelihoods without any annotation: what geometry and greenness alone tell.
+// Likelihoods without training, from geometry and greenness.
 #ifndef TESSERA_COMMON_CLASSIFY_DEFAULT_RULE_H_
 #define TESSERA_COMMON_CLASSIFY_DEFAULT_RULE_H_
 
@@ -9,22 +9,22 @@
 
 namespace tessera {
 
-// What is green is vegetation, what is steep is facade, what stands high is roof, the rest ground. A guess: it knows
-// nothing of the scene.
+// A fixed rule: green pixels are vegetation, steep surfaces facade, elevated surfaces roof, all others ground. It is
+// not adapted to the scene.
 class DefaultRule {
  public:
-  // Knows classes by name: ground or terrain; facade or wall; roof; building; vegetation or tree. INVALID_ARGUMENT if
-  // fewer than two of `classes` are such; `name` stands for the scene in the message.
+  // Supported class names: ground, terrain; facade, wall; roof; building; vegetation, tree. INVALID_ARGUMENT if fewer
+  // than two of `classes` are supported; `name` is the scene's name in the message.
   static StatusOr<DefaultRule> Of(const std::vector<std::string>& classes, const std::string& name);
 
-  // Probabilities of `count` pixels, feature f of pixel i (FeatureNames) in values[f * stride + i], to
-  // out[i * classes + c]. Any thread.
+  // Writes the probabilities of `count` pixels to out[i * classes + c]; feature f (see FeatureNames) of pixel i is
+  // values[f * stride + i]. Thread-safe.
   void Apply(const float* values, int count, int stride, float* out) const;
 
  private:
   enum Kind { kGround, kFacade, kRoof, kBuilding, kVegetation, kUnknown };
   std::vector<Kind> kinds_;
-  int greenness_ = 0, up_normal_ = 0, above_ground_ = 0;  // features
+  int greenness_ = 0, up_normal_ = 0, above_ground_ = 0;  // feature indices
 };
 
 }  // namespace tessera

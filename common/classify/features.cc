@@ -12,15 +12,15 @@
 namespace tessera {
 namespace {
 
-constexpr int kLevels = 4;                          // of the pyramid above the image itself
-constexpr std::array<int, 2> kMeshLevels = {2, 4};  // levels at which the mesh's channels are averaged
+constexpr int kLevels = 4;                          // pyramid levels above the image
+constexpr std::array<int, 2> kMeshLevels = {2, 4};  // levels at which mesh channels are averaged
 constexpr int kChannels = 8;                        // of the image: see ImageChannels
 constexpr int kMeshChannels = 5;                    // hit, normal, its square, height, its square
-constexpr int kSingle = 4;                          // features of the pixel alone
-constexpr int kPerLevel = 8;                        // features a level
-constexpr int kMeshSingle = 1 + 3 + 2 + 2;          // of MeshSurface::Sight
+constexpr int kSingle = 4;                          // features of the single pixel
+constexpr int kPerLevel = 8;                        // features per level
+constexpr int kMeshSingle = 1 + 3 + 2 + 2;          // of MeshSurface::SurfaceHit
 constexpr int kMeshPerLevel = 4;
-constexpr float kHighest_m = 60;  // heights are clamped: beyond it all is a tower
+constexpr float kMaxHeight_m = 60;  // heights are clamped to this range
 using LevelPixel = cv::Vec<float, kPerLevel>;
 using ChannelPixel = cv::Vec<float, kChannels>;
 using MeshPixel = cv::Vec<float, kMeshChannels>;
@@ -28,7 +28,8 @@ using MeshLevelPixel = cv::Vec<float, kMeshPerLevel>;
 
 float Deviation(float mean, float mean_square) { return std::sqrt(std::max(0.0f, mean_square - mean * mean)); }
 
-// Unit direction in the image in which a pixel's surface point moves when it is lifted; zero where it does not move.
+// The unit direction of the projected up vector at a pixel: the image motion of a surface point that moves up. Zero if
+// it does not move.
 Eigen::Vector2f LiftedDirection(const Eigen::Vector3d& up_in_camera, double x, double y, const PinholeCamera& k) {
   const double u = (x - k.cx) / k.fx, v = (y - k.cy) / k.fy;
   Eigen::Vector2d d(k.fx * (up_in_camera.x() - u * up_in_camera.z()), k.fy * (up_in_camera.y() - v * up_in_camera.z()));
@@ -36,7 +37,7 @@ Eigen::Vector2f LiftedDirection(const Eigen::Vector3d& up_in_camera, double x, d
   return length < 1e-6 * k.fx ? Eigen::Vector2f(0, 0) : Eigen::Vector2f((d / length).cast<float>());
 }
 
-// Weighted mean of the four pixels of a plane about a position in pixels of level 0.
+// Bilinear interpolation of a plane at pixel indices (x, y), clamped to the plane.
 template <class Pixel>
 Pixel Bilinear(const cv::Mat& plane, float x, float y) {
   const float fx = std::clamp(x, 0.0f, static_cast<float>(plane.cols - 1));
@@ -54,8 +55,8 @@ Pixel Bilinear(const cv::Mat& plane, float x, float y) {
   return out;
 }
 
-// Lightness, excess green, red against blue; squares of the first two; products of gradients along the lifted direction
-// and across it.
+// Channels: lightness; excess green; red minus blue; squares of the first two; squares and product of the gradients
+// along and across the projected up direction.
 cv::Mat ImageChannels(const ByteImage& rgb, const SceneView& view, const Eigen::Vector3d& up) {
   const int width = rgb.width, height = rgb.height;
   cv::Mat channels(height, width, CV_32FC(kChannels)), light(height, width, CV_32F);
@@ -131,7 +132,7 @@ cv::Mat MeshLevelFeatures(const cv::Mat& channels) {
   return features;
 }
 
-// Reduces a plane level by level; OpenCV's own, for the channels that it takes at once.
+// The next pyramid level (OpenCV's pyrDown).
 cv::Mat Halved(const cv::Mat& plane) {
   cv::Mat half;
   cv::pyrDown(plane, half, {(plane.cols + 1) / 2, (plane.rows + 1) / 2}, cv::BORDER_REFLECT_101);
@@ -184,10 +185,10 @@ Eigen::Vector2d UndistortPosition(const LensModel& lens, const Eigen::Vector2d& 
 struct ImageFeatures::Planes {
   cv::Mat channels;
   std::array<cv::Mat, kLevels> levels;
-  std::vector<MeshSurface::Sight> sights;  // of every pixel; empty without a surface
+  std::vector<MeshSurface::SurfaceHit> hits;  // of every pixel; empty without a surface
   std::array<cv::Mat, kMeshLevels.size()> mesh_levels;
 
-  bool has_surface() const { return !sights.empty(); }
+  bool has_surface() const { return !hits.empty(); }
 };
 
 ImageFeatures::ImageFeatures(const ByteImage& rgb, const SceneView& view, const Eigen::Vector3d& up,
@@ -202,21 +203,21 @@ ImageFeatures::ImageFeatures(const ByteImage& rgb, const SceneView& view, const 
   }
   if (surface == nullptr) return;
   const int width = rgb.width, height = rgb.height;
-  planes.sights.resize(static_cast<size_t>(width) * height);
+  planes.hits.resize(static_cast<size_t>(width) * height);
   cv::Mat mesh(height, width, CV_32FC(kMeshChannels));
   const Eigen::Vector3d centre = view.camera.Centre();
   for (int y = 0; y < height; ++y) {
     MeshPixel* row = mesh.ptr<MeshPixel>(y);
     for (int x = 0; x < width; ++x) {
       const Eigen::Vector2d p = UndistortPosition(view.lens, {x + 0.5, y + 0.5});
-      MeshSurface::Sight& sight = planes.sights[static_cast<size_t>(y) * width + x];
-      sight = surface->See(centre, view.camera.Ray(p.x(), p.y()));
-      if (!sight.hit) {
+      MeshSurface::SurfaceHit& hit = planes.hits[static_cast<size_t>(y) * width + x];
+      hit = surface->Cast(centre, view.camera.Ray(p.x(), p.y()));
+      if (!hit.hit) {
         row[x] = MeshPixel::all(0);
         continue;
       }
-      const float h = std::clamp(sight.above_ground_m[1], -kHighest_m, kHighest_m);
-      row[x] = {1, sight.up_normal, sight.up_normal * sight.up_normal, h, h * h};
+      const float h = std::clamp(hit.above_ground_m[1], -kMaxHeight_m, kMaxHeight_m);
+      row[x] = {1, hit.up_normal, hit.up_normal * hit.up_normal, h, h * h};
     }
   }
   int at = 0;
@@ -244,7 +245,7 @@ void ImageFeatures::Row(int x, int y, int count, int stride, float* out) const {
     set(2, i, c[2]);
   }
   for (int l = 0; l < kLevels; ++l) {
-    // Pixel i of a level is centred at 2 i of the level below, as pyrDown has it.
+    // In pyrDown, pixel i of a level is centred at pixel 2 i of the level below.
     const float scale = 1.0f / static_cast<float>(2 << l);
     const int first = kSingle + l * kPerLevel;
     for (int i = 0; i < count; ++i) {
@@ -259,14 +260,14 @@ void ImageFeatures::Row(int x, int y, int count, int stride, float* out) const {
     for (int f = mesh_first; f < FeatureCount(); ++f) std::fill_n(out + static_cast<size_t>(f) * stride, count, 0.0f);
     return;
   }
-  const auto clamped = [](float height) { return std::clamp(height, -kHighest_m, kHighest_m); };
+  const auto clamped = [](float height) { return std::clamp(height, -kMaxHeight_m, kMaxHeight_m); };
   for (int i = 0; i < count; ++i) {
-    const MeshSurface::Sight& sight = planes.sights[static_cast<size_t>(y) * width() + x + i];
+    const MeshSurface::SurfaceHit& hit = planes.hits[static_cast<size_t>(y) * width() + x + i];
     int f = mesh_first;
-    set(f++, i, sight.up_normal);
-    for (const float h : sight.above_ground_m) set(f++, i, clamped(h));
-    for (const float h : sight.above_lowest_m) set(f++, i, clamped(h));
-    for (const float h : sight.below_highest_m) set(f++, i, clamped(h));
+    set(f++, i, hit.up_normal);
+    for (const float h : hit.above_ground_m) set(f++, i, clamped(h));
+    for (const float h : hit.above_lowest_m) set(f++, i, clamped(h));
+    for (const float h : hit.below_highest_m) set(f++, i, clamped(h));
     for (size_t m = 0; m < kMeshLevels.size(); ++m) {
       const float scale = 1.0f / static_cast<float>(1 << kMeshLevels[m]);
       const MeshLevelPixel p = Bilinear<MeshLevelPixel>(planes.mesh_levels[m], static_cast<float>(x + i) * scale,
@@ -276,15 +277,15 @@ void ImageFeatures::Row(int x, int y, int count, int stride, float* out) const {
   }
 }
 
-PixelPlace ImageFeatures::PlaceOf(int x, int y, uint32_t view) const {
-  PixelPlace place;
-  place.view = view;
-  place.x = x;
-  place.y = y;
-  if (!planes_->has_surface()) return place;
-  const MeshSurface::Sight& sight = planes_->sights[static_cast<size_t>(y) * width() + x];
-  if (sight.hit) place.ground_m = sight.place_m;
-  return place;
+PixelLocation ImageFeatures::LocationOf(int x, int y, uint32_t view) const {
+  PixelLocation location;
+  location.view = view;
+  location.x = x;
+  location.y = y;
+  if (!planes_->has_surface()) return location;
+  const MeshSurface::SurfaceHit& hit = planes_->hits[static_cast<size_t>(y) * width() + x];
+  if (hit.hit) location.ground_m = hit.position_m;
+  return location;
 }
 
 }  // namespace tessera

@@ -12,7 +12,7 @@ namespace tessera {
 namespace {
 
 constexpr double kCellInGsd = 4;
-constexpr double kMostCells = 4e6;
+constexpr double kMaxCells = 4e6;
 
 cv::Mat View(const FloatImage& image) {
   return cv::Mat(image.height, image.width, CV_32F, const_cast<float*>(image.data.data()));
@@ -37,10 +37,11 @@ MeshSurface::MeshSurface(const TriangleMesh& mesh, const Eigen::Vector3d& up, do
   low_m_ = box.min().head<2>();
   high_m_ = box.max().head<2>();
   const Eigen::Vector2d extent = (high_m_ - low_m_).cwiseMax(1e-3);
-  cell_m_ = std::max({kCellInGsd * gsd_m, std::sqrt(extent.x() * extent.y() / kMostCells), extent.maxCoeff() / 20000});
+  cell_m_ = std::max({kCellInGsd * gsd_m, std::sqrt(extent.x() * extent.y() / kMaxCells), extent.maxCoeff() / 20000});
   const int width = static_cast<int>(extent.x() / cell_m_) + 1, height = static_cast<int>(extent.y() / cell_m_) + 1;
 
-  // The surface from above; where there is none, what is nearby decides: absent cells are neutral in each operation.
+  // Height of the surface seen from above. Cells without surface get the neutral value of each operation (erosion,
+  // dilation), so that neighbouring cells determine the result.
   constexpr float kNone = std::numeric_limits<float>::max();
   FloatImage top(width, height, 1, -kNone);
   const double above = box.max().z() + 1;
@@ -80,31 +81,31 @@ MeshSurface::MeshSurface(const TriangleMesh& mesh, const Eigen::Vector3d& up, do
   }
 }
 
-float MeshSurface::At(const FloatImage& plane, const Eigen::Vector2d& place_m) const {
-  const Eigen::Vector2d cell = (place_m - low_m_) / cell_m_;
+float MeshSurface::At(const FloatImage& plane, const Eigen::Vector2d& position_m) const {
+  const Eigen::Vector2d cell = (position_m - low_m_) / cell_m_;
   const int x = std::clamp(static_cast<int>(cell.x()), 0, plane.width - 1);
   const int y = std::clamp(static_cast<int>(cell.y()), 0, plane.height - 1);
   return plane.at(x, y);
 }
 
-MeshSurface::Sight MeshSurface::See(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
-  Sight sight;
+MeshSurface::SurfaceHit MeshSurface::Cast(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
+  SurfaceHit result;
   const RayHit hit = caster_.Cast(origin, direction);
-  if (!hit.hit()) return sight;
-  sight.hit = true;
+  if (!hit.hit()) return result;
+  result.hit = true;
   const Eigen::Vector3d p = axes_ * (origin + hit.distance * direction);
   const Eigen::Vector3f normal = normals_[hit.face];
   const float towards = -normal.dot(direction.normalized().cast<float>());
   const float side = towards < 0 ? -1.0f : 1.0f;
-  sight.up_normal = side * normal.dot(axes_.row(2).transpose().cast<float>());
-  sight.place_m = p.head<2>();
+  result.up_normal = side * normal.dot(axes_.row(2).transpose().cast<float>());
+  result.position_m = p.head<2>();
   const float z = static_cast<float>(p.z());
-  for (size_t r = 0; r < kGroundRadii_m.size(); ++r) sight.above_ground_m[r] = z - At(ground_[r], sight.place_m);
+  for (size_t r = 0; r < kGroundRadii_m.size(); ++r) result.above_ground_m[r] = z - At(ground_[r], result.position_m);
   for (size_t r = 0; r < kReliefRadii_m.size(); ++r) {
-    sight.above_lowest_m[r] = z - At(lowest_[r], sight.place_m);
-    sight.below_highest_m[r] = At(highest_[r], sight.place_m) - z;
+    result.above_lowest_m[r] = z - At(lowest_[r], result.position_m);
+    result.below_highest_m[r] = At(highest_[r], result.position_m) - z;
   }
-  return sight;
+  return result;
 }
 
 }  // namespace tessera

@@ -17,16 +17,18 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr double kAlikeGsd = 1.5;  // times the model's, or a part of it
+constexpr double kMaxGsdRatio = 1.5;  // accepted ratio of the scene's and the model's GSD, in either direction
 constexpr const char* kKind = "tessera classifier";
 
 Status ParseMetadata(const std::string& text, const std::string& name, ClassifierModel* model) {
   TESSERA_RETURN_IF_ERROR(CheckJsonDepth(name, text));
   try {
     const Json json = Json::parse(text);
-    if (json.value("kind", "") != kKind) return InputError(name, "", "another kind of file", "a classifier's model");
+    if (json.value("kind", "") != kKind)
+      return InputError(name, "", "an array file of another kind", "a classifier model");
     if (json.at("version") != kModelVersion) {
-      return InputError(name, "version", json.at("version").dump(), absl::StrCat(kModelVersion, "; train it anew"));
+      return InputError(name, "version", json.at("version").dump(),
+                        absl::StrCat(kModelVersion, ": train the model again"));
     }
     model->classes = json.at("classes").get<std::vector<std::string>>();
     model->features = json.at("features").get<std::vector<std::string>>();
@@ -37,7 +39,7 @@ Status ParseMetadata(const std::string& text, const std::string& name, Classifie
       model->parts[e].trees.depth = part.at("depth").get<int>();
     }
   } catch (const Json::exception& error) {
-    return InputError(name, "metadata", error.what(), "what a model tells of itself");
+    return InputError(name, "metadata", error.what(), "the metadata of a classifier model");
   }
   return absl::OkStatus();
 }
@@ -72,8 +74,8 @@ StatusOr<ClassifierModel> ParseModel(const std::string& bytes, const std::string
     return InputError(name, "classes", absl::StrCat(model.classes.size()), "2 to 254");
   }
   if (model.features != FeatureNames()) {
-    return InputError(name, "features", absl::StrCat(model.features.size(), " that this version does not compute"),
-                      absl::StrCat("its ", FeatureCount(), "; train the model anew"));
+    return InputError(name, "features", absl::StrCat(model.features.size(), " features of another version of Tessera"),
+                      absl::StrCat("the ", FeatureCount(), " features of this version: train the model again"));
   }
   if (!(model.gsd_m > 0 && model.gsd_m < 1e6)) {
     return InputError(name, "gsd_m", absl::StrCat(model.gsd_m), "a positive length");
@@ -102,9 +104,9 @@ StatusOr<std::vector<int>> ModelClassesOf(const ClassifierModel& model, const st
   for (const std::string& c : classes) {
     const auto it = std::find(model.classes.begin(), model.classes.end(), c);
     if (it == model.classes.end()) {
-      return InputError(name, "classes", absl::StrJoin(model.classes, ", "),
-                        absl::StrCat("all of the scene's, and there is no ", c,
-                                     "; name the scene's classes alike, or train a model for them"));
+      return InputError(
+          name, "classes", absl::StrJoin(model.classes, ", "),
+          absl::StrCat("the scene's class ", c, " too: rename the scene's classes, or train a model with them"));
     }
     found.push_back(static_cast<int>(it - model.classes.begin()));
   }
@@ -113,9 +115,9 @@ StatusOr<std::vector<int>> ModelClassesOf(const ClassifierModel& model, const st
 
 std::string GsdWarning(const ClassifierModel& model, double gsd_m, const std::string& name) {
   const double ratio = gsd_m / model.gsd_m;
-  if (ratio <= kAlikeGsd && ratio >= 1 / kAlikeGsd) return "";
-  return absl::StrCat(name, ": learnt at a GSD of ", model.gsd_m, " m, and the scene has ", gsd_m,
-                      " m: textures look otherwise; annotate a few images of it");
+  if (ratio <= kMaxGsdRatio && ratio >= 1 / kMaxGsdRatio) return "";
+  return absl::StrCat(name, ": the model was trained at a GSD of ", model.gsd_m, " m, but the scene's GSD is ", gsd_m,
+                      " m, so textures differ: annotate a few images of the scene and train a model");
 }
 
 Status WriteModel(const std::string& path, const ClassifierModel& model) {
@@ -123,7 +125,7 @@ Status WriteModel(const std::string& path, const ClassifierModel& model) {
 }
 
 StatusOr<ClassifierModel> ReadModel(const std::string& path) {
-  TESSERA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, kMostModelBytes));
+  TESSERA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, kMaxModelBytes));
   return ParseModel(bytes, path);
 }
 

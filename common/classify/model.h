@@ -1,4 +1,4 @@
-// A trained classifier, and the file that carries it to the next flight or city.
+// A trained classifier and its file format.
 #ifndef TESSERA_COMMON_CLASSIFY_MODEL_H_
 #define TESSERA_COMMON_CLASSIFY_MODEL_H_
 
@@ -12,7 +12,8 @@
 
 namespace tessera {
 
-// What a likelihood rests on: colour and texture alone, for shape; or the start mesh too, for labels.
+// The inputs of a likelihood: colour and texture (kAppearance, used for geometry), or also the start mesh (kGeometry,
+// used for labels).
 enum class Evidence { kAppearance = 0, kGeometry = 1 };
 inline constexpr std::array<const char*, 2> kEvidenceNames = {"appearance", "geometry"};
 
@@ -21,28 +22,29 @@ struct ClassifierPart {
   double temperature = 1;
 };
 
-// A plain value.
 struct ClassifierModel {
   std::vector<std::string> classes;
-  std::vector<std::string> features;    // all; those of appearance first
-  double gsd_m = 0;                     // of the images that it learnt from
+  std::vector<std::string> features;    // names of all features; appearance features first
+  double gsd_m = 0;                     // of the training images
   std::array<ClassifierPart, 2> parts;  // by Evidence
 };
 
 inline constexpr int kModelVersion = 1;
-inline constexpr int64_t kMostModelBytes = int64_t{64} << 20;
+inline constexpr int64_t kMaxModelBytes = int64_t{64} << 20;
 
-// An array file (common/tile) with a checksum for each part; the same model is the same bytes.
+// Writes the model as an array file (common/arrays). Equal models give equal bytes.
 std::string SerializeModel(const ClassifierModel& model);
-// Whatever the bytes: INVALID_ARGUMENT or DATA_LOSS with what was found, or a model that can be used as it is with this
-// version's features.
+// Parses and fully validates a model. INVALID_ARGUMENT or DATA_LOSS for damaged files, and for models with features
+// that this version does not compute.
 StatusOr<ClassifierModel> ParseModel(const std::string& bytes, const std::string& name);
 
-// Of the model's classes, that of each of `classes`. INVALID_ARGUMENT if it lacks one; `name` stands for the model.
+// The index in the model's classes of each of `classes`. INVALID_ARGUMENT if the model lacks one; `name` is the model's
+// name in the message.
 StatusOr<std::vector<int>> ModelClassesOf(const ClassifierModel& model, const std::vector<std::string>& classes,
                                           const std::string& name);
 
-// What to warn of where a model meets a scene of another resolution; empty: nothing. `name` stands for the model.
+// A warning if the scene's GSD differs from the model's by more than a factor of 1.5, else empty. `name` is the model's
+// name in the message.
 std::string GsdWarning(const ClassifierModel& model, double gsd_m, const std::string& name);
 
 Status WriteModel(const std::string& path, const ClassifierModel& model);

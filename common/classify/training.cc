@@ -15,12 +15,12 @@ namespace {
 
 // Pixels drawn from one image.
 struct DrawnPixels {
-  std::vector<float> features;  // pixel after pixel
+  std::vector<float> features;  // features[i * FeatureCount() + f]
   std::vector<uint8_t> labels;
-  std::vector<PixelPlace> places;
+  std::vector<PixelLocation> locations;
 };
 
-// Chance of a pixel of each class to be drawn.
+// The probability of each class's pixels to be drawn.
 std::vector<double> DrawChances(const Annotations& annotations, int64_t samples) {
   std::vector<double> roots, chances;
   double sum = 0;
@@ -50,7 +50,7 @@ StatusOr<DrawnPixels> Draw(const SceneDescription& scene, const Annotation& anno
       features.Row(x, y, 1, 1, pixel.data());
       drawn.features.insert(drawn.features.end(), pixel.begin(), pixel.end());
       drawn.labels.push_back(label);
-      drawn.places.push_back(features.PlaceOf(x, y, static_cast<uint32_t>(annotation.view)));
+      drawn.locations.push_back(features.LocationOf(x, y, static_cast<uint32_t>(annotation.view)));
     }
   }
   return drawn;
@@ -58,8 +58,8 @@ StatusOr<DrawnPixels> Draw(const SceneDescription& scene, const Annotation& anno
 
 struct Samples {
   TrainingSamples training;
-  std::vector<float> natural;  // weights by which samples stand for all annotated pixels
-  std::vector<PixelPlace> places;
+  std::vector<float> natural;  // weights that restore the class frequencies of all annotated pixels
+  std::vector<PixelLocation> locations;
 };
 
 StatusOr<Samples> DrawAll(const SceneDescription& scene, const Annotations& annotations, const MeshSurface& surface,
@@ -78,7 +78,7 @@ StatusOr<Samples> DrawAll(const SceneDescription& scene, const Annotations& anno
   for (const StatusOr<DrawnPixels>& of_image : drawn) {
     TESSERA_RETURN_IF_ERROR(of_image.status());
     training.labels.insert(training.labels.end(), of_image->labels.begin(), of_image->labels.end());
-    samples.places.insert(samples.places.end(), of_image->places.begin(), of_image->places.end());
+    samples.locations.insert(samples.locations.end(), of_image->locations.begin(), of_image->locations.end());
   }
   training.count = static_cast<int64_t>(training.labels.size());
   training.features.resize(training.count * training.feature_count);
@@ -104,7 +104,7 @@ StatusOr<Samples> DrawAll(const SceneDescription& scene, const Annotations& anno
   return samples;
 }
 
-// Columns of the samples are those of appearance first, so that a prefix is all that it may ask for.
+// The samples with only their first `features` columns; appearance features come first.
 TrainingSamples Prefix(const TrainingSamples& samples, int features) {
   TrainingSamples prefix = samples;
   prefix.feature_count = features;
@@ -121,14 +121,15 @@ StatusOr<TrainedClassifier> TrainClassifier(const SceneDescription& scene, const
   TESSERA_ASSIGN_OR_RETURN(const Samples samples, DrawAll(scene, annotations, surface, options, control));
   TrainedClassifier trained;
   trained.samples = samples.training.count;
-  trained.places = PlaceFolds::Of(samples.places, options.folds);
-  const int folds = trained.places.folds(), classes = static_cast<int>(scene.classes.size());
+  trained.spatial_folds = SpatialFolds::Of(samples.locations, options.folds);
+  const int folds = trained.spatial_folds.folds(), classes = static_cast<int>(scene.classes.size());
   if (folds < 2) {
-    return InputError(annotations.images.front().path, "", "all annotated pixels at one place",
-                      "annotations at several places, to learn from some and to test on the others");
+    return InputError(annotations.images.front().path, "", "annotated pixels in one small area only",
+                      "annotations in several areas, for training and for testing");
   }
   std::vector<int> fold_of_sample;
-  for (const PixelPlace& place : samples.places) fold_of_sample.push_back(trained.places.FoldOf(place));
+  for (const PixelLocation& location : samples.locations)
+    fold_of_sample.push_back(trained.spatial_folds.FoldOf(location));
   for (const SceneClass& c : scene.classes) trained.model.classes.push_back(c.name);
   trained.model.features = FeatureNames();
   trained.model.gsd_m = gsd_m;
@@ -166,7 +167,7 @@ StatusOr<TrainedClassifier> TrainClassifier(const SceneDescription& scene, const
       }
       trained.folds[fold][e] = std::move(trees);
     }
-    HeldOutFigures& figures = trained.held_out[e];
+    HeldOutStatistics& figures = trained.held_out[e];
     figures.temperature = FitTemperature(held_out);
     figures.log_loss_before = MeanLogLoss(held_out, 1);
     figures.log_loss_after = MeanLogLoss(held_out, figures.temperature);

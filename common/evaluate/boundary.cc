@@ -8,7 +8,7 @@ namespace {
 
 constexpr uint8_t kIgnored = 255;
 
-// Class at boundary pixels, 255 elsewhere. A pixel has one class, so one image holds the boundaries of all.
+// The class of each boundary pixel, 255 elsewhere. One image holds the boundaries of all classes.
 LabelImage Boundaries(const LabelImage& labels, const LabelImage& truth) {
   LabelImage boundary(labels.width, labels.height, 1, kIgnored);
   for (int y = 0; y < labels.height; ++y) {

@@ -1,4 +1,4 @@
-// Confusion of labels and the scores that follow from it.
+// Confusion matrix of labels, and the scores computed from it.
 #ifndef TESSERA_COMMON_EVALUATE_CONFUSION_H_
 #define TESSERA_COMMON_EVALUATE_CONFUSION_H_
 
@@ -7,7 +7,7 @@
 
 namespace tessera {
 
-// Counts of (class in the truth, class in the result). A result outside [0, classes) is "nothing": it counts as wrong.
+// Counts of (class in the truth, class in the result). A result outside [0, classes) means "no label" and is an error.
 class ConfusionMatrix {
  public:
   explicit ConfusionMatrix(int classes = 0);
@@ -16,7 +16,7 @@ class ConfusionMatrix {
   // `truth` outside [0, classes) (255, -1) is ignored.
   void Add(int truth, int result, int64_t count = 1);
   void Add(const ConfusionMatrix& other);
-  // `result` = classes() is the column of nothing.
+  // `result` = classes() is the column for "no label".
   int64_t at(int truth, int result) const { return counts_[truth * (classes_ + 1) + result]; }
   int64_t truth_total(int truth) const;
   int64_t result_total(int result) const;
@@ -27,18 +27,18 @@ class ConfusionMatrix {
   std::vector<int64_t> counts_;
 };
 
-// NaN where there is nothing to count.
+// NaN for classes without counts.
 struct ClassLabelScore {
-  double recall = 0;     // right of the truth's
-  double precision = 0;  // right of the result's
-  double iou = 0;        // right of either's
+  double recall = 0;     // correct / pixels of the class in the truth
+  double precision = 0;  // correct / pixels of the class in the result
+  double iou = 0;        // correct / pixels of the class in either
 };
 
 struct LabelScores {
   int64_t counted = 0;
   double overall_accuracy = 0;
   double average_accuracy = 0;  // mean recall over classes present in the truth
-  double mean_iou = 0;          // over the same classes
+  double mean_iou = 0;          // mean over the same classes
   std::vector<ClassLabelScore> classes;
 };
 

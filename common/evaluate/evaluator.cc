@@ -8,8 +8,8 @@
 
 #include "common/base/parallel.h"
 #include "common/evaluate/label_rendering.h"
-#include "common/geometry/nearest_surface.h"
 #include "common/evaluate/surface_samples.h"
+#include "common/geometry/nearest_surface.h"
 #include "common/geometry/ray_caster.h"
 
 namespace tessera {
@@ -21,13 +21,13 @@ Status CheckLabels(const TriangleMesh& mesh, int classes, const std::string& wha
   for (size_t f = 0; f < mesh.labels.size(); ++f) {
     if (mesh.labels[f] >= classes || mesh.labels[f] < -1) {
       return InputError(what, "faces[" + std::to_string(f) + "]", "label " + std::to_string(mesh.labels[f]),
-                        "a class below " + std::to_string(classes) + ", or -1 for none");
+                        "a class below " + std::to_string(classes) + ", or -1 for no label");
     }
   }
   return absl::OkStatus();
 }
 
-// Box in the horizontal plane, `rim_m` inside that of the truth.
+// The truth's bounding box in the horizontal plane, shrunk by `rim_m` on each side.
 struct HorizontalBox {
   Eigen::Matrix3d level_from_local = Eigen::Matrix3d::Identity();
   Eigen::Vector2d low, high;
@@ -58,7 +58,7 @@ struct Measured {
   std::vector<int64_t> nearest_face;
 };
 
-// `samples` on `mesh` against `other`. `truth_class` of each is left to the caller.
+// Measures `samples` on `mesh` against `other`. The caller sets `truth_class` of each point.
 Measured Measure(const std::vector<SurfaceSample>& samples, const TriangleMesh& mesh, const TriangleMesh& other,
                  const NearestSurface& other_surface) {
   Measured measured;
@@ -86,7 +86,7 @@ struct Evaluator::Impl {
   EvaluationOptions options;
   std::optional<HorizontalBox> box;
   std::optional<NearestSurface> truth_surface;
-  std::vector<SurfaceSample> truth_samples;  // those that count
+  std::vector<SurfaceSample> truth_samples;  // the used points of the truth
 
   std::vector<SurfaceSample> CountedSamples(const TriangleMesh& mesh, const RayCaster& caster) const {
     std::vector<SurfaceSample> inside;
@@ -106,7 +106,7 @@ Evaluator& Evaluator::operator=(Evaluator&&) noexcept = default;
 
 StatusOr<Evaluator> Evaluator::Create(TriangleMesh truth, std::vector<SceneView> views, int classes,
                                       TruthLabelSource truth_labels, EvaluationOptions options) {
-  if (truth.faces.empty()) return InputError("truth mesh", "", "no faces", "at least one");
+  if (truth.faces.empty()) return InputError("truth mesh", "", "no faces", "at least one face");
   TESSERA_RETURN_IF_ERROR(CheckLabels(truth, classes, "truth mesh"));
   auto impl = std::make_unique<Impl>();
   impl->truth = std::move(truth);
@@ -118,9 +118,9 @@ StatusOr<Evaluator> Evaluator::Create(TriangleMesh truth, std::vector<SceneView>
   impl->truth_surface.emplace(impl->truth);
   impl->truth_samples = impl->CountedSamples(impl->truth, RayCaster(impl->truth));
   if (impl->truth_samples.empty()) {
-    return absl::FailedPreconditionError("nothing of the truth is seen by " + std::to_string(impl->options.min_views) +
-                                         " cameras and lies inside the rim of " + std::to_string(impl->options.rim_m) +
-                                         " m: nothing to measure");
+    return absl::FailedPreconditionError(
+        "no point of the truth is both visible in " + std::to_string(impl->options.min_views) + " views and at least " +
+        std::to_string(impl->options.rim_m) + " m inside its bounding box: use fewer views or a smaller rim");
   }
   return Evaluator(std::move(impl));
 }
@@ -140,7 +140,7 @@ Status Evaluator::Impl::AddPixelLabels(const TriangleMesh& mesh, const RayCaster
       const int truth_label = truth_image.data[p];
       if (truth_label != 255 && truth_label >= classes) {
         return InputError("truth image of " + views[i].name, "", "class " + std::to_string(truth_label),
-                          "a class below " + std::to_string(classes) + ", or 255");
+                          "a class below " + std::to_string(classes) + ", or 255 for unknown");
       }
       labels.confusion.Add(truth_label, result.data[p]);
     }
@@ -154,7 +154,7 @@ Status Evaluator::Impl::AddPixelLabels(const TriangleMesh& mesh, const RayCaster
 }
 
 StatusOr<Evaluation> Evaluator::Evaluate(const TriangleMesh& mesh) const {
-  if (mesh.faces.empty()) return InputError("mesh", "", "no faces", "at least one");
+  if (mesh.faces.empty()) return InputError("mesh", "", "no faces", "at least one face");
   TESSERA_RETURN_IF_ERROR(CheckLabels(mesh, impl_->classes, "mesh"));
   const TriangleMesh& truth = impl_->truth;
   Evaluation evaluation;

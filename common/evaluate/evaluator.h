@@ -1,14 +1,17 @@
-// How good a mesh is, measured against the truth: geometry and labels.
+// Evaluation of a mesh against ground truth: geometry and labels.
 //
-// Definition, so that figures compare between tools and versions:
-// - `samples` points are drawn by area on the mesh (accuracy) and on the truth (completeness) with a fixed seed.
-// - A point counts if at least `min_views` cameras see it, ray-tested on the surface that it lies on (SeenSamples), and
-//   if it lies at least `rim_m` inside the truth's bounding box in the horizontal plane.
-// - Its distance is exact, from the point to the nearest triangle of the other surface, all of it, seen or not.
-// - Its class is that of the truth: of the point itself, or of the truth's nearest face.
-// - Labels by area: the truth's points that count against the label of the mesh's nearest face.
-// - Labels by pixels: the mesh rendered into every view that has a truth image, one ray a pixel, against that image;
-//   truth 255 is ignored, nothing rendered counts as wrong. As in Bláha et al. 2017, section 4.
+// Definition of the figures:
+// - `samples` points are drawn uniformly by area on the mesh (accuracy) and on the truth (completeness), with a fixed
+//   seed.
+// - A point is used if at least `min_views` cameras see it (ray-tested against its own surface, SeenSamples), and if it
+//   lies at least `rim_m` inside the truth's bounding box in the horizontal plane.
+// - Its distance is the exact distance to the nearest triangle of the other surface, whether visible or not.
+// - Its class is the truth's: that of its own face or of the nearest face of the truth.
+// - Labels by area: each used point of the truth is compared with the label of the mesh's nearest face.
+// - Labels by pixels: the mesh is rendered into every view with a truth image, one ray per pixel, and compared with
+// that
+//   image. Pixels with truth 255 are ignored; pixels where no label is rendered are errors. Bláha et al. 2017,
+//   section 4.
 #ifndef TESSERA_COMMON_EVALUATE_EVALUATOR_H_
 #define TESSERA_COMMON_EVALUATE_EVALUATOR_H_
 
@@ -36,7 +39,7 @@ struct EvaluationOptions {
   double cap_m = 0.5;
   std::vector<double> f_distances_m = {0.05, 0.10, 0.20};
   int boundary_reach_px = 3;
-  Eigen::Vector3d up_in_local = Eigen::Vector3d::UnitZ();  // unit
+  Eigen::Vector3d up_in_local = Eigen::Vector3d::UnitZ();  // unit vector
 };
 
 struct LabelEvaluation {
@@ -45,7 +48,7 @@ struct LabelEvaluation {
 };
 
 struct PixelLabelEvaluation : LabelEvaluation {
-  int views = 0;  // that have a truth image
+  int views = 0;  // number of views with a truth image
   std::vector<BoundaryCounts> boundaries;
   double boundary_f = 0;
 };
@@ -59,23 +62,23 @@ struct Evaluation {
   std::optional<PixelLabelEvaluation> labels_by_pixels;  // if the mesh has labels and some view a truth image
 };
 
-// The truth image of views[view] as stored (own frame, class ids, 255: nothing), an empty one if it has none.
+// The truth image of views[view] as stored (distorted, class ids, 255: unknown); empty if the view has none.
 using TruthLabelSource = std::function<StatusOr<LabelImage>(size_t view)>;
 
-// Holds the truth, its search trees and which of its points are seen, so that several meshes are measured alike.
-// Results do not depend on the number of threads.
+// Evaluates several meshes against one truth; keeps the truth's search tree and its used points. Results do not depend
+// on the number of threads.
 class Evaluator {
  public:
-  // `truth` and `views` in one local frame. `classes` up to 254. Fails (FAILED_PRECONDITION) if no point of the truth
-  // counts.
+  // `truth` and `views` are in the same local frame. `classes`: at most 254. FAILED_PRECONDITION if no point of the
+  // truth can be used.
   static StatusOr<Evaluator> Create(TriangleMesh truth, std::vector<SceneView> views, int classes,
                                     TruthLabelSource truth_labels, EvaluationOptions options);
   ~Evaluator();
   Evaluator(Evaluator&&) noexcept;
   Evaluator& operator=(Evaluator&&) noexcept;
 
-  // `mesh` in the same frame; its labels, if any, below the number of classes. INVALID_ARGUMENT if not, or if it has
-  // no faces; the source's errors; INVALID_ARGUMENT if a truth image holds a class that there is not.
+  // `mesh` is in the same frame. INVALID_ARGUMENT if it has no faces, or if one of its labels or of a truth image's is
+  // not below the number of classes; errors of the truth label source.
   StatusOr<Evaluation> Evaluate(const TriangleMesh& mesh) const;
 
  private:

@@ -1,4 +1,4 @@
-// What a labelled mesh looks like in a view: one ray a pixel.
+// Label images rendered from a labelled mesh, one ray per pixel.
 #ifndef TESSERA_COMMON_EVALUATE_LABEL_RENDERING_H_
 #define TESSERA_COMMON_EVALUATE_LABEL_RENDERING_H_
 
@@ -9,12 +9,12 @@
 
 namespace tessera {
 
-// Class of the first face met through each pixel's centre; 255 where nothing is met or the face has no label.
-// `caster` was made of `mesh`; `camera` in the mesh's frame. Labels below 255.
+// The class of the first face hit by the ray through each pixel centre; 255 if no face is hit or the face has no label.
+// `caster` was made from `mesh`; `camera` is in the mesh's frame. Labels are below 255.
 LabelImage RenderLabels(const TriangleMesh& mesh, const RayCaster& caster, const PosedCamera& camera);
 
-// Label image in the photograph's own frame, as stored with the scene, brought to `lens.pinhole` by the nearest pixel;
-// its resolution may differ from the photograph's. 255 outside.
+// Resamples a label image of the distorted photograph onto `lens.pinhole` (nearest pixel); 255 outside. Its resolution
+// may differ from the photograph's.
 LabelImage UndistortLabels(const LabelImage& labels, const LensModel& lens);
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// Likelihoods measured against true labels, as table and JSON.
+// Evaluation of likelihoods against true labels, as table and JSON.
 #include <absl/strings/str_format.h>
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// How often the likeliest class of a pixel is the true one, and how often that of a mesh where it shows.
+// Accuracy of the likeliest class of each pixel and, for comparison, of the rendered labels of a mesh.
 #ifndef TESSERA_COMMON_EVALUATE_LIKELIHOOD_SCORES_H_
 #define TESSERA_COMMON_EVALUATE_LIKELIHOOD_SCORES_H_
 
@@ -13,10 +13,10 @@
 
 namespace tessera {
 
-// Undistorted likelihoods of a view, of any resolution not above the image's.
+// Undistorted likelihoods of a view; their resolution is at most the image's.
 using LikelihoodSource = std::function<StatusOr<FloatImage>(size_t view)>;
 
-// Labels of a mesh as a view shows it, undistorted, of the image's size; 255: a pixel that is not compared.
+// Rendered labels of a mesh in a view, undistorted, in the image's size; 255: the pixel is not compared.
 using LabelRendering = std::function<LabelImage(size_t view)>;
 
 struct LikelihoodConfusion {
@@ -24,9 +24,9 @@ struct LikelihoodConfusion {
   ConfusionMatrix mesh;  // over the same pixels
 };
 
-// Confusion of each view's likeliest classes (the first of equal ones) with its truth, over the undistorted image's
-// pixels; empty where the view has no truth. With `rendering` only pixels that it does not leave out, and its labels
-// beside them. Sources are called from any thread, once a view at most.
+// Confusion matrices of each view's likeliest classes (the first of equal ones) against its truth, over the pixels of
+// the undistorted image; empty if the view has no truth. With `rendering`, pixels that it sets to 255 are skipped, and
+// its labels are compared too. Sources are called from any thread, at most once per view.
 StatusOr<std::vector<LikelihoodConfusion>> ConfuseLikelihoods(const std::vector<LensModel>& lenses, int classes,
                                                               const TruthLabelSource& truth,
                                                               const LikelihoodSource& likelihoods,

@@ -12,7 +12,7 @@ namespace tessera {
 namespace {
 
 using Json = nlohmann::ordered_json;
-using Figure = std::function<double(const Evaluation&)>;
+using Metric = std::function<double(const Evaluation&)>;
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 constexpr int kNameWidth = 34, kColumnWidth = 11;
@@ -33,7 +33,7 @@ class Table {
     text_ += "\n";
   }
 
-  void Row(const std::string& name, const Figure& figure, const char* format = "f") {
+  void Row(const std::string& name, const Metric& figure, const char* format = "f") {
     std::vector<double> values;
     bool any = false;
     for (const NamedEvaluation& e : evaluations_) {
@@ -231,7 +231,7 @@ std::string EvaluationTable(const std::vector<NamedEvaluation>& evaluations, con
   }
   table.Line(
       absl::StrFormat("\n%d points drawn by area (seed %d), seen by at least %d cameras, rim of %g m left out, "
-                      "capped at %g m.",
+                      "distances capped at %g m.",
                       options.samples, options.seed, options.min_views, options.rim_m, options.cap_m));
   return table.text();
 }

@@ -1,4 +1,4 @@
-// An evaluation as people read it and as programs do.
+// Evaluations as tables and as JSON.
 #ifndef TESSERA_COMMON_EVALUATE_REPORT_H_
 #define TESSERA_COMMON_EVALUATE_REPORT_H_
 
@@ -10,29 +10,29 @@
 namespace tessera {
 
 struct NamedEvaluation {
-  std::string name;  // head of its column: "start", "result"
+  std::string name;  // column head, such as "start" or "result"
   Evaluation evaluation;
 };
 
-// A table with a column an evaluation and, if there are two, the second's figures over the first's. Lengths in metres.
-// All evaluations come from one Evaluator, made with `options`. Ends with a newline.
+// A table with one column per evaluation and, if there are two, a column of their ratio (second / first). Lengths in
+// metres. All evaluations come from one Evaluator, made with `options`. Ends with a newline.
 std::string EvaluationTable(const std::vector<NamedEvaluation>& evaluations, const std::vector<std::string>& classes,
                             const EvaluationOptions& options);
 
-// The same and everything else as JSON, indented: "options", "classes", and under "meshes" an object an evaluation.
-// What could not be measured is null. Ends with a newline.
+// All figures as indented JSON: "options", "classes", and one object per evaluation under "meshes". Figures that could
+// not be measured are null. Ends with a newline.
 std::string EvaluationJson(const std::vector<NamedEvaluation>& evaluations, const std::vector<std::string>& classes,
                            const EvaluationOptions& options);
 
-// A view's likeliest classes against its truth, and a mesh's labels over the same pixels (empty: no mesh).
+// Confusion of a view's likeliest classes, and of a mesh's labels over the same pixels (empty: no mesh).
 struct NamedConfusion {
   std::string name;
   ConfusionMatrix confusion;
   ConfusionMatrix mesh;
 };
 
-// Overall and average accuracy and mean IoU of each view and of all together, and recall and precision a class of all;
-// then those of the mesh's labels.
+// Overall accuracy, average accuracy and mean IoU of each view and of all views; recall, precision and IoU of each
+// class over all views; the same for the mesh's labels.
 std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
 std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
 

@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kRayMargin = 2e-4;  // of the distance to the camera
+constexpr double kRayMargin = 2e-4;  // relative to the distance to the camera
 
 bool IsSeen(const Eigen::Vector3d& point, const RayCaster& caster, const std::vector<SceneView>& views, int min_views) {
   int seen = 0;

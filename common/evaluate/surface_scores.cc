@@ -9,12 +9,12 @@ namespace {
 
 constexpr double kUndefined = std::numeric_limits<double>::quiet_NaN();
 
-// Linear between the order statistics, as NumPy's default.
+// Interpolates linearly between order statistics, like NumPy's default.
 double Quantile(const std::vector<double>& sorted, double q) {
-  const double place = q * static_cast<double>(sorted.size() - 1);
-  const size_t low = static_cast<size_t>(place);
+  const double position = q * static_cast<double>(sorted.size() - 1);
+  const size_t low = static_cast<size_t>(position);
   const size_t high = std::min(low + 1, sorted.size() - 1);
-  return sorted[low] + (place - static_cast<double>(low)) * (sorted[high] - sorted[low]);
+  return sorted[low] + (position - static_cast<double>(low)) * (sorted[high] - sorted[low]);
 }
 
 std::vector<MeasuredPoint> OfClass(const std::vector<MeasuredPoint>& points, int truth_class) {

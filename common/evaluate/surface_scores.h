@@ -1,4 +1,4 @@
-// How near two surfaces are: accuracy, completeness, F-score and normal consistency from measured points.
+// Scores of surface geometry: accuracy, completeness, F-score and normal consistency of measured points.
 #ifndef TESSERA_COMMON_EVALUATE_SURFACE_SCORES_H_
 #define TESSERA_COMMON_EVALUATE_SURFACE_SCORES_H_
 
@@ -11,21 +11,21 @@ namespace tessera {
 struct MeasuredPoint {
   double distance_m = 0;
   double normal_agreement = 0;  // |cosine| between the point's face normal and that of the nearest face
-  int truth_class = -1;         // class of the truth there; -1: not labelled
+  int truth_class = -1;         // class of the truth at this point; -1: no label
 };
 
-// NaN everywhere if there are no points.
+// All figures are NaN if there are no points.
 struct DistanceStatistics {
   int64_t points = 0;
   double mean_m = 0;
-  double capped_mean_m = 0;  // distances above the cap count as the cap
+  double capped_mean_m = 0;  // mean of min(distance, cap)
   double median_m = 0;
   double percentile90_m = 0;
-  double normal_consistency = 0;  // mean agreement of normals
+  double normal_consistency = 0;  // mean of normal_agreement
 };
 
-// Knapitsch et al., Tanks and Temples, 2017: precision is the share of the result's points within `distance_m` of the
-// truth, recall that of the truth's points within it of the result, F their harmonic mean.
+// F-score of Knapitsch et al., Tanks and Temples, 2017. Precision: the share of the result's points within `distance_m`
+// of the truth. Recall: the share of the truth's points within `distance_m` of the result. F: their harmonic mean.
 struct FScore {
   double distance_m = 0;
   double precision = 0, recall = 0, f = 0;
@@ -35,13 +35,13 @@ struct SurfaceScores {
   DistanceStatistics accuracy;      // points on the result against the truth
   DistanceStatistics completeness;  // points on the truth against the result
   std::vector<FScore> f_scores;
-  double normal_consistency = 0;  // mean of both directions'
+  double normal_consistency = 0;  // mean of both directions
 };
 
 DistanceStatistics ComputeStatistics(const std::vector<MeasuredPoint>& points, double cap_m);
 
-// `on_result` measured against the truth, `on_truth` against the result. `truth_class` >= 0 takes only points of that
-// class. Lengths in metres.
+// `on_result`: points of the result, measured against the truth; `on_truth`: the reverse. `truth_class` >= 0 restricts
+// both to points of that class. Lengths in metres.
 SurfaceScores ScoreSurface(const std::vector<MeasuredPoint>& on_result, const std::vector<MeasuredPoint>& on_truth,
                            double cap_m, const std::vector<double>& f_distances_m, int truth_class = -1);
 

@@ -15,7 +15,7 @@ namespace {
 constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 constexpr double kOriginGrid_m = 1024;
 
-// Multiples of 1,024 have few significant bits, so subtracting one from a coordinate near it rounds nothing.
+// Multiples of 1,024 have few significant bits, so subtracting one from a nearby coordinate is exact.
 Eigen::Vector3d RoundToGrid(const Eigen::Vector3d& p) {
   return (p / kOriginGrid_m).unaryExpr([](double x) { return std::round(x) + 0.0; }) * kOriginGrid_m;
 }
@@ -30,9 +30,10 @@ Status CheckCrs(const Crs& crs) {
   }
   if (crs.kind == Crs::Kind::kEnu && !(std::abs(crs.lat_rad) <= std::numbers::pi / 2 &&
                                        std::abs(crs.lon_rad) <= 2 * std::numbers::pi && std::isfinite(crs.height_m))) {
-    return absl::InvalidArgumentError(absl::StrCat("crs: found an origin at latitude ", crs.lat_rad * kDegreesPerRadian,
-                                                   ", longitude ", crs.lon_rad * kDegreesPerRadian, ", height ",
-                                                   crs.height_m, ", expected a place on Earth"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("crs: found an origin at latitude ", crs.lat_rad * kDegreesPerRadian, ", longitude ",
+                     crs.lon_rad * kDegreesPerRadian, ", height ", crs.height_m,
+                     ", expected -90 to 90 degrees, -360 to 360 degrees, a finite height"));
   }
   return absl::OkStatus();
 }
@@ -50,7 +51,8 @@ Frame Frame::Of(const Crs& crs, const Eigen::Vector3d& origin_in_scene,
 
 StatusOr<Frame> Frame::Around(const Crs& crs, const Eigen::Vector3d& point_in_scene) {
   TESSERA_RETURN_IF_ERROR(CheckCrs(crs));
-  if (!point_in_scene.allFinite()) return absl::InvalidArgumentError("crs: the scene has no finite position");
+  if (!point_in_scene.allFinite())
+    return absl::InvalidArgumentError("crs: found scene coordinates that are not finite");
   Frame frame;
   frame.crs_ = crs;
   frame.origin_ = RoundToGrid(point_in_scene);
@@ -59,8 +61,8 @@ StatusOr<Frame> Frame::Around(const Crs& crs, const Eigen::Vector3d& point_in_sc
     const double radius = point_in_scene.norm();
     if (!(radius > 6.2e6 && radius < 6.6e6)) {
       return absl::InvalidArgumentError(absl::StrCat("crs: found a scene ", radius / 1000,
-                                                     " km from the Earth's centre, expected one near its surface for "
-                                                     "type 'ecef'"));
+                                                     " km from the Earth's centre, expected 6200 to 6600 km for type "
+                                                     "'ecef': check the type of crs"));
     }
     double lat_deg = 0, lon_deg = 0, height_m = 0;
     std::vector<double> ecef_from_enu;  // row-major
@@ -72,9 +74,9 @@ StatusOr<Frame> Frame::Around(const Crs& crs, const Eigen::Vector3d& point_in_sc
     frame.rotation_ = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(ecef_from_enu.data()).transpose();
     return frame;
   }
-  // Tells now, not at the report's last line, where coordinates cannot be what they are said to be.
-  const StatusOr<Eigen::Vector3d> place = frame.GeodeticFromLocal(frame.LocalFromScene(point_in_scene));
-  if (!place.ok()) return place.status();
+  // Reject coordinates outside the coordinate system now: the report converts them only after all computations.
+  const StatusOr<Eigen::Vector3d> geodetic = frame.GeodeticFromLocal(frame.LocalFromScene(point_in_scene));
+  if (!geodetic.ok()) return geodetic.status();
   return frame;
 }
 
@@ -84,7 +86,7 @@ StatusOr<Eigen::Vector3d> Frame::GeodeticFromLocal(const Eigen::Vector3d& p_loca
   try {
     switch (crs_.kind) {
       case Crs::Kind::kLocal:
-        return absl::FailedPreconditionError("a local frame knows no place on Earth");
+        return absl::FailedPreconditionError("scene is not georeferenced: set `crs` in scene.json");
       case Crs::Kind::kEnu: {
         const GeographicLib::LocalCartesian enu(crs_.lat_rad * kDegreesPerRadian, crs_.lon_rad * kDegreesPerRadian,
                                                 crs_.height_m);
@@ -101,7 +103,7 @@ StatusOr<Eigen::Vector3d> Frame::GeodeticFromLocal(const Eigen::Vector3d& p_loca
     }
   } catch (const GeographicLib::GeographicErr& error) {
     return absl::InvalidArgumentError(absl::StrCat("crs: coordinates (", p.x(), ", ", p.y(),
-                                                   ") are outside their coordinate system: ", error.what()));
+                                                   ") are outside the scene's coordinate system: ", error.what()));
   }
   return Geodetic(lat_deg, lon_deg, height_m);
 }

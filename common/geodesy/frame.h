@@ -1,4 +1,4 @@
-// Coordinate frames of scenes, and the local metric frame that everything inside uses. By GeographicLib.
+// Coordinate systems of scenes, and the local metric frame of all computations. Uses GeographicLib.
 #ifndef TESSERA_COMMON_GEODESY_FRAME_H_
 #define TESSERA_COMMON_GEODESY_FRAME_H_
 
@@ -9,7 +9,7 @@
 
 namespace tessera {
 
-// What scene.json's "crs" says.
+// Coordinate reference system of a scene ("crs" in scene.json).
 struct Crs {
   enum class Kind { kLocal, kEnu, kUtm, kEcef };
   Kind kind = Kind::kLocal;
@@ -19,15 +19,15 @@ struct Crs {
   bool operator==(const Crs&) const = default;
 };
 
-// A rigid change of coordinates between the scene's own frame and the local frame: p_local = rotation (p_scene −
-// origin). For local, enu and utm the rotation is the identity and the origin a multiple of 1,024 m in each axis, near
-// the scene, so that nothing is rounded. For ecef the local frame is east-north-up at a point near the scene.
+// Rigid transform between the scene's coordinates and the local frame: p_local = rotation (p_scene − origin). For
+// local, enu and utm, the rotation is the identity and each coordinate of the origin is a multiple of 1,024 m near the
+// scene, so that the subtraction does not round. For ecef, the local frame is east-north-up at a point near the scene.
 class Frame {
  public:
   Frame() = default;  // the identity
-  // The frame for a scene around `point_in_scene`.
+  // The frame of a scene around `point_in_scene`. INVALID_ARGUMENT if `crs` is invalid or does not fit the point.
   static StatusOr<Frame> Around(const Crs& crs, const Eigen::Vector3d& point_in_scene);
-  // One that Around() gave earlier.
+  // Restores a frame that Around() returned.
   static Frame Of(const Crs& crs, const Eigen::Vector3d& origin_in_scene,
                   const Eigen::Matrix3d& rotation_local_from_scene);
 
@@ -37,8 +37,8 @@ class Frame {
   Eigen::Vector3d LocalFromScene(const Eigen::Vector3d& p) const { return rotation_ * (p - origin_); }
   Eigen::Vector3d SceneFromLocal(const Eigen::Vector3d& p) const { return rotation_.transpose() * p + origin_; }
 
-  // WGS 84 latitude and longitude (radians) and height (metres) of a local point; FAILED_PRECONDITION for kLocal, which
-  // knows no place on Earth.
+  // WGS 84 latitude and longitude (radians) and height (metres) of a local point. FAILED_PRECONDITION for kLocal, which
+  // is not georeferenced.
   StatusOr<Eigen::Vector3d> GeodeticFromLocal(const Eigen::Vector3d& p_local) const;
 
  private:

@@ -8,16 +8,16 @@
 namespace tessera {
 namespace {
 
-constexpr int kLineStep = 2;            // between two lines
-constexpr double kMinLead = 0.2;        // of a side's own class over the other
-constexpr int kStepReach = 3;           // pixels that a side's mean is of
-constexpr double kNoise = 0.01;         // of luminance; makes flat places vote for no place
-constexpr double kFullContrast = 0.25;  // of edges at the border to those beside it, less 1: nothing more is asked for
+constexpr int kLineStep = 2;            // rows or columns between two lines
+constexpr double kMinMargin = 0.2;      // mean lead of a side's class over the other class
+constexpr int kSidePixels = 3;          // pixels in the mean of a side
+constexpr double kNoise = 0.01;         // of luminance; makes votes of flat regions uniform
+constexpr double kFullContrast = 0.25;  // relative height of the peak that gives weight 1
 
-// So many neighbouring lines cross the same edge: chance makes peaks as of so many fewer borders.
-constexpr double kAlike = 20;
-// A border that lies far off does so by another distance at another place.
-constexpr double kUsualBias_px = 1.5;
+// Neighbouring lines cross the same edge, so about this many borders count as one independent sample.
+constexpr double kCorrelatedBorders = 20;
+// Large biases vary over the image, so the weight decreases with the bias on this scale.
+constexpr double kTypicalBias_px = 1.5;
 
 }  // namespace
 
@@ -53,6 +53,8 @@ void BorderCounts::Add(const BorderCounts& other) {
   }
 }
 
+// Each border votes for the positions of strong gradients around it. A vote has the fixed sum kVoteScale, so a border
+// with high contrast counts as much as a weak one, and rounding it to integers makes the sum independent of the order.
 void BorderCounts::AddLine(const FloatImage& luminance, const FloatImage& likelihoods, const Line& line) {
   const int n = line.length;
   std::vector<float> light(n), likely(static_cast<size_t>(n) * classes_);
@@ -65,7 +67,7 @@ void BorderCounts::AddLine(const FloatImage& luminance, const FloatImage& likeli
     const int u = scaled(x, luminance.width, likelihoods.width), v = scaled(y, luminance.height, likelihoods.height);
     for (int l = 0; l < classes_; ++l) likely[static_cast<size_t>(i) * classes_ + l] = likelihoods.at(u, v, l);
   }
-  // The likeliest class of three pixels together, so that noise of single ones makes no borders.
+  // The likeliest class over three pixels, so that noise of single pixels does not create borders.
   std::vector<int> best(n, -1);
   for (int i = 1; i + 1 < n; ++i) {
     float most = 0;
@@ -78,23 +80,23 @@ void BorderCounts::AddLine(const FloatImage& luminance, const FloatImage& likeli
       }
     }
   }
-  for (int i = kReach; i + kReach <= n; ++i) {
+  for (int i = kHalfWidth_px; i + kHalfWidth_px <= n; ++i) {
     int a = best[i - 1], b = best[i];
     if (a < 0 || b < 0 || a == b) continue;
-    // Where nothing is known on one side there is no border, but an end of what is known.
+    // Skip places where one side has no clear class: the likelihoods end there, but no class border.
     float first = 0, second = 0;
-    for (int k = 0; k < kStepReach; ++k) {
+    for (int k = 0; k < kSidePixels; ++k) {
       const float* before = &likely[static_cast<size_t>(i - 1 - k) * classes_];
       const float* after = &likely[static_cast<size_t>(i + k) * classes_];
       first += before[a] - before[b];
       second += after[b] - after[a];
     }
-    if (!(std::min(first, second) >= kStepReach * kMinLead)) continue;
-    // Squared differences of two pixels on either side; NaN wherever a pixel is.
+    if (!(std::min(first, second) >= kSidePixels * kMinMargin)) continue;
+    // Squared difference of the means of two pixels on each side. NaN if any pixel is NaN.
     std::array<double, kOffsets> edges;
     double sum = 0;
     for (int t = 0; t < kOffsets; ++t) {
-      const float* at = &light[i - kReach + t];
+      const float* at = &light[i - kHalfWidth_px + t];
       const double edge = 0.5 * (at[2] + at[3] - at[0] - at[1]);
       edges[t] = edge * edge + kNoise * kNoise;
       sum += edges[t];
@@ -104,12 +106,14 @@ void BorderCounts::AddLine(const FloatImage& luminance, const FloatImage& likeli
     if (!forward) std::swap(a, b);
     Pair& pair = At(a, b);
     for (int t = 0; t < kOffsets; ++t) {
-      pair.edges[forward ? t : kOffsets - 1 - t] += std::llround(kVote * edges[t] / sum);
+      pair.edges[forward ? t : kOffsets - 1 - t] += std::llround(kVoteScale * edges[t] / sum);
     }
     ++pair.borders;
   }
 }
 
+// The peak of the histogram gives the bias, its width the deviation, and its height over both sides the weight. The
+// height is reduced by the expected height of a random peak, so that few borders are not trusted by chance.
 BorderTrust BorderCounts::TrustOf(const Pair& pair) {
   if (pair.borders < kMinBorders) return {};
   constexpr int kMiddle = kOffsets / 2;
@@ -121,10 +125,10 @@ BorderTrust BorderCounts::TrustOf(const Pair& pair) {
   for (int t = kMiddle - kMaxBias_px; t <= kMiddle + kMaxBias_px; ++t) {
     if (mean3(t) > mean3(peak)) peak = t;
   }
-  // What a slope has on one side is no peak.
+  // Compare with the higher side: a slope is not a peak.
   const double beside = 0.5 * static_cast<double>(std::max(pair.edges[peak - 3] + pair.edges[peak - 4],
                                                            pair.edges[peak + 3] + pair.edges[peak + 4]));
-  const double contrast = mean3(peak) / beside - 1 - std::sqrt(kAlike / static_cast<double>(pair.borders));
+  const double contrast = mean3(peak) / beside - 1 - std::sqrt(kCorrelatedBorders / static_cast<double>(pair.borders));
   if (!(contrast > 0)) return {};
   double sum = 0, first = 0, second = 0;
   for (int k = -2; k <= 2; ++k) {
@@ -137,7 +141,7 @@ BorderTrust BorderCounts::TrustOf(const Pair& pair) {
   BorderTrust trust;
   trust.bias_px = kMiddle - (peak + mean);
   trust.sigma_px = std::sqrt(std::max(0.0, second / sum - mean * mean));
-  const double biases = trust.bias_px / kUsualBias_px;
+  const double biases = trust.bias_px / kTypicalBias_px;
   trust.weight = std::min(1.0, contrast / kFullContrast) / (1 + biases * biases);
   return trust;
 }
@@ -156,9 +160,9 @@ StatusOr<BorderCounts> BorderCounts::FromCounts(int classes, const std::vector<i
   constexpr size_t kOfPair = 1 + kOffsets;
   const bool negative = std::any_of(counts.begin(), counts.end(), [](int64_t count) { return count < 0; });
   if (counts.size() != found.pairs_.size() * kOfPair || negative) {
-    return absl::InvalidArgumentError(absl::StrCat("counts of borders: found ", counts.size(),
-                                                   negative ? ", some negative" : "", ", expected ",
-                                                   found.pairs_.size() * kOfPair, " for ", classes, " classes"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("border counts: found ", counts.size(), " values", negative ? ", some negative" : "",
+                     ", expected ", found.pairs_.size() * kOfPair, " values of at least 0 for ", classes, " classes"));
   }
   for (size_t p = 0; p < found.pairs_.size(); ++p) {
     Pair& pair = found.pairs_[p];

@@ -1,4 +1,4 @@
-// How far the borders between classes in likelihoods can be trusted, measured against the edges of the images.
+// Reliability of class borders in likelihoods, estimated from the intensity edges of the images.
 #ifndef TESSERA_COMMON_IMAGING_BORDER_TRUST_H_
 #define TESSERA_COMMON_IMAGING_BORDER_TRUST_H_
 
@@ -12,21 +12,21 @@
 
 namespace tessera {
 
-// Where images have their edges about the places where likelihoods go over from one class to another: a classifier
-// that puts the border of roofs two pixels too far out finds most edges two pixels inside.
+// Distribution of image edges around the borders between two classes in the likelihoods. Example: if a classifier
+// places roof borders two pixels too far outside, most edges lie two pixels inside.
 struct BorderTrust {
-  double bias_px = 0;   // how far the likelihoods' border lies from the images' edge, towards the second class
-  double sigma_px = 0;  // standard deviation of the edges about that place
-  double weight = 0;    // in [0, 1]; 0: edges lie anywhere, so that nothing is known of the border
+  double bias_px = 0;   // offset of the likelihoods' border from the image edge, towards the second class
+  double sigma_px = 0;  // standard deviation of the edges' positions
+  double weight = 0;    // in [0, 1]; 0: edges show no peak, so the border is unreliable
   friend bool operator==(const BorderTrust&, const BorderTrust&) = default;
 };
 
-// Of all ordered pairs of classes.
+// The BorderTrust of each ordered pair of classes.
 class BorderTrusts {
  public:
-  BorderTrusts() = default;  // none is known
+  BorderTrusts() = default;  // no classes: Of() returns weight 0
   explicit BorderTrusts(int classes);
-  // From class `a` to class `b`; sets that from `b` to `a` as well.
+  // Sets the value from class `a` to class `b`, and the mirrored one from `b` to `a`.
   void Set(int a, int b, const BorderTrust& trust);
   const BorderTrust& Of(int a, int b) const;
   int classes() const { return classes_; }
@@ -37,33 +37,34 @@ class BorderTrusts {
   std::vector<BorderTrust> trusts_;
 };
 
-// Counts of one image or of many, in whole numbers: in whatever order they are added, the sum is the same. Pixels are
-// those of the images.
+// Histograms of edge positions around class borders, summed over images. Counts are integers, so that their sum does
+// not depend on the order of addition. Offsets are in pixels of the image.
 class BorderCounts {
  public:
-  static constexpr int kReach = 11;                // pixels on either side of a border that are looked at
-  static constexpr int kOffsets = 2 * kReach - 3;  // places where an edge may lie
+  static constexpr int kHalfWidth_px = 11;                // pixels used on each side of a border
+  static constexpr int kOffsets = 2 * kHalfWidth_px - 3;  // possible positions of an edge
   static constexpr int kMaxBias_px = 5;
-  static constexpr int64_t kMinBorders = 500;  // fewer prove nothing
+  static constexpr int64_t kMinBorders = 500;  // with fewer borders the weight is 0
 
   explicit BorderCounts(int classes);
 
-  // The borders along every second row and column. `luminance`: in [0, 1], NaN where invalid; borders beside such
-  // pixels do not count. `likelihoods`: a plane a class, of the same field of view, of any resolution.
+  // Adds the borders on every second row and column of an image. `luminance`: in [0, 1], NaN where invalid; borders
+  // near invalid pixels are skipped. `likelihoods`: one plane per class, same field of view, any resolution.
   void Add(const FloatImage& luminance, const FloatImage& likelihoods);
   void Add(const BorderCounts& other);
 
   BorderTrusts Trusts() const;
 
-  // All counts as one list, pair by pair, and back. INVALID_ARGUMENT if `counts` is not such a list.
+  // Conversion to and from a flat list, pair by pair. INVALID_ARGUMENT if `counts` has a wrong length or negative
+  // values.
   std::vector<int64_t> ToCounts() const;
   static StatusOr<BorderCounts> FromCounts(int classes, const std::vector<int64_t>& counts);
 
  private:
-  static constexpr double kVote = 1 << 20;
+  static constexpr double kVoteScale = 1 << 20;
   struct Pair {
     int64_t borders = 0;
-    std::array<int64_t, kOffsets> edges = {};  // by offset; kVote a border together
+    std::array<int64_t, kOffsets> edges = {};  // by offset; each border adds kVoteScale in total
   };
   struct Line {
     int x = 0, y = 0, dx = 0, dy = 0, length = 0;
@@ -73,7 +74,7 @@ class BorderCounts {
   static BorderTrust TrustOf(const Pair& pair);
 
   int classes_;
-  std::vector<Pair> pairs_;  // from the class of lower index to that of the higher
+  std::vector<Pair> pairs_;  // only entries with a < b are used
 };
 
 }  // namespace tessera

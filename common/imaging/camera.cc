@@ -2,7 +2,7 @@
 
 namespace tessera {
 
-// One formula serves all models, since what a model lacks is zero (COLMAP, src/colmap/sensor/models.h, FULL_OPENCV).
+// FULL_OPENCV of COLMAP (src/colmap/sensor/models.h). It covers all models, because missing coefficients are zero.
 Eigen::Vector2d LensModel::Distort(const Eigen::Vector2d& p) const {
   if (kind == Kind::kPinhole) return p;
   const auto& [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;

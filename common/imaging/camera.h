@@ -1,4 +1,4 @@
-// Cameras: pinhole intrinsics, poses, and the lens distortions of COLMAP.
+// Cameras: pinhole intrinsics, poses, and COLMAP's lens distortion models.
 #ifndef TESSERA_COMMON_IMAGING_CAMERA_H_
 #define TESSERA_COMMON_IMAGING_CAMERA_H_
 
@@ -7,8 +7,8 @@
 
 namespace tessera {
 
-// Undistorted pinhole camera, pixels. As in COLMAP the centre of the top left pixel is (0.5, 0.5); x right, y down,
-// z forward.
+// Undistorted pinhole camera; units are pixels. As in COLMAP, the centre of the top left pixel is (0.5, 0.5); x points
+// right, y down, z forward.
 struct PinholeCamera {
   int width = 0;
   int height = 0;
@@ -35,12 +35,12 @@ struct PosedCamera {
   }
   // Centre of projection, world frame.
   Eigen::Vector3d Centre() const { return -rotation_cam_from_world.transpose() * translation_cam_from_world; }
-  // Pixel coordinates (x, y) and depth z in metres. x and y mean nothing where z <= 0.
+  // Pixel coordinates (x, y) and depth z in metres. x and y are undefined where z <= 0.
   Eigen::Vector3d Project(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d c = CameraFromWorld(p);
     return {intrinsics.fx * c.x() / c.z() + intrinsics.cx, intrinsics.fy * c.y() / c.z() + intrinsics.cy, c.z()};
   }
-  // Direction in the world frame of the ray through pixel coordinates (x, y), with unit z in the camera's frame.
+  // Direction (world frame) of the ray through pixel coordinates (x, y); its z in the camera frame is 1.
   Eigen::Vector3d Ray(double x, double y) const {
     return rotation_cam_from_world.transpose() *
            Eigen::Vector3d((x - intrinsics.cx) / intrinsics.fx, (y - intrinsics.cy) / intrinsics.fy, 1.0);
@@ -51,17 +51,17 @@ struct PosedCamera {
   }
 };
 
-// COLMAP's camera models that Tessera reads. The distorted image has the size and fx, fy, cx, cy of `pinhole`; an
-// image is undistorted onto `pinhole` itself.
+// The supported camera models of COLMAP. The distorted and the undistorted image have the same size and the same fx,
+// fy, cx, cy: those of `pinhole`.
 struct LensModel {
   enum class Kind { kPinhole, kSimpleRadial, kRadial, kOpenCv, kFullOpenCv };
   Kind kind = Kind::kPinhole;
   PinholeCamera pinhole;
-  // k1 k2 p1 p2 k3 k4 k5 k6 in COLMAP's (and OpenCV's) order; what a model lacks is zero.
+  // k1 k2 p1 p2 k3 k4 k5 k6 in the order of COLMAP and OpenCV; coefficients that a model does not have are zero.
   double coefficients[8] = {};
   bool operator==(const LensModel&) const = default;
 
-  // Position in the distorted image (pixels) of the undistorted pixel position `p`.
+  // The position in the distorted image of position `p` in the undistorted image; both in pixels.
   Eigen::Vector2d Distort(const Eigen::Vector2d& p) const;
 };
 

@@ -33,7 +33,7 @@ uint32_t BigEndian(const Bytes& bytes, size_t at, int count) {
 
 struct JpegLayout {
   ImageSize size;
-  size_t scan_offset = 0;  // of the first entropy-coded segment's marker; 0 if it was not reached
+  size_t scan_offset = 0;  // of the first start-of-scan marker; 0 if there is none
 };
 
 // Walks the marker segments up to the first scan (ITU T.81, annex B).
@@ -59,7 +59,8 @@ JpegLayout WalkJpeg(const Bytes& bytes) {
   return layout;
 }
 
-// Decoders fill what a truncated JPEG lacks with grey and say nothing.
+// Whether the image data ends with an end-of-image marker. Decoders fill the missing part of a truncated JPEG with grey
+// without an error.
 bool JpegEnds(const Bytes& bytes) {
   const size_t scan = WalkJpeg(bytes).scan_offset;
   if (scan == 0) return false;
@@ -69,11 +70,11 @@ bool JpegEnds(const Bytes& bytes) {
   return false;
 }
 
-// No format that we read packs more pixels into a byte, but for images of one colour in CCITT fax codes.
+// Upper bound for all supported formats, except single-colour images in CCITT fax encoding.
 constexpr int64_t kMaxPixelsPerByte = 2048;
 
-// What the header of the image at `path` says, of which `bytes` are the whole or the beginning. 0 x 0 where a JPEG's
-// frame header lies further on.
+// The size in the image's header. `bytes`: the file at `path` or its beginning. 0 x 0 if a JPEG's frame header lies
+// beyond `bytes`.
 StatusOr<ImageSize> HeaderSize(const std::string& path, const Bytes& bytes) {
   if (IsTiff(bytes)) {
     TESSERA_ASSIGN_OR_RETURN(const TiffSize size, ReadTiffSize(path));
@@ -81,15 +82,17 @@ StatusOr<ImageSize> HeaderSize(const std::string& path, const Bytes& bytes) {
   }
   if (IsJpeg(bytes)) return WalkJpeg(bytes).size;
   if (!IsPng(bytes)) {
-    return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "another kind of file",
+    return InputError(path, "byte 0", bytes.empty() ? "an empty file" : "an unknown format",
                       "a JPEG, PNG or TIFF image");
   }
-  if (bytes.size() < 24) return InputError(path, "", "no image size", "a readable image");
+  if (bytes.size() < 24) {
+    return InputError(path, absl::StrCat("byte ", bytes.size()), "the end of the file", "a whole PNG header");
+  }
   return ImageSize{static_cast<int>(BigEndian(bytes, 16, 4)), static_cast<int>(BigEndian(bytes, 20, 4))};
 }
 
-// `expected`: nothing else is decoded, for a few bytes may say that they are an image of gigabytes; none: any size that
-// the file's own bytes may hold.
+// Decodes an image. Checks the header's size before decoding, because a small file may claim gigabytes: it must equal
+// `expected`, or, without `expected`, be plausible for the length of the file.
 StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std::optional<ImageSize>& expected,
                          int flags) {
   TESSERA_ASSIGN_OR_RETURN(const ImageSize size, HeaderSize(path, bytes));
@@ -98,12 +101,12 @@ StatusOr<cv::Mat> Decode(const std::string& path, const Bytes& bytes, const std:
   }
   if (expected && size != *expected) {
     return InputError(path, "", absl::StrCat(size.width, " x ", size.height, " pixels"),
-                      absl::StrCat(expected->width, " x ", expected->height, " (its camera's size)"));
+                      absl::StrCat(expected->width, " x ", expected->height, " (the size of its camera)"));
   }
   if (size.width <= 0 || size.height <= 0 ||
       size.width > static_cast<int64_t>(bytes.size()) * kMaxPixelsPerByte / size.height) {
     return InputError(path, "", absl::StrCat(size.width, " x ", size.height, " pixels in ", bytes.size(), " bytes"),
-                      "a readable image");
+                      "a size that fits the length of the file");
   }
   cv::Mat image;
   try {
@@ -146,7 +149,9 @@ StatusOr<ImageSize> ReadImageSize(const std::string& path) {
     TESSERA_ASSIGN_OR_RETURN(bytes, ReadFileBytes(path));
     size = WalkJpeg(bytes).size;
   }
-  if (size.width <= 0 || size.height <= 0) return InputError(path, "", "no image size", "a readable image");
+  if (size.width <= 0 || size.height <= 0) {
+    return InputError(path, "", "no image size in the header", "a JPEG, PNG or TIFF image");
+  }
   return size;
 }
 
@@ -154,8 +159,9 @@ StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel&
   const PinholeCamera& whole = lens.pinhole;
   if (part.x0 < 0 || part.y0 < 0 || part.x1 > whole.width || part.y1 > whole.height || part.width() <= 0 ||
       part.height() <= 0) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": no part of the image: columns ", part.x0, " to ", part.x1,
-                                                   ", rows ", part.y0, " to ", part.y1));
+    return absl::InvalidArgumentError(absl::StrCat(path, ": found columns ", part.x0, " to ", part.x1, ", rows ",
+                                                   part.y0, " to ", part.y1, ", expected a part of its ", whole.width,
+                                                   " x ", whole.height, " pixels"));
   }
   cv::Mat mat;
   {
@@ -165,10 +171,10 @@ StatusOr<FloatImage> ReadLuminancePart(const std::string& path, const LensModel&
   }
   if (mat.cols != whole.width || mat.rows != whole.height) {
     return InputError(path, "", absl::StrCat(mat.cols, " x ", mat.rows, " pixels"),
-                      absl::StrCat(whole.width, " x ", whole.height, " (its camera's size)"));
+                      absl::StrCat(whole.width, " x ", whole.height, " (the size of its camera)"));
   }
   if (mat.depth() != CV_8U && mat.depth() != CV_16U) {
-    return InputError(path, "", "samples of another kind", "8- or 16-bit unsigned samples");
+    return InputError(path, "", "an unsupported sample format", "8- or 16-bit unsigned samples");
   }
   const ImagePart source = SourcePart(lens, part);
   FloatImage image(source.width(), source.height());
@@ -207,7 +213,7 @@ StatusOr<ByteImage> ReadRgb(const std::string& path) {
 
 StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
-  if (!IsPng(bytes)) return InputError(path, "byte 0", "another kind of file", "a PNG image of class ids");
+  if (!IsPng(bytes)) return InputError(path, "byte 0", "no PNG signature", "a PNG image of class ids");
   TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_UNCHANGED));
   if (mat.type() != CV_8UC1) {
     return InputError(path, "", absl::StrCat(mat.channels(), " channels of ", 8 * mat.elemSize1(), " bits"),
@@ -222,7 +228,7 @@ StatusOr<LabelImage> ReadLabelImage(const std::string& path) {
 
 StatusOr<ByteImage> ReadPng(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const Bytes bytes, ReadFileBytes(path));
-  if (!IsPng(bytes)) return InputError(path, "byte 0", "another kind of file", "a PNG image");
+  if (!IsPng(bytes)) return InputError(path, "byte 0", "no PNG signature", "a PNG image");
   TESSERA_ASSIGN_OR_RETURN(const cv::Mat mat, Decode(path, bytes, std::nullopt, cv::IMREAD_UNCHANGED));
   const int channels = mat.channels();
   if (mat.depth() != CV_8U || (channels != 1 && channels != 3 && channels != 4)) {

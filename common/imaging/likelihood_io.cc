@@ -15,7 +15,7 @@
 namespace tessera {
 namespace {
 
-// Likelihoods may be coarser than the photograph, their height rounded either way.
+// Likelihoods may have a lower resolution than the photograph; their height may be rounded up or down.
 Status CheckResolution(const std::string& path, int width, int height, const PinholeCamera& camera) {
   const double expected_height = static_cast<double>(width) * camera.height / camera.width;
   if (width >= 1 && height >= 1 && width <= camera.width && height <= camera.height &&
@@ -24,7 +24,7 @@ Status CheckResolution(const std::string& path, int width, int height, const Pin
   }
   return InputError(
       path, "", absl::StrCat(width, " x ", height, " pixels"),
-      absl::StrCat("the ", camera.width, " x ", camera.height, " of its image, or less with the same aspect ratio"));
+      absl::StrCat(camera.width, " x ", camera.height, " as its image, or fewer with the same aspect ratio"));
 }
 
 StatusOr<FloatImage> FromLabels(const std::string& path, const LabelImage& labels, int classes, const ImagePart& part,
@@ -39,7 +39,7 @@ StatusOr<FloatImage> FromLabels(const std::string& path, const LabelImage& label
     if (label == 255) continue;
     if (label >= classes) {
       return InputError(path, absl::StrCat("pixel (", x, ", ", y, ")"), absl::StrCat("label ", label),
-                        absl::StrCat("0 to ", classes - 1, ", or 255 for unknown"));
+                        absl::StrCat("a class from 0 to ", classes - 1, ", or 255 for unknown"));
     }
     for (int c = 0; c < classes; ++c) image.plane(c)[i] = c == label ? named : other;
   }
@@ -56,8 +56,7 @@ Status Normalise(const std::string& path, const char* plane_name, int first_plan
       return InputError(path,
                         absl::StrCat(plane_name, " ", c + first_plane, ", pixel (", part.x0 + i % image.width, ", ",
                                      part.y0 + i / image.width, ")"),
-                        std::isnan(plane[i]) ? "NaN" : absl::StrCat(plane[i]),
-                        "a finite likelihood that is not negative");
+                        std::isnan(plane[i]) ? "NaN" : absl::StrCat(plane[i]), "a finite likelihood of at least 0");
     }
   }
   ParallelFor(static_cast<int64_t>(image.plane_size()), 1 << 16, [&](int64_t begin, int64_t end) {
@@ -73,10 +72,11 @@ Status Normalise(const std::string& path, const char* plane_name, int first_plan
   return absl::OkStatus();
 }
 
-// What is to be read of a file of width x height pixels for a part of the photograph: undistorted, and as stored.
+// The rectangles of a likelihood file (width x height pixels) for a part of the photograph: in the undistorted image
+// and in the stored image.
 struct Parts {
   LensModel lens;
-  ImagePart wanted, source;
+  ImagePart undistorted, source;
 };
 
 StatusOr<Parts> PartsOf(const std::string& path, int width, int height, const LensModel& lens, const ImagePart& part) {
@@ -84,17 +84,17 @@ StatusOr<Parts> PartsOf(const std::string& path, int width, int height, const Le
   Parts parts;
   parts.lens = lens;
   parts.lens.pinhole = lens.pinhole.Resized(width, height);
-  parts.wanted = part;
+  parts.undistorted = part;
   if (width != lens.pinhole.width || height != lens.pinhole.height) {
-    constexpr int kMore = 2;  // pixels, for interpolation
+    constexpr int kMargin_px = 2;  // for interpolation
     const double sx = static_cast<double>(width) / lens.pinhole.width;
     const double sy = static_cast<double>(height) / lens.pinhole.height;
-    parts.wanted = {std::max(0, static_cast<int>(std::floor(part.x0 * sx)) - kMore),
-                    std::max(0, static_cast<int>(std::floor(part.y0 * sy)) - kMore),
-                    std::min(width, static_cast<int>(std::ceil(part.x1 * sx)) + kMore),
-                    std::min(height, static_cast<int>(std::ceil(part.y1 * sy)) + kMore)};
+    parts.undistorted = {std::max(0, static_cast<int>(std::floor(part.x0 * sx)) - kMargin_px),
+                         std::max(0, static_cast<int>(std::floor(part.y0 * sy)) - kMargin_px),
+                         std::min(width, static_cast<int>(std::ceil(part.x1 * sx)) + kMargin_px),
+                         std::min(height, static_cast<int>(std::ceil(part.y1 * sy)) + kMargin_px)};
   }
-  parts.source = SourcePart(parts.lens, parts.wanted);
+  parts.source = SourcePart(parts.lens, parts.undistorted);
   return parts;
 }
 
@@ -102,14 +102,15 @@ StatusOr<Parts> PartsOf(const std::string& path, int width, int height, const Le
 
 StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes, const LensModel& lens,
                                             const ImagePart& part, double label_confidence) {
-  if (classes < 1) return absl::InvalidArgumentError("likelihoods need at least one class");
+  if (classes < 1) return absl::InvalidArgumentError(path + ": need at least 1 class");
   if (part.x0 < 0 || part.y0 < 0 || part.x1 > lens.pinhole.width || part.y1 > lens.pinhole.height ||
       part.width() <= 0 || part.height() <= 0) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": no part of the image: columns ", part.x0, " to ", part.x1,
-                                                   ", rows ", part.y0, " to ", part.y1));
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": found columns ", part.x0, " to ", part.x1, ", rows ", part.y0, " to ", part.y1,
+        ", expected a part of the ", lens.pinhole.width, " x ", lens.pinhole.height, " pixels of its image"));
   }
   TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> magic, ReadFileStart(path, 8));
-  const auto begins = [&](const char* text, size_t size) {
+  const auto starts_with = [&](const char* text, size_t size) {
     return magic.size() >= size && std::memcmp(magic.data(), text, size) == 0;
   };
   LikelihoodPart result;
@@ -120,14 +121,14 @@ StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes
   };
   Parts parts;
   FloatImage image;
-  if (begins("\x89PNG", 4)) {
-    // Before anything is decoded.
+  if (starts_with("\x89PNG", 4)) {
+    // Check the size before decoding.
     TESSERA_ASSIGN_OR_RETURN(const ImageSize size, ReadImageSize(path));
     TESSERA_ASSIGN_OR_RETURN(parts, set_size(size.width, size.height));
     TESSERA_ASSIGN_OR_RETURN(const LabelImage labels, ReadLabelImage(path));
     TESSERA_ASSIGN_OR_RETURN(image, FromLabels(path, labels, classes, parts.source, label_confidence));
     TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, parts.source, image));
-  } else if (begins("\x93NUMPY", 6)) {
+  } else if (starts_with("\x93NUMPY", 6)) {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<uint8_t> bytes, ReadFileBytes(path));
     TESSERA_ASSIGN_OR_RETURN(const NpyArray array, FindNpyArray(bytes, path));
     if (array.channels != classes) {
@@ -136,23 +137,23 @@ StatusOr<LikelihoodPart> ReadLikelihoodPart(const std::string& path, int classes
     TESSERA_ASSIGN_OR_RETURN(parts, set_size(array.width, array.height));
     image = NpyPart(array, parts.source);
     TESSERA_RETURN_IF_ERROR(Normalise(path, "class", 0, parts.source, image));
-  } else if (begins("II", 2) || begins("MM", 2)) {
+  } else if (starts_with("II", 2) || starts_with("MM", 2)) {
     TESSERA_ASSIGN_OR_RETURN(TiffSize size, ReadTiffSize(path));
     if (size.pages != classes) {
       return InputError(path, "", absl::StrCat(size.pages, size.pages == 1 ? " page" : " pages"),
-                        absl::StrCat(classes, " (a page a class)"));
+                        absl::StrCat(classes, " (one page per class)"));
     }
     TESSERA_ASSIGN_OR_RETURN(parts, set_size(size.width, size.height));
     TESSERA_ASSIGN_OR_RETURN(image, ReadTiffPages(path, size, parts.source));
     TESSERA_RETURN_IF_ERROR(Normalise(path, "page", 1, parts.source, image));
   } else {
-    return InputError(path, "byte 0", magic.empty() ? "an empty file" : "another kind of file",
+    return InputError(path, "byte 0", magic.empty() ? "an empty file" : "an unknown format",
                       "likelihoods as TIFF or NPY, or a label PNG");
   }
-  result.x0 = parts.wanted.x0;
-  result.y0 = parts.wanted.y0;
+  result.x0 = parts.undistorted.x0;
+  result.y0 = parts.undistorted.y0;
   result.pixels =
-      UndistortPart(std::move(image), parts.source, parts.lens, parts.wanted, 1.0f / static_cast<float>(classes));
+      UndistortPart(std::move(image), parts.source, parts.lens, parts.undistorted, 1.0f / static_cast<float>(classes));
   return result;
 }
 

@@ -105,19 +105,20 @@ StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::st
   const int version = bytes[6];
   if (version < 1 || version > 3) return InputError(name, "byte 6", absl::StrCat("version ", version), "1, 2 or 3");
   const size_t start = version == 1 ? 10 : 12;
-  if (bytes.size() < start) return InputError(name, absl::StrCat("byte ", bytes.size()), "the end", "a header length");
+  if (bytes.size() < start)
+    return InputError(name, absl::StrCat("byte ", bytes.size()), "the end of the file", "a header length");
   size_t length = bytes[8] + 256 * bytes[9];
   if (version > 1) length += (size_t{bytes[10]} << 16) + (size_t{bytes[11]} << 24);
   if (length > bytes.size() - start) {
     return InputError(name, "byte 8", absl::StrCat("a header of ", length, " bytes"),
-                      absl::StrCat("at most the ", bytes.size() - start, " that follow"));
+                      absl::StrCat("at most ", bytes.size() - start, " (the rest of the file)"));
   }
   const std::string text(bytes.begin() + start, bytes.begin() + start + length);
   NpyHeader header;
   HeaderParser parser(text);
   if (!parser.Parse(&header) || !header.descr || !header.fortran_order || !header.shape) {
     return InputError(name, absl::StrCat("byte ", start + parser.position()), "a malformed header",
-                      "{'descr': ..., 'fortran_order': ..., 'shape': (...)}");
+                      "a Python dictionary: {'descr': ..., 'fortran_order': ..., 'shape': (...)}");
   }
   if (*header.fortran_order) return InputError(name, "header", "fortran_order True", "False (C order)");
   const int value_bytes = *header.descr == "|u1" || *header.descr == "u1" ? 1
@@ -130,10 +131,10 @@ StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::st
   }
   const std::vector<int64_t>& shape = *header.shape;
   const std::string shape_text = absl::StrCat("shape (", absl::StrJoin(shape, ", "), ")");
-  if (shape.size() != 3) return InputError(name, "header", shape_text, "(classes, height, width)");
+  if (shape.size() != 3) return InputError(name, "header", shape_text, "shape (classes, height, width)");
   const uint8_t* values = bytes.data() + start + length;
   const size_t available = bytes.size() - start - length;
-  // Divisions, since the product of corrupt sizes may not fit.
+  // Divide instead of multiplying, because the product of corrupt sizes may overflow.
   size_t left = available / value_bytes;
   bool fits = available % value_bytes == 0;
   for (const int64_t size : shape) {
@@ -142,7 +143,7 @@ StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::st
   }
   if (!fits || left != 1) {
     return InputError(name, absl::StrCat("byte ", start + length), absl::StrCat(available, " bytes of values"),
-                      absl::StrCat("what ", shape_text, " of ", value_bytes, "-byte values takes"));
+                      absl::StrCat("the size of ", shape_text, " with ", value_bytes, "-byte values"));
   }
   return NpyArray{static_cast<int>(shape[0]), static_cast<int>(shape[1]), static_cast<int>(shape[2]), value_bytes,
                   values};

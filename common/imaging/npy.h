@@ -11,19 +11,18 @@
 
 namespace tessera {
 
-// A three-dimensional array (channels x height x width) of uint8, float16 or float32 in C order, little-endian. `name`
-// stands for the file in messages, which give byte offsets. The shape is compared with the length of `bytes` before
-// anything is allocated.
+// Parses a three-dimensional array (channels x height x width) of uint8, float16 or float32 in C order, little-endian.
+// Errors name the file (`name`) and the byte offset. Checks the shape against the length of `bytes` before allocating.
 StatusOr<FloatImage> ParseNpy(const std::vector<uint8_t>& bytes, const std::string& name);
 
-// Such an array where it lies in a file's bytes, which must outlive it.
+// A view of such an array inside a file's bytes, which must outlive it.
 struct NpyArray {
   int channels = 0, height = 0, width = 0;
   int value_bytes = 0;
   const uint8_t* values = nullptr;
 };
 StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::string& name);
-// A part of all its channels.
+// The values of `part` in all channels.
 FloatImage NpyPart(const NpyArray& array, const ImagePart& part);
 
 // Value of an IEEE 754 half-precision number.

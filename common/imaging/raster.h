@@ -1,4 +1,4 @@
-// Pixels in memory: planes of one value type.
+// Images in memory.
 #ifndef TESSERA_COMMON_IMAGING_RASTER_H_
 #define TESSERA_COMMON_IMAGING_RASTER_H_
 
@@ -30,7 +30,7 @@ struct Raster {
 
 using FloatImage = Raster<float>;
 using ByteImage = Raster<uint8_t>;
-using LabelImage = Raster<uint8_t>;  // class index a pixel, 255: nothing
+using LabelImage = Raster<uint8_t>;  // class index per pixel, 255: none
 
 // Half-open rectangle of an image's pixels.
 struct ImagePart {
@@ -40,12 +40,13 @@ struct ImagePart {
   bool operator==(const ImagePart&) const = default;
 };
 
-// Where the centre of pixel (x, y) of one image lies in another: scale (x + 0.5, y + 0.5) + offset, in the other's
-// pixels (centres at +0.5).
+// Maps the centre of pixel (x, y) of one image to scale (x + 0.5, y + 0.5) + offset in another image (pixel centres at
+// +0.5).
 struct PixelMapping {
   double scale_x = 1, scale_y = 1;
   double offset_x = 0, offset_y = 0;
-  // Of the other image, the first pixel at hand: places are computed in the whole of it, so that all parts agree.
+  // First available pixel of the other image. Positions refer to the whole other image, so that results do not depend
+  // on the part that is loaded.
   int first_x = 0, first_y = 0;
 };
 

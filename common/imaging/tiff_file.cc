@@ -19,7 +19,7 @@ struct TiffCloser {
 };
 using TiffPtr = std::unique_ptr<TIFF, TiffCloser>;
 
-// libtiff's own words about the first thing that went wrong.
+// Error handler for libtiff: stores the first message of a file in the std::string at `user`.
 int KeepFirstError(TIFF*, void* user, const char*, const char* format, va_list arguments) {
   std::string& message = *static_cast<std::string*>(user);
   if (message.empty()) {
@@ -66,24 +66,26 @@ float Sample(const uint8_t* p, SampleLayout layout) {
   return value;
 }
 
-Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& place, SampleLayout layout,
+Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& location, SampleLayout layout,
                  const ImagePart& part, const std::string& error, float* plane) {
   uint32_t tile_width = 0, tile_height = 0;
   TIFFGetField(tiff, TIFFTAG_TILEWIDTH, &tile_width);
   TIFFGetField(tiff, TIFFTAG_TILELENGTH, &tile_height);
   if (tile_width == 0 || tile_height == 0 || tile_width > 4096 || tile_height > 4096) {
-    return InputError(path, place, absl::StrCat("tiles of ", tile_width, " x ", tile_height), "at most 4096 x 4096");
+    return InputError(path, location, absl::StrCat("tiles of ", tile_width, " x ", tile_height, " pixels"),
+                      "1 x 1 to 4096 x 4096");
   }
   const size_t tile_bytes = size_t{tile_width} * tile_height * layout.bytes;
   if (TIFFTileSize(tiff) != static_cast<tmsize_t>(tile_bytes)) {
-    return InputError(path, place, absl::StrCat("tiles of ", TIFFTileSize(tiff), " bytes"), absl::StrCat(tile_bytes));
+    return InputError(path, location, absl::StrCat("tiles of ", TIFFTileSize(tiff), " bytes"),
+                      absl::StrCat(tile_bytes));
   }
   std::vector<uint8_t> tile(tile_bytes);
   const int step_x = static_cast<int>(tile_width), step_y = static_cast<int>(tile_height);
   for (int y0 = part.y0 / step_y * step_y; y0 < part.y1; y0 += step_y) {
     for (int x0 = part.x0 / step_x * step_x; x0 < part.x1; x0 += step_x) {
       if (TIFFReadTile(tiff, tile.data(), x0, y0, 0, 0) < 0) {
-        return InputError(path, absl::StrCat(place, ", tile at ", x0, ", ", y0), error, "readable pixels");
+        return InputError(path, absl::StrCat(location, ", tile at ", x0, ", ", y0), error, "readable pixels");
       }
       for (int y = std::max(y0, part.y0); y < std::min(part.y1, y0 + step_y); ++y) {
         for (int x = std::max(x0, part.x0); x < std::min(part.x1, x0 + step_x); ++x) {
@@ -99,36 +101,38 @@ Status ReadTiles(TIFF* tiff, const std::string& path, const std::string& place, 
 
 Status ReadPage(TIFF* tiff, const std::string& path, int page, const TiffSize& expected, const ImagePart& part,
                 const std::string& error, float* plane) {
-  const std::string place = absl::StrCat("page ", page);
+  const std::string location = absl::StrCat("page ", page);
   const TiffSize size = CurrentSize(tiff);
   if (size.width != expected.width || size.height != expected.height) {
-    return InputError(path, place, absl::StrCat(size.width, " x ", size.height, " pixels"),
+    return InputError(path, location, absl::StrCat(size.width, " x ", size.height, " pixels"),
                       absl::StrCat(expected.width, " x ", expected.height));
   }
   uint16_t samples = 1, bits = 1, format = SAMPLEFORMAT_UINT;
   TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLESPERPIXEL, &samples);
   TIFFGetFieldDefaulted(tiff, TIFFTAG_BITSPERSAMPLE, &bits);
   TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLEFORMAT, &format);
-  if (samples != 1) return InputError(path, place, absl::StrCat(samples, " samples a pixel"), "1 (a page a class)");
+  if (samples != 1)
+    return InputError(path, location, absl::StrCat(samples, " samples per pixel"), "1 (one page per class)");
   const bool is_float = format == SAMPLEFORMAT_IEEEFP && bits == 32;
   if (!is_float && !(format == SAMPLEFORMAT_UINT && (bits == 8 || bits == 16))) {
-    return InputError(path, place, absl::StrCat(bits, "-bit samples of format ", format),
+    return InputError(path, location, absl::StrCat(bits, "-bit samples of format ", format),
                       "8- or 16-bit unsigned or 32-bit float");
   }
   const SampleLayout layout{bits / 8, is_float};
-  if (TIFFIsTiled(tiff)) return ReadTiles(tiff, path, place, layout, part, error, plane);
+  if (TIFFIsTiled(tiff)) return ReadTiles(tiff, path, location, layout, part, error, plane);
   const tmsize_t row_bytes = static_cast<tmsize_t>(size.width) * layout.bytes;
   if (TIFFScanlineSize(tiff) != row_bytes) {
-    return InputError(path, place, absl::StrCat("rows of ", TIFFScanlineSize(tiff), " bytes"), absl::StrCat(row_bytes));
+    return InputError(path, location, absl::StrCat("rows of ", TIFFScanlineSize(tiff), " bytes"),
+                      absl::StrCat(row_bytes));
   }
   std::vector<uint8_t> row(row_bytes);
-  // Within a strip rows can only be read one after another.
+  // libtiff reads the rows of a strip only in order, so start at the strip's first row.
   uint32_t strip_rows = 0;
   TIFFGetFieldDefaulted(tiff, TIFFTAG_ROWSPERSTRIP, &strip_rows);
   const int step = static_cast<int>(std::clamp<uint32_t>(strip_rows, 1, static_cast<uint32_t>(size.height)));
   for (int y = part.y0 / step * step; y < part.y1; ++y) {
     if (TIFFReadScanline(tiff, row.data(), y) < 0) {
-      return InputError(path, absl::StrCat(place, ", row ", y), error.empty() ? "unreadable pixels" : error,
+      return InputError(path, absl::StrCat(location, ", row ", y), error.empty() ? "unreadable pixels" : error,
                         "readable pixels");
     }
     if (y < part.y0) continue;
@@ -146,8 +150,8 @@ StatusOr<TiffSize> ReadTiffSize(const std::string& path) {
   if (!tiff) return InputError(path, "", error, "a TIFF file");
   TiffSize size = CurrentSize(tiff.get());
   size.pages = static_cast<int>(TIFFNumberOfDirectories(tiff.get()));
-  if (size.width <= 0 || size.height <= 0) return InputError(path, "page 1", "no size", "an image");
-  if (size.pages <= 0) return InputError(path, "page 1", "the end of the file within it", "a whole page");
+  if (size.width <= 0 || size.height <= 0) return InputError(path, "page 1", "no image size", "an image");
+  if (size.pages <= 0) return InputError(path, "page 1", "the end of the file", "a whole page");
   return size;
 }
 
@@ -176,7 +180,7 @@ StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expe
 
 namespace {
 
-// libtiff's client that writes into memory.
+// Callbacks for libtiff that write into memory.
 struct Memory {
   std::vector<uint8_t> bytes;
   size_t position = 0;
@@ -207,7 +211,7 @@ struct Memory {
 }  // namespace
 
 StatusOr<std::vector<uint8_t>> EncodeTiffPages(const ByteImage& pages) {
-  if (pages.empty()) return absl::InvalidArgumentError("a TIFF needs at least one pixel and one page");
+  if (pages.empty()) return absl::InvalidArgumentError("cannot write a TIFF without pixels or pages");
   Memory memory;
   {
     const TiffPtr tiff(TIFFClientOpen("memory", "w", &memory, Memory::Read, Memory::Write, Memory::Seek, Memory::Close,
@@ -224,7 +228,7 @@ StatusOr<std::vector<uint8_t>> EncodeTiffPages(const ByteImage& pages) {
       TIFFSetField(tiff.get(), TIFFTAG_SUBFILETYPE, FILETYPE_PAGE);
       TIFFSetField(tiff.get(), TIFFTAG_PAGENUMBER, page, pages.channels);
       for (int y = 0; y < pages.height; ++y) {
-        // libtiff takes a non-const row but does not change it where the byte order is its own.
+        // The const_cast is safe: libtiff changes the row only if it must swap bytes.
         auto* row = const_cast<uint8_t*>(pages.plane(page) + size_t(y) * pages.width);
         if (TIFFWriteScanline(tiff.get(), row, y) < 0) return absl::InternalError("libtiff cannot write a row");
       }

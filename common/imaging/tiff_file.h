@@ -1,4 +1,4 @@
-// Multi-page TIFF files by libtiff, which stays behind this header.
+// Multi-page TIFF files. Uses libtiff.
 #ifndef TESSERA_COMMON_IMAGING_TIFF_FILE_H_
 #define TESSERA_COMMON_IMAGING_TIFF_FILE_H_
 
@@ -19,14 +19,14 @@ struct TiffSize {
 // Size of the first page and the number of pages.
 StatusOr<TiffSize> ReadTiffSize(const std::string& path);
 
-// All pages as planes, values as stored (8 or 16 bit unsigned, or 32-bit float; one sample a pixel; strips or tiles;
-// any compression that libtiff knows). Every page must have the size `expected` (checked before anything is allocated),
-// and there must be expected.pages of them. Errors name the page, counted from 1.
+// All pages as planes, values as stored (8- or 16-bit unsigned or 32-bit float; one sample per pixel; strips or tiles;
+// any compression that libtiff supports). INVALID_ARGUMENT with the page (from 1) unless there are expected.pages pages
+// of the size `expected`; sizes are checked before allocating.
 StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expected);
-// The same for a part of each page, which must lie within; decodes no strip or tile outside it.
+// The same for a part of each page, which must lie inside the page. Decodes only the strips or tiles of the part.
 StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expected, const ImagePart& part);
 
-// A page a channel, LZW, 8 bit.
+// Encodes 8-bit pages with LZW, one page per channel.
 StatusOr<std::vector<uint8_t>> EncodeTiffPages(const ByteImage& pages);
 
 }  // namespace tessera

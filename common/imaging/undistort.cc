@@ -11,8 +11,8 @@
 namespace tessera {
 namespace {
 
-// Largest squared normalised radius up to which the radial polynomial grows: further out, polynomials fitted to the
-// image alone fold back and would show its inside again.
+// The largest squared normalised radius up to which the radial polynomial grows. Polynomials are fitted inside the
+// image only; beyond it they may decrease, so that the undistorted image would repeat the inside of the photograph.
 double LargestGrowingRadius2(const LensModel& lens) {
   LensModel radial = lens;
   radial.coefficients[2] = radial.coefficients[3] = 0;
@@ -32,10 +32,11 @@ double LargestGrowingRadius2(const LensModel& lens) {
   return end * end;
 }
 
-// Calls visit(x, y, p) for the pixels of the undistorted image's rows [y0, y1) within `part` that the photograph shows:
-// at p it is sampled, pixel coordinates less one half, inside the image.
+// Calls visit(x, y, p) for the pixels of rows [y0, y1) of `part` that lie inside the photograph. p is the sampling
+// position in the distorted image, in pixel indices (pixel coordinates minus 0.5), clamped to the image.
 template <class Visit>
-void ForEachShown(const LensModel& lens, double r2_end, const ImagePart& part, int y0, int y1, const Visit& visit) {
+void ForEachSampledPixel(const LensModel& lens, double r2_end, const ImagePart& part, int y0, int y1,
+                         const Visit& visit) {
   const int width = lens.pinhole.width, height = lens.pinhole.height;
   for (int y = y0; y < y1; ++y) {
     for (int x = part.x0; x < part.x1; ++x) {
@@ -60,7 +61,7 @@ ImagePart SourcePart(const LensModel& lens, const ImagePart& part) {
     for (int64_t i = begin; i < end; ++i) {
       ImagePart& row = rows[i];
       const int y = part.y0 + static_cast<int>(i);
-      ForEachShown(lens, r2_end, part, y, y + 1, [&](int, int, const Eigen::Vector2d& p) {
+      ForEachSampledPixel(lens, r2_end, part, y, y + 1, [&](int, int, const Eigen::Vector2d& p) {
         const int x0 = static_cast<int>(p.x()), y0 = static_cast<int>(p.y());
         row = {std::min(row.x0, x0), std::min(row.y0, y0), std::max(row.x1, x0), std::max(row.y1, y0)};
       });
@@ -71,7 +72,7 @@ ImagePart SourcePart(const LensModel& lens, const ImagePart& part) {
     all = {std::min(all.x0, row.x0), std::min(all.y0, row.y0), std::max(all.x1, row.x1), std::max(all.y1, row.y1)};
   }
   if (all.x0 == INT_MAX) return {0, 0, std::min(1, lens.pinhole.width), std::min(1, lens.pinhole.height)};
-  // A sample reads two pixels each way, the one before where the next would lie outside the image.
+  // Bilinear sampling reads pixels x and x + 1, or x - 1 and x at the image border.
   return {std::max(all.x0 - 1, 0), std::max(all.y0 - 1, 0), std::min(all.x1 + 2, lens.pinhole.width),
           std::min(all.y1 + 2, lens.pinhole.height)};
 }
@@ -84,7 +85,7 @@ FloatImage UndistortPart(FloatImage source, const ImagePart& source_part, const 
   const double r2_end = LargestGrowingRadius2(lens);
   ParallelFor(part.height(), 16, [&](int64_t begin, int64_t end) {
     const int y_begin = part.y0 + static_cast<int>(begin), y_end = part.y0 + static_cast<int>(end);
-    ForEachShown(lens, r2_end, part, y_begin, y_end, [&](int x, int y, const Eigen::Vector2d& p) {
+    ForEachSampledPixel(lens, r2_end, part, y_begin, y_end, [&](int x, int y, const Eigen::Vector2d& p) {
       int x0 = std::min(static_cast<int>(p.x()), std::max(width - 2, 0));
       int y0 = std::min(static_cast<int>(p.y()), std::max(height - 2, 0));
       const float a = static_cast<float>(p.x() - x0), b = static_cast<float>(p.y() - y0);

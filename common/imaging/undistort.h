@@ -1,4 +1,4 @@
-// Undistortion of photographs and of what shares their frame.
+// Undistortion of photographs and of likelihoods in their image frame.
 #ifndef TESSERA_COMMON_IMAGING_UNDISTORT_H_
 #define TESSERA_COMMON_IMAGING_UNDISTORT_H_
 
@@ -7,15 +7,16 @@
 
 namespace tessera {
 
-// `distorted` (of lens.pinhole's size) resampled bilinearly onto lens.pinhole, all channels alike; pixels that the
-// photograph does not show get `outside`. A pinhole's image comes back untouched. Beyond the radius where a lens
-// polynomial folds back, nothing is shown.
+// Resamples all channels of `distorted` (of lens.pinhole's size) bilinearly onto lens.pinhole. Pixels outside the
+// photograph, or beyond the radius where the lens polynomial stops growing, get `outside`. Images of a pinhole camera
+// are returned unchanged.
 FloatImage Undistort(FloatImage distorted, const LensModel& lens, float outside);
 
-// The part of the distorted image that the undistorted image's `part` is sampled from; never empty.
+// The rectangle of the distorted image from which `part` of the undistorted image is sampled; never empty.
 ImagePart SourcePart(const LensModel& lens, const ImagePart& part);
 
-// The undistorted image's `part`, byte for byte, from the distorted image's `source_part` (SourcePart's, or more).
+// `part` of the undistorted image, bit-identical to that part of Undistort's result. `source` holds `source_part` of
+// the distorted image, which must contain SourcePart(lens, part).
 FloatImage UndistortPart(FloatImage source, const ImagePart& source_part, const LensModel& lens, const ImagePart& part,
                          float outside);
 

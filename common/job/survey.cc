@@ -114,7 +114,7 @@ json ClassArray(const std::vector<SceneClass>& classes) {
                    {"prior_alpha_rad", c.prior_alpha_rad},
                    {"prior_beta_rad", c.prior_beta_rad},
                    {"smoothness", c.smoothness},
-                   {"keep", c.keep}});
+                   {"keep", c.anchor_weight}});
   }
   return out;
 }
@@ -128,7 +128,7 @@ std::vector<SceneClass> ClassesFromArray(const json& j) {
     c.prior_alpha_rad = item.at("prior_alpha_rad");
     c.prior_beta_rad = item.at("prior_beta_rad");
     c.smoothness = item.at("smoothness");
-    c.keep = item.value("keep", 0.0);  // jobs of before version 19, whose lineage may be asked for, have none
+    c.anchor_weight = item.value("keep", 0.0);  // absent in surveys before version 19
     classes.push_back(std::move(c));
   }
   return classes;

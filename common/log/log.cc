@@ -37,7 +37,7 @@ std::string Shortened(const std::string& value) {
   return std::string(kept) + "... and " + std::to_string(value.size() - kept.size()) + " more bytes";
 }
 
-// Quoted where a reader would otherwise take it for more than one value.
+// Quotes values with spaces, quotes, '=' or unprintable characters, so that a parser reads one value.
 std::string TextValue(const std::string& value) {
   const bool plain = !value.empty() && value.find_first_of(" \"=\\") == std::string::npos && Printable(value) == value;
   return plain ? value : JsonQuoted(value);

@@ -1,10 +1,10 @@
-// The log of a process on standard error, of one schema for all programs: one line an event.
+// The log of a process on standard error: one line per event, with one schema for all programs.
 //
 //   2026-11-23T03:35:06.123Z warning attempt failed job=jobs/3 tile=7 task=jobs/3/tasks/41 attempt=2 error="it broke"
 //   {"time":"2026-11-23T03:35:06.123Z","level":"warning","message":"attempt failed","job":"jobs/3","tile":"7",...}
 //
-// Where an event has these, the fields are named job, tile, task, attempt, worker, peer and user. Values may come from
-// anywhere: whatever is in them, an event stays one line and a value within its quotes.
+// Common fields have the names job, tile, task, attempt, worker, peer and user. Values are escaped and quoted, so that
+// text from outside cannot start a new line or end its quotes.
 #ifndef TESSERA_COMMON_LOG_LOG_H_
 #define TESSERA_COMMON_LOG_LOG_H_
 
@@ -23,7 +23,7 @@ using LogFields = std::vector<std::pair<std::string, std::string>>;
 // `level`: debug, info, warn, error or off; INVALID_ARGUMENT for another. Call once, before any thread logs.
 Status SetUpLog(const std::string& level, bool json);
 
-// Thread-safe. Keys are ours; of a value the first 16 KiB are logged.
+// Thread-safe. Keys are trusted constants. Values and the message are cut at 16 KiB.
 void LogEvent(LogLevel level, const std::string& message, const LogFields& fields = {});
 
 inline void LogDebug(const std::string& message, const LogFields& fields = {}) {
@@ -39,7 +39,7 @@ inline void LogError(const std::string& message, const LogFields& fields = {}) {
   LogEvent(LogLevel::kError, message, fields);
 }
 
-// What follows time and level on a line, of either form.
+// The part of a line after time and level, as text or JSON.
 std::string LogLine(const std::string& message, const LogFields& fields, bool json);
 
 }  // namespace tessera

@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
 
-// Draws on an interleaved copy of `image` and takes the result back.
+// Calls `draw` with an interleaved copy of `image` and copies the result back.
 template <class Draw>
 void OnCanvas(ByteImage* image, const Draw& draw) {
   std::vector<cv::Mat> planes;
@@ -22,10 +22,10 @@ void OnCanvas(ByteImage* image, const Draw& draw) {
   cv::Mat canvas;
   cv::merge(planes, canvas);
   draw(canvas);
-  cv::split(canvas, planes);  // into the image's own memory: sizes and types agree
+  cv::split(canvas, planes);  // writes into the image's memory, because sizes and types are equal
 }
 
-// Text height that suits the picture.
+// Font scale for the height of the image.
 double FontScale(const cv::Mat& canvas) { return std::clamp(canvas.rows / 1000.0, 0.4, 2.0); }
 
 void DrawText(cv::Mat& canvas, const std::string& text, cv::Point baseline, double scale) {

@@ -1,4 +1,4 @@
-// Captions, legends and pictures side by side.
+// Captions, legends and side-by-side images. All images are RGB; text is ASCII.
 #ifndef TESSERA_COMMON_RENDER_ANNOTATION_H_
 #define TESSERA_COMMON_RENDER_ANNOTATION_H_
 
@@ -12,18 +12,16 @@
 
 namespace tessera {
 
-// All pictures are RGB; text is ASCII.
-
-// `left` | `right` with a white strip between them. Both of one height.
+// `left` and `right` side by side with a white strip between them. Both have the same height.
 ByteImage SideBySide(const ByteImage& left, const ByteImage& right);
 
-// Writes `text` into the top left corner, dark with a light border so that it reads on anything.
+// Draws `text` in the top left corner, dark with a light outline, so that it is legible on any background.
 void DrawCaption(ByteImage* image, const std::string& text);
 
-// Names with their colours, down the left side from the bottom.
+// Draws names and their colours at the bottom left, one line each.
 void DrawLegend(ByteImage* image, const std::vector<std::pair<std::string, std::array<uint8_t, 3>>>& entries);
 
-// The bar of DivergingColor from -range_m to range_m along the bottom, with its numbers.
+// Draws the colour scale of DivergingColor from -range_m to range_m at the bottom, with tick labels.
 void DrawDisplacementBar(ByteImage* image, double range_m);
 
 }  // namespace tessera

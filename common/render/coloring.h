@@ -1,4 +1,4 @@
-// What a surface is coloured by: classes, displacement from another surface, wrong labels, normals.
+// Colourings of surfaces: by class, displacement from another surface, wrong labels, normals.
 #ifndef TESSERA_COMMON_RENDER_COLORING_H_
 #define TESSERA_COMMON_RENDER_COLORING_H_
 
@@ -6,38 +6,39 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/geometry/nearest_surface.h"
 #include "common/geometry/mesh.h"
+#include "common/geometry/nearest_surface.h"
 #include "common/render/renderer.h"
 
 namespace tessera {
 
-using Palette = std::vector<std::array<uint8_t, 3>>;  // RGB a class
+using Palette = std::vector<std::array<uint8_t, 3>>;  // RGB of each class
 
-// Everything that these functions are given must outlive what they return.
+// The arguments of these functions must outlive the returned colouring.
 
 SurfaceColor UniformColor(const Color& color);
 
-// The class's colour; pale pink where there is no label or no such class.
+// The colour of the face's class; pale pink for faces without a label or with a class outside the palette.
 SurfaceColor LabelColor(const TriangleMesh& mesh, const Palette& palette);
 
-// Grey where the label is that of the nearest face of `truth`, red where not, white where the truth has none.
+// Grey where the label equals that of the nearest face of `truth`, red where it differs, white where the truth has
+// none.
 SurfaceColor LabelErrorColor(const TriangleMesh& mesh, const TriangleMesh& truth, const NearestSurface& truth_surface);
 
-// x, y, z of the face's normal as red, green, blue, from -1 to 1.
+// x, y, z of the face's normal, from -1 to 1, as red, green, blue.
 SurfaceColor NormalColor(const TriangleMesh& mesh);
 
-// Signed distance of `point` from `reference`, metres: positive on the side to which the nearest face's normal looks.
+// Signed distance in metres of `point` from `reference`: positive on the side of the nearest face's normal.
 double SignedDistance(const Eigen::Vector3d& point, const TriangleMesh& reference, const NearestSurface& surface);
 
-// Blue (-1) over white (0) to red (1).
+// A diverging colour scale: blue (-1), white (0), red (1).
 Color DivergingColor(double value);
 
 // DivergingColor of SignedDistance / range_m.
 SurfaceColor DisplacementColor(const TriangleMesh& reference, const NearestSurface& surface, double range_m);
 
-// A round range (1, 2 or 5 times a power of ten, metres) that holds 90 % of the mesh's face centres, by area, of their
-// distances from `reference`.
+// The range in metres for DisplacementColor: the 90 % quantile (weighted by area) of the distances of face centres from
+// `reference`, rounded up to 1, 2 or 5 times a power of ten.
 double DisplacementRange(const TriangleMesh& mesh, const NearestSurface& reference);
 
 }  // namespace tessera

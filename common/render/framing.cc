@@ -9,22 +9,22 @@
 namespace tessera {
 namespace {
 
-constexpr double kBorder = 1.03;  // room around the mesh
+constexpr double kBorder = 1.03;  // margin around the mesh
 
 // Columns: the two horizontal axes and up. The first two are the frame's own x and y where up is z.
 Eigen::Matrix3d LevelAxes(const Eigen::Vector3d& up) {
   return Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), up).toRotationMatrix();
 }
 
-// The camera with these axes (rows: right, down, forward) that holds the whole mesh, as near as it can be.
+// The nearest camera with these axes (rows: right, down, forward) that has the whole mesh in its image.
 PosedCamera Fit(const TriangleMesh& mesh, const Eigen::Matrix3d& cam_from_world, double view_angle_rad, int width_px,
                 int height_px) {
   PosedCamera camera;
   const double focal = 0.5 * std::max(width_px, height_px) / std::tan(0.5 * view_angle_rad);
   camera.intrinsics = {width_px, height_px, focal, focal, 0.5 * width_px, 0.5 * height_px};
   camera.rotation_cam_from_world = cam_from_world;
-  // For each side of the picture the plane of rays through it, pushed out until every vertex is inside: with s the
-  // slope of a side, centre x and depth z must keep |X - x| <= s (Z - z) for all vertices.
+  // Each side of the image bounds the vertices by a plane of slope s: the camera centre (x, z) must satisfy
+  // |X - x| <= s (Z - z) for all vertices (X, Z).
   const double slope_x = 0.5 * width_px / focal / kBorder, slope_y = 0.5 * height_px / focal / kBorder;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   double left = kInfinity, right = -kInfinity, top = kInfinity, bottom = -kInfinity, front = kInfinity;

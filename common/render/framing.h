@@ -1,4 +1,4 @@
-// Cameras that show a whole mesh, or a part of a picture larger.
+// Cameras that show a whole mesh, and zoom into a part of an image.
 #ifndef TESSERA_COMMON_RENDER_FRAMING_H_
 #define TESSERA_COMMON_RENDER_FRAMING_H_
 
@@ -9,18 +9,18 @@
 
 namespace tessera {
 
-// A camera from straight above, the second horizontal axis (north) up in the picture, with a narrow angle of view (10
-// degrees) so that facades hardly show. All vertices of faces lie in the picture. `mesh` in a metric frame, at least
-// one face; `up` unit.
+// A camera above the mesh that looks straight down, with the second horizontal axis (north) up in the image. Its angle
+// of view is narrow (10 degrees), so that facades are hardly visible. All vertices of faces project into the image.
+// `mesh`: metric frame, at least one face. `up`: unit vector.
 PosedCamera NadirCamera(const TriangleMesh& mesh, const Eigen::Vector3d& up, int width_px, int height_px);
 
-// The same from the side: looking along `azimuth_rad` (clockwise from the second horizontal axis, so pi/4 looks
-// north-east), `pitch_rad` below the horizon, 30 degrees of view.
+// An oblique camera: its direction of view is `azimuth_rad` (clockwise from the second horizontal axis, so pi/4 is
+// north-east) and `pitch_rad` below the horizon; angle of view 30 degrees.
 PosedCamera ObliqueCamera(const TriangleMesh& mesh, const Eigen::Vector3d& up, double azimuth_rad, double pitch_rad,
                           int width_px, int height_px);
 
-// The part of the picture centred at (x, y) and `share` as wide, all in shares of the picture's width and height,
-// filling the same number of pixels.
+// Enlarges the part of the image centred at (x, y) to the whole image. x, y and the size `share` of the part are
+// fractions of the image's width and height.
 PinholeCamera Zoomed(const PinholeCamera& camera, double x, double y, double share);
 
 }  // namespace tessera

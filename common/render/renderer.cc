@@ -12,10 +12,10 @@
 namespace tessera {
 namespace {
 
-// Shares of light at a surface that is open to the sky, faces the sun, and faces the camera.
+// Light from the sky, the sun and the camera on an unoccluded surface that faces them.
 constexpr float kSky = 0.45f, kSun = 0.4f, kFill = 0.25f;
-constexpr double kShadeReach = 0.05;  // of the mesh's diagonal
-constexpr double kLift = 1e-4;        // rays leave the surface by this share of the camera's distance
+constexpr double kOcclusionRange = 0.05;  // of the mesh's diagonal
+constexpr double kRayOffset = 1e-4;       // offset of ray origins from the surface, relative to the camera's distance
 
 double Diagonal(const TriangleMesh& mesh) {
   Eigen::AlignedBox3d box;
@@ -27,12 +27,12 @@ double Diagonal(const TriangleMesh& mesh) {
 
 struct Light {
   Eigen::Vector3d up, to_sun;
-  double shade_reach_m;
+  double occlusion_range_m;
 };
 
-// Share of the half space over `normal` that nothing blocks, cosine-weighted.
+// Ambient occlusion: the unoccluded share of the hemisphere around `normal`, cosine-weighted.
 float Openness(const RayCaster& caster, const Eigen::Vector3d& from, const Eigen::Vector3d& normal, int rays,
-               double reach_m, Random* random) {
+               double range_m, Random* random) {
   if (rays <= 0) return 1;
   const Eigen::Vector3d tangent = normal.unitOrthogonal(), other = normal.cross(tangent);
   int open = 0;
@@ -41,7 +41,7 @@ float Openness(const RayCaster& caster, const Eigen::Vector3d& from, const Eigen
     const double angle = 2 * std::numbers::pi * random->Uniform();
     const Eigen::Vector3d direction = radius * std::cos(angle) * tangent + radius * std::sin(angle) * other +
                                       std::sqrt(std::max(0.0, 1 - radius * radius)) * normal;
-    open += !caster.Occluded(from, from + reach_m * direction, 0);
+    open += !caster.Occluded(from, from + range_m * direction, 0);
   }
   return static_cast<float>(open) / static_cast<float>(rays);
 }
@@ -65,9 +65,9 @@ ByteImage Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedC
   ByteImage image(pinhole.width, pinhole.height, 3);
   const Eigen::Vector3d centre = camera.Centre();
   const Eigen::Matrix3d world_from_cam = camera.rotation_cam_from_world.transpose();
-  // Right, down and forward of the camera: the sun stands to the left, above and behind.
+  // The sun is to the left of, above and behind the camera.
   const Light light{options.up, (1.2 * options.up + world_from_cam * Eigen::Vector3d(-0.8, -0.3, -0.5)).normalized(),
-                    kShadeReach * Diagonal(mesh)};
+                    kOcclusionRange * Diagonal(mesh)};
   const int side = std::max(1, options.samples_per_axis);
 
   const auto sample = [&](double x, double y, Random* random) -> Color {
@@ -81,8 +81,8 @@ ByteImage Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedC
     if (!options.lit) return surface;
     Eigen::Vector3d normal = FaceNormal(mesh, face);
     if (normal.dot(ray) > 0) normal = -normal;
-    const Eigen::Vector3d lifted = point + kLift * hit.distance * normal;
-    const float open = Openness(caster, lifted, normal, options.occlusion_rays, light.shade_reach_m, random);
+    const Eigen::Vector3d origin = point + kRayOffset * hit.distance * normal;
+    const float open = Openness(caster, origin, normal, options.occlusion_rays, light.occlusion_range_m, random);
     const float sky = kSky * static_cast<float>(0.65 + 0.35 * normal.dot(light.up)) * open;
     const float sun = kSun * static_cast<float>(std::max(0.0, normal.dot(light.to_sun))) * (0.5f + 0.5f * open);
     const float fill = kFill * static_cast<float>(-normal.dot(ray) / ray.norm()) * open;

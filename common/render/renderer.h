@@ -1,4 +1,4 @@
-// Pictures of meshes for people's eyes: rays (Embree), daylight and the shade of narrow places.
+// Rendered images of meshes for people: ray casting (Embree), daylight and ambient occlusion.
 #ifndef TESSERA_COMMON_RENDER_RENDERER_H_
 #define TESSERA_COMMON_RENDER_RENDERER_H_
 
@@ -15,21 +15,21 @@ namespace tessera {
 // Red, green, blue in [0, 1].
 using Color = Eigen::Vector3f;
 
-// Colour of a surface point before light falls on it. Called from many threads at once.
+// Colour of a surface point without shading. Called concurrently from several threads.
 using SurfaceColor = std::function<Color(size_t face, const Eigen::Vector3d& point)>;
 
 struct RenderOptions {
-  int samples_per_axis = 2;  // rays a pixel are the square of it
-  int occlusion_rays = 16;   // for each of them; 0: no ambient shade
-  bool lit = true;           // false: the surface's colour as it is
-  bool edges = false;        // faces' edges drawn dark
+  int samples_per_axis = 2;  // rays per pixel: samples_per_axis squared
+  int occlusion_rays = 16;   // per ray; 0: no ambient occlusion
+  bool lit = true;           // false: colours without shading
+  bool edges = false;        // draw face edges dark
   Color background = Color(1, 1, 1);
-  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit, the mesh's frame
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit vector, frame of the mesh
 };
 
-// RGB picture of `mesh` (of which `caster` was made) from `camera`, in one frame, metres. Daylight comes from above,
-// from behind the camera's left shoulder and a little from the camera itself; ambient shade reaches a twentieth of the
-// mesh's diagonal. Faces are flat and lit from whichever side is seen. The same bytes for any number of threads.
+// RGB image of `mesh` from `camera`, both in one metric frame; `caster` was made from `mesh`. Light comes from the sky,
+// from a sun behind and to the left of the camera, and from the camera. Ambient occlusion has a range of 1/20 of the
+// mesh's diagonal. Faces are flat-shaded on the visible side. The result does not depend on the number of threads.
 ByteImage Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedCamera& camera,
                  const SurfaceColor& color, const RenderOptions& options);
 

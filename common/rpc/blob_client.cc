@@ -12,7 +12,7 @@
 namespace tessera {
 namespace {
 
-// A chunk may take this long to be asked for and come; whole streams get it for each chunk.
+// Time allowed for a chunk. The deadline of a stream is the sum over its chunks plus kCallSeconds.
 constexpr double kSecondsPerChunk = 2.0;
 constexpr double kCallSeconds = 30.0;
 
@@ -29,7 +29,7 @@ double Share(int64_t offset, const Digest& digest) {
   return digest.size_bytes > 0 ? static_cast<double>(offset) / static_cast<double>(digest.size_bytes) : 1;
 }
 
-// DATA_LOSS in transit is worth another try, for a few times: the line or the disk of the other side may be bad.
+// Transfers damaged in transit are retried this often; more failures mean that the network or a disk is faulty.
 constexpr int kMaxDamaged = 3;
 
 }  // namespace
@@ -39,8 +39,9 @@ struct BlobClient::Impl {
   RetryPolicy retry;
   Sleeper sleeper;
 
-  // Calls `attempt` until it succeeds or fails for good; `committed` tells how far the transfer is.
-  Status Persist(const std::function<Status()>& attempt, const std::function<int64_t()>& committed) const {
+  // Calls `attempt` until it succeeds, fails permanently, or fails retry.max_attempts times without progress.
+  // `committed` returns the bytes transferred so far.
+  Status RetryWithProgress(const std::function<Status()>& attempt, const std::function<int64_t()>& committed) const {
     Backoff backoff(retry);
     int failures = 0;
     int damaged = 0;
@@ -60,7 +61,7 @@ struct BlobClient::Impl {
       }
       before = now;
       if (retry.max_attempts > 0 && ++failures >= retry.max_attempts) return status;
-      if (!sleeper(backoff.NextDelay(status))) return absl::CancelledError("transfer broken off");
+      if (!sleeper(backoff.NextDelay(status))) return absl::CancelledError("transfer cancelled");
     }
   }
 };
@@ -77,7 +78,7 @@ Status BlobClient::FetchOnce(const Digest& digest, BlobStore& store, const TaskC
     SetDigest(digest, request.mutable_digest());
     request.set_offset(offset);
     const auto reader = impl_->stub->ReadBlob(&context, request);
-    // Ends the stream early; its own status then matters no more.
+    // Cancels the stream and returns `status` instead of the stream's own status.
     const auto stop = [&](Status status) {
       context.TryCancel();
       v1::BlobChunk rest;
@@ -91,7 +92,7 @@ Status BlobClient::FetchOnce(const Digest& digest, BlobStore& store, const TaskC
       if (const Status wanted = control.Check(); !wanted.ok()) return stop(wanted);
       if (chunk.offset() != offset || Xxh3(chunk.data()) != chunk.xxh3()) {
         return stop(absl::DataLossError("chunk at byte " + std::to_string(offset) + " of blob " + digest.sha256 +
-                                        " was damaged on its way"));
+                                        " was damaged in transit: its checksum differs"));
       }
       const auto committed = store.Append(digest, offset, chunk.data());
       if (!committed.ok()) return stop(committed.status());
@@ -100,7 +101,7 @@ Status BlobClient::FetchOnce(const Digest& digest, BlobStore& store, const TaskC
     }
     TESSERA_RETURN_IF_ERROR(FromGrpc(reader->Finish()));
     if (offset < digest.size_bytes) {
-      return absl::UnavailableError("blob " + digest.sha256 + " ended after " + std::to_string(offset) + " of " +
+      return absl::UnavailableError("blob " + digest.sha256 + ": received " + std::to_string(offset) + " of " +
                                     std::to_string(digest.size_bytes) + " bytes");
     }
   }
@@ -110,8 +111,8 @@ Status BlobClient::FetchOnce(const Digest& digest, BlobStore& store, const TaskC
 Status BlobClient::Fetch(const Digest& digest, BlobStore& store, const TaskControl& control) {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   if (store.Has(digest)) return absl::OkStatus();
-  return impl_->Persist([&] { return FetchOnce(digest, store, control); },
-                        [&] { return store.CommittedBytes(digest).value_or(0); });
+  return impl_->RetryWithProgress([&] { return FetchOnce(digest, store, control); },
+                                  [&] { return store.CommittedBytes(digest).value_or(0); });
 }
 
 Status BlobClient::SendOnce(const std::string& path, const Digest& digest, const TaskControl& control,
@@ -142,7 +143,7 @@ Status BlobClient::SendOnce(const std::string& path, const Digest& digest, const
       break;
     }
     if (bytes->empty() && digest.size_bytes > offset) {
-      own = absl::FailedPreconditionError(path + " became shorter while it was sent");
+      own = absl::FailedPreconditionError(path + ": the file was truncated during its upload");
       break;
     }
     v1::WriteBlobRequest request;
@@ -153,7 +154,7 @@ Status BlobClient::SendOnce(const std::string& path, const Digest& digest, const
     offset += static_cast<int64_t>(bytes->size());
     control.Report(Share(offset, digest), "");
     *request.mutable_chunk()->mutable_data() = *bytes;
-    if (!writer->Write(request)) break;  // Finish tells why
+    if (!writer->Write(request)) break;  // Finish returns the reason
   }
   if (!own.ok()) {
     context.TryCancel();
@@ -163,16 +164,17 @@ Status BlobClient::SendOnce(const std::string& path, const Digest& digest, const
   writer->WritesDone();
   TESSERA_RETURN_IF_ERROR(FromGrpc(writer->Finish()));
   if (response.committed_bytes() < digest.size_bytes) {
-    return absl::UnavailableError("the coordinator took " + std::to_string(response.committed_bytes()) + " of " +
-                                  std::to_string(digest.size_bytes) + " bytes of " + path);
+    return absl::UnavailableError(path + ": the coordinator stored " + std::to_string(response.committed_bytes()) +
+                                  " of " + std::to_string(digest.size_bytes) + " bytes");
   }
   return absl::OkStatus();
 }
 
 Status BlobClient::Send(const std::string& path, const Digest& digest, const TaskControl& control) {
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
-  int64_t committed = 0;  // as the coordinator last told
-  return impl_->Persist([&] { return SendOnce(path, digest, control, &committed); }, [&] { return committed; });
+  int64_t committed = 0;  // as last reported by the coordinator
+  return impl_->RetryWithProgress([&] { return SendOnce(path, digest, control, &committed); },
+                                  [&] { return committed; });
 }
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// Blobs to and from a coordinator: 1 MiB chunks, each checked, interrupted transfers go on where they stopped.
+// Transfers blobs to and from a coordinator in checksummed chunks of 1 MiB. Interrupted transfers resume.
 #ifndef TESSERA_COMMON_RPC_BLOB_CLIENT_H_
 #define TESSERA_COMMON_RPC_BLOB_CLIENT_H_
 
@@ -22,17 +22,16 @@ inline constexpr int64_t kBlobChunkBytes = int64_t{1} << 20;
 // Thread-safe.
 class BlobClient {
  public:
-  // `retry`: between attempts that brought nothing new; progress starts it afresh. The sleeper is called from the
-  // thread of the transfer.
+  // `retry` limits attempts without progress; progress resets it. `sleeper` is called on the thread of the transfer.
   BlobClient(std::shared_ptr<grpc::Channel> channel, const RetryPolicy& retry, Sleeper sleeper);
 
-  // Brings a blob into `store`, from what an interrupted transfer left there on. A chunk that does not match its XXH3
-  // is fetched again; the whole is stored only if it hashes to its digest (else DATA_LOSS, after one fresh start).
-  // NOT_FOUND if the coordinator does not have it, CANCELLED by `control`, which is told the share that is here.
+  // Fetches a blob into `store`; resumes an interrupted transfer. A chunk whose XXH3 differs is fetched again. The blob
+  // is stored only if its hash equals the digest, else it is fetched once more from the start, then DATA_LOSS.
+  // NOT_FOUND if the coordinator does not have it. CANCELLED by `control`, which also receives the fetched share.
   Status Fetch(const Digest& digest, BlobStore& store, const TaskControl& control);
 
-  // Sends the file at `path`, which has this digest, from what the coordinator already has on. Nothing is sent if it
-  // has all. DATA_LOSS if the file's bytes do not hash to the digest. `control` as above.
+  // Sends the file at `path`, whose digest is `digest`. Skips the bytes that the coordinator already has. DATA_LOSS if
+  // the hash of the file differs from the digest. `control` as above.
   Status Send(const std::string& path, const Digest& digest, const TaskControl& control);
 
  private:

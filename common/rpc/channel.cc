@@ -23,18 +23,19 @@ std::chrono::system_clock::time_point After(double seconds) {
   return std::chrono::system_clock::now() + std::chrono::milliseconds(static_cast<int64_t>(seconds * 1000));
 }
 
-// Adds what the process shows to every call. A credential of gRPC's own would be sent over TLS alone.
-class ShowIdentity final : public experimental::Interceptor {
+// Adds the process's credentials to the metadata of every call. gRPC's call credentials work over TLS only, and
+// sockets and local addresses use none.
+class IdentityInterceptor final : public experimental::Interceptor {
  public:
-  explicit ShowIdentity(CallIdentity& identity) : identity_(identity) {}
+  explicit IdentityInterceptor(CallIdentity& identity) : identity_(identity) {}
   void Intercept(experimental::InterceptorBatchMethods* methods) override {
     if (methods->QueryInterceptionHookPoint(experimental::InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
-      const CallIdentity::Shown shown = identity_.Get();
+      const CallIdentity::Credentials sent = identity_.Get();
       auto& metadata = *methods->GetSendInitialMetadata();
-      if (!shown.token.empty()) metadata.insert({"authorization", "Bearer " + shown.token});
-      if (!shown.worker.empty()) {
-        metadata.insert({kWorkerMetadata, shown.worker});
-        metadata.insert({kWorkerSecretMetadata, shown.secret});
+      if (!sent.token.empty()) metadata.insert({"authorization", "Bearer " + sent.token});
+      if (!sent.worker.empty()) {
+        metadata.insert({kWorkerMetadata, sent.worker});
+        metadata.insert({kWorkerSecretMetadata, sent.secret});
       }
     }
     methods->Proceed();
@@ -44,11 +45,11 @@ class ShowIdentity final : public experimental::Interceptor {
   CallIdentity& identity_;
 };
 
-class ShowIdentityFactory final : public experimental::ClientInterceptorFactoryInterface {
+class IdentityInterceptorFactory final : public experimental::ClientInterceptorFactoryInterface {
  public:
-  explicit ShowIdentityFactory(std::shared_ptr<CallIdentity> identity) : identity_(std::move(identity)) {}
+  explicit IdentityInterceptorFactory(std::shared_ptr<CallIdentity> identity) : identity_(std::move(identity)) {}
   experimental::Interceptor* CreateClientInterceptor(experimental::ClientRpcInfo*) override {
-    return new ShowIdentity(*identity_);  // gRPC's own from here on
+    return new IdentityInterceptor(*identity_);  // gRPC takes ownership
   }
 
  private:
@@ -68,10 +69,10 @@ std::shared_ptr<grpc::Channel> Connect(const std::string& address,
   arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 3'000);
   arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
-  arguments.SetInt(GRPC_ARG_MAX_METADATA_SIZE, 1 << 20);  // faults of a scene, one a line
+  arguments.SetInt(GRPC_ARG_MAX_METADATA_SIZE, 1 << 20);  // room for messages that list all faults of a scene
   arguments.SetMaxReceiveMessageSize(64 << 20);
   std::vector<std::unique_ptr<experimental::ClientInterceptorFactoryInterface>> interceptors;
-  if (identity != nullptr) interceptors.push_back(std::make_unique<ShowIdentityFactory>(std::move(identity)));
+  if (identity != nullptr) interceptors.push_back(std::make_unique<IdentityInterceptorFactory>(std::move(identity)));
   return experimental::CreateCustomChannelWithInterceptors(address, credentials, arguments, std::move(interceptors));
 }
 
@@ -93,7 +94,7 @@ bool IsLocalAddress(const std::string& address) {
   if (IsSocketAddress(address)) return true;
   const std::string host = address.substr(0, address.rfind(':'));
   if (host == "localhost" || host == "[::1]") return true;
-  // Four numbers: "127.evil.example" is a name.
+  // Require four numbers: "127.evil.example" is a DNS name.
   return host.starts_with("127.") && host.find_first_not_of("0123456789.") == std::string::npos &&
          std::count(host.begin(), host.end(), '.') == 3;
 }
@@ -102,38 +103,40 @@ Status CheckAddress(const std::string& address) {
   if (IsSocketAddress(address)) {
     constexpr size_t kMaxBytes = sizeof(sockaddr_un::sun_path) - 1;
     const std::string path = address.substr(std::size(kSocketScheme) - 1);
-    if (path.empty() || path[0] != '/') return absl::InvalidArgumentError("'" + address + "': expected unix:/a/path");
+    if (path.empty() || path[0] != '/') {
+      return absl::InvalidArgumentError("address: found '" + address + "', expected an absolute path: unix:/PATH");
+    }
     if (path.size() <= kMaxBytes) return absl::OkStatus();
-    return absl::InvalidArgumentError("the socket's path " + path + " has " + std::to_string(path.size()) +
-                                      " bytes, and the system takes " + std::to_string(kMaxBytes) +
-                                      ": give --listen unix:PATH with a shorter one");
+    return absl::InvalidArgumentError("socket path " + path + ": found " + std::to_string(path.size()) +
+                                      " bytes, expected at most " + std::to_string(kMaxBytes) +
+                                      ": pass a shorter path with --listen unix:PATH");
   }
   const size_t colon = address.rfind(':');
   const bool good = colon != std::string::npos && colon > 0 && colon + 1 < address.size() &&
                     address.find_first_not_of("0123456789", colon + 1) == std::string::npos;
   if (good) return absl::OkStatus();
-  return absl::InvalidArgumentError("not HOST:PORT or unix:PATH: '" + address + "'");
+  return absl::InvalidArgumentError("address: found '" + address + "', expected HOST:PORT or unix:PATH");
 }
 
 void CallIdentity::SetWorker(const std::string& worker, const std::string& secret) {
   std::lock_guard lock(mutex_);
-  shown_.worker = worker;
-  shown_.secret = secret;
+  credentials_.worker = worker;
+  credentials_.secret = secret;
 }
 
 Status CallIdentity::RefreshLocked() {
   if (token_file_.empty()) return absl::OkStatus();
   TESSERA_ASSIGN_OR_RETURN(const FileStamp stamp, StampOf(token_file_));
   if (stamp == stamp_) return absl::OkStatus();
-  TESSERA_ASSIGN_OR_RETURN(shown_.token, ReadSecretFile(token_file_));
+  TESSERA_ASSIGN_OR_RETURN(credentials_.token, ReadSecretFile(token_file_));
   stamp_ = stamp;
   return absl::OkStatus();
 }
 
-CallIdentity::Shown CallIdentity::Get() {
+CallIdentity::Credentials CallIdentity::Get() {
   std::lock_guard lock(mutex_);
-  RefreshLocked().IgnoreError();  // the token of before is refused if it is not good any more
-  return shown_;
+  RefreshLocked().IgnoreError();  // keep the previous token; the server rejects it if it is no longer valid
+  return credentials_;
 }
 
 Status CallIdentity::Check() {
@@ -147,17 +150,17 @@ std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address, std::shar
 
 StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const Endpoint& endpoint, std::shared_ptr<CallIdentity> identity) {
   TESSERA_RETURN_IF_ERROR(CheckAddress(endpoint.address));
-  if (!endpoint.token_file.empty() || !endpoint.tls_key.empty()) LeaveNoCore();
+  if (!endpoint.token_file.empty() || !endpoint.tls_key.empty()) DisableCoreDumps();
   if (identity != nullptr) TESSERA_RETURN_IF_ERROR(identity->Check());
   if (endpoint.tls_cert.empty() != endpoint.tls_key.empty()) {
     return absl::InvalidArgumentError("--tls-cert and --tls-key: expected both or neither");
   }
   if (IsSocketAddress(endpoint.address)) return MakeChannel(endpoint.address, std::move(identity));
   if (endpoint.tls_ca.empty()) {
-    if (!endpoint.tls_cert.empty()) return absl::InvalidArgumentError("--tls-cert: expected --tls-ca beside it");
+    if (!endpoint.tls_cert.empty()) return absl::InvalidArgumentError("--tls-cert requires --tls-ca");
     if (!endpoint.token_file.empty() && !IsLocalAddress(endpoint.address)) {
-      return absl::InvalidArgumentError("the token would go to " + endpoint.address +
-                                        " where others can read it: give --tls-ca, the authority of its certificate");
+      return absl::InvalidArgumentError("refusing to send the token unencrypted to " + endpoint.address +
+                                        ": pass the certificate authority of the coordinator with --tls-ca FILE");
     }
     return MakeChannel(endpoint.address, std::move(identity));
   }
@@ -180,7 +183,7 @@ void AllowKeepalive(grpc::ServerBuilder& builder) {
 
 Status WaitConnected(grpc::Channel& channel, const std::string& address, double seconds) {
   if (channel.WaitForConnected(After(seconds))) return absl::OkStatus();
-  return absl::UnavailableError("no coordinator answers at " + address);
+  return absl::UnavailableError("no coordinator answers at " + address + ": check that tesserad runs there");
 }
 
 void SetDeadline(grpc::ClientContext& context, double seconds) { context.set_deadline(After(std::max(0.0, seconds))); }

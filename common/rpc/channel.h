@@ -1,4 +1,4 @@
-// Connections to a coordinator.
+// gRPC channels to a coordinator: addresses, TLS, credentials, keepalive.
 #ifndef TESSERA_COMMON_RPC_CHANNEL_H_
 #define TESSERA_COMMON_RPC_CHANNEL_H_
 
@@ -18,51 +18,51 @@ class ServerBuilder;
 
 namespace tessera {
 
-// Pings of an idle or silent connection: a dead peer is noticed within their sum.
+// Keepalive pings of an idle connection: a dead peer is detected within the sum of the two.
 inline constexpr int kKeepaliveTimeMs = 20'000;
 inline constexpr int kKeepaliveTimeoutMs = 10'000;
 
-// Of a worker's calls: who it is, and the secret that it was given when it registered.
+// Metadata keys of a worker's calls: its name, and the secret that it received when it registered.
 inline constexpr char kWorkerMetadata[] = "tessera-worker";
 inline constexpr char kWorkerSecretMetadata[] = "tessera-worker-secret";
 
-// Where a coordinator is, and what a caller shows it.
+// The address of a coordinator and the credentials of the caller.
 struct Endpoint {
   Endpoint() = default;
-  Endpoint(std::string at) : address(std::move(at)) {}
-  Endpoint(const char* at) : address(at) {}
+  Endpoint(std::string to) : address(std::move(to)) {}
+  Endpoint(const char* to) : address(to) {}
 
   std::string address;  // HOST:PORT or unix:PATH
-  // Files, all optional. The authorities that sign coordinators' certificates: without them no TLS is spoken.
+  // PEM files, all optional. `tls_ca`: the certificate authorities that the caller trusts; empty: no TLS.
   std::string tls_ca;
-  std::string tls_cert, tls_key;  // the caller's own
+  std::string tls_cert, tls_key;  // of the caller, for mutual TLS
   std::string token_file;
 };
 
-// unix:PATH of the coordinator that a user runs without saying where: in the folder that tesserad uses by default.
+// unix:PATH of the socket in DefaultDataFolder(), on which tesserad listens by default.
 std::string DefaultAddress();
-// That folder; empty if there is no home.
+// The default data folder of tesserad: $XDG_DATA_HOME/tessera or ~/.local/share/tessera; empty if HOME is not set.
 std::string DefaultDataFolder();
 
-// Whether only this machine can reach the address: unix:PATH, localhost, 127.x.x.x or [::1].
+// Whether the address is reachable from this machine only: unix:PATH, localhost, 127.x.x.x or [::1].
 bool IsLocalAddress(const std::string& address);
 bool IsSocketAddress(const std::string& address);
-// INVALID_ARGUMENT unless it is HOST:PORT or unix:PATH with a path that fits a socket's address.
+// INVALID_ARGUMENT unless the address is HOST:PORT or unix:PATH with an absolute path that fits into sockaddr_un.
 Status CheckAddress(const std::string& address);
 
-// What a process shows with every call on a channel. Thread-safe.
+// The credentials that a process sends with every call on a channel. Thread-safe.
 class CallIdentity {
  public:
-  // The token's file is read again when it changes.
+  // The token file is read again when it changes.
   explicit CallIdentity(std::string token_file = "") : token_file_(std::move(token_file)) {}
-  // From now on calls are this worker's.
+  // Later calls also carry this worker's name and secret.
   void SetWorker(const std::string& worker, const std::string& secret);
 
-  struct Shown {
+  struct Credentials {
     std::string token, worker, secret;  // empty: none
   };
-  Shown Get();
-  // Whether the token can be read.
+  Credentials Get();
+  // The error of reading the token file, if any.
   Status Check();
 
  private:
@@ -71,23 +71,24 @@ class CallIdentity {
   const std::string token_file_;
   std::mutex mutex_;
   FileStamp stamp_ = {};
-  Shown shown_;
+  Credentials credentials_;
 };
 
-// A channel without TLS to an address on this machine, or one whose coordinator asks nobody who he is; connects on
-// first use, and again whenever the connection is lost (back-off from 0.1 s to 3 s). Thread-safe. Proxies of the
-// environment are not used. `identity`: null: nothing is shown.
+// A channel without TLS, for local addresses and for coordinators without access control. It connects on first use and
+// reconnects after a loss (back-off from 0.1 s to 3 s). Thread-safe. Ignores the environment's proxies. `identity`
+// null: sends no credentials.
 std::shared_ptr<grpc::Channel> MakeChannel(const std::string& address,
                                            std::shared_ptr<CallIdentity> identity = nullptr);
 
-// The same as the endpoint says. INVALID_ARGUMENT if a token would leave this machine without TLS; errors of the files.
-// `identity`: of the endpoint's token file.
+// Like MakeChannel, with the endpoint's TLS settings. INVALID_ARGUMENT if a token would be sent over the network
+// without TLS; errors of reading the files. `identity` is made from the endpoint's token file.
 StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const Endpoint& endpoint, std::shared_ptr<CallIdentity> identity);
 
-// What a server must allow so that MakeChannel's pings are not taken for abuse. Call before BuildAndStart.
+// Makes a server accept MakeChannel's keepalive pings (the default answer is too_many_pings). Call before
+// BuildAndStart.
 void AllowKeepalive(grpc::ServerBuilder& builder);
 
-// Waits until the channel is connected: UNAVAILABLE naming `address` after `seconds`.
+// Waits until the channel is connected; after `seconds`, UNAVAILABLE with `address` in the message.
 Status WaitConnected(grpc::Channel& channel, const std::string& address, double seconds);
 
 // Sets the call's deadline.

@@ -9,7 +9,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kMaxToldDelay_s = 60;
+constexpr double kMaxServerDelay_s = 60;
 
 }  // namespace
 
@@ -27,7 +27,7 @@ double Backoff::NextDelay() {
 }
 
 double Backoff::NextDelay(const Status& error) {
-  return std::max(NextDelay(), std::min(RetryDelayOf(error), kMaxToldDelay_s));
+  return std::max(NextDelay(), std::min(RetryDelayOf(error), kMaxServerDelay_s));
 }
 
 bool IsTransient(const Status& status, Idempotency idempotency) {
@@ -53,7 +53,8 @@ Status Retry(const RetryPolicy& policy, Idempotency idempotency, const Sleeper& 
     const Status status = call();
     if (status.ok() || !IsTransient(status, idempotency)) return status;
     if (policy.max_attempts > 0 && attempt >= policy.max_attempts) return status;
-    if (!sleeper(backoff.NextDelay(status))) return absl::CancelledError("broken off while waiting to try again");
+    if (!sleeper(backoff.NextDelay(status)))
+      return absl::CancelledError("cancelled while waiting for the next attempt");
   }
 }
 

@@ -1,4 +1,4 @@
-// Calls that are tried again when the network or the other side fails them for a while.
+// Retries of calls after transient errors, with exponential back-off.
 #ifndef TESSERA_COMMON_RPC_RETRY_H_
 #define TESSERA_COMMON_RPC_RETRY_H_
 
@@ -10,33 +10,32 @@
 
 namespace tessera {
 
-// Whether a call that may have been carried out already may be sent again.
+// Whether a call may be repeated that the server may already have executed.
 enum class Idempotency { kIdempotent, kOnce };
 
-// Waits `seconds`; false if the wait was broken off because nobody wants the result any more. Passed in, so that tests
-// wait for nothing.
+// Waits `seconds`; returns false if the wait was cancelled. Passed in, so that tests need not wait.
 using Sleeper = std::function<bool(double seconds)>;
 
-// Sleeps for real and is never broken off.
+// Sleeps the calling thread; never cancelled.
 Sleeper RealSleeper();
 
 struct RetryPolicy {
-  int max_attempts = 5;  // 0: for ever
+  int max_attempts = 5;  // 0: no limit
   double first_delay_s = 0.1;
   double max_delay_s = 5.0;
   double factor = 2.0;
-  double jitter = 0.2;  // the delay varies by this share of itself, so that many clients do not come at once
+  double jitter = 0.2;  // random share by which a delay varies, so that many clients do not retry at once
   uint64_t seed = 0;    // of the jitter
 };
 
-// The delays between attempts: growing by the factor up to the largest. Not thread-safe.
+// The delays between attempts: each is `factor` times the one before, up to `max_delay_s`. Not thread-safe.
 class Backoff {
  public:
   explicit Backoff(const RetryPolicy& policy) : policy_(policy), random_(policy.seed), next_s_(policy.first_delay_s) {}
   double NextDelay();
-  // No less than the other side told with its error, up to a minute.
+  // At least the delay that the server sent with its error (RetryDelayOf), up to 60 s.
   double NextDelay(const Status& error);
-  // After a success: starts small again.
+  // Starts again at `first_delay_s`; call it after a success.
   void Reset() { next_s_ = policy_.first_delay_s; }
 
  private:
@@ -45,13 +44,13 @@ class Backoff {
   double next_s_;
 };
 
-// Whether an error may go away by itself. UNAVAILABLE does and says that nothing was lost on the way, and so does a
-// limit (Refusal::kLimit) where it was told when to try again; what may have been carried out (DEADLINE_EXCEEDED,
-// ABORTED, UNKNOWN, INTERNAL of a broken stream) only counts for idempotent calls.
+// Whether a call with this error may be retried. Always: UNAVAILABLE, and Refusal::kLimit with a retry delay, because
+// the server did not execute the call. Only if idempotent, because the server may have executed it: DEADLINE_EXCEEDED,
+// ABORTED, UNKNOWN and INTERNAL (a broken stream).
 bool IsTransient(const Status& status, Idempotency idempotency);
 
-// Calls `call` until it succeeds, fails for good, the attempts are used up or the sleeper is broken off (CANCELLED
-// then). `call` must make everything that belongs to one attempt (context, deadline, request stream) anew.
+// Calls `call` until it succeeds, fails permanently, the attempts are used up, or the sleeper is cancelled (CANCELLED).
+// `call` must create a new context, deadline and request stream for each attempt.
 Status Retry(const RetryPolicy& policy, Idempotency idempotency, const Sleeper& sleeper,
              const std::function<Status()>& call);
 

@@ -13,7 +13,7 @@
 namespace tessera {
 namespace {
 
-constexpr size_t kMaxMessageBytes = 96 << 10;  // percent-encoded at worst three times as long
+constexpr size_t kMaxMessageBytes = 96 << 10;  // percent-encoding makes it up to three times as long
 constexpr size_t kMaxDetailsBytes = 4 << 10, kMaxFaultTextBytes = 256;
 
 std::string Shortened(std::string message) {
@@ -26,7 +26,7 @@ std::string Shortened(std::string message) {
   return message + "\n... and " + std::to_string(left_out) + " more bytes of messages";
 }
 
-// protobuf takes UTF-8 alone, and files hold anything.
+// protobuf requires UTF-8, but text from files may hold any bytes.
 std::string Text(const std::string& text) { return Printable(std::string(Prefix(text, kMaxFaultTextBytes))); }
 
 v1::Refusal DetailsOf(const Status& status) {
@@ -41,7 +41,7 @@ v1::Refusal DetailsOf(const Status& status) {
   for (const InputFault& fault : FaultsOf(status)) {
     v1::InputFault& added = *refusal.add_faults();
     added.set_file(Text(fault.file));
-    added.set_place(Text(fault.place));
+    added.set_place(Text(fault.location));
     added.set_found(Text(fault.found));
     added.set_expected(Text(fault.expected));
     if (refusal.ByteSizeLong() <= kMaxDetailsBytes) continue;
@@ -62,7 +62,7 @@ Status WithDetails(Status error, const v1::Refusal& refusal) {
   if (refusal.retry_s() > 0) error = RetryAfter(std::move(error), refusal.retry_s());
   std::vector<InputFault> faults;
   for (const v1::InputFault& fault : refusal.faults()) {
-    faults.push_back({fault.file(), fault.place(), fault.found(), fault.expected()});
+    faults.push_back({fault.file(), fault.location(), fault.found(), fault.expected()});
   }
   SetFaults(error, faults);
   return error;
@@ -73,7 +73,7 @@ Status WithDetails(Status error, const v1::Refusal& refusal) {
 Status FromGrpc(const grpc::Status& status) {
   if (status.ok()) return absl::OkStatus();
   if (status.error_code() == grpc::StatusCode::CANCELLED) {
-    return absl::AbortedError("the call was broken off before it was answered: the other side stops");
+    return absl::AbortedError("the server cancelled the call: it is shutting down");
   }
   const int code = status.error_code();
   const bool known = code > 0 && code <= static_cast<int>(absl::StatusCode::kUnauthenticated);

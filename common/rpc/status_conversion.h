@@ -1,4 +1,4 @@
-// gRPC's status is ours by number; only the type differs.
+// Conversion between absl::Status and grpc::Status; their codes have the same numbers.
 #ifndef TESSERA_COMMON_RPC_STATUS_CONVERSION_H_
 #define TESSERA_COMMON_RPC_STATUS_CONVERSION_H_
 
@@ -10,13 +10,13 @@ class Status;
 
 namespace tessera {
 
-// What a call returned, as our own status. A code that gRPC does not know becomes UNKNOWN. CANCELLED becomes ABORTED:
-// who breaks a call off himself knows it; else it was a server that stops, and the call may be repeated as any that may
-// have been carried out.
+// Converts the status of a call. A code outside gRPC's becomes UNKNOWN. CANCELLED becomes ABORTED: a client that
+// cancels its own call does not use the status, so it was the server that stopped, and idempotent calls may be retried.
 Status FromGrpc(const grpc::Status& status);
 
-// What a service method returns. gRPC sends the message in a header, of which MakeChannel's clients take 1 MiB (others
-// by default 8 KiB): messages longer than 96 KiB are cut at a line, with a last line that says so.
+// Converts the result of a service method. gRPC sends the message in a header, for which MakeChannel's clients accept
+// 1 MiB (other clients 8 KiB by default). Messages above 96 KiB are cut at a line end; the last line states the number
+// of omitted bytes.
 grpc::Status ToGrpc(const Status& status);
 
 }  // namespace tessera

@@ -23,9 +23,9 @@
 namespace tessera {
 namespace {
 
-constexpr int64_t kFacesTried = 200000;
+constexpr int64_t kMaxSampledFaces = 200000;
 
-std::string InWords(const Crs& crs) {
+std::string CrsText(const Crs& crs) {
   constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
   switch (crs.kind) {
     case Crs::Kind::kLocal:
@@ -58,7 +58,7 @@ class SceneChecker {
     CheckPixels();
     TESSERA_RETURN_IF_ERROR(control_.Check());
     control_.Report(0.7, "mesh");
-    TESSERA_RETURN_IF_ERROR(CheckMeshAndSight());
+    TESSERA_RETURN_IF_ERROR(CheckMeshAndVisibility());
     control_.Report(0.95, "points");
     CheckReprojection();
     TESSERA_RETURN_IF_ERROR(control_.Check());
@@ -69,7 +69,7 @@ class SceneChecker {
  private:
   void Describe() {
     summary_.name = scene_.name;
-    summary_.crs = InWords(scene_.frame.crs());
+    summary_.crs = CrsText(scene_.frame.crs());
     summary_.images = static_cast<int64_t>(scene_.views.size());
     summary_.has_likelihoods = scene_.has_likelihoods;
     std::map<std::pair<int, int>, int64_t> sizes;
@@ -84,7 +84,7 @@ class SceneChecker {
     for (const SceneClass& entry : scene_.classes) summary_.classes.push_back({entry.name, 0, 0});
   }
 
-  // Every image and every likelihood file is decoded once.
+  // Decodes each image and each likelihood file once.
   void CheckPixels() {
     const int64_t views = summary_.images;
     const int classes = static_cast<int>(scene_.classes.size());
@@ -111,8 +111,8 @@ class SceneChecker {
     summary_.borders = borders.Trusts();
   }
 
-  Status CheckMeshAndSight() {
-    if (scene_.mesh_path.empty()) return absl::OkStatus();  // already a fault
+  Status CheckMeshAndVisibility() {
+    if (scene_.mesh_path.empty()) return absl::OkStatus();  // already reported
     const std::string path = absl::StrCat(scene_.folder, "/", scene_.mesh_path);
     const StatusOr<int64_t> faces = PlyFaceCount(path);
     if (faces.ok() && *faces > max_mesh_faces_) return absl::OkStatus();
@@ -129,19 +129,20 @@ class SceneChecker {
       return absl::OkStatus();
     }
     if (repaired->mesh.faces.empty()) {
-      faults_.Add(InputError(path, "", "degenerate faces alone", "a mesh"));
+      faults_.Add(InputError(path, "", "only degenerate faces", "at least one face with an area"));
       return absl::OkStatus();
     }
     if (scene_.views.empty()) return absl::OkStatus();
     const StatusOr<double> gsd_m = MedianGsd(scene_, mesh);
     if (gsd_m.ok()) {
       summary_.gsd_m = *gsd_m;
-      faults_.Add(LoadSceneMesh(scene_, *gsd_m).status());  // the rounding of floats
+      faults_.Add(LoadSceneMesh(scene_, *gsd_m).status());  // checks the rounding of float coordinates
     }
     control_.Report(0.75, "visibility");
-    TESSERA_ASSIGN_OR_RETURN(const Coverage coverage, MeasureCoverage(scene_, repaired->mesh, kFacesTried, control_));
+    TESSERA_ASSIGN_OR_RETURN(const Coverage coverage,
+                             MeasureCoverage(scene_, repaired->mesh, kMaxSampledFaces, control_));
     for (size_t i = 0; i < coverage.views.size(); ++i) {
-      faults_.Add(SightFault(path, scene_.views[i], coverage.views[i]));
+      faults_.Add(ViewVisibilityError(path, scene_.views[i], coverage.views[i]));
     }
     summary_.faces_tried = coverage.faces_tried;
     summary_.unseen_share = static_cast<double>(coverage.unseen) / static_cast<double>(coverage.faces_tried);
@@ -180,18 +181,19 @@ class SceneChecker {
     }
     summary_.extent_m2 = (high.x() - low.x()) * (high.y() - low.y());
     const Eigen::Vector3d centre = (low + high) / 2;
-    const StatusOr<Eigen::Vector3d> place =
+    const StatusOr<Eigen::Vector3d> geodetic =
         scene_.frame.GeodeticFromLocal(axes[0] * centre.x() + axes[1] * centre.y() + axes[2] * centre.z());
-    if (place.ok()) {
-      summary_.lat_deg = place->x() * 180 / std::numbers::pi;
-      summary_.lon_deg = place->y() * 180 / std::numbers::pi;
+    if (geodetic.ok()) {
+      summary_.lat_deg = geodetic->x() * 180 / std::numbers::pi;
+      summary_.lon_deg = geodetic->y() * 180 / std::numbers::pi;
     }
     if (summary_.unlabelled_faces > 0) {
       warnings_.push_back(absl::StrCat(scene_.mesh_path, ": ", summary_.unlabelled_faces, " faces have no label"));
     }
   }
 
-  // The model's own image points if it has any, else whether its points fall into the images of their tracks.
+  // Measures the reprojection error of the model's image points, and the share of its 3D points that project into the
+  // images of their tracks.
   void CheckReprojection() {
     if (scene_.views.empty()) return;
     const std::string folder = absl::StrCat(scene_.folder, "/", scene_.cameras_folder);
@@ -245,35 +247,36 @@ class SceneChecker {
       }
     }
     if (dangling > 0) {
-      warnings_.push_back(
-          absl::StrCat(folder, ": ", dangling, " references between images and 3D points lead nowhere"));
+      warnings_.push_back(absl::StrCat(folder, ": ", dangling, " references to images or 3D points that do not exist"));
     }
     result.observations = static_cast<int64_t>(errors_px.size());
     if (!errors_px.empty()) result.median_px = Median(&errors_px);
     if (result.track_entries > 0) {
       result.inside_share = static_cast<double>(inside) / static_cast<double>(result.track_entries);
     }
-    JudgeReprojection(folder, result);
+    ReportReprojection(folder, result);
     summary_.reprojection = result;
   }
 
-  void JudgeReprojection(const std::string& folder, const SceneSummary::Reprojection& result) {
-    constexpr double kOdd_px = 3, kWrong_px = 50, kOddShare = 0.95, kWrongShare = 0.5;
-    if (result.observations > 0 && result.median_px > kOdd_px) {
+  void ReportReprojection(const std::string& folder, const SceneSummary::Reprojection& result) {
+    constexpr double kWarning_px = 3, kError_px = 50, kWarningShare = 0.95, kErrorShare = 0.5;
+    if (result.observations > 0 && result.median_px > kWarning_px) {
       const std::string found = absl::StrFormat("a median reprojection error of %.1f px", result.median_px);
-      if (result.median_px > kWrong_px) {
-        faults_.Add(InputError(folder, "", found, "cameras that fit their 3D points"));
+      if (result.median_px > kError_px) {
+        faults_.Add(InputError(folder, "", found,
+                               absl::StrCat("cameras that fit their 3D points: at most ", kError_px, " px")));
       } else {
-        warnings_.push_back(absl::StrCat(folder, ": ", found));
+        warnings_.push_back(absl::StrCat(folder, ": ", found, ": check the camera poses"));
       }
     }
-    if (result.track_entries > 0 && result.inside_share < kOddShare) {
+    if (result.track_entries > 0 && result.inside_share < kWarningShare) {
       const std::string found =
           absl::StrFormat("%.1f %% of the 3D points inside the images of their tracks", 100 * result.inside_share);
-      if (result.inside_share < kWrongShare) {
-        faults_.Add(InputError(folder, "", found, "cameras that fit their 3D points"));
+      if (result.inside_share < kErrorShare) {
+        faults_.Add(InputError(folder, "", found,
+                               absl::StrCat("cameras that fit their 3D points: at least ", 100 * kErrorShare, " %")));
       } else {
-        warnings_.push_back(absl::StrCat(folder, ": ", found));
+        warnings_.push_back(absl::StrCat(folder, ": ", found, ": check the camera poses"));
       }
     }
   }
@@ -286,7 +289,7 @@ class SceneChecker {
   SceneSummary summary_;
 };
 
-constexpr int64_t kAnyFaces = std::numeric_limits<int64_t>::max();
+constexpr int64_t kNoFaceLimit = std::numeric_limits<int64_t>::max();
 
 StatusOr<SceneSummary> CheckAndReport(const SceneDescription& scene, int64_t max_mesh_faces, Warnings* warnings,
                                       Faults* faults, const TaskControl& control) {
@@ -315,7 +318,7 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
     luminance = take(ReadLuminance(absl::StrCat(folder, "/", view.image_path), view.lens), &content.image);
   }
   if (!view.likelihood_path.empty()) {
-    if (borders == nullptr) luminance = FloatImage();  // not both in memory
+    if (borders == nullptr) luminance = FloatImage();  // release the image before the likelihoods are read
     const FloatImage likelihoods =
         take(ReadLikelihoods(absl::StrCat(folder, "/", view.likelihood_path), classes, view.lens), &content.likelihood);
     if (borders != nullptr) borders->Add(luminance, likelihoods);
@@ -324,28 +327,28 @@ StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneVi
   return content;
 }
 
-Status SightFault(const std::string& mesh_path, const SceneView& view, ViewSight sight) {
+Status ViewVisibilityError(const std::string& mesh_path, const SceneView& view, ViewVisibility visibility) {
   const std::string image = absl::StrCat("image '", view.name, "'");
-  switch (sight) {
-    case ViewSight::kGood:
+  switch (visibility) {
+    case ViewVisibility::kGood:
       return absl::OkStatus();
-    case ViewSight::kNothing:
+    case ViewVisibility::kNothing:
       return InputError(mesh_path, image, "no face in front of its camera and inside the image",
-                        "a camera that sees the mesh");
-    case ViewSight::kBehindMesh:
+                        "a camera that sees the mesh: check its pose");
+    case ViewVisibility::kBehindMesh:
       return InputError(mesh_path, image, "mostly backs of faces: its camera is behind the mesh",
-                        "a camera that sees the outside of the mesh");
+                        "a camera that sees the front of the mesh: check its pose and the orientation of faces");
   }
   return absl::OkStatus();
 }
 
 StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warnings, const TaskControl& control) {
   Faults faults;
-  return CheckAndReport(scene, kAnyFaces, warnings, &faults, control);
+  return CheckAndReport(scene, kNoFaceLimit, warnings, &faults, control);
 }
 
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
-  return CheckSceneFolder(path, SceneLoadOptions(), kAnyFaces, warnings, control);
+  return CheckSceneFolder(path, SceneLoadOptions(), kNoFaceLimit, warnings, control);
 }
 
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,

@@ -1,4 +1,4 @@
-// The whole validation of a scene, pixels and mesh included, and what the user is told about it.
+// Full validation of a scene, including pixels and mesh, and its summary for users (tessera check).
 #ifndef TESSERA_COMMON_SCENE_CHECK_H_
 #define TESSERA_COMMON_SCENE_CHECK_H_
 
@@ -15,13 +15,13 @@
 
 namespace tessera {
 
-// Hashes of what a view's files decode to (XXH3-128); empty where it has no such file.
+// XXH3-128 hashes of a view's decoded files; empty if it has no such file.
 struct PixelContent {
   std::string image, likelihood;
 };
 
-// Decodes the view's files: image and likelihoods of so many classes, below `folder`. INVALID_ARGUMENT lists what is
-// wrong with either. `borders` (of as many classes; may be null) gets what the two say of each other.
+// Decodes the view's image and its likelihoods of `classes` classes, below `folder`. INVALID_ARGUMENT lists the errors
+// of both. `borders` (for `classes` classes; may be null) receives the view's border counts.
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
                                         BorderCounts* borders = nullptr);
 
@@ -40,15 +40,15 @@ struct SceneSummary {
     double area_share = 0;
   };
   struct Reprojection {
-    int64_t observations = 0;   // image points of 3D points
-    double median_px = 0;       // of their distances to the projected points
+    int64_t observations = 0;   // image points with a 3D point
+    double median_px = 0;       // median reprojection error of the image points
     int64_t track_entries = 0;  // (3D point, image) pairs of the tracks
-    double inside_share = 0;    // of the pairs: projected into the image
+    double inside_share = 0;    // share of the pairs whose 3D point projects into the image
   };
 
   std::string name;
-  std::string crs;                         // in words
-  std::optional<double> lat_deg, lon_deg;  // of the mesh's centre
+  std::string crs;                         // for display
+  std::optional<double> lat_deg, lon_deg;  // of the mesh's centre; none: not georeferenced
   std::vector<SizeCount> sizes;
   std::vector<FlightCount> flights;
   int64_t images = 0;
@@ -56,38 +56,38 @@ struct SceneSummary {
   double gsd_m = 0;
   int64_t vertices = 0, faces = 0;
   double surface_m2 = 0;
-  double extent_m2 = 0;  // of the box around the mesh, seen along up
+  double extent_m2 = 0;  // area of the mesh's bounding box in the horizontal plane
   bool has_labels = false;
   std::vector<ClassShare> classes;
   int64_t unlabelled_faces = 0;
   std::vector<PixelContent> contents;  // of each view
-  BorderTrusts borders;                // of all views' likelihoods
-  // Shares of the faces that were tried (at most 200,000, every n-th): seen by no view, by fewer than three. A view
-  // sees a face whose front and centroid nothing hides.
+  BorderTrusts borders;                // from the likelihoods of all views
+  // Shares of the sampled faces (at most 200,000, every n-th) that no view sees, and that fewer than three views see. A
+  // view sees a face if its front faces the camera and its centroid is not occluded.
   int64_t faces_tried = 0;
   double unseen_share = 0, under_three_share = 0;
   std::optional<Reprojection> reprojection;  // none if the model has no 3D points
 };
 
-// Reads everything that the scene names and reports all faults at once (INVALID_ARGUMENT, one a line), each with its
-// file and place. What is odd but usable goes into `warnings`. CANCELLED if `control` says so. Uses all threads; memory
-// is bounded by the mesh and one image with its likelihoods a thread.
+// Reads all files of the scene. INVALID_ARGUMENT lists all errors, one per line, each with its file and location in it.
+// Adds unusual but usable input to `warnings`. CANCELLED by `control`. Uses all threads; memory is bounded by the mesh
+// plus one image with its likelihoods per thread.
 StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warnings, const TaskControl& control);
 
-// LoadScene and CheckScene in one: faults of both, as far as a scene that is only partly readable lets one go on.
+// LoadScene and CheckScene in one call. Reports the errors of both, and continues with a partly readable scene.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);
 
-// The same, loaded so; a mesh of more than `max_mesh_faces` faces is left unread, for others to stream.
+// The same with load options. A mesh of more than `max_mesh_faces` faces is not read; the caller streams it.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
                                         Warnings* warnings, const TaskControl& control);
 
-// The fault of a view that sees of the mesh at `mesh_path` what `sight` says; OK if it is good.
-Status SightFault(const std::string& mesh_path, const SceneView& view, ViewSight sight);
+// INVALID_ARGUMENT for a view that sees no face, or mostly backs of faces, of the mesh at `mesh_path`.
+Status ViewVisibilityError(const std::string& mesh_path, const SceneView& view, ViewVisibility visibility);
 
-// INVALID_ARGUMENT if 32-bit floats round coordinates as large as `largest_m` by more than a hundredth of the GSD.
+// INVALID_ARGUMENT if 32-bit floats round coordinates of size `largest_m` by more than gsd_m / 100.
 Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double gsd_m);
 
-// A readable table, and the same as JSON with units in the keys.
+// The summary as a table, and as JSON with units in the keys.
 std::string SummaryToText(const SceneSummary& summary);
 std::string SummaryToJson(const SceneSummary& summary, const Warnings& warnings);
 

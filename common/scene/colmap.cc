@@ -5,11 +5,11 @@
 namespace tessera {
 namespace {
 
-constexpr int64_t kLargestFile_bytes = int64_t{64} << 30;
+constexpr int64_t kMaxFileBytes = int64_t{64} << 30;
 
 std::string ReadModelFile(const std::string& path, bool required, const AllowedFiles& allowed, Faults* faults) {
   if (!required && !allowed.Exists(path)) return "";
-  StatusOr<std::string> content = allowed.ReadWhole(path, kLargestFile_bytes);
+  StatusOr<std::string> content = allowed.ReadWhole(path, kMaxFileBytes);
   if (content.ok()) return *std::move(content);
   if (absl::IsNotFound(content.status())) {
     faults->Add(InputError(path, "", "no such file", "a file of a COLMAP model"));
@@ -26,7 +26,7 @@ ColmapModel ReadColmapModel(const std::string& folder, ColmapContent content, Fa
   ColmapModel model;
   const bool binary = allowed.Exists(folder + "/cameras.bin");
   if (!binary && !allowed.Exists(folder + "/cameras.txt")) {
-    faults->Add(InputError(folder, "", "neither cameras.bin nor cameras.txt", "a COLMAP model"));
+    faults->Add(InputError(folder, "", "neither cameras.bin nor cameras.txt", "a COLMAP sparse model"));
     return model;
   }
   const std::string extension = binary ? ".bin" : ".txt";

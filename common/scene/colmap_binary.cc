@@ -10,7 +10,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "COLMAP's binary files are little-endian");
 
-// Values off a byte string. After the end was met, `ok` is false and everything read is zero.
+// Reads values from a byte string. After reading beyond its end, ok() is false and all values are zero.
 class ByteReader {
  public:
   ByteReader(const std::string& bytes, std::string file) : bytes_(bytes), file_(std::move(file)) {}
@@ -42,29 +42,29 @@ class ByteReader {
   bool CanHold(uint64_t count, uint64_t size_bytes) const { return count <= (bytes_.size() - at_) / size_bytes; }
   bool ok() const { return ok_; }
   size_t left() const { return bytes_.size() - at_; }
-  ColmapPlace Place() const { return {file_, absl::StrCat("byte ", at_)}; }
-  ColmapPlace EndPlace() const { return {file_, absl::StrCat("byte ", bytes_.size())}; }
+  ColmapLocation Location() const { return {file_, absl::StrCat("byte ", at_)}; }
+  ColmapLocation EndLocation() const { return {file_, absl::StrCat("byte ", bytes_.size())}; }
 
-  // Reads the number of entries and checks that so many of at least `smallest_bytes` can follow.
+  // Reads the number of entries, and checks that the file is large enough for them at `smallest_bytes` each.
   bool Count(uint64_t smallest_bytes, uint64_t* count, Faults* faults) {
-    const ColmapPlace place = Place();
+    const ColmapLocation location = Location();
     *count = Read<uint64_t>();
     if (!ok_) {
-      faults->Add(EndPlace().Error("the end of the file", "a number of entries"));
+      faults->Add(EndLocation().Error("the end of the file", "a number of entries"));
       return false;
     }
     if (!CanHold(*count, smallest_bytes)) {
-      faults->Add(place.Error(absl::StrCat(*count, " entries"),
-                              absl::StrCat("at most the ", left() / smallest_bytes, " that fit in the file")));
+      faults->Add(location.Error(absl::StrCat(*count, " entries"),
+                                 absl::StrCat("at most ", left() / smallest_bytes, ", which fit in the file")));
       return false;
     }
     return true;
   }
   void Truncated(uint64_t entry, uint64_t count, const char* what, Faults* faults) const {
-    faults->Add(EndPlace().Error("the end of the file", absl::StrCat(what, " ", entry + 1, " of ", count)));
+    faults->Add(EndLocation().Error("the end of the file", absl::StrCat(what, " ", entry + 1, " of ", count)));
   }
   void CheckEnd(Faults* faults) const {
-    if (left() > 0) faults->Add(Place().Error(absl::StrCat(left(), " more bytes"), "the end of the file"));
+    if (left() > 0) faults->Add(Location().Error(absl::StrCat(left(), " more bytes"), "the end of the file"));
   }
 
  private:
@@ -83,19 +83,19 @@ void ParseCameras(ByteReader in, ColmapBuilder* builder) {
   uint64_t count = 0;
   if (!in.Count(24 + 3 * 8, &count, &builder->faults())) return;
   for (uint64_t i = 0; i < count; ++i) {
-    const ColmapPlace place = in.Place();
+    const ColmapLocation location = in.Location();
     const uint32_t id = in.Read<uint32_t>();
     const int32_t model_id = in.Read<int32_t>();
     const uint64_t width = in.Read<uint64_t>(), height = in.Read<uint64_t>();
     const ColmapCameraModel* model = FindColmapCameraModel(model_id);
-    if (in.ok() && model == nullptr) {  // its length is unknown, so nothing after it can be read
-      builder->AddCamera(place, id, model, absl::StrCat(model_id), width, height, {});
+    if (in.ok() && model == nullptr) {  // its number of parameters is unknown, so stop here
+      builder->AddCamera(location, id, model, absl::StrCat(model_id), width, height, {});
       return;
     }
     std::vector<double> parameters(model == nullptr ? 0 : model->parameters);
     for (double& parameter : parameters) parameter = in.Read<double>();
     if (!in.ok()) return in.Truncated(i, count, "camera", &builder->faults());
-    builder->AddCamera(place, id, model, model->name, width, height, parameters);
+    builder->AddCamera(location, id, model, model->name, width, height, parameters);
   }
   in.CheckEnd(&builder->faults());
 }
@@ -104,7 +104,7 @@ void ParseImages(ByteReader in, ColmapContent content, ColmapBuilder* builder) {
   uint64_t count = 0;
   if (!in.Count(4 + 7 * 8 + 4 + 1 + 8, &count, &builder->faults())) return;
   for (uint64_t i = 0; i < count; ++i) {
-    const ColmapPlace place = in.Place();
+    const ColmapLocation location = in.Location();
     ColmapImage image;
     image.id = in.Read<uint32_t>();
     double q[4];
@@ -126,10 +126,10 @@ void ParseImages(ByteReader in, ColmapContent content, ColmapBuilder* builder) {
     }
     if (!in.ok()) return in.Truncated(i, count, "image", &builder->faults());
     if (image.name.empty()) {
-      builder->faults().Add(place.Error("an image without a name", "a file name"));
+      builder->faults().Add(location.Error("an image without a name", "a file name"));
       continue;
     }
-    builder->AddImage(place, std::move(image), q);
+    builder->AddImage(location, std::move(image), q);
   }
   in.CheckEnd(&builder->faults());
 }
@@ -138,7 +138,7 @@ void ParsePoints(ByteReader in, ColmapBuilder* builder) {
   uint64_t count = 0;
   if (!in.Count(8 + 24 + 3 + 8 + 8, &count, &builder->faults())) return;
   for (uint64_t i = 0; i < count; ++i) {
-    const ColmapPlace place = in.Place();
+    const ColmapLocation location = in.Location();
     ColmapPoint point;
     point.id = in.Read<uint64_t>();
     point.position = in.ReadVector3();
@@ -149,7 +149,7 @@ void ParsePoints(ByteReader in, ColmapBuilder* builder) {
       point.image_ids.push_back(in.Read<uint32_t>());
       in.Read<uint32_t>();
     }
-    builder->AddPoint(place, std::move(point));
+    builder->AddPoint(location, std::move(point));
   }
   in.CheckEnd(&builder->faults());
 }

@@ -25,14 +25,15 @@ constexpr ColmapCameraModel kModels[] = {
     {10, "THIN_PRISM_FISHEYE", 12, false},
 };
 constexpr char kSupported[] = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV or FULL_OPENCV";
-constexpr uint64_t kLargestSide_px = 1 << 20;
+constexpr uint64_t kMaxSide_px = 1 << 20;
 
-// Remembers where a key was first seen; false and a fault if it was seen before.
+// Records the location of a key. If the key already exists, reports the duplicate and returns false.
 template <class Map, class Key>
-bool Claim(Map& places, const Key& key, const ColmapPlace& place, const std::string& what, Faults& faults) {
-  const auto [it, is_new] = places.emplace(key, place.place);
+bool Claim(Map& locations, const Key& key, const ColmapLocation& location, const std::string& what, Faults& faults) {
+  const auto [it, is_new] = locations.emplace(key, location.location);
   if (!is_new)
-    faults.Add(place.Error(absl::StrCat(what, " again"), absl::StrCat("it once (first at ", it->second, ")")));
+    faults.Add(
+        location.Error(absl::StrCat(what, " again"), absl::StrCat("a unique id or name (first at ", it->second, ")")));
   return is_new;
 }
 
@@ -52,21 +53,22 @@ const ColmapCameraModel* FindColmapCameraModel(int id) {
   return nullptr;
 }
 
-void ColmapBuilder::AddCamera(const ColmapPlace& place, uint32_t id, const ColmapCameraModel* model,
+void ColmapBuilder::AddCamera(const ColmapLocation& location, uint32_t id, const ColmapCameraModel* model,
                               const std::string& model_name, uint64_t width, uint64_t height,
                               const std::vector<double>& p) {
-  if (!Claim(place_of_camera_, id, place, absl::StrCat("camera ", id), faults_)) return;
+  if (!Claim(camera_locations_, id, location, absl::StrCat("camera ", id), faults_)) return;
   if (model == nullptr || !model->supported) {
-    faults_.Add(place.Error(absl::StrCat("camera model ", model_name), kSupported));
+    faults_.Add(location.Error(absl::StrCat("camera model ", model_name), kSupported));
     return;
   }
   if (static_cast<int>(p.size()) != model->parameters) {
     faults_.Add(
-        place.Error(absl::StrCat(p.size(), " parameters"), absl::StrCat(model->parameters, " for ", model->name)));
+        location.Error(absl::StrCat(p.size(), " parameters"), absl::StrCat(model->parameters, " for ", model->name)));
     return;
   }
-  if (width < 1 || height < 1 || width > kLargestSide_px || height > kLargestSide_px) {
-    faults_.Add(place.Error(absl::StrCat("an image of ", width, " x ", height, " pixels"), "a size in pixels"));
+  if (width < 1 || height < 1 || width > kMaxSide_px || height > kMaxSide_px) {
+    faults_.Add(location.Error(absl::StrCat("an image of ", width, " x ", height, " pixels"),
+                               absl::StrCat("1 x 1 to ", kMaxSide_px, " x ", kMaxSide_px)));
     return;
   }
   LensModel lens;
@@ -82,12 +84,13 @@ void ColmapBuilder::AddCamera(const ColmapPlace& place, uint32_t id, const Colma
   std::copy(p.begin() + next, p.end(), lens.coefficients);
   for (const double value : p) {
     if (!std::isfinite(value)) {
-      faults_.Add(place.Error(absl::StrCat("parameter ", value), "finite numbers"));
+      faults_.Add(location.Error(absl::StrCat("parameter ", value), "finite numbers"));
       return;
     }
   }
   if (!(lens.pinhole.fx > 0 && lens.pinhole.fy > 0)) {
-    faults_.Add(place.Error(absl::StrCat("focal length ", std::min(lens.pinhole.fx, lens.pinhole.fy)), "more than 0"));
+    faults_.Add(
+        location.Error(absl::StrCat("focal length ", std::min(lens.pinhole.fx, lens.pinhole.fy)), "more than 0"));
     return;
   }
   if (std::any_of(std::begin(lens.coefficients), std::end(lens.coefficients), [](double k) { return k != 0; })) {
@@ -99,38 +102,39 @@ void ColmapBuilder::AddCamera(const ColmapPlace& place, uint32_t id, const Colma
   model_.cameras.emplace(id, lens);
 }
 
-void ColmapBuilder::AddImage(const ColmapPlace& place, ColmapImage image, const double (&q)[4]) {
-  if (!Claim(place_of_image_, image.id, place, absl::StrCat("image ", image.id), faults_)) return;
-  if (!Claim(place_of_name_, image.name, place, absl::StrCat("image '", image.name, "'"), faults_)) return;
+void ColmapBuilder::AddImage(const ColmapLocation& location, ColmapImage image, const double (&q)[4]) {
+  if (!Claim(image_locations_, image.id, location, absl::StrCat("image ", image.id), faults_)) return;
+  if (!Claim(name_locations_, image.name, location, absl::StrCat("image '", image.name, "'"), faults_)) return;
   const Eigen::Quaterniond quaternion(q[0], q[1], q[2], q[3]);
   const double norm = quaternion.norm();
   if (!std::isfinite(norm) || norm < 1e-6) {
-    faults_.Add(place.Error(absl::StrCat("quaternion (", q[0], ", ", q[1], ", ", q[2], ", ", q[3], ")"), "a rotation"));
+    faults_.Add(
+        location.Error(absl::StrCat("quaternion (", q[0], ", ", q[1], ", ", q[2], ", ", q[3], ")"), "a rotation"));
     return;
   }
   if (!image.translation_cam_from_world.allFinite()) {
-    faults_.Add(place.Error("a translation that is not finite", "finite numbers"));
+    faults_.Add(location.Error("a translation that is not finite", "finite numbers"));
     return;
   }
   image.rotation_cam_from_world = quaternion.normalized().toRotationMatrix();
-  camera_references_.push_back({place, {image.camera_id, image.name}});
+  camera_references_.push_back({location, {image.camera_id, image.name}});
   model_.images.push_back(std::move(image));
 }
 
-void ColmapBuilder::AddPoint(const ColmapPlace& place, ColmapPoint point) {
-  if (!Claim(place_of_point_, point.id, place, absl::StrCat("point ", point.id), faults_)) return;
+void ColmapBuilder::AddPoint(const ColmapLocation& location, ColmapPoint point) {
+  if (!Claim(point_locations_, point.id, location, absl::StrCat("point ", point.id), faults_)) return;
   if (!point.position.allFinite()) {
-    faults_.Add(place.Error("a position that is not finite", "finite numbers"));
+    faults_.Add(location.Error("a position that is not finite", "finite numbers"));
     return;
   }
   model_.points.push_back(std::move(point));
 }
 
 void ColmapBuilder::Finish() {
-  for (const auto& [place, reference] : camera_references_) {
-    if (place_of_camera_.count(reference.first) == 0) {
-      faults_.Add(place.Error(absl::StrCat("camera ", reference.first, " for image '", reference.second, "'"),
-                              "the id of a camera of the model"));
+  for (const auto& [location, reference] : camera_references_) {
+    if (camera_locations_.count(reference.first) == 0) {
+      faults_.Add(location.Error(absl::StrCat("camera ", reference.first, " for image '", reference.second, "'"),
+                                 "the id of a camera in the cameras file"));
     }
   }
   std::sort(model_.images.begin(), model_.images.end(),

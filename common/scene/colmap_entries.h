@@ -1,4 +1,4 @@
-// What COLMAP's text and binary files have in common: each entry is checked here, whatever it was written in.
+// Checks of COLMAP entries, shared by the text and the binary reader.
 #ifndef TESSERA_COMMON_SCENE_COLMAP_ENTRIES_H_
 #define TESSERA_COMMON_SCENE_COLMAP_ENTRIES_H_
 
@@ -19,30 +19,30 @@ struct ColmapCameraModel {
   bool supported;
 };
 
-// All of COLMAP's models (src/colmap/sensor/models.h); null if there is none of that name or number.
+// COLMAP's camera model of this name or id (src/colmap/sensor/models.h), supported or not; null if there is none.
 const ColmapCameraModel* FindColmapCameraModel(const std::string& name);
 const ColmapCameraModel* FindColmapCameraModel(int id);
 
-// A file's name and a place in it.
-struct ColmapPlace {
+// A file's name and a location in it.
+struct ColmapLocation {
   std::string file;
-  std::string place;
+  std::string location;
   Status Error(const std::string& found, const std::string& expected) const {
-    return InputError(file, place, found, expected);
+    return InputError(file, location, found, expected);
   }
 };
 
-// Adds checked entries to a model; faulty ones only leave their fault.
+// Checks entries and adds them to a model. Invalid entries are reported to `faults` and not added.
 class ColmapBuilder {
  public:
   ColmapBuilder(ColmapModel* model, Faults* faults) : model_(*model), faults_(*faults) {}
 
-  // `model` is null if unknown, `model_name` what the file says.
-  void AddCamera(const ColmapPlace& place, uint32_t id, const ColmapCameraModel* model, const std::string& model_name,
-                 uint64_t width, uint64_t height, const std::vector<double>& parameters);
-  void AddImage(const ColmapPlace& place, ColmapImage image, const double (&quaternion_wxyz)[4]);
-  void AddPoint(const ColmapPlace& place, ColmapPoint point);
-  // Sorts, and checks what entries say of one another.
+  // `model` is null for an unknown camera model; `model_name` is its name in the file.
+  void AddCamera(const ColmapLocation& location, uint32_t id, const ColmapCameraModel* model,
+                 const std::string& model_name, uint64_t width, uint64_t height, const std::vector<double>& parameters);
+  void AddImage(const ColmapLocation& location, ColmapImage image, const double (&quaternion_wxyz)[4]);
+  void AddPoint(const ColmapLocation& location, ColmapPoint point);
+  // Checks references between entries, and sorts the images. Call it once, at the end.
   void Finish();
 
   Faults& faults() { return faults_; }
@@ -50,10 +50,10 @@ class ColmapBuilder {
  private:
   ColmapModel& model_;
   Faults& faults_;
-  std::map<uint32_t, std::string> place_of_camera_, place_of_image_;
-  std::map<std::string, std::string> place_of_name_;
-  std::map<uint64_t, std::string> place_of_point_;
-  std::vector<std::pair<ColmapPlace, std::pair<uint32_t, std::string>>> camera_references_;
+  std::map<uint32_t, std::string> camera_locations_, image_locations_;
+  std::map<std::string, std::string> name_locations_;
+  std::map<uint64_t, std::string> point_locations_;
+  std::vector<std::pair<ColmapLocation, std::pair<uint32_t, std::string>>> camera_references_;
 };
 
 }  // namespace tessera

@@ -8,7 +8,7 @@
 namespace tessera {
 namespace {
 
-// Lines of a text with their numbers, and the words of the present line.
+// Reads a text line by line, with line numbers, and the words of the current line.
 class LineReader {
  public:
   LineReader(const std::string& text, std::string file) : text_(text), file_(std::move(file)) {}
@@ -41,7 +41,7 @@ class LineReader {
     while (word_ < line_end_ && text_[word_] != ' ' && text_[word_] != '\t') ++word_;
     return text_.substr(begin, word_ - begin);
   }
-  // All that is left, without blanks at its ends: names may contain blanks.
+  // The rest of the line without blanks at its ends; image names may contain blanks.
   std::string Rest() {
     if (AtEnd()) return "";
     size_t end = line_end_;
@@ -57,7 +57,7 @@ class LineReader {
     word_ = static_cast<size_t>(stop - text_.data());
     return true;
   }
-  // What is next, for messages.
+  // The next word, for messages; does not consume it.
   std::string Peek() {
     if (AtEnd()) return "the end of the line";
     const size_t keep = word_;
@@ -65,7 +65,7 @@ class LineReader {
     word_ = keep;
     return absl::StrCat("'", word.substr(0, 40), "'");
   }
-  ColmapPlace Place() const { return {file_, absl::StrCat("line ", number_)}; }
+  ColmapLocation Location() const { return {file_, absl::StrCat("line ", number_)}; }
 
  private:
   const std::string& text_;
@@ -80,7 +80,7 @@ void ParseCameras(LineReader lines, ColmapBuilder* builder) {
     uint64_t width = 0, height = 0;
     std::string model;
     const auto fault = [&](const char* expected) {
-      builder->faults().Add(lines.Place().Error(lines.Peek(), expected));
+      builder->faults().Add(lines.Location().Error(lines.Peek(), expected));
     };
     if (!lines.Number(&id)) {
       fault("a camera id");
@@ -98,11 +98,11 @@ void ParseCameras(LineReader lines, ColmapBuilder* builder) {
       fault("a number");
       continue;
     }
-    builder->AddCamera(lines.Place(), id, FindColmapCameraModel(model), model, width, height, parameters);
+    builder->AddCamera(lines.Location(), id, FindColmapCameraModel(model), model, width, height, parameters);
   }
 }
 
-// "X Y POINT3D_ID" three by three; id -1 where there is no 3D point.
+// Parses triples "X Y POINT3D_ID"; an id of -1 means no 3D point.
 bool ParseObservations(LineReader& lines, std::vector<ColmapObservation>* observations) {
   while (!lines.AtEnd()) {
     ColmapObservation observation;
@@ -123,23 +123,23 @@ void ParseImages(LineReader lines, ColmapContent content, ColmapBuilder* builder
     ColmapImage image;
     double q[4];
     Eigen::Vector3d& t = image.translation_cam_from_world;
-    const ColmapPlace place = lines.Place();
+    const ColmapLocation location = lines.Location();
     bool good = lines.Number(&image.id);
-    if (!good) builder->faults().Add(place.Error(lines.Peek(), "an image id"));
+    if (!good) builder->faults().Add(location.Error(lines.Peek(), "an image id"));
     if (good) {
       good = lines.Number(&q[0]) && lines.Number(&q[1]) && lines.Number(&q[2]) && lines.Number(&q[3]) &&
              lines.Number(&t.x()) && lines.Number(&t.y()) && lines.Number(&t.z()) && lines.Number(&image.camera_id);
       if (good) image.name = lines.Rest();
       good = good && !image.name.empty();
       if (!good) {
-        builder->faults().Add(place.Error(lines.Peek(), "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"));
+        builder->faults().Add(location.Error(lines.Peek(), "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"));
       }
     }
-    // The second line, of image points, may be empty; at the end of the file it may be missing.
+    // The second line of an image holds its image points. It may be empty, and may be missing at the end of the file.
     if (lines.Next() && content == ColmapContent::kCamerasAndPoints && !ParseObservations(lines, &image.observations)) {
-      builder->faults().Add(lines.Place().Error(lines.Peek(), "X Y POINT3D_ID"));
+      builder->faults().Add(lines.Location().Error(lines.Peek(), "X Y POINT3D_ID"));
     }
-    if (good) builder->AddImage(place, std::move(image), q);
+    if (good) builder->AddImage(location, std::move(image), q);
   }
 }
 
@@ -159,10 +159,10 @@ void ParsePoints(LineReader lines, ColmapBuilder* builder) {
     }
     if (!good) {
       builder->faults().Add(
-          lines.Place().Error(lines.Peek(), "POINT3D_ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)..."));
+          lines.Location().Error(lines.Peek(), "POINT3D_ID X Y Z R G B ERROR (IMAGE_ID POINT2D_IDX)..."));
       continue;
     }
-    builder->AddPoint(lines.Place(), std::move(point));
+    builder->AddPoint(lines.Location(), std::move(point));
   }
 }
 

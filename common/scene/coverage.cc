@@ -18,7 +18,7 @@ bool Faces(const TriangleMesh& mesh, int64_t face, const Eigen::Vector3d& centre
   return FaceCross(mesh, face).dot(mesh.Corner(face, 0) - centre) < 0;
 }
 
-ViewSight SightOf(const SceneView& view, const TriangleMesh& mesh, const RayCaster& caster) {
+ViewVisibility VisibilityOf(const SceneView& view, const TriangleMesh& mesh, const RayCaster& caster) {
   constexpr int kGrid = 16;
   const Eigen::Vector3d centre = view.camera.Centre();
   int fronts = 0, backs = 0;
@@ -30,16 +30,16 @@ ViewSight SightOf(const SceneView& view, const TriangleMesh& mesh, const RayCast
       if (hit.hit()) ++(Faces(mesh, hit.face, centre) ? fronts : backs);
     }
   }
-  if (backs > fronts) return ViewSight::kBehindMesh;
-  if (fronts > 0) return ViewSight::kGood;
-  // A mesh so small in the image that every ray of the grid misses it.
+  if (backs > fronts) return ViewVisibility::kBehindMesh;
+  if (fronts > 0) return ViewVisibility::kGood;
+  // No ray of the grid hit the mesh; it may be small in the image, so test all faces.
   bool back_in_frustum = false;
   for (int64_t face = 0; face < static_cast<int64_t>(mesh.faces.size()); ++face) {
     if (!view.camera.InImage(view.camera.Project(Centroid(mesh, face)))) continue;
-    if (Faces(mesh, face, centre)) return ViewSight::kGood;
+    if (Faces(mesh, face, centre)) return ViewVisibility::kGood;
     back_in_frustum = true;
   }
-  return back_in_frustum ? ViewSight::kBehindMesh : ViewSight::kNothing;
+  return back_in_frustum ? ViewVisibility::kBehindMesh : ViewVisibility::kNothing;
 }
 
 }  // namespace
@@ -49,9 +49,9 @@ StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const Triangle
   Coverage coverage;
   const RayCaster caster(mesh);
   const int64_t views = static_cast<int64_t>(scene.views.size());
-  coverage.views.assign(views, ViewSight::kGood);
+  coverage.views.assign(views, ViewVisibility::kGood);
   ParallelFor(views, 1, [&](int64_t i, int64_t) {
-    if (control.Check().ok()) coverage.views[i] = SightOf(scene.views[i], mesh, caster);
+    if (control.Check().ok()) coverage.views[i] = VisibilityOf(scene.views[i], mesh, caster);
   });
   const int64_t faces = static_cast<int64_t>(mesh.faces.size());
   const int64_t stride = std::max<int64_t>(1, (faces + largest_sample - 1) / std::max<int64_t>(largest_sample, 1));
@@ -68,7 +68,7 @@ StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const Triangle
         const PosedCamera& camera = scene.views[v].camera;
         const Eigen::Vector3d projected = camera.Project(centroid), centre = camera.Centre();
         if (!camera.InImage(projected) || !Faces(mesh, face, centre)) continue;
-        // A thousandth of the distance, so that the face's own surface and its neighbours do not hide it.
+        // End the ray before the face by 1/1000 of the distance, so that the face and its neighbours do not occlude it.
         if (!caster.Occluded(centre, centroid, 1e-3 * (centroid - centre).norm())) ++seen;
       }
       chunk_unseen += seen == 0;

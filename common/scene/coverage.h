@@ -1,4 +1,4 @@
-// Which views see a mesh, and how much of it is seen.
+// Visibility of a mesh in the views of a scene.
 #ifndef TESSERA_COMMON_SCENE_COVERAGE_H_
 #define TESSERA_COMMON_SCENE_COVERAGE_H_
 
@@ -11,18 +11,18 @@
 
 namespace tessera {
 
-enum class ViewSight { kGood, kNothing, kBehindMesh };
+enum class ViewVisibility { kGood, kNothing, kBehindMesh };
 
 struct Coverage {
-  std::vector<ViewSight>
-      views;  // kNothing: no face in the frustum; kBehindMesh: most of what it sees are backs of faces
-  int64_t faces_tried = 0;
-  int64_t unseen = 0;       // of those: seen by no view
-  int64_t under_three = 0;  // of those: seen by fewer than three, unseen ones included
+  std::vector<ViewVisibility>
+      views;                // kNothing: no face in the frustum; kBehindMesh: most of what it sees are backs of faces
+  int64_t faces_tried = 0;  // sampled faces
+  int64_t unseen = 0;       // sampled faces that no view sees
+  int64_t under_three = 0;  // sampled faces that fewer than three views see, including unseen ones
 };
 
-// Ray casts of a grid of pixels of each view and of the centroids of at most `largest_sample` faces (every n-th). The
-// same for every number of threads.
+// Casts rays through a grid of pixels of each view, and to the centroids of at most `largest_sample` faces (every
+// n-th). The result does not depend on the number of threads.
 StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const TriangleMesh& mesh, int64_t largest_sample,
                                    const TaskControl& control);
 

@@ -1,4 +1,4 @@
-// Loading a scene as far as it goes, for those who report everything that is wrong with it.
+// Loading of partly invalid scenes, for callers that report all errors.
 #ifndef TESSERA_COMMON_SCENE_LOADING_H_
 #define TESSERA_COMMON_SCENE_LOADING_H_
 
@@ -9,9 +9,8 @@
 
 namespace tessera {
 
-// LoadScene's work: every fault goes into `faults`, and what could be read comes back. A view whose image is missing or
-// of the wrong size has an empty image_path, one without its likelihoods an empty likelihood_path; mesh_path is empty
-// if there is no such file.
+// Like LoadScene, but adds all errors to `faults` and returns the readable part. image_path is empty if the image is
+// missing or has a wrong size, likelihood_path if likelihoods are missing, mesh_path if there is no mesh file.
 SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOptions& options, Warnings* warnings,
                                      Faults* faults);
 

@@ -1,4 +1,4 @@
-// The scene: the input contract (scene.json and all that it names).
+// The scene: scene.json and the files that it names. common/scene/README.md describes the formats.
 #ifndef TESSERA_COMMON_SCENE_SCENE_H_
 #define TESSERA_COMMON_SCENE_SCENE_H_
 
@@ -20,12 +20,12 @@ namespace tessera {
 struct SceneClass {
   std::string name;
   std::array<uint8_t, 3> color_rgb = {200, 200, 200};
-  // Normal prior (paper, section 3.2): the class is penalised where the angle between the normal and up is further than
-  // alpha from beta. alpha = pi: never.
+  // Normal prior (paper, section 3.2): a face of this class is penalised if the angle between its normal and up differs
+  // from beta by more than alpha. alpha = pi: no prior.
   double prior_alpha_rad = 3.141592653589793;
   double prior_beta_rad = 0;
   double smoothness = 1;
-  double keep = 0;  // how much its faces stay at the start, along their normals; in units of smoothness
+  double anchor_weight = 0;  // pulls faces to their start position along their normals; in units of smoothness
 };
 
 struct Flight {
@@ -33,29 +33,29 @@ struct Flight {
   std::string date;  // ISO 8601, may be empty
 };
 
-// One image with its pose. Paths are relative to the scene's folder; `likelihood_path` is empty if it has none.
+// One image with its pose. Paths are relative to the scene's folder; `likelihood_path` is empty without likelihoods.
 struct SceneView {
-  std::string name;  // file name relative to the images folder, as COLMAP names it
+  std::string name;  // file name relative to the images folder, as in the COLMAP model
   std::string image_path;
   std::string likelihood_path;
   LensModel lens;
   PosedCamera camera;  // undistorted; local frame
-  int flight = -1;     // index into SceneDescription::flights; the first with a pattern for the name; -1: none is named
-  // Hashes of what the files decode to, with these lenses (PixelContents): the same for files that only differ in how
-  // they are written. Empty: not known, or no such file.
+  int flight = -1;     // index into SceneDescription::flights: the first whose pattern matches the name; -1: none
+  // Hashes of the decoded, undistorted files (PixelContent): equal for files that differ in their encoding only. Empty:
+  // unknown, or no such file.
   std::string image_content = {}, likelihood_content = {};
-  bool withdrawn = false;  // of an earlier job, and not used any more: keeps its number, is never chosen
+  bool withdrawn = false;  // a view of the base job that is no longer used; it keeps its index
 };
 
-// Everything about a scene but its pixels and its mesh. A plain value.
+// A scene without its pixels and its mesh.
 struct SceneDescription {
-  std::string folder;  // where the paths start
+  std::string folder;  // paths below are relative to it
   std::string name;
   std::vector<SceneClass> classes;
   std::vector<Flight> flights;
-  Frame frame;                   // the scene's own coordinates <-> the local metric frame used inside
-  Eigen::Vector3d up_in_local;   // unit
-  std::vector<SceneView> views;  // in COLMAP's order of image ids
+  Frame frame;                   // transform between scene coordinates and the local metric frame
+  Eigen::Vector3d up_in_local;   // unit vector
+  std::vector<SceneView> views;  // by ascending COLMAP image id
   std::string cameras_folder;    // of the COLMAP model, relative to folder
   std::string mesh_path;         // relative to folder
   bool has_likelihoods = false;
@@ -63,31 +63,32 @@ struct SceneDescription {
   std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
 };
 
-// How the scene of a job that goes on from another is read.
+// Options for scenes of updates, which continue a base job.
 struct SceneLoadOptions {
-  // Files of the scene that lie elsewhere and are known to be good: they need not be in the folder.
+  // Paths of files that are stored elsewhere and already validated: they need not exist in the folder.
   std::set<std::string> elsewhere = {};
-  bool needs_mesh = true;           // false: without a mesh, the cameras and images add to those of another scene
-  std::optional<Frame> frame = {};  // else one about its cameras; a scene in other coordinates is at fault
-  bool all_classes = false;         // as scene.json has them, though nothing in the scene has a class yet
-  // Likelihoods are made from the images later: there are some, and classes, but no likelihood_path; those in the
-  // folder are not looked at. `by_default_rule`: not by what was learnt, of which users are warned.
+  bool needs_mesh = true;  // false: the mesh may be missing, because the scene extends that of the base job
+  std::optional<Frame> frame =
+      {};                    // the base job's frame; a different crs is an error. None: a frame around the cameras
+  bool all_classes = false;  // use the classes of scene.json even without labels and likelihoods
+  // `to_be_classified`: the job computes the likelihoods; views have no likelihood_path, and a likelihoods folder is
+  // ignored. `by_default_rule`: it uses the default rule instead of a trained classifier, which adds a warning.
   bool to_be_classified = false, by_default_rule = false;
-  AllowedFiles allowed = AllowedFiles::All();  // nothing else is opened
+  AllowedFiles allowed = AllowedFiles::All();  // only these files may be opened
 };
 
-// Reads scene.json, the camera model and the list of files. `path` is the scene's folder or its scene.json. Every fault
-// that can be found without reading pixels or the mesh is in the returned INVALID_ARGUMENT, one a line.
+// Reads scene.json, the camera model and the list of files. `path` is the scene's folder or its scene.json.
+// INVALID_ARGUMENT lists all errors that can be found without reading pixels or the mesh, one per line.
 StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings,
                                      const SceneLoadOptions& options = SceneLoadOptions());
 
-// The start mesh in the local frame, as stored in the file (not repaired). Refuses a float PLY whose rounding exceeds
-// a hundredth of `gsd_m` (pass 0 to skip that test).
+// The start mesh in the local frame, not repaired. INVALID_ARGUMENT for a PLY with float coordinates whose rounding
+// error exceeds gsd_m / 100 (pass 0 to skip that test).
 StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m);
 
-// Median ground sampling distance over a fixed sample of faces and the views that face them (frustum only), metres: the
-// width depth / focal length of a pixel on a surface that looks at the camera, not stretched by the angle of incidence.
-// FAILED_PRECONDITION if no view sees any face.
+// Median ground sampling distance in metres, over a fixed sample of faces and all views that have the face in their
+// frustum and see its front (occlusion is not tested). The GSD of a face is depth / focal length; the angle of
+// incidence is ignored. FAILED_PRECONDITION if no view sees any face.
 StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& mesh);
 
 }  // namespace tessera

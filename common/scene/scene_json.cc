@@ -17,25 +17,27 @@ using Json = nlohmann::json;
 
 constexpr double kRadiansPerDegree = std::numbers::pi / 180;
 
-std::string Shown(const Json& value) {
+std::string Excerpt(const Json& value) {
   const std::string text = value.dump(-1, ' ', false, Json::error_handler_t::replace);
   return text.size() <= 60 ? text : text.substr(0, 57) + "...";
 }
 
-// Reads one JSON object key by key; what stays unread is unknown.
+// Reads the keys of one JSON object; RejectUnknownKeys reports the keys that were not read.
 class ObjectReader {
  public:
-  ObjectReader(const Json& object, std::string place, const std::string& file, Faults* faults)
-      : object_(object), place_(std::move(place)), file_(file), faults_(*faults) {}
+  ObjectReader(const Json& object, std::string location, const std::string& file, Faults* faults)
+      : object_(object), location_(std::move(location)), file_(file), faults_(*faults) {}
 
   const Json* Find(const std::string& key) {
     known_.push_back(key);
     const auto it = object_.find(key);
     return it == object_.end() ? nullptr : &*it;
   }
-  std::string KeyPlace(const std::string& key) const { return place_.empty() ? key : absl::StrCat(place_, ".", key); }
+  std::string KeyLocation(const std::string& key) const {
+    return location_.empty() ? key : absl::StrCat(location_, ".", key);
+  }
   void Fault(const std::string& key, const Json& found, const std::string& expected) {
-    faults_.Add(InputError(file_, KeyPlace(key), Shown(found), expected));
+    faults_.Add(InputError(file_, KeyLocation(key), Excerpt(found), expected));
   }
 
   bool String(const std::string& key, std::string* out) {
@@ -66,10 +68,10 @@ class ObjectReader {
       Fault(key, out->path, "a path inside the scene's folder");
     }
   }
-  void RefuseUnknown() {
+  void RejectUnknownKeys() {
     for (const auto& [key, value] : object_.items()) {
       if (std::find(known_.begin(), known_.end(), key) == known_.end()) {
-        faults_.Add(InputError(file_, place_, absl::StrCat("unknown key '", key, "'"),
+        faults_.Add(InputError(file_, location_, absl::StrCat("unknown key '", key, "'"),
                                absl::StrCat("one of ", absl::StrJoin(known_, ", "))));
       }
     }
@@ -77,7 +79,7 @@ class ObjectReader {
 
  private:
   const Json& object_;
-  std::string place_;
+  std::string location_;
   const std::string& file_;
   Faults& faults_;
   std::vector<std::string> known_;
@@ -109,26 +111,26 @@ void ParseClasses(const Json& value, const std::string& file, SceneFile* scene, 
   scene->classes_given = true;
   scene->classes.clear();
   if (!value.is_array() || value.empty() || value.size() > 254) {
-    faults->Add(InputError(file, "classes", Shown(value), "a list of 1 to 254 classes"));
+    faults->Add(InputError(file, "classes", Excerpt(value), "a list of 1 to 254 classes"));
     return;
   }
   std::set<std::string> names;
   for (size_t i = 0; i < value.size(); ++i) {
-    const std::string place = absl::StrCat("classes[", i, "]");
+    const std::string location = absl::StrCat("classes[", i, "]");
     SceneClass entry;
     if (value[i].is_string()) {
       const std::string name = value[i].get<std::string>();
       entry = ClassOfName(name);
       const auto& known = KnownClasses();
       if (std::none_of(known.begin(), known.end(), [&](const SceneClass& c) { return c.name == name; })) {
-        faults->Add(InputError(file, place, Shown(value[i]),
+        faults->Add(InputError(file, location, Excerpt(value[i]),
                                "ground, facade, roof or vegetation, or an object {\"name\": ...}"));
       }
     } else if (value[i].is_object()) {
-      ObjectReader in(value[i], place, file, faults);
+      ObjectReader in(value[i], location, file, faults);
       std::string name, color;
       if (!in.String("name", &name) || name.empty()) {
-        faults->Add(InputError(file, place, Shown(value[i]), "a class with a name"));
+        faults->Add(InputError(file, location, Excerpt(value[i]), "a class with a name"));
       }
       entry = ClassOfName(name);
       if (in.String("color", &color) && !ParseColor(color, &entry.color_rgb)) in.Fault("color", color, "\"#rrggbb\"");
@@ -136,13 +138,13 @@ void ParseClasses(const Json& value, const std::string& file, SceneFile* scene, 
       if (in.Number("prior_alpha_deg", 0, 180, &degrees)) entry.prior_alpha_rad = degrees * kRadiansPerDegree;
       if (in.Number("prior_beta_deg", 0, 180, &degrees)) entry.prior_beta_rad = degrees * kRadiansPerDegree;
       in.Number("smoothness", 0, 1000, &entry.smoothness);
-      in.Number("keep", 0, 1000, &entry.keep);
-      in.RefuseUnknown();
+      in.Number("anchor_weight", 0, 1000, &entry.anchor_weight);
+      in.RejectUnknownKeys();
     } else {
-      faults->Add(InputError(file, place, Shown(value[i]), "a class name or an object"));
+      faults->Add(InputError(file, location, Excerpt(value[i]), "a class name or an object"));
     }
     if (!entry.name.empty() && !names.insert(entry.name).second) {
-      faults->Add(InputError(file, place, absl::StrCat("class '", entry.name, "' again"), "each class once"));
+      faults->Add(InputError(file, location, absl::StrCat("class '", entry.name, "' again"), "each class once"));
     }
     scene->classes.push_back(std::move(entry));
   }
@@ -150,7 +152,7 @@ void ParseClasses(const Json& value, const std::string& file, SceneFile* scene, 
 
 void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faults) {
   if (!value.is_object()) {
-    faults->Add(InputError(file, "crs", Shown(value), "an object with a type"));
+    faults->Add(InputError(file, "crs", Excerpt(value), "an object with a type"));
     return;
   }
   ObjectReader in(value, "crs", file, faults);
@@ -162,7 +164,8 @@ void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faul
   }
   const auto require = [&](const char* key, bool found) {
     if (!found && value.find(key) == value.end()) {
-      faults->Add(InputError(file, "crs", absl::StrCat("no ", key), absl::StrCat("one for type '", type, "'")));
+      faults->Add(InputError(file, "crs", absl::StrCat("no ", key),
+                             absl::StrCat("a value of ", key, " for type '", type, "'")));
     }
   };
   if (type == "enu") {
@@ -190,7 +193,7 @@ void ParseCrs(const Json& value, const std::string& file, Crs* crs, Faults* faul
   } else if (type == "ecef") {
     crs->kind = Crs::Kind::kEcef;
   }
-  in.RefuseUnknown();
+  in.RejectUnknownKeys();
 }
 
 void ParseUp(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
@@ -201,7 +204,7 @@ void ParseUp(const Json& value, const std::string& file, SceneFile* scene, Fault
     if (good) up[k] = value[k].get<double>();
   }
   if (!good || !up.allFinite() || !(up.norm() > 1e-9)) {
-    faults->Add(InputError(file, "up", Shown(value), "three numbers, not all zero"));
+    faults->Add(InputError(file, "up", Excerpt(value), "three numbers, not all zero"));
     return;
   }
   scene->up = up.normalized();
@@ -218,25 +221,26 @@ bool IsIsoDate(const std::string& date) {
 void ParseFlights(const Json& value, const std::string& file, SceneFile* scene, Faults* faults) {
   scene->flights.clear();
   if (!value.is_array() || value.empty()) {
-    faults->Add(InputError(file, "flights", Shown(value), "a list of flights"));
+    faults->Add(InputError(file, "flights", Excerpt(value), "a list of flights"));
     return;
   }
   std::set<std::string> names;
   for (size_t i = 0; i < value.size(); ++i) {
-    const std::string place = absl::StrCat("flights[", i, "]");
+    const std::string location = absl::StrCat("flights[", i, "]");
     if (!value[i].is_object()) {
-      faults->Add(InputError(file, place, Shown(value[i]), "an object with name, date and images"));
+      faults->Add(InputError(file, location, Excerpt(value[i]), "an object with name, date and images"));
       continue;
     }
-    ObjectReader in(value[i], place, file, faults);
+    ObjectReader in(value[i], location, file, faults);
     FlightEntry entry;
     if (!in.String("name", &entry.flight.name) || entry.flight.name.empty()) {
-      faults->Add(InputError(file, place, Shown(value[i]), "a flight with a name"));
+      faults->Add(InputError(file, location, Excerpt(value[i]), "a flight with a name"));
     } else if (!names.insert(entry.flight.name).second) {
-      faults->Add(InputError(file, place, absl::StrCat("flight '", entry.flight.name, "' again"), "each flight once"));
+      faults->Add(
+          InputError(file, location, absl::StrCat("flight '", entry.flight.name, "' again"), "each flight once"));
     }
     if (in.String("date", &entry.flight.date) && !entry.flight.date.empty() && !IsIsoDate(entry.flight.date)) {
-      in.Fault("date", entry.flight.date, "a date as 2026-05-14");
+      in.Fault("date", entry.flight.date, "a date such as 2026-05-14");
     }
     const Json* images = in.Find("images");
     bool good = images == nullptr || images->is_array();
@@ -244,14 +248,14 @@ void ParseFlights(const Json& value, const std::string& file, SceneFile* scene, 
       good = (*images)[k].is_string();
       if (good) entry.patterns.push_back((*images)[k].get<std::string>());
     }
-    if (!good) in.Fault("images", *images, "a list of patterns as \"north/*.jpg\"");
+    if (!good) in.Fault("images", *images, "a list of patterns such as \"north/*.jpg\"");
     if (images == nullptr) entry.patterns = {"*"};
-    in.RefuseUnknown();
+    in.RejectUnknownKeys();
     scene->flights.push_back(std::move(entry));
   }
 }
 
-// Line and column, both from 1, of a byte of the text.
+// Line and column, both from 1, of the byte at offset `byte`.
 std::string LineAndColumn(const std::string& text, size_t byte) {
   const size_t end = std::min(byte, text.size());
   const auto line = 1 + std::count(text.begin(), text.begin() + end, '\n');
@@ -262,7 +266,7 @@ std::string LineAndColumn(const std::string& text, size_t byte) {
 }  // namespace
 
 const std::vector<SceneClass>& KnownClasses() {
-  // Priors: design.md's table (paper, section 3.2). Colours as in the paper.
+  // Priors and colours of the paper, section 3.2.
   static const auto* classes = new std::vector<SceneClass>{
       MakeClass("ground", {128, 128, 128}, 30, 0, 1), MakeClass("facade", {128, 0, 128}, 30, 90, 1),
       MakeClass("roof", {230, 190, 30}, 60, 0, 1), MakeClass("vegetation", {40, 150, 50}, 180, 0, 1)};
@@ -281,7 +285,7 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
   try {
     json = Json::parse(text);
   } catch (const Json::parse_error& error) {
-    // nlohmann counts bytes from 1, and one past the text at its end.
+    // nlohmann::json counts bytes from 1; an error at the end of the text is at size + 1.
     std::string what = error.what();
     const size_t reason = what.find("syntax error");
     faults->Add(InputError(file, LineAndColumn(text, error.byte == 0 ? 0 : error.byte - 1),
@@ -292,13 +296,13 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
     return scene;
   }
   if (!json.is_object()) {
-    faults->Add(InputError(file, "line 1", Shown(json), "a JSON object"));
+    faults->Add(InputError(file, "line 1", Excerpt(json), "a JSON object"));
     return scene;
   }
   ObjectReader in(json, "", file, faults);
   const Json* version = in.Find("tessera_scene");
   if (version == nullptr || *version != 1) {
-    faults->Add(InputError(file, "tessera_scene", version == nullptr ? "nothing" : Shown(*version), "1"));
+    faults->Add(InputError(file, "tessera_scene", version == nullptr ? "nothing" : Excerpt(*version), "1"));
   }
   in.String("name", &scene.name);
   in.Path("cameras", &scene.cameras);
@@ -310,7 +314,7 @@ SceneFile ParseSceneFile(const std::string& text, const std::string& file, Fault
   if (const Json* value = in.Find("crs")) ParseCrs(*value, file, &scene.crs, faults);
   if (const Json* value = in.Find("up")) ParseUp(*value, file, &scene, faults);
   if (const Json* value = in.Find("flights")) ParseFlights(*value, file, &scene, faults);
-  in.RefuseUnknown();
+  in.RejectUnknownKeys();
   return scene;
 }
 

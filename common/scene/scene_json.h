@@ -1,4 +1,4 @@
-// scene.json: the file alone, as written.
+// Parser of scene.json. It does not access the files that scene.json names.
 #ifndef TESSERA_COMMON_SCENE_SCENE_JSON_H_
 #define TESSERA_COMMON_SCENE_SCENE_JSON_H_
 
@@ -16,7 +16,7 @@ namespace tessera {
 // A file or folder that the scene names, relative to the scene's folder.
 struct ScenePath {
   std::string path;
-  bool given = false;  // else the default, which may be absent
+  bool given = false;  // false: the default path, which may not exist
 };
 
 struct FlightEntry {
@@ -27,22 +27,23 @@ struct FlightEntry {
 struct SceneFile {
   std::string name;
   ScenePath cameras{"colmap"}, images{"images"}, likelihoods{"likelihoods"}, mesh{"mesh.ply"};
-  std::string likelihoods_source;   // what they come from, in a scene that a classification left
-  std::vector<SceneClass> classes;  // the four known ones unless given
+  std::string likelihoods_source;   // written by tessera classify: "annotations", "model" or "default"
+  std::vector<SceneClass> classes;  // default: KnownClasses()
   bool classes_given = false;
   Crs crs;
-  std::optional<Eigen::Vector3d> up;  // unit, the scene's frame
-  std::vector<FlightEntry> flights;   // one of all images unless given
+  std::optional<Eigen::Vector3d> up;  // unit vector, scene coordinates
+  std::vector<FlightEntry> flights;   // default: one flight with all images
 };
 
-// SceneFile::likelihoods_source of likelihoods that nobody trained for the scene.
+// SceneFile::likelihoods_source of likelihoods from the default rule.
 inline constexpr const char* kDefaultLikelihoods = "default";
 
-// The known classes of design and paper: ground, facade, roof, vegetation.
+// The predefined classes, with the priors of the paper: ground, facade, roof, vegetation.
 const std::vector<SceneClass>& KnownClasses();
 
-// Parses the text of a scene.json; `file` stands for it in messages. Faults: syntax with line and column, unknown keys
-// (a typing error would be silently skipped otherwise), values of the wrong type or out of range, each with its key.
+// Parses the text of a scene.json; `file` is its path in messages. Adds to `faults`: syntax errors with line and
+// column; unknown keys (else typing errors would be ignored); values of a wrong type or out of range, each with its
+// key.
 SceneFile ParseSceneFile(const std::string& text, const std::string& file, Faults* faults);
 
 }  // namespace tessera

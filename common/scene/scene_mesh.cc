@@ -1,4 +1,4 @@
-// The start mesh of a scene, and the ground sampling distance that everything scales with.
+// Loading of a scene's start mesh, and its ground sampling distance (GSD).
 #include <algorithm>
 #include <cmath>
 
@@ -11,7 +11,7 @@
 namespace tessera {
 namespace {
 
-// Largest error of a 32-bit float that stands for a coordinate of this size: half a unit in the last place.
+// Largest rounding error of a coordinate of this size as a 32-bit float: half a unit in the last place.
 double FloatRounding(double coordinate) {
   if (coordinate == 0) return 0;
   return std::ldexp(1.0, std::ilogb(coordinate) - 24);
@@ -25,7 +25,7 @@ Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double
   return InputError(mesh_path, "header",
                     absl::StrCat("x, y, z as 32-bit floats, which round coordinates of ", largest_m, " m by up to ",
                                  rounding_m, " m"),
-                    absl::StrCat("doubles: more than a hundredth of the GSD (", gsd_m, " m) would be lost"));
+                    absl::StrCat("doubles, because the rounding exceeds 1/100 of the GSD (", gsd_m, " m)"));
 }
 
 StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m) {
@@ -33,12 +33,12 @@ StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
   TriangleMesh& mesh = content.mesh;
-  if (mesh.faces.empty()) return InputError(path, "", "no faces", "a mesh");
+  if (mesh.faces.empty()) return InputError(path, "", "no faces", "at least one face");
   const int classes = static_cast<int>(scene.classes.size());
   for (size_t f = 0; f < mesh.labels.size(); ++f) {
     if (mesh.labels[f] < -1 || mesh.labels[f] >= classes) {
       return InputError(path, absl::StrCat("face ", f), absl::StrCat("label ", mesh.labels[f]),
-                        absl::StrCat("0 to ", classes - 1, " (index into classes), or -1 for none"));
+                        absl::StrCat("0 to ", classes - 1, " (index into classes), or -1 for no label"));
     }
   }
   if (content.float_positions && gsd_m > 0) {
@@ -71,7 +71,8 @@ StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& me
   });
   std::vector<double> gsds;
   for (const std::vector<double>& chunk : chunks) gsds.insert(gsds.end(), chunk.begin(), chunk.end());
-  if (gsds.empty()) return absl::FailedPreconditionError("no view sees any face of the mesh");
+  if (gsds.empty())
+    return absl::FailedPreconditionError("no view sees any face of the mesh: check the camera poses and crs");
   std::nth_element(gsds.begin(), gsds.begin() + gsds.size() / 2, gsds.end());
   return gsds[gsds.size() / 2];
 }

@@ -1,4 +1,4 @@
-// The scene's summary in words and as JSON.
+// The summary of a scene as text and JSON.
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
@@ -39,9 +39,9 @@ std::string SummaryToText(const SceneSummary& s) {
                                                 100 * entry.area_share, entry.faces)
                               : entry.name);
   }
-  row("seen", absl::StrFormat("%.1f %% of the faces by no view, %.1f %% by fewer than 3%s", 100 * s.unseen_share,
-                              100 * s.under_three_share,
-                              s.faces_tried < s.faces ? absl::StrCat(" (", s.faces_tried, " tried)") : ""));
+  row("visibility", absl::StrFormat("%.1f %% of the faces in no view, %.1f %% in fewer than 3%s", 100 * s.unseen_share,
+                                    100 * s.under_three_share,
+                                    s.faces_tried < s.faces ? absl::StrCat(" (", s.faces_tried, " sampled)") : ""));
   if (!s.reprojection) {
     row("3D points", "none");
   } else {

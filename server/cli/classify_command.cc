@@ -68,7 +68,7 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
   std::optional<Annotations> annotations;
   ClassifierModel model;
   std::optional<DefaultRule> rule;
-  ClassifierInUse use;
+  ClassifierSelection use;
   std::vector<std::string> names;
   for (const SceneClass& c : scene.classes) names.push_back(c.name);
   if (!arguments.train.empty()) {

@@ -24,7 +24,7 @@ StatusOr<JobStatus> Dispatcher::RetryJob(const std::string& name, std::optional<
   {
     const std::shared_lock refers(blobs_mutex_);
     std::lock_guard lock(mutex_);
-    if (draining_) return DrainingError("takes no jobs");
+    if (draining_) return DrainingError("accepts no jobs");
     TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
     TESSERA_RETURN_IF_ERROR(ledger_.CheckVersion(job, "submit its scene again"));
     v1::Record record;

@@ -124,7 +124,7 @@ JobStatus Dispatcher::JobStatusLocked(int job) const {
 }
 
 Status Dispatcher::MayCreateJobLocked(const std::string& client) const {
-  if (draining_) return DrainingError("takes no jobs");
+  if (draining_) return DrainingError("accepts no jobs");
   return CheckJobLimits(ledger_, client, options_.limits);
 }
 

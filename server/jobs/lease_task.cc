@@ -111,7 +111,7 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
     return look;
   }
   if (draining_) {
-    look.answer = DrainingError("leases nothing");
+    look.answer = DrainingError("grants no leases");
     return look;
   }
   const auto now = std::chrono::steady_clock::now();

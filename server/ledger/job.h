@@ -13,7 +13,7 @@
 
 #include "absl/container/inlined_vector.h"
 #include "common/base/interned_string.h"
-#include "common/base/rarely.h"
+#include "common/base/lazy_value.h"
 #include "common/base/status.h"
 #include "common/base/task_usage.h"
 #include "common/storage/hash.h"
@@ -60,7 +60,7 @@ struct Attempt {
   InternedString machine;  // that the worker ran on; empty: not known
   int64_t start_us = 0;
   int64_t end_us = 0;
-  Rarely<TaskFailure> failure;  // kNone: it runs, has succeeded or was cancelled
+  LazyValue<TaskFailure> failure;  // kNone: it runs, has succeeded or was cancelled
   bool lease_expired = false;
   bool cancelled = false;  // its job ended, or went on without the task
   bool after_end = false;  // its job had ended: it makes again what was lost, and the job's report knows nothing of it
@@ -95,15 +95,15 @@ struct JobTask {
   bool remaking = false;                     // its result is lost, and not there again yet
   absl::InlinedVector<Attempt, 1> attempts;  // attempt number n is attempts[n - 1]
   int64_t retry_delay_us = 0;                // not leased again before so much time has passed
-  Rarely<TaskFailure> error;                 // the last
+  LazyValue<TaskFailure> error;              // the last
   std::string stats;                         // JSON
   TaskUsage usage;                           // of the attempt that succeeded; zeros if reused
   absl::InlinedVector<StoredFile, 1> outputs;
-  Rarely<Warnings> warnings;
+  LazyValue<Warnings> warnings;
   int64_t start_us = 0;  // of the first attempt
   int64_t end_us = 0;
   // While `remaking`: who waits for it in other jobs. Tasks whose given outputs it made, or (task -1) a plan.
-  Rarely<std::vector<TaskRef>> awaited_by;
+  LazyValue<std::vector<TaskRef>> awaited_by;
   TaskRef older_with_key;  // of Ledger::tasks_of_key_
 
   int attempt() const { return static_cast<int>(attempts.size()); }

@@ -12,7 +12,7 @@
 #include "absl/container/inlined_vector.h"
 #include "common/base/ids.h"
 #include "common/base/interned_string.h"
-#include "common/base/rarely.h"
+#include "common/base/lazy_value.h"
 #include "common/base/status.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/hash.h"
@@ -46,7 +46,7 @@ struct PlannedTask {
   int64_t peak_bytes = 0;  // predicted peak of a worker's resident memory; 0: not predicted
   // The scene's files that it reads, as ascending places in the scene's sorted list: cities have millions of such
   // inputs. The task sees each at its path below kSceneFolder.
-  Rarely<std::vector<int>> scene_files = {};
+  LazyValue<std::vector<int>> scene_files = {};
   // Files of views, which it sees under ViewFileName. They are not in the task's key: other inputs tell their content.
   struct ViewFile {
     int file = 0;  // place in the scene's list
@@ -54,10 +54,10 @@ struct PlannedTask {
     bool likelihoods = false;
     friend bool operator==(const ViewFile&, const ViewFile&) = default;
   };
-  Rarely<std::vector<ViewFile>> view_files = {};
+  LazyValue<std::vector<ViewFile>> view_files = {};
   // Not empty: outputs that are known beforehand; nothing runs. Contents are stored when the task is planned.
-  Rarely<std::vector<NamedDigest>> given = {};
-  Rarely<std::vector<std::pair<std::string, std::string>>> given_contents = {};  // name, content; not recorded
+  LazyValue<std::vector<NamedDigest>> given = {};
+  LazyValue<std::vector<std::pair<std::string, std::string>>> given_contents = {};  // name, content; not recorded
   double scale = 1;          // in `cost`, of CostScale; 0: not known
   int64_t stored_bytes = 0;  // predicted size of its outputs; 0: not predicted
 };

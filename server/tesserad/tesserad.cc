@@ -66,7 +66,7 @@ StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneD
     TESSERA_RETURN_IF_ERROR(DefaultRule::Of(classes, scene.folder + "/scene.json").status());
     return std::string();
   }
-  StatusOr<std::string> bytes = allowed.ReadWhole(classifier, kMostModelBytes);
+  StatusOr<std::string> bytes = allowed.ReadWhole(classifier, kMaxModelBytes);
   const StatusOr<ClassifierModel> model =
       bytes.ok() ? ParseModel(*bytes, classifier) : StatusOr<ClassifierModel>(bytes.status());
   if (!model.ok() && !absl::IsNotFound(model.status())) {
@@ -357,7 +357,7 @@ int Main(int argc, char** argv) {
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "stop when the process that started this one ends");
   CLI11_PARSE(app, argc, argv);
   ::umask(S_IRWXG | S_IRWXO);
-  LeaveNoCore();
+  DisableCoreDumps();
   AllowManyFiles();
 
   if (const Status status = SetUpLog(flags.log_level, flags.json_logs); !status.ok()) {

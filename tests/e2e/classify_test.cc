@@ -65,7 +65,7 @@ TEST_F(ClassifyTest, FourPaintedImagesGiveALabelledMesh) {
   const std::string out = folder_.path() + "/classified", model = folder_.path() + "/city.model";
   const Outcome classified = Run({"classify", ToyCity(), "--train", painted_, "--out", out, "--save-model", model});
   ASSERT_EQ(classified.exit_code, 0) << classified.output;
-  EXPECT_THAT(classified.output, HasSubstr("cross-validation       over places"));
+  EXPECT_THAT(classified.output, HasSubstr("cross-validation       spatial"));
   EXPECT_THAT(classified.output, HasSubstr("annotate next"));
   const auto report = nlohmann::json::parse(Content(out + "/report.json"));
   EXPECT_EQ(report["source"], "annotations");
@@ -100,7 +100,7 @@ TEST_F(ClassifyTest, WithNothingGivenTheDefaultIsMarked) {
   const std::string out = folder_.path() + "/guessed";
   const Outcome outcome = Run({"classify", ToyCity(), "--out", out});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
-  EXPECT_THAT(outcome.output, HasSubstr("a default from the mesh and greenness"));
+  EXPECT_THAT(outcome.output, HasSubstr("default rule (mesh and greenness)"));
   EXPECT_THAT(Content(out + "/scene.json"), HasSubstr("\"likelihoods_source\": \"default\""));
   EXPECT_THAT(Run({"check", out}).output, HasSubstr("a default from geometry and greenness"));
 }

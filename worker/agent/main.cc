@@ -136,7 +136,7 @@ int main(int argc, char** argv) {
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent) return 1;  // it ended in between
   }
-  tessera::LeaveNoCore();  // it would hold the worker's secret
+  tessera::DisableCoreDumps();  // it would hold the worker's secret
   umask(S_IRWXG | S_IRWXO);
   if (const auto status = tessera::SetUpLog(flags.log_level, flags.json_logs); !status.ok()) return Fail(status);
 

@@ -71,7 +71,7 @@ StatusOr<TaskOutcome> RunClassify(const TaskRequest& request, const TaskControl&
   TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, SceneOf(parameters, request.input_dir));
   std::vector<std::string> names;
   for (const SceneClass& c : scene.classes) names.push_back(c.name);
-  ClassifierInUse use;
+  ClassifierSelection use;
   ClassifierModel model;
   std::optional<DefaultRule> rule;
   if (parameters.by_default_rule) {

@@ -85,7 +85,8 @@ Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const
   if (mesh.float_positions) faults.Add(CheckFloatRounding(path, mesh.largest_coordinate_m, gsd_m));
   TESSERA_ASSIGN_OR_RETURN(const CoarseMesh coarse, CoarsenMesh(mesh.spans(), kCoverageClusters, scratch_folder));
   TESSERA_ASSIGN_OR_RETURN(const Coverage coverage, MeasureCoverage(scene, coarse.mesh, 1, control));
-  for (size_t i = 0; i < coverage.views.size(); ++i) faults.Add(SightFault(path, scene.views[i], coverage.views[i]));
+  for (size_t i = 0; i < coverage.views.size(); ++i)
+    faults.Add(ViewVisibilityError(path, scene.views[i], coverage.views[i]));
   return faults.ToStatus();
 }
 

@@ -49,7 +49,7 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
   if (options.geometry_knows_labels) {
     options.geometry.contour = kContour;
     options.geometry.creases = kCreases;
-    for (const SceneClass& c : classes) options.geometry.classes.push_back({c.smoothness, c.keep});
+    for (const SceneClass& c : classes) options.geometry.classes.push_back({c.smoothness, c.anchor_weight});
   }
   if (parameters.method == "paper") {
     options.geometry.mixed = 0;

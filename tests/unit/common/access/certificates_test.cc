@@ -7,7 +7,7 @@ namespace tessera {
 namespace {
 
 // What TLS makes of them, the coordinator's tests show.
-TEST(Certificates, OnlyAnAuthoritySigns) {
+TEST(Certificates, MakeCertificateRejectsInvalidAuthorities) {
   const auto authority = MakeAuthority({"an authority", {}, 1'800'000'000, -60, 86400});
   ASSERT_TRUE(authority.ok()) << authority.status();
   const auto server = MakeCertificate(*authority, {"s", {"city-server", "10.0.0.1", "::1"}, 1'800'000'000, 0, 3600});

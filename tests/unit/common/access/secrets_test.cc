@@ -22,14 +22,14 @@ class Secrets : public testing::Test {
   std::string path_ = folder_.path() + "/secret";
 };
 
-TEST_F(Secrets, AreNeverTheSame) {
+TEST_F(Secrets, RandomSecretsDiffer) {
   std::set<std::string> seen;
   for (int i = 0; i < 100; ++i) seen.insert(RandomSecret());
   EXPECT_EQ(seen.size(), 100u);
   EXPECT_EQ(seen.begin()->size(), 43u);
 }
 
-TEST_F(Secrets, TheKeyedHashIsHmacSha256) {  // RFC 4231, test case 2
+TEST_F(Secrets, KeyedHashIsHmacSha256) {  // RFC 4231, test case 2
   EXPECT_EQ(KeyedHash("Jefe", "what do ya want for nothing?"),
             "5bdcc146bf60754e6a042426089575c75a003f089d2739839dec58b964ec3843");
   EXPECT_TRUE(SameSecret("abc", "abc"));
@@ -37,7 +37,7 @@ TEST_F(Secrets, TheKeyedHashIsHmacSha256) {  // RFC 4231, test case 2
   EXPECT_FALSE(SameSecret("abc", "ab"));
 }
 
-TEST_F(Secrets, AFileOfOneIsMadeOnceForItsOwnerAlone) {
+TEST_F(Secrets, EnsureSecretFileCreatesOnceWithMode600) {
   const auto made = EnsureSecretFile(path_);
   ASSERT_TRUE(made.ok()) << made.status();
   EXPECT_EQ(*EnsureSecretFile(path_), *made);
@@ -46,7 +46,7 @@ TEST_F(Secrets, AFileOfOneIsMadeOnceForItsOwnerAlone) {
   EXPECT_EQ(info.st_mode & 0777, 0600u);
 }
 
-TEST_F(Secrets, AFileThatOthersReadOrThatHoldsMoreIsRefusedWithoutAWordOfIt) {
+TEST_F(Secrets, RejectsReadableOrMalformedFilesWithoutQuotingThem) {
   ASSERT_TRUE(WriteSecretFile(path_, "the-secret\nanother\n").ok());
   const Status two = ReadSecretFile(path_).status();
   EXPECT_EQ(two.code(), absl::StatusCode::kInvalidArgument);

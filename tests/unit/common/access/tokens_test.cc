@@ -12,7 +12,7 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
-TEST(Tokens, AreFoundByWhatTheyHashTo) {
+TEST(Tokens, FindComparesHashes) {
   TokenTable table;
   ASSERT_TRUE(table.Add({"anna", Role::kSubmitter, Sha256Hex("secret a"), 0}).ok());
   ASSERT_TRUE(table.Add({"rack-1", Role::kWorker, Sha256Hex("secret b"), 1'800'000'000'000'000}).ok());
@@ -31,7 +31,7 @@ TEST(Tokens, AreFoundByWhatTheyHashTo) {
   EXPECT_EQ(table.Find("secret a"), nullptr);
 }
 
-TEST(Tokens, EveryFaultOfTheFileIsNamedByItsLineAndNothingOfWhatItHolds) {
+TEST(Tokens, ParseReportsAllLinesWithErrorsWithoutQuotingThem) {
   const std::string hash = Sha256Hex("x");
   const auto table =
       TokenTable::Parse("# names\n\nanna submitter " + hash + " never\n" + "bob boss " + hash + " never\n" +
@@ -45,11 +45,11 @@ TEST(Tokens, EveryFaultOfTheFileIsNamedByItsLineAndNothingOfWhatItHolds) {
   EXPECT_THAT(faults, AllOf(Not(HasSubstr("line 3")), HasSubstr("tokens"), Not(HasSubstr("the-token-itself"))));
 }
 
-TEST(Tokens, OfManyFaultsTheFirstAreNamed) {
+TEST(Tokens, ParseReportsAtMost50Errors) {
   std::string text;
   for (int line = 0; line < 10000; ++line) text += "x\n";
   const std::string faults(TokenTable::Parse(text, "tokens").status().message());
-  EXPECT_THAT(faults, AllOf(HasSubstr("line 50: found 50 faults up to here"), Not(HasSubstr("line 51"))));
+  EXPECT_THAT(faults, AllOf(HasSubstr("line 50: found 50 errors so far"), Not(HasSubstr("line 51"))));
 }
 
 }  // namespace

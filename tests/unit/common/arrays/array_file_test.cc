@@ -20,7 +20,7 @@ ArrayFile MakeFile() {
   return file;
 }
 
-TEST(ArrayFile, WhatIsWrittenIsRead) {
+TEST(ArrayFile, RoundTrip) {
   const std::string path = testing::TempDir() + "/array_file_test.arrays";
   ASSERT_TRUE(WriteArrayFile(path, MakeFile()).ok());
   const StatusOr<ArrayFile> read = ReadArrayFile(path);
@@ -29,9 +29,11 @@ TEST(ArrayFile, WhatIsWrittenIsRead) {
   EXPECT_EQ(read->arrays, MakeFile().arrays);
 }
 
-TEST(ArrayFile, EqualValuesAreEqualBytes) { EXPECT_EQ(SerializeArrayFile(MakeFile()), SerializeArrayFile(MakeFile())); }
+TEST(ArrayFile, EqualContentsSerializeToEqualBytes) {
+  EXPECT_EQ(SerializeArrayFile(MakeFile()), SerializeArrayFile(MakeFile()));
+}
 
-TEST(ArrayFile, EveryChangedByteIsNoticed) {
+TEST(ArrayFile, DetectsEveryChangedByte) {
   const std::string bytes = SerializeArrayFile(MakeFile());
   for (size_t i = 0; i < bytes.size(); ++i) {
     std::string damaged = bytes;
@@ -42,7 +44,7 @@ TEST(ArrayFile, EveryChangedByteIsNoticed) {
   }
 }
 
-TEST(ArrayFile, EveryTruncationAndAppendixIsNoticed) {
+TEST(ArrayFile, DetectsTruncationAndExtraBytes) {
   const std::string bytes = SerializeArrayFile(MakeFile());
   for (size_t size = 0; size < bytes.size(); ++size) {
     EXPECT_FALSE(ParseArrayFile(bytes.substr(0, size), "cut").ok()) << size;
@@ -61,7 +63,7 @@ TEST(ArrayFile, TakeChecksNameTypeAndCount) {
   EXPECT_FALSE(file.Take<float>("floats").ok()) << "it was moved out";
 }
 
-TEST(ArrayFile, NamesAreShort) {
+TEST(ArrayFile, RejectsLongArrayNames) {
   ArrayFile file;
   file.arrays[std::string(255, 'a')] = std::vector<double>{1};
   EXPECT_TRUE(ParseArrayFile(SerializeArrayFile(file), "short").ok());

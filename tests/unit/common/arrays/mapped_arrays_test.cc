@@ -11,7 +11,7 @@ namespace {
 
 std::string TestPath(const std::string& name) { return testing::TempDir() + "/" + name; }
 
-TEST(ArrayFileWriter, WritesTheBytesOfAnArrayFileInAnyOrderOfParts) {
+TEST(ArrayFileWriter, WritesTheSameBytesInAnyAppendOrder) {
   ArrayFile file;
   file.metadata = R"({"a":1})";
   std::vector<uint32_t> ids(300000);
@@ -37,7 +37,7 @@ TEST(ArrayFileWriter, WritesTheBytesOfAnArrayFileInAnyOrderOfParts) {
   EXPECT_EQ(*ReadFile(TestPath("parts.arrays")), *ReadFile(TestPath("whole.arrays")));
 }
 
-TEST(ArrayFileWriter, RefusesOtherCountsThanAnnounced) {
+TEST(ArrayFileWriter, RejectsCountsThatDifferFromAnnounced) {
   for (const int extra : {-1, 1}) {
     auto writer = ArrayFileWriter::Create(TestPath("count.arrays"), "{}", {{"ids", std::vector<uint32_t>(), 3}});
     ASSERT_TRUE(writer.ok());
@@ -48,7 +48,7 @@ TEST(ArrayFileWriter, RefusesOtherCountsThanAnnounced) {
   EXPECT_FALSE(FileExists(TestPath("count.arrays")));
 }
 
-TEST(MappedArrays, GivesValuesAndNoticesDamage) {
+TEST(MappedArrays, ReturnsValuesAndDetectsDamage) {
   ArrayFile file;
   file.arrays["ids"] = std::vector<uint32_t>{1, 2, 3};
   const std::string path = TestPath("mapped.arrays");

@@ -11,7 +11,7 @@
 namespace tessera {
 namespace {
 
-TEST(InputErrorTest, NamesFilePlaceFoundAndExpected) {
+TEST(InputErrorTest, NamesFileLocationFoundAndExpected) {
   const Status status = InputError("mesh.ply", "line 4", "'elment'", "'element'");
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(status.message(), "mesh.ply: line 4: found 'elment', expected 'element'");

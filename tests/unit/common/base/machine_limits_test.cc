@@ -22,12 +22,12 @@ class MachineLimitsTest : public testing::Test {
   const std::string root_ = testing::TempDir() + "/" + testing::UnitTest::GetInstance()->current_test_info()->name();
 };
 
-TEST_F(MachineLimitsTest, NoGroupsNoLimit) {
+TEST_F(MachineLimitsTest, NoControlGroupsMeansNoLimit) {
   EXPECT_EQ(GroupMemoryLimit_bytes(root_), std::numeric_limits<int64_t>::max());
   EXPECT_EQ(GroupCoreLimit(root_), 0);
 }
 
-TEST_F(MachineLimitsTest, Version2TheLeastOfAllGroupsAbove) {
+TEST_F(MachineLimitsTest, Version2TakesTheSmallestLimitOfAllAncestors) {
   Write("/proc/self/cgroup", "0::/batch/job\n");
   Write("/sys/fs/cgroup/batch/job/memory.max", "max\n");
   Write("/sys/fs/cgroup/batch/job/cpu.max", "350000 100000\n");
@@ -57,7 +57,7 @@ TEST_F(MachineLimitsTest, Version1AndContainers) {
   EXPECT_EQ(GroupCoreLimit(root_), 1.5);
 }
 
-TEST_F(MachineLimitsTest, TheUsersLimitAndTheAffinityMask) {
+TEST_F(MachineLimitsTest, AppliesUserLimitAndAffinityMask) {
   const int64_t all = MemoryLimit_bytes();
   SetMemoryLimit(all / 2);
   EXPECT_EQ(MemoryLimit_bytes(), all / 2);
@@ -78,7 +78,7 @@ TEST_F(MachineLimitsTest, TheUsersLimitAndTheAffinityMask) {
   EXPECT_GE(CoreLimit(), 1);
 }
 
-TEST(MachineLimits, IsThatOfTheProcessIfItHasOne) {
+TEST(MachineLimits, AppliesResourceLimits) {
   const int64_t before = MemoryLimit_bytes();
   EXPECT_GT(before, 64 << 20);
   rlimit limit = {};

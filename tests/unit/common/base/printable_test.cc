@@ -5,7 +5,7 @@
 namespace tessera {
 namespace {
 
-TEST(Printable, EscapesWhatMovesHidesOrBeginsALine) {
+TEST(Printable, EscapesControlAndInvisibleCharacters) {
   EXPECT_EQ(Printable("Zürich, Straße 7 \\ \"a\" 橋 👨‍👩‍👧"),
             "Zürich, Straße 7 \\ \"a\" 橋 👨‍👩‍👧");
   EXPECT_EQ(Printable("a\nb\tc\rd"), "a\\nb\\tc\\x0dd");
@@ -35,7 +35,7 @@ TEST(Printable, QuotesForJson) {
   EXPECT_EQ(JsonQuoted("\xFF\U000E0041"), "\"\\ufffd\\udb40\\udc41\"");
 }
 
-TEST(Printable, CutsBetweenCharacters) {
+TEST(Printable, CutsAtCharacterBoundaries) {
   EXPECT_EQ(Prefix("abc", 3), "abc");
   EXPECT_EQ(Prefix("abc", 2), "ab");
   EXPECT_EQ(Prefix("aü", 2), "a");
@@ -43,7 +43,7 @@ TEST(Printable, CutsBetweenCharacters) {
   EXPECT_EQ(Prefix(std::string(9, '\x80'), 6).size(), 2u) << "no characters at all: it does not look far for one";
 }
 
-TEST(Printable, TellsWhatIsUtf8) {
+TEST(Printable, RecognisesUtf8) {
   for (const char* text : {"", "plain\n", "Zürich", "\xf0\x9f\x8f\x99"}) {
     EXPECT_TRUE(IsUtf8(text)) << text;
     EXPECT_EQ(AsUtf8(text), text);

@@ -22,7 +22,7 @@ int64_t PeakWith(int64_t bytes) {
   return meter.Read().peak_bytes;
 }
 
-TEST(TaskUsageTest, PeakIsThatOfTheTaskAndNotOfAnEarlierOne) {
+TEST(TaskUsageTest, PeakExcludesEarlierTasks) {
   const int64_t large = PeakWith(256 * kMiB);
   EXPECT_GE(large, 256 * kMiB);
   const int64_t small = PeakWith(32 * kMiB);
@@ -34,7 +34,7 @@ TEST(TaskUsageTest, PeakIsThatOfTheTaskAndNotOfAnEarlierOne) {
   }
 }
 
-TEST(TaskUsageTest, WhatIsHeldFromEarlierTasksIsNotTheTasks) {
+TEST(TaskUsageTest, PeakExcludesMemoryRetainedByEarlierTasks) {
   const int64_t before = PeakWith(32 * kMiB);
   std::vector<char> kept(200 * kMiB);
   for (size_t i = 0; i < kept.size(); i += 1024) kept[i] = 1;
@@ -45,7 +45,7 @@ TEST(TaskUsageTest, WhatIsHeldFromEarlierTasksIsNotTheTasks) {
   }
 }
 
-TEST(TaskUsageTest, CountsProcessorTimeAndNotTheTimeAsleep) {
+TEST(TaskUsageTest, CountsProcessorTimeNotWallTime) {
   const TaskUsageMeter meter;
   volatile double x = 1;
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
@@ -58,7 +58,7 @@ TEST(TaskUsageTest, CountsProcessorTimeAndNotTheTimeAsleep) {
   EXPECT_GE(meter.Read().threads, 1);
 }
 
-TEST(TaskUsageTest, APeakThatIsNotMeasuredIsNotKnown) {
+TEST(TaskUsageTest, PeakIsZeroWhenNotMeasured) {
   const TaskUsageMeter meter(/*with_peak=*/false);
   std::vector<char> block(64 * kMiB);
   for (size_t i = 0; i < block.size(); i += 1024) block[i] = static_cast<char>(i);
@@ -66,7 +66,7 @@ TEST(TaskUsageTest, APeakThatIsNotMeasuredIsNotKnown) {
   EXPECT_GE(meter.Read().threads, 1);
 }
 
-TEST(PeakSamplingTest, TheFirstOfAKindIsDueAndThenOneInTenSeconds) {
+TEST(PeakSamplingTest, FirstTaskOfAKindIsDueThenOnePerTenSeconds) {
   PeakSampling sampling;
   const PeakSampling::Clock::time_point start;
   const auto after = [&](int seconds) { return start + std::chrono::seconds(seconds); };

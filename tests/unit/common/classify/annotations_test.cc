@@ -44,7 +44,7 @@ class AnnotationsTest : public testing::Test {
   Warnings warnings_;
 };
 
-TEST_F(AnnotationsTest, NumbersAndColoursAreTheSame) {
+TEST_F(AnnotationsTest, ClassIdsAndColoursGiveEqualLabels) {
   ByteImage numbers = Numbers(), colours = Numbers(3);
   for (int c = 0; c < 3; ++c) {
     Row(&numbers, 10 * c, {c});
@@ -63,21 +63,21 @@ TEST_F(AnnotationsTest, NumbersAndColoursAreTheSame) {
   EXPECT_TRUE(warnings_.empty());
 }
 
-TEST_F(AnnotationsTest, NumbersThatNoClassHas) {
+TEST_F(AnnotationsTest, RejectsUnknownClassIds) {
   ByteImage image = Numbers();
   Row(&image, 7, {9});
   Paint(Stem(0) + ".png", image);
   EXPECT_THAT(Message(), HasSubstr(Stem(0) + ".png: pixel (0, 7): found class 9, expected 0 ground"));
 }
 
-TEST_F(AnnotationsTest, APhotographBelowThePaint) {
+TEST_F(AnnotationsTest, RejectsPhotographsBelowThePaint) {
   ByteImage image = Numbers(3, 90);
   Colour(&image, 3, 1);
   Paint(Stem(0) + ".png", image);
-  EXPECT_THAT(Message(), HasSubstr("painted pixels in other colours, most #5a5a5a, expected ground #808080"));
+  EXPECT_THAT(Message(), HasSubstr("painted pixels in unknown colours, mostly #5a5a5a, expected ground #808080"));
 }
 
-TEST_F(AnnotationsTest, AFewBlendedPixelsAreLeftOut) {
+TEST_F(AnnotationsTest, IgnoresAFewBlendedPixels) {
   ByteImage image = Numbers(3);
   for (int y = 0; y < 40; ++y) Colour(&image, y, y % 3);
   for (int c = 0; c < 3; ++c) image.at(5, 100, c) = 60;
@@ -85,28 +85,28 @@ TEST_F(AnnotationsTest, AFewBlendedPixelsAreLeftOut) {
   const StatusOr<Annotations> read = Read();
   ASSERT_TRUE(read.ok()) << read.status();
   EXPECT_EQ(read->images[0].labels.at(5, 100), 255);
-  EXPECT_THAT(warnings_, testing::Contains(HasSubstr("1 pixels between two colours")));
+  EXPECT_THAT(warnings_, testing::Contains(HasSubstr("1 pixels with mixed colours")));
 }
 
-TEST_F(AnnotationsTest, AllFaultsAtOnce) {
+TEST_F(AnnotationsTest, ReportsAllFaults) {
   Paint("nobody.png", Numbers());
   Paint(Stem(0) + ".png", ByteImage(8, 8, 1, 0));
   Paint(Stem(1) + ".png", Numbers());
   Paint(Stem(1) + "_label.png", Numbers());
   WriteText(folder_ + "/painted/" + Stem(2) + ".png", "not a picture");
   const std::string message = Message();
-  EXPECT_THAT(message, HasSubstr("nobody.png: found a name that no image of the scene has"));
-  EXPECT_THAT(message, HasSubstr("8 x 8 pixels, expected the 160 x 120 of its image"));
-  EXPECT_THAT(message, HasSubstr("a second annotation beside"));
+  EXPECT_THAT(message, HasSubstr("nobody.png: found a name that matches no image of the scene"));
+  EXPECT_THAT(message, HasSubstr("8 x 8 pixels, expected 160 x 120 (the size of its image)"));
+  EXPECT_THAT(message, HasSubstr("a second annotation of the image of"));
   EXPECT_THAT(message, HasSubstr(Stem(2) + ".png: byte 0"));
 }
 
-TEST_F(AnnotationsTest, OneClassTeachesNothing) {
+TEST_F(AnnotationsTest, RejectsFewerThanTwoClasses) {
   Paint(Stem(0) + ".png", Numbers(1, 0));
-  EXPECT_THAT(Message(), HasSubstr("found 1 class with annotated pixels in 1 pictures, expected at least 2"));
+  EXPECT_THAT(Message(), HasSubstr("found 1 class with at least 20 annotated pixels in 1 image, expected at least 2"));
 }
 
-TEST_F(AnnotationsTest, AClassThatIsNeverPaintedIsTold) {
+TEST_F(AnnotationsTest, WarnsOfClassesWithoutAnnotation) {
   ByteImage image = Numbers(1, 0);
   Row(&image, 7, {1});
   Paint(Stem(0) + ".png", image);
@@ -114,9 +114,9 @@ TEST_F(AnnotationsTest, AClassThatIsNeverPaintedIsTold) {
   EXPECT_THAT(warnings_, testing::Contains(HasSubstr("class roof has 0 annotated pixels")));
 }
 
-TEST_F(AnnotationsTest, NoSuchFolder) {
+TEST_F(AnnotationsTest, RejectsAMissingFolder) {
   EXPECT_THAT(std::string(ReadAnnotations(folder_ + "/none", scene_, &warnings_).status().message()),
-              HasSubstr("no such folder, expected the annotations"));
+              HasSubstr("no such folder, expected a folder of annotations"));
 }
 
 }  // namespace

@@ -70,7 +70,7 @@ double Accuracy(const BoostedTrees& trees, const TrainingSamples& samples) {
   return static_cast<double>(right) / static_cast<double>(samples.count);
 }
 
-TEST(BoostedTreesTest, ScoresAreThoseOfOneSampleAtATime) {
+TEST(BoostedTreesTest, BatchScoresEqualSingleScores) {
   const TrainingSamples samples = Checkers(777, 3);  // no multiple of a batch
   const BoostedTrees trees = TrainBoostedTrees(samples, {}, kClasses, Small());
   ASSERT_TRUE(trees.Check("trees").ok());
@@ -81,12 +81,12 @@ TEST(BoostedTreesTest, ScoresAreThoseOfOneSampleAtATime) {
   }
 }
 
-TEST(BoostedTreesTest, LearnsWhatNoSingleQuestionTells) {
+TEST(BoostedTreesTest, LearnsInteractionsOfFeatures) {
   const BoostedTrees trees = TrainBoostedTrees(Checkers(4000, 1), {}, kClasses, Small());
   EXPECT_GT(Accuracy(trees, Checkers(4000, 2)), 0.95);  // .5 by the commonest class, .6 by single questions
 }
 
-TEST(BoostedTreesTest, RowsThatAreLeftOutTeachNothing) {
+TEST(BoostedTreesTest, IgnoresRowsOutsideTheSubset) {
   TrainingSamples samples = Checkers(2000, 1);
   std::vector<uint32_t> rows;
   for (uint32_t i = 0; i < 1000; ++i) rows.push_back(i);
@@ -100,7 +100,7 @@ TEST(BoostedTreesTest, RowsThatAreLeftOutTeachNothing) {
   EXPECT_EQ(before.leaves, after.leaves);
 }
 
-TEST(BoostedTreesTest, AnyNumberOfThreadsMakesTheSame) {
+TEST(BoostedTreesTest, DoesNotDependOnThreads) {
   const TrainingSamples samples = Checkers(3000, 1);
   BoostedTrees one;
   {
@@ -114,7 +114,7 @@ TEST(BoostedTreesTest, AnyNumberOfThreadsMakesTheSame) {
   EXPECT_EQ(one.leaves, four.leaves);
 }
 
-TEST(BoostedTreesTest, ConstantFeaturesAndOneClassDoNoHarm) {
+TEST(BoostedTreesTest, HandlesConstantFeaturesAndASingleClass) {
   TrainingSamples samples;
   samples.count = 50;
   samples.feature_count = 2;
@@ -126,7 +126,7 @@ TEST(BoostedTreesTest, ConstantFeaturesAndOneClassDoNoHarm) {
   EXPECT_EQ(Accuracy(trees, samples), 1);
 }
 
-TEST(BoostedTreesTest, RefusesWhatWouldReadElsewhere) {
+TEST(BoostedTreesTest, CheckRejectsOutOfBoundsModels) {
   const BoostedTrees good = TrainBoostedTrees(Checkers(200, 1), {}, kClasses, Small());
   const auto refused = [&](auto change) {
     BoostedTrees trees = good;

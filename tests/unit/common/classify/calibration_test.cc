@@ -27,13 +27,13 @@ HeldOutScores Overconfident(double truth, int64_t count, uint64_t seed) {
   return held_out;
 }
 
-TEST(CalibrationTest, FindsHowMuchTooSureScoresAre) {
+TEST(CalibrationTest, RecoversTheTemperature) {
   for (const double truth : {0.5, 1.0, 3.0}) {
     EXPECT_NEAR(FitTemperature(Overconfident(truth, 20000, 1)), truth, 0.07 * truth);
   }
 }
 
-TEST(CalibrationTest, MakesOthersProbabilitiesReliable) {
+TEST(CalibrationTest, ReducesCalibrationErrorOnOtherSamples) {
   const HeldOutScores others = Overconfident(3, 20000, 2);
   const double temperature = FitTemperature(Overconfident(3, 20000, 1));
   EXPECT_GT(CalibrationError(others, 1), 0.1);
@@ -41,7 +41,7 @@ TEST(CalibrationTest, MakesOthersProbabilitiesReliable) {
   EXPECT_LT(MeanLogLoss(others, temperature), 0.8 * MeanLogLoss(others, 1));
 }
 
-TEST(CalibrationTest, WeightsCount) {
+TEST(CalibrationTest, UsesWeights) {
   HeldOutScores both = Overconfident(3, 5000, 1);
   HeldOutScores sure = Overconfident(0.5, 5000, 2);
   both.scores.insert(both.scores.end(), sure.scores.begin(), sure.scores.end());
@@ -50,9 +50,9 @@ TEST(CalibrationTest, WeightsCount) {
   EXPECT_NEAR(FitTemperature(both), 3, 0.3);
 }
 
-TEST(CalibrationTest, NothingHeldOutChangesNothing) { EXPECT_EQ(FitTemperature({}), 1); }
+TEST(CalibrationTest, TemperatureIsOneWithoutSamples) { EXPECT_EQ(FitTemperature({}), 1); }
 
-TEST(CalibrationTest, AnyNumberOfThreadsFindsTheSame) {
+TEST(CalibrationTest, DoesNotDependOnThreads) {
   const HeldOutScores held_out = Overconfident(2, 50000, 1);
   double one = 0;
   {

@@ -37,7 +37,7 @@ class ClassifySceneTest : public testing::Test {
   std::string Output(const std::string& name, int threads, const ClassifierModel* model = nullptr) {
     const ThreadLimit limit(threads);
     const MeshSurface surface(mesh_, scene_.up_in_local, 0.2);
-    ClassifierInUse use;
+    ClassifierSelection use;
     if (model == nullptr) {
       trained_ = TrainClassifier(scene_, annotations_, surface, 0.2, options_, {}).value();
       use.trained = &trained_;
@@ -58,7 +58,7 @@ class ClassifySceneTest : public testing::Test {
   ClassifiedScene classified_;
 };
 
-TEST_F(ClassifySceneTest, TheMeshTellsClassesApartWhereColoursDoNot) {
+TEST_F(ClassifySceneTest, GeometrySeparatesClassesOfEqualColour) {
   const std::string out = Output("out", 0);
   ConfusionMatrix unseen(3);
   for (size_t v = 2; v < scene_.views.size(); ++v) {
@@ -78,7 +78,7 @@ TEST_F(ClassifySceneTest, TheMeshTellsClassesApartWhereColoursDoNot) {
   EXPECT_EQ(classified_.held_out[1].total(), annotations_.annotated());
 }
 
-TEST_F(ClassifySceneTest, AnyNumberOfThreadsWritesTheSameBytes) {
+TEST_F(ClassifySceneTest, DoesNotDependOnThreads) {
   const std::string one = Output("one", 1);
   const std::string model = SerializeModel(trained_.model);
   const std::string four = Output("four", 4);
@@ -88,7 +88,7 @@ TEST_F(ClassifySceneTest, AnyNumberOfThreadsWritesTheSameBytes) {
   for (const std::string& file : files) EXPECT_EQ(ReadText(one + "/" + file), ReadText(four + "/" + file)) << file;
 }
 
-TEST_F(ClassifySceneTest, AnnotatedPixelsAreClassifiedWithoutTheirPlace) {
+TEST_F(ClassifySceneTest, AnnotatedPixelsUseTheFoldThatExcludesThem) {
   // Labels that only a memory of the place could give: each square of 4 pixels at random.
   for (Annotation& a : annotations_.images) {
     for (int y = 0; y < a.labels.height; ++y) {
@@ -105,7 +105,7 @@ TEST_F(ClassifySceneTest, AnnotatedPixelsAreClassifiedWithoutTheirPlace) {
   EXPECT_LT(held_out, 0.40) << "no better than a guess";
 }
 
-TEST_F(ClassifySceneTest, AModelDoesWhatTheTrainingDid) {
+TEST_F(ClassifySceneTest, LoadedModelGivesTheTrainedLikelihoods) {
   const std::string trained = Output("trained", 0);
   const ClassifierModel model = ParseModel(SerializeModel(trained_.model), "model").value();
   const std::string by_model = Output("by_model", 0, &model);
@@ -116,9 +116,9 @@ TEST_F(ClassifySceneTest, AModelDoesWhatTheTrainingDid) {
   }
 }
 
-TEST_F(ClassifySceneTest, OneViewIsAsAllOfThem) {
+TEST_F(ClassifySceneTest, ClassifyViewEqualsClassifyScene) {
   const std::string all = Output("all", 0);
-  ClassifierInUse use;
+  ClassifierSelection use;
   use.model = &trained_.model;
   const MeshSurface surface(mesh_, scene_.up_in_local, 0.2);
   const std::string stem = std::filesystem::path(scene_.views[3].name).stem();
@@ -130,12 +130,12 @@ TEST_F(ClassifySceneTest, OneViewIsAsAllOfThem) {
     EXPECT_EQ(ReadText(folder_ + "/one.tif"), ReadText(all + (sees ? "/geometry/" : "/appearance/") + stem + ".tif"));
   }
   const DefaultRule rule = DefaultRule::Of({"ground", "facade", "roof"}, "scene").value();
-  ClassifierInUse by_rule;
+  ClassifierSelection by_rule;
   by_rule.rule = &rule;
   EXPECT_TRUE(ClassifyView(scene_, 3, nullptr, by_rule).ok());
 }
 
-TEST_F(ClassifySceneTest, WhatIsAnnotatedIsNotAskedForAgain) {
+TEST_F(ClassifySceneTest, AnnotatedImagesAreNotSuggested) {
   Output("out", 0);
   const std::vector<size_t> next = NextToAnnotate(classified_);
   EXPECT_THAT(next, testing::UnorderedElementsAre(2, 3, 4));
@@ -144,7 +144,7 @@ TEST_F(ClassifySceneTest, WhatIsAnnotatedIsNotAskedForAgain) {
   }
 }
 
-TEST_F(ClassifySceneTest, TheOutputIsASceneThatCanBeRead) {
+TEST_F(ClassifySceneTest, OutputFolderIsALoadableScene) {
   const std::string out = Output("out", 0);
   ASSERT_TRUE(WriteClassifiedScene(scene_, folder_ + "/scene/scene.json", out, "default").ok());
   Warnings warnings;
@@ -160,10 +160,10 @@ TEST_F(ClassifySceneTest, TheOutputIsASceneThatCanBeRead) {
   EXPECT_TRUE(absl::IsAlreadyExists(CheckClassifiedFolder(out)));
 }
 
-TEST_F(ClassifySceneTest, TheDefaultKnowsABoxOnTheGround) {
+TEST_F(ClassifySceneTest, DefaultRuleClassifiesABoxOnTheGround) {
   const DefaultRule rule = DefaultRule::Of({"ground", "facade", "roof"}, "scene.json").value();
   const MeshSurface surface(mesh_, scene_.up_in_local, 0.2);
-  ClassifierInUse use;
+  ClassifierSelection use;
   use.rule = &rule;
   const std::string out = folder_ + "/default";
   ASSERT_TRUE(ClassifyScene(scene_, surface, use, out, {}).ok());

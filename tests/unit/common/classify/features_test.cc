@@ -71,7 +71,7 @@ double Blurred(const std::function<double(int, int)>& value, int width, int heig
   return sum;
 }
 
-TEST(FeaturesTest, NamesAreAsManyAsFeaturesAndAllDifferent) {
+TEST(FeaturesTest, NamesAreUniqueAndMatchTheFeatureCount) {
   std::vector<std::string> names = FeatureNames();
   EXPECT_EQ(static_cast<int>(names.size()), FeatureCount());
   EXPECT_EQ(names[AppearanceFeatureCount()], "up_normal") << "features of the mesh come last";
@@ -79,7 +79,7 @@ TEST(FeaturesTest, NamesAreAsManyAsFeaturesAndAllDifferent) {
   EXPECT_EQ(std::unique(names.begin(), names.end()), names.end());
 }
 
-TEST(FeaturesTest, MeansAndDeviationsAreThoseOfTheNaiveSums) {
+TEST(FeaturesTest, MeansAndDeviationsEqualNaiveSums) {
   const ByteImage rgb = Noise(60, 44);
   const ImageFeatures features(rgb, Looking(0.7), Eigen::Vector3d::UnitZ(), nullptr);
   const auto light = [&](int x, int y) { return Light(rgb, x, y); };
@@ -107,7 +107,7 @@ TEST(FeaturesTest, MeansAndDeviationsAreThoseOfTheNaiveSums) {
   EXPECT_NEAR(pixel[FeatureNamed("greenness")], Green(rgb, 17, 9), 1e-5);
 }
 
-TEST(FeaturesTest, ARowIsItsPixels) {
+TEST(FeaturesTest, RowEqualsSinglePixels) {
   const ByteImage rgb = Noise(60, 44);
   const ImageFeatures features(rgb, Looking(0.7), Eigen::Vector3d::UnitZ(), nullptr);
   constexpr int kStride = 40;
@@ -120,7 +120,7 @@ TEST(FeaturesTest, ARowIsItsPixels) {
 }
 
 // Bands across the direction of up change along it: rows of a facade, not columns.
-TEST(FeaturesTest, GradientsAreTakenAgainstUp) {
+TEST(FeaturesTest, GradientsAreRelativeToUp) {
   for (const bool along : {true, false}) {
     ByteImage rgb(60, 44, 3);
     for (int y = 0; y < 44; ++y) {
@@ -137,7 +137,7 @@ TEST(FeaturesTest, GradientsAreTakenAgainstUp) {
   }
 }
 
-TEST(FeaturesTest, TheMeshIsSeenAsItStands) {
+TEST(FeaturesTest, MeshFeaturesMatchTheMesh) {
   const TinyScene tiny = MakeTinyScene();  // a box of 8 m on flat ground
   const MeshSurface surface(tiny.mesh, Eigen::Vector3d::UnitZ(), 0.2);
   const int up = FeatureNamed("up_normal"), height = FeatureNamed("above_ground_10m");
@@ -155,7 +155,7 @@ TEST(FeaturesTest, TheMeshIsSeenAsItStands) {
         const std::vector<float> pixel = Pixel(features, x, y);
         if (label == 255) {
           EXPECT_EQ(pixel[up], 0);
-          EXPECT_FALSE(features.PlaceOf(x, y, 1).ground_m.has_value());
+          EXPECT_FALSE(features.LocationOf(x, y, 1).ground_m.has_value());
           continue;
         }
         ++seen[label];
@@ -169,7 +169,7 @@ TEST(FeaturesTest, TheMeshIsSeenAsItStands) {
   for (const int of_class : seen) EXPECT_GT(of_class, 100);
 }
 
-TEST(FeaturesTest, UndistortingIsTheInverseOfDistorting) {
+TEST(FeaturesTest, UndistortPositionInvertsDistort) {
   LensModel lens;
   lens.kind = LensModel::Kind::kOpenCv;
   lens.pinhole = {160, 120, 150, 150, 80, 60};

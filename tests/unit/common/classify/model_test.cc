@@ -36,7 +36,7 @@ ClassifierModel Model() {
   return model;
 }
 
-TEST(ModelTest, ComesBackAsItWas) {
+TEST(ModelTest, RoundTrip) {
   const std::string path = FreshTestFolder("model") + "/city.model";
   const ClassifierModel model = Model();
   ASSERT_TRUE(WriteModel(path, model).ok());
@@ -52,7 +52,7 @@ TEST(ModelTest, ComesBackAsItWas) {
   }
 }
 
-TEST(ModelTest, AnyByteThatChangedIsFound) {
+TEST(ModelTest, DetectsEveryChangedByte) {
   const std::string good = SerializeModel(Model());
   for (size_t at = 0; at < good.size(); at += 7) {
     std::string bytes = good;
@@ -65,7 +65,7 @@ TEST(ModelTest, AnyByteThatChangedIsFound) {
 }
 
 // With checksums that fit, so that only the checks of content stand between a file and what reads it.
-TEST(ModelTest, HostileContentIsRefused) {
+TEST(ModelTest, RejectsInvalidContentWithValidChecksums) {
   const auto message = [](auto change) {
     ArrayFile file = ParseArrayFile(SerializeModel(Model()), "FILE").value();
     change(file);
@@ -88,14 +88,14 @@ TEST(ModelTest, HostileContentIsRefused) {
               HasSubstr("79 leaf values"));
   EXPECT_NE(message([](ArrayFile& f) { f.arrays.erase("geometry.base"); }), "");
   EXPECT_NE(message([](ArrayFile& f) { f.arrays["geometry.base"] = std::vector<uint8_t>(2); }), "");
-  EXPECT_THAT(replaced("tessera classifier", "something else"), HasSubstr("another kind of file"));
+  EXPECT_THAT(replaced("tessera classifier", "something else"), HasSubstr("an array file of another kind"));
   EXPECT_THAT(replaced("\"version\":1", "\"version\":7"), HasSubstr("version: found 7, expected 1"));
   EXPECT_THAT(replaced("\"depth\":3", "\"depth\":30"), HasSubstr("depth 30, expected 1 to 12"));
   EXPECT_THAT(replaced("\"depth\":3", "\"depth\":-3"), HasSubstr("depth -3"));
   EXPECT_THAT(replaced("\"depth\":3", "\"depth\":\"x\""), HasSubstr("metadata"));
   EXPECT_THAT(replaced("\"temperature\":1.25", "\"temperature\":0"), HasSubstr("temperature: found 0"));
   EXPECT_THAT(replaced("0.12", "-0.12"), HasSubstr("gsd_m: found -0.12"));
-  EXPECT_THAT(replaced("greenness_2", "greenness_9"), HasSubstr("that this version does not compute"));
+  EXPECT_THAT(replaced("greenness_2", "greenness_9"), HasSubstr("features of another version of Tessera"));
   EXPECT_THAT(replaced("[\"ground\",\"roof\"]", "[\"ground\"]"), HasSubstr("classes: found 1"));
   EXPECT_THAT(message([](ArrayFile& f) { f.metadata = std::string(100, '['); }), HasSubstr("FILE"));
 }

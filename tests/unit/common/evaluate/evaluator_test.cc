@@ -33,7 +33,7 @@ StatusOr<Evaluator> MakeEvaluator(EvaluationOptions options = {}, std::vector<Sc
   return Evaluator::Create(truth, views, 2, images, options);
 }
 
-TEST(Evaluator, TheTruthItselfIsPerfect) {
+TEST(Evaluator, TruthScoresPerfectly) {
   const auto evaluator = MakeEvaluator();
   ASSERT_TRUE(evaluator.ok()) << evaluator.status();
   const auto e = evaluator->Evaluate(FlatSquare(kSide, 7, 0));  // other faces, the same surface
@@ -52,7 +52,7 @@ TEST(Evaluator, TheTruthItselfIsPerfect) {
   EXPECT_EQ(same->labels_by_pixels->views, 2);
 }
 
-TEST(Evaluator, AnOffsetPlaneIsThatFarOff) {
+TEST(Evaluator, OffsetPlaneHasItsOffsetAsDistance) {
   const auto evaluator = MakeEvaluator();
   ASSERT_TRUE(evaluator.ok());
   const auto e = evaluator->Evaluate(FlatSquare(kSide, 4, 0.15));
@@ -67,7 +67,7 @@ TEST(Evaluator, AnOffsetPlaneIsThatFarOff) {
   EXPECT_NEAR(e->surface_by_class[1].accuracy.mean_m, 0.15, 1e-9);
 }
 
-TEST(Evaluator, HalfASurfaceIsAccurateAndIncomplete) {
+TEST(Evaluator, HalfASurfaceIsAccurateButIncomplete) {
   const auto evaluator = MakeEvaluator();
   ASSERT_TRUE(evaluator.ok());
   TriangleMesh half = FlatSquare(kSide, 4, 0);
@@ -85,7 +85,7 @@ TEST(Evaluator, HalfASurfaceIsAccurateAndIncomplete) {
   EXPECT_GT(e->labels_by_pixels->confusion.at(1, 2), 0);
 }
 
-TEST(Evaluator, TheRimIsLeftOut) {
+TEST(Evaluator, ExcludesTheRim) {
   EvaluationOptions options;
   options.rim_m = 2;
   const auto evaluator = MakeEvaluator(options);
@@ -100,7 +100,7 @@ TEST(Evaluator, TheRimIsLeftOut) {
   EXPECT_NEAR(static_cast<double>(e->surface.completeness.points), 0.36 * 5000, 30);
 }
 
-TEST(Evaluator, WhatFewCamerasSeeDoesNotCount) {
+TEST(Evaluator, ExcludesPointsSeenByFewCameras) {
   std::vector<SceneView> views = ThreeViews();
   views[2] = ViewFromAbove({0, 5, 100}, 10, 80, 2);  // sees x < 5
   const auto evaluator = MakeEvaluator({}, views);
@@ -115,7 +115,7 @@ TEST(Evaluator, WhatFewCamerasSeeDoesNotCount) {
   EXPECT_EQ(none.status().code(), absl::StatusCode::kFailedPrecondition);
 }
 
-TEST(Evaluator, AThousandKilometresAwayIsTheSame) {
+TEST(Evaluator, IsTranslationInvariantTo1000Km) {
   EvaluationOptions options;
   options.samples = 2000;
   const Eigen::Vector3d far(1e6, 2e6, 300);
@@ -144,7 +144,7 @@ TEST(Evaluator, GeometryOnlyWithoutLabels) {
   EXPECT_FALSE(e->labels_by_area || e->labels_by_pixels);
 }
 
-TEST(Evaluator, RefusesWhatItCannotMeasure) {
+TEST(Evaluator, RejectsInvalidInput) {
   const auto evaluator = MakeEvaluator();
   ASSERT_TRUE(evaluator.ok());
   TriangleMesh mesh = FlatSquare(kSide, 4, 0);
@@ -170,7 +170,7 @@ TEST(Evaluator, AnyNumberOfThreadsGivesTheSame) {
   EXPECT_EQ(json(1), json(4));
 }
 
-TEST(Report, NamesFiguresAndRatio) {
+TEST(Report, ListsFiguresAndRatio) {
   const auto evaluator = MakeEvaluator();
   ASSERT_TRUE(evaluator.ok());
   const std::vector<NamedEvaluation> both = {{"start", *evaluator->Evaluate(FlatSquare(kSide, 4, 0.2))},

@@ -39,7 +39,7 @@ TEST(ConfusionMatrix, ScoresByHand) {
   EXPECT_TRUE(std::isnan(s.classes[2].recall));
 }
 
-TEST(ConfusionMatrix, SumsAdd) {
+TEST(ConfusionMatrix, CountsAreAdditive) {
   ConfusionMatrix a(2), b(2);
   a.Add(0, 1, 2);
   b.Add(0, 1, 3);
@@ -49,7 +49,7 @@ TEST(ConfusionMatrix, SumsAdd) {
   EXPECT_EQ(a.total(), 6);
 }
 
-TEST(ConfusionMatrix, NothingCountedIsNotANumber) {
+TEST(ConfusionMatrix, EmptyCountsGiveNaN) {
   EXPECT_TRUE(std::isnan(ScoreLabels(ConfusionMatrix(2)).overall_accuracy));
   EXPECT_TRUE(std::isnan(ScoreLabels(ConfusionMatrix(2)).average_accuracy));
 }
@@ -65,7 +65,7 @@ TEST(BoundaryF, EqualImagesScoreOne) {
   EXPECT_DOUBLE_EQ(MeanBoundaryF(Counts(image, image, 0)), 1);
 }
 
-TEST(BoundaryF, AShiftedEdgeCountsWithinReach) {
+TEST(BoundaryF, ShiftedEdgeMatchesWithinDistance) {
   const LabelImage truth = Image({"00000011111111", "00000011111111"});
   const LabelImage shifted = Image({"00000000011111", "00000000011111"});  // by 3 px
   EXPECT_DOUBLE_EQ(MeanBoundaryF(Counts(shifted, truth, 3)), 1);
@@ -76,7 +76,7 @@ TEST(BoundaryF, AShiftedEdgeCountsWithinReach) {
   EXPECT_EQ(counts[0].result_matched, 0);
 }
 
-TEST(BoundaryF, AnEdgeTooManyCostsPrecisionOnly) {
+TEST(BoundaryF, ExtraEdgeReducesPrecisionOnly) {
   const LabelImage truth = Image({"0000000000", "0000000000", "1111111111"});
   const LabelImage result = Image({"0000000000", "0000000000", "1111111111"});
   LabelImage speckled = result;
@@ -88,14 +88,14 @@ TEST(BoundaryF, AnEdgeTooManyCostsPrecisionOnly) {
   EXPECT_EQ(counts[1].result_matched, 10);
 }
 
-TEST(BoundaryF, TheRimOfWhatTheTruthKnowsIsNoEdge) {
+TEST(BoundaryF, UnknownTruthIsNotABoundary) {
   const LabelImage truth = Image({"00..11", "00..11"});
   const auto counts = Counts(Image({"000111", "000111"}), truth, 3);
   EXPECT_EQ(counts[0].truth + counts[1].truth + counts[0].result + counts[1].result, 0);
   EXPECT_TRUE(std::isnan(MeanBoundaryF(counts)));
 }
 
-TEST(RenderLabels, ShowsFacesWhereTheyAre) {
+TEST(RenderLabels, RendersFaceLabels) {
   const TriangleMesh mesh = FlatSquare(10, 2, 0);
   const SceneView view = ViewFromAbove({5, 5, 100}, 20, 40);  // the square is the picture's middle
   const LabelImage image = RenderLabels(mesh, RayCaster(mesh), view.camera);
@@ -107,14 +107,14 @@ TEST(RenderLabels, ShowsFacesWhereTheyAre) {
   EXPECT_EQ(shown, 400);
 }
 
-TEST(RenderLabels, FacesWithoutLabelShowNothing) {
+TEST(RenderLabels, FacesWithoutLabelRenderAs255) {
   TriangleMesh mesh = FlatSquare(10, 2, 0);
   mesh.labels.assign(mesh.faces.size(), -1);
   const SceneView view = ViewFromAbove({5, 5, 100}, 20, 40);
   EXPECT_EQ(RenderLabels(mesh, RayCaster(mesh), view.camera).at(15, 20), 255);
 }
 
-TEST(UndistortLabels, ScalesToTheCamerasSize) {
+TEST(UndistortLabels, ScalesToTheCameraSize) {
   LensModel lens;
   lens.pinhole = {6, 4, 5, 5, 3, 2};
   const LabelImage image = UndistortLabels(Image({"012", "120"}), lens);
@@ -124,7 +124,7 @@ TEST(UndistortLabels, ScalesToTheCamerasSize) {
   EXPECT_EQ(image.at(3, 2), 2);
 }
 
-TEST(UndistortLabels, TakesTheDistortedPixel) {
+TEST(UndistortLabels, SamplesTheDistortedPosition) {
   LensModel lens;
   lens.kind = LensModel::Kind::kSimpleRadial;
   lens.pinhole = {101, 101, 100, 100, 50.5, 50.5};

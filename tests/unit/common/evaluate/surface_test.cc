@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-TEST(SampleByArea, FollowsTheAreaAndStaysOnItsFace) {
+TEST(SampleByArea, IsUniformByAreaAndOnTheFaces) {
   TriangleMesh mesh;
   mesh.vertices = {{0, 0, 0}, {3, 0, 0}, {0, 3, 0}, {10, 0, 5}, {11, 0, 5}, {10, 1, 5}};
   mesh.faces = {{0, 1, 2}, {0, 0, 1}, {3, 4, 5}};  // nine to one, and a face without area
@@ -35,7 +35,7 @@ TEST(SampleByArea, FollowsTheAreaAndStaysOnItsFace) {
   EXPECT_NEAR(mean.y(), 1, 0.05);
 }
 
-TEST(SampleByArea, SameSeedSamePointsOtherSeedOthers) {
+TEST(SampleByArea, IsDeterministicPerSeed) {
   const TriangleMesh mesh = FlatSquare(10, 4, 0);
   const auto a = SampleByArea(mesh, 100, 1), b = SampleByArea(mesh, 100, 1), c = SampleByArea(mesh, 100, 2);
   for (int i = 0; i < 100; ++i) {
@@ -44,7 +44,7 @@ TEST(SampleByArea, SameSeedSamePointsOtherSeedOthers) {
   }
 }
 
-TEST(SampleByArea, NothingOnAMeshWithoutArea) {
+TEST(SampleByArea, IsEmptyWithoutArea) {
   TriangleMesh mesh;
   EXPECT_TRUE(SampleByArea(mesh, 10, 1).empty());
   mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}};
@@ -52,7 +52,7 @@ TEST(SampleByArea, NothingOnAMeshWithoutArea) {
   EXPECT_TRUE(SampleByArea(mesh, 10, 1).empty());
 }
 
-TEST(SeenSamples, CountsCamerasWithTheirFramesAndWhatHides) {
+TEST(SeenSamples, TestsImageBoundsAndOcclusion) {
   // A square of 10 m with a smaller one 2 m above its middle.
   TriangleMesh mesh = FlatSquare(10, 1, 0);
   const TriangleMesh roof = FlatSquare(2, 1, 2, {4, 4, 0});
@@ -79,7 +79,7 @@ MeasuredPoint At(double distance_m, int truth_class = 0, double agreement = 1) {
   return {distance_m, agreement, truth_class};
 }
 
-TEST(ComputeStatistics, OfKnownDistances) {
+TEST(ComputeStatistics, MatchesKnownDistances) {
   const DistanceStatistics s = ComputeStatistics({At(0.1, 0, 0.5), At(0.4), At(0.2), At(0.3), At(2.0)}, 0.5);
   EXPECT_EQ(s.points, 5);
   EXPECT_NEAR(s.mean_m, 0.6, 1e-12);

@@ -81,7 +81,7 @@ TEST(FrameTest, OriginsAreMultiplesOf1024AndZeroNearZero) {
   EXPECT_EQ(far->rotation_local_from_scene(), Eigen::Matrix3d::Identity());
 }
 
-TEST(FrameTest, CityFarFromTheOriginLosesNothing) {
+TEST(FrameTest, FarCoordinatesRoundTripExactly) {
   Random random(5);
   struct Case {
     Crs crs;
@@ -124,7 +124,7 @@ TEST(FrameTest, EcefLocalFrameIsEastNorthUp) {
   EXPECT_NEAR(north.z(), here.z(), 2e-3);
 }
 
-TEST(FrameTest, RefusesWhatIsNoPlace) {
+TEST(FrameTest, RejectsInvalidCoordinates) {
   EXPECT_FALSE(Frame::Around(Utm(0, true), {444140, 4999000, 0}).ok());
   EXPECT_FALSE(Frame::Around(Utm(61, true), {444140, 4999000, 0}).ok());
   EXPECT_FALSE(Frame::Around(Utm(32, true), {5e7, 4999000, 0}).ok());

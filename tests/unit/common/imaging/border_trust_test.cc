@@ -76,7 +76,7 @@ BorderTrusts Measured(const FloatImage& luminance, const FloatImage& likelihoods
   return counts.Trusts();
 }
 
-TEST(BorderTrust, FindsHowFarBordersAreOff) {
+TEST(BorderTrust, MeasuresBorderBias) {
   const LabelImage blocks = Blocks(1);
   const FloatImage light = Light(blocks);
   for (const int off : {-4, -2, 0, 2, 4}) {
@@ -91,7 +91,7 @@ TEST(BorderTrust, FindsHowFarBordersAreOff) {
   EXPECT_GT(Measured(light, Likely(blocks)).Of(0, 1).weight, 0.95);
 }
 
-TEST(BorderTrust, TheFartherOffTheLessTheyWeigh) {
+TEST(BorderTrust, WeightDecreasesWithBias) {
   const LabelImage blocks = Blocks(1);
   double last = 1.1;
   for (const int off : {0, 1, 2, 3, 4}) {
@@ -101,7 +101,7 @@ TEST(BorderTrust, TheFartherOffTheLessTheyWeigh) {
   }
 }
 
-TEST(BorderTrust, BordersThatLieAnywhereWeighNothing) {
+TEST(BorderTrust, RandomBordersHaveWeightZero) {
   const FloatImage light = Light(Blocks(1));
   for (const uint64_t seed : {2, 3, 4, 5, 6}) {
     EXPECT_LT(Measured(light, Likely(Blocks(seed))).Of(0, 1).weight, 0.3) << seed;
@@ -110,7 +110,7 @@ TEST(BorderTrust, BordersThatLieAnywhereWeighNothing) {
   EXPECT_EQ(Measured(flat, Likely(Blocks(1))).Of(0, 1).weight, 0);
 }
 
-TEST(BorderTrust, FewBordersOrWeakOnesProveNothing) {
+TEST(BorderTrust, FewOrUnclearBordersHaveWeightZero) {
   const LabelImage blocks = Blocks(1);
   EXPECT_EQ(Measured(Light(blocks), Likely(blocks, 0.55)).Of(0, 1).weight, 0);
   LabelImage one(kSize_px, kSize_px, 1, 0);
@@ -121,7 +121,7 @@ TEST(BorderTrust, FewBordersOrWeakOnesProveNothing) {
 }
 
 // The end of what is known is an edge of the image often enough: it is no border between classes.
-TEST(BorderTrust, WhereNothingIsKnownIsNoBorder) {
+TEST(BorderTrust, EndOfLikelihoodsIsNotABorder) {
   const LabelImage blocks = Blocks(1);
   const FloatImage light = Light(blocks);
   FloatImage likely = Likely(LabelImage(kSize_px, kSize_px, 1, 1));
@@ -131,20 +131,20 @@ TEST(BorderTrust, WhereNothingIsKnownIsNoBorder) {
   EXPECT_EQ(Measured(light, likely).Of(0, 1).weight, 0);
 }
 
-TEST(BorderTrust, InvalidPixelsDoNotCount) {
+TEST(BorderTrust, InvalidPixelsAreSkipped) {
   const LabelImage blocks = Blocks(1);
   FloatImage light = Light(blocks);
   for (float& value : light.data) value = NAN;
   EXPECT_EQ(Measured(light, Likely(blocks)).Of(0, 1).weight, 0);
 }
 
-TEST(BorderTrust, CoarseLikelihoodsCountInPixelsOfTheImage) {
+TEST(BorderTrust, CoarseLikelihoodsUseImagePixels) {
   const LabelImage blocks = Blocks(1);
   const BorderTrusts trusts = Measured(Light(blocks), Likely(Grown(blocks, 3), 0.8, 2));
   EXPECT_NEAR(trusts.Of(0, 1).bias_px, -3, 0.7);
 }
 
-TEST(BorderTrust, ViewsAddUp) {
+TEST(BorderTrust, CountsOfViewsAreAdditive) {
   const LabelImage a = Blocks(1), b = Grown(Blocks(2), 2);
   BorderCounts both(2), first(2), second(2);
   both.Add(Light(a), Likely(a));
@@ -156,7 +156,7 @@ TEST(BorderTrust, ViewsAddUp) {
   EXPECT_GT(both.Trusts().Of(0, 1).weight, 0);
 }
 
-TEST(BorderTrust, CountsAreAListAndBack) {
+TEST(BorderTrust, CountsRoundTripAsList) {
   const LabelImage blocks = Blocks(1);
   BorderCounts counts(2);
   counts.Add(Light(blocks), Likely(Grown(blocks, 2)));
@@ -171,7 +171,7 @@ TEST(BorderTrust, CountsAreAListAndBack) {
   EXPECT_FALSE(BorderCounts::FromCounts(2, list).ok());
 }
 
-TEST(BorderTrust, ClassesThatThereAreNoneOfAreNotTrusted) {
+TEST(BorderTrust, UnknownClassesHaveWeightZero) {
   EXPECT_EQ(BorderTrusts().Of(0, 1).weight, 0);
   EXPECT_EQ(BorderTrusts(2).Of(0, 2).weight, 0);
   EXPECT_EQ(BorderTrusts(2).Of(-1, 1).weight, 0);

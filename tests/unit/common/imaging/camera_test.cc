@@ -13,19 +13,19 @@ LensModel Model(std::initializer_list<double> coefficients) {
   return lens;
 }
 
-TEST(LensModelTest, PinholeMovesNothing) {
+TEST(LensModelTest, PinholeIsIdentity) {
   LensModel lens = Model({});
   lens.kind = LensModel::Kind::kPinhole;
   EXPECT_EQ(lens.Distort({12.25, 700.5}), Eigen::Vector2d(12.25, 700.5));
 }
 
-TEST(LensModelTest, CentreStays) {
+TEST(LensModelTest, PrincipalPointIsFixed) {
   const LensModel lens = Model({-0.2, 0.1, 0.01, -0.02, 0.03, 0.1, 0.2, 0.3});
   EXPECT_NEAR((lens.Distort({510, 390}) - Eigen::Vector2d(510, 390)).norm(), 0, 1e-12);
 }
 
 // Numbers worked by hand from COLMAP's formulas at normalised (0.5, 0.25): r2 = 0.3125.
-TEST(LensModelTest, EachTermAsColmapDefinesIt) {
+TEST(LensModelTest, TermsEqualColmaps) {
   const Eigen::Vector2d p(510 + 0.5 * 900, 390 + 0.25 * 950);
   const auto normalised = [](const Eigen::Vector2d& q) {
     return Eigen::Vector2d((q.x() - 510) / 900, (q.y() - 390) / 950);

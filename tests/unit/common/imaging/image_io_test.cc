@@ -37,7 +37,7 @@ std::string Npy(const std::string& header, const std::string& values) {
 }
 std::vector<uint8_t> Bytes(const std::string& text) { return {text.begin(), text.end()}; }
 
-TEST(ImageIoTest, PngRoundTripKeepsEveryPixel) {
+TEST(ImageIoTest, PngRoundTrip) {
   const std::string path = FreshTestFolder("f") + "/a.png";
   const ByteImage image = RandomImage(13, 7, 3);
   ASSERT_TRUE(WritePng(path, image).ok());
@@ -49,7 +49,7 @@ TEST(ImageIoTest, PngRoundTripKeepsEveryPixel) {
               (0.299 * image.at(4, 2, 0) + 0.587 * image.at(4, 2, 1) + 0.114 * image.at(4, 2, 2)) / 255, 1e-6);
 }
 
-TEST(ImageIoTest, SizesOfJpegAndTiff) {
+TEST(ImageIoTest, ReadsSizesOfJpegAndTiff) {
   const std::string folder = FreshTestFolder("f");
   ASSERT_TRUE(WriteJpeg(folder + "/a.jpg", RandomImage(33, 21, 3), 90).ok());
   EXPECT_EQ(*ReadImageSize(folder + "/a.jpg"), (ImageSize{33, 21}));
@@ -57,7 +57,7 @@ TEST(ImageIoTest, SizesOfJpegAndTiff) {
   EXPECT_EQ(*ReadImageSize(folder + "/a.tif"), (ImageSize{33, 21}));
 }
 
-TEST(ImageIoTest, DamagedImagesAreRefusedWithTheirName) {
+TEST(ImageIoTest, RejectsDamagedImagesByName) {
   const std::string folder = FreshTestFolder("f");
   ASSERT_TRUE(WriteJpeg(folder + "/a.jpg", RandomImage(64, 64, 3), 90).ok());
   const std::string jpeg = ReadText(folder + "/a.jpg");
@@ -75,13 +75,13 @@ TEST(ImageIoTest, DamagedImagesAreRefusedWithTheirName) {
   EXPECT_FALSE(ReadLuminance(folder + "/empty.png", PinholeOf(64, 64)).ok());
 }
 
-TEST(ImageIoTest, LuminanceNeedsTheCamerasSize) {
+TEST(ImageIoTest, LuminanceRequiresTheCamerasSize) {
   const std::string path = FreshTestFolder("f") + "/a.png";
   ASSERT_TRUE(WritePng(path, RandomImage(13, 7, 1)).ok());
   EXPECT_THAT(std::string(ReadLuminance(path, PinholeOf(14, 7)).status().message()), HasSubstr("13 x 7 pixels"));
 }
 
-TEST(UndistortTest, GivesWhatAPinholeWouldHaveSeen) {
+TEST(UndistortTest, MatchesAPinholeImage) {
   TinySceneOptions options;
   options.k1 = -0.15;
   options.k2 = 0.03;
@@ -109,7 +109,7 @@ TEST(UndistortTest, GivesWhatAPinholeWouldHaveSeen) {
   EXPECT_GT(median_error(ignored), 2 * median_error(lens));  // the lens does matter
 }
 
-TEST(UndistortTest, OutsideThePhotographIsMarked) {
+TEST(UndistortTest, PixelsOutsideThePhotographAreMarked) {
   LensModel lens = PinholeOf(100, 80);
   lens.kind = LensModel::Kind::kRadial;
   lens.coefficients[0] = 0.5;  // pincushion: corners are looked for beyond the photograph
@@ -147,7 +147,7 @@ TEST(LikelihoodTest, WrongPageCountAndAspectRatio) {
   EXPECT_FALSE(ReadLikelihoods(path, 3, PinholeOf(20, 15)).ok());
 }
 
-TEST(LikelihoodTest, TruncatedTiffIsRefused) {
+TEST(LikelihoodTest, RejectsTruncatedTiff) {
   const std::string path = FreshTestFolder("f") + "/a.tif";
   ASSERT_TRUE(WriteLikelihoodTiff(path, RandomImage(40, 30, 3)).ok());
   const std::string whole = ReadText(path);
@@ -173,7 +173,7 @@ TEST(LikelihoodTest, LabelPng) {
               HasSubstr("pixel (3, 2): found label 3"));
 }
 
-TEST(LikelihoodTest, NanAndNegativeNpyNamePixel) {
+TEST(LikelihoodTest, NanAndNegativeNpyValuesNameThePixel) {
   const std::string path = FreshTestFolder("f") + "/a.npy";
   float values[2 * 3 * 4] = {};
   values[12 + 4 + 2] = NAN;
@@ -211,7 +211,7 @@ TEST(NpyTest, ReadsHalfAndByte) {
   EXPECT_EQ(byte->data, (std::vector<float>{7, 9}));
 }
 
-TEST(NpyTest, RefusesWhatItCannotBe) {
+TEST(NpyTest, RejectsMalformedFiles) {
   const char* headers[] = {
       "{'descr': '<f4', 'fortran_order': True, 'shape': (1, 1, 1)}",
       "{'descr': '>f4', 'fortran_order': False, 'shape': (1, 1, 1)}",
@@ -236,7 +236,7 @@ TEST(NpyTest, RefusesWhatItCannotBe) {
   EXPECT_FALSE(ParseNpy(Bytes(long_header), "a.npy").ok());
 }
 
-TEST(NpyTest, EveryPrefixOfAFileIsRefused) {
+TEST(NpyTest, RejectsEveryPrefixOfAFile) {
   const std::string whole = Npy("{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 1)}", "\x01\x02\x03\x04");
   for (size_t n = 0; n < whole.size(); ++n) EXPECT_FALSE(ParseNpy(Bytes(whole.substr(0, n)), "a").ok()) << n;
 }

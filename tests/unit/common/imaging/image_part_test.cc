@@ -153,7 +153,7 @@ TEST(ImagePartTest, OfLikelihoodsInAnArray) {
   CheckLikelihoods(path);
 }
 
-TEST(ImagePartTest, OfALabelPicture) {
+TEST(ImagePartTest, OfLabelImages) {
   const std::string path = FreshTestFolder("f") + "/a.png";
   ByteImage image = RandomPart(kWidth, kHeight, 1);
   for (uint8_t& label : image.data) label %= kClasses;

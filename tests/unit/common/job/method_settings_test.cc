@@ -24,7 +24,7 @@ MethodSettings AllSet() {
   return settings;
 }
 
-TEST(MethodSettings, JsonHoldsWhatIsSetAndNothingElse) {
+TEST(MethodSettings, JsonContainsOnlyTheValuesThatAreSet) {
   EXPECT_EQ(ToJson(MethodSettings()), "{}");
   MethodSettings one;
   one.partners = 6;
@@ -36,14 +36,14 @@ TEST(MethodSettings, JsonHoldsWhatIsSetAndNothingElse) {
   }
 }
 
-TEST(MethodSettings, JsonThatIsNotOursIsRefused) {
+TEST(MethodSettings, RejectsForeignJson) {
   for (const char* text : {"", "[]", "[1]", "{\"thick_plate\":1}", "{\"window_px\":\"7\"}", "{\"levels\":3}"}) {
     EXPECT_EQ(ParseMethodSettings(text).status().code(), absl::StatusCode::kInvalidArgument) << text;
   }
 }
 
 // Both ends of every range are taken, whatever lies beyond is refused with what was found and expected.
-TEST(MethodSettings, RangesHold) {
+TEST(MethodSettings, ChecksRanges) {
   const auto refused = [](const MethodSettings& settings, const std::string& name) {
     const Status status = CheckMethod("tessera", settings);
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << name;
@@ -84,7 +84,7 @@ TEST(MethodSettings, RangesHold) {
   }
 }
 
-TEST(MethodSettings, WhatDoesNotFitTogetherIsRefused) {
+TEST(MethodSettings, RejectsInconsistentSettings) {
   MethodSettings even, longer, rising, semantic;
   even.window_px = 6;
   longer.iterations = {5, 5, 5, 5};
@@ -97,7 +97,7 @@ TEST(MethodSettings, WhatDoesNotFitTogetherIsRefused) {
   EXPECT_THAT(std::string(CheckMethod("baseline", semantic).message()), HasSubstr("semantic: found"));
 }
 
-TEST(MethodSettings, AWrongMethodListsThoseThatThereAre) {
+TEST(MethodSettings, UnknownMethodListsTheMethods) {
   for (const char* method : kMethods) EXPECT_TRUE(CheckMethod(method, {}).ok()) << method;
   EXPECT_TRUE(CheckMethod("", {}).ok());
   const Status status = CheckMethod("magic", {});
@@ -107,7 +107,7 @@ TEST(MethodSettings, AWrongMethodListsThoseThatThereAre) {
 }
 
 // Results are stored under the parameters, among others: whatever differs must show there.
-TEST(MethodSettings, EverySettingShowsInTheTasksParameters) {
+TEST(MethodSettings, EverySettingChangesTheTaskParameters) {
   std::set<std::string> seen;
   for (const char* method : kMethods) EXPECT_TRUE(seen.insert(ToJson(RefineParameters{0, method, {}})).second);
   const auto add = [&seen](const MethodSettings& settings, const char* name) {

@@ -5,7 +5,7 @@
 namespace tessera {
 namespace {
 
-TEST(RefineSteps, LevelsEndOnceEachRound) {
+TEST(RefineSteps, EachLevelEndsOncePerRound) {
   const auto steps = MakeRefineSteps({2, 0}, {3, 1}, 2);
   std::string order;
   for (const RefineStep& step : steps) {
@@ -17,7 +17,7 @@ TEST(RefineSteps, LevelsEndOnceEachRound) {
   EXPECT_FALSE(steps[5].first());
 }
 
-TEST(RefineSteps, RulesAreTheMethodsUnlessSettingsSayOther) {
+TEST(RefineSteps, SettingsOverrideTheMethodsRules) {
   EXPECT_TRUE(MethodRulesOf("tessera", 0, {}).labels_first);
   EXPECT_TRUE(MethodRulesOf("", 0, {}).labels_first);
   EXPECT_FALSE(MethodRulesOf("baseline", 0, {}).labels_first);
@@ -42,7 +42,7 @@ TEST(RefineSteps, RulesAreTheMethodsUnlessSettingsSayOther) {
   EXPECT_TRUE(MethodRulesOf("baseline", 0, other).labels_first);
 }
 
-TEST(RefineSteps, LabelsAloneAreOneStep) {
+TEST(RefineSteps, LabelsMethodHasOneStep) {
   const auto steps = RefineStepsOf("labels", 0, {});
   const MethodRules rules = MethodRulesOf("labels", 0, {});
   ASSERT_EQ(steps.size(), 2u);
@@ -51,7 +51,7 @@ TEST(RefineSteps, LabelsAloneAreOneStep) {
   EXPECT_TRUE(ActiveSteps(steps, rules, {4, false, true}).empty());
 }
 
-TEST(RefineSteps, LabelsActWhereTheyCanChangeAndAreAskedFor) {
+TEST(RefineSteps, LabelStepsActOnlyIfLabelsCanChange) {
   const auto steps = MakeRefineSteps({0}, {2}, 1);  // L00L
   const auto active = [&](const MethodRules& rules, const LabelTraits& scene) {
     std::string text;

@@ -26,7 +26,7 @@ Survey MakeSurvey() {
   s.classes[1].name = "roof";
   s.classes[1].prior_alpha_rad = 1.0 / 9;
   s.classes[1].smoothness = 1.0 / 11;
-  s.classes[1].keep = 1.0 / 17;
+  s.classes[1].anchor_weight = 1.0 / 17;
   s.borders = BorderTrusts(2);
   s.borders.Set(0, 1, {1.0 / 13, 0.5, 1.0 / 3});
   s.warnings = {"something odd"};
@@ -44,22 +44,22 @@ TEST(Survey, JsonRoundTripKeepsEveryBit) {
             MakeSurvey().views[0].camera.translation_cam_from_world);
   EXPECT_EQ(parsed->views[0].lens.coefficients[1], 1.0 / 7);
   EXPECT_EQ(parsed->classes[1].smoothness, 1.0 / 11);
-  EXPECT_EQ(parsed->classes[1].keep, 1.0 / 17);
+  EXPECT_EQ(parsed->classes[1].anchor_weight, 1.0 / 17);
   EXPECT_EQ(parsed->borders, MakeSurvey().borders);
 }
 
-TEST(Survey, OfAnEarlierVersionKeepsNoClass) {
+TEST(Survey, SurveysBeforeAnchorWeightsParseAsZero) {
   std::string json = SurveyToJson(MakeSurvey());
   for (size_t at = json.find("\"keep\":"); at != std::string::npos; at = json.find("\"keep\":")) {
     json.erase(at, json.find(',', at) + 1 - at);
   }
   const StatusOr<Survey> parsed = ParseSurvey(json);
   ASSERT_TRUE(parsed.ok()) << parsed.status();
-  EXPECT_EQ(parsed->classes[1].keep, 0);
+  EXPECT_EQ(parsed->classes[1].anchor_weight, 0);
   EXPECT_EQ(parsed->classes[1].smoothness, 1.0 / 11);
 }
 
-TEST(Survey, RefusesWhatItDidNotWrite) {
+TEST(Survey, RejectsForeignJson) {
   EXPECT_FALSE(ParseSurvey("").ok());
   EXPECT_FALSE(ParseSurvey("{}").ok());
   Survey survey = MakeSurvey();
@@ -79,7 +79,7 @@ TEST(Survey, RefusesWhatItDidNotWrite) {
   EXPECT_FALSE(ParseSurvey(SurveyToJson(survey)).ok());
 }
 
-TEST(Survey, PlainSurveysTellNoNames) {
+TEST(Survey, PlainSurveysContainNoNames) {
   const Survey survey = MakeSurvey();
   Survey renamed = survey;
   renamed.scene_name = "other";
@@ -96,7 +96,7 @@ TEST(Survey, PlainSurveysTellNoNames) {
   EXPECT_NE(SurveyToJson(WithoutNames(survey)), SurveyToJson(WithoutNames(renamed))) << "pixels do count";
 }
 
-TEST(Survey, DepthsOfViewsAreOnlyWidened) {
+TEST(Survey, UpdatesOnlyWidenViewDepths) {
   Survey survey = MakeSurvey();
   const auto before = survey.view_depths;
   for (SurveyCell& cell : survey.cells) cell.views.clear();
@@ -136,7 +136,7 @@ TEST(TaskParameters, RoundTrip) {
   EXPECT_FALSE(ParseStepParameters("{}").ok());
 }
 
-TEST(TaskParameters, ReadsAreCheckedToTheLetter) {
+TEST(TaskParameters, ParseTileReadsRequiresCanonicalJson) {
   const TileReads reads = {{1, 2}, {2}, {0, 1, 2}, {2, 3}};
   const std::string json = ToJson(reads);
   EXPECT_EQ(json, R"({"label":[1,2],"mend":[2],"sight":[0,1,2],"solve":[2,3]})");

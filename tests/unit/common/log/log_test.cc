@@ -15,7 +15,7 @@ using testing::MatchesRegex;
 // What would forge a line, end a value, or paint the terminal.
 const std::string kHostile = "host\n2026-11-23T03:35:06.123Z info job deleted job=jobs/1 \x1b[2J\xC2\x9B\" user=root";
 
-TEST(LogLine, IsOneLineWhateverIsInIt) {
+TEST(LogLine, IsAlwaysOneLine) {
   const LogFields fields = {{"job", "jobs/3"}, {"worker", "workers/1-2"}, {"host", kHostile}, {"empty", ""}};
   EXPECT_EQ(LogLine("worker registered", fields, /*json=*/false),
             R"(worker registered job=jobs/3 worker=workers/1-2 host="host\n2026-11-23T03:35:06.123Z info job deleted )"
@@ -30,21 +30,21 @@ TEST(LogLine, IsOneLineWhateverIsInIt) {
   EXPECT_EQ(parsed.size(), 1 + fields.size());
 }
 
-TEST(LogLine, QuotesWhatCouldBeTakenForMore) {
+TEST(LogLine, QuotesAmbiguousValues) {
   for (const char* value : {"a b", "a=b", "a\"b", "a\\b", "a\tb", "\xFF", "\u202e"}) {
     EXPECT_THAT(LogLine("event", {{"key", value}}, false), HasSubstr("key=\"")) << value;
   }
   EXPECT_EQ(LogLine("event", {{"key", "jobs/1/tasks/2:ü"}}, false), "event key=jobs/1/tasks/2:ü");
 }
 
-TEST(LogLine, BoundsItsValues) {
+TEST(LogLine, CutsLongValues) {
   const std::string line = LogLine("event", {{"error", std::string(1 << 20, 'x')}}, false);
   EXPECT_LT(line.size(), 20'000u);
   EXPECT_THAT(line, HasSubstr("... and 1032192 more bytes"));
 }
 
 // The schema of both forms, as it comes out.
-TEST(Log, HasOneSchema) {
+TEST(Log, TextAndJsonHaveTheSameSchema) {
   testing::internal::CaptureStderr();
   ASSERT_TRUE(SetUpLog("info", /*json=*/false).ok());
   LogDebug("not this");
@@ -66,7 +66,7 @@ TEST(Log, HasOneSchema) {
   EXPECT_EQ(line["task"], "jobs/1/tasks/2");
 }
 
-TEST(Log, RefusesOtherLevels) {
+TEST(Log, RejectsUnknownLevels) {
   EXPECT_THAT(std::string(SetUpLog("loud", false).message()), HasSubstr("found 'loud', expected debug, info, warn"));
 }
 

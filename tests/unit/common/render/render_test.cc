@@ -33,7 +33,7 @@ std::array<int, 3> PixelAt(const ByteImage& image, int x, int y) {
   return {image.at(x, y, 0), image.at(x, y, 1), image.at(x, y, 2)};
 }
 
-TEST(Framing, EveryVertexIsInThePictureAndItIsFilled) {
+TEST(Framing, AllVerticesAreInTheImageAndFillIt) {
   for (const Eigen::Vector3d& origin : {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(3e5, 5e6, 40)}) {
     const TriangleMesh mesh = Box(origin);
     for (const PosedCamera& camera : {NadirCamera(mesh, kUp, 300, 200), ObliqueCamera(mesh, kUp, 0.7, 0.6, 300, 200)}) {
@@ -52,7 +52,7 @@ TEST(Framing, EveryVertexIsInThePictureAndItIsFilled) {
   }
 }
 
-TEST(Framing, NadirHasNorthUpAndObliqueLooksAlongItsAzimuth) {
+TEST(Framing, NadirHasNorthUpAndObliqueFollowsAzimuth) {
   const TriangleMesh mesh = Box();
   const PosedCamera nadir = NadirCamera(mesh, kUp, 300, 200);
   EXPECT_LT(nadir.Project({4, 4, 2}).y(), nadir.Project({4, 0, 2}).y());
@@ -63,7 +63,7 @@ TEST(Framing, NadirHasNorthUpAndObliqueLooksAlongItsAzimuth) {
   EXPECT_LT(east.Project({4, 2, 2}).y(), east.Project({4, 2, 0}).y());
 }
 
-TEST(Framing, ZoomKeepsThePlaceAndEnlarges) {
+TEST(Framing, ZoomKeepsTheCentreAndEnlarges) {
   const PinholeCamera camera{200, 100, 50, 60, 90, 40};
   const PosedCamera before{camera}, after{Zoomed(camera, 0.25, 0.5, 0.1)};
   const Eigen::Vector3d point = before.Ray(50, 50), next = before.Ray(51, 50);
@@ -72,7 +72,7 @@ TEST(Framing, ZoomKeepsThePlaceAndEnlarges) {
   EXPECT_NEAR(after.Project(next).x() - after.Project(point).x(), 10, 1e-9);
 }
 
-TEST(Render, PlainColoursAreExactWhereTheyBelong) {
+TEST(Render, UnlitColoursAreExact) {
   const TriangleMesh mesh = Box();
   const RayCaster caster(mesh);
   const PosedCamera camera = NadirCamera(mesh, kUp, 120, 90);
@@ -84,7 +84,7 @@ TEST(Render, PlainColoursAreExactWhereTheyBelong) {
   EXPECT_EQ(PixelAt(image, 0, 0), (std::array<int, 3>{255, 255, 255}));
 }
 
-TEST(Render, LightShadesSidesUnalikeAndNarrowPlacesDarker) {
+TEST(Render, ShadingDependsOnOrientationAndOcclusion) {
   const TriangleMesh mesh = Box();
   const RayCaster caster(mesh);
   const PosedCamera camera = ObliqueCamera(mesh, kUp, 0.8, 0.6, 160, 120);
@@ -141,7 +141,7 @@ TEST(Coloring, DisplacementIsSignedByTheReferencesNormal) {
   EXPECT_NEAR(DivergingColor(0).x(), DivergingColor(0).z(), 1e-6);
 }
 
-TEST(Coloring, TheRangeIsRoundAndHoldsNearlyAll) {
+TEST(Coloring, RangeIsRoundAndCovers90Percent) {
   const TriangleMesh reference = Box();
   TriangleMesh moved = Box();
   for (Eigen::Vector3d& v : moved.vertices) v *= 1.05;
@@ -161,7 +161,7 @@ TEST(Coloring, WrongLabelsAreRed) {
   EXPECT_GT(wrong.x(), 2 * wrong.y());
 }
 
-TEST(Annotation, SideBySideKeepsBothPictures) {
+TEST(Annotation, SideBySideKeepsBothImages) {
   const ByteImage left(30, 20, 3, 10), right(40, 20, 3, 200);
   const ByteImage both = SideBySide(left, right);
   EXPECT_EQ(both.height, 20);
@@ -171,7 +171,7 @@ TEST(Annotation, SideBySideKeepsBothPictures) {
   EXPECT_EQ(PixelAt(both, both.width - 1, 0), (std::array<int, 3>{200, 200, 200}));
 }
 
-TEST(Annotation, DrawsWhereItSaysAndNowhereElse) {
+TEST(Annotation, DrawsOnlyInItsArea) {
   ByteImage image(400, 300, 3, 120);
   DrawCaption(&image, "before");
   EXPECT_NE(*std::min_element(image.data.begin(), image.data.end()), 120);
@@ -197,7 +197,7 @@ TEST(Annotation, DrawsWhereItSaysAndNowhereElse) {
   EXPECT_GT(swatch, 20);
 }
 
-TEST(Annotation, TinyPicturesAreNoTrouble) {
+TEST(Annotation, TinyImagesDoNotFail) {
   ByteImage image(3, 2, 3, 0);
   DrawCaption(&image, "text");
   DrawDisplacementBar(&image, 1);

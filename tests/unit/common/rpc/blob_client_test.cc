@@ -72,7 +72,7 @@ TEST_F(BlobClientTest, FetchesAnySize) {
   EXPECT_EQ(waits_, 0);
 }
 
-TEST_F(BlobClientTest, AnInterruptedFetchGoesOnWhereItStopped) {
+TEST_F(BlobClientTest, InterruptedFetchResumes) {
   const Digest digest = service_.Add(RandomBytes(5 * kMiB, 1));
   service_.BreakStreams(2, 2);
   ASSERT_TRUE(client_->Fetch(digest, *store_, {}).ok());
@@ -80,7 +80,7 @@ TEST_F(BlobClientTest, AnInterruptedFetchGoesOnWhereItStopped) {
   EXPECT_TRUE(store_->Verify(digest).ok());
 }
 
-TEST_F(BlobClientTest, AFetchGoesOnFromWhatAnEarlierProcessLeft) {
+TEST_F(BlobClientTest, FetchResumesPartialBlobOfEarlierProcess) {
   const std::string bytes = RandomBytes(3 * kMiB, 2);
   const Digest digest = service_.Add(bytes);
   ASSERT_TRUE(store_->Append(digest, 0, bytes.substr(0, kMiB + 17)).ok());
@@ -89,7 +89,7 @@ TEST_F(BlobClientTest, AFetchGoesOnFromWhatAnEarlierProcessLeft) {
   EXPECT_TRUE(store_->Verify(digest).ok());
 }
 
-TEST_F(BlobClientTest, ADamagedChunkIsFetchedAgain) {
+TEST_F(BlobClientTest, DamagedChunkIsFetchedAgain) {
   const Digest digest = service_.Add(RandomBytes(2 * kMiB, 3));
   service_.DamageChunks(1);
   ASSERT_TRUE(client_->Fetch(digest, *store_, {}).ok());
@@ -97,7 +97,7 @@ TEST_F(BlobClientTest, ADamagedChunkIsFetchedAgain) {
   EXPECT_TRUE(store_->Verify(digest).ok());
 }
 
-TEST_F(BlobClientTest, WrongContentIsNeverStored) {
+TEST_F(BlobClientTest, ContentWithWrongDigestIsNotStored) {
   const Digest digest = service_.Add(RandomBytes(kMiB + 9, 4));
   service_.Replace(digest, RandomBytes(kMiB + 9, 5));
   EXPECT_EQ(client_->Fetch(digest, *store_, {}).code(), absl::StatusCode::kDataLoss);
@@ -105,7 +105,7 @@ TEST_F(BlobClientTest, WrongContentIsNeverStored) {
   EXPECT_EQ(store_->CommittedBytes(digest).value(), 0);
 }
 
-TEST_F(BlobClientTest, ABadStartLeftBehindIsDroppedAndFetchedAnew) {
+TEST_F(BlobClientTest, CorruptPartialBlobIsDroppedAndFetchedAgain) {
   const Digest digest = service_.Add(RandomBytes(2 * kMiB, 6));
   ASSERT_TRUE(store_->Append(digest, 0, RandomBytes(kMiB, 7)).ok());
   ASSERT_TRUE(client_->Fetch(digest, *store_, {}).ok());
@@ -119,7 +119,7 @@ TEST_F(BlobClientTest, FetchOfAnUnknownBlobFailsAtOnce) {
   EXPECT_EQ(waits_, 0);
 }
 
-TEST_F(BlobClientTest, FetchGivesUpWhenNothingComes) {
+TEST_F(BlobClientTest, FetchFailsAfterMaxAttemptsWithoutProgress) {
   const Digest digest = service_.Add(RandomBytes(kMiB, 8));
   service_.BreakStreams(1000, 0);
   EXPECT_EQ(client_->Fetch(digest, *store_, {}).code(), absl::StatusCode::kUnavailable);
@@ -134,7 +134,7 @@ TEST_F(BlobClientTest, FetchEndsWhenCancelled) {
   EXPECT_EQ(store_->CommittedBytes(digest).value(), 2 * kMiB);
 }
 
-TEST_F(BlobClientTest, SendsAnySizeAndNothingTwice) {
+TEST_F(BlobClientTest, SendsAnySizeAndSkipsStoredBytes) {
   for (const int64_t size : {int64_t{0}, int64_t{1}, kMiB, 2 * kMiB + 3}) {
     const std::string bytes = RandomBytes(size, 100 + size);
     const Digest digest{Sha256Hex(bytes), size};
@@ -146,7 +146,7 @@ TEST_F(BlobClientTest, SendsAnySizeAndNothingTwice) {
   }
 }
 
-TEST_F(BlobClientTest, TellsTheShareThatWasMoved) {
+TEST_F(BlobClientTest, ReportsProgress) {
   std::vector<double> shares;
   TaskControl control;
   control.report = [&shares](double share, const std::string&) { shares.push_back(share); };
@@ -158,7 +158,7 @@ TEST_F(BlobClientTest, TellsTheShareThatWasMoved) {
   EXPECT_THAT(shares, ElementsAre(0.5, 1, 0.5, 1));
 }
 
-TEST_F(BlobClientTest, AnInterruptedSendGoesOnWhereItStopped) {
+TEST_F(BlobClientTest, InterruptedSendResumes) {
   const std::string bytes = RandomBytes(5 * kMiB, 10);
   const Digest digest{Sha256Hex(bytes), 5 * kMiB};
   service_.BreakStreams(2, 2);
@@ -167,14 +167,14 @@ TEST_F(BlobClientTest, AnInterruptedSendGoesOnWhereItStopped) {
   EXPECT_EQ(service_.Content(digest), bytes);
 }
 
-TEST_F(BlobClientTest, AFileThatIsNotWhatItsDigestSaysIsRefused) {
+TEST_F(BlobClientTest, SendRejectsFileWithWrongDigest) {
   const Digest digest{Sha256Hex(RandomBytes(kMiB, 11)), kMiB};
   EXPECT_EQ(client_->Send(NewFile(RandomBytes(kMiB, 12)), digest, {}).code(), absl::StatusCode::kDataLoss);
   EXPECT_FALSE(service_.Holds(digest));
   EXPECT_EQ(client_->Send(NewFile("short"), digest, {}).code(), absl::StatusCode::kFailedPrecondition);
 }
 
-TEST(ChannelTest, NobodyThereIsUnavailableAndNamesTheAddress) {
+TEST(ChannelTest, UnreachableAddressIsUnavailableAndNamed) {
   const Status status = WaitConnected(*MakeChannel("127.0.0.1:1"), "127.0.0.1:1", 0.2);
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
   EXPECT_NE(status.ToString().find("127.0.0.1:1"), std::string::npos);

@@ -41,7 +41,7 @@ TEST(RetryTest, StopsAtTheFirstSuccess) {
   EXPECT_EQ(sleep.delays, (std::vector<double>{1.0, 2.0}));
 }
 
-TEST(RetryTest, DelaysGrowToTheLargestAndAttemptsEnd) {
+TEST(RetryTest, DelaysGrowToMaximumAndAttemptsAreLimited) {
   RecordedSleep sleep;
   int calls = 0;
   const Status status = Retry(Policy(6), Idempotency::kIdempotent, sleep.sleeper(), [&] {
@@ -53,14 +53,14 @@ TEST(RetryTest, DelaysGrowToTheLargestAndAttemptsEnd) {
   EXPECT_EQ(sleep.delays, (std::vector<double>{1.0, 2.0, 4.0, 5.0, 5.0}));
 }
 
-TEST(RetryTest, WhatMayHaveHappenedIsRepeatedOnlyIfIdempotent) {
+TEST(RetryTest, AmbiguousErrorsAreRetriedOnlyIfIdempotent) {
   for (const Status& doubtful : {absl::DeadlineExceededError(""), absl::UnknownError(""), absl::InternalError("")}) {
     EXPECT_TRUE(IsTransient(doubtful, Idempotency::kIdempotent));
     EXPECT_FALSE(IsTransient(doubtful, Idempotency::kOnce));
   }
 }
 
-TEST(RetryTest, ErrorsForGoodAreNotRepeated) {
+TEST(RetryTest, PermanentErrorsAreNotRetried) {
   for (const Status& fatal :
        {absl::InvalidArgumentError(""), absl::NotFoundError(""), absl::FailedPreconditionError(""),
         absl::DataLossError(""), absl::CancelledError(""), absl::ResourceExhaustedError("")}) {
@@ -76,7 +76,7 @@ TEST(RetryTest, ErrorsForGoodAreNotRepeated) {
 }
 
 // What reached a limit was not done, and the other side may know when to try again.
-TEST(RetryTest, TheDelayThatWasToldIsKept) {
+TEST(RetryTest, RespectsTheServersRetryDelay) {
   const Status limit = LimitError({"calls", 2, "--max"}, "wait");
   EXPECT_FALSE(IsTransient(limit, Idempotency::kIdempotent)) << "nobody knows when";
   for (const auto& [told_s, waited_s] : {std::pair(0.2, 1.0), std::pair(3.5, 3.5), std::pair(1e9, 60.0)}) {
@@ -91,7 +91,7 @@ TEST(RetryTest, TheDelayThatWasToldIsKept) {
   }
 }
 
-TEST(RetryTest, ABrokenOffWaitEndsEndlessRetries) {
+TEST(RetryTest, CancelledSleepEndsRetries) {
   RecordedSleep sleep;
   sleep.broken_off_after = 4;
   int calls = 0;
@@ -103,7 +103,7 @@ TEST(RetryTest, ABrokenOffWaitEndsEndlessRetries) {
   EXPECT_EQ(calls, 4);
 }
 
-TEST(BackoffTest, JitterStaysInItsShareAndDiffersBySeed) {
+TEST(BackoffTest, JitterIsBoundedAndDependsOnSeed) {
   RetryPolicy policy = Policy(0);
   policy.jitter = 0.2;
   policy.seed = 1;

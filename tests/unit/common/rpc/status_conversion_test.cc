@@ -11,7 +11,7 @@
 namespace tessera {
 namespace {
 
-TEST(StatusConversionTest, EveryCodeAndMessageSurvivesTheRoundTrip) {
+TEST(StatusConversionTest, CodesAndMessagesRoundTrip) {
   for (int code = 0; code <= 16; ++code) {
     if (code == static_cast<int>(absl::StatusCode::kCancelled)) continue;
     const Status status(static_cast<absl::StatusCode>(code), code == 0 ? "" : "scene.json: line 3: found x");
@@ -19,7 +19,7 @@ TEST(StatusConversionTest, EveryCodeAndMessageSurvivesTheRoundTrip) {
   }
 }
 
-TEST(StatusConversionTest, ACallThatAServerBreaksOffAsItStopsMayBeRepeated) {
+TEST(StatusConversionTest, CancelledByServerBecomesRetryableAborted) {
   const Status status = FromGrpc(ToGrpc(absl::CancelledError("")));
   EXPECT_EQ(status.code(), absl::StatusCode::kAborted);
   EXPECT_FALSE(status.message().empty());
@@ -27,7 +27,7 @@ TEST(StatusConversionTest, ACallThatAServerBreaksOffAsItStopsMayBeRepeated) {
   EXPECT_FALSE(IsTransient(status, Idempotency::kOnce));
 }
 
-TEST(StatusConversionTest, DetailsSayWhatIsWrongWhereAndWhenToTryAgain) {
+TEST(StatusConversionTest, FaultsLimitsAndRetryDelaysRoundTrip) {
   Faults faults;
   faults.Add(InputError("mesh.ply", "line 12", "'x'", "a number"));
   faults.Add(absl::NotFoundError("something else"));
@@ -45,7 +45,7 @@ TEST(StatusConversionTest, DetailsSayWhatIsWrongWhereAndWhenToTryAgain) {
   const Status limit =
       FromGrpc(ToGrpc(RetryAfter(LimitError({"watches of 'anna'", 7, "--max-watches"}, "end some"), 2.5)));
   EXPECT_EQ(limit.code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_EQ(limit.message(), "watches of 'anna': 7 is the most (--max-watches of tesserad); end some");
+  EXPECT_EQ(limit.message(), "watches of 'anna': limit 7 reached (tesserad --max-watches); end some");
   EXPECT_EQ(RefusalOf(limit), Refusal::kLimit);
   EXPECT_EQ(LimitOf(limit).what, "watches of 'anna'");
   EXPECT_EQ(LimitOf(limit).most, 7);
@@ -55,7 +55,7 @@ TEST(StatusConversionTest, DetailsSayWhatIsWrongWhereAndWhenToTryAgain) {
   EXPECT_TRUE(LimitOf(absl::UnavailableError("")).what.empty());
 }
 
-TEST(StatusConversionTest, DetailsStaySmallWhateverIsInFiles) {
+TEST(StatusConversionTest, DetailsAreBounded) {
   Faults faults;
   for (int i = 0; i < 1000; ++i) {
     faults.Add(
@@ -72,7 +72,7 @@ TEST(StatusConversionTest, UnknownCodesBecomeUnknown) {
   EXPECT_EQ(FromGrpc(grpc::Status(static_cast<grpc::StatusCode>(20), "odd")).code(), absl::StatusCode::kUnknown);
 }
 
-TEST(StatusConversionTest, LongMessagesAreCutAtALineAndSaySo) {
+TEST(StatusConversionTest, LongMessagesAreCutAtALineEnd) {
   std::string message;
   for (int i = 0; i < 10000; ++i) message += "image " + std::to_string(i) + " is missing\n";
   const std::string cut = ToGrpc(absl::InvalidArgumentError(message)).error_message();
@@ -81,7 +81,7 @@ TEST(StatusConversionTest, LongMessagesAreCutAtALineAndSaySo) {
   EXPECT_NE(cut.find(" is missing\n... and "), std::string::npos);
 }
 
-TEST(StatusConversionTest, CutsBetweenCharacters) {
+TEST(StatusConversionTest, CutsAtCharacterBoundaries) {
   std::string message = "x";
   while (message.size() < 200'000) message += "\xC3\xBC";
   const std::string cut = ToGrpc(absl::InvalidArgumentError(message)).error_message();

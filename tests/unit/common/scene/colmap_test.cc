@@ -68,12 +68,12 @@ TEST(ColmapTextTest, ReadsImagesAndPoints) {
   EXPECT_THAT(model.points[0].image_ids, ElementsAre(1, 9));
 }
 
-TEST(ColmapTextTest, EveryFaultHasItsLine) {
+TEST(ColmapTextTest, EveryFaultNamesItsLine) {
   EXPECT_THAT(TextFaults("# a\n1 FOV 640 480 1 1 1 1 1\n2 NONSENSE 640 480 1\n", ""),
               ElementsAre(HasSubstr("m/cameras.txt: line 2: found camera model FOV, expected SIMPLE_PINHOLE"),
                           HasSubstr("m/cameras.txt: line 3: found camera model NONSENSE")));
   EXPECT_THAT(TextFaults(std::string(kCamera) + kCamera, ""),
-              ElementsAre(HasSubstr("line 2: found camera 1 again, expected it once (first at line 1)")));
+              ElementsAre(HasSubstr("line 2: found camera 1 again, expected a unique id or name (first at line 1)")));
   EXPECT_THAT(TextFaults("1 PINHOLE 640 480 500 510 320\n", ""),
               ElementsAre(HasSubstr("line 1: found 3 parameters, expected 4")));
   EXPECT_THAT(TextFaults("1 PINHOLE 640 480 500 x 320 240\n", ""), ElementsAre(HasSubstr("line 1: found 'x'")));
@@ -144,7 +144,7 @@ std::vector<std::string> BinaryFaults(const std::string& cameras, const std::str
   return faults.messages();
 }
 
-TEST(ColmapBinaryTest, ReadsWhatTextWouldSay) {
+TEST(ColmapBinaryTest, EqualsTheTextReader) {
   for (const ColmapContent content : {ColmapContent::kCameras, kAll}) {
     ColmapModel model;
     EXPECT_THAT(BinaryFaults(BinaryCameras(), BinaryImages(), BinaryPoints(), &model, content), IsEmpty());
@@ -158,7 +158,7 @@ TEST(ColmapBinaryTest, ReadsWhatTextWouldSay) {
   }
 }
 
-TEST(ColmapBinaryTest, EveryPrefixIsRefusedWithItsOffset) {
+TEST(ColmapBinaryTest, RejectsEveryPrefixWithItsOffset) {
   const std::string cameras = BinaryCameras(), images = BinaryImages(), points = BinaryPoints();
   for (size_t n = 0; n < cameras.size(); ++n) {
     const auto faults = BinaryFaults(cameras.substr(0, n), images, points);

@@ -26,7 +26,7 @@ SceneFile Parse(const std::string& text) {
   return file;
 }
 
-TEST(SceneJsonTest, DefaultsOfTheShortestScene) {
+TEST(SceneJsonTest, MinimalSceneUsesDefaults) {
   const SceneFile file = Parse(R"({"tessera_scene": 1})");
   EXPECT_EQ(file.cameras.path, "colmap");
   EXPECT_FALSE(file.cameras.given);
@@ -43,7 +43,7 @@ TEST(SceneJsonTest, DefaultsOfTheShortestScene) {
 
 TEST(SceneJsonTest, EveryKeyIsRead) {
   const SceneFile file = Parse(R"({"tessera_scene": 1, "name": "a", "cameras": "c", "images": "i", "likelihoods": "l",
-    "mesh": "m.ply", "classes": [{"name": "roof", "color": "#0a0B0c", "smoothness": 2, "keep": 0.5},
+    "mesh": "m.ply", "classes": [{"name": "roof", "color": "#0a0B0c", "smoothness": 2, "anchor_weight": 0.5},
     {"name": "water", "prior_alpha_deg": 10, "prior_beta_deg": 5}, "ground"],
     "crs": {"type": "enu", "lat_deg": 52.5, "lon_deg": 7, "height_m": 40}, "up": [0, 3, 4],
     "flights": [{"name": "spring", "date": "2026-05-14", "images": ["s*"]}, {"name": "rest"}]})");
@@ -51,8 +51,8 @@ TEST(SceneJsonTest, EveryKeyIsRead) {
   EXPECT_TRUE(file.mesh.given);
   EXPECT_EQ(file.classes[0].color_rgb, (std::array<uint8_t, 3>{10, 11, 12}));
   EXPECT_EQ(file.classes[0].smoothness, 2);
-  EXPECT_EQ(file.classes[0].keep, 0.5);
-  EXPECT_EQ(file.classes[1].keep, 0);
+  EXPECT_EQ(file.classes[0].anchor_weight, 0.5);
+  EXPECT_EQ(file.classes[1].anchor_weight, 0);
   EXPECT_DOUBLE_EQ(file.classes[0].prior_alpha_rad, 60 * kDegree);  // a known name's default
   EXPECT_DOUBLE_EQ(file.classes[1].prior_alpha_rad, 10 * kDegree);
   EXPECT_EQ(file.classes[2].name, "ground");
@@ -76,7 +76,7 @@ TEST(SceneJsonTest, NestingIsBounded) {
               ElementsAre(HasSubstr("scene.json: found JSON nested 100001 deep, expected at most 64")));
 }
 
-TEST(SceneJsonTest, AllFaultsAtOnceEachWithItsKey) {
+TEST(SceneJsonTest, ReportsAllFaultsWithTheirKeys) {
   EXPECT_THAT(FaultsOf(R"({"tessera_scene": 2, "mash": "x", "mesh": 3, "images": "../else", "up": [0, 0, 0],
     "classes": ["ground", "grund", "ground", {"name": "a", "color": "red"}, {"name": "b", "colour": "#000000"}],
     "crs": {"type": "utm", "zone": 61}, "flights": [{"name": "f", "date": "May"}]})"),

@@ -31,7 +31,7 @@ std::string FaultText(const std::string& folder) {
   return std::string(summary.status().message());
 }
 
-TEST(SceneTest, LoadsWhatWasWritten) {
+TEST(SceneTest, RoundTrip) {
   const std::string folder = FreshTestFolder("scene");
   const TinyScene tiny = WriteTinyScene(folder);
   Warnings warnings;
@@ -58,7 +58,7 @@ TEST(SceneTest, LoadsWhatWasWritten) {
   }
 }
 
-TEST(SceneTest, TheSameSceneAnywhereOnEarth) {
+TEST(SceneTest, ProjectionsDoNotDependOnTheCrs) {
   const TinyScene tiny = MakeTinyScene();
   for (const char* crs : {R"({"type": "utm", "zone": 32, "north": true})", R"({"type": "local"})"}) {
     TinySceneOptions options;
@@ -151,7 +151,7 @@ TEST(CheckTest, SummaryDoesNotDependOnThreads) {
   EXPECT_EQ(run(1), run(2));
 }
 
-TEST(CheckTest, CancelledInTheMiddle) {
+TEST(CheckTest, ReturnsCancelled) {
   const std::string folder = FreshTestFolder("scene");
   WriteTinyScene(folder);
   Warnings warnings;
@@ -295,7 +295,7 @@ const BadInput kBadInputs[] = {
 INSTANTIATE_TEST_SUITE_P(Each, BadInputTest, testing::ValuesIn(kBadInputs),
                          [](const testing::TestParamInfo<BadInput>& entry) { return std::string(entry.param.name); });
 
-TEST(CheckTest, AllFaultsAtOnce) {
+TEST(CheckTest, ReportsAllFaults) {
   const std::string folder = FreshTestFolder("scene");
   const TinyScene scene = WriteTinyScene(folder);
   fs::remove(folder + "/images/view1.png");
@@ -306,7 +306,7 @@ TEST(CheckTest, AllFaultsAtOnce) {
   EXPECT_THAT(FaultText(folder), AllOf(HasSubstr("view1.png"), HasSubstr("view3.tif"), HasSubstr("label 9")));
 }
 
-TEST(CheckTest, FloatMeshIsRefusedWhereItsRoundingMatters) {
+TEST(CheckTest, RejectsFloatMeshesWithTooLargeRounding) {
   TinySceneOptions options;
   options.offset = {444140.25, 5784706.5, 40};
   options.crs_json = R"({"type": "utm", "zone": 32})";

@@ -35,7 +35,7 @@ class LimitsTest : public ServerTest {
     EXPECT_EQ(LimitOf(status).what, what);
     EXPECT_EQ(LimitOf(status).most, most);
     EXPECT_EQ(LimitOf(status).flag, flag);
-    EXPECT_THAT(std::string(status.message()), HasSubstr(flag + " of tesserad"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr("tesserad " + flag));
   }
   Status Submit(v1::Job* job, const std::string& request_id = "") { return FromGrpc(CreateJob(job, request_id)); }
 

@@ -247,7 +247,7 @@ TEST_F(WatchesTest, HowManyAClientHasIsBounded) {
   EXPECT_EQ(LimitOf(status).most, 3);
   EXPECT_EQ(LimitOf(status).flag, "--max-watches");
   EXPECT_GT(RetryDelayOf(status), 0);
-  EXPECT_THAT(std::string(status.message()), HasSubstr("3 is the most (--max-watches of tesserad)"));
+  EXPECT_THAT(std::string(status.message()), HasSubstr("limit 3 reached (tesserad --max-watches)"));
   held[0]->context.TryCancel();
   EXPECT_FALSE(held[0]->reader->Read(&update));
   held[0]->reader->Finish();

@@ -15,7 +15,7 @@ constexpr LabelTraits kLabelled = {.classes = 2, .has_likelihoods = true, .has_l
 std::vector<SceneClass> TwoClasses() {
   std::vector<SceneClass> classes(2);
   classes[0].smoothness = 3;
-  classes[0].keep = 0.5;
+  classes[0].anchor_weight = 0.5;
   classes[1].smoothness = 0.25;
   return classes;
 }

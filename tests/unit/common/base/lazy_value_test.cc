@@ -1,4 +1,4 @@
-#include "common/base/rarely.h"
+#include "common/base/lazy_value.h"
 
 #include <gtest/gtest.h>
 
@@ -12,11 +12,11 @@
 namespace tessera {
 namespace {
 
-TEST(RarelyTest, IsItsValueAndCopiesAreTheirOwn) {
-  Rarely<std::vector<int>> list;
+TEST(LazyValueTest, CopiesAreDeep) {
+  LazyValue<std::vector<int>> list;
   EXPECT_TRUE(list->empty());
   list.Edit().push_back(1);
-  Rarely<std::vector<int>> copy = list;
+  LazyValue<std::vector<int>> copy = list;
   copy.Edit().push_back(2);
   EXPECT_EQ(*list, std::vector<int>{1});
   EXPECT_EQ(*copy, (std::vector<int>{1, 2}));
@@ -30,7 +30,7 @@ TEST(RarelyTest, IsItsValueAndCopiesAreTheirOwn) {
   EXPECT_EQ(*list, std::vector<int>{3});
 }
 
-TEST(InternedStringTest, EqualOnesShareWhatTheyHoldAlsoAmongThreads) {
+TEST(InternedStringTest, EqualStringsShareStorageAcrossThreads) {
   const InternedString a = "a kind of tasks that is said often", b = std::string("a kind of tasks that is said often");
   EXPECT_EQ(a, b);
   EXPECT_EQ(&a.str(), &b.str());
