@@ -120,10 +120,6 @@ std::string GsdWarning(const ClassifierModel& model, double gsd_m, const std::st
                       " m, so textures differ: annotate a few images of the scene and train a model");
 }
 
-Status WriteModel(const std::string& path, const ClassifierModel& model) {
-  return WriteFileAtomic(path, SerializeModel(model));
-}
-
 StatusOr<ClassifierModel> ReadModel(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, kMaxModelBytes));
   return ParseModel(bytes, path);

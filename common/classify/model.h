@@ -47,7 +47,6 @@ StatusOr<std::vector<int>> ModelClassesOf(const ClassifierModel& model, const st
 // name in the message.
 std::string GsdWarning(const ClassifierModel& model, double gsd_m, const std::string& name);
 
-Status WriteModel(const std::string& path, const ClassifierModel& model);
 StatusOr<ClassifierModel> ReadModel(const std::string& path);
 
 }  // namespace tessera

@@ -39,9 +39,6 @@ StatusOr<MeshDefects> CheckMesh(const TriangleMesh& mesh);
 // `mesh` must be an oriented manifold: FAILED_PRECONDITION otherwise. Takes seconds a million faces. Thread-safe.
 StatusOr<std::vector<std::array<uint32_t, 2>>> SelfIntersections(const TriangleMesh& mesh);
 
-// How many there are.
-StatusOr<int64_t> SelfIntersectionCount(const TriangleMesh& mesh);
-
 // The same as CheckMesh, with what RepairMesh needs beside it.
 struct MeshAnalysis {
   MeshDefects defects;

@@ -46,9 +46,4 @@ StatusOr<std::vector<std::array<uint32_t, 2>>> SelfIntersections(const TriangleM
   }
 }
 
-StatusOr<int64_t> SelfIntersectionCount(const TriangleMesh& mesh) {
-  TESSERA_ASSIGN_OR_RETURN(const auto pairs, SelfIntersections(mesh));
-  return static_cast<int64_t>(pairs.size());
-}
-
 }  // namespace tessera

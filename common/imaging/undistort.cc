@@ -102,10 +102,4 @@ FloatImage UndistortPart(FloatImage source, const ImagePart& source_part, const 
   return image;
 }
 
-FloatImage Undistort(FloatImage distorted, const LensModel& lens, float outside) {
-  if (lens.kind == LensModel::Kind::kPinhole) return distorted;
-  const ImagePart whole = {0, 0, distorted.width, distorted.height};
-  return UndistortPart(std::move(distorted), whole, lens, whole, outside);
-}
-
 }  // namespace tessera

@@ -15,7 +15,6 @@ struct GroundGrid {
   std::vector<double> x_lines, y_lines;
   std::vector<size_t> column_start, row_start;  // first line of each block column/row; one more: the last line
 
-  size_t VertexCount() const { return x_lines.size() * y_lines.size(); }
   size_t Vertex(size_t i, size_t j) const { return j * x_lines.size() + i; }
 };
 

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "tessera/v1/jobs.pb.h"
-#include "tessera/v1/tasks.pb.h"
 
 namespace tessera {
 
@@ -21,25 +20,6 @@ std::string JobStateWord(int state) {
     case v1::JOB_STATE_PARTIAL:
       return "partial";
     case v1::JOB_STATE_CANCELLED:
-      return "cancelled";
-    default:
-      return "unknown";
-  }
-}
-
-std::string TaskStateWord(int state) {
-  switch (state) {
-    case v1::TASK_STATE_WAITING:
-      return "waiting";
-    case v1::TASK_STATE_READY:
-      return "ready";
-    case v1::TASK_STATE_LEASED:
-      return "running";
-    case v1::TASK_STATE_SUCCEEDED:
-      return "succeeded";
-    case v1::TASK_STATE_FAILED:
-      return "failed";
-    case v1::TASK_STATE_CANCELLED:
       return "cancelled";
     default:
       return "unknown";

@@ -10,9 +10,8 @@ namespace v1 {
 class Job;
 }  // namespace v1
 
-// `state`: v1::JobState, v1::TaskState by number. "running", "succeeded", ...
+// `state`: a v1::JobState by number. "running", "succeeded", ...
 std::string JobStateWord(int state);
-std::string TaskStateWord(int state);
 
 // As JobStateWord, "paused" of a paused job that has not ended.
 std::string JobWord(const v1::Job& job);

@@ -18,7 +18,7 @@
 #include "common/base/parallel.h"
 #include "common/evaluate/confusion.h"
 #include "common/evaluate/label_rendering.h"
-#include "common/geometry/topology.h"
+#include "common/geometry/edge_list.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/ply.h"
 #include "common/scene/scene.h"

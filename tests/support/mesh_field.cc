@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "common/base/random.h"
-#include "common/geometry/topology.h"
+#include "common/geometry/edge_list.h"
 
 namespace tessera {
 namespace {

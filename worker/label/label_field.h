@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/geometry/edge_list.h"
 #include "common/geometry/mesh.h"
-#include "common/geometry/topology.h"
 #include "common/scene/scene.h"
 #include "worker/label/cells.h"
 #include "worker/label/unary.h"

@@ -8,8 +8,8 @@
 #include <limits>
 #include <vector>
 
+#include "common/geometry/csr_rows.h"
 #include "common/geometry/mesh.h"
-#include "common/geometry/topology.h"
 #include "worker/refine/inter_term.h"
 #include "worker/refine/smooth_term.h"
 #include "worker/refine/vertex_sums.h"

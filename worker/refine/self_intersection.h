@@ -8,8 +8,8 @@
 #include <functional>
 #include <vector>
 
+#include "common/geometry/csr_rows.h"
 #include "common/geometry/mesh.h"
-#include "common/geometry/topology.h"
 
 namespace tessera {
 

@@ -5,8 +5,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "common/geometry/csr_rows.h"
 #include "common/geometry/mesh.h"
-#include "common/geometry/topology.h"
 #include "worker/photo/contour_term.h"
 #include "worker/photo/face_sums.h"
 

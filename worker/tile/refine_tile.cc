@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/base/elapsed.h"
-#include "common/geometry/topology.h"
+#include "common/geometry/edge_list.h"
 #include "common/job/refine_steps.h"
 #include "worker/visibility/cell_sight.h"
 #include "worker/visibility/rasterizer.h"

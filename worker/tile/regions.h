@@ -7,8 +7,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/geometry/csr_rows.h"
 #include "common/geometry/mesh.h"
-#include "common/geometry/topology.h"
 #include "common/job/ground.h"
 #include "worker/label/label_reach.h"
 #include "worker/refine/stepper.h"

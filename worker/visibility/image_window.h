@@ -1,8 +1,7 @@
-// Parts and pyramid levels of a camera's image, and the part that a mesh covers.
+// A rectangular part of a camera's image, and the camera of a pyramid level.
 #ifndef TESSERA_WORKER_VISIBILITY_IMAGE_WINDOW_H_
 #define TESSERA_WORKER_VISIBILITY_IMAGE_WINDOW_H_
 
-#include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
 
 namespace tessera {
@@ -16,8 +15,8 @@ struct PixelRect {
   bool operator==(const PixelRect&) const = default;
 };
 
-// What is looked at of a camera's image. Pixels keep the coordinates that they have in the whole image, so that what is
-// computed from them is the same bits whatever the window.
+// A camera and the part of its image that is used. Pixels keep the coordinates that they have in the whole image, so
+// results have the same bits for any window.
 struct CameraWindow {
   PosedCamera camera;  // of the whole image
   PixelRect rect;
@@ -28,15 +27,9 @@ struct CameraWindow {
   CameraWindow(const PosedCamera& whole, const PixelRect& part) : camera(whole), rect(part) {}
 };
 
-// The camera of a pyramid level: every level halves width and height (rounding down; of an odd size the last column or
-// row has no counterpart and is cut, so that pixel edges of all levels coincide).
+// The camera of a pyramid level. Every level halves width and height, rounding down: an odd size loses its last column
+// or row, so the pixel edges of all levels coincide.
 PosedCamera PyramidCamera(const PosedCamera& camera, int level);
-
-// Smallest rectangle with all pixels that `mesh` may cover, grown by `margin_px` and clipped to the image, its corners
-// rounded outward to multiples of `alignment_px` (but never past the image). The whole image where a face crosses the
-// near plane inside the image's cone; empty where nothing is in sight.
-PixelRect ProjectedBounds(const TriangleMesh& mesh, const PosedCamera& camera, int margin_px, int alignment_px,
-                          double near_m = 1e-3);
 
 }  // namespace tessera
 

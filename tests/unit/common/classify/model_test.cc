@@ -39,7 +39,7 @@ ClassifierModel Model() {
 TEST(ModelTest, RoundTrip) {
   const std::string path = FreshTestFolder("model") + "/city.model";
   const ClassifierModel model = Model();
-  ASSERT_TRUE(WriteModel(path, model).ok());
+  ASSERT_TRUE(WriteFileAtomic(path, SerializeModel(model)).ok());
   const StatusOr<ClassifierModel> read = ReadModel(path);
   ASSERT_TRUE(read.ok()) << read.status();
   EXPECT_EQ(SerializeModel(*read), SerializeModel(model));

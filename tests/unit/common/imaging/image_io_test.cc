@@ -112,13 +112,14 @@ TEST(UndistortTest, MatchesAPinholeImage) {
 TEST(UndistortTest, PixelsOutsideThePhotographAreMarked) {
   LensModel lens = PinholeOf(100, 80);
   lens.kind = LensModel::Kind::kRadial;
+  const ImagePart whole = {0, 0, 100, 80};
   lens.coefficients[0] = 0.5;  // pincushion: corners are looked for beyond the photograph
-  const FloatImage image = Undistort(FloatImage(100, 80, 1, 0.5f), lens, NAN);
+  const FloatImage image = UndistortPart(FloatImage(100, 80, 1, 0.5f), whole, lens, whole, NAN);
   EXPECT_TRUE(std::isnan(image.at(0, 0)));
   EXPECT_FLOAT_EQ(image.at(50, 40), 0.5f);
   lens.coefficients[0] = -2;  // folds back within the image
   lens.coefficients[1] = 0;
-  const FloatImage folded = Undistort(FloatImage(100, 80, 1, 0.5f), lens, NAN);
+  const FloatImage folded = UndistortPart(FloatImage(100, 80, 1, 0.5f), whole, lens, whole, NAN);
   EXPECT_TRUE(std::isnan(folded.at(0, 0)));
   EXPECT_FLOAT_EQ(folded.at(50, 40), 0.5f);
 }

@@ -6,7 +6,8 @@
 #include <map>
 #include <set>
 
-#include "common/geometry/topology.h"
+#include "common/geometry/csr_rows.h"
+#include "common/geometry/edge_list.h"
 #include "common/storage/files.h"
 #include "tests/unit/worker/tile/tiny_city.h"
 #include "worker/refine/descent.h"
