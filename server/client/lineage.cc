@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/plan/graph.h"
+#include "common/job/task_kinds.h"
 
 namespace tessera {
 namespace {

@@ -113,11 +113,11 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
     const std::string& base = step.settings.update.base;
     if (!base.empty()) step.base = ledger_.BaseOf(step.settings.update);
     for (int task = 0; task < step.tasks; ++task) {
-      const std::string& kind = job.tasks[task].plan.kind;
-      if (kind == kIngestKind || kind == kUpdateKind) {
+      const TaskPhase phase = KindOf(job.tasks[task].plan.kind.str()).phase;
+      if (phase == TaskPhase::kSurvey) {
         step.survey = ledger_.InputDigest(job, {TaskId(task), kSurveyFile});
         step.kind = PendingStep::Kind::kPlanTiles;
-      } else if (kind == kCutKind) {
+      } else if (phase == TaskPhase::kCut) {
         step.tiles = std::max(step.tiles, job.tasks[task].plan.tile + 1);
         step.kind = PendingStep::Kind::kPlanSteps;
         if (job.tasks[task].superseded) continue;
@@ -128,8 +128,7 @@ std::optional<Dispatcher::PendingStep> Dispatcher::NextStepLocked() const {
     return step;
   } else {
     for (const JobTask& task : job.tasks) {
-      if (task.superseded) continue;
-      if (task.plan.kind != kPublishKind && task.plan.kind != kPlanKind && task.plan.kind != kChangesKind) continue;
+      if (task.superseded || !KindOf(task.plan.kind.str()).makes_artifacts) continue;
       for (const StoredFile& file : task.outputs) {
         if (file.name != kOutdatedFile) step.artifacts.push_back(file);  // that one is publish's input
       }

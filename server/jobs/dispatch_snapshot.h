@@ -7,7 +7,7 @@
 #include <map>
 
 #include "server/ledger/dispatch_counts.h"
-#include "server/ledger/task_kinds.h"
+#include "server/ledger/task_groups.h"
 #include "server/store/journal.h"
 
 namespace tessera {
@@ -19,7 +19,7 @@ struct DispatchSnapshot {
   double oldest_ready_s = 0;  // how long the one that has waited longest has been ready
   int64_t delayed = 0;        // that are to be tried again after a while
   int64_t unfinished = 0;     // of jobs that have not ended, as far as they are planned
-  std::array<int64_t, kTaskKinds.size()> leases = {};
+  std::array<int64_t, kTaskKindSlots> leases = {};
   int64_t workers_working = 0, workers_idle = 0, workers_set_aside = 0;  // each in one
   int64_t workers_silent = 0;  // not heard of for as long as a lease lives; forgotten after a while
   int64_t jobs_queued = 0, jobs_running = 0, jobs_paused = 0;  // each in one

@@ -225,8 +225,7 @@ Status Dispatcher::RestorePlanned(int index, const Digest& digest) {
     step.scene_files = job.scene_files;
     step.base = ledger_.BaseOf(step.settings.update);
     for (size_t task = 0; task < job.tasks.size(); ++task) {
-      const std::string& kind = job.tasks[task].plan.kind;
-      if (kind != kIngestKind && kind != kUpdateKind) continue;
+      if (KindOf(job.tasks[task].plan.kind.str()).phase != TaskPhase::kSurvey) continue;
       step.survey = ledger_.InputDigest(job, {TaskId(static_cast<int>(task)), kSurveyFile});
     }
   }

@@ -11,10 +11,7 @@
 namespace tessera {
 namespace {
 
-bool IsStepOfTile(const PlannedTask& plan) {
-  static constexpr std::string_view kKinds[] = {kCutKind, kCropKind, kMeasureKind, kSolveKind, kMendKind};
-  return plan.tile >= 0 && std::find(std::begin(kKinds), std::end(kKinds), plan.kind) != std::end(kKinds);
-}
+bool IsStepOfTile(const PlannedTask& plan) { return plan.tile >= 0 && KindOf(plan.kind.str()).can_quarantine; }
 
 bool SameTask(const PlannedTask& a, const PlannedTask& b) {
   const auto same_input = [](const PlannedInput& x, const PlannedInput& y) {

@@ -6,7 +6,8 @@
 #include <vector>
 
 #include "server/ledger/job.h"
-#include "server/plan/graph.h"
+#include "server/plan/planned_task.h"
+#include "server/plan/stages.h"
 
 namespace tessera {
 

@@ -13,8 +13,9 @@ bool IsAmong(const std::vector<NamedDigest>& files, const Digest& digest) {
 // Surveys are made before all cuts, and behind those there may be a million tasks.
 bool MadeSurvey(const Job& job, const Digest& digest) {
   for (const JobTask& task : job.tasks) {
-    if (task.plan.kind == kCutKind) return false;
-    if (task.plan.kind != kIngestKind && task.plan.kind != kUpdateKind) continue;
+    const TaskPhase phase = KindOf(task.plan.kind.str()).phase;
+    if (phase == TaskPhase::kCut) return false;
+    if (phase != TaskPhase::kSurvey) continue;
     for (const StoredFile& output : task.outputs) {
       if (output.name == kSurveyFile && output.digest() == digest) return true;
     }

@@ -11,7 +11,7 @@
 
 #include "common/base/status.h"
 #include "common/storage/hash.h"
-#include "server/plan/graph.h"
+#include "server/plan/planned_task.h"
 
 namespace tessera {
 

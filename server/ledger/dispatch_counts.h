@@ -9,7 +9,7 @@
 
 #include "common/base/histogram.h"
 #include "server/ledger/job.h"
-#include "server/ledger/task_kinds.h"
+#include "server/ledger/task_groups.h"
 
 namespace tessera {
 
@@ -41,7 +41,7 @@ class DispatchCounts {
   void Count(const v1::Record& record, const Ledger& ledger, std::optional<TaskRef> ref);
   void CountSetAside(int64_t workers) { workers_set_aside_ += workers; }
 
-  const std::array<KindCounts, kTaskKinds.size()>& kinds() const { return kinds_; }
+  const std::array<KindCounts, kTaskKindSlots>& kinds() const { return kinds_; }
   // Attempts that failed, by class; those whose lease expired are counted there alone.
   const std::map<ErrorClass, int64_t>& failures() const { return failures_; }
   int64_t leases_expired() const { return leases_expired_; }
@@ -52,7 +52,7 @@ class DispatchCounts {
   int64_t workers_set_aside() const { return workers_set_aside_; }
 
  private:
-  std::array<KindCounts, kTaskKinds.size()> kinds_;
+  std::array<KindCounts, kTaskKindSlots> kinds_;
   std::map<ErrorClass, int64_t> failures_;
   std::map<JobState, int64_t> jobs_ended_;
   int64_t leases_expired_ = 0, jobs_accepted_ = 0, tiles_set_aside_ = 0, results_lost_ = 0, workers_set_aside_ = 0;

@@ -22,7 +22,15 @@ constexpr char kTasks[] = "/tasks/";
 }  // namespace
 
 JobSums::Part& JobSums::PartOf(const std::string& kind) {
-  return kind == kIngestKind || kind == kUpdateKind ? ingest : kind == kCutKind ? cut : rest;
+  switch (KindOf(kind).phase) {
+    case TaskPhase::kSurvey:
+      return ingest;
+    case TaskPhase::kCut:
+      return cut;
+    case TaskPhase::kRest:
+      return rest;
+  }
+  return rest;
 }
 
 void JobSums::AddRun(const PlannedTask& plan, double cost, double seconds) {

@@ -17,7 +17,8 @@
 #include "common/base/status.h"
 #include "common/base/task_usage.h"
 #include "common/storage/hash.h"
-#include "server/plan/graph.h"
+#include "server/plan/planned_task.h"
+#include "server/plan/update_base.h"
 
 namespace tessera {
 

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "server/ledger/job.h"
-#include "server/ledger/task_kinds.h"
+#include "server/ledger/task_groups.h"
 
 namespace tessera {
 

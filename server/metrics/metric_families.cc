@@ -60,8 +60,6 @@ class FamilyList {
   std::vector<MetricFamily> families_;
 };
 
-std::string KindName(size_t kind) { return std::string(kTaskKinds[kind]); }
-
 std::string MemoryName(int memory_class) {
   if (memory_class == kUnknownMemoryClass) return "unknown";
   if (memory_class == static_cast<int>(kMemoryClasses_GiB.size())) return "more";
@@ -77,11 +75,11 @@ std::string ClassName(ErrorClass error_class) {
 void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
   list.Gauge("tasks_ready",
              "Tasks that wait for a worker, by kind and predicted memory, of jobs neither paused nor held");
-  for (int kind = 0; kind < static_cast<int>(kTaskKinds.size()); ++kind) {
+  for (int kind = 0; kind < static_cast<int>(kTaskKindSlots); ++kind) {
     for (int memory_class = 0; memory_class <= kUnknownMemoryClass; ++memory_class) {
       const auto found = now.ready.find({kind, memory_class});
       list.Add(found == now.ready.end() ? int64_t{0} : found->second,
-               {{"kind", KindName(kind)}, {"memory", MemoryName(memory_class)}});
+               {{"kind", std::string(KindName(kind))}, {"memory", MemoryName(memory_class)}});
     }
   }
   list.Gauge("oldest_ready_task_age_seconds", "How long the one of these that has waited longest has been ready");
@@ -91,7 +89,8 @@ void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
   list.Gauge("tasks_unfinished", "Tasks that have not succeeded, of jobs that have not ended, as far as planned");
   list.Add(now.unfinished);
   list.Gauge("leases", "Tasks that workers have now, by kind");
-  for (size_t kind = 0; kind < kTaskKinds.size(); ++kind) list.Add(now.leases[kind], {{"kind", KindName(kind)}});
+  for (size_t kind = 0; kind < kTaskKindSlots; ++kind)
+    list.Add(now.leases[kind], {{"kind", std::string(KindName(kind))}});
   list.Gauge(
       "workers",
       "Workers: with a task, without one, set aside and given none for a while, or not heard of for a lease's time");
@@ -109,8 +108,8 @@ void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
 
 void AddWork(const DispatchCounts& counts, FamilyList& list) {
   const auto of_kinds = [&](const auto& value) {
-    for (size_t kind = 0; kind < kTaskKinds.size(); ++kind) {
-      list.Add(value(counts.kinds()[kind]), {{"kind", KindName(kind)}});
+    for (size_t kind = 0; kind < kTaskKindSlots; ++kind) {
+      list.Add(value(counts.kinds()[kind]), {{"kind", std::string(KindName(kind))}});
     }
   };
   list.Counter("attempts_started_total", "Leases granted");

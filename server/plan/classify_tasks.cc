@@ -3,7 +3,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/plan/update_tasks.h"
 
 namespace tessera {
 namespace {

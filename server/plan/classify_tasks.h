@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "common/job/survey.h"
-#include "server/plan/graph.h"
+#include "server/plan/planned_task.h"
 
 namespace tessera {
 

@@ -11,6 +11,7 @@
 #include "common/job/refine_steps.h"
 #include "common/job/survey.h"
 #include "server/plan/cell_index.h"
+#include "server/plan/change_tasks.h"
 #include "server/plan/classify_tasks.h"
 #include "server/plan/cost_model.h"
 #include "server/plan/files_of_views.h"
@@ -18,7 +19,6 @@
 #include "server/plan/stages.h"
 #include "server/plan/tiling.h"
 #include "server/plan/update_plan.h"
-#include "server/plan/update_tasks.h"
 
 namespace tessera {
 namespace {
@@ -167,7 +167,7 @@ class Graph {
   // All steps of the only tile.
   void AddRefine() {
     GraphTile& tile = tiles_.front();
-    PlannedTask task = TaskOf(tile, "refine", PredictRefine(tile.work, effort_));
+    PlannedTask task = TaskOf(tile, kRefineKind, PredictRefine(tile.work, effort_));
     task.parameters = ToJson(RefineParameters{settings_.rounds, MethodName(), settings_.method_settings});
     task.inputs = {{tile.cut, kTileFile}, {tile.crop, kViewsFile}};
     tile.state = PlannedInput{Add(std::move(task)), kStateFile, 0};

@@ -5,6 +5,7 @@
 #include <set>
 
 #include "absl/strings/str_format.h"
+#include "common/job/task_kinds.h"
 #include "server/plan/tiling.h"
 
 namespace tessera {
@@ -52,8 +53,8 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
   const CellIndex cells(survey);
   const TilingOptions options = TilingOptionsOf(settings, survey);
   TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(cells, options));
-  quote.ingest = costs.Corrected("ingest", PredictIngest(survey));
-  quote.publish = costs.Corrected("publish", PredictPublish(survey));
+  quote.ingest = costs.Corrected(kIngestKind, PredictIngest(survey));
+  quote.publish = costs.Corrected(kPublishKind, PredictPublish(survey));
   quote.interval = RefineSecondsInterval();
   quote.area_m2 = static_cast<double>(survey.cells.size()) * survey.ground.cell_m * survey.ground.cell_m;
   quote.core_seconds = quote.ingest.core_seconds + quote.publish.core_seconds;
@@ -64,14 +65,14 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
     tile.tile = static_cast<int>(quote.tiles.size());
     tile.core = core;
     tile.work = MeasureTile(cells, core);
-    tile.cut = costs.Corrected("cut", PredictCut(survey, tile.work));
-    tile.crop = costs.Corrected("crop", PredictCrop(tile.work));
+    tile.cut = costs.Corrected(kCutKind, PredictCut(survey, tile.work));
+    tile.crop = costs.Corrected(kCropKind, PredictCrop(tile.work));
     if (cores.size() == 1) {
-      tile.refine = costs.Corrected("refine", PredictRefine(tile.work, options.effort));
+      tile.refine = costs.Corrected(kRefineKind, PredictRefine(tile.work, options.effort));
     } else {
-      tile.measure = costs.Corrected("measure", PredictMeasure(tile.work, options.effort));
-      tile.solve = costs.Corrected("solve", PredictSolve(tile.work, options.effort));
-      tile.mend = costs.Corrected("mend", PredictMend(tile.work, options.effort));
+      tile.measure = costs.Corrected(kMeasureKind, PredictMeasure(tile.work, options.effort));
+      tile.solve = costs.Corrected(kSolveKind, PredictSolve(tile.work, options.effort));
+      tile.mend = costs.Corrected(kMendKind, PredictMend(tile.work, options.effort));
     }
     quote.core_faces += tile.work.core_faces;
     quote.sight_faces += tile.work.sight_faces;

@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "server/plan/cell_index.h"
-#include "server/plan/update_tasks.h"
 
 namespace tessera {
 namespace {

@@ -7,7 +7,8 @@
 
 #include "common/base/status.h"
 #include "common/job/survey.h"
-#include "server/plan/graph.h"
+#include "server/plan/planned_task.h"
+#include "server/plan/update_base.h"
 
 namespace tessera {
 

@@ -4,6 +4,7 @@
 #include <iterator>
 
 #include "absl/strings/str_cat.h"
+#include "common/job/task_kinds.h"
 #include "server/plan/update_plan.h"
 
 namespace tessera {

@@ -8,9 +8,19 @@
 
 #include "common/job/refine_steps.h"
 #include "common/job/survey.h"
-#include "server/plan/graph.h"
+#include "common/job/task_parameters.h"
+#include "server/settings/job_settings.h"
 
 namespace tessera {
+
+// A tile that is left as it was because a task of it failed for good. Its neighbours hold what they share with it.
+struct SetAsideTile {
+  int tile = -1;
+  std::string kind;     // of the task: cut, crop, measure, solve or mend
+  int step = -1;        // of the last three, as in StepParameters
+  bool before = false;  // likewise
+  friend bool operator==(const SetAsideTile&, const SetAsideTile&) = default;
+};
 
 std::vector<RefineStep> StepsOf(const JobSettings& settings);
 // Indices of those that a job of several tiles takes, ascending. `goes_on`: from the states of an update's base.

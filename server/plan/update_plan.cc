@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_format.h"
 #include "common/job/refine_steps.h"
+#include "common/job/task_kinds.h"
 #include "server/plan/cell_index.h"
 
 namespace tessera {
@@ -223,9 +224,10 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
     if (change.why.empty()) continue;
     const TileWork work = MeasureTile(cells, tile.core);
     for (const Prediction& part :
-         {costs.Corrected("cut", PredictCut(survey, work)), costs.Corrected("crop", PredictCrop(work)),
-          costs.Corrected("measure", PredictMeasure(work, effort)),
-          costs.Corrected("solve", PredictSolve(work, effort)), costs.Corrected("mend", PredictMend(work, effort))}) {
+         {costs.Corrected(kCutKind, PredictCut(survey, work)), costs.Corrected(kCropKind, PredictCrop(work)),
+          costs.Corrected(kMeasureKind, PredictMeasure(work, effort)),
+          costs.Corrected(kSolveKind, PredictSolve(work, effort)),
+          costs.Corrected(kMendKind, PredictMend(work, effort))}) {
       change.predicted.core_seconds += part.core_seconds;
       change.predicted.peak_bytes = std::max(change.predicted.peak_bytes, part.peak_bytes);
       change.predicted.stored_bytes += part.stored_bytes;

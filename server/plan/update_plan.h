@@ -11,7 +11,6 @@
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
 #include "server/plan/cost_scale.h"
-#include "server/plan/graph.h"
 #include "server/plan/quote.h"
 #include "server/settings/job_settings.h"
 

@@ -8,7 +8,6 @@
 #include "common/storage/files.h"
 #include "server/jobs/dispatcher.h"
 #include "server/ledger/record_owner.h"
-#include "server/plan/graph.h"
 #include "server/retention/verify_state.h"
 #include "server/store/sqlite_salvage.h"
 #include "server/store/sqlite_store.h"

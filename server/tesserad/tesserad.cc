@@ -26,7 +26,6 @@
 #include "server/jobs/dispatcher.h"
 #include "server/ledger/record_owner.h"
 #include "server/metrics/metrics_server.h"
-#include "server/plan/graph.h"
 #include "server/retention/keeper.h"
 #include "server/store/sqlite_store.h"
 #include "server/tesserad/logging.h"

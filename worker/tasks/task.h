@@ -12,7 +12,7 @@ namespace tessera {
 
 // Everything that determines the outputs: kind, parameters and the bytes of the inputs; nothing else may be read.
 struct TaskRequest {
-  std::string kind;        // "ingest", "cut", "crop", "measure", "solve", "mend", "refine", "publish"
+  std::string kind;        // a name in kTaskKinds (common/job/task_kinds.h)
   std::string parameters;  // canonical JSON, made by server/plan
   std::string input_dir;   // inputs lie here under their names (which may contain folders), read-only
   std::string output_dir;  // empty folder to write to

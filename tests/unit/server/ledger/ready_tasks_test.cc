@@ -55,7 +55,7 @@ TEST(ReadyTasks, AreCountedByKindAndMemoryWithTheOldest) {
   ready.Promote(0);
   ready.Promote(5);
   EXPECT_EQ(ready.delayed_count(), 0);
-  const TaskGroup others = {static_cast<int>(kTaskKinds.size()) - 1, kUnknownMemoryClass};
+  const TaskGroup others = {static_cast<int>(kTaskKinds.size()), kUnknownMemoryClass};
   EXPECT_EQ(ready.Groups(), (Groups{{cuts, 1}, {others, 1}}));
   ready.Remove({0, 1}, late);
   EXPECT_EQ(ready.OldestSince(), 300) << "when its delay was over";

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "server/plan/graph.h"
+#include "server/plan/update_base.h"
 #include "server/plan/update_plan.h"
 #include "tests/unit/server/plan/small_surveys.h"
 

@@ -1,25 +1,15 @@
-// Kinds of tasks and classes of memory as few numbers, for counting.
-#ifndef TESSERA_SERVER_LEDGER_TASK_KINDS_H_
-#define TESSERA_SERVER_LEDGER_TASK_KINDS_H_
+// Groups of tasks of one kind and one class of memory, for counting.
+#ifndef TESSERA_SERVER_LEDGER_TASK_GROUPS_H_
+#define TESSERA_SERVER_LEDGER_TASK_GROUPS_H_
 
 #include <algorithm>
 #include <array>
 #include <compare>
 #include <cstdint>
-#include <string_view>
+
+#include "common/job/task_kinds.h"
 
 namespace tessera {
-
-// All that are planned; the last stands for any other.
-inline constexpr std::array<std::string_view, 17> kTaskKinds = {
-    "ingest",  "update", "base", "plan",   "classify", "borders", "cut",     "crop", "start",
-    "measure", "solve",  "mend", "refine", "compare",  "changes", "publish", "other"};
-
-// The kind's place in kTaskKinds.
-inline int KindIndex(std::string_view kind) {
-  const auto found = std::find(kTaskKinds.begin(), kTaskKinds.end() - 1, kind);
-  return static_cast<int>(found - kTaskKinds.begin());
-}
 
 // The largest memory of each class in GiB; one more is above all, and one is for tasks of which it is not predicted.
 inline constexpr std::array<int, 7> kMemoryClasses_GiB = {1, 2, 4, 8, 16, 32, 64};
@@ -33,11 +23,11 @@ inline int MemoryClass(int64_t peak_bytes) {
 }
 
 struct TaskGroup {
-  int kind = 0;          // KindIndex
+  int kind = 0;          // index in kTaskKinds, see KindIndex
   int memory_class = 0;  // MemoryClass
   friend auto operator<=>(const TaskGroup&, const TaskGroup&) = default;
 };
 
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_LEDGER_TASK_KINDS_H_
+#endif  // TESSERA_SERVER_LEDGER_TASK_GROUPS_H_

@@ -1,0 +1,105 @@
+// The table of task kinds. Planner, dispatcher, metrics and worker read it; a new kind is one row here and one function
+// in worker/tasks.
+#ifndef TESSERA_COMMON_JOB_TASK_KINDS_H_
+#define TESSERA_COMMON_JOB_TASK_KINDS_H_
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+namespace tessera {
+
+// Names of kinds. They are part of task keys, records, metrics and job.json: never change one.
+inline constexpr char kIngestKind[] = "ingest";
+inline constexpr char kUpdateKind[] = "update";
+inline constexpr char kBaseKind[] = "base";
+inline constexpr char kPlanKind[] = "plan";
+inline constexpr char kClassifyKind[] = "classify";
+inline constexpr char kBordersKind[] = "borders";
+inline constexpr char kCutKind[] = "cut";
+inline constexpr char kCropKind[] = "crop";
+inline constexpr char kStartKind[] = "start";
+inline constexpr char kMeasureKind[] = "measure";
+inline constexpr char kSolveKind[] = "solve";
+inline constexpr char kMendKind[] = "mend";
+inline constexpr char kRefineKind[] = "refine";
+inline constexpr char kCompareKind[] = "compare";
+inline constexpr char kChangesKind[] = "changes";
+inline constexpr char kPublishKind[] = "publish";
+
+// The tasks of a job are planned in phases. Each phase is planned from the outputs of the phase before.
+enum class TaskPhase : uint8_t {
+  kSurvey,  // makes kSurveyFile
+  kCut,     // makes kReadsFile: which tiles read each other
+  kRest,
+};
+
+struct TaskKind {
+  std::string_view name;
+  TaskPhase phase = TaskPhase::kRest;
+  bool runs = true;              // false: the planner gives the outputs; no worker runs it
+  bool can_quarantine = false;   // if it fails for good, its tile is quarantined and the job continues
+  bool makes_artifacts = false;  // its outputs are the job's results
+};
+
+inline constexpr std::array<TaskKind, 16> kTaskKinds = {{
+    // Scene: repaired and split mesh, survey.
+    {kIngestKind, TaskPhase::kSurvey},
+    // Survey of the base job and a new scene: the survey with the new views.
+    {kUpdateKind, TaskPhase::kSurvey},
+    // Outputs of the base job.
+    {.name = kBaseKind, .runs = false},
+    // What an update will do (kUpdateFile).
+    {.name = kPlanKind, .runs = false, .makes_artifacts = true},
+    // A view: photograph and classifier: likelihoods.
+    {kClassifyKind},
+    // Likelihoods of all views: how reliable their class borders are.
+    {kBordersKind},
+    // City and survey: the tile's package.
+    {.name = kCutKind, .phase = TaskPhase::kCut, .can_quarantine = true},
+    // Package and photographs: the pixels that show the tile.
+    {.name = kCropKind, .can_quarantine = true},
+    // City and survey: the core of a quarantined tile, unrefined.
+    {kStartKind},
+    // Gradients and label evidence of one step.
+    {.name = kMeasureKind, .can_quarantine = true},
+    // State of the core after one step.
+    {.name = kSolveKind, .can_quarantine = true},
+    // State of the core after the repair of folds.
+    {.name = kMendKind, .can_quarantine = true},
+    // All steps of a job's only tile.
+    {kRefineKind},
+    // New photographs and the base's surface: change evidence of a block of ground.
+    {kCompareKind},
+    // Evidence of all blocks: changes.json, changes.geojson, changes.png.
+    {.name = kChangesKind, .makes_artifacts = true},
+    // Final states of all tiles: mesh.ply, report.json.
+    {.name = kPublishKind, .makes_artifacts = true},
+}};
+
+// Counters have one more entry than kTaskKinds, for kinds of other releases.
+inline constexpr size_t kTaskKindSlots = kTaskKinds.size() + 1;
+
+// Index of the kind in kTaskKinds; kTaskKinds.size() if it is not there.
+constexpr int KindIndex(std::string_view name) {
+  const auto found =
+      std::find_if(kTaskKinds.begin(), kTaskKinds.end(), [&](const TaskKind& kind) { return kind.name == name; });
+  return static_cast<int>(found - kTaskKinds.begin());
+}
+
+// Name of a counter's entry; "other" of the last.
+constexpr std::string_view KindName(size_t index) {
+  return index < kTaskKinds.size() ? kTaskKinds[index].name : "other";
+}
+
+// The row of a kind; of a kind that is not in the table one of TaskPhase::kRest.
+constexpr TaskKind KindOf(std::string_view name) {
+  const int index = KindIndex(name);
+  return index < static_cast<int>(kTaskKinds.size()) ? kTaskKinds[index] : TaskKind{name};
+}
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_JOB_TASK_KINDS_H_

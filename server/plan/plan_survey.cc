@@ -1,0 +1,106 @@
+// Phase 1 of a job: the tasks that make the survey.
+#include <algorithm>
+#include <map>
+#include <numeric>
+#include <string>
+#include <utility>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "server/plan/graph.h"
+#include "server/plan/rollback.h"
+
+namespace tessera {
+namespace {
+
+// Predicted time of ingest for a file of the scene; there is no survey yet to predict from.
+constexpr double kIngestSecondsPerFile = 0.1;
+
+IngestParameters IngestParametersOf(const JobSettings& settings) {
+  return {settings.method_settings.partners, settings.method_settings.views_per_direction, Classifies(settings),
+          settings.classifier == kDefaultClassifier};
+}
+
+}  // namespace
+
+StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files) {
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
+  if (scene_files.empty()) return absl::InvalidArgumentError("the scene has no files");
+  PlannedTask task;
+  task.kind = task.name = kIngestKind;
+  task.parameters = ToJson(IngestParametersOf(settings));
+  task.cost = kIngestSecondsPerFile * static_cast<double>(scene_files.size());
+  std::vector<int>& files = task.scene_files.Edit();
+  files.resize(scene_files.size());
+  std::iota(files.begin(), files.end(), 0);
+  return task;
+}
+
+StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
+                                              const UpdateBase& base) {
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
+  if (!settings.update.rollback_to.empty()) return PlanRollback(base);
+  if (base.tiles.size() != base.states.size() || base.tiles.empty()) {
+    return absl::InvalidArgumentError(base.name + ": found no states of its tiles, expected a job that has succeeded");
+  }
+  TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(base.survey_json));
+  std::map<std::string, std::string> name_of_content;  // in the job's list
+  for (const NamedDigest& file : scene_files) name_of_content.emplace(file.digest.sha256, file.name);
+  std::map<std::string, std::string> content_of_path;  // of images and likelihoods of the base
+  std::map<std::string, std::string> classified;       // of images, where the base made the likelihoods
+  for (const SceneView& view : survey.views) {
+    if (!survey.classifier.empty()) classified[view.image_path] = view.likelihood_content;
+    if (!view.image_path.empty()) content_of_path[view.image_path] = view.image_content;
+    if (!view.likelihood_path.empty()) content_of_path[view.likelihood_path] = view.likelihood_content;
+  }
+  UpdateFiles files;
+  std::map<std::string, UpdateFiles::Known> known_of_content;
+  for (const NamedDigest& file : base.scene_files) {
+    const auto pixels = content_of_path.find(file.name);
+    if (pixels == content_of_path.end() && file.name != survey.mesh_path) continue;  // cameras and the like
+    UpdateFiles::Known& known = known_of_content[file.digest.sha256];
+    known.mesh = pixels == content_of_path.end();
+    if (!known.mesh) known.content = pixels->second;
+    if (const auto of = classified.find(file.name); of != classified.end()) known.classified = of->second;
+    const auto name = name_of_content.find(file.digest.sha256);
+    if (name == name_of_content.end()) return absl::InternalError(base.name + ": " + file.name + " is not carried on");
+    files.carried[file.name] = name->second;
+  }
+  PlannedTask taken, update;
+  taken.kind = kBaseKind;
+  taken.name = absl::StrCat(kBaseKind, " ", base.name);
+  taken.given.Edit() = {{kBaseSurveyFile, base.survey}, {kCityFile, base.city}};
+  for (size_t t = 0; t < base.tiles.size(); ++t) {
+    if (base.tiles[t].core.empty()) continue;
+    taken.given.Edit().push_back({TileInputName(base.tiles[t].tile, kStateFile), base.states[t]});
+  }
+  if (base.outdated) taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
+  if (base.borders) taken.given.Edit().push_back({kBordersFile, *base.borders});
+  bool other_mesh = false;  // there may be one
+  update.kind = update.name = kUpdateKind;
+  update.parameters =
+      ToJson(UpdateParameters{IngestParametersOf(settings), settings.update.withdraw, settings.update.all_epochs});
+  for (size_t i = 0; i < scene_files.size(); ++i) {
+    if (!LiesInScene(scene_files[i].name)) continue;
+    const auto known = known_of_content.find(scene_files[i].digest.sha256);
+    if (known != known_of_content.end()) {
+      files.known[scene_files[i].name] = known->second;
+    } else {
+      update.scene_files.Edit().push_back(static_cast<int>(i));
+      other_mesh |= absl::EndsWithIgnoreCase(scene_files[i].name, ".ply");
+    }
+  }
+  if (other_mesh) {  // is compared with the base's
+    const auto mesh = std::find_if(scene_files.begin(), scene_files.end(), [&](const NamedDigest& file) {
+      return file.name == files.carried[survey.mesh_path];
+    });
+    update.scene_files.Edit().push_back(static_cast<int>(mesh - scene_files.begin()));
+    std::sort(update.scene_files.Edit().begin(), update.scene_files.Edit().end());
+  }
+  taken.given_contents.Edit().emplace_back(kFilesFile, ToJson(files));
+  update.inputs = {{TaskId(0), kBaseSurveyFile}, {TaskId(0), kCityFile}, {TaskId(0), kFilesFile}};
+  update.cost = kIngestSecondsPerFile * static_cast<double>(update.scene_files->size());
+  return std::vector<PlannedTask>{std::move(taken), std::move(update)};
+}
+
+}  // namespace tessera
