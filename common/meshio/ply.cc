@@ -12,7 +12,7 @@
 namespace tessera {
 namespace {
 
-Status Stream(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink) {
+Status Stream(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink) {
   int64_t faces = 0;
   for (const PlyElement& element : header.elements) faces += element.kind == PlyElementKind::kFace ? element.count : 0;
   TESSERA_RETURN_IF_ERROR(sink.Begin(header.vertex_count, faces, header.has_label, header.float_positions));
@@ -20,9 +20,9 @@ Status Stream(ByteSource& source, const PlyHeader& header, const std::string& na
                                             : ReadPlyBinary(source, header, name, sink);
 }
 
-class MeshSink : public PlySink {
+class ContentSink : public MeshSink {
  public:
-  explicit MeshSink(PlyContent& content) : content_(content) {}
+  explicit ContentSink(MeshContent& content) : content_(content) {}
   Status Begin(int64_t, int64_t, bool has_labels, bool float_positions) override {
     has_labels_ = has_labels;
     content_.float_positions = float_positions;
@@ -35,16 +35,16 @@ class MeshSink : public PlySink {
   }
 
  private:
-  PlyContent& content_;
+  MeshContent& content_;
   bool has_labels_ = false;
 };
 
-StatusOr<PlyContent> Parse(ByteSource& source, const std::string& name) {
+StatusOr<MeshContent> Parse(ByteSource& source, const std::string& name) {
   TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name));
-  PlyContent content;
+  MeshContent content;
   try {
     ReserveMesh(source, header, content.mesh);
-    MeshSink sink(content);
+    ContentSink sink(content);
     TESSERA_RETURN_IF_ERROR(Stream(source, header, name, sink));
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError(absl::StrCat(name, ": not enough memory for the mesh"));
@@ -74,12 +74,14 @@ void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh
   }
 }
 
-StatusOr<PlyContent> ReadPly(const std::string& path) {
+bool IsPly(std::string_view head) { return head.starts_with("ply\n") || head.starts_with("ply\r\n"); }
+
+StatusOr<MeshContent> ReadPly(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
   return Parse(*source, path);
 }
 
-Status StreamPly(const std::string& path, PlySink* sink) {
+Status StreamPly(const std::string& path, MeshSink* sink) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
   TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path));
   return Stream(*source, header, path, *sink);
@@ -93,7 +95,7 @@ StatusOr<int64_t> PlyFaceCount(const std::string& path) {
   return faces;
 }
 
-StatusOr<PlyContent> ParsePly(const std::string& bytes, const std::string& name) {
+StatusOr<MeshContent> ParsePly(const std::string& bytes, const std::string& name) {
   return Parse(*ByteSource::FromMemory(bytes), name);
 }
 

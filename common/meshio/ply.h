@@ -4,45 +4,34 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "common/base/status.h"
 #include "common/geometry/mesh.h"
+#include "common/meshio/mesh_content.h"
 
 namespace tessera {
 
-struct PlyContent {
-  TriangleMesh mesh;             // labels empty if the file has no face property `label`
-  bool float_positions = false;  // x, y, z were stored as 32-bit floats
-};
+// Whether a file that begins with `head` is PLY.
+bool IsPly(std::string_view head);
 
 // ASCII or binary of either byte order; float or double; polygons must be triangles; other elements and properties
 // (lists too) are read past. Errors are INVALID_ARGUMENT (NOT_FOUND if there is no such file) with line (header, ASCII)
 // or byte offset (binary), what was found and what was expected: truncation, trailing bytes, an index out of range, a
 // face that is no triangle, NaN. Never allocates more than a small multiple of the file's size.
-StatusOr<PlyContent> ReadPly(const std::string& path);
+StatusOr<MeshContent> ReadPly(const std::string& path);
 
-// Takes a mesh element by element.
-class PlySink {
- public:
-  virtual ~PlySink() = default;
-  // Before all else: what the header declares. The file may be shorter.
-  virtual Status Begin(int64_t vertices, int64_t faces, bool has_labels, bool float_positions) = 0;
-  virtual void AddVertex(const Eigen::Vector3d& position) = 0;
-  virtual void AddFace(const Triangle& vertices, int32_t label) = 0;  // label: 0 if the file has none
-};
-
-// The same into `sink`, front to back, through a window of the file. Errors of Begin are given back.
-Status StreamPly(const std::string& path, PlySink* sink);
+// The same into `sink`, front to back, through a window of the file. Returns the errors of Begin.
+Status StreamPly(const std::string& path, MeshSink* sink);
 
 // Faces that the file's header declares. Errors as ReadPly's, of the header.
 StatusOr<int64_t> PlyFaceCount(const std::string& path);
 
 // The same from memory; `name` stands for the file in messages. For fuzzing and tests.
-StatusOr<PlyContent> ParsePly(const std::string& bytes, const std::string& name);
+StatusOr<MeshContent> ParsePly(const std::string& bytes, const std::string& name);
 
 struct PlyWriteOptions {
   std::vector<std::array<uint8_t, 3>> label_colors_rgb;  // if given, faces get red, green, blue by label (-1: black)
@@ -54,7 +43,7 @@ struct PlyWriteOptions {
 // the same folder, synced, renamed.
 Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWriteOptions& options = {});
 
-// What a file that is written element by element will have.
+// The counts and properties of a file that is written element by element.
 struct PlyLayout {
   int64_t vertices = 0, faces = 0;
   bool has_labels = false, has_confidence = false, has_input_face = false, has_outdated = false;
@@ -69,8 +58,8 @@ struct PlyFace {
   bool outdated = false;  // uchar 0 or 1
 };
 
-// Writes the bytes of WritePly front to back without holding the mesh: all vertices, then all faces. Nothing appears
-// under the name unless Finish succeeds. Movable, not thread-safe.
+// Writes the bytes of WritePly front to back without holding the mesh: all vertices, then all faces. The file appears
+// under its name only if Finish succeeds. Movable, not thread-safe.
 class PlyStream {
  public:
   static StatusOr<PlyStream> Create(const std::string& path, const PlyLayout& layout);

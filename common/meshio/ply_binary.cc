@@ -76,7 +76,7 @@ std::vector<Step> StepsOf(const PlyElement& element) {
 template <bool kSwap>
 class BinaryReader {
  public:
-  BinaryReader(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink)
+  BinaryReader(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink)
       : source_(source), header_(header), name_(name), sink_(sink) {}
 
   Status Read() {
@@ -179,13 +179,13 @@ class BinaryReader {
   ByteSource& source_;
   const PlyHeader& header_;
   const std::string& name_;
-  PlySink& sink_;
+  MeshSink& sink_;
   int64_t index_ = 0;
 };
 
 }  // namespace
 
-Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink) {
+Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink) {
   if (header.format == PlyFormat::kBinaryBigEndian) return BinaryReader<true>(source, header, name, sink).Read();
   return BinaryReader<false>(source, header, name, sink).Read();
 }

@@ -14,8 +14,8 @@ namespace tessera {
 
 // Both read all elements that `header` declares from `source`, which stands right after it, into `sink`, and check that
 // nothing follows. INVALID_ARGUMENT with the line or the byte offset.
-Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink);
-Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink);
+Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink);
+Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink);
 
 // Room for the declared vertices and faces, but no more than `source` can hold.
 void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh& mesh);

@@ -15,7 +15,7 @@ bool IsBlank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
 // Reads elements line by line, one element a line, as the format says; empty lines are passed over.
 class TextReader {
  public:
-  TextReader(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink)
+  TextReader(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink)
       : source_(source), header_(header), name_(name), sink_(sink), line_number_(header.lines) {}
 
   Status Read() {
@@ -157,7 +157,7 @@ class TextReader {
   ByteSource& source_;
   const PlyHeader& header_;
   const std::string& name_;
-  PlySink& sink_;
+  MeshSink& sink_;
   int64_t line_number_;
   int64_t index_ = 0;
   std::string_view rest_;
@@ -165,7 +165,7 @@ class TextReader {
 
 }  // namespace
 
-Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, PlySink& sink) {
+Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink) {
   return TextReader(source, header, name, sink).Read();
 }
 

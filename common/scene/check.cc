@@ -14,7 +14,7 @@
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
 #include "common/imaging/image_io.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "common/scene/colmap.h"
 #include "common/scene/coverage.h"
 #include "common/scene/loading.h"
@@ -114,7 +114,7 @@ class SceneChecker {
   Status CheckMeshAndVisibility() {
     if (scene_.mesh_path.empty()) return absl::OkStatus();  // already reported
     const std::string path = absl::StrCat(scene_.folder, "/", scene_.mesh_path);
-    const StatusOr<int64_t> faces = PlyFaceCount(path);
+    const StatusOr<int64_t> faces = CountMeshFaces(path);
     if (faces.ok() && *faces > max_mesh_faces_) return absl::OkStatus();
     StatusOr<TriangleMesh> loaded = LoadSceneMesh(scene_, 0);
     if (!loaded.ok()) {

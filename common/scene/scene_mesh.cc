@@ -4,7 +4,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "common/scene/check.h"
 #include "common/scene/scene.h"
 
@@ -31,7 +31,7 @@ Status CheckFloatRounding(const std::string& mesh_path, double largest_m, double
 StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m) {
   if (scene.mesh_path.empty()) return InputError(scene.folder, "", "no mesh", "a scene with a mesh");
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
-  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
   TriangleMesh& mesh = content.mesh;
   if (mesh.faces.empty()) return InputError(path, "", "no faces", "at least one face");
   const int classes = static_cast<int>(scene.classes.size());

@@ -16,7 +16,7 @@
 #include "common/synth/base_city.h"
 #include "common/synth/calibration.h"
 #include "common/synth/changes.h"
-#include "common/synth/ply_stream.h"
+#include "common/synth/mesh_spool.h"
 #include "common/synth/scene_files.h"
 #include "common/synth/sparse_points.h"
 

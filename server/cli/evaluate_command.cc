@@ -16,7 +16,7 @@
 #include "common/evaluate/report.h"
 #include "common/geometry/ray_caster.h"
 #include "common/imaging/image_io.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "server/cli/command_line.h"
@@ -43,7 +43,7 @@ struct EvaluateArguments {
 };
 
 StatusOr<TriangleMesh> ReadMeshInLocalFrame(const std::string& path, const Frame& frame) {
-  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
   for (Eigen::Vector3d& v : content.mesh.vertices) v = frame.LocalFromScene(v);
   return std::move(content.mesh);
 }

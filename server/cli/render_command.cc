@@ -17,7 +17,7 @@
 #include "common/base/printable.h"
 #include "common/geometry/nearest_surface.h"
 #include "common/imaging/image_io.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "common/render/annotation.h"
 #include "common/render/coloring.h"
 #include "common/render/framing.h"
@@ -103,8 +103,8 @@ StatusOr<World> LoadWorld(const std::string& scene_path) {
   return world;
 }
 
-StatusOr<TriangleMesh> ReadMesh(const std::string& path, const World& world) {
-  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+StatusOr<TriangleMesh> ReadMeshInWorld(const std::string& path, const World& world) {
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
   if (content.mesh.faces.empty()) return InputError(path, "", "no faces", "at least one");
   for (Eigen::Vector3d& v : content.mesh.vertices) v = world.frame.LocalFromScene(v);
   return std::move(content.mesh);
@@ -173,7 +173,7 @@ StatusOr<std::unique_ptr<Reference>> LoadReference(const RenderArguments& argume
   } else {
     return reference;
   }
-  TESSERA_ASSIGN_OR_RETURN(reference->mesh, ReadMesh(path, world));
+  TESSERA_ASSIGN_OR_RETURN(reference->mesh, ReadMeshInWorld(path, world));
   if (arguments.mode == Mode::kErrors && reference->mesh.labels.empty()) {
     return InputError(path, "", "faces without labels", "labels, to show where others are wrong");
   }
@@ -201,12 +201,12 @@ SurfaceColor ColorFor(Mode mode, const TriangleMesh& mesh, const Reference& refe
 Status RenderPicture(const RenderArguments& arguments) {
   const ThreadLimit limit(arguments.threads);
   TESSERA_ASSIGN_OR_RETURN(const World world, LoadWorld(arguments.scene));
-  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMesh(arguments.mesh, world));
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMeshInWorld(arguments.mesh, world));
   TESSERA_ASSIGN_OR_RETURN(const PosedCamera camera, ChooseCamera(arguments, world, mesh));
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<Reference> reference, LoadReference(arguments, world));
   std::optional<TriangleMesh> other;
   if (!arguments.compare.empty()) {
-    TESSERA_ASSIGN_OR_RETURN(other, ReadMesh(arguments.compare, world));
+    TESSERA_ASSIGN_OR_RETURN(other, ReadMeshInWorld(arguments.compare, world));
   }
   const bool needs_labels = arguments.mode == Mode::kLabels || arguments.mode == Mode::kErrors;
   for (const TriangleMesh* m : {&mesh, other ? &*other : &mesh}) {

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "server/client/job_words.h"
+#include "server/display/svg_map.h"
 
 namespace tessera {
 namespace {
@@ -128,57 +129,31 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
 
 std::string PlanMap(const Quote& quote, const Survey& survey) {
   const double cell_m = survey.ground.cell_m;
-  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300, least = 1e300, most = 0;
-  const auto include = [&](double x, double y) {
-    x0 = std::min(x0, x);
-    x1 = std::max(x1, x);
-    y0 = std::min(y0, y);
-    y1 = std::max(y1, y);
-  };
+  double least = 1e300, most = 0;
   for (const TileQuote& tile : quote.tiles) {
-    include(tile.core.x0 * cell_m, tile.core.y0 * cell_m);
-    include(tile.core.x1 * cell_m, tile.core.y1 * cell_m);
     least = std::min(least, tile.core_seconds());
     most = std::max(most, tile.core_seconds());
   }
-  std::vector<Eigen::Vector2d> stands;
-  for (const SceneView& view : survey.views) {
-    stands.push_back(survey.ground.Coordinates(view.camera.Centre()));
-    include(stands.back().x(), stands.back().y());
-  }
-  const double size = std::max({x1 - x0, y1 - y0, 1e-9}), margin = 0.03 * size, line = size / 600, text = size / 45;
-  // Y down, as SVG has it.
-  const auto rect = [&](double left, double bottom, double right, double top, const std::string& style) {
-    return absl::StrFormat("<rect x=\"%.3f\" y=\"%.3f\" width=\"%.3f\" height=\"%.3f\" %s>", left, -top, right - left,
-                           top - bottom, style);
-  };
-  std::string out = absl::StrFormat(
-      "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
-      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"900\" viewBox=\"%.3f %.3f %.3f %.3f\" "
-      "font-family=\"sans-serif\" font-size=\"%.3f\">\n",
-      x0 - margin, -y1 - margin, x1 - x0 + 2 * margin, y1 - y0 + 2 * margin + 3 * text, text);
+  SvgMap map;
   for (const TileQuote& tile : quote.tiles) {
     // From pale to dark red.
     const double t = most > least ? (tile.core_seconds() - least) / (most - least) : 0;
-    const std::string style =
-        absl::StrFormat("fill=\"rgb(%d,%d,%d)\" stroke=\"#333\" stroke-width=\"%.3f\"", static_cast<int>(255 - 102 * t),
-                        static_cast<int>(240 - 220 * t), static_cast<int>(217 - 200 * t), line);
     const CellRect& c = tile.core;
-    absl::StrAppend(&out, rect(c.x0 * cell_m, c.y0 * cell_m, c.x1 * cell_m, c.y1 * cell_m, style));
-    absl::StrAppendFormat(&out, "<title>tile %d: %s faces, %d cameras, %.0f MiB, %.0f core-seconds</title></rect>\n",
-                          tile.tile, GroupedRounded(tile.work.core_faces), tile.work.seeing_views,
-                          static_cast<double>(tile.peak_bytes()) / kMiB, tile.core_seconds());
+    map.tiles.push_back({c.x0 * cell_m, c.y0 * cell_m, c.x1 * cell_m, c.y1 * cell_m,
+                         absl::StrFormat("rgb(%d,%d,%d)", static_cast<int>(255 - 102 * t),
+                                         static_cast<int>(240 - 220 * t), static_cast<int>(217 - 200 * t)),
+                         absl::StrFormat("tile %d: %s faces, %d cameras, %.0f MiB, %.0f core-seconds", tile.tile,
+                                         GroupedRounded(tile.work.core_faces), tile.work.seeing_views,
+                                         static_cast<double>(tile.peak_bytes()) / kMiB, tile.core_seconds())});
   }
-  for (const Eigen::Vector2d& at : stands) {
-    absl::StrAppendFormat(&out, "<circle cx=\"%.3f\" cy=\"%.3f\" r=\"%.3f\" fill=\"#06c\"/>\n", at.x(), -at.y(),
-                          2.5 * line);
+  for (const SceneView& view : survey.views) {
+    const Eigen::Vector2d at = survey.ground.Coordinates(view.camera.Centre());
+    map.cameras.push_back({at.x(), at.y(), "fill=\"#06c\""});
   }
-  absl::StrAppendFormat(&out,
-                        "<text x=\"%.3f\" y=\"%.3f\">%d tiles of %.0f (pale) to %.0f (dark) core-seconds; "
-                        "dots: %d cameras</text>\n</svg>\n",
-                        x0, -y0 + margin + 1.5 * text, static_cast<int>(quote.tiles.size()), least, most,
-                        static_cast<int>(stands.size()));
-  return out;
+  map.caption =
+      absl::StrFormat("%d tiles of %.0f (pale) to %.0f (dark) core-seconds; dots: %d cameras",
+                      static_cast<int>(quote.tiles.size()), least, most, static_cast<int>(map.cameras.size()));
+  return ToSvg(map);
 }
 
 }  // namespace tessera

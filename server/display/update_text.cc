@@ -8,6 +8,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "common/job/task_parameters.h"
+#include "server/display/svg_map.h"
 
 namespace tessera {
 namespace {
@@ -92,50 +93,23 @@ StatusOr<std::string> UpdateSummary(const std::string& text) { return FromJson(t
 StatusOr<std::string> UpdateMap(const std::string& text) {
   return FromJson(text, [](const json& plan) {
     const double cell_m = plan.at("cell_m");
-    double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
-    const auto include = [&](double x, double y) {
-      x0 = std::min(x0, x);
-      x1 = std::max(x1, x);
-      y0 = std::min(y0, y);
-      y1 = std::max(y1, y);
-    };
+    SvgMap map;
     for (const json& tile : plan.at("tiles")) {
-      const json& core = tile.at("core");
-      include(core.at(0).get<double>() * cell_m, core.at(1).get<double>() * cell_m);
-      include(core.at(2).get<double>() * cell_m, core.at(3).get<double>() * cell_m);
-    }
-    for (const json& camera : plan.at("cameras")) include(camera.at("at").at(0), camera.at("at").at(1));
-    const double size = std::max({x1 - x0, y1 - y0, 1e-9}), margin = 0.03 * size, line = size / 600, letter = size / 45;
-    std::string out = absl::StrFormat(
-        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"900\" viewBox=\"%.3f %.3f %.3f %.3f\" "
-        "font-family=\"sans-serif\" font-size=\"%.3f\">\n",
-        x0 - margin, -y1 - margin, x1 - x0 + 2 * margin, y1 - y0 + 2 * margin + 3 * letter, letter);
-    for (const json& tile : plan.at("tiles")) {
-      const json& core = tile.at("core");
-      const double left = core.at(0).get<double>() * cell_m, bottom = core.at(1).get<double>() * cell_m;
-      const double right = core.at(2).get<double>() * cell_m, top = core.at(3).get<double>() * cell_m;
-      const bool redone = IsRedone(tile);
-      absl::StrAppendFormat(&out,
-                            "<rect x=\"%.3f\" y=\"%.3f\" width=\"%.3f\" height=\"%.3f\" fill=\"%s\" stroke=\"#333\" "
-                            "stroke-width=\"%.3f\"><title>tile %d: %s</title></rect>\n",
-                            left, -top, right - left, top - bottom, redone ? "#d6604d" : "#f4efe4", line,
-                            tile.at("tile").get<int>(),
-                            redone                        ? absl::StrFormat("%.0f core-seconds", PredictedSeconds(tile))
-                            : tile.at("redone").is_null() ? "as far as the changes reach"
-                                                          : "kept");
+      const auto corner = [&](int i) { return tile.at("core").at(i).get<double>() * cell_m; };
+      const std::string why = IsRedone(tile) ? absl::StrFormat("%.0f core-seconds", PredictedSeconds(tile))
+                              : tile.at("redone").is_null() ? "as far as the changes reach"
+                                                            : "kept";
+      map.tiles.push_back({corner(0), corner(1), corner(2), corner(3), IsRedone(tile) ? "#d6604d" : "#f4efe4",
+                           absl::StrFormat("tile %d: %s", tile.at("tile").get<int>(), why)});
     }
     for (const json& camera : plan.at("cameras")) {
-      const double x = camera.at("at").at(0), y = camera.at("at").at(1);
-      const char* const style = camera.at("state") == "new"         ? "fill=\"#06c\""
-                                : camera.at("state") == "withdrawn" ? "fill=\"none\" stroke=\"#c00\""
-                                                                    : "fill=\"none\" stroke=\"#888\"";
-      absl::StrAppendFormat(&out, "<circle cx=\"%.3f\" cy=\"%.3f\" r=\"%.3f\" stroke-width=\"%.3f\" %s/>\n", x, -y,
-                            2.5 * line, 0.7 * line, style);
+      map.cameras.push_back({camera.at("at").at(0), camera.at("at").at(1),
+                             camera.at("state") == "new"         ? "fill=\"#06c\""
+                             : camera.at("state") == "withdrawn" ? "fill=\"none\" stroke=\"#c00\""
+                                                                 : "fill=\"none\" stroke=\"#888\""});
     }
-    absl::StrAppendFormat(&out, "<text x=\"%.3f\" y=\"%.3f\">%s (red); dots: new cameras</text>\n", x0,
-                          -y0 + margin + 1.5 * letter, Sentence(plan));
-    return out + "</svg>\n";
+    map.caption = absl::StrCat(Sentence(plan), " (red); dots: new cameras");
+    return ToSvg(map);
   });
 }
 

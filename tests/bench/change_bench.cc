@@ -21,7 +21,7 @@
 #include "common/base/task_usage.h"
 #include "common/imaging/image_io.h"
 #include "common/job/ground.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "common/render/coloring.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
@@ -128,7 +128,7 @@ StatusOr<SceneDescription> LoadLater(const Arguments& arguments, const std::stri
 }
 
 StatusOr<TriangleMesh> LoadMesh(const std::string& path, const SceneDescription& scene) {
-  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
   for (Eigen::Vector3d& p : content.mesh.vertices) p = scene.frame.LocalFromScene(p);
   return std::move(content.mesh);
 }

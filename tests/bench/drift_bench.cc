@@ -18,7 +18,7 @@
 #include "common/evaluate/evaluator.h"
 #include "common/geometry/nearest_surface.h"
 #include "common/imaging/image_io.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "common/scene/scene.h"
 #include "common/storage/files.h"
 #include "server/client/child_process.h"
@@ -108,7 +108,7 @@ class DriftBench {
   }
 
   StatusOr<TriangleMesh> Mesh(const std::string& folder) const {
-    TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(folder + "/mesh.ply"));
+    TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(folder + "/mesh.ply"));
     for (Eigen::Vector3d& v : content.mesh.vertices) v = scene_.frame.LocalFromScene(v);
     return std::move(content.mesh);
   }

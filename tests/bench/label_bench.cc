@@ -20,7 +20,7 @@
 #include "common/evaluate/label_rendering.h"
 #include "common/geometry/edge_list.h"
 #include "common/imaging/image_io.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "common/scene/scene.h"
 #include "tests/support/alpha_expansion.h"
 #include "worker/label/belief_propagation.h"
@@ -236,7 +236,7 @@ Status PrintAgreement(const SceneDescription& scene, const std::vector<ScoredVie
 
 Status BenchMesh(const SceneDescription& scene, std::vector<ScoredView> views, const std::string& path,
                  const Arguments& arguments) {
-  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
   TriangleMesh& mesh = content.mesh;
   for (Eigen::Vector3d& p : mesh.vertices) p = scene.frame.LocalFromScene(p);
   TESSERA_ASSIGN_OR_RETURN(const double gsd_m, MedianGsd(scene, mesh));

@@ -342,7 +342,7 @@ TEST_F(UpdateTest, ACoordinatorKilledInOneOfTwoUpdatesLosesNothing) {
 TEST_F(UpdateTest, AMeshThatChangedInOneDistrictIsRedoneThereAlone) {
   // The street's east end is a metre higher, and its faces come in another order.
   const std::string scene = CopyOfCity(Path("scene"));
-  PlyContent mesh = *ReadPly(scene + "/mesh.ply");
+  MeshContent mesh = *ReadPly(scene + "/mesh.ply");
   double east_m = mesh.mesh.vertices[0].x();
   for (const Eigen::Vector3d& p : mesh.mesh.vertices) east_m = std::max(east_m, p.x());
   size_t raised = 0;
@@ -362,7 +362,7 @@ TEST_F(UpdateTest, AMeshThatChangedInOneDistrictIsRedoneThereAlone) {
   const std::vector<bool> redone = Redone("raised");
   EXPECT_THAT(redone, testing::Contains(true));
   EXPECT_THAT(redone, testing::Contains(false));
-  const PlyContent result = *ReadPly(Path("raised/mesh.ply"));
+  const MeshContent result = *ReadPly(Path("raised/mesh.ply"));
   EXPECT_EQ(Json("raised/report.json")["output"]["faces"], result.mesh.faces.size());
   // The old mesh again: an update of the update.
   const Outcome back = Update(Street(), "back", {}, Path("raised"));

@@ -12,7 +12,7 @@ namespace tessera {
 // Parses `bytes`; aborts if what comes out breaks a promise of ParsePly. True if it was taken as a mesh.
 inline bool RunPlyTarget(const std::string& bytes) {
   const auto require = [](bool condition) { Require(condition, "ParsePly's"); };
-  const StatusOr<PlyContent> content = ParsePly(bytes, "input");
+  const StatusOr<MeshContent> content = ParsePly(bytes, "input");
   if (!content.ok()) {
     require(content.status().code() == absl::StatusCode::kInvalidArgument);
     require(content.status().message().find("input: ") == 0);

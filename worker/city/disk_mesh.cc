@@ -3,13 +3,13 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "worker/city/local_grid.h"
 
 namespace tessera {
 namespace {
 
-class DiskSink : public PlySink {
+class DiskSink : public MeshSink {
  public:
   DiskSink(const SceneDescription& scene, const std::string& path, const std::string& scratch_folder)
       : scene_(scene), path_(path), scratch_folder_(scratch_folder) {}
@@ -64,7 +64,7 @@ StatusOr<DiskMesh> ReadMeshToDisk(const SceneDescription& scene, const std::stri
   if (scene.mesh_path.empty()) return InputError(scene.folder, "", "no mesh", "a scene with a mesh");
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   DiskSink sink(scene, path, scratch_folder);
-  TESSERA_RETURN_IF_ERROR(StreamPly(path, &sink));
+  TESSERA_RETURN_IF_ERROR(StreamMesh(path, &sink));
   return sink.Finish();
 }
 

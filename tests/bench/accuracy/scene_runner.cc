@@ -5,7 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/job/task_parameters.h"
-#include "common/meshio/ply.h"
+#include "common/meshio/mesh_format.h"
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 double CpuSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
 StatusOr<TriangleMesh> ReadLocalMesh(const std::string& path, const Frame& frame) {
-  TESSERA_ASSIGN_OR_RETURN(PlyContent content, ReadPly(path));
+  TESSERA_ASSIGN_OR_RETURN(MeshContent content, ReadMesh(path));
   for (Eigen::Vector3d& v : content.mesh.vertices) v = frame.LocalFromScene(v);
   return std::move(content.mesh);
 }

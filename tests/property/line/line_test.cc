@@ -315,7 +315,7 @@ TEST(Line, LabelsAloneNeedLikelihoods) {
 }
 
 TEST(Line, AClassThatIsNowhereChangesNothing) {
-  PlyContent results[2];
+  MeshContent results[2];
   for (const bool absent : {false, true}) {
     TinySceneOptions options;
     options.absent_class = absent;

@@ -69,7 +69,7 @@ std::string Replaced(std::string text, const std::string& from, const std::strin
 }
 
 std::string ErrorOf(const std::string& bytes) {
-  const StatusOr<PlyContent> content = ParsePly(bytes, "city.ply");
+  const StatusOr<MeshContent> content = ParsePly(bytes, "city.ply");
   EXPECT_FALSE(content.ok());
   EXPECT_EQ(content.status().code(), absl::StatusCode::kInvalidArgument);
   return std::string(content.status().message());
@@ -82,7 +82,7 @@ TEST(Ply, WhatIsWrittenIsReadBack) {
   options.label_colors_rgb = {{1, 2, 3}, {4, 5, 6}};
   options.face_confidence = {0, 0.5, 1, 0.25};
   ASSERT_TRUE(WritePly(path, mesh, options).ok());
-  const StatusOr<PlyContent> read = ReadPly(path);
+  const StatusOr<MeshContent> read = ReadPly(path);
   ASSERT_TRUE(read.ok()) << read.status();
   EXPECT_EQ(read->mesh.vertices, mesh.vertices);
   EXPECT_EQ(read->mesh.faces, mesh.faces);
@@ -102,7 +102,7 @@ TEST(Ply, LargeFilesCrossTheWindow) {
     mesh.faces.push_back(face);
   }
   ASSERT_TRUE(WritePly(path, mesh).ok());
-  const StatusOr<PlyContent> read = ReadPly(path);
+  const StatusOr<MeshContent> read = ReadPly(path);
   ASSERT_TRUE(read.ok()) << read.status();
   EXPECT_EQ(read->mesh.vertices, mesh.vertices);
   EXPECT_EQ(read->mesh.faces, mesh.faces);
@@ -122,7 +122,7 @@ TEST(Ply, LargeFilesCrossTheWindow) {
     text += line;
   }
   std::ofstream(path, std::ios::binary) << text;
-  for (const StatusOr<PlyContent>& content : {ReadPly(path), ParsePly(text, "text")}) {
+  for (const StatusOr<MeshContent>& content : {ReadPly(path), ParsePly(text, "text")}) {
     ASSERT_TRUE(content.ok()) << content.status();
     EXPECT_EQ(content->mesh.vertices, mesh.vertices);
     EXPECT_EQ(content->mesh.faces, mesh.faces);
@@ -180,7 +180,7 @@ TEST(Ply, OtherElementsAndPropertiesAreReadPast) {
       data.Put(uint8_t{2}).Put(uint8_t{1}).Put(uint8_t{0}).Put(1.f);
     }
     data.Put(int32_t{0}).Put(uint32_t{1}).Put(uint32_t{9});
-    const StatusOr<PlyContent> content = ParsePly(header + data.str(), "other");
+    const StatusOr<MeshContent> content = ParsePly(header + data.str(), "other");
     ASSERT_TRUE(content.ok()) << content.status();
     const TriangleMesh& mesh = content->mesh;
     ASSERT_EQ(mesh.vertices.size(), 3u);
@@ -192,7 +192,7 @@ TEST(Ply, OtherElementsAndPropertiesAreReadPast) {
 }
 
 TEST(Ply, TextWithEverything) {
-  const StatusOr<PlyContent> content = ParsePly(
+  const StatusOr<MeshContent> content = ParsePly(
       "ply\nformat ascii 1.0\ncomment VCGLIB generated\nelement face 1\nproperty list uchar int vertex_indices\n"
       "property list uchar float texcoord\nproperty int label\nelement vertex 3\nproperty float x\nproperty double y\n"
       "property int z\nproperty uchar red\nelement none 3\nelement edge 1\nproperty int a\nend_header\n"
@@ -200,7 +200,7 @@ TEST(Ply, TextWithEverything) {
       "text");
   // "0x" is no number.
   EXPECT_THAT(content.status().message(), HasSubstr("text: line 21 (vertex 2): found y = '0x', expected a finite"));
-  const StatusOr<PlyContent> good = ParsePly(
+  const StatusOr<MeshContent> good = ParsePly(
       "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_indices\n"
       "property list uchar float texcoord\nproperty int label\nelement vertex 3\nproperty float x\nproperty double y\n"
       "property int z\nproperty uchar red\nelement none 3\nelement edge 1\nproperty int a\nend_header\n"

@@ -1,6 +1,6 @@
-// A labelled PLY written piece by piece: vertices and faces pass through two files beside it, never through memory.
-#ifndef TESSERA_COMMON_SYNTH_PLY_STREAM_H_
-#define TESSERA_COMMON_SYNTH_PLY_STREAM_H_
+// A labelled mesh kept in two files while it is made, so that it never lies in memory.
+#ifndef TESSERA_COMMON_SYNTH_MESH_SPOOL_H_
+#define TESSERA_COMMON_SYNTH_MESH_SPOOL_H_
 
 #include <cstdint>
 #include <cstdio>
@@ -11,8 +11,8 @@
 
 namespace tessera {
 
-// Vertices and labelled faces kept in two plain files, in the order of their adding, until somebody reads them back.
-// The files are removed on destruction. Not thread-safe; errors of writing surface in Flush.
+// Vertices and labelled faces in two plain files, in the order in which they are added. The destructor removes the
+// files. Not thread-safe. Rewind returns the errors of writing.
 class MeshSpool {
  public:
   explicit MeshSpool(const std::string& path_prefix);
@@ -39,13 +39,13 @@ class MeshSpool {
   bool failed_ = false;
 };
 
-// Writes the spool as binary little-endian PLY (double x y z; vertex_indices, label) through a temporary name.
+// Writes the spool as PLY, as PlyStream does.
 Status WriteSpooledPly(const std::string& path, MeshSpool& spool);
 
-// Copies `from` to `to` without the connected components of fewer than `min_faces` faces and without the vertices that
-// no face uses. Memory: 8 bytes a vertex.
+// Copies `from` to `to` without the connected components of fewer than `min_faces` faces and without the vertices of no
+// face. Memory: 8 bytes a vertex.
 Status DropSmallComponents(MeshSpool& from, int64_t min_faces, MeshSpool& to);
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_SYNTH_PLY_STREAM_H_
+#endif  // TESSERA_COMMON_SYNTH_MESH_SPOOL_H_

@@ -1,25 +1,18 @@
-#include "common/synth/ply_stream.h"
+#include "common/synth/mesh_spool.h"
 
-#include <bit>
-#include <cstring>
 #include <numeric>
 #include <vector>
 
-#include "common/storage/files.h"
+#include "common/meshio/ply.h"
 #include "common/storage/temporary_name.h"
 
 namespace tessera {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "records are written as they lie in memory");
-
-#pragma pack(push, 1)
-struct FaceRecord {  // as in the PLY's body
-  uint8_t corners = 3;
+struct FaceRecord {
   uint32_t vertex[3];
   int32_t label;
 };
-#pragma pack(pop)
 
 }  // namespace
 
@@ -45,7 +38,7 @@ void MeshSpool::AddVertex(const Eigen::Vector3d& p) {
 
 void MeshSpool::AddFace(const Triangle& face, int32_t label) {
   if (failed_) return;
-  const FaceRecord record{3, {face[0], face[1], face[2]}, label};
+  const FaceRecord record{{face[0], face[1], face[2]}, label};
   failed_ = std::fwrite(&record, sizeof record, 1, faces_) != 1;
   ++face_count_;
 }
@@ -71,31 +64,16 @@ bool MeshSpool::NextFace(Triangle* face, int32_t* label) {
 
 Status WriteSpooledPly(const std::string& path, MeshSpool& spool) {
   TESSERA_RETURN_IF_ERROR(spool.Rewind());
-  const std::string temporary = TemporaryBeside(path);
-  std::FILE* out = std::fopen(temporary.c_str(), "wbx");
-  if (out == nullptr) return absl::PermissionDeniedError("cannot write " + temporary + ": " + std::strerror(errno));
-  bool good =
-      std::fprintf(out,
-                   "ply\nformat binary_little_endian 1.0\nelement vertex %lld\nproperty double x\nproperty double y\n"
-                   "property double z\nelement face %lld\nproperty list uchar int vertex_indices\n"
-                   "property int label\nend_header\n",
-                   static_cast<long long>(spool.vertex_count()), static_cast<long long>(spool.face_count())) > 0;
+  PlyLayout layout;
+  layout.vertices = spool.vertex_count();
+  layout.faces = spool.face_count();
+  layout.has_labels = true;
+  TESSERA_ASSIGN_OR_RETURN(PlyStream out, PlyStream::Create(path, layout));
   Eigen::Vector3d p;
-  while (good && spool.NextVertex(&p)) good = std::fwrite(p.data(), sizeof(double), 3, out) == 3;
-  FaceRecord record;
-  Triangle face;
-  int32_t label;
-  while (good && spool.NextFace(&face, &label)) {
-    record = {3, {face[0], face[1], face[2]}, label};
-    good = std::fwrite(&record, sizeof record, 1, out) == 1;
-  }
-  good = std::fclose(out) == 0 && good;
-  if (!good) {
-    std::remove(temporary.c_str());
-    return absl::ResourceExhaustedError("cannot write " + temporary + ": is the disk full?");
-  }
-  TESSERA_RETURN_IF_ERROR(SyncPath(temporary));
-  return RenameDurably(temporary, path);
+  while (spool.NextVertex(&p)) out.AddVertex(p);
+  PlyFace face;
+  while (spool.NextFace(&face.vertices, &face.label)) out.AddFace(face);
+  return out.Finish();
 }
 
 Status DropSmallComponents(MeshSpool& from, int64_t min_faces, MeshSpool& to) {

@@ -1,0 +1,65 @@
+#include "common/meshio/mesh_format.h"
+
+#include <algorithm>
+#include <memory>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "common/meshio/byte_source.h"
+#include "common/meshio/ply.h"
+
+namespace tessera {
+namespace {
+
+constexpr MeshFormat kFormats[] = {
+    {"PLY", ".ply", IsPly, ReadPly, StreamPly, PlyFaceCount,
+     [](const std::string& path, const TriangleMesh& mesh) { return WritePly(path, mesh); }},
+};
+
+constexpr int64_t kHeadBytes = 256;
+
+std::string Names() {
+  std::string names;
+  for (const MeshFormat& format : kFormats)
+    absl::StrAppend(&names, names.empty() ? "" : ", ", std::string(format.name));
+  return names;
+}
+
+StatusOr<const MeshFormat*> FormatOfFile(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
+  const auto size = static_cast<size_t>(std::min(kHeadBytes, source->size_bytes()));
+  const char* const bytes = source->Peek(size);
+  TESSERA_RETURN_IF_ERROR(source->status());
+  const std::string_view head(bytes, bytes == nullptr ? 0 : size);
+  for (const MeshFormat& format : kFormats) {
+    if (format.matches(head)) return &format;
+  }
+  return InputError(path, "first bytes", head.empty() ? "an empty file" : "no known mesh format",
+                    absl::StrCat("a mesh file (", Names(), ")"));
+}
+
+}  // namespace
+
+StatusOr<MeshContent> ReadMesh(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
+  return format->read(path);
+}
+
+Status StreamMesh(const std::string& path, MeshSink* sink) {
+  TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
+  return format->stream(path, sink);
+}
+
+StatusOr<int64_t> CountMeshFaces(const std::string& path) {
+  TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
+  return format->count_faces(path);
+}
+
+Status WriteMesh(const std::string& path, const TriangleMesh& mesh) {
+  for (const MeshFormat& format : kFormats) {
+    if (absl::EndsWithIgnoreCase(path, std::string(format.extension))) return format.write(path, mesh);
+  }
+  return InputError(path, "extension", "no known mesh format", absl::StrCat("a mesh file (", Names(), ")"));
+}
+
+}  // namespace tessera

@@ -1,0 +1,40 @@
+// Mesh files of any format: a table of readers and writers, one row a format. To add a format, write a file with its
+// reader and writer and add a row to kFormats in mesh_format.cc.
+#ifndef TESSERA_COMMON_MESHIO_MESH_FORMAT_H_
+#define TESSERA_COMMON_MESHIO_MESH_FORMAT_H_
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "common/base/status.h"
+#include "common/meshio/mesh_content.h"
+
+namespace tessera {
+
+struct MeshFormat {
+  std::string_view name;                   // for messages
+  std::string_view extension;              // of files to write
+  bool (*matches)(std::string_view head);  // whether a file that begins with `head` has this format
+  StatusOr<MeshContent> (*read)(const std::string& path);
+  Status (*stream)(const std::string& path, MeshSink* sink);
+  StatusOr<int64_t> (*count_faces)(const std::string& path);
+  Status (*write)(const std::string& path, const TriangleMesh& mesh);
+};
+
+// The format of a file is found from its first bytes. Errors: INVALID_ARGUMENT if no format matches, NOT_FOUND if there
+// is no such file; else those of the format's reader (ReadPly).
+StatusOr<MeshContent> ReadMesh(const std::string& path);
+
+// Reads the file front to back into `sink`, through a window. Returns the errors of Begin.
+Status StreamMesh(const std::string& path, MeshSink* sink);
+
+// The number of faces that the file declares.
+StatusOr<int64_t> CountMeshFaces(const std::string& path);
+
+// Writes the format of the path's extension, atomically. INVALID_ARGUMENT if no format has it.
+Status WriteMesh(const std::string& path, const TriangleMesh& mesh);
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_MESHIO_MESH_FORMAT_H_
