@@ -413,9 +413,9 @@ TEST_F(UpdateTest, WhatCannotBeIsSaidWithWhatToDo) {
   };
   expect(Update(Street(), "a", {}, Path("nowhere")), "expected a folder that `tessera run --out` filled");
   expect(Update(Street(), "b", {"--withdraw", "autumn"}),
-         "found flight 'autumn', expected one of the base's: 'spring'");
+         "found flight 'autumn', expected a flight of the base job: 'spring'");
   expect(Update(Street(), "c", {"--tiles", "4"}), "an update keeps those of its base");
-  expect(Update(Street(), "d", {"--withdraw", "spring"}), "every image of the base is withdrawn");
+  expect(Update(Street(), "d", {"--withdraw", "spring"}), "all images of the base job are withdrawn");
   expect(Update(Street(), "e", {"--from-scratch", "--max-price", "1e-9", "--price-per-core-hour", "1"}),
          "core-seconds, more than the");
   const std::string mesh = CopyOfCity(Path("mesh"));

@@ -52,7 +52,7 @@ void BlockLikelihoods::Agreement(double height_m, std::vector<float>* agreement)
   }
 }
 
-// Along the ray towards the camera, a cell a step, until above everything.
+// Ray marching towards the camera, one cell per step, until above the highest surface.
 bool BlockLikelihoods::Hidden(int x, int y, double height_m, const Eigen::Vector3d& to_camera,
                               std::span<const float> occluders_m, double top_m) const {
   const Eigen::Vector3d up = ground_.axis_x.cross(ground_.axis_y);

@@ -1,4 +1,4 @@
-// Class likelihoods of the new views on surfaces over the ground plane.
+// Class likelihoods of the new views, sampled on surfaces over the ground plane.
 #ifndef TESSERA_WORKER_CHANGES_BLOCK_LABELS_H_
 #define TESSERA_WORKER_CHANGES_BLOCK_LABELS_H_
 
@@ -11,19 +11,20 @@
 
 namespace tessera {
 
-// Likelihoods at cells' middles in the chosen views.
+// Samples likelihoods at cell centres in the chosen views.
 class BlockLikelihoods {
  public:
-  // All must outlive it.
+  // All arguments must outlive the object.
   BlockLikelihoods(const CellRect& cells, const GroundPlane& ground, std::span<const ChangeView> views,
                    const ViewChoice& choice, int classes);
 
-  // How much the views' likelihoods agree at each cell at `height_m`: the mean over pairs of views of the chance that
-  // both name the same class, in [0, 1]; NaN where fewer than two views have likelihoods.
+  // Agreement of the views' likelihoods at each cell at `height_m`, in [0, 1]: the mean over pairs of views of the
+  // probability that both have the same class. NaN if fewer than two views have likelihoods there.
   void Agreement(double height_m, std::vector<float>* agreement) const;
 
-  // Of each cell at its height of `heights_m` the likelihoods summed over the views that see it past the cells of
-  // `occluders_m`: classes values a cell; and how many views see it, with likelihoods or without. NaN: nothing there.
+  // For each cell at its height in `heights_m`: `sums`, the likelihoods summed over the views that see it and in
+  // which the surface `occluders_m` does not hide it (`classes` values per cell), and `seen`, the number of such
+  // views with or without likelihoods. Cells of NaN height are skipped.
   void Collect(std::span<const float> heights_m, std::span<const float> occluders_m, std::vector<float>* sums,
                std::vector<int>* seen) const;
 

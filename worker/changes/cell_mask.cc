@@ -5,7 +5,7 @@
 namespace tessera {
 namespace {
 
-// Sums over windows of cells [-before, after] along rows and columns, at least `least` of which are set.
+// Cells with at least `least` set cells in the window [-before, after] along rows and columns.
 CellMask CountAtLeast(const CellMask& mask, int before, int after, int least) {
   const int width = mask.width, height = mask.height;
   std::vector<int> rows(mask.flag.size(), 0);
@@ -36,7 +36,7 @@ CellMask CountAtLeast(const CellMask& mask, int before, int after, int least) {
 CellMask Majority(const CellMask& mask) { return CountAtLeast(mask, 1, 1, 5); }
 
 CellMask WithoutSlivers(const CellMask& mask, int side) {
-  const CellMask squares = CountAtLeast(mask, 0, side - 1, side * side);  // by their first cell
+  const CellMask squares = CountAtLeast(mask, 0, side - 1, side * side);  // indexed by the square's first cell
   const CellMask opened = CountAtLeast(squares, side - 1, 0, 1);
   CellMask kept = CountAtLeast(opened, 1, 1, 1);
   for (size_t i = 0; i < kept.flag.size(); ++i) kept.flag[i] = kept.flag[i] && mask.flag[i];

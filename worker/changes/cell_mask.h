@@ -1,4 +1,4 @@
-// Sets of cells of a raster: clean-up and connected parts.
+// Sets of cells of a raster: morphological filters and connected components.
 #ifndef TESSERA_WORKER_CHANGES_CELL_MASK_H_
 #define TESSERA_WORKER_CHANGES_CELL_MASK_H_
 
@@ -8,7 +8,7 @@
 
 namespace tessera {
 
-// One flag a cell, row by row.
+// One flag per cell, row-major.
 struct CellMask {
   int width = 0, height = 0;
   std::vector<uint8_t> flag;
@@ -17,14 +17,14 @@ struct CellMask {
   CellMask(int w, int h) : width(w), height(h), flag(static_cast<size_t>(w) * h, 0) {}
 };
 
-// A cell becomes what most of its 3 x 3 cells are; outside nothing is set.
+// 3 x 3 majority filter; cells outside the mask count as unset.
 CellMask Majority(const CellMask& mask);
 
-// Cells that some square of side x side set cells holds, and set cells that touch one of those.
+// Removes narrow parts: keeps set cells that lie in, or touch, a square of side x side set cells.
 CellMask WithoutSlivers(const CellMask& mask, int side);
 
-// Parts of `mask` connected by cells' sides that hold a cell of `seeds`, each as indices of its cells, ascending; parts
-// by their first cell.
+// Connected components of `mask` (4-neighbourhood) that contain a cell of `seeds`, as ascending cell indices.
+// Components are ordered by their first cell.
 std::vector<std::vector<size_t>> ConnectedParts(const CellMask& mask, const CellMask& seeds);
 
 }  // namespace tessera

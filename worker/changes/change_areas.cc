@@ -22,7 +22,7 @@ uint8_t MostFrequent(const std::vector<uint8_t>& labels, const std::vector<size_
   return *best > 0 ? static_cast<uint8_t>(best - votes.begin()) : kNoLabel;
 }
 
-// The cells that both have.
+// Copies the cells that both have.
 void CopySurface(const SurfaceRaster& from, SurfaceRaster* to) {
   const CellRect common = CommonCells(from.cells, to->cells);
   if (common.x0 >= common.x1) return;
@@ -39,7 +39,7 @@ CellRect Around(const CellRect& a, const CellRect& b) {
   return {std::min(a.x0, b.x0), std::min(a.y0, b.y0), std::max(a.x1, b.x1), std::max(a.y1, b.y1)};
 }
 
-// Areas of one raster.
+// Finds the areas of one raster.
 class AreaFinder {
  public:
   AreaFinder(const ChangeRaster& raster, const SurfaceRaster* refined, const std::vector<ClassRole>& roles,
@@ -72,7 +72,7 @@ class AreaFinder {
 
  private:
   bool Differs(size_t i, Sign sign, double share) const {
-    const double difference_m = raster_.after.height_m[i] - raster_.before.height_m[i];  // NaN: not known
+    const double difference_m = raster_.after.height_m[i] - raster_.before.height_m[i];  // NaN: unknown
     if (sign == Sign::kHigher) return difference_m > share * threshold_m_;
     if (sign == Sign::kLower) return -difference_m > share * threshold_m_;
     if (!(std::abs(difference_m) <= options_.weak_share * threshold_m_)) return false;
@@ -96,7 +96,7 @@ class AreaFinder {
       area.cells.emplace_back(raster_.cells().x0 + x, raster_.cells().y0 + y);
       area.place.head<2>() += cell_m * (area.cells.back().cast<double>() + Eigen::Vector2d::Constant(0.5)) / count;
       const double difference_m = raster_.after.height_m[i] - raster_.before.height_m[i];
-      if (std::isnan(difference_m)) continue;  // closed by its neighbours
+      if (std::isnan(difference_m)) continue;  // filled in by the majority filter
       known += 1;
       for (const double height_m : {raster_.before.height_m[i], raster_.after.height_m[i]}) {
         area.low_m = std::min(area.low_m, height_m);
@@ -139,7 +139,7 @@ class AreaFinder {
     return area;
   }
 
-  // Whether the refined mesh shows what the images show.
+  // Whether the refined mesh agrees with the images at this cell.
   bool Followed(size_t i, Sign sign, uint8_t label_after) const {
     if (refined_ == nullptr) return false;
     if (sign == Sign::kEqual) return refined_->label[i] == label_after;

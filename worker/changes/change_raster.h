@@ -1,4 +1,4 @@
-// What a new flight shows of the ground plane's cells, against the surface that was there before.
+// Rasters of the old and new surface over the ground plane's cells.
 #ifndef TESSERA_WORKER_CHANGES_CHANGE_RASTER_H_
 #define TESSERA_WORKER_CHANGES_CHANGE_RASTER_H_
 
@@ -14,11 +14,11 @@ namespace tessera {
 inline constexpr uint8_t kNoLabel = 255;
 inline constexpr float kNotKnown = std::numeric_limits<float>::quiet_NaN();  // of heights and scores
 
-// The cells that both have; none where x0 >= x1 or y0 >= y1.
+// Intersection; empty if x0 >= x1 or y0 >= y1.
 CellRect CommonCells(const CellRect& a, const CellRect& b);
 
-// Cells are those of a GroundPlane with this cell_m, row after row from the lowest y. Heights are coordinates along the
-// plane's up, metres, of the local frame; NaN: not known.
+// Cells of a GroundPlane with this cell_m, row by row from the lowest y. Heights are metres along the plane's up,
+// local frame; NaN: unknown.
 struct SurfaceRaster {
   CellRect cells;
   double cell_m = 1;
@@ -32,14 +32,14 @@ struct SurfaceRaster {
   size_t size() const { return static_cast<size_t>(width()) * height(); }
 };
 
-// A cell is known where at least two new views see it; where not, `after.height_m` is NaN.
+// A cell is known if at least two new views see it; `after.height_m` is NaN in all others.
 struct ChangeRaster {
-  SurfaceRaster before;  // the old surface
-  SurfaceRaster after;   // what the new images show; label: the likeliest class
-  // Agreement of the new images (mean ZNCC of the pairs that agree best, -1 to 1) on the surface after and on the one
-  // before; NaN where not known.
+  SurfaceRaster before;  // old surface
+  SurfaceRaster after;   // surface in the new images; label: of greatest likelihood
+  // Agreement of the new images on the new and on the old surface: mean ZNCC of the best pairs, -1 to 1; NaN:
+  // unknown.
   std::vector<float> after_score, before_score;
-  // Mean likelihood of the label after less that of the label before; 0 where they are the same or one is missing.
+  // Mean likelihood of the new label less that of the old one; 0 if they are equal or one is missing.
   std::vector<float> label_margin;
 
   ChangeRaster() = default;

@@ -20,7 +20,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kDegrees = 180 / 3.141592653589793;
 
-// As text with so many decimals has it.
+// Rounds to the value that the text with `digits` decimals has.
 double Decimals(double value, int digits) { return std::stod(absl::StrFormat("%.*f", digits, value)); }
 
 std::array<uint8_t, 3> KindColor(ChangeKind kind) {
@@ -44,7 +44,7 @@ Eigen::Vector3d LocalPoint(const ChangeReport& report, double x_m, double y_m, d
   return ground.axis_x * x_m + ground.axis_y * y_m + ground.axis_x.cross(ground.axis_y) * height_m;
 }
 
-// Longitude and latitude in degrees; nothing for local scenes.
+// Longitude and latitude in degrees; nullopt if the scene is not georeferenced.
 std::optional<Eigen::Vector2d> LonLat(const ChangeReport& report, const Eigen::Vector3d& p_local) {
   const StatusOr<Eigen::Vector3d> place = report.scene.frame.GeodeticFromLocal(p_local);
   if (!place.ok()) return {};
@@ -73,7 +73,7 @@ Json SharesJson(const EpochDisagreement::Shares& shares) {
   return {{"heights", Decimals(shares.heights, 4)}, {"labels", Decimals(shares.labels, 4)}};
 }
 
-// Two corners.
+// Two opposite corners.
 Json SceneBox(const ChangeReport& report, const ChangeArea& area) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector2d& p : area.outline.outer) {
@@ -88,7 +88,7 @@ Json SceneBox(const ChangeReport& report, const ChangeArea& area) {
   return corners;
 }
 
-// Closed, as RFC 7946 has rings.
+// Closed: RFC 7946 repeats the first corner.
 Json GeoRing(const ChangeReport& report, const Ring& ring, double height_m) {
   Json points = Json::array();
   if (!IsGeographic(report)) {
@@ -103,7 +103,7 @@ Json GeoRing(const ChangeReport& report, const Ring& ring, double height_m) {
   return points;
 }
 
-// Grey of the old surface lit from the upper left, 60 to 235.
+// Shaded relief of the old surface, lit from the upper left: 60 to 235.
 uint8_t Relief(const SurfaceRaster& surface, int x, int y) {
   const auto height = [&](int i, int j) {
     i = std::clamp(i, 0, surface.width() - 1);
@@ -222,7 +222,7 @@ std::string ChangesGeoJson(const ChangeReport& report) {
 
 namespace {
 
-// Columns and rows of the raster where there is a surface; of its first cell if there is none.
+// Bounding rectangle of the raster's cells with a surface; the first cell if there is none.
 CellRect SurfacePart(const SurfaceRaster& raster) {
   CellRect part = {raster.width(), raster.height(), 0, 0};
   for (int y = 0; y < raster.height(); ++y) {
@@ -257,7 +257,7 @@ ByteImage DrawChanges(const ChangeReport& report, int max_side_px) {
       const size_t i = static_cast<size_t>(y) * before.width() + x;
       if (std::isnan(before.height_m[i])) continue;
       const uint8_t grey = Relief(before, x, y);
-      // What no two views see fades.
+      // Fade cells that fewer than two views see.
       set(px, py, {grey, grey, grey}, std::isnan(report.raster.after.height_m[i]) ? 0.3 : 1);
     }
   }

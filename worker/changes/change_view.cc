@@ -6,17 +6,18 @@
 namespace tessera {
 namespace {
 
-constexpr int kPlaces = 5;  // of a block, along each axis
+constexpr int kPlaces = 5;  // grid points per block and axis
 
-// How a view looks at a place.
-struct Look {
+// A view relative to a point.
+struct ViewGeometry {
   bool sees = false;
   double tilt_rad = 0;
-  Eigen::Vector2d slope{0, 0};  // way in the plane a metre of height, towards the camera
+  Eigen::Vector2d slope{0, 0};  // towards the camera, metres in the plane per metre of height
 };
 
-// A pair's worth: windows on the ground match best at a third of base to height and bear up to about one.
-double PairWorth(double base_to_height) { return std::abs(std::log(base_to_height / 0.35)); }
+// Cost of a pair by its parallax: windows on the ground match best at a base-to-height ratio of about a third, and up
+// to about one.
+double PairCost(double base_to_height) { return std::abs(std::log(base_to_height / 0.35)); }
 
 }  // namespace
 
@@ -31,18 +32,18 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
       places.push_back(ground.axis_x * p.x() + ground.axis_y * p.y() + up * height_m);
     }
   }
-  std::vector<std::vector<Look>> looks(cameras.size(), std::vector<Look>(places.size()));
+  std::vector<std::vector<ViewGeometry>> geometry(cameras.size(), std::vector<ViewGeometry>(places.size()));
   for (size_t v = 0; v < cameras.size(); ++v) {
     for (size_t k = 0; k < places.size(); ++k) {
       const Eigen::Vector3d ray = cameras[v].Centre() - places[k];
       if (up.dot(ray) <= 0 || !cameras[v].InImage(cameras[v].Project(places[k]))) continue;
       const Eigen::Vector2d slope = ground.Coordinates(ray) / up.dot(ray);
       const double tilt_rad = std::atan(slope.norm());
-      if (tilt_rad <= options.max_tilt_rad) looks[v][k] = {true, tilt_rad, slope};
+      if (tilt_rad <= options.max_tilt_rad) geometry[v][k] = {true, tilt_rad, slope};
     }
   }
   const auto steep = [&](size_t v, size_t k) {
-    return looks[v][k].sees && looks[v][k].tilt_rad <= options.near_nadir_rad;
+    return geometry[v][k].sees && geometry[v][k].tilt_rad <= options.near_nadir_rad;
   };
   bool has_steep = false;
   for (size_t k = 0; k < places.size(); ++k) {
@@ -50,15 +51,15 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
     for (size_t v = 0; v < cameras.size(); ++v) own += steep(v, k);
     has_steep = has_steep || own >= 2;
   }
-  // The steepest views of each place; views that other places have chosen already come first.
+  // The most vertical views of each point; views already chosen for other points come first.
   std::vector<uint8_t> chosen(cameras.size(), 0);
   int count = 0;
   for (size_t k = 0; k < places.size(); ++k) {
     std::vector<size_t> seeing;
     for (size_t v = 0; v < cameras.size(); ++v) {
-      if (has_steep ? steep(v, k) : looks[v][k].sees) seeing.push_back(v);
+      if (has_steep ? steep(v, k) : geometry[v][k].sees) seeing.push_back(v);
     }
-    const auto rank = [&](size_t v) { return looks[v][k].tilt_rad - (chosen[v] ? 0.15 : 0); };
+    const auto rank = [&](size_t v) { return geometry[v][k].tilt_rad - (chosen[v] ? 0.15 : 0); };
     std::stable_sort(seeing.begin(), seeing.end(), [&](size_t a, size_t b) { return rank(a) < rank(b); });
     int own = 0;
     for (const size_t v : seeing) {
@@ -73,17 +74,17 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
   for (size_t v = 0; v < cameras.size(); ++v) {
     if (chosen[v]) choice.views.push_back(static_cast<int>(v));
   }
-  // The best pairs of each place, too.
+  // The best pairs of each point.
   std::vector<std::array<int, 2>> pairs;
   for (size_t k = 0; k < places.size(); ++k) {
     std::vector<std::pair<double, std::array<int, 2>>> own;
     for (size_t i = 0; i < choice.views.size(); ++i) {
       for (size_t j = i + 1; j < choice.views.size(); ++j) {
-        const Look &a = looks[choice.views[i]][k], &b = looks[choice.views[j]][k];
+        const ViewGeometry &a = geometry[choice.views[i]][k], &b = geometry[choice.views[j]][k];
         const double base = (a.slope - b.slope).norm();
         if (!a.sees || !b.sees || base < options.min_base_to_height) continue;
-        own.push_back({PairWorth(base), {static_cast<int>(i), static_cast<int>(j)}});
-        choice.base_to_height = std::max(choice.base_to_height, PairWorth(base) < 1 ? base : 0);
+        own.push_back({PairCost(base), {static_cast<int>(i), static_cast<int>(j)}});
+        choice.base_to_height = std::max(choice.base_to_height, PairCost(base) < 1 ? base : 0);
       }
     }
     std::stable_sort(own.begin(), own.end(), [](const auto& a, const auto& b) { return a.first < b.first; });

@@ -1,4 +1,4 @@
-// How much the epochs disagree: the new images against the surface that the earlier ones left.
+// Disagreement between epochs: the new images against the surface that earlier images produced.
 #ifndef TESSERA_WORKER_CHANGES_DISAGREEMENT_H_
 #define TESSERA_WORKER_CHANGES_DISAGREEMENT_H_
 
@@ -10,24 +10,23 @@
 
 namespace tessera {
 
-// Over the cells that the new images know and of which there is an old surface. No old pixel is read: earlier images
-// speak through the surface and the labels that were made of them, so light and season count for nothing. All 0 if
-// there is no such cell.
+// Statistics over the cells that the new images show and that have an old surface; all 0 if there is none. Old images
+// are not read, only the surface and labels made from them, so differences of light and season do not count.
 struct EpochDisagreement {
-  // Photo term: mean ZNCC of the new images on what they show and on the old surface. Equal where nothing changed.
+  // Photo term: mean ZNCC of the new images on the new and on the old surface; equal where nothing changed.
   double agreement = 0, agreement_before = 0;
   struct Shares {
-    double heights = 0;  // of the cells: heights, and so silhouettes, differ as those of changed areas
-    double labels = 0;   // of the cells with both labels: classes differ, roof and facade counted as one
+    double heights = 0;  // share of cells whose height differs as in a change
+    double labels = 0;   // share of cells with both labels whose classes differ; roof and facade count as one
   };
-  Shares before;                  // of the new images with the old surface
-  std::optional<Shares> refined;  // of the new images with the result: what it does not follow
+  Shares before;                  // new images against the old surface
+  std::optional<Shares> refined;  // new images against the refined mesh
 
-  // So much that it is worth a warning.
+  // True if large enough for a warning.
   bool IsLarge() const;
 };
 
-// `refined`: what the refined mesh shows, or empty.
+// `refined`: rasters of the refined mesh, or empty.
 EpochDisagreement MeasureDisagreement(const ChangeRaster& raster, std::span<const SurfaceRaster> refined,
                                       const std::vector<ClassRole>& roles, double gsd_m,
                                       const ChangeAreaOptions& options);

@@ -8,17 +8,17 @@ namespace tessera {
 namespace {
 
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
-// Deviation of luminance that counts as noise: windows with less than this agree with nothing.
+// Standard deviation of luminance below which a window counts as noise and agrees with nothing.
 constexpr float kNoise = 0.012f;
-// The best of the pairs that show a window speak for it, this share of them and so many at least and at most; the
-// others may look at something in between. Of more pairs more must agree, or chance would find enough that do.
-constexpr float kSpeakingShare = 0.45f;
+// Only the best pairs that show a window are averaged: this share of them, within the limits below. Other pairs may
+// see an occluder. More pairs require more agreement, since some agree by chance.
+constexpr float kBestPairShare = 0.45f;
 constexpr int kLeast = 3, kBest = 8;
 constexpr float kNoPair = -2;
 constexpr float kDoubt = 0.6f;
-constexpr int kLane = 16;  // cells that are worked on side by side
+constexpr int kLane = 16;  // cells processed together
 
-// Luminance at pixel coordinates (centres at +0.5), bilinear; NaN outside.
+// Luminance at pixel coordinates (centres at +0.5), bilinear; NaN outside the image.
 float Bilinear(const FloatImage& image, float x, float y) {
   const float px = x - 0.5f, py = y - 0.5f;
   if (!(px >= 0 && py >= 0 && px < static_cast<float>(image.width - 1) && py < static_cast<float>(image.height - 1))) {
@@ -34,7 +34,7 @@ float Bilinear(const FloatImage& image, float x, float y) {
 
 }  // namespace
 
-int SampleGrid::rim() const {
+int SampleGrid::margin_cells() const {
   const int beyond = (window_samples - samples_per_cell + 1) / 2;
   return beyond <= 0 ? 0 : (beyond + samples_per_cell - 1) / samples_per_cell;
 }
@@ -52,7 +52,7 @@ void GroundMatcher::Sample(const Height& height) {
   for (size_t v = 0; v < choice_.views.size(); ++v) {
     const ChangeView& view = views_[choice_.views[v]];
     const PinholeCamera& k = view.camera.intrinsics;
-    // (u w, v w, w) = start + column · across + height · lift, exact in double to a part of a block, then float.
+    // (u w, v w, w) = start + column · across + height · lift: in double per part of a block, then in float.
     Eigen::Matrix3d calibration;
     calibration << k.fx, 0, k.cx - view.x0, 0, k.fy, k.cy - view.y0, 0, 0, 1;
     const Eigen::Matrix3d from_world = calibration * view.camera.rotation_cam_from_world;
@@ -74,7 +74,7 @@ void GroundMatcher::Sample(const Height& height) {
   }
 }
 
-// Sums over the windows of kLane cells side by side from a cell on.
+// Sums over the windows of kLane adjacent cells, from `first_cell` on.
 template <class Term>
 void GroundMatcher::SumWindows(int first_row, int first_cell, const Term& term) const {
   const int step = grid_.samples_per_cell, columns = grid_.columns(), cells = columns / step;
@@ -88,7 +88,7 @@ void GroundMatcher::SumWindows(int first_row, int first_cell, const Term& term) 
 }
 
 int GroundMatcher::FirstOfWindow() const {
-  return grid_.rim() * grid_.samples_per_cell - (grid_.window_samples - grid_.samples_per_cell + 1) / 2;
+  return grid_.margin_cells() * grid_.samples_per_cell - (grid_.window_samples - grid_.samples_per_cell + 1) / 2;
 }
 
 void GroundMatcher::Correlate(std::vector<float>* scores) {
@@ -112,7 +112,7 @@ void GroundMatcher::Correlate(std::vector<float>* scores) {
         });
         for (int x = 0; x < kLane; ++x) {
           mean[v][x] = sum[x] / count;
-          // max() would drop NaN, which says that the view does not show the window; the product below keeps it.
+          // max() would drop NaN, which marks windows outside the view; the product below keeps it.
           inverse[v][x] = 1 / std::sqrt(std::max(squares[x] - sum[x] * mean[v][x], 0.0f) + floor);
         }
         shown[v] = std::any_of(sum, sum + kLane, [](float s) { return !std::isnan(s); });
@@ -140,14 +140,14 @@ void GroundMatcher::Correlate(std::vector<float>* scores) {
       float* out = scores->data() + static_cast<size_t>(y) * width + first_cell;
       for (int x = 0; x < std::min(kLane, width - first_cell); ++x) {
         float sum = 0, pairs = 0;
-        const float speak = std::clamp(std::round(kSpeakingShare * shown_pairs[x]), static_cast<float>(kLeast),
-                                       static_cast<float>(kBest));
+        const float used_pairs = std::clamp(std::round(kBestPairShare * shown_pairs[x]), static_cast<float>(kLeast),
+                                            static_cast<float>(kBest));
         for (const auto& row : best) {
-          if (row[x] == kNoPair || pairs >= speak) continue;
+          if (row[x] == kNoPair || pairs >= used_pairs) continue;
           sum += row[x];
           pairs += 1;
         }
-        // A single pair agrees somewhere by chance: the fewer speak, the less they say.
+        // One pair may agree by chance, so the mean is reduced if few pairs contribute.
         if (pairs > 0) out[x] = sum / (pairs + kDoubt);
       }
     }

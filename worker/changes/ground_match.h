@@ -1,5 +1,5 @@
-// How well views agree on pieces of a surface seen from above: windows of the ground plane's samples, lifted to a
-// height each, looked up in every view and compared by normalised cross-correlation.
+// Photo-consistency of surface patches seen from above: windows of ground plane samples, lifted to a height each, are
+// projected into every view and compared by normalised cross-correlation.
 #ifndef TESSERA_WORKER_CHANGES_GROUND_MATCH_H_
 #define TESSERA_WORKER_CHANGES_GROUND_MATCH_H_
 
@@ -12,35 +12,36 @@
 
 namespace tessera {
 
-// Samples of a block: `samples_per_cell` a cell and axis, and `rim` cells more on each side for the windows' sake.
+// Sample positions of a block: `samples_per_cell` per cell and axis, with a margin of cells on each side for the
+// windows.
 struct SampleGrid {
   CellRect cells;
   double cell_m = 1;
   int samples_per_cell = 3;
-  int window_samples = 7;  // side of a window, about the middle of its cell
+  int window_samples = 7;  // side of a window, centred on its cell
 
-  int rim() const;
+  int margin_cells() const;
   int width() const { return cells.x1 - cells.x0; }
   int height() const { return cells.y1 - cells.y0; }
-  int columns() const { return (width() + 2 * rim()) * samples_per_cell; }
-  int rows() const { return (height() + 2 * rim()) * samples_per_cell; }
+  int columns() const { return (width() + 2 * margin_cells()) * samples_per_cell; }
+  int rows() const { return (height() + 2 * margin_cells()) * samples_per_cell; }
   double spacing_m() const { return cell_m / samples_per_cell; }
   // Of sample column i or row j.
-  double X_m(int i) const { return (cells.x0 - rim()) * cell_m + (i + 0.5) * spacing_m(); }
-  double Y_m(int j) const { return (cells.y0 - rim()) * cell_m + (j + 0.5) * spacing_m(); }
+  double X_m(int i) const { return (cells.x0 - margin_cells()) * cell_m + (i + 0.5) * spacing_m(); }
+  double Y_m(int j) const { return (cells.y0 - margin_cells()) * cell_m + (j + 0.5) * spacing_m(); }
 };
 
-// Keeps buffers for one block. One call at a time.
+// Owns the buffers for one block. Not thread-safe: one call at a time.
 class GroundMatcher {
  public:
-  // All must outlive it.
+  // All arguments must outlive the object.
   GroundMatcher(const SampleGrid& grid, const GroundPlane& ground, std::span<const ChangeView> views,
                 const ViewChoice& choice);
 
-  // Of each cell (row by row) the mean ZNCC of the best few pairs for the horizontal plane at `height_m`, less where
-  // only one or two pairs show the window; NaN where none does.
+  // For each cell (row by row) the mean ZNCC of the best pairs on the horizontal plane at `height_m`, reduced if only
+  // one or two pairs show the window; NaN if none does.
   void MatchPlane(double height_m, std::vector<float>* scores);
-  // The same for heights a sample (rows() x columns(); NaN: none).
+  // The same for one height per sample (rows() x columns(); NaN: none).
   void MatchSurface(std::span<const float> heights_m, std::vector<float>* scores);
 
  private:
@@ -55,8 +56,8 @@ class GroundMatcher {
   const GroundPlane& ground_;
   std::span<const ChangeView> views_;
   const ViewChoice& choice_;
-  // A view's samples: row by row, within a row the first samples of all cells, then the second, ..., so that
-  // neighbours in memory belong to neighbouring cells. A few more at the end, which nothing is made of.
+  // One array per view. Within a row, the first samples of all cells come first, then the second ones and so on, so
+  // that adjacent floats belong to adjacent cells. Padded at the end for vector loads.
   std::vector<std::vector<float>> luminance_;
 };
 

@@ -13,10 +13,10 @@
 namespace tessera {
 namespace {
 
-// Units of cost: a window that does not agree at all. What no pair shows costs about what chance agreement does.
+// Cost of a window without any agreement. Windows that no pair shows cost about as much as chance agreement.
 constexpr float kUnit = 100;
 constexpr uint8_t kUnseen = 60;
-constexpr double kLowShare = 0.1;  // the block's low ground is higher than this share of it
+constexpr double kLowShare = 0.1;  // quantile of the old heights that defines the block's low ground
 
 // Heights of the sweep: multiples of the step.
 struct Heights {
@@ -63,12 +63,12 @@ SampleGrid GridOf(const CellRect& block, double cell_m, double gsd_m) {
   grid.cells = Grown(block, kBlockMargin);
   grid.cell_m = cell_m;
   grid.samples_per_cell = std::clamp(static_cast<int>(std::lround(cell_m / gsd_m)), 2, 5);
-  // Windows of about seven samples, about the middle of the cell.
+  // Windows of about seven samples, centred on the cell.
   grid.window_samples = grid.samples_per_cell % 2 == 1 ? 7 : 8;
   return grid;
 }
 
-// The smallest rectangle with all cells of the block that have an old surface; empty if none has.
+// Bounding rectangle of the block's cells with an old surface; empty if there is none.
 CellRect KnownPart(const TopSurface& surface, const CellRect& block, double cell_m) {
   CellRect part{block.x1, block.y1, block.x0, block.y0};
   for (int y = block.y0; y < block.y1; ++y) {
@@ -89,18 +89,18 @@ std::vector<TopSurface::Point> OldSamples(const TopSurface& surface, const Sampl
   return points;
 }
 
-// Those of the grid's own cells, without its rim.
-std::vector<TopSurface::Point> WithoutRim(const std::vector<TopSurface::Point>& points, const SampleGrid& grid) {
-  const int rim = grid.rim() * grid.samples_per_cell;
+// Drops the samples of the grid's margin.
+std::vector<TopSurface::Point> WithoutMargin(const std::vector<TopSurface::Point>& points, const SampleGrid& grid) {
+  const int margin = grid.margin_cells() * grid.samples_per_cell;
   std::vector<TopSurface::Point> own;
-  for (int j = rim; j < grid.rows() - rim; ++j) {
+  for (int j = margin; j < grid.rows() - margin; ++j) {
     const auto row = points.begin() + static_cast<size_t>(j) * grid.columns();
-    own.insert(own.end(), row + rim, row + grid.columns() - rim);
+    own.insert(own.end(), row + margin, row + grid.columns() - margin);
   }
   return own;
 }
 
-// Cells beside a jump of the old surface.
+// Cells next to a jump of the old surface.
 std::vector<uint8_t> OldEdges(const SurfaceRaster& before, double jump_m) {
   std::vector<uint8_t> edge(before.size(), 0);
   const int width = before.width();
@@ -117,7 +117,7 @@ std::vector<uint8_t> OldEdges(const SurfaceRaster& before, double jump_m) {
 
 uint8_t CostOf(float score) { return static_cast<uint8_t>(std::lround(kUnit * (1 - std::max(score, 0.0f)))); }
 
-// One block of the plane, from start to end.
+// Measures one block of the plane.
 class BlockMeasurer {
  public:
   BlockMeasurer(const TopSurface& surface, const GroundPlane& ground, const CellRect& whole_block,
@@ -129,14 +129,14 @@ class BlockMeasurer {
     samples_ = OldSamples(surface, grid_);
     range_ = OldRange(samples_);
     raster_ = ChangeRaster(grid_.cells, ground.cell_m);
-    raster_.before = CellsOfSamples(WithoutRim(samples_, grid_), grid_.cells, ground.cell_m, grid_.samples_per_cell);
+    raster_.before = CellsOfSamples(WithoutMargin(samples_, grid_), grid_.cells, ground.cell_m, grid_.samples_per_cell);
     if (!range_.known) return;
     std::vector<PosedCamera> cameras;
     for (const ChangeView& view : views) cameras.push_back(view.camera);
     choice_ = ChooseViews(cameras, ground, Metres(block, ground.cell_m), range_.low_m, options.views);
   }
 
-  // Of the block and its margin.
+  // Returns the raster of the block with its margin.
   ChangeRaster Measure() {
     if (!range_.known || choice_.pairs.empty()) return raster_;
     const BlockLikelihoods likelihoods(grid_.cells, ground_, views_, choice_, classes_);
@@ -176,11 +176,11 @@ class BlockMeasurer {
     std::vector<float> old_heights;
     for (const TopSurface::Point& p : samples_) old_heights.push_back(p.height_m);
     matcher.MatchSurface(old_heights, &raster_.before_score);
-    FavourOld();
+    FavourOldSurface();
   }
 
-  // The old surface in its true shape stands for its level, and for the one beside it that it lies nearest to.
-  void FavourOld() {
+  // Replaces the cost at the two levels next to the old surface by that of its true shape, and subtracts the bonus.
+  void FavourOldSurface() {
     for (size_t i = 0; i < cells(); ++i) {
       const float old_m = raster_.before.height_m[i];
       if (std::isnan(old_m)) continue;
@@ -214,7 +214,7 @@ class BlockMeasurer {
       const uint8_t* match = &match_.cost[i * count];
       const uint8_t least = *std::min_element(match + std::max(best - 1, 0), match + std::min(best + 2, count));
       raster_.after_score[i] = 1 - least / kUnit;
-      // What lies within a step of the old surface is the old surface.
+      // A height within one step of the old surface is replaced by it.
       const float old_m = raster_.before.height_m[i];
       if (std::abs(raster_.after.height_m[i] - old_m) > heights_.step_m) continue;
       raster_.after.height_m[i] = old_m;
@@ -224,8 +224,8 @@ class BlockMeasurer {
   void Label(const BlockLikelihoods& likelihoods) {
     std::vector<float> sums, standing(cells());
     std::vector<int> seen, seen_before;
-    // The old surface can be contradicted only where the views would see it past what still stands: in the lee of a
-    // tall building any height is as good as another.
+    // Views contradict the old surface only where they would see it past the surfaces that still stand. Cells hidden
+    // behind a tall building match equally badly at every height.
     for (size_t i = 0; i < cells(); ++i) {
       standing[i] = std::min(raster_.after.height_m[i], raster_.before.height_m[i]);
     }
@@ -236,7 +236,8 @@ class BlockMeasurer {
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         const size_t i = static_cast<size_t>(y) * width + x;
-        // What is gone from where two views would see it is gone, even if what came to light lies too deep to be seen.
+        // If two views would see the old surface and do not, it is gone, even if the new surface is too low to be
+        // seen.
         const float old_m = raster_.before.height_m[i];
         const bool known = std::isnan(old_m)
                                ? seen[i] >= 2
@@ -245,7 +246,7 @@ class BlockMeasurer {
           raster_.after.height_m[i] = raster_.after_score[i] = raster_.before_score[i] = kNotKnown;
           continue;
         }
-        // With the neighbours on the same surface.
+        // Average over the neighbours on the same surface.
         std::fill(own.begin(), own.end(), 0.0f);
         for (int j = std::max(y - 1, 0); j <= std::min(y + 1, height - 1); ++j) {
           for (int k = std::max(x - 1, 0); k <= std::min(x + 1, width - 1); ++k) {
@@ -275,11 +276,11 @@ class BlockMeasurer {
   Range range_;
   ViewChoice choice_;
   Heights heights_;
-  CostVolume match_, cost_;  // the images alone; with likelihoods and the old surface's bonus
+  CostVolume match_, cost_;  // images only; with likelihoods and the old surface's bonus
   ChangeRaster raster_;
 };
 
-// Copies the cells of `from` that lie in both `part` and `to`.
+// Copies the cells of `from` that lie in `part` and in `to`.
 void CopyCells(const ChangeRaster& from, const CellRect& part, ChangeRaster* to) {
   const CellRect& rect = to->cells();
   const CellRect common = CommonCells(CommonCells(from.cells(), part), rect);
@@ -337,7 +338,7 @@ ChangeRaster MeasureChanges(const MeshSpans& old_mesh, const GroundPlane& ground
   ParallelFor(static_cast<int64_t>(blocks.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t b = begin; b < end; ++b) {
       BlockMeasurer measurer(surface, ground, blocks[b], views, classes, gsd_m, options);
-      CopyCells(measurer.Measure(), blocks[b], &raster);  // blocks share no cell
+      CopyCells(measurer.Measure(), blocks[b], &raster);  // thread-safe: blocks share no cell
     }
   });
   return raster;

@@ -9,7 +9,7 @@
 namespace tessera {
 namespace {
 
-using Corner = std::pair<int, int>;  // y, x: so that the first in order is the lowest
+using Corner = std::pair<int, int>;  // (y, x), so that the first in order is the lowest
 
 double Cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
@@ -20,7 +20,7 @@ double DistanceToSegment(const Eigen::Vector2d& p, const Eigen::Vector2d& a, con
   return (p - a - share * way).norm();
 }
 
-// Marks the corners between `first` and `last` (indices into the ring, last may be its size: the first again) to keep.
+// Marks the corners to keep between `first` and `last`. `last` may be the ring's size, which stands for corner 0.
 void Keep(const Ring& ring, size_t first, size_t last, double tolerance, std::vector<uint8_t>* kept) {
   double farthest = tolerance;
   size_t at = 0;
@@ -49,7 +49,7 @@ Outline TraceOutline(const std::vector<Eigen::Vector2i>& cells) {
   std::set<Corner> inside;
   for (const Eigen::Vector2i& c : cells) inside.insert({c.y(), c.x()});
   const auto has = [&](int x, int y) { return inside.count({y, x}) > 0; };
-  // Directed sides with the cells to their left: start, then the directions (0 east, 1 north, 2 west, 3 south).
+  // Directed cell sides with the cell on their left, by start corner. Directions: 0 east, 1 north, 2 west, 3 south.
   std::map<Corner, std::set<int>> sides;
   for (const Eigen::Vector2i& c : cells) {
     const int x = c.x(), y = c.y();
@@ -76,7 +76,7 @@ Outline TraceOutline(const std::vector<Eigen::Vector2i>& cells) {
       before = direction;
       const auto next = sides.find(at);
       if (next == sides.end()) break;
-      // Where two cells touch at a corner the border stays with its own: left before straight on before right.
+      // Where two cells touch at a corner only, stay at the current cell: prefer left over straight over right.
       int turned = -1;
       for (const int turn : {1, 0, 3}) {
         const int way = (direction + turn) % 4;
@@ -85,7 +85,7 @@ Outline TraceOutline(const std::vector<Eigen::Vector2i>& cells) {
       if (turned < 0 || (at == start && turned == first_direction)) break;
       direction = turned;
     }
-    // The start is a corner only if the border turns there.
+    // The start is a corner only if the direction changes there.
     if (before == first_direction && ring.size() > 1) ring.erase(ring.begin());
     if (SignedArea(ring) > 0) {
       outline.outer = std::move(ring);
@@ -98,7 +98,7 @@ Outline TraceOutline(const std::vector<Eigen::Vector2i>& cells) {
 
 Ring SimplifyRing(const Ring& ring, double tolerance) {
   if (ring.size() <= 4 || tolerance <= 0) return ring;
-  // Between two corners that are far apart.
+  // Split the ring between two corners that are far apart.
   size_t far = 0;
   for (size_t i = 1; i < ring.size(); ++i) {
     if ((ring[i] - ring[0]).squaredNorm() > (ring[far] - ring[0]).squaredNorm()) far = i;

@@ -1,4 +1,4 @@
-// Outlines of sets of cells.
+// Outlines of sets of cells as polygons.
 #ifndef TESSERA_WORKER_CHANGES_OUTLINE_H_
 #define TESSERA_WORKER_CHANGES_OUTLINE_H_
 
@@ -7,7 +7,7 @@
 
 namespace tessera {
 
-// A ring's corners, the first not repeated. Outer rings run counter-clockwise, holes clockwise.
+// Corners of a ring, the first not repeated. Outer rings are counter-clockwise, holes clockwise.
 using Ring = std::vector<Eigen::Vector2d>;
 
 struct Outline {
@@ -18,12 +18,12 @@ struct Outline {
 // Positive for counter-clockwise rings.
 double SignedArea(const Ring& ring);
 
-// The border of a set of cells that are connected by their sides: cell (x, y) is the unit square from (x, y). Corners
-// lie where the border turns.
+// Boundary polygon of a set of 4-connected cells. Cell (x, y) is the unit square whose lowest corner is (x, y).
+// Corners are only where the direction changes.
 Outline TraceOutline(const std::vector<Eigen::Vector2i>& cells);
 
-// Douglas and Peucker 1973 on a ring: no corner that is left out lies farther than `tolerance` from the new border. A
-// ring that would lose its area stays as it is.
+// Simplifies a closed ring (Douglas and Peucker 1973): removed corners lie within `tolerance` of the new ring. A ring
+// that would degenerate is returned unchanged.
 Ring SimplifyRing(const Ring& ring, double tolerance);
 
 }  // namespace tessera

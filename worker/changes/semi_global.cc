@@ -8,7 +8,8 @@ namespace {
 
 constexpr int16_t kFar = std::numeric_limits<int16_t>::max() / 2;
 
-// One cell's step along a path: `from` and `to` have a level of kFar at both ends. Returns the least of `to`.
+// One step of a path (Hirschmüller 2008, eq. 13): the new path costs `to` from the previous cell's `from`. Both have
+// a sentinel kFar at each end, which avoids branches. Returns the minimum of `to`.
 int16_t Step(const uint8_t* cost, const int16_t* from, int16_t from_least, int levels, int16_t one_level, int16_t more,
              int16_t* to) {
   const int16_t jump = static_cast<int16_t>(from_least + more);
@@ -22,7 +23,7 @@ int16_t Step(const uint8_t* cost, const int16_t* from, int16_t from_least, int l
   return least;
 }
 
-// Rows of a path's values: of the cells done last, by column.
+// Path costs of the cells of a row, by column.
 struct PathRow {
   std::vector<int16_t> value, least;
   PathRow(int width, int levels) : value(static_cast<size_t>(width) * (levels + 2), kFar), least(width, 0) {}

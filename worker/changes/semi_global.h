@@ -9,8 +9,8 @@
 
 namespace tessera {
 
-// Costs of `levels` heights in each of width x height cells: level after level within a cell, cell after cell, row by
-// row. At most 200 each.
+// Costs of `levels` heights in each of width x height cells, at most 200 each. Levels are contiguous within a cell;
+// cells are row-major.
 struct CostVolume {
   int width = 0, height = 0, levels = 0;
   std::vector<uint8_t> cost;
@@ -22,13 +22,13 @@ struct CostVolume {
   const uint8_t* At(int x, int y) const { return cost.data() + (static_cast<size_t>(y) * width + x) * levels; }
 };
 
-// Penalties of a step between neighbours: by one level, by more, and by more where a jump is expected. At most 300.
+// Penalties for a height step between neighbours: by one level, by more, and by more at an edge. At most 300.
 struct SmoothPenalties {
   int one_level = 8, more = 40, at_edge = 30;
 };
 
-// Sums over paths from eight directions, laid out as the costs. `edge`: one flag a cell; a step between two cells of
-// which either has one costs `at_edge`. Empty: none.
+// Sum of the path costs from eight directions, same layout as the costs. `edge`: one flag per cell; steps of more
+// than one level between two cells cost `at_edge` if either has the flag. Empty: no edges.
 std::vector<int16_t> AggregateCosts(const CostVolume& volume, const std::vector<uint8_t>& edge,
                                     const SmoothPenalties& penalties);
 

@@ -1,4 +1,4 @@
-// A mesh from straight above: heights and labels over the ground plane.
+// Rasterises a mesh from above: heights and labels over the ground plane.
 #ifndef TESSERA_WORKER_CHANGES_SURFACE_RASTER_H_
 #define TESSERA_WORKER_CHANGES_SURFACE_RASTER_H_
 
@@ -12,17 +12,17 @@
 
 namespace tessera {
 
-// The topmost surface of a mesh. Const functions may be called from any thread.
+// Topmost surface of a mesh. Const functions are thread-safe.
 class TopSurface {
  public:
-  // `mesh` in the local frame; its labels must outlive this.
+  // `mesh`: local frame; its labels must outlive the object.
   TopSurface(const MeshSpans& mesh, const GroundPlane& ground);
 
   struct Point {
     float height_m = 0;  // NaN: no surface
     uint8_t label = kNoLabel;
   };
-  // Above the plane's point (x, y), metres.
+  // Topmost point above the plane's point (x, y), metres.
   Point At(double x_m, double y_m) const;
 
  private:
@@ -32,12 +32,12 @@ class TopSurface {
   RayCaster caster_;
 };
 
-// Cells of `ground` in `cells`: the median height of samples_per_cell² vertical rays, and the label that most of those
-// within half a cell of that height have. A cell that most rays miss is not known.
+// Rasterises `cells` of `ground`: the median height of samples_per_cell² vertical rays, and the most frequent label
+// among rays within half a cell of that height. A cell is unknown if most rays miss.
 SurfaceRaster DrawSurface(const TopSurface& surface, const GroundPlane& ground, const CellRect& cells,
                           int samples_per_cell = 3);
 
-// The same from heights and labels that are at hand: `samples_per_cell` a cell and axis, row after row.
+// The same from given samples: `samples_per_cell` per cell and axis, row-major.
 SurfaceRaster CellsOfSamples(std::span<const TopSurface::Point> samples, const CellRect& cells, double cell_m,
                              int samples_per_cell);
 

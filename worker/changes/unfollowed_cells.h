@@ -1,4 +1,4 @@
-// Which cells the refined mesh shows as they were before.
+// Cells of changed areas that the refined mesh does not follow.
 #ifndef TESSERA_WORKER_CHANGES_UNFOLLOWED_CELLS_H_
 #define TESSERA_WORKER_CHANGES_UNFOLLOWED_CELLS_H_
 
@@ -12,17 +12,16 @@
 
 namespace tessera {
 
-// Of the areas that the refined mesh does not follow. Const functions may be called from any thread. Memory: 4 bytes a
-// cell of the rectangle.
+// Lookup of such areas by cell. Const functions are thread-safe. Memory: 4 bytes per cell of the rectangle.
 class UnfollowedCells {
  public:
-  // `cells`: a rectangle that holds all areas' cells.
+  // `cells`: a rectangle that contains all areas' cells.
   UnfollowedCells(const CellRect& cells, const std::vector<ChangeArea>& areas);
 
-  // Index of the area that has the cell or, so that walls on an area's border are in, one beside it; -1: none, as
-  // outside of the rectangle.
+  // Index of the area that contains the cell, or of one next to it, so that walls on an area's border are included.
+  // -1: none, or outside the rectangle.
   int AreaOf(const Eigen::Vector2i& cell) const;
-  // Whether there are such cells in `part`.
+  // Whether `part` contains such a cell.
   bool AnyIn(const CellRect& part) const;
 
  private:

@@ -1,4 +1,4 @@
-// The cells of the ground and the views that each of them is refined from.
+// Selects for each ground cell the views from which it is refined.
 #ifndef TESSERA_WORKER_CITY_CELL_VIEWS_H_
 #define TESSERA_WORKER_CITY_CELL_VIEWS_H_
 
@@ -13,39 +13,41 @@
 #include "common/geometry/mesh.h"
 #include "common/job/survey.h"
 #include "worker/city/city_file.h"
-#include "worker/city/city_sight.h"
+#include "worker/city/occlusion_test.h"
 #include "worker/city/view_choice.h"
 
 namespace tessera {
 
 struct CellViewOptions {
-  int samples = 48;                 // faces of a cell that are tested, at even steps through its list
-  double up_elevation_rad = 1.05;   // a view from higher than this is one from above
-  double min_cosine = 0.1;          // between a face's normal and the direction to the camera
-  double occlusion_margin_gsd = 3;  // nothing nearer to a face than that hides it
+  int samples = 48;                 // faces tested per cell, evenly spaced in its list
+  double up_elevation_rad = 1.05;   // views from above are at least this high
+  double min_cosine = 0.1;          // of the angle between a face's normal and the direction to the camera
+  double occlusion_margin_gsd = 3;  // surfaces closer to a face than this do not occlude it
   ViewChoiceOptions choice;
-  // Of each view, growing with its flight's date; empty: all are one. Where the newest epoch that sees anything of a
-  // cell shows this share of what all show, in samples that two views see, the others are left out.
+  // Epoch of each view, increasing with the date of its flight; empty: one epoch. If the newest epoch that sees a
+  // cell covers this share (`enough`) of what all views cover, in samples that two views see, older views are not
+  // used.
   std::vector<int> epoch_of_view;
   double enough = 0.9;
-  // Larger cities are tested against their coarse shape and, near a face, against its neighbourhood in full.
+  // Larger cities are tested against a simplified mesh, and against the full mesh only near a face.
   int64_t max_whole_faces = 4 << 20;
 };
 
-// The views of a cell with these `faces` of `mesh`, of those that may show it; ascending. `centres`: of all cameras.
+// Selects the views of a cell that consists of `faces` of `mesh`, from `candidates`; ascending. `centres`: of all
+// cameras.
 std::vector<int32_t> ChooseViewsOfCell(const MeshSpans& mesh, const std::vector<uint32_t>& faces,
-                                       const CitySight& sight, const std::vector<Eigen::Vector3d>& centres,
+                                       const OcclusionTest& occlusion, const std::vector<Eigen::Vector3d>& centres,
                                        const std::vector<size_t>& candidates, const Survey& survey,
                                        const CellViewOptions& options);
 
-// The faces of the block by the cell that has them, (x, y).
+// The faces of the block grouped by cell (x, y).
 std::map<std::pair<int, int>, std::vector<uint32_t>> FacesOfCells(const CityBlock& block, const GroundPlane& ground);
 
-// Chooses the views of survey->cells (CellsOf the city), from survey->ground, survey->views and survey->up. A cell's
-// views are those that see most of it (pixels of its faces that are unhidden, by rays) in good detail, balanced over
-// directions, so that facades keep their oblique pairs. `scratch_folder` takes 4 bytes a vertex meanwhile. `whole`: the
-// mesh that `city` has in blocks, local frame. A function of the mesh and the views alone, whatever the tiling.
-// CANCELLED follows `control`; errors as CityReader::Block's.
+// Sets the views of survey->cells (CellsOf the city), from survey->ground, survey->views and survey->up. A cell gets
+// the views in which most of it is visible (area in pixels, occlusion tested by ray casting) at good resolution,
+// balanced over directions, so that facades keep their oblique pairs. `whole`: the mesh of `city`, local frame.
+// `scratch_folder` temporarily takes 4 bytes per vertex. Depends only on the mesh and the views, not on the tiling.
+// CANCELLED if `control` is cancelled; errors as CityReader::Block.
 Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellViewOptions& options,
                    const TaskControl& control, const std::string& scratch_folder, Survey* survey);
 

@@ -17,7 +17,8 @@ namespace {
 
 static_assert(sizeof(Eigen::Vector3d) == 3 * sizeof(double) && sizeof(Triangle) == 3 * sizeof(uint32_t));
 
-// Arrays of the file. Those named "block" have a row a block, the others the blocks' values one behind the other.
+// Arrays of the file. Names with "block" have one row per block; the others are the concatenated values of all
+// blocks.
 constexpr char kVertexIds[] = "vertex_ids", kPositions[] = "positions", kFaces[] = "faces", kFaceIds[] = "face_ids",
                kLabels[] = "labels", kInputFace[] = "input_face", kBlockCells[] = "block_cells",
                kBlockBoxes[] = "block_boxes", kBlockEnds[] = "block_ends", kBlockSums[] = "block_checksums",
@@ -43,7 +44,7 @@ uint64_t Checksum(const CityBlock& block) {
   return hasher.Digest();
 }
 
-// Cuts cells [begin, end) of `cells` into blocks, and puts them in that order.
+// Bisects cells [begin, end) of `cells` recursively into blocks and sorts them accordingly.
 void Halve(std::vector<SurveyCell>* cells, size_t begin, size_t end, int64_t max_faces, std::vector<CellRect>* blocks) {
   CellRect rect = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN};
   int64_t faces = 0;
@@ -57,7 +58,7 @@ void Halve(std::vector<SurveyCell>* cells, size_t begin, size_t end, int64_t max
     blocks->push_back(rect);
     return;
   }
-  // Across the longer side, where the halves have most alike.
+  // Split the longer side, which gives the most compact halves.
   const bool by_x = static_cast<int64_t>(rect.x1) - rect.x0 >= static_cast<int64_t>(rect.y1) - rect.y0;
   std::map<int, int64_t> faces_at;
   for (size_t i = begin; i < end; ++i) faces_at[by_x ? (*cells)[i].x : (*cells)[i].y] += (*cells)[i].faces;
@@ -79,7 +80,7 @@ void Halve(std::vector<SurveyCell>* cells, size_t begin, size_t end, int64_t max
   Halve(cells, half, end, max_faces, blocks);
 }
 
-// Which block each cell is in.
+// Index of the block that contains each cell.
 std::unordered_map<uint64_t, uint32_t> BlockOfCell(const std::vector<SurveyCell>& cells,
                                                    const std::vector<CellRect>& blocks) {
   std::map<std::pair<int, int>, uint64_t> unplaced;  // by (y, x)
@@ -98,10 +99,10 @@ std::unordered_map<uint64_t, uint32_t> BlockOfCell(const std::vector<SurveyCell>
   return block_of;
 }
 
-// Makes meshes of their own out of lists of faces.
+// Extracts lists of faces as meshes of their own.
 class BlockBuilder {
  public:
-  // The block's vertices and its faces as indices of these.
+  // Sets the block's vertices and its faces in local indices.
   void Build(const MeshSpans& mesh, std::span<const uint32_t> face_ids) {
     vertex_ids.clear();
     faces.clear();
@@ -141,7 +142,7 @@ std::vector<CellRect> LayOutBlocks(const std::vector<SurveyCell>& cells, int64_t
 
 std::vector<SurveyCell> CellsOf(const MeshSpans& mesh, const GroundPlane& ground) {
   std::unordered_map<uint64_t, SurveyCell> by_key;
-  SurveyCell* last = nullptr;  // neighbours in the list are mostly neighbours in space
+  SurveyCell* last = nullptr;  // consecutive faces are mostly in the same cell
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     const Eigen::Vector2i at = ground.Cell(mesh.Centroid(f));
     if (last == nullptr || last->x != at.x() || last->y != at.y()) {
@@ -175,13 +176,14 @@ Status WriteCity(const std::string& path, const CitySpans& city, const GroundPla
   const MeshSpans& mesh = city.mesh;
   const std::vector<CellRect> rects = LayOutBlocks(cells, max_block_faces);
   const std::unordered_map<uint64_t, uint32_t> block_of = BlockOfCell(cells, rects);
-  // Faces by block, then id.
+  // Sort faces by block, then by id.
   std::vector<int64_t> face_ends(rects.size() + 1, 0);
   TESSERA_ASSIGN_OR_RETURN(auto block_of_face, ScratchArray<uint32_t>::Create(scratch_folder, mesh.faces.size()));
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     const Eigen::Vector2i at = ground.Cell(mesh.Centroid(f));
     const auto it = block_of.find(CellKey(at.x(), at.y()));
-    if (it == block_of.end()) return absl::InternalError(absl::StrCat("face ", f, " is in no cell"));
+    if (it == block_of.end())
+      return absl::InternalError(absl::StrCat("face ", f, ": its cell is not in the list of cells"));
     block_of_face[f] = it->second;
     ++face_ends[it->second + 1];
   }
@@ -197,7 +199,7 @@ Status WriteCity(const std::string& path, const CitySpans& city, const GroundPla
         .subspan(static_cast<size_t>(face_ends[block]), static_cast<size_t>(face_ends[block + 1] - face_ends[block]));
   };
 
-  // The blocks' own vertices; how many they are is known only afterwards.
+  // Collect the vertices of each block; their number is only known afterwards.
   std::vector<int64_t> vertex_ends = {0};
   TESSERA_ASSIGN_OR_RETURN(auto vertex_list, ScratchList<uint32_t>::Create(scratch_folder));
   TESSERA_ASSIGN_OR_RETURN(auto corner_list, ScratchList<Triangle>::Create(scratch_folder));
@@ -303,14 +305,15 @@ StatusOr<CityReader> CityReader::Open(const std::string& path) {
     entry.checksum = static_cast<uint64_t>(sums[b]);
     if (entry.vertex_end < entry.vertex_begin || entry.vertex_end > vertices || entry.face_end < entry.face_begin ||
         entry.face_end > city.faces_) {
-      return absl::DataLossError(absl::StrCat(path, ": block ", b, " does not fit to those before it"));
+      return absl::DataLossError(
+          absl::StrCat(path, ": block ", b, ": its ranges overlap the previous block or exceed the file's arrays"));
     }
     city.blocks_.push_back(entry);
     last = entry;
   }
   if (last.vertex_end != vertices || last.face_end != city.faces_) {
     return absl::DataLossError(
-        absl::StrCat(path, ": the blocks have ", last.face_end, " faces, expected ", city.faces_));
+        absl::StrCat(path, ": found blocks with ", last.face_end, " faces, expected ", city.faces_));
   }
   return city;
 }
@@ -332,15 +335,17 @@ StatusOr<CityBlock> CityReader::Block(size_t index) const {
   const auto damaged = [&](const std::string& what) {
     return absl::DataLossError(absl::StrCat(file_.path(), ": block ", index, ": ", what));
   };
-  if (Checksum(block) != entry.checksum) return damaged("found another checksum than was written");
+  if (Checksum(block) != entry.checksum) return damaged("checksum mismatch; the file is damaged");
   for (const Triangle& face : block.mesh.faces) {
     for (const uint32_t v : face) {
-      if (v >= vertex_count) return damaged(absl::StrCat("found vertex ", v, " of ", vertex_count));
+      if (v >= vertex_count)
+        return damaged(absl::StrCat("found vertex index ", v, ", expected less than ", vertex_count));
     }
   }
   if (vertex_count > 0 && block.vertex_ids.back() >= vertex_ids_end_)
-    return damaged("found a vertex that is not in the city");
-  if (face_count > 0 && block.face_ids.back() >= face_ids_end_) return damaged("found a face that is not in the city");
+    return damaged("found a vertex id beyond the city's last id");
+  if (face_count > 0 && block.face_ids.back() >= face_ids_end_)
+    return damaged("found a face id beyond the city's last id");
   return block;
 }
 
@@ -348,7 +353,8 @@ StatusOr<City> ReadCity(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const CityReader reader, CityReader::Open(path));
   City city;
   if (reader.vertices() != reader.vertex_ids_end() || reader.faces() != reader.face_ids_end()) {
-    return absl::FailedPreconditionError(path + ": has ids that are used no more");
+    return absl::FailedPreconditionError(
+        path + ": found unused ids, expected contiguous ids; a city of an update cannot be read as a whole");
   }
   city.mesh.vertices.resize(static_cast<size_t>(reader.vertices()));
   city.mesh.faces.resize(static_cast<size_t>(reader.faces()));

@@ -1,4 +1,4 @@
-// What ingest hands on: the mesh of the whole city, on disk in blocks that can be read one by one.
+// The output of ingest: the mesh of the whole city, stored on disk in blocks that can be read one at a time.
 #ifndef TESSERA_WORKER_CITY_CITY_FILE_H_
 #define TESSERA_WORKER_CITY_CITY_FILE_H_
 
@@ -16,20 +16,20 @@
 
 namespace tessera {
 
-// The mesh after repair and splitting, local frame, wherever it lies; its topology is that of the result.
+// The mesh after repair and splitting, local frame, in memory or in mapped files. The result has the same topology.
 struct CitySpans {
-  MeshSpans mesh;                        // labels: one a face; -1: not labelled
-  std::span<const uint32_t> input_face;  // face of the scene's mesh that each face is a part of; empty: its own
-  // Global ids, ascending; empty: the indices. Of a city whose mesh changed, some are used no more (revise_city.h).
+  MeshSpans mesh;                        // labels: one per face; -1: unlabelled
+  std::span<const uint32_t> input_face;  // face of the scene's mesh from which each face was split; empty: itself
+  // Global ids, ascending; empty: the indices. After changes of the mesh some ids are unused (revise_city.h).
   std::span<const uint32_t> vertex_ids = {}, face_ids = {};
-  int64_t vertex_ids_end = 0, face_ids_end = 0;  // all ids that were ever used are below; of indices: 0
+  int64_t vertex_ids_end = 0, face_ids_end = 0;  // one past the largest id ever used; 0 if the ids are the indices
 };
 
-// The faces whose centroid lies in a rectangle of cells, as a mesh of its own. Points into a CityReader.
+// The faces whose centroid lies in a rectangle of cells, as a mesh of its own. Refers to memory of the CityReader.
 struct CityBlock {
   CellRect cells;
   Eigen::AlignedBox3d box;               // of the vertices, local frame
-  MeshSpans mesh;                        // local indices; vertices that other blocks use too are in each of them
+  MeshSpans mesh;                        // local indices; vertices shared between blocks are in each of them
   std::span<const uint32_t> vertex_ids;  // global, ascending
   std::span<const uint32_t> face_ids;    // global, ascending
   std::span<const uint32_t> input_face;
@@ -40,37 +40,37 @@ struct CityBlock {
   }
 };
 
-// Rectangles that hold every cell once, each with at most `max_faces` faces unless it is one cell. By halving at the
-// borders of cells: a function of the cells alone.
+// Partitions the cells into rectangles with at most `max_faces` faces each (single cells may have more), by recursive
+// bisection along cell borders. Depends only on the cells.
 std::vector<CellRect> LayOutBlocks(const std::vector<SurveyCell>& cells, int64_t max_faces);
 
-// The cells that have faces, with all but their views; by y, then x.
+// The cells that contain faces, without their views; ordered by y, then x.
 std::vector<SurveyCell> CellsOf(const MeshSpans& mesh, const GroundPlane& ground);
 
 constexpr int64_t kCityBlockFaces = 1 << 16;
 
-// `cells`: CellsOf the mesh. Memory is bounded by a block and the number of cells; `scratch_folder` takes up to 20
-// bytes a face meanwhile. The file's bytes depend on nothing but the arguments.
+// Writes a city file. `cells`: CellsOf the mesh. Memory is bounded by one block and the number of cells;
+// `scratch_folder` temporarily takes up to 20 bytes per face. The file's bytes depend only on the arguments.
 Status WriteCity(const std::string& path, const CitySpans& city, const GroundPlane& ground,
                  const std::vector<SurveyCell>& cells, const std::string& scratch_folder,
                  int64_t max_block_faces = kCityBlockFaces);
 
-// A city file in the address space. Const members are thread-safe.
+// A memory-mapped city file. Const members are thread-safe.
 class CityReader {
  public:
-  // DATA_LOSS if the file is damaged or its parts do not fit together, as far as that shows without reading the blocks.
+  // DATA_LOSS if the file is damaged or inconsistent, as far as can be detected without reading the blocks.
   static StatusOr<CityReader> Open(const std::string& path);
 
   int64_t vertices() const { return vertices_; }
   int64_t faces() const { return faces_; }
-  // All ids are below, also those that are used no more.
+  // One past the largest id ever used, including unused ones.
   int64_t vertex_ids_end() const { return vertex_ids_end_; }
   int64_t face_ids_end() const { return face_ids_end_; }
   size_t block_count() const { return blocks_.size(); }
   const CellRect& cells(size_t block) const { return blocks_[block].cells; }
   const Eigen::AlignedBox3d& box(size_t block) const { return blocks_[block].box; }
 
-  // Reads and checks the block: DATA_LOSS if it is not what was written.
+  // Reads and verifies a block. DATA_LOSS if its checksum or its indices are wrong.
   StatusOr<CityBlock> Block(size_t block) const;
 
  private:
@@ -88,7 +88,7 @@ class CityReader {
   std::span<const int32_t> labels_;
 };
 
-// The whole city in memory, without gaps between ids, for tests, benchmarks and small cities.
+// The whole city in memory, for tests, benchmarks and small cities. Requires contiguous ids.
 struct City {
   TriangleMesh mesh;
   std::vector<int64_t> input_face;

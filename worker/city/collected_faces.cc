@@ -22,7 +22,7 @@ CollectedFaces FaceCollector::Finish() {
   CollectedFaces out;
   std::sort(vertices_.begin(), vertices_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   for (const auto& [id, position] : vertices_) {
-    if (!out.vertex_ids.empty() && out.vertex_ids.back() == id) continue;  // of two blocks
+    if (!out.vertex_ids.empty() && out.vertex_ids.back() == id) continue;  // a vertex of two blocks
     out.vertex_ids.push_back(id);
     out.mesh.vertices.push_back(position);
   }

@@ -1,4 +1,4 @@
-// Faces picked from blocks of the city, put together as a mesh.
+// Collects faces from blocks of the city into one mesh.
 #ifndef TESSERA_WORKER_CITY_COLLECTED_FACES_H_
 #define TESSERA_WORKER_CITY_COLLECTED_FACES_H_
 
@@ -12,32 +12,32 @@
 
 namespace tessera {
 
-// Faces and the vertices they use, both in the order of their global ids.
+// Faces and the vertices they use, both ordered by global id.
 struct CollectedFaces {
   TriangleMesh mesh;
   std::vector<uint32_t> vertex_ids, face_ids;  // ascending
-  std::vector<uint8_t> marked;                 // faces
+  std::vector<uint8_t> marked;                 // per face
 };
 
-// Copies what it is given; the blocks need not outlive it. Not thread-safe.
+// Copies its input; the blocks need not outlive it. Not thread-safe.
 class FaceCollector {
  public:
-  // A face, at most once.
+  // Adds a face. Each face may be added once.
   void Add(const CityBlock& block, size_t face, bool marked);
-  // All of them; the collector is empty afterwards. The order of adding does not matter.
+  // Returns the mesh of all added faces and empties the collector. The order of adding does not matter.
   CollectedFaces Finish();
 
  private:
   struct Picked {
     uint32_t id;
-    Triangle vertices;  // global
+    Triangle vertices;  // global ids
     int32_t label;
     uint8_t marked;
   };
   std::vector<Picked> faces_;
-  std::vector<std::pair<uint32_t, Eigen::Vector3d>> vertices_;  // by global id; in no order, some more than once
-  std::vector<uint8_t> taken_;                                  // vertices of the block at hand that are in vertices_
-  const uint32_t* block_ = nullptr;                             // identifies the block at hand
+  std::vector<std::pair<uint32_t, Eigen::Vector3d>> vertices_;  // by global id; unordered, with duplicates
+  std::vector<uint8_t> taken_;                                  // per vertex of the current block: already in vertices_
+  const uint32_t* block_ = nullptr;                             // identifies the current block
 };
 
 }  // namespace tessera

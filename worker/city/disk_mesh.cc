@@ -15,7 +15,7 @@ class DiskSink : public MeshSink {
       : scene_(scene), path_(path), scratch_folder_(scratch_folder) {}
 
   Status Begin(int64_t vertices, int64_t faces, bool has_labels, bool float_positions) override {
-    // The header's reader has compared the counts with the file's size.
+    // The header's reader has checked the counts against the file's size.
     mesh_.float_positions = float_positions;
     has_labels_ = has_labels;
     TESSERA_ASSIGN_OR_RETURN(mesh_.vertices,

@@ -1,4 +1,4 @@
-// Meshes larger than memory, on the way from the scene's file to the city.
+// Processes meshes larger than memory, from the scene's file to the city.
 #ifndef TESSERA_WORKER_CITY_DISK_MESH_H_
 #define TESSERA_WORKER_CITY_DISK_MESH_H_
 
@@ -22,9 +22,9 @@ namespace tessera {
 struct DiskMesh {
   ScratchArray<Eigen::Vector3d> vertices;
   ScratchArray<Triangle> faces;
-  ScratchArray<int32_t> labels;       // one a face, or none
-  ScratchArray<uint32_t> input_face;  // of the scene's file, one a face; none: each is its own
-  bool float_positions = false;       // as they were stored in the scene's file
+  ScratchArray<int32_t> labels;       // one per face, or empty
+  ScratchArray<uint32_t> input_face;  // face of the scene's file, one per face; empty: itself
+  bool float_positions = false;       // the scene's file stores floats
   double largest_coordinate_m = 0;    // in the scene's frame
 
   MeshSpans spans() const {
@@ -36,29 +36,29 @@ struct DiskMesh {
   }
 };
 
-// Streams the scene's mesh into scratch files, in the local frame and on its grid. Checks what LoadSceneMesh does, with
-// the same errors, but for the rounding of floats.
+// Streams the scene's mesh into scratch files, in the local frame and rounded to the local grid. Checks and errors as
+// LoadSceneMesh, except that float positions are not tested for rounding.
 StatusOr<DiskMesh> ReadMeshToDisk(const SceneDescription& scene, const std::string& scratch_folder);
 
-// Labels as the line needs them, one a face: where the mesh has none, -1 if the scene has likelihoods, else 0.
+// Ensures one label per face. A mesh without labels gets -1 if the scene has likelihoods, else 0.
 Status CompleteLabels(bool has_likelihoods, const std::string& scratch_folder, DiskMesh* mesh);
 
-// These faces of a mesh as one of its own, with vertices of their own; labels are left out.
+// Extracts these faces with their vertices as a mesh, without labels.
 TriangleMesh PickFaces(const MeshSpans& mesh, const std::vector<size_t>& faces);
 
-// How much of a mesh is worked on at a time. Results do not depend on it.
+// Size of the parts processed at a time. Results do not depend on it.
 struct DiskPassOptions {
   size_t vertices_per_part = size_t{1} << 19;
   size_t faces_per_chunk = size_t{1} << 18;        // before splitting
-  double split_faces_per_chunk = 4.0 * (1 << 20);  // predicted, after it
+  double split_faces_per_chunk = 4.0 * (1 << 20);  // predicted, after splitting
 };
 
-// RepairMesh part by part: the same faces, vertices, order and counts of defects, for any size of parts. What is clean
-// is handed on as it is. Memory: a part, and a few numbers a defect.
+// RepairMesh on disk: same faces, vertices, order and defect counts, for any part size. A mesh without defects is
+// returned unchanged. Memory: one part, and a few numbers per defect.
 StatusOr<DiskMesh> RepairOnDisk(DiskMesh mesh, const std::string& scratch_folder, const DiskPassOptions& options,
                                 MeshDefects* defects);
 
-// SplitLargeFaces chunk by chunk: the same faces, vertices and order, for any size of chunks.
+// SplitLargeFaces on disk: same faces, vertices and order, for any chunk size.
 StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& cameras, const DensityOptions& density,
                                const std::string& scratch_folder, const DiskPassOptions& options,
                                const std::function<Status(double)>& progress);

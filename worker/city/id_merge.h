@@ -1,4 +1,4 @@
-// Walking many ascending lists of ids as one.
+// Merges many ascending lists of ids.
 #ifndef TESSERA_WORKER_CITY_ID_MERGE_H_
 #define TESSERA_WORKER_CITY_ID_MERGE_H_
 
@@ -10,8 +10,8 @@
 
 namespace tessera {
 
-// The elements of all lists by key, those of equal keys by list. `Key` is an unsigned integer; the lists must ascend
-// and outlive this. Reads each list front to back, so that lists may be mapped files. Not thread-safe.
+// Iterates over the elements of all lists, ordered by key, then by list. `Key` is an unsigned integer. The lists must
+// be ascending and outlive the object. Each list is read sequentially, so lists may be mapped files. Not thread-safe.
 template <class Key>
 class IdMerge {
  public:
@@ -25,7 +25,7 @@ class IdMerge {
   size_t index() const { return index_[list_]; }
   void Advance() {
     ++index_[list_];
-    // Lists are mostly long runs of their own.
+    // Fast path: consecutive keys mostly come from the same list.
     if (index_[list_] < lists_[list_].size() && (heap_.empty() || Head{key(), list_} < heap_.top())) return;
     Push(list_);
     Pop();
@@ -49,9 +49,9 @@ class IdMerge {
   }
 
   std::vector<std::span<const Key>> lists_;
-  std::vector<size_t> index_;                                              // in each list
-  std::priority_queue<Head, std::vector<Head>, std::greater<Head>> heap_;  // of the lists but the one at hand
-  size_t list_ = 0;                                                        // the one at hand; their number at the end
+  std::vector<size_t> index_;                                              // position in each list
+  std::priority_queue<Head, std::vector<Head>, std::greater<Head>> heap_;  // of all lists except the current one
+  size_t list_ = 0;                                                        // current list; lists_.size() at the end
 };
 
 }  // namespace tessera

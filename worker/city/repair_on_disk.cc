@@ -8,15 +8,15 @@
 namespace tessera {
 namespace {
 
-using Corner = uint64_t;  // 3 face + k, over the whole mesh
+using Corner = uint64_t;  // 3 face + k, in the whole mesh
 
-// What is to be done to the mesh, over all parts.
-struct Surgery {
-  std::vector<uint32_t> set_aside;               // faces
-  std::vector<uint32_t> dropped;                 // vertices of no face
-  std::vector<Corner> copies;                    // of vertices: the lowest corner of the fan that gets one
-  std::vector<std::pair<Corner, Corner>> moved;  // corners that name a copy now, and the copy
-  bool empty() const { return set_aside.empty() && dropped.empty() && copies.empty(); }
+// The repairs to apply, collected over all parts.
+struct RepairPlan {
+  std::vector<uint32_t> removed_faces;           // degenerate faces
+  std::vector<uint32_t> dropped;                 // vertices without faces
+  std::vector<Corner> copies;                    // duplicated vertices: the lowest corner of each fan that gets a copy
+  std::vector<std::pair<Corner, Corner>> moved;  // corners that refer to a copy now, and that copy
+  bool empty() const { return removed_faces.empty() && dropped.empty() && copies.empty(); }
 };
 
 void AddCount(const DefectCount& part, int64_t first_in_mesh, DefectCount* whole) {
@@ -25,7 +25,9 @@ void AddCount(const DefectCount& part, int64_t first_in_mesh, DefectCount* whole
   whole->count += part.count;
 }
 
-// The vertices [begin, end) and all faces around them as a mesh of its own, its indices in the order of the mesh's.
+// The vertices [begin, end) and all their incident faces as a mesh of its own, in the order of the whole mesh.
+// Whether a vertex is manifold depends only on its incident faces, so parts can be analysed one by one; each part
+// reports defects of its own vertices only, so nothing is counted twice.
 class Part {
  public:
   Part(const MeshSpans& mesh, size_t begin, size_t end, std::span<const uint32_t> face_ids) : face_ids_(face_ids) {
@@ -50,7 +52,7 @@ class Part {
     }
   }
 
-  Status Examine(Surgery* surgery, MeshDefects* defects) const {
+  Status Analyse(RepairPlan* plan, MeshDefects* defects) const {
     TESSERA_ASSIGN_OR_RETURN(const MeshAnalysis found, AnalyseMeshPart(mesh_, owned_begin_, owned_end_));
     const MeshDefects& d = found.defects;
     const auto face = [&](const DefectCount& c) { return c.first < 0 ? -1 : int64_t{face_ids_[c.first]}; };
@@ -70,21 +72,21 @@ class Part {
     for (uint32_t corner = 0; corner < found.fan_of_corner.size(); ++corner) {
       const Triangle& vertices = mesh_.faces[corner / 3];
       if (found.is_degenerate[corner / 3] != 0) {
-        // Each face in one of its parts alone.
+        // Each face is reported by one of its parts only.
         if (corner % 3 == 0 && owned(*std::min_element(vertices.begin(), vertices.end()))) {
-          surgery->set_aside.push_back(face_ids_[corner / 3]);
+          plan->removed_faces.push_back(face_ids_[corner / 3]);
         }
         continue;
       }
       const uint32_t v = vertices[corner % 3], fan = found.fan_of_corner[corner];
       if (!owned(v)) continue;
-      if (first_fan[v] == kNone) first_fan[v] = fan;  // corners come in order: the vertex's lowest
+      if (first_fan[v] == kNone) first_fan[v] = fan;  // corners are in order: the lowest of the vertex
       if (fan == first_fan[v]) continue;
-      if (fan == corner) surgery->copies.push_back(InMesh(corner));
-      surgery->moved.emplace_back(InMesh(corner), InMesh(fan));
+      if (fan == corner) plan->copies.push_back(InMesh(corner));
+      plan->moved.emplace_back(InMesh(corner), InMesh(fan));
     }
     for (size_t v = owned_begin_; v < owned_end_; ++v) {
-      if (first_fan[v] == kNone) surgery->dropped.push_back(vertex_ids_[v]);
+      if (first_fan[v] == kNone) plan->dropped.push_back(vertex_ids_[v]);
     }
     return absl::OkStatus();
   }
@@ -101,52 +103,52 @@ class Part {
   TriangleMesh mesh_;
 };
 
-StatusOr<DiskMesh> Operate(const DiskMesh& mesh, Surgery surgery, const std::string& scratch_folder) {
-  std::sort(surgery.set_aside.begin(), surgery.set_aside.end());
-  std::sort(surgery.copies.begin(), surgery.copies.end());
-  std::sort(surgery.moved.begin(), surgery.moved.end());
+StatusOr<DiskMesh> ApplyRepair(const DiskMesh& mesh, RepairPlan plan, const std::string& scratch_folder) {
+  std::sort(plan.removed_faces.begin(), plan.removed_faces.end());
+  std::sort(plan.copies.begin(), plan.copies.end());
+  std::sort(plan.moved.begin(), plan.moved.end());
   DiskMesh out;
   out.float_positions = mesh.float_positions;
   out.largest_coordinate_m = mesh.largest_coordinate_m;
-  const size_t kept = mesh.vertices.size() - surgery.dropped.size();
+  const size_t kept = mesh.vertices.size() - plan.dropped.size();
   TESSERA_ASSIGN_OR_RETURN(auto new_id, ScratchArray<uint32_t>::Create(scratch_folder, mesh.vertices.size()));
   TESSERA_ASSIGN_OR_RETURN(out.vertices,
-                           ScratchArray<Eigen::Vector3d>::Create(scratch_folder, kept + surgery.copies.size()));
+                           ScratchArray<Eigen::Vector3d>::Create(scratch_folder, kept + plan.copies.size()));
   size_t next = 0;
-  auto dropped = surgery.dropped.begin();  // ascending, since parts are
+  auto dropped = plan.dropped.begin();  // ascending, since parts are
   for (size_t v = 0; v < mesh.vertices.size(); ++v) {
-    if (dropped != surgery.dropped.end() && *dropped == v) {
+    if (dropped != plan.dropped.end() && *dropped == v) {
       ++dropped;
       continue;
     }
     new_id[v] = static_cast<uint32_t>(next);
     out.vertices[next++] = mesh.vertices[v];
   }
-  for (const Corner corner : surgery.copies) {
+  for (const Corner corner : plan.copies) {
     out.vertices[next++] = mesh.vertices[mesh.faces[corner / 3][corner % 3]];
   }
 
-  const size_t faces = mesh.faces.size() - surgery.set_aside.size();
+  const size_t faces = mesh.faces.size() - plan.removed_faces.size();
   TESSERA_ASSIGN_OR_RETURN(out.faces, ScratchArray<Triangle>::Create(scratch_folder, faces));
   TESSERA_ASSIGN_OR_RETURN(out.input_face, ScratchArray<uint32_t>::Create(scratch_folder, faces));
   if (mesh.labels.size() > 0) {
     TESSERA_ASSIGN_OR_RETURN(out.labels, ScratchArray<int32_t>::Create(scratch_folder, faces));
   }
-  auto aside = surgery.set_aside.begin();
-  auto moved = surgery.moved.begin();
+  auto removed = plan.removed_faces.begin();
+  auto moved = plan.moved.begin();
   size_t to = 0;
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
-    if (aside != surgery.set_aside.end() && *aside == f) {
-      ++aside;
+    if (removed != plan.removed_faces.end() && *removed == f) {
+      ++removed;
       continue;
     }
     Triangle face;
     for (size_t k = 0; k < 3; ++k) {
       face[k] = new_id[mesh.faces[f][k]];
-      while (moved != surgery.moved.end() && moved->first < 3 * f + k) ++moved;
-      if (moved == surgery.moved.end() || moved->first != 3 * f + k) continue;
-      const auto copy = std::lower_bound(surgery.copies.begin(), surgery.copies.end(), moved->second);
-      face[k] = static_cast<uint32_t>(kept + static_cast<size_t>(copy - surgery.copies.begin()));
+      while (moved != plan.moved.end() && moved->first < 3 * f + k) ++moved;
+      if (moved == plan.moved.end() || moved->first != 3 * f + k) continue;
+      const auto copy = std::lower_bound(plan.copies.begin(), plan.copies.end(), moved->second);
+      face[k] = static_cast<uint32_t>(kept + static_cast<size_t>(copy - plan.copies.begin()));
     }
     out.faces[to] = face;
     out.input_face[to] = static_cast<uint32_t>(f);
@@ -163,7 +165,7 @@ StatusOr<DiskMesh> RepairOnDisk(DiskMesh mesh, const std::string& scratch_folder
   const MeshSpans spans = mesh.spans();
   const size_t size = options.vertices_per_part;
   const size_t parts = (spans.vertices.size() + size - 1) / size;
-  // The faces around each part's vertices. A face is in up to three parts.
+  // Sort the faces by part. A face is in up to three parts.
   const auto for_each_part = [&](const Triangle& face, const auto& visit) {
     const size_t a = face[0] / size, b = face[1] / size, c = face[2] / size;
     visit(a);
@@ -178,14 +180,14 @@ StatusOr<DiskMesh> RepairOnDisk(DiskMesh mesh, const std::string& scratch_folder
   for (size_t f = 0; f < spans.faces.size(); ++f) {
     for_each_part(spans.faces[f], [&](size_t part) { faces_of[next[part]++] = static_cast<uint32_t>(f); });
   }
-  Surgery surgery;
+  RepairPlan plan;
   for (size_t p = 0; p < parts; ++p) {
     const Part part(spans, p * size, std::min((p + 1) * size, spans.vertices.size()),
                     std::span<const uint32_t>(faces_of.values()).subspan(ends[p], ends[p + 1] - ends[p]));
-    TESSERA_RETURN_IF_ERROR(part.Examine(&surgery, defects));
+    TESSERA_RETURN_IF_ERROR(part.Analyse(&plan, defects));
   }
-  if (surgery.empty()) return mesh;
-  return Operate(mesh, std::move(surgery), scratch_folder);
+  if (plan.empty()) return mesh;
+  return ApplyRepair(mesh, std::move(plan), scratch_folder);
 }
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// A city whose mesh changed in places: what is the same keeps its ids.
+// Updates a city whose mesh changed in places: unchanged faces keep their ids.
 #ifndef TESSERA_WORKER_CITY_REVISE_CITY_H_
 #define TESSERA_WORKER_CITY_REVISE_CITY_H_
 
@@ -20,10 +20,10 @@ namespace tessera {
 
 struct RevisedCity {
   DiskMesh mesh;                                // split; vertices and faces by ascending id
-  ScratchArray<uint32_t> vertex_ids, face_ids;  // of these
+  ScratchArray<uint32_t> vertex_ids, face_ids;  // of `mesh`
   int64_t vertex_ids_end = 0, face_ids_end = 0;
-  int64_t kept_faces = 0;                      // of the city
-  std::set<std::array<int, 2>> changed_cells;  // (x, y) of those that lost a face or got one
+  int64_t kept_faces = 0;                      // faces taken over from the old city
+  std::set<std::array<int, 2>> changed_cells;  // (x, y) of cells that lost or gained a face
 
   CitySpans spans() const {
     return {mesh.spans(),      mesh.input_face.values(), vertex_ids.values(),
@@ -31,13 +31,15 @@ struct RevisedCity {
   }
 };
 
-// Takes `city`, which is a split of `base`, on to the mesh `now`; both repaired, with labels, in the local frame. A
-// face of `now` is one of `base` if it has the same label and the same corners, bit for bit, in the same turn; what the
-// city split it into stays, under its ids, where the vertices about it are the same ones as well. Other faces are split
-// for `cameras`, at edges that they share with faces that stay as those are: the surface has no cracks. They and their
-// vertices get ids that were never used; ids of what went are used no more. The city of a mesh that did not change is
-// the same. Memory: what changed, and the faces about it. CANCELLED follows `control`; DATA_LOSS if `city` is damaged
-// or no split of `base`.
+// Updates `city`, which is a split of `base`, to the mesh `now`. Both meshes are repaired, labelled and in the local
+// frame.
+// A face of `now` equals one of `base` if it has the same label, the same corners bit for bit and the same
+// orientation, and if its vertices have the same incident fans. The city's faces that were split from such a face are
+// kept with their ids. New faces are split for `cameras`; edges that they share with kept faces are split like those,
+// so the surface has no cracks. New faces and vertices get ids that were never used; ids of removed ones are not
+// reused. An unchanged mesh gives the same city.
+// Memory: the changed faces and their neighbours. CANCELLED if `control` is cancelled; DATA_LOSS if `city` is damaged
+// or not a split of `base`.
 StatusOr<RevisedCity> ReviseCity(const CityReader& city, const DiskMesh& base, const DiskMesh& now,
                                  const GroundPlane& ground, const std::vector<PosedCamera>& cameras,
                                  const DensityOptions& density, const std::string& scratch_folder,

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int64_t kPartsGrain = 1024;
 
-// Where a chunk's values lie in the scratch files.
+// Ranges of a chunk's data in the scratch files.
 struct Chunk {
   size_t id_begin = 0;  // vertices of the chunk: those of the mesh, then the new ones
   size_t old_vertices = 0;
@@ -35,7 +35,7 @@ std::vector<PosedCamera> CamerasOn(const TriangleMesh& mesh, const std::vector<P
   return on_mesh;
 }
 
-// The faces [begin, end) with the vertices they use, both in their order.
+// The faces [begin, end) with the vertices they use, both in the mesh's order.
 TriangleMesh Extract(const MeshSpans& mesh, size_t begin, size_t end, std::vector<uint32_t>* vertex_ids) {
   TriangleMesh part;
   vertex_ids->clear();
@@ -55,7 +55,7 @@ TriangleMesh Extract(const MeshSpans& mesh, size_t begin, size_t end, std::vecto
   return part;
 }
 
-// Into how many parts each face is split at most, were its longest edge halved until it is short enough.
+// Upper estimate of the number of parts of each face: the longest edge is halved until it is short enough.
 std::vector<double> PredictParts(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
                                  const DensityOptions& density) {
   const double limit_px2 = density.max_footprint_px2 * 4 / std::sqrt(3.0);
@@ -92,7 +92,7 @@ class Splitter {
                     std::move(parents));
   }
 
-  // Splits the faces [begin, end), which `part` has as a mesh of its own with these vertices of the whole.
+  // Splits the faces [begin, end), given as mesh `part` with these vertices of the whole mesh.
   void SplitChunk(size_t begin, const TriangleMesh& part, const std::vector<uint32_t>& vertex_ids,
                   const std::vector<PosedCamera>& cameras, const DensityOptions& density) {
     const SplitMesh split = SplitLargeFaces(part, cameras, density);
@@ -104,7 +104,7 @@ class Splitter {
     chunk.face_begin = faces_.size();
     ids_.Append(std::span<const uint32_t>(vertex_ids));
     for (size_t i = 0; i < split.halved_edges.size(); ++i) {
-      ids_.Append(0u);  // not known yet
+      ids_.Append(0u);  // set by Assemble
       edges_.Append(split.halved_edges[i]);
       middles_.Append(split.mesh.vertices[vertex_ids.size() + i]);
     }
@@ -115,9 +115,10 @@ class Splitter {
 
   size_t new_vertices() const { return edges_.size(); }
 
-  // Gives the new vertices their ids: round by round, in the order of the ids of their edges' ends. A chunk's own order
-  // is the same, for its own indices ascend with the ids.
-  StatusOr<DiskMesh> Join(const DiskMesh& mesh) {
+  // Assigns global ids to the new vertices in the order in which SplitLargeFaces creates them: by round, then by the
+  // ids of the edge's ends. Two chunks that split a shared edge produce equal keys, which merge into one vertex.
+  // Within a chunk the order is already right, since local indices ascend with the ids.
+  StatusOr<DiskMesh> Assemble(const DiskMesh& mesh) {
     TESSERA_ASSIGN_OR_RETURN(auto ids, ids_.Finish());
     TESSERA_ASSIGN_OR_RETURN(const auto edges, edges_.Finish());
     TESSERA_ASSIGN_OR_RETURN(const auto middles, middles_.Finish());
@@ -146,7 +147,9 @@ class Splitter {
         const Chunk& chunk = chunks_[merge.list()];
         const size_t at = chunk.RoundBegin(round) + merge.index();
         if (!any || merge.key() != last) {
-          if (vertices.size() > UINT32_MAX - 1) return absl::ResourceExhaustedError("splitting: too many vertices");
+          if (vertices.size() > UINT32_MAX - 1)
+            return absl::ResourceExhaustedError(
+                "splitting large faces: more than 2^32 - 2 vertices; use a smaller scene or a coarser GSD");
           vertices.Append(middles[chunk.edge_begin + at]);
         }
         any = true;
@@ -160,7 +163,9 @@ class Splitter {
     TESSERA_ASSIGN_OR_RETURN(out.vertices, vertices.Finish());
     TESSERA_ASSIGN_OR_RETURN(out.faces, faces_.Finish());
     TESSERA_ASSIGN_OR_RETURN(out.input_face, parents_.Finish());
-    if (out.faces.size() > UINT32_MAX) return absl::ResourceExhaustedError("splitting: too many faces");
+    if (out.faces.size() > UINT32_MAX)
+      return absl::ResourceExhaustedError(
+          "splitting large faces: more than 2^32 - 1 faces; use a smaller scene or a coarser GSD");
     for (const Chunk& chunk : chunks_) {
       for (size_t f = chunk.face_begin; f < chunk.face_end; ++f) {
         for (uint32_t& v : out.faces[f]) v = ids[chunk.id_begin + v];
@@ -192,11 +197,11 @@ class Splitter {
   MeshSpans mesh_;
   std::string scratch_folder_;
   std::vector<Chunk> chunks_;
-  ScratchList<uint32_t> ids_;             // global, of the chunks' vertices
-  ScratchList<Edge> edges_;               // in the chunk's own indices
-  ScratchList<Eigen::Vector3d> middles_;  // of the edges
-  ScratchList<Triangle> faces_;           // in the chunk's own indices
-  ScratchList<uint32_t> parents_;         // face of the mesh that each face is a part of
+  ScratchList<uint32_t> ids_;             // global ids of the chunks' vertices
+  ScratchList<Edge> edges_;               // in the chunk's local indices
+  ScratchList<Eigen::Vector3d> middles_;  // midpoints of the edges
+  ScratchList<Triangle> faces_;           // in the chunk's local indices
+  ScratchList<uint32_t> parents_;         // face of the mesh from which each face was split
 };
 
 }  // namespace
@@ -213,7 +218,7 @@ StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& ca
     const TriangleMesh part = Extract(spans, begin, end, &vertex_ids);
     const std::vector<PosedCamera> on_part = CamerasOn(part, cameras);
     const std::vector<double> parts = PredictParts(part, on_part, density);
-    // As many faces at a time as do not become too many.
+    // As many faces as the predicted number of parts allows.
     size_t from = begin;
     double predicted = 0;
     for (size_t f = begin; f < end; ++f) {
@@ -232,7 +237,7 @@ StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& ca
     }
   }
   if (splitter.new_vertices() == 0) return mesh;
-  return splitter.Join(mesh);
+  return splitter.Assemble(mesh);
 }
 
 }  // namespace tessera

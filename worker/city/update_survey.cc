@@ -16,8 +16,8 @@ namespace {
 
 constexpr int kPairSamples = 4000;
 
-// The farthest that a point `depth_m` before the first view moves in the photograph from one view to the other, over
-// the image: poses and lenses together.
+// Largest displacement in the image, from one view to the other, of points at depth `depth_m` in the first view.
+// Covers pose and lens.
 double Displacement_px(const SceneView& from, const SceneView& to, double depth_m) {
   constexpr int kSteps = 4;
   const PinholeCamera& k = from.camera.intrinsics;
@@ -37,19 +37,23 @@ double Displacement_px(const SceneView& from, const SceneView& to, double depth_
   return farthest;
 }
 
-class ViewTaker {
+class ViewUpdater {
  public:
-  ViewTaker(const SceneDescription& scene, const std::map<std::string, std::string>& carried, Survey* survey)
-      : scene_(scene), carried_(carried), survey_(*survey), known_(survey->views.size()), taken_(known_, 0) {
-    changes_.changed.assign(known_, 0);
-    for (size_t v = 0; v < known_; ++v) {
+  ViewUpdater(const SceneDescription& scene, const std::map<std::string, std::string>& carried, Survey* survey)
+      : scene_(scene),
+        carried_(carried),
+        survey_(*survey),
+        base_views_(survey->views.size()),
+        matched_(base_views_, 0) {
+    changes_.changed.assign(base_views_, 0);
+    for (size_t v = 0; v < base_views_; ++v) {
       if (survey->views[v].withdrawn) continue;
       by_content_.emplace(survey->views[v].image_content, v);
       by_name_.emplace(survey->views[v].name, v);
     }
   }
 
-  Status TakeFlights(const std::vector<std::string>& withdraw) {
+  Status UpdateFlights(const std::vector<std::string>& withdraw) {
     std::vector<Flight>& flights = survey_.flights;
     for (const std::string& name : withdraw) {
       const auto found =
@@ -57,8 +61,8 @@ class ViewTaker {
       if (found == flights.end()) {
         const auto names = [](std::string* out, const Flight& flight) { absl::StrAppend(out, "'", flight.name, "'"); };
         return absl::InvalidArgumentError(
-            absl::StrCat("withdraw: found flight '", name, "', expected one of the base's: ",
-                         flights.empty() ? "it names none" : absl::StrJoin(flights, ", ", names)));
+            absl::StrCat("withdraw: found flight '", name, "', expected a flight of the base job: ",
+                         flights.empty() ? "it has none" : absl::StrJoin(flights, ", ", names)));
       }
       withdrawn_flights_.insert(static_cast<int>(found - flights.begin()));
     }
@@ -75,31 +79,31 @@ class ViewTaker {
     return absl::OkStatus();
   }
 
-  void Take(bool whole) {
-    // By content first, so that a name that went to another photograph takes nothing away.
+  void UpdateAll(bool whole) {
+    // Match by content first: a reused file name must not replace the view whose image was renamed.
     std::vector<const SceneView*> left, unnamed;
     for (const SceneView& view : scene_.views) {
       if (const int number = FindSame(view); number >= 0) {
-        TakeAs(view, static_cast<size_t>(number));
+        Replace(view, static_cast<size_t>(number));
       } else {
         unnamed.push_back(&view);
       }
     }
     for (const SceneView* view : unnamed) {
       const auto found = whole ? by_name_.find(view->name) : by_name_.end();
-      if (found == by_name_.end() || taken_[found->second]) {
+      if (found == by_name_.end() || matched_[found->second]) {
         left.push_back(view);
       } else {
-        TakeAs(*view, found->second);
+        Replace(*view, found->second);
       }
     }
-    for (size_t v = 0; v < known_; ++v) {
+    for (size_t v = 0; v < base_views_; ++v) {
       SceneView& view = survey_.views[v];
-      if (!taken_[v] && !whole && !view.withdrawn) {
+      if (!matched_[v] && !whole && !view.withdrawn) {
         Carry(&view.image_path);
         Carry(&view.likelihood_path);
       }
-      if ((taken_[v] || !whole) && !withdrawn_flights_.contains(view.flight)) continue;
+      if ((matched_[v] || !whole) && !withdrawn_flights_.contains(view.flight)) continue;
       if (!view.withdrawn) {
         ++changes_.withdrawn;
         changes_.changed[v] = 1;
@@ -122,7 +126,7 @@ class ViewTaker {
  private:
   int FlightOf(const SceneView& view) const { return view.flight < 0 ? -1 : flight_[view.flight]; }
 
-  // Of new images that the scene says no flight of: they are one, by the scene's name.
+  // Flight of new images for which the scene names none: one flight with the scene's name.
   int OwnFlight() {
     if (own_flight_ < 0) {
       own_flight_ = static_cast<int>(survey_.flights.size());
@@ -135,14 +139,14 @@ class ViewTaker {
     if (const auto found = carried_.find(*path); found != carried_.end()) *path = found->second;
   }
 
-  // The view of the base that this is, by what it shows; of several, that with its name, or the nearest. -1: none.
+  // The base's view with this content; if there are several, the one of the same name, else the nearest. -1: none.
   int FindSame(const SceneView& view) const {
     int best = -1;
     double nearest_m = std::numeric_limits<double>::infinity();
     const auto [begin, end] = by_content_.equal_range(view.image_content);
     for (auto it = begin; it != end; ++it) {
       const SceneView& other = survey_.views[it->second];
-      if (taken_[it->second] || other.likelihood_content != view.likelihood_content) continue;
+      if (matched_[it->second] || other.likelihood_content != view.likelihood_content) continue;
       if (other.name == view.name) return static_cast<int>(it->second);
       const double apart_m = (other.camera.Centre() - view.camera.Centre()).norm();
       if (apart_m < nearest_m) best = static_cast<int>(it->second);
@@ -151,8 +155,8 @@ class ViewTaker {
     return best;
   }
 
-  void TakeAs(const SceneView& view, size_t number) {
-    taken_[number] = 1;
+  void Replace(const SceneView& view, size_t number) {
+    matched_[number] = 1;
     SceneView& known = survey_.views[number];
     if (known.image_content != view.image_content || known.likelihood_content != view.likelihood_content) {
       ++changes_.replaced;
@@ -178,18 +182,18 @@ class ViewTaker {
   const SceneDescription& scene_;
   const std::map<std::string, std::string>& carried_;
   Survey& survey_;
-  const size_t known_;
-  std::vector<uint8_t> taken_;                     // views of the base that the scene has
-  std::multimap<std::string, size_t> by_content_;  // of their images; views that are not withdrawn
+  const size_t base_views_;
+  std::vector<uint8_t> matched_;                   // per view of the base: in the scene
+  std::multimap<std::string, size_t> by_content_;  // views that are not withdrawn, by image content
   std::map<std::string, size_t> by_name_;
-  std::vector<int> flight_;  // of the scene's, their places in the survey
+  std::vector<int> flight_;  // survey index of each of the scene's flights
   std::set<int> withdrawn_flights_;
   int own_flight_ = -1;
   ViewChanges changes_;
 };
 
-// Growing with the flights' dates; one without a date comes after all that the job knew before it. Views without a
-// flight are older than any.
+// Epochs increase with the flights' dates. A flight without a date is newer than all flights that the job had before
+// it. Views without a flight have epoch -1, older than all others.
 std::vector<int> EpochsOf(const Survey& survey) {
   std::vector<std::pair<std::string, size_t>> order;
   std::string latest;
@@ -214,8 +218,8 @@ bool AnyChanged(const std::vector<int32_t>& views, const std::vector<uint8_t>& c
   return std::any_of(views.begin(), views.end(), [&](int32_t v) { return changed[v] != 0; });
 }
 
-// Pairs with the views that are in play; of those that stay, as they were. `epochs`: of views, as CellViewOptions has
-// them: each view has partners among its own too, for cells that leave the others out.
+// Selects pairs among the views in use; unchanged pairs are kept. `epochs`: as CellViewOptions::epoch_of_view. Each
+// view also gets partners of its own epoch, for cells that use only that epoch.
 void ChoosePartners(const TriangleMesh& samples, const ViewChanges& changes, const std::vector<int>& epochs,
                     const PairOptions& asked, Survey* survey) {
   std::vector<uint8_t> chooses = changes.changed;
@@ -230,7 +234,7 @@ void ChoosePartners(const TriangleMesh& samples, const ViewChanges& changes, con
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& p : samples.vertices) box.extend(p);
   std::vector<int32_t> in_play;
-  std::map<int, std::vector<int32_t>> of_epoch;  // of these, where one chooses
+  std::map<int, std::vector<int32_t>> of_epoch;  // views in use per epoch, for epochs with a changed view
   for (size_t v = 0; v < survey->views.size(); ++v) {
     if (survey->views[v].withdrawn || !MayShow(survey->views[v].camera, box)) continue;
     in_play.push_back(static_cast<int32_t>(v));
@@ -264,30 +268,33 @@ void ChoosePartners(const TriangleMesh& samples, const ViewChanges& changes, con
 
 }  // namespace
 
-StatusOr<ViewChanges> TakeViews(const SceneDescription& scene, bool whole, const UpdateParameters& parameters,
-                                const std::map<std::string, std::string>& carried, Survey* survey) {
+StatusOr<ViewChanges> UpdateViews(const SceneDescription& scene, bool whole, const UpdateParameters& parameters,
+                                  const std::map<std::string, std::string>& carried, Survey* survey) {
   if (scene.has_likelihoods != survey->has_likelihoods) {
     return InputError(scene.folder, "likelihoods", scene.has_likelihoods ? "some" : "none",
-                      survey->has_likelihoods ? "some, as the base has" : "none, as in the base");
+                      survey->has_likelihoods ? "some, as in the base job" : "none, as in the base job");
   }
   const auto names = [](const std::vector<SceneClass>& classes) {
     return absl::StrJoin(classes, ", ", [](std::string* out, const SceneClass& c) { absl::StrAppend(out, c.name); });
   };
   if (scene.has_likelihoods && names(scene.classes) != names(survey->classes)) {
     return InputError(scene.folder + "/scene.json", "classes", names(scene.classes),
-                      absl::StrCat(names(survey->classes), ", as in the base"));
+                      absl::StrCat(names(survey->classes), ", as in the base job"));
   }
-  ViewTaker taker(scene, carried, survey);
-  TESSERA_RETURN_IF_ERROR(taker.TakeFlights(parameters.withdraw));
-  taker.Take(whole);
+  ViewUpdater updater(scene, carried, survey);
+  TESSERA_RETURN_IF_ERROR(updater.UpdateFlights(parameters.withdraw));
+  updater.UpdateAll(whole);
   const bool any =
       std::any_of(survey->views.begin(), survey->views.end(), [](const SceneView& view) { return !view.withdrawn; });
-  if (!any) return absl::InvalidArgumentError("every image of the base is withdrawn, and none is added");
-  return taker.TakeChanges();
+  if (!any)
+    return absl::InvalidArgumentError(
+        "the update leaves no images: all images of the base job are withdrawn and none is added");
+  return updater.TakeChanges();
 }
 
-Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_epochs, const CellViewOptions& asked,
-                  const PairOptions& pairs, const TaskControl& control, Survey* survey) {
+Status UpdateViewSelection(const CityReader& city, const ViewChanges& changes, bool all_epochs,
+                           const CellViewOptions& asked, const PairOptions& pairs, const TaskControl& control,
+                           Survey* survey) {
   std::map<std::pair<int, int>, size_t> cell_at;
   std::vector<uint8_t> touched(survey->cells.size(), 0);
   for (size_t c = 0; c < touched.size(); ++c) {
@@ -301,7 +308,7 @@ Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_e
   }
   std::vector<Eigen::Vector3d> centres;
   for (const SceneView& view : survey->views) centres.push_back(view.camera.Centre());
-  // The blocks at hand, the views that may show them, and the blocks that may stand between.
+  // The affected blocks, the views that may show them, and the blocks that may occlude them.
   std::vector<size_t> blocks;
   std::vector<std::vector<size_t>> candidates;
   std::vector<uint8_t> between(city.block_count(), 0);
@@ -316,15 +323,16 @@ Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_e
       if (!survey->views[v].withdrawn && MayShow(survey->views[v].camera, city.box(b))) showing.push_back(v);
     }
     for (const size_t v : showing) {
-      Eigen::AlignedBox3d reach = city.box(b);
-      reach.extend(centres[v]);
-      for (size_t other = 0; other < between.size(); ++other) between[other] |= city.box(other).intersects(reach);
+      Eigen::AlignedBox3d lines_of_sight = city.box(b);
+      lines_of_sight.extend(centres[v]);
+      for (size_t other = 0; other < between.size(); ++other)
+        between[other] |= city.box(other).intersects(lines_of_sight);
     }
   }
   if (blocks.empty()) return absl::OkStatus();
   CellViewOptions options = asked;
   if (!all_epochs) options.epoch_of_view = EpochsOf(*survey);
-  CitySight sight(options.occlusion_margin_gsd * survey->gsd_m);
+  OcclusionTest occlusion(options.occlusion_margin_gsd * survey->gsd_m);
   FaceCollector collector;
   for (size_t b = 0; b < between.size(); ++b) {
     if (!between[b]) continue;
@@ -334,9 +342,9 @@ Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_e
   }
   {
     const CollectedFaces around = collector.Finish();
-    sight.SetNear(around.mesh);
+    occlusion.SetNear(around.mesh);
   }
-  TriangleMesh samples;  // faces of the touched blocks, at even steps
+  TriangleMesh samples;  // faces of the affected blocks, evenly spaced
   int64_t faces = 0;
   for (const size_t b : blocks) {
     TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(b));
@@ -345,7 +353,7 @@ Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_e
   const auto step = static_cast<size_t>(std::max<int64_t>(1, faces / kPairSamples));
   for (size_t i = 0; i < blocks.size(); ++i) {
     TESSERA_RETURN_IF_ERROR(control.Check());
-    control.Report(static_cast<double>(i) / static_cast<double>(blocks.size()), "choosing views");
+    control.Report(static_cast<double>(i) / static_cast<double>(blocks.size()), "selecting views");
     TESSERA_ASSIGN_OR_RETURN(const CityBlock block, city.Block(blocks[i]));
     for (size_t f = step / 2; f < block.mesh.faces.size(); f += step) {
       const auto first = static_cast<uint32_t>(samples.vertices.size());
@@ -362,7 +370,7 @@ Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_e
       for (int64_t c = begin; c < end; ++c) {
         if (!control.Check().ok()) return;
         std::vector<int32_t> views =
-            ChooseViewsOfCell(block.mesh, *cells[c].second, sight, centres, candidates[i], *survey, options);
+            ChooseViewsOfCell(block.mesh, *cells[c].second, occlusion, centres, candidates[i], *survey, options);
         std::vector<int32_t>& known = cells[c].first->views;
         if (IsRevised(*survey, cells[c].first->x, cells[c].first->y) || AnyChanged(views, changes.changed) ||
             AnyChanged(known, changes.changed)) {

@@ -1,4 +1,4 @@
-// An earlier job's survey, taken on to more images, fewer, or others.
+// Updates an earlier job's survey to more, fewer or other images.
 #ifndef TESSERA_WORKER_CITY_UPDATE_SURVEY_H_
 #define TESSERA_WORKER_CITY_UPDATE_SURVEY_H_
 
@@ -18,30 +18,32 @@
 
 namespace tessera {
 
-// Of the survey that an update goes on with, what became of its views.
+// Changes of the views of an updated survey.
 struct ViewChanges {
-  std::vector<uint8_t> changed;  // a flag a view: new, withdrawn, or its camera moved
+  std::vector<uint8_t> changed;  // one flag per view: new, withdrawn, or its camera moved
   int64_t added = 0, withdrawn = 0, moved = 0, replaced = 0, snapped = 0;
 };
 
-// Poses are those of the base where the image would move by less everywhere in it.
+// A view keeps the base job's pose if the pose would move its image by less than this everywhere.
 inline constexpr double kSnap_px = 0.1;
 
-// Takes the views of `scene` (base's frame, contents known) into `survey`, which is the base's: a view with the content
-// of one of the base's is that one, under its number; others follow, by name. `whole`: what the scene lacks is
-// withdrawn, and a view with the name of one of the base's and another content takes its place; else the scene adds to
-// the base's. `carried`: under which paths the job has the base's files. INVALID_ARGUMENT for a flight to withdraw that
-// there is not, with those that there are, and for classes that are not the base's.
-StatusOr<ViewChanges> TakeViews(const SceneDescription& scene, bool whole, const UpdateParameters& parameters,
-                                const std::map<std::string, std::string>& carried, Survey* survey);
+// Merges the views of `scene` (frame of the base job, content hashes set) into `survey`, the base job's. A view with
+// the content of one of the base's views keeps that view's index; new views are appended in order of their names.
+// `whole`: views missing from the scene are withdrawn, and a view with a known name but other content replaces that
+// view; otherwise the scene adds to the base's views. `carried`: paths of the base's files in this job.
+// INVALID_ARGUMENT if a flight to withdraw does not exist (lists those that do), or if the classes differ from the
+// base's.
+StatusOr<ViewChanges> UpdateViews(const SceneDescription& scene, bool whole, const UpdateParameters& parameters,
+                                  const std::map<std::string, std::string>& carried, Survey* survey);
 
-// Chooses views anew for the cells of which the mesh is another (survey->revision), that a changed view may show or
-// that had chosen one, and partners for the changed views and those that lost one. What a cell with the base's mesh
-// chose stays if no changed view comes or goes. Occlusion is asked of all that may hide something of these cells.
-// `all_epochs` false: where the views of the newest flight see as much of a cell (shares of its samples that two views
-// see) as all views do, nearly, the others are left out.
-Status ChooseAnew(const CityReader& city, const ViewChanges& changes, bool all_epochs, const CellViewOptions& options,
-                  const PairOptions& pairs, const TaskControl& control, Survey* survey);
+// Selects views again for the cells whose mesh changed (survey->revision), that a changed view may show or that used
+// one, and selects partners for the changed views and for views that lost a partner. An unchanged cell keeps its
+// views if no changed view is added or removed. Occlusion is tested against all blocks that may hide these cells.
+// `all_epochs` false: if the views of the newest flight cover nearly as much of a cell (share of its samples that two
+// views see) as all views, older views are not used.
+Status UpdateViewSelection(const CityReader& city, const ViewChanges& changes, bool all_epochs,
+                           const CellViewOptions& options, const PairOptions& pairs, const TaskControl& control,
+                           Survey* survey);
 
 }  // namespace tessera
 

@@ -1,4 +1,4 @@
-// Whether a view can show anything of a box.
+// Tests whether a view can show any part of a box.
 #ifndef TESSERA_WORKER_CITY_VIEW_BOX_H_
 #define TESSERA_WORKER_CITY_VIEW_BOX_H_
 
@@ -8,7 +8,7 @@
 
 namespace tessera {
 
-// False only if no point of the box projects into the camera's image. Camera and box in one frame.
+// Conservative: false only if no point of the box projects into the camera's image. Camera and box in the same frame.
 inline bool MayShow(const PosedCamera& camera, const Eigen::AlignedBox3d& box) {
   int behind = 0;
   Eigen::AlignedBox2d seen;
@@ -21,7 +21,7 @@ inline bool MayShow(const PosedCamera& camera, const Eigen::AlignedBox3d& box) {
     }
   }
   if (behind > 0) return behind < 8;
-  // A pixel more than the image, against rounding.
+  // One pixel of margin for rounding.
   return seen.max().x() >= -1 && seen.max().y() >= -1 && seen.min().x() <= camera.intrinsics.width + 1 &&
          seen.min().y() <= camera.intrinsics.height + 1;
 }

@@ -22,15 +22,15 @@ struct Candidate {
 
 using Candidates = std::map<int32_t, Candidate>;
 
-Candidates Collect(const std::vector<std::vector<Sighting>>& samples) {
+Candidates Collect(const std::vector<std::vector<SampleObservation>>& samples) {
   Candidates candidates;
   for (size_t s = 0; s < samples.size(); ++s) {
-    for (const Sighting& sighting : samples[s]) {
-      if (sighting.pixels <= 0) continue;
-      Candidate& candidate = candidates[sighting.view];
-      candidate.by_direction[sighting.direction] += sighting.pixels;
-      candidate.pixels += sighting.pixels;
-      candidate.shown.emplace_back(s, sighting.pixels);
+    for (const SampleObservation& observation : samples[s]) {
+      if (observation.pixels <= 0) continue;
+      Candidate& candidate = candidates[observation.view];
+      candidate.by_direction[observation.direction] += observation.pixels;
+      candidate.pixels += observation.pixels;
+      candidate.shown.emplace_back(s, observation.pixels);
     }
   }
   return candidates;
@@ -62,20 +62,20 @@ void ChooseIn(int direction, size_t samples, const ViewChoiceOptions& options, C
 
 }  // namespace
 
-void WeighDetail(const ViewChoiceOptions& options, std::vector<Sighting>* sightings_of_sample) {
+void WeighByResolution(const ViewChoiceOptions& options, std::vector<SampleObservation>* observations_of_sample) {
   double finest = 0, second = 0;
-  for (const Sighting& sighting : *sightings_of_sample) {
-    second = std::max(second, std::min(finest, sighting.px_per_m));
-    finest = std::max(finest, sighting.px_per_m);
+  for (const SampleObservation& observation : *observations_of_sample) {
+    second = std::max(second, std::min(finest, observation.px_per_m));
+    finest = std::max(finest, observation.px_per_m);
   }
   if (second <= 0) return;
-  for (Sighting& sighting : *sightings_of_sample) {
-    const double coarser = second / sighting.px_per_m;  // times the second best GSD
-    sighting.pixels *= std::clamp((options.coarsest - coarser) / (options.coarsest - 1), 0.0, 1.0);
+  for (SampleObservation& observation : *observations_of_sample) {
+    const double coarser = second / observation.px_per_m;  // relative to the second best GSD
+    observation.pixels *= std::clamp((options.coarsest - coarser) / (options.coarsest - 1), 0.0, 1.0);
   }
 }
 
-std::vector<int32_t> ChooseBalanced(const std::vector<std::vector<Sighting>>& samples,
+std::vector<int32_t> ChooseBalanced(const std::vector<std::vector<SampleObservation>>& samples,
                                     const ViewChoiceOptions& options) {
   Candidates candidates = Collect(samples);
   for (int direction = 0; direction < kViewDirections; ++direction) {

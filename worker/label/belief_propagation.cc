@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
-#include "worker/label/block_turns.h"
+#include "worker/label/block_descent.h"
 #include "worker/label/field_graph.h"
 #include "worker/label/messages.h"
 
@@ -12,16 +12,17 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kGrain = 4096;
-// Where messages go to and fro, other labels are best at the end than so many rounds before.
-constexpr int kEarlier = 5;
-// How much a face's own label is made to lead where the expansions overruled the messages.
-constexpr float kLead = 1e-3f;
+// Oscillating messages give different labels in different rounds. The labels this many rounds before the last are
+// therefore proposed as well.
+constexpr int kEarlyProposalRounds = 5;
+// Margin by which a face's final label leads where the expansions changed it from the messages' label.
+constexpr float kLabelMargin = 1e-3f;
 
 int32_t IndexOfLeast(const float* values, int count) {
   return static_cast<int32_t>(std::min_element(values, values + count) - values);
 }
 
-// The best labels by the messages, by the undecided field's numbers.
+// Labels of least belief, indexed by undecided number.
 std::vector<int32_t> LabelsOfBeliefs(const UndecidedField& undecided, const Messages& messages) {
   std::vector<int32_t> labels(undecided.size());
   ParallelFor(static_cast<int64_t>(undecided.size()), kGrain, [&](int64_t begin, int64_t end) {
@@ -50,15 +51,15 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
   Labelling result;
   result.start_energy = StartEnergy(field, start);
 
-  Messages messages = NoMessages(undecided);
-  const int early = std::max(0, options.iterations - kEarlier);
+  Messages messages = InitialMessages(undecided);
+  const int early = std::max(0, options.iterations - kEarlyProposalRounds);
   PassMessages(undecided, early, options.damping, &messages);
   const std::vector<int32_t> early_labels = LabelsOfBeliefs(undecided, messages);
   PassMessages(undecided, options.iterations - early, options.damping, &messages);
   const std::vector<int32_t> last_labels = LabelsOfBeliefs(undecided, messages);
-  result.beliefs = AllBeliefs(field, graph, decided, undecided, messages);
+  result.beliefs = FaceBeliefs(field, graph, decided, undecided, messages);
 
-  // No labelling is better without the decided labels, so the others alone are compared.
+  // The decided labels are part of a best labelling, so only the undecided faces are optimised.
   std::vector<int32_t> begin(undecided.size());
   for (size_t i = 0; i < begin.size(); ++i) {
     const int32_t label = start[undecided.faces[i]];
@@ -67,9 +68,9 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
   const Blocks even = MakeBlocks(field, undecided, BlockGrid::kEven);
   const Blocks odd = MakeBlocks(field, undecided, BlockGrid::kOdd);
   const std::vector<const std::vector<int32_t>*> proposals = {&last_labels, &early_labels, &begin};
-  std::vector<int32_t> labels = TakeSafeParts(undecided, even, begin, last_labels);
-  TakeTurns(undecided, even, proposals, options.expansion_rounds, &labels);
-  if (!field.cell.empty()) TakeTurns(undecided, odd, proposals, options.expansion_rounds, &labels);
+  std::vector<int32_t> labels = ApplySafeParts(undecided, even, begin, last_labels);
+  SweepBlocks(undecided, even, proposals, options.expansion_rounds, &labels);
+  if (!field.cell.empty()) SweepBlocks(undecided, odd, proposals, options.expansion_rounds, &labels);
   result.labels = decided;
   for (size_t i = 0; i < labels.size(); ++i) result.labels[undecided.faces[i]] = labels[i];
   result.energy = LabelEnergy(field, result.labels);
@@ -79,7 +80,7 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
       float* belief = &result.beliefs[f * classes];
       float& own = belief[result.labels[f]];
       const int32_t least = IndexOfLeast(belief, classes);
-      if (least != result.labels[f]) own = belief[least] - kLead;
+      if (least != result.labels[f]) own = belief[least] - kLabelMargin;
       const float lowest = own;
       for (int l = 0; l < classes; ++l) belief[l] -= lowest;
     }

@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-// Orders as (y, x) does.
+// Orders cells by (y, x).
 uint64_t KeyOf(const Cell& cell) {
   constexpr uint32_t kSign = 1u << 31;
   return uint64_t{static_cast<uint32_t>(cell[1]) ^ kSign} << 32 | (static_cast<uint32_t>(cell[0]) ^ kSign);
@@ -28,7 +28,7 @@ CellGroups GroupByCell(const std::vector<Cell>& cell_of_item) {
   std::unordered_map<uint64_t, uint32_t> number;
   groups.group.resize(cell_of_item.size());
   for (size_t i = 0; i < cell_of_item.size(); ++i) {
-    // Items in a row mostly share a cell.
+    // Consecutive items mostly share a cell.
     if (i > 0 && cell_of_item[i] == cell_of_item[i - 1]) {
       groups.group[i] = groups.group[i - 1];
       continue;

@@ -1,4 +1,4 @@
-// Ground cells of faces, and the blocks of two by two of them in which the solver chooses labels.
+// Ground cells of faces, and blocks of 2 x 2 cells for block coordinate descent.
 #ifndef TESSERA_WORKER_LABEL_CELLS_H_
 #define TESSERA_WORKER_LABEL_CELLS_H_
 
@@ -10,16 +10,16 @@ namespace tessera {
 
 using Cell = std::array<int32_t, 2>;
 
-// Blocks have their corners at even cells first, at odd ones later: what borders on others in one grid is well inside
-// in the other.
+// Two staggered block grids, with corners at even and at odd cells: faces at a block's border in one grid are inside
+// a block in the other.
 enum class BlockGrid { kEven, kOdd };
 
 Cell BlockOf(const Cell& cell, BlockGrid grid);
 
-// x mod 2 + 2 (y mod 2): blocks that touch differ.
+// x mod 2 + 2 (y mod 2): a 4-colouring in which adjacent blocks differ.
 int ColourOf(const Cell& block);
 
-// Items that share a cell, as rows in the cells' order (rows of the ground, then along them).
+// Items grouped by cell. Groups are sorted by (y, x).
 struct CellGroups {
   std::vector<Cell> cells;        // of each group, ascending
   std::vector<uint32_t> group;    // of each item

@@ -9,19 +9,19 @@ void BlockExpansion::Run(uint32_t block, int rounds, std::vector<int32_t>* label
   block_ = block;
   const std::span<const uint32_t> faces = blocks_[block];
   const size_t count = faces.size();
-  may_.assign(count, 0);
-  most_.assign(count, 0);
+  is_candidate_.assign(count, 0);
+  link_weight_.assign(count, 0);
   bound_.resize(count);
   node_.resize(count);
   for (size_t i = 0; i < count; ++i) {
-    for (const UndecidedField::Link& link : field_[faces[i]]) most_[i] += link.weight;
+    for (const UndecidedField::Link& link : field_[faces[i]]) link_weight_[i] += link.weight;
   }
-  // Once every label has had its turn in vain, so will all that follow.
-  int vain = 0;
+  // Stop when no label of a full cycle has changed anything: later moves cannot either.
+  int unchanged = 0;
   for (int round = 0; round < rounds; ++round) {
     for (int32_t alpha = 0; alpha < field_.classes; ++alpha) {
-      vain = Expand(alpha) ? 0 : vain + 1;
-      if (vain == field_.classes) return;
+      unchanged = Expand(alpha) ? 0 : unchanged + 1;
+      if (unchanged == field_.classes) return;
     }
   }
 }
@@ -31,81 +31,82 @@ float BlockExpansion::SwitchCost(uint32_t face, int32_t alpha) const {
   return cost[alpha] - cost[labels_[face]];
 }
 
-// What switching costs `face` on one link if whoever may have alpha at its other end has it.
+// Least change of the cost of one link when `face` switches to alpha, assuming that every candidate at the other end
+// switches too.
 float BlockExpansion::BestOnLink(uint32_t face, const UndecidedField::Link& link, int32_t alpha) const {
   const int32_t other = labels_[link.face];
-  if (other == alpha || Candidate(link.face)) return -link.weight;
+  if (other == alpha || IsCandidate(link.face)) return -link.weight;
   return other == labels_[face] ? link.weight : 0;
 }
 
-// Marks the faces that could gain by alpha if all the others that are marked had it. No other face is in the best
-// expansion.
+// Marks the faces that may gain from alpha if all other marked faces switch as well. All faces of the best expansion
+// are among them.
 void BlockExpansion::FindCandidates(int32_t alpha) {
   candidates_.clear();
   const std::span<const uint32_t> faces = blocks_[block_];
   for (size_t i = 0; i < faces.size(); ++i) {
     const uint32_t f = faces[i];
-    may_[i] = labels_[f] != alpha && !blocks_.bridge[f] && SwitchCost(f, alpha) < most_[i];
-    if (may_[i]) candidates_.push_back(f);
+    is_candidate_[i] = labels_[f] != alpha && !blocks_.bridge[f] && SwitchCost(f, alpha) < link_weight_[i];
+    if (is_candidate_[i]) candidates_.push_back(f);
   }
   for (const uint32_t f : candidates_) {
-    float& bound = bound_[blocks_.place[f]];
+    float& bound = bound_[blocks_.index_in_block[f]];
     bound = SwitchCost(f, alpha);
     for (const UndecidedField::Link& link : field_[f]) bound += BestOnLink(f, link, alpha);
   }
-  out_.clear();
+  excluded_.clear();
   for (const uint32_t f : candidates_) {
-    if (bound_[blocks_.place[f]] >= 0) Exclude(f);
+    if (bound_[blocks_.index_in_block[f]] >= 0) Exclude(f);
   }
-  while (!out_.empty()) {
-    const uint32_t f = out_.back();
-    out_.pop_back();
+  while (!excluded_.empty()) {
+    const uint32_t f = excluded_.back();
+    excluded_.pop_back();
     for (const UndecidedField::Link& link : field_[f]) {
-      if (!Candidate(link.face)) continue;
-      float& bound = bound_[blocks_.place[link.face]];
+      if (!IsCandidate(link.face)) continue;
+      float& bound = bound_[blocks_.index_in_block[link.face]];
       bound += labels_[f] == labels_[link.face] ? 2 * link.weight : link.weight;
       if (bound >= 0) Exclude(link.face);
     }
   }
-  std::erase_if(candidates_, [&](uint32_t f) { return !may_[blocks_.place[f]]; });
+  std::erase_if(candidates_, [&](uint32_t f) { return !is_candidate_[blocks_.index_in_block[f]]; });
 }
 
 void BlockExpansion::Exclude(uint32_t face) {
-  may_[blocks_.place[face]] = 0;
-  out_.push_back(face);
+  is_candidate_[blocks_.index_in_block[face]] = 0;
+  excluded_.push_back(face);
 }
 
-// True if alpha took any face.
+// Returns true if any face switched to alpha.
 bool BlockExpansion::Expand(int32_t alpha) {
   FindCandidates(alpha);
   if (candidates_.empty()) return false;
   const int count = static_cast<int>(candidates_.size());
   cut_.Reset(count);
-  for (int node = 0; node < count; ++node) node_[blocks_.place[candidates_[node]]] = node;
+  for (int node = 0; node < count; ++node) node_[blocks_.index_in_block[candidates_[node]]] = node;
   for (int node = 0; node < count; ++node) {
     const uint32_t f = candidates_[node];
     double cost = SwitchCost(f, alpha);
     for (const UndecidedField::Link& link : field_[f]) {
       const bool same = labels_[f] == labels_[link.face];
-      if (!Candidate(link.face)) {
+      if (!IsCandidate(link.face)) {
         cost += labels_[link.face] == alpha ? -link.weight : same ? link.weight : 0;
         continue;
       }
-      // Different labels cost w as they are and nothing once both are alpha.
+      // Different labels cost w now and 0 once both are alpha; half of it is charged to each end.
       if (!same) cost -= 0.5 * link.weight;
-      const int other = node_[blocks_.place[link.face]];
+      const int other = node_[blocks_.index_in_block[link.face]];
       if (node < other) cut_.AddPair(node, other, same ? link.weight : 0.5 * link.weight);
     }
     cut_.AddCost(node, cost);
   }
   cut_.Solve();
-  bool took = false;
+  bool changed = false;
   for (int node = 0; node < count; ++node) {
-    if (!cut_.In(node)) continue;
+    if (!cut_.Selected(node)) continue;
     labels_[candidates_[node]] = alpha;
-    took = true;
+    changed = true;
   }
-  return took;
+  return changed;
 }
 
 }  // namespace tessera

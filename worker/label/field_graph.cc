@@ -12,7 +12,7 @@ FieldGraph MakeFieldGraph(const LabelField& field) {
     ++graph.offsets[e.face0];
     ++graph.offsets[e.face1];
   }
-  // Where each face's links end; filling from behind moves that to where they begin.
+  // Offsets first hold the end of each face's links; filling backwards turns them into the begin.
   std::partial_sum(graph.offsets.begin(), graph.offsets.end(), graph.offsets.begin());
   graph.links.resize(graph.offsets.back());
   for (uint32_t i = static_cast<uint32_t>(field.edges.size()); i-- > 0;) {

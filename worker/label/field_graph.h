@@ -1,4 +1,4 @@
-// The edges of a label field, face by face.
+// Adjacency of a label field: the edges of each face.
 #ifndef TESSERA_WORKER_LABEL_FIELD_GRAPH_H_
 #define TESSERA_WORKER_LABEL_FIELD_GRAPH_H_
 
@@ -10,7 +10,7 @@
 
 namespace tessera {
 
-// One end of an edge: where it leads, what it weighs, and which of the field's edges it is.
+// One end of an edge: the neighbour, the weight, and the index of the edge in the field.
 struct FieldLink {
   uint32_t face = 0;
   float weight = 0;
@@ -25,7 +25,7 @@ struct FieldGraph {
   }
 };
 
-// Edges of no weight are left out.
+// Edges of weight 0 are left out.
 FieldGraph MakeFieldGraph(const LabelField& field);
 
 }  // namespace tessera

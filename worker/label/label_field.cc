@@ -9,7 +9,7 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kGrain = 4096;
-constexpr double kFaceAreaGsd2 = 12;  // A0 in GSD²: what splitting leaves on average
+constexpr double kFaceAreaGsd2 = 12;  // A0 in GSD²: the typical face area after subdivision
 
 bool ViolatesPrior(const SceneClass& c, double angle_rad) {
   return std::abs(angle_rad - c.prior_beta_rad) > c.prior_alpha_rad;

@@ -1,4 +1,4 @@
-// The random field over a mesh's faces whose best labelling is wanted.
+// The Markov random field over a mesh's faces that labelling minimises.
 #ifndef TESSERA_WORKER_LABEL_LABEL_FIELD_H_
 #define TESSERA_WORKER_LABEL_LABEL_FIELD_H_
 
@@ -14,7 +14,7 @@
 
 namespace tessera {
 
-// An edge of the field with the cost of different labels at its ends.
+// An edge of the field: `weight` is the cost of different labels at its ends.
 struct FieldEdge {
   uint32_t face0 = 0, face1 = 0;
   float weight = 0;
@@ -25,8 +25,8 @@ struct LabelField {
   int classes = 0;
   std::vector<float> unary;  // faces x classes
   std::vector<FieldEdge> edges;
-  // Ground cell of each face, in blocks of which the solver's last part proceeds; none: all faces in one block. What a
-  // tile holds must not change it: squares of kLabelCellGsd in plan, by the face's centroid in the start mesh.
+  // Ground cell of each face, for block coordinate descent; empty: all faces form one block. Must not depend on the
+  // tile: squares of kLabelCellGsd in plan, by the face's centroid in the start mesh.
   std::vector<Cell> cell;
   size_t faces() const { return classes == 0 ? 0 : unary.size() / classes; }
 };
@@ -34,21 +34,21 @@ struct LabelField {
 inline constexpr double kLabelCellGsd = 32;
 
 struct LabelOptions {
-  // kTessera: every term grows with the face and the edge in units of the GSD, p is normalised, so that neither
-  // splitting nor tiling changes anything. kPaper: -log of the plain sum of likelihoods; prior and Potts term in square
-  // metres (Bláha et al. 2017, section 3.2).
+  // kTessera: unary and pairwise terms scale with face area and edge length in units of the GSD, and p is a mean over
+  // pixels. So neither subdivision nor tiling changes the result. kPaper: -log of the sum of likelihoods; prior and
+  // Potts term in square metres (Bláha et al. 2017, section 3.2).
   enum class Form { kTessera, kPaper };
   Form form = Form::kTessera;
   double prior_weight = 0.35;       // μ1
   double smoothness_weight = 0.25;  // μ2; the paper has 0.5
-  double unsure_pixels = 1;         // kTessera: each class gets the likelihoods of so many pixels more for an area A0
-  double floor = 1e-3;              // no likelihood is taken to be less than this
+  double unsure_pixels = 1;         // kTessera: pseudo-count per class and area A0, in pixels
+  double floor = 1e-3;              // lower bound of a likelihood
 };
 
-// Field of `mesh` (metres). `edges`: EdgeList of its topology; rims take no part. `up`: unit, the mesh's frame.
-// `gsd_m`: the job's. classes.size() == likelihoods.classes. Cells are left to the caller.
-// Of a mesh with some of the faces, and vertices and faces in the same order, it is the same field without the other
-// faces: unaries and weights come from the faces at hand alone, and EdgeList's order is that of the vertices.
+// Builds the field of `mesh` (metres). `edges`: EdgeList of the mesh; boundary edges are skipped. `up`: unit vector
+// in the mesh's frame. `gsd_m`: of the job. classes.size() == likelihoods.classes. The caller fills `cell`.
+// For a submesh with vertices and faces in the same order, the result is the same field without the other faces:
+// unaries and weights depend on single faces and edges, and EdgeList's order is that of the vertices.
 LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>& edges,
                            const FaceLikelihoods& likelihoods, const std::vector<SceneClass>& classes,
                            const Eigen::Vector3d& up, double gsd_m, const LabelOptions& options);

@@ -23,14 +23,14 @@ void Store(Vec v, float* to) { std::memcpy(to, &v, sizeof v); }
 
 Vec Min(Vec a, Vec b) { return a < b ? a : b; }
 
-// The least lane, in all of them.
+// Minimum over the lanes, in all lanes.
 Vec MinOfLanes(Vec v) {
   v = Min(v, __builtin_shufflevector(v, v, 2, 3, 0, 1));
   return Min(v, __builtin_shufflevector(v, v, 1, 0, 3, 2));
 }
 
-// Messages to faces begin to end, and their beliefs, from those of the iteration before. kVectors: of a face, 0 where
-// the compiler does not know.
+// Updates the messages to faces [begin, end) and their beliefs from those of the previous iteration. kVectors:
+// vectors per face as a compile-time constant, 0 if only known at run time.
 template <int kVectors>
 void UpdateMessages(const UndecidedField& undecided, int64_t begin, int64_t end, float fresh, const Messages& from,
                     Messages* to) {
@@ -45,7 +45,7 @@ void UpdateMessages(const UndecidedField& undecided, int64_t begin, int64_t end,
     for (int v = 0; v < vectors; ++v) Store(Load(&undecided.cost[i * lanes + v * kLanes]), sum + v * kLanes);
     for (uint32_t s = undecided.offsets[i]; s < undecided.offsets[i + 1]; ++s) {
       const UndecidedField::Link link = undecided.links[s];
-      // The neighbour's belief without the message from here.
+      // The neighbour's belief without the message from this face.
       const float* theirs = belief + link.face * lanes;
       const float* mine = message + link.reverse * lanes;
       const auto sent = [&](int v) { return Load(theirs + v * kLanes) - Load(mine + v * kLanes); };
@@ -64,8 +64,9 @@ void UpdateMessages(const UndecidedField& undecided, int64_t begin, int64_t end,
   }
 }
 
-// Belief of a decided face. Undecided neighbours send it their belief without its own message; decided ones the same
-// by `decided_beliefs`, or their decided message where that is null. `sent`: room for one message.
+// Belief of a decided face. An undecided neighbour sends its belief without this face's own message. A decided
+// neighbour does the same with `decided_beliefs`, or sends its constant message if that is null. `sent`: buffer for
+// one message.
 void DecidedBelief(const LabelField& field, const FieldGraph& graph, const std::vector<int32_t>& decided,
                    const UndecidedField& undecided, const Messages& messages, const float* decided_beliefs, size_t face,
                    float* sent, float* belief) {
@@ -80,7 +81,7 @@ void DecidedBelief(const LabelField& field, const FieldGraph& graph, const std::
     const float* theirs = other != kUndecided ? decided_beliefs + static_cast<size_t>(link.face) * classes
                                               : &messages.beliefs[undecided.number[link.face] * undecided.lanes];
     std::copy_n(theirs, classes, sent);
-    // The decided message from here counts the weight for every label but one; up to a constant:
+    // The decided message from here costs the weight for every label but one. Up to a constant:
     sent[decided[face]] += link.weight;
     const float least = *std::min_element(sent, sent + classes);
     for (int l = 0; l < classes; ++l) belief[l] += std::min(sent[l] - least, link.weight);
@@ -89,7 +90,7 @@ void DecidedBelief(const LabelField& field, const FieldGraph& graph, const std::
 
 }  // namespace
 
-Messages NoMessages(const UndecidedField& undecided) {
+Messages InitialMessages(const UndecidedField& undecided) {
   return {std::vector<float>(undecided.links.size() * undecided.lanes, 0.0f), undecided.cost};
 }
 
@@ -106,12 +107,12 @@ void PassMessages(const UndecidedField& undecided, int iterations, double dampin
   }
 }
 
-std::vector<float> AllBeliefs(const LabelField& field, const FieldGraph& graph, const std::vector<int32_t>& decided,
-                              const UndecidedField& undecided, const Messages& messages) {
+std::vector<float> FaceBeliefs(const LabelField& field, const FieldGraph& graph, const std::vector<int32_t>& decided,
+                               const UndecidedField& undecided, const Messages& messages) {
   const int classes = field.classes;
   std::vector<float> beliefs(field.unary.size()), first;
   for (const bool again : {false, true}) {
-    // Again, since what decided faces send each other may depend on what reaches them.
+    // Repeat once: messages between decided faces may depend on the other messages that these receive.
     if (again) first = beliefs;
     ParallelFor(static_cast<int64_t>(decided.size()), kGrain, [&](int64_t begin, int64_t end) {
       std::vector<float> sent(classes);

@@ -28,8 +28,9 @@ void MinCut::MakeArcs() {
   }
 }
 
-// Steps from each node to the nearest that can take flow out, as far as the nearest that has flow to send: balls around
-// the sinks that are left, instead of everything; -1 beyond. False if no node has flow to send.
+// Breadth-first search backwards from the sinks that still take flow, up to the nearest source with flow to send.
+// Sets each node's distance, -1 beyond. Balls around the few remaining sinks are much smaller than the graph. Returns
+// false if no source can reach a sink.
 bool MinCut::FindLevels() {
   for (const int i : queue_) level_[i] = -1;
   queue_.clear();
@@ -55,7 +56,7 @@ bool MinCut::FindLevels() {
   return limit != std::numeric_limits<int>::max();
 }
 
-// Sends what `source` has down the levels until it has nothing left or no way.
+// Depth-first: sends the excess of `source` down the levels until none is left or no path remains.
 void MinCut::Push(int source) {
   path_.clear();
   int at = source;
@@ -69,7 +70,7 @@ void MinCut::Push(int source) {
         arcs_[a].capacity -= flow;
         arcs_[arcs_[a].reverse].capacity = arcs_[a].both - arcs_[a].capacity;
       }
-      // Back to before the first arc that is full now.
+      // Resume before the first arc that is now saturated.
       size_t keep = 0;
       while (keep < path_.size() && arcs_[path_[keep]].capacity > 0) ++keep;
       if (keep < path_.size()) {
@@ -102,7 +103,7 @@ void MinCut::Solve() {
   for (int i = 0; i < nodes; ++i) {
     if (cost_[i] < 0) sinks_.push_back(i);
   }
-  // In the end whoever can still send to a node that wants to be in is in itself.
+  // When no source can send any more, x is 1 for the nodes that can still reach a sink with capacity left.
   while (FindLevels()) {
     for (const int i : queue_) {
       if (cost_[i] > 0) Push(i);

@@ -1,4 +1,4 @@
-// Least cuts of small graphs.
+// Minimum cuts of small graphs.
 #ifndef TESSERA_WORKER_LABEL_MIN_CUT_H_
 #define TESSERA_WORKER_LABEL_MIN_CUT_H_
 
@@ -7,18 +7,18 @@
 
 namespace tessera {
 
-// Minimises Σ_i cost_i x_i + Σ_pairs weight [x_i != x_j] over x in {0, 1} (Dinic's maximum flow). Meant to be used
-// again and again: it keeps its memory.
+// Minimises Σ_i cost_i x_i + Σ_pairs weight [x_i != x_j] over x in {0, 1} with Dinic's maximum flow. Reuses its
+// buffers.
 class MinCut {
  public:
-  // Forgets what was there.
+  // Clears the graph and sets its number of nodes, all of cost 0.
   void Reset(int nodes);
   void AddCost(int node, double cost) { cost_[node] += cost; }
-  // weight >= 0.
+  // Requires weight >= 0.
   void AddPair(int node0, int node1, double weight);
-  // After it, In(node) is x of the minimiser with the fewest ones.
+  // After Solve, Selected(node) is x of that minimiser with the fewest ones.
   void Solve();
-  bool In(int node) const { return level_[node] >= 0; }
+  bool Selected(int node) const { return level_[node] >= 0; }
 
  private:
   struct Pair {
@@ -27,13 +27,13 @@ class MinCut {
   };
   struct Arc {
     int to, reverse;
-    double capacity, both;  // what is left this way, and in both together
+    double capacity, both;  // residual capacity of this arc, and of both directions together
   };
   void MakeArcs();
   bool FindLevels();
   void Push(int source);
 
-  std::vector<double> cost_;  // positive: what may still flow in; negative: what may still flow out
+  std::vector<double> cost_;  // > 0: excess left to send; < 0: capacity left to receive
   std::vector<Pair> pairs_;
   std::vector<int> first_, next_, level_, queue_, path_, sinks_;
   std::vector<Arc> arcs_;

@@ -6,13 +6,13 @@
 namespace tessera {
 namespace {
 
-// The two pixels of a row or column around `position` (centres at +0.5) and the weight of the second.
+// The two pixels of a row or column around `position` (centres at +0.5), and the weight of the second.
 struct Sample {
   int low = 0, high = 0;
   float weight = 0;
 };
 
-// `size` pixels are at hand, the first of them the whole image's pixel `origin`.
+// `size` pixels are available; the first is the whole image's pixel `origin`.
 Sample SampleAt(double position, int origin, int size) {
   const double clamped =
       std::clamp(position - 0.5, static_cast<double>(origin), static_cast<double>(origin + size - 1));

@@ -10,7 +10,8 @@ namespace {
 
 constexpr int64_t kGrain = 2048;
 
-// The face's costs, less the weight of its edges to decided faces of a class; returns what its other edges weigh.
+// Writes the face's costs less the weights of its edges to decided faces. Returns the total weight of its other
+// edges.
 float FoldDecided(const LabelField& field, const FieldGraph& graph, const std::vector<int32_t>& decided, size_t face,
                   float* cost) {
   std::copy_n(&field.unary[face * field.classes], field.classes, cost);
@@ -131,13 +132,13 @@ Blocks MakeBlocks(const LabelField& field, const UndecidedField& undecided, Bloc
     blocks.colours[colour[b]].push_back(b);
   }
   blocks.block.resize(numbers.size());
-  blocks.place.resize(numbers.size());
+  blocks.index_in_block.resize(numbers.size());
   for (uint32_t b = 0; b < blocks.size(); ++b) {
     for (uint32_t i = blocks.offsets[b]; i < blocks.offsets[b + 1]; ++i) {
       const uint32_t number = numbers[blocks.faces[i]];
       blocks.faces[i] = number;
       blocks.block[number] = b;
-      blocks.place[number] = i - blocks.offsets[b];
+      blocks.index_in_block[number] = i - blocks.offsets[b];
     }
   }
   blocks.bridge.assign(numbers.size(), 0);

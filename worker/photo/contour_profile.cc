@@ -6,16 +6,16 @@
 namespace tessera {
 namespace {
 
-// Tuned with BorderCounts' on helsinki and campus and their ladders of likelihoods (accuracy_bench --rungs).
-constexpr double kMinClear = 0.3;    // of the likelihoods' step: the mean difference on both sides of it
-constexpr double kSpread_px = 1;     // of edges about a border that is known without bias
-constexpr double kEdgeNoise = 0.02;  // of luminance: fainter edges say little
+// Tuned on helsinki and campus for several qualities of likelihoods (accuracy_bench --rungs).
+constexpr double kMinClear = 0.3;    // minimum contrast of the likelihoods: mean difference on both sides of the border
+constexpr double kSpread_px = 1;     // expected spread of edges around an unbiased border
+constexpr double kEdgeNoise = 0.02;  // in luminance: fainter edges get a small weight
 
 }  // namespace
 
 ContourMeasurement MeasureContour(const ContourProfile& profile, const BorderTrust& trust, double scale) {
   constexpr int n = ContourProfile::kPixels;
-  // The border before pixel t that parts the pixels best.
+  // Find the border between pixels t - 1 and t that separates the classes best.
   double total = 0, before = 0, best = 0;
   for (const double gain : profile.front_gain) total += gain;
   int border = 0;
@@ -25,7 +25,7 @@ ContourMeasurement MeasureContour(const ContourProfile& profile, const BorderTru
     best = 2 * before - total;
     border = t;
   }
-  // One class alone: the border lies beyond what is looked at.
+  // Only one class: the border is outside the profile.
   if (border == 0 || best <= std::abs(total)) return {};
   const double clear = best / n;
   const double centre = border - trust.bias_px * scale;

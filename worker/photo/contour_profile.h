@@ -1,4 +1,4 @@
-// Where an occluding contour lies on a line of pixels across it.
+// Locates an occluding contour on a line of pixels that crosses it.
 #ifndef TESSERA_WORKER_PHOTO_CONTOUR_PROFILE_H_
 #define TESSERA_WORKER_PHOTO_CONTOUR_PROFILE_H_
 
@@ -8,24 +8,25 @@
 
 namespace tessera {
 
-// Pixels on either side of the contour as the mesh has it, from inside the nearer surface outward: pixel kReach - 1 is
-// the last that shows it.
+// Pixels across the contour at its position in the mesh, from inside the nearer surface outwards. Pixel kReach - 1 is
+// the last one on the nearer surface.
 struct ContourProfile {
   static constexpr int kReach = 6;
   static constexpr int kPixels = 2 * kReach;
-  std::array<double, kPixels> front_gain;  // likelihood of the class in front less that of the class behind
+  std::array<double, kPixels> front_gain;  // likelihood of the front class minus that of the back class
   std::array<double, kPixels> luminance;   // in [0, 1]
 };
 
 struct ContourMeasurement {
-  double outward_px = 0;  // from the contour as the mesh has it
-  double weight = 0;      // in [0, 1]; 0: nothing is to be seen
+  double outward_px = 0;  // offset from the contour of the mesh
+  double weight = 0;      // in [0, 1]; 0: no measurement
 };
 
-// The image's own edge about the place where the likelihoods go over from the class in front to the one behind, less
-// what such borders are known to be off (`trust`, from front to behind, in pixels of which one of the profile's is
-// 1 / `scale`). The likelihoods tell which edge is meant; where it lies, the image tells. No measurement where the
-// likelihoods have no such border within reach or are not trusted; a weak one where no edge stands out.
+// Position of the image edge near the border between the front and the back class in the likelihoods. The likelihoods
+// select the edge, the image gives its position; `trust.bias_px`, the known bias of such borders, is subtracted.
+// `trust`: for this ordered pair of classes, in pixels of level 0, of which one of the profile's pixels is 1 /
+// `scale`. Weight 0 if the likelihoods have no such border within kReach or are not trusted; a small weight if there
+// is no distinct edge.
 ContourMeasurement MeasureContour(const ContourProfile& profile, const BorderTrust& trust, double scale);
 
 }  // namespace tessera

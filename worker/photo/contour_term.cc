@@ -12,8 +12,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kCurvaturePerPx2 = 0.5;  // of w ρ(d)
-constexpr double kMaxPull_px = 2;         // farther edges pull no more
+constexpr double kCurvaturePerPx2 = 0.5;  // factor of w ρ(d)
+constexpr double kMaxPull_px = 2;         // the pull does not grow beyond this distance
 
 FaceContour NoContour(uint32_t face) {
   FaceContour contour;
@@ -25,14 +25,14 @@ FaceContour NoContour(uint32_t face) {
   return contour;
 }
 
-// The upper triangle of the outer square, row by row.
+// Upper triangle of the outer product v vᵀ, row by row.
 Eigen::Matrix<double, 6, 1> Upper(const Vector3d& v) {
   Eigen::Matrix<double, 6, 1> out;
   out << v.x() * v.x(), v.x() * v.y(), v.x() * v.z(), v.y() * v.y(), v.y() * v.z(), v.z() * v.z();
   return out;
 }
 
-// One view's contours.
+// Finds and measures the contours of one view.
 class ContourView {
  public:
   ContourView(const TriangleMesh& mesh, const std::vector<int32_t>& labels, const std::vector<uint8_t>& own,
@@ -53,7 +53,7 @@ class ContourView {
         if (y + 1 < map_.height) AddSide(x, y, x, y + 1);
       }
     }
-    // Sides of a face in the order of their pixels.
+    // Sort by face, keeping the order of the pixels.
     std::stable_sort(pulls_.begin(), pulls_.end(), [](const Pull& a, const Pull& b) { return a.face < b.face; });
     std::vector<FaceContour> faces;
     for (size_t i = 0; i < pulls_.size();) {
@@ -96,7 +96,7 @@ class ContourView {
     }
   }
 
-  // Across the side from (x, y), on the nearer face, to (x + dx, y + dy), behind it.
+  // Measures the profile from (x, y), on the nearer face, in direction (dx, dy) to the farther one.
   ContourMeasurement Measure(int x, int y, int dx, int dy, int front, int behind, const BorderTrust& trust) const {
     constexpr int kReach = ContourProfile::kReach;
     const Texels& texels = view_.texels;
@@ -115,7 +115,9 @@ class ContourView {
     return MeasureContour(profile, trust, std::ldexp(1.0, -options_.level));
   }
 
-  // (x, y) is on the nearer face, (bx, by) behind it.
+  // (x, y) is on the nearer face, (bx, by) on the farther one. Turns the measured image distance into a spring in
+  // space: `outward` is the gradient of the contour's image position with respect to the point. Only this direction
+  // is constrained, so the contour can still slide along the line of sight.
   void AddContour(int x, int y, int bx, int by, int front, int behind) {
     const int32_t face = map_.face[Index(x, y)];
     const auto corner = [&](int c) { return mesh_.Corner(face, c); };
@@ -128,7 +130,7 @@ class ContourView {
     if (trust.weight <= 0) return;
     const ContourMeasurement measured = Measure(x, y, bx - x, by - y, front, behind, trust);
     if (measured.weight <= 0) return;
-    // How far outward the contour goes in the image, pixels, when the point moves a metre.
+    // Motion of the contour in the image, pixels outward per metre of the point.
     const PinholeCamera& k = view_.camera.intrinsics;
     const Vector3d seen = view_.camera.CameraFromWorld(point);
     const double right = k.fx * (bx - x) / seen.z(), down = k.fy * (by - y) / seen.z();
@@ -143,12 +145,12 @@ class ContourView {
     pulls_.push_back(pull);
   }
 
-  // What the side between two pixels does to the nearer face.
+  // The pull on the nearer face from one pair of adjacent pixels.
   struct Pull {
     uint32_t face = 0;
-    std::array<double, 3> share;  // of its corners
+    std::array<double, 3> share;  // barycentric coordinates
     ContourMeasurement measured;
-    Vector3d outward;  // pixels a metre
+    Vector3d outward;  // pixels per metre
   };
 
   const TriangleMesh& mesh_;
@@ -157,7 +159,7 @@ class ContourView {
   const PhotoView& view_;
   const FaceMap& map_;
   const ContourOptions& options_;
-  const float gap_;  // of depth, relative to the nearer one
+  const float gap_;  // of depth, relative to the nearer depth
   const Vector3d centre_;
   std::vector<Pull> pulls_;
 };

@@ -1,4 +1,4 @@
-// E_contour: occluding contours go to the edges of the images that the class likelihoods name.
+// E_contour: pulls occluding contours towards the image edges selected by the class likelihoods.
 #ifndef TESSERA_WORKER_PHOTO_CONTOUR_TERM_H_
 #define TESSERA_WORKER_PHOTO_CONTOUR_TERM_H_
 
@@ -14,43 +14,44 @@
 
 namespace tessera {
 
-// Two pixels side by side make a contour where one lies deeper than the other by more than the gap and both have
-// labels, different ones. Across each such side the edge that the likelihoods name is sought (MeasureContour), and
-// pulls the nearer surface along the line across the side by w d: d pixels to the edge, at most kMaxPull_px, w what the
-// measurement is worth. This is a spring to the edge as it was found and not the derivative of an energy of labels:
-// likelihoods as such (Gargallo et al. 2007) would put a contour wherever a classifier errs, in all views alike. Terms
-// between views do not have it, so crowns, eaves and roofs that start too small would stay too small.
+// Two adjacent pixels form a contour if their depths differ by more than the gap and they have different labels. For
+// each such pair MeasureContour searches the image edge across it. The nearer surface is then pulled along that
+// direction with force w d: d is the distance to the edge in pixels, at most kMaxPull_px, and w the weight of the
+// measurement.
+// This is a spring to the measured edge, not the gradient of a label energy: likelihoods alone (Gargallo et al. 2007)
+// would move contours to the classifier's systematic errors, which are equal in all views. Terms between views cannot
+// correct contours, so without E_contour tree crowns, eaves and roofs that start too small would stay too small.
 struct ContourOptions {
-  double weight = 0;          // λ4, beside the photo energy of a pixel
-  double gap_px = 4;          // of depth, in pixels at the nearer depth
-  BorderTrusts borders = {};  // of the likelihoods, pixels of level 0
-  int level = 0;              // of the pyramid
+  double weight = 0;          // λ4, relative to the photo energy of a pixel
+  double gap_px = 4;          // depth gap, in units of the pixel size at the nearer depth
+  BorderTrusts borders = {};  // of the likelihoods, in pixels of level 0
+  int level = 0;              // pyramid level
 };
 
-// What contours do to the corners of a face that ends at them.
+// Derivatives of E_contour at the corners of a face on a contour.
 struct FaceContour {
   uint32_t face = 0;
-  std::array<Eigen::Vector3d, 3> gradient;               // a corner: weighted, per metre
-  std::array<Eigen::Matrix<double, 6, 1>, 3> curvature;  // the same, per metre²: xx, xy, xz, yy, yz, zz
-  uint32_t views_begin = 0, views_end = 0;               // of ContourSums::views: those that have it at a contour
+  std::array<Eigen::Vector3d, 3> gradient;               // per corner: weighted, per metre
+  std::array<Eigen::Matrix<double, 6, 1>, 3> curvature;  // per corner, per metre²: xx, xy, xz, yy, yz, zz
+  uint32_t views_begin = 0, views_end = 0;  // range of ContourSums::views: views with this face on a contour
 
   Eigen::Matrix3d Curvature(int corner) const;
 };
 
-// By rising face.
+// Sorted by face.
 struct ContourSums {
   std::vector<FaceContour> faces;
-  std::vector<int32_t> views;  // the job's numbers
+  std::vector<int32_t> views;  // the job's view ids
 };
 
-// One view's contours, by faces. `labels`: one a face; -1 or 255: none. `map`: of `mesh` in `view`, of which the pixels
-// of own faces (flags in `own`; empty: all) and those beside them are read. A view without likelihoods has none. Safe
-// to call concurrently.
+// Contours of one view. `labels`: one per face; -1 or 255: none. `map`: of `mesh` in `view`; the pixels of own faces
+// (flags in `own`; empty: all) and those next to them are read. A view without likelihoods has no contours.
+// Thread-safe.
 std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vector<int32_t>& labels,
                                       const std::vector<uint8_t>& own, const PhotoView& view, const FaceMap& map,
                                       const ContourOptions& options);
 
-// Views in their order. `view_ids`: the job's number of each.
+// Sums the views in their order. `view_ids`: the job's id of each.
 ContourSums AddContours(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids);
 
 }  // namespace tessera

@@ -14,7 +14,7 @@ namespace {
 StatusOr<PhotoView> MakePhotoView(const RefineView& view, int level, bool semantic) {
   PhotoView out;
   out.camera = PyramidCamera(view.camera, level);
-  // Pixels count from the middle of the whole image, where floats hold them best; from an even one (Texels).
+  // Move the pixel origin to the middle of the whole image, where floats are most precise, at an even pixel (Texels).
   PinholeCamera& k = out.camera.intrinsics;
   const int middle_x = k.width / 4 * 2, middle_y = k.height / 4 * 2;
   k.cx -= middle_x;

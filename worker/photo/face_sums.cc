@@ -25,20 +25,20 @@ struct RunSums {
   float g = 0, h = 0, gx = 0, hx = 0, pairs = 0;
 };
 
-// Begins of the runs of equal values, and the end of the last; returns how many.
+// Writes the begins of the runs of equal values, and the end of the last. Returns the number of runs.
 int FindRuns(const int32_t* values, int count, int32_t* starts) {
   int runs = 0;
   for (int i = 0; i < count; ++i) {
     starts[runs] = i;
     runs += i + 1 == count || values[i + 1] != values[i];
   }
-  // Each entry holds the last pixel of its run until here.
+  // Each entry holds the last pixel of its run up to here.
   for (int run = runs; run > 0; --run) starts[run] = starts[run - 1] + 1;
   starts[0] = 0;
   return runs;
 }
 
-// Where `b` is infinite, `a` must be a number all the same: such products are not used.
+// Where `b` is infinite, `a` must still be finite or infinite, not NaN: such products are not used.
 void Multiply(const float* a, const float* b, int count, float* out) {
   for (int i = 0; i < count; ++i) out[i] = a[i] * b[i];
 }
@@ -65,7 +65,7 @@ FaceGatherer::Part FaceGatherer::ToCorners(const Moments& m) const {
   const Vector3d centre = camera_->Centre();
   const Vector3d a = mesh_->Corner(m.face, 0) - centre, b = mesh_->Corner(m.face, 1) - centre,
                  c = mesh_->Corner(m.face, 2) - centre;
-  // z r = Σ φ_k V_k, so φ = z V⁻¹ r, and the rows of V⁻¹ are cross products of its columns.
+  // z r = Σ φ_k V_k, so φ = z V⁻¹ r; the rows of V⁻¹ are cross products of the columns of V.
   const Vector3d rows[3] = {b.cross(c), c.cross(a), a.cross(b)};
   const double determinant = a.dot(rows[0]);
   if (determinant == 0) return part;
@@ -91,7 +91,7 @@ void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* 
   std::vector<Moments> found;
   found.reserve(parts_[strip].size() + 64);
   const int width = map_->width;
-  // Of a row: where runs of one face begin, and what is summed. Done first, without branches.
+  // Per row: the begins of runs and the summands, computed first without branches.
   std::vector<int32_t> starts(width + 2);
   std::vector<float> gradient(width), curvature(width);
   for (int y = planes.row_begin; y < planes.row_end; ++y) {
@@ -135,7 +135,8 @@ void FaceGatherer::AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* 
 }
 
 void FaceGatherer::Finish(std::vector<FaceSums>* sums) {
-  // A face that one strip alone has is added at once; of the others the strips' parts are added in their order.
+  // Faces in a single strip are added directly. Parts of faces in several strips are added in the order of the
+  // strips.
   std::vector<std::vector<Part>> shared(parts_.size());
   ParallelFor(static_cast<int64_t>(parts_.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t s = begin; s < end; ++s) {

@@ -1,4 +1,5 @@
-// From pixels to faces: sums over the pixels of a view that see a face, weighted with its corners' barycentric weights.
+// Reduces pixel derivatives to faces: sums over the pixels of a view that see a face, weighted by barycentric
+// coordinates.
 #ifndef TESSERA_WORKER_PHOTO_FACE_SUMS_H_
 #define TESSERA_WORKER_PHOTO_FACE_SUMS_H_
 
@@ -13,38 +14,39 @@
 
 namespace tessera {
 
-// Scalars a face corner: derivative, curvature; and a face: pairs.
+// Per corner: derivative and curvature along the normal. Per face: pairs.
 struct FaceSums {
   std::array<float, 3> gradient = {0, 0, 0};
   std::array<float, 3> curvature = {0, 0, 0};
-  float pairs = 0;  // mean over the face's pixels of the pairs that count there, summed over views
+  float pairs = 0;  // mean number of pairs per pixel of the face, summed over views
 };
 
-// Buffer of FaceGatherer::AddStrip, reused from call to call; one a thread.
+// Buffer of FaceGatherer::AddStrip, one per thread, reused between calls.
 struct FaceSlots {
   uint32_t call = 0;
-  // Of every face: where its entry of the list at hand is, and in the upper half the call it was written in, so that
-  // nothing need be cleared.
+  // Per face: the index of its entry in the current list and, in the upper half, the call that wrote it, so that the
+  // buffer need not be cleared.
   std::vector<uint64_t> slots;
 };
 
-// Gathers one view, strip by strip. Strips may come in any order and from any threads; the result is the same.
+// Reduces one view, strip by strip. Strips may be added in any order and from any thread with the same result.
 class FaceGatherer {
  public:
-  // Begins a view whose strips are numbered 0 .. strips - 1. `own`: flags of the faces that are wanted; empty: all.
-  // References must live until Finish.
+  // Starts a view with strips 0 .. strips - 1. `own`: flags of the faces to sum; empty: all. The references must stay
+  // valid until Finish.
   void Begin(const TriangleMesh& mesh, const PosedCamera& camera, const FaceMap& map, const std::vector<uint8_t>& own,
              int strips);
-  // A strip that has nothing to add.
+  // Marks a strip as empty.
   void SkipStrip(int strip) { parts_[strip].clear(); }
-  // The planes of a finished strip. Safe to call concurrently for different strips and slots.
+  // Adds the planes of a finished strip. Thread-safe for different strips and slots.
   void AddStrip(int strip, const ReferenceStrip& planes, FaceSlots* slots);
-  // Adds the view to `sums`, one entry a face.
+  // Adds the view to `sums`, one entry per face.
   void Finish(std::vector<FaceSums>* sums);
 
  private:
-  // Sums over the pixels of one strip that see a face: of g z, h z, g z x, h z x, g z y, h z y with x and y from the
-  // first of them, since a corner's weight is z times a linear function of the pixel; of the pairs; and of ones.
+  // Moments of one strip's pixels of a face: sums of g z, h z, g z x, h z x, g z y, h z y, of the pairs, and of 1. x
+  // and y are relative to the face's first pixel. Moments suffice because a barycentric coordinate is z times an
+  // affine function of the pixel.
   struct Moments {
     int32_t face = -1;
     int32_t x0 = 0, y0 = 0;
@@ -52,7 +54,7 @@ class FaceGatherer {
   };
   struct Part {
     int32_t face = -1;
-    FaceSums sums;  // `pairs` not yet divided by pixels
+    FaceSums sums;  // `pairs` before division by the pixels
     float pixels = 0;
   };
   Part ToCorners(const Moments& moments) const;
@@ -61,8 +63,8 @@ class FaceGatherer {
   const PosedCamera* camera_ = nullptr;
   const FaceMap* map_ = nullptr;
   const std::vector<uint8_t>* own_ = nullptr;
-  std::vector<std::vector<Part>> parts_;  // of each strip
-  std::vector<uint8_t> strips_of_face_;   // how many strips have the face, at most 2; zero between views
+  std::vector<std::vector<Part>> parts_;  // per strip
+  std::vector<uint8_t> strips_of_face_;   // number of strips that contain the face, at most 2; zero between views
 };
 
 }  // namespace tessera

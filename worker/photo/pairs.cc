@@ -20,8 +20,8 @@ struct Sample {
   Vector3d normal;
 };
 
-// How a view sees a sample; footprint 0: not at all.
-struct Sight {
+// A sample as seen by a view; footprint 0: not visible.
+struct SampleView {
   Vector3d direction;  // unit, from the sample to the camera
   double footprint_m = 0;
 };
@@ -37,34 +37,35 @@ std::vector<Sample> DrawSamples(const TriangleMesh& mesh, int count) {
   return samples;
 }
 
-Sight Look(const Sample& sample, const PosedCamera& camera) {
+SampleView Look(const Sample& sample, const PosedCamera& camera) {
   constexpr double kMinCosine = 0.15;
-  Sight sight;
+  SampleView sample_view;
   const Vector3d pixel = camera.Project(sample.point);
-  if (!camera.InImage(pixel)) return sight;
-  sight.direction = (camera.Centre() - sample.point).normalized();
-  if (sight.direction.dot(sample.normal) < kMinCosine) return sight;
-  sight.footprint_m = pixel.z() / camera.intrinsics.fx;
-  return sight;
+  if (!camera.InImage(pixel)) return sample_view;
+  sample_view.direction = (camera.Centre() - sample.point).normalized();
+  if (sample_view.direction.dot(sample.normal) < kMinCosine) return sample_view;
+  sample_view.footprint_m = pixel.z() / camera.intrinsics.fx;
+  return sample_view;
 }
 
-// How well a pair shows a sample, from what each sees of it.
+// Quality of a pair for one sample, from both views of it.
 class PairQuality {
  public:
   explicit PairQuality(const PairOptions& options)
       : options_(options),
-        // Beyond these the angle need not be worked out.
+        // Cosine bounds, to skip computing the angle outside them.
         least_cosine_(std::cos(options.max_angle_rad) - kRounding),
         most_cosine_(std::cos(options.min_angle_rad) + kRounding) {}
 
-  double operator()(const Sight& a, const Sight& b) const {
+  double operator()(const SampleView& a, const SampleView& b) const {
     const double cosine = a.direction.dot(b.direction);
     if (cosine < least_cosine_ || cosine > most_cosine_) return 0;
     const double angle = std::acos(std::clamp(cosine, -1.0, 1.0));
     if (angle < options_.min_angle_rad || angle > options_.max_angle_rad) return 0;
     const double scale = std::max(a.footprint_m / b.footprint_m, b.footprint_m / a.footprint_m);
     if (scale > options_.max_scale_ratio) return 0;
-    // Rises quickly to the best angle (depth is well determined), falls slowly after it (views grow unlike).
+    // Rises quickly up to the best angle, since depth becomes well determined, and falls slowly beyond, since the
+    // images become dissimilar.
     const double spread = angle < options_.best_angle_rad ? options_.best_angle_rad / 2 : options_.best_angle_rad;
     const double t = (angle - options_.best_angle_rad) / spread;
     return std::exp(-0.5 * t * t) / (scale * scale);
@@ -78,18 +79,19 @@ class PairQuality {
 
 struct Seeing {
   int view;
-  Sight sight;
+  SampleView sample_view;
 };
 struct SeenSample {
   uint32_t sample;
-  Sight sight;
+  SampleView sample_view;
 };
 
-// Another view, as a partner.
+// A candidate partner of a view.
 struct Candidate {
   int view = 0;
-  std::vector<std::pair<uint32_t, double>> quality;  // of the pair at samples of the chooser, ascending; not 0
-  // With the partners chosen when it was last worked out: no less than now, for each term falls with what they cover.
+  std::vector<std::pair<uint32_t, double>> quality;  // quality at the view's samples, ascending by sample; not 0
+  // Gain at its last evaluation. An upper bound of the current gain, since coverage by other partners only reduces
+  // it.
   double gain = 0;
 };
 
@@ -99,7 +101,7 @@ double GainOf(const Candidate& candidate, const std::vector<double>& covered) {
   return gain;
 }
 
-// The most useful ones, each counted where those before it see little; of equal ones the first.
+// Greedy selection by marginal gain with lazy evaluation (submodular function); ties: the first.
 std::vector<int> ChooseGreedily(std::vector<Candidate> candidates, size_t samples, int partners, double least_gain) {
   std::vector<double> covered(samples, 0);
   for (Candidate& candidate : candidates) candidate.gain = GainOf(candidate, covered);
@@ -108,7 +110,7 @@ std::vector<int> ChooseGreedily(std::vector<Candidate> candidates, size_t sample
   };
   std::vector<int> chosen;
   while (static_cast<int>(chosen.size()) < partners && !candidates.empty()) {
-    // Only those that may still be the best are worked out anew.
+    // Re-evaluate only candidates that may still be the best.
     std::sort(candidates.begin(), candidates.end(), better);
     size_t best = 0;
     for (size_t c = 0; c < candidates.size(); ++c) {
@@ -130,19 +132,19 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
                                   const PairOptions& options, const std::vector<uint8_t>& choosers) {
   const std::vector<Sample> samples = DrawSamples(mesh, options.samples);
   const int views = static_cast<int>(cameras.size());
-  // A view of a city sees few of its samples, and shares them with few views.
+  // Sparse: a view of a city sees few of its samples and shares them with few views.
   std::vector<std::vector<SeenSample>> seen(views);
   ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
       for (uint32_t s = 0; s < samples.size(); ++s) {
-        const Sight sight = Look(samples[s], cameras[i]);
-        if (sight.footprint_m > 0) seen[i].push_back({s, sight});
+        const SampleView sample_view = Look(samples[s], cameras[i]);
+        if (sample_view.footprint_m > 0) seen[i].push_back({s, sample_view});
       }
     }
   });
   std::vector<std::vector<Seeing>> views_of_sample(samples.size());
   for (int i = 0; i < views; ++i) {
-    for (const SeenSample& sample : seen[i]) views_of_sample[sample.sample].push_back({i, sample.sight});
+    for (const SeenSample& sample : seen[i]) views_of_sample[sample.sample].push_back({i, sample.sample_view});
   }
 
   const PairQuality quality_of(options);
@@ -151,12 +153,12 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
   ParallelFor(views, 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
       if (!choosers.empty() && !choosers[i]) continue;
-      std::vector<int> place(views, -1);  // among the candidates
+      std::vector<int> place(views, -1);  // position among the candidates
       std::vector<Candidate> candidates;
       for (size_t s = 0; s < seen[i].size(); ++s) {
         for (const Seeing& other : views_of_sample[seen[i][s].sample]) {
           if (other.view == i) continue;
-          const double quality = quality_of(seen[i][s].sight, other.sight);
+          const double quality = quality_of(seen[i][s].sample_view, other.sample_view);
           if (quality == 0) continue;
           int& at = place[other.view];
           if (at < 0) {

@@ -1,4 +1,4 @@
-// Which views are compared with which.
+// Selects pairs of views for matching.
 #ifndef TESSERA_WORKER_PHOTO_PAIRS_H_
 #define TESSERA_WORKER_PHOTO_PAIRS_H_
 
@@ -18,24 +18,24 @@ struct ViewPair {
 };
 
 struct PairOptions {
-  int partners = 4;  // that a view chooses; being chosen by others may give it more
+  int partners = 4;  // number that a view selects; may get more from views that select it
   double min_angle_rad = 0.0436;
   double max_angle_rad = 0.785;
   double best_angle_rad = 0.26;
-  double max_scale_ratio = 2;  // of ground sampling distances at a point
-  int samples = 4000;          // points of the mesh that vote
+  double max_scale_ratio = 2;  // maximum ratio of ground sampling distances at a point
+  int samples = 4000;          // faces of the mesh that are evaluated
 };
 
-// Chooses partners of each view by what sample faces of the mesh (at even steps through its list) see of both:
-// triangulation angle, scale, both fronts visible within the frusta (occlusion is not asked); each further partner
-// counts most where the earlier ones see little. Symmetric: (i, j) and (j, i) are both in the result, which is sorted
-// by reference, then other. A pure function of its arguments.
-// `choosers`: a flag a camera, of those that choose; empty: all do.
+// Greedy selection of partners for each view. The score of a pair is summed over sample faces (evenly spaced in the
+// mesh's list) that both views see from the front, by triangulation angle and scale; occlusion is not tested. A
+// sample counts less if earlier partners already cover it. Symmetric: with (i, j) the result contains (j, i). Sorted
+// by reference, then other. Depends only on the arguments.
+// `choosers`: one flag per camera that selects partners; empty: all do.
 std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
                                   const PairOptions& options, const std::vector<uint8_t>& choosers = {});
 
-// The views in an order in which the views of a pair are near each other (reverse Cuthill and McKee 1969): a view's
-// index at each place.
+// Reorders the views so that the views of a pair are close to each other (reverse Cuthill and McKee 1969). Returns
+// the view index at each position.
 std::vector<int> OrderByPairs(int views, const std::vector<ViewPair>& pairs);
 
 }  // namespace tessera

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "common/base/parallel.h"
-#include "worker/visibility/cell_sight.h"
+#include "worker/visibility/visible_cells.h"
 
 namespace tessera {
 namespace {
@@ -100,7 +100,7 @@ PhotoTerm::PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>&
   for (size_t v = 0; v < views_.size(); ++v) closing_[last_step[v]].push_back(v);
 }
 
-// Those that fit best, so that small views do not come to hold large buffers.
+// The best fitting buffers, so that small views do not keep large buffers.
 PhotoTerm::Buffers PhotoTerm::TakeBuffers(size_t pixels) {
   if (spare_.empty()) return Buffers();
   const auto room = [](const Buffers& buffers) { return buffers.map.depth.capacity(); };
@@ -250,7 +250,7 @@ void PhotoTerm::EvaluateReference(const TriangleMesh& mesh, const std::vector<ui
     for (int64_t s = begin; s < end; ++s) {
       const int row_begin = static_cast<int>(s) * kStripRows, row_end = std::min(height, row_begin + kStripRows);
       if (!own.empty()) {
-        // Rows without an own pixel give nothing.
+        // Skip strips without own pixels.
         const auto first = maps_[i].face.begin() + static_cast<ptrdiff_t>(row_begin) * texels.width;
         const auto last = maps_[i].face.begin() + static_cast<ptrdiff_t>(row_end) * texels.width;
         gatherer_.SkipStrip(static_cast<int>(s));

@@ -15,7 +15,7 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-// One row of a face map, of which whole blocks can be read.
+// Fills one row. The face map row must be readable in whole blocks.
 void FillRow(const PinholeCamera& k, const uint16_t* luminance, const int32_t* faces, const float* depth,
              const float* offset, float min_cosine, int x0, int y0, int y, int begin, int end, ReferenceStrip* strip) {
   const hn::ScalableTag<float> d;

@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-// Two neighbouring pixels of a line and their weights.
+// Two adjacent pixels of a line and their weights.
 struct Tap {
   int low = 0, high = 0;
   float weight_low = 0, weight_high = 0;
@@ -18,7 +18,7 @@ struct LineTaps {
   int per_pixel = 1;
   std::vector<Tap> taps;
 
-  // `size` pixels of the other line are at hand, the first of them its pixel `origin`.
+  // `size` pixels of the source line are available; the first is its pixel `origin`.
   LineTaps(int first, int count, double scale, double offset, int origin, int size) {
     per_pixel = std::max(1, static_cast<int>(std::lround(scale)));
     const float share = 1 / static_cast<float>(per_pixel);
@@ -35,7 +35,7 @@ struct LineTaps {
   const Tap* of(int i) const { return &taps[static_cast<size_t>(i) * per_pixel]; }
 };
 
-// Of another resolution: class l of all of `out`.
+// Resamples class l for all of `out`, if the resolutions differ.
 void SampleClass(const StoredTexels& from, int l, const LineTaps& columns, const LineTaps& rows, Texels* out) {
   const size_t width = from.likelihood_width;
   const uint8_t* plane = from.likelihoods.data() + width * from.likelihood_height * l;
@@ -66,10 +66,10 @@ PixelRect Common(const PixelRect& a, const PixelRect& b) {
   return both.empty() ? PixelRect() : both;
 }
 
-// Sizes a plane of `texels` and makes all of it zero but what is `inside`, which is within the texels or empty.
+// Resizes a plane of `texels` and clears everything outside `inside`, which is within the texels or empty.
 template <class T>
 void ClearAround(const PixelRect& inside, const Texels& texels, LineVector<T>* plane) {
-  // A spare row, since a cell of bilinear interpolation reads two.
+  // One spare row: a bilinear cell reads two rows.
   plane->resize(static_cast<size_t>(texels.stride) * (texels.height + 1));
   for (int y = 0; y <= texels.height; ++y) {
     T* row = plane->data() + texels.Index(0, y);
@@ -80,7 +80,7 @@ void ClearAround(const PixelRect& inside, const Texels& texels, LineVector<T>* p
   }
 }
 
-// Of the same resolution: all classes.
+// Packs all classes, if the resolutions are equal.
 void InterleaveClasses(const StoredTexels& from, const PixelRect& both, Texels* out) {
   const size_t stride = from.rect.width(), plane = from.pixels();
   for (size_t p = 0; p < out->likelihoods.size(); ++p) {
@@ -122,7 +122,7 @@ TexelShape TexelShape::First(const PixelRect& rect, int classes, int likelihood_
 
 TexelShape TexelShape::Half() const {
   TexelShape half = *this;
-  // Of odd numbers, upwards: not within as a whole.
+  // Odd bounds are rounded inwards: only pixels that are completely inside.
   half.rect = {(rect.x0 + 1) >> 1, (rect.y0 + 1) >> 1, rect.x1 >> 1, rect.y1 >> 1};
   if (half.rect.empty()) half.rect = {half.rect.x0, half.rect.y0, half.rect.x0, half.rect.y0};
   if (classes == 0) return half;

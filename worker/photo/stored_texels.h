@@ -1,4 +1,4 @@
-// Texels as they are stored, without padding, and the levels of a view.
+// Storage format of texels, without padding, and the pyramid levels of a view.
 #ifndef TESSERA_WORKER_PHOTO_STORED_TEXELS_H_
 #define TESSERA_WORKER_PHOTO_STORED_TEXELS_H_
 
@@ -14,45 +14,45 @@
 
 namespace tessera {
 
-// Levels that a view may have.
+// Maximum number of pyramid levels.
 inline constexpr int kTexelLevels = 6;
 
-// What there is of one level of a view.
+// Shape of the stored part of one level.
 struct TexelShape {
   PixelRect rect;                                                // of the level's whole image
   int classes = 0, likelihood_width = 0, likelihood_height = 0;  // zeros: no likelihoods
-  PixelMapping mapping;                                          // from the level's whole image to likelihoods
-  bool same_resolution = false;  // one likelihood a class for each pixel of `rect`, on this level and all others
+  PixelMapping mapping;          // from pixels of the level's whole image to likelihoods
+  bool same_resolution = false;  // one likelihood per class and pixel of `rect`, on all levels
 
-  // Of the first level.
+  // The shape of level 0.
   static TexelShape First(const PixelRect& rect, int classes, int likelihood_width, int likelihood_height,
                           const PixelMapping& mapping);
 
   size_t pixels() const { return static_cast<size_t>(rect.width()) * rect.height(); }
   size_t likelihood_values() const { return static_cast<size_t>(likelihood_width) * likelihood_height * classes; }
-  // Of the next level: half as many pixels each way, those that lie within `rect` as a whole; likelihoods likewise
-  // where they have the same resolution, else the same ones.
+  // The shape of the next level: half the pixels in each direction, those fully inside `rect`. Likelihoods are halved
+  // if they have the same resolution, else unchanged.
   TexelShape Half() const;
 };
 
-// A part of one level in memory or in a mapped file, from which windows are brought to the inner loop. The owner of the
+// Part of one level, in memory or in a mapped file, from which windows are loaded for the kernel. The owner of the
 // pixels must outlive it. Const members are thread-safe.
 struct StoredTexels : TexelShape {
   std::span<const uint16_t> luminance;   // rows of `rect`, as Texels::luminance
-  std::span<const uint8_t> likelihoods;  // a plane a class, likelihood · Texels::kLikelihoodSteps
-  std::function<void()> release;         // where there is one: the pixels are not needed for a while
+  std::span<const uint8_t> likelihoods;  // one plane per class, likelihood · Texels::kLikelihoodSteps
+  std::function<void()> release;         // optional hint: the pixels are not needed for a while
 
-  // The same where pixel (x, y) of the level's image is called (0, 0).
+  // The same with the pixel origin moved to pixel (x, y) of the level's image.
   StoredTexels CountedFrom(int x, int y) const;
-  // Makes `texels`, whose arrays are used again, those of `window`, of even x0 and y0; invalid beyond `rect`.
-  // Likelihoods are bilinear where they are coarser than the luminance, averaged over a pixel's footprint where finer;
-  // their border is continued.
+  // Loads `window` (even x0 and y0) into `texels`, reusing its arrays; pixels outside `rect` are invalid. Likelihoods
+  // are interpolated bilinearly if coarser than the luminance, averaged over a pixel's footprint if finer, and their
+  // border values are repeated.
   void Bring(const PixelRect& window, Texels* texels) const;
 
-  // The arrays of Half(): means of four, rounded; a luminance is invalid where one of the four is. Whole numbers, so
-  // that all parts of a view have the same values.
+  // Arrays of Half(): rounded means of four values; a luminance is invalid if one of the four is. Integer arithmetic,
+  // so that all parts of a view have the same values.
   std::vector<uint16_t> HalfLuminance() const;
-  std::vector<uint8_t> HalfLikelihoods() const;  // of the same resolution
+  std::vector<uint8_t> HalfLikelihoods() const;  // requires same_resolution
 };
 
 }  // namespace tessera

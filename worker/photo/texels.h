@@ -1,5 +1,5 @@
-// Pixels as the data term's inner loop reads them: luminance and class likelihoods of one view at one pyramid level,
-// quantised and packed. What is stored here is the image for all purposes, finite differences included.
+// Pixel format of the data term's kernel: quantised, packed luminance and class likelihoods of one view at one
+// pyramid level. These quantised values define the image everywhere, including in finite difference tests.
 #ifndef TESSERA_WORKER_PHOTO_TEXELS_H_
 #define TESSERA_WORKER_PHOTO_TEXELS_H_
 
@@ -11,7 +11,7 @@
 
 namespace tessera {
 
-// Allocates at cache lines, so that whole vectors of any instruction set do not straddle them.
+// Allocates at cache line boundaries, so that vectors of any instruction set do not straddle them.
 template <class T>
 struct LineAllocator {
   using value_type = T;
@@ -26,22 +26,22 @@ struct LineAllocator {
 template <class T>
 using LineVector = std::vector<T, LineAllocator<T>>;
 
-// All loops over pixels advance by blocks of this many, whatever the instruction set.
+// All pixel loops advance by blocks of this size, for every instruction set.
 inline constexpr int kPixelBlock = 16;
 
-// Row length that holds `width` pixels in whole blocks and one spare; an odd number of blocks, so that the same column
-// of consecutive rows does not fall on few cache sets.
+// Row stride that holds `width` pixels in whole blocks plus a spare one. An odd number of blocks, so that a column
+// does not map to few cache sets.
 inline int PaddedStride(int width) {
   const int blocks = (width + kPixelBlock - 1) / kPixelBlock + 1;
   return (blocks | 1) * kPixelBlock;
 }
 
-// Float rows [first_row, first_row + rows) of an image, each in whole blocks with padding after it.
+// Float rows [first_row, first_row + rows) of an image, each padded to whole blocks.
 struct PaddedPlane {
   int width = 0, first_row = 0, rows = 0, stride = 0;
   LineVector<float> data;
 
-  // Contents are unspecified after it, except that a new plane is zero.
+  // Contents are unspecified afterwards, except that a new plane is zero.
   void Reset(int new_width, int new_first_row, int new_rows) {
     width = new_width;
     first_row = new_first_row;
@@ -54,19 +54,19 @@ struct PaddedPlane {
   void Clear() { std::fill(data.begin(), data.end(), 0.0f); }
 };
 
-// Row y of a plane begins at y·stride; padding, and a spare row at the end, are zero.
+// Row y of a plane begins at y·stride. Padding, and a spare row at the end, are zero.
 struct Texels {
   static constexpr int kClassesPerPlane = 4;
   static constexpr float kLuminanceSteps = 65534;
   static constexpr float kLikelihoodSteps = 255;
 
   int width = 0, height = 0, stride = 0;
-  // Of the first pixel in the whole image of this level. Even: the kernel finds cells by rounding to even, and the
-  // centre of the first pixel must not fall into a cell before it.
+  // Position of the first pixel in the whole image of this level. Even: the kernel finds bilinear cells by rounding
+  // to even, and the first pixel's centre must not be assigned to the previous cell.
   int x0 = 0, y0 = 0;
-  LineVector<uint16_t> luminance;  // 0: invalid; else 1 + luminance in [0, 1] · kLuminanceSteps
-  int classes = 0;                 // 0: the view has no likelihoods
-  // Classes 4p .. 4p + 3 of a pixel in bytes 0..3 (lowest first) of plane p, each likelihood · kLikelihoodSteps.
+  LineVector<uint16_t> luminance;  // 0: invalid; else 1 + luminance · kLuminanceSteps, luminance in [0, 1]
+  int classes = 0;                 // 0: no likelihoods
+  // Plane p holds classes 4p .. 4p + 3 of a pixel in bytes 0..3 (lowest first), each likelihood · kLikelihoodSteps.
   std::vector<LineVector<uint32_t>> likelihoods;
 
   size_t Index(int x, int y) const { return static_cast<size_t>(y) * stride + x; }
@@ -78,9 +78,9 @@ struct Texels {
   }
 };
 
-// As Texels::luminance has it: values in [0, 1] (others are clamped), NaN where invalid.
+// Code of Texels::luminance: the value clamped to [0, 1], or NaN for invalid.
 uint16_t LuminanceCode(float luminance);
-// A likelihood in [0, 1] (others are clamped) · Texels::kLikelihoodSteps.
+// The likelihood clamped to [0, 1] · Texels::kLikelihoodSteps.
 uint8_t LikelihoodStep(float likelihood);
 
 }  // namespace tessera

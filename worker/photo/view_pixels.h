@@ -1,4 +1,4 @@
-// Where a view's pixels come from whenever they are needed: those of a tile's views together are too many to be held.
+// Access to a view's pixels on demand: the pixels of all views of a tile do not fit in memory.
 #ifndef TESSERA_WORKER_PHOTO_VIEW_PIXELS_H_
 #define TESSERA_WORKER_PHOTO_VIEW_PIXELS_H_
 
@@ -8,14 +8,14 @@
 
 namespace tessera {
 
-// The pixels of a part of one view. Const members are thread-safe.
+// Pixels of a part of one view. Const members are thread-safe.
 class ViewPixels {
  public:
   virtual ~ViewPixels() = default;
-  // What part of the whole image.
+  // The part of the whole image.
   virtual const PixelRect& rect() const = 0;
   virtual bool has_likelihoods() const = 0;
-  // A level of the pyramid, valid as long as this lives. DATA_LOSS if the file is damaged.
+  // A pyramid level, valid while this object lives. DATA_LOSS if the file is damaged.
   virtual StatusOr<StoredTexels> Level(int level) const = 0;
 };
 

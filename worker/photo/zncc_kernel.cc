@@ -17,7 +17,7 @@ HWY_BEFORE_NAMESPACE();
 namespace tessera {
 namespace HWY_NAMESPACE {
 
-// Lines of a slab's sums along columns: plane p of row r is line 6·r + p.
+// Lines for a slab's column sums: plane p of row r is line 6·r + p.
 enum SumLine { kS2, kS22, kS12, kN, kS1, kS11 };
 constexpr int kSumLines = 6;
 
@@ -28,7 +28,7 @@ struct LinesOfRow {
   }
 };
 
-// The window's weights, spread over vectors.
+// The window's weights, broadcast to vectors.
 template <int R>
 struct Taps {
   Vec tap[2 * R + 1];
@@ -37,7 +37,7 @@ struct Taps {
   }
 };
 
-// Adds `value` of row k of a slab's rows to the sums of those rows of windows it is in.
+// Adds `value` of row k of a slab to the sums of those window rows that contain it.
 template <int R>
 HWY_INLINE void AddRow(const Taps<R>& taps, int k, Vec value, Vec* sums) {
 #pragma GCC unroll 4
@@ -46,7 +46,9 @@ HWY_INLINE void AddRow(const Taps<R>& taps, int k, Vec value, Vec* sums) {
   }
 }
 
-// Sums along columns for the windows centred on rows y .. y + kSlab - 1, columns [begin, end).
+// Column sums for the windows centred on rows y .. y + kSlab - 1, columns [begin, end). Windows are separable:
+// columns are summed first, then rows. The rows of a slab share the loads of their common window rows, since the
+// kernel is bound by memory access.
 template <int R>
 struct ColumnSums {
   static constexpr int kRows = kSlab + 2 * R;
@@ -58,7 +60,7 @@ struct ColumnSums {
     for (int k = 0; k < kRows; ++k) mask[k] = rows.Ring(Rows::kMask, y - R + k);
   }
 
-  // Of the other image, and of the products.
+  // Sums of the other image and of the products.
   void AddOther(const Taps<R>& taps, int begin, int end) const {
     const Tag d;
     for (int x = begin; x < end; x += static_cast<int>(hn::Lanes(d))) {
@@ -82,7 +84,7 @@ struct ColumnSums {
     }
   }
 
-  // Of the mask and the reference alone.
+  // Sums of the mask and the reference only.
   void AddReference(const Taps<R>& taps, int begin, int end) const {
     const Tag d;
     for (int x = begin; x < end; x += static_cast<int>(hn::Lanes(d))) {
@@ -116,10 +118,10 @@ HWY_INLINE Vec SumAcross(const Taps<R>& taps, const float* line) {
   return sum;
 }
 
-// The reference's share of a window's statistics. Computed alike for a pair and for the reference alone, so that both
-// give the same bits where the pair loses no pixel.
+// The reference's part of a window's statistics. Computed with the same operations for a pair and for the reference
+// alone, so that both give the same bits where all used pixels are visible in the other view.
 struct ReferenceWindow {
-  Vec inverse_n, mu1, v1;  // inverse_n is 0 where too little of the window is valid
+  Vec inverse_n, mu1, v1;  // inverse_n is 0 if too little of the window is valid
 };
 
 template <int R>
@@ -140,8 +142,10 @@ struct RowTotals {
   LaneSums energy, weight, windows;
 };
 
-// Scores the windows centred on columns [begin, end) of row y from the sums along columns and writes the adjoint's
-// coefficients. With kAlone the reference's share comes from the strip: the pair loses no pixel there.
+// Scores the windows centred on columns [begin, end) of row y from the column sums. Writes the coefficients of the
+// adjoint: the derivative of a window's energy by the warped intensity I_j of one of its pixels is (alpha I_i + beta
+// I_j + gamma) times the pixel's weight, so four numbers per window (eta: curvature) replace a derivative per window
+// and pixel. With kAlone the reference's part is read from the strip, because all used pixels are visible.
 template <int R, bool kAlone>
 void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const LinesOfRow& line, int y, int begin, int end,
                   bool semantic, Rows& rows, ReferenceStrip* strip, RowTotals* totals) {
@@ -204,10 +208,10 @@ void ScoreColumns(const ZnccWindow& window, const Taps<R>& taps, const LinesOfRo
   }
 }
 
-// Or of the flags of a block and its neighbours; the arrays have a zero on either side.
+// Or of the flags of a block and its neighbours. The arrays have a zero at both ends.
 HWY_INLINE int Around(const uint8_t* flags, int b) { return flags[b - 1] | flags[b] | flags[b + 1]; }
 
-// Calls body(flags, begin, end) for the columns of each run of blocks [first, last) with the same flags.
+// Calls body(flags, begin, end) for the columns of each run of blocks [first, last) with equal flags.
 template <class Body>
 HWY_INLINE void ForRuns(const uint8_t* flags, int first, int last, const Body& body) {
   for (int b = first; b < last;) {
@@ -217,7 +221,7 @@ HWY_INLINE void ForRuns(const uint8_t* flags, int first, int last, const Body& b
   }
 }
 
-// Windows reach one block to either side.
+// A window extends into at most one block on either side.
 static_assert(ZnccWindow::kMaxRadius <= kPixelBlock);
 
 // Sums and scores the windows centred on rows y .. y + kSlab - 1.
@@ -275,7 +279,8 @@ void ScoreSlab(const ZnccPair& pair, const ZnccWindow& window, const Taps<R>& ta
   }
 }
 
-// Gathers the coefficients of all windows that pixels of rows y .. y + kSlab - 1 are in and adds the derivatives.
+// Adjoint pass: sums the coefficients of all windows that contain a pixel of rows y .. y + kSlab - 1, with the same
+// separable weights, and adds the derivatives. So the exact gradient costs about as much as the score.
 template <int R>
 void AdjointSlab(const Taps<R>& taps, int y, Rows& rows, ReferenceStrip* strip) {
   const Tag d;
@@ -344,7 +349,8 @@ void AdjointSlab(const Taps<R>& taps, int y, Rows& rows, ReferenceStrip* strip) 
   rows.InChunks(sum_down, sum_across);
 }
 
-// One slab of rows enters; the windows R rows above are scored, the pixels 2R above finished.
+// Pipeline: as a slab of rows is warped, the windows R rows above it become complete and are scored, and the pixels
+// 2R rows above it get their derivatives. All intermediate rows stay in the cache.
 template <int R, bool kSemantic>
 ZnccSums RunStrip(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic, ReferenceStrip* strip,
                   ZnccScratch* scratch) {

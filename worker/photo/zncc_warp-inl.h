@@ -1,4 +1,4 @@
-// Part of zncc_kernel.cc, compiled once an instruction set: rows of the pipeline, and the warp with E_sem.
+// Part of zncc_kernel.cc, compiled once per instruction set: row buffers of the pipeline, and the warp with E_sem.
 #if defined(TESSERA_WORKER_PHOTO_ZNCC_WARP_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef TESSERA_WORKER_PHOTO_ZNCC_WARP_INL_H_
 #undef TESSERA_WORKER_PHOTO_ZNCC_WARP_INL_H_
@@ -26,26 +26,26 @@ using Vec = hn::Vec<Tag>;
 using Ints = hn::Vec<IntTag>;
 using Bits = hn::Vec<BitsTag>;
 
-// Rows advance by this many at once, which share what they load.
+// Rows advance by this many at a time and share their loads.
 constexpr int kSlab = 4;
 
-// Luminance from its stored form is q·kScale + kShift: about zero, where float sums of squares lose least.
+// Luminance is q·kScale + kShift of its code q: centred at zero, where float sums of squares lose least precision.
 constexpr float kLuminanceScale = 1 / Texels::kLuminanceSteps;
 constexpr float kLuminanceShift = -0.5f - kLuminanceScale;
 
-// Added to x - ½, rounds it down: at this size floats are the integers. x must be well below it.
+// Rounds x - ½ to an integer when added, since floats of this size are integers. Requires |x| much smaller.
 constexpr float kFloor = 12582912;
 constexpr uint32_t kFloorBits = 0x4b400000;
 
-// Rows of the pipeline for one strip: rings of window rows, each with one block of zeros on either side, and lines for
-// the sums of one slab, which hold only the columns at hand.
+// Row buffers of the pipeline for one strip: rings of window rows, each with one block of zeros on either side, and
+// lines for the sums of one slab, which hold only the current columns.
 class Rows {
  public:
   enum Plane { kMask, kRef, kOther, kSlope, kAlpha, kBeta, kGamma, kEta, kRingPlanes };
-  // What a block of a row holds: a pixel seen by both; one used in the reference but not seen; coefficients.
+  // Content of a block of a row: a pixel seen by both views; one used in the reference but not seen; coefficients.
   enum Flag : uint8_t { kSeen = 1, kLost = 2, kScored = 4 };
   static constexpr int kLines = 6 * kSlab;
-  static constexpr int kChunk = 8;  // blocks that are worked off at once
+  static constexpr int kChunk = 8;  // blocks processed at a time
 
   Rows(int width, int radius, ZnccScratch* scratch) : ring_(kSlab + 2 * radius) {
     blocks_ = (width + kPixelBlock - 1) / kPixelBlock;
@@ -65,17 +65,17 @@ class Rows {
   int blocks() const { return blocks_; }
   size_t plane_size() const { return plane_; }
   float* Ring(Plane plane, int y) { return base_ + plane_ * plane + stride_ * static_cast<size_t>(Slot(y)); }
-  // Indexed by column, of which those of the chunk at hand, two blocks before it and one after it are there.
+  // Indexed by column. Valid for the current chunk, two blocks before it and one after it.
   float* Line(int i) { return lines_ + kLineStride * i - line_begin_; }
   // Flags of a row of pixels (kSeen, kLost) and of a row of windows (kScored).
   uint8_t* PixelFlags(int y) { return flags_ + static_cast<size_t>(blocks_ + 2) * Slot(y); }
   uint8_t* WindowFlags(int y) { return flags_ + static_cast<size_t>(blocks_ + 2) * (ring_ + Slot(y)); }
-  // Of the slab at hand: what its sums along columns, and its results, need.
+  // Flags of the current slab: inputs of its column sums, and its results.
   uint8_t* SumState() { return flags_ + static_cast<size_t>(blocks_ + 2) * (2 * ring_); }
   uint8_t* State() { return flags_ + static_cast<size_t>(blocks_ + 2) * (2 * ring_ + 1); }
 
-  // Columns are worked off in chunks, so that what `first` leaves in the lines is still in the first cache when
-  // `second`, one block behind it, reads it. Both take a range of blocks.
+  // Processes the columns in chunks, so that the output of `first` is still in the L1 cache when `second`, one block
+  // behind, reads it. Both take a range of blocks.
   template <class First, class Second>
   void InChunks(const First& first, const Second& second) {
     line_begin_ = -2 * kPixelBlock;
@@ -117,7 +117,7 @@ class Rows {
   uint8_t* flags_ = nullptr;
 };
 
-// Sums along a row by position in the block, so that vectors of any length add up in one order.
+// Sums along a row by position in the block, so that vectors of any length add in the same order.
 struct LaneSums {
   alignas(64) float lane[kPixelBlock] = {};
   HWY_INLINE void Add(Tag d, int x, Vec value) {
@@ -136,12 +136,12 @@ HWY_INLINE Vec LoadLuminance(Tag d, const uint16_t* at) {
   return hn::ConvertTo(d, hn::PromoteTo(IntTag(), hn::LoadU(d16, at)));
 }
 
-// The texels left and right of a cell's upper or lower edge.
+// The texels at the left and right end of a bilinear cell's upper or lower edge.
 struct EdgeTexels {
   Bits left, right;
 };
 
-// `offset`: bytes from the plane's beginning. One load of eight bytes serves two texels.
+// `offset`: in bytes from the plane's begin. One load of eight bytes fetches both texels.
 HWY_INLINE EdgeTexels GatherEdge(const uint32_t* plane, Ints offset) {
   const BitsTag du;
 #if HWY_TARGET == HWY_SCALAR
@@ -166,8 +166,8 @@ HWY_INLINE Vec ByteOf(Tag d, Bits packed) {
   return hn::ConvertTo(d, hn::BitCast(IntTag(), byte));
 }
 
-// Where pixels land in the other image: the bilinear cell's fractions, and per metre of the face's offset the motion.
-struct Landing {
+// Warped pixels: fractions in the bilinear cell, and motion in pixels per metre of the face's offset.
+struct WarpedPosition {
   Vec a, b;
   Vec du, dv;
 };
@@ -177,8 +177,8 @@ struct ClassSums {
 };
 
 template <int kByte>
-HWY_INLINE void AddClass(Tag d, const EdgeTexels& top, const EdgeTexels& bottom, Bits reference, const Landing& at,
-                         ClassSums& sums) {
+HWY_INLINE void AddClass(Tag d, const EdgeTexels& top, const EdgeTexels& bottom, Bits reference,
+                         const WarpedPosition& at, ClassSums& sums) {
   const Vec p00 = ByteOf<kByte>(d, top.left), p01 = ByteOf<kByte>(d, bottom.left);
   const Vec dx_top = hn::Sub(ByteOf<kByte>(d, top.right), p00);
   const Vec dx_bottom = hn::Sub(ByteOf<kByte>(d, bottom.right), p01);
@@ -194,7 +194,7 @@ HWY_INLINE void AddClass(Tag d, const EdgeTexels& top, const EdgeTexels& bottom,
 // E_sem of the pixels at x of one row. `cell`: index of the cell's first texel in the other view's planes.
 template <class Mask>
 HWY_INLINE void AddSemantic(const ZnccPair& pair, const SemanticWeight& semantic, int y, int x, Ints cell,
-                            const Landing& at, Mask mask, float* gradient, float* curvature, LaneSums* energy) {
+                            const WarpedPosition& at, Mask mask, float* gradient, float* curvature, LaneSums* energy) {
   const Tag d;
   const Texels& other = *pair.other->texels;
   const Ints top_offset = hn::ShiftLeft<2>(cell);
@@ -228,8 +228,8 @@ HWY_INLINE void AddSemantic(const ZnccPair& pair, const SemanticWeight& semantic
   hn::StoreU(hn::Add(hn::LoadU(d, curvature + x), h), d, curvature + x);
 }
 
-// How far apart, in texels of the other view, the middle of row y and the same some rows below land: what is needed
-// soon lies about that far behind what is read now. Zero if the middle is not used.
+// Prefetch distance in texels of the other view: the offset between the warped positions of the middle of row y and
+// of the same column some rows below. 0 if the middle pixel is not used.
 inline int64_t TexelsAhead(const ZnccPair& pair, const ReferenceStrip& strip, int y) {
   constexpr float kRows = 6;
   const int x = pair.reference->width / 2;
@@ -247,13 +247,15 @@ inline int64_t TexelsAhead(const ZnccPair& pair, const ReferenceStrip& strip, in
   return std::lround(dv) * pair.other->texels->stride + std::lround(du);
 }
 
-// A hint alone: the address may lie outside the plane.
+// Only a hint: the address may be outside the plane.
 HWY_INLINE void Prefetch(const uint32_t* plane, int64_t index) {
   __builtin_prefetch(reinterpret_cast<const void*>(reinterpret_cast<uintptr_t>(plane) + 4 * index));
 }
 
-// Warps row y of the reference into the other image: mask, both luminances under it, and the slope dI_j/d(offset).
-// With kSemantic also adds the row's E_sem, energies by lane.
+// Warps row y of the reference into the other image. Writes the mask, both luminances under it, and the slope
+// dI_j/d(offset); with kSemantic also adds the row's E_sem, with energies summed by lane. Branch-free per vector:
+// pixels outside the image are warped to its first pixel and masked, because a gather with valid addresses is cheaper
+// than divergent code. Visibility is tested against the nearest pixel only, which is one of the four gathered texels.
 template <bool kSemantic>
 void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& rows, ReferenceStrip* strip,
              ZnccSums* totals) {
@@ -279,7 +281,7 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
   const Vec depth_min = hn::Set(d, target.depth_min), depth_step = hn::Set(d, target.depth_step);
   const Vec floor = hn::Set(d, kFloor), nothing = hn::Set(d, static_cast<float>(WarpTarget::kNothing));
   const Ints stride = hn::Set(di, other.stride), stride_bytes = hn::Set(di, 4 * other.stride);
-  // What the bits of kFloor and the first pixel add to the index of a cell.
+  // Constant part of a cell's index: the bits of kFloor and the position of the first pixel.
   const uint32_t rows_before = kFloorBits + static_cast<uint32_t>(other.y0);
   const Ints floor_cell = hn::Set(di, static_cast<int32_t>(rows_before * static_cast<uint32_t>(other.stride) +
                                                            kFloorBits + static_cast<uint32_t>(other.x0)));
@@ -319,9 +321,9 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
     mask = hn::And(mask,
                    hn::And(hn::And(hn::Ge(u, u_min), hn::Lt(u, u_max)), hn::And(hn::Ge(v, v_min), hn::Lt(v, v_max))));
     const Vec us = hn::IfThenElse(mask, u, u_min), vs = hn::IfThenElse(mask, v, v_min);
-    // Bilinear cell about (u, v), whose corners are pixel centres.
+    // The bilinear cell around (u, v); its corners are pixel centres.
     const Vec u_floor = hn::Add(hn::Sub(us, one), floor), v_floor = hn::Add(hn::Sub(vs, one), floor);
-    Landing at;
+    WarpedPosition at;
     at.a = hn::Sub(hn::Sub(us, half), hn::Sub(u_floor, floor));
     at.b = hn::Sub(hn::Sub(vs, half), hn::Sub(v_floor, floor));
     const Ints cell = hn::Sub(hn::Add(hn::Mul(hn::BitCast(di, v_floor), stride), hn::BitCast(di, u_floor)), floor_cell);
@@ -334,7 +336,7 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
     const auto luminance = [&](Bits texel) { return hn::ConvertTo(d, hn::BitCast(di, hn::And(texel, low_half))); };
     const Vec p00 = luminance(top.left), p10 = luminance(top.right);
     const Vec p01 = luminance(bottom.left), p11 = luminance(bottom.right);
-    // The pixel that (u, v) lies in is one of the four.
+    // The pixel that contains (u, v) is one of the four.
     const auto lower = hn::RebindMask(du, hn::Ge(at.b, half)), right = hn::RebindMask(du, hn::Ge(at.a, half));
     const Bits nearest = hn::IfThenElse(right, hn::IfThenElse(lower, bottom.right, top.right),
                                         hn::IfThenElse(lower, bottom.left, top.left));
@@ -348,7 +350,7 @@ void WarpRow(const ZnccPair& pair, const SemanticWeight& semantic, int y, Rows& 
     const Vec du_raw = hn::MulAdd(at.b, hn::Sub(dx_bottom, dx_top), dx_top);
     const auto valid = hn::Gt(hn::Min(hn::Min(p00, p10), hn::Min(p01, p11)), zero);
     mask = hn::And(mask, hn::And(valid, unhidden));
-    // d(u, v)/dz along the ray, then per metre of the face's offset.
+    // d(u, v)/dz along the ray, converted to per metre of the face's offset.
     const Vec chain = hn::Mul(inverse, factor);
     at.du = hn::Mul(hn::NegMulAdd(u, m2, m0), chain);
     at.dv = hn::Mul(hn::NegMulAdd(v, m2, m1), chain);

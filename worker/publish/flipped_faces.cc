@@ -21,15 +21,16 @@ StatusOr<CollectedFaces> FacesOfCore(const CityReader& city, const GroundPlane& 
   CollectedFaces faces = found.Finish();
   if (!std::equal(faces.face_ids.begin(), faces.face_ids.end(), core.face_ids.begin(), core.face_ids.end()) ||
       !std::equal(faces.vertex_ids.begin(), faces.vertex_ids.end(), core.vertex_ids.begin(), core.vertex_ids.end())) {
-    return absl::DataLossError(
-        absl::StrCat("core of tile ", core.tile, ": has not the faces and vertices of its rectangle"));
+    return absl::DataLossError(absl::StrCat("core of tile ", core.tile,
+                                            ": found faces or vertices other than those of the city in its rectangle; "
+                                            "the tile's state belongs to another city"));
   }
   return faces;
 }
 
 StatusOr<ScratchArray<FlippedFace>> FlipCores(const CityReader& city, const GroundPlane& ground,
                                               const std::vector<TileParameters>& tiles,
-                                              const std::vector<int>& set_aside, const std::string& folder,
+                                              const std::vector<int>& quarantined, const std::string& folder,
                                               const TaskControl& control, std::vector<CoreSpans>* cores) {
   TESSERA_ASSIGN_OR_RETURN(auto list, ScratchList<FlippedFace>::Create(folder));
   std::vector<size_t> ends;
@@ -37,7 +38,7 @@ StatusOr<ScratchArray<FlippedFace>> FlipCores(const CityReader& city, const Grou
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(static_cast<double>(t) / static_cast<double>(tiles.size()), "flipping edges");
     const CoreSpans& core = (*cores)[t];
-    if (!std::binary_search(set_aside.begin(), set_aside.end(), tiles[t].tile)) {
+    if (!std::binary_search(quarantined.begin(), quarantined.end(), tiles[t].tile)) {
       TESSERA_ASSIGN_OR_RETURN(CollectedFaces faces, FacesOfCore(city, ground, tiles[t].core, core));
       std::vector<uint64_t> groups(faces.mesh.faces.size());
       for (size_t f = 0; f < groups.size(); ++f) {

@@ -1,4 +1,4 @@
-// The faces whose edges are flipped before the mesh is published (FlipEdges), tile by tile.
+// Flips edges of the final mesh (FlipEdges) tile by tile, before publishing.
 #ifndef TESSERA_WORKER_PUBLISH_FLIPPED_FACES_H_
 #define TESSERA_WORKER_PUBLISH_FLIPPED_FACES_H_
 
@@ -16,18 +16,18 @@
 
 namespace tessera {
 
-// The city's faces in the core's rectangle, as the start has them; then faces name the core's vertices by their place
-// in it. DATA_LOSS if the core has others.
+// The city's faces in the core's rectangle, with the start's positions. Face indices refer to the core's vertices.
+// DATA_LOSS if the core has other faces or vertices.
 StatusOr<CollectedFaces> FacesOfCore(const CityReader& city, const GroundPlane& ground, const CellRect& rect,
                                      const CoreSpans& core);
 
-// Flips edges of all cores but those in `set_aside` (ids of tiles, ascending) and sets CoreSpans::flipped, which points
-// into what is returned. Ground cells are the groups, so the result depends neither on the tiling nor on what other
-// tiles became. `cores[i]` is that of `tiles[i]`. `folder` takes 16 bytes a flipped face meanwhile; memory is bounded
-// by a tile. Errors as FacesOfCore's.
+// Flips edges of all cores except those of `quarantined` (ids of quarantined tiles, ascending) and sets
+// CoreSpans::flipped, which refers to the returned array. Edges are flipped per ground cell, so the result depends
+// neither on the tiling nor on other tiles' results. `cores[i]` belongs to `tiles[i]`. `folder` temporarily takes 16
+// bytes per flipped face; memory is bounded by one tile. Errors as FacesOfCore.
 StatusOr<ScratchArray<FlippedFace>> FlipCores(const CityReader& city, const GroundPlane& ground,
                                               const std::vector<TileParameters>& tiles,
-                                              const std::vector<int>& set_aside, const std::string& folder,
+                                              const std::vector<int>& quarantined, const std::string& folder,
                                               const TaskControl& control, std::vector<CoreSpans>* cores);
 
 }  // namespace tessera

@@ -12,17 +12,18 @@ bool SameBytes(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return std::memcmp(a.data(), b.data(), 3 * sizeof(double)) == 0;
 }
 
-Status Misfit(int tile, const char* what, uint32_t id, const std::string& fault) {
+Status CoreError(int tile, const char* what, uint32_t id, const std::string& fault) {
   return absl::DataLossError(absl::StrCat("core of tile ", tile, ": ", what, " ", id, " ", fault));
 }
 
-Status OtherNumber(const char* what, int64_t found, int64_t expected) {
+Status CountError(const char* what, int64_t found, int64_t expected) {
   return absl::DataLossError(absl::StrCat("city: its blocks have ", found, " ", what, ", expected ", expected));
 }
 
-Status Ascends(int tile, const char* what, std::span<const uint32_t> ids) {
+Status CheckAscending(int tile, const char* what, std::span<const uint32_t> ids) {
   for (size_t i = 1; i < ids.size(); ++i) {
-    if (ids[i] <= ids[i - 1]) return Misfit(tile, what, ids[i], absl::StrCat("stands behind ", ids[i - 1]));
+    if (ids[i] <= ids[i - 1])
+      return CoreError(tile, what, ids[i], absl::StrCat("follows ", ids[i - 1], ", expected ascending ids"));
   }
   return absl::OkStatus();
 }
@@ -34,8 +35,8 @@ StatusOr<CoreMerger> CoreMerger::Create(const CityReader& city, std::vector<Core
   merger.city_ = &city;
   merger.cores_ = std::move(cores);
   for (const CoreSpans& core : merger.cores_) {
-    TESSERA_RETURN_IF_ERROR(Ascends(core.tile, "vertex", core.vertex_ids));
-    TESSERA_RETURN_IF_ERROR(Ascends(core.tile, "face", core.face_ids));
+    TESSERA_RETURN_IF_ERROR(CheckAscending(core.tile, "vertex", core.vertex_ids));
+    TESSERA_RETURN_IF_ERROR(CheckAscending(core.tile, "face", core.face_ids));
   }
   for (size_t b = 0; b < city.block_count(); ++b) {
     TESSERA_ASSIGN_OR_RETURN(CityBlock block, city.Block(b));
@@ -56,20 +57,22 @@ Status CoreMerger::ForEachVertex(const std::function<void(const MergedVertex&)>&
     vertex.before = blocks_[in_city.list()].mesh.vertices[in_city.index()];
     while (!in_city.AtEnd() && in_city.key() == vertex.id) in_city.Advance();
     if (in_cores.AtEnd() || in_cores.key() != vertex.id) {
-      return absl::DataLossError(absl::StrCat("vertex ", vertex.id, " is in no tile's core"));
+      return absl::DataLossError(
+          absl::StrCat("vertex ", vertex.id, ": found in no tile's core, expected in at least one"));
     }
     const CoreSpans& first = cores_[in_cores.list()];
     vertex.after = first.positions[in_cores.index()];
     for (in_cores.Advance(); !in_cores.AtEnd() && in_cores.key() == vertex.id; in_cores.Advance()) {
       const CoreSpans& other = cores_[in_cores.list()];
       if (!SameBytes(vertex.after, other.positions[in_cores.index()])) {
-        return Misfit(other.tile, "vertex", vertex.id, absl::StrCat("differs from tile ", first.tile, "'s"));
+        return CoreError(other.tile, "vertex", vertex.id,
+                         absl::StrCat("has another position than in the core of tile ", first.tile));
       }
     }
     visit(vertex);
   }
-  if (visited != city_->vertices()) return OtherNumber("vertices", visited, city_->vertices());
-  if (!in_cores.AtEnd()) return Misfit(cores_[in_cores.list()].tile, "vertex", in_cores.key(), "is not in the city");
+  if (visited != city_->vertices()) return CountError("vertices", visited, city_->vertices());
+  if (!in_cores.AtEnd()) return CoreError(cores_[in_cores.list()].tile, "vertex", in_cores.key(), "is not in the city");
   return absl::OkStatus();
 }
 
@@ -84,7 +87,7 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
   int64_t visited = 0;
   for (; !in_city.AtEnd(); ++visited, in_city.Advance()) {
     if (visited > 0 && in_city.key() == face.id) {
-      return absl::DataLossError(absl::StrCat("city: found face ", face.id, " in two blocks"));
+      return absl::DataLossError(absl::StrCat("city: found face ", face.id, " in two blocks, expected in one"));
     }
     face.id = in_city.key();
     const CityBlock& block = blocks_[in_city.list()];
@@ -94,7 +97,7 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
     face.label_before = block.mesh.labels[at];
     face.input_face = block.input_face[at];
     if (in_cores.AtEnd() || in_cores.key() != face.id) {
-      return absl::DataLossError(absl::StrCat("face ", face.id, " is in no tile's core"));
+      return absl::DataLossError(absl::StrCat("face ", face.id, ": found in no tile's core, expected in one"));
     }
     const CoreSpans& core = cores_[in_cores.list()];
     face.tile = core.tile;
@@ -107,13 +110,13 @@ Status CoreMerger::ForEachFace(const std::function<void(const MergedFace&)>& vis
     }
     in_cores.Advance();
     if (!in_cores.AtEnd() && in_cores.key() == face.id) {
-      return Misfit(cores_[in_cores.list()].tile, "face", face.id,
-                    absl::StrCat("is in the core of tile ", core.tile, " too"));
+      return CoreError(cores_[in_cores.list()].tile, "face", face.id,
+                       absl::StrCat("is also in the core of tile ", core.tile));
     }
     visit(face);
   }
-  if (visited != city_->faces()) return OtherNumber("faces", visited, city_->faces());
-  if (!in_cores.AtEnd()) return Misfit(cores_[in_cores.list()].tile, "face", in_cores.key(), "is not in the city");
+  if (visited != city_->faces()) return CountError("faces", visited, city_->faces());
+  if (!in_cores.AtEnd()) return CoreError(cores_[in_cores.list()].tile, "face", in_cores.key(), "is not in the city");
   return absl::OkStatus();
 }
 

@@ -1,4 +1,4 @@
-// Putting the city together again from its tiles' cores, without holding it.
+// Merges the tiles' cores into the city's result by streaming, without loading the city.
 #ifndef TESSERA_WORKER_PUBLISH_MERGE_CORES_H_
 #define TESSERA_WORKER_PUBLISH_MERGE_CORES_H_
 
@@ -15,29 +15,29 @@
 
 namespace tessera {
 
-// A face whose corners are not those of the city's.
+// A face whose corners changed by edge flips.
 struct FlippedFace {
-  uint32_t face;      // its place in the core's list
-  Triangle vertices;  // their places in the core's list
+  uint32_t face;      // index in the core's list
+  Triangle vertices;  // indices in the core's list
 };
 
-// A tile's last state.
+// The final state of a tile's core.
 struct CoreSpans : StateSpans {
   CoreSpans() = default;
   explicit CoreSpans(const StateSpans& state) : StateSpans(state) {}
   std::span<const FlippedFace> flipped;  // ascending
 };
 
-// Places in a list of ascending ids of which some are used no more.
-class IdPlaces {
+// Maps ascending ids with gaps to consecutive indices.
+class IdIndex {
  public:
-  // The next id, greater than all before.
+  // Adds the next id, which must exceed all previous ones.
   void Add(uint32_t id) {
     if (id != next_) gaps_.push_back({id, id - count_});
     next_ = id + 1;
     ++count_;
   }
-  // Of an id that was added.
+  // Index of an id that was added.
   uint32_t operator()(uint32_t id) const {
     const auto after =
         std::upper_bound(gaps_.begin(), gaps_.end(), id, [](uint32_t i, const Gap& gap) { return i < gap.end; });
@@ -46,7 +46,7 @@ class IdPlaces {
 
  private:
   struct Gap {
-    uint32_t end, missing;  // the id behind it; how many are missing below
+    uint32_t end, missing;  // one past the id; number of unused ids below it
   };
   std::vector<Gap> gaps_;
   uint32_t next_ = 0, count_ = 0;
@@ -59,27 +59,27 @@ struct MergedVertex {
 
 struct MergedFace {
   uint32_t id = 0;
-  Triangle vertices;  // global; flipped where the core says so
+  Triangle vertices;  // global ids; after edge flips
   double area_before_m2 = 0;
   int32_t label_before = -1;
   uint32_t input_face = 0;
-  int tile = 0;  // whose core has it
+  int tile = 0;  // whose core contains it
   int32_t label = -1;
   float confidence = 0;
 };
 
-// Walks a city and its cores, both by global id. All that it is made of must outlive it. Memory is bounded by the
-// number of blocks and cores; the data are read front to back within each of them. Not thread-safe.
+// Iterates over a city and its cores in order of global ids. The city and the cores' memory must outlive it. Memory
+// is bounded by the number of blocks and cores; each is read sequentially. Not thread-safe.
 class CoreMerger {
  public:
-  // Checks and reads the city's blocks. Errors as CityReader::Block's.
+  // Reads and verifies the city's blocks. Errors as CityReader::Block.
   static StatusOr<CoreMerger> Create(const CityReader& city, std::vector<CoreSpans> cores);
 
-  // Every vertex of the city by id. DATA_LOSS if one is in no core, if cores have it at different positions (in any
-  // bit), or if a core names one that the city has not.
+  // Visits every vertex of the city by id. DATA_LOSS if a vertex is in no core, if cores differ in any bit of its
+  // position, or if a core has a vertex that is not in the city.
   Status ForEachVertex(const std::function<void(const MergedVertex&)>& visit) const;
-  // Every face of the city by id. DATA_LOSS if one is in no core or in two, or if a core names one that the city has
-  // not.
+  // Visits every face of the city by id. DATA_LOSS if a face is in no core or in two, or if a core has a face that is
+  // not in the city.
   Status ForEachFace(const std::function<void(const MergedFace&)>& visit) const;
 
  private:

@@ -26,7 +26,8 @@ StatusOr<OutdatedFaces> OutdatedFaces::Open(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(faces.ids_, faces.file_.Verified<uint32_t>(kIds));
   const auto fault = std::adjacent_find(faces.ids_.begin(), faces.ids_.end(), std::greater_equal<>());
   if (fault == faces.ids_.end()) return faces;
-  return absl::DataLossError(absl::StrCat(path, ": face ", fault[1], " stands behind ", fault[0]));
+  return absl::DataLossError(
+      absl::StrCat(path, ": found face ", fault[1], " after ", fault[0], ", expected ascending ids"));
 }
 
 OutdatedFaceFinder::OutdatedFaceFinder(const GroundPlane& ground, const ChangeRaster& measured,

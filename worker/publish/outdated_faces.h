@@ -1,4 +1,5 @@
-// Faces of an update's result that lie as things were before: where it could not follow what the new images show.
+// Outdated faces: faces of an update's result that still show the old state because refinement could not follow the
+// new images.
 #ifndef TESSERA_WORKER_PUBLISH_OUTDATED_FACES_H_
 #define TESSERA_WORKER_PUBLISH_OUTDATED_FACES_H_
 
@@ -17,15 +18,15 @@
 
 namespace tessera {
 
-// kOutdatedFile: global ids of faces, ascending.
+// Writes kOutdatedFile: global face ids, ascending.
 Status WriteOutdatedFaces(const std::string& path, const std::vector<uint32_t>& ids);
 
-// Such a file in the address space.
+// A memory-mapped kOutdatedFile.
 class OutdatedFaces {
  public:
-  // None.
+  // The empty set.
   OutdatedFaces() = default;
-  // Reads it once and checks it: DATA_LOSS if it is damaged or its ids do not ascend.
+  // Reads and verifies the whole file: DATA_LOSS if it is damaged or its ids do not ascend.
   static StatusOr<OutdatedFaces> Open(const std::string& path);
   std::span<const uint32_t> ids() const { return ids_; }
 
@@ -34,18 +35,19 @@ class OutdatedFaces {
   std::span<const uint32_t> ids_;
 };
 
-// Finds them block by block. They lie in the areas that the refined mesh does not follow; a face counts where its
-// middle lies in plan. Those of the base stay where the new images tell nothing. Memory: 4 bytes a cell that was
-// measured and 4 a face found.
+// Finds outdated faces block by block: faces whose centroid lies, in plan, in an area that the refined mesh does not
+// follow. Outdated faces of the base job remain outdated where the new images measure nothing. Memory: 4 bytes per
+// measured cell and 4 per face found.
 class OutdatedFaceFinder {
  public:
-  // `measured`: all blocks; `base`: ids of the base, ascending. All must outlive it. Counts faces into `areas`.
+  // `measured`: raster of all blocks; `base`: outdated ids of the base job, ascending. All must outlive the object.
+  // Adds the counts to `areas`.
   OutdatedFaceFinder(const GroundPlane& ground, const ChangeRaster& measured, std::span<const uint32_t> base,
                      std::vector<ChangeArea>* areas);
 
-  // Whether Add must be called for the block.
+  // Whether Add must be called for this block.
   bool Asks(const CellRect& block) const;
-  // `faces`: of the refined mesh, all that lie in the block at least; those that lie in other blocks do not count.
+  // `faces`: at least all faces of the refined mesh in the block; faces of other blocks are ignored.
   void Add(const CollectedFaces& faces, const CellRect& block);
   std::vector<uint32_t> Finish() &&;
 
@@ -57,7 +59,7 @@ class OutdatedFaceFinder {
   std::span<const uint32_t> base_;
   std::vector<ChangeArea>& areas_;
   UnfollowedCells unfollowed_;
-  std::vector<uint32_t> found_, right_;  // `right_`: of the base's
+  std::vector<uint32_t> found_, right_;  // `right_`: faces of the base that are correct now
 };
 
 }  // namespace tessera

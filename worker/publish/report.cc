@@ -19,7 +19,7 @@ json DisplacementStatistics(std::span<const double> lengths_m, double sum_square
           {"max_m", *std::max_element(lengths_m.begin(), lengths_m.end())}};
 }
 
-// Share of the area of each class; faces without label under "unlabelled".
+// Share of the area per class; faces without label under "unlabelled".
 json AreaShares(const std::vector<double>& areas_m2, double total_m2, const std::vector<SceneClass>& classes) {
   json shares = json::object();
   for (size_t l = 0; l < classes.size(); ++l) shares[classes[l].name] = total_m2 > 0 ? areas_m2[l] / total_m2 : 0;
@@ -27,7 +27,7 @@ json AreaShares(const std::vector<double>& areas_m2, double total_m2, const std:
   return shares;
 }
 
-// What tiles found of each other at the vertices that several of them compute, added up over all steps.
+// Differences between tiles at the vertices that several of them compute, summed over all steps.
 json SeamStatistics(const std::vector<json>& tiles) {
   int64_t samples = 0, different = 0;
   double farthest_m = 0;
@@ -46,7 +46,7 @@ json SeamStatistics(const std::vector<json>& tiles) {
 }  // namespace
 
 double NthSmallest(std::span<const double> values, size_t n) {
-  // The bits of numbers from 0 on are ordered as the numbers: finds the answer's bits 16 at a time.
+  // For numbers >= 0, the order of the bit patterns is that of the numbers. Determines the answer 16 bits at a time.
   uint64_t found = 0, mask = 0;
   std::vector<size_t> counts(size_t{1} << 16);
   for (int shift = 48; shift >= 0; shift -= 16) {
@@ -91,7 +91,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
   for (const ReportedTile& tile : tiles) {
     tile_reports.push_back(json::parse(tile.report));
     tile_reports.back()["tile"] = tile.tile;
-    if (tile.set_aside) tile_reports.back()["set_aside"] = true;
+    if (tile.quarantined) tile_reports.back()["set_aside"] = true;
   }
   json class_names = json::array();
   for (const SceneClass& c : survey.classes) class_names.push_back(c.name);

@@ -1,4 +1,4 @@
-// The job's report: what was done, where, and how much it changed.
+// The job's report: settings, tiles and statistics of the result.
 #ifndef TESSERA_WORKER_PUBLISH_REPORT_H_
 #define TESSERA_WORKER_PUBLISH_REPORT_H_
 
@@ -17,15 +17,15 @@ namespace tessera {
 
 struct ReportedTile {
   int tile = 0;
-  std::string report;      // JSON of the tile's core
-  bool set_aside = false;  // its refinement failed
+  std::string report;        // JSON of the tile's core
+  bool quarantined = false;  // its refinement failed
 };
 
-// What a result is like as a whole, added up vertex by vertex and face by face, in the order of their ids. Holds no
-// more than sums and, on disk, a number a vertex. Not thread-safe.
+// Statistics of the whole result, accumulated by vertex and face in order of their ids. Keeps only sums in memory,
+// and one number per vertex on disk. Not thread-safe.
 class ResultStatistics {
  public:
-  // `scratch_folder` takes 8 bytes a vertex.
+  // `scratch_folder` takes 8 bytes per vertex.
   static StatusOr<ResultStatistics> Create(const std::string& scratch_folder, size_t classes);
   void AddVertex(const Eigen::Vector3d& before, const Eigen::Vector3d& after);
   void AddFace(double area_before_m2, int32_t label_before, double area_after_m2, int32_t label_after);
@@ -38,15 +38,16 @@ class ResultStatistics {
   ScratchList<double> lengths_m_;  // of displacements
   double sum_squared_m2_ = 0;
   int64_t faces_ = 0, label_changes_ = 0;
-  std::vector<double> areas_before_m2_, areas_after_m2_;  // a class; the last: no label
+  std::vector<double> areas_before_m2_, areas_after_m2_;  // per class; last: unlabelled
   double total_before_m2_ = 0, total_after_m2_ = 0;
 };
 
-// JSON, indented, deterministic (no times). RESOURCE_EXHAUSTED or INTERNAL if the scratch could not be written.
+// JSON, indented, deterministic (contains no times). RESOURCE_EXHAUSTED or INTERNAL if the scratch file cannot be
+// written.
 StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statistics,
                                  const std::vector<ReportedTile>& tiles);
 
-// The value at place `n` (from 0) of the sorted values, which must be at least 0. Reads them four times, holds 0.5 MiB.
+// The n-th smallest value (n from 0). Values must be at least 0. Reads them four times and takes 0.5 MiB.
 double NthSmallest(std::span<const double> values, size_t n);
 
 }  // namespace tessera

@@ -56,7 +56,7 @@ StatusOr<json> WriteTileMesh(const std::string& output_dir, const CityReader& ci
               {"box_max", VectorToJson(box.max())}};
 }
 
-// Of two ascending lists of ids.
+// Size of the intersection of two ascending lists.
 int64_t CountShared(std::span<const uint32_t> a, std::span<const uint32_t> b) {
   int64_t count = 0;
   for (const uint32_t id : a) count += std::binary_search(b.begin(), b.end(), id);
@@ -73,7 +73,7 @@ StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
                                                    const std::vector<CoreSpans>& cores,
                                                    std::span<const uint32_t> outdated,
-                                                   const std::vector<int>& set_aside, const TaskControl& control) {
+                                                   const std::vector<int>& quarantined, const TaskControl& control) {
   TESSERA_RETURN_IF_ERROR(EnsureFolder(absl::StrCat(output_dir, "/", kTileMeshFolder)));
   std::vector<std::string> names;
   json entries = json::array();
@@ -82,7 +82,7 @@ StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir
     control.Report(static_cast<double>(t) / static_cast<double>(tiles.size()), "writing tiles");
     TESSERA_ASSIGN_OR_RETURN(json entry, WriteTileMesh(output_dir, city, survey, tiles[t].core, cores[t]));
     if (!outdated.empty()) entry["outdated_faces"] = CountShared(cores[t].face_ids, outdated);
-    if (std::binary_search(set_aside.begin(), set_aside.end(), tiles[t].tile)) entry["set_aside"] = true;
+    if (std::binary_search(quarantined.begin(), quarantined.end(), tiles[t].tile)) entry["set_aside"] = true;
     entries.push_back(std::move(entry));
     names.push_back(TileMeshName(tiles[t].core));
   }

@@ -1,4 +1,4 @@
-// The result in pieces that any program can open: a PLY a tile, and an index of them.
+// Exports the result as one PLY per tile with an index.
 #ifndef TESSERA_WORKER_PUBLISH_TILE_MESHES_H_
 #define TESSERA_WORKER_PUBLISH_TILE_MESHES_H_
 
@@ -16,21 +16,22 @@
 
 namespace tessera {
 
-// Name of a tile's mesh: the first cell of its core, "tiles/12_-3.ply".
+// File name of a tile's mesh, by the first cell of its core: "tiles/12_-3.ply".
 std::string TileMeshName(const CellRect& core);
 
-// Writes TileMeshName for each core (`cores[i]` is that of `tiles[i]`) and kTileIndexFile to `output_dir`: scene's
-// frame, with the properties of mesh.ply but `input_face` and `outdated`, so that a tile that an update keeps has the
-// same bytes; vertices that tiles share are equal byte for byte. The index names each file with its core (cells and
-// metres of the ground plane), box (scene's frame), vertices, faces, faces a class and, unless `outdated` (ids,
-// ascending) is empty, how many of its faces are among those; those of
-// `set_aside` (ids of tiles, ascending), whose refinement failed, are flagged. Gives the files' names. Memory is
-// bounded by a tile. DATA_LOSS if a core is not what the city has in its rectangle.
+// Writes TileMeshName for each core (`cores[i]` belongs to `tiles[i]`) and kTileIndexFile to `output_dir`, and
+// returns the file names.
+// Meshes are in the scene's frame, with the properties of mesh.ply except `input_face` and `outdated`, so that a tile
+// that an update does not change has the same bytes. Vertices shared by tiles are equal byte for byte.
+// The index contains per file: core (cells and metres of the ground plane), box (scene's frame), vertices, faces,
+// faces per class and, unless `outdated` (ids, ascending) is empty, the number of outdated faces. Tiles of
+// `quarantined` (ids of quarantined tiles, ascending) are flagged.
+// Memory is bounded by one tile. DATA_LOSS if a core differs from the city in its rectangle.
 StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir, const CityReader& city,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
                                                    const std::vector<CoreSpans>& cores,
                                                    std::span<const uint32_t> outdated,
-                                                   const std::vector<int>& set_aside, const TaskControl& control);
+                                                   const std::vector<int>& quarantined, const TaskControl& control);
 
 }  // namespace tessera
 

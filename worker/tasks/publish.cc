@@ -41,8 +41,8 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     TESSERA_ASSIGN_OR_RETURN(MappedState core,
                              MappedState::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));
     spans.emplace_back(core.spans());
-    const bool set_aside = std::binary_search(parameters.set_aside.begin(), parameters.set_aside.end(), tile.tile);
-    reported.push_back({core.spans().tile, core.spans().report, set_aside});
+    const bool quarantined = std::binary_search(parameters.set_aside.begin(), parameters.set_aside.end(), tile.tile);
+    reported.push_back({core.spans().tile, core.spans().report, quarantined});
     cores.push_back(std::move(core));
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
   }
@@ -69,7 +69,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
                            ResultStatistics::Create(request.output_dir, survey.classes.size()));
   TESSERA_ASSIGN_OR_RETURN(auto positions, ScratchList<Eigen::Vector3d>::Create(request.output_dir));
   const Eigen::Matrix3d scene_from_local = survey.rotation_local_from_scene.transpose();
-  IdPlaces places;
+  IdIndex places;
   TESSERA_RETURN_IF_ERROR(merger.ForEachVertex([&](const MergedVertex& vertex) {
     places.Add(vertex.id);
     mesh.AddVertex(scene_from_local * vertex.after + survey.origin_in_scene);

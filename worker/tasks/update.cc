@@ -139,7 +139,7 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
     TESSERA_RETURN_IF_ERROR(FillClassifiedContents(survey, classified, control, &scene));
   }
 
-  TESSERA_ASSIGN_OR_RETURN(const ViewChanges changes, TakeViews(scene, whole, parameters, files.carried, &survey));
+  TESSERA_ASSIGN_OR_RETURN(const ViewChanges changes, UpdateViews(scene, whole, parameters, files.carried, &survey));
   if (other_mesh) {
     TESSERA_RETURN_IF_ERROR(
         ReviseMesh(scene, base_mesh_path, request, city, PartOf(control, 0.4, 0.6), &survey, &outcome.warnings));
@@ -152,7 +152,7 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
   PairOptions pairs;
   pairs.partners = parameters.ingest.partners.value_or(pairs.partners);
   TESSERA_RETURN_IF_ERROR(
-      ChooseAnew(city, changes, parameters.all_epochs, options, pairs, PartOf(control, 0.6, 0.95), &survey));
+      UpdateViewSelection(city, changes, parameters.all_epochs, options, pairs, PartOf(control, 0.6, 0.95), &survey));
   FillViewDepths(&survey);
   if (changes.snapped > 0) {
     outcome.warnings.push_back(absl::StrCat(changes.snapped, " poses differ from the base's by less than ", kSnap_px,

@@ -7,8 +7,8 @@
 #include "common/base/elapsed.h"
 #include "common/geometry/edge_list.h"
 #include "common/job/refine_steps.h"
-#include "worker/visibility/cell_sight.h"
 #include "worker/visibility/rasterizer.h"
+#include "worker/visibility/visible_cells.h"
 
 namespace tessera {
 namespace {

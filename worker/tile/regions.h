@@ -10,7 +10,7 @@
 #include "common/geometry/csr_rows.h"
 #include "common/geometry/mesh.h"
 #include "common/job/ground.h"
-#include "worker/label/label_reach.h"
+#include "worker/label/label_dependency.h"
 #include "worker/refine/stepper.h"
 
 namespace tessera {

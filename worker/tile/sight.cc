@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "worker/visibility/cell_sight.h"
+#include "worker/visibility/visible_cells.h"
 
 namespace tessera {
 

@@ -22,7 +22,7 @@ struct CameraWindow {
   PixelRect rect;
 
   CameraWindow() = default;
-  CameraWindow(const PosedCamera& whole)  // NOLINT: a camera is a window on all of its image
+  CameraWindow(const PosedCamera& whole)  // NOLINT: implicit, a camera converts to the window of its whole image
       : camera(whole), rect{0, 0, whole.intrinsics.width, whole.intrinsics.height} {}
   CameraWindow(const PosedCamera& whole, const PixelRect& part) : camera(whole), rect(part) {}
 };

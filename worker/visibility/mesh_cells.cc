@@ -9,7 +9,7 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kCellGrain = 16;
-constexpr int kRounding_px = 2;  // of projected corners, and of vertices to the rasteriser's grid
+constexpr int kRounding_px = 2;  // error bound of projected corners and of the rasteriser's grid
 
 void Append(uint32_t begin, uint32_t end, std::vector<std::array<uint32_t, 2>>* ranges) {
   if (begin == end) return;
@@ -30,7 +30,7 @@ void FindVertexCells(const std::vector<Triangle>& faces, MeshCells* cells) {
       std::vector<uint32_t>& used = cells->vertex_cells[c];
       for (uint32_t f = cells->face_begin[c]; f < cells->face_begin[c + 1]; ++f) {
         for (const uint32_t v : faces[f]) {
-          // Of the cells that begin at v, the last has it.
+          // Several cells may begin at v (empty ones): the last of them contains it.
           const auto next = std::upper_bound(cells->vertex_begin.begin(), cells->vertex_begin.end(), v);
           const auto cell = static_cast<uint32_t>(next - cells->vertex_begin.begin() - 1);
           if (std::find(used.begin(), used.end(), cell) == used.end()) used.push_back(cell);

@@ -1,4 +1,4 @@
-// Runs of a mesh that lie close together, so that what a window cannot show need not be drawn.
+// Spatial cells of a mesh with bounding boxes, to skip what a camera window cannot show.
 #ifndef TESSERA_WORKER_VISIBILITY_MESH_CELLS_H_
 #define TESSERA_WORKER_VISIBILITY_MESH_CELLS_H_
 
@@ -12,28 +12,30 @@
 
 namespace tessera {
 
-// Cells of a mesh whose faces and vertices come cell by cell. Without cells the mesh is one.
+// Cells of a mesh whose faces and vertices are sorted by cell.
 struct MeshCells {
-  std::vector<uint32_t> face_begin, vertex_begin;   // of each cell, and the end
-  std::vector<std::vector<uint32_t>> vertex_cells;  // of each cell those whose vertices its faces use, ascending
+  std::vector<uint32_t> face_begin, vertex_begin;   // first index of each cell, and the total at the end
+  std::vector<std::vector<uint32_t>> vertex_cells;  // per cell: cells whose vertices its faces use, ascending
   size_t size() const { return vertex_cells.size(); }
 };
 
-// `vertex_cells` from the faces and the runs.
+// Fills `vertex_cells` from `faces` and the begin indices.
 void FindVertexCells(const std::vector<Triangle>& faces, MeshCells* cells);
 
-// Some of a mesh: ascending half-open ranges of faces, and of the vertices that these use (and perhaps others).
+// A subset of a mesh: ascending half-open ranges of faces, and vertex ranges that contain all vertices of these
+// faces.
 struct MeshPart {
   std::vector<std::array<uint32_t, 2>> faces, vertices;
 };
 
-// Boxes around the cells' faces as they lie. `cells` must outlive it; null: the whole mesh, whatever the window.
+// Bounding boxes of the cells' faces at their current positions. `cells` must outlive the object; null: the mesh is
+// one cell, and InWindow always returns all of it.
 class CellBoxes {
  public:
   explicit CellBoxes(const TriangleMesh& mesh, const MeshCells* cells = nullptr);
-  // Every face with a pixel in the window, and such as have none: whole cells, by their boxes' corners.
+  // All cells whose box projects into the window: a superset of the faces that have a pixel there.
   MeshPart InWindow(const CameraWindow& window, double near_m) const;
-  // Of these cells, ascending.
+  // The faces and vertices of `cells` (ascending).
   MeshPart PartOf(const std::vector<uint32_t>& cells) const;
   const std::vector<Eigen::AlignedBox3d>& boxes() const { return boxes_; }
 
@@ -43,8 +45,8 @@ class CellBoxes {
   MeshPart all_;
 };
 
-// The pixels of a window that may show something of a box, with a margin, rounding included; all of the window for a
-// box that reaches nearer than `near_m`.
+// Bounds of the pixels of a window that may show something of a box, grown by `margin_px` and by rounding. The whole
+// window if the box reaches closer than `near_m`.
 PixelRect PixelsOf(const CameraWindow& view, const Eigen::AlignedBox3d& box, double near_m, int margin_px);
 
 }  // namespace tessera

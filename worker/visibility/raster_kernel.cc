@@ -18,11 +18,11 @@ namespace hn = hwy::HWY_NAMESPACE;
 using Doubles = hn::CappedTag<double, 4>;
 using Ints = hn::Rebind<int32_t, Doubles>;
 using Floats = hn::Rebind<float, Doubles>;
-constexpr int32_t kToCentre = static_cast<int32_t>(kGridHalf - 1);  // to the first centre not before, after a shift
-constexpr int kExtentBits = 25;     // of faces that are drawn here: areas then stay below 2^53
-constexpr int kNarrowColumns = 16;  // rows of more are worth a division an edge
+constexpr int32_t kToCentre = static_cast<int32_t>(kGridHalf - 1);  // to the next centre at or after, before a shift
+constexpr int kExtentBits = 25;     // limit of face sizes drawn here, so that areas stay below 2^53
+constexpr int kNarrowColumns = 16;  // longer rows pay for one division per edge
 
-// A camera's matrix, and from its image to the grid.
+// A camera matrix and the transform from its image to the grid.
 struct Projection {
   double row[3][4];
   double x_scale, x_shift, y_scale, y_shift, near_m;
@@ -84,7 +84,7 @@ void Project(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow&
   }
 }
 
-// Whether a face's bounding box holds a pixel centre, or it has a corner off the grid.
+// Whether a face's bounding box contains a pixel centre, or it has a vertex off the grid.
 #if HWY_TARGET == HWY_SCALAR
 class FaceSelector {
  public:
@@ -102,7 +102,7 @@ class FaceSelector {
   int width_, height_;
 };
 #else
-// The four numbers of a GridVertex as one vector.
+// Loads the four fields of a GridVertex as one vector.
 class FaceSelector {
   using Quad = hn::FixedTag<int32_t, 4>;
   using Vec = hn::Vec<Quad>;
@@ -138,20 +138,20 @@ int64_t Select(const Triangle* faces, int64_t first, int64_t last, const GridVer
   for (int64_t f = first; f < last; ++f) {
     const Triangle& face = faces[f];
     list[count] = static_cast<uint32_t>(f);
-    // No branch: whether the next face holds a centre cannot be predicted.
+    // Branch-free: whether a face contains a centre is unpredictable.
     count += selector.Takes(vertices[face[0]], vertices[face[1]], vertices[face[2]]);
   }
   return count;
 }
 
-// Faces about to be drawn, a column each. Areas are twice those that an edge spans with the centre of a pixel, positive
-// inside: whole numbers below 2^53 and so exact.
+// Faces to be drawn, one per column. Areas are twice those that an edge spans with a pixel's centre, positive inside.
+// They are integers below 2^53 and therefore exact in double.
 struct FaceBatch {
   static constexpr int kFaces = 64;
   enum Field {
     kArea0,
     kArea1,
-    kArea2,  // with edges bc, ca, ab at the centre of the box's first pixel
+    kArea2,  // for edges bc, ca, ab at the centre of the box's first pixel
     kPerColumn0,
     kPerColumn1,
     kPerColumn2,
@@ -160,7 +160,7 @@ struct FaceBatch {
     kPerRow2,
     kLeast0,
     kLeast1,
-    kLeast2,  // a centre is inside from here: 0 if the face owns the edge, else 1
+    kLeast2,  // smallest area inside: 0 if the face owns the edge, else 1
     kAtA,
     kForB,
     kForC,
@@ -173,8 +173,8 @@ struct FaceBatch {
   alignas(16) float value[kFaces];  // 1/z at the first pixel's centre; 0: outside
 };
 
-// Fills columns [at, at + lanes) of the batch with listed faces; returns how many of these, from the first on, the grid
-// holds.
+// Fills columns [at, at + lanes) of the batch with listed faces. Returns how many of them, counted from the first,
+// fit the grid.
 HWY_INLINE int SetUpLanes(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices,
                           const DrawTarget& target, int at, FaceBatch* batch) {
   const Doubles d;
@@ -202,7 +202,7 @@ HWY_INLINE int SetUpLanes(const Triangle* faces, const uint32_t* list, int64_t c
   hn::Store(x_last, di, batch->x_last + at);
   hn::Store(y_last, di, batch->y_last + at);
 
-  // Corners as seen from the first pixel's centre.
+  // Corners relative to the first pixel's centre.
   const auto x0 = hn::Add(hn::ShiftLeft<kGridBits>(x_first), half);
   const auto y0 = hn::Add(hn::ShiftLeft<kGridBits>(y_first), half);
   hn::Vec<Doubles> px[3], py[3], area[3], per_column[3], per_row[3], least[3];
@@ -225,7 +225,7 @@ HWY_INLINE int SetUpLanes(const Triangle* faces, const uint32_t* list, int64_t c
     area[i] = hn::Xor(area[i], clockwise);
     per_column[i] = hn::Xor(per_column[i], clockwise);
     per_row[i] = hn::Xor(per_row[i], clockwise);
-    // Of an edge through a pixel's centre the face to the right owns it; if it is level, the face below.
+    // A centre on an edge belongs to the face to the right; on a horizontal edge to the face below (top-left rule).
     const auto level = hn::And(hn::Eq(per_column[i], zero), hn::Gt(per_row[i], zero));
     least[i] = hn::IfThenElse(hn::Or(hn::Gt(per_column[i], zero), level), zero, one);
     inside = hn::And(inside, hn::Ge(area[i], least[i]));
@@ -248,7 +248,7 @@ HWY_INLINE int SetUpLanes(const Triangle* faces, const uint32_t* list, int64_t c
   value = hn::IfThenElseZero(inside, hn::Min(hn::Max(value, low), high));
   hn::Store(hn::DemoteTo(df, value), df, batch->value + at);
 
-  // The extents wrap to negative numbers where they pass 31 bits.
+  // Extents beyond 31 bits wrap to negative numbers.
   const auto extent = hn::Or(hn::Sub(x_high, x_low), hn::Sub(y_high, y_low));
   const auto off = hn::Or(hn::Or(off_grid[0], off_grid[1]), hn::Or(off_grid[2], hn::ShiftRight<kExtentBits>(extent)));
   const int held = static_cast<int>(std::min<int64_t>(lanes, count));
@@ -261,11 +261,12 @@ HWY_INLINE int SetUpLanes(const Triangle* faces, const uint32_t* list, int64_t c
   return held;
 }
 
-// Narrows columns [first, last) of a row to about those inside the edges.
+// Shrinks columns [first, last) of a row to approximately those inside the edges.
 HWY_INLINE void NarrowRow(const double* area, const double* per_column, int* first, int* last) {
   int begin = *first, end = *last;
   for (int i = 0; i < 3; ++i) {
-    const double crossing = -area[i] / per_column[i];  // columns after *first; NaN and infinity fail the tests
+    const double crossing =
+        -area[i] / per_column[i];  // columns after *first; NaN and infinity fail the comparisons below
     if (per_column[i] > 0 && crossing > 1 && crossing < 1e6) {
       begin = std::max(begin, *first + static_cast<int>(crossing) - 1);
     }
@@ -277,13 +278,13 @@ HWY_INLINE void NarrowRow(const double* area, const double* per_column, int* fir
   *last = end;
 }
 
-// The map is read and written in windows of as many pixels as there are lanes, from a face's first column on: aligned
-// windows would be more, and measured slower. The last window of a row starts earlier, so as to end with it.
+// The map is read and written in windows of one vector, starting at a face's first column. Aligned windows would be
+// more numerous and measured slower. The last window of a row is shifted left to end with the row.
 HWY_INLINE int WindowInRow(int window, int lanes, const DrawTarget& target) {
   return std::min(window, target.width - lanes);
 }
 
-// Draws those pixels of the window from pixel i on whose 1/z is greater than what is there.
+// Draws the pixels of the window, from pixel i on, whose 1/z is greater than the stored one.
 HWY_INLINE void DrawWindow(hn::Vec<Floats> value, hn::Vec<Ints> ids, size_t i, const DrawTarget& target) {
   const Floats df;
   const Ints di;
@@ -294,7 +295,7 @@ HWY_INLINE void DrawWindow(hn::Vec<Floats> value, hn::Vec<Ints> ids, size_t i, c
   hn::StoreU(hn::IfThenElse(hn::RebindMask(di, nearer), ids, old_ids), di, target.face + i);
 }
 
-// Draws one pixel of the batch's face k, the only one of its box.
+// Draws the only pixel of the bounding box of the batch's face k.
 HWY_INLINE void DrawPixelFromBatch(const FaceBatch& batch, int k, int32_t id, const DrawTarget& target) {
   const Floats df;
   const Ints di;
@@ -305,7 +306,7 @@ HWY_INLINE void DrawPixelFromBatch(const FaceBatch& batch, int k, int32_t id, co
   DrawWindow(value, hn::Set(di, id), static_cast<size_t>(batch.y_first[k]) * target.width + x, target);
 }
 
-// Draws one face of the batch, as many pixels of a row at once as there are lanes.
+// Draws one face of the batch, one vector of pixels of a row at a time.
 HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const DrawTarget& target) {
   const Doubles d;
   const Floats df;
@@ -325,7 +326,7 @@ HWY_INLINE void DrawFromBatch(const FaceBatch& batch, int k, int32_t id, const D
   auto at0 = hn::MulAdd(row0, down, get(FaceBatch::kArea0)), at1 = hn::MulAdd(row1, down, get(FaceBatch::kArea1)),
        at2 = hn::MulAdd(row2, down, get(FaceBatch::kArea2));
 
-  // All sums and products of areas are whole and exact, in whatever order and whether fused or not.
+  // All sums and products of areas are exact integers, in any order and with or without fused operations.
   const auto draw = [&](int first, int last, int y_from, int y_to) HWY_ATTR {
     for (int window = first; window < last; window += lanes) {
       const int x = WindowInRow(window, lanes, target);  // pixels outside the box are outside the face

@@ -1,5 +1,5 @@
-// The inner loops of the rasteriser: vertices onto a fixed-point grid, faces without pixel centres sorted out, the rest
-// drawn. They run on the widest instruction set of the machine and give the same bytes on each.
+// Inner loops of the rasteriser: project vertices to a fixed-point grid, drop faces without pixel centres, draw the
+// rest. They use the widest instruction set of the machine and give the same bytes on each.
 #ifndef TESSERA_WORKER_VISIBILITY_RASTER_KERNEL_H_
 #define TESSERA_WORKER_VISIBILITY_RASTER_KERNEL_H_
 
@@ -12,27 +12,27 @@
 
 namespace tessera {
 
-// Vertices are rounded to a grid of 2^-15 pixel, so that the side of an edge that a pixel centre lies on is decided in
-// integers: exactly, and alike for both faces at the edge.
+// Vertices are rounded to a grid of 2^-15 pixel. The side of an edge on which a pixel centre lies is then an exact
+// integer test, with the same result for both faces of the edge.
 constexpr int kGridBits = 15;
 constexpr int64_t kGridPerPixel = int64_t{1} << kGridBits;
 constexpr int64_t kGridHalf = kGridPerPixel / 2;
 constexpr double kGridLimit = int64_t{1} << 30;
 
-// A vertex as a camera sees it.
+// A projected vertex.
 struct alignas(16) GridVertex {
-  int32_t x = 0, y = 0;  // grid units from the window's first pixel; under kGridLimit from the whole image's
-  float inverse_z = 0;   // linear over the image of a plane
-  int32_t off_grid = 0;  // -1: nearer than the near plane or too far out, and all the rest is zero; else 0
+  int32_t x = 0, y = 0;  // grid units from the window's first pixel; below kGridLimit from the image's
+  float inverse_z = 0;   // affine over the image of a plane
+  int32_t off_grid = 0;  // -1: closer than the near plane or outside the grid, other fields are 0; else 0
 };
 
-// Rows [row_first, row_last) of a face map; the pointers are to the map's first pixel.
+// Rows [row_first, row_last) of a face map. The pointers refer to the map's first pixel.
 struct DrawTarget {
   int width = 0, height = 0;
-  int x0 = 0, y0 = 0;  // of the first pixel in the whole image
+  int x0 = 0, y0 = 0;  // position of the first pixel in the whole image
   int row_first = 0, row_last = 0;
   int32_t* face = nullptr;
-  float* inverse_z = nullptr;  // 0: nothing
+  float* inverse_z = nullptr;  // 0: no surface
 
   void Draw(int x, int y, float value, int32_t id) const {
     const size_t i = static_cast<size_t>(y) * width + x;
@@ -43,8 +43,9 @@ struct DrawTarget {
   }
 };
 
-// 1/z over the image of a face with corners a, b, c, from the areas that the point spans with the edges opposite of b
-// and c: inside the face a mean of the corners' values, however thin it is.
+// Interpolates 1/z over the image of a face with corners a, b, c. The arguments of At are the areas that the point
+// spans with the edges opposite b and c. The result is clamped to the corners' range, so thin faces do not
+// extrapolate.
 struct DepthPlane {
   double at_a = 0, for_b = 0, for_c = 0;
   float low = 0, high = 0;
@@ -64,18 +65,18 @@ struct DepthPlane {
   }
 };
 
-// Rounded in the whole image, so that all windows see the same.
+// Rounds in coordinates of the whole image, so that all windows give the same vertices.
 void ProjectToGrid(const Eigen::Vector3d* vertices, int64_t count, const CameraWindow& window, double near_m,
                    GridVertex* out);
 
-// Writes to `list` (room for last - first) those of the faces [first, last), ascending, whose bounding box holds a
-// pixel centre of the image or that have a corner off the grid. Returns how many.
+// Writes to `list` (room for last - first) the faces of [first, last), ascending, whose bounding box contains a pixel
+// centre of the window or that have a vertex off the grid. Returns their number.
 int64_t SelectFaces(const Triangle* faces, int64_t first, int64_t last, const GridVertex* vertices, int width,
                     int height, uint32_t* list);
 
-// Draws the listed faces in this order, the first of equally near ones staying on top; each with its index as id, or
-// with -1 unless `with_ids`. Stops at a face that is off the grid or too large for it (DrawUnboundedFace draws these);
-// returns how many it got through.
+// Draws the listed faces in order; of equally near faces the first stays. Writes the face index as id, or -1 unless
+// `with_ids`. Stops at a face that is off the grid or too large for it, to be drawn by DrawUnboundedFace. Returns how
+// many entries of the list it has drawn.
 int64_t DrawFaces(const Triangle* faces, const uint32_t* list, int64_t count, const GridVertex* vertices, bool with_ids,
                   const DrawTarget& target);
 

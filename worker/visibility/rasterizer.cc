@@ -13,11 +13,11 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kVertexGrain = 4096;
-constexpr int64_t kFaceChunk = 4096;  // its list of selected faces stays in the first-level cache
+constexpr int64_t kFaceChunk = 4096;  // the list of selected faces stays in the L1 cache
 constexpr int64_t kListBlock = 64;
 constexpr int kBandRows = 32;
 
-// A mesh on its way into a map.
+// A mesh and how it is drawn into a map.
 struct Layer {
   const TriangleMesh& mesh;
   const GridVertex* vertices;
@@ -40,7 +40,7 @@ struct Layer {
   }
 };
 
-// Rows that some listed faces may cover, half-open.
+// Rows that a block of listed faces may cover, half-open.
 struct RowRange {
   int first = 0, last = 0;
 };
@@ -63,8 +63,8 @@ RowRange RowsOf(const Layer& layer, const uint32_t* list, int64_t count) {
 struct Rasterizer::Workspace {
   std::vector<GridVertex> vertices;
   std::vector<uint32_t> list;
-  std::vector<int64_t> selected;  // faces, a chunk
-  std::vector<RowRange> rows;     // a block of the list
+  std::vector<int64_t> selected;  // selected faces per chunk
+  std::vector<RowRange> rows;     // per block of the list
 
   static void Reset(const PixelRect& rect, FaceMap* map) {
     map->width = rect.width();
@@ -73,14 +73,14 @@ struct Rasterizer::Workspace {
     map->y0 = rect.y0;
     const size_t pixels = static_cast<size_t>(map->width) * map->height;
     map->face.assign(pixels, -1);
-    map->depth.assign(pixels, 0);  // 1/z until the end
+    map->depth.assign(pixels, 0);  // holds 1/z until the end of Draw
   }
 
   static DrawTarget Target(FaceMap* map, int row_first, int row_last) {
     return {map->width, map->height, map->x0, map->y0, row_first, row_last, map->face.data(), map->depth.data()};
   }
 
-  // One thread: a chunk's faces are drawn while they are in the cache.
+  // One thread: draws each chunk's faces while they are in the cache.
   void DrawLayer(const Layer& layer, FaceMap* map) {
     list.resize(std::max<size_t>(list.size(), kFaceChunk));
     const DrawTarget target = Target(map, 0, map->height);
@@ -92,7 +92,7 @@ struct Rasterizer::Workspace {
     }
   }
 
-  // Many threads: first chunk by chunk, then band by band.
+  // Many threads: select faces chunk by chunk, then draw band by band.
   void DrawLayerInBands(const Layer& layer, FaceMap* map) {
     constexpr int64_t kBlocks = kFaceChunk / kListBlock;
     std::vector<std::array<int64_t, 2>> chunk_faces;
@@ -116,7 +116,7 @@ struct Rasterizer::Workspace {
         }
       }
     });
-    // Few bands: a block of faces is set up anew in each band that it reaches.
+    // Few bands: each band sets up again all blocks of faces that reach it.
     const int64_t band_rows = std::max<int64_t>(kBandRows, map->height / (2 * ThreadCount()) + 1);
     ParallelFor(map->height, band_rows, [&](int64_t row_first, int64_t row_last) {
       const DrawTarget target = Target(map, static_cast<int>(row_first), static_cast<int>(row_last));
@@ -164,11 +164,11 @@ struct Rasterizer::Workspace {
         DrawLayer(layer, map);
       }
     }
-    for (float& value : map->depth) value = 1 / value;  // of 0: kNothing
+    for (float& value : map->depth) value = 1 / value;  // 0 gives kNothing
   }
 };
 
-// Workspaces that nobody draws with; as many in all as threads have ever drawn at once.
+// Idle workspaces. Grows to the largest number of threads that have drawn at the same time.
 struct Rasterizer::Pool {
   std::mutex mutex;
   std::vector<std::unique_ptr<Workspace>> idle;

@@ -13,7 +13,7 @@ using Eigen::Vector3d;
 struct Corner {
   double x = 0, y = 0;
   double inverse_z = 0;
-  bool on_grid = false;  // x and y are whole
+  bool on_grid = false;  // x and y are integers
 };
 
 Corner Project(const PinholeCamera& k, const Vector3d& in_camera) {
@@ -22,7 +22,7 @@ Corner Project(const PinholeCamera& k, const Vector3d& in_camera) {
           (k.fy * in_camera.y() * inverse_z + k.cy) * kGridPerPixel, inverse_z, false};
 }
 
-// The face's outline in front of the near plane: 3 or 4 corners, or none. Returns their number.
+// Outline of the face in front of the near plane: 0, 3 or 4 corners. Returns their number.
 int MakeOutline(const Triangle& face, const TriangleMesh& mesh, const GridVertex* vertices, const PosedCamera& camera,
                 double near_m, const DrawTarget& target, Corner* corners) {
   const double x_first = static_cast<double>(target.x0 * kGridPerPixel);
@@ -40,7 +40,7 @@ int MakeOutline(const Triangle& face, const TriangleMesh& mesh, const GridVertex
     }
     const auto in_front = [&](int c) { return vertices[face[c]].off_grid == 0 || in_camera[c].z() >= near_m; };
     if (in_front(i) == in_front(j)) continue;
-    // From the lower index, so that two faces cut a shared edge at the same point.
+    // Start at the lower index, so that both faces of an edge clip it at the same point.
     const bool forward = face[i] < face[j];
     const Vector3d& p = in_camera[forward ? i : j];
     const Vector3d& q = in_camera[forward ? j : i];
@@ -58,8 +58,8 @@ double TwiceArea(const Corner& a, const Corner& b, const Corner& c) {
   return static_cast<double>(wide(bx) * wide(cy) - wide(by) * wide(cx));
 }
 
-// Twice the area that the edge spans with a pixel's centre, as a function that changes sign with the edge's direction
-// and nothing else.
+// Twice the signed area that an edge spans with a pixel's centre. Reversing the edge changes only the sign, so that
+// its two faces never both own a pixel.
 class Edge {
  public:
   Edge(const Corner& from, const Corner& to) : a_(from), b_(to), exact_(from.on_grid && to.on_grid) {
@@ -77,7 +77,7 @@ class Edge {
     const double px = static_cast<double>(x), py = static_cast<double>(y);
     return sign_ * ((b_.x - a_.x) * (py - a_.y) - (b_.y - a_.y) * (px - a_.x));
   }
-  // Growth of the area to the right and down.
+  // Change of the area per column and per row.
   double per_column() const { return sign_ * (a_.y - b_.y); }
   double per_row() const { return sign_ * (b_.x - a_.x); }
 
@@ -87,13 +87,14 @@ class Edge {
   double sign_ = 1;
 };
 
-// First column or row whose centre is not before `value` (grid units), within [first, limit].
+// First column or row whose centre is not before `value` (grid units), clamped to [first, limit].
 int FirstCentre(double value, int first, int limit) {
   const double pixel = std::ceil(value / kGridPerPixel - 0.5);
   return pixel > first ? static_cast<int>(std::min(pixel, static_cast<double>(limit))) : first;
 }
 
-// Columns of a row inside an edge: the area is monotone over them, rounding included.
+// Restricts the columns of a row to those inside an edge, by bisection: the area is monotone in the column, even
+// after rounding.
 void ClipToEdge(const Edge& edge, double orientation, int row, int* first, int* last) {
   const double growth = orientation * edge.per_column();
   const bool owns = growth > 0 || (growth == 0 && orientation * edge.per_row() > 0);

@@ -1,5 +1,5 @@
-// Faces that the kernel's grid cannot hold: through the near plane, far beyond the image's rim, or thousands of pixels
-// large. Few, so drawn in double precision and without haste.
+// Draws the few faces that the kernel's fixed-point grid cannot represent: those that cross the near plane, reach far
+// beyond the image border, or span thousands of pixels. Uses double precision; speed does not matter here.
 #ifndef TESSERA_WORKER_VISIBILITY_UNBOUNDED_FACE_H_
 #define TESSERA_WORKER_VISIBILITY_UNBOUNDED_FACE_H_
 
@@ -9,8 +9,8 @@
 
 namespace tessera {
 
-// Draws face `f` with this id. An edge with both ends on the grid is decided as the kernel does, bit for bit; an edge
-// with an end off the grid is the same for both of its faces, which are both drawn here.
+// Draws face `f` with this id. Edges with both ends on the grid are tested exactly as in the kernel, bit for bit.
+// Both faces of an edge with an end off the grid are drawn here, so they agree as well.
 void DrawUnboundedFace(const TriangleMesh& mesh, uint32_t f, const GridVertex* vertices, const PosedCamera& camera,
                        double near_m, int32_t id, const DrawTarget& target);
 

@@ -25,14 +25,14 @@ void MarkNotLookedAt(const ViewGroups& groups, size_t view, FaceMap* map) {
 }
 
 void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
-  // Along the rows first, then down the columns: whether a mark is as near as the margin.
+  // A separable dilation of the own pixels: along rows first, then along columns.
   const int width = map->width, height = map->height;
-  std::vector<uint8_t> wide(map->face.size(), 0), has(height, 0);  // pixels, rows
+  std::vector<uint8_t> wide(map->face.size(), 0), has(height, 0);  // pixels, rows with any
   ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {
     for (int64_t y = begin; y < end; ++y) {
       const int32_t* face = map->face.data() + y * width;
       uint8_t* row = wide.data() + y * width;
-      int marked = 0;  // all before it is done
+      int marked = 0;  // columns before it are final
       for (int x = 0; x < width; ++x) {
         if (face[x] < 0 || !own[face[x]]) continue;
         const int first = std::max(marked, x - margin_px), last = std::min(width, x + margin_px + 1);
@@ -43,7 +43,7 @@ void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map) {
     }
   });
   ParallelFor(height, kRowGrain, [&](int64_t begin, int64_t end) {
-    std::vector<int32_t> last(width, std::numeric_limits<int32_t>::min());  // row with a mark, of those so far
+    std::vector<int32_t> last(width, std::numeric_limits<int32_t>::min());  // per column: last row with a set pixel
     const auto take = [&](int64_t z) {
       if (z < 0 || z >= height || !has[z]) return;
       const uint8_t* row = wide.data() + z * width;

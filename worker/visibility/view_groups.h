@@ -1,4 +1,4 @@
-// What views see but do not look at, for every tile that has it alike.
+// View selection per group of faces, and masks on face maps.
 #ifndef TESSERA_WORKER_VISIBILITY_VIEW_GROUPS_H_
 #define TESSERA_WORKER_VISIBILITY_VIEW_GROUPS_H_
 
@@ -11,20 +11,21 @@
 
 namespace tessera {
 
-// Which views look at which faces: decided on the ground, so that every tile that has a face asks the same views.
+// Which views are selected for which faces. The selection is made per ground cell, so that every tile that contains a
+// face uses the same views for it.
 struct ViewGroups {
-  std::vector<uint32_t> group_of_face;      // empty: every view looks at every face
-  std::vector<std::vector<uint8_t>> looks;  // of each group, one flag a view
+  std::vector<uint32_t> group_of_face;      // empty: every view is selected for every face
+  std::vector<std::vector<uint8_t>> looks;  // per group: one flag per view, 1 if selected
 };
 
-// What FaceMap::face has where a view sees a face that it does not look at.
+// FaceMap::face at pixels where a view sees a face for which it is not selected.
 inline constexpr int32_t kNotLookedAt = std::numeric_limits<int32_t>::min();
 
-// Marks such pixels of what `view` sees. Depths stay.
+// Marks such pixels in the map of `view`. Depths stay.
 void MarkNotLookedAt(const ViewGroups& groups, size_t view, FaceMap* map);
 
-// Sets FaceMap::face to -1 at every pixel that lies more than `margin_px` rows or columns from all pixels of faces with
-// a flag in `own`. Depths stay.
+// Sets FaceMap::face to -1 at every pixel that lies more than `margin_px` rows or columns from all pixels of faces
+// with a flag in `own`. Depths stay.
 void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map);
 
 }  // namespace tessera

@@ -21,16 +21,16 @@ std::vector<ChangeArea> Find(const ChangeRaster& raster, const ChangeAreaOptions
   return FindChangeAreas({&raster, 1}, refined, kPaintedRoles, kAreaGsd_m, options);
 }
 
-TEST(ChangeAreas, NothingIsFoundWhereNothingChanged) { EXPECT_TRUE(Find(Flat()).empty()); }
+TEST(ChangeAreas, UnchangedSurfaceHasNoAreas) { EXPECT_TRUE(Find(Flat()).empty()); }
 
-TEST(ChangeAreas, AHouseHasItsFigures) {
+TEST(ChangeAreas, NewHouseHasTheRightStatistics) {
   ChangeRaster raster = Flat();
   Paint(&raster, {0, 60, 20, 72}, 10, 0, 16, 2);
   const std::vector<ChangeArea> areas = Find(raster);
   ASSERT_EQ(areas.size(), 1u);
   const ChangeArea& area = areas[0];
   EXPECT_EQ(area.kind, ChangeKind::kBuilt);
-  // Its four corner cells are rounded off.
+  // The majority filter removes the four corner cells.
   EXPECT_NEAR(area.area_m2, 10 * 6, 1.01);
   EXPECT_NEAR(SignedArea(area.outline.outer), area.area_m2, 1.01);
   EXPECT_NEAR(area.place.x(), 5, 1e-9);
@@ -64,7 +64,7 @@ TEST(ChangeAreas, OutlinesEncloseTheCells) {
   EXPECT_LT(simple[0].outline.outer.size(), areas[0].outline.outer.size());
 }
 
-TEST(ChangeAreas, KindsFollowHeightsAndClasses) {
+TEST(ChangeAreas, KindDependsOnHeightsAndClasses) {
   ChangeRaster raster = Flat();
   Paint(&raster, {-25, 45, -10, 60}, 10, 0, 15, 2);
   Paint(&raster, {0, 45, 15, 60}, 15, 1, 10, 0);
@@ -83,12 +83,12 @@ TEST(ChangeAreas, KindsFollowHeightsAndClasses) {
   EXPECT_EQ(areas[4].label_after, 3);
 }
 
-TEST(ChangeAreas, SliversAndSmallAreasDropOut) {
+TEST(ChangeAreas, NarrowAndSmallAreasAreDropped) {
   ChangeRaster raster = Flat();
   Paint(&raster, {-20, 45, 40, 49}, 10, 0, 16, 2);   // 60 m2, 2 m wide
   Paint(&raster, {-20, 60, -11, 69}, 10, 0, 16, 2);  // 20 m2
   EXPECT_TRUE(Find(raster).empty());
-  // A sliver beside a house does not make it longer.
+  // A narrow part next to a house does not extend it.
   Paint(&raster, {-20, 80, 0, 100}, 10, 0, 16, 2);
   Paint(&raster, {0, 80, 40, 83}, 10, 0, 16, 2);
   const std::vector<ChangeArea> areas = Find(raster);
@@ -99,9 +99,9 @@ TEST(ChangeAreas, SliversAndSmallAreasDropOut) {
   EXPECT_EQ(Find(raster, options).size(), 2u);
 }
 
-TEST(ChangeAreas, WeakDifferencesCountBesideStrongOnes) {
+TEST(ChangeAreas, WeakDifferencesCountOnlyNextToStrongOnes) {
   ChangeRaster raster = Flat();
-  Paint(&raster, {-20, 45, 0, 65}, 10, 0, 11.2f, 2);  // between weak and strong
+  Paint(&raster, {-20, 45, 0, 65}, 10, 0, 11.2f, 2);  // between the weak and the strong threshold
   EXPECT_TRUE(Find(raster).empty());
   Paint(&raster, {-8, 45, 0, 65}, 10, 0, 14, 2);
   const std::vector<ChangeArea> areas = Find(raster);
@@ -109,7 +109,7 @@ TEST(ChangeAreas, WeakDifferencesCountBesideStrongOnes) {
   EXPECT_NEAR(areas[0].area_m2, 100, 2);
 }
 
-TEST(ChangeAreas, WhatTheImagesDoNotBearOutIsNoChange) {
+TEST(ChangeAreas, AreasNeedAgreementOfTheNewImages) {
   ChangeRaster raster = Flat();
   Paint(&raster, {0, 60, 20, 72}, 10, 0, 16, 2);
   ChangeRaster doubtful = raster;
@@ -134,11 +134,11 @@ TEST(ChangeAreas, ClassesNeedAMarginAndRoofsMayShowFacades) {
   EXPECT_TRUE(Find(roof).empty());
 }
 
-TEST(ChangeAreas, TilesInAnyOrderGiveTheSameAreas) {
+TEST(ChangeAreas, ResultIsIndependentOfTheOrderOfTiles) {
   ChangeRaster whole = Flat();
   Paint(&whole, {0, 60, 20, 72}, 10, 0, 16, 2);
   Paint(&whole, {-20, 76, 30, 90}, 14, 2, 10, 0);
-  // The same in four tiles that cut both areas.
+  // The same raster in four tiles whose borders cross both areas.
   std::vector<ChangeRaster> tiles;
   for (const CellRect& part :
        {CellRect{8, 66, 50, 120}, CellRect{-30, 40, 8, 66}, CellRect{8, 40, 50, 66}, CellRect{-30, 66, 8, 120}}) {
@@ -162,7 +162,7 @@ TEST(ChangeAreas, TilesInAnyOrderGiveTheSameAreas) {
   }
 }
 
-TEST(ChangeAreas, TellsWhatTheRefinedMeshFollows) {
+TEST(ChangeAreas, MarksAreasThatTheRefinedMeshFollows) {
   ChangeRaster raster = Flat();
   Paint(&raster, {-20, 60, 0, 72}, 10, 0, 16, 2);
   Paint(&raster, {20, 60, 40, 72}, 10, 0, 10, 3);
@@ -173,7 +173,7 @@ TEST(ChangeAreas, TellsWhatTheRefinedMeshFollows) {
   };
   EXPECT_THAT(followed(raster.before), testing::ElementsAre(false, false));
   EXPECT_THAT(followed(raster.after), testing::ElementsAre(true, true));
-  // Of a city from which a tile was not refined anew.
+  // A city in which one tile was not refined again.
   SurfaceRaster half(CellRect{-30, 40, 10, 200}, kCell_m);
   for (int y = 40; y < 120; ++y) {
     for (int x = -30; x < 10; ++x) {
@@ -185,7 +185,7 @@ TEST(ChangeAreas, TellsWhatTheRefinedMeshFollows) {
   EXPECT_THAT(followed(half), testing::ElementsAre(true, false));
 }
 
-TEST(ChangeAreas, RolesGoByNames) {
+TEST(ClassRoles, AreDerivedFromClassNames) {
   std::vector<SceneClass> classes(5);
   const char* const names[] = {"water", "vegetation", "facade", "ground", "roof"};
   for (size_t i = 0; i < classes.size(); ++i) classes[i].name = names[i];

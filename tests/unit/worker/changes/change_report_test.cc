@@ -40,7 +40,7 @@ class ChangeReportTest : public testing::Test {
   std::vector<ChangeArea> areas_;
 };
 
-TEST_F(ChangeReportTest, JsonHasAllFigures) {
+TEST_F(ChangeReportTest, JsonHasAllFields) {
   Place({}, {5000, 3000, 0});
   areas_[1].followed = false;
   areas_[1].outdated_faces = 7;
@@ -77,7 +77,7 @@ TEST_F(ChangeReportTest, JsonHasAllFigures) {
     EXPECT_NEAR(unfollowed["new_mesh"]["box"][1][k], high[k], 0.01);
   }
   EXPECT_FALSE(area.contains("lon_lat"));
-  // The scene's own coordinates, not the local frame's.
+  // In the scene's own coordinates, not the local frame.
   const Eigen::Vector3d place = scene_.frame.SceneFromLocal({10, 10, 16});
   EXPECT_GT(place.norm(), 1000);
   EXPECT_NEAR(area["place"][0], place.x(), 0.01);
@@ -85,7 +85,7 @@ TEST_F(ChangeReportTest, JsonHasAllFigures) {
   EXPECT_EQ(area["rings"][0].size(), areas_[0].outline.outer.size());
 }
 
-TEST_F(ChangeReportTest, GeoJsonOfALocalSceneIsInItsCoordinates) {
+TEST_F(ChangeReportTest, GeoJsonOfALocalSceneIsInSceneCoordinates) {
   Place({}, {5000, 3000, 0});
   const auto json = nlohmann::json::parse(ChangesGeoJson(Report()));
   EXPECT_EQ(json["type"], "FeatureCollection");
@@ -103,7 +103,7 @@ TEST_F(ChangeReportTest, GeoJsonOfALocalSceneIsInItsCoordinates) {
   EXPECT_EQ(json["features"][1]["properties"]["height_difference_m"], -4.0);
 }
 
-TEST_F(ChangeReportTest, GeoJsonOfASceneOnEarthIsLongitudeAndLatitude) {
+TEST_F(ChangeReportTest, GeoJsonOfAGeoreferencedSceneIsInLongitudeAndLatitude) {
   Crs crs;
   crs.kind = Crs::Kind::kEnu;
   crs.lat_rad = 47.4 * kDegree;
@@ -111,7 +111,7 @@ TEST_F(ChangeReportTest, GeoJsonOfASceneOnEarthIsLongitudeAndLatitude) {
   Place(crs, {0, 0, 0});
   const auto json = nlohmann::json::parse(ChangesGeoJson(Report()));
   EXPECT_EQ(json["tessera_coordinates"], "wgs84");
-  // 111 km a degree, near the origin.
+  // 111 km per degree near the origin.
   const auto& p = json["features"][0]["geometry"]["coordinates"][0][0];
   const Eigen::Vector2d local = areas_[0].outline.outer[0];
   EXPECT_NEAR(p[0], 8.5 + local.x() / (111320 * std::cos(47.4 * kDegree)), 1e-6);
@@ -120,11 +120,11 @@ TEST_F(ChangeReportTest, GeoJsonOfASceneOnEarthIsLongitudeAndLatitude) {
   EXPECT_NEAR(report["areas"][0]["lon_lat"][0], 8.5 + 10 / (111320 * std::cos(47.4 * kDegree)), 1e-6);
 }
 
-TEST_F(ChangeReportTest, ThePictureHasTheKindsColoursWhereTheyAre) {
+TEST_F(ChangeReportTest, ImageShowsEachAreaInTheColourOfItsKind) {
   const ByteImage image = DrawChanges(Report(), 600);
   EXPECT_EQ(image.width, 600);
   EXPECT_EQ(image.height, 400);
-  // North is up: the middle of the house, 20 cells from either corner, and the felled tree.
+  // North is up. Check the middle of the house, 20 cells from either corner, and the felled tree.
   const auto reddest = [&](int x, int y) { return image.at(x, y, 0) > image.at(x, y, 2) + 60; };
   EXPECT_TRUE(reddest(200, 200));
   EXPECT_GT(image.at(200, 200, 0), image.at(200, 200, 1) + 60);

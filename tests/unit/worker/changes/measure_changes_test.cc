@@ -1,4 +1,4 @@
-// Heights and labels from photographs of a painted town, and what is found in them.
+// Heights and labels measured in rendered images of a synthetic town.
 #include "worker/changes/measure_changes.h"
 
 #include <gmock/gmock.h>
@@ -100,7 +100,7 @@ TEST(MeasureChanges, FindsNothingWhereNothingChanged) {
   EXPECT_LT(moved, known / 50);
 }
 
-TEST(MeasureChanges, FindsAChangeOfClassAlone) {
+TEST(MeasureChanges, FindsAChangeOfClassWithoutAChangeOfHeight) {
   TriangleMesh before = PaintedTown({kHouse}), after = before;
   AddQuad(&after, {28, 20, 0.01}, {36, 20, 0.01}, {36, 29, 0.01}, {28, 29, 0.01}, 3);
   const ChangeRaster raster = Measure(before, Photographs(after, TownFlight()));
@@ -114,7 +114,7 @@ TEST(MeasureChanges, FindsAChangeOfClassAlone) {
   EXPECT_EQ(areas[0].volume_m3, 0);
 }
 
-TEST(MeasureChanges, NeedsNoLikelihoods) {
+TEST(MeasureChanges, WorksWithoutLikelihoods) {
   TriangleMesh before = PaintedTown({kHouse});
   before.labels.clear();
   const ChangeRaster raster =
@@ -125,12 +125,12 @@ TEST(MeasureChanges, NeedsNoLikelihoods) {
   EXPECT_EQ(areas[0].label_before, kNoLabel);
 }
 
-TEST(MeasureChanges, WhatOneViewSeesIsNotKnown) {
+TEST(MeasureChanges, CellsSeenByOneViewAreUnknown) {
   const TriangleMesh town = PaintedTown({kNewHouse});
   const ChangeRaster alone = Measure(PaintedTown({}), Photographs(town, {Overhead(0, 0)}));
   for (const float h : alone.after.height_m) EXPECT_TRUE(std::isnan(h));
   EXPECT_TRUE(Areas(alone).empty());
-  // Two that overlap in the middle: the rims are not known, and no change.
+  // Two overlapping views: cells outside the overlap are unknown and no change.
   const ChangeRaster two = Measure(PaintedTown({}), Photographs(PaintedTown({}), {Overhead(-10, 0), Overhead(10, 0)}));
   const auto at = [&](double x, double y) {
     return two.after.height_m[static_cast<size_t>((y + 20) / 0.5) * 80 + static_cast<size_t>((x + 20) / 0.5)];
@@ -141,8 +141,8 @@ TEST(MeasureChanges, WhatOneViewSeesIsNotKnown) {
   EXPECT_TRUE(Areas(two).empty());
 }
 
-TEST(MeasureChanges, GroundThatATallHouseHidesIsNotKnown) {
-  // All cameras stand to the left, so that the ground to the right of the tower shows in none.
+TEST(MeasureChanges, OccludedGroundIsUnknown) {
+  // All cameras are on the left, so the ground to the right of the tower is visible in none.
   const TriangleMesh town = PaintedTown({{0, -10, 3, 10, 12}});
   const std::vector<ChangeView> views = Photographs(town, {Overhead(-14, -6), Overhead(-14, 6), Overhead(-18, 0)});
   const ChangeRaster raster = Measure(town, views);
@@ -156,8 +156,8 @@ TEST(MeasureChanges, GroundThatATallHouseHidesIsNotKnown) {
   EXPECT_TRUE(Areas(raster).empty());
 }
 
-TEST(MeasureChanges, WhatOneViewAloneWouldShowIsNotGone) {
-  // Both views see the ground, but the roof, nearer to them, would be outside of the left one's image.
+TEST(MeasureChanges, OldSurfaceVisibleInOneViewOnlyIsNotDemolished) {
+  // Both views see the ground, but the roof, which is nearer, would be outside the left view's image.
   const TownBox tower{9, -5, 13, 5, 12};
   const ChangeRaster raster =
       Measure(PaintedTown({tower}), Photographs(PaintedTown({}), {Overhead(-10, 0), Overhead(10, 0)}));
@@ -169,7 +169,7 @@ TEST(MeasureChanges, WhatOneViewAloneWouldShowIsNotGone) {
   EXPECT_TRUE(Areas(raster).empty());
 }
 
-TEST(MeasureChanges, ThreadsChangeNoByte) {
+TEST(MeasureChanges, ResultIsIndependentOfThreads) {
   const TriangleMesh before = PaintedTown({kHouse});
   const std::vector<ChangeView> views = Photographs(PaintedTown({kHouse, kNewHouse}), TownFlight());
   ChangeRaster one, many;
@@ -184,8 +184,8 @@ TEST(MeasureChanges, ThreadsChangeNoByte) {
   EXPECT_TRUE(Same(one, many));
 }
 
-TEST(MeasureChanges, PartsOfTheGroundAndOfTheViewsGiveTheSameBytes) {
-  // Moved onto the corner of four blocks.
+TEST(MeasureChanges, ResultIsIndependentOfTheDivisionIntoTiles) {
+  // Shifted to the corner of four blocks.
   const Eigen::Vector3d shift(20, 24, 0);
   TriangleMesh before = PaintedTown({kHouse}), after = PaintedTown({kHouse, kNewHouse});
   for (Eigen::Vector3d& p : before.vertices) p += shift;
@@ -205,7 +205,7 @@ TEST(MeasureChanges, PartsOfTheGroundAndOfTheViewsGiveTheSameBytes) {
   EXPECT_TRUE(Same(whole, MergeRasters(parts)));
 }
 
-TEST(MeasureChanges, AWindowOfTheImageDoes) {
+TEST(MeasureChanges, ImageWindowsGiveTheSameResult) {
   const TriangleMesh before = PaintedTown({});
   const std::vector<ChangeView> views = Photographs(PaintedTown({kNewHouse}), TownFlight());
   const auto crop = [](const FloatImage& image, int x0, int y0, int width, int height) {

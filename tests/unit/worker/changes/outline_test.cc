@@ -16,7 +16,7 @@ double Area(const Outline& outline) {
   return area;
 }
 
-TEST(Outline, OfASquareIsItsCorners) {
+TEST(Outline, OfASquareHasFourCorners) {
   const Outline outline = TraceOutline({{3, 4}, {4, 4}, {3, 5}, {4, 5}});
   ASSERT_EQ(outline.outer.size(), 4u);
   EXPECT_TRUE(outline.holes.empty());
@@ -25,8 +25,9 @@ TEST(Outline, OfASquareIsItsCorners) {
   for (const Eigen::Vector2d& p : outline.outer) EXPECT_TRUE(corners.count({p.x(), p.y()}));
 }
 
-TEST(Outline, HasHolesAndCellsThatTouchAtCorners) {
-  // A ring of cells around two holes that touch at a corner, and a gap at the rim that touches the outside likewise.
+TEST(Outline, SupportsHolesAndCellsThatTouchAtCorners) {
+  // A ring of cells around two holes that touch at a corner, and a gap at the border that touches the outside at a
+  // corner.
   std::vector<Eigen::Vector2i> cells;
   const std::set<std::pair<int, int>> gaps = {{1, 1}, {2, 2}, {0, 3}};
   for (int y = 0; y < 5; ++y) {
@@ -50,7 +51,7 @@ TEST(Outline, EnclosesExactlyTheCells) {
       }
     }
     if (set.empty()) continue;
-    // The part around the first cell.
+    // The connected component of the first cell.
     std::vector<Eigen::Vector2i> cells;
     std::queue<std::pair<int, int>> next;
     next.push(*set.begin());
@@ -70,7 +71,7 @@ TEST(Outline, EnclosesExactlyTheCells) {
   }
 }
 
-TEST(Outline, StairsBecomeALine) {
+TEST(SimplifyRing, TurnsStairsIntoALine) {
   std::vector<Eigen::Vector2i> cells;
   for (int y = 0; y < 20; ++y) {
     for (int x = 0; x <= y; ++x) cells.emplace_back(x, y);

@@ -1,4 +1,4 @@
-// Rasters of changes painted by hand.
+// Synthetic change rasters for tests.
 #ifndef TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_RASTER_H_
 #define TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_RASTER_H_
 
@@ -12,7 +12,7 @@ namespace tessera {
 inline const std::vector<ClassRole> kPaintedRoles = {ClassRole::kGround, ClassRole::kBuilding, ClassRole::kBuilding,
                                                      ClassRole::kVegetation};
 
-// Flat ground of class 0 at height 10, unchanged, well seen.
+// Flat, unchanged ground of class 0 at height 10 with high agreement.
 inline ChangeRaster FlatRaster(const CellRect& cells, double cell_m) {
   ChangeRaster raster(cells, cell_m);
   raster.before.height_m.assign(raster.before.size(), 10.0f);
@@ -24,7 +24,7 @@ inline ChangeRaster FlatRaster(const CellRect& cells, double cell_m) {
   return raster;
 }
 
-// In the cells of `part`, from one surface to another.
+// Sets the old and the new surface in the cells of `part`.
 inline void Paint(ChangeRaster* raster, const CellRect& part, float before_m, uint8_t before_label, float after_m,
                   uint8_t after_label) {
   for (int y = part.y0; y < part.y1; ++y) {

@@ -1,4 +1,4 @@
-// Ground with boxes on it, photographed from above and classified: what changes are looked for in.
+// A synthetic town for change detection: ground with boxes, rendered and classified from above.
 #ifndef TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_TOWN_H_
 #define TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_TOWN_H_
 
@@ -31,10 +31,10 @@ inline void AddQuad(TriangleMesh* mesh, const Eigen::Vector3d& a, const Eigen::V
   mesh->labels.insert(mesh->labels.end(), {label, label});
 }
 
-// Where the town's middle lies: its 80 x 80 cells of 0.5 m are in one block.
+// The town's centre, placed so that its 80 x 80 cells of 0.5 m are in one block.
 inline const Eigen::Vector3d kTownMiddle(24, 24, 0);
 
-// Ground of 40 x 40 m at height 0, boxes on it, which are given from the town's middle.
+// Ground of 40 x 40 m at height 0 with boxes, whose coordinates are relative to the town's centre.
 inline TriangleMesh PaintedTown(const std::vector<TownBox>& boxes) {
   TriangleMesh mesh;
   AddQuad(&mesh, {-20, -20, 0}, {20, -20, 0}, {20, 20, 0}, {-20, 20, 0}, 0);
@@ -52,7 +52,7 @@ inline TriangleMesh PaintedTown(const std::vector<TownBox>& boxes) {
 
 inline constexpr double kTownGsd_m = 0.2;
 
-// Looking straight down from (x, y) off the town's middle at 40 m, 240 x 180 pixels: 48 x 36 m of ground.
+// A nadir camera at (x, y) from the town's centre and 40 m height, 240 x 180 pixels: 48 x 36 m of ground.
 inline PosedCamera Overhead(double x, double y) {
   PosedCamera camera;
   camera.intrinsics = {240, 180, 200, 200, 120, 90};
@@ -69,7 +69,7 @@ inline std::vector<PosedCamera> TownFlight() {
   return cameras;
 }
 
-// Detail from half a metre up, values about 0.2 to 0.8.
+// Texture with detail of half a metre and coarser, values about 0.2 to 0.8.
 inline double TownTexture(const Eigen::Vector3d& p) {
   double value = 0.5;
   const double direction[8][3] = {{1, 0.3, 0.5}, {-0.4, 1, 0.2}, {0.7, -0.8, 1}, {0.2, 0.9, -0.6},
@@ -82,7 +82,7 @@ inline double TownTexture(const Eigen::Vector3d& p) {
   return value;
 }
 
-// What the cameras see of `mesh`, with noise: pictures, and likelihoods that name the true class with 0.7.
+// Renders `mesh` with noise: images, and likelihoods of 0.7 for the true class.
 inline std::vector<ChangeView> Photographs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
                                            int classes = 4) {
   std::vector<ChangeView> views;

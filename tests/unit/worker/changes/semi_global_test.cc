@@ -24,8 +24,8 @@ std::vector<int> Best(const CostVolume& volume, const std::vector<int16_t>& sum)
   return best;
 }
 
-// Equation 13 of the paper as it stands, one path from the left to the right.
-TEST(SemiGlobal, ARowIsBothItsPathsByTheBook) {
+// Equation 13 of the paper, implemented literally for one path from left to right.
+TEST(SemiGlobal, RowMatchesEquation13) {
   const CostVolume volume = RandomCosts(9, 1, 6);
   const SmoothPenalties penalties{7, 23, 23};
   const auto path = [&](bool reverse) {
@@ -48,12 +48,12 @@ TEST(SemiGlobal, ARowIsBothItsPathsByTheBook) {
   const auto right = path(false), left = path(true);
   const std::vector<int16_t> sum = AggregateCosts(volume, {}, penalties);
   for (int x = 0; x < 9; ++x) {
-    // The other six paths begin at every cell.
+    // The other six paths have length one in a raster of one row.
     for (int d = 0; d < 6; ++d) EXPECT_EQ(sum[x * 6 + d], right[x][d] + left[x][d] + 6 * volume.At(x, 0)[d]);
   }
 }
 
-TEST(SemiGlobal, WithoutPenaltiesEveryCellIsAlone) {
+TEST(SemiGlobal, ZeroPenaltiesDecoupleTheCells) {
   const CostVolume volume = RandomCosts(7, 5, 9);
   const std::vector<int16_t> sum = AggregateCosts(volume, {}, {0, 0, 0});
   for (size_t i = 0; i < sum.size(); ++i) EXPECT_EQ(sum[i], 8 * volume.cost[i]);

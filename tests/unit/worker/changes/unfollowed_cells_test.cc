@@ -5,9 +5,9 @@
 namespace tessera {
 namespace {
 
-TEST(UnfollowedCells, HaveTheAreasThatAreNotFollowedAndTheirRims) {
+TEST(UnfollowedCells, ContainUnfollowedAreasAndAdjacentCells) {
   std::vector<ChangeArea> areas(4);
-  areas[0].cells = {{-4, 2}};  // nobody asked
+  areas[0].cells = {{-4, 2}};  // followed not set
   areas[1].cells = {{0, 2}};
   areas[1].followed = true;
   areas[2].cells = {{4, 2}};

@@ -1,4 +1,4 @@
-// Passes over meshes on disk give what the same passes in memory give, whatever fits into memory at a time.
+// Passes over meshes on disk give the same results as in memory, for any part size.
 #include "worker/city/disk_mesh.h"
 
 #include <gtest/gtest.h>
@@ -53,7 +53,7 @@ void ExpectSame(const DefectCount& a, const DefectCount& b) {
   EXPECT_EQ(a.first, b.first);
 }
 
-TEST(RepairOnDisk, IsRepairMeshForAnySizeOfParts) {
+TEST(RepairOnDisk, EqualsRepairMeshForAnyPartSize) {
   int64_t copies = 0, set_aside = 0;
   for (uint64_t seed = 0; seed < 60; ++seed) {
     const TriangleMesh mesh = Mess(seed);
@@ -83,10 +83,10 @@ TEST(RepairOnDisk, IsRepairMeshForAnySizeOfParts) {
   EXPECT_GT(set_aside, 0);
 }
 
-TEST(SplitOnDisk, IsSplitLargeFacesForAnySizeOfChunks) {
+TEST(SplitOnDisk, EqualsSplitLargeFacesForAnyChunkSize) {
   const TinyScene scene = MakeTinyScene();
   TriangleMesh mesh = scene.mesh;
-  // An order of faces without locality, too.
+  // Also with an order of faces without locality.
   Random random(1);
   TriangleMesh shuffled = mesh;
   for (size_t f = shuffled.faces.size(); f > 1; --f) {
@@ -111,7 +111,7 @@ TEST(SplitOnDisk, IsSplitLargeFacesForAnySizeOfChunks) {
   }
 }
 
-TEST(ReadMeshToDisk, IsLoadSceneMeshOnTheLocalGrid) {
+TEST(ReadMeshToDisk, EqualsLoadSceneMeshOnTheLocalGrid) {
   const std::string folder = FreshTestFolder("to_disk");
   TinySceneOptions options;
   options.offset = {357000.25, 5788000.1, 40};
@@ -132,7 +132,7 @@ TEST(ReadMeshToDisk, IsLoadSceneMeshOnTheLocalGrid) {
   EXPECT_EQ(ReadMeshToDisk(*scene, folder).status().message(), LoadSceneMesh(*scene, 0).status().message());
 }
 
-TEST(CoarsenMesh, KeepsWithinItsBoundAndHasEachFaceOnce) {
+TEST(CoarsenMesh, StaysWithinItsErrorBoundAndHasNoDuplicateFaces) {
   const TinyScene scene = MakeTinyScene();
   const SplitMesh fine = SplitLargeFaces(scene.mesh, scene.cameras, {.max_footprint_px2 = 1, .max_rounds = 8});
   const auto coarse = CoarsenMesh(fine.mesh, 400, testing::TempDir());

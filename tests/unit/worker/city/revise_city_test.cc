@@ -1,4 +1,4 @@
-// A city whose mesh changes in places: what stays keeps its ids and its split, and there are no cracks beside it.
+// Updates of a city whose mesh changes in places: kept faces keep their ids and split, and the surface has no cracks.
 #include "worker/city/revise_city.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ DiskMesh Repaired(const TriangleMesh& mesh) {
   return *RepairOnDisk(ToDisk(mesh), testing::TempDir(), DiskPassOptions(), &defects);
 }
 
-// Hilly ground of squares of 4 m.
+// Hilly ground of 4 m squares.
 TriangleMesh Hills(Random* random) {
   TriangleMesh mesh;
   for (int y = 0; y <= kSide; ++y) {
@@ -42,7 +42,7 @@ TriangleMesh Hills(Random* random) {
   return mesh;
 }
 
-// Looking down, so that faces are split here more, there less.
+// Nadir cameras at several heights, so that faces are split unevenly.
 std::vector<PosedCamera> Cameras(Random* random) {
   std::vector<PosedCamera> cameras;
   for (int i = 0; i < 3; ++i) {
@@ -85,7 +85,7 @@ RevisedCity Revise(const CityReader& city, const TriangleMesh& base, const Trian
   return *std::move(revised);
 }
 
-// The same surface, its vertices and faces in another order.
+// The same surface with permuted vertices and faces.
 TriangleMesh Shuffled(const TriangleMesh& mesh, Random* random) {
   const auto order = [&](size_t count) {
     std::vector<uint32_t> to(count);
@@ -104,7 +104,7 @@ TriangleMesh Shuffled(const TriangleMesh& mesh, Random* random) {
   return out;
 }
 
-// A district changes: houses come and go, one face is missing, labels change.
+// Changes a district: adds and removes houses, deletes a face, changes labels.
 TriangleMesh Changed(TriangleMesh mesh, Random* random) {
   const int x0 = static_cast<int>(random->Below(kSide - 4)), y0 = static_cast<int>(random->Below(kSide - 4));
   for (int y = y0; y < y0 + 3; ++y) {
@@ -135,7 +135,7 @@ double RimLength(const MeshSpans& mesh) {
   return length;
 }
 
-// What the city's faces are, by id.
+// The city's faces by id.
 struct KnownFace {
   std::array<std::array<double, 3>, 3> corners;
   Triangle vertices;
@@ -159,8 +159,8 @@ std::map<uint32_t, KnownFace> FacesOf(const CityReader& city) {
   return faces;
 }
 
-// `revised` is a split of `now` without cracks, and what it has of `city`'s ids is what they were.
-void ExpectTakenOn(const CityReader& city, const TriangleMesh& now, const RevisedCity& revised) {
+// Expects `revised` to be a split of `now` without cracks, in which reused ids of `city` stand for the same faces.
+void ExpectValidUpdate(const CityReader& city, const TriangleMesh& now, const RevisedCity& revised) {
   const MeshSpans mesh = revised.mesh.spans();
   const DiskMesh repaired = Repaired(now);
   EXPECT_NEAR(RimLength(mesh), RimLength(repaired.spans()), 1e-6) << "no cracks";
@@ -202,7 +202,7 @@ void ExpectTakenOn(const CityReader& city, const TriangleMesh& now, const Revise
   EXPECT_EQ(cells, revised.changed_cells);
 }
 
-TEST(ReviseCity, TheSameMeshInAnyOrderIsTheSameCity) {
+TEST(ReviseCity, ReorderedMeshGivesTheSameCity) {
   Random random(1);
   const TriangleMesh mesh = Hills(&random);
   const CityReader city = CityOf(mesh, Cameras(&random));
@@ -211,10 +211,10 @@ TEST(ReviseCity, TheSameMeshInAnyOrderIsTheSameCity) {
   const RevisedCity revised = Revise(city, mesh, now, Cameras(&random));
   EXPECT_TRUE(revised.changed_cells.empty());
   EXPECT_TRUE(FacesOf(Write(revised.spans())) == FacesOf(city));
-  ExpectTakenOn(city, now, revised);
+  ExpectValidUpdate(city, now, revised);
 }
 
-TEST(ReviseCity, WhatStaysKeepsItsIdsAndThereAreNoCracksBesideIt) {
+TEST(ReviseCity, KeptFacesKeepTheirIdsWithoutCracks) {
   for (uint64_t seed = 0; seed < 12; ++seed) {
     SCOPED_TRACE(seed);
     Random random(seed);
@@ -222,22 +222,22 @@ TEST(ReviseCity, WhatStaysKeepsItsIdsAndThereAreNoCracksBesideIt) {
     const CityReader city = CityOf(mesh, Cameras(&random));
     const TriangleMesh now = Shuffled(Changed(mesh, &random), &random);
     const RevisedCity revised = Revise(city, mesh, now, Cameras(&random));
-    ExpectTakenOn(city, now, revised);
-    std::set<uint32_t> fresh;  // faces of the file
+    ExpectValidUpdate(city, now, revised);
+    std::set<uint32_t> fresh;  // of the file
     for (size_t f = static_cast<size_t>(revised.kept_faces); f < revised.face_ids.size(); ++f) {
       fresh.insert(revised.mesh.input_face[f]);
     }
     EXPECT_GE(fresh.size(), 15u) << "vertices of the district that moved have 32 faces about them at most";
     EXPECT_LE(fresh.size(), 33u);
-    // And once more, by which ids have gaps.
+    // Update again, now with gaps between ids.
     const CityReader second = Write(revised.spans());
     const TriangleMesh last = Shuffled(Changed(mesh, &random), &random);
-    ExpectTakenOn(second, last, Revise(second, now, last, Cameras(&random)));
+    ExpectValidUpdate(second, last, Revise(second, now, last, Cameras(&random)));
   }
 }
 
-TEST(ReviseCity, FansThatComeApartAreNew) {
-  // Two faces that hang together by a corner alone are two fans after repair, and were one.
+TEST(ReviseCity, SeparatedFansGetNewIds) {
+  // Two faces that share only a corner are two fans after repair; before, they were one.
   Random random(3);
   const TriangleMesh mesh = Hills(&random);
   const CityReader city = CityOf(mesh, Cameras(&random));
@@ -248,7 +248,7 @@ TEST(ReviseCity, FansThatComeApartAreNew) {
     if (std::find(now.faces[f].begin(), now.faces[f].end(), corner) != now.faces[f].end()) about.push_back(f);
   }
   ASSERT_EQ(about.size(), 6u);
-  // Faces about a corner by angle: every third stays.
+  // The faces around a vertex by angle; every third stays.
   std::sort(about.begin(), about.end(), [&](size_t a, size_t b) {
     const auto angle = [&](size_t f) {
       const MeshSpans spans(mesh);
@@ -264,11 +264,11 @@ TEST(ReviseCity, FansThatComeApartAreNew) {
     now.labels.erase(now.labels.begin() + static_cast<std::ptrdiff_t>(f));
   }
   const RevisedCity revised = Revise(city, mesh, now, Cameras(&random));
-  ExpectTakenOn(city, now, revised);
+  ExpectValidUpdate(city, now, revised);
   EXPECT_GT(static_cast<int64_t>(revised.face_ids.size()), revised.kept_faces) << "the two faces are new";
 }
 
-TEST(ReviseCity, ACityThatIsNoSplitOfTheMeshIsRefused) {
+TEST(ReviseCity, RejectsACityThatIsNotASplitOfTheMesh) {
   Random random(4);
   const TriangleMesh mesh = Hills(&random);
   TriangleMesh less = mesh;

@@ -1,4 +1,4 @@
-// An update's views: which are the base's, which are new, which are gone.
+// Views of an update: matched with the base's, added, withdrawn.
 #include "worker/city/update_survey.h"
 
 #include <gmock/gmock.h>
@@ -10,7 +10,7 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// Looks down from 100 m above (x, 0): 0.1 px are 1 cm on the ground.
+// Nadir view from 100 m above (x, 0): 0.1 px are 1 cm on the ground.
 SceneView View(const std::string& name, const std::string& content, double x_m) {
   SceneView view;
   view.name = name;
@@ -47,9 +47,9 @@ SceneDescription Scene(std::vector<SceneView> views) {
   return scene;
 }
 
-TEST(UpdateSurvey, AViewIsKnownByItsContentWhateverItIsCalled) {
+TEST(UpdateSurvey, ViewsAreMatchedByContentNotByName) {
   Survey survey = Base();
-  const auto changes = TakeViews(
+  const auto changes = UpdateViews(
       Scene({View("z", "B", 20), View("y", "A", 0), View("new", "N", 60), View("b", "C", 40)}), true, {}, {}, &survey);
   ASSERT_TRUE(changes.ok()) << changes.status();
   EXPECT_THAT(changes->changed, ElementsAre(0, 0, 0, 1));
@@ -61,10 +61,10 @@ TEST(UpdateSurvey, AViewIsKnownByItsContentWhateverItIsCalled) {
   EXPECT_EQ(survey.flights[survey.views[3].flight].name, "next");
 }
 
-TEST(UpdateSurvey, WhatAWholeSceneLacksIsWithdrawnWhatADeltaLacksIsCarriedOn) {
+TEST(UpdateSurvey, WholeSceneWithdrawsMissingViewsAndDeltaKeepsThem) {
   for (const bool whole : {true, false}) {
     Survey survey = Base();
-    const auto changes = TakeViews(Scene({View("a", "A", 0)}), whole, {}, {{"images/b", ".base/b"}}, &survey);
+    const auto changes = UpdateViews(Scene({View("a", "A", 0)}), whole, {}, {{"images/b", ".base/b"}}, &survey);
     ASSERT_TRUE(changes.ok()) << changes.status();
     EXPECT_EQ(changes->withdrawn, whole ? 2 : 0);
     EXPECT_EQ(survey.views.size(), 3u) << "numbers stay";
@@ -75,14 +75,14 @@ TEST(UpdateSurvey, WhatAWholeSceneLacksIsWithdrawnWhatADeltaLacksIsCarriedOn) {
   }
 }
 
-TEST(UpdateSurvey, PosesThatHardlyMoveAreTheBases) {
+TEST(UpdateSurvey, SmallPoseChangesKeepTheBasePose) {
   for (const double moved_m : {0.004, 0.05}) {
     Survey survey = Base();
     const PosedCamera before = survey.views[0].camera;
     SceneDescription scene = Scene({View("a", "A", moved_m), View("b", "B", 20), View("c", "C", 40)});
-    const auto changes = TakeViews(scene, true, {}, {}, &survey);
+    const auto changes = UpdateViews(scene, true, {}, {}, &survey);
     ASSERT_TRUE(changes.ok()) << changes.status();
-    const bool snaps = moved_m < 0.009;  // 0.1 px from 90 m above the highest that the view looks at
+    const bool snaps = moved_m < 0.009;  // 0.1 px from 90 m above the highest visible point
     EXPECT_EQ(changes->snapped, snaps);
     EXPECT_EQ(changes->moved, !snaps);
     EXPECT_EQ(changes->changed[0], !snaps);
@@ -90,26 +90,26 @@ TEST(UpdateSurvey, PosesThatHardlyMoveAreTheBases) {
   }
 }
 
-TEST(UpdateSurvey, AnotherLensIsAnotherView) {
+TEST(UpdateSurvey, ChangedLensCountsAsMoved) {
   for (const double k1 : {1e-6, 1e-3}) {
     Survey survey = Base();
     SceneDescription scene = Scene({View("a", "A", 0), View("b", "B", 20), View("c", "C", 40)});
     scene.views[0].lens.kind = LensModel::Kind::kSimpleRadial;
     scene.views[0].lens.coefficients[0] = k1;
-    const auto changes = TakeViews(scene, true, {}, {}, &survey);
+    const auto changes = UpdateViews(scene, true, {}, {}, &survey);
     ASSERT_TRUE(changes.ok()) << changes.status();
     EXPECT_EQ(changes->moved, k1 > 1e-4) << "by a quarter of a pixel in the corners, or none that shows";
     EXPECT_EQ(survey.views[0].lens.coefficients[0], k1 > 1e-4 ? k1 : 0);
   }
 }
 
-TEST(UpdateSurvey, ContentCountsBeforeNamesWhateverComesFirst) {
-  // "a" was taken again, and the photograph that was called so is "d" now.
+TEST(UpdateSurvey, ContentTakesPrecedenceOverNameInAnyOrder) {
+  // "a" was taken again, and the image of that name in the base is "d" now.
   for (const bool first : {true, false}) {
     Survey survey = Base();
     std::vector<SceneView> views = {View("a", "retaken", 0), View("d", "A", 0), View("b", "B", 20), View("c", "C", 40)};
     if (!first) std::swap(views[0], views[1]);
-    const auto changes = TakeViews(Scene(views), true, {}, {}, &survey);
+    const auto changes = UpdateViews(Scene(views), true, {}, {}, &survey);
     ASSERT_TRUE(changes.ok()) << changes.status();
     EXPECT_EQ(survey.views[0].name, "d");
     EXPECT_EQ(changes->added, 1);
@@ -117,11 +117,11 @@ TEST(UpdateSurvey, ContentCountsBeforeNamesWhateverComesFirst) {
   }
 }
 
-TEST(UpdateSurvey, OtherPixelsUnderTheSameNameTakeThePlaceInAWholeScene) {
+TEST(UpdateSurvey, WholeSceneReplacesViewsWithNewContentUnderTheSameName) {
   for (const bool whole : {true, false}) {
     Survey survey = Base();
     const auto changes =
-        TakeViews(Scene({View("a", "other", 0), View("b", "B", 20), View("c", "C", 40)}), whole, {}, {}, &survey);
+        UpdateViews(Scene({View("a", "other", 0), View("b", "B", 20), View("c", "C", 40)}), whole, {}, {}, &survey);
     ASSERT_TRUE(changes.ok()) << changes.status();
     EXPECT_EQ(changes->replaced, whole);
     EXPECT_EQ(changes->added, !whole) << "a delta only adds";
@@ -132,43 +132,44 @@ TEST(UpdateSurvey, OtherPixelsUnderTheSameNameTakeThePlaceInAWholeScene) {
 TEST(UpdateSurvey, FlightsAreWithdrawnByName) {
   Survey survey = Base();
   const SceneDescription scene = Scene({View("new", "N", 60)});
-  const auto changes = TakeViews(scene, false, {.ingest = {}, .withdraw = {"spring"}}, {}, &survey);
+  const auto changes = UpdateViews(scene, false, {.ingest = {}, .withdraw = {"spring"}}, {}, &survey);
   ASSERT_TRUE(changes.ok()) << changes.status();
   EXPECT_EQ(changes->withdrawn, 3);
   EXPECT_TRUE(survey.views[2].withdrawn);
   EXPECT_FALSE(survey.views[3].withdrawn);
   survey = Base();
-  const auto unknown = TakeViews(scene, false, {.ingest = {}, .withdraw = {"autumn"}}, {}, &survey);
-  EXPECT_THAT(unknown.status().message(), HasSubstr("found flight 'autumn', expected one of the base's: 'spring'"));
+  const auto unknown = UpdateViews(scene, false, {.ingest = {}, .withdraw = {"autumn"}}, {}, &survey);
+  EXPECT_THAT(unknown.status().message(),
+              HasSubstr("found flight 'autumn', expected a flight of the base job: 'spring'"));
   survey = Base();
-  EXPECT_THAT(TakeViews(Scene({}), false, {.ingest = {}, .withdraw = {"spring"}}, {}, &survey).status().message(),
-              HasSubstr("every image of the base is withdrawn"));
+  EXPECT_THAT(UpdateViews(Scene({}), false, {.ingest = {}, .withdraw = {"spring"}}, {}, &survey).status().message(),
+              HasSubstr("all images of the base job are withdrawn"));
 }
 
-TEST(UpdateSurvey, NewImagesWithoutAFlightAreOneOfTheirOwn) {
+TEST(UpdateSurvey, NewImagesWithoutAFlightFormOneFlight) {
   Survey survey = Base();
   SceneDescription scene = Scene({View("n", "N", 60), View("m", "M", 80)});
   scene.name = "next";
   scene.flights.clear();
   for (SceneView& view : scene.views) view.flight = -1;
-  ASSERT_TRUE(TakeViews(scene, false, {}, {}, &survey).ok());
+  ASSERT_TRUE(UpdateViews(scene, false, {}, {}, &survey).ok());
   ASSERT_EQ(survey.flights.size(), 2u);
   EXPECT_EQ(survey.flights[1].name, "next");
   EXPECT_EQ(survey.views[3].flight, 1);
   EXPECT_EQ(survey.views[4].flight, 1);
 }
 
-TEST(UpdateSurvey, ClassesAndLikelihoodsMustBeTheBases) {
+TEST(UpdateSurvey, ClassesAndLikelihoodsMustMatchTheBase) {
   Survey survey = Base();
   SceneDescription scene = Scene({View("new", "N", 60)});
   scene.has_likelihoods = true;
-  EXPECT_THAT(TakeViews(scene, false, {}, {}, &survey).status().message(), HasSubstr("none, as in the base"));
+  EXPECT_THAT(UpdateViews(scene, false, {}, {}, &survey).status().message(), HasSubstr("none, as in the base job"));
   survey.has_likelihoods = true;
   survey.classes.resize(1);
   survey.classes[0].name = "ground";
   scene.classes.resize(1);
   scene.classes[0].name = "water";
-  EXPECT_THAT(TakeViews(scene, false, {}, {}, &survey).status().message(), HasSubstr("ground, as in the base"));
+  EXPECT_THAT(UpdateViews(scene, false, {}, {}, &survey).status().message(), HasSubstr("ground, as in the base job"));
 }
 
 }  // namespace

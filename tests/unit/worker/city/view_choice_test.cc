@@ -8,37 +8,38 @@ namespace {
 
 using testing::ElementsAre;
 
-Sighting Seen(int32_t view, int direction, double pixels, double px_per_m = 10) {
+SampleObservation Seen(int32_t view, int direction, double pixels, double px_per_m = 10) {
   return {view, direction, pixels, px_per_m};
 }
 
-TEST(ViewChoice, ADirectionKeepsItsViewsHoweverMuchMoreOthersShow) {
-  const std::vector<std::vector<Sighting>> samples = {
+TEST(ViewChoice, EachDirectionKeepsItsViews) {
+  const std::vector<std::vector<SampleObservation>> samples = {
       {Seen(0, 0, 100), Seen(1, 0, 90), Seen(2, 0, 80), Seen(7, 3, 2), Seen(8, 3, 1)}};
   EXPECT_THAT(ChooseBalanced(samples, {.views_per_direction = 2}), ElementsAre(0, 1, 7, 8));
   EXPECT_THAT(ChooseBalanced(samples, {.views_per_direction = 1}), ElementsAre(0, 7));
 }
 
-TEST(ViewChoice, AViewCountsForTheDirectionThatItShowsMostFrom) {
-  const std::vector<std::vector<Sighting>> samples = {{Seen(0, 1, 10), Seen(1, 1, 9)}, {Seen(1, 2, 30)}};
+TEST(ViewChoice, ViewBelongsToItsDominantDirection) {
+  const std::vector<std::vector<SampleObservation>> samples = {{Seen(0, 1, 10), Seen(1, 1, 9)}, {Seen(1, 2, 30)}};
   EXPECT_THAT(ChooseBalanced(samples, {.views_per_direction = 1}), ElementsAre(0, 1));
 }
 
-TEST(ViewChoice, WhatOnlyOneViewSeesComesBeforeMoreOfTheSame) {
-  const std::vector<std::vector<Sighting>> samples = {{Seen(0, 0, 10), Seen(1, 0, 9)}, {Seen(2, 0, 6)}};
+TEST(ViewChoice, UncoveredSamplesHavePriority) {
+  const std::vector<std::vector<SampleObservation>> samples = {{Seen(0, 0, 10), Seen(1, 0, 9)}, {Seen(2, 0, 6)}};
   EXPECT_THAT(ChooseBalanced(samples, {.views_per_direction = 2}), ElementsAre(0, 2));
 }
 
-TEST(ViewChoice, ViewsThatShowNextToNothingAreLeftOut) {
-  const std::vector<std::vector<Sighting>> samples = {{Seen(0, 0, 100), Seen(1, 0, 4), Seen(2, 0, 6), Seen(3, 0, 0)}};
+TEST(ViewChoice, ViewsBelowTheMinimumShareAreDropped) {
+  const std::vector<std::vector<SampleObservation>> samples = {
+      {Seen(0, 0, 100), Seen(1, 0, 4), Seen(2, 0, 6), Seen(3, 0, 0)}};
   EXPECT_THAT(ChooseBalanced(samples, {}), ElementsAre(0, 2));
   EXPECT_TRUE(ChooseBalanced({}, {}).empty());
 }
 
-TEST(ViewChoice, CoarseViewsAddLessAndVeryCoarseOnesNothing) {
-  std::vector<Sighting> sample = {Seen(0, 0, 9, 30), Seen(1, 0, 9, 30), Seen(2, 0, 9, 15), Seen(3, 0, 9, 10),
-                                  Seen(4, 0, 9, 5)};
-  WeighDetail({}, &sample);
+TEST(WeighByResolution, ReducesCoarseViewsDownToZero) {
+  std::vector<SampleObservation> sample = {Seen(0, 0, 9, 30), Seen(1, 0, 9, 30), Seen(2, 0, 9, 15), Seen(3, 0, 9, 10),
+                                           Seen(4, 0, 9, 5)};
+  WeighByResolution({}, &sample);
   EXPECT_DOUBLE_EQ(sample[0].pixels, 9);
   EXPECT_DOUBLE_EQ(sample[1].pixels, 9);
   EXPECT_DOUBLE_EQ(sample[2].pixels, 4.5);
@@ -47,15 +48,15 @@ TEST(ViewChoice, CoarseViewsAddLessAndVeryCoarseOnesNothing) {
   EXPECT_THAT(ChooseBalanced({sample}, {}), ElementsAre(0, 1, 2));
 }
 
-// It has nothing to be compared with but the others.
-TEST(ViewChoice, OneCloseUpDoesNotTakeItsPartnersAway) {
-  std::vector<Sighting> sample = {Seen(0, 0, 900, 100), Seen(1, 0, 90, 10), Seen(2, 0, 80, 9)};
-  WeighDetail({}, &sample);
+// The close-up has only the coarser views as partners.
+TEST(WeighByResolution, OneCloseUpDoesNotExcludeItsPartners) {
+  std::vector<SampleObservation> sample = {Seen(0, 0, 900, 100), Seen(1, 0, 90, 10), Seen(2, 0, 80, 9)};
+  WeighByResolution({}, &sample);
   EXPECT_DOUBLE_EQ(sample[0].pixels, 900);
   EXPECT_DOUBLE_EQ(sample[1].pixels, 90);
   EXPECT_GT(sample[2].pixels, 70);
-  std::vector<Sighting> alone = {Seen(0, 0, 5)};
-  WeighDetail({}, &alone);
+  std::vector<SampleObservation> alone = {Seen(0, 0, 5)};
+  WeighByResolution({}, &alone);
   EXPECT_DOUBLE_EQ(alone[0].pixels, 5);
 }
 

@@ -13,7 +13,7 @@
 namespace tessera {
 namespace {
 
-// A random field; about every face has up to three neighbours.
+// A random field in which most faces have up to three neighbours.
 LabelField RandomField(int faces, int classes, double coupling, bool tree, uint64_t seed) {
   Random random(seed);
   LabelField field;
@@ -61,7 +61,7 @@ std::vector<int32_t> UnaryBest(const LabelField& field) {
   return labels;
 }
 
-// Mesh-like fields from plain to hopeless.
+// Mesh-like fields from easy to very hard.
 std::vector<MeshFieldOptions> MeshFields(int faces, uint64_t seed) {
   const MeshFieldOptions real{.faces = faces, .seed = seed};
   MeshFieldOptions clear = real, noisy = real, unseen = real, strong = real, weak = real;
@@ -103,8 +103,7 @@ TEST(BeliefPropagation, ExactOnTreesOfAnyNumberOfClasses) {
   }
 }
 
-// Also of faces that are decided without any messages, but for what such faces tell each other, which is not followed
-// to the end.
+// Decided faces are included, except for messages between decided faces, which are only approximated.
 TEST(BeliefPropagation, BeliefsOnTreesAreMinMarginals) {
   for (const double coupling : {0.2, 0.7, 2.0}) {
     for (uint64_t seed = 0; seed < 20; ++seed) {
@@ -124,7 +123,7 @@ TEST(BeliefPropagation, BeliefsOnTreesAreMinMarginals) {
   }
 }
 
-TEST(BeliefPropagation, BestOnSmallFieldsWithLoops) {
+TEST(BeliefPropagation, NearOptimalOnSmallFieldsWithLoops) {
   int best = 0;
   for (uint64_t seed = 0; seed < 60; ++seed) {
     const LabelField field = RandomField(9, 3, 1.5, false, seed);
@@ -136,7 +135,7 @@ TEST(BeliefPropagation, BestOnSmallFieldsWithLoops) {
   EXPECT_GE(best, 59);
 }
 
-// The bar: 0.05 % of what is to be gained at all, on every field.
+// Bar: within 0.05 % of the possible gain on every field.
 TEST(BeliefPropagation, AsGoodAsAlphaExpansionOnMeshFields) {
   for (uint64_t seed = 1; seed <= 2; ++seed) {
     for (const MeshFieldOptions& options : MeshFields(4000, seed)) {
@@ -189,12 +188,12 @@ void DescendLabels(const LabelField& field, std::vector<int32_t>* labels) {
   }
 }
 
-TEST(BeliefPropagation, NeverAboveTheStart) {
+TEST(BeliefPropagation, EnergyNeverExceedsTheStart) {
   for (uint64_t seed = 0; seed < 60; ++seed) {
     LabelField field = RandomField(60, 4, 6.0, false, seed);
     Random random(seed);
     for (size_t f = 0; f < field.faces(); ++f) field.cell.push_back({static_cast<int32_t>(random.Below(6)), 0});
-    // The best of many solutions makes a start that is hard to beat.
+    // The best of many solutions is a start that is hard to improve.
     std::vector<int32_t> start = RandomLabels(field, seed);
     for (uint64_t other = 0; other < 20; ++other) {
       std::vector<int32_t> labels = RandomLabels(field, 1000 * seed + other);
@@ -233,7 +232,7 @@ TEST(BeliefPropagation, BeliefsAreLeastAtTheLabel) {
   }
 }
 
-TEST(BeliefPropagation, OneClassNeedsNoThought) {
+TEST(BeliefPropagation, OneClass) {
   const LabelField field = RandomField(10, 1, 1.0, false, 3);
   EXPECT_EQ(SolveLabels(field, std::vector<int32_t>(10, 0), {}).labels, std::vector<int32_t>(10, 0));
 }
@@ -244,7 +243,7 @@ TEST(BeliefPropagation, NoFaces) {
   EXPECT_TRUE(SolveLabels(field, {}, {}).labels.empty());
 }
 
-TEST(BeliefPropagation, SameBytesForAnyNumberOfThreads) {
+TEST(BeliefPropagation, ResultIsIndependentOfThreads) {
   for (const MeshFieldOptions& options : MeshFields(20000, 8)) {
     const LabelField field = MakeMeshField(options);
     const std::vector<int32_t> start = RandomLabels(field, 2);

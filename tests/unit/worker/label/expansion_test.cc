@@ -4,7 +4,7 @@
 
 #include "tests/support/alpha_expansion.h"
 #include "tests/support/mesh_field.h"
-#include "worker/label/block_turns.h"
+#include "worker/label/block_descent.h"
 
 namespace tessera {
 namespace {
@@ -15,12 +15,12 @@ std::vector<int32_t> Expanded(const LabelField& field, std::vector<int32_t> labe
   const UndecidedField undecided = MakeUndecidedField(field, MakeFieldGraph(field), none);
   std::vector<int32_t> by_number(labels.size());
   for (size_t i = 0; i < labels.size(); ++i) by_number[i] = labels[undecided.faces[i]];
-  TakeTurns(undecided, MakeBlocks(field, undecided, BlockGrid::kEven), {}, 50, &by_number);
+  SweepBlocks(undecided, MakeBlocks(field, undecided, BlockGrid::kEven), {}, 50, &by_number);
   for (size_t i = 0; i < labels.size(); ++i) labels[undecided.faces[i]] = by_number[i];
   return labels;
 }
 
-TEST(Expansion, LeavesAlphaExpansionNothingToDo) {
+TEST(Expansion, ResultIsALocalMinimumOfAlphaExpansion) {
   for (const double coupling : {0.3, 1.0, 3.0}) {
     LabelField field = MakeMeshField({.faces = 3000, .seed = 5, .unseen_area = 0.3, .coupling = coupling});
     field.cell.clear();
@@ -31,7 +31,7 @@ TEST(Expansion, LeavesAlphaExpansionNothingToDo) {
   }
 }
 
-TEST(Expansion, BlocksLowerTheEnergyTurnByTurn) {
+TEST(Expansion, EachBlockLowersTheEnergy) {
   for (const double cell_gsd : {3.0, 10.0, 32.0}) {
     const LabelField field =
         MakeMeshField({.faces = 3000, .seed = 6, .unseen_area = 0.3, .coupling = 1, .cell_gsd = cell_gsd});

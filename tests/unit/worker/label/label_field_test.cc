@@ -52,7 +52,7 @@ TEST(LabelField, PriorPenalisesTheClassesWhoseNormalsDiffer) {
   }
 }
 
-TEST(LabelField, EnergyDoesNotDependOnHowFinelyTheMeshIsSplit) {
+TEST(LabelField, EnergyIsIndependentOfSubdivision) {
   double energies[2];
   for (const int fine : {0, 1}) {
     const int n = fine ? 8 : 2;
@@ -73,7 +73,7 @@ TEST(LabelField, EnergyDoesNotDependOnHowFinelyTheMeshIsSplit) {
   EXPECT_NEAR(energies[1], energies[0], 1e-4 * energies[0]);
 }
 
-TEST(LabelField, ClassWithoutLikelihoodChangesNoOther) {
+TEST(LabelField, AbsentClassDoesNotChangeTheOthers) {
   const TriangleMesh mesh = MakeGrid(2, 1, Eigen::Vector3d::UnitY());
   std::vector<SceneClass> more = MakeClasses();
   more.push_back({"water", {}, 10 * kDegree, 0, 1});
@@ -90,15 +90,15 @@ TEST(LabelField, ClassWithoutLikelihoodChangesNoOther) {
   }
 }
 
-// The same evidence on a mesh that is split once more gives the same labels, whatever the few pixels of a face.
-TEST(LabelField, LabelsDoNotDependOnHowFinelyTheMeshIsSplit) {
+// The same likelihoods on a subdivided mesh give the same labels, even with few pixels per face.
+TEST(LabelField, LabelsAreIndependentOfSubdivision) {
   std::vector<int32_t> coarse;
   for (const int n : {12, 24}) {
     const TriangleMesh mesh = MakeGrid(n, 4, Eigen::Vector3d::UnitY());
     const float pixels = 7.0f * 288 / static_cast<float>(mesh.faces.size());
     FaceLikelihoods sums(mesh.faces.size(), 3);
     for (size_t f = 0; f < mesh.faces.size(); ++f) {
-      // A disc of class 2 on class 0, which the photographs are not sure of.
+      // A disc of class 2 on class 0, with uncertain likelihoods.
       const Eigen::Vector3d p = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
       const bool disc = (p - Eigen::Vector3d(2, 2, 0)).norm() < 1.1;
       sums.pixels[f] = pixels;
@@ -110,7 +110,7 @@ TEST(LabelField, LabelsDoNotDependOnHowFinelyTheMeshIsSplit) {
       coarse = labels;
       continue;
     }
-    // By area at the centres of the fine faces.
+    // Share of the area with equal labels, at the centres of the fine faces.
     int same = 0;
     for (size_t f = 0; f < mesh.faces.size(); ++f) {
       const Eigen::Vector3d p = 12 / 4.0 * (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
@@ -123,8 +123,8 @@ TEST(LabelField, LabelsDoNotDependOnHowFinelyTheMeshIsSplit) {
   }
 }
 
-// Five photographs of a roof, one of which is sure that it is something else.
-TEST(LabelField, OneViewsGrossErrorDoesNotDecide) {
+// Five images of a roof; one of them is certain of a wrong class.
+TEST(LabelField, OneOutlierViewDoesNotDecideALabel) {
   const TriangleMesh mesh = MakeGrid(1, 1, Eigen::Vector3d::UnitY());
   FaceLikelihoods sums(2, 3);
   for (int f = 0; f < 2; ++f) {
@@ -136,8 +136,8 @@ TEST(LabelField, OneViewsGrossErrorDoesNotDecide) {
   EXPECT_EQ(SolveLabels(FieldOf(mesh, sums), {-1, -1}, {}).labels, (std::vector<int32_t>{0, 0}));
 }
 
-// A tile's field is the part of the city's that it holds.
-TEST(LabelField, SomeOfTheFacesMakeThatPartOfTheField) {
+// A tile's field is the restriction of the city's field to the tile's faces.
+TEST(LabelField, SubmeshGivesTheSubfield) {
   const int n = 6, skipped = 2;
   TriangleMesh mesh = MakeGrid(n, 1.7, Eigen::Vector3d(0.1, 0.9, 0.3));
   for (size_t v = 0; v < mesh.vertices.size(); ++v) mesh.vertices[v].z() += 0.01 * ((v * v) % 17);
@@ -174,7 +174,7 @@ TEST(LabelField, SomeOfTheFacesMakeThatPartOfTheField) {
   }
 }
 
-TEST(LabelField, FewPixelsWeighLess) {
+TEST(LabelField, FewerPixelsWeighLess) {
   const TriangleMesh mesh = MakeGrid(1, 1, Eigen::Vector3d::UnitY());
   FaceLikelihoods sums(2, 3);
   const float pixels[] = {1, 100};
@@ -187,7 +187,7 @@ TEST(LabelField, FewPixelsWeighLess) {
   EXPECT_LT(field.unary[2] - field.unary[0], field.unary[5] - field.unary[3]);
 }
 
-TEST(LabelField, ClassThatIsNeverSeenStaysFinite) {
+TEST(LabelField, UnaryOfAnUnobservedClassIsFinite) {
   const TriangleMesh mesh = MakeGrid(1, 1, Eigen::Vector3d::UnitY());
   FaceLikelihoods sums(2, 3);
   sums.pixels = {1e6f, 1e6f};
@@ -197,7 +197,7 @@ TEST(LabelField, ClassThatIsNeverSeenStaysFinite) {
   EXPECT_EQ(SolveLabels(field, {2, 2}, {}).labels, (std::vector<int32_t>{0, 0}));
 }
 
-TEST(LabelField, PaperFormCountsSquareMetresAndPlainSums) {
+TEST(LabelField, PaperFormUsesSquareMetresAndUnnormalisedSums) {
   const TriangleMesh mesh = MakeGrid(1, 2, Eigen::Vector3d::UnitY());  // two faces of 2 m²
   FaceLikelihoods sums(2, 3);
   sums.pixels = {10, 10};
@@ -212,12 +212,12 @@ TEST(LabelField, PaperFormCountsSquareMetresAndPlainSums) {
   EXPECT_NEAR(field.edges[0].weight, 0.5 * (2 + 2), 1e-6);
 }
 
-TEST(Unary, EveryPixelCountsForItsFaceAtAnyResolution) {
+TEST(Unary, SumsEveryPixelAtAnyLikelihoodResolution) {
   FaceMap map;
   map.width = 4;
   map.height = 2;
   map.face = {0, 0, 1, -1, 0, 0, 1, 1};
-  // Class 1 has 0.25 left and 0.75 right; the same picture at half the resolution.
+  // Class 1 has 0.25 on the left and 0.75 on the right; the same image at half the resolution.
   FloatImage fine(4, 2, 2, 0.0f), coarse(2, 1, 2, 0.0f);
   for (int y = 0; y < 2; ++y) {
     for (int x = 0; x < 4; ++x) {
@@ -232,7 +232,7 @@ TEST(Unary, EveryPixelCountsForItsFaceAtAnyResolution) {
   EXPECT_EQ(sums.sum, (std::vector<float>{3, 1, 0.75f, 2.25f}));
   AddLikelihoods(map, coarse, {0.5, 0.5, 0, 0}, &half);
   EXPECT_EQ(half.pixels, sums.pixels);
-  // Bilinear between the two coarse pixels, whose centres are at 1 and 3 of the fine ones.
+  // Bilinear between the two coarse pixels, whose centres are at 1 and 3 fine pixels.
   EXPECT_NEAR(half.sum[1], 2 * 0.25 + 2 * 0.375, 1e-6);
   EXPECT_NEAR(half.sum[3], 2 * 0.625 + 0.75, 1e-6);
 }

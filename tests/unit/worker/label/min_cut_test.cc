@@ -16,12 +16,12 @@ struct Pair {
   double weight;
 };
 
-TEST(MinCut, FindsTheSmallestOfTheBestSets) {
+TEST(MinCut, FindsTheMinimiserWithTheFewestOnes) {
   MinCut cut;
   for (uint64_t seed = 0; seed < 300; ++seed) {
     Random random(seed);
     const int nodes = 1 + static_cast<int>(random.Below(10));
-    // Whole numbers, so that there are ties.
+    // Integers, so that there are ties.
     std::vector<double> costs(nodes);
     for (double& c : costs) c = static_cast<double>(random.Below(9) - 4);
     std::vector<Pair> pairs;
@@ -45,7 +45,7 @@ TEST(MinCut, FindsTheSmallestOfTheBestSets) {
     for (const Pair& p : pairs) cut.AddPair(p.node0, p.node1, p.weight);
     cut.Solve();
     unsigned found = 0;
-    for (int i = 0; i < nodes; ++i) found |= cut.In(i) ? 1u << i : 0;
+    for (int i = 0; i < nodes; ++i) found |= cut.Selected(i) ? 1u << i : 0;
     EXPECT_EQ(found, best) << seed;
   }
 }

@@ -9,7 +9,7 @@
 namespace tessera {
 namespace {
 
-TEST(UndecidedField, DecidedLabelsAreNeverWorse) {
+TEST(UndecidedField, DecidedLabelsAreOptimal) {
   int64_t count = 0;
   for (const double coupling : {0.3, 0.5, 1.0}) {
     const LabelField field = MakeMeshField({.faces = 500, .seed = 3, .coupling = coupling});
@@ -52,7 +52,7 @@ TEST(UndecidedField, EnergiesDifferByAConstant) {
   }
 }
 
-TEST(UndecidedField, BlocksHoldEachFaceOnceInTheFieldsOrder) {
+TEST(UndecidedField, BlocksPartitionTheFacesInFieldOrder) {
   LabelField field = MakeMeshField({.faces = 3000, .seed = 5, .coupling = 1, .shuffled = true});
   for (size_t f = 0; f < field.faces(); f += 7) field.cell[f][0] += 8;  // as far as large faces would be
   const FieldGraph graph = MakeFieldGraph(field);
@@ -70,7 +70,7 @@ TEST(UndecidedField, BlocksHoldEachFaceOnceInTheFieldsOrder) {
         const uint32_t n = blocks[b][i];
         ++times[n];
         EXPECT_EQ(blocks.block[n], b);
-        EXPECT_EQ(blocks.place[n], i);
+        EXPECT_EQ(blocks.index_in_block[n], i);
         EXPECT_EQ(BlockOf(field.cell[undecided.faces[n]], grid),
                   BlockOf(field.cell[undecided.faces[blocks[b][0]]], grid));
         if (i > 0) {

@@ -10,7 +10,7 @@ namespace {
 constexpr int kReach = ContourProfile::kReach;
 constexpr BorderTrust kTrusted = {0, 0.5, 1};
 
-// The class in front up to `border` pixels outward; an edge of the image at `edge`, which may lie within a pixel.
+// Front class up to `border` pixels outwards, and an image edge at `edge`, which may be inside a pixel.
 ContourProfile Profile(double border, double edge, double contrast = 0.3) {
   ContourProfile profile;
   for (int k = 0; k < ContourProfile::kPixels; ++k) {
@@ -20,7 +20,7 @@ ContourProfile Profile(double border, double edge, double contrast = 0.3) {
   return profile;
 }
 
-TEST(ContourProfile, IsMeasuredAtTheImagesEdge) {
+TEST(ContourProfile, MeasuresTheImageEdge) {
   for (const double edge : {-3.0, -1.5, -0.5, 0.0, 0.25, 1.0, 2.5, 3.0}) {
     const ContourMeasurement measured = MeasureContour(Profile(std::round(edge), edge), kTrusted, 1);
     EXPECT_NEAR(measured.outward_px, edge, 0.3) << edge;
@@ -28,34 +28,34 @@ TEST(ContourProfile, IsMeasuredAtTheImagesEdge) {
   }
 }
 
-TEST(ContourProfile, TheImageDecidesWhereLikelihoodsAreAPixelOff) {
+TEST(ContourProfile, ImageEdgeOverridesLikelihoodsThatAreOnePixelOff) {
   for (const int off : {-1, 1}) {
     EXPECT_NEAR(MeasureContour(Profile(off, 0), kTrusted, 1).outward_px, 0, 0.4) << off;
   }
 }
 
-TEST(ContourProfile, WhatBordersAreOffIsTakenBack) {
-  // The likelihoods have the front three pixels too large; on the next level of a pyramid that is half as much.
+TEST(ContourProfile, KnownBiasOfBordersIsSubtracted) {
+  // The likelihoods show the front three pixels too large, which is half as much on the next pyramid level.
   BorderTrust off = kTrusted;
   off.bias_px = 3;
   EXPECT_NEAR(MeasureContour(Profile(3, 0), off, 1).outward_px, 0, 0.3);
   EXPECT_NEAR(MeasureContour(Profile(2, 0.5), off, 0.5).outward_px, 0.5, 0.3);
 }
 
-TEST(ContourProfile, NothingIsMeasuredWithoutABorderAnEdgeOrTrust) {
-  EXPECT_EQ(MeasureContour(Profile(kReach, 0), kTrusted, 1).weight, 0) << "the front alone";
-  EXPECT_EQ(MeasureContour(Profile(-kReach, 0), kTrusted, 1).weight, 0) << "the ground alone";
+TEST(ContourProfile, NeedsABorderAnEdgeAndTrust) {
+  EXPECT_EQ(MeasureContour(Profile(kReach, 0), kTrusted, 1).weight, 0) << "front class only";
+  EXPECT_EQ(MeasureContour(Profile(-kReach, 0), kTrusted, 1).weight, 0) << "back class only";
   EXPECT_EQ(MeasureContour(Profile(0, 0, 0), kTrusted, 1).weight, 0) << "no edge";
   EXPECT_EQ(MeasureContour(Profile(0, 0), {0, 0.5, 0}, 1).weight, 0) << "no trust";
   ContourProfile turned = Profile(0, 0);
   for (double& gain : turned.front_gain) gain = -gain;
-  EXPECT_EQ(MeasureContour(turned, kTrusted, 1).weight, 0) << "the ground in front";
+  EXPECT_EQ(MeasureContour(turned, kTrusted, 1).weight, 0) << "classes swapped";
   ContourProfile vague = Profile(0, 0);
   for (double& gain : vague.front_gain) gain *= 0.3;
-  EXPECT_EQ(MeasureContour(vague, kTrusted, 1).weight, 0) << "hardly a border";
+  EXPECT_EQ(MeasureContour(vague, kTrusted, 1).weight, 0) << "indistinct border";
 }
 
-TEST(ContourProfile, WeighsAsTheTrustAndTheEdgeDo) {
+TEST(ContourProfile, WeightGrowsWithTrustAndEdgeContrast) {
   const double full = MeasureContour(Profile(0, 0), kTrusted, 1).weight;
   EXPECT_NEAR(MeasureContour(Profile(0, 0), {0, 0.5, 0.25}, 1).weight, 0.25 * full, 1e-12);
   double last = full;

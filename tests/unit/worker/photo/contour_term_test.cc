@@ -26,7 +26,7 @@ constexpr double kFocal_px = 200, kPi = 3.14159265358979323846;
 constexpr int kAround = 48, kRows = 24;
 const Vector3d kCentre(0, 0, 4.5);
 
-// A ball of 3 m above level ground; the ground's vertices and faces first.
+// A ball 3 m above flat ground. The ground's vertices and faces come first.
 struct ContourBed {
   TriangleMesh mesh;
   std::vector<int32_t> labels;
@@ -61,7 +61,7 @@ struct ContourBed {
   static uint32_t RingVertex(int row, int k) { return static_cast<uint32_t>(6 + (row - 1) * kAround + k); }
 };
 
-// From 20 m above the ground and `aside` m to the side, looking at the ball.
+// 20 m above the ground and `aside` m to the side, looking at the ball.
 PosedCamera Camera(double aside, int scale = 1) {
   const Vector3d centre(aside, 0.4 * aside, 20), z = (kCentre - centre).normalized();
   const Vector3d x = z.cross(Vector3d::UnitY()).normalized(), y = z.cross(x);
@@ -72,13 +72,13 @@ PosedCamera Camera(double aside, int scale = 1) {
   return camera;
 }
 
-// How far outside the silhouette of a ball of `radius` about `at` a pixel lies, metres at the ball.
+// Distance of a pixel outside the silhouette of a ball of `radius` at `at`, metres at the ball.
 double Outside_m(const PosedCamera& camera, double x, double y, double radius, const Vector3d& at) {
   const Vector3d ray = camera.Ray(x, y).normalized();
   return (at - camera.Centre()).cross(ray).norm() - radius;
 }
 
-// The ball's likelihood, which falls off within a pixel.
+// The ball's likelihood, which falls within a pixel.
 double BallLikelihood(double outside_m) { return 0.05 + 0.9 / (1 + std::exp(outside_m / 0.02)); }
 
 FloatImage Likelihoods(const PosedCamera& camera, double radius, const Vector3d& at = kCentre) {
@@ -93,7 +93,7 @@ FloatImage Likelihoods(const PosedCamera& camera, double radius, const Vector3d&
   return image;
 }
 
-// A light ball without texture on dark ground.
+// Image of a light ball without texture on dark ground.
 FloatImage Photograph(const PosedCamera& camera, double radius, const Vector3d& at = kCentre) {
   constexpr int kParts = 4;
   FloatImage image(camera.intrinsics.width, camera.intrinsics.height);
@@ -124,9 +124,8 @@ PhotoView View(const PosedCamera& camera, double radius, const Vector3d& at) {
 
 using Motion = std::function<Vector3d(const Vector3d&)>;
 
-// How hard the edges pull the ball along a motion: Σ over the sides of its contour, each pixel cut into parts, of how
-// far the edge lies along the line across the side, two pixels at most, times how far the motion takes the contour
-// along it.
+// Expected force along a motion of the ball: the sum over its contour, each pixel divided into parts, of the distance
+// to the edge (at most two pixels) times the contour's motion in that direction.
 double Pull(const ContourBed& bed, double aside, double radius, const Vector3d& at, const Motion& motion) {
   constexpr int kParts = 8, kFar = 4 * kParts;
   constexpr double kWorth = 0.9 * 0.5, kMost_px = 2, kStep = 1e-3;
@@ -182,8 +181,8 @@ Derivatives Evaluate(const ContourBed& bed, const std::vector<PhotoView>& views,
   return {std::move(out.gradient), std::move(out.curvature)};
 }
 
-TEST(ContourTerm, EdgesPullAsFarAsTheyLie) {
-  // Where the images have the ball: larger, smaller, to the side; and how it moves.
+TEST(ContourTerm, ForceIsProportionalToTheDistanceOfTheEdge) {
+  // Size and position of the ball in the images, and the motion.
   const struct {
     double radius;
     Vector3d at;
@@ -210,7 +209,7 @@ TEST(ContourTerm, EdgesPullAsFarAsTheyLie) {
   }
 }
 
-TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
+TEST(ContourTerm, NeedsDifferentLabelsAndADepthGap) {
   const std::vector<PhotoView> views = {View(Camera(4), 3.15, kCentre)};
   const auto pull = [&](const ContourBed& bed, const ContourOptions& options = Options()) {
     const Derivatives d = Evaluate(bed, views, options);
@@ -227,14 +226,14 @@ TEST(ContourTerm, PullsOnlyWhereLabelsDifferAndDepthsJump) {
   ContourBed unknown = bed;
   std::fill(unknown.labels.begin(), unknown.labels.begin() + 2, -1);
   EXPECT_EQ(pull(unknown), 0);
-  // 4 to 6 m of depth are 50 to 80 pixels here.
+  // Here 4 to 6 m of depth are 50 to 80 pixels.
   EXPECT_EQ(pull(bed, Options(1, 120)), 0);
   EXPECT_NEAR(pull(bed, Options(3)), 3 * pull(bed), 1e-6 * pull(bed));
-  EXPECT_EQ(pull(bed, {1, 4}), 0) << "borders that nothing is known of";
+  EXPECT_EQ(pull(bed, {1, 4}), 0) << "class borders without trust";
 }
 
-// What belongs to some faces and what to the others is what belongs to all.
-TEST(ContourTerm, OwnFacesHaveTheirContoursAlone) {
+// The contours of some faces and those of the others add up to those of all.
+TEST(ContourTerm, ContoursOfOwnFacesEqualThoseOfAllFaces) {
   const ContourBed bed;
   const PhotoView view = View(Camera(4), 3.15, kCentre);
   const FaceMap map = RasterizeFaces(bed.mesh, nullptr, view.camera);
@@ -258,20 +257,20 @@ TEST(ContourTerm, OwnFacesHaveTheirContoursAlone) {
   }
 }
 
-TEST(ContourTerm, CurvatureIsPositiveWherePulled) {
+TEST(ContourTerm, CurvatureIsPositiveAtContours) {
   const ContourBed bed;
   const Derivatives d = Evaluate(bed, {View(Camera(4), 3.15, kCentre), View(Camera(-7), 2.9, kCentre)});
   for (size_t v = 0; v < bed.mesh.vertices.size(); ++v) {
     const Eigen::Vector3d values = d.curvature[v].selfadjointView<Eigen::Lower>().eigenvalues();
     EXPECT_GE(values.minCoeff(), -1e-9 * (1 + values.maxCoeff()));
-    // A Newton step against the curvature is bounded in pixels: edges pull as at most 2.
+    // A Newton step is bounded in pixels, since edges pull like at most 2 pixels.
     const double px = kFocal_px / 16;
     EXPECT_LE(d.gradient[v].norm(), 4 * values.maxCoeff() / px + 1e-9);
   }
 }
 
-// Nothing but silhouettes tells how large the ball is.
-TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
+// The ball's size is visible only in its silhouette.
+TEST(ContourTerm, BallConvergesToItsSilhouette) {
   for (const double radius : {3.6, 2.5}) {
     const ContourBed bed;
     RefineProblem problem;
@@ -288,7 +287,7 @@ TEST(ContourTerm, ABallGrowsAndShrinksToItsSilhouette) {
     options.iterations = {6, 10};
     options.contour = 0.5;
     options.borders = Trusted();
-    options.thin_plate = 0.0005;  // without data smoothness alone would draw the ball together
+    options.thin_plate = 0.0005;  // without data, smoothness alone would shrink the ball
     options.membrane = 0;
     std::vector<Vector3d> refined, again;
     for (const int threads : {1, 3}) {

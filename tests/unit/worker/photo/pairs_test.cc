@@ -16,7 +16,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// A row of cameras above the ground, `spacing` radians apart seen from below.
+// A row of cameras above the ground, `spacing` radians apart as seen from below.
 std::vector<PosedCamera> Fan(int count, double spacing_rad) {
   std::vector<PosedCamera> cameras;
   for (int i = 0; i < count; ++i) {
@@ -26,7 +26,7 @@ std::vector<PosedCamera> Fan(int count, double spacing_rad) {
   return cameras;
 }
 
-// The definition, as plainly as can be.
+// A literal implementation of the definition.
 std::vector<ViewPair> PlainPairs(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
                                  const PairOptions& options) {
   const size_t step = std::max<size_t>(1, mesh.faces.size() / static_cast<size_t>(options.samples));
@@ -79,7 +79,7 @@ std::vector<ViewPair> PlainPairs(const TriangleMesh& mesh, const std::vector<Pos
   return out;
 }
 
-TEST(Pairs, KeepsToTheAnglesAndIsSymmetric) {
+TEST(Pairs, RespectsTheAngleLimitsAndIsSymmetric) {
   const TriangleMesh mesh = HeightField(20, 4, [](double, double) { return 0.0; });
   const std::vector<PosedCamera> cameras = Fan(9, 0.15);
   PairOptions options;
@@ -93,13 +93,13 @@ TEST(Pairs, KeepsToTheAnglesAndIsSymmetric) {
     return a.reference != b.reference ? a.reference < b.reference : a.other < b.other;
   }));
   EXPECT_EQ(SelectPairs(mesh, cameras, options), pairs);
-  // Every view got as many partners as it asked for.
+  // Every view has as many partners as requested.
   for (int i = 0; i < 9; ++i) {
     EXPECT_GE(std::count_if(pairs.begin(), pairs.end(), [&](const ViewPair& p) { return p.reference == i; }), 3);
   }
 }
 
-TEST(Pairs, AreThoseOfTheDefinition) {
+TEST(Pairs, MatchThePlainImplementation) {
   Random random(7);
   size_t pairs = 0;
   for (int round = 0; round < 6; ++round) {
@@ -117,7 +117,7 @@ TEST(Pairs, AreThoseOfTheDefinition) {
       PosedCamera camera;
       camera.intrinsics = {100, 100, 80, 60, 160, 120};
       camera.rotation_cam_from_world = Vector3d(1, -1, -1).asDiagonal();
-      // Some stand in one place, and are equally good.
+      // Some cameras share a centre and have equal scores.
       const Vector3d centre(10.0 * random.Below(6), 10.0 * random.Below(6), 20.0 + 8 * random.Below(3));
       camera.translation_cam_from_world = -(camera.rotation_cam_from_world * centre);
       cameras.push_back(camera);
@@ -130,22 +130,22 @@ TEST(Pairs, AreThoseOfTheDefinition) {
   EXPECT_GT(pairs, 200u);
 }
 
-TEST(Pairs, TwinCamerasAreNoPair) {
+TEST(Pairs, CamerasWithEqualCentresAreNotPaired) {
   const TriangleMesh mesh = HeightField(20, 4, [](double, double) { return 0.0; });
   EXPECT_TRUE(SelectPairs(mesh, Fan(2, 0.01), PairOptions()).empty());
   EXPECT_EQ(SelectPairs(mesh, Fan(2, 0.2), PairOptions()).size(), 2u);
   EXPECT_TRUE(SelectPairs(mesh, Fan(2, 1.2), PairOptions()).empty());
 }
 
-TEST(Pairs, ViewsOfDifferentPlacesAreNoPair) {
+TEST(Pairs, ViewsWithoutOverlapAreNotPaired) {
   const TriangleMesh mesh = HeightField(20, 40, [](double, double) { return 0.0; });
   const std::vector<PosedCamera> cameras = {LookAt({-30, 0, 20}, {-30, 0, 0}, 160, 120, 200),
                                             LookAt({30, 0, 20}, {30, 0, 0}, 160, 120, 200)};
   EXPECT_TRUE(SelectPairs(mesh, cameras, PairOptions()).empty());
 }
 
-// Strips of a flight, listed in any order: neighbours come to lie within about a strip of each other.
-TEST(Pairs, OrderKeepsNeighboursTogether) {
+// Flight strips listed in any order: paired views end up within about a strip of each other.
+TEST(Pairs, OrderKeepsPairsClose) {
   constexpr int kSide = 12, kViews = kSide * kSide;
   std::vector<int> shuffled(kViews);
   std::iota(shuffled.begin(), shuffled.end(), 0);
@@ -162,7 +162,7 @@ TEST(Pairs, OrderKeepsNeighboursTogether) {
       }
     }
   }
-  const std::vector<int> order = OrderByPairs(kViews + 2, pairs);  // and two that nobody is compared with
+  const std::vector<int> order = OrderByPairs(kViews + 2, pairs);  // and two views without pairs
   std::vector<int> place(order.size(), -1);
   for (size_t i = 0; i < order.size(); ++i) place[order[i]] = static_cast<int>(i);
   EXPECT_EQ(std::count(place.begin(), place.end(), -1), 0) << "each view once";

@@ -1,6 +1,5 @@
-// The data term of one ordered pair in plain double-precision loops, from vertices to energy: the judge of the product,
-// itself judged by finite differences. Visibility, masks, accepted windows and their weights are frozen when it is
-// made.
+// Reference implementation of the data term of one ordered pair in double precision, itself verified by finite
+// differences. Visibility, masks, accepted windows and their weights are frozen at construction.
 #ifndef TESSERA_TESTS_UNIT_WORKER_PHOTO_PHOTO_ORACLE_H_
 #define TESSERA_TESTS_UNIT_WORKER_PHOTO_PHOTO_ORACLE_H_
 
@@ -74,7 +73,7 @@ class PhotoOracle {
     return PhotoEnergy(v) + (classes_ > 0 ? options_.semantic.weight * SemanticEnergy(v) : 0);
   }
 
-  // Formulas that are wrong, each of which a check of the gradient must tell apart.
+  // Wrong formulas, each of which the gradient test must detect.
   enum Fault {
     kNone,
     kPointwise,      // treats a pixel as moving alone in its own window, as widely used code does

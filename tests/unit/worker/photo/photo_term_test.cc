@@ -22,7 +22,7 @@ struct Evaluated : PhotoDerivatives {
   ZnccSums sums;
 };
 
-// True relief photographed and classified; the surface under test is off by some decimetres (pixels: about 0.14 m).
+// A relief rendered and classified; the tested surface deviates by some decimetres (a pixel is about 0.14 m).
 struct Scene {
   TriangleMesh truth = HeightField(60, 5, ReliefHeight);
   TriangleMesh mesh = HeightField(12, 4.5, ReliefHeight);
@@ -71,7 +71,7 @@ struct Agreement {
   double median_relative_error = 0, cosine = 0;
 };
 
-// Over the vertices whose expected gradient is not negligible.
+// Compares vertices whose expected gradient is not negligible.
 Agreement Compare(const Positions& expected, const Positions& got) {
   double largest = 0, dot = 0, e2 = 0, g2 = 0;
   for (const Vector3d& e : expected) largest = std::max(largest, e.norm());
@@ -103,7 +103,7 @@ Positions FiniteDifferences(const PhotoOracle& oracle, Positions v) {
   return gradient;
 }
 
-// The parts of the energy, with and without functions that weigh outliers down.
+// Parts of the energy, with and without outlier functions.
 enum Terms { kPhoto, kSemantic, kBoth, kRobust };
 
 class DataTerm : public testing::TestWithParam<Terms> {
@@ -112,7 +112,7 @@ class DataTerm : public testing::TestWithParam<Terms> {
     const Terms terms = GetParam();
     Scene scene(true, terms == kPhoto ? 0 : 5);
     if (terms != kPhoto) scene.options.semantic.weight = 3;
-    // No window is accepted.
+    // Reject all windows.
     if (terms == kSemantic) scene.options.window.min_variance = 10;
     if (terms == kRobust) {
       scene.options.window.outlier = 0.3f;
@@ -129,7 +129,7 @@ TEST_P(DataTerm, GradientIsTheDerivativeOfTheEnergy) {
     ASSERT_GT(oracle.accepted_windows(), 1500);
   }
   ASSERT_GT(oracle.masked_pixels(), 1500);
-  ASSERT_LT(oracle.masked_pixels(), 120 * 90 * 4 / 5);  // something is hidden or outside
+  ASSERT_LT(oracle.masked_pixels(), 120 * 90 * 4 / 5);  // some are occluded or outside
   const Positions measured = FiniteDifferences(oracle, scene.mesh.vertices);
   const auto passes = [&](const Positions& gradient) {
     const Agreement agreement = Compare(measured, gradient);
@@ -138,11 +138,11 @@ TEST_P(DataTerm, GradientIsTheDerivativeOfTheEnergy) {
   const Agreement exact = Compare(measured, oracle.Gradient(scene.mesh.vertices));
   EXPECT_LT(exact.median_relative_error, 1e-4);
   EXPECT_GT(exact.cosine, 0.999);
-  // What the product computes passes the same check.
+  // The product's gradient passes the same check.
   const Agreement got = Compare(measured, scene.Evaluate({{1, 2}}).gradient);
   EXPECT_LT(got.median_relative_error, 1e-4);
   EXPECT_GT(got.cosine, 0.999);
-  // A wrong formula does not.
+  // Wrong formulas fail it.
   std::vector<PhotoOracle::Fault> faults = {PhotoOracle::kNoPerspective};
   if (GetParam() != kSemantic) faults.insert(faults.end(), {PhotoOracle::kPointwise, PhotoOracle::kNearestTexel});
   if (GetParam() != kPhoto) faults.push_back(PhotoOracle::kOneClassFewer);
@@ -155,7 +155,7 @@ TEST_P(DataTerm, GradientIsTheDerivativeOfTheEnergy) {
   EXPECT_FALSE(passes(slightly));
 }
 
-TEST_P(DataTerm, AStepByTheCurvatureLowersTheEnergy) {
+TEST_P(DataTerm, NewtonStepLowersTheEnergy) {
   const Scene scene = MakeScene();
   const Evaluated got = scene.Evaluate({{0, 1}});
   Positions moved = scene.mesh.vertices;
@@ -171,11 +171,11 @@ INSTANTIATE_TEST_SUITE_P(Terms, DataTerm, testing::Values(kPhoto, kSemantic, kBo
 
 class Kernel : public testing::TestWithParam<bool> {};
 
-TEST_P(Kernel, AgreesWithTheOracle) {
+TEST_P(Kernel, MatchesTheOracle) {
   Scene scene(GetParam(), 5);
   scene.options.semantic.weight = 2;
   for (const ViewPair& pair : std::vector<ViewPair>{{0, 1}, {1, 2}, {2, 0}, {3, 1}}) {
-    // With one pair there is nothing to divide by.
+    // With a single pair, no division by the number of pairs.
     const Evaluated got = scene.Evaluate({pair});
     const PhotoOracle oracle = scene.Oracle(pair.reference, pair.other);
     const Agreement agreement = Compare(oracle.Gradient(scene.mesh.vertices), got.gradient);
@@ -191,7 +191,7 @@ TEST_P(Kernel, AgreesWithTheOracle) {
 
 INSTANTIATE_TEST_SUITE_P(Windows, Kernel, testing::Bool());
 
-TEST(PhotoTerm, AGainOfOneImageChangesNoGradient) {
+TEST(PhotoTerm, GradientIsInvariantToTheGainOfAnImage) {
   Evaluated derivatives[2];
   for (int k = 0; k < 2; ++k) {
     Scene scene(true, 0, k == 0 ? 1 : 0.6, k == 0 ? 0 : 0.1);
@@ -216,8 +216,8 @@ TEST(PhotoTerm, AViewWithoutLikelihoodsHasNoSemanticTerm) {
   EXPECT_EQ(mixed.gradient, none.gradient);
 }
 
-// Of a view whose classes are swapped over half of the image, an outlier function leaves less in the gradient.
-TEST(PhotoTerm, AnOutlierFunctionWeighsAGrossErrorDown) {
+// If one view's classes are swapped in half of the image, the outlier function reduces the gradient.
+TEST(PhotoTerm, OutlierFunctionReducesTheEffectOfGrossErrors) {
   Agreement kept[2];
   for (int k = 0; k < 2; ++k) {
     Scene scene(true, 4);
@@ -239,7 +239,7 @@ TEST(PhotoTerm, AnOutlierFunctionWeighsAGrossErrorDown) {
   EXPECT_GT(kept[1].cosine, kept[0].cosine + 0.05);
 }
 
-TEST(PhotoTerm, DoesNotDependOnThreads) {
+TEST(PhotoTerm, ResultIsIndependentOfThreads) {
   Scene scene(true, 4);
   scene.options.semantic.weight = 2;
   const std::vector<ViewPair> pairs = {{0, 1}, {0, 2}, {1, 0}, {2, 0}, {3, 0}};
@@ -259,9 +259,9 @@ TEST(PhotoTerm, DoesNotDependOnThreads) {
   }
 }
 
-// Sums of own faces are those of all, and looking at part of the mesh alone is enough for them where that holds all
-// that windows about them see: here, all of it.
-TEST(PhotoTerm, OwnFacesHaveTheSumsOfAll) {
+// The sums of own faces equal those of all faces, also when only the part of the mesh that their windows can show is
+// given (here: all of it).
+TEST(PhotoTerm, SumsOfOwnFacesEqualThoseOfAllFaces) {
   Scene scene(true, 4);
   scene.options.semantic.weight = 2;
   const std::vector<ViewPair> pairs = {{0, 1}, {0, 2}, {1, 0}, {2, 0}, {3, 0}};

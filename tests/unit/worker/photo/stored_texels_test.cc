@@ -27,9 +27,8 @@ FloatImage PartOf(const FloatImage& image, const PixelRect& rect) {
   return part;
 }
 
-// What a window brings is what it would bring if there were nothing else, wherever pixels count from, and invalid
-// where nothing is stored.
-TEST(StoredTexels, BringAnyWindow) {
+// A window is independent of other windows and of the pixel origin, and invalid where nothing is stored.
+TEST(StoredTexels, LoadsAnyWindow) {
   Random random(3);
   for (const int classes : {0, 1, 2, 3, 4, 6, 8}) {
     for (const bool coarse : {false, true}) {
@@ -68,7 +67,7 @@ TEST(StoredTexels, BringAnyWindow) {
   }
 }
 
-TEST(StoredTexels, HalfAPixelIsTheMeanOfFour) {
+TEST(StoredTexels, NextLevelIsTheMeanOfFourPixels) {
   Random random(5);
   FloatImage image = RandomImage(random, 31, 22, 1);
   image.at(7, 9) = std::nanf("");
@@ -95,8 +94,8 @@ TEST(StoredTexels, HalfAPixelIsTheMeanOfFour) {
   }
 }
 
-// The levels of a part, wherever it begins, are those of the whole.
-TEST(StoredTexels, LevelsOfAPartAreThoseOfTheWhole) {
+// The levels of a part equal those of the whole image, wherever the part begins.
+TEST(StoredTexels, LevelsOfAPartEqualThoseOfTheWhole) {
   Random random(7);
   const FloatImage image = RandomImage(random, 123, 77, 1), likelihoods = RandomImage(random, 123, 77, 5);
   const HeldPixels whole(image, likelihoods);

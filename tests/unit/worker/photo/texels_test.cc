@@ -9,10 +9,10 @@
 namespace tessera {
 namespace {
 
-// Rounded before they are interpolated and after.
+// Rounded before and after interpolation.
 constexpr double kOneStep = 1.0 / Texels::kLikelihoodSteps + 1e-6;
 
-// A plane for each class, linear over the area that a unit square shows: class l at (s, t) of it.
+// One plane per class, linear over the unit square that the image shows: class l at (s, t).
 double Ramp(int l, double s, double t) { return 0.2 + 0.04 * l + 0.3 * s + 0.1 * t; }
 
 FloatImage Ramps(int width, int height, int classes) {
@@ -27,7 +27,7 @@ FloatImage Ramps(int width, int height, int classes) {
   return out;
 }
 
-TEST(Texels, LuminanceIsKeptToHalfAStepAndInvalidPixelsAreTold) {
+TEST(Texels, LuminanceIsExactToHalfAStepAndInvalidPixelsAreMarked) {
   FloatImage image(33, 3);
   for (size_t i = 0; i < image.data.size(); ++i) image.data[i] = static_cast<float>(i) / 98;
   image.at(5, 1) = std::nanf("");
@@ -48,14 +48,14 @@ TEST(Texels, LuminanceIsKeptToHalfAStepAndInvalidPixelsAreTold) {
   EXPECT_EQ(texels.Luminance(7, 1), 0);
 }
 
-TEST(Texels, LikelihoodsOfAnyResolutionAreTakenAtPixelCentres) {
+TEST(Texels, LikelihoodsOfAnyResolutionAreSampledAtPixelCentres) {
   const FloatImage luminance(48, 36, 1, 0.5f);
   for (int classes : {1, 4, 6, 9}) {
     for (const auto& [width, height] : {std::pair(48, 36), {24, 18}, {12, 9}, {96, 72}, {192, 144}, {31, 40}}) {
       const FloatImage likelihoods = Ramps(width, height, classes);
       const Texels texels = MakeTexels(luminance, likelihoods, ScaleToSize(luminance, likelihoods));
       ASSERT_EQ(texels.classes, classes);
-      // Coarser likelihoods are continued at the border: their outermost half pixels are not linear.
+      // Coarser likelihoods repeat their border values, so the outermost half pixels are not linear.
       const int rim = 1 + 48 / width;
       for (int l = 0; l < classes; ++l) {
         for (int y = rim; y < 36 - rim; ++y) {
@@ -69,7 +69,7 @@ TEST(Texels, LikelihoodsOfAnyResolutionAreTakenAtPixelCentres) {
   }
 }
 
-TEST(Texels, ACropTakesItsPartOfTheWhole) {
+TEST(Texels, CropEqualsThatPartOfTheWhole) {
   const FloatImage likelihoods = Ramps(40, 30, 2), luminance(16, 12, 1, 0.5f);
   // The crop begins at pixel (20, 8) of an image of 80 x 60.
   const PixelMapping mapping{0.5, 0.5, 10, 4};
@@ -77,7 +77,7 @@ TEST(Texels, ACropTakesItsPartOfTheWhole) {
   EXPECT_NEAR(texels.Likelihood(3, 5, 1), Ramp(1, 23.5 / 80, 13.5 / 60), kOneStep);
 }
 
-TEST(Texels, FinerLikelihoodsAreAveragedOverAPixel) {
+TEST(Texels, FinerLikelihoodsAreAveragedOverThePixel) {
   FloatImage likelihoods(16, 16);
   for (int y = 0; y < 16; ++y) {
     for (int x = 0; x < 16; ++x) likelihoods.at(x, y) = (x + y) % 2 == 0 ? 1 : 0;

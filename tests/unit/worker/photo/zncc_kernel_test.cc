@@ -16,7 +16,7 @@
 namespace tessera {
 namespace {
 
-// While it lives, kernels use one instruction set alone.
+// Restricts the kernels to one instruction set during its lifetime.
 class OnTarget {
  public:
   explicit OnTarget(int64_t target) {
@@ -46,7 +46,7 @@ struct Setting {
   uint64_t seed = 1;
 };
 
-// A random pair: noise for images and classes, depths that vary from pixel to pixel, half-hidden surfaces.
+// A random pair: noise images and classes, random depth per pixel, partly occluded surfaces.
 class RandomPair {
  public:
   // `used(x, y)`: whether the reference uses a pixel.
@@ -54,7 +54,7 @@ class RandomPair {
   RandomPair(const Setting& setting, const Used& used) : setting_(setting), random_(setting.seed) {
     const int w = setting.width, h = setting.height;
     reference_ = Image(w, h);
-    // The other image is larger, and partly invalid.
+    // The other image is larger and partly invalid.
     other_ = Image(w + 5, h + 3);
     FaceMap map;
     map.width = other_.width;
@@ -90,7 +90,7 @@ class RandomPair {
     window.min_variance = -1;
     window.outlier = setting.photo_outlier;
     semantic = {setting.classes > 0 ? 0.7f : 0.0f, setting.semantic_outlier};
-    TakeOutDoubtful();
+    RemoveAmbiguousPixels();
   }
 
   ZnccOracle<double> Expected() const {
@@ -99,7 +99,7 @@ class RandomPair {
     return oracle;
   }
 
-  // What the kernel makes of rows [begin, end).
+  // Runs the kernel on rows [begin, end).
   ReferenceStrip Run(int begin, int end, ZnccSums* sums) const {
     ReferenceStrip strip;
     strip.Reset(setting_.width, setting_.height, setting_.radius, begin, end);
@@ -129,8 +129,8 @@ class RandomPair {
     return setting_.classes > 0 ? MakeTexels(luminance, likelihoods, PixelMapping()) : MakeTexels(luminance);
   }
 
-  // Decisions that rounding may turn are not asked for.
-  void TakeOutDoubtful() {
+  // Excludes pixels whose decisions depend on rounding.
+  void RemoveAmbiguousPixels() {
     ZnccOracle<double> oracle(pair, window, semantic, whole);
     oracle.hair = 1e-4;
     oracle.Run();
@@ -148,7 +148,7 @@ class RandomPair {
   WarpTarget target_;
 };
 
-// Largest difference over a plane, relative to its root mean square; where that is nothing, to 1.
+// Largest difference over a plane relative to its root mean square, or to 1 if that is 0.
 double Difference(const PaddedPlane& got, const std::vector<double>& expected, int width) {
   double worst = 0, sum = 0;
   for (size_t i = 0; i < expected.size(); ++i) {
@@ -179,7 +179,7 @@ void ExpectAgreement(const RandomPair& input, const Setting& setting) {
   }
 }
 
-TEST(ZnccKernel, AgreesWithPlainLoopsAtEveryWidth) {
+TEST(ZnccKernel, MatchesPlainLoopsAtEveryWidth) {
   int64_t windows = 0, pixels = 0;
   for (int width = 1; width <= 53; ++width) {
     for (double share : {1.0, 0.8, 0.3}) {
@@ -202,7 +202,7 @@ TEST(ZnccKernel, AgreesWithPlainLoopsAtEveryWidth) {
   EXPECT_GT(pixels, 10000);
 }
 
-TEST(ZnccKernel, AgreesWithPlainLoopsForEveryRadiusAndNumberOfClasses) {
+TEST(ZnccKernel, MatchesPlainLoopsForEveryRadiusAndNumberOfClasses) {
   for (int radius = 1; radius <= ZnccWindow::kMaxRadius; ++radius) {
     for (int classes : {0, 1, 2, 3, 4, 5, 8, 9, 13}) {
       Setting setting;
@@ -217,8 +217,8 @@ TEST(ZnccKernel, AgreesWithPlainLoopsForEveryRadiusAndNumberOfClasses) {
   }
 }
 
-TEST(ZnccKernel, AgreesWithPlainLoopsForEveryMask) {
-  // Every mask of two rows of five pixels in the middle of an image that is used, and of one that is not.
+TEST(ZnccKernel, MatchesPlainLoopsForEveryMask) {
+  // All masks of two rows of five pixels in the middle of an image that is otherwise used, or unused.
   for (int pattern = 0; pattern < 1024; ++pattern) {
     Setting setting;
     setting.width = 21;
@@ -235,7 +235,7 @@ TEST(ZnccKernel, AgreesWithPlainLoopsForEveryMask) {
   }
 }
 
-// A wide pair with empty parts, so that every way through the kernel is taken.
+// A wide pair with empty parts, which covers every branch of the kernel.
 RandomPair WidePair(int classes) {
   Setting setting;
   setting.width = 611;
@@ -269,8 +269,8 @@ TEST(ZnccKernel, StripsAddUpToTheWhole) {
   EXPECT_NEAR(parts.semantic_energy, sums.semantic_energy, 1e-12 * sums.semantic_energy);
 }
 
-TEST(ZnccKernel, Avx2AndAvx512AgreeToTheBit) {
-  if (!Supports(HWY_AVX3)) GTEST_SKIP() << "no AVX-512 here";
+TEST(ZnccKernel, Avx2AndAvx512GiveTheSameBytes) {
+  if (!Supports(HWY_AVX3)) GTEST_SKIP() << "this machine has no AVX-512";
   for (int classes : {0, 4, 7}) {
     const RandomPair input = WidePair(classes);
     ZnccSums narrow_sums, wide_sums;
@@ -296,8 +296,8 @@ TEST(ZnccKernel, Avx2AndAvx512AgreeToTheBit) {
   }
 }
 
-TEST(ZnccKernel, PlainLoopsTellAWrongFormulaApart) {
-  // The judge must see a hair's error: one tap, one weight, one entry of the warp off by half a per cent.
+TEST(ZnccKernel, PlainLoopsDetectAWrongFormula) {
+  // The oracle must detect small errors: one tap, one weight or one entry of the warp off by half a per cent.
   const Setting setting;
   const auto used = [](int, int) { return true; };
   const ZnccOracle<double> expected = RandomPair(setting, used).Expected();

@@ -1,5 +1,5 @@
-// The kernel's job in plain loops, one pixel after another: its judge in double precision, and in float what it is
-// measured against.
+// The kernel's computation in plain loops, one pixel at a time: in double precision as the reference, and in float
+// for the expected accuracy.
 #ifndef TESSERA_TESTS_UNIT_WORKER_PHOTO_ZNCC_ORACLE_H_
 #define TESSERA_TESTS_UNIT_WORKER_PHOTO_ZNCC_ORACLE_H_
 
@@ -14,7 +14,7 @@ namespace tessera {
 template <class Real>
 class ZnccOracle {
  public:
-  // Adds one pair to gradient, curvature, count (width x height, rows without padding). `strip` must hold whole planes.
+  // Adds one pair to gradient, curvature, count (width x height, no padding). `strip` must hold whole planes.
   ZnccOracle(const ZnccPair& pair, const ZnccWindow& window, const SemanticWeight& semantic,
              const ReferenceStrip& strip)
       : pair_(pair),
@@ -26,7 +26,7 @@ class ZnccOracle {
 
   std::vector<Real> gradient, curvature, count;
   ZnccSums sums;
-  // Pixels where a decision, or the side of a bilinear cell's border, hangs by less than `hair` pixels.
+  // Pixels where a decision, or the side of a bilinear cell's border, depends on less than `hair` pixels.
   std::vector<int> doubtful;
   Real hair = 0;
 
@@ -102,7 +102,7 @@ class ZnccOracle {
 
   bool Close(Real value) const { return std::abs(value - std::round(value)) < 2 * hair; }
 
-  // The window's weighted sum about every pixel, first down, then across.
+  // The weighted window sum around every pixel, first along columns, then along rows.
   std::vector<Real> WindowSum(const std::vector<Real>& in) const {
     std::vector<Real> down(in.size(), 0), out(in.size(), 0);
     const int radius = window_.radius;

@@ -13,7 +13,7 @@ namespace {
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-// Two blocks of four cells in a row, a face over each cell of a metre; face 100 + x lies over cell x.
+// Two blocks of four cells in a row, one face per cell of one metre; face 100 + x is in cell x.
 constexpr CellRect kLeft{0, 0, 4, 1}, kRight{4, 0, 8, 1};
 
 CollectedFaces Row() {
@@ -49,26 +49,26 @@ class OutdatedFacesTest : public testing::Test {
   std::vector<bool> asked_;  // the right block, the left one
 };
 
-TEST_F(OutdatedFacesTest, AreThoseOfUnfollowedAreasOnce) {
+TEST_F(OutdatedFacesTest, FacesOfUnfollowedAreasAreFoundOnce) {
   EXPECT_THAT(Find({}), ElementsAre(100, 101, 102));
   EXPECT_EQ(areas_[0].outdated_faces, 3);
   EXPECT_THAT(asked_, ElementsAre(false, true));
 }
 
-TEST_F(OutdatedFacesTest, AreNoneWhereTheMeshFollows) {
+TEST_F(OutdatedFacesTest, NoneWhereTheMeshFollows) {
   areas_[0].followed = true;
   EXPECT_THAT(Find({}), IsEmpty());
   EXPECT_EQ(areas_[0].outdated_faces, 0);
 }
 
-TEST_F(OutdatedFacesTest, OfTheBaseStayWhereNothingWasMeasured) {
+TEST_F(OutdatedFacesTest, BaseFacesRemainOutdatedWhereNothingWasMeasured) {
   measured_.after.height_m[6] = std::numeric_limits<float>::quiet_NaN();
-  // 7 is not in the blocks; 101 is found again; 105 is right by now; 106 is not known.
+  // 7 is not in the blocks; 101 is found again; 105 is correct now; 106 is unknown.
   EXPECT_THAT(Find({7, 101, 105, 106, 900}), ElementsAre(7, 100, 101, 102, 106, 900));
   EXPECT_THAT(asked_, ElementsAre(true, true));
 }
 
-TEST_F(OutdatedFacesTest, FilesAreRead) {
+TEST_F(OutdatedFacesTest, FileRoundTrip) {
   const StatusOr<TempFolder> folder = TempFolder::Create("");
   ASSERT_TRUE(folder.ok());
   const std::string path = folder->path() + "/outdated.arrays";

@@ -1,4 +1,4 @@
-// The rasteriser against brute force: every face at every pixel centre, in whole numbers.
+// Compares the rasteriser with brute force: every face at every pixel centre, in integers.
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
 
@@ -19,14 +19,15 @@ using Eigen::Vector3d;
 
 constexpr int64_t kUnit = 1 << 15;  // grid units a pixel, as rasterizer.h promises
 
-// Looks along +z from the origin; powers of two, so that multiples of 2^-12 pixel at a depth of 2^k project exactly.
+// Camera at the origin along +z. Its parameters are powers of two: multiples of 2^-12 pixel at depth 2^k project
+// exactly.
 PosedCamera PlainCamera(int width, int height) {
   PosedCamera camera;
   camera.intrinsics = {width, height, 128, 128, 0.5 * width, 0.5 * height};
   return camera;
 }
 
-// The point that `camera` sees at (x, y) pixels and depth z.
+// The point that projects to (x, y) pixels at depth z.
 Vector3d Unproject(const PosedCamera& camera, double x, double y, double z) {
   const PinholeCamera& k = camera.intrinsics;
   return {(x - k.cx) / k.fx * z, (y - k.cy) / k.fy * z, z};
@@ -42,7 +43,8 @@ GridCorner ToGrid(const PosedCamera& camera, const Vector3d& p) {
   return {std::llrint(seen.x() * kUnit), std::llrint(seen.y() * kUnit), 1 / seen.z()};
 }
 
-// Depth of the face at the pixel's centre; nothing where the face does not cover it. All corners before the camera.
+// Depth of the face at a pixel's centre; none where the face does not cover it. Requires all corners in front of the
+// camera.
 std::optional<double> DepthAt(const GridCorner (&corner)[3], int column, int row) {
   const __int128 px = column * kUnit + kUnit / 2, py = row * kUnit + kUnit / 2;
   __int128 area[3], total = 0;
@@ -81,8 +83,8 @@ std::vector<Corners> AllCorners(const TriangleMesh& mesh, const PosedCamera& cam
   return out;
 }
 
-// Checks every pixel. Faces closer to each other than float tells apart may stand for one another, unless they are the
-// same three vertices: there the first must win. Returns how many pixels show a face.
+// Checks every pixel. Faces whose depths differ by less than float precision may be exchanged, unless they have the
+// same three vertices: then the first must win. Returns how many pixels show a face.
 int ExpectAgrees(const FaceMap& map, const TriangleMesh& mesh, const TriangleMesh& occluders,
                  const PosedCamera& camera) {
   constexpr double kRounding = 4e-7;
@@ -118,8 +120,8 @@ int ExpectAgrees(const FaceMap& map, const TriangleMesh& mesh, const TriangleMes
   return shown;
 }
 
-// Faces of every size before the camera: far below a pixel, some pixels, across the image and far over its rim; some
-// with corners on pixel centres or on one line, some twice.
+// Faces of every size in front of the camera, from far below a pixel to far beyond the image border. Some have
+// corners on pixel centres, some are degenerate, some occur twice.
 TriangleMesh Soup(const PosedCamera& camera, int count, uint64_t seed) {
   Random random(seed);
   const auto between = [&](double low, double high) { return low + (high - low) * random.Uniform(); };
@@ -138,7 +140,7 @@ TriangleMesh Soup(const PosedCamera& camera, int count, uint64_t seed) {
         v = std::floor(v) + 0.5;
       }
       if (line) v = y + 0.5 * (u - x);
-      // The far ones lie deep, or little else would be seen.
+      // Large faces are far away, else they would hide most others.
       const double z = far ? between(200, 600)
                            : (flat ? 64 : (on_centres ? std::exp2(exactly(between(4, 8), 1)) : between(20, 200)));
       mesh.vertices.push_back(Unproject(camera, u, v, z));
@@ -149,9 +151,9 @@ TriangleMesh Soup(const PosedCamera& camera, int count, uint64_t seed) {
   return mesh;
 }
 
-TEST(RasterOracle, AgreesOnSoups) {
+TEST(RasterOracle, MatchesBruteForceOnRandomTriangles) {
   for (uint64_t seed = 1; seed <= 6; ++seed) {
-    // Widths that no vector divides, and one less than a vector.
+    // Widths that no vector width divides, and one less than a vector.
     const PosedCamera camera = PlainCamera(seed == 6 ? 3 : 37 + 5 * static_cast<int>(seed), 41);
     const TriangleMesh mesh = Soup(camera, 300, seed), occluders = Soup(camera, 12, 100 + seed);
     const FaceMap map = RasterizeFaces(mesh, &occluders, camera);
@@ -160,8 +162,8 @@ TEST(RasterOracle, AgreesOnSoups) {
   }
 }
 
-// A patch of random triangles about shared corners, most of which lie on pixel centres or straight below one another.
-TEST(RasterOracle, SharedEdgesLeaveNoHoleAndNoDouble) {
+// A patch of random triangles with shared vertices, most of which lie on pixel centres or in the same column.
+TEST(RasterOracle, SharedEdgesLeaveNoHolesAndNoOverlaps) {
   Random random(5);
   const PosedCamera camera = PlainCamera(48, 48);
   constexpr int kSide = 24;
@@ -194,7 +196,7 @@ TEST(RasterOracle, SharedEdgesLeaveNoHoleAndNoDouble) {
     }
   }
   EXPECT_EQ(drawn, expected);
-  // The shifts may fold a few cells; where none did, a pixel has one face.
+  // The random shifts may fold some cells; without folds every pixel has exactly one face.
   int once = 0;
   for (int count : drawn) {
     EXPECT_GE(count, 1);
@@ -203,7 +205,7 @@ TEST(RasterOracle, SharedEdgesLeaveNoHoleAndNoDouble) {
   EXPECT_GT(once, 48 * 48 * 3 / 4);
 }
 
-TEST(RasterOracle, OfEquallyDeepFacesTheFirstWins) {
+TEST(RasterOracle, LowestIndexWinsAmongEquallyDeepFaces) {
   const PosedCamera camera = PlainCamera(40, 30);
   Random random(3);
   TriangleMesh mesh;  // all at one depth
@@ -225,8 +227,8 @@ TEST(RasterOracle, OfEquallyDeepFacesTheFirstWins) {
   }
 }
 
-// Nearest point of the mesh beyond the near plane on the ray through a pixel's centre, by Möller and Trumbore; and
-// whether it is clear, for the ray keeps away from edges, from other faces' points and from the near plane.
+// Nearest intersection beyond the near plane of the ray through a pixel's centre (Möller and Trumbore), and whether
+// it is unambiguous: the ray is not close to an edge, to another face's intersection, or to the near plane.
 struct RayHit {
   int face = -1;
   double depth = FaceMap::kNothing;
@@ -255,7 +257,7 @@ RayHit TracePixel(const TriangleMesh& mesh, const PosedCamera& camera, int colum
   return best;
 }
 
-// Faces around the camera, most of them partly behind it or far out of sight.
+// Faces around the camera, most of them partly behind it or outside the image.
 TriangleMesh Surroundings(int count, uint64_t seed) {
   Random random(seed);
   TriangleMesh mesh;
@@ -270,7 +272,7 @@ TriangleMesh Surroundings(int count, uint64_t seed) {
   return mesh;
 }
 
-TEST(RasterOracle, AgreesWithRaysThroughFacesAcrossTheNearPlane) {
+TEST(RasterOracle, MatchesRayCastingForFacesAcrossTheNearPlane) {
   for (uint64_t seed = 1; seed <= 4; ++seed) {
     const PosedCamera camera = PlainCamera(64, 48);
     const TriangleMesh mesh = Surroundings(40, seed);
@@ -304,7 +306,7 @@ bool SameBytes(const FaceMap& a, const FaceMap& b) {
          std::memcmp(a.depth.data(), b.depth.data(), a.depth.size() * sizeof(float)) == 0;
 }
 
-// A soup that no band and no list holds at once, with some faces across the near plane and most of it in sight.
+// More triangles than one band or one list holds; some cross the near plane, most are visible.
 TriangleMesh LargeSoup(const PosedCamera& camera) {
   TriangleMesh mesh = Soup(camera, 12000, 9);
   const TriangleMesh around = Surroundings(6, 2);
@@ -316,7 +318,7 @@ TriangleMesh LargeSoup(const PosedCamera& camera) {
   return mesh;
 }
 
-TEST(RasterOracle, ThreadsViewsAndUsedBuffersGiveTheSameBytes) {
+TEST(RasterOracle, ResultIsIndependentOfThreadsBatchingAndReusedBuffers) {
   const PosedCamera camera = PlainCamera(301, 223), other = PlainCamera(90, 120);
   const TriangleMesh mesh = LargeSoup(camera), occluders = Soup(camera, 40, 4);
   FaceMap alone, alone_other;
@@ -326,7 +328,7 @@ TEST(RasterOracle, ThreadsViewsAndUsedBuffersGiveTheSameBytes) {
     alone_other = RasterizeFaces(occluders, nullptr, other);
   }
   EXPECT_GT(FacesShown(alone), 2000u);
-  // Cells of unequal size, of which the window does not show all.
+  // Cells of unequal size, not all of them in the window.
   MeshCells cells;
   for (uint32_t k = 0; k <= 50; ++k) {
     cells.face_begin.push_back(static_cast<uint32_t>(mesh.faces.size() * k * k / 2500));
@@ -362,7 +364,7 @@ TEST(RasterOracle, ThreadsViewsAndUsedBuffersGiveTheSameBytes) {
   }
 }
 
-TEST(RasterOracle, InstructionSetsGiveTheSameBytes) {
+TEST(RasterOracle, ResultIsIndependentOfTheInstructionSet) {
   const PosedCamera camera = PlainCamera(301, 223);
   const TriangleMesh mesh = LargeSoup(camera), occluders = Soup(camera, 40, 4);
   const FaceMap best = RasterizeFaces(mesh, &occluders, camera);

@@ -61,7 +61,7 @@ std::pair<int, double> TraceRay(const TriangleMesh& mesh, const PosedCamera& cam
   return best;
 }
 
-TEST(Rasterizer, AgreesWithRayTracing) {
+TEST(Rasterizer, MatchesRayCasting) {
   const TriangleMesh mesh = Terrain(24, 30, 8, 3);
   const PosedCamera camera = LookingDown(60, 0.5);
   const FaceMap map = RasterizeFaces(mesh, nullptr, camera);
@@ -81,7 +81,7 @@ TEST(Rasterizer, AgreesWithRayTracing) {
   EXPECT_LE(different, 2);
 }
 
-TEST(Rasterizer, NeighboursLeaveNoHoleAndAPixelIsDrawnOnce) {
+TEST(Rasterizer, AdjacentFacesCoverEachPixelExactlyOnce) {
   // Vertices exactly on pixel centres: a flat grid whose edges run through them.
   TriangleMesh mesh = Terrain(32, 16, 0, 1);
   PosedCamera camera;
@@ -103,7 +103,7 @@ TEST(Rasterizer, NeighboursLeaveNoHoleAndAPixelIsDrawnOnce) {
   }
 }
 
-TEST(Rasterizer, OccludersHideButHaveNoFace) {
+TEST(Rasterizer, OccludersWriteDepthButNoFace) {
   const TriangleMesh ground = Terrain(4, 20, 0, 1);
   TriangleMesh roof = Terrain(1, 3, 0, 1);
   for (Vector3d& v : roof.vertices) v.z() = 10;
@@ -115,12 +115,12 @@ TEST(Rasterizer, OccludersHideButHaveNoFace) {
   EXPECT_FLOAT_EQ(map.depth[centre], 30);
   EXPECT_GE(free.face[centre], 0);
   EXPECT_EQ(map.face[60 * 160 + 20], free.face[60 * 160 + 20]);
-  // An occluder that coincides with the mesh takes nothing away.
+  // An occluder that coincides with the mesh hides nothing.
   EXPECT_EQ(RasterizeFaces(ground, &ground, camera).face, free.face);
 }
 
-TEST(Rasterizer, ClipsWhatReachesBehindTheCamera) {
-  // The camera stands on a plane that runs on behind it.
+TEST(Rasterizer, ClipsFacesAtTheNearPlane) {
+  // The camera stands on a plane that continues behind it.
   TriangleMesh mesh;
   mesh.vertices = {{-500, -500, -2}, {500, -500, -2}, {500, 500, -2}, {-500, 500, -2}};
   mesh.faces = {{0, 1, 2}, {0, 2, 3}};
@@ -135,7 +135,7 @@ TEST(Rasterizer, ClipsWhatReachesBehindTheCamera) {
   }
 }
 
-TEST(Rasterizer, DoesNotDependOnThreads) {
+TEST(Rasterizer, ResultIsIndependentOfThreads) {
   const TriangleMesh mesh = Terrain(60, 30, 5, 8);
   const PosedCamera camera = LookingDown(50, 0.4);
   FaceMap one, two;
@@ -151,7 +151,7 @@ TEST(Rasterizer, DoesNotDependOnThreads) {
   EXPECT_EQ(one.depth, two.depth);
 }
 
-TEST(Rasterizer, AWindowIsAPartOfTheWholeToTheBit) {
+TEST(Rasterizer, WindowEqualsThatPartOfTheWholeImage) {
   const TriangleMesh mesh = Terrain(20, 12, 4, 5);
   const PosedCamera camera = LookingDown(60, 0.3);
   PixelRect rect = {160, 120, 0, 0};  // all pixels that the mesh may cover, and three more each way
@@ -179,7 +179,7 @@ TEST(Rasterizer, AWindowIsAPartOfTheWholeToTheBit) {
   EXPECT_EQ(inside, total);
 }
 
-TEST(Rasterizer, PyramidCameraKeepsPixelEdges) {
+TEST(PyramidCamera, KeepsPixelEdges) {
   PosedCamera camera = LookingDown(60, 0.3);
   camera.intrinsics.width = 161;
   const PosedCamera half = PyramidCamera(camera, 1);

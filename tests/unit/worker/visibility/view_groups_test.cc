@@ -10,8 +10,8 @@
 namespace tessera {
 namespace {
 
-// By its definition, for sparse and dense flags, margins and maps of all sizes.
-TEST(KeepNearOwn, KeepsWhatIsAsNearAsTheMarginAndNoMore) {
+// Compares with the definition for sparse and dense flags, several margins and map sizes.
+TEST(KeepNearOwn, KeepsExactlyThePixelsWithinTheMargin) {
   Random random(7);
   int64_t kept = 0, dropped = 0;
   for (int run = 0; run < 60; ++run) {
@@ -24,7 +24,9 @@ TEST(KeepNearOwn, KeepsWhatIsAsNearAsTheMarginAndNoMore) {
     own[0] = 1;
     for (int i = 0; i < map.width * map.height; ++i) {
       const double kind = random.Uniform();
-      map.face.push_back(kind < 0.1 ? -1 : kind < 0.2 ? kNotLookedAt : static_cast<int32_t>(1 + random.Below(faces - 1)));
+      map.face.push_back(kind < 0.1   ? -1
+                         : kind < 0.2 ? kNotLookedAt
+                                      : static_cast<int32_t>(1 + random.Below(faces - 1)));
       map.depth.push_back(1);
     }
     if (run % 2 == 0) map.face[random.Below(map.face.size())] = 0;

@@ -1,4 +1,4 @@
-// What cells choose when views come and go.
+// View selection of cells after views were added or withdrawn.
 #include <gtest/gtest.h>
 
 #include "tests/unit/worker/tile/tiny_city.h"
@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-// The city with a flight a year later that stands twice where the first did: two views see all.
+// The city with a second flight one year later at the poses of the first.
 TinyCity WithSecondFlight(ViewChanges* changes) {
   TinyCity tiny = MakeTinyCity();
   Survey& survey = tiny.survey;
@@ -24,10 +24,10 @@ TinyCity WithSecondFlight(ViewChanges* changes) {
 }
 
 Status Choose(const TinyCity& tiny, const ViewChanges& changes, bool all_epochs, Survey* survey) {
-  return ChooseAnew(tiny.city, changes, all_epochs, CellViewOptions(), PairOptions(), {}, survey);
+  return UpdateViewSelection(tiny.city, changes, all_epochs, CellViewOptions(), PairOptions(), {}, survey);
 }
 
-TEST(ChooseAnew, NothingChangesWhereNoViewDoes) {
+TEST(UpdateViewSelection, UnchangedViewsKeepTheSelection) {
   TinyCity tiny = MakeTinyCity();
   const std::string before = SurveyToJson(tiny.survey);
   ViewChanges changes;
@@ -36,7 +36,7 @@ TEST(ChooseAnew, NothingChangesWhereNoViewDoes) {
   EXPECT_EQ(SurveyToJson(tiny.survey), before);
 }
 
-TEST(ChooseAnew, AWithdrawnViewLeavesItsCellsAndPairsAndNoOther) {
+TEST(UpdateViewSelection, WithdrawnViewIsRemovedFromItsCellsAndPairsOnly) {
   TinyCity tiny = MakeTinyCity();
   const Survey before = tiny.survey;
   const int32_t gone = before.cells[0].views.at(0);
@@ -64,7 +64,7 @@ TEST(ChooseAnew, AWithdrawnViewLeavesItsCellsAndPairsAndNoOther) {
   }
 }
 
-TEST(ChooseAnew, TheNewestFlightIsPreferredWhereItSeesEnough) {
+TEST(UpdateViewSelection, NewestFlightIsPreferredWhereItCoversEnough) {
   ViewChanges changes;
   const TinyCity tiny = WithSecondFlight(&changes);
   const auto old_views = [&](bool all_epochs) {
@@ -76,20 +76,20 @@ TEST(ChooseAnew, TheNewestFlightIsPreferredWhereItSeesEnough) {
     }
     return old;
   };
-  EXPECT_EQ(old_views(false), 0) << "the second sees what the first did";
+  EXPECT_EQ(old_views(false), 0) << "the second flight has the poses of the first";
   EXPECT_GT(old_views(true), 0);
 }
 
-TEST(ChooseAnew, NewViewsHavePartnersAmongThemselvesForCellsThatLeaveTheOldOut) {
+TEST(UpdateViewSelection, NewViewsHavePartnersOfTheirOwnEpoch) {
   ViewChanges changes;
   TinyCity tiny = WithSecondFlight(&changes);
   PairOptions pairs;
   pairs.partners = 1;
-  pairs.min_angle_rad = 0;  // of the views that stand where it does
+  pairs.min_angle_rad = 0;  // also allows pairs of views with equal poses
   const auto without_new_partner = [&](bool all_epochs) {
     Survey survey = tiny.survey;
     survey.pairs.clear();
-    EXPECT_TRUE(ChooseAnew(tiny.city, changes, all_epochs, CellViewOptions(), pairs, {}, &survey).ok());
+    EXPECT_TRUE(UpdateViewSelection(tiny.city, changes, all_epochs, CellViewOptions(), pairs, {}, &survey).ok());
     std::vector<uint8_t> has(survey.views.size(), 0);
     for (const auto& [a, b] : survey.pairs) has[a] |= changes.changed[a] && changes.changed[b];
     int without = 0;
@@ -100,7 +100,7 @@ TEST(ChooseAnew, NewViewsHavePartnersAmongThemselvesForCellsThatLeaveTheOldOut) 
   EXPECT_GT(without_new_partner(true), 0) << "its only partner is an old one";
 }
 
-TEST(ChooseAnew, DatesTellWhichFlightIsNewest) {
+TEST(UpdateViewSelection, DatesDetermineTheNewestFlight) {
   ViewChanges changes;
   TinyCity tiny = WithSecondFlight(&changes);
   const auto new_is_preferred = [&](const std::string& first, const std::string& second) {
@@ -113,11 +113,11 @@ TEST(ChooseAnew, DatesTellWhichFlightIsNewest) {
   };
   EXPECT_TRUE(new_is_preferred("2026-05-01", ""));
   EXPECT_TRUE(new_is_preferred("", ""));
-  EXPECT_FALSE(new_is_preferred("2026-05-01", "2025-05-01")) << "an older flight that came later";
-  EXPECT_FALSE(new_is_preferred("2026-05-01", "2026-05-01")) << "of one day";
+  EXPECT_FALSE(new_is_preferred("2026-05-01", "2025-05-01")) << "an older flight, added later";
+  EXPECT_FALSE(new_is_preferred("2026-05-01", "2026-05-01")) << "flights of the same day are one epoch";
 }
 
-TEST(ChooseAnew, ChoosesAsIngestDoes) {
+TEST(UpdateViewSelection, AllCellsChangedGivesTheSelectionOfIngest) {
   ViewChanges changes;
   const TinyCity tiny = WithSecondFlight(&changes);
   Survey updated = tiny.survey, whole = tiny.survey;

@@ -1,4 +1,4 @@
-#include "worker/visibility/cell_sight.h"
+#include "worker/visibility/visible_cells.h"
 
 #include <gtest/gtest.h>
 
@@ -27,7 +27,7 @@ PosedCamera RandomCamera(Random& random) {
   return camera;
 }
 
-// A point of a box and where a view has it.
+// A point of a box and its projection in a view.
 struct Sample {
   uint32_t cell;
   Vector3d point;
@@ -46,8 +46,8 @@ bool Has(const std::vector<uint32_t>& cells, uint32_t cell) {
   return std::binary_search(cells.begin(), cells.end(), cell);
 }
 
-// The three steps of the header, point by point, on random boxes.
-TEST(FindCellSight, HasWhateverOwnPixelsMayDependOn) {
+// Checks the three steps documented in the header on random points of random boxes.
+TEST(FindCellSight, ContainsAllCellsThatOwnPixelsCanDependOn) {
   int64_t own_pixels = 0, partners = 0, left_out = 0;
   for (uint64_t seed = 0; seed < 12; ++seed) {
     Random random(seed);
@@ -89,7 +89,7 @@ TEST(FindCellSight, HasWhateverOwnPixelsMayDependOn) {
           if (!in_view(v, other) || !Within(at(v, own), at(v, other), problem.reference_margin_px)) continue;
           ASSERT_TRUE(Has(sight.cells[v], other.cell)) << "seed " << seed;
           ASSERT_TRUE(Holds(sight.own_windows[v], at(v, other))) << "seed " << seed;
-          // It may land on the partner, beside whatever is there.
+          // It may be warped to any pixel within the margin of its projection.
           if (v == 0 || !in_view(v - 1, other)) continue;
           ++partners;
           ASSERT_TRUE(Holds(sight.windows[v - 1], at(v - 1, other))) << "seed " << seed;
@@ -103,7 +103,7 @@ TEST(FindCellSight, HasWhateverOwnPixelsMayDependOn) {
   }
   EXPECT_GT(own_pixels, 300);
   EXPECT_GT(partners, 300);
-  EXPECT_GT(left_out, 100) << "or everything is in sight of everything";
+  EXPECT_GT(left_out, 100) << "the test is void: nearly every cell is visible";
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "worker/label/label_reach.h"
+#include "worker/label/label_dependency.h"
 
 #include <gtest/gtest.h>
 
@@ -38,7 +38,7 @@ SolverOptions RandomOptions(Random* random) {
   return options;
 }
 
-// A cell whose even and odd blocks have these colours; another for every `place`.
+// A cell whose even and odd blocks have these colours; different for every `place`.
 Cell CellOf(int even, int odd, int32_t place) {
   Cell cell;
   for (int axis = 0; axis < 2; ++axis) {
@@ -48,9 +48,9 @@ Cell CellOf(int even, int odd, int32_t place) {
   return cell;
 }
 
-// A strip of faces, long beside its width and its cells, so that a reach ends within it. Cells follow each other as on
-// the ground, or with colours that let turns pass on what changes, as far away from each other as those of large faces.
-// Costs are many or few, whole numbers make ties; where weights fall along the strip, faces do what those before do.
+// A strip of faces that is much longer than the dependency radius. Cells follow each other as on the ground, or have
+// colours for which changes travel furthest over the sweeps, and lie far apart like those of large faces. Costs are
+// many or few; integer costs make ties. Where weights decrease along the strip, faces follow their predecessors.
 Problem RandomStrip(uint64_t seed) {
   Random random(seed);
   Problem p;
@@ -90,7 +90,7 @@ Problem RandomStrip(uint64_t seed) {
   return p;
 }
 
-// Another problem, of which nothing is the same but what concerns the faces of `kept`.
+// A different problem that agrees only in the faces of `kept` and the edges between them.
 Problem Perturbed(const Problem& p, const std::vector<uint8_t>& kept, Random* random) {
   Problem other = p;
   for (size_t f = 0; f < p.field.faces(); ++f) {
@@ -104,7 +104,7 @@ Problem Perturbed(const Problem& p, const std::vector<uint8_t>& kept, Random* ra
   return other;
 }
 
-// The faces of `kept` alone; `faces` gets what they were.
+// The problem restricted to the faces of `kept`; `faces` receives their indices.
 Problem CutDown(const Problem& p, const std::vector<uint8_t>& kept, std::vector<uint32_t>* faces) {
   Problem part;
   part.options = p.options;
@@ -140,7 +140,7 @@ std::pair<std::vector<int32_t>, std::vector<float>> CoreOf(const Problem& p) {
   return core;
 }
 
-// Whether labels and beliefs of the core are the same whatever is out of reach.
+// Whether labels and beliefs of the core stay the same when everything outside the radius changes.
 bool Holds(const Problem& p, const LabelReach& reach, uint64_t seed, int64_t* outside) {
   Random random(seed ^ 0x5eed);
   const std::vector<uint8_t> kept = FacesInReach(LinksOf(p.field), p.field.cell, p.core, reach);
@@ -150,7 +150,7 @@ bool Holds(const Problem& p, const LabelReach& reach, uint64_t seed, int64_t* ou
   return whole == CoreOf(CutDown(p, kept, &faces)) && whole == CoreOf(Perturbed(p, kept, &random));
 }
 
-TEST(LabelReach, NothingBeyondItMattersOnStrips) {
+TEST(LabelDependency, FacesOutsideTheRadiusDoNotMatterOnStrips) {
   int64_t outside = 0;
   for (uint64_t seed = 0; seed < 3000; ++seed) {
     const Problem p = RandomStrip(seed);
@@ -159,7 +159,7 @@ TEST(LabelReach, NothingBeyondItMattersOnStrips) {
   EXPECT_GT(outside, 3000 * 10);
 }
 
-TEST(LabelReach, NothingBeyondItMattersOnMeshes) {
+TEST(LabelDependency, FacesOutsideTheRadiusDoNotMatterOnMeshes) {
   int64_t outside = 0;
   for (uint64_t seed = 0; seed < 40; ++seed) {
     Random random(seed);
@@ -178,20 +178,20 @@ TEST(LabelReach, NothingBeyondItMattersOnMeshes) {
       p.start.push_back(static_cast<int32_t>(random.Below(p.field.classes + 1)) - 1);
       if (random.Uniform() < 0.001) p.field.cell[f][random.Below(2)] += 4;
     }
-    // A corner of it.
+    // A corner of the mesh.
     for (const Cell& cell : p.field.cell) p.core.push_back(cell[0] < 3 && cell[1] < 3);
     EXPECT_TRUE(Holds(p, ReachOf(p.options), seed, &outside)) << seed;
   }
   EXPECT_GT(outside, 40 * 1000);
 }
 
-// A chain of faces without costs of their own, so that each does as the one before; its last face is the core.
-//   0           lets face 1 decide in the first round only if it is not there
-//   1 to 4      are decided or not, one a round
-//   5 to q      have the messages say 1 or 0 accordingly, one an iteration
-//   q + 1       takes the safe 0 for its start of 1 only if q has 0 before and after
-//   to q + 5    follow in the even turns, one a colour, and
-//   to q + 9    in the odd ones.
+// A chain of faces without unary costs, so that each follows the one before; its last face is the core.
+//     0: face 1 is decided in the first round only if face 0 is absent.
+//     1 to 4: decided or not, one per round.
+//     5 to q: the messages' label becomes 1 or 0 accordingly, one face per iteration.
+//     q + 1: switches from its start label 1 to 0 only if q has label 0 before and after.
+//     to q + 5: follow in the even sweep, one per colour.
+//     to q + 9: follow in the odd sweep.
 Problem LongestChain(int iterations) {
   const int q = kDecideRounds + 1 + iterations, last = q + 9;
   Problem p;
@@ -213,7 +213,7 @@ Problem LongestChain(int iterations) {
   return p;
 }
 
-TEST(LabelReach, NoneOfItsNumbersIsTooLarge) {
+TEST(LabelDependency, EveryBoundIsAttained) {
   for (const int iterations : {0, 1, 2, 7, 30}) {
     const Problem p = LongestChain(iterations);
     std::vector<uint32_t> faces;
@@ -232,7 +232,7 @@ TEST(LabelReach, NoneOfItsNumbersIsTooLarge) {
   }
 }
 
-TEST(LabelReach, EnergyIsNeverAboveTheStartsAndThreadsChangeNoByte) {
+TEST(LabelDependency, EnergyNeverExceedsTheStartForAnyNumberOfThreads) {
   for (uint64_t seed = 0; seed < 500; ++seed) {
     Problem p = RandomStrip(seed);
     for (int32_t& label : p.start) label = std::max(label, 0);
@@ -246,8 +246,8 @@ TEST(LabelReach, EnergyIsNeverAboveTheStartsAndThreadsChangeNoByte) {
   }
 }
 
-TEST(LabelReach, FacesInReachGoesByBlocksThenRings) {
-  // A row of faces, two a cell; blocks of four, the odd ones from face 2.
+TEST(LabelDependency, FacesInRadiusGrowByBlocksThenByRings) {
+  // A row of faces, two per cell; blocks of four faces; the odd blocks begin at face 2.
   std::vector<std::array<uint32_t, 2>> links;
   std::vector<Cell> cell;
   for (uint32_t f = 0; f < 40; ++f) {
@@ -263,7 +263,7 @@ TEST(LabelReach, FacesInReachGoesByBlocksThenRings) {
     EXPECT_EQ(std::count(last, in.end(), 1), 0);
     return std::array<std::ptrdiff_t, 2>{first - in.begin(), last - in.begin()};
   };
-  // Face 20 is in the odd block 18 to 21; the even ones that it meets are 16 to 23.
+  // Face 20 is in the odd block 18 to 21, which touches the even blocks 16 to 23.
   EXPECT_EQ(range({}), (std::array<std::ptrdiff_t, 2>{16, 24}));
   EXPECT_EQ(range({.odd_links = 1}), (std::array<std::ptrdiff_t, 2>{12, 28}));
   EXPECT_EQ(range({.odd_rings = 3}), (std::array<std::ptrdiff_t, 2>{12, 28}));

@@ -1,4 +1,4 @@
-#include "worker/visibility/cell_sight.h"
+#include "worker/visibility/visible_cells.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +9,10 @@
 namespace tessera {
 namespace {
 
-constexpr int kBlock_px = 8;      // needed pixels are counted in squares of so many
-constexpr size_t kRunCells = 16;  // cells that are looked for together first
+constexpr int kBlock_px = 8;      // needed pixels are recorded in squares of this size
+constexpr size_t kRunCells = 16;  // cells that share a bounding box for early rejection
 
-// Squares of an image.
+// A set of square blocks of an image.
 class PixelSet {
  public:
   explicit PixelSet(const PixelRect& domain)
@@ -43,7 +43,7 @@ class PixelSet {
   }
 
  private:
-  // Calls body(begin, end) for the squares of a rectangle, row by row, until it says true.
+  // Calls body(begin, end) for each row of blocks of a rectangle until it returns true.
   template <class Body>
   bool ForRows(const PixelRect& rect, const Body& body) {
     if (rect.empty()) return false;
@@ -61,13 +61,13 @@ class PixelSet {
   std::vector<uint8_t> marks_;
 };
 
-// A cell and the pixels of a view that may show something of it.
+// A cell and the bounds of its projection in a view.
 struct CellPixels {
   uint32_t cell = 0;
   PixelRect pixels;
 };
 
-// Calls body for those of `in_view` that are among `cells`; both ascend.
+// Calls body for the elements of `in_view` whose cell is in `cells`. Both are ascending.
 template <class Body>
 void ForCells(const std::vector<CellPixels>& in_view, const std::vector<uint32_t>& cells, const Body& body) {
   size_t at = 0;

@@ -1,4 +1,4 @@
-#include "worker/label/block_turns.h"
+#include "worker/label/block_descent.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-// A field with all faces undecided, in small cells, and random labels by its numbers.
+// A field with all faces undecided, in small cells, and random labels indexed by undecided number.
 struct Fixture {
   LabelField field;
   UndecidedField undecided;
@@ -32,14 +32,14 @@ struct Fixture {
   }
 };
 
-// Not only all together: whatever other blocks choose, no block's choice does harm.
-TEST(BlockTurns, SafePartsAreSafeBlockByBlock) {
+// Not only all switches together: any subset of the blocks' switches lowers the energy.
+TEST(BlockDescent, SafePartsLowerTheEnergyInAnyCombinationOfBlocks) {
   int64_t taken = 0;
   for (uint64_t seed = 0; seed < 50; ++seed) {
     Fixture f(seed);
     const Blocks blocks = MakeBlocks(f.field, f.undecided, BlockGrid::kEven);
     const std::vector<int32_t> start = f.Labels(), proposed = f.Labels();
-    const std::vector<int32_t> all = TakeSafeParts(f.undecided, blocks, start, proposed);
+    const std::vector<int32_t> all = ApplySafeParts(f.undecided, blocks, start, proposed);
     for (int round = 0; round < 10; ++round) {
       std::vector<uint8_t> chosen(blocks.size());
       for (uint8_t& c : chosen) c = f.random.Below(2) > 0;
@@ -54,17 +54,17 @@ TEST(BlockTurns, SafePartsAreSafeBlockByBlock) {
   EXPECT_GT(taken, 1000);
 }
 
-TEST(BlockTurns, TakingBetterPartsNeverRaisesTheEnergy) {
+TEST(BlockDescent, SweepNeverRaisesTheEnergy) {
   for (uint64_t seed = 0; seed < 50; ++seed) {
     Fixture f(seed);
     for (size_t face = 0; face < f.field.faces(); face += 5) f.field.cell[face][0] += 4;  // bridges
     for (const BlockGrid grid : {BlockGrid::kEven, BlockGrid::kOdd}) {
       const std::vector<int32_t> start = f.Labels(), proposed = f.Labels();
       std::vector<int32_t> labels = start;
-      TakeTurns(f.undecided, MakeBlocks(f.field, f.undecided, grid), {&proposed}, 0, &labels);
+      SweepBlocks(f.undecided, MakeBlocks(f.field, f.undecided, grid), {&proposed}, 0, &labels);
       EXPECT_LT(f.Energy(labels), f.Energy(start));
       const std::vector<int32_t> before = labels;
-      TakeTurns(f.undecided, MakeBlocks(f.field, f.undecided, grid), {}, 2, &labels);
+      SweepBlocks(f.undecided, MakeBlocks(f.field, f.undecided, grid), {}, 2, &labels);
       EXPECT_LT(f.Energy(labels), f.Energy(before));
     }
   }

@@ -1,4 +1,4 @@
-#include "worker/label/block_turns.h"
+#include "worker/label/block_descent.h"
 
 #include <algorithm>
 #include <span>
@@ -11,17 +11,17 @@ namespace {
 
 constexpr int64_t kGrain = 8;
 
-// Connected parts of a block in which two labellings differ. Keeps its memory from block to block.
+// Connected parts of a block in which two labellings differ. Reuses its buffers for all blocks.
 class BlockParts {
  public:
   BlockParts(const UndecidedField& field, const Blocks& blocks, const std::vector<int32_t>& now,
              const std::vector<int32_t>& proposed)
       : field_(field), blocks_(blocks), now_(now), proposed_(proposed) {}
 
-  // Calls take(face) for the faces of each part of the faces of a block for which differs(face) that lowers the energy.
-  // Faces of other blocks keep their label, or have either of the two where they differ as well.
+  // Calls take(face) for the faces of each connected part of {face of the block : differs(face)} that lowers the
+  // energy. Faces of other blocks have their current label, or the worse of both where they differ as well.
   template <typename Differs, typename Take>
-  void TakeBetter(uint32_t block, const Differs& differs, const Take& take) {
+  void ApplyBetterParts(uint32_t block, const Differs& differs, const Take& take) {
     const std::span<const uint32_t> faces = blocks_[block];
     seen_.assign(faces.size(), 0);
     for (size_t start = 0; start < faces.size(); ++start) {
@@ -45,9 +45,9 @@ class BlockParts {
             gain += std::min<double>(alone, half) * link.weight;
             continue;
           }
-          gain += half * link.weight;  // the other half from the other end
-          if (!seen_[blocks_.place[g]]) {
-            seen_[blocks_.place[g]] = 1;
+          gain += half * link.weight;  // the other end counts the other half
+          if (!seen_[blocks_.index_in_block[g]]) {
+            seen_[blocks_.index_in_block[g]] = 1;
             part_.push_back(g);
           }
         }
@@ -66,21 +66,21 @@ class BlockParts {
 
 }  // namespace
 
-std::vector<int32_t> TakeSafeParts(const UndecidedField& field, const Blocks& blocks, const std::vector<int32_t>& start,
-                                   const std::vector<int32_t>& proposed) {
+std::vector<int32_t> ApplySafeParts(const UndecidedField& field, const Blocks& blocks,
+                                    const std::vector<int32_t>& start, const std::vector<int32_t>& proposed) {
   std::vector<int32_t> labels = start;
   ParallelFor(static_cast<int64_t>(blocks.size()), kGrain, [&](int64_t begin, int64_t end) {
     BlockParts parts(field, blocks, start, proposed);
     const auto differs = [&](uint32_t f) { return start[f] != proposed[f]; };
     const auto take = [&](uint32_t f) { labels[f] = proposed[f]; };
-    for (int64_t b = begin; b < end; ++b) parts.TakeBetter(static_cast<uint32_t>(b), differs, take);
+    for (int64_t b = begin; b < end; ++b) parts.ApplyBetterParts(static_cast<uint32_t>(b), differs, take);
   });
   return labels;
 }
 
-void TakeTurns(const UndecidedField& field, const Blocks& blocks,
-               const std::vector<const std::vector<int32_t>*>& proposals, int expansion_rounds,
-               std::vector<int32_t>* labels) {
+void SweepBlocks(const UndecidedField& field, const Blocks& blocks,
+                 const std::vector<const std::vector<int32_t>*>& proposals, int expansion_rounds,
+                 std::vector<int32_t>* labels) {
   for (const std::vector<uint32_t>& turn : blocks.colours) {
     ParallelFor(static_cast<int64_t>(turn.size()), kGrain, [&](int64_t begin, int64_t end) {
       BlockExpansion expansion(field, blocks);
@@ -88,7 +88,7 @@ void TakeTurns(const UndecidedField& field, const Blocks& blocks,
         const uint32_t block = turn[i];
         for (const std::vector<int32_t>* proposed : proposals) {
           BlockParts(field, blocks, *labels, *proposed)
-              .TakeBetter(
+              .ApplyBetterParts(
                   block,
                   [&](uint32_t f) {
                     return blocks.block[f] == block && !blocks.bridge[f] && (*labels)[f] != (*proposed)[f];

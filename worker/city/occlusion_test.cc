@@ -1,11 +1,11 @@
-#include "worker/city/city_sight.h"
+#include "worker/city/occlusion_test.h"
 
 #include <vector>
 
 namespace tessera {
 
-StatusOr<TriangleMesh> FacesAround(const CityReader& city, const Eigen::AlignedBox3d& box, double reach_m) {
-  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(reach_m);
+StatusOr<TriangleMesh> FacesAround(const CityReader& city, const Eigen::AlignedBox3d& box, double radius_m) {
+  const Eigen::Vector3d reach = Eigen::Vector3d::Constant(radius_m);
   const Eigen::AlignedBox3d around(box.min() - reach, box.max() + reach);
   TriangleMesh found;
   for (size_t b = 0; b < city.block_count(); ++b) {

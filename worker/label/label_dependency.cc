@@ -1,4 +1,4 @@
-#include "worker/label/label_reach.h"
+#include "worker/label/label_dependency.h"
 
 #include <algorithm>
 #include <numeric>
@@ -8,7 +8,7 @@
 namespace tessera {
 namespace {
 
-// Neighbours of each node, from `offsets[node]`.
+// Adjacency lists of a graph's nodes.
 struct Neighbours {
   std::vector<uint64_t> offsets;
   std::vector<uint32_t> nodes;
@@ -30,7 +30,7 @@ Neighbours NeighboursOf(size_t nodes, const std::vector<std::array<uint32_t, 2>>
   return neighbours;
 }
 
-// Flags what is within `steps` of the flagged, too.
+// Dilates the flags by `steps` along the pairs.
 void Grow(const std::vector<std::array<uint32_t, 2>>& pairs, int steps, std::vector<uint8_t>* flags) {
   const Neighbours neighbours = NeighboursOf(flags->size(), pairs);
   std::vector<uint32_t> rim, next;
@@ -51,7 +51,7 @@ void Grow(const std::vector<std::array<uint32_t, 2>>& pairs, int steps, std::vec
   }
 }
 
-// Flags the faces of all blocks within `links` of one with a flagged face.
+// Flags the faces of all blocks within `links` block links of a block with a flagged face.
 void GrowByBlocks(const std::vector<std::array<uint32_t, 2>>& face_links, const std::vector<Cell>& cell, BlockGrid grid,
                   int links, std::vector<uint8_t>* flags) {
   std::vector<Cell> blocks(flags->size(), Cell{0, 0});
