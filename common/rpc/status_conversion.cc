@@ -62,7 +62,7 @@ Status WithDetails(Status error, const v1::Refusal& refusal) {
   if (refusal.retry_s() > 0) error = RetryAfter(std::move(error), refusal.retry_s());
   std::vector<InputFault> faults;
   for (const v1::InputFault& fault : refusal.faults()) {
-    faults.push_back({fault.file(), fault.location(), fault.found(), fault.expected()});
+    faults.push_back({fault.file(), fault.place(), fault.found(), fault.expected()});
   }
   SetFaults(error, faults);
   return error;
