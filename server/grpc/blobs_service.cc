@@ -27,7 +27,7 @@ Status StorageStatus(const Status& status) {
 }  // namespace
 
 bool BlobsService::IsInput(const std::string& worker, const Digest& digest) const {
-  auto leases = environment_.dispatcher->LeasesOf(worker);
+  auto leases = leases_.LeasesOf(worker);
   std::lock_guard lock(mutex_);
   if (leases.empty()) {
     inputs_.erase(worker);
@@ -35,7 +35,7 @@ bool BlobsService::IsInput(const std::string& worker, const Digest& digest) cons
   }
   if (inputs_.size() > kMaxWorkersKept) inputs_.clear();
   Inputs& inputs = inputs_[worker];
-  if (inputs.leases != leases) inputs = {std::move(leases), environment_.dispatcher->InputsOfLeases(worker)};
+  if (inputs.leases != leases) inputs = {std::move(leases), leases_.InputsOfLeases(worker)};
   return inputs.sha256.contains(digest.sha256);
 }
 
@@ -44,12 +44,12 @@ Status BlobsService::MayRead(const Caller& caller, const Digest& digest) const {
   if (!caller.worker.empty() && IsInput(caller.worker, digest)) return absl::OkStatus();
   if (caller.Has(Role::kAdmin)) return absl::OkStatus();
   const bool reads_jobs = caller.Has(Role::kViewer) || caller.Has(Role::kSubmitter);
-  if (reads_jobs && environment_.dispatcher->IsPublished(digest)) return absl::OkStatus();
+  if (reads_jobs && jobs_.IsPublished(digest)) return absl::OkStatus();
   return absl::PermissionDeniedError(kNotYours);
 }
 
 Status BlobsService::MayWrite(const Caller& caller) const {
-  if (!caller.worker.empty() && !environment_.dispatcher->LeasesOf(caller.worker).empty()) return absl::OkStatus();
+  if (!caller.worker.empty() && !leases_.LeasesOf(caller.worker).empty()) return absl::OkStatus();
   return absl::PermissionDeniedError("a worker stores what its leases write, and this is none that has one");
 }
 
@@ -58,7 +58,7 @@ StatusOr<HeldFile> BlobsService::Locate(const Caller& caller, const Digest& dige
   Status fault = absl::NotFoundError("no blob " + digest.sha256);
   if (caller.worker.empty() || !IsInput(caller.worker, digest)) return fault;
   // Jobs on copies of a scene have files of one content, of which some may be gone.
-  for (const std::string& path : environment_.dispatcher->SceneFilesWith(digest)) {
+  for (const std::string& path : jobs_.SceneFilesWith(digest)) {
     auto file = environment_.scene_files.Open(path);
     const auto found =
         file.ok() ? DigestOfFile(*file, *environment_.digests, *environment_.clock) : StatusOr<Digest>(file.status());
@@ -74,9 +74,9 @@ StatusOr<HeldFile> BlobsService::Locate(const Caller& caller, const Digest& dige
 Status BlobsService::AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const {
   const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(kAwaitRemakeS);
   while (true) {
-    TESSERA_RETURN_IF_ERROR(environment_.dispatcher->RemakeArtifact(digest));
+    TESSERA_RETURN_IF_ERROR(recovery_.RemakeArtifact(digest));
     if (environment_.blobs->Has(digest)) return absl::OkStatus();
-    if (context.IsCancelled() || environment_.dispatcher->stopped() || std::chrono::steady_clock::now() > until) {
+    if (context.IsCancelled() || core_.stopped() || std::chrono::steady_clock::now() > until) {
       return absl::UnavailableError("blob " + digest.sha256 + " was lost and is being made again; ask later");
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(500));
@@ -85,7 +85,7 @@ Status BlobsService::AwaitRemake(const Digest& digest, const grpc::ServerContext
 
 Status BlobsService::Damaged(const Digest& digest, const std::string& what) const {
   // It is made again if a job published it; who reads it as a task's input reports that.
-  environment_.dispatcher->RemakeArtifact(digest).IgnoreError();
+  recovery_.RemakeArtifact(digest).IgnoreError();
   return absl::DataLossError(what);
 }
 

@@ -2,7 +2,8 @@
 #ifndef TESSERA_SERVER_GRPC_CONVERSION_H_
 #define TESSERA_SERVER_GRPC_CONVERSION_H_
 
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/job_status.h"
+#include "server/leases/leases.h"
 #include "server/ledger/digest_proto.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"

@@ -92,9 +92,9 @@ struct CoordinatorServer::Impl {
   explicit Impl(const ServerEnvironment& services_environment)
       : environment(services_environment),
         limits(environment.limits, environment.blobs),
-        jobs(environment, limits),
-        workers(environment),
-        blobs(environment, limits) {}
+        jobs(environment, limits, environment.coordinator->core(), environment.coordinator->jobs()),
+        workers(environment, environment.coordinator->core().options().lease_s, environment.coordinator->leases()),
+        blobs(environment, limits, *environment.coordinator) {}
 
   void SetServing(bool now) {
     if (now == serving) return;
@@ -223,13 +223,13 @@ const RpcCounts& CoordinatorServer::rpc_counts() const { return impl_->rpcs; }
 
 void CoordinatorServer::Tick() {
   if (impl_->server == nullptr) return;
-  impl_->SetServing(!impl_->draining && impl_->environment.dispatcher->storage_trouble().ok());
+  impl_->SetServing(!impl_->draining && impl_->environment.coordinator->core().journal().trouble().ok());
   impl_->limits.BreakOffSilent(ClientLimits::Clock::now());
 }
 
 void CoordinatorServer::Drain() {
   impl_->draining = true;
-  impl_->environment.dispatcher->Drain();
+  impl_->environment.coordinator->core().Drain();
   Tick();
 }
 
@@ -238,7 +238,7 @@ bool CoordinatorServer::IsBusy() const { return impl_->limits.transfers() > 0; }
 void CoordinatorServer::Shutdown(double grace_s) {
   if (impl_->server == nullptr) return;
   impl_->SetServing(false);
-  impl_->environment.dispatcher->Stop();
+  impl_->environment.coordinator->core().Stop();
   impl_->server->Shutdown(std::chrono::system_clock::now() +
                           std::chrono::milliseconds(static_cast<int64_t>(grace_s * 1000)));
   impl_->server->Wait();

@@ -12,7 +12,7 @@
 #include "server/admission/scene_files.h"
 #include "server/auth/access.h"
 #include "server/auth/client_limits.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 #include "server/metrics/rpc_counts.h"
 #include "server/store/record_store.h"
 
@@ -20,7 +20,7 @@ namespace tessera {
 
 // What the services stand on; all of it must outlive the server.
 struct ServerEnvironment {
-  Dispatcher* dispatcher = nullptr;
+  Coordinator* coordinator = nullptr;
   BlobStore* blobs = nullptr;
   DigestCache* digests = nullptr;
   const Clock* clock = nullptr;
@@ -65,14 +65,14 @@ class CoordinatorServer {
   const std::vector<std::string>& addresses() const;
   // Of all calls since the start.
   const RpcCounts& rpc_counts() const;
-  // Has the health service say NOT_SERVING while the dispatcher cannot store anything or drains, and SERVING else;
+  // Has the health service say NOT_SERVING while the coordinator cannot store anything or drains, and SERVING else;
   // breaks off transfers that are silent. To be called about once a second.
   void Tick();
   // Takes no jobs and leases nothing from now on, and says NOT_SERVING; all else goes on.
   void Drain();
   // Calls that move data or read a scene are under way.
   bool IsBusy() const;
-  // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The dispatcher is stopped, and not
+  // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The coordinator is stopped, and not
   // needed any more then.
   void Shutdown(double grace_s);
 

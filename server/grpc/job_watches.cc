@@ -84,8 +84,8 @@ std::string EtagOf(v1::WatchJobResponse message) {
 
 class JobWatches::Watching {
  public:
-  Watching(Dispatcher& dispatcher, const Access& access, ClientLimits& limits)
-      : dispatcher_(dispatcher), access_(access), limits_(limits), thread_([this] { Run(); }) {}
+  Watching(DispatchCore& core, const Jobs& jobs, const Access& access, ClientLimits& limits)
+      : core_(core), all_jobs_(jobs), access_(access), limits_(limits), thread_([this] { Run(); }) {}
   ~Watching() { Stop(); }
   void Stop() {
     {
@@ -108,7 +108,7 @@ class JobWatches::Watching {
     bool end_waits = false;
     std::set<std::shared_ptr<Call>> calls;
   };
-  using Jobs = std::map<std::string, Watched>;
+  using WatchedJobs = std::map<std::string, Watched>;
 
   Status BeginWatch(const std::shared_ptr<Call>& call, const grpc::ByteBuffer& request);
   void EndWatch(const std::shared_ptr<Call>& call);
@@ -120,13 +120,14 @@ class JobWatches::Watching {
   Status LookLocked(const std::string& job, Watched& watched);
   std::vector<std::shared_ptr<Call>> AllCalls();
 
-  Dispatcher& dispatcher_;
+  DispatchCore& core_;
+  const Jobs& all_jobs_;
   const Access& access_;
   ClientLimits& limits_;
   std::mutex mutex_;
   std::condition_variable end_;
   bool ends_ = false;
-  Jobs jobs_;
+  WatchedJobs jobs_;
   int64_t updates_ = 0;
   std::thread thread_;  // last
 };
@@ -231,7 +232,7 @@ Status JobWatches::Watching::BeginWatch(const std::shared_ptr<Call>& call, const
   if (!grpc::SerializationTraits<v1::WatchJobRequest>::Deserialize(&read, &request).ok()) {
     return absl::InvalidArgumentError("not a WatchJobRequest");
   }
-  if (dispatcher_.stopped()) return Stops();
+  if (core_.stopped()) return Stops();
   std::shared_ptr<const Update> newest;
   {
     std::lock_guard lock(mutex_);
@@ -265,7 +266,7 @@ void JobWatches::Watching::EndWatch(const std::shared_ptr<Call>& call) {
 }
 
 Status JobWatches::Watching::LookLocked(const std::string& job, Watched& watched) {
-  TESSERA_ASSIGN_OR_RETURN(const WatchedJob looked, dispatcher_.LookAtJob(job, kMaxRunning));
+  TESSERA_ASSIGN_OR_RETURN(const WatchedJob looked, all_jobs_.WatchJob(job, kMaxRunning));
   watched.end_waits = looked.end_waits;
   v1::WatchJobResponse message = MessageOf(looked);
   message.set_etag(EtagOf(message));
@@ -327,10 +328,10 @@ void JobWatches::Watching::Run() {
   bool end_waits = false;
   Steady::time_point callers_checked = Steady::now();
   while (true) {
-    version = dispatcher_.WaitForChange(version, end_waits ? kInterval_s : kIdle_s);
+    version = core_.WaitForChange(version, end_waits ? kInterval_s : kIdle_s);
     const Steady::time_point begun = Steady::now();
     const double begun_cpu_s = CpuSecondsOfThread();
-    if (dispatcher_.stopped()) {
+    if (core_.stopped()) {
       for (const auto& call : AllCalls()) call->End(Stops());
     } else {
       end_waits = TellAll();
@@ -350,8 +351,8 @@ void JobWatches::Watching::Run() {
   }
 }
 
-JobWatches::JobWatches(Dispatcher* dispatcher, const Access* access, ClientLimits* limits)
-    : watching_(std::make_unique<Watching>(*dispatcher, *access, *limits)) {}
+JobWatches::JobWatches(DispatchCore& core, const Jobs& jobs, const Access* access, ClientLimits* limits)
+    : watching_(std::make_unique<Watching>(core, jobs, *access, *limits)) {}
 JobWatches::~JobWatches() = default;
 void JobWatches::Stop() { watching_->Stop(); }
 

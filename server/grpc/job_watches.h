@@ -6,7 +6,7 @@
 
 #include "server/auth/access.h"
 #include "server/auth/client_limits.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/jobs.h"
 
 namespace grpc {
 class ByteBuffer;
@@ -24,7 +24,7 @@ namespace tessera {
 class JobWatches {
  public:
   // All must outlive this.
-  JobWatches(Dispatcher* dispatcher, const Access* access, ClientLimits* limits);
+  JobWatches(DispatchCore& core, const Jobs& jobs, const Access* access, ClientLimits* limits);
   // The server must have ended.
   ~JobWatches();
   // No job is looked at any more. The server must have ended.

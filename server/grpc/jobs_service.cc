@@ -38,10 +38,10 @@ Status CheckSizes(const v1::CreateJobRequest& request) {
   return faults.ToStatus();
 }
 
-StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& limits,
-                           const v1::CreateJobRequest& request, const grpc::ServerContext& context) {
+StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& limits, const DispatchCore& core,
+                           Jobs& jobs, const v1::CreateJobRequest& request, const grpc::ServerContext& context) {
   // Also once the deadline has passed.
-  const Cancelled cancelled = [&] { return context.IsCancelled() || environment.dispatcher->stopped(); };
+  const Cancelled cancelled = [&] { return context.IsCancelled() || core.stopped(); };
   const Caller caller = environment.access->CallerOf(context);
   TESSERA_RETURN_IF_ERROR(CheckSizes(request));
   NewJob job;
@@ -50,11 +50,11 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& l
   const bool reads_scene = job.settings.update.rollback_to.empty();
   job.request = {request.request_id(), reads_scene ? Normal(request.scene_path()) : "", job.settings};
   if (!request.validate_only()) {
-    TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, environment.dispatcher->FindRequest(job.request));
+    TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, jobs.FindRequest(job.request));
     if (known) return *std::move(known);
   }
   // Before the scene is read; whether it can be planned is asked later.
-  if (!request.validate_only()) TESSERA_RETURN_IF_ERROR(environment.dispatcher->MayCreateJob(caller.client));
+  if (!request.validate_only()) TESSERA_RETURN_IF_ERROR(jobs.MayCreateJob(caller.client));
   TESSERA_ASSIGN_OR_RETURN(const ClientLimits::Ticket reading, limits.Transfer(caller.client, {}));
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(job.settings));
   TESSERA_RETURN_IF_ERROR(CheckPriority(request.priority()));
@@ -70,7 +70,7 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& l
     }
     SceneRequest asked = {job.settings.update.base.empty(), job.settings.classifier};
     if (!asked.needs_mesh) {
-      TESSERA_ASSIGN_OR_RETURN(const JobStatus base, environment.dispatcher->GetJob(job.settings.update.base));
+      TESSERA_ASSIGN_OR_RETURN(const JobStatus base, jobs.GetJob(job.settings.update.base));
       asked.base_classifies = Classifies(base.header.settings);
     }
     TESSERA_ASSIGN_OR_RETURN(SceneListing scene,
@@ -92,8 +92,8 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& l
   }
   // Whoever asked may have gone meanwhile, and would not know of the job.
   if (context.IsCancelled()) return absl::CancelledError("the caller has gone");
-  if (!request.validate_only()) return environment.dispatcher->CreateJob(job);
-  TESSERA_ASSIGN_OR_RETURN(job, environment.dispatcher->CompleteJob(std::move(job)));
+  if (!request.validate_only()) return jobs.CreateJob(job);
+  TESSERA_ASSIGN_OR_RETURN(job, jobs.CompleteJob(std::move(job)));
   JobStatus status;
   status.header.display_name = job.display_name;
   status.header.scene_path = job.scene_path;
@@ -106,14 +106,14 @@ StatusOr<JobStatus> Create(const ServerEnvironment& environment, ClientLimits& l
 
 grpc::Status JobsService::CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request,
                                     v1::Job* response) {
-  const auto job = Create(environment_, limits_, *request, *context);
+  const auto job = Create(environment_, limits_, core_, jobs_, *request, *context);
   if (!job.ok()) return ToGrpc(job.status());
   ToProto(*job, response);
   return grpc::Status::OK;
 }
 
 grpc::Status JobsService::GetJob(grpc::ServerContext*, const v1::GetJobRequest* request, v1::Job* response) {
-  const auto job = environment_.dispatcher->GetJob(request->name());
+  const auto job = jobs_.GetJob(request->name());
   if (!job.ok()) return ToGrpc(job.status());
   ToProto(*job, response);
   return grpc::Status::OK;
@@ -123,7 +123,7 @@ grpc::Status JobsService::ListJobs(grpc::ServerContext*, const v1::ListJobsReque
                                    v1::ListJobsResponse* response) {
   const auto before = ParseToken(request->page_token(), -1);
   if (!before.ok()) return ToGrpc(before.status());
-  const auto jobs = environment_.dispatcher->ListJobs(*before, PageSize(request->page_size(), 100));
+  const auto jobs = jobs_.ListJobs(*before, PageSize(request->page_size(), 100));
   size_t bytes = 0;
   int last = 0;
   for (const JobStatus& job : jobs) {
@@ -137,7 +137,7 @@ grpc::Status JobsService::ListJobs(grpc::ServerContext*, const v1::ListJobsReque
 }
 
 grpc::Status JobsService::CancelJob(grpc::ServerContext*, const v1::CancelJobRequest* request, v1::Job* response) {
-  const auto job = environment_.dispatcher->CancelJob(request->name());
+  const auto job = jobs_.CancelJob(request->name());
   if (!job.ok()) return ToGrpc(job.status());
   ToProto(*job, response);
   return grpc::Status::OK;
@@ -147,22 +147,22 @@ grpc::Status JobsService::ChangeJob(grpc::ServerContext*, const v1::ChangeJobReq
   JobChange change;
   if (request->has_priority()) change.priority = request->priority();
   if (request->has_paused()) change.paused = request->paused();
-  const auto job = environment_.dispatcher->ChangeJob(request->name(), change);
+  const auto job = jobs_.ChangeJob(request->name(), change);
   if (!job.ok()) return ToGrpc(job.status());
   ToProto(*job, response);
   return grpc::Status::OK;
 }
 
 grpc::Status JobsService::RetryJob(grpc::ServerContext*, const v1::RetryJobRequest* request, v1::Job* response) {
-  const auto job = environment_.dispatcher->RetryJob(
-      request->name(), request->has_tile() ? std::optional<int>(request->tile()) : std::nullopt);
+  const auto job =
+      jobs_.RetryJob(request->name(), request->has_tile() ? std::optional<int>(request->tile()) : std::nullopt);
   if (!job.ok()) return ToGrpc(job.status());
   ToProto(*job, response);
   return grpc::Status::OK;
 }
 
 grpc::Status JobsService::DeleteJob(grpc::ServerContext*, const v1::DeleteJobRequest* request, v1::DeleteJobResponse*) {
-  return ToGrpc(environment_.dispatcher->DeleteJob(request->name(), "asked for"));
+  return ToGrpc(jobs_.DeleteJob(request->name(), "asked for"));
 }
 
 grpc::Status JobsService::ListTasks(grpc::ServerContext*, const v1::ListTasksRequest* request,
@@ -171,7 +171,7 @@ grpc::Status JobsService::ListTasks(grpc::ServerContext*, const v1::ListTasksReq
   if (!first.ok()) return ToGrpc(first.status());
   // One more than the page tells whether there is another.
   const int page_size = PageSize(request->page_size(), 1000);
-  const auto tasks = environment_.dispatcher->ListTasks(request->parent(), *first, page_size + 1);
+  const auto tasks = jobs_.ListTasks(request->parent(), *first, page_size + 1);
   if (!tasks.ok()) return ToGrpc(tasks.status());
   size_t bytes = 0;
   for (const TaskStatus& task : *tasks) {
@@ -195,8 +195,7 @@ grpc::Status JobsService::ListAttempts(grpc::ServerContext*, const v1::ListAttem
   for (const auto* part : {&task, &number}) {
     if (!part->ok()) return ToGrpc(absl::InvalidArgumentError("not a page token: '" + token + "'"));
   }
-  const auto page =
-      environment_.dispatcher->ListAttempts(request->parent(), *task, *number, PageSize(request->page_size(), 1000));
+  const auto page = jobs_.ListAttempts(request->parent(), *task, *number, PageSize(request->page_size(), 1000));
   if (!page.ok()) return ToGrpc(page.status());
   const auto go_on_from = [&](int next_task, int next_number) {
     response->set_next_page_token(std::to_string(next_task) + "." + std::to_string(next_number));

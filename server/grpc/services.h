@@ -1,4 +1,4 @@
-// The service classes: each method converts, calls the dispatcher, converts back. Included by .cc files only.
+// The service classes: each method converts, calls the coordinator, converts back. Included by .cc files only.
 #ifndef TESSERA_SERVER_GRPC_SERVICES_H_
 #define TESSERA_SERVER_GRPC_SERVICES_H_
 
@@ -21,8 +21,12 @@ namespace tessera {
 // Its watches hold no thread, and give many callers the same bytes.
 class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jobs::Service> {
  public:
-  JobsService(const ServerEnvironment& environment, ClientLimits& limits)
-      : environment_(environment), limits_(limits), watches_(environment.dispatcher, environment.access, &limits) {}
+  JobsService(const ServerEnvironment& environment, ClientLimits& limits, DispatchCore& core, Jobs& jobs)
+      : environment_(environment),
+        limits_(limits),
+        core_(core),
+        jobs_(jobs),
+        watches_(core, jobs, environment.access, &limits) {}
   grpc::Status CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request, v1::Job* response) override;
   grpc::Status GetJob(grpc::ServerContext* context, const v1::GetJobRequest* request, v1::Job* response) override;
   grpc::Status ListJobs(grpc::ServerContext* context, const v1::ListJobsRequest* request,
@@ -46,6 +50,8 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
  private:
   const ServerEnvironment& environment_;
   ClientLimits& limits_;
+  DispatchCore& core_;
+  Jobs& jobs_;
   JobWatches watches_;
 };
 
@@ -55,7 +61,8 @@ class WorkersService final : public v1::Workers::CallbackService {
   using Context = grpc::CallbackServerContext;
   using Reactor = grpc::ServerUnaryReactor;
 
-  explicit WorkersService(const ServerEnvironment& environment) : environment_(environment) {}
+  WorkersService(const ServerEnvironment& environment, double lease_s, Leases& leases)
+      : environment_(environment), lease_s_(lease_s), leases_(leases) {}
   Reactor* RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
                           v1::RegisterWorkerResponse* response) override;
   Reactor* LeaseTask(Context* context, const v1::LeaseTaskRequest* request, v1::LeaseTaskResponse* response) override;
@@ -72,12 +79,19 @@ class WorkersService final : public v1::Workers::CallbackService {
   Status Refused(const Context& context, const std::string& worker) const;
 
   const ServerEnvironment& environment_;
+  const double lease_s_;
+  Leases& leases_;
 };
 
 class BlobsService final : public v1::Blobs::Service {
  public:
-  BlobsService(const ServerEnvironment& environment, ClientLimits& limits)
-      : environment_(environment), limits_(limits) {}
+  BlobsService(const ServerEnvironment& environment, ClientLimits& limits, Coordinator& coordinator)
+      : environment_(environment),
+        limits_(limits),
+        core_(coordinator.core()),
+        jobs_(coordinator.jobs()),
+        leases_(coordinator.leases()),
+        recovery_(coordinator.recovery()) {}
   grpc::Status StatBlobs(grpc::ServerContext* context, const v1::StatBlobsRequest* request,
                          v1::StatBlobsResponse* response) override;
   grpc::Status ReadBlob(grpc::ServerContext* context, const v1::ReadBlobRequest* request,
@@ -109,6 +123,10 @@ class BlobsService final : public v1::Blobs::Service {
 
   const ServerEnvironment& environment_;
   ClientLimits& limits_;
+  const DispatchCore& core_;
+  const Jobs& jobs_;
+  const Leases& leases_;
+  Recovery& recovery_;
   mutable std::mutex mutex_;                      // of `inputs_`
   mutable std::map<std::string, Inputs> inputs_;  // by worker
 };

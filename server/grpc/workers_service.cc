@@ -35,12 +35,12 @@ grpc::ServerUnaryReactor* Finished(grpc::CallbackServerContext* context, const S
 // A LeaseTask call: whoever answers it calls Finish, once. Owns itself.
 class LeaseReactor final : public grpc::ServerUnaryReactor {
  public:
-  LeaseReactor(Dispatcher& dispatcher, std::string worker) : dispatcher_(dispatcher), worker_(std::move(worker)) {}
-  void OnCancel() override { dispatcher_.LookAfterCall(worker_); }
+  LeaseReactor(Leases& leases, std::string worker) : leases_(leases), worker_(std::move(worker)) {}
+  void OnCancel() override { leases_.CheckWaitingCall(worker_); }
   void OnDone() override { delete this; }
 
  private:
-  Dispatcher& dispatcher_;
+  Leases& leases_;
   const std::string worker_;
 };
 
@@ -95,17 +95,16 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
     if (const Status status = CheckSize(field, text->size(), kMaxNameBytes); !status.ok())
       return Finished(context, status);
   }
-  const double lease_s = environment_.dispatcher->options().lease_s;
-  const StatusOr<std::string> worker = environment_.dispatcher->RegisterWorker(
-      {request->host(), request->pid(), request->threads(), request->memory_bytes(), request->cores(),
-       request->machine(), environment_.access->CallerOf(*context).client});
+  const StatusOr<std::string> worker =
+      leases_.RegisterWorker({request->host(), request->pid(), request->threads(), request->memory_bytes(),
+                              request->cores(), request->machine(), environment_.access->CallerOf(*context).client});
   if (!worker.ok()) return Finished(context, RetryAfter(worker.status(), kRetryRegister_s));
   LogEvent(LogLevel::kInfo, "worker registered",
            {{"worker", *worker}, {"host", request->host()}, {"pid", std::to_string(request->pid())}});
   response->set_worker(*worker);
   response->set_secret(environment_.access->SecretOf(*worker));
-  response->set_lease_s(lease_s);
-  response->set_heartbeat_s(std::min(lease_s / 4, 1.0));  // progress for people; the lease alone would need fewer
+  response->set_lease_s(lease_s_);
+  response->set_heartbeat_s(std::min(lease_s_ / 4, 1.0));  // progress for people; the lease alone would need fewer
   if (!environment_.shared_probe_path.empty()) {
     response->set_shared_blob_dir(environment_.blobs->root());
     response->set_shared_probe_path(environment_.shared_probe_path);
@@ -117,7 +116,7 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
 grpc::ServerUnaryReactor* WorkersService::LeaseTask(Context* context, const v1::LeaseTaskRequest* request,
                                                     v1::LeaseTaskResponse* response) {
   if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
-  auto* const reactor = new LeaseReactor(*environment_.dispatcher, request->worker());
+  auto* const reactor = new LeaseReactor(leases_, request->worker());
   LeaseCall call;
   call.worker = request->worker();
   call.wait_s = request->wait_s() > 0 ? std::min(request->wait_s(), kMaxWait_s) : 0.0;
@@ -128,7 +127,7 @@ grpc::ServerUnaryReactor* WorkersService::LeaseTask(Context* context, const v1::
     if (answer.ok() && *answer) ToProto(**answer, shared_paths, response->mutable_lease());
     reactor->Finish(ToGrpc(answer.status()));
   };
-  environment_.dispatcher->LeaseTask(std::move(call));
+  leases_.LeaseTask(std::move(call));
   return reactor;
 }
 
@@ -139,7 +138,7 @@ grpc::ServerUnaryReactor* WorkersService::Heartbeat(Context* context, const v1::
   for (const auto& task : request->tasks()) {
     tasks.push_back({task.task(), task.attempt(), task.progress(), std::string(Prefix(task.stage(), kMaxNameBytes))});
   }
-  const auto stop = environment_.dispatcher->Heartbeat(request->worker(), tasks);
+  const auto stop = leases_.Heartbeat(request->worker(), tasks);
   if (!stop.ok()) return Finished(context, stop.status());
   for (const std::string& task : *stop) response->add_stop_tasks(task);
   return Finished(context, absl::OkStatus());
@@ -149,18 +148,17 @@ grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1:
                                                      v1::ReportTaskResponse* response) {
   if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   if (const Status names = CheckNames(request->success()); !names.ok()) return Finished(context, names);
-  Dispatcher& dispatcher = *environment_.dispatcher;
   const bool asks_for_task = request->lease_call() > 0 && request->has_success();
   auto* const reactor = new ReportReactor(response, asks_for_task);
   const auto done = [reactor](const Status& status) { reactor->Reported(status); };
   switch (request->result_case()) {
     case v1::ReportTaskRequest::kSuccess:
-      dispatcher.ReportSuccess(request->worker(), request->task(), request->attempt(), FromProto(request->success()),
-                               done);
+      leases_.ReportSuccess(request->worker(), request->task(), request->attempt(), FromProto(request->success()),
+                            done);
       break;
     case v1::ReportTaskRequest::kFailure:
-      dispatcher.ReportFailure(request->worker(), request->task(), request->attempt(), FromProto(request->failure()),
-                               done);
+      leases_.ReportFailure(request->worker(), request->task(), request->attempt(), FromProto(request->failure()),
+                            done);
       break;
     case v1::ReportTaskRequest::RESULT_NOT_SET:
       done(absl::InvalidArgumentError("a report with neither success nor failure"));
@@ -182,7 +180,7 @@ grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1:
     ToProto(**answer, shared_paths, &lease);
     reactor->Leased(std::move(lease));
   };
-  dispatcher.LeaseTask(std::move(call));
+  leases_.LeaseTask(std::move(call));
   return reactor;
 }
 
@@ -190,12 +188,10 @@ grpc::ServerUnaryReactor* WorkersService::UnregisterWorker(Context* context, con
                                                            v1::UnregisterWorkerResponse*) {
   if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   Reactor* const reactor = context->DefaultReactor();
-  environment_.dispatcher->UnregisterWorker(request->worker(),
-                                            [reactor, worker = request->worker()](const Status& status) {
-                                              if (status.ok())
-                                                LogEvent(LogLevel::kInfo, "worker left", {{"worker", worker}});
-                                              reactor->Finish(ToGrpc(status));
-                                            });
+  leases_.UnregisterWorker(request->worker(), [reactor, worker = request->worker()](const Status& status) {
+    if (status.ok()) LogEvent(LogLevel::kInfo, "worker left", {{"worker", worker}});
+    reactor->Finish(ToGrpc(status));
+  });
   return reactor;
 }
 
@@ -204,7 +200,7 @@ grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1
   const int page_size = PageSize(request->page_size(), kMaxPage);
   size_t bytes = 0;
   // By name, and a token is the last name of the page before.
-  for (const WorkerStatus& status : environment_.dispatcher->ListWorkers()) {
+  for (const WorkerStatus& status : leases_.ListWorkers()) {
     if (status.name <= request->page_token()) continue;
     if (response->workers_size() == page_size || bytes > kPageBytes) {
       response->set_next_page_token(response->workers(response->workers_size() - 1).name());
@@ -218,8 +214,8 @@ grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1
     worker.set_memory_bytes(status.info.memory_bytes);
     for (const std::string& task : status.tasks) worker.add_tasks(task);
     worker.set_last_seen_s(status.last_seen_s);
-    worker.set_set_aside_reason(status.set_aside_reason);
-    worker.set_set_aside_s(status.set_aside_s);
+    worker.set_set_aside_reason(status.suspended_reason);
+    worker.set_set_aside_s(status.suspended_s);
     bytes += worker.ByteSizeLong();
   }
   return Finished(context, absl::OkStatus());

@@ -4,14 +4,14 @@
 #include <utility>
 #include <vector>
 
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/planning_loop.h"
 
 namespace tessera {
 
 // Held are jobs from the plan of each phase on (Ledger::ApplyPlanned), so that nothing is leased of one before this has
 // looked; results that are known have been taken by then and need no room. Once it has begun, a job goes on: what it
 // writes where there is no room after all waits for it.
-void Dispatcher::AdmitHeld() {
+void PlanningLoop::AdmitHeld() {
   {
     std::lock_guard lock(mutex_);
     if (ledger_.ready().held().empty()) return;
@@ -34,8 +34,8 @@ void Dispatcher::AdmitHeld() {
   const bool first_look = room_.folder.empty();
   room_ = std::move(room);
   const int more = ledger_.ready().count() - ready_before;
-  if (more > 0 || first_look) ChangedLocked();
-  WakeForLocked(more, ledger_.newly_ready().size());
+  if (more > 0 || first_look) core_.Changed();
+  WakeWorkers(core_, more, ledger_.newly_ready().size());
 }
 
 }  // namespace tessera

@@ -1,45 +1,51 @@
-// A job as it would be accepted: what it takes over from the job that it goes on from.
+#include "server/jobs/complete_job.h"
+
 #include <algorithm>
+#include <mutex>
+#include <optional>
 #include <set>
 #include <utility>
 
 #include "common/job/survey.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/planner.h"
 #include "server/plan/rollback.h"
 
 namespace tessera {
+namespace {
 
-StatusOr<NewJob> Dispatcher::CompleteRollback(NewJob job) {
+StatusOr<NewJob> CompleteRollback(DispatchCore& core, Recovery& recovery, NewJob job) {
   UpdateSettings& update = job.settings.update;
   std::vector<UpdateBase> chain;
   {
-    std::lock_guard lock(mutex_);
-    TESSERA_ASSIGN_OR_RETURN(chain, ledger_.ChainTo(update.base, update.rollback_to));
-    TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(update.base));
-    const JobHeader& base = ledger_.jobs()[index].header;
+    std::lock_guard lock(core.mutex());
+    TESSERA_ASSIGN_OR_RETURN(chain, core.ledger().ChainTo(update.base, update.rollback_to));
+    TESSERA_ASSIGN_OR_RETURN(const int index, core.ledger().FindJob(update.base));
+    const JobHeader& base = core.ledger().jobs()[index].header;
     TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, base.settings));
     job.scene_path = base.scene_path;
     job.scene_files = chain.front().scene_files;
     job.warnings = base.warnings;
     if (job.display_name.empty()) job.display_name = base.display_name;
   }
-  TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadSurveyOf(chain.front()));
+  TESSERA_ASSIGN_OR_RETURN(const std::string json, recovery.ReadSurveyOf(chain.front()));
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(json));
   TESSERA_ASSIGN_OR_RETURN(update.rollback_tiles, TilesToRollBack(chain, survey, update.rollback_tiles));
   return job;
 }
 
-StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) {
-  if (!job.settings.update.rollback_to.empty()) return CompleteRollback(std::move(job));
+}  // namespace
+
+StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job) {
+  if (!job.settings.update.rollback_to.empty()) return CompleteRollback(core, recovery, std::move(job));
   for (const NamedDigest& file : job.scene_files) {
     if (!IsCarried(file.name)) continue;
     return InputError(job.scene_path + "/" + file.name, "", "a file in a folder of this name", "none: it is reserved");
   }
   if (!job.settings.update.base.empty()) {
-    std::lock_guard lock(mutex_);
-    TESSERA_ASSIGN_OR_RETURN(const UpdateBase base, ledger_.BaseOf(job.settings.update.base));
-    TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(base.name));
-    TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, ledger_.jobs()[index].header.settings));
+    std::lock_guard lock(core.mutex());
+    TESSERA_ASSIGN_OR_RETURN(const UpdateBase base, core.ledger().BaseOf(job.settings.update.base));
+    TESSERA_ASSIGN_OR_RETURN(const int index, core.ledger().FindJob(base.name));
+    TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, core.ledger().jobs()[index].header.settings));
     std::set<std::string> contents;
     std::optional<Digest> given;  // the classifier
     for (const NamedDigest& file : job.scene_files) {
@@ -61,7 +67,7 @@ StatusOr<NewJob> Dispatcher::CompleteJob(NewJob job) {
   std::vector<std::string> names;
   for (const NamedDigest& file : job.scene_files) names.push_back(file.name);
   std::sort(names.begin(), names.end());
-  TESSERA_RETURN_IF_ERROR(environment_.planner->Ingest(job.settings, names).status());
+  TESSERA_RETURN_IF_ERROR(core.environment().planner->Ingest(job.settings, names).status());
   return job;
 }
 

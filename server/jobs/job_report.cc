@@ -107,12 +107,12 @@ std::string Dump(const Json& json, int indent = 1) {
 
 }  // namespace
 
-JobReport::JobReport(JobHeader header, JobState end, std::string error, std::map<int, std::string> set_aside,
+JobReport::JobReport(JobHeader header, JobState end, std::string error, std::map<int, std::string> quarantined,
                      int64_t end_us)
     : header_(std::move(header)),
       end_(end),
       error_(std::move(error)),
-      set_aside_(std::move(set_aside)),
+      quarantined_(std::move(quarantined)),
       end_us_(end_us) {}
 
 void JobReport::Count(const JobTask& task) {
@@ -152,7 +152,7 @@ std::string JobReport::Head() const {
   }
   if (!error_.empty()) json["error"] = error_;
   json["warnings"] = header_.warnings;
-  for (const auto& [tile, why] : set_aside_) json["set_aside"].push_back({{"tile", tile}, {"why", why}});
+  for (const auto& [tile, why] : quarantined_) json["set_aside"].push_back({{"tile", tile}, {"why", why}});
   json["totals"] = {{"seconds", Seconds(header_.create_us, end_us_)},
                     {"tasks", tasks_},
                     {"attempts", attempts_},

@@ -15,8 +15,8 @@ namespace tessera {
 // thread-safe.
 class JobReport {
  public:
-  // `end_us`: when it ended (Unix time), `end`: how; `error`: empty if it succeeded; `set_aside`: why, by tile.
-  JobReport(JobHeader header, JobState end, std::string error, std::map<int, std::string> set_aside, int64_t end_us);
+  // `end_us`: when it ended (Unix time), `end`: how; `error`: empty if it succeeded; `quarantined`: why, by tile.
+  JobReport(JobHeader header, JobState end, std::string error, std::map<int, std::string> quarantined, int64_t end_us);
   void Count(const JobTask& task);
   std::string Head() const;
   std::string Line(const JobTask& task);
@@ -26,7 +26,7 @@ class JobReport {
   const JobHeader header_;
   const JobState end_;
   const std::string error_;
-  const std::map<int, std::string> set_aside_;
+  const std::map<int, std::string> quarantined_;
   const int64_t end_us_;
   int64_t tasks_ = 0, attempts_ = 0, reused_ = 0;
   std::map<std::string, double> seconds_of_kind_, seconds_of_stage_, core_seconds_of_kind_, seconds_of_worker_;

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <tuple>
 
-#include "server/jobs/set_aside.h"
+#include "server/jobs/tile_quarantine.h"
 
 namespace tessera {
 namespace {
@@ -28,7 +28,7 @@ JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, i
     const Warnings& added = *job.tasks[index].warnings;
     status.header.warnings.insert(status.header.warnings.end(), added.begin(), added.end());
   }
-  for (const SetAside& tile : job.set_aside) status.header.warnings.push_back(SetAsideWords(job, tile));
+  for (const QuarantinedTile& tile : job.quarantined) status.header.warnings.push_back(QuarantineText(job, tile));
   JobSums sums = job.totals.sums();
   const std::vector<TaskRef> running = leases.OfJob(job_index);
   for (const TaskRef ref : running) {

@@ -1,18 +1,50 @@
-// Jobs and tasks as callers see them.
+// How jobs, tasks and attempts are shown.
 #include <algorithm>
 
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/jobs.h"
 
 namespace tessera {
+namespace {
 
-JobStatus Dispatcher::StoredStatusLocked(int job) const {
+constexpr int kMaxTasksSeen = 10'000;  // under the mutex
+
+bool IsAmong(const std::vector<NamedDigest>& files, const Digest& digest) {
+  return std::any_of(files.begin(), files.end(), [&](const NamedDigest& file) { return file.digest == digest; });
+}
+
+// Surveys are made before all cuts, and behind those there may be a million tasks.
+bool MadeSurvey(const Job& job, const Digest& digest) {
+  for (const JobTask& task : job.tasks) {
+    const TaskPhase phase = KindOf(task.plan.kind.str()).phase;
+    if (phase == TaskPhase::kCut) return false;
+    if (phase != TaskPhase::kSurvey) continue;
+    for (const StoredFile& output : task.outputs) {
+      if (output.name == kSurveyFile && output.digest() == digest) return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace
+
+JobStatus Jobs::StoredStatusLocked(int job) const {
   JobStatus status = JobStatusLocked(job);
-  const auto end = end_records_.find(job);
-  if (end != end_records_.end() && end->second > journal_.stored()) TakeEndFrom(status);
+  if (!core_.EndIsStored(job)) TakeEndFrom(status);
   return status;
 }
 
-std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
+StatusOr<JobStatus> Jobs::GetJob(const std::string& name) const {
+  JobStatus status;
+  {
+    std::lock_guard lock(mutex_);
+    TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+    status = JobStatusLocked(job);
+  }
+  if (HasEnded(status.header.state)) TESSERA_RETURN_IF_ERROR(core_.Durable());  // no end is told that might not last
+  return status;
+}
+
+std::vector<JobStatus> Jobs::ListJobs(int before, int count) const {
   std::lock_guard lock(mutex_);
   std::vector<JobStatus> jobs;
   const int size = static_cast<int>(ledger_.jobs().size());
@@ -24,7 +56,19 @@ std::vector<JobStatus> Dispatcher::ListJobs(int before, int count) const {
   return jobs;
 }
 
-StatusOr<std::vector<TaskStatus>> Dispatcher::ListTasks(const std::string& name, int first, int count) const {
+StatusOr<WatchedJob> Jobs::WatchJob(const std::string& name, size_t max_running) const {
+  std::lock_guard lock(mutex_);
+  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
+  WatchedJob watched{StoredStatusLocked(job), {}};
+  watched.end_waits = HasEnded(ledger_.jobs()[job].header.state) && !HasEnded(watched.job.header.state);
+  for (const TaskRef ref : leases_.OfJob(job)) {
+    if (watched.running.size() == max_running) break;
+    watched.running.push_back(StatusOfTask(ledger_.jobs()[job], ref, leases_));
+  }
+  return watched;
+}
+
+StatusOr<std::vector<TaskStatus>> Jobs::ListTasks(const std::string& name, int first, int count) const {
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
   std::vector<TaskStatus> tasks;
@@ -35,7 +79,7 @@ StatusOr<std::vector<TaskStatus>> Dispatcher::ListTasks(const std::string& name,
   return tasks;
 }
 
-StatusOr<std::vector<TaskStatus>> Dispatcher::RunningTasks(const std::string& name) const {
+StatusOr<std::vector<TaskStatus>> Jobs::RunningTasks(const std::string& name) const {
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
   std::vector<TaskStatus> tasks;
@@ -45,16 +89,37 @@ StatusOr<std::vector<TaskStatus>> Dispatcher::RunningTasks(const std::string& na
   return tasks;
 }
 
-StatusOr<WatchedJob> Dispatcher::LookAtJob(const std::string& name, size_t max_running) const {
+StatusOr<AttemptPage> Jobs::ListAttempts(const std::string& name, int first, int number, int count) const {
   std::lock_guard lock(mutex_);
-  TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
-  WatchedJob watched{StoredStatusLocked(job), {}};
-  watched.end_waits = HasEnded(ledger_.jobs()[job].header.state) && !HasEnded(watched.job.header.state);
-  for (const TaskRef ref : leases_.OfJob(job)) {
-    if (watched.running.size() == max_running) break;
-    watched.running.push_back(StatusOfTask(ledger_.jobs()[job], ref, leases_));
+  TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindJob(name));
+  const std::deque<JobTask>& tasks = ledger_.jobs()[index].tasks;
+  const int end = static_cast<int>(tasks.size());
+  AttemptPage page;
+  int task = std::max(0, first), next = std::max(1, number);
+  for (const int limit = std::min<int64_t>(end, int64_t{task} + kMaxTasksSeen); task < limit; ++task, next = 1) {
+    for (; next <= tasks[task].attempt(); ++next) {
+      if (static_cast<int>(page.attempts.size()) == count) {
+        page.next_task = task;
+        page.next_number = next;
+        return page;
+      }
+      const PlannedTask& plan = tasks[task].plan;
+      page.attempts.push_back({{index, task}, next, plan.kind, plan.name, plan.tile, tasks[task].attempts[next - 1]});
+    }
   }
-  return watched;
+  if (task < end) page.next_task = task;
+  return page;
+}
+
+bool Jobs::IsPublished(const Digest& digest) const {
+  std::lock_guard lock(mutex_);
+  return std::any_of(ledger_.jobs().rbegin(), ledger_.jobs().rend(),
+                     [&](const Job& job) { return IsAmong(job.header.artifacts, digest) || MadeSurvey(job, digest); });
+}
+
+std::vector<std::string> Jobs::SceneFilesWith(const Digest& digest) const {
+  std::lock_guard lock(mutex_);
+  return ledger_.SceneFilesWith(digest);
 }
 
 }  // namespace tessera

@@ -37,11 +37,11 @@ std::string Short(const std::string& message) {
 std::string WhyNotLeased(const Ledger& ledger, TaskRef ref, const LeaseTable& leases, int64_t now_us) {
   if (leases.workers().empty()) return "no worker is registered";
   const auto trusted = std::find_if(leases.workers().begin(), leases.workers().end(),
-                                    [&](const auto& worker) { return !IsSetAside(worker.second, now_us); });
+                                    [&](const auto& worker) { return !IsSuspended(worker.second, now_us); });
   if (trusted == leases.workers().end()) {
     const WorkerState& first = leases.workers().begin()->second;
     return (leases.workers().size() == 1 ? "the only worker is" : "all workers are") +
-           std::string(" set aside for now: ") + Short(first.set_aside_reason);
+           std::string(" suspended for now: ") + Short(first.suspended_reason);
   }
   const JobTask& task = ledger.task(ref);
   const LargestWorker largest = leases.Largest();

@@ -43,10 +43,10 @@ struct LeaseCall {
   // Whether nobody waits for the answer any more. Must be quick and not call back; not called after `done`. May be
   // empty.
   std::function<bool()> gone = {};
-  // Called once, without a lock of the dispatcher's, from any thread, also from the one that calls.
+  // Called once, without a lock, from any thread, also from the one that calls.
   std::function<void(LeaseAnswer answer)> done = {};
   bool comes_with_report = false;  // gets what a call that waits gets at once, or nothing; wait_s is 0
-  Time asked = {}, until = {};     // the dispatcher's
+  Time asked = {}, until = {};     // set by Leases
 };
 
 }  // namespace tessera

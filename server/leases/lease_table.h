@@ -60,9 +60,9 @@ struct WorkerState {
   int granted_attempt = 0;
   // worker_evidence.h.
   int strikes = 0;  // tasks that it failed and others did, since it last did one
-  int times_set_aside = 0;
-  int64_t set_aside_until_us = 0;
-  std::string set_aside_reason = {};
+  int times_suspended = 0;
+  int64_t suspended_until_us = 0;
+  std::string suspended_reason = {};
 };
 
 // A task that fits no worker waits so long for a larger one, from when the largest was registered; then that one tries.

@@ -26,9 +26,9 @@ struct RetryOptions {
   int max_remakes = 5;         // times that a task's result may be lost and made again
   double first_delay_s = 1;    // back-off: doubles with every failure of the kind
   double max_delay_s = 60;
-  int max_strikes = 2;     // tasks that a worker failed and others did, before it is set aside
-  double set_aside_s = 5;  // for how long, the first time; doubles
-  double max_set_aside_s = 600;
+  int max_strikes = 2;   // tasks that a worker failed and others did, before it is suspended
+  double suspend_s = 5;  // for how long, the first time; doubles
+  double max_suspend_s = 600;
 };
 
 // Against whom a failure counts.

@@ -56,4 +56,26 @@ std::optional<LeaseCall> WaitingWorkers::Take(const std::string& worker) {
   return call;
 }
 
+std::optional<WaitingWorkers::Time> WaitingWorkers::AwaitDue(std::unique_lock<std::mutex>& lock) {
+  while (true) {
+    const Time now = std::chrono::steady_clock::now();
+    const std::optional<Time> due = NextDue();
+    if (!due && ends_) return std::nullopt;
+    if (due && *due <= now) return now;
+    sleeps_until_ = due.value_or(Time::max());
+    due ? static_cast<void>(due_changed_.wait_until(lock, *due)) : due_changed_.wait(lock);
+    sleeps_until_ = Time::min();
+  }
+}
+
+void WaitingWorkers::Notify() {
+  const std::optional<Time> due = NextDue();
+  if (due && *due < sleeps_until_) due_changed_.notify_one();
+}
+
+void WaitingWorkers::End() {
+  ends_ = true;
+  due_changed_.notify_one();
+}
+
 }  // namespace tessera

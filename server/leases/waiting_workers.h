@@ -2,9 +2,11 @@
 #ifndef TESSERA_SERVER_LEASES_WAITING_WORKERS_H_
 #define TESSERA_SERVER_LEASES_WAITING_WORKERS_H_
 
+#include <condition_variable>
 #include <cstdint>
 #include <list>
 #include <map>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <string>
@@ -36,6 +38,13 @@ class WaitingWorkers {
   std::optional<LeaseCall> TakeDue(Time now);
   std::optional<LeaseCall> Take(const std::string& worker);
 
+  // Sleeps until TakeDue has a call, and returns the time to pass to it; none once End was called and no worker waits.
+  // `lock`: of the mutex that guards this. One thread may call it.
+  std::optional<Time> AwaitDue(std::unique_lock<std::mutex>& lock);
+  // Ends AwaitDue's sleep if a call is due before that would end. To be called after all else that may make one due.
+  void Notify();
+  void End();
+
  private:
   struct Waiter {
     LeaseCall call;
@@ -46,6 +55,9 @@ class WaitingWorkers {
   };
   void WakeOne(Waiter& waiter);
 
+  std::condition_variable due_changed_;
+  Time sleeps_until_ = Time::min();  // AwaitDue; min: it does not sleep
+  bool ends_ = false;
   int64_t generation_ = 0;
   std::map<std::string, Waiter> of_worker_;
   std::list<Waiter*> waiting_;                 // not woken yet, the longest first: so ascending in `seen`

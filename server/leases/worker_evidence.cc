@@ -18,21 +18,20 @@ bool Failed(const Attempt& attempt) {
 constexpr int64_t kHeardLately_us = 15'000'000;
 
 bool IsThere(const WorkerState& worker, int64_t now_us) {
-  return !IsSetAside(worker, now_us) && now_us - worker.last_seen_us <= kHeardLately_us;
+  return !IsSuspended(worker, now_us) && now_us - worker.last_seen_us <= kHeardLately_us;
 }
 
-SetAsideWorker PutAside(const std::string& name, const std::string& reason, const RetryOptions& options, int64_t now_us,
+SuspendedWorker Suspend(const std::string& name, const std::string& reason, const RetryOptions& options, int64_t now_us,
                         WorkerState& worker) {
-  const double for_s =
-      std::min(options.max_set_aside_s, options.set_aside_s * std::ldexp(1.0, worker.times_set_aside++));
-  worker.set_aside_reason = reason;
-  worker.set_aside_until_us = now_us + Micros(for_s);
+  const double for_s = std::min(options.max_suspend_s, options.suspend_s * std::ldexp(1.0, worker.times_suspended++));
+  worker.suspended_reason = reason;
+  worker.suspended_until_us = now_us + Micros(for_s);
   return {name, reason, for_s};
 }
 
 }  // namespace
 
-bool IsSetAside(const WorkerState& worker, int64_t now_us) { return worker.set_aside_until_us > now_us; }
+bool IsSuspended(const WorkerState& worker, int64_t now_us) { return worker.suspended_until_us > now_us; }
 
 bool MayTry(const JobTask& task, const std::string& worker, const LeaseTable& leases, int64_t now_us) {
   const auto failed = [&](const std::string& name) {
@@ -57,42 +56,42 @@ Witnesses WitnessesOf(const JobTask& task, const LeaseTable& leases, const Retry
   return witnesses;
 }
 
-std::vector<SetAsideWorker> NoteFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
-                                        int64_t now_us, LeaseTable& leases) {
+std::vector<SuspendedWorker> NoteFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
+                                         int64_t now_us, LeaseTable& leases) {
   WorkerState* const worker = leases.FindWorker(task.worker());
   if (worker == nullptr) return {};
   const RetryRule rule = RuleOf(failure.error_class, options);
   if (failure.error_class == ErrorClass::kScratch) {
-    return {PutAside(task.worker(), failure.message, options, now_us, *worker)};
+    return {Suspend(task.worker(), failure.message, options, now_us, *worker)};
   }
   // It was let try again, and goes on as before.
   if (rule.strikes && worker->strikes >= options.max_strikes) {
-    return {PutAside(task.worker(), worker->set_aside_reason, options, now_us, *worker)};
+    return {Suspend(task.worker(), worker->suspended_reason, options, now_us, *worker)};
   }
   return {};
 }
 
-std::vector<SetAsideWorker> NoteSuccess(const JobTask& task, const std::string& name, const RetryOptions& options,
-                                        int64_t now_us, LeaseTable& leases) {
+std::vector<SuspendedWorker> NoteSuccess(const JobTask& task, const std::string& name, const RetryOptions& options,
+                                         int64_t now_us, LeaseTable& leases) {
   if (WorkerState* const worker = leases.FindWorker(name)) {
-    worker->strikes = worker->times_set_aside = 0;
-    worker->set_aside_until_us = 0;
-    worker->set_aside_reason.clear();
+    worker->strikes = worker->times_suspended = 0;
+    worker->suspended_until_us = 0;
+    worker->suspended_reason.clear();
   }
-  std::vector<SetAsideWorker> set_aside;
+  std::vector<SuspendedWorker> suspended;
   std::set<std::string> struck = {name};
   for (const Attempt& attempt : task.attempts) {
     const ErrorClass error_class = attempt.failure->error_class;
     if (attempt.lease_expired || error_class == ErrorClass::kNone || !RuleOf(error_class, options).strikes) continue;
     WorkerState* const other = leases.FindWorker(attempt.worker);
     if (other == nullptr || !struck.insert(attempt.worker).second) continue;
-    if (++other->strikes < options.max_strikes || IsSetAside(*other, now_us)) continue;
-    set_aside.push_back(
-        PutAside(attempt.worker,
-                 "it failed tasks that others did, the last '" + task.plan.name + "': " + attempt.failure->message,
-                 options, now_us, *other));
+    if (++other->strikes < options.max_strikes || IsSuspended(*other, now_us)) continue;
+    suspended.push_back(
+        Suspend(attempt.worker,
+                "it failed tasks that others did, the last '" + task.plan.name + "': " + attempt.failure->message,
+                options, now_us, *other));
   }
-  return set_aside;
+  return suspended;
 }
 
 }  // namespace tessera

@@ -4,6 +4,9 @@
 #include <charconv>
 
 #include "common/job/task_parameters.h"
+#include "server/ledger/ledger.h"
+#include "server/ledger/record_owner.h"
+#include "tessera/v1/records.pb.h"
 
 namespace tessera {
 
@@ -37,6 +40,25 @@ void BlobReferences::AddOutputs(const JobHeader& job, bool runs, absl::Span<cons
 int64_t BlobReferences::SpareSince(uint64_t id) const {
   const auto it = spare_.find(id);
   return it == spare_.end() || Needs(id) ? -1 : it->second;
+}
+
+void NewReferences::Note(const v1::Record& record, const Ledger& ledger) {
+  if (!noted_) return;
+  const auto note = [&](const auto& files) {
+    for (const auto& file : files) noted_->blobs.insert(BlobReferences::IdOf(file.digest().sha256()));
+  };
+  note(record.task_succeeded().outputs());
+  note(record.job_ended().artifacts());
+  for (const auto& task : record.tasks_planned().tasks()) note(task.given());
+  for (const auto& file : record.job_accepted().scene_files()) {
+    if (file.path() == kClassifierFile) noted_->blobs.insert(BlobReferences::IdOf(file.digest().sha256()));
+  }
+  // A job that had ended runs again: its outputs are needed again.
+  const int job = record.has_job_retried() || record.has_result_lost() ? JobOf(record) : -1;
+  if (job < 0 || !noted_->jobs.insert(job).second) return;
+  for (const JobTask& task : ledger.jobs()[job].tasks) {
+    for (const StoredFile& file : task.outputs) noted_->blobs.insert(BlobReferences::IdOf(file.sha256.Hex()));
+  }
 }
 
 }  // namespace tessera

@@ -1,8 +1,11 @@
-// Which blobs the jobs that are kept refer to.
+// Which blobs the jobs that are kept refer to, and which they came to refer to lately.
 #ifndef TESSERA_SERVER_LEDGER_BLOB_REFERENCES_H_
 #define TESSERA_SERVER_LEDGER_BLOB_REFERENCES_H_
 
 #include <cstdint>
+#include <optional>
+#include <set>
+#include <shared_mutex>
 #include <string>
 #include <vector>
 
@@ -12,6 +15,11 @@
 #include "server/ledger/job.h"
 
 namespace tessera {
+
+namespace v1 {
+class Record;
+}  // namespace v1
+class Ledger;
 
 // Digests by their first 64 bits: a city has millions. That two share them keeps a blob that could go, no more.
 // Not thread-safe.
@@ -33,6 +41,33 @@ class BlobReferences {
  private:
   absl::flat_hash_set<uint64_t> needed_;
   absl::flat_hash_map<uint64_t, int64_t> spare_;
+};
+
+// Blobs that records, and jobs that run again, have come to refer to since Start. Not thread-safe.
+class NewReferences {
+ public:
+  // Forgets what was noted before. Before the first call nothing is noted.
+  void Start() { noted_.emplace(); }
+  bool started() const { return noted_.has_value(); }
+  // `record`: applied to the ledger.
+  void Note(const v1::Record& record, const Ledger& ledger);
+  bool Contains(const std::string& sha256) const {
+    return noted_ && noted_->blobs.contains(BlobReferences::IdOf(sha256));
+  }
+
+ private:
+  struct Noted {
+    absl::flat_hash_set<uint64_t> blobs;  // BlobReferences::IdOf
+    std::set<int> jobs;                   // whose outputs are all among these
+  };
+  std::optional<Noted> noted_;
+};
+
+struct BlobUse {
+  // Held shared while a change refers to blobs that may be stored already, exclusively while blobs are removed. Taken
+  // before the mutex of the ledger.
+  std::shared_mutex mutex;
+  NewReferences since;  // guarded by the mutex of the ledger
 };
 
 }  // namespace tessera

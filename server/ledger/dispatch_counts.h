@@ -39,7 +39,7 @@ class DispatchCounts {
  public:
   // `record`: applied to the ledger; `ref`: TaskOf it.
   void Count(const v1::Record& record, const Ledger& ledger, std::optional<TaskRef> ref);
-  void CountSetAside(int64_t workers) { workers_set_aside_ += workers; }
+  void CountSuspended(int64_t workers) { workers_suspended_ += workers; }
 
   const std::array<KindCounts, kTaskKindSlots>& kinds() const { return kinds_; }
   // Attempts that failed, by class; those whose lease expired are counted there alone.
@@ -47,15 +47,15 @@ class DispatchCounts {
   int64_t leases_expired() const { return leases_expired_; }
   int64_t jobs_accepted() const { return jobs_accepted_; }
   const std::map<JobState, int64_t>& jobs_ended() const { return jobs_ended_; }
-  int64_t tiles_set_aside() const { return tiles_set_aside_; }
+  int64_t tiles_quarantined() const { return tiles_quarantined_; }
   int64_t results_lost() const { return results_lost_; }
-  int64_t workers_set_aside() const { return workers_set_aside_; }
+  int64_t workers_suspended() const { return workers_suspended_; }
 
  private:
   std::array<KindCounts, kTaskKindSlots> kinds_;
   std::map<ErrorClass, int64_t> failures_;
   std::map<JobState, int64_t> jobs_ended_;
-  int64_t leases_expired_ = 0, jobs_accepted_ = 0, tiles_set_aside_ = 0, results_lost_ = 0, workers_set_aside_ = 0;
+  int64_t leases_expired_ = 0, jobs_accepted_ = 0, tiles_quarantined_ = 0, results_lost_ = 0, workers_suspended_ = 0;
 };
 
 // The task that the record is about; none if it is about a job.

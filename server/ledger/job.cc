@@ -50,7 +50,7 @@ void JobTotals::AddPlanned(const JobTask& task) {
   sums_.unfinished_tiles += of_tile->second++ == 0;
 }
 
-void JobTotals::AddSetAside(int tile) {
+void JobTotals::AddQuarantined(int tile) {
   const auto [of_tile, is_new] = unfinished_of_tile_.emplace(tile, 0);
   sums_.tiles += is_new;
   sums_.unfinished_tiles += of_tile->second++ == 0;

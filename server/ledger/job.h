@@ -150,10 +150,10 @@ struct JobChange {
 };
 
 // A tile that is left as it was, and its task that failed for good, by its place in the job's list.
-struct SetAside {
+struct QuarantinedTile {
   int tile = -1;
   int task = -1;
-  friend bool operator==(const SetAside&, const SetAside&) = default;
+  friend bool operator==(const QuarantinedTile&, const QuarantinedTile&) = default;
 };
 
 // Costs of a job's tasks, and what of them is done.
@@ -180,7 +180,7 @@ class JobTotals {
   void AddPlanned(const JobTask& task);
   void AddSucceeded(int index, const JobTask& task);
   // A tile that stays unfinished whatever succeeds.
-  void AddSetAside(int tile);
+  void AddQuarantined(int tile);
   // What it made is lost: it has not succeeded any more.
   void AddLost(int index, const JobTask& task);
   const JobSums& sums() const { return sums_; }
@@ -199,8 +199,8 @@ struct Job {
   int unfinished = 0;                    // tasks that have not succeeded, but for superseded ones
   int failed = -1;                       // the first task that has for good; -1: none
   bool planned_to_end = false;           // publish is among the tasks, or the plan is all that is asked for
-  std::vector<SetAside> set_aside;       // by tile
-  bool plans_anew = false;  // what is behind the cuts, since other tiles are set aside than it was planned for
+  std::vector<QuarantinedTile> quarantined;  // by tile
+  bool plans_anew = false;  // what is behind the cuts, because other tiles are quarantined than it was planned for
   int open_plan = -1;       // first task of a plan whose last record has not come; -1: none
   JobTotals totals;
   int lost = 0;                 // results that it needs and that are being made again, here or elsewhere
@@ -211,7 +211,7 @@ struct Job {
 // The task as if it had been tried only since its job was last retried.
 JobTask WithCountedAttempts(JobTask task);
 
-// Whether every tile was cut, but those that were set aside instead.
+// Whether every tile was cut, but those that are quarantined.
 bool CutsAreDone(const Job& job);
 
 std::string JobName(int job);

@@ -190,9 +190,9 @@ Status Ledger::CheckEnded(const v1::JobEnded& change) const {
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
   if (!HasEnded(static_cast<JobState>(change.state()))) return absl::InvalidArgumentError("not an end of a job");
   if (change.state() == v1::JOB_STATE_SUCCEEDED || change.state() == v1::JOB_STATE_PARTIAL) {
-    if (job.set_aside.empty() != (change.state() == v1::JOB_STATE_SUCCEEDED)) {
-      return absl::FailedPreconditionError(change.job() + ": " + std::to_string(job.set_aside.size()) +
-                                           " tiles were set aside");
+    if (job.quarantined.empty() != (change.state() == v1::JOB_STATE_SUCCEEDED)) {
+      return absl::FailedPreconditionError(change.job() + ": " + std::to_string(job.quarantined.size()) +
+                                           " tiles are quarantined");
     }
     for (const JobTask& each : job.tasks) {
       if (!each.superseded && each.state != TaskState::kSucceeded) {

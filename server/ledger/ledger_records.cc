@@ -29,7 +29,7 @@ Status Ledger::Check(const v1::Record& record) const {
     case v1::Record::kJobChanged:
       return CheckChanged(record.job_changed());
     case v1::Record::kTileSetAside:
-      return CheckSetAside(record.tile_set_aside());
+      return CheckQuarantined(record.tile_set_aside());
     case v1::Record::kJobRetried:
       return CheckRetried(record.job_retried());
     case v1::Record::kResultLost:
@@ -37,7 +37,7 @@ Status Ledger::Check(const v1::Record& record) const {
     case v1::Record::kJobDeleted:
       return CheckDeleted(record.job_deleted());
     case v1::Record::kJobBegunAnew:
-      return CheckBegunAnew(record.job_begun_anew());
+      return CheckRestarted(record.job_begun_anew());
     case v1::Record::CHANGE_NOT_SET:
       break;
   }
@@ -62,7 +62,7 @@ void Ledger::Apply(const v1::Record& record) {
     case v1::Record::kJobChanged:
       return ApplyChanged(record.job_changed());
     case v1::Record::kTileSetAside:
-      return ApplySetAside(record.tile_set_aside());
+      return ApplyQuarantined(record.tile_set_aside());
     case v1::Record::kJobRetried:
       return ApplyRetried(record.job_retried());
     case v1::Record::kResultLost:
@@ -70,7 +70,7 @@ void Ledger::Apply(const v1::Record& record) {
     case v1::Record::kJobDeleted:
       return ApplyDeleted(record.job_deleted());
     case v1::Record::kJobBegunAnew:
-      return ApplyBegunAnew(record.job_begun_anew());
+      return ApplyRestarted(record.job_begun_anew());
     case v1::Record::CHANGE_NOT_SET:
       return;
   }

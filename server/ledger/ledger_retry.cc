@@ -33,7 +33,7 @@ void Ledger::Supersede(TaskRef ref) {
 
 void Ledger::Recount(Job& job) {
   job.totals = JobTotals();
-  for (const SetAside& each : job.set_aside) job.totals.AddSetAside(each.tile);
+  for (const QuarantinedTile& each : job.quarantined) job.totals.AddQuarantined(each.tile);
   for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {
     const JobTask& task = job.tasks[i];
     if (task.superseded) continue;
@@ -42,7 +42,7 @@ void Ledger::Recount(Job& job) {
   }
 }
 
-Status Ledger::CheckSetAside(const v1::TileSetAside& change) const {
+Status Ledger::CheckQuarantined(const v1::TileSetAside& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
   const Job& job = jobs_[index];
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
@@ -57,15 +57,15 @@ Status Ledger::CheckSetAside(const v1::TileSetAside& change) const {
   return absl::OkStatus();
 }
 
-void Ledger::ApplySetAside(const v1::TileSetAside& change) {
+void Ledger::ApplyQuarantined(const v1::TileSetAside& change) {
   const int index = *FindJob(change.job());
   Job& job = jobs_[index];
   Supersede({index, change.task()});
-  // A task of a tile that is set aside already fails once more only while the plan without it is not there yet.
-  const auto place = std::lower_bound(job.set_aside.begin(), job.set_aside.end(), change.tile(),
-                                      [](const SetAside& each, int tile) { return each.tile < tile; });
-  if (place == job.set_aside.end() || place->tile != change.tile()) {
-    job.set_aside.insert(place, {change.tile(), change.task()});
+  // The tile may be quarantined already: until the job is planned without it, another task of it can fail.
+  const auto place = std::lower_bound(job.quarantined.begin(), job.quarantined.end(), change.tile(),
+                                      [](const QuarantinedTile& each, int tile) { return each.tile < tile; });
+  if (place == job.quarantined.end() || place->tile != change.tile()) {
+    job.quarantined.insert(place, {change.tile(), change.task()});
   }
   job.plans_anew = job.planned_to_end;
   job.failed = FirstFailed(job);
@@ -86,8 +86,8 @@ Status Ledger::CheckRetried(const v1::JobRetried& change) const {
     return absl::FailedPreconditionError(change.job() + " has not failed: there is nothing to try again");
   }
   if (!change.has_tile()) return absl::OkStatus();
-  bool found = std::any_of(job.set_aside.begin(), job.set_aside.end(),
-                           [&](const SetAside& each) { return each.tile == change.tile(); });
+  bool found = std::any_of(job.quarantined.begin(), job.quarantined.end(),
+                           [&](const QuarantinedTile& each) { return each.tile == change.tile(); });
   for (const JobTask& task : job.tasks) {
     if (task.state != TaskState::kFailed || task.superseded) continue;
     if (task.plan.tile != change.tile()) {
@@ -112,9 +112,9 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
   active_jobs_.insert(std::lower_bound(active_jobs_.begin(), active_jobs_.end(), index), index);
   CountActive(header.client, 1);
   ready_.SetJob(index, header.priority, header.paused);
-  for (const SetAside& each : std::exchange(job.set_aside, {})) {
+  for (const QuarantinedTile& each : std::exchange(job.quarantined, {})) {
     if (change.has_tile() && each.tile != change.tile()) {
-      job.set_aside.push_back(each);
+      job.quarantined.push_back(each);
       continue;
     }
     job.plans_anew = job.planned_to_end;

@@ -96,7 +96,7 @@ void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
       "Workers: with a task, without one, set aside and given none for a while, or not heard of for a lease's time");
   list.Add(now.workers_working, {{"state", "working"}});
   list.Add(now.workers_idle, {{"state", "idle"}});
-  list.Add(now.workers_set_aside, {{"state", "set_aside"}});
+  list.Add(now.workers_suspended, {{"state", "set_aside"}});
   list.Add(now.workers_silent, {{"state", "silent"}});
   list.Gauge("jobs", "Jobs that have not ended");
   list.Add(now.jobs_queued, {{"state", "queued"}});
@@ -151,9 +151,9 @@ void AddWork(const DispatchCounts& counts, FamilyList& list) {
     list.Add(found == counts.jobs_ended().end() ? int64_t{0} : found->second, {{"state", name}});
   }
   list.Counter("tiles_set_aside_total", "Tiles that jobs went on without because a task of theirs failed for good");
-  list.Add(counts.tiles_set_aside());
+  list.Add(counts.tiles_quarantined());
   list.Counter("workers_set_aside_total", "Times that a worker was set aside");
-  list.Add(counts.workers_set_aside());
+  list.Add(counts.workers_suspended());
   list.Counter("results_lost_total", "Stored results that were found lost or damaged and are made again");
   list.Add(counts.results_lost());
 }

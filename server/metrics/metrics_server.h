@@ -9,7 +9,7 @@
 #include <string>
 
 #include "common/base/status.h"
-#include "server/jobs/dispatch_snapshot.h"
+#include "server/metrics/dispatch_snapshot.h"
 #include "server/metrics/rpc_counts.h"
 
 namespace tessera {

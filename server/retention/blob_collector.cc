@@ -15,11 +15,11 @@ StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
   };
   Collected collected;
   std::vector<Spare> spare;
-  std::vector<BlobFile> set_aside;
+  std::vector<BlobFile> quarantined;
   absl::flat_hash_map<std::string, int64_t> unneeded;
-  const BlobReferences references = dispatcher_->CollectReferences();
+  const BlobReferences references = reclaimer_->CollectReferences();
   const auto remove = [&](const std::vector<BlobFile>& files) -> Status {
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<BlobFile> gone, dispatcher_->RemoveBlobs(files));
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<BlobFile> gone, reclaimer_->RemoveBlobs(files));
     for (const BlobFile& file : gone) {
       ++collected.files;
       collected.bytes += file.size_bytes;
@@ -35,7 +35,7 @@ StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
     for (BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
       collected.bytes_left += file.size_bytes;
       if (file.kind == Kind::kSetAside) {
-        set_aside.push_back(std::move(file));
+        quarantined.push_back(std::move(file));
         continue;
       }
       const int64_t wait_us = Micros(file.kind == Kind::kLeftover ? options_.leftover_s : options_.grace_s);
@@ -55,25 +55,25 @@ StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
     }
     TESSERA_RETURN_IF_ERROR(remove(doomed));
   }
-  std::stable_sort(set_aside.begin(), set_aside.end(),
+  std::stable_sort(quarantined.begin(), quarantined.end(),
                    [](const BlobFile& a, const BlobFile& b) { return a.since_us < b.since_us; });
   std::stable_sort(spare.begin(), spare.end(), [](const Spare& a, const Spare& b) { return a.since_us < b.since_us; });
-  TESSERA_RETURN_IF_ERROR(remove(TakeExpired(set_aside)));
+  TESSERA_RETURN_IF_ERROR(remove(TakeExpired(quarantined)));
   const auto is_full = [&] { return options_.limit_bytes > 0 && collected.bytes_left > options_.limit_bytes; };
-  for (size_t i = 0; is_full() && i < set_aside.size(); ++i) TESSERA_RETURN_IF_ERROR(remove({set_aside[i]}));
+  for (size_t i = 0; is_full() && i < quarantined.size(); ++i) TESSERA_RETURN_IF_ERROR(remove({quarantined[i]}));
   for (size_t i = 0; is_full() && i < spare.size(); ++i) TESSERA_RETURN_IF_ERROR(remove({spare[i].file}));
   unneeded_since_us_ = std::move(unneeded);
   return collected;
 }
 
-std::vector<BlobFile> BlobCollector::TakeExpired(std::vector<BlobFile>& set_aside) {
+std::vector<BlobFile> BlobCollector::TakeExpired(std::vector<BlobFile>& quarantined) {
   std::vector<KeptThing> kept;
-  for (const BlobFile& file : set_aside) kept.push_back({file.path, file.since_us});
-  const std::vector<int> places = set_aside_retention_.Expired(kept, clock_->UnixTimeUs(), clock_->MonotonicUs());
+  for (const BlobFile& file : quarantined) kept.push_back({file.path, file.since_us});
+  const std::vector<int> places = quarantine_retention_.Expired(kept, clock_->UnixTimeUs(), clock_->MonotonicUs());
   std::vector<BlobFile> expired;
   for (auto place = places.rbegin(); place != places.rend(); ++place) {
-    expired.push_back(std::move(set_aside[*place]));
-    set_aside.erase(set_aside.begin() + *place);
+    expired.push_back(std::move(quarantined[*place]));
+    quarantined.erase(quarantined.begin() + *place);
   }
   return expired;
 }

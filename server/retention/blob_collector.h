@@ -12,8 +12,8 @@
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/storage/blob_store.h"
-#include "server/jobs/dispatcher.h"
-#include "server/jobs/retention.h"
+#include "server/retention/reclaimer.h"
+#include "server/retention/retention.h"
 
 namespace tessera {
 
@@ -21,8 +21,8 @@ struct CollectorOptions {
   // A blob goes when nobody has referred to it at every look of so much running time, and its file is that old: it is
   // stored before the report that names it.
   double grace_s = 3600;
-  double leftover_s = 86400;    // the same for what unfinished writes left
-  double keep_set_aside_s = 0;  // damaged blobs, for whom it concerns to see; 0: for ever
+  double leftover_s = 86400;      // the same for what unfinished writes left
+  double keep_quarantined_s = 0;  // damaged blobs, for whom it concerns to see; 0: for ever
   // Above so many bytes in the folder, damaged blobs go, the oldest first, then what tasks of ended jobs handed to each
   // other, oldest ended jobs first; 0: no limit.
   int64_t limit_bytes = 0;
@@ -38,24 +38,24 @@ struct Collected {
 class BlobCollector {
  public:
   // All must outlive the collector.
-  BlobCollector(Dispatcher* dispatcher, const BlobStore* blobs, const Clock* clock, const CollectorOptions& options)
-      : dispatcher_(dispatcher),
+  BlobCollector(Reclaimer* reclaimer, const BlobStore* blobs, const Clock* clock, const CollectorOptions& options)
+      : reclaimer_(reclaimer),
         blobs_(blobs),
         clock_(clock),
         options_(options),
-        set_aside_retention_(options.keep_set_aside_s) {}
+        quarantine_retention_(options.keep_quarantined_s) {}
   // Once over all files. Stops early where `stop` says so.
   StatusOr<Collected> Pass(const std::function<bool()>& stop = {});
 
  private:
   // Those that have been kept for long enough, off the list.
-  std::vector<BlobFile> TakeExpired(std::vector<BlobFile>& set_aside);
+  std::vector<BlobFile> TakeExpired(std::vector<BlobFile>& quarantined);
 
-  Dispatcher* const dispatcher_;
+  Reclaimer* const reclaimer_;
   const BlobStore* const blobs_;
   const Clock* const clock_;
   const CollectorOptions options_;
-  Retention set_aside_retention_;
+  Retention quarantine_retention_;
   absl::flat_hash_map<std::string, int64_t> unneeded_since_us_;  // paths, on the monotonic clock
 };
 

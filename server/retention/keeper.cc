@@ -15,10 +15,10 @@ constexpr std::chrono::milliseconds kFreePause{5};  // between two steps, for ot
 
 }  // namespace
 
-Keeper::Keeper(Dispatcher* dispatcher, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options)
-    : dispatcher_(dispatcher),
+Keeper::Keeper(DispatchCore& core, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options)
+    : reclaimer_(core),
       retention_(options.keep_s),
-      collector_(dispatcher, blobs, clock, options.collector),
+      collector_(&reclaimer_, blobs, clock, options.collector),
       thread_([this] { Run(); }) {}
 
 Keeper::~Keeper() {
@@ -39,7 +39,7 @@ void Keeper::Run() {
   auto next_jobs = Steady::now(), next_blobs = next_jobs;
   std::string last_error;
   while (!stopped()) {
-    const StatusOr<bool> more = dispatcher_->FreeDeleted();
+    const StatusOr<bool> more = reclaimer_.FreeDeleted();
     const std::string error = more.ok() ? "" : std::string(more.status().message());
     if (!error.empty() && error != last_error) {
       LogEvent(LogLevel::kWarning, "records of deleted jobs are not removed yet", {{"reason", error}});
@@ -54,7 +54,7 @@ void Keeper::Run() {
 }
 
 void Keeper::LookAtJobs() {
-  const StatusOr<int> deleted = dispatcher_->DeleteExpired(retention_);
+  const StatusOr<int> deleted = reclaimer_.DeleteExpired(retention_);
   if (deleted.ok()) return;
   LogEvent(LogLevel::kWarning, "old jobs are not deleted yet", {{"reason", std::string(deleted.status().message())}});
 }

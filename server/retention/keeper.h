@@ -7,9 +7,9 @@
 #include <mutex>
 #include <thread>
 
-#include "server/jobs/dispatcher.h"
-#include "server/jobs/retention.h"
 #include "server/retention/blob_collector.h"
+#include "server/retention/reclaimer.h"
+#include "server/retention/retention.h"
 
 namespace tessera {
 
@@ -22,7 +22,7 @@ struct KeeperOptions {
 class Keeper {
  public:
   // All must outlive the keeper.
-  Keeper(Dispatcher* dispatcher, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options);
+  Keeper(DispatchCore& core, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options);
   ~Keeper();
 
  private:
@@ -31,7 +31,7 @@ class Keeper {
   void LookAtBlobs();
   bool stopped();
 
-  Dispatcher* const dispatcher_;
+  Reclaimer reclaimer_;
   Retention retention_;
   BlobCollector collector_;
   std::mutex mutex_;

@@ -21,8 +21,8 @@ struct StateSummary {
 };
 
 // Reads all records and looks for every blob that they refer to; with `deep` reads those too. `tell`: of each fault in
-// words: where, what was found and what was expected. Damaged blobs are set aside, so that they are made again when
-// they are needed; records stay for Dispatcher::SetUnusableAside.
+// words: where, what was found and what was expected. Damaged blobs are quarantined, so that they are made again when
+// they are needed; records stay for Coordinator::QuarantineUnusable.
 StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool deep,
                                    const std::function<void(const std::string& fault)>& tell);
 

@@ -77,9 +77,9 @@ void LogRecord(const v1::Record& record, const ChangedTask& task) {
     }
     case v1::Record::kTileSetAside: {
       const auto& change = record.tile_set_aside();
-      return LogWarning("tile set aside", {{"job", change.job()},
-                                           {"tile", std::to_string(change.tile())},
-                                           {"task", change.job() + "/tasks/" + std::to_string(change.task())}});
+      return LogWarning("tile quarantined", {{"job", change.job()},
+                                             {"tile", std::to_string(change.tile())},
+                                             {"task", change.job() + "/tasks/" + std::to_string(change.task())}});
     }
     case v1::Record::kJobRetried: {
       const auto& change = record.job_retried();
@@ -97,26 +97,26 @@ void LogRecord(const v1::Record& record, const ChangedTask& task) {
       return LogInfo("job deleted", {{"job", record.job_deleted().job()}, {"reason", record.job_deleted().reason()}});
     case v1::Record::kJobBegunAnew:
       return LogWarning(
-          "job of another version begins anew",
+          "job of another version restarted",
           {{"job", record.job_begun_anew().job()}, {"algorithm_version", record.job_begun_anew().algorithm_version()}});
     case v1::Record::CHANGE_NOT_SET:
       return;
   }
 }
 
-void LogWorkerSetAside(const SetAsideWorker& worker) {
+void LogWorkerSuspended(const SuspendedWorker& worker) {
   LogWarning(
-      "worker set aside",
+      "worker suspended",
       {{"worker", worker.worker}, {"seconds", std::to_string(std::lround(worker.for_s))}, {"reason", worker.reason}});
 }
 
-void LogSetAside(int64_t number, const std::string& reason) {
-  LogError("stored record set aside", {{"record", std::to_string(number)}, {"reason", reason}});
+void LogRecordQuarantined(int64_t number, const std::string& reason) {
+  LogError("stored record quarantined", {{"record", std::to_string(number)}, {"reason", reason}});
 }
 
 void LogStorageTrouble(const Status& trouble) {
-  if (trouble.ok()) return LogInfo("records are stored again");
-  LogError("records cannot be stored: all waits, and goes on when they can",
+  if (trouble.ok()) return LogInfo("journal writes again: leasing resumed");
+  LogError("journal write failed: leasing suspended until writes succeed",
            {{"reason", std::string(trouble.message())}});
 }
 

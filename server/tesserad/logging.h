@@ -1,4 +1,4 @@
-// What changes of the coordinator's state say in its log (common/log).
+// Log lines of changes of the coordinator's state (common/log).
 #ifndef TESSERA_SERVER_TESSERAD_LOGGING_H_
 #define TESSERA_SERVER_TESSERAD_LOGGING_H_
 
@@ -14,18 +14,18 @@ namespace v1 {
 class Record;
 }  // namespace v1
 struct ChangedTask;
-struct SetAsideWorker;
+struct SuspendedWorker;
 
-// What a change of state says to an operator. `task`: of the record, where it is of one.
+// A change of state. `task`: of the record, if it has one.
 void LogRecord(const v1::Record& record, const ChangedTask& task);
 
-// That a worker gets no tasks for some time.
-void LogWorkerSetAside(const SetAsideWorker& worker);
+// A worker is suspended.
+void LogWorkerSuspended(const SuspendedWorker& worker);
 
-// That a stored record cannot be used.
-void LogSetAside(int64_t number, const std::string& reason);
+// A stored record cannot be used.
+void LogRecordQuarantined(int64_t number, const std::string& reason);
 
-// That records cannot be stored now, and why; or, if OK, that they can again.
+// Records cannot be stored now, with the reason; if OK: they can again.
 void LogStorageTrouble(const Status& trouble);
 
 }  // namespace tessera

@@ -6,7 +6,7 @@
 #include "common/base/clock.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 #include "server/ledger/record_owner.h"
 #include "server/retention/verify_state.h"
 #include "server/store/sqlite_salvage.h"
@@ -51,13 +51,14 @@ Status VerifyData(const std::string& data, bool deep) {
   SystemClock clock;
   Planner planner;
   DispatchEnvironment environment{store.get(), blobs.get(), &planner, &clock, LogRecord};
-  environment.on_set_aside = [](int64_t number, const std::string&) {
-    std::cout << "record " << number << " set aside\n";
+  environment.on_record_quarantined = [](int64_t number, const std::string&) {
+    std::cout << "record " << number << " quarantined\n";
   };
-  TESSERA_RETURN_IF_ERROR(Dispatcher::SetUnusableAside(environment));
-  return absl::DataLossError(data + ": " + std::to_string(found.faults) +
-                             " faults; what was damaged is set aside, and missing files are made again when something "
-                             "reads them");
+  TESSERA_RETURN_IF_ERROR(Coordinator::QuarantineUnusable(environment));
+  return absl::DataLossError(
+      data + ": " + std::to_string(found.faults) +
+      " faults; what was damaged is quarantined, and missing files are made again when something "
+      "reads them");
 }
 
 Status SalvageData(const std::string& data) {

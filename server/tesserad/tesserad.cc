@@ -23,7 +23,7 @@
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "server/grpc/coordinator_server.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 #include "server/ledger/record_owner.h"
 #include "server/metrics/metrics_server.h"
 #include "server/retention/keeper.h"
@@ -182,13 +182,13 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   options.limits = flags.jobs;
   options.worker_limits = flags.workers;
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
-  TESSERA_ASSIGN_OR_RETURN(const auto dispatcher,
-                           Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, LogRecord, LogSetAside,
-                                             LogStorageTrouble, LogWorkerSetAside},
-                                            options));
+  TESSERA_ASSIGN_OR_RETURN(const auto coordinator,
+                           Coordinator::Open({store.get(), blobs.get(), &planner, &clock, LogRecord,
+                                              LogRecordQuarantined, LogStorageTrouble, LogWorkerSuspended},
+                                             options));
 
   ServerEnvironment environment;
-  environment.dispatcher = dispatcher.get();
+  environment.coordinator = coordinator.get();
   environment.blobs = blobs.get();
   environment.digests = store.get();
   environment.clock = &clock;
@@ -208,7 +208,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   if (!flags.listen.metrics.empty()) {
     TESSERA_ASSIGN_OR_RETURN(
         metrics,
-        MetricsServer::Start(flags.listen.metrics, {[&] { return dispatcher->Snapshot(); },
+        MetricsServer::Start(flags.listen.metrics, {[&] { return SnapshotOf(coordinator->core()); },
                                                     [&] { return blobs->FreeBytes(); }, &server->rpc_counts()}));
     std::cout << "metrics: http://" << metrics->address() << "/metrics" << std::endl;
   }
@@ -220,10 +220,10 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
 
   KeeperOptions keeping;
   keeping.keep_s = flags.keep_days * 86400;
-  keeping.collector.keep_set_aside_s = keeping.keep_s;
+  keeping.collector.keep_quarantined_s = keeping.keep_s;
   keeping.collector.limit_bytes = static_cast<int64_t>(flags.blob_gib * (int64_t{1} << 30));
   keeping.collector.grace_s = std::max(keeping.collector.grace_s, 2 * flags.lease_s);
-  const Keeper keeper(dispatcher.get(), blobs.get(), &clock, keeping);
+  const Keeper keeper(coordinator->core(), blobs.get(), &clock, keeping);
 
   const double tick_s = std::clamp(flags.lease_s / 4, 0.05, 1.0);
   const timespec tick = {static_cast<time_t>(tick_s), static_cast<long>((tick_s - static_cast<time_t>(tick_s)) * 1e9)};
@@ -235,7 +235,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
         LogEvent(LogLevel::kError, "token file not read, the tokens of before stay", {{"error", last_refreshed}});
       }
     }
-    const Status status = dispatcher->Tick();
+    const Status status = coordinator->Tick();
     const std::string error = status.ok() ? "" : status.ToString();
     // Each trouble once, not at every tick.
     if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "cannot go on", {{"error", error}});

@@ -13,7 +13,7 @@
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
 #include "server/grpc/coordinator_server.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 #include "server/store/sqlite_store.h"
 
 namespace tessera {
@@ -27,11 +27,11 @@ class BenchCoordinator {
     std::unique_ptr<BenchCoordinator> started(new BenchCoordinator);
     TESSERA_ASSIGN_OR_RETURN(started->store_, SqliteStore::Open(folder + "/state.sqlite"));
     TESSERA_ASSIGN_OR_RETURN(started->blobs_, BlobStore::Open(folder + "/blobs"));
-    TESSERA_ASSIGN_OR_RETURN(started->dispatcher_, Dispatcher::Open({started->store_.get(), started->blobs_.get(),
-                                                                     planner, &started->clock_, /*on_change=*/{}},
-                                                                    DispatchOptions()));
+    TESSERA_ASSIGN_OR_RETURN(started->coordinator_, Coordinator::Open({started->store_.get(), started->blobs_.get(),
+                                                                       planner, &started->clock_, /*on_change=*/{}},
+                                                                      DispatchOptions()));
     ServerEnvironment environment;
-    environment.dispatcher = started->dispatcher_.get();
+    environment.coordinator = started->coordinator_.get();
     environment.blobs = started->blobs_.get();
     environment.digests = started->store_.get();
     environment.clock = &started->clock_;
@@ -50,7 +50,7 @@ class BenchCoordinator {
     return started;
   }
 
-  Dispatcher& dispatcher() { return *dispatcher_; }
+  Coordinator& coordinator() { return *coordinator_; }
   BlobStore& blobs() { return *blobs_; }
   const std::string& address() const { return server_->address(); }
 
@@ -81,7 +81,7 @@ class BenchCoordinator {
   std::unique_ptr<Access> access_;
   std::unique_ptr<SqliteStore> store_;
   std::unique_ptr<BlobStore> blobs_;
-  std::unique_ptr<Dispatcher> dispatcher_;
+  std::unique_ptr<Coordinator> coordinator_;
   std::unique_ptr<CoordinatorServer> server_;
 };
 

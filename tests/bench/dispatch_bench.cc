@@ -157,8 +157,8 @@ int Work(const Arguments& arguments, const std::string& address_file, const std:
 
 Status Serve(const Arguments& arguments, const std::string& folder, const std::string& address_file) {
   BarePlanner planner;
-  TESSERA_ASSIGN_OR_RETURN(const auto coordinator, BenchCoordinator::Start(folder, &planner, /*shared_storage=*/true));
-  Dispatcher& dispatcher = coordinator->dispatcher();
+  TESSERA_ASSIGN_OR_RETURN(const auto served, BenchCoordinator::Start(folder, &planner, /*shared_storage=*/true));
+  Coordinator& coordinator = served->coordinator();
   NewJob job;
   job.scene_path = "/scene";
   job.settings.tiles = arguments.tiles;
@@ -168,11 +168,11 @@ Status Serve(const Arguments& arguments, const std::string& folder, const std::s
     job.scene_files.push_back({view.likelihood_path, nothing});
   }
   const double start_s = Seconds(), start_cpu_s = CpuSeconds(RUSAGE_SELF);
-  TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher.CreateJob(job));
-  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, coordinator->address()));
+  TESSERA_ASSIGN_OR_RETURN(JobStatus status, coordinator.jobs().CreateJob(job));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, served->address()));
   while (!HasEnded(status.header.state)) {
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
+    TESSERA_ASSIGN_OR_RETURN(status, coordinator.jobs().GetJob(status.header.name));
   }
   const double wall_s = Seconds() - start_s, cpu_s = CpuSeconds(RUSAGE_SELF) - start_cpu_s;
   TESSERA_RETURN_IF_ERROR(RemoveTree(address_file));

@@ -24,7 +24,7 @@
 #include "common/rpc/channel.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 #include "server/store/sqlite_store.h"
 #include "server/tesserad/logging.h"
 #include "tessera/v1/workers.grpc.pb.h"
@@ -360,26 +360,26 @@ int Work(const FleetArguments& arguments, const std::string& folder, const std::
 Status Serve(const FleetArguments& arguments, const std::string& folder, const std::string& address_file) {
   TESSERA_RETURN_IF_ERROR(SetUpLog("off", false));
   ChainPlanner planner(arguments);
-  TESSERA_ASSIGN_OR_RETURN(const auto coordinator,
+  TESSERA_ASSIGN_OR_RETURN(const auto served,
                            BenchCoordinator::Start(folder, &planner, /*shared_storage=*/false, arguments.tls));
-  TESSERA_RETURN_IF_ERROR(coordinator->blobs().PutBytes("survey").status());
-  Dispatcher& dispatcher = coordinator->dispatcher();
+  TESSERA_RETURN_IF_ERROR(served->blobs().PutBytes("survey").status());
+  Coordinator& coordinator = served->coordinator();
   std::thread ticker([&] {
-    while (!dispatcher.stopped()) {
-      dispatcher.Tick().IgnoreError();
+    while (!coordinator.core().stopped()) {
+      coordinator.Tick().IgnoreError();
       std::this_thread::sleep_for(std::chrono::milliseconds(500));
     }
   });
   const double before = ResidentBytes();
   NewJob job;
   job.scene_path = "/scene";
-  TESSERA_ASSIGN_OR_RETURN(JobStatus status, dispatcher.CreateJob(job));
-  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, coordinator->address()));
+  TESSERA_ASSIGN_OR_RETURN(JobStatus status, coordinator.jobs().CreateJob(job));
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(address_file, served->address()));
   SteadyTime start = Now();
   double planned_s = 0, most_bytes = 0, start_cpu_s = 0;
   while (!HasEnded(status.header.state) && status.tasks_done < arguments.tasks + 1) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
+    TESSERA_ASSIGN_OR_RETURN(status, coordinator.jobs().GetJob(status.header.name));
     if (planned_s == 0 && status.tasks_total > arguments.tasks) {
       planned_s = SecondsSince(start);
       start = Now();
@@ -390,7 +390,7 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   const double run_s = SecondsSince(start), cpu_s = CpuSeconds(RUSAGE_SELF) - start_cpu_s;
   while (!HasEnded(status.header.state)) {  // published, and the report is written
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    TESSERA_ASSIGN_OR_RETURN(status, dispatcher.GetJob(status.header.name));
+    TESSERA_ASSIGN_OR_RETURN(status, coordinator.jobs().GetJob(status.header.name));
     most_bytes = std::max(most_bytes, ResidentBytes());
   }
   const double end_s = SecondsSince(start);
@@ -402,7 +402,7 @@ Status Serve(const FleetArguments& arguments, const std::string& folder, const s
   std::printf("processor time a task: coordinator %.2f ms, fleet %.2f ms\n", 1e3 * cpu_s / arguments.tasks,
               1e3 * CpuSeconds(RUSAGE_CHILDREN) / arguments.tasks);
   std::printf("memory at most: %.0f bytes a task\n", (most_bytes - before) / arguments.tasks);
-  dispatcher.Stop();
+  coordinator.core().Stop();
   ticker.join();
   return status.header.state == JobState::kSucceeded ? absl::OkStatus() : absl::InternalError(status.header.error);
 }
@@ -431,8 +431,8 @@ Status ReopenFleet(const std::string& folder) {
   const double opened_s = SecondsSince(start);
   TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder + "/blobs"));
   TESSERA_ASSIGN_OR_RETURN(
-      const auto dispatcher,
-      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
+      const auto coordinator,
+      Coordinator::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
   std::printf("restart: %.2f s, of which the database %.2f s; %.0f MiB\n", SecondsSince(start), opened_s,
               ResidentBytes() / (1 << 20));
   return absl::OkStatus();

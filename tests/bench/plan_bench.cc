@@ -1,8 +1,8 @@
 // plan_bench [--images 10000] [--faces 100e6] [--tile-memory 4GiB]: what the plan of a large city costs the
-// coordinator. Makes a survey, gives a coordinator without network (dispatcher, SQLite store, blob store) a job of that
-// many files, plays the workers to the job's end, phase after phase, and prints peak memory and seconds a stage. Tiles
-// read those that lie as near as the reach of the operators. The survey is made by a process of its own, so that its
-// memory does not count.
+// coordinator. Makes a survey, gives a coordinator without network (coordinator core, SQLite store, blob store) a job
+// of that many files, plays the workers to the job's end, phase after phase, and prints peak memory and seconds a
+// stage. Tiles read those that lie as near as the reach of the operators. The survey is made by a process of its own,
+// so that its memory does not count.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -18,9 +18,10 @@
 #include "common/job/task_parameters.h"
 #include "common/storage/blob_store.h"
 #include "common/storage/files.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 #include "server/store/sqlite_store.h"
 #include "tests/bench/synthetic_survey.h"
+#include "tests/support/blocking_calls.h"
 
 namespace tessera {
 namespace {
@@ -81,8 +82,8 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder.path() + "/state.sqlite"));
   TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder.path() + "/blobs"));
   TESSERA_ASSIGN_OR_RETURN(
-      const auto dispatcher,
-      Dispatcher::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
+      const auto coordinator,
+      Coordinator::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));
   TESSERA_ASSIGN_OR_RETURN(const Digest nothing, blobs->PutBytes(""));
   double cell_m = 0;
   NewJob job;
@@ -98,15 +99,16 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
       job.scene_files.push_back({view.likelihood_path, nothing});
     }
   }
-  TESSERA_ASSIGN_OR_RETURN(const JobStatus accepted, dispatcher->CreateJob(job));
+  TESSERA_ASSIGN_OR_RETURN(const JobStatus accepted, coordinator->jobs().CreateJob(job));
   job = NewJob();
   Print("job accepted", meter);
-  TESSERA_ASSIGN_OR_RETURN(const std::string worker, dispatcher->RegisterWorker({"host", 1, 2, int64_t{1} << 34}));
+  TESSERA_ASSIGN_OR_RETURN(const std::string worker,
+                           coordinator->leases().RegisterWorker({"host", 1, 2, int64_t{1} << 34}));
   std::set<std::string> told;
   size_t tasks = 0, inputs = 0;
   double cost = 0;
   while (true) {
-    TESSERA_ASSIGN_OR_RETURN(const auto lease, dispatcher->LeaseTask(worker, 0, {}));
+    TESSERA_ASSIGN_OR_RETURN(const auto lease, LeaseAndWait(*coordinator, worker, 0, {}));
     if (!lease) break;
     ++tasks;
     inputs += lease->inputs.size();
@@ -129,11 +131,11 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
     } else {
       add(kind == "crop" ? kViewsFile : kind == "measure" ? kSumsFile : kStateFile, nothing);
     }
-    TESSERA_RETURN_IF_ERROR(dispatcher->ReportSuccess(worker, lease->task, lease->attempt, result));
+    TESSERA_RETURN_IF_ERROR(ReportSuccessAndWait(*coordinator, worker, lease->task, lease->attempt, result));
     if (kind == "ingest") Print("planned", meter);
     if (kind != "ingest" && told.insert(kind).second) Print(("first " + kind).c_str(), meter);
   }
-  const auto status = dispatcher->GetJob(accepted.header.name);
+  const auto status = coordinator->jobs().GetJob(accepted.header.name);
   if (!status.ok() || status->header.state != JobState::kSucceeded) {
     return absl::InternalError("the job did not succeed: " +
                                (status.ok() ? status->header.error + status->waiting_for : ""));

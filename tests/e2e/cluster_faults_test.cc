@@ -110,12 +110,12 @@ TEST_F(ClusterFaultsTest, WhatCannotBeStoredForAWhileIsWaitedFor) {
   ASSERT_EQ(sqlite3_open((cluster.data() + "/state.sqlite").c_str(), &db), SQLITE_OK);
   sqlite3_busy_timeout(db, 10'000);
   ASSERT_EQ(sqlite3_exec(db, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(db);
-  EXPECT_TRUE(WaitUntil(
-      [&] { return cluster.coordinator().Output().find("records cannot be stored") != std::string::npos; }, 30));
+  EXPECT_TRUE(
+      WaitUntil([&] { return cluster.coordinator().Output().find("journal write failed") != std::string::npos; }, 30));
   std::this_thread::sleep_for(std::chrono::seconds(4));  // longer than a lease
   sqlite3_close(db);
   EXPECT_EQ(cluster.Await(job).state(), v1::JOB_STATE_SUCCEEDED);
-  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("records are stored again"));
+  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("journal writes again"));
   for (const v1::Task& task : cluster.Tasks(job)) EXPECT_EQ(task.attempt(), 1) << task.title();
   EXPECT_TRUE(cluster.workers()[0]->Running());
   EXPECT_TRUE(Content(cluster.Fetch(job) + "/mesh.ply") == Content(UndisturbedMesh()));
@@ -137,8 +137,8 @@ TEST_F(ClusterFaultsTest, ARecordThatCannotBeUsedStopsNoStart) {
   const std::string first = std::to_string(last + 1), second = std::to_string(last + 2);
   EXPECT_THAT(
       cluster.coordinator().Output(),
-      testing::AllOf(HasSubstr("stored record set aside record=" + first + " reason=\"not a record\""),
-                     HasSubstr("stored record set aside record=" + second + " reason=\"the next job is jobs/3")));
+      testing::AllOf(HasSubstr("stored record quarantined record=" + first + " reason=\"not a record\""),
+                     HasSubstr("stored record quarantined record=" + second + " reason=\"the next job is jobs/3")));
   const v1::Job job = cluster.Await(spoiled);
   EXPECT_EQ(job.state(), v1::JOB_STATE_FAILED);
   EXPECT_THAT(job.error(), HasSubstr("stored record " + second + " cannot be used: the next job is jobs/3"));
@@ -192,7 +192,7 @@ TEST_F(ClusterFaultsTest, ATaskThatHangsIsEndedAndDoneByAnother) {
 }
 
 // It is published as it was, flagged; tried again, it is as if nothing had happened.
-TEST_F(ClusterFaultsTest, ATileThatFailsEverywhereIsSetAsideAndCanBeTriedAgain) {
+TEST_F(ClusterFaultsTest, ATileThatFailsEverywhereIsQuarantinedAndCanBeRetried) {
   Cluster cluster(folder_.path());
   const auto tessera = [&](std::vector<std::string> arguments) {
     arguments.insert(arguments.end(), {"--coordinator", cluster.address()});
@@ -215,9 +215,9 @@ TEST_F(ClusterFaultsTest, ATileThatFailsEverywhereIsSetAsideAndCanBeTriedAgain) 
   cluster.AddWorker();
   const Outcome watched = tessera({"watch", job});
   EXPECT_EQ(watched.exit_code, 5) << watched.output;
-  EXPECT_THAT(watched.output, HasSubstr("was set aside: '" + lease.spec().title() + "' failed (memory): killed"));
+  EXPECT_THAT(watched.output, HasSubstr("was quarantined: '" + lease.spec().title() + "' failed (memory): killed"));
   const std::string partial = cluster.Fetch(job);
-  EXPECT_THAT(Content(partial + "/report.json"), HasSubstr("was set aside"));
+  EXPECT_THAT(Content(partial + "/report.json"), HasSubstr("was quarantined"));
   EXPECT_THAT(Content(partial + "/tiles/index.json"), HasSubstr("\"set_aside\": true"));
   EXPECT_FALSE(Content(partial + "/mesh.ply") == Content(UndisturbedMesh()));
   const Outcome again = tessera({"retry", job, "--watch"});

@@ -44,7 +44,7 @@ TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
   };
 
   // One worker has too little room, and gets no tasks; another does them.
-  ASSERT_TRUE(told("worker set aside"));
+  ASSERT_TRUE(told("worker suspended"));
   EXPECT_THAT(Tessera(folder.path(), {"jobs", "--workers", "--coordinator", cluster.address()}).output,
               AllOf(HasSubstr("set aside for"), HasSubstr("No space left on device")));
   EXPECT_EQ(cluster.Tasks(job).at(0).error().error_class(), v1::ERROR_CLASS_SCRATCH);
@@ -52,11 +52,11 @@ TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
   ASSERT_TRUE(goes_on());
 
   std::optional<FullDisk> full(state);
-  ASSERT_TRUE(told("records cannot be stored"));
+  ASSERT_TRUE(told("journal write failed"));
   EXPECT_THAT(Tessera(folder.path(), {"jobs", job, "--coordinator", cluster.address()}).output,
               HasSubstr("database or disk is full"));
   full.reset();
-  ASSERT_TRUE(told("records are stored again"));
+  ASSERT_TRUE(told("journal writes again"));
   ASSERT_TRUE(goes_on());
 
   full.emplace(blobs);

@@ -50,8 +50,8 @@ class FuzzedCoordinator {
     Require(SetUpLog("off", false).ok(), "there is a log");
     const std::string scene = folder_.path() + "/scene";
     Require(EnsureFolder(scene).ok() && WriteFileAtomic(scene + "/scene.json", "{}").ok(), "there is a scene");
-    dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, {});
-    environment_.dispatcher = dispatcher_.get();
+    coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, {});
+    environment_.coordinator = coordinator_.get();
     environment_.blobs = blobs_.get();
     environment_.digests = &digests_;
     environment_.clock = &clock_;
@@ -123,13 +123,13 @@ class FuzzedCoordinator {
 
   void Advance(double seconds) {
     clock_.Advance(seconds);
-    dispatcher_->Tick().IgnoreError();
+    coordinator_->Tick().IgnoreError();
   }
   // What a coordinator that starts anew makes of all that was stored.
   void Replay() {
     server_->Shutdown(0);
-    dispatcher_.reset();
-    dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, {});
+    coordinator_.reset();
+    coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, {});
     Require(store_.set_aside.empty(), "what was stored can be used");
   }
 
@@ -144,7 +144,7 @@ class FuzzedCoordinator {
   FakePlanner planner_;
   FakeClock clock_;
   NoDigests digests_;
-  std::unique_ptr<Dispatcher> dispatcher_;
+  std::unique_ptr<Coordinator> coordinator_;
   ServerEnvironment environment_;
   std::unique_ptr<CoordinatorServer> server_;
   std::shared_ptr<grpc::Channel> channel_;

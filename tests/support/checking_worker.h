@@ -53,8 +53,8 @@ class CheckingWorkerTest : public CoordinatorTest {
     Open(&planner_);
   }
   void Open(Planner* planner) {
-    dispatcher_.reset();
-    dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), planner, &clock_, {}}, options_);
+    coordinator_.reset();
+    coordinator_ = *Coordinator::Open({&store_, blobs_.get(), planner, &clock_, {}}, options_);
   }
   NewJob Scene(int tiles, const std::string& base = "") {
     NewJob job = AJob(tiles);
@@ -108,8 +108,8 @@ class CheckingWorkerTest : public CoordinatorTest {
     }
     if (lost.lost_inputs.empty() && lease->plan.kind == fails_) lost = {ErrorClass::kInput, "it broke"};
     const Status told = lost.error_class == ErrorClass::kLostInput && lost.lost_inputs.empty()
-                            ? dispatcher_->ReportSuccess(worker, lease->task, lease->attempt, Made(*lease))
-                            : dispatcher_->ReportFailure(worker, lease->task, lease->attempt, lost);
+                            ? ReportSuccessAndWait(*coordinator_, worker, lease->task, lease->attempt, Made(*lease))
+                            : ReportFailureAndWait(*coordinator_, worker, lease->task, lease->attempt, lost);
     EXPECT_TRUE(told.ok()) << told;
     return true;
   }
@@ -119,7 +119,7 @@ class CheckingWorkerTest : public CoordinatorTest {
     for (int turns = 0; turns < 200 && !HasEnded(Job(job).header.state); ++turns) {
       if (Turn(worker)) continue;
       clock_.Advance(1);
-      EXPECT_TRUE(dispatcher_->Tick().ok());
+      EXPECT_TRUE(coordinator_->Tick().ok());
       if (turns > 100) break;
     }
   }

@@ -1,4 +1,4 @@
-// What a dispatcher stands on, in memory or in a temporary folder: records in a vector, a planner of small graphs, a
+// What a coordinator uses, in memory or in a temporary folder: records in a vector, a planner of small graphs, a
 // clock that moves when told to.
 #ifndef TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_
 #define TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_
@@ -15,12 +15,13 @@
 
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
+#include "tests/support/blocking_calls.h"
 #include "tests/support/fake_clock.h"
 
 namespace tessera {
 
-// Its members are for while no dispatcher writes.
+// Its members are for while no coordinator writes.
 class MemoryStore : public RecordStore {
  public:
   Status Append(const std::vector<std::string_view>& added, Durability) override {
@@ -130,10 +131,10 @@ class CoordinatorTest : public testing::Test {
 
   // As after a crash: only the records and blobs are left.
   void Restart() {
-    dispatcher_.reset();
-    auto dispatcher = Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, options_);
-    ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
-    dispatcher_ = *std::move(dispatcher);
+    coordinator_.reset();
+    auto coordinator = Coordinator::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, options_);
+    ASSERT_TRUE(coordinator.ok()) << coordinator.status();
+    coordinator_ = *std::move(coordinator);
   }
 
   NewJob AJob(int tiles, const std::string& scene_content = "{}") {
@@ -144,21 +145,21 @@ class CoordinatorTest : public testing::Test {
     return job;
   }
   std::string Create(const NewJob& job) {
-    const auto status = dispatcher_->CreateJob(job);
+    const auto status = coordinator_->jobs().CreateJob(job);
     EXPECT_TRUE(status.ok()) << status.status();
     return status.ok() && Settled(status.status()).ok() ? status->header.name : "";
   }
   // Once what followed from the call is stored too: tests look into the store.
   Status Settled(const Status& status) {
-    if (!store_.fail) dispatcher_->Durable().IgnoreError();
+    if (!store_.fail) coordinator_->core().Durable().IgnoreError();
     return status;
   }
   std::string Worker(const std::string& machine = "host/boot") {
-    return *dispatcher_->RegisterWorker({"host", 1, 2, 1000, 0, machine});
+    return *coordinator_->leases().RegisterWorker({"host", 1, 2, 1000, 0, machine});
   }
 
   std::optional<GrantedLease> Lease(const std::string& worker) {
-    const auto lease = dispatcher_->LeaseTask(worker, 0, {});
+    const auto lease = LeaseAndWait(*coordinator_, worker, 0, {});
     EXPECT_TRUE(lease.ok()) << lease.status();
     return lease.ok() ? *lease : std::nullopt;
   }
@@ -190,10 +191,10 @@ class CoordinatorTest : public testing::Test {
     return result;
   }
   Status Succeed(const std::string& worker, const GrantedLease& lease) {
-    return Settled(dispatcher_->ReportSuccess(worker, lease.task, lease.attempt, Result(lease)));
+    return Settled(ReportSuccessAndWait(*coordinator_, worker, lease.task, lease.attempt, Result(lease)));
   }
   Status Fail(const std::string& worker, const GrantedLease& lease, ErrorClass error_class) {
-    return Settled(dispatcher_->ReportFailure(worker, lease.task, lease.attempt, {error_class, "it broke"}));
+    return Settled(ReportFailureAndWait(*coordinator_, worker, lease.task, lease.attempt, {error_class, "it broke"}));
   }
   // Works until there is nothing to do. Gives the number of attempts.
   int WorkAll(const std::string& worker) {
@@ -204,8 +205,8 @@ class CoordinatorTest : public testing::Test {
     }
     return attempts;
   }
-  JobStatus Job(const std::string& name) { return *dispatcher_->GetJob(name); }
-  TaskStatus Task(const std::string& job, int index) { return dispatcher_->ListTasks(job, index, 1)->at(0); }
+  JobStatus Job(const std::string& name) { return *coordinator_->jobs().GetJob(name); }
+  TaskStatus Task(const std::string& job, int index) { return coordinator_->jobs().ListTasks(job, index, 1)->at(0); }
 
   TempFolder folder_ = *TempFolder::Create(testing::TempDir());
   std::unique_ptr<BlobStore> blobs_ = *BlobStore::Open(folder_.path() + "/blobs");
@@ -213,7 +214,7 @@ class CoordinatorTest : public testing::Test {
   FakePlanner planner_;
   FakeClock clock_;
   DispatchOptions options_;
-  std::unique_ptr<Dispatcher> dispatcher_;
+  std::unique_ptr<Coordinator> coordinator_;
 };
 
 }  // namespace tessera

@@ -108,10 +108,10 @@ class BoundsTest : public ServerTest {
     for (int i = 1; i < kMany; ++i) {
       NewJob job = AJob(1);
       job.client = std::to_string(i % 2);  // one may have a thousand
-      EXPECT_TRUE(dispatcher_->CreateJob(job).ok());
+      EXPECT_TRUE(coordinator_->jobs().CreateJob(job).ok());
     }
     big_ = Create(AJob(kMany + 100));
-    EXPECT_TRUE(dispatcher_->ChangeJob(big_, {100, std::nullopt}).ok());
+    EXPECT_TRUE(coordinator_->jobs().ChangeJob(big_, {100, std::nullopt}).ok());
     asker_ = Register().worker();
     const auto ingest = Lease(asker_);
     EXPECT_EQ(ingest->plan.kind, "ingest");

@@ -25,7 +25,7 @@ TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
   ASSERT_TRUE(CreateJob(&job, "r", /*validate_only=*/true).ok());
   EXPECT_EQ(job.name(), "");
   EXPECT_THAT(job.warnings(), ElementsAre("an odd thing"));
-  EXPECT_TRUE(dispatcher_->ListJobs(-1, 10).empty());
+  EXPECT_TRUE(coordinator_->jobs().ListJobs(-1, 10).empty());
   ASSERT_TRUE(CreateJob(&job, "r").ok());
   EXPECT_EQ(job.name(), "jobs/1");
   EXPECT_EQ(job.display_name(), "fake");
@@ -47,7 +47,7 @@ TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
   request.set_scene_path(scene_);
   request.mutable_settings()->set_tiles(-1);
   EXPECT_EQ(jobs_->CreateJob(&context, request, &job).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 1u);
+  EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).size(), 1u);
 }
 
 TEST_F(ServerTest, ARequestThatComesAHundredTimesAtOnceIsOneJob) {
@@ -68,7 +68,7 @@ TEST_F(ServerTest, ARequestThatComesAHundredTimesAtOnceIsOneJob) {
     EXPECT_TRUE(answers[i].ok()) << answers[i].error_message();
     EXPECT_EQ(jobs[i].name(), "jobs/1");
   }
-  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 1u);
+  EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).size(), 1u);
 }
 
 TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
@@ -165,7 +165,7 @@ TEST_F(ServerTest, AReportsAnswerBringsTheNextTask) {
     }
     return FromGrpc(workers_->ReportTask(&context, request, response));
   };
-  const auto leased_tasks = [&] { return dispatcher_->ListWorkers().at(0).tasks; };
+  const auto leased_tasks = [&] { return coordinator_->leases().ListWorkers().at(0).tasks; };
 
   v1::ReportTaskResponse ingested, first, again, stale, none;
   ASSERT_TRUE(report(LeaseOverRpc(worker).lease(), 0, &ingested).ok());
@@ -206,7 +206,7 @@ TEST_F(ServerTest, ErrorsKeepTheirCodes) {
   v1::LeaseTaskRequest lease;
   lease.set_worker(Register().worker());
   As(lease_context, lease.worker());
-  EXPECT_TRUE(dispatcher_->UnregisterWorker(lease.worker()).ok());
+  EXPECT_TRUE(UnregisterAndWait(*coordinator_, lease.worker()).ok());
   v1::LeaseTaskResponse leased;
   EXPECT_EQ(workers_->LeaseTask(&lease_context, lease, &leased).error_code(), grpc::StatusCode::NOT_FOUND);
   v1::RegisterWorkerRequest registration;
@@ -232,7 +232,7 @@ TEST_F(ServerTest, RefusalsComeWithTheirReasons) {
   v1::LeaseTaskRequest lease;
   lease.set_worker(Register().worker());
   As(lease_context, lease.worker());
-  EXPECT_TRUE(dispatcher_->UnregisterWorker(lease.worker()).ok());
+  EXPECT_TRUE(UnregisterAndWait(*coordinator_, lease.worker()).ok());
   v1::LeaseTaskResponse leased;
   EXPECT_EQ(RefusalOf(FromGrpc(workers_->LeaseTask(&lease_context, lease, &leased))), Refusal::kUnknownWorker);
   v1::RegisterWorkerRequest registration;
@@ -257,7 +257,7 @@ TEST_F(ServerTest, WithoutSharedStorageNoPathIsTold) {
   server_->Shutdown(1);
   environment_.shared_probe_path.clear();
   Restart();
-  environment_.dispatcher = dispatcher_.get();
+  environment_.coordinator = coordinator_.get();
   Start();
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
@@ -299,7 +299,7 @@ TEST_F(ServerTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
     for (const std::string& scene : scenes) {
       v1::Job job;
       ASSERT_TRUE(CreateJob(&job, "", false, scene).ok());
-      const Status cancelled = scene == copy ? dispatcher_->CancelJob(job.name()).status() : absl::OkStatus();
+      const Status cancelled = scene == copy ? coordinator_->jobs().CancelJob(job.name()).status() : absl::OkStatus();
       EXPECT_TRUE(cancelled.ok());
     }
     ASSERT_TRUE(RemoveTree(copy).ok());
@@ -312,7 +312,7 @@ TEST_F(ServerTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
     server_->Shutdown(1);
     store_.records.clear();
     Restart();
-    environment_.dispatcher = dispatcher_.get();
+    environment_.coordinator = coordinator_.get();
     Start();
   }
 }
@@ -367,7 +367,8 @@ TEST_F(ServerTest, ShutdownEndsWaitingCalls) {
     EXPECT_TRUE(workers_->LeaseTask(&context, request, &response).ok());
     EXPECT_FALSE(response.has_lease());
   });
-  while (dispatcher_->ListWorkers().at(0).last_seen_s > 0) std::this_thread::yield();  // until the call has come
+  while (coordinator_->leases().ListWorkers().at(0).last_seen_s > 0)
+    std::this_thread::yield();  // until the call has come
   server_->Shutdown(20);
   waiter.join();
 }
@@ -384,7 +385,8 @@ TEST_F(ServerTest, ACallThatWasCancelledIsGivenNoTask) {
     v1::LeaseTaskResponse response;
     EXPECT_EQ(workers_->LeaseTask(&context, request, &response).error_code(), grpc::StatusCode::CANCELLED);
   });
-  while (dispatcher_->ListWorkers().at(0).last_seen_s > 0) std::this_thread::yield();  // until the call has come
+  while (coordinator_->leases().ListWorkers().at(0).last_seen_s > 0)
+    std::this_thread::yield();  // until the call has come
   context.TryCancel();
   waiter.join();
   for (int i = 0; i < 3; ++i) Register();  // the same connection: the server knows by then
@@ -417,8 +419,8 @@ TEST_F(ServerTest, HundredsMayWaitAtOnce) {
   }
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
-  while (dispatcher_->RunningTasks(job.name())->empty()) std::this_thread::yield();
-  dispatcher_->Stop();
+  while (coordinator_->jobs().RunningTasks(job.name())->empty()) std::this_thread::yield();
+  coordinator_->core().Stop();
   answered.wait();
   const auto given =
       std::count_if(calls.begin(), calls.end(), [](const Call& call) { return call.response.has_lease(); });

@@ -79,7 +79,7 @@ class IntrudersTest : public ServerTest {
     environment_.access = access_.get();
     server_->Shutdown(1);
     Restart();
-    environment_.dispatcher = dispatcher_.get();
+    environment_.coordinator = coordinator_.get();
     Start();
   }
   // Its processors hold on to access_.
@@ -190,8 +190,8 @@ TEST_F(IntrudersTest, NobodyDoesOrLearnsWhatIsNotHisRole) {
     }
   }
   EXPECT_EQ(store_.records, before) << "something was done";
-  EXPECT_EQ(dispatcher_->ListWorkers().size(), 1u);
-  EXPECT_EQ(dispatcher_->ListWorkers()[0].tasks.size(), 1u);
+  EXPECT_EQ(coordinator_->leases().ListWorkers().size(), 1u);
+  EXPECT_EQ(coordinator_->leases().ListWorkers()[0].tasks.size(), 1u);
   // Who may is let in.
   EXPECT_TRUE(Call("/tessera.v1.Jobs/GetJob", request, TokenOf("viewer")).ok());
   EXPECT_TRUE(Call("/grpc.health.v1.Health/Check", "", TokenOf("worker")).ok());
@@ -322,7 +322,8 @@ TEST_F(IntrudersTest, BlobsGoToWhomTheyConcern) {
   }
   // What a job published, its readers have.
   Metadata nobody;
-  for (const auto& status : dispatcher_->ListWorkers()) EXPECT_TRUE(dispatcher_->UnregisterWorker(status.name).ok());
+  for (const auto& status : coordinator_->leases().ListWorkers())
+    EXPECT_TRUE(UnregisterAndWait(*coordinator_, status.name).ok());
   const std::string own = Worker();
   std::optional<GrantedLease> lease;
   Digest survey, refined, mesh;
@@ -393,7 +394,7 @@ TEST_F(IntrudersTest, WithCertificatesOfCallersAskedForATokenAloneIsNotEnough) {
   options.tls_ca = file("ca.pem");
   server_->Shutdown(1);
   Restart();
-  environment_.dispatcher = dispatcher_.get();
+  environment_.coordinator = coordinator_.get();
   server_ = *CoordinatorServer::Start(options, environment_);
   const std::string port = server_->address().substr(server_->address().rfind(':'));
   const auto call = [&](const std::string& ca_file, const std::string& own, const std::string& host = "127.0.0.1") {
@@ -463,7 +464,7 @@ TEST_F(IntrudersTest, ASocketIsItsOwnersWithoutAToken) {
   environment_.scenes_over_network = false;
   server_->Shutdown(1);
   Restart();
-  environment_.dispatcher = dispatcher_.get();
+  environment_.coordinator = coordinator_.get();
   server_ = *CoordinatorServer::Start(options, environment_);
   EXPECT_EQ(CoordinatorServer::Start(options, environment_).status().code(), absl::StatusCode::kUnavailable)
       << "the socket would be taken away";

@@ -26,7 +26,7 @@ class LimitsTest : public ServerTest {
   void StartAgain() {
     server_->Shutdown(1);
     Restart();
-    environment_.dispatcher = dispatcher_.get();
+    environment_.coordinator = coordinator_.get();
     Start();
   }
   static void ExpectLimit(const Status& status, const std::string& what, int64_t most, const std::string& flag) {
@@ -95,13 +95,13 @@ TEST_F(LimitsTest, JobsOfAClientAndOfAll) {
   StartAgain();
   EXPECT_EQ(Submit(&job).code(), absl::StatusCode::kResourceExhausted) << "also after a restart";
   ASSERT_NE(Create(AJob(1)), "");  // another's
-  ASSERT_TRUE(dispatcher_->CancelJob("jobs/1").ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob("jobs/1").ok());
   ASSERT_TRUE(Submit(&job).ok());
-  ASSERT_TRUE(dispatcher_->CancelJob("jobs/2").ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob("jobs/2").ok());
   ExpectLimit(Submit(&job), "jobs that are kept", 4, "--max-kept-jobs");
-  ASSERT_TRUE(dispatcher_->DeleteJob("jobs/1", "").ok());
+  ASSERT_TRUE(coordinator_->jobs().DeleteJob("jobs/1", "").ok());
   ASSERT_TRUE(Submit(&job).ok());
-  ExpectLimit(dispatcher_->CreateJob(AJob(1)).status(), "jobs that have not ended", 3, "--max-jobs");
+  ExpectLimit(coordinator_->jobs().CreateJob(AJob(1)).status(), "jobs that have not ended", 3, "--max-jobs");
 }
 
 TEST_F(LimitsTest, ManySubmitsOfOneAreRefusedAndOthersServed) {
@@ -111,7 +111,7 @@ TEST_F(LimitsTest, ManySubmitsOfOneAreRefusedAndOthersServed) {
   int accepted = 0;
   for (int i = 0; i < 200; ++i) accepted += Submit(&job).ok() ? 1 : 0;
   EXPECT_EQ(accepted, 5);
-  EXPECT_EQ(dispatcher_->ListJobs(-1, 1000).size(), 5u);
+  EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 1000).size(), 5u);
   EXPECT_NE(Create(AJob(1)), "");
 }
 
@@ -161,7 +161,7 @@ TEST_F(LimitsTest, RegisteredWorkers) {
   const Status refused = try_register();
   ExpectLimit(refused, "workers of 'ipv4:127.0.0.1'", 2, "--max-workers-of-client");
   EXPECT_GT(RetryDelayOf(refused), 0);
-  ASSERT_TRUE(dispatcher_->UnregisterWorker(first).ok());
+  ASSERT_TRUE(UnregisterAndWait(*coordinator_, first).ok());
   EXPECT_TRUE(try_register().ok());
 
   options_.worker_limits = {.of_client = 100, .in_all = 3};
@@ -329,7 +329,7 @@ TEST_F(LimitsTest, NothingIsHashedForACallWhoseDeadlineHasPassed) {
   go_on.count_down();
   while (server_->IsBusy()) std::this_thread::yield();
   EXPECT_EQ(cache.hashed, 0);
-  EXPECT_TRUE(dispatcher_->ListJobs(-1, 10).empty());
+  EXPECT_TRUE(coordinator_->jobs().ListJobs(-1, 10).empty());
   v1::Job job;
   EXPECT_TRUE(CreateJob(&job).ok());
   EXPECT_GT(cache.hashed, 0) << "for who waits it is";
@@ -384,7 +384,7 @@ TEST_F(LimitsTest, ReflectionIsServedOnlyWhereItIsAskedFor) {
   listen.addresses = {"127.0.0.1:0"};
   listen.reflection = true;
   Restart();
-  environment_.dispatcher = dispatcher_.get();
+  environment_.coordinator = coordinator_.get();
   server_ = *CoordinatorServer::Start(listen, environment_);
   channel_ = MakeChannel(server_->address());
   EXPECT_EQ(ask(&answer), grpc::StatusCode::OK);

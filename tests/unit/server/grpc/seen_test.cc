@@ -51,7 +51,7 @@ class SeenTest : public CoordinatorTest {
   }
   void Start() {
     ServerEnvironment environment;
-    environment.dispatcher = dispatcher_.get();
+    environment.coordinator = coordinator_.get();
     environment.blobs = blobs_.get();
     environment.digests = cache_.get();
     environment.clock = &clock_;
@@ -134,12 +134,12 @@ TEST_F(SeenTest, HealthSaysWhetherAnythingCanBeStored) {
     EXPECT_EQ(Health(service), kServing) << service;
   }
   store_.fail = true;
-  EXPECT_FALSE(dispatcher_->CreateJob(AJob(1)).ok());
+  EXPECT_FALSE(coordinator_->jobs().CreateJob(AJob(1)).ok());
   server_->Tick();
   EXPECT_EQ(Health(""), kNotServing);
   EXPECT_EQ(Health("tessera.v1.Jobs"), kNotServing);
   store_.fail = false;
-  while (!dispatcher_->Durable().ok()) {  // the journal tries again after a while
+  while (!coordinator_->core().Durable().ok()) {  // the journal tries again after a while
   }
   server_->Tick();
   EXPECT_EQ(Health(""), kServing);
@@ -276,7 +276,7 @@ TEST_F(SeenTest, EveryAttemptIsListedWithItsEnd) {
   const std::string one = Worker(), two = Worker("other/boot");
   const auto ingest = Lease(one);
   clock_.Advance(31);  // it falls silent
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   clock_.Advance(100);
   const std::string three = Worker("third/boot");
   const auto again = Lease(three);
@@ -286,7 +286,7 @@ TEST_F(SeenTest, EveryAttemptIsListedWithItsEnd) {
   const auto refine = Lease(three);
   ASSERT_TRUE(refine);
   const Status told =
-      dispatcher_->ReportFailure(three, refine->task, 1, {ErrorClass::kInternal, std::string(100'000, 'x')});
+      ReportFailureAndWait(*coordinator_, three, refine->task, 1, {ErrorClass::kInternal, std::string(100'000, 'x')});
   ASSERT_TRUE(told.ok()) << told;
   const auto next = Lease(three);
   ASSERT_TRUE(next);
@@ -313,7 +313,7 @@ TEST_F(SeenTest, EveryAttemptIsListedWithItsEnd) {
       EXPECT_EQ(attempt.has_end_time(), attempt.outcome() != v1::ATTEMPT_OUTCOME_RUNNING);
     }
   }
-  ASSERT_TRUE(dispatcher_->CancelJob("jobs/1").ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob("jobs/1").ok());
   int pages = 0;
   const auto attempts = Attempts("jobs/1", 10, &pages);
   EXPECT_EQ(std::count_if(attempts.begin(), attempts.end(),
@@ -340,9 +340,10 @@ TEST_F(SeenTest, APageOfAttemptsIsBounded) {
     const std::string worker = Worker();
     const auto lease = Lease(worker);
     ASSERT_TRUE(lease);
-    dispatcher_->ReportFailure(worker, lease->task, lease->attempt, {ErrorClass::kPreempted, std::string(8000, 'x')})
+    ReportFailureAndWait(*coordinator_, worker, lease->task, lease->attempt,
+                         {ErrorClass::kPreempted, std::string(8000, 'x')})
         .IgnoreError();
-    ASSERT_TRUE(dispatcher_->UnregisterWorker(worker).ok());
+    ASSERT_TRUE(UnregisterAndWait(*coordinator_, worker).ok());
   }
   int pages = 0;
   EXPECT_EQ(Attempts("jobs/1", 1000, &pages).size(), static_cast<size_t>(kAttempts));
@@ -359,20 +360,20 @@ TEST_F(SeenTest, ChangesOfTasksNameAllThatIsAboutThem) {
   const auto lines = Logged([&] { LogRecord(record, {"solve", 7, "workers/1-4"}); });
   EXPECT_THAT(lines, ElementsAre(HasSubstr(" warning attempt failed job=jobs/3 tile=7 task=jobs/3/tasks/12 attempt=2 "
                                            "worker=workers/1-4 kind=solve class=MEMORY error=\"it took\\nmore\"")));
-  // What the dispatcher tells with them.
+  // What the coordinator logs with them.
   std::vector<std::string> told;
   server_.reset();
-  dispatcher_.reset();
-  dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_,
-                                   [&](const v1::Record& change, const ChangedTask& task) {
-                                     if (!change.has_attempt_started()) return;
-                                     told.push_back(task.kind + " " + std::to_string(task.tile) + " " + task.worker);
-                                   }},
-                                  options_);
+  coordinator_.reset();
+  coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &planner_, &clock_,
+                                     [&](const v1::Record& change, const ChangedTask& task) {
+                                       if (!change.has_attempt_started()) return;
+                                       told.push_back(task.kind + " " + std::to_string(task.tile) + " " + task.worker);
+                                     }},
+                                    options_);
   Create(AJob(1));
   const std::string worker = Worker();
   WorkAll(worker);
-  dispatcher_.reset();
+  coordinator_.reset();
   EXPECT_THAT(told, ElementsAre("ingest -1 " + worker, "refine 0 " + worker, "publish -1 " + worker));
 }
 

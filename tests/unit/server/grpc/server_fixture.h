@@ -34,7 +34,7 @@ class ServerTest : public CoordinatorTest {
     WriteScene("scene.json", "{}");
     WriteScene("image", std::string(2'500'000, 'i') + "end");
     cache_ = *SqliteStore::Open(folder_.path() + "/cache.sqlite");
-    environment_.dispatcher = dispatcher_.get();
+    environment_.coordinator = coordinator_.get();
     environment_.blobs = blobs_.get();
     environment_.digests = cache_.get();
     environment_.clock = &clock_;

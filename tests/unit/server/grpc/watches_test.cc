@@ -83,7 +83,7 @@ class WatchesTest : public ServerTest {
     return job.name();
   }
   void SetPriority(const std::string& job, int priority) {
-    ASSERT_TRUE(dispatcher_->ChangeJob(job, {priority, {}}).ok());
+    ASSERT_TRUE(coordinator_->jobs().ChangeJob(job, {priority, {}}).ok());
   }
   struct Stream {
     grpc::ClientContext context;
@@ -106,7 +106,7 @@ class WatchesTest : public ServerTest {
   void StartAgain() {
     server_->Shutdown(1);
     Restart();
-    environment_.dispatcher = dispatcher_.get();
+    environment_.coordinator = coordinator_.get();
     Start();
   }
 };
@@ -128,7 +128,7 @@ TEST_F(WatchesTest, ManyHoldNoThreadEachAndAllAreTold) {
   Reader refused(*stubs[0], job);
   const Status limit = FromGrpc(refused.AwaitEnd());
   EXPECT_EQ(limit.code(), absl::StatusCode::kResourceExhausted);
-  ASSERT_TRUE(dispatcher_->CancelJob(job).ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob(job).ok());
   for (const auto& reader : readers) EXPECT_TRUE(reader->AwaitEnd().ok());
 }
 
@@ -163,7 +163,7 @@ TEST_F(WatchesTest, WhoIsSlowMissesStatesBetweenButNotTheNewest) {
   EXPECT_EQ(seen.back(), kChanges);
   EXPECT_LE(seen.size(), 3u) << "what was under way, and the newest";
   EXPECT_TRUE(std::is_sorted(seen.begin(), seen.end()));
-  ASSERT_TRUE(dispatcher_->CancelJob(job).ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob(job).ok());
   while (slow->reader->Read(&update)) {
   }
   EXPECT_EQ(update.job().state(), v1::JOB_STATE_CANCELLED);
@@ -199,7 +199,7 @@ TEST_F(WatchesTest, AStreamIsTakenUpWhereItWas) {
   ASSERT_TRUE(third->reader->Read(&update));
   EXPECT_EQ(update.job().priority(), 4) << "also with a coordinator that was started anew";
 
-  ASSERT_TRUE(dispatcher_->CancelJob(job).ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob(job).ok());
   ASSERT_TRUE(third->reader->Read(&update));
   EXPECT_EQ(update.job().state(), v1::JOB_STATE_CANCELLED);
   EXPECT_FALSE(third->reader->Read(&update)) << "the end is the last";
@@ -220,7 +220,7 @@ TEST_F(WatchesTest, NoEndIsToldBeforeItIsStored) {
   Reader reader(*jobs_, job);
   ASSERT_TRUE(reader.AwaitPriority(0));
   store_.fail = true;
-  EXPECT_FALSE(dispatcher_->CancelJob(job).ok());
+  EXPECT_FALSE(coordinator_->jobs().CancelJob(job).ok());
   EXPECT_TRUE(reader.Wait([](const Reader& r) { return r.updates() >= 2; })) << "that its end is not stored yet";
   EXPECT_NE(reader.state(), v1::JOB_STATE_CANCELLED);
   store_.fail = false;

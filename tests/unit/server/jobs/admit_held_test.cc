@@ -29,8 +29,8 @@ class AdmitHeldTest : public CoordinatorTest {
  protected:
   AdmitHeldTest() { Reopen(); }
   void Reopen() {
-    dispatcher_.reset();
-    dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &storing_, &clock_, {}}, options_);
+    coordinator_.reset();
+    coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &storing_, &clock_, {}}, options_);
   }
   std::string CreateSurveyed(const std::string& scene, const std::string& worker) {
     const std::string job = Create(AJob(2, scene));
@@ -52,13 +52,13 @@ TEST_F(AdmitHeldTest, NothingIsLeasedOfAJobForWhichThereIsNoRoom) {
   Reopen();
   EXPECT_FALSE(Lease(Worker())) << "nor after a restart";
   // Others that fit do not wait behind it, and it keeps its place through a change.
-  ASSERT_TRUE(dispatcher_->ChangeJob(job, {5, {}}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(job, {5, {}}).ok());
   storing_.bytes = 1;
   const std::string other_worker = Worker(), other = CreateSurveyed("{\"other\":1}", other_worker);
   EXPECT_EQ(WorkAll(other_worker), 3);
   EXPECT_EQ(Job(other).header.state, JobState::kSucceeded);
   EXPECT_EQ(Job(job).tasks_done, 1);
-  EXPECT_TRUE(dispatcher_->CancelJob(job).ok());
+  EXPECT_TRUE(coordinator_->jobs().CancelJob(job).ok());
 }
 
 TEST_F(AdmitHeldTest, AJobThatHasBegunHasItsRoomAndTheNextBeginsOnceItHasEnded) {

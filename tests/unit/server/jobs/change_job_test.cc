@@ -22,7 +22,7 @@ class ChangeJobTest : public CoordinatorTest {
     return Create(job);
   }
   Status Change(const std::string& job, const JobChange& change) {
-    return dispatcher_->ChangeJob(job, change).status();
+    return coordinator_->jobs().ChangeJob(job, change).status();
   }
 };
 
@@ -68,9 +68,9 @@ TEST_F(ChangeJobTest, WhatCannotBeChangedIsRefused) {
   EXPECT_THAT(std::string(status.message()), HasSubstr("found 101, expected -100 to 100"));
   NewJob bad = AJob(2);
   bad.priority = -101;
-  EXPECT_EQ(dispatcher_->CreateJob(bad).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(coordinator_->jobs().CreateJob(bad).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(Change("jobs/9", {1, {}}).code(), absl::StatusCode::kNotFound);
-  ASSERT_TRUE(dispatcher_->CancelJob(job).ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob(job).ok());
   EXPECT_EQ(Change(job, {{}, true}).code(), absl::StatusCode::kFailedPrecondition);
 }
 

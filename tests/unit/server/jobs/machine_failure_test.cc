@@ -34,19 +34,19 @@ class MachineFailureTest : public CoordinatorTest {
     auto store = SqliteStore::Open(path_);
     if (!store.ok()) return false;
     sqlite_ = *std::move(store);
-    auto dispatcher = Dispatcher::Open({sqlite_.get(),
-                                        blobs_.get(),
-                                        &planner_,
-                                        &clock_,
-                                        {},
-                                        [](int64_t, const auto& why) { ADD_FAILURE() << "set aside: " << why; }},
-                                       options_);
-    if (!dispatcher.ok()) return false;
-    dispatcher_ = *std::move(dispatcher);
+    auto coordinator = Coordinator::Open({sqlite_.get(),
+                                          blobs_.get(),
+                                          &planner_,
+                                          &clock_,
+                                          {},
+                                          [](int64_t, const auto& why) { ADD_FAILURE() << "quarantined: " << why; }},
+                                         options_);
+    if (!coordinator.ok()) return false;
+    coordinator_ = *std::move(coordinator);
     return true;
   }
   void End() {
-    dispatcher_.reset();
+    coordinator_.reset();
     sqlite_.reset();
   }
 
@@ -59,20 +59,20 @@ class MachineFailureTest : public CoordinatorTest {
   // From the submission to the end, or until the machine stops.
   Told Live(const ForgetfulDisk& disk) {
     Told told;
-    if (!IsTold(disk, [&] { return dispatcher_->CreateJob(job_).status(); })) return told;
+    if (!IsTold(disk, [&] { return coordinator_->jobs().CreateJob(job_).status(); })) return told;
     told.accepted = true;
     const std::string worker = Worker();
     while (true) {
       std::optional<GrantedLease> lease;
       const auto ask = [&]() -> Status {
-        TESSERA_ASSIGN_OR_RETURN(lease, dispatcher_->LeaseTask(worker, 0, {}));
+        TESSERA_ASSIGN_OR_RETURN(lease, LeaseAndWait(*coordinator_, worker, 0, {}));
         return absl::OkStatus();
       };
       if (!IsTold(disk, ask)) return told;
       if (!lease) {
         if (disk.stopped() || HasEnded(Job("jobs/1").header.state)) return told;
         clock_.Advance(10);  // one whose lease was not stored in time is tried again
-        dispatcher_->Tick().IgnoreError();
+        coordinator_->Tick().IgnoreError();
         continue;
       }
       if (!IsTold(disk, [&] { return Succeed(worker, *lease); })) return told;
@@ -100,11 +100,11 @@ class MachineFailureTest : public CoordinatorTest {
     return stopped;
   }
   void CheckKept(const Told& told) {
-    const auto jobs = dispatcher_->ListJobs(-1, 10);
+    const auto jobs = coordinator_->jobs().ListJobs(-1, 10);
     EXPECT_LE(jobs.size(), 1u);
     ASSERT_GE(jobs.size(), told.accepted ? 1u : 0u) << "an accepted job is gone";
     for (const std::string& task : told.done) {
-      const auto tasks = dispatcher_->ListTasks("jobs/1", ParseTaskName(task)->task, 1);
+      const auto tasks = coordinator_->jobs().ListTasks("jobs/1", ParseTaskName(task)->task, 1);
       ASSERT_TRUE(tasks.ok() && !tasks->empty()) << task;
       EXPECT_EQ(tasks->at(0).task.state, TaskState::kSucceeded) << task << " was told to be done";
     }
@@ -113,7 +113,7 @@ class MachineFailureTest : public CoordinatorTest {
     // The user asks again, as after an answer that never came.
     ASSERT_EQ(Create(job_), "jobs/1");
     clock_.Advance(31);  // whoever had a lease is gone
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
     WorkAll(Worker());
     const JobStatus ended = Job("jobs/1");
     ASSERT_EQ(ended.header.state, JobState::kSucceeded);

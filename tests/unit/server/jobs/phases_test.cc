@@ -4,7 +4,7 @@
 
 #include <utility>
 
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 #include "tessera/v1/records.pb.h"
 #include "tests/support/fake_coordinator.h"
 
@@ -35,7 +35,7 @@ class PhasesTest : public CoordinatorTest {
   }
   std::vector<std::string> Names(const std::string& job) {
     std::vector<std::string> names;
-    const std::vector<TaskStatus> tasks = *dispatcher_->ListTasks(job, 0, 1000);
+    const std::vector<TaskStatus> tasks = *coordinator_->jobs().ListTasks(job, 0, 1000);
     for (const TaskStatus& task : tasks) names.push_back(task.task.plan.name);
     return names;
   }
@@ -108,7 +108,7 @@ TEST_F(PhasesTest, ACutWithoutReadsEndsTheJob) {
   ASSERT_TRUE(cut);
   ReportedResult result = Result(*cut);
   result.outputs.pop_back();
-  ASSERT_TRUE(dispatcher_->ReportSuccess(worker, cut->task, cut->attempt, result).ok());
+  ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, cut->task, cut->attempt, result).ok());
   EXPECT_EQ(Job(job).header.error, "cannot plan the job: tile 0: no output reads.json of 'cut tile 0' yet");
 }
 
@@ -130,9 +130,9 @@ TEST_F(PhasesTest, CancelledBetweenPhases) {
   const auto first = Lease(worker), last = Lease(worker);
   ASSERT_TRUE(first && last);
   ASSERT_TRUE(Succeed(worker, *first).ok());
-  EXPECT_EQ(dispatcher_->CancelJob(job)->header.state, JobState::kCancelled);
+  EXPECT_EQ(coordinator_->jobs().CancelJob(job)->header.state, JobState::kCancelled);
   EXPECT_FALSE(Succeed(worker, *last).ok());
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Job(job).tasks_total, 3);
   EXPECT_FALSE(Lease(worker));
 }
@@ -143,11 +143,11 @@ TEST_F(PhasesTest, RestartedBetweenPhases) {
   const auto first = Lease(worker), last = Lease(worker);
   ASSERT_TRUE(Succeed(worker, *first).ok());
   ASSERT_TRUE(Succeed(worker, *last).ok());
-  dispatcher_.reset();
+  coordinator_.reset();
   store_.records.pop_back();  // the report is stored, the plan that follows from it is not
   Restart();
   EXPECT_EQ(Job(job).tasks_total, 3);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Job(job).tasks_total, 6);
   WorkAll(Worker());
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
@@ -175,7 +175,7 @@ TEST_F(PhasesTest, APlanWhoseLastRecordIsMissingIsMadeAnew) {
   EXPECT_EQ(Job(job).tasks_total, 5);
   const std::string next = Worker();
   EXPECT_FALSE(Lease(next));
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Names(job), names);
   EXPECT_EQ(WorkAll(next), 3);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
@@ -207,7 +207,7 @@ TEST_F(PhasesTest, ATileWhoseWorkerHasGoneIsAnybodys) {
   const auto on_a = Lease(a), on_b = Lease(b);
   ASSERT_TRUE(Succeed(a, *on_a).ok());
   ASSERT_TRUE(Succeed(b, *on_b).ok());
-  ASSERT_TRUE(dispatcher_->UnregisterWorker(b).ok());
+  ASSERT_TRUE(UnregisterAndWait(*coordinator_, b).ok());
   const std::string c = Worker();
   EXPECT_EQ(Lease(c)->plan.name, "refine tile 1");
   EXPECT_EQ(Lease(c)->plan.name, "refine tile 0");

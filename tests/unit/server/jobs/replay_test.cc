@@ -64,11 +64,11 @@ class ReplayTest : public CoordinatorTest {
         break;
       case 2:
         clock_.Advance(random.Uniform(0, 20));
-        EXPECT_TRUE(dispatcher_->Tick().ok());
+        EXPECT_TRUE(coordinator_->Tick().ok());
         break;
       case 3:
         if (random.Below(20) == 0) {
-          dispatcher_->CancelJob("jobs/" + std::to_string(random.Below(5) + 1)).status().IgnoreError();
+          coordinator_->jobs().CancelJob("jobs/" + std::to_string(random.Below(5) + 1)).status().IgnoreError();
         }
         break;
       case 4: {
@@ -102,14 +102,15 @@ class ReplayTest : public CoordinatorTest {
         const Digest digest =
             lease.inputs[static_cast<size_t>(random.Below(static_cast<int64_t>(lease.plan.inputs.size())))].file.digest;
         if (random.Below(4) == 0) std::filesystem::remove(blobs_->Path(digest));
-        dispatcher_->ReportFailure(worker, lease.task, lease.attempt, {ErrorClass::kLostInput, "gone", {digest}})
+        ReportFailureAndWait(*coordinator_, worker, lease.task, lease.attempt,
+                             {ErrorClass::kLostInput, "gone", {digest}})
             .IgnoreError();
         break;
       }
       default: {
         if (workers.empty()) break;
         const std::string& worker = workers[static_cast<size_t>(random.Below(static_cast<int64_t>(workers.size())))];
-        const auto lease = dispatcher_->LeaseTask(worker, 0, {});
+        const auto lease = LeaseAndWait(*coordinator_, worker, 0, {});
         if (lease.ok() && *lease) leases.emplace_back(worker, **lease);
       }
     }
@@ -120,7 +121,7 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   std::map<std::string, int> attempts;  // of each task: numbers only ever grow by one
   Ledger live(kAlgorithmVersion);
   std::vector<std::string> states = {Text(live)};
-  dispatcher_.reset();
+  coordinator_.reset();
   const auto observe = [&](const v1::Record& record, const ChangedTask&) {
     if (record.has_attempt_started()) {
       EXPECT_EQ(record.attempt_started().attempt(), ++attempts[record.attempt_started().task()]);
@@ -135,17 +136,17 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   int succeeded = 0;
   for (int restart = 0; restart < 12; ++restart) {
     planner_.exchange = restart % 2 == 1;
-    dispatcher_.reset();  // it stores what it has yet to
-    auto dispatcher = Dispatcher::Open({&store_, blobs_.get(), &planner_, &clock_, observe}, DispatchOptions());
-    ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
-    dispatcher_ = *std::move(dispatcher);
+    coordinator_.reset();  // it stores what it has yet to
+    auto coordinator = Coordinator::Open({&store_, blobs_.get(), &planner_, &clock_, observe}, DispatchOptions());
+    ASSERT_TRUE(coordinator.ok()) << coordinator.status();
+    coordinator_ = *std::move(coordinator);
     for (int step = 0; step < 60; ++step) RandomStep(random, workers, leases);
   }
-  for (const JobStatus& job : dispatcher_->ListJobs(-1, 1000)) {
+  for (const JobStatus& job : coordinator_->jobs().ListJobs(-1, 1000)) {
     if (job.header.state == JobState::kSucceeded) ++succeeded;
   }
   EXPECT_GT(succeeded, 3);  // the walk got somewhere
-  dispatcher_.reset();      // all is stored then
+  coordinator_.reset();     // all is stored then
   ASSERT_EQ(states.size(), store_.records.size() + 1);
   ASSERT_GT(store_.records.size(), 100u);
 
@@ -169,9 +170,9 @@ TEST_F(ReplayTest, AnyPrefixCanBeFinished) {
   for (size_t size = 1; size <= all.size(); ++size) {
     store_.records.assign(all.begin(), all.begin() + static_cast<int64_t>(size));
     Restart();
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
     clock_.Advance(31);  // whoever had a lease is gone
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
     WorkAll(Worker());
     EXPECT_EQ(Job(job).header.state, JobState::kSucceeded) << "after " << size << " records";
     EXPECT_EQ(Job(job).header.artifacts.at(0), mesh);

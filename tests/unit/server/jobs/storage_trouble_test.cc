@@ -26,23 +26,23 @@ TEST_F(StorageTroubleTest, WhatCannotBeStoredIsNotToldAndNotForgotten) {
   ASSERT_TRUE(lease);
   store_.fail = true;
   EXPECT_EQ(Succeed(worker, *lease).code(), absl::StatusCode::kUnavailable);
-  EXPECT_THAT(dispatcher_->storage_trouble().message(), HasSubstr("disk full"));
+  EXPECT_THAT(coordinator_->core().journal().trouble().message(), HasSubstr("disk full"));
   NewJob second = AJob(1, "other");
   second.request = {"request", "/scene", {}};
-  const auto refused = dispatcher_->CreateJob(second);
+  const auto refused = coordinator_->jobs().CreateJob(second);
   EXPECT_EQ(refused.status().code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(refused.status().message(), HasSubstr("disk full"));
-  EXPECT_EQ(dispatcher_->CreateJob(second).status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_EQ(coordinator_->jobs().CreateJob(second).status().code(), absl::StatusCode::kUnavailable);
   EXPECT_FALSE(Lease(worker));
-  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {}), IsEmpty());
+  EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {}), IsEmpty());
   store_.fail = false;
   while (!Succeed(worker, *lease).ok()) {  // said again until it is taken
   }
-  EXPECT_EQ(dispatcher_->CreateJob(second)->header.name, "jobs/2");
-  EXPECT_TRUE(dispatcher_->storage_trouble().ok());
+  EXPECT_EQ(coordinator_->jobs().CreateJob(second)->header.name, "jobs/2");
+  EXPECT_TRUE(coordinator_->core().journal().trouble().ok());
   options_ = {};
   Restart();
-  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 2u);
+  EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).size(), 2u);
   EXPECT_EQ(WorkAll(Worker()), 3 + 3);
 }
 
@@ -53,8 +53,8 @@ TEST_F(StorageTroubleTest, WhatNobodyWasToldMayBeLost) {
   const std::string job = Create(AJob(1));
   const auto lease = Lease(Worker());
   store_.fail = true;
-  EXPECT_FALSE(Succeed(dispatcher_->ListWorkers().at(0).name, *lease).ok());
-  dispatcher_.reset();
+  EXPECT_FALSE(Succeed(coordinator_->leases().ListWorkers().at(0).name, *lease).ok());
+  coordinator_.reset();
   store_.fail = false;
   Restart();
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
@@ -68,29 +68,30 @@ TEST_F(StorageTroubleTest, ALeaseThatWaitsToBeStoredDoesNotRunOut) {
   const std::string job = Create(AJob(1)), worker = Worker();
   std::promise<LeaseAnswer> told;
   const auto ask = [&](std::promise<LeaseAnswer>& answer) {
-    dispatcher_->LeaseTask({worker, 0, 7, {}, [&](LeaseAnswer given) { answer.set_value(std::move(given)); }});
+    coordinator_->leases().LeaseTask(
+        {worker, 0, 7, {}, [&](LeaseAnswer given) { answer.set_value(std::move(given)); }});
   };
   store_.fail = true;
   ask(told);
   ASSERT_EQ(Task(job, 0).task.state, TaskState::kLeased);
   clock_.Advance(3600);  // more than a lease, and than a task may stand still
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
   store_.fail = false;
   const LeaseAnswer lease = told.get_future().get();
   ASSERT_TRUE(lease.ok() && *lease) << lease.status();
   clock_.Advance(29);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
   // Told again it begins anew, and from then on it does run out.
   std::promise<LeaseAnswer> again;
   ask(again);
   EXPECT_EQ((*again.get_future().get())->attempt, 1);
   clock_.Advance(29);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
   clock_.Advance(2);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_NE(Task(job, 0).task.state, TaskState::kLeased);
 }
 
@@ -100,23 +101,23 @@ TEST_F(StorageTroubleTest, AnEndThatIsNotStoredIsInNoList) {
   Restart();
   const std::string cancelled = Create(AJob(1)), done = Create(AJob(1, "other"));
   const std::string worker = Worker();
-  ASSERT_TRUE(dispatcher_->ChangeJob(cancelled, {{}, true}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(cancelled, {{}, true}).ok());
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
   const auto publish = Lease(worker);
   store_.fail = true;
   EXPECT_FALSE(Succeed(worker, *publish).ok());
-  EXPECT_FALSE(dispatcher_->CancelJob(cancelled).ok());
+  EXPECT_FALSE(coordinator_->jobs().CancelJob(cancelled).ok());
   const auto states = [&] {
     std::vector<JobState> listed;
-    for (const JobStatus& job : dispatcher_->ListJobs(-1, 10)) listed.push_back(job.header.state);
+    for (const JobStatus& job : coordinator_->jobs().ListJobs(-1, 10)) listed.push_back(job.header.state);
     return listed;
   };
   EXPECT_THAT(states(), ElementsAre(JobState::kRunning, JobState::kQueued));
-  EXPECT_THAT(dispatcher_->ListJobs(-1, 10).at(0).header.artifacts, IsEmpty());
-  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).at(1).waiting_for, "its end is not stored yet");
+  EXPECT_THAT(coordinator_->jobs().ListJobs(-1, 10).at(0).header.artifacts, IsEmpty());
+  EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).at(1).waiting_for, "its end is not stored yet");
   store_.fail = false;
-  while (!dispatcher_->Durable().ok()) {  // which waits for 0.05 s
+  while (!coordinator_->core().Durable().ok()) {  // which waits for 0.05 s
   }
   EXPECT_THAT(states(), ElementsAre(JobState::kSucceeded, JobState::kCancelled));
   EXPECT_EQ(Job(done).header.state, JobState::kSucceeded);

@@ -30,7 +30,7 @@ class UpgradeTest : public CheckingWorkerTest {
   }
   // All that was stored so far becomes a folder of version 3, whose jobs version "before" of the algorithms made.
   void Upgrade() {
-    dispatcher_->Durable().IgnoreError();
+    coordinator_->core().Durable().IgnoreError();
     std::vector<std::string> records;
     for (const std::string& stored : store_.records) {
       v1::Record record;
@@ -43,7 +43,7 @@ class UpgradeTest : public CheckingWorkerTest {
     OpenUpgraded();
   }
   void OpenUpgraded() {
-    dispatcher_.reset();
+    coordinator_.reset();
     sqlite_.reset();
     auto store = SqliteStore::Open(path_, OwnerOfRecord);
     ASSERT_TRUE(store.ok()) << store.status();
@@ -51,12 +51,12 @@ class UpgradeTest : public CheckingWorkerTest {
     DispatchEnvironment environment{
         sqlite_.get(), blobs_.get(), &base_planner_, &clock_,
         [this](const auto& record, const ChangedTask&) { told_.push_back(record.ShortDebugString()); }};
-    environment.on_set_aside = [this](int64_t number, const std::string& why) {
+    environment.on_record_quarantined = [this](int64_t number, const std::string& why) {
       set_aside_.push_back(std::to_string(number) + ": " + why);
     };
-    auto dispatcher = Dispatcher::Open(environment, options_);
-    ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
-    dispatcher_ = *std::move(dispatcher);
+    auto coordinator = Coordinator::Open(environment, options_);
+    ASSERT_TRUE(coordinator.ok()) << coordinator.status();
+    coordinator_ = *std::move(coordinator);
   }
 
   const std::string path_ = folder_.path() + "/state.sqlite";
@@ -70,7 +70,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
     SCOPED_TRACE(leased);
     store_.records.clear();
     for (const char* const end : {"", ".v3", "-wal", "-shm"}) ASSERT_TRUE(RemoveTree(path_ + end).ok());
-    dispatcher_.reset();
+    coordinator_.reset();
     set_aside_.clear(), told_.clear();
     for (const std::string& path : Blobs()) std::filesystem::remove(path);
     Open(&base_planner_);
@@ -83,7 +83,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
     Work(failed);
     Work(retried);
     fails_.clear();
-    ASSERT_TRUE(dispatcher_->RetryJob(retried, {}).ok());
+    ASSERT_TRUE(coordinator_->jobs().RetryJob(retried, {}).ok());
     Work(retried);
     const Digest retried_mesh = Mesh(retried);
     // One that waits for what it lost itself, has a priority and is paused.
@@ -95,7 +95,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
     ASSERT_TRUE(Turn(worker));
     std::filesystem::remove(blobs_->Path(Task(paused, 0).task.outputs.at(2).digest()));
     ASSERT_TRUE(Turn(worker));
-    ASSERT_TRUE(dispatcher_->ChangeJob(paused, {7, true}).ok());
+    ASSERT_TRUE(coordinator_->jobs().ChangeJob(paused, {7, true}).ok());
     // One that waits for what its base makes again.
     const std::string update = Create(Scene(1, base));
     ASSERT_TRUE(Turn(worker));
@@ -119,17 +119,17 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
       EXPECT_THAT(Job(paused).header.warnings,
                   ElementsAre(AllOf(HasSubstr("begun anew by version"), HasSubstr("before"))));
       EXPECT_FALSE(Lease(Worker())) << "nothing of the base is made again, for it would not be the same";
-      EXPECT_THAT(std::string(dispatcher_->RetryJob(failed, {}).status().message()),
+      EXPECT_THAT(std::string(coordinator_->jobs().RetryJob(failed, {}).status().message()),
                   AllOf(HasSubstr("was made by version before"), HasSubstr("submit its scene again")));
       if (start == 0) OpenUpgraded();
     }
-    ASSERT_TRUE(dispatcher_->Durable().ok());
+    ASSERT_TRUE(coordinator_->core().Durable().ok());
     EXPECT_THAT(told_, Contains(AllOf(HasSubstr("job_begun_anew"), HasSubstr(paused))));
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
     EXPECT_EQ(Job(update).header.state, JobState::kFailed);
     EXPECT_THAT(Job(update).header.error, AllOf(HasSubstr(base + " was made by version before"),
                                                 HasSubstr("run its scene anew, without a base")));
-    ASSERT_TRUE(dispatcher_->ChangeJob(paused, {{}, false}).ok());
+    ASSERT_TRUE(coordinator_->jobs().ChangeJob(paused, {{}, false}).ok());
     Work(paused);
     Mesh(paused);
     EXPECT_EQ(Job(base).header.state, JobState::kSucceeded) << "still";

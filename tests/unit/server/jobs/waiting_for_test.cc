@@ -22,9 +22,9 @@ class LargePlanner : public FakePlanner {
 
 class WaitingForTest : public CoordinatorTest {
  protected:
-  WaitingForTest() { dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &large_, &clock_, {}}, options_); }
+  WaitingForTest() { coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &large_, &clock_, {}}, options_); }
   std::string WorkerWith(int64_t gib) {
-    return *dispatcher_->RegisterWorker({"host", 1, 2, gib * kGiB, 0, "host/boot"});
+    return *coordinator_->leases().RegisterWorker({"host", 1, 2, gib * kGiB, 0, "host/boot"});
   }
   std::string Why(const std::string& job) { return Job(job).waiting_for; }
   LargePlanner large_;
@@ -44,24 +44,24 @@ TEST_F(WaitingForTest, WorkersDelaysTasksPausesAndOtherJobs) {
   clock_.Advance(0.1);
   EXPECT_EQ(Why(job), "'read the scene' is tried again in 1 s, after: it broke");
   clock_.Advance(1);
-  dispatcher_->LeaseTask(WorkerWith(1), 0, {}).status().IgnoreError();  // who looks ends the delay
+  LeaseAndWait(*coordinator_, WorkerWith(1), 0, {}).status().IgnoreError();  // who looks ends the delay
   EXPECT_EQ(Why(second), "");
   const std::string third = Create(AJob(1, "third"));
   EXPECT_EQ(Why(third), second + ", which is older, comes first");
-  ASSERT_TRUE(dispatcher_->ChangeJob(third, {7, {}}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(third, {7, {}}).ok());
   EXPECT_EQ(Why(second), third + ", of priority 7, comes first");
-  ASSERT_TRUE(dispatcher_->ChangeJob(third, {{}, true}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(third, {{}, true}).ok());
   EXPECT_EQ(Why(third), "paused");
   EXPECT_EQ(Why(second), "");
-  ASSERT_TRUE(dispatcher_->CancelJob(second).ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob(second).ok());
   EXPECT_EQ(Why(second), "");
 }
 
 TEST_F(WaitingForTest, WorkersThatAreAllSetAside) {
   const std::string job = Create(AJob(1)), worker = WorkerWith(16);
   ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kScratch).ok());
-  EXPECT_EQ(Why(job), "the only worker is set aside for now: it broke");
-  clock_.Advance(options_.retry.set_aside_s + 1);
+  EXPECT_EQ(Why(job), "the only worker is suspended for now: it broke");
+  clock_.Advance(options_.retry.suspend_s + 1);
   EXPECT_EQ(Why(job), "");
 }
 

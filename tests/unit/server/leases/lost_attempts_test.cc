@@ -2,7 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 #include "tessera/v1/records.pb.h"
 #include "tests/support/fake_coordinator.h"
 
@@ -66,7 +66,7 @@ TEST_F(LostAttemptsTest, ThreeWorkersThatDieOnMachinesThatLiveMakeATaskPoison) {
     ASSERT_TRUE(Lease(Worker())) << i;
     clock_.Advance(31);
     Worker();
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPoison);
@@ -81,7 +81,7 @@ TEST_F(LostAttemptsTest, WorkersThatARestartLosesSayNothingAboutTheTask) {
     Restart();
     clock_.Advance(31);
     Worker();  // the machine lives
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
     EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady);
     EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPreempted);
   }
@@ -91,10 +91,10 @@ TEST_F(LostAttemptsTest, WorkersThatARestartLosesSayNothingAboutTheTask) {
     const std::string worker = Worker();
     ASSERT_TRUE(Lease(worker));
     Restart();
-    ASSERT_TRUE(dispatcher_->Heartbeat(worker, {}).ok());
+    ASSERT_TRUE(coordinator_->leases().Heartbeat(worker, {}).ok());
     clock_.Advance(31);
     Worker();
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPoison);
@@ -108,14 +108,14 @@ TEST_F(LostAttemptsTest, TimeInWhichTheCoordinatorStoodStillIsNoSilence) {
   const std::string worker = Worker();
   ASSERT_TRUE(Lease(worker));
   clock_.Advance(10);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   clock_.Advance(2 * 3600);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   clock_.Advance(14);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased) << "24 s of 30 were listened to";
   clock_.Advance(7);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady) << "31 s of silence";
 }
 
@@ -127,16 +127,16 @@ TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
     const auto lease = Lease(worker);
     ASSERT_TRUE(lease) << i;
     if (i % 3 == 0) {
-      ASSERT_TRUE(dispatcher_->UnregisterWorker(worker).ok());
+      ASSERT_TRUE(UnregisterAndWait(*coordinator_, worker).ok());
     } else if (i % 3 == 1) {
       ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPreempted).ok());
     } else {
       // Two workers of one machine, of which the other was heard last.
       const std::string other = Worker("spot/" + std::to_string(i));
       clock_.Advance(1);
-      ASSERT_TRUE(dispatcher_->Heartbeat(other, {}).ok());
+      ASSERT_TRUE(coordinator_->leases().Heartbeat(other, {}).ok());
       clock_.Advance(30);
-      ASSERT_TRUE(dispatcher_->Tick().ok());
+      ASSERT_TRUE(coordinator_->Tick().ok());
       if (i == 14) Restart();
     }
     ASSERT_EQ(Job(job).header.state, JobState::kRunning) << i;
@@ -152,8 +152,8 @@ TEST_F(LostAttemptsTest, AnAttemptWithoutProgressIsEndedThoughItsWorkerLives) {
   ASSERT_TRUE(lease);
   const auto beat = [&](double progress, const std::string& stage) {
     clock_.Advance(20);
-    EXPECT_TRUE(dispatcher_->Tick().ok());
-    return *dispatcher_->Heartbeat(hung, {{lease->task, 1, progress, stage}});
+    EXPECT_TRUE(coordinator_->Tick().ok());
+    return *coordinator_->leases().Heartbeat(hung, {{lease->task, 1, progress, stage}});
   };
   for (int i = 0; i < 60; ++i) ASSERT_THAT(beat(0.01 * (i / 20), "reading"), IsEmpty()) << "every 400 s it moves";
   for (int i = 0; i < 20; ++i) ASSERT_THAT(beat(0.02, "checking " + std::to_string(i / 10)), IsEmpty());

@@ -21,26 +21,27 @@ using testing::Pair;
 class WaitingCallsTest : public CoordinatorTest {
  protected:
   // Ends the calls that wait: they tell this object.
-  ~WaitingCallsTest() override { dispatcher_.reset(); }
+  ~WaitingCallsTest() override { coordinator_.reset(); }
 
   // Who was answered, and what: the title of a task, "-" for none, or a status.
   using Answers = std::vector<std::pair<std::string, std::string>>;
 
   void Ask(const std::string& worker, double wait_s, const std::function<bool()>& gone = {}, int64_t call = 0) {
-    dispatcher_->LeaseTask({worker, wait_s, call, gone, [this, worker, at = dispatcher_.get()](LeaseAnswer answer) {
-                              Note(*at, worker,
-                                   !answer.ok() ? absl::StatusCodeToString(answer.status().code())
-                                   : *answer    ? (*answer)->plan.name
-                                                : "-");
-                            }});
+    coordinator_->leases().LeaseTask(
+        {worker, wait_s, call, gone, [this, worker, at = coordinator_.get()](LeaseAnswer answer) {
+           Note(*at, worker,
+                !answer.ok() ? absl::StatusCodeToString(answer.status().code())
+                : *answer    ? (*answer)->plan.name
+                             : "-");
+         }});
   }
-  Dispatcher::Done Noting(const std::string& who) {
-    return [this, who, at = dispatcher_.get()](const Status& status) {
+  Leases::Done Noting(const std::string& who) {
+    return [this, who, at = coordinator_.get()](const Status& status) {
       Note(*at, who, absl::StatusCodeToString(status.code()));
     };
   }
-  void Note(const Dispatcher& at, const std::string& who, const std::string& what) {
-    at.Version();  // takes the dispatcher's lock: nobody may be told under it
+  void Note(Coordinator& at, const std::string& who, const std::string& what) {
+    at.core().WaitForChange(0, 0);  // takes the core's mutex: no completion is called under it
     std::lock_guard lock(mutex_);
     answers_.emplace_back(who, what);
     changed_.notify_all();
@@ -64,7 +65,7 @@ TEST_F(WaitingCallsTest, ATaskThatComesIsGivenToOneThatWaits) {
   EXPECT_THAT(Await(0), IsEmpty());
   Create(AJob(1));
   EXPECT_THAT(Await(1), ElementsAre(Pair(first, "read the scene")));
-  dispatcher_->Stop();
+  coordinator_->core().Stop();
   EXPECT_THAT(Await(2), ElementsAre(_, Pair(second, "-")));
 }
 
@@ -76,7 +77,7 @@ TEST_F(WaitingCallsTest, EachOfManyIsGivenOne) {
   const auto ingest = Lease(planner);
   ASSERT_TRUE(ingest);
   for (int i = 0; i < kCount; ++i) Ask(Worker(), 3600);
-  dispatcher_->ReportSuccess(planner, ingest->task, 1, Result(*ingest), Noting("report"));
+  coordinator_->leases().ReportSuccess(planner, ingest->task, 1, Result(*ingest), Noting("report"));
   std::set<std::string> who, what;
   for (const auto& [worker, task] : Await(kCount + 1)) {
     who.insert(worker);
@@ -112,8 +113,8 @@ TEST_F(WaitingCallsTest, ACallThatIsGoneIsGivenNothing) {
   gone = false;
   Ask(second, 3600, [&] { return gone.load(); });
   gone = true;
-  dispatcher_->LookAfterCall(second);
-  dispatcher_->LookAfterCall("workers/unknown");
+  coordinator_->leases().CheckWaitingCall(second);
+  coordinator_->leases().CheckWaitingCall("workers/unknown");
   EXPECT_THAT(Await(3), ElementsAre(_, _, Pair(second, "-")));
 }
 
@@ -133,18 +134,18 @@ TEST_F(WaitingCallsTest, ALaterCallOfAWorkerEndsTheEarlierOne) {
 TEST_F(WaitingCallsTest, AWorkerThatLeavesWaitsNoLonger) {
   const std::string worker = Worker();
   Ask(worker, 3600);
-  dispatcher_->UnregisterWorker(worker, Noting("left"));
+  coordinator_->leases().UnregisterWorker(worker, Noting("left"));
   EXPECT_THAT(Await(2), testing::UnorderedElementsAre(Pair("left", "OK"), Pair(worker, "NOT_FOUND")));
 }
 
 TEST_F(WaitingCallsTest, StopEndsAllWaitsOnceAndSoDoesTheEnd) {
   for (int i = 0; i < 100; ++i) Ask(Worker(), 3600);
-  dispatcher_->Stop();
+  coordinator_->core().Stop();
   Ask(Worker(), 3600);
   EXPECT_EQ(Await(101).size(), 101u);
   Restart();
   for (int i = 0; i < 100; ++i) Ask(Worker(), 3600);
-  dispatcher_.reset();
+  coordinator_.reset();
   const Answers answers = Await(201);
   EXPECT_EQ(answers.size(), 201u);
   for (const auto& [who, what] : answers) EXPECT_EQ(what, "-") << who;
@@ -159,13 +160,14 @@ TEST_F(WaitingCallsTest, WhatIsNotStoredInTimeIsToldSo) {
   const auto ingest = Lease(worker);
   ASSERT_TRUE(ingest);
   store_.fail = true;
-  dispatcher_->ReportSuccess(worker, ingest->task, 1, Result(*ingest), Noting("report"));
+  coordinator_->leases().ReportSuccess(worker, ingest->task, 1, Result(*ingest), Noting("report"));
   EXPECT_THAT(Await(1), ElementsAre(Pair("report", "UNAVAILABLE")));
   store_.fail = false;
   while (!Succeed(worker, *ingest).ok()) {
   }
-  dispatcher_->ReportSuccess(worker, ingest->task, 1, Result(*ingest), Noting("again"));
-  dispatcher_->ReportFailure(worker, ingest->task, 1, {ErrorClass::kInternal, "it broke"}, Noting("otherwise"));
+  coordinator_->leases().ReportSuccess(worker, ingest->task, 1, Result(*ingest), Noting("again"));
+  coordinator_->leases().ReportFailure(worker, ingest->task, 1, {ErrorClass::kInternal, "it broke"},
+                                       Noting("otherwise"));
   EXPECT_THAT(Await(3), ElementsAre(_, Pair("again", "OK"), Pair("otherwise", "FAILED_PRECONDITION")));
   store_.fail = true;
   Ask(worker, 0);  // before it is seen that nothing can be stored
@@ -183,7 +185,8 @@ TEST_F(WaitingCallsTest, InputsThatAWorkerLacksAreExaminedBesideOtherCalls) {
   ASSERT_TRUE(refine);
   const Digest mesh = refine->inputs.at(0).file.digest;
   ASSERT_TRUE(RemoveTree(blobs_->Path(mesh)).ok());
-  dispatcher_->ReportFailure(worker, refine->task, 1, {ErrorClass::kLostInput, "gone", {mesh}}, Noting("lost"));
+  coordinator_->leases().ReportFailure(worker, refine->task, 1, {ErrorClass::kLostInput, "gone", {mesh}},
+                                       Noting("lost"));
   EXPECT_THAT(Await(1), ElementsAre(Pair("lost", "OK")));
   const auto again = Lease(worker);
   ASSERT_TRUE(again);

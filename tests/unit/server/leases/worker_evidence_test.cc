@@ -15,8 +15,8 @@ using testing::HasSubstr;
 class WorkerEvidenceTest : public CoordinatorTest {
  protected:
   std::string SetAsideReason(const std::string& worker) {
-    for (const WorkerStatus& status : dispatcher_->ListWorkers()) {
-      if (status.name == worker) return status.set_aside_reason;
+    for (const WorkerStatus& status : coordinator_->leases().ListWorkers()) {
+      if (status.name == worker) return status.suspended_reason;
     }
     return "not there";
   }
@@ -82,8 +82,8 @@ TEST_F(WorkerEvidenceTest, OneThatFailsWhatOthersDoIsSetAside) {
     EXPECT_LE(given_to_bad_, 4) << "of eight tasks";
     EXPECT_THAT(SetAsideReason(bad), AllOf(HasSubstr("it failed tasks that others did"), HasSubstr("it broke")));
     EXPECT_EQ(SetAsideReason(good), "");
-    ASSERT_TRUE(dispatcher_->UnregisterWorker(bad).ok());
-    ASSERT_TRUE(dispatcher_->UnregisterWorker(good).ok());
+    ASSERT_TRUE(UnregisterAndWait(*coordinator_, bad).ok());
+    ASSERT_TRUE(UnregisterAndWait(*coordinator_, good).ok());
   }
 }
 

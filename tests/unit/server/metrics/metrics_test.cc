@@ -1,4 +1,4 @@
-// What Prometheus reads of a dispatcher whose every step is known.
+// What Prometheus reads of a coordinator whose every step is known.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -23,7 +23,7 @@ using testing::Not;
 class MetricsTest : public CoordinatorTest {
  protected:
   MetricsTest() {
-    sources_.dispatch = [this] { return dispatcher_->Snapshot(); };
+    sources_.dispatch = [this] { return SnapshotOf(coordinator_->core()); };
     sources_.free_bytes = [] { return std::optional<int64_t>(123456789); };
     sources_.rpcs = &rpcs_;
   }
@@ -67,7 +67,7 @@ TEST_F(MetricsTest, AddUpWhatTasksDid) {
   EXPECT_EQ(Value("tessera_workers{state=\"idle\"}"), 0);
   ASSERT_TRUE(Lease(other));
   clock_.Advance(31);
-  ASSERT_TRUE(dispatcher_->Tick().ok());  // its lease expires
+  ASSERT_TRUE(coordinator_->Tick().ok());  // its lease expires
   clock_.Advance(100);
   EXPECT_GT(WorkAll(Worker()), 0);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
@@ -108,14 +108,14 @@ TEST_F(MetricsTest, TellOfTheQueueOnlyWhatWorkersCouldTake) {
   EXPECT_EQ(Value("tessera_jobs{state=\"queued\"}"), 1);
   clock_.Advance(7);
   EXPECT_EQ(Value("tessera_oldest_ready_task_age_seconds"), 7);
-  ASSERT_TRUE(dispatcher_->ChangeJob(job, {{}, true}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(job, {{}, true}).ok());
   EXPECT_EQ(Value("tessera_tasks_ready{kind=\"ingest\",memory=\"unknown\"}"), 0);
   EXPECT_EQ(Value("tessera_oldest_ready_task_age_seconds"), 0);
   EXPECT_EQ(Value("tessera_jobs{state=\"paused\"}"), 1);
-  ASSERT_TRUE(dispatcher_->ChangeJob(job, {{}, false}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(job, {{}, false}).ok());
   EXPECT_EQ(Value("tessera_tasks_ready{kind=\"ingest\",memory=\"unknown\"}"), 1);
   // What was ready before a restart has waited since then.
-  ASSERT_TRUE(dispatcher_->Durable().ok());
+  ASSERT_TRUE(coordinator_->core().Durable().ok());
   Restart();
   EXPECT_EQ(Value("tessera_oldest_ready_task_age_seconds"), 7);
 }
@@ -130,12 +130,12 @@ TEST_F(MetricsTest, TellOfStorage) {
   EXPECT_EQ(Value("tessera_journal_records_total"), Value("tessera_journal_batch_records_sum"));
   EXPECT_EQ(Value("tessera_journal_batches_total"), Value("tessera_journal_batch_seconds_count"));
   store_.fail = true;
-  EXPECT_FALSE(dispatcher_->CreateJob(AJob(1, "other")).ok());
+  EXPECT_FALSE(coordinator_->jobs().CreateJob(AJob(1, "other")).ok());
   EXPECT_EQ(Value("tessera_storage_ok"), 0);
   EXPECT_GE(Value("tessera_journal_failures_total"), 1);
   EXPECT_EQ(Value("tessera_journal_waiting_records"), 1);
   store_.fail = false;
-  while (!dispatcher_->Durable().ok()) {  // the journal tries again after a while
+  while (!coordinator_->core().Durable().ok()) {  // the journal tries again after a while
   }
   EXPECT_EQ(Value("tessera_storage_ok"), 1);
 }
@@ -171,7 +171,7 @@ TEST_F(MetricsTest, NameNobodyAndStayAsMany) {
     job.scene_path = "/secret/path";
     job.request = {"secret request " + std::to_string(i), "/secret/path", job.settings};
     Create(job);
-    ASSERT_TRUE(dispatcher_->RegisterWorker({"secret-host", 1, 2, 1000, 0, "secret-host/boot"}).ok());
+    ASSERT_TRUE(coordinator_->leases().RegisterWorker({"secret-host", 1, 2, 1000, 0, "secret-host/boot"}).ok());
   }
   const std::string worker = Worker();
   ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kInternal).ok());

@@ -32,7 +32,8 @@ class BlobCollectorTest : public CheckingWorkerTest {
     options_.lease_s = options_.stall_s = options_.forget_worker_s = 1e9;
     clock_.SetBy(kYears_s);  // every file looks old
     Restart();
-    collector_ = std::make_unique<BlobCollector>(dispatcher_.get(), blobs_.get(), &clock_, CollectorOptions());
+    reclaimer_ = std::make_unique<Reclaimer>(coordinator_->core());
+    collector_ = std::make_unique<BlobCollector>(reclaimer_.get(), blobs_.get(), &clock_, CollectorOptions());
   }
   Collected Look(double pass_s = kLook_s) {
     clock_.Advance(pass_s);
@@ -43,11 +44,12 @@ class BlobCollectorTest : public CheckingWorkerTest {
   void LookLong() {
     for (double passed_s = 0; passed_s <= 3600; passed_s += kLook_s) Look();
   }
-  void Limit(int64_t bytes, double keep_set_aside_s = 0) {
+  void Limit(int64_t bytes, double keep_quarantined_s = 0) {
     CollectorOptions options;
     options.limit_bytes = bytes;
-    options.keep_set_aside_s = keep_set_aside_s;
-    collector_ = std::make_unique<BlobCollector>(dispatcher_.get(), blobs_.get(), &clock_, options);
+    options.keep_quarantined_s = keep_quarantined_s;
+    reclaimer_ = std::make_unique<Reclaimer>(coordinator_->core());
+    collector_ = std::make_unique<BlobCollector>(reclaimer_.get(), blobs_.get(), &clock_, options);
   }
   void RestartAll() {
     Restart();
@@ -62,7 +64,7 @@ class BlobCollectorTest : public CheckingWorkerTest {
   std::vector<std::string> Faults() {
     std::vector<std::string> faults;
     // What is in the store from here on goes with all that was collected, whatever is added meanwhile.
-    EXPECT_TRUE(dispatcher_->Durable().ok());
+    EXPECT_TRUE(coordinator_->core().Durable().ok());
     EXPECT_TRUE(VerifyState(store_, *blobs_, true, [&](const std::string& fault) { faults.push_back(fault); }).ok());
     std::erase_if(faults, [&](const std::string& fault) {
       return std::any_of(spared_.begin(), spared_.end(), [&](const std::string& sha256) {
@@ -74,9 +76,9 @@ class BlobCollectorTest : public CheckingWorkerTest {
   // Outputs of jobs that have not ended, that are not stored.
   std::set<std::string> MissingOfActive() {
     std::set<std::string> missing;
-    for (const JobStatus& job : dispatcher_->ListJobs(-1, 1000)) {
+    for (const JobStatus& job : coordinator_->jobs().ListJobs(-1, 1000)) {
       if (HasEnded(job.header.state)) continue;
-      const auto tasks = dispatcher_->ListTasks(job.header.name, 0, 1000);
+      const auto tasks = coordinator_->jobs().ListTasks(job.header.name, 0, 1000);
       for (const TaskStatus& task : *tasks) {
         for (const StoredFile& output : task.task.outputs) {
           if (!blobs_->Has(output.digest())) missing.insert(output.sha256.Hex());
@@ -88,6 +90,7 @@ class BlobCollectorTest : public CheckingWorkerTest {
 
   int64_t limit_bytes_ = 0;
   std::set<std::string> spared_;  // what jobs lacked when they were tried again
+  std::unique_ptr<Reclaimer> reclaimer_;
   std::unique_ptr<BlobCollector> collector_;
 };
 
@@ -99,14 +102,14 @@ TEST_F(BlobCollectorTest, WhatADeletedJobHadGoesAndWhatOthersHaveStays) {
   LookLong();
   EXPECT_THAT(Faults(), IsEmpty());
   const auto before = Stored();
-  ASSERT_TRUE(dispatcher_->DeleteJob(first, "").ok());
+  ASSERT_TRUE(coordinator_->jobs().DeleteJob(first, "").ok());
   Look();
   Look();
   EXPECT_EQ(Stored(), before) << "not before it was seen unneeded for long enough";
   LookLong();
   EXPECT_LT(Stored().size(), before.size());
   EXPECT_THAT(Faults(), IsEmpty());
-  ASSERT_TRUE(dispatcher_->DeleteJob(second, "").ok());
+  ASSERT_TRUE(coordinator_->jobs().DeleteJob(second, "").ok());
   LookLong();
   EXPECT_THAT(Stored(), IsEmpty());
 }
@@ -127,7 +130,7 @@ TEST_F(BlobCollectorTest, AClassifierStaysAsLongAsItsJob) {
   EXPECT_THAT(Faults(), IsEmpty());
   ASSERT_EQ(std::remove(blobs_->Path(digest).c_str()), 0);
   EXPECT_THAT(Faults(), testing::Contains(testing::HasSubstr(kClassifierFile)));
-  ASSERT_TRUE(dispatcher_->DeleteJob(name, "").ok());
+  ASSERT_TRUE(coordinator_->jobs().DeleteJob(name, "").ok());
   LookLong();
   EXPECT_THAT(Stored(), IsEmpty());
 }
@@ -165,7 +168,7 @@ TEST_F(BlobCollectorTest, AboveTheLimitWhatCanBeMadeAgainGoesOldestJobsFirst) {
   WorkAll(Worker());
   const auto has_tiles = [&](const std::string& job) {
     int tiles = 0;
-    const auto tasks = dispatcher_->ListTasks(job, 0, 100);
+    const auto tasks = coordinator_->jobs().ListTasks(job, 0, 100);
     for (const TaskStatus& task : *tasks) {
       if (task.task.plan.kind == "cut") tiles += blobs_->Has(task.task.outputs[0].digest());
     }
@@ -196,7 +199,7 @@ TEST_F(BlobCollectorTest, WhatIsReferredToMeanwhileStays) {
   const auto lease = Lease(worker);
   const ReportedResult result = Result(*lease);  // stored, and told only later
   std::vector<BlobFile> doomed;
-  const BlobReferences references = dispatcher_->CollectReferences();
+  const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
   for (int part = 0; part < kBlobParts; ++part) {
     for (const BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
       EXPECT_FALSE(references.Needs(BlobReferences::IdOf(file.sha256)));
@@ -204,8 +207,8 @@ TEST_F(BlobCollectorTest, WhatIsReferredToMeanwhileStays) {
     }
   }
   ASSERT_EQ(doomed.size(), 2u);
-  ASSERT_TRUE(dispatcher_->ReportSuccess(worker, lease->task, lease->attempt, result).ok());
-  EXPECT_THAT(*dispatcher_->RemoveBlobs(doomed), IsEmpty());
+  ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, lease->task, lease->attempt, result).ok());
+  EXPECT_THAT(*Reclaimer(coordinator_->core()).RemoveBlobs(doomed), IsEmpty());
   EXPECT_THAT(Faults(), IsEmpty());
 }
 
@@ -215,15 +218,15 @@ TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainNeedsStays) {
   Work(job);
   ASSERT_EQ(Job(job).header.state, JobState::kFailed);
   std::vector<BlobFile> spare;
-  const BlobReferences references = dispatcher_->CollectReferences();
+  const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
   for (int part = 0; part < kBlobParts; ++part) {
     for (const BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
       if (references.SpareSince(BlobReferences::IdOf(file.sha256)) >= 0) spare.push_back(file);
     }
   }
   ASSERT_EQ(spare.size(), 2u) << "what was cut of both tiles";
-  ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
-  EXPECT_THAT(*dispatcher_->RemoveBlobs(spare), IsEmpty());
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
+  EXPECT_THAT(*Reclaimer(coordinator_->core()).RemoveBlobs(spare), IsEmpty());
   fails_ = "";
   Work(job);
   Mesh(job);
@@ -240,7 +243,7 @@ TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainLacksIsMadeAgain) {
     ASSERT_THAT(Job(job).header.error, HasSubstr("it broke")) << round;
     Look();
     ASSERT_FALSE(blobs_->Has(Task(job, 1).task.outputs[0].digest()));
-    ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
+    ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
   }
   fails_ = "";
   Work(job);
@@ -257,7 +260,7 @@ TEST_F(BlobCollectorTest, WhatIsMadeAgainStaysUntilItWasRead) {
   const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest();
   EXPECT_FALSE(blobs_->Has(tile));
   for (const int task : {3, 4, 5}) ASSERT_TRUE(RemoveTree(blobs_->Path(Task(job, task).task.outputs[0].digest())).ok());
-  ASSERT_TRUE(dispatcher_->RemakeArtifact(mesh).ok());
+  ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh).ok());
   for (int turns = 0; turns < 40 && Turn(worker); ++turns) Look();
   EXPECT_TRUE(blobs_->Verify(mesh).ok());
   for (const int task : {1, 2}) EXPECT_EQ(Task(job, task).task.remakes, 1);
@@ -270,7 +273,7 @@ TEST_F(BlobCollectorTest, WhatAnEndedJobMakesAgainMeanwhileStays) {
   const std::string job = Create(Scene(2)), worker = Worker();
   Work(job);
   const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest();
-  const BlobReferences references = dispatcher_->CollectReferences();
+  const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
   std::vector<BlobFile> listed;
   for (int part = 0; part < kBlobParts; ++part) {
     for (const BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
@@ -278,8 +281,8 @@ TEST_F(BlobCollectorTest, WhatAnEndedJobMakesAgainMeanwhileStays) {
     }
   }
   ASSERT_TRUE(RemoveTree(blobs_->Path(mesh)).ok());
-  ASSERT_TRUE(dispatcher_->RemakeArtifact(mesh).ok());
-  EXPECT_THAT(*dispatcher_->RemoveBlobs(listed), IsEmpty());
+  ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh).ok());
+  EXPECT_THAT(*Reclaimer(coordinator_->core()).RemoveBlobs(listed), IsEmpty());
 }
 
 TEST_F(BlobCollectorTest, WhatWasSetAsideGoesAfterItsTimeOrForRoom) {
@@ -318,7 +321,7 @@ TEST_F(BlobCollectorTest, NothingThatIsNeededEverGoes) {
     int64_t collected = 0;
     spared_.clear();
     for (int step = 0; step < 400; ++step) {
-      const auto jobs = dispatcher_->ListJobs(-1, 100);
+      const auto jobs = coordinator_->jobs().ListJobs(-1, 100);
       const auto any_job = [&] { return jobs[random() % jobs.size()].header.name; };
       switch (random() % 12) {
         case 0:
@@ -345,7 +348,7 @@ TEST_F(BlobCollectorTest, NothingThatIsNeededEverGoes) {
             }
             // Of a job that was cancelled or deleted all of it is refused.
             if (!lost.lost_inputs.empty()) {
-              dispatcher_->ReportFailure(worker, lease.task, lease.attempt, lost).IgnoreError();
+              ReportFailureAndWait(*coordinator_, worker, lease.task, lease.attempt, lost).IgnoreError();
             } else if (refines && random() % 4 == 0) {
               Fail(worker, lease, ErrorClass::kInput).IgnoreError();
             } else {
@@ -356,20 +359,20 @@ TEST_F(BlobCollectorTest, NothingThatIsNeededEverGoes) {
         case 8:
           if (!jobs.empty()) {
             const std::string job = any_job();
-            if (random() % 8 == 0) dispatcher_->CancelJob(job).IgnoreError();
-            dispatcher_->DeleteJob(job, "").IgnoreError();
+            if (random() % 8 == 0) coordinator_->jobs().CancelJob(job).IgnoreError();
+            coordinator_->jobs().DeleteJob(job, "").IgnoreError();
           }
           break;
         case 9:
           if (random() % 8 == 0) {
             RestartAll();  // workers keep their leases
-          } else if (!jobs.empty() && dispatcher_->RetryJob(any_job(), {}).ok()) {
+          } else if (!jobs.empty() && coordinator_->jobs().RetryJob(any_job(), {}).ok()) {
             ++retried;
             for (const std::string& sha256 : MissingOfActive()) spared_.insert(sha256);
           }
           break;
         case 10:
-          if (!*dispatcher_->FreeDeleted()) collected += Look(3600).files;
+          if (!*Reclaimer(coordinator_->core()).FreeDeleted()) collected += Look(3600).files;
           break;
         default:
           collected += Look().files;
@@ -378,9 +381,9 @@ TEST_F(BlobCollectorTest, NothingThatIsNeededEverGoes) {
       ASSERT_THAT(Faults(), IsEmpty()) << "step " << step;
     }
     EXPECT_GT(collected, 20);
-    for (const JobStatus& job : dispatcher_->ListJobs(-1, 100)) {
-      ASSERT_TRUE(dispatcher_->CancelJob(job.header.name).ok());
-      ASSERT_TRUE(dispatcher_->DeleteJob(job.header.name, "").ok());
+    for (const JobStatus& job : coordinator_->jobs().ListJobs(-1, 100)) {
+      ASSERT_TRUE(coordinator_->jobs().CancelJob(job.header.name).ok());
+      ASSERT_TRUE(coordinator_->jobs().DeleteJob(job.header.name, "").ok());
     }
     LookLong();
     EXPECT_THAT(Stored(), IsEmpty());

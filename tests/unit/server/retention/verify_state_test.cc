@@ -26,18 +26,18 @@ class VerifyStateTest : public CoordinatorTest {
   DispatchEnvironment Environment() {
     sqlite_ = *SqliteStore::Open(path_, OwnerOfRecord);
     DispatchEnvironment environment{sqlite_.get(), blobs_.get(), &planner_, &clock_, {}};
-    environment.on_set_aside = [this](int64_t number, const std::string&) { set_aside_.push_back(number); };
+    environment.on_record_quarantined = [this](int64_t number, const std::string&) { set_aside_.push_back(number); };
     return environment;
   }
   void Close() {
-    dispatcher_.reset();
+    coordinator_.reset();
     sqlite_.reset();
   }
   void OpenFile() {
     Close();
-    auto dispatcher = Dispatcher::Open(Environment(), options_);
-    ASSERT_TRUE(dispatcher.ok()) << dispatcher.status();
-    dispatcher_ = *std::move(dispatcher);
+    auto coordinator = Coordinator::Open(Environment(), options_);
+    ASSERT_TRUE(coordinator.ok()) << coordinator.status();
+    coordinator_ = *std::move(coordinator);
   }
   // As `tesserad --verify-state`.
   std::vector<std::string> Verify() {
@@ -45,7 +45,7 @@ class VerifyStateTest : public CoordinatorTest {
     std::vector<std::string> faults;
     const DispatchEnvironment environment = Environment();
     EXPECT_TRUE(VerifyState(*sqlite_, *blobs_, true, [&](const std::string& fault) { faults.push_back(fault); }).ok());
-    EXPECT_TRUE(Dispatcher::SetUnusableAside(environment).ok());
+    EXPECT_TRUE(Coordinator::QuarantineUnusable(environment).ok());
     return faults;
   }
   // Flips a byte of a stored record, whose checksum stays.
@@ -71,7 +71,7 @@ TEST_F(VerifyStateTest, ADamagedRecordIsSaidAndSetAside) {
   const std::string ended = Create(AJob(1)), worker = Worker();
   WorkAll(worker);
   const std::string active = Create(AJob(1, "{\"other\":1}"));
-  ASSERT_TRUE(dispatcher_->Durable().ok());
+  ASSERT_TRUE(coordinator_->core().Durable().ok());
   EXPECT_THAT(Verify(), IsEmpty());
   int64_t last = 0;
   ASSERT_TRUE(sqlite_->Replay([&](const StoredRecord& record) { last = record.number; }).ok());
@@ -85,7 +85,7 @@ TEST_F(VerifyStateTest, ADamagedRecordIsSaidAndSetAside) {
   EXPECT_THAT(Verify(), IsEmpty()) << "once";
   OpenFile();
   EXPECT_EQ(Job(ended).header.state, JobState::kSucceeded);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   WorkAll(Worker());
   EXPECT_EQ(Job(active).header.state, JobState::kSucceeded) << "it was planned again";
 }
@@ -94,7 +94,7 @@ TEST_F(VerifyStateTest, ADamagedRecordIsSaidAndSetAside) {
 TEST_F(VerifyStateTest, TheJobThatNeedsItFails) {
   const std::string job = Create(AJob(2)), worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
-  ASSERT_TRUE(dispatcher_->Durable().ok());
+  ASSERT_TRUE(coordinator_->core().Durable().ok());
   FlipByte(2);  // its plan
   const auto faults = Verify();
   EXPECT_THAT(faults, SizeIs(testing::Gt(1)));

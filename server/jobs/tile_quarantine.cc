@@ -1,4 +1,4 @@
-#include "server/jobs/set_aside.h"
+#include "server/jobs/tile_quarantine.h"
 
 #include <algorithm>
 #include <set>
@@ -24,22 +24,22 @@ bool SameTask(const PlannedTask& a, const PlannedTask& b) {
 
 }  // namespace
 
-bool CanGoOnWithout(const Job& job) {
+bool CanContinueWithout(const Job& job) {
   const JobTask& failed = job.tasks[job.failed];
   const ErrorClass error_class = failed.error->error_class;
   if (error_class == ErrorClass::kInput || error_class == ErrorClass::kStorage || !IsStepOfTile(failed.plan))
     return false;
-  std::set<int> cut, set_aside = {failed.plan.tile};
+  std::set<int> cut, quarantined = {failed.plan.tile};
   for (const JobTask& task : job.tasks) {
     if (task.plan.kind == kCutKind) cut.insert(task.plan.tile);
   }
-  for (const SetAside& each : job.set_aside) set_aside.insert(each.tile);
-  return set_aside.size() < cut.size();
+  for (const QuarantinedTile& each : job.quarantined) quarantined.insert(each.tile);
+  return quarantined.size() < cut.size();
 }
 
-std::vector<SetAsideTile> TilesSetAside(const Job& job) {
+std::vector<SetAsideTile> QuarantinedTiles(const Job& job) {
   std::vector<SetAsideTile> tiles;
-  for (const SetAside& each : job.set_aside) {
+  for (const QuarantinedTile& each : job.quarantined) {
     const PlannedTask& failed = job.tasks[each.task].plan;
     SetAsideTile tile = {each.tile, failed.kind};
     if (const auto parameters = ParseStepParameters(failed.parameters); parameters.ok()) {
@@ -51,9 +51,9 @@ std::vector<SetAsideTile> TilesSetAside(const Job& job) {
   return tiles;
 }
 
-std::string SetAsideWords(const Job& job, const SetAside& tile) {
+std::string QuarantineText(const Job& job, const QuarantinedTile& tile) {
   const JobTask& failed = job.tasks[tile.task];
-  return "tile " + std::to_string(tile.tile) + " was set aside: '" + failed.plan.name + "' failed (" +
+  return "tile " + std::to_string(tile.tile) + " was quarantined: '" + failed.plan.name + "' failed (" +
          ErrorClassName(failed.error->error_class) + "): " + failed.error->message;
 }
 

@@ -1,6 +1,6 @@
-// Jobs that go on without a tile whose refinement fails.
-#ifndef TESSERA_SERVER_JOBS_SET_ASIDE_H_
-#define TESSERA_SERVER_JOBS_SET_ASIDE_H_
+// Jobs that continue without a tile whose refinement fails: the tile is quarantined.
+#ifndef TESSERA_SERVER_JOBS_TILE_QUARANTINE_H_
+#define TESSERA_SERVER_JOBS_TILE_QUARANTINE_H_
 
 #include <string>
 #include <vector>
@@ -11,15 +11,15 @@
 
 namespace tessera {
 
-// Whether the job can go on without the tile of its task that has failed for good (Job::failed): a step of one of
-// several tiles, for another reason than wrong input, which is the user's to mend. A job whose tiles all fail fails.
-bool CanGoOnWithout(const Job& job);
+// Whether the job can continue without the tile of its task that has failed for good (Job::failed): a step of one of
+// several tiles, for another reason than wrong input, which the user has to correct. A job whose tiles all fail fails.
+bool CanContinueWithout(const Job& job);
 
-// Those of the job, as the plan is to take them.
-std::vector<SetAsideTile> TilesSetAside(const Job& job);
+// The quarantined tiles of the job, in the form that the planner takes.
+std::vector<SetAsideTile> QuarantinedTiles(const Job& job);
 
-// "tile 3 was set aside: 'solve tile 3 step 4' failed (poison): ...".
-std::string SetAsideWords(const Job& job, const SetAside& tile);
+// "tile 3 was quarantined: 'solve tile 3 step 4' failed (poison): ...".
+std::string QuarantineText(const Job& job, const QuarantinedTile& tile);
 
 // What a plan made anew changes: what is in both stays, with all that was done for it.
 struct PlanChange {
@@ -38,4 +38,4 @@ int FirstBehindCuts(const Job& job);
 
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_JOBS_SET_ASIDE_H_
+#endif  // TESSERA_SERVER_JOBS_TILE_QUARANTINE_H_

@@ -4,6 +4,7 @@
 
 #include "common/base/version.h"
 #include "server/ledger/record_owner.h"
+#include "server/retention/reclaimer.h"
 #include "server/store/sqlite_store.h"
 #include "tessera/v1/records.pb.h"
 #include "tests/support/checking_worker.h"
@@ -21,17 +22,17 @@ class DeleteJobTest : public CheckingWorkerTest {
   DeleteJobTest() { RestartFromFile(); }
   // As Restart, but on a real store.
   void RestartFromFile() {
-    dispatcher_.reset();
+    coordinator_.reset();
     sqlite_.reset();
     sqlite_ = *SqliteStore::Open(folder_.path() + "/state.sqlite", OwnerOfRecord);
     set_aside_.clear();
-    dispatcher_ = *Dispatcher::Open({sqlite_.get(),
-                                     blobs_.get(),
-                                     &planner_,
-                                     &clock_,
-                                     {},
-                                     [&](int64_t, const std::string& why) { set_aside_.push_back(why); }},
-                                    options_);
+    coordinator_ = *Coordinator::Open({sqlite_.get(),
+                                       blobs_.get(),
+                                       &planner_,
+                                       &clock_,
+                                       {},
+                                       [&](int64_t, const std::string& why) { set_aside_.push_back(why); }},
+                                      options_);
   }
   std::string Done(int tiles, const std::string& scene = "{}", const std::string& request = "") {
     NewJob job = AJob(tiles, scene);
@@ -46,18 +47,18 @@ class DeleteJobTest : public CheckingWorkerTest {
     int deleted = 0;
     for (; seconds > 0; seconds -= 1800) {
       clock_.Advance(1800);
-      deleted += *dispatcher_->DeleteExpired(retention);
+      deleted += *Reclaimer(coordinator_->core()).DeleteExpired(retention);
     }
     return deleted;
   }
-  Status Delete(const std::string& job) { return dispatcher_->DeleteJob(job, "test"); }
+  Status Delete(const std::string& job) { return coordinator_->jobs().DeleteJob(job, "test"); }
   void FreeAll() {
-    while (*dispatcher_->FreeDeleted()) {
+    while (*Reclaimer(coordinator_->core()).FreeDeleted()) {
     }
   }
   std::vector<std::string> Names() {
     std::vector<std::string> names;
-    for (const JobStatus& job : dispatcher_->ListJobs(-1, 100)) names.push_back(job.header.name);
+    for (const JobStatus& job : coordinator_->jobs().ListJobs(-1, 100)) names.push_back(job.header.name);
     return names;
   }
   int StoredRecords() {
@@ -78,11 +79,11 @@ TEST_F(DeleteJobTest, IsGoneAndItsNumberIsNotGivenAgain) {
   EXPECT_TRUE(Delete(job).ok()) << "said twice: the first answer was lost";
   for (int round = 0; round < 3; ++round) {
     EXPECT_THAT(Names(), IsEmpty());
-    const Status gone = dispatcher_->GetJob(job).status();
+    const Status gone = coordinator_->jobs().GetJob(job).status();
     EXPECT_EQ(gone.code(), absl::StatusCode::kNotFound);
     EXPECT_THAT(std::string(gone.message()), HasSubstr("jobs/1 was deleted"));
-    EXPECT_FALSE(dispatcher_->ListTasks(job, 0, 10).ok());
-    EXPECT_THAT(dispatcher_->SceneFilesWith(AJob(1).scene_files[0].digest), IsEmpty());
+    EXPECT_FALSE(coordinator_->jobs().ListTasks(job, 0, 10).ok());
+    EXPECT_THAT(coordinator_->jobs().SceneFilesWith(AJob(1).scene_files[0].digest), IsEmpty());
     EXPECT_THAT(set_aside_, IsEmpty());
     if (round == 0) RestartFromFile();  // nothing was freed yet
     if (round == 1) FreeAll(), RestartFromFile();
@@ -98,7 +99,7 @@ TEST_F(DeleteJobTest, WhatOthersHaveStays) {
   for (const std::string& job : {third, first}) {  // the last that knew the results, and the one that made them
     ASSERT_TRUE(Delete(job).ok());
     FreeAll();
-    EXPECT_THAT(dispatcher_->SceneFilesWith(AJob(1).scene_files[0].digest), SizeIs(1));
+    EXPECT_THAT(coordinator_->jobs().SceneFilesWith(AJob(1).scene_files[0].digest), SizeIs(1));
     const std::string again = Done(2);
     for (int task = 0; task < 4; ++task) EXPECT_TRUE(Task(again, task).task.reused) << task;
     ASSERT_TRUE(Delete(again).ok());
@@ -123,7 +124,7 @@ TEST_F(DeleteJobTest, OnlyWhatHasEndedAndNobodyGoesOnFrom) {
   EXPECT_EQ(needed.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(needed.message()), HasSubstr("delete jobs/2 first"));
   EXPECT_THAT(std::string(Delete("jobs/2").message()), HasSubstr("cancel it first"));
-  ASSERT_TRUE(dispatcher_->CancelJob("jobs/2").ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob("jobs/2").ok());
   EXPECT_TRUE(Delete("jobs/2").ok());
   EXPECT_TRUE(Delete(base).ok());
   EXPECT_EQ(Delete("jobs/3").code(), absl::StatusCode::kNotFound);
@@ -186,7 +187,7 @@ TEST_F(DeleteJobTest, AJobThatIsTriedAgainIsKeptFromItsNewEndOn) {
   Work(job);
   ASSERT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(pass(10 * kDay_s + Retention::kConfirm_s / 2), 0);
-  ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
   EXPECT_EQ(pass(20 * kDay_s), 0) << "it has not ended";
   fails_ = "";
   Work(job);
@@ -217,7 +218,7 @@ TEST_F(DeleteJobTest, ItsNumberIsNotGivenAgainThoughNoRecordOfItIsLeft) {
   const std::string job = Done(2);
   ASSERT_TRUE(Delete(job).ok());
   FreeAll();
-  dispatcher_.reset();
+  coordinator_.reset();
   std::vector<int64_t> last;
   ASSERT_TRUE(sqlite_->Replay([&](const StoredRecord& stored) { last = {stored.number}; }).ok());
   ASSERT_TRUE(sqlite_->SetAside(last.at(0), "that it was deleted").ok());
@@ -240,7 +241,7 @@ TEST_F(DeleteJobTest, WhatWasMadeAgainOfItEnds) {
     Work(job);
     const Digest mesh = Mesh(job);
     ASSERT_TRUE(RemoveTree(blobs_->Path(mesh)).ok());
-    ASSERT_TRUE(dispatcher_->RemakeArtifact(mesh).ok());
+    ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh).ok());
     const std::string worker = Worker();
     std::optional<GrantedLease> lease;
     if (leased) lease = Lease(worker);
@@ -248,16 +249,17 @@ TEST_F(DeleteJobTest, WhatWasMadeAgainOfItEnds) {
     ASSERT_TRUE(Delete(job).ok());
     EXPECT_FALSE(Lease(worker));
     if (lease) {
-      EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{lease->task, lease->attempt, 0.5, ""}}), ElementsAre(lease->task));
+      EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {{lease->task, lease->attempt, 0.5, ""}}),
+                  ElementsAre(lease->task));
       EXPECT_EQ(Succeed(worker, *lease).code(), absl::StatusCode::kNotFound);
     }
-    EXPECT_EQ(dispatcher_->RemakeArtifact(mesh).code(), absl::StatusCode::kNotFound);
+    EXPECT_EQ(coordinator_->recovery().RemakeArtifact(mesh).code(), absl::StatusCode::kNotFound);
     clock_.Advance(1e6);
-    EXPECT_TRUE(dispatcher_->Tick().ok());
+    EXPECT_TRUE(coordinator_->Tick().ok());
     RestartFromFile();
     EXPECT_FALSE(Lease(Worker()));
     FreeAll();
-    EXPECT_TRUE(dispatcher_->Tick().ok());
+    EXPECT_TRUE(coordinator_->Tick().ok());
     EXPECT_THAT(set_aside_, IsEmpty());
   }
 }
@@ -277,11 +279,11 @@ TEST_F(DeleteJobTest, NoJobGoesOnFromOneThatGoesMeanwhile) {
   const std::string base = Create(Scene(1));
   Work(base);
   Mesh(base);
-  const auto update = dispatcher_->CreateJob(Scene(1, base));
+  const auto update = coordinator_->jobs().CreateJob(Scene(1, base));
   EXPECT_EQ(update.status().code(), absl::StatusCode::kNotFound);
   EXPECT_THAT(std::string(update.status().message()), HasSubstr("jobs/1 was deleted"));
   EXPECT_THAT(Names(), IsEmpty());
-  dispatcher_.reset();
+  coordinator_.reset();
 }
 
 // A state that a coordinator of another version left.
@@ -293,8 +295,8 @@ TEST_F(DeleteJobTest, AJobOfAnotherVersionBeginsAnew) {
   const auto held = Lease(worker);
   ASSERT_TRUE(held);
   EXPECT_EQ(Job(active).tasks_total, 4);
-  ASSERT_TRUE(dispatcher_->ChangeJob(urgent, {5, {}}).ok());
-  ASSERT_TRUE(dispatcher_->ChangeJob(paused, {9, true}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(urgent, {5, {}}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(paused, {9, true}).ok());
   std::vector<std::string> records;
   ASSERT_TRUE(sqlite_
                   ->Replay([&](const StoredRecord& stored) {
@@ -304,7 +306,7 @@ TEST_F(DeleteJobTest, AJobOfAnotherVersionBeginsAnew) {
                     records.push_back(record.SerializeAsString());
                   })
                   .ok());
-  dispatcher_.reset();
+  coordinator_.reset();
   sqlite_.reset();
   ASSERT_TRUE(RemoveTree(folder_.path() + "/state.sqlite").ok());
   ASSERT_TRUE(RemoveTree(folder_.path() + "/state.sqlite-wal").ok());
@@ -322,7 +324,7 @@ TEST_F(DeleteJobTest, AJobOfAnotherVersionBeginsAnew) {
     EXPECT_EQ(Job(ended).header.algorithm_version, "before");
   }
   EXPECT_EQ(Succeed(worker, *held).code(), absl::StatusCode::kNotFound) << "the plan that it was of is gone";
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   const auto first = Lease(worker = Worker());
   ASSERT_TRUE(first);
   EXPECT_EQ(first->task, urgent + "/tasks/0") << "it keeps its priority";

@@ -1,4 +1,4 @@
-#include "server/jobs/dispatcher.h"
+#include "server/jobs/coordinator.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -18,9 +18,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-using DispatcherTest = CoordinatorTest;
-
-TEST_F(DispatcherTest, RunsAJobToItsEnd) {
+TEST_F(CoordinatorTest, RunsAJobToItsEnd) {
   const std::string job = Create(AJob(2));
   EXPECT_EQ(Job(job).header.state, JobState::kQueued);
   const std::string worker = Worker();
@@ -70,13 +68,13 @@ TEST_F(DispatcherTest, RunsAJobToItsEnd) {
   EXPECT_EQ(report["tasks"][2]["predicted"]["core_seconds"], 2.0);
 }
 
-TEST_F(DispatcherTest, ExpiredLeaseGoesToAnotherAndTheLateReportIsRefused) {
+TEST_F(CoordinatorTest, ExpiredLeaseGoesToAnotherAndTheLateReportIsRefused) {
   const std::string job = Create(AJob(1));
   const std::string first = Worker(), second = Worker();
   const auto lost = Lease(first);
   ASSERT_TRUE(lost);
   clock_.Advance(29);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
+  ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_FALSE(Lease(second));
   clock_.Advance(2);
   const auto again = Lease(second);
@@ -85,30 +83,30 @@ TEST_F(DispatcherTest, ExpiredLeaseGoesToAnotherAndTheLateReportIsRefused) {
   EXPECT_EQ(again->attempt, 2);
   EXPECT_EQ(Succeed(first, *lost).code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(Fail(first, *lost, ErrorClass::kInput).code(), absl::StatusCode::kFailedPrecondition);
-  EXPECT_THAT(*dispatcher_->Heartbeat(first, {{lost->task, 1, 0.5, ""}}), ElementsAre(lost->task));
+  EXPECT_THAT(*coordinator_->leases().Heartbeat(first, {{lost->task, 1, 0.5, ""}}), ElementsAre(lost->task));
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
   EXPECT_TRUE(Succeed(second, *again).ok());
   EXPECT_TRUE(Succeed(second, *again).ok());  // said twice
   EXPECT_EQ(Succeed(first, *again).code(), absl::StatusCode::kFailedPrecondition);
 }
 
-TEST_F(DispatcherTest, HeartbeatsKeepALease) {
+TEST_F(CoordinatorTest, HeartbeatsKeepALease) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const auto lease = Lease(worker);
   ASSERT_TRUE(lease);
   for (int i = 0; i < 5; ++i) {
     clock_.Advance(20);
-    EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{lease->task, 1, 0.1 * i, "reading"}}), IsEmpty());
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {{lease->task, 1, 0.1 * i, "reading"}}), IsEmpty());
+    ASSERT_TRUE(coordinator_->Tick().ok());
   }
   EXPECT_NEAR(Task(job, 0).progress, 0.4, 1e-12);
   EXPECT_EQ(Task(job, 0).stage, "reading");
-  EXPECT_EQ(dispatcher_->ListWorkers().at(0).tasks, std::vector<std::string>{lease->task});
+  EXPECT_EQ(coordinator_->leases().ListWorkers().at(0).tasks, std::vector<std::string>{lease->task});
   EXPECT_TRUE(Succeed(worker, *lease).ok());
 }
 
-TEST_F(DispatcherTest, TransientErrorsBackOffAndEndTheTask) {
+TEST_F(CoordinatorTest, TransientErrorsBackOffAndEndTheTask) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const double delays_s[] = {1, 2, 4};
@@ -129,7 +127,7 @@ TEST_F(DispatcherTest, TransientErrorsBackOffAndEndTheTask) {
   EXPECT_EQ(Job(job).header.artifacts.at(0).name, "job.json");
 }
 
-TEST_F(DispatcherTest, AnInputErrorThatIsEvidentFailsTheJobAndStopsTheRest) {
+TEST_F(CoordinatorTest, AnInputErrorThatIsEvidentFailsTheJobAndStopsTheRest) {
   const std::string job = Create(AJob(2));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
@@ -143,12 +141,12 @@ TEST_F(DispatcherTest, AnInputErrorThatIsEvidentFailsTheJobAndStopsTheRest) {
   EXPECT_EQ(Job(job).header.error, "refine tile 1: it broke");
   EXPECT_EQ(Task(job, 2).task.state, TaskState::kFailed);
   EXPECT_EQ(Task(job, 1).task.state, TaskState::kCancelled);
-  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{b->task, 1, 0, ""}}), ElementsAre(b->task));
+  EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {{b->task, 1, 0, ""}}), ElementsAre(b->task));
   EXPECT_EQ(Succeed(worker, *b).code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_FALSE(Lease(worker));
 }
 
-TEST_F(DispatcherTest, MemoryErrorGoesToAnotherWorkerThenFails) {
+TEST_F(CoordinatorTest, MemoryErrorGoesToAnotherWorkerThenFails) {
   const std::string job = Create(AJob(1));
   const std::string small = Worker(), large = Worker();
   ASSERT_TRUE(Fail(small, *Lease(small), ErrorClass::kMemory).ok());
@@ -159,19 +157,19 @@ TEST_F(DispatcherTest, MemoryErrorGoesToAnotherWorkerThenFails) {
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
 }
 
-TEST_F(DispatcherTest, LeavingReturnsTheTaskAtOnce) {
+TEST_F(CoordinatorTest, LeavingReturnsTheTaskAtOnce) {
   Create(AJob(1));
   const std::string first = Worker(), second = Worker();
   ASSERT_TRUE(Lease(first));
-  ASSERT_TRUE(dispatcher_->UnregisterWorker(first).ok());
+  ASSERT_TRUE(UnregisterAndWait(*coordinator_, first).ok());
   const auto lease = Lease(second);
   ASSERT_TRUE(lease);
   EXPECT_EQ(lease->attempt, 2);
-  EXPECT_EQ(dispatcher_->LeaseTask(first, 0, {}).status().code(), absl::StatusCode::kNotFound);
-  EXPECT_EQ(dispatcher_->Heartbeat(first, {}).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(LeaseAndWait(*coordinator_, first, 0, {}).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(coordinator_->leases().Heartbeat(first, {}).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(DispatcherTest, AbortedAttemptIsLeasedAgainAtOnce) {
+TEST_F(CoordinatorTest, AbortedAttemptIsLeasedAgainAtOnce) {
   Create(AJob(1));
   const std::string worker = Worker();
   ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kPreempted).ok());
@@ -181,13 +179,13 @@ TEST_F(DispatcherTest, AbortedAttemptIsLeasedAgainAtOnce) {
 }
 
 // Who has a tile in memory gets its tasks; others only when they have waited for it.
-TEST_F(DispatcherTest, ATileStaysWithItsWorkerUnlessThatOneIsSlow) {
+TEST_F(CoordinatorTest, ATileStaysWithItsWorkerUnlessThatOneIsSlow) {
   Create(AJob(1));
   const std::string keeper = Worker(), other = Worker();
   ASSERT_TRUE(Succeed(keeper, *Lease(keeper)).ok());
   ASSERT_TRUE(Fail(keeper, *Lease(keeper), ErrorClass::kPreempted).ok());
   std::atomic<bool> gone = false;
-  std::thread waiting([&] { EXPECT_FALSE(*dispatcher_->LeaseTask(other, 60, [&] { return gone.load(); })); });
+  std::thread waiting([&] { EXPECT_FALSE(*LeaseAndWait(*coordinator_, other, 60, [&] { return gone.load(); })); });
   std::this_thread::sleep_for(std::chrono::milliseconds(100));  // less than its patience
   const auto lease = Lease(keeper);
   gone = true;
@@ -200,27 +198,27 @@ TEST_F(DispatcherTest, ATileStaysWithItsWorkerUnlessThatOneIsSlow) {
   LeaseCall with_report = {.worker = other,
                            .done = [&](LeaseAnswer answer) { brought.set_value(answer->has_value()); }};
   with_report.comes_with_report = true;
-  dispatcher_->LeaseTask(std::move(with_report));
+  coordinator_->leases().LeaseTask(std::move(with_report));
   EXPECT_FALSE(brought.get_future().get());
   // It waits no longer than it would for any task.
-  const auto taken = dispatcher_->LeaseTask(other, 0.2, {});
+  const auto taken = LeaseAndWait(*coordinator_, other, 0.2, {});
   ASSERT_TRUE(taken.ok() && *taken);
   EXPECT_EQ((*taken)->plan.kind, "refine");
   // Of a worker that is gone nobody waits.
   ASSERT_TRUE(Fail(other, **taken, ErrorClass::kPreempted).ok());
-  ASSERT_TRUE(dispatcher_->UnregisterWorker(other).ok());
-  EXPECT_TRUE(*dispatcher_->LeaseTask(keeper, 3600, {}));
+  ASSERT_TRUE(UnregisterAndWait(*coordinator_, other).ok());
+  EXPECT_TRUE(*LeaseAndWait(*coordinator_, keeper, 3600, {}));
 }
 
-TEST_F(DispatcherTest, SilentWorkersAreForgotten) {
+TEST_F(CoordinatorTest, SilentWorkersAreForgotten) {
   const std::string worker = Worker();
   clock_.Advance(100);
-  ASSERT_TRUE(dispatcher_->Tick().ok());
-  EXPECT_TRUE(dispatcher_->ListWorkers().empty());
-  EXPECT_EQ(dispatcher_->Heartbeat(worker, {}).status().code(), absl::StatusCode::kNotFound);
+  ASSERT_TRUE(coordinator_->Tick().ok());
+  EXPECT_TRUE(coordinator_->leases().ListWorkers().empty());
+  EXPECT_EQ(coordinator_->leases().Heartbeat(worker, {}).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(DispatcherTest, NothingIsDoneTwice) {
+TEST_F(CoordinatorTest, NothingIsDoneTwice) {
   const std::string worker = Worker();
   const std::string first = Create(AJob(2));
   EXPECT_EQ(WorkAll(worker), 4);
@@ -239,7 +237,7 @@ TEST_F(DispatcherTest, NothingIsDoneTwice) {
   EXPECT_EQ(WorkAll(worker), 4);
 }
 
-TEST_F(DispatcherTest, LostBlobsAreMadeAnew) {
+TEST_F(CoordinatorTest, LostBlobsAreMadeAnew) {
   const std::string worker = Worker();
   const std::string first = Create(AJob(1));
   WorkAll(worker);
@@ -250,13 +248,13 @@ TEST_F(DispatcherTest, LostBlobsAreMadeAnew) {
   EXPECT_FALSE(Task(second, 1).task.reused);
 }
 
-TEST_F(DispatcherTest, OutputsMustBeThere) {
+TEST_F(CoordinatorTest, OutputsMustBeThere) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const auto ingest = Lease(worker);
   ReportedResult result = Result(*ingest);
   result.outputs.push_back({"more", {std::string(64, 'a'), 5}});
-  ASSERT_TRUE(dispatcher_->ReportSuccess(worker, ingest->task, 1, result).ok());
+  ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, ingest->task, 1, result).ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady);
   EXPECT_THAT(Task(job, 0).task.error->message, HasSubstr("not stored"));
   clock_.Advance(2);
@@ -264,27 +262,27 @@ TEST_F(DispatcherTest, OutputsMustBeThere) {
   for (int attempt = 1; attempt <= 4; ++attempt) {
     const auto refine = Lease(worker);
     ASSERT_TRUE(refine);
-    ASSERT_TRUE(dispatcher_->ReportSuccess(worker, refine->task, attempt, {}).ok());
+    ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, refine->task, attempt, {}).ok());
     clock_.Advance(10);
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_THAT(Job(job).header.error, HasSubstr("no output refined, which 'publish' reads"));
 }
 
-TEST_F(DispatcherTest, PlanFaultsFailTheJob) {
+TEST_F(CoordinatorTest, PlanFaultsFailTheJob) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const auto ingest = Lease(worker);
-  ASSERT_TRUE(dispatcher_->ReportSuccess(worker, ingest->task, 1, Result(*ingest, "bad")).ok());
+  ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, ingest->task, 1, Result(*ingest, "bad")).ok());
   EXPECT_EQ(Job(job).header.error, "cannot plan the job: bad survey");
   NewJob unknown = AJob(1);
   unknown.settings.method = "magic";
-  EXPECT_EQ(dispatcher_->CreateJob(unknown).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(coordinator_->jobs().CreateJob(unknown).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST_F(DispatcherTest, ThreadsFollowTheWorkAtHand) {
+TEST_F(CoordinatorTest, ThreadsFollowTheWorkAtHand) {
   const auto worker = [&](const char* host, int threads) {
-    return *dispatcher_->RegisterWorker({host, 1, threads, 1000, 8});
+    return *coordinator_->leases().RegisterWorker({host, 1, threads, 1000, 8});
   };
   const std::string a = worker("one", 8), b = worker("one", 8), narrow = worker("other", 3);
   Create(AJob(4));
@@ -304,35 +302,35 @@ TEST_F(DispatcherTest, ThreadsFollowTheWorkAtHand) {
   EXPECT_EQ(Lease(b)->threads, 8) << "publish, alone";
 }
 
-TEST_F(DispatcherTest, CancelStopsAndIsFinal) {
+TEST_F(CoordinatorTest, CancelStopsAndIsFinal) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const auto lease = Lease(worker);
-  EXPECT_EQ(dispatcher_->CancelJob(job)->header.state, JobState::kCancelled);
-  EXPECT_EQ(dispatcher_->CancelJob(job)->header.state, JobState::kCancelled);
-  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{lease->task, 1, 0, ""}}), ElementsAre(lease->task));
+  EXPECT_EQ(coordinator_->jobs().CancelJob(job)->header.state, JobState::kCancelled);
+  EXPECT_EQ(coordinator_->jobs().CancelJob(job)->header.state, JobState::kCancelled);
+  EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {{lease->task, 1, 0, ""}}), ElementsAre(lease->task));
   EXPECT_FALSE(Succeed(worker, *lease).ok());
   EXPECT_FALSE(Lease(worker));
-  EXPECT_EQ(dispatcher_->CancelJob("jobs/9").status().code(), absl::StatusCode::kNotFound);
-  EXPECT_EQ(dispatcher_->GetJob("nonsense").status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(coordinator_->jobs().CancelJob("jobs/9").status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(coordinator_->jobs().GetJob("nonsense").status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST_F(DispatcherTest, OlderJobsFirstAndRequestsOnce) {
+TEST_F(CoordinatorTest, OlderJobsFirstAndRequestsOnce) {
   NewJob job = AJob(1, "a");
   job.request = {"r", "/scene", job.settings};
   const std::string first = Create(job);
   EXPECT_EQ(Create(job), first);
   const std::string second = Create(AJob(1, "b"));
   EXPECT_NE(first, second);
-  EXPECT_EQ((*dispatcher_->FindRequest(job.request))->header.name, first);
+  EXPECT_EQ((*coordinator_->jobs().FindRequest(job.request))->header.name, first);
   EXPECT_EQ(Lease(Worker())->task, first + "/tasks/0");
-  const auto list = dispatcher_->ListJobs(-1, 10);
+  const auto list = coordinator_->jobs().ListJobs(-1, 10);
   ASSERT_EQ(list.size(), 2u);
   EXPECT_EQ(list[0].header.name, second);
-  EXPECT_EQ(dispatcher_->ListJobs(1, 10).at(0).header.name, first);
+  EXPECT_EQ(coordinator_->jobs().ListJobs(1, 10).at(0).header.name, first);
 }
 
-TEST_F(DispatcherTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
+TEST_F(CoordinatorTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
   NewJob job = AJob(1);
   job.settings.rounds = 2;
   job.request = {"r", "/scene", job.settings};
@@ -345,7 +343,7 @@ TEST_F(DispatcherTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
   other.request.settings.rounds = 0;
   other.request.settings.method_settings.semantic = 0.5;
   other.request.settings.method_settings.levels = {2, 1};
-  const Status differs = dispatcher_->CreateJob(other).status();
+  const Status differs = coordinator_->jobs().CreateJob(other).status();
   EXPECT_EQ(differs.code(), absl::StatusCode::kAlreadyExists);
   EXPECT_EQ(std::string(differs.message()),
             "request r was used for jobs/1, and not for the same:\n"
@@ -354,21 +352,21 @@ TEST_F(DispatcherTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
             "method_settings.semantic: found 0.5, expected not set\n"
             "method_settings.levels: found 2, 1, expected not set\n"
             "scene_path: found /other, expected /scene");
-  EXPECT_EQ(dispatcher_->FindRequest(other.request).status(), differs);
+  EXPECT_EQ(coordinator_->jobs().FindRequest(other.request).status(), differs);
   // An update and a rollback are known by what they name.
   other = job;
   other.request.settings.update.base = "jobs/1";
-  EXPECT_THAT(std::string(dispatcher_->FindRequest(other.request).status().message()),
+  EXPECT_THAT(std::string(coordinator_->jobs().FindRequest(other.request).status().message()),
               HasSubstr("update.base: found \"jobs/1\", expected \"\""));
   other.request.settings.update.rollback_to = "jobs/7";
   other.request.settings.update.rollback_tiles = {4, 5};
-  EXPECT_THAT(std::string(dispatcher_->FindRequest(other.request).status().message()),
+  EXPECT_THAT(std::string(coordinator_->jobs().FindRequest(other.request).status().message()),
               testing::AllOf(HasSubstr("update.rollback_to: found \"jobs/7\", expected \"\""),
                              HasSubstr("update.rollback_tiles: found 4, 5, expected not set")));
-  EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 1u);
+  EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).size(), 1u);
 }
 
-TEST_F(DispatcherTest, WorkersGoOnAfterARestart) {
+TEST_F(CoordinatorTest, WorkersGoOnAfterARestart) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const auto lease = Lease(worker);
@@ -377,7 +375,7 @@ TEST_F(DispatcherTest, WorkersGoOnAfterARestart) {
   // A new worker never gets an old one's name, and the lease has a full term from now on.
   EXPECT_NE(Worker(), worker);
   clock_.Advance(25);
-  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{lease->task, lease->attempt, 0.5, ""}}), IsEmpty());
+  EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {{lease->task, lease->attempt, 0.5, ""}}), IsEmpty());
   ASSERT_TRUE(Succeed(worker, *lease).ok());
   WorkAll(worker);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
@@ -391,49 +389,49 @@ TEST_F(DispatcherTest, WorkersGoOnAfterARestart) {
   EXPECT_EQ(again->attempt, 2);
 }
 
-TEST_F(DispatcherTest, ProgressDoesNotGoBackWithALostLease) {
+TEST_F(CoordinatorTest, ProgressDoesNotGoBackWithALostLease) {
   const std::string job = Create(AJob(1)), worker = Worker();
   const auto lease = Lease(worker);
-  ASSERT_TRUE(dispatcher_->Heartbeat(worker, {{lease->task, 1, 0.5, ""}}).ok());
+  ASSERT_TRUE(coordinator_->leases().Heartbeat(worker, {{lease->task, 1, 0.5, ""}}).ok());
   EXPECT_NEAR(Job(job).progress, 0.5 * 0.02, 1e-12);
   ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPreempted).ok());
   EXPECT_NEAR(Job(job).progress, 0.5 * 0.02, 1e-12);
 }
 
-TEST_F(DispatcherTest, ALeaseWhoseAnswerWasLostIsGivenAgain) {
+TEST_F(CoordinatorTest, ALeaseWhoseAnswerWasLostIsGivenAgain) {
   Create(AJob(2));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
-  const auto first = *dispatcher_->LeaseTask(worker, 0, {}, 7);
+  const auto first = *LeaseAndWait(*coordinator_, worker, 0, {}, 7);
   ASSERT_TRUE(first);
   clock_.Advance(20);
-  const auto again = *dispatcher_->LeaseTask(worker, 0, {}, 7);
+  const auto again = *LeaseAndWait(*coordinator_, worker, 0, {}, 7);
   ASSERT_TRUE(again);
   EXPECT_EQ(again->task, first->task);
   EXPECT_EQ(again->attempt, first->attempt);
   EXPECT_EQ(again->threads, first->threads);
   EXPECT_EQ(again->inputs.size(), first->inputs.size());
   clock_.Advance(20);  // a whole lease from when it was given again
-  const auto second = *dispatcher_->LeaseTask(worker, 0, {}, 8);
+  const auto second = *LeaseAndWait(*coordinator_, worker, 0, {}, 8);
   ASSERT_TRUE(second);
   EXPECT_NE(second->task, first->task);
   EXPECT_TRUE(Succeed(worker, *again).ok());
   EXPECT_TRUE(Succeed(worker, *second).ok());
   // What it was given is over: the call is like a new one.
-  EXPECT_EQ((*dispatcher_->LeaseTask(worker, 0, {}, 8))->plan.kind, "publish");
+  EXPECT_EQ((*LeaseAndWait(*coordinator_, worker, 0, {}, 8))->plan.kind, "publish");
 }
 
-TEST_F(DispatcherTest, WaitingWorkerWakesWhenAJobComes) {
+TEST_F(CoordinatorTest, WaitingWorkerWakesWhenAJobComes) {
   const std::string worker = Worker();
   std::thread creator([&] { Create(AJob(1)); });
-  const auto lease = dispatcher_->LeaseTask(worker, 60, {});
+  const auto lease = LeaseAndWait(*coordinator_, worker, 60, {});
   creator.join();
   ASSERT_TRUE(lease.ok() && *lease);
   EXPECT_EQ((*lease)->plan.kind, "ingest");
-  std::thread stopper([&] { dispatcher_->Stop(); });
-  EXPECT_FALSE(*dispatcher_->LeaseTask(worker, 60, {}));
+  std::thread stopper([&] { coordinator_->core().Stop(); });
+  EXPECT_FALSE(*LeaseAndWait(*coordinator_, worker, 60, {}));
   stopper.join();
-  EXPECT_FALSE(*dispatcher_->LeaseTask(worker, 60, [] { return true; }));
+  EXPECT_FALSE(*LeaseAndWait(*coordinator_, worker, 60, [] { return true; }));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "server/jobs/retention.h"
+#include "server/retention/retention.h"
 
 #include <utility>
 

@@ -1,10 +1,10 @@
-// Contents that somebody could not read: what is lost or rotten is set aside and made again by the task that made it,
-// as far back as needed, while those who need it wait.
+#include "server/jobs/recovery.h"
+
 #include <algorithm>
+#include <shared_mutex>
 #include <utility>
 
-#include "server/jobs/dispatcher.h"
-#include "server/jobs/pending_step.h"
+#include "server/leases/attempts.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -12,12 +12,12 @@ namespace {
 
 std::string MessageOf(const Status& status) { return std::string(status.message()); }
 
-// What VerifyOrSetAside says of a content that has to be made again.
+// Whether VerifyOrSetAside found that the blob has to be made again.
 bool IsLost(const Status& status) { return absl::IsNotFound(status) || absl::IsDataLoss(status); }
 
 }  // namespace
 
-struct Dispatcher::Lost {
+struct Recovery::Lost {
   Digest digest;
   std::string name;                // of the input, or of the scene's file
   TaskRef producer = {};           // task -1: a file of the scene, or nobody of this job
@@ -25,7 +25,7 @@ struct Dispatcher::Lost {
   std::vector<std::string> paths;  // of a file of a scene: where it may be
 };
 
-std::vector<Dispatcher::Lost> Dispatcher::LostInputsLocked(TaskRef ref, const std::set<std::string>& sha256) const {
+std::vector<Recovery::Lost> Recovery::LostInputsLocked(TaskRef ref, const std::set<std::string>& sha256) const {
   const Job& job = ledger_.jobs()[ref.job];
   const PlannedTask& plan = ledger_.task(ref).plan;
   std::vector<Lost> lost;
@@ -47,7 +47,7 @@ std::vector<Dispatcher::Lost> Dispatcher::LostInputsLocked(TaskRef ref, const st
   return lost;
 }
 
-Status Dispatcher::Examine(Lost& lost) const {
+Status Recovery::Examine(Lost& lost) const {
   if (lost.producer.task >= 0) return environment_.blobs->VerifyOrSetAside(lost.digest);
   std::string faults;
   for (const std::string& path : lost.paths) {
@@ -60,12 +60,12 @@ Status Dispatcher::Examine(Lost& lost) const {
                                     "; put it back and submit again, or submit the scene as it is now");
 }
 
-Status Dispatcher::ReportLostInputs(const std::string& worker, const std::string& task, int attempt,
-                                    TaskFailure failure) {
+Status Recovery::ReportLostInputs(const std::string& worker, const std::string& task, int attempt,
+                                  TaskFailure failure) {
   const auto find = [&]() -> StatusOr<TaskRef> {
-    SeenLocked(worker).IgnoreError();
-    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReportedLocked(task));
-    TESSERA_RETURN_IF_ERROR(CheckCurrentLocked(ref, worker, attempt));
+    MarkSeen(core_, worker).IgnoreError();
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReported(core_, task));
+    TESSERA_RETURN_IF_ERROR(CheckCurrent(core_, ref, worker, attempt));
     return ref;
   };
   std::set<std::string> told;
@@ -87,11 +87,11 @@ Status Dispatcher::ReportLostInputs(const std::string& worker, const std::string
       fault = status;
     }
   }
-  const std::shared_lock refers(blobs_mutex_);
+  const std::shared_lock refers(core_.blob_use().mutex);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, find());
   if (absl::IsInvalidArgument(fault)) {  // seen by the coordinator too: no other worker need try
-    return EndAttemptLocked(ref, {true, 0, {ErrorClass::kInput, MessageOf(fault)}}, false);
+    return EndAttempt(core_, ref, {true, 0, {ErrorClass::kInput, MessageOf(fault)}}, false);
   }
   // Of those that somebody else has told meanwhile, some may be there again.
   const bool any_lost = !lost.empty();
@@ -112,17 +112,17 @@ Status Dispatcher::ReportLostInputs(const std::string& worker, const std::string
     }
     if (made_again.ok()) made_again = RemakeLocked(maker, reason, needed_by);
     if (absl::IsFailedPrecondition(made_again) || absl::IsNotFound(made_again)) {
-      return EndAttemptLocked(ref, {true, 0, {ErrorClass::kStorage, reason + "; " + MessageOf(made_again)}}, false);
+      return EndAttempt(core_, ref, {true, 0, {ErrorClass::kStorage, reason + "; " + MessageOf(made_again)}}, false);
     }
     TESSERA_RETURN_IF_ERROR(made_again);
   }
   // Storage's fault, and once it is made again there is nothing to wait for.
-  if (any_lost) return EndAttemptLocked(ref, {false, 0, {ErrorClass::kStorage, first_reason}}, false);
+  if (any_lost) return EndAttempt(core_, ref, {false, 0, {ErrorClass::kStorage, first_reason}}, false);
   if (!fault.ok()) failure = {ErrorClass::kStorage, failure.message + "; " + MessageOf(fault)};
-  return FailAttemptLocked(ref, failure);  // it is whole here: the worker's own view is at fault
+  return FailAttempt(core_, ref, failure);  // it is whole here: the worker's own view is at fault
 }
 
-Status Dispatcher::RemakeLocked(TaskRef maker, const std::string& reason, TaskRef needed_by) {
+Status Recovery::RemakeLocked(TaskRef maker, const std::string& reason, TaskRef needed_by) {
   const JobTask& made = ledger_.task(maker);
   if (!made.remaking && made.remakes >= options_.retry.max_remakes) {
     return absl::FailedPreconditionError("it was made again " + std::to_string(made.remakes) + " times by '" +
@@ -140,10 +140,10 @@ Status Dispatcher::RemakeLocked(TaskRef maker, const std::string& reason, TaskRe
   } else if (needed_by.job >= 0) {
     lost.add_needed_by_jobs(JobName(needed_by.job));
   }
-  return CommitLocked(record);
+  return core_.Commit(record);
 }
 
-StatusOr<bool> Dispatcher::RemakeForPlan(const PendingStep& step) {
+StatusOr<bool> Recovery::RemakeForPlan(const PendingStep& step) {
   std::vector<std::pair<Digest, bool>> reads;  // whether a task of the job itself made it
   if (step.survey.ok()) reads.emplace_back(*step.survey, true);
   for (const auto& [tile, digest] : step.reads) {
@@ -155,7 +155,7 @@ StatusOr<bool> Dispatcher::RemakeForPlan(const PendingStep& step) {
     const Status status = environment_.blobs->VerifyOrSetAside(digest);
     if (status.ok()) continue;
     if (!IsLost(status)) return status;
-    const std::shared_lock refers(blobs_mutex_);
+    const std::shared_lock refers(core_.blob_use().mutex);
     std::lock_guard lock(mutex_);
     if (HasEnded(ledger_.jobs()[step.job].header.state)) return true;
     TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(step.job, digest, own));
@@ -170,12 +170,12 @@ StatusOr<bool> Dispatcher::RemakeForPlan(const PendingStep& step) {
   return waits;
 }
 
-StatusOr<std::string> Dispatcher::ReadSurveyOf(const UpdateBase& base) {
+StatusOr<std::string> Recovery::ReadSurveyOf(const UpdateBase& base) {
   auto survey = environment_.blobs->Read(base.survey);
   if (survey.ok()) return survey;
   const Status status = environment_.blobs->VerifyOrSetAside(base.survey);
   if (!IsLost(status)) return survey.status();
-  const std::shared_lock refers(blobs_mutex_);
+  const std::shared_lock refers(core_.blob_use().mutex);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(base.name));
   TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, base.survey, true));
@@ -184,7 +184,7 @@ StatusOr<std::string> Dispatcher::ReadSurveyOf(const UpdateBase& base) {
                                 ledger_.task(maker).plan.name + "'; submit again when a worker has done that");
 }
 
-Status Dispatcher::RemakeArtifact(const Digest& digest) {
+Status Recovery::RemakeArtifact(const Digest& digest) {
   const auto published = [&digest](const Job& job) {
     return (job.header.state == JobState::kSucceeded || job.header.state == JobState::kPartial) &&
            std::any_of(job.header.artifacts.begin(), job.header.artifacts.end(),
@@ -204,13 +204,13 @@ Status Dispatcher::RemakeArtifact(const Digest& digest) {
   if (!IsLost(status)) return status;
   if (RestorePlanned(job, digest).ok()) return absl::OkStatus();
   if (const Status report = RestoreReport(job, digest); !absl::IsNotFound(report)) return report;
-  const std::shared_lock refers(blobs_mutex_);
+  const std::shared_lock refers(core_.blob_use().mutex);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, digest, true));
   return ledger_.task(maker).remaking ? absl::OkStatus() : RemakeLocked(maker, MessageOf(status), {});
 }
 
-Status Dispatcher::RestorePlanned(int index, const Digest& digest) {
+Status Recovery::RestorePlanned(int index, const Digest& digest) {
   PendingStep step;
   {
     std::lock_guard lock(mutex_);
@@ -232,7 +232,7 @@ Status Dispatcher::RestorePlanned(int index, const Digest& digest) {
   for (const auto kind : {PendingStep::Kind::kPlanUpdate, PendingStep::Kind::kPlanTiles}) {
     step.kind = kind;
     if (kind == PendingStep::Kind::kPlanTiles && !step.survey.ok()) continue;
-    const auto tasks = PlanPhase(step);
+    const auto tasks = PlanPhase(environment_, step);
     if (!tasks.ok()) continue;
     for (const PlannedTask& task : *tasks) {
       for (const auto& [name, content] : *task.given_contents) {
@@ -243,10 +243,30 @@ Status Dispatcher::RestorePlanned(int index, const Digest& digest) {
   return absl::NotFoundError("not in the plan");
 }
 
-void Dispatcher::TellSetAsideLocked(const std::vector<SetAsideWorker>& workers) {
-  counts_.CountSetAside(static_cast<int64_t>(workers.size()));
-  if (!environment_.on_worker_set_aside) return;
-  for (const SetAsideWorker& worker : workers) environment_.on_worker_set_aside(worker);
+Status Recovery::RestoreReport(int index, const Digest& digest) {
+  PendingStep step;
+  {
+    std::lock_guard lock(mutex_);
+    const Job& job = ledger_.jobs()[index];
+    const NamedDigest report = {kJobFile, digest};
+    const auto& artifacts = job.header.artifacts;
+    if (std::find(artifacts.begin(), artifacts.end(), report) == artifacts.end()) {
+      return absl::NotFoundError("not the report of " + job.header.name);
+    }
+    if (job.lost > 0)
+      return absl::UnavailableError("results of " + job.header.name + " are being made again; ask later");
+    step.job = index;
+    step.header = job.header;
+    step.end = job.header.state;
+    step.end_us = job.header.end_us;
+    step.error = job.header.error;
+    step.tasks = static_cast<int>(job.tasks.size());
+    for (const QuarantinedTile& tile : job.quarantined) step.why_quarantined[tile.tile] = QuarantineText(job, tile);
+  }
+  TESSERA_ASSIGN_OR_RETURN(const Digest again, StoreReport(core_, step));
+  if (again == digest) return absl::OkStatus();
+  return absl::FailedPreconditionError(std::string(kJobFile) + " of " + step.header.name +
+                                       " is lost, and would have other bytes now: an earlier release wrote it");
 }
 
 }  // namespace tessera

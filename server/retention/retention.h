@@ -1,6 +1,6 @@
 // What has been kept for long enough.
-#ifndef TESSERA_SERVER_JOBS_RETENTION_H_
-#define TESSERA_SERVER_JOBS_RETENTION_H_
+#ifndef TESSERA_SERVER_RETENTION_RETENTION_H_
+#define TESSERA_SERVER_RETENTION_RETENTION_H_
 
 #include <cstdint>
 #include <map>
@@ -35,4 +35,4 @@ class Retention {
 
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_JOBS_RETENTION_H_
+#endif  // TESSERA_SERVER_RETENTION_RETENTION_H_

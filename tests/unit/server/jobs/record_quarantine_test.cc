@@ -18,11 +18,11 @@ std::string Nested(size_t depth) { return std::string(depth, '[') + std::string(
 
 class SetAsideTest : public CoordinatorTest {
  protected:
-  // As Restart; gives what was set aside, "3: why".
+  // As Restart; returns what was quarantined, "3: why".
   std::vector<std::string> RestartAndTell() {
     std::vector<std::string> told;
-    dispatcher_.reset();
-    auto dispatcher = Dispatcher::Open(
+    coordinator_.reset();
+    auto coordinator = Coordinator::Open(
         {&store_,
          blobs_.get(),
          &planner_,
@@ -30,8 +30,8 @@ class SetAsideTest : public CoordinatorTest {
          {},
          [&](int64_t number, const std::string& reason) { told.push_back(std::to_string(number) + ": " + reason); }},
         DispatchOptions());
-    EXPECT_TRUE(dispatcher.ok()) << dispatcher.status();
-    dispatcher_ = *std::move(dispatcher);
+    EXPECT_TRUE(coordinator.ok()) << coordinator.status();
+    coordinator_ = *std::move(coordinator);
     return told;
   }
   // Place of the n-th record of a kind, from 0.
@@ -52,7 +52,7 @@ TEST_F(SetAsideTest, StatisticsAreBounded) {
     const auto lease = Lease(worker);
     ReportedResult result = Result(*lease);
     result.stats = stats;
-    const Status refused = dispatcher_->ReportSuccess(worker, lease->task, lease->attempt, result);
+    const Status refused = ReportSuccessAndWait(*coordinator_, worker, lease->task, lease->attempt, result);
     EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument);
     EXPECT_THAT(std::string(refused.message()),
                 testing::AnyOf(HasSubstr("statistics: found JSON nested 30000 deep, expected at most 64"),
@@ -117,9 +117,9 @@ TEST_F(SetAsideTest, AnyRecordMayBeLost) {
       ASSERT_FALSE(told.empty());
       EXPECT_THAT(told[0], HasSubstr(std::to_string(lost + 1) + ": "));
       EXPECT_EQ(store_.records[lost], found) << "kept";
-      ASSERT_TRUE(dispatcher_->Tick().ok());
+      ASSERT_TRUE(coordinator_->Tick().ok());
       clock_.Advance(31);  // whoever had a lease is gone
-      ASSERT_TRUE(dispatcher_->Tick().ok());
+      ASSERT_TRUE(coordinator_->Tick().ok());
       WorkAll(Worker());
       // Each job has ended: as it would have, or, one at most, failed with the reason.
       int failed = 0;
@@ -132,7 +132,7 @@ TEST_F(SetAsideTest, AnyRecordMayBeLost) {
       EXPECT_LE(failed, 1);
       EXPECT_EQ(Create(AJob(1, "fourth")), "jobs/4");
       EXPECT_THAT(RestartAndTell(), IsEmpty());
-      EXPECT_EQ(dispatcher_->ListJobs(-1, 10).size(), 4u);
+      EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).size(), 4u);
     }
   }
 }

@@ -1,6 +1,6 @@
-// How it stands with a dispatcher, in numbers: what an operator watches.
-#ifndef TESSERA_SERVER_JOBS_DISPATCH_SNAPSHOT_H_
-#define TESSERA_SERVER_JOBS_DISPATCH_SNAPSHOT_H_
+// The state of a coordinator in numbers, for its metrics.
+#ifndef TESSERA_SERVER_METRICS_DISPATCH_SNAPSHOT_H_
+#define TESSERA_SERVER_METRICS_DISPATCH_SNAPSHOT_H_
 
 #include <array>
 #include <cstdint>
@@ -12,6 +12,8 @@
 
 namespace tessera {
 
+class DispatchCore;
+
 struct DispatchSnapshot {
   DispatchCounts counts;
   // Tasks that could be leased now: of jobs that are neither paused nor held.
@@ -20,7 +22,7 @@ struct DispatchSnapshot {
   int64_t delayed = 0;        // that are to be tried again after a while
   int64_t unfinished = 0;     // of jobs that have not ended, as far as they are planned
   std::array<int64_t, kTaskKindSlots> leases = {};
-  int64_t workers_working = 0, workers_idle = 0, workers_set_aside = 0;  // each in one
+  int64_t workers_working = 0, workers_idle = 0, workers_suspended = 0;  // each in one
   int64_t workers_silent = 0;  // not heard of for as long as a lease lives; forgotten after a while
   int64_t jobs_queued = 0, jobs_running = 0, jobs_paused = 0;  // each in one
   int64_t jobs_held = 0;                                       // of these, those for which the disk has no room
@@ -28,6 +30,9 @@ struct DispatchSnapshot {
   bool can_store = true;
 };
 
+// Takes no longer for more tasks. Counts are since the coordinator was opened.
+DispatchSnapshot SnapshotOf(DispatchCore& core);
+
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_JOBS_DISPATCH_SNAPSHOT_H_
+#endif  // TESSERA_SERVER_METRICS_DISPATCH_SNAPSHOT_H_

@@ -1,47 +1,48 @@
-// How a worker comes to a task.
+// How a worker gets a task.
 #include <algorithm>
 #include <chrono>
-#include <future>
 #include <limits>
 #include <memory>
 #include <utility>
 
 #include "common/base/refusal.h"
-#include "server/jobs/dispatcher.h"
+#include "server/leases/attempts.h"
+#include "server/leases/known_results.h"
+#include "server/leases/leases.h"
+#include "server/leases/placement.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
 namespace {
-
 constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
 constexpr std::chrono::milliseconds kLookAgain{500};  // of a call that waits
 constexpr size_t kServedAtOnce = 16;                  // calls, under the mutex
 
-}  // namespace
-
-StatusOr<GrantedLease> Dispatcher::DescribeLocked(TaskRef ref, int attempt) const {
-  const Job& job = ledger_.jobs()[ref.job];
+// What the task's worker is given, without threads. Needs the core's mutex.
+StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
+  const Ledger& ledger = core.ledger();
+  const Job& job = ledger.jobs()[ref.job];
   GrantedLease granted;
   granted.task = TaskName(ref);
   granted.attempt = attempt;
-  granted.plan = ledger_.task(ref).plan;
-  granted.key = ledger_.task(ref).key_hex();
-  TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, ledger_.InputsOf(job, granted.plan));
+  granted.plan = ledger.task(ref).plan;
+  granted.key = ledger.task(ref).key_hex();
+  TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, ledger.InputsOf(job, granted.plan));
   std::vector<int> files = *granted.plan.scene_files;
   for (const PlannedTask::ViewFile& file : *granted.plan.view_files) files.push_back(file.file);
   const size_t from_tasks = granted.plan.inputs.size();
   for (size_t i = 0; i < inputs.size(); ++i) {
     std::string path;
     if (i < from_tasks) {
-      path = environment_.blobs->Path(inputs[i].digest);
+      path = core.environment().blobs->Path(inputs[i].digest);
     } else {
       const NamedDigest& file = job.scene_files[files[i - from_tasks]];
       path = job.header.scene_path + "/" + file.name;
       if (file.name == kClassifierFile) {
-        path = environment_.blobs->Path(file.digest);
+        path = core.environment().blobs->Path(file.digest);
       } else if (IsCarried(file.name)) {
-        const std::vector<std::string> paths = ledger_.SceneFilesWith(file.digest);
+        const std::vector<std::string> paths = ledger.SceneFilesWith(file.digest);
         path = paths.empty() ? "" : paths.front();  // where it is not what it was, the blob service knows the others
       }
     }
@@ -50,15 +51,17 @@ StatusOr<GrantedLease> Dispatcher::DescribeLocked(TaskRef ref, int attempt) cons
   return granted;
 }
 
-StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& worker) {
-  TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, DescribeLocked(ref, ledger_.task(ref).attempt() + 1));
+}  // namespace
+
+StatusOr<GrantedLease> Leases::GrantLocked(TaskRef ref, const std::string& worker) {
+  TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, Describe(core_, ref, ledger_.task(ref).attempt() + 1));
   v1::Record record;
   record.mutable_attempt_started()->set_task(granted.task);
   record.mutable_attempt_started()->set_attempt(granted.attempt);
   record.mutable_attempt_started()->set_worker(worker);
   const WorkerState* const self = leases_.FindWorker(worker);
   if (self != nullptr) record.mutable_attempt_started()->set_machine(self->info.machine);
-  TESSERA_RETURN_IF_ERROR(CommitLocked(record, Durability::kProcess));
+  TESSERA_RETURN_IF_ERROR(core_.Commit(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
   LeaseState& lease = leases_.Grant(ref, {worker, granted.attempt, now_us, kUntold_us, kUntold_us});
   leases_.NoteTile(worker, {ref.job, granted.plan.tile});
@@ -69,19 +72,19 @@ StatusOr<GrantedLease> Dispatcher::GrantLocked(TaskRef ref, const std::string& w
   return granted;
 }
 
-StatusOr<std::optional<GrantedLease>> Dispatcher::GrantedBeforeLocked(const std::string& worker, int64_t call) {
+StatusOr<std::optional<GrantedLease>> Leases::GrantedBeforeLocked(const std::string& worker, int64_t call) {
   const WorkerState* const self = leases_.FindWorker(worker);
   if (call <= 0 || self == nullptr || self->call != call) return std::nullopt;
   LeaseState* const lease = leases_.FindCurrent(self->granted, worker, self->granted_attempt);
   if (lease == nullptr) return std::nullopt;
-  TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, DescribeLocked(self->granted, self->granted_attempt));
+  TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, Describe(core_, self->granted, self->granted_attempt));
   granted.threads = lease->threads;
   lease->expires_us = kUntold_us;
   return granted;
 }
 
 // What is to become of a call.
-struct Dispatcher::Look {
+struct Leases::Look {
   bool waits = false;            // there is nothing for it now
   std::optional<TaskRef> reuse;  // there is once this task, whose result is known, has succeeded
   LeaseAnswer answer = std::nullopt;
@@ -89,17 +92,17 @@ struct Dispatcher::Look {
   bool anew = false;     // the call began its attempt, and was not only told of it again
 };
 
-Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
+Leases::Look Leases::LookLocked(const LeaseCall& call) {
   Look look;
-  if (Status seen = SeenLocked(call.worker); !seen.ok()) {
+  if (Status seen = MarkSeen(core_, call.worker); !seen.ok()) {
     look.answer = std::move(seen);
     return look;
   }
-  if (stopped_ || (call.gone && call.gone())) {
+  if (core_.stopped() || (call.gone && call.gone())) {
     waiting_.WakeNext();  // what it was woken for is another's
     return look;
   }
-  if (Status expired = ExpireLeasesLocked(); !expired.ok()) {
+  if (Status expired = ExpireLocked(); !expired.ok()) {
     look.answer = std::move(expired);
     return look;
   }
@@ -110,7 +113,7 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
     waiting_.WakeNext();
     return look;
   }
-  if (draining_) {
+  if (core_.draining()) {
     look.answer = DrainingError("grants no leases");
     return look;
   }
@@ -118,11 +121,14 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
   const double waited_s = call.comes_with_report ? 0.0
                           : now < call.until     ? std::chrono::duration<double>(now - call.asked).count()
                                                  : kForever_s;
-  bool left_to_keepers = false;
+  Placement placement;
   // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
-  const auto ref = journal_.trouble().ok() ? NextReadyLocked(call.worker, waited_s, left_to_keepers) : std::nullopt;
-  if (!left_to_keepers && ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
-  if (!ref || MayReuseLocked(*ref)) {
+  if (journal_.trouble().ok()) {
+    placement = PlaceTask(ledger_, leases_, call.worker, waited_s, environment_.clock->MonotonicUs());
+  }
+  const std::optional<TaskRef> ref = placement.task;
+  if (!placement.left_to_keepers && ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
+  if (!ref || MayReuse(ledger_, *ref)) {
     look.reuse = ref;
     look.waits = ref || now < call.until;
     return look;
@@ -139,7 +145,7 @@ Dispatcher::Look Dispatcher::LookLocked(const LeaseCall& call) {
   return look;
 }
 
-void Dispatcher::Answer(LeaseCall call, Look look) {
+void Leases::Answer(LeaseCall call, Look look) {
   if (!look.answer.ok() || !*look.answer) return call.done(std::move(look.answer));
   auto told = std::make_shared<std::pair<LeaseCall, Look>>(std::move(call), std::move(look));
   journal_.WhenStored([this, told](const Status& durable) {
@@ -151,7 +157,7 @@ void Dispatcher::Answer(LeaseCall call, Look look) {
       LeaseState* const lease = leases_.FindCurrent(given.granted, of_worker.worker, attempt);
       if (lease != nullptr && !durable.ok() && given.anew) {
         const Status failed =
-            FailAttemptLocked(given.granted, {ErrorClass::kPreempted, "its lease could not be stored"});
+            FailAttempt(core_, given.granted, {ErrorClass::kPreempted, "its lease could not be stored"});
         if (!failed.ok()) given.answer = failed;
       } else if (lease != nullptr) {  // from now on the worker can be silent
         const int64_t now_us = environment_.clock->MonotonicUs();
@@ -163,7 +169,7 @@ void Dispatcher::Answer(LeaseCall call, Look look) {
   });
 }
 
-void Dispatcher::LeaseTask(LeaseCall call) {
+void Leases::LeaseTask(LeaseCall call) {
   call.asked = std::chrono::steady_clock::now();
   call.until = call.asked + std::chrono::microseconds(Micros(call.wait_s));
   std::optional<LeaseCall> earlier;
@@ -173,41 +179,21 @@ void Dispatcher::LeaseTask(LeaseCall call) {
     earlier = waiting_.Take(call.worker);
     look = LookLocked(call);
     if (look.waits) waiting_.Add(call, look.reuse ? call.asked : std::min(call.until, call.asked + kLookAgain));
-    ServeWokenLocked();
+    waiting_.Notify();
   }
   if (earlier) earlier->done(absl::AbortedError("a later call of " + call.worker + " for a task has come"));
   if (!look.waits) Answer(std::move(call), std::move(look));
 }
 
-LeaseAnswer Dispatcher::LeaseTask(const std::string& worker, double wait_s, const std::function<bool()>& gone,
-                                  int64_t call) {
-  const auto answer = std::make_shared<std::promise<LeaseAnswer>>();
-  LeaseTask({worker, wait_s, call, gone, [answer](LeaseAnswer given) { answer->set_value(std::move(given)); }});
-  return answer->get_future().get();
-}
-
-void Dispatcher::LookAfterCall(const std::string& worker) {
+void Leases::CheckWaitingCall(const std::string& worker) {
   std::lock_guard lock(mutex_);
-  if (waiting_.Wake(worker)) ServeWokenLocked();
+  if (waiting_.Wake(worker)) waiting_.Notify();
 }
 
-void Dispatcher::ServeWokenLocked() {
-  const auto due = waiting_.NextDue();
-  if (due && *due < served_at_) waiting_changed_.notify_one();
-}
-
-void Dispatcher::ServeWaiting() {
+void Leases::ServeWaiting() {
   std::unique_lock lock(mutex_);
-  while (true) {
-    const auto now = std::chrono::steady_clock::now();
-    const auto due = waiting_.NextDue();
-    if (!due && ends_) return;
-    if (!due || *due > now) {
-      served_at_ = due.value_or(LeaseCall::Time::max());
-      due ? static_cast<void>(waiting_changed_.wait_until(lock, *due)) : waiting_changed_.wait(lock);
-      served_at_ = LeaseCall::Time::min();  // sees for itself
-      continue;
-    }
+  while (const std::optional<LeaseCall::Time> due = waiting_.AwaitDue(lock)) {
+    const LeaseCall::Time now = *due;
     std::vector<std::pair<LeaseCall, Look>> ends;
     std::optional<TaskRef> reuse;
     while (!reuse && ends.size() < kServedAtOnce) {
@@ -225,8 +211,8 @@ void Dispatcher::ServeWaiting() {
     }
     lock.unlock();
     for (auto& [call, look] : ends) Answer(std::move(call), std::move(look));
-    const bool reused = !reuse || Reuse(*reuse).ok();
-    if (reuse) AdvanceSoon();
+    const bool reused = !reuse || Reuse(core_, *reuse).ok();
+    if (reuse) events_.advance_soon();
     lock.lock();
     if (!reused) ledger_.ForgetResult(*ledger_.task(*reuse).key);  // then it is made again
   }

@@ -46,7 +46,7 @@ TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
       for (const Damage damage : kDamages) {
         ++cases;
         for (const std::string& path : Blobs()) fs::remove(path);
-        dispatcher_.reset();
+        coordinator_.reset();
         store_.records.clear();
         Restart();
         const std::string job = Create(Scene(2)), worker = Worker();
@@ -66,7 +66,7 @@ TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
         ASSERT_EQ(Mesh(again), expected) << turns << " " << blobs[file];
         // What is fetched is made again as well.
         if (!blobs_->Verify(mesh).ok()) {
-          ASSERT_TRUE(dispatcher_->RemakeArtifact(mesh).ok());
+          ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh).ok());
           const std::string other = Worker();
           while (Turn(other)) {
           }
@@ -91,14 +91,16 @@ TEST_F(LostResultsTest, TheReportOfAJobIsWrittenAgainAsItWas) {
   clock_.SetBy(-3600);  // it has no part in what the report tells
   // What is made again later has attempts that it does not tell of.
   fs::remove(blobs_->Path(Mesh(job)));
-  ASSERT_TRUE(dispatcher_->RemakeArtifact(Mesh(job)).ok());
+  ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(Mesh(job)).ok());
   fs::remove(blobs_->Path(report));
-  EXPECT_EQ(dispatcher_->RemakeArtifact(report).code(), absl::StatusCode::kUnavailable) << "not while that goes on";
+  EXPECT_EQ(coordinator_->recovery().RemakeArtifact(report).code(), absl::StatusCode::kUnavailable)
+      << "not while that goes on";
   const std::string worker = Worker();
   while (Turn(worker)) {
   }
   for (const Damage damage : kDamages) {
-    ASSERT_TRUE(dispatcher_->RemakeArtifact(report).ok()) << dispatcher_->RemakeArtifact(report);
+    ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(report).ok())
+        << coordinator_->recovery().RemakeArtifact(report);
     ASSERT_TRUE(blobs_->Verify(report).ok());
     Harm(blobs_->Path(report), damage);
     Restart();
@@ -112,7 +114,7 @@ TEST_F(LostResultsTest, AnUpdateHasTheResultsOfItsBaseMadeAgain) {
     for (size_t file = 0; file < 7; ++file) {
       for (const Damage damage : kDamages) {
         for (const std::string& path : Blobs()) fs::remove(path);
-        dispatcher_.reset();
+        coordinator_.reset();
         store_.records.clear();
         Open(&base_planner_);
         const std::string base = Create(Scene(2));
@@ -156,13 +158,13 @@ TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
     EXPECT_FALSE(Lease(workers[1 - turn % 2])) << "who reads it waits";
     ReportedResult result = Made(*lease);
     result.outputs[0].digest = *blobs_->PutBytes("other bytes");
-    ASSERT_TRUE(dispatcher_->ReportSuccess(workers[turn % 2], lease->task, lease->attempt, result).ok());
+    ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, workers[turn % 2], lease->task, lease->attempt, result).ok());
     ++remakes;
   }
   EXPECT_GT(remakes, 1);
   EXPECT_EQ(Job(update).header.state, JobState::kFailed);
   EXPECT_THAT(Job(update).header.error, HasSubstr("cannot be made again"));
-  ASSERT_TRUE(dispatcher_->RetryJob(update, {}).ok());
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(update, {}).ok());
   Open(&base_planner_);  // the records tell the same
   EXPECT_EQ(Job(update).header.state, JobState::kRunning);
   Work(update);
@@ -181,7 +183,7 @@ TEST_F(LostResultsTest, ARemakeWithOtherBytesIsToldAndRefused) {
       ASSERT_EQ(lease->plan.kind, "ingest") << "who reads it waits";
       ReportedResult result = Result(*lease);
       result.outputs[1].digest = *blobs_->PutBytes("other bytes");
-      ASSERT_TRUE(dispatcher_->ReportSuccess(worker, lease->task, lease->attempt, result).ok());
+      ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, lease->task, lease->attempt, result).ok());
     }
     clock_.Advance(20);
   }
@@ -223,10 +225,9 @@ TEST_F(LostResultsTest, WhatIsWholeIsNotMadeAgain) {
   for (int i = 0; i < 10; ++i) {
     const auto lease = Lease(worker);
     ASSERT_TRUE(lease) << i;
-    ASSERT_TRUE(
-        dispatcher_
-            ->ReportFailure(worker, lease->task, lease->attempt, {ErrorClass::kLostInput, "not there", {mesh, survey}})
-            .ok());
+    ASSERT_TRUE(ReportFailureAndWait(*coordinator_, worker, lease->task, lease->attempt,
+                                     {ErrorClass::kLostInput, "not there", {mesh, survey}})
+                    .ok());
     EXPECT_EQ(Task(job, 0).task.remakes, 0);
     EXPECT_FALSE(Lease(worker)) << "it waits";
     clock_.Advance(61);

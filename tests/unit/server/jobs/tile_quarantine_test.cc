@@ -1,4 +1,6 @@
 // Jobs that go on without a tile whose refinement fails, and those that are tried again.
+#include "server/jobs/tile_quarantine.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -7,8 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/base/refusal.h"
-#include "server/jobs/dispatcher.h"
-#include "server/jobs/set_aside.h"
+#include "server/jobs/coordinator.h"
 #include "tessera/v1/records.pb.h"
 #include "tests/support/fake_coordinator.h"
 
@@ -67,14 +68,14 @@ class SetAsideTileTest : public CoordinatorTest {
   SetAsideTileTest() { Open(); }
 
   void Open() {
-    dispatcher_.reset();
-    dispatcher_ = *Dispatcher::Open({&store_, blobs_.get(), &row_, &clock_, {}}, options_);
+    coordinator_.reset();
+    coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &row_, &clock_, {}}, options_);
   }
   Status SucceedAny(const std::string& worker, const GrantedLease& lease) {
     if (lease.plan.kind != kSolveKind) return Succeed(worker, lease);
     ReportedResult result;
     result.outputs.push_back({kStateFile, *blobs_->PutBytes("state " + lease.key)});
-    return dispatcher_->ReportSuccess(worker, lease.task, lease.attempt, result);
+    return ReportSuccessAndWait(*coordinator_, worker, lease.task, lease.attempt, result);
   }
   // Works all there is, and fails what is named in `bad`, with `error_class`, until it is not tried any more. What ran,
   // and how often.
@@ -101,9 +102,9 @@ TEST_F(SetAsideTileTest, TheOthersGoOnAndNothingThatCountsIsDoneTwice) {
   const std::map<std::string, int> runs = WorkAll({"solve tile 0 step 1"});
   const JobStatus status = Job(job);
   EXPECT_EQ(status.header.state, JobState::kPartial);
-  EXPECT_THAT(status.header.error,
-              AllOf(HasSubstr("tile 0 was set aside: 'solve tile 0 step 1' failed"), HasSubstr("(poison): it broke")));
-  EXPECT_THAT(status.header.warnings, ElementsAre(HasSubstr("tile 0 was set aside")));
+  EXPECT_THAT(status.header.error, AllOf(HasSubstr("tile 0 was quarantined: 'solve tile 0 step 1' failed"),
+                                         HasSubstr("(poison): it broke")));
+  EXPECT_THAT(status.header.warnings, ElementsAre(HasSubstr("tile 0 was quarantined")));
   EXPECT_EQ(status.tiles_done, 4);
   EXPECT_EQ(status.tiles_total, 5);
   EXPECT_EQ(status.progress, 1);
@@ -119,8 +120,8 @@ TEST_F(SetAsideTileTest, TheOthersGoOnAndNothingThatCountsIsDoneTwice) {
   EXPECT_FALSE(runs.contains("solve tile 0 step 2"));
   Open();
   EXPECT_EQ(Job(job).header.state, JobState::kPartial);
-  EXPECT_EQ(dispatcher_
-                ->CreateJob([&] {
+  EXPECT_EQ(coordinator_->jobs()
+                .CreateJob([&] {
                   NewJob update = AJob(5);
                   update.settings.update.base = job;
                   return update;
@@ -137,14 +138,14 @@ TEST_F(SetAsideTileTest, TheSameEndAfterAnyNumberOfRecords) {
   WorkAll({"solve tile 1 step 1"});
   ASSERT_EQ(Job(job).header.state, JobState::kPartial);
   const std::string published = Published(job);
-  dispatcher_.reset();  // which stores what it has not yet
+  coordinator_.reset();  // which stores what it has not yet
   const std::vector<std::string> all = store_.records;
   for (size_t size = 1; size < all.size(); ++size) {
-    dispatcher_.reset();
+    coordinator_.reset();
     store_.records.assign(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(size));
     Open();
     clock_.Advance(31);  // what was leased is lost
-    ASSERT_TRUE(dispatcher_->Tick().ok());
+    ASSERT_TRUE(coordinator_->Tick().ok());
     clock_.Advance(10);
     WorkAll({"solve tile 1 step 1"});
     EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "after " << size << " records";
@@ -175,7 +176,7 @@ TEST_F(SetAsideTileTest, WhatIsRunningForThePlanBeforeIsStopped) {
     }
   }
   ASSERT_TRUE(Fail(worker, *bad, ErrorClass::kPoison).ok());
-  EXPECT_THAT(*dispatcher_->Heartbeat(worker, {{beside->task, 1, 0.5, ""}}), ElementsAre(beside->task));
+  EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {{beside->task, 1, 0.5, ""}}), ElementsAre(beside->task));
   EXPECT_EQ(SucceedAny(worker, *beside).code(), absl::StatusCode::kFailedPrecondition);
   WorkAll({});
   EXPECT_EQ(Job(job).header.state, JobState::kPartial);
@@ -202,23 +203,23 @@ TEST_F(SetAsideTileTest, ARetryCountsAsAJobThatHasNotEnded) {
   options_.limits.of_client = 1;
   Open();
   const std::string other = Create(AJob(2, "other"));
-  const Status refused = dispatcher_->RetryJob(job, {}).status();
+  const Status refused = coordinator_->jobs().RetryJob(job, {}).status();
   EXPECT_EQ(LimitOf(refused).flag, "--max-jobs-of-client") << refused;
   EXPECT_EQ(Job(job).header.state, JobState::kPartial);
-  EXPECT_EQ(dispatcher_->RetryJob(other, {}).status().code(), absl::StatusCode::kFailedPrecondition)
+  EXPECT_EQ(coordinator_->jobs().RetryJob(other, {}).status().code(), absl::StatusCode::kFailedPrecondition)
       << "not what limits are about";
-  ASSERT_TRUE(dispatcher_->CancelJob(other).ok());
-  EXPECT_TRUE(dispatcher_->RetryJob(job, {}).ok());
+  ASSERT_TRUE(coordinator_->jobs().CancelJob(other).ok());
+  EXPECT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
 }
 
 TEST_F(SetAsideTileTest, RetriedItEndsAsIfNothingHadHappened) {
   const std::string job = Create(AJob(4));
-  EXPECT_EQ(dispatcher_->RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(coordinator_->jobs().RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
   WorkAll({"solve tile 0 step 1", "cut tile 3"});
   ASSERT_EQ(Job(job).header.state, JobState::kPartial);
   EXPECT_EQ(Job(job).tiles_done, 2);
-  EXPECT_EQ(dispatcher_->RetryJob(job, 1).status().code(), absl::StatusCode::kFailedPrecondition);
-  ASSERT_TRUE(dispatcher_->RetryJob(job, 3).ok());
+  EXPECT_EQ(coordinator_->jobs().RetryJob(job, 1).status().code(), absl::StatusCode::kFailedPrecondition);
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(job, 3).ok());
   EXPECT_EQ(Job(job).header.state, JobState::kRunning);
   EXPECT_EQ(Job(job).header.error, "");
   Open();
@@ -226,7 +227,7 @@ TEST_F(SetAsideTileTest, RetriedItEndsAsIfNothingHadHappened) {
   EXPECT_EQ(runs.at("cut tile 3"), 1);
   EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "without tile 0";
   EXPECT_EQ(Job(job).tiles_done, 3);
-  ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
   runs = WorkAll({});
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
   EXPECT_TRUE(Job(job).header.warnings.empty());
@@ -253,18 +254,18 @@ TEST_F(SetAsideTileTest, AFailedJobThatIsRetriedHasFreshAttempts) {
   };
   fail(4);
   ASSERT_EQ(Job(job).header.state, JobState::kFailed);
-  EXPECT_EQ(dispatcher_->RetryJob(job, 0).status().code(), absl::StatusCode::kFailedPrecondition);
-  ASSERT_TRUE(dispatcher_->RetryJob(job, {}).ok());
+  EXPECT_EQ(coordinator_->jobs().RetryJob(job, 0).status().code(), absl::StatusCode::kFailedPrecondition);
+  ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
   fail(3);
   EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "one more may fail so";
   WorkAll({});
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
-  EXPECT_EQ(dispatcher_->RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(coordinator_->jobs().RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
 }
 
 TEST_F(SetAsideTileTest, AJobKeepsItsPriorityWhenATileIsSetAside) {
   const std::string older = Create(AJob(2, "older")), job = Create(AJob(2)), worker = Worker();
-  ASSERT_TRUE(dispatcher_->ChangeJob(job, {5, {}}).ok());
+  ASSERT_TRUE(coordinator_->jobs().ChangeJob(job, {5, {}}).ok());
   for (int i = 0; i < 3; ++i) ASSERT_TRUE(SucceedAny(worker, *Lease(worker)).ok());  // the city and two cuts
   const auto lease = Lease(worker);
   ASSERT_TRUE(lease);

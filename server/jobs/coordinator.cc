@@ -1,0 +1,139 @@
+// How a coordinator starts: the state from its records, whatever has become of some of them.
+#include "server/jobs/coordinator.h"
+
+#include <map>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/base/version.h"
+#include "server/jobs/job_records.h"
+#include "server/leases/attempts.h"
+#include "server/ledger/read_records.h"
+#include "server/ledger/record_owner.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+namespace {
+
+Status EndSpoiledJob(DispatchCore& core, int job, const std::string& error) {
+  if (job >= static_cast<int>(core.ledger().jobs().size())) {  // what is lost is that it was accepted
+    v1::Record record;
+    record.mutable_job_accepted()->set_job(JobName(job));
+    if (!core.ledger().Check(record).ok()) return absl::OkStatus();  // no number that was ever given
+    TESSERA_RETURN_IF_ERROR(core.Commit(record));
+  }
+  if (HasEnded(core.ledger().jobs()[job].header.state)) return absl::OkStatus();
+  return CommitEnd(core, job, JobState::kFailed, error + "; submit it again", {});
+}
+
+Status Replay(DispatchCore& core) {
+  std::vector<std::pair<int64_t, std::string>> unusable;
+  std::map<int, std::string> spoiled;  // jobs, and why
+  TESSERA_ASSIGN_OR_RETURN(std::set<int> deleted, core.environment().store->DeletedJobs());
+  core.ledger().ExpectDeleted(std::move(deleted));
+  TESSERA_RETURN_IF_ERROR(
+      ReadRecords(*core.environment().store, [&](int64_t number, Status status, const v1::Record& record) {
+        if (status.ok()) status = core.ledger().Check(record);
+        if (status.ok()) return core.ledger().Apply(record);
+        const std::string reason(status.message());
+        unusable.emplace_back(number, reason);
+        if (const int job = JobOf(record); job >= 0) {
+          spoiled.emplace(job, "stored record " + std::to_string(number) + " cannot be used: " + reason);
+        }
+      }));
+  core.ledger().EndReplay();
+  core.ledger().PromoteRetries(core.environment().clock->MonotonicUs());  // whole delays begin again
+  for (const auto& [job, error] : spoiled) TESSERA_RETURN_IF_ERROR(EndSpoiledJob(core, job, error));
+  // Last: if this start is cut off, the next one finds the same.
+  TESSERA_RETURN_IF_ERROR(core.Durable());
+  for (const auto& [number, reason] : unusable) {
+    TESSERA_RETURN_IF_ERROR(core.environment().store->SetAside(number, reason));
+    if (core.environment().on_record_quarantined) core.environment().on_record_quarantined(number, reason);
+  }
+  return absl::OkStatus();
+}
+
+// Restarts active jobs that another version planned, and gives up results of that version that were being made again.
+Status RestartJobsOfOtherVersions(DispatchCore& core) {
+  const auto of_another = [&](int job) { return !core.ledger().CheckVersion(job, "").ok(); };
+  const std::vector<int> active = core.ledger().active_jobs();
+  for (const int job : active) {
+    if (!of_another(job)) continue;
+    v1::Record record;
+    record.mutable_job_begun_anew()->set_job(JobName(job));
+    record.mutable_job_begun_anew()->set_algorithm_version(kAlgorithmVersion);
+    TESSERA_RETURN_IF_ERROR(core.Commit(record));
+  }
+  // Nobody waits any more for what ended jobs of another version were asked to make again, and this one cannot.
+  const std::set<TaskRef> remakes = core.ledger().remakes_of_ended();
+  for (const TaskRef ref : remakes) {
+    const JobTask& task = core.ledger().task(ref);
+    if (!of_another(ref.job) || !task.remaking) continue;
+    if (task.state == TaskState::kReady) {
+      v1::Record record;
+      record.mutable_attempt_started()->set_task(TaskName(ref));
+      record.mutable_attempt_started()->set_attempt(task.attempt() + 1);
+      TESSERA_RETURN_IF_ERROR(core.Commit(record));
+    }
+    if (task.state != TaskState::kLeased) continue;  // it waits for another of these
+    const Status reason = core.ledger().CheckVersion(ref.job, "it cannot be made again");
+    TESSERA_RETURN_IF_ERROR(
+        EndAttempt(core, ref, {true, 0, {ErrorClass::kStorage, std::string(reason.message())}}, false));
+  }
+  return absl::OkStatus();
+}
+
+// Gives tasks that are leased their lease for a full term.
+void RestoreLeases(DispatchCore& core) {
+  const Ledger& ledger = core.ledger();
+  const int64_t now_us = core.environment().clock->MonotonicUs();
+  const auto restore = [&](TaskRef ref) {
+    const JobTask& task = ledger.task(ref);
+    if (task.state != TaskState::kLeased) return;
+    if (core.lease_table().FindWorker(task.worker()) == nullptr) {
+      WorkerInfo info;
+      info.machine = task.attempts.back().machine;
+      core.lease_table().AddWorker(task.worker(), info, now_us);
+      core.lease_table().FindWorker(task.worker())->heard = false;
+    }
+    core.lease_table().Grant(ref,
+                             {task.worker(), task.attempt(), now_us, now_us + Micros(core.options().lease_s), now_us});
+  };
+  for (const int job : ledger.active_jobs()) {
+    for (int i = 0; i < static_cast<int>(ledger.jobs()[job].tasks.size()); ++i) restore({job, i});
+  }
+  for (const TaskRef ref : ledger.remakes_of_ended()) restore(ref);
+}
+
+}  // namespace
+
+Coordinator::Coordinator(const DispatchEnvironment& environment, const DispatchOptions& options)
+    : core_(environment, options),
+      leases_(core_,
+              {[this](const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure) {
+                 return recovery_.ReportLostInputs(worker, task, attempt, failure);
+               },
+               [this] { planning_.AdvanceSoon(); }}) {}
+
+StatusOr<std::unique_ptr<Coordinator>> Coordinator::Open(const DispatchEnvironment& environment,
+                                                         const DispatchOptions& options) {
+  std::unique_ptr<Coordinator> coordinator(new Coordinator(environment, options));
+  TESSERA_RETURN_IF_ERROR(Replay(coordinator->core_));
+  TESSERA_RETURN_IF_ERROR(RestartJobsOfOtherVersions(coordinator->core_));
+  RestoreLeases(coordinator->core_);
+  return coordinator;
+}
+
+Status Coordinator::QuarantineUnusable(const DispatchEnvironment& environment) {
+  DispatchCore core(environment, {});
+  return Replay(core);
+}
+
+Status Coordinator::Tick() {
+  TESSERA_RETURN_IF_ERROR(leases_.Expire());
+  return planning_.Advance();
+}
+
+}  // namespace tessera

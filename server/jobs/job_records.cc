@@ -1,0 +1,34 @@
+#include "server/jobs/job_records.h"
+
+#include "common/base/printable.h"
+#include "server/ledger/digest_proto.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+
+Status CommitEnd(DispatchCore& core, int job, JobState state, const std::string& error,
+                 const std::vector<NamedDigest>& artifacts, int64_t time_us) {
+  v1::Record record;
+  record.set_time_us(time_us);
+  v1::JobEnded& ended = *record.mutable_job_ended();
+  ended.set_job(core.ledger().jobs()[job].header.name);
+  ended.set_state(static_cast<v1::JobState>(state));
+  ended.set_error(AsUtf8(error));  // messages of libraries may be of any bytes
+  AddFiles(artifacts, ended.mutable_artifacts());
+  TESSERA_RETURN_IF_ERROR(core.Commit(record));
+  core.lease_table().DropJob(job);  // the workers stop after their next heartbeats
+  return absl::OkStatus();
+}
+
+Status CommitDeletion(DispatchCore& core, const std::string& name, const std::string& reason) {
+  TESSERA_ASSIGN_OR_RETURN(const int job, ParseJobName(name));
+  if (core.ledger().WasDeleted(job)) return absl::OkStatus();
+  v1::Record record;
+  record.mutable_job_deleted()->set_job(name);
+  record.mutable_job_deleted()->set_reason(reason);
+  TESSERA_RETURN_IF_ERROR(core.Commit(record));
+  core.lease_table().DropJob(job);  // of results that were being made again
+  return absl::OkStatus();
+}
+
+}  // namespace tessera

@@ -1,0 +1,22 @@
+// Records that end or delete a job. Both functions need the core's mutex.
+#ifndef TESSERA_SERVER_JOBS_JOB_RECORDS_H_
+#define TESSERA_SERVER_JOBS_JOB_RECORDS_H_
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "server/leases/dispatch_core.h"
+
+namespace tessera {
+
+// Ends the job and its leases. `time_us`: of the end, which the job's report names; 0: now.
+Status CommitEnd(DispatchCore& core, int job, JobState state, const std::string& error,
+                 const std::vector<NamedDigest>& artifacts, int64_t time_us = 0);
+// OK if the job was deleted before. `reason`: for the log.
+Status CommitDeletion(DispatchCore& core, const std::string& name, const std::string& reason);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_JOBS_JOB_RECORDS_H_

@@ -1,0 +1,157 @@
+#include "server/jobs/pending_step.h"
+
+#include <algorithm>
+#include <functional>
+#include <mutex>
+
+#include "common/job/task_parameters.h"
+#include "server/jobs/job_report.h"
+#include "server/jobs/planner.h"
+
+namespace tessera {
+namespace {
+
+constexpr int kReportedAtOnce = 256;                  // tasks
+constexpr int64_t kMaxReadsBytes = int64_t{1} << 20;  // of a tile's kReadsFile
+
+}  // namespace
+
+std::optional<PendingStep> NextStep(const Ledger& ledger) {
+  if (ledger.due_jobs().empty()) return std::nullopt;
+  const int index = *ledger.due_jobs().begin();
+  const Job& job = ledger.jobs()[index];
+  PendingStep step;
+  step.job = index;
+  if (job.failed >= 0) {
+    const JobTask& task = job.tasks[job.failed];
+    if (CanContinueWithout(job)) {
+      step.kind = PendingStep::Kind::kQuarantine;
+      step.failed = job.failed;
+      return step;
+    }
+    step.error = task.plan.name + ": " + task.error->message;
+    if (task.error->error_class != ErrorClass::kInput) {
+      step.error +=
+          " (" + ErrorClassName(task.error->error_class) + ", attempt " + std::to_string(task.attempt()) + ")";
+    }
+  } else if (!job.lost_error.empty()) {
+    step.error = job.lost_error;
+  } else if (job.open_plan >= 0 || !job.planned_to_end || (job.plans_anew && CutsAreDone(job))) {
+    step.quarantined = QuarantinedTiles(job);
+    if (job.plans_anew) step.replaces_from = FirstBehindCuts(job);
+    step.settings = job.header.settings;
+    step.scene_files = job.scene_files;
+    step.tasks = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
+    const std::string& base = step.settings.update.base;
+    if (!base.empty()) step.base = ledger.BaseOf(step.settings.update);
+    for (int task = 0; task < step.tasks; ++task) {
+      const TaskPhase phase = KindOf(job.tasks[task].plan.kind.str()).phase;
+      if (phase == TaskPhase::kSurvey) {
+        step.survey = ledger.InputDigest(job, {TaskId(task), kSurveyFile});
+        step.kind = PendingStep::Kind::kPlanTiles;
+      } else if (phase == TaskPhase::kCut) {
+        step.tiles = std::max(step.tiles, job.tasks[task].plan.tile + 1);
+        step.kind = PendingStep::Kind::kPlanSteps;
+        if (job.tasks[task].superseded) continue;
+        step.reads.emplace_back(job.tasks[task].plan.tile, ledger.InputDigest(job, {TaskId(task), kReadsFile}));
+      }
+    }
+    if (step.tasks == 0) step.kind = base.empty() ? PendingStep::Kind::kPlanIngest : PendingStep::Kind::kPlanUpdate;
+    return step;
+  } else {
+    for (const JobTask& task : job.tasks) {
+      if (task.superseded || !KindOf(task.plan.kind.str()).makes_artifacts) continue;
+      for (const StoredFile& file : task.outputs) {
+        if (file.name != kOutdatedFile) step.artifacts.push_back(file);  // that one is publish's input
+      }
+    }
+    step.end = job.quarantined.empty() ? JobState::kSucceeded : JobState::kPartial;
+    for (const QuarantinedTile& tile : job.quarantined) {
+      step.error += (step.error.empty() ? "" : "\n") + QuarantineText(job, tile);
+    }
+  }
+  for (const QuarantinedTile& tile : job.quarantined) step.why_quarantined[tile.tile] = QuarantineText(job, tile);
+  step.header = job.header;
+  step.tasks = static_cast<int>(job.tasks.size());
+  return step;
+}
+
+StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environment, const PendingStep& step) {
+  Planner& planner = *environment.planner;
+  std::vector<std::string> names;
+  for (const NamedDigest& file : step.scene_files) names.push_back(file.name);
+  if (step.kind == PendingStep::Kind::kPlanIngest) {
+    TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, planner.Ingest(step.settings, names));
+    return std::vector<PlannedTask>{std::move(ingest)};
+  }
+  std::optional<UpdateBase> base;
+  if (step.base) {
+    TESSERA_RETURN_IF_ERROR(step.base->status());
+    base = **step.base;
+    TESSERA_ASSIGN_OR_RETURN(base->survey_json, environment.blobs->Read(base->survey));
+  }
+  if (step.kind == PendingStep::Kind::kPlanUpdate) return planner.Update(step.settings, step.scene_files, *base);
+  TESSERA_RETURN_IF_ERROR(step.survey.status());
+  TESSERA_ASSIGN_OR_RETURN(const std::string survey, environment.blobs->Read(*step.survey));
+  const UpdateBase* const goes_on_from = base ? &*base : nullptr;
+  if (step.kind == PendingStep::Kind::kPlanTiles) return planner.Tiles(step.settings, survey, names, goes_on_from);
+  std::vector<TileReads> reads;
+  // An update has its base's tiles, and may have more behind them, which are cut.
+  const int tiles = std::max(step.tiles, static_cast<int>(base ? base->tiles.size() : 0));
+  const auto read = [&](int tile, const StatusOr<Digest>& digest) -> StatusOr<TileReads> {
+    TESSERA_RETURN_IF_ERROR(digest.status());
+    TESSERA_ASSIGN_OR_RETURN(const std::string json, environment.blobs->Read(*digest, kMaxReadsBytes));
+    return ParseTileReads(json, tile, tiles);
+  };
+  for (const auto& [tile, digest] : step.reads) {
+    const StatusOr<TileReads> of_tile = read(tile, digest);
+    if (!of_tile.ok()) {
+      return Status(of_tile.status().code(),
+                    "tile " + std::to_string(tile) + ": " + std::string(of_tile.status().message()));
+    }
+    reads.push_back(*of_tile);
+  }
+  return planner.Steps(step.settings, survey, names, reads, goes_on_from, step.quarantined);
+}
+
+// Under the mutex tasks are only copied, a few at once.
+std::vector<KnownTask> TasksFrom(DispatchCore& core, const PendingStep& step) {
+  std::vector<KnownTask> known;
+  for (int first = step.replaces_from; first < step.tasks; first += kReportedAtOnce) {
+    std::lock_guard lock(core.mutex());
+    const std::deque<JobTask>& all = core.ledger().jobs()[step.job].tasks;
+    const int end = std::min({first + kReportedAtOnce, step.tasks, static_cast<int>(all.size())});
+    for (int i = first; i < end; ++i) known.push_back({all[i].plan, all[i].superseded});
+  }
+  return known;
+}
+
+StatusOr<Digest> StoreReport(DispatchCore& core, const PendingStep& step) {
+  // Under the mutex tasks are only copied, a few at once.
+  const auto visit = [&](const std::function<void(const JobTask&)>& visitor) {
+    for (int first = 0; first < step.tasks; first += kReportedAtOnce) {
+      std::vector<JobTask> tasks;
+      {
+        std::lock_guard lock(core.mutex());
+        const std::deque<JobTask>& all = core.ledger().jobs()[step.job].tasks;
+        const int end = std::min(first + kReportedAtOnce, step.tasks);
+        if (end > static_cast<int>(all.size())) return;  // cancelled and deleted meanwhile
+        tasks.assign(all.begin() + first, all.begin() + end);
+      }
+      for (JobTask& task : tasks) {
+        const auto after_end = [](const Attempt& attempt) { return attempt.after_end; };
+        task.attempts.erase(std::remove_if(task.attempts.begin(), task.attempts.end(), after_end), task.attempts.end());
+        visitor(task);
+      }
+    }
+  };
+  JobReport report(step.header, step.end, step.error, step.why_quarantined, step.end_us);
+  visit([&](const JobTask& task) { report.Count(task); });
+  return core.environment().blobs->PutParts([&](const BlobStore::Writer& write) {
+    write(report.Head());
+    visit([&](const JobTask& task) { write(report.Line(task)); });
+    write(JobReport::Tail());
+  });
+}
+
+}  // namespace tessera

@@ -1,0 +1,175 @@
+#include "server/jobs/planning_loop.h"
+
+#include <algorithm>
+#include <optional>
+#include <shared_mutex>
+#include <utility>
+#include <vector>
+
+#include "server/jobs/job_records.h"
+#include "server/jobs/tile_quarantine.h"
+#include "server/leases/known_results.h"
+#include "server/ledger/digest_proto.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+namespace {
+
+constexpr size_t kMaxPlanBytes = 512 << 10;  // of the tasks in one record, which is applied at once
+constexpr int64_t kRecordsAhead = 8;         // of a plan, that are not stored yet
+
+void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
+  record->set_kind(task.kind);
+  record->set_title(task.name);
+  record->set_tile(task.tile);
+  record->set_parameters_json(task.parameters);
+  record->set_cost(task.cost);
+  record->set_scale(task.scale);
+  record->set_peak_bytes(task.peak_bytes);
+  record->set_stored_bytes(task.stored_bytes);
+  record->mutable_scene_files()->Add(task.scene_files->begin(), task.scene_files->end());
+  for (const PlannedTask::ViewFile& file : *task.view_files) {
+    v1::ViewFileRecord& added = *record->add_view_files();
+    added.set_file(file.file);
+    added.set_view(file.view);
+    added.set_likelihoods(file.likelihoods);
+  }
+  for (const PlannedInput& input : task.inputs) {
+    v1::PlannedInputRecord& added = *record->add_inputs();
+    added.set_task(input.task.value());
+    added.set_output(input.output);
+    if (input.tile >= 0) added.set_tile(input.tile);
+  }
+  AddFiles(*task.given, record->mutable_given());
+}
+
+}  // namespace
+
+Status PlanningLoop::Advance() {
+  advance_wanted_ = true;
+  while (advance_wanted_) {
+    // Whoever is at it now sees to what is wanted.
+    const std::unique_lock one_at_a_time(advance_mutex_, std::try_to_lock);
+    if (!one_at_a_time) return absl::OkStatus();
+    advance_wanted_ = false;
+    while (true) {
+      TESSERA_RETURN_IF_ERROR(ReuseReady());
+      std::optional<PendingStep> step;
+      {
+        std::lock_guard lock(mutex_);
+        step = NextStep(ledger_);
+      }
+      if (!step) break;
+      TESSERA_RETURN_IF_ERROR(step->kind == PendingStep::Kind::kEnd          ? EndJob(*step)
+                              : step->kind == PendingStep::Kind::kQuarantine ? QuarantineTile(*step)
+                                                                             : PlanJob(*step));
+    }
+    AdmitHeld();
+  }
+  return absl::OkStatus();
+}
+
+void PlanningLoop::AdvanceSoon() {
+  if (advance_soon_.exchange(true)) return;
+  advance_thread_.Do([this] {
+    advance_soon_ = false;
+    Advance().IgnoreError();  // Tick tries again and tells
+  });
+}
+
+Status PlanningLoop::PlanJob(const PendingStep& step) {
+  StatusOr<std::vector<PlannedTask>> tasks = PlanPhase(environment_, step);
+  if (!tasks.ok()) {
+    const StatusOr<bool> waits = recovery_.RemakeForPlan(step);
+    if (waits.ok() && *waits) return absl::OkStatus();
+    const bool for_good = absl::IsFailedPrecondition(waits.status()) || absl::IsNotFound(waits.status());
+    if (!waits.ok() && !for_good) return waits.status();  // Tick tries again and tells
+    if (!waits.ok()) tasks = waits.status();
+  }
+  if (tasks.ok() && tasks->empty()) tasks = absl::InternalError("the plan has no tasks");
+  const std::shared_lock refers(core_.blob_use().mutex);
+  for (size_t t = 0; tasks.ok() && t < tasks->size(); ++t) {
+    for (const auto& [name, content] : *(*tasks)[t].given_contents) {
+      TESSERA_ASSIGN_OR_RETURN(const Digest digest, environment_.blobs->PutBytes(content));
+      (*tasks)[t].given.Edit().push_back({name, digest});
+    }
+  }
+  Status fault = tasks.status();
+  std::vector<int> superseded;
+  if (fault.ok() && step.replaces_from >= 0) {
+    PlanChange change = ChangePlan(step.replaces_from, TasksFrom(core_, step), *std::move(tasks));
+    tasks = std::move(change.added);
+    superseded = std::move(change.superseded);
+  }
+  int first_task = step.tasks;
+  for (size_t next = 0; fault.ok() && next < tasks->size();) {
+    v1::Record record;
+    v1::TasksPlanned& planned = *record.mutable_tasks_planned();
+    planned.set_job(JobName(step.job));
+    planned.set_first_task(first_task);
+    for (size_t bytes = 0; next < tasks->size() && bytes < kMaxPlanBytes; ++next) {
+      const PlannedTask task = std::move((*tasks)[next]);  // plans are large: it goes here
+      ToProto(task, planned.add_tasks());
+      bytes += planned.tasks(planned.tasks_size() - 1).ByteSizeLong();
+    }
+    planned.set_more(next < tasks->size());
+    // A plan is made faster than it is stored, and not all of its records need wait in memory.
+    journal_.Wait(journal_.last() - kRecordsAhead).IgnoreError();
+    if (!planned.more()) planned.mutable_superseded()->Add(superseded.begin(), superseded.end());
+    std::lock_guard lock(mutex_);
+    const Job& job = ledger_.jobs()[step.job];
+    const int at = first_task == step.tasks && job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
+    if (HasEnded(job.header.state) || at != first_task || QuarantinedTiles(job) != step.quarantined)
+      return absl::OkStatus();
+    first_task += planned.tasks_size();
+    fault = core_.Commit(record);
+    if (!fault.ok() || planned.more()) continue;
+    for (const int task : superseded) leases_.Release({step.job, task});  // their next heartbeats tell the workers
+  }
+  if (fault.ok()) return absl::OkStatus();
+  std::lock_guard lock(mutex_);
+  const Job& job = ledger_.jobs()[step.job];
+  if (HasEnded(job.header.state)) return absl::OkStatus();
+  std::string error = "cannot plan the job: " + std::string(fault.message());
+  for (const QuarantinedTile& tile : job.quarantined) error += "\n" + QuarantineText(job, tile);
+  return CommitEnd(core_, step.job, JobState::kFailed, error, {});
+}
+
+Status PlanningLoop::EndJob(PendingStep step) {
+  step.end_us = environment_.clock->UnixTimeUs();
+  const std::shared_lock refers(core_.blob_use().mutex);
+  std::vector<NamedDigest> artifacts = step.artifacts;
+  TESSERA_ASSIGN_OR_RETURN(const Digest report, StoreReport(core_, step));
+  artifacts.push_back({kJobFile, report});
+  std::lock_guard lock(mutex_);
+  if (HasEnded(ledger_.jobs()[step.job].header.state)) return absl::OkStatus();
+  return CommitEnd(core_, step.job, step.end, step.error, artifacts, step.end_us);
+}
+
+Status PlanningLoop::QuarantineTile(const PendingStep& step) {
+  std::lock_guard lock(mutex_);
+  const Job& job = ledger_.jobs()[step.job];
+  if (HasEnded(job.header.state) || job.failed != step.failed) return absl::OkStatus();
+  v1::Record record;
+  v1::TileSetAside& change = *record.mutable_tile_set_aside();
+  change.set_job(job.header.name);
+  change.set_tile(job.tasks[step.failed].plan.tile);
+  change.set_task(step.failed);
+  return core_.Commit(record);
+}
+
+Status PlanningLoop::ReuseReady() {
+  // Each reuse may make readers ready, which come into the list again: a chain of known results is followed to its end.
+  while (true) {
+    std::vector<TaskRef> known;
+    {
+      std::lock_guard lock(mutex_);
+      known = ledger_.TakeNewlyReady();
+      if (known.empty()) return absl::OkStatus();
+      std::erase_if(known, [&](TaskRef ref) { return !MayReuse(ledger_, ref); });
+    }
+    for (const TaskRef ref : known) TESSERA_RETURN_IF_ERROR(Reuse(core_, ref));
+  }
+}
+
+}  // namespace tessera

@@ -1,0 +1,67 @@
+#include "server/leases/attempts.h"
+
+#include <utility>
+
+#include "common/base/refusal.h"
+#include "tessera/v1/records.pb.h"
+
+namespace tessera {
+
+Status MarkSeen(DispatchCore& core, const std::string& worker) {
+  WorkerState* const known = core.lease_table().FindWorker(worker);
+  if (known == nullptr) {
+    return Refuse(Refusal::kUnknownWorker,
+                  absl::NotFoundError("no such worker: '" + worker + "'; it has to register again"));
+  }
+  known->last_seen_us = core.environment().clock->MonotonicUs();
+  known->heard = true;
+  return absl::OkStatus();
+}
+
+StatusOr<TaskRef> FindReported(DispatchCore& core, const std::string& task) {
+  StatusOr<TaskRef> ref = core.ledger().FindTask(task);
+  if (!ref.ok()) return Refuse(Refusal::kNotCurrent, ref.status());
+  return ref;
+}
+
+Status CheckCurrent(DispatchCore& core, TaskRef ref, const std::string& worker, int attempt) {
+  if (core.lease_table().FindCurrent(ref, worker, attempt) != nullptr) return absl::OkStatus();
+  return Refuse(Refusal::kNotCurrent,
+                absl::FailedPreconditionError(TaskName(ref) + ": attempt " + std::to_string(attempt) + " of " + worker +
+                                              " is not the current one"));
+}
+
+Status FailAttempt(DispatchCore& core, TaskRef ref, const TaskFailure& failure) {
+  const int64_t now_us = core.environment().clock->MonotonicUs();
+  const JobTask& task = core.ledger().task(ref);
+  const JobTask counted = WithCountedAttempts(task);
+  const Witnesses witnesses = WitnessesOf(counted, core.lease_table(), core.options().retry, now_us);
+  TESSERA_RETURN_IF_ERROR(
+      EndAttempt(core, ref, JudgeFailure(counted, failure, core.options().retry, witnesses), false));
+  ReportSuspended(core, NoteFailure(task, failure, core.options().retry, now_us, core.lease_table()));
+  return absl::OkStatus();
+}
+
+Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryVerdict& verdict, bool lease_expired) {
+  v1::Record record;
+  v1::AttemptFailed& failed = *record.mutable_attempt_failed();
+  failed.set_task(TaskName(ref));
+  failed.set_attempt(core.ledger().task(ref).attempt());
+  failed.mutable_error()->set_error_class(static_cast<v1::ErrorClass>(verdict.failure.error_class));
+  failed.mutable_error()->set_message(verdict.failure.message);
+  failed.set_final(verdict.final);
+  failed.set_lease_expired(lease_expired);
+  failed.set_retry_delay_us(Micros(verdict.delay_s));
+  TESSERA_RETURN_IF_ERROR(core.Commit(record));
+  core.ledger().PromoteRetries(core.environment().clock->MonotonicUs());  // the delay begins
+  core.lease_table().Release(ref);
+  return absl::OkStatus();
+}
+
+void ReportSuspended(DispatchCore& core, const std::vector<SuspendedWorker>& workers) {
+  core.counts().CountSuspended(static_cast<int64_t>(workers.size()));
+  if (!core.environment().on_worker_suspended) return;
+  for (const SuspendedWorker& worker : workers) core.environment().on_worker_suspended(worker);
+}
+
+}  // namespace tessera

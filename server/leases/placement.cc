@@ -1,0 +1,54 @@
+#include "server/leases/placement.h"
+
+#include "server/leases/worker_evidence.h"
+
+namespace tessera {
+namespace {
+// Ready tasks of tiles that other workers have had which are passed over for one of a tile that nobody has.
+constexpr int kStrangersSeen = 256;
+
+// A worker without a tile of its own waits that long and as long as the task takes before it takes one of a tile that
+// another has in memory: to read the tile anew takes longer (delay scheduling, Zaharia et al., EuroSys 2010).
+constexpr double kPatience_s = 1;
+
+// Whether the worker has memory enough for the task, or no worker has and this one is among the largest.
+bool Fits(const Ledger& ledger, TaskRef ref, const LeaseTable& leases, const std::string& worker, int64_t now_us) {
+  const int64_t needed_bytes = ledger.task(ref).plan.peak_bytes;
+  const auto self = leases.workers().find(worker);
+  const int64_t has_bytes = self == leases.workers().end() ? 0 : self->second.info.memory_bytes;
+  if (has_bytes == 0 || needed_bytes <= has_bytes) return true;  // 0: not known
+  const LargestWorker largest = leases.Largest();
+  return needed_bytes > largest.memory_bytes && has_bytes == largest.memory_bytes &&
+         now_us - largest.since_us >= Micros(kLargerWorkerWait_s);
+}
+
+}  // namespace
+
+Placement PlaceTask(Ledger& ledger, LeaseTable& leases, const std::string& worker, double waited_s, int64_t now_us) {
+  ledger.PromoteRetries(now_us);
+  const WorkerState* const self = leases.FindWorker(worker);
+  if (self != nullptr && IsSuspended(*self, now_us)) return {};
+  const ReadyTasks& ready = ledger.ready();
+  const auto may_run = [&](TaskRef ref) {
+    return MayTry(ledger.task(ref), worker, leases, now_us) && Fits(ledger, ref, leases, worker, now_us);
+  };
+  const std::optional<TaskRef> first = ready.First(may_run);
+  if (!first || self == nullptr) return {first};
+  // Of the same job rather one of a tile that this worker has had, and may have in memory; else none that another has
+  // had, for some time. Only an order of preference: whatever is ready goes to whoever goes on asking.
+  for (const TileRef tile : self->recent_tiles) {
+    if (tile.job != first->job) continue;
+    if (const auto own = ready.FirstOfTile(tile.job, tile.tile, may_run)) return {own};
+  }
+  int seen = 0;
+  const auto nobodys = ready.First([&](TaskRef ref) {
+    if (ref.job != first->job || ++seen > kStrangersSeen) return true;
+    const std::string& keeper = leases.KeeperOf({ref.job, ledger.task(ref).plan.tile});
+    return (keeper.empty() || keeper == worker) && may_run(ref);
+  });
+  if (nobodys && nobodys->job == first->job && seen <= kStrangersSeen) return {nobodys};
+  const bool left_to_keepers = seen <= kStrangersSeen && waited_s < kPatience_s + ledger.task(*first).plan.cost;
+  return {left_to_keepers ? std::nullopt : first, left_to_keepers};
+}
+
+}  // namespace tessera

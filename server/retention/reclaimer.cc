@@ -1,0 +1,104 @@
+#include "server/retention/reclaimer.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <shared_mutex>
+#include <string>
+#include <utility>
+
+#include "server/jobs/job_records.h"
+
+namespace tessera {
+namespace {
+
+constexpr int kTasksAtOnce = 256;                          // under the mutex
+constexpr size_t kRemovedAtOnce = 64;                      // files, while reports wait
+constexpr int kFreedTasks = 1000, kRemovedRecords = 1000;  // at once: others wait for that long
+
+}  // namespace
+
+BlobReferences Reclaimer::CollectReferences() {
+  BlobReferences references;
+  {
+    std::lock_guard lock(mutex_);
+    core_.blob_use().since.Start();
+  }
+  // What is referred to from now on is noted, so that jobs may change while they are gone through.
+  for (int job = 0, task = 0;; ++job, task = 0) {
+    for (bool more = true; more;) {
+      std::lock_guard lock(mutex_);
+      if (job >= static_cast<int>(ledger_.jobs().size())) return references;
+      const Job& of = ledger_.jobs()[job];
+      if (of.deleted) break;
+      if (task == 0) references.AddJob(of);
+      const int end = std::min(task + kTasksAtOnce, static_cast<int>(of.tasks.size()));
+      for (; task < end; ++task) references.AddOutputs(of.header, ledger_.Runs(job), of.tasks[task].outputs);
+      more = task < static_cast<int>(of.tasks.size());
+    }
+  }
+}
+
+StatusOr<std::vector<BlobFile>> Reclaimer::RemoveBlobs(const std::vector<BlobFile>& files) {
+  std::vector<BlobFile> gone;
+  for (size_t next = 0; next < files.size();) {
+    std::vector<std::string> taken;
+    {
+      const std::unique_lock nobody_refers(core_.blob_use().mutex);
+      const size_t end = std::min(next + kRemovedAtOnce, files.size());
+      for (; next < end; ++next) {
+        const BlobFile& file = files[next];
+        {
+          std::lock_guard lock(mutex_);
+          if (!core_.blob_use().since.started()) return absl::FailedPreconditionError("references were not collected");
+          if (file.kind == BlobFile::Kind::kBlob && core_.blob_use().since.Contains(file.sha256)) continue;
+        }
+        StatusOr<std::string> out = TakeOut(environment_.blobs->root(), file);
+        if (absl::IsNotFound(out.status())) continue;
+        TESSERA_RETURN_IF_ERROR(out.status());
+        taken.push_back(*std::move(out));
+        gone.push_back(file);
+      }
+    }
+    for (const std::string& path : taken) std::remove(path.c_str());
+  }
+  return gone;
+}
+
+StatusOr<bool> Reclaimer::FreeDeleted() {
+  bool more = false;
+  {
+    std::lock_guard lock(mutex_);
+    more = ledger_.FreeDeleted(kFreedTasks);
+  }
+  TESSERA_ASSIGN_OR_RETURN(const int removed, environment_.store->RemoveRecords(kRemovedRecords));
+  return more || removed > 0;
+}
+
+StatusOr<int> Reclaimer::DeleteExpired(Retention& retention) {
+  std::vector<KeptThing> ended;
+  {
+    std::lock_guard lock(mutex_);
+    for (int job = 0; job < static_cast<int>(ledger_.jobs().size()); ++job) {
+      const JobHeader& header = ledger_.jobs()[job].header;
+      if (!ledger_.WasDeleted(job) && HasEnded(header.state)) ended.push_back({header.name, header.end_us});
+    }
+  }
+  const std::vector<int> expired =
+      retention.Expired(ended, environment_.clock->UnixTimeUs(), environment_.clock->MonotonicUs());
+  int deleted = 0;
+  // The newest first: what goes on from a job is newer.
+  for (auto place = expired.rbegin(); place != expired.rend(); ++place) {
+    const auto& [name, end_us] = ended[*place];
+    std::lock_guard lock(mutex_);
+    const auto job = ledger_.FindJob(name);
+    if (!job.ok() || ledger_.jobs()[*job].header.end_us != end_us) continue;  // it goes on
+    const Status status = CommitDeletion(core_, name, "kept for long enough");
+    if (absl::IsFailedPrecondition(status)) continue;  // another needs it
+    TESSERA_RETURN_IF_ERROR(status);
+    ++deleted;
+  }
+  if (deleted > 0) TESSERA_RETURN_IF_ERROR(core_.Durable());
+  return deleted;
+}
+
+}  // namespace tessera
