@@ -35,13 +35,13 @@ v1::Refusal DetailsOf(const Status& status) {
   refusal.set_retry_s(RetryDelayOf(status));
   if (const Limit limit = LimitOf(status); !limit.what.empty()) {
     refusal.mutable_limit()->set_what(Text(limit.what));
-    refusal.mutable_limit()->set_most(limit.most);
+    refusal.mutable_limit()->set_maximum(limit.most);
     refusal.mutable_limit()->set_flag(limit.flag);
   }
   for (const InputFault& fault : FaultsOf(status)) {
     v1::InputFault& added = *refusal.add_faults();
     added.set_file(Text(fault.file));
-    added.set_place(Text(fault.location));
+    added.set_location(Text(fault.location));
     added.set_found(Text(fault.found));
     added.set_expected(Text(fault.expected));
     if (refusal.ByteSizeLong() <= kMaxDetailsBytes) continue;
@@ -57,12 +57,12 @@ Status WithDetails(Status error, const v1::Refusal& refusal) {
   }
   if (refusal.has_limit()) {
     const v1::Limit& limit = refusal.limit();
-    SetLimit(error, {limit.what(), limit.most(), limit.flag()});
+    SetLimit(error, {limit.what(), limit.maximum(), limit.flag()});
   }
   if (refusal.retry_s() > 0) error = RetryAfter(std::move(error), refusal.retry_s());
   std::vector<InputFault> faults;
   for (const v1::InputFault& fault : refusal.faults()) {
-    faults.push_back({fault.file(), fault.place(), fault.found(), fault.expected()});
+    faults.push_back({fault.file(), fault.location(), fault.found(), fault.expected()});
   }
   SetFaults(error, faults);
   return error;

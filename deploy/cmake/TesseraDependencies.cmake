@@ -1,4 +1,4 @@
-# Libraries of Debian 12 that Tessera stands on. deploy/packages.txt installs them all.
+# Libraries of Debian 12 that Tessera uses. deploy/packages.txt lists their packages.
 set(CMAKE_THREAD_PREFER_PTHREAD ON)
 list(APPEND CMAKE_MODULE_PATH /usr/share/cmake/geographiclib)
 find_package(Threads REQUIRED)
@@ -9,7 +9,7 @@ find_package(TBB CONFIG REQUIRED)
 find_package(OpenSSL REQUIRED)
 find_package(Protobuf REQUIRED)
 find_package(gRPC CONFIG REQUIRED)
-# Debian keeps OpenCV's CMake package in libopencv-dev alone, which pulls in every module (VTK, Qt, ...); three do here.
+# Only libopencv-dev has OpenCV's CMake package, but it depends on every module (VTK, Qt, ...); three are enough here.
 find_path(OPENCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
 foreach(module core imgproc imgcodecs)
   find_library(OPENCV_${module}_LIBRARY opencv_${module} REQUIRED)

@@ -1,6 +1,6 @@
 # One function for a module, one for its test.
 
-# Warnings and sanitizers, for our own targets alone.
+# Warnings and sanitizers, for the project's own targets only.
 add_library(tessera_options INTERFACE)
 target_compile_options(tessera_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor
   $<$<BOOL:${TESSERA_WARNINGS_AS_ERRORS}>:-Werror>)
@@ -38,7 +38,7 @@ endfunction()
 
 # tessera_test(DIR [DEPS ...] [LABELS ...] [TIMEOUT seconds] [ONE_PROCESS])
 # One test program of all tests/DIR/*_test.cc, e.g. DIR = unit/common/base; the name is DIR with underscores.
-# Each test is a process of its own in ctest; ONE_PROCESS: all are one, since what they share is dear to make.
+# Each test is a separate process in ctest; ONE_PROCESS: all run in one process, because their fixture is expensive.
 # Call it from the module's own CMakeLists.txt.
 function(tessera_test DIR)
   if(NOT TESSERA_BUILD_TESTS)

@@ -20,7 +20,7 @@ constexpr RoleSet kViewer = static_cast<unsigned>(Role::kViewer), kSubmitter = s
 constexpr RoleSet kReaders = kViewer | kSubmitter | kAdmin;
 constexpr RoleSet kSubmitters = kSubmitter | kAdmin;
 
-// Every method that is served has its row.
+// One row for every served method.
 const std::map<std::string, RoleSet>& Rules() {
   static const std::map<std::string, RoleSet> kRules = {
       {"/tessera.v1.Jobs/CreateJob", kSubmitters},
@@ -39,20 +39,20 @@ const std::map<std::string, RoleSet>& Rules() {
       {"/tessera.v1.Workers/ReportTask", kWorker},
       {"/tessera.v1.Workers/UnregisterWorker", kWorker},
       {"/tessera.v1.Workers/ListWorkers", kReaders},
-      // Which blobs, BlobsService asks.
+      // BlobsService checks which blobs the caller may read.
       {"/tessera.v1.Blobs/StatBlobs", kAllRoles},
       {"/tessera.v1.Blobs/ReadBlob", kAllRoles},
       {"/tessera.v1.Blobs/WriteBlob", kWorker},
       {"/tessera.v1.Blobs/QueryWrite", kWorker},
       {"/grpc.health.v1.Health/Check", kAllRoles},
       {"/grpc.health.v1.Health/Watch", kAllRoles},
-      // Where --reflection serves it.
+      // Served with --reflection only.
       {"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", kReaders},
   };
   return kRules;
 }
 
-// The value of a key that comes once; none where it comes more often, which nobody who means well sends.
+// The value of a key; nullopt if the key is missing or occurs more than once (no honest client repeats it).
 template <class Metadata>
 std::optional<std::string> Single(const Metadata& metadata, const std::string& key) {
   const auto [begin, end] = metadata.equal_range(key);
@@ -60,36 +60,36 @@ std::optional<std::string> Single(const Metadata& metadata, const std::string& k
   return std::string(begin->second.data(), begin->second.size());
 }
 
-constexpr int kToldASecond = 10;
+constexpr int kMaxAuditsPerSecond = 10;
 
 class Gate final : public grpc::AuthMetadataProcessor {
  public:
   Gate(const Access& access, bool socket) : access_(access), socket_(socket) {}
   bool IsBlocking() const override { return false; }
-  // gRPC gives all calls of a connection the same context, so that who calls must not be noted there: handlers find it
-  // by Access::CallerOf.
+  // All calls of a connection share one auth context, so the caller must not be stored there: handlers use
+  // Access::CallerOf.
   grpc::Status Process(const InputMetadata& metadata, grpc::AuthContext*, OutputMetadata*, OutputMetadata*) override {
     const auto authorization = Single(metadata, "authorization");
     const Caller caller = access_.Identify(socket_ ? "unix:" : "", authorization);
     const std::string method = Single(metadata, ":path").value_or("");
     const Status status = access_.Check(method, caller, authorization.has_value());
-    if (!status.ok() && IsAudited(method)) Tell(method, caller, status);
+    if (!status.ok() && IsAudited(method)) Audit(method, caller, status);
     return ToGrpc(status);
   }
 
  private:
-  // What is refused here no interceptor sees. Whoever knocks without end fills no disk.
-  void Tell(const std::string& method, const Caller& caller, const Status& status) {
+  // Interceptors do not see calls that are refused here. The rate limit keeps an attacker from filling the disk.
+  void Audit(const std::string& method, const Caller& caller, const Status& status) {
     const int64_t second =
         std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
-    if (told_in_.exchange(second) != second) told_ = 0;
-    if (++told_ > kToldASecond) return;
+    if (audit_second_.exchange(second) != second) audits_ = 0;
+    if (++audits_ > kMaxAuditsPerSecond) return;
     LogAudit(method, "", caller.name, std::string(absl::StatusCodeToString(status.code())),
              std::string(status.message()), {});
   }
 
-  std::atomic<int64_t> told_in_ = 0;  // the second of which told_ counts
-  std::atomic<int> told_ = 0;
+  std::atomic<int64_t> audit_second_ = 0;  // the second that audits_ counts
+  std::atomic<int> audits_ = 0;
   const Access& access_;
   const bool socket_;
 };
@@ -142,12 +142,14 @@ Caller Access::CallerOf(const grpc::ServerContextBase& context) const {
 
 Status Access::Check(const std::string& method, const Caller& caller, bool has_token) const {
   if (caller.roles == 0) {
-    return absl::UnauthenticatedError(has_token ? "the token is not known here, or has expired"
-                                                : "no token: give one with --token-file or TESSERA_TOKEN_FILE");
+    return absl::UnauthenticatedError(
+        has_token
+            ? "unauthenticated: the token is unknown or has expired"
+            : "unauthenticated: the call carries no token; pass one with --token-file FILE or TESSERA_TOKEN_FILE");
   }
   const auto roles = RolesFor(method);
   if (roles && (caller.roles & *roles) != 0) return absl::OkStatus();
-  return absl::PermissionDeniedError("'" + caller.name + "' has no role that may call this");
+  return absl::PermissionDeniedError("permission denied: '" + caller.name + "' has no role that may call " + method);
 }
 
 std::shared_ptr<grpc::AuthMetadataProcessor> Access::Processor(bool socket) const {
@@ -159,7 +161,8 @@ std::string Access::SecretOf(const std::string& worker) const { return KeyedHash
 Status Access::CheckWorker(const Caller& caller, const std::string& worker) {
   if (!caller.worker.empty() && caller.worker == worker) return absl::OkStatus();
   return Refuse(Refusal::kUnknownWorker,
-                absl::PermissionDeniedError("not the secret that this worker was given: register again"));
+                absl::PermissionDeniedError(
+                    "permission denied: the call does not carry the secret of this worker; register again"));
 }
 
 }  // namespace tessera

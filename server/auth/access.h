@@ -1,4 +1,4 @@
-// Who may call what: the one place that decides, for every call of every service, before anything reads it.
+// Authentication and authorization: checks every call of every service before its message is read.
 #ifndef TESSERA_SERVER_AUTH_ACCESS_H_
 #define TESSERA_SERVER_AUTH_ACCESS_H_
 
@@ -20,52 +20,52 @@ class ServerContextBase;
 
 namespace tessera {
 
-// Roles as the sum of their bits.
+// A set of roles as a bit mask.
 using RoleSet = unsigned;
 inline constexpr RoleSet kAllRoles = 15;
 
-// Who makes a call.
+// The caller of an RPC.
 struct Caller {
-  std::string name;  // of its token; "local": through a socket that its owner alone can open; empty: nobody was asked
+  std::string name;  // of its token; "local": came through the owner's socket; empty: tokens are not required
   RoleSet roles = 0;
-  bool local = false;       // through a socket
-  std::string worker = {};  // "workers/W", proved by its secret; empty: none, or not proved
-  std::string client = {};  // whose limits count: the name, or the address without its port
-  // Of data that a worker moves: its own, for many have one token.
+  bool local = false;       // came through a socket
+  std::string worker = {};  // "workers/W", proved by its secret; empty: no worker, or not proved
+  std::string client = {};  // key of the client limits: the name, or the address without its port
+  // Key of the transfer limits. Workers are limited one by one, because many share a token.
   const std::string& mover() const { return worker.empty() ? client : worker; }
   bool Has(Role role) const { return (roles & static_cast<unsigned>(role)) != 0; }
 };
 
-// The roles of which one is needed for a method, "/tessera.v1.Jobs/GetJob"; none: it is not served.
+// The roles that may call a method such as "/tessera.v1.Jobs/GetJob"; nullopt: the method is not served.
 std::optional<RoleSet> RolesFor(const std::string& method);
 
 // Thread-safe.
 class Access {
  public:
-  // `worker_key`: of the secrets of workers; the same after a restart, or they register anew. `token_file`: empty: who
-  // reaches the coordinator may do everything. Both objects must outlive this. Errors of the token file.
+  // `worker_key`: derives the workers' secrets; if it changes at a restart, all workers must register again.
+  // `token_file`: empty: no token is required, and every caller may do everything. `clock` must outlive this. Errors of
+  // the token file.
   static StatusOr<std::unique_ptr<Access>> Open(const std::string& worker_key, const std::string& token_file,
                                                 const Clock* clock);
 
   bool asks_for_tokens() const { return !token_file_.empty(); }
 
-  // Reads the token file again if it has changed. On an error, which is told once, the tokens known before stay.
+  // Reads the token file again if it has changed. On an error, which is returned once, the earlier tokens stay valid.
   Status Refresh();
 
-  // Where metadata of a call has nothing else to say, an address that gRPC calls `peer`.
+  // `peer`: the address as gRPC writes it. `authorization`: value of the metadata key of that name.
   Caller Identify(const std::string& peer, const std::optional<std::string>& authorization) const;
   Caller CallerOf(const grpc::ServerContextBase& context) const;
 
-  // OK, UNAUTHENTICATED or PERMISSION_DENIED; no word about what there is.
+  // OK, UNAUTHENTICATED or PERMISSION_DENIED. The message does not reveal whether a resource exists.
   Status Check(const std::string& method, const Caller& caller, bool has_token) const;
 
-  // Asks Check about every call that comes through a listener. Of a listener on a socket if `socket`. Must not outlive
-  // this.
+  // Runs Check for every call of a listener. `socket`: the listener is a Unix socket. Must not outlive this.
   std::shared_ptr<grpc::AuthMetadataProcessor> Processor(bool socket) const;
 
   std::string SecretOf(const std::string& worker) const;
-  // OK if the caller proved to be this worker; else PERMISSION_DENIED, by which an honest worker knows that it has to
-  // register again (Refusal::kUnknownWorker).
+  // OK if the caller proved to be this worker; else PERMISSION_DENIED with Refusal::kUnknownWorker, which makes a
+  // worker register again.
   static Status CheckWorker(const Caller& caller, const std::string& worker);
 
  private:
@@ -76,7 +76,7 @@ class Access {
   const std::string token_file_;
   const Clock* const clock_;
   std::atomic<std::shared_ptr<const TokenTable>> tokens_ = std::make_shared<const TokenTable>();
-  std::optional<FileStamp> stamp_;  // of the file when it was last read; of Refresh alone
+  std::optional<FileStamp> stamp_;  // of the file when it was last read; used by Refresh only
 };
 
 }  // namespace tessera

@@ -6,7 +6,7 @@ namespace tessera {
 namespace {
 
 constexpr double kRetryWatch_s = 10, kRetryTransfer_s = 1, kRetryUpload_s = 30;
-constexpr std::chrono::seconds kBetweenSweeps{10};  // each looks at all files of a client
+constexpr std::chrono::seconds kBetweenSweeps{10};  // a sweep checks all uploads of a client
 
 std::string OfClient(const std::string& what, const std::string& client) { return what + " of '" + client + "'"; }
 
@@ -43,7 +43,7 @@ StatusOr<ClientLimits::Ticket> ClientLimits::Watch(const std::string& client) {
   std::lock_guard lock(mutex_);
   const auto counted = watches_.find(client);
   if ((counted == watches_.end() ? 0 : counted->second) >= options_.watches) {
-    return RetryAfter(LimitError({OfClient("watches", client), options_.watches, "--max-watches"}, "end some"),
+    return RetryAfter(LimitError({OfClient("watches", client), options_.watches, "--max-watches"}, "end some watches"),
                       kRetryWatch_s);
   }
   ++watches_[client];
@@ -54,13 +54,13 @@ StatusOr<ClientLimits::Ticket> ClientLimits::Transfer(const std::string& client,
   std::lock_guard lock(mutex_);
   const auto counted = transfers_.find(client);
   if ((counted == transfers_.end() ? 0 : counted->second) >= options_.transfers) {
-    return RetryAfter(
-        LimitError({OfClient("transfers at once", client), options_.transfers, "--max-transfers"}, "wait for others"),
-        kRetryTransfer_s);
+    return RetryAfter(LimitError({OfClient("transfers at once", client), options_.transfers, "--max-transfers"},
+                                 "wait until others end"),
+                      kRetryTransfer_s);
   }
   if (all_transfers_ >= options_.all_transfers) {
     return RetryAfter(
-        LimitError({"transfers at once of all clients", options_.all_transfers, "--max-all-transfers"}, "try later"),
+        LimitError({"transfers at once of all clients", options_.all_transfers, "--max-all-transfers"}, "retry later"),
         kRetryTransfer_s);
   }
   ++transfers_[client];
@@ -89,11 +89,12 @@ Status ClientLimits::BeginUpload(const std::string& client, const Digest& digest
     const auto found = uploads_of_client_.find(client);
     const Uploads has = found == uploads_of_client_.end() ? Uploads() : found->second;
     if (has.count >= options_.uploads) {
-      return LimitError({OfClient("unfinished uploads", client), options_.uploads, "--max-uploads"}, "finish some");
+      return LimitError({OfClient("unfinished uploads", client), options_.uploads, "--max-uploads"},
+                        "finish some uploads");
     }
     if (digest.size_bytes > options_.upload_bytes - has.bytes) {
       return LimitError({OfClient("bytes of unfinished uploads", client), options_.upload_bytes, "--max-upload-gib"},
-                        "finish some");
+                        "finish some uploads");
     }
     return absl::OkStatus();
   };
@@ -119,7 +120,7 @@ void ClientLimits::EndUploadLocked(std::map<std::string, Upload>::iterator uploa
   uploads_.erase(upload);
 }
 
-// What was left unfinished is swept from the store after a while, which tells nobody.
+// The blob store removes abandoned uploads after a while without a notification: find those and stop counting them.
 void ClientLimits::ForgetSweptLocked(const std::string& client, Clock::time_point now) {
   if (now < swept_at_ + kBetweenSweeps) return;
   swept_at_ = now;

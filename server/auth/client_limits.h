@@ -1,5 +1,5 @@
-// What one client may have at once. A client is whose token it is; where nobody is asked for one, the address that he
-// calls from; all who come through sockets are one.
+// Limits per client. A client is the name of a token or, without tokens, an address; all callers through Unix sockets
+// are one client.
 #ifndef TESSERA_SERVER_AUTH_CLIENT_LIMITS_H_
 #define TESSERA_SERVER_AUTH_CLIENT_LIMITS_H_
 
@@ -18,15 +18,15 @@
 namespace tessera {
 
 struct ClientLimitOptions {
-  int watches = 1000;        // of a client
-  int transfers = 256;       // calls that move blobs or read a scene, of a client or of one worker, at once
-  int all_transfers = 1500;  // each of them holds a thread
-  int uploads = 10'000;      // blobs that a client has begun to send and not finished
-  int64_t upload_bytes = int64_t{1} << 40;  // that these will have
-  double silence_s = 120;                   // a transfer of which nothing moved for so long is broken off
+  int watches = 1000;        // open watches of a client
+  int transfers = 256;       // concurrent calls that transfer blobs or read a scene, of a client or a worker
+  int all_transfers = 1500;  // of all clients; each uses a thread
+  int uploads = 10'000;      // unfinished uploads of a client
+  int64_t upload_bytes = int64_t{1} << 40;  // total size of a client's unfinished uploads when complete
+  double silence_s = 120;                   // a transfer without progress for this long is aborted
 };
 
-// Refuses with RESOURCE_EXHAUSTED, Refusal::kLimit: the limit, the flag that sets it, and when to try again.
+// Refuses with RESOURCE_EXHAUSTED and Refusal::kLimit: the limit, the flag that sets it, and when to retry.
 // Thread-safe.
 class ClientLimits {
  public:
@@ -35,14 +35,14 @@ class ClientLimits {
   // `blobs` must outlive this.
   ClientLimits(const ClientLimitOptions& options, const BlobStore* blobs) : options_(options), blobs_(blobs) {}
 
-  // Something that counts until it is destroyed. It must not outlive its ClientLimits.
+  // Counts toward a limit until it is destroyed. Must not outlive its ClientLimits.
   class Ticket {
    public:
     Ticket() = default;
     Ticket(Ticket&& other) noexcept { *this = std::move(other); }
     Ticket& operator=(Ticket&& other) noexcept;
     ~Ticket() { Return(); }
-    // Of a transfer: something moved.
+    // Call when data of the transfer moved.
     void Moved();
 
    private:
@@ -60,17 +60,17 @@ class ClientLimits {
   };
 
   StatusOr<Ticket> Watch(const std::string& client);
-  // `break_off` is called, from any thread, if it falls silent; never once the ticket was returned. It must be quick.
-  // Empty: it may be silent, as one that reads a scene.
+  // `break_off` is called, from any thread, if the transfer makes no progress for silence_s; never after the ticket was
+  // returned. It must be quick. Empty: the transfer may be silent (reading a scene).
   StatusOr<Ticket> Transfer(const std::string& client, std::function<void()> break_off);
-  // Transfers that are under way.
+  // Number of running transfers.
   int transfers() const;
-  // To be called about once a second.
+  // Call about once a second.
   void BreakOffSilent(Clock::time_point now);
 
-  // A client begins an upload, or goes on with one that anybody began. Of earlier processes nothing is known.
+  // A client begins an upload or resumes one that any client began. Uploads of earlier processes are not counted.
   Status BeginUpload(const std::string& client, const Digest& digest);
-  // The upload is a blob, or was dropped.
+  // The upload is complete or was removed.
   void EndUpload(const Digest& digest);
 
  private:
@@ -89,10 +89,10 @@ class ClientLimits {
   const BlobStore* const blobs_;
   mutable std::mutex mutex_;
   std::list<Ticket::Entry> tickets_;
-  std::map<std::string, int> watches_, transfers_;  // by client, none of 0
+  std::map<std::string, int> watches_, transfers_;  // by client; no entry is 0
   int all_transfers_ = 0;
   std::map<std::string, Upload> uploads_;             // by SHA-256
-  std::map<std::string, Uploads> uploads_of_client_;  // none of 0
+  std::map<std::string, Uploads> uploads_of_client_;  // no count is 0
   Clock::time_point swept_at_ = {};
 };
 

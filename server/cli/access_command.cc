@@ -1,4 +1,4 @@
-// `tessera access`: certificates and tokens for a coordinator and those who call it.
+// `tessera access`: creates certificates and tokens for a coordinator and its clients.
 #include <sys/stat.h>
 
 #include <CLI/CLI.hpp>
@@ -24,7 +24,7 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kDay_s = 86400;
-constexpr int64_t kClockMayBeBehind_s = 3600;  // another machine's
+constexpr int64_t kClockSkew_s = 3600;  // certificates are valid from this long ago, for machines with slow clocks
 constexpr int64_t kMaxPemBytes = 1 << 20;
 
 struct AccessFlags {
@@ -36,12 +36,12 @@ struct AccessFlags {
 int64_t Now_s() { return SystemClock().UnixTimeUs() / 1'000'000; }
 
 CertificateTerms Terms(const std::string& name, const std::vector<std::string>& hosts, int days) {
-  return {name, hosts, Now_s(), -kClockMayBeBehind_s, days * kDay_s};
+  return {name, hosts, Now_s(), -kClockSkew_s, days * kDay_s};
 }
 
-// Never over what is there: others may hold to it.
+// Never replaces a file: clients may already use it.
 Status WriteNew(const std::string& path, const std::string& content) {
-  if (FileExists(path)) return absl::AlreadyExistsError(path + " is there already; delete it to have it made anew");
+  if (FileExists(path)) return absl::AlreadyExistsError(path + " already exists; delete it first to create a new one");
   TESSERA_RETURN_IF_ERROR(WriteSecretFile(path, content));
   std::printf("%s\n", path.c_str());
   return absl::OkStatus();
@@ -101,7 +101,7 @@ Status RevokeTokens(const AccessFlags& flags) {
   const std::string path = flags.folder + "/tokens";
   TESSERA_ASSIGN_OR_RETURN(TokenTable table, TokenTable::Read(path));
   for (const std::string& name : flags.names) {
-    if (!table.Remove(name)) return InputError(path, "", "no token of the name '" + name + "'", "one of those in it");
+    if (!table.Remove(name)) return InputError(path, "", "no token named '" + name + "'", "a name in this file");
   }
   TESSERA_RETURN_IF_ERROR(WriteSecretFile(path, table.ToText()));
   for (const std::string& name : flags.names) {
@@ -120,14 +120,15 @@ Status MakeCallers(const AccessFlags& flags) {
   return absl::OkStatus();
 }
 
-CLI::App* AddAction(CLI::App& command, const std::string& name, const std::string& what,
+CLI::App* AddAction(CLI::App& command, const std::string& name, const std::string& what, const std::string& example,
                     const std::shared_ptr<AccessFlags>& flags, int* exit_code, Status (*act)(const AccessFlags&)) {
   CLI::App* action = command.add_subcommand(name, what);
-  action->add_option("FOLDER", flags->folder, "Where the files are kept, for the user alone")->required();
+  action->footer("Example:\n  tessera access " + name + " " + example);
+  action->add_option("FOLDER", flags->folder, "Folder of the files; only the user may read it")->required();
   action->callback([flags, exit_code, act] {
     ::umask(S_IRWXG | S_IRWXO);
     const Status status = act(*flags);
-    *exit_code = status.ok() ? kExitOk : Complain("access", status);
+    *exit_code = status.ok() ? kExitOk : ReportError("access", status);
   });
   return action;
 }
@@ -142,11 +143,12 @@ void AddDays(CLI::App& action, const std::shared_ptr<AccessFlags>& flags, int by
 
 void AddAccessCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<AccessFlags>();
-  CLI::App* command = app.add_subcommand("access", "Make certificates and tokens for a coordinator");
+  CLI::App* command = app.add_subcommand("access", "Create certificates and tokens for a coordinator");
   command->require_subcommand(1);
   command->footer(
-      "Prints the files that it makes; only the user can read them. Tokens themselves are in NAME.token alone, to be\n"
-      "given to who bears that name; the coordinator reads the file `tokens`, which has their hashes.\n"
+      "Prints the files that it creates; only the user can read them. NAME.token holds the token itself: give it to "
+      "the\n"
+      "client NAME. The coordinator reads the file `tokens`, which holds only the hashes.\n"
       "Examples:\n"
       "  tessera access server keys city-server 10.0.0.5\n"
       "  tessera access token keys anna:submitter vera:viewer rack:worker\n"
@@ -155,19 +157,21 @@ void AddAccessCommand(CLI::App& app, int* exit_code) {
       "           --scene-root /srv/cities\n"
       "  tessera jobs --coordinator city-server:7575 --tls-ca keys/ca.pem --token-file keys/anna.token\n"
       "  tessera access revoke keys vera");
-  CLI::App* server = AddAction(*command, "server", "An authority of your own, and the coordinator's certificate by it",
-                               flags, exit_code, MakeServer);
-  server->add_option("HOST", flags->hosts, "Names and IP addresses by which it is called")->required();
-  AddDays(*server, flags, 825, "How long it holds");
-  CLI::App* token = AddAction(*command, "token", "Tokens, added to FOLDER/tokens", flags, exit_code, MakeTokens);
-  token->add_option("NAME:ROLE", flags->tokens, "ROLE: viewer, submitter, worker or admin")->required();
-  AddDays(*token, flags, 365, "How long they hold; 0: until they are revoked");
-  CLI::App* revoke = AddAction(*command, "revoke", "Takes tokens back, at once", flags, exit_code, RevokeTokens);
-  revoke->add_option("NAME", flags->names)->required();
-  CLI::App* caller = AddAction(*command, "caller", "Certificates for callers, where tesserad has --tls-ca", flags,
-                               exit_code, MakeCallers);
-  caller->add_option("NAME", flags->names)->required();
-  AddDays(*caller, flags, 825, "How long they hold");
+  CLI::App* server = AddAction(*command, "server", "Create a certificate authority and the coordinator's certificate",
+                               "keys city-server 10.0.0.5", flags, exit_code, MakeServer);
+  server->add_option("HOST", flags->hosts, "Host names and IP addresses of the coordinator")->required();
+  AddDays(*server, flags, 825, "Validity in days");
+  CLI::App* token = AddAction(*command, "token", "Create tokens and add them to FOLDER/tokens",
+                              "keys anna:submitter rack:worker", flags, exit_code, MakeTokens);
+  token->add_option("NAME:ROLE", flags->tokens, "Token name and role: viewer, submitter, worker or admin")->required();
+  AddDays(*token, flags, 365, "Validity in days; 0: until revoked");
+  CLI::App* revoke =
+      AddAction(*command, "revoke", "Revoke tokens, effective at once", "keys vera", flags, exit_code, RevokeTokens);
+  revoke->add_option("NAME", flags->names, "Names of tokens")->required();
+  CLI::App* caller = AddAction(*command, "caller", "Create client certificates, for tesserad --tls-ca", "keys rack-7",
+                               flags, exit_code, MakeCallers);
+  caller->add_option("NAME", flags->names, "Names of clients")->required();
+  AddDays(*caller, flags, 825, "Validity in days");
 }
 
 }  // namespace tessera

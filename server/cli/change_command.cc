@@ -1,4 +1,4 @@
-// `tessera priority`, `pause`, `resume` and `retry`: what users change of a job that was accepted.
+// `tessera priority`, `pause`, `resume` and `retry`: change an accepted job.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
@@ -6,9 +6,9 @@
 
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
-#include "server/cli/watching.h"
+#include "server/cli/watch_job.h"
 #include "server/client/connection.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -22,12 +22,12 @@ struct ChangeFlags {
 
 int Change(const ChangeFlags& flags, const std::string& command, v1::ChangeJobRequest request) {
   const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return Complain(command, connection.status());
+  if (!connection.ok()) return ReportError(command, connection.status());
   request.set_name(FullJobName(flags.job));
   v1::Job job;
   const Status status = (*connection)->ChangeJob(request, &job);
-  if (!status.ok()) return Complain(command, status);
-  std::printf("%s %s, priority %d\n", job.name().c_str(), JobWord(job).c_str(), job.priority());
+  if (!status.ok()) return ReportError(command, status);
+  std::printf("%s %s, priority %d\n", job.name().c_str(), JobStatusName(job).c_str(), job.priority());
   return kExitOk;
 }
 
@@ -38,10 +38,11 @@ CLI::App* AddCommand(CLI::App& app, const std::string& name, const std::string& 
   return command;
 }
 
-void AddPausing(CLI::App& app, const std::string& name, const std::string& what, bool paused, int* exit_code) {
+void AddPausing(CLI::App& app, const std::string& name, const std::string& what, const std::string& details,
+                bool paused, int* exit_code) {
   auto flags = std::make_shared<ChangeFlags>();
   CLI::App* command = AddCommand(app, name, what, flags.get());
-  command->footer("Example: tessera " + name + " jobs/7");
+  command->footer(details + "\nExample:\n  tessera " + name + " jobs/7");
   command->callback([flags, exit_code, name, paused] {
     v1::ChangeJobRequest request;
     request.set_paused(paused);
@@ -54,7 +55,7 @@ void AddPausing(CLI::App& app, const std::string& name, const std::string& what,
 void AddPriorityCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<ChangeFlags>();
   CLI::App* command = AddCommand(app, "priority", "Change a job's priority", flags.get());
-  command->footer("Tasks that run are not interrupted.\nExample: tessera priority jobs/7 10");
+  command->footer("Running tasks are not interrupted.\nExample:\n  tessera priority jobs/7 10");
   AddPriorityOption(*command, "PRIORITY", &flags->priority)->required();
   command->callback([flags, exit_code] {
     v1::ChangeJobRequest request;
@@ -64,12 +65,12 @@ void AddPriorityCommand(CLI::App& app, int* exit_code) {
 }
 
 void AddPauseCommand(CLI::App& app, int* exit_code) {
-  AddPausing(app, "pause", "Give out no more tasks of a job; those that run go on, and their results are kept", true,
-             exit_code);
+  AddPausing(app, "pause", "Pause a job",
+             "Leases no more tasks of the job. Running tasks finish, and their results are kept.", true, exit_code);
 }
 
 void AddResumeCommand(CLI::App& app, int* exit_code) {
-  AddPausing(app, "resume", "Go on with a job that was paused", false, exit_code);
+  AddPausing(app, "resume", "Resume a paused job", "Leases tasks of the job again.", false, exit_code);
 }
 
 void AddRetryCommand(CLI::App& app, int* exit_code) {
@@ -78,20 +79,19 @@ void AddRetryCommand(CLI::App& app, int* exit_code) {
     bool watch = false;
   };
   auto flags = std::make_shared<RetryFlags>();
-  CLI::App* command =
-      AddCommand(app, "retry", "Let a job that failed, or ended without some tiles, go on", flags.get());
+  CLI::App* command = AddCommand(app, "retry", "Retry the failed tasks of a job", flags.get());
   command->footer(
-      "What failed is tried anew, and all that succeeded is kept.\n"
+      "The job must have failed or have ended without some tiles. Results of tasks that succeeded are kept.\n"
       "Examples:\n"
       "  tessera retry jobs/7 --watch\n"
       "  tessera retry jobs/7 --tile 12");
-  CLI::Option* const tile =
-      command->add_option("--tile", flags->tile, "Only what failed of this tile")->check(CLI::NonNegativeNumber);
+  CLI::Option* const tile = command->add_option("--tile", flags->tile, "Retry only the failed tasks of this tile")
+                                ->check(CLI::NonNegativeNumber);
   command->add_flag("--watch", flags->watch, "Show progress until the job has ended");
   command->callback([flags, exit_code, tile] {
     const auto connection = Connection::Open(flags->coordinator);
     if (!connection.ok()) {
-      *exit_code = Complain("retry", connection.status());
+      *exit_code = ReportError("retry", connection.status());
       return;
     }
     v1::RetryJobRequest request;
@@ -99,12 +99,12 @@ void AddRetryCommand(CLI::App& app, int* exit_code) {
     if (tile->count() > 0) request.set_tile(flags->tile);
     v1::Job job;
     if (const Status status = (*connection)->RetryJob(request, &job); !status.ok()) {
-      *exit_code = Complain("retry", status);
+      *exit_code = ReportError("retry", status);
       return;
     }
-    std::printf("%s %s\n", job.name().c_str(), JobWord(job).c_str());
+    std::printf("%s %s\n", job.name().c_str(), JobStatusName(job).c_str());
     std::fflush(stdout);
-    *exit_code = flags->watch ? WatchToTheEnd(**connection, job.name(), "retry") : kExitOk;
+    *exit_code = flags->watch ? WatchJobWithProgress(**connection, job.name(), "retry") : kExitOk;
   });
 }
 

@@ -1,4 +1,4 @@
-// `tessera check SCENE`: is this scene ready for a job?
+// `tessera check SCENE`: checks that a scene is ready for a job.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -19,7 +19,7 @@ struct CheckOptions {
   std::string json_file;
 };
 
-// One line on a terminal, rewritten; nothing anywhere else.
+// One line on a terminal, redrawn in place; prints nothing elsewhere.
 class ProgressLine {
  public:
   explicit ProgressLine(const char* what) : what_(what), on_terminal_(isatty(STDERR_FILENO) != 0) {}
@@ -70,12 +70,14 @@ int RunCheck(const CheckOptions& options) {
 
 void AddCheckCommand(CLI::App& app, int* exit_code) {
   auto options = std::make_shared<CheckOptions>();
-  CLI::App* command = app.add_subcommand(
-      "check",
-      "Reads a whole scene, images and mesh included, and prints a summary or everything that is wrong with it");
-  command->add_option("SCENE", options->scene, "folder with a scene.json, or the scene.json itself")->required();
-  command->add_option("--json", options->json_file, "also write the summary to this file, as JSON");
-  command->footer("Example: tessera check city --json summary.json\nExit code 3: the scene has faults.");
+  CLI::App* command = app.add_subcommand("check", "Check that a scene is ready for a job");
+  command->add_option("SCENE", options->scene, "Folder with a scene.json, or the scene.json itself")->required();
+  command->add_option("--json", options->json_file, "Also write the summary to this file, as JSON");
+  command->footer(
+      "Reads the whole scene, with images and mesh, and prints a summary, or every fault that it has.\n"
+      "Exit code: 0 valid, 1 failed, 3 the scene has faults.\n"
+      "Example:\n"
+      "  tessera check city --json summary.json");
   command->callback([options, exit_code] { *exit_code = RunCheck(*options); });
 }
 

@@ -1,4 +1,5 @@
-// tessera classify: class likelihoods of a scene's images, learnt from a few that somebody painted.
+// `tessera classify`: computes class likelihoods of a scene's images from annotations, a trained model or a default
+// rule.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -31,7 +32,7 @@ namespace fs = std::filesystem;
 struct ClassifyArguments {
   std::string scene, out;
   std::string train, model, save_model;
-  std::string mesh;  // in place of the scene's
+  std::string mesh;  // replaces the scene's mesh
   uint64_t seed = 1;
   int threads = 0;
   bool quiet = false;
@@ -43,7 +44,7 @@ std::string SceneFileOf(const std::string& path) {
 
 Status WriteOutput(const std::string& path, const std::string& content) {
   const Status written = WriteFileAtomic(path, content);
-  // Not the input's fault, whatever the code.
+  // A write error is no error of the input.
   return written.ok() ? written : absl::InternalError(written.message());
 }
 
@@ -64,7 +65,7 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
   TESSERA_ASSIGN_OR_RETURN(report.gsd_m, MedianGsd(scene, mesh));
   report.scene = &scene;
 
-  // All that may be wrong with the input comes before the work.
+  // Check all input before the long computation.
   std::optional<Annotations> annotations;
   ClassifierModel model;
   std::optional<DefaultRule> rule;
@@ -88,7 +89,7 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
     use.rule = &*rule;
   }
 
-  control.Report(0, "looking at the mesh");
+  control.Report(0, "reading the mesh");
   const MeshSurface surface(mesh, scene.up_in_local, report.gsd_m);
   std::optional<TrainedClassifier> trained;
   if (annotations) {
@@ -125,41 +126,39 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
 
 void AddClassifyCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<ClassifyArguments>();
-  CLI::App* command = app.add_subcommand(
-      "classify",
-      "Makes the class likelihoods of a scene's images, learnt from a few that you painted.\n\n"
-      "DIR of --train has PNGs named as the images (0007.png for 0007.jpg), of their size: class numbers in one "
-      "channel,\n"
-      "255 where nothing is annotated; or the classes' colours, the rest white, black or transparent. A few strokes "
-      "of\n"
-      "each class in four images do; but strokes teach no borders: paint some objects up to their rim.\n\n"
-      "--out is a scene of its own, with links to the rest: OUT/geometry has the likelihoods that know the start "
-      "mesh,\n"
-      "for labels, OUT/appearance those of colour and texture alone, for shape; OUT/report.json what cross-validation\n"
-      "over places says of them, and which image to annotate next.");
-  command->add_option("SCENE", arguments->scene, "the scene's folder or its scene.json")->required();
-  command->add_option("--out", arguments->out, "folder to write, new or of an earlier classification")->required();
-  CLI::Option* train = command->add_option("--train", arguments->train, "folder of annotations");
-  command->add_option("--model", arguments->model, "what --save-model wrote, of another flight or city")
+  CLI::App* command =
+      app.add_subcommand("classify", "Compute class likelihoods of a scene's images from a few annotated images");
+  command->add_option("SCENE", arguments->scene, "Folder with a scene.json, or the scene.json itself")->required();
+  command->add_option("--out", arguments->out, "Folder to write, new or of an earlier classification")->required();
+  CLI::Option* train = command->add_option("--train", arguments->train, "Folder of annotated images")->type_name("DIR");
+  command->add_option("--model", arguments->model, "Model that --save-model wrote, of another flight or city")
       ->excludes(train);
-  command->add_option("--save-model", arguments->save_model, "also write what was learnt to this file")->needs(train);
-  command->add_option(
-      "--mesh", arguments->mesh,
-      "a mesh in place of the scene's, as a job refined it: truer features, truer labels; OUT takes it over");
-  command->add_option("--seed", arguments->seed, "of the pixels drawn")->capture_default_str();
-  command->add_option("--threads", arguments->threads, "0: one for each core; the same bytes for any number")
+  command->add_option("--save-model", arguments->save_model, "Also write the trained model to this file")->needs(train);
+  command->add_option("--mesh", arguments->mesh,
+                      "Mesh to use instead of the scene's, such as a refined one for better features; OUT uses it too");
+  command->add_option("--seed", arguments->seed, "Seed of the sampled training pixels")->capture_default_str();
+  command
+      ->add_option("--threads", arguments->threads,
+                   "Number of threads; 0: one per core. The result does not depend on it")
       ->check(CLI::NonNegativeNumber);
-  command->add_flag("--quiet", arguments->quiet, "no progress and no table");
+  command->add_flag("--quiet", arguments->quiet, "Print neither progress nor the summary table");
   command->footer(
+      "DIR of --train holds PNG files named and sized as the images (0007.png for 0007.jpg): class numbers in one\n"
+      "channel, 255 for unlabelled pixels; or the classes' colours, with unlabelled pixels white, black or\n"
+      "transparent. A few strokes per class in four images are enough. Annotate some objects up to their boundary,\n"
+      "so that the classifier learns boundaries.\n"
+      "OUT is a scene of its own, with links to the images. OUT/geometry: likelihoods from appearance and the start\n"
+      "mesh, for labels. OUT/appearance: likelihoods from colour and texture only, for geometry. OUT/report.json:\n"
+      "results of spatial cross-validation, and the image to annotate next.\n"
       "Examples:\n"
       "  tessera classify city --train painted --out classified --save-model city.model\n"
       "  tessera run classified --out out\n"
-      "  tessera classify city --train painted --mesh out/mesh.ply --out again      once the shape is refined;\n"
-      "  tessera run again --method labels --out labelled                           then the labels alone\n"
+      "  tessera classify city --train painted --mesh out/mesh.ply --out again     with the refined mesh,\n"
+      "  tessera run again --method labels --out labelled                          then labels only\n"
       "  tessera classify next-city --model city.model --out classified-next\n"
-      "  tessera classify bare --out guessed          without both: a default from the mesh and greenness");
+      "  tessera classify bare --out guessed          default rule, from the mesh and greenness");
   command->callback([arguments, exit_code] {
-    CountInterrupts();
+    InstallInterruptCounter();
     Status status;
     std::string text;
     {

@@ -9,7 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "server/cli/commands.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
 
@@ -26,15 +26,15 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
   const char* const group = "Method";
   command
       .add_option("--method", settings->method,
-                  "tessera; baseline: Vu et al. 2012, images alone; paper: Blaha et al. 2017, its terms and rounds; "
-                  "labels: the shape stays. The defaults below are those of tessera")
+                  "Method: tessera; baseline (Vu et al. 2012, images only); paper (Blaha et al. 2017, its terms and "
+                  "rounds); labels (labels only, geometry unchanged). The defaults below are those of tessera")
       ->type_name(absl::StrJoin(kMethods, "|"))
       ->capture_default_str()
       ->group(group);
   command
       .add_option("--rounds", settings->rounds,
-                  absl::StrCat("Rounds of shape and labels, to ", kMaxRounds,
-                               ", after the first at the finest level alone; 0: the method's own"))
+                  absl::StrCat("Rounds of geometry and labels, 1 to ", kMaxRounds,
+                               "; rounds after the first use the finest level only; 0: the method's default"))
       ->capture_default_str()
       ->group(group);
   const auto add_number = [&](const auto& setting) {
@@ -68,27 +68,29 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
 
 void AddCoordinatorOption(CLI::App& command, Endpoint* endpoint) {
   endpoint->address = DefaultAddress();
-  command.add_option("--coordinator", endpoint->address, "Where tesserad listens, HOST:PORT or unix:PATH")
+  command.add_option("--coordinator", endpoint->address, "Address of the coordinator, HOST:PORT or unix:PATH")
       ->envname("TESSERA_COORDINATOR")
       ->capture_default_str();
   AddTlsOptions(command, endpoint);
 }
 
 void AddTlsOptions(CLI::App& command, Endpoint* endpoint) {
-  const char* const group = "Who you are";
-  command.add_option("--tls-ca", endpoint->tls_ca, "Authority of its certificate, PEM; without it no TLS")
+  const char* const group = "Authentication";
+  command
+      .add_option("--tls-ca", endpoint->tls_ca,
+                  "Certificate authority of the coordinator, PEM; without it the connection does not use TLS")
       ->envname("TESSERA_TLS_CA")
       ->type_name("FILE")
       ->group(group);
-  command.add_option("--tls-cert", endpoint->tls_cert, "Your own certificate, where it asks for one")
+  command.add_option("--tls-cert", endpoint->tls_cert, "Client certificate, PEM, if the coordinator requires one")
       ->envname("TESSERA_TLS_CERT")
       ->type_name("FILE")
       ->group(group);
-  command.add_option("--tls-key", endpoint->tls_key, "Its key")
+  command.add_option("--tls-key", endpoint->tls_key, "Key of the client certificate, PEM")
       ->envname("TESSERA_TLS_KEY")
       ->type_name("FILE")
       ->group(group);
-  command.add_option("--token-file", endpoint->token_file, "File with your token")
+  command.add_option("--token-file", endpoint->token_file, "File with the token that the calls carry")
       ->envname("TESSERA_TOKEN_FILE")
       ->type_name("FILE")
       ->group(group);
@@ -98,20 +100,19 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
   command.add_option("SCENE", flags->scene, "Folder with a scene.json")->required();
   command
       .add_option("--tiles", flags->settings.tiles,
-                  absl::StrCat("Number of tiles, to ", kMaxTiles, "; 0: as many as fit, 1: untiled"))
+                  absl::StrCat("Number of tiles, 1 (untiled) to ", kMaxTiles, "; 0: as many as --tile-memory requires"))
       ->capture_default_str();
   command
-      .add_option("--tile-memory", flags->settings.tile_memory_bytes,
-                  "Memory that a tile may take of a worker: tiles that would take more are split; 4GiB where neither "
-                  "this nor --tiles is given")
+      .add_option(
+          "--tile-memory", flags->settings.tile_memory_bytes,
+          "Largest memory of a worker for one tile; larger tiles are split (default 4GiB, or no limit with --tiles)")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/true))
       ->type_name("BYTES|MiB|GiB");
   command
-      .add_option(
-          "--classifier", flags->settings.classifier,
-          "What makes class likelihoods of the images, in place of the scene's: a file of `tessera classify "
-          "--save-model`, or 'default' (geometry and greenness), or 'none' (what the scene has). Without it the "
-          "default where the scene has neither likelihoods nor labels")
+      .add_option("--classifier", flags->settings.classifier,
+                  "Source of class likelihoods: a model file of `tessera classify --save-model`; default (geometry and "
+                  "greenness); none (the scene's own likelihoods). If not given: default when the scene has neither "
+                  "likelihoods nor labels, else none")
       ->transform([](const std::string& given) {
         if (given == kDefaultClassifier || given == kNoClassifier || given.empty()) return given;
         std::error_code error;
@@ -129,52 +130,50 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
 CLI::Option* AddPriorityOption(CLI::App& command, const std::string& name, int* priority) {
   return command
       .add_option(name, *priority,
-                  "A waiting job of a higher priority gets the next free worker; of the same, the older job")
+                  "Priority, -100 to 100: a free worker takes the job of highest priority, then the oldest")
       ->check(CLI::Range(-100, 100))
       ->capture_default_str();
 }
 
-void AddUpdateOptions(CLI::App& command, const std::string& base_is, JobFlags* flags) {
+void AddUpdateOptions(CLI::App& command, const std::string& base_values, JobFlags* flags) {
   const char* const group = "Update";
   UpdateSettings& update = flags->settings.update;
   command
-      .add_option(
-          "--base", update.base,
-          "Go on from the result of this job: only what new, withdrawn or changed images show, and where the mesh "
-          "changed, is done anew, "
-          "the rest stays as it is, to the byte. SCENE is the whole scene, or without a mesh what is new. Found "
-          "in: " +
-              base_is)
+      .add_option("--base", update.base,
+                  "Update the result of this base job: only tiles with new, withdrawn or changed images, or with a "
+                  "changed mesh, are refined; the others keep their bytes. SCENE is the whole scene, or only the new "
+                  "images (no mesh). JOB: " +
+                      base_values)
       ->type_name("JOB")
       ->group(group);
   command
       .add_option("--withdraw", update.withdraw,
-                  "A flight of the base whose images are not used any more; may be repeated")
+                  "Flight of the base job whose images are no longer used; may be repeated")
       ->type_name("FLIGHT")
       ->allow_extra_args(false)
       ->group(group);
   command
-      .add_option(
-          "--epochs", flags->epochs,
-          "newest: where the newest flight sees enough of a place, older images of it are left out; all: as one "
-          "scene")
+      .add_option("--epochs", flags->epochs,
+                  "Images to use: newest (where the newest flight covers a cell well enough, older images of it are "
+                  "left out) or all")
       ->check(CLI::IsMember({"newest", "all"}))
       ->capture_default_str()
       ->group(group);
   command
-      .add_flag(
-          "--from-scratch", update.from_scratch,
-          "Begin at the start mesh, and redo other tiles as far as a change reaches: what a job on all images gives")
+      .add_flag("--from-scratch", update.from_scratch,
+                "Refine changed tiles from the start mesh, and every tile that depends on them; the result equals a "
+                "job on all images")
       ->group(group);
 }
 
 void AddPriceLimit(CLI::App& command, JobFlags* flags) {
   CLI::Option* const price =
-      command.add_option("--price-per-core-hour", flags->price_per_core_hour, "What --max-price counts with")
+      command
+          .add_option("--price-per-core-hour", flags->price_per_core_hour, "Price of one core-hour, for --max-price")
           ->check(CLI::PositiveNumber);
   command
       .add_option("--max-price", flags->max_price,
-                  "Refuse the job, before any image is refined, if it is predicted to cost more")
+                  "Refuse the job before refinement starts if its predicted price is higher")
       ->check(CLI::PositiveNumber)
       ->needs(price);
 }
@@ -199,7 +198,7 @@ std::string NewRequestId() {
   return text;
 }
 
-int Complain(const std::string& command, const Status& status) {
+int ReportError(const std::string& command, const Status& status) {
   const std::string message(status.message().data(), status.message().size());
   std::fprintf(stderr, "tessera %s: %s\n", command.c_str(), PrintableLines(message).c_str());
   switch (status.code()) {
@@ -219,7 +218,7 @@ int Complain(const std::string& command, const Status& status) {
 int ExitCodeOfJob(const v1::Job& job, bool bad_input) {
   if (job.state() == v1::JOB_STATE_SUCCEEDED) return kExitOk;
   const std::string why = job.error().empty() ? "" : ":\n" + job.error();
-  std::fprintf(stderr, "%s %s%s\n", job.name().c_str(), JobStateWord(job.state()).c_str(), PrintableLines(why).c_str());
+  std::fprintf(stderr, "%s %s%s\n", job.name().c_str(), JobStateName(job.state()).c_str(), PrintableLines(why).c_str());
   if (job.state() == v1::JOB_STATE_CANCELLED) return kExitCancelled;
   if (job.state() == v1::JOB_STATE_PARTIAL) return kExitPartial;
   return bad_input ? kExitBadInput : kExitFailed;

@@ -12,13 +12,14 @@ namespace tessera {
 inline constexpr int kExitOk = 0;
 inline constexpr int kExitFailed = 1;       // the work failed (a job failed, a file could not be written, ...)
 inline constexpr int kExitUsage = 2;        // wrong arguments
-inline constexpr int kExitBadInput = 3;     // the input is wrong: what and where is on standard error
+inline constexpr int kExitBadInput = 3;     // the input is wrong; standard error names the file and the fault
 inline constexpr int kExitUnavailable = 4;  // no coordinator answers
-inline constexpr int kExitPartial = 5;      // a job ended without some tiles, whose refinement failed
+inline constexpr int kExitPartial = 5;      // the job ended, but the refinement of some tiles failed
 inline constexpr int kExitCancelled = 130;  // Ctrl-C, or the job was cancelled
 
-// Each adds one subcommand to `app`; when the user calls it, it runs from CLI11's callback and leaves its exit code in
-// *exit_code, which must outlive `app`. Results go to standard output, everything else to standard error.
+// Each adds one subcommand to `app`. CLI11's callback runs the command and stores its exit code in *exit_code, which
+// must outlive `app`. Results go to standard output, everything else to standard error. A command's description is one
+// line, an imperative; details and examples are in its footer.
 void AddAccessCommand(CLI::App& app, int* exit_code);
 void AddCancelCommand(CLI::App& app, int* exit_code);
 void AddCheckCommand(CLI::App& app, int* exit_code);

@@ -1,4 +1,4 @@
-// `tessera delete`: forgets a job that has ended.
+// `tessera delete`: deletes a job that has ended.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
@@ -6,7 +6,7 @@
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
 #include "server/client/connection.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 
 namespace tessera {
 namespace {
@@ -18,10 +18,10 @@ struct DeleteFlags {
 
 int Delete(const DeleteFlags& flags) {
   const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return Complain("delete", connection.status());
+  if (!connection.ok()) return ReportError("delete", connection.status());
   const std::string name = FullJobName(flags.job);
   const Status status = (*connection)->DeleteJob(name);
-  if (!status.ok()) return Complain("delete", status);
+  if (!status.ok()) return ReportError("delete", status);
   std::printf("%s deleted\n", name.c_str());
   return kExitOk;
 }
@@ -30,11 +30,13 @@ int Delete(const DeleteFlags& flags) {
 
 void AddDeleteCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<DeleteFlags>();
-  CLI::App* command = app.add_subcommand("delete", "Forget a job that has ended");
+  CLI::App* command = app.add_subcommand("delete", "Delete a job that has ended");
   command->footer(
-      "Its results go, but for those that other jobs have too; fetch them first. A job that another goes on from (an\n"
-      "update, a rollback) stays until that is deleted.\n"
-      "Example: tessera delete jobs/7");
+      "Results that no other job uses are removed; fetch them first. A base job (of an update or a rollback) cannot "
+      "be\n"
+      "deleted before the jobs that use it.\n"
+      "Example:\n"
+      "  tessera delete jobs/7");
   AddCoordinatorOption(*command, &flags->coordinator);
   command->add_option("JOB", flags->job, "The job's name or number")->required();
   command->callback([flags, exit_code] { *exit_code = Delete(*flags); });

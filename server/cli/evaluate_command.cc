@@ -1,4 +1,4 @@
-// tessera evaluate: how good a mesh is, against the scene's truth.
+// `tessera evaluate`: measures a mesh or likelihoods against the scene's truth.
 #include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
 #include <cmath>
@@ -35,7 +35,7 @@ struct EvaluateArguments {
   std::string truth;  // folder; empty: SCENE/truth
   std::string json;
   std::optional<double> rim_m;
-  std::string likelihoods;                // folder; measured in place of a mesh, or beside its labels
+  std::string likelihoods;                // folder; measured instead of a mesh, or together with its labels
   std::vector<std::string> except_views;  // names, with or without extension
   bool no_start = false;
   int threads = 0;
@@ -48,7 +48,7 @@ StatusOr<TriangleMesh> ReadMeshInLocalFrame(const std::string& path, const Frame
   return std::move(content.mesh);
 }
 
-// Checks here what the evaluator calls "the mesh", to name the file.
+// Checks the mesh here because the evaluator's own errors do not name the file.
 Status CheckMesh(const TriangleMesh& mesh, const std::string& path, size_t classes) {
   if (mesh.faces.empty()) return InputError(path, "", "no faces", "at least one");
   for (size_t f = 0; f < mesh.labels.size(); ++f) {
@@ -71,7 +71,7 @@ std::vector<std::string> ClassNames(const SceneDescription& scene) {
   return names;
 }
 
-// Of each view, whether --except-views names it; a name that no view has is an error.
+// For each view, whether --except-views names it. INVALID_ARGUMENT if a name is no view of the scene.
 StatusOr<std::vector<bool>> LeftOut(const std::vector<std::string>& names, const SceneDescription& scene) {
   std::vector<bool> left_out(scene.views.size());
   for (const std::string& name : names) {
@@ -86,7 +86,7 @@ StatusOr<std::vector<bool>> LeftOut(const std::vector<std::string>& names, const
   return left_out;
 }
 
-// The likelihoods of a view in a folder of them, whatever their format.
+// Path of the likelihoods of a view, of any supported format.
 StatusOr<std::string> LikelihoodPath(const std::string& folder, const SceneView& view) {
   for (const char* extension : {".tif", ".tiff", ".npy", ".png"}) {
     const fs::path path = fs::path(folder) / fs::path(view.name).replace_extension(extension);
@@ -96,10 +96,10 @@ StatusOr<std::string> LikelihoodPath(const std::string& folder, const SceneView&
                     "no .tif, .tiff, .npy or .png", "the likelihoods of image '" + view.name + "'");
 }
 
-// What views show of a mesh's labels, where the start has a surface too.
+// Renders a mesh's labels in the views, only at pixels where the start mesh has a surface too.
 class MeshInViews {
  public:
-  // Faces without a label are wrong wherever they show. `mesh` is not kept.
+  // Pixels of faces without a label count as errors.
   static StatusOr<MeshInViews> Of(TriangleMesh mesh, const std::string& path, const SceneDescription& scene) {
     if (mesh.labels.empty()) return InputError(path, "", "no labels", "labels to compare with the likelihoods");
     for (int32_t& label : mesh.labels) label = label < 0 ? static_cast<int32_t>(scene.classes.size()) : label;
@@ -155,7 +155,8 @@ Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescri
     }
   }
   if (named.empty()) {
-    return InputError(arguments.truth, "", "no IMAGE_label.png of a view that counts", "true labels of some images");
+    return InputError(arguments.truth, "", "no IMAGE_label.png of any evaluated view",
+                      "true labels of at least one image");
   }
   std::cout << LikelihoodTable(named, ClassNames(scene)) << std::flush;
   if (arguments.json.empty()) return absl::OkStatus();
@@ -179,8 +180,7 @@ Status Evaluate(EvaluateArguments arguments) {
   if (arguments.mesh.empty()) return InputError("evaluate", "", "no mesh", "a mesh, or --likelihoods DIR");
   const std::string truth_path = (fs::path(arguments.truth) / "mesh.ply").string();
   if (!fs::exists(truth_path)) {
-    return InputError(truth_path, "", "no such file",
-                      "the true mesh; a scene without truth cannot be evaluated (another folder: --truth DIR)");
+    return InputError(truth_path, "", "no such file", "the true mesh; if it lies elsewhere, pass --truth DIR");
   }
   TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMeshInLocalFrame(arguments.mesh, scene.frame));
   TESSERA_RETURN_IF_ERROR(CheckMesh(mesh, arguments.mesh, scene.classes.size()));
@@ -199,9 +199,9 @@ Status Evaluate(EvaluateArguments arguments) {
   size_t truth_images = 0;
   for (const SceneView& view : scene.views) truth_images += fs::exists(TruthImagePath(arguments.truth, view));
   if (mesh.labels.empty()) {
-    std::cerr << "note: " << arguments.mesh << " has no labels: geometry only\n";
+    std::cerr << "note: " << arguments.mesh << " has no labels: only geometry is measured\n";
   } else if (truth_images == 0) {
-    std::cerr << "note: " << arguments.truth << " has no IMAGE_label.png: no labels by rendered pixels\n";
+    std::cerr << "note: " << arguments.truth << " has no IMAGE_label.png: labels are not measured by rendered pixels\n";
   } else if (truth_images < scene.views.size()) {
     std::cerr << "note: " << truth_images << " of " << scene.views.size() << " views have a truth image\n";
   }
@@ -219,7 +219,7 @@ Status Evaluate(EvaluateArguments arguments) {
   std::cout << EvaluationTable(evaluations, ClassNames(scene), options) << std::flush;
   if (arguments.json.empty()) return absl::OkStatus();
   const Status written = WriteFileAtomic(arguments.json, EvaluationJson(evaluations, ClassNames(scene), options));
-  // Not the input's fault, whatever the code.
+  // A write error is no error of the input.
   return written.ok() ? written : absl::InternalError(written.message());
 }
 
@@ -227,52 +227,58 @@ Status Evaluate(EvaluateArguments arguments) {
 
 void AddEvaluateCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<EvaluateArguments>();
-  CLI::App* command = app.add_subcommand(
-      "evaluate",
-      "Measures a mesh against the scene's truth: geometry and labels, beside the start mesh's figures.\n\n"
-      "Points are drawn by area on the mesh (accuracy) and on the truth (completeness); those that enough cameras "
-      "see,\n"
-      "ray-tested on their own surface, count with their exact distance to the other surface. Labels are measured by\n"
-      "area and by rendered pixels.\n\n"
+  CLI::App* command = app.add_subcommand("evaluate", "Measure a mesh against the scene's truth");
+  command->footer(
+      "Measures geometry and labels, and prints them beside the figures of the start mesh. Points are sampled by area\n"
+      "on the mesh (accuracy) and on the truth (completeness). A point counts if enough cameras see it, by ray tests "
+      "on\n"
+      "its own surface; its error is the exact distance to the other surface. Labels are measured by area and by\n"
+      "rendered pixels.\n"
+      "Examples:\n"
       "  tessera evaluate out/mesh.ply --scene city\n"
       "  tessera evaluate peer.ply --scene campus --rim 3 --json peer.json\n"
       "  tessera evaluate --likelihoods classified/geometry --scene city --except-views 0000,0007\n"
       "  tessera evaluate out/mesh.ply --likelihoods classified/geometry --scene city");
   EvaluationOptions& options = arguments->options;
-  command->add_option("mesh", arguments->mesh, "PLY in the scene's own coordinates, as a job writes it");
-  command->add_option("--scene", arguments->scene, "the scene's folder or its scene.json")->required();
+  command->add_option("mesh", arguments->mesh, "Mesh to measure, PLY in the scene's coordinates, as a job writes it");
+  command->add_option("--scene", arguments->scene, "Folder with a scene.json, or the scene.json itself")->required();
   command->add_option("--truth", arguments->truth,
-                      "folder of mesh.ply and IMAGE_label.png, in the scene's coordinates (default SCENE/truth)");
+                      "Folder of mesh.ply and IMAGE_label.png, in the scene's coordinates (default SCENE/truth)");
   command->add_option(
       "--likelihoods", arguments->likelihoods,
-      "folder of likelihoods to measure in place of a mesh: their likeliest class, pixel by pixel; with a\n"
-      "mesh, beside its labels, where it and the start have a surface");
+      "Folder of likelihoods to measure by their most likely class per pixel; with a mesh, measured together with its "
+      "labels where both the mesh and the start mesh have a surface");
   command
       ->add_option("--except-views", arguments->except_views,
-                   "images whose pixels do not count for labels, as those that were annotated: 0000,0007")
+                   "Images to leave out of the label figures, such as annotated ones: 0000,0007")
       ->delimiter(',');
-  command->add_option("--rim", arguments->rim_m, "metres inside the truth's horizontal box left out (default 30 GSD)")
+  command
+      ->add_option("--rim", arguments->rim_m,
+                   "Width of the ignored rim inside the truth's horizontal box, metres (default 30 GSD)")
       ->check(CLI::NonNegativeNumber);
-  command->add_option("--cap", options.cap_m, "metres; larger distances count as this in capped means")
+  command->add_option("--cap", options.cap_m, "Cap of distances in capped means, metres")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  command->add_option("--f-distances", options.f_distances_m, "metres at which the F-score is taken")
+  command->add_option("--f-distances", options.f_distances_m, "Distances at which the F-score is computed, metres")
       ->check(CLI::PositiveNumber)
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--min-views", options.min_views, "cameras that must see a point for it to count")
+  command->add_option("--min-views", options.min_views, "Smallest number of cameras that see a point for it to count")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  command->add_option("--samples", options.samples, "points drawn on each surface")
+  command->add_option("--samples", options.samples, "Number of points sampled on each surface")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  command->add_option("--seed", options.seed, "of the points drawn")->capture_default_str();
-  command->add_option("--boundary-px", options.boundary_reach_px, "pixels within which class boundaries match")
+  command->add_option("--seed", options.seed, "Seed of the sampled points")->capture_default_str();
+  command
+      ->add_option("--boundary-px", options.boundary_reach_px, "Distance within which class boundaries match, pixels")
       ->check(CLI::Range(0, 50))
       ->capture_default_str();
-  command->add_option("--json", arguments->json, "also write all figures to this file");
-  command->add_flag("--no-start", arguments->no_start, "leave out the column of the start mesh");
-  command->add_option("--threads", arguments->threads, "0: one for each core; the figures are the same for any number")
+  command->add_option("--json", arguments->json, "Also write all figures to this file, as JSON");
+  command->add_flag("--no-start", arguments->no_start, "Do not measure the start mesh");
+  command
+      ->add_option("--threads", arguments->threads,
+                   "Number of threads; 0: one per core. The figures do not depend on it")
       ->check(CLI::NonNegativeNumber);
   command->callback([arguments, exit_code] {
     const Status status = Evaluate(*arguments);

@@ -1,4 +1,4 @@
-// `tessera jobs`: what a coordinator has to do, and who does it.
+// `tessera jobs`: lists jobs and workers of a coordinator.
 #include <google/protobuf/util/json_util.h>
 
 #include <CLI/CLI.hpp>
@@ -14,7 +14,7 @@
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
 #include "server/client/connection.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
 #include "tessera/v1/workers.pb.h"
 
@@ -48,7 +48,7 @@ void PrintTable(std::vector<Row> rows) {
   }
 }
 
-// A row a line of the text, the first of them with the name.
+// Adds one row per line of the text; the first row has the name.
 void AddText(const std::string& name, std::string_view text, std::vector<Row>* rows) {
   for (bool first = true; first || !text.empty(); first = false) {
     const size_t end = std::min(text.find('\n'), text.size());
@@ -57,7 +57,7 @@ void AddText(const std::string& name, std::string_view text, std::vector<Row>* r
   }
 }
 
-std::string TimeWords(int64_t unix_s) {
+std::string LocalTimeText(int64_t unix_s) {
   if (unix_s <= 0) return "-";
   const time_t time = unix_s;
   tm local = {};
@@ -84,41 +84,41 @@ int PrintJson(const google::protobuf::Message& message) {
 
 int Workers(Connection& connection, bool json) {
   v1::ListWorkersResponse workers;
-  if (const Status status = connection.ListWorkers(&workers); !status.ok()) return Complain("jobs", status);
+  if (const Status status = connection.ListWorkers(&workers); !status.ok()) return ReportError("jobs", status);
   if (json) return PrintJson(workers);
-  std::vector<Row> rows = {{"WORKER", "HOST", "PID", "THREADS", "MEMORY", "SEEN", "DOES"}};
+  std::vector<Row> rows = {{"WORKER", "HOST", "PID", "THREADS", "MEMORY", "SEEN", "TASKS"}};
   for (const v1::Worker& worker : workers.workers()) {
     std::string tasks;
     for (const std::string& task : worker.tasks()) tasks += (tasks.empty() ? "" : ", ") + task;
     char memory[32];
     std::snprintf(memory, sizeof(memory), "%.1f GiB", static_cast<double>(worker.memory_bytes()) / (1 << 30));
-    if (!worker.set_aside_reason().empty()) {
-      tasks = "set aside for " + DurationWords(worker.set_aside_s()) + ": " + worker.set_aside_reason();
+    if (!worker.suspended_reason().empty()) {
+      tasks = "suspended for " + FormatDuration(worker.suspended_s()) + ": " + worker.suspended_reason();
     }
     rows.push_back({worker.name(), worker.host(), std::to_string(worker.pid()), std::to_string(worker.threads()),
-                    memory, DurationWords(worker.last_seen_s()) + " ago", tasks.empty() ? "-" : tasks});
+                    memory, FormatDuration(worker.last_seen_s()) + " ago", tasks.empty() ? "-" : tasks});
   }
   PrintTable(std::move(rows));
   return kExitOk;
 }
 
-// One job, with why it does not move.
+// Prints one job and, if it waits, the reason.
 int OneJob(Connection& connection, const JobsFlags& flags) {
   v1::Job job;
   if (const Status status = connection.GetJob(FullJobName(flags.job), &job); !status.ok()) {
-    return Complain("jobs", status);
+    return ReportError("jobs", status);
   }
   if (flags.json) return PrintJson(job);
   std::vector<Row> rows = {{"job", job.name()}, {"name", job.display_name()}, {"scene", job.scene_path()}};
-  rows.push_back({"state", JobWord(job)});
-  if (!job.waiting_for().empty()) AddText("why", job.waiting_for(), &rows);
+  rows.push_back({"state", JobStatusName(job)});
+  if (!job.waiting_for().empty()) AddText("reason", job.waiting_for(), &rows);
   rows.push_back({"priority", std::to_string(job.priority())});
-  rows.push_back({"submitted", TimeWords(job.create_time().seconds())});
+  rows.push_back({"submitted", LocalTimeText(job.create_time().seconds())});
   rows.push_back({"done", std::to_string(static_cast<int>(100 * job.progress())) + "%, " +
                               std::to_string(job.tiles_done()) + " of " + std::to_string(job.tiles_total()) +
                               " tiles, " + std::to_string(job.tasks_done()) + " of " +
                               std::to_string(job.tasks_total()) + " tasks"});
-  if (!HasEnded(job.state()) && job.eta_s() >= 0) rows.push_back({"to go", DurationWords(job.eta_s())});
+  if (!HasEnded(job.state()) && job.eta_s() >= 0) rows.push_back({"to go", FormatDuration(job.eta_s())});
   if (!job.error().empty()) AddText("error", job.error(), &rows);
   for (const std::string& warning : job.warnings()) AddText("warning", warning, &rows);
   PrintTable(std::move(rows));
@@ -127,20 +127,21 @@ int OneJob(Connection& connection, const JobsFlags& flags) {
 
 int Jobs(const JobsFlags& flags) {
   const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return Complain("jobs", connection.status());
+  if (!connection.ok()) return ReportError("jobs", connection.status());
   if (flags.workers) return Workers(**connection, flags.json);
   if (!flags.job.empty()) return OneJob(**connection, flags);
   v1::ListJobsResponse jobs;
-  if (const Status status = (*connection)->ListJobs(flags.count, &jobs); !status.ok()) return Complain("jobs", status);
+  if (const Status status = (*connection)->ListJobs(flags.count, &jobs); !status.ok())
+    return ReportError("jobs", status);
   if (flags.json) return PrintJson(jobs);
   std::vector<Row> rows = {{"JOB", "STATE", "PRIORITY", "TILES", "DONE", "TO GO", "SUBMITTED", "NAME"}};
   for (const v1::Job& job : jobs.jobs()) {
     const bool ended = HasEnded(job.state());
-    rows.push_back({job.name(), JobWord(job), std::to_string(job.priority()),
+    rows.push_back({job.name(), JobStatusName(job), std::to_string(job.priority()),
                     std::to_string(job.tiles_done()) + "/" + std::to_string(job.tiles_total()),
                     std::to_string(static_cast<int>(100 * job.progress())) + "%",
-                    ended || job.eta_s() < 0 ? "-" : DurationWords(job.eta_s()), TimeWords(job.create_time().seconds()),
-                    job.display_name()});
+                    ended || job.eta_s() < 0 ? "-" : FormatDuration(job.eta_s()),
+                    LocalTimeText(job.create_time().seconds()), job.display_name()});
   }
   PrintTable(std::move(rows));
   return kExitOk;
@@ -150,23 +151,21 @@ int Jobs(const JobsFlags& flags) {
 
 void AddJobsCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<JobsFlags>();
-  CLI::App* command =
-      app.add_subcommand("jobs",
-                         "List a coordinator's jobs, newest first, or its workers; of one job also why it does not "
-                         "move");
+  CLI::App* command = app.add_subcommand("jobs", "List jobs or workers of a coordinator");
   command->footer(
+      "Lists the newest jobs first. With JOB: its state, progress, errors and, if it waits, the reason.\n"
       "Examples:\n"
       "  tessera jobs\n"
       "  tessera jobs jobs/7\n"
       "  tessera jobs --workers\n"
       "  tessera jobs --json --count 1000");
   AddCoordinatorOption(*command, &flags->coordinator);
-  command->add_option("JOB", flags->job, "One job alone, by name or number");
-  command->add_option("--count", flags->count, "At most so many jobs")
+  command->add_option("JOB", flags->job, "Show only this job, by name or number");
+  command->add_option("--count", flags->count, "Largest number of jobs to list")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
-  command->add_flag("--workers", flags->workers, "The workers and what each does");
-  command->add_flag("--json", flags->json, "As JSON");
+  command->add_flag("--workers", flags->workers, "List workers and their running tasks");
+  command->add_flag("--json", flags->json, "Print JSON");
   command->callback([flags, exit_code] { *exit_code = Jobs(*flags); });
 }
 

@@ -1,4 +1,4 @@
-// `tessera lineage`: where each tile of a job comes from.
+// `tessera lineage`: shows which job refined each tile.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
@@ -16,7 +16,7 @@
 #include "server/client/base_job.h"
 #include "server/client/connection.h"
 #include "server/client/interrupt.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "server/client/lineage.h"
 #include "server/client/local_cluster.h"
 #include "server/display/lineage_text.h"
@@ -32,7 +32,7 @@ struct LineageFlags {
   bool images = false, json = false;
 };
 
-// Reads blobs of a coordinator by way of a store of its own.
+// Reads blobs of a coordinator through a local blob store.
 class Reader {
  public:
   Reader(Connection& connection, BlobStore& store) : connection_(connection), store_(store) {}
@@ -42,7 +42,7 @@ class Reader {
     return store_.Read(digest);
   }
 
-  // Empty if the job has none of this name.
+  // Empty if the job has no artifact of this name.
   StatusOr<std::string> Artifact(const v1::Job& job, const std::string& name) {
     for (const v1::Artifact& artifact : job.artifacts()) {
       if (artifact.name() == name) return Blob({artifact.digest().sha256(), artifact.digest().size_bytes()});
@@ -54,12 +54,13 @@ class Reader {
     v1::Job job;
     TESSERA_RETURN_IF_ERROR(connection_.GetJob(name, &job));
     if (job.state() != v1::JOB_STATE_SUCCEEDED) {
-      return absl::FailedPreconditionError(name + " is " + JobStateWord(job.state()) + ": lineage is of results");
+      return absl::FailedPreconditionError(name + " is " + JobStateName(job.state()) +
+                                           ", expected a job that succeeded: lineage describes results");
     }
     TESSERA_ASSIGN_OR_RETURN(const std::string report, Artifact(job, "job.json"));
     TESSERA_ASSIGN_OR_RETURN(const std::string update, Artifact(job, kUpdateFile));
     TESSERA_ASSIGN_OR_RETURN(LineageJob parsed, ParseLineageJob(report, update));
-    parsed.base = job.settings().update().base();  // job.json of earlier releases lacks it
+    parsed.base = job.settings().update().base();  // job.json of earlier releases has no base
     parsed.finished_s = job.end_time().seconds();
     return parsed;
   }
@@ -84,20 +85,20 @@ StatusOr<Lineage> ReadLineage(Connection& connection, const std::string& job, in
 }
 
 StatusOr<Lineage> LineageOfRun(const LineageFlags& flags) {
-  TESSERA_ASSIGN_OR_RETURN(const RunResult result, FindBase(flags.job, ""));
+  TESSERA_ASSIGN_OR_RETURN(const RunResult result, ResolveBaseJob(flags.job, ""));
   TESSERA_ASSIGN_OR_RETURN(const TempFolder state, TempFolder::Create("", "tessera-lineage-"));
   const SystemClock clock;
   LocalClusterOptions options;
   options.state_dir = state.path();
   options.data_dir = result.data_dir;
   options.workers = 0;
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, SleepUnlessInterrupted));
   StatusOr<Lineage> lineage = absl::UnknownError("");
   {
     TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
     lineage = ReadLineage(*connection, result.job, flags.tile);
   }
-  cluster->Stop(LocalCluster::kStopSeconds, PauseUnlessInterrupted);
+  cluster->Stop(LocalCluster::kStopSeconds, SleepUnlessInterrupted);
   return lineage;
 }
 
@@ -106,8 +107,8 @@ bool IsJobName(const std::string& given) {
          std::all_of(given.begin(), given.end(), [](unsigned char c) { return std::isdigit(c) != 0; });
 }
 
-Status TellLineage(const LineageFlags& flags) {
-  CountInterrupts();
+Status PrintLineage(const LineageFlags& flags) {
+  InstallInterruptCounter();
   StatusOr<Lineage> lineage = absl::UnknownError("");
   if (IsJobName(flags.job)) {
     TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
@@ -128,30 +129,28 @@ Status TellLineage(const LineageFlags& flags) {
 
 void AddLineageCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<LineageFlags>();
-  CLI::App* command = app.add_subcommand("lineage", "Tell where each tile of a job comes from");
+  CLI::App* command = app.add_subcommand("lineage", "Show which job refined each tile, and from which images");
   command->footer(
-      "A job with --base keeps the tiles that no new or withdrawn image touches, to the byte. A line a tile: the job\n"
-      "that made it, when that finished (UTC), its method and version of the algorithms, how many images of each "
-      "flight\n"
-      "the tile was refined from, and the SHA-256 of its state. --tile: what every job of the chain did about it, and "
-      "why.\n"
-      "Exit code: 0 done, 1 failed, 2 wrong arguments, 3 wrong input, 4 no coordinator answers.\n"
+      "An update keeps tiles without new or withdrawn images, byte for byte. One line per tile: the job that refined "
+      "it,\n"
+      "its finish time (UTC), method and algorithm version, the number of images per flight, and the SHA-256 of the\n"
+      "tile's state. With --tile: the action of each job of the chain on this tile, and its reason.\n"
+      "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 4 coordinator unavailable.\n"
       "Examples:\n"
       "  tessera lineage jobs/7\n"
       "  tessera lineage jobs/7 --tile 12 --images\n"
       "  tessera lineage out --json > lineage.json");
   AddCoordinatorOption(*command, &flags->coordinator);
   command
-      ->add_option("JOB", flags->job,
-                   "The job's name or number at the coordinator, or the folder with a run's results, with its .tessera")
+      ->add_option("JOB", flags->job, "Name or number of a job of the coordinator, or OUT of a run, with its .tessera")
       ->required();
-  CLI::Option* const tile =
-      command->add_option("--tile", flags->tile, "Only this tile, in full")->check(CLI::NonNegativeNumber);
-  command->add_flag("--images", flags->images, "Also the names of the images that the tile's cells chose")->needs(tile);
-  command->add_flag("--json", flags->json, "As JSON, with all names of images");
+  CLI::Option* const tile = command->add_option("--tile", flags->tile, "Show only this tile, with its history")
+                                ->check(CLI::NonNegativeNumber);
+  command->add_flag("--images", flags->images, "Also list the images that the tile was refined from")->needs(tile);
+  command->add_flag("--json", flags->json, "Print JSON, with all image names");
   command->callback([flags, exit_code] {
-    const Status status = TellLineage(*flags);
-    *exit_code = status.ok() ? kExitOk : Complain("lineage", status);
+    const Status status = PrintLineage(*flags);
+    *exit_code = status.ok() ? kExitOk : ReportError("lineage", status);
   });
 }
 

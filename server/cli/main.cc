@@ -1,41 +1,68 @@
 // `tessera`: the client and the tools.
 #include <CLI/CLI.hpp>
+#include <cstdio>
+#include <vector>
 
 #include "server/cli/commands.h"
 
-int main(int argc, char** argv) {
-  CLI::App app(
-      "Tessera refines city-scale semantic 3D meshes from aerial images.\n"
-      "Try: tessera synth city && tessera run city --out out && tessera evaluate out/mesh.ply --scene city");
+namespace tessera {
+namespace {
+
+// What `tessera` prints without arguments.
+constexpr char kFirstSteps[] =
+    "Tessera refines semantic 3D city meshes from aerial images. The commands to begin with:\n"
+    "  tessera synth city                         Make a procedural city with exact truth\n"
+    "  tessera check city                         Check that a scene is ready for a job\n"
+    "  tessera plan city                          Predict tiles, memory, time and price of a job\n"
+    "  tessera run city --out out                 Refine a scene on this machine\n"
+    "  tessera evaluate out/mesh.ply --scene city Measure a mesh against the truth\n"
+    "All commands: tessera --help. One command: tessera COMMAND --help.\n";
+
+struct CommandGroup {
+  const char* name;
+  std::vector<void (*)(CLI::App&, int*)> add;  // each adds one command
+};
+
+const std::vector<CommandGroup>& Groups() {
+  static const std::vector<CommandGroup> groups = {
+      {"Scene", {AddSynthCommand, AddCheckCommand, AddClassifyCommand, AddPlanCommand}},
+      {"Jobs",
+       {AddRunCommand, AddSubmitCommand, AddUpdateCommand, AddRollbackCommand, AddJobsCommand, AddWatchCommand,
+        AddPriorityCommand, AddPauseCommand, AddResumeCommand, AddRetryCommand, AddCancelCommand, AddDeleteCommand}},
+      {"Cluster", {AddAccessCommand}},
+      {"Data", {AddFetchCommand, AddLineageCommand, AddEvaluateCommand, AddRenderCommand}}};
+  return groups;
+}
+
+int Main(int argc, char** argv) {
+  if (argc == 1) {
+    std::fputs(kFirstSteps, stderr);
+    return kExitUsage;
+  }
+  CLI::App app("Refine semantic 3D city meshes from aerial images");
   app.name("tessera");
   app.require_subcommand(1);
   app.set_version_flag("--version", TESSERA_VERSION);
-  int exit_code = tessera::kExitOk;
-  tessera::AddRunCommand(app, &exit_code);
-  tessera::AddPlanCommand(app, &exit_code);
-  tessera::AddSubmitCommand(app, &exit_code);
-  tessera::AddUpdateCommand(app, &exit_code);
-  tessera::AddRollbackCommand(app, &exit_code);
-  tessera::AddJobsCommand(app, &exit_code);
-  tessera::AddWatchCommand(app, &exit_code);
-  tessera::AddPriorityCommand(app, &exit_code);
-  tessera::AddPauseCommand(app, &exit_code);
-  tessera::AddResumeCommand(app, &exit_code);
-  tessera::AddRetryCommand(app, &exit_code);
-  tessera::AddCancelCommand(app, &exit_code);
-  tessera::AddDeleteCommand(app, &exit_code);
-  tessera::AddFetchCommand(app, &exit_code);
-  tessera::AddLineageCommand(app, &exit_code);
-  tessera::AddAccessCommand(app, &exit_code);
-  tessera::AddCheckCommand(app, &exit_code);
-  tessera::AddClassifyCommand(app, &exit_code);
-  tessera::AddSynthCommand(app, &exit_code);
-  tessera::AddEvaluateCommand(app, &exit_code);
-  tessera::AddRenderCommand(app, &exit_code);
+  app.footer(
+      "Options of a command: tessera COMMAND --help\n"
+      "Example:\n"
+      "  tessera synth city && tessera run city --out out && tessera evaluate out/mesh.ply --scene city");
+  int exit_code = kExitOk;
+  for (const CommandGroup& group : Groups()) {
+    for (const auto add : group.add) {
+      add(app, &exit_code);
+      app.get_subcommands({}).back()->group(group.name);
+    }
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? tessera::kExitOk : tessera::kExitUsage;
+    return app.exit(error) == 0 ? kExitOk : kExitUsage;
   }
   return exit_code;
 }
+
+}  // namespace
+}  // namespace tessera
+
+int main(int argc, char** argv) { return tessera::Main(argc, argv); }

@@ -1,4 +1,4 @@
-// `tessera plan`: what a job would take, before it runs.
+// `tessera plan`: predicts tiles, memory, time and price of a job.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
@@ -29,7 +29,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kPlanLookSeconds = 0.1;
+constexpr double kPlanPollSeconds = 0.1;
 
 struct PlanFlags {
   JobFlags job;
@@ -46,13 +46,13 @@ StatusOr<std::string> FetchSurvey(Connection& connection, const v1::Task& ingest
     TESSERA_RETURN_IF_ERROR(connection.blobs().Fetch(digest, *store, TaskControl()));
     return store->Read(digest);
   }
-  return absl::InternalError("ingest made no survey");
+  return absl::InternalError("the ingest task has no survey among its outputs");
 }
 
-// Submits the job, follows it until its first task has ended and breaks it off: the plan needs no more, and a run with
-// the same state finds that task done.
-StatusOr<std::string> SurveyByJob(Connection& connection, LocalCluster& cluster, const v1::CreateJobRequest& request,
-                                  const std::string& staging, ProgressDisplay& display) {
+// Submits the job, waits until its first task (the survey) has ended, and cancels the job. A later run with the same
+// state reuses that task.
+StatusOr<std::string> SurveyWithJob(Connection& connection, LocalCluster& cluster, const v1::CreateJobRequest& request,
+                                    const std::string& staging, ProgressDisplay& display) {
   v1::Job job;
   TESSERA_RETURN_IF_ERROR(connection.CreateJob(request, &job));
   StatusOr<std::string> survey = absl::CancelledError("interrupted");
@@ -81,24 +81,24 @@ StatusOr<std::string> SurveyByJob(Connection& connection, LocalCluster& cluster,
     }
     display.Show(update);
     std::vector<std::string> notes;
-    const Status alive = cluster.LookAfter(&notes);
+    const Status alive = cluster.Supervise(&notes);
     for (const std::string& note : notes) display.Note(note);
     if (!alive.ok()) return alive;
-    if (!PauseUnlessInterrupted(kPlanLookSeconds)) break;
+    if (!SleepUnlessInterrupted(kPlanPollSeconds)) break;
   }
   connection.CancelJob(job.name(), &job).IgnoreError();
   return survey;
 }
 
-StatusOr<std::string> TakeSurvey(const PlanFlags& flags) {
+StatusOr<std::string> ComputeSurvey(const PlanFlags& flags) {
   v1::CreateJobRequest request;
   TESSERA_RETURN_IF_ERROR(MakeRequest(flags.job, &request));
   std::error_code error;
   if (!std::filesystem::exists(request.scene_path(), error)) {
-    return absl::InvalidArgumentError(request.scene_path() + ": no such folder, expected a scene");
+    return absl::InvalidArgumentError(request.scene_path() + ": no such folder, expected a folder with scene.json");
   }
   request.set_request_id(NewRequestId());
-  CountInterrupts();
+  InstallInterruptCounter();
   std::optional<TempFolder> own_folder;
   std::string state;
   if (flags.out.empty()) {
@@ -113,10 +113,10 @@ StatusOr<std::string> TakeSurvey(const PlanFlags& flags) {
   options.data_dir = state + "/data";
   options.workers = 1;
   options.threads_per_worker = CoreLimit();
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, SleepUnlessInterrupted));
   TESSERA_ASSIGN_OR_RETURN(auto connection, Connection::Open(cluster->address()));
   ProgressDisplay display(stderr);
-  StatusOr<std::string> survey = SurveyByJob(*connection, *cluster, request, state + "/fetch", display);
+  StatusOr<std::string> survey = SurveyWithJob(*connection, *cluster, request, state + "/fetch", display);
   display.Finish();
   connection.reset();
   cluster->Stop(LocalCluster::kStopSeconds, [](double seconds) {
@@ -127,7 +127,7 @@ StatusOr<std::string> TakeSurvey(const PlanFlags& flags) {
   return survey;
 }
 
-// What a job published, without a folder to leave it in.
+// The content of a file that the job published.
 StatusOr<std::string> FetchFile(Connection& connection, const v1::Job& job, const std::string& name) {
   TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "tessera-plan-"));
   TESSERA_RETURN_IF_ERROR(
@@ -135,8 +135,8 @@ StatusOr<std::string> FetchFile(Connection& connection, const v1::Job& job, cons
   return ReadFile(folder.path() + "/out/" + name);
 }
 
-// The plan of an update is what a job ends with that is asked for it alone.
-StatusOr<std::string> PlanOfUpdate(Connection& connection, const v1::CreateJobRequest& request) {
+// Runs the job, which is submitted with plan_only, and returns the plan that it publishes.
+StatusOr<std::string> FetchUpdatePlan(Connection& connection, const v1::CreateJobRequest& request) {
   v1::Job job;
   TESSERA_RETURN_IF_ERROR(connection.CreateJob(request, &job));
   ProgressDisplay display(stderr);
@@ -156,18 +156,18 @@ StatusOr<std::string> PlanOfUpdate(Connection& connection, const v1::CreateJobRe
   return Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, job.error());
 }
 
-StatusOr<std::string> TakeUpdatePlan(const PlanFlags& flags) {
+StatusOr<std::string> ComputeUpdatePlan(const PlanFlags& flags) {
   v1::CreateJobRequest request;
   TESSERA_RETURN_IF_ERROR(MakeRequest(flags.job, &request));
   request.set_request_id(NewRequestId());
   v1::UpdateSettings& update = *request.mutable_settings()->mutable_update();
   update.set_plan_only(true);
-  CountInterrupts();
+  InstallInterruptCounter();
   if (!flags.coordinator.address.empty()) {
     TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
-    return PlanOfUpdate(*connection, request);
+    return FetchUpdatePlan(*connection, request);
   }
-  TESSERA_ASSIGN_OR_RETURN(const RunResult base, FindBase(update.base(), flags.data));
+  TESSERA_ASSIGN_OR_RETURN(const RunResult base, ResolveBaseJob(update.base(), flags.data));
   update.set_base(base.job);
   TESSERA_ASSIGN_OR_RETURN(const TempFolder state, TempFolder::Create("", "tessera-plan-"));
   const SystemClock clock;
@@ -176,11 +176,11 @@ StatusOr<std::string> TakeUpdatePlan(const PlanFlags& flags) {
   options.data_dir = base.data_dir;
   options.workers = 1;
   options.threads_per_worker = CoreLimit();
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, PauseUnlessInterrupted));
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, SleepUnlessInterrupted));
   StatusOr<std::string> plan = absl::UnknownError("");
   {
     TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
-    plan = PlanOfUpdate(*connection, request);
+    plan = FetchUpdatePlan(*connection, request);
   }
   cluster->Stop(LocalCluster::kStopSeconds, [](double seconds) {
     std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
@@ -189,8 +189,8 @@ StatusOr<std::string> TakeUpdatePlan(const PlanFlags& flags) {
   return plan;
 }
 
-Status TellUpdatePlan(const PlanFlags& flags) {
-  TESSERA_ASSIGN_OR_RETURN(const std::string plan, TakeUpdatePlan(flags));
+Status PrintUpdatePlan(const PlanFlags& flags) {
+  TESSERA_ASSIGN_OR_RETURN(const std::string plan, ComputeUpdatePlan(flags));
   TESSERA_ASSIGN_OR_RETURN(const std::string table, UpdateTable(plan, flags.terms));
   if (!flags.map.empty()) {
     TESSERA_ASSIGN_OR_RETURN(const std::string map, UpdateMap(plan));
@@ -202,12 +202,12 @@ Status TellUpdatePlan(const PlanFlags& flags) {
 }
 
 Status Plan(const PlanFlags& flags) {
-  if (!flags.job.settings.update.base.empty()) return TellUpdatePlan(flags);
+  if (!flags.job.settings.update.base.empty()) return PrintUpdatePlan(flags);
   StatusOr<std::string> survey_json = absl::NotFoundError("");
   if (!flags.survey.empty() && std::filesystem::exists(flags.survey)) {
     survey_json = ReadFile(flags.survey);
   } else {
-    survey_json = TakeSurvey(flags);
+    survey_json = ComputeSurvey(flags);
   }
   TESSERA_RETURN_IF_ERROR(survey_json.status());
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(*survey_json));
@@ -224,45 +224,45 @@ Status Plan(const PlanFlags& flags) {
 
 void AddPlanCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<PlanFlags>();
-  CLI::App* command = app.add_subcommand("plan", "Tell what a job would take: tiles, memory, time and price");
+  CLI::App* command = app.add_subcommand("plan", "Predict tiles, memory, time and price of a job");
   command->footer(
-      "Reads and surveys the scene as a job's first task does (on this machine; no image is refined), lays out the "
-      "tiles\n"
-      "that `run` or `submit` would use with the same options, and predicts memory and time of each with the constants "
-      "of\n"
-      "this version. The range behind a total is where 9 of 10 of the tasks that the constants were fitted to lay; "
-      "other\n"
-      "kinds of machines shift it. With --out, `tessera run --out` of the same folder goes on from the survey.\n"
-      "Exit code: 0 done, 1 failed, 2 wrong arguments, 3 wrong input, 130 interrupted.\n"
+      "Surveys the scene on this machine as a job's first task does (no refinement), computes the tiles that `run` or\n"
+      "`submit` would use with the same options, and predicts memory and time of each with this version's cost model.\n"
+      "The range after a total holds 90 % of the tasks that the cost model was fitted to; other machines shift it.\n"
+      "With --out, `tessera run --out` of the same folder reuses the survey.\n"
+      "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 130 interrupted.\n"
       "Examples:\n"
       "  tessera plan city --workers 16 --map plan.svg\n"
       "  tessera plan city --tile-memory 2GiB --price-per-core-hour 0.05 --json plan.json\n"
       "  tessera plan city --out out && tessera run city --out out\n"
       "  tessera plan flight-2027 --base out --map update.svg");
   AddJobOptions(*command, &flags->job);
-  AddUpdateOptions(
-      *command, "the folder with an earlier run's results, with its .tessera; with --coordinator its jobs, as jobs/3",
-      &flags->job);
+  AddUpdateOptions(*command,
+                   "OUT of an earlier run, with its .tessera; with --coordinator one of its jobs, such as jobs/3",
+                   &flags->job);
   command->add_option("--coordinator", flags->coordinator.address,
-                      "With --base: the coordinator that has the job, HOST:PORT or unix:PATH; it reads the scene and "
-                      "plans");
+                      "With --base: address of the coordinator of the base job, HOST:PORT or unix:PATH; it reads the "
+                      "scene and plans");
   AddTlsOptions(*command, &flags->coordinator);
-  command->add_option("--data", flags->data, "With --base jobs/J: the state that has the job, as `run` keeps it");
-  command->add_option("--out", flags->out, "Keep the survey's state in this folder, for `tessera run --out`");
-  command->add_option("--survey", flags->survey, "Read the survey from this file, or, if there is none, write it");
-  command->add_option("--workers", flags->terms.workers, "Workers that time is told for")
+  command->add_option("--data", flags->data, "With --base jobs/J: state folder of the base job (--data of `run`)");
+  command->add_option("--out", flags->out, "Keep the survey in this folder, for `tessera run --out`");
+  command->add_option("--survey", flags->survey, "Read the survey from this file if it exists, else write it there");
+  command->add_option("--workers", flags->terms.workers, "Number of workers for the predicted time")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
-  command->add_option("--threads-per-worker", flags->terms.threads_per_worker, "Cores of each")
+  command
+      ->add_option("--threads-per-worker", flags->terms.threads_per_worker, "Cores per worker for the predicted time")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
-  command->add_option("--price-per-core-hour", flags->terms.price_per_core_hour, "To tell a price")
+  command
+      ->add_option("--price-per-core-hour", flags->terms.price_per_core_hour,
+                   "Price of one core-hour; without it no price is shown")
       ->check(CLI::NonNegativeNumber);
-  command->add_option("--map", flags->map, "Draw the tiles and cameras to this SVG file");
+  command->add_option("--map", flags->map, "Draw tiles and cameras to this SVG file");
   command->add_option("--json", flags->json, "Also write the plan to this file, as JSON");
   command->callback([flags, exit_code] {
     const Status status = Plan(*flags);
-    *exit_code = status.ok() ? kExitOk : Complain("plan", status);
+    *exit_code = status.ok() ? kExitOk : ReportError("plan", status);
   });
 }
 

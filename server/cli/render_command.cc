@@ -1,4 +1,4 @@
-// tessera render: a picture of a mesh.
+// `tessera render`: renders a mesh to a PNG picture.
 #include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -69,7 +69,7 @@ StatusOr<Picture> ParseSize(const std::string& text) {
   return size;
 }
 
-// What a class looks like where there is no scene: ground, facade, roof, vegetation as in the paper, then others.
+// Class colours without a scene: ground, facade, roof, vegetation as in the paper, then others.
 std::vector<SceneClass> DefaultClasses() {
   const std::vector<std::pair<std::string, std::array<uint8_t, 3>>> known = {
       {"ground", {128, 128, 128}},   {"facade", {148, 82, 158}},  {"roof", {235, 196, 60}},
@@ -118,7 +118,7 @@ StatusOr<PosedCamera> SceneCamera(const World& world, const std::string& name, c
     if (view.name != name && fs::path(view.name).stem() != name) continue;
     PosedCamera camera = view.camera;
     if (size.given) {
-      // The whole view inside the picture, its aspect kept.
+      // Fit the whole view into the picture and keep its aspect ratio.
       const PinholeCamera old = camera.intrinsics;
       const double scale = std::min(1.0 * size.width / old.width, 1.0 * size.height / old.height);
       camera.intrinsics = {size.width,
@@ -153,7 +153,7 @@ StatusOr<PosedCamera> ChooseCamera(const RenderArguments& arguments, const World
   return camera;
 }
 
-// The mesh that a mode compares with, and its search tree.
+// The mesh that the mode compares with, and its search tree.
 struct Reference {
   TriangleMesh mesh;
   std::optional<NearestSurface> surface;
@@ -175,7 +175,7 @@ StatusOr<std::unique_ptr<Reference>> LoadReference(const RenderArguments& argume
   }
   TESSERA_ASSIGN_OR_RETURN(reference->mesh, ReadMeshInWorld(path, world));
   if (arguments.mode == Mode::kErrors && reference->mesh.labels.empty()) {
-    return InputError(path, "", "faces without labels", "labels, to show where others are wrong");
+    return InputError(path, "", "faces without labels", "labels, to compare with");
   }
   reference->surface.emplace(reference->mesh);
   return reference;
@@ -253,55 +253,66 @@ Status RenderPicture(const RenderArguments& arguments) {
 
 void AddRenderCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<RenderArguments>();
-  CLI::App* command = app.add_subcommand(
-      "render",
-      "Draws a mesh into a PNG picture.\n\n"
+  CLI::App* command = app.add_subcommand("render", "Render a mesh to a PNG picture");
+  command->footer(
+      "Examples:\n"
       "  tessera render out/mesh.ply --out after.png\n"
       "  tessera render out/mesh.ply --scene city --mode labels --view nadir --out labels.png\n"
       "  tessera render out/mesh.ply --compare city/mesh.ply --caption before --caption after --out both.png\n"
       "  tessera render out/mesh.ply --scene city --mode displacement --zoom 0.5,0.4,0.25 --out moved.png\n"
       "  tessera render out/mesh.ply --scene city --mode errors --view 0003.jpg --out wrong.png");
-  command->add_option("mesh", arguments->mesh, "PLY; in the scene's own coordinates if --scene is given")->required();
-  command->add_option("--out", arguments->out, "the PNG to write")->required();
-  command->add_option("--scene", arguments->scene, "gives class colours, up, views, start mesh and truth");
-  command->add_option("--compare", arguments->compare, "another mesh, drawn to the left (before) from the same camera");
+  command->add_option("mesh", arguments->mesh, "Mesh to render, PLY; in the scene's coordinates if --scene is given")
+      ->required();
+  command->add_option("--out", arguments->out, "PNG file to write")->required();
+  command->add_option("--scene", arguments->scene,
+                      "Scene for class colours, up direction, views, start mesh and truth");
+  command->add_option("--compare", arguments->compare, "Second mesh, drawn on the left from the same camera");
   command
-      ->add_option("--mode", arguments->mode_name,
-                   "shaded; labels: class colours; errors: labels other than the truth's red; displacement: signed\n"
-                   "distance from the reference, red outwards, blue inwards; normals")
+      ->add_option(
+          "--mode", arguments->mode_name,
+          "Colouring: shaded; labels (class colours); errors (wrong labels red); displacement (signed distance "
+          "from the reference, red outwards, blue inwards); normals")
       ->check(CLI::IsMember(kModeNames))
       ->capture_default_str();
-  command->add_option("--view", arguments->view, "nadir, oblique, or the name of an image of the scene")
+  command->add_option("--view", arguments->view, "Camera: nadir, oblique, or the name of an image of the scene")
       ->capture_default_str();
-  command->add_option("--azimuth", arguments->azimuth_deg, "oblique: degrees clockwise from north to look along")
+  command
+      ->add_option("--azimuth", arguments->azimuth_deg,
+                   "Viewing azimuth of --view oblique, degrees clockwise from north")
       ->capture_default_str();
-  command->add_option("--pitch", arguments->pitch_deg, "oblique: degrees below the horizon")
+  command->add_option("--pitch", arguments->pitch_deg, "Viewing angle of --view oblique, degrees below the horizon")
       ->check(CLI::Range(1.0, 89.0))
       ->capture_default_str();
-  command->add_option("--size", arguments->size, "WIDTHxHEIGHT in pixels (default 1600x1200, or the image's)")
+  command
+      ->add_option("--size", arguments->size,
+                   "Picture size, WIDTHxHEIGHT in pixels (default 1600x1200, or the image's)")
       ->check([](const std::string& text) {
         return ParseSize(text).ok() ? std::string() : text + " is not WIDTHxHEIGHT in pixels, such as 1600x1200";
       });
   command
       ->add_option("--zoom", arguments->zoom,
-                   "X,Y,SHARE: the part of the picture around (X, Y) and SHARE as wide, 0 to 1")
+                   "Part of the picture to show, X,Y,SHARE: centre and width as fractions, 0 to 1")
       ->delimiter(',')
       ->expected(3)
       ->check(CLI::Range(1e-4, 1.0));
-  command->add_option("--reference", arguments->reference, "mesh for --mode displacement (default the scene's start)");
-  command->add_option("--range", arguments->range_m, "metres of displacement at full colour (default from the mesh)")
+  command->add_option("--reference", arguments->reference,
+                      "Reference mesh of --mode displacement (default: the scene's start mesh)");
+  command
+      ->add_option("--range", arguments->range_m,
+                   "Displacement of full colour, metres (default: computed from the mesh)")
       ->check(CLI::PositiveNumber);
-  command->add_option("--truth", arguments->truth, "labelled mesh for --mode errors (default SCENE/truth/mesh.ply)");
-  command->add_option("--caption", arguments->captions, "text in the corner; twice with --compare, left first");
-  command->add_flag("--edges", arguments->edges, "draw the faces' edges");
-  command->add_flag("--plain", arguments->plain, "colours without light and shade");
-  command->add_option("--antialias", arguments->samples_per_axis, "rays a pixel along each axis")
+  command->add_option("--truth", arguments->truth, "Labelled mesh of --mode errors (default SCENE/truth/mesh.ply)");
+  command->add_option("--caption", arguments->captions, "Text in the corner; give it twice with --compare, left first");
+  command->add_flag("--edges", arguments->edges, "Draw the edges of the faces");
+  command->add_flag("--plain", arguments->plain, "Draw colours without lighting");
+  command->add_option("--antialias", arguments->samples_per_axis, "Rays per pixel along each axis")
       ->check(CLI::Range(1, 8))
       ->capture_default_str();
-  command->add_option("--occlusion-rays", arguments->occlusion_rays, "shade rays for each of those; 0: none")
+  command->add_option("--occlusion-rays", arguments->occlusion_rays, "Ambient occlusion rays per camera ray; 0: none")
       ->check(CLI::Range(0, 256))
       ->capture_default_str();
-  command->add_option("--threads", arguments->threads, "0: one for each core")->check(CLI::NonNegativeNumber);
+  command->add_option("--threads", arguments->threads, "Number of threads; 0: one per core")
+      ->check(CLI::NonNegativeNumber);
   command->callback([arguments, exit_code] {
     const auto name = std::find(kModeNames.begin(), kModeNames.end(), arguments->mode_name);
     arguments->mode = static_cast<Mode>(name - kModeNames.begin());

@@ -1,4 +1,4 @@
-// `tessera rollback`: takes tiles of a job back to what an earlier one left.
+// `tessera rollback`: restores tiles of a job from an earlier job.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
@@ -7,9 +7,9 @@
 
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
-#include "server/cli/watching.h"
+#include "server/cli/watch_job.h"
 #include "server/client/connection.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -33,46 +33,45 @@ int Rollback(const RollbackFlags& flags) {
   request.set_request_id(flags.request_id.empty() ? NewRequestId() : flags.request_id);
   request.set_validate_only(flags.validate_only);
   const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return Complain("rollback", connection.status());
+  if (!connection.ok()) return ReportError("rollback", connection.status());
   v1::Job job;
-  if (const Status status = (*connection)->CreateJob(request, &job); !status.ok()) return Complain("rollback", status);
+  if (const Status status = (*connection)->CreateJob(request, &job); !status.ok())
+    return ReportError("rollback", status);
   if (flags.validate_only) {
-    std::printf("%s: can go back to %s with %d tiles\n", update.base().c_str(), update.rollback_to().c_str(),
+    std::printf("%s: %s can be restored, %d tiles\n", update.base().c_str(), update.rollback_to().c_str(),
                 job.settings().update().rollback_tiles_size());
     return kExitOk;
   }
   std::printf("%s\n", job.name().c_str());
   std::fflush(stdout);
-  return flags.watch ? WatchToTheEnd(**connection, job.name(), "rollback") : kExitOk;
+  return flags.watch ? WatchJobWithProgress(**connection, job.name(), "rollback") : kExitOk;
 }
 
 }  // namespace
 
 void AddRollbackCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<RollbackFlags>();
-  CLI::App* command = app.add_subcommand("rollback", "Take tiles of a job back to what an earlier job left");
+  CLI::App* command = app.add_subcommand("rollback", "Restore tiles of a job from an earlier job");
   command->footer(
-      "A new job with the tiles named as EARLIER left them, and all others as JOB did, to the byte; nothing is "
-      "refined.\n"
-      "EARLIER is a job that JOB goes on from (`tessera lineage`). Tiles that share vertices and that one job made "
-      "anew\n"
-      "go back together: where others have to go along, the job is refused with the command that names all of them.\n"
-      "Images stay those of JOB, also where tiles go back: an update of the new job does not find them new. To leave "
-      "a\n"
-      "flight out, withdraw it (`tessera update --withdraw`).\n"
-      "Exit code: 0 done, 1 failed, 2 wrong arguments, 3 wrong input, 4 no coordinator answers.\n"
+      "Creates a job with the given tiles of EARLIER and all other tiles of JOB, byte for byte; nothing is refined.\n"
+      "EARLIER is a base job of JOB, or a base of its base (`tessera lineage` lists them). Tiles that share vertices\n"
+      "and were refined by the same job must be restored together: if some are missing, the job is refused, and the\n"
+      "error shows the command with all of them. The image list stays that of JOB: an update of the new job does not\n"
+      "treat its images as new. To leave out a flight, withdraw it (`tessera update --withdraw`).\n"
+      "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 4 coordinator unavailable.\n"
       "Examples:\n"
       "  tessera rollback jobs/7 --to jobs/3 --tile 12 --tile 13 --watch && tessera fetch jobs/8 --out city\n"
       "  tessera rollback jobs/7 --to jobs/3");
   AddCoordinatorOption(*command, &flags->coordinator);
   command->add_option("JOB", flags->job, "The job's name or number")->required();
-  command->add_option("--to", flags->to, "The earlier job")->type_name("EARLIER")->required();
-  command->add_option("--tile", flags->tiles, "A tile to take back; may be repeated; without it all that differ")
+  command->add_option("--to", flags->to, "Job to restore tiles from")->type_name("EARLIER")->required();
+  command->add_option("--tile", flags->tiles, "Tile to restore; may be repeated (default: all tiles that differ)")
       ->check(CLI::NonNegativeNumber)
       ->allow_extra_args(false);
-  command->add_option("--name", flags->name, "Name for people; without it that of JOB");
-  command->add_option("--request-id", flags->request_id, "The same id again gives the same job, never a second one");
-  command->add_flag("--validate-only", flags->validate_only, "Only check whether these tiles can go back");
+  command->add_option("--name", flags->name, "Display name of the new job (default: that of JOB)");
+  command->add_option("--request-id", flags->request_id,
+                      "Id of this submission: a repeated call with the same id returns the same job");
+  command->add_flag("--validate-only", flags->validate_only, "Only check whether these tiles can be restored");
   command->add_flag("--watch", flags->watch, "Show progress until the job has ended");
   command->callback([flags, exit_code] { *exit_code = Rollback(*flags); });
 }

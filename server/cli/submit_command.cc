@@ -1,13 +1,13 @@
-// `tessera submit`: gives a job to a coordinator.
+// `tessera submit` and `tessera update`: submit a job to a coordinator.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
 
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
-#include "server/cli/watching.h"
+#include "server/cli/watch_job.h"
 #include "server/client/connection.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -25,7 +25,7 @@ struct SubmitFlags {
 
 int Submit(const SubmitFlags& flags) {
   v1::CreateJobRequest request;
-  if (const Status status = MakeRequest(flags.job, &request); !status.ok()) return Complain("submit", status);
+  if (const Status status = MakeRequest(flags.job, &request); !status.ok()) return ReportError("submit", status);
   if (v1::UpdateSettings& update = *request.mutable_settings()->mutable_update(); !update.base().empty()) {
     update.set_base(FullJobName(update.base()));
   }
@@ -34,9 +34,9 @@ int Submit(const SubmitFlags& flags) {
   request.set_request_id(flags.request_id.empty() ? NewRequestId() : flags.request_id);
   request.set_validate_only(flags.validate_only);
   const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return Complain("submit", connection.status());
+  if (!connection.ok()) return ReportError("submit", connection.status());
   v1::Job job;
-  if (const Status status = (*connection)->CreateJob(request, &job); !status.ok()) return Complain("submit", status);
+  if (const Status status = (*connection)->CreateJob(request, &job); !status.ok()) return ReportError("submit", status);
   PrintWarnings(job.warnings());
   if (flags.validate_only) {
     std::printf("%s: valid\n", request.scene_path().c_str());
@@ -44,20 +44,22 @@ int Submit(const SubmitFlags& flags) {
   }
   std::printf("%s\n", job.name().c_str());
   std::fflush(stdout);
-  return flags.watch ? WatchToTheEnd(**connection, job.name(), "submit") : kExitOk;
+  return flags.watch ? WatchJobWithProgress(**connection, job.name(), "submit") : kExitOk;
 }
 
-constexpr char kBaseIs[] = "the coordinator's jobs, as jobs/3";
+constexpr char kBaseValues[] = "a job of the coordinator, such as jobs/3";
 
 void AddOptions(CLI::App& command, SubmitFlags* flags) {
   AddCoordinatorOption(command, &flags->coordinator);
   AddJobOptions(command, &flags->job);
-  AddUpdateOptions(command, kBaseIs, &flags->job);
+  AddUpdateOptions(command, kBaseValues, &flags->job);
   AddPriceLimit(command, &flags->job);
-  command.add_option("--name", flags->name, "Name for people; without it the scene's");
-  command.add_option("--request-id", flags->request_id, "The same id again gives the same job, never a second one");
+  command.add_option("--name", flags->name, "Display name of the job (default: the scene's name)");
+  command.add_option("--request-id", flags->request_id,
+                     "Id of this submission: a repeated call with the same id returns the same job");
   AddPriorityOption(command, "--priority", &flags->priority);
-  command.add_flag("--validate-only", flags->validate_only, "Only check the scene, as the coordinator sees it");
+  command.add_flag("--validate-only", flags->validate_only,
+                   "Only check whether the coordinator accepts the scene and the settings");
   command.add_flag("--watch", flags->watch, "Show progress until the job has ended");
 }
 
@@ -65,9 +67,11 @@ void AddOptions(CLI::App& command, SubmitFlags* flags) {
 
 void AddSubmitCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<SubmitFlags>();
-  CLI::App* command = app.add_subcommand("submit", "Give a job to a coordinator; prints the job's name");
+  CLI::App* command = app.add_subcommand("submit", "Submit a job to a coordinator");
   command->footer(
-      "The coordinator reads the scene from the same path, so it must be on a file system that it sees.\n"
+      "Prints the job's name. The coordinator reads the scene from the same path, so SCENE must be on a file system "
+      "that\n"
+      "both machines mount.\n"
       "Example:\n"
       "  job=$(tessera submit city --tiles 16 --coordinator city-server:7575)\n"
       "  tessera watch $job && tessera fetch $job --out result");
@@ -77,10 +81,10 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
 
 void AddUpdateCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<SubmitFlags>();
-  CLI::App* command = app.add_subcommand("update", "Give a new flight over part of a city to a coordinator");
+  CLI::App* command = app.add_subcommand("update", "Submit a new flight over part of a city to a coordinator");
   command->footer(
-      "As `submit`, of a job that goes on from another's result (--base). `tessera plan --base` tells beforehand what "
-      "it will do.\n"
+      "As `submit`, with --base required: the job updates the result of its base job. `tessera plan --base` shows\n"
+      "beforehand which tiles it would refine, and the cost.\n"
       "Example:\n"
       "  tessera update flight-2027 --base jobs/1 --watch && tessera fetch jobs/2 --out city-2027");
   AddOptions(*command, flags.get());

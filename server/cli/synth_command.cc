@@ -1,3 +1,4 @@
+// `tessera synth`: makes a procedural city with exact truth.
 #include <CLI/CLI.hpp>
 #include <array>
 #include <chrono>
@@ -138,42 +139,49 @@ int RunSynth(const SynthArguments& arguments) {
 }  // namespace
 
 void AddSynthCommand(CLI::App& app, int* exit_code) {
-  CLI::App* command = app.add_subcommand("synth", "Make a procedural city with exact truth, ready to be refined");
+  CLI::App* command = app.add_subcommand("synth", "Make a procedural city with exact truth");
   auto arguments = std::make_shared<SynthArguments>();
   command->add_option("CITY", arguments->folder, "Folder to write the scene into")->required();
-  CLI::App* epoch = command->add_option_group("later", "A later epoch of a city");
+  CLI::App* epoch = command->add_option_group("Later epoch", "Make a later epoch of an existing city");
   CLI::Option* change = epoch->add_option("--change", arguments->change,
-                                          "The city in this folder one year later: some things changed, new images");
+                                          "Base city: make it one year later, with changed objects and new images");
   epoch
-      ->add_option("--part", arguments->part, "X0,Y0,X1,Y1, what is flown over (default 0.3,0.3,0.7,0.7 of the extent)")
+      ->add_option("--part", arguments->part,
+                   "Covered rectangle X0,Y0,X1,Y1 as fractions of the extent (default 0.3,0.3,0.7,0.7)")
       ->needs(change);
-  epoch->add_option("--change-seed", arguments->change_seed, "Other changes (default 1)")->needs(change);
-  epoch->add_flag("--unchanged", arguments->unchanged, "New images of the city as it was; the seed is the flight's")
+  epoch->add_option("--change-seed", arguments->change_seed, "Seed of the changes (default 1)")->needs(change);
+  epoch
+      ->add_flag("--unchanged", arguments->unchanged,
+                 "Make new images without changes; --change-seed then varies the flight")
       ->needs(change);
-  epoch->add_flag("--whole", arguments->whole, "With the city's own images and start mesh, not the new images alone")
+  epoch->add_flag("--whole", arguments->whole, "Include the base city's images and start mesh")->needs(change);
+  epoch
+      ->add_flag("--new-mesh", arguments->new_mesh,
+                 "Include the base city's images and a start mesh of the changed city")
       ->needs(change);
-  epoch->add_flag("--new-mesh", arguments->new_mesh, "As --whole, with a start mesh of the changed city")
-      ->needs(change);
-  command->add_option("--blocks", arguments->blocks, "COLUMNSxROWS blocks of 44 m (default 2x2)")->excludes(change);
-  command->add_option("--seed", arguments->seed, "Same seed, same bytes")->capture_default_str()->excludes(change);
+  command->add_option("--blocks", arguments->blocks, "Number of blocks of 44 m, COLUMNSxROWS (default 2x2)")
+      ->excludes(change);
+  command->add_option("--seed", arguments->seed, "Random seed; the same seed gives the same bytes")
+      ->capture_default_str()
+      ->excludes(change);
   command->add_option("--gsd", arguments->gsd_m, "Ground sampling distance in metres (default 0.12)")->excludes(change);
-  command->add_option("--image-size", arguments->image_size, "WIDTHxHEIGHT in pixels (default 1000x750)")
+  command->add_option("--image-size", arguments->image_size, "Image size, WIDTHxHEIGHT in pixels (default 1000x750)")
       ->excludes(change);
-  command->add_option("--threads", arguments->threads, "Threads to use (default: one for each core)");
-  command->add_flag("--toy", arguments->toy, "Other defaults: one block, GSD 0.3, 320x240; a few seconds")
+  command->add_option("--threads", arguments->threads, "Number of threads (default: one per core)");
+  command->add_flag("--toy", arguments->toy, "Use small defaults: one block, GSD 0.3 m, images of 320x240 pixels")
       ->excludes(change);
-  command->add_flag("--no-images", arguments->no_images, "Meshes and cameras only")->excludes(change);
+  command->add_flag("--no-images", arguments->no_images, "Write meshes and cameras only")->excludes(change);
   command->add_flag("--force", arguments->force, "Overwrite the scene in CITY");
-  command->add_flag("--quiet", arguments->quiet, "No progress and no table");
+  command->add_flag("--quiet", arguments->quiet, "Print neither progress nor the summary table");
   command->footer(
       "Examples:\n"
-      "  tessera synth city                            two by two blocks, about 50 images\n"
-      "  tessera synth toy --toy --seed 3              the smallest, for tests\n"
+      "  tessera synth city                            2 x 2 blocks, about 50 images\n"
+      "  tessera synth toy --toy --seed 3              smallest city, for tests\n"
       "  tessera synth town --blocks 8x6 --image-size 3000x2000\n"
       "  tessera synth wide --blocks 40x40 --no-images   3 square kilometres of meshes\n"
-      "  tessera synth next --change city              the city a year later, its new images alone\n"
+      "  tessera synth next --change city              one year later, new images only\n"
       "  tessera synth next --change city --part 0.2,0.4,0.6,0.8 --whole\n"
-      "How hard the start mesh and the likelihoods are is fixed; no option changes it.");
+      "The error level of the start mesh and the likelihoods is fixed.");
   command->callback([arguments, exit_code] { *exit_code = RunSynth(*arguments); });
 }
 

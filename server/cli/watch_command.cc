@@ -4,9 +4,9 @@
 
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
-#include "server/cli/watching.h"
+#include "server/cli/watch_job.h"
 #include "server/client/connection.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 
 namespace tessera {
 namespace {
@@ -19,25 +19,26 @@ struct WatchFlags {
 
 int Watch(const WatchFlags& flags) {
   const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return Complain("watch", connection.status());
+  if (!connection.ok()) return ReportError("watch", connection.status());
   const std::string job = FullJobName(flags.job);
-  return flags.json ? WatchAsJson(**connection, job, "watch") : WatchToTheEnd(**connection, job, "watch");
+  return flags.json ? WatchJobAsJson(**connection, job, "watch") : WatchJobWithProgress(**connection, job, "watch");
 }
 
 }  // namespace
 
 void AddWatchCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<WatchFlags>();
-  CLI::App* command = app.add_subcommand("watch", "Show how a job goes, until it has ended");
+  CLI::App* command = app.add_subcommand("watch", "Show the progress of a job until it has ended");
   command->footer(
-      "Tiles done, time to go and what each worker does; plain lines where the output is no terminal. Goes on when "
-      "the\n"
-      "coordinator is restarted. Leaving it (Ctrl-C) does not touch the job. Exit code: 0 succeeded, 1 failed,\n"
-      "3 failed for its input, 5 without some tiles, 130 cancelled.\n"
-      "Example: tessera watch jobs/7");
+      "Shows finished tiles, time left and the task of each worker; prints plain lines if the output is not a "
+      "terminal.\n"
+      "Reconnects when the coordinator restarts. Ctrl-C ends the command, not the job.\n"
+      "Exit code: 0 succeeded, 1 failed, 3 wrong input, 5 some tiles failed, 130 cancelled.\n"
+      "Example:\n"
+      "  tessera watch jobs/7");
   AddCoordinatorOption(*command, &flags->coordinator);
   command->add_option("JOB", flags->job, "The job's name or number")->required();
-  command->add_flag("--json", flags->json, "One JSON object a change, on standard output");
+  command->add_flag("--json", flags->json, "Print one JSON object per change on standard output");
   command->callback([flags, exit_code] { *exit_code = Watch(*flags); });
 }
 

@@ -12,7 +12,7 @@ namespace tessera {
 namespace {
 
 struct Artifact {
-  std::string path;  // where it goes
+  std::string path;  // destination
   Digest digest;
 };
 
@@ -33,9 +33,9 @@ StatusOr<std::vector<std::string>> FetchArtifacts(Connection& connection, const 
     TESSERA_ASSIGN_OR_RETURN(const auto store, BlobStore::Open(staging));
     for (const Artifact& artifact : artifacts) {
       TESSERA_RETURN_IF_ERROR(connection.blobs().Fetch(artifact.digest, *store, control));
-      TESSERA_RETURN_IF_ERROR(store->Verify(artifact.digest));  // it may be of an earlier call
+      TESSERA_RETURN_IF_ERROR(store->Verify(artifact.digest));  // an earlier call may have left it
     }
-    // From here on only renames.
+    // All files are complete: from here on only renames.
     for (size_t i = 0; i < artifacts.size(); ++i) {
       const Artifact& artifact = artifacts[i];
       TESSERA_RETURN_IF_ERROR(EnsureFolder(std::filesystem::path(artifact.path).parent_path().string()));

@@ -1,4 +1,4 @@
-// The files that a job published, into a folder of the user's.
+// Downloads the files that a job published.
 #ifndef TESSERA_SERVER_CLIENT_ARTIFACTS_H_
 #define TESSERA_SERVER_CLIENT_ARTIFACTS_H_
 
@@ -10,9 +10,9 @@
 
 namespace tessera {
 
-// Downloads every artifact of `job` to `staging` (on the same file system as `out`; what an interrupted call left there
-// is gone on with), verifies it, and only when all are there moves each into `out` under its name, replacing what was
-// there; mesh.ply last. Removes `staging`. Gives the paths written. CANCELLED by `control`.
+// Downloads every artifact of `job` to `staging` and verifies it. When all are complete, moves each to `out` under its
+// name and replaces existing files; mesh.ply is last. Removes `staging`. Returns the written paths.
+// `staging`: on the same file system as `out`; a repeated call resumes an interrupted one. CANCELLED by `control`.
 StatusOr<std::vector<std::string>> FetchArtifacts(Connection& connection, const v1::Job& job, const std::string& out,
                                                   const std::string& staging, const TaskControl& control);
 

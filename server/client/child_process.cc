@@ -18,7 +18,7 @@ namespace tessera {
 StatusOr<std::unique_ptr<ChildProcess>> ChildProcess::Start(const std::string& program,
                                                             const std::vector<std::string>& arguments,
                                                             const std::string& log) {
-  if (::access(program.c_str(), X_OK) != 0) return absl::NotFoundError("no program " + program);
+  if (::access(program.c_str(), X_OK) != 0) return absl::NotFoundError(program + ": found no executable program");
   const int log_fd = ::open(log.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
   if (log_fd < 0) return absl::InternalError("cannot write " + log + ": " + std::strerror(errno));
   const int null_fd = ::open("/dev/null", O_RDONLY | O_CLOEXEC);
@@ -28,10 +28,10 @@ StatusOr<std::unique_ptr<ChildProcess>> ChildProcess::Start(const std::string& p
   const pid_t parent = ::getpid();
   const pid_t pid = ::fork();
   if (pid == 0) {
-    // Only calls that are safe after a fork of a program with threads.
+    // Only async-signal-safe calls are allowed here: the parent has several threads.
     ::setpgid(0, 0);
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (::getppid() != parent) ::_exit(127);  // it ended in between
+    if (::getppid() != parent) ::_exit(127);  // the parent ended before prctl
     for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) ::signal(signal, SIG_DFL);
     sigset_t none;
     ::sigemptyset(&none);
@@ -63,7 +63,7 @@ bool ChildProcess::Running() {
   return !ended_;
 }
 
-std::string ChildProcess::HowItEnded() {
+std::string ChildProcess::ExitDescription() {
   if (Running()) return "";
   if (WIFSIGNALED(wait_status_)) {
     const int signal = WTERMSIG(wait_status_);
@@ -96,7 +96,7 @@ std::string LastLines(const std::string& log, int count) {
 StatusOr<std::string> ProgramFolder() {
   std::error_code error;
   const auto path = std::filesystem::read_symlink("/proc/self/exe", error);
-  if (error) return absl::InternalError("cannot find this program's own folder: " + error.message());
+  if (error) return absl::InternalError("cannot read /proc/self/exe: " + error.message());
   return path.parent_path().string();
 }
 

@@ -1,4 +1,4 @@
-// A program that this one started and answers for.
+// A child process.
 #ifndef TESSERA_SERVER_CLIENT_CHILD_PROCESS_H_
 #define TESSERA_SERVER_CLIENT_CHILD_PROCESS_H_
 
@@ -12,15 +12,15 @@
 
 namespace tessera {
 
-// In a process group of its own, so that a terminal's Ctrl-C does not reach it; killed by the system if the thread that
-// started it ends. Not thread-safe.
+// The child has its own process group, so a terminal's Ctrl-C does not reach it. The kernel kills it when the thread
+// that started it ends. Not thread-safe.
 class ChildProcess {
  public:
-  // Output and errors go to the end of `log`. NOT_FOUND if there is no such program.
+  // Appends standard output and errors to `log`. NOT_FOUND if the program does not exist.
   static StatusOr<std::unique_ptr<ChildProcess>> Start(const std::string& program,
                                                        const std::vector<std::string>& arguments,
                                                        const std::string& log);
-  // Kills what still runs, the whole group.
+  // Kills the process group if the child still runs.
   ~ChildProcess();
   ChildProcess(const ChildProcess&) = delete;
   ChildProcess& operator=(const ChildProcess&) = delete;
@@ -28,11 +28,11 @@ class ChildProcess {
   pid_t pid() const { return pid_; }
   const std::string& log() const { return log_; }
 
-  // Does not wait.
+  // Does not block.
   bool Running();
-  // How it ended: "exit code 1", "signal 9 (Killed)"; empty while it runs.
-  std::string HowItEnded();
-  // Asks it to end.
+  // "exit code 1" or "signal 9 (Killed)"; empty while the child runs.
+  std::string ExitDescription();
+  // Sends SIGTERM.
   void Terminate();
 
  private:
@@ -44,10 +44,10 @@ class ChildProcess {
   int wait_status_ = 0;
 };
 
-// The last lines of a log; empty if there is none.
+// The last lines of a log; empty if the file cannot be read.
 std::string LastLines(const std::string& log, int count);
 
-// The folder that this program's executable lies in.
+// The folder of this program's executable.
 StatusOr<std::string> ProgramFolder();
 
 }  // namespace tessera

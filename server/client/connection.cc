@@ -11,7 +11,7 @@
 #include "common/rpc/channel.h"
 #include "common/rpc/retry.h"
 #include "common/rpc/status_conversion.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "tessera/v1/jobs.grpc.pb.h"
 #include "tessera/v1/workers.grpc.pb.h"
 
@@ -19,7 +19,7 @@ namespace tessera {
 namespace {
 
 constexpr double kCallSeconds = 30;
-constexpr double kCreateSeconds = 3600;  // the coordinator hashes every file of a new scene first
+constexpr double kCreateSeconds = 3600;  // the coordinator hashes every file of a new scene
 
 RetryPolicy ShortRetry() {
   RetryPolicy policy;
@@ -51,7 +51,7 @@ struct Connection::Impl {
     });
   }
 
-  // False once StopWatching was called.
+  // Sleeps; returns false after StopWatching.
   bool Wait(double seconds) {
     std::unique_lock lock(mutex);
     return !stopped_changed.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return stopped; });
@@ -208,7 +208,7 @@ Status Connection::WatchJob(const std::string& name,
       if (impl_->stopped) return absl::CancelledError("no longer watching");
     }
     if (ended) return absl::OkStatus();
-    // Who has not begun is told of a limit; who goes on waits for his place.
+    // A new watch that exceeds the client's limit fails at once; a resumed watch waits until the limit allows it.
     const bool waits = RefusalOf(status) != Refusal::kLimit || !request.seen_etag().empty();
     if (!status.ok() && (!waits || !IsTransient(status, Idempotency::kIdempotent))) return status;
     if (!impl_->Wait(backoff.NextDelay(status))) return absl::CancelledError("no longer watching");

@@ -1,4 +1,4 @@
-// The client's side of a coordinator's services.
+// The client side of the coordinator's gRPC services.
 #ifndef TESSERA_SERVER_CLIENT_CONNECTION_H_
 #define TESSERA_SERVER_CLIENT_CONNECTION_H_
 
@@ -25,37 +25,37 @@ class RetryJobRequest;
 class WatchJobResponse;
 }  // namespace v1
 
-// Calls that can be repeated safely are, for a few seconds, when the coordinator is away. Thread-safe.
+// Idempotent calls are retried for a few seconds while the coordinator is unavailable. Thread-safe.
 class Connection {
  public:
-  // UNAVAILABLE if nobody answers there within `seconds`; errors of OpenChannel.
+  // UNAVAILABLE if the coordinator does not answer within `seconds`; errors of OpenChannel.
   static StatusOr<std::unique_ptr<Connection>> Open(const Endpoint& endpoint, double seconds = 5);
   ~Connection();
 
   const std::string& address() const;
 
-  // Repeated only if the request has a request_id.
+  // Retried only if the request has a request_id or is validate_only.
   Status CreateJob(const v1::CreateJobRequest& request, v1::Job* job);
   Status GetJob(const std::string& name, v1::Job* job);
   Status CancelJob(const std::string& name, v1::Job* job);
   Status ChangeJob(const v1::ChangeJobRequest& request, v1::Job* job);
-  // Not repeated: the second would be refused, since the job goes on.
+  // Never retried: if the first call succeeded, the job is running and a second call is refused.
   Status RetryJob(const v1::RetryJobRequest& request, v1::Job* job);
   Status DeleteJob(const std::string& name);
   // The newest `count` jobs.
   Status ListJobs(int count, v1::ListJobsResponse* jobs);
   // All tasks of a job.
   Status ListTasks(const std::string& job, v1::ListTasksResponse* tasks);
-  // All attempts at tasks of a job.
+  // All attempts of the tasks of a job.
   Status ListAttempts(const std::string& job, std::vector<v1::Attempt>* attempts);
   Status ListWorkers(v1::ListWorkersResponse* workers);
-  // Whether a task of the job failed for good because its input is wrong; false if that cannot be found out.
+  // Whether a task of the job failed permanently because its input is wrong; false if the tasks cannot be listed.
   bool FailedForInput(const std::string& job);
 
-  // Calls `on_update` with the job's present state and its newest after changes until it has ended. A stream that
-  // breaks is taken up where it was, for as long as the coordinator is away. CANCELLED once StopWatching was called.
+  // Calls `on_update` with the current state of the job, and again after each change, until the job has ended. A broken
+  // stream is resumed when the coordinator is available again. CANCELLED after StopWatching.
   Status WatchJob(const std::string& name, const std::function<void(const v1::WatchJobResponse&)>& on_update);
-  // Ends WatchJob, now and later. Any thread.
+  // Ends the current and every later WatchJob. May be called from any thread.
   void StopWatching();
 
   BlobClient& blobs();

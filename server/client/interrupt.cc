@@ -16,7 +16,7 @@ void Count(int) { ++interrupts; }
 
 }  // namespace
 
-void CountInterrupts() {
+void InstallInterruptCounter() {
   struct sigaction action = {};
   action.sa_handler = Count;
   sigemptyset(&action.sa_mask);
@@ -26,7 +26,7 @@ void CountInterrupts() {
 
 int Interrupts() { return interrupts; }
 
-bool PauseUnlessInterrupted(double seconds) {
+bool SleepUnlessInterrupted(double seconds) {
   std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
   return Interrupts() == 0;
 }

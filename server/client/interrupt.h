@@ -1,17 +1,17 @@
-// Ctrl-C and its like, as something to ask for instead of an end.
+// Counts interrupts (Ctrl-C) so that commands can stop in order.
 #ifndef TESSERA_SERVER_CLIENT_INTERRUPT_H_
 #define TESSERA_SERVER_CLIENT_INTERRUPT_H_
 
 namespace tessera {
 
-// From here on SIGINT, SIGTERM and SIGHUP only count.
-void CountInterrupts();
+// From this call on, SIGINT, SIGTERM and SIGHUP are counted and do not end the process.
+void InstallInterruptCounter();
 
-// How many have come. Any thread.
+// Number of signals so far. May be called from any thread.
 int Interrupts();
 
-// Sleeps; whether none has come by then.
-bool PauseUnlessInterrupted(double seconds);
+// Sleeps; returns whether no signal has come.
+bool SleepUnlessInterrupted(double seconds);
 
 }  // namespace tessera
 

@@ -15,27 +15,27 @@ using nlohmann::json;
 
 Digest DigestFrom(const json& output) { return {output.at("sha256"), output.at("size_bytes").get<int64_t>()}; }
 
-// Of the tasks' outputs, those that tell where tiles come from.
-void TakeTask(const json& task, LineageJob* job) {
+// Collects the survey and the tile states among the task's outputs.
+void AddTask(const json& task, LineageJob* job) {
   const std::string kind = task.at("kind");
   const json& outputs = task.at("outputs");
   if (const auto survey = outputs.find(kSurveyFile); survey != outputs.end()) job->survey = DigestFrom(*survey);
   if (const auto state = outputs.find(kStateFile); state != outputs.end()) {
-    job->made[task.at("tile").get<int>()] = DigestFrom(*state);  // tasks come in the plan's order: the last stays
+    job->made[task.at("tile").get<int>()] = DigestFrom(*state);  // tasks are in the plan's order: keep the last state
   }
   if (kind == kBaseKind) {
     const std::string state_name = absl::StrCat("/", kStateFile);  // of TileInputName
     for (const auto& [name, output] : outputs.items()) {
-      if (name.ends_with(state_name)) job->taken[std::stoi(name)] = DigestFrom(output);
+      if (name.ends_with(state_name)) job->inherited[std::stoi(name)] = DigestFrom(output);
     }
   }
 }
 
-// Place of the job that the one at `place` took the tile from; the chain's end if there is none.
-size_t TakenFrom(const std::vector<LineageJob>& chain, size_t place, int tile) {
-  const LineageJob& job = chain[place];
-  if (!job.rolled_back.contains(tile)) return place + 1;
-  const auto from = std::find_if(chain.begin() + static_cast<std::ptrdiff_t>(place), chain.end(),
+// Index of the job from which job `index` inherited the tile; the size of the chain if there is none.
+size_t InheritedFrom(const std::vector<LineageJob>& chain, size_t index, int tile) {
+  const LineageJob& job = chain[index];
+  if (!job.rolled_back.contains(tile)) return index + 1;
+  const auto from = std::find_if(chain.begin() + static_cast<std::ptrdiff_t>(index), chain.end(),
                                  [&](const LineageJob& each) { return each.name == job.rollback_to; });
   return static_cast<size_t>(from - chain.begin());
 }
@@ -45,13 +45,13 @@ size_t TakenFrom(const std::vector<LineageJob>& chain, size_t place, int tile) {
 StatusOr<LineageJob> ParseLineageJob(const std::string& job_text, const std::string& update_text) {
   LineageJob job;
   std::string publish;
-  std::string section;  // of the document, that is read
+  std::string section;  // top-level key being parsed
   const auto take = [&](int depth, json::parse_event_t event, json& value) {
     if (depth == 1 && event == json::parse_event_t::key) section = value.get<std::string>();
     if (depth != 2 || event != json::parse_event_t::object_end || section != "tasks") return true;
-    TakeTask(value, &job);
+    AddTask(value, &job);
     if (value.at("kind") == kPublishKind) publish = value.at("parameters").dump();
-    return false;  // it is not needed any more
+    return false;  // discard the parsed task
   };
   try {
     const json head = json::parse(job_text, take);
@@ -73,14 +73,14 @@ StatusOr<LineageJob> ParseLineageJob(const std::string& job_text, const std::str
         if (!reasons.empty()) job.redos[tile.at("tile").get<int>()] = std::move(reasons);
       }
     }
-  } catch (const std::exception& e) {  // of JSON, and of numbers in names
+  } catch (const std::exception& e) {  // thrown by JSON parsing and by std::stoi
     return absl::DataLossError(absl::StrCat(job.name, ": job.json or ", kUpdateFile, ": ", e.what()));
   }
   if (publish.empty()) {
-    return absl::FailedPreconditionError(job.name +
-                                         " has no result (it was a plan alone): name the job that it was for");
+    return absl::FailedPreconditionError(job.name + " has no result: it is a plan, expected a job that refined tiles");
   }
-  if (job.survey.sha256.empty()) return absl::DataLossError(job.name + ": job.json: found no survey among its outputs");
+  if (job.survey.sha256.empty())
+    return absl::DataLossError(job.name + ": job.json: found no survey among the task outputs");
   const StatusOr<PublishParameters> parameters = ParsePublishParameters(publish);
   if (!parameters.ok()) return absl::DataLossError(absl::StrCat(job.name, ": ", parameters.status().message()));
   job.tiles = parameters->tiles;
@@ -107,28 +107,30 @@ std::vector<FlightImages> ImagesOfTile(const Survey& survey, const CellRect& cor
 StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain) {
   Lineage lineage;
   for (const TileParameters& tile : chain.front().tiles) {
-    if (tile.core.empty()) continue;  // gone
+    if (tile.core.empty()) continue;  // the update removed the tile
     TileLineage traced = {tile, 0, {}, std::nullopt};
-    const LineageJob* taker = nullptr;  // took the tile from the next
+    const LineageJob* heir = nullptr;  // inherited the tile from the next job
     while (traced.made_by < chain.size()) {
       const LineageJob& job = chain[traced.made_by];
-      const auto made = job.made.find(tile.tile), taken = job.taken.find(tile.tile);
+      const auto made = job.made.find(tile.tile), inherited = job.inherited.find(tile.tile);
       const bool here = made != job.made.end();
-      if (!here && taken == job.taken.end()) {
-        return absl::DataLossError(absl::StrCat(job.name, ": neither made tile ", tile.tile, " nor took it over"));
+      if (!here && inherited == job.inherited.end()) {
+        return absl::DataLossError(
+            absl::StrCat(job.name, ": tile ", tile.tile, " has no state, neither refined nor inherited"));
       }
-      traced.state = here ? made->second : taken->second;
-      if (taker != nullptr && !(taker->taken.at(tile.tile) == traced.state)) {
-        return absl::DataLossError(absl::StrCat(taker->name, ": took tile ", tile.tile, " with the state ",
-                                                taker->taken.at(tile.tile).sha256, ", but ", job.name, " has ",
+      traced.state = here ? made->second : inherited->second;
+      if (heir != nullptr && !(heir->inherited.at(tile.tile) == traced.state)) {
+        return absl::DataLossError(absl::StrCat(heir->name, ": inherited tile ", tile.tile, " with the state ",
+                                                heir->inherited.at(tile.tile).sha256, ", but ", job.name, " has ",
                                                 traced.state.sha256));
       }
       if (here) break;
-      taker = &job;
-      traced.made_by = TakenFrom(chain, traced.made_by, tile.tile);
+      heir = &job;
+      traced.made_by = InheritedFrom(chain, traced.made_by, tile.tile);
     }
     if (traced.made_by == chain.size()) {
-      return absl::DataLossError(absl::StrCat(chain.back().name, ": took over tile ", tile.tile, ", but has no base"));
+      return absl::DataLossError(
+          absl::StrCat(chain.back().name, ": inherited tile ", tile.tile, ", but has no base job"));
     }
     lineage.tiles.push_back(std::move(traced));
   }

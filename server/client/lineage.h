@@ -1,4 +1,4 @@
-// Where each tile of a job comes from: which job of a chain of updates made it, and from which images.
+// Lineage of tiles: which job of a chain of updates refined each tile, and from which images.
 #ifndef TESSERA_SERVER_CLIENT_LINEAGE_H_
 #define TESSERA_SERVER_CLIENT_LINEAGE_H_
 
@@ -18,61 +18,61 @@
 
 namespace tessera {
 
-// Why an update redid a tile: a reason of kUpdateFile and its images.
+// Why an update refined a tile again: a reason of kUpdateFile and its images.
 struct RedoReason {
   std::string reason;
   std::vector<std::string> images;
 };
 
-// A job that succeeded, as far as lineage needs it.
+// What lineage needs of a job that succeeded.
 struct LineageJob {
   std::string name;  // "jobs/J"
   std::string display_name;
-  std::string base;  // the job that it goes on from; empty: none
+  std::string base;  // base job; empty: none
   std::string method;
-  std::string algorithm_version;  // empty: the job is older than this was written down
+  std::string algorithm_version;  // empty: an earlier release did not write it
   int64_t finished_s = 0;         // Unix time; not in job.json
-  bool from_scratch = false;      // all tiles from the start mesh, though it has a base
+  bool from_scratch = false;      // refines from the start mesh although it has a base
   Digest survey;
   std::vector<TileParameters> tiles;             // ascending
-  std::map<int, Digest> made;                    // by tile: the last state that a task of this job left
-  std::map<int, Digest> taken;                   // by tile: the state that it took from its base, or from rollback_to
-  std::map<int, std::vector<RedoReason>> redos;  // by tile that images touched, of an update
-  std::string rollback_to;                       // the job of the chain that it took these tiles from; empty: none
-  std::set<int> rolled_back;
+  std::map<int, Digest> made;                    // by tile: last state that a task of this job wrote
+  std::map<int, Digest> inherited;               // by tile: state taken from the base job or from rollback_to
+  std::map<int, std::vector<RedoReason>> redos;  // by tile: why an update refined it again
+  std::string rollback_to;                       // job of the chain that `rolled_back` was restored from; empty: none
+  std::set<int> rolled_back;                     // tiles
 };
 
-// `job`: job.json. `update`: kUpdateFile, empty if the job is no update. Reads a task at a time: a city's have much
-// text. DATA_LOSS if they are not what jobs publish; FAILED_PRECONDITION if the job has no result.
+// `job`: job.json. `update`: kUpdateFile, empty if the job is no update. Parses one task at a time to bound memory.
+// DATA_LOSS if the files are malformed; FAILED_PRECONDITION if the job has no result.
 StatusOr<LineageJob> ParseLineageJob(const std::string& job, const std::string& update);
 
-// Names of those images of a flight that the cells of a tile chose, sorted.
+// Sorted names of the images of one flight that a tile was refined from.
 struct FlightImages {
   std::string flight, date;
   std::vector<std::string> images;
 };
 
-// By the survey's order of flights, without those of which no image was chosen.
+// In the survey's order of flights; flights without an image of the tile are left out.
 std::vector<FlightImages> ImagesOfTile(const Survey& survey, const CellRect& core);
 
 struct TileLineage {
   TileParameters tile;
-  size_t made_by = 0;  // place in the chain
+  size_t made_by = 0;  // index in the chain
   Digest state;
-  std::optional<std::vector<FlightImages>> images;  // none: the survey of that job is not stored any more
+  std::optional<std::vector<FlightImages>> images;  // unset: the survey of that job is no longer stored
 };
 
 struct Lineage {
-  std::vector<LineageJob> chain;  // the job, its base, the base's base, ...
+  std::vector<LineageJob> chain;  // the job, its base job, the base job of that, ...
   std::vector<TileLineage> tiles;
 };
 
-// Finds the newest job of the chain that made each tile of the first, without images; checks that all jobs from there
-// on handed on the same state. DATA_LOSS if they did not, or nothing made a tile.
+// For each tile of the first job, finds the newest job of the chain that refined it; does not fill in images. DATA_LOSS
+// if no job refined a tile, or if a later job inherited another state than that job wrote.
 StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain);
 
-// Fills in the images of the tiles; `tile`: only of this one, if it is not negative. `read` gives the content of a
-// survey: each is asked for that of the job that made it, once a job; NOT_FOUND leaves the images unknown.
+// Fills in the images of all tiles, or only of `tile` if it is not negative. `read` returns the content of a survey and
+// is called once per job that refined a tile; NOT_FOUND leaves the images of its tiles unset.
 Status FillImages(const std::function<StatusOr<std::string>(const Digest&)>& read, int tile, Lineage* lineage);
 
 }  // namespace tessera

@@ -12,7 +12,7 @@ constexpr double kPollSeconds = 0.02;
 constexpr int64_t kEarlyUs = 5'000'000;  // a worker that dies sooner than this after its start died early
 constexpr int kMaxEarlyDeaths = 5;
 constexpr int kLogLines = 15;
-constexpr char kLeaseSeconds[] = "10";  // all on one machine: silence means death soon
+constexpr char kLeaseSeconds[] = "10";  // short: on one machine a silent worker is most likely dead
 
 }  // namespace
 
@@ -21,7 +21,9 @@ StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Start(const LocalClusterOp
   TESSERA_RETURN_IF_ERROR(EnsurePrivateFolder(options.state_dir));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(options.state_dir + "/logs"));
   auto lock = FileLock::Acquire(options.state_dir + "/lock");
-  if (!lock.ok()) return absl::FailedPreconditionError("another tessera run uses " + options.state_dir);
+  if (!lock.ok())
+    return absl::FailedPreconditionError("another tessera run uses " + options.state_dir +
+                                         "; wait for it, or use another --out");
   std::unique_ptr<LocalCluster> cluster(new LocalCluster(options, clock, *std::move(lock)));
   TESSERA_ASSIGN_OR_RETURN(cluster->program_folder_, ProgramFolder());
   TESSERA_RETURN_IF_ERROR(cluster->StartCoordinator(wait));
@@ -33,8 +35,8 @@ StatusOr<std::unique_ptr<LocalCluster>> LocalCluster::Start(const LocalClusterOp
 LocalCluster::~LocalCluster() = default;
 
 Status LocalCluster::Died(ChildProcess& process, const std::string& name) const {
-  return absl::InternalError(name + " ended with " + process.HowItEnded() + "; the last lines of " + process.log() +
-                             ":\n" + LastLines(process.log(), kLogLines));
+  return absl::InternalError(name + " ended with " + process.ExitDescription() + "; the last lines of " +
+                             process.log() + ":\n" + LastLines(process.log(), kLogLines));
 }
 
 Status LocalCluster::StartCoordinator(const Sleeper& wait) {
@@ -45,7 +47,7 @@ Status LocalCluster::StartCoordinator(const Sleeper& wait) {
     TESSERA_ASSIGN_OR_RETURN(socket_folder_, TempFolder::Create("", "tessera-"));
     socket = "unix:" + socket_folder_->path() + "/socket";
   }
-  // The coordinator is the user's own: it may read what he may read.
+  // The coordinator runs as the user, so it may read every file that the user may read.
   std::vector<std::string> arguments = {"--listen",        socket,      "--port-file", port_file,      "--data",
                                         options_.data_dir, "--lease-s", kLeaseSeconds, "--scene-root", "/"};
   if (!options_.shared_storage) arguments.push_back("--no-shared-storage");
@@ -59,8 +61,8 @@ Status LocalCluster::StartCoordinator(const Sleeper& wait) {
     }
     if (!coordinator_->Running()) return Died(*coordinator_, "tesserad");
     if (clock_.MonotonicUs() > deadline_us) {
-      return absl::DeadlineExceededError("tesserad did not start; the last lines of " + coordinator_->log() + ":\n" +
-                                         LastLines(coordinator_->log(), kLogLines));
+      return absl::DeadlineExceededError("tesserad did not start within 60 s; the last lines of " +
+                                         coordinator_->log() + ":\n" + LastLines(coordinator_->log(), kLogLines));
     }
     if (!wait(kPollSeconds)) return absl::CancelledError("interrupted");
   }
@@ -78,7 +80,7 @@ Status LocalCluster::StartWorker(int index) {
   return absl::OkStatus();
 }
 
-Status LocalCluster::LookAfter(std::vector<std::string>* notes) {
+Status LocalCluster::Supervise(std::vector<std::string>* notes) {
   if (!coordinator_->Running()) return Died(*coordinator_, "tesserad");
   for (size_t i = 0; i < workers_.size(); ++i) {
     Worker& worker = workers_[i];
@@ -88,7 +90,7 @@ Status LocalCluster::LookAfter(std::vector<std::string>* notes) {
     worker.early_deaths = early ? worker.early_deaths + 1 : 0;
     if (worker.early_deaths >= kMaxEarlyDeaths) return Died(*worker.process, name);
     notes->push_back(name + " (process " + std::to_string(worker.process->pid()) + ") ended with " +
-                     worker.process->HowItEnded() + "; starting another in its place");
+                     worker.process->ExitDescription() + "; starting a replacement");
     TESSERA_RETURN_IF_ERROR(StartWorker(static_cast<int>(i)));
   }
   return absl::OkStatus();

@@ -1,4 +1,4 @@
-// A coordinator and workers on this machine, for as long as one command runs.
+// A coordinator and workers on this machine, owned by one command.
 #ifndef TESSERA_SERVER_CLIENT_LOCAL_CLUSTER_H_
 #define TESSERA_SERVER_CLIENT_LOCAL_CLUSTER_H_
 
@@ -23,26 +23,27 @@ struct LocalClusterOptions {
   bool shared_storage = true;
 };
 
-// Not thread-safe: one thread starts it, looks after it and stops it (its end takes the children with it).
+// Not thread-safe: the same thread starts, supervises and stops it. The children are killed when that thread ends.
 class LocalCluster {
  public:
-  // Starts tesserad, found beside this program, and the workers; returns when the coordinator listens. `wait` is called
-  // while waiting; false breaks off (CANCELLED). FAILED_PRECONDITION if another process uses the folder.
+  // Starts tesserad (from this program's folder) and the workers; returns when the coordinator listens. `wait` sleeps
+  // between polls; if it returns false, the start is aborted (CANCELLED). FAILED_PRECONDITION if another process uses
+  // the folder.
   static StatusOr<std::unique_ptr<LocalCluster>> Start(const LocalClusterOptions& options, const Clock& clock,
                                                        const Sleeper& wait);
-  // Stops whatever still runs.
+  // Kills processes that still run.
   ~LocalCluster();
 
-  // unix:PATH of the coordinator, in a folder that no other user may enter.
+  // unix:PATH of the coordinator, in a folder that only this user may enter.
   const std::string& address() const { return address_; }
 
-  // Replaces workers that died; tells each in `notes`. An error, with the last lines of the log, if the coordinator
-  // died or workers keep dying as soon as they start.
-  Status LookAfter(std::vector<std::string>* notes);
+  // Replaces workers that died and adds a line to `notes` for each. An error with the last lines of the log if the
+  // coordinator died or a worker repeatedly died right after its start.
+  Status Supervise(std::vector<std::string>* notes);
 
-  static constexpr double kStopSeconds = 8;  // that programs usually get for it
+  static constexpr double kStopSeconds = 8;  // usual time limit of Stop
 
-  // Asks all to end, waits up to `seconds` (with `wait`), then kills.
+  // Sends SIGTERM to all processes, waits up to `seconds` (with `wait`), then kills them.
   void Stop(double seconds, const Sleeper& wait);
 
  private:
@@ -63,7 +64,7 @@ class LocalCluster {
   const Clock& clock_;
   FileLock lock_;
   std::string program_folder_;
-  std::optional<TempFolder> socket_folder_;  // where the data folder's path is too long for a socket
+  std::optional<TempFolder> socket_folder_;  // used if the data folder's path is too long for a socket
   std::string address_;
   std::unique_ptr<ChildProcess> coordinator_;
   std::vector<Worker> workers_;

@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "server/client/artifacts.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "server/client/timeline.h"
 #include "tessera/v1/jobs.pb.h"
 

@@ -1,5 +1,5 @@
-// One job from submission to its files, in a thread of its own, so that the thread which looks after the processes
-// never waits for a call.
+// Runs one job from submission to the download of its files in its own thread, so that the thread that supervises the
+// processes never blocks on a call.
 #ifndef TESSERA_SERVER_CLIENT_LOCAL_JOB_H_
 #define TESSERA_SERVER_CLIENT_LOCAL_JOB_H_
 
@@ -12,31 +12,30 @@
 
 namespace tessera {
 
-// How the job stands. Messages of v1 are held as pointers so that their headers stay out of this one.
+// State of the job. Messages of v1 are held by pointer to keep their headers out of this one.
 struct LocalJobState {
-  bool ended = false;  // nothing more will happen
+  bool ended = false;  // no further change
   bool accepted = false;
-  Status status;                                       // of the calls; valid once ended
+  Status status;                                       // of the calls; valid if ended
   bool failed_for_input = false;                       // the job failed because its input is wrong
   std::shared_ptr<const v1::Job> job;                  // as last known; null before it was accepted
-  std::shared_ptr<const v1::WatchJobResponse> update;  // the last one; null if there is none since the last Wait
+  std::shared_ptr<const v1::WatchJobResponse> update;  // the newest update; null if there is none since the last Wait
   std::vector<std::string> written;                    // paths of the results
 };
 
 class LocalJob {
  public:
-  // Cancels what an interrupted run left unfinished at this coordinator, submits `request`, follows the job and, if it
-  // succeeded, brings its files to `out` by way of `staging`. `timeline`: file for its timeline once it has ended;
-  // empty: none.
+  // Cancels unfinished jobs of an interrupted run at this coordinator, submits `request`, watches the job and, if it
+  // has a result, downloads its files to `out` through `staging`. `timeline`: file for the Chrome trace; empty: none.
   LocalJob(std::unique_ptr<Connection> connection, const v1::CreateJobRequest& request, const std::string& out,
            const std::string& staging, const std::string& timeline = "");
-  // Breaks off and waits for the thread. The coordinator should have been told or stopped before.
+  // Aborts the calls and joins the thread. Call Cancel or stop the coordinator first.
   ~LocalJob();
 
-  // Waits up to `seconds` for something new.
+  // Waits up to `seconds` for a change of state.
   LocalJobState Wait(double seconds);
 
-  // Cancels the job, as far as the coordinator can still be reached.
+  // Cancels the job, if the coordinator is available.
   void Cancel();
 
  private:

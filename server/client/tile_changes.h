@@ -1,4 +1,4 @@
-// Which files of tiles differ between two jobs.
+// Tile meshes that differ between two jobs.
 #ifndef TESSERA_SERVER_CLIENT_TILE_CHANGES_H_
 #define TESSERA_SERVER_CLIENT_TILE_CHANGES_H_
 
@@ -14,17 +14,17 @@ class Job;
 // A tile's mesh, "tiles/X_Y.ply".
 struct TileFileChange {
   std::string name;
-  std::string old_sha256, new_sha256;  // empty: that job has no such file
+  std::string old_sha256, new_sha256;  // empty: the job has no such file
   bool changed() const { return old_sha256 != new_sha256; }
 };
 
 // The tile meshes of both jobs, by name.
 std::vector<TileFileChange> CompareTileFiles(const v1::Job& base, const v1::Job& job);
 
-// `job` with only these of its artifacts: tile meshes that changed, and all that is JSON.
+// `job` with fewer artifacts: only changed tile meshes and all JSON files.
 v1::Job OnlyChanged(const v1::Job& job, const std::vector<TileFileChange>& changes);
 
-// What `fetch --changed-since` leaves as changed.json.
+// Content of changed.json, which `fetch --changed-since` writes.
 std::string ChangesJson(const v1::Job& base, const v1::Job& job, const std::vector<TileFileChange>& changes);
 
 }  // namespace tessera

@@ -8,7 +8,7 @@
 
 #include "common/base/printable.h"
 #include "common/storage/files.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
 #include "tessera/v1/tasks.pb.h"
 
@@ -17,22 +17,22 @@ namespace {
 
 int64_t Micros(const google::protobuf::Timestamp& time) { return time.seconds() * 1'000'000 + time.nanos() / 1000; }
 
-// "lost input" of ERROR_CLASS_LOST_INPUT.
-std::string ErrorWord(const v1::TaskError& error) {
+// "lost input" for ERROR_CLASS_LOST_INPUT.
+std::string ErrorName(const v1::TaskError& error) {
   std::string word = v1::ErrorClass_Name(error.error_class());
   if (constexpr std::string_view kType = "ERROR_CLASS_"; word.starts_with(kType)) word.erase(0, kType.size());
   for (char& c : word) c = c == '_' ? ' ' : static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return word;
 }
 
-std::string OutcomeWord(const v1::Attempt& attempt) {
+std::string OutcomeName(const v1::Attempt& attempt) {
   switch (attempt.outcome()) {
     case v1::ATTEMPT_OUTCOME_RUNNING:
       return "running";
     case v1::ATTEMPT_OUTCOME_SUCCEEDED:
       return "succeeded";
     case v1::ATTEMPT_OUTCOME_FAILED:
-      return ErrorWord(attempt.error());
+      return ErrorName(attempt.error());
     case v1::ATTEMPT_OUTCOME_LEASE_EXPIRED:
       return "lease expired";
     case v1::ATTEMPT_OUTCOME_CANCELLED:
@@ -46,7 +46,7 @@ bool HasFailed(const v1::Attempt& attempt) {
   return attempt.outcome() == v1::ATTEMPT_OUTCOME_FAILED || attempt.outcome() == v1::ATTEMPT_OUTCOME_LEASE_EXPIRED;
 }
 
-// Puts a trace together, event by event.
+// Builds the trace event by event.
 class Trace {
  public:
   void Name(const char* what, int process, int row, const std::string& name) {
@@ -55,7 +55,7 @@ class Trace {
   }
 
   void Slice(const v1::Attempt& attempt, int process, int row, int64_t start_us, int64_t duration_us) {
-    const std::string outcome = OutcomeWord(attempt);
+    const std::string outcome = OutcomeName(attempt);
     const bool succeeded = attempt.outcome() == v1::ATTEMPT_OUTCOME_SUCCEEDED;
     Begin(succeeded ? attempt.title() : attempt.title() + " (" + outcome + ")", "X", process, row);
     Add("cat", HasFailed(attempt) ? attempt.kind() + ",failed" : attempt.kind());
@@ -122,7 +122,7 @@ std::string TimelineJson(const v1::Job& job, std::vector<v1::Attempt> attempts, 
   }
   std::string text = R"({"displayTimeUnit":"ms","otherData":{"job":)" + JsonQuoted(job.name());
   text += R"(,"name":)" + JsonQuoted(job.display_name());
-  text += R"(,"state":)" + JsonQuoted(JobStateWord(job.state())) + "},\n\"traceEvents\":[";
+  text += R"(,"state":)" + JsonQuoted(JobStateName(job.state())) + "},\n\"traceEvents\":[";
   return text + trace.text() + "\n]}\n";
 }
 

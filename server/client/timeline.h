@@ -1,4 +1,4 @@
-// A job's attempts over time, as a file that trace viewers open.
+// Chrome trace of a job's attempts.
 #ifndef TESSERA_SERVER_CLIENT_TIMELINE_H_
 #define TESSERA_SERVER_CLIENT_TIMELINE_H_
 
@@ -17,12 +17,12 @@ class Attempt;
 class Job;
 }  // namespace v1
 
-// In Chrome's trace event format (chrome://tracing, ui.perfetto.dev): a process a machine, a row a worker, a slice an
-// attempt, in microseconds since the job was submitted. What a worker did at the same time, as it seemed to the
-// coordinator, is in several rows. Attempts that run yet, of a job that has not ended, end at `now_us` (Unix time).
+// Chrome trace event format (chrome://tracing, ui.perfetto.dev): one process per machine, one track per worker, one
+// slice per attempt, in microseconds since submission. Attempts of a worker that overlap in time are on several tracks.
+// Running attempts of a job that has not ended end at `now_us` (Unix time).
 std::string TimelineJson(const v1::Job& job, std::vector<v1::Attempt> attempts, int64_t now_us);
 
-// Writes that of a job of the coordinator, whatever its state, to `path`.
+// Writes the trace of a job of the coordinator, in any state, to `path`.
 Status WriteTimeline(Connection& connection, const std::string& job, const Clock& clock, const std::string& path);
 
 }  // namespace tessera

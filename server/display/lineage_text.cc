@@ -25,18 +25,18 @@ std::string UtcTime(int64_t unix_s, const char* format) {
   return text;
 }
 
-std::string OrDash(const std::string& words) { return words.empty() ? "-" : words; }
+std::string OrDash(const std::string& text) { return text.empty() ? "-" : text; }
 
-std::string JobWords(const LineageJob& job) {
+std::string JobLabel(const LineageJob& job) {
   return job.display_name.empty() ? job.name : absl::StrCat(job.name, " (", job.display_name, ")");
 }
 
-std::string CoreWords(const CellRect& core) {
+std::string CoreText(const CellRect& core) {
   return absl::StrFormat("%d,%d..%d,%d", core.x0, core.y0, core.x1, core.y1);
 }
 
 // "spring 34, next 12".
-std::string ImagesWords(const TileLineage& tile) {
+std::string ImagesText(const TileLineage& tile) {
   if (!tile.images) return "not stored";
   std::vector<std::string> words;
   for (const FlightImages& flight : *tile.images) {
@@ -46,24 +46,24 @@ std::string ImagesWords(const TileLineage& tile) {
   return words.empty() ? "none" : absl::StrJoin(words, ", ");
 }
 
-// What one job of the chain did about a tile.
-struct Turn {
+// The action of one job of the chain on a tile.
+struct TileAction {
   bool made = false;
-  bool from_start = false;                           // made from the start mesh
-  bool rolled_back = false;                          // taken from job.rollback_to
-  const std::vector<RedoReason>* reasons = nullptr;  // of an update; null: images do not tell
+  bool from_start = false;                           // refined from the start mesh
+  bool rolled_back = false;                          // restored from job.rollback_to
+  const std::vector<RedoReason>* reasons = nullptr;  // of an update; null: no image is the reason
 };
 
-Turn TurnOf(const LineageJob& job, int tile) {
-  Turn turn;
-  turn.made = job.made.contains(tile);
-  turn.from_start = turn.made && (job.base.empty() || job.from_scratch);
-  turn.rolled_back = job.rolled_back.contains(tile);
-  if (const auto it = job.redos.find(tile); turn.made && it != job.redos.end()) turn.reasons = &it->second;
-  return turn;
+TileAction ActionOf(const LineageJob& job, int tile) {
+  TileAction action;
+  action.made = job.made.contains(tile);
+  action.from_start = action.made && (job.base.empty() || job.from_scratch);
+  action.rolled_back = job.rolled_back.contains(tile);
+  if (const auto it = job.redos.find(tile); action.made && it != job.redos.end()) action.reasons = &it->second;
+  return action;
 }
 
-std::string ReasonsWords(const std::vector<RedoReason>& reasons) {
+std::string ReasonsText(const std::vector<RedoReason>& reasons) {
   std::vector<std::string> words;
   for (const RedoReason& reason : reasons) {
     words.push_back(reason.images.empty()
@@ -74,14 +74,14 @@ std::string ReasonsWords(const std::vector<RedoReason>& reasons) {
   return absl::StrJoin(words, "; ");
 }
 
-std::string TurnWords(const LineageJob& job, int tile) {
-  const Turn turn = TurnOf(job, tile);
-  if (turn.rolled_back) return "rolled back to " + job.rollback_to;
-  if (!turn.made) return "kept from " + job.base;
-  std::string words = job.base.empty()  ? "made from the start mesh"
-                      : turn.from_start ? "redone from the start mesh"
-                                        : "redone from " + job.base;
-  if (turn.reasons != nullptr) words += " because: " + ReasonsWords(*turn.reasons);
+std::string ActionText(const LineageJob& job, int tile) {
+  const TileAction action = ActionOf(job, tile);
+  if (action.rolled_back) return "restored from " + job.rollback_to;
+  if (!action.made) return "kept from " + job.base;
+  std::string words = job.base.empty()    ? "made from the start mesh"
+                      : action.from_start ? "redone from the start mesh"
+                                          : "redone from " + job.base;
+  if (action.reasons != nullptr) words += " because: " + ReasonsText(*action.reasons);
   return words;
 }
 
@@ -89,17 +89,17 @@ Json TileJson(const Lineage& lineage, const TileLineage& tile) {
   const CellRect& core = tile.tile.core;
   Json history = Json::array();
   for (const LineageJob& job : lineage.chain) {
-    const Turn turn = TurnOf(job, tile.tile.tile);
-    const char* const did = turn.rolled_back   ? "rolled back"
-                            : !turn.made       ? "kept"
+    const TileAction action = ActionOf(job, tile.tile.tile);
+    const char* const did = action.rolled_back ? "rolled back"
+                            : !action.made     ? "kept"
                             : job.base.empty() ? "made"
                                                : "redone";
     Json entry = {{"job", job.name}, {"did", did}};
-    if (turn.rolled_back) entry["to"] = job.rollback_to;
-    if (turn.made) entry["from_start"] = turn.from_start;
-    if (turn.reasons != nullptr) {
+    if (action.rolled_back) entry["to"] = job.rollback_to;
+    if (action.made) entry["from_start"] = action.from_start;
+    if (action.reasons != nullptr) {
       entry["why"] = Json::array();
-      for (const RedoReason& why : *turn.reasons)
+      for (const RedoReason& why : *action.reasons)
         entry["why"].push_back({{"reason", why.reason}, {"images", why.images}});
     }
     history.push_back(std::move(entry));
@@ -124,7 +124,7 @@ StatusOr<const TileLineage*> FindTile(const Lineage& lineage, int tile) {
                                [&](const TileLineage& one) { return one.tile.tile == tile; });
   if (it != lineage.tiles.end()) return &*it;
   return absl::InvalidArgumentError(absl::StrCat("--tile: found ", tile, ", expected one of the ", lineage.tiles.size(),
-                                                 " tiles of ", lineage.chain.front().name, ", from 0 on"));
+                                                 " tiles of ", lineage.chain.front().name, ", numbered from 0"));
 }
 
 }  // namespace
@@ -134,9 +134,9 @@ std::string LineageTable(const Lineage& lineage) {
   std::vector<Row> rows = {{"TILE", "CORE", "MADE BY", "FINISHED", "VERSION", "METHOD", "IMAGES", "STATE"}};
   for (const TileLineage& tile : lineage.tiles) {
     const LineageJob& job = lineage.chain[tile.made_by];
-    rows.push_back({absl::StrCat(tile.tile.tile), CoreWords(tile.tile.core), JobWords(job),
+    rows.push_back({absl::StrCat(tile.tile.tile), CoreText(tile.tile.core), JobLabel(job),
                     UtcTime(job.finished_s, "%Y-%m-%d"), OrDash(job.algorithm_version), OrDash(job.method),
-                    ImagesWords(tile), tile.state.sha256});
+                    ImagesText(tile), tile.state.sha256});
   }
   std::vector<size_t> widths(rows.front().size());
   for (const Row& row : rows) {
@@ -154,14 +154,14 @@ StatusOr<std::string> TileLineageText(const Lineage& lineage, int id, bool with_
   TESSERA_ASSIGN_OR_RETURN(const TileLineage* const tile, FindTile(lineage, id));
   const LineageJob& maker = lineage.chain[tile->made_by];
   std::string out = absl::StrFormat(
-      "tile %d of %s, cells %s\nmade by %s, finished %s, method %s, version %s of the algorithms\nstate %s\nimages: "
+      "tile %d of %s, cells %s\nmade by %s, finished %s, method %s, algorithm version %s\nstate %s\nimages: "
       "%s\n",
-      id, JobWords(lineage.chain.front()), CoreWords(tile->tile.core), JobWords(maker),
+      id, JobLabel(lineage.chain.front()), CoreText(tile->tile.core), JobLabel(maker),
       UtcTime(maker.finished_s, "%Y-%m-%d %H:%M:%S UTC"), OrDash(maker.method), OrDash(maker.algorithm_version),
-      tile->state.sha256, ImagesWords(*tile));
+      tile->state.sha256, ImagesText(*tile));
   const char* arrow = "   ";
   for (const LineageJob& job : lineage.chain) {
-    absl::StrAppend(&out, arrow, JobWords(job), ": ", TurnWords(job, id), "\n");
+    absl::StrAppend(&out, arrow, JobLabel(job), ": ", ActionText(job, id), "\n");
     arrow = "<- ";
   }
   if (!with_images || !tile->images) return out;

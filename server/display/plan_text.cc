@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "server/display/svg_map.h"
 
 namespace tessera {
@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kMiB = 1 << 20, kGiB = 1 << 30, kSquareKilometre = 1e6, kHour = 3600;
 
-std::string GroupedRounded(double value) { return Grouped(std::llround(value)); }
+std::string RoundedThousands(double value) { return FormatThousands(std::llround(value)); }
 
 std::string Row(const std::array<std::string, 9>& words) {
   std::string row;
@@ -23,8 +23,10 @@ std::string Row(const std::array<std::string, 9>& words) {
   return row + "\n";
 }
 
-// Of the faces that tiles have in sight beside their own, over these.
-double SightShare(const Quote& quote) { return quote.core_faces > 0 ? quote.sight_faces / quote.core_faces - 1 : 0; }
+// Faces that tiles load beyond their core, relative to the core faces.
+double ExtraFacesShare(const Quote& quote) {
+  return quote.core_faces > 0 ? quote.sight_faces / quote.core_faces - 1 : 0;
+}
 
 }  // namespace
 
@@ -33,11 +35,12 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
       Row({"tile", "cells", "faces", "in sight", "cameras", "megapixels", "pair MP", "peak MiB", "core-s"});
   for (const TileQuote& tile : quote.tiles) {
     const CellRect& c = tile.core;
-    out += Row({std::to_string(tile.tile), absl::StrCat(c.x1 - c.x0, " x ", c.y1 - c.y0),
-                GroupedRounded(tile.work.core_faces), GroupedRounded(tile.work.sight_faces),
-                std::to_string(tile.work.seeing_views), GroupedRounded(1e-6 * tile.work.pixels),
-                GroupedRounded(1e-6 * tile.work.pair_pixels),
-                GroupedRounded(static_cast<double>(tile.peak_bytes()) / kMiB), GroupedRounded(tile.core_seconds())});
+    out +=
+        Row({std::to_string(tile.tile), absl::StrCat(c.x1 - c.x0, " x ", c.y1 - c.y0),
+             RoundedThousands(tile.work.core_faces), RoundedThousands(tile.work.sight_faces),
+             std::to_string(tile.work.seeing_views), RoundedThousands(1e-6 * tile.work.pixels),
+             RoundedThousands(1e-6 * tile.work.pair_pixels),
+             RoundedThousands(static_cast<double>(tile.peak_bytes()) / kMiB), RoundedThousands(tile.core_seconds())});
   }
   double most = 0;
   for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.core_seconds());
@@ -53,7 +56,8 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
                         absl::StrFormat(*absl::ParsedFormat<'f'>::New(format), i.high * value), ")");
   };
   absl::StrAppendFormat(&out, "tiles: %d, %.0f %% more faces in sight, heaviest / mean tile %.2f\n",
-                        static_cast<int>(quote.tiles.size()), 100 * SightShare(quote), mean > 0 ? most / mean : 1.0);
+                        static_cast<int>(quote.tiles.size()), 100 * ExtraFacesShare(quote),
+                        mean > 0 ? most / mean : 1.0);
   absl::StrAppendFormat(&out, "ingest: %.0f core-s, %.0f MiB; publish: %.0f core-s, %.0f MiB\n",
                         quote.ingest.core_seconds, static_cast<double>(quote.ingest.peak_bytes) / kMiB,
                         quote.publish.core_seconds, static_cast<double>(quote.publish.peak_bytes) / kMiB);
@@ -71,8 +75,8 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
   if (km2 > 0) absl::StrAppend(&out, ", core-hours a km2: ", range(quote.core_seconds / kHour / km2, "%.2f"));
   absl::StrAppendFormat(&out, "\ntime with %d worker%s of %d core%s: %s (%s to %s)", terms.workers,
                         terms.workers == 1 ? "" : "s", terms.threads_per_worker,
-                        terms.threads_per_worker == 1 ? "" : "s", DurationWords(wall_s), DurationWords(i.low * wall_s),
-                        DurationWords(i.high * wall_s));
+                        terms.threads_per_worker == 1 ? "" : "s", FormatDuration(wall_s),
+                        FormatDuration(i.low * wall_s), FormatDuration(i.high * wall_s));
   if (km2 > 0) absl::StrAppend(&out, ", hours a km2: ", range(wall_s / kHour / km2, "%.2f"));
   out += "\n";
   if (terms.price_per_core_hour) {
@@ -143,7 +147,7 @@ std::string PlanMap(const Quote& quote, const Survey& survey) {
                          absl::StrFormat("rgb(%d,%d,%d)", static_cast<int>(255 - 102 * t),
                                          static_cast<int>(240 - 220 * t), static_cast<int>(217 - 200 * t)),
                          absl::StrFormat("tile %d: %s faces, %d cameras, %.0f MiB, %.0f core-seconds", tile.tile,
-                                         GroupedRounded(tile.work.core_faces), tile.work.seeing_views,
+                                         RoundedThousands(tile.work.core_faces), tile.work.seeing_views,
                                          static_cast<double>(tile.peak_bytes()) / kMiB, tile.core_seconds())});
   }
   for (const SceneView& view : survey.views) {

@@ -9,7 +9,7 @@
 #include <cstring>
 
 #include "common/base/printable.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -33,7 +33,7 @@ int Percent(double fraction) {
 }
 
 // "workers/1-2" as "worker 1-2".
-std::string WorkerWords(const std::string& name) {
+std::string WorkerLabel(const std::string& name) {
   std::string words = name;
   if (name.rfind("workers/", 0) == 0) words.erase(6, 1)[6] = ' ';
   return words;
@@ -45,15 +45,15 @@ std::string JobLine(const v1::Job& job) {
     line += "  tiles " + std::to_string(job.tiles_done()) + "/" + std::to_string(job.tiles_total());
   }
   line += "  tasks " + std::to_string(job.tasks_done()) + "/" + std::to_string(job.tasks_total());
-  if (HasEnded(job.state())) return line + "  " + JobStateWord(job.state());
+  if (HasEnded(job.state())) return line + "  " + JobStateName(job.state());
   if (job.paused()) return line + "  paused";
   if (job.state() == v1::JOB_STATE_QUEUED) return line + "  queued";
-  if (job.eta_s() >= 0) line += "  " + DurationWords(job.eta_s()) + " to go";
+  if (job.eta_s() >= 0) line += "  " + FormatDuration(job.eta_s()) + " to go";
   return line;
 }
 
 std::string TaskLine(const v1::Task& task) {
-  std::string line = WorkerWords(task.worker()) + ": " + task.title();
+  std::string line = WorkerLabel(task.worker()) + ": " + task.title();
   if (task.attempt() > 1) line += " (attempt " + std::to_string(task.attempt()) + ")";
   line += ' ';
   line += std::to_string(Percent(task.progress())) + "%";
@@ -65,7 +65,7 @@ std::string TaskLine(const v1::Task& task) {
 
 ProgressDisplay::ProgressDisplay(std::FILE* out) : out_(out), terminal_(IsTerminal(out)) {}
 
-std::vector<std::string> ProgressDisplay::Picture(const v1::WatchJobResponse& update, int width) {
+std::vector<std::string> ProgressDisplay::RenderLines(const v1::WatchJobResponse& update, int width) {
   std::vector<std::string> lines;
   const int filled = Percent(update.job().progress()) * kBarWidth / 100;
   std::string bar(size_t{kBarWidth + 2}, '.');
@@ -95,7 +95,7 @@ std::vector<std::string> ProgressDisplay::Picture(const v1::WatchJobResponse& up
 void ProgressDisplay::Show(const v1::WatchJobResponse& update) {
   if (!terminal_) return ShowPlain(update);
   Erase();
-  shown_ = Picture(update, Width(out_) - 1);
+  shown_ = RenderLines(update, Width(out_) - 1);
   Draw();
 }
 
@@ -122,23 +122,23 @@ void ProgressDisplay::Draw() {
   std::fflush(out_);
 }
 
-// A line where the state changes, a task starts, a tile is done, or another tenth of the job.
+// Prints a line when the state changes, a task starts, a tile is finished, or progress passes another 10 %.
 void ProgressDisplay::ShowPlain(const v1::WatchJobResponse& update) {
   const v1::Job& job = update.job();
   for (const v1::Task& task : update.running()) {
-    int& told = told_[task.name()];
-    if (told == task.attempt()) continue;
-    told = task.attempt();
-    const std::string attempt = told > 1 ? " (attempt " + std::to_string(told) + ")" : "";
-    std::fprintf(out_, "%s: %s%s\n", WorkerWords(task.worker()).c_str(), Printable(task.title()).c_str(),
+    int& printed = printed_attempts_[task.name()];
+    if (printed == task.attempt()) continue;
+    printed = task.attempt();
+    const std::string attempt = printed > 1 ? " (attempt " + std::to_string(printed) + ")" : "";
+    std::fprintf(out_, "%s: %s%s\n", WorkerLabel(task.worker()).c_str(), Printable(task.title()).c_str(),
                  attempt.c_str());
   }
   const int tenth = Percent(job.progress()) / 10;
   if (job.state() != last_state_ || job.paused() != last_paused_ || job.tiles_done() != last_tiles_ ||
       tenth > last_tenth_) {
-    std::fprintf(out_, "%s: %s  %s\n", job.name().c_str(), JobWord(job).c_str(), JobLine(job).c_str());
+    std::fprintf(out_, "%s: %s  %s\n", job.name().c_str(), JobStatusName(job).c_str(), JobLine(job).c_str());
   }
-  // The words' numbers change with time.
+  // Compare without digits: numbers in the text change with time.
   std::string waiting = update.running().empty() ? job.waiting_for() : "";
   std::erase_if(waiting, [](char c) { return c >= '0' && c <= '9'; });
   if (!waiting.empty() && waiting != last_waiting_) {

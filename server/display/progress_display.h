@@ -1,4 +1,4 @@
-// How a job goes, on a terminal (a bar and who does what, redrawn) or in plain lines.
+// Progress of a job: a bar and the running tasks, redrawn on a terminal; plain lines elsewhere.
 #ifndef TESSERA_SERVER_DISPLAY_PROGRESS_DISPLAY_H_
 #define TESSERA_SERVER_DISPLAY_PROGRESS_DISPLAY_H_
 
@@ -16,17 +16,17 @@ class WatchJobResponse;
 // Not thread-safe.
 class ProgressDisplay {
  public:
-  // Draws on `out`, which must outlive it; a bar only if it is a terminal that can move its cursor.
+  // Writes to `out`, which must outlive the display. Draws a bar only if `out` is a terminal that can move its cursor.
   explicit ProgressDisplay(std::FILE* out);
 
   void Show(const v1::WatchJobResponse& update);
-  // A line that stays, above the bar.
+  // Prints a permanent line above the bar.
   void Note(const std::string& line);
-  // Leaves what is shown and goes on below it.
+  // Keeps the lines shown; later output goes below them.
   void Finish();
 
-  // The lines of the bar, `width` characters at most.
-  static std::vector<std::string> Picture(const v1::WatchJobResponse& update, int width);
+  // The lines of the display, each at most `width` characters.
+  static std::vector<std::string> RenderLines(const v1::WatchJobResponse& update, int width);
 
  private:
   void Erase();
@@ -36,12 +36,12 @@ class ProgressDisplay {
   std::FILE* const out_;
   const bool terminal_;
   std::vector<std::string> shown_;  // lines on the terminal now
-  int last_state_ = -1;             // plain lines: what was told last
+  int last_state_ = -1;             // plain lines: values printed last
   bool last_paused_ = false;
   std::string last_waiting_;
   int last_tiles_ = -1;
   int last_tenth_ = 0;
-  std::map<std::string, int> told_;  // attempts told, by task
+  std::map<std::string, int> printed_attempts_;  // by task
 };
 
 }  // namespace tessera

@@ -5,7 +5,7 @@
 
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "server/display/update_text.h"
 
 namespace tessera {
@@ -17,7 +17,7 @@ nlohmann::json ReadJson(const std::string& path) {
                    : nlohmann::json(nlohmann::json::value_t::discarded);
 }
 
-// The number at a path of keys, if it is there.
+// Reads the number at a JSON pointer; false if there is none.
 bool FindNumber(const nlohmann::json& json, const std::string& pointer, double* value) {
   const nlohmann::json::json_pointer path(pointer);
   if (!json.is_structured() || !json.contains(path) || !json[path].is_number()) return false;
@@ -68,8 +68,8 @@ std::vector<std::string> RunSummary(const std::string& out) {
   const nlohmann::json report = ReadJson(out + "/report.json");
   double faces = 0, vertices = 0, changed = 0, moved_m = 0, before = 0, after = 0;
   if (FindNumber(report, "/output/faces", &faces) && FindNumber(report, "/output/vertices", &vertices)) {
-    lines.push_back("mesh: " + Grouped(static_cast<long long>(faces)) + " faces, " +
-                    Grouped(static_cast<long long>(vertices)) + " vertices, " +
+    lines.push_back("mesh: " + FormatThousands(static_cast<long long>(faces)) + " faces, " +
+                    FormatThousands(static_cast<long long>(vertices)) + " vertices, " +
                     std::to_string(report.contains("tiles") ? report["tiles"].size() : 1) + " tiles");
   }
   if (EnergyOfTiles(report, &before, &after)) {
@@ -78,14 +78,14 @@ std::vector<std::string> RunSummary(const std::string& out) {
   }
   if (FindNumber(report, "/displacement/rms_m", &moved_m)) lines.push_back("moved: " + Short(moved_m) + " m rms");
   if (FindNumber(report, "/label_changes", &changed) && faces > 0) {
-    lines.push_back("labels changed: " + Grouped(static_cast<long long>(changed)) + " faces, " +
+    lines.push_back("labels changed: " + FormatThousands(static_cast<long long>(changed)) + " faces, " +
                     PercentText(changed / faces));
   }
   double samples = 0, different = 0, farthest_m = 0;
   if (FindNumber(report, "/seams/samples", &samples) && FindNumber(report, "/seams/different", &different) &&
       FindNumber(report, "/seams/farthest_m", &farthest_m) && samples > 0) {
-    lines.push_back("seams: " + Grouped(static_cast<long long>(different)) + " of " +
-                    Grouped(static_cast<long long>(samples)) + " samples differ" +
+    lines.push_back("seams: " + FormatThousands(static_cast<long long>(different)) + " of " +
+                    FormatThousands(static_cast<long long>(samples)) + " samples differ" +
                     (different > 0
                          ? ", by " + Short(farthest_m) + " m at most, in tiles " + report["seams"]["tiles"].dump()
                          : std::string()));
@@ -96,8 +96,8 @@ std::vector<std::string> RunSummary(const std::string& out) {
   const nlohmann::json job = ReadJson(out + "/job.json");
   double tasks = 0, reused = 0;
   if (FindNumber(job, "/totals/tasks", &tasks) && FindNumber(job, "/totals/reused", &reused)) {
-    lines.push_back("tasks: " + Grouped(static_cast<long long>(tasks)) + ", of which " +
-                    Grouped(static_cast<long long>(reused)) + " found done");
+    lines.push_back("tasks: " + FormatThousands(static_cast<long long>(tasks)) + ", of which " +
+                    FormatThousands(static_cast<long long>(reused)) + " reused");
   }
   return lines;
 }

@@ -1,4 +1,4 @@
-// What a finished run tells its user.
+// Summary of a finished run.
 #ifndef TESSERA_SERVER_DISPLAY_RUN_SUMMARY_H_
 #define TESSERA_SERVER_DISPLAY_RUN_SUMMARY_H_
 
@@ -7,8 +7,8 @@
 
 namespace tessera {
 
-// Lines about the results in `out`, from its report.json and job.json as far as they are there: faces, tiles, energy,
-// labels changed, what was reused.
+// Lines about the results in `out`, from its report.json and job.json if present: faces, tiles, energy, changed labels,
+// reused tasks.
 std::vector<std::string> RunSummary(const std::string& out);
 
 }  // namespace tessera

@@ -6,7 +6,8 @@
 
 namespace tessera {
 
-StageLine::StageLine(bool wanted) : shown_(wanted && isatty(STDERR_FILENO)), start_(std::chrono::steady_clock::now()) {}
+StageLine::StageLine(bool enabled)
+    : shown_(enabled && isatty(STDERR_FILENO)), start_(std::chrono::steady_clock::now()) {}
 
 StageLine::~StageLine() {
   if (shown_) std::fprintf(stderr, "\r\033[K");

@@ -1,4 +1,4 @@
-// How a command's own work goes, on a terminal.
+// Progress of a command's own computation, on a terminal.
 #ifndef TESSERA_SERVER_DISPLAY_STAGE_LINE_H_
 #define TESSERA_SERVER_DISPLAY_STAGE_LINE_H_
 
@@ -8,11 +8,11 @@
 
 namespace tessera {
 
-// One line on standard error: a bar, the stage and the seconds left, redrawn in place and erased in the end; nothing
-// where that is no terminal. Show may be called from any thread.
+// One line on standard error: a bar, the stage and the seconds left. Redrawn in place and erased at the end; nothing is
+// printed if standard error is not a terminal. Show may be called from any thread.
 class StageLine {
  public:
-  explicit StageLine(bool wanted);
+  explicit StageLine(bool enabled);
   ~StageLine();
   void Show(double fraction, const std::string& stage);
 

@@ -26,21 +26,21 @@ StatusOr<std::string> FromJson(const std::string& text, const Make& make) {
   }
 }
 
-// Redone for its own sake; from scratch others may be, too.
+// Whether the tile itself changed. From scratch, tiles that depend on it are refined too.
 bool IsRedone(const json& tile) { return tile.at("redone") == true; }
 
 // "update of jobs/1: ..."
-std::string Sentence(const json& plan) {
+std::string SummaryLine(const json& plan) {
   const int redone = plan.at("tiles_redone"), tiles = static_cast<int>(plan.at("tiles").size());
   const std::string base = plan.at("base");
   const size_t gone = plan.value("tiles_gone", json::array()).size();
-  const std::string without = gone > 0 ? absl::StrCat(", ", gone, " gone, of which the mesh has nothing left") : "";
+  const std::string without = gone > 0 ? absl::StrCat(", ", gone, " removed: the mesh has no face in them") : "";
   if (plan.at("from_scratch").get<bool>()) {
     return absl::StrFormat(
-        "update of %s from scratch: %d of %d tiles changed, the others follow as far as that reaches%s", base, redone,
+        "update of %s from scratch: %d of %d tiles changed, tiles that depend on them are refined too%s", base, redone,
         tiles, without);
   }
-  return absl::StrFormat("update of %s: %d of %d tiles redone, %d kept as they are, to the byte%s", base, redone, tiles,
+  return absl::StrFormat("update of %s: %d of %d tiles refined, %d kept byte for byte%s", base, redone, tiles,
                          tiles - redone, without);
 }
 
@@ -65,7 +65,7 @@ double PredictedSeconds(const json& tile) { return tile.at("predicted").at("core
 
 StatusOr<std::string> UpdateTable(const std::string& text, const PlanTerms& terms) {
   return FromJson(text, [&](const json& plan) {
-    std::string out = absl::StrFormat("%6s %12s %9s  %s\n", "tile", "core-seconds", "MiB", "why");
+    std::string out = absl::StrFormat("%6s %12s %9s  %s\n", "tile", "core-seconds", "MiB", "reason");
     for (const json& tile : plan.at("tiles")) {
       if (!IsRedone(tile)) continue;
       absl::StrAppendFormat(&out, "%6d %12.1f %9.0f  %s\n", tile.at("tile").get<int>(), PredictedSeconds(tile),
@@ -73,22 +73,24 @@ StatusOr<std::string> UpdateTable(const std::string& text, const PlanTerms& term
     }
     const json& predicted = plan.at("predicted");
     const double seconds = predicted.at("core_seconds"), in_full = predicted.at("core_seconds_in_full");
-    absl::StrAppend(&out, Sentence(plan), "\n");
-    absl::StrAppendFormat(&out, "core-hours: %s%.3f, of %.3f for all anew (%.1f %%)\n",
+    absl::StrAppend(&out, SummaryLine(plan), "\n");
+    absl::StrAppendFormat(&out, "core-hours: %s%.3f of %.3f for a full job (%.1f %%)\n",
                           plan.at("from_scratch").get<bool>() ? "at most " : "", seconds / kSecondsPerHour,
                           in_full / kSecondsPerHour, in_full > 0 ? 100 * seconds / in_full : 0);
-    absl::StrAppendFormat(&out, "disk: %s%.2f GiB, of %.2f\n", plan.at("from_scratch").get<bool>() ? "at most " : "",
+    absl::StrAppendFormat(&out, "disk: %s%.2f GiB of %.2f for a full job\n",
+                          plan.at("from_scratch").get<bool>() ? "at most " : "",
                           predicted.at("stored_bytes").get<double>() / kBytesPerGiB,
                           predicted.at("stored_bytes_in_full").get<double>() / kBytesPerGiB);
     if (terms.price_per_core_hour) {
-      absl::StrAppendFormat(&out, "price: %.2f, of %.2f\n", *terms.price_per_core_hour * seconds / kSecondsPerHour,
+      absl::StrAppendFormat(&out, "price: %.2f of %.2f for a full job\n",
+                            *terms.price_per_core_hour * seconds / kSecondsPerHour,
                             *terms.price_per_core_hour * in_full / kSecondsPerHour);
     }
     return out;
   });
 }
 
-StatusOr<std::string> UpdateSummary(const std::string& text) { return FromJson(text, Sentence); }
+StatusOr<std::string> UpdateSummary(const std::string& text) { return FromJson(text, SummaryLine); }
 
 StatusOr<std::string> UpdateMap(const std::string& text) {
   return FromJson(text, [](const json& plan) {
@@ -97,7 +99,7 @@ StatusOr<std::string> UpdateMap(const std::string& text) {
     for (const json& tile : plan.at("tiles")) {
       const auto corner = [&](int i) { return tile.at("core").at(i).get<double>() * cell_m; };
       const std::string why = IsRedone(tile) ? absl::StrFormat("%.0f core-seconds", PredictedSeconds(tile))
-                              : tile.at("redone").is_null() ? "as far as the changes reach"
+                              : tile.at("redone").is_null() ? "refined if it depends on a changed tile"
                                                             : "kept";
       map.tiles.push_back({corner(0), corner(1), corner(2), corner(3), IsRedone(tile) ? "#d6604d" : "#f4efe4",
                            absl::StrFormat("tile %d: %s", tile.at("tile").get<int>(), why)});
@@ -108,7 +110,7 @@ StatusOr<std::string> UpdateMap(const std::string& text) {
                              : camera.at("state") == "withdrawn" ? "fill=\"none\" stroke=\"#c00\""
                                                                  : "fill=\"none\" stroke=\"#888\""});
     }
-    map.caption = absl::StrCat(Sentence(plan), " (red); dots: new cameras");
+    map.caption = absl::StrCat(SummaryLine(plan), " (red); dots: new cameras");
     return ToSvg(map);
   });
 }

@@ -1,4 +1,4 @@
-// The plan of an update for people: as a table and as a map.
+// The plan of an update as a table and as a map.
 #ifndef TESSERA_SERVER_DISPLAY_UPDATE_TEXT_H_
 #define TESSERA_SERVER_DISPLAY_UPDATE_TEXT_H_
 
@@ -9,16 +9,16 @@
 
 namespace tessera {
 
-// `json`: kUpdateFile, as a job publishes it; DATA_LOSS if it is not.
+// `json` is the content of kUpdateFile, as a job publishes it; DATA_LOSS if it is malformed.
 
-// A line a tile that is redone, with the reasons, and the totals.
+// One line per refined tile, with the reasons, and the totals.
 StatusOr<std::string> UpdateTable(const std::string& json, const PlanTerms& terms);
 
 // One line for a job's summary.
 StatusOr<std::string> UpdateSummary(const std::string& json);
 
-// SVG, a unit a metre of the ground plane, y up: tiles that are redone in red, others pale; new cameras as dots, those
-// of the base as rings; why a tile is redone is its tooltip.
+// SVG, one unit per metre of the ground plane, y up: refined tiles in red, others pale; new cameras as dots, cameras of
+// the base job as rings. The tooltip of a refined tile shows its cost.
 StatusOr<std::string> UpdateMap(const std::string& json);
 
 }  // namespace tessera

@@ -98,7 +98,7 @@ grpc::Status BlobsService::StatBlobs(grpc::ServerContext* context, const v1::Sta
   const Caller caller = environment_.access->CallerOf(*context);
   for (const auto& message : request->digests()) {
     const Digest digest = FromProto(message);
-    response->add_held(MayRead(caller, digest).ok() && Locate(caller, digest).ok());
+    response->add_stored(MayRead(caller, digest).ok() && Locate(caller, digest).ok());
   }
   return grpc::Status::OK;
 }

@@ -21,7 +21,7 @@ using google::protobuf::MessageLite;
 using grpc::experimental::InterceptionHookPoints;
 using Steady = std::chrono::steady_clock;
 
-// Of one call. gRPC calls it for one event after another.
+// Observes one call. gRPC calls it once per event, in order.
 class CallObserver final : public grpc::experimental::Interceptor {
  public:
   CallObserver(RpcCounts& counts, const Access& access, grpc::experimental::ServerRpcInfo& info)
@@ -46,7 +46,7 @@ class CallObserver final : public grpc::experimental::Interceptor {
   }
 
  private:
-  // Null: there is none, or it could not be read.
+  // Null if there is no message or it could not be parsed.
   void Received(const MessageLite* message) {
     if (message == nullptr) return;
     if (audited_ && !asked_) {

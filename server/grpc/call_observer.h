@@ -1,4 +1,4 @@
-// Sees every call of the coordinator's services: counts it, and logs those that change something.
+// Interceptor of all calls: counts every call and audits those that change something.
 #ifndef TESSERA_SERVER_GRPC_CALL_OBSERVER_H_
 #define TESSERA_SERVER_GRPC_CALL_OBSERVER_H_
 
@@ -18,8 +18,8 @@ namespace tessera {
 // All methods of tessera.v1, as gRPC names them.
 std::vector<std::string> AllMethods();
 
-// For a ServerBuilder. `counts`, made of AllMethods, and `access` must outlive the server. What `access` refuses it
-// does not see.
+// For a ServerBuilder. `counts`, constructed from AllMethods, and `access` must outlive the server. Calls that `access`
+// refuses do not reach the interceptor.
 std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(RpcCounts* counts,
                                                                                     const Access* access);
 

@@ -6,7 +6,7 @@ namespace tessera {
 namespace {
 
 constexpr size_t kMaxAttemptMessageBytes = 4 << 10;  // a page has a thousand of them
-// Of what workers report, which is kept as long as their jobs.
+// Limits of reported values, which are stored as long as their jobs.
 constexpr size_t kMaxErrorBytes = 256 << 10, kMaxWarningBytes = 4 << 10;
 constexpr int kMaxWarnings = 1000;  // of a task, and shown of a job
 constexpr int kMaxLostInputs = 1000;
@@ -26,7 +26,8 @@ TaskFailure FromProto(const v1::TaskError& error) {
   const bool known = v1::ErrorClass_IsValid(error.error_class());
   TaskFailure failure{known ? static_cast<ErrorClass>(error.error_class()) : ErrorClass::kInternal,
                       Cut(error.message(), kMaxErrorBytes)};
-  if (failure.error_class == ErrorClass::kPoison) failure.error_class = ErrorClass::kInternal;  // not a worker's to say
+  if (failure.error_class == ErrorClass::kPoison)
+    failure.error_class = ErrorClass::kInternal;  // only the coordinator assigns kPoison
   for (const auto& digest : error.lost_inputs()) {
     if (failure.lost_inputs.size() < kMaxLostInputs) failure.lost_inputs.push_back(FromProto(digest));
   }

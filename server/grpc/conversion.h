@@ -1,4 +1,4 @@
-// Between the coordinator's own values and the messages of tessera.v1. Included by the services' .cc files only.
+// Conversions between the coordinator's value types and the messages of tessera.v1. Include in .cc files only.
 #ifndef TESSERA_SERVER_GRPC_CONVERSION_H_
 #define TESSERA_SERVER_GRPC_CONVERSION_H_
 
@@ -16,7 +16,7 @@ ReportedResult FromProto(const v1::TaskResult& result);
 void ToProto(const JobStatus& status, v1::Job* proto);
 void ToProto(const TaskStatus& status, v1::Task* proto);
 void ToProto(const AttemptStatus& status, v1::Attempt* proto);
-// `shared_paths`: whether workers may be told where the coordinator has the inputs.
+// `shared_paths`: include the coordinator's paths of the inputs.
 void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto);
 
 }  // namespace tessera

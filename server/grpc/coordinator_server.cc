@@ -25,14 +25,14 @@
 namespace tessera {
 namespace {
 
-// Calls of one connection that are under way; more wait on the caller's side. A worker has three at most.
+// Concurrent calls of one connection; further calls wait in the client. A worker has at most three.
 constexpr int kMaxCallsOfConnection = 256;
 constexpr int64_t kMaxPemBytes = 4 << 20;
-constexpr int kMaxMessageBytes = 4 << 20;             // that callers may send; what is sent is bounded where it is made
-constexpr size_t kMaxCallMemory = size_t{768} << 20;  // of gRPC's own, for what is on its way
-constexpr int kThreadsBesideTransfers = 500;          // for calls that are answered at once
+constexpr int kMaxMessageBytes = 4 << 20;  // of received messages; services limit the size of answers themselves
+constexpr size_t kMaxCallMemory = size_t{768} << 20;  // gRPC's memory quota for messages in flight
+constexpr int kThreadsBesideTransfers = 500;          // for short calls
 
-// Linking gRPC's reflection library serves it; this decides.
+// The linked reflection library adds its plugin to every server; this option removes it unless reflection is enabled.
 class ReflectionOption final : public grpc::ServerBuilderOption {
  public:
   explicit ReflectionOption(bool wanted) : wanted_(wanted) {}
@@ -47,7 +47,7 @@ class ReflectionOption final : public grpc::ServerBuilderOption {
   const bool wanted_;
 };
 
-// gRPC would take a socket away from whoever listens on it.
+// gRPC replaces an existing socket even if another process listens on it, so check first.
 Status CheckSocketIsFree(const std::string& address) {
   const std::string path = address.substr(address.find(':') + 1);
   sockaddr_un name = {};
@@ -78,9 +78,10 @@ StatusOr<std::shared_ptr<grpc::ServerCredentials>> CredentialsFor(const std::str
     tls.pem_key_cert_pairs.push_back(std::move(own));
     credentials = grpc::SslServerCredentials(tls);
   } else if (IsLocalAddress(address)) {
-    credentials = grpc::experimental::LocalServerCredentials(LOCAL_TCP);  // refuses who comes from elsewhere
+    credentials = grpc::experimental::LocalServerCredentials(LOCAL_TCP);  // refuses callers of other machines
   } else {
-    return grpc::InsecureServerCredentials();  // asks nobody: CheckListenOptions saw to it that this is wanted
+    return grpc::InsecureServerCredentials();  // no authentication: CheckListenOptions has checked that this is
+                                               // intended
   }
   credentials->SetAuthMetadataProcessor(access.Processor(IsSocketAddress(address)));
   return credentials;
@@ -116,19 +117,21 @@ struct CoordinatorServer::Impl {
   std::vector<std::string> addresses;
   RpcCounts rpcs{AllMethods()};
   bool draining = false;
-  std::optional<bool> serving;  // what the health service says; none: nothing of each service yet
+  std::optional<bool> serving;  // last state set in the health service; unset: none yet
   std::unique_ptr<grpc::Server> server;
 };
 
 CoordinatorServer::CoordinatorServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 
 Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens) {
-  if (options.addresses.empty()) return absl::InvalidArgumentError("nothing to listen on");
+  if (options.addresses.empty())
+    return absl::InvalidArgumentError("--listen: found no address, expected HOST:PORT or unix:PATH");
   if (options.tls_cert.empty() != options.tls_key.empty()) {
     return absl::InvalidArgumentError("--tls-cert and --tls-key: expected both or neither");
   }
   if (!options.tls_ca.empty() && options.tls_cert.empty()) {
-    return absl::InvalidArgumentError("--tls-ca asks callers for certificates: expected --tls-cert and --tls-key too");
+    return absl::InvalidArgumentError(
+        "--tls-ca: found no --tls-cert and --tls-key, expected both: client certificates need TLS");
   }
   for (const std::string& address : options.addresses) {
     TESSERA_RETURN_IF_ERROR(CheckAddress(address));
@@ -136,20 +139,20 @@ Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens) {
     const bool tls = !options.tls_cert.empty();
     if (asks_for_tokens && !tls) {
       return absl::InvalidArgumentError("tokens on " + address +
-                                        " could be read by others on the network: give --tls-cert and --tls-key");
+                                        " would cross the network unencrypted; pass --tls-cert and --tls-key");
     }
     if (!options.insecure && !asks_for_tokens) {
       return absl::InvalidArgumentError(
-          "whoever reaches " + address +
-          " could do everything: give --tls-cert, --tls-key and --token-file (`tessera access` makes them), or "
-          "--insecure if nobody but friends can reach it");
+          "--listen " + address +
+          ": found a network address without authentication, expected --tls-cert, --tls-key and --token-file "
+          "(`tessera access` creates them), or --insecure if only trusted callers can reach it");
     }
   }
   if (!options.metrics.empty() && !IsLocalAddress(options.metrics) && !options.open_metrics) {
     return absl::InvalidArgumentError(
-        "whoever reaches " + options.metrics +
-        " could read the metrics: listen on 127.0.0.1 and let Prometheus come through a proxy that asks who it is, or "
-        "give --open-metrics if nobody but friends can reach it");
+        "--metrics-listen " + options.metrics +
+        ": found a network address without authentication, expected 127.0.0.1 behind an authenticating proxy, or "
+        "--open-metrics if only trusted callers can reach it");
   }
   return absl::OkStatus();
 }
@@ -170,10 +173,10 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
     services.access = own_access.get();
   }
   TESSERA_RETURN_IF_ERROR(CheckListenOptions(options, services.access->asks_for_tokens()));
-  // protobuf would write a line of its own to standard error for every request with a string that is not UTF-8.
+  // Silence protobuf, which writes a line to standard error for every request with a string that is not UTF-8.
   google::protobuf::SetLogHandler(nullptr);
-  // Debian builds Abseil so that all mutexes of a process, gRPC's too, keep a graph of who is locked after whom under
-  // one lock: a tenth of a busy coordinator's processor time.
+  // Debian builds Abseil with mutex deadlock detection, whose graph has one global lock: it took 10 % of a busy
+  // coordinator's processor time.
   absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
   auto impl = std::make_unique<Impl>(services);
   impl->own_access = std::move(own_access);
@@ -191,7 +194,7 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
   }
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);  // a second coordinator on the port is an error
   builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, kMaxCallsOfConnection);
-  builder.AddChannelArgument(GRPC_ARG_ENABLE_CHANNELZ, 0);  // statistics that nobody can ask for
+  builder.AddChannelArgument(GRPC_ARG_ENABLE_CHANNELZ, 0);  // channelz is not served
   AllowKeepalive(builder);
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> observers;
   observers.push_back(ObserveCalls(&impl->rpcs, services.access));
@@ -204,7 +207,7 @@ StatusOr<std::unique_ptr<CoordinatorServer>> CoordinatorServer::Start(const List
     const std::string& address = options.addresses[i];
     if (impl->server == nullptr || ports[i] == 0) {
       return absl::UnavailableError("cannot listen on " + address +
-                                    (options.tls_cert.empty() ? "" : ", or its certificate and key are no pair"));
+                                    (options.tls_cert.empty() ? "" : ", or the certificate does not match its key"));
     }
     impl->addresses.push_back(
         IsSocketAddress(address) ? address : address.substr(0, address.rfind(':') + 1) + std::to_string(ports[i]));

@@ -1,4 +1,4 @@
-// The coordinator on the network: the services of tessera.v1, health and, where it is asked for, reflection.
+// The coordinator's gRPC server: the services of tessera.v1, health and, if enabled, reflection.
 #ifndef TESSERA_SERVER_GRPC_COORDINATOR_SERVER_H_
 #define TESSERA_SERVER_GRPC_COORDINATOR_SERVER_H_
 
@@ -18,7 +18,7 @@
 
 namespace tessera {
 
-// What the services stand on; all of it must outlive the server.
+// Dependencies of the services. All must outlive the server.
 struct ServerEnvironment {
   Coordinator* coordinator = nullptr;
   BlobStore* blobs = nullptr;
@@ -29,51 +29,51 @@ struct ServerEnvironment {
   AllowedFiles scene_files = AllowedFiles::All();  // that scenes may have
   // False: whoever submits has to come through a socket, for nobody said which files others may have read.
   bool scenes_over_network = true;
-  // Empty: workers move all data through the blob service.
+  // Empty: workers transfer all data through the blob service.
   std::string shared_probe_path;
   std::string shared_probe_content;
   ClientLimitOptions limits = {};
 };
 
 struct ListenOptions {
-  // HOST:PORT (port 0: any) or unix:PATH, which whoever may open the socket has to himself: without tokens.
+  // HOST:PORT (port 0: any free port) or unix:PATH. Callers through a socket need no token.
   std::vector<std::string> addresses;
-  // Files. A certificate and its key: TLS on every HOST:PORT. `tls_ca`: callers need a certificate of its too.
+  // Files, PEM. Certificate and key enable TLS on every HOST:PORT. `tls_ca`: callers need a certificate of this
+  // authority.
   std::string tls_cert, tls_key, tls_ca;
-  bool reflection = false;  // tells readers of jobs which calls there are (grpc.reflection)
-  bool insecure = false;    // a HOST:PORT beyond this machine may be listened on without TLS, tokens or both
-  // HOST:PORT of the metrics, which nobody is asked for who he is; empty: none. Beyond this machine only if
-  // `open_metrics`.
+  bool reflection = false;  // serve grpc.reflection to callers that may read jobs
+  bool insecure = false;    // allow network addresses without TLS, tokens or both
+  // HOST:PORT of the metrics, served without authentication; empty: none. A network address needs `open_metrics`.
   std::string metrics;
   bool open_metrics = false;
 };
 
-// INVALID_ARGUMENT, with what to do, if the options do not fit together.
+// INVALID_ARGUMENT with advice if the options are inconsistent.
 Status CheckListenOptions(const ListenOptions& options, bool asks_for_tokens);
 
 class CoordinatorServer {
  public:
-  // UNAVAILABLE if that cannot be listened on, errors of CheckListenOptions and of the files.
+  // UNAVAILABLE if it cannot listen on an address; errors of CheckListenOptions and of the files.
   static StatusOr<std::unique_ptr<CoordinatorServer>> Start(const ListenOptions& options,
                                                             const ServerEnvironment& environment);
   // On one address, without TLS.
   static StatusOr<std::unique_ptr<CoordinatorServer>> Start(const std::string& address,
                                                             const ServerEnvironment& environment);
   ~CoordinatorServer();
-  // The first, with the port that was bound.
+  // The first address, with the bound port.
   const std::string& address() const;
   const std::vector<std::string>& addresses() const;
-  // Of all calls since the start.
+  // Counts of all calls since the start.
   const RpcCounts& rpc_counts() const;
-  // Has the health service say NOT_SERVING while the coordinator cannot store anything or drains, and SERVING else;
-  // breaks off transfers that are silent. To be called about once a second.
+  // Updates the health service: NOT_SERVING while journal writes fail or the coordinator drains, else SERVING. Aborts
+  // silent transfers. Call about once a second.
   void Tick();
-  // Takes no jobs and leases nothing from now on, and says NOT_SERVING; all else goes on.
+  // From this call on, refuses jobs and leases and reports NOT_SERVING. Other calls continue.
   void Drain();
-  // Calls that move data or read a scene are under way.
+  // Whether calls that transfer data or read a scene are running.
   bool IsBusy() const;
-  // Takes no new calls, ends waiting ones, lets running ones finish for `grace_s`. The coordinator is stopped, and not
-  // needed any more then.
+  // Refuses new calls, ends waiting ones and gives running ones `grace_s` seconds. Stops the coordinator; the server
+  // does not use it afterwards.
   void Shutdown(double grace_s);
 
  private:

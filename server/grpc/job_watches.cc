@@ -28,11 +28,11 @@ namespace {
 using Steady = std::chrono::steady_clock;
 
 constexpr double kInterval_s = 0.25;      // between two messages of a watch
-constexpr double kCallersInterval_s = 1;  // between two looks at their tokens
+constexpr double kCallersInterval_s = 1;  // between two checks of the callers' tokens
 constexpr double kIdle_s = 1;             // longest wait for a change
 constexpr double kRestart_s = 1;
 constexpr size_t kMaxRunning = 1000, kMaxRunningBytes = 64 << 10;
-constexpr size_t kMaxLastErrorBytes = 4 << 10;  // of a task that runs, of the attempt before
+constexpr size_t kMaxLastErrorBytes = 4 << 10;  // error of a running task's previous attempt
 
 double SecondsSince(Steady::time_point start) { return std::chrono::duration<double>(Steady::now() - start).count(); }
 
@@ -42,10 +42,10 @@ double CpuSecondsOfThread() {
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
-Status Gone() { return absl::CancelledError("the caller has gone"); }
-Status Stops() { return RetryAfter(absl::UnavailableError("the coordinator stops"), kRestart_s); }
+Status Gone() { return absl::CancelledError("cancelled: the caller has disconnected"); }
+Status Stops() { return RetryAfter(absl::UnavailableError("unavailable: the coordinator is stopping"), kRestart_s); }
 
-// A state of a job, as all who watch it are told.
+// A serialized state of a job, shared by all its watchers.
 struct Update {
   int64_t number = 0;  // grows
   std::string etag;
@@ -71,7 +71,7 @@ v1::WatchJobResponse MessageOf(const WatchedJob& watched) {
   return message;
 }
 
-// Estimates and durations drift with time alone; that is no change worth a message.
+// Ignores estimates and durations, which change with time alone.
 std::string EtagOf(v1::WatchJobResponse message) {
   message.mutable_job()->clear_eta_s();
   std::erase_if(*message.mutable_job()->mutable_waiting_for(), [](char c) { return c >= '0' && c <= '9'; });
@@ -101,10 +101,10 @@ class JobWatches::Watching {
                                                     const grpc::ByteBuffer& request);
 
  private:
-  // A job that is watched.
+  // A watched job.
   struct Watched {
     std::shared_ptr<const Update> newest;
-    int64_t offered = 0;  // the number of the update that all have been offered
+    int64_t offered = 0;  // number of the newest update that was offered to all watchers
     bool end_waits = false;
     std::set<std::shared_ptr<Call>> calls;
   };
@@ -113,10 +113,10 @@ class JobWatches::Watching {
   Status BeginWatch(const std::shared_ptr<Call>& call, const grpc::ByteBuffer& request);
   void EndWatch(const std::shared_ptr<Call>& call);
   void Run();
-  // True if the end of a job waits to be stored.
+  // Returns true if the end of a job is not stored yet.
   bool TellAll();
   void CheckCallers();
-  // Takes the job's newest state.
+  // Reads the job's newest state.
   Status LookLocked(const std::string& job, Watched& watched);
   std::vector<std::shared_ptr<Call>> AllCalls();
 
@@ -132,14 +132,14 @@ class JobWatches::Watching {
   std::thread thread_;  // last
 };
 
-// One watch. gRPC's methods are called without a lock of its own, so that whatever they call back may take it.
+// One watch. Calls gRPC without holding its own lock, because gRPC may call back.
 class JobWatches::Watching::Call final : public grpc::ServerWriteReactor<grpc::ByteBuffer> {
  public:
   Call(Watching& watching, grpc::CallbackServerContext* context) : watching_(watching), context_(context) {}
-  // From now on OnDone lets it go.
+  // From here on OnDone deletes it.
   void Hold(std::shared_ptr<Call> self) { self_ = std::move(self); }
 
-  // Has it sent as soon as what is under way has gone, unless a newer one is there by then.
+  // Sends the update when the message in flight is written, unless a newer one is offered before.
   void Offer(std::shared_ptr<const Update> update) {
     {
       std::lock_guard lock(mutex_);
@@ -150,7 +150,7 @@ class JobWatches::Watching::Call final : public grpc::ServerWriteReactor<grpc::B
     }
     StartWrite(&under_way_->bytes);
   }
-  // The caller knows it already; a newer one may have been offered by now.
+  // The caller already has this update.
   void Skip(std::shared_ptr<const Update> update) {
     std::lock_guard lock(mutex_);
     if (newest_ == nullptr) newest_ = std::move(update);
@@ -188,7 +188,7 @@ class JobWatches::Watching::Call final : public grpc::ServerWriteReactor<grpc::B
   ClientLimits::Ticket ticket;
 
  private:
-  // `written`: all that was under way.
+  // `written`: the message in flight was written.
   void End(const Status& status, bool written) {
     {
       std::lock_guard lock(mutex_);
@@ -204,9 +204,9 @@ class JobWatches::Watching::Call final : public grpc::ServerWriteReactor<grpc::B
 
   Watching& watching_;
   std::mutex mutex_;
-  grpc::CallbackServerContext* context_;  // null once it has gone
+  grpc::CallbackServerContext* context_;  // null after the call has ended
   std::shared_ptr<const Update> newest_, under_way_;
-  Status end_;  // an error: to end with it once what is under way has gone
+  Status end_;  // an error: end with it when the message in flight is written
   bool ended_ = false;
   std::shared_ptr<Call> self_;
 };
@@ -230,7 +230,7 @@ Status JobWatches::Watching::BeginWatch(const std::shared_ptr<Call>& call, const
   grpc::ByteBuffer read = bytes;
   v1::WatchJobRequest request;
   if (!grpc::SerializationTraits<v1::WatchJobRequest>::Deserialize(&read, &request).ok()) {
-    return absl::InvalidArgumentError("not a WatchJobRequest");
+    return absl::InvalidArgumentError("found a malformed message, expected a WatchJobRequest");
   }
   if (core_.stopped()) return Stops();
   std::shared_ptr<const Update> newest;
@@ -319,7 +319,8 @@ std::vector<std::shared_ptr<JobWatches::Watching::Call>> JobWatches::Watching::A
 void JobWatches::Watching::CheckCallers() {
   if (!access_.asks_for_tokens()) return;
   for (const auto& call : AllCalls()) {
-    if (!call->MayStay()) call->End(absl::UnauthenticatedError("the token was revoked, or has expired"));
+    if (!call->MayStay())
+      call->End(absl::UnauthenticatedError("unauthenticated: the token was revoked or has expired"));
   }
 }
 
@@ -340,7 +341,7 @@ void JobWatches::Watching::Run() {
         callers_checked = Steady::now();
       }
     }
-    // Bounds the rate of messages, and what this takes of a processor to half.
+    // Limits the message rate, and this thread to half of a core.
     const double round_s = std::max(kInterval_s, 2 * (CpuSecondsOfThread() - begun_cpu_s));
     std::unique_lock lock(mutex_);
     if (end_.wait_until(lock,

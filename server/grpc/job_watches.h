@@ -1,4 +1,4 @@
-// Who watches jobs: thousands at once, without a thread for each.
+// Watches of jobs: thousands of streams without a thread each.
 #ifndef TESSERA_SERVER_GRPC_JOB_WATCHES_H_
 #define TESSERA_SERVER_GRPC_JOB_WATCHES_H_
 
@@ -17,20 +17,19 @@ class ServerWriteReactor;
 
 namespace tessera {
 
-// One thread looks at the watched jobs when something has changed, makes a message of each that has, and gives all who
-// watch it the same bytes. Of each watch one message is under way; when that is gone, the newest follows, so that who
-// is slow holds one message that others may be done with. Callers whose token is not good any more are told so within
-// about a second. Thread-safe.
+// One thread checks the watched jobs after a change, serializes one message per changed job, and sends the same bytes
+// to all its watchers. Each watch has at most one message in flight and then gets the newest one, so a slow watcher
+// skips intermediate states. A watch whose token becomes invalid ends within about a second. Thread-safe.
 class JobWatches {
  public:
-  // All must outlive this.
+  // The arguments must outlive this.
   JobWatches(DispatchCore& core, const Jobs& jobs, const Access* access, ClientLimits* limits);
   // The server must have ended.
   ~JobWatches();
-  // No job is looked at any more. The server must have ended.
+  // Stops the thread. The server must have ended.
   void Stop();
 
-  // The call Jobs.WatchJob; messages as bytes.
+  // Handles the call Jobs.WatchJob with serialized messages.
   grpc::ServerWriteReactor<grpc::ByteBuffer>* Watch(grpc::CallbackServerContext* context,
                                                     const grpc::ByteBuffer& request);
 

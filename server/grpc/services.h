@@ -1,4 +1,5 @@
-// The service classes: each method converts, calls the coordinator, converts back. Included by .cc files only.
+// The gRPC services. Each method converts the request, calls the coordinator and converts the answer. Include in .cc
+// files only.
 #ifndef TESSERA_SERVER_GRPC_SERVICES_H_
 #define TESSERA_SERVER_GRPC_SERVICES_H_
 
@@ -18,7 +19,7 @@
 
 namespace tessera {
 
-// Its watches hold no thread, and give many callers the same bytes.
+// Watches use no thread each and share serialized messages.
 class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jobs::Service> {
  public:
   JobsService(const ServerEnvironment& environment, ClientLimits& limits, DispatchCore& core, Jobs& jobs)
@@ -40,7 +41,7 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
                                                        const grpc::ByteBuffer* request) override {
     return watches_.Watch(context, *request);
   }
-  // Once the server has ended.
+  // Call after the server has ended.
   void StopWatches() { watches_.Stop(); }
   grpc::Status ListTasks(grpc::ServerContext* context, const v1::ListTasksRequest* request,
                          v1::ListTasksResponse* response) override;
@@ -55,7 +56,7 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
   JobWatches watches_;
 };
 
-// A call that waits, for a task or until what it told is durable, holds no thread: thousands may.
+// Calls that wait for a task or for durability hold no thread.
 class WorkersService final : public v1::Workers::CallbackService {
  public:
   using Context = grpc::CallbackServerContext;

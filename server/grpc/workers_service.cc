@@ -15,7 +15,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kMaxWait_s = 30;  // of a LeaseTask call
+constexpr double kMaxWait_s = 30;  // longest wait of a LeaseTask call
 constexpr double kRetryRegister_s = 10;
 constexpr size_t kMaxFileNameBytes = 1024;
 
@@ -32,7 +32,7 @@ grpc::ServerUnaryReactor* Finished(grpc::CallbackServerContext* context, const S
   return reactor;
 }
 
-// A LeaseTask call: whoever answers it calls Finish, once. Owns itself.
+// A LeaseTask call. Finish must be called once. Owns itself.
 class LeaseReactor final : public grpc::ServerUnaryReactor {
  public:
   LeaseReactor(Leases& leases, std::string worker) : leases_(leases), worker_(std::move(worker)) {}
@@ -44,14 +44,14 @@ class LeaseReactor final : public grpc::ServerUnaryReactor {
   const std::string worker_;
 };
 
-// A ReportTask call, which may ask for the next task too: ends once both are answered. Owns itself.
+// A ReportTask call, which may also request the next task: ends when both are answered. Owns itself.
 class ReportReactor final : public grpc::ServerUnaryReactor {
  public:
   ReportReactor(v1::ReportTaskResponse* response, bool asks_for_task)
       : response_(response), due_(asks_for_task ? 2 : 1) {}
   void OnDone() override { delete this; }
 
-  // Once each, from any thread; Leased only where a task was asked for.
+  // Each is called once, from any thread; Leased only if a task was requested.
   void Reported(const Status& status) {
     if (!status.ok()) refused_ = true;
     reported_ = status;
@@ -79,7 +79,7 @@ class ReportReactor final : public grpc::ServerUnaryReactor {
 
 }  // namespace
 
-// A worker speaks for itself alone.
+// The caller must have proved that it is the named worker.
 Status WorkersService::Refused(const Context& context, const std::string& worker) const {
   return Access::CheckWorker(environment_.access->CallerOf(context), worker);
 }
@@ -87,9 +87,10 @@ Status WorkersService::Refused(const Context& context, const std::string& worker
 grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const v1::RegisterWorkerRequest* request,
                                                          v1::RegisterWorkerResponse* response) {
   if (request->version() != kAlgorithmVersion) {
-    return Finished(context, Refuse(Refusal::kOtherVersion, absl::FailedPreconditionError(
-                                                                "worker of algorithm version '" + request->version() +
-                                                                "', the coordinator has '" + kAlgorithmVersion + "'")));
+    return Finished(context, Refuse(Refusal::kOtherVersion,
+                                    absl::FailedPreconditionError(
+                                        "algorithm version: found '" + request->version() + "', expected '" +
+                                        kAlgorithmVersion + "'; install the coordinator's version on the worker")));
   }
   for (const auto& [field, text] : {std::pair{"host", &request->host()}, std::pair{"machine", &request->machine()}}) {
     if (const Status status = CheckSize(field, text->size(), kMaxNameBytes); !status.ok())
@@ -104,7 +105,7 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
   response->set_worker(*worker);
   response->set_secret(environment_.access->SecretOf(*worker));
   response->set_lease_s(lease_s_);
-  response->set_heartbeat_s(std::min(lease_s_ / 4, 1.0));  // progress for people; the lease alone would need fewer
+  response->set_heartbeat_s(std::min(lease_s_ / 4, 1.0));  // at least one per second, to show progress
   if (!environment_.shared_probe_path.empty()) {
     response->set_shared_blob_dir(environment_.blobs->root());
     response->set_shared_probe_path(environment_.shared_probe_path);
@@ -161,7 +162,7 @@ grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1:
                             done);
       break;
     case v1::ReportTaskRequest::RESULT_NOT_SET:
-      done(absl::InvalidArgumentError("a report with neither success nor failure"));
+      done(absl::InvalidArgumentError("report: found neither success nor failure, expected one of them"));
   }
   if (!asks_for_task) return reactor;
   if (reactor->refused()) {
@@ -174,7 +175,7 @@ grpc::ServerUnaryReactor* WorkersService::ReportTask(Context* context, const v1:
   call.comes_with_report = true;
   call.gone = [context] { return context->IsCancelled(); };
   call.done = [reactor, shared_paths = !environment_.shared_probe_path.empty()](const LeaseAnswer& answer) {
-    // What is wrong with leasing, LeaseTask tells.
+    // An error of leasing is reported by the worker's next LeaseTask call.
     if (!answer.ok() || !*answer) return reactor->Leased(std::nullopt);
     v1::Lease lease;
     ToProto(**answer, shared_paths, &lease);
@@ -189,7 +190,7 @@ grpc::ServerUnaryReactor* WorkersService::UnregisterWorker(Context* context, con
   if (const Status refused = Refused(*context, request->worker()); !refused.ok()) return Finished(context, refused);
   Reactor* const reactor = context->DefaultReactor();
   leases_.UnregisterWorker(request->worker(), [reactor, worker = request->worker()](const Status& status) {
-    if (status.ok()) LogEvent(LogLevel::kInfo, "worker left", {{"worker", worker}});
+    if (status.ok()) LogEvent(LogLevel::kInfo, "worker unregistered", {{"worker", worker}});
     reactor->Finish(ToGrpc(status));
   });
   return reactor;
@@ -199,7 +200,7 @@ grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1
                                                       v1::ListWorkersResponse* response) {
   const int page_size = PageSize(request->page_size(), kMaxPage);
   size_t bytes = 0;
-  // By name, and a token is the last name of the page before.
+  // Sorted by name; the page token is the last name of the previous page.
   for (const WorkerStatus& status : leases_.ListWorkers()) {
     if (status.name <= request->page_token()) continue;
     if (response->workers_size() == page_size || bytes > kPageBytes) {
@@ -214,8 +215,8 @@ grpc::ServerUnaryReactor* WorkersService::ListWorkers(Context* context, const v1
     worker.set_memory_bytes(status.info.memory_bytes);
     for (const std::string& task : status.tasks) worker.add_tasks(task);
     worker.set_last_seen_s(status.last_seen_s);
-    worker.set_set_aside_reason(status.suspended_reason);
-    worker.set_set_aside_s(status.suspended_s);
+    worker.set_suspended_reason(status.suspended_reason);
+    worker.set_suspended_s(status.suspended_s);
     bytes += worker.ByteSizeLong();
   }
   return Finished(context, absl::OkStatus());

@@ -49,7 +49,7 @@ Status Replay(DispatchCore& core) {
   // Last: if this start is cut off, the next one finds the same.
   TESSERA_RETURN_IF_ERROR(core.Durable());
   for (const auto& [number, reason] : unusable) {
-    TESSERA_RETURN_IF_ERROR(core.environment().store->SetAside(number, reason));
+    TESSERA_RETURN_IF_ERROR(core.environment().store->Quarantine(number, reason));
     if (core.environment().on_record_quarantined) core.environment().on_record_quarantined(number, reason);
   }
   return absl::OkStatus();
@@ -62,8 +62,8 @@ Status RestartJobsOfOtherVersions(DispatchCore& core) {
   for (const int job : active) {
     if (!of_another(job)) continue;
     v1::Record record;
-    record.mutable_job_begun_anew()->set_job(JobName(job));
-    record.mutable_job_begun_anew()->set_algorithm_version(kAlgorithmVersion);
+    record.mutable_job_restarted()->set_job(JobName(job));
+    record.mutable_job_restarted()->set_algorithm_version(kAlgorithmVersion);
     TESSERA_RETURN_IF_ERROR(core.Commit(record));
   }
   // Nobody waits any more for what ended jobs of another version were asked to make again, and this one cannot.

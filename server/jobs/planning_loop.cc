@@ -151,7 +151,7 @@ Status PlanningLoop::QuarantineTile(const PendingStep& step) {
   const Job& job = ledger_.jobs()[step.job];
   if (HasEnded(job.header.state) || job.failed != step.failed) return absl::OkStatus();
   v1::Record record;
-  v1::TileSetAside& change = *record.mutable_tile_set_aside();
+  v1::TileQuarantined& change = *record.mutable_tile_quarantined();
   change.set_job(job.header.name);
   change.set_tile(job.tasks[step.failed].plan.tile);
   change.set_task(step.failed);

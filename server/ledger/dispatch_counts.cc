@@ -48,7 +48,7 @@ void DispatchCounts::Count(const v1::Record& record, const Ledger& ledger, std::
     results_lost_ += record.has_result_lost() ? 1 : 0;
   }
   jobs_accepted_ += record.has_job_accepted() ? 1 : 0;
-  tiles_quarantined_ += record.has_tile_set_aside() ? 1 : 0;
+  tiles_quarantined_ += record.has_tile_quarantined() ? 1 : 0;
   if (record.has_job_ended()) ++jobs_ended_[static_cast<JobState>(record.job_ended().state())];
 }
 

@@ -25,11 +25,11 @@ class TaskSucceeded;
 class AttemptFailed;
 class JobEnded;
 class JobChanged;
-class TileSetAside;
+class TileQuarantined;
 class JobRetried;
 class ResultLost;
 class JobDeleted;
-class JobBegunAnew;
+class JobRestarted;
 }  // namespace v1
 
 // Change of state: Check (may fail) → store the record → Apply (cannot fail). Equal records give equal ledgers. Not
@@ -123,11 +123,11 @@ class Ledger {
   Status CheckFailed(const v1::AttemptFailed& change) const;
   Status CheckEnded(const v1::JobEnded& change) const;
   Status CheckChanged(const v1::JobChanged& change) const;
-  Status CheckQuarantined(const v1::TileSetAside& change) const;
+  Status CheckQuarantined(const v1::TileQuarantined& change) const;
   Status CheckRetried(const v1::JobRetried& change) const;
   Status CheckLost(const v1::ResultLost& change) const;
   Status CheckDeleted(const v1::JobDeleted& change) const;
-  Status CheckRestarted(const v1::JobBegunAnew& change) const;
+  Status CheckRestarted(const v1::JobRestarted& change) const;
   void ApplyAccepted(const v1::JobAccepted& change, int64_t time_us);
   void ApplyPlanned(const v1::TasksPlanned& change);
   void ApplyStarted(const v1::AttemptStarted& change, int64_t time_us);
@@ -135,11 +135,11 @@ class Ledger {
   void ApplyFailed(const v1::AttemptFailed& change, int64_t time_us);
   void ApplyEnded(const v1::JobEnded& change, int64_t time_us);
   void ApplyChanged(const v1::JobChanged& change);
-  void ApplyQuarantined(const v1::TileSetAside& change);
+  void ApplyQuarantined(const v1::TileQuarantined& change);
   void ApplyRetried(const v1::JobRetried& change);
   void ApplyLost(const v1::ResultLost& change);
   void ApplyDeleted(const v1::JobDeleted& change);
-  void ApplyRestarted(const v1::JobBegunAnew& change);
+  void ApplyRestarted(const v1::JobRestarted& change);
   // Whether a job of this number may be next: not if more records would be lost than can be believed.
   bool MayBeNext(int job) const;
   void CountActive(const std::string& client, int more);

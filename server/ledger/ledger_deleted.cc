@@ -77,7 +77,7 @@ Status Ledger::CheckDeleted(const v1::JobDeleted& change) const {
   return MayDelete(index);
 }
 
-Status Ledger::CheckRestarted(const v1::JobBegunAnew& change) const {
+Status Ledger::CheckRestarted(const v1::JobRestarted& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
   if (HasEnded(jobs_[index].header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
   return absl::OkStatus();
@@ -114,7 +114,7 @@ void Ledger::ApplyDeleted(const v1::JobDeleted& change) {
   job = std::move(left);
 }
 
-void Ledger::ApplyRestarted(const v1::JobBegunAnew& change) {
+void Ledger::ApplyRestarted(const v1::JobRestarted& change) {
   const int index = *FindJob(change.job());
   Job& job = jobs_[index];
   for (int task = 0; task < static_cast<int>(job.tasks.size()); ++task) ForgetTask({index, task});

@@ -28,16 +28,16 @@ Status Ledger::Check(const v1::Record& record) const {
       return CheckEnded(record.job_ended());
     case v1::Record::kJobChanged:
       return CheckChanged(record.job_changed());
-    case v1::Record::kTileSetAside:
-      return CheckQuarantined(record.tile_set_aside());
+    case v1::Record::kTileQuarantined:
+      return CheckQuarantined(record.tile_quarantined());
     case v1::Record::kJobRetried:
       return CheckRetried(record.job_retried());
     case v1::Record::kResultLost:
       return CheckLost(record.result_lost());
     case v1::Record::kJobDeleted:
       return CheckDeleted(record.job_deleted());
-    case v1::Record::kJobBegunAnew:
-      return CheckRestarted(record.job_begun_anew());
+    case v1::Record::kJobRestarted:
+      return CheckRestarted(record.job_restarted());
     case v1::Record::CHANGE_NOT_SET:
       break;
   }
@@ -61,16 +61,16 @@ void Ledger::Apply(const v1::Record& record) {
       return ApplyEnded(record.job_ended(), record.time_us());
     case v1::Record::kJobChanged:
       return ApplyChanged(record.job_changed());
-    case v1::Record::kTileSetAside:
-      return ApplyQuarantined(record.tile_set_aside());
+    case v1::Record::kTileQuarantined:
+      return ApplyQuarantined(record.tile_quarantined());
     case v1::Record::kJobRetried:
       return ApplyRetried(record.job_retried());
     case v1::Record::kResultLost:
       return ApplyLost(record.result_lost());
     case v1::Record::kJobDeleted:
       return ApplyDeleted(record.job_deleted());
-    case v1::Record::kJobBegunAnew:
-      return ApplyRestarted(record.job_begun_anew());
+    case v1::Record::kJobRestarted:
+      return ApplyRestarted(record.job_restarted());
     case v1::Record::CHANGE_NOT_SET:
       return;
   }

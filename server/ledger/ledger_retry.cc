@@ -42,7 +42,7 @@ void Ledger::Recount(Job& job) {
   }
 }
 
-Status Ledger::CheckQuarantined(const v1::TileSetAside& change) const {
+Status Ledger::CheckQuarantined(const v1::TileQuarantined& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
   const Job& job = jobs_[index];
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
@@ -57,7 +57,7 @@ Status Ledger::CheckQuarantined(const v1::TileSetAside& change) const {
   return absl::OkStatus();
 }
 
-void Ledger::ApplyQuarantined(const v1::TileSetAside& change) {
+void Ledger::ApplyQuarantined(const v1::TileQuarantined& change) {
   const int index = *FindJob(change.job());
   Job& job = jobs_[index];
   Supersede({index, change.task()});

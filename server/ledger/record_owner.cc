@@ -21,16 +21,16 @@ int JobOf(const v1::Record& record) {
       return ParseJobName(record.job_ended().job()).value_or(-1);
     case v1::Record::kJobChanged:
       return ParseJobName(record.job_changed().job()).value_or(-1);
-    case v1::Record::kTileSetAside:
-      return ParseJobName(record.tile_set_aside().job()).value_or(-1);
+    case v1::Record::kTileQuarantined:
+      return ParseJobName(record.tile_quarantined().job()).value_or(-1);
     case v1::Record::kJobRetried:
       return ParseJobName(record.job_retried().job()).value_or(-1);
     case v1::Record::kResultLost:
       return ParseTaskName(record.result_lost().task()).value_or(TaskRef()).job;
     case v1::Record::kJobDeleted:
       return ParseJobName(record.job_deleted().job()).value_or(-1);
-    case v1::Record::kJobBegunAnew:
-      return ParseJobName(record.job_begun_anew().job()).value_or(-1);
+    case v1::Record::kJobRestarted:
+      return ParseJobName(record.job_restarted().job()).value_or(-1);
     case v1::Record::CHANGE_NOT_SET:
       break;
   }

@@ -18,10 +18,10 @@ using prometheus::MetricFamily;
 using prometheus::MetricType;
 using Labels = std::vector<ClientMetric::Label>;
 
-// Puts families together, each with all its values.
+// Builds a list of metric families with their values.
 class FamilyList {
  public:
-  // The family that Add and its like fill from now on.
+  // Each begins a family; the following Add calls add its values.
   void Counter(const std::string& name, const std::string& help) { Begin(name, help, MetricType::Counter); }
   void Gauge(const std::string& name, const std::string& help) { Begin(name, help, MetricType::Gauge); }
   void Buckets(const std::string& name, const std::string& help) { Begin(name, help, MetricType::Histogram); }
@@ -29,11 +29,11 @@ class FamilyList {
   void Add(double value, Labels labels = {}) {
     ClientMetric metric;
     metric.label = std::move(labels);
-    metric.counter.value = metric.gauge.value = value;  // whichever the family is of
+    metric.counter.value = metric.gauge.value = value;  // the family's type decides which is used
     families_.back().metric.push_back(std::move(metric));
   }
   void Add(int64_t value, Labels labels = {}) { Add(static_cast<double>(value), std::move(labels)); }
-  // `counts`: one more than bounds, not cumulative.
+  // `counts`: bounds.size() + 1 values, not cumulative.
   void Add(std::span<const double> bounds, const std::vector<int64_t>& counts, double sum, Labels labels = {}) {
     ClientMetric metric;
     metric.label = std::move(labels);
@@ -74,7 +74,7 @@ std::string ClassName(ErrorClass error_class) {
 
 void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
   list.Gauge("tasks_ready",
-             "Tasks that wait for a worker, by kind and predicted memory, of jobs neither paused nor held");
+             "Tasks that wait for a worker, by kind and predicted memory, of jobs that are neither paused nor held");
   for (int kind = 0; kind < static_cast<int>(kTaskKindSlots); ++kind) {
     for (int memory_class = 0; memory_class <= kUnknownMemoryClass; ++memory_class) {
       const auto found = now.ready.find({kind, memory_class});
@@ -82,27 +82,27 @@ void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
                {{"kind", std::string(KindName(kind))}, {"memory", MemoryName(memory_class)}});
     }
   }
-  list.Gauge("oldest_ready_task_age_seconds", "How long the one of these that has waited longest has been ready");
+  list.Gauge("oldest_ready_task_age_seconds", "Time since the oldest task of tasks_ready became ready, seconds");
   list.Add(now.oldest_ready_s);
-  list.Gauge("tasks_delayed", "Tasks whose last attempt failed and that are tried again after a while");
+  list.Gauge("tasks_delayed", "Tasks that wait for their retry after a failed attempt");
   list.Add(now.delayed);
-  list.Gauge("tasks_unfinished", "Tasks that have not succeeded, of jobs that have not ended, as far as planned");
+  list.Gauge("tasks_unfinished", "Planned tasks that have not succeeded, of jobs that have not ended");
   list.Add(now.unfinished);
-  list.Gauge("leases", "Tasks that workers have now, by kind");
+  list.Gauge("leases", "Tasks that are leased to workers, by kind");
   for (size_t kind = 0; kind < kTaskKindSlots; ++kind)
     list.Add(now.leases[kind], {{"kind", std::string(KindName(kind))}});
-  list.Gauge(
-      "workers",
-      "Workers: with a task, without one, set aside and given none for a while, or not heard of for a lease's time");
+  list.Gauge("workers",
+             "Workers by state: working (has a task), idle, suspended (gets no task for a while), silent (no heartbeat "
+             "for a lease's time)");
   list.Add(now.workers_working, {{"state", "working"}});
   list.Add(now.workers_idle, {{"state", "idle"}});
-  list.Add(now.workers_suspended, {{"state", "set_aside"}});
+  list.Add(now.workers_suspended, {{"state", "suspended"}});
   list.Add(now.workers_silent, {{"state", "silent"}});
   list.Gauge("jobs", "Jobs that have not ended");
   list.Add(now.jobs_queued, {{"state", "queued"}});
   list.Add(now.jobs_running, {{"state", "running"}});
   list.Add(now.jobs_paused, {{"state", "paused"}});
-  list.Gauge("jobs_held", "Of these, jobs for whose results the disk has no room");
+  list.Gauge("jobs_held", "Jobs that wait because the disk has no room for their results");
   list.Add(now.jobs_held);
 }
 
@@ -125,23 +125,23 @@ void AddWork(const DispatchCounts& counts, FamilyList& list) {
   of_kinds([](const KindCounts& kind) { return kind.attempt_s; });
   list.Counter("tasks_succeeded_total", "Tasks that ran and succeeded");
   of_kinds([](const KindCounts& kind) { return kind.succeeded; });
-  list.Counter("tasks_reused_total", "Tasks whose result was found stored");
+  list.Counter("tasks_reused_total", "Tasks whose stored result was reused");
   of_kinds([](const KindCounts& kind) { return kind.reused; });
-  list.Counter("tasks_failed_total", "Tasks that failed for good");
+  list.Counter("tasks_failed_total", "Tasks that failed permanently");
   of_kinds([](const KindCounts& kind) { return kind.failed; });
   list.Counter("task_core_seconds_total", "Processor time of the tasks that ran and succeeded");
   of_kinds([](const KindCounts& kind) { return kind.core_s; });
-  list.Counter("task_predicted_core_seconds_total", "What was predicted for the same tasks");
+  list.Counter("task_predicted_core_seconds_total", "Predicted processor time of the same tasks");
   of_kinds([](const KindCounts& kind) { return kind.predicted_core_s; });
   list.Counter("task_output_bytes_total", "Sizes of the outputs of the same tasks");
   of_kinds([](const KindCounts& kind) { return kind.output_bytes; });
-  list.Buckets("task_core_seconds_ratio", "Processor time of tasks, used over predicted");
+  list.Buckets("task_core_seconds_ratio", "Ratio of used to predicted processor time of tasks");
   of_kinds([](const KindCounts& kind) -> const Histogram& { return kind.core_ratio; });
-  list.Buckets("task_memory_ratio", "Peak memory of tasks' workers, used over predicted");
+  list.Buckets("task_memory_ratio", "Ratio of used to predicted peak memory of tasks");
   of_kinds([](const KindCounts& kind) -> const Histogram& { return kind.memory_ratio; });
   list.Counter("jobs_accepted_total", "Jobs accepted");
   list.Add(counts.jobs_accepted());
-  list.Counter("jobs_ended_total", "Jobs that ended, by how");
+  list.Counter("jobs_ended_total", "Jobs that ended, by final state");
   constexpr std::pair<JobState, const char*> kEnds[] = {{JobState::kSucceeded, "succeeded"},
                                                         {JobState::kPartial, "partial"},
                                                         {JobState::kFailed, "failed"},
@@ -150,16 +150,16 @@ void AddWork(const DispatchCounts& counts, FamilyList& list) {
     const auto found = counts.jobs_ended().find(state);
     list.Add(found == counts.jobs_ended().end() ? int64_t{0} : found->second, {{"state", name}});
   }
-  list.Counter("tiles_set_aside_total", "Tiles that jobs went on without because a task of theirs failed for good");
+  list.Counter("tiles_quarantined_total", "Tiles that were quarantined because one of their tasks failed permanently");
   list.Add(counts.tiles_quarantined());
-  list.Counter("workers_set_aside_total", "Times that a worker was set aside");
+  list.Counter("workers_suspended_total", "Suspensions of workers");
   list.Add(counts.workers_suspended());
-  list.Counter("results_lost_total", "Stored results that were found lost or damaged and are made again");
+  list.Counter("results_lost_total", "Stored results that were found lost or damaged and are computed again");
   list.Add(counts.results_lost());
 }
 
 void AddStorage(const MetricSources& sources, const DispatchSnapshot& now, FamilyList& list) {
-  list.Gauge("storage_ok", "1 while changes of state can be stored, 0 while they cannot and nothing is leased");
+  list.Gauge("storage_ok", "1 while the journal accepts records; 0 while writes fail and leasing is suspended");
   list.Add(int64_t{now.can_store ? 1 : 0});
   list.Counter("journal_batches_total", "Batches of records stored");
   list.Add(now.journal.batches);
@@ -167,20 +167,20 @@ void AddStorage(const MetricSources& sources, const DispatchSnapshot& now, Famil
   list.Add(now.journal.syncs);
   list.Counter("journal_records_total", "Records stored");
   list.Add(now.journal.records);
-  list.Counter("journal_failures_total", "Tries to store a batch that failed");
+  list.Counter("journal_failures_total", "Failed attempts to store a batch");
   list.Add(now.journal.failed);
   list.Gauge("journal_waiting_records", "Records that are not stored yet");
   list.Add(now.journal.waiting);
-  list.Buckets("journal_batch_seconds", "Time that storing a batch took, sync included");
+  list.Buckets("journal_batch_seconds", "Time to store a batch, including the sync");
   list.Add(now.journal.seconds);
-  list.Buckets("journal_batch_records", "Records of a batch");
+  list.Buckets("journal_batch_records", "Number of records per batch");
   list.Add(now.journal.batch_records);
-  list.Gauge("disk_free_bytes", "Room on the disk that holds the results");
+  list.Gauge("disk_free_bytes", "Free space on the disk that holds the results");
   if (const auto free_bytes = sources.free_bytes ? sources.free_bytes() : std::nullopt) list.Add(*free_bytes);
 }
 
 void AddRpcs(const RpcCounts& rpcs, FamilyList& list) {
-  list.Counter("blob_bytes_total", "Contents that went through the blob service: read by callers, or written");
+  list.Counter("blob_bytes_total", "Bytes transferred through the blob service, by direction");
   list.Add(rpcs.blob_bytes_read(), {{"direction", "read"}});
   list.Add(rpcs.blob_bytes_written(), {{"direction", "written"}});
   list.Counter("rpcs_total", "Calls answered, by method and code");

@@ -1,4 +1,4 @@
-// The metrics one by one: from numbers to Prometheus' values.
+// Converts the coordinator's numbers to Prometheus metric families.
 #ifndef TESSERA_SERVER_METRICS_METRIC_FAMILIES_H_
 #define TESSERA_SERVER_METRICS_METRIC_FAMILIES_H_
 

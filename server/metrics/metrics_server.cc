@@ -15,7 +15,7 @@
 namespace tessera {
 namespace {
 
-constexpr int kThreads = 2;  // readings that are answered at once
+constexpr int kThreads = 2;  // concurrent scrapes
 
 class Page final : public prometheus::Collectable {
  public:
@@ -26,7 +26,7 @@ class Page final : public prometheus::Collectable {
   const MetricSources sources_;
 };
 
-// The server takes a list of ports with options; we take one without.
+// Accepts one HOST:PORT; the server's own syntax (several ports, options) is refused.
 Status CheckAddress(const std::string& address) {
   const size_t colon = address.rfind(':');
   const std::string port = colon == std::string::npos ? "" : address.substr(colon + 1);

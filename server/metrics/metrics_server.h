@@ -1,4 +1,4 @@
-// What Prometheus reads of a coordinator.
+// Serves the coordinator's metrics to Prometheus.
 #ifndef TESSERA_SERVER_METRICS_METRICS_SERVER_H_
 #define TESSERA_SERVER_METRICS_METRICS_SERVER_H_
 
@@ -14,24 +14,25 @@
 
 namespace tessera {
 
-// Asked at every reading, from any thread.
+// Called at every scrape, from any thread.
 struct MetricSources {
   std::function<DispatchSnapshot()> dispatch;
-  std::function<std::optional<int64_t>()> free_bytes;  // of the disk with the results
+  std::function<std::optional<int64_t>()> free_bytes;  // of the disk that holds the results
   const RpcCounts* rpcs = nullptr;
 };
 
-// All metrics in Prometheus' text format. Labels are kinds, classes, states, methods and codes alone, of which there
-// are a fixed number; what a user named is in none. Every family is there from the start.
+// All metrics in Prometheus' text format. Labels have a fixed set of values (kinds, classes, states, methods, codes);
+// no label holds a name that a user chose. Every family is present from the start.
 std::string MetricsText(const MetricSources& sources);
 
-// Serves MetricsText at http://ADDRESS/metrics, to anybody who can reach it.
+// Serves MetricsText at http://ADDRESS/metrics, without authentication.
 class MetricsServer {
  public:
-  // `address`: "host:port"; port 0: any. INVALID_ARGUMENT for another form, UNAVAILABLE if that is not possible.
+  // `address`: "host:port"; port 0: any free port. INVALID_ARGUMENT if malformed, UNAVAILABLE if it cannot listen
+  // there.
   static StatusOr<std::unique_ptr<MetricsServer>> Start(const std::string& address, MetricSources sources);
   ~MetricsServer();
-  // With the port that was bound.
+  // The address with the bound port.
   const std::string& address() const;
 
  private:

@@ -7,7 +7,7 @@ namespace tessera {
 RpcCounts::RpcCounts(const std::vector<std::string>& methods) : names_(methods) {
   for (const std::string& name : names_) {
     auto& added = methods_.emplace_back(std::make_unique<OfMethod>());
-    // The package says nothing.
+    // Drop the package name.
     const size_t service = name.find_last_of('.', name.rfind('/'));
     added->name = service == std::string::npos ? name : name.substr(service + 1);
     of_name_[name] = added.get();

@@ -1,4 +1,4 @@
-// How often which method was called, how it ended and how long it took.
+// Counts RPCs by method, status code and duration.
 #ifndef TESSERA_SERVER_METRICS_RPC_COUNTS_H_
 #define TESSERA_SERVER_METRICS_RPC_COUNTS_H_
 
@@ -13,10 +13,10 @@
 
 namespace tessera {
 
-// Thread-safe, without locks: every call of every worker comes here.
+// Thread-safe and lock-free, because it is on the path of every call.
 class RpcCounts {
  public:
-  static constexpr int kCodes = 18;  // gRPC's, and one for any other
+  static constexpr int kCodes = 18;  // gRPC's codes, and one for any other
   static constexpr std::array<double, 9> kBounds_s = {0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 10};
 
   struct OfMethod {
@@ -28,7 +28,7 @@ class RpcCounts {
 
   // `methods`: as gRPC names them, "/tessera.v1.Jobs/CreateJob". All others are counted as one.
   explicit RpcCounts(const std::vector<std::string>& methods);
-  // For Count: the same for all calls of a method.
+  // The counter of a method, to be passed to Count.
   OfMethod& Of(std::string_view method);
   static void Count(OfMethod& method, int code, double seconds);
   void CountBlobBytes(int64_t read, int64_t written) {
@@ -37,7 +37,7 @@ class RpcCounts {
   }
 
   const std::vector<std::unique_ptr<OfMethod>>& methods() const { return methods_; }
-  // That left and came through the blob service.
+  // Bytes transferred through the blob service.
   int64_t blob_bytes_read() const { return blob_bytes_read_; }
   int64_t blob_bytes_written() const { return blob_bytes_written_; }
 
@@ -45,7 +45,7 @@ class RpcCounts {
   static const char* CodeName(int code);
 
  private:
-  std::vector<std::string> names_;  // as gRPC gives them
+  std::vector<std::string> names_;  // as gRPC names them
   std::vector<std::unique_ptr<OfMethod>> methods_;
   std::unordered_map<std::string_view, OfMethod*> of_name_;
   std::atomic<int64_t> blob_bytes_read_ = 0, blob_bytes_written_ = 0;

@@ -1,4 +1,4 @@
-// The cells of a survey by place.
+// Spatial index of the cells of a survey.
 #ifndef TESSERA_SERVER_PLAN_CELL_INDEX_H_
 #define TESSERA_SERVER_PLAN_CELL_INDEX_H_
 
@@ -11,13 +11,13 @@
 
 namespace tessera {
 
-// The survey must outlive it and stay as it is. Thread-safe.
+// The survey must outlive the index and must not change. Thread-safe.
 class CellIndex {
  public:
   explicit CellIndex(const Survey& survey);
 
   const Survey& survey() const { return survey_; }
-  // Smallest rectangle with all cells.
+  // Bounding rectangle of all cells.
   const CellRect& bounds() const { return bounds_; }
 
   // Calls visit(cell) for each cell in the rectangle, by y, then x.
@@ -33,7 +33,7 @@ class CellIndex {
     }
   }
 
-  // The same for those that lie at most `margin_m` from `core`, those in it included.
+  // Calls visit(cell) for each cell at most `margin_m` from `core`, including those in it.
   template <class Visit>
   void ForEachWithin(const CellRect& core, double margin_m, const Visit& visit) const {
     const double cell_m = survey_.ground.cell_m;
@@ -48,8 +48,8 @@ class CellIndex {
 
   const Survey& survey_;
   CellRect bounds_;
-  std::vector<uint32_t> order_;      // cells by y, then x
-  std::vector<uint32_t> row_begin_;  // of each row in order_, and the end
+  std::vector<uint32_t> order_;      // indices of cells, sorted by y, then x
+  std::vector<uint32_t> row_begin_;  // begin of each row in order_, and the end
 };
 
 }  // namespace tessera

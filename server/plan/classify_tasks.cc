@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-// What a view shows with pixels so many times as large as the survey's is too far to matter.
+// Surfaces whose pixel size exceeds the survey's GSD by this factor are too far away to matter.
 constexpr double kFarthestGsd = 16;
 
 }  // namespace
@@ -31,7 +31,7 @@ std::vector<PlannedTask> PlanClassify(const ClassifyWork& work) {
     parameters.classes_json = ClassesToJson(survey.classes);
     parameters.up.assign(survey.up.begin(), survey.up.end());
     parameters.gsd_m = survey.gsd_m;
-    // By the camera alone, so that no other image of an update changes it.
+    // Depends on the camera only, so that other images of an update do not change the task.
     parameters.depth_m = kFarthestGsd * survey.gsd_m * view.camera.intrinsics.fx;
     parameters.by_default_rule = work.classifier_file < 0;
     PlannedTask task;

@@ -1,4 +1,4 @@
-// The tasks of a job that makes its likelihoods itself.
+// Tasks of a job that computes likelihoods itself.
 #ifndef TESSERA_SERVER_PLAN_CLASSIFY_TASKS_H_
 #define TESSERA_SERVER_PLAN_CLASSIFY_TASKS_H_
 
@@ -15,15 +15,15 @@ namespace tessera {
 struct ClassifyWork {
   const Survey& survey;
   const std::vector<std::vector<PlannedTask::ViewFile>>& files_of_view;
-  std::set<int32_t> views;   // whose likelihoods are made
-  int classifier_file = -1;  // among the scene's files; -1: by the default rule
+  std::set<int32_t> views;   // views to classify
+  int classifier_file = -1;  // index in the scene's files; -1: the default rule
   TaskId city_from;
-  size_t first_task = 0;  // place of the first of these tasks in the job's list
-  bool borders = true;    // else they are known already
+  size_t first_task = 0;  // index of the first of these tasks in the job's list
+  bool borders = true;    // add the task that summarizes class borders
 };
 
-// A task a view, in the order of the views, and last, if asked for, one that sums up what is known of their borders.
-// The same for the same view, whatever else the job does or its files are called.
+// One task per view, in order, and, if `borders`, a last task that summarizes their class borders. The task of a view
+// depends only on that view, not on the rest of the job or on file names.
 std::vector<PlannedTask> PlanClassify(const ClassifyWork& work);
 
 }  // namespace tessera

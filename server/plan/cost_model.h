@@ -1,8 +1,8 @@
-// What tasks will take, in core-seconds, bytes of a worker's memory and bytes stored, predicted from the survey alone.
+// Cost model: predicts core-seconds, peak memory and stored bytes of tasks from the survey alone.
 //
-// The model is linear in a few quantities of a tile (TileWork), with constants of the program's version that were
-// fitted to what workers reported (tests/bench/cost_bench.cc fits them anew and prints the residuals). The tiling rests
-// on it, so nothing that workers report at run time may enter.
+// The model is linear in a few quantities of a tile (TileWork). Its constants belong to the program's version and were
+// fitted to reported usage (tests/bench/cost_bench.cc refits them and prints the residuals). The tiling depends on the
+// model, so nothing that workers report at run time may enter it.
 #ifndef TESSERA_SERVER_PLAN_COST_MODEL_H_
 #define TESSERA_SERVER_PLAN_COST_MODEL_H_
 
@@ -18,51 +18,51 @@
 
 namespace tessera {
 
-// What some steps of a refinement do.
+// Amount of work of some refinement steps.
 struct RefineEffort {
-  double evaluations = 0;   // of the data term, in equivalents of full resolution: a level l counts 4^-l
-  double iterations = 0;    // steps, on whatever level
-  double widths = 0;        // of the images that steps compare: a level l counts 2^-l
-  double finest_share = 0;  // pixels of the finest level, as a share of those of full resolution
-  double labellings = 0;    // at full resolution
-  double mends = 0;         // repairs of folds
+  double evaluations = 0;   // evaluations of the data term; one at level l counts 4^-l
+  double iterations = 0;    // iterations at any level
+  double widths = 0;        // relative image widths, summed: level l counts 2^-l
+  double finest_share = 0;  // pixels of the finest level / pixels at full resolution
+  double labellings = 0;    // label solves at full resolution
+  double mends = 0;         // fold repairs
 };
 
-// Of one step; of some, by their indices; of all that a job does.
+// Effort of one step, of the steps with given indices, and of a whole job.
 RefineEffort EffortOf(const RefineStep& step);
 RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<int>& which);
 RefineEffort EffortOf(const JobSettings& settings, const Survey& survey);
 
-// How far outside its core a tile's tasks are expected to read: what its views see, whose motion they need; what a step
-// of the solver reaches; windows about the core's own pixels. What they do read cut finds on the mesh.
+// Expected dependency radii outside a tile's core: of the visible set; of a solver step; of the image windows. The cut
+// task determines the exact ones on the mesh.
 inline constexpr double kSightGsd = 220, kSolveGsd = 160, kApronGsd = 32;
 
-// What a tile holds. Faces are those after splitting; pixels those of full resolution, of the core and its apron.
+// Quantities of a tile. Faces: after splitting. Pixels: at full resolution, of the core and its apron.
 struct TileWork {
   double core_faces = 0;
   double solve_faces = 0;      // of the core and kSolveGsd around it
   double sight_faces = 0;      // of the core and kSightGsd around it
-  std::vector<int32_t> views;  // those that the tile's cells chose, ascending
-  int seeing_views = 0;        // of these, those whose image the tile's boxes meet
-  double pixels = 0;           // of all crops to the tile
-  double pair_pixels = 0;      // over all pairs, where the reference shows the cells of the core that chose it
-  double drawn_faces = 0;      // over all views, of the cells that they are drawn for: PhotoTerm::FindWork
-  double open_pixels = 0;      // most that lie in the crops of views that are open together (PhotoTerm::Evaluate)
-  double largest_crop = 0;     // of them, pixels
-  double image_pixels = 0;     // of the whole images that are read for the crops
-  double largest_decoded = 0;  // bytes of the largest file as decoded, before its crop is taken
-  int likelihood_planes = 0;   // per pixel; 0: the scene has none
+  std::vector<int32_t> views;  // views that the tile's cells chose, ascending
+  int seeing_views = 0;        // number of these whose image contains a part of the tile
+  double pixels = 0;           // of all crops of the tile
+  double pair_pixels = 0;      // summed over all pairs: pixels of the reference that show core cells that chose it
+  double drawn_faces = 0;      // summed over all views: faces of the cells that are rendered (PhotoTerm::FindWork)
+  double open_pixels = 0;      // largest number of crop pixels that are in memory at once (PhotoTerm::Evaluate)
+  double largest_crop = 0;     // pixels of the largest crop
+  double image_pixels = 0;     // of the whole images of the crops
+  double largest_decoded = 0;  // bytes of the largest decoded file, before cropping
+  int likelihood_planes = 0;   // per pixel; 0: the scene has no likelihoods
 };
 
-// Looks at the cells that near the core, a cell that is partly so by its share, and at where their boxes lie in the
-// images.
+// Computes the quantities from the cells in and near the core (partial cells by their share) and the projections of
+// their boxes.
 TileWork MeasureTile(const CellIndex& cells, const CellRect& core);
 
 struct Prediction {
   double core_seconds = 0;
   int64_t peak_bytes = 0;
-  int64_t stored_bytes = 0;  // of what it makes, which stays in the blob store
-  // Of several tasks: memory of the hungriest.
+  int64_t stored_bytes = 0;  // outputs, in the blob store
+  // Of several tasks: sums, but the largest memory.
   Prediction& operator+=(const Prediction& other) {
     core_seconds += other.core_seconds;
     peak_bytes = std::max(peak_bytes, other.peak_bytes);
@@ -71,29 +71,28 @@ struct Prediction {
   }
 };
 
-// The tasks of a tile. Those of several steps: seconds and what is stored summed, memory of the hungriest.
+// Predictions for the tasks of a tile. Of several steps: sums, but the largest memory.
 Prediction PredictCut(const Survey& survey, const TileWork& work);
 Prediction PredictCrop(const TileWork& work);
 Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort);
 Prediction PredictSolve(const TileWork& work, const RefineEffort& effort);
 Prediction PredictMend(const TileWork& work, const RefineEffort& effort);
-// All steps of the only tile in one task.
+// The task that runs all steps of an untiled job.
 Prediction PredictRefine(const TileWork& work, const RefineEffort& effort);
-// The tasks of the job.
+// Predictions for the tasks of the job.
 Prediction PredictIngest(const Survey& survey);
 Prediction PredictPublish(const Survey& survey);
-// The likelihoods of each view, where the job makes them.
+// Classification of one view.
 std::vector<Prediction> PredictClassify(const Survey& survey);
-// Of an update: a block of ground of which new images, of so many pixels, see so many change cells; the report of so
-// many blocks.
+// Change detection of an update: one block of `cells` seen by new images of `pixels`, and the report over all blocks.
 Prediction PredictCompare(const Survey& survey, double image_pixels, double cells);
 Prediction PredictChanges(const Survey& survey, double blocks);
 
-// A lower bound of what a tile with so many faces takes, which needs no look at the images.
+// Lower bound of the memory of a tile with this number of faces, without its views.
 int64_t LeastTileBytes(double faces);
 
-// How far off predictions may be: measured / predicted lay within [low, high] for about 90 % of the tasks that the
-// constants were fitted to (cost_bench prints it).
+// Prediction interval: measured / predicted was within [low, high] for about 90 % of the tasks that the constants were
+// fitted to (cost_bench prints it).
 struct Interval {
   double low = 1, high = 1;
 };

@@ -1,5 +1,5 @@
-// What earlier jobs of the same city took, against what the cost model alone predicts for them. The model's constants
-// are those of some scenes and machines; how far a kind of task lies from them is much the same in all jobs of a city.
+// Corrects predictions by the usage of earlier jobs of the same city. The cost model's constants were fitted to some
+// scenes and machines; the ratio of used to predicted time of a task kind is nearly constant within a city.
 #ifndef TESSERA_SERVER_PLAN_COST_SCALE_H_
 #define TESSERA_SERVER_PLAN_COST_SCALE_H_
 
@@ -10,20 +10,20 @@
 
 namespace tessera {
 
-// Core-seconds of all tasks of a kind that ran, summed.
+// Summed core-seconds of the executed tasks of a kind.
 struct MeasuredCost {
-  double predicted = 0;  // by the cost model alone
+  double predicted = 0;  // by the uncorrected cost model
   double used = 0;
 };
 using MeasuredCosts = std::map<std::string, MeasuredCost>;  // by kind
 
-// A kind that took less than this in sum was not measured.
+// Kinds with a smaller sum are treated as not measured.
 inline constexpr double kLeastMeasuredSeconds = 1;
 inline constexpr double kLeastScale = 0.125, kMostScale = 8;
 
-// Factors by which predictions for tasks of a kind are corrected: used / predicted, within the limits; of kinds that
-// were not measured the ratio of all kinds together, and 1 where nothing was. Memory stays as predicted: the tiling
-// rests on it; so does what is stored.
+// Correction factor per task kind: used / predicted, within the limits. Kinds that were not measured get the ratio of
+// all kinds together, or 1 if none was measured. Memory and stored bytes are not corrected, because the tiling depends
+// on them.
 class CostScale {
  public:
   CostScale() = default;

@@ -13,7 +13,7 @@ namespace {
 
 double Makespan(std::vector<double> seconds, int workers) {
   std::sort(seconds.begin(), seconds.end(), std::greater<>());
-  std::vector<double> busy_until(std::max(1, workers), 0.0);  // a heap, the earliest first
+  std::vector<double> busy_until(std::max(1, workers), 0.0);  // a heap with the earliest on top
   for (const double s : seconds) {
     std::pop_heap(busy_until.begin(), busy_until.end(), std::greater<>());
     busy_until.back() += s;
@@ -91,7 +91,7 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
 }
 
 double WallSeconds(const Quote& quote, int workers, int threads) {
-  // Views that are classified are many and alike.
+  // Classify tasks are many and similar, so they need no list scheduling.
   double seconds =
       quote.ingest.core_seconds + quote.publish.core_seconds + quote.classify.core_seconds / std::max(1, workers);
   for (const Prediction TileQuote::*stage : {&TileQuote::cut, &TileQuote::crop, &TileQuote::measure, &TileQuote::solve,
@@ -112,7 +112,7 @@ Status CheckQuote(const JobSettings& settings, const Survey& survey) {
 Status CheckLimit(const JobSettings& settings, double core_seconds) {
   if (settings.max_core_seconds == 0 || core_seconds <= settings.max_core_seconds) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrFormat(
-      "the job is predicted to take %.4g core-seconds, more than the %.4g that it may; allow more, or ask for less",
+      "predicted cost: found %.4g core-seconds, more than the limit of %.4g; raise --max-price or reduce the job",
       core_seconds, settings.max_core_seconds));
 }
 

@@ -1,4 +1,4 @@
-// What a job is predicted to take, tile by tile and in all.
+// Predicted cost of a job, per tile and in total.
 #ifndef TESSERA_SERVER_PLAN_QUOTE_H_
 #define TESSERA_SERVER_PLAN_QUOTE_H_
 
@@ -18,40 +18,39 @@ struct TileQuote {
   CellRect core;
   TileWork work;
   Prediction cut, crop;
-  Prediction measure, solve, mend;  // of all steps: seconds summed, memory of the hungriest
-  Prediction refine;                // of the only tile, in place of these
+  Prediction measure, solve, mend;  // of all steps: sums, but the largest memory
+  Prediction refine;                // of an untiled job, instead of these
   double core_seconds() const;
-  int64_t peak_bytes() const;    // of its hungriest task
+  int64_t peak_bytes() const;    // largest of its tasks
   int64_t stored_bytes() const;  // of all its tasks
 };
 
 struct Quote {
   std::vector<TileQuote> tiles;
   Prediction ingest, publish;
-  Prediction classify;                     // of all views, where the job makes likelihoods; memory of the hungriest
-  double area_m2 = 0;                      // of the ground cells that have faces
-  double core_faces = 0, sight_faces = 0;  // summed over tiles: their own, and with what they have in sight
+  Prediction classify;                     // of all views, if the job classifies; largest memory
+  double area_m2 = 0;                      // of the ground cells with faces
+  double core_faces = 0, sight_faces = 0;  // summed over tiles: core faces, and faces of the visible sets
   double core_seconds = 0;                 // of all tasks
-  int64_t peak_bytes = 0;                  // of the hungriest task
+  int64_t peak_bytes = 0;                  // largest of all tasks
   int64_t stored_bytes = 0;                // of all tasks
-  // About 90 % of tasks took between these shares of what was predicted for them, each task's on its own: the residuals
-  // of the model's fit, on machines of one kind with other work on them. What makes a task differ (the machine, its
-  // load, how textured the scene is) is much the same for all tasks of a job, so they do not average out, and the sum's
-  // interval is taken to be as wide as a task's.
+  // Prediction interval of a single task (90 % of the residuals of the model's fit), also used for the total. Errors do
+  // not average out over the tasks of a job, because their causes (machine, load, texture of the scene) are common to
+  // all of them.
   Interval interval;
 };
 
-// The likelihoods of these views, where the job makes them (else nothing); memory of the hungriest.
+// Classification of these views; zero if the job does not classify. Largest memory.
 Prediction PredictViews(const Survey& survey, const std::set<int32_t>& views, const CostScale& costs);
 
-// The same tiles as PlanTiles gives for these settings, corrected by `costs`. Errors as its.
+// Predictions for the tiles that PlanTiles gives for these settings, corrected by `costs`. Errors of PlanTiles.
 StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, const CostScale& costs = {});
 
-// Seconds until the job is done by so many workers of `threads` cores each: stage after stage, in each the longest task
-// first to whoever is free, threads without loss.
+// Predicted duration with `workers` workers of `threads` cores each, seconds: stages one after another, list scheduling
+// with the longest task first in each stage, linear speedup with threads.
 double WallSeconds(const Quote& quote, int workers, int threads);
 
-// INVALID_ARGUMENT with what to do if the job is predicted to take more than it may.
+// INVALID_ARGUMENT with advice if the predicted cost exceeds the job's limit.
 Status CheckLimit(const JobSettings& settings, double core_seconds);
 Status CheckQuote(const JobSettings& settings, const Survey& survey);
 

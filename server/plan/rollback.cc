@@ -12,7 +12,7 @@
 namespace tessera {
 namespace {
 
-// How far corners of each tile's faces may lie outside its core.
+// Largest distance of a face's corner from the core of its tile.
 std::vector<double> Reaches(const std::vector<TileParameters>& tiles, const Survey& survey) {
   const CellIndex cells(survey);
   std::vector<double> reaches_m;
@@ -38,8 +38,8 @@ StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain,
   const UpdateBase &job = chain.front(), &earlier = chain.back();
   for (const UpdateBase& each : chain) {
     if (each.city == job.city) continue;
-    return absl::InvalidArgumentError(absl::StrCat("found another mesh in ", each.name, " than in ", job.name,
-                                                   ", expected the same: tiles of one do not fit the other"));
+    return absl::InvalidArgumentError(absl::StrCat("mesh: found different meshes in ", each.name, " and ", job.name,
+                                                   ", expected the same: their tiles cannot be combined"));
   }
   const int tiles = static_cast<int>(job.tiles.size());
   std::set<int> differ, chosen;
@@ -48,8 +48,8 @@ StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain,
   }
   for (const int tile : named) {
     if (tile < 0 || tile >= tiles) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("tile: found ", tile, ", expected one of the ", tiles, " tiles of ", job.name, ", from 0 on"));
+      return absl::InvalidArgumentError(absl::StrCat("tile: found ", tile, ", expected one of the ", tiles,
+                                                     " tiles of ", job.name, ", numbered from 0"));
     }
     if (differ.contains(tile)) chosen.insert(tile);
   }
@@ -73,11 +73,12 @@ StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain,
   if (all.size() == chosen.size()) return std::vector<int>(chosen.begin(), chosen.end());
   std::vector<int> missing;
   std::set_difference(all.begin(), all.end(), chosen.begin(), chosen.end(), std::back_inserter(missing));
-  return absl::InvalidArgumentError(absl::StrCat(
-      missing.size() == 1 ? "tile " : "tiles ", absl::StrJoin(missing, ", "),
-      " must go along: made anew together with those named, they share vertices with them; ask for all:\n  tessera "
-      "rollback ",
-      job.name, " --to ", earlier.name, " --tile ", absl::StrJoin(all, " --tile ")));
+  return absl::InvalidArgumentError(absl::StrCat(missing.size() == 1 ? "tile " : "tiles ", absl::StrJoin(missing, ", "),
+                                                 " must go along: they share vertices with the given tiles and were "
+                                                 "refined by the same job; restore all of them:\n  tessera "
+                                                 "rollback ",
+                                                 job.name, " --to ", earlier.name, " --tile ",
+                                                 absl::StrJoin(all, " --tile ")));
 }
 
 StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
@@ -101,7 +102,7 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
     taken.given.Edit().push_back({TileInputName(tile, kStateFile), base.states[t]});
     publish.inputs.push_back({TaskId(0), TileInputName(tile, kStateFile)});
   }
-  if (base.outdated) {  // going back brings no tile nearer to what the images show
+  if (base.outdated) {  // a rollback does not change which faces are outdated
     taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
     publish.inputs.push_back({TaskId(0), kOutdatedFile});
   }

@@ -1,4 +1,4 @@
-// Going back to what an earlier job left of some tiles.
+// Rollback: restores tiles of a job from an earlier job.
 #ifndef TESSERA_SERVER_PLAN_ROLLBACK_H_
 #define TESSERA_SERVER_PLAN_ROLLBACK_H_
 
@@ -12,14 +12,13 @@
 
 namespace tessera {
 
-// The tiles of `named` (all, if it is empty) of which the first job of `chain` has another state than the last,
-// ascending. `chain`: a job, its base, the base's base, ..., to the job that it is to go back to; `survey`: of the
-// first.
+// The tiles of `named` (all if empty) whose state differs between the first and the last job of `chain`, ascending.
+// `chain`: a job, its base job, the base job of that, ..., down to the job to restore from. `survey`: of the first job.
 //
-// Tiles have the same bytes where they share vertices, and a job moves such a vertex only if it makes all tiles anew
-// that have it. So tiles that share vertices and were made anew by the same job of the chain go back together.
-// INVALID_ARGUMENT if others than those named have to go along, with the command that names all; if there is no such
-// tile, or none that differs; if the jobs have other meshes.
+// Tiles have equal bytes at shared vertices, and a job moves a shared vertex only if it refines all tiles that contain
+// it. So tiles that share vertices and were refined by the same job of the chain must be restored together.
+// INVALID_ARGUMENT if such a tile is missing in `named` (the message has the command with all of them), if a tile does
+// not exist, if none differs, or if the jobs have different meshes.
 StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain, const Survey& survey,
                                            const std::vector<int>& named);
 

@@ -15,7 +15,7 @@ namespace {
 constexpr int kMaxParts = 1 << 20, kTries = 4;
 constexpr double kFarTooLarge = 4;
 
-// Smallest rectangle with all cells in `rect`.
+// Bounding rectangle of the cells in `rect`.
 CellRect Tightened(const CellIndex& cells, const CellRect& rect) {
   CellRect tight = {rect.x1, rect.y1, rect.x0, rect.y0};
   cells.ForEachIn(rect, [&](const SurveyCell& cell) {
@@ -40,7 +40,7 @@ class KdSplitter {
   }
 
  private:
-  // Cuts `rect` into at least `parts` tiles, or as many as it has cells.
+  // Splits `rect` into at least `parts` tiles, or as many as it has cells.
   Status Split(const CellRect& given, int parts) {
     const CellRect rect = Tightened(cells_, given);
     int count = 0;
@@ -51,7 +51,7 @@ class KdSplitter {
     });
     parts = std::min(parts, count);
     if (parts <= 1) {
-      // Of what is far too large no image need be looked at.
+      // Skip the exact computation for parts that are far too large.
       if (count > 1 && static_cast<double>(LeastTileBytes(faces)) > kFarTooLarge * static_cast<double>(limit_bytes_)) {
         parts = 2;
       } else {
@@ -61,7 +61,7 @@ class KdSplitter {
           tiles_.push_back(rect);
           return absl::OkStatus();
         }
-        // The fewest equal parts that all fit; what they read around them makes them more than the excess tells.
+        // The smallest number of equal parts that all fit; their halos make it larger than the excess.
         const int fewest = static_cast<int>(std::clamp(std::ceil(excess), 2.0, std::min<double>(count, kMaxParts)));
         for (parts = fewest; parts <= std::min(count, fewest + kTries); ++parts) {
           std::vector<CellRect> trial;
@@ -92,14 +92,13 @@ class KdSplitter {
     SplitEvenly(high, parts - cut.low_parts, out);
   }
 
-  // With the upper end of the interval.
+  // At the upper end of the prediction interval.
   double PredictBytes(const CellRect& rect, const TileWork& work) const {
     return RefineBytesInterval().high *
            static_cast<double>(PredictTileBytes(work, options_.effort, rect == cells_.bounds()));
   }
 
-  // What a tile is predicted to take beyond what a worker holds anyway, as a share of the room; above 1 it does not
-  // fit.
+  // Predicted memory of a tile beyond a worker's base memory, relative to the available room; above 1 it does not fit.
   double Excess(const CellRect& rect) const {
     if (limit_bytes_ == std::numeric_limits<int64_t>::max()) return 0;
     const double bytes = PredictBytes(rect, MeasureTile(cells_, rect));
@@ -126,7 +125,7 @@ class KdSplitter {
     bool along_x = true;
     int at = 0;
     int low_parts = 1;
-    double excess = std::numeric_limits<double>::infinity();  // of the heavier side's parts over an even share
+    double excess = std::numeric_limits<double>::infinity();  // of the heavier side over an even share
   };
 
   static std::pair<CellRect, CellRect> Halves(const CellRect& rect, const Cut& cut) {
@@ -156,7 +155,7 @@ class KdSplitter {
       total += seconds;
       ++total_count;
     });
-    // About half of the parts on either side, so that the halves can be balanced again.
+    // Give each side about half of the parts, so that the halves can be balanced again.
     Cut best;
     best.along_x = along_x;
     double low = 0;
@@ -184,7 +183,7 @@ class KdSplitter {
 }  // namespace
 
 double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const RefineEffort& effort) {
-  // As if it were a tile whose crops show its square at the median GSD, each view compared with its share of partners.
+  // Treats the cell as a tile whose crops show its square at the median GSD; each view has its share of partners.
   TileWork work;
   const double side_px = survey.ground.cell_m / survey.gsd_m, views = static_cast<double>(cell.views.size());
   const double partners =
@@ -193,7 +192,7 @@ double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const Re
   work.drawn_faces = work.core_faces * views;
   work.pixels = views * side_px * side_px;
   work.pair_pixels = work.pixels * std::min(partners, std::max(0.0, views - 1));
-  // At least its faces, where there are no views: every tile's folds are looked for.
+  // Without views, count the faces: folds are searched in every tile.
   return PredictCrop(work).core_seconds + PredictRefine(work, effort).core_seconds;
 }
 

@@ -1,4 +1,4 @@
-// The tiles over the cells of a survey.
+// Tiling: partitions the cells of a survey into tiles.
 #ifndef TESSERA_SERVER_PLAN_TILING_H_
 #define TESSERA_SERVER_PLAN_TILING_H_
 
@@ -15,27 +15,26 @@ namespace tessera {
 inline constexpr int64_t kDefaultTileBytes = int64_t{4} << 30;
 
 struct TilingOptions {
-  int tiles = 0;           // wanted number; 0: as many as the memory asks for
-  int64_t tile_bytes = 0;  // a worker's memory; 0: 4 GiB, and no limit where a number of tiles is wanted
+  int tiles = 0;           // requested number; 0: as many as the memory limit requires
+  int64_t tile_bytes = 0;  // memory limit of a tile; 0: 4 GiB, or no limit if `tiles` is set
   RefineEffort effort;     // of all steps
 };
 
-// As a job asks for.
+// Options of a job.
 TilingOptions TilingOptionsOf(const JobSettings& settings, const Survey& survey);
 
-// What a tile's tasks take: memory of the hungriest. `only`: the job has no other, and one task does all steps.
+// Largest memory of a tile's tasks. `only`: untiled job, where one task runs all steps.
 int64_t PredictTileBytes(const TileWork& work, const RefineEffort& effort, bool only);
 
-// Rectangles of cells that cover every cell of the survey exactly once, none without faces. The city is cut in two, at
-// the border of cells that shares the predicted work out best, and each part again, across its longer side (a k-d
-// tree), until there are `tiles` parts, or until each is predicted to fit the memory with all that it reads around it;
-// predictions count with the upper end of their interval. Exactly `tiles` of them unless there are fewer cells, or
-// tile_bytes asks for more. The same for the same survey and options: nothing else enters, no report of a worker, no
-// number of workers. INVALID_ARGUMENT, with what to do about it, where a single cell does not fit.
+// Rectangles of cells that cover every cell of the survey exactly once, each with at least one face.
+// A k-d tree over predicted work: each part is split across its longer side, at the cell border that balances the
+// predicted work best, until there are `tiles` parts, or until each part with its halo is predicted to fit the memory
+// limit at the upper end of the prediction interval. Gives exactly `tiles` tiles unless there are fewer cells or
+// tile_bytes requires more. Depends on survey and options only, not on workers. INVALID_ARGUMENT with advice if a
+// single cell does not fit.
 StatusOr<std::vector<CellRect>> LayOutTiles(const CellIndex& cells, const TilingOptions& options);
 
-// What a cell adds to a tile's refinement, core-seconds; without what is read around it, and without where exactly
-// images are cropped.
+// Predicted core-seconds that a cell adds to its tile, without the halo and without the exact image crops.
 double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const RefineEffort& effort);
 
 }  // namespace tessera

@@ -10,7 +10,7 @@ bool Classifies(const JobSettings& settings) {
 
 namespace {
 
-// For people. Trained ones are told apart by their contents, elsewhere.
+// For messages. The dispatcher compares trained classifiers by content.
 std::string KindOfClassifier(const JobSettings& settings) {
   if (!Classifies(settings)) return "none";
   return settings.classifier == kDefaultClassifier ? "the default" : "a trained one";
@@ -25,17 +25,17 @@ Status CheckJobSettings(const JobSettings& settings) {
     faults.Add(
         absl::InvalidArgumentError(absl::StrCat(name, ": found ", found, ", expected 0 (", zero, ") to ", high)));
   };
-  check("tiles", settings.tiles, kMaxTiles, "as many as fit");
+  check("tiles", settings.tiles, kMaxTiles, "as many as --tile-memory requires");
   const int64_t memory = settings.tile_memory_bytes;
   if (memory != 0 && (memory < kMinTileMemory || memory > kMaxTileMemory)) {
-    faults.Add(absl::InvalidArgumentError(absl::StrCat("tile memory: found ", memory,
-                                                       " bytes, expected 0 (4 GiB, or what a given number of tiles "
-                                                       "takes) or 128 MiB to 64 TiB")));
+    faults.Add(absl::InvalidArgumentError(
+        absl::StrCat("tile memory: found ", memory,
+                     " bytes, expected 0 (4 GiB, or no limit if tiles are set) or 128 MiB to 64 TiB")));
   }
-  check("rounds", settings.rounds, kMaxRounds, "the method's own");
+  check("rounds", settings.rounds, kMaxRounds, "the method's default");
   if (settings.method == kLabelsMethod && settings.rounds > 1) {
     faults.Add(absl::InvalidArgumentError(
-        absl::StrCat("rounds: found ", settings.rounds, ", expected 1: labels are solved once where nothing moves")));
+        absl::StrCat("rounds: found ", settings.rounds, ", expected 1: method labels solves labels once")));
   }
   faults.Add(CheckMethod(settings.method, settings.method_settings));
   if (!(settings.max_core_seconds >= 0)) {
@@ -45,21 +45,21 @@ Status CheckJobSettings(const JobSettings& settings) {
   if (Classifies(settings) && settings.classifier != kDefaultClassifier && settings.classifier.front() != '/') {
     faults.Add(absl::InvalidArgumentError(absl::StrCat("classifier: found '", settings.classifier, "', expected '",
                                                        kDefaultClassifier, "', '", kNoClassifier,
-                                                       "' or the absolute path of a trained one")));
+                                                       "' or the absolute path of a trained classifier")));
   }
   const UpdateSettings& update = settings.update;
   if (update.base.empty() && !(update == UpdateSettings())) {
     faults.Add(absl::InvalidArgumentError(
-        "base: found none, expected one (withdrawn flights, epochs and from-scratch are about the base of an update)"));
+        "base: found none, expected a base job: withdrawn flights, epochs and from-scratch apply to updates only"));
   }
   UpdateSettings rollback;
   rollback.base = update.base;
   rollback.rollback_to = update.rollback_to;
   rollback.rollback_tiles = update.rollback_tiles;
   if (!(update.rollback_to.empty() ? update.rollback_tiles.empty() : update == rollback)) {
-    faults.Add(absl::InvalidArgumentError(
-        "rollback: found tiles without an earlier job, or other changes beside it, expected an earlier job and nothing "
-        "else"));
+    faults.Add(
+        absl::InvalidArgumentError("rollback: found tiles without an earlier job, or other update settings, expected "
+                                   "an earlier job and its tiles only"));
   }
   return faults.ToStatus();
 }
@@ -69,16 +69,17 @@ StatusOr<JobSettings> SettingsOfUpdate(const JobSettings& asked, const JobSettin
   Faults faults;
   const auto check = [&](const char* name, const auto& found, const auto& unset, const auto& of_base) {
     if (found == unset || found == of_base) return;
-    faults.Add(absl::InvalidArgumentError(absl::StrCat(name, ": found another than that of ", asked.update.base,
-                                                       ", expected none: an update keeps those of its base")));
+    faults.Add(
+        absl::InvalidArgumentError(absl::StrCat(name, ": found another value than ", asked.update.base,
+                                                " has, expected none: an update inherits it from its base job")));
   };
   check("tiles", asked.tiles, standard.tiles, base.tiles);
   check("tile memory", asked.tile_memory_bytes, standard.tile_memory_bytes, base.tile_memory_bytes);
   check("rounds", asked.rounds, standard.rounds, base.rounds);
   if (!asked.classifier.empty() && KindOfClassifier(asked) != KindOfClassifier(base)) {
     faults.Add(absl::InvalidArgumentError(absl::StrCat("classifier: found ", KindOfClassifier(asked), ", expected ",
-                                                       KindOfClassifier(base), ", as ", asked.update.base,
-                                                       " has: an update keeps that of its base")));
+                                                       KindOfClassifier(base), ", as in ", asked.update.base,
+                                                       ": an update inherits it from its base job")));
   }
   check("method", asked.method, standard.method, base.method);
   check("method settings", asked.method_settings, standard.method_settings, base.method_settings);

@@ -1,4 +1,4 @@
-// What a user asks of a job.
+// Settings of a job, as the user requests them.
 #ifndef TESSERA_SERVER_SETTINGS_JOB_SETTINGS_H_
 #define TESSERA_SERVER_SETTINGS_JOB_SETTINGS_H_
 
@@ -15,19 +15,19 @@ inline constexpr int kMaxTiles = 100000;
 inline constexpr int kMaxRounds = 20;
 inline constexpr int64_t kMinTileMemory = int64_t{128} << 20, kMaxTileMemory = int64_t{64} << 40;
 
-// A job that goes on from the result of an earlier one: what images and cameras changed since is done anew, all else is
-// taken over. Tiles, method and its settings are the base's.
+// Settings of an update: a job that refines only what changed since its base job and inherits everything else. Tiles,
+// method and method settings are those of the base job.
 struct UpdateSettings {
-  std::string base;                   // "jobs/J"; empty: the job stands for itself
-  std::vector<std::string> withdraw;  // names of flights of the base whose images are not used any more
-  // false: where the newest flight sees a cell well enough, older images of it are left out; true: all as one scene.
+  std::string base;                   // base job, "jobs/J"; empty: no update
+  std::vector<std::string> withdraw;  // flights of the base job whose images are no longer used
+  // false: where the newest flight covers a cell well enough, older images of it are left out. true: use all images.
   bool all_epochs = false;
-  // Changed tiles begin at the start mesh and others follow as far as the steps reach, as in a job on all images; else
-  // they begin at the base's result, and all other tiles stay as they are, to the byte.
+  // true: changed tiles and all tiles that depend on them are refined from the start mesh, so the result equals a job
+  // on all images. false: changed tiles are refined from the base job's result, and all other tiles keep their bytes.
   bool from_scratch = false;
-  bool plan_only = false;  // ends with the plan (kUpdateFile)
-  // "jobs/J", one that `base` goes on from: takes these tiles from there, the others from `base`, and refines none.
-  // Empty: nothing is taken back. No tiles: all that differ.
+  bool plan_only = false;  // publish only the plan (kUpdateFile)
+  // "jobs/J", an ancestor of `base`: restores `rollback_tiles` from it, takes the other tiles from `base`, and refines
+  // none. Empty: no rollback. No tiles: all that differ.
   std::string rollback_to;
   std::vector<int> rollback_tiles;
   bool operator==(const UpdateSettings&) const = default;
@@ -35,29 +35,30 @@ struct UpdateSettings {
 
 inline constexpr char kDefaultClassifier[] = "default", kNoClassifier[] = "none";
 
-// Everything in it enters the tasks' parameters, and so their keys, as far as it concerns them.
+// Each setting is part of the parameters, and so of the keys, of the tasks that it affects.
 struct JobSettings {
-  int tiles = 0;  // 0: as many as fit; 1: the untiled run
-  // What a tile may take of a worker's memory; 0: 4 GiB, or no limit where `tiles` gives a number.
+  int tiles = 0;  // 0: as many as tile_memory_bytes requires; 1: untiled
+  // Largest memory of a worker for one tile; 0: 4 GiB, or no limit if `tiles` is set.
   int64_t tile_memory_bytes = 0;
-  int rounds = 0;  // outer loop; 0: the method's own
+  int rounds = 0;  // of geometry and labels; 0: the method's default
   std::string method = "tessera";
   MethodSettings method_settings = {};
-  // What makes the likelihoods, in place of the scene's: the absolute path of a file that `tessera classify
-  // --save-model` wrote, or kDefaultClassifier. Empty: nothing, but the default where a scene has neither likelihoods
-  // nor labels (of a job that was accepted that is settled); kNoClassifier: nothing.
+  // Source of the likelihoods, if not the scene's: the absolute path of a file that `tessera classify --save-model`
+  // wrote, or kDefaultClassifier. kNoClassifier: the scene's. Empty: kDefaultClassifier if the scene has neither
+  // likelihoods nor labels, else the scene's; admission replaces it by its choice.
   std::string classifier = {};
   UpdateSettings update = {};
-  double max_core_seconds = 0;  // a job that is predicted to take more is refused; 0: no limit
+  double max_core_seconds = 0;  // a job with a higher predicted cost is refused; 0: no limit
 };
 
-// Whether the job makes likelihoods itself.
+// Whether the job computes likelihoods itself.
 bool Classifies(const JobSettings& settings);
 
-// INVALID_ARGUMENT with every fault, one a line: what was found, what was expected.
+// INVALID_ARGUMENT with one line per fault: the found and the expected value.
 Status CheckJobSettings(const JobSettings& settings);
 
-// Those of an update, with the base's for what it takes from it. INVALID_ARGUMENT if it asks for other ones.
+// Settings of an update, completed from those of its base job. INVALID_ARGUMENT if `asked` sets one that an update must
+// inherit to another value.
 StatusOr<JobSettings> SettingsOfUpdate(const JobSettings& asked, const JobSettings& base);
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// Job settings between the plain value and the message of tessera.v1, which requests and stored records share.
+// Converts job settings to and from the message of tessera.v1 that requests and stored records share.
 #ifndef TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_
 #define TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_
 
@@ -13,11 +13,11 @@ namespace v1 {
 class JobSettings;
 }  // namespace v1
 
-// Nothing is checked; an empty method becomes "tessera".
+// Does not validate; an empty method becomes "tessera".
 JobSettings FromProto(const v1::JobSettings& proto);
 void ToProto(const JobSettings& settings, v1::JobSettings* proto);
 
-// What differs, a line a setting: "method_settings.levels: found 2, 1, 0, expected not set". Empty if nothing does.
+// One line per setting that differs: "method_settings.levels: found 2, 1, 0, expected not set". Empty if none differs.
 std::vector<std::string> Differences(const JobSettings& found, const JobSettings& expected);
 
 }  // namespace tessera

@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-constexpr size_t kMaxBatch = 4096;  // records: a wait is bounded by how long these take
+constexpr size_t kMaxBatch = 4096;  // records; bounds the time of one transaction
 constexpr std::chrono::milliseconds kFirstPause{50}, kLongestPause{1000};
 
 }  // namespace
@@ -50,7 +50,7 @@ int64_t Journal::last() const {
 }
 
 std::string Journal::WhyLateLocked() const {
-  return "the coordinator cannot store its records now, and goes on trying: " +
+  return "unavailable: the coordinator cannot write its journal and keeps trying: " +
          std::string(trouble_.ok() ? "the disk is slow" : trouble_.message());
 }
 

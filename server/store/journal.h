@@ -1,4 +1,4 @@
-// Stores records in the background, as many with one sync as have come meanwhile.
+// Journal: stores records in a background thread. One sync stores all records that have arrived (group commit).
 #ifndef TESSERA_SERVER_STORE_JOURNAL_H_
 #define TESSERA_SERVER_STORE_JOURNAL_H_
 
@@ -18,50 +18,51 @@
 
 namespace tessera {
 
-// What a journal has done since it was made.
+// Counters of a journal since its construction.
 struct JournalStats {
   int64_t batches = 0;  // stored
   int64_t records = 0;
-  int64_t syncs = 0;    // of the batches, those that were to survive a failure of the machine
-  int64_t failed = 0;   // tries to store a batch
-  int64_t waiting = 0;  // records that are not stored yet
-  Histogram seconds{{0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 3, 10}};  // a batch, once it could be stored
+  int64_t syncs = 0;                                                          // batches with Durability::kMachine
+  int64_t failed = 0;                                                         // failed attempts to store a batch
+  int64_t waiting = 0;                                                        // records that are not stored yet
+  Histogram seconds{{0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 3, 10}};  // per stored batch
   Histogram batch_records{{1, 3, 10, 30, 100, 300, 1000, 4096}};
 };
 
-// Whoever adds a record goes on at once, and waits for it before telling anybody: in its own thread or, for thousands
-// at once, without one. What cannot be stored (a full disk, a database that a backup holds) is tried again until it
-// can: the order is kept, and nothing is left out. Thread-safe.
+// Add returns at once. A caller waits until its record is stored before it acknowledges the change: with Wait, or with
+// WhenStored, which blocks no thread. A failed write (full disk, database locked by a backup) is retried until it
+// succeeds; order is kept and no record is skipped. Thread-safe.
 class Journal {
  public:
-  // OK once all that was waited for is stored. UNAVAILABLE, with what stands in the way, if that takes too long.
+  // OK when the records are stored; UNAVAILABLE with the reason if that takes longer than wait_s.
   using Done = std::function<void(Status stored)>;
 
   struct Options {
     double wait_s = 20;  // longest wait
-    // Told of every record once it is stored, in order. May be empty.
+    // Called for every stored record, in order. May be empty.
     std::function<void(const std::string& record)> on_stored = {};
-    // Told when storing begins to fail, and why; OK when it works again. May be empty.
+    // Called with the error when writes begin to fail, and with OK when they succeed again. May be empty.
     std::function<void(const Status& trouble)> on_trouble = {};
   };
 
   // `store` must outlive the journal.
   Journal(RecordStore* store, Options options);
-  // Stores what was added, unless that fails, and ends all waits.
+  // Tries to store the remaining records and ends all waits.
   ~Journal();
 
-  // Gives the record's number, counted from 1. Records are stored in the order of the calls.
+  // Returns the record's number, counted from 1. Records are stored in the order of the calls.
   int64_t Add(std::string record, Durability durability);
-  // The last that was added; 0 if none was.
+  // Number of the last added record; 0 if there is none.
   int64_t last() const;
-  // The last that is stored.
+  // Number of the last stored record.
   int64_t stored() const;
-  // Waits until all records up to `number` are stored, or too long.
+  // Waits until all records up to `number` are stored, at most wait_s.
   Status Wait(int64_t number) const;
-  // Calls `done` once, when that wait would be over: at once if all that was added is stored, else from a thread of the
-  // journal's, where it must be quick and not wait for the journal. It is called without a lock of the journal's.
+  // Calls `done` once, when all records added so far are stored or wait_s has passed: immediately if nothing is
+  // waiting, else from a thread of the journal. `done` must be quick and must not wait for the journal. No lock is
+  // held.
   void WhenStored(Done done) const;
-  // Why nothing can be stored now; OK if nothing is known.
+  // Why writes fail now; OK if they do not.
   Status trouble() const;
   JournalStats stats() const;
 
@@ -76,7 +77,7 @@ class Journal {
     Done done;
   };
   void Run();
-  bool Store(const std::vector<Entry>& batch);  // with retries; false if it was given up
+  bool Store(const std::vector<Entry>& batch);  // with retries; false if stopped before success
   void WhenStored(int64_t number, Done done) const;
   void CountLocked(size_t records, Durability durability, double seconds, const Status& status);
   std::string WhyLateLocked() const;
@@ -86,17 +87,17 @@ class Journal {
   const Options options_;
   mutable std::mutex mutex_;
   std::condition_variable added_;
-  mutable std::condition_variable stored_;  // or there is somebody who waits for it
+  mutable std::condition_variable stored_;  // notified when records are stored or a waiter is added
   std::vector<Entry> waiting_;
-  mutable std::deque<Waiter> waiters_;  // all wait equally long: in the order of their ends
+  mutable std::deque<Waiter> waiters_;  // all have the same timeout, so deadlines are in order
   int64_t last_ = 0;
   int64_t last_stored_ = 0;
   Status trouble_;
   JournalStats stats_;
   bool stop_ = false;
-  bool ended_ = false;  // nothing more will be stored
+  bool ended_ = false;  // no further record will be stored
   std::thread thread_;
-  std::thread waits_thread_;  // so that the next batch is stored while those who waited for the last one are told
+  std::thread waits_thread_;  // calls the waiters while thread_ stores the next batch
 };
 
 }  // namespace tessera

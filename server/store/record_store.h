@@ -1,4 +1,4 @@
-// What the coordinator keeps: an append-only list of records, and the digests of files it has hashed before.
+// The coordinator's storage interfaces: an append-only list of records, and a cache of file digests.
 #ifndef TESSERA_SERVER_STORE_RECORD_STORE_H_
 #define TESSERA_SERVER_STORE_RECORD_STORE_H_
 
@@ -15,46 +15,46 @@
 
 namespace tessera {
 
-// What a record outlives from the moment on that it is stored.
+// Which failures a stored record survives.
 enum class Durability {
-  kProcess,  // the process's end, however it comes; if the machine fails the last of these may be lost
-  kMachine,  // the machine's too, and so do all records before it
+  kProcess,  // a crash of the process; a failure of the machine may lose the last of these records
+  kMachine,  // a failure of the machine; the same then holds for all earlier records
 };
 
-// A record as it is found, counted from 1.
+// A record as read from the store. Numbers begin at 1.
 struct StoredRecord {
   int64_t number = 0;
   StatusOr<std::string> content;  // DATA_LOSS if it is damaged or missing
 };
 
-// Whose a record is.
+// The job that a record belongs to.
 struct RecordOwner {
-  int job = -1;          // its index; -1: nobody's
-  bool deletes = false;  // the record says that the job is deleted: it is kept itself, and ends the life of the job's
+  int job = -1;          // index of the job; -1: no job
+  bool deletes = false;  // the record deletes the job: it is kept, and the job's other records may be removed
 };
-// Reads that from a record's content. Must give the same at every time. Thread-safe.
+// Reads the owner from a record's content. Must be deterministic and thread-safe.
 using OwnerOf = std::function<RecordOwner(std::string_view content)>;
 
-// State changes in the order they happened; whatever is lost, it is the end of the list. Thread-safe.
+// State changes in order. After a failure only records at the end of the list can be missing. Thread-safe.
 class RecordStore {
  public:
   virtual ~RecordStore() = default;
-  // All of the records or, on error, none.
+  // Stores all of the records or, on error, none.
   virtual Status Append(const std::vector<std::string_view>& records, Durability durability) = 0;
-  // Calls `visit` for every record that was not set aside, but those of deleted jobs, oldest first. Errors are those of
-  // the store as a whole.
+  // Calls `visit` for every record, oldest first, except quarantined records and those of deleted jobs. Returns errors
+  // of the store as a whole; a damaged record is passed to `visit`.
   virtual Status Replay(const std::function<void(const StoredRecord& record)>& visit) = 0;
-  // Keeps the record, with the reason, but never visits it again.
-  virtual Status SetAside(int64_t number, const std::string& reason) = 0;
-  // Jobs whose deletion is stored.
+  // Quarantines the record: keeps it with the reason, but never visits it again.
+  virtual Status Quarantine(int64_t number, const std::string& reason) = 0;
+  // Jobs with a stored deletion record.
   virtual StatusOr<std::set<int>> DeletedJobs() = 0;
-  // Frees the space of at most so many records of deleted jobs. Gives how many; 0: none is left.
+  // Removes at most `max_records` records of deleted jobs. Returns how many; 0: none is left.
   virtual StatusOr<int> RemoveRecords(int max_records) = 0;
-  // How often this store was opened, this time included; the same number is never given twice.
+  // How often this store was opened, including this time. The same number is never returned by two openings.
   virtual int64_t StartCount() const = 0;
 };
 
-// Remembers the digest of a file as long as the file's size and time of change stay. Thread-safe.
+// Caches the digest of a file while its size and modification time stay the same. Thread-safe.
 class DigestCache {
  public:
   virtual ~DigestCache() = default;

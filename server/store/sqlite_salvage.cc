@@ -28,8 +28,8 @@ StatusOr<Database> OpenDatabase(const std::string& path, int flags) {
   return db;
 }
 
-// From one damaged file to a new one. Records are found by number, so that only those on a page that cannot be read are
-// lost, whatever other pages say.
+// Copies records from a damaged file to a new one. Records are looked up by number, so that only those on an unreadable
+// page are lost.
 class Reader {
  public:
   Reader(sqlite3* from, sqlite3* to, std::string to_path, const OwnerOf& owner_of)
@@ -40,13 +40,13 @@ class Reader {
     while (next < kNoRecord / 2) {
       TESSERA_ASSIGN_OR_RETURN(const Found found, Walk(next, /*back=*/false));
       if (found.to_the_end) break;
-      // Beyond the damage, in ever longer steps, and back to it from there.
+      // Skip the damage with growing steps, then read backwards to it.
       if (found.records > 0) step = 1;
       next = std::max(next, found.last + 1) + step;
       step *= 2;
       TESSERA_RETURN_IF_ERROR(Walk(next, /*back=*/true).status());
     }
-    // Small tables, of which whatever can be read is better than nothing.
+    // Small tables: copy every readable row.
     for (const char* const table : {"removed", "set_aside", "deleted_jobs"}) CopyTable(table);
     const auto starts = ReadNumber(from_, to_path_, "SELECT count FROM starts");
     TESSERA_RETURN_IF_ERROR(RunSql(
@@ -61,7 +61,7 @@ class Reader {
     bool to_the_end = false;
   };
 
-  // Until the damage, the end, or, on the way back, a record that is there already.
+  // Stops at damage, at the end or, backwards, at a record that was already copied.
   StatusOr<Found> Walk(int64_t from, bool back) {
     Found found;
     Statement select(from_, back ? "SELECT id, content, xxh3 FROM records WHERE id <= ? ORDER BY id DESC"
@@ -138,7 +138,7 @@ StatusOr<Salvaged> Salvage(const std::string& path, const OwnerOf& owner_of) {
     return salvaged;
   }
   salvaged->damaged = path + ".damaged-" + name;
-  // Its log goes with it: it would be taken for the new one's.
+  // Move the write-ahead log too: SQLite would apply it to the new file.
   for (const char* const log : {"-wal", "-shm"}) {
     if (FileExists(path + log)) TESSERA_RETURN_IF_ERROR(RenameDurably(path + log, salvaged->damaged + log));
   }

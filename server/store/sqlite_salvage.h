@@ -1,4 +1,4 @@
-// What can be read of a damaged store.
+// Recovers the readable records of a damaged store.
 #ifndef TESSERA_SERVER_STORE_SQLITE_SALVAGE_H_
 #define TESSERA_SERVER_STORE_SQLITE_SALVAGE_H_
 
@@ -13,11 +13,11 @@ namespace tessera {
 struct Salvaged {
   int64_t records = 0;
   int64_t last = 0;     // number of the last record
-  std::string damaged;  // where the damaged file lies now
+  std::string damaged;  // new path of the damaged file
 };
 
-// Puts a new database with every record that can be read in place of the one at `path`, which is kept under another
-// name. What is missing is told when the store is opened. Nobody may use the database. On error it stays where it was.
+// Replaces the database at `path` by a new one with every readable record; the damaged file is kept under another name.
+// Missing records are reported when the store is opened. The database must not be in use. On error it is unchanged.
 StatusOr<Salvaged> Salvage(const std::string& path, const OwnerOf& owner_of);
 
 }  // namespace tessera

@@ -14,10 +14,10 @@ namespace {
 
 constexpr int kApplicationId = 0x54657373;  // "Tess"
 constexpr int kSchemaVersion = 4;           // of the tables, and of the records in them
-constexpr int kOldestVersion = 3;           // that can be brought to this one
-constexpr int kCopiedPages = 1024;          // at once, 4 KiB each
+constexpr int kOldestVersion = 3;           // oldest version that can be migrated
+constexpr int kCopiedPages = 1024;          // per copy step, 4 KiB each
 
-// `job`: whose the record is; -1: nobody's.
+// `job`: owner of the record; -1: no job.
 constexpr char kSchema[] = R"(
   CREATE TABLE records (id INTEGER PRIMARY KEY, content BLOB NOT NULL, xxh3 INTEGER NOT NULL,
                         job INTEGER NOT NULL DEFAULT -1);
@@ -26,14 +26,14 @@ constexpr char kSchema[] = R"(
   CREATE TABLE starts (count INTEGER NOT NULL);
   INSERT INTO starts VALUES (0);
 )";
-// What version 4 added. Numbers of removed records: ranges that touch no other, so never more than there are records.
+// Added by version 4: numbers of removed records, as ranges that do not touch.
 constexpr char kSince4[] = R"(
   CREATE INDEX records_of_job ON records (job);
   CREATE TABLE deleted_jobs (job INTEGER PRIMARY KEY);
   CREATE TABLE removed (first INTEGER PRIMARY KEY, last INTEGER NOT NULL);
 )";
-// Of any version: what a coordinator could not use.
-constexpr char kSetAside[] = "CREATE TABLE IF NOT EXISTS set_aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL)";
+// Quarantined records; present in every version.
+constexpr char kQuarantined[] = "CREATE TABLE IF NOT EXISTS set_aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL)";
 
 std::string SetVersion() { return "PRAGMA user_version=" + std::to_string(kSchemaVersion) + ";"; }
 
@@ -41,7 +41,7 @@ struct Closer {
   void operator()(sqlite3* db) const { sqlite3_close_v2(db); }
 };
 
-// SQL's job_of(content).
+// The SQL function job_of(content).
 void JobOf(sqlite3_context* context, int, sqlite3_value** values) {
   const auto& owner_of = *static_cast<const OwnerOf*>(sqlite3_user_data(context));
   const auto* const data = static_cast<const char*>(sqlite3_value_blob(values[0]));
@@ -70,12 +70,12 @@ Status PrepareSchema(sqlite3* db, const std::string& path, const OwnerOf& owner_
   TESSERA_ASSIGN_OR_RETURN(const int64_t version, ReadNumber(db, path, "PRAGMA user_version"));
   TESSERA_ASSIGN_OR_RETURN(const int64_t tables, ReadNumber(db, path, "SELECT count(*) FROM sqlite_master"));
   if (tables > 0 && application != kApplicationId) {
-    return absl::FailedPreconditionError(path + ": a database of another program");
+    return absl::FailedPreconditionError(path + ": found a database of another program, expected one of tesserad");
   }
   if (tables > 0 && (version < kOldestVersion || version > kSchemaVersion)) {
     return absl::FailedPreconditionError(path + ": schema version " + std::to_string(version) + ", expected " +
                                          std::to_string(kSchemaVersion) +
-                                         "; a coordinator of another version wrote it: use that, or another folder");
+                                         "; use the version of tesserad that wrote it, or another --data folder");
   }
   TESSERA_RETURN_IF_ERROR(RunSql(db, path, "PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL"));
   if (tables == 0) {
@@ -85,7 +85,7 @@ Status PrepareSchema(sqlite3* db, const std::string& path, const OwnerOf& owner_
   }
   TESSERA_RETURN_IF_ERROR(CheckIntegrity(db, path));
   if (tables > 0 && version < kSchemaVersion) TESSERA_RETURN_IF_ERROR(Migrate(db, path, version, owner_of));
-  return RunSql(db, path, kSetAside);
+  return RunSql(db, path, kQuarantined);
 }
 
 Status CheckIntegrity(sqlite3* db, const std::string& path) {
@@ -94,7 +94,7 @@ Status CheckIntegrity(sqlite3* db, const std::string& path) {
   if (step != SQLITE_ROW) return SqliteError(path, db, step, "integrity check");
   if (const std::string found = check.Bytes(0); found != "ok") {
     return absl::DataLossError(path + " is damaged: " + found +
-                               "; put a backup in its place, or keep what can be read of it: tesserad --salvage");
+                               "; restore a backup, or recover the readable records with tesserad --salvage");
   }
   return absl::OkStatus();
 }
@@ -104,8 +104,8 @@ Status CopyDatabase(sqlite3* db, const std::string& path, const std::string& to,
   sqlite3* opened = nullptr;
   int code = sqlite3_open_v2(temporary.c_str(), &opened, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, nullptr);
   std::unique_ptr<sqlite3, Closer> copy(opened);
-  Status status = code == SQLITE_OK ? absl::OkStatus() : SqliteError(to, opened, code, "cannot make a copy");
-  // One view of the database for all steps: without it every write begins the copy anew.
+  Status status = code == SQLITE_OK ? absl::OkStatus() : SqliteError(to, opened, code, "cannot create a copy");
+  // Hold one read transaction for all steps: without it, every concurrent write restarts the copy.
   if (status.ok()) status = RunSql(db, path, "BEGIN; SELECT count(*) FROM sqlite_master");
   if (status.ok()) {
     sqlite3_backup* const backup = sqlite3_backup_init(opened, "main", db, "main");
@@ -117,7 +117,7 @@ Status CopyDatabase(sqlite3* db, const std::string& path, const std::string& to,
     const Status ended = RunSql(db, path, "COMMIT");
     if (status.ok()) status = ended;
   }
-  // A copy is one file.
+  // Leave no write-ahead log beside the copy.
   if (status.ok()) status = RunSql(opened, to, "PRAGMA journal_mode=DELETE;" + change);
   if (status.ok()) status = CheckIntegrity(opened, to);
   copy.reset();

@@ -1,4 +1,4 @@
-// The tables of a store, those of earlier versions, and copies of the whole.
+// The tables of a store, their migration, and copies of the database.
 #ifndef TESSERA_SERVER_STORE_SQLITE_SCHEMA_H_
 #define TESSERA_SERVER_STORE_SQLITE_SCHEMA_H_
 
@@ -11,16 +11,16 @@ struct sqlite3;
 
 namespace tessera {
 
-// Makes the tables of a new file. Those of the version before become this one's in one transaction, after a copy of the
-// file was put beside it (PATH.v3). FAILED_PRECONDITION if the file is another program's or of a version that this one
-// knows nothing of; then nothing was changed. `owner_of`: may be empty.
+// Creates the tables of a new file. Migrates those of the previous version in one transaction, after copying the file
+// to PATH.v3. FAILED_PRECONDITION if the file belongs to another program or has an unsupported version; it is unchanged
+// then. `owner_of` may be empty.
 Status PrepareSchema(sqlite3* db, const std::string& path, const OwnerOf& owner_of);
 
-// DATA_LOSS with what SQLite finds wrong in the file, and how to go on.
+// DATA_LOSS with the result of SQLite's integrity check, and what to do.
 Status CheckIntegrity(sqlite3* db, const std::string& path);
 
-// Copies the database as it is now to a file, whole or not at all: what is written meanwhile waits for nothing and is
-// not in the copy. A file at `to` is replaced. `change`: SQL that the copy differs by.
+// Copies a snapshot of the database to `to`, atomically; replaces an existing file. Concurrent writes are not blocked
+// and are not in the copy. `change`: SQL to run on the copy.
 Status CopyDatabase(sqlite3* db, const std::string& path, const std::string& to, const std::string& change = "");
 
 }  // namespace tessera

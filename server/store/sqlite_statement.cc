@@ -44,7 +44,7 @@ void Statement::BindText(int index, const std::string& value) {
 }
 
 void Statement::BindBlob(int index, std::string_view value) {
-  // A null pointer would bind NULL.
+  // SQLite binds NULL for a null pointer, so pass "" for an empty value.
   Keep(sqlite3_bind_blob64(statement_, index, value.empty() ? "" : value.data(), value.size(), SQLITE_STATIC));
 }
 

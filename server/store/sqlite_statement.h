@@ -1,4 +1,4 @@
-// SQLite's C interface as the files of this folder use it. Included by .cc files only.
+// Wrappers of SQLite's C interface for this folder. Include in .cc files only.
 #ifndef TESSERA_SERVER_STORE_SQLITE_STATEMENT_H_
 #define TESSERA_SERVER_STORE_SQLITE_STATEMENT_H_
 
@@ -13,17 +13,17 @@ struct sqlite3_stmt;
 
 namespace tessera {
 
-// DATA_LOSS for a damaged file or another program's, RESOURCE_EXHAUSTED, FAILED_PRECONDITION for one that is locked,
-// else INTERNAL; with SQLite's words. `db`: may be null.
+// DATA_LOSS if the file is damaged or no database, RESOURCE_EXHAUSTED if the disk is full, FAILED_PRECONDITION if the
+// file is locked, else INTERNAL; with SQLite's message. `db` may be null.
 Status SqliteError(const std::string& path, sqlite3* db, int code, const std::string& what);
 
-// Statements without results, one after the other.
+// Runs statements without results.
 Status RunSql(sqlite3* db, const std::string& path, const std::string& sql);
 
 // The first column of the first row.
 StatusOr<int64_t> ReadNumber(sqlite3* db, const std::string& path, const char* sql);
 
-// A prepared statement that finalises itself. Binding and stepping report through codes. Not thread-safe.
+// A prepared statement with RAII. Errors of binding are returned by Step. Not thread-safe.
 class Statement {
  public:
   Statement(sqlite3* db, const char* sql);
@@ -37,7 +37,7 @@ class Statement {
   void BindBlob(int index, std::string_view value);
   // SQLITE_ROW, SQLITE_DONE or an error.
   int Step();
-  // To be bound and stepped through once more; nothing is held of what was bound.
+  // Prepares the statement for new values; releases the bound ones.
   void Reset();
   int64_t Int(int column);
   std::string Bytes(int column);

@@ -18,9 +18,9 @@ struct SqliteStore::Impl {
   sqlite3* db = nullptr;
   OwnerOf owner_of;
   int64_t start_count = 0;
-  int64_t next_id = 1;  // of records
+  int64_t next_id = 1;  // of the next record
   std::mutex mutex;
-  std::unique_ptr<Statement> insert;  // of records; made when first needed
+  std::unique_ptr<Statement> insert;  // of records; prepared at first use
   Durability durability = Durability::kMachine;
 
   ~Impl() {
@@ -32,7 +32,7 @@ struct SqliteStore::Impl {
 
   Status Run(const std::string& sql) { return RunSql(db, path, sql); }
 
-  // Numbers are given here and not by SQLite, which would give a removed record's again.
+  // Assign numbers here: SQLite would reuse the number of a removed record.
   Status Insert(const std::vector<std::string_view>& records) {
     if (insert == nullptr) {
       insert = std::make_unique<Statement>(db, "INSERT INTO records (id, content, xxh3, job) VALUES (?, ?, ?, ?)");
@@ -55,7 +55,7 @@ struct SqliteStore::Impl {
     return absl::OkStatus();
   }
 
-  // Ends the transaction that is open: commits if `status` is OK. Some errors have ended it already.
+  // Ends the open transaction: commits if `status` is OK, else rolls back unless the error has already done so.
   Status End(Status status) {
     if (status.ok()) status = Run("COMMIT");
     if (!status.ok() && sqlite3_get_autocommit(db) == 0) Run("ROLLBACK").IgnoreError();
@@ -71,7 +71,7 @@ struct SqliteStore::Impl {
     return jobs;
   }
 
-  // Notes [first, last] as removed, joined with its neighbours.
+  // Marks [first, last] as removed and merges it with adjacent ranges.
   Status NoteRemoved(int64_t first, int64_t last) {
     Statement before(db, "SELECT first FROM removed WHERE first < ? AND last = ? - 1 ORDER BY first DESC LIMIT 1");
     before.Bind(1, first);
@@ -85,8 +85,8 @@ struct SqliteStore::Impl {
     return Run("INSERT INTO removed VALUES (" + std::to_string(first) + ", " + std::to_string(last) + ")");
   }
 
-  // Of the commits from now on. Between commits that sync, the log is written but not synced: a later sync takes all
-  // of it along.
+  // Sets the durability of later commits. A commit with kProcess writes the log without a sync; the next sync covers
+  // it.
   Status SetDurability(Durability wanted) {
     if (wanted == durability) return absl::OkStatus();
     TESSERA_RETURN_IF_ERROR(
@@ -127,11 +127,11 @@ Status SqliteStore::Append(const std::vector<std::string_view>& records, Durabil
 
 Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>& visit) {
   std::lock_guard lock(impl_->mutex);
-  std::set<int64_t> set_aside;
-  Statement select_set_aside(impl_->db, "SELECT id FROM set_aside");
+  std::set<int64_t> quarantined;
+  Statement select_quarantined(impl_->db, "SELECT id FROM set_aside");
   int code = SQLITE_OK;
-  while ((code = select_set_aside.Step()) == SQLITE_ROW) set_aside.insert(select_set_aside.Int(0));
-  if (code != SQLITE_DONE) return impl_->Error(code, "cannot read what was set aside");
+  while ((code = select_quarantined.Step()) == SQLITE_ROW) quarantined.insert(select_quarantined.Int(0));
+  if (code != SQLITE_DONE) return impl_->Error(code, "cannot read the quarantined records");
   std::map<int64_t, int64_t> removed;  // first and last
   Statement select_removed(impl_->db, "SELECT first, last FROM removed");
   while ((code = select_removed.Step()) == SQLITE_ROW) removed[select_removed.Int(0)] = select_removed.Int(1);
@@ -145,11 +145,11 @@ Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>
     for (; next_removed != removed.end() && next_removed->first == expected; ++next_removed) {
       expected = next_removed->second + 1;
     }
-    if (id != expected && !set_aside.contains(expected)) {
-      visit({expected, absl::DataLossError("missing, as are all before " + std::to_string(id))});
+    if (id != expected && !quarantined.contains(expected)) {
+      visit({expected, absl::DataLossError("record missing, as are all before " + std::to_string(id))});
     }
     expected = id + 1;
-    if (set_aside.contains(id) || deleted.contains(static_cast<int>(select.Int(3)))) continue;
+    if (quarantined.contains(id) || deleted.contains(static_cast<int>(select.Int(3)))) continue;
     const std::string record = select.Bytes(1);
     if (static_cast<int64_t>(Xxh3(record)) == select.Int(2)) {
       visit({id, record});
@@ -163,14 +163,14 @@ Status SqliteStore::Replay(const std::function<void(const StoredRecord& record)>
   return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot read records");
 }
 
-Status SqliteStore::SetAside(int64_t number, const std::string& reason) {
+Status SqliteStore::Quarantine(int64_t number, const std::string& reason) {
   std::lock_guard lock(impl_->mutex);
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kMachine));
   Statement insert(impl_->db, "INSERT OR IGNORE INTO set_aside VALUES (?, ?)");
   insert.Bind(1, number);
   insert.BindText(2, reason);
   const int code = insert.Step();
-  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot set a record aside");
+  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot quarantine a record");
 }
 
 StatusOr<std::set<int>> SqliteStore::DeletedJobs() {
@@ -180,7 +180,7 @@ StatusOr<std::set<int>> SqliteStore::DeletedJobs() {
 
 StatusOr<int> SqliteStore::RemoveRecords(int max_records) {
   std::lock_guard lock(impl_->mutex);
-  // Lost with the machine, it is done again.
+  // A removal that is lost with the machine is repeated later.
   TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));
   Statement select(impl_->db,
                    "SELECT id FROM records WHERE job IN (SELECT job FROM deleted_jobs) ORDER BY job, id LIMIT ?");
@@ -219,14 +219,14 @@ std::optional<Digest> SqliteStore::Find(const std::string& path, const FileStamp
 
 Status SqliteStore::Remember(const std::string& path, const FileStamp& stamp, const Digest& digest) {
   std::lock_guard lock(impl_->mutex);
-  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));  // what is forgotten is hashed again
+  TESSERA_RETURN_IF_ERROR(impl_->SetDurability(Durability::kProcess));  // a lost digest is computed again
   Statement insert(impl_->db, "INSERT OR REPLACE INTO file_digests VALUES (?, ?, ?, ?)");
   insert.BindText(1, path);
   insert.Bind(2, stamp.size_bytes);
   insert.Bind(3, stamp.modified_ns);
   insert.BindText(4, digest.sha256);
   const int code = insert.Step();
-  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot remember a digest");
+  return code == SQLITE_DONE ? absl::OkStatus() : impl_->Error(code, "cannot store a digest");
 }
 
 Status BackUp(const std::string& database, const std::string& to) {
@@ -235,8 +235,8 @@ Status BackUp(const std::string& database, const std::string& to) {
   const std::unique_ptr<sqlite3, int (*)(sqlite3*)> db(opened, sqlite3_close_v2);
   if (code != SQLITE_OK) return SqliteError(database, opened, code, "cannot open");
   sqlite3_busy_timeout(opened, 2000);
-  // Workers of coordinators that started after this moment may be alive when one starts from the copy: their names,
-  // which have the start count in them, must not be given again, whichever copy is used how often.
+  // Worker names contain the start count. Workers of the original may still be alive when a coordinator starts from the
+  // copy, so the copy must never reach a start count of the original or of another copy.
   return CopyDatabase(opened, database, to, "UPDATE starts SET count = count + 1048576 + (random() & 1099511627775)");
 }
 

@@ -1,4 +1,4 @@
-// RecordStore and DigestCache in one SQLite file (write-ahead log, synced as each batch of records asks).
+// RecordStore and DigestCache in one SQLite file (write-ahead log; synced for Durability::kMachine).
 #ifndef TESSERA_SERVER_STORE_SQLITE_STORE_H_
 #define TESSERA_SERVER_STORE_SQLITE_STORE_H_
 
@@ -14,15 +14,15 @@ namespace tessera {
 
 class SqliteStore : public RecordStore, public DigestCache {
  public:
-  // Opens or makes the file; one of the version before is migrated, with a copy of it left beside it.
-  // FAILED_PRECONDITION if it is another program's or of another version; DATA_LOSS if it is damaged. `owner_of`:
-  // without it records are nobody's, and stay.
+  // Opens or creates the file. A file of the previous version is migrated, and a copy of it is kept.
+  // FAILED_PRECONDITION if the file belongs to another program or version; DATA_LOSS if it is damaged. Without
+  // `owner_of`, records belong to no job and are never removed.
   static StatusOr<std::unique_ptr<SqliteStore>> Open(const std::string& path, OwnerOf owner_of = {});
   ~SqliteStore() override;
 
   Status Append(const std::vector<std::string_view>& records, Durability durability) override;
   Status Replay(const std::function<void(const StoredRecord& record)>& visit) override;
-  Status SetAside(int64_t number, const std::string& reason) override;
+  Status Quarantine(int64_t number, const std::string& reason) override;
   StatusOr<std::set<int>> DeletedJobs() override;
   StatusOr<int> RemoveRecords(int max_records) override;
   int64_t StartCount() const override;
@@ -35,8 +35,8 @@ class SqliteStore : public RecordStore, public DigestCache {
   std::unique_ptr<Impl> impl_;
 };
 
-// Copies the database of a store, which may be in use, to a file that is replaced, whole or not at all: the records as
-// they are now. A store on the copy gives no start count that one on the original gives.
+// Copies a snapshot of a store's database, which may be in use, to `to`, atomically; replaces an existing file. Start
+// counts of the copy and of the original never coincide.
 Status BackUp(const std::string& database, const std::string& to);
 
 }  // namespace tessera

@@ -11,7 +11,7 @@
 namespace tessera {
 namespace {
 
-// job, tile, task, attempt, worker: in this order, as far as they are known.
+// Fields job, tile, task, attempt, worker, kind, in this order, if known.
 LogFields FieldsOf(const std::string& name, int attempt, const ChangedTask& task) {
   LogFields fields = {{"job", name.substr(0, name.find("/tasks/"))}};
   if (task.tile >= 0) fields.emplace_back("tile", std::to_string(task.tile));
@@ -22,7 +22,7 @@ LogFields FieldsOf(const std::string& name, int attempt, const ChangedTask& task
   return fields;
 }
 
-// An enum's value without the type that its name begins with.
+// An enum value's name without its type prefix.
 std::string Without(std::string_view type, std::string name) {
   if (name.starts_with(type)) name.erase(0, type.size());
   return name;
@@ -75,8 +75,8 @@ void LogRecord(const v1::Record& record, const ChangedTask& task) {
       if (change.has_paused()) fields.emplace_back("paused", change.paused() ? "yes" : "no");
       return LogInfo("job changed", fields);
     }
-    case v1::Record::kTileSetAside: {
-      const auto& change = record.tile_set_aside();
+    case v1::Record::kTileQuarantined: {
+      const auto& change = record.tile_quarantined();
       return LogWarning("tile quarantined", {{"job", change.job()},
                                              {"tile", std::to_string(change.tile())},
                                              {"task", change.job() + "/tasks/" + std::to_string(change.task())}});
@@ -91,14 +91,14 @@ void LogRecord(const v1::Record& record, const ChangedTask& task) {
       const auto& change = record.result_lost();
       LogFields fields = FieldsOf(change.task(), 0, task);
       fields.emplace_back("reason", change.reason());
-      return LogWarning("result lost, made again", fields);
+      return LogWarning("result lost, computed again", fields);
     }
     case v1::Record::kJobDeleted:
       return LogInfo("job deleted", {{"job", record.job_deleted().job()}, {"reason", record.job_deleted().reason()}});
-    case v1::Record::kJobBegunAnew:
+    case v1::Record::kJobRestarted:
       return LogWarning(
           "job of another version restarted",
-          {{"job", record.job_begun_anew().job()}, {"algorithm_version", record.job_begun_anew().algorithm_version()}});
+          {{"job", record.job_restarted().job()}, {"algorithm_version", record.job_restarted().algorithm_version()}});
     case v1::Record::CHANGE_NOT_SET:
       return;
   }
@@ -111,13 +111,12 @@ void LogWorkerSuspended(const SuspendedWorker& worker) {
 }
 
 void LogRecordQuarantined(int64_t number, const std::string& reason) {
-  LogError("stored record quarantined", {{"record", std::to_string(number)}, {"reason", reason}});
+  LogError("record quarantined", {{"record", std::to_string(number)}, {"reason", reason}});
 }
 
-void LogStorageTrouble(const Status& trouble) {
-  if (trouble.ok()) return LogInfo("journal writes again: leasing resumed");
-  LogError("journal write failed: leasing suspended until writes succeed",
-           {{"reason", std::string(trouble.message())}});
+void LogJournalStatus(const Status& trouble) {
+  if (trouble.ok()) return LogInfo("journal writes succeed again: leasing resumed");
+  LogError("journal write failed: leasing suspended", {{"reason", std::string(trouble.message())}});
 }
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// Log lines of changes of the coordinator's state (common/log).
+// Log lines for changes of the coordinator's state (common/log).
 #ifndef TESSERA_SERVER_TESSERAD_LOGGING_H_
 #define TESSERA_SERVER_TESSERAD_LOGGING_H_
 
@@ -16,17 +16,17 @@ class Record;
 struct ChangedTask;
 struct SuspendedWorker;
 
-// A change of state. `task`: of the record, if it has one.
+// Logs a change of state. `task`: the task of the record, if it has one.
 void LogRecord(const v1::Record& record, const ChangedTask& task);
 
-// A worker is suspended.
+// Logs that a worker gets no tasks for some time.
 void LogWorkerSuspended(const SuspendedWorker& worker);
 
-// A stored record cannot be used.
+// Logs that a stored record is unusable and quarantined.
 void LogRecordQuarantined(int64_t number, const std::string& reason);
 
-// Records cannot be stored now, with the reason; if OK: they can again.
-void LogStorageTrouble(const Status& trouble);
+// Logs why journal writes fail or, if `trouble` is OK, that they succeed again.
+void LogJournalStatus(const Status& trouble);
 
 }  // namespace tessera
 

@@ -18,14 +18,14 @@ namespace {
 
 Status CheckIsData(const std::string& data) {
   if (FileExists(data + "/state.sqlite")) return absl::OkStatus();
-  return absl::InvalidArgumentError(data + ": no data folder of a coordinator: it has no state.sqlite");
+  return absl::InvalidArgumentError(data + ": found no state.sqlite, expected a data folder of tesserad");
 }
 
 StatusOr<FileLock> LockUnused(const std::string& data) {
   TESSERA_RETURN_IF_ERROR(CheckIsData(data));
   StatusOr<FileLock> lock = FileLock::Acquire(data + "/lock");
   if (lock.ok()) return lock;
-  return Status(lock.status().code(), "a coordinator uses " + data + ": stop it first, or look at a backup (" +
+  return Status(lock.status().code(), "a coordinator uses " + data + ": stop it first, or use a backup (" +
                                           std::string(lock.status().message()) + ")");
 }
 
@@ -45,7 +45,7 @@ Status VerifyData(const std::string& data, bool deep) {
   const auto tell = [](const std::string& fault) { std::cout << fault << "\n"; };
   TESSERA_ASSIGN_OR_RETURN(const StateSummary found, VerifyState(*store, *blobs, deep, tell));
   std::cout << found.records << " records, " << found.jobs << " jobs, " << found.blobs << " blobs";
-  if (found.spare > 0) std::cout << " (" << found.spare << " not kept: made again where needed)";
+  if (found.spare > 0) std::cout << " (" << found.spare << " removed: recomputed on demand)";
   std::cout << ", " << found.faults << " faults\n";
   if (found.faults == 0) return absl::OkStatus();
   SystemClock clock;
@@ -57,14 +57,13 @@ Status VerifyData(const std::string& data, bool deep) {
   TESSERA_RETURN_IF_ERROR(Coordinator::QuarantineUnusable(environment));
   return absl::DataLossError(
       data + ": " + std::to_string(found.faults) +
-      " faults; what was damaged is quarantined, and missing files are made again when something "
-      "reads them");
+      " faults; damaged items are quarantined, and missing files are recomputed when a task reads them");
 }
 
 Status SalvageData(const std::string& data) {
   TESSERA_ASSIGN_OR_RETURN(const FileLock lock, LockUnused(data));
   TESSERA_ASSIGN_OR_RETURN(const Salvaged salvaged, Salvage(data + "/state.sqlite", OwnerOfRecord));
-  std::cout << salvaged.records << " records of " << salvaged.last << " can be used; the damaged file is "
+  std::cout << salvaged.records << " records of " << salvaged.last << " are readable; the damaged file is now "
             << salvaged.damaged << "\n";
   return absl::OkStatus();
 }

@@ -1,4 +1,4 @@
-// What `tesserad` does with a data folder instead of serving it. Results go to standard output.
+// Maintenance of a data folder: backup, verification and salvage. Results go to standard output.
 #ifndef TESSERA_SERVER_TESSERAD_MAINTENANCE_H_
 #define TESSERA_SERVER_TESSERAD_MAINTENANCE_H_
 
@@ -8,13 +8,14 @@
 
 namespace tessera {
 
-// The database of a data folder, whose coordinator may run, as one file.
+// Copies the database of a data folder to one file. The coordinator may be running.
 Status BackUpData(const std::string& data, const std::string& to);
 
-// DATA_LOSS if anything is wrong; what, is printed, and set aside where a start would do so. Nobody may use the folder.
+// Prints every fault and returns DATA_LOSS if there is one. Quarantines unusable records, as a start would. The folder
+// must not be in use.
 Status VerifyData(const std::string& data, bool deep);
 
-// Puts what can be read of a damaged database in its place. Nobody may use the folder.
+// Replaces a damaged database by one with its readable records. The folder must not be in use.
 Status SalvageData(const std::string& data);
 
 }  // namespace tessera

@@ -34,7 +34,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kLastAnswers_s = 1;  // for calls that are answered at once
+constexpr double kShutdownGrace_s = 1;  // for short calls that still run
 
 struct Flags {
   std::string data;
@@ -114,13 +114,13 @@ StatusOr<SceneListing> ListScene(const std::string& path, const SceneRequest& re
 // Ends the process when its parent ends, also if that has happened already.
 Status FollowParent() {
   const pid_t parent = ::getppid();
-  if (::prctl(PR_SET_PDEATHSIG, SIGTERM) != 0) return absl::InternalError("cannot follow the parent process");
-  if (::getppid() != parent || parent == 1) return absl::CancelledError("the parent process has gone");
+  if (::prctl(PR_SET_PDEATHSIG, SIGTERM) != 0) return absl::InternalError("cannot watch the parent process");
+  if (::getppid() != parent || parent == 1) return absl::CancelledError("the parent process has ended");
   return absl::OkStatus();
 }
 
-// Each connection is an open file, and shells give a process a thousand.
-void AllowManyFiles() {
+// Raises the limit of open files to its maximum: each connection is an open file, and the usual limit is 1024.
+void RaiseOpenFileLimit() {
   rlimit limit = {};
   if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
   limit.rlim_cur = limit.rlim_max;
@@ -129,20 +129,20 @@ void AllowManyFiles() {
 
 std::string DataFolder(const Flags& flags) { return std::filesystem::absolute(flags.data).lexically_normal().string(); }
 
-// Whom the coordinator asks who he is, and who was not asked.
-void WarnOfOpenDoors(const CoordinatorServer& server, const Access& access) {
+// Warns about addresses that accept calls without a token.
+void WarnOfOpenAddresses(const CoordinatorServer& server, const Access& access) {
   if (access.asks_for_tokens()) return;
   for (const std::string& address : server.addresses()) {
     if (IsSocketAddress(address)) continue;
     LogEvent(LogLevel::kWarning,
-             IsLocalAddress(address) ? "every local user may do everything: no --token-file"
-                                     : "whoever reaches this address may do everything: --insecure",
+             IsLocalAddress(address) ? "no --token-file: every local user has all rights"
+                                     : "--insecure: every caller that reaches this address has all rights",
              {{"address", address}});
   }
 }
 
-// Waits until no call moves data or reads a scene, so long at most. Another signal ends the process at once: what was
-// acknowledged is durable.
+// Waits up to `seconds` until no call transfers data or reads a scene. Another signal ends the process at once;
+// acknowledged changes are durable.
 void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& stop_signals) {
   const timespec poll = {0, 50'000'000};
   const SystemClock clock;
@@ -154,7 +154,8 @@ void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& 
 
 // Serves until a signal of `stop_signals` comes.
 Status Serve(const Flags& flags, const sigset_t& stop_signals) {
-  if (flags.data.empty()) return absl::InvalidArgumentError("no --data folder, and no home to put one");
+  if (flags.data.empty())
+    return absl::InvalidArgumentError("found neither --data nor a home folder, expected --data FOLDER");
   const std::string data = DataFolder(flags);
   ListenOptions listen = flags.listen;
   if (listen.addresses.empty()) listen.addresses = {"unix:" + data + "/socket"};
@@ -162,8 +163,8 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   TESSERA_RETURN_IF_ERROR(EnsurePrivateFolder(data));
   const auto lock = FileLock::Acquire(data + "/lock");
   if (!lock.ok()) {
-    return Status(lock.status().code(),
-                  "another coordinator uses " + data + "? " + std::string(lock.status().message()));
+    return Status(lock.status().code(), "cannot lock " + data + ", probably used by another coordinator: " +
+                                            std::string(lock.status().message()));
   }
   SystemClock clock;
   TESSERA_ASSIGN_OR_RETURN(const std::string worker_key, EnsureSecretFile(data + "/worker.key"));
@@ -184,7 +185,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   options.forget_worker_s = std::max(options.forget_worker_s, 3 * flags.lease_s);
   TESSERA_ASSIGN_OR_RETURN(const auto coordinator,
                            Coordinator::Open({store.get(), blobs.get(), &planner, &clock, LogRecord,
-                                              LogRecordQuarantined, LogStorageTrouble, LogWorkerSuspended},
+                                              LogRecordQuarantined, LogJournalStatus, LogWorkerSuspended},
                                              options));
 
   ServerEnvironment environment;
@@ -214,7 +215,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   }
   if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));
   for (const std::string& address : server->addresses()) std::cout << "tesserad listens on " << address << std::endl;
-  WarnOfOpenDoors(*server, *access);
+  WarnOfOpenAddresses(*server, *access);
   LogEvent(LogLevel::kInfo, "coordinator started",
            {{"address", server->address()}, {"data", data}, {"start", std::to_string(store->StartCount())}});
 
@@ -232,13 +233,13 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     if (const Status refreshed = access->Refresh(); refreshed.ToString() != last_refreshed) {
       last_refreshed = refreshed.ToString();
       if (!refreshed.ok()) {
-        LogEvent(LogLevel::kError, "token file not read, the tokens of before stay", {{"error", last_refreshed}});
+        LogEvent(LogLevel::kError, "token file not read: the earlier tokens stay valid", {{"error", last_refreshed}});
       }
     }
     const Status status = coordinator->Tick();
     const std::string error = status.ok() ? "" : status.ToString();
-    // Each trouble once, not at every tick.
-    if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "cannot go on", {{"error", error}});
+    // Log each error once, not at every tick.
+    if (!error.empty() && error != last_error) LogEvent(LogLevel::kError, "planning failed", {{"error", error}});
     last_error = error;
     server->Tick();
   }
@@ -246,38 +247,38 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   LogEvent(LogLevel::kInfo, "coordinator drains", {{"seconds", std::to_string(flags.drain_s)}});
   AwaitIdle(*server, flags.drain_s, stop_signals);
   LogEvent(LogLevel::kInfo, "coordinator stops");
-  server->Shutdown(kLastAnswers_s);
+  server->Shutdown(kShutdownGrace_s);
   return absl::OkStatus();
 }
 
-// The exit code, after a word about it.
-int Ended(const Status& status) {
+// Prints the error, if any, and returns the exit code.
+int ReportExit(const Status& status) {
   if (status.ok()) return 0;
   std::cerr << "tesserad: " << status.message() << "\n";
   return status.code() == absl::StatusCode::kInvalidArgument ? 2 : 1;
 }
 
-// A client is a token's name, else an address.
+// Options of the limits. A client is the name of a token or, without tokens, an address.
 void AddLimits(CLI::App& app, Flags& flags) {
   const auto limit = [&](const std::string& name, auto& value, const std::string& help) {
     app.add_option(name, value, help)->check(CLI::Range(1, 100'000'000))->capture_default_str()->group("Limits");
   };
   limit("--max-jobs-of-client", flags.jobs.of_client,
-        "jobs of a client (a token, else an address) that have not ended");
-  limit("--max-jobs", flags.jobs.in_all, "jobs of all that have not ended");
-  limit("--max-kept-jobs", flags.jobs.kept, "jobs until they are deleted, ended ones too");
-  limit("--max-workers-of-client", flags.workers.of_client, "workers that a client has registered");
-  limit("--max-workers", flags.workers.in_all, "workers of all");
-  limit("--max-watches", flags.limits.watches, "watches of a client");
+        "Limit of unfinished jobs per client (a token or, without tokens, an address)");
+  limit("--max-jobs", flags.jobs.in_all, "Limit of unfinished jobs of all clients");
+  limit("--max-kept-jobs", flags.jobs.kept, "Limit of jobs that are not deleted, including ended ones");
+  limit("--max-workers-of-client", flags.workers.of_client, "Limit of registered workers per client");
+  limit("--max-workers", flags.workers.in_all, "Limit of registered workers of all clients");
+  limit("--max-watches", flags.limits.watches, "Limit of open watches per client");
   limit("--max-transfers", flags.limits.transfers,
-        "calls that move results or read a scene, of a client or of one worker, at once");
-  limit("--max-all-transfers", flags.limits.all_transfers, "of all; each takes a thread");
-  limit("--max-uploads", flags.limits.uploads, "results that a client has begun to send and not finished");
-  app.add_option("--max-upload-gib", flags.upload_gib, "GiB that these will have")
+        "Limit of concurrent calls that transfer results or read a scene, per client and per worker");
+  limit("--max-all-transfers", flags.limits.all_transfers, "Limit of such calls of all clients; each uses a thread");
+  limit("--max-uploads", flags.limits.uploads, "Limit of unfinished uploads per client");
+  app.add_option("--max-upload-gib", flags.upload_gib, "Limit of the total size of unfinished uploads per client, GiB")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str()
       ->group("Limits");
-  app.add_option("--max-silence-s", flags.limits.silence_s, "a transfer of which nothing moves for so long is ended")
+  app.add_option("--max-silence-s", flags.limits.silence_s, "Abort a transfer without progress for this time, seconds")
       ->check(CLI::Range(1.0, 1e6))
       ->capture_default_str()
       ->group("Limits");
@@ -286,78 +287,89 @@ void AddLimits(CLI::App& app, Flags& flags) {
 int Main(int argc, char** argv) {
   Flags flags;
   flags.data = DefaultDataFolder();
-  CLI::App app("Coordinator of Tessera: takes jobs, plans tiles and hands out tasks to workers.", "tesserad");
+  CLI::App app("Run the coordinator of Tessera", "tesserad");
+  app.footer(
+      "The coordinator accepts jobs, plans tiles and leases tasks to workers.\n"
+      "Examples:\n"
+      "  tesserad --data /srv/tessera\n"
+      "  tesserad --listen 0.0.0.0:7575 --tls-cert keys/server.pem --tls-key keys/server.key --token-file keys/tokens "
+      "\\\n"
+      "           --scene-root /srv/cities\n"
+      "  tesserad --data /srv/tessera --backup state.backup");
   app.set_version_flag("--version", TESSERA_VERSION);
-  app.add_option("--data", flags.data, "folder for state and results")->capture_default_str();
-  app.add_option("--listen", flags.listen.addresses,
-                 "HOST:PORT (port 0: any) or unix:PATH to listen on, several; who may open the socket needs no token. "
-                 "Without it unix:DATA/socket, for the user alone");
-  app.add_option("--tls-cert", flags.listen.tls_cert, "certificate for every HOST:PORT, PEM")->type_name("FILE");
-  app.add_option("--tls-key", flags.listen.tls_key, "its key")->type_name("FILE");
-  app.add_option("--tls-ca", flags.listen.tls_ca, "callers need a certificate of this authority as well as a token")
+  app.add_option("--data", flags.data, "Folder for state and results")->capture_default_str();
+  app.add_option(
+      "--listen", flags.listen.addresses,
+      "Addresses to listen on: HOST:PORT (port 0: any free port) or unix:PATH, whose users need no token (default "
+      "unix:DATA/socket, for this user only)");
+  app.add_option("--tls-cert", flags.listen.tls_cert, "Certificate for every HOST:PORT, PEM")->type_name("FILE");
+  app.add_option("--tls-key", flags.listen.tls_key, "Key of the certificate, PEM")->type_name("FILE");
+  app.add_option("--tls-ca", flags.listen.tls_ca,
+                 "Certificate authority, PEM: callers need one of its certificates as well as a token")
       ->type_name("FILE");
   app.add_option("--token-file", flags.token_file,
-                 "who may call what, by the hash of his token (`tessera access token`); read again when it changes")
+                 "Roles of the callers by token hash (`tessera access token` writes it); read again when it changes")
       ->type_name("FILE");
   app.add_flag("--insecure", flags.listen.insecure,
-               "listen beyond this machine without asking anybody who he is: whoever reaches it may do everything");
+               "Allow network addresses without TLS or tokens: every caller that reaches them has all rights");
   app.add_option(
          "--scene-root", flags.scene_roots,
-         "folder whose scenes may be read, several; links must stay under one of them. Without it only files of "
-         "the user who runs this, in jobs that come through a socket")
+         "Folders whose scenes may be read; links must stay inside them. Without it, only jobs submitted through a "
+         "socket, with files owned by this user")
       ->type_name("FOLDER");
-  app.add_option("--port-file", flags.port_file, "write the bound HOST:PORT to this file");
+  app.add_option("--port-file", flags.port_file, "Write the bound HOST:PORT to this file");
   app.add_option("--metrics-listen", flags.listen.metrics,
-                 "HOST:PORT where Prometheus reads metrics, at /metrics; without it none are served. Whoever reaches "
-                 "it reads them: beyond this machine only with --open-metrics");
-  app.add_flag("--open-metrics", flags.listen.open_metrics,
-               "serve metrics beyond this machine too, to everybody who reaches them");
-  app.add_option("--lease-s", flags.lease_s, "a task returns to the queue when its worker is silent for so long")
+                 "Serve Prometheus metrics at http://HOST:PORT/metrics, without authentication; network addresses need "
+                 "--open-metrics");
+  app.add_flag("--open-metrics", flags.listen.open_metrics, "Allow a network address for --metrics-listen");
+  app.add_option("--lease-s", flags.lease_s,
+                 "Return a task to the queue if its worker sends no heartbeat for this time, seconds")
       ->check(CLI::Range(0.2, 86400.0))
       ->capture_default_str();
   app.add_option("--stall-s", flags.stall_s,
-                 "an attempt that shows no progress for so long, and for ten times what its task is predicted to take, "
-                 "is ended")
+                 "End an attempt without progress for this time, seconds, and for ten times its predicted duration")
       ->check(CLI::Range(0.2, 1e9))
       ->capture_default_str();
   app.add_option(
          "--keep-days", flags.keep_days,
-         "delete jobs so many days after they ended, unless others go on from them, and damaged results that were "
-         "set aside; 0: never")
+         "Delete jobs this many days after they ended, unless they are the base of another job, and quarantined blobs; "
+         "0: never")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
-  app.add_option(
-         "--blob-gib", flags.blob_gib,
-         "when results take more GiB, drop damaged ones that were set aside, then what can be made again of jobs that "
-         "have ended; 0: never")
+  app.add_option("--blob-gib", flags.blob_gib,
+                 "Limit of stored results, GiB: remove quarantined blobs, then results of ended jobs that can be "
+                 "recomputed; 0: no "
+                 "limit")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();
-  app.add_option("--drain-s", flags.drain_s,
-                 "when asked to stop (SIGTERM, SIGINT), take no jobs and lease nothing any more, say NOT_SERVING, and "
-                 "wait so long for calls that move data or read a scene; a second signal stops at once")
+  app.add_option(
+         "--drain-s", flags.drain_s,
+         "Drain time after SIGTERM or SIGINT, seconds: refuse jobs and leases, report NOT_SERVING, and wait for "
+         "calls that transfer data or read a scene; a second signal stops at once")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
   app.add_flag("--reflection", flags.listen.reflection,
-               "tell those who may read jobs which calls there are (grpc.reflection, for grpcurl and the like)");
+               "Serve gRPC reflection (for grpcurl) to callers that may read jobs");
   AddLimits(app, flags);
-  const auto instead = [&](CLI::Option* option) { return option->group("Instead of serving"); };
+  const auto instead = [&](CLI::Option* option) { return option->group("Maintenance (instead of serving)"); };
   instead(
-      app.add_option("--backup", flags.backup, "copy the state of the data folder, which may be in use, to this file"));
-  CLI::Option* const verify = instead(app.add_flag("--verify-state", flags.verify_state,
-                                                   "say what is wrong in the data folder; exit code 1 if anything is"));
-  instead(app.add_flag("--deep", flags.deep, "with --verify-state: read all results"))->needs(verify);
+      app.add_option("--backup", flags.backup, "Copy the state of the data folder, which may be in use, to this file"));
+  CLI::Option* const verify = instead(app.add_flag(
+      "--verify-state", flags.verify_state, "Check the data folder and list its faults; exit code 1 if there are any"));
+  instead(app.add_flag("--deep", flags.deep, "With --verify-state: read and hash all results"))->needs(verify);
   instead(app.add_flag("--salvage", flags.salvage,
-                       "of a damaged state, keep what can be read; the damaged file stays under another name"));
+                       "Recover the readable records of a damaged state; the damaged file is kept under another name"));
   app.add_flag("--no-shared-storage", flags.no_shared_storage,
-               "workers move all data through the blob service; else those of the same user share DATA/blobs, and "
-               "whoever may write there is trusted fully");
-  app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();
-  app.add_flag("--json-logs", flags.json_logs, "one JSON object a line");
-  app.add_flag("--exit-with-parent", flags.exit_with_parent, "stop when the process that started this one ends");
+               "Transfer all data of workers through the blob service; otherwise workers of this user read and write "
+               "DATA/blobs directly and must be trusted");
+  app.add_option("--log-level", flags.log_level, "Smallest level to log: debug, info, warn, error or off")
+      ->capture_default_str();
+  app.add_flag("--json-logs", flags.json_logs, "Log one JSON object per line");
+  app.add_flag("--exit-with-parent", flags.exit_with_parent, "Stop when the parent process ends");
   CLI11_PARSE(app, argc, argv);
   ::umask(S_IRWXG | S_IRWXO);
   DisableCoreDumps();
-  AllowManyFiles();
+  RaiseOpenFileLimit();
 
   if (const Status status = SetUpLog(flags.log_level, flags.json_logs); !status.ok()) {
     std::cerr << "tesserad: " << status.message() << "\n";
@@ -369,9 +381,9 @@ int Main(int argc, char** argv) {
     if (!flags.backup.empty()) status = BackUpData(data, flags.backup);
     if (status.ok() && flags.salvage) status = SalvageData(data);
     if (status.ok() && flags.verify_state) status = VerifyData(data, flags.deep);
-    return Ended(status);
+    return ReportExit(status);
   }
-  // Blocked in every thread and taken by Serve alone.
+  // Block the signals in every thread; Serve waits for them.
   sigset_t stop_signals;
   sigemptyset(&stop_signals);
   sigaddset(&stop_signals, SIGTERM);
@@ -380,7 +392,7 @@ int Main(int argc, char** argv) {
   ::signal(SIGPIPE, SIG_IGN);
   status = flags.exit_with_parent ? FollowParent() : absl::OkStatus();
   if (status.ok()) status = Serve(flags, stop_signals);
-  return Ended(status);
+  return ReportExit(status);
 }
 
 }  // namespace

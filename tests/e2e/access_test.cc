@@ -1,4 +1,4 @@
-// Who may use a coordinator: the programs with certificates, tokens and roots, as an operator would set them up.
+// Access control with the real programs: certificates, tokens and scene roots, set up as an operator would.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -84,7 +84,7 @@ std::string Bytes(const std::string& path) {
   return std::string(std::istreambuf_iterator<char>(file), {});
 }
 
-TEST_F(AccessTest, WithTlsTokensAndRootsAJobRunsAndNoSecretIsLeftAnywhere) {
+TEST_F(AccessTest, JobRunsWithTlsTokensAndRootsWithoutLeakingSecrets) {
   const auto coordinator = ServeTls();
   ASSERT_TRUE(coordinator->Running()) << coordinator->Output();
   const auto worker = Work("rack");
@@ -168,7 +168,7 @@ TEST_F(AccessTest, WithTlsTokensAndRootsAJobRunsAndNoSecretIsLeftAnywhere) {
 }
 
 // As after a fault of the program, in a folder where the system would leave the core.
-TEST_F(AccessTest, AProcessThatEndsBadlyLeavesNoCore) {
+TEST_F(AccessTest, CrashedProcessWritesNoCoreFile) {
   const auto coordinator = ServeTls();
   const auto worker = Work("rack");
   ASSERT_TRUE(WaitUntil([&] { return Holds(worker->Output(), "registered"); })) << worker->Output();
@@ -180,7 +180,7 @@ TEST_F(AccessTest, AProcessThatEndsBadlyLeavesNoCore) {
     EXPECT_EQ(limit.rlim_max, 1u);
     program->Signal(SIGQUIT);
     ASSERT_TRUE(WaitUntil([&] { return !program->Running(); }));
-    EXPECT_THAT(program->HowItEnded(), HasSubstr("signal 3"));
+    EXPECT_THAT(program->ExitDescription(), HasSubstr("signal 3"));
   }
   for (const std::string& folder : {folder_.path(), fs::current_path().string()}) {
     for (const auto& entry : fs::directory_iterator(folder)) {
@@ -189,7 +189,7 @@ TEST_F(AccessTest, AProcessThatEndsBadlyLeavesNoCore) {
   }
 }
 
-TEST_F(AccessTest, AFolderOfAnEarlierVersionIsClosedToOthers) {
+TEST_F(AccessTest, FolderOfEarlierVersionBecomesPrivate) {
   fs::create_directories(Path("data/blobs/ab"));
   std::ofstream(Path("data/blobs/ab/old")) << "x";
   for (const char* open : {"data", "data/blobs", "data/blobs/ab"}) fs::permissions(Path(open), fs::perms(0755));
@@ -203,7 +203,7 @@ TEST_F(AccessTest, AFolderOfAnEarlierVersionIsClosedToOthers) {
   EXPECT_EQ(jobs.exit_code, 0) << jobs.output;
 }
 
-TEST_F(AccessTest, WhatDoesNotFitTogetherIsRefusedAtTheStart) {
+TEST_F(AccessTest, InconsistentListenOptionsAreRefusedAtStart) {
   MakeKeys();
   const auto refused = [&](const std::vector<std::string>& arguments) {
     std::vector<std::string> all = {"--data", Path("data")};

@@ -1,4 +1,4 @@
-// Each kind of wrong input: its message, exit code 3, nothing half-written.
+// Each kind of wrong input gives its message and exit code 3, and leaves no partial files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -74,7 +74,7 @@ std::vector<BadInput> BadInputs() {
 
 class BadInputTest : public testing::TestWithParam<BadInput> {};
 
-TEST_P(BadInputTest, HasItsMessageAndItsExitCodeAndLeavesNothing) {
+TEST_P(BadInputTest, ReportsFaultWithExitCodeAndLeavesNoFiles) {
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
   const std::string city = folder.path() + "/city";
   fs::copy(ToyCity(), city, fs::copy_options::recursive);
@@ -90,7 +90,7 @@ TEST_P(BadInputTest, HasItsMessageAndItsExitCodeAndLeavesNothing) {
 INSTANTIATE_TEST_SUITE_P(Kinds, BadInputTest, testing::ValuesIn(BadInputs()),
                          [](const testing::TestParamInfo<BadInput>& kind) { return kind.param.name; });
 
-TEST(BadInputLeftoversTest, ARefusedSceneLeavesNoFolderAndOldResultsStay) {
+TEST(BadInputLeftoversTest, RefusedSceneKeepsFolderState) {
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
   const std::string city = folder.path() + "/city";
   ASSERT_TRUE(EnsureFolder(city).ok());
@@ -104,7 +104,7 @@ TEST(BadInputLeftoversTest, ARefusedSceneLeavesNoFolderAndOldResultsStay) {
   EXPECT_EQ(Content(out + "/mesh.ply"), "of an earlier run");
 }
 
-TEST(BadSettingsTest, AreRefusedBeforeAnyWork) {
+TEST(BadSettingsTest, InvalidSettingsAreRefusedBeforeAnyTask) {
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
   const std::string out = folder.path() + "/out";
   const Outcome run = Tessera(folder.path(), {"run", ToyCity(), "--out", out, "--method", "magic", "--window-px", "12",

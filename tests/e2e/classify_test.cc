@@ -1,4 +1,4 @@
-// `tessera classify`: from four painted images to likelihoods, and on to a labelled mesh.
+// `tessera classify`: from four annotated images to likelihoods and a labelled mesh.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -61,7 +61,7 @@ class ClassifyTest : public testing::Test {
   std::string except_;  // the painted images
 };
 
-TEST_F(ClassifyTest, FourPaintedImagesGiveALabelledMesh) {
+TEST_F(ClassifyTest, FourAnnotatedImagesGiveALabelledMesh) {
   const std::string out = folder_.path() + "/classified", model = folder_.path() + "/city.model";
   const Outcome classified = Run({"classify", ToyCity(), "--train", painted_, "--out", out, "--save-model", model});
   ASSERT_EQ(classified.exit_code, 0) << classified.output;
@@ -96,7 +96,7 @@ TEST_F(ClassifyTest, FourPaintedImagesGiveALabelledMesh) {
   EXPECT_GT(OverallAccuracy(again + "/geometry"), 0.8);
 }
 
-TEST_F(ClassifyTest, WithNothingGivenTheDefaultIsMarked) {
+TEST_F(ClassifyTest, DefaultRuleIsMarkedInTheScene) {
   const std::string out = folder_.path() + "/guessed";
   const Outcome outcome = Run({"classify", ToyCity(), "--out", out});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
@@ -105,8 +105,8 @@ TEST_F(ClassifyTest, WithNothingGivenTheDefaultIsMarked) {
   EXPECT_THAT(Run({"check", out}).output, HasSubstr("a default from geometry and greenness"));
 }
 
-// The job makes the likelihoods, by a model that lies anywhere, on workers that share no files.
-TEST_F(ClassifyTest, AJobClassifiesItsImages) {
+// The job computes the likelihoods with a given model, on workers without shared storage.
+TEST_F(ClassifyTest, JobComputesLikelihoods) {
   const std::string model = folder_.path() + "/city.model", out = folder_.path() + "/out";
   ASSERT_EQ(
       Run({"classify", ToyCity(), "--train", painted_, "--out", folder_.path() + "/classified", "--save-model", model})
@@ -143,7 +143,7 @@ TEST_F(ClassifyTest, AJobClassifiesItsImages) {
   EXPECT_FALSE(fs::exists(folder_.path() + "/none"));
 }
 
-TEST_F(ClassifyTest, ImagesAndABareMeshGiveLabels) {
+TEST_F(ClassifyTest, UnlabelledMeshGetsLabelsFromImages) {
   const std::string bare = folder_.path() + "/bare", out = folder_.path() + "/out";
   fs::create_directory(bare);
   for (const char* part : {"colmap", "images"}) fs::create_directory_symlink(ToyCity() + "/" + part, bare + "/" + part);
@@ -169,7 +169,7 @@ TEST_F(ClassifyTest, ImagesAndABareMeshGiveLabels) {
   EXPECT_THAT(Content(folder_.path() + "/plain/report.json"), Not(HasSubstr("a default from")));
 }
 
-TEST_F(ClassifyTest, BadInputIsTold) {
+TEST_F(ClassifyTest, BadInputIsReported) {
   const std::string out = folder_.path() + "/out";
   Outcome outcome = Run({"classify", ToyCity(), "--train", folder_.path() + "/none", "--out", out});
   EXPECT_EQ(outcome.exit_code, 3);

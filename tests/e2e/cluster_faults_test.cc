@@ -1,4 +1,4 @@
-// What one bad request, report, copy, task or machine does to a cluster: nothing.
+// A bad request, report, record, task or machine does not stop a cluster.
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
@@ -78,7 +78,7 @@ class ClusterFaultsTest : public testing::Test {
   TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();
 };
 
-TEST_F(ClusterFaultsTest, AReportOfAnyDepthIsRefusedAndTheCoordinatorLives) {
+TEST_F(ClusterFaultsTest, DeeplyNestedReportIsRefused) {
   Cluster cluster(folder_.path());
   const std::string job = cluster.Submit(ToyCity(), 4).name();
   ScriptedWorker worker(cluster.address());
@@ -100,8 +100,8 @@ TEST_F(ClusterFaultsTest, AReportOfAnyDepthIsRefusedAndTheCoordinatorLives) {
   EXPECT_EQ(cluster.Await(job).state(), v1::JOB_STATE_FAILED);
 }
 
-// A backup that holds the database, a disk that is full.
-TEST_F(ClusterFaultsTest, WhatCannotBeStoredForAWhileIsWaitedFor) {
+// Journal writes fail while a backup locks the database or the disk is full.
+TEST_F(ClusterFaultsTest, JobSurvivesTemporaryJournalFailure) {
   Cluster cluster(folder_.path());
   const std::string job = cluster.Submit(ToyCity(), 4).name();
   cluster.AddWorker();
@@ -115,13 +115,13 @@ TEST_F(ClusterFaultsTest, WhatCannotBeStoredForAWhileIsWaitedFor) {
   std::this_thread::sleep_for(std::chrono::seconds(4));  // longer than a lease
   sqlite3_close(db);
   EXPECT_EQ(cluster.Await(job).state(), v1::JOB_STATE_SUCCEEDED);
-  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("journal writes again"));
+  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("journal writes succeed again"));
   for (const v1::Task& task : cluster.Tasks(job)) EXPECT_EQ(task.attempt(), 1) << task.title();
   EXPECT_TRUE(cluster.workers()[0]->Running());
   EXPECT_TRUE(Content(cluster.Fetch(job) + "/mesh.ply") == Content(UndisturbedMesh()));
 }
 
-TEST_F(ClusterFaultsTest, ARecordThatCannotBeUsedStopsNoStart) {
+TEST_F(ClusterFaultsTest, UnusableRecordIsQuarantinedAtStart) {
   Cluster cluster(folder_.path());
   const std::string spoiled = cluster.Submit(ToyCity(), 4).name(), other = cluster.Submit(ToyCity(), 2).name();
   cluster.coordinator().Kill();
@@ -135,10 +135,9 @@ TEST_F(ClusterFaultsTest, ARecordThatCannotBeUsedStopsNoStart) {
   }
   cluster.StartCoordinator();
   const std::string first = std::to_string(last + 1), second = std::to_string(last + 2);
-  EXPECT_THAT(
-      cluster.coordinator().Output(),
-      testing::AllOf(HasSubstr("stored record quarantined record=" + first + " reason=\"not a record\""),
-                     HasSubstr("stored record quarantined record=" + second + " reason=\"the next job is jobs/3")));
+  EXPECT_THAT(cluster.coordinator().Output(),
+              testing::AllOf(HasSubstr("record quarantined record=" + first + " reason=\"not a record\""),
+                             HasSubstr("record quarantined record=" + second + " reason=\"the next job is jobs/3")));
   const v1::Job job = cluster.Await(spoiled);
   EXPECT_EQ(job.state(), v1::JOB_STATE_FAILED);
   EXPECT_THAT(job.error(), HasSubstr("stored record " + second + " cannot be used: the next job is jobs/3"));
@@ -147,7 +146,7 @@ TEST_F(ClusterFaultsTest, ARecordThatCannotBeUsedStopsNoStart) {
   EXPECT_EQ(cluster.Submit(ToyCity(), 4).name(), "jobs/3");
 }
 
-TEST_F(ClusterFaultsTest, ARequestUsedAgainForAnotherJobIsRefused) {
+TEST_F(ClusterFaultsTest, RequestIdReusedForAnotherJobIsRefused) {
   Cluster cluster(folder_.path());
   EXPECT_EQ(cluster.Submit(ToyCity(), 4, "night").name(), "jobs/1");
   cluster.coordinator().Kill();
@@ -165,7 +164,7 @@ TEST_F(ClusterFaultsTest, ARequestUsedAgainForAnotherJobIsRefused) {
               testing::AllOf(HasSubstr("tiles: found 9, expected 4"), HasSubstr("update.base: found \"jobs/1\"")));
 }
 
-TEST_F(ClusterFaultsTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
+TEST_F(ClusterFaultsTest, JobReadsItsOwnSceneWhenACopyIsRemoved) {
   Cluster cluster(folder_.path());
   const std::string copy = folder_.path() + "/copy";
   fs::copy(ToyCity(), copy, fs::copy_options::recursive);
@@ -178,7 +177,7 @@ TEST_F(ClusterFaultsTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
   EXPECT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
 }
 
-TEST_F(ClusterFaultsTest, ATaskThatHangsIsEndedAndDoneByAnother) {
+TEST_F(ClusterFaultsTest, StalledTaskIsRetriedByAnotherWorker) {
   Cluster cluster(folder_.path(), 3, {"--stall-s", "2"});
   const std::string job = cluster.Submit(ToyCity(), 4).name();
   ScriptedWorker hanging(cluster.address());
@@ -191,8 +190,8 @@ TEST_F(ClusterFaultsTest, ATaskThatHangsIsEndedAndDoneByAnother) {
   EXPECT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
 }
 
-// It is published as it was, flagged; tried again, it is as if nothing had happened.
-TEST_F(ClusterFaultsTest, ATileThatFailsEverywhereIsQuarantinedAndCanBeRetried) {
+// The tile is published unrefined and flagged; after a retry the result equals that of a job without the failure.
+TEST_F(ClusterFaultsTest, FailingTileIsQuarantinedAndCanBeRetried) {
   Cluster cluster(folder_.path());
   const auto tessera = [&](std::vector<std::string> arguments) {
     arguments.insert(arguments.end(), {"--coordinator", cluster.address()});
@@ -226,7 +225,7 @@ TEST_F(ClusterFaultsTest, ATileThatFailsEverywhereIsQuarantinedAndCanBeRetried) 
 }
 
 // Each worker has a host name of its own, which goes with it.
-TEST_F(ClusterFaultsTest, MachinesThatAreTakenAwayDoNotFailATask) {
+TEST_F(ClusterFaultsTest, PreemptedMachinesDoNotFailATask) {
   const auto machine = [](int i) -> std::vector<std::string> {
     const std::string start = "hostname spot-" + std::to_string(i) + " && exec \"$0\" \"$@\"";
     if (::geteuid() == 0) return {"/usr/bin/unshare", "--uts", "/bin/sh", "-c", start};

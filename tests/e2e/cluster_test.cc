@@ -1,4 +1,4 @@
-// A coordinator and workers that die, restart, or share nothing.
+// Coordinator and workers that are killed, restarted or without shared storage.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -38,7 +38,7 @@ class ClusterTest : public testing::Test {
   TempFolder folder_;
 };
 
-TEST_F(ClusterTest, AWorkerKilledWhileItMeasuresOnlyDelaysTheJob) {
+TEST_F(ClusterTest, KilledWorkerDoesNotChangeTheResult) {
   Cluster cluster(folder_.path());
   cluster.AddWorker();
   cluster.AddWorker();
@@ -61,7 +61,7 @@ TEST_F(ClusterTest, AWorkerKilledWhileItMeasuresOnlyDelaysTheJob) {
   EXPECT_TRUE(Content(out + "/mesh.ply") == Content(UndisturbedMesh()));
 }
 
-TEST_F(ClusterTest, ACoordinatorKilledInTheMiddleGoesOnWhenItIsBack) {
+TEST_F(ClusterTest, KilledCoordinatorResumesTheJob) {
   Cluster cluster(folder_.path(), 15);
   cluster.AddWorker();
   cluster.AddWorker();
@@ -82,7 +82,7 @@ TEST_F(ClusterTest, ACoordinatorKilledInTheMiddleGoesOnWhenItIsBack) {
   EXPECT_THAT(watched.output, HasSubstr("tiles 4/4"));
 }
 
-TEST_F(ClusterTest, WorkersMayComeAndGo) {
+TEST_F(ClusterTest, ResultDoesNotDependOnWorkersJoiningAndLeaving) {
   Cluster cluster(folder_.path());
   const v1::Job submitted = cluster.Submit(ToyCity(), 4);
   Program& first = cluster.AddWorker();
@@ -100,7 +100,7 @@ TEST_F(ClusterTest, WorkersMayComeAndGo) {
 
 // The scene and the coordinator's folder belong to root alone; the worker is nobody. Without root, the worker gets a
 // mount name space in which an empty file system covers them.
-TEST_F(ClusterTest, AWorkerThatCannotReadTheCoordinatorsFolderGetsAllFromTheBlobService) {
+TEST_F(ClusterTest, WorkerWithoutSharedFolderUsesBlobService) {
   const std::string hidden = folder_.path() + "/hidden";
   ASSERT_TRUE(EnsureFolder(hidden).ok());
   fs::copy(ToyCity(), hidden + "/city", fs::copy_options::recursive);
@@ -147,7 +147,7 @@ TEST_F(ClusterTest, AWorkerThatCannotReadTheCoordinatorsFolderGetsAllFromTheBlob
   }
 }
 
-TEST_F(ClusterTest, TheSameRequestIsTheSameJob) {
+TEST_F(ClusterTest, RepeatedRequestIdReturnsTheSameJob) {
   Cluster cluster(folder_.path());
   const std::string name = cluster.Submit(ToyCity(), 4, "request-1").name();
   EXPECT_EQ(cluster.Submit(ToyCity(), 4, "request-1").name(), name);
@@ -157,7 +157,7 @@ TEST_F(ClusterTest, TheSameRequestIsTheSameJob) {
   EXPECT_EQ(cluster.Submit(ToyCity(), 4, "request-1").name(), name);
 }
 
-TEST_F(ClusterTest, TheCommandsOfAJobsLife) {
+TEST_F(ClusterTest, CommandsOfAJobsLifecycle) {
   Cluster cluster(folder_.path());
   const auto tessera = [&](std::vector<std::string> arguments) {
     arguments.insert(arguments.end(), {"--coordinator", cluster.address()});
@@ -169,7 +169,7 @@ TEST_F(ClusterTest, TheCommandsOfAJobsLife) {
   EXPECT_THAT(tessera({"jobs", "1"}).output, HasSubstr("no worker is registered"));
   EXPECT_EQ(tessera({"priority", "1", "5"}).output, "jobs/1 queued, priority 5\n");
   EXPECT_EQ(tessera({"pause", "1"}).output, "jobs/1 paused, priority 5\n");
-  EXPECT_THAT(tessera({"jobs", "jobs/1"}).output, HasSubstr("why        paused"));
+  EXPECT_THAT(tessera({"jobs", "jobs/1"}).output, HasSubstr("reason     paused"));
   EXPECT_EQ(tessera({"resume", "1"}).output, "jobs/1 queued, priority 5\n");
   EXPECT_EQ(tessera({"retry", "1"}).exit_code, 1);
   EXPECT_EQ(tessera({"fetch", "1", "--out", folder_.path() + "/out"}).exit_code, 1);
@@ -189,7 +189,7 @@ TEST_F(ClusterTest, TheCommandsOfAJobsLife) {
   EXPECT_FALSE(fs::exists(folder_.path() + "/fetched/.fetch"));
 }
 
-TEST(CommandTest, WrongArgumentsAndNobodyThereHaveTheirOwnExitCodes) {
+TEST(CommandTest, ExitCodesOfWrongArgumentsAndUnavailableCoordinator) {
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
   EXPECT_EQ(Tessera(folder.path(), {"run"}).exit_code, 2);
   EXPECT_EQ(Tessera(folder.path(), {"submit", "x", "--tiles", "many"}).exit_code, 2);

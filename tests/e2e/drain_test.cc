@@ -1,4 +1,4 @@
-// Programs that are asked to stop, and watches that outlive them.
+// Draining of coordinator and workers, and watches across a restart.
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
@@ -49,7 +49,7 @@ class DrainTest : public testing::Test {
   TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();
 };
 
-TEST_F(DrainTest, ACoordinatorThatStopsLetsCallsEnd) {
+TEST_F(DrainTest, DrainingCoordinatorWaitsForCalls) {
   Cluster cluster(folder_.path(), 3, {"--drain-s", "600"});
   cluster.Submit(ToyCity(), 2);
   Upload upload(cluster);
@@ -72,7 +72,7 @@ TEST_F(DrainTest, ACoordinatorThatStopsLetsCallsEnd) {
   EXPECT_EQ(cluster.coordinator().Wait().exit_code, 0);
 }
 
-TEST_F(DrainTest, ASecondSignalStopsACoordinatorAtOnce) {
+TEST_F(DrainTest, SecondSignalStopsCoordinatorImmediately) {
   Cluster cluster(folder_.path(), 3, {"--drain-s", "600"});
   cluster.Submit(ToyCity(), 2);
   Upload upload(cluster);
@@ -85,7 +85,7 @@ TEST_F(DrainTest, ASecondSignalStopsACoordinatorAtOnce) {
   EXPECT_TRUE(cluster.connection().GetJob("jobs/1", &job).ok()) << "what was acknowledged is there";
 }
 
-TEST_F(DrainTest, AWorkerThatStopsEndsItsTask) {
+TEST_F(DrainTest, DrainingWorkerFinishesItsTask) {
   Cluster cluster(folder_.path());
   const v1::Job job = cluster.Submit(ToyCity(), 4);
   Program& worker = cluster.AddWorker({"--drain-s", "600"});
@@ -102,8 +102,8 @@ TEST_F(DrainTest, AWorkerThatStopsEndsItsTask) {
   for (const v1::Task& task : cluster.Tasks(job.name())) EXPECT_NE(task.state(), v1::TASK_STATE_LEASED);
 }
 
-// Each state once, the end among them, though the coordinator was killed and started anew.
-TEST_F(DrainTest, AWatchGoesOnWhereItWas) {
+// Every state is sent once, including the final one, although the coordinator was killed and restarted.
+TEST_F(DrainTest, WatchResumesAfterCoordinatorRestart) {
   Cluster cluster(folder_.path());
   const v1::Job job = cluster.Submit(ToyCity(), 2);
   Program watch(folder_.path(), TESSERA_PROGRAM, {"watch", job.name(), "--json", "--coordinator", cluster.address()});

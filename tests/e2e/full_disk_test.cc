@@ -1,4 +1,4 @@
-// Disks that are really full: small file systems for the coordinator's state, for blobs and for a worker's scratch.
+// Full disks: small file systems for the coordinator's state, for blobs and for a worker's scratch.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sched.h>
@@ -20,7 +20,7 @@ using testing::Key;
 
 constexpr int64_t kDisk_bytes = int64_t{256} << 20, kSmall_bytes = 300 << 10;
 
-TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
+TEST(FullDiskTest, JobSurvivesFullDisksOfStateBlobsAndScratch) {
   if (const Status own = EnterNamespaces(CLONE_NEWNS); !own.ok()) GTEST_SKIP() << own.message();
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
   const std::string state = folder.path() + "/data", blobs = state + "/blobs", scratch = folder.path() + "/scratch";
@@ -46,7 +46,7 @@ TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
   // One worker has too little room, and gets no tasks; another does them.
   ASSERT_TRUE(told("worker suspended"));
   EXPECT_THAT(Tessera(folder.path(), {"jobs", "--workers", "--coordinator", cluster.address()}).output,
-              AllOf(HasSubstr("set aside for"), HasSubstr("No space left on device")));
+              AllOf(HasSubstr("suspended for"), HasSubstr("No space left on device")));
   EXPECT_EQ(cluster.Tasks(job).at(0).error().error_class(), v1::ERROR_CLASS_SCRATCH);
   cluster.AddWorker();
   ASSERT_TRUE(goes_on());
@@ -56,7 +56,7 @@ TEST(FullDiskTest, AJobOutlastsFullDisksOfStateBlobsAndScratch) {
   EXPECT_THAT(Tessera(folder.path(), {"jobs", job, "--coordinator", cluster.address()}).output,
               HasSubstr("database or disk is full"));
   full.reset();
-  ASSERT_TRUE(told("journal writes again"));
+  ASSERT_TRUE(told("journal writes succeed again"));
   ASSERT_TRUE(goes_on());
 
   full.emplace(blobs);

@@ -1,4 +1,4 @@
-// A worker of the test's own, for calls that only one with a lease may make.
+// A registered worker with a lease, for calls that only such a worker may make.
 #ifndef TESSERA_TESTS_E2E_LEASED_WORKER_H_
 #define TESSERA_TESTS_E2E_LEASED_WORKER_H_
 
@@ -13,8 +13,8 @@ class Channel;
 
 namespace tessera::e2e {
 
-// Registers a worker at the coordinator and waits up to 20 s for a lease; the channel's calls are the worker's.
-// UNAVAILABLE if there was no task.
+// Registers a worker at the coordinator and waits up to 20 s for a lease. Calls over the channel carry the worker's
+// secret. UNAVAILABLE if no task was ready.
 StatusOr<std::shared_ptr<grpc::Channel>> ConnectLeasedWorker(const std::string& address);
 
 }  // namespace tessera::e2e

@@ -1,4 +1,4 @@
-// Which job made each tile of an updated city, and what of it is new: by the real executables.
+// `tessera lineage` and `fetch --changed-since` after an update, with the real executables.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -37,7 +37,7 @@ std::set<std::string> FilesIn(const std::string& folder) {
 }
 
 // A job and its update, asked in the folders that `tessera run` left and at a coordinator with their state.
-TEST(LineageTest, AnUpdatedCityTellsWhichTilesAreNewAndOfWhichImages) {
+TEST(LineageTest, LineageOfUpdateNamesRefinedTilesAndImages) {
   const TempFolder folder = TempFolder::Create(testing::TempDir()).value();
   const std::string base = folder.path() + "/base", next = folder.path() + "/next";
   CopyStreetResult(base);

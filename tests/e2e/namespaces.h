@@ -1,4 +1,4 @@
-// Mounts and networks that a test may spoil: namespaces of its process and of all programs that it starts.
+// Mount and network namespaces for a test process and the programs that it starts.
 #ifndef TESSERA_TESTS_E2E_NAMESPACES_H_
 #define TESSERA_TESTS_E2E_NAMESPACES_H_
 
@@ -9,17 +9,17 @@
 
 namespace tessera::e2e {
 
-// Gives this process, and what it starts from now on, mounts (CLONE_NEWNS) or a network (CLONE_NEWNET, loopback alone)
-// of their own; who is not root becomes it, in a user namespace. All of it is gone with the last of the processes.
-// FAILED_PRECONDITION with the reason where that is not permitted; without root it never is once there are threads.
+// Moves this process to a new mount namespace (CLONE_NEWNS) or network namespace (CLONE_NEWNET, loopback only); child
+// processes inherit it. Without root, also enters a user namespace as root. The namespace ends with its last process.
+// FAILED_PRECONDITION with the reason if not permitted; without root that includes any process with threads.
 Status EnterNamespaces(int kinds);
 
-// Makes the folder, and an empty file system in memory on it. Needs mounts of one's own.
+// Creates the folder and mounts an empty tmpfs on it. Needs a mount namespace.
 Status MountMemory(const std::string& folder, int64_t bytes);
 Status Unmount(const std::string& folder);
 
-// As long as it lives, a file system of MountMemory is full: no larger than what is in it. Throws std::runtime_error
-// if that cannot be.
+// While it exists, a file system of MountMemory is full: its size is reduced to its content. Throws std::runtime_error
+// on failure.
 class FullDisk {
  public:
   explicit FullDisk(const std::string& folder);
@@ -29,7 +29,7 @@ class FullDisk {
 
  private:
   const std::string folder_;
-  int64_t bytes_ = 0;  // that it had room for
+  int64_t bytes_ = 0;  // original size
 };
 
 }  // namespace tessera::e2e

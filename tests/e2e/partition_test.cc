@@ -1,4 +1,4 @@
-// Machines whose link goes: coordinator and workers in network namespaces of their own, joined by a cable.
+// Network partition: coordinator and workers in separate network namespaces, joined by a virtual cable.
 #include <gtest/gtest.h>
 #include <sched.h>
 
@@ -30,7 +30,7 @@ class PartitionTest : public testing::Test {
   TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();
 };
 
-TEST_F(PartitionTest, WorkersBehindALinkThatGoesLoseTheirTasksOnceAndComeBack) {
+TEST_F(PartitionTest, WorkersRecoverFromNetworkPartition) {
   constexpr double kLease_s = 2;
   if (const Status own = EnterNamespaces(CLONE_NEWNET); !own.ok()) GTEST_SKIP() << own.message();
   Program there(folder_.path(), "/usr/bin/unshare", {"--net", "/bin/sleep", "infinity"});

@@ -85,7 +85,7 @@ std::string Program::Output() const { return Content(process_->log()); }
 
 Outcome Program::Wait() {
   EXPECT_TRUE(WaitUntil([&] { return !process_->Running(); })) << Output();
-  const std::string ended = process_->HowItEnded();
+  const std::string ended = process_->ExitDescription();
   Outcome outcome;
   outcome.output = Output();
   if (ended.rfind("exit code ", 0) == 0) outcome.exit_code = std::stoi(ended.substr(10));

@@ -1,4 +1,4 @@
-// The programs under test as processes, and the city that they work on.
+// Runs the programs under test as processes, and provides their scenes.
 #ifndef TESSERA_TESTS_E2E_PROGRAMS_H_
 #define TESSERA_TESTS_E2E_PROGRAMS_H_
 
@@ -24,53 +24,53 @@ struct Outcome {
   std::string output;  // standard output and errors together
 };
 
-// A running program; its output goes to a file of its own in `folder`.
+// A running program; its output goes to its own file in `folder`.
 class Program {
  public:
   Program(const std::string& folder, const std::string& program, const std::vector<std::string>& arguments);
   pid_t pid() const { return process_->pid(); }
   bool Running() { return process_->Running(); }
   // "exit code 1", "signal 9 (Killed)"; empty while it runs.
-  std::string HowItEnded() { return process_->HowItEnded(); }
+  std::string ExitDescription() { return process_->ExitDescription(); }
   void Signal(int signal);
   std::string Output() const;
   Outcome Wait();
-  // SIGKILL, and waits.
+  // Sends SIGKILL and waits.
   void Kill();
 
  private:
   std::unique_ptr<ChildProcess> process_;
 };
 
-// `tessera` with these arguments, to its end.
+// Runs `tessera` with these arguments until it ends.
 Outcome Tessera(const std::string& folder, const std::vector<std::string>& arguments);
 
-// Folder of a toy city, made once for the programs as they are built now. Read-only.
+// Folder of a toy city, made once per build of the programs. Read-only.
 const std::string& ToyCity();
 
-// The mesh that an undisturbed job of four tiles makes of the toy city, made once.
+// mesh.ply of a job of four tiles on the toy city without faults, made once.
 const std::string& UndisturbedMesh();
 
-// A row of blocks of which each image sees a part, made once. Read-only.
+// A row of blocks; each image sees a part of it. Made once. Read-only.
 const std::string& Street();
 
-// What a second flight, "next", sees of the street's end, as a scene of its own, made once. Read-only.
+// A second flight, "next", over the street's end, as a separate scene, made once. Read-only.
 const std::string& NextFlight();
 
-// Folder of what `tessera run SCENE ARGUMENTS` makes where nothing happens to it, made once. With `base`, another such
-// folder: of an update of it. Read-only.
+// Result folder of `tessera run SCENE ARGUMENTS` without faults, made once. `base`: another such folder; the result is
+// an update of it. Read-only.
 std::string UndisturbedResult(const std::string& scene, const std::vector<std::string>& arguments,
                               const std::string& base = "");
 
-// Copies such a folder with its state, so that it can be a base. Its job is jobs/1.
+// Copies such a folder with its state, so that it can be a base job. The job is jobs/1.
 void CopyResult(const std::string& from, const std::string& to);
 
-// The same of the street in eight tiles.
+// Copies the result of the street in eight tiles.
 void CopyStreetResult(const std::string& to);
 
 enum class Harm { kFlip, kCut, kDelete };
 
-// Flips a bit in the middle of the file, puts a shorter one in its place, or removes it.
+// Flips a bit in the middle of the file, replaces it by a shorter one, or removes it.
 void HarmFile(const std::string& path, Harm harm);
 
 // All files of a folder of blobs, sorted.
@@ -78,19 +78,19 @@ std::vector<std::string> BlobsIn(const std::string& folder);
 
 std::string Content(const std::string& path);
 
-// job.json's tasks of a kind: attempts of each by title.
+// Number of attempts of each task of a kind in job.json, by title.
 std::map<std::string, int> AttemptsOf(const std::string& job_json, const std::string& kind);
 
 // A coordinator and workers that a test can kill.
 class Cluster {
  public:
-  // `arguments`: more of them for the coordinator, which listens on a free port of `host`.
+  // `arguments`: further arguments of the coordinator, which listens on a free port of `host`.
   explicit Cluster(const std::string& folder, double lease_s = 3, const std::vector<std::string>& arguments = {},
                    const std::string& host = "127.0.0.1");
-  // Starts the coordinator, on the same port as before if there was one.
+  // Starts the coordinator, on the port of the previous one if there was one.
   void StartCoordinator();
   Program& coordinator() { return *coordinator_; }
-  // `arguments`: more of them; `before`: a program in front of it, as setpriv or unshare.
+  // `arguments`: further arguments; `before`: command that runs the worker, such as setpriv or unshare.
   Program& AddWorker(const std::vector<std::string>& arguments = {}, const std::vector<std::string>& before = {});
   std::vector<std::unique_ptr<Program>>& workers() { return workers_; }
   Connection& connection() { return *connection_; }
@@ -98,10 +98,10 @@ class Cluster {
   const std::string& data() const { return data_; }
 
   v1::Job Submit(const std::string& scene, int tiles, const std::string& request_id = "", const std::string& base = "");
-  // Waits for the job's end.
+  // Waits until the job has ended.
   v1::Job Await(const std::string& job);
   std::vector<v1::Task> Tasks(const std::string& job);
-  // Fetches the job's files with `tessera fetch`; their folder.
+  // Fetches the job's files with `tessera fetch`; returns their folder.
   std::string Fetch(const std::string& job);
 
  private:

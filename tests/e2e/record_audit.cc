@@ -99,9 +99,9 @@ void RecordAudit::Add(const v1::Record& record) {
       TaskOf(record.result_lost().task()).done = false;
       break;
     }
-    case v1::Record::kJobBegunAnew: {
-      Job& job = jobs_[record.job_begun_anew().job()];
-      Expect(job.state == 0, record.job_begun_anew().job() + " began anew after its end");
+    case v1::Record::kJobRestarted: {
+      Job& job = jobs_[record.job_restarted().job()];
+      Expect(job.state == 0, record.job_restarted().job() + " began anew after its end");
       job.tasks.clear();
       job.kinds.clear();
       break;
@@ -112,7 +112,7 @@ void RecordAudit::Add(const v1::Record& record) {
       break;
     }
     case v1::Record::kJobChanged:
-    case v1::Record::kTileSetAside:
+    case v1::Record::kTileQuarantined:
       break;
     case v1::Record::CHANGE_NOT_SET:
       Fault("of no known kind");

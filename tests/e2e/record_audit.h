@@ -1,4 +1,4 @@
-// What a coordinator has stored, read from the first record to the last and held against what it promises.
+// Checks the invariants of a coordinator's stored records, independently of the coordinator's code.
 #ifndef TESSERA_TESTS_E2E_RECORD_AUDIT_H_
 #define TESSERA_TESTS_E2E_RECORD_AUDIT_H_
 
@@ -12,13 +12,13 @@ class Record;
 
 namespace tessera::e2e {
 
-// Fed with the records in their order. Not of the coordinator's code: it shares no view of what may follow what.
+// Receives the records in order. Shares no code with the coordinator's own checks.
 class RecordAudit {
  public:
   struct Task {
     int attempts = 0;   // started
-    bool runs = false;  // the last of them has not ended
-    bool done = false;  // has succeeded, and its result was not lost since
+    bool runs = false;  // the last attempt has not ended
+    bool done = false;  // succeeded, and the result was not lost since
     int successes = 0;
     std::map<std::string, std::string> outputs = {};  // name: SHA-256
   };
@@ -33,11 +33,11 @@ class RecordAudit {
   void Add(const v1::Record& record);
 
   const std::map<std::string, Job>& jobs() const { return jobs_; }
-  // What must not be, in words: an attempt that ended twice or was never begun, two results of one task, two jobs of
-  // one request, a change of a job that has ended.
+  // Violations as text: an attempt that ended twice or never started, two results of one task, two jobs of one request,
+  // a change of a job that has ended.
   const std::vector<std::string>& faults() const { return faults_; }
   int records() const { return records_; }
-  // Of attempts that ended without a result: their errors by class, "silence" where the worker told none.
+  // Number of failed attempts by error class; "silence" if the lease expired.
   const std::map<std::string, std::vector<std::string>>& failures() const { return failures_; }
 
  private:
@@ -52,7 +52,7 @@ class RecordAudit {
   int records_ = 0;
 };
 
-// Of a coordinator's state.sqlite, which nobody uses any more.
+// Audits a coordinator's state.sqlite, which must not be in use.
 RecordAudit AuditRecords(const std::string& path);
 
 }  // namespace tessera::e2e

@@ -1,4 +1,4 @@
-// Tiles that go back to what an earlier job left of them, by the real executables.
+// `tessera rollback` with the real executables.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -29,7 +29,7 @@ void CopyWithoutAnImage(const std::string& to) {
   }
 }
 
-// What a refusal says to run instead.
+// The command that a refusal suggests.
 std::vector<std::string> CommandIn(const std::string& output) {
   const std::string program = "\n  tessera ";
   std::istringstream line(output.substr(output.find(program) + program.size()));
@@ -85,7 +85,7 @@ class RollbackTest : public testing::Test {
   std::unique_ptr<Cluster> cluster_;
 };
 
-TEST_F(RollbackTest, TilesGoBackToTheByteTogetherWithThoseThatShareVerticesOrNotAtAll) {
+TEST_F(RollbackTest, RollbackIsExactAcrossSharedVertices) {
   const std::vector<std::string> first = Tiles(Path("1")), third = Tiles(Path("3"));
   std::set<int> differ;
   for (size_t t = 0; t < first.size(); ++t) {
@@ -102,7 +102,7 @@ TEST_F(RollbackTest, TilesGoBackToTheByteTogetherWithThoseThatShareVerticesOrNot
   expect({"rollback", "1", "--to", "3"}, "found jobs/3, expected jobs/1 to have a base");
   expect({"rollback", "3", "--to", "7"}, "found jobs/7, expected a job that jobs/3 goes on from: jobs/2, jobs/1");
   expect({"rollback", "3", "--to", "1", "--tile", "8"}, "found 8, expected one of the 8 tiles");
-  EXPECT_THAT(Run(At({"rollback", "3", "--to", "1", "--validate-only"})), HasSubstr("can go back to jobs/1"));
+  EXPECT_THAT(Run(At({"rollback", "3", "--to", "1", "--validate-only"})), HasSubstr("jobs/1 can be restored"));
   EXPECT_EQ(Try(At({"watch", "jobs/4"})).exit_code, 3) << "nothing was accepted";
 
   // One tile, and those that the refusal names: a part of all that differ.
@@ -133,7 +133,7 @@ TEST_F(RollbackTest, TilesGoBackToTheByteTogetherWithThoseThatShareVerticesOrNot
 
   // Lineage tells of it, and an update goes on from it with the images of jobs/3.
   EXPECT_THAT(Run(At({"lineage", back, "--tile", std::to_string(*gone_back.begin())})),
-              testing::AllOf(HasSubstr("made by jobs/1"), HasSubstr(": rolled back to jobs/1\n")));
+              testing::AllOf(HasSubstr("made by jobs/1"), HasSubstr(": restored from jobs/1\n")));
   EXPECT_THAT(Run(At({"lineage", back, "--tile", std::to_string(*differ.rbegin())})),
               testing::AllOf(HasSubstr("made by jobs/3"), HasSubstr(": kept from jobs/3\n")));
   const v1::Job same = cluster_->Await(cluster_->Submit(Path("fewer"), 0, "", back).name());

@@ -1,4 +1,4 @@
-// `tessera run`: the whole line with one command.
+// `tessera run`: the whole pipeline with one command.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -43,7 +43,7 @@ class RunTest : public testing::Test {
   const std::string out_;
 };
 
-TEST_F(RunTest, OneTwoAndFourWorkersMakeTheSameBytes) {
+TEST_F(RunTest, ResultDoesNotDependOnNumberOfWorkers) {
   for (const std::string workers : {"2", "4"}) {
     fs::remove_all(out_);
     const Outcome outcome = Run({"--tiles", "4", "--workers", workers, "--threads-per-worker", "1"});
@@ -54,7 +54,7 @@ TEST_F(RunTest, OneTwoAndFourWorkersMakeTheSameBytes) {
   }
 }
 
-TEST_F(RunTest, TheBlobServiceMakesTheSameBytes) {
+TEST_F(RunTest, ResultDoesNotDependOnSharedStorage) {
   const Outcome outcome = Run({"--tiles", "4", "--no-shared-storage"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
@@ -67,7 +67,7 @@ TEST_F(RunTest, UntiledIsOneRefineTask) {
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh())) << "four tiles give the same bytes";
 }
 
-TEST_F(RunTest, ARepeatedRunDoesNothingTwice) {
+TEST_F(RunTest, RepeatedRunReusesAllTasks) {
   ASSERT_EQ(Run({"--tiles", "4"}).exit_code, 0);
   const std::string mesh = Content(out_ + "/mesh.ply");
   fs::remove(out_ + "/mesh.ply");
@@ -80,7 +80,7 @@ TEST_F(RunTest, ARepeatedRunDoesNothingTwice) {
   EXPECT_EQ(totals["attempts"], 0);
 }
 
-TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
+TEST_F(RunTest, RunReusesSurveyOfPlanAndMatchesPrediction) {
   const std::string json = folder_.path() + "/plan.json", map = folder_.path() + "/plan.svg";
   const Outcome plan = Tessera(folder_.path(), {"plan", ToyCity(), "--tiles", "4", "--out", out_, "--json", json,
                                                 "--map", map, "--workers", "2"});
@@ -118,7 +118,7 @@ TEST_F(RunTest, ARunGoesOnFromAPlanAndKeepsToIt) {
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
 }
 
-TEST_F(RunTest, ATileThatCannotFitIsRefusedByPlanAndRun) {
+TEST_F(RunTest, PlanAndRunRefuseTileMemoryThatIsTooSmall) {
   for (const char* command : {"plan", "run"}) {
     const Outcome outcome = Tessera(folder_.path(), {command, ToyCity(), "--tile-memory", "1MiB", "--out", out_});
     EXPECT_EQ(outcome.exit_code, 2) << command << ": a limit that no worker keeps";
@@ -126,7 +126,7 @@ TEST_F(RunTest, ATileThatCannotFitIsRefusedByPlanAndRun) {
   }
 }
 
-TEST_F(RunTest, AnInterruptStopsEverythingThatWasStarted) {
+TEST_F(RunTest, InterruptStopsAllChildProcesses) {
   for (const int signal : {SIGINT, SIGTERM}) {
     fs::remove_all(out_);
     Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
@@ -143,14 +143,14 @@ TEST_F(RunTest, AnInterruptStopsEverythingThatWasStarted) {
   EXPECT_GT(nlohmann::json::parse(Content(out_ + "/job.json"))["totals"]["reused"], 0);
 }
 
-TEST_F(RunTest, NothingOutlivesARunThatIsKilled) {
+TEST_F(RunTest, KilledRunLeavesNoProcess) {
   Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
   ASSERT_TRUE(WaitUntil([&] { return run.Output().find("measure") != std::string::npos; })) << run.Output();
   run.Kill();
   EXPECT_TRUE(WaitUntil([&] { return Processes(0).empty(); }, 20));
 }
 
-TEST_F(RunTest, AKilledWorkerIsReplacedAndTold) {
+TEST_F(RunTest, KilledWorkerIsReplacedAndReported) {
   Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--workers", "1", "--out", out_});
   ASSERT_TRUE(WaitUntil([&] { return run.Output().find("measure") != std::string::npos; })) << run.Output();
   for (const std::string& pid : Processes(run.pid())) {
@@ -162,11 +162,11 @@ TEST_F(RunTest, AKilledWorkerIsReplacedAndTold) {
   const Outcome outcome = run.Wait();
   EXPECT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_THAT(outcome.output, HasSubstr("signal 9"));
-  EXPECT_THAT(outcome.output, HasSubstr("starting another"));
+  EXPECT_THAT(outcome.output, HasSubstr("starting a replacement"));
   EXPECT_TRUE(Content(out_ + "/mesh.ply") == Content(UndisturbedMesh()));
 }
 
-TEST_F(RunTest, ACoordinatorThatDiesIsToldWithItsLog) {
+TEST_F(RunTest, DeadCoordinatorIsReportedWithItsLog) {
   Program run(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
   ASSERT_TRUE(WaitUntil([&] { return run.Output().find("jobs/1") != std::string::npos; })) << run.Output();
   for (const std::string& pid : Processes(run.pid())) {
@@ -182,7 +182,7 @@ TEST_F(RunTest, ACoordinatorThatDiesIsToldWithItsLog) {
   EXPECT_THAT(Processes(run.pid()), testing::IsEmpty());
 }
 
-TEST_F(RunTest, TwoRunsDoNotShareAFolder) {
+TEST_F(RunTest, SecondRunInTheSameFolderIsRefused) {
   Program first(folder_.path(), TESSERA_PROGRAM, {"run", ToyCity(), "--tiles", "4", "--out", out_});
   ASSERT_TRUE(WaitUntil([&] { return first.Output().find("jobs/1") != std::string::npos; })) << first.Output();
   const Outcome second = Run({"--tiles", "4"});

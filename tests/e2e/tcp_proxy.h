@@ -1,4 +1,4 @@
-// A network between a program and a coordinator that a test can spoil.
+// A TCP proxy between a program and a coordinator that can delay, stall and reset connections.
 #ifndef TESSERA_TESTS_E2E_TCP_PROXY_H_
 #define TESSERA_TESTS_E2E_TCP_PROXY_H_
 
@@ -12,13 +12,13 @@
 
 namespace tessera::e2e {
 
-// Hands connections to a port of loopback on to another, by a thread of its own. Thread-safe.
+// Forwards connections from one loopback port to another, in its own thread. Thread-safe.
 class TcpProxy {
  public:
   enum class Mode {
     kPass,
-    kStall,  // connections stay, and are accepted, but nothing comes through: a cable that was pulled
-    kCut,    // connections are reset, new ones too: a peer that went
+    kStall,  // connections stay open and are accepted, but no data is forwarded: like an unplugged cable
+    kCut,    // connections, also new ones, are reset: like a dead peer
   };
 
   // `target`: "127.0.0.1:PORT".
@@ -28,11 +28,11 @@ class TcpProxy {
   // "127.0.0.1:PORT".
   const std::string& address() const { return address_; }
   void Set(Mode mode) { mode_ = mode; }
-  // Every byte comes so much later, whichever way it goes.
+  // Delays every byte in both directions.
   void SetDelay(double seconds) { delay_s_ = seconds; }
-  // Resets the connections that are there now, once.
+  // Resets the current connections once.
   void Drop() { drop_ = true; }
-  // Connections that were made, and those that were made while they were cut.
+  // Number of connections so far, and of those made in state kCut.
   int accepted() const { return accepted_; }
   int refused() const { return refused_; }
 
@@ -42,7 +42,7 @@ class TcpProxy {
     Time due;
     std::string bytes;
   };
-  // One way of a connection.
+  // One direction of a connection.
   struct Way {
     int from = -1, to = -1;
     std::deque<Chunk> chunks;

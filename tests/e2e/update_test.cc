@@ -1,4 +1,4 @@
-// Jobs that go on from another: a new flight over part of the city, by the real executables.
+// Updates: a new flight over part of the city, with the real executables.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -117,7 +117,7 @@ class UpdateTest : public testing::Test {
   TempFolder folder_;
 };
 
-TEST_F(UpdateTest, TheSameSceneRunsNothing) {
+TEST_F(UpdateTest, UpdateWithTheSameSceneRunsNoTask) {
   const Outcome outcome = Update(Street(), "same");
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_EQ(Ran("same"), (std::multiset<std::string>{"update"}));
@@ -125,7 +125,7 @@ TEST_F(UpdateTest, TheSameSceneRunsNothing) {
   EXPECT_EQ(Json("same/update.json")["tiles_redone"], 0);
 }
 
-TEST_F(UpdateTest, RenamedReencodedAndSnappedImagesRunNothing) {
+TEST_F(UpdateTest, RenamedReencodedAndPoseJitteredImagesRunNoTask) {
   const std::string scene = CopyOfCity(Path("other"));
   int count = 0;
   EditCameras(scene, [&](std::vector<std::string>& words) {
@@ -156,7 +156,7 @@ TEST_F(UpdateTest, RenamedReencodedAndSnappedImagesRunNothing) {
   EXPECT_TRUE(Mesh("renamed") == Content(Base() + "/mesh.ply"));
 }
 
-TEST_F(UpdateTest, ANewFlightRedoesTheTilesThatItSeesAndNoOther) {
+TEST_F(UpdateTest, NewFlightRefinesOnlyTilesThatItSees) {
   const Outcome plan = Tessera(folder_.path(), {"plan", NextFlight(), "--base", Base(), "--json", Path("plan.json"),
                                                 "--map", Path("map.svg"), "--price-per-core-hour", "1"});
   ASSERT_EQ(plan.exit_code, 0) << plan.output;
@@ -190,7 +190,7 @@ TEST_F(UpdateTest, ANewFlightRedoesTheTilesThatItSeesAndNoOther) {
   EXPECT_EQ(Json("back/update.json")["tiles_redone"], count);
 }
 
-TEST_F(UpdateTest, FacesThatShowWhatIsGoneAreFlaggedAndStaySo) {
+TEST_F(UpdateTest, OutdatedFacesStayFlagged) {
   const auto fly = [&](const std::string& name, const std::vector<std::string>& more) {
     std::vector<std::string> words = {"synth", Path(name), "--change", Street(), "--quiet"};
     words.insert(words.end(), more.begin(), more.end());
@@ -225,7 +225,7 @@ TEST_F(UpdateTest, FacesThatShowWhatIsGoneAreFlaggedAndStaySo) {
   for (size_t f = 0; f < later.size(); ++f) ASSERT_LE(later[f], next[f]) << f;
 }
 
-TEST_F(UpdateTest, AWithdrawnImageRedoesTheTilesThatHadChosenIt) {
+TEST_F(UpdateTest, WithdrawnImageRefinesTilesThatUsedIt) {
   const std::string scene = CopyOfCity(Path("fewer"));
   std::string dropped;
   EditCameras(scene, [&](const std::vector<std::string>& words) {
@@ -253,7 +253,7 @@ TEST_F(UpdateTest, AWithdrawnImageRedoesTheTilesThatHadChosenIt) {
 TEST_F(UpdateTest, FromScratchGivesTheSameBytesForAnyTiling) {
   const Outcome scratch = Update(NextFlight(), "scratch", {"--from-scratch"});
   ASSERT_EQ(scratch.exit_code, 0) << scratch.output;
-  EXPECT_THAT(scratch.output, HasSubstr("the others follow as far as that reaches"));
+  EXPECT_THAT(scratch.output, HasSubstr("tiles that depend on them are refined too"));
   EXPECT_EQ(Json("scratch/report.json")["seams"]["different"], 0);
   const Outcome one = Tessera(folder_.path(), {"run", Street(), "--tiles", "1", "--out", Path("one")});
   ASSERT_EQ(one.exit_code, 0) << one.output;
@@ -262,7 +262,7 @@ TEST_F(UpdateTest, FromScratchGivesTheSameBytesForAnyTiling) {
 }
 
 // The images of a flight are classified as those of the base were, and no other again.
-TEST_F(UpdateTest, LikelihoodsThatTheJobMakesAreMadeOfTheFlightToo) {
+TEST_F(UpdateTest, JobClassifiesImagesOfTheNewFlight) {
   fs::create_directory(Path("painted"));
   int painted = 0;
   for (const auto& entry : fs::directory_iterator(Street() + "/truth")) {
@@ -288,7 +288,7 @@ TEST_F(UpdateTest, LikelihoodsThatTheJobMakesAreMadeOfTheFlightToo) {
             0);
   const Outcome another = Update(NextFlight(), "another", {"--classifier", Path("model")}, Path("four"));
   EXPECT_EQ(another.exit_code, 3) << another.output;
-  EXPECT_THAT(another.output, HasSubstr("an update keeps that of its base"));
+  EXPECT_THAT(another.output, HasSubstr("an update inherits it from its base job"));
   fs::remove(Path("model"));
   const auto images = [](const std::string& scene) {
     return std::distance(fs::directory_iterator(scene + "/images"), fs::directory_iterator());
@@ -312,7 +312,7 @@ TEST_F(UpdateTest, LikelihoodsThatTheJobMakesAreMadeOfTheFlightToo) {
   EXPECT_TRUE(Mesh("whole4") == Mesh("whole1"));
 }
 
-TEST_F(UpdateTest, ACoordinatorKilledInOneOfTwoUpdatesLosesNothing) {
+TEST_F(UpdateTest, KilledCoordinatorResumesConcurrentUpdates) {
   ASSERT_EQ(Update(NextFlight(), "next").exit_code, 0);
   Cluster cluster(Path("cluster"));
   cluster.AddWorker();
@@ -339,7 +339,7 @@ TEST_F(UpdateTest, ACoordinatorKilledInOneOfTwoUpdatesLosesNothing) {
   EXPECT_TRUE(Content(cluster.Fetch(same) + "/mesh.ply") == Content(Base() + "/mesh.ply"));
 }
 
-TEST_F(UpdateTest, AMeshThatChangedInOneDistrictIsRedoneThereAlone) {
+TEST_F(UpdateTest, ChangedMeshRefinesOnlyChangedTiles) {
   // The street's east end is a metre higher, and its faces come in another order.
   const std::string scene = CopyOfCity(Path("scene"));
   MeshContent mesh = *ReadPly(scene + "/mesh.ply");
@@ -371,7 +371,7 @@ TEST_F(UpdateTest, AMeshThatChangedInOneDistrictIsRedoneThereAlone) {
   EXPECT_EQ(Json("back/report.json")["output"], Json("base/report.json")["output"]);
 }
 
-TEST_F(UpdateTest, ATileOfWhichTheMeshHasNothingLeftIsGone) {
+TEST_F(UpdateTest, TileWithoutFacesIsRemoved) {
   // Without the faces that reach into the first tile.
   const json index = json::parse(Content(Base() + "/tiles/index.json")), core = index["tiles"][0]["core_m"];
   const double west_m = index["local_origin_in_scene"][0], south_m = index["local_origin_in_scene"][1];
@@ -392,7 +392,7 @@ TEST_F(UpdateTest, ATileOfWhichTheMeshHasNothingLeftIsGone) {
   ASSERT_TRUE(WritePly(scene + "/mesh.ply", rest).ok());
   const Outcome outcome = Update(scene, "gone");
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
-  EXPECT_THAT(outcome.output, HasSubstr("1 gone, of which the mesh has nothing left"));
+  EXPECT_THAT(outcome.output, HasSubstr("1 removed: the mesh has no face in them"));
   EXPECT_EQ(Json("gone/update.json")["tiles_gone"], json::array({0}));
   EXPECT_EQ(Json("gone/tiles/index.json")["tiles"].size(), index["tiles"].size() - 1);
   EXPECT_FALSE(fs::exists(Path("gone/tiles/" + index["tiles"][0]["file"].get<std::string>())));
@@ -406,15 +406,15 @@ TEST_F(UpdateTest, ATileOfWhichTheMeshHasNothingLeftIsGone) {
   for (const json& tile : Json("back/tiles/index.json")["tiles"]) EXPECT_NE(tile["tile"], 0) << "a number given twice";
 }
 
-TEST_F(UpdateTest, WhatCannotBeIsSaidWithWhatToDo) {
+TEST_F(UpdateTest, ImpossibleUpdatesAreRefusedWithAdvice) {
   const auto expect = [&](const Outcome& outcome, const std::string& words) {
     EXPECT_NE(outcome.exit_code, 0);
     EXPECT_THAT(outcome.output, HasSubstr(words));
   };
-  expect(Update(Street(), "a", {}, Path("nowhere")), "expected a folder that `tessera run --out` filled");
+  expect(Update(Street(), "a", {}, Path("nowhere")), "expected a folder that `tessera run --out` wrote");
   expect(Update(Street(), "b", {"--withdraw", "autumn"}),
          "found flight 'autumn', expected a flight of the base job: 'spring'");
-  expect(Update(Street(), "c", {"--tiles", "4"}), "an update keeps those of its base");
+  expect(Update(Street(), "c", {"--tiles", "4"}), "an update inherits it from its base job");
   expect(Update(Street(), "d", {"--withdraw", "spring"}), "all images of the base job are withdrawn");
   expect(Update(Street(), "e", {"--from-scratch", "--max-price", "1e-9", "--price-per-core-hour", "1"}),
          "core-seconds, more than the");
@@ -424,7 +424,7 @@ TEST_F(UpdateTest, WhatCannotBeIsSaidWithWhatToDo) {
 }
 
 // The base has ended, and its tasks run again for what the update needs of them.
-TEST_F(UpdateTest, ResultsOfTheBaseThatAreLostAreMadeAgain) {
+TEST_F(UpdateTest, LostResultsOfBaseJobAreRecomputed) {
   const auto blob = [&](const std::string& sha256) {
     return Base() + "/.tessera/data/blobs/" + sha256.substr(0, 2) + "/" + sha256;
   };

@@ -1,4 +1,4 @@
-// Inputs of several parts: each a byte that says its kind, its length (u16, little-endian) and its bytes.
+// Inputs of several frames: each has a byte for its kind, its length (u16, little-endian) and its bytes.
 #ifndef TESSERA_TESTS_FUZZ_FRAMES_H_
 #define TESSERA_TESTS_FUZZ_FRAMES_H_
 

@@ -1,4 +1,4 @@
-// An input as a file, for readers that take a path.
+// An in-memory file of an input, for readers that take a path.
 #ifndef TESSERA_TESTS_FUZZ_MEMORY_FILE_H_
 #define TESSERA_TESTS_FUZZ_MEMORY_FILE_H_
 

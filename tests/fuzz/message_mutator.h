@@ -1,4 +1,4 @@
-// Changes inputs of framed messages as messages: a fuzzer that changes bytes alone would not get past their parser.
+// Mutates frames as protobuf messages, because random bytes rarely parse.
 #ifndef TESSERA_TESTS_FUZZ_MESSAGE_MUTATOR_H_
 #define TESSERA_TESTS_FUZZ_MESSAGE_MUTATOR_H_
 

@@ -1,4 +1,4 @@
-// What fuzz targets ask of the readers that they call.
+// Invariants that fuzz targets check of the readers that they call.
 #ifndef TESSERA_TESTS_FUZZ_PROMISES_H_
 #define TESSERA_TESTS_FUZZ_PROMISES_H_
 

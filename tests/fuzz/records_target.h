@@ -1,4 +1,4 @@
-// Stored records, a frame each, in the state machine that a coordinator replays them into.
+// Replays stored records, one per frame, into a ledger.
 #ifndef TESSERA_TESTS_FUZZ_RECORDS_TARGET_H_
 #define TESSERA_TESTS_FUZZ_RECORDS_TARGET_H_
 

@@ -1,4 +1,4 @@
-// Calls of a coordinator's services, a frame each: which method, and the bytes of its request.
+// Calls of a coordinator's services, one per frame: the method and the bytes of its request.
 #ifndef TESSERA_TESTS_FUZZ_RPC_TARGET_H_
 #define TESSERA_TESTS_FUZZ_RPC_TARGET_H_
 

@@ -1,4 +1,4 @@
-// What a user asks of a job, as a message: two frames, for an update and its base.
+// Job settings as messages: two frames, for an update and its base job.
 #ifndef TESSERA_TESTS_FUZZ_SETTINGS_TARGET_H_
 #define TESSERA_TESTS_FUZZ_SETTINGS_TARGET_H_
 

@@ -1,4 +1,4 @@
-// Random faults of all kinds on the real executables, for as long as one likes: nothing may be lost.
+// Random faults of all kinds on the real executables, for a given time: no job or result may be lost.
 #include <gtest/gtest.h>
 #include <sched.h>
 #include <unistd.h>
@@ -93,13 +93,13 @@ class Round {
         fault_s = history_.Now_s() + fault_pauses.Uniform(0.1, 1.5);
       }
       faults_.Lift();
-      LookAfter(look);
+      Supervise(look);
     }
     faults_.LiftAll();
     history_.Note("no faults any more");
     const double lifted_s = history_.Now_s();
     while (!jobs_.BringToEnd()) {
-      LookAfter(look);
+      Supervise(look);
       if (history_.Now_s() - lifted_s < flags_.end_s) continue;
       throw Violation("not all jobs ended within " + std::to_string(static_cast<int>(flags_.end_s)) +
                       " s of the last fault:" + jobs_.Waiting());
@@ -118,9 +118,9 @@ class Round {
   }
 
  private:
-  void LookAfter(const std::function<void()>& look) {
-    cluster_.LookAfter();
-    jobs_.LookAfter();
+  void Supervise(const std::function<void()>& look) {
+    cluster_.Supervise();
+    jobs_.Supervise();
     look();
     ::usleep(10'000);
   }

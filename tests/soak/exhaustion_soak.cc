@@ -1,5 +1,5 @@
-// Many of everything at once on a real coordinator: submissions, watches and uploads without end. It stays small, tells
-// its limits, and serves others meanwhile, who come through its socket.
+// Overload of a real coordinator with submissions, watches and uploads: its memory stays bounded, it reports its
+// limits, and it serves other clients meanwhile.
 #include <grpcpp/grpcpp.h>
 #include <unistd.h>
 
@@ -93,7 +93,7 @@ class Coordinator {
   const std::string& address() const { return address_; }
   const std::string& socket() const { return socket_; }
   void Show(const char* after) {
-    Require(program_.Running(), program_.HowItEnded() + "\n" + program_.Output());
+    Require(program_.Running(), program_.ExitDescription() + "\n" + program_.Output());
     const int64_t most = OfStatus(program_.pid(), "VmHWM") << 10;
     const double cpu_s = CpuSeconds(program_.pid());
     std::printf("  coordinator: %.1f core-seconds for %s; %lld MiB resident, at most %lld MiB; %lld threads\n",

@@ -1,4 +1,4 @@
-// Everything that may happen to a cluster, by chance, and be over after a while.
+// Random temporary faults of a cluster.
 #ifndef TESSERA_TESTS_SOAK_FAULTS_H_
 #define TESSERA_TESTS_SOAK_FAULTS_H_
 

@@ -1,4 +1,4 @@
-// What a soak did, in order, with the clock that it goes by.
+// Ordered log of a soak, with its clock.
 #ifndef TESSERA_TESTS_SOAK_HISTORY_H_
 #define TESSERA_TESTS_SOAK_HISTORY_H_
 
@@ -14,7 +14,7 @@
 
 namespace tessera::soak {
 
-// A promise of the product that was not kept.
+// A violated guarantee of the product.
 struct Violation : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

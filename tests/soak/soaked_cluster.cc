@@ -65,7 +65,7 @@ void SoakedCluster::HarmScratch(int index, bool harmed) {
 namespace {
 
 bool IsAsExpected(End end, e2e::Program& program) {
-  const std::string how = program.HowItEnded();
+  const std::string how = program.ExitDescription();
   switch (end) {
     case End::kKilled:
       return how == "signal 9 (Killed)";
@@ -82,12 +82,12 @@ bool IsAsExpected(End end, e2e::Program& program) {
 
 }  // namespace
 
-void SoakedCluster::LookAfter() {
+void SoakedCluster::Supervise() {
   const double now_s = history_.Now_s();
   for (Worker& worker : workers_) {
     if (worker.program->Running()) continue;
     if (!IsAsExpected(worker.end, *worker.program)) {
-      throw Violation("a worker ended with " + worker.program->HowItEnded() + ", which nobody asked it to:\n" +
+      throw Violation("a worker ended with " + worker.program->ExitDescription() + ", which nobody asked it to:\n" +
                       worker.program->Output());
     }
     if (now_s < worker.start_s) continue;
@@ -102,7 +102,7 @@ void SoakedCluster::LookAfter() {
   if (coordinator.Running()) return;
   calm_since_s_ = std::numeric_limits<double>::infinity();
   if (!IsAsExpected(coordinator_end_, coordinator)) {
-    throw Violation("the coordinator ended with " + coordinator.HowItEnded() + ", which nobody asked it to");
+    throw Violation("the coordinator ended with " + coordinator.ExitDescription() + ", which nobody asked it to");
   }
   if (now_s < coordinator_start_s_) return;
   try {
@@ -177,16 +177,16 @@ void SoakedCluster::Finish() {
     if (!e2e::WaitUntil([&] { return !worker.program->Running(); }, kEnd_s)) {
       throw Violation("a worker does not drain:\n" + worker.program->Output());
     }
-    if (worker.program->HowItEnded() != "exit code 0") {
-      throw Violation("a worker that drains ended with " + worker.program->HowItEnded());
+    if (worker.program->ExitDescription() != "exit code 0") {
+      throw Violation("a worker that drains ended with " + worker.program->ExitDescription());
     }
   }
   cluster_->coordinator().Signal(SIGTERM);
   if (!e2e::WaitUntil([&] { return !cluster_->coordinator().Running(); }, kEnd_s)) {
     throw Violation("the coordinator does not end:\n" + cluster_->coordinator().Output());
   }
-  if (cluster_->coordinator().HowItEnded() != "exit code 0") {
-    throw Violation("the coordinator ended with " + cluster_->coordinator().HowItEnded());
+  if (cluster_->coordinator().ExitDescription() != "exit code 0") {
+    throw Violation("the coordinator ended with " + cluster_->coordinator().ExitDescription());
   }
 }
 

@@ -1,4 +1,4 @@
-// A coordinator and workers that are stopped, killed, cut off and started again.
+// A coordinator and workers that are stopped, killed, disconnected and restarted.
 #ifndef TESSERA_TESTS_SOAK_SOAKED_CLUSTER_H_
 #define TESSERA_TESTS_SOAK_SOAKED_CLUSTER_H_
 
@@ -36,7 +36,7 @@ class SoakedCluster {
   ~SoakedCluster();
 
   // Starts what is due again. Throws Violation if a program ended that nobody ended.
-  void LookAfter();
+  void Supervise();
   // Nothing stands still, is away or waits to be started any more.
   void LiftAll();
   // All workers drain, then the coordinator ends. Throws Violation unless all go well.

@@ -162,7 +162,7 @@ void SoakedJobs::Act() {
   }
 }
 
-void SoakedJobs::LookAfter() {
+void SoakedJobs::Supervise() {
   for (auto command = commands_.begin(); command != commands_.end();) {
     if (command->program->Running()) {
       ++command;
@@ -276,7 +276,7 @@ void SoakedJobs::Compare() {
     Outcome fetched;
     const bool came = e2e::WaitUntil(
         [&] {
-          cluster_.LookAfter();
+          cluster_.Supervise();
           fetched = e2e::Tessera(cluster_.folder() + "/commands",
                                  {"fetch", job.name, "--out", out, "--coordinator", cluster_.address()});
           return fetched.exit_code == 0;

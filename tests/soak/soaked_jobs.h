@@ -1,4 +1,4 @@
-// Jobs that users give to a soaked cluster, and what must become of each.
+// Jobs that users submit to a soaked cluster, and the expected outcome of each.
 #ifndef TESSERA_TESTS_SOAK_SOAKED_JOBS_H_
 #define TESSERA_TESTS_SOAK_SOAKED_JOBS_H_
 
@@ -43,7 +43,7 @@ class SoakedJobs {
   // What a user does next, by chance.
   void Act();
   // Looks at what has been answered. Throws Violation.
-  void LookAfter();
+  void Supervise();
   // For when all faults are over: every paused job goes on, every failed one is tried again. Whether all have ended.
   bool BringToEnd();
   // Fetches what every job published and compares it with what an undisturbed job makes. Throws Violation.

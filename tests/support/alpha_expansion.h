@@ -9,8 +9,8 @@
 
 namespace tessera {
 
-// No expansion of any one label lowers the energy of the result any more. `labels`: where it starts, every one in
-// [0, classes). Slow.
+// Expands labels until no expansion of a single label lowers the energy. `labels`: initial labels in [0, classes).
+// Slow.
 std::vector<int32_t> ExpandLabels(const LabelField& field, std::vector<int32_t> labels);
 
 }  // namespace tessera

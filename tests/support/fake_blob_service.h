@@ -1,4 +1,4 @@
-// A blob service that keeps blobs in memory and can be told to break.
+// An in-memory blob service with fault injection.
 #ifndef TESSERA_TESTS_SUPPORT_FAKE_BLOB_SERVICE_H_
 #define TESSERA_TESTS_SUPPORT_FAKE_BLOB_SERVICE_H_
 

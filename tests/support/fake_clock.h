@@ -1,4 +1,4 @@
-// A clock that moves only when told to.
+// A clock that moves only when advanced.
 #ifndef TESSERA_TESTS_SUPPORT_FAKE_CLOCK_H_
 #define TESSERA_TESTS_SUPPORT_FAKE_CLOCK_H_
 

@@ -1,5 +1,5 @@
-// What a coordinator uses, in memory or in a temporary folder: records in a vector, a planner of small graphs, a
-// clock that moves when told to.
+// Fake dependencies of a coordinator: records in a vector, blobs in a temporary folder, a planner of small graphs and a
+// clock that moves only when advanced.
 #ifndef TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_
 #define TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_
 
@@ -44,7 +44,7 @@ class MemoryStore : public RecordStore {
     }
     return absl::OkStatus();
   }
-  Status SetAside(int64_t number, const std::string& reason) override {
+  Status Quarantine(int64_t number, const std::string& reason) override {
     set_aside[number] = reason;
     return absl::OkStatus();
   }

@@ -1,4 +1,4 @@
-// A coordinator as workers see it: hands out the tasks that a test queues and remembers what it is told.
+// A fake workers service: leases the tasks that a test queues and records the calls.
 #ifndef TESSERA_TESTS_SUPPORT_FAKE_WORKERS_SERVICE_H_
 #define TESSERA_TESTS_SUPPORT_FAKE_WORKERS_SERVICE_H_
 

@@ -1,4 +1,4 @@
-// A disk for SQLite that forgets what was not synced when its machine stops.
+// A SQLite VFS that simulates machine failure: data that was not synced is lost.
 #ifndef TESSERA_TESTS_SUPPORT_FORGETFUL_DISK_H_
 #define TESSERA_TESTS_SUPPORT_FORGETFUL_DISK_H_
 

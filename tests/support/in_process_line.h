@@ -1,4 +1,4 @@
-// A whole job in one process, task after task, without coordinator and workers: for tests and benchmarks.
+// Runs a whole job in one process, task after task, without coordinator and workers: for tests and benchmarks.
 #ifndef TESSERA_TESTS_SUPPORT_IN_PROCESS_LINE_H_
 #define TESSERA_TESTS_SUPPORT_IN_PROCESS_LINE_H_
 

@@ -1,4 +1,4 @@
-// A coordinator's database as releases with schema version 3 made it.
+// A coordinator's database as written by releases with schema version 3.
 #ifndef TESSERA_TESTS_SUPPORT_VERSION3_DATABASE_H_
 #define TESSERA_TESTS_SUPPORT_VERSION3_DATABASE_H_
 

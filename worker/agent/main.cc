@@ -1,4 +1,4 @@
-// `tessera-worker`: runs a coordinator's tasks.
+// `tessera-worker`: runs tasks of a coordinator.
 #include <pthread.h>
 #include <signal.h>
 #include <sys/prctl.h>
@@ -38,16 +38,20 @@ struct Flags {
 };
 
 void AddFlags(CLI::App& app, Flags& flags) {
-  app.add_option("--coordinator", flags.coordinator.address, "Where tesserad listens, HOST:PORT or unix:PATH")
+  app.add_option("--coordinator", flags.coordinator.address, "Address of the coordinator, HOST:PORT or unix:PATH")
       ->envname("TESSERA_COORDINATOR")
       ->capture_default_str();
-  app.add_option("--tls-ca", flags.coordinator.tls_ca, "Authority of its certificate, PEM; without it no TLS")
+  app.add_option("--tls-ca", flags.coordinator.tls_ca,
+                 "Certificate authority of the coordinator, PEM; without it the connection does not use TLS")
       ->envname("TESSERA_TLS_CA")
       ->type_name("FILE");
-  app.add_option("--tls-cert", flags.coordinator.tls_cert, "The worker's own certificate, where it is asked for one")
+  app.add_option("--tls-cert", flags.coordinator.tls_cert,
+                 "Certificate of the worker, PEM, if the coordinator requires one")
       ->envname("TESSERA_TLS_CERT")
       ->type_name("FILE");
-  app.add_option("--tls-key", flags.coordinator.tls_key, "Its key")->envname("TESSERA_TLS_KEY")->type_name("FILE");
+  app.add_option("--tls-key", flags.coordinator.tls_key, "Key of the worker's certificate, PEM")
+      ->envname("TESSERA_TLS_KEY")
+      ->type_name("FILE");
   app.add_option("--token-file", flags.coordinator.token_file,
                  "File with the worker's token; read again when it changes")
       ->envname("TESSERA_TOKEN_FILE")
@@ -55,28 +59,31 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--work", flags.work_dir,
                  "Folder for cache and scratch, kept, which no other user may enter; without it one in the system's "
                  "temporary folder, removed at the end");
-  app.add_option(
-         "--threads", flags.threads,
-         "Threads of a task at most; the coordinator shares a host's cores out among its workers; 0: one for each core")
+  app.add_option("--threads", flags.threads,
+                 "Largest number of threads of a task; the coordinator divides a host's cores between its workers; 0: "
+                 "one per core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   app.add_option("--memory", flags.memory_bytes,
-                 "Memory that it may use, where that is less than what the machine and its control groups leave it")
+                 "Memory limit, if lower than that of the machine and its control groups")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/true))
       ->type_name("BYTES|MiB|GiB");
   app.add_flag("--no-shared-storage", flags.no_shared_storage,
-               "Never read or write the coordinator's folders: all goes through its blob service");
-  app.add_option("--cache-gib", flags.cache_gib, "Bound of the cache of fetched files; the oldest go first")
+               "Transfer all data through the blob service; never access the coordinator's folders");
+  app.add_option("--cache-gib", flags.cache_gib,
+                 "Size limit of the cache of fetched files, GiB; the least recently used are removed first")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
-  app.add_option("--drain-s", flags.drain_s,
-                 "When asked to stop (SIGTERM, SIGINT), take no other task and go on with the one at hand for so long, "
-                 "then give it back; a second signal stops at once")
+  app.add_option(
+         "--drain-s", flags.drain_s,
+         "Drain time after SIGTERM or SIGINT, seconds: lease no task, finish the running one or return it to the "
+         "queue; a second signal stops at once")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
   app.add_flag("--exit-with-parent", flags.exit_with_parent, "Drain when the process that started this one ends");
-  app.add_option("--log-level", flags.log_level, "debug, info, warn, error or off")->capture_default_str();
-  app.add_flag("--json-logs", flags.json_logs, "One JSON object a line");
+  app.add_option("--log-level", flags.log_level, "Smallest level to log: debug, info, warn, error or off")
+      ->capture_default_str();
+  app.add_flag("--json-logs", flags.json_logs, "Log one JSON object per line");
 }
 
 std::string HostName() {
@@ -116,9 +123,8 @@ void HandleSignals(const sigset_t& signals, double drain_s, tessera::Agent& agen
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app(
-      "Runs the tasks of a Tessera coordinator.\n"
-      "Example: tessera-worker --coordinator city-server:7575 --work /scratch/tessera");
+  CLI::App app("Run tasks of a Tessera coordinator");
+  app.footer("Example:\n  tessera-worker --coordinator city-server:7575 --work /scratch/tessera");
   app.name("tessera-worker");
   app.set_version_flag("--version", TESSERA_VERSION);
   Flags flags;

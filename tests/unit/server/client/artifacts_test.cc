@@ -38,7 +38,7 @@ class ArtifactsTest : public testing::Test {
   v1::Job job_;
 };
 
-TEST_F(ArtifactsTest, ReplacesWhatWasThereAndPutsTheMeshLast) {
+TEST_F(ArtifactsTest, ReplacesExistingFilesAndWritesMeshLast) {
   ASSERT_TRUE(EnsureFolder(out_).ok());
   ASSERT_TRUE(WriteFileAtomic(out_ + "/mesh.ply", "old").ok());
   AddArtifact("mesh.ply", "new mesh");
@@ -53,7 +53,7 @@ TEST_F(ArtifactsTest, ReplacesWhatWasThereAndPutsTheMeshLast) {
   EXPECT_FALSE(fs::exists(out_ + "/.fetch"));
 }
 
-TEST_F(ArtifactsTest, NothingAppearsUnlessAllIsThereAndRight) {
+TEST_F(ArtifactsTest, NoFileAppearsUntilAllAreVerified) {
   ASSERT_TRUE(EnsureFolder(out_).ok());
   ASSERT_TRUE(WriteFileAtomic(out_ + "/mesh.ply", "old").ok());
   AddArtifact("report.json", "{}");
@@ -63,7 +63,7 @@ TEST_F(ArtifactsTest, NothingAppearsUnlessAllIsThereAndRight) {
   EXPECT_EQ(ReadFile(out_ + "/mesh.ply").value(), "old");
 }
 
-TEST_F(ArtifactsTest, NamesThatLeaveTheFolderAreRefused) {
+TEST_F(ArtifactsTest, PathsOutsideTheFolderAreRefused) {
   AddArtifact("../evil", "x");
   EXPECT_EQ(Fetch().status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_FALSE(fs::exists(folder_.path() + "/evil"));

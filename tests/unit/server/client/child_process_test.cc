@@ -25,22 +25,22 @@ class ChildProcessTest : public testing::Test {
   const std::string log_;
 };
 
-TEST_F(ChildProcessTest, TellsHowItEndedAndKeepsWhatItSaid) {
+TEST_F(ChildProcessTest, ReportsExitAndKeepsOutput) {
   const auto process = Shell("echo one; echo two >&2; exit 7");
   Join(*process);
-  EXPECT_EQ(process->HowItEnded(), "exit code 7");
+  EXPECT_EQ(process->ExitDescription(), "exit code 7");
   EXPECT_EQ(ReadFile(log_).value(), "one\ntwo\n");
 }
 
-TEST_F(ChildProcessTest, TerminateReachesIt) {
+TEST_F(ChildProcessTest, TerminateEndsTheChild) {
   const auto process = Shell("exec sleep 1000");
-  EXPECT_EQ(process->HowItEnded(), "");
+  EXPECT_EQ(process->ExitDescription(), "");
   process->Terminate();
   Join(*process);
-  EXPECT_EQ(process->HowItEnded().rfind("signal 15", 0), 0u) << process->HowItEnded();
+  EXPECT_EQ(process->ExitDescription().rfind("signal 15", 0), 0u) << process->ExitDescription();
 }
 
-TEST_F(ChildProcessTest, ItsEndTakesTheWholeGroup) {
+TEST_F(ChildProcessTest, DestructorKillsTheProcessGroup) {
   auto process = Shell("sleep 1000 & echo $!; wait");
   while (ReadFile(log_).value().find('\n') == std::string::npos) std::this_thread::yield();
   const pid_t grandchild = std::stoi(ReadFile(log_).value());

@@ -44,7 +44,7 @@ const v1::Job& After() {
   return job;
 }
 
-TEST(TileChangesTest, EveryTileFileOfEitherJobIsTold) {
+TEST(TileChangesTest, ListsTileFilesOfBothJobs) {
   const json changes = json::parse(ChangesJson(Before(), After(), CompareTileFiles(Before(), After())));
   EXPECT_EQ(changes["job"], "jobs/2");
   EXPECT_EQ(changes["base"], "jobs/1");
@@ -56,7 +56,7 @@ TEST(TileChangesTest, EveryTileFileOfEitherJobIsTold) {
                             {"name": "tiles/3_0.ply", "old_sha256": null, "new_sha256": "g", "changed": true}])"));
 }
 
-TEST(TileChangesTest, ChangedTilesAndAllJsonAreFetchedAndTheWholeMeshIsNot) {
+TEST(TileChangesTest, FetchesChangedTilesAndJsonButNotTheWholeMesh) {
   std::vector<std::string> names;
   const v1::Job wanted = OnlyChanged(After(), CompareTileFiles(Before(), After()));
   for (const v1::Artifact& artifact : wanted.artifacts()) names.push_back(artifact.name());
@@ -65,7 +65,7 @@ TEST(TileChangesTest, ChangedTilesAndAllJsonAreFetchedAndTheWholeMeshIsNot) {
                                                    "update.json"));
 }
 
-TEST(TileChangesTest, NothingChangesBetweenAJobAndItself) {
+TEST(TileChangesTest, JobEqualsItself) {
   const auto changes = CompareTileFiles(After(), After());
   EXPECT_EQ(changes.size(), 3u);
   for (const TileFileChange& change : changes) EXPECT_FALSE(change.changed()) << change.name;

@@ -50,7 +50,7 @@ std::vector<json> Slices(const json& trace) {
   return slices;
 }
 
-TEST(Timeline, HasARowAWorkerAndASliceAnAttempt) {
+TEST(Timeline, HasOneTrackPerWorkerAndOneSlicePerAttempt) {
   v1::Attempt failed = AnAttempt(2, "workers/1-1", 30, 50, v1::ATTEMPT_OUTCOME_FAILED);
   failed.mutable_error()->set_error_class(v1::ERROR_CLASS_LOST_INPUT);
   failed.mutable_error()->set_message("no such\nfile");
@@ -91,7 +91,7 @@ TEST(Timeline, HasARowAWorkerAndASliceAnAttempt) {
   EXPECT_NE(of_task["jobs/3/tasks/4"]["pid"], good["pid"]);
 }
 
-TEST(Timeline, SlicesOfARowDoNotOverlap) {
+TEST(Timeline, SlicesOfATrackDoNotOverlap) {
   std::vector<v1::Attempt> attempts;
   for (int i = 0; i < 40; ++i) {
     const int start_s = (i * 37) % 50;
@@ -111,7 +111,7 @@ TEST(Timeline, SlicesOfARowDoNotOverlap) {
   EXPECT_GT(of_row.size(), 3u) << "some workers seemed to do two things at once";
 }
 
-TEST(Timeline, OfAJobWithoutAttemptsIsATraceToo) {
+TEST(Timeline, JobWithoutAttemptsGivesAValidTrace) {
   EXPECT_TRUE(json::parse(TimelineJson(AJob(), {}, 0))["traceEvents"].empty());
 }
 

@@ -18,13 +18,13 @@ using testing::HasSubstr;
 json Output(const std::string& sha256) { return {{"sha256", sha256}, {"size_bytes", 1}}; }
 
 // job.json of a job of three tiles beside each other. `base`: empty for a first job; `states`: by tile, those that its
-// own tasks left, one after the other; `taken`: by tile, those of its base.
+// own tasks left, one after the other; `inherited`: by tile, those of its base.
 json JobReport(const std::string& name, const std::string& base, const std::map<int, std::vector<std::string>>& states,
-               const std::map<int, std::string>& taken = {}) {
+               const std::map<int, std::string>& inherited = {}) {
   json tasks = json::array();
   if (!base.empty()) {
     json given;
-    for (const auto& [tile, sha256] : taken) given[TileInputName(tile, kStateFile)] = Output(sha256);
+    for (const auto& [tile, sha256] : inherited) given[TileInputName(tile, kStateFile)] = Output(sha256);
     tasks.push_back({{"kind", "base"}, {"tile", -1}, {"outputs", given}});
   }
   tasks.push_back({{"kind", base.empty() ? "ingest" : "update"},
@@ -74,7 +74,7 @@ std::vector<LineageJob> Chain() {
   return {Parsed(third, UpdateOf(2, "image seen")), Parsed(second, UpdateOf(1, "image withdrawn")), Parsed(first)};
 }
 
-TEST(LineageTest, ReadsOfAJobWhatItMadeAndWhatItTook) {
+TEST(LineageTest, ParsesRefinedAndInheritedTiles) {
   const LineageJob job = Chain()[1];
   EXPECT_EQ(job.name, "jobs/4");
   EXPECT_EQ(job.base, "jobs/1");
@@ -83,13 +83,13 @@ TEST(LineageTest, ReadsOfAJobWhatItMadeAndWhatItTook) {
   EXPECT_EQ(job.survey.sha256, "survey of jobs/4");
   EXPECT_EQ(job.made.at(1).sha256, "f") << "the last state";
   EXPECT_FALSE(job.made.contains(0));
-  EXPECT_EQ(job.taken.at(0).sha256, "b");
+  EXPECT_EQ(job.inherited.at(0).sha256, "b");
   EXPECT_EQ(job.tiles.size(), 3u);
   EXPECT_EQ(job.redos.size(), 1u);
   EXPECT_THAT(job.redos.at(1).front().images, ElementsAre("new/1.jpg", "new/2.jpg"));
 }
 
-TEST(LineageTest, ATileIsOfTheNewestJobThatHasTasksForIt) {
+TEST(LineageTest, TileBelongsToTheNewestJobWithTasksForIt) {
   const auto lineage = TraceTiles(Chain());
   ASSERT_TRUE(lineage.ok()) << lineage.status();
   std::vector<std::string> makers, states;
@@ -101,7 +101,7 @@ TEST(LineageTest, ATileIsOfTheNewestJobThatHasTasksForIt) {
   EXPECT_THAT(states, ElementsAre("b", "f", "h"));
 }
 
-TEST(LineageTest, ATileThatWasRolledBackIsOfTheJobThatItWentBackTo) {
+TEST(LineageTest, RestoredTileBelongsToTheEarlierJob) {
   json back = JobReport("jobs/6", "jobs/5", {}, {{0, "b"}, {1, "c"}, {2, "h"}});
   back["rollback"] = {{"to", "jobs/1"}, {"tiles", {1}}};
   std::vector<LineageJob> chain = Chain();
@@ -111,27 +111,27 @@ TEST(LineageTest, ATileThatWasRolledBackIsOfTheJobThatItWentBackTo) {
   EXPECT_EQ(lineage->chain[lineage->tiles[1].made_by].name, "jobs/1");
   EXPECT_EQ(lineage->tiles[1].state.sha256, "c");
   EXPECT_EQ(lineage->chain[lineage->tiles[2].made_by].name, "jobs/5");
-  EXPECT_THAT(*TileLineageText(*lineage, 1, false), HasSubstr("jobs/6 (city): rolled back to jobs/1\n"));
+  EXPECT_THAT(*TileLineageText(*lineage, 1, false), HasSubstr("jobs/6 (city): restored from jobs/1\n"));
   EXPECT_THAT(*TileLineageText(*lineage, 2, false), HasSubstr("jobs/6 (city): kept from jobs/5\n"));
   const json told = json::parse(*LineageJson(*lineage, 1))["tiles"][0]["history"][0];
   EXPECT_EQ(told["did"], "rolled back");
   EXPECT_EQ(told["to"], "jobs/1");
-  chain[0].taken[1].sha256 = "f";
+  chain[0].inherited[1].sha256 = "f";
   EXPECT_EQ(TraceTiles(chain).status().code(), absl::StatusCode::kDataLoss) << "not what jobs/1 left";
 }
 
-TEST(LineageTest, AStateThatIsNotWhatTheBaseMadeIsTold) {
+TEST(LineageTest, InheritedStateThatDiffersFromTheBaseIsAnError) {
   std::vector<LineageJob> chain = Chain();
-  chain[1].taken[0].sha256 = "x";
+  chain[1].inherited[0].sha256 = "x";
   const Status status = TraceTiles(chain).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
   EXPECT_THAT(std::string(status.message()), AllOf(HasSubstr("jobs/5"), HasSubstr("tile 0")));
   chain.pop_back();
-  chain[1].taken[0].sha256 = "b";
+  chain[1].inherited[0].sha256 = "b";
   EXPECT_THAT(std::string(TraceTiles(chain).status().message()), HasSubstr("has no base"));
 }
 
-TEST(LineageTest, WhatIsNoReportOfAResultIsRefused) {
+TEST(LineageTest, MalformedReportsAreRefused) {
   EXPECT_EQ(ParseLineageJob("{}", "").status().code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(ParseLineageJob("", "").status().code(), absl::StatusCode::kDataLoss);
   json plan_only = JobReport("jobs/3", "jobs/1", {});
@@ -158,7 +158,7 @@ Survey SmallSurvey() {
   return survey;
 }
 
-TEST(LineageTest, ImagesAreThoseThatTheCellsOfTheCoreChose) {
+TEST(LineageTest, ImagesAreThoseOfTheCoreCells) {
   const Survey survey = SmallSurvey();
   const auto first = ImagesOfTile(survey, {0, 0, 4, 4});
   ASSERT_EQ(first.size(), 1u);
@@ -171,7 +171,7 @@ TEST(LineageTest, ImagesAreThoseThatTheCellsOfTheCoreChose) {
   EXPECT_THAT(second[1].images, ElementsAre("n.jpg"));
 }
 
-TEST(LineageTest, ImagesAreToldByTheSurveyOfTheJobThatMadeTheTile) {
+TEST(LineageTest, ImagesComeFromTheSurveyOfTheRefiningJob) {
   std::vector<std::string> asked;
   const auto read = [&](const Digest& digest) -> StatusOr<std::string> {
     asked.push_back(digest.sha256);
@@ -203,14 +203,14 @@ Lineage SmallLineage() {
   return lineage;
 }
 
-TEST(LineageTextTest, ALineATile) {
+TEST(LineageTextTest, TableHasOneLinePerTile) {
   const std::string table = LineageTable(SmallLineage());
   EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 4);
   EXPECT_THAT(table, HasSubstr("1     4,0..8,4   jobs/4 (city)  2027-01-15  7        tessera  spring 1, next 1  f\n"));
   EXPECT_THAT(table, HasSubstr("not stored"));
 }
 
-TEST(LineageTextTest, ATileInFullHasItsChainWithReasonsAndImages) {
+TEST(LineageTextTest, TileTextHasHistoryReasonsAndImages) {
   const Lineage lineage = SmallLineage();
   const auto text = TileLineageText(lineage, 1, false);
   ASSERT_TRUE(text.ok()) << text.status();
@@ -225,7 +225,7 @@ TEST(LineageTextTest, ATileInFullHasItsChainWithReasonsAndImages) {
   EXPECT_EQ(TileLineageText(lineage, 3, false).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(LineageTextTest, JsonHasTheSame) {
+TEST(LineageTextTest, JsonMatchesTheText) {
   const Lineage lineage = SmallLineage();
   const json all = json::parse(*LineageJson(lineage, -1)), one = json::parse(*LineageJson(lineage, 1));
   EXPECT_EQ(all["tiles"].size(), 3u);

@@ -77,7 +77,7 @@ TEST(QuoteTest, TheOnlyTileIsRefinedByOneTask) {
   EXPECT_EQ(tile.work.sight_faces, tile.work.core_faces);
 }
 
-TEST(QuoteTest, WorkersShareTheTilesOut) {
+TEST(QuoteTest, WallTimeUsesListScheduling) {
   const auto quote = MakeQuote({.tiles = 4}, SmallCity());
   ASSERT_TRUE(quote.ok());
   const double one = WallSeconds(*quote, 1, 1), two = WallSeconds(*quote, 2, 1), many = WallSeconds(*quote, 100, 1);
@@ -88,7 +88,7 @@ TEST(QuoteTest, WorkersShareTheTilesOut) {
   EXPECT_DOUBLE_EQ(WallSeconds(*quote, 2, 4), two / 4);
 }
 
-TEST(PlanTextTest, TableAndJsonTellTheSame) {
+TEST(PlanTextTest, TableAndJsonAgree) {
   const auto quote = MakeQuote({.tiles = 3}, SmallCity());
   ASSERT_TRUE(quote.ok());
   PlanTerms terms;

@@ -8,7 +8,7 @@
 #include <limits>
 #include <string>
 
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
@@ -38,8 +38,8 @@ v1::WatchJobResponse Update(double progress, int running) {
   return update;
 }
 
-TEST(ProgressDisplayTest, ThePictureTellsTilesTimeAndWhoDoesWhat) {
-  const auto lines = ProgressDisplay::Picture(Update(0.5, 2), 120);
+TEST(ProgressDisplayTest, ShowsTilesTimeLeftAndRunningTasks) {
+  const auto lines = ProgressDisplay::RenderLines(Update(0.5, 2), 120);
   ASSERT_EQ(lines.size(), 3u);
   EXPECT_THAT(lines[0], HasSubstr("[###############...............]"));
   EXPECT_THAT(lines[0], HasSubstr("50%"));
@@ -50,9 +50,9 @@ TEST(ProgressDisplayTest, ThePictureTellsTilesTimeAndWhoDoesWhat) {
   EXPECT_THAT(lines[2], HasSubstr("(attempt 2)"));
 }
 
-TEST(ProgressDisplayTest, ThePictureFitsTheTerminalWhateverComes) {
+TEST(ProgressDisplayTest, LinesFitTheTerminal) {
   for (const double progress : {-1.0, 0.0, 1.0, 7.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
-    const auto lines = ProgressDisplay::Picture(Update(progress, 100), 40);
+    const auto lines = ProgressDisplay::RenderLines(Update(progress, 100), 40);
     EXPECT_LE(lines.size(), 14u);
     for (const std::string& line : lines) {
       EXPECT_LE(line.size(), 40u);
@@ -61,7 +61,7 @@ TEST(ProgressDisplayTest, ThePictureFitsTheTerminalWhateverComes) {
   }
 }
 
-TEST(ProgressDisplayTest, PlainLinesAreOnlyWrittenForWhatIsNew) {
+TEST(ProgressDisplayTest, PlainLinesAreWrittenOnlyForChanges) {
   std::FILE* file = std::tmpfile();
   ProgressDisplay display(file);
   for (int i = 0; i < 50; ++i) display.Show(Update(0.5 + i * 0.001, 1));
@@ -75,14 +75,14 @@ TEST(ProgressDisplayTest, PlainLinesAreOnlyWrittenForWhatIsNew) {
 }
 
 // Titles, stages and warnings come from afar.
-TEST(ProgressDisplayTest, NothingThatComesMovesTheCursor) {
+TEST(ProgressDisplayTest, ControlCharactersAreEscaped) {
   v1::WatchJobResponse update = Update(0.5, 1);
   update.mutable_running(0)->set_title(
       "refine\x1b[2J\n\xC2\x9B"
       "31m");
   update.mutable_running(0)->set_stage("\u202estage");
-  EXPECT_THAT(ProgressDisplay::Picture(update, 120)[1], HasSubstr("refine\\x1b[2J\\n\\u009b31m 50%  \\u202estage"));
-  EXPECT_THAT(ProgressDisplay::Picture(update, 120)[1], Not(HasSubstr("\x1b")));
+  EXPECT_THAT(ProgressDisplay::RenderLines(update, 120)[1], HasSubstr("refine\\x1b[2J\\n\\u009b31m 50%  \\u202estage"));
+  EXPECT_THAT(ProgressDisplay::RenderLines(update, 120)[1], Not(HasSubstr("\x1b")));
   std::FILE* file = std::tmpfile();
   ProgressDisplay display(file);
   display.Show(update);
@@ -96,16 +96,16 @@ TEST(ProgressDisplayTest, NothingThatComesMovesTheCursor) {
   EXPECT_THAT(text, HasSubstr("warning: \\x1b[1A\n"));
 }
 
-TEST(JobWordsTest, NamesDurationsAndNumbers) {
+TEST(JobTextTest, NamesDurationsAndNumbers) {
   EXPECT_EQ(FullJobName("7"), "jobs/7");
   EXPECT_EQ(FullJobName("jobs/7"), "jobs/7");
-  EXPECT_EQ(DurationWords(0.4), "0 s");
-  EXPECT_EQ(DurationWords(59.4), "59 s");
-  EXPECT_EQ(DurationWords(200), "3 min 20 s");
-  EXPECT_EQ(DurationWords(7500), "2 h 5 min");
-  EXPECT_EQ(Grouped(0), "0");
-  EXPECT_EQ(Grouped(999), "999");
-  EXPECT_EQ(Grouped(-1234567), "-1,234,567");
+  EXPECT_EQ(FormatDuration(0.4), "0 s");
+  EXPECT_EQ(FormatDuration(59.4), "59 s");
+  EXPECT_EQ(FormatDuration(200), "3 min 20 s");
+  EXPECT_EQ(FormatDuration(7500), "2 h 5 min");
+  EXPECT_EQ(FormatThousands(0), "0");
+  EXPECT_EQ(FormatThousands(999), "999");
+  EXPECT_EQ(FormatThousands(-1234567), "-1,234,567");
 }
 
 }  // namespace

@@ -1,5 +1,4 @@
-// No answer grows without bound: each call whose answer could has a row here, and is made where there is more than
-// fits.
+// Answers are bounded: each call whose answer could grow has a row here and is made with more data than fits.
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/message.h>
@@ -83,7 +82,7 @@ bool NeedsBound(const MethodDescriptor& method) {
   return method.client_streaming() || method.server_streaming() || Grows(*method.output_type(), seen);
 }
 
-TEST(Bounds, EveryCallWhoseAnswerGrowsHasItsRow) {
+TEST(Bounds, EveryUnboundedAnswerHasALimit) {
   std::set<std::string> needed;
   for (const MethodDescriptor* method : MethodsOfServices()) {
     const std::string name = NameOfCall(*method);
@@ -196,7 +195,7 @@ class BoundsTest : public ServerTest {
   Digest published_;
 };
 
-TEST_F(BoundsTest, NoAnswerIsLargerThanItMayBe) {
+TEST_F(BoundsTest, AnswersStayBelowTheSizeLimit) {
   for (const MethodDescriptor* method : MethodsOfServices()) {
     const auto bound = kBounds.find(NameOfCall(*method));
     if (bound == kBounds.end()) continue;
@@ -221,7 +220,7 @@ TEST_F(BoundsTest, NoAnswerIsLargerThanItMayBe) {
   }
 }
 
-TEST_F(BoundsTest, NoMessageOfMoreThanGrpcsOwnLimitIsRead) {
+TEST_F(BoundsTest, OversizedMessagesAreRefused) {
   grpc::ClientContext context;
   v1::GetJobRequest request;
   request.set_name(std::string(5 * kMiB, 'x'));

@@ -50,7 +50,7 @@ TEST_F(ServerTest, CreateJobValidatesAndIsIdempotent) {
   EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).size(), 1u);
 }
 
-TEST_F(ServerTest, ARequestThatComesAHundredTimesAtOnceIsOneJob) {
+TEST_F(ServerTest, ConcurrentRepeatedRequestsGiveOneJob) {
   constexpr int kCalls = 100;
   std::latch together(kCalls);
   std::vector<v1::Job> jobs(kCalls);
@@ -142,7 +142,7 @@ TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
 
 // One call does for a report and the next lease. An answer that was lost loses nothing: the call again, or one for a
 // lease under the same number, is given the same.
-TEST_F(ServerTest, AReportsAnswerBringsTheNextTask) {
+TEST_F(ServerTest, ReportAnswerCarriesTheNextLease) {
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
   const std::string worker = Register().worker();
@@ -227,7 +227,7 @@ TEST_F(ServerTest, ErrorsKeepTheirCodes) {
 }
 
 // What a worker does about an error does not depend on its code.
-TEST_F(ServerTest, RefusalsComeWithTheirReasons) {
+TEST_F(ServerTest, RefusalsCarryTheirReason) {
   grpc::ClientContext lease_context, version_context, report_context, job_context;
   v1::LeaseTaskRequest lease;
   lease.set_worker(Register().worker());
@@ -253,7 +253,7 @@ TEST_F(ServerTest, RefusalsComeWithTheirReasons) {
   EXPECT_EQ(RefusalOf(FromGrpc(jobs_->GetJob(&job_context, get, &job))), Refusal::kNone);
 }
 
-TEST_F(ServerTest, WithoutSharedStorageNoPathIsTold) {
+TEST_F(ServerTest, WithoutSharedStorageNoPathIsSent) {
   server_->Shutdown(1);
   environment_.shared_probe_path.clear();
   Restart();
@@ -269,7 +269,7 @@ TEST_F(ServerTest, WithoutSharedStorageNoPathIsTold) {
   for (const auto& input : lease.spec().inputs()) EXPECT_EQ(input.shared_path(), "");
 }
 
-TEST_F(ServerTest, SceneFilesAreServedWhileTheyAreWhatTheyWere) {
+TEST_F(ServerTest, ChangedSceneFilesAreNotServed) {
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
   const std::string content = std::string(2'500'000, 'i') + "end";
@@ -291,7 +291,7 @@ TEST_F(ServerTest, SceneFilesAreServedWhileTheyAreWhatTheyWere) {
   EXPECT_FALSE(other->Has(DigestOf(content)));
 }
 
-TEST_F(ServerTest, AJobReadsItsOwnFilesWhenACopyOfItsSceneIsGone) {
+TEST_F(ServerTest, JobReadsItsOwnSceneWhenACopyIsRemoved) {
   const std::string copy = folder_.path() + "/copy", content = std::string(2'500'000, 'i') + "end";
   // The copy is submitted after the scene itself, then before another job on it.
   for (const auto& scenes : {std::vector<std::string>{scene_, copy}, std::vector<std::string>{copy, scene_}}) {
@@ -373,7 +373,7 @@ TEST_F(ServerTest, ShutdownEndsWaitingCalls) {
   waiter.join();
 }
 
-TEST_F(ServerTest, ACallThatWasCancelledIsGivenNoTask) {
+TEST_F(ServerTest, CancelledCallGetsNoLease) {
   const auto registration = Register(), other = Register();
   clock_.Advance(5);
   grpc::ClientContext context;
@@ -396,7 +396,7 @@ TEST_F(ServerTest, ACallThatWasCancelledIsGivenNoTask) {
 }
 
 // More than there are threads, and than calls that a connection may have under way, beside calls that do not wait.
-TEST_F(ServerTest, HundredsMayWaitAtOnce) {
+TEST_F(ServerTest, HundredsOfCallsWaitConcurrently) {
   constexpr int kWorkers = 300;
   struct Call {
     grpc::ClientContext context;
@@ -427,7 +427,7 @@ TEST_F(ServerTest, HundredsMayWaitAtOnce) {
   EXPECT_EQ(given, 1) << "the job's first task";
 }
 
-TEST_F(ServerTest, HowManyContentsMayBeAskedForAtOnceIsBounded) {
+TEST_F(ServerTest, NumberOfDigestsPerCallIsLimited) {
   v1::StatBlobsRequest stat;
   for (int i = 0; i < 1000; ++i) stat.add_digests()->set_sha256(Sha256Hex(std::to_string(i)));
   const auto ask = [&] {

@@ -1,4 +1,4 @@
-// How much of everything a client may have, and what he is told beyond that; how a coordinator drains.
+// Client limits and their errors; draining of a coordinator.
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
 
@@ -104,7 +104,7 @@ TEST_F(LimitsTest, JobsOfAClientAndOfAll) {
   ExpectLimit(coordinator_->jobs().CreateJob(AJob(1)).status(), "jobs that have not ended", 3, "--max-jobs");
 }
 
-TEST_F(LimitsTest, ManySubmitsOfOneAreRefusedAndOthersServed) {
+TEST_F(LimitsTest, SubmitLimitIsPerClient) {
   options_.limits.of_client = 5;
   StartAgain();
   v1::Job job;
@@ -115,7 +115,7 @@ TEST_F(LimitsTest, ManySubmitsOfOneAreRefusedAndOthersServed) {
   EXPECT_NE(Create(AJob(1)), "");
 }
 
-TEST_F(LimitsTest, WhatIsKeptOfASubmissionIsBounded) {
+TEST_F(LimitsTest, StoredSizeOfASubmissionIsLimited) {
   const auto faults = [&](const std::function<void(v1::CreateJobRequest&)>& spoil) {
     grpc::ClientContext context;
     v1::CreateJobRequest request;
@@ -203,7 +203,7 @@ TEST_F(LimitsTest, UnfinishedUploadsAndTheirBytes) {
   EXPECT_TRUE(Send(c, 10).ok()) << "one is finished";
 }
 
-TEST_F(LimitsTest, WhatWasSweptCountsNoMore) {
+TEST_F(LimitsTest, SweptUploadsAreNotCounted) {
   ClientLimitOptions options;
   options.uploads = 1;
   ClientLimits limits(options, blobs_.get());
@@ -218,7 +218,7 @@ TEST_F(LimitsTest, WhatWasSweptCountsNoMore) {
   EXPECT_TRUE(later.BeginUpload("a", second).ok());
 }
 
-TEST_F(LimitsTest, ATransferThatFallsSilentIsBrokenOff) {
+TEST_F(LimitsTest, SilentTransferIsAborted) {
   ClientLimitOptions options;
   options.silence_s = 60;
   ClientLimits limits(options, blobs_.get());
@@ -237,7 +237,7 @@ TEST_F(LimitsTest, ATransferThatFallsSilentIsBrokenOff) {
   EXPECT_EQ(limits.transfers(), 1);
 }
 
-TEST_F(LimitsTest, ASilentUploadEndsOverTheWire) {
+TEST_F(LimitsTest, SilentUploadIsAbortedOverTheNetwork) {
   environment_.limits.silence_s = 0;
   StartAgain();
   const auto upload = Begin();
@@ -248,7 +248,7 @@ TEST_F(LimitsTest, ASilentUploadEndsOverTheWire) {
   EXPECT_FALSE(upload->writer->Finish().ok());
 }
 
-TEST_F(LimitsTest, ListsComeInPages) {
+TEST_F(LimitsTest, ListsArePaged) {
   for (int i = 0; i < 7; ++i) Register();
   std::vector<std::string> names;
   v1::ListWorkersRequest request;
@@ -268,7 +268,7 @@ TEST_F(LimitsTest, ListsComeInPages) {
   EXPECT_TRUE(std::is_sorted(names.begin(), names.end()));
 }
 
-TEST_F(LimitsTest, APageOfJobsEndsBeforeItIsTooLarge) {
+TEST_F(LimitsTest, PagesOfJobsAreLimitedInSize) {
   environment_.list_scene = [](const std::string& path, const SceneRequest&,
                                const AllowedFiles&) -> StatusOr<SceneListing> {
     return SceneListing{path, "fake", {"image"}, Warnings(500, std::string(1000, 'w'))};
@@ -303,7 +303,7 @@ class NotingCache final : public DigestCache {
   std::atomic<int> hashed = 0;
 };
 
-TEST_F(LimitsTest, NothingIsHashedForACallWhoseDeadlineHasPassed) {
+TEST_F(LimitsTest, ExpiredCallStopsHashing) {
   NotingCache cache;
   clock_.Advance(3e9);  // what was written now has lain there for long, and its digest is worth to be remembered
   std::latch reading(1), go_on(1);
@@ -335,7 +335,7 @@ TEST_F(LimitsTest, NothingIsHashedForACallWhoseDeadlineHasPassed) {
   EXPECT_GT(cache.hashed, 0) << "for who waits it is";
 }
 
-TEST_F(LimitsTest, ADrainingCoordinatorTakesNothingNewAndEndsWhatItHas) {
+TEST_F(LimitsTest, DrainingCoordinatorRefusesNewJobsAndLeases) {
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job, "a").ok());
   const std::string busy = Register().worker(), idle = Register().worker();
@@ -370,7 +370,7 @@ TEST_F(LimitsTest, ADrainingCoordinatorTakesNothingNewAndEndsWhatItHas) {
 }
 
 // Reflection, as grpcurl asks for it: the names of the services.
-TEST_F(LimitsTest, ReflectionIsServedOnlyWhereItIsAskedFor) {
+TEST_F(LimitsTest, ReflectionIsServedOnlyIfEnabled) {
   const auto ask = [&](std::string* answer) {
     const std::string list_services("\x3a\x00", 2);
     return RawCall(channel_, "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", list_services, {},

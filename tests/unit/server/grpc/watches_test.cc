@@ -1,4 +1,4 @@
-// Watches: many, slow, silent ones, and such that are taken up again.
+// Watches: many, slow, silent and resumed ones.
 #include <gmock/gmock.h>
 
 #include <condition_variable>
@@ -111,7 +111,7 @@ class WatchesTest : public ServerTest {
   }
 };
 
-TEST_F(WatchesTest, ManyHoldNoThreadEachAndAllAreTold) {
+TEST_F(WatchesTest, ManyWatchesShareThreadsAndAllAreUpdated) {
   constexpr int kConnections = 10, kWatches = 1000;
   const std::string job = AJobOnTheWire();
   std::vector<std::unique_ptr<v1::Jobs::Stub>> stubs;
@@ -133,7 +133,7 @@ TEST_F(WatchesTest, ManyHoldNoThreadEachAndAllAreTold) {
 }
 
 // A message that is larger than what a stream takes whose reader does nothing.
-TEST_F(WatchesTest, WhoIsSlowMissesStatesBetweenButNotTheNewest) {
+TEST_F(WatchesTest, SlowWatcherGetsTheNewestState) {
   environment_.list_scene = [](const std::string& path, const SceneRequest&,
                                const AllowedFiles&) -> StatusOr<SceneListing> {
     return SceneListing{path, "fake", {"image"}, Warnings(50, std::string(4000, 'w'))};
@@ -170,7 +170,7 @@ TEST_F(WatchesTest, WhoIsSlowMissesStatesBetweenButNotTheNewest) {
   EXPECT_TRUE(slow->reader->Finish().ok());
 }
 
-TEST_F(WatchesTest, AStreamIsTakenUpWhereItWas) {
+TEST_F(WatchesTest, StreamResumesFromEtag) {
   const std::string job = AJobOnTheWire();
   v1::WatchJobResponse update;
   const auto first = Watch(job);
@@ -213,7 +213,7 @@ TEST_F(WatchesTest, AStreamIsTakenUpWhereItWas) {
   EXPECT_EQ(update.etag(), end);
 }
 
-TEST_F(WatchesTest, NoEndIsToldBeforeItIsStored) {
+TEST_F(WatchesTest, JobEndIsSentOnlyWhenDurable) {
   options_.durable_wait_s = 0.05;
   StartAgain();
   const std::string job = AJobOnTheWire();
@@ -228,7 +228,7 @@ TEST_F(WatchesTest, NoEndIsToldBeforeItIsStored) {
   EXPECT_EQ(reader.state(), v1::JOB_STATE_CANCELLED);
 }
 
-TEST_F(WatchesTest, HowManyAClientHasIsBounded) {
+TEST_F(WatchesTest, WatchesPerClientAreLimited) {
   environment_.limits.watches = 3;
   StartAgain();
   const std::string job = AJobOnTheWire();
@@ -254,7 +254,7 @@ TEST_F(WatchesTest, HowManyAClientHasIsBounded) {
   for (bool let_in = false; !let_in;) let_in = Watch(job)->reader->Read(&update);  // once the server knows
 }
 
-TEST_F(WatchesTest, AJobThatIsDeletedOrUnknownEndsWithItsReason) {
+TEST_F(WatchesTest, WatchOfDeletedOrUnknownJobEndsWithReason) {
   v1::WatchJobResponse update;
   const auto unknown = Watch("jobs/9");
   EXPECT_FALSE(unknown->reader->Read(&update));

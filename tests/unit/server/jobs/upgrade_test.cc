@@ -124,7 +124,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
       if (start == 0) OpenUpgraded();
     }
     ASSERT_TRUE(coordinator_->core().Durable().ok());
-    EXPECT_THAT(told_, Contains(AllOf(HasSubstr("job_begun_anew"), HasSubstr(paused))));
+    EXPECT_THAT(told_, Contains(AllOf(HasSubstr("job_restarted"), HasSubstr(paused))));
     ASSERT_TRUE(coordinator_->Tick().ok());
     EXPECT_EQ(Job(update).header.state, JobState::kFailed);
     EXPECT_THAT(Job(update).header.error, AllOf(HasSubstr(base + " was made by version before"),

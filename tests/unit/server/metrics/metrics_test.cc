@@ -1,4 +1,4 @@
-// What Prometheus reads of a coordinator whose every step is known.
+// Metrics of a coordinator after a known sequence of steps.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -41,7 +41,7 @@ class MetricsTest : public CoordinatorTest {
   MetricSources sources_;
 };
 
-TEST_F(MetricsTest, AddUpWhatTasksDid) {
+TEST_F(MetricsTest, MetricsSumTaskResults) {
   const std::string job = Create(AJob(2));
   const std::string worker = Worker(), other = Worker("other/boot");
   clock_.Advance(3);
@@ -54,8 +54,8 @@ TEST_F(MetricsTest, AddUpWhatTasksDid) {
   ASSERT_TRUE(Succeed(worker, *ingest).ok());  // 7.5 core-seconds where 1 was predicted
   const auto refine = Lease(worker);
   ASSERT_TRUE(Fail(worker, *refine, ErrorClass::kScratch).ok());
-  EXPECT_EQ(Value("tessera_workers{state=\"set_aside\"}"), 1);
-  EXPECT_EQ(Value("tessera_workers_set_aside_total"), 1);
+  EXPECT_EQ(Value("tessera_workers{state=\"suspended\"}"), 1);
+  EXPECT_EQ(Value("tessera_workers_suspended_total"), 1);
   EXPECT_EQ(Value("tessera_tasks_ready{kind=\"refine\",memory=\"unknown\"}"), 2);
   const auto broken = Lease(other);
   ASSERT_TRUE(Fail(other, *broken, ErrorClass::kInternal).ok());
@@ -102,7 +102,7 @@ TEST_F(MetricsTest, AddUpWhatTasksDid) {
   EXPECT_EQ(Value("tessera_tasks_succeeded_total{kind=\"refine\"}"), 2);
 }
 
-TEST_F(MetricsTest, TellOfTheQueueOnlyWhatWorkersCouldTake) {
+TEST_F(MetricsTest, QueueMetricsCountLeasableTasksOnly) {
   const std::string job = Create(AJob(3));
   EXPECT_EQ(Value("tessera_tasks_ready{kind=\"ingest\",memory=\"unknown\"}"), 1);
   EXPECT_EQ(Value("tessera_jobs{state=\"queued\"}"), 1);
@@ -120,7 +120,7 @@ TEST_F(MetricsTest, TellOfTheQueueOnlyWhatWorkersCouldTake) {
   EXPECT_EQ(Value("tessera_oldest_ready_task_age_seconds"), 7);
 }
 
-TEST_F(MetricsTest, TellOfStorage) {
+TEST_F(MetricsTest, MetricsCoverTheJournal) {
   options_.durable_wait_s = 0.05;
   Restart();
   Create(AJob(1));
@@ -140,7 +140,7 @@ TEST_F(MetricsTest, TellOfStorage) {
   EXPECT_EQ(Value("tessera_storage_ok"), 1);
 }
 
-TEST_F(MetricsTest, TellOfCallsByMethodAndCode) {
+TEST_F(MetricsTest, MetricsCountCallsByMethodAndCode) {
   RpcCounts::Count(rpcs_.Of("/tessera.v1.Jobs/CreateJob"), 0, 0.002);
   RpcCounts::Count(rpcs_.Of("/tessera.v1.Jobs/CreateJob"), 3, 0.2);
   RpcCounts::Count(rpcs_.Of("/whatever/a.caller/sends"), 12, 5);
@@ -158,8 +158,8 @@ TEST_F(MetricsTest, TellOfCallsByMethodAndCode) {
   EXPECT_EQ(Value("tessera_blob_bytes_total{direction=\"written\"}"), 7);
 }
 
-// Nothing that a user, a worker or a scene names is in them, and their number does not grow with jobs or workers.
-TEST_F(MetricsTest, NameNobodyAndStayAsMany) {
+// Labels hold no name of a user, worker or scene, and the number of samples does not grow with jobs or workers.
+TEST_F(MetricsTest, MetricLabelsHoldNoUserNames) {
   const auto lines = [&] {
     const std::string text = Text();
     return std::count(text.begin(), text.end(), '\n');
@@ -182,7 +182,7 @@ TEST_F(MetricsTest, NameNobodyAndStayAsMany) {
   EXPECT_EQ(lines(), before);
 }
 
-TEST_F(MetricsTest, AreServedOverHttp) {
+TEST_F(MetricsTest, MetricsAreServedOverHttp) {
   const auto server = MetricsServer::Start("127.0.0.1:0", sources_);
   ASSERT_TRUE(server.ok()) << server.status();
   const std::string answer = HttpGet((*server)->address(), "/metrics");
@@ -195,8 +195,8 @@ TEST_F(MetricsTest, AreServedOverHttp) {
   }
 }
 
-// What deploy/alarms.yml asks for is there, from the start on.
-TEST_F(MetricsTest, HaveWhatTheAlarmsAskFor) {
+// Every metric that deploy/alarms.yml uses exists from the start.
+TEST_F(MetricsTest, AlarmsUseExistingMetrics) {
   std::ifstream rules(TESSERA_SOURCE_DIR "/deploy/alarms.yml");
   std::set<std::string> asked;
   const std::regex name("tessera_[a-z_]+");
@@ -220,7 +220,7 @@ std::pair<bool, std::string> Shell(const std::string& command) {
   return {::pclose(out) == 0, said};
 }
 
-TEST_F(MetricsTest, AndAlarmsAreWhatPrometheusTakes) {
+TEST_F(MetricsTest, AlarmsAreValidForPrometheus) {
   if (!Shell("command -v promtool").first) GTEST_SKIP() << "promtool (package prometheus) is not installed";
   const auto [rules_fit, of_rules] = Shell("promtool check rules " TESSERA_SOURCE_DIR "/deploy/alarms.yml");
   EXPECT_TRUE(rules_fit) << of_rules;

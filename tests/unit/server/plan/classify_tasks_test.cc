@@ -1,4 +1,4 @@
-// Jobs that make their likelihoods themselves: of which views, from what, and who reads them.
+// Tasks of jobs that compute likelihoods: which views, which inputs, which readers.
 #include "server/plan/classify_tasks.h"
 
 #include <gmock/gmock.h>
@@ -17,7 +17,7 @@ namespace {
 
 // A job that makes its likelihoods makes those of the same views, from the same, whatever its tiles; who reads a view's
 // pixels reads them, and cut what they all say of borders.
-TEST(ClassifyTasks, AreTheSameForAnyTiles) {
+TEST(ClassifyTasks, TasksDoNotDependOnTiles) {
   Survey survey = RandomSurvey(12, 12, 0.8, 5);
   survey.classifier = "0123";
   for (SceneView& view : survey.views) view.likelihood_path.clear();
@@ -80,7 +80,7 @@ TEST(ClassifyTasks, AreTheSameForAnyTiles) {
 
 // An update of a job that made its likelihoods makes those that it reads, as its base did, and takes over what the base
 // knew of their borders.
-TEST(ClassifyTasks, OfAnUpdateAreThoseOfItsBase) {
+TEST(ClassifyTasks, UpdateReusesTasksOfItsBase) {
   Pair pair(4);
   const auto classify = [](Survey* survey) {
     survey->classifier = "0123";

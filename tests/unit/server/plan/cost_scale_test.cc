@@ -30,7 +30,7 @@ TEST(CostScale, RatiosStayWithinLimits) {
   EXPECT_EQ(scale.Of("ingest"), kMostScale);
 }
 
-TEST(CostScale, WhatTookTooLittleIsNoMeasureOfItsKind) {
+TEST(CostScale, ShortTasksAreNotMeasured) {
   const CostScale scale({{"measure", {100, 50}}, {"publish", {0.1, 0.9}}, {"crop", {0, 4}}});
   EXPECT_NEAR(scale.Of("publish"), 0.55, 0.01) << "that of all";
   EXPECT_EQ(scale.Of("crop"), scale.Of("publish")) << "nothing was predicted to hold it against";

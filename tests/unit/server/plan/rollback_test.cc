@@ -69,7 +69,7 @@ struct City {
   }
 };
 
-TEST(Rollback, NeighboursThatOneJobMadeAnewGoTogether) {
+TEST(Rollback, NeighboursRefinedByOneJobAreRestoredTogether) {
   City city;
   city.Redo({0, 1, 5, 8});  // 1 and 5 touch at a corner
   EXPECT_THAT(city.MustBack(0, {0, 1, 5, 8}), ElementsAre(0, 1, 5, 8));
@@ -81,7 +81,7 @@ TEST(Rollback, NeighboursThatOneJobMadeAnewGoTogether) {
   EXPECT_THAT(city.MustBack(0, {7}), ElementsAre(7)) << "held by all about it when it was made anew";
 }
 
-TEST(Rollback, TilesThatAreApartGoAlone) {
+TEST(Rollback, SeparateTilesAreRestoredAlone) {
   City city;
   city.Redo({0, 2, 6});
   EXPECT_THAT(city.MustBack(0, {2}), ElementsAre(2));
@@ -90,7 +90,7 @@ TEST(Rollback, TilesThatAreApartGoAlone) {
   EXPECT_THAT(city.Refusal(0, {2}), HasSubstr("tiles 0, 6 must go along"));
 }
 
-TEST(Rollback, NeighboursOfDifferentJobsGoAlone) {
+TEST(Rollback, NeighboursOfDifferentJobsAreRestoredAlone) {
   City city;
   city.Redo({3});
   city.Redo({4});
@@ -100,7 +100,7 @@ TEST(Rollback, NeighboursOfDifferentJobsGoAlone) {
   EXPECT_THAT(city.Refusal(0, {3}), HasSubstr("tile 4 must go along"));
 }
 
-TEST(Rollback, WhatIsTheSameInBothIsNoNeighbour) {
+TEST(Rollback, EqualTilesAreNotCoupled) {
   City city;
   city.Redo({0, 1});
   city.GoBack({0, 1}, 0);
@@ -110,7 +110,7 @@ TEST(Rollback, WhatIsTheSameInBothIsNoNeighbour) {
   EXPECT_THAT(city.Refusal(1, {0}), HasSubstr("tile 1 must go along")) << "they went back together";
 }
 
-TEST(Rollback, WithoutNamesAllThatDiffer) {
+TEST(Rollback, DefaultIsAllTilesThatDiffer) {
   City city;
   city.Redo({0, 1});
   city.Redo({8});
@@ -129,7 +129,7 @@ TEST(Rollback, WhatCannotBeIsRefused) {
   EXPECT_THAT(city.Refusal(0, {0}), HasSubstr("another mesh in jobs/0 than in jobs/1"));
 }
 
-TEST(Rollback, ThePlanIsToPublishTheStatesGiven) {
+TEST(Rollback, PlanOnlyPublishesGivenStates) {
   City city;
   UpdateBase base = city.jobs.back();
   base.survey_json = SurveyToJson(city.survey);
@@ -148,7 +148,7 @@ TEST(Rollback, ThePlanIsToPublishTheStatesGiven) {
   }
 }
 
-TEST(Rollback, FacesThatShowWhatIsGoneStayFlagged) {
+TEST(Rollback, OutdatedFacesStayFlagged) {
   City city;
   UpdateBase base = city.jobs.back();
   base.survey_json = SurveyToJson(city.survey);

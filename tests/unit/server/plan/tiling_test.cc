@@ -115,7 +115,7 @@ TEST(Tiling, ANumberOfTilesIsKeptUnlessMemoryIsLimitedToo) {
   EXPECT_GT(LayOutTiles(CellIndex(survey), options)->size(), 2u);
 }
 
-TEST(Tiling, ACellThatCannotFitIsRefusedWithWhatToDo) {
+TEST(Tiling, CellThatDoesNotFitIsRefusedWithAdvice) {
   Survey survey = SeenFromAbove(4);
   survey.cells[5].faces = 6'000'000;
   const auto refused = PlanTiles({.tile_memory_bytes = int64_t{3} << 30}, SurveyToJson(survey), FilesOf(survey));

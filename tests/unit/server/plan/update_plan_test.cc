@@ -1,4 +1,4 @@
-// Updates: which tiles they redo, what they take from their base, what their tasks read.
+// Updates: which tiles they refine, what they inherit from their base job, what their tasks read.
 #include "server/plan/update_plan.h"
 
 #include <gmock/gmock.h>
@@ -33,7 +33,7 @@ TEST(UpdatePlan, TilesAreRedoneForWhatTheirOwnCellsChoose) {
   EXPECT_GT(change.predicted.core_seconds, 0);
 }
 
-TEST(UpdatePlan, ReasonsAreToldApart) {
+TEST(UpdatePlan, EachReasonIsReported) {
   const auto reason = [](const std::function<void(Pair*, SurveyCell*)>& edit) {
     Pair pair(4);
     for (SurveyCell& cell : pair.now.cells) {
@@ -125,7 +125,7 @@ TEST(UpdatePlan, WithoutAChangeOnlyPublishIsLeftUnderTheBasesKey) {
   for (const PlannedInput& input : (*tasks)[1].inputs) EXPECT_LT(input.task.value(), 2);
 }
 
-TEST(UpdatePlan, StepsHoldTheTilesThatStay) {
+TEST(UpdatePlan, StepsFreezeKeptTiles) {
   Pair pair(4);
   const size_t cell = 3;
   const int redone = pair.TileOf(cell);
@@ -172,7 +172,7 @@ TEST(UpdatePlan, StepsHoldTheTilesThatStay) {
   EXPECT_FALSE(ParseChangesParameters(changes.parameters)->outdated) << "the base has none";
 }
 
-TEST(UpdatePlan, WhatTheBaseSaysOfOutdatedFacesIsHandedOn) {
+TEST(UpdatePlan, OutdatedFacesOfTheBaseAreInherited) {
   Pair pair(4);
   pair.base.outdated = DigestOf("faces");
   const auto same = PlanTiles({}, SurveyToJson(pair.now), pair.Files(), &pair.base);
@@ -250,7 +250,7 @@ TEST(UpdatePlan, TheBasesMeshIsReadWhereTheSceneMayHaveAnother) {
   }
 }
 
-TEST(UpdatePlan, TilesGrowToNewCellsAndNeverMeet) {
+TEST(UpdatePlan, TilesGrowToNewCellsWithoutOverlap) {
   Random random(5);
   int gone = 0;
   for (int round = 0; round < 40; ++round) {
@@ -284,7 +284,7 @@ TEST(UpdatePlan, TilesGrowToNewCellsAndNeverMeet) {
   EXPECT_GT(gone, 0);
 }
 
-TEST(UpdatePlan, ATileOfWhichNothingIsLeftHasNoTasksAndNoState) {
+TEST(UpdatePlan, RemovedTileHasNoTasksAndNoState) {
   constexpr int kGone = 4;  // in the middle
   Pair pair(9);
   pair.RemoveCellsOf(kGone);
@@ -343,7 +343,7 @@ TEST(UpdatePlan, ATileOfWhichNothingIsLeftHasNoTasksAndNoState) {
   EXPECT_EQ(nlohmann::json::parse((*next)[0].given_contents->front().second)["tiles_gone"], nlohmann::json::array());
 }
 
-TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
+TEST(UpdatePlan, FromScratchRefinesAllTilesAndFreezesNone) {
   Pair pair(4);
   pair.AddView(3);
   JobSettings settings;
@@ -365,7 +365,7 @@ TEST(UpdatePlan, FromScratchRedoesAllAndHoldsNone) {
   }
 }
 
-TEST(UpdatePlan, WhatTheBaseTookCorrectsPredictionsAndNothingElse) {
+TEST(UpdatePlan, MeasuredCostsCorrectPredictionsOnly) {
   Pair pair(4);
   pair.AddView(3);
   const std::string survey = SurveyToJson(pair.now);
@@ -403,7 +403,7 @@ TEST(UpdatePlan, WhatTheBaseTookCorrectsPredictionsAndNothingElse) {
   EXPECT_NEAR(now["core_seconds"], sum, 1e-6 * sum) << "the plan tells what its tasks sum to";
 }
 
-TEST(UpdatePlan, AJobThatIsPredictedToTakeTooMuchIsRefused) {
+TEST(UpdatePlan, JobAboveThePriceLimitIsRefused) {
   Pair pair(4);
   pair.AddView(3);
   JobSettings settings;
@@ -411,7 +411,7 @@ TEST(UpdatePlan, AJobThatIsPredictedToTakeTooMuchIsRefused) {
   for (const UpdateBase* base : {static_cast<const UpdateBase*>(&pair.base), static_cast<const UpdateBase*>(nullptr)}) {
     const auto refused = PlanTiles(settings, SurveyToJson(pair.now), pair.Files(), base);
     EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
-    EXPECT_THAT(refused.status().message(), HasSubstr("more than the 0.001 that it may"));
+    EXPECT_THAT(refused.status().message(), HasSubstr("more than the limit of 0.001"));
   }
 }
 

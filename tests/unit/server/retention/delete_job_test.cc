@@ -221,7 +221,7 @@ TEST_F(DeleteJobTest, ItsNumberIsNotGivenAgainThoughNoRecordOfItIsLeft) {
   coordinator_.reset();
   std::vector<int64_t> last;
   ASSERT_TRUE(sqlite_->Replay([&](const StoredRecord& stored) { last = {stored.number}; }).ok());
-  ASSERT_TRUE(sqlite_->SetAside(last.at(0), "that it was deleted").ok());
+  ASSERT_TRUE(sqlite_->Quarantine(last.at(0), "that it was deleted").ok());
   RestartFromFile();
   EXPECT_EQ(Done(1, "{\"other\":1}"), "jobs/3");
   for (const char* const never_given : {"jobs/999999999", "jobs/2000000000"}) {  // the second is no job's name at all

@@ -22,7 +22,7 @@ void ExpectRoundTrip(const JobSettings& settings) {
   EXPECT_EQ(back.method_settings, settings.method_settings) << ToJson(back.method_settings);
 }
 
-TEST(Settings, TravelAsTheyAre) {
+TEST(Settings, RoundTripThroughProto) {
   ExpectRoundTrip({});
   ExpectRoundTrip({.tiles = 3, .rounds = 2, .method = "paper"});
   for (const auto& setting : RealSettings()) {
@@ -47,14 +47,14 @@ TEST(Settings, TravelAsTheyAre) {
   ExpectRoundTrip(lists);
 }
 
-TEST(Settings, OnlyWhatIsSetTravels) {
+TEST(Settings, UnsetSettingsStayUnset) {
   v1::JobSettings message;
   ToProto({}, &message);
   EXPECT_FALSE(message.has_method_settings());
   EXPECT_EQ(FromProto(v1::JobSettings()).method, "tessera");
 }
 
-TEST(Settings, ARollbackStandsAlone) {
+TEST(Settings, RollbackExcludesOtherUpdateSettings) {
   JobSettings settings;
   settings.update.base = "jobs/2";
   settings.update.rollback_tiles = {1, 4};
@@ -68,7 +68,7 @@ TEST(Settings, ARollbackStandsAlone) {
   EXPECT_FALSE(CheckJobSettings(settings).ok());
 }
 
-TEST(Settings, AllFaultsAreToldAtOnce) {
+TEST(Settings, AllFaultsAreReportedTogether) {
   JobSettings settings = {.tiles = -1, .rounds = kMaxRounds + 1, .method = "magic"};
   settings.method_settings.window_px = 99;
   settings.method_settings.semantic = -2;
@@ -81,7 +81,7 @@ TEST(Settings, AllFaultsAreToldAtOnce) {
   EXPECT_TRUE(CheckJobSettings({}).ok());
 }
 
-TEST(Settings, AnUpdateKeepsTheKindOfItsBasesClassifier) {
+TEST(Settings, UpdateInheritsTheClassifierKind) {
   const std::string model = "/models/city.model";
   const auto ok = [](const std::string& asked, const std::string& base) {
     const auto settings = SettingsOfUpdate({.classifier = asked}, {.classifier = base});

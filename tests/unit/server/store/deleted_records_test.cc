@@ -1,4 +1,4 @@
-// Records of deleted jobs go, files of the version before are migrated, copies are whole.
+// Removal of records of deleted jobs, migration of the previous version, backups and salvage.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sqlite3.h>
@@ -63,7 +63,7 @@ class DeletedRecordsTest : public testing::Test {
   const std::string path_ = folder_.path() + "/state.sqlite";
 };
 
-TEST_F(DeletedRecordsTest, AreNotVisitedFromTheirDeletionOnAndGoInSteps) {
+TEST_F(DeletedRecordsTest, DeletedRecordsAreSkippedAndRemovedInSteps) {
   {
     auto store = Open();
     for (const char* record : {"1 a", "2 a", "text", "1 b", "2 b", "1 c", "1 deleted", "2 c"}) Append(*store, record);
@@ -79,10 +79,10 @@ TEST_F(DeletedRecordsTest, AreNotVisitedFromTheirDeletionOnAndGoInSteps) {
   EXPECT_THAT(Select("SELECT id FROM records ORDER BY id", path_), ElementsAre(2, 3, 5, 7, 8));
   // Loss beside what was removed is still found.
   Select("DELETE FROM records WHERE id = 5", path_);
-  EXPECT_THAT(All(*Open()), ElementsAre("2 a", "text", HasSubstr("5: DATA_LOSS: missing"), "1 deleted", "2 c"));
+  EXPECT_THAT(All(*Open()), ElementsAre("2 a", "text", HasSubstr("5: DATA_LOSS: record missing"), "1 deleted", "2 c"));
 }
 
-TEST_F(DeletedRecordsTest, ANumberIsNeverGivenTwice) {
+TEST_F(DeletedRecordsTest, RecordNumbersAreNeverReused) {
   {
     auto store = Open();
     for (const char* record : {"1 a", "1 deleted", "1 late", "1 later"}) Append(*store, record);
@@ -95,7 +95,7 @@ TEST_F(DeletedRecordsTest, ANumberIsNeverGivenTwice) {
 
 // Whatever is deleted in whatever order and steps, what is visited is just what is kept, and the ranges of removed
 // numbers are as few as can be.
-TEST_F(DeletedRecordsTest, KeepsExactlyTheOthers) {
+TEST_F(DeletedRecordsTest, OtherRecordsAreKept) {
   std::mt19937 random(1);
   auto store = Open();
   std::vector<std::string> records;
@@ -128,7 +128,7 @@ TEST_F(DeletedRecordsTest, KeepsExactlyTheOthers) {
       IsEmpty());
 }
 
-TEST_F(DeletedRecordsTest, TheVersionBeforeIsMigratedAndACopyOfItKept) {
+TEST_F(DeletedRecordsTest, PreviousVersionIsMigratedAndCopied) {
   MakeVersion3Database(path_, {"1 a", "text", "2 a"});
   {
     auto store = Open();
@@ -147,7 +147,7 @@ TEST_F(DeletedRecordsTest, TheVersionBeforeIsMigratedAndACopyOfItKept) {
 }
 
 // A migration that fails half way leaves all as it was.
-TEST_F(DeletedRecordsTest, AMigrationIsWholeOrNotAtAll) {
+TEST_F(DeletedRecordsTest, MigrationIsAtomic) {
   { Append(*Open(), "1 a"); }
   // As of version 3, but with a table in the way that only the last step makes.
   Select(
@@ -160,7 +160,7 @@ TEST_F(DeletedRecordsTest, AMigrationIsWholeOrNotAtAll) {
   EXPECT_THAT(All(*Open()), ElementsAre("1 a"));
 }
 
-TEST_F(DeletedRecordsTest, ABackupIsOfOneMomentAndNoStartIsCountedTwice) {
+TEST_F(DeletedRecordsTest, BackupIsASnapshotWithUniqueStartCounts) {
   const std::string backup = folder_.path() + "/backup";
   auto store = Open();
   Append(*store, "1 a");
@@ -180,7 +180,7 @@ TEST_F(DeletedRecordsTest, ABackupIsOfOneMomentAndNoStartIsCountedTwice) {
 }
 
 // Pages in the middle of the file are overwritten: what lies on others is kept.
-TEST_F(DeletedRecordsTest, WhatCanBeReadOfADamagedFileIsSalvaged) {
+TEST_F(DeletedRecordsTest, ReadableRecordsOfDamagedFileAreSalvaged) {
   constexpr int kRecords = 3000;
   int64_t starts = 0;
   {

@@ -26,7 +26,7 @@ class GatedStore : public RecordStore {
     return absl::OkStatus();
   }
   Status Replay(const std::function<void(const StoredRecord&)>&) override { return absl::OkStatus(); }
-  Status SetAside(int64_t, const std::string&) override { return absl::OkStatus(); }
+  Status Quarantine(int64_t, const std::string&) override { return absl::OkStatus(); }
   StatusOr<std::set<int>> DeletedJobs() override { return std::set<int>(); }
   StatusOr<int> RemoveRecords(int) override { return 0; }
   int64_t StartCount() const override { return 1; }
@@ -52,7 +52,7 @@ class GatedStore : public RecordStore {
   int asked_ = 0, refusals_ = 0;
 };
 
-TEST(JournalTest, WhatComesWhileABatchIsStoredIsTheNextBatch) {
+TEST(JournalTest, RecordsAddedDuringAWriteFormTheNextBatch) {
   GatedStore store;
   std::vector<std::string> told;
   {
@@ -72,7 +72,7 @@ TEST(JournalTest, WhatComesWhileABatchIsStoredIsTheNextBatch) {
   EXPECT_THAT(told, ElementsAre("a", "b", "c", "d"));
 }
 
-TEST(JournalTest, TriesAgainUntilItCanAndTellsOnce) {
+TEST(JournalTest, RetriesUntilSuccessAndReportsOnce) {
   GatedStore store;
   std::vector<std::string> troubles;
   {
@@ -113,7 +113,7 @@ TEST(JournalTest, CountsWhatItStores) {
   EXPECT_EQ(stats.batch_records.counts().at(0), 1) << "a batch of one";
 }
 
-TEST(JournalTest, EndsThoughNothingCanBeStored) {
+TEST(JournalTest, DestructorEndsWhileWritesFail) {
   GatedStore store;
   Journal journal(&store, {.wait_s = 0.02});
   journal.Add("a", Durability::kMachine);
@@ -145,7 +145,7 @@ class Told {
 
 constexpr absl::StatusCode kOk = absl::StatusCode::kOk, kUnavailable = absl::StatusCode::kUnavailable;
 
-TEST(JournalTest, CompletionsAreToldOnceWhatCameBeforeThemIsStored) {
+TEST(JournalTest, CompletionsRunAfterEarlierRecordsAreStored) {
   GatedStore store;
   Told told;
   size_t batches_when_told = 0;
@@ -167,7 +167,7 @@ TEST(JournalTest, CompletionsAreToldOnceWhatCameBeforeThemIsStored) {
   EXPECT_GE(batches_when_told, 2u);
 }
 
-TEST(JournalTest, CompletionsThatAreLateAreToldSoOnce) {
+TEST(JournalTest, LateCompletionsFailOnce) {
   GatedStore store;
   Told told;
   {
@@ -184,7 +184,7 @@ TEST(JournalTest, CompletionsThatAreLateAreToldSoOnce) {
   EXPECT_THAT(told.Await(3), ElementsAre(kUnavailable, kUnavailable, kOk));
 }
 
-TEST(JournalTest, ItsEndEndsAllWaits) {
+TEST(JournalTest, DestructorEndsAllWaits) {
   GatedStore store;
   Told told;
   {

@@ -1,4 +1,5 @@
-// What was acknowledged is there after the process's end, as durable after the machine's too; what is lost is the end.
+// Acknowledged records survive a crash of the process, durable ones also a failure of the machine; only records at the
+// end can be lost.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -97,7 +98,7 @@ class MachineFailureTest : public testing::Test {
 };
 
 // Opens, appends, closes, which writes the log back, and appends more; the machine stops at every step of that in turn.
-TEST_F(MachineFailureTest, AtAnyStepLosesNothingThatWasDurable) {
+TEST_F(MachineFailureTest, DurableRecordsSurviveAtEveryStep) {
   Random random(1);
   const std::vector<Batch> first = Batches(random), second = Batches(random);
   const auto life = [&](Written* written) {

@@ -60,12 +60,12 @@ TEST_F(SqliteStoreTest, KeepsRecordsInOrderAndCountsStarts) {
   EXPECT_THAT(All(*store), ElementsAre("one", binary, ""));
 }
 
-TEST_F(SqliteStoreTest, WhatIsSetAsideIsKeptButNotVisited) {
+TEST_F(SqliteStoreTest, QuarantinedRecordsAreKeptButNotVisited) {
   {
     auto store = Open();
     for (const char* record : {"one", "two", "three"}) ASSERT_TRUE(store->Append({record}, Durability::kMachine).ok());
-    ASSERT_TRUE(store->SetAside(2, "does not fit").ok());
-    ASSERT_TRUE(store->SetAside(2, "still not").ok());
+    ASSERT_TRUE(store->Quarantine(2, "does not fit").ok());
+    ASSERT_TRUE(store->Quarantine(2, "still not").ok());
   }
   EXPECT_THAT(All(*Open()), ElementsAre("one", "three"));
   Execute("DELETE FROM set_aside");
@@ -101,7 +101,7 @@ TEST_F(SqliteStoreTest, SurvivesAKilledProcess) {
   EXPECT_EQ(records[19], "record 19");
 }
 
-TEST_F(SqliteStoreTest, DamageIsToldAndHidesNothingElse) {
+TEST_F(SqliteStoreTest, DamagedRecordsAreReportedAndOthersVisited) {
   {
     auto store = Open();
     for (const char* record : {"one", "two", "three", "four"}) {
@@ -112,12 +112,13 @@ TEST_F(SqliteStoreTest, DamageIsToldAndHidesNothingElse) {
   EXPECT_THAT(All(*Open()),
               ElementsAre("one", HasSubstr("2: DATA_LOSS: row 2 of table records is damaged"), "three", "four"));
   Execute("DELETE FROM records WHERE id IN (1, 2)");
-  EXPECT_THAT(All(*Open()), ElementsAre(HasSubstr("1: DATA_LOSS: missing, as are all before 3"), "three", "four"));
-  ASSERT_TRUE(Open()->SetAside(1, "missing").ok());
+  EXPECT_THAT(All(*Open()),
+              ElementsAre(HasSubstr("1: DATA_LOSS: record missing, as are all before 3"), "three", "four"));
+  ASSERT_TRUE(Open()->Quarantine(1, "missing").ok());
   EXPECT_THAT(All(*Open()), ElementsAre("three", "four"));
 }
 
-TEST_F(SqliteStoreTest, RefusesWhatIsNotIts) {
+TEST_F(SqliteStoreTest, RefusesOtherDatabases) {
   std::ofstream(path_) << std::string(5000, 'x');
   EXPECT_EQ(SqliteStore::Open(path_).status().code(), absl::StatusCode::kDataLoss);
   ASSERT_TRUE(RemoveTree(path_).ok());
@@ -133,7 +134,7 @@ TEST_F(SqliteStoreTest, RefusesWhatIsNotIts) {
   EXPECT_FALSE(SqliteStore::Open(folder_.path() + "/none/x").ok());
 }
 
-TEST_F(SqliteStoreTest, DigestsHoldWhileTheStampHolds) {
+TEST_F(SqliteStoreTest, DigestIsCachedWhileTheStampIsUnchanged) {
   auto store = Open();
   const Digest digest{std::string(64, 'a'), 7};
   EXPECT_FALSE(store->Find("/x", {7, 1}).has_value());

@@ -1,4 +1,4 @@
-// Workers that stand still or are cut off, and programs that are killed again and again: one result, the same bytes.
+// Suspended and disconnected workers and repeatedly killed programs: one result with the same bytes.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -19,7 +19,7 @@ namespace {
 
 using testing::HasSubstr;
 
-class LostTimeTest : public testing::Test {
+class LostLeaseTest : public testing::Test {
  protected:
   // Waits until a measure task is leased.
   static v1::Task LeasedMeasure(Cluster& cluster, const std::string& job) {
@@ -77,7 +77,7 @@ class LostTimeTest : public testing::Test {
   TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();
 };
 
-TEST_F(LostTimeTest, AWorkerThatStoodStillBeyondItsLeaseIsLateAndChangesNothing) {
+TEST_F(LostLeaseTest, LateReportOfSuspendedWorkerIsRefused) {
   Cluster cluster(folder_.path(), 2);
   Program& still = cluster.AddWorker();
   const std::string job = cluster.Submit(ToyCity(), 4).name();
@@ -92,8 +92,8 @@ TEST_F(LostTimeTest, AWorkerThatStoodStillBeyondItsLeaseIsLateAndChangesNothing)
   EXPECT_EQ(ExpectUndisturbed(cluster, job, "measure")[task.title()], task.attempt() + 1);
 }
 
-// Nothing comes through, but no connection breaks: neither side knows.
-TEST_F(LostTimeTest, AWorkerCutOffForLongerThanItsLeaseLosesOneTask) {
+// No data is forwarded, but no connection breaks: neither side notices.
+TEST_F(LostLeaseTest, DisconnectionLongerThanLeaseLosesOneTask) {
   Cluster cluster(folder_.path(), 2);
   TcpProxy network(cluster.address());
   Program& away = cluster.AddWorker({"--coordinator", network.address()});
@@ -108,7 +108,7 @@ TEST_F(LostTimeTest, AWorkerCutOffForLongerThanItsLeaseLosesOneTask) {
   EXPECT_EQ(ExpectUndisturbed(cluster, job, "measure")[task.title()], task.attempt() + 1);
 }
 
-TEST_F(LostTimeTest, AWorkerCutOffForLessThanItsLeaseLosesNothing) {
+TEST_F(LostLeaseTest, DisconnectionShorterThanLeaseLosesNothing) {
   Cluster cluster(folder_.path(), 60);
   TcpProxy network(cluster.address());
   network.SetDelay(0.01);
@@ -128,8 +128,8 @@ TEST_F(LostTimeTest, AWorkerCutOffForLessThanItsLeaseLosesNothing) {
   EXPECT_THAT(worker.Output(), testing::Not(HasSubstr("refused")));
 }
 
-// kill -9 of whoever comes, as soon as the job has gone on a little.
-TEST_F(LostTimeTest, ProgramsKilledAtRandomCostTimeAlone) {
+// Kills a random program with SIGKILL each time the job has made a little progress.
+TEST_F(LostLeaseTest, RandomKillsDoNotChangeTheResult) {
   constexpr int kRounds = 8;
   const char* given = std::getenv("TESSERA_TEST_SEED");
   const uint64_t seed = given != nullptr ? std::strtoull(given, nullptr, 10) : std::random_device()();

@@ -1,4 +1,4 @@
-// What an operator sees of calls: health, audit, counts, attempts.
+// Health service, audit log, call counts and lists of attempts.
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
@@ -36,16 +36,16 @@ using testing::Not;
 
 const std::string kForged = "a\n2026-11-23T03:35:06.123Z info audit action=DeleteJob outcome=OK\x1b[2J";
 
-class SeenTest : public CoordinatorTest {
+class ObservabilityTest : public CoordinatorTest {
  protected:
-  SeenTest() {
+  ObservabilityTest() {
     cache_ = *SqliteStore::Open(folder_.path() + "/cache.sqlite");
     EXPECT_TRUE(EnsureFolder(scene_).ok());
     std::ofstream(scene_ + "/scene.json") << "{}";
     EXPECT_TRUE(SetUpLog("off", false).ok());
     Start();
   }
-  ~SeenTest() override {
+  ~ObservabilityTest() override {
     if (server_) server_->Shutdown(1);
     EXPECT_TRUE(SetUpLog("off", false).ok());
   }
@@ -125,7 +125,7 @@ class SeenTest : public CoordinatorTest {
   std::unique_ptr<v1::Workers::Stub> workers_;
 };
 
-TEST_F(SeenTest, HealthSaysWhetherAnythingCanBeStored) {
+TEST_F(ObservabilityTest, HealthReflectsJournalState) {
   server_->Shutdown(1);
   options_.durable_wait_s = 0.05;
   Restart();
@@ -146,7 +146,7 @@ TEST_F(SeenTest, HealthSaysWhetherAnythingCanBeStored) {
   EXPECT_EQ(Health("no.such.Service"), -static_cast<int>(grpc::StatusCode::NOT_FOUND));
 }
 
-TEST_F(SeenTest, WhoeverChangesSomethingIsLogged) {
+TEST_F(ObservabilityTest, ChangingCallsAreAudited) {
   v1::Job job;
   std::vector<std::string> lines = Logged([&] { ASSERT_TRUE(CreateJob(kForged, &job).ok()); });
   ASSERT_EQ(lines.size(), 1u) << "a name begins no line";
@@ -209,7 +209,7 @@ TEST_F(SeenTest, WhoeverChangesSomethingIsLogged) {
       AllOf(HasSubstr("action=UnregisterWorker outcome=OK"), HasSubstr(" worker=workers/1-1")));
 }
 
-TEST_F(SeenTest, WhatChangesNothingIsNot) {
+TEST_F(ObservabilityTest, ReadingCallsAreNotAudited) {
   v1::Job job;
   EXPECT_THAT(Logged([&] { ASSERT_TRUE(CreateJob("a", &job, /*validate_only=*/true).ok()); }), IsEmpty());
   EXPECT_THAT(Logged([&] {
@@ -228,7 +228,7 @@ TEST_F(SeenTest, WhatChangesNothingIsNot) {
   EXPECT_FALSE(IsAudited("/other.Service/CreateJob"));
 }
 
-TEST_F(SeenTest, CallsAndBytesAreCounted) {
+TEST_F(ObservabilityTest, CallsAndBytesAreCounted) {
   v1::Job job;
   ASSERT_TRUE(CreateJob("a", &job).ok());
   {
@@ -270,7 +270,7 @@ TEST_F(SeenTest, CallsAndBytesAreCounted) {
   EXPECT_EQ(server_->rpc_counts().blob_bytes_read(), 2);
 }
 
-TEST_F(SeenTest, EveryAttemptIsListedWithItsEnd) {
+TEST_F(ObservabilityTest, EveryAttemptIsListedWithItsOutcome) {
   v1::Job job;
   ASSERT_TRUE(CreateJob("a", &job).ok());
   const std::string one = Worker(), two = Worker("other/boot");
@@ -332,7 +332,7 @@ TEST_F(SeenTest, EveryAttemptIsListedWithItsEnd) {
 }
 
 // A page holds what its messages leave room for.
-TEST_F(SeenTest, APageOfAttemptsIsBounded) {
+TEST_F(ObservabilityTest, PagesOfAttemptsAreLimited) {
   v1::Job job;
   ASSERT_TRUE(CreateJob("a", &job).ok());
   constexpr int kAttempts = 900;
@@ -351,7 +351,7 @@ TEST_F(SeenTest, APageOfAttemptsIsBounded) {
 }
 
 // Records tell job, tile, task, attempt and worker, under these names.
-TEST_F(SeenTest, ChangesOfTasksNameAllThatIsAboutThem) {
+TEST_F(ObservabilityTest, TaskLogLinesCarryAllFields) {
   v1::Record record;
   record.mutable_attempt_failed()->set_task("jobs/3/tasks/12");
   record.mutable_attempt_failed()->set_attempt(2);

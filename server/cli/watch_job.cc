@@ -1,4 +1,4 @@
-#include "server/cli/watching.h"
+#include "server/cli/watch_job.h"
 
 #include <google/protobuf/util/json_util.h>
 
@@ -18,18 +18,18 @@ int Watch(Connection& connection, const std::string& name, const std::string& co
     job = update.job();
     show(update);
   });
-  if (!status.ok()) return Complain(command, status);
+  if (!status.ok()) return ReportError(command, status);
   return ExitCodeOfJob(job, job.state() == v1::JOB_STATE_FAILED && connection.FailedForInput(name));
 }
 
 }  // namespace
 
-int WatchToTheEnd(Connection& connection, const std::string& job, const std::string& command) {
+int WatchJobWithProgress(Connection& connection, const std::string& job, const std::string& command) {
   ProgressDisplay display(stderr);
   return Watch(connection, job, command, [&](const v1::WatchJobResponse& update) { display.Show(update); });
 }
 
-int WatchAsJson(Connection& connection, const std::string& job, const std::string& command) {
+int WatchJobAsJson(Connection& connection, const std::string& job, const std::string& command) {
   google::protobuf::util::JsonPrintOptions options;
   options.preserve_proto_field_names = true;
   options.always_print_primitive_fields = true;

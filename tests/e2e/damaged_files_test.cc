@@ -1,4 +1,4 @@
-// Stored files that are damaged or vanish, on real processes: the same bytes all the same.
+// Damaged and missing stored files are computed again to the same bytes, with the real executables.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-class RotTest : public testing::Test {
+class DamagedFilesTest : public testing::Test {
  protected:
   // Every stored file: one is flipped in a byte, the next cut, the next removed. How many there were.
   static int HarmAll(const std::string& data) {
@@ -26,7 +26,7 @@ class RotTest : public testing::Test {
   TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();
 };
 
-TEST_F(RotTest, AJobWhoseFilesAllRotEndsWithTheSameBytes) {
+TEST_F(DamagedFilesTest, DamagedFilesAreRecomputedToTheSameBytes) {
   Cluster cluster(folder_.path());
   const std::string job = cluster.Submit(ToyCity(), 4).name();
   Program& first = cluster.AddWorker();
@@ -42,7 +42,7 @@ TEST_F(RotTest, AJobWhoseFilesAllRotEndsWithTheSameBytes) {
   const v1::Job ended = cluster.Await(job);
   ASSERT_EQ(ended.state(), v1::JOB_STATE_SUCCEEDED) << ended.error();
   EXPECT_EQ(Content(cluster.Fetch(job) + "/mesh.ply"), Content(UndisturbedMesh()));
-  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("result lost, made again"));
+  EXPECT_THAT(cluster.coordinator().Output(), HasSubstr("result lost, computed again"));
   EXPECT_FALSE(fs::is_empty(cluster.data() + "/blobs/set_aside"));
   // What nobody needs stays lost; what is asked for is made again, by a worker without the shared folder too.
   EXPECT_GT(HarmAll(cluster.data()), 10);

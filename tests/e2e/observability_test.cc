@@ -1,4 +1,4 @@
-// What an operator sees of a job: metrics, log and timeline of the real programs against what job.json tells.
+// Metrics, log and timeline of the real programs agree with job.json.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -19,7 +19,7 @@ namespace {
 using nlohmann::json;
 using testing::HasSubstr;
 
-class SeenTest : public testing::Test {
+class ObservabilityTest : public testing::Test {
  protected:
   // Every sample by its name and labels as they are written.
   std::map<std::string, double> Samples() {
@@ -43,7 +43,7 @@ class SeenTest : public testing::Test {
   std::string metrics_;
 };
 
-TEST_F(SeenTest, MetricsAndTimelineAddUpToWhatTheJobTells) {
+TEST_F(ObservabilityTest, MetricsAndTimelineMatchJobReport) {
   Cluster cluster(folder_.path(), 3, {"--metrics-listen", "127.0.0.1:0", "--no-shared-storage", "--json-logs"});
   FindMetrics(cluster);
   const std::string hostile = "city\n{\"message\":\"audit\"}\x1b[2J";
@@ -179,7 +179,7 @@ TEST_F(SeenTest, MetricsAndTimelineAddUpToWhatTheJobTells) {
   EXPECT_THAT(jobs.output, HasSubstr("city\\n{\"message\":\"audit\"}\\x1b[2J"));
 }
 
-TEST_F(SeenTest, RunWritesItsTimeline) {
+TEST_F(ObservabilityTest, RunWritesItsTimeline) {
   const std::string path = folder_.path() + "/timeline.json", out = folder_.path() + "/out";
   const Outcome run = Tessera(folder_.path(), {"run", ToyCity(), "--tiles", "1", "--out", out, "--timeline", path});
   ASSERT_EQ(run.exit_code, 0) << run.output;
@@ -189,7 +189,7 @@ TEST_F(SeenTest, RunWritesItsTimeline) {
   EXPECT_EQ(slices, json::parse(Content(out + "/job.json"))["totals"]["attempts"].get<int64_t>());
 }
 
-TEST_F(SeenTest, ThePortMustBeFree) {
+TEST_F(ObservabilityTest, OccupiedMetricsPortIsReported) {
   Cluster cluster(folder_.path(), 3, {"--metrics-listen", "127.0.0.1:0"});
   FindMetrics(cluster);
   const Outcome second =

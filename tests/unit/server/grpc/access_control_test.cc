@@ -1,4 +1,4 @@
-// Every call of every service, by everybody who must not make it.
+// Access control: every call of every service by every caller that may not make it.
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
 #include <sys/un.h>
@@ -64,9 +64,9 @@ std::vector<std::string> ServedMethods() {
   return methods;
 }
 
-class IntrudersTest : public ServerTest {
+class AccessControlTest : public ServerTest {
  protected:
-  IntrudersTest() {
+  AccessControlTest() {
     TokenTable table;
     for (const char* role : kRoleNames) {
       tokens_[role] = RandomSecret();
@@ -83,7 +83,7 @@ class IntrudersTest : public ServerTest {
     Start();
   }
   // Its processors hold on to access_.
-  ~IntrudersTest() override { server_.reset(); }
+  ~AccessControlTest() override { server_.reset(); }
 
   static Metadata Token(const std::string& token) { return {{"authorization", "Bearer " + token}}; }
   Metadata TokenOf(const std::string& role) { return Token(tokens_[role]); }
@@ -135,7 +135,7 @@ class IntrudersTest : public ServerTest {
   std::unique_ptr<Access> access_;
 };
 
-TEST_F(IntrudersTest, EveryCallThatIsServedHasItsRow) {
+TEST_F(AccessControlTest, EveryServedMethodHasAnAccessRule) {
   const std::vector<std::string> served = ServedMethods();
   EXPECT_EQ(served.size(), kMayCall.size());
   for (const std::string& method : served) {
@@ -149,7 +149,7 @@ TEST_F(IntrudersTest, EveryCallThatIsServedHasItsRow) {
   EXPECT_FALSE(RolesFor("/tessera.v1.Jobs/Another").has_value());
 }
 
-TEST_F(IntrudersTest, NobodyDoesOrLearnsWhatIsNotHisRole) {
+TEST_F(AccessControlTest, CallsOutsideTheRoleAreDeniedWithoutInformation) {
   const std::string job = SubmitScene();
   const auto victim = RegisterOverRpc();
   const v1::Lease lease = LeaseAs(victim);
@@ -198,7 +198,7 @@ TEST_F(IntrudersTest, NobodyDoesOrLearnsWhatIsNotHisRole) {
   EXPECT_TRUE(Call("/tessera.v1.Jobs/CancelJob", request, TokenOf("submitter")).ok());
 }
 
-TEST_F(IntrudersTest, WhoIsRefusedAChangeIsLoggedButFillsNoDisk) {
+TEST_F(AccessControlTest, RefusedChangesAreLoggedAtALimitedRate) {
   SubmitScene();
   v1::CancelJobRequest cancel;
   cancel.set_name("jobs/1");
@@ -222,7 +222,7 @@ TEST_F(IntrudersTest, WhoIsRefusedAChangeIsLoggedButFillsNoDisk) {
   EXPECT_LE(std::count(flood.begin(), flood.end(), '\n'), 10 * (seconds.count() + 2));
 }
 
-TEST_F(IntrudersTest, AWorkerSpeaksForItselfAlone) {
+TEST_F(AccessControlTest, WorkerCannotImpersonateAnother) {
   SubmitScene();
   const auto victim = RegisterOverRpc(), thief = RegisterOverRpc();
   ASSERT_NE(victim.secret(), thief.secret());
@@ -271,7 +271,7 @@ TEST_F(IntrudersTest, AWorkerSpeaksForItselfAlone) {
             Refusal::kUnknownWorker);
 }
 
-TEST_F(IntrudersTest, BlobsGoToWhomTheyConcern) {
+TEST_F(AccessControlTest, BlobReadsAreAuthorizedPerCaller) {
   SubmitScene();
   const Digest scene_file = *HashFile(scene_ + "/image"), unpublished = *blobs_->PutBytes("of a task"),
                nowhere = DigestOf("nowhere");
@@ -291,7 +291,7 @@ TEST_F(IntrudersTest, BlobsGoToWhomTheyConcern) {
     Status status = Call("/tessera.v1.Blobs/ReadBlob", request.SerializeAsString(), metadata);
     // A stream that ends without a message: let through.
     if (!absl::IsPermissionDenied(status) && !absl::IsNotFound(status)) status = absl::OkStatus();
-    EXPECT_EQ(response.held(0), status.ok());
+    EXPECT_EQ(response.stored(0), status.ok());
     return status;
   };
   const Metadata leased = WorkerCall(worker.worker(), worker.secret()), free = WorkerCall(idle.worker(), idle.secret());
@@ -341,7 +341,7 @@ TEST_F(IntrudersTest, BlobsGoToWhomTheyConcern) {
   EXPECT_EQ(read(mesh, free).code(), absl::StatusCode::kPermissionDenied) << "a worker without a lease";
 }
 
-TEST_F(IntrudersTest, TokensComeAndGoWithTheirFile) {
+TEST_F(AccessControlTest, TokenFileChangesTakeEffect) {
   const std::string list = "/tessera.v1.Jobs/ListJobs";
   TokenTable table = *TokenTable::Read(token_file_);
   ASSERT_TRUE(Call(list, "", TokenOf("viewer")).ok());
@@ -372,7 +372,7 @@ TEST_F(IntrudersTest, TokensComeAndGoWithTheirFile) {
   EXPECT_FALSE(Access::Open("key", token_file_, &clock_).ok()) << "at the start it is needed";
 }
 
-TEST_F(IntrudersTest, WithCertificatesOfCallersAskedForATokenAloneIsNotEnough) {
+TEST_F(AccessControlTest, ClientCertificatesAreRequiredBesideTokens) {
   const int64_t now_s = SystemClock().UnixTimeUs() / 1'000'000;
   const auto write = [&](const std::string& stem, const Certificate& made) {
     EXPECT_TRUE(WriteSecretFile(folder_.path() + "/" + stem + ".pem", made.certificate_pem).ok());
@@ -426,7 +426,7 @@ TEST_F(IntrudersTest, WithCertificatesOfCallersAskedForATokenAloneIsNotEnough) {
       << "a certificate alone is not enough either";
 }
 
-TEST_F(IntrudersTest, NobodyListensBeyondThisMachineUnasked) {
+TEST_F(AccessControlTest, InsecureNetworkListenersAreRefused) {
   ListenOptions options;
   options.addresses = {"0.0.0.0:0"};
   EXPECT_THAT(std::string(CheckListenOptions(options, false).message()), HasSubstr("--insecure"));
@@ -458,7 +458,7 @@ TEST_F(IntrudersTest, NobodyListensBeyondThisMachineUnasked) {
   EXPECT_TRUE(CheckAddress("unix:/" + std::string(sizeof(sockaddr_un::sun_path) - 2, 'x')).ok());
 }
 
-TEST_F(IntrudersTest, ASocketIsItsOwnersWithoutAToken) {
+TEST_F(AccessControlTest, SocketNeedsNoToken) {
   ListenOptions options;
   options.addresses = {"unix:" + folder_.path() + "/socket", "127.0.0.1:0"};
   environment_.scenes_over_network = false;

@@ -1,4 +1,4 @@
-#include "server/client/job_words.h"
+#include "server/client/job_text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 
 namespace tessera {
 
-std::string JobStateWord(int state) {
+std::string JobStateName(int state) {
   switch (state) {
     case v1::JOB_STATE_QUEUED:
       return "queued";
@@ -26,8 +26,8 @@ std::string JobStateWord(int state) {
   }
 }
 
-std::string JobWord(const v1::Job& job) {
-  return job.paused() && !HasEnded(job.state()) ? "paused" : JobStateWord(job.state());
+std::string JobStatusName(const v1::Job& job) {
+  return job.paused() && !HasEnded(job.state()) ? "paused" : JobStateName(job.state());
 }
 
 bool HasEnded(int state) {
@@ -38,14 +38,14 @@ bool HasResult(int state) { return state == v1::JOB_STATE_SUCCEEDED || state == 
 
 std::string FullJobName(const std::string& given) { return given.rfind("jobs/", 0) == 0 ? given : "jobs/" + given; }
 
-std::string DurationWords(double seconds) {
+std::string FormatDuration(double seconds) {
   const long long whole = std::llround(std::clamp(seconds, 0.0, 1e9));
   if (whole < 60) return std::to_string(whole) + " s";
   if (whole < 3600) return std::to_string(whole / 60) + " min " + std::to_string(whole % 60) + " s";
   return std::to_string(whole / 3600) + " h " + std::to_string(whole / 60 % 60) + " min";
 }
 
-std::string Grouped(long long value) {
+std::string FormatThousands(long long value) {
   std::string digits = std::to_string(value < 0 ? -value : value);
   for (int i = static_cast<int>(digits.size()) - 3; i > 0; i -= 3) digits.insert(i, 1, ',');
   if (value < 0) digits.insert(0, 1, '-');

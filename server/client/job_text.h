@@ -1,0 +1,35 @@
+// Names and text of jobs and tasks for people.
+#ifndef TESSERA_SERVER_CLIENT_JOB_TEXT_H_
+#define TESSERA_SERVER_CLIENT_JOB_TEXT_H_
+
+#include <string>
+
+namespace tessera {
+
+namespace v1 {
+class Job;
+}  // namespace v1
+
+// `state`: a v1::JobState. "running", "succeeded", ...
+std::string JobStateName(int state);
+
+// As JobStateName, but "paused" for a paused job that has not ended.
+std::string JobStatusName(const v1::Job& job);
+
+// Whether a v1::JobState is final.
+bool HasEnded(int state);
+// Whether a job in this v1::JobState has a result, complete or without some tiles.
+bool HasResult(int state);
+
+// "jobs/3" for "jobs/3" or "3".
+std::string FullJobName(const std::string& given);
+
+// "8 s", "3 min 20 s", "2 h 5 min".
+std::string FormatDuration(double seconds);
+
+// 1234567 as "1,234,567".
+std::string FormatThousands(long long value);
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_CLIENT_JOB_TEXT_H_
