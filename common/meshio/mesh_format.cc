@@ -12,7 +12,7 @@ namespace tessera {
 namespace {
 
 constexpr MeshFormat kFormats[] = {
-    {"PLY", ".ply", IsPly, ReadPly, StreamPly, PlyFaceCount,
+    {"PLY", ".ply", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyFaceCount,
      [](const std::string& path, const TriangleMesh& mesh) { return WritePly(path, mesh); }},
 };
 
@@ -43,6 +43,13 @@ StatusOr<const MeshFormat*> FormatOfFile(const std::string& path) {
 StatusOr<MeshContent> ReadMesh(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
   return format->read(path);
+}
+
+bool HeadHasLabels(std::string_view head) {
+  for (const MeshFormat& format : kFormats) {
+    if (format.matches(head)) return format.has_labels(head);
+  }
+  return false;
 }
 
 Status StreamMesh(const std::string& path, MeshSink* sink) {

@@ -13,9 +13,10 @@
 namespace tessera {
 
 struct MeshFormat {
-  std::string_view name;                   // for messages
-  std::string_view extension;              // of files to write
-  bool (*matches)(std::string_view head);  // whether a file that begins with `head` has this format
+  std::string_view name;                      // for messages
+  std::string_view extension;                 // of files to write
+  bool (*matches)(std::string_view head);     // whether a file that begins with `head` has this format
+  bool (*has_labels)(std::string_view head);  // whether faces have labels, as far as `head` tells
   StatusOr<MeshContent> (*read)(const std::string& path);
   Status (*stream)(const std::string& path, MeshSink* sink);
   StatusOr<int64_t> (*count_faces)(const std::string& path);
@@ -25,6 +26,9 @@ struct MeshFormat {
 // The format of a file is found from its first bytes. Errors: INVALID_ARGUMENT if no format matches, NOT_FOUND if there
 // is no such file; else those of the format's reader (ReadPly).
 StatusOr<MeshContent> ReadMesh(const std::string& path);
+
+// Whether the faces of a file that begins with `head` have labels. False if no format matches.
+bool HeadHasLabels(std::string_view head);
 
 // Reads the file front to back into `sink`, through a window. Returns the errors of Begin.
 Status StreamMesh(const std::string& path, MeshSink* sink);

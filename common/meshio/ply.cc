@@ -76,6 +76,18 @@ void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh
 
 bool IsPly(std::string_view head) { return head.starts_with("ply\n") || head.starts_with("ply\r\n"); }
 
+bool PlyHasLabels(std::string_view head) {
+  const std::string_view header = head.substr(0, head.find("end_header"));
+  const size_t faces = header.find("element face");
+  if (faces == std::string_view::npos) return false;
+  const std::string_view properties = header.substr(faces, header.find("\nelement", faces) - faces);
+  for (size_t at = properties.find(" label"); at != std::string_view::npos; at = properties.find(" label", at + 1)) {
+    const char after = at + 6 < properties.size() ? properties[at + 6] : '\n';
+    if (after == '\n' || after == '\r' || after == ' ') return true;
+  }
+  return false;
+}
+
 StatusOr<MeshContent> ReadPly(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
   return Parse(*source, path);

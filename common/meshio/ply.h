@@ -18,6 +18,9 @@ namespace tessera {
 // Whether a file that begins with `head` is PLY.
 bool IsPly(std::string_view head);
 
+// Whether the header in `head`, the first bytes of a file, gives faces a property `label`.
+bool PlyHasLabels(std::string_view head);
+
 // ASCII or binary of either byte order; float or double; polygons must be triangles; other elements and properties
 // (lists too) are read past. Errors are INVALID_ARGUMENT (NOT_FOUND if there is no such file) with line (header, ASCII)
 // or byte offset (binary), what was found and what was expected: truncation, trailing bytes, an index out of range, a

@@ -198,7 +198,7 @@ class SceneChecker {
     if (scene_.views.empty()) return;
     const std::string folder = absl::StrCat(scene_.folder, "/", scene_.cameras_folder);
     Faults faults;
-    const ColmapModel model = ReadColmapModel(folder, ColmapContent::kCamerasAndPoints, &faults);
+    const CalibratedImages model = ReadColmapModel(folder, CalibrationContent::kCamerasAndPoints, &faults);
     const std::vector<std::string> known = faults_.messages();
     for (const std::string& message : faults.messages()) {
       if (std::find(known.begin(), known.end(), message) == known.end()) {
@@ -206,22 +206,22 @@ class SceneChecker {
       }
     }
     if (model.points.empty()) return;
-    std::unordered_map<uint64_t, const ColmapPoint*> points;
-    for (const ColmapPoint& point : model.points) points.emplace(point.id, &point);
-    std::unordered_map<uint32_t, const ColmapImage*> images;
+    std::unordered_map<uint64_t, const TiePoint*> points;
+    for (const TiePoint& point : model.points) points.emplace(point.id, &point);
+    std::unordered_map<uint32_t, const CalibratedImage*> images;
     SceneSummary::Reprojection result;
     std::vector<double> errors_px;
     int64_t dangling = 0, inside = 0;
-    const auto project = [&](const ColmapImage& image, const Eigen::Vector3d& p) {
+    const auto project = [&](const CalibratedImage& image, const Eigen::Vector3d& p) {
       const LensModel& lens = model.cameras.at(image.camera_id);
       const PosedCamera camera{lens.pinhole, image.rotation_cam_from_world, image.translation_cam_from_world};
       const Eigen::Vector3d q = camera.Project(p);
       const Eigen::Vector2d distorted = lens.Distort(q.head<2>());
       return Eigen::Vector3d(distorted.x(), distorted.y(), q.z());
     };
-    for (const ColmapImage& image : model.images) {
+    for (const CalibratedImage& image : model.images) {
       images.emplace(image.id, &image);
-      for (const ColmapObservation& observation : image.observations) {
+      for (const ImageObservation& observation : image.observations) {
         const auto it = points.find(observation.point_id);
         if (it == points.end()) {
           ++dangling;
@@ -231,7 +231,7 @@ class SceneChecker {
         errors_px.push_back(q.z() > 0 ? (q.head<2>() - observation.position_px).norm() : 1e9);
       }
     }
-    for (const ColmapPoint& point : model.points) {
+    for (const TiePoint& point : model.points) {
       for (const uint32_t image_id : point.image_ids) {
         const auto it = images.find(image_id);
         if (it == images.end()) {

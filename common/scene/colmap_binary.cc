@@ -100,12 +100,12 @@ void ParseCameras(ByteReader in, ColmapBuilder* builder) {
   in.CheckEnd(&builder->faults());
 }
 
-void ParseImages(ByteReader in, ColmapContent content, ColmapBuilder* builder) {
+void ParseImages(ByteReader in, CalibrationContent content, ColmapBuilder* builder) {
   uint64_t count = 0;
   if (!in.Count(4 + 7 * 8 + 4 + 1 + 8, &count, &builder->faults())) return;
   for (uint64_t i = 0; i < count; ++i) {
     const ColmapLocation location = in.Location();
-    ColmapImage image;
+    CalibratedImage image;
     image.id = in.Read<uint32_t>();
     double q[4];
     for (double& value : q) value = in.Read<double>();
@@ -113,7 +113,7 @@ void ParseImages(ByteReader in, ColmapContent content, ColmapBuilder* builder) {
     image.camera_id = in.Read<uint32_t>();
     image.name = in.ReadName();
     const uint64_t observations = in.Read<uint64_t>();
-    if (content == ColmapContent::kCameras) {
+    if (content == CalibrationContent::kCameras) {
       in.Skip(observations, 24);
     } else if (in.ok() && in.CanHold(observations, 24)) {
       for (uint64_t k = 0; k < observations; ++k) {
@@ -139,7 +139,7 @@ void ParsePoints(ByteReader in, ColmapBuilder* builder) {
   if (!in.Count(8 + 24 + 3 + 8 + 8, &count, &builder->faults())) return;
   for (uint64_t i = 0; i < count; ++i) {
     const ColmapLocation location = in.Location();
-    ColmapPoint point;
+    TiePoint point;
     point.id = in.Read<uint64_t>();
     point.position = in.ReadVector3();
     in.Skip(3 + 8, 1);  // colour and error
@@ -157,12 +157,12 @@ void ParsePoints(ByteReader in, ColmapBuilder* builder) {
 }  // namespace
 
 void ParseColmapBinary(const std::string& cameras, const std::string& images, const std::string& points,
-                       const std::string& folder, ColmapContent content, ColmapModel* model, Faults* faults) {
+                       const std::string& folder, CalibrationContent content, CalibratedImages* model, Faults* faults) {
   model->binary = true;
   ColmapBuilder builder(model, faults);
   ParseCameras(ByteReader(cameras, folder + "/cameras.bin"), &builder);
   ParseImages(ByteReader(images, folder + "/images.bin"), content, &builder);
-  if (content == ColmapContent::kCamerasAndPoints && !points.empty()) {
+  if (content == CalibrationContent::kCamerasAndPoints && !points.empty()) {
     ParsePoints(ByteReader(points, folder + "/points3D.bin"), &builder);
   }
   builder.Finish();

@@ -102,7 +102,7 @@ void ColmapBuilder::AddCamera(const ColmapLocation& location, uint32_t id, const
   model_.cameras.emplace(id, lens);
 }
 
-void ColmapBuilder::AddImage(const ColmapLocation& location, ColmapImage image, const double (&q)[4]) {
+void ColmapBuilder::AddImage(const ColmapLocation& location, CalibratedImage image, const double (&q)[4]) {
   if (!Claim(image_locations_, image.id, location, absl::StrCat("image ", image.id), faults_)) return;
   if (!Claim(name_locations_, image.name, location, absl::StrCat("image '", image.name, "'"), faults_)) return;
   const Eigen::Quaterniond quaternion(q[0], q[1], q[2], q[3]);
@@ -121,7 +121,7 @@ void ColmapBuilder::AddImage(const ColmapLocation& location, ColmapImage image, 
   model_.images.push_back(std::move(image));
 }
 
-void ColmapBuilder::AddPoint(const ColmapLocation& location, ColmapPoint point) {
+void ColmapBuilder::AddPoint(const ColmapLocation& location, TiePoint point) {
   if (!Claim(point_locations_, point.id, location, absl::StrCat("point ", point.id), faults_)) return;
   if (!point.position.allFinite()) {
     faults_.Add(location.Error("a position that is not finite", "finite numbers"));
@@ -138,8 +138,9 @@ void ColmapBuilder::Finish() {
     }
   }
   std::sort(model_.images.begin(), model_.images.end(),
-            [](const ColmapImage& a, const ColmapImage& b) { return a.id < b.id; });
-  std::erase_if(model_.images, [&](const ColmapImage& image) { return model_.cameras.count(image.camera_id) == 0; });
+            [](const CalibratedImage& a, const CalibratedImage& b) { return a.id < b.id; });
+  std::erase_if(model_.images,
+                [&](const CalibratedImage& image) { return model_.cameras.count(image.camera_id) == 0; });
 }
 
 }  // namespace tessera

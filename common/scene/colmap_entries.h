@@ -35,20 +35,20 @@ struct ColmapLocation {
 // Checks entries and adds them to a model. Invalid entries are reported to `faults` and not added.
 class ColmapBuilder {
  public:
-  ColmapBuilder(ColmapModel* model, Faults* faults) : model_(*model), faults_(*faults) {}
+  ColmapBuilder(CalibratedImages* model, Faults* faults) : model_(*model), faults_(*faults) {}
 
   // `model` is null for an unknown camera model; `model_name` is its name in the file.
   void AddCamera(const ColmapLocation& location, uint32_t id, const ColmapCameraModel* model,
                  const std::string& model_name, uint64_t width, uint64_t height, const std::vector<double>& parameters);
-  void AddImage(const ColmapLocation& location, ColmapImage image, const double (&quaternion_wxyz)[4]);
-  void AddPoint(const ColmapLocation& location, ColmapPoint point);
+  void AddImage(const ColmapLocation& location, CalibratedImage image, const double (&quaternion_wxyz)[4]);
+  void AddPoint(const ColmapLocation& location, TiePoint point);
   // Checks references between entries, and sorts the images. Call it once, at the end.
   void Finish();
 
   Faults& faults() { return faults_; }
 
  private:
-  ColmapModel& model_;
+  CalibratedImages& model_;
   Faults& faults_;
   std::map<uint32_t, std::string> camera_locations_, image_locations_;
   std::map<std::string, std::string> name_locations_;

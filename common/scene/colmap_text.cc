@@ -103,9 +103,9 @@ void ParseCameras(LineReader lines, ColmapBuilder* builder) {
 }
 
 // Parses triples "X Y POINT3D_ID"; an id of -1 means no 3D point.
-bool ParseObservations(LineReader& lines, std::vector<ColmapObservation>* observations) {
+bool ParseObservations(LineReader& lines, std::vector<ImageObservation>* observations) {
   while (!lines.AtEnd()) {
-    ColmapObservation observation;
+    ImageObservation observation;
     int64_t point_id = -1;
     if (!lines.Number(&observation.position_px.x()) || !lines.Number(&observation.position_px.y()) ||
         !lines.Number(&point_id)) {
@@ -118,9 +118,9 @@ bool ParseObservations(LineReader& lines, std::vector<ColmapObservation>* observ
   return true;
 }
 
-void ParseImages(LineReader lines, ColmapContent content, ColmapBuilder* builder) {
+void ParseImages(LineReader lines, CalibrationContent content, ColmapBuilder* builder) {
   while (lines.NextEntry()) {
-    ColmapImage image;
+    CalibratedImage image;
     double q[4];
     Eigen::Vector3d& t = image.translation_cam_from_world;
     const ColmapLocation location = lines.Location();
@@ -136,7 +136,8 @@ void ParseImages(LineReader lines, ColmapContent content, ColmapBuilder* builder
       }
     }
     // The second line of an image holds its image points. It may be empty, and may be missing at the end of the file.
-    if (lines.Next() && content == ColmapContent::kCamerasAndPoints && !ParseObservations(lines, &image.observations)) {
+    if (lines.Next() && content == CalibrationContent::kCamerasAndPoints &&
+        !ParseObservations(lines, &image.observations)) {
       builder->faults().Add(lines.Location().Error(lines.Peek(), "X Y POINT3D_ID"));
     }
     if (good) builder->AddImage(location, std::move(image), q);
@@ -145,7 +146,7 @@ void ParseImages(LineReader lines, ColmapContent content, ColmapBuilder* builder
 
 void ParsePoints(LineReader lines, ColmapBuilder* builder) {
   while (lines.NextEntry()) {
-    ColmapPoint point;
+    TiePoint point;
     Eigen::Vector3d& p = point.position;
     int colour = 0;
     double error = 0;
@@ -169,11 +170,12 @@ void ParsePoints(LineReader lines, ColmapBuilder* builder) {
 }  // namespace
 
 void ParseColmapText(const std::string& cameras, const std::string& images, const std::string& points,
-                     const std::string& folder, ColmapContent content, ColmapModel* model, Faults* faults) {
+                     const std::string& folder, CalibrationContent content, CalibratedImages* model, Faults* faults) {
   ColmapBuilder builder(model, faults);
   ParseCameras(LineReader(cameras, folder + "/cameras.txt"), &builder);
   ParseImages(LineReader(images, folder + "/images.txt"), content, &builder);
-  if (content == ColmapContent::kCamerasAndPoints) ParsePoints(LineReader(points, folder + "/points3D.txt"), &builder);
+  if (content == CalibrationContent::kCamerasAndPoints)
+    ParsePoints(LineReader(points, folder + "/points3D.txt"), &builder);
   builder.Finish();
 }
 

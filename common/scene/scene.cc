@@ -10,6 +10,7 @@
 #include "absl/strings/str_replace.h"
 #include "common/base/parallel.h"
 #include "common/imaging/image_io.h"
+#include "common/meshio/mesh_format.h"
 #include "common/scene/colmap.h"
 #include "common/scene/loading.h"
 #include "common/scene/scene_json.h"
@@ -26,21 +27,6 @@ std::string WithoutExtension(const std::string& name) { return fs::path(name).re
 Status Named(const Status& status, const HeldFile& file, const std::string& path) {
   if (status.ok() || file.path() == path) return status;
   return Status(status.code(), absl::StrReplaceAll(status.message(), {{file.path(), path}}));
-}
-
-// The mesh's header alone: whether its faces have labels.
-bool MeshHasLabels(const HeldFile& file) {
-  const StatusOr<std::string> head = file.Read(0, 1 << 16);
-  if (!head.ok()) return false;
-  const std::string header = head->substr(0, head->find("end_header"));
-  const size_t faces = header.find("element face");
-  if (faces == std::string::npos) return false;
-  const std::string properties = header.substr(faces, header.find("\nelement", faces) - faces);
-  for (size_t at = properties.find(" label"); at != std::string::npos; at = properties.find(" label", at + 1)) {
-    const char after = at + 6 < properties.size() ? properties[at + 6] : '\n';
-    if (after == '\n' || after == '\r' || after == ' ') return true;
-  }
-  return false;
 }
 
 class SceneLoader {
@@ -90,18 +76,17 @@ class SceneLoader {
       return;
     }
     scene_.cameras_folder = json_.cameras.path;
-    const ColmapModel model =
-        ReadColmapModel(Full(json_.cameras.path), ColmapContent::kCameras, &faults_, options_.allowed);
-    for (const char* stem : {"cameras", "images"}) {
-      const std::string file = absl::StrCat(json_.cameras.path, "/", stem, model.binary ? ".bin" : ".txt");
-      if (options_.allowed.Exists(Full(file))) scene_.files.push_back(file);
+    const CalibratedImages model =
+        ReadColmapModel(Full(json_.cameras.path), CalibrationContent::kCameras, &faults_, options_.allowed);
+    for (const std::string& file : model.files) {
+      scene_.files.push_back(absl::StrCat(json_.cameras.path, "/", file));
     }
     if (model.images.empty()) {
       if (faults_.empty()) faults_.Add(InputError(Full(json_.cameras.path), "", "no images", "at least one"));
       return;
     }
     std::vector<double> centres[3];
-    for (const ColmapImage& image : model.images) {
+    for (const CalibratedImage& image : model.images) {
       const Eigen::Vector3d c = -image.rotation_cam_from_world.transpose() * image.translation_cam_from_world;
       for (int k = 0; k < 3; ++k) centres[k].push_back(c[k]);
     }
@@ -122,7 +107,7 @@ class SceneLoader {
     }
     scene_.frame = *frame;
     const Eigen::Matrix3d scene_from_local = frame->rotation_local_from_scene().transpose();
-    for (const ColmapImage& image : model.images) {
+    for (const CalibratedImage& image : model.images) {
       SceneView view;
       view.name = image.name;
       view.lens = model.cameras.at(image.camera_id);
@@ -251,7 +236,8 @@ class SceneLoader {
     if (!file.ok()) return faults_.Add(file.status());
     scene_.mesh_path = json_.mesh.path;
     scene_.files.push_back(json_.mesh.path);
-    scene_.mesh_has_labels = MeshHasLabels(*file);
+    const StatusOr<std::string> head = file->Read(0, 1 << 16);
+    scene_.mesh_has_labels = head.ok() && HeadHasLabels(*head);
   }
 
   void ChooseClasses() {

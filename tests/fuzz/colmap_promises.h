@@ -18,8 +18,8 @@ inline bool RunColmapTarget(const std::string& bytes, decltype(&ParseColmapText)
   std::vector<InputFrame> files = SplitFrames(bytes);
   files.resize(3);
   bool good = true;
-  for (const ColmapContent content : {ColmapContent::kCameras, ColmapContent::kCamerasAndPoints}) {
-    ColmapModel model;
+  for (const CalibrationContent content : {CalibrationContent::kCameras, CalibrationContent::kCamerasAndPoints}) {
+    CalibratedImages model;
     Faults faults;
     parse(files[0].bytes, files[1].bytes, files[2].bytes, "folder", content, &model, &faults);
     good = Accepted(faults);
@@ -29,14 +29,14 @@ inline bool RunColmapTarget(const std::string& bytes, decltype(&ParseColmapText)
       for (const double coefficient : lens.coefficients) Require(std::isfinite(coefficient), "lenses are finite");
     }
     for (size_t i = 0; i < model.images.size(); ++i) {
-      const ColmapImage& image = model.images[i];
+      const CalibratedImage& image = model.images[i];
       Require(i == 0 || model.images[i - 1].id <= image.id, "images are in order");
       Require(image.rotation_cam_from_world.allFinite() && image.translation_cam_from_world.allFinite(),
               "poses are finite");
       Require(std::abs(image.rotation_cam_from_world.determinant() - 1) < 1e-6, "rotations are rotations");
       if (good) Require(model.cameras.contains(image.camera_id), "images have cameras");
     }
-    for (const ColmapPoint& point : model.points) Require(point.position.allFinite(), "points are finite");
+    for (const TiePoint& point : model.points) Require(point.position.allFinite(), "points are finite");
   }
   return good;
 }

@@ -14,11 +14,11 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-constexpr auto kAll = ColmapContent::kCamerasAndPoints;
+constexpr auto kAll = CalibrationContent::kCamerasAndPoints;
 
 std::vector<std::string> TextFaults(const std::string& cameras, const std::string& images,
-                                    const std::string& points = "", ColmapModel* model = nullptr) {
-  ColmapModel own;
+                                    const std::string& points = "", CalibratedImages* model = nullptr) {
+  CalibratedImages own;
   Faults faults;
   ParseColmapText(cameras, images, points, "m", kAll, model == nullptr ? &own : model, &faults);
   return faults.messages();
@@ -28,7 +28,7 @@ const char kCamera[] = "1 PINHOLE 640 480 500 510 320 240\n";
 const char kImage[] = "1 1 0 0 0 0.5 0.25 2 1 a b.jpg\n10 20 7 30 40 -1\n";
 
 TEST(ColmapTextTest, ReadsEveryModel) {
-  ColmapModel model;
+  CalibratedImages model;
   EXPECT_THAT(TextFaults("# comment\n\n1 SIMPLE_PINHOLE 640 480 500 320 240\r\n2 PINHOLE 640 480 500 510 320 240\n"
                          "3 SIMPLE_RADIAL 640 480 500 320 240 0.1\n4 RADIAL 640 480 500 320 240 0.1 0.2\n"
                          "5 OPENCV 640 480 500 510 320 240 0.1 0.2 0.3 0.4\n"
@@ -51,7 +51,7 @@ TEST(ColmapTextTest, ReadsEveryModel) {
 }
 
 TEST(ColmapTextTest, ReadsImagesAndPoints) {
-  ColmapModel model;
+  CalibratedImages model;
   EXPECT_THAT(
       TextFaults(kCamera, std::string("9 0 2 0 0 1 2 3 1 z.jpg\n\n") + kImage, "7 1 2 3 0 0 0 0.5 1 0 9 4\n", &model),
       IsEmpty());
@@ -137,16 +137,16 @@ std::string BinaryPoints() {
 }
 
 std::vector<std::string> BinaryFaults(const std::string& cameras, const std::string& images, const std::string& points,
-                                      ColmapModel* model = nullptr, ColmapContent content = kAll) {
-  ColmapModel own;
+                                      CalibratedImages* model = nullptr, CalibrationContent content = kAll) {
+  CalibratedImages own;
   Faults faults;
   ParseColmapBinary(cameras, images, points, "m", content, model == nullptr ? &own : model, &faults);
   return faults.messages();
 }
 
 TEST(ColmapBinaryTest, EqualsTheTextReader) {
-  for (const ColmapContent content : {ColmapContent::kCameras, kAll}) {
-    ColmapModel model;
+  for (const CalibrationContent content : {CalibrationContent::kCameras, kAll}) {
+    CalibratedImages model;
     EXPECT_THAT(BinaryFaults(BinaryCameras(), BinaryImages(), BinaryPoints(), &model, content), IsEmpty());
     ASSERT_EQ(model.images.size(), 2u);
     EXPECT_EQ(model.images[0].name, "a b.jpg");
