@@ -9,8 +9,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "common/base/parallel.h"
-#include "common/classify/calibration.h"
 #include "common/classify/features.h"
+#include "common/classify/score_calibration.h"
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
 

@@ -10,9 +10,9 @@
 #include "common/base/task_control.h"
 #include "common/classify/annotations.h"
 #include "common/classify/boosted_trees.h"
-#include "common/classify/calibration.h"
 #include "common/classify/mesh_surface.h"
 #include "common/classify/model.h"
+#include "common/classify/score_calibration.h"
 #include "common/classify/spatial_folds.h"
 #include "common/scene/scene.h"
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "common/evaluate/report.h"
+#include "common/evaluate/evaluation_report.h"
 
 namespace tessera {
 namespace {

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "common/geometry/ray_caster.h"
-#include "common/synth/ground.h"
 #include "common/synth/plan.h"
 #include "common/synth/surface.h"
+#include "common/synth/terrain_grid.h"
 
 namespace tessera {
 

@@ -14,11 +14,11 @@
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
 #include "common/synth/base_city.h"
-#include "common/synth/calibration.h"
-#include "common/synth/changes.h"
+#include "common/synth/epoch_changes.h"
 #include "common/synth/mesh_spool.h"
-#include "common/synth/scene_files.h"
+#include "common/synth/noise_calibration.h"
 #include "common/synth/sparse_points.h"
+#include "common/synth/synth_scene_files.h"
 
 namespace tessera {
 namespace {

@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "common/base/parallel.h"
+#include "common/evaluate/evaluation_report.h"
 #include "common/evaluate/evaluator.h"
 #include "common/evaluate/label_rendering.h"
 #include "common/evaluate/likelihood_scores.h"
-#include "common/evaluate/report.h"
 #include "common/geometry/ray_caster.h"
 #include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"

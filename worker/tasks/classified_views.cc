@@ -6,7 +6,7 @@
 #include "common/imaging/image_io.h"
 #include "common/storage/files.h"
 #include "common/storage/hash.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 

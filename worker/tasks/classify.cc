@@ -13,7 +13,7 @@
 #include "common/storage/files.h"
 #include "worker/city/city_file.h"
 #include "worker/city/view_box.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 namespace {

@@ -11,7 +11,7 @@
 #include "worker/tasks/change_files.h"
 #include "worker/tasks/open_states.h"
 #include "worker/tasks/refined_surface.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 namespace {

@@ -1,7 +1,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/job/task_parameters.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 #include "worker/tile/tile_files.h"
 #include "worker/tile/tile_views.h"
 

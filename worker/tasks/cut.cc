@@ -2,7 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/storage/files.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 #include "worker/tile/cut_tile.h"
 #include "worker/tile/tile_options.h"
 

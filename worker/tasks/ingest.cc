@@ -18,7 +18,7 @@
 #include "worker/photo/pairs.h"
 #include "worker/refine/density.h"
 #include "worker/tasks/classified_views.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 namespace {

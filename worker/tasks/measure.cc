@@ -3,8 +3,8 @@
 #include "common/base/pick.h"
 #include "common/job/refine_steps.h"
 #include "common/job/task_parameters.h"
-#include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 namespace {

@@ -3,7 +3,7 @@
 #include <utility>
 
 #include "common/job/task_parameters.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 

@@ -8,11 +8,11 @@
 #include "common/storage/files.h"
 #include "common/storage/mapped_file.h"
 #include "worker/publish/flipped_faces.h"
+#include "worker/publish/job_summary.h"
 #include "worker/publish/merge_cores.h"
 #include "worker/publish/outdated_faces.h"
-#include "worker/publish/report.h"
 #include "worker/publish/tile_meshes.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 

@@ -4,8 +4,8 @@
 #include <string_view>
 
 #include "common/job/task_kinds.h"
-#include "worker/tasks/stages.h"
 #include "worker/tasks/task.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 namespace {

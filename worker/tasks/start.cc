@@ -4,7 +4,7 @@
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
 #include "worker/city/collected_faces.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 #include "worker/tile/refine_tile.h"
 #include "worker/tile/tile_files.h"
 

@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "worker/tasks/open_states.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 #include "worker/tile/methods.h"
 
 namespace tessera {

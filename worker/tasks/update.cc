@@ -17,7 +17,7 @@
 #include "worker/city/revise_city.h"
 #include "worker/city/update_survey.h"
 #include "worker/tasks/classified_views.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 
 namespace tessera {
 namespace {

@@ -6,8 +6,8 @@
 #include <cmath>
 
 #include "common/base/parallel.h"
+#include "common/evaluate/evaluation_report.h"
 #include "common/evaluate/label_rendering.h"
-#include "common/evaluate/report.h"
 #include "tests/unit/common/evaluate/flat_world.h"
 
 namespace tessera {

@@ -5,10 +5,10 @@
 #include <map>
 #include <set>
 
-#include "common/synth/ground.h"
 #include "common/synth/marching_cubes.h"
 #include "common/synth/start_mesh.h"
 #include "common/synth/surface.h"
+#include "common/synth/terrain_grid.h"
 
 namespace tessera {
 namespace {

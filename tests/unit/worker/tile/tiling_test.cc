@@ -7,8 +7,8 @@
 #include <numeric>
 
 #include "tests/unit/worker/tile/tiny_city.h"
+#include "worker/publish/job_summary.h"
 #include "worker/publish/merge_cores.h"
-#include "worker/publish/report.h"
 #include "worker/refine/descent.h"
 #include "worker/tile/refine_tile.h"
 #include "worker/tile/tile_workspace.h"

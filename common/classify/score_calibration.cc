@@ -1,4 +1,4 @@
-#include "common/classify/calibration.h"
+#include "common/classify/score_calibration.h"
 
 #include <algorithm>
 #include <array>

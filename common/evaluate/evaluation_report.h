@@ -1,6 +1,6 @@
 // Evaluations as tables and as JSON.
-#ifndef TESSERA_COMMON_EVALUATE_REPORT_H_
-#define TESSERA_COMMON_EVALUATE_REPORT_H_
+#ifndef TESSERA_COMMON_EVALUATE_EVALUATION_REPORT_H_
+#define TESSERA_COMMON_EVALUATE_EVALUATION_REPORT_H_
 
 #include <string>
 #include <vector>
@@ -38,4 +38,4 @@ std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_EVALUATE_REPORT_H_
+#endif  // TESSERA_COMMON_EVALUATE_EVALUATION_REPORT_H_

@@ -2,8 +2,8 @@
 
 #include "common/base/pick.h"
 #include "common/job/task_parameters.h"
-#include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
+#include "worker/tasks/task_functions.h"
 #include "worker/tile/repair_core.h"
 
 namespace tessera {

@@ -1,4 +1,4 @@
-#include "common/evaluate/report.h"
+#include "common/evaluate/evaluation_report.h"
 
 #include <absl/strings/str_format.h>
 

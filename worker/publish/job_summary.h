@@ -1,6 +1,6 @@
 // The job's report: settings, tiles and statistics of the result.
-#ifndef TESSERA_WORKER_PUBLISH_REPORT_H_
-#define TESSERA_WORKER_PUBLISH_REPORT_H_
+#ifndef TESSERA_WORKER_PUBLISH_JOB_SUMMARY_H_
+#define TESSERA_WORKER_PUBLISH_JOB_SUMMARY_H_
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -52,4 +52,4 @@ double NthSmallest(std::span<const double> values, size_t n);
 
 }  // namespace tessera
 
-#endif  // TESSERA_WORKER_PUBLISH_REPORT_H_
+#endif  // TESSERA_WORKER_PUBLISH_JOB_SUMMARY_H_

@@ -1,7 +1,7 @@
 // Makes every city equally hard: finds the thresholds at which start labels and likelihoods are as wrong as they
 // should.
-#ifndef TESSERA_COMMON_SYNTH_CALIBRATION_H_
-#define TESSERA_COMMON_SYNTH_CALIBRATION_H_
+#ifndef TESSERA_COMMON_SYNTH_NOISE_CALIBRATION_H_
+#define TESSERA_COMMON_SYNTH_NOISE_CALIBRATION_H_
 
 #include <array>
 #include <cstdint>
@@ -54,4 +54,4 @@ double CalibrateLikelihoods(const CityScene& scene, const std::vector<const Synt
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_SYNTH_CALIBRATION_H_
+#endif  // TESSERA_COMMON_SYNTH_NOISE_CALIBRATION_H_

@@ -1,4 +1,4 @@
-#include "worker/publish/report.h"
+#include "worker/publish/job_summary.h"
 
 #include <algorithm>
 #include <bit>

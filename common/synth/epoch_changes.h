@@ -1,7 +1,7 @@
 // What a later epoch of the city has otherwise: buildings and trees that came or went, ground and roofs that were
 // planted.
-#ifndef TESSERA_COMMON_SYNTH_CHANGES_H_
-#define TESSERA_COMMON_SYNTH_CHANGES_H_
+#ifndef TESSERA_COMMON_SYNTH_EPOCH_CHANGES_H_
+#define TESSERA_COMMON_SYNTH_EPOCH_CHANGES_H_
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -49,4 +49,4 @@ Status WriteChanges(const std::string& path, const std::vector<CityChange>& chan
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_SYNTH_CHANGES_H_
+#endif  // TESSERA_COMMON_SYNTH_EPOCH_CHANGES_H_

@@ -1,4 +1,4 @@
-#include "common/synth/ground.h"
+#include "common/synth/terrain_grid.h"
 
 #include <algorithm>
 #include <cmath>

@@ -10,7 +10,7 @@
 #include "common/base/clock.h"
 #include "common/job/task_parameters.h"
 #include "tests/support/read_tile_state.h"
-#include "worker/tasks/stages.h"
+#include "worker/tasks/task_functions.h"
 #include "worker/tile/tile_files.h"
 
 namespace tessera {

@@ -1,12 +1,12 @@
 // The text files of a synthetic scene: COLMAP's model, scene.json, synth.json.
-#ifndef TESSERA_COMMON_SYNTH_SCENE_FILES_H_
-#define TESSERA_COMMON_SYNTH_SCENE_FILES_H_
+#ifndef TESSERA_COMMON_SYNTH_SYNTH_SCENE_FILES_H_
+#define TESSERA_COMMON_SYNTH_SYNTH_SCENE_FILES_H_
 
 #include <string>
 #include <vector>
 
 #include "common/synth/base_city.h"
-#include "common/synth/changes.h"
+#include "common/synth/epoch_changes.h"
 #include "common/synth/flight.h"
 #include "common/synth/sparse_points.h"
 #include "common/synth/synth.h"
@@ -33,4 +33,4 @@ Status WriteSceneJson(const std::string& folder, const std::string& name, const 
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_SYNTH_SCENE_FILES_H_
+#endif  // TESSERA_COMMON_SYNTH_SYNTH_SCENE_FILES_H_

@@ -1,4 +1,4 @@
-#include "common/synth/calibration.h"
+#include "common/synth/noise_calibration.h"
 
 #include <algorithm>
 #include <cmath>

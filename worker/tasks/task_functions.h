@@ -1,7 +1,7 @@
 // The tasks, one a file, in the order of the line. Each reads its inputs from request.input_dir and writes its
 // outputs to request.output_dir; errors and promises as RunTask's.
-#ifndef TESSERA_WORKER_TASKS_STAGES_H_
-#define TESSERA_WORKER_TASKS_STAGES_H_
+#ifndef TESSERA_WORKER_TASKS_TASK_FUNCTIONS_H_
+#define TESSERA_WORKER_TASKS_TASK_FUNCTIONS_H_
 
 #include <string>
 
@@ -63,4 +63,4 @@ inline std::string OutputPath(const TaskRequest& request, const std::string& nam
 
 }  // namespace tessera
 
-#endif  // TESSERA_WORKER_TASKS_STAGES_H_
+#endif  // TESSERA_WORKER_TASKS_TASK_FUNCTIONS_H_

@@ -1,8 +1,8 @@
 #include <nlohmann/json.hpp>
 
 #include "common/job/task_parameters.h"
-#include "worker/tasks/stages.h"
 #include "worker/tasks/step_task.h"
+#include "worker/tasks/task_functions.h"
 #include "worker/tile/methods.h"
 #include "worker/tile/refine_tile.h"
 #include "worker/tile/tile_files.h"

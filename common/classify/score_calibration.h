@@ -1,6 +1,6 @@
 // Calibration of classifier scores, so that predicted probabilities equal observed frequencies.
-#ifndef TESSERA_COMMON_CLASSIFY_CALIBRATION_H_
-#define TESSERA_COMMON_CLASSIFY_CALIBRATION_H_
+#ifndef TESSERA_COMMON_CLASSIFY_SCORE_CALIBRATION_H_
+#define TESSERA_COMMON_CLASSIFY_SCORE_CALIBRATION_H_
 
 #include <cstdint>
 #include <vector>
@@ -32,4 +32,4 @@ void SoftmaxInPlace(float* scores, int classes, double temperature);
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_CLASSIFY_CALIBRATION_H_
+#endif  // TESSERA_COMMON_CLASSIFY_SCORE_CALIBRATION_H_

@@ -1,4 +1,4 @@
-#include "common/synth/scene_files.h"
+#include "common/synth/synth_scene_files.h"
 
 #include <Eigen/Geometry>
 #include <array>

@@ -1,6 +1,6 @@
 // The ground as a heightfield on a tensor grid whose lines follow the kerbs.
-#ifndef TESSERA_COMMON_SYNTH_GROUND_H_
-#define TESSERA_COMMON_SYNTH_GROUND_H_
+#ifndef TESSERA_COMMON_SYNTH_TERRAIN_GRID_H_
+#define TESSERA_COMMON_SYNTH_TERRAIN_GRID_H_
 
 #include <cstdint>
 #include <vector>
@@ -30,4 +30,4 @@ TexturedSurface BuildGround(const CityPlan& plan, const GroundGrid& grid, int co
 
 }  // namespace tessera
 
-#endif  // TESSERA_COMMON_SYNTH_GROUND_H_
+#endif  // TESSERA_COMMON_SYNTH_TERRAIN_GRID_H_
