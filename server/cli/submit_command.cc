@@ -72,7 +72,8 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       "Prints the job's name. The coordinator reads the scene from the same path, so SCENE must be on a file system "
       "that\n"
       "both machines mount.\n"
-      "Example:\n"
+      "Examples:\n"
+      "  tessera submit city --tiles 16 --watch\n"
       "  job=$(tessera submit city --tiles 16 --coordinator city-server:7575)\n"
       "  tessera watch $job && tessera fetch $job --out result");
   AddOptions(*command, flags.get());

@@ -11,11 +11,11 @@ namespace {
 // What `tessera` prints without arguments.
 constexpr char kFirstSteps[] =
     "Tessera refines semantic 3D city meshes from aerial images. The commands to begin with:\n"
-    "  tessera synth city                         Make a procedural city with exact truth\n"
-    "  tessera check city                         Check that a scene is ready for a job\n"
-    "  tessera plan city                          Predict tiles, memory, time and price of a job\n"
-    "  tessera run city --out out                 Refine a scene on this machine\n"
-    "  tessera evaluate out/mesh.ply --scene city Measure a mesh against the truth\n"
+    "  tessera synth city                          Make a procedural city with exact truth\n"
+    "  tessera check city                          Check that a scene is ready for a job\n"
+    "  tessera plan city                           Predict tiles, memory, time and price of a job\n"
+    "  tessera run city --out out                  Refine a scene on this machine\n"
+    "  tessera evaluate out/mesh.ply --scene city  Measure a mesh against the truth\n"
     "All commands: tessera --help. One command: tessera COMMAND --help.\n";
 
 struct CommandGroup {
