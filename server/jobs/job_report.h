@@ -1,4 +1,4 @@
-// job.json: how a job went, for its user.
+// job.json: the report of a job, for its user.
 #ifndef TESSERA_SERVER_JOBS_JOB_REPORT_H_
 #define TESSERA_SERVER_JOBS_JOB_REPORT_H_
 
@@ -11,7 +11,7 @@
 namespace tessera {
 
 // JSON with the job, its settings, totals and every task (attempts, workers, seconds, key, what it reported). Tasks
-// come one by one, twice, for a city has millions: Count all, then Head, then Line for each, then Tail. Not
+// are passed one by one, twice, because a city has millions: Count all, then Head, then Line for each, then Tail. Not
 // thread-safe.
 class JobReport {
  public:

@@ -1,4 +1,4 @@
-// Jobs and tasks as they are shown: the ledger's state together with what the workers say now.
+// Jobs and tasks as they are shown: the ledger's state and the progress that workers report.
 #ifndef TESSERA_SERVER_JOBS_JOB_STATUS_H_
 #define TESSERA_SERVER_JOBS_JOB_STATUS_H_
 
@@ -18,7 +18,7 @@ struct JobStatus {
   int tiles_done = 0;       // refined
   double progress = 0;      // in [0, 1], by predicted cost; never goes back
   double eta_s = -1;        // negative: not known
-  std::string waiting_for;  // why it does not move (WaitingFor)
+  std::string waiting_for;  // why it makes no progress (WaitingFor)
 };
 
 struct TaskStatus {
@@ -28,18 +28,18 @@ struct TaskStatus {
   std::string stage;
 };
 
-// What a watcher of a job is shown.
+// A job as its watchers see it.
 struct WatchedJob {
   JobStatus job;
   std::vector<TaskStatus> running;
-  bool end_waits = false;  // it has ended, which is not told before it is durable
+  bool end_waits = false;  // it has ended, but the end is not durable and not shown yet
 };
 
 // The numbers of these are those of tessera.v1.
 enum class AttemptOutcome { kRunning = 1, kSucceeded = 2, kFailed = 3, kLeaseExpired = 4, kCancelled = 5 };
 AttemptOutcome OutcomeOf(const Attempt& attempt);
 
-// One attempt, and of its task what says which it is.
+// One attempt, and the identity of its task.
 struct AttemptStatus {
   TaskRef task;
   int number = 0;  // counted from 1
@@ -57,7 +57,7 @@ struct AttemptPage {
 
 // `now_us`: Clock::MonotonicUs.
 JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us);
-// As before the job ended, if it has: the end is not stored, and might not last.
+// Shows a job that has ended as it was before, because its end is not durable yet.
 void TakeEndFrom(JobStatus& status);
 TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases);
 

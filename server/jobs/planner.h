@@ -1,4 +1,4 @@
-// What dispatch asks of server/plan; tests override it to plan small graphs of their own.
+// What server/jobs calls of server/plan. Tests override it with planners of small graphs.
 #ifndef TESSERA_SERVER_JOBS_PLANNER_H_
 #define TESSERA_SERVER_JOBS_PLANNER_H_
 

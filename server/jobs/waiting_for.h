@@ -1,4 +1,4 @@
-// Why a job does not move, in words.
+// Why a job makes no progress, as text.
 #ifndef TESSERA_SERVER_JOBS_WAITING_FOR_H_
 #define TESSERA_SERVER_JOBS_WAITING_FOR_H_
 
@@ -11,16 +11,16 @@
 
 namespace tessera {
 
-// What the disk has for jobs that are to begin, as it was last found.
+// Free disk space for jobs that are to begin, as last measured.
 struct Room {
   std::string folder;
   int64_t free_bytes = 0;
   int64_t promised_bytes = 0;  // of these, to jobs that have begun
 };
 
-// What the job waits for, for the user: that it is resumed, room on the disk, a worker, one with more memory, a job
-// that comes before it, a delay's end, a task that all others wait for, a disk. Empty if it has ended, or all that is
-// ready is being done. `now_us`: Clock::MonotonicUs.
+// What the job waits for: to be resumed, disk space, a worker, a worker with more memory, a job of higher rank, the end
+// of a retry delay, a running task, the journal. Empty if it has ended, or all its ready tasks run. `now_us`:
+// Clock::MonotonicUs.
 std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, const Status& storage_trouble,
                        const Room& room, int64_t now_us);
 

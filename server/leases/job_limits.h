@@ -1,4 +1,4 @@
-// How many jobs and workers a coordinator takes.
+// How many jobs and workers a coordinator accepts.
 #ifndef TESSERA_SERVER_LEASES_JOB_LIMITS_H_
 #define TESSERA_SERVER_LEASES_JOB_LIMITS_H_
 
@@ -23,7 +23,7 @@ struct WorkerLimits {
   int in_all = 20'000;
 };
 
-// OK if one more job of the client may go on that has ended, else RESOURCE_EXHAUSTED with the limit (Refusal::kLimit).
+// OK if one more ended job of the client may be retried, else RESOURCE_EXHAUSTED with the limit (Refusal::kLimit).
 Status CheckActiveJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits);
 // The same for a new job.
 Status CheckJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits);

@@ -38,14 +38,14 @@ struct LeaseCall {
 
   std::string worker;
   double wait_s = 0;  // longest wait for a task
-  // Above 0: the same if the worker repeats a call whose answer was lost; it is given that lease again.
+  // Above 0: the number of the call. A repeated call of the same number is given the same lease again.
   int64_t call = 0;
-  // Whether nobody waits for the answer any more. Must be quick and not call back; not called after `done`. May be
+  // Whether the caller has gone. Must be quick and not call back; not called after `done`. May be
   // empty.
   std::function<bool()> gone = {};
   // Called once, without a lock, from any thread, also from the one that calls.
   std::function<void(LeaseAnswer answer)> done = {};
-  bool comes_with_report = false;  // gets what a call that waits gets at once, or nothing; wait_s is 0
+  bool comes_with_report = false;  // the call came with a report: it does not wait, and is placed like a waiting one
   Time asked = {}, until = {};     // set by Leases
 };
 

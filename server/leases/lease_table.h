@@ -1,4 +1,4 @@
-// What is true only while this process lives: who holds which task until when, and which workers there are.
+// Leases and registered workers: the state that is not stored.
 #ifndef TESSERA_SERVER_LEASES_LEASE_TABLE_H_
 #define TESSERA_SERVER_LEASES_LEASE_TABLE_H_
 
@@ -33,7 +33,7 @@ struct TileRef {
 
 inline int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
 
-// Of a lease that is not stored yet, so that its worker knows nothing of it and cannot be silent: never.
+// Expiry of a lease that is not durable yet: never, because its worker was not given it.
 inline constexpr int64_t kUntold_us = std::numeric_limits<int64_t>::max();
 
 // Times are Clock::MonotonicUs.
@@ -51,25 +51,25 @@ struct LeaseState {
 struct WorkerState {
   WorkerInfo info;
   int64_t last_seen_us = 0;
-  bool heard = true;                       // false: known from the records alone, since the coordinator began anew
-  std::vector<TileRef> recent_tiles = {};  // whose tasks it was given, the last first: it may have them in memory
-  std::set<TaskRef> tasks = {};            // that it has leases of
-  // Its last call that was given a lease (0: none), and what it was given.
+  bool heard = true;                       // false: not since the coordinator started; known from records
+  std::vector<TileRef> recent_tiles = {};  // of the tasks that it was given, the last first: they may be in its memory
+  std::set<TaskRef> tasks = {};            // that it holds leases of
+  // Its last call that was given a lease (0: none), and that lease.
   int64_t call = 0;
   TaskRef granted = {};
   int granted_attempt = 0;
   // worker_evidence.h.
-  int strikes = 0;  // tasks that it failed and others did, since it last did one
+  int strikes = 0;  // tasks that it failed and other workers did, since its last success
   int times_suspended = 0;
   int64_t suspended_until_us = 0;
   std::string suspended_reason = {};
 };
 
-// A task that fits no worker waits so long for a larger one, from when the largest was registered; then that one tries.
+// A task that fits no worker waits for a larger worker, for this time after the largest was registered.
 inline constexpr double kLargerWorkerWait_s = 60;
 
 struct LargestWorker {
-  int64_t memory_bytes = 0;  // 0: no worker, or none that tells
+  int64_t memory_bytes = 0;  // 0: no worker, or not known
   int64_t since_us = 0;
 };
 
@@ -83,33 +83,32 @@ class LeaseTable {
   // Null if there is no such worker.
   WorkerState* FindWorker(const std::string& worker);
   void AddWorker(const std::string& worker, const WorkerInfo& info, int64_t now_us);
-  // One that holds no lease. Nothing if it is not there.
+  // The worker must hold no lease. Does nothing if it is not registered.
   void RemoveWorker(const std::string& worker);
 
   // To the worker that the lease names.
   LeaseState& Grant(TaskRef ref, LeaseState lease);
-  // Nothing if the task is not leased.
+  // Does nothing if the task is not leased.
   void Release(TaskRef ref);
   // Null if the task is not leased.
   const LeaseState* Find(TaskRef ref) const;
-  // The lease of just this attempt by just this worker; null otherwise.
+  // The lease of this attempt by this worker; null if it is not current.
   LeaseState* FindCurrent(TaskRef ref, const std::string& worker, int attempt);
-  // As if so much time had not passed before `now_us`: for what ends leases, which live `lease_us`, and for what tells
-  // which machines live.
+  // Leaves `time_us` before `now_us` out of all times of leases (which last `lease_us`) and workers.
   void LeaveOut(int64_t time_us, int64_t now_us, int64_t lease_us);
   // Leases that ran out before `now_us`.
   std::vector<TaskRef> Expired(int64_t now_us) const;
   // Leases of tasks of the job.
   std::vector<TaskRef> OfJob(int job) const;
-  // Notes that the worker was given a task of the tile. Nothing for a worker that is not there.
+  // Notes that the worker was given a task of the tile. Does nothing if it is not registered.
   void NoteTile(const std::string& worker, TileRef tile);
   // Whether a worker on the machine was seen since `since_us`.
   bool Lives(const std::string& machine, int64_t since_us) const;
-  // Of the workers that there are. `since_us`: when one so large was registered while there was none.
+  // Of the registered workers. `since_us`: when the first of that size was registered.
   LargestWorker Largest() const;
-  // The worker that was last given a task of the tile; empty if there is none, or it has gone.
+  // The worker that was last given a task of the tile; empty if no registered worker was.
   const std::string& KeeperOf(TileRef tile) const;
-  // The worker's host with its load. `cores` as the worker tells; else the most threads that a worker on it may use.
+  // The worker's host with its load. `cores`: as the worker reports; else the largest thread limit of its workers.
   HostLoad LoadOf(const std::string& worker) const;
   void DropJob(int job);
   // Forgets workers without a lease that were not seen since `before_us`.

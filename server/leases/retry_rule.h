@@ -1,12 +1,11 @@
-// What follows from a failed attempt: another one, when, or the end of the task; and against whom it counts.
+// What follows from a failed attempt: a retry after a delay, or the end of the task.
 //
-// What a worker reports is laid at the task, at the worker or at storage by its class (RuleOf); status codes mean
-// nothing here. Failures of a worker that others have proved wrong do not count against tasks (worker_evidence.h). An
-// attempt that stalls speaks against its task. A worker that leaves, or drains, says nothing about its task. One that
-// falls silent does if its machine lives on, for then it was the worker's process that ended, or hung: a worker on that
-// machine (same host, same boot) has been seen since. A machine that vanished, such as one that was taken away, says
-// nothing, however often; that it came back is seen when the task is next lost. Nor does a worker that was not heard of
-// since the coordinator began anew: what became of it, nobody saw.
+// The error class decides whether a failure counts against the task, the worker or storage (RuleOf).
+// - Failures of a worker whose tasks other workers then did do not count against tasks (worker_evidence.h).
+// - An attempt that stalls counts against its task. A worker that leaves or drains does not.
+// - A worker that falls silent counts against its task if another worker on its machine (same host, same boot) called
+//   since: then the worker's process ended or hung. If the whole machine is silent, it does not count.
+// - A worker that has not called since the coordinator started does not count: its end was not observed.
 #ifndef TESSERA_SERVER_LEASES_RETRY_RULE_H_
 #define TESSERA_SERVER_LEASES_RETRY_RULE_H_
 
@@ -19,19 +18,19 @@
 namespace tessera {
 
 struct RetryOptions {
-  int max_transient = 4;       // attempts that may fail by a worker's fault, or stall
+  int max_transient = 4;       // attempts that may fail by a fault of workers, or stall
   int max_memory = 2;          // attempts that may run out of memory, each on another worker where there is one
-  int max_input = 2;           // workers that say that the input is wrong; of one that is alone, its attempts
-  int max_expired_leases = 3;  // workers that may fall silent on machines that live on before the task counts as poison
+  int max_input = 2;           // workers that report wrong input; of a single worker, its attempts
+  int max_expired_leases = 3;  // workers that may fall silent on live machines; then the task counts as poison
   int max_remakes = 5;         // times that a task's result may be lost and made again
   double first_delay_s = 1;    // back-off: doubles with every failure of the kind
   double max_delay_s = 60;
-  int max_strikes = 2;   // tasks that a worker failed and others did, before it is suspended
+  int max_strikes = 2;   // tasks that a worker failed and other workers did, until it is suspended
   double suspend_s = 5;  // for how long, the first time; doubles
   double max_suspend_s = 600;
 };
 
-// Against whom a failure counts.
+// What a failure counts against.
 enum class Blame { kNobody, kTask, kWorker, kStorage };
 
 struct RetryRule {
@@ -45,7 +44,7 @@ RetryRule RuleOf(ErrorClass error_class, const RetryOptions& options);
 
 // What is known about the workers that failed a task.
 struct Witnesses {
-  std::function<bool(const std::string& worker)> doubted = {};  // its word does not count; may be empty: nobody's
+  std::function<bool(const std::string& worker)> doubted = {};  // its failures do not count; may be empty: none is
   bool alone = true;                                            // no other worker is there that could do the task
 };
 

@@ -1,4 +1,4 @@
-// Workers that wait for a task, and who of them is woken.
+// Calls of workers that wait for a task, and which of them is woken.
 #ifndef TESSERA_SERVER_LEASES_WAITING_WORKERS_H_
 #define TESSERA_SERVER_LEASES_WAITING_WORKERS_H_
 
@@ -16,25 +16,25 @@
 
 namespace tessera {
 
-// Their calls, at most one a worker, without a thread for any. One is woken for each task, not all for any. A worker
-// that leaves a task to others wakes the next one, until all have seen what is ready. Whoever owns this takes out those
-// that were woken or are due, and adds those again that go on waiting. Not thread-safe.
+// At most one call per worker; a call holds no thread. Each ready task wakes one call. A worker that leaves a task to
+// others wakes the next call, until all have been offered the ready tasks. The owner takes out calls that were woken or
+// are due, and adds those again that continue to wait. Not thread-safe.
 class WaitingWorkers {
  public:
   using Time = LeaseCall::Time;
 
-  // Waits until it is woken, or `due`. None of its worker waits.
+  // The call waits until it is woken, or `due`. No other call of its worker may wait.
   void Add(LeaseCall call, Time due);
-  // There is more that is ready than what those who wait now have seen.
+  // There are ready tasks that the waiting calls have not been offered.
   void ReadyHasGrown() { ++generation_; }
   // False if this worker does not wait, or is woken already.
   bool Wake(const std::string& worker);
-  // Wakes who has waited longest, if that one has not seen what is ready now. False if all have.
+  // Wakes the call that has waited longest, unless it was offered the ready tasks already. False if all were.
   bool WakeNext();
   void WakeAll();
-  // When TakeDue will have one: the past if it has one now; none if nobody waits.
+  // When TakeDue will return a call: in the past if now; none if no call waits.
   std::optional<Time> NextDue() const;
-  // One that was woken or is due.
+  // A call that was woken or is due.
   std::optional<LeaseCall> TakeDue(Time now);
   std::optional<LeaseCall> Take(const std::string& worker);
 

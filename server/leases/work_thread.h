@@ -1,4 +1,4 @@
-// A thread for what takes too long for whoever asks for it.
+// A thread for work that its caller must not wait for.
 #ifndef TESSERA_SERVER_LEASES_WORK_THREAD_H_
 #define TESSERA_SERVER_LEASES_WORK_THREAD_H_
 
@@ -10,11 +10,11 @@
 
 namespace tessera {
 
-// Does what it is given, one after the other. Thread-safe.
+// Runs its work items one after the other. Thread-safe.
 class WorkThread {
  public:
   WorkThread() : thread_([this] { Run(); }) {}
-  // Does all that it was given first.
+  // Runs all items first.
   ~WorkThread();
   void Do(std::function<void()> work);
 

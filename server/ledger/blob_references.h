@@ -21,8 +21,8 @@ class Record;
 }  // namespace v1
 class Ledger;
 
-// Digests by their first 64 bits: a city has millions. That two share them keeps a blob that could go, no more.
-// Not thread-safe.
+// Keeps the first 64 bits of each digest, because a city has millions. A collision only keeps a blob that is not
+// needed. Not thread-safe.
 class BlobReferences {
  public:
   static uint64_t IdOf(const std::string& sha256);
@@ -32,10 +32,10 @@ class BlobReferences {
   // `runs`: whether tasks of the job may run: Ledger::Runs.
   void AddOutputs(const JobHeader& job, bool runs, absl::Span<const StoredFile> outputs);
 
-  // By a job that runs, or what is read of one that does not: artifacts, and what updates go on from.
+  // Whether a job that runs needs it, or it is an artifact or base data of a job that does not.
   bool Needs(uint64_t id) const { return needed_.contains(id); }
-  // Only by jobs that do not run, as what tasks handed to each other: when the last of them ended (Unix time, us), else
-  // -1. It can be made again.
+  // If only tasks of jobs that do not run read it: when the last of these jobs ended (Unix time, us), else -1. Such a
+  // blob can be made again.
   int64_t SpareSince(uint64_t id) const;
 
  private:

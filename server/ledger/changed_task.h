@@ -1,4 +1,4 @@
-// What is told of a change to a task beside its record.
+// The task that a record is about, for logs.
 #ifndef TESSERA_SERVER_LEDGER_CHANGED_TASK_H_
 #define TESSERA_SERVER_LEDGER_CHANGED_TASK_H_
 

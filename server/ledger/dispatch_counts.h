@@ -1,4 +1,4 @@
-// What a coordinator has done since it was started, in numbers.
+// Counts of a coordinator since it was started.
 #ifndef TESSERA_SERVER_LEDGER_DISPATCH_COUNTS_H_
 #define TESSERA_SERVER_LEDGER_DISPATCH_COUNTS_H_
 
@@ -22,7 +22,7 @@ class Ledger;
 struct KindCounts {
   int64_t attempts = 0;             // started
   int64_t succeeded = 0;            // that ran
-  int64_t reused = 0;               // found done
+  int64_t reused = 0;               // taken from a known result
   int64_t failed = 0;               // for good
   double attempt_s = 0;             // of attempts that succeeded or failed
   double core_s = 0;                // processor time of those that succeeded

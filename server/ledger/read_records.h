@@ -1,4 +1,4 @@
-// Stored records, read and parsed ahead of who applies them.
+// Stored records, read and parsed by a second thread ahead of the one that applies them.
 #ifndef TESSERA_SERVER_LEDGER_READ_RECORDS_H_
 #define TESSERA_SERVER_LEDGER_READ_RECORDS_H_
 

@@ -1,4 +1,4 @@
-// Whose a stored record is: what a store needs to know of it.
+// The job that a stored record belongs to.
 #ifndef TESSERA_SERVER_LEDGER_RECORD_OWNER_H_
 #define TESSERA_SERVER_LEDGER_RECORD_OWNER_H_
 
@@ -15,7 +15,7 @@ class Record;
 // Index of the job that a record is of; -1 if it names none.
 int JobOf(const v1::Record& record);
 
-// Of a record's bytes; nobody's if they are not a record. An OwnerOf.
+// Of a record's bytes; no job if they are not a record. An OwnerOf.
 RecordOwner OwnerOfRecord(std::string_view content);
 
 }  // namespace tessera

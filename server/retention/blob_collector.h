@@ -1,5 +1,4 @@
-// Removes blobs that no job refers to any more, damaged ones that were kept for long enough, and spare ones where they
-// take too much room.
+// Removes blobs that no job refers to, quarantined blobs that have expired, and spare ones if the folder is too large.
 #ifndef TESSERA_SERVER_RETENTION_BLOB_COLLECTOR_H_
 #define TESSERA_SERVER_RETENTION_BLOB_COLLECTOR_H_
 
@@ -18,13 +17,13 @@
 namespace tessera {
 
 struct CollectorOptions {
-  // A blob goes when nobody has referred to it at every look of so much running time, and its file is that old: it is
-  // stored before the report that names it.
+  // A blob is removed if no job referred to it in any pass during this running time, and its file is that old: a blob
+  // is stored before the report that names it.
   double grace_s = 3600;
-  double leftover_s = 86400;      // the same for what unfinished writes left
-  double keep_quarantined_s = 0;  // damaged blobs, for whom it concerns to see; 0: for ever
-  // Above so many bytes in the folder, damaged blobs go, the oldest first, then what tasks of ended jobs handed to each
-  // other, oldest ended jobs first; 0: no limit.
+  double leftover_s = 86400;      // the same for files of unfinished writes
+  double keep_quarantined_s = 0;  // quarantined blobs, which are kept for inspection; 0: for ever
+  // If the folder has more bytes, quarantined blobs are removed, the oldest first, then blobs that only tasks of ended
+  // jobs read, of the oldest jobs first; 0: no limit.
   int64_t limit_bytes = 0;
 };
 
@@ -34,7 +33,7 @@ struct Collected {
   int64_t bytes_left = 0;
 };
 
-// Marks and sweeps beside the coordinator's work, which waits for none of it. Not thread-safe: one thread calls Pass.
+// Marks and sweeps; the coordinator's other work does not wait for it. Not thread-safe: one thread calls Pass.
 class BlobCollector {
  public:
   // All must outlive the collector.
@@ -44,11 +43,11 @@ class BlobCollector {
         clock_(clock),
         options_(options),
         quarantine_retention_(options.keep_quarantined_s) {}
-  // Once over all files. Stops early where `stop` says so.
+  // One pass over all files. Ends early if `stop` returns true.
   StatusOr<Collected> Pass(const std::function<bool()>& stop = {});
 
  private:
-  // Those that have been kept for long enough, off the list.
+  // Takes those that have expired off the list.
   std::vector<BlobFile> TakeExpired(std::vector<BlobFile>& quarantined);
 
   Reclaimer* const reclaimer_;

@@ -1,4 +1,4 @@
-// What a coordinator does beside its work: frees what deleted jobs held, deletes old jobs, removes blobs nobody needs.
+// The thread that deletes old jobs and removes memory, records and blobs that no job needs.
 #ifndef TESSERA_SERVER_RETENTION_KEEPER_H_
 #define TESSERA_SERVER_RETENTION_KEEPER_H_
 
@@ -18,7 +18,7 @@ struct KeeperOptions {
   CollectorOptions collector;
 };
 
-// A thread of its own, from construction to destruction. What cannot be done is logged and tried again.
+// Runs from construction to destruction. Failures are logged, and the work is tried again.
 class Keeper {
  public:
   // All must outlive the keeper.

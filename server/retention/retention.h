@@ -1,4 +1,4 @@
-// What has been kept for long enough.
+// Which kept things have expired.
 #ifndef TESSERA_SERVER_RETENTION_RETENTION_H_
 #define TESSERA_SERVER_RETENTION_RETENTION_H_
 
@@ -14,9 +14,8 @@ struct KeptThing {
   int64_t since_us = 0;  // Unix time; 0: not known
 };
 
-// A thing goes when the machine's clock has said for kConfirm_s of running time, at every look, that it has been kept
-// for more than `keep_s`: a clock that is set wrong deletes nothing if it is set right within that time. A restart
-// begins the confirmation anew. Not thread-safe.
+// A thing expires once every call during kConfirm_s of running time found it older than `keep_s`. So a wrong clock
+// deletes nothing if it is corrected within that time. A restart restarts the confirmation. Not thread-safe.
 class Retention {
  public:
   static constexpr double kConfirm_s = 6 * 3600;
@@ -24,8 +23,7 @@ class Retention {
   // `keep_s`: 0: for ever.
   explicit Retention(double keep_s) : keep_s_(keep_s) {}
 
-  // A look at all that is kept. Gives the places in `things` of those that are to go. Those of which it is not known
-  // since when they are kept stay.
+  // `things`: all that are kept. Returns the indices of those that have expired. Those of unknown age stay.
   std::vector<int> Expired(const std::vector<KeptThing>& things, int64_t unix_us, int64_t monotonic_us);
 
  private:

@@ -1,4 +1,4 @@
-// Whether what a coordinator stored is whole, without serving it.
+// Checks all that a coordinator stored, without serving it.
 #ifndef TESSERA_SERVER_RETENTION_VERIFY_STATE_H_
 #define TESSERA_SERVER_RETENTION_VERIFY_STATE_H_
 
@@ -16,13 +16,13 @@ struct StateSummary {
   int64_t records = 0;  // usable
   int64_t jobs = 0;
   int64_t blobs = 0;  // that jobs refer to, each once
-  int64_t spare = 0;  // of these, gone but made again where they are needed, or being made again
+  int64_t spare = 0;  // of these, missing, but made again when they are needed, or being made again
   int64_t faults = 0;
 };
 
-// Reads all records and looks for every blob that they refer to; with `deep` reads those too. `tell`: of each fault in
-// words: where, what was found and what was expected. Damaged blobs are quarantined, so that they are made again when
-// they are needed; records stay for Coordinator::QuarantineUnusable.
+// Reads all records and checks that every blob that they refer to exists; with `deep` hashes the blobs too. `tell` is
+// called with each fault: where, what was found and what was expected. Damaged blobs are quarantined, so that they are
+// made again when they are needed; records stay for Coordinator::QuarantineUnusable.
 StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool deep,
                                    const std::function<void(const std::string& fault)>& tell);
 
