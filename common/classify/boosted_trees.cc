@@ -13,6 +13,9 @@ namespace tessera {
 namespace {
 
 constexpr int kBins = 64;
+constexpr double kLearningRate = 0.08;
+constexpr double kRidge = 4;       // L2 regularisation: added to the hessian of each leaf, in units of the mean weight
+constexpr double kRowShare = 0.5;  // share of the samples that each tree is fitted to
 
 // Split candidates of a column: at most kBins - 1 ascending, distinct values that divide its samples into bins of about
 // equal size. Each lies between the smallest and the largest value.
@@ -111,7 +114,7 @@ class Trainer {
       const float* slope = slopes_.data() + static_cast<size_t>(i) * width;
       for (int k = 0; k < width; ++k) sum[k] += slope[k];
     }
-    const double ridge = options_.ridge * mean_weight_;
+    const double ridge = kRidge * mean_weight_;
     std::vector<double> all(width), left(width);
     for (int node = 0; node < nodes; ++node) {
       const float* sum = sums->data() + static_cast<size_t>(node) * bins * width;
@@ -140,7 +143,7 @@ class Trainer {
     Random random(MixBits(options_.seed) + tree);
     chosen_.clear();
     for (uint32_t i = 0; i < rows_.size(); ++i) {
-      if (random.Uniform() < options_.row_share) chosen_.push_back(i);
+      if (random.Uniform() < kRowShare) chosen_.push_back(i);
     }
     if (chosen_.empty()) chosen_.push_back(static_cast<uint32_t>(random.Below(static_cast<int64_t>(rows_.size()))));
     std::vector<int> features(samples_.feature_count);
@@ -192,11 +195,11 @@ class Trainer {
       for (int k = 0; k < width; ++k) sum[k] += slope[k];
     }
     const size_t first = model->leaves.size();
-    const double ridge = options_.ridge * mean_weight_;
+    const double ridge = kRidge * mean_weight_;
     for (int leaf = 0; leaf < leaves; ++leaf) {
       const double* sum = sums.data() + static_cast<size_t>(leaf) * width;
       for (int c = 0; c < classes_; ++c) {
-        model->leaves.push_back(static_cast<float>(-options_.rate * sum[c] / (sum[classes_ + c] + ridge)));
+        model->leaves.push_back(static_cast<float>(-kLearningRate * sum[c] / (sum[classes_ + c] + ridge)));
       }
     }
     for (size_t i = 0; i < rows_.size(); ++i) {

@@ -23,9 +23,6 @@ struct TrainingSamples {
 struct BoostingOptions {
   int trees = 220;
   int depth = 6;
-  double rate = 0.08;
-  double ridge = 4;            // L2 regularisation: added to the hessian of each leaf, in units of the mean weight
-  double row_share = 0.5;      // share of the samples that each tree is fitted to
   double feature_share = 0.4;  // share of the features that each tree may use
   uint64_t seed = 1;
 };

@@ -13,6 +13,9 @@
 namespace tessera {
 namespace {
 
+constexpr double kClassBalance = 0.25;  // weight of a class: its share of the annotated pixels to this power
+constexpr int kFolds = 4;
+
 // Pixels drawn from one image.
 struct DrawnPixels {
   std::vector<float> features;  // features[i * FeatureCount() + f]
@@ -99,7 +102,7 @@ StatusOr<Samples> DrawAll(const SceneDescription& scene, const Annotations& anno
     const double share = static_cast<double>(annotations.pixels[label]) / all;
     const double count = static_cast<double>(training.count) / class_samples[label];
     samples.natural.push_back(static_cast<float>(share * count));
-    training.weights.push_back(static_cast<float>(std::pow(share, options.class_balance) * count));
+    training.weights.push_back(static_cast<float>(std::pow(share, kClassBalance) * count));
   }
   return samples;
 }
@@ -121,7 +124,7 @@ StatusOr<TrainedClassifier> TrainClassifier(const SceneDescription& scene, const
   TESSERA_ASSIGN_OR_RETURN(const Samples samples, DrawAll(scene, annotations, surface, options, control));
   TrainedClassifier trained;
   trained.samples = samples.training.count;
-  trained.spatial_folds = SpatialFolds::Of(samples.locations, options.folds);
+  trained.spatial_folds = SpatialFolds::Of(samples.locations, kFolds);
   const int folds = trained.spatial_folds.folds(), classes = static_cast<int>(scene.classes.size());
   if (folds < 2) {
     return InputError(annotations.images.front().path, "", "annotated pixels in one small area only",

@@ -20,9 +20,7 @@ namespace tessera {
 
 struct TrainingOptions {
   BoostingOptions boosting;
-  int64_t samples = 60000;      // maximum number of training pixels
-  double class_balance = 0.25;  // weight of a class: its share of the annotated pixels to this power
-  int folds = 4;
+  int64_t samples = 60000;  // maximum number of training pixels
   uint64_t seed = 1;
 };
 

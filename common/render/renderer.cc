@@ -73,7 +73,7 @@ ByteImage Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedC
   const auto sample = [&](double x, double y, Random* random) -> Color {
     const Eigen::Vector3d ray = camera.Ray(x, y);
     const RayHit hit = caster.Cast(centre, ray);
-    if (!hit.hit()) return options.background;
+    if (!hit.hit()) return Color(1, 1, 1);
     const size_t face = static_cast<size_t>(hit.face);
     const Eigen::Vector3d point = centre + hit.distance * ray;
     Color surface = color(face, point);

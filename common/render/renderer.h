@@ -19,11 +19,10 @@ using Color = Eigen::Vector3f;
 using SurfaceColor = std::function<Color(size_t face, const Eigen::Vector3d& point)>;
 
 struct RenderOptions {
-  int samples_per_axis = 2;  // rays per pixel: samples_per_axis squared
-  int occlusion_rays = 16;   // per ray; 0: no ambient occlusion
-  bool lit = true;           // false: colours without shading
-  bool edges = false;        // draw face edges dark
-  Color background = Color(1, 1, 1);
+  int samples_per_axis = 2;                       // rays per pixel: samples_per_axis squared
+  int occlusion_rays = 16;                        // per ray; 0: no ambient occlusion
+  bool lit = true;                                // false: colours without shading
+  bool edges = false;                             // draw face edges dark
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit vector, frame of the mesh
 };
 

@@ -5,6 +5,12 @@
 #include <vector>
 
 namespace tessera {
+namespace {
+
+// Age at which the files of unfinished writes are deleted.
+constexpr double kLeftover_s = 86400;
+
+}  // namespace
 
 using Kind = BlobFile::Kind;
 
@@ -38,7 +44,7 @@ StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
         quarantined.push_back(std::move(file));
         continue;
       }
-      const int64_t wait_us = Micros(file.kind == Kind::kLeftover ? options_.leftover_s : options_.grace_s);
+      const int64_t wait_us = Micros(file.kind == Kind::kLeftover ? kLeftover_s : options_.grace_s);
       const bool is_old = unix_us - file.since_us >= wait_us;
       if (file.kind == Kind::kBlob) {
         const uint64_t id = BlobReferences::IdOf(file.sha256);

@@ -20,7 +20,6 @@ struct CollectorOptions {
   // A blob is removed if no job referred to it in any pass during this running time, and its file is that old: a blob
   // is stored before the report that names it.
   double grace_s = 3600;
-  double leftover_s = 86400;      // the same for files of unfinished writes
   double keep_quarantined_s = 0;  // quarantined blobs, which are kept for inspection; 0: for ever
   // If the folder has more bytes, quarantined blobs are removed, the oldest first, then blobs that only tasks of ended
   // jobs read, of the oldest jobs first; 0: no limit.
