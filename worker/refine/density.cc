@@ -36,7 +36,7 @@ double LongestSquaredPx(const Vector3d& a, const Vector3d& b, const std::vector<
   return longest;
 }
 
-// Sorted edges of the mesh, each once, and for each face its three edges (k: from corner k to k + 1).
+// Sorted unique edges of the mesh, and the three edges of each face (k: from corner k to k + 1).
 struct EdgeTable {
   std::vector<Edge> edges;
   std::vector<std::array<uint32_t, 3>> of_face;
@@ -65,7 +65,7 @@ EdgeTable MakeEdges(const std::vector<Triangle>& faces) {
   return table;
 }
 
-// Appends the parts of a face whose edge k has the midpoint mid[k] (kNone: whole).
+// Appends the parts of a face; mid[k] is the midpoint of edge k (kNone: not split).
 void AppendParts(const Triangle& face, const std::array<uint32_t, 3>& mid, std::vector<Triangle>* out) {
   const int split = (mid[0] != kNone) + (mid[1] != kNone) + (mid[2] != kNone);
   if (split == 0) {
@@ -81,7 +81,7 @@ void AppendParts(const Triangle& face, const std::array<uint32_t, 3>& mid, std::
     out->push_back({a, mid[k], c});
     out->push_back({mid[k], b, c});
   } else {
-    // Edge k whole, from a to b; c opposite; the quadrilateral a, b, p, q is cut at the lower id of a and b.
+    // Edge k from a to b is not split; c is opposite. The quadrilateral a, b, p, q is cut at the lower id of a and b.
     const int k = mid[0] == kNone ? 0 : mid[1] == kNone ? 1 : 2;
     const uint32_t a = face[k], b = face[(k + 1) % 3], c = face[(k + 2) % 3];
     const uint32_t p = mid[(k + 1) % 3], q = mid[(k + 2) % 3];
@@ -104,7 +104,7 @@ SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamer
   out.mesh = mesh;
   out.parent_face.resize(mesh.faces.size());
   for (size_t f = 0; f < mesh.faces.size(); ++f) out.parent_face[f] = static_cast<uint32_t>(f);
-  // Side of the equilateral triangle with the limit's area.
+  // Squared side of the equilateral triangle of the limit's area.
   const double limit_px2 = options.max_footprint_px2 * 4 / std::sqrt(3.0);
 
   for (int round = 0; round < options.max_rounds; ++round) {

@@ -1,4 +1,4 @@
-// Splitting faces that cover many pixels, so that the mesh can follow the images' detail.
+// Splits faces that cover many pixels, so that the mesh can represent the detail of the images.
 #ifndef TESSERA_WORKER_REFINE_DENSITY_H_
 #define TESSERA_WORKER_REFINE_DENSITY_H_
 
@@ -14,30 +14,32 @@
 namespace tessera {
 
 struct DensityOptions {
-  double max_footprint_px2 = 16;  // of a face: its area in pixels in the view that sees it largest
+  double max_footprint_px2 = 16;  // maximum area of a face in pixels, in the view that shows it largest
   int max_rounds = 8;             // an edge is halved at most this often
 };
 
-// `mesh` contains the input's vertices first, in their order; then the new ones, round by round, in the order of the
-// ids of their edges' ends (lower id, higher id).
+// Result of SplitLargeFaces. `mesh` has the input's vertices first, in their order. The new ones follow by round and,
+// within a round, by the ids of the edge's ends (lower id, higher id).
 struct SplitMesh {
-  TriangleMesh mesh;                  // labels inherited
-  std::vector<uint32_t> parent_face;  // the input face each face lies in
-  // Each new vertex: the edge that it halves (lower id, higher id); after each round: how many new vertices there are.
+  TriangleMesh mesh;                  // labels are inherited
+  std::vector<uint32_t> parent_face;  // index of the input face that contains each face
+  // halved_edges: per new vertex the edge that it halves (lower id, higher id). round_ends: number of new vertices
+  // after each round.
   std::vector<std::array<uint32_t, 2>> halved_edges;
   std::vector<size_t> round_ends;
 };
 
-// Whether the edge between these vertices (lower id, higher id) is halved, whatever the cameras say; none: they decide.
-// Thread-safe.
+// Overrides the decision whether the edge between two vertices (lower id, higher id) is halved; nullopt: decide by
+// the cameras. Thread-safe.
 using EdgeRule = std::function<std::optional<bool>(uint32_t low, uint32_t high)>;
 
-// Halves edges until no face's footprint should exceed the limit: an edge is split where its longest projection (over
-// the cameras that have both of its ends inside the image, each end in front) is longer than the side of an equilateral
-// triangle of that area. Decided from the edge's two end points and the cameras alone, so that everyone who shares an
-// edge splits it alike; orientation and occlusion are not asked. A face takes the template of its 1, 2 or 3 split edges
-// (of two, the diagonal starts at the lower id), so the surface itself does not change. Conforming, deterministic. Mesh
-// and cameras in one frame.
+// Halves edges until no face's footprint should exceed the limit. An edge is split if its longest projection, over
+// the cameras that have both ends in front and inside the image, exceeds the side of an equilateral triangle of the
+// limit's area.
+// The decision depends only on the edge's two ends and the cameras, so two meshes that share an edge split it alike.
+// Orientation and occlusion are not tested. A face is replaced by the template for its 1, 2 or 3 split edges (for
+// two, the diagonal starts at the lower id), so the surface does not change. The result is conforming and
+// deterministic. Mesh and cameras in the same frame.
 SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamera>& cameras,
                           const DensityOptions& options, const EdgeRule& rule = {});
 

@@ -27,9 +27,10 @@ Vector3d CrossAt(const Triangle& t, const std::vector<Vector3d>& at) {
   return (at[t[1]] - at[t[0]]).cross(at[t[2]] - at[t[0]]);
 }
 
-// Nothing holds a rim against the smoothness of the surface inside, so surfaces would shrink from it, step by step. A
-// rim keeps its place in plan, but for that of a wall (steeper than 45 degrees), the more so the steeper it is.
-Vector3d RimStep(const Vector3d& step, const Vector3d& normal, const Vector3d& up) {
+// Boundary vertices have no smoothing term of their own, so the interior's would pull them inwards step by step. They
+// keep their position in plan, except at boundaries of walls (steeper than 45 degrees), increasingly so with
+// steepness.
+Vector3d BoundaryStep(const Vector3d& step, const Vector3d& normal, const Vector3d& up) {
   const Vector3d lift = up * up.dot(step);
   const double cosine = normal.dot(up);
   return lift + std::max(0.0, 1 - 2 * cosine * cosine) * (step - lift);
@@ -54,7 +55,7 @@ IndexRows FacesOfVertices(const TriangleMesh& mesh) {
 
 std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
                                         const std::vector<uint8_t>& fixed, int steps) {
-  // On a closed fan every neighbour is a corner of two faces.
+  // In a closed fan every neighbour is a corner of exactly two faces.
   std::vector<uint8_t> moves(mesh.vertices.size());
   ForEach(mesh.vertices.size(), [&](size_t v) {
     if (!fixed.empty() && fixed[v]) return;
@@ -130,10 +131,10 @@ Vector3d MotionGuard::Braked(size_t v, const Vector3d& at, const Vector3d& step)
   if (std::max(per_normal, per_tangent) * ((at - start_[v]).norm() + step.norm()) <= limits_.free_share) return step;
   const Vector3d from = InBall(v, at - start_[v]), move = InBall(v, step);
   const double before = std::max(from.norm(), limits_.free_share), after = (from + move).norm();
-  // Half of the room that is left to the wall is the most a step may take.
+  // A step may use at most half of the remaining distance to the ellipsoid's surface.
   const double most = before + std::max(0.0, 0.5 * (1 - before));
   if (after <= before || after <= most) return step;
-  // The share of the step at which the ball of radius `most` is reached.
+  // The share of the step that reaches the ball of radius `most`.
   const double a = move.squaredNorm(), b = from.dot(move), c = std::min(0.0, from.squaredNorm() - most * most);
   return std::clamp((-b + std::sqrt(std::max(0.0, b * b - a * c))) / a, 0.0, 1.0) * step;
 }
@@ -168,7 +169,7 @@ int64_t MotionGuard::TurnedFaces(const Positions& at) const {
 }
 
 void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const {
-  constexpr double kMinAreaShare = 0.1;  // of the area before the step
+  constexpr double kMinAreaShare = 0.1;  // relative to the area before the step
   const auto folds = [&](uint32_t f) {
     const Triangle& t = faces_[f];
     const Vector3d &p = mesh.vertices[t[0]], &q = mesh.vertices[t[1]], &r = mesh.vertices[t[2]];
@@ -194,9 +195,9 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
   for (uint32_t f = 0; f < folded.size(); ++f) {
     if (folded[f]) bad.push_back(f);
   }
-  // From here on only faces about a change can be anything new. At first the corners of folding faces are made to move
-  // more alike, which turns nothing and keeps the faces' way; then their steps are shortened. A vertex is changed once
-  // a pass, however many of its faces fold.
+  // From here on only faces next to a changed vertex can be newly folded. First the steps are averaged over the
+  // corners of folding faces, then shortened. A vertex changes once per pass, however many of its faces fold, so the
+  // result does not depend on the order of faces.
   std::vector<uint8_t> changed(mesh.vertices.size());
   std::vector<uint32_t> vertices;
   Positions level;
@@ -211,7 +212,7 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
         touched.insert(touched.end(), faces_of_vertex_[v].begin(), faces_of_vertex_[v].end());
       }
     }
-    if (pass < kLevellings) {
+    if (pass < kSmoothingPasses) {
       level.resize(vertices.size());
       for (size_t i = 0; i < vertices.size(); ++i) {
         Vector3d sum = Vector3d::Zero();
@@ -267,12 +268,12 @@ std::vector<Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivativ
   for (size_t v = 0; v < step.size(); ++v) {
     Vector3d& s = step[v];
     const double data = photo.curvature[v].trace();
-    if (data > 0 && !s.isZero(0)) {  // a fixed vertex stays, whatever it did where it is not
+    if (data > 0 && !s.isZero(0)) {  // fixed vertices keep a zero step
       const double share = data / (data + options.evidence);
       s *= 1 + share * (options.acceleration.relaxation - 1);
       if (!last.empty()) s += share * options.acceleration.momentum * last[v].cast<double>();
     }
-    if (smooth.on_rim(v)) s = RimStep(s, guard.start_normal(v), options.up);
+    if (smooth.on_boundary(v)) s = BoundaryStep(s, guard.start_normal(v), options.up);
     const double length = s.norm();
     if (length > options.max_step_m) s *= options.max_step_m / length;
   }

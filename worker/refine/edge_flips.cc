@@ -18,8 +18,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kLeastAngle_rad = 10 * 3.14159265358979323846 / 180;  // of a face that a flip makes
-constexpr double kLeastGain = 0.02;                                    // times the edge's length
+constexpr double kLeastAngle_rad = 10 * 3.14159265358979323846 / 180;  // minimum angle of a face after a flip
+constexpr double kLeastGain = 0.02;                                    // relative to the edge's length
 constexpr int32_t kNone = -1, kSeveral = -2;
 
 uint64_t KeyOf(uint32_t a, uint32_t b) { return static_cast<uint64_t>(std::min(a, b)) << 32 | std::max(a, b); }
@@ -30,7 +30,9 @@ double LeastAngle(const Vector3d& a, const Vector3d& b, const Vector3d& c) {
   return std::min({AngleBetween(b - a, c - a), AngleBetween(c - b, a - b), AngleBetween(a - c, b - c)});
 }
 
-// One group's mesh, and the faces of it that may not change.
+// Greedy flips in one group's mesh, without the faces flagged in `frozen`. A priority queue with lazy invalidation:
+// an entry is only valid if its gain is still the current one. Ties are broken by the edge's key, so the result does
+// not depend on the order of insertion.
 class GroupFlipper {
  public:
   GroupFlipper(TriangleMesh* mesh, const std::vector<uint8_t>& frozen)
@@ -45,7 +47,7 @@ class GroupFlipper {
         ++vertices_[a].faces;
       }
     }
-    // Beyond an edge with one face another group may lie.
+    // Another group may continue beyond an edge with one face.
     for (const auto& [key, sides] : edges_) {
       if (sides[1] >= 0) continue;
       vertices_[static_cast<uint32_t>(key >> 32)].on_border = true;
@@ -57,13 +59,13 @@ class GroupFlipper {
     for (int32_t f = 0; f < static_cast<int32_t>(mesh_.faces.size()); ++f) {
       for (int k = 0; k < 3; ++k) {
         const uint64_t key = KeyOf(mesh_.faces[f][k], mesh_.faces[f][(k + 1) % 3]);
-        if (edges_.find(key)->second[0] == f) Ask(key);
+        if (edges_.find(key)->second[0] == f) Enqueue(key);
       }
     }
-    while (!waiting_.empty()) {
-      const Candidate best = waiting_.top();
-      waiting_.pop();
-      // Else a flip nearby changed it, and asked again.
+    while (!queue_.empty()) {
+      const Candidate best = queue_.top();
+      queue_.pop();
+      // Otherwise a flip nearby changed the gain and has added a new entry.
       if (Gain(best.key) == best.gain) Flip(best.key);
     }
   }
@@ -77,7 +79,7 @@ class GroupFlipper {
   struct Candidate {
     double gain;
     uint64_t key;
-    // The greatest gain first, of equal ones the lower edge.
+    // Largest gain first; of equal ones the lower key.
     bool operator<(const Candidate& other) const { return gain != other.gain ? gain < other.gain : key > other.key; }
   };
   // Face f is (a, b, c), face g (b, a, d); flipped they are (a, d, c) and (d, b, c).
@@ -91,7 +93,7 @@ class GroupFlipper {
     return (At(b) - At(a)).cross(At(c) - At(a)).stableNormalized();
   }
 
-  // No face f: the edge is not one of two faces that look the same way.
+  // f = kNone: the edge does not have exactly two faces of consistent orientation.
   Quad QuadOf(uint64_t key) const {
     Quad quad;
     const auto edge = edges_.find(key);
@@ -110,28 +112,29 @@ class GroupFlipper {
     return quad;
   }
 
-  // By how much the cost of an edge of `face` rises if that face's normal there becomes `normal`.
-  double Rise(uint32_t a, uint32_t b, int32_t face, const Vector3d& normal) const {
+  // Increase of the cost of an edge of `face` if the face's normal becomes `normal`.
+  double CostIncrease(uint32_t a, uint32_t b, int32_t face, const Vector3d& normal) const {
     const Sides& sides = edges_.find(KeyOf(a, b))->second;
     const int32_t other = sides[0] == face ? sides[1] : sides[0];
     if (other < 0) return 0;
     return (At(a) - At(b)).norm() * ((normal - normals_[other]).norm() - (normals_[face] - normals_[other]).norm());
   }
 
-  // By how much a flip of the edge lowers the cost; 0: it stays.
+  // Decrease of the total cost by a flip of the edge; 0: not allowed or not worth it.
   double Gain(uint64_t key) const {
     const Quad q = QuadOf(key);
     if (q.f < 0 || frozen_[q.f] || frozen_[q.g] || q.c == q.d || edges_.contains(KeyOf(q.c, q.d))) return 0;
     if (!mesh_.labels.empty() && mesh_.labels[q.f] != mesh_.labels[q.g]) return 0;
     const Vertex &a = vertices_[q.a], &b = vertices_[q.b], &c = vertices_[q.c], &d = vertices_[q.d];
-    // Another group may have an edge between two vertices of the border; a closed fan keeps three faces.
+    // Two border vertices may already be connected in another group. A closed fan needs at least three faces.
     if (c.on_border && d.on_border) return 0;
     if ((!a.on_border && a.faces <= 3) || (!b.on_border && b.faces <= 3)) return 0;
     const Vector3d new_f = Normal(q.a, q.d, q.c), new_g = Normal(q.d, q.b, q.c);
     const double length = (At(q.a) - At(q.b)).norm();
     const double gain = length * (normals_[q.f] - normals_[q.g]).norm() -
-                        (At(q.c) - At(q.d)).norm() * (new_f - new_g).norm() - Rise(q.b, q.c, q.f, new_g) -
-                        Rise(q.c, q.a, q.f, new_f) - Rise(q.a, q.d, q.g, new_f) - Rise(q.d, q.b, q.g, new_g);
+                        (At(q.c) - At(q.d)).norm() * (new_f - new_g).norm() - CostIncrease(q.b, q.c, q.f, new_g) -
+                        CostIncrease(q.c, q.a, q.f, new_f) - CostIncrease(q.a, q.d, q.g, new_f) -
+                        CostIncrease(q.d, q.b, q.g, new_g);
     if (gain <= kLeastGain * length) return 0;
     const double least = std::min(LeastAngle(At(q.a), At(q.b), At(q.c)), LeastAngle(At(q.b), At(q.a), At(q.d)));
     const double after = std::min(LeastAngle(At(q.a), At(q.d), At(q.c)), LeastAngle(At(q.d), At(q.b), At(q.c)));
@@ -139,9 +142,9 @@ class GroupFlipper {
     return gain;
   }
 
-  void Ask(uint64_t key) {
+  void Enqueue(uint64_t key) {
     const double gain = Gain(key);
-    if (gain > 0) waiting_.push({gain, key});
+    if (gain > 0) queue_.push({gain, key});
   }
 
   void Replace(uint32_t a, uint32_t b, int32_t from, int32_t to) {
@@ -163,17 +166,17 @@ class GroupFlipper {
     --vertices_[q.b].faces;
     ++vertices_[q.c].faces;
     ++vertices_[q.d].faces;
-    // Of these faces and the ones beside them all edges may gain anew.
+    // The gains of all edges of these faces and of the adjacent faces may have changed.
     for (const int32_t face : {q.f, q.g}) {
       for (int k = 0; k < 3; ++k) {
         const uint64_t edge = KeyOf(mesh_.faces[face][k], mesh_.faces[face][(k + 1) % 3]);
         const Sides& sides = edges_.find(edge)->second;
         const int32_t beside = sides[0] == face ? sides[1] : sides[0];
-        Ask(edge);
+        Enqueue(edge);
         if (beside < 0 || beside == q.f || beside == q.g) continue;
         for (int m = 0; m < 3; ++m) {
           const uint64_t next = KeyOf(mesh_.faces[beside][m], mesh_.faces[beside][(m + 1) % 3]);
-          if (next != edge) Ask(next);
+          if (next != edge) Enqueue(next);
         }
       }
     }
@@ -183,8 +186,8 @@ class GroupFlipper {
   const std::vector<uint8_t>& frozen_;
   absl::flat_hash_map<uint64_t, Sides> edges_;
   std::vector<Vertex> vertices_;
-  std::vector<Vector3d> normals_;  // of the faces, as they are
-  std::priority_queue<Candidate> waiting_;
+  std::vector<Vector3d> normals_;  // current normals of the faces
+  std::priority_queue<Candidate> queue_;
 };
 
 std::vector<uint32_t> ChangedFaces(const std::vector<Triangle>& before, const std::vector<Triangle>& after) {
@@ -195,8 +198,9 @@ std::vector<uint32_t> ChangedFaces(const std::vector<Triangle>& before, const st
   return changed;
 }
 
-// Flips until no more is gained. Where faces then cut others that they did not cut before, all is taken back and done
-// again without these; if that goes on, the group stays as it was.
+// Flips until no gain is left, then tests for new intersections, which would be expensive to test per flip. If there
+// are any, restarts from the original faces with the intersecting ones frozen; after kAttempts the group stays
+// unchanged.
 void FlipGroup(TriangleMesh* mesh) {
   constexpr int kAttempts = 8;
   const std::vector<Triangle> before = mesh->faces;
@@ -241,8 +245,8 @@ std::vector<uint32_t> FlipEdges(const std::vector<uint64_t>& groups, TriangleMes
       for (const uint32_t f : faces) {
         Triangle& face = group.faces.emplace_back();
         for (int k = 0; k < 3; ++k) {
-          const auto place = std::lower_bound(vertices.begin(), vertices.end(), before[f][k]);
-          face[k] = static_cast<uint32_t>(place - vertices.begin());
+          const auto position = std::lower_bound(vertices.begin(), vertices.end(), before[f][k]);
+          face[k] = static_cast<uint32_t>(position - vertices.begin());
         }
         if (!mesh->labels.empty()) group.labels.push_back(mesh->labels[f]);
       }

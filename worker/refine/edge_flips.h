@@ -1,7 +1,6 @@
-// The last word on shape: edges of the refined mesh are flipped so that they run along its creases instead of across
-// (Dyn, Hormann, Kim, Levin: Optimizing 3D triangulations using discrete curvature analysis, 2001). Refinement moves
-// vertices onto eaves and the feet of walls, but a face whose corners lie on both sides of a crease cuts it like a
-// tooth of a saw.
+// Final mesh improvement: flips edges so that they run along creases instead of across them (Dyn, Hormann, Kim,
+// Levin: Optimizing 3D triangulations using discrete curvature analysis, 2001). Refinement moves vertices onto eaves
+// and the feet of walls, but faces with corners on both sides of a crease still cut it, which gives a sawtooth.
 #ifndef TESSERA_WORKER_REFINE_EDGE_FLIPS_H_
 #define TESSERA_WORKER_REFINE_EDGE_FLIPS_H_
 
@@ -13,16 +12,17 @@
 
 namespace tessera {
 
-// Flips edges of `mesh` as long as Σ |e| |n_f - n_g| falls, over the edges e between faces of unit normals n_f and n_g,
-// by a fiftieth of the edge's length or more; the greatest fall first. No vertex moves, a face keeps its number and
-// label, two faces of one edge exchange a corner each, and a mesh without non-manifold edges stays one. An edge stays
-// where its faces have different labels (so borders of classes stay), or lie in different `groups` (one number a face),
-// where a face would become a sliver or cut another of its group that it did not cut before, or where the new edge
-// might be there already.
-// Each group is a mesh of its own for this: what becomes of its faces depends on nothing but these, their vertices and
-// labels, and the order of both. A tile that has whole groups needs nothing of others, and one that is kept stays as it
-// is whatever its neighbours become. Uses the process's threads; the result does not depend on their number. Takes
-// about three microseconds a face. Returns the faces that changed, ascending.
+// Greedily flips edges of `mesh` to minimise Σ |e| |n_f - n_g| over the edges e between faces with unit normals n_f
+// and n_g; the largest gain first, as long as it is at least a fiftieth of the edge's length. Vertices do not move. A
+// face keeps its index and label; the two faces of a flipped edge exchange one corner each.
+// An edge is not flipped if its faces differ in label (class borders stay) or in `groups` (one number per face), if a
+// face would become a sliver or would newly intersect another face of its group, or if the new edge may already
+// exist. A mesh without non-manifold edges keeps that property.
+// Each group is processed as a mesh of its own, so its result depends only on its faces, their vertices and labels,
+// and the order of both. A tile with whole groups therefore needs no data of its neighbours, and an unchanged tile
+// gets the same result whatever its neighbours are.
+// Runs on all threads; the result does not depend on their number. About three microseconds per face. Returns the
+// changed faces, ascending.
 std::vector<uint32_t> FlipEdges(const std::vector<uint64_t>& groups, TriangleMesh* mesh);
 
 }  // namespace tessera

@@ -18,10 +18,10 @@ using Eigen::Vector3f;
 
 constexpr int64_t kGrain = 1024;
 constexpr double kPi = 3.14159265358979323846;
-// Shortest border edge that has a direction, metres.
+// Minimum length of a border edge with a defined direction, metres.
 constexpr double kMinLength = 1e-9;
 
-struct Turn {
+struct BorderCorner {
   Vector3d a, b;  // unit vectors to v1 and v2
   double length_a = 0, length_b = 0;
   double sine = 0, cosine = 1;  // of γ
@@ -29,8 +29,8 @@ struct Turn {
   bool valid = false;
 };
 
-Turn TurnAt(const std::vector<Vector3d>& v, const std::array<uint32_t, 3>& corner) {
-  Turn turn;
+BorderCorner TurnAt(const std::vector<Vector3d>& v, const std::array<uint32_t, 3>& corner) {
+  BorderCorner turn;
   turn.a = v[corner[1]] - v[corner[0]];
   turn.b = v[corner[2]] - v[corner[0]];
   turn.length_a = turn.a.norm();
@@ -46,7 +46,7 @@ Turn TurnAt(const std::vector<Vector3d>& v, const std::array<uint32_t, 3>& corne
 }
 
 // dE/dv1 and dE/dv2.
-std::pair<Vector3d, Vector3d> EndDerivatives(const Turn& turn) {
+std::pair<Vector3d, Vector3d> EndDerivatives(const BorderCorner& turn) {
   if (!turn.valid) return {Vector3d::Zero(), Vector3d::Zero()};
   // b - cosγ a has length sinγ: the product stays below 2π although k has a pole at γ = 0.
   constexpr double kMinSine = 1e-9;
@@ -61,11 +61,11 @@ std::pair<Vector3d, Vector3d> EndDerivatives(const Turn& turn) {
 
 bool Unlabelled(int32_t label) { return label < 0 || label == 255; }
 
-// The ends of the two border edges at v if its faces close about it in one ring with two label changes.
+// The ends of the two border edges at v, if its faces form one closed fan with two label changes.
 std::optional<std::array<uint32_t, 2>> BorderEnds(uint32_t v, std::span<const uint32_t> faces_at,
                                                   const std::vector<Triangle>& faces,
                                                   const std::vector<int32_t>& labels) {
-  // Of a face at v: the vertex after v, that before it, and the label.
+  // Of a face at v: the vertex after v, the vertex before it, and the label.
   const auto after = [&](uint32_t f) { return faces[f][faces[f][0] == v ? 1 : faces[f][1] == v ? 2 : 0]; };
   const auto before = [&](uint32_t f) { return faces[f][faces[f][0] == v ? 2 : faces[f][1] == v ? 0 : 1]; };
   std::array<uint32_t, 2> ends;
@@ -79,13 +79,13 @@ std::optional<std::array<uint32_t, 2>> BorderEnds(uint32_t v, std::span<const ui
       if (next) return std::nullopt;  // not a manifold
       next = g;
     }
-    if (!next) return std::nullopt;  // a rim
+    if (!next) return std::nullopt;  // a boundary vertex
     if (labels[*next] != labels[face]) {
       if (changes == 2) return std::nullopt;
       ends[changes++] = edge_end;
     }
     face = *next;
-    // Back too early: faces about v in several rings.
+    // The fan closes early: the faces at v form several fans.
     if ((face == faces_at[0]) != (step + 1 == faces_at.size())) return std::nullopt;
   }
   if (changes != 2) return std::nullopt;
@@ -168,7 +168,7 @@ void InterTerm::AddGradient(const Positions& v, double weight, const std::vector
   std::vector<std::pair<Vector3d, Vector3d>> derivatives(corners_.size());
   ParallelFor(static_cast<int64_t>(corners_.size()), kGrain, [&](int64_t begin, int64_t end) {
     for (int64_t c = begin; c < end; ++c) {
-      derivatives[c] = Counts(c, pairs) ? EndDerivatives(TurnAt(v, corners_[c])) : EndDerivatives(Turn());
+      derivatives[c] = Counts(c, pairs) ? EndDerivatives(TurnAt(v, corners_[c])) : EndDerivatives(BorderCorner());
     }
   });
   ParallelFor(static_cast<int64_t>(incidence_.vertices.size()), kGrain, [&](int64_t begin, int64_t end) {
@@ -196,7 +196,7 @@ InterCurvature InterTerm::Curvature(const Positions& v, double weight, const std
     for (int64_t c = begin; c < end; ++c) {
       InterCurvature::Corner& corner = out.corners[c];
       corner.vertex = corners_[c];
-      const Turn turn = Counts(c, pairs) ? TurnAt(v, corners_[c]) : Turn();
+      const BorderCorner turn = Counts(c, pairs) ? TurnAt(v, corners_[c]) : BorderCorner();
       if (!turn.valid) {
         corner.a = corner.b = Vector3f::Zero();
         continue;

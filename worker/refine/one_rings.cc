@@ -7,7 +7,8 @@ namespace tessera {
 OneRings FindOneRings(const TriangleMesh& mesh) {
   const size_t n = mesh.vertices.size();
   OneRings rings;
-  // Both directions of every face's edges, gathered by their first vertex.
+  // Both directions of every face's edges, bucketed by their first vertex. Counting sort instead of maps keeps this
+  // linear, and sorted neighbours make all later sums independent of the order of faces.
   std::vector<uint32_t> first(n + 1, 0);
   for (const Triangle& face : mesh.faces) {
     for (uint32_t v : face) first[v + 1] += 2;
@@ -22,8 +23,8 @@ OneRings FindOneRings(const TriangleMesh& mesh) {
     }
   }
   rings.begin.assign(n + 1, 0);
-  rings.rim.assign(n, 0);
-  rings.along_rim.resize(n);
+  rings.on_boundary.assign(n, 0);
+  rings.along_boundary.resize(n);
   rings.to.reserve(ends.size() / 2);
   rings.inner.reserve(ends.size() / 2);
   for (size_t v = 0; v < n; ++v) {
@@ -35,7 +36,7 @@ OneRings FindOneRings(const TriangleMesh& mesh) {
       while (end < first[v + 1] && ends[end] == ends[i]) ++end;
       const bool inner = end - i == 2;
       if (!inner) {
-        rings.rim[v] = 1;
+        rings.on_boundary[v] = 1;
         if (rim_edges < 2) along[rim_edges] = ends[i];
         ++rim_edges;
       }
@@ -44,7 +45,7 @@ OneRings FindOneRings(const TriangleMesh& mesh) {
       i = end;
     }
     if (rim_edges != 2) along = {static_cast<uint32_t>(v), static_cast<uint32_t>(v)};
-    rings.along_rim[v] = along;
+    rings.along_boundary[v] = along;
     rings.begin[v + 1] = static_cast<uint32_t>(rings.to.size());
   }
   return rings;

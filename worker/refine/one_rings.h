@@ -1,4 +1,4 @@
-// One-rings of a mesh as flat arrays: the topology under the regularisers.
+// One-rings of a mesh in flat arrays: the topology used by the regularisers.
 #ifndef TESSERA_WORKER_REFINE_ONE_RINGS_H_
 #define TESSERA_WORKER_REFINE_ONE_RINGS_H_
 
@@ -10,16 +10,17 @@
 
 namespace tessera {
 
-// A vertex on an edge that has not exactly two faces is on a rim.
+// A vertex with an edge that does not have exactly two faces is on the mesh boundary.
 struct OneRings {
-  std::vector<uint32_t> begin;  // neighbours of v: to[begin[v] .. begin[v + 1]), by rising number
+  std::vector<uint32_t> begin;  // neighbours of v: to[begin[v] .. begin[v + 1]), ascending
   std::vector<uint32_t> to;
-  std::vector<uint8_t> inner;  // a neighbour: the edge to it has two faces
-  std::vector<uint8_t> rim;    // a vertex
-  // The neighbours along the rim of a rim vertex with exactly two rim edges; both v itself elsewhere.
-  std::vector<std::array<uint32_t, 2>> along_rim;
+  std::vector<uint8_t> inner;        // per entry of `to`: the edge has two faces
+  std::vector<uint8_t> on_boundary;  // per vertex
+  // The two neighbours along the boundary, for boundary vertices with exactly two boundary edges; else v itself
+  // twice.
+  std::vector<std::array<uint32_t, 2>> along_boundary;
 
-  size_t vertices() const { return rim.size(); }
+  size_t vertices() const { return on_boundary.size(); }
   uint32_t degree(size_t v) const { return begin[v + 1] - begin[v]; }
 };
 

@@ -26,10 +26,11 @@ Point ToPoint(const Vector3d& p) { return {p.x(), p.y(), p.z()}; }
 
 using Corners = std::array<Vector3d, 3>;
 
-// True if the plane of `t`, or one that stands on an edge of it and goes through the shared corners, has all corners of
-// `o` that are not shared on its far side, beyond any rounding. The `shared` common corners come first in both.
+// Separation test: true if the plane of `t`, or a plane through an edge of it and the shared corners, has all
+// unshared corners of `o` on its far side, by more than the rounding error. The `shared` common corners come first in
+// both.
 bool SeparatedByPlaneOf(const Corners& t, const Corners& o, int shared) {
-  constexpr double kError = 1e-13;  // of a point's computed side, relative to the lengths that went into it
+  constexpr double kError = 1e-13;  // of a point's signed distance, relative to the lengths involved
   const std::array<Vector3d, 3> edge = {t[1] - t[0], t[2] - t[1], t[0] - t[2]};
   const std::array<double, 3> length = {edge[0].norm(), edge[1].norm(), edge[2].norm()};
   const Vector3d normal = edge[0].cross(edge[1]);
@@ -57,7 +58,7 @@ bool Separated(const Corners& a, const Corners& b, int shared) {
   return SeparatedByPlaneOf(a, b, shared) || SeparatedByPlaneOf(b, a, shared);
 }
 
-// Exact. The shared corners come first in both.
+// Exact test. The shared corners come first in both.
 bool Meet(const Corners& a, const Corners& b, int shared) {
   const std::array<Point, 3> p = {ToPoint(a[0]), ToPoint(a[1]), ToPoint(a[2])};
   const std::array<Point, 3> q = {ToPoint(b[0]), ToPoint(b[1]), ToPoint(b[2])};
@@ -92,7 +93,7 @@ bool FacesMeet(const TriangleMesh& mesh, uint32_t f, uint32_t g) {
   return !Separated(a, b, shared) && Meet(a, b, shared);
 }
 
-// The bits of x with two zeros between them.
+// Inserts two zero bits between the bits of x.
 uint64_t Spread(uint64_t x) {
   x &= 0x1fffff;
   x = (x | x << 32) & 0x1f00000000ffff;
@@ -143,7 +144,7 @@ void FaceBoxes::Refit(const TriangleMesh& mesh) {
       const Vector3d& c = mesh.Corner(f, 2);
       for (int k = 0; k < 3; ++k) {
         const double low = std::min({a[k], b[k], c[k]}), high = std::max({a[k], b[k], c[k]});
-        // Rounding to float must not make a box smaller.
+        // Rounding to float must not shrink a box.
         face_boxes_[i].low[k] = static_cast<float>(low - 1e-7 * std::abs(low));
         face_boxes_[i].high[k] = static_cast<float>(high + 1e-7 * std::abs(high));
       }
@@ -166,7 +167,7 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
   std::vector<uint8_t> is_active(mesh.faces.size());
   for (uint32_t f : active) is_active[f] = 1;
   const bool all_active = active.size() == order_.size();
-  // Leaf by leaf along the curve. Of two active faces, the earlier one finds the pair.
+  // Leaf by leaf along the curve. A pair of two active faces is found by the earlier one.
   const auto is_active_at = [&](size_t i) { return is_active[order_[i]] != 0; };
   const auto faces_end = [&](size_t leaf) { return std::min((leaf + 1) * kLeafFaces, order_.size()); };
   std::vector<size_t> queries;
@@ -187,7 +188,7 @@ std::vector<FacePair> FaceBoxes::Intersections(const TriangleMesh& mesh, const s
       while (!stack.empty()) {
         const size_t node = stack.back();
         stack.pop_back();
-        // Where all are active, whole subtrees have found their pairs with this leaf already.
+        // If all faces are active, earlier leaves have already found the pairs of whole subtrees.
         const size_t span = leaves_ >> (std::bit_width(node) - 1);
         if (all_active && (node + 1) * span <= leaves_ + leaf) continue;
         if (!Overlap(nodes_[node], box)) continue;
@@ -229,7 +230,7 @@ std::vector<FacePair> NewPairs(const std::vector<FacePair>& before, const std::v
 FoldRepair::FoldRepair(const TriangleMesh& start, const IndexRows& faces_of_vertex)
     : start_{start.vertices, start.faces, {}}, faces_of_vertex_(faces_of_vertex), boxes_(start) {}
 
-// A motion of which each vertex keeps a share.
+// A motion from `good` to `proposed`, of which each vertex keeps a share in [0, 1].
 class FoldRepair::Motion {
  public:
   Motion(const std::vector<Triangle>& faces, const IndexRows& faces_of_vertex, const Positions& good,
@@ -237,14 +238,14 @@ class FoldRepair::Motion {
       : faces_of_vertex_(faces_of_vertex),
         good_(good),
         proposed_(std::move(proposed)),
-        kept_(good.size(), 1),
+        share_(good.size(), 1),
         mesh_{proposed_, faces, {}},
         rings_(good.size()) {}
 
   const TriangleMesh& mesh() const { return mesh_; }
-  bool changed(uint32_t vertex) const { return kept_[vertex] < 1 && proposed_[vertex] != good_[vertex]; }
+  bool changed(uint32_t vertex) const { return share_[vertex] < 1 && proposed_[vertex] != good_[vertex]; }
 
-  // Faces that move, ascending.
+  // Faces with a moving corner, ascending.
   std::vector<uint32_t> MovingFaces() const {
     std::vector<uint32_t> out;
     const auto moves = [&](uint32_t v) { return proposed_[v] != good_[v]; };
@@ -254,19 +255,19 @@ class FoldRepair::Motion {
     return out;
   }
 
-  // Returns the faces that moved for it, ascending.
-  std::vector<uint32_t> DrawBack(const std::vector<uint32_t>& spoiled, const Pass& pass) {
+  // Applies a pass. Returns the faces that moved, ascending.
+  std::vector<uint32_t> MoveBack(const std::vector<uint32_t>& defective, const Pass& pass) {
     std::fill(rings_.begin(), rings_.end(), -1);
     std::vector<uint32_t> front, next, moved;
-    for (uint32_t f : spoiled) {
-      for (uint32_t v : mesh_.faces[f]) Reach(v, 0, &front);
+    for (uint32_t f : defective) {
+      for (uint32_t v : mesh_.faces[f]) Visit(v, 0, &front);
     }
     for (int ring = 0; ring < pass.rings; ++ring) {
-      for (uint32_t v : front) Keep(v, pass.least + (1 - pass.least) * ring / pass.rings, &moved);
+      for (uint32_t v : front) Reduce(v, pass.least + (1 - pass.least) * ring / pass.rings, &moved);
       next.clear();
       for (uint32_t v : front) {
         for (uint32_t f : faces_of_vertex_[v]) {
-          for (uint32_t w : mesh_.faces[f]) Reach(w, ring + 1, &next);
+          for (uint32_t w : mesh_.faces[f]) Visit(w, ring + 1, &next);
         }
       }
       std::swap(front, next);
@@ -275,23 +276,23 @@ class FoldRepair::Motion {
     return moved;
   }
 
-  // Of `moved`, the faces that moved last; those that move for this are added.
-  void LevelTurnedFaces(const FaceTest& test, std::vector<uint32_t>* moved) {
-    std::vector<uint32_t> at_hand = *moved;
+  // `moved`: faces that moved last; adds those that move here.
+  void ReduceAtInvertedFaces(const FaceTest& test, std::vector<uint32_t>* moved) {
+    std::vector<uint32_t> moved_last = *moved;
     std::vector<std::pair<uint32_t, double>> shares;
-    for (int round = 0; round < kLevellings && !at_hand.empty(); ++round) {
+    for (int round = 0; round < kSmoothingPasses && !moved_last.empty(); ++round) {
       shares.clear();
-      for (uint32_t f : at_hand) {
+      for (uint32_t f : moved_last) {
         if (test(f, good_, mesh_.vertices)) continue;
         const auto& [a, b, c] = mesh_.faces[f];
-        const auto [least, most] = std::minmax({kept_[a], kept_[b], kept_[c]});
-        const double share = round + 2 >= kLevellings ? 0 : least == most ? 0.5 * least : least;
+        const auto [least, most] = std::minmax({share_[a], share_[b], share_[c]});
+        const double share = round + 2 >= kSmoothingPasses ? 0 : least == most ? 0.5 * least : least;
         for (uint32_t v : mesh_.faces[f]) shares.push_back({v, share});
       }
-      at_hand.clear();
-      for (const auto& [v, share] : shares) Keep(v, share, &at_hand);
-      SortUnique(&at_hand);
-      moved->insert(moved->end(), at_hand.begin(), at_hand.end());
+      moved_last.clear();
+      for (const auto& [v, share] : shares) Reduce(v, share, &moved_last);
+      SortUnique(&moved_last);
+      moved->insert(moved->end(), moved_last.begin(), moved_last.end());
     }
     SortUnique(moved);
   }
@@ -302,15 +303,15 @@ class FoldRepair::Motion {
     values->erase(std::unique(values->begin(), values->end()), values->end());
   }
 
-  void Reach(uint32_t v, int ring, std::vector<uint32_t>* front) {
+  void Visit(uint32_t v, int ring, std::vector<uint32_t>* front) {
     if (rings_[v] >= 0) return;
     rings_[v] = ring;
     front->push_back(v);
   }
 
-  void Keep(uint32_t v, double share, std::vector<uint32_t>* moved) {
-    if (share >= kept_[v]) return;
-    kept_[v] = share;
+  void Reduce(uint32_t v, double share, std::vector<uint32_t>* moved) {
+    if (share >= share_[v]) return;
+    share_[v] = share;
     if (proposed_[v] == good_[v]) return;
     mesh_.vertices[v] = good_[v] + share * (proposed_[v] - good_[v]);
     moved->insert(moved->end(), faces_of_vertex_[v].begin(), faces_of_vertex_[v].end());
@@ -319,50 +320,50 @@ class FoldRepair::Motion {
   const IndexRows& faces_of_vertex_;
   const Positions& good_;
   const Positions proposed_;
-  std::vector<double> kept_;
+  std::vector<double> share_;
   TriangleMesh mesh_;
-  std::vector<int> rings_;  // from a spoiled face, in the pass at hand; -1: not reached
+  std::vector<int> rings_;  // distance from a defective face in the current pass; -1: not reached
 };
 
 FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) {
   Motion motion(start_.faces, faces_of_vertex_, good, *vertices);
-  // Only faces that moved can have come to be anything new.
-  std::vector<uint32_t> active = motion.MovingFaces(), spoiled;
+  // Only faces that moved can have new defects.
+  std::vector<uint32_t> active = motion.MovingFaces(), defective;
   Result result;
-  std::vector<FacePair> cut;  // pairs that are not the start's
-  std::vector<uint8_t> is_spoiled(start_.faces.size()), moved(start_.faces.size());
-  // A pass with nothing to do ends it: later ones would find the same. That some place has nothing to do does not, for
-  // whether another has is none of its business.
+  std::vector<FacePair> cut;  // intersecting pairs that do not intersect at the start
+  std::vector<uint8_t> is_defective(start_.faces.size()), moved(start_.faces.size());
+  // Stop at the first pass without defects anywhere, since later passes would find the same. A region without defects
+  // must not stop early on its own account, because the passes of other regions must not depend on it.
   for (size_t pass = 0;; ++pass) {
     boxes_.Refit(motion.mesh());
-    // Pairs of faces that did not move since stay as they were found.
+    // Results for pairs of faces that have not moved since remain valid.
     for (uint32_t f : active) moved[f] = 1;
     std::erase_if(cut, [&](const FacePair& p) { return moved[p[0]] || moved[p[1]]; });
     for (uint32_t f : active) moved[f] = 0;
     for (const FacePair& p : boxes_.Intersections(motion.mesh(), active)) {
       if (!FacesMeet(start_, p[0], p[1])) cut.push_back(p);
     }
-    for (uint32_t f : spoiled) is_spoiled[f] = test && !test(f, good, motion.mesh().vertices);
+    for (uint32_t f : defective) is_defective[f] = test && !test(f, good, motion.mesh().vertices);
     if (test) {
       ParallelFor(static_cast<int64_t>(active.size()), kGrain, [&](int64_t begin, int64_t end) {
         for (int64_t i = begin; i < end; ++i) {
           const uint32_t f = active[static_cast<size_t>(i)];
-          is_spoiled[f] = !test(f, good, motion.mesh().vertices);
+          is_defective[f] = !test(f, good, motion.mesh().vertices);
         }
       });
     }
-    for (const FacePair& p : cut) is_spoiled[p[0]] = is_spoiled[p[1]] = 1;
-    spoiled.clear();
-    for (uint32_t f = 0; f < is_spoiled.size(); ++f) {
-      if (is_spoiled[f]) spoiled.push_back(f);
+    for (const FacePair& p : cut) is_defective[p[0]] = is_defective[p[1]] = 1;
+    defective.clear();
+    for (uint32_t f = 0; f < is_defective.size(); ++f) {
+      if (is_defective[f]) defective.push_back(f);
     }
-    if (pass == 0) result.spoiled_faces = static_cast<int64_t>(spoiled.size());
-    if (spoiled.empty() || pass == kPasses.size()) break;
+    if (pass == 0) result.defective_faces = static_cast<int64_t>(defective.size());
+    if (defective.empty() || pass == kPasses.size()) break;
     ++result.passes;
-    active = motion.DrawBack(spoiled, kPasses[pass]);
-    if (test) motion.LevelTurnedFaces(test, &active);
+    active = motion.MoveBack(defective, kPasses[pass]);
+    if (test) motion.ReduceAtInvertedFaces(test, &active);
   }
-  result.left = std::move(spoiled);
+  result.left = std::move(defective);
   for (uint32_t v = 0; v < good.size(); ++v) result.changed_vertices += motion.changed(v);
   *vertices = motion.mesh().vertices;
   return result;

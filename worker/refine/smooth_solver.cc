@@ -1,4 +1,6 @@
-// SmoothTerm::SolveStep: two passes over the vertices a sweep, in single precision.
+// SmoothTerm::SolveStep in single precision: two passes over the vertices per sweep. Chebyshev iteration instead of
+// conjugate gradients: it has no dot products over the mesh, so a vertex depends only on its neighbourhood and the
+// result does not depend on the number of threads or tiles.
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
@@ -19,11 +21,11 @@ using Eigen::Vector3f;
 
 constexpr int64_t kGrain = 4096;
 constexpr int64_t kSpecialGrain = 512;
-// Eigenvalues of the preconditioned matrix: the preconditioner holds them below kHigh, and the low end only sets which
-// smooth modes are left to the next call.
+// Bounds of the eigenvalues of the preconditioned matrix. The preconditioner guarantees kHigh; the lower one only
+// determines which smooth modes are left to the next call.
 constexpr double kHigh = 3.5, kLow = 0.01;
 
-// Four lanes of SSE (or NEON): x, y, z and one number more.
+// Four lanes of SSE (or NEON): x, y, z and one additional value.
 using Lanes = float __attribute__((vector_size(16)));
 
 Lanes ToLanes(const Vector3f& v, float fourth) { return Lanes{v.x(), v.y(), v.z(), fourth}; }
@@ -33,13 +35,13 @@ Lanes Fourth(const Lanes& v) { return __builtin_shufflevector(v, v, 3, 3, 3, 3);
 Lanes ShiftUp(const Lanes& v) { return __builtin_shufflevector(v, v, 1, 2, 0, 3); }
 Lanes ShiftDown(const Lanes& v) { return __builtin_shufflevector(v, v, 2, 0, 1, 3); }
 
-// A vector; its fourth lane says nothing.
+// A vector; its fourth lane is unspecified.
 struct Vector {
   Lanes lanes = {0, 0, 0, 0};
 };
 
-// A vertex's row of the umbrella (or of its rim) and, in the fourth lane, what it weighs in its neighbours'
-// derivatives.
+// A vertex's row of the umbrella (or of its boundary) and, in the fourth lane, the row's weight in the derivatives of
+// its neighbours.
 struct Row {
   Lanes lanes = {0, 0, 0, 0};
 
@@ -51,7 +53,7 @@ struct Row {
   }
 };
 
-// A vertex's right-hand side and, in the fourth lane, what its row weighs in its own derivative.
+// A vertex's right-hand side and, in the fourth lane, the weight of its row in its own derivative.
 struct RightSide {
   Lanes lanes = {0, 0, 0, 0};
 
@@ -72,7 +74,7 @@ struct SymmetricBlock {
   Lanes Times(const Lanes& v) const { return diagonal * v + beside * ShiftUp(v) + ShiftDown(beside) * ShiftDown(v); }
 };
 
-// Of a symmetric, positive definite block.
+// Inverse of a symmetric, positive definite block.
 Matrix3d Inverse(const Matrix3d& m) {
   Matrix3d out;
   const double xx = m(1, 1) * m(2, 2) - m(1, 2) * m(1, 2), xy = m(0, 2) * m(1, 2) - m(0, 1) * m(2, 2),
@@ -87,7 +89,7 @@ Matrix3d Inverse(const Matrix3d& m) {
   return out;
 }
 
-// The low 21 bits of x with two zeros after each.
+// Inserts two zero bits between the low 21 bits of x.
 uint64_t Spread(uint64_t x) {
   x &= 0x1fffff;
   x = (x | x << 32) & 0x1f00000000ffffull;
@@ -98,11 +100,11 @@ uint64_t Spread(uint64_t x) {
   return x;
 }
 
-// Rings that a band of places has.
+// Number of rings per band.
 constexpr int kBandRings = 4;
 
-// Band after band; in each, vertices along a Morton curve through `positions`; of every thousand on it, those of equal
-// degree together, so that branches on it are foreseen.
+// Memory order of the vertices: band by band, within a band along a Morton curve through `positions`, and within
+// blocks of the curve sorted by degree, for branch prediction.
 std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const OneRings& rings,
                                   const std::vector<int>& band) {
   Vector3d low = Vector3d::Zero(), high = Vector3d::Zero();
@@ -131,9 +133,9 @@ std::vector<uint32_t> MemoryOrder(const std::vector<Vector3d>& positions, const 
   return order;
 }
 
-// How many bands each vertex is away from those with a flag; 0 without flags.
+// Distance of each vertex from the flagged ones in bands; 0 without flags.
 std::vector<int> BandsFrom(const std::vector<uint8_t>& active, const OneRings& rings) {
-  std::vector<int> away(rings.rim.size(), active.empty() ? 0 : -1);
+  std::vector<int> away(rings.on_boundary.size(), active.empty() ? 0 : -1);
   std::vector<uint32_t> front, next;
   for (uint32_t v = 0; v < active.size(); ++v) {
     if (!active[v]) continue;
@@ -156,17 +158,17 @@ std::vector<int> BandsFrom(const std::vector<uint8_t>& active, const OneRings& r
 
 }  // namespace
 
-// "Places" count vertices in memory order. Rings keep the order of vertex numbers, so that the order of places
-// changes no sum.
+// Slots are positions in memory order. Neighbours keep the order of their vertex indices, so the memory order does
+// not change any sum.
 struct SmoothTerm::Layout {
-  std::vector<uint32_t> vertex_at;  // of a place
-  std::vector<uint32_t> place_of;   // of a vertex
+  std::vector<uint32_t> vertex_at;  // vertex of each slot
+  std::vector<uint32_t> slot_of;    // slot of each vertex
   std::vector<uint32_t> ring_begin, ring;
-  // Ends of the places of the active vertices, then of those further away, kBandRings by kBandRings.
+  // Ends of the slots of the active vertices, then of each further band of kBandRings rings.
   std::vector<uint32_t> band_end;
 
-  // The first places, with all vertices that are at most `rings` rings from the active ones.
-  size_t PlacesWithin(int rings) const {
+  // Number of leading slots that contain all vertices within `rings` rings of the active ones.
+  size_t SlotsWithin(int rings) const {
     const size_t band = (rings + kBandRings - 1) / kBandRings;
     return band < band_end.size() ? band_end[band] : band_end.empty() ? vertex_at.size() : band_end.back();
   }
@@ -180,13 +182,13 @@ void SmoothTerm::MakeLayout(const std::vector<uint8_t>& active) {
     layout->band_end.resize(band[layout->vertex_at[p]] + 1, static_cast<uint32_t>(p));
     layout->band_end.back() = static_cast<uint32_t>(p + 1);
   }
-  layout->place_of.resize(start_.size());
-  for (size_t p = 0; p < start_.size(); ++p) layout->place_of[layout->vertex_at[p]] = static_cast<uint32_t>(p);
+  layout->slot_of.resize(start_.size());
+  for (size_t p = 0; p < start_.size(); ++p) layout->slot_of[layout->vertex_at[p]] = static_cast<uint32_t>(p);
   layout->ring_begin.push_back(0);
   layout->ring.reserve(rings_.to.size());
   for (uint32_t v : layout->vertex_at) {
     for (uint32_t e = rings_.begin[v]; e < rings_.begin[v + 1]; ++e) {
-      layout->ring.push_back(layout->place_of[rings_.to[e]]);
+      layout->ring.push_back(layout->slot_of[rings_.to[e]]);
     }
     layout->ring_begin.push_back(static_cast<uint32_t>(layout->ring.size()));
   }
@@ -198,11 +200,11 @@ void SmoothTerm::FindDiagonals() {
   ParallelFor(static_cast<int64_t>(start_.size()), kGrain, [&](int64_t begin, int64_t end) {
     for (int64_t p = begin; p < end; ++p) {
       const uint32_t v = layout_->vertex_at[p];
-      const bool rim = rings_.rim[v];
+      const bool boundary = rings_.on_boundary[v];
       Diagonals out;
       double plate = 0, bound = 0;
       out.inverse_degree = static_cast<float>(1.0 / std::max(rings_.degree(v), 1u));
-      if (!rim && rings_.degree(v) > 0) {
+      if (!boundary && rings_.degree(v) > 0) {
         plate = factor_[v];
         bound = 2 * factor_[v];
         out.factor = static_cast<float>(factor_[v]);
@@ -211,29 +213,29 @@ void SmoothTerm::FindDiagonals() {
       for (uint32_t e = rings_.begin[v]; e < rings_.begin[v + 1]; ++e) {
         const uint32_t w = rings_.to[e];
         const double inverse = 1.0 / rings_.degree(w);
-        if (!rings_.rim[w]) {
+        if (!rings_.on_boundary[w]) {
           plate += factor_[w] * inverse * inverse;
           bound += 2 * factor_[w] * inverse;
         }
-        if (rings_.inner[e] && !(rim && rings_.rim[w])) membrane += EdgeFactor(v, w) / 6;
-        if (has_rim_row(w) && !rings_.inner[e]) out.rim += 0.25f;
+        if (rings_.inner[e] && !(boundary && rings_.on_boundary[w])) membrane += EdgeFactor(v, w) / 6;
+        if (has_boundary_row(w) && !rings_.inner[e]) out.boundary += 0.25f;
       }
-      if (has_rim_row(v)) out.rim += 1;
+      if (has_boundary_row(v)) out.boundary += 1;
       out.plate = static_cast<float>(plate);
       out.slack = plate > 0 ? static_cast<float>(std::max(1.0, bound / (kHigh * plate))) : 1;
       out.membrane = static_cast<float>(membrane);
-      out.special = rim || mixed_[v];
+      out.special = boundary || mixed_[v];
       diagonals_[p] = out;
     }
   });
 }
 
-// The system of one call, by places.
+// The system of one call, in memory order.
 class SmoothTerm::System {
  public:
-  // Of the first `places`, with those beside them.
+  // Sets up the first `slots`.
   System(const SmoothTerm& term, const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
-         const InterCurvature* inter, size_t places)
+         const InterCurvature* inter, size_t slots)
       : term_(term),
         layout_(*term.layout_),
         weights_(weights),
@@ -245,56 +247,56 @@ class SmoothTerm::System {
         direction_(rhs.size()),
         step_(rhs.size()) {
     FindSpecials();
-    ForPlaces(places, [&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
-    ForSpecials(places, [&](Special& special) { special.rhs = rhs_[special.place].lanes; });
+    ForSlots(slots, [&](size_t p) { SetUp(p, data[layout_.vertex_at[p]], rhs[layout_.vertex_at[p]]); });
+    ForSpecials(slots, [&](Special& special) { special.rhs = rhs_[special.slot].lanes; });
   }
 
-  // A sweep reads the one before within two rings, so that less and less about the active vertices is of use: `rings`
-  // about them is what the sweeps to come read. Elsewhere nothing is done.
+  // A sweep reads the previous one within two rings. So each sweep only computes the vertices within `rings` rings of
+  // the active ones, which later sweeps read.
 
-  // The first sweep finds no step yet.
+  // Starts from a zero step.
   void FirstSweep(float gain, int rings) {
-    ForPlaces(layout_.PlacesWithin(rings), [&](size_t p) {
+    ForSlots(layout_.SlotsWithin(rings), [&](size_t p) {
       direction_[p].lanes = Broadcast(gain) * inverse_[p].Times(rhs_[p].lanes);
       step_[p] = direction_[p];
     });
   }
 
   void Sweep(float keep, float gain, int rings) {
-    const size_t rows = layout_.PlacesWithin(rings + 1), places = layout_.PlacesWithin(rings);
+    const size_t rows = layout_.SlotsWithin(rings + 1), slots = layout_.SlotsWithin(rings);
     MakeRows(rows);
     if (inter_) MakeResiduals();
     ForSpecials(rows, [&](Special& special) { MakeSpecialRow(&special); });
-    ForSpecials(places, [&](Special& special) { rhs_[special.place].lanes = special.rhs - SpecialProduct(special); });
-    Update(places, Broadcast(keep), Broadcast(gain));
+    ForSpecials(slots, [&](Special& special) { rhs_[special.slot].lanes = special.rhs - SpecialProduct(special); });
+    Update(slots, Broadcast(keep), Broadcast(gain));
   }
 
   void TakeStep(Positions* step) const {
     step->assign(step_.size(), Vector3d::Zero());
-    ForPlaces(layout_.PlacesWithin(0),
-              [&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
+    ForSlots(layout_.SlotsWithin(0),
+             [&](size_t p) { (*step)[layout_.vertex_at[p]] = FromLanes(step_[p].lanes).cast<double>(); });
   }
 
  private:
-  // A place that needs more than its ring's umbrellas: on a rim, among several labels, at a border's corner. What it
-  // needs more goes to the right-hand side of the sweep.
+  // A vertex with terms in addition to its ring's umbrellas: on a boundary, with mixed labels, or at a border's
+  // corner. Its additional terms are moved to the right-hand side of the sweep.
   struct Special {
-    uint32_t place = 0;
-    int32_t inter = -1;  // in the incidence
+    uint32_t slot = 0;
+    int32_t inter = -1;  // index in the incidence
     Lanes rhs = {0, 0, 0, 0}, membrane = {0, 0, 0, 0};
   };
 
   template <class Body>
-  static void ForPlaces(size_t count, const Body& body) {
+  static void ForSlots(size_t count, const Body& body) {
     ParallelFor(static_cast<int64_t>(count), kGrain, [&](int64_t begin, int64_t end) {
       for (int64_t p = begin; p < end; ++p) body(static_cast<size_t>(p));
     });
   }
-  // Those among the first `places`.
+  // The specials among the first `slots`.
   template <class Body>
-  void ForSpecials(size_t places, const Body& body) {
+  void ForSpecials(size_t slots, const Body& body) {
     const auto beyond = std::partition_point(specials_.begin(), specials_.end(),
-                                             [&](const Special& special) { return special.place < places; });
+                                             [&](const Special& special) { return special.slot < slots; });
     ParallelFor(beyond - specials_.begin(), kSpecialGrain, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) body(specials_[i]);
     });
@@ -303,9 +305,9 @@ class SmoothTerm::System {
   void FindSpecials() {
     std::vector<int32_t> inter_at;
     if (inter_) {
-      inter_at.assign(layout_.place_of.size(), -1);
+      inter_at.assign(layout_.slot_of.size(), -1);
       for (size_t i = 0; i < inter_->incidence.vertices.size(); ++i) {
-        inter_at[layout_.place_of[inter_->incidence.vertices[i]]] = static_cast<int32_t>(i);
+        inter_at[layout_.slot_of[inter_->incidence.vertices[i]]] = static_cast<int32_t>(i);
       }
       residuals_.resize(inter_->corners.size());
     }
@@ -318,25 +320,26 @@ class SmoothTerm::System {
   void SetUp(size_t p, const Matrix3d& data, const Vector3d& rhs) {
     const uint32_t v = layout_.vertex_at[p];
     const Diagonals& diagonals = term_.diagonals_[p];
-    const float plate_weight = static_cast<float>(weights_.thin_plate), rim_weight = static_cast<float>(weights_.rim);
+    const float plate_weight = static_cast<float>(weights_.thin_plate),
+                boundary_weight = static_cast<float>(weights_.boundary);
     const float membrane = static_cast<float>(weights_.membrane) * diagonals.membrane;
-    const bool rim = term_.rings_.rim[v];
+    const bool boundary = term_.rings_.on_boundary[v];
     rows_[p].SetWeightAtNeighbours(plate_weight * diagonals.factor * diagonals.inverse_degree);
-    float own = rim ? rim_weight : plate_weight * diagonals.factor;
-    // Where all edges have one weight, membrane is a multiple of the umbrella.
+    float own = boundary ? boundary_weight : plate_weight * diagonals.factor;
+    // If all edges have the same weight, the membrane is a multiple of the umbrella.
     if (!diagonals.special) own += membrane;
     rhs_[p].lanes = ToLanes(rhs.cast<float>(), own);
 
     Matrix3d block = data;
-    if (!term_.kept_.empty()) {
-      const auto kept = std::lower_bound(term_.kept_.begin(), term_.kept_.end(), v,
-                                         [](const KeptVertex& k, uint32_t vertex) { return k.vertex < vertex; });
-      if (kept != term_.kept_.end() && kept->vertex == v) block += weights_.keep * kept->block;
+    if (!term_.anchored_.empty()) {
+      const auto kept = std::lower_bound(term_.anchored_.begin(), term_.anchored_.end(), v,
+                                         [](const AnchoredVertex& k, uint32_t vertex) { return k.vertex < vertex; });
+      if (kept != term_.anchored_.end() && kept->vertex == v) block += weights_.anchor * kept->block;
     }
     data_[p] = SymmetricBlock(block);
     if (term_.fixed_[v]) return;
     block.diagonal().array() += plate_weight * diagonals.plate * diagonals.slack;
-    block.diagonal().array() += membrane + rim_weight * diagonals.rim;
+    block.diagonal().array() += membrane + boundary_weight * diagonals.boundary;
     if (inter_) AddInterBlocks(p, &block);
     block.diagonal().array() += 1e-6 * block.trace() + 1e-12;
     inverse_[p] = SymmetricBlock(Inverse(block));
@@ -344,8 +347,8 @@ class SmoothTerm::System {
 
   void AddInterBlocks(size_t p, Matrix3d* block) const {
     const auto special = std::lower_bound(specials_.begin(), specials_.end(), p,
-                                          [](const Special& s, size_t place) { return s.place < place; });
-    if (special == specials_.end() || special->place != p || special->inter < 0) return;
+                                          [](const Special& s, size_t slot) { return s.slot < slot; });
+    if (special == specials_.end() || special->slot != p || special->inter < 0) return;
     const CornerIncidence& incidence = inter_->incidence;
     for (uint32_t e = incidence.begin[special->inter]; e < incidence.begin[special->inter + 1]; ++e) {
       const uint32_t entry = incidence.entries[e];
@@ -353,12 +356,12 @@ class SmoothTerm::System {
     }
   }
 
-  void MakeRows(size_t places) {
+  void MakeRows(size_t slots) {
     const Vector* step = step_.data();
     const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
     const Diagonals* diagonals = term_.diagonals_.data();
     Row* rows = rows_.data();
-    ParallelFor(static_cast<int64_t>(places), kGrain, [=](int64_t begin, int64_t end) {
+    ParallelFor(static_cast<int64_t>(slots), kGrain, [=](int64_t begin, int64_t end) {
       for (int64_t p = begin; p < end; ++p) {
         Lanes sum = {0, 0, 0, 0};
         for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) sum += step[ring[e]].lanes;
@@ -371,46 +374,46 @@ class SmoothTerm::System {
     ParallelFor(static_cast<int64_t>(inter_->corners.size()), kSpecialGrain, [&](int64_t begin, int64_t end) {
       for (int64_t c = begin; c < end; ++c) {
         const InterCurvature::Corner& corner = inter_->corners[c];
-        const auto at = [&](int role) { return FromLanes(step_[layout_.place_of[corner.vertex[role]]].lanes); };
+        const auto at = [&](int role) { return FromLanes(step_[layout_.slot_of[corner.vertex[role]]].lanes); };
         residuals_[c] = corner.weight * corner.Residual(at(0), at(1), at(2));
       }
     });
   }
 
-  // Rim rows in place of umbrellas; the membrane of unequal edges.
+  // Boundary rows replace umbrellas; the membrane of edges with unequal weights.
   void MakeSpecialRow(Special* special) {
     const OneRings& rings = term_.rings_;
-    const size_t p = special->place;
+    const size_t p = special->slot;
     const uint32_t v = layout_.vertex_at[p];
-    if (rings.rim[v]) {
-      const auto [a, b] = rings.along_rim[v];
+    if (rings.on_boundary[v]) {
+      const auto [a, b] = rings.along_boundary[v];
       Lanes row = {0, 0, 0, 0};
-      if (term_.has_rim_row(v)) {
-        row = step_[p].lanes - 0.5f * (step_[layout_.place_of[a]].lanes + step_[layout_.place_of[b]].lanes);
+      if (term_.has_boundary_row(v)) {
+        row = step_[p].lanes - 0.5f * (step_[layout_.slot_of[a]].lanes + step_[layout_.slot_of[b]].lanes);
       }
       rows_[p].SetVector(row);
     }
     special->membrane = Lanes{0, 0, 0, 0};
     if (!term_.diagonals_[p].special || weights_.membrane == 0) return;
-    const uint32_t* places = layout_.ring.data() + layout_.ring_begin[p];
-    for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e, ++places) {
+    const uint32_t* slots = layout_.ring.data() + layout_.ring_begin[p];
+    for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e, ++slots) {
       const uint32_t w = rings.to[e];
-      if (!rings.inner[e] || (rings.rim[v] && rings.rim[w])) continue;
+      if (!rings.inner[e] || (rings.on_boundary[v] && rings.on_boundary[w])) continue;
       const float weight = static_cast<float>(weights_.membrane * term_.EdgeFactor(v, w) / 6);
-      special->membrane += Broadcast(weight) * (step_[p].lanes - step_[*places].lanes);
+      special->membrane += Broadcast(weight) * (step_[p].lanes - step_[*slots].lanes);
     }
   }
 
-  // What a special place has in A step beside its ring's umbrellas.
+  // The terms of A step at a special vertex beyond its ring's umbrellas.
   Lanes SpecialProduct(const Special& special) const {
     const OneRings& rings = term_.rings_;
-    const uint32_t v = layout_.vertex_at[special.place];
+    const uint32_t v = layout_.vertex_at[special.slot];
     Lanes sum = special.membrane;
-    if (rings.rim[v]) {
+    if (rings.on_boundary[v]) {
       for (uint32_t e = rings.begin[v]; e < rings.begin[v + 1]; ++e) {
         const uint32_t w = rings.to[e];
-        if (rings.inner[e] || !term_.has_rim_row(w)) continue;
-        sum -= Broadcast(static_cast<float>(0.5 * weights_.rim)) * rows_[layout_.place_of[w]].lanes;
+        if (rings.inner[e] || !term_.has_boundary_row(w)) continue;
+        sum -= Broadcast(static_cast<float>(0.5 * weights_.boundary)) * rows_[layout_.slot_of[w]].lanes;
       }
     }
     if (special.inter >= 0) {
@@ -424,13 +427,13 @@ class SmoothTerm::System {
     return sum;
   }
 
-  void Update(size_t places, Lanes keep, Lanes gain) {
+  void Update(size_t slots, Lanes keep, Lanes gain) {
     const uint32_t *ring_begin = layout_.ring_begin.data(), *ring = layout_.ring.data();
     const Row* rows = rows_.data();
     const RightSide* rhs = rhs_.data();
     const SymmetricBlock *data = data_.data(), *inverse = inverse_.data();
     Vector *direction = direction_.data(), *step = step_.data();
-    ParallelFor(static_cast<int64_t>(places), kGrain, [=](int64_t begin, int64_t end) {
+    ParallelFor(static_cast<int64_t>(slots), kGrain, [=](int64_t begin, int64_t end) {
       for (int64_t p = begin; p < end; ++p) {
         Lanes product = {0, 0, 0, 0};
         for (uint32_t e = ring_begin[p], stop = ring_begin[p + 1]; e < stop; ++e) {
@@ -450,7 +453,7 @@ class SmoothTerm::System {
   const Layout& layout_;
   const SmoothWeights& weights_;
   const InterCurvature* inter_;
-  std::vector<Special> specials_;    // by rising place
+  std::vector<Special> specials_;    // ascending by slot
   std::vector<Vector3f> residuals_;  // of inter_'s corners, weighted
   std::vector<SymmetricBlock> data_, inverse_;
   std::vector<RightSide> rhs_;
@@ -460,7 +463,7 @@ class SmoothTerm::System {
 
 void SmoothTerm::SolveStep(const std::vector<Matrix3d>& data, const Positions& rhs, const SmoothWeights& weights,
                            int sweeps, Positions* step, const InterCurvature* inter) const {
-  System system(*this, data, rhs, weights, inter, layout_->PlacesWithin(SolveRings(sweeps)));
+  System system(*this, data, rhs, weights, inter, layout_->SlotsWithin(SolveRings(sweeps)));
   const double centre = 0.5 * (kHigh + kLow), half_width = 0.5 * (kHigh - kLow);
   const double sigma = centre / half_width;
   double rho = 1 / sigma;

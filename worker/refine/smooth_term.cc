@@ -36,7 +36,7 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
   const size_t n = start_.size();
   factor_.assign(n, 1);
   mixed_.assign(n, 0);
-  kept_.clear();
+  anchored_.clear();
   class_factor_.clear();
   if (labels.empty()) {
     FindDiagonals();
@@ -48,15 +48,15 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
     return given ? classes[label] : ClassSmoothness();
   };
   std::vector<int32_t> label_at(n);
-  std::vector<uint8_t> met(n), has_kept(n);
+  std::vector<uint8_t> met(n), has_anchor(n);
   for (size_t f = 0; f < faces_.size(); ++f) {
     const int32_t label = class_of(f);
-    const bool keep = settings(label).keep > 0;
+    const bool anchor = settings(label).anchor > 0;
     for (uint32_t v : faces_[f]) {
       if (met[v] && label_at[v] != label) mixed_[v] = 1;
       met[v] = 1;
       label_at[v] = label;
-      if (keep) has_kept[v] = 1;
+      if (anchor) has_anchor[v] = 1;
     }
   }
   for (size_t v = 0; v < n; ++v) {
@@ -67,21 +67,21 @@ void SmoothTerm::SetLabels(const std::vector<int32_t>& labels, const std::vector
 
   std::vector<uint32_t> slot(n);
   for (size_t v = 0; v < n; ++v) {
-    slot[v] = static_cast<uint32_t>(kept_.size());
-    if (has_kept[v] && !fixed_[v]) kept_.push_back({static_cast<uint32_t>(v), Matrix3d::Zero()});
+    slot[v] = static_cast<uint32_t>(anchored_.size());
+    if (has_anchor[v] && !fixed_[v]) anchored_.push_back({static_cast<uint32_t>(v), Matrix3d::Zero()});
   }
-  if (kept_.empty()) return;
+  if (anchored_.empty()) return;
   std::vector<uint32_t> faces_at(n);
   for (size_t f = 0; f < faces_.size(); ++f) {
     const auto [a, b, c] = faces_[f];
-    const double keep = settings(class_of(f)).keep;
+    const double anchor = settings(class_of(f)).anchor;
     const Vector3d normal = (start_[b] - start_[a]).cross(start_[c] - start_[a]).stableNormalized();
     for (uint32_t v : faces_[f]) {
       ++faces_at[v];
-      if (keep > 0 && !fixed_[v]) kept_[slot[v]].block += keep * normal * normal.transpose();
+      if (anchor > 0 && !fixed_[v]) anchored_[slot[v]].block += anchor * normal * normal.transpose();
     }
   }
-  for (KeptVertex& kept : kept_) kept.block /= faces_at[kept.vertex];
+  for (AnchoredVertex& kept : anchored_) kept.block /= faces_at[kept.vertex];
 }
 
 void SmoothTerm::Reweight(const Positions& v, const CreaseWeights& creases) {
@@ -91,14 +91,14 @@ void SmoothTerm::Reweight(const Positions& v, const CreaseWeights& creases) {
   for (int step = 0; step < kCreaseSteps; ++step) {
     Umbrella(at, &rows);
     ForVertices(at.size(), [&](size_t k) {
-      if (!rings_.rim[k]) at[k] -= 0.5 * rows[k];
+      if (!rings_.on_boundary[k]) at[k] -= 0.5 * rows[k];
     });
   }
   const std::vector<double> after = Bends(at);
   const auto relative = [&](double bend) { return bend * bend / (creases.bend * creases.bend); };
   ForVertices(at.size(), [&](size_t k) {
     factor_[k] = class_factor_[k];
-    if (rings_.rim[k] || rings_.degree(k) == 0) return;
+    if (rings_.on_boundary[k] || rings_.degree(k) == 0) return;
     const double bends = relative(after[k]), expected = relative(kCreaseShrinks * before[k]);
     factor_[k] *= creases.flat / (1 + bends / (1 + creases.rough * std::max(0.0, expected - bends)));
   });
@@ -116,7 +116,7 @@ std::vector<double> SmoothTerm::Bends(const Positions& v) const {
   }
   std::vector<double> bends(v.size(), 0);
   ForVertices(v.size(), [&](size_t k) {
-    if (rings_.rim[k] || rings_.degree(k) == 0) return;
+    if (rings_.on_boundary[k] || rings_.degree(k) == 0) return;
     double edges = 0;
     for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) edges += (v[rings_.to[e]] - v[k]).norm();
     if (edges > 0) bends[k] = std::abs(normals[k].stableNormalized().dot(rows[k])) * rings_.degree(k) / edges;
@@ -128,10 +128,10 @@ void SmoothTerm::Umbrella(const Positions& v, Positions* rows) const {
   rows->resize(v.size());
   ForVertices(v.size(), [&](size_t k) {
     Vector3d row = Vector3d::Zero();
-    if (has_rim_row(k)) {
-      const auto [a, b] = rings_.along_rim[k];
+    if (has_boundary_row(k)) {
+      const auto [a, b] = rings_.along_boundary[k];
       row = (v[k] - start_[k]) - 0.5 * ((v[a] - start_[a]) + (v[b] - start_[b]));
-    } else if (!rings_.rim[k] && rings_.degree(k) > 0) {
+    } else if (!rings_.on_boundary[k] && rings_.degree(k) > 0) {
       Vector3d sum = Vector3d::Zero();
       for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) sum += v[rings_.to[e]];
       row = v[k] - sum / rings_.degree(k);
@@ -147,25 +147,25 @@ double SmoothTerm::Energy(const Positions& v, const SmoothWeights& weights) cons
     double sum = 0;
     for (int64_t i = begin; i < end; ++i) {
       const uint32_t k = static_cast<uint32_t>(i);
-      if (rings_.rim[k]) {
-        sum += 0.5 * weights.rim * rows[k].squaredNorm();
+      if (rings_.on_boundary[k]) {
+        sum += 0.5 * weights.boundary * rows[k].squaredNorm();
       } else {
         sum += 0.5 * weights.thin_plate * factor_[k] * rows[k].squaredNorm();
       }
       for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) {
         const uint32_t w = rings_.to[e];
-        if (!rings_.inner[e] || (rings_.rim[k] && rings_.rim[w])) continue;
-        // Each edge comes twice.
+        if (!rings_.inner[e] || (rings_.on_boundary[k] && rings_.on_boundary[w])) continue;
+        // Each edge occurs twice.
         sum += 0.25 * weights.membrane * EdgeFactor(k, w) * (v[k] - v[w]).squaredNorm() / 6;
       }
     }
     return sum;
   });
-  return surface + ParallelSum(static_cast<int64_t>(kept_.size()), kGrain, [&](int64_t begin, int64_t end) {
+  return surface + ParallelSum(static_cast<int64_t>(anchored_.size()), kGrain, [&](int64_t begin, int64_t end) {
            double sum = 0;
            for (int64_t i = begin; i < end; ++i) {
-             const Vector3d moved = v[kept_[i].vertex] - start_[kept_[i].vertex];
-             sum += 0.5 * weights.keep * moved.dot(kept_[i].block * moved);
+             const Vector3d moved = v[anchored_[i].vertex] - start_[anchored_[i].vertex];
+             sum += 0.5 * weights.anchor * moved.dot(anchored_[i].block * moved);
            }
            return sum;
          });
@@ -174,8 +174,9 @@ double SmoothTerm::Energy(const Positions& v, const SmoothWeights& weights) cons
 void SmoothTerm::Gradient(const Positions& v, const SmoothWeights& weights, Positions* gradient) const {
   Positions rows;
   Umbrella(v, &rows);
-  // Rows times their weights; what neighbours see of them is divided by the degree.
-  ForVertices(v.size(), [&](size_t k) { rows[k] *= rings_.rim[k] ? weights.rim : weights.thin_plate * factor_[k]; });
+  // Weighted rows; a neighbour's share of a row is divided by the degree.
+  ForVertices(v.size(),
+              [&](size_t k) { rows[k] *= rings_.on_boundary[k] ? weights.boundary : weights.thin_plate * factor_[k]; });
   gradient->resize(v.size());
   ForVertices(v.size(), [&](size_t i) {
     const uint32_t k = static_cast<uint32_t>(i);
@@ -184,17 +185,18 @@ void SmoothTerm::Gradient(const Positions& v, const SmoothWeights& weights, Posi
       sum = rows[k];
       for (uint32_t e = rings_.begin[k]; e < rings_.begin[k + 1]; ++e) {
         const uint32_t w = rings_.to[e];
-        if (!rings_.rim[w]) sum -= rows[w] / rings_.degree(w);
-        if (has_rim_row(w) && !rings_.inner[e]) sum -= 0.5 * rows[w];
-        if (rings_.inner[e] && !(rings_.rim[k] && rings_.rim[w])) membrane += EdgeFactor(k, w) / 6 * (v[k] - v[w]);
+        if (!rings_.on_boundary[w]) sum -= rows[w] / rings_.degree(w);
+        if (has_boundary_row(w) && !rings_.inner[e]) sum -= 0.5 * rows[w];
+        if (rings_.inner[e] && !(rings_.on_boundary[k] && rings_.on_boundary[w]))
+          membrane += EdgeFactor(k, w) / 6 * (v[k] - v[w]);
       }
       sum += weights.membrane * membrane;
     }
     (*gradient)[k] = sum;
   });
-  ForVertices(kept_.size(), [&](size_t i) {
-    const uint32_t k = kept_[i].vertex;
-    (*gradient)[k] += weights.keep * (kept_[i].block * (v[k] - start_[k]));
+  ForVertices(anchored_.size(), [&](size_t i) {
+    const uint32_t k = anchored_[i].vertex;
+    (*gradient)[k] += weights.anchor * (anchored_[i].block * (v[k] - start_[k]));
   });
 }
 

@@ -1,4 +1,4 @@
-// Self-intersections of a mesh as CGAL finds them.
+// Self-intersections of a mesh computed by CGAL.
 #ifndef TESSERA_TESTS_UNIT_WORKER_REFINE_CGAL_PAIRS_H_
 #define TESSERA_TESTS_UNIT_WORKER_REFINE_CGAL_PAIRS_H_
 
@@ -16,7 +16,7 @@
 
 namespace tessera {
 
-// The oracle: CGAL's own search over its own mesh.
+// The oracle: CGAL's own search on its own mesh type.
 inline std::vector<FacePair> PairsByCgal(const TriangleMesh& mesh) {
   using Surface = CGAL::Surface_mesh<CGAL::Exact_predicates_inexact_constructions_kernel::Point_3>;
   Surface surface;

@@ -1,4 +1,4 @@
-// SmoothTerm::Reweight against its definition, in dense matrices.
+// Compares SmoothTerm::Reweight with its definition in dense matrices.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -16,8 +16,8 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
 struct Dense {
-  MatrixXd umbrella;          // rows of U; zero on rims
-  std::vector<double> share;  // what weights are multiplied with
+  MatrixXd umbrella;          // rows of U; zero on boundaries
+  std::vector<double> share;  // factor of the weights
 };
 
 Dense Definition(const TriangleMesh& mesh, const Positions& v, const CreaseWeights& creases) {
@@ -74,7 +74,7 @@ Dense Definition(const TriangleMesh& mesh, const Positions& v, const CreaseWeigh
   return out;
 }
 
-TEST(CreaseWeights, AreThoseOfTheDefinition) {
+TEST(CreaseWeights, MatchTheDefinition) {
   const SmoothWeights weights{0.7, 0, 0, 0};
   double least = 1, most = 0;
   for (uint64_t seed = 0; seed < 24; ++seed) {
@@ -86,7 +86,7 @@ TEST(CreaseWeights, AreThoseOfTheDefinition) {
     const size_t n = v.size();
     SmoothTerm term(mesh, {});
     term.SetLabels(std::vector<int32_t>(mesh.faces.size(), 0), {}, 0);
-    term.Reweight(mesh.vertices, {0.5, 3});  // leaves nothing behind
+    term.Reweight(mesh.vertices, {0.5, 3});  // must leave no state behind
     term.Reweight(v, creases);
 
     const Dense dense = Definition(mesh, v, creases);
@@ -106,7 +106,7 @@ TEST(CreaseWeights, AreThoseOfTheDefinition) {
     term.Gradient(v, weights, &gradient);
     for (size_t k = 0; k < n; ++k) EXPECT_LT((gradient[k] - Vector3d(slope.row(k))).norm(), 1e-9) << seed;
 
-    // The solver's weights are the same.
+    // The solver uses the same weights.
     std::vector<Matrix3d> data(n, 0.3 * Matrix3d::Identity());
     Positions rhs, step;
     MatrixXd right(n, 3), found(n, 3);
@@ -123,8 +123,8 @@ TEST(CreaseWeights, AreThoseOfTheDefinition) {
   EXPECT_GT(most, 1.3);
 }
 
-// A gable under noise: with creases its ridge keeps more of its height, and its slopes get no rougher.
-TEST(CreaseWeights, ARidgeStaysAndSlopesGetFlat) {
+// A noisy gable: with crease weights the ridge keeps more of its height and the slopes get no rougher.
+TEST(CreaseWeights, PreserveARidgeAndFlattenItsSlopes) {
   const auto gable = [](double x, double) { return 4 - std::abs(x); };
   const TriangleMesh truth = HeightField(16, 4, gable);
   Random random(3);
@@ -169,8 +169,8 @@ TEST(CreaseWeights, ARidgeStaysAndSlopesGetFlat) {
   }
 }
 
-// What noise bends is as smooth as a plane, what an edge bends is not.
-TEST(CreaseWeights, RoughnessIsNoEdge) {
+// Bends by noise are smoothed like a plane, bends by a crease are not.
+TEST(CreaseWeights, NoiseIsNotTreatedAsACrease) {
   Random random(5);
   TriangleMesh rough = HeightField(16, 16, [](double, double) { return 0.0; });
   for (Vector3d& p : rough.vertices) p.z() += 0.8 * random.Normal();

@@ -43,7 +43,7 @@ TriangleMesh Relief() {
   return mesh;
 }
 
-TEST(Density, FootprintsComeUnderTheLimitAndTheSurfaceStays) {
+TEST(Density, FootprintsFallBelowTheLimitWithoutChangingTheSurface) {
   const TriangleMesh mesh = Relief();
   const std::vector<PosedCamera> cameras = ReliefCameras(240);
   const SplitMesh split = SplitLargeFaces(mesh, cameras, {16, 8});
@@ -75,14 +75,14 @@ TEST(Density, IsConforming) {
   for (const auto& [edge, count] : uses) {
     EXPECT_EQ(count, 1);
     if (uses.count({edge.second, edge.first}) > 0) continue;
-    // An edge of one face lies on the square's border: no T-junction inside.
+    // Edges with one face lie on the square's border, so there are no T-junctions inside.
     const Vector3d &a = split.mesh.vertices[edge.first], &b = split.mesh.vertices[edge.second];
     const auto border = [](const Vector3d& p) { return std::max(std::abs(p.x()), std::abs(p.y())) > 4.5 - 1e-9; };
     EXPECT_TRUE(border(a) && border(b));
   }
 }
 
-TEST(Density, PartsOfAMeshAreSplitAsTheWholeIs) {
+TEST(Density, SubmeshIsSplitLikeTheWholeMesh) {
   const TriangleMesh mesh = Relief();
   const std::vector<PosedCamera> cameras = ReliefCameras(200);
   TriangleMesh part = mesh;
@@ -101,7 +101,7 @@ TEST(Density, PartsOfAMeshAreSplitAsTheWholeIs) {
   EXPECT_EQ(at, piece.mesh.faces.size());
 }
 
-TEST(Density, WhatNoCameraSeesStaysWhole) {
+TEST(Density, InvisibleFacesAreNotSplit) {
   const TriangleMesh mesh = Relief();
   EXPECT_EQ(SplitLargeFaces(mesh, {}, {16, 8}).mesh.faces, mesh.faces);
 }

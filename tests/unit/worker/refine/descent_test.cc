@@ -30,7 +30,7 @@ Positions RandomSteps(size_t count, double sigma, uint64_t seed) {
   return step;
 }
 
-// Voxel stairs: blocks of `block` cells, at heights that are multiples of the cell's width.
+// Voxel staircase: blocks of `block` cells at heights that are multiples of the cell's width.
 TriangleMesh Stairs(int n, double half_m) {
   TriangleMesh mesh = HeightField(n, half_m, Flat);
   const double cell = 2 * half_m / n;
@@ -38,8 +38,8 @@ TriangleMesh Stairs(int n, double half_m) {
   return mesh;
 }
 
-// However ragged the ground's rim: what recedes a little in each step is gone after some rounds.
-TEST(Stepper, TheGroundKeepsItsRimAndAWallMayEndLower) {
+// Even a ragged boundary must not shrink: a small retreat per step would remove it after some rounds.
+TEST(Stepper, GroundBoundaryStaysInPlanAndWallBoundaryMayMove) {
   TriangleMesh ground = Stairs(24, 6);
   Random random(7);
   for (Vector3d& v : ground.vertices) v += 0.1 * Vector3d(random.Normal(), random.Normal(), random.Normal());
@@ -58,19 +58,19 @@ TEST(Stepper, TheGroundKeepsItsRimAndAWallMayEndLower) {
   const IndexRows faces = FacesOfVertices(ground);
   const MotionGuard guard(ground, {}, MakeMotionLimits(options, 0.1));
   const SmoothTerm smooth(ground, {});
-  int rim = 0;
+  int boundary = 0;
   double inside = 0;
   for (size_t v = 0; v < after.size(); ++v) {
     const double in_plan = (after[v] - ground.vertices[v]).head<2>().norm();
-    if (!smooth.on_rim(v)) {
+    if (!smooth.on_boundary(v)) {
       inside = std::max(inside, in_plan);
     } else if (std::abs(guard.start_normal(v).z()) > std::sqrt(0.5)) {
-      ++rim;
+      ++boundary;
       // Steps end on a grid.
       EXPECT_LE(in_plan, 20 * options.grid_gsd * 0.1) << "vertex " << v;
     }
   }
-  EXPECT_GT(rim, 40);
+  EXPECT_GT(boundary, 40);
   EXPECT_GT(inside, 0.1) << "the surface inside is smoothed: the test shows something";
 
   TriangleMesh wall = HeightField(12, 3, Flat);
@@ -79,9 +79,9 @@ TEST(Stepper, TheGroundKeepsItsRimAndAWallMayEndLower) {
   for (size_t v = 0; v < lower.size(); ++v) EXPECT_LT(lower[v].z(), wall.vertices[v].z() - 0.01) << v;
 }
 
-// Where images say something a step is longer and goes on with the one before, by the share of what they say; where
-// they say nothing it is as if neither were asked for, and fixed vertices stay.
-TEST(ComputeStep, GathersWayOnlyWhereImagesSpeak) {
+// With data evidence a step is over-relaxed and includes momentum, in proportion to the evidence. Without evidence
+// neither has an effect, and fixed vertices stay.
+TEST(ComputeStep, MomentumActsOnlyWithDataEvidence) {
   const TriangleMesh mesh = HeightField(12, 6, Flat);
   const size_t n = mesh.vertices.size();
   std::vector<uint8_t> fixed(n);
@@ -107,11 +107,11 @@ TEST(ComputeStep, GathersWayOnlyWhereImagesSpeak) {
   options.acceleration = {1.5, 0.8};
   options.evidence = 2;
   const Positions with = ComputeStep(mesh, data, smooth, inter, guard, options, last);
-  const Positions first = ComputeStep(mesh, data, smooth, inter, guard, options);  // nothing before it
+  const Positions first = ComputeStep(mesh, data, smooth, inter, guard, options);  // no previous step
   const double share = 3.0 / (3 + 2);                                              // the trace of the curvature
   int moving = 0;
   for (size_t v = 0; v < n; ++v) {
-    if (smooth.on_rim(v)) continue;
+    if (smooth.on_boundary(v)) continue;
     if (fixed[v] || v % 2 == 0) {
       EXPECT_EQ(with[v], plain[v]) << "vertex " << v;
       EXPECT_EQ(fixed[v] && !with[v].isZero(0), false) << "vertex " << v;
@@ -124,7 +124,7 @@ TEST(ComputeStep, GathersWayOnlyWhereImagesSpeak) {
   EXPECT_GT(moving, 30);
 }
 
-TEST(SmoothedPositions, RoundsStairsAndKeepsRimsAndFixedVertices) {
+TEST(SmoothedPositions, SmoothsStairsAndKeepsBoundaryAndFixedVertices) {
   const TriangleMesh mesh = Stairs(20, 4);
   std::vector<uint8_t> fixed(mesh.vertices.size());
   fixed[10 * 21 + 7] = 1;
@@ -156,8 +156,8 @@ TEST(MotionGuard, FoldingStepsAreShortened) {
   EXPECT_EQ(step[8].z(), 0.1);
 }
 
-// Whatever the steps, few faces fold after them, and what turned against the start is for FoldRepair to take back.
-TEST(MotionGuard, HardlyAStepFoldsAFace) {
+// Few faces fold after any step. FoldRepair undoes the motion of faces inverted against the start.
+TEST(MotionGuard, FewFacesFoldAfterAnyStep) {
   for (uint64_t seed = 0; seed < 6; ++seed) {
     const TriangleMesh mesh = Stairs(30, 4);
     const Positions wanted = RandomSteps(mesh.vertices.size(), 0.05 * static_cast<double>(1 << seed), seed);
@@ -182,8 +182,8 @@ TEST(MotionGuard, HardlyAStepFoldsAFace) {
   }
 }
 
-// Steps that each turn faces by little, always onwards, must not add up to a turned face.
-TEST(MotionGuard, SmallStepsDoNotAddUpToATurnedFace) {
+// Steps that each turn faces slightly in the same direction must never invert a face.
+TEST(MotionGuard, SmallStepsNeverInvertAFace) {
   const TriangleMesh start = HeightField(8, 4, Flat);
   const Vector3d centre(0.05, 0.02, 0);
   const auto fold = [&](double min_start_cosine) {
@@ -203,8 +203,8 @@ TEST(MotionGuard, SmallStepsDoNotAddUpToATurnedFace) {
   EXPECT_EQ(fold(0.1), 0);
 }
 
-TEST(MotionGuard, AFaceThatStartsTurnedMayOnlyImprove) {
-  // A spike bent over: some faces face down in the start, but not in the smoothed start.
+TEST(MotionGuard, InvertedFaceOfTheStartMayOnlyImprove) {
+  // A bent spike: some faces are inverted in the start, but not in the smoothed start.
   TriangleMesh start = HeightField(10, 5, Flat);
   start.vertices[60] += Vector3d(1.6, 0.3, 0.8);
   const MotionGuard guard(start, {}, {});
@@ -221,7 +221,7 @@ TEST(MotionGuard, AFaceThatStartsTurnedMayOnlyImprove) {
   }
 }
 
-TEST(MotionGuard, UnfoldsTheStart) {
+TEST(MotionGuard, RepairsInvertedFacesOfTheStart) {
   TriangleMesh start = HeightField(10, 5, Flat);
   start.vertices[60] += Vector3d(1.6, 0.3, 0.8);
   const MotionGuard guard(start, {}, {});
@@ -233,7 +233,7 @@ TEST(MotionGuard, UnfoldsTheStart) {
   EXPECT_EQ(MotionGuard(stairs, {}, {}).UnfoldedStart(), stairs.vertices);
 }
 
-TEST(MotionGuard, FixedVerticesGetNoStepFromTheirNeighbours) {
+TEST(MotionGuard, AveragingGivesFixedVerticesNoStep) {
   const TriangleMesh mesh = HeightField(10, 5, Flat);
   std::vector<uint8_t> fixed(mesh.vertices.size());
   Positions step = RandomSteps(mesh.vertices.size(), 0.6, 4);
@@ -245,7 +245,7 @@ TEST(MotionGuard, FixedVerticesGetNoStepFromTheirNeighbours) {
   for (size_t v = 0; v < fixed.size(); v += 3) EXPECT_EQ(step[v], Vector3d::Zero());
 }
 
-TEST(MotionGuard, AFlierStopsAtTheEndOfItsEllipsoid) {
+TEST(MotionGuard, VertexStopsAtItsEllipsoid) {
   const TriangleMesh start = HeightField(8, 4, Flat);
   MotionLimits limits;
   limits.max_normal_m = 1;
@@ -266,7 +266,7 @@ TEST(MotionGuard, AFlierStopsAtTheEndOfItsEllipsoid) {
     EXPECT_LE(farthest, 1 + 1e-9);
     EXPECT_GT(farthest, 0.95);
     EXPECT_DOUBLE_EQ(first, pull.norm());  // free near the start
-    // And it may come back at once.
+    // Motion back towards the start is not damped.
     Positions back(at.size(), Vector3d::Zero());
     back[40] = -pull;
     guard.LimitDisplacement(at, &back);
@@ -274,7 +274,7 @@ TEST(MotionGuard, AFlierStopsAtTheEndOfItsEllipsoid) {
   }
 }
 
-TEST(MotionGuard, IsEqualForAnyNumberOfThreads) {
+TEST(MotionGuard, ResultIsIndependentOfThreads) {
   const TriangleMesh mesh = Stairs(120, 4);
   MotionLimits limits;
   limits.max_normal_m = 0.1;

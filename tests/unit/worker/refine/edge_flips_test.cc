@@ -17,15 +17,15 @@ namespace {
 
 constexpr int kCells = 8;
 
-// Cells of a metre with all diagonals from (x, y) to (x + 1, y + 1); a slope begins on x + y = 0, so that every cell on
-// that line is cut across by its edge.
+// Cells of one metre with all diagonals from (x, y) to (x + 1, y + 1). A slope begins at x + y = 0, so the diagonals
+// of the cells on that line cross the crease.
 TriangleMesh SlopeAcrossTheEdges() {
   return HeightField(kCells, kCells / 2, [](double x, double y) { return 0.8 * std::max(0.0, x + y); });
 }
 
 std::vector<uint64_t> OneGroup(const TriangleMesh& mesh) { return std::vector<uint64_t>(mesh.faces.size(), 7); }
 
-// Σ |e| |n_f - n_g| over the edges between faces of one group, independent of the code under test.
+// The cost Σ |e| |n_f - n_g| over edges between faces of one group, computed independently of the tested code.
 double CreaseCost(const TriangleMesh& mesh, const std::vector<uint64_t>& groups) {
   std::map<std::pair<uint32_t, uint32_t>, std::vector<uint32_t>> edges;
   for (uint32_t f = 0; f < mesh.faces.size(); ++f) {
@@ -40,7 +40,7 @@ double CreaseCost(const TriangleMesh& mesh, const std::vector<uint64_t>& groups)
   return cost;
 }
 
-// The least angle of any face, radians.
+// Smallest angle of any face, radians.
 double LeastAngle(const TriangleMesh& mesh) {
   double least = 10;
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
@@ -53,7 +53,7 @@ double LeastAngle(const TriangleMesh& mesh) {
   return least;
 }
 
-// Faces that look down.
+// Number of faces that point down.
 int64_t FacesDown(const TriangleMesh& mesh) {
   int64_t count = 0;
   for (size_t f = 0; f < mesh.faces.size(); ++f) count += FaceCross(mesh, f).z() < 0;
@@ -69,7 +69,7 @@ std::vector<uint64_t> GroupsOf(const TriangleMesh& mesh, double side) {
   return groups;
 }
 
-TEST(FlipEdges, EdgesComeToLieAlongTheCrease) {
+TEST(FlipEdges, AlignsEdgesWithTheCrease) {
   TriangleMesh mesh = SlopeAcrossTheEdges();
   const std::vector<Eigen::Vector3d> vertices = mesh.vertices;
   const std::vector<uint32_t> changed = FlipEdges(OneGroup(mesh), &mesh);
@@ -84,7 +84,7 @@ TEST(FlipEdges, EdgesComeToLieAlongTheCrease) {
   }
 }
 
-TEST(FlipEdges, BordersOfClassesAndGroupsStay) {
+TEST(FlipEdges, KeepsBordersOfClassesAndGroups) {
   TriangleMesh mesh = SlopeAcrossTheEdges();
   for (size_t f = 0; f < mesh.faces.size(); ++f) mesh.labels.push_back(static_cast<int32_t>(f % 2));
   EXPECT_TRUE(FlipEdges(OneGroup(mesh), &mesh).empty());
@@ -95,8 +95,9 @@ TEST(FlipEdges, BordersOfClassesAndGroupsStay) {
   EXPECT_FALSE(FlipEdges(OneGroup(mesh), &mesh).empty());
 }
 
-// A flat tetrahedron: the upper group's only edge would gain, but the new one is there already, in the lower group.
-TEST(FlipEdges, AnEdgeOfAnotherGroupIsNotMadeTwice) {
+// A flat tetrahedron: flipping the upper group's only edge would gain, but the new edge already exists in the lower
+// group.
+TEST(FlipEdges, DoesNotDuplicateAnEdgeOfAnotherGroup) {
   TriangleMesh mesh;
   mesh.vertices = {{-1.5, 0, 0.4}, {1.5, 0, 0.4}, {0, 1, 0}, {0, -1, 0}};
   mesh.faces = {{0, 1, 2}, {1, 0, 3}, {0, 2, 3}, {2, 1, 3}};
@@ -104,12 +105,12 @@ TEST(FlipEdges, AnEdgeOfAnotherGroupIsNotMadeTwice) {
   EXPECT_TRUE(FlipEdges({1, 1, 2, 2}, &mesh).empty());
 }
 
-// A needle stands in the way of one of the new edges.
-TEST(FlipEdges, NothingIsCutAnew) {
+// A needle intersects one of the new edges.
+TEST(FlipEdges, CausesNoNewIntersections) {
   TriangleMesh mesh = SlopeAcrossTheEdges();
   const TriangleMesh start = mesh;
   const auto first = static_cast<uint32_t>(mesh.vertices.size());
-  // The cell (3, 4) has its old edge at .4 m above its middle, and the new one would lie at 0.
+  // In cell (3, 4) the old edge is .4 m above the middle, and the new one would be at 0.
   mesh.vertices.insert(mesh.vertices.end(), {{-0.51, 0.5, -0.05}, {-0.49, 0.5, -0.05}, {-0.5, 0.5, 0.2}});
   mesh.faces.push_back({first, first + 1, first + 2});
   const std::vector<FacePair> before = IntersectingFacePairs(mesh);
@@ -119,8 +120,8 @@ TEST(FlipEdges, NothingIsCutAnew) {
   for (const uint32_t f : {2 * (4 * kCells + 3), 2 * (4 * kCells + 3) + 1}) EXPECT_EQ(mesh.faces[f], start.faces[f]);
 }
 
-// Wild meshes: rough, with holes and folds.
-TEST(FlipEdges, WhatHoldsOfEveryMesh) {
+// Random meshes: rough, with holes and folds.
+TEST(FlipEdges, InvariantsHoldOnRandomMeshes) {
   int64_t flips = 0, down_before = 0, down = 0;
   for (uint64_t seed = 1; seed <= 60; ++seed) {
     Random random(seed);
@@ -146,7 +147,7 @@ TEST(FlipEdges, WhatHoldsOfEveryMesh) {
     EXPECT_EQ(defects.non_manifold_vertices.count, defects_before.non_manifold_vertices.count) << seed;
     EXPECT_EQ(defects.boundary_edges, defects_before.boundary_edges) << seed;
     EXPECT_EQ(defects.unreferenced_vertices.count, defects_before.unreferenced_vertices.count) << seed;
-    // Of one group, that is: what lies in two is not looked at.
+    // Only within one group: pairs across groups are not tested.
     for (const auto& [f, g] : NewPairs(IntersectingFacePairs(start), IntersectingFacePairs(mesh))) {
       EXPECT_NE(groups[f], groups[g]) << seed;
     }
@@ -159,9 +160,9 @@ TEST(FlipEdges, WhatHoldsOfEveryMesh) {
   EXPECT_LT(down, down_before) << "folds are smoothed, and none is made";
 }
 
-// What tiles rest on: a part of the mesh that has whole groups gives their faces what the whole mesh gives, wherever
-// all else lies, and however vertices and faces are numbered as long as their order is the same.
-TEST(FlipEdges, AGroupDependsOnNothingElse) {
+// Required by tiling: a submesh with whole groups gives their faces the same result as the whole mesh, wherever all
+// other vertices are, and for any numbering that keeps the order.
+TEST(FlipEdges, GroupsAreIndependent) {
   int64_t compared = 0;
   for (uint64_t seed = 1; seed <= 40; ++seed) {
     Random random(seed);
@@ -170,7 +171,7 @@ TEST(FlipEdges, AGroupDependsOnNothingElse) {
     TriangleMesh whole = start;
     FlipEdges(groups, &whole);
     const uint64_t kept = groups[random.Below(static_cast<int64_t>(groups.size()))];
-    // The part: the group and some others' faces, all vertices of these others moved.
+    // The part: the group and faces of other groups, whose other vertices are all moved.
     std::vector<uint8_t> of_kept(start.vertices.size());
     for (size_t f = 0; f < groups.size(); ++f) {
       if (groups[f] != kept) continue;

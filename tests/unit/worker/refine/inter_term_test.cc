@@ -22,7 +22,7 @@ using ::testing::ElementsAre;
 
 constexpr uint64_t kSeeds = 12;
 
-// A flat sheet with what is right of `border(y)` labelled 1.
+// A flat sheet with label 1 to the right of `border(y)`.
 template <class Border>
 TriangleMesh Sheet(const Border& border) {
   TriangleMesh mesh = HeightField(8, 4, [](double, double) { return 0.0; });
@@ -45,8 +45,8 @@ Positions Gradient(const InterTerm& term, const Positions& v, const std::vector<
   return gradient;
 }
 
-// The definition, in words: the faces about v hang together by edges at v, each such edge has two faces, there are two
-// labels, and the faces of each hang together.
+// The definition: the faces at v are connected by edges at v, each such edge has two faces, there are two labels, and
+// the faces of each label are connected.
 std::vector<std::array<uint32_t, 3>> CornersByDefinition(const TriangleMesh& mesh) {
   std::vector<std::array<uint32_t, 3>> corners;
   for (uint32_t v = 0; v < mesh.vertices.size(); ++v) {
@@ -87,7 +87,7 @@ std::vector<std::array<uint32_t, 3>> CornersByDefinition(const TriangleMesh& mes
   return corners;
 }
 
-TEST(InterTerm, CornersAreThoseOfTheDefinition) {
+TEST(InterTerm, CornersMatchTheDefinition) {
   size_t several_labels = 0, found = 0;
   for (uint64_t seed = 0; seed < kSeeds; ++seed) {
     TriangleMesh mesh = RandomLabelledMesh(seed);
@@ -120,7 +120,7 @@ TEST(InterTerm, GradientIsTheDerivativeOfTheEnergy) {
         EXPECT_EQ(gradient[v], Vector3d::Zero());
       }
     }
-    // The same check refuses formulas that are nearly right: k = 2 throughout, and no derivative at the ends.
+    // The same check fails for nearly correct formulas: k = 2 everywhere, and no derivative at the ends.
     Positions constant_k(gradient.size(), Vector3d::Zero()), no_ends = constant_k;
     for (const auto& [v, v1, v2] : term.corners()) {
       const Vector3d a = mesh.vertices[v1] - mesh.vertices[v], b = mesh.vertices[v2] - mesh.vertices[v];
@@ -137,7 +137,7 @@ TEST(InterTerm, GradientIsTheDerivativeOfTheEnergy) {
   }
 }
 
-TEST(InterTerm, ACornerThatNoPairOfImagesComparesHasNoEnergy) {
+TEST(InterTerm, CornerWithoutImagePairsHasNoEnergy) {
   for (uint64_t seed = 0; seed < kSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const InterTerm term = TermOf(mesh);
@@ -158,30 +158,30 @@ TEST(InterTerm, ACornerThatNoPairOfImagesComparesHasNoEnergy) {
   }
 }
 
-TEST(InterTerm, AStraightBorderIsAtRest) {
+TEST(InterTerm, StraightBorderHasNoGradient) {
   const TriangleMesh mesh = Sheet([](double) { return 0.0; });
   const InterTerm term = TermOf(mesh);
   EXPECT_EQ(term.corners().size(), 7u);
   EXPECT_EQ(term.Energy(mesh.vertices), 0);
   for (const Vector3d& g : Gradient(term, mesh.vertices)) EXPECT_EQ(g, Vector3d::Zero());
-  // Nearly straight: the quadratic law, no loss of digits.
+  // Nearly straight: the energy is quadratic without loss of digits.
   Positions bent = mesh.vertices;
   const auto [v, v1, v2] = term.corners()[3];
-  bent[v].z() += 1e-7;  // edges of one metre: γ is less than π by 2e-7, at its neighbours by half of it
+  bent[v].z() += 1e-7;  // edges of one metre: γ is 2e-7 below π, half of that at the neighbours
   EXPECT_NEAR(term.Energy(bent) / (6e-14), 1, 1e-6);
   EXPECT_NEAR(Gradient(term, bent)[v].z() / (12e-7), 1, 1e-6);
 }
 
-TEST(InterTerm, ARightAngleIsWorthWhatTheFormulaSays) {
+TEST(InterTerm, RightAngleHasTheEnergyOfTheFormula) {
   const TriangleMesh mesh = Sheet([](double y) { return y > 0 ? 0.0 : 9.0; });
   const InterTerm term = TermOf(mesh);
   EXPECT_EQ(term.corners(), CornersByDefinition(mesh));
-  // One corner of 90 degrees or two of 45, as the diagonals run.
+  // One corner of 90 degrees or two of 45, depending on the diagonals.
   const double energy = term.Energy(mesh.vertices);
   EXPECT_NEAR(energy, energy > 2 ? M_PI * M_PI / 4 : M_PI * M_PI / 8, 1e-12);
 }
 
-TEST(InterTerm, StaysBoundedWhereABorderTurnsBack) {
+TEST(InterTerm, GradientIsBoundedAtAngleZero) {
   TriangleMesh mesh = Sheet([](double) { return 0.0; });
   const InterTerm term = TermOf(mesh);
   const auto [v, v1, v2] = term.corners()[3];
@@ -189,7 +189,7 @@ TEST(InterTerm, StaysBoundedWhereABorderTurnsBack) {
     Positions folded = mesh.vertices;
     folded[v2] = folded[v1] + Vector3d(0, 0, aside);
     const Positions gradient = Gradient(term, folded);
-    // Five corners at most have one of these vertices, with 2π over a length of one at either end.
+    // At most five corners contain one of these vertices, with 2π over a length of one at either end.
     for (const Vector3d& g : gradient) EXPECT_LE(g.norm(), 5 * 4 * M_PI);
     EXPECT_TRUE(std::isfinite(term.Energy(folded)));
     for (const auto& corner : term.Curvature(folded, 1).corners) EXPECT_LE(corner.weight, 16.0f);
@@ -200,7 +200,7 @@ TEST(InterTerm, StaysBoundedWhereABorderTurnsBack) {
   EXPECT_TRUE(std::isfinite(term.Energy(collapsed)));
 }
 
-TEST(InterTerm, TurnsAndScalesWithTheScene) {
+TEST(InterTerm, IsEquivariantUnderRotationAndScaling) {
   for (uint64_t seed = 0; seed < kSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const InterTerm term = TermOf(mesh);
@@ -225,7 +225,7 @@ TEST(InterTerm, TurnsAndScalesWithTheScene) {
   }
 }
 
-// The curvature as one dense matrix, from Residual and Transposed.
+// The curvature as a dense matrix, from Residual and Transposed.
 MatrixXd Dense(const InterCurvature& curvature, size_t vertices) {
   MatrixXd out = MatrixXd::Zero(3 * vertices, 3 * vertices);
   for (const auto& corner : curvature.corners) {
@@ -244,7 +244,7 @@ MatrixXd Dense(const InterCurvature& curvature, size_t vertices) {
   return out;
 }
 
-TEST(InterTerm, CurvatureIsSymmetricPositiveSemidefiniteWithTheseBlocks) {
+TEST(InterTerm, CurvatureIsSymmetricPositiveSemidefinite) {
   for (uint64_t seed = 0; seed < kSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const InterTerm term = TermOf(mesh);
@@ -267,13 +267,13 @@ TEST(InterTerm, CurvatureIsSymmetricPositiveSemidefiniteWithTheseBlocks) {
   }
 }
 
-// Directions at any angle, lengths kept: the energy stays below its tangent parabola.
+// Rotates directions by any angle with fixed lengths: the energy stays below its tangent parabola.
 TEST(InterTerm, CurvatureBoundsTheEnergyOnTheUnitSphere) {
   Random random(4);
   const TriangleMesh mesh = Sheet([](double) { return 0.0; });
   const InterTerm whole = TermOf(mesh);
   const auto corner = whole.corners()[3];
-  TriangleMesh lone = mesh;  // labels that leave this corner alone
+  TriangleMesh lone = mesh;  // labels with only this corner
   for (size_t f = 0; f < lone.faces.size(); ++f) {
     const auto& t = lone.faces[f];
     if (std::count(t.begin(), t.end(), corner[0]) == 0) lone.labels[f] = -1;
@@ -282,7 +282,7 @@ TEST(InterTerm, CurvatureBoundsTheEnergyOnTheUnitSphere) {
   ASSERT_THAT(term.corners(), ElementsAre(corner));
   for (int trial = 0; trial < 2000; ++trial) {
     Positions v = lone.vertices;
-    const double delta = random.Uniform(0, 2.4);  // beyond, the weight is cut
+    const double delta = random.Uniform(0, 2.4);  // beyond, the weight is limited
     const Vector3d a = RandomVector(random).normalized();
     const Vector3d binormal = a.cross(RandomVector(random)).normalized();
     const Vector3d b = Eigen::AngleAxisd(M_PI - delta, binormal) * a;
@@ -300,7 +300,8 @@ TEST(InterTerm, CurvatureBoundsTheEnergyOnTheUnitSphere) {
       minus[corner[end]] = Eigen::AngleAxisd(-axis.norm(), axis.normalized()) * unit;
       move.segment<3>(3 * corner[end]) = 0.5 * (plus[corner[end]] - minus[corner[end]]);
     }
-    // Great circles need axes across the direction; others add a part of the slope, so take it out.
+    // Great circles require axes perpendicular to the direction; other axes add a part of the gradient, which is
+    // removed.
     const Positions gradient = Gradient(term, v);
     double slope = 0;
     for (int end : {1, 2}) {
@@ -312,7 +313,7 @@ TEST(InterTerm, CurvatureBoundsTheEnergyOnTheUnitSphere) {
   }
 }
 
-TEST(InterTerm, StepsAsLongAsTheCurvatureAllowsStraightenABorder) {
+TEST(InterTerm, NewtonStepsStraightenABorder) {
   Random random(9);
   const TriangleMesh mesh = Sheet([](double) { return 0.0; });
   std::vector<uint8_t> fixed(mesh.vertices.size());
@@ -321,7 +322,7 @@ TEST(InterTerm, StepsAsLongAsTheCurvatureAllowsStraightenABorder) {
   for (Vector3d& p : v) p += 0.3 * RandomVector(random);
   const double start = term.Energy(v);
   double energy = start;
-  constexpr double kMaxStep = 0.25;  // of an edge, as the descent bounds it
+  constexpr double kMaxStep = 0.25;  // in edge lengths, as in the descent
   for (int i = 0; i < 40; ++i) {
     const Positions gradient = Gradient(term, v);
     MatrixXd system = Dense(term.Curvature(v, 1), v.size());
@@ -340,7 +341,7 @@ TEST(InterTerm, StepsAsLongAsTheCurvatureAllowsStraightenABorder) {
   EXPECT_LT(energy, 0.02 * start);
 }
 
-TEST(InterTerm, OneThreadGivesTheBytesOfMany) {
+TEST(InterTerm, ResultIsIndependentOfThreads) {
   TriangleMesh mesh = HeightField(90, 40, [](double x, double y) { return std::sin(x) + std::cos(1.3 * y); });
   Random random(6);
   for (size_t f = 0; f < mesh.faces.size(); ++f) {

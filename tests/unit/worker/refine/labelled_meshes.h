@@ -1,4 +1,4 @@
-// Meshes with labels for the tests of the regularisers, and a check of derivatives.
+// Labelled meshes for tests of the regularisers, and a derivative check.
 #ifndef TESSERA_TESTS_UNIT_WORKER_REFINE_LABELLED_MESHES_H_
 #define TESSERA_TESTS_UNIT_WORKER_REFINE_LABELLED_MESHES_H_
 
@@ -17,7 +17,7 @@ using Positions = std::vector<Eigen::Vector3d>;
 
 inline Eigen::Vector3d RandomVector(Random& random) { return {random.Normal(), random.Normal(), random.Normal()}; }
 
-// Turns edge (k, k + 1) of `face` to the other diagonal, if that leaves a manifold.
+// Flips edge (k, k + 1) of `face` if the result is manifold.
 inline void FlipEdge(TriangleMesh* mesh, size_t face, int k) {
   const uint32_t a = mesh->faces[face][k], b = mesh->faces[face][(k + 1) % 3], c = mesh->faces[face][(k + 2) % 3];
   const auto has_edge = [&](uint32_t p, uint32_t q) {
@@ -36,8 +36,8 @@ inline void FlipEdge(TriangleMesh* mesh, size_t face, int k) {
   }
 }
 
-// seed % 3: 0 closed, 1 with one rim, 2 with rims round holes; bumpy, of unequal degrees. Labels in patches of
-// 0..3 and some faces alone, so that there are straight and bent borders, points of three labels and scattered fans.
+// Bumpy meshes with irregular degrees. seed % 3: 0 closed, 1 with one boundary, 2 with holes. Labels form patches of
+// 0..3 plus single faces, so that there are straight and bent borders, points of three labels, and disconnected fans.
 inline TriangleMesh RandomLabelledMesh(uint64_t seed) {
   Random random(seed);
   TriangleMesh mesh = seed % 3 == 0 ? Torus(10, 8) : HeightField(9, 4, [](double x, double y) { return 0.1 * x * y; });
@@ -63,8 +63,8 @@ inline std::vector<uint8_t> SomeFixed(const TriangleMesh& mesh, uint64_t seed) {
   return fixed;
 }
 
-// Largest difference of `gradient` from central differences of `energy` over free vertices, relative to the largest
-// derivative.
+// Largest difference between `gradient` and central differences of `energy` over free vertices, relative to the
+// largest derivative.
 inline double DerivativeError(const std::function<double(const Positions&)>& energy, const Positions& gradient,
                               Positions v, const std::vector<uint8_t>& fixed, double h) {
   double error = 0, largest = 0;

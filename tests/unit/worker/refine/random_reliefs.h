@@ -1,4 +1,4 @@
-// Random meshes and the parts of them that a reach leaves: for tests of what a vertex's result depends on.
+// Random meshes, and submeshes within a dependency radius, for tests of what a vertex's result depends on.
 #ifndef TESSERA_TESTS_UNIT_WORKER_REFINE_RANDOM_RELIEFS_H_
 #define TESSERA_TESTS_UNIT_WORKER_REFINE_RANDOM_RELIEFS_H_
 
@@ -19,12 +19,13 @@ namespace tessera {
 using Eigen::Vector3d;
 
 inline bool Chance(Random& random, double share) { return random.Uniform() < share; }
-// Of all magnitudes between.
+// Log-uniform between `low` and `high`.
 inline double Magnitude(Random& random, double low, double high) {
   return std::exp(random.Uniform(std::log(low), std::log(high)));
 }
 
-// A grid of nx x ny cells of a metre: rough, with turned edges, holes, and vertices that lie beyond their neighbours.
+// A rough grid of nx x ny cells of one metre, with flipped edges, holes, and vertices displaced beyond their
+// neighbours.
 inline TriangleMesh RandomRelief(int nx, int ny, Random& random) {
   TriangleMesh mesh;
   const double rough = random.Uniform(0.05, 0.4), folded = random.Uniform(0, 0.1);
@@ -54,13 +55,13 @@ inline TriangleMesh RandomRelief(int nx, int ny, Random& random) {
   return mesh;
 }
 
-// Narrow ones are long, so that far reaches end in them.
+// Narrow reliefs are long, so that large radii end inside them.
 inline TriangleMesh RandomRelief(Random& random, int longest) {
   const int ny = 2 + static_cast<int>(random.Below(Chance(random, 0.5) ? 4 : 30));
   return RandomRelief(std::min(longest, 10 + 600 / ny), ny, random);
 }
 
-// Edges from the flagged vertices; a large number: none leads there.
+// Distance in edges from the flagged vertices; a large number if not connected.
 inline std::vector<int> RingsFrom(const std::vector<Triangle>& faces, const IndexRows& faces_of_vertex,
                                   const std::vector<uint8_t>& from) {
   std::vector<int> rings(from.size(), std::numeric_limits<int>::max());
@@ -114,7 +115,7 @@ inline std::vector<uint8_t> RandomCore(const TriangleMesh& mesh, const IndexRows
 
 // The flagged faces and their vertices, in the same order.
 struct Part {
-  std::vector<uint32_t> vertices, faces;  // of the whole
+  std::vector<uint32_t> vertices, faces;  // indices in the whole mesh
 
   Part(const TriangleMesh& mesh, const std::vector<uint8_t>& flags) {
     const std::vector<uint8_t> corners = CornersOf(mesh.faces, flags, mesh.vertices.size());
@@ -150,7 +151,7 @@ inline bool SameBytes(const Vector3d& a, const Vector3d& b) {
   return std::memcmp(a.data(), b.data(), sizeof(Vector3d)) == 0;
 }
 
-// Of flagged vertices: how many differ. `part`: where `values` lie; null: everywhere.
+// Number of flagged vertices whose values differ. `part`: the part that `values` belongs to; null: the whole.
 inline int64_t Differences(const Positions& whole, const Positions& values, const Part* part,
                            const std::vector<uint8_t>& core) {
   int64_t count = 0;

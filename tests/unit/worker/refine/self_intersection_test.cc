@@ -32,7 +32,7 @@ TriangleMesh Sheets(int n, double half_m, double gap_m) {
   return Joined(HeightField(n, half_m, Level), HeightField(n, half_m, [&](double, double) { return gap_m; }));
 }
 
-// A wall of thickness `thickness_m` that stands on the ground: one sheet that runs up, over and down again.
+// A wall of thickness `thickness_m` on the ground, as one sheet that runs up, over and down.
 TriangleMesh ThinWall(int n, double thickness_m) {
   TriangleMesh mesh = HeightField(n, 4, Level);
   for (Vector3d& v : mesh.vertices) {
@@ -58,7 +58,7 @@ void Roughen(TriangleMesh& mesh, double sigma, uint64_t seed) {
   for (Vector3d& v : mesh.vertices) v += sigma * Vector3d(random.Normal(), random.Normal(), random.Normal());
 }
 
-TEST(IntersectingFacePairs, AreThoseThatCgalFinds) {
+TEST(IntersectingFacePairs, MatchCgal) {
   size_t found = 0;
   for (uint64_t seed = 0; seed < 12; ++seed) {
     TriangleMesh mesh = seed % 3 == 0 ? Sheets(14, 3, 0.1) : HeightField(20, 3, ReliefHeight);
@@ -71,8 +71,8 @@ TEST(IntersectingFacePairs, AreThoseThatCgalFinds) {
   EXPECT_GT(found, 1000u);
 }
 
-TEST(IntersectingFacePairs, AreThoseThatCgalFindsOnGridPoints) {
-  // Few coordinates: faces in one plane, edges that touch, vertices on faces.
+TEST(IntersectingFacePairs, MatchCgalOnDegenerateConfigurations) {
+  // Few distinct coordinates: coplanar faces, touching edges, vertices on faces.
   size_t found = 0;
   for (uint64_t seed = 0; seed < 30; ++seed) {
     Random random(seed);
@@ -100,13 +100,13 @@ TEST(IntersectingFacePairs, FlatAndFoldedNeighbours) {
   EXPECT_TRUE(IntersectingFacePairs(HeightField(9, 3, Level)).empty());
   TriangleMesh folded = HeightField(1, 1, Level);  // 0 1 3, 0 3 2
   EXPECT_TRUE(IntersectingFacePairs(folded).empty());
-  folded.vertices[2] = Vector3d(0.9, -0.8, 0);  // over onto the other face's side
+  folded.vertices[2] = Vector3d(0.9, -0.8, 0);  // folded over onto the other face
   EXPECT_EQ(IntersectingFacePairs(folded), (std::vector<FacePair>{{0, 1}}));
   folded.vertices[2].z() = 1e-9;
   EXPECT_TRUE(IntersectingFacePairs(folded).empty());
 }
 
-TEST(FaceBoxes, PairsOfActiveFacesAreThoseOfAllThatHaveOne) {
+TEST(FaceBoxes, ActiveFacesGiveTheSubsetOfAllPairs) {
   TriangleMesh mesh = Sheets(20, 3, 0.05);
   FaceBoxes boxes(mesh);
   Roughen(mesh, 0.05, 1);
@@ -122,7 +122,7 @@ TEST(FaceBoxes, PairsOfActiveFacesAreThoseOfAllThatHaveOne) {
   EXPECT_EQ(boxes.Intersections(mesh, active), expected);
 }
 
-// A start, a motion, and what the repair makes of them.
+// A start, a motion, and the repaired positions.
 struct Repaired {
   TriangleMesh mesh;
   FoldRepair::Result result;
@@ -139,17 +139,17 @@ Repaired Repair(const TriangleMesh& start, const Positions& moved, const MotionG
   return out;
 }
 
-TEST(FoldRepair, LeavesACleanMotionAlone) {
+TEST(FoldRepair, DoesNotChangeACleanMotion) {
   const TriangleMesh start = Sheets(12, 3, 1);
   TriangleMesh moved = start;
   for (Vector3d& v : moved.vertices) v.z() += 0.3 * std::sin(v.x());
   const Repaired out = Repair(start, moved.vertices, nullptr);
   EXPECT_EQ(out.mesh.vertices, moved.vertices);
-  EXPECT_EQ(out.result.spoiled_faces, 0);
+  EXPECT_EQ(out.result.defective_faces, 0);
   EXPECT_EQ(out.result.changed_vertices, 0);
 }
 
-TEST(FoldRepair, PartsSheetsThatWerePushedThroughEachOther) {
+TEST(FoldRepair, SeparatesIntersectingSheets) {
   const TriangleMesh start = Sheets(40, 4, 0.3);
   TriangleMesh moved = start;
   const size_t half = start.vertices.size() / 2;
@@ -158,7 +158,7 @@ TEST(FoldRepair, PartsSheetsThatWerePushedThroughEachOther) {
     const double dent = 0.6 * std::exp(-(p.x() * p.x() + p.y() * p.y()));
     moved.vertices[v].z() += v < half ? dent : -dent;
   }
-  moved.vertices[5].z() += 0.05;  // far away; stays
+  moved.vertices[5].z() += 0.05;  // far away, must stay
   ASSERT_GT(IntersectingFacePairs(moved).size(), 50u);
   const Repaired out = Repair(start, moved.vertices, nullptr);
   EXPECT_TRUE(out.result.clean());
@@ -172,7 +172,7 @@ TEST(FoldRepair, PartsSheetsThatWerePushedThroughEachOther) {
     kept += out.mesh.vertices[v].z() - start.vertices[v].z();
     wanted += moved.vertices[v].z() - start.vertices[v].z();
   }
-  EXPECT_GT(kept, 0.15 * wanted);  // what led to no crossing is not all lost
+  EXPECT_GT(kept, 0.15 * wanted);  // motion without intersections is partly kept
 }
 
 TEST(FoldRepair, KeepsThinWallsApart) {
@@ -193,7 +193,7 @@ TEST(FoldRepair, KeepsThinWallsApart) {
 TEST(FoldRepair, UnfoldsFans) {
   const TriangleMesh start = HeightField(12, 3, Level);
   TriangleMesh moved = start;
-  moved.vertices[6 * 13 + 6] += Vector3d(1.2, 0.9, 0);  // over its ring, in the plane: overlap and turned faces
+  moved.vertices[6 * 13 + 6] += Vector3d(1.2, 0.9, 0);  // beyond its ring, in the plane: overlap and inverted faces
   moved.vertices[3 * 13 + 3] += Vector3d(-0.8, 0.1, 0.02);
   const MotionGuard guard(start, {}, {});
   ASSERT_GT(guard.TurnedFaces(moved.vertices), 0);
@@ -203,21 +203,21 @@ TEST(FoldRepair, UnfoldsFans) {
   EXPECT_NE(out.mesh.vertices[6 * 13 + 6], start.vertices[6 * 13 + 6]);
 }
 
-TEST(FoldRepair, PairsOfTheStartMayStay) {
+TEST(FoldRepair, AcceptsIntersectionsOfTheStart) {
   TriangleMesh start = Sheets(20, 3, 0.1);
-  start.vertices[21 * 10 + 10].z() = 0.3;  // the lower pierces the upper
+  start.vertices[21 * 10 + 10].z() = 0.3;  // the lower sheet pierces the upper one
   const std::vector<FacePair> before = PairsByCgal(start);
   ASSERT_FALSE(before.empty());
   TriangleMesh moved = start;
   for (Vector3d& v : moved.vertices) v.z() += 0.5;
   EXPECT_EQ(Repair(start, moved.vertices, nullptr).result.changed_vertices, 0);
-  moved.vertices[21 * 4 + 4].z() += 0.3;  // a second place, not the start's
+  moved.vertices[21 * 4 + 4].z() += 0.3;  // a second intersection, not in the start
   const Repaired out = Repair(start, moved.vertices, nullptr);
   EXPECT_GT(out.result.changed_vertices, 0);
   EXPECT_TRUE(NewPairs(before, PairsByCgal(out.mesh)).empty());
 }
 
-TEST(FoldRepair, EndsForAnyMotionAndIsEqualForAnyNumberOfThreads) {
+TEST(FoldRepair, TerminatesForAnyMotionIndependentOfThreads) {
   for (const double sigma : {0.05, 0.3, 2.0}) {
     const TriangleMesh start = Joined(ThinWall(20, 0.1), HeightField(20, 4, [](double, double) { return -0.2; }));
     ASSERT_TRUE(PairsByCgal(start).empty());
@@ -239,7 +239,7 @@ TEST(FoldRepair, EndsForAnyMotionAndIsEqualForAnyNumberOfThreads) {
   }
 }
 
-TEST(FoldRepair, FarPartsDoNotSteerEachOther) {
+TEST(FoldRepair, DistantPartsAreIndependent) {
   const TriangleMesh part = Sheets(20, 3, 0.1);
   TriangleMesh far = part;
   for (Vector3d& v : far.vertices) v.x() += 300;

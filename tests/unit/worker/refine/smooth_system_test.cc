@@ -1,4 +1,4 @@
-// E_intra with labels, and SolveStep, against dense matrices that are built from the definitions.
+// Compares E_intra with labels, and SolveStep, with dense matrices built from the definitions.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -36,20 +36,20 @@ SmoothTerm LabelledTerm(const TriangleMesh& mesh, const std::vector<uint8_t>& fi
   return term;
 }
 
-// A of SmoothTerm by its definition, all vertices free; fixed ones only lose their rim rows.
+// A of SmoothTerm by its definition, all vertices free; fixed ones only lose their boundary rows.
 MatrixXd Definition(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed, const SmoothWeights& weights) {
   const size_t n = mesh.vertices.size();
   std::map<std::array<uint32_t, 2>, int> edges;
   std::vector<std::set<int32_t>> labels(n);
   std::vector<double> faces_at(n, 0);
-  std::vector<Matrix3d> keep(n, Matrix3d::Zero());
+  std::vector<Matrix3d> anchor(n, Matrix3d::Zero());
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     const auto [a, b, c] = mesh.faces[f];
     const Vector3d n_start = FaceNormal(mesh, f);
     for (uint32_t v : {a, b, c}) {
       labels[v].insert(mesh.labels[f]);
       faces_at[v] += 1;
-      if (mesh.labels[f] >= 0) keep[v] += kClasses[mesh.labels[f]].keep * n_start * n_start.transpose();
+      if (mesh.labels[f] >= 0) anchor[v] += kClasses[mesh.labels[f]].anchor * n_start * n_start.transpose();
     }
     for (const auto& [p, q] : {std::pair(a, b), std::pair(b, c), std::pair(c, a)}) {
       ++edges[{std::min(p, q), std::max(p, q)}];
@@ -59,14 +59,14 @@ MatrixXd Definition(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed,
     if (labels[v].size() != 1) return kMixed;
     return *labels[v].begin() < 0 ? 1.0 : kClasses[*labels[v].begin()].smoothness;
   };
-  std::vector<std::set<uint32_t>> ring(n), along_rim(n);
-  std::vector<bool> rim(n);
+  std::vector<std::set<uint32_t>> ring(n), along_boundary(n);
+  std::vector<bool> boundary(n);
   for (const auto& [edge, count] : edges) {
     for (int k : {0, 1}) {
       ring[edge[k]].insert(edge[1 - k]);
       if (count != 2) {
-        rim[edge[k]] = true;
-        along_rim[edge[k]].insert(edge[1 - k]);
+        boundary[edge[k]] = true;
+        along_boundary[edge[k]].insert(edge[1 - k]);
       }
     }
   }
@@ -78,12 +78,12 @@ MatrixXd Definition(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed,
     out += row.transpose() * weight * row;
   };
   for (uint32_t v = 0; v < n; ++v) {
-    if (!rim[v] && !ring[v].empty()) add_row(v, ring[v], weights.thin_plate * omega(v));
-    if (along_rim[v].size() == 2 && !(fixed.size() && fixed[v])) add_row(v, along_rim[v], weights.rim);
-    out.block<3, 3>(3 * v, 3 * v) += weights.keep / std::max(faces_at[v], 1.0) * keep[v];
+    if (!boundary[v] && !ring[v].empty()) add_row(v, ring[v], weights.thin_plate * omega(v));
+    if (along_boundary[v].size() == 2 && !(fixed.size() && fixed[v])) add_row(v, along_boundary[v], weights.boundary);
+    out.block<3, 3>(3 * v, 3 * v) += weights.anchor / std::max(faces_at[v], 1.0) * anchor[v];
   }
   for (const auto& [edge, count] : edges) {
-    if (count != 2 || (rim[edge[0]] && rim[edge[1]])) continue;
+    if (count != 2 || (boundary[edge[0]] && boundary[edge[1]])) continue;
     double weight = weights.membrane / 6;
     weight *= labels[edge[0]].size() == 1 ? omega(edge[0]) : omega(edge[1]);
     for (int k : {0, 1}) {
@@ -94,7 +94,7 @@ MatrixXd Definition(const TriangleMesh& mesh, const std::vector<uint8_t>& fixed,
   return out;
 }
 
-// The columns of A from SmoothTerm itself: differences of its gradient.
+// The columns of A from SmoothTerm itself, by differences of its gradient.
 MatrixXd FromGradients(const SmoothTerm& term, const Positions& start, const SmoothWeights& weights) {
   MatrixXd out(3 * start.size(), 3 * start.size());
   Positions v = start, at_start, gradient;
@@ -126,7 +126,7 @@ TEST(SmoothSystem, GradientIsTheDerivativeOfTheEnergy) {
         EXPECT_EQ(gradient[k], Vector3d::Zero());
       }
     }
-    // The same check refuses another class's weight, and the umbrella without its transpose.
+    // The same check fails for another class's weight, and for the umbrella without its transpose.
     std::vector<ClassSmoothness> other = kClasses;
     for (ClassSmoothness& c : other) c.smoothness *= 1.01;
     Positions wrong;
@@ -147,7 +147,7 @@ TEST(SmoothSystem, GradientIsTheDerivativeOfTheEnergy) {
   }
 }
 
-TEST(SmoothSystem, OperatorIsThatOfTheDefinitionSymmetricAndPositiveSemidefinite) {
+TEST(SmoothSystem, OperatorMatchesTheDefinitionAndIsPositiveSemidefinite) {
   for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     TriangleMesh mesh = RandomLabelledMesh(seed);
     mesh.labels[11] = mesh.labels[12] = -1;
@@ -168,7 +168,7 @@ struct Problem {
   Positions rhs;
 };
 
-// Data that see one direction a vertex, as photographs do; `floor` of all others.
+// Data that constrain one direction per vertex, as images do; `floor` in the other directions.
 Problem RandomProblem(size_t vertices, uint64_t seed, double floor) {
   Random random(seed + 31);
   Problem problem;
@@ -245,11 +245,11 @@ TEST(SmoothSystem, SolveStepConvergesToTheDenseSolution) {
   }
 }
 
-// Hubs of high degree among vertices of low degree have the largest eigenvalues.
-TEST(SmoothSystem, SweepsDoNotDivergeOnHubsNorForAnyWeights) {
+// Vertices of high degree next to vertices of low degree have the largest eigenvalues.
+TEST(SmoothSystem, SweepsConvergeForHighDegreesAndAnyWeights) {
   TriangleMesh mesh = Torus(9, 9);
   const size_t faces = mesh.faces.size();
-  for (size_t f = 0; f < faces; ++f) {  // a vertex of degree three in each face: the others get twice their degree
+  for (size_t f = 0; f < faces; ++f) {  // a vertex of degree three in each face doubles the degree of the others
     const auto [a, b, c] = mesh.faces[f];
     const uint32_t d = static_cast<uint32_t>(mesh.vertices.size());
     mesh.vertices.push_back((mesh.vertices[a] + mesh.vertices[b] + mesh.vertices[c]) / 3);
@@ -278,14 +278,14 @@ TEST(SmoothSystem, SweepsDoNotDivergeOnHubsNorForAnyWeights) {
         many_norm += many[k].squaredNorm();
       }
       EXPECT_TRUE(std::isfinite(many_norm));
-      // Towards the solution from below; the least floor of data bounds it.
+      // Converges to the solution from below; the smallest data curvature bounds it.
       EXPECT_LT(std::sqrt(many_norm), 1e3 * std::sqrt(3.0 * static_cast<double>(few.size()))) << plate << " " << border;
       EXPECT_LT(std::sqrt(few_norm), 1.5 * std::sqrt(many_norm)) << plate << " " << border;
     }
   }
 }
 
-TEST(SmoothSystem, OneClassOfWeightOneGivesTheBytesOfNoLabels) {
+TEST(SmoothSystem, OneClassOfWeightOneEqualsNoLabels) {
   for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
@@ -308,19 +308,19 @@ TEST(SmoothSystem, OneClassOfWeightOneGivesTheBytesOfNoLabels) {
     const std::vector<int32_t> ones(mesh.faces.size(), 1), none(mesh.faces.size(), -1);
     term.SetLabels(ones, {{5, 5}, {1, 0}}, 0.1);
     expect_same(term);
-    term.SetLabels(mesh.labels, kClasses, kMixed);  // leaves nothing behind
+    term.SetLabels(mesh.labels, kClasses, kMixed);  // must leave no state behind
     term.SetLabels(none, kClasses, kMixed);
     expect_same(term);
     term.SetLabels(mesh.labels, kClasses, kMixed);
     term.Reweight(v, {0.2, 1.5, 1});
     term.SetLabels({}, kClasses, kMixed);
     expect_same(term);
-    term.Reweight(v, {0.2, 1.5, 1});  // no labels, nothing to reweight
+    term.Reweight(v, {0.2, 1.5, 1});  // without labels there is nothing to reweight
     expect_same(term);
   }
 }
 
-TEST(SmoothSystem, AClassThatIsNotThereChangesNothing) {
+TEST(SmoothSystem, UnusedClassChangesNothing) {
   const TriangleMesh mesh = RandomLabelledMesh(1);
   std::vector<ClassSmoothness> classes = kClasses;
   SmoothTerm term = LabelledTerm(mesh, {}), other = term;
@@ -333,7 +333,7 @@ TEST(SmoothSystem, AClassThatIsNotThereChangesNothing) {
   EXPECT_EQ(gradient, same);
 }
 
-TEST(SmoothSystem, KeepHoldsOnlyItsClassAndOnlyAlongItsNormals) {
+TEST(SmoothSystem, AnchorActsOnItsClassAlongTheNormals) {
   TriangleMesh mesh = HeightField(8, 4, [](double x, double) { return 0.5 * x; });
   for (const Triangle& f : mesh.faces) mesh.labels.push_back(mesh.vertices[f[0]].y() < 0 ? 0 : 1);
   SmoothTerm term(mesh, {});
@@ -353,7 +353,7 @@ TEST(SmoothSystem, KeepHoldsOnlyItsClassAndOnlyAlongItsNormals) {
   }
 }
 
-TEST(SmoothSystem, TurnsWithTheScene) {
+TEST(SmoothSystem, IsEquivariantUnderRotation) {
   for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     TriangleMesh mesh = RandomLabelledMesh(seed);
     const SmoothWeights weights{0.7, 0.2, 0.4, 0.6};
@@ -380,8 +380,8 @@ TEST(SmoothSystem, TurnsWithTheScene) {
   }
 }
 
-// Who wants the steps of some vertices gets the bytes of who wants all, in fewer sweeps over the rest.
-TEST(SmoothSystem, ActiveStepsAreThoseOfAll) {
+// Steps of active vertices have the same bytes as if all vertices were active, with fewer vertices per sweep.
+TEST(SmoothSystem, ActiveStepsEqualThoseOfAllVertices) {
   for (uint64_t seed = 0; seed < kSystemSeeds; ++seed) {
     const TriangleMesh mesh = RandomLabelledMesh(seed);
     const std::vector<uint8_t> fixed = SomeFixed(mesh, seed);
@@ -408,7 +408,7 @@ TEST(SmoothSystem, ActiveStepsAreThoseOfAll) {
   }
 }
 
-TEST(SmoothSystem, OneThreadGivesTheBytesOfMany) {
+TEST(SmoothSystem, ResultIsIndependentOfThreads) {
   TriangleMesh mesh = HeightField(120, 40, [](double x, double y) { return std::sin(x) + std::cos(1.3 * y); });
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     mesh.labels.push_back(static_cast<int32_t>(f / 2 % 120 / 7 + f / 240 / 7) % 4);

@@ -46,7 +46,7 @@ TEST(SmoothTerm, GradientIsTheDerivativeOfTheEnergy) {
   EXPECT_GT(largest, 0.1);
 }
 
-TEST(SmoothTerm, APlaneAndTheStartOfItsRimAreAtRest) {
+TEST(SmoothTerm, PlaneHasNoGradient) {
   const TriangleMesh mesh = HeightField(8, 4, [](double x, double y) { return 0.3 * x - 0.2 * y; });
   const SmoothTerm term(mesh, {});
   Positions gradient;
@@ -54,7 +54,7 @@ TEST(SmoothTerm, APlaneAndTheStartOfItsRimAreAtRest) {
   for (const Vector3d& g : gradient) EXPECT_LT(g.norm(), 1e-12);
 }
 
-TEST(SmoothTerm, ARimThatMovesAsAWholeIsNotHeldBack) {
+TEST(SmoothTerm, UniformMotionOfTheBoundaryHasNoGradient) {
   TriangleMesh mesh = HeightField(6, 3, [](double x, double y) { return 0.1 * x * x - 0.2 * y; });
   const SmoothTerm term(mesh, {});
   Positions moved = mesh.vertices, gradient;
@@ -62,8 +62,8 @@ TEST(SmoothTerm, ARimThatMovesAsAWholeIsNotHeldBack) {
   term.Gradient(moved, {0, 0, 1}, &gradient);
   for (size_t v = 0; v < gradient.size(); ++v) {
     EXPECT_LT(gradient[v].norm(), 1e-12);
-    EXPECT_EQ(term.on_rim(v), std::abs(std::abs(mesh.vertices[v].x()) - 3) < 1e-9 ||
-                                  std::abs(std::abs(mesh.vertices[v].y()) - 3) < 1e-9);
+    EXPECT_EQ(term.on_boundary(v), std::abs(std::abs(mesh.vertices[v].x()) - 3) < 1e-9 ||
+                                       std::abs(std::abs(mesh.vertices[v].y()) - 3) < 1e-9);
   }
 }
 
@@ -84,7 +84,7 @@ TEST(SmoothTerm, SolvesForTheStep) {
   Positions step;
   term.SolveStep(data, rhs, weights, 120, &step);
   EXPECT_EQ(step[30], Vector3d::Zero());
-  // (data + A) step = rhs; A step is the gradient at start + step less that at the start.
+  // (data + A) step = rhs; A step is the gradient at start + step minus that at the start.
   Positions moved = mesh.vertices, at_start, at_step;
   for (size_t v = 0; v < moved.size(); ++v) moved[v] += step[v];
   term.Gradient(mesh.vertices, weights, &at_start);
@@ -95,7 +95,7 @@ TEST(SmoothTerm, SolvesForTheStep) {
   }
 }
 
-TEST(SmoothTerm, AStepReachesTwoRingsASweepAfterTheFirst) {
+TEST(SmoothTerm, SolveStepPropagatesTwoRingsPerSweep) {
   const TriangleMesh mesh = HeightField(30, 15, [](double, double) { return 0.0; });
   const SmoothTerm term(mesh, {});
   const std::vector<Matrix3d> data(mesh.vertices.size(), Matrix3d::Zero());

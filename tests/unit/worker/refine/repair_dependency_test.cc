@@ -1,5 +1,5 @@
-// What a vertex's repair depends on: a mesh cut down to the stated reach, and one changed at random everywhere beyond
-// it, give the bytes of the whole. Random reliefs, settings and cores.
+// Dependency radius of the repair of a vertex: a mesh cut at the radius, and a mesh changed at random everywhere
+// outside it, give the same bytes as the whole. Random reliefs, settings and cores.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -19,7 +19,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// A motion of sheets that hang over each other, which cut each other after it.
+// Overlapping sheets and a motion that makes them intersect.
 struct RepairInput {
   TriangleMesh start;
   Positions good, proposed;
@@ -52,7 +52,7 @@ RepairInput RandomRepair(Random& random) {
     for (const Triangle& f : mesh.faces) in.start.faces.push_back({f[0] + base, f[1] + base, f[2] + base});
   }
   in.limits.start_smoothing_steps = static_cast<int>(random.Below(4));
-  // Smooth motions with rough places.
+  // Smooth motion with rough spots.
   const double wave = random.Uniform(0.1, 0.5), height = Magnitude(random, 0.1, 2),
                noise = Magnitude(random, 0.01, 0.3);
   const double places = Chance(random, 0.5) ? 0.01 : 0.1, rougher = Magnitude(random, 0.1, 2);
@@ -66,9 +66,9 @@ RepairInput RandomRepair(Random& random) {
   return in;
 }
 
-// The faces in FoldRepair's reach of the flagged vertices, as its header states it; and those whose start the test of
-// faces reads.
-std::vector<uint8_t> RepairReach(const RepairInput& in, std::vector<uint8_t> needed, int contacts_less) {
+// The faces within FoldRepair's dependency radius of the flagged vertices, as documented in its header, and those
+// whose start positions the face test reads.
+std::vector<uint8_t> RepairDependency(const RepairInput& in, std::vector<uint8_t> needed, int contacts_less) {
   const std::vector<Triangle>& faces = in.start.faces;
   const IndexRows faces_of_vertex = FacesOfVertices(in.start);
   std::vector<Eigen::AlignedBox3d> box(faces.size());
@@ -83,25 +83,25 @@ std::vector<uint8_t> RepairReach(const RepairInput& in, std::vector<uint8_t> nee
   std::sort(by_x.begin(), by_x.end(), [&](uint32_t a, uint32_t b) { return low(a) < low(b); });
   double widest = 0;
   for (const auto& b : box) widest = std::max(widest, b.sizes().x());
-  std::vector<uint8_t> reached(faces.size()), asked(faces.size());
+  std::vector<uint8_t> needed_faces(faces.size()), asked(faces.size());
   for (size_t pass = FoldRepair::kPasses.size(); pass-- > 0;) {
     const int rings = FoldRepair::RingsOf(FoldRepair::kPasses[pass]);
-    reached = FacesWithin(faces, RingsFrom(faces, faces_of_vertex, needed), rings);
+    needed_faces = FacesWithin(faces, RingsFrom(faces, faces_of_vertex, needed), rings);
     if (static_cast<int>(pass) >= contacts_less) {
-      const std::vector<uint8_t> before = reached;
+      const std::vector<uint8_t> before = needed_faces;
       for (size_t f = 0; f < faces.size(); ++f) {
         if (!before[f] || asked[f]) continue;
         asked[f] = 1;
         const auto begin = std::lower_bound(by_x.begin(), by_x.end(), box[f].min().x() - widest,
                                             [&](uint32_t g, double x) { return low(g) < x; });
         for (auto g = begin; g != by_x.end() && low(*g) <= box[f].max().x(); ++g) {
-          reached[*g] |= box[f].intersects(box[*g]);
+          needed_faces[*g] |= box[f].intersects(box[*g]);
         }
       }
     }
-    needed = CornersOf(faces, reached, needed.size());
+    needed = CornersOf(faces, needed_faces, needed.size());
   }
-  if (in.limits.start_smoothing_steps == 0) return reached;
+  if (in.limits.start_smoothing_steps == 0) return needed_faces;
   return FacesWithin(faces, RingsFrom(faces, faces_of_vertex, needed), in.limits.start_smoothing_steps - 1);
 }
 
@@ -117,8 +117,8 @@ RepairRuns BeyondRepair(uint64_t seeds, int contacts_less) {
     std::vector<uint8_t> core = RandomCore(in.start, FacesOfVertices(in.start), random);
     Positions whole;
     in.Run(&whole);
-    const std::vector<uint8_t> reached = RepairReach(in, core, contacts_less);
-    if (std::count(reached.begin(), reached.end(), 0) == 0) continue;
+    const std::vector<uint8_t> needed_faces = RepairDependency(in, core, contacts_less);
+    if (std::count(needed_faces.begin(), needed_faces.end(), 0) == 0) continue;
     ++runs.ending_inside;
     for (size_t v = 0; v < core.size(); ++v) {
       if (core[v] && whole[v] != in.proposed[v]) {
@@ -126,29 +126,29 @@ RepairRuns BeyondRepair(uint64_t seeds, int contacts_less) {
         break;
       }
     }
-    const Part part(in.start, reached);
+    const Part part(in.start, needed_faces);
     const RepairInput small{part.Mesh(in.start), part.OfVertices(in.good), part.OfVertices(in.proposed), in.limits};
     Positions out;
     small.Run(&out);
     runs.cut += Differences(whole, out, &part, core) > 0;
 
     RepairInput other = in;
-    const std::vector<uint8_t> corners = CornersOf(in.start.faces, reached, core.size());
+    const std::vector<uint8_t> corners = CornersOf(in.start.faces, needed_faces, core.size());
     for (size_t v = 0; v < core.size(); ++v) {
       if (corners[v]) continue;
       other.start.vertices[v] += 0.05 * RandomVector(random);
       other.good[v] += 0.05 * RandomVector(random);
       other.proposed[v] += 0.3 * RandomVector(random);
     }
-    // Contacts must have stayed what they were.
-    if (contacts_less == 0 && RepairReach(other, core, 0) != reached) continue;
+    // The contacts must be unchanged.
+    if (contacts_less == 0 && RepairDependency(other, core, 0) != needed_faces) continue;
     other.Run(&out);
     runs.changed += Differences(whole, out, nullptr, core) > 0;
   }
   return runs;
 }
 
-TEST(FoldRepair, WhatLiesBeyondItsReachChangesNoByte) {
+TEST(FoldRepair, DependsOnNothingOutsideTheRadius) {
   const RepairRuns runs = BeyondRepair(60, 0);
   EXPECT_EQ(runs.cut, 0);
   EXPECT_EQ(runs.changed, 0);
@@ -156,12 +156,12 @@ TEST(FoldRepair, WhatLiesBeyondItsReachChangesNoByte) {
   EXPECT_GT(runs.repaired, 20);
 }
 
-TEST(FoldRepair, WithoutTheContactsBytesDiffer) {
+TEST(FoldRepair, ContactsArePartOfTheRadius) {
   EXPECT_GT(BeyondRepair(20, static_cast<int>(FoldRepair::kPasses.size())).cut, 4);
 }
 
-// The rings of a pass, where it decides: a spike through the sheet above, which one pass parts.
-TEST(FoldRepair, APassDrawsBackAsFarAsItSays) {
+// The number of rings per pass is attained: a spike through the sheet above, which one pass separates.
+TEST(FoldRepair, RadiusOfAPassIsAttained) {
   RepairInput in;
   in.start = HeightField(40, 20, [](double, double) { return 0.0; });
   const size_t sheet = in.start.vertices.size();

@@ -1,5 +1,5 @@
-// What a vertex's step depends on: a mesh cut down to the stated reach, and one changed at random everywhere beyond it,
-// give the bytes of the whole. Random reliefs, settings and cores.
+// Dependency radius of a vertex's step: a mesh cut at the radius, and a mesh changed at random everywhere outside it,
+// give the same bytes as the whole. Random reliefs, settings and cores.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -19,9 +19,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-// All that ComputeStep is called with.
+// The arguments of ComputeStep.
 struct StepInput {
-  TriangleMesh mesh;  // as it lies; with labels
+  TriangleMesh mesh;  // current positions, with labels
   Positions start;
   std::vector<uint8_t> fixed;
   PhotoDerivatives photo;
@@ -88,10 +88,10 @@ StepInput RandomStep(Random& random) {
   return in;
 }
 
-// How many of the core's vertices differ where only `rings` are known, or only those left as they are.
+// Number of core vertices that differ if the mesh is cut at `rings`, or changed outside them.
 struct Differing {
   int64_t cut = 0, changed = 0;
-  bool ends_inside = false;  // there is something beyond
+  bool ends_inside = false;  // the mesh extends beyond the radius
 };
 Differing BeyondStep(const StepInput& in, const Positions& whole, const std::vector<uint8_t>& core, int rings,
                      Random& random) {
@@ -109,7 +109,7 @@ Differing BeyondStep(const StepInput& in, const Positions& whole, const std::vec
   small.photo.curvature = part.OfVertices(in.photo.curvature);
   small.photo.pairs = part.OfVertices(in.photo.pairs);
   if (!in.last.empty()) small.last = part.OfVertices(in.last);
-  // A tile flags what is on its cut.
+  // A tile flags the vertices at its cut.
   const bool flagged = Chance(random, 0.5);
   for (size_t i = 0; flagged && i < part.vertices.size(); ++i) {
     if (from_core[part.vertices[i]] >= rings) small.fixed[i] = 1;
@@ -134,7 +134,7 @@ Differing BeyondStep(const StepInput& in, const Positions& whole, const std::vec
   return out;
 }
 
-TEST(StepReach, WhatLiesBeyondChangesNoByte) {
+TEST(StepDependency, NothingOutsideTheRadiusMatters) {
   int ending_inside = 0;
   for (uint64_t seed = 0; seed < 400; ++seed) {
     Random random(seed);
@@ -149,15 +149,15 @@ TEST(StepReach, WhatLiesBeyondChangesNoByte) {
   EXPECT_GT(ending_inside, 300);
 }
 
-// The parts of the bound, each where it decides: one ring less and bytes differ.
-TEST(StepReach, OneRingLessIsTooFew) {
+// Each part of the bound is attained: with one ring less, bytes differ.
+TEST(StepDependency, RadiusIsAttained) {
   int sweeps = 0, start = 0;
   for (uint64_t seed = 0; seed < 60; ++seed) {
     Random random(seed);
     StepInput in = RandomStep(random);
     in.options.min_turn_cosine = in.limits.min_start_cosine = -1;
     in.options.grid_m = 0;
-    in.options.max_step_m = 1e-4;  // nothing folds
+    in.options.max_step_m = 1e-4;  // prevents folds
     in.options.smoothing_sweeps = 1 + static_cast<int>(seed % 3);
     in.limits.start_smoothing_steps = 2;
     in.limits.max_normal_m = in.limits.max_tangent_m = std::numeric_limits<double>::infinity();
@@ -182,8 +182,8 @@ TEST(StepReach, OneRingLessIsTooFew) {
   EXPECT_GT(start, 5);
 }
 
-TEST(MotionGuard, APassOfFoldingHasOneRing) {
-  int farthest = 0;  // ring beyond which something mattered
+TEST(StepDependency, FoldingPassDependsOnOneRing) {
+  int farthest = 0;  // largest ring with an effect
   for (uint64_t seed = 0; seed < 100; ++seed) {
     Random random(seed);
     const TriangleMesh mesh = RandomRelief(random, 60);
@@ -208,12 +208,12 @@ TEST(MotionGuard, APassOfFoldingHasOneRing) {
     ASSERT_LT(farthest, MotionGuard::kFoldingPasses) << seed;
   }
   RecordProperty("farthest", farthest);
-  EXPECT_GE(farthest, MotionGuard::kLevellings);
+  EXPECT_GE(farthest, MotionGuard::kSmoothingPasses);
 }
 
-// "No vertex is ever farther from its start."
-TEST(MotionBound, HoldsForAllStepsAndForTheUnfoldedStart) {
-  double nearest = 0;  // to the bound, as a share of it
+// No vertex is ever farther from its start than MotionBound_m.
+TEST(MotionBound, HoldsForAllSteps) {
+  double nearest = 0;  // smallest distance to the bound, relative to it
   for (uint64_t seed = 0; seed < 60; ++seed) {
     Random random(seed);
     StepInput in = RandomStep(random);
