@@ -70,8 +70,8 @@ class LostLeaseTest : public testing::Test {
   // What a worker says whose attempt is not the current one any more: at its report, or before at a heartbeat.
   static bool ToldThatItIsLate(const Program& worker) {
     const std::string output = worker.Output();
-    return output.find("report refused: not the current attempt") != std::string::npos ||
-           output.find("lease void, work dropped") != std::string::npos;
+    return output.find("report rejected: not the current attempt") != std::string::npos ||
+           output.find("lease lost: result discarded") != std::string::npos;
   }
 
   TempFolder folder_ = TempFolder::Create(testing::TempDir()).value();

@@ -21,9 +21,9 @@
 namespace tessera {
 namespace {
 
-constexpr int kMaxForgotten = 3;  // times that one call may find the worker forgotten
+constexpr int kMaxReregistrations = 3;  // times that one call registers again
 
-// Calls the task and turns whatever it throws into a status: a worker never dies of a task's exception.
+// Runs the task and turns exceptions into a status, so that a task cannot terminate the worker.
 StatusOr<TaskOutcome> RunGuarded(const TaskRunner& runner, const TaskRequest& request, const TaskControl& control) {
   try {
     return runner(request, control);
@@ -36,7 +36,7 @@ StatusOr<TaskOutcome> RunGuarded(const TaskRunner& runner, const TaskRequest& re
   }
 }
 
-// Whether a file can be written in the folder, now.
+// Tests whether a file can be written in the folder.
 Status TryToWrite(const std::string& folder) {
   const std::string path = folder + "/probe";
   const Status written = WriteFileAtomic(path, std::string(size_t{1} << 20, 'x'));
@@ -44,9 +44,8 @@ Status TryToWrite(const std::string& folder) {
   return written;
 }
 
-// What failed when a task ended with this error, by what can be seen about it: a task reads its inputs and writes to
-// its folder, nothing else.
-Status JudgeTask(const Status& status, TaskFiles& files, const TaskRequest& request) {
+// Classifies the error of a task from what can be observed: a task only reads its inputs and writes to its folder.
+Status ClassifyFailure(const Status& status, TaskFiles& files, const TaskRequest& request) {
   if (IsFailure(status) || absl::IsCancelled(status)) return status;
   const std::string message = MessageOf(status);
   switch (status.code()) {
@@ -55,7 +54,7 @@ Status JudgeTask(const Status& status, TaskFiles& files, const TaskRequest& requ
     case absl::StatusCode::kDataLoss:
     case absl::StatusCode::kOutOfRange:
       if (IsFileError(status)) break;
-      // What is wrong with them may have come upon them since they were brought.
+      // The inputs may have been damaged since they were fetched.
       TESSERA_RETURN_IF_ERROR(files.CheckInputs(/*read=*/true));
       return AsStatus(FailureClass::kInput, message);
     default:
@@ -64,13 +63,13 @@ Status JudgeTask(const Status& status, TaskFiles& files, const TaskRequest& requ
   TESSERA_RETURN_IF_ERROR(files.CheckInputs(/*read=*/false));
   if (IsFileError(status)) return AsStatus(FailureClass::kScratch, message);
   if (absl::IsResourceExhausted(status)) return AsStatus(FailureClass::kMemory, message);
-  if (const Status room = TryToWrite(request.output_dir); !room.ok()) {  // libraries do not tell what failed them
+  if (const Status room = TryToWrite(request.output_dir); !room.ok()) {  // libraries do not report full disks
     return AsStatus(FailureClass::kScratch, message + "; " + MessageOf(room));
   }
   return AsStatus(FailureClass::kInternal, message);
 }
 
-// Whether a report was taken, or never will be. Whatever else is wrong with the coordinator passes.
+// Whether the report was accepted or rejected for good. All other errors are transient.
 bool IsAnswered(const Status& report) {
   return report.ok() || absl::IsFailedPrecondition(report) || absl::IsInvalidArgument(report) ||
          absl::IsNotFound(report);
@@ -81,7 +80,7 @@ LogFields With(LogFields fields, const std::string& key, const std::string& valu
   return fields;
 }
 
-RetryPolicy Endless(RetryPolicy policy) {
+RetryPolicy WithoutLimit(RetryPolicy policy) {
   policy.max_attempts = 0;
   return policy;
 }
@@ -98,7 +97,7 @@ class Agent::Impl {
         identity_(std::move(identity)),
         channel_(std::move(channel)),
         link_(channel_),
-        files_(BlobClient(channel_, Endless(options.retry), [this](double seconds) { return Wait(seconds); }),
+        files_(BlobClient(channel_, WithoutLimit(options.retry), [this](double seconds) { return Wait(seconds); }),
                std::move(cache), options.use_shared_storage,
                {options.storage_wait_s, options.retry, [this](double seconds) { return Wait(seconds); }}) {}
 
@@ -113,8 +112,8 @@ class Agent::Impl {
       }
       changed_.notify_all();
       heartbeats.join();
-      const Status gone = link_.Unregister(worker());
-      LogInfo("stopped", {{"worker", worker()}, {"unregistered", gone.ok() ? "yes" : MessageOf(gone)}});
+      const Status unregistered = link_.Unregister(worker());
+      LogInfo("stopped", {{"worker", worker()}, {"unregistered", unregistered.ok() ? "yes" : MessageOf(unregistered)}});
     }
     return draining_ ? absl::OkStatus() : status;
   }
@@ -144,34 +143,34 @@ class Agent::Impl {
     return registration_.worker;
   }
 
-  // False, at once, when the worker drains or the attempt at hand is void: nothing is worth waiting for then.
+  // Returns false early if the worker drains or the current attempt has lost its lease.
   bool Wait(double seconds) {
     std::unique_lock lock(mutex_);
     return !changed_.wait_for(lock, std::chrono::duration<double>(seconds),
-                              [&] { return draining_ || (attempt_ != nullptr && attempt_->IsVoid()); });
+                              [&] { return draining_ || (attempt_ != nullptr && attempt_->LeaseLost()); });
   }
 
-  // Registers unless another thread has done so since the worker was called `forgotten`. Waits for the coordinator as
-  // long as it takes; CANCELLED when draining.
+  // Registers, unless another thread has registered since the worker was `forgotten`. Retries without limit;
+  // CANCELLED when draining.
   Status Register(const std::string& forgotten) {
     std::lock_guard one_at_a_time(registering_);
     if (worker() != forgotten) return absl::OkStatus();
-    bool told = false;
+    bool warned = false;
     Registration registration;
     const auto call = [&] {
       auto answer = link_.Register(options_.description);
       if (answer.ok()) {
         registration = *std::move(answer);
-      } else if (!told) {
-        told = true;
-        LogWarning("cannot register yet",
+      } else if (!warned) {
+        warned = true;
+        LogWarning("cannot register; retrying",
                    {{"coordinator", options_.coordinator.address}, {"reason", MessageOf(answer.status())}});
       }
       return answer.status();
     };
     const Status status = Retry(
-        Endless(options_.retry), Idempotency::kIdempotent, [this](double seconds) { return WaitToRegister(seconds); },
-        call);
+        WithoutLimit(options_.retry), Idempotency::kIdempotent,
+        [this](double seconds) { return WaitToRegister(seconds); }, call);
     TESSERA_RETURN_IF_ERROR(status);
     identity_->SetWorker(registration.worker, registration.secret);
     std::lock_guard lock(mutex_);
@@ -186,19 +185,19 @@ class Agent::Impl {
     return !changed_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return draining_ || ended_; });
   }
 
-  // Calls `call` with the worker's name; registers again where the coordinator has forgotten it.
+  // Runs `call` with the worker's name. Registers and retries if the coordinator does not know the worker.
   Status CallAs(const std::function<Status(const std::string& worker)>& call) {
     for (int forgotten = 0;; ++forgotten) {
       const std::string name = worker();
       const Status status = call(name);
-      if (RefusalOf(status) != Refusal::kUnknownWorker || forgotten >= kMaxForgotten) return status;
+      if (RefusalOf(status) != Refusal::kUnknownWorker || forgotten >= kMaxReregistrations) return status;
       TESSERA_RETURN_IF_ERROR(Register(name));
     }
   }
 
   Status LeaseLoop() {
     Backoff backoff(options_.retry);
-    bool away = false;
+    bool unreachable = false;
     std::optional<LeasedTask> lease;
     while (!draining_ && !last_task_) {
       if (lease) {
@@ -213,20 +212,20 @@ class Agent::Impl {
       if (draining_) break;
       if (status.ok()) {
         ++lease_call_;
-        if (away) LogInfo("coordinator is back", {{"coordinator", options_.coordinator.address}});
-        away = false;
+        if (unreachable) LogInfo("coordinator reachable again", {{"coordinator", options_.coordinator.address}});
+        unreachable = false;
         backoff.Reset();
         continue;
       }
       if (RefusalOf(status) == Refusal::kOtherVersion) return status;
-      if (!away) LogWarning("coordinator is away", {{"reason", MessageOf(status)}});
-      away = true;
+      if (!unreachable) LogWarning("coordinator unreachable; retrying", {{"reason", MessageOf(status)}});
+      unreachable = true;
       Wait(backoff.NextDelay(status));
     }
     return absl::OkStatus();
   }
 
-  // Gives the next task, if the report's answer brought one.
+  // Returns the next lease if the report's answer contained one.
   std::optional<LeasedTask> RunLease(const LeasedTask& lease) {
     const auto attempt = std::make_shared<Attempt>(lease.task, lease.attempt);
     SetAttempt(attempt);
@@ -234,8 +233,8 @@ class Agent::Impl {
     LogInfo("started", With(who, "title", lease.title));
     const AttemptReport report = Work(lease, *attempt);
     std::optional<LeasedTask> next;
-    if (attempt->IsVoid()) {
-      LogInfo("lease void, work dropped", who);
+    if (attempt->LeaseLost()) {
+      LogInfo("lease lost: result discarded", who);
     } else {
       next = Deliver(report, *attempt, who);
     }
@@ -258,17 +257,17 @@ class Agent::Impl {
     attempt_ = std::move(attempt);
   }
 
-  // Everything from the inputs to the stored outputs.
+  // Runs one lease from fetching inputs to storing outputs.
   AttemptReport Work(const LeasedTask& lease, Attempt& attempt) {
     AttemptReport report;
     report.task = lease.task;
     report.attempt = lease.attempt;
     TaskControl control;
     control.report = [&attempt](double fraction, const std::string& stage) { attempt.SetProgress(fraction, stage); };
-    control.cancelled = [this, &attempt] { return draining_ || attempt.IsVoid(); };
+    control.cancelled = [this, &attempt] { return draining_ || attempt.LeaseLost(); };
     const Status status = WorkIn(lease, control, report);
     files_.Release();
-    if (!status.ok()) folder_.reset();  // whatever it left there
+    if (!status.ok()) folder_.reset();  // remove partial files
     report.succeeded = status.ok();
     if (!status.ok()) {
       report.failure = FailureOf(status);
@@ -288,7 +287,7 @@ class Agent::Impl {
     if (const Status made = MakeFolders(request); !made.ok()) return AsStatus(FailureClass::kScratch, MessageOf(made));
     TESSERA_RETURN_IF_ERROR(files_.BringInputs(lease.inputs, request.input_dir, control));
     const StatusOr<TaskOutcome> outcome = RunGuarded(runner_, request, control);
-    if (!outcome.ok()) return JudgeTask(outcome.status(), files_, request);
+    if (!outcome.ok()) return ClassifyFailure(outcome.status(), files_, request);
     TESSERA_RETURN_IF_ERROR(control.Check());
     TESSERA_RETURN_IF_ERROR(files_.CheckInputs(/*read=*/false));
     TESSERA_ASSIGN_OR_RETURN(report.outputs, files_.StoreOutputs(outcome->outputs, request.output_dir, control));
@@ -298,8 +297,8 @@ class Agent::Impl {
     return absl::OkStatus();
   }
 
-  // Folders for a task's files. They are the same for one task after another, as long as each leaves nothing behind: to
-  // make them anew costs more than all else about a short task.
+  // Folders for a task's files. Reused by the next task if empty, since creating them dominates the cost of short
+  // tasks.
   Status MakeFolders(TaskRequest& request) {
     std::error_code error;
     if (folder_ && (!std::filesystem::is_empty(folder_->path() + "/out", error) || error)) folder_.reset();
@@ -321,25 +320,25 @@ class Agent::Impl {
       registration = registration_;
     }
     const bool shared = files_.Probe(registration);
-    LogInfo(shared ? "shared storage" : "blob service", {{"folder", registration.shared_blob_dir}});
+    LogInfo(shared ? "blobs: shared storage" : "blobs: blob service", {{"folder", registration.shared_blob_dir}});
   }
 
-  // Tells the coordinator, however long it is away; gives up only when draining or when the lease is void: then once
-  // more, for it is also void if the report was taken and the answer lost. Gives the next task where the answer brings
-  // one.
+  // Reports to the coordinator, retrying without limit until the worker drains. If the lease is lost, tries once
+  // more: it is also lost if the report was accepted but the answer was not received. Returns the next lease if the
+  // answer contains one.
   std::optional<LeasedTask> Deliver(const AttemptReport& report, const Attempt& attempt, const LogFields& who) {
     Backoff backoff(options_.retry);
     Status status;
     std::optional<LeasedTask> next;
-    for (bool told = false, last = false;;) {
+    for (bool warned = false, last = false;;) {
       status = CallAs([&](const std::string& name) -> Status {
         auto answer = link_.Report(name, report, last_task_ ? 0 : lease_call_);
         if (answer.ok()) next = *std::move(answer);
         return answer.status();
       });
       if (IsAnswered(status) || last) break;
-      if (!told) LogWarning("cannot report yet", With(who, "reason", MessageOf(status)));
-      told = true;
+      if (!warned) LogWarning("cannot report; retrying", With(who, "reason", MessageOf(status)));
+      warned = true;
       if (!Wait(backoff.NextDelay(status))) {
         if (draining_) break;
         last = true;
@@ -352,10 +351,10 @@ class Agent::Impl {
     }
     if (next) ++lease_call_;
     if (status.ok()) return next;
-    if (RefusalOf(status) == Refusal::kNotCurrent || attempt.IsVoid()) {
-      LogInfo("report refused: not the current attempt", who);
+    if (RefusalOf(status) == Refusal::kNotCurrent || attempt.LeaseLost()) {
+      LogInfo("report rejected: not the current attempt", who);
     } else {
-      LogError("could not report", With(who, "reason", MessageOf(status)));
+      LogError("report failed: result lost", With(who, "reason", MessageOf(status)));
     }
     return std::nullopt;
   }
@@ -370,18 +369,18 @@ class Agent::Impl {
         sent = attempt_;
       }
       std::vector<AttemptProgress> running;
-      if (sent != nullptr && !sent->IsVoid()) running.push_back(sent->Progress());
+      if (sent != nullptr && !sent->LeaseLost()) running.push_back(sent->Progress());
       std::vector<std::string> stop;
       const Status status = CallAs([&](const std::string& name) -> Status {
         auto answer = link_.Heartbeat(name, running);
         if (answer.ok()) stop = *std::move(answer);
         return answer.status();
       });
-      if (!status.ok()) LogDebug("heartbeat lost", {{"reason", MessageOf(status)}});
+      if (!status.ok()) LogDebug("heartbeat failed", {{"reason", MessageOf(status)}});
       for (const std::string& task : stop) {
-        // What was sent, not what runs by now: the same task may have been leased again as a new attempt meanwhile.
+        // Compare with the attempt that was sent: the same task may have been leased again as a new attempt since.
         if (sent == nullptr || sent->task() != task) continue;
-        sent->MakeVoid();
+        sent->MarkLeaseLost();
         changed_.notify_all();
       }
     }
@@ -398,16 +397,16 @@ class Agent::Impl {
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   Registration registration_;           // guarded by mutex_
-  bool to_probe_ = false;               // guarded by mutex_: the registration is new to files_
+  bool to_probe_ = false;               // guarded by mutex_: files_ has not seen this registration
   std::shared_ptr<Attempt> attempt_;    // guarded by mutex_
-  bool ended_ = false;                  // guarded by mutex_: no lease will come any more
+  bool ended_ = false;                  // guarded by mutex_: no further lease will come
   std::atomic<bool> draining_{false};   // written under mutex_
-  std::atomic<bool> last_task_{false};  // written under mutex_: none is taken after the one at hand
+  std::atomic<bool> last_task_{false};  // written under mutex_: lease no task after the current one
 
-  // Of the task's thread alone.
-  int64_t lease_call_ = 1;  // the same until it is answered
+  // Only used by the task's thread.
+  int64_t lease_call_ = 1;  // unchanged until the call is answered
   TaskFiles files_;
-  std::optional<TempFolder> folder_;  // the last task's
+  std::optional<TempFolder> folder_;  // of the previous task
   PeakSampling peaks_;
 };
 
@@ -419,7 +418,7 @@ StatusOr<std::unique_ptr<Agent>> Agent::Create(const AgentOptions& options, Task
   TESSERA_ASSIGN_OR_RETURN(auto channel, OpenChannel(options.coordinator, identity));
   TESSERA_RETURN_IF_ERROR(EnsureFolder(options.work_dir));
   TESSERA_ASSIGN_OR_RETURN(FileLock lock, FileLock::Acquire(options.work_dir + "/lock"));
-  TESSERA_RETURN_IF_ERROR(RemoveTree(options.work_dir + "/tasks"));  // of a process that was killed
+  TESSERA_RETURN_IF_ERROR(RemoveTree(options.work_dir + "/tasks"));  // left by a killed process
   TESSERA_ASSIGN_OR_RETURN(auto cache, BlobCache::Open(options.work_dir + "/cache", options.cache_bytes));
   return std::unique_ptr<Agent>(new Agent(std::make_unique<Impl>(
       options, std::move(runner), std::move(lock), std::move(cache), std::move(identity), std::move(channel))));

@@ -1,4 +1,4 @@
-// The worker's loop: register, lease a task, bring its inputs, run it, store its outputs, report; over and over.
+// The worker's main loop: register, lease a task, fetch its inputs, run it, store its outputs, report, repeat.
 #ifndef TESSERA_WORKER_AGENT_AGENT_H_
 #define TESSERA_WORKER_AGENT_AGENT_H_
 
@@ -18,34 +18,34 @@ namespace tessera {
 
 struct AgentOptions {
   Endpoint coordinator;
-  std::string work_dir;  // cache and scratch; one process at a time
+  std::string work_dir;  // cache and scratch; used by one process at a time
   bool use_shared_storage = true;
   int64_t cache_bytes = int64_t{20} << 30;
-  double lease_wait_s = 20;  // a lease call waits that long for a task
+  double lease_wait_s = 20;  // how long a lease call waits for a task
   WorkerDescription description;
-  RetryPolicy retry;            // while the coordinator is away; attempts without end whatever it says
-  double storage_wait_s = 600;  // finished outputs wait that long for room to store them, then the attempt fails
+  RetryPolicy retry;            // while the coordinator is unreachable; the number of attempts is always unlimited
+  double storage_wait_s = 600;  // how long finished outputs wait for storage space before the attempt fails
 };
 
-// RunTask, or what a test puts in its place. May throw.
+// RunTask, or a replacement in tests. May throw.
 using TaskRunner = std::function<StatusOr<TaskOutcome>(const TaskRequest&, const TaskControl&)>;
 
 class Agent {
  public:
-  // FAILED_PRECONDITION if another process works in the folder; errors of the endpoint's files.
+  // FAILED_PRECONDITION if another process uses the folder; errors of the endpoint's files.
   static StatusOr<std::unique_ptr<Agent>> Create(const AgentOptions& options, TaskRunner runner);
   ~Agent();
 
-  // Works until StopLeasing or Drain. A coordinator that is away, restarted or has forgotten this worker is waited for
-  // without end; the task at hand goes on meanwhile and is reported when it is back. An error only if the coordinator
-  // refuses the worker for good (other version of the algorithms).
+  // Runs until StopLeasing or Drain. If the coordinator is unreachable, has restarted or no longer has this worker,
+  // retries without limit; the current task continues and is reported later. Returns an error only if the coordinator
+  // rejects the worker permanently (different version of the algorithms).
   Status Run();
 
-  // Takes no other task: Run ends once the one at hand was reported, at once if there is none. Any thread; not a signal
-  // handler.
+  // Leases no further task: Run returns after the current task is reported, or at once if there is none. Thread-safe;
+  // not for signal handlers.
   void StopLeasing();
 
-  // Gives the running task up (reported as aborted), unregisters and ends Run. Any thread; not a signal handler.
+  // Aborts the current task (reported as preempted), unregisters and ends Run. Thread-safe; not for signal handlers.
   void Drain();
 
  private:

@@ -1,4 +1,4 @@
-// The attempt that a worker runs now, as its threads see it: the task's own, and the one that sends heartbeats.
+// State of the current attempt, shared by the task's thread and the heartbeat thread.
 #ifndef TESSERA_WORKER_AGENT_ATTEMPT_H_
 #define TESSERA_WORKER_AGENT_ATTEMPT_H_
 
@@ -30,9 +30,9 @@ class Attempt {
     return {task_, number_, fraction_, stage_};
   }
 
-  // The lease is gone: stop, drop everything, report nothing.
-  void MakeVoid() { void_ = true; }
-  bool IsVoid() const { return void_; }
+  // The lease is lost: stop, discard everything, report nothing.
+  void MarkLeaseLost() { lease_lost_ = true; }
+  bool LeaseLost() const { return lease_lost_; }
 
  private:
   const std::string task_;
@@ -40,7 +40,7 @@ class Attempt {
   mutable std::mutex mutex_;
   double fraction_ = 0;
   std::string stage_;
-  std::atomic<bool> void_{false};
+  std::atomic<bool> lease_lost_{false};
 };
 
 }  // namespace tessera

@@ -13,15 +13,15 @@ namespace tessera {
 namespace {
 
 constexpr double kCallSeconds = 10.0;
-constexpr double kReportSeconds = 30.0;  // the coordinator stores it durably
+constexpr double kReportSeconds = 30.0;  // includes the coordinator's durable write
 constexpr size_t kMaxTextBytes = 256 << 10;
 
-// protobuf refuses strings that are not UTF-8, and messages from libraries may hold anything of any length.
+// protobuf rejects strings that are not UTF-8, and library messages may contain any bytes of any length.
 std::string PrintableText(const std::string& text) {
   std::string result = text.substr(0, kMaxTextBytes);
   const bool ascii = std::all_of(result.begin(), result.end(), [](char c) { return (c & 0x80) == 0; });
   if (ascii) return result;
-  // Keeps well-formed sequences, replaces every other byte.
+  // Keeps valid sequences and replaces every other byte.
   std::string clean;
   for (size_t i = 0; i < result.size();) {
     const auto byte = static_cast<unsigned char>(result[i]);
@@ -88,7 +88,7 @@ LeasedTask FromProto(const v1::Lease& lease) {
   return task;
 }
 
-// Of an answer that may have one.
+// The lease in an answer that may contain one.
 template <class Response>
 std::optional<LeasedTask> LeaseIn(const Response& response) {
   return response.has_lease() ? std::optional(FromProto(response.lease())) : std::nullopt;
@@ -138,7 +138,7 @@ StatusOr<std::optional<LeasedTask>> CoordinatorLink::Lease(const std::string& wo
   SetDeadline(context, wait_s + kCallSeconds);
   {
     std::lock_guard lock(impl_->mutex);
-    if (impl_->stopped) return absl::CancelledError("no longer leasing");
+    if (impl_->stopped) return absl::CancelledError("the worker is stopping: it leases no further tasks");
     impl_->leasing = &context;
   }
   v1::LeaseTaskRequest request;

@@ -1,4 +1,4 @@
-// The worker's side of the Workers service, in the project's own types.
+// Client of the Workers service in the project's own types.
 #ifndef TESSERA_WORKER_AGENT_COORDINATOR_LINK_H_
 #define TESSERA_WORKER_AGENT_COORDINATOR_LINK_H_
 
@@ -19,25 +19,25 @@ class Channel;
 
 namespace tessera {
 
-// What a worker tells of itself.
+// What a worker sends at registration.
 struct WorkerDescription {
   std::string host;
   int pid = 0;
-  int threads = 0;  // that its tasks may use at most
+  int threads = 0;  // limit for its tasks
   int64_t memory_bytes = 0;
   std::string version;  // of the algorithms
-  int cores = 0;        // of the host; 0: not known
-  std::string machine;  // host and boot
+  int cores = 0;        // of the host; 0: unknown
+  std::string machine;  // host name and boot id
 };
 
-// What the coordinator answers.
+// The coordinator's answer to Register.
 struct Registration {
   std::string worker;  // "workers/W"
-  std::string secret;  // to be shown with every later call
+  std::string secret;  // sent with every later call
   double lease_s = 0;
   double heartbeat_s = 0;
-  // A worker that reads `shared_probe_content` at `shared_probe_path` may write blobs to `shared_blob_dir`; empty:
-  // none.
+  // A worker that finds `shared_probe_content` in the file `shared_probe_path` shares the coordinator's storage and
+  // may write blobs to `shared_blob_dir`; empty: no shared storage.
   std::string shared_blob_dir;
   std::string shared_probe_path;
   std::string shared_probe_content;
@@ -46,7 +46,7 @@ struct Registration {
 struct TaskInput {
   std::string name;  // relative to the task's input folder
   Digest digest;
-  std::string shared_path;  // where a worker with access may read it; empty: blob service only
+  std::string shared_path;  // path on shared storage; empty: use the blob service
 };
 
 // A task under a lease.
@@ -58,7 +58,7 @@ struct LeasedTask {
   int tile = -1;  // -1: the whole job
   std::string parameters;
   std::vector<TaskInput> inputs;
-  int threads = 0;  // that it may use; 0: as many as the worker has
+  int threads = 0;  // limit for this task; 0: the worker's
 };
 
 struct AttemptProgress {
@@ -68,34 +68,35 @@ struct AttemptProgress {
   std::string stage;
 };
 
-// How an attempt ended.
+// Result of an attempt.
 struct AttemptReport {
   std::string task;
   int attempt = 0;
   bool succeeded = false;
-  std::vector<NamedDigest> outputs;  // of a success; stored as blobs already
+  std::vector<NamedDigest> outputs;  // if succeeded; already stored as blobs
   std::string stats;
   Warnings warnings;
   TaskUsage usage;
-  Failure failure;  // of one that did not succeed
+  Failure failure;  // if not succeeded
 };
 
-// Each call is one attempt with a deadline; errors are the coordinator's own (RefusalOf), or UNAVAILABLE and
-// DEADLINE_EXCEEDED of the way there. Thread-safe.
+// Each call is a single RPC with a deadline. Errors are the coordinator's (RefusalOf), or UNAVAILABLE and
+// DEADLINE_EXCEEDED of the connection. Thread-safe.
 class CoordinatorLink {
  public:
   explicit CoordinatorLink(std::shared_ptr<grpc::Channel> channel);
   ~CoordinatorLink();
 
   StatusOr<Registration> Register(const WorkerDescription& description);
-  // Waits up to `wait_s` for a task; nothing if there was none. `call`: above 0, another one once a call was answered.
+  // Waits up to `wait_s` for a task; nullopt if there is none. `call`: > 0, a new number after every answered call,
+  // so that a repeated call returns the same lease.
   StatusOr<std::optional<LeasedTask>> Lease(const std::string& worker, double wait_s, int64_t call);
-  // Ends a running Lease call, and every later one at once, with CANCELLED.
+  // Cancels a running Lease call and all later ones (CANCELLED).
   void StopLeasing();
-  // The tasks to stop, of those named.
+  // Sends progress. Returns the tasks of `running` that must stop.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<AttemptProgress>& running);
-  // Refusal::kNotCurrent: the attempt is no longer the current one. With a success the next task comes back, if there
-  // is one for the worker now, and `lease_call` is above 0, as Lease's.
+  // Reports an attempt. Refusal::kNotCurrent: the attempt is no longer the current one. A success may return the next
+  // lease, if `lease_call` > 0 (as in Lease).
   StatusOr<std::optional<LeasedTask>> Report(const std::string& worker, const AttemptReport& report,
                                              int64_t lease_call);
   Status Unregister(const std::string& worker);

@@ -1,4 +1,4 @@
-// What failed, as workers tell it: carried by a Status, whose code means nothing here.
+// Failure of an attempt with its class, carried inside a Status whose code is irrelevant.
 #ifndef TESSERA_WORKER_AGENT_FAILURE_H_
 #define TESSERA_WORKER_AGENT_FAILURE_H_
 
@@ -10,25 +10,25 @@
 
 namespace tessera {
 
-// As the proto's ErrorClass, which says what each is.
+// Mirrors the proto's ErrorClass, which documents each value.
 enum class FailureClass { kInput, kLostInput, kMemory, kScratch, kStorage, kPeer, kPreempted, kInternal };
 
 struct Failure {
   FailureClass failure_class = FailureClass::kInternal;
   std::string message;
-  std::vector<Digest> lost_inputs = {};  // of kLostInput
+  std::vector<Digest> lost_inputs = {};  // for kLostInput
 };
 
-// An error that carries the failure as long as it is passed on as it is.
+// Wraps the failure in a Status, which must be passed on unchanged.
 Status AsStatus(const Failure& failure);
 inline Status AsStatus(FailureClass failure_class, const std::string& message) {
   return AsStatus(Failure{failure_class, message});
 }
 
-// Whether AsStatus made it.
+// Whether the status was made by AsStatus.
 bool IsFailure(const Status& status);
 
-// The failure that the error carries; kInternal, with its message, if it carries none.
+// The wrapped failure, or kInternal with the status's message.
 Failure FailureOf(const Status& status);
 
 }  // namespace tessera

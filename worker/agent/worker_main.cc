@@ -57,8 +57,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->envname("TESSERA_TOKEN_FILE")
       ->type_name("FILE");
   app.add_option("--work", flags.work_dir,
-                 "Folder for cache and scratch, kept, which no other user may enter; without it one in the system's "
-                 "temporary folder, removed at the end");
+                 "Folder for cache and scratch files, accessible to this user only, kept at exit. "
+                 "Default: a temporary folder, removed at exit");
   app.add_option("--threads", flags.threads,
                  "Largest number of threads of a task; the coordinator divides a host's cores between its workers; 0: "
                  "one per core")
@@ -91,7 +91,7 @@ std::string HostName() {
   return gethostname(name, sizeof(name) - 1) == 0 ? name : "unknown";
 }
 
-// Another one after the machine was started anew, though its name may be the same.
+// Identifies the machine and its boot, so that a restarted machine of the same name counts as another one.
 std::string Machine() {
   const std::string boot = tessera::ReadFileRange("/proc/sys/kernel/random/boot_id", 0, 8).value_or("");
   return HostName() + "/" + boot;
@@ -102,8 +102,8 @@ int Fail(const tessera::Status& status) {
   return 1;
 }
 
-// First signal: drain, the task at hand given up after so long. Second: out, at once. Returns at the next one once
-// `ended`.
+// First signal: drain, and abort the current task after `drain_s`. Second signal: exit at once. Returns at the next
+// signal once `ended` is set.
 void HandleSignals(const sigset_t& signals, double drain_s, tessera::Agent& agent, const std::atomic<bool>& ended) {
   int signal = 0;
   sigwait(&signals, &signal);
@@ -131,7 +131,7 @@ int main(int argc, char** argv) {
   AddFlags(app, flags);
   CLI11_PARSE(app, argc, argv);
 
-  // Signals are for one thread of ours; every other one inherits the block.
+  // One thread handles the signals; all others inherit the block.
   sigset_t signals;
   sigemptyset(&signals);
   sigaddset(&signals, SIGTERM);
@@ -140,9 +140,9 @@ int main(int argc, char** argv) {
   if (flags.exit_with_parent) {
     const pid_t parent = getppid();
     prctl(PR_SET_PDEATHSIG, SIGTERM);
-    if (getppid() != parent) return 1;  // it ended in between
+    if (getppid() != parent) return 1;  // the parent has ended meanwhile
   }
-  tessera::DisableCoreDumps();  // it would hold the worker's secret
+  tessera::DisableCoreDumps();  // a core dump would contain the worker's secret
   umask(S_IRWXG | S_IRWXO);
   if (const auto status = tessera::SetUpLog(flags.log_level, flags.json_logs); !status.ok()) return Fail(status);
 
@@ -174,7 +174,7 @@ int main(int argc, char** argv) {
   std::atomic<bool> ended = false;
   std::thread handler([&] { HandleSignals(signals, flags.drain_s, **agent, ended); });
   const tessera::Status status = (*agent)->Run();
-  // The agent goes after whoever may still be draining it.
+  // Wait for the signal thread before the agent is destroyed.
   ended = true;
   pthread_kill(handler.native_handle(), SIGTERM);
   handler.join();

@@ -1,4 +1,4 @@
-// What fails an attempt, and what does not: as workers tell it.
+// Which errors fail an attempt, and with which failure class.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -23,7 +23,7 @@ using testing::HasSubstr;
 
 using AgentFailuresTest = AgentTest;
 
-TEST_F(AgentFailuresTest, FailuresHaveTheirClassAndTheWorkerLivesOn) {
+TEST_F(AgentFailuresTest, EachFailureHasItsClassAndTheWorkerContinues) {
   const std::vector<std::pair<std::function<StatusOr<TaskOutcome>()>, v1::ErrorClass>> cases = {
       {[] { return absl::InvalidArgumentError("line 3 is wrong"); }, v1::ERROR_CLASS_INPUT},
       {[] { return absl::NotFoundError("no image"); }, v1::ERROR_CLASS_INPUT},
@@ -53,8 +53,8 @@ TEST_F(AgentFailuresTest, FailuresHaveTheirClassAndTheWorkerLivesOn) {
   }
 }
 
-// All that are lost are told at once, whether they come from a shared folder or not.
-TEST_F(AgentFailuresTest, InputsThatCannotBeHadAreToldByTheirDigests) {
+// All lost inputs are reported at once, whether or not they come from a shared folder.
+TEST_F(AgentFailuresTest, LostInputsAreReportedByDigest) {
   const std::string shared = folder_.path() + "/blobs";
   const auto store = *BlobStore::Open(shared);
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "secret").ok());
@@ -75,8 +75,9 @@ TEST_F(AgentFailuresTest, InputsThatCannotBeHadAreToldByTheirDigests) {
   EXPECT_EQ(report.failure().lost_inputs(1).size_bytes(), 4);
 }
 
-// Before an input is called wrong it is read again: it may have rotted since, without a trace in its times.
-TEST_F(AgentFailuresTest, AnInputThatIsCalledWrongIsReadAgain) {
+// Before a failure is attributed to the input, the input is hashed again: it may have been damaged without a change
+// of its time stamps.
+TEST_F(AgentFailuresTest, InputsAreVerifiedBeforeAnInputErrorIsReported) {
   const std::string path = folder_.path() + "/scene.txt";
   ASSERT_TRUE(WriteFileAtomic(path, "hello").ok());
   v1::Lease lease = NewLease("jobs/1/tasks/1");
@@ -91,8 +92,8 @@ TEST_F(AgentFailuresTest, AnInputThatIsCalledWrongIsReadAgain) {
   EXPECT_EQ(WaitForReport().failure().error_class(), v1::ERROR_CLASS_LOST_INPUT);
 }
 
-// A file may only become so long, which is what a full disk looks like from within.
-TEST_F(AgentFailuresTest, AFullScratchFolderIsNoLackOfMemory) {
+// A file size limit has the same effect as a full disk.
+TEST_F(AgentFailuresTest, FullScratchFolderIsAScratchFailure) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   std::signal(SIGXFSZ, SIG_IGN);
   StartAgent([](const TaskRequest& request, const TaskControl&) -> StatusOr<TaskOutcome> {
@@ -110,7 +111,7 @@ TEST_F(AgentFailuresTest, AFullScratchFolderIsNoLackOfMemory) {
   EXPECT_THAT(report.failure().message(), HasSubstr("File too large"));
 }
 
-TEST_F(AgentFailuresTest, AScratchFolderThatHasGoneIsNotTheTasksFault) {
+TEST_F(AgentFailuresTest, MissingScratchFolderIsAScratchFailure) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   coordinator_.Queue(NewLease("jobs/1/tasks/2"));
   StartAgent([&](const TaskRequest& request, const TaskControl& control) {
@@ -124,7 +125,7 @@ TEST_F(AgentFailuresTest, AScratchFolderThatHasGoneIsNotTheTasksFault) {
       << coordinator_.reports[1].failure().message();
 }
 
-TEST_F(AgentFailuresTest, AFinishedOutputWaitsForRoom) {
+TEST_F(AgentFailuresTest, OutputWaitsForStorageSpace) {
   coordinator_.blobs().RefuseUploads(5);
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   std::atomic<int> runs{0};
@@ -136,7 +137,7 @@ TEST_F(AgentFailuresTest, AFinishedOutputWaitsForRoom) {
   EXPECT_EQ(runs, 1);
 }
 
-TEST_F(AgentFailuresTest, OutputsThatCannotBeStoredForLongAreStoragesFault) {
+TEST_F(AgentFailuresTest, OutputThatCannotBeStoredInTimeIsAStorageFailure) {
   coordinator_.blobs().RefuseUploads(1'000'000);
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   StartAgent(Concatenate);
@@ -145,8 +146,8 @@ TEST_F(AgentFailuresTest, OutputsThatCannotBeStoredForLongAreStoragesFault) {
   EXPECT_THAT(report.failure().message(), HasSubstr("no space left"));
 }
 
-// A coordinator with a full disk, a locked database, in the middle of its start.
-TEST_F(AgentFailuresTest, AReportIsRepeatedUntilItIsTaken) {
+// Transient errors: a coordinator with a full disk, with a locked database, or still starting.
+TEST_F(AgentFailuresTest, ReportIsRepeatedUntilAccepted) {
   for (const grpc::StatusCode code : {grpc::StatusCode::RESOURCE_EXHAUSTED, grpc::StatusCode::INTERNAL,
                                       grpc::StatusCode::UNAVAILABLE, grpc::StatusCode::ABORTED}) {
     coordinator_.AnswerReportsWith(grpc::Status(code, "told to refuse"));
@@ -163,7 +164,7 @@ TEST_F(AgentFailuresTest, AReportIsRepeatedUntilItIsTaken) {
   }
 }
 
-TEST_F(AgentFailuresTest, LeasesThatFailDoNotEndTheWorker) {
+TEST_F(AgentFailuresTest, FailedLeaseCallsDoNotEndTheWorker) {
   for (const grpc::StatusCode code :
        {grpc::StatusCode::FAILED_PRECONDITION, grpc::StatusCode::INTERNAL, grpc::StatusCode::RESOURCE_EXHAUSTED}) {
     coordinator_.AnswerLeasesWith(grpc::Status(code, "told to refuse"), 5);

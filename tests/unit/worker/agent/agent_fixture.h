@@ -1,4 +1,4 @@
-// An agent and the coordinator that it works for, in one process.
+// An agent and its coordinator in one process.
 #ifndef TESSERA_TESTS_UNIT_WORKER_AGENT_AGENT_FIXTURE_H_
 #define TESSERA_TESTS_UNIT_WORKER_AGENT_AGENT_FIXTURE_H_
 
@@ -22,7 +22,7 @@ class AgentTest : public testing::Test {
   AgentTest() : folder_(TempFolder::Create(testing::TempDir()).value()) { EXPECT_TRUE(SetUpLog("off", false).ok()); }
   ~AgentTest() override { StopAgent(); }
 
-  // A task that reads "in.txt" and "sub/other.bin" where they are there, and writes "out.txt" with what it read.
+  // A task that reads "in.txt" and "sub/other.bin", if present, and writes their content to "out.txt".
   static StatusOr<TaskOutcome> Concatenate(const TaskRequest& request, const TaskControl&) {
     std::string content = request.kind + "(" + request.parameters + ")";
     TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names, ListFiles(request.input_dir));

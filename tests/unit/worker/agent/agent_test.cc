@@ -43,9 +43,8 @@ TEST_F(AgentTest, RunsATaskThroughTheBlobService) {
   EXPECT_TRUE(agent_status_.ok());
 }
 
-// One call does for a report and the next lease, and what the answer does not bring is called for under the same
-// number.
-TEST_F(AgentTest, AReportsAnswerBringsTheNextTask) {
+// One call reports and leases the next task. If the answer contains no lease, the lease call uses the same number.
+TEST_F(AgentTest, AnswerToAReportContainsTheNextLease) {
   coordinator_.BringTasksWithAnswers();
   for (const char* task : {"jobs/1/tasks/1", "jobs/1/tasks/2", "jobs/1/tasks/3"}) coordinator_.Queue(NewLease(task));
   StartAgent(Concatenate);
@@ -61,7 +60,7 @@ TEST_F(AgentTest, AReportsAnswerBringsTheNextTask) {
   EXPECT_THAT(coordinator_.lease_calls, ElementsAre(1, 4));
 }
 
-TEST_F(AgentTest, ATaskUsesTheThreadsOfItsLease) {
+TEST_F(AgentTest, TaskUsesTheThreadsOfItsLease) {
   v1::Lease lease = NewLease("jobs/1/tasks/1");
   lease.set_threads(1);
   coordinator_.Queue(lease);
@@ -76,8 +75,8 @@ TEST_F(AgentTest, ATaskUsesTheThreadsOfItsLease) {
   EXPECT_EQ(report.success().usage().threads(), 1);
 }
 
-// Two tasks after each other see their own inputs alone, whatever the first left behind.
-TEST_F(AgentTest, OneTasksFilesAreNotTheNextOnes) {
+// Consecutive tasks only see their own inputs, even if the first one left files.
+TEST_F(AgentTest, TasksSeeOnlyTheirOwnFiles) {
   v1::Lease first = NewLease("jobs/1/tasks/1"), second = NewLease("jobs/1/tasks/2"), third = NewLease("jobs/1/tasks/3");
   AddInput(first, "0001/state", "one");
   AddInput(first, "0002/state", "two");
@@ -121,7 +120,7 @@ TEST_F(AgentTest, SharedFilesAreLinkedAndOutputsGoToTheSharedFolder) {
   EXPECT_THAT(coordinator_.blobs().write_offsets(), testing::IsEmpty());
 }
 
-TEST_F(AgentTest, ASharedFileWithOtherContentIsNotUsed) {
+TEST_F(AgentTest, SharedFileWithWrongContentIsNotUsed) {
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/scene.txt", "jello").ok());
   v1::Lease lease = NewLease("jobs/1/tasks/1");
   AddInput(lease, "in.txt", "hello", folder_.path() + "/scene.txt");
@@ -132,7 +131,7 @@ TEST_F(AgentTest, ASharedFileWithOtherContentIsNotUsed) {
   EXPECT_EQ(coordinator_.blobs().Content(DigestOf(report.success().outputs(0))), "cut({})in.txt=hello;");
 }
 
-TEST_F(AgentTest, WithoutSharedStorageNoSharedPathIsTouched) {
+TEST_F(AgentTest, SharedPathsAreNotAccessedWithoutSharedStorage) {
   const std::string shared = folder_.path() + "/blobs";
   ASSERT_TRUE(BlobStore::Open(shared).ok());
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "secret").ok());
@@ -148,7 +147,7 @@ TEST_F(AgentTest, WithoutSharedStorageNoSharedPathIsTouched) {
   EXPECT_TRUE(coordinator_.blobs().Holds(DigestOf(report.success().outputs(0))));
 }
 
-TEST_F(AgentTest, AWrongProbeMeansBlobService) {
+TEST_F(AgentTest, WrongProbeContentSelectsTheBlobService) {
   const std::string shared = folder_.path() + "/blobs";
   ASSERT_TRUE(BlobStore::Open(shared).ok());
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "of another coordinator").ok());
@@ -158,7 +157,7 @@ TEST_F(AgentTest, AWrongProbeMeansBlobService) {
   EXPECT_TRUE(coordinator_.blobs().Holds(DigestOf(WaitForReport().success().outputs(0))));
 }
 
-TEST_F(AgentTest, AnInputChangedDuringTheTaskFailsIt) {
+TEST_F(AgentTest, InputChangedDuringTheTaskFailsTheAttempt) {
   const std::string path = folder_.path() + "/scene.txt";
   ASSERT_TRUE(WriteFileAtomic(path, "hello").ok());
   v1::Lease lease = NewLease("jobs/1/tasks/1");
@@ -175,7 +174,7 @@ TEST_F(AgentTest, AnInputChangedDuringTheTaskFailsIt) {
   EXPECT_THAT(report.failure().message(), HasSubstr("scene.txt was changed"));
 }
 
-TEST_F(AgentTest, InputNamesThatLeaveTheFolderAreRefused) {
+TEST_F(AgentTest, InputNamesOutsideTheFolderAreRejected) {
   for (const std::string name : {"../evil", "/tmp/evil", "a/../../evil", ""}) {
     v1::Lease lease = NewLease("jobs/1/tasks/1");
     AddInput(lease, name, "hello");
@@ -193,7 +192,7 @@ TEST_F(AgentTest, InputNamesThatLeaveTheFolderAreRefused) {
   }
 }
 
-TEST_F(AgentTest, AVoidLeaseStopsTheWorkAndIsNotReported) {
+TEST_F(AgentTest, LostLeaseStopsTheTaskWithoutAReport) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   std::atomic<bool> stopped{false};
   StartAgent([&](const TaskRequest& request, const TaskControl& control) -> StatusOr<TaskOutcome> {
@@ -202,7 +201,7 @@ TEST_F(AgentTest, AVoidLeaseStopsTheWorkAndIsNotReported) {
     coordinator_.Void("jobs/1/tasks/1");
     while (control.Check().ok()) std::this_thread::yield();
     stopped = true;
-    return Concatenate(request, control);  // ends in success all the same
+    return Concatenate(request, control);  // succeeds anyway
   });
   v1::Lease second = NewLease("jobs/1/tasks/2");
   second.mutable_spec()->set_parameters_json("second");
@@ -212,8 +211,8 @@ TEST_F(AgentTest, AVoidLeaseStopsTheWorkAndIsNotReported) {
   EXPECT_EQ(coordinator_.reports.size(), 1u);
 }
 
-// A lease is void too once its report was taken: who did not hear the answer asks once more before he goes on.
-TEST_F(AgentTest, AReportWhoseAnswerWasLostIsAnsweredAfterAll) {
+// A lease also ends when its report is accepted: a worker that did not receive the answer asks once more.
+TEST_F(AgentTest, ReportIsRepeatedOnceIfItsAnswerWasLost) {
   coordinator_.LoseAnswersOf("jobs/1/tasks/1");
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   coordinator_.Queue(NewLease("jobs/1/tasks/2"));
@@ -224,7 +223,7 @@ TEST_F(AgentTest, AReportWhoseAnswerWasLostIsAnsweredAfterAll) {
   EXPECT_EQ(coordinator_.reports.back().task(), "jobs/1/tasks/2");
 }
 
-TEST_F(AgentTest, ProgressGoesWithHeartbeats) {
+TEST_F(AgentTest, HeartbeatsCarryProgress) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1", 7));
   StartAgent([&](const TaskRequest& request, const TaskControl& control) {
     control.Report(0.25, "level 1");
@@ -237,7 +236,7 @@ TEST_F(AgentTest, ProgressGoesWithHeartbeats) {
   EXPECT_TRUE(WaitForReport().has_success());
 }
 
-TEST_F(AgentTest, ACoordinatorThatForgetsTheWorkerGetsItAndItsWorkBack) {
+TEST_F(AgentTest, WorkerRegistersAgainAndReportsItsTask) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1", 2));
   StartAgent([&](const TaskRequest& request, const TaskControl& control) {
     coordinator_.Stop();
@@ -251,7 +250,7 @@ TEST_F(AgentTest, ACoordinatorThatForgetsTheWorkerGetsItAndItsWorkBack) {
   EXPECT_EQ(report.worker(), "workers/2");
 }
 
-TEST_F(AgentTest, AResultWaitsForACoordinatorThatIsAway) {
+TEST_F(AgentTest, ResultIsReportedOnceTheCoordinatorIsReachable) {
   v1::Lease lease = NewLease("jobs/1/tasks/1");
   coordinator_.Queue(lease);
   std::atomic<bool> away{false};
@@ -265,7 +264,7 @@ TEST_F(AgentTest, AResultWaitsForACoordinatorThatIsAway) {
   EXPECT_TRUE(WaitForReport().has_success());
 }
 
-TEST_F(AgentTest, AReportOfAnOldAttemptIsDroppedAndWorkGoesOn) {
+TEST_F(AgentTest, RejectedReportOfAnOldAttemptIsDropped) {
   coordinator_.AnswerReportsWith(Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::REASON_NOT_CURRENT));
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   coordinator_.Queue(NewLease("jobs/1/tasks/2"));
@@ -276,8 +275,8 @@ TEST_F(AgentTest, AReportOfAnOldAttemptIsDroppedAndWorkGoesOn) {
   EXPECT_EQ(coordinator_.reports[1].task(), "jobs/1/tasks/2");
 }
 
-// NOT_FOUND and the like have many causes; what is to be done is told by the details.
-TEST_F(AgentTest, ACodeAloneDoesNotRegisterAgain) {
+// Codes such as NOT_FOUND have many causes; the status details decide what to do.
+TEST_F(AgentTest, RegistersAgainOnlyForUnknownWorkerDetails) {
   for (const auto code : {grpc::StatusCode::FAILED_PRECONDITION, grpc::StatusCode::NOT_FOUND}) {
     coordinator_.AnswerLeasesWith(grpc::Status(code, "something else"), 2);
     coordinator_.Queue(NewLease("jobs/1/tasks/" + std::to_string(code)));
@@ -288,7 +287,7 @@ TEST_F(AgentTest, ACodeAloneDoesNotRegisterAgain) {
   EXPECT_EQ(coordinator_.registrations, 1);
 }
 
-TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsPreempted) {
+TEST_F(AgentTest, DrainReportsTheTaskAsPreempted) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   StartAgent([&](const TaskRequest&, const TaskControl& control) -> StatusOr<TaskOutcome> {
     std::thread([this] { agent_->Drain(); }).detach();
@@ -300,7 +299,7 @@ TEST_F(AgentTest, DrainingGivesTheTaskUpAtOnceAsPreempted) {
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
 }
 
-TEST_F(AgentTest, StoppingToLeaseEndsWithTheTaskAtHand) {
+TEST_F(AgentTest, StopLeasingEndsAfterTheCurrentTask) {
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
   coordinator_.Queue(NewLease("jobs/1/tasks/2"));
   StartAgent([&](const TaskRequest& request, const TaskControl& control) {
@@ -315,7 +314,7 @@ TEST_F(AgentTest, StoppingToLeaseEndsWithTheTaskAtHand) {
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
 }
 
-TEST_F(AgentTest, StoppingToLeaseEndsAnIdleWorkerAtOnce) {
+TEST_F(AgentTest, StopLeasingEndsAnIdleWorkerAtOnce) {
   StartAgent(Concatenate);
   ASSERT_TRUE(coordinator_.WaitFor([](const FakeWorkersService& c) { return c.leases_asked > 0; }));
   agent_->StopLeasing();
@@ -324,7 +323,7 @@ TEST_F(AgentTest, StoppingToLeaseEndsAnIdleWorkerAtOnce) {
   EXPECT_THAT(coordinator_.unregistered, ElementsAre("workers/1"));
 }
 
-TEST_F(AgentTest, DrainingEndsAnIdleWorkerAndOneThatFindsNobody) {
+TEST_F(AgentTest, DrainEndsAnIdleOrUnregisteredWorkerAtOnce) {
   StartAgent(Concatenate);
   ASSERT_TRUE(coordinator_.WaitFor([](const FakeWorkersService& c) { return c.leases_asked > 0; }));
   StopAgent();
@@ -336,7 +335,7 @@ TEST_F(AgentTest, DrainingEndsAnIdleWorkerAndOneThatFindsNobody) {
   coordinator_.Start();
 }
 
-TEST_F(AgentTest, ARefusedVersionEndsTheWorker) {
+TEST_F(AgentTest, RejectedVersionEndsTheWorker) {
   coordinator_.AnswerRegistrationsWith(
       Refused(grpc::StatusCode::FAILED_PRECONDITION, v1::Refusal::REASON_OTHER_VERSION));
   StartAgent(Concatenate);
@@ -344,7 +343,7 @@ TEST_F(AgentTest, ARefusedVersionEndsTheWorker) {
   EXPECT_EQ(agent_status_.code(), absl::StatusCode::kFailedPrecondition);
 }
 
-TEST_F(AgentTest, AWorkFolderBelongsToOneProcess) {
+TEST_F(AgentTest, WorkFolderIsLockedByOneProcess) {
   StartAgent(Concatenate);
   AgentOptions options;
   options.coordinator = coordinator_.address();
@@ -352,7 +351,7 @@ TEST_F(AgentTest, AWorkFolderBelongsToOneProcess) {
   EXPECT_EQ(Agent::Create(options, Concatenate).status().code(), absl::StatusCode::kFailedPrecondition);
 }
 
-TEST_F(AgentTest, AnInterruptedDownloadGoesOn) {
+TEST_F(AgentTest, InterruptedDownloadIsResumed) {
   v1::Lease lease = NewLease("jobs/1/tasks/1");
   AddInput(lease, "in.txt", std::string(5 << 20, 'x'));
   coordinator_.blobs().BreakStreams(2, 2);

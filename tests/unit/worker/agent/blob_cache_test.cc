@@ -49,7 +49,7 @@ TEST_F(BlobCacheTest, FetchesOnceAndDropsTheLeastRecentlyUsed) {
   EXPECT_EQ(cache_->size_bytes(), 800);
 }
 
-TEST_F(BlobCacheTest, WhatIsInUseStaysWhateverTheBound) {
+TEST_F(BlobCacheTest, FilesInUseAreNotEvicted) {
   const std::string a = Get('a', false);
   const std::string b = Get('b', false);
   const std::string c = Get('c', false);
@@ -60,7 +60,7 @@ TEST_F(BlobCacheTest, WhatIsInUseStaysWhateverTheBound) {
   EXPECT_FALSE(FileExists(a));
 }
 
-TEST_F(BlobCacheTest, KeepsItsContentOverRestarts) {
+TEST_F(BlobCacheTest, ContentSurvivesARestart) {
   Get('a');
   Open(1000);
   EXPECT_EQ(cache_->size_bytes(), 400);
@@ -70,7 +70,7 @@ TEST_F(BlobCacheTest, KeepsItsContentOverRestarts) {
   EXPECT_EQ(cache_->size_bytes(), 0);
 }
 
-TEST_F(BlobCacheTest, DamagedContentOfAnEarlierProcessIsFetchedAgain) {
+TEST_F(BlobCacheTest, DamagedContentOfAPreviousProcessIsFetchedAgain) {
   const std::string path = Get('a');
   ASSERT_TRUE(WriteFileAtomic(path, Content('z')).ok());
   Open(1000);
@@ -78,7 +78,7 @@ TEST_F(BlobCacheTest, DamagedContentOfAnEarlierProcessIsFetchedAgain) {
   EXPECT_EQ(fetches_, 2);
 }
 
-TEST_F(BlobCacheTest, ContentThatRotsWhileTheProcessLivesIsFetchedAgain) {
+TEST_F(BlobCacheTest, ContentDamagedAtRunTimeIsFetchedAgain) {
   const std::string path = Get('a');
   ASSERT_TRUE(WriteFileAtomic(path, Content('z')).ok());
   Get('a');
@@ -87,7 +87,7 @@ TEST_F(BlobCacheTest, ContentThatRotsWhileTheProcessLivesIsFetchedAgain) {
   EXPECT_EQ(fetches_, 2);
 }
 
-TEST_F(BlobCacheTest, AFailedFetchLeavesNothing) {
+TEST_F(BlobCacheTest, FailedFetchLeavesNoEntry) {
   const auto path = cache_->Get(DigestOf('a'), [](const Digest&, BlobStore&) { return absl::NotFoundError("gone"); });
   EXPECT_EQ(path.status().code(), absl::StatusCode::kNotFound);
   EXPECT_FALSE(cache_->Holds(DigestOf('a')));

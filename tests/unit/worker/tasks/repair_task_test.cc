@@ -1,5 +1,4 @@
-// The first repair of an update with another mesh: what is frozen stays where the base has it, whatever repair asks
-// for.
+// The first repair of an update with a changed mesh: frozen vertices keep the base's positions.
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -21,11 +20,11 @@ using Eigen::Vector3d;
 constexpr int kLength = 8, kWidth = 5;       // of a sheet of squares of 1 m, of two tiles
 constexpr int kBorder = 4;                   // x of the vertices that both tiles have
 constexpr int kOwnTile = 0, kOtherTile = 1;  // on the left, on the right of it
-constexpr int kPushed = kBorder - 1;         // x of those that the base's result has beyond the border
+constexpr int kPushed = kBorder - 1;         // x of the vertices that the base's result has moved beyond the border
 
 uint32_t VertexAt(uint32_t x, uint32_t y) { return y * (kLength + 1) + x; }
 
-// The package of the left tile, which has all of the sheet.
+// The package of the left tile, which contains the whole sheet.
 TilePackage Sheet() {
   TilePackage p;
   p.tile = kOwnTile;
@@ -54,7 +53,7 @@ TilePackage Sheet() {
   return p;
 }
 
-// The base's result: all of it is higher, and a column of the left tile lies over faces of the right one.
+// The base's result: the sheet is higher, and a column of the left tile overlaps faces of the right one.
 Vector3d InBase(const TilePackage& p, uint32_t vertex) {
   const Vector3d& start = p.mesh.vertices[vertex];
   return start + Vector3d(start.x() == kPushed ? 2.5 : 0, 0, 0.2);
@@ -105,7 +104,7 @@ TileState Repaired(const TilePackage& package, const std::vector<int>& frozen) {
   return *std::move(state);
 }
 
-TEST(RunRepair, FrozenVerticesAreNotDrawnBack) {
+TEST(RunRepair, FrozenVerticesDoNotMove) {
   const TilePackage package = Sheet();
   const TileState with = Repaired(package, {kOtherTile}), without = Repaired(package, {});
   ASSERT_EQ(with.vertex_ids.size(), (kBorder + 1) * (kWidth + 1));

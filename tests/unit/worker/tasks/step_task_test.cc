@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-// Tile 3 measured the faces 9 and 12 of tile 4, too.
+// Tile 3 also measured faces 9 and 12 of tile 4.
 struct Sampled {
   TilePackage package;
   std::vector<TileSums> sums{2};
@@ -42,7 +42,7 @@ struct Sampled {
   }
 };
 
-TEST(CompareSample, WhatIsAlikeIsCountedAsCompared) {
+TEST(CompareSample, CountsEqualSamples) {
   Sampled step, labels;
   step.Derivatives();
   labels.Labels();
@@ -53,7 +53,7 @@ TEST(CompareSample, WhatIsAlikeIsCountedAsCompared) {
   }
 }
 
-TEST(CompareSample, ABitIsADifferenceWithAPlace) {
+TEST(CompareSample, ReportsTheFaceOfABitDifference) {
   Sampled step;
   step.Derivatives();
   step.sums[1].photo[1].curvature[2] = std::nextafter(step.sums[1].photo[1].curvature[2], 1.0f);
@@ -69,7 +69,7 @@ TEST(CompareSample, ABitIsADifferenceWithAPlace) {
   EXPECT_EQ(labels.snapshot.different, 1);
 }
 
-TEST(CompareSample, OthersAreNotAsked) {
+TEST(CompareSample, WithoutASecondTileNothingIsCompared) {
   Sampled step;
   step.Derivatives();
   step.sums.pop_back();
