@@ -150,7 +150,7 @@ TEST_F(UpdateTest, RenamedReencodedAndPoseJitteredImagesRunNoTask) {
   Write(scene + "/scene.json", file.dump());
   const Outcome outcome = Update(scene, "renamed");
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
-  EXPECT_THAT(outcome.output, HasSubstr("poses differ from the base's by less than 0.1 px"));
+  EXPECT_THAT(outcome.output, HasSubstr("poses differ from those of the base job by less than 0.1 px"));
   const auto ran = Ran("renamed");
   EXPECT_EQ(ran, (std::multiset<std::string>{"update", "publish"})) << "the report tells of the snapped poses";
   EXPECT_TRUE(Mesh("renamed") == Content(Base() + "/mesh.ply"));

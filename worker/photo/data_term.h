@@ -1,4 +1,4 @@
-// The data terms on one level of the pyramid: the views' texels, and what they say of each face as the mesh lies.
+// The data terms at one pyramid level: loads the views' texels and evaluates E_photo, E_sem and E_contour per face.
 #ifndef TESSERA_WORKER_PHOTO_DATA_TERM_H_
 #define TESSERA_WORKER_PHOTO_DATA_TERM_H_
 
@@ -25,10 +25,10 @@ namespace tessera {
 
 struct RefineView {
   PosedCamera camera;                        // of the whole image
-  std::shared_ptr<const ViewPixels> pixels;  // of part of it
-  bool asks_likelihoods = true;              // where the options do and the pixels have them
-  DepthRange depths = {};                    // of all that the job looks at in the view; empty: of the mesh as it lies
-  int32_t id = 0;                            // the view's number in the job
+  std::shared_ptr<const ViewPixels> pixels;  // part of the image
+  bool asks_likelihoods = true;              // use E_sem if the options and the pixels have it
+  DepthRange depths = {};  // of all surfaces the job matches in this view; empty: derived from the mesh
+  int32_t id = 0;          // the view's id in the job
 };
 
 struct DataOptions {
@@ -36,45 +36,46 @@ struct DataOptions {
   int window_px = 7;            // odd, 3..11
   bool gaussian_window = true;  // sigma = window_px / 4; else a box
   double noise_sigma = 0.01;    // of luminance: a reference window of variance v weighs v / (v + sigma²)
-  double min_sigma = 0.004;     // windows of less standard deviation in either image are rejected
+  double min_sigma = 0.004;     // windows with a smaller standard deviation in either image are rejected
   double max_mean_difference = 0.3;
   double max_variance_ratio = 10;
-  double min_valid = 0.5;      // share of a window that both images must see
-  double min_cosine = 0.1;     // flatter views of a face than this are skipped
-  double occlusion_px = 1;     // slack of the depth test, in pixels of the level
+  double min_valid = 0.5;      // share of a window that must be visible in both images
+  double min_cosine = 0.1;     // faces seen at a lower cosine are skipped
+  double occlusion_px = 1;     // tolerance of the depth test, in pixels of the level
   double photo_outlier = 0.5;  // s: a window's e = 1 - ZNCC counts e / (1 + e/s)
 
-  double semantic = 0;   // λ1, of E_sem; 0: off
-  double contour = 0;    // λ4, of E_contour; 0: off
+  double semantic = 0;   // λ1, weight of E_sem; 0: off
+  double contour = 0;    // λ4, weight of E_contour; 0: off
   BorderTrusts borders;  // of the views' likelihoods
 };
 
-// What the pixels say of each face, all views together.
+// Derivatives of the data terms per face, summed over all views.
 struct FaceDerivatives {
   PhotoSums photo;
   ContourSums contours;
 };
 
-// How far from a pixel of level 0 lies what its derivatives read in the same view, when the coarsest level is `level`:
-// two windows' radii, and what a coarse pixel is made of. Where it lands in another view, a cell of bilinear
-// interpolation. Pixels of level 0.
+// Margins in pixels of level 0 when the coarsest level is `level`. ReferenceMargin_px: the derivatives of a pixel
+// read pixels of the same view up to this far away (two window radii plus the footprint of a coarse pixel).
+// TargetMargin_px: the same where it is warped into another view (a cell of bilinear interpolation).
 int ReferenceMargin_px(int window_px, int level);
 int TargetMargin_px(int level);
 
 class DataTerm {
  public:
-  // What is passed must outlive it, but for the options; `cells` may be null.
+  // All arguments except the options must outlive the object; `cells` may be null.
   DataTerm(const std::vector<RefineView>& views, const std::vector<ViewPair>& pairs, const ViewGroups& groups,
            const MeshCells* cells, const DataOptions& options);
 
-  // Errors as those of ViewPixels.
+  // Errors as ViewPixels.
   Status EnterLevel(int level);
 
-  // At the mesh as it lies, on the level at hand; `mesh.labels` empty: no contours. Exact for own faces (flags; empty:
-  // all), to the last bit, wherever the mesh has all faces that the margins above can show: see PhotoTerm::Evaluate.
+  // Evaluates the terms at the mesh's current positions on the current level. Without `mesh.labels` there are no
+  // contours. The derivatives of own faces (flags; empty: all) are exact to the last bit if the mesh contains all
+  // faces that the margins above can show: see PhotoTerm::Evaluate.
   void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const Clock* clock, FaceDerivatives* out);
 
-  // Gives back what the next Evaluate would use again.
+  // Frees buffers that the next Evaluate would reuse.
   void ReleaseBuffers() { photo_->ReleaseBuffers(); }
 
  private:
@@ -88,7 +89,7 @@ class DataTerm {
   int level_ = -1;
 };
 
-// The data term's share of the options.
+// The options of the photo term.
 PhotoOptions MakePhotoOptions(const DataOptions& options);
 
 }  // namespace tessera

@@ -1,6 +1,6 @@
-// The data term E_photo + λ1 E_sem of all view pairs: 1 - ZNCC over windows, and half the squared differences of class
-// likelihoods pixel by pixel; exact gradient and Gauss-Newton curvature at the vertices (Bláha et al. 2017, eq. 2-5,
-// with the derivative of the windowed score instead of the pointwise one).
+// The data term E_photo + λ1 E_sem of all view pairs: 1 - ZNCC over windows, and half the squared differences of
+// class likelihoods per pixel. Gradient and Gauss-Newton curvature at the vertices as in Bláha et al. 2017, eq. 2-5,
+// but with the exact derivative of the windowed score instead of the pointwise approximation.
 #ifndef TESSERA_WORKER_PHOTO_PHOTO_TERM_H_
 #define TESSERA_WORKER_PHOTO_PHOTO_TERM_H_
 
@@ -27,25 +27,26 @@
 
 namespace tessera {
 
-// A view at one pyramid level: the whole image's camera (its pixels may count from anywhere, the width and height mean
-// nothing) and the texels of what the mesh can cover of it, or where they are brought from while the view is open.
+// A view at one pyramid level: the whole image's camera and the texels that the mesh can cover, or the store from
+// which they are loaded while the view is open. The camera's pixel origin is arbitrary; its width and height are
+// ignored.
 struct PhotoView {
-  // Sums are made in strips and blocks that count from the window's corner: where it is a multiple of this in both
-  // directions, a face that a window holds with its surroundings has the same sums, bit for bit, in any other.
+  // Sums are computed in strips and blocks relative to the window's corner. If the corner is a multiple of this in
+  // both directions, a face has the same sums, bit for bit, in every window that contains it and its surroundings.
   static constexpr int kWindowStep = 64;
 
   PosedCamera camera;
   Texels texels;
-  DepthRange depths = {};  // empty: taken anew from what the view sees, so that it depends on all of the mesh
+  DepthRange depths = {};  // empty: derived from the visible mesh, so results depend on all of the mesh
   std::optional<StoredTexels> stored = std::nullopt;
-  int step_x = 0, step_y = 0;  // where some step of the windows on `stored` begins
+  int step_x = 0, step_y = 0;  // origin of the window steps on `stored`
 
-  // With its corner moved to the step before it.
+  // Aligns the corner down to a window step.
   PixelRect FromStep(const PixelRect& rect) const {
     const auto before = [](int x, int step) { return x - ((x - step) % kWindowStep + kWindowStep) % kWindowStep; };
     return {before(rect.x0, step_x), before(rect.y0, step_y), rect.x1, rect.y1};
   }
-  // The window on all that there is.
+  // The window that covers all available pixels.
   PixelRect rect() const {
     if (stored) return FromStep(stored->rect);
     return {texels.x0, texels.y0, texels.x0 + texels.width, texels.y0 + texels.height};
@@ -54,73 +55,76 @@ struct PhotoView {
 
 struct PhotoOptions {
   ZnccWindow window;
-  SemanticWeight semantic;    // pairs of which a view has no likelihoods have no E_sem
-  double min_cosine = 0.1;    // of the angle between a face's normal and the ray
-  double occlusion_px = 1;    // slack of the depth test, in pixels of the other view
-  int visitor_margin_px = 0;  // that a visitor reads about own faces' pixels
+  SemanticWeight semantic;    // ignored for pairs of which a view has no likelihoods
+  double min_cosine = 0.1;    // minimum, between a face's normal and the ray
+  double occlusion_px = 1;    // tolerance of the depth test, in pixels of the other view
+  int visitor_margin_px = 0;  // margin around own faces' pixels that the visitor reads
 };
 
-// What the pixels say of each face, all views together.
+// Sums over all views.
 struct PhotoSums {
   ZnccSums sums;                // over windows and pixels
-  std::vector<FaceSums> faces;  // derivatives of energy + λ1 semantic_energy; of faces that are not own: unspecified
+  std::vector<FaceSums> faces;  // derivatives of energy + λ1 semantic_energy; undefined for faces that are not own
   int64_t warped_pixels = 0;
   double seconds_visibility = 0, seconds_photo = 0;
 };
 
-// One window's weights: Gaussian of sigma = size / 4, or box.
+// Weights of one window: Gaussian of sigma = size / 4, or box.
 ZnccWindow MakeWindow(int size_px, bool gaussian);
 
-// The pair as the kernel takes it. `target`: of `other`. `reference` and `target` must outlive the result.
+// The kernel's parameters of a pair. `target`: of `other`. `reference` and `target` must outlive the result.
 ZnccPair MakeZnccPair(const PhotoView& reference, const PosedCamera& other, const WarpTarget& target,
                       double occlusion_px);
 
-// Evaluates all pairs on a mesh. Holds buffers between calls. Results do not depend on the number of threads.
+// Evaluates all pairs on a mesh. Owns buffers that are reused between calls. Results do not depend on the number of
+// threads.
 class PhotoTerm {
  public:
-  // `views`, `pairs` and `groups` must outlive this; pairs sorted by reference. `groups`: of the mesh's faces and
-  // `views`; null: every view looks at every face.
+  // `views`, `pairs` and `groups` must outlive the object; pairs are sorted by reference. `groups`: view selection
+  // for the mesh's faces; null: every view is selected for every face.
   PhotoTerm(std::vector<PhotoView>* views, const std::vector<ViewPair>& pairs, const PhotoOptions& options,
             const ViewGroups* groups = nullptr);
 
-  // What each view sees of its own faces and about them, once, while it is at hand: `map` and texels of one window.
-  // Called from several threads, for different views.
+  // Called once per view with the map of own faces and their surroundings, and the texels of the same window. Called
+  // from several threads, for different views.
   using MapVisitor = std::function<void(size_t index, const PhotoView& view, const FaceMap& map)>;
 
-  // Visibility is taken from `mesh` as it is and frozen in the derivatives. `own`: the faces whose sums are wanted;
-  // empty: all. The sums of an own face depend on what lies within 2·radius rows and columns of its own pixels in each
-  // reference (a pixel is in windows up to `radius` off, which hold pixels up to `radius` further), on the depths and
-  // texels where those pixels land in the partners, and on nothing else. `cells`, `clock` and `visit` may be null;
-  // `cells`, which are the groups then, spare drawing what cannot be seen (FindCellSight). What a view sees is drawn
-  // when the first pair asks for it and dropped after the last: memory is that of the views that are open together, so
-  // pairs had better be of views that are near each other in the list.
+  // Evaluates all pairs. Visibility is computed from `mesh` and kept constant in the derivatives. `own`: flags of the
+  // faces to sum; empty: all.
+  // Dependency: the sums of an own face depend only on the pixels within 2·radius rows and columns of its own pixels
+  // in each reference, and on the depths and texels where those pixels are warped to in the partners. (A pixel
+  // belongs to windows up to `radius` away, which contain pixels up to `radius` further.)
+  // `cells`, `clock` and `visit` may be null. With `cells`, which are then the groups, invisible cells are not drawn
+  // (FindCellSight).
+  // A view is drawn when the first pair needs it and freed after the last one, so memory is bounded by the views open
+  // at the same time: views of a pair should be close in the list.
   void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells, const Clock* clock,
                 PhotoSums* out, const MapVisitor& visit = nullptr);
 
-  // Gives back what the next Evaluate would use again.
+  // Frees buffers that the next Evaluate would reuse.
   void ReleaseBuffers();
 
  private:
-  // What a thread needs for a strip.
+  // Buffers of a thread for one strip.
   struct Workspace {
     ReferenceStrip strip;
     ZnccScratch scratch;
     FaceSlots slots;
   };
-  // What an open view has, to be used again by another.
+  // Buffers of an open view, reused by later ones.
   struct Buffers {
     FaceMap map;
     WarpTarget target;
-    Texels target_texels, reference_texels;  // their arrays
+    Texels target_texels, reference_texels;  // only their arrays
   };
   Buffers TakeBuffers(size_t pixels);
-  // Whether a view is smaller as a reference than as a target; the reference then has texels of its own.
+  // Whether a view's window is smaller as a reference than as a target. The reference then has its own texels.
   bool IsNarrow(size_t view) const { return reference_rects_[view] != target_rects_[view]; }
   const PhotoView& ReferenceOf(size_t view) const { return IsNarrow(view) ? references_[view] : views_[view]; }
   std::unique_ptr<Workspace> TakeWorkspace();
   void ReturnWorkspace(std::unique_ptr<Workspace> workspace);
   void FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells);
-  // Draws the views that reference `step` needs and some of the next, so that all threads have work.
+  // Draws the views that reference `step` needs, and some later ones so that all threads are busy.
   void Open(size_t step, const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MapVisitor& visit);
   void Close(size_t step);
   void EvaluateReference(const TriangleMesh& mesh, const std::vector<uint8_t>& own, size_t first_pair, size_t last_pair,
@@ -131,23 +135,23 @@ class PhotoTerm {
   PhotoOptions options_;
   const ViewGroups* groups_;
   Rasterizer rasterizer_;
-  // Step i is that of reference i; a view is open from the first step that reads it to the last.
-  // What is read of each view: of the mesh, and of the image, by all that land on it and as a reference; nothing where
-  // a rectangle is empty.
+  // Step i processes reference i. A view is open from the first step that reads it to the last. parts_: the cells of
+  // the mesh drawn per view. target_rects_, reference_rects_: the pixels read as a target and as a reference; empty:
+  // none.
   std::vector<MeshPart> parts_;
   std::vector<PixelRect> target_rects_, reference_rects_;
-  std::vector<PhotoView> references_;         // of narrow views, while they are open
-  std::vector<FaceMap> drawn_;                // of views that are being opened
-  std::vector<size_t> opening_;               // views by their first step
-  std::vector<size_t> first_step_;            // of each view
-  std::vector<std::vector<size_t>> closing_;  // views whose last step it is, by step
-  size_t opened_ = 0;                         // of opening_
-  std::vector<FaceMap> maps_;                 // by view, those of open ones, as references
+  std::vector<PhotoView> references_;         // of narrow views while open
+  std::vector<FaceMap> drawn_;                // of views being opened
+  std::vector<size_t> opening_;               // views ordered by first step
+  std::vector<size_t> first_step_;            // per view
+  std::vector<std::vector<size_t>> closing_;  // per step: views whose last step it is
+  size_t opened_ = 0;                         // number of opening_ done
+  std::vector<FaceMap> maps_;                 // per view while open, as references
   std::vector<WarpTarget> targets_;
   std::vector<Buffers> spare_;
   std::vector<Eigen::Vector3d> normals_;
-  std::vector<double> plane_;   // of each face: n·V0
-  std::vector<float> offsets_;  // of each face from the reference at hand: n·(V0 - C)
+  std::vector<double> plane_;   // per face: n·V0
+  std::vector<float> offsets_;  // per face, relative to the current reference: n·(V0 - C)
   FaceGatherer gatherer_;
   std::mutex workspace_mutex_;
   std::vector<std::unique_ptr<Workspace>> workspaces_;

@@ -1,4 +1,5 @@
-// Moves the vertices once the data term is evaluated: step, guard and repair, with what they keep of the start.
+// Moves the vertices after the data term is evaluated: step, guard and repair, with the data of the start that they
+// need.
 #ifndef TESSERA_WORKER_REFINE_STEPPER_H_
 #define TESSERA_WORKER_REFINE_STEPPER_H_
 
@@ -17,29 +18,31 @@
 namespace tessera {
 
 struct StepperOptions {
-  // Smoothness, per vertex, relative to the mean pair's photo energy summed over pixels of the level; displacements
-  // count in pixels of the level.
+  // Smoothness per vertex, relative to the photo energy of an average pair summed over pixels of the level.
+  // Displacements count in pixels of the level.
   double thin_plate = 0.3;  // λ2
   double membrane = 0.02;
-  double rim = 0.3;                      // keeps the displacement of mesh rims smooth along the rim
-  std::vector<ClassSmoothness> classes;  // by label; beyond its end: weight 1
+  double rim = 0.3;                      // smooths the motion of the mesh boundary along it
+  std::vector<ClassSmoothness> classes;  // by label; classes beyond the end have weight 1
   double mixed = 0.3;                    // weight of vertices whose faces have several labels; 0: none
   CreaseWeights creases;                 // of vertices with labels
   double inter = 0;                      // λ3, of E_inter; 0: off
   int smoothing_sweeps = 20;             // Chebyshev sweeps of the semi-implicit step
 
   double max_step_px = 1.0;  // per iteration, pixels of the level
-  double step_decay = 0.95;  // of the step cap per iteration
+  double step_decay = 0.95;  // factor of the maximum step per iteration
   Acceleration acceleration = {1.5, 0.6};
-  double evidence = 0.3;    // the data's curvature a vertex, as smoothness counts, at which it has half of its effect
-  double grid_gsd = 0.016;  // steps end on a grid of (at most) so much
-  double max_normal_gsd = 32, max_tangent_gsd = 24;  // of a whole run, along the smoothed start's normal and across
-  int start_smoothing_steps = 5;                     // what of the start counts as shape (SmoothedPositions)
-  double min_start_cosine = 0.02;                    // of a face's normal with the smoothed start's
+  double evidence =
+      0.3;  // data curvature per vertex, in units of smoothness, at which the acceleration has half its effect
+  double grid_gsd = 0.016;  // upper bound of the grid spacing on which steps end
+  double max_normal_gsd = 32,
+         max_tangent_gsd = 24;     // limits per run, along the smoothed start's normal and perpendicular to it
+  int start_smoothing_steps = 5;   // smoothing of the start that defines its normals (SmoothedPositions)
+  double min_start_cosine = 0.02;  // minimum between a face's normal and the smoothed start's
 };
 
-// One mesh's. Nothing that is summed over the whole mesh steers a vertex. Results do not depend on the number of
-// threads.
+// The steps of one mesh. No sum over the whole mesh affects a vertex, so results depend only on its neighbourhood
+// (StepReachOf) and not on the number of threads.
 class Stepper {
  public:
   // `start`: positions before the first round, with the current labels. Flags, one a vertex or empty for none:
@@ -67,10 +70,10 @@ class Stepper {
   SmoothTerm smooth_;
   InterTerm inter_;
   MotionGuard guard_;
-  std::optional<FoldRepair> repair_;  // made when first needed
+  std::optional<FoldRepair> repair_;  // created on first use
 };
 
-// What bounds the motion of a run.
+// The motion limits of a run.
 MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m);
 
 }  // namespace tessera

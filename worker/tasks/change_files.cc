@@ -27,7 +27,7 @@ StatusOr<ChangeRaster> ReadChangeRaster(const std::string& path) {
     const json& c = metadata.at("cells");
     raster = ChangeRaster({c.at(0), c.at(1), c.at(2), c.at(3)}, metadata.at("cell_m"));
   } catch (const json::exception& e) {
-    return absl::DataLossError(path + ": not the metadata of a raster: " + e.what());
+    return absl::DataLossError(path + ": found invalid metadata, expected that of a change raster: " + e.what());
   }
   const auto cells = static_cast<int64_t>(raster.before.size());
   TESSERA_ASSIGN_OR_RETURN(raster.before.height_m, file.Take<float>("height_before", cells));

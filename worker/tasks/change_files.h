@@ -1,4 +1,4 @@
-// Rasters of changes as files between tasks.
+// Stores change rasters as files passed between tasks.
 #ifndef TESSERA_WORKER_TASKS_CHANGE_FILES_H_
 #define TESSERA_WORKER_TASKS_CHANGE_FILES_H_
 

@@ -34,7 +34,7 @@ StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& 
   for (const CellRect& block : parameters.blocks) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     control.Report(0.7 * static_cast<double>(rasters.size()) / static_cast<double>(parameters.blocks.size()),
-                   "comparing the result");
+                   "comparing the refined mesh");
     TESSERA_ASSIGN_OR_RETURN(ChangeRaster raster, ReadChangeRaster(InputPath(request, ChangeBlockFile(block))));
     TESSERA_ASSIGN_OR_RETURN(const CollectedFaces surface,
                              RefinedSurface(city, ground, PlanOf(block, ground.cell_m, 1), states));
@@ -48,11 +48,11 @@ StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& 
   const ChangeRaster whole = MergeRasters(rasters);
   const EpochDisagreement disagreement = MeasureDisagreement(whole, refined, roles, survey.gsd_m, options);
   OutdatedFaceFinder outdated(ground, whole, of_base.ids(), &areas);
-  control.Report(0.7, "finding what it cannot follow");
+  control.Report(0.7, "finding changes that the mesh does not follow");
   for (const CellRect& block : parameters.blocks) {
     TESSERA_RETURN_IF_ERROR(control.Check());
     if (!outdated.Asks(block)) continue;
-    // Vertices have moved since the city's blocks were made.
+    // Vertices have moved since the city's blocks were written, so the blocks' boxes are enlarged.
     TESSERA_ASSIGN_OR_RETURN(const CollectedFaces surface,
                              RefinedSurface(city, ground, PlanOf(block, ground.cell_m, kBlockMargin), states));
     outdated.Add(surface, block);
@@ -71,13 +71,13 @@ StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& 
   for (const ChangeArea& area : areas) unfollowed += area.followed && !*area.followed;
   if (unfollowed > 0) {
     outcome.warnings.push_back(std::to_string(unfollowed) + " of " + std::to_string(areas.size()) +
-                               " changed areas need a new coarse mesh, for the old one cannot follow them: "
-                               "changes.json has them (followed: false)");
+                               " changed areas need a new coarse mesh: refinement of the old one cannot follow them; "
+                               "changes.json lists them (followed: false)");
   }
   if (disagreement.IsLarge()) {
     outcome.warnings.push_back(absl::StrFormat(
-        "the new images contradict the base's surface where they see it: heights on %.0f %% of the ground, classes on "
-        "%.0f %%, ZNCC %.2f on it and %.2f on what they show: where much was rebuilt, take a new coarse mesh",
+        "the new images differ from the base job's surface: heights on %.0f %% of the measured ground, classes on "
+        "%.0f %%, ZNCC %.2f on the old and %.2f on the new surface; where much was rebuilt, use a new coarse mesh",
         100 * disagreement.before.heights, 100 * disagreement.before.labels, disagreement.agreement_before,
         disagreement.agreement));
   }

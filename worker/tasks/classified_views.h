@@ -1,4 +1,4 @@
-// What tells likelihoods that a job makes itself from others, before they are made.
+// Content keys of likelihoods that a job computes itself, before they exist.
 #ifndef TESSERA_WORKER_TASKS_CLASSIFIED_VIEWS_H_
 #define TESSERA_WORKER_TASKS_CLASSIFIED_VIEWS_H_
 
@@ -14,13 +14,13 @@
 
 namespace tessera {
 
-// Survey::classifier of a job: by the content of its trained classifier, which is read and checked. A warning if that
-// learnt at another resolution than the survey's.
+// Sets Survey::classifier of a job to the content of its trained classifier, which is read and checked. Warns if the
+// classifier was trained at another resolution than the survey's.
 StatusOr<std::string> ClassifierContent(const TaskRequest& request, const IngestParameters& parameters, double gsd_m,
                                         Warnings* warnings);
 
-// likelihood_content of the views, by the classifier and their photographs' colours, which are read; those whose
-// image_path is in `known` keep theirs. Errors of reading, one a line, or CANCELLED.
+// Sets likelihood_content of the views from the classifier and the colours of their images, which are read. Views
+// whose image_path is in `known` keep theirs. Read errors, one per line, or CANCELLED.
 Status FillClassifiedContents(const Survey& survey, const std::set<std::string>& known, const TaskControl& control,
                               SceneDescription* scene);
 

@@ -18,12 +18,12 @@
 namespace tessera {
 namespace {
 
-// What a place's features depend on lies no farther from it.
+// Radius of the surface that a point's features depend on.
 constexpr double kReach_m = 30;
 static_assert(kReach_m >= MeshSurface::kGroundRadii_m.back() && kReach_m >= MeshSurface::kReliefRadii_m.back());
 
-// The blocks of the city that the view may show anything of, or of what is about that, up to the depth. None, if
-// it shows no part of the city.
+// The blocks of the city that the view may show up to this depth, with the radius above. Empty if it shows no part of
+// the city.
 StatusOr<TriangleMesh> MeshInSight(const CityReader& city, const PosedCamera& camera, double depth_m) {
   const Eigen::Vector3d reach = Eigen::Vector3d::Constant(kReach_m);
   TriangleMesh mesh;
@@ -46,7 +46,7 @@ StatusOr<TriangleMesh> MeshInSight(const CityReader& city, const PosedCamera& ca
   return mesh;
 }
 
-// What counts as known of the view: its photograph, posed, and the classes to tell.
+// The inputs for one view: its image, its pose, and the classes.
 StatusOr<SceneDescription> SceneOf(const ClassifyParameters& parameters, const std::string& input_dir) {
   TESSERA_ASSIGN_OR_RETURN(std::vector<SceneView> views, ParseViews(parameters.view_json));
   SceneDescription scene;
@@ -87,18 +87,18 @@ StatusOr<TaskOutcome> RunClassify(const TaskRequest& request, const TaskControl&
   SceneView& view = scene.views[0];
   TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, MeshInSight(city, view.camera, parameters.depth_m));
   TESSERA_RETURN_IF_ERROR(control.Check());
-  // A view that is compared with others may show nothing of the city, where its mesh was revised.
+  // A partner view may show nothing of the city where its mesh was revised.
   std::optional<MeshSurface> surface;
   if (!mesh.faces.empty()) surface.emplace(mesh, scene.up_in_local, parameters.gsd_m);
   TESSERA_RETURN_IF_ERROR(control.Check());
   control.Report(0.2, "classifying");
   TESSERA_ASSIGN_OR_RETURN(const ByteImage likelihoods, ClassifyView(scene, 0, surface ? &*surface : nullptr, use));
   TESSERA_RETURN_IF_ERROR(control.Check());
-  control.Report(0.9, "looking at borders");
+  control.Report(0.9, "measuring class borders");
   const std::string file = ViewFileName(parameters.view, true), borders_file = ViewBordersName(parameters.view);
   TESSERA_RETURN_IF_ERROR(EnsureFolder(std::filesystem::path(OutputPath(request, file)).parent_path().string()));
   TESSERA_RETURN_IF_ERROR(WriteLikelihoodTiff(OutputPath(request, file), likelihoods));
-  // As ingest reads a scene's own.
+  // As ingest does for a scene with likelihoods.
   const int classes = static_cast<int>(names.size());
   BorderCounts borders(classes);
   TESSERA_ASSIGN_OR_RETURN(const FloatImage luminance, ReadLuminance(InputPath(request, view.image_path), view.lens));
@@ -118,7 +118,9 @@ StatusOr<TaskOutcome> RunClassify(const TaskRequest& request, const TaskControl&
 StatusOr<TaskOutcome> RunBorders(const TaskRequest& request, const TaskControl& control, const Clock& clock) {
   const int64_t start_us = clock.MonotonicUs();
   TESSERA_ASSIGN_OR_RETURN(const BordersParameters parameters, ParseBordersParameters(request.parameters));
-  if (parameters.classes < 2) return absl::InvalidArgumentError("borders: found no two classes");
+  if (parameters.classes < 2)
+    return absl::InvalidArgumentError(
+        absl::StrCat("borders: found ", parameters.classes, " classes, expected at least 2"));
   BorderCounts borders(parameters.classes);
   for (const int32_t view : parameters.views) {
     TESSERA_RETURN_IF_ERROR(control.Check());

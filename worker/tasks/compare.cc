@@ -16,9 +16,9 @@
 namespace tessera {
 namespace {
 
-constexpr int kWindowMargin_px = 16;  // of the windows that are compared
+constexpr int kWindowMargin_px = 16;  // margin around the compared windows
 
-// What of the image may show the box; empty: nothing.
+// The part of the image that may show the box; may be empty.
 ImagePart PartThatShows(const PosedCamera& camera, const Eigen::AlignedBox3d& box) {
   const PinholeCamera& k = camera.intrinsics;
   Eigen::AlignedBox2d seen;
@@ -34,7 +34,7 @@ ImagePart PartThatShows(const PosedCamera& camera, const Eigen::AlignedBox3d& bo
           clamp(seen.max().x() + kWindowMargin_px, k.width), clamp(seen.max().y() + kWindowMargin_px, k.height)};
 }
 
-// Everything that the sweep may look at.
+// Bounds of everything that the sweep may read.
 Eigen::AlignedBox3d SweptBox(const TriangleMesh& surface, const GroundPlane& ground, const Eigen::AlignedBox2d& plan,
                              const MeasureOptions& options) {
   const Eigen::Vector3d up = ground.axis_x.cross(ground.axis_y);

@@ -27,7 +27,7 @@ constexpr double kCellGsd = 64;  // rounded to a power of two in metres
 constexpr int64_t kCoverageClusters = 1 << 18;
 constexpr int kMinPairSamples = 4000, kPairSamplesPerView = 100, kMaxPairSamples = 100000;
 
-// Scenes with more faces are not checked with all of their mesh in memory, but as it streams by.
+// Larger scenes are checked while their mesh is streamed, not in memory.
 constexpr int64_t kMaxFacesInMemory = 4 << 20;
 
 std::vector<PosedCamera> CamerasOf(const SceneDescription& scene) {
@@ -36,7 +36,7 @@ std::vector<PosedCamera> CamerasOf(const SceneDescription& scene) {
   return cameras;
 }
 
-// As SelectPairs and MedianGsd take their samples of the whole mesh.
+// The sample faces of SelectPairs and MedianGsd, picked from the whole mesh.
 TriangleMesh PairSamples(const MeshSpans& mesh, int samples) {
   const size_t step = std::max<size_t>(1, mesh.faces.size() / static_cast<size_t>(samples));
   std::vector<size_t> faces;
@@ -52,8 +52,8 @@ TriangleMesh GsdSamples(const MeshSpans& mesh) {
   return PickFaces(mesh, faces);
 }
 
-// Which views are compared, and the views in an order in which those lie near each other: what is kept of views while
-// tiles are refined goes by it.
+// Selects pairs and reorders the views so that paired views are close together, since memory during refinement
+// depends on the distance in this order.
 void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, const IngestParameters& parameters,
                Survey* survey) {
   PairOptions options;
@@ -74,7 +74,7 @@ void FillPairs(const MeshSpans& mesh, const std::vector<PosedCamera>& cameras, c
   std::sort(survey->pairs.begin(), survey->pairs.end());
 }
 
-// What CheckSceneFolder says of a mesh, of one that it has left to us.
+// Reports mesh defects that CheckSceneFolder would report, for meshes that it leaves to ingest.
 Status CheckLargeMesh(const SceneDescription& scene, const DiskMesh& mesh, const MeshDefects& defects, double gsd_m,
                       const std::string& scratch_folder, const TaskControl& control, Warnings* warnings) {
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
@@ -102,7 +102,7 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   SceneLoadOptions load;
   load.to_be_classified = parameters.classify;
   load.by_default_rule = parameters.by_default_rule;
-  // Says all that is wrong at once; after it loading cannot fail for the scene's sake.
+  // Reports all errors at once. Afterwards loading cannot fail because of the scene.
   TESSERA_ASSIGN_OR_RETURN(const SceneSummary summary,
                            CheckSceneFolder(InputPath(request, kSceneFolder), load, kMaxFacesInMemory,
                                             &outcome.warnings, PartOf(control, 0, 0.3)));
@@ -132,7 +132,8 @@ StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& c
   control.Report(0.4, "repairing the mesh");
   MeshDefects defects;
   TESSERA_ASSIGN_OR_RETURN(mesh, RepairOnDisk(std::move(mesh), scratch, DiskPassOptions(), &defects));
-  if (mesh.faces.size() == 0) return InputError(scene.mesh_path, "", "degenerate faces alone", "a mesh");
+  if (mesh.faces.size() == 0)
+    return InputError(scene.mesh_path, "", "only degenerate faces", "at least one face with an area");
   if (survey.input_faces > kMaxFacesInMemory) {
     TESSERA_RETURN_IF_ERROR(CheckLargeMesh(scene, mesh, defects, survey.gsd_m, scratch, control, &outcome.warnings));
   }

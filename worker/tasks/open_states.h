@@ -1,4 +1,4 @@
-// Tiles' states among a task's inputs.
+// Opens tiles' states among a task's inputs.
 #ifndef TESSERA_WORKER_TASKS_OPEN_STATES_H_
 #define TESSERA_WORKER_TASKS_OPEN_STATES_H_
 
@@ -10,7 +10,7 @@
 
 namespace tessera {
 
-// The states of these tiles, whose kStateFile are among the request's inputs. Errors as MappedState::Open's.
+// The states of these tiles; their kStateFile are among the request's inputs. Errors as MappedState::Open.
 StatusOr<std::vector<MappedState>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles);
 
 }  // namespace tessera

@@ -26,7 +26,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   survey.warnings = parameters.warnings;
   for (const int tile : parameters.set_aside) {
     survey.warnings.push_back(
-        absl::StrCat("tile ", tile, " was set aside: its refinement failed, and it is as it was before"));
+        absl::StrCat("tile ", tile, " was set aside: its refinement failed; its part of the result is not refined"));
   }
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
 
@@ -36,7 +36,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   std::vector<TileParameters> tiles;
   for (const TileParameters& tile : parameters.tiles) {
     TESSERA_RETURN_IF_ERROR(control.Check());
-    if (tile.core.empty()) continue;  // gone
+    if (tile.core.empty()) continue;  // the tile no longer exists
     tiles.push_back(tile);
     TESSERA_ASSIGN_OR_RETURN(MappedState core,
                              MappedState::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));

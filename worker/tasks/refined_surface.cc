@@ -5,7 +5,7 @@
 namespace tessera {
 namespace {
 
-// Calls found(i, place) for each of `some` that is among `all`; both ascend.
+// Calls found(i, index) for each element of `some` that is in `all`, with its index there. Both ascend.
 template <class Found>
 void ForShared(std::span<const uint32_t> some, const std::vector<uint32_t>& all, const Found& found) {
   size_t place = 0;

@@ -1,4 +1,4 @@
-// A piece of the city's surface as tiles' states have it.
+// A part of the city's surface with the tiles' current states.
 #ifndef TESSERA_WORKER_TASKS_REFINED_SURFACE_H_
 #define TESSERA_WORKER_TASKS_REFINED_SURFACE_H_
 
@@ -13,12 +13,12 @@
 
 namespace tessera {
 
-// The faces that may lie over `plan` (metres in the ground plane), with labels; positions and labels where `states`
-// have them, else those of the start. Errors as the city's.
+// The faces that may be above `plan` (metres in the ground plane), with labels. Positions and labels are those of
+// `states` where available, else of the start. Errors as the city's.
 StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlane& ground,
                                         const Eigen::AlignedBox2d& plan, const std::vector<MappedState>& states);
 
-// Of a rectangle of cells that are `cell_m` wide.
+// The same for a rectangle of cells of width `cell_m`.
 Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cells);
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// What a worker can do: a task is a pure function from a folder of input files to a folder of output files.
+// A task of a worker: a pure function from a folder of input files to a folder of output files.
 #ifndef TESSERA_WORKER_TASKS_TASK_H_
 #define TESSERA_WORKER_TASKS_TASK_H_
 
@@ -10,12 +10,12 @@
 
 namespace tessera {
 
-// Everything that determines the outputs: kind, parameters and the bytes of the inputs; nothing else may be read.
+// Everything that determines the outputs: kind, parameters and the bytes of the inputs. Nothing else may be read.
 struct TaskRequest {
   std::string kind;        // a name in kTaskKinds (common/job/task_kinds.h)
   std::string parameters;  // canonical JSON, made by server/plan
-  std::string input_dir;   // inputs lie here under their names (which may contain folders), read-only
-  std::string output_dir;  // empty folder to write to
+  std::string input_dir;   // inputs by name (names may contain folders), read-only
+  std::string output_dir;  // initially empty
 };
 
 struct TaskOutcome {
@@ -24,9 +24,9 @@ struct TaskOutcome {
   Warnings warnings;
 };
 
-// Runs one task. Errors: INVALID_ARGUMENT, NOT_FOUND, OUT_OF_RANGE and DATA_LOSS say that the inputs are wrong, or do
-// not go together; RESOURCE_EXHAUSTED is memory unless IsFileError; CANCELLED follows `control`. What is made of them
-// is worker/agent's to say. Outputs are byte-equal for equal inputs.
+// Runs one task. Outputs are byte-equal for equal inputs. INVALID_ARGUMENT, NOT_FOUND, OUT_OF_RANGE and DATA_LOSS:
+// the inputs are wrong or inconsistent. RESOURCE_EXHAUSTED: out of memory, unless IsFileError. CANCELLED if `control`
+// is cancelled. worker/agent maps errors to failure classes.
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control);
 
 }  // namespace tessera

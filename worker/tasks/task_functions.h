@@ -1,5 +1,5 @@
-// The tasks, one a file, in the order of the line. Each reads its inputs from request.input_dir and writes its
-// outputs to request.output_dir; errors and promises as RunTask's.
+// The tasks in pipeline order, one file each. A task reads its inputs from request.input_dir and writes its outputs
+// to request.output_dir; errors and guarantees as RunTask.
 #ifndef TESSERA_WORKER_TASKS_TASK_FUNCTIONS_H_
 #define TESSERA_WORKER_TASKS_TASK_FUNCTIONS_H_
 
@@ -15,43 +15,43 @@ namespace tessera {
 // Scene → the repaired and split mesh of the city, and the survey: GSD, cells and their views, pairs.
 StatusOr<TaskOutcome> RunIngest(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// An earlier job's survey and city, and a scene → the survey with the scene's views taken in.
+// Survey and city of the base job, and a scene → the updated survey, and the updated city if the mesh changed.
 StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// City, classifier and a photograph → its likelihoods, and what they and its edges say of each other's borders.
+// City, classifier and an image → its likelihoods, and statistics of their borders against the image's edges.
 StatusOr<TaskOutcome> RunClassify(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// What these say of all photographs → how far borders of likelihoods can be trusted.
+// The statistics of all images → how far the likelihoods' borders can be trusted.
 StatusOr<TaskOutcome> RunBorders(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// City and survey → a tile's package, and which tiles it reads.
+// City and survey → a tile's package, and which other tiles it reads.
 StatusOr<TaskOutcome> RunCut(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and photographs → the pixels that see the tile, which its steps read.
+// Package and images → the pixels that show the tile.
 StatusOr<TaskOutcome> RunCrop(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and pixels of a job's only tile → its state after all steps.
+// Package and pixels of the job's only tile → its state after all steps.
 StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package, pixels and the states of the tiles in sight → what the pixels say of each face of the core in one step.
+// Package, pixels and states of the visible tiles → sums of the data term per face of the core, for one step.
 StatusOr<TaskOutcome> RunMeasure(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package, sums and states of the tiles in reach → the core's state after the step.
+// Package, sums and states within the dependency radius → the core's state after the step.
 StatusOr<TaskOutcome> RunSolve(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// Package and states of the tiles in reach → the core's state with folds repaired.
+// Package and states within the dependency radius → the core's state after the repair.
 StatusOr<TaskOutcome> RunRepair(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// City and survey → a tile's core as it is at the start, where its refinement failed.
+// City and survey → the core's start as its state, for a tile whose refinement failed.
 StatusOr<TaskOutcome> RunStart(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// City, survey, states of an update's base and new photographs → what they show of a block of ground.
+// City, survey, states of the base job and new images → change raster of a block of ground.
 StatusOr<TaskOutcome> RunCompare(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// All of that, and the last states → changes.json, changes.geojson, changes.png.
+// All change rasters and the last states → changes.json, changes.geojson, changes.png.
 StatusOr<TaskOutcome> RunChanges(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
-// City, survey and the last states → mesh.ply in the scene's own frame, and report.json.
+// City, survey and the last states → mesh.ply in the scene's frame, and report.json.
 StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& control, const Clock& clock);
 
 inline std::string InputPath(const TaskRequest& request, const std::string& name) {

@@ -22,7 +22,7 @@
 namespace tessera {
 namespace {
 
-// What the files of the views decode to: known for those of the base, read for the others.
+// Hashes of the decoded content of the views' files: known for the base's views, computed for the others.
 Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneDescription* scene) {
   std::vector<Status> statuses(scene->views.size());
   ParallelFor(static_cast<int64_t>(scene->views.size()), 1, [&](int64_t begin, int64_t end) {
@@ -54,7 +54,7 @@ Status FillContents(const UpdateFiles& files, const TaskControl& control, SceneD
   return control.Check();
 }
 
-// Takes the base's city on to the scene's mesh, and writes it.
+// Updates the base's city to the scene's mesh and writes it.
 Status ReviseMesh(const SceneDescription& scene, const std::string& base_mesh_path, const TaskRequest& request,
                   const CityReader& city, const TaskControl& control, Survey* survey, Warnings* warnings) {
   TESSERA_ASSIGN_OR_RETURN(const TempFolder scratch_folder, TempFolder::Create(request.output_dir, "scratch-"));
@@ -69,13 +69,14 @@ Status ReviseMesh(const SceneDescription& scene, const std::string& base_mesh_pa
   const std::string path = absl::StrCat(scene.folder, "/", scene.mesh_path);
   if (now.float_positions) TESSERA_RETURN_IF_ERROR(CheckFloatRounding(path, now.largest_coordinate_m, survey->gsd_m));
   if ((now.labels.size() > 0) != survey->has_labels) {
-    return InputError(path, "", survey->has_labels ? "no labels" : "labels",
-                      survey->has_labels ? "some, as the base's mesh has" : "none, as in the base's mesh");
+    return InputError(
+        path, "", survey->has_labels ? "no labels" : "labels",
+        survey->has_labels ? "labels, as in the base job's mesh" : "no labels, as in the base job's mesh");
   }
   SceneDescription with_base_mesh = scene;
   with_base_mesh.mesh_path = base_mesh_path;
   if (!FileExists(absl::StrCat(scene.folder, "/", base_mesh_path))) {
-    return InputError(path, "", "another mesh than the base's, not called .ply", "a name that ends in .ply");
+    return InputError(path, "", "a new mesh that is not a PLY file", "a name that ends in .ply");
   }
   TESSERA_ASSIGN_OR_RETURN(DiskMesh base, ReadMeshToDisk(with_base_mesh, scratch));
   TESSERA_ASSIGN_OR_RETURN(base, RepairOnDisk(std::move(base), scratch, DiskPassOptions(), &of_base));
@@ -89,7 +90,8 @@ Status ReviseMesh(const SceneDescription& scene, const std::string& base_mesh_pa
   }
   TESSERA_ASSIGN_OR_RETURN(const RevisedCity revised, ReviseCity(city, base, now, survey->ground, cameras,
                                                                  DensityOptions(), scratch, PartOf(control, 0.4, 0.8)));
-  if (revised.spans().mesh.faces.empty()) return InputError(path, "", "degenerate faces alone", "a mesh");
+  if (revised.spans().mesh.faces.empty())
+    return InputError(path, "", "only degenerate faces", "at least one face with an area");
   control.Report(0.8, "writing the city");
   std::map<std::pair<int, int>, std::vector<int32_t>> views;
   for (SurveyCell& cell : survey->cells) views[{cell.x, cell.y}] = std::move(cell.views);
@@ -155,8 +157,8 @@ StatusOr<TaskOutcome> RunUpdate(const TaskRequest& request, const TaskControl& c
       UpdateViewSelection(city, changes, parameters.all_epochs, options, pairs, PartOf(control, 0.6, 0.95), &survey));
   FillViewDepths(&survey);
   if (changes.snapped > 0) {
-    outcome.warnings.push_back(absl::StrCat(changes.snapped, " poses differ from the base's by less than ", kSnap_px,
-                                            " px all over their images: the base's are kept"));
+    outcome.warnings.push_back(absl::StrCat(changes.snapped, " poses differ from those of the base job by less than ",
+                                            kSnap_px, " px everywhere in the image: the base job's poses are used"));
   }
   survey.warnings.insert(survey.warnings.end(), outcome.warnings.begin(), outcome.warnings.end());
 

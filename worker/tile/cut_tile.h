@@ -1,4 +1,4 @@
-// Taking a tile out of the city.
+// Cuts a tile's package out of the city.
 #ifndef TESSERA_WORKER_TILE_CUT_TILE_H_
 #define TESSERA_WORKER_TILE_CUT_TILE_H_
 
@@ -18,7 +18,7 @@ struct CutOptions {
   RegionReach reach;
 };
 
-// As the operators' bounds have it for windows of this size and this coarsest level of the pyramid.
+// Margins and alignment for this window size and coarsest pyramid level.
 CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const TileRefineOptions& options);
 
 struct CutResult {
@@ -26,9 +26,9 @@ struct CutResult {
   TileReads reads;
 };
 
-// The cells of the core, all that its pixels may show, and all that the operators read about it, in whole cells; and
-// whose states and sums the tile's tasks read, by the tiles' cores. Reads the blocks of the city that these lie in or
-// touch, and no others. INVALID_ARGUMENT for a core without faces; errors as CityReader::Block's.
+// Builds the package: the core's cells, all cells that its pixels may show, and all cells that the operators read
+// around it; also the tiles whose states and sums the tile's tasks read, by the tiles' cores. Reads only blocks of
+// the city that contain or touch these cells. INVALID_ARGUMENT for a core without faces; errors as CityReader::Block.
 StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const CutParameters& parameters,
                             const CutOptions& options);
 

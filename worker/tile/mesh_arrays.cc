@@ -13,7 +13,7 @@ void PutPoints(const std::vector<Eigen::Vector3d>& points, const std::string& na
 
 StatusOr<std::vector<Eigen::Vector3d>> TakePoints(const std::string& name, int64_t count, ArrayFile* file) {
   TESSERA_ASSIGN_OR_RETURN(const std::vector<double> values, file->Take<double>(name, count < 0 ? -1 : 3 * count));
-  if (values.size() % 3 != 0) return absl::DataLossError(file->name + ": " + name + " are not points");
+  if (values.size() % 3 != 0) return absl::DataLossError(file->name + ": " + name + ": expected 3 values per point");
   std::vector<Eigen::Vector3d> points(values.size() / 3);
   for (size_t i = 0; i < points.size(); ++i) points[i] = {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
   return points;
@@ -33,7 +33,8 @@ StatusOr<TriangleMesh> TakeMesh(const std::string& name, ArrayFile* file) {
   TESSERA_ASSIGN_OR_RETURN(mesh.vertices, TakePoints(name + ".vertices", -1, file));
   TESSERA_ASSIGN_OR_RETURN(const std::vector<uint32_t> corners, file->Take<uint32_t>(name + ".faces"));
   TESSERA_ASSIGN_OR_RETURN(mesh.labels, file->Take<int32_t>(name + ".labels"));
-  if (corners.size() % 3 != 0) return absl::DataLossError(file->name + ": " + name + ".faces are not triangles");
+  if (corners.size() % 3 != 0)
+    return absl::DataLossError(file->name + ": " + name + ".faces: expected 3 indices per face");
   mesh.faces.resize(corners.size() / 3);
   for (size_t i = 0; i < corners.size(); ++i) {
     if (corners[i] >= mesh.vertices.size()) {

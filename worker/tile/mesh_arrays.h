@@ -1,4 +1,4 @@
-// Meshes as arrays of a file: NAME.vertices (3 doubles each), NAME.faces (3 indices each), NAME.labels.
+// Stores meshes as arrays of a file: NAME.vertices (3 doubles each), NAME.faces (3 indices each), NAME.labels.
 #ifndef TESSERA_WORKER_TILE_MESH_ARRAYS_H_
 #define TESSERA_WORKER_TILE_MESH_ARRAYS_H_
 
@@ -17,7 +17,7 @@ void PutPoints(const std::vector<Eigen::Vector3d>& points, const std::string& na
 StatusOr<std::vector<Eigen::Vector3d>> TakePoints(const std::string& name, int64_t count, ArrayFile* file);
 
 void PutMesh(const TriangleMesh& mesh, const std::string& name, ArrayFile* file);
-// DATA_LOSS if parts are missing or do not fit together.
+// DATA_LOSS if arrays are missing or inconsistent.
 StatusOr<TriangleMesh> TakeMesh(const std::string& name, ArrayFile* file);
 
 }  // namespace tessera

@@ -10,11 +10,12 @@
 namespace tessera {
 namespace {
 
-// Squares of the frame's x-y plane; boxes that touch share one.
+// A grid of squares in the frame's x-y plane. Boxes that touch share a square. A uniform grid suffices, because faces
+// are small and similar in size after splitting; its size adapts to outliers below.
 class Squares {
  public:
-  // Of a side that gives these boxes few squares each, however large some are, and not many in all: the root of their
-  // mean squared extent, or more where they lie far apart.
+  // Side of the squares: the root of the boxes' mean squared extent, so that a box covers few squares, or more if the
+  // boxes are far apart, to limit the number of squares.
   explicit Squares(const std::vector<Eigen::AlignedBox3d>& boxes) {
     Eigen::AlignedBox2d all;
     double sum = 0;
@@ -38,7 +39,7 @@ class Squares {
   }
 
  private:
-  // Of one of the boxes.
+  // Squares of one of the boxes.
   template <class Body>
   bool ForRows(const Eigen::AlignedBox3d& box, const Body& body) {
     const auto at = [&](const Eigen::Vector3d& p, int k) { return static_cast<size_t>((p[k] - origin_[k]) / side_m_); };
@@ -55,7 +56,7 @@ class Squares {
   std::vector<uint8_t> marks_;
 };
 
-// Adds the faces that may touch one that has a flag.
+// Adds the faces that may touch a flagged one.
 void GrowContacts(const std::vector<Eigen::AlignedBox3d>& boxes, std::vector<uint8_t>* faces) {
   Squares squares(boxes);
   for (size_t f = 0; f < faces->size(); ++f) {
@@ -149,7 +150,7 @@ std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const IndexRows& f
 std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
                                  const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
                                  const RegionReach& reach) {
-  // A ring of vertices is one of faces: a vertex at distance d has all its faces after d + 1 rings.
+  // Converts vertex rings to face rings: a vertex at distance d has all its faces within d + 1 rings.
   std::vector<uint8_t> solve = core;
   GrowRings(mesh, faces_of_vertex, reach.solve_rings + 1, &solve);
   std::vector<Eigen::AlignedBox3d> boxes(mesh.faces.size());

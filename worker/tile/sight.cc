@@ -37,7 +37,7 @@ Sight FindSight(const Survey& survey, const std::vector<uint8_t>& core, const st
   sight.cells.assign(cells, 0);
   for (size_t v = 0; v < views.size(); ++v) {
     for (const uint32_t c : found.cells[v]) sight.cells[c] = 1;
-    // Without a face to look at, a view has nothing to be compared with.
+    // A view that no selected cell shows has no pixels to compare.
     const bool useful =
         !problem.own[v].empty() || std::any_of(found.cells[v].begin(), found.cells[v].end(), [&](uint32_t c) {
           const std::vector<int32_t>& chosen = survey.cells[c].views;

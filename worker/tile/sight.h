@@ -1,4 +1,4 @@
-// What a tile's pixels can depend on: which of the city's ground cells, and which part of each image.
+// Finds which ground cells of the city, and which part of each image, the pixels of a tile can depend on.
 #ifndef TESSERA_WORKER_TILE_SIGHT_H_
 #define TESSERA_WORKER_TILE_SIGHT_H_
 
@@ -12,19 +12,20 @@
 namespace tessera {
 
 struct SightOptions {
-  double motion_m = 0;          // no vertex is ever farther than this from its start
+  double motion_m = 0;          // bound of a vertex's distance from its start
   int reference_margin_px = 0;  // ReferenceMargin_px, TargetMargin_px of the job's windows and levels
   int target_margin_px = 0;
-  int alignment_px = 1;  // corners of windows are multiples of it
+  int alignment_px = 1;  // corners of windows are multiples of this
 };
 
 struct Sight {
-  std::vector<uint8_t> cells;      // of the survey: 1 for those whose faces a needed pixel may show
-  std::vector<PixelRect> windows;  // of each of `views`: smallest with all needed pixels; empty: none
+  std::vector<uint8_t> cells;      // per survey cell: 1 if a needed pixel may show one of its faces
+  std::vector<PixelRect> windows;  // per view of `views`: smallest window with all needed pixels; may be empty
 };
 
-// What FindCellSight says of the core's cells, each in the views that it chose, whatever its vertices do: boxes are
-// grown by the motion. `views`: indices in the survey, ascending; `core`: a flag a cell of the survey.
+// FindCellSight for the core's cells, each in the views selected for it. Boxes are enlarged by the motion, so the
+// result holds for all positions of the vertices. `views`: survey indices, ascending; `core`: one flag per survey
+// cell.
 Sight FindSight(const Survey& survey, const std::vector<uint8_t>& core, const std::vector<int32_t>& views,
                 const SightOptions& options);
 

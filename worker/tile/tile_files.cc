@@ -20,7 +20,7 @@ Eigen::Vector3d VectorFromJson(const json& j) {
   return Eigen::Vector3d(j.at(0).get<double>(), j.at(1).get<double>(), j.at(2).get<double>());
 }
 
-// Runs `read` on a file's metadata.
+// Runs `read` on a file's metadata and turns JSON errors into DATA_LOSS.
 template <class Read>
 Status ReadMetadata(const std::string& metadata, const std::string& file, const Read& read) {
   try {
@@ -31,7 +31,7 @@ Status ReadMetadata(const std::string& metadata, const std::string& file, const 
   }
 }
 
-// Records of floats alone, as an array of floats.
+// Records that consist of floats, as an array of floats.
 template <class Record>
 std::vector<float> ToFloats(const std::vector<Record>& records) {
   static_assert(sizeof(Record) % sizeof(float) == 0 && std::is_trivially_copyable_v<Record>);
@@ -40,7 +40,7 @@ std::vector<float> ToFloats(const std::vector<Record>& records) {
   return floats;
 }
 
-// Records of numbers of one kind where they lie, those that are whole.
+// A view of an array as records of numbers of one type; a partial record at the end is ignored.
 template <class Record, class Number>
 std::span<const Record> ToRecords(std::span<const Number> numbers) {
   static_assert(sizeof(Record) % sizeof(Number) == 0 && alignof(Record) == alignof(Number));
@@ -54,7 +54,7 @@ std::vector<T> Copy(std::span<const T> values) {
 
 constexpr int kContourNumbers = 3 * (3 + 6);
 
-// Flat rows as offsets and items.
+// Nested rows as offsets and items.
 void PutRows(const std::vector<std::vector<int32_t>>& rows, const std::string& name, ArrayFile* file) {
   std::vector<uint32_t> begin = {0};
   std::vector<int32_t> items;
@@ -72,7 +72,8 @@ StatusOr<std::vector<std::vector<int32_t>>> TakeRows(const std::string& name, in
   std::vector<std::vector<int32_t>> rows;
   for (int64_t i = 0; i < count; ++i) {
     if (begin[i] > begin[i + 1] || begin[i + 1] > items.size()) {
-      return absl::DataLossError(absl::StrCat(file->name, ": ", name, ": row ", i, " has no place"));
+      return absl::DataLossError(
+          absl::StrCat(file->name, ": ", name, ": row ", i, ": found offsets that do not ascend or exceed the items"));
     }
     rows.emplace_back(items.begin() + begin[i], items.begin() + begin[i + 1]);
   }
@@ -86,7 +87,7 @@ Status CheckBegins(std::span<const uint32_t> begin, size_t count, const std::str
   return absl::DataLossError(absl::StrCat(file, ": ", name, ": found no ascending offsets from 0 to ", count));
 }
 
-// Offsets of cells: ascending, from 0 to `count`.
+// Checks that offsets of cells ascend from 0 to `count`.
 StatusOr<std::vector<uint32_t>> TakeBegins(const std::string& name, size_t cells, size_t count, ArrayFile* file) {
   TESSERA_ASSIGN_OR_RETURN(std::vector<uint32_t> begin, file->Take<uint32_t>(name, static_cast<int64_t>(cells) + 1));
   TESSERA_RETURN_IF_ERROR(CheckBegins(begin, count, name, file->name));
@@ -268,7 +269,9 @@ StatusOr<TileSums> ReadTileSums(const std::string& path) {
   const size_t count = s.face_ids.size();
   const bool fits = fit(s, count) && fit(s.sample, s.sample.face_ids.size()) &&
                     std::all_of(faces.begin(), faces.end(), [&](uint32_t f) { return f < count; });
-  if (!fits) return absl::DataLossError(absl::StrCat(path, ": sums do not fit to the ", count, " faces"));
+  if (!fits)
+    return absl::DataLossError(
+        absl::StrCat(path, ": found sums of another number of faces than the ", count, " faces listed"));
   return s;
 }
 

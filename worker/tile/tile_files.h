@@ -1,4 +1,4 @@
-// What the tasks of a tile hand on, as values: its package, the sums over its pixels, its state after a step.
+// The files that the tasks of a tile exchange, as value types: package, sums of a step, state after a step.
 #ifndef TESSERA_WORKER_TILE_TILE_FILES_H_
 #define TESSERA_WORKER_TILE_TILE_FILES_H_
 
@@ -22,25 +22,26 @@
 
 namespace tessera {
 
-// What the faces of a package are there for, as bits; all of them may be in sight of the tile's views.
+// Why a package contains a face, as bits. Any of the faces may be visible in the tile's views.
 enum Region : uint8_t {
   kCoreRegion = 1,
   kSolveRegion = 2,
   kRepairRegion = 4,
   kLabelRegion = 8,
-  kSampleRegion = 16,  // a few of a neighbour's core, measured here as well to be compared
+  kSampleRegion = 16,  // some faces of a neighbour's core that this tile measures as well, to compare the results
 };
 
-// The cells that a package is sorted by: small, so that few need be drawn; so many side by side are a ground cell.
+// The cells by which a package is sorted: small, so that few faces are drawn per window; this many per side of a
+// ground cell.
 inline constexpr int kPackageCellsAcross = 4;
 inline GroundPlane PackageCells(GroundPlane ground) {
   ground.cell_m /= kPackageCellsAcross;
   return ground;
 }
 
-// All that the tile's tasks read but the pixels and the other tiles' states. Positions in the local frame, so that
-// tiles compute with the same numbers. Faces come by their cell (y, then x), in a cell by global id; vertices by the
-// cell that they lie in, in a cell by global id: any two packages have what they share in the same order.
+// Everything that the tile's tasks read, except pixels and other tiles' states. Positions in the local frame, so that
+// all tiles compute with equal numbers. Faces are sorted by cell (y, then x), then global id; vertices by the cell
+// that contains them, then global id. So any two packages have their common faces and vertices in the same order.
 struct TilePackage {
   int tile = 0;
   GroundPlane ground;
@@ -49,43 +50,45 @@ struct TilePackage {
   std::vector<SceneClass> classes;
   bool has_likelihoods = false;
   BorderTrusts borders;     // of the likelihoods (Survey)
-  bool has_labels = false;  // the job's start has
-  bool compares = false;    // some cell of the city chose both views of a pair: else no tile's geometry moves
+  bool has_labels = false;  // whether the job's start has labels
+  bool compares = false;    // whether some cell of the city has both views of a pair; if not, no geometry moves
 
-  std::vector<SceneView> views;                    // those that the core's cells chose and their partners
+  std::vector<SceneView> views;                    // selected by the core's cells, and their partners
   std::vector<int32_t> view_ids;                   // their indices in the survey
-  std::vector<PixelRect> view_rects;               // of each, what its tasks may read of it (FindSight)
+  std::vector<PixelRect> view_rects;               // per view: the window that its tasks may read (FindSight)
   std::vector<std::array<int32_t, 2>> pairs;       // ordered pairs of indices into `views`
-  std::vector<std::array<double, 2>> view_depths;  // nearest and farthest of what the whole job looks at, metres
+  std::vector<std::array<double, 2>> view_depths;  // nearest and farthest surface that the whole job matches, metres
 
-  std::vector<std::array<int32_t, 2>> cell_at;   // x, y of each cell (PackageCells)
-  std::vector<std::vector<int32_t>> cell_views;  // the views that look at its faces (indices into `views`, ascending)
+  std::vector<std::array<int32_t, 2>> cell_at;  // x, y of each cell (PackageCells)
+  std::vector<std::vector<int32_t>>
+      cell_views;  // views selected for the cell's faces (indices into `views`, ascending)
   MeshCells cells;
 
-  TriangleMesh mesh;  // where it lies at the start, with the start's labels
+  TriangleMesh mesh;  // at the start, with the start's labels
   std::vector<uint32_t> vertex_ids, face_ids;
   std::vector<uint8_t> regions;      // of faces: Region bits
-  std::vector<uint8_t> cut_regions;  // of vertices: regions that have some of the vertex's faces, but not all
+  std::vector<uint8_t> cut_regions;  // per vertex: regions that contain some but not all of its faces
 };
 
 Status WriteTilePackage(const std::string& path, const TilePackage& package);
 StatusOr<TilePackage> ReadTilePackage(const std::string& path);
 
-// What the pixels say of some faces of a neighbour's core, by ascending global id; as TileSums has it of its own.
+// Sums over some faces of a neighbour's core, by ascending global id; content as in TileSums.
 struct TileSample {
   std::vector<uint32_t> face_ids;
   std::vector<FaceSums> photo;
   std::vector<float> likelihoods, pixels;
 };
 
-// What the pixels say of the core's faces, by ascending global id; of derivatives or of likelihoods, the others empty.
+// Sums of the data term over the core's faces, by ascending global id: either derivatives or likelihoods, the others
+// are empty.
 struct TileSums {
   int tile = 0;
   std::vector<uint32_t> face_ids;
   std::vector<FaceSums> photo;
   ContourSums contours;  // FaceContour::face: index into face_ids
   int classes = 0;
-  std::vector<float> likelihoods, pixels;  // as FaceLikelihoods has them
+  std::vector<float> likelihoods, pixels;  // as in FaceLikelihoods
   TileSample sample;
   // Means over the windows of the tile's pixels, for the report; -1: none.
   double energy = -1, semantic_energy = -1;
@@ -95,24 +98,24 @@ struct TileSums {
 Status WriteTileSums(const std::string& path, const TileSums& sums);
 StatusOr<TileSums> ReadTileSums(const std::string& path);
 
-// The core of a tile after a step: its faces and the vertices that they use, by ascending global id. Vertices of
-// several tiles are in each of them, equal byte for byte.
+// The core of a tile after a step: its faces and their vertices, by ascending global id. Vertices shared by tiles are
+// in each of them, equal byte for byte.
 struct TileState {
   int tile = 0;
   std::vector<uint32_t> vertex_ids;
   std::vector<Eigen::Vector3d> positions;
-  // When the level at hand began, and what its last iteration added; empty between levels.
+  // Positions at the begin of the current level, and the step of its last iteration; empty between levels.
   std::vector<Eigen::Vector3d> level_start;
   std::vector<Eigen::Vector3f> last_step;
   std::vector<uint32_t> face_ids;
   std::vector<int32_t> labels;
-  std::vector<float> confidence;  // in [0, 1] (LabelConfidence), 0 where no view shows the face; as last labelled
-  std::string report = "{}";      // JSON for the job's report; deterministic, so no seconds
+  std::vector<float> confidence;  // in [0, 1] (LabelConfidence), 0 if no view shows the face; of the last labelling
+  std::string report = "{}";      // JSON for the job's report; deterministic, without times
 };
 
 Status WriteTileState(const std::string& path, const TileState& state);
 
-// A state, wherever it lies.
+// A view of a state in memory or in a mapped file.
 struct StateSpans {
   StateSpans() = default;
   explicit StateSpans(const TileState& state);
@@ -125,10 +128,10 @@ struct StateSpans {
   std::string report;
 };
 
-// A state's file in the address space: a step reads those of all tiles in sight, and of most of them little.
+// A memory-mapped state file: a step reads the states of all visible tiles, mostly small parts of them.
 class MappedState {
  public:
-  // Reads it once and checks it: DATA_LOSS as MappedArrays::Open and Verified.
+  // Reads and verifies the whole file: DATA_LOSS as MappedArrays::Open and Verified.
   static StatusOr<MappedState> Open(const std::string& path);
   const StateSpans& spans() const { return spans_; }
 

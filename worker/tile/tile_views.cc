@@ -19,7 +19,7 @@ namespace {
 
 using nlohmann::json;
 
-// A view in the file: the shape of its first level.
+// Metadata of a view in the file: the shape of level 0.
 struct Crop {
   int view = 0;
   TexelShape shape;
@@ -35,7 +35,7 @@ std::vector<TexelShape> LevelsOf(const TexelShape& first) {
   return levels;
 }
 
-// Which level's likelihoods are those of `level`.
+// The level whose likelihoods `level` uses.
 int LikelihoodLevel(const TexelShape& first, int level) { return first.same_resolution ? level : 0; }
 
 ImagePart PartOf(const PixelRect& rect) { return {rect.x0, rect.y0, rect.x1, rect.y1}; }
@@ -76,7 +76,7 @@ Crop ParseCrop(const json& j) {
                                           likelihoods.at(0), likelihoods.at(1), mapping)};
 }
 
-// Arrays of crops on their way to the file, which asks for their number first.
+// Collects crops in scratch files, since the file's header needs their number first.
 class CropWriter {
  public:
   static StatusOr<CropWriter> Create(const std::string& path) {
@@ -132,7 +132,7 @@ class CropWriter {
   void Add(std::string name, std::vector<T> type, std::span<const T> values) {
     arrays_.push_back({std::move(name), std::move(type), values.size()});
     pixels_->Append(values.data(), values.size_bytes());
-    if (values.size_bytes() % 2 != 0) pixels_->Append("", 1);  // all begin at even places
+    if (values.size_bytes() % 2 != 0) pixels_->Append("", 1);  // all begin at even offsets
   }
 
   std::string path_;
@@ -141,7 +141,7 @@ class CropWriter {
   std::vector<ArrayFileWriter::Array> arrays_;
 };
 
-// One crop of a file that all of them share.
+// One crop of a shared file.
 class FilePixels : public ViewPixels {
  public:
   FilePixels(std::shared_ptr<const MappedArrays> file, size_t index, const TexelShape& first)
@@ -235,7 +235,7 @@ StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const 
       views.push_back(std::move(view));
     }
   } catch (const json::exception& e) {
-    return absl::DataLossError(path + ": not the metadata of crops: " + e.what());
+    return absl::DataLossError(path + ": found invalid metadata, expected that of crops: " + e.what());
   }
   return views;
 }

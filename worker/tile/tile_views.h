@@ -1,5 +1,4 @@
-// The pixels of a tile's views: read, undistorted, and cropped to what sees the tile, once for all parts of its
-// refinement.
+// The pixels of a tile's views: read, undistorted and cropped to the tile once, for all steps of its refinement.
 #ifndef TESSERA_WORKER_TILE_TILE_VIEWS_H_
 #define TESSERA_WORKER_TILE_TILE_VIEWS_H_
 
@@ -21,25 +20,24 @@ namespace tessera {
 
 struct TileView {
   int view = 0;                              // index in the package
-  CameraWindow window;                       // on the tile
+  CameraWindow window;                       // the part that shows the tile
   std::shared_ptr<const ViewPixels> pixels;  // of the window
 };
 
-// Reads the views of a package from `scene_folder`, one after the other, and writes their windows
-// (TilePackage::view_rects) on all levels to `path`, an array file; those of none are left out. Luminance is rounded to
-// 1 / 65534, likelihoods to 1 / 255, as the data term has them (StoredTexels). One image is in memory at a time; the
-// disk holds all crops twice meanwhile. Errors of the files as ReadLuminance and ReadLikelihoods; CANCELLED.
+// Reads the views of a package from `scene_folder` one by one and writes their windows (TilePackage::view_rects) on
+// all pyramid levels to `path`, an array file. Views without a window are skipped. Luminance is rounded to 1 / 65534,
+// likelihoods to 1 / 255 (StoredTexels). One image is in memory at a time; the disk temporarily holds all crops
+// twice. Errors as ReadLuminance and ReadLikelihoods; CANCELLED.
 Status CropTileViews(const TilePackage& package, const std::string& scene_folder, const std::string& path,
                      const TaskControl& control);
 
-// The crops of `package` in the file. They are read from it whenever they are asked for; nothing is held. DATA_LOSS if
-// the file is damaged or of another package.
+// The crops of `package` in the file, read on demand. DATA_LOSS if the file is damaged or belongs to another package.
 StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const std::string& path);
 
-// A plane a class, in [0, 1]; level.mapping says where.
+// One plane per class, in [0, 1]; level.mapping gives their position.
 FloatImage LikelihoodImage(const StoredTexels& level);
 
-// The views as the data term takes them.
+// The views as input of the data term.
 struct TileData {
   std::vector<RefineView> views;
   std::vector<ViewPair> pairs;
