@@ -1,4 +1,4 @@
-// The pixels that crop hands to the steps.
+// The pixels that crop passes to the refinement steps.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 namespace tessera {
 namespace {
 
-// Those before the refinement.
+// The tasks before the refinement.
 StatusOr<TaskOutcome> UpToCrop(const TaskRequest& request) {
   if (request.kind == "measure" || request.kind == "mend") return absl::CancelledError("far enough");
   return RunTask(request, {});
@@ -25,7 +25,7 @@ struct Cropped {
   std::string folder;
   std::vector<TilePackage> packages;
   std::vector<std::string> paths;
-  Survey survey;  // with the names of the scene's files, which packages do not know
+  Survey survey;  // with the names of the scene's files, which packages do not contain
 };
 
 Cropped CropScene(const TinySceneOptions& options) {
@@ -35,14 +35,14 @@ Cropped CropScene(const TinySceneOptions& options) {
   const std::string work = cropped.folder + "/work";
   EXPECT_EQ(RunLine(cropped.folder, work, {.tiles = 2}, UpToCrop).status().code(), absl::StatusCode::kCancelled);
   cropped.survey = *ParseSurvey(*ReadFile(work + "/0/out/" + kSurveyFile));
-  for (int tile = 0; tile < 2; ++tile) {  // task 0 is ingest, then the cuts, then the crops
+  for (int tile = 0; tile < 2; ++tile) {  // task 0 is ingest, then cut and crop of each tile
     cropped.packages.push_back(*ReadTilePackage(work + "/" + std::to_string(1 + tile) + "/out/" + kTileFile));
     cropped.paths.push_back(work + "/" + std::to_string(3 + tile) + "/out/" + kViewsFile);
   }
   return cropped;
 }
 
-TEST(Crops, AreTheImagesAsTheDataTermHasThem) {
+TEST(Crops, EqualTheImagesLoadedDirectly) {
   for (const auto kind : {TinySceneOptions::Likelihoods::kTiff, TinySceneOptions::Likelihoods::kNpy,
                           TinySceneOptions::Likelihoods::kLabelPng, TinySceneOptions::Likelihoods::kNone}) {
     TinySceneOptions options;
@@ -84,8 +84,8 @@ TEST(Crops, AreTheImagesAsTheDataTermHasThem) {
   }
 }
 
-// Each level is half of the one before, as if made from it in memory.
-TEST(Crops, HoldAllLevels) {
+// Each level is half of the previous one, as if computed in memory.
+TEST(Crops, ContainAllPyramidLevels) {
   for (const bool coarse : {false, true}) {
     TinySceneOptions options;
     options.coarse_likelihoods = coarse;
@@ -109,7 +109,7 @@ TEST(Crops, HoldAllLevels) {
   }
 }
 
-TEST(Crops, DamageAndOtherTilesAreFound) {
+TEST(Crops, DetectDamageAndCropsOfAnotherTile) {
   const Cropped cropped = CropScene({});
   EXPECT_EQ(OpenTileViews(cropped.packages[0], cropped.paths[1]).status().message(),
             cropped.paths[1] + ": found crops of tile 1, expected those of tile 0");
@@ -118,7 +118,7 @@ TEST(Crops, DamageAndOtherTilesAreFound) {
   const std::string path = cropped.folder + "/damaged.arrays";
   ASSERT_TRUE(WriteFileAtomic(path, bytes).ok());
   const auto views = OpenTileViews(cropped.packages[0], path);
-  ASSERT_TRUE(views.ok()) << "values are looked at when they are read";
+  ASSERT_TRUE(views.ok()) << "values are verified on reading";
   EXPECT_TRUE(views->front().pixels->Level(0).ok());
   EXPECT_TRUE(views->back().pixels->Level(0).ok());
   EXPECT_EQ(views->back().pixels->Level(kTexelLevels - 1).status().code(), absl::StatusCode::kDataLoss);

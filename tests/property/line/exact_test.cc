@@ -1,4 +1,4 @@
-// Tiles are exact: however many there are, and however little of each other they read, the mesh has the bytes of the
+// Tiles are exact: for any number of tiles, and however little of each other they read, the mesh has the bytes of the
 // untiled run.
 #include <gtest/gtest.h>
 
@@ -17,7 +17,7 @@
 namespace tessera {
 namespace {
 
-// A strip of the city that is longer than a tile reads.
+// A strip of the city that is longer than what a tile reads.
 class ExactTest : public testing::Test {
  protected:
   void SetUp() override {
@@ -33,8 +33,8 @@ class ExactTest : public testing::Test {
     return settings;
   }
 
-  // Path of the mesh. Of several tiles also checks that they compared what they share, and adds to `unread` the pairs
-  // of tiles of which one does not read the other's sums.
+  // Path of the mesh. With several tiles, also checks that shared samples were compared, and adds to `unread` the
+  // pairs of tiles of which one does not read the other's sums.
   std::string Run(const JobSettings& settings, int* unread) const {
     const std::string work = folder_ + (settings.tiles == 1 ? "/untiled" : "/tiled");
     EXPECT_TRUE(RemoveTree(work).ok());
@@ -58,7 +58,7 @@ class ExactTest : public testing::Test {
     return tasks->back().output_dir + "/" + kMeshFile;
   }
 
-  // One tile against others.
+  // Compares one tile with other numbers of tiles.
   void ExpectSame(const std::vector<int>& tiles, const JobSettings& settings) const {
     int unread = 0;
     JobSettings job = settings;
@@ -71,7 +71,7 @@ class ExactTest : public testing::Test {
       ASSERT_FALSE(tiled.empty());
       EXPECT_TRUE(SameMesh(untiled, tiled)) << count << " tiles";
     }
-    EXPECT_GT(unread, 0) << "every tile read every other: the test shows nothing";
+    EXPECT_GT(unread, 0) << "the test is void: every tile reads every other";
   }
 
   std::string folder_;
@@ -87,8 +87,8 @@ TEST_F(ExactTest, SoDoesThePapersMethod) {
   ExpectSame({9}, settings);
 }
 
-// And no vertex moves.
-TEST_F(ExactTest, SoDoLabelsAlone) {
+// No vertex moves.
+TEST_F(ExactTest, LabelsOnlyIsExact) {
   JobSettings settings;
   settings.method = "labels";
   ExpectSame({2, 9}, settings);
@@ -98,18 +98,18 @@ TEST_F(ExactTest, SoDoLabelsAlone) {
   ASSERT_TRUE(start.ok() && result.ok());
   ASSERT_GE(result->mesh.vertices.size(), start->mesh.vertices.size());
   for (size_t v = 0; v < start->mesh.vertices.size(); ++v) {
-    // The grid of the local frame.
+    // Spacing of the local frame's grid.
     ASSERT_LE((result->mesh.vertices[v] - start->mesh.vertices[v]).norm(), std::ldexp(1, -20)) << "vertex " << v;
   }
 }
 
-TEST_F(ExactTest, SoDoLikelihoodsThatTheJobMakes) {
+TEST_F(ExactTest, ComputedLikelihoodsAreExact) {
   JobSettings settings = Settings(1);
   settings.classifier = kDefaultClassifier;
-  settings.method_settings.contour = 2;  // their borders steer it
+  settings.method_settings.contour = 2;  // class borders affect the contours
   ExpectSame({2, 9}, settings);
 
-  // What all views together say of the borders is what every tile goes by.
+  // Every tile uses the border trust measured over all views.
   settings.tiles = 2;
   const auto tasks = RunLine(folder_ + "/scene", folder_ + "/borders", settings);
   ASSERT_TRUE(tasks.ok()) << tasks.status();
@@ -126,21 +126,21 @@ TEST_F(ExactTest, SoDoLikelihoodsThatTheJobMakes) {
     for (int a = 0; a < 4; ++a) {
       for (int b = a + 1; b < 4; ++b) weight += package->borders.Of(a, b).weight;
     }
-    EXPECT_GT(weight, 0) << "no border is trusted: the test shows nothing";
+    EXPECT_GT(weight, 0) << "the test is void: no border is trusted";
   }
   EXPECT_EQ(cuts, 2);
 }
 
-// Silhouettes read farther than so small a window does.
-TEST_F(ExactTest, SoDoStrongSilhouettesAndASmallWindow) {
+// Contours read farther than so small a window.
+TEST_F(ExactTest, StrongContoursWithASmallWindowAreExact) {
   JobSettings settings = Settings(1);
   settings.method_settings.window_px = 3;
   settings.method_settings.contour = 20;
   ExpectSame({9}, settings);
 }
 
-// A tile whose pixels went wrong is told by the neighbour that measured a few of its faces, too.
-TEST_F(ExactTest, AWrongMeasureIsNoticed) {
+// Wrong sums of a tile are detected by the neighbour that also measures some of its faces.
+TEST_F(ExactTest, WrongSumsAreDetectedByANeighbour) {
   int64_t changed = 0;
   const auto runner = [&](const TaskRequest& request) {
     StatusOr<TaskOutcome> outcome = RunTask(request, {});
@@ -166,8 +166,8 @@ TEST_F(ExactTest, AWrongMeasureIsNoticed) {
   EXPECT_GT(warned, 0u);
 }
 
-// Labels that reach far.
-TEST_F(ExactTest, SoDoSmoothLabelsSolvedLast) {
+// A large smoothness weight propagates labels far.
+TEST_F(ExactTest, SmoothLabelsSolvedLastAreExact) {
   JobSettings settings = Settings(1);
   settings.method_settings.label_smoothness = 20;
   settings.method_settings.labels_first = false;

@@ -1,4 +1,4 @@
-// A job from scene to mesh, all tasks in this process.
+// Jobs from scene to mesh, with all tasks in this process.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@
 namespace tessera {
 namespace {
 
-// Steps that change nothing; all other tasks as they are.
+// Replaces the steps by ones that change nothing; all other tasks run normally.
 StatusOr<TaskOutcome> StandStill(const TaskRequest& request) {
   if (request.kind == "measure") return TaskOutcome{{}, "{}", {}};
   if (request.kind != "refine" && request.kind != "solve" && request.kind != "mend") return RunTask(request, {});
@@ -47,8 +47,9 @@ std::string RunScene(const std::string& folder, const std::string& work, const J
   return tasks.ok() ? tasks->back().output_dir : "";
 }
 
-// The scene's own vertices come first and stay, in the scene's coordinates, for every kind of frame and any tiling.
-TEST(Line, StandingStillGivesTheInputBack) {
+// The scene's own vertices come first and unchanged, in the scene's coordinates, for every kind of frame and any
+// tiling.
+TEST(Line, ZeroStepsReturnTheInput) {
   struct Case {
     const char* crs;
     Eigen::Vector3d offset;
@@ -78,8 +79,8 @@ TEST(Line, StandingStillGivesTheInputBack) {
   }
 }
 
-// What the geometry step makes of a scene depends on its last bits, so they must not depend on where the scene lies.
-TEST(Line, IngestMakesTheSameBitsOfAMovedScene) {
+// The geometry step depends on the last bits of positions, so these must not depend on where the scene is.
+TEST(Line, IngestIsBitIdenticalForATranslatedScene) {
   std::string cities[2];
   Survey surveys[2];
   for (const int moved : {0, 1}) {
@@ -101,13 +102,13 @@ TEST(Line, IngestMakesTheSameBitsOfAMovedScene) {
     surveys[moved] = *survey;
     EXPECT_EQ(survey->origin_in_scene, options.offset);
     surveys[moved].origin_in_scene.setZero();
-    surveys[moved].scene_name.clear();  // the folder's
+    surveys[moved].scene_name.clear();  // the name of the folder
   }
   EXPECT_EQ(cities[0], cities[1]);
   EXPECT_EQ(SurveyToJson(surveys[0]), SurveyToJson(surveys[1]));
 }
 
-TEST(Line, SameBytesForAnyTilingAndLabelsAsGoodAsTheStart) {
+TEST(Line, ResultIsIndependentOfTheTilingAndLabelsStayCorrect) {
   const std::string folder = FreshTestFolder("tiled");
   const TinyScene scene = WriteTinyScene(folder);
   std::string untiled;
@@ -121,7 +122,7 @@ TEST(Line, SameBytesForAnyTilingAndLabelsAsGoodAsTheStart) {
     EXPECT_EQ(result->mesh.faces.size(), city->mesh.faces.size());
     if (tiles == 1) {
       untiled = ReadText(path);
-      // The start is the truth.
+      // The start is the ground truth.
       int64_t wrong = 0;
       const size_t faces = result->mesh.faces.size();
       for (size_t f = 0; f < faces; ++f) wrong += result->mesh.labels[f] != city->mesh.labels[f];
@@ -138,7 +139,7 @@ TEST(Line, SameBytesForAnyTilingAndLabelsAsGoodAsTheStart) {
   }
 }
 
-TEST(Line, FlippedEdgesAreAllThatDiffersFromTheCitysFaces) {
+TEST(Line, FacesDifferFromTheCityOnlyByFlippedEdges) {
   const std::string folder = FreshTestFolder("flips");
   WriteTinyScene(folder);
   std::vector<TriangleMesh> results, cities;
@@ -166,7 +167,7 @@ TEST(Line, FlippedEdgesAreAllThatDiffersFromTheCitysFaces) {
   EXPECT_TRUE(defects->IsClean());
 }
 
-TEST(Line, ExchangeOverTwoRoundsChangesNoByte) {
+TEST(Line, TwoRoundsAreIndependentOfTheTiling) {
   const std::string folder = FreshTestFolder("exchange");
   WriteTinyScene(folder);
   std::vector<std::string> meshes;
@@ -179,8 +180,8 @@ TEST(Line, ExchangeOverTwoRoundsChangesNoByte) {
   EXPECT_TRUE(meshes[0] == meshes[1]);
 }
 
-// The tiles' own files hold the result's faces once each, at the result's positions byte for byte.
-TEST(Line, TileFilesAreTheMeshInPieces) {
+// The tiles' files contain each face of the result once, at the result's positions byte for byte.
+TEST(Line, TileFilesPartitionTheMesh) {
   TinySceneOptions options;
   options.offset = {357000, 5788000, 40};
   const std::string folder = FreshTestFolder("tile_files");
@@ -224,7 +225,7 @@ TEST(Line, TileFilesAreTheMeshInPieces) {
   }
 }
 
-TEST(Line, SameBytesForAnyNumberOfThreads) {
+TEST(Line, ResultIsIndependentOfThreads) {
   const std::string folder = FreshTestFolder("threads");
   WriteTinyScene(folder);
   std::string meshes[2], reports[2];
@@ -238,7 +239,7 @@ TEST(Line, SameBytesForAnyNumberOfThreads) {
   EXPECT_EQ(reports[0], reports[1]);
 }
 
-TEST(Line, WithoutLabelsTheLikelihoodsGiveThem) {
+TEST(Line, MissingLabelsAreDerivedFromLikelihoods) {
   TinySceneOptions options;
   options.labels = false;
   const std::string folder = FreshTestFolder("unlabelled");
@@ -252,7 +253,7 @@ TEST(Line, WithoutLabelsTheLikelihoodsGiveThem) {
   }
 }
 
-TEST(Line, WithoutLikelihoodsLabelsAreCarriedThrough) {
+TEST(Line, LabelsArePreservedWithoutLikelihoods) {
   TinySceneOptions options;
   options.likelihoods = TinySceneOptions::Likelihoods::kNone;
   const std::string folder = FreshTestFolder("no_likelihoods");
@@ -265,7 +266,7 @@ TEST(Line, WithoutLikelihoodsLabelsAreCarriedThrough) {
   EXPECT_EQ(result->mesh.labels, city->mesh.labels);
 }
 
-TEST(Line, WithoutBothThereIsOneClass) {
+TEST(Line, OneClassWithoutLabelsAndLikelihoods) {
   TinySceneOptions options;
   options.likelihoods = TinySceneOptions::Likelihoods::kNone;
   options.labels = false;
@@ -283,13 +284,13 @@ std::string RunMethod(const std::string& folder, const std::string& method) {
   settings.method = method;
   settings.method_settings.levels = {1, 0};
   settings.method_settings.iterations = {2, 2};
-  settings.method_settings.flip_edges = true;  // not every method's own
+  settings.method_settings.flip_edges = true;  // not the default of every method
   const auto tasks = RunLine(folder, folder + "/" + method, settings);
   EXPECT_TRUE(tasks.ok()) << tasks.status();
   return tasks.ok() ? tasks->back().output_dir + "/" + kMeshFile : "";
 }
 
-TEST(Line, WithOneClassTheMethodIsTheBaseline) {
+TEST(Line, OneClassEqualsTheBaselineMethod) {
   TinySceneOptions options;
   options.likelihoods = TinySceneOptions::Likelihoods::kNone;
   options.labels = false;
@@ -300,7 +301,7 @@ TEST(Line, WithOneClassTheMethodIsTheBaseline) {
   EXPECT_EQ(*ours, *baseline);
 }
 
-TEST(Line, LabelsAloneNeedLikelihoods) {
+TEST(Line, LabelsOnlyRequiresLikelihoods) {
   TinySceneOptions options;
   options.likelihoods = TinySceneOptions::Likelihoods::kNone;
   const std::string folder = FreshTestFolder("labels_alone");
@@ -314,7 +315,7 @@ TEST(Line, LabelsAloneNeedLikelihoods) {
   }
 }
 
-TEST(Line, AClassThatIsNowhereChangesNothing) {
+TEST(Line, UnusedClassChangesNothing) {
   MeshContent results[2];
   for (const bool absent : {false, true}) {
     TinySceneOptions options;
@@ -329,12 +330,12 @@ TEST(Line, AClassThatIsNowhereChangesNothing) {
   EXPECT_EQ(results[0].mesh.vertices, results[1].mesh.vertices);
 }
 
-TEST(Line, EveryFaultOfTheSceneIsInOneMessage) {
+TEST(Line, AllSceneErrorsAreReportedTogether) {
   const std::string folder = FreshTestFolder("faults");
   const TinyScene scene = WriteTinyScene(folder);
   const auto tasks = RunLine(folder, folder + "/good", {.tiles = 1}, StandStill);
   ASSERT_TRUE(tasks.ok()) << tasks.status();
-  // The plan is made; then files change.
+  // Files change after the plan was made.
   WriteText(folder + "/mesh.ply", "not a mesh");
   WriteText(folder + "/images/" + scene.image_names[0], "not an image");
   const TaskRequest request = {"ingest", "{}", tasks->front().output_dir + "/../in", FreshTestFolder("faults_out")};
@@ -344,7 +345,7 @@ TEST(Line, EveryFaultOfTheSceneIsInOneMessage) {
   EXPECT_NE(std::string(status.message()).find(scene.image_names[0]), std::string::npos) << status;
 }
 
-// What the refine task of an untiled run tells of itself.
+// The report of the refine task of an untiled run.
 nlohmann::json RefineStats(const std::string& folder, const std::string& work, JobSettings settings) {
   settings.tiles = 1;
   const auto tasks = RunLine(folder, folder + "/" + work, settings);
@@ -355,7 +356,7 @@ nlohmann::json RefineStats(const std::string& folder, const std::string& work, J
   return {};
 }
 
-// Pixels that were warped, over all measure tasks of two tiles.
+// Number of warped pixels over all measure tasks of two tiles.
 int64_t WarpedPixels(const std::string& folder, const std::string& work, JobSettings settings) {
   settings.tiles = 2;
   const auto tasks = RunLine(folder, folder + "/" + work, settings);
@@ -369,9 +370,9 @@ int64_t WarpedPixels(const std::string& folder, const std::string& work, JobSett
   return pixels;
 }
 
-// What ingest finds out about the likelihoods' borders reaches the silhouettes, and without likelihoods worth a look
-// there is nothing to reach them.
-TEST(Line, TrustedBordersMoveSilhouettes) {
+// The border trust measured by ingest affects the contour term; without trustworthy likelihoods the term has no
+// effect.
+TEST(Line, BorderTrustAffectsContours) {
   const std::string folder = FreshTestFolder("silhouettes");
   SynthesizeStrip(folder, 1);
   JobSettings with, without;
@@ -390,7 +391,7 @@ TEST(Line, TrustedBordersMoveSilhouettes) {
   EXPECT_EQ(mesh("unknown-with", with), mesh("unknown-without", without));
 }
 
-TEST(Line, MethodAndSettingsReachTheRefinement) {
+TEST(Line, MethodAndSettingsTakeEffect) {
   const std::string folder = FreshTestFolder("methods");
   WriteTinyScene(folder);
   JobSettings settings;
@@ -414,12 +415,12 @@ TEST(Line, MethodAndSettingsReachTheRefinement) {
   settings.method = "paper";
   const nlohmann::json paper = RefineStats(folder, "paper", settings);
   EXPECT_EQ(paper.at("rounds").size(), 5u);
-  EXPECT_FALSE(paper.contains("labels_first")) << "the start has labels";
-  // Another label energy: the same labels cost something else.
+  EXPECT_FALSE(paper.contains("labels_first")) << "labelling first is only needed without labels";
+  // Other weights give the same labels another energy.
   EXPECT_NE(paper.at("rounds").at(0).at("label_energy_start"), ours.at("rounds").at(0).at("label_energy_start"));
 }
 
-TEST(Line, AStartWithoutLabelsGetsThemBeforeTheGeometryThatKnowsThem) {
+TEST(Line, UnlabelledStartIsLabelledBeforeTheGeometrySteps) {
   TinySceneOptions options;
   options.labels = false;
   const std::string folder = FreshTestFolder("unlabelled_methods");

@@ -1,4 +1,4 @@
-// Random jobs of small scenes: the bytes do not depend on the number of tiles, whatever the settings.
+// Random jobs of small scenes: the result does not depend on the number of tiles, for any settings.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,7 +19,7 @@ namespace {
 
 constexpr uint64_t kCases = 24, kFirstSeed = 100;
 
-// The ends now and then; small values as often as large ones.
+// Sometimes the limits; otherwise log-uniform.
 double RandomReal(const Setting<double>& setting, Random* random) {
   switch (random->Below(6)) {
     case 0:
@@ -60,7 +60,7 @@ JobSettings RandomJob(Random* random) {
     settings = of_labels;
     return job;
   }
-  // Lists: a level or two, from coarse to fine, a step or two on each.
+  // Lists: one or two levels, from coarse to fine, with one or two steps each.
   const ListSetting& levels = ListSettings()[0];
   settings.levels = {RandomWhole(levels.low, levels.high, random)};
   if (settings.levels[0] > levels.low && random->Below(2) == 0) {
@@ -71,7 +71,7 @@ JobSettings RandomJob(Random* random) {
 }
 
 std::string RandomScene(const std::string& folder, Random* random) {
-  if (random->Below(4) == 0) {  // whose likelihoods have borders enough to be trusted; tiny scenes have not
+  if (random->Below(4) == 0) {  // enough class borders for border trust, which tiny scenes lack
     SynthesizeStrip(folder, 2);
     return folder;
   }
@@ -84,19 +84,19 @@ std::string RandomScene(const std::string& folder, Random* random) {
   if (random->Below(5) == 0) options.likelihoods = Likelihoods::kNone;
   if (options.likelihoods == Likelihoods::kNone) options.absent_class = false;
   TinyScene scene = WriteTinyScene(folder, options);
-  // Off the truth, so that there is something to do.
+  // The start differs from the ground truth, so that vertices move.
   for (Eigen::Vector3d& p : scene.mesh.vertices) p.z() += 0.15 * random->Normal();
   WriteText(folder + "/mesh.ply", AsciiPly(scene.mesh, "double"));
   return folder;
 }
 
-TEST(RandomJobs, TilesChangeNoByte) {
+TEST(RandomJobs, ResultIsIndependentOfTheTiling) {
   int64_t samples = 0, moved = 0, classified = 0;
   for (uint64_t seed = kFirstSeed; seed < kFirstSeed + kCases; ++seed) {
     Random random(seed);
     const std::string folder = RandomScene(FreshTestFolder("scene"), &random);
     JobSettings job = RandomJob(&random);
-    // Now and then the job makes the likelihoods.
+    // Sometimes the job computes the likelihoods.
     if (Random(seed + 1000).Below(4) == 0) job.classifier = kDefaultClassifier;
     const bool has_likelihoods = Classifies(job) || LoadScene(folder, nullptr).value().has_likelihoods;
     while (job.method == kLabelsMethod && !has_likelihoods) job = RandomJob(&random);
@@ -122,7 +122,7 @@ TEST(RandomJobs, TilesChangeNoByte) {
   }
   EXPECT_GT(samples, 0);
   EXPECT_GT(classified, 2);
-  EXPECT_GT(moved, static_cast<int64_t>(kCases)) << "most jobs do something";
+  EXPECT_GT(moved, static_cast<int64_t>(kCases)) << "the test is void: few jobs move vertices";
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Whether two jobs made the same bytes, and if not, what differs.
+// Compares the results of two jobs byte for byte, and describes the first difference.
 #ifndef TESSERA_TESTS_PROPERTY_LINE_SAME_MESH_H_
 #define TESSERA_TESTS_PROPERTY_LINE_SAME_MESH_H_
 
@@ -12,14 +12,14 @@
 
 namespace tessera {
 
-// Of two PLY files.
+// Compares two PLY files.
 inline testing::AssertionResult SameMesh(const std::string& expected_path, const std::string& found_path) {
   if (ReadText(expected_path) == ReadText(found_path)) return testing::AssertionSuccess();
   const auto expected = ReadPly(expected_path), found = ReadPly(found_path);
   if (!expected.ok() || !found.ok()) return testing::AssertionFailure() << expected.status() << found.status();
   const TriangleMesh &a = expected->mesh, &b = found->mesh;
   if (a.faces != b.faces || a.vertices.size() != b.vertices.size() || a.labels.size() != b.labels.size()) {
-    return testing::AssertionFailure() << "other faces or numbers of things";
+    return testing::AssertionFailure() << "faces or element counts differ";
   }
   size_t vertices = 0, labels = 0, first = a.vertices.size();
   double farthest_m = 0;

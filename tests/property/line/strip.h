@@ -1,4 +1,4 @@
-// A row of blocks with small images, for tests of the line with several tiles.
+// A row of blocks with small images, for tests with several tiles.
 #ifndef TESSERA_TESTS_PROPERTY_LINE_STRIP_H_
 #define TESSERA_TESTS_PROPERTY_LINE_STRIP_H_
 
@@ -10,7 +10,7 @@
 
 namespace tessera {
 
-// Writes the scene to `folder`; the test fails if that cannot be.
+// Writes the scene to `folder`; fails the test on errors.
 inline void SynthesizeStrip(const std::string& folder, int columns) {
   SynthOptions options;
   options.columns = columns;

@@ -52,7 +52,7 @@ void ExpectHas(const std::set<uint32_t>& faces, const std::vector<uint8_t>& want
   }
 }
 
-TEST(CutTile, PackagesHaveWhatTheyShareInTheSameOrder) {
+TEST(CutTile, PackagesHaveCommonElementsInTheSameOrder) {
   const TinyCity tiny = MakeTinyCity();
   const GroundPlane ground = PackageCells(tiny.survey.ground);
   size_t smaller = 0;
@@ -93,7 +93,7 @@ TEST(CutTile, PackagesHaveWhatTheyShareInTheSameOrder) {
 }
 
 // Found again on the whole city, a step at a time.
-TEST(CutTile, RegionsHaveAllThatTheOperatorsRead) {
+TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
   const TinyCity tiny = MakeTinyCity();
   const TriangleMesh& mesh = tiny.mesh;
   const IndexRows faces_of_vertex = FacesOfVertices(mesh);
@@ -181,7 +181,7 @@ TEST(CutTile, FlagsExactlyTheVerticesThatLackFaces) {
   EXPECT_GT(cut_off, 0);
 }
 
-TEST(CutTile, ReadsItsOwnTileAndAllWhoseCellsItNeeds) {
+TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
   const TinyCity tiny = MakeTinyCity();
   const Survey& survey = tiny.survey;
   const CutOptions options = ShortReach();
@@ -246,7 +246,7 @@ TEST(CutTile, ReadsItsOwnTileAndAllWhoseCellsItNeeds) {
 
 // A cut reads the survey of the whole city; what changed out of its tile's sight must end with it, or crops and steps
 // of tiles that stay would run anew.
-TEST(CutTile, WhatChangesOutOfSightLeavesNoTrace) {
+TEST(CutTile, ChangesOutsideTheVisibleCellsHaveNoEffect) {
   const TinyCity tiny = MakeTinyCity();
   TinyCity other = MakeTinyCity();
   // Another flight over one corner, which the cell there chose beside its others.
@@ -281,7 +281,7 @@ TEST(CutTile, WhatChangesOutOfSightLeavesNoTrace) {
   EXPECT_GT(different, 0);
 }
 
-TEST(CutTile, RefusesACoreWithoutFaces) {
+TEST(CutTile, RejectsACoreWithoutFaces) {
   const TinyCity tiny = MakeTinyCity();
   const CellRect far = {1000, 1000, 1001, 1001};
   const auto cut = CutTile(tiny.city, tiny.survey, {{0, far}, {far}}, ShortReach());

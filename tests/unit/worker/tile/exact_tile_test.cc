@@ -163,7 +163,7 @@ Comparison CompareTiles(const SightOptions& sight, double motion_m, int cases) {
   return comparison;
 }
 
-TEST(ExactTile, ShowsWhatTheCityShowsWhereverItsVerticesGo) {
+TEST(ExactTile, MapsEqualThoseOfTheCityForAnyVertexMotion) {
   const Comparison comparison = CompareTiles(Bounds(), kMotion_m, 12);
   EXPECT_EQ(comparison.different, 0);
   EXPECT_GT(comparison.same, 10000);
@@ -171,7 +171,7 @@ TEST(ExactTile, ShowsWhatTheCityShowsWhereverItsVerticesGo) {
 }
 
 // The test above sees bounds that are too small.
-TEST(ExactTile, BoundsAreNeeded) {
+TEST(ExactTile, MapsDifferWithSmallerBounds) {
   SightOptions still = Bounds();
   still.motion_m = 0;
   EXPECT_GT(CompareTiles(still, kMotion_m, 6).different, 0);

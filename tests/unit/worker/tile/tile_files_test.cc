@@ -105,7 +105,7 @@ TEST(TileFiles, PackageRoundTrip) {
   ExpectDamageFound(path, ReadTilePackage);
 }
 
-TEST(TileFiles, PackagesWhosePartsDoNotFitAreDamaged) {
+TEST(TileFiles, InconsistentPackagesAreRejected) {
   const std::string path = TestPath("misfit.arrays");
   const auto code = [&](const TilePackage& p) {
     EXPECT_TRUE(WriteTilePackage(path, p).ok());
@@ -218,7 +218,7 @@ TEST(TileFiles, StateRoundTrip) {
   EXPECT_FALSE(ReadTileState(path).ok()) << "a vertex without position";
 }
 
-TEST(RunTask, UnknownKindAndWrongParametersAreTheInputsFault) {
+TEST(RunTask, UnknownKindAndWrongParametersAreInvalidArguments) {
   const TaskRequest unknown = {"dance", "{}", testing::TempDir(), testing::TempDir()};
   EXPECT_EQ(RunTask(unknown, {}).status().code(), absl::StatusCode::kInvalidArgument);
   for (const char* kind : {"cut", "refine", "measure", "solve", "mend", "publish"}) {

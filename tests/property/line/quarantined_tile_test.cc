@@ -1,4 +1,4 @@
-// A tile whose refinement failed stays as it was, and the city closes about it without a crack.
+// A tile whose refinement failed keeps its start, and the result has no cracks around it.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -21,9 +21,9 @@ namespace {
 
 using nlohmann::json;
 
-class SetAsideTest : public testing::Test {
+class QuarantinedTileTest : public testing::Test {
  protected:
-  static constexpr int kTile = 1;  // one with neighbours on both sides
+  static constexpr int kTile = 1;  // a tile with neighbours on both sides
 
   void SetUp() override {
     folder_ = FreshTestFolder("set_aside");
@@ -36,7 +36,7 @@ class SetAsideTest : public testing::Test {
 
   std::vector<LineTask> Run(const std::vector<SetAsideTile>& set_aside) {
     auto tasks = RunLine(folder_ + "/scene", folder_ + "/" + std::to_string(runs_++), settings_, {}, set_aside);
-    EXPECT_TRUE(tasks.ok()) << tasks.status();  // publish compares all that tiles share, byte for byte
+    EXPECT_TRUE(tasks.ok()) << tasks.status();  // publish compares all shared data of tiles, byte for byte
     return tasks.ok() ? *std::move(tasks) : std::vector<LineTask>();
   }
   static json ReportOf(const std::vector<LineTask>& tasks, const std::string& file) {
@@ -56,7 +56,7 @@ class SetAsideTest : public testing::Test {
   int runs_ = 0;
 };
 
-TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
+TEST_F(QuarantinedTileTest, CityHasNoCracksAroundATileFailedAtAnyStep) {
   const std::vector<LineTask> whole = Run({});
   ASSERT_FALSE(whole.empty());
   std::map<std::string, TileState> state_of;  // of the tile, after each of its tasks
@@ -64,8 +64,8 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
     if (task.planned.tile != kTile || task.outcome.outputs != std::vector<std::string>{kStateFile}) continue;
     state_of[task.planned.name] = *ReadTileState(task.output_dir + "/" + kStateFile);
   }
-  // Labels first, two iterations on level 1, one on level 0, labels. What fails, and whose state stays; empty: the
-  // start's.
+  // Sequence: labels, two iterations on level 1, one on level 0, labels. Pairs of the failing task and the task whose
+  // state remains; empty: the start.
   struct Case {
     const char* kind;
     int step;
@@ -100,7 +100,7 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
       EXPECT_EQ(left.positions, state_of[stays].positions);
       EXPECT_EQ(left.labels, state_of[stays].labels);
     }
-    // Its edges are not flipped, others' are.
+    // The tile's edges are not flipped, those of other tiles are.
     const auto city = ReadCity(tasks.front().output_dir + "/" + kCityFile);
     const auto result = ReadPly(tasks.back().output_dir + "/" + kMeshFile);
     ASSERT_TRUE(city.ok() && result.ok());
@@ -110,7 +110,7 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
     }
     EXPECT_FALSE(flipped.empty());
     for (const uint32_t f : left.face_ids) EXPECT_FALSE(flipped.contains(f));
-    // The others go on, and far enough from it they move as without this.
+    // The other tiles continue, and move as without the failure where they are far enough from it.
     const TileState other = Published(tasks, 0), undisturbed = Published(whole, 0);
     const std::set<uint32_t> shared(left.vertex_ids.begin(), left.vertex_ids.end());
     ASSERT_EQ(other.vertex_ids, undisturbed.vertex_ids);
@@ -125,13 +125,14 @@ TEST_F(SetAsideTest, WhateverFailsTheCityClosesAboutTheTile) {
   }
 }
 
-TEST_F(SetAsideTest, WhatWasDoneBeforeHasTheSameTasks) {
+TEST_F(QuarantinedTileTest, EarlierTasksAreUnchanged) {
   const std::vector<LineTask> whole = Run({}), tasks = Run({{kTile, kSolveKind, 2}});
   std::set<std::pair<std::string, std::string>> planned;
   for (const LineTask& task : whole) planned.emplace(task.planned.name, task.planned.parameters);
   for (const LineTask& task : tasks) {
     const bool same = planned.contains({task.planned.name, task.planned.parameters});
-    // Behind the tile's last good state, which is that before level 1, only what reads no state of another stage.
+    // After the tile's last valid state, which is that before level 1, only tasks that read no state of another stage
+    // remain.
     const bool before = task.planned.kind == "ingest" || task.planned.kind == kCutKind ||
                         task.planned.kind == kCropKind || task.planned.name.ends_with("step 0") ||
                         task.planned.name.ends_with("before step 1") || task.planned.name == "measure tile 0 step 1";
