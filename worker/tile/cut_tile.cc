@@ -19,13 +19,13 @@ namespace {
 
 using CellAt = std::array<int32_t, 2>;
 
-// By y, then x: the order of cells in surveys and packages.
+// Order by y, then x, as cells in surveys and packages.
 struct CellOrder {
   bool operator()(const CellAt& a, const CellAt& b) const { return a[1] != b[1] ? a[1] < b[1] : a[0] < b[0]; }
 };
 using CellSet = std::set<CellAt, CellOrder>;
 
-// The ground cell that has a package's.
+// The ground cell that contains a package cell.
 CellAt GroundCellOf(const CellAt& at) {
   const auto down = [](int32_t i) { return i >= 0 ? i / kPackageCellsAcross : -((-i - 1) / kPackageCellsAcross) - 1; };
   return {down(at[0]), down(at[1])};
@@ -39,8 +39,8 @@ CellAt CellOf(const GroundPlane& ground, const Eigen::Vector3d& p) {
 // Some blocks of the city as one mesh.
 struct LoadedBlocks {
   CollectedFaces faces;
-  std::vector<CellAt> cell;      // of each face
-  std::vector<Cell> label_cell;  // the same
+  std::vector<CellAt> cell;      // per face
+  std::vector<Cell> label_cell;  // per face
   IndexRows faces_of_vertex;
 };
 
@@ -65,12 +65,12 @@ StatusOr<LoadedBlocks> Load(const CityReader& city, const Survey& survey, const 
   return loaded;
 }
 
-// Marks the blocks that hold something about the faces with a bit in `regions`: a vertex of theirs, or what may touch
-// them. True if there were such.
+// Marks the blocks that may contain data about the faces with a bit in `regions`: one of their vertices, or a face
+// that may touch them. Returns whether there are any.
 bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const std::vector<uint8_t>& regions,
                     double contact_m, std::vector<uint8_t>* blocks) {
   const TriangleMesh& mesh = loaded.faces.mesh;
-  std::vector<uint8_t> used(mesh.vertices.size(), 0);  // the regions of a vertex
+  std::vector<uint8_t> used(mesh.vertices.size(), 0);  // per vertex: regions that use it
   for (size_t f = 0; f < regions.size(); ++f) {
     for (const uint32_t v : mesh.faces[f]) used[v] |= regions[f];
   }
@@ -87,7 +87,7 @@ bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const st
         any = true;
       }
     }
-    // A face may reach across a block without a vertex in it.
+    // A face may cross a block without having a vertex in it.
     for (size_t f = 0; f < regions.size() && !(*blocks)[b]; ++f) {
       if (!(regions[f] & kRepairRegion)) continue;
       Eigen::AlignedBox3d face;
@@ -101,7 +101,7 @@ bool AddBlocksAbout(const CityReader& city, const LoadedBlocks& loaded, const st
   return any;
 }
 
-// True if there were any that were not marked.
+// Returns whether any was not marked before.
 bool AddBlocksOf(const CityReader& city, const CellSet& cells, std::vector<uint8_t>* blocks) {
   bool any = false;
   for (size_t b = 0; b < blocks->size(); ++b) {
@@ -115,7 +115,7 @@ bool AddBlocksOf(const CityReader& city, const CellSet& cells, std::vector<uint8
   return any;
 }
 
-// Depths of what the job looks at in a view, and of where it may move.
+// Range of depths that the job matches in a view, including the motion of the surface.
 std::array<double, 2> DepthsOfView(const Survey& survey, int32_t view, double motion_m) {
   const auto& [near_m, far_m] = survey.view_depths[view];
   return {std::max(near_m - motion_m, kNearPlane_m), std::max(far_m + motion_m, 2 * kNearPlane_m)};
@@ -140,7 +140,7 @@ void FillMesh(const LoadedBlocks& loaded, const std::vector<uint8_t>& regions, c
     vertices.push_back(v);
     vertex_cell[v] = CellOf(small, mesh.vertices[v]);
   }
-  // Ids ascend already.
+  // Ids already ascend.
   const CellOrder before;
   std::vector<CellAt> all;
   const auto sort = [&](const std::vector<CellAt>& cell, std::vector<uint32_t>* items) {
@@ -189,7 +189,7 @@ void FillMesh(const LoadedBlocks& loaded, const std::vector<uint8_t>& regions, c
   FindVertexCells(package->mesh.faces, &package->cells);
 }
 
-// Flags those faces of a ground cell that lie in one of its small cells: the first that has any.
+// Flags the faces of a ground cell that are in its first non-empty package cell.
 void FlagSample(const LoadedBlocks& loaded, const GroundPlane& ground, const CellAt& sample,
                 std::vector<uint8_t>* regions) {
   const GroundPlane small = PackageCells(ground);
@@ -218,7 +218,7 @@ CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const T
   out.sight.alignment_px = 1 << coarsest_level;
   StepOptions step;
   step.smoothing_sweeps = stepper.smoothing_sweeps;
-  step.inter = 1;  // whatever the method has
+  step.inter = 1;  // the largest radius of any method
   out.reach.solve_rings = StepReachOf(step, limits).rings();
   out.reach.repair = RepairReachOf(stepper);
   out.reach.contact_m = 2 * out.sight.motion_m;
@@ -231,14 +231,15 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   const GroundPlane& ground = survey.ground;
   const SurveyCell* sample = nullptr;
   for (const SurveyCell& cell : survey.cells) sample = BetterSample(sample, cell, p.tile.core);
-  std::vector<uint8_t> measured_cells(survey.cells.size());  // the core's, and that of the sample
+  std::vector<uint8_t> measured_cells(survey.cells.size());  // cells of the core and of the sample
   std::set<int32_t> chosen;
   for (size_t c = 0; c < measured_cells.size(); ++c) {
     const SurveyCell& cell = survey.cells[c];
     measured_cells[c] = p.tile.core.Contains({cell.x, cell.y}) || &cell == sample;
     if (measured_cells[c]) chosen.insert(cell.views.begin(), cell.views.end());
   }
-  // And their partners: at the border of a cell that did not choose a view, a pixel may land on one of a cell that did.
+  // And their partners: at the border of a cell that did not select a view, a pixel may be warped onto a cell that
+  // did.
   const std::set<int32_t> of_core = chosen;
   for (const auto& [reference, other] : survey.pairs) {
     if (of_core.contains(reference)) chosen.insert(other);
@@ -253,7 +254,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
                                                    survey.view_depths.size(), " views of ", survey.views.size()));
   }
   Sight sight = FindSight(survey, measured_cells, views, options.sight);
-  // Partners that show nothing that is needed are none: what becomes of them elsewhere does not concern the tile.
+  // Partners without needed pixels are dropped: they do not affect the tile.
   size_t kept = 0;
   for (size_t v = 0; v < views.size(); ++v) {
     if (sight.windows[v].empty()) continue;
@@ -263,7 +264,8 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   views.resize(kept);
   sight.windows.resize(kept);
 
-  // Blocks are added until none holds anything about what is found.
+  // Add blocks until none contains more data about the faces found. The regions need whole neighbourhoods, whose
+  // extent is only known once their faces are loaded, hence the loop.
   std::vector<uint8_t> blocks(city.block_count());
   for (size_t b = 0; b < blocks.size(); ++b) {
     blocks[b] = DistanceBetween(city.cells(b), p.tile.core, ground.cell_m) <= 0;
@@ -293,7 +295,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
   }
   cells.insert(in_sight.begin(), in_sight.end());
   if (AddBlocksOf(city, cells, &blocks)) {
-    // Both lists of faces ascend, and the second has all of the first.
+    // Both lists of faces ascend, and the second contains the first.
     const std::vector<uint32_t> before_ids = std::move(loaded.faces.face_ids);
     const std::vector<uint8_t> before_regions = std::move(regions);
     TESSERA_ASSIGN_OR_RETURN(loaded, Load(city, survey, blocks));
