@@ -20,19 +20,22 @@ struct CubeHash {
   }
 };
 
-// The lowest corner first, so that equal faces are equal.
-Triangle Turned(const Triangle& face) {
+// Rotates the face so that its lowest index comes first; equal faces then have equal arrays.
+Triangle Canonical(const Triangle& face) {
   const auto lowest = std::min_element(face.begin(), face.end()) - face.begin();
   return {face[lowest], face[(lowest + 1) % 3], face[(lowest + 2) % 3]};
 }
 
-void SortOut(std::vector<Triangle>* faces) {
+void RemoveDuplicates(std::vector<Triangle>* faces) {
   std::sort(faces->begin(), faces->end());
   faces->erase(std::unique(faces->begin(), faces->end()), faces->end());
 }
 
 }  // namespace
 
+// Clustering needs no adjacency, so the input is read in sequential passes and may exceed memory. Many input faces map
+// to the same coarse face; duplicates are removed whenever kFacesBetweenSorts faces were added, which bounds memory by
+// the result.
 StatusOr<CoarseMesh> CoarsenMesh(const MeshSpans& mesh, int64_t clusters, const std::string& scratch_folder) {
   double area_m2 = 0;
   for (size_t f = 0; f < mesh.faces.size(); ++f) area_m2 += FaceArea(mesh, f);
@@ -64,12 +67,12 @@ StatusOr<CoarseMesh> CoarsenMesh(const MeshSpans& mesh, int64_t clusters, const 
   for (const Triangle& face : mesh.faces) {
     const Triangle corners = {cluster_of[face[0]], cluster_of[face[1]], cluster_of[face[2]]};
     if (corners[0] == corners[1] || corners[1] == corners[2] || corners[2] == corners[0]) continue;
-    faces.push_back(Turned(corners));
+    faces.push_back(Canonical(corners));
     if (faces.size() < sorted + kFacesBetweenSorts) continue;
-    SortOut(&faces);
+    RemoveDuplicates(&faces);
     sorted = faces.size();
   }
-  SortOut(&faces);
+  RemoveDuplicates(&faces);
   return coarse;
 }
 

@@ -1,4 +1,4 @@
-// The shape of a mesh in few faces, made in passes over a mesh that may be larger than memory.
+// Coarse approximation of a mesh that may be larger than memory.
 #ifndef TESSERA_COMMON_GEOMETRY_COARSE_MESH_H_
 #define TESSERA_COMMON_GEOMETRY_COARSE_MESH_H_
 
@@ -12,13 +12,13 @@ namespace tessera {
 
 struct CoarseMesh {
   TriangleMesh mesh;   // no labels
-  double error_m = 0;  // bound: no point of either surface is farther from the other
+  double error_m = 0;  // upper bound of the distance between the two surfaces, in both directions
 };
 
-// Vertex clustering (Rossignac and Borrel, 1993): vertices in the same cube of a grid become their mean; faces with
-// corners in three cubes stay. The grid is as fine as gives about `clusters` vertices for the mesh's area.
-// `scratch_folder` takes 4 bytes a vertex meanwhile. Memory is that of the result. Deterministic. RESOURCE_EXHAUSTED if
-// scratch has no room.
+// Vertex clustering (Rossignac and Borrel, 1993): replaces the vertices in each cube of a grid by their mean, and keeps
+// the faces whose corners lie in three different cubes. The cube size is chosen for about `clusters` vertices, from the
+// mesh's area. Needs 4 bytes per vertex in `scratch_folder`, and memory for the result. Deterministic.
+// RESOURCE_EXHAUSTED if the scratch folder is full.
 StatusOr<CoarseMesh> CoarsenMesh(const MeshSpans& mesh, int64_t clusters, const std::string& scratch_folder);
 
 }  // namespace tessera

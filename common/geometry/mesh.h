@@ -1,4 +1,4 @@
-// The triangle mesh as flat arrays: what files hold and hot code reads.
+// The triangle mesh as flat arrays.
 #ifndef TESSERA_COMMON_GEOMETRY_MESH_H_
 #define TESSERA_COMMON_GEOMETRY_MESH_H_
 
@@ -11,11 +11,11 @@
 
 namespace tessera {
 
-// Indices of a face's three vertices, counter-clockwise seen from outside.
+// Vertex indices of a face, counter-clockwise seen from outside.
 using Triangle = std::array<uint32_t, 3>;
 
-// Vertices in metres, in whatever frame the owner says (the scene's local frame inside the product).
-// `labels`: class index a face, or empty if the mesh has none. -1 means "not labelled".
+// Vertices in metres, usually in the scene's local frame; the owner states the frame.
+// `labels`: class index per face, -1: no label; empty if the mesh has no labels.
 struct TriangleMesh {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<Triangle> faces;
@@ -24,7 +24,7 @@ struct TriangleMesh {
   const Eigen::Vector3d& Corner(size_t face, int k) const { return vertices[faces[face][k]]; }
 };
 
-// A mesh that lies elsewhere, in memory or in a mapped file, which must outlive it.
+// A view of a mesh in memory or in a mapped file, which must outlive it.
 struct MeshSpans {
   std::span<const Eigen::Vector3d> vertices;
   std::span<const Triangle> faces;
@@ -44,7 +44,7 @@ inline Eigen::Vector3d FaceCross(const MeshSpans& mesh, size_t face) {
 
 inline double FaceArea(const MeshSpans& mesh, size_t face) { return 0.5 * FaceCross(mesh, face).norm(); }
 
-// Unit normal; zero for a face without area.
+// Unit normal; zero for a degenerate face.
 inline Eigen::Vector3d FaceNormal(const MeshSpans& mesh, size_t face) {
   return FaceCross(mesh, face).stableNormalized();
 }

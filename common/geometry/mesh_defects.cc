@@ -24,11 +24,12 @@ void Count(DefectCount& defect, int64_t index) {
 
 Status CheckArrays(const TriangleMesh& mesh) {
   if (mesh.faces.size() > std::numeric_limits<uint32_t>::max() / 3) {
-    return absl::InvalidArgumentError("mesh is too large to be checked at once");
+    return absl::InvalidArgumentError(absl::StrCat("mesh has ", mesh.faces.size(), " faces, expected at most ",
+                                                   std::numeric_limits<uint32_t>::max() / 3));
   }
   if (!mesh.labels.empty() && mesh.labels.size() != mesh.faces.size()) {
     return absl::InvalidArgumentError(
-        absl::StrCat("mesh of ", mesh.faces.size(), " faces has ", mesh.labels.size(), " labels"));
+        absl::StrCat("mesh has ", mesh.labels.size(), " labels, expected one per face: ", mesh.faces.size()));
   }
   for (size_t v = 0; v < mesh.vertices.size(); ++v) {
     if (!mesh.vertices[v].allFinite()) return absl::InvalidArgumentError(absl::StrCat("vertex ", v, " is not finite"));
@@ -37,7 +38,7 @@ Status CheckArrays(const TriangleMesh& mesh) {
     for (const uint32_t vertex : mesh.faces[f]) {
       if (vertex >= mesh.vertices.size()) {
         return absl::InvalidArgumentError(
-            absl::StrCat("face ", f, " names vertex ", vertex, " of a mesh with ", mesh.vertices.size(), " vertices"));
+            absl::StrCat("face ", f, " has vertex index ", vertex, ", expected an index below ", mesh.vertices.size()));
       }
     }
   }
@@ -46,19 +47,19 @@ Status CheckArrays(const TriangleMesh& mesh) {
 
 Kernel::Point_3 ToPoint(const Eigen::Vector3d& p) { return {p.x(), p.y(), p.z()}; }
 
-// Exact: true for zero area alone.
+// Exact predicate: true only if the area is exactly zero.
 bool IsCollinear(const TriangleMesh& mesh, size_t face) {
   return CGAL::collinear(ToPoint(mesh.Corner(face, 0)), ToPoint(mesh.Corner(face, 1)), ToPoint(mesh.Corner(face, 2)));
 }
 
-// Items sorted by their smallest vertex first: one bucket a vertex, each sorted.
+// Items grouped by their lowest vertex: one sorted bucket per vertex.
 template <class Item>
 struct Buckets {
   std::vector<int64_t> offsets;
   std::vector<Item> items;
 };
 
-// emit(face, add) calls add(vertex, item) for what `face` contributes.
+// Builds the buckets. emit(face, add) calls add(vertex, item) for each item of `face`.
 template <class Item, class Emit>
 Buckets<Item> SortIntoBuckets(const TriangleMesh& mesh, const Emit& emit) {
   Buckets<Item> out;
@@ -123,7 +124,7 @@ void FindDegenerateFaces(const TriangleMesh& mesh, const Owned& owned, MeshAnaly
   }
 }
 
-// Union-find whose representative is the lowest member.
+// Union-find; the representative of a set is its lowest member.
 class Fans {
  public:
   explicit Fans(size_t size) : parent_(size) { std::iota(parent_.begin(), parent_.end(), 0u); }
@@ -137,7 +138,7 @@ class Fans {
     parent_[std::max(i, j)] = std::min(i, j);
   }
   std::vector<uint32_t> Flattened() {
-    for (uint32_t i = 0; i < parent_.size(); ++i) parent_[i] = parent_[parent_[i]];  // parents come first
+    for (uint32_t i = 0; i < parent_.size(); ++i) parent_[i] = parent_[parent_[i]];  // a parent has a lower index
     return std::move(parent_);
   }
 
@@ -147,10 +148,10 @@ class Fans {
 
 void FindFans(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
   MeshDefects& defects = out.defects;
-  // One for each side that a face has of an edge; the edge starts at the smaller vertex.
+  // A face at an edge. The edge is stored in the bucket of its lower vertex.
   struct Side {
     uint32_t other;
-    uint32_t corner;  // where the face's directed edge starts
+    uint32_t corner;  // start corner of the face's directed edge
     auto operator<=>(const Side&) const = default;
   };
   const auto buckets = SortIntoBuckets<Side>(mesh, [&](size_t f, const auto& add) {

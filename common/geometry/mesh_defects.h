@@ -1,4 +1,4 @@
-// What keeps a triangle mesh from being an oriented manifold.
+// Defects by which a triangle mesh is not an oriented manifold.
 #ifndef TESSERA_COMMON_GEOMETRY_MESH_DEFECTS_H_
 #define TESSERA_COMMON_GEOMETRY_MESH_DEFECTS_H_
 
@@ -11,47 +11,47 @@
 
 namespace tessera {
 
-// How often a defect occurs, and the lowest index (of a face, or of a vertex) where; -1 if nowhere.
+// The number of occurrences of a defect, and the lowest face or vertex index with it; -1: none.
 struct DefectCount {
   int64_t count = 0;
   int64_t first = -1;
 };
 
-// Edges and vertices are judged over the faces that are not degenerate.
+// Edges and vertices are checked with respect to the faces that are not degenerate.
 struct MeshDefects {
-  // Degenerate faces, each counted once, as the first of these that it is.
-  DefectCount repeated_vertex_faces;  // the same index twice
-  DefectCount zero_area_faces;        // corners exactly on one line
+  // Degenerate faces; each is counted once, for the first of these kinds that applies.
+  DefectCount repeated_vertex_faces;  // a vertex index occurs twice
+  DefectCount zero_area_faces;        // corners are exactly collinear
   DefectCount duplicate_faces;        // the same three vertices as an earlier face, in any order
-  DefectCount non_manifold_edges;     // three or more faces; `first` is its smaller vertex
-  DefectCount conflicting_edges;      // two faces that run along it the same way; `first` as above
-  DefectCount non_manifold_vertices;  // fans that touch in this vertex alone
-  DefectCount unreferenced_vertices;  // in no face, or in degenerate ones only
-  int64_t boundary_edges = 0;         // one face; no defect
+  DefectCount non_manifold_edges;     // three or more faces; `first` is the lower vertex of the edge
+  DefectCount conflicting_edges;      // two faces with opposite orientation; `first` as above
+  DefectCount non_manifold_vertices;  // several fans of faces that share only this vertex
+  DefectCount unreferenced_vertices;  // in no face, or only in degenerate faces
+  int64_t boundary_edges = 0;         // edges with one face; not a defect
   bool IsClean() const;
 };
 
-// INVALID_ARGUMENT if a face names a vertex that is not there, a position is not finite, or labels are neither none nor
-// one a face. Thread-safe.
+// INVALID_ARGUMENT if a vertex index is out of range, a position is not finite, or the number of labels is neither 0
+// nor the number of faces. Thread-safe.
 StatusOr<MeshDefects> CheckMesh(const TriangleMesh& mesh);
 
-// The pairs of faces that cut or overlap each other without being neighbours (CGAL), lower index first, ascending.
-// `mesh` must be an oriented manifold: FAILED_PRECONDITION otherwise. Takes seconds a million faces. Thread-safe.
+// Pairs of non-adjacent faces that intersect or overlap (CGAL), lower index first, ascending. FAILED_PRECONDITION
+// unless `mesh` is an oriented manifold. Takes seconds per million faces. Thread-safe.
 StatusOr<std::vector<std::array<uint32_t, 2>>> SelfIntersections(const TriangleMesh& mesh);
 
-// The same as CheckMesh, with what RepairMesh needs beside it.
+// The result of CheckMesh, and the data that RepairMesh needs.
 struct MeshAnalysis {
   MeshDefects defects;
-  std::vector<uint8_t> is_degenerate;  // a face
-  // Corner 3 f + k of face f stands for its vertex on f's side. Corners that are joined by edges with exactly two faces
-  // of opposite direction have the same fan: the lowest of these corners. Meaningless for degenerate faces.
+  std::vector<uint8_t> is_degenerate;  // per face
+  // Corner 3 f + k is vertex k of face f. Corners that are connected across manifold edges (two faces, consistent
+  // orientation) form a fan; its id is the lowest of these corners. Undefined for degenerate faces.
   std::vector<uint32_t> fan_of_corner;
 };
 StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh);
 
-// The same for the vertices [owned_begin, owned_end) of a mesh that has all faces of these, but not all of the others:
-// defects are counted at owned vertices alone (faces and edges where their smallest vertex is owned), and fans mean
-// something at owned vertices alone. Parts that own every vertex once find each defect of the whole once.
+// The same for a part of a mesh: all faces of the owned vertices [owned_begin, owned_end) are present, faces of other
+// vertices may be missing. Counts only defects of owned vertices, and of faces and edges whose lowest vertex is owned.
+// Fans are valid only at owned vertices. If each vertex is owned by one part, each defect of the whole is counted once.
 StatusOr<MeshAnalysis> AnalyseMeshPart(const TriangleMesh& mesh, size_t owned_begin, size_t owned_end);
 
 }  // namespace tessera

@@ -37,7 +37,7 @@ struct NearestSurface::Impl {
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
 
-  // What float rounding in the tree may hide of a point.
+  // Upper bound of the float rounding in the tree near `p`.
   double SlackAt(const Eigen::Vector3d& p) const {
     return 8 * std::numeric_limits<float>::epsilon() * (extent_m + (p - centre).cwiseAbs().maxCoeff());
   }
@@ -65,7 +65,7 @@ namespace {
 struct Search {
   const TriangleMesh* mesh;
   Eigen::Vector3d query;
-  double slack_m;  // what float rounding in the tree may hide
+  double slack_m;  // upper bound of the float rounding in the tree
   double best_squared = std::numeric_limits<double>::infinity();
   int64_t face = -1;
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
@@ -99,7 +99,7 @@ bool VisitUntilNear(RTCPointQueryFunctionArguments* args) {
                                                        mesh.Corner(args->primID, 1), mesh.Corner(args->primID, 2));
   if (proximity.found || (point - proximity.query).squaredNorm() > proximity.squared) return false;
   proximity.found = true;
-  args->query->radius = 0;  // that will do
+  args->query->radius = 0;  // ends the query
   return true;
 }
 

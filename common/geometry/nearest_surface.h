@@ -1,4 +1,4 @@
-// The nearest point of a triangle mesh, exactly (Embree's point query).
+// Exact nearest-point queries on a triangle mesh (Embree point queries).
 #ifndef TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_
 #define TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_
 
@@ -10,20 +10,20 @@
 namespace tessera {
 
 struct NearestPoint {
-  int64_t face = -1;                                // index in the mesh; -1: the mesh has no face
-  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // on that face, the mesh's frame
+  int64_t face = -1;                                // index in the mesh; -1: the mesh has no faces
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // nearest point on that face, frame of the mesh
   double distance_m = 0;
 };
 
-// The point of triangle (a, b, c) nearest to `p` (Ericson, Real-Time Collision Detection, section 5.1.5). Triangles
-// without area are segments or points.
+// The point of triangle (a, b, c) nearest to `p` (Ericson, Real-Time Collision Detection, section 5.1.5). Degenerate
+// triangles are treated as segments or points.
 Eigen::Vector3d NearestPointOfTriangle(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                                        const Eigen::Vector3d& c);
 
-// The search tree holds floats relative to the mesh's centre and only discards what is farther off than its rounding;
-// distances are computed in double precision from `mesh`, which must outlive this. Of faces equally near the one with
-// the lowest index is given, so results depend neither on threads nor on the tree. Const member functions may be
-// called from any thread at once.
+// Nearest-point queries on `mesh`, which must outlive this object. The search tree uses floats relative to the mesh's
+// centre, with a margin for their rounding; distances are computed in double precision. Of equally near faces the one
+// with the lowest index is returned, so results do not depend on threads or on the tree. Const member functions are
+// thread-safe.
 class NearestSurface {
  public:
   explicit NearestSurface(const TriangleMesh& mesh);
@@ -31,10 +31,10 @@ class NearestSurface {
   NearestSurface(NearestSurface&&) noexcept;
   NearestSurface& operator=(NearestSurface&&) noexcept;
 
-  // `p` in metres, the mesh's frame.
+  // `p`: metres, frame of the mesh.
   NearestPoint Find(const Eigen::Vector3d& p) const;
 
-  // Whether the nearest point is at most `distance_m` from `p`; cheaper than finding it.
+  // Whether the distance of `p` from the mesh is at most `distance_m`; faster than Find.
   bool IsWithin(const Eigen::Vector3d& p, double distance_m) const;
 
  private:

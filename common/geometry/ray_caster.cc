@@ -12,7 +12,7 @@
 namespace tessera {
 namespace {
 
-// The level is capped so that hits on edges do not differ between machines.
+// Limits the instruction set, so that hits on edges are equal on all machines.
 constexpr char kDeviceConfig[] = "max_isa=avx2";
 
 struct DeviceRelease {
@@ -24,7 +24,7 @@ struct SceneRelease {
 using DevicePtr = std::unique_ptr<RTCDeviceTy, DeviceRelease>;
 using ScenePtr = std::unique_ptr<RTCSceneTy, SceneRelease>;
 
-// A ray cut to the mesh's box: unit direction, [begin_m, end_m] along it, all in double.
+// A ray clipped to the mesh's bounding box: the interval [begin_m, end_m] along a unit direction, in double precision.
 struct ClippedRay {
   Eigen::Vector3d start;  // relative to the centre, at begin_m
   Eigen::Vector3d unit;
@@ -39,7 +39,7 @@ struct RayCaster::Impl {
   ScenePtr scene;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   Eigen::AlignedBox3d box;  // relative to the centre, padded
-  // Embree owns both; they live as long as the scene.
+  // Owned by Embree; valid as long as the scene.
   const float* vertices = nullptr;
   const uint32_t* faces = nullptr;
 
@@ -48,7 +48,7 @@ struct RayCaster::Impl {
     return {p[0], p[1], p[2]};
   }
 
-  // False if the ray misses the box within [near_m, far_m] or is no ray at all.
+  // False if the ray misses the box within [near_m, far_m] or is not finite.
   bool Clip(const Eigen::Vector3d& origin, const Eigen::Vector3d& unit, double near_m, double far_m,
             ClippedRay& out) const {
     const Eigen::Vector3d local = origin - centre;
@@ -120,8 +120,8 @@ RayCaster::RayCaster(const MeshSpans& mesh) : impl_(std::make_unique<Impl>()) {
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(impl_->scene.get(), geometry);
   rtcReleaseGeometry(geometry);
-  // On one thread: the order of faces in the tree, and with it which of two faces a ray through their edge meets,
-  // would else depend on the number of threads.
+  // Build the tree on one thread. Else the order of faces in it would depend on the number of threads, and so would the
+  // face that a ray through a common edge hits.
   tbb::task_arena(1).execute([this] { rtcCommitScene(impl_->scene.get()); });
   if (rtcGetDeviceError(device) != RTC_ERROR_NONE) throw std::bad_alloc();
 }
@@ -149,7 +149,7 @@ RayHit RayCaster::Cast(const Eigen::Vector3d& origin, const Eigen::Vector3d& dir
   double along_m = query.ray.tfar;
   hit.u = query.hit.u;
   hit.v = query.hit.v;
-  // Embree found the face in float; where the ray meets its plane is worked out again in double.
+  // Embree computes in float, so compute the intersection with the face's plane again in double.
   const uint32_t* face = impl_->faces + 3 * static_cast<size_t>(hit.face);
   const Eigen::Vector3d a = impl_->Vertex(face[0]);
   const Eigen::Vector3d ab = impl_->Vertex(face[1]) - a;
@@ -168,11 +168,11 @@ RayHit RayCaster::Cast(const Eigen::Vector3d& origin, const Eigen::Vector3d& dir
 }
 
 bool RayCaster::Occluded(const Eigen::Vector3d& from, const Eigen::Vector3d& to, double margin_m) const {
-  const Eigen::Vector3d way = to - from;
-  const double length = way.norm();
+  const Eigen::Vector3d segment = to - from;
+  const double length = segment.norm();
   ClippedRay ray;
   if (!impl_->scene || !(length > 0) || !std::isfinite(length)) return false;
-  if (!impl_->Clip(from, way / length, margin_m, length - margin_m, ray)) return false;
+  if (!impl_->Clip(from, segment / length, margin_m, length - margin_m, ray)) return false;
   RTCRay query = Impl::ToEmbree(ray);
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);

@@ -18,16 +18,18 @@ void Warn(const DefectCount& defect, const std::string& what, const std::string&
 }  // namespace
 
 void WarnOfDefects(const MeshDefects& defects, Warnings* warnings) {
-  Warn(defects.repeated_vertex_faces, "faces with a vertex twice were set aside", "face", warnings);
-  Warn(defects.zero_area_faces, "faces without area were set aside", "face", warnings);
-  Warn(defects.duplicate_faces, "faces that repeat another were set aside", "face", warnings);
-  Warn(defects.non_manifold_edges, "edges with more than two faces were cut apart", "at vertex", warnings);
-  Warn(defects.conflicting_edges, "edges between faces oriented against each other were cut apart", "at vertex",
-       warnings);
-  Warn(defects.non_manifold_vertices, "vertices where surfaces only touch were cut apart", "vertex", warnings);
-  Warn(defects.unreferenced_vertices, "vertices of no face were dropped", "vertex", warnings);
+  Warn(defects.repeated_vertex_faces, "faces with a repeated vertex removed", "face", warnings);
+  Warn(defects.zero_area_faces, "faces with zero area removed", "face", warnings);
+  Warn(defects.duplicate_faces, "duplicate faces removed", "face", warnings);
+  Warn(defects.non_manifold_edges, "edges with more than two faces cut", "at vertex", warnings);
+  Warn(defects.conflicting_edges, "edges between faces of opposite orientation cut", "at vertex", warnings);
+  Warn(defects.non_manifold_vertices, "non-manifold vertices cut", "vertex", warnings);
+  Warn(defects.unreferenced_vertices, "unreferenced vertices removed", "vertex", warnings);
 }
 
+// Cutting is local and needs no decision about the right surface, which makes the result unique: each fan of faces gets
+// its own copy of a vertex, so every edge with inconsistent faces becomes boundary edges. The lowest fan keeps the
+// original vertex, so that clean parts of the mesh keep their vertex order.
 StatusOr<RepairedMesh> RepairMesh(const TriangleMesh& mesh, Warnings* warnings) {
   TESSERA_ASSIGN_OR_RETURN(MeshAnalysis analysis, AnalyseMesh(mesh));
   WarnOfDefects(analysis.defects, warnings);
@@ -36,7 +38,7 @@ StatusOr<RepairedMesh> RepairMesh(const TriangleMesh& mesh, Warnings* warnings) 
 
   const std::vector<uint32_t>& fan = analysis.fan_of_corner;
   const auto vertex_of = [&](uint32_t corner) { return mesh.faces[corner / 3][corner % 3]; };
-  // A vertex's first fan keeps it; every other fan gets a copy.
+  // The first fan of a vertex keeps it; each other fan gets a copy.
   std::vector<uint32_t> first_fan(mesh.vertices.size(), kNone);
   std::vector<uint32_t> other_fans;
   for (uint32_t corner = 0; corner < fan.size(); ++corner) {
@@ -66,7 +68,7 @@ StatusOr<RepairedMesh> RepairMesh(const TriangleMesh& mesh, Warnings* warnings) 
   out.face_in_input.reserve(mesh.faces.size());
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     if (analysis.is_degenerate[f] != 0) {
-      out.set_aside.push_back(static_cast<int64_t>(f));
+      out.removed_faces.push_back(static_cast<int64_t>(f));
       continue;
     }
     Triangle face;

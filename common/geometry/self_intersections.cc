@@ -28,7 +28,7 @@ StatusOr<std::vector<std::array<uint32_t, 2>>> SelfIntersections(const TriangleM
     for (size_t f = 0; f < mesh.faces.size(); ++f) {
       const auto& [a, b, c] = mesh.faces[f];
       if (surface.add_face(vertices[a], vertices[b], vertices[c]) == SurfaceMesh::null_face()) {
-        return absl::FailedPreconditionError(absl::StrCat("mesh is not a manifold at face ", f));
+        return absl::FailedPreconditionError(absl::StrCat("mesh is not an oriented manifold: face ", f));
       }
     }
     std::vector<std::pair<SurfaceMesh::Face_index, SurfaceMesh::Face_index>> pairs;
@@ -42,7 +42,7 @@ StatusOr<std::vector<std::array<uint32_t, 2>>> SelfIntersections(const TriangleM
     std::sort(result.begin(), result.end());
     return result;
   } catch (const std::exception& error) {
-    return absl::FailedPreconditionError(absl::StrCat("self-intersections could not be found: ", error.what()));
+    return absl::FailedPreconditionError(absl::StrCat("cannot compute self-intersections: ", error.what()));
   }
 }
 

@@ -1,4 +1,4 @@
-// The cells that changes are measured in: those of all tiles, of the plan and of the tasks.
+// The grid of cells in which changes between flights are measured. Plan and tasks use the same grid.
 #ifndef TESSERA_COMMON_JOB_CHANGE_CELLS_H_
 #define TESSERA_COMMON_JOB_CHANGE_CELLS_H_
 
@@ -6,11 +6,12 @@
 
 namespace tessera {
 
-// Side of a cell: the power of two nearest to 3.5 GSD, so that cells of all tiles and of the survey's ground coincide.
+// Side of a cell in metres: the power of two nearest to 3.5 GSD, so that the cells of all tiles and of the survey
+// coincide.
 inline double ChangeCellSize_m(double gsd_m) { return std::exp2(std::round(std::log2(3.5 * gsd_m))); }
 
-// Blocks are squares of so many cells whose corners are multiples of it. What is measured in a block depends on the
-// surface within kBlockMargin cells of it and on the views that see it alone.
+// Blocks are squares of kBlockCells x kBlockCells cells; their corners are multiples of kBlockCells. The result of a
+// block depends only on the surface within kBlockMargin cells of it and on the views that see it.
 inline constexpr int kBlockCells = 96;
 inline constexpr int kBlockMargin = 14;
 

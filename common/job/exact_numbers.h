@@ -1,4 +1,4 @@
-// Whole numbers of JSON, read as what they are: nlohmann's json casts 1e30 and 4294967297 to an int all the same.
+// Checked reading of integers from JSON. By default, nlohmann::json casts 1e30 or 4294967297 to int without an error.
 #ifndef TESSERA_COMMON_JOB_EXACT_NUMBERS_H_
 #define TESSERA_COMMON_JOB_EXACT_NUMBERS_H_
 
@@ -9,8 +9,8 @@
 
 namespace tessera {
 
-// A serializer for nlohmann::basic_json, on its own `Base`, that throws type_error where an integer is asked for and
-// the value is none, or is out of the integer's range.
+// A serializer for nlohmann::basic_json on top of `Base`. It throws type_error if an integer is read and the value is
+// not an integer or is out of the type's range.
 template <template <class, class> class Base>
 struct ExactNumbers {
   template <class Value, class Enable = void>
@@ -25,8 +25,8 @@ struct ExactNumbers {
                          : json.is_number_integer() ? std::in_range<Value>(json.template get_ref<const int64_t&>())
                                                     : false;
       if (!exact) {
-        throw Json::type_error::create(302, std::string("found ") + json.type_name() + ", expected a whole number",
-                                       &json);
+        throw Json::type_error::create(
+            302, std::string("found ") + json.type_name() + ", expected an integer within range", &json);
       }
       value = json.is_number_unsigned() ? static_cast<Value>(json.template get_ref<const uint64_t&>())
                                         : static_cast<Value>(json.template get_ref<const int64_t&>());

@@ -1,4 +1,4 @@
-// The ground plane that tiles are laid out in: cells and rectangles of cells.
+// The ground plane with its grid of cells, in which tiles are planned.
 #ifndef TESSERA_COMMON_JOB_GROUND_H_
 #define TESSERA_COMMON_JOB_GROUND_H_
 
@@ -8,8 +8,8 @@
 
 namespace tessera {
 
-// Axes of the plane across `up`, local frame, unit and orthogonal; x and y of the frame where up is z. Cells are
-// squares of `cell_m` whose corners are multiples of cell_m from the frame's origin, the same whatever the tiling.
+// Orthonormal axes of the plane perpendicular to `up`, local frame; x and y of the frame if up is z. Cells are squares
+// of side `cell_m`; their corners are multiples of cell_m from the frame's origin and do not depend on the tiling.
 struct GroundPlane {
   Eigen::Vector3d axis_x = Eigen::Vector3d::UnitX();
   Eigen::Vector3d axis_y = Eigen::Vector3d::UnitY();
@@ -22,12 +22,12 @@ struct GroundPlane {
   }
 };
 
-// The ground plane across the unit vector `up`.
+// The ground plane perpendicular to the unit vector `up`.
 inline GroundPlane MakeGroundPlane(const Eigen::Vector3d& up, double cell_m) {
   GroundPlane ground;
   ground.cell_m = cell_m;
   if (up != Eigen::Vector3d::UnitZ()) {
-    // The frame's axis that is least along `up` gives the plane's first direction.
+    // Project the coordinate axis that is most perpendicular to `up` to get the first direction.
     int least = 0;
     for (int k = 1; k < 3; ++k) {
       if (std::abs(up[k]) < std::abs(up[least])) least = k;
@@ -49,14 +49,14 @@ struct CellRect {
   bool operator==(const CellRect&) const = default;
 };
 
-// Distance from a point of the plane (metres) to the rectangle; 0 inside.
+// Distance in metres from a point of the plane to the rectangle; 0 inside.
 inline double DistanceToRect(const Eigen::Vector2d& p, const CellRect& rect, double cell_m) {
   const double dx = std::max({rect.x0 * cell_m - p.x(), p.x() - rect.x1 * cell_m, 0.0});
   const double dy = std::max({rect.y0 * cell_m - p.y(), p.y() - rect.y1 * cell_m, 0.0});
   return std::hypot(dx, dy);
 }
 
-// Distance between two rectangles of cells, metres; 0 where they touch.
+// Distance in metres between two rectangles; 0 if they touch.
 inline double DistanceBetween(const CellRect& a, const CellRect& b, double cell_m) {
   const double dx = std::max({a.x0 - b.x1, b.x0 - a.x1, 0}) * cell_m;
   const double dy = std::max({a.y0 - b.y1, b.y0 - a.y1, 0}) * cell_m;

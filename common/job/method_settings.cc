@@ -24,7 +24,7 @@ template <class Number>
 void CheckNumbers(std::span<const Setting<Number>> table, const MethodSettings& settings, Faults* faults) {
   for (const Setting<Number>& setting : table) {
     const std::optional<Number>& value = settings.*setting.value;
-    // Written so that NaN is a fault.
+    // This form of the comparison also rejects NaN.
     if (!value || (*value >= setting.low && *value <= setting.high)) continue;
     faults->Add(Fault(setting.name, absl::StrCat(*value), absl::StrCat(setting.low, " to ", setting.high)));
   }
@@ -44,7 +44,8 @@ void CheckLevels(const MethodSettings& settings, Faults* faults) {
   const std::vector<int> iterations = or_standard(ListSettings()[1], settings.iterations);
   if (levels.size() > kMaxLevels ||
       std::adjacent_find(levels.begin(), levels.end(), std::less_equal<>()) != levels.end()) {
-    faults->Add(Fault("levels", absl::StrJoin(levels, ","), "coarsest first, each level once"));
+    faults->Add(Fault("levels", absl::StrJoin(levels, ","),
+                      absl::StrCat("at most ", kMaxLevels, " levels, coarsest first, each once")));
   }
   if (levels.size() != iterations.size()) {
     faults->Add(
@@ -57,29 +58,30 @@ void CheckLevels(const MethodSettings& settings, Faults* faults) {
 
 std::span<const Setting<double>> RealSettings() {
   static constexpr Setting<double> kSettings[] = {
-      {"semantic", "Weight of the likelihoods' consistency (lambda 1), relative to the images'; 0: off", 0, 100, 0,
+      {"semantic", "Weight of the semantic data term (lambda 1), relative to the photo term; 0: off", 0, 100, 0,
        &MethodSettings::semantic},
-      {"thin_plate", "Weight of smoothness (lambda 2), relative to the images' energy at a displacement of a pixel", 0,
-       100, 0.3, &MethodSettings::thin_plate},
+      {"thin_plate",
+       "Weight of smoothness (lambda 2), relative to the photo term's energy at a displacement of 1 pixel", 0, 100, 0.3,
+       &MethodSettings::thin_plate},
       {"inter", "Weight of straight class boundaries (lambda 3); 0: off", 0, 100, 0, &MethodSettings::inter},
-      {"contour", "Weight of silhouettes at the image edges that likelihoods name (lambda 4); 0: off", 0, 100, 0.5,
+      {"contour", "Weight of silhouettes at image edges near class borders (lambda 4); 0: off", 0, 100, 0.5,
        &MethodSettings::contour},
-      {"normal_prior", "Weight of classes' slopes in the labels (mu 1); 0: off", 0, 100, 0.35,
+      {"normal_prior", "Weight of the classes' normal priors in the labels (mu 1); 0: off", 0, 100, 0.35,
        &MethodSettings::normal_prior},
       {"label_smoothness", "Weight of short class boundaries in the labels (mu 2); 0: off", 0, 100, 0.25,
        &MethodSettings::label_smoothness},
-      {"max_step_px", "Longest step of a vertex in one iteration, pixels of the level", 0.05, 4, 1,
+      {"max_step_px", "Largest step of a vertex in one iteration, pixels of the level", 0.05, 4, 1,
        &MethodSettings::max_step_px}};
   return kSettings;
 }
 
 std::span<const Setting<int>> WholeSettings() {
   static constexpr Setting<int> kSettings[] = {
-      {"window_px", "Side of the windows that images are compared in, pixels, odd", 3, 11, 7,
+      {"window_px", "Side of the windows in which images are compared, pixels, odd", 3, 11, 7,
        &MethodSettings::window_px},
-      {"partners", "Views that each view chooses to be compared with", 1, 16, 4, &MethodSettings::partners},
+      {"partners", "Number of views with which each view is compared", 1, 16, 4, &MethodSettings::partners},
       {"views_per_direction",
-       "Views that a place is refined from, at most, of each of five directions: above and four sides", 1, 1000, 8,
+       "Largest number of views of a ground cell from each of five directions (nadir and four sides)", 1, 1000, 8,
        &MethodSettings::views_per_direction}};
   return kSettings;
 }
@@ -87,19 +89,19 @@ std::span<const Setting<int>> WholeSettings() {
 std::span<const ListSetting> ListSettings() {
   static const ListSetting kSettings[] = {
       {"levels",
-       "Pyramid levels, coarsest first: level l halves the images l times",
+       "Pyramid levels, coarsest first; level l halves the images l times",
        0,
        5,
        {2, 1, 0},
        &MethodSettings::levels},
-      {"iterations", "Iterations of geometry, one number a level", 1, 200, {3, 10, 10}, &MethodSettings::iterations}};
+      {"iterations", "Iterations of geometry, one number per level", 1, 200, {3, 10, 10}, &MethodSettings::iterations}};
   return kSettings;
 }
 
 std::span<const BoolSetting> BoolSettings() {
   static constexpr BoolSetting kSettings[] = {
-      {"labels_first", "Whether labels are solved before the first round too", true, &MethodSettings::labels_first},
-      {"flip_edges", "Whether edges of the result's faces are flipped where that makes creases straight", true,
+      {"labels_first", "Solve the labels also before the first round", true, &MethodSettings::labels_first},
+      {"flip_edges", "Flip edges of the published mesh where that makes creases straight", true,
        &MethodSettings::flip_edges}};
   return kSettings;
 }
@@ -116,16 +118,18 @@ Status CheckMethod(const std::string& method, const MethodSettings& settings) {
   }
   CheckLevels(settings, &faults);
   if (method == "baseline" && (settings.semantic || settings.inter)) {
-    faults.Add(Fault(settings.semantic ? "semantic" : "inter", "a weight", "none: baseline knows no classes"));
+    faults.Add(
+        Fault(settings.semantic ? "semantic" : "inter", "a weight", "no value: the method baseline uses no classes"));
   }
   if (method == kLabelsMethod) {
-    MethodSettings taken;  // views choose what labels are seen by
+    MethodSettings taken;  // views_per_direction selects the views that vote for labels
     taken.normal_prior = settings.normal_prior;
     taken.label_smoothness = settings.label_smoothness;
     taken.views_per_direction = settings.views_per_direction;
     if (settings != taken) {
-      faults.Add(Fault("method settings", "some of geometry",
-                       "normal_prior, label_smoothness and views_per_direction at most: labels moves nothing"));
+      faults.Add(
+          Fault("method settings", "settings of the geometry",
+                "only normal_prior, label_smoothness and views_per_direction: the method labels moves no vertices"));
     }
   }
   return faults.ToStatus();
@@ -165,7 +169,7 @@ StatusOr<MethodSettings> ParseMethodSettings(const std::string& text) {
     for (const ListSetting& setting : ListSettings()) take(setting.name, &(settings.*setting.value));
     for (const BoolSetting& setting : BoolSettings()) take_optional(setting.name, &(settings.*setting.value));
     if (!in.is_object() || !in.empty()) {
-      return absl::InvalidArgumentError(absl::StrCat("method settings: found the unknown ", in.dump()));
+      return absl::InvalidArgumentError(absl::StrCat("method settings: found unknown keys: ", in.dump()));
     }
   } catch (const json::exception& e) {
     return absl::InvalidArgumentError(absl::StrCat("method settings: ", e.what()));

@@ -1,4 +1,4 @@
-// What a user may change of how tiles are refined: the method and its numbers, with their limits.
+// The refinement method and its settings, with their limits, as users can set them.
 #ifndef TESSERA_COMMON_JOB_METHOD_SETTINGS_H_
 #define TESSERA_COMMON_JOB_METHOD_SETTINGS_H_
 
@@ -12,12 +12,12 @@
 
 namespace tessera {
 
-// tessera: ours. baseline: Vu et al. 2012, images alone. paper: Bláha et al. 2017, its terms and rounds. labels: no
-// vertex moves, labels are solved once.
+// tessera: the default method. baseline: Vu et al. 2012, photo-consistency without labels. paper: Bláha et al. 2017,
+// with its terms and rounds. labels: moves no vertices and solves the labels once.
 inline constexpr std::array<const char*, 4> kMethods = {"tessera", "baseline", "paper", "labels"};
 inline constexpr const char* kLabelsMethod = "labels";
 
-// What is not set (empty for lists) is as the method has it.
+// Settings that are not set (or empty lists) have the method's default.
 struct MethodSettings {
   std::optional<double> semantic, thin_plate, inter, contour;  // λ1 to λ4
   std::optional<double> normal_prior, label_smoothness;        // μ1, μ2
@@ -29,17 +29,17 @@ struct MethodSettings {
   friend bool operator==(const MethodSettings&, const MethodSettings&) = default;
 };
 
-// A number among the settings. `name` is what files, messages and (with dashes) the command line call it; `standard`
-// what the method "tessera" has.
+// Describes a numeric setting. `name` is used in files, messages and (with dashes) on the command line; `standard` is
+// the default of the method "tessera".
 template <class Number>
 struct Setting {
   const char* name;
-  const char* meaning;  // for people, with the unit
+  const char* meaning;  // help text with the unit
   Number low, high, standard;
   std::optional<Number> MethodSettings::*value;
 };
 
-// A list of whole numbers among them, one a pyramid level.
+// Describes a setting that is a list of integers, one per pyramid level.
 struct ListSetting {
   const char* name;
   const char* meaning;
@@ -60,12 +60,12 @@ std::span<const Setting<int>> WholeSettings();
 std::span<const ListSetting> ListSettings();
 std::span<const BoolSetting> BoolSettings();
 
-// INVALID_ARGUMENT with every fault, each with what was found and what was expected. An empty method is "tessera".
+// INVALID_ARGUMENT lists all errors, each with what was found and what was expected. An empty method means "tessera".
 Status CheckMethod(const std::string& method, const MethodSettings& settings);
 
-// Canonical JSON of what is set.
+// Canonical JSON of the settings that are set.
 std::string ToJson(const MethodSettings& settings);
-// INVALID_ARGUMENT if something is unknown or of a wrong type; limits are CheckMethod's.
+// INVALID_ARGUMENT for unknown keys and wrong types. CheckMethod checks limits.
 StatusOr<MethodSettings> ParseMethodSettings(const std::string& json);
 
 }  // namespace tessera

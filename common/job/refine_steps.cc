@@ -48,7 +48,7 @@ MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSet
 }
 
 bool LabelStepActs(const RefineStep& step, const MethodRules& rules, const LabelTraits& scene) {
-  // One class is no class: nothing can change.
+  // With fewer than two classes labels cannot change.
   if (!scene.has_likelihoods || scene.classes < 2) return false;
   return !step.first() || rules.labels_first || (rules.geometry_knows_labels && !scene.has_labels);
 }

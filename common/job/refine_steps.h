@@ -1,4 +1,4 @@
-// The steps of a refinement, one after another: what the plan makes tasks of, and what a tile's own refinement does.
+// The sequence of steps of a refinement, for the planner (tasks of tiles) and for jobs of one tile.
 #ifndef TESSERA_COMMON_JOB_REFINE_STEPS_H_
 #define TESSERA_COMMON_JOB_REFINE_STEPS_H_
 
@@ -12,47 +12,47 @@ namespace tessera {
 inline constexpr int kTesseraRounds = 2, kBaselineRounds = 1, kPaperRounds = 5;
 
 struct RefineStep {
-  int round = -1;           // -1: before the first
-  int level = -1;           // pyramid level that vertices move on; -1: labels are solved
+  int round = -1;           // -1: before the first round
+  int level = -1;           // pyramid level of a geometry step; -1: label step
   int iteration = 0;        // counted over all levels of the round
-  bool ends_level = false;  // the last iteration of its level: folds are mended after it
+  bool ends_level = false;  // the last iteration of its level; self-intersections are repaired after it
   bool labels() const { return level < 0; }
   bool first() const { return round < 0; }
 };
 
-// Index of the level that a round begins at, of so many, coarsest first: the first round at the coarsest, later ones at
-// the finest. What images show at coarser levels the surface has by then, and going back there blurs it.
+// The index (coarsest first) of the level at which a round starts: the first round at the coarsest level, later rounds
+// at the finest. Coarser levels would blur the surface that the first round refined.
 size_t FirstLevelOf(int round, size_t levels);
 
-// Labels first (a step even where a method has none there: it does nothing), then in each round the iterations of its
-// levels and labels again. `levels` and `iterations` are as long.
+// A label step, then in each round the iterations of its levels and a label step. The first label step always exists,
+// but does nothing for some methods. `levels` and `iterations` have the same length.
 std::vector<RefineStep> MakeRefineSteps(const std::vector<int>& levels, const std::vector<int>& iterations, int rounds);
 
-// Those of a job: `rounds` 0 and empty settings are the method's own. Settings as CheckMethod accepts them.
+// The steps of a job. `rounds` 0 and unset settings mean the method's defaults. CheckMethod must accept the settings.
 std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, const MethodSettings& settings);
 
-// What a method does about rounds, labels and flips where its settings leave it open, and what they ask for where not.
+// The rules of a method for rounds, labels and flips, after applying the settings.
 struct MethodRules {
   int rounds = kTesseraRounds;
-  bool labels_first = true;           // labels are solved before the first geometry too
-  bool geometry_knows_labels = true;  // false: the geometry sees a mesh without labels
-  bool moves = true;                  // false: labels alone
-  bool flips_edges = true;            // of the faces that are published
+  bool labels_first = true;           // solve the labels also before the first round
+  bool geometry_knows_labels = true;  // false: the geometry ignores labels
+  bool moves = true;                  // false: only labels are solved
+  bool flips_edges = true;            // flip edges of the published mesh
 };
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings);
 
-// What of a scene decides which label steps act.
+// The properties of a scene that determine which label steps act.
 struct LabelTraits {
   int classes = 0;
   bool has_likelihoods = false;
-  bool has_labels = false;  // the start has
+  bool has_labels = false;  // of the start mesh
 };
 
-// Whether a label step does anything: where likelihoods can change labels, always but before the first round; there if
-// the method wants it, or if its geometry knows labels and the start has none (paper, section 3).
+// Whether a label step acts. It needs likelihoods and at least two classes. The step before the first round acts only
+// if the method requests it, or if its geometry uses labels and the start mesh has none (paper, section 3).
 bool LabelStepActs(const RefineStep& step, const MethodRules& rules, const LabelTraits& scene);
 
-// Indices, ascending, of the steps that do something: all iterations, and the label steps that act.
+// Ascending indices of the steps that act: all iterations, and the label steps with LabelStepActs.
 std::vector<int> ActiveSteps(const std::vector<RefineStep>& steps, const MethodRules& rules, const LabelTraits& scene);
 
 }  // namespace tessera

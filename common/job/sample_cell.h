@@ -1,4 +1,5 @@
-// The cell of a neighbour of which a tile measures a few faces too, so that both can be compared.
+// Selection of the sample cell of a tile: a cell of a neighbouring tile of which the tile also measures a few faces, so
+// that the results of both tiles can be compared.
 #ifndef TESSERA_COMMON_JOB_SAMPLE_CELL_H_
 #define TESSERA_COMMON_JOB_SAMPLE_CELL_H_
 
@@ -7,9 +8,9 @@
 
 namespace tessera {
 
-// For the tile with this core: called for each cell of the survey, in any order, with what it gave for the one before
-// (null at first), it ends with the first by y, then x, of those that have a side in common with the core and views
-// that look at them; null if there is none. The planner counts on its views, cut takes it.
+// Returns the better of `best` (may be null) and `cell` as sample cell of the tile with this core. Folding it over all
+// cells of the survey, in any order, gives the first cell (by y, then x) that shares a side with the core and has
+// views; null if there is none. The planner uses its views, and the cut task adds its faces.
 inline const SurveyCell* BetterSample(const SurveyCell* best, const SurveyCell& cell, const CellRect& core) {
   if (cell.views.empty() || core.Contains({cell.x, cell.y})) return best;
   const bool beside = core.Contains({cell.x - 1, cell.y}) || core.Contains({cell.x + 1, cell.y}) ||

@@ -134,7 +134,7 @@ std::vector<SceneClass> ClassesFromArray(const json& j) {
   return classes;
 }
 
-// Of each pair of classes that is known: [first, second, bias, sigma, weight].
+// One entry per pair of classes with a positive weight: [first, second, bias, sigma, weight].
 json BorderArray(const BorderTrusts& borders) {
   json out = json::array();
   for (int a = 0; a < borders.classes(); ++a) {
@@ -153,7 +153,8 @@ BorderTrusts BordersFromArray(const json& j, int classes) {
     const BorderTrust trust = {item.at(2), item.at(3), item.at(4)};
     const bool known = a >= 0 && a < b && b < classes;
     if (!known || !(trust.weight > 0 && trust.weight <= 1) || !(trust.sigma_px >= 0)) {
-      throw json::type_error::create(302, "found " + item.dump() + ", expected what is known of a border", &item);
+      throw json::type_error::create(302, "found " + item.dump() + ", expected [class, class, bias, sigma, weight]",
+                                     &item);
     }
     borders.Set(a, b, trust);
   }
@@ -203,15 +204,15 @@ Survey SurveyFromJson(const json& j) {
   return s;
 }
 
-// Every view that is named exists.
+// Checks that all indices of views and flights are in range.
 Status CheckCells(const Survey& s) {
   if (!(s.gsd_m > 0) || !(s.ground.cell_m > 0) || s.cells.empty()) {
     return absl::InvalidArgumentError("survey: expected a positive GSD and cell size and at least one cell");
   }
   const auto check_view = [&](int32_t view) {
     if (view >= 0 && view < static_cast<int32_t>(s.views.size())) return absl::OkStatus();
-    return absl::InvalidArgumentError("survey: found view " + std::to_string(view) + " of " +
-                                      std::to_string(s.views.size()));
+    return absl::InvalidArgumentError("survey: found view index " + std::to_string(view) + ", expected 0 to " +
+                                      std::to_string(static_cast<int64_t>(s.views.size()) - 1));
   };
   for (const SurveyCell& cell : s.cells) {
     for (const int32_t view : cell.views) TESSERA_RETURN_IF_ERROR(check_view(view));
@@ -221,8 +222,8 @@ Status CheckCells(const Survey& s) {
   }
   for (const SceneView& view : s.views) {
     if (view.flight >= -1 && view.flight < static_cast<int>(s.flights.size())) continue;
-    return absl::InvalidArgumentError("survey: found flight " + std::to_string(view.flight) + " of " +
-                                      std::to_string(s.flights.size()));
+    return absl::InvalidArgumentError("survey: found flight index " + std::to_string(view.flight) +
+                                      ", expected -1 to " + std::to_string(static_cast<int64_t>(s.flights.size()) - 1));
   }
   if (s.view_depths.size() != s.views.size()) {
     return absl::InvalidArgumentError("survey: found depths of " + std::to_string(s.view_depths.size()) +

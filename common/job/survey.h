@@ -1,4 +1,4 @@
-// What ingest finds out about a scene, and all that planning and cutting need to know of it.
+// The survey: the properties of a scene that ingest determines, and that planning and cutting use.
 #ifndef TESSERA_COMMON_JOB_SURVEY_H_
 #define TESSERA_COMMON_JOB_SURVEY_H_
 
@@ -16,73 +16,73 @@
 
 namespace tessera {
 
-// A square of the ground and the faces whose centroid lies over it.
+// A square of the ground and the faces whose centroid projects into it.
 struct SurveyCell {
   int x = 0, y = 0;
   int64_t faces = 0;
-  double reach_m = 0;  // how far corners of its faces lie outside the cell, in the ground plane
-  // Everything of its faces lies in this box, local frame.
+  double reach_m = 0;  // largest distance of its faces' corners from the cell, in the ground plane
+  // Bounding box of its faces, local frame.
   Eigen::Vector3d box_min = Eigen::Vector3d::Zero();
   Eigen::Vector3d box_max = Eigen::Vector3d::Zero();
-  std::vector<int32_t> views;  // indices of the views chosen for it, ascending
+  std::vector<int32_t> views;  // ascending indices of the views selected for it
 };
 
-// What an update did to its base's mesh.
+// The changes of an update to the mesh of its base job.
 struct MeshRevision {
-  int64_t first_new_face = 0;             // faces with lower ids are the base's
-  std::vector<std::array<int, 2>> cells;  // (x, y) of those that lost a face or got one, ascending
+  int64_t first_new_face = 0;             // faces with lower ids are those of the base job
+  std::vector<std::array<int, 2>> cells;  // (x, y) of cells in which faces were removed or added, ascending
 };
 
 struct Survey {
   std::string scene_name;
-  std::string mesh_path;  // relative to the scene
+  std::string mesh_path;  // relative to the scene's folder
   double gsd_m = 0;
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // local frame
   GroundPlane ground;
-  std::vector<SurveyCell> cells;  // those that have faces, by y, then x
-  std::vector<SceneView> views;   // their numbers are the job's, and those of jobs that go on from it
+  std::vector<SurveyCell> cells;  // the cells with faces, by y, then x
+  std::vector<SceneView> views;   // their indices are stable in the job and in jobs that continue it
   std::vector<Flight> flights;
-  // Of each view, nearest and farthest depth of the boxes of the cells that chose it, metres (FillViewDepths); 0, 0:
-  // none did. An update only widens those of its base, so that they stay where nothing else changes.
+  // Per view, smallest and largest depth in metres of the boxes of the cells that use it (FillViewDepths); 0, 0: no
+  // cell uses it. An update only widens the intervals of its base, so that unchanged tiles keep their inputs.
   std::vector<std::array<double, 2>> view_depths;
   std::vector<std::array<int32_t, 2>> pairs;  // ordered pairs of views (reference, other) for the whole job
   std::vector<SceneClass> classes;
   bool has_likelihoods = false;
-  // Where the job makes the likelihoods itself: what tells its classifier from others (a trained one by its content).
-  // Their borders are then known from borders.json alone, and views have no likelihood_path but in plain.json.
+  // Identifies the classifier if the job computes the likelihoods (a trained model by its content), else empty. Then
+  // borders.json holds the borders, and views have a likelihood_path in plain.json only.
   std::string classifier;
-  BorderTrusts borders;  // of the likelihoods; an update keeps its base's
+  BorderTrusts borders;  // of the likelihoods; an update keeps those of its base
   bool has_labels = false;
   Crs crs;
   // p_scene = rotationᵀ p_local + origin.
   Eigen::Vector3d origin_in_scene = Eigen::Vector3d::Zero();
   Eigen::Matrix3d rotation_local_from_scene = Eigen::Matrix3d::Identity();
-  int64_t input_vertices = 0, input_faces = 0;  // as in the scene's file
+  int64_t input_vertices = 0, input_faces = 0;  // of the scene's mesh file
   int64_t vertices = 0, faces = 0;              // after repair and splitting
-  std::optional<MeshRevision> revision;         // of an update whose mesh is not its base's
+  std::optional<MeshRevision> revision;         // only for updates with another mesh than their base
   Warnings warnings;
 };
 
-// Whether the mesh over the cell is not the base's.
+// Whether the mesh over the cell differs from that of the base job.
 bool IsRevised(const Survey& survey, int x, int y);
 
-// A view's likelihood_content where the job makes the likelihoods: `pixels` tells the photograph, with its colours.
+// A view's likelihood_content if the job computes the likelihoods. `pixels`: hash of the photograph with its colours.
 std::string ClassifiedContent(const Survey& survey, const std::string& pixels);
 
-// Makes view_depths hold what the cells ask for: those that are there are widened, new ones added.
+// Widens view_depths to the depths of the cells, and adds entries for new views.
 void FillViewDepths(Survey* survey);
 
-// The same without names, paths, dates and warnings (of files, those of ViewFileName): what may be called otherwise
-// without any result changing. Tasks of the line read this.
+// The survey without names, dates and warnings, and with file paths replaced by ViewFileName: everything that may
+// change without changing a result. Refinement tasks read this survey (plain.json).
 Survey WithoutNames(Survey survey);
 
-// Canonical JSON (sorted keys, no spaces): equal surveys are equal bytes.
+// Canonical JSON (sorted keys, no spaces): equal surveys give equal bytes.
 std::string SurveyToJson(const Survey& survey);
 
 // INVALID_ARGUMENT if `json` is not what SurveyToJson writes.
 StatusOr<Survey> ParseSurvey(const std::string& json);
 
-// The same for parts, which tile packages hold too.
+// The same for parts of the survey that tile packages also contain.
 std::string ViewsToJson(const std::vector<SceneView>& views);
 StatusOr<std::vector<SceneView>> ParseViews(const std::string& json);
 std::string BordersToJson(const BorderTrusts& borders);

@@ -261,12 +261,13 @@ StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles)
   } catch (const json::exception& e) {
     return fault(e.what());
   }
-  // Numbers that are no whole ones, other keys, other spelling.
-  if (ToJson(reads) != text) return fault("not in its canonical form");
+  // Rejects unknown keys, numbers that are not integers, and other formatting.
+  if (ToJson(reads) != text) return fault("found another form than the canonical JSON of this version");
   const auto check = [&](const char* name, const std::vector<int>& ids) -> Status {
     for (size_t i = 0; i < ids.size(); ++i) {
       if (ids[i] < 0 || ids[i] >= tiles) {
-        return fault(std::string(name) + ": found tile " + std::to_string(ids[i]) + " of " + std::to_string(tiles));
+        return fault(std::string(name) + ": found tile " + std::to_string(ids[i]) + ", expected 0 to " +
+                     std::to_string(tiles - 1));
       }
       if (i > 0 && ids[i] <= ids[i - 1]) {
         return fault(std::string(name) + ": found tile " + std::to_string(ids[i]) + " after " +

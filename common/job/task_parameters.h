@@ -1,5 +1,4 @@
-// Parameters of the tasks, as the plan writes them and the tasks read them. Each has one canonical JSON form, which
-// enters the task's key.
+// Parameters of the tasks. The planner writes them as canonical JSON, which is part of the task's key.
 #ifndef TESSERA_COMMON_JOB_TASK_PARAMETERS_H_
 #define TESSERA_COMMON_JOB_TASK_PARAMETERS_H_
 
@@ -16,33 +15,34 @@
 
 namespace tessera {
 
-// Names of the files that tasks hand on.
+// Names of the files that tasks write and read. The comment names the task that writes the file.
 inline constexpr char kCityFile[] = "city.arrays";             // ingest: the repaired and split mesh
 inline constexpr char kSurveyFile[] = "survey.json";           // ingest
 inline constexpr char kPlainSurveyFile[] = "plain.json";       // ingest: the survey without names, which tasks read
-inline constexpr char kBaseSurveyFile[] = "base-survey.json";  // of the job that an update goes on from
-inline constexpr char kFilesFile[] = "files.json";             // where files are that an update does not read
-inline constexpr char kUpdateFile[] = "update.json";  // an update's plan: what is redone, why, and what it takes
-inline constexpr char kTileFile[] = "tile.arrays";    // cut
-inline constexpr char kViewsFile[] = "views.arrays";  // crop: what of the views' pixels sees the tile
-inline constexpr char kReadsFile[] = "reads.json";    // cut: which other tiles this one reads
-inline constexpr char kSumsFile[] = "sums.arrays";    // measure: the data term's sums over the core's faces
-inline constexpr char kStateFile[] = "state.arrays";  // solve, mend, refine: positions and labels of the core
-inline constexpr char kMeshFile[] = "mesh.ply";       // publish
-inline constexpr char kReportFile[] = "report.json";  // publish
-inline constexpr char kTileMeshFolder[] = "tiles";    // publish, of more than one tile: a mesh each
+inline constexpr char kBaseSurveyFile[] = "base-survey.json";  // the survey of an update's base job
+inline constexpr char kFilesFile[] = "files.json";             // locations of files that an update does not read
+inline constexpr char kUpdateFile[] = "update.json";           // plan of an update: tiles to compute, reasons and cost
+inline constexpr char kTileFile[] = "tile.arrays";             // cut
+inline constexpr char kViewsFile[] = "views.arrays";           // crop: the pixels of the views that show the tile
+inline constexpr char kReadsFile[] = "reads.json";             // cut: the tiles that the tasks of this tile read
+inline constexpr char kSumsFile[] = "sums.arrays";             // measure: sums of the data term over the core's faces
+inline constexpr char kStateFile[] = "state.arrays";           // solve, mend, refine: positions and labels of the core
+inline constexpr char kMeshFile[] = "mesh.ply";                // publish
+inline constexpr char kReportFile[] = "report.json";           // publish
+inline constexpr char kTileMeshFolder[] = "tiles";             // publish, with several tiles: one mesh per tile
 inline constexpr char kTileIndexFile[] = "tiles/index.json";
-inline constexpr char kSceneFolder[] = "scene";  // scene files among other inputs lie under this name
-// Among the files of a job's scene, though it lies among the blobs: the trained classifier (common/classify/model.h).
+inline constexpr char kSceneFolder[] = "scene";  // folder of scene files among the inputs
+// The trained classifier (common/classify/model.h). It is listed among the files of the job's scene.
 inline constexpr char kClassifierFile[] = ".classifier";
-inline constexpr char kBordersFile[] = "borders.json";  // borders: how far borders of likelihoods can be trusted
-// changes: faces of an update's result that show what is gone
+inline constexpr char kBordersFile[] = "borders.json";  // borders: reliability of class borders in the likelihoods
+// changes: faces of an update's result that no longer exist in the scene
 inline constexpr char kOutdatedFile[] = "outdated.arrays";
 
-// A view's file among the inputs of crop, however it is called in the scene. Those of likelihoods end so.
+// Name of a view's file among the inputs of crop, independent of its name in the scene. Likelihood files have this
+// suffix.
 inline constexpr char kLikelihoodsEnding[] = ".likelihoods";
 std::string ViewFileName(int32_t view, bool likelihoods);
-// What classify counts about the borders of a view's likelihoods.
+// The file with the border counts of a view's likelihoods, written by classify.
 std::string ViewBordersName(int32_t view);
 
 struct TileParameters {
@@ -50,124 +50,126 @@ struct TileParameters {
   CellRect core;
 };
 
-// A tile's input among those of a task that reads several tiles': "0003/state.arrays".
+// Name of a tile's file among the inputs of a task that reads several tiles: "0003/state.arrays".
 std::string TileInputName(int tile, const std::string& file);
 
-// What ingest needs to know of the method; without, it is done once for all methods.
+// Parameters of ingest. Only settings that differ from the default are set, so that methods share one ingest task.
 struct IngestParameters {
   // Unset: the defaults.
-  std::optional<int> partners;             // that a view chooses
-  std::optional<int> views_per_direction;  // that a cell of the ground is refined from, at most
-  bool classify = false;                   // the job makes likelihoods itself, in place of the scene's
-  bool by_default_rule = false;            // not by kClassifierFile
+  std::optional<int> partners;             // partner views per view
+  std::optional<int> views_per_direction;  // maximum number of views per ground cell and direction
+  bool classify = false;                   // the job computes likelihoods and ignores those of the scene
+  bool by_default_rule = false;            // with the default rule instead of kClassifierFile
 };
 
-// Of the task that takes an earlier job's survey on to more images.
+// Parameters of update, which extends the survey of the base job by new images.
 struct UpdateParameters {
   IngestParameters ingest;
-  std::vector<std::string> withdraw;  // flights
+  std::vector<std::string> withdraw;  // names of flights that are no longer used
   bool all_epochs = false;
 };
 
-// What the update task needs to know of files that it does not read (kFilesFile). Paths as in SceneView.
+// Information for the update task about files that it does not read (kFilesFile). Paths as in SceneView.
 struct UpdateFiles {
   struct Known {
-    bool mesh = false;            // of the base
-    std::string content;          // else: PixelContent of an image or of likelihoods
-    std::string classified = {};  // of an image: likelihood_content, where the base made the likelihoods itself
+    bool mesh = false;            // the mesh of the base job
+    std::string content;          // PixelContent of an image or of likelihoods; empty for the mesh
+    std::string classified = {};  // for an image: likelihood_content, if the base job computed the likelihoods
   };
-  std::map<std::string, Known> known;          // of the scene: the same bytes as a file of the base
-  std::map<std::string, std::string> carried;  // of the base: under which names the job has them
+  std::map<std::string, Known> known;          // by path: files of the scene that equal a file of the base job
+  std::map<std::string, std::string> carried;  // files of the base job: path there to path in this job
 };
 
 struct CutParameters {
   TileParameters tile;
-  std::vector<CellRect> cores;  // of all tiles of the job, by id, so that cut can tell whose faces it needs
-  int window_px = 7;            // of the method: how far pixels depend on those around them
+  std::vector<CellRect> cores;  // of all tiles of the job, by id; determines the owner of each face
+  int window_px = 7;            // side of the method's comparison windows
   int coarsest_level = 2;
-  bool borders = false;  // kBordersFile is among the inputs, in place of what the survey says
+  bool borders = false;  // kBordersFile is among the inputs and replaces the survey's borders
 };
 
-// Of the task that makes a view's likelihoods. It does not read the survey, so that an update finds what its base made.
+// Parameters of classify, which computes a view's likelihoods. It does not read the survey, so that an update can reuse
+// the result of its base job.
 struct ClassifyParameters {
   int32_t view = 0;
-  std::string view_json;     // ViewsToJson of the view alone, without names
+  std::string view_json;     // ViewsToJson of this view, without names
   std::string classes_json;  // ClassesToJson
   std::vector<double> up;    // local frame
   double gsd_m = 0;
-  double depth_m = 0;  // what lies farther from the camera is not looked at
+  double depth_m = 0;  // faces farther from the camera are ignored
   bool by_default_rule = false;
 };
 
-// Of the task that sums up what classify counted.
+// Parameters of borders, which sums the border counts of classify.
 struct BordersParameters {
   int classes = 0;
   std::vector<int32_t> views;  // ascending
 };
 
-// Of the task that gives a tile's core as the job found it.
+// Parameters of start, which writes the start state of a tile's core.
 struct StartParameters {
   TileParameters tile;
 };
 
-// Which tiles' states and sums the tasks of a tile read: ids, ascending, its own too. Cut finds them on the mesh from
-// what each operator is proven to read, and writes them as kReadsFile.
+// The tiles whose states and sums the tasks of a tile read: ascending ids, including its own. Cut computes them from
+// the dependency radius of each operator and writes them to kReadsFile.
 struct TileReads {
-  std::vector<int> label;  // solve of a label step: sums and states
-  std::vector<int> mend;   // states
-  std::vector<int> sight;  // measure: states
-  std::vector<int> solve;  // solve of an iteration: sums and states
+  std::vector<int> label;  // solve, label step: sums and states
+  std::vector<int> mend;   // repair: states
+  std::vector<int> sight;  // measure: states, for visibility
+  std::vector<int> solve;  // solve, geometry step: sums and states
   friend bool operator==(const TileReads&, const TileReads&) = default;
 };
 
-// Of the task that does all steps of the job's only tile.
+// Parameters of refine, which runs all steps of a job with one tile.
 struct RefineParameters {
-  int rounds = 0;  // 0: the default
+  int rounds = 0;  // 0: the method's default
   std::string method;
   MethodSettings settings = {};
 };
 
-// Of measure, solve and mend.
+// Parameters of measure, solve and repair.
 struct StepParameters {
   int rounds = 0;  // as RefineParameters
   std::string method;
   MethodSettings settings = {};
   int step = 0;         // index in RefineStepsOf
-  bool before = false;  // mend: of the start, before this step; else after it
+  bool before = false;  // repair: of the start state, before this step; else after the step
   TileParameters tile = {};
-  std::vector<int> states = {};  // tiles whose kStateFile are among the inputs, ascending; none at the first
+  std::vector<int> states = {};  // tiles whose kStateFile are among the inputs, ascending; empty in the first step
   std::vector<int> sums = {};    // solve: tiles whose kSumsFile are among the inputs, ascending
-  std::vector<int> held = {};    // of `states`: tiles that an update leaves as they are; their vertices are fixed
-  bool goes_on = false;          // the first step of an update: what the states report is of the base
-  // Mend, where an update goes on with another mesh: faces from this id on are in no state, but at their start. -1: all
-  // are in states.
+  std::vector<int> held = {};    // of `states`: tiles that an update does not compute; their vertices are frozen
+  bool goes_on = false;          // the first step of an update: the statistics in the states are of the base job
+  // Repair, in an update with another mesh: faces with ids from this one on are in no state; they have their start
+  // positions. -1: all faces are in states.
   int64_t first_new_face = -1;
 };
 
-// What new images show of a block of ground, against the surface of an update's base.
+// Parameters of compare, which compares the new images of a block of ground with the surface of the base job.
 struct CompareParameters {
-  CellRect cells;              // of change cells (change_cells.h): whole blocks
-  std::vector<int32_t> views;  // that may see it, ascending; their files are inputs
-  std::vector<int> states;     // tiles of the base whose kStateFile are among the inputs, ascending
+  CellRect cells;              // whole blocks of change cells (change_cells.h)
+  std::vector<int32_t> views;  // views that may see the block, ascending; their files are inputs
+  std::vector<int> states;     // tiles of the base job whose kStateFile are among the inputs, ascending
 };
-std::string ChangeBlockFile(const CellRect& cells);  // what it writes
+std::string ChangeBlockFile(const CellRect& cells);  // the output file of compare
 
-// All of them together, and the surface after the update.
+// Parameters of changes, which combines all blocks with the surface after the update.
 struct ChangesParameters {
   std::vector<CellRect> blocks;
-  std::vector<int> states;  // tiles whose last kStateFile are among the inputs, ascending
+  std::vector<int> states;  // tiles whose final kStateFile are among the inputs, ascending
   std::string scene_name;
-  bool outdated = false;  // the base's kOutdatedFile is among the inputs
+  bool outdated = false;  // kOutdatedFile of the base job is among the inputs
 };
 
 struct PublishParameters {
-  std::vector<TileParameters> tiles;  // by id; with an empty core: gone, without a state
-  std::vector<int> kept = {};         // tiles that an update took over from its base, ascending
-  std::string scene_name = {};        // for the report, with the warnings about the scene
+  std::vector<TileParameters> tiles;  // by id; an empty core: the tile was removed and has no state
+  std::vector<int> kept = {};         // tiles that an update reuses from its base job, ascending
+  std::string scene_name = {};        // for the report
   std::vector<std::string> warnings = {};
-  bool outdated = false;            // kOutdatedFile is among the inputs
-  std::vector<int> set_aside = {};  // tiles whose refinement failed, and which are as they were before, ascending
-  bool flip_edges = false;          // edges are flipped where that makes creases straight
+  bool outdated = false;  // kOutdatedFile is among the inputs
+  std::vector<int> set_aside =
+      {};                   // quarantined tiles, ascending: their refinement failed, so they have their previous state
+  bool flip_edges = false;  // flip edges where that makes creases straight
 };
 
 std::string ToJson(const IngestParameters& parameters);
@@ -198,8 +200,8 @@ StatusOr<ChangesParameters> ParseChangesParameters(const std::string& json);
 StatusOr<PublishParameters> ParsePublishParameters(const std::string& json);
 
 std::string ToJson(const TileReads& reads);
-// Of tile `tile` of `tiles`. INVALID_ARGUMENT unless `json` is just what ToJson writes, with ids of the job's tiles,
-// ascending, the tile itself among each.
+// Parses the TileReads of tile `tile` of `tiles`. INVALID_ARGUMENT unless `json` is the canonical form with valid ids
+// in ascending order, and each list contains the tile itself.
 StatusOr<TileReads> ParseTileReads(const std::string& json, int tile, int tiles);
 
 }  // namespace tessera

@@ -23,7 +23,7 @@ StatusOr<std::unique_ptr<ByteSource>> ByteSource::Open(const std::string& path) 
   source->fd_ = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   struct stat info {};
   if (source->fd_ < 0 || fstat(source->fd_, &info) != 0) return FileError(errno, path);
-  if (!S_ISREG(info.st_mode)) return InputError(path, "", "something that is not a file", "a file");
+  if (!S_ISREG(info.st_mode)) return InputError(path, "", "a folder or device", "a regular file");
   source->size_bytes_ = info.st_size;
   source->drained_ = false;
   source->window_.resize(kWindowBytes);

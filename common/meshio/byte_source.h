@@ -1,4 +1,4 @@
-// A file or a string read front to back through a window, so that files larger than memory can be parsed.
+// Sequential reading of a file or string through a window, so that files larger than memory can be parsed.
 #ifndef TESSERA_COMMON_MESHIO_BYTE_SOURCE_H_
 #define TESSERA_COMMON_MESHIO_BYTE_SOURCE_H_
 
@@ -12,10 +12,10 @@
 
 namespace tessera {
 
-// Not thread-safe. Pointers that it gives hold until the next call.
+// Not thread-safe. Returned pointers are valid until the next call.
 class ByteSource {
  public:
-  // NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT if it is no regular file.
+  // NOT_FOUND, PERMISSION_DENIED, or INVALID_ARGUMENT if `path` is not a regular file.
   static StatusOr<std::unique_ptr<ByteSource>> Open(const std::string& path);
   // `bytes` must outlive the source.
   static std::unique_ptr<ByteSource> FromMemory(const std::string& bytes);
@@ -23,29 +23,29 @@ class ByteSource {
   ByteSource(const ByteSource&) = delete;
   ByteSource& operator=(const ByteSource&) = delete;
 
-  // The next `size` bytes, not yet consumed; null if the source ends before.
+  // The next `size` bytes, without consuming them; null if fewer are left.
   const char* Peek(size_t size) {
     if (static_cast<size_t>(end_ - next_) < size && !Fill(size)) return nullptr;
     return next_;
   }
-  // Consumes bytes that Peek has shown.
+  // Consumes bytes that Peek returned.
   void Advance(size_t size) { next_ += size; }
-  // Consumes `size` bytes; false (all consumed) if the source ends before.
+  // Consumes `size` bytes; if fewer are left, consumes all and returns false.
   bool Skip(uint64_t size);
-  // Consumes a line and gives it without its end ("\n" or "\r\n"); false at the end of the source, or if the line has
-  // more than `max_bytes` bytes.
+  // Consumes a line and returns it without its line end ("\n" or "\r\n"). False at the end of the source, or if the
+  // line is longer than `max_bytes`.
   bool NextLine(std::string_view& line, size_t max_bytes = SIZE_MAX);
 
   bool AtEnd() { return Peek(1) == nullptr; }
   // Bytes consumed so far.
   int64_t offset_bytes() const { return window_offset_bytes_ + (next_ - window_begin_); }
   int64_t size_bytes() const { return size_bytes_; }
-  // Not OK if the system failed to read; the source then looks as if it ended there.
+  // The error of the last failed read, after which the source behaves as at its end.
   const Status& status() const { return status_; }
 
  private:
   ByteSource() = default;
-  // Makes at least `size` bytes available from next_ on, if there are so many.
+  // Makes `size` bytes available from next_ on; false if fewer are left.
   bool Fill(size_t size);
 
   std::string path_;
@@ -53,7 +53,7 @@ class ByteSource {
   int64_t size_bytes_ = 0;
   bool drained_ = true;
   std::vector<char> window_;
-  int64_t window_offset_bytes_ = 0;  // place of window_begin_ in the source
+  int64_t window_offset_bytes_ = 0;  // offset of window_begin_ in the source
   const char* window_begin_ = nullptr;
   const char* next_ = nullptr;
   const char* end_ = nullptr;

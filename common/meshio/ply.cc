@@ -59,7 +59,7 @@ void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh
   for (const PlyElement& element : header.elements) {
     int64_t least = LeastElementBytes(element, header.format);
     if (element.kind == PlyElementKind::kFace) {
-      // Three indices more than the list's count.
+      // Add the three indices that follow the list's count.
       for (const PlyProperty& property : element.properties) {
         if (property.role != PlyRole::kIndices) continue;
         least += 3 * (header.format == PlyFormat::kAscii ? 2 : PlyTypeBytes(property.type));

@@ -1,4 +1,4 @@
-// PLY files: strict reading, atomic writing.
+// Reading and writing of PLY files.
 #ifndef TESSERA_COMMON_MESHIO_PLY_H_
 #define TESSERA_COMMON_MESHIO_PLY_H_
 
@@ -18,22 +18,22 @@ namespace tessera {
 // Whether a file that begins with `head` is PLY.
 bool IsPly(std::string_view head);
 
-// Whether the header in `head`, the first bytes of a file, gives faces a property `label`.
+// Whether the header in `head`, the first bytes of a file, declares a face property `label`.
 bool PlyHasLabels(std::string_view head);
 
-// ASCII or binary of either byte order; float or double; polygons must be triangles; other elements and properties
-// (lists too) are read past. Errors are INVALID_ARGUMENT (NOT_FOUND if there is no such file) with line (header, ASCII)
-// or byte offset (binary), what was found and what was expected: truncation, trailing bytes, an index out of range, a
-// face that is no triangle, NaN. Never allocates more than a small multiple of the file's size.
+// Reads ASCII or binary PLY of either byte order, with float or double positions. Faces must be triangles. Other
+// elements and properties, also lists, are skipped. NOT_FOUND if the file does not exist. INVALID_ARGUMENT with the
+// line (header, ASCII) or byte offset (binary) for truncated files, trailing bytes, indices out of range, faces with
+// more than three vertices, NaN. Allocates at most a small multiple of the file's size.
 StatusOr<MeshContent> ReadPly(const std::string& path);
 
-// The same into `sink`, front to back, through a window of the file. Returns the errors of Begin.
+// Reads a PLY sequentially into `sink`, without holding it in memory. Also returns errors of Begin.
 Status StreamPly(const std::string& path, MeshSink* sink);
 
-// Faces that the file's header declares. Errors as ReadPly's, of the header.
+// The number of faces declared in the header. Errors as in ReadPly, for the header only.
 StatusOr<int64_t> PlyFaceCount(const std::string& path);
 
-// The same from memory; `name` stands for the file in messages. For fuzzing and tests.
+// ReadPly from memory, for fuzzing and tests; `name` is the file's name in messages.
 StatusOr<MeshContent> ParsePly(const std::string& bytes, const std::string& name);
 
 struct PlyWriteOptions {
@@ -42,11 +42,11 @@ struct PlyWriteOptions {
   std::vector<int64_t> input_face;                       // if given, faces get int `input_face`
 };
 
-// Binary little-endian, double positions, faces with int `label` if the mesh has labels. Written to a temporary name in
-// the same folder, synced, renamed.
+// Writes binary little-endian PLY with double positions, and int `label` per face if the mesh has labels. Atomic:
+// writes a temporary file in the same folder, syncs and renames it.
 Status WritePly(const std::string& path, const TriangleMesh& mesh, const PlyWriteOptions& options = {});
 
-// The counts and properties of a file that is written element by element.
+// The contents of a file that is written element by element.
 struct PlyLayout {
   int64_t vertices = 0, faces = 0;
   bool has_labels = false, has_confidence = false, has_input_face = false, has_outdated = false;
@@ -61,18 +61,18 @@ struct PlyFace {
   bool outdated = false;  // uchar 0 or 1
 };
 
-// Writes the bytes of WritePly front to back without holding the mesh: all vertices, then all faces. The file appears
-// under its name only if Finish succeeds. Movable, not thread-safe.
+// Writes the same bytes as WritePly sequentially, without holding the mesh: first all vertices, then all faces. The
+// file appears at its path only when Finish succeeds. Movable, not thread-safe.
 class PlyStream {
  public:
   static StatusOr<PlyStream> Create(const std::string& path, const PlyLayout& layout);
   PlyStream(PlyStream&&) noexcept;
   PlyStream& operator=(PlyStream&&) noexcept;
   ~PlyStream();
-  // A fault of the disk is kept for Finish.
+  // Finish returns errors of the disk.
   void AddVertex(const Eigen::Vector3d& position);
   void AddFace(const PlyFace& face);
-  // INTERNAL if the counts are not those announced.
+  // INTERNAL if the counts differ from the layout.
   Status Finish();
 
  private:

@@ -48,13 +48,13 @@ double LoadNumber(const char* bytes, PlyType type) {
   return static_cast<double>(LoadInteger<kSwap>(bytes, type));
 }
 
-// What to do with the next bytes of an element: one property that matters, or a run of those that do not.
+// A step of reading an element: one property of the mesh or one list, or a run of properties to skip.
 struct Step {
   PlyRole role = PlyRole::kOther;
   bool is_list = false;
   PlyType type = PlyType::kInt8;
   PlyType count_type = PlyType::kInt8;
-  size_t bytes = 0;  // of the number, or of the list's count
+  size_t bytes = 0;  // size of the value, or of the list's count
   std::string name;
 };
 
@@ -85,7 +85,7 @@ class BinaryReader {
       const std::vector<Step> steps = StepsOf(element);
       const bool is_other = element.kind == PlyElementKind::kOther;
       if (is_other && steps.size() == 1 && !steps[0].is_list) {
-        // The header's check has shown that this cannot overflow.
+        // Cannot overflow, because the header's counts were checked against the file's size.
         index_ = element.count;
         if (!source_.Skip(steps[0].bytes * static_cast<uint64_t>(element.count))) return Truncated(element);
         continue;
@@ -121,7 +121,7 @@ class BinaryReader {
         case PlyRole::kLabel: {
           const int64_t value = LoadInteger<kSwap>(bytes, step.type);
           if (value < -1 || value > std::numeric_limits<int32_t>::max()) {
-            return Error(element, absl::StrCat("label ", value), "a class index, or -1 for none");
+            return Error(element, absl::StrCat("label ", value), "a class index, or -1 for no label");
           }
           label = static_cast<int32_t>(value);
           source_.Advance(step.bytes);
@@ -134,7 +134,7 @@ class BinaryReader {
           const int64_t count = step.is_list ? LoadInteger<kSwap>(bytes, step.count_type) : 0;
           if (count < 0) {
             return Error(element, absl::StrCat("a list ", Quoted(step.name), " of ", count, " values"),
-                         "a whole number from 0 on");
+                         "an integer of at least 0");
           }
           source_.Advance(step.bytes);
           if (!source_.Skip(static_cast<uint64_t>(count) * PlyTypeBytes(step.type))) return Truncated(element);
@@ -150,7 +150,7 @@ class BinaryReader {
   Status ReadIndices(const PlyElement& element, const Step& step, Triangle& triangle) {
     const size_t item_bytes = static_cast<size_t>(PlyTypeBytes(step.type));
     const int64_t count = LoadInteger<kSwap>(source_.Peek(step.bytes), step.count_type);
-    if (count != 3) return Error(element, absl::StrCat("a face of ", count, " vertices"), "3");
+    if (count != 3) return Error(element, absl::StrCat("a face of ", count, " vertices"), "3 (triangles only)");
     const char* bytes = source_.Peek(step.bytes + 3 * item_bytes);
     if (bytes == nullptr) return Truncated(element);
     bytes += step.bytes;

@@ -1,4 +1,4 @@
-// The elements of a PLY file after its header.
+// Readers of a PLY file's elements, after its header.
 #ifndef TESSERA_COMMON_MESHIO_PLY_BODY_H_
 #define TESSERA_COMMON_MESHIO_PLY_BODY_H_
 
@@ -12,12 +12,12 @@
 
 namespace tessera {
 
-// Both read all elements that `header` declares from `source`, which stands right after it, into `sink`, and check that
-// nothing follows. INVALID_ARGUMENT with the line or the byte offset.
+// Both read all elements declared in `header` from `source`, which is positioned after the header, into `sink`.
+// INVALID_ARGUMENT with the line or byte offset; also for data after the last element.
 Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink);
 Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink);
 
-// Room for the declared vertices and faces, but no more than `source` can hold.
+// Reserves memory for the declared vertices and faces, limited by the size of `source`.
 void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh& mesh);
 
 }  // namespace tessera

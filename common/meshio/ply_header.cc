@@ -14,7 +14,7 @@ namespace {
 
 constexpr size_t kMaxHeaderLineBytes = 64 << 10;
 constexpr int64_t kMaxHeaderLines = 100000;
-constexpr size_t kMaxNameBytes = 100;  // of elements and properties: messages name them
+constexpr size_t kMaxNameBytes = 100;  // of elements and properties, because messages quote them
 
 constexpr std::array<std::pair<std::string_view, PlyType>, 16> kTypes = {{{"char", PlyType::kInt8},
                                                                           {"int8", PlyType::kInt8},
@@ -64,7 +64,7 @@ class HeaderParser {
     if (!NextLine(line) || line != "ply") return Error(lines_ == 0 ? EndOrQuoted(line) : Quoted(line), "'ply'");
     bool ended = false;
     while (!ended) {
-      if (lines_ >= kMaxHeaderLines) return Error("a header without end", "'end_header'");
+      if (lines_ >= kMaxHeaderLines) return Error(absl::StrCat(kMaxHeaderLines, " header lines"), "'end_header'");
       if (!NextLine(line)) return Error(EndOrQuoted({}), "'end_header'");
       const std::vector<std::string_view> words = Words(line);
       if (words.empty()) return Error("an empty line", "a header line");
@@ -100,7 +100,7 @@ class HeaderParser {
 
   std::string EndOrQuoted(std::string_view line) {
     if (!line.empty()) return Quoted(line);
-    ++lines_;  // the line that is not there
+    ++lines_;  // the missing line
     return source_.AtEnd() ? "the end of the file" : "a line too long for a header";
   }
 
@@ -119,7 +119,7 @@ class HeaderParser {
   }
 
   Status Format(const std::vector<std::string_view>& words) {
-    if (has_format_) return Error("a second format", "one");
+    if (has_format_) return Error("a second format line", "one");
     if (words.size() != 3) return Error(absl::StrCat("a format of ", words.size(), " words"), "'format NAME 1.0'");
     if (words[1] == "ascii") {
       header_.format = PlyFormat::kAscii;
@@ -144,7 +144,7 @@ class HeaderParser {
     const char* end = words[2].data() + words[2].size();
     const auto [stop, error] = std::from_chars(words[2].data(), end, element.count);
     if (error != std::errc() || stop != end || element.count < 0) {
-      return Error(absl::StrCat("count ", Quoted(words[2])), "a whole number from 0 on");
+      return Error(absl::StrCat("count ", Quoted(words[2])), "an integer of at least 0");
     }
     for (const PlyElement& other : header_.elements) {
       if (other.name == element.name) {
@@ -174,7 +174,7 @@ class HeaderParser {
                    "'property TYPE NAME' or 'property list COUNT_TYPE TYPE NAME'");
     }
     if (!FindType(words[type_at], property.type)) {
-      return Error(absl::StrCat("type ", Quoted(words[type_at])), "one of PLY's types, as int, uchar, float, double");
+      return Error(absl::StrCat("type ", Quoted(words[type_at])), "a PLY type such as int, uchar, float or double");
     }
     if (property.is_list && (!FindType(words[2], property.count_type) || !IsInteger(property.count_type))) {
       return Error(absl::StrCat("list count type ", Quoted(words[2])), "an integer type");
@@ -188,12 +188,12 @@ class HeaderParser {
                      "each property once");
       }
     }
-    TESSERA_RETURN_IF_ERROR(GiveRole(element, property));
+    TESSERA_RETURN_IF_ERROR(AssignRole(element, property));
     element.properties.push_back(std::move(property));
     return absl::OkStatus();
   }
 
-  Status GiveRole(const PlyElement& element, PlyProperty& property) {
+  Status AssignRole(const PlyElement& element, PlyProperty& property) {
     const std::string& name = property.name;
     if (element.kind == PlyElementKind::kVertex && (name == "x" || name == "y" || name == "z")) {
       if (property.is_list) return Error(absl::StrCat("a list ", Quoted(name)), "a number");
@@ -203,7 +203,7 @@ class HeaderParser {
     if (element.kind != PlyElementKind::kFace) return absl::OkStatus();
     if (name == "vertex_indices" || name == "vertex_index") {
       if (!property.is_list || !IsInteger(property.type)) {
-        return Error(absl::StrCat("a face's ", Quoted(name), " that is no list of integers"),
+        return Error(absl::StrCat("face property ", Quoted(name), " that is not a list of integers"),
                      absl::StrCat("'property list uchar int ", name, "'"));
       }
       for (const PlyProperty& other : element.properties) {
@@ -214,7 +214,7 @@ class HeaderParser {
       property.role = PlyRole::kIndices;
     } else if (name == "label") {
       if (property.is_list || !IsInteger(property.type)) {
-        return Error("a face's 'label' that is no integer", "'property int label'");
+        return Error("face property 'label' that is not an integer", "'property int label'");
       }
       property.role = PlyRole::kLabel;
       header_.has_label = true;
@@ -247,10 +247,10 @@ class HeaderParser {
     return absl::OkStatus();
   }
 
-  // Before anything is allocated.
+  // Checks the declared counts against the size of the source before memory is allocated.
   Status CheckCounts() const {
     const int64_t available = std::max<int64_t>(source_.size_bytes() - source_.offset_bytes(), 0);
-    // A text's last line may lack its end.
+    // The last line of a text may have no line end.
     __int128 least = header_.format == PlyFormat::kAscii ? -1 : 0;
     for (const PlyElement& element : header_.elements) {
       least += static_cast<__int128>(element.count) * LeastElementBytes(element, header_.format);
@@ -299,7 +299,7 @@ bool IsInteger(PlyType type) { return type != PlyType::kFloat32 && type != PlyTy
 int64_t LeastElementBytes(const PlyElement& element, PlyFormat format) {
   int64_t bytes = 0;
   for (const PlyProperty& property : element.properties) {
-    // In a text: one character and what separates it from the next.
+    // ASCII: one character and a separator.
     bytes += format == PlyFormat::kAscii ? 2 : PlyTypeBytes(property.is_list ? property.count_type : property.type);
   }
   return bytes;

@@ -1,4 +1,4 @@
-// The header of a PLY file, and what in it makes the mesh.
+// The header of a PLY file.
 #ifndef TESSERA_COMMON_MESHIO_PLY_HEADER_H_
 #define TESSERA_COMMON_MESHIO_PLY_HEADER_H_
 
@@ -14,7 +14,7 @@ namespace tessera {
 
 enum class PlyFormat { kAscii, kBinaryLittleEndian, kBinaryBigEndian };
 enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
-// What a property is to the mesh; kOther is read past.
+// The role of a property in the mesh; kOther is skipped.
 enum class PlyRole { kOther, kX, kY, kZ, kIndices, kLabel };
 
 int PlyTypeBytes(PlyType type);
@@ -22,7 +22,7 @@ bool IsInteger(PlyType type);
 
 struct PlyProperty {
   std::string name;
-  PlyType type = PlyType::kFloat32;  // of the items, if it is a list
+  PlyType type = PlyType::kFloat32;  // for lists: type of the items
   bool is_list = false;
   PlyType count_type = PlyType::kUint8;  // lists only
   PlyRole role = PlyRole::kOther;
@@ -34,28 +34,27 @@ struct PlyElement {
   std::string name;
   PlyElementKind kind = PlyElementKind::kOther;
   int64_t count = 0;
-  int64_t line = 0;  // where it is declared
+  int64_t line = 0;  // line of its declaration
   std::vector<PlyProperty> properties;
 };
 
 struct PlyHeader {
   PlyFormat format = PlyFormat::kAscii;
   std::vector<PlyElement> elements;
-  int64_t lines = 0;  // of the header
+  int64_t lines = 0;  // number of header lines
   int64_t vertex_count = 0;
   bool has_label = false;
   bool float_positions = false;
 };
 
-// Consumes the header from `source` and checks all that it can tell: the mesh's properties are there, once, and of
-// fitting types, and the rest of the source is large enough for the declared counts. `name` stands for the file in
-// messages. INVALID_ARGUMENT with the line.
+// Consumes the header from `source` and checks it: the mesh's properties exist once with valid types, and the rest of
+// the source is large enough for the declared counts. INVALID_ARGUMENT with `name` (the file's name) and the line.
 StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name);
 
-// The fewest bytes that one element takes in a file.
+// The minimum size of one element in the file.
 int64_t LeastElementBytes(const PlyElement& element, PlyFormat format);
 
-// `text` as a message shows it: in quotes, cut at 40 characters, unprintable ones escaped.
+// `text` for messages: in quotes, cut at 40 characters, unprintable characters escaped.
 std::string Quoted(std::string_view text);
 
 }  // namespace tessera

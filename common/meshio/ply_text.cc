@@ -12,7 +12,7 @@ namespace {
 
 bool IsBlank(char c) { return c == ' ' || c == '\t' || c == '\r'; }
 
-// Reads elements line by line, one element a line, as the format says; empty lines are passed over.
+// Reads one element per line; skips empty lines.
 class TextReader {
  public:
   TextReader(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink)
@@ -84,7 +84,7 @@ class TextReader {
         case PlyRole::kLabel: {
           int64_t value = 0;
           if (!ToInteger(word, value) || value < -1 || value > std::numeric_limits<int32_t>::max()) {
-            return Error(element, absl::StrCat("label ", Quoted(word)), "a class index, or -1 for none");
+            return Error(element, absl::StrCat("label ", Quoted(word)), "a class index, or -1 for no label");
           }
           label = static_cast<int32_t>(value);
           break;
@@ -94,7 +94,7 @@ class TextReader {
           break;
       }
     }
-    if (!rest_.empty()) return Error(element, absl::StrCat("one more value, ", Quoted(rest_)), "the end of the line");
+    if (!rest_.empty()) return Error(element, absl::StrCat("extra text ", Quoted(rest_)), "the end of the line");
     if (element.kind == PlyElementKind::kVertex) sink_.AddVertex(position);
     if (element.kind == PlyElementKind::kFace) sink_.AddFace(triangle, label);
     return absl::OkStatus();
@@ -103,7 +103,7 @@ class TextReader {
   Status ReadIndices(const PlyElement& element, std::string_view count_word, Triangle& triangle) {
     int64_t count = 0;
     if (!ToInteger(count_word, count) || count != 3) {
-      return Error(element, absl::StrCat("a face of ", Quoted(count_word), " vertices"), "3");
+      return Error(element, absl::StrCat("a face of ", Quoted(count_word), " vertices"), "3 (triangles only)");
     }
     for (uint32_t& corner : triangle) {
       const std::string_view word = Word();
@@ -122,7 +122,7 @@ class TextReader {
     int64_t count = 0;
     if (!ToInteger(count_word, count) || count < 0) {
       return Error(element, absl::StrCat("a list ", Quoted(property.name), " of ", Quoted(count_word), " values"),
-                   "a whole number from 0 on");
+                   "an integer of at least 0");
     }
     for (int64_t i = 0; i < count; ++i) {
       if (Word().empty()) {
@@ -143,7 +143,7 @@ class TextReader {
     if (word.size() > 1 && word[0] == '+' && word[1] != '-') word.remove_prefix(1);
     const auto [stop, error] = std::from_chars(word.data(), word.data() + word.size(), value);
     if (stop != word.data() + word.size()) return false;
-    // Too small is zero, too large infinite.
+    // strtod turns values out of range into zero or infinity.
     if (error == std::errc::result_out_of_range) value = std::strtod(std::string(word).c_str(), nullptr);
     return error == std::errc() || error == std::errc::result_out_of_range;
   }

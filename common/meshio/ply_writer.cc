@@ -19,7 +19,7 @@ static_assert(std::endian::native == std::endian::little);
 
 constexpr size_t kBufferBytes = size_t{1} << 20;
 
-// Writes a new file through a buffer; removes it unless it was finished.
+// Buffered writing of a new file; the destructor removes the file unless Finish succeeded.
 class NewFile {
  public:
   explicit NewFile(const std::string& path)
@@ -42,7 +42,7 @@ class NewFile {
   }
   bool ok() const { return status_.ok(); }
 
-  // Makes the bytes durable and keeps the file.
+  // Flushes and syncs the file, and keeps it.
   Status Finish() {
     Flush();
     if (ok() && fsync(fd_) != 0) Fail();
@@ -78,19 +78,20 @@ class NewFile {
 Status CheckMesh(const TriangleMesh& mesh, const PlyWriteOptions& options) {
   const size_t faces = mesh.faces.size();
   if (!mesh.labels.empty() && mesh.labels.size() != faces) {
-    return absl::InvalidArgumentError(absl::StrCat("a mesh of ", faces, " faces has ", mesh.labels.size(), " labels"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("mesh has ", mesh.labels.size(), " labels, expected one per face: ", faces));
   }
   if (!options.face_confidence.empty() && options.face_confidence.size() != faces) {
     return absl::InvalidArgumentError(
-        absl::StrCat("a mesh of ", faces, " faces has ", options.face_confidence.size(), " confidences"));
+        absl::StrCat("mesh has ", options.face_confidence.size(), " confidences, expected one per face: ", faces));
   }
   if (!options.input_face.empty() && options.input_face.size() != faces) {
     return absl::InvalidArgumentError(
-        absl::StrCat("a mesh of ", faces, " faces has ", options.input_face.size(), " input faces"));
+        absl::StrCat("mesh has ", options.input_face.size(), " input faces, expected one per face: ", faces));
   }
   for (size_t v = 0; v < mesh.vertices.size(); ++v) {
     if (!mesh.vertices[v].allFinite()) {
-      return absl::InvalidArgumentError(absl::StrCat("vertex ", v, " of the mesh is not finite"));
+      return absl::InvalidArgumentError(absl::StrCat("vertex ", v, " of the mesh has coordinates that are not finite"));
     }
   }
   return absl::OkStatus();
@@ -104,7 +105,7 @@ struct PlyStream::Impl {
   std::string path, temporary;
   NewFile file;
   PlyLayout layout;
-  int64_t vertices = 0, faces = 0;  // so far
+  int64_t vertices = 0, faces = 0;  // written so far
 };
 
 PlyStream::PlyStream(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -113,7 +114,7 @@ PlyStream& PlyStream::operator=(PlyStream&&) noexcept = default;
 PlyStream::~PlyStream() = default;
 
 StatusOr<PlyStream> PlyStream::Create(const std::string& path, const PlyLayout& layout) {
-  // int is what most programs know; its range is left only where it must be.
+  // Most programs expect int indices; use uint only if there are too many vertices.
   const char* index_type = layout.vertices > std::numeric_limits<int32_t>::max() ? "uint" : "int";
   std::string header = absl::StrCat("ply\nformat binary_little_endian 1.0\nelement vertex ", layout.vertices,
                                     "\nproperty double x\nproperty double y\nproperty double z\nelement face ",

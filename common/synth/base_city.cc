@@ -9,7 +9,7 @@
 namespace tessera {
 namespace {
 
-// Lines of `text` that are no comments.
+// The number of lines of `text` that are not comments.
 int64_t CountLines(const std::string& text) {
   int64_t lines = 0;
   for (size_t at = 0; at < text.size(); at = std::min(text.find('\n', at), text.size() - 1) + 1) {
@@ -27,7 +27,7 @@ StatusOr<BaseCity> ReadBaseCity(const std::string& folder) {
   BaseCity base;
   try {
     const nlohmann::json json = nlohmann::json::parse(text);
-    if (json.contains("change")) return InputError(file, "change", "a later epoch", "the city that it was made from");
+    if (json.contains("change")) return InputError(file, "change", "a second epoch", "the first epoch of a city");
     const nlohmann::json& parameters = json.at("parameters");
     base.options.columns = parameters.at("blocks").at(0).get<int>();
     base.options.rows = parameters.at("blocks").at(1).get<int>();
@@ -41,7 +41,7 @@ StatusOr<BaseCity> ReadBaseCity(const std::string& folder) {
     base.report.start_accuracy_by_area = difficulty.at("start_average_accuracy_by_area").get<double>();
     base.report.start_accuracy_by_pixels = difficulty.at("start_average_accuracy_by_pixels").get<double>();
   } catch (const nlohmann::json::exception& error) {
-    return InputError(file, "", error.what(), "what tessera synth writes");
+    return InputError(file, "", error.what(), "a synth.json written by tessera synth");
   }
   return base;
 }

@@ -1,4 +1,4 @@
-// The city that a later epoch is made from, as its folder tells.
+// Reading of an existing synthetic city, from which a second epoch is made.
 #ifndef TESSERA_COMMON_SYNTH_BASE_CITY_H_
 #define TESSERA_COMMON_SYNTH_BASE_CITY_H_
 
@@ -11,19 +11,19 @@ namespace tessera {
 
 struct BaseCity {
   SynthOptions options;
-  SynthReport report;  // of its start mesh; the rest is zero
+  SynthReport report;  // only the figures of the start mesh are set
 };
 
-// Reads synth.json in `folder`. INVALID_ARGUMENT names the file if it is no city of `tessera synth`, has no images, or
-// is a later epoch itself.
+// Reads synth.json in `folder`. INVALID_ARGUMENT with the file if it was not written by `tessera synth`, if the city
+// has no images, or if it is itself a second epoch.
 StatusOr<BaseCity> ReadBaseCity(const std::string& folder);
 
-// Gives a file a second name, or copies it where the file system cannot.
+// Creates a hard link, or copies the file if the file system does not support links.
 Status LinkFile(const std::string& from, const std::string& to);
-// The same with each file under the folder `from`.
+// LinkFile for each file below the folder `from`.
 Status LinkFiles(const std::string& from, const std::string& to);
 
-// What stands in COLMAP's text files of `folder`.
+// The contents of COLMAP's text files in a folder.
 struct ColmapText {
   std::string cameras, images, points;
   int image_count = 0;

@@ -12,7 +12,7 @@ using Eigen::Vector2f;
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-// Cuts of one side of a facade, and which cells between them are windows.
+// Vertical cuts of one facade, and the cells between them that are windows.
 struct Bays {
   std::vector<double> cuts_m;     // from 0 to the facade's length
   std::vector<int> window_cells;  // cell k lies between cuts k and k + 1
@@ -95,7 +95,7 @@ class BuildingBuilder {
  private:
   uint32_t Seed() { return static_cast<uint32_t>(random_.Bits()); }
 
-  // The walls: one closed prism, its windows and doors set back by the reveal.
+  // The walls: one closed prism with windows and doors recessed by the reveal.
   void Body() {
     builder_.Begin();
     std::vector<double> rows = {foot_};
@@ -173,7 +173,7 @@ class BuildingBuilder {
                     {{-x_, -y_, foot_}, {x_, -y_, foot_}, {-x_, y_, top_}, {x_, y_, top_}});
   }
 
-  // Balconies, pilasters and a cornice: what stands out of the walls by 0.1 to 0.4 m.
+  // Balconies, pilasters and a cornice, which protrude from the walls by 0.1 to 0.4 m.
   void Relief() {
     for (const Balcony& b : balconies_) {
       const double out = 0.4, side = 0.3;
@@ -210,7 +210,7 @@ class BuildingBuilder {
     builder_.Box({-x_, y_ - t, foot}, {x_, y_, high}, wall_, coping, Seed());
     builder_.Box({-x_, -y_ + t - 0.02, foot}, {-x_ + t, y_ - t + 0.02, high}, wall_, coping, Seed());
     builder_.Box({x_ - t, -y_ + t - 0.02, foot}, {x_, y_ - t + 0.02, high}, wall_, coping, Seed());
-    // A stair head and plant on the deck.
+    // A stairwell and technical equipment on the deck.
     const SolidBuilder::Finish plant = {Material::kConcrete, {0.45f, 0.45f, 0.43f}, kRoof};
     const int count = 1 + static_cast<int>(random_.Below(3));
     for (int k = 0; k < count; ++k) {
@@ -223,7 +223,7 @@ class BuildingBuilder {
     }
   }
 
-  // A roof over the ridge along x: gable walls below, a slab with overhang above.
+  // A gabled roof with its ridge along x: gable walls, and a slab with overhang.
   void GabledRoof() {
     const double rise = y_ * std::tan(spec_.roof_pitch_rad), slope = rise / y_, thick = 0.22;
     const double eaves = random_.Uniform(0.3, 0.5), verge = random_.Uniform(0.15, 0.4);
@@ -283,7 +283,7 @@ class BuildingBuilder {
   void HippedRoof() {
     const double eaves = random_.Uniform(0.3, 0.5), thick = 0.2;
     const double x = x_ + eaves, y = y_ + eaves, slope = std::tan(spec_.roof_pitch_rad);
-    // The ridge runs along the longer side.
+    // The ridge is parallel to the longer side.
     const double hip = std::min(x, y), rise = hip * slope, low = top_ - 0.05, ridge = low + thick + rise;
     const double rx = std::max(0.15, x - hip), ry = std::max(0.15, y - hip);
     builder_.Begin();
@@ -300,7 +300,7 @@ class BuildingBuilder {
       builder_.Quad(a, b, b + up, a + up, kRoof, edge);
       planes.push_back({a, -inward, kRoof});
       const bool long_side = (side % 2 == 0) == along_x;
-      // The ridge's ends above a and b on a long side; on a short one the end that is nearer.
+      // On a long side, the ends of the ridge above a and b; on a short side, the nearer end.
       const bool ordered = (second - first).dot(u) > 0;
       const Vector3d near_end = first.dot(-inward) > second.dot(-inward) ? first : second;
       const Vector3d crest = long_side ? (ordered ? first : second) : near_end;
@@ -320,8 +320,8 @@ class BuildingBuilder {
     Chimneys(ridge);
   }
 
-  // On both long slopes: a house-shaped box with its front set behind the eaves. `low`: the slope's height at |y| =
-  // y_eaves.
+  // Dormers on both long slopes: boxes with a gabled top, their fronts behind the eaves. `low`: height of the slope at
+  // |y| = y_eaves.
   void Dormers(double low, double slope, double y_eaves) {
     if (spec_.dormers == 0) return;
     const double half = 0.75, front = y_ - 0.7, height = 1.55, peak = 0.5;
@@ -332,7 +332,7 @@ class BuildingBuilder {
       for (int k = 0; k < spec_.dormers; ++k) {
         const double x = spec_.dormers == 1 ? 0 : -reach + 2 * reach * k / (spec_.dormers - 1);
         if (k > 0 && 2 * reach / (spec_.dormers - 1) < 2.2) break;
-        // Seen from its front: right is +x for the side at -y.
+        // `right` is relative to a viewer in front of the dormer: +x for the side at -y.
         const Vector3d right(-side, 0, 0), inward(0, -side, 0), foot = Vector3d(x, side * front, base - 0.4);
         const double back = std::min(front, (height + peak + 0.6) / slope + 0.3);
         const auto p = [&](double r, double h, double in) {
@@ -378,7 +378,7 @@ class BuildingBuilder {
   }
 
   struct Balcony {
-    Vector3d left, right, outward;  // lower corners of the window behind it
+    Vector3d left, right, outward;  // lower corners of the window behind the balcony
   };
 
   const BuildingSpec& spec_;

@@ -1,4 +1,4 @@
-// A part of the city made ready for rays: its surface, its textures, an acceleration structure.
+// A part of the city prepared for ray casting: surface, textures, acceleration structure.
 #ifndef TESSERA_COMMON_SYNTH_CITY_SCENE_H_
 #define TESSERA_COMMON_SYNTH_CITY_SCENE_H_
 
@@ -19,11 +19,11 @@ struct BlockRange {
   bool Contains(int column, int row) const {
     return column >= column_low && column < column_high && row >= row_low && row < row_high;
   }
-  // The range with `margin` more blocks on each side, within the city.
+  // The range extended by `margin` blocks on each side, clipped to the city.
   BlockRange Grown(const CityPlan& plan, int margin) const;
 };
 
-// Immutable once made; const functions may be called from any thread.
+// Immutable; const functions are thread-safe.
 class CityScene {
  public:
   CityScene(const CityPlan& plan, const GroundGrid& grid, const BlockRange& range);
@@ -31,10 +31,10 @@ class CityScene {
   const CityPlan& plan() const { return plan_; }
   const TexturedSurface& surface() const { return surface_; }
   const RayCaster& caster() const { return *caster_; }
-  // Towards the sun, unit.
+  // Unit vector towards the sun.
   const Eigen::Vector3d& sun() const { return sun_; }
 
-  // Radiance (linear RGB) that leaves the hit point origin + hit.distance·direction: albedo lit by sun and sky.
+  // Radiance (linear RGB) at the hit point origin + hit.distance·direction: albedo times light of sun and sky.
   Eigen::Vector3f Radiance(const RayHit& hit, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
 
  private:

@@ -22,19 +22,19 @@ using Eigen::AlignedBox2d;
 using Eigen::Vector2d;
 
 constexpr double kSquareMetresPerChange = 2500;
-constexpr int kMostOfAKind = 12;
-constexpr double kApart = 3;          // metres between the boxes of two changes
-constexpr double kLargeArea = 100;    // every other change of a kind is as large as that if it can
-constexpr double kMostCovered = 0.2;  // share of a footprint that something else may hide from above
+constexpr int kMaxChangesPerKind = 12;
+constexpr double kMinDistance_m = 3;  // metres between the boxes of two changes
+constexpr double kLargeArea = 100;    // square metres; every other change of a kind is at least this large if possible
+constexpr double kMaxCoveredShare = 0.2;  // largest share of a footprint that other objects may cover
 constexpr int kAttempts = 4000;
 
 using BlockKey = std::pair<int, int>;
 
-// A building or tree of the city as it was.
+// A building or tree of the first epoch.
 struct Standing {
   BlockKey block;
   bool is_tree;
-  size_t index;  // in its list of the block
+  size_t index;  // in the block's list of buildings or trees
   Ring outline;
   AlignedBox2d box;
 };
@@ -47,14 +47,14 @@ class ChangePlanner {
         inner_(Inflated(part, -ChangeInset(part))),
         random_(MixBits(plan.seed ^ 0x6368616e676573ull) ^ MixBits(seed)),
         changed_(std::make_shared<CityChanges>()) {
-    count_ = std::clamp(static_cast<int>(std::lround(part.volume() / kSquareMetresPerChange)), 1, kMostOfAKind);
+    count_ = std::clamp(static_cast<int>(std::lround(part.volume() / kSquareMetresPerChange)), 1, kMaxChangesPerKind);
     FindStanding(part);
   }
 
   ChangedCity Run() {
     for (int round = 0; round < count_; ++round) {
       const bool large = round % 2 == 0;
-      Fell();  // the fewest can be: most trees are too small
+      Fell();  // first, because few trees are large enough
       Build(large);
       Demolish(large);
       Plant(round % 2 == 1);
@@ -102,16 +102,16 @@ class ChangePlanner {
     }
   }
 
-  // Well inside the part and away from other changes.
-  bool Free(const Ring& ring, double least_area = kLeastChangeArea) const {
+  // Whether the ring lies inside the part with the required margin, and away from other changes.
+  bool Free(const Ring& ring, double least_area = kMinChangeArea_m2) const {
     const AlignedBox2d box = BoxOf(ring);
     return inner_.contains(box) && AreaOf(ring) >= least_area &&
            std::none_of(changes_.begin(), changes_.end(), [&](const CityChange& other) {
-             return Inflated(BoxOf(other.footprint), kApart).intersects(box);
+             return Inflated(BoxOf(other.footprint), kMinDistance_m).intersects(box);
            });
   }
 
-  // Share of the ring that something else than `itself` covers; `buildings_only`: trees do not count.
+  // Share of the ring covered by objects other than `itself`; `buildings_only`: ignore trees.
   double CoveredShare(const Ring& ring, const std::vector<const Standing*>& itself, bool buildings_only = false) const {
     const AlignedBox2d box = BoxOf(ring);
     std::vector<const Standing*> near;
@@ -130,8 +130,8 @@ class ChangePlanner {
   bool Open(const Ring& ring, double clearance_m) const { return CoveredShare(Widened(ring, clearance_m), {}) == 0; }
 
   BlockPlan& Changed(const BlockKey& key) {
-    const auto place = changed_->blocks.find(key);
-    if (place != changed_->blocks.end()) return place->second;
+    const auto found = changed_->blocks.find(key);
+    if (found != changed_->blocks.end()) return found->second;
     return changed_->blocks.emplace(key, PlanBlock(plan_, key.first, key.second)).first->second;
   }
 
@@ -143,7 +143,7 @@ class ChangePlanner {
     changes_.push_back(std::move(change));
   }
 
-  // Those of one sort in an order drawn anew.
+  // All trees or all buildings inside the part, in random order.
   std::vector<const Standing*> Shuffled(bool trees) {
     std::vector<const Standing*> list;
     for (const Standing& s : standing_) {
@@ -153,11 +153,11 @@ class ChangePlanner {
     return list;
   }
 
-  Vector2d DrawPlace() {
+  Vector2d DrawPosition() {
     return {random_.Uniform(inner_.min().x(), inner_.max().x()), random_.Uniform(inner_.min().y(), inner_.max().y())};
   }
 
-  // Behind the pavements of a block rather than on a street.
+  // Whether the box lies on a block's lot (behind the pavement), not on a street.
   bool OnLot(const AlignedBox2d& box) const {
     const BlockKey key = BlockAt(box.center());
     const Vector2d low = plan_.BlockOrigin(key.first, key.second);
@@ -166,14 +166,14 @@ class ChangePlanner {
         .contains(box);
   }
 
-  // A new building on open ground: on a lot if there is room, else on a street.
+  // Adds a building on open ground: on a lot if possible, else on a street.
   void Build(bool large) {
     for (int attempt = 0; attempt < kAttempts; ++attempt) {
       const bool grand = large && attempt < kAttempts / 2;
       BuildingSpec b;
       b.width_m = grand ? random_.Uniform(11, 15) : random_.Uniform(5.5, 10);
       b.depth_m = grand ? random_.Uniform(8.5, 10) : random_.Uniform(5, 7);
-      b.centre = DrawPlace();
+      b.centre = DrawPosition();
       b.yaw_rad = random_.Uniform(-0.05, 0.05) + (random_.Uniform() < 0.5 ? 0 : 1.5707963267948966);
       b.floors = 1 + static_cast<int>(random_.Below(grand ? 4 : 2));
       b.floor_height_m = random_.Uniform(2.8, 3.3);
@@ -191,7 +191,7 @@ class ChangePlanner {
       if (!inner_.contains(BoxOf(walls)) || !Open(walls, 0.8)) continue;
       const Ring roof = RoofOutline(b);
       if (!Free(roof) || (grand && AreaOf(roof) < kLargeArea)) continue;
-      SettleOnGround(plan_, b);
+      PlaceOnGround(plan_, b);
       Changed(BlockAt(b.centre)).buildings.push_back(b);
       return Add(ChangeKind::kBuilt, roof);
     }
@@ -199,7 +199,7 @@ class ChangePlanner {
 
   void Raise() {
     for (const Standing* s : Shuffled(false)) {
-      if (!Free(s->outline) || CoveredShare(s->outline, {s}) > kMostCovered) continue;
+      if (!Free(s->outline) || CoveredShare(s->outline, {s}) > kMaxCoveredShare) continue;
       Changed(s->block).buildings[s->index].floors += 1 + static_cast<int>(random_.Below(2));
       return Add(ChangeKind::kBuilt, s->outline);
     }
@@ -212,14 +212,14 @@ class ChangePlanner {
                             [](const Standing* s) { return AreaOf(s->outline) >= kLargeArea; });
     }
     for (const Standing* s : list) {
-      if (!Free(s->outline) || CoveredShare(s->outline, {s}) > kMostCovered) continue;
+      if (!Free(s->outline) || CoveredShare(s->outline, {s}) > kMaxCoveredShare) continue;
       Changed(s->block);
       removed_[s->block].insert({s->is_tree, s->index});
       return Add(ChangeKind::kDemolished, s->outline);
     }
   }
 
-  // A tree, or two with touching crowns; where none are large enough, the largest tree there is.
+  // Removes a tree or two trees with touching crowns; if none is large enough, the largest tree.
   void Fell() {
     const std::vector<const Standing*> trees = Shuffled(true);
     std::vector<std::vector<const Standing*>> groups;
@@ -237,8 +237,8 @@ class ChangePlanner {
       const auto& group = groups[k];
       const std::optional<Ring> ring =
           group.size() == 1 ? group[0]->outline : UnionOf(group[0]->outline, group[1]->outline);
-      const double least = k < last_resort ? kLeastChangeArea : kLeastFelledArea;
-      if (!ring || !Free(*ring, least) || CoveredShare(*ring, group) > kMostCovered) continue;
+      const double least = k < last_resort ? kMinChangeArea_m2 : kMinFelledArea_m2;
+      if (!ring || !Free(*ring, least) || CoveredShare(*ring, group) > kMaxCoveredShare) continue;
       for (const Standing* tree : group) {
         Changed(tree->block);
         removed_[tree->block].insert({true, tree->index});
@@ -257,14 +257,14 @@ class ChangePlanner {
     return t;
   }
 
-  // A tree that was much smaller, or a new one on open ground; the other of both if there is no room for the one.
+  // Adds a tree on open ground (`fresh`) or enlarges an existing one; falls back to the other.
   void Grow(bool fresh) {
     if (!(fresh ? GrowFresh() || GrowLarger() : GrowLarger() || GrowFresh())) return;
   }
 
   bool GrowFresh() {
     for (int attempt = 0; attempt < kAttempts; ++attempt) {
-      const TreeSpec tree = DrawTree(DrawPlace(), random_.Uniform(3.2, attempt < kAttempts / 2 ? 6.2 : 3.8));
+      const TreeSpec tree = DrawTree(DrawPosition(), random_.Uniform(3.2, attempt < kAttempts / 2 ? 6.2 : 3.8));
       const Ring crown = CrownOutline(tree);
       if (attempt % (kAttempts / 2) < kAttempts / 4 && !OnLot(BoxOf(crown))) continue;
       if (!Free(crown) || !Open(crown, 0.3)) continue;
@@ -283,7 +283,7 @@ class ChangePlanner {
       tree.radii_m *= factor;
       tree.crown_z_m *= factor;
       const Ring crown = CrownOutline(tree);
-      if (!Free(crown) || CoveredShare(crown, {s}, true) > 0 || CoveredShare(crown, {s}) > kMostCovered) continue;
+      if (!Free(crown) || CoveredShare(crown, {s}, true) > 0 || CoveredShare(crown, {s}) > kMaxCoveredShare) continue;
       Changed(s->block).trees[s->index] = tree;
       Add(ChangeKind::kGrown, crown);
       return true;
@@ -291,7 +291,7 @@ class ChangePlanner {
     return false;
   }
 
-  // Ground or a flat roof that becomes vegetation; the other of both if there is none of the one.
+  // Turns a flat roof (`roof`) or ground into vegetation; falls back to the other.
   void Plant(bool roof) {
     if (!(roof ? PlantRoof() || PlantGround() : PlantGround() || PlantRoof())) return;
   }
@@ -304,7 +304,7 @@ class ChangePlanner {
       const Vector2d half(0.5 * b.width_m - kParapet, 0.5 * b.depth_m - kParapet);
       Ring deck = RectangleOf({-half, half});
       for (Vector2d& p : deck) p = b.centre + Eigen::Rotation2Dd(b.yaw_rad) * p;
-      if (!Free(deck) || CoveredShare(deck, {s}) > 0.5 * kMostCovered) continue;
+      if (!Free(deck) || CoveredShare(deck, {s}) > 0.5 * kMaxCoveredShare) continue;
       Changed(s->block).buildings[s->index].planted = true;
       Add(ChangeKind::kLabel, deck);
       return true;
@@ -373,7 +373,7 @@ class ChangePlanner {
     change.height_difference_m = std::round(mean * 1000) / 1000 + 0.0;
   }
 
-  const CityPlan plan_;  // as it was
+  const CityPlan plan_;  // of the first epoch
   const GroundGrid grid_;
   const AlignedBox2d inner_;
   Random random_;

@@ -1,5 +1,4 @@
-// What a later epoch of the city has otherwise: buildings and trees that came or went, ground and roofs that were
-// planted.
+// Changes of a second epoch of the city: buildings and trees added or removed, ground and roofs turned into vegetation.
 #ifndef TESSERA_COMMON_SYNTH_EPOCH_CHANGES_H_
 #define TESSERA_COMMON_SYNTH_EPOCH_CHANGES_H_
 
@@ -14,7 +13,7 @@
 
 namespace tessera {
 
-// kLabel: the class alone; heights stay.
+// kLabel: only the class changes, heights stay.
 enum class ChangeKind { kBuilt, kDemolished, kGrown, kFelled, kLabel };
 inline constexpr int kChangeKinds = 5;
 // "built", "demolished", "grown", "felled", "label".
@@ -22,26 +21,26 @@ const char* ChangeName(ChangeKind kind);
 
 struct CityChange {
   ChangeKind kind = ChangeKind::kBuilt;
-  std::vector<Eigen::Vector2d> footprint;  // seen from above, counter-clockwise, not closed, whole millimetres
+  std::vector<Eigen::Vector2d> footprint;  // counter-clockwise from above, not closed, rounded to millimetres
   double area_m2 = 0;                      // of the footprint
-  double height_difference_m = 0;          // new surface minus old, mean over the footprint
+  double height_difference_m = 0;          // mean of new minus old surface height over the footprint
 };
 
 struct ChangedCity {
-  CityPlan plan;  // with its changes
+  CityPlan plan;  // including the changes
   std::vector<CityChange> changes;
 };
 
-inline constexpr double kLeastChangeArea = 30;  // square metres
-inline constexpr double kLeastFelledArea = 10;  // where no larger trees stand
+inline constexpr double kMinChangeArea_m2 = 30;
+inline constexpr double kMinFelledArea_m2 = 10;  // used if there are no larger trees
 
-// How far inside `part` all footprints stay, metres.
+// The minimum distance in metres of all footprints from the border of `part`.
 double ChangeInset(const Eigen::AlignedBox2d& part);
 
-// Changes objects of the city that lie inside `part` (city's frame), all kinds in turn as far as there is room, about
-// one of a kind for 2500 square metres and at most 12; one in three of those built is a building that was raised.
-// Footprints keep 3 m from each other and cover kLeastChangeArea at least (a felled tree kLeastFelledArea). What is not
-// changed stays the same to the last bit. The same for the same `plan`, `part` and `seed`.
+// Changes objects inside `part` (city frame). Makes about one change of each kind per 2500 square metres, at most 12 of
+// a kind, as space permits; every third change of kind kBuilt raises an existing building. Footprints keep 3 m from
+// each other and cover kMinChangeArea_m2 at least (a felled tree kMinFelledArea_m2). What is not changed stays the same
+// to the last bit. The same for the same `plan`, `part` and `seed`.
 ChangedCity ChangeCity(const CityPlan& plan, const Eigen::AlignedBox2d& part, uint64_t seed);
 
 // GeoJSON: a polygon for each change with its kind, area_m2 and height_difference_m, in the city's plan coordinates.

@@ -11,7 +11,7 @@ namespace tessera {
 namespace {
 
 constexpr double kFocalPerWidth = 1.1;         // nadir
-constexpr double kObliqueFocalPerWidth = 1.4;  // so that the GSD in the middle is nearly the nadir's
+constexpr double kObliqueFocalPerWidth = 1.4;  // gives about the nadir GSD in the image centre
 constexpr double kTiltRad = 0.7853981633974483;
 
 }  // namespace
@@ -41,7 +41,7 @@ std::vector<SynthView> PlanFlightOver(const CityPlan& plan, const Eigen::Aligned
         std::snprintf(stem, sizeof stem, "%s_%02d_%03d", kNames[look], line, station);
         view.stem = prefix + stem;
         view.look = look;
-        // Aircraft drift: a hundredth of the height in place, a degree in attitude.
+        // Aircraft drift: 1 % of the height in position, one degree in attitude.
         view.target = over + 0.006 * height_m * Eigen::Vector2d(random.Uniform(-1, 1), random.Uniform(-1, 1));
         const Eigen::Vector3d target(view.target.x(), view.target.y(), TerrainHeight(plan, over.x(), over.y()));
         const double sky[kLookCount][2] = {{0, 0}, {0, 1}, {1, 0}, {0, -1}, {-1, 0}};

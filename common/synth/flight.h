@@ -1,4 +1,4 @@
-// The flights over the city: nadir and four oblique views a station, 80 % overlap along and 60 % across.
+// Flight plans: one nadir and four oblique views per station, forward overlap 80 %, side overlap 60 %.
 #ifndef TESSERA_COMMON_SYNTH_FLIGHT_H_
 #define TESSERA_COMMON_SYNTH_FLIGHT_H_
 
@@ -16,16 +16,16 @@ inline constexpr int kLookCount = 5;  // nadir, north, east, south, west
 
 struct SynthView {
   std::string stem;        // file name without extension
-  int look = 0;            // 0 nadir, then the directions looked to: north, east, south, west
-  Eigen::Vector2d target;  // where the axis meets the ground, nearly
+  int look = 0;            // viewing direction: 0 nadir, then north, east, south, west
+  Eigen::Vector2d target;  // approximate intersection of the optical axis with the ground
   PosedCamera camera;
 };
 
-// Stations on a grid over the blocks; the short side of nadir images lies along the flight lines (north).
-// `width_px`, `height_px`: of every image. Nadir GSD is plan.gsd_m at the ground's mean height.
+// Stations on a grid over the blocks; the short side of nadir images is parallel to the flight lines (north).
+// `width_px`, `height_px`: size of all images. The nadir GSD is plan.gsd_m at the mean height of the ground.
 std::vector<SynthView> PlanFlight(const CityPlan& plan, int width_px, int height_px);
 
-// The same over an area alone. `seed`: of the aircraft's drift; `prefix`: what all stems begin with.
+// The same for an area. `seed`: for the aircraft's drift; `prefix`: prefix of all stems.
 std::vector<SynthView> PlanFlightOver(const CityPlan& plan, const Eigen::AlignedBox2d& area, uint64_t seed,
                                       const std::string& prefix, int width_px, int height_px);
 

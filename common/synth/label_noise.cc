@@ -11,10 +11,9 @@
 namespace tessera {
 namespace {
 
-constexpr float kSharedDeviation =
-    0.62f;  // of the doubt that all views share; the view's own has the rest of variance 1
+constexpr float kSharedDeviation = 0.62f;  // weight of the doubt that all views share; the total variance is 1
 
-// Separable box blur, twice, of one plane: nearly a Gaussian.
+// Two passes of a separable box blur approximate a Gaussian.
 void BlurPlane(float* plane, int width, int height, int radius) {
   std::vector<float> line(std::max(width, height));
   const auto blur = [&](float* first, int count, int stride) {
@@ -72,7 +71,7 @@ ViewDoubt PixelDoubt(const CityPlan& plan, const RenderedView& view, uint64_t vi
                             0.62f * ValueNoise2(u / 55, v / 55, own + 2);
         out.doubt.at(x, y) = own_weight * noise + kSharedDeviation * common.doubt;
         const float choice = 0.5f * common.choice + 0.5f * (0.5f + 0.7f * ValueNoise2(u / 40, v / 40, own + 3));
-        // The mean of two is too often in the middle: spread it out again.
+        // The mean of two uniform values concentrates around 0.5, so stretch it.
         out.choice.at(x, y) = std::clamp(0.5f + 1.6f * (choice - 0.5f), 0.f, 0.999f);
       }
     }
@@ -90,7 +89,7 @@ ByteImage MakeLikelihoods(const RenderedView& view, const ViewDoubt& doubt, doub
         for (int c = 0; c < kCityClasses; ++c) belief.at(x, y, c) = 1.f / kCityClasses;
         continue;
       }
-      // Belief moves smoothly from the true class to the confused one; it is even at the threshold.
+      // The probability changes smoothly from the true to the confused class; both are equal at the threshold.
       const float wrong = 1.f / (1.f + std::exp(-4.f * (doubt.doubt.at(x, y) - static_cast<float>(threshold))));
       belief.at(x, y, label) += 1.f - wrong;
       belief.at(x, y, ConfusedClass(label, doubt.choice.at(x, y))) += wrong;
@@ -105,7 +104,7 @@ ByteImage MakeLikelihoods(const RenderedView& view, const ViewDoubt& doubt, doub
     for (int y = static_cast<int>(begin); y < end; ++y) {
       for (int x = 0; x < width; ++x) {
         for (int c = 0; c < kCityClasses; ++c) {
-          // Never quite sure. 64 steps are enough and keep the files small.
+          // At most 0.84, so that no class is certain. 64 steps suffice and keep the files small.
           const float p = 0.04f + 0.8f * belief.at(x, y, c);
           out.at(x, y, c) = static_cast<uint8_t>(4 * std::lround(63.f * std::clamp(p, 0.f, 1.f)));
         }

@@ -18,7 +18,7 @@ int EdgeBetween(int a, int b) {
   return -1;
 }
 
-// Bit f: the edge lies in face f.
+// Bit f is set if the edge lies in face f.
 int FacesOfEdge(int edge) {
   const CubeEdge& e = CubeEdgeTable()[edge];
   const int other = e.corner | (1 << e.axis);
@@ -30,7 +30,8 @@ int FacesOfEdge(int edge) {
   return faces;
 }
 
-// Turns the loop so that no diagonal of the fan from its first edge lies in a face of the cube.
+// Rotates the loop so that no diagonal of the fan from its first edge lies in a face of the cube. A diagonal in a face
+// could coincide with an edge of the neighbouring cube's surface, which would make a non-manifold edge.
 CubeLoop ChooseFan(std::vector<int> edges) {
   for (size_t turn = 0; turn < edges.size(); ++turn) {
     bool clear = true;
@@ -41,15 +42,17 @@ CubeLoop ChooseFan(std::vector<int> edges) {
   return {edges, true};
 }
 
+// On each face, the surface connects the edge where a run of inside corners starts with the edge where it ends.
+// Following these connections around the cube gives closed loops for every case, without a table written by hand.
 std::vector<CubeLoop> TraceLoops(int inside) {
   std::array<int, kCubeEdges> next;
   next.fill(-1);
   for (const auto& corners : kFaceCorners) {
     const auto in = [&](int k) { return (inside >> corners[k & 3] & 1) != 0; };
     for (int k = 0; k < 4; ++k) {
-      if (in(k) || !in(k + 1)) continue;  // from an edge that enters a run of inside corners ...
+      if (in(k) || !in(k + 1)) continue;  // the edge before the first inside corner
       int last = k + 1;
-      while (in(last + 1)) ++last;  // ... to the one that leaves it
+      while (in(last + 1)) ++last;  // the last inside corner
       next[EdgeBetween(corners[k], corners[(k + 1) & 3])] = EdgeBetween(corners[last & 3], corners[(last + 1) & 3]);
     }
   }

@@ -1,4 +1,4 @@
-// Value noise on integer lattices: the randomness that is a function of place, for textures, terrain and label errors.
+// Value noise on integer lattices: random values as a function of position, for textures, terrain and label errors.
 #ifndef TESSERA_COMMON_SYNTH_NOISE_H_
 #define TESSERA_COMMON_SYNTH_NOISE_H_
 
@@ -7,7 +7,7 @@
 
 namespace tessera {
 
-// A hash of an integer lattice point; the same on every machine.
+// A hash of an integer lattice point; equal on all machines.
 inline uint32_t HashLattice(int32_t x, int32_t y, int32_t z, uint32_t seed) {
   uint32_t h = seed ^ (static_cast<uint32_t>(x) * 0x8da6b343u) ^ (static_cast<uint32_t>(y) * 0xd8163841u) ^
                (static_cast<uint32_t>(z) * 0xcb1ab31fu);
@@ -19,12 +19,12 @@ inline uint32_t HashLattice(int32_t x, int32_t y, int32_t z, uint32_t seed) {
   return h;
 }
 
-// Uniform in [-1, 1), one value a lattice point.
+// Uniform in [-1, 1), one value per lattice point.
 inline float LatticeValue(int32_t x, int32_t y, int32_t z, uint32_t seed) {
   return static_cast<float>(static_cast<int32_t>(HashLattice(x, y, z, seed))) * 0x1.0p-31f;
 }
 
-// Uniform in [0, 1), one value a lattice point.
+// Uniform in [0, 1), one value per lattice point.
 inline float LatticeUniform(int32_t x, int32_t y, int32_t z, uint32_t seed) {
   return static_cast<float>(HashLattice(x, y, z, seed) >> 8) * 0x1.0p-24f;
 }

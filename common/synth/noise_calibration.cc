@@ -57,7 +57,7 @@ std::vector<StartLabelSample> SampleStartLabels(const CityScene& scene, const st
               std::clamp(static_cast<int>(std::floor((p.y() - plan.MinY()) / CityPlan::kPitch)), 0, plan.rows - 1);
           if (!range.Contains(column, row)) continue;
           const RayHit start_hit = start_caster.Cast(centre, ray);
-          StartLabelSample sample{0, StartLabelSample::kNothing,
+          StartLabelSample sample{0, StartLabelSample::kNoFace,
                                   static_cast<uint8_t>(scene.surface().mesh.labels[truth.face])};
           if (start_hit.hit()) std::tie(sample.chunk, sample.face) = origin_of_face[start_hit.face];
           found[k].push_back(sample);
@@ -83,7 +83,7 @@ ClassConfusion CountByPixels(const std::vector<const StartChunk*>& chunks, const
                              double threshold) {
   ClassConfusion confusion;
   for (const StartLabelSample& sample : samples) {
-    if (sample.face == StartLabelSample::kNothing) {
+    if (sample.face == StartLabelSample::kNoFace) {
       confusion.missing[sample.true_label] += 1;
     } else {
       confusion.weight[sample.true_label][StartLabel(*chunks[sample.chunk], sample.face, threshold)] += 1;
@@ -127,7 +127,7 @@ double CalibrateLikelihoods(const CityScene& scene, const std::vector<const Synt
   }
   if (ordered.empty()) return 1;
   std::sort(ordered.begin(), ordered.end());
-  // Blurred borders cost some accuracy beside the failures; ask for as much more of the doubt's distribution.
+  // Blurred borders reduce the accuracy further, so raise the quantile of the doubt by the missing accuracy.
   double quantile = kLikelihoodArgmaxAccuracy, threshold = 1;
   for (int step = 0; step < 3; ++step) {
     threshold =

@@ -1,5 +1,5 @@
-// Makes every city equally hard: finds the thresholds at which start labels and likelihoods are as wrong as they
-// should.
+// Calibration of label noise: finds the thresholds at which start labels and likelihoods have the target accuracy, so
+// that all cities are equally difficult.
 #ifndef TESSERA_COMMON_SYNTH_NOISE_CALIBRATION_H_
 #define TESSERA_COMMON_SYNTH_NOISE_CALIBRATION_H_
 
@@ -12,29 +12,29 @@
 
 namespace tessera {
 
-// How much of each true class (first index) got which label.
+// Confusion matrix: weight[true class][label].
 struct ClassConfusion {
   std::array<std::array<double, kCityClasses>, kCityClasses> weight{};
-  std::array<double, kCityClasses> missing{};  // nothing was there: counts as wrong
+  std::array<double, kCityClasses> missing{};  // weight without a label; counts as wrong
 
-  // Mean recall over the classes that occur.
+  // Mean recall over the classes with weight.
   double AverageAccuracy() const;
 };
 
-// Start labels seen in views: the face that a ray meets on the start mesh, and what it meets on the true surface.
+// A start label seen in a view: the face of the start mesh and the true class along one ray.
 struct StartLabelSample {
   uint32_t chunk;
-  uint32_t face;  // of the chunk; kNothing: the ray misses the start mesh
+  uint32_t face;  // index in the chunk; kNoFace: the ray misses the start mesh
   uint8_t true_label;
-  static constexpr uint32_t kNothing = ~0u;
+  static constexpr uint32_t kNoFace = ~0u;
 };
 
-// Casts up to `rays_per_view` rays of each view against both surfaces. Counts only what lies on the blocks of `range`.
+// Casts up to `rays_per_view` rays of each view at both surfaces. Uses only hits on the blocks of `range`.
 std::vector<StartLabelSample> SampleStartLabels(const CityScene& scene, const std::vector<const StartChunk*>& chunks,
                                                 const std::vector<const SynthView*>& views, int rays_per_view,
                                                 const BlockRange& range);
 
-// Adds the faces of a chunk, labelled at `threshold`, by area.
+// Adds the areas of a chunk's faces, with their labels at `threshold`.
 void AddByArea(const StartChunk& chunk, double threshold, ClassConfusion& confusion);
 ClassConfusion CountByPixels(const std::vector<const StartChunk*>& chunks, const std::vector<StartLabelSample>& samples,
                              double threshold);
@@ -43,12 +43,13 @@ inline int32_t StartLabel(const StartChunk& chunk, size_t face, double threshold
   return chunk.doubt[face] > threshold ? chunk.wrong_labels[face] : chunk.right_labels[face];
 }
 
-// The threshold at which the mean of the accuracies by area and (if there are samples) by pixels meets the aim. By
-// pixels also the start's misplaced surfaces count; where they cost more than the range is wide (voxels as large as
-// rooms, as in the toy) the accuracy by area stays in the range and that by pixels falls below it.
+// The threshold at which the mean of the accuracy by area and (if there are samples) by pixels equals
+// kStartAverageAccuracy. Accuracy by pixels also includes geometric errors of the start mesh. If these are too large
+// (large voxels, as in the toy scene), the accuracy by area stays in its range and that by pixels falls below it.
 double CalibrateStartLabels(const std::vector<const StartChunk*>& chunks, const std::vector<StartLabelSample>& samples);
 
-// The threshold at which likelihoods made for `views` name the true class in the aimed share of all pixels.
+// The threshold at which the likeliest class is correct in the share kLikelihoodArgmaxAccuracy of the pixels of
+// `views`.
 double CalibrateLikelihoods(const CityScene& scene, const std::vector<const SynthView*>& views,
                             const std::vector<uint64_t>& seeds);
 

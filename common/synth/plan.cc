@@ -10,7 +10,7 @@ namespace tessera {
 namespace {
 
 constexpr double kTwoPi = 6.283185307179586;
-// What may be built on, in a block's square: behind the pavement.
+// The range of a block's square that may be built on: behind the pavement.
 constexpr double kLotMin = CityPlan::kHalfStreet + CityPlan::kSidewalk + 0.5;
 constexpr double kLotMax = CityPlan::kPitch - kLotMin;
 
@@ -21,7 +21,7 @@ BlockKind KindOfBlock(const CityPlan& plan, int column, int row) {
                                          BlockKind::kHouses, BlockKind::kRows,  BlockKind::kSlabs, BlockKind::kPark};
   const uint64_t start = MixBits(plan.seed ^ 0x626c6f636b73ull);
   if (plan.Blocks() == 1) return start & 1 ? BlockKind::kHouses : BlockKind::kRows;
-  // Neighbouring blocks differ, and two by two blocks hold four kinds, whatever the seed.
+  // Neighbouring blocks differ, and any 2 x 2 blocks contain four kinds, for every seed.
   if (plan.Blocks() <= 4) return kCycle[(start + column + 2 * row) % 4];
   return kCycle[(start + column + 3 * row) % 8];
 }
@@ -61,7 +61,7 @@ class BlockPlanner {
   }
 
  private:
-  // Adds a building with its middle at (x, y) of the block's square, its ridge along x (swapped in turned blocks).
+  // Adds a building centred at (x, y) of the block's square, with its ridge along x (along y in rotated blocks).
   BuildingSpec& Building(double x, double y, double width, double depth, int floors, RoofKind roof) {
     BuildingSpec b;
     const double turn = std::cos(yaw_), side = std::sin(yaw_), half = 0.5 * CityPlan::kPitch;
@@ -92,7 +92,7 @@ class BlockPlanner {
       const int fit = static_cast<int>((width - 3) / 3.2);
       b.dormers = depth < 6.5 ? 0 : std::min<int>(fit, static_cast<int>(random_.Below(4)));
     }
-    SettleOnGround(plan_, b);
+    PlaceOnGround(plan_, b);
     block_.buildings.push_back(b);
     return block_.buildings.back();
   }
@@ -143,7 +143,7 @@ class BlockPlanner {
       for (int k = 0; k < houses; ++k) {
         const double depth = 9 + random_.Uniform(-0.4, 0.4);
         const double y = side ? kLotMax - 5 : kLotMin + 5;
-        // A terrace is one flush row or stepped in height and depth; the party walls overlap a little.
+        // A terrace is a flush row, or stepped in height and depth; adjacent walls overlap slightly.
         Building(kLotMin + 0.75 + (k + 0.5) * width, y + (alike ? 0 : random_.Uniform(-0.6, 0.6)),
                  width - (alike ? 0.1 : 0.3), depth, alike ? floors : 2 + static_cast<int>(random_.Below(2)),
                  alike ? roof : NextRoof());
@@ -237,7 +237,7 @@ double GroundHeight(const CityPlan& plan, double x, double y) {
   return TerrainHeight(plan, x, y) + (IsRaised(plan, x, y) ? CityPlan::kKerbHeight : 0.0);
 }
 
-void SettleOnGround(const CityPlan& plan, BuildingSpec& building) {
+void PlaceOnGround(const CityPlan& plan, BuildingSpec& building) {
   double low = 1e9, sum = 0;
   const double reach = 0.5 * std::hypot(building.width_m, building.depth_m);
   for (int k = 0; k < 8; ++k) {

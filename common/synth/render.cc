@@ -12,12 +12,12 @@ namespace tessera {
 namespace {
 
 constexpr int kSamples = 4;
-constexpr float kVignetting = 0.22f;  // loss in the corners
-constexpr float kNoise = 1.6f;        // deviation of the sensor's noise, grey levels, at mid grey
+constexpr float kVignetting = 0.22f;  // relative loss in the corners
+constexpr float kNoise = 1.6f;        // standard deviation of sensor noise at mid grey, grey levels
 
 float Encode(float linear) { return 255.f * std::pow(std::min(std::max(linear, 0.f), 1.f), 1.f / 2.2f); }
 
-// Nearly Gaussian, deviation 1.
+// Approximately standard normal.
 float PixelNoise(int x, int y, int k, uint32_t seed) {
   return (LatticeValue(x, y, 4 * k, seed) + LatticeValue(x, y, 4 * k + 1, seed) + LatticeValue(x, y, 4 * k + 2, seed));
 }
@@ -51,7 +51,7 @@ RenderedView RenderView(const CityScene& scene, const SynthView& view, uint64_t 
         }
         if (!with_rgb) continue;
         Eigen::Vector3f sum = hit.hit() ? scene.Radiance(hit, centre, middle) : haze;
-        // Three more rays on a circle around the middle, turned at random: with it an even sampling of the pixel.
+        // Three more rays on a randomly rotated circle around the centre, which sample the pixel evenly.
         const double turn = LatticeUniform(x, y, 99, noise_seed) * 6.283185307179586;
         for (int k = 1; k < kSamples; ++k) {
           const double angle = turn + (k - 1) * 2.0943951023931953, radius = 0.4;

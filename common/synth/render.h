@@ -1,4 +1,4 @@
-// Photographs of the city with the flaws of real ones, and the truth of each pixel.
+// Simulated photographs of the city with typical image errors, and the true class and position of each pixel.
 #ifndef TESSERA_COMMON_SYNTH_RENDER_H_
 #define TESSERA_COMMON_SYNTH_RENDER_H_
 
@@ -9,13 +9,14 @@
 namespace tessera {
 
 struct RenderedView {
-  ByteImage rgb;        // empty if only the truth was asked for
-  LabelImage labels;    // at pixel centres; 255: nothing seen
-  FloatImage position;  // world x, y, z of what pixel centres see, metres; meaningless where labels are 255
+  ByteImage rgb;        // empty if not requested
+  LabelImage labels;    // class at pixel centres; 255: no surface
+  FloatImage position;  // world x, y, z in metres of the surface at pixel centres; undefined where labels are 255
 };
 
-// Four rays a pixel (its centre and three around it), sun and sky light, gamma 2.2; then vignetting, an exposure of its
-// own and sensor noise drawn from `seed`. Runs in parallel; the same bytes for every number of threads.
+// Renders with four rays per pixel (its centre and three around it), sun and sky light and gamma 2.2, then applies
+// vignetting, a random exposure and sensor noise from `seed`. Runs in parallel; the result does not depend on the
+// number of threads.
 RenderedView RenderView(const CityScene& scene, const SynthView& view, uint64_t seed, bool with_rgb);
 
 }  // namespace tessera

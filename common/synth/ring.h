@@ -1,4 +1,4 @@
-// Footprints as rings of corners.
+// Footprints as polygons.
 #ifndef TESSERA_COMMON_SYNTH_RING_H_
 #define TESSERA_COMMON_SYNTH_RING_H_
 
@@ -9,7 +9,7 @@
 
 namespace tessera {
 
-// Corners counter-clockwise, not closed, metres in the plan.
+// Corners in counter-clockwise order, not closed, metres in the horizontal plane.
 using Ring = std::vector<Eigen::Vector2d>;
 
 Eigen::AlignedBox2d BoxOf(const Ring& ring);
@@ -18,13 +18,13 @@ Ring RectangleOf(const Eigen::AlignedBox2d& box);
 double AreaOf(const Ring& ring);
 bool Inside(const Ring& ring, const Eigen::Vector2d& p);
 
-// Points of a square lattice that lie inside the ring.
+// The points of a square lattice inside the ring.
 std::vector<Eigen::Vector2d> PointsInside(const Ring& ring, double spacing_m);
 
-// The ring with each corner further from its middle: a rectangle's sides by about `by`.
+// The ring with its corners moved away from its centre; the sides of a rectangle move by about `by`.
 Ring Widened(const Ring& ring, double by);
 
-// The outline of two nearly convex rings that overlap, as seen from a point in both; none if they do not overlap.
+// The union of two approximately convex rings, star-shaped around a common point; none if they do not overlap.
 std::optional<Ring> UnionOf(const Ring& a, const Ring& b);
 
 }  // namespace tessera

@@ -35,7 +35,7 @@ std::vector<SparsePoint> MakeSparsePoints(const CityScene& scene, const std::vec
         const PosedCamera& camera = flight[view].camera;
         const Eigen::Vector3d seen = camera.Project(p);
         if (!camera.InImage(seen) || scene.caster().Occluded(p, camera.Centre(), 0.03)) continue;
-        if (random.Uniform() < 0.15) continue;  // a match that was not made
+        if (random.Uniform() < 0.15) continue;  // simulates a missing match
         const double dx = std::clamp(0.22 * random.Normal(), -0.5, 0.5),
                      dy = std::clamp(0.22 * random.Normal(), -0.5, 0.5);
         const double x = seen.x() + dx, y = seen.y() + dy;

@@ -1,4 +1,4 @@
-// The sparse points of the COLMAP model: places that several views see, with slightly noisy observations.
+// Sparse 3D points of the COLMAP model: surface points seen in several views, with noisy observations.
 #ifndef TESSERA_COMMON_SYNTH_SPARSE_POINTS_H_
 #define TESSERA_COMMON_SYNTH_SPARSE_POINTS_H_
 
@@ -13,15 +13,16 @@ namespace tessera {
 struct SparsePoint {
   Eigen::Vector3d position;
   std::array<uint8_t, 3> color_rgb;
-  double error_px;  // mean distance of the observations from the projection
+  double error_px;  // mean reprojection error
   struct Observation {
-    int view;  // index in the whole flight
+    int view;  // index in the flight
     double x_px, y_px;
   };
   std::vector<Observation> track;  // at least three views
 };
 
-// `count` attempts on rays through random pixels of `views` (indices into `flight`), all seen through `scene`.
+// Casts `count` rays through random pixels of `views` (indices into `flight`) at `scene`, and returns the hits that at
+// least three views of the flight see.
 std::vector<SparsePoint> MakeSparsePoints(const CityScene& scene, const std::vector<SynthView>& flight,
                                           const std::vector<int>& views, int count, uint64_t seed);
 

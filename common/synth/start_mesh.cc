@@ -13,7 +13,7 @@
 namespace tessera {
 namespace {
 
-// Cells of the global lattice that belong to a block along one axis; outermost blocks own the apron's.
+// The cells of the global lattice that belong to a block along one axis; outermost blocks include the apron.
 struct CellRange {
   int begin, end;
 };
@@ -50,7 +50,7 @@ class OccupancyField {
     }
   }
 
-  // What stands near the vertical line through (x, y).
+  // The objects near the vertical line through (x, y).
   struct Column {
     double ground = 0, top = 0;
     int32_t ground_label = kGround;
@@ -78,7 +78,7 @@ class OccupancyField {
     return column;
   }
 
-  // Trees come out fatter than they are: their gaps are filled.
+  // Signed distance to the nearest object. Trees are enlarged, as reconstruction fills the gaps of their crowns.
   double Distance(const Column& column, const Eigen::Vector3d& p) const {
     double best = p.z() - column.ground;
     for (const ConvexSolid* solid : column.solids) best = std::min(best, solid->Distance(p));
@@ -86,8 +86,8 @@ class OccupancyField {
     return best;
   }
 
-  // Class of the true surface nearest to `p`. With a `turn_m` above 0 surfaces that face another way than `normal` are
-  // as if they were further off, by up to twice that.
+  // Class of the true surface nearest to `p`. `turn_m` > 0 adds a penalty of up to 2 turn_m to the distance of surfaces
+  // whose normal differs from `normal`.
   int32_t NearestLabel(const Column& column, const Eigen::Vector3d& p, const Eigen::Vector3d& normal,
                        double turn_m) const {
     const double nearest = Distance(column, p);
@@ -111,7 +111,7 @@ class OccupancyField {
     return label;
   }
 
-  // How far noise moves the surface, metres: bumps of a few voxels and broader swells.
+  // Displacement of the surface by noise in metres: bumps of a few voxels, and broader waves.
   double Displacement(const Eigen::Vector3d& p) const {
     const uint32_t seed = static_cast<uint32_t>(MixBits(plan_.seed ^ 0x766f78656cull));
     const Eigen::Vector3d q = p / voxel_;
@@ -126,7 +126,7 @@ class OccupancyField {
   std::vector<std::pair<const TreeSpec*, Eigen::AlignedBox3d>> trees_;
 };
 
-// Values on lattice points [x0, x0 + nx) x ...
+// Values on the lattice points [x0, x0 + nx) x [y0, y0 + ny) x [z0, z0 + nz).
 struct Lattice {
   int x0, y0, z0, nx, ny, nz;
   std::vector<float> value;
@@ -134,16 +134,16 @@ struct Lattice {
   float at(int x, int y, int z) const { return value[(static_cast<size_t>(y - y0) * nx + (x - x0)) * nz + (z - z0)]; }
 };
 
-// Blurs with the weights 1 2 1 along each axis: what smoothing in a volumetric method leaves of the voxels.
+// Blurs with the weights 1 2 1 along each axis, like the smoothing of volumetric methods.
 void Blur(Lattice& lattice) {
   const size_t strides[3] = {static_cast<size_t>(lattice.nz), static_cast<size_t>(lattice.nz) * lattice.nx, 1};
   const int counts[3] = {lattice.nx, lattice.ny, lattice.nz};
   for (int axis = 0; axis < 3; ++axis) {
     const std::vector<float> source = lattice.value;
     for (size_t k = 0; k < source.size(); ++k) {
-      const int place = static_cast<int>(k / strides[axis] % counts[axis]);
-      const float before = place > 0 ? source[k - strides[axis]] : source[k];
-      const float after = place + 1 < counts[axis] ? source[k + strides[axis]] : source[k];
+      const int index = static_cast<int>(k / strides[axis] % counts[axis]);
+      const float before = index > 0 ? source[k - strides[axis]] : source[k];
+      const float after = index + 1 < counts[axis] ? source[k + strides[axis]] : source[k];
       lattice.value[k] = 0.25f * before + 0.5f * source[k] + 0.25f * after;
     }
   }
@@ -156,12 +156,14 @@ uint64_t EdgeKey(int x, int y, int z, int axis) {
 
 }  // namespace
 
+// Every value is a function of the global lattice position, not of the block, so that adjacent chunks compute identical
+// vertices on their border. The lattice has one more layer than the cells, because the blur reads the neighbours.
 StartChunk ExtractStartChunk(const CityPlan& plan, const BlockSource& source, int column, int row) {
   const double voxel = kVoxelPerGsd * plan.gsd_m;
   const CellRange xs = CellsOf(plan.MinX(), plan.columns, column, voxel),
                   ys = CellsOf(plan.MinY(), plan.rows, row, voxel);
   const OccupancyField field(plan, source, column, row, voxel);
-  // Lattice points of the cells, and one more all around for the blur.
+  // Lattice points of the cells and one more layer around them for the blur.
   Lattice lattice{xs.begin - 1, ys.begin - 1, 0, xs.end - xs.begin + 3, ys.end - ys.begin + 3, 0, {}};
   std::vector<OccupancyField::Column> columns(static_cast<size_t>(lattice.nx) * lattice.ny);
   double low = 1e9, high = -1e9;
@@ -206,7 +208,7 @@ StartChunk ExtractStartChunk(const CityPlan& plan, const BlockSource& source, in
             const CubeEdge& edge = edges[loop.edges[k]];
             const int ex = x + (edge.corner & 1), ey = y + (edge.corner >> 1 & 1), ez = z + (edge.corner >> 2);
             const uint64_t key = EdgeKey(ex, ey, ez, edge.axis);
-            const auto [place, fresh] = vertex_of_key.try_emplace(key, static_cast<uint32_t>(chunk.vertices.size()));
+            const auto [index, fresh] = vertex_of_key.try_emplace(key, static_cast<uint32_t>(chunk.vertices.size()));
             if (fresh) {
               const Eigen::Vector3i step(edge.axis == 0, edge.axis == 1, edge.axis == 2);
               const float a = lattice.at(ex, ey, ez), b = lattice.at(ex + step.x(), ey + step.y(), ez + step.z());
@@ -215,7 +217,7 @@ StartChunk ExtractStartChunk(const CityPlan& plan, const BlockSource& source, in
               chunk.keys.push_back(key);
               chunk.on_border.push_back(ex == xs.begin || ex == xs.end || ey == ys.begin || ey == ys.end);
             }
-            loop_vertices[k] = place->second;
+            loop_vertices[k] = index->second;
           }
           const size_t n = loop.edges.size();
           if (loop.needs_centre) {

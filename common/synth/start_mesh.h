@@ -1,4 +1,4 @@
-// The coarse start mesh as volumetric reconstruction gives it: noisy occupancy on a voxel grid, then marching cubes.
+// The coarse start mesh, as from volumetric reconstruction: noisy occupancy on a voxel grid, then marching cubes.
 #ifndef TESSERA_COMMON_SYNTH_START_MESH_H_
 #define TESSERA_COMMON_SYNTH_START_MESH_H_
 
@@ -11,25 +11,25 @@
 
 namespace tessera {
 
-inline constexpr double kVoxelPerGsd = 5.0;  // how coarse the start mesh is; part of what is called its difficulty
+inline constexpr double kVoxelPerGsd = 5.0;  // voxel size in GSD; part of the scene's difficulty
 
-// A part of the start mesh, one block's cells. Two parts agree on the vertices of the border between them: those have
-// the same keys and the same positions to the last bit.
+// A part of the start mesh: the cells of one block. Adjacent parts have bit-identical vertices with equal keys on their
+// common border.
 struct StartChunk {
   std::vector<Eigen::Vector3d> vertices;
-  std::vector<uint64_t> keys;  // place of each vertex on the global lattice; kNoKey for one inside a cell
+  std::vector<uint64_t> keys;  // lattice edge of each vertex; kNoKey for a vertex inside a cell
   std::vector<Triangle> faces;
-  std::vector<uint8_t> true_labels;   // class of the nearest true surface, a face; the measure
-  std::vector<uint8_t> right_labels;  // what a face is labelled where labelling works: its orientation counts too
-  std::vector<uint8_t> wrong_labels;  // ... and where it fails
-  std::vector<float> doubt;           // labelling fails first where this is highest; about standard normal, correlated
+  std::vector<uint8_t> true_labels;   // per face: class of the nearest true surface; the reference for accuracy
+  std::vector<uint8_t> right_labels;  // per face: label without error; depends on the orientation too
+  std::vector<uint8_t> wrong_labels;  // per face: label with error
+  std::vector<float> doubt;           // per face: errors occur above a threshold; standard normal, spatially correlated
 
   static constexpr uint64_t kNoKey = ~0ull;
-  // Whether vertex v lies on the border of the chunk, so that another chunk may have it too.
+  // Per vertex: whether it lies on the border of the chunk, so that another chunk may contain it too.
   std::vector<bool> on_border;
 };
 
-// Gives the solids of a block; called for neighbours too, from several threads at once.
+// Provides the solids of blocks, including neighbours. Called concurrently from several threads.
 class BlockSource {
  public:
   virtual ~BlockSource() = default;

@@ -1,4 +1,4 @@
-// Labelled, textured triangle surfaces of the city and the solids that they are made of.
+// Labelled, textured triangle surfaces of the city, and the solids for the start mesh's occupancy.
 #ifndef TESSERA_COMMON_SYNTH_SURFACE_H_
 #define TESSERA_COMMON_SYNTH_SURFACE_H_
 
@@ -31,8 +31,8 @@ enum class Material : uint8_t {
   kBark
 };
 
-// What a face's texture is a function of. `u`, `v`: unit axes of the surface, world frame; texture coordinates are
-// metres along them from `origin`. `extent_m`: size of a window or door, else unused.
+// Texture parameters of a face. `u`, `v`: unit axes of the surface, world frame; texture coordinates are metres along
+// them from `origin`. `extent_m`: size of a window or door; for the inside of blocks, x is the paved share.
 struct SurfacePatch {
   Material material = Material::kGroundCover;
   uint32_t seed = 0;
@@ -43,20 +43,20 @@ struct SurfacePatch {
   Eigen::Vector3f albedo = {0.5f, 0.5f, 0.5f};  // linear RGB
 };
 
-// Low shrubs that cover ground or a roof.
+// Low shrubs on ground or on a roof.
 SurfacePatch PlantingPatch(uint32_t seed, const Eigen::Vector3d& origin);
 
-// A labelled mesh and the patch of each face.
+// A labelled mesh with a texture patch per face.
 struct TexturedSurface {
   TriangleMesh mesh;
   std::vector<uint32_t> patch_of_face;
   std::vector<SurfacePatch> patches;
 
-  // Appends `other`, world frame both.
+  // Appends `other`; both are in the world frame.
   void Append(const TexturedSurface& other);
 };
 
-// A convex solid {p : n·p <= offset for all planes}, for occupancy. Each plane knows the class of its side.
+// A convex solid {p : n·p <= offset for all planes}, for occupancy. Each plane has the class of its side.
 struct ConvexSolid {
   struct Plane {
     Eigen::Vector3d normal;
@@ -74,15 +74,15 @@ struct ConvexSolid {
   }
 };
 
-// Everything that stands on a block's ground.
+// All objects on a block's ground.
 struct BlockSolids {
   TexturedSurface surface;
   std::vector<ConvexSolid> solids;
   std::vector<TreeSpec> trees;
 };
 
-// Builds solids in a frame of their own (rotated about z, shifted) and appends them to a block. Vertices of one solid
-// at the same place are one vertex, so a solid whose faces meet edge to edge is a closed manifold.
+// Builds solids in a local frame (rotated about z, translated) and appends them to a block. Equal vertices of one solid
+// are merged, so a solid whose faces meet edge to edge is a closed manifold.
 class SolidBuilder {
  public:
   SolidBuilder(BlockSolids& block, const Eigen::Vector3d& origin, double yaw_rad)
@@ -90,9 +90,9 @@ class SolidBuilder {
         origin_(origin),
         rotation_(Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix()) {}
 
-  // Starts a solid: vertices are shared only within it.
+  // Starts a new solid; vertices are merged only within it.
   void Begin() { index_.clear(); }
-  // A patch with its axes in the builder's frame.
+  // Adds a patch whose axes are in the builder's frame; returns its index.
   uint32_t Patch(Material material, uint32_t seed, const Eigen::Vector3f& albedo, const Eigen::Vector3d& origin,
                  const Eigen::Vector3d& u, const Eigen::Vector3d& v, const Eigen::Vector2f& extent_m = {1, 1});
   // Corners counter-clockwise seen from outside.
@@ -106,7 +106,7 @@ class SolidBuilder {
     Eigen::Vector3f albedo = {0.5f, 0.5f, 0.5f};
     int32_t label = kFacade;
   };
-  // A closed box; `occupies`: it counts for the start mesh's occupancy.
+  // Adds a closed box; `occupies`: also adds it to the occupancy.
   void Box(const Eigen::Vector3d& low, const Eigen::Vector3d& high, const Finish& side, const Finish& top,
            uint32_t seed, bool occupies = true);
   // Adds a convex solid for occupancy: planes through the given points with outward normals, builder's frame.
@@ -127,21 +127,21 @@ class SolidBuilder {
   std::map<std::array<int64_t, 3>, uint32_t> index_;
 };
 
-// Appends a building: body with reveals, balconies, courses; roof with dormers, chimneys or parapets.
+// Appends a building: body with reveals, balconies and cornices; roof with dormers, chimneys or parapets.
 void BuildBuilding(const BuildingSpec& spec, BlockSolids& block);
 
 // Appends a tree: trunk and rough crown.
 void BuildTree(const TreeSpec& spec, BlockSolids& block);
 
-// What a building and a tree's crown cover as seen from above, counter-clockwise, in the city's plan: the roof with its
-// eaves (balconies, cornices and pilasters left out), and the silhouette of the crown.
+// Outlines seen from above, counter-clockwise, in plan coordinates: of a roof with its eaves (without balconies,
+// cornices and pilasters), and of a tree's crown.
 std::vector<Eigen::Vector2d> RoofOutline(const BuildingSpec& spec);
 std::vector<Eigen::Vector2d> CrownOutline(const TreeSpec& spec);
 
-// Signed distance (approximate) to a crown and the growth under it, negative inside.
+// Approximate signed distance to a crown and the space below it; negative inside.
 double CrownDistance(const TreeSpec& spec, const Eigen::Vector3d& p);
 
-// All of a block but its ground.
+// All objects of a block, without its ground.
 BlockSolids BuildBlock(const CityPlan& plan, int column, int row);
 
 }  // namespace tessera

@@ -23,9 +23,9 @@
 namespace tessera {
 namespace {
 
-constexpr int kCellBlocks = 6;  // rays see this many blocks a side at once, and those around
+constexpr int kCellBlocks = 6;  // scenes for ray casting have this many blocks per side, plus a margin
 constexpr int kCalibrationBlocks = 16;
-constexpr int64_t kSpeckFaces = 100;  // smaller pieces of the start mesh are dropped
+constexpr int64_t kSpeckFaces = 100;  // smaller components of the start mesh are removed
 constexpr int kJpegQuality = 95;
 constexpr int kPointsPerBlock = 450;
 
@@ -38,18 +38,21 @@ Status ValidateOptions(const SynthOptions& o) {
          "blocks: expected 1 to 400 columns and rows");
   expect(std::isfinite(o.gsd_m) && o.gsd_m >= 0.02 && o.gsd_m <= 0.6, "gsd: expected 0.02 to 0.6 metres");
   expect(o.image_width_px >= 64 && o.image_height_px >= 64 && o.image_width_px <= 20000 && o.image_height_px <= 20000,
-         "image size: expected 64 to 20000 pixels a side");
+         "image size: expected 64 to 20000 pixels per side");
   return faults.ToStatus();
 }
 
-// Makes the folder empty of what a scene consists of, or says why it will not.
+// Removes an existing scene from the folder and creates its subfolders. FAILED_PRECONDITION if the folder is not empty
+// and `overwrite` is false.
 Status PrepareFolder(const std::string& folder, bool overwrite, bool with_images) {
   std::error_code error;
   if (std::filesystem::exists(folder, error) && !std::filesystem::is_directory(folder, error)) {
-    return absl::FailedPreconditionError(folder + " is not a folder");
+    return absl::FailedPreconditionError(folder + " is a file: choose another folder");
   }
   if (std::filesystem::is_directory(folder, error) && !std::filesystem::is_empty(folder, error)) {
-    if (!overwrite) return absl::FailedPreconditionError(folder + " is not empty; --force overwrites the scene in it");
+    if (!overwrite)
+      return absl::FailedPreconditionError(
+          folder + " is not empty: choose another folder, or pass --force to overwrite the scene in it");
     for (const char* part : {"scene.json", "synth.json", "mesh.ply", "images", "likelihoods", "colmap", "truth"}) {
       TESSERA_RETURN_IF_ERROR(RemoveTree(folder + "/" + part));
     }
@@ -61,7 +64,7 @@ Status PrepareFolder(const std::string& folder, bool overwrite, bool with_images
   return absl::OkStatus();
 }
 
-// The solids of blocks, made when first asked for and kept until their row is past.
+// Caches the solids of blocks until ForgetRowsBefore drops their row.
 class BlockCache : public BlockSource {
  public:
   explicit BlockCache(const CityPlan& plan) : plan_(plan) {}
@@ -95,7 +98,7 @@ Eigen::AlignedBox2d ExtentOf(const CityPlan& plan) {
   return {Eigen::Vector2d(plan.MinX(), plan.MinY()), Eigen::Vector2d(plan.MaxX(), plan.MaxY())};
 }
 
-// What makes a later epoch of a city's first.
+// The inputs of a second epoch.
 struct LaterEpoch {
   const SecondEpochOptions& options;
   const BaseCity& base;
@@ -171,7 +174,7 @@ class CitySynthesizer {
     return MixBits(plan_.seed ^ MixBits((epoch_ == nullptr ? 0x76696577ull : epoch_->Salt()) + view));
   }
 
-  // The cameras, after those of the first epoch if the scene is complete; then its images come too.
+  // Writes the COLMAP model. For a complete scene, it starts with the base city's cameras, and their images are linked.
   Status WriteCameras() {
     if (epoch_ == nullptr || !epoch_->whole()) return WriteColmapText(folder_ + "/colmap", flight_, ".jpg", points_);
     const std::string& base = epoch_->options.base_folder;
@@ -217,14 +220,14 @@ class CitySynthesizer {
     return WriteSpooledPly(folder_ + "/truth/mesh.ply", spool);
   }
 
-  // How far views see beyond their targets and shadows fall, in blocks.
-  int SightMargin() const {
+  // Number of blocks around a target that views and shadows can reach.
+  int ViewMargin() const {
     const double height_m = 1.1 * options_.image_width_px * options_.gsd_m;
     return static_cast<int>(std::ceil((1.1 * height_m + 40) / CityPlan::kPitch));
   }
 
   std::shared_ptr<const CityScene> SceneAround(const BlockRange& range) {
-    const BlockRange grown = range.Grown(plan_, SightMargin());
+    const BlockRange grown = range.Grown(plan_, ViewMargin());
     const std::array<int, 4> key = {grown.column_low, grown.column_high, grown.row_low, grown.row_high};
     if (!scene_ || key != scene_key_) {
       scene_.reset();
@@ -248,7 +251,7 @@ class CitySynthesizer {
     return views;
   }
 
-  // Blocks that the area lies on.
+  // The blocks that overlap the area.
   BlockRange AreaBlocks() const {
     const auto low = [](double from) { return static_cast<int>(std::floor(from / CityPlan::kPitch + 1e-9)); };
     const auto high = [](double to) { return static_cast<int>(std::ceil(to / CityPlan::kPitch - 1e-9)); };
@@ -256,7 +259,7 @@ class CitySynthesizer {
             low(area_.min().y() - plan_.MinY()), high(area_.max().y() - plan_.MinY())};
   }
 
-  // Sixteen blocks in the middle of the area, in whatever shape it gives.
+  // About sixteen blocks in the middle of the area, as square as the area permits.
   BlockRange CalibrationRange() const {
     const BlockRange area = AreaBlocks();
     const int area_rows = area.row_high - area.row_low, area_columns = area.column_high - area.column_low;
@@ -270,8 +273,8 @@ class CitySynthesizer {
     return range;
   }
 
-  // The start labels' threshold of the city's first epoch: where nothing has changed the labels are the same.
-  StatusOr<double> FirstStartThreshold() const {
+  // The start label threshold of the base city; with it, labels are equal where nothing has changed.
+  StatusOr<double> BaseStartThreshold() const {
     TaskControl quiet;
     quiet.cancelled = control_.cancelled;
     CitySynthesizer first(epoch_->base.options, folder_, quiet);
@@ -283,14 +286,14 @@ class CitySynthesizer {
     control_.Report(0.03, "calibration");
     TESSERA_RETURN_IF_ERROR(control_.Check());
     const BlockRange range = CalibrationRange();
-    std::vector<std::pair<int, int>> places;
+    std::vector<std::pair<int, int>> block_indices;
     for (int row = range.row_low; row < range.row_high && MakesStartMesh(); ++row) {
-      for (int column = range.column_low; column < range.column_high; ++column) places.push_back({row, column});
+      for (int column = range.column_low; column < range.column_high; ++column) block_indices.push_back({row, column});
     }
-    std::vector<StartChunk> chunks(places.size());
-    ParallelFor(static_cast<int64_t>(places.size()), 1, [&](int64_t begin, int64_t end) {
+    std::vector<StartChunk> chunks(block_indices.size());
+    ParallelFor(static_cast<int64_t>(block_indices.size()), 1, [&](int64_t begin, int64_t end) {
       for (int64_t k = begin; k < end; ++k)
-        chunks[k] = ExtractStartChunk(plan_, blocks_, places[k].second, places[k].first);
+        chunks[k] = ExtractStartChunk(plan_, blocks_, block_indices[k].second, block_indices[k].first);
     });
     std::vector<const StartChunk*> pointers;
     for (const StartChunk& chunk : chunks) pointers.push_back(&chunk);
@@ -320,18 +323,18 @@ class CitySynthesizer {
     if (epoch_ == nullptr) {
       start_threshold_ = CalibrateStartLabels(pointers, samples);
     } else {
-      TESSERA_ASSIGN_OR_RETURN(start_threshold_, FirstStartThreshold());
+      TESSERA_ASSIGN_OR_RETURN(start_threshold_, BaseStartThreshold());
     }
     if (!samples.empty())
       report_.start_accuracy_by_pixels = CountByPixels(pointers, samples, start_threshold_).AverageAccuracy();
-    for (size_t k = 0; k < places.size(); ++k) ready_chunks_[places[k]] = std::move(chunks[k]);
+    for (size_t k = 0; k < block_indices.size(); ++k) ready_chunks_[block_indices[k]] = std::move(chunks[k]);
     return absl::OkStatus();
   }
 
   Status WriteStartMesh() {
     MeshSpool raw(folder_ + "/mesh.raw"), shell(folder_ + "/mesh");
     ClassConfusion by_area;
-    std::unordered_map<uint64_t, uint32_t> border, next_border;  // vertices that a later chunk may share
+    std::unordered_map<uint64_t, uint32_t> border, next_border;  // vertices that later chunks may share
     for (int row = 0; row < plan_.rows; ++row) {
       control_.Report(0.1 + 0.08 * row / plan_.rows, "start mesh");
       TESSERA_RETURN_IF_ERROR(control_.Check());
@@ -429,9 +432,9 @@ class CitySynthesizer {
   const SynthOptions& options_;
   const std::string folder_;
   const TaskControl& control_;
-  const LaterEpoch* epoch_ = nullptr;  // null: the first
+  const LaterEpoch* epoch_ = nullptr;  // null: first epoch
   const CityPlan plan_;
-  const Eigen::AlignedBox2d area_;  // that is flown over
+  const Eigen::AlignedBox2d area_;  // covered by the flight
   const GroundGrid grid_;
   BlockCache blocks_;
   const std::vector<SynthView> flight_;
@@ -462,7 +465,7 @@ StatusOr<SynthReport> SynthesizeSecondEpoch(const SecondEpochOptions& options, c
   TESSERA_RETURN_IF_ERROR(ValidateOptions(base.options));
   std::error_code error;
   if (std::filesystem::equivalent(options.base_folder, folder, error)) {
-    return absl::InvalidArgumentError(folder + " is the city itself; a later epoch needs a folder of its own");
+    return absl::InvalidArgumentError(folder + " is the folder of the base city: choose another output folder");
   }
   const CityPlan plan = PlanOf(base.options);
   const Eigen::AlignedBox2d extent = ExtentOf(plan);
@@ -473,7 +476,7 @@ StatusOr<SynthReport> SynthesizeSecondEpoch(const SecondEpochOptions& options, c
   control.Report(0, "changes");
   epoch.city = options.changes ? ChangeCity(plan, epoch.part, options.seed) : ChangedCity{plan, {}};
   if (options.changes && epoch.city.changes.empty())
-    return absl::InvalidArgumentError("part: no room for a change, expected a larger one");
+    return absl::InvalidArgumentError("part: no object in it can be changed: choose a larger part");
   TESSERA_RETURN_IF_ERROR(PrepareFolder(folder, options.overwrite, true));
   return CitySynthesizer(epoch, folder, control).Run();
 }

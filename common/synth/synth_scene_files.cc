@@ -37,7 +37,7 @@ Status WriteColmapText(const std::string& folder, const std::vector<SynthView>& 
     }
   }
   if (earlier != nullptr) cameras = earlier->cameras;
-  // Where each observation stands in its image's list.
+  // The index of each observation in its image's list.
   std::vector<std::vector<std::pair<const SparsePoint::Observation*, size_t>>> seen(flight.size());
   std::string text = "# 3D point list: POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n";
   if (earlier != nullptr) text = earlier->points;
@@ -122,7 +122,7 @@ Status WriteSceneJson(const std::string& folder, const std::string& name, const 
   if (epoch == nullptr) {
     scene["flights"].push_back(first);
   } else {
-    // An image belongs to the first flight that has a pattern for it.
+    // An image belongs to the first flight with a matching pattern.
     if (with_mesh) later["images"] = {std::string(kLaterFlight) + "_*"};
     scene["flights"].push_back(later);
     if (with_mesh) scene["flights"].push_back(first);

@@ -1,4 +1,4 @@
-// The text files of a synthetic scene: COLMAP's model, scene.json, synth.json.
+// Writing of a synthetic scene's text files: COLMAP model, scene.json, synth.json.
 #ifndef TESSERA_COMMON_SYNTH_SYNTH_SCENE_FILES_H_
 #define TESSERA_COMMON_SYNTH_SYNTH_SCENE_FILES_H_
 
@@ -13,21 +13,21 @@
 
 namespace tessera {
 
-// cameras.txt, images.txt and points3D.txt in `folder`. Views named in `flight` get ids from 1 in their order; where
-// there is an `earlier` model of the same cameras, all ids follow its ids and its text comes first.
+// Writes cameras.txt, images.txt and points3D.txt in `folder`. The views of `flight` get ids from 1 in order. With an
+// `earlier` model of the same cameras, its text comes first and the new ids follow its ids.
 Status WriteColmapText(const std::string& folder, const std::vector<SynthView>& flight, const std::string& extension,
                        const std::vector<SparsePoint>& points, const ColmapText* earlier = nullptr);
 
-// What a later epoch's scene is, beside what the city's options say.
+// Options and changes of a second epoch, for its files.
 struct EpochFiles {
   const SecondEpochOptions& options;
   const std::vector<CityChange>& changes;
 };
 
-// The later epoch's flight; the names of its images begin with it and '_'.
+// Name of the second epoch's flight; the names of its images begin with it and '_'.
 inline constexpr char kLaterFlight[] = "next";
 
-// synth.json, then scene.json. `epoch`: null for a city's first.
+// Writes synth.json, then scene.json. `epoch`: null for the first epoch.
 Status WriteSceneJson(const std::string& folder, const std::string& name, const SynthOptions& options,
                       const SynthReport& report, const EpochFiles* epoch = nullptr);
 

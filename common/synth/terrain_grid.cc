@@ -9,7 +9,7 @@
 namespace tessera {
 namespace {
 
-constexpr double kSpacing = 1.0;  // metres between grid lines at most
+constexpr double kSpacing = 1.0;  // largest distance of grid lines, metres
 
 // Appends lines from the last one to `to` (included), about kSpacing apart.
 void FillTo(std::vector<double>& lines, double to) {

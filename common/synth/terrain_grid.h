@@ -1,4 +1,4 @@
-// The ground as a heightfield on a tensor grid whose lines follow the kerbs.
+// The ground as a height field on a tensor grid with lines along the kerbs.
 #ifndef TESSERA_COMMON_SYNTH_TERRAIN_GRID_H_
 #define TESSERA_COMMON_SYNTH_TERRAIN_GRID_H_
 
@@ -10,7 +10,7 @@
 
 namespace tessera {
 
-// Grid lines of the whole city's ground, and which of them bound each block's part. Outermost blocks own the apron.
+// Grid lines of the whole city's ground, and the first line of each block. Outermost blocks include the apron.
 struct GroundGrid {
   std::vector<double> x_lines, y_lines;
   std::vector<size_t> column_start, row_start;  // first line of each block column/row; one more: the last line
@@ -22,10 +22,10 @@ GroundGrid MakeGroundGrid(const CityPlan& plan);
 
 Eigen::Vector3d GroundVertex(const CityPlan& plan, const GroundGrid& grid, size_t i, size_t j);
 
-// Class of the grid's cell between the lines i, i + 1 and j, j + 1.
+// Class of the grid cell between lines i, i + 1 and j, j + 1.
 int32_t GroundCellLabel(const CityPlan& plan, const GroundGrid& grid, size_t i, size_t j);
 
-// The ground of one block, its vertices its own.
+// The ground of one block; vertices are not shared with other blocks.
 TexturedSurface BuildGround(const CityPlan& plan, const GroundGrid& grid, int column, int row);
 
 }  // namespace tessera

@@ -10,7 +10,7 @@ namespace {
 
 using Eigen::Vector3f;
 
-// Noise of several wavelengths from about one GSD to metres, deviation near 0.5.
+// Noise with wavelengths from about one GSD to metres; standard deviation about 0.5.
 float Detail(double u, double v, double gsd, uint32_t seed) {
   return 0.55f * ValueNoise2(u / (0.8 * gsd), v / (0.8 * gsd), seed) +
          0.75f * ValueNoise2(u / (1.9 * gsd), v / (1.9 * gsd), seed + 1) +
@@ -18,7 +18,7 @@ float Detail(double u, double v, double gsd, uint32_t seed) {
          0.4f * ValueNoise2(u / 1.7, v / 1.7, seed + 3);
 }
 
-// Brightness factor with a floor, so that strong detail never turns black.
+// Multiplies the colour by a brightness factor of at least 0.25, so that strong detail does not become black.
 Vector3f Modulate(const Vector3f& color, float factor) { return color * std::max(0.25f, factor); }
 
 Vector3f BrickCourses(const SurfacePatch& patch, double u, double v, double length, double height, double joint,
@@ -38,7 +38,7 @@ Vector3f Window(const SurfacePatch& patch, double u, double v) {
                      std::abs(v - 0.66 * h) < 0.5 * bar;
   if (frame)
     return LatticeUniform(5, 0, 0, patch.seed) < 0.7f ? Vector3f(0.62f, 0.62f, 0.6f) : Vector3f(0.2f, 0.14f, 0.09f);
-  // Curtains behind some panes, a gradient of reflected sky on all.
+  // Some panes have curtains; all have a gradient of reflected sky.
   const float curtain = LatticeUniform(6, 0, 0, patch.seed);
   const float drawn = curtain < 0.4f && (u < 0.22 * w || u > 0.78 * w) ? 0.35f : 0.f;
   const float blind = curtain > 0.75f && v > h * (0.35 + 0.5 * LatticeUniform(8, 0, 0, patch.seed)) ? 0.3f : 0.f;
@@ -49,11 +49,11 @@ Vector3f Window(const SurfacePatch& patch, double u, double v) {
 Vector3f Street(const CityPlan& plan, double x, double y, double gsd, uint32_t seed) {
   const double u = x - plan.MinX(), v = y - plan.MinY();
   const double along_u =
-      u - CityPlan::kPitch * std::round(u / CityPlan::kPitch);  // signed distance to the street's middle
+      u - CityPlan::kPitch * std::round(u / CityPlan::kPitch);  // signed distance from the street's axis
   const double along_v = v - CityPlan::kPitch * std::round(v / CityPlan::kPitch);
   const bool crossing = std::abs(along_u) < CityPlan::kHalfStreet && std::abs(along_v) < CityPlan::kHalfStreet;
   float shade = 0.17f;
-  // Mended patches of darker or lighter asphalt.
+  // Repaired patches of darker or lighter asphalt.
   const int32_t px = static_cast<int32_t>(std::floor(x / 3.3)), py = static_cast<int32_t>(std::floor(y / 2.1));
   if (LatticeUniform(px, py, 1, seed) < 0.16f) shade *= 0.7f + 0.7f * LatticeUniform(px, py, 2, seed);
   const auto marking = [&](double across, double along) {
@@ -82,7 +82,7 @@ Vector3f GroundCover(const CityPlan& plan, const SurfacePatch& patch, double x, 
     slabs.albedo = {0.34f, 0.33f, 0.31f};
     return BrickCourses(slabs, u, v, 0.75, 0.5, 0.03, 0.22f) * std::max(0.3f, 1.f + 0.25f * Detail(x, y, gsd, seed));
   }
-  // Inside blocks: paving where a broad noise says so (its share is in extent_m.x), grass and bare soil elsewhere.
+  // Inside blocks: paved where a broad noise is below a threshold (extent_m.x is the paved share), else grass and soil.
   const float broad = ValueNoise2(x / 9.0, y / 9.0, seed + 11) + 0.25f * ValueNoise2(x / 2.0, y / 2.0, seed + 12);
   if (inside && broad < 2.f * patch.extent_m.x() - 1.f) {
     SurfacePatch paving = patch;
@@ -104,7 +104,7 @@ Eigen::Vector3f Albedo(const CityPlan& plan, const SurfacePatch& patch, const Ei
   const uint32_t seed = patch.seed;
   switch (patch.material) {
     case Material::kPlaster: {
-      // Streaks of dirt run down from above.
+      // Vertical streaks of dirt.
       const float streak = ValueNoise2(u / 0.5, v / 4.0, seed + 9);
       return Modulate(patch.albedo, 1.f + 0.22f * Detail(u, v, gsd, seed) + 0.1f * streak);
     }

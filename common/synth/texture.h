@@ -1,4 +1,4 @@
-// Procedural textures: the albedo of every place of the city, a function of place alone.
+// Procedural textures: the albedo as a function of the position in the city.
 #ifndef TESSERA_COMMON_SYNTH_TEXTURE_H_
 #define TESSERA_COMMON_SYNTH_TEXTURE_H_
 
@@ -9,7 +9,8 @@
 
 namespace tessera {
 
-// Linear RGB albedo in [0, 1] of `patch` at `p` (world frame). Detail reaches from about half the plan's GSD to metres.
+// Linear RGB albedo in [0, 1] of `patch` at `p` (world frame). Wavelengths range from about half the plan's GSD to
+// metres.
 Eigen::Vector3f Albedo(const CityPlan& plan, const SurfacePatch& patch, const Eigen::Vector3d& p);
 
 }  // namespace tessera

@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-// The crown's radius in the direction `d` (unit, in the frame scaled by the radii), 1 on average.
+// The relative radius of the crown in direction `d` (unit vector in the frame scaled by the radii); 1 on average.
 double Roughness(const TreeSpec& spec, const Eigen::Vector3d& d) {
   return 1.0 + 0.22 * ValueNoise3(d.x() * 1.7 + 9, d.y() * 1.7 + 9, d.z() * 1.7 + 9, spec.seed) +
          0.12 * ValueNoise3(d.x() * 4.1 + 9, d.y() * 4.1 + 9, d.z() * 4.1 + 9, spec.seed + 1);
@@ -24,7 +24,7 @@ double CrownDistance(const TreeSpec& spec, const Eigen::Vector3d& p) {
   const double length = q.norm();
   if (length < 1e-9) return -spec.radii_m.minCoeff();
   const double crown = (length - Roughness(spec, q / length)) * spec.radii_m.minCoeff();
-  // No ray reaches under a crown: what is reconstructed there is a stump of it.
+  // Cameras do not see below a crown, so reconstruction fills a cylinder there.
   const double side = Eigen::Vector2d(p.x() - centre.x(), p.y() - centre.y()).norm() - 0.6 * spec.radii_m.x();
   return std::min(crown, std::max({side, p.z() - centre.z(), spec.foot.z() - 1 - p.z()}));
 }
@@ -59,7 +59,7 @@ void BuildTree(const TreeSpec& spec, BlockSolids& block) {
   const uint32_t patch =
       builder.Patch(Material::kFoliage, spec.seed, {0.09f + 0.07f * tint, 0.17f + 0.05f * tint, 0.05f + 0.02f * tint},
                     {0, 0, 0}, Eigen::Vector3d::UnitX(), Eigen::Vector3d::UnitY());
-  // An octahedron divided into a sphere: 8 n^2 faces with their edges about half a metre at most.
+  // A subdivided octahedron: 8 n^2 faces with edges of at most about 0.5 m.
   const int n = std::min(14, std::max(6, static_cast<int>(spec.radii_m.x() * 6)));
   const auto at = [&](const Eigen::Vector3d& on_octahedron) {
     const Eigen::Vector3d d = on_octahedron.normalized();

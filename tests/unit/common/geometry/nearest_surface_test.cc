@@ -39,7 +39,7 @@ double DistanceBySampling(const Eigen::Vector3d& p, const Eigen::Vector3d& a, co
   return best;
 }
 
-TEST(NearestPointOfTriangle, AgreesWithASearchOverTheTriangle) {
+TEST(NearestPointOfTriangle, MatchesBruteForce) {
   Random random(3);
   const auto point = [&] {
     return Eigen::Vector3d(random.Uniform(-1, 1), random.Uniform(-1, 1), random.Uniform(-1, 1));
@@ -53,14 +53,14 @@ TEST(NearestPointOfTriangle, AgreesWithASearchOverTheTriangle) {
   }
 }
 
-TEST(NearestPointOfTriangle, TrianglesWithoutAreaAreSegmentsAndPoints) {
+TEST(NearestPointOfTriangle, HandlesDegenerateTriangles) {
   const Eigen::Vector3d a(0, 0, 0), b(2, 0, 0), p(1, 3, 0);
   EXPECT_NEAR((NearestPointOfTriangle(p, a, b, a) - p).norm(), 3, 1e-12);
   EXPECT_NEAR((NearestPointOfTriangle(p, a, a, a) - p).norm(), std::sqrt(10), 1e-12);
 }
 
 // Also thousands of kilometres from the origin, where a float is half a metre coarse.
-TEST(NearestSurface, EqualsASearchOverAllFaces) {
+TEST(NearestSurface, MatchesBruteForce) {
   for (const Eigen::Vector3d& origin : {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(5e6, -3e6, 400)}) {
     const TriangleMesh mesh = RandomTriangles(500, origin, 7);
     const NearestSurface surface(mesh);
@@ -83,14 +83,14 @@ TEST(NearestSurface, EqualsASearchOverAllFaces) {
   }
 }
 
-TEST(NearestSurface, OfEquallyNearFacesTheFirst) {
+TEST(NearestSurface, TiesReturnTheLowestFace) {
   TriangleMesh mesh = RandomTriangles(1, {0, 0, 0}, 1);
   mesh.faces.push_back(mesh.faces[0]);
   mesh.faces.push_back(mesh.faces[0]);
   EXPECT_EQ(NearestSurface(mesh).Find({1, 2, 3}).face, 0);
 }
 
-TEST(NearestSurface, AMeshWithoutFacesHasNone) { EXPECT_EQ(NearestSurface(TriangleMesh()).Find({0, 0, 0}).face, -1); }
+TEST(NearestSurface, EmptyMeshHasNoNearestFace) { EXPECT_EQ(NearestSurface(TriangleMesh()).Find({0, 0, 0}).face, -1); }
 
 TEST(NearestSurface, IsWithinAgreesWithFind) {
   for (const Eigen::Vector3d& origin : {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(5e5, 5e6, 100)}) {

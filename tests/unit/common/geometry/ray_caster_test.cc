@@ -46,7 +46,7 @@ RayHit BruteForce(const TriangleMesh& mesh, const Eigen::Vector3d& origin, const
 }
 
 // 5,000 km from the origin, cameras a kilometre away.
-TEST(RayCaster, AgreesWithBruteForceFarFromTheOrigin) {
+TEST(RayCaster, MatchesBruteForceFarFromTheOrigin) {
   const Eigen::Vector3d centre(3.9e6, 3.1e5, 5.0e6);
   const TriangleMesh mesh = Soup(300, centre, 7);
   const RayCaster caster(mesh);
@@ -75,7 +75,7 @@ TEST(RayCaster, AgreesWithBruteForceFarFromTheOrigin) {
   EXPECT_GT(hits, 300);
 }
 
-TEST(RayCaster, KeepsNearAndFarAndBothSides) {
+TEST(RayCaster, RespectsNearAndFarAndHitsBothSides) {
   TriangleMesh mesh;
   for (double z : {0.0, 10.0}) {
     const uint32_t first = static_cast<uint32_t>(mesh.vertices.size());
@@ -99,7 +99,7 @@ TEST(RayCaster, KeepsNearAndFarAndBothSides) {
   EXPECT_FALSE(caster.Occluded({0, 0, -1}, {0, 0, 1}, 1.5));
 }
 
-TEST(RayCaster, NothingToHit) {
+TEST(RayCaster, EmptyMeshIsNeverHit) {
   const RayCaster caster(TriangleMesh{});
   EXPECT_FALSE(caster.Cast({0, 0, 0}, {0, 0, 1}).hit());
   EXPECT_FALSE(caster.Occluded({0, 0, 0}, {0, 0, 1}, 0));

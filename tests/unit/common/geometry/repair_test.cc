@@ -56,12 +56,12 @@ void CheckRepair(const TriangleMesh& mesh) {
   ASSERT_TRUE(after.ok()) << after.status();
   EXPECT_TRUE(after->IsClean());
 
-  // Each input face is in the result once, with its corners and label, or set aside.
+  // Each input face is in the result once, with its corners and label, or in removed_faces.
   ASSERT_EQ(out.face_in_input.size(), out.mesh.faces.size());
   ASSERT_EQ(out.vertex_in_input.size(), out.mesh.vertices.size());
   ASSERT_EQ(out.mesh.labels.size(), mesh.labels.empty() ? 0 : out.mesh.faces.size());
-  std::set<int64_t> seen(out.set_aside.begin(), out.set_aside.end());
-  EXPECT_EQ(seen.size(), out.set_aside.size());
+  std::set<int64_t> seen(out.removed_faces.begin(), out.removed_faces.end());
+  EXPECT_EQ(seen.size(), out.removed_faces.size());
   EXPECT_TRUE(std::is_sorted(out.face_in_input.begin(), out.face_in_input.end()));
   for (size_t f = 0; f < out.mesh.faces.size(); ++f) {
     const auto input = static_cast<size_t>(out.face_in_input[f]);
@@ -75,9 +75,9 @@ void CheckRepair(const TriangleMesh& mesh) {
     }
   }
   EXPECT_EQ(seen.size(), mesh.faces.size());
-  double set_aside = 0;
-  for (const int64_t face : out.set_aside) set_aside += FaceArea(mesh, static_cast<size_t>(face));
-  EXPECT_NEAR(Area(out.mesh) + set_aside, Area(mesh), 1e-9 * (1 + Area(mesh)));
+  double removed_area = 0;
+  for (const int64_t face : out.removed_faces) removed_area += FaceArea(mesh, static_cast<size_t>(face));
+  EXPECT_NEAR(Area(out.mesh) + removed_area, Area(mesh), 1e-9 * (1 + Area(mesh)));
   std::set<int64_t> used(out.vertex_in_input.begin(), out.vertex_in_input.end());
   EXPECT_EQ(static_cast<int64_t>(out.mesh.vertices.size() - used.size()), out.vertex_copies);
 
@@ -91,7 +91,7 @@ void CheckRepair(const TriangleMesh& mesh) {
   EXPECT_EQ(twice.vertex_copies, 0);
 }
 
-TEST(Repair, MakesAManifoldOfAnything) {
+TEST(Repair, RandomMeshesBecomeManifold) {
   for (uint64_t seed = 0; seed < 60; ++seed) {
     SCOPED_TRACE(seed);
     CheckRepair(Chaos(seed, 12, static_cast<int>(5 + seed)));
@@ -99,7 +99,7 @@ TEST(Repair, MakesAManifoldOfAnything) {
   }
 }
 
-TEST(Repair, CleanMeshesPassUnchanged) {
+TEST(Repair, CleanMeshesStayUnchanged) {
   for (const TriangleMesh& mesh : {TriangleMesh{}, Tetrahedron(), Grid(8, 5), Torus(9, 7)}) {
     CheckRepair(mesh);
     const RepairedMesh out = Repaired(mesh);
@@ -109,7 +109,7 @@ TEST(Repair, CleanMeshesPassUnchanged) {
   }
 }
 
-TEST(Repair, DegenerateFacesAreSetAside) {
+TEST(Repair, RemovesDegenerateFaces) {
   TriangleMesh mesh = Grid(3, 3);
   const auto vertex = static_cast<uint32_t>(mesh.vertices.size());
   mesh.vertices.push_back(0.5 * (mesh.vertices[0] + mesh.vertices[1]));
@@ -120,14 +120,14 @@ TEST(Repair, DegenerateFacesAreSetAside) {
   CheckRepair(mesh);
   Warnings warnings;
   const RepairedMesh out = Repaired(mesh, &warnings);
-  EXPECT_THAT(out.set_aside, ElementsAre(2, 3, 20, 21));
-  EXPECT_THAT(warnings, ElementsAre("mesh: 1 faces with a vertex twice were set aside (first: face 2)",
-                                    "mesh: 1 faces without area were set aside (first: face 3)",
-                                    "mesh: 2 faces that repeat another were set aside (first: face 20)",
-                                    "mesh: 1 vertices of no face were dropped (first: vertex 16)"));
+  EXPECT_THAT(out.removed_faces, ElementsAre(2, 3, 20, 21));
+  EXPECT_THAT(warnings, ElementsAre("mesh: 1 faces with a repeated vertex removed (first: face 2)",
+                                    "mesh: 1 faces with zero area removed (first: face 3)",
+                                    "mesh: 2 duplicate faces removed (first: face 20)",
+                                    "mesh: 1 unreferenced vertices removed (first: vertex 16)"));
 }
 
-TEST(Repair, AThirdFaceAtAnEdgeIsCutApart) {
+TEST(Repair, CutsNonManifoldEdges) {
   TriangleMesh mesh = Grid(2, 1);
   const auto top = static_cast<uint32_t>(mesh.vertices.size());
   mesh.vertices.push_back({1, 0.5, 9});
@@ -135,13 +135,13 @@ TEST(Repair, AThirdFaceAtAnEdgeIsCutApart) {
   CheckRepair(mesh);
   Warnings warnings;
   const RepairedMesh out = Repaired(mesh, &warnings);
-  EXPECT_THAT(warnings, ElementsAre("mesh: 1 edges with more than two faces were cut apart (first: at vertex 1)"));
+  EXPECT_THAT(warnings, ElementsAre("mesh: 1 edges with more than two faces cut (first: at vertex 1)"));
   // Three sheets now end at the edge: two more copies of both its ends.
   EXPECT_EQ(out.vertex_copies, 4);
   EXPECT_EQ(out.defects.non_manifold_vertices.count, 0);
 }
 
-TEST(Repair, BodiesThatTouchComeApartWhole) {
+TEST(Repair, SeparatesTouchingBodies) {
   // Two tetrahedra that share an edge: four faces there. Each is closed afterwards.
   TriangleMesh mesh = Tetrahedron();
   mesh.vertices.push_back({0, -1, 0});
@@ -156,7 +156,7 @@ TEST(Repair, BodiesThatTouchComeApartWhole) {
   EXPECT_EQ(after->boundary_edges, 0);
 }
 
-TEST(Repair, TouchingVerticesAreCutApart) {
+TEST(Repair, CutsNonManifoldVertices) {
   TriangleMesh mesh = Grid(2, 2);
   mesh.faces = {mesh.faces[0], mesh.faces[1], mesh.faces[6], mesh.faces[7]};
   CheckRepair(mesh);
@@ -167,7 +167,7 @@ TEST(Repair, TouchingVerticesAreCutApart) {
   EXPECT_THAT(out.vertex_in_input, ElementsAre(0, 1, 3, 4, 5, 7, 8, 4));
 }
 
-TEST(Repair, AFaceTurnedRoundIsCutOut) {
+TEST(Repair, CutsAroundFlippedFaces) {
   TriangleMesh mesh = Torus(8, 8);
   std::swap(mesh.faces[40][0], mesh.faces[40][1]);
   CheckRepair(mesh);
@@ -175,7 +175,7 @@ TEST(Repair, AFaceTurnedRoundIsCutOut) {
   EXPECT_EQ(out.defects.conflicting_edges.count, 3);
   EXPECT_EQ(out.defects.boundary_edges, 0);
   EXPECT_EQ(out.vertex_copies, 3);
-  EXPECT_THAT(out.set_aside, IsEmpty());
+  EXPECT_THAT(out.removed_faces, IsEmpty());
 }
 
 TEST(Repair, DoesNotDependOnThreads) {
@@ -187,19 +187,19 @@ TEST(Repair, DoesNotDependOnThreads) {
   const RepairedMesh one = repaired(1), two = repaired(2);
   EXPECT_EQ(one.mesh.vertices, two.mesh.vertices);
   EXPECT_EQ(one.mesh.faces, two.mesh.faces);
-  EXPECT_EQ(one.set_aside, two.set_aside);
+  EXPECT_EQ(one.removed_faces, two.removed_faces);
 }
 
-TEST(Repair, WrongArraysAreRefused) {
+TEST(Repair, RejectsInvalidArrays) {
   TriangleMesh mesh = Tetrahedron();
   mesh.vertices[2].z() = std::numeric_limits<double>::infinity();
   EXPECT_THAT(RepairMesh(mesh, nullptr).status().message(), HasSubstr("vertex 2 is not finite"));
   mesh = Tetrahedron();
   mesh.faces[1][1] = 4;
-  EXPECT_THAT(CheckMesh(mesh).status().message(), HasSubstr("face 1 names vertex 4 of a mesh with 4 vertices"));
+  EXPECT_THAT(CheckMesh(mesh).status().message(), HasSubstr("face 1 has vertex index 4, expected an index below 4"));
   mesh = Tetrahedron();
   mesh.labels = {1};
-  EXPECT_THAT(CheckMesh(mesh).status().message(), HasSubstr("mesh of 4 faces has 1 labels"));
+  EXPECT_THAT(CheckMesh(mesh).status().message(), HasSubstr("mesh has 1 labels, expected one per face: 4"));
 }
 
 TEST(MeshDefects, CountsBoundaryEdges) {

@@ -12,7 +12,7 @@
 namespace tessera {
 namespace {
 
-TEST(PlyCorpus, IsTakenOrRefusedAsItsNamesSay) {
+TEST(PlyCorpus, ReadsValidFilesAndRejectsInvalidOnes) {
   std::vector<std::filesystem::path> files;
   for (const auto& entry : std::filesystem::directory_iterator(TESSERA_SOURCE_DIR "/tests/fuzz/corpus/ply")) {
     files.push_back(entry.path());

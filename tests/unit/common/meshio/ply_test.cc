@@ -75,7 +75,7 @@ std::string ErrorOf(const std::string& bytes) {
   return std::string(content.status().message());
 }
 
-TEST(Ply, WhatIsWrittenIsReadBack) {
+TEST(Ply, RoundTrip) {
   const std::string path = testing::TempDir() + "/roundtrip.ply";
   const TriangleMesh mesh = Tetrahedron();
   PlyWriteOptions options;
@@ -91,7 +91,7 @@ TEST(Ply, WhatIsWrittenIsReadBack) {
 }
 
 // Larger than the reader's window and the writer's buffer.
-TEST(Ply, LargeFilesCrossTheWindow) {
+TEST(Ply, ReadsFilesLargerThanTheWindow) {
   const std::string path = testing::TempDir() + "/large.ply";
   Random random(5);
   TriangleMesh mesh;
@@ -129,7 +129,7 @@ TEST(Ply, LargeFilesCrossTheWindow) {
   }
 }
 
-TEST(Ply, WritingReplacesTheFileAndLeavesNothingElse) {
+TEST(Ply, WritingIsAtomicAndLeavesNoTemporaryFile) {
   const std::string folder = testing::TempDir() + "/ply_atomic";
   std::filesystem::remove_all(folder);
   std::filesystem::create_directory(folder);
@@ -147,13 +147,13 @@ TEST(Ply, WritingReplacesTheFileAndLeavesNothingElse) {
   EXPECT_EQ(WritePly(folder + "/no/such/folder.ply", Tetrahedron()).code(), absl::StatusCode::kNotFound);
 }
 
-TEST(Ply, FilesThatAreNotThere) {
+TEST(Ply, MissingFilesAreNotFound) {
   EXPECT_EQ(ReadPly(testing::TempDir() + "/nowhere.ply").status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(ReadPly(testing::TempDir()).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 // Every number type, other elements before, between and after, lists and numbers around what is read.
-TEST(Ply, OtherElementsAndPropertiesAreReadPast) {
+TEST(Ply, SkipsOtherElementsAndProperties) {
   for (const bool big : {false, true}) {
     const std::string header = std::string("ply\r\ncomment made by hand\r\nformat ") +
                                (big ? "binary_big_endian" : "binary_little_endian") +
@@ -191,7 +191,7 @@ TEST(Ply, OtherElementsAndPropertiesAreReadPast) {
   }
 }
 
-TEST(Ply, TextWithEverything) {
+TEST(Ply, ReadsTextWithAllFeatures) {
   const StatusOr<MeshContent> content = ParsePly(
       "ply\nformat ascii 1.0\ncomment VCGLIB generated\nelement face 1\nproperty list uchar int vertex_indices\n"
       "property list uchar float texcoord\nproperty int label\nelement vertex 3\nproperty float x\nproperty double y\n"
@@ -228,7 +228,7 @@ TEST(Ply, HeaderFaults) {
   EXPECT_THAT(error("end_header", "endheader"), HasSubstr("line 10: found 'endheader', expected format, "));
   EXPECT_THAT(error("end_header", "end_header now"), HasSubstr("line 10: found 'end_header now'"));
   EXPECT_THAT(error("element", "\nelement"), HasSubstr("line 3: found an empty line"));
-  EXPECT_THAT(error("vertex 3", "vertex -3"), HasSubstr("line 3: found count '-3', expected a whole number"));
+  EXPECT_THAT(error("vertex 3", "vertex -3"), HasSubstr("line 3: found count '-3', expected an integer"));
   EXPECT_THAT(error("vertex 3", "vertex 3.5"), HasSubstr("line 3: found count '3.5'"));
   EXPECT_THAT(error("vertex 3", "vertex 99999999999999999999"), HasSubstr("line 3: found count '9999"));
   EXPECT_THAT(error("vertex 3", "vertex"), HasSubstr("line 3: found an element of 2 words"));
@@ -255,10 +255,12 @@ TEST(Ply, HeaderFaults) {
               HasSubstr("line 3: found a name of 101 bytes: 'nnn"));
   EXPECT_THAT(error("int label", "int " + longer), HasSubstr("line 9: found a name of 101 bytes"));
   EXPECT_THAT(error("vertex_indices", "indices"), HasSubstr("line 7: found faces without a list 'vertex_indices'"));
-  EXPECT_THAT(error("list uchar int", "int"), HasSubstr("line 8: found a face's 'vertex_indices' that is no list"));
-  EXPECT_THAT(error("list uchar int", "list uchar float"), HasSubstr("line 8: found a face's 'vertex_indices'"));
+  EXPECT_THAT(error("list uchar int", "int"),
+              HasSubstr("line 8: found face property 'vertex_indices' that is not a list"));
+  EXPECT_THAT(error("list uchar int", "list uchar float"), HasSubstr("line 8: found face property 'vertex_indices'"));
   EXPECT_THAT(error("list uchar", "list float"), HasSubstr("line 8: found list count type 'float'"));
-  EXPECT_THAT(error("int label", "float label"), HasSubstr("line 9: found a face's 'label' that is no integer"));
+  EXPECT_THAT(error("int label", "float label"),
+              HasSubstr("line 9: found face property 'label' that is not an integer"));
   EXPECT_THAT(error("property int label", "property list uchar int vertex_index"),
               HasSubstr("line 9: found both vertex_indices and vertex_index"));
 }
@@ -276,8 +278,8 @@ TEST(Ply, TextFaults) {
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 3000000000\n"), HasSubstr("found label '3000000000'"));
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n\n\n"), HasSubstr("line 14 (face 0): found the end of the line"));
   EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1\n\n\n\n"), HasSubstr("line 14 (face 0): found the end of the line"));
-  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 4 5\n"), HasSubstr("line 14 (face 0): found one more value, '5'"));
-  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0 0 0 0 0 0 0\n"), HasSubstr("line 13 (vertex 2): found one more value, '0 0"));
+  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0\n3 0 1 2 4 5\n"), HasSubstr("line 14 (face 0): found extra text '5'"));
+  EXPECT_THAT(error("0 0 0\n1 0 0\n0 1 0 0 0 0 0 0 0\n"), HasSubstr("line 13 (vertex 2): found extra text '0 0"));
   EXPECT_THAT(error("0 0 0\n1 nan 0\n0 1 0\n3 0 1 2 4\n"),
               HasSubstr("line 12 (vertex 1): found y = 'nan', expected a finite number"));
   EXPECT_THAT(error("0 0 0\n1 0 -inf\n0 1 0\n3 0 1 2 4\n"), HasSubstr("line 12 (vertex 1): found z = '-inf'"));

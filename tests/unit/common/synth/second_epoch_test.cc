@@ -57,13 +57,13 @@ RayHit FromAbove(const CityScene& scene, const Vector2d& p) {
   return scene.caster().Cast({p.x(), p.y(), 500}, -Vector3d::UnitZ());
 }
 
-TEST(ChangeCityTest, KindsComeInSeveralAndSizesAreAsPromised) {
+TEST(ChangeCityTest, HasAllKindsAndRespectsMinimumSizes) {
   std::map<ChangeKind, int> counts;
   double largest = 0;
   for (const CityChange& change : City().changes) {
     ++counts[change.kind];
     largest = std::max(largest, change.area_m2);
-    EXPECT_GE(change.area_m2, change.kind == ChangeKind::kFelled ? kLeastFelledArea : kLeastChangeArea);
+    EXPECT_GE(change.area_m2, change.kind == ChangeKind::kFelled ? kMinFelledArea_m2 : kMinChangeArea_m2);
   }
   EXPECT_GE(counts[ChangeKind::kBuilt], 3);
   EXPECT_GE(counts[ChangeKind::kDemolished], 2);
@@ -73,7 +73,7 @@ TEST(ChangeCityTest, KindsComeInSeveralAndSizesAreAsPromised) {
   EXPECT_GT(largest, 100);
 }
 
-TEST(ChangeCityTest, ChangesLieWellInsideThePartAndApart) {
+TEST(ChangeCityTest, RespectsInsetAndDistances) {
   const auto& changes = City().changes;
   for (size_t k = 0; k < changes.size(); ++k) {
     const AlignedBox2d box = BoxOf(changes[k].footprint);
@@ -86,7 +86,7 @@ TEST(ChangeCityTest, ChangesLieWellInsideThePartAndApart) {
   }
 }
 
-TEST(ChangeCityTest, HeightsAndLabelsDifferInFootprintsAsMeasured) {
+TEST(ChangeCityTest, HeightsAndLabelsChangeInsideFootprints) {
   for (const CityChange& change : City().changes) {
     SCOPED_TRACE(ChangeName(change.kind));
     const AlignedBox2d box = BoxOf(change.footprint);
@@ -131,7 +131,7 @@ bool HasPatch(const TexturedSurface& surface, uint64_t seed) {
 }
 
 // Heights, classes and the texture's function.
-TEST(ChangeCityTest, WhatLiesOutsideTheFootprintsIsTheSame) {
+TEST(ChangeCityTest, SurfaceOutsideFootprintsIsUnchanged) {
   constexpr double kMargin = 0.7;  // balconies and cornices stand out of a roof's outline
   int same = 0, ambiguous = 0;
   for (double y = -110; y <= 110; y += 0.37) {
@@ -164,7 +164,7 @@ TEST(ChangeCityTest, WhatLiesOutsideTheFootprintsIsTheSame) {
 }
 
 // Every face of the changed city that is not near a change is a face of the city as it was, bit by bit.
-TEST(ChangeCityTest, UnchangedFacesAreTheSameToTheLastBit) {
+TEST(ChangeCityTest, UnchangedFacesAreBitIdentical) {
   using Face = std::array<double, 9>;
   const auto faces_of = [](const CityScene& scene) {
     std::multiset<Face> faces;
@@ -188,7 +188,7 @@ TEST(ChangeCityTest, UnchangedFacesAreTheSameToTheLastBit) {
   EXPECT_TRUE(before == after);
 }
 
-TEST(ChangeCityTest, ASeedIsItsChanges) {
+TEST(ChangeCityTest, IsDeterministicPerSeed) {
   const ChangedCity again = ChangeCity(Plan(), Part(), 1), other = ChangeCity(Plan(), Part(), 2);
   const auto footprints = [](const ChangedCity& city) {
     std::vector<std::vector<Vector2d>> list;
@@ -227,7 +227,7 @@ class SecondEpochTest : public testing::Test {
   }
 };
 
-TEST_F(SecondEpochTest, DeltaIsCamerasAndImagesAloneAndTheSameForAnyNumberOfThreads) {
+TEST_F(SecondEpochTest, DefaultSceneHasOnlyCamerasAndImagesForAnyNumberOfThreads) {
   const std::string first = Scratch() + "one/next", second = Scratch() + "two/next";
   const auto report = SynthesizeSecondEpoch(Options(), first, {});
   ASSERT_TRUE(report.ok()) << report.status();
@@ -248,7 +248,7 @@ TEST_F(SecondEpochTest, DeltaIsCamerasAndImagesAloneAndTheSameForAnyNumberOfThre
   EXPECT_GE(images, 15);
 }
 
-TEST_F(SecondEpochTest, AnUnchangedCityIsPhotographedAnew) {
+TEST_F(SecondEpochTest, WithoutChangesOnlyTheFlightDiffers) {
   SecondEpochOptions options = Options();
   options.changes = false;
   std::map<std::string, std::string> flights[2];
@@ -266,7 +266,7 @@ TEST_F(SecondEpochTest, AnUnchangedCityIsPhotographedAnew) {
   EXPECT_NE(flights[0].at("colmap/images.txt"), flights[1].at("colmap/images.txt")) << "another flight";
 }
 
-TEST_F(SecondEpochTest, GeoJsonHasClosedCounterClockwiseRingsOfTheStatedArea) {
+TEST_F(SecondEpochTest, GeoJsonRingsAreClosedCounterClockwiseAndMatchTheirArea) {
   const std::string folder = Scratch() + "geojson";
   ASSERT_TRUE(SynthesizeSecondEpoch(Options(), folder, {}).ok());
   const auto json = nlohmann::json::parse(*ReadFile(folder + "/truth/changes.geojson"));
@@ -289,7 +289,7 @@ TEST_F(SecondEpochTest, GeoJsonHasClosedCounterClockwiseRingsOfTheStatedArea) {
   }
 }
 
-TEST_F(SecondEpochTest, WholeSceneHasBothFlightsAndTheOldBytes) {
+TEST_F(SecondEpochTest, WholeSceneHasBothFlightsAndTheBaseFiles) {
   const std::string folder = Scratch() + "whole";
   SecondEpochOptions options = Options();
   options.whole = true;
@@ -314,7 +314,7 @@ TEST_F(SecondEpochTest, WholeSceneHasBothFlightsAndTheOldBytes) {
   }
 }
 
-TEST_F(SecondEpochTest, NewMeshDiffersWithinReachOfChangesAlone) {
+TEST_F(SecondEpochTest, NewMeshDiffersOnlyNearChanges) {
   const std::string folder = Scratch() + "new_mesh";
   SecondEpochOptions options = Options();
   options.new_mesh = true;
@@ -349,7 +349,7 @@ TEST_F(SecondEpochTest, NewMeshDiffersWithinReachOfChangesAlone) {
   EXPECT_NE(*ReadFile(folder + "/mesh.ply"), *ReadFile(Base() + "/mesh.ply"));
 }
 
-TEST_F(SecondEpochTest, NamesWhatIsWrong) {
+TEST_F(SecondEpochTest, RejectsInvalidInput) {
   SecondEpochOptions options = Options();
   const std::string folder = Scratch() + "never";
   options.base_folder = Scratch() + "missing";

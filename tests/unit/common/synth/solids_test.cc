@@ -58,7 +58,7 @@ std::vector<TriangleMesh> Parts(const TriangleMesh& mesh) {
   return list;
 }
 
-TEST(BuildBuildingTest, EverySolidIsClosedAndFacesOutwards) {
+TEST(BuildBuildingTest, SolidsAreClosedAndOrientedOutwards) {
   for (const RoofKind roof : {RoofKind::kFlat, RoofKind::kGabled, RoofKind::kHipped}) {
     for (const double depth : {7.0, 12.0}) {
       BuildingSpec spec;
@@ -87,14 +87,14 @@ TEST(BuildBuildingTest, EverySolidIsClosedAndFacesOutwards) {
   }
 }
 
-TEST(BuildTreeTest, CrownIsClosedAndFacesOutwards) {
+TEST(BuildTreeTest, CrownIsClosedAndOrientedOutwards) {
   BlockSolids block;
   BuildTree({{3, 4, 5}, {2, 2, 3}, 3.5, 7}, block);
   EXPECT_EQ(OpenEdges(block.surface.mesh), 0);
   for (const TriangleMesh& part : Parts(block.surface.mesh)) EXPECT_GT(Volume(part), 0.01);
 }
 
-TEST(ConvexSolidTest, AgreesWithTheSurfaceThatIsSeen) {
+TEST(ConvexSolidTest, AgreesWithTheVisibleSurface) {
   // Corners of all solids of a block lie on the boundary of their own half-spaces, never outside.
   const CityPlan plan{2, 2, 4, 0.12};
   const BlockSolids block = BuildBlock(plan, 0, 1);
@@ -102,7 +102,7 @@ TEST(ConvexSolidTest, AgreesWithTheSurfaceThatIsSeen) {
   for (const ConvexSolid& solid : block.solids) EXPECT_LT(solid.Distance(solid.box.center()), 0.0);
 }
 
-TEST(GroundTest, BlocksShareTheirBorderAndTheKerbIsThere) {
+TEST(GroundTest, AdjacentBlocksMatchAndHaveKerbs) {
   const CityPlan plan{2, 1, 9, 0.12};
   const GroundGrid grid = MakeGroundGrid(plan);
   const TexturedSurface left = BuildGround(plan, grid, 0, 0), right = BuildGround(plan, grid, 1, 0);
@@ -143,7 +143,7 @@ class FreshBlocks : public BlockSource {
   std::map<std::pair<int, int>, BlockSolids> blocks_;
 };
 
-TEST(ExtractStartChunkTest, NeighboursAgreeOnTheirBorder) {
+TEST(ExtractStartChunkTest, AdjacentChunksHaveEqualBorderVertices) {
   const CityPlan plan{2, 1, 3, 0.3};
   const FreshBlocks blocks(plan);
   const StartChunk left = ExtractStartChunk(plan, blocks, 0, 0), right = ExtractStartChunk(plan, blocks, 1, 0);

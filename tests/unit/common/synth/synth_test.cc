@@ -63,7 +63,7 @@ void ExpectDifficultyInRange(const SynthReport& report) {
   EXPECT_LE(report.likelihood_accuracy, 0.90);
 }
 
-TEST_F(SynthTest, SameSeedSameBytesForAnyNumberOfThreads) {
+TEST_F(SynthTest, IsDeterministicForAnyNumberOfThreads) {
   const std::string again = OwnFolder() + "again/synth_toy";  // the scene is named after its folder
   std::filesystem::remove_all(again);
   {
@@ -77,7 +77,7 @@ TEST_F(SynthTest, SameSeedSameBytesForAnyNumberOfThreads) {
   std::filesystem::remove_all(again);
 }
 
-TEST_F(SynthTest, EverySeedIsEquallyHard) {
+TEST_F(SynthTest, AccuraciesAreInRangeForEverySeed) {
   ExpectDifficultyInRange(**report_);
   const std::string other = OwnFolder() + "synth_other";
   std::filesystem::remove_all(other);
@@ -88,7 +88,7 @@ TEST_F(SynthTest, EverySeedIsEquallyHard) {
   std::filesystem::remove_all(other);
 }
 
-TEST_F(SynthTest, IsASceneWhoseTruthIsWhatItsViewsSee) {
+TEST_F(SynthTest, TruthMatchesTheViews) {
   Warnings warnings;
   const auto scene = LoadScene(folder_, &warnings);
   ASSERT_TRUE(scene.ok()) << scene.status();
@@ -204,14 +204,14 @@ TEST_F(SynthTest, SparsePointsProjectOntoTheirObservations) {
   EXPECT_GE(observations, 3 * static_cast<int>(position.size()));
 }
 
-TEST_F(SynthTest, RefusesAFolderThatIsNotEmpty) {
+TEST_F(SynthTest, RejectsANonEmptyFolder) {
   const std::string before = *ReadFile(folder_ + "/scene.json");
   const auto report = SynthesizeCity(Toy(12), folder_, {});
   EXPECT_EQ(report.status().code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_EQ(*ReadFile(folder_ + "/scene.json"), before);
 }
 
-TEST(SynthOptionsTest, SenselessOptionsAreNamed) {
+TEST(SynthOptionsTest, RejectsInvalidOptions) {
   SynthOptions options;
   options.columns = 0;
   options.gsd_m = -1;
@@ -223,7 +223,7 @@ TEST(SynthOptionsTest, SenselessOptionsAreNamed) {
   EXPECT_FALSE(std::filesystem::exists(folder));
 }
 
-TEST(PlanFlightTest, NeighboursOverlapAsPromised) {
+TEST(PlanFlightTest, NeighbouringImagesHaveTheStatedOverlap) {
   const CityPlan plan{4, 4, 2, 0.12};
   const auto views = PlanFlight(plan, 1000, 750);
   const double width_m = 1000 * plan.gsd_m, height_m = 750 * plan.gsd_m;

@@ -87,8 +87,8 @@ TEST_F(PhasesTest, ReadsThatAreNoReadsEndTheJobAndNameTheTile) {
            {std::string(100000, '['), "nested 100000 deep"},
            {std::string(2 << 20, ' '), "more than"},
            {fine + " ", "canonical"},
-           {R"({"label":[0,1],"mend":[0,1.5],"sight":[0,1],"solve":[0,1]})", "expected a whole number"},
-           {R"({"label":[0,1],"mend":[0,1],"sight":[0,1,2],"solve":[0,1]})", "sight: found tile 2 of 2"},
+           {R"({"label":[0,1],"mend":[0,1.5],"sight":[0,1],"solve":[0,1]})", "expected an integer within range"},
+           {R"({"label":[0,1],"mend":[0,1],"sight":[0,1,2],"solve":[0,1]})", "sight: found tile 2, expected 0 to 1"},
            {R"({"label":[0,1],"mend":[0,1],"sight":[1],"solve":[1,0]})", "solve: found tile 0 after 1"},
            {R"({"label":[0],"mend":[0,1],"sight":[1],"solve":[0,1]})", "label: expected the tile itself, 1"}}) {
     bad_tile_ = 1;

@@ -366,7 +366,7 @@ TEST(Plan, LabelsAloneHaveOneStepAndNothingToMend) {
   settings.method_settings.contour = 1;
   const std::string refused(CheckJobSettings(settings).message());
   EXPECT_NE(refused.find("rounds: found 2, expected 1"), std::string::npos) << refused;
-  EXPECT_NE(refused.find("method settings: found some of geometry"), std::string::npos) << refused;
+  EXPECT_NE(refused.find("method settings: found settings of the geometry"), std::string::npos) << refused;
 }
 
 TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {

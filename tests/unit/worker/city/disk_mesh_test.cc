@@ -60,7 +60,7 @@ TEST(RepairOnDisk, EqualsRepairMeshForAnyPartSize) {
     const auto expected = RepairMesh(mesh, nullptr);
     ASSERT_TRUE(expected.ok());
     copies += expected->vertex_copies;
-    set_aside += static_cast<int64_t>(expected->set_aside.size());
+    set_aside += static_cast<int64_t>(expected->removed_faces.size());
     for (const size_t size : {1, 3, 7, 1000}) {
       MeshDefects defects;
       const auto found = RepairOnDisk(ToDisk(mesh), testing::TempDir(), {.vertices_per_part = size}, &defects);
