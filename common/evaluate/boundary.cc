@@ -35,6 +35,8 @@ bool Near(const LabelImage& boundary, int x, int y, uint8_t label, const std::ve
 
 }  // namespace
 
+// Pixels with unknown truth are excluded from both images, so that the end of the annotated area is not a boundary.
+// Searching a disc per boundary pixel is fast enough, because boundaries are thin and the radius is a few pixels.
 void CountBoundaries(const LabelImage& result, const LabelImage& truth, int reach_px,
                      std::vector<BoundaryCounts>* counts) {
   std::vector<std::pair<int, int>> offsets;

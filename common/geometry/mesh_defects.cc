@@ -146,6 +146,8 @@ class Fans {
   std::vector<uint32_t> parent_;
 };
 
+// Joins the corners of adjacent faces across manifold edges only. A vertex with more than one resulting set is
+// non-manifold, or lies on an edge that must be cut, so the sets are exactly the vertex copies that repair needs.
 void FindFans(const TriangleMesh& mesh, const Owned& owned, MeshAnalysis& out) {
   MeshDefects& defects = out.defects;
   // A face at an edge. The edge is stored in the bucket of its lower vertex.

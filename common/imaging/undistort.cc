@@ -77,6 +77,8 @@ ImagePart SourcePart(const LensModel& lens, const ImagePart& part) {
           std::min(all.y1 + 2, lens.pinhole.height)};
 }
 
+// All positions are computed in the coordinates of the whole image and only then shifted into the part, so that a part is
+// bit-identical to the same part of the whole image.
 FloatImage UndistortPart(FloatImage source, const ImagePart& source_part, const LensModel& lens, const ImagePart& part,
                          float outside) {
   if (lens.kind == LensModel::Kind::kPinhole && source_part == part) return source;

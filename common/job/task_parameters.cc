@@ -125,14 +125,14 @@ std::string ToJson(const StepParameters& p) {
               {"step", p.step},     {"tile", TileToJson(p.tile)}, {"states", p.states},
               {"sums", p.sums}};
   if (p.before) out["before"] = true;
-  if (!p.held.empty()) out["held"] = p.held;
-  if (p.goes_on) out["goes_on"] = true;
+  if (!p.frozen.empty()) out["held"] = p.frozen;
+  if (p.continues_base) out["goes_on"] = true;
   if (p.first_new_face >= 0) out["first_new_face"] = p.first_new_face;
   return out.dump();
 }
 
 std::string ToJson(const TileReads& r) {
-  return json{{"label", r.label}, {"mend", r.mend}, {"sight", r.sight}, {"solve", r.solve}}.dump();
+  return json{{"label", r.label}, {"mend", r.repair}, {"sight", r.visibility}, {"solve", r.solve}}.dump();
 }
 
 std::string ChangeBlockFile(const CellRect& cells) {
@@ -155,7 +155,7 @@ std::string ToJson(const PublishParameters& p) {
   json out = {{"tiles", TilesToJson(p.tiles)}, {"scene_name", p.scene_name}, {"warnings", p.warnings}};
   if (!p.kept.empty()) out["kept"] = p.kept;
   if (p.outdated) out["outdated"] = true;
-  if (!p.set_aside.empty()) out["set_aside"] = p.set_aside;
+  if (!p.quarantined.empty()) out["set_aside"] = p.quarantined;
   if (p.flip_edges) out["flip_edges"] = true;
   return out.dump();
 }
@@ -237,8 +237,8 @@ StatusOr<StepParameters> ParseStepParameters(const std::string& text) {
                              p.tile = TileFromJson(j.at("tile"));
                              p.states = j.at("states").get<std::vector<int>>();
                              p.sums = j.at("sums").get<std::vector<int>>();
-                             p.held = j.value("held", std::vector<int>());
-                             p.goes_on = j.value("goes_on", false);
+                             p.frozen = j.value("held", std::vector<int>());
+                             p.continues_base = j.value("goes_on", false);
                              p.first_new_face = j.value("first_new_face", int64_t{-1});
                              return p;
                            }));
@@ -255,8 +255,8 @@ StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles)
   try {
     const json j = json::parse(text);
     j.at("label").get_to(reads.label);
-    j.at("mend").get_to(reads.mend);
-    j.at("sight").get_to(reads.sight);
+    j.at("mend").get_to(reads.repair);
+    j.at("sight").get_to(reads.visibility);
     j.at("solve").get_to(reads.solve);
   } catch (const json::exception& e) {
     return fault(e.what());
@@ -280,8 +280,8 @@ StatusOr<TileReads> ParseTileReads(const std::string& text, int tile, int tiles)
     return absl::OkStatus();
   };
   TESSERA_RETURN_IF_ERROR(check("label", reads.label));
-  TESSERA_RETURN_IF_ERROR(check("mend", reads.mend));
-  TESSERA_RETURN_IF_ERROR(check("sight", reads.sight));
+  TESSERA_RETURN_IF_ERROR(check("mend", reads.repair));
+  TESSERA_RETURN_IF_ERROR(check("sight", reads.visibility));
   TESSERA_RETURN_IF_ERROR(check("solve", reads.solve));
   return reads;
 }

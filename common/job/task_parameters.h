@@ -114,10 +114,10 @@ struct StartParameters {
 // The tiles whose states and sums the tasks of a tile read: ascending ids, including its own. Cut computes them from
 // the dependency radius of each operator and writes them to kReadsFile.
 struct TileReads {
-  std::vector<int> label;  // solve, label step: sums and states
-  std::vector<int> mend;   // repair: states
-  std::vector<int> sight;  // measure: states, for visibility
-  std::vector<int> solve;  // solve, geometry step: sums and states
+  std::vector<int> label;       // solve, label step: sums and states
+  std::vector<int> repair;      // repair: states
+  std::vector<int> visibility;  // measure: states, for visibility
+  std::vector<int> solve;       // solve, geometry step: sums and states
   friend bool operator==(const TileReads&, const TileReads&) = default;
 };
 
@@ -138,8 +138,8 @@ struct StepParameters {
   TileParameters tile = {};
   std::vector<int> states = {};  // tiles whose kStateFile are among the inputs, ascending; empty in the first step
   std::vector<int> sums = {};    // solve: tiles whose kSumsFile are among the inputs, ascending
-  std::vector<int> held = {};    // of `states`: tiles that an update does not compute; their vertices are frozen
-  bool goes_on = false;          // the first step of an update: the statistics in the states are of the base job
+  std::vector<int> frozen = {};  // of `states`: tiles that an update does not compute; their vertices are frozen
+  bool continues_base = false;   // the first step of an update: the statistics in the states are of the base job
   // Repair, in an update with another mesh: faces with ids from this one on are in no state; they have their start
   // positions. -1: all faces are in states.
   int64_t first_new_face = -1;
@@ -166,10 +166,9 @@ struct PublishParameters {
   std::vector<int> kept = {};         // tiles that an update reuses from its base job, ascending
   std::string scene_name = {};        // for the report
   std::vector<std::string> warnings = {};
-  bool outdated = false;  // kOutdatedFile is among the inputs
-  std::vector<int> set_aside =
-      {};                   // quarantined tiles, ascending: their refinement failed, so they have their previous state
-  bool flip_edges = false;  // flip edges where that makes creases straight
+  bool outdated = false;              // kOutdatedFile is among the inputs
+  std::vector<int> quarantined = {};  // tiles whose refinement failed, ascending; they have their previous state
+  bool flip_edges = false;            // flip edges where that makes creases straight
 };
 
 std::string ToJson(const IngestParameters& parameters);

@@ -23,20 +23,20 @@ struct MeshFormat {
   Status (*write)(const std::string& path, const TriangleMesh& mesh);
 };
 
-// The format of a file is found from its first bytes. Errors: INVALID_ARGUMENT if no format matches, NOT_FOUND if there
-// is no such file; else those of the format's reader (ReadPly).
+// Reads a mesh file; the format is detected from its first bytes. INVALID_ARGUMENT if no format matches, NOT_FOUND if
+// the file does not exist, else errors of the format's reader (ReadPly).
 StatusOr<MeshContent> ReadMesh(const std::string& path);
 
 // Whether the faces of a file that begins with `head` have labels. False if no format matches.
 bool HeadHasLabels(std::string_view head);
 
-// Reads the file front to back into `sink`, through a window. Returns the errors of Begin.
+// Reads the file sequentially into `sink`, without holding it in memory. Also returns errors of Begin.
 Status StreamMesh(const std::string& path, MeshSink* sink);
 
 // The number of faces that the file declares.
 StatusOr<int64_t> CountMeshFaces(const std::string& path);
 
-// Writes the format of the path's extension, atomically. INVALID_ARGUMENT if no format has it.
+// Writes a mesh file atomically; the path's extension selects the format. INVALID_ARGUMENT for an unknown extension.
 Status WriteMesh(const std::string& path, const TriangleMesh& mesh);
 
 }  // namespace tessera

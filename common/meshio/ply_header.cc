@@ -79,7 +79,7 @@ class HeaderParser {
       } else if (keyword == "property") {
         TESSERA_RETURN_IF_ERROR(Property(words));
       } else if (keyword == "end_header") {
-        if (words.size() != 1) return Error(Quoted(line), "'end_header' alone");
+        if (words.size() != 1) return Error(Quoted(line), "'end_header' without other words");
         ended = true;
       } else {
         return Error(Quoted(keyword), "format, comment, obj_info, element, property or end_header");

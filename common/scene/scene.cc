@@ -23,7 +23,7 @@ namespace fs = std::filesystem;
 
 std::string WithoutExtension(const std::string& name) { return fs::path(name).replace_extension().generic_string(); }
 
-// What a library says of an open file, by the name that the user knows.
+// Replaces the file's internal path by the path that the user knows in a library's message.
 Status Named(const Status& status, const HeldFile& file, const std::string& path) {
   if (status.ok() || file.path() == path) return status;
   return Status(status.code(), absl::StrReplaceAll(status.message(), {{file.path(), path}}));
@@ -39,7 +39,7 @@ class SceneLoader {
   SceneDescription Load(const std::string& file) {
     StatusOr<std::string> text = options_.allowed.ReadWhole(file, 64 << 20);
     if (!text.ok()) {
-      faults_.Add(absl::IsNotFound(text.status()) ? InputError(file, "", "no such file", "a scene.json")
+      faults_.Add(absl::IsNotFound(text.status()) ? InputError(file, "", "no such file", "a scene.json file")
                                                   : text.status());
       return std::move(scene_);
     }
@@ -53,14 +53,14 @@ class SceneLoader {
     FindMesh();
     ChooseClasses();
     AssignFlights();
-    PlaceUp();
+    SetUp();
     std::sort(scene_.files.begin(), scene_.files.end());
     return std::move(scene_);
   }
 
  private:
   std::string Full(const std::string& relative) const { return absl::StrCat(scene_.folder, "/", relative); }
-  // False, and the fault is told, for one that leads where it must not.
+  // Whether `path` is a folder. False with a fault if the path leaves the allowed folders.
   bool IsFolder(const std::string& path) {
     const StatusOr<bool> is_folder = options_.allowed.IsFolder(path);
     faults_.Add(is_folder.status());
@@ -82,7 +82,7 @@ class SceneLoader {
       scene_.files.push_back(absl::StrCat(json_.cameras.path, "/", file));
     }
     if (model.images.empty()) {
-      if (faults_.empty()) faults_.Add(InputError(Full(json_.cameras.path), "", "no images", "at least one"));
+      if (faults_.empty()) faults_.Add(InputError(Full(json_.cameras.path), "", "no images", "at least one image"));
       return;
     }
     std::vector<double> centres[3];
@@ -96,7 +96,7 @@ class SceneLoader {
       median[k] = centres[k][centres[k].size() / 2];
     }
     if (options_.frame && !(options_.frame->crs() == json_.crs)) {
-      faults_.Add(InputError(Full("scene.json"), "crs", "other coordinates", "those of the base"));
+      faults_.Add(InputError(Full("scene.json"), "crs", "another coordinate system", "that of the base job"));
       return;
     }
     StatusOr<Frame> frame = options_.frame ? *options_.frame : Frame::Around(json_.crs, median);
@@ -119,7 +119,7 @@ class SceneLoader {
     }
   }
 
-  // Headers only, in parallel; the faults in the order of the views.
+  // Reads image headers in parallel; reports faults in the order of the views.
   void FindImages() {
     std::vector<Status> found(scene_.views.size());
     ParallelFor(static_cast<int64_t>(scene_.views.size()), 1, [&](int64_t i, int64_t) {
@@ -139,7 +139,7 @@ class SceneLoader {
       if (!file.ok()) {
         found[i] =
             absl::IsNotFound(file.status())
-                ? InputError(path, "", "no such file", absl::StrCat("the image '", view.name, "' of the cameras"))
+                ? InputError(path, "", "no such file", absl::StrCat("image '", view.name, "' of the COLMAP model"))
                 : file.status();
         return;
       }
@@ -147,9 +147,9 @@ class SceneLoader {
       if (!size.ok()) {
         found[i] = Named(size.status(), *file, path);
       } else if (size->width != view.lens.pinhole.width || size->height != view.lens.pinhole.height) {
-        found[i] =
-            InputError(path, "", absl::StrCat(size->width, " x ", size->height, " pixels"),
-                       absl::StrCat(view.lens.pinhole.width, " x ", view.lens.pinhole.height, " (its camera's size)"));
+        found[i] = InputError(
+            path, "", absl::StrCat(size->width, " x ", size->height, " pixels"),
+            absl::StrCat(view.lens.pinhole.width, " x ", view.lens.pinhole.height, " (the size of its camera)"));
       } else {
         view.image_path = *inside;
       }
@@ -162,8 +162,8 @@ class SceneLoader {
 
   void WarnOfDefault() {
     Warn(
-        "the likelihoods are a default from geometry and greenness, not learnt from this scene: annotate a few images "
-        "(tessera classify --train)");
+        "likelihoods come from the default rule (geometry and greenness), not from a classifier trained on this scene: "
+        "annotate a few images and run tessera classify --train");
   }
 
   void FindLikelihoods() {
@@ -171,7 +171,7 @@ class SceneLoader {
       scene_.has_likelihoods = true;
       if (options_.by_default_rule) WarnOfDefault();
       if (IsFolder(Full(json_.likelihoods.path))) {
-        Warn(absl::StrCat(json_.likelihoods.path, ": not used, for likelihoods are made from the images"));
+        Warn(absl::StrCat(json_.likelihoods.path, ": not used, because the job computes likelihoods from the images"));
       }
       return;
     }
@@ -223,7 +223,7 @@ class SceneLoader {
     if (options_.elsewhere.contains(json_.mesh.path)) {
       scene_.mesh_path = json_.mesh.path;
       scene_.files.push_back(json_.mesh.path);
-      scene_.mesh_has_labels = true;  // as far as this scene is concerned: its base knows
+      scene_.mesh_has_labels = true;  // not checked here; the base job has checked its mesh
       return;
     }
     if (!options_.allowed.Exists(Full(json_.mesh.path)) || IsFolder(Full(json_.mesh.path))) {
@@ -244,14 +244,14 @@ class SceneLoader {
     scene_.classes = json_.classes;
     if (scene_.has_likelihoods || scene_.mesh_has_labels || options_.all_classes) return;
     if (json_.classes_given && scene_.classes.size() > 1) {
-      Warn("classes are given, but neither labels nor likelihoods: the scene is refined as one class");
+      Warn("scene.json has classes, but the scene has neither labels nor likelihoods: it is refined as one class");
     }
     SceneClass surface;
     surface.name = "surface";
     scene_.classes = {surface};
   }
 
-  // An image belongs to the first flight that has a pattern for it.
+  // An image belongs to the first flight with a pattern that matches its name.
   void AssignFlights() {
     for (const FlightEntry& entry : json_.flights) scene_.flights.push_back(entry.flight);
     std::vector<int64_t> images(json_.flights.size());
@@ -265,23 +265,24 @@ class SceneLoader {
       if (view.flight >= 0) {
         ++images[view.flight];
       } else if (!json_.flights.empty()) {
-        faults_.Add(InputError(Full("scene.json"), "flights", absl::StrCat("none with image '", view.name, "'"),
-                               "each image in a flight"));
+        faults_.Add(InputError(Full("scene.json"), "flights", absl::StrCat("no flight with image '", view.name, "'"),
+                               "a flight for each image"));
       }
     }
     for (size_t f = 0; f < images.size(); ++f) {
-      if (images[f] == 0) Warn(absl::StrCat("flight '", json_.flights[f].flight.name, "' has no image"));
+      if (images[f] == 0)
+        Warn(absl::StrCat("flight '", json_.flights[f].flight.name, "' has no images: check its patterns"));
     }
   }
 
-  void PlaceUp() {
+  void SetUp() {
     if (!json_.up) return;
     if (scene_.frame.crs().kind == Crs::Kind::kLocal) {
       scene_.up_in_local = *json_.up;
     } else if (scene_.frame.crs().kind == Crs::Kind::kEcef
                    ? (scene_.frame.rotation_local_from_scene() * *json_.up).z() < 0.999
                    : json_.up->z() < 0.999999) {
-      Warn("'up' is ignored, since the coordinate system says where up is");
+      Warn("'up' is ignored: the coordinate system defines the up direction");
     }
   }
 

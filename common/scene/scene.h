@@ -68,8 +68,8 @@ struct SceneLoadOptions {
   // Paths of files that are stored elsewhere and already validated: they need not exist in the folder.
   std::set<std::string> elsewhere = {};
   bool needs_mesh = true;  // false: the mesh may be missing, because the scene extends that of the base job
-  std::optional<Frame> frame =
-      {};                    // the base job's frame; a different crs is an error. None: a frame around the cameras
+  // The base job's frame; a scene with another crs is an error. None: a frame around the cameras.
+  std::optional<Frame> frame = {};
   bool all_classes = false;  // use the classes of scene.json even without labels and likelihoods
   // `to_be_classified`: the job computes the likelihoods; views have no likelihood_path, and a likelihoods folder is
   // ignored. `by_default_rule`: it uses the default rule instead of a trained classifier, which adds a warning.

@@ -45,7 +45,8 @@ void MeshSpool::AddFace(const Triangle& face, int32_t label) {
 
 Status MeshSpool::Rewind() {
   if (failed_ || std::fflush(vertices_) != 0 || std::fflush(faces_) != 0) {
-    return absl::ResourceExhaustedError("cannot write " + vertex_path_ + " or " + face_path_ + ": is the disk full?");
+    return absl::ResourceExhaustedError("cannot write " + vertex_path_ + " or " + face_path_ +
+                                        ": check the disk space");
   }
   std::rewind(vertices_);
   std::rewind(faces_);
@@ -98,13 +99,13 @@ Status DropSmallComponents(MeshSpool& from, int64_t min_faces, MeshSpool& to) {
   std::vector<uint32_t> faces_at_root(parent.size(), 0);
   TESSERA_RETURN_IF_ERROR(from.Rewind());
   while (from.NextFace(&face, &label)) ++faces_at_root[root(face[0])];
-  // From here on `parent` holds the new index of a vertex, or kGone.
+  // Reuse `parent` for the new index of each vertex; kGone: removed.
   constexpr uint32_t kGone = ~0u;
   for (uint32_t v = 0; v < parent.size(); ++v) parent[v] = root(v);
   uint32_t next = 0;
   Eigen::Vector3d p;
   for (uint32_t& v : parent) {
-    if (!from.NextVertex(&p)) return absl::InternalError("a spooled vertex is missing");
+    if (!from.NextVertex(&p)) return absl::InternalError("mesh spool: fewer vertices than were added");
     if (faces_at_root[v] >= min_faces) {
       to.AddVertex(p);
       v = next++;

@@ -1,4 +1,4 @@
-// A labelled mesh kept in two files while it is made, so that it never lies in memory.
+// A labelled mesh that is built in two temporary files, so that it may exceed memory.
 #ifndef TESSERA_COMMON_SYNTH_MESH_SPOOL_H_
 #define TESSERA_COMMON_SYNTH_MESH_SPOOL_H_
 
@@ -27,7 +27,7 @@ class MeshSpool {
 
   // Ends writing and starts reading from the first record. May be called again to read again.
   Status Rewind();
-  // False at the end. Only after Rewind.
+  // False at the end. Call Rewind first.
   bool NextVertex(Eigen::Vector3d* p);
   bool NextFace(Triangle* face, int32_t* label);
 

@@ -252,7 +252,7 @@ class Graph {
       if (tile.gone()) continue;
       if (!tile.redone) parameters.kept.push_back(tile.parameters.tile);
       if (tile.redone && !Works(tile, std::numeric_limits<int>::max() - 1)) {
-        parameters.set_aside.push_back(tile.parameters.tile);
+        parameters.quarantined.push_back(tile.parameters.tile);
       }
       task.inputs.push_back(*tile.state);
     }
@@ -385,8 +385,8 @@ class Graph {
       PlannedTask task = StepTask(tile, kMeasureKind, PredictMeasure(tile.work, effort), s);
       task.inputs.push_back({tile.crop, kViewsFile});
       StepParameters parameters = ParametersOf(tile, s);
-      parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].sight, &task);
-      parameters.held = Held(parameters.states, last_states_);  // else all states are of the same stage
+      parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].visibility, &task);
+      parameters.frozen = Held(parameters.states, last_states_);  // else all states are of the same stage
       task.parameters = ToJson(parameters);
       return task;
     });
@@ -402,8 +402,8 @@ class Graph {
       StepParameters parameters = ParametersOf(tile, s);
       parameters.sums = Read(&GraphTile::sums, ids, &task);
       parameters.states = Read(&GraphTile::state, ids, &task);
-      parameters.held = Held(parameters.states, stage);
-      parameters.goes_on = goes_on_ && !survey_.revision && s == UpdateSteps(settings_, survey_).front();
+      parameters.frozen = Held(parameters.states, stage);
+      parameters.continues_base = goes_on_ && !survey_.revision && s == UpdateSteps(settings_, survey_).front();
       task.parameters = ToJson(parameters);
       return task;
     });
@@ -419,10 +419,10 @@ class Graph {
       if (before) task.name = absl::StrCat("mend tile ", task.tile, " before step ", s);
       StepParameters parameters = ParametersOf(tile, s);
       parameters.before = before;
-      parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].mend, &task);
-      parameters.held = Held(parameters.states, stage);
+      parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].repair, &task);
+      parameters.frozen = Held(parameters.states, stage);
       if (before && goes_on_) {
-        parameters.goes_on = true;
+        parameters.continues_base = true;
         parameters.first_new_face = survey_.revision->first_new_face;
       }
       task.parameters = ToJson(parameters);

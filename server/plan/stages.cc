@@ -40,7 +40,7 @@ Status CheckReads(const std::vector<TileReads>& reads, size_t cut, size_t tiles)
         absl::StrCat("the job was cut in ", reads.size(), " tiles, expected ", cut, ", as this version lays them out"));
   }
   for (const TileReads& of_tile : reads) {
-    for (const std::vector<int>* ids : {&of_tile.label, &of_tile.mend, &of_tile.sight, &of_tile.solve}) {
+    for (const std::vector<int>* ids : {&of_tile.label, &of_tile.repair, &of_tile.visibility, &of_tile.solve}) {
       for (const int id : *ids) {
         if (id >= 0 && id < static_cast<int>(tiles)) continue;
         return absl::InvalidArgumentError(absl::StrCat("reads: found tile ", id, " of ", tiles));

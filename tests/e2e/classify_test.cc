@@ -102,7 +102,7 @@ TEST_F(ClassifyTest, DefaultRuleIsMarkedInTheScene) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_THAT(outcome.output, HasSubstr("default rule (mesh and greenness)"));
   EXPECT_THAT(Content(out + "/scene.json"), HasSubstr("\"likelihoods_source\": \"default\""));
-  EXPECT_THAT(Run({"check", out}).output, HasSubstr("a default from geometry and greenness"));
+  EXPECT_THAT(Run({"check", out}).output, HasSubstr("likelihoods come from the default rule"));
 }
 
 // The job computes the likelihoods with a given model, on workers without shared storage.
@@ -121,7 +121,7 @@ TEST_F(ClassifyTest, JobComputesLikelihoods) {
   Outcome outcome = run({ToyCity(), "--classifier", model, "--no-shared-storage", "--out", out});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_THAT(outcome.output, HasSubstr("seams: 0 of"));
-  EXPECT_THAT(outcome.output, HasSubstr("warning: likelihoods: not used, for likelihoods are made from the images"));
+  EXPECT_THAT(outcome.output, HasSubstr("warning: likelihoods: not used, because the job computes likelihoods from the images"));
   const auto job = nlohmann::json::parse(Content(out + "/job.json"));
   EXPECT_EQ(job["settings"]["classifier"], model);
   int classified = 0;
@@ -156,8 +156,8 @@ TEST_F(ClassifyTest, UnlabelledMeshGetsLabelsFromImages) {
       Run({"run", bare, "--out", out, "--rounds", "1", "--levels", "1", "--iterations", "2", "--tiles", "1"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.output;
   EXPECT_EQ(nlohmann::json::parse(Content(out + "/job.json"))["settings"]["classifier"], "default");
-  EXPECT_THAT(outcome.output, HasSubstr("a default from geometry and greenness"));
-  EXPECT_THAT(Content(out + "/report.json"), HasSubstr("a default from geometry and greenness"));
+  EXPECT_THAT(outcome.output, HasSubstr("likelihoods come from the default rule"));
+  EXPECT_THAT(Content(out + "/report.json"), HasSubstr("likelihoods come from the default rule"));
   const auto result = ReadPly(out + "/mesh.ply");
   ASSERT_TRUE(result.ok()) << result.status();
   const auto& labels = result->mesh.labels;

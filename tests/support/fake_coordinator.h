@@ -106,7 +106,7 @@ class FakePlanner : public Planner {
       if (not_cut.contains(tile)) continue;
       publish.inputs[tile] = {TaskId(1 + settings.tiles + static_cast<int>(tasks.size())), "refined", tile};
       tasks.push_back(Refine(tile, "{\"survey\":\"" + survey + "\"}"));
-      for (const int other : (of_tile++)->sight) {
+      for (const int other : (of_tile++)->visibility) {
         if (!not_cut.contains(other)) tasks.back().inputs.push_back({TaskId(1 + other), kTileFile, other});
       }
     }

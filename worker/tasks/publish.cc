@@ -24,7 +24,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   TESSERA_ASSIGN_OR_RETURN(Survey survey, ParseSurvey(survey_json));
   survey.scene_name = parameters.scene_name;
   survey.warnings = parameters.warnings;
-  for (const int tile : parameters.set_aside) {
+  for (const int tile : parameters.quarantined) {
     survey.warnings.push_back(
         absl::StrCat("tile ", tile, " was set aside: its refinement failed; its part of the result is not refined"));
   }
@@ -41,14 +41,15 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
     TESSERA_ASSIGN_OR_RETURN(MappedState core,
                              MappedState::Open(InputPath(request, TileInputName(tile.tile, kStateFile))));
     spans.emplace_back(core.spans());
-    const bool quarantined = std::binary_search(parameters.set_aside.begin(), parameters.set_aside.end(), tile.tile);
+    const bool quarantined =
+        std::binary_search(parameters.quarantined.begin(), parameters.quarantined.end(), tile.tile);
     reported.push_back({core.spans().tile, core.spans().report, quarantined});
     cores.push_back(std::move(core));
     control.Report(0.1 * static_cast<double>(tiles.size()) / parameters.tiles.size(), "reading cores");
   }
   ScratchArray<FlippedFace> flipped;
   if (parameters.flip_edges) {
-    TESSERA_ASSIGN_OR_RETURN(flipped, FlipCores(city, survey.ground, tiles, parameters.set_aside, request.output_dir,
+    TESSERA_ASSIGN_OR_RETURN(flipped, FlipCores(city, survey.ground, tiles, parameters.quarantined, request.output_dir,
                                                 PartOf(control, 0.1, 0.2), &spans));
   }
   TESSERA_ASSIGN_OR_RETURN(const CoreMerger merger, CoreMerger::Create(city, spans));
@@ -99,7 +100,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   if (parameters.tiles.size() > 1) {
     TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> names,
                              WriteTileMeshes(request.output_dir, city, survey, tiles, spans, outdated.ids(),
-                                             parameters.set_aside, PartOf(control, 0.8, 1)));
+                                             parameters.quarantined, PartOf(control, 0.8, 1)));
     outcome.outputs.insert(outcome.outputs.end(), names.begin(), names.end());
   }
   outcome.stats = nlohmann::json{{"faces", city.faces()}, {"seconds", SecondsSince(clock, start_us)}}.dump();

@@ -33,8 +33,8 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
   for (const MappedState& file : files) states.push_back(file.spans());
   TESSERA_ASSIGN_OR_RETURN(
       task.snapshot,
-      task.work->Assemble(states, task.step.labels() ? label_region : iteration_region, p.held, p.first_new_face));
-  if (p.goes_on) task.snapshot.report = "{}";
+      task.work->Assemble(states, task.step.labels() ? label_region : iteration_region, p.frozen, p.first_new_face));
+  if (p.continues_base) task.snapshot.report = "{}";
   return task;
 }
 

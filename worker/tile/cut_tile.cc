@@ -355,9 +355,9 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     }
     return tiles;
   };
-  result.reads.sight = tiles_of(in_sight);
+  result.reads.visibility = tiles_of(in_sight);
   result.reads.solve = tiles_of(of_region[kSolveRegion]);
-  result.reads.mend = tiles_of(of_region[kRepairRegion]);
+  result.reads.repair = tiles_of(of_region[kRepairRegion]);
   result.reads.label = tiles_of(of_region[kLabelRegion]);
   return result;
 }

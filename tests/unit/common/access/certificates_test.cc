@@ -6,7 +6,7 @@
 namespace tessera {
 namespace {
 
-// What TLS makes of them, the coordinator's tests show.
+// The coordinator's tests use the certificates for TLS.
 TEST(Certificates, MakeCertificateRejectsInvalidAuthorities) {
   const auto authority = MakeAuthority({"an authority", {}, 1'800'000'000, -60, 86400});
   ASSERT_TRUE(authority.ok()) << authority.status();

@@ -42,7 +42,7 @@ TEST_F(MachineLimitsTest, Version2TakesTheSmallestLimitOfAllAncestors) {
   EXPECT_EQ(GroupCoreLimit(root_), 2);
 }
 
-// In a container the group's own folder is the mount.
+// In a container the mount point is the folder of the process's group.
 TEST_F(MachineLimitsTest, Version1AndContainers) {
   Write("/proc/self/cgroup", "9:name=systemd:/\n4:memory:/docker/abc\n2:cpu,cpuacct:/docker/abc\n0::/\n");
   Write("/sys/fs/cgroup/memory/memory.limit_in_bytes", "1000000000\n");

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int64_t kMiB = int64_t{1} << 20;
 
-// Memory that is really there: every page is written to.
+// Allocates memory and writes every page, so that it is resident.
 int64_t PeakWith(int64_t bytes) {
   const TaskUsageMeter meter;
   std::vector<char> block(bytes);
@@ -50,7 +50,7 @@ TEST(TaskUsageTest, CountsProcessorTimeNotWallTime) {
   volatile double x = 1;
   const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
   double first = 0;
-  // Until the clock of the processor has moved by a tenth of a second, however busy the machine is.
+  // Run until 0.1 s of processor time is used, independent of the machine's load.
   while ((first = meter.Read().core_seconds) < 0.1 && std::chrono::steady_clock::now() < until) {
     for (int i = 0; i < 100000; ++i) x = x * 1.0000001;
   }

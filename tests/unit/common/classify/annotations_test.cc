@@ -20,7 +20,7 @@ class AnnotationsTest : public testing::Test {
     EXPECT_TRUE(EnsureFolder(folder_ + "/painted").ok());
   }
   std::string Stem(size_t view) const { return scene_.views[view].name.substr(0, scene_.views[view].name.rfind('.')); }
-  // All of one value but for a row of each other class.
+  // All pixels have one value, except one row of each other class.
   ByteImage Numbers(int channels = 1, uint8_t value = 255) const {
     return ByteImage(scene_.views[0].lens.pinhole.width, scene_.views[0].lens.pinhole.height, channels, value);
   }

@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kFeatures = 5, kClasses = 3;
 
-// Class 0 where the first two features differ in sign, else 1 or 2 by the third: no single question tells them.
+// Class 0 where the first two features differ in sign, else 1 or 2 by the third: no single test separates them.
 TrainingSamples Checkers(int64_t count, uint64_t seed) {
   TrainingSamples samples;
   samples.count = count;
@@ -40,7 +40,7 @@ BoostingOptions Small() {
   return options;
 }
 
-// One sample, question by question, as the declaration has it.
+// Scores one sample test by test, as the declaration defines it.
 std::vector<double> ScoreNaively(const BoostedTrees& trees, const TrainingSamples& samples, int64_t sample) {
   std::vector<double> scores(trees.base.begin(), trees.base.end());
   for (int t = 0; t < trees.trees(); ++t) {

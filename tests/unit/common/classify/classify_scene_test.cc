@@ -1,4 +1,4 @@
-// From annotations to likelihoods, on a scene that colours tell nothing of: a grey box on grey ground.
+// From annotations to likelihoods, on a scene without colour information: a grey box on grey ground.
 #include "common/classify/classify_scene.h"
 
 #include <gmock/gmock.h>
@@ -89,7 +89,7 @@ TEST_F(ClassifySceneTest, DoesNotDependOnThreads) {
 }
 
 TEST_F(ClassifySceneTest, AnnotatedPixelsUseTheFoldThatExcludesThem) {
-  // Labels that only a memory of the place could give: each square of 4 pixels at random.
+  // Random labels per square of 4 pixels, which only memorising the training pixels could reproduce.
   for (Annotation& a : annotations_.images) {
     for (int y = 0; y < a.labels.height; ++y) {
       for (int x = 0; x < a.labels.width; ++x) {
@@ -122,7 +122,7 @@ TEST_F(ClassifySceneTest, ClassifyViewEqualsClassifyScene) {
   use.model = &trained_.model;
   const MeshSurface surface(mesh_, scene_.up_in_local, 0.2);
   const std::string stem = std::filesystem::path(scene_.views[3].name).stem();
-  // One that sees no surface goes by appearance.
+  // Without a surface, the classifier uses appearance.
   for (const bool sees : {true, false}) {
     const auto view = ClassifyView(scene_, 3, sees ? &surface : nullptr, use);
     ASSERT_TRUE(view.ok()) << view.status();
@@ -153,7 +153,7 @@ TEST_F(ClassifySceneTest, OutputFolderIsALoadableScene) {
   ASSERT_EQ(again->views.size(), scene_.views.size());
   EXPECT_EQ(again->views[0].likelihood_path.substr(0, 9), "geometry/");
   EXPECT_EQ(again->classes.size(), scene_.classes.size());
-  EXPECT_THAT(warnings, testing::Contains(testing::HasSubstr("a default from geometry and greenness")));
+  EXPECT_THAT(warnings, testing::Contains(testing::HasSubstr("likelihoods come from the default rule")));
   EXPECT_TRUE(CheckClassifiedFolder(out).ok()) << "an earlier one may be replaced";
   EXPECT_TRUE(absl::IsAlreadyExists(CheckClassifiedFolder(folder_ + "/scene")));
   WriteText(out + "/notes.txt", "mine");

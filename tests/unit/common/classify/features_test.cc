@@ -20,7 +20,7 @@ int FeatureNamed(const std::string& name) {
   return static_cast<int>(it - names.begin());
 }
 
-// A camera 50 m above the origin that looks down at an angle from the vertical, towards +y; up is at the top.
+// A camera 50 m above the origin, tilted from the nadir towards +y; up points to the top of the image.
 SceneView Looking(double angle_rad, int width = 60, int height = 44) {
   SceneView view;
   view.lens.pinhole = {width, height, 50, 50, width / 2.0, height / 2.0};
@@ -54,7 +54,7 @@ double Green(const ByteImage& rgb, int x, int y) {
   return (2 * g - r - b) / (r + g + b + 6);
 }
 
-// Level `level` of the pyramid about pixel (x, y), straight from the image: binomial weights 1 4 6 4 1, reflected.
+// Level `level` of the pyramid around pixel (x, y), computed directly: binomial weights 1 4 6 4 1, reflected border.
 double Blurred(const std::function<double(int, int)>& value, int width, int height, int level, int x, int y) {
   if (level == 0) return value(x, y);
   const auto reflected = [](int i, int n) { return i < 0 ? -i : i >= n ? 2 * n - 2 - i : i; };
@@ -87,7 +87,7 @@ TEST(FeaturesTest, MeansAndDeviationsEqualNaiveSums) {
   const auto squared = [](auto value) { return [=](int x, int y) { return value(x, y) * value(x, y); }; };
   for (const int level : {1, 2, 3}) {
     const std::string suffix = absl::StrCat("_", level);
-    // Where a pixel of the level lies on one of the image; and half way between two.
+    // At a position where a pixel of the level coincides with one of the image, and half way between two.
     for (const auto& [x, y] : {std::pair{2, 1}, {0, 0}, {4, 3}}) {
       const std::vector<float> pixel = Pixel(features, x << level, y << level);
       const double mean = Blurred(light, 60, 44, level, x, y), of_green = Blurred(green, 60, 44, level, x, y);
@@ -119,7 +119,7 @@ TEST(FeaturesTest, RowEqualsSinglePixels) {
   }
 }
 
-// Bands across the direction of up change along it: rows of a facade, not columns.
+// Bands perpendicular to the up direction have a gradient along it.
 TEST(FeaturesTest, GradientsAreRelativeToUp) {
   for (const bool along : {true, false}) {
     ByteImage rgb(60, 44, 3);
@@ -131,7 +131,7 @@ TEST(FeaturesTest, GradientsAreRelativeToUp) {
     const ImageFeatures oblique(rgb, Looking(1.2), Eigen::Vector3d::UnitZ(), nullptr);
     const float up = Pixel(oblique, 30, 20)[FeatureNamed("gradient_up_3")];
     EXPECT_NEAR(up, along ? 1 : -1, 0.1);
-    // The same camera in a frame that lies on its side: up is +x, and so across the image's rows.
+    // The same camera in a rotated frame: up is +x, along the image's rows.
     const ImageFeatures tilted(rgb, Looking(1.2), Eigen::Vector3d::UnitX(), nullptr);
     EXPECT_NEAR(Pixel(tilted, 30, 20)[FeatureNamed("gradient_up_3")], along ? -1 : 1, 0.1);
   }

@@ -64,7 +64,7 @@ TEST(ModelTest, DetectsEveryChangedByte) {
   }
 }
 
-// With checksums that fit, so that only the checks of content stand between a file and what reads it.
+// Files with valid checksums, so that only the checks of the content can reject them.
 TEST(ModelTest, RejectsInvalidContentWithValidChecksums) {
   const auto message = [](auto change) {
     ArrayFile file = ParseArrayFile(SerializeModel(Model()), "FILE").value();

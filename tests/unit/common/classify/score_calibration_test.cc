@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-// Labels drawn from the softmax of scores / `truth`: scores are `truth` times too sure.
+// Labels are drawn from softmax(scores / truth), so the right temperature is `truth`.
 HeldOutScores Overconfident(double truth, int64_t count, uint64_t seed) {
   HeldOutScores held_out;
   held_out.classes = 3;

@@ -80,7 +80,7 @@ TEST(Evaluator, HalfASurfaceIsAccurateButIncomplete) {
   EXPECT_NEAR(e->surface.f_scores[0].recall, 0.505, 0.01);
   EXPECT_NEAR(e->surface_by_class[0].completeness.mean_m, 0, 1e-9);
   EXPECT_NEAR(e->surface_by_class[1].completeness.mean_m, 2.5, 0.02);
-  // By pixels, nothing is rendered over the other half: wrong, not left out.
+  // Pixels of the missing half have no rendered label and count as wrong.
   EXPECT_NEAR(e->labels_by_pixels->scores.overall_accuracy, 0.5, 0.02);
   EXPECT_GT(e->labels_by_pixels->confusion.at(1, 2), 0);
 }

@@ -1,4 +1,4 @@
-// A level square with cameras above it: cases whose figures can be told by hand.
+// A horizontal square with cameras above it, whose scores can be computed by hand.
 #ifndef TESSERA_TESTS_UNIT_COMMON_EVALUATE_FLAT_WORLD_H_
 #define TESSERA_TESTS_UNIT_COMMON_EVALUATE_FLAT_WORLD_H_
 

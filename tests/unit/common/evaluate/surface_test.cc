@@ -59,7 +59,7 @@ TEST(SeenSamples, TestsImageBoundsAndOcclusion) {
   for (const Triangle& face : roof.faces) mesh.faces.push_back({face[0] + 4, face[1] + 4, face[2] + 4});
   mesh.vertices.insert(mesh.vertices.end(), roof.vertices.begin(), roof.vertices.end());
   const RayCaster caster(mesh);
-  // One camera sees all of the square, one only a corner of 2 m; neither sees what the roof hides.
+  // One camera sees the whole square, one only a corner of 2 m; the smaller square occludes the middle for both.
   const std::vector<SceneView> views = {ViewFromAbove({5, 5, 1000}, 12, 100), ViewFromAbove({1, 1, 1000}, 2, 100)};
   const std::vector<SurfaceSample> samples = {
       {{1, 1, 0}, 0}, {{8, 3, 0}, 0}, {{5, 5, 0}, 0}, {{5, 5, 2}, 2}, {{20, 5, 0}, 0}};

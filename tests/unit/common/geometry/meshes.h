@@ -50,7 +50,7 @@ inline TriangleMesh Tetrahedron(const Eigen::Vector3d& at = Eigen::Vector3d::Zer
   return mesh;
 }
 
-// Any triangles over few vertices: every defect there is, many times.
+// Random triangles over few vertices, which contain all defects many times.
 inline TriangleMesh Chaos(uint64_t seed, int vertices, int faces) {
   Random random(seed);
   TriangleMesh mesh;
@@ -67,7 +67,7 @@ inline TriangleMesh Chaos(uint64_t seed, int vertices, int faces) {
   return mesh;
 }
 
-// A torus in which a share of the faces was turned round, doubled, or given another vertex.
+// A torus with a share of its faces flipped, duplicated, or given another vertex.
 inline TriangleMesh DamagedTorus(uint64_t seed) {
   Random random(seed);
   TriangleMesh mesh = Torus(12, 9);

@@ -25,7 +25,7 @@ TriangleMesh RandomTriangles(int count, const Eigen::Vector3d& origin, uint64_t 
   return mesh;
 }
 
-// The nearest point by its definition: a fine search over the triangle.
+// Reference: the nearest point by a fine search over the triangle.
 double DistanceBySampling(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                           const Eigen::Vector3d& c) {
   double best = 1e300;
@@ -59,7 +59,7 @@ TEST(NearestPointOfTriangle, HandlesDegenerateTriangles) {
   EXPECT_NEAR((NearestPointOfTriangle(p, a, a, a) - p).norm(), std::sqrt(10), 1e-12);
 }
 
-// Also thousands of kilometres from the origin, where a float is half a metre coarse.
+// Also thousands of kilometres from the origin, where the spacing of floats is half a metre.
 TEST(NearestSurface, MatchesBruteForce) {
   for (const Eigen::Vector3d& origin : {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(5e6, -3e6, 400)}) {
     const TriangleMesh mesh = RandomTriangles(500, origin, 7);

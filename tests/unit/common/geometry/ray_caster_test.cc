@@ -27,7 +27,7 @@ TriangleMesh Soup(int faces, const Eigen::Vector3d& centre, uint64_t seed) {
   return mesh;
 }
 
-// The plain way: every face, in double.
+// Reference: tests every face in double precision.
 RayHit BruteForce(const TriangleMesh& mesh, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
   RayHit best;
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
@@ -131,7 +131,7 @@ TEST(RayCaster, TiesDoNotDependOnThreads) {
     return found;
   };
   const std::vector<int64_t> one = faces(1);
-  // Nothing slips through between faces; on the rim, rounding may go either way.
+  // No ray passes between faces; at the boundary, rounding may decide either way.
   for (int y = 1; y < n; ++y)
     for (int x = 1; x < n; ++x) ASSERT_GE(one[y * (n + 1) + x], 0) << x << " " << y;
   EXPECT_EQ(one, faces(2));

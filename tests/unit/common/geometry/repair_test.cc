@@ -46,7 +46,7 @@ bool CgalSaysManifold(const TriangleMesh& mesh) {
   return CGAL::is_valid_polygon_mesh(surface) && surface.number_of_faces() == mesh.faces.size();
 }
 
-// What must hold for any input.
+// Properties that must hold for any input.
 void CheckRepair(const TriangleMesh& mesh) {
   Warnings warnings;
   const RepairedMesh out = Repaired(mesh, &warnings);
@@ -81,7 +81,7 @@ void CheckRepair(const TriangleMesh& mesh) {
   std::set<int64_t> used(out.vertex_in_input.begin(), out.vertex_in_input.end());
   EXPECT_EQ(static_cast<int64_t>(out.mesh.vertices.size() - used.size()), out.vertex_copies);
 
-  // Twice is once.
+  // Repair is idempotent.
   Warnings again;
   const RepairedMesh twice = Repaired(out.mesh, &again);
   EXPECT_THAT(again, IsEmpty());
@@ -136,7 +136,7 @@ TEST(Repair, CutsNonManifoldEdges) {
   Warnings warnings;
   const RepairedMesh out = Repaired(mesh, &warnings);
   EXPECT_THAT(warnings, ElementsAre("mesh: 1 edges with more than two faces cut (first: at vertex 1)"));
-  // Three sheets now end at the edge: two more copies of both its ends.
+  // Three surfaces now end at the edge, so both of its vertices have two copies.
   EXPECT_EQ(out.vertex_copies, 4);
   EXPECT_EQ(out.defects.non_manifold_vertices.count, 0);
 }
@@ -212,7 +212,7 @@ TEST(MeshDefects, CountsBoundaryEdges) {
 TEST(SelfIntersections, AreFound) {
   TriangleMesh mesh = Tetrahedron();
   EXPECT_EQ(SelfIntersections(mesh)->size(), 0u);
-  // Another one, moved into the first.
+  // A second mesh, moved into the first.
   const TriangleMesh other = Tetrahedron({0.2, 0.2, -0.5});
   mesh.vertices.insert(mesh.vertices.end(), other.vertices.begin(), other.vertices.end());
   for (const Triangle& f : other.faces) mesh.faces.push_back({f[0] + 4, f[1] + 4, f[2] + 4});

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kSize_px = 1000, kCell_px = 60, kBlock_px = 26;
 
-// Blocks of class 1 on ground of class 0, each at a random place in a cell of its own.
+// Blocks of class 1 on ground of class 0, each at a random position in its own cell.
 LabelImage Blocks(uint64_t seed) {
   Random random(seed);
   LabelImage labels(kSize_px, kSize_px, 1, 0);
@@ -29,7 +29,7 @@ LabelImage Blocks(uint64_t seed) {
   return labels;
 }
 
-// Of class 1 whatever is within `px` of it along a row or column, or, negative, what is so far inside.
+// Dilates class 1 by `px` along rows and columns; a negative `px` erodes it.
 LabelImage Grown(const LabelImage& labels, int px) {
   LabelImage out = labels;
   const uint8_t grows = px > 0 ? 1 : 0;
@@ -47,7 +47,7 @@ LabelImage Grown(const LabelImage& labels, int px) {
   return out;
 }
 
-// The blocks lighter than the ground, with noise of pixels.
+// An image in which blocks are lighter than the ground, with pixel noise.
 FloatImage Light(const LabelImage& labels) {
   Random random(7);
   FloatImage image(labels.width, labels.height);
@@ -57,7 +57,7 @@ FloatImage Light(const LabelImage& labels) {
   return image;
 }
 
-// Each pixel stands for a square of `step` of them.
+// Reduces the resolution: each pixel represents step x step pixels.
 FloatImage Likely(const LabelImage& labels, double confidence = 0.8, int step = 1) {
   FloatImage image(labels.width / step, labels.height / step, 2);
   for (int y = 0; y < image.height; ++y) {
@@ -81,7 +81,7 @@ TEST(BorderTrust, MeasuresBorderBias) {
   const FloatImage light = Light(blocks);
   for (const int off : {-4, -2, 0, 2, 4}) {
     const BorderTrusts trusts = Measured(light, Likely(Grown(blocks, off)));
-    // Grown blocks put the border where the image has ground: against the way to the second class.
+    // Dilated blocks move the border onto the ground, away from the second class.
     EXPECT_NEAR(trusts.Of(0, 1).bias_px, -off, 0.3) << off;
     EXPECT_LT(trusts.Of(0, 1).sigma_px, 1) << off;
     EXPECT_GT(trusts.Of(0, 1).weight, 0) << off;
@@ -120,7 +120,7 @@ TEST(BorderTrust, FewOrUnclearBordersHaveWeightZero) {
   EXPECT_EQ(Measured(Light(one), Likely(one)).Of(0, 1).weight, 0);
 }
 
-// The end of what is known is an edge of the image often enough: it is no border between classes.
+// Likelihoods often end at an image edge, which is not a class border.
 TEST(BorderTrust, EndOfLikelihoodsIsNotABorder) {
   const LabelImage blocks = Blocks(1);
   const FloatImage light = Light(blocks);

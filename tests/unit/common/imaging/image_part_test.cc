@@ -1,4 +1,4 @@
-// Parts of images and likelihoods are, bit for bit, what the whole has there.
+// Parts of images and likelihoods are bit-identical to the same part of the whole.
 #include <gtest/gtest.h>
 #include <tiffio.h>
 
@@ -41,7 +41,7 @@ ByteImage RandomPart(int width, int height, int channels) {
   return image;
 }
 
-// Compares bits, for the outside of a photograph is NaN.
+// Compares bits, because pixels outside the photograph are NaN.
 void ExpectEqualsPart(const FloatImage& part, const FloatImage& whole, int x0, int y0) {
   for (int c = 0; c < part.channels; ++c) {
     for (int y = 0; y < part.height; ++y) {
@@ -72,7 +72,7 @@ TEST(ImagePartTest, OfLuminance) {
   EXPECT_FALSE(ReadLuminancePart(folder + "/a.png", kLenses[0], {5, 0, 5, 4}).ok());
 }
 
-// What lies in a file, whatever its resolution.
+// Compares a part with the whole, at any resolution of the file.
 void CheckLikelihoods(const std::string& path) {
   for (const LensModel& lens : kLenses) {
     const auto whole = ReadLikelihoods(path, kClasses, lens);
@@ -88,7 +88,7 @@ void CheckLikelihoods(const std::string& path) {
         EXPECT_EQ(read->pixels.height, part.height());
         continue;
       }
-      // All that lies over the part, and a pixel more to interpolate with where there is one.
+      // All pixels over the part, and one more pixel for interpolation where available.
       const double sx = static_cast<double>(whole->width) / kWidth, sy = static_cast<double>(whole->height) / kHeight;
       EXPECT_LE(read->x0, std::max(0.0, part.x0 * sx - 1));
       EXPECT_LE(read->y0, std::max(0.0, part.y0 * sy - 1));

@@ -13,7 +13,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Every setting at some value that is allowed.
+// Every setting, with an allowed value.
 MethodSettings AllSet() {
   MethodSettings settings;
   for (const auto& setting : RealSettings()) settings.*setting.value = setting.low + 1.0 / 3;
@@ -42,7 +42,7 @@ TEST(MethodSettings, RejectsForeignJson) {
   }
 }
 
-// Both ends of every range are taken, whatever lies beyond is refused with what was found and expected.
+// Both ends of every range are accepted, values outside are rejected with the found and the expected value.
 TEST(MethodSettings, ChecksRanges) {
   const auto refused = [](const MethodSettings& settings, const std::string& name) {
     const Status status = CheckMethod("tessera", settings);
@@ -106,7 +106,7 @@ TEST(MethodSettings, UnknownMethodListsTheMethods) {
   }
 }
 
-// Results are stored under the parameters, among others: whatever differs must show there.
+// The task's key contains the parameters, so every setting must change them.
 TEST(MethodSettings, EverySettingChangesTheTaskParameters) {
   std::set<std::string> seen;
   for (const char* method : kMethods) EXPECT_TRUE(seen.insert(ToJson(RefineParameters{0, method, {}})).second);

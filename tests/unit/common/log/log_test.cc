@@ -12,7 +12,7 @@ using nlohmann::json;
 using testing::HasSubstr;
 using testing::MatchesRegex;
 
-// What would forge a line, end a value, or paint the terminal.
+// Characters that would start a line, end a value, or control the terminal.
 const std::string kHostile = "host\n2026-11-23T03:35:06.123Z info job deleted job=jobs/1 \x1b[2J\xC2\x9B\" user=root";
 
 TEST(LogLine, IsAlwaysOneLine) {
@@ -43,7 +43,7 @@ TEST(LogLine, CutsLongValues) {
   EXPECT_THAT(line, HasSubstr("... and 1032192 more bytes"));
 }
 
-// The schema of both forms, as it comes out.
+// The output schema of both formats.
 TEST(Log, TextAndJsonHaveTheSameSchema) {
   testing::internal::CaptureStderr();
   ASSERT_TRUE(SetUpLog("info", /*json=*/false).ok());

@@ -1,4 +1,4 @@
-// Replays the fuzzer's corpus: good_* are meshes, all others are not.
+// Replays the fuzzer's corpus: files good_* are valid, all others invalid.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -24,7 +24,7 @@ TEST(PlyCorpus, ReadsValidFilesAndRejectsInvalidOnes) {
     const std::string bytes((std::istreambuf_iterator<char>(file)), {});
     const bool good = path.filename().string().starts_with("good_");
     EXPECT_EQ(RunPlyTarget(bytes), good) << path;
-    // The same through the file, whose window moves.
+    // The same from a file, which is read through a window.
     EXPECT_EQ(ReadPly(path.string()).ok(), good) << path;
   }
 }

@@ -152,7 +152,7 @@ TEST(Ply, MissingFilesAreNotFound) {
   EXPECT_EQ(ReadPly(testing::TempDir()).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-// Every number type, other elements before, between and after, lists and numbers around what is read.
+// All number types, other elements before, between and after, and other properties and lists.
 TEST(Ply, SkipsOtherElementsAndProperties) {
   for (const bool big : {false, true}) {
     const std::string header = std::string("ply\r\ncomment made by hand\r\nformat ") +
@@ -198,7 +198,7 @@ TEST(Ply, ReadsTextWithAllFeatures) {
       "property int z\nproperty uchar red\nelement none 3\nelement edge 1\nproperty int a\nend_header\n"
       "3 0 1 2 2 0.5 nan -1\r\n\n  1e-400 +2.5  -7 255 \n-.5\t3. 8 0\n1e3 0x 0 0\n5\n\n",
       "text");
-  // "0x" is no number.
+  // "0x" is not a number.
   EXPECT_THAT(content.status().message(), HasSubstr("text: line 21 (vertex 2): found y = '0x', expected a finite"));
   const StatusOr<MeshContent> good = ParsePly(
       "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_indices\n"
@@ -311,7 +311,7 @@ TEST(Ply, BinaryFaults) {
   const std::string whole = header + OneFace(0, 3, 2);
   EXPECT_EQ(ErrorOf(whole + "\n"), "city.ply: byte " + std::to_string(whole.size()) +
                                        ": found 1 bytes after the last element, expected the end of the file");
-  // Cut anywhere, it is refused.
+  // A file truncated at any byte is rejected.
   for (size_t size = 0; size < whole.size(); ++size) ErrorOf(whole.substr(0, size));
   EXPECT_EQ(
       ErrorOf(whole.substr(0, whole.size() - 1)),

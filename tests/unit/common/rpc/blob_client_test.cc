@@ -39,7 +39,7 @@ class BlobClientTest : public testing::Test {
     RetryPolicy policy;
     policy.max_attempts = 4;
     const auto channel = MakeChannel("127.0.0.1:" + std::to_string(port));
-    // Waits between attempts are not slept through, so a connection that comes up slowly would use all of them.
+    // The test's sleeper does not wait, so a slow connection would use up all attempts.
     EXPECT_TRUE(channel->WaitForConnected(std::chrono::system_clock::now() + std::chrono::seconds(10)));
     client_ = std::make_unique<BlobClient>(channel, policy, [this](double) {
       ++waits_;

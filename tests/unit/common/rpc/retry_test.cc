@@ -10,7 +10,7 @@
 namespace tessera {
 namespace {
 
-// Remembers the waits instead of waiting.
+// Records the delays without waiting.
 struct RecordedSleep {
   std::vector<double> delays;
   int broken_off_after = -1;  // waits; negative: never
@@ -75,7 +75,7 @@ TEST(RetryTest, PermanentErrorsAreNotRetried) {
   }
 }
 
-// What reached a limit was not done, and the other side may know when to try again.
+// A call that reached a limit was not executed; the server may send a retry delay.
 TEST(RetryTest, RespectsTheServersRetryDelay) {
   const Status limit = LimitError({"calls", 2, "--max"}, "wait");
   EXPECT_FALSE(IsTransient(limit, Idempotency::kIdempotent)) << "nobody knows when";

@@ -60,7 +60,7 @@ TEST(ColmapTextTest, ReadsImagesAndPoints) {
   ASSERT_EQ(model.images[0].observations.size(), 1u);
   EXPECT_EQ(model.images[0].observations[0].position_px, Eigen::Vector2d(10, 20));
   EXPECT_EQ(model.images[0].translation_cam_from_world, Eigen::Vector3d(0.5, 0.25, 2));
-  // The quaternion (0, 2, 0, 0) is normalised to half a turn about x.
+  // The quaternion (0, 2, 0, 0) is normalised to a rotation by 180 degrees about x.
   EXPECT_NEAR(
       (model.images[1].rotation_cam_from_world - Eigen::Vector3d(1, -1, -1).asDiagonal().toDenseMatrix()).norm(), 0,
       1e-12);

@@ -22,7 +22,7 @@ using testing::IsEmpty;
 
 namespace fs = std::filesystem;
 
-// What `tessera check` would say of the scene in this folder.
+// The message of `tessera check` for the scene in this folder.
 std::string FaultText(const std::string& folder) {
   Warnings warnings;
   const StatusOr<SceneSummary> summary = CheckSceneFolder(folder, &warnings, {});
@@ -73,7 +73,7 @@ TEST(SceneTest, ProjectionsDoNotDependOnTheCrs) {
     ASSERT_TRUE(mesh.ok()) << mesh.status();
     for (size_t i = 0; i < mesh->vertices.size(); ++i) {
       EXPECT_LT(mesh->vertices[i].norm(), 2000);
-      // What matters is where a vertex falls in the images.
+      // Compare the projections of a vertex in the images.
       for (size_t v = 0; v < scene->views.size(); ++v) {
         const Eigen::Vector3d here = scene->views[v].camera.Project(mesh->vertices[i]);
         ASSERT_LT((here - tiny.cameras[v].Project(tiny.mesh.vertices[i])).norm(), 1e-5);
@@ -111,7 +111,7 @@ TEST(SceneTest, FlightsByPattern) {
   EXPECT_EQ(scene->views[4].flight, 0);
   EXPECT_THAT(warnings, Contains(HasSubstr("flight 'c' has no image")));
   WriteText(folder + "/scene.json", head + R"([{"name": "a", "images": ["*2.png"]}]})");
-  EXPECT_THAT(FaultText(folder), HasSubstr("none with image 'view3.png'"));
+  EXPECT_THAT(FaultText(folder), HasSubstr("no flight with image 'view3.png'"));
 }
 
 TEST(CheckTest, GoodScenesPassInEveryForm) {
@@ -160,7 +160,7 @@ TEST(CheckTest, ReturnsCancelled) {
   EXPECT_EQ(CheckSceneFolder(folder, &warnings, control).status().code(), absl::StatusCode::kCancelled);
 }
 
-// Each kind of bad input, and a part of what must be said about it.
+// Each kind of invalid input, and parts of its expected message.
 struct BadInput {
   const char* name;
   void (*spoil)(const std::string& folder, const TinyScene& scene);
@@ -249,7 +249,7 @@ const BadInput kBadInputs[] = {
      {"colmap: found no such folder"}},
     {"CameraBehindTheMesh",
      [](const std::string& f, const TinyScene&) {
-       // Beneath the ground, looking up (identity rotation).
+       // Below the ground, looking up (identity rotation).
        ReplaceInFile(f + "/colmap/images.txt", "# two lines an image\n",
                      "# two lines an image\n9 1 0 0 0 0 0 40 1 below.png\n\n");
        fs::copy(f + "/images/view1.png", f + "/images/below.png");
@@ -266,7 +266,7 @@ const BadInput kBadInputs[] = {
      {"image 'sky.png': found no face in front of its camera"}},
     {"CamerasOfAnotherScene",
      [](const std::string& f, const TinyScene&) {
-       // Every z becomes another.
+       // Changes every z coordinate.
        const std::string text = ReadText(f + "/colmap/points3D.txt");
        WriteText(f + "/colmap/points3D.txt", absl::StrReplaceAll(text, {{" 128 128 128", "9 128 128 128"}}));
      },

@@ -1,4 +1,4 @@
-// What a folder holds, to be compared with another.
+// The contents of a folder, for comparison.
 #ifndef TESSERA_TESTS_UNIT_COMMON_SYNTH_ALL_FILES_H_
 #define TESSERA_TESTS_UNIT_COMMON_SYNTH_ALL_FILES_H_
 
@@ -9,7 +9,7 @@
 
 namespace tessera {
 
-// The bytes of every file below `folder` by its name from there.
+// The contents of all files below `folder`, by relative path.
 inline std::map<std::string, std::string> AllFiles(const std::string& folder) {
   std::map<std::string, std::string> content;
   const auto names = ListFiles(folder);

@@ -31,7 +31,7 @@ using Eigen::Vector3d;
 
 std::string Scratch() { return testing::TempDir() + "second_epoch_test." + std::to_string(::getpid()) + "/"; }
 
-// Five by five blocks and the part that is flown over by default.
+// Five by five blocks, and the default part.
 const CityPlan& Plan() {
   static const CityPlan plan{5, 5, 7, 0.3};
   return plan;
@@ -130,7 +130,7 @@ bool HasPatch(const TexturedSurface& surface, uint64_t seed) {
                      [&](const SurfacePatch& patch) { return patch.seed == seed; });
 }
 
-// Heights, classes and the texture's function.
+// Compares heights, classes and textures.
 TEST(ChangeCityTest, SurfaceOutsideFootprintsIsUnchanged) {
   constexpr double kMargin = 0.7;  // balconies and cornices stand out of a roof's outline
   int same = 0, ambiguous = 0;
@@ -147,7 +147,7 @@ TEST(ChangeCityTest, SurfaceOutsideFootprintsIsUnchanged) {
       const SurfacePatch& a = old_surface.patches[old_surface.patch_of_face[before.face]];
       const SurfacePatch& b = new_surface.patches[new_surface.patch_of_face[after.face]];
       ASSERT_EQ(a.material, b.material) << x << " " << y;
-      // Where roofs of one height meet, a ray takes either: both are there in both cities.
+      // Where roofs of equal height meet, a ray may hit either of them in both cities.
       if (a.seed != b.seed && HasPatch(new_surface, a.seed) && HasPatch(old_surface, b.seed)) {
         ++ambiguous;
         continue;
@@ -163,7 +163,7 @@ TEST(ChangeCityTest, SurfaceOutsideFootprintsIsUnchanged) {
   EXPECT_EQ(Before().sun(), After().sun());
 }
 
-// Every face of the changed city that is not near a change is a face of the city as it was, bit by bit.
+// Every face of the changed city away from changes is bit-identical to a face of the base city.
 TEST(ChangeCityTest, UnchangedFacesAreBitIdentical) {
   using Face = std::array<double, 9>;
   const auto faces_of = [](const CityScene& scene) {

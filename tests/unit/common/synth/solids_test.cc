@@ -13,7 +13,7 @@
 namespace tessera {
 namespace {
 
-// Directed edges that have no partner in the other direction.
+// Directed edges without an opposite edge.
 int64_t OpenEdges(const TriangleMesh& mesh) {
   std::map<std::pair<uint32_t, uint32_t>, int> directed;
   for (const Triangle& t : mesh.faces) {
@@ -35,7 +35,7 @@ double Volume(const TriangleMesh& mesh) {
   return volume;
 }
 
-// The mesh cut into its connected parts.
+// The connected components of the mesh.
 std::vector<TriangleMesh> Parts(const TriangleMesh& mesh) {
   std::vector<uint32_t> parent(mesh.vertices.size());
   for (uint32_t v = 0; v < parent.size(); ++v) parent[v] = v;

@@ -32,7 +32,7 @@ SynthOptions Toy(uint64_t seed) {
   return options;
 }
 
-// A folder of this process alone: each test may run in a process of its own, several at once.
+// A folder per process, because tests may run in several processes at once.
 std::string OwnFolder() { return testing::TempDir() + "synth_test." + std::to_string(::getpid()) + "/"; }
 
 // One toy city for all tests that only read it.
@@ -151,7 +151,7 @@ TEST_F(SynthTest, StartMeshIsAnOrientedManifold) {
   }
   for (const auto& next : around) {
     ASSERT_FALSE(next.empty());
-    // One fan: from its first edge (one that no face leads to, if it is open) all faces are reached.
+    // Exactly one fan: all faces are reached from its first edge (for an open fan, the edge without a predecessor).
     std::set<uint32_t> ends;
     for (const auto& [a, b] : next) ends.insert(b);
     uint32_t start_edge = next.begin()->first;

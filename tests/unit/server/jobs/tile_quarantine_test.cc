@@ -48,7 +48,7 @@ class RowPlanner : public FakePlanner {
         task.inputs.push_back({TaskId(1 + tile), kTileFile});
         for (int other = std::max(0, tile - 1); other < std::min(tiles, tile + 2); ++other) {
           task.inputs.push_back(states[other]);
-          if (step >= ends[other]) parameters.held.push_back(other);
+          if (step >= ends[other]) parameters.frozen.push_back(other);
         }
         task.parameters = ToJson(parameters);
         made[tile] = {TaskId(first + static_cast<int>(tasks.size())), kStateFile, tile};

@@ -149,11 +149,11 @@ TEST(UpdatePlan, StepsFreezeKeptTiles) {
     EXPECT_EQ(task.tile, redone);
     const auto parameters = ParseStepParameters(task.parameters);
     ASSERT_TRUE(parameters.ok()) << parameters.status();
-    EXPECT_EQ(parameters->held, held);
+    EXPECT_EQ(parameters->frozen, held);
     EXPECT_EQ(parameters->states, all);
     if (task.kind != "solve") continue;
     EXPECT_THAT(parameters->sums, ElementsAre(redone)) << "the others have none";
-    EXPECT_EQ(parameters->goes_on, solves == 0);
+    EXPECT_EQ(parameters->continues_base, solves == 0);
     levels.insert(refine[parameters->step].level);
     ++solves;
   }
@@ -222,7 +222,7 @@ TEST(UpdatePlan, AnotherMeshIsTakenFromTheUpdate) {
       const auto parameters = ParseStepParameters(task.parameters);
       ASSERT_TRUE(parameters.ok()) << parameters.status();
       EXPECT_EQ(parameters->first_new_face, parameters->before ? 1000 : -1);
-      EXPECT_EQ(parameters->goes_on, parameters->before);
+      EXPECT_EQ(parameters->continues_base, parameters->before);
       begins += parameters->before;
       if (task.kind == "solve") levels.insert(refine[parameters->step].level);
     }

@@ -83,10 +83,10 @@ TileState Repaired(const TilePackage& package, const std::vector<int>& frozen) {
   const TaskRequest request = [&] {
     StepParameters parameters;
     parameters.method = "tessera";
-    parameters.before = parameters.goes_on = true;
+    parameters.before = parameters.continues_base = true;
     parameters.tile.tile = kOwnTile;
     parameters.states = {kOwnTile, kOtherTile};
-    parameters.held = frozen;
+    parameters.frozen = frozen;
     parameters.first_new_face = static_cast<int64_t>(package.face_ids.size());
     return TaskRequest{"mend", ToJson(parameters), folder + "/in", folder + "/out"};
   }();

@@ -206,7 +206,7 @@ TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
       return cells;
     };
     EXPECT_EQ(cut.reads.solve, tiles_of(cells_of(kSolveRegion)));
-    EXPECT_EQ(cut.reads.mend, tiles_of(cells_of(kRepairRegion)));
+    EXPECT_EQ(cut.reads.repair, tiles_of(cells_of(kRepairRegion)));
     EXPECT_EQ(cut.reads.label, tiles_of(cells_of(kLabelRegion)));
     // The sample is of one cell beside the core, with all its views.
     const std::set<std::array<int, 2>> sample = cells_of(kSampleRegion);
@@ -228,14 +228,14 @@ TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
     for (size_t c = 0; c < measured.size(); ++c) {
       if (sight.cells[c] || measured[c]) in_sight.insert({survey.cells[c].x, survey.cells[c].y});
     }
-    EXPECT_EQ(cut.reads.sight, tiles_of(in_sight));
+    EXPECT_EQ(cut.reads.visibility, tiles_of(in_sight));
     EXPECT_EQ(cut.package.view_rects, sight.windows);
     std::set<uint32_t> held(cut.package.face_ids.begin(), cut.package.face_ids.end());
     for (uint32_t f = 0; f < tiny.mesh.faces.size(); ++f) {
       const Eigen::Vector2i at = survey.ground.Cell(MeshSpans(tiny.mesh).Centroid(f));
       EXPECT_TRUE(held.contains(f) || !in_sight.contains({at.x(), at.y()}));
     }
-    for (const std::vector<int>* reads : {&cut.reads.label, &cut.reads.mend, &cut.reads.sight, &cut.reads.solve}) {
+    for (const std::vector<int>* reads : {&cut.reads.label, &cut.reads.repair, &cut.reads.visibility, &cut.reads.solve}) {
       EXPECT_TRUE(std::binary_search(reads->begin(), reads->end(), static_cast<int>(t)));
       unread += cores.size() - reads->size();
     }

@@ -98,7 +98,7 @@ TEST_F(TileWorkspaceTest, AMissingNeighbourIsFound) {
   TileWorkspace tile(cuts_[0].package);
   for (const Region region : {kSolveRegion, kRepairRegion, kLabelRegion}) {
     const TileReads& all = cuts_[0].reads;
-    const std::vector<int>& reads = region == kSolveRegion ? all.solve : region == kRepairRegion ? all.mend : all.label;
+    const std::vector<int>& reads = region == kSolveRegion ? all.solve : region == kRepairRegion ? all.repair : all.label;
     ASSERT_GT(reads.size(), 1u);
     for (const int missing : reads) {
       std::vector<TileState> states;
