@@ -1,82 +1,106 @@
-// A folder of files named by their content: ROOT/ab/abcd...: the blob of that SHA-256; ROOT/partial/: unfinished
-// uploads; ROOT/set_aside/: files that were no longer what their names said.
+// The interface of blob stores: contents that are named by their SHA-256.
 #ifndef TESSERA_COMMON_STORAGE_BLOB_STORE_H_
 #define TESSERA_COMMON_STORAGE_BLOB_STORE_H_
 
-#include <array>
 #include <cstdint>
 #include <functional>
-#include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "common/base/status.h"
 #include "common/storage/hash.h"
 
 namespace tessera {
 
-// Blobs appear whole or not at all and are never changed. Thread-safe; several processes may share the folder.
+// One object of a store, as List gives it.
+struct BlobEntry {
+  enum class Kind {
+    kBlob,
+    kLeftover,     // of a write that did not finish, or of Remove
+    kQuarantined,  // a damaged blob: BlobStore::VerifyOrQuarantine
+  };
+  static constexpr int64_t kAnyTime = -1;
+
+  Kind kind = Kind::kBlob;
+  std::string name;    // unique in the store; its form is the store's own
+  std::string sha256;  // of kBlob
+  int64_t size_bytes = 0;
+  int64_t since_us = 0;  // Unix time: last stored, touched or read; of kQuarantined: when it was quarantined
+};
+
+// A blob appears whole or not at all and never changes. A name that is no blob yet may have an unfinished upload.
+//
+// Threads: all calls are thread-safe. Several processes may use one store.
+// Durability: a blob is durable when the call that stored it returns OK. An unfinished upload may be lost in a crash.
+// Errors: INVALID_ARGUMENT for a digest that CheckDigest refuses. NOT_FOUND if there is no such blob. DATA_LOSS if its
+// content does not have its name's hash. RESOURCE_EXHAUSTED if the store is full. UNAVAILABLE, or an error that
+// IsFileError accepts, for a store that does not answer now: the blob may exist, and the call may be repeated.
+// Memory: streams take at most 1 MiB, whatever the size of the blob; Read and ReadRange return what they read.
 class BlobStore {
  public:
-  // Makes the folder if it is missing.
-  static StatusOr<std::unique_ptr<BlobStore>> Open(const std::string& root);
+  virtual ~BlobStore() = default;
 
-  const std::string& root() const { return root_; }
+  // --- Read ---
 
-  // Where the blob lies, or would. `digest` must be checked (CheckDigest).
-  std::string Path(const Digest& digest) const;
-
-  // Whether the blob is there with its size. Does not read it: Verify does.
-  bool Has(const Digest& digest) const;
-
-  // Reads the blob and compares: NOT_FOUND, or DATA_LOSS if its content is no longer what it was.
-  Status Verify(const Digest& digest) const;
-
-  // Verify; what is not what its name says is moved to ROOT/set_aside, so that the content can be stored again, and the
-  // DATA_LOSS tells where it is now. UNAVAILABLE if the blob cannot be opened or moved now.
-  Status VerifyOrSetAside(const Digest& digest);
-
-  // Bytes that may still be stored, as the file system tells; none if it does not.
-  std::optional<int64_t> FreeBytes() const;
-
-  // The whole content of a small blob, verified.
+  // OK if the blob exists with the digest's size. Does not read the content.
+  virtual Status Stat(const Digest& digest) const = 0;
+  bool Has(const Digest& digest) const { return Stat(digest).ok(); }
+  // Up to `size_bytes` bytes from `offset_bytes`; fewer only at the end of what is stored. Does not verify them.
+  virtual StatusOr<std::string> ReadRange(const Digest& digest, int64_t offset_bytes, int64_t size_bytes) const = 0;
+  // The whole content, verified. RESOURCE_EXHAUSTED if it is larger than `max_bytes`.
   StatusOr<std::string> Read(const Digest& digest, int64_t max_bytes = int64_t{1} << 30) const;
+  // Reads the content and compares its hash with the name.
+  virtual Status Verify(const Digest& digest) const = 0;
+  // Verify. A damaged blob is quarantined: it is no blob any more, so that its content can be stored again, and List
+  // gives it as kQuarantined. The DATA_LOSS names where it is now. UNAVAILABLE if it cannot be read or moved now.
+  virtual Status VerifyOrQuarantine(const Digest& digest) = 0;
 
-  // What is stored again is not written, but its file's time of access is now: what looks old has nobody who has just
-  // found it there.
+  // --- Store. A content that is stored already is kept and touched; if it is damaged, it is replaced. ---
 
-  // Stores a copy of a file (hashed as it is copied), durable on return.
-  StatusOr<Digest> PutFile(const std::string& path);
-  // The same, but takes the file away: renamed where it lies on the same file system.
-  StatusOr<Digest> MoveFile(const std::string& path);
-  // What is stored already is read, and replaced if it is damaged.
-  StatusOr<Digest> PutBytes(const std::string& bytes);
-  // Stores all that `give` writes.
+  // Stores a copy of a local file.
+  virtual StatusOr<Digest> PutFile(const std::string& path) = 0;
+  // Stores a local file and removes it. On error the file stays.
+  virtual StatusOr<Digest> MoveFile(const std::string& path) = 0;
+  virtual StatusOr<Digest> PutBytes(const std::string& bytes) = 0;
+  // Stores all bytes that `give` passes to `write`, in this order.
   using Writer = std::function<void(const std::string& bytes)>;
-  StatusOr<Digest> PutParts(const std::function<void(const Writer& write)>& give);
+  virtual StatusOr<Digest> PutParts(const std::function<void(const Writer& write)>& give) = 0;
+  // Sets the blob's time (BlobEntry::since_us) to now.
+  virtual Status Touch(const Digest& digest) = 0;
 
-  // Bytes of the blob that are here: of an unfinished upload, or all, and then it is as if it had been stored again.
-  StatusOr<int64_t> CommittedBytes(const Digest& digest) const;
-  // Adds bytes [offset, offset + size) to the unfinished upload; bytes it has already are skipped. Gives the committed
-  // size after it. FAILED_PRECONDITION if `offset` leaves a gap, INVALID_ARGUMENT beyond the digest's size.
-  StatusOr<int64_t> Append(const Digest& digest, int64_t offset, const std::string& bytes);
-  // Makes the blob of a full upload. DATA_LOSS, and the upload is dropped, if it does not hash to its digest.
-  // FAILED_PRECONDITION if bytes are missing. OK if the blob is there already.
-  Status Complete(const Digest& digest);
+  // --- Upload in parts, which outlives the process ---
 
- private:
-  explicit BlobStore(std::string root) : root_(std::move(root)) {}
-  std::string PartialPath(const Digest& digest) const;
-  std::string NewTemporary() const;  // a path that nobody else has
-  // Sets the time of access of the blob's file. False if it is not there.
-  bool Touch(const Digest& digest) const;
-  // On error `temporary` stays.
-  Status Publish(const std::string& temporary, const Digest& digest);
-  std::mutex& UploadMutex(const Digest& digest) const { return upload_mutexes_[digest.sha256[0] & 15]; }
+  // Bytes of the unfinished upload; 0 if there is none; all if the blob exists, which is touched then.
+  virtual StatusOr<int64_t> CommittedBytes(const Digest& digest) const = 0;
+  // Appends bytes [offset, offset + size) to the upload; bytes that it has are skipped. Gives the committed size.
+  // FAILED_PRECONDITION if `offset` leaves a gap, INVALID_ARGUMENT beyond the digest's size.
+  virtual StatusOr<int64_t> Append(const Digest& digest, int64_t offset, const std::string& bytes) = 0;
+  // Makes the blob of a full upload. OK if the blob exists. FAILED_PRECONDITION if bytes are missing. DATA_LOSS if the
+  // bytes do not hash to the digest: the upload is dropped.
+  virtual Status Complete(const Digest& digest) = 0;
 
-  const std::string root_;
-  mutable std::array<std::mutex, 16> upload_mutexes_;  // by the digest's first digit
+  // --- List and remove ---
+
+  // List gives the store in this many parts, each small enough to hold in memory.
+  static constexpr int kParts = 258;
+  // All objects of part `part`, of which some may be removed already. Objects of no kind are not listed.
+  virtual std::vector<BlobEntry> List(int part) const = 0;
+  // Removes a listed object: it is not found any more when this returns. Gives a function that frees its bytes, which
+  // may take long; if that is never called, List gives a kLeftover. NOT_FOUND if the object is gone, or if it is a blob
+  // whose time is not `entry.since_us` any more (kAnyTime: removed whatever its time).
+  using FreeBytes = std::function<void()>;
+  virtual StatusOr<FreeBytes> Remove(const BlobEntry& entry) = 0;
+
+  // --- The store itself ---
+
+  // Bytes that may still be stored; none if the store has no limit or cannot tell.
+  virtual std::optional<int64_t> FreeSpace() const = 0;
+  // Where the store is, for messages only.
+  virtual std::string Location() const = 0;
+  // A file with the content of the blob, whether it exists or not; for processes that share the store's file system.
+  // It may be read and linked, never written. None if the store keeps no such files.
+  virtual std::optional<std::string> LocalPath(const Digest& digest) const = 0;
 };
 
 }  // namespace tessera

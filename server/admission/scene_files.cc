@@ -5,7 +5,7 @@
 namespace tessera {
 namespace {
 
-// A file changed again within the clock tick of its last change shows the same time: only older times are trusted.
+// Two changes within one tick of the file system's clock have the same time: only older times are trusted.
 constexpr int64_t kSettledNs = 2'000'000'000;
 
 }  // namespace
@@ -21,22 +21,22 @@ StatusOr<Digest> DigestOfFile(const HeldFile& file, DigestCache& cache, const Cl
     return absl::FailedPreconditionError(path + " changed while it was read");
   }
   if (after.modified_ns + kSettledNs < clock.UnixTimeUs() * 1000) {
-    cache.Remember(path, after, digest).IgnoreError();  // a disk may be full: then it is hashed again
+    cache.Remember(path, after, digest).IgnoreError();  // without it the file is hashed again
   }
   return digest;
 }
 
-StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const SceneListing& scene, const AllowedFiles& allowed,
-                                                    DigestCache& cache, const Clock& clock,
+StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const std::string& folder, const std::vector<std::string>& files,
+                                                    const AllowedFiles& allowed, DigestCache& cache, const Clock& clock,
                                                     const Cancelled& cancelled) {
-  std::vector<NamedDigest> digests(scene.files.size());
-  std::vector<Status> statuses(scene.files.size());
-  ParallelFor(static_cast<int64_t>(scene.files.size()), 1, [&](int64_t begin, int64_t end) {
+  std::vector<NamedDigest> digests(files.size());
+  std::vector<Status> statuses(files.size());
+  ParallelFor(static_cast<int64_t>(files.size()), 1, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
-      const auto file = allowed.Open(scene.folder + "/" + scene.files[i]);
+      const auto file = allowed.Open(folder + "/" + files[i]);
       const auto digest = file.ok() ? DigestOfFile(*file, cache, clock, cancelled) : file.status();
       statuses[i] = digest.status();
-      if (digest.ok()) digests[i] = {scene.files[i], *digest};
+      if (digest.ok()) digests[i] = {files[i], *digest};
     }
   });
   Faults faults;

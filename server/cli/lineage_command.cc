@@ -9,8 +9,8 @@
 
 #include "common/base/clock.h"
 #include "common/base/printable.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
 #include "server/client/base_job.h"
@@ -72,7 +72,7 @@ class Reader {
 
 StatusOr<Lineage> ReadLineage(Connection& connection, const std::string& job, int only_tile) {
   TESSERA_ASSIGN_OR_RETURN(const TempFolder folder, TempFolder::Create("", "tessera-lineage-"));
-  TESSERA_ASSIGN_OR_RETURN(const auto store, BlobStore::Open(folder.path()));
+  TESSERA_ASSIGN_OR_RETURN(const auto store, FolderBlobs::Open(folder.path()));
   Reader reader(connection, *store);
   std::vector<LineageJob> chain;
   for (std::string name = job; !name.empty(); name = chain.back().base) {

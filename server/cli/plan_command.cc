@@ -12,8 +12,8 @@
 #include "common/base/machine_limits.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
 #include "server/client/artifacts.h"
@@ -42,7 +42,7 @@ StatusOr<std::string> FetchSurvey(Connection& connection, const v1::Task& ingest
   for (const v1::OutputFile& output : ingest.outputs()) {
     if (output.name() != kSurveyFile) continue;
     const Digest digest = {output.digest().sha256(), output.digest().size_bytes()};
-    TESSERA_ASSIGN_OR_RETURN(const auto store, BlobStore::Open(staging));
+    TESSERA_ASSIGN_OR_RETURN(const auto store, FolderBlobs::Open(staging));
     TESSERA_RETURN_IF_ERROR(connection.blobs().Fetch(digest, *store, TaskControl()));
     return store->Read(digest);
   }

@@ -1,9 +1,11 @@
 #include <algorithm>
 #include <chrono>
+#include <memory>
 #include <thread>
 
 #include "common/rpc/status_conversion.h"
 #include "common/storage/files.h"
+#include "server/admission/scene_files.h"
 #include "server/grpc/conversion.h"
 #include "server/grpc/services.h"
 
@@ -15,10 +17,9 @@ constexpr double kAwaitRemakeS = 20;  // at most, of a ReadBlob call
 constexpr int kMaxDigests = 1000;     // of a StatBlobs call
 constexpr size_t kMaxWorkersKept = 10'000;
 constexpr char kNotYours[] =
-    "this content is not for you: workers read what their leases name, others what jobs published";
+    "permission denied: a worker may read the inputs of its leases, other callers what jobs published";
 
-// What is wrong with our own disk is not the caller's fault and may pass: RESOURCE_EXHAUSTED, which is nothing else
-// here.
+// A fault of our own disk is not the caller's and may pass: RESOURCE_EXHAUSTED, which means nothing else here.
 Status StorageStatus(const Status& status) {
   if (!IsFileError(status)) return status;
   return absl::ResourceExhaustedError("the coordinator cannot store it: " + std::string(status.message()));
@@ -50,19 +51,29 @@ Status BlobsService::MayRead(const Caller& caller, const Digest& digest) const {
 
 Status BlobsService::MayWrite(const Caller& caller) const {
   if (!caller.worker.empty() && !leases_.LeasesOf(caller.worker).empty()) return absl::OkStatus();
-  return absl::PermissionDeniedError("a worker stores what its leases write, and this is none that has one");
+  return absl::PermissionDeniedError("permission denied: only a worker with a lease may store blobs");
 }
 
-StatusOr<HeldFile> BlobsService::Locate(const Caller& caller, const Digest& digest) const {
-  if (environment_.blobs->Has(digest)) return AllowedFiles::All().Open(environment_.blobs->Path(digest));
+StatusOr<BlobsService::Source> BlobsService::Locate(const Caller& caller, const Digest& digest) const {
+  const Status stored = environment_.blobs->Stat(digest);
+  if (stored.ok()) {
+    return Source{"blob " + digest.sha256, [this, digest](int64_t offset_bytes, int64_t size_bytes) {
+                    return environment_.blobs->ReadRange(digest, offset_bytes, size_bytes);
+                  }};
+  }
+  if (!absl::IsNotFound(stored)) return stored;
   Status fault = absl::NotFoundError("no blob " + digest.sha256);
   if (caller.worker.empty() || !IsInput(caller.worker, digest)) return fault;
-  // Jobs on copies of a scene have files of one content, of which some may be gone.
+  // Several jobs may have scene files of this content, some of which may be removed or changed.
   for (const std::string& path : jobs_.SceneFilesWith(digest)) {
     auto file = environment_.scene_files.Open(path);
     const auto found =
         file.ok() ? DigestOfFile(*file, *environment_.digests, *environment_.clock) : StatusOr<Digest>(file.status());
-    if (found.ok() && *found == digest) return file;
+    if (found.ok() && *found == digest) {
+      const auto held = std::make_shared<HeldFile>(*std::move(file));
+      return Source{held->real_path(),
+                    [held](int64_t offset_bytes, int64_t size_bytes) { return held->Read(offset_bytes, size_bytes); }};
+    }
     if (absl::IsNotFound(fault)) {
       fault = found.ok() ? absl::FailedPreconditionError(path + " was changed after its job was submitted")
                          : found.status();
@@ -77,14 +88,14 @@ Status BlobsService::AwaitRemake(const Digest& digest, const grpc::ServerContext
     TESSERA_RETURN_IF_ERROR(recovery_.RemakeArtifact(digest));
     if (environment_.blobs->Has(digest)) return absl::OkStatus();
     if (context.IsCancelled() || core_.stopped() || std::chrono::steady_clock::now() > until) {
-      return absl::UnavailableError("blob " + digest.sha256 + " was lost and is being made again; ask later");
+      return absl::UnavailableError("blob " + digest.sha256 + " was lost and is being made again; try again later");
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(500));
   }
 }
 
 Status BlobsService::Damaged(const Digest& digest, const std::string& what) const {
-  // It is made again if a job published it; who reads it as a task's input reports that.
+  // If a job published it, it is made again; a worker that reads it as an input reports that itself.
   recovery_.RemakeArtifact(digest).IgnoreError();
   return absl::DataLossError(what);
 }
@@ -110,28 +121,28 @@ grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::Read
   if (const Status allowed = MayRead(caller, digest); !allowed.ok()) return ToGrpc(allowed);
   auto ticket = limits_.Transfer(caller.mover(), [context] { context->TryCancel(); });
   if (!ticket.ok()) return ToGrpc(ticket.status());
-  auto file = Locate(caller, digest);
-  if (absl::IsNotFound(file.status())) {
+  auto source = Locate(caller, digest);
+  if (absl::IsNotFound(source.status())) {
     if (const Status made = AwaitRemake(digest, *context); !made.ok()) return ToGrpc(made);
-    file = Locate(caller, digest);
+    source = Locate(caller, digest);
   }
-  if (!file.ok()) return ToGrpc(file.status());
+  if (!source.ok()) return ToGrpc(source.status());
   if (request->offset() < 0 || request->offset() > digest.size_bytes) {
     return ToGrpc(absl::InvalidArgumentError("offset " + std::to_string(request->offset()) + " of a blob of " +
                                              std::to_string(digest.size_bytes) + " bytes"));
   }
-  // A stream from the start is hashed on its way, so that a file damaged on disk is told here and not taken for damage
-  // of the transfer.
+  // A stream from the start is hashed, which tells damage of the stored bytes from damage of the transfer.
   Sha256Hasher hasher;
   int64_t offset = request->offset();
   while (offset < digest.size_bytes && !context->IsCancelled()) {
-    const auto bytes = file->Read(offset, std::min(kChunkBytes, digest.size_bytes - offset));
+    const auto bytes = source->read(offset, std::min(kChunkBytes, digest.size_bytes - offset));
+    if (absl::IsNotFound(bytes.status())) return ToGrpc(Damaged(digest, source->name + " was removed"));
     if (!bytes.ok()) return ToGrpc(bytes.status());
-    if (bytes->empty()) return ToGrpc(Damaged(digest, file->real_path() + " has become shorter"));
+    if (bytes->empty()) return ToGrpc(Damaged(digest, source->name + " has become shorter"));
     hasher.Update(*bytes);
     const bool last = offset + static_cast<int64_t>(bytes->size()) == digest.size_bytes;
     if (last && request->offset() == 0 && hasher.Finish() != digest.sha256) {
-      return ToGrpc(Damaged(digest, file->real_path() + " is damaged: it no longer hashes to " + digest.sha256));
+      return ToGrpc(Damaged(digest, source->name + " is damaged: it no longer hashes to " + digest.sha256));
     }
     v1::BlobChunk chunk;
     chunk.set_offset(offset);
@@ -163,14 +174,14 @@ grpc::Status BlobsService::WriteBlob(grpc::ServerContext* context, grpc::ServerR
     }
     const v1::BlobChunk& chunk = request.chunk();
     if (Xxh3(chunk.data()) != chunk.xxh3()) {
-      return ToGrpc(absl::DataLossError("the chunk at " + std::to_string(chunk.offset()) + " was damaged on its way"));
+      return ToGrpc(absl::DataLossError("the chunk at " + std::to_string(chunk.offset()) + " was damaged in transit"));
     }
     const auto committed = environment_.blobs->Append(digest, chunk.offset(), chunk.data());
     if (!committed.ok()) return ToGrpc(StorageStatus(committed.status()));
     response->set_committed_bytes(*committed);
   }
-  if (first) return ToGrpc(absl::InvalidArgumentError("an upload that names no blob"));
-  // A stream that ended early keeps what came; the writer goes on from there.
+  if (first) return ToGrpc(absl::InvalidArgumentError("the upload names no blob"));
+  // A stream that ended early keeps its bytes; the writer resumes from there.
   if (response->committed_bytes() < digest.size_bytes) return grpc::Status::OK;
   const Status complete = environment_.blobs->Complete(digest);
   if (complete.ok() || absl::IsDataLoss(complete)) limits_.EndUpload(digest);

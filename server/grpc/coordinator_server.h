@@ -9,7 +9,7 @@
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/storage/blob_store.h"
-#include "server/admission/scene_files.h"
+#include "server/admission/scene_reader.h"
 #include "server/auth/access.h"
 #include "server/auth/client_limits.h"
 #include "server/jobs/coordinator.h"
@@ -25,12 +25,14 @@ struct ServerEnvironment {
   DigestCache* digests = nullptr;
   const Clock* clock = nullptr;
   const Access* access = nullptr;  // null: one of the server's own, which asks nobody who he is
-  SceneLister list_scene;
-  AllowedFiles scene_files = AllowedFiles::All();  // that scenes may have
-  // False: whoever submits has to come through a socket, for nobody said which files others may have read.
+  SceneReader read_scene = ReadScene;
+  AllowedFiles scene_files = AllowedFiles::All();  // files that scenes may have
+  // False: scenes are read only for callers that come through a socket.
   bool scenes_over_network = true;
-  // Empty: workers transfer all data through the blob service.
+  // Empty: workers transfer all data through the blob service. Else a worker that reads `shared_probe_content` at
+  // `shared_probe_path` reads and stores blobs in the folder `shared_blob_dir`, which is that of `blobs`.
   std::string shared_probe_path;
+  std::string shared_blob_dir;
   std::string shared_probe_content;
   ClientLimitOptions limits = {};
 };

@@ -3,6 +3,7 @@
 #ifndef TESSERA_SERVER_GRPC_SERVICES_H_
 #define TESSERA_SERVER_GRPC_SERVICES_H_
 
+#include <functional>
 #include <map>
 #include <mutex>
 #include <set>
@@ -10,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/admission/admission.h"
 #include "server/auth/client_limits.h"
 #include "server/grpc/coordinator_server.h"
 #include "server/grpc/job_watches.h"
@@ -24,9 +26,10 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
  public:
   JobsService(const ServerEnvironment& environment, ClientLimits& limits, DispatchCore& core, Jobs& jobs)
       : environment_(environment),
-        limits_(limits),
         core_(core),
         jobs_(jobs),
+        admission_(AdmissionEnvironment{&jobs, &limits, environment.digests, environment.clock, environment.read_scene,
+                                        environment.scene_files, environment.scenes_over_network}),
         watches_(core, jobs, environment.access, &limits) {}
   grpc::Status CreateJob(grpc::ServerContext* context, const v1::CreateJobRequest* request, v1::Job* response) override;
   grpc::Status GetJob(grpc::ServerContext* context, const v1::GetJobRequest* request, v1::Job* response) override;
@@ -50,9 +53,9 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
 
  private:
   const ServerEnvironment& environment_;
-  ClientLimits& limits_;
   DispatchCore& core_;
   Jobs& jobs_;
+  const Admission admission_;
   JobWatches watches_;
 };
 
@@ -76,7 +79,7 @@ class WorkersService final : public v1::Workers::CallbackService {
                        v1::ListWorkersResponse* response) override;
 
  private:
-  // Refusal::kUnknownWorker unless the caller proved to be the worker.
+  // Refusal::kUnknownWorker unless the caller has the worker's secret.
   Status Refused(const Context& context, const std::string& worker) const;
 
   const ServerEnvironment& environment_;
@@ -103,23 +106,28 @@ class BlobsService final : public v1::Blobs::Service {
                           v1::QueryWriteResponse* response) override;
 
  private:
-  // What a worker is given to read; kept while its leases stay the same.
+  // Contents that a worker may read; kept while its leases stay the same.
   struct Inputs {
     std::vector<std::pair<std::string, int>> leases;
     std::set<std::string> sha256;
   };
 
-  // Who may have a content: a worker what its leases read; readers of jobs what jobs published, admins all results.
-  // PERMISSION_DENIED, whether there is such a content or not.
+  // Blob authorization: a worker reads the inputs of its leases, viewers and submitters what jobs published, admins
+  // everything. PERMISSION_DENIED, whether the content exists or not.
   Status MayRead(const Caller& caller, const Digest& digest) const;
   bool IsInput(const std::string& worker, const Digest& digest) const;
-  // A worker that has a lease.
+  // OK for a worker that has a lease.
   Status MayWrite(const Caller& caller) const;
-  // A file with this content: a blob, or, for a worker, a scene's own file that is still what it was.
-  StatusOr<HeldFile> Locate(const Caller& caller, const Digest& digest) const;
-  // Waits for a file that a job published to be made again. NOT_FOUND if none did, UNAVAILABLE if that takes long.
+  // Bytes of a content, wherever it is stored.
+  struct Source {
+    std::string name;  // for messages
+    std::function<StatusOr<std::string>(int64_t offset_bytes, int64_t size_bytes)> read;
+  };
+  // The blob of this content, or, for a worker, a scene's own file that still has it.
+  StatusOr<Source> Locate(const Caller& caller, const Digest& digest) const;
+  // Waits until a published file is made again. NOT_FOUND if no job published it, UNAVAILABLE if that takes long.
   Status AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const;
-  // DATA_LOSS, `what`; has it made again if a job published it.
+  // DATA_LOSS with the message `what`. If a job published the content, it is made again.
   Status Damaged(const Digest& digest, const std::string& what) const;
 
   const ServerEnvironment& environment_;

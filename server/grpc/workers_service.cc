@@ -8,6 +8,7 @@
 #include "common/base/version.h"
 #include "common/log/log.h"
 #include "common/rpc/status_conversion.h"
+#include "server/admission/field_bounds.h"
 #include "server/grpc/conversion.h"
 #include "server/grpc/request_bounds.h"
 #include "server/grpc/services.h"
@@ -107,7 +108,7 @@ grpc::ServerUnaryReactor* WorkersService::RegisterWorker(Context* context, const
   response->set_lease_s(lease_s_);
   response->set_heartbeat_s(std::min(lease_s_ / 4, 1.0));  // at least one per second, to show progress
   if (!environment_.shared_probe_path.empty()) {
-    response->set_shared_blob_dir(environment_.blobs->root());
+    response->set_shared_blob_dir(environment_.shared_blob_dir);
     response->set_shared_probe_path(environment_.shared_probe_path);
     response->set_shared_probe_content(environment_.shared_probe_content);
   }

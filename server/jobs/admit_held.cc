@@ -16,10 +16,10 @@ void PlanningLoop::AdmitHeld() {
     std::lock_guard lock(mutex_);
     if (ledger_.ready().held().empty()) return;
   }
-  const std::optional<int64_t> free_bytes = environment_.blobs->FreeBytes();
+  const std::optional<int64_t> free_bytes = environment_.blobs->FreeSpace();
   std::lock_guard lock(mutex_);
   const std::vector<int> held = ledger_.ready().held();
-  Room room = {environment_.blobs->root(), free_bytes.value_or(std::numeric_limits<int64_t>::max()), 0};
+  Room room = {environment_.blobs->Location(), free_bytes.value_or(std::numeric_limits<int64_t>::max()), 0};
   for (const int job : ledger_.active_jobs()) {
     if (!ledger_.ready().IsHeld(job)) room.promised_bytes += ledger_.jobs()[job].totals.sums().bytes_to_store;
   }

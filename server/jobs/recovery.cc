@@ -12,7 +12,7 @@ namespace {
 
 std::string MessageOf(const Status& status) { return std::string(status.message()); }
 
-// Whether VerifyOrSetAside found that the blob has to be made again.
+// Whether VerifyOrQuarantine found that the blob has to be made again.
 bool IsLost(const Status& status) { return absl::IsNotFound(status) || absl::IsDataLoss(status); }
 
 }  // namespace
@@ -42,14 +42,19 @@ std::vector<Recovery::Lost> Recovery::LostInputsLocked(TaskRef ref, const std::s
     if (!sha256.contains(file.digest.sha256)) continue;
     Lost& added = lost.emplace_back(Lost{file.digest, file.name, {}, 0, ledger_.SceneFilesWith(file.digest)});
     if (LiesInScene(file.name)) added.paths.insert(added.paths.begin(), job.header.scene_path + "/" + file.name);
-    if (file.name == kClassifierFile) added.paths = {environment_.blobs->Path(file.digest)};
+    if (file.name == kClassifierFile) added.paths.clear();  // the job's own, a blob
   }
   return lost;
 }
 
 Status Recovery::Examine(Lost& lost) const {
-  if (lost.producer.task >= 0) return environment_.blobs->VerifyOrSetAside(lost.digest);
+  if (lost.producer.task >= 0) return environment_.blobs->VerifyOrQuarantine(lost.digest);
   std::string faults;
+  if (lost.name == kClassifierFile) {
+    const Status stored = environment_.blobs->Verify(lost.digest);
+    if (stored.ok()) return stored;
+    faults = MessageOf(stored);
+  }
   for (const std::string& path : lost.paths) {
     const auto found = HashFile(path);
     if (found.ok() && *found == lost.digest) return absl::OkStatus();
@@ -128,7 +133,7 @@ Status Recovery::RemakeLocked(TaskRef maker, const std::string& reason, TaskRef 
     return absl::FailedPreconditionError("it was made again " + std::to_string(made.remakes) + " times by '" +
                                          made.plan.name + "' of " + ledger_.jobs()[maker.job].header.name +
                                          " and lost every time: look after the disk under " +
-                                         environment_.blobs->root());
+                                         environment_.blobs->Location());
   }
   TESSERA_RETURN_IF_ERROR(ledger_.CheckVersion(maker.job, "it cannot be made again; run its scene anew"));
   v1::Record record;
@@ -152,7 +157,7 @@ StatusOr<bool> Recovery::RemakeForPlan(const PendingStep& step) {
   if (step.base && step.base->ok()) reads.emplace_back((**step.base).survey, false);
   bool waits = false;
   for (const auto& [digest, own] : reads) {
-    const Status status = environment_.blobs->VerifyOrSetAside(digest);
+    const Status status = environment_.blobs->VerifyOrQuarantine(digest);
     if (status.ok()) continue;
     if (!IsLost(status)) return status;
     const std::shared_lock refers(core_.blob_use().mutex);
@@ -173,7 +178,7 @@ StatusOr<bool> Recovery::RemakeForPlan(const PendingStep& step) {
 StatusOr<std::string> Recovery::ReadSurveyOf(const UpdateBase& base) {
   auto survey = environment_.blobs->Read(base.survey);
   if (survey.ok()) return survey;
-  const Status status = environment_.blobs->VerifyOrSetAside(base.survey);
+  const Status status = environment_.blobs->VerifyOrQuarantine(base.survey);
   if (!IsLost(status)) return survey.status();
   const std::shared_lock refers(core_.blob_use().mutex);
   std::lock_guard lock(mutex_);
@@ -200,7 +205,7 @@ Status Recovery::RemakeArtifact(const Digest& digest) {
     find();
   }
   if (job < 0) return absl::NotFoundError("no blob " + digest.sha256);
-  const Status status = environment_.blobs->VerifyOrSetAside(digest);
+  const Status status = environment_.blobs->VerifyOrQuarantine(digest);
   if (!IsLost(status)) return status;
   if (RestorePlanned(job, digest).ok()) return absl::OkStatus();
   if (const Status report = RestoreReport(job, digest); !absl::IsNotFound(report)) return report;

@@ -34,16 +34,14 @@ StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
   const size_t from_tasks = granted.plan.inputs.size();
   for (size_t i = 0; i < inputs.size(); ++i) {
     std::string path;
-    if (i < from_tasks) {
-      path = core.environment().blobs->Path(inputs[i].digest);
+    if (i < from_tasks || job.scene_files[files[i - from_tasks]].name == kClassifierFile) {
+      path = core.environment().blobs->LocalPath(inputs[i].digest).value_or("");
     } else {
       const NamedDigest& file = job.scene_files[files[i - from_tasks]];
       path = job.header.scene_path + "/" + file.name;
-      if (file.name == kClassifierFile) {
-        path = core.environment().blobs->Path(file.digest);
-      } else if (IsCarried(file.name)) {
+      if (IsCarried(file.name)) {
         const std::vector<std::string> paths = ledger.SceneFilesWith(file.digest);
-        path = paths.empty() ? "" : paths.front();  // where it is not what it was, the blob service knows the others
+        path = paths.empty() ? "" : paths.front();  // if it changed, the blob service tries the others
       }
     }
     granted.inputs.push_back({std::move(inputs[i]), std::move(path)});

@@ -12,35 +12,35 @@ constexpr double kLeftover_s = 86400;
 
 }  // namespace
 
-using Kind = BlobFile::Kind;
+using Kind = BlobEntry::Kind;
 
 StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
   struct Spare {
     int64_t since_us = 0;
-    BlobFile file;
+    BlobEntry file;
   };
   Collected collected;
   std::vector<Spare> spare;
-  std::vector<BlobFile> quarantined;
+  std::vector<BlobEntry> quarantined;
   absl::flat_hash_map<std::string, int64_t> unneeded;
   const BlobReferences references = reclaimer_->CollectReferences();
-  const auto remove = [&](const std::vector<BlobFile>& files) -> Status {
-    TESSERA_ASSIGN_OR_RETURN(const std::vector<BlobFile> gone, reclaimer_->RemoveBlobs(files));
-    for (const BlobFile& file : gone) {
+  const auto remove = [&](const std::vector<BlobEntry>& files) -> Status {
+    TESSERA_ASSIGN_OR_RETURN(const std::vector<BlobEntry> gone, reclaimer_->RemoveBlobs(files));
+    for (const BlobEntry& file : gone) {
       ++collected.files;
       collected.bytes += file.size_bytes;
       collected.bytes_left -= file.size_bytes;
-      unneeded.erase(file.path);
+      unneeded.erase(file.name);
     }
     return absl::OkStatus();
   };
-  for (int part = 0; part < kBlobParts; ++part) {
+  for (int part = 0; part < BlobStore::kParts; ++part) {
     if (stop && stop()) return collected;
     const int64_t now_us = clock_->MonotonicUs(), unix_us = clock_->UnixTimeUs();
-    std::vector<BlobFile> doomed;
-    for (BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
+    std::vector<BlobEntry> doomed;
+    for (BlobEntry& file : blobs_->List(part)) {
       collected.bytes_left += file.size_bytes;
-      if (file.kind == Kind::kSetAside) {
+      if (file.kind == Kind::kQuarantined) {
         quarantined.push_back(std::move(file));
         continue;
       }
@@ -54,15 +54,15 @@ StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
           continue;
         }
       }
-      const auto known = unneeded_since_us_.find(file.path);
+      const auto known = unneeded_since_us_.find(file.name);
       const int64_t since_us = known == unneeded_since_us_.end() ? now_us : known->second;
-      unneeded[file.path] = since_us;
+      unneeded[file.name] = since_us;
       if (now_us - since_us >= wait_us && is_old) doomed.push_back(std::move(file));
     }
     TESSERA_RETURN_IF_ERROR(remove(doomed));
   }
   std::stable_sort(quarantined.begin(), quarantined.end(),
-                   [](const BlobFile& a, const BlobFile& b) { return a.since_us < b.since_us; });
+                   [](const BlobEntry& a, const BlobEntry& b) { return a.since_us < b.since_us; });
   std::stable_sort(spare.begin(), spare.end(), [](const Spare& a, const Spare& b) { return a.since_us < b.since_us; });
   TESSERA_RETURN_IF_ERROR(remove(TakeExpired(quarantined)));
   const auto is_full = [&] { return options_.limit_bytes > 0 && collected.bytes_left > options_.limit_bytes; };
@@ -72,11 +72,11 @@ StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
   return collected;
 }
 
-std::vector<BlobFile> BlobCollector::TakeExpired(std::vector<BlobFile>& quarantined) {
+std::vector<BlobEntry> BlobCollector::TakeExpired(std::vector<BlobEntry>& quarantined) {
   std::vector<KeptThing> kept;
-  for (const BlobFile& file : quarantined) kept.push_back({file.path, file.since_us});
+  for (const BlobEntry& file : quarantined) kept.push_back({file.name, file.since_us});
   const std::vector<int> places = quarantine_retention_.Expired(kept, clock_->UnixTimeUs(), clock_->MonotonicUs());
-  std::vector<BlobFile> expired;
+  std::vector<BlobEntry> expired;
   for (auto place = places.rbegin(); place != places.rend(); ++place) {
     expired.push_back(std::move(quarantined[*place]));
     quarantined.erase(quarantined.begin() + *place);

@@ -47,14 +47,14 @@ class BlobCollector {
 
  private:
   // Takes those that have expired off the list.
-  std::vector<BlobFile> TakeExpired(std::vector<BlobFile>& quarantined);
+  std::vector<BlobEntry> TakeExpired(std::vector<BlobEntry>& quarantined);
 
   Reclaimer* const reclaimer_;
   const BlobStore* const blobs_;
   const Clock* const clock_;
   const CollectorOptions options_;
   Retention quarantine_retention_;
-  absl::flat_hash_map<std::string, int64_t> unneeded_since_us_;  // paths, on the monotonic clock
+  absl::flat_hash_map<std::string, int64_t> unneeded_since_us_;  // by BlobEntry::name, on the monotonic clock
 };
 
 }  // namespace tessera

@@ -1,7 +1,6 @@
 #include "server/retention/reclaimer.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <shared_mutex>
 #include <string>
 #include <utility>
@@ -38,28 +37,28 @@ BlobReferences Reclaimer::CollectReferences() {
   }
 }
 
-StatusOr<std::vector<BlobFile>> Reclaimer::RemoveBlobs(const std::vector<BlobFile>& files) {
-  std::vector<BlobFile> gone;
+StatusOr<std::vector<BlobEntry>> Reclaimer::RemoveBlobs(const std::vector<BlobEntry>& files) {
+  std::vector<BlobEntry> gone;
   for (size_t next = 0; next < files.size();) {
-    std::vector<std::string> taken;
+    std::vector<BlobStore::FreeBytes> taken;
     {
       const std::unique_lock nobody_refers(core_.blob_use().mutex);
       const size_t end = std::min(next + kRemovedAtOnce, files.size());
       for (; next < end; ++next) {
-        const BlobFile& file = files[next];
+        const BlobEntry& file = files[next];
         {
           std::lock_guard lock(mutex_);
           if (!core_.blob_use().since.started()) return absl::FailedPreconditionError("references were not collected");
-          if (file.kind == BlobFile::Kind::kBlob && core_.blob_use().since.Contains(file.sha256)) continue;
+          if (file.kind == BlobEntry::Kind::kBlob && core_.blob_use().since.Contains(file.sha256)) continue;
         }
-        StatusOr<std::string> out = TakeOut(environment_.blobs->root(), file);
+        StatusOr<BlobStore::FreeBytes> out = environment_.blobs->Remove(file);
         if (absl::IsNotFound(out.status())) continue;
         TESSERA_RETURN_IF_ERROR(out.status());
         taken.push_back(*std::move(out));
         gone.push_back(file);
       }
     }
-    for (const std::string& path : taken) std::remove(path.c_str());
+    for (const BlobStore::FreeBytes& free_bytes : taken) free_bytes();
   }
   return gone;
 }

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/storage/blob_sweep.h"
 #include "server/leases/dispatch_core.h"
 #include "server/ledger/blob_references.h"
 #include "server/retention/retention.h"
@@ -26,7 +25,7 @@ class Reclaimer {
   // Blobs that jobs refer to. References that are added later are noted, until the next call.
   BlobReferences CollectReferences();
   // Removes those of the files that no job has come to refer to since CollectReferences. Returns those that it removed.
-  StatusOr<std::vector<BlobFile>> RemoveBlobs(const std::vector<BlobFile>& files);
+  StatusOr<std::vector<BlobEntry>> RemoveBlobs(const std::vector<BlobEntry>& files);
 
  private:
   DispatchCore& core_;

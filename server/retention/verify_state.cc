@@ -44,7 +44,7 @@ StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool de
     const uint64_t id = BlobReferences::IdOf(file.digest.sha256);
     if (!seen.insert(id).second) return;
     ++summary.blobs;
-    const Status status = deep || !blobs.Has(file.digest) ? blobs.VerifyOrSetAside(file.digest) : absl::OkStatus();
+    const Status status = deep || !blobs.Has(file.digest) ? blobs.VerifyOrQuarantine(file.digest) : absl::OkStatus();
     if (status.ok()) return;
     if (absl::IsNotFound(status) && (remaking || references.SpareSince(id) >= 0)) {
       ++summary.spare;

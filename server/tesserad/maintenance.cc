@@ -4,8 +4,8 @@
 #include <iostream>
 
 #include "common/base/clock.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "server/jobs/coordinator.h"
 #include "server/ledger/record_owner.h"
 #include "server/retention/verify_state.h"
@@ -41,7 +41,7 @@ Status BackUpData(const std::string& data, const std::string& to) {
 Status VerifyData(const std::string& data, bool deep) {
   TESSERA_ASSIGN_OR_RETURN(const FileLock lock, LockUnused(data));
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, FolderBlobs::Open(data + "/blobs"));
   const auto tell = [](const std::string& fault) { std::cout << fault << "\n"; };
   TESSERA_ASSIGN_OR_RETURN(const StateSummary found, VerifyState(*store, *blobs, deep, tell));
   std::cout << found.records << " records, " << found.jobs << " jobs, " << found.blobs << " blobs";

@@ -16,12 +16,9 @@
 
 #include "common/access/secrets.h"
 #include "common/base/clock.h"
-#include "common/classify/default_rule.h"
-#include "common/classify/model.h"
 #include "common/rpc/channel.h"
-#include "common/scene/scene.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "server/grpc/coordinator_server.h"
 #include "server/jobs/coordinator.h"
 #include "server/ledger/record_owner.h"
@@ -55,61 +52,6 @@ struct Flags {
   bool json_logs = false;
   bool exit_with_parent = false;
 };
-
-// The content of a trained classifier, if it tells the scene's classes; of the default nothing.
-StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneDescription& scene,
-                                     const AllowedFiles& allowed) {
-  std::vector<std::string> classes;
-  for (const SceneClass& c : scene.classes) classes.push_back(c.name);
-  if (classifier == kDefaultClassifier) {
-    TESSERA_RETURN_IF_ERROR(DefaultRule::Of(classes, scene.folder + "/scene.json").status());
-    return std::string();
-  }
-  StatusOr<std::string> bytes = allowed.ReadWhole(classifier, kMaxModelBytes);
-  const StatusOr<ClassifierModel> model =
-      bytes.ok() ? ParseModel(*bytes, classifier) : StatusOr<ClassifierModel>(bytes.status());
-  if (!model.ok() && !absl::IsNotFound(model.status())) {
-    return absl::InvalidArgumentError(model.status().message());  // the caller's fault, whatever the code
-  }
-  TESSERA_RETURN_IF_ERROR(model.status());
-  TESSERA_RETURN_IF_ERROR(ModelClassesOf(*model, classes, classifier).status());
-  return bytes;
-}
-
-StatusOr<SceneListing> ListScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
-  SceneListing listing;
-  SceneLoadOptions options;
-  options.needs_mesh = request.needs_mesh;
-  options.allowed = allowed;
-  listing.classifier = request.classifier;
-  if (listing.classifier == kNoClassifier) listing.classifier.clear();
-  const auto load = [&]() -> StatusOr<SceneDescription> {
-    options.to_be_classified = request.base_classifies || !listing.classifier.empty();
-    options.by_default_rule = listing.classifier == kDefaultClassifier;
-    listing.warnings.clear();
-    TESSERA_ASSIGN_OR_RETURN(SceneDescription found, LoadScene(path, &listing.warnings, options));
-    if (!listing.classifier.empty()) {
-      TESSERA_ASSIGN_OR_RETURN(listing.classifier_content, ReadClassifier(listing.classifier, found, allowed));
-    }
-    return found;
-  };
-  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, load());
-  if (request.classifier.empty() && request.needs_mesh && !scene.has_likelihoods && !scene.mesh_has_labels) {
-    const SceneListing without = listing;
-    listing.classifier = kDefaultClassifier;
-    StatusOr<SceneDescription> guessed = load();
-    if (guessed.ok()) {
-      scene = *std::move(guessed);
-    } else {
-      listing = without;  // classes that nobody can tell
-    }
-  }
-  listing.folder = std::filesystem::absolute(scene.folder).lexically_normal().string();
-  while (listing.folder.size() > 1 && listing.folder.back() == '/') listing.folder.pop_back();
-  listing.name = scene.name;
-  listing.files = scene.files;
-  return listing;
-}
 
 // Ends the process when its parent ends, also if that has happened already.
 Status FollowParent() {
@@ -174,7 +116,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     TESSERA_ASSIGN_OR_RETURN(scene_files, AllowedFiles::Under(flags.scene_roots));
   }
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(data + "/state.sqlite", OwnerOfRecord));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(data + "/blobs"));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, FolderBlobs::Open(data + "/blobs"));
   Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
@@ -194,12 +136,12 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   environment.digests = store.get();
   environment.clock = &clock;
   environment.access = access.get();
-  environment.list_scene = ListScene;
   environment.scene_files = scene_files;
   environment.scenes_over_network = !flags.scene_roots.empty();
   environment.limits = flags.limits;
   environment.limits.upload_bytes = static_cast<int64_t>(flags.upload_gib * (int64_t{1} << 30));
   if (!flags.no_shared_storage) {
+    environment.shared_blob_dir = blobs->root();
     environment.shared_probe_path = blobs->root() + "/probe";
     environment.shared_probe_content = RandomSecret();  // that no other machine's folder has
     TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
@@ -210,7 +152,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
     TESSERA_ASSIGN_OR_RETURN(
         metrics,
         MetricsServer::Start(flags.listen.metrics, {[&] { return SnapshotOf(coordinator->core()); },
-                                                    [&] { return blobs->FreeBytes(); }, &server->rpc_counts()}));
+                                                    [&] { return blobs->FreeSpace(); }, &server->rpc_counts()}));
     std::cout << "metrics: http://" << metrics->address() << "/metrics" << std::endl;
   }
   if (!flags.port_file.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.port_file, server->address() + "\n"));

@@ -10,8 +10,8 @@
 #include "common/access/secrets.h"
 #include "common/access/tokens.h"
 #include "common/base/clock.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "server/grpc/coordinator_server.h"
 #include "server/jobs/coordinator.h"
 #include "server/store/sqlite_store.h"
@@ -26,7 +26,7 @@ class BenchCoordinator {
                                                            bool shared_storage, bool tls = false) {
     std::unique_ptr<BenchCoordinator> started(new BenchCoordinator);
     TESSERA_ASSIGN_OR_RETURN(started->store_, SqliteStore::Open(folder + "/state.sqlite"));
-    TESSERA_ASSIGN_OR_RETURN(started->blobs_, BlobStore::Open(folder + "/blobs"));
+    TESSERA_ASSIGN_OR_RETURN(started->blobs_, FolderBlobs::Open(folder + "/blobs"));
     TESSERA_ASSIGN_OR_RETURN(started->coordinator_, Coordinator::Open({started->store_.get(), started->blobs_.get(),
                                                                        planner, &started->clock_, /*on_change=*/{}},
                                                                       DispatchOptions()));
@@ -36,6 +36,7 @@ class BenchCoordinator {
     environment.digests = started->store_.get();
     environment.clock = &started->clock_;
     if (shared_storage) {
+      environment.shared_blob_dir = started->blobs_->root();
       environment.shared_probe_path = started->blobs_->root() + "/probe";
       environment.shared_probe_content = "probe";
       TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
@@ -80,7 +81,7 @@ class BenchCoordinator {
   SystemClock clock_;
   std::unique_ptr<Access> access_;
   std::unique_ptr<SqliteStore> store_;
-  std::unique_ptr<BlobStore> blobs_;
+  std::unique_ptr<FolderBlobs> blobs_;
   std::unique_ptr<Coordinator> coordinator_;
   std::unique_ptr<CoordinatorServer> server_;
 };

@@ -22,8 +22,8 @@
 #include "common/base/clock.h"
 #include "common/base/version.h"
 #include "common/rpc/channel.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "server/jobs/coordinator.h"
 #include "server/store/sqlite_store.h"
 #include "server/tesserad/logging.h"
@@ -429,7 +429,7 @@ Status ReopenFleet(const std::string& folder) {
   const SteadyTime start = Now();
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder + "/state.sqlite"));
   const double opened_s = SecondsSince(start);
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder + "/blobs"));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, FolderBlobs::Open(folder + "/blobs"));
   TESSERA_ASSIGN_OR_RETURN(
       const auto coordinator,
       Coordinator::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));

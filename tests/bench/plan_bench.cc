@@ -16,8 +16,8 @@
 #include "common/base/clock.h"
 #include "common/base/task_usage.h"
 #include "common/job/task_parameters.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "server/jobs/coordinator.h"
 #include "server/store/sqlite_store.h"
 #include "tests/bench/synthetic_survey.h"
@@ -35,7 +35,7 @@ void Print(const char* stage, const TaskUsageMeter& meter) {
 
 // Stores the survey in the blob store of `folder`; its digest goes to stdout of nobody: into `digest_file`.
 int WriteSurvey(const SyntheticCity& city, const std::string& folder, const std::string& digest_file) {
-  const auto blobs = BlobStore::Open(folder + "/blobs");
+  const auto blobs = FolderBlobs::Open(folder + "/blobs");
   if (!blobs.ok()) return 1;
   const Survey survey = MakeSyntheticSurvey(city);
   const std::string json = SurveyToJson(survey);
@@ -80,7 +80,7 @@ Status Run(const SyntheticCity& city, JobSettings settings) {
   SystemClock clock;
   Planner planner;
   TESSERA_ASSIGN_OR_RETURN(const auto store, SqliteStore::Open(folder.path() + "/state.sqlite"));
-  TESSERA_ASSIGN_OR_RETURN(const auto blobs, BlobStore::Open(folder.path() + "/blobs"));
+  TESSERA_ASSIGN_OR_RETURN(const auto blobs, FolderBlobs::Open(folder.path() + "/blobs"));
   TESSERA_ASSIGN_OR_RETURN(
       const auto coordinator,
       Coordinator::Open({store.get(), blobs.get(), &planner, &clock, /*on_change=*/{}}, DispatchOptions()));

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "common/storage/blob_store.h"
+#include "common/storage/folder_blobs.h"
 #include "tests/e2e/programs.h"
 
 namespace tessera::e2e {
@@ -54,7 +54,7 @@ TEST_F(DamagedFilesTest, DamagedFilesAreRecomputedToTheSameBytes) {
   v1::Job published = ended_again;
   for (const v1::Artifact& artifact : published.artifacts()) {
     if (artifact.name() != "mesh.ply") continue;
-    const auto store = *BlobStore::Open(folder_.path() + "/fetched-again");
+    const auto store = *FolderBlobs::Open(folder_.path() + "/fetched-again");
     const Digest digest{artifact.digest().sha256(), artifact.digest().size_bytes()};
     ASSERT_TRUE(WaitUntil([&] { return cluster.connection().blobs().Fetch(digest, *store, {}).ok(); }));
     EXPECT_EQ(*store->Read(digest), Content(UndisturbedMesh()));

@@ -56,7 +56,7 @@ class FuzzedCoordinator {
     environment_.digests = &digests_;
     environment_.clock = &clock_;
     environment_.scene_files = *AllowedFiles::Under({folder_.path()});
-    environment_.list_scene = [](const std::string& path, const SceneRequest&,
+    environment_.read_scene = [](const std::string& path, const SceneRequest&,
                                  const AllowedFiles& allowed) -> StatusOr<SceneListing> {
       TESSERA_ASSIGN_OR_RETURN(auto files, allowed.List(path));
       return SceneListing{path, "fake", files, {}};
@@ -139,7 +139,7 @@ class FuzzedCoordinator {
     Status Remember(const std::string&, const FileStamp&, const Digest&) override { return absl::OkStatus(); }
   };
   TempFolder folder_ = *TempFolder::Create("");
-  std::unique_ptr<BlobStore> blobs_ = *BlobStore::Open(folder_.path() + "/blobs");
+  std::unique_ptr<FolderBlobs> blobs_ = *FolderBlobs::Open(folder_.path() + "/blobs");
   MemoryStore store_;
   FakePlanner planner_;
   FakeClock clock_;

@@ -15,6 +15,7 @@
 
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "server/jobs/coordinator.h"
 #include "tests/support/blocking_calls.h"
 #include "tests/support/fake_clock.h"
@@ -209,7 +210,7 @@ class CoordinatorTest : public testing::Test {
   TaskStatus Task(const std::string& job, int index) { return coordinator_->jobs().ListTasks(job, index, 1)->at(0); }
 
   TempFolder folder_ = *TempFolder::Create(testing::TempDir());
-  std::unique_ptr<BlobStore> blobs_ = *BlobStore::Open(folder_.path() + "/blobs");
+  std::unique_ptr<FolderBlobs> blobs_ = *FolderBlobs::Open(folder_.path() + "/blobs");
   MemoryStore store_;
   FakePlanner planner_;
   FakeClock clock_;

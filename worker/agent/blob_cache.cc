@@ -1,7 +1,7 @@
 #include "worker/agent/blob_cache.h"
 
 #include <algorithm>
-#include <filesystem>
+#include <utility>
 #include <vector>
 
 #include "common/storage/files.h"
@@ -9,25 +9,18 @@
 namespace tessera {
 
 StatusOr<std::unique_ptr<BlobCache>> BlobCache::Open(const std::string& root, int64_t max_bytes) {
-  TESSERA_ASSIGN_OR_RETURN(auto store, BlobStore::Open(root));
+  TESSERA_ASSIGN_OR_RETURN(auto store, FolderBlobs::Open(root));
   auto cache = std::unique_ptr<BlobCache>(new BlobCache(std::move(store), max_bytes));
-  struct Found {
-    FileStamp stamp;
-    Digest digest;
-  };
-  std::vector<Found> found;
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> files, ListFiles(root));
-  for (const std::string& file : files) {
-    const auto stamp = StampOf(root + "/" + file);
-    if (!stamp.ok()) continue;
-    const Digest digest{std::filesystem::path(file).filename().string(), stamp->size_bytes};
-    if (CheckDigest(digest).ok() && cache->store_->Path(digest) == root + "/" + file) found.push_back({*stamp, digest});
+  std::vector<BlobEntry> found;
+  for (int part = 0; part < BlobStore::kParts; ++part) {
+    for (BlobEntry& entry : cache->store_->List(part)) {
+      if (entry.kind == BlobEntry::Kind::kBlob) found.push_back(std::move(entry));
+    }
   }
-  std::sort(found.begin(), found.end(),
-            [](const Found& a, const Found& b) { return a.stamp.modified_ns < b.stamp.modified_ns; });
-  for (const Found& one : found) {
-    cache->Insert(one.digest);
-    cache->entries_[one.digest.sha256].stamp = {};
+  std::sort(found.begin(), found.end(), [](const BlobEntry& a, const BlobEntry& b) { return a.since_us < b.since_us; });
+  for (const BlobEntry& entry : found) {
+    cache->Insert({entry.sha256, entry.size_bytes});
+    cache->entries_[entry.sha256].stamp = {};
   }
   cache->MakeRoom(0);
   return cache;
@@ -37,7 +30,7 @@ StatusOr<std::string> BlobCache::Get(const Digest& digest, const Fetcher& fetch)
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   const auto entry = entries_.find(digest.sha256);
   if (entry != entries_.end()) {
-    const auto stamp = StampOf(store_->Path(digest));
+    const auto stamp = StampOf(PathOf(digest));
     const bool known = stamp.ok() && *stamp == entry->second.stamp;
     if (!known && !store_->Verify(digest).ok()) Remove(digest.sha256);
   }
@@ -48,11 +41,9 @@ StatusOr<std::string> BlobCache::Get(const Digest& digest, const Fetcher& fetch)
     Insert(digest);
   }
   entries_[digest.sha256].last_use = ++uses_;
-  const std::string path = store_->Path(digest);
-  std::error_code ignored;  // the time only orders what a later process finds
-  if (!in_use) std::filesystem::last_write_time(path, std::filesystem::file_time_type::clock::now(), ignored);
-  entries_[digest.sha256].stamp = StampOf(path).value_or(FileStamp());
-  return path;
+  if (!in_use) store_->Touch(digest).IgnoreError();  // the time only orders the blobs for the next process
+  entries_[digest.sha256].stamp = StampOf(PathOf(digest)).value_or(FileStamp());
+  return PathOf(digest);
 }
 
 Status BlobCache::Adopt(const std::string& path, const Digest& digest) {
@@ -69,16 +60,21 @@ void BlobCache::Release() {
   MakeRoom(0);
 }
 
+// The worker's own folder: its tasks read the files themselves.
+std::string BlobCache::PathOf(const Digest& digest) const { return *store_->LocalPath(digest); }
+
 void BlobCache::Insert(const Digest& digest) {
-  entries_[digest.sha256] = {digest.size_bytes, ++uses_, StampOf(store_->Path(digest)).value_or(FileStamp())};
+  entries_[digest.sha256] = {digest.size_bytes, ++uses_, StampOf(PathOf(digest)).value_or(FileStamp())};
   size_bytes_ += digest.size_bytes;
 }
 
 void BlobCache::Remove(const std::string& sha256) {
   const auto entry = entries_.find(sha256);
   if (entry == entries_.end()) return;
-  std::error_code ignored;  // what cannot be removed is found again by the next process
-  std::filesystem::remove(store_->Path({sha256, entry->second.size_bytes}), ignored);
+  // A blob that cannot be removed is found again by the next process.
+  const auto removed =
+      store_->Remove({BlobEntry::Kind::kBlob, "", sha256, entry->second.size_bytes, BlobEntry::kAnyTime});
+  if (removed.ok()) (*removed)();
   size_bytes_ -= entry->second.size_bytes;
   entries_.erase(entry);
 }

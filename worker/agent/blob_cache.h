@@ -1,4 +1,4 @@
-// The worker's own copies of blobs, the least recently used of which give way to new ones.
+// The worker's own copies of blobs; new ones replace the least recently used.
 #ifndef TESSERA_WORKER_AGENT_BLOB_CACHE_H_
 #define TESSERA_WORKER_AGENT_BLOB_CACHE_H_
 
@@ -10,13 +10,13 @@
 #include <string>
 
 #include "common/base/status.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 
 namespace tessera {
 
-// A folder of at most `max_bytes` of blobs (what a running task needs may exceed it until the task ends). Keeps its
-// content over restarts; what an earlier process left, or somebody changed, is hashed before its next use. Not
+// A folder of at most `max_bytes` of blobs; the inputs of a running task may exceed that until the task ends. The
+// content survives restarts. A blob that an earlier process left, or that changed, is verified before its next use. Not
 // thread-safe; one process a folder.
 class BlobCache {
  public:
@@ -25,13 +25,13 @@ class BlobCache {
   // Brings the bytes of `digest` into the store given.
   using Fetcher = std::function<Status(const Digest& digest, BlobStore& store)>;
 
-  // Path of the blob, fetched if it is not here (or no longer what it was). It stays until Release.
+  // Path of the blob, which is fetched if it is missing or damaged. The blob is in use, and stays, until Release.
   StatusOr<std::string> Get(const Digest& digest, const Fetcher& fetch);
 
-  // Takes a file that hashes to `digest` (known to the caller) into the cache; it is moved away from `path`.
+  // Moves a file into the cache. The caller has verified that it hashes to `digest`.
   Status Adopt(const std::string& path, const Digest& digest);
 
-  // Nothing is in use any more: shrinks to the bound.
+  // No blob is in use any more: shrinks to the bound.
   void Release();
 
   int64_t size_bytes() const { return size_bytes_; }
@@ -41,16 +41,17 @@ class BlobCache {
   struct Entry {
     int64_t size_bytes = 0;
     int64_t last_use = 0;  // order of use
-    FileStamp stamp = {};  // when this process last knew its content; none: not yet
+    FileStamp stamp = {};  // when this process last verified or wrote it; none: not yet
   };
 
-  BlobCache(std::unique_ptr<BlobStore> store, int64_t max_bytes) : store_(std::move(store)), max_bytes_(max_bytes) {}
+  BlobCache(std::unique_ptr<FolderBlobs> store, int64_t max_bytes) : store_(std::move(store)), max_bytes_(max_bytes) {}
+  std::string PathOf(const Digest& digest) const;
   void Insert(const Digest& digest);
   void Remove(const std::string& sha256);
-  // Drops what was used longest ago and is not in use, until `incoming_bytes` more fit.
+  // Removes least recently used blobs that are not in use, until `incoming_bytes` more fit.
   void MakeRoom(int64_t incoming_bytes);
 
-  std::unique_ptr<BlobStore> store_;
+  std::unique_ptr<FolderBlobs> store_;
   const int64_t max_bytes_;
   std::map<std::string, Entry> entries_;  // by SHA-256
   std::set<std::string> in_use_;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int64_t kMaxProbeBytes = 4096;
 
-// Why an input could not be brought. What the coordinator cannot give, or gives wrong, it is to look at itself.
+// Why an input could not be fetched. kLostInput: the coordinator checks its own copy.
 Failure WhyNotBrought(const TaskInput& input, const Status& status) {
   const std::string message = "input " + input.name + ": " + MessageOf(status);
   if (IsFileError(status)) return {FailureClass::kScratch, message};
@@ -27,11 +27,11 @@ Failure WhyNotBrought(const TaskInput& input, const Status& status) {
   }
 }
 
-// Whether an output could not be stored for what may pass: no room, a folder that cannot be written now.
+// Whether the store may accept the output later: it is full, or its folder cannot be written now.
 bool MayPass(const Status& status) { return IsFileError(status) || absl::IsResourceExhausted(status); }
 
-// For one file of a task's: the share of it that was moved becomes part of the stage, so that a long transfer is seen
-// to go on. `control` must outlive it.
+// Reports the transferred share of one file as part of the stage, so that a long transfer shows progress. `control`
+// must outlive the result.
 TaskControl Moving(const TaskControl& control, double fraction, const std::string& stage) {
   TaskControl moving;
   moving.cancelled = control.cancelled;
@@ -52,13 +52,13 @@ bool TaskFiles::Probe(const Registration& registration) {
   if (!use_shared_storage_ || registration.shared_blob_dir.empty() || registration.shared_probe_path.empty()) {
     return false;
   }
-  // What another user writes there the coordinator could not read.
+  // The coordinator could not read the files of another user.
   struct stat info;
   if (::stat(registration.shared_blob_dir.c_str(), &info) != 0 || info.st_uid != ::geteuid()) return false;
   const auto content = ReadFile(registration.shared_probe_path, kMaxProbeBytes);
   if (!content.ok() || *content != registration.shared_probe_content) return false;
   if (!std::filesystem::is_directory(registration.shared_blob_dir)) return false;
-  auto store = BlobStore::Open(registration.shared_blob_dir);
+  auto store = FolderBlobs::Open(registration.shared_blob_dir);
   if (!store.ok()) return false;
   shared_blobs_ = *std::move(store);
   return true;
@@ -72,12 +72,16 @@ bool TaskFiles::ReadableAt(const std::string& path, const Digest& digest) {
     const auto found = HashFile(path);
     if (!found.ok()) return false;
     const auto after = StampOf(path);
-    if (!after.ok() || !(*after == *stamp)) return false;  // written to while it was read
+    if (!after.ok() || !(*after == *stamp)) return false;  // it changed while it was read
     verified_[path] = {*stamp, *found};
   }
   if (verified_[path].digest != digest) return false;
   in_use_.push_back({path, *stamp, digest});
   return true;
+}
+
+std::string TaskFiles::SharedPath(const Digest& digest) const {
+  return shared_blobs_ == nullptr ? "" : shared_blobs_->LocalPath(digest).value_or("");
 }
 
 StatusOr<std::string> TaskFiles::Locate(const TaskInput& input, const TaskControl& control) {
@@ -87,9 +91,7 @@ StatusOr<std::string> TaskFiles::Locate(const TaskInput& input, const TaskContro
   if (use_shared_storage_ && !input.shared_path.empty() && ReadableAt(input.shared_path, input.digest)) {
     return input.shared_path;
   }
-  if (shared_blobs_ != nullptr && ReadableAt(shared_blobs_->Path(input.digest), input.digest)) {
-    return shared_blobs_->Path(input.digest);
-  }
+  if (const std::string path = SharedPath(input.digest); !path.empty() && ReadableAt(path, input.digest)) return path;
   const auto cached = cache_->Get(
       input.digest, [&](const Digest& digest, BlobStore& store) { return blobs_.Fetch(digest, store, control); });
   if (absl::IsCancelled(cached.status())) return cached;
@@ -126,7 +128,7 @@ Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::s
     if (const Failure failure = FailureOf(file.status()); failure.failure_class == FailureClass::kLostInput) {
       if (lost.lost_inputs.empty()) lost = {FailureClass::kLostInput, failure.message};
       lost.lost_inputs.push_back(input.digest);
-      continue;  // those that are lost too are told together
+      continue;  // all lost inputs are reported together
     }
     if (!file.ok()) return file.status();
     if (!links.insert(*link).second) {
@@ -163,15 +165,15 @@ StatusOr<Digest> TaskFiles::StoreOnce(const std::string& path, const TaskControl
   if (shared_blobs_ != nullptr) {
     const auto stored = shared_blobs_->MoveFile(path);
     if (stored.ok()) {
-      // Often the next task's input: it has just been hashed.
-      const std::string blob = shared_blobs_->Path(*stored);
+      // Often an input of the next task: MoveFile has hashed it, so no second hash is needed.
+      const std::string blob = SharedPath(*stored);
       if (const auto stamp = StampOf(blob); stamp.ok()) verified_[blob] = {*stamp, *stored};
     }
     if (stored.ok() || stored.status().code() != absl::StatusCode::kPermissionDenied) return stored;
   }
   TESSERA_ASSIGN_OR_RETURN(const Digest digest, HashFile(path));
   TESSERA_RETURN_IF_ERROR(blobs_.Send(path, digest, control));
-  if (!cache_->Adopt(path, digest).ok()) std::remove(path.c_str());  // it is only often the next task's input
+  if (!cache_->Adopt(path, digest).ok()) std::remove(path.c_str());  // only a cache of a likely next input
   return digest;
 }
 
@@ -186,7 +188,7 @@ StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskContr
     char seconds[32];
     std::snprintf(seconds, sizeof(seconds), "%.0f", waited_s);
     control.Report(1, "waiting for room since " + std::string(seconds) + " s: " + MessageOf(stored.status()));
-    if (!storage_wait_.sleeper(delay_s)) return absl::CancelledError("broken off while waiting for room");
+    if (!storage_wait_.sleeper(delay_s)) return absl::CancelledError("cancelled while waiting for room");
   }
 }
 

@@ -10,6 +10,7 @@
 #include "common/base/random.h"
 #include "common/rpc/channel.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "tests/support/fake_blob_service.h"
 
 namespace tessera {
@@ -45,7 +46,7 @@ class BlobClientTest : public testing::Test {
       ++waits_;
       return true;
     });
-    store_ = BlobStore::Open(folder_.path() + "/store").value();
+    store_ = FolderBlobs::Open(folder_.path() + "/store").value();
   }
   ~BlobClientTest() override { server_->Shutdown(); }
 
@@ -59,7 +60,7 @@ class BlobClientTest : public testing::Test {
   FakeBlobService service_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<BlobClient> client_;
-  std::unique_ptr<BlobStore> store_;
+  std::unique_ptr<FolderBlobs> store_;
   int waits_ = 0;
 };
 

@@ -1,38 +1,76 @@
+// What every BlobStore must do. A new implementation gets a case of its own here.
 #include "common/storage/blob_store.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sched.h>
-#include <sys/wait.h>
-#include <unistd.h>
+#include <sys/stat.h>
 
-#include <chrono>
-#include <filesystem>
 #include <fstream>
+#include <functional>
+#include <memory>
 #include <thread>
 #include <vector>
 
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
+#include "tests/support/memory_blobs.h"
 
 namespace tessera {
 namespace {
 
-namespace fs = std::filesystem;
+using Kind = BlobEntry::Kind;
 
-TEST(HashTest, KnownValues) {
-  EXPECT_EQ(Sha256Hex("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
-  EXPECT_EQ(Sha256Hex(""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
-  EXPECT_EQ(Xxh3(""), 0x2d06800538d394c2ull);
-  Sha256Hasher hasher;
-  hasher.Update("a");
-  hasher.Update("bc");
-  EXPECT_EQ(hasher.Finish(), Sha256Hex("abc"));
-  EXPECT_FALSE(CheckDigest({"../../etc/passwd", 3}).ok());
-  EXPECT_FALSE(CheckDigest({std::string(64, 'A'), 3}).ok());
-}
+constexpr int64_t kHour_us = int64_t{3600} * 1'000'000;
 
-class BlobStoreTest : public testing::Test {
+// A store, and what happens to it from outside.
+class StoreCase {
+ public:
+  virtual ~StoreCase() = default;
+  virtual BlobStore& store() = 0;
+  // As another process opens it.
+  virtual void Reopen() {}
+  // Replaces the stored bytes in place.
+  virtual void Damage(const Digest& digest, const std::string& bytes) = 0;
+  // Sets the blob's time.
+  virtual void SetTime(const Digest& digest, int64_t since_us) = 0;
+};
+
+class FolderCase : public StoreCase {
+ public:
+  BlobStore& store() override { return *store_; }
+  void Reopen() override { store_ = *FolderBlobs::Open(folder_.path() + "/blobs"); }
+  void Damage(const Digest& digest, const std::string& bytes) override {
+    std::ofstream(*store_->LocalPath(digest), std::ios::binary) << bytes;
+  }
+  void SetTime(const Digest& digest, int64_t since_us) override {
+    const timespec time = {since_us / 1'000'000, since_us % 1'000'000 * 1000}, times[] = {time, time};
+    EXPECT_EQ(::utimensat(AT_FDCWD, store_->LocalPath(digest)->c_str(), times, 0), 0);
+  }
+
+ private:
+  TempFolder folder_ = *TempFolder::Create(testing::TempDir());
+  std::unique_ptr<FolderBlobs> store_ = *FolderBlobs::Open(folder_.path() + "/blobs");
+};
+
+class MemoryCase : public StoreCase {
+ public:
+  BlobStore& store() override { return store_; }
+  void Damage(const Digest& digest, const std::string& bytes) override { store_.Damage(digest, bytes); }
+  void SetTime(const Digest& digest, int64_t since_us) override { store_.SetTime(digest, since_us); }
+
+ private:
+  MemoryBlobs store_;
+};
+
+struct Implementation {
+  std::string name;
+  std::function<std::unique_ptr<StoreCase>()> make;
+};
+
+class BlobStoreTest : public testing::TestWithParam<Implementation> {
  protected:
+  BlobStore& store() { return case_->store(); }
   std::string File(const std::string& content) {
     const std::string path = folder_.path() + "/file";
     std::ofstream(path, std::ios::binary) << content;
@@ -41,191 +79,236 @@ class BlobStoreTest : public testing::Test {
   static Digest DigestOf(const std::string& content) {
     return {Sha256Hex(content), static_cast<int64_t>(content.size())};
   }
-  size_t FileCount() const { return ListFiles(store_->root())->size(); }
+  std::vector<BlobEntry> List() {
+    std::vector<BlobEntry> entries;
+    for (int part = 0; part < BlobStore::kParts; ++part) {
+      for (BlobEntry& entry : store().List(part)) entries.push_back(std::move(entry));
+    }
+    return entries;
+  }
+  // The only object of the store.
+  BlobEntry Only() {
+    const auto entries = List();
+    EXPECT_EQ(entries.size(), 1u);
+    return entries.empty() ? BlobEntry() : entries[0];
+  }
+  BlobEntry Old(const Digest& digest) {
+    case_->SetTime(digest, 1'700'000'000'000'000);
+    return Only();
+  }
 
   TempFolder folder_ = *TempFolder::Create(testing::TempDir());
-  std::unique_ptr<BlobStore> store_ = *BlobStore::Open(folder_.path() + "/blobs");
+  const std::unique_ptr<StoreCase> case_ = GetParam().make();
   const std::string content_ = std::string(300000, 'x') + "end";
 };
 
-TEST_F(BlobStoreTest, PutMoveAndBytesGiveTheSameBlob) {
+TEST_P(BlobStoreTest, AllWaysToStoreGiveTheSameBlob) {
   const Digest digest = DigestOf(content_);
-  EXPECT_FALSE(store_->Has(digest));
-  EXPECT_EQ(*store_->PutFile(File(content_)), digest);
-  EXPECT_TRUE(store_->Has(digest));
-  EXPECT_EQ(*store_->MoveFile(File(content_)), digest);
+  EXPECT_EQ(store().Stat(digest).code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(*store().PutFile(File(content_)), digest);
+  EXPECT_TRUE(store().Stat(digest).ok());
+  EXPECT_TRUE(FileExists(folder_.path() + "/file"));
+  EXPECT_EQ(*store().MoveFile(File(content_)), digest);
   EXPECT_FALSE(FileExists(folder_.path() + "/file"));
-  EXPECT_EQ(*store_->PutBytes(content_), digest);
-  EXPECT_EQ(*store_->Read(digest), content_);
-  EXPECT_EQ(FileCount(), 1u);
-  EXPECT_FALSE(store_->PutFile(folder_.path() + "/none").ok());
-  EXPECT_FALSE(store_->MoveFile(folder_.path() + "/none").ok());
-  EXPECT_EQ(FileCount(), 1u);
+  EXPECT_EQ(*store().PutBytes(content_), digest);
+  EXPECT_EQ(*store().PutParts([&](const BlobStore::Writer& write) {
+    write(content_.substr(0, 7));
+    write(content_.substr(7));
+  }),
+            digest);
+  EXPECT_EQ(*store().Read(digest), content_);
+  EXPECT_EQ(Only().sha256, digest.sha256);
+  EXPECT_FALSE(store().PutFile(folder_.path() + "/none").ok());
+  EXPECT_FALSE(store().MoveFile(folder_.path() + "/none").ok());
+  EXPECT_EQ(List().size(), 1u);
 }
 
-// Whoever reads a blob must not find it changed because somebody else has made the same.
-TEST_F(BlobStoreTest, TheSameAgainLeavesTheFileAsItIs) {
-  const Digest digest = *store_->MoveFile(File(content_));
-  const std::string path = store_->Path(digest);
-  fs::last_write_time(path, fs::last_write_time(path) - std::chrono::hours(1));
-  const auto before = fs::last_write_time(path);
-  EXPECT_EQ(*store_->MoveFile(File(content_)), digest);
-  EXPECT_EQ(*store_->PutFile(File(content_)), digest);
-  EXPECT_EQ(fs::last_write_time(path), before);
-  EXPECT_EQ(FileCount(), 1u);
-  std::ofstream(path, std::ios::binary) << "damaged";
-  EXPECT_EQ(*store_->MoveFile(File(content_)), digest);
-  EXPECT_TRUE(store_->Verify(digest).ok());
-  EXPECT_EQ(FileCount(), 1u);
+TEST_P(BlobStoreTest, ReadsRanges) {
+  const Digest digest = *store().PutBytes(content_);
+  EXPECT_EQ(*store().ReadRange(digest, 0, 10), "xxxxxxxxxx");
+  EXPECT_EQ(*store().ReadRange(digest, digest.size_bytes - 4, 100), "xend");
+  EXPECT_EQ(*store().ReadRange(digest, digest.size_bytes, 100), "");
+  EXPECT_EQ(store().ReadRange(DigestOf("none"), 0, 1).status().code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(store().Read(digest, 100).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(store().Read(DigestOf("none")).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(BlobStoreTest, FindsDamage) {
-  const Digest digest = *store_->PutFile(File(content_));
-  EXPECT_TRUE(store_->Verify(digest).ok());
-  std::string damaged = content_;
-  damaged[5] = 'y';
-  std::ofstream(store_->Path(digest), std::ios::binary) << damaged;
-  EXPECT_EQ(store_->Verify(digest).code(), absl::StatusCode::kDataLoss);
-  EXPECT_EQ(store_->Read(digest).status().code(), absl::StatusCode::kDataLoss);
-  std::ofstream(store_->Path(digest), std::ios::binary) << "short";
-  EXPECT_FALSE(store_->Has(digest));
-  // Stored again, it is whole again.
-  EXPECT_TRUE(store_->PutBytes(content_).ok());
-  EXPECT_TRUE(store_->Verify(digest).ok());
+TEST_P(BlobStoreTest, RefusesDigestsThatAreNone) {
+  const Digest none = {"../../etc/passwd", 3};
+  for (const Status& status :
+       {store().Stat(none), store().ReadRange(none, 0, 1).status(), store().Read(none).status(), store().Verify(none),
+        store().VerifyOrQuarantine(none), store().Touch(none), store().CommittedBytes(none).status(),
+        store().Append(none, 0, "x").status(), store().Complete(none)}) {
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << status;
+  }
 }
 
-// Who reads it keeps what it has; who stores the content again finds the place free.
-TEST_F(BlobStoreTest, ADamagedBlobIsSetAside) {
-  const Digest digest = *store_->PutFile(File(content_));
-  EXPECT_TRUE(store_->VerifyOrSetAside(digest).ok());
-  EXPECT_TRUE(store_->Has(digest));
+TEST_P(BlobStoreTest, DamageIsFoundAndReplaced) {
+  const Digest digest = *store().PutFile(File(content_));
+  EXPECT_TRUE(store().Verify(digest).ok());
   std::string damaged = content_;
   damaged[5] ^= 1;
-  std::ofstream(store_->Path(digest), std::ios::binary) << damaged;
-  EXPECT_TRUE(store_->Has(digest)) << "that does not read it";
-  const Status status = store_->VerifyOrSetAside(digest);
-  EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
-  EXPECT_FALSE(store_->Has(digest));
-  EXPECT_EQ(store_->VerifyOrSetAside(digest).code(), absl::StatusCode::kNotFound);
-  const std::string where(status.message());
-  EXPECT_EQ(ReadFile(where.substr(where.find(store_->root() + "/set_aside/"))).value(), damaged) << where;
-  EXPECT_EQ(*store_->CommittedBytes(digest), 0);
-  ASSERT_TRUE(store_->Append(digest, 0, content_).ok());
-  ASSERT_TRUE(store_->Complete(digest).ok());
-  EXPECT_EQ(*store_->Read(digest), content_);
+  const std::function<StatusOr<Digest>()> ways[] = {
+      [&] { return store().PutBytes(content_); },
+      [&] { return store().PutFile(File(content_)); },
+      [&] { return store().MoveFile(File(content_)); },
+      [&] { return store().PutParts([&](const BlobStore::Writer& write) { write(content_); }); },
+  };
+  for (const auto& store_again : ways) {
+    case_->Damage(digest, damaged);
+    EXPECT_EQ(store().Verify(digest).code(), absl::StatusCode::kDataLoss);
+    EXPECT_EQ(store().Read(digest).status().code(), absl::StatusCode::kDataLoss);
+    EXPECT_TRUE(store_again().ok());
+    EXPECT_EQ(*store().Read(digest), content_);
+  }
+  case_->Damage(digest, "short");
+  EXPECT_FALSE(store().Has(digest));
+  EXPECT_EQ(store().Verify(digest).code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(store().Read(digest).status().code(), absl::StatusCode::kDataLoss);
 }
 
-TEST_F(BlobStoreTest, BytesPutAgainMendWhatRotted) {
-  const Digest digest = *store_->PutBytes(content_);
+TEST_P(BlobStoreTest, ADamagedBlobIsQuarantinedAndCanBeStoredAgain) {
+  const Digest digest = *store().PutFile(File(content_));
+  EXPECT_TRUE(store().VerifyOrQuarantine(digest).ok());
+  EXPECT_TRUE(store().Has(digest));
   std::string damaged = content_;
   damaged[5] ^= 1;
-  std::ofstream(store_->Path(digest), std::ios::binary) << damaged;
-  ASSERT_TRUE(store_->PutBytes(content_).ok());
-  EXPECT_EQ(*store_->Read(digest), content_);
+  case_->Damage(digest, damaged);
+  EXPECT_TRUE(store().Has(digest)) << "Stat does not read it";
+  EXPECT_EQ(store().VerifyOrQuarantine(digest).code(), absl::StatusCode::kDataLoss);
+  EXPECT_FALSE(store().Has(digest));
+  EXPECT_EQ(store().VerifyOrQuarantine(digest).code(), absl::StatusCode::kNotFound);
+  EXPECT_EQ(Only().kind, Kind::kQuarantined);
+  EXPECT_EQ(*store().CommittedBytes(digest), 0);
+  ASSERT_TRUE(store().Append(digest, 0, content_).ok());
+  ASSERT_TRUE(store().Complete(digest).ok());
+  EXPECT_EQ(*store().Read(digest), content_);
 }
 
-// What could not be stored is still where it was.
-TEST_F(BlobStoreTest, AFileThatCannotBeStoredStays) {
-  const std::string file = File(content_);
+TEST_P(BlobStoreTest, TheTimeOfAQuarantinedBlobIsThatOfItsQuarantine) {
+  const Digest digest = *store().PutBytes("content");
+  case_->Damage(digest, "damage!");
+  const int64_t written_us = Old(digest).since_us;
+  EXPECT_FALSE(store().VerifyOrQuarantine(digest).ok());
+  const BlobEntry entry = Only();
+  EXPECT_GT(entry.since_us, written_us + kHour_us);
+  ASSERT_TRUE(store().Remove(entry).ok());
+}
+
+TEST_P(BlobStoreTest, AnUploadResumesAfterReopening) {
   const Digest digest = DigestOf(content_);
-  const std::string folder = folder_.path() + "/blobs/" + digest.sha256.substr(0, 2);
-  std::ofstream(folder) << "not a folder";
-  EXPECT_FALSE(store_->MoveFile(file).ok());
-  EXPECT_EQ(*ReadFile(file), content_);
-  fs::remove(folder);
-  EXPECT_EQ(*store_->MoveFile(file), digest);
+  EXPECT_EQ(*store().CommittedBytes(digest), 0);
+  EXPECT_EQ(*store().Append(digest, 0, content_.substr(0, 1000)), 1000);
+  case_->Reopen();
+  EXPECT_EQ(*store().CommittedBytes(digest), 1000);
+  EXPECT_EQ(Only().kind, Kind::kLeftover);
+  EXPECT_EQ(store().Append(digest, 2000, "gap").status().code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(store().Append(digest, digest.size_bytes, "x").status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(store().Complete(digest).code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_EQ(*store().Append(digest, 500, content_.substr(500)), digest.size_bytes);  // overlaps
+  EXPECT_FALSE(store().Has(digest));
+  EXPECT_TRUE(store().Complete(digest).ok());
+  EXPECT_EQ(*store().Read(digest), content_);
+  EXPECT_TRUE(store().Complete(digest).ok());
+  EXPECT_EQ(*store().CommittedBytes(digest), digest.size_bytes);
 }
 
-TEST_F(BlobStoreTest, UploadResumesAfterReopening) {
-  const Digest digest = DigestOf(content_);
-  EXPECT_EQ(*store_->CommittedBytes(digest), 0);
-  EXPECT_EQ(*store_->Append(digest, 0, content_.substr(0, 1000)), 1000);
-  store_ = *BlobStore::Open(folder_.path() + "/blobs");
-  EXPECT_EQ(*store_->CommittedBytes(digest), 1000);
-  EXPECT_EQ(store_->Append(digest, 2000, "gap").status().code(), absl::StatusCode::kFailedPrecondition);
-  EXPECT_EQ(store_->Append(digest, digest.size_bytes, "x").status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_EQ(store_->Complete(digest).code(), absl::StatusCode::kFailedPrecondition);
-  EXPECT_EQ(*store_->Append(digest, 500, content_.substr(500)), digest.size_bytes);  // overlaps
-  EXPECT_FALSE(store_->Has(digest));
-  EXPECT_TRUE(store_->Complete(digest).ok());
-  EXPECT_EQ(*store_->Read(digest), content_);
-  EXPECT_TRUE(store_->Complete(digest).ok());
-}
-
-TEST_F(BlobStoreTest, WrongBytesLeaveNothing) {
+TEST_P(BlobStoreTest, WrongBytesLeaveNothing) {
   const Digest digest = DigestOf(content_);
   std::string wrong = content_;
   wrong[7] = 'z';
-  ASSERT_TRUE(store_->Append(digest, 0, wrong).ok());
-  EXPECT_EQ(store_->Complete(digest).code(), absl::StatusCode::kDataLoss);
-  EXPECT_EQ(FileCount(), 0u);
-  EXPECT_EQ(*store_->CommittedBytes(digest), 0);
+  ASSERT_TRUE(store().Append(digest, 0, wrong).ok());
+  EXPECT_EQ(store().Complete(digest).code(), absl::StatusCode::kDataLoss);
+  EXPECT_TRUE(List().empty());
+  EXPECT_EQ(*store().CommittedBytes(digest), 0);
 }
 
-TEST_F(BlobStoreTest, EmptyBlob) {
-  EXPECT_TRUE(store_->Complete(DigestOf("")).ok());
-  EXPECT_EQ(*store_->Read(DigestOf("")), "");
+TEST_P(BlobStoreTest, EmptyBlob) {
+  EXPECT_TRUE(store().Complete(DigestOf("")).ok());
+  EXPECT_EQ(*store().Read(DigestOf("")), "");
 }
 
-TEST_F(BlobStoreTest, ConcurrentUploadsOfOneBlob) {
+TEST_P(BlobStoreTest, ConcurrentUploadsOfOneBlob) {
   const Digest digest = DigestOf(content_);
   std::vector<std::thread> threads;
   for (int t = 0; t < 4; ++t) {
     threads.emplace_back([&] {
       for (int64_t at = 0; at < digest.size_bytes; at += 5000) {
-        EXPECT_TRUE(store_->Append(digest, at, content_.substr(static_cast<size_t>(at), 5000)).ok());
+        EXPECT_TRUE(store().Append(digest, at, content_.substr(static_cast<size_t>(at), 5000)).ok());
       }
-      EXPECT_TRUE(store_->Complete(digest).ok());
+      EXPECT_TRUE(store().Complete(digest).ok());
     });
   }
   for (auto& thread : threads) thread.join();
-  EXPECT_EQ(*store_->Read(digest), content_);
+  EXPECT_EQ(*store().Read(digest), content_);
 }
 
-// As in containers that share the folder: each process is number 1 of a PID namespace of its own.
-TEST_F(BlobStoreTest, ProcessesOfOneNumberDoNotMeet) {
-  constexpr int kProcesses = 4, kBlobs = 60;
-  const auto content = [](int process, int blob) {
-    return std::string(200'000 + 1000 * process, static_cast<char>('a' + process)) + std::to_string(blob);
-  };
-  const std::string root = folder_.path() + "/shared";
-  const auto store = *BlobStore::Open(root);
-  std::vector<pid_t> children;
-  for (int process = 0; process < kProcesses; ++process) {
-    const pid_t outer = fork();
-    if (outer == 0) {
-      if (unshare(CLONE_NEWPID) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWPID) != 0) _exit(2);
-      const pid_t inner = fork();
-      if (inner == 0) {
-        const std::string file = folder_.path() + "/file-" + std::to_string(process);
-        for (int blob = 0; blob < kBlobs; ++blob) {
-          std::ofstream(file, std::ios::binary) << content(process, blob);
-          if (!store->PutFile(file).ok()) _exit(1);
-        }
-        _exit(getpid() == 1 ? 0 : 3);
-      }
-      int status = 0;
-      waitpid(inner, &status, 0);
-      _exit(WIFEXITED(status) ? WEXITSTATUS(status) : 4);
-    }
-    children.push_back(outer);
-  }
-  bool allowed = true;
-  for (const pid_t child : children) {
-    int status = 0;
-    waitpid(child, &status, 0);
-    ASSERT_TRUE(WIFEXITED(status));
-    if (WEXITSTATUS(status) == 2) allowed = false;
-    EXPECT_TRUE(WEXITSTATUS(status) == 0 || WEXITSTATUS(status) == 2) << WEXITSTATUS(status);
-  }
-  if (!allowed) GTEST_SKIP() << "no PID namespaces here";
-  for (int process = 0; process < kProcesses; ++process) {
-    for (int blob = 0; blob < kBlobs; ++blob) {
-      EXPECT_TRUE(store->Verify(DigestOf(content(process, blob))).ok()) << process << ", " << blob;
-    }
-  }
-  EXPECT_TRUE(fs::is_empty(root + "/partial"));
+TEST_P(BlobStoreTest, ARemovedBlobIsALeftoverUntilItsBytesAreFreed) {
+  const Digest digest = *store().PutBytes("content");
+  const auto free_bytes = store().Remove(Old(digest));
+  ASSERT_TRUE(free_bytes.ok()) << free_bytes.status();
+  EXPECT_FALSE(store().Has(digest));
+  const BlobEntry left = Only();
+  EXPECT_EQ(left.kind, Kind::kLeftover);
+  EXPECT_EQ(left.size_bytes, digest.size_bytes);
+  (*free_bytes)();
+  EXPECT_TRUE(List().empty());
+  EXPECT_EQ(store().Remove(left).status().code(), absl::StatusCode::kNotFound);
 }
+
+TEST_P(BlobStoreTest, ALeftoverCanBeRemoved) {
+  ASSERT_TRUE(store().Append(DigestOf("content"), 0, "con").ok());
+  const auto free_bytes = store().Remove(Only());
+  ASSERT_TRUE(free_bytes.ok());
+  (*free_bytes)();
+  EXPECT_TRUE(List().empty());
+}
+
+TEST_P(BlobStoreTest, RemovesABlobWhateverItsTimeWhereThatIsAsked) {
+  const Digest digest = *store().PutBytes("content");
+  EXPECT_TRUE(store().Remove({Kind::kBlob, "", digest.sha256, digest.size_bytes, BlobEntry::kAnyTime}).ok());
+  EXPECT_FALSE(store().Has(digest));
+}
+
+// The caller that stored it is about to refer to it.
+TEST_P(BlobStoreTest, ABlobThatIsStoredAgainIsNotRemoved) {
+  const Digest digest = *store().PutBytes("content");
+  const std::string path = folder_.path() + "/file";
+  const std::function<void()> ways[] = {
+      [&] { EXPECT_TRUE(store().PutBytes("content").ok()); },
+      [&] { EXPECT_TRUE(store().PutParts([](const BlobStore::Writer& write) { write("content"); }).ok()); },
+      [&] { EXPECT_TRUE(store().PutFile(path).ok()); },
+      [&] { EXPECT_TRUE(store().MoveFile(path).ok()); },
+      [&] { EXPECT_TRUE(store().Touch(digest).ok()); },
+      [&] { EXPECT_EQ(*store().CommittedBytes(digest), digest.size_bytes) << "an uploader asks first"; },
+      [&] { EXPECT_EQ(*store().Append(digest, 0, "content"), digest.size_bytes); },
+      [&] { EXPECT_TRUE(store().Complete(digest).ok()); },
+  };
+  for (size_t way = 0; way < std::size(ways); ++way) {
+    SCOPED_TRACE(way);
+    std::ofstream(path) << "content";
+    const BlobEntry old = Old(digest);
+    ways[way]();
+    EXPECT_EQ(store().Remove(old).status().code(), absl::StatusCode::kNotFound);
+    EXPECT_TRUE(store().Verify(digest).ok());
+    EXPECT_GT(Only().since_us, old.since_us + kHour_us);
+  }
+  EXPECT_EQ(store().Touch(DigestOf("none")).code(), absl::StatusCode::kNotFound);
+}
+
+TEST_P(BlobStoreTest, ALocalPathHasTheContent) {
+  const Digest digest = *store().PutBytes("content");
+  EXPECT_FALSE(store().Location().empty());
+  const auto path = store().LocalPath(digest);
+  if (path) {
+    EXPECT_EQ(*ReadFile(*path), "content");
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Stores, BlobStoreTest,
+                         testing::Values(Implementation{"Folder", [] { return std::make_unique<FolderCase>(); }},
+                                         Implementation{"Memory", [] { return std::make_unique<MemoryCase>(); }}),
+                         [](const testing::TestParamInfo<Implementation>& info) { return info.param.name; });
 
 }  // namespace
 }  // namespace tessera

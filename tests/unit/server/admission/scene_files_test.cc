@@ -2,7 +2,9 @@
 
 #include <gmock/gmock.h>
 
-#include "tests/unit/server/grpc/server_fixture.h"
+#include <fstream>
+
+#include "tests/unit/server/admission/admission_fixture.h"
 
 namespace tessera {
 namespace {
@@ -10,7 +12,7 @@ namespace {
 using testing::HasSubstr;
 
 // Times of change are the machine's: nobody can set them.
-class SceneFilesTest : public ServerTest {
+class SceneFilesTest : public AdmissionFixture {
  protected:
   SceneFilesTest() { clock_.SetBy(static_cast<double>(SystemClock().UnixTimeUs() - clock_.UnixTimeUs()) / 1e6); }
   HeldFile Hold(const std::string& name) { return *AllowedFiles::All().Open(scene_ + "/" + name); }
@@ -23,8 +25,7 @@ TEST_F(SceneFilesTest, DigestsAreRememberedOnceAFileHasSettled) {
   clock_.Advance(3600);
   const Digest digest = *DigestOfFile(file, *cache_, clock_);
   EXPECT_EQ(cache_->Find(file.real_path(), *file.Stamp()), digest);
-  const auto missing =
-      DigestSceneFiles({scene_, "s", {"none1", "image", "none2"}, {}}, AllowedFiles::All(), *cache_, clock_);
+  const auto missing = DigestSceneFiles(scene_, {"none1", "image", "none2"}, AllowedFiles::All(), *cache_, clock_);
   EXPECT_THAT(std::string(missing.status().message()), testing::AllOf(HasSubstr("none1"), HasSubstr("none2")));
 }
 
@@ -40,13 +41,12 @@ TEST_F(SceneFilesTest, AFileThatIsGivenAnotherContentAndItsOldTimeIsHashedAgain)
   EXPECT_EQ(other.size_bytes, digest.size_bytes);
 }
 
-TEST_F(SceneFilesTest, NobodyHashesForWhoHasGone) {
+TEST_F(SceneFilesTest, StopsHashingWhenTheCallerIsGone) {
   EXPECT_EQ(DigestOfFile(Hold("image"), *cache_, clock_, [] { return true; }).status().code(),
             absl::StatusCode::kCancelled);
-  EXPECT_EQ(DigestSceneFiles({scene_, "s", {"image"}, {}}, AllowedFiles::All(), *cache_, clock_, [] { return true; })
-                .status()
-                .code(),
-            absl::StatusCode::kCancelled);
+  EXPECT_EQ(
+      DigestSceneFiles(scene_, {"image"}, AllowedFiles::All(), *cache_, clock_, [] { return true; }).status().code(),
+      absl::StatusCode::kCancelled);
 }
 
 TEST_F(SceneFilesTest, ADigestThatCannotBeRememberedIsADigestAllTheSame) {

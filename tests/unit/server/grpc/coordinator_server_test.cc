@@ -275,12 +275,12 @@ TEST_F(ServerTest, ChangedSceneFilesAreNotServed) {
   const std::string content = std::string(2'500'000, 'i') + "end";
   const std::string worker = Register().worker();
   ASSERT_TRUE(LeaseOverRpc(worker).has_lease());
-  const auto store = *BlobStore::Open(folder_.path() + "/worker");
+  const auto store = *FolderBlobs::Open(folder_.path() + "/worker");
   ASSERT_TRUE(Fetch(DigestOf(content), *store, worker).ok());
   EXPECT_EQ(*store->Read(DigestOf(content)), content);
   EXPECT_EQ(Fetch(DigestOf("nowhere"), *store).code(), absl::StatusCode::kNotFound);
 
-  const auto other = *BlobStore::Open(folder_.path() + "/other");
+  const auto other = *FolderBlobs::Open(folder_.path() + "/other");
   WriteScene("image", std::string(2'500'000, 'j') + "end", 0);
   const Status changed = Fetch(DigestOf(content), *other, worker);
   EXPECT_EQ(changed.code(), absl::StatusCode::kFailedPrecondition);
@@ -304,7 +304,7 @@ TEST_F(ServerTest, JobReadsItsOwnSceneWhenACopyIsRemoved) {
     }
     ASSERT_TRUE(RemoveTree(copy).ok());
     ASSERT_TRUE(RemoveTree(folder_.path() + "/worker").ok());
-    const auto store = *BlobStore::Open(folder_.path() + "/worker");
+    const auto store = *FolderBlobs::Open(folder_.path() + "/worker");
     const std::string worker = Register().worker();
     ASSERT_TRUE(LeaseOverRpc(worker).has_lease());
     EXPECT_TRUE(Fetch(DigestOf(content), *store, worker).ok());

@@ -269,7 +269,7 @@ TEST_F(LimitsTest, ListsArePaged) {
 }
 
 TEST_F(LimitsTest, PagesOfJobsAreLimitedInSize) {
-  environment_.list_scene = [](const std::string& path, const SceneRequest&,
+  environment_.read_scene = [](const std::string& path, const SceneRequest&,
                                const AllowedFiles&) -> StatusOr<SceneListing> {
     return SceneListing{path, "fake", {"image"}, Warnings(500, std::string(1000, 'w'))};
   };
@@ -307,9 +307,9 @@ TEST_F(LimitsTest, ExpiredCallStopsHashing) {
   NotingCache cache;
   clock_.Advance(3e9);  // what was written now has lain there for long, and its digest is worth to be remembered
   std::latch reading(1), go_on(1);
-  const SceneLister list = environment_.list_scene;
+  const SceneReader list = environment_.read_scene;
   environment_.digests = &cache;
-  environment_.list_scene = [&](const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
+  environment_.read_scene = [&](const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
     if (!reading.try_wait()) reading.count_down();
     go_on.wait();
     return list(path, request, allowed);

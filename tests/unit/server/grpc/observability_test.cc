@@ -55,7 +55,7 @@ class ObservabilityTest : public CoordinatorTest {
     environment.blobs = blobs_.get();
     environment.digests = cache_.get();
     environment.clock = &clock_;
-    environment.list_scene = [](const std::string& path, const SceneRequest&,
+    environment.read_scene = [](const std::string& path, const SceneRequest&,
                                 const AllowedFiles&) -> StatusOr<SceneListing> {
       return SceneListing{path, "fake", {"scene.json"}, {}};
     };
@@ -251,7 +251,7 @@ TEST_F(ObservabilityTest, CallsAndBytesAreCounted) {
   const Digest digest = HashFile(folder_.path() + "/upload").value();
   BlobClient client(channel_, {}, [](double) { return true; });
   ASSERT_TRUE(client.Send(folder_.path() + "/upload", digest, {}).ok());
-  const auto store = *BlobStore::Open(folder_.path() + "/other");
+  const auto store = *FolderBlobs::Open(folder_.path() + "/other");
   ASSERT_TRUE(client.Fetch(HashFile(scene_ + "/scene.json").value(), *store, {}).ok());
   server_->Shutdown(1);  // all calls have ended
   const auto calls = [&](const std::string& name, grpc::StatusCode code) -> int64_t {

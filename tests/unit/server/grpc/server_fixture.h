@@ -38,7 +38,7 @@ class ServerTest : public CoordinatorTest {
     environment_.blobs = blobs_.get();
     environment_.digests = cache_.get();
     environment_.clock = &clock_;
-    environment_.list_scene = [](const std::string& path, const SceneRequest&,
+    environment_.read_scene = [](const std::string& path, const SceneRequest&,
                                  const AllowedFiles&) -> StatusOr<SceneListing> {
       if (!FileExists(path + "/scene.json")) {
         return absl::InvalidArgumentError("scene.json: missing\nimages: missing");
@@ -46,6 +46,7 @@ class ServerTest : public CoordinatorTest {
       TESSERA_ASSIGN_OR_RETURN(auto files, ListFiles(path));
       return SceneListing{path, "fake", files, {"an odd thing"}};
     };
+    environment_.shared_blob_dir = blobs_->root();
     environment_.shared_probe_path = "/probe";
     environment_.shared_probe_content = "content";
     Start();

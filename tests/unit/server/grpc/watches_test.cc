@@ -134,7 +134,7 @@ TEST_F(WatchesTest, ManyWatchesShareThreadsAndAllAreUpdated) {
 
 // A message that is larger than what a stream takes whose reader does nothing.
 TEST_F(WatchesTest, SlowWatcherGetsTheNewestState) {
-  environment_.list_scene = [](const std::string& path, const SceneRequest&,
+  environment_.read_scene = [](const std::string& path, const SceneRequest&,
                                const AllowedFiles&) -> StatusOr<SceneListing> {
     return SceneListing{path, "fake", {"image"}, Warnings(50, std::string(4000, 'w'))};
   };

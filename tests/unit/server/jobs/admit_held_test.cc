@@ -62,7 +62,7 @@ TEST_F(AdmitHeldTest, NothingIsLeasedOfAJobForWhichThereIsNoRoom) {
 }
 
 TEST_F(AdmitHeldTest, AJobThatHasBegunHasItsRoomAndTheNextBeginsOnceItHasEnded) {
-  storing_.bytes = *blobs_->FreeBytes() / 10 * 3;  // two of which fit, and not four
+  storing_.bytes = *blobs_->FreeSpace() / 10 * 3;  // two of which fit, and not four
   const std::string worker = Worker(), first = CreateSurveyed("{}", worker);
   const auto lease = Lease(worker);
   ASSERT_TRUE(lease);

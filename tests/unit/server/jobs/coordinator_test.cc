@@ -39,7 +39,7 @@ TEST_F(CoordinatorTest, RunsAJobToItsEnd) {
   const auto tile1 = Lease(worker);
   ASSERT_TRUE(tile1);
   EXPECT_EQ(tile1->plan.name, "refine tile 1");
-  EXPECT_EQ(tile1->inputs[0].path, blobs_->Path(tile1->inputs[0].file.digest));
+  EXPECT_EQ(tile1->inputs[0].path, *blobs_->LocalPath(tile1->inputs[0].file.digest));
   clock_.Advance(10);
   EXPECT_TRUE(Succeed(worker, *tile1).ok());
   EXPECT_EQ(Job(job).tiles_done, 1);
@@ -241,7 +241,7 @@ TEST_F(CoordinatorTest, LostBlobsAreMadeAnew) {
   const std::string worker = Worker();
   const std::string first = Create(AJob(1));
   WorkAll(worker);
-  ASSERT_TRUE(RemoveTree(blobs_->Path(Task(first, 1).task.outputs[0].digest())).ok());
+  ASSERT_TRUE(RemoveTree(*blobs_->LocalPath(Task(first, 1).task.outputs[0].digest())).ok());
   const std::string second = Create(AJob(1));
   EXPECT_EQ(WorkAll(worker), 1);
   EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);

@@ -90,9 +90,9 @@ TEST_F(LostResultsTest, TheReportOfAJobIsWrittenAgainAsItWas) {
   const Digest report = artifacts.back().digest;
   clock_.SetBy(-3600);  // it has no part in what the report tells
   // What is made again later has attempts that it does not tell of.
-  fs::remove(blobs_->Path(Mesh(job)));
+  fs::remove(*blobs_->LocalPath(Mesh(job)));
   ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(Mesh(job)).ok());
-  fs::remove(blobs_->Path(report));
+  fs::remove(*blobs_->LocalPath(report));
   EXPECT_EQ(coordinator_->recovery().RemakeArtifact(report).code(), absl::StatusCode::kUnavailable)
       << "not while that goes on";
   const std::string worker = Worker();
@@ -102,7 +102,7 @@ TEST_F(LostResultsTest, TheReportOfAJobIsWrittenAgainAsItWas) {
     ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(report).ok())
         << coordinator_->recovery().RemakeArtifact(report);
     ASSERT_TRUE(blobs_->Verify(report).ok());
-    Harm(blobs_->Path(report), damage);
+    Harm(*blobs_->LocalPath(report), damage);
     Restart();
   }
 }
@@ -148,7 +148,7 @@ TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
   Work(base);
   const std::string update = Create(Scene(1, base)), workers[] = {Worker(), Worker()};
   ASSERT_TRUE(Turn(workers[0]));
-  fs::remove(blobs_->Path(Task(base, 1).task.outputs.at(0).digest()));
+  fs::remove(*blobs_->LocalPath(Task(base, 1).task.outputs.at(0).digest()));
   ASSERT_TRUE(Turn(workers[0]));  // tells that it is lost
   int remakes = 0;
   for (int turn = 0; turn < 20 && !HasEnded(Job(update).header.state); ++turn, clock_.Advance(20)) {
@@ -175,7 +175,7 @@ TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
 TEST_F(LostResultsTest, ARemakeWithOtherBytesIsToldAndRefused) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(Turn(worker));
-  fs::remove(blobs_->Path(Task(job, 0).task.outputs[1].digest()));
+  fs::remove(*blobs_->LocalPath(Task(job, 0).task.outputs[1].digest()));
   ASSERT_TRUE(Turn(worker));
   for (int i = 0; i < 10 && !HasEnded(Job(job).header.state); ++i) {
     const auto lease = Lease(worker);
@@ -198,7 +198,7 @@ TEST_F(LostResultsTest, AFolderThatEatsFilesFailsTheJobInTheEnd) {
   for (; turns < 100 && !HasEnded(Job(job).header.state); ++turns) {
     if (!Turn(worker)) break;
     for (const StoredFile& output : Task(job, 0).task.outputs) {
-      if (output.name == "mesh") fs::remove(blobs_->Path(output.digest()));
+      if (output.name == "mesh") fs::remove(*blobs_->LocalPath(output.digest()));
     }
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
@@ -221,7 +221,7 @@ TEST_F(LostResultsTest, WhatIsWholeIsNotMadeAgain) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(Turn(worker));
   const Digest mesh = Task(job, 0).task.outputs[1].digest(), survey = Task(job, 0).task.outputs[0].digest();
-  fs::remove(blobs_->Path(survey));  // is no input of the task
+  fs::remove(*blobs_->LocalPath(survey));  // is no input of the task
   for (int i = 0; i < 10; ++i) {
     const auto lease = Lease(worker);
     ASSERT_TRUE(lease) << i;

@@ -101,7 +101,7 @@ class ReplayTest : public CoordinatorTest {
         if (lease.plan.inputs.empty()) break;
         const Digest digest =
             lease.inputs[static_cast<size_t>(random.Below(static_cast<int64_t>(lease.plan.inputs.size())))].file.digest;
-        if (random.Below(4) == 0) std::filesystem::remove(blobs_->Path(digest));
+        if (random.Below(4) == 0) std::filesystem::remove(*blobs_->LocalPath(digest));
         ReportFailureAndWait(*coordinator_, worker, lease.task, lease.attempt,
                              {ErrorClass::kLostInput, "gone", {digest}})
             .IgnoreError();

@@ -93,13 +93,13 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
     const std::string paused = Create(other);
     const std::string worker = Worker();
     ASSERT_TRUE(Turn(worker));
-    std::filesystem::remove(blobs_->Path(Task(paused, 0).task.outputs.at(2).digest()));
+    std::filesystem::remove(*blobs_->LocalPath(Task(paused, 0).task.outputs.at(2).digest()));
     ASSERT_TRUE(Turn(worker));
     ASSERT_TRUE(coordinator_->jobs().ChangeJob(paused, {7, true}).ok());
     // One that waits for what its base makes again.
     const std::string update = Create(Scene(1, base));
     ASSERT_TRUE(Turn(worker));
-    std::filesystem::remove(blobs_->Path(Task(base, 1).task.outputs.at(0).digest()));
+    std::filesystem::remove(*blobs_->LocalPath(Task(base, 1).task.outputs.at(0).digest()));
     ASSERT_TRUE(Turn(worker));
     if (leased) {
       ASSERT_EQ(Lease(worker)->task, base + "/tasks/1");

@@ -184,7 +184,7 @@ TEST_F(WaitingCallsTest, InputsThatAWorkerLacksAreExaminedBesideOtherCalls) {
   const auto refine = Lease(worker);
   ASSERT_TRUE(refine);
   const Digest mesh = refine->inputs.at(0).file.digest;
-  ASSERT_TRUE(RemoveTree(blobs_->Path(mesh)).ok());
+  ASSERT_TRUE(RemoveTree(*blobs_->LocalPath(mesh)).ok());
   coordinator_->leases().ReportFailure(worker, refine->task, 1, {ErrorClass::kLostInput, "gone", {mesh}},
                                        Noting("lost"));
   EXPECT_THAT(Await(1), ElementsAre(Pair("lost", "OK")));

@@ -128,7 +128,7 @@ TEST_F(BlobCollectorTest, AClassifierStaysAsLongAsItsJob) {
   LookLong();
   EXPECT_TRUE(blobs_->Has(digest));
   EXPECT_THAT(Faults(), IsEmpty());
-  ASSERT_EQ(std::remove(blobs_->Path(digest).c_str()), 0);
+  ASSERT_EQ(std::remove(blobs_->LocalPath(digest)->c_str()), 0);
   EXPECT_THAT(Faults(), testing::Contains(testing::HasSubstr(kClassifierFile)));
   ASSERT_TRUE(coordinator_->jobs().DeleteJob(name, "").ok());
   LookLong();
@@ -198,10 +198,10 @@ TEST_F(BlobCollectorTest, WhatIsReferredToMeanwhileStays) {
   const std::string worker = Worker();
   const auto lease = Lease(worker);
   const ReportedResult result = Result(*lease);  // stored, and told only later
-  std::vector<BlobFile> doomed;
+  std::vector<BlobEntry> doomed;
   const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
-  for (int part = 0; part < kBlobParts; ++part) {
-    for (const BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
+  for (int part = 0; part < BlobStore::kParts; ++part) {
+    for (const BlobEntry& file : blobs_->List(part)) {
       EXPECT_FALSE(references.Needs(BlobReferences::IdOf(file.sha256)));
       doomed.push_back(file);
     }
@@ -217,10 +217,10 @@ TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainNeedsStays) {
   const std::string job = Create(Scene(2));
   Work(job);
   ASSERT_EQ(Job(job).header.state, JobState::kFailed);
-  std::vector<BlobFile> spare;
+  std::vector<BlobEntry> spare;
   const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
-  for (int part = 0; part < kBlobParts; ++part) {
-    for (const BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
+  for (int part = 0; part < BlobStore::kParts; ++part) {
+    for (const BlobEntry& file : blobs_->List(part)) {
       if (references.SpareSince(BlobReferences::IdOf(file.sha256)) >= 0) spare.push_back(file);
     }
   }
@@ -259,7 +259,8 @@ TEST_F(BlobCollectorTest, WhatIsMadeAgainStaysUntilItWasRead) {
   Look();
   const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest();
   EXPECT_FALSE(blobs_->Has(tile));
-  for (const int task : {3, 4, 5}) ASSERT_TRUE(RemoveTree(blobs_->Path(Task(job, task).task.outputs[0].digest())).ok());
+  for (const int task : {3, 4, 5})
+    ASSERT_TRUE(RemoveTree(*blobs_->LocalPath(Task(job, task).task.outputs[0].digest())).ok());
   ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh).ok());
   for (int turns = 0; turns < 40 && Turn(worker); ++turns) Look();
   EXPECT_TRUE(blobs_->Verify(mesh).ok());
@@ -274,13 +275,13 @@ TEST_F(BlobCollectorTest, WhatAnEndedJobMakesAgainMeanwhileStays) {
   Work(job);
   const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest();
   const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
-  std::vector<BlobFile> listed;
-  for (int part = 0; part < kBlobParts; ++part) {
-    for (const BlobFile& file : ListBlobFiles(blobs_->root(), part)) {
+  std::vector<BlobEntry> listed;
+  for (int part = 0; part < BlobStore::kParts; ++part) {
+    for (const BlobEntry& file : blobs_->List(part)) {
       if (file.sha256 == tile.sha256) listed.push_back(file);
     }
   }
-  ASSERT_TRUE(RemoveTree(blobs_->Path(mesh)).ok());
+  ASSERT_TRUE(RemoveTree(*blobs_->LocalPath(mesh)).ok());
   ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh).ok());
   EXPECT_THAT(*Reclaimer(coordinator_->core()).RemoveBlobs(listed), IsEmpty());
 }
@@ -288,8 +289,8 @@ TEST_F(BlobCollectorTest, WhatAnEndedJobMakesAgainMeanwhileStays) {
 TEST_F(BlobCollectorTest, WhatWasSetAsideGoesAfterItsTimeOrForRoom) {
   const auto set_aside = [&](const std::string& content) {
     const Digest digest = *blobs_->PutBytes(content);
-    std::ofstream(blobs_->Path(digest), std::ios::in | std::ios::out) << "~";
-    EXPECT_EQ(blobs_->VerifyOrSetAside(digest).code(), absl::StatusCode::kDataLoss);
+    std::ofstream(*blobs_->LocalPath(digest), std::ios::in | std::ios::out) << "~";
+    EXPECT_EQ(blobs_->VerifyOrQuarantine(digest).code(), absl::StatusCode::kDataLoss);
     return digest.sha256;
   };
   set_aside("first");
@@ -396,8 +397,8 @@ TEST_F(BlobCollectorTest, VerifyingSaysWhatIsWrong) {
   WorkAll(Worker());
   EXPECT_THAT(Faults(), IsEmpty());
   const auto outputs = Task("jobs/1", 0).task.outputs;
-  std::ofstream(blobs_->Path(outputs[0].digest()), std::ios::in | std::ios::out) << "X";
-  ASSERT_TRUE(RemoveTree(blobs_->Path(outputs[1].digest())).ok());
+  std::ofstream(*blobs_->LocalPath(outputs[0].digest()), std::ios::in | std::ios::out) << "X";
+  ASSERT_TRUE(RemoveTree(*blobs_->LocalPath(outputs[1].digest())).ok());
   store_.records.push_back("no record");
   const auto shallow = VerifyState(store_, *blobs_, false, [](const std::string&) {});
   EXPECT_EQ(shallow->faults, 2) << "no content is read";

@@ -240,7 +240,7 @@ TEST_F(DeleteJobTest, WhatWasMadeAgainOfItEnds) {
     const std::string job = Create(Scene(1));
     Work(job);
     const Digest mesh = Mesh(job);
-    ASSERT_TRUE(RemoveTree(blobs_->Path(mesh)).ok());
+    ASSERT_TRUE(RemoveTree(*blobs_->LocalPath(mesh)).ok());
     ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh).ok());
     const std::string worker = Worker();
     std::optional<GrantedLease> lease;

@@ -11,8 +11,8 @@
 #include <new>
 #include <stdexcept>
 
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "tests/unit/worker/agent/agent_fixture.h"
 
 namespace tessera {
@@ -56,14 +56,14 @@ TEST_F(AgentFailuresTest, EachFailureHasItsClassAndTheWorkerContinues) {
 // All lost inputs are reported at once, whether or not they come from a shared folder.
 TEST_F(AgentFailuresTest, LostInputsAreReportedByDigest) {
   const std::string shared = folder_.path() + "/blobs";
-  const auto store = *BlobStore::Open(shared);
+  const auto store = *FolderBlobs::Open(shared);
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "secret").ok());
   coordinator_.ShareFolder(shared, folder_.path() + "/probe", "secret");
   const Digest rotten = *store->PutBytes("rotten"), gone{Sha256Hex("gone"), 4}, whole = *store->PutBytes("whole");
-  ASSERT_TRUE(WriteFileAtomic(store->Path(rotten), "rottem").ok());
+  ASSERT_TRUE(WriteFileAtomic(*store->LocalPath(rotten), "rottem").ok());
   v1::Lease lease = NewLease("jobs/1/tasks/1");
   for (const Digest& digest : {rotten, whole, gone}) {
-    AddInput(lease, "file " + digest.sha256, digest, store->Path(digest));
+    AddInput(lease, "file " + digest.sha256, digest, *store->LocalPath(digest));
   }
   coordinator_.Queue(lease);
   StartAgent(Concatenate);

@@ -9,8 +9,8 @@
 #include <thread>
 
 #include "common/base/parallel.h"
-#include "common/storage/blob_store.h"
 #include "common/storage/files.h"
+#include "common/storage/folder_blobs.h"
 #include "tests/unit/worker/agent/agent_fixture.h"
 
 namespace tessera {
@@ -101,7 +101,7 @@ TEST_F(AgentTest, TasksSeeOnlyTheirOwnFiles) {
 
 TEST_F(AgentTest, SharedFilesAreLinkedAndOutputsGoToTheSharedFolder) {
   const std::string shared = folder_.path() + "/blobs";
-  ASSERT_TRUE(BlobStore::Open(shared).ok());
+  ASSERT_TRUE(FolderBlobs::Open(shared).ok());
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "secret").ok());
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/scene.txt", "hello").ok());
   coordinator_.ShareFolder(shared, folder_.path() + "/probe", "secret");
@@ -114,7 +114,7 @@ TEST_F(AgentTest, SharedFilesAreLinkedAndOutputsGoToTheSharedFolder) {
   });
   const v1::ReportTaskRequest report = WaitForReport();
   ASSERT_TRUE(report.has_success()) << report.failure().message();
-  EXPECT_EQ(BlobStore::Open(shared).value()->Read(DigestOf(report.success().outputs(0))).value(),
+  EXPECT_EQ(FolderBlobs::Open(shared).value()->Read(DigestOf(report.success().outputs(0))).value(),
             "cut({})in.txt=hello;");
   EXPECT_THAT(coordinator_.blobs().read_offsets(), testing::IsEmpty());
   EXPECT_THAT(coordinator_.blobs().write_offsets(), testing::IsEmpty());
@@ -133,7 +133,7 @@ TEST_F(AgentTest, SharedFileWithWrongContentIsNotUsed) {
 
 TEST_F(AgentTest, SharedPathsAreNotAccessedWithoutSharedStorage) {
   const std::string shared = folder_.path() + "/blobs";
-  ASSERT_TRUE(BlobStore::Open(shared).ok());
+  ASSERT_TRUE(FolderBlobs::Open(shared).ok());
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "secret").ok());
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/scene.txt", "hello").ok());
   coordinator_.ShareFolder(shared, folder_.path() + "/probe", "secret");
@@ -149,7 +149,7 @@ TEST_F(AgentTest, SharedPathsAreNotAccessedWithoutSharedStorage) {
 
 TEST_F(AgentTest, WrongProbeContentSelectsTheBlobService) {
   const std::string shared = folder_.path() + "/blobs";
-  ASSERT_TRUE(BlobStore::Open(shared).ok());
+  ASSERT_TRUE(FolderBlobs::Open(shared).ok());
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/probe", "of another coordinator").ok());
   coordinator_.ShareFolder(shared, folder_.path() + "/probe", "secret");
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));

@@ -1,0 +1,66 @@
+// Blobs in a folder: ROOT/ab/abcd...: the blob of that SHA-256; ROOT/partial/: unfinished writes; ROOT/set_aside/:
+// quarantined blobs.
+#ifndef TESSERA_COMMON_STORAGE_FOLDER_BLOBS_H_
+#define TESSERA_COMMON_STORAGE_FOLDER_BLOBS_H_
+
+#include <array>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/storage/blob_store.h"
+
+namespace tessera {
+
+// A blob's time is the later one of its file's times of access and of writing. Errors of the file system are marked
+// (IsFileError).
+class FolderBlobs final : public BlobStore {
+ public:
+  // Creates the folder if it is missing.
+  static StatusOr<std::unique_ptr<FolderBlobs>> Open(const std::string& root);
+
+  const std::string& root() const { return root_; }
+  // Moves the blob out of the store to `path`, on the same file system, and replaces what is there.
+  Status MoveTo(const Digest& digest, const std::string& path);
+
+  Status Stat(const Digest& digest) const override;
+  StatusOr<std::string> ReadRange(const Digest& digest, int64_t offset_bytes, int64_t size_bytes) const override;
+  Status Verify(const Digest& digest) const override;
+  Status VerifyOrQuarantine(const Digest& digest) override;
+  StatusOr<Digest> PutFile(const std::string& path) override;
+  // A rename where the file is on the same file system.
+  StatusOr<Digest> MoveFile(const std::string& path) override;
+  StatusOr<Digest> PutBytes(const std::string& bytes) override;
+  StatusOr<Digest> PutParts(const std::function<void(const Writer& write)>& give) override;
+  Status Touch(const Digest& digest) override;
+  StatusOr<int64_t> CommittedBytes(const Digest& digest) const override;
+  StatusOr<int64_t> Append(const Digest& digest, int64_t offset, const std::string& bytes) override;
+  Status Complete(const Digest& digest) override;
+  std::vector<BlobEntry> List(int part) const override;
+  StatusOr<FreeBytes> Remove(const BlobEntry& entry) override;
+  std::optional<int64_t> FreeSpace() const override;
+  std::string Location() const override { return root_; }
+  std::optional<std::string> LocalPath(const Digest& digest) const override { return Path(digest); }
+
+ private:
+  explicit FolderBlobs(std::string root) : root_(std::move(root)) {}
+  // Of a digest that CheckDigest accepts.
+  std::string Path(const Digest& digest) const;
+  std::string PartialPath(const Digest& digest) const;
+  std::string NewTemporary() const;  // a path that no other process has
+  // Sets the time of access of the blob's file. False if there is none.
+  bool TouchFile(const Digest& digest) const;
+  // Makes a file of the store a blob. On error `temporary` stays.
+  Status Publish(const std::string& temporary, const Digest& digest);
+  std::mutex& UploadMutex(const Digest& digest) const { return upload_mutexes_[digest.sha256[0] & 15]; }
+
+  const std::string root_;
+  mutable std::array<std::mutex, 16> upload_mutexes_;  // by the digest's first digit
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_COMMON_STORAGE_FOLDER_BLOBS_H_

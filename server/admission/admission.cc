@@ -1,0 +1,111 @@
+#include "server/admission/admission.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <optional>
+
+#include "server/admission/field_bounds.h"
+#include "server/settings/settings_proto.h"
+#include "tessera/v1/jobs.pb.h"
+
+namespace tessera {
+namespace {
+
+constexpr size_t kMaxSettingsBytes = 64 << 10;
+
+bool ReadsScene(const Submission& submission) { return submission.settings.update.rollback_to.empty(); }
+
+// The shortest form of the path: "/a/./b/" becomes "/a/b".
+std::string Normal(const std::string& path) {
+  std::string normal = std::filesystem::path(path).lexically_normal().string();
+  while (normal.size() > 1 && normal.back() == '/') normal.pop_back();
+  return normal;
+}
+
+// All these fields are stored as long as the job.
+Status CheckSizes(const Submission& submission) {
+  v1::JobSettings settings;
+  ToProto(submission.settings, &settings);
+  Faults faults;
+  faults.Add(CheckSize("request_id", submission.request_id.size(), kMaxNameBytes));
+  faults.Add(CheckSize("display_name", submission.display_name.size(), kMaxNameBytes));
+  faults.Add(CheckSize("scene_path", submission.scene_path.size(), kMaxPathBytes));
+  faults.Add(CheckSize("settings", settings.ByteSizeLong(), kMaxSettingsBytes));
+  return faults.ToStatus();
+}
+
+JobRequest RequestOf(const Submission& submission) {
+  return {submission.request_id, ReadsScene(submission) ? Normal(submission.scene_path) : "", submission.settings};
+}
+
+}  // namespace
+
+StatusOr<JobStatus> Admission::Submit(const Submission& submission, const Cancelled& cancelled) const {
+  TESSERA_RETURN_IF_ERROR(CheckSizes(submission));
+  TESSERA_ASSIGN_OR_RETURN(std::optional<JobStatus> known, environment_.jobs->FindRequest(RequestOf(submission)));
+  if (known) return *std::move(known);
+  TESSERA_RETURN_IF_ERROR(environment_.jobs->MayCreateJob(submission.client));
+  TESSERA_ASSIGN_OR_RETURN(const NewJob job, MakeJob(submission, cancelled));
+  return environment_.jobs->CreateJob(job);
+}
+
+StatusOr<JobStatus> Admission::Validate(const Submission& submission, const Cancelled& cancelled) const {
+  TESSERA_RETURN_IF_ERROR(CheckSizes(submission));
+  TESSERA_ASSIGN_OR_RETURN(NewJob job, MakeJob(submission, cancelled));
+  TESSERA_ASSIGN_OR_RETURN(job, environment_.jobs->CompleteJob(std::move(job)));
+  JobStatus status;
+  status.header.display_name = job.display_name;
+  status.header.scene_path = job.scene_path;
+  status.header.settings = job.settings;
+  status.header.warnings = job.warnings;
+  return status;
+}
+
+StatusOr<NewJob> Admission::MakeJob(const Submission& submission, const Cancelled& cancelled) const {
+  NewJob job;
+  job.client = submission.client;
+  job.request = RequestOf(submission);
+  job.settings = submission.settings;
+  job.priority = submission.priority;
+  job.display_name = submission.display_name;
+  TESSERA_ASSIGN_OR_RETURN(const ClientLimits::Ticket reading, environment_.limits->Transfer(submission.client, {}));
+  TESSERA_RETURN_IF_ERROR(CheckJobSettings(job.settings));
+  TESSERA_RETURN_IF_ERROR(CheckPriority(job.priority));
+  if (ReadsScene(submission)) TESSERA_RETURN_IF_ERROR(AddScene(submission, cancelled, job));
+  // A caller that is gone would never get the job's name.
+  if (cancelled && cancelled()) return absl::CancelledError("the caller has gone");
+  return job;
+}
+
+Status Admission::AddScene(const Submission& submission, const Cancelled& cancelled, NewJob& job) const {
+  if (!std::filesystem::path(submission.scene_path).is_absolute()) {
+    return InputError("scene_path", "", "'" + submission.scene_path + "'", "an absolute path");
+  }
+  if (!environment_.scenes_over_network && !submission.is_local) {
+    return absl::FailedPreconditionError(
+        "this coordinator reads no scenes for callers from the network: start tesserad with --scene-root FOLDER");
+  }
+  SceneRequest request = {job.settings.update.base.empty(), job.settings.classifier};
+  if (!request.needs_mesh) {
+    TESSERA_ASSIGN_OR_RETURN(const JobStatus base, environment_.jobs->GetJob(job.settings.update.base));
+    request.base_classifies = Classifies(base.header.settings);
+  }
+  TESSERA_ASSIGN_OR_RETURN(SceneListing scene,
+                           environment_.read_scene(submission.scene_path, request, environment_.scene_files));
+  if (std::binary_search(scene.files.begin(), scene.files.end(), kClassifierFile)) {
+    return InputError(scene.folder + "/" + kClassifierFile, "", "a file of this name", "none: it is reserved");
+  }
+  if (request.needs_mesh) job.settings.classifier = scene.classifier;
+  if (job.display_name.empty()) job.display_name = scene.name;
+  job.scene_path = scene.folder;
+  job.warnings = scene.warnings;
+  TESSERA_ASSIGN_OR_RETURN(job.scene_files, DigestSceneFiles(scene.folder, scene.files, environment_.scene_files,
+                                                             *environment_.digests, *environment_.clock, cancelled));
+  if (scene.classifier_content.empty()) return absl::OkStatus();
+  job.classifier = std::move(scene.classifier_content);
+  job.scene_files.push_back(
+      {kClassifierFile, {Sha256Hex(job.classifier), static_cast<int64_t>(job.classifier.size())}});
+  return absl::OkStatus();
+}
+
+}  // namespace tessera

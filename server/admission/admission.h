@@ -1,0 +1,69 @@
+// Admission of jobs: from a submission to a created job, for every way to submit one (gRPC, a page).
+#ifndef TESSERA_SERVER_ADMISSION_ADMISSION_H_
+#define TESSERA_SERVER_ADMISSION_ADMISSION_H_
+
+#include <string>
+#include <utility>
+
+#include "common/base/clock.h"
+#include "common/base/status.h"
+#include "common/storage/allowed_files.h"
+#include "server/admission/scene_files.h"
+#include "server/admission/scene_reader.h"
+#include "server/auth/client_limits.h"
+#include "server/jobs/jobs.h"
+#include "server/settings/job_settings.h"
+#include "server/store/record_store.h"
+
+namespace tessera {
+
+// What a caller asks for.
+struct Submission {
+  std::string request_id;    // a submission with the same id gives the same job; empty: each gives a new one
+  std::string scene_path;    // absolute; a rollback uses its base's scene and ignores this
+  std::string display_name;  // empty: the scene's name
+  JobSettings settings;      // settings.update.base: the base job
+  int priority = 0;
+  std::string client;     // the caller, for limits and the job's header
+  bool is_local = false;  // the caller came through a socket of this machine
+};
+
+// All must outlive the admission.
+struct AdmissionEnvironment {
+  Jobs* jobs = nullptr;
+  ClientLimits* limits = nullptr;
+  DigestCache* digests = nullptr;
+  const Clock* clock = nullptr;
+  SceneReader read_scene = ReadScene;
+  AllowedFiles scene_files = AllowedFiles::All();  // files that scenes may have
+  bool scenes_over_network = true;                 // false: only local callers may submit a scene
+};
+
+// Validates a submission, reads its scene, hashes the scene's files and creates the job. Thread-safe: submissions are
+// read side by side, each counts as a transfer of its client (ClientLimits).
+//
+// Errors are the caller's to read. INVALID_ARGUMENT lists all faults of the step that failed: fields, settings, scene.
+// FAILED_PRECONDITION: the scene may not be read over the network, or a file changed while it was read. NOT_FOUND: no
+// such base job or classifier. ALREADY_EXISTS: the id was used for another submission. RESOURCE_EXHAUSTED: a limit of
+// the client. UNAVAILABLE: the coordinator drains, or makes what the base needs again. CANCELLED: `cancelled` is true.
+class Admission {
+ public:
+  explicit Admission(AdmissionEnvironment environment) : environment_(std::move(environment)) {}
+
+  // Creates the job. Nothing is read for an id that has a job already, or for a client that may have no more jobs.
+  StatusOr<JobStatus> Submit(const Submission& submission, const Cancelled& cancelled = {}) const;
+  // All checks of Submit but those of the id and of the number of jobs. Creates nothing: of the result only the
+  // header's name for display, scene path, settings and warnings are set.
+  StatusOr<JobStatus> Validate(const Submission& submission, const Cancelled& cancelled = {}) const;
+
+ private:
+  // The job of a submission whose fields were checked. Reads and hashes the scene.
+  StatusOr<NewJob> MakeJob(const Submission& submission, const Cancelled& cancelled) const;
+  Status AddScene(const Submission& submission, const Cancelled& cancelled, NewJob& job) const;
+
+  const AdmissionEnvironment environment_;
+};
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_ADMISSION_ADMISSION_H_

@@ -1,0 +1,76 @@
+#include "server/admission/scene_reader.h"
+
+#include <filesystem>
+#include <utility>
+
+#include "common/classify/default_rule.h"
+#include "common/classify/model.h"
+#include "common/scene/scene.h"
+#include "server/settings/job_settings.h"
+
+namespace tessera {
+namespace {
+
+// Content of a trained classifier that has the scene's classes; empty for the default classifier.
+StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneDescription& scene,
+                                     const AllowedFiles& allowed) {
+  std::vector<std::string> classes;
+  for (const SceneClass& c : scene.classes) classes.push_back(c.name);
+  if (classifier == kDefaultClassifier) {
+    TESSERA_RETURN_IF_ERROR(DefaultRule::Of(classes, scene.folder + "/scene.json").status());
+    return std::string();
+  }
+  StatusOr<std::string> bytes = allowed.ReadWhole(classifier, kMaxModelBytes);
+  const StatusOr<ClassifierModel> model =
+      bytes.ok() ? ParseModel(*bytes, classifier) : StatusOr<ClassifierModel>(bytes.status());
+  if (!model.ok() && !absl::IsNotFound(model.status())) {
+    return absl::InvalidArgumentError(model.status().message());  // an error of the caller's, whatever its code
+  }
+  TESSERA_RETURN_IF_ERROR(model.status());
+  TESSERA_RETURN_IF_ERROR(ModelClassesOf(*model, classes, classifier).status());
+  return bytes;
+}
+
+std::string WithoutSlash(std::string path) {
+  while (path.size() > 1 && path.back() == '/') path.pop_back();
+  return path;
+}
+
+}  // namespace
+
+StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed) {
+  SceneListing listing;
+  SceneLoadOptions options;
+  options.needs_mesh = request.needs_mesh;
+  options.allowed = allowed;
+  listing.classifier = request.classifier;
+  if (listing.classifier == kNoClassifier) listing.classifier.clear();
+  const auto load = [&]() -> StatusOr<SceneDescription> {
+    options.to_be_classified = request.base_classifies || !listing.classifier.empty();
+    options.by_default_rule = listing.classifier == kDefaultClassifier;
+    listing.warnings.clear();
+    TESSERA_ASSIGN_OR_RETURN(SceneDescription found, LoadScene(path, &listing.warnings, options));
+    if (!listing.classifier.empty()) {
+      TESSERA_ASSIGN_OR_RETURN(listing.classifier_content, ReadClassifier(listing.classifier, found, allowed));
+    }
+    return found;
+  };
+  TESSERA_ASSIGN_OR_RETURN(SceneDescription scene, load());
+  // A scene without likelihoods and labels gets the default classifier if that has its classes.
+  if (request.classifier.empty() && request.needs_mesh && !scene.has_likelihoods && !scene.mesh_has_labels) {
+    const SceneListing unclassified = listing;
+    listing.classifier = kDefaultClassifier;
+    StatusOr<SceneDescription> classified = load();
+    if (classified.ok()) {
+      scene = *std::move(classified);
+    } else {
+      listing = unclassified;
+    }
+  }
+  listing.folder = WithoutSlash(std::filesystem::absolute(scene.folder).lexically_normal().string());
+  listing.name = scene.name;
+  listing.files = scene.files;
+  return listing;
+}
+
+}  // namespace tessera

@@ -1,0 +1,41 @@
+// Reads the scene of a submission: its files, its faults and the classifier that its likelihoods come from.
+#ifndef TESSERA_SERVER_ADMISSION_SCENE_READER_H_
+#define TESSERA_SERVER_ADMISSION_SCENE_READER_H_
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "common/base/status.h"
+#include "common/storage/allowed_files.h"
+
+namespace tessera {
+
+struct SceneRequest {
+  bool needs_mesh = true;        // false: the scene adds images to a base job's
+  std::string classifier;        // as in JobSettings
+  bool base_classifies = false;  // the base job makes likelihoods from images: those of the scene are not read
+};
+
+struct SceneListing {
+  std::string folder;  // absolute
+  std::string name;
+  std::vector<std::string> files;  // relative to folder, sorted
+  Warnings warnings;
+  // As in JobSettings. Where the request has none: the default classifier if the scene needs one and has its classes.
+  std::string classifier = {};
+  std::string classifier_content = {};  // of a trained classifier
+};
+
+// Reads and validates the scene at `path`, a folder or its scene.json. Opens only what is allowed. INVALID_ARGUMENT
+// with all faults of the scene and the classifier, one a line; NOT_FOUND for a classifier that does not exist.
+// Thread-safe.
+StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed);
+
+// ReadScene, or what tests put in its place.
+using SceneReader = std::function<StatusOr<SceneListing>(const std::string& path, const SceneRequest& request,
+                                                         const AllowedFiles& allowed)>;
+
+}  // namespace tessera
+
+#endif  // TESSERA_SERVER_ADMISSION_SCENE_READER_H_
