@@ -158,7 +158,6 @@ void ParsePoints(ByteReader in, ColmapBuilder* builder) {
 
 void ParseColmapBinary(const std::string& cameras, const std::string& images, const std::string& points,
                        const std::string& folder, CalibrationContent content, CalibratedImages* model, Faults* faults) {
-  model->binary = true;
   ColmapBuilder builder(model, faults);
   ParseCameras(ByteReader(cameras, folder + "/cameras.bin"), &builder);
   ParseImages(ByteReader(images, folder + "/images.bin"), content, &builder);
