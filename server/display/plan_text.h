@@ -6,7 +6,7 @@
 #include <string>
 
 #include "common/job/survey.h"
-#include "server/plan/quote.h"
+#include "server/tiling/quote.h"
 
 namespace tessera {
 

@@ -10,15 +10,15 @@
 #include "absl/strings/str_cat.h"
 #include "common/job/refine_steps.h"
 #include "common/job/survey.h"
-#include "server/plan/cell_index.h"
 #include "server/plan/change_tasks.h"
 #include "server/plan/classify_tasks.h"
-#include "server/plan/cost_model.h"
 #include "server/plan/files_of_views.h"
-#include "server/plan/quote.h"
 #include "server/plan/stages.h"
-#include "server/plan/tiling.h"
 #include "server/plan/update_plan.h"
+#include "server/tiling/cell_index.h"
+#include "server/tiling/cost_model.h"
+#include "server/tiling/quote.h"
+#include "server/tiling/tiling.h"
 
 namespace tessera {
 namespace {

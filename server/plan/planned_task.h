@@ -14,7 +14,7 @@
 #include "common/job/task_kinds.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/hash.h"
-#include "server/plan/cost_model.h"
+#include "server/tiling/cost_model.h"
 
 namespace tessera {
 

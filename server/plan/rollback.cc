@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "server/plan/cell_index.h"
+#include "server/tiling/cell_index.h"
 
 namespace tessera {
 namespace {

@@ -9,7 +9,7 @@
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/hash.h"
-#include "server/plan/cost_scale.h"
+#include "server/tiling/cost_scale.h"
 
 namespace tessera {
 

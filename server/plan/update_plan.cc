@@ -9,7 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "common/job/refine_steps.h"
 #include "common/job/task_kinds.h"
-#include "server/plan/cell_index.h"
+#include "server/tiling/cell_index.h"
 
 namespace tessera {
 namespace {

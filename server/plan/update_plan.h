@@ -10,9 +10,9 @@
 #include "common/base/status.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
-#include "server/plan/cost_scale.h"
-#include "server/plan/quote.h"
 #include "server/settings/job_settings.h"
+#include "server/tiling/cost_scale.h"
+#include "server/tiling/quote.h"
 
 namespace tessera {
 

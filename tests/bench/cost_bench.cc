@@ -1,4 +1,4 @@
-// cost_bench RUN...: holds the predictions of server/plan/cost_model.cc against what workers reported. Each RUN is a
+// cost_bench RUN...: holds the predictions of server/tiling/cost_model.cc against what workers reported. Each RUN is a
 // folder with the job.json of a finished job and the survey.json that its ingest made (`tessera plan SCENE --survey
 // FILE` writes it). Prints, as a table, the quantities of each task with what was measured and predicted, for fitting,
 // and the spread of measured / predicted a kind of task.
@@ -13,8 +13,8 @@
 
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
-#include "server/plan/cost_model.h"
 #include "server/plan/graph.h"
+#include "server/tiling/cost_model.h"
 
 namespace tessera {
 namespace {

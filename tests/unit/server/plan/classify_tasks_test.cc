@@ -9,7 +9,7 @@
 #include <set>
 
 #include "common/job/task_parameters.h"
-#include "server/plan/cost_model.h"
+#include "server/tiling/cost_model.h"
 #include "tests/unit/server/plan/update_pair.h"
 
 namespace tessera {

@@ -8,7 +8,7 @@
 #include "common/job/refine_steps.h"
 #include "common/job/task_parameters.h"
 #include "server/plan/graph.h"
-#include "tests/unit/server/plan/small_surveys.h"
+#include "tests/support/small_surveys.h"
 
 namespace tessera {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "server/plan/update_base.h"
 #include "server/plan/update_plan.h"
-#include "tests/unit/server/plan/small_surveys.h"
+#include "tests/support/small_surveys.h"
 
 namespace tessera {
 

@@ -1,14 +1,14 @@
 // Tiling: partitions the cells of a survey into tiles.
-#ifndef TESSERA_SERVER_PLAN_TILING_H_
-#define TESSERA_SERVER_PLAN_TILING_H_
+#ifndef TESSERA_SERVER_TILING_TILING_H_
+#define TESSERA_SERVER_TILING_TILING_H_
 
 #include <cstdint>
 #include <vector>
 
 #include "common/base/status.h"
 #include "common/job/ground.h"
-#include "server/plan/cell_index.h"
-#include "server/plan/cost_model.h"
+#include "server/tiling/cell_index.h"
+#include "server/tiling/cost_model.h"
 
 namespace tessera {
 
@@ -39,4 +39,4 @@ double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const Re
 
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_PLAN_TILING_H_
+#endif  // TESSERA_SERVER_TILING_TILING_H_

@@ -1,6 +1,6 @@
 // Spatial index of the cells of a survey.
-#ifndef TESSERA_SERVER_PLAN_CELL_INDEX_H_
-#define TESSERA_SERVER_PLAN_CELL_INDEX_H_
+#ifndef TESSERA_SERVER_TILING_CELL_INDEX_H_
+#define TESSERA_SERVER_TILING_CELL_INDEX_H_
 
 #include <cmath>
 #include <cstdint>
@@ -54,4 +54,4 @@ class CellIndex {
 
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_PLAN_CELL_INDEX_H_
+#endif  // TESSERA_SERVER_TILING_CELL_INDEX_H_

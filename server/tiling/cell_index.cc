@@ -1,4 +1,4 @@
-#include "server/plan/cell_index.h"
+#include "server/tiling/cell_index.h"
 
 #include <algorithm>
 #include <climits>

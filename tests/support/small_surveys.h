@@ -1,6 +1,6 @@
 // Surveys of small cities for tests of planning.
-#ifndef TESSERA_TESTS_UNIT_SERVER_PLAN_SMALL_SURVEYS_H_
-#define TESSERA_TESTS_UNIT_SERVER_PLAN_SMALL_SURVEYS_H_
+#ifndef TESSERA_TESTS_SUPPORT_SMALL_SURVEYS_H_
+#define TESSERA_TESTS_SUPPORT_SMALL_SURVEYS_H_
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 
 #include "common/base/random.h"
 #include "common/job/survey.h"
-#include "server/plan/tiling.h"
+#include "server/tiling/tiling.h"
 
 namespace tessera {
 
@@ -88,4 +88,4 @@ inline Survey SeenFromAbove(int size) {
 
 }  // namespace tessera
 
-#endif  // TESSERA_TESTS_UNIT_SERVER_PLAN_SMALL_SURVEYS_H_
+#endif  // TESSERA_TESTS_SUPPORT_SMALL_SURVEYS_H_

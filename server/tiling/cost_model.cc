@@ -1,4 +1,4 @@
-#include "server/plan/cost_model.h"
+#include "server/tiling/cost_model.h"
 
 #include <algorithm>
 #include <cmath>

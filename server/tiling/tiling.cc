@@ -1,4 +1,4 @@
-#include "server/plan/tiling.h"
+#include "server/tiling/tiling.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "server/plan/quote.h"
+#include "server/tiling/quote.h"
 
 #include <algorithm>
 #include <functional>
@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_format.h"
 #include "common/job/task_kinds.h"
-#include "server/plan/tiling.h"
+#include "server/tiling/tiling.h"
 
 namespace tessera {
 namespace {

@@ -1,4 +1,4 @@
-#include "server/plan/tiling.h"
+#include "server/tiling/tiling.h"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <set>
 
 #include "common/job/refine_steps.h"
-#include "server/plan/cost_model.h"
 #include "server/plan/graph.h"
-#include "tests/unit/server/plan/small_surveys.h"
+#include "server/tiling/cost_model.h"
+#include "tests/support/small_surveys.h"
 
 namespace tessera {
 namespace {

@@ -1,4 +1,4 @@
-#include "server/plan/cost_scale.h"
+#include "server/tiling/cost_scale.h"
 
 #include <algorithm>
 

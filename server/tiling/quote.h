@@ -1,6 +1,6 @@
 // Predicted cost of a job, per tile and in total.
-#ifndef TESSERA_SERVER_PLAN_QUOTE_H_
-#define TESSERA_SERVER_PLAN_QUOTE_H_
+#ifndef TESSERA_SERVER_TILING_QUOTE_H_
+#define TESSERA_SERVER_TILING_QUOTE_H_
 
 #include <cstdint>
 #include <set>
@@ -8,8 +8,8 @@
 
 #include "common/base/status.h"
 #include "common/job/survey.h"
-#include "server/plan/cost_scale.h"
 #include "server/settings/job_settings.h"
+#include "server/tiling/cost_scale.h"
 
 namespace tessera {
 
@@ -56,4 +56,4 @@ Status CheckQuote(const JobSettings& settings, const Survey& survey);
 
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_PLAN_QUOTE_H_
+#endif  // TESSERA_SERVER_TILING_QUOTE_H_

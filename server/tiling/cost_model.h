@@ -3,8 +3,8 @@
 // The model is linear in a few quantities of a tile (TileWork). Its constants belong to the program's version and were
 // fitted to reported usage (tests/bench/cost_bench.cc refits them and prints the residuals). The tiling depends on the
 // model, so nothing that workers report at run time may enter it.
-#ifndef TESSERA_SERVER_PLAN_COST_MODEL_H_
-#define TESSERA_SERVER_PLAN_COST_MODEL_H_
+#ifndef TESSERA_SERVER_TILING_COST_MODEL_H_
+#define TESSERA_SERVER_TILING_COST_MODEL_H_
 
 #include <algorithm>
 #include <cstdint>
@@ -13,8 +13,8 @@
 #include "common/job/ground.h"
 #include "common/job/refine_steps.h"
 #include "common/job/survey.h"
-#include "server/plan/cell_index.h"
 #include "server/settings/job_settings.h"
+#include "server/tiling/cell_index.h"
 
 namespace tessera {
 
@@ -102,4 +102,4 @@ Interval StoredBytesInterval();
 
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_PLAN_COST_MODEL_H_
+#endif  // TESSERA_SERVER_TILING_COST_MODEL_H_

@@ -1,12 +1,12 @@
 // Corrects predictions by the usage of earlier jobs of the same city. The cost model's constants were fitted to some
 // scenes and machines; the ratio of used to predicted time of a task kind is nearly constant within a city.
-#ifndef TESSERA_SERVER_PLAN_COST_SCALE_H_
-#define TESSERA_SERVER_PLAN_COST_SCALE_H_
+#ifndef TESSERA_SERVER_TILING_COST_SCALE_H_
+#define TESSERA_SERVER_TILING_COST_SCALE_H_
 
 #include <map>
 #include <string>
 
-#include "server/plan/cost_model.h"
+#include "server/tiling/cost_model.h"
 
 namespace tessera {
 
@@ -41,4 +41,4 @@ class CostScale {
 
 }  // namespace tessera
 
-#endif  // TESSERA_SERVER_PLAN_COST_SCALE_H_
+#endif  // TESSERA_SERVER_TILING_COST_SCALE_H_
