@@ -2,6 +2,8 @@
 //   refine_bench SCENE [--out RESULT.ply] [--levels 2,1,0 --iterations 3,10,10] [--thin-plate W] ...
 // Score the result with `tessera evaluate RESULT.ply --scene SCENE`.
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <string>
@@ -14,9 +16,9 @@
 #include "common/meshio/mesh_format.h"
 #include "common/scene/scene.h"
 #include "tests/support/held_pixels.h"
+#include "tests/support/refine_surface.h"
 #include "worker/refine/density.h"
 #include "worker/refine/descent.h"
-#include "worker/refine/refine.h"
 #include "worker/refine/self_intersection.h"
 
 namespace tessera {
@@ -35,7 +37,9 @@ struct Arguments {
   double max_footprint_px2 = DensityOptions().max_footprint_px2;
   int threads = 0;
   bool verbose = false;
-  RefineOptions refine;
+  double best_angle_deg = 15;
+  SurfaceProblem problem;
+  TileRefineOptions refine;
 };
 
 void AddOptions(CLI::App& app, Arguments& a) {
@@ -44,33 +48,33 @@ void AddOptions(CLI::App& app, Arguments& a) {
   app.add_option("--footprint", a.max_footprint_px2, "largest face, square pixels");
   app.add_option("--threads", a.threads, "0: one for each core");
   app.add_flag("--verbose", a.verbose, "a line for each iteration");
-  app.add_option("--levels", a.refine.levels)->delimiter(',');
-  app.add_option("--iterations", a.refine.iterations)->delimiter(',');
-  app.add_option("--window", a.refine.window_px);
-  app.add_option("--gaussian", a.refine.gaussian_window);
-  app.add_option("--noise-sigma", a.refine.noise_sigma);
-  app.add_option("--thin-plate", a.refine.thin_plate);
-  app.add_option("--photo-outlier", a.refine.photo_outlier);
-  app.add_option("--membrane", a.refine.membrane);
-  app.add_option("--rim", a.refine.rim);
-  app.add_option("--sweeps", a.refine.smoothing_sweeps);
-  app.add_option("--max-step", a.refine.max_step_px);
-  app.add_option("--step-decay", a.refine.step_decay);
-  app.add_option("--partners", a.refine.partners);
-  app.add_option("--best-angle", a.refine.best_angle_deg);
-  app.add_option("--occlusion", a.refine.occlusion_px);
-  app.add_option("--max-normal", a.refine.max_normal_gsd);
-  app.add_option("--max-tangent", a.refine.max_tangent_gsd);
-  app.add_option("--start-steps", a.refine.start_smoothing_steps);
-  app.add_option("--start-cosine", a.refine.min_start_cosine);
+  app.add_option("--levels", a.problem.levels)->delimiter(',');
+  app.add_option("--iterations", a.problem.iterations)->delimiter(',');
+  app.add_option("--window", a.refine.data.window_px);
+  app.add_option("--gaussian", a.refine.data.gaussian_window);
+  app.add_option("--noise-sigma", a.refine.data.noise_sigma);
+  app.add_option("--thin-plate", a.refine.step.thin_plate);
+  app.add_option("--photo-outlier", a.refine.data.photo_outlier);
+  app.add_option("--membrane", a.refine.step.membrane);
+  app.add_option("--rim", a.refine.step.rim);
+  app.add_option("--sweeps", a.refine.step.smoothing_sweeps);
+  app.add_option("--max-step", a.refine.step.max_step_px);
+  app.add_option("--step-decay", a.refine.step.step_decay);
+  app.add_option("--partners", a.problem.pairing.partners);
+  app.add_option("--best-angle", a.best_angle_deg);
+  app.add_option("--occlusion", a.refine.data.occlusion_px);
+  app.add_option("--max-normal", a.refine.step.max_normal_gsd);
+  app.add_option("--max-tangent", a.refine.step.max_tangent_gsd);
+  app.add_option("--start-steps", a.refine.step.start_smoothing_steps);
+  app.add_option("--start-cosine", a.refine.step.min_start_cosine);
 }
 
 // What the run did to the surface that a surface must not suffer.
-void PrintFolds(const RefineProblem& problem, const std::vector<Eigen::Vector3d>& vertices, int start_steps) {
+void PrintFolds(const SurfaceProblem& problem, const std::vector<Eigen::Vector3d>& vertices, int start_steps) {
   const CpuClock clock;
   MotionLimits limits;
   limits.start_smoothing_steps = start_steps;
-  const MotionGuard guard(problem.mesh, problem.fixed_vertices, limits);
+  const MotionGuard guard(problem.mesh, problem.boundary, limits);
   const int64_t begin_us = clock.MonotonicUs();
   const std::vector<FacePair> before = IntersectingFacePairs(problem.mesh);
   const int64_t between_us = clock.MonotonicUs();
@@ -88,7 +92,11 @@ Status Bench(Arguments& a) {
   Warnings warnings;
   TESSERA_ASSIGN_OR_RETURN(const SceneDescription scene, LoadScene(a.scene, &warnings));
   TESSERA_ASSIGN_OR_RETURN(const TriangleMesh start, LoadSceneMesh(scene, 0));
-  RefineProblem problem;
+  SurfaceProblem& problem = a.problem;
+  constexpr double kRadians = 3.14159265358979323846 / 180;
+  problem.pairing.min_angle_rad = 2.5 * kRadians;
+  problem.pairing.max_angle_rad = 45 * kRadians;
+  problem.pairing.best_angle_rad = a.best_angle_deg * kRadians;
   TESSERA_ASSIGN_OR_RETURN(problem.gsd_m, MedianGsd(scene, start));
   problem.up = scene.up_in_local;
   std::vector<FloatImage> images;
@@ -108,25 +116,31 @@ Status Bench(Arguments& a) {
               problem.mesh.faces.size());
 
   const CpuClock clock;
-  a.refine.clock = &clock;
   const double begin_s = 1e-6 * static_cast<double>(clock.MonotonicUs());
-  std::vector<Eigen::Vector3d> vertices;
-  TESSERA_ASSIGN_OR_RETURN(const RefineReport report, RefineGeometry(problem, &vertices, a.refine, TaskControl()));
+  TESSERA_ASSIGN_OR_RETURN(const SurfaceRefinement refined, RefineSurface(problem, a.refine, TaskControl(), clock));
+  const TileRefinement& report = refined.tile;
+  const std::vector<Eigen::Vector3d>& vertices = refined.vertices;
   const double cpu_s = 1e-6 * static_cast<double>(clock.MonotonicUs()) - begin_s;
   if (a.verbose) {
-    for (const RefineIteration& step : report.iterations) {
+    for (const IterationReport& step : report.iterations) {
       std::printf("  level %d  energy %.5f  moved %.3f px  windows %.2f M\n", step.level, step.energy, step.moved_px,
-                  1e-6 * static_cast<double>(step.pair_pixels));
+                  1e-6 * static_cast<double>(step.windows));
     }
   }
   const double pixel_pairs = static_cast<double>(report.warped_pixels);
-  std::printf("moved rms %.3f m, max %.2f m  pairs %d\n", report.moved_rms_m, report.moved_max_m, report.pairs);
-  std::printf("cpu %.1f s: prepare %.1f, visibility %.1f, photo %.1f, step %.1f, repair %.2f\n", cpu_s,
-              report.seconds_prepare, report.seconds_visibility, report.seconds_photo, report.seconds_step,
+  double moved_rms_m = 0, moved_max_m = 0;
+  for (size_t v = 0; v < vertices.size(); ++v) {
+    const double moved_m = (vertices[v] - problem.mesh.vertices[v]).norm();
+    moved_rms_m += moved_m * moved_m / static_cast<double>(vertices.size());
+    moved_max_m = std::max(moved_max_m, moved_m);
+  }
+  std::printf("moved rms %.3f m, max %.2f m  pairs %d\n", std::sqrt(moved_rms_m), moved_max_m, refined.pairs);
+  std::printf("cpu %.1f s: loading %.1f, visibility %.1f, photo %.1f, step %.1f, repair %.2f\n", cpu_s,
+              report.seconds_loading, report.seconds_visibility, report.seconds_data, report.seconds_step,
               report.seconds_repair);
   std::printf("cpu ns a pixel, ordered pair and evaluation: photo %.1f, all %.1f\n",
-              1e9 * report.seconds_photo / pixel_pairs, 1e9 * cpu_s / pixel_pairs);
-  PrintFolds(problem, vertices, a.refine.start_smoothing_steps);
+              1e9 * report.seconds_data / pixel_pairs, 1e9 * cpu_s / pixel_pairs);
+  PrintFolds(problem, vertices, a.refine.step.start_smoothing_steps);
   if (a.out.empty()) return absl::OkStatus();
   problem.mesh.vertices = vertices;
   for (Eigen::Vector3d& v : problem.mesh.vertices) v = scene.frame.SceneFromLocal(v);

@@ -75,8 +75,10 @@ class DataTerm {
   // faces that the margins above can show: see PhotoTerm::Evaluate.
   void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const Clock* clock, FaceDerivatives* out);
 
-  // Frees buffers that the next Evaluate would reuse.
-  void ReleaseBuffers() { photo_->ReleaseBuffers(); }
+  // Frees the buffers that the next Evaluate would use again.
+  void ReleaseBuffers() {
+    if (photo_) photo_->ReleaseBuffers();
+  }
 
  private:
   const std::vector<RefineView>& problem_views_;

@@ -6,7 +6,6 @@
 #include "worker/tile/methods.h"
 #include "worker/tile/refine_tile.h"
 #include "worker/tile/tile_files.h"
-#include "worker/tile/tile_views.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {
@@ -16,19 +15,19 @@ StatusOr<TaskOutcome> RunRefine(const TaskRequest& request, const TaskControl& c
   TESSERA_ASSIGN_OR_RETURN(const RefineParameters parameters, ParseRefineParameters(request.parameters));
   TESSERA_ASSIGN_OR_RETURN(TilePackage package, ReadTilePackage(InputPath(request, kTileFile)));
   TileWorkspace work(std::move(package));
-  TESSERA_ASSIGN_OR_RETURN(const std::vector<TileView> views,
-                           OpenTileViews(work.package(), InputPath(request, kViewsFile)));
-  TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, work.package()));
+  TESSERA_ASSIGN_OR_RETURN(const TileRefineOptions options, MethodOptions(parameters, work.package()));
+  TESSERA_ASSIGN_OR_RETURN(TileImages* const images, work.Images(InputPath(request, kViewsFile), options));
   const double seconds_loading = SecondsSince(clock, start_us);
-  TESSERA_ASSIGN_OR_RETURN(const TileRefinement refinement,
-                           RefineTile(work, views, options, PartOf(control, 0, 0.99), clock));
+  TESSERA_ASSIGN_OR_RETURN(
+      const TileRefinement refinement,
+      RefineTile(work, *images, ActiveTileSteps(parameters, work.package()), options, PartOf(control, 0, 0.99), clock));
   TESSERA_RETURN_IF_ERROR(WriteTileState(OutputPath(request, kStateFile), refinement.state));
 
   TaskOutcome outcome;
   outcome.outputs = {kStateFile};
   if (refinement.left_faces > 0) outcome.warnings.push_back(FoldWarning(work.package().tile, refinement.left_faces));
   nlohmann::json stats = nlohmann::json::parse(refinement.state.report);
-  stats["seconds_loading"] = seconds_loading + refinement.seconds_prepare;
+  stats["seconds_loading"] = seconds_loading + refinement.seconds_loading;
   stats["seconds_visibility"] = refinement.seconds_visibility;
   stats["seconds_data"] = refinement.seconds_data;
   stats["seconds_step"] = refinement.seconds_step;

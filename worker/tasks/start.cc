@@ -5,7 +5,7 @@
 #include "common/storage/files.h"
 #include "worker/city/collected_faces.h"
 #include "worker/tasks/task_functions.h"
-#include "worker/tile/refine_tile.h"
+#include "worker/tile/repair_tile.h"
 #include "worker/tile/tile_files.h"
 
 namespace tessera {

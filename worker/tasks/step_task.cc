@@ -19,21 +19,17 @@ StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region
                            TileWorkspace::Open(InputPath(request, kTileFile),
                                                absl::StrCat(p.method, "|", p.rounds, "|", ToJson(p.settings))));
   TESSERA_ASSIGN_OR_RETURN(task.options, MethodOptions({p.rounds, p.method, p.settings}, task.work->package()));
-  const std::vector<RefineStep> steps = RefineStepsOf(p.method, p.rounds, p.settings);
+  const std::vector<TileStep> steps = TileStepsOf(RefineStepsOf(p.method, p.rounds, p.settings));
   if (p.step < 0 || p.step >= static_cast<int>(steps.size())) {
     return absl::InvalidArgumentError(absl::StrCat(request.kind, ": found step ", p.step, " of ", steps.size()));
   }
-  task.step = steps[p.step];
-  while (task.level_iteration < p.step && steps[p.step - task.level_iteration - 1].level == task.step.level &&
-         steps[p.step - task.level_iteration - 1].round == task.step.round) {
-    ++task.level_iteration;
-  }
+  task.at = steps[p.step];
   TESSERA_ASSIGN_OR_RETURN(const std::vector<MappedState> files, OpenStates(request, p.states));
   std::vector<StateSpans> states;
   for (const MappedState& file : files) states.push_back(file.spans());
   TESSERA_ASSIGN_OR_RETURN(
       task.snapshot,
-      task.work->Assemble(states, task.step.labels() ? label_region : iteration_region, p.frozen, p.first_new_face));
+      task.work->Assemble(states, task.at.labels() ? label_region : iteration_region, p.frozen, p.first_new_face));
   if (p.continues_base) task.snapshot.report = "{}";
   return task;
 }

@@ -6,10 +6,10 @@
 #include <string>
 
 #include "common/base/status.h"
-#include "common/job/refine_steps.h"
 #include "common/job/task_parameters.h"
 #include "worker/tasks/task.h"
-#include "worker/tile/refine_tile.h"
+#include "worker/tile/tile_options.h"
+#include "worker/tile/tile_step.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {
@@ -18,9 +18,8 @@ struct StepTask {
   StepParameters parameters;
   std::shared_ptr<TileWorkspace> work;
   TileRefineOptions options;
-  RefineStep step;
-  int level_iteration = 0;  // of an iteration, counted from 0 in its level
-  TileSnapshot snapshot;    // as TileWorkspace::Assemble gives it
+  TileStep at;
+  TileSnapshot snapshot;  // as TileWorkspace::Assemble gives it
 };
 
 // Reads the package and the states among the inputs, which must tell of a region: that of label steps or that of

@@ -210,7 +210,7 @@ void FlagSample(const LoadedBlocks& loaded, const GroundPlane& ground, const Cel
 
 CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const TileRefineOptions& options) {
   CutOptions out;
-  const StepperOptions& stepper = options.geometry;
+  const StepperOptions& stepper = options.step;
   const MotionLimits limits = MakeMotionLimits(stepper, gsd_m);
   out.sight.motion_m = MotionBound_m(limits);
   out.sight.reference_margin_px = ReferenceMargin_px(window_px, coarsest_level);

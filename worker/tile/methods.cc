@@ -22,57 +22,57 @@ void Override(const std::optional<Value>& value, Option* option) {
 }
 
 void Apply(const MethodSettings& settings, TileRefineOptions* options) {
-  RefineOptions& geometry = options->geometry;
-  Override(settings.semantic, &geometry.semantic);
-  Override(settings.thin_plate, &geometry.thin_plate);
-  Override(settings.inter, &geometry.inter);
-  Override(settings.contour, &geometry.contour);
+  Override(settings.semantic, &options->data.semantic);
+  Override(settings.thin_plate, &options->step.thin_plate);
+  Override(settings.inter, &options->step.inter);
+  Override(settings.contour, &options->data.contour);
   Override(settings.normal_prior, &options->label.prior_weight);
   Override(settings.label_smoothness, &options->label.smoothness_weight);
-  Override(settings.max_step_px, &geometry.max_step_px);
-  Override(settings.window_px, &geometry.window_px);
-  Override(settings.partners, &geometry.partners);
-  if (!settings.levels.empty()) geometry.levels = settings.levels;
-  if (!settings.iterations.empty()) geometry.iterations = settings.iterations;
+  Override(settings.max_step_px, &options->step.max_step_px);
+  Override(settings.window_px, &options->data.window_px);
 }
 
 }  // namespace
 
-StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes,
-                                          const LabelTraits& scene) {
+StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes) {
   TESSERA_RETURN_IF_ERROR(CheckMethod(parameters.method, parameters.settings));
   TileRefineOptions options;
-  const MethodRules rules = MethodRulesOf(parameters.method, parameters.rounds, parameters.settings);
-  options.rounds = rules.rounds;
-  options.labels_first = LabelStepActs(RefineStep(), rules, scene);
-  options.geometry_knows_labels = rules.geometry_knows_labels;
+  options.geometry_knows_labels =
+      MethodRulesOf(parameters.method, parameters.rounds, parameters.settings).geometry_knows_labels;
   if (options.geometry_knows_labels) {
-    options.geometry.contour = kContour;
-    options.geometry.creases = kCreases;
-    for (const SceneClass& c : classes) options.geometry.classes.push_back({c.smoothness, c.anchor_weight});
+    options.data.contour = kContour;
+    options.step.creases = kCreases;
+    for (const SceneClass& c : classes) options.step.classes.push_back({c.smoothness, c.anchor_weight});
   }
   if (parameters.method == "paper") {
-    options.geometry.mixed = 0;
-    options.geometry.semantic = kPaperSemantic;
-    options.geometry.inter = kPaperInter;
-    options.geometry.contour = 0;
-    options.geometry.creases = {};
+    options.step.mixed = 0;
+    options.data.semantic = kPaperSemantic;
+    options.step.inter = kPaperInter;
+    options.data.contour = 0;
+    options.step.creases = {};
     options.label.form = LabelOptions::Form::kPaper;
     options.label.smoothness_weight = kPaperLabelSmoothness;
   }
   Apply(parameters.settings, &options);
-  if (!rules.moves) {
-    options.geometry.levels.clear();
-    options.geometry.iterations.clear();
-  }
   return options;
 }
 
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const TilePackage& package) {
-  const LabelTraits traits = {static_cast<int>(package.classes.size()), package.has_likelihoods, package.has_labels};
-  TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, package.classes, traits));
-  options.geometry.borders = package.borders;
+  TESSERA_ASSIGN_OR_RETURN(TileRefineOptions options, MethodOptions(parameters, package.classes));
+  options.data.borders = package.borders;
   return options;
+}
+
+std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package) {
+  const std::vector<RefineStep> steps = RefineStepsOf(parameters.method, parameters.rounds, parameters.settings);
+  const MethodRules rules = MethodRulesOf(parameters.method, parameters.rounds, parameters.settings);
+  const std::vector<TileStep> all = TileStepsOf(steps);
+  std::vector<TileStep> active;
+  for (const int s : ActiveSteps(
+           steps, rules, {static_cast<int>(package.classes.size()), package.has_likelihoods, package.has_labels})) {
+    active.push_back(all[s]);
+  }
+  return active;
 }
 
 }  // namespace tessera

@@ -5,10 +5,10 @@
 #include <vector>
 
 #include "common/base/status.h"
-#include "common/job/refine_steps.h"
 #include "common/job/task_parameters.h"
 #include "common/scene/scene.h"
 #include "worker/tile/tile_options.h"
+#include "worker/tile/tile_step.h"
 
 namespace tessera {
 
@@ -21,11 +21,13 @@ namespace tessera {
 // `classes` gives the smoothness a class where the method knows classes; `parameters.settings` goes over the method's
 // own values. INVALID_ARGUMENT for a method that there is not (it lists those that there are) and for settings out
 // of range.
-StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes,
-                                          const LabelTraits& scene);
+StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes);
 
-// Of a tile's package, with what it knows of its likelihoods.
+// The same for a tile's package, with the borders of its likelihoods.
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const TilePackage& package);
+
+// The steps of a job that act on this package (ActiveSteps). Settings as CheckMethod accepts them.
+std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package);
 
 }  // namespace tessera
 

@@ -1,55 +1,40 @@
-// The steps of a tile's refinement, as its tasks do them one by one, and all of them for a job's only tile.
+// All steps of a job's only tile, in memory.
 #ifndef TESSERA_WORKER_TILE_REFINE_TILE_H_
 #define TESSERA_WORKER_TILE_REFINE_TILE_H_
 
-#include <memory>
-#include <string>
+#include <cstdint>
 #include <vector>
 
 #include "common/base/clock.h"
 #include "common/base/status.h"
 #include "common/base/task_control.h"
-#include "worker/label/unary.h"
 #include "worker/tile/tile_files.h"
 #include "worker/tile/tile_options.h"
-#include "worker/tile/tile_views.h"
+#include "worker/tile/tile_step.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {
 
-// What the views say of the package's faces where they lie; right for those with a flag in `own`. CANCELLED follows
-// `control`.
-StatusOr<FaceLikelihoods> SumLikelihoods(const TilePackage& package, const std::vector<uint8_t>& own,
-                                         const std::vector<Eigen::Vector3d>& positions,
-                                         const std::vector<TileView>& views, const ViewGroups& groups,
-                                         const TaskControl& control);
-
-// Labels of a region's faces from what the views say of them. `confidence`: 0 where they say nothing. `frozen`: flags
-// of faces that keep the label of `start`; empty: none.
-struct RegionLabels {
-  std::vector<int32_t> labels;
-  std::vector<float> confidence;
-  double start_energy = 0, energy = 0;  // of the region
+// One iteration of the geometry.
+struct IterationReport {
+  int level = 0;
+  double energy = -1, semantic_energy = -1;  // before the step, as StepSums has them
+  double moved_px = 0;                       // RMS of the step, pixels of the level
+  int64_t windows = 0;                       // accepted ones
 };
-RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region,
-                         const std::vector<Eigen::Vector3d>& positions, const std::vector<int32_t>& start,
-                         const FaceLikelihoods& sums, const TileRefineOptions& options,
-                         const std::vector<uint8_t>& frozen = {});
-
-// Confidence of labels that are carried through: nothing speaks against them.
-float CarriedConfidence(int classes, int32_t label);
 
 struct TileRefinement {
   TileState state;
-  int64_t left_faces = 0;  // as RefineReport has them, of all rounds
-  double seconds_prepare = 0, seconds_visibility = 0, seconds_data = 0, seconds_step = 0, seconds_repair = 0,
+  std::vector<IterationReport> iterations;
+  int64_t left_faces = 0, repaired_vertices = 0;  // CoreRepair, all repairs together
+  int64_t warped_pixels = 0;                      // reference pixels x partners x evaluations
+  double seconds_loading = 0, seconds_visibility = 0, seconds_data = 0, seconds_step = 0, seconds_repair = 0,
          seconds_labels = 0;
 };
 
-// All steps of a package that holds the whole city: the bytes that the steps give tile by tile. `views` as
-// OpenTileViews gives them. Without likelihoods labels are carried through; with fewer than two views the geometry
-// stays. CANCELLED follows `control`.
-StatusOr<TileRefinement> RefineTile(TileWorkspace& work, const std::vector<TileView>& views,
+// Measure, Solve and Repair over `steps`, those of the job that act: the bytes that the same functions give as tasks of
+// several tiles. `work` must be whole. CANCELLED follows `control`.
+StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, const std::vector<TileStep>& steps,
                                     const TileRefineOptions& options, const TaskControl& control, const Clock& clock);
 
 }  // namespace tessera

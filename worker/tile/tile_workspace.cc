@@ -89,41 +89,52 @@ StatusOr<std::shared_ptr<TileWorkspace>> TileWorkspace::Open(const std::string& 
       work.release(), [key](TileWorkspace* done) { Kept().Put(key, std::unique_ptr<TileWorkspace>(done)); });
 }
 
-StatusOr<TileSight*> TileWorkspace::Sight(const std::string& views_path, const TileRefineOptions& options) {
+StatusOr<TileImages*> TileWorkspace::Images(const std::string& views_path, const TileRefineOptions& options) {
   TESSERA_ASSIGN_OR_RETURN(const std::string content, ContentKey(views_path));
-  if (sight_ == nullptr || sight_content_ != content) {
+  if (images_ == nullptr || images_content_ != content) {
     TESSERA_ASSIGN_OR_RETURN(std::vector<TileView> views, OpenTileViews(package_, views_path));
-    sight_ = std::make_unique<TileSight>(package_, std::move(views), options);
-    sight_content_ = content;
+    images_ = std::make_unique<TileImages>(package_, std::move(views), options);
+    images_content_ = content;
   }
-  return sight_.get();
+  return images_.get();
 }
 
-Stepper& TileWorkspace::SolveStepper(const std::vector<int32_t>& labels, const std::vector<uint8_t>& frozen,
-                                     const TileRefineOptions& options) {
-  const std::vector<int32_t> visible_labels = GeometryKnowsLabels(package_, options) ? labels : std::vector<int32_t>();
-  if (!stepper_ || stepper_->labels != visible_labels || stepper_->frozen != frozen) {
-    const RegionMesh& part = region(kSolveRegion);
-    std::vector<uint8_t> core(part.vertices.size(), 0);
+Stepper& TileWorkspace::SolveStepper(const TileSnapshot& snapshot, const TileRefineOptions& options) {
+  const RegionMesh& part = region(kSolveRegion);
+  std::vector<int32_t> labels;
+  if (GeometryKnowsLabels(package_, options)) labels = Pick(snapshot.labels, part.faces);
+  std::vector<uint8_t> frozen = Pick(snapshot.frozen_vertices, part.vertices);
+  if (stepper_ && stepper_->labels == labels && stepper_->frozen == frozen) return *stepper_->stepper;
+  std::vector<uint8_t> active;
+  if (!whole_) {
+    active.assign(part.vertices.size(), 0);
     for (size_t f = 0; f < part.faces.size(); ++f) {
       if (!(package_.regions[part.faces[f]] & kCoreRegion)) continue;
-      for (const uint32_t v : part.mesh.faces[f]) core[v] = 1;
+      for (const uint32_t v : part.mesh.faces[f]) active[v] = 1;
     }
-    stepper_.reset();
-    stepper_ = std::make_unique<LabelledStepper>(
-        LabelledStepper{visible_labels, frozen,
-                        Stepper({part.mesh.vertices, part.mesh.faces, visible_labels}, part.boundary, package_.gsd_m,
-                                package_.up, options.geometry, core, frozen)});
   }
-  return stepper_->stepper;
+  stepper_.reset();
+  stepper_ = std::make_unique<LabelledStepper>();
+  stepper_->stepper.emplace(TriangleMesh{part.mesh.vertices, part.mesh.faces, labels}, part.boundary, package_.gsd_m,
+                            package_.up, options.step, active, frozen);
+  stepper_->labels = std::move(labels);
+  stepper_->frozen = std::move(frozen);
+  return *stepper_->stepper;
 }
 
-void TileWorkspace::Forget(Region region) { regions_.erase(region); }
+void TileWorkspace::EndIterations() {
+  stepper_.reset();
+  if (images_ != nullptr) images_->data_term.ReleaseBuffers();
+}
+
+void TileWorkspace::Forget(Region region) {
+  if (!whole_) regions_.erase(region);
+}
 
 size_t TileWorkspace::bytes() const {
   size_t bytes = kPackageBytes * package_.face_ids.size();
   for (const auto& [region, part] : regions_) {
-    bytes += (kRegionBytes + (region == kSolveRegion ? kStepperBytes : 0)) * part.faces.size();
+    bytes += (kRegionBytes + (region == kSolveRegion || whole_ ? kStepperBytes : 0)) * part.faces.size();
   }
   return bytes;
 }
@@ -136,6 +147,11 @@ TileWorkspace::ById::ById(const std::vector<uint32_t>& ids_of_places) : places(i
 
 TileWorkspace::TileWorkspace(TilePackage package)
     : package_(std::move(package)), faces_by_id_(package_.face_ids), vertices_by_id_(package_.vertex_ids) {
+  constexpr uint8_t kAllRegions = kCoreRegion | kSolveRegion | kRepairRegion | kLabelRegion;
+  for (const uint8_t of_face : package_.regions) {
+    measured_.push_back((of_face & (kCoreRegion | kSampleRegion)) != 0);
+    whole_ = whole_ && (of_face & kAllRegions) == kAllRegions;
+  }
   std::vector<uint8_t> used(package_.vertex_ids.size(), 0);
   for (const uint32_t f : faces_by_id_.places) {
     if (package_.regions[f] & kSampleRegion) sample_faces_.push_back(f);
@@ -148,13 +164,8 @@ TileWorkspace::TileWorkspace(TilePackage package)
   }
 }
 
-std::vector<uint8_t> TileWorkspace::measured() const {
-  std::vector<uint8_t> flags(package_.regions.size());
-  for (size_t f = 0; f < flags.size(); ++f) flags[f] = (package_.regions[f] & (kCoreRegion | kSampleRegion)) != 0;
-  return flags;
-}
-
 const RegionMesh& TileWorkspace::region(Region region) {
+  if (whole_) region = kCoreRegion;
   const auto [entry, is_new] = regions_.try_emplace(region);
   RegionMesh& out = entry->second;
   if (!is_new) return out;

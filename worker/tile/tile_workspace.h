@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -49,15 +50,15 @@ struct TileSnapshot {
 };
 
 // A tile's views and their data term.
-struct TileSight {
+struct TileImages {
   const std::vector<TileView> views;
   const TileData data;
   DataTerm data_term;
 
-  TileSight(const TilePackage& package, std::vector<TileView> opened, const TileRefineOptions& options)
+  TileImages(const TilePackage& package, std::vector<TileView> opened, const TileRefineOptions& options)
       : views(std::move(opened)),
         data(MakeTileData(package, views, GeometryKnowsLabels(package, options))),
-        data_term(data.views, data.pairs, data.groups, &package.cells, options.geometry) {}
+        data_term(data.views, data.pairs, data.groups, &package.cells, options.data) {}
 };
 
 // Not thread-safe. Not movable: parts refer to others.
@@ -75,13 +76,14 @@ class TileWorkspace {
   const TilePackage& package() const { return package_; }
 
   // The views in the crops at `views_path`, opened at the first call. Errors as OpenTileViews.
-  StatusOr<TileSight*> Sight(const std::string& views_path, const TileRefineOptions& options);
-  // Stepper of the solve region for steps of the core's vertices. `labels`: of the region's faces; `frozen`: flags of
-  // its vertices. Made again only when one of them changes.
-  Stepper& SolveStepper(const std::vector<int32_t>& labels, const std::vector<uint8_t>& frozen,
-                        const TileRefineOptions& options);
+  StatusOr<TileImages*> Images(const std::string& views_path, const TileRefineOptions& options);
+  // Stepper of the solve region for steps of the core's vertices, with the labels and frozen vertices of `snapshot`.
+  // Made again only when they change.
+  Stepper& SolveStepper(const TileSnapshot& snapshot, const TileRefineOptions& options);
+  // Frees the stepper and the buffers of the data term: no iteration comes soon.
+  void EndIterations();
 
-  // Made at the first call.
+  // Made at the first call. All regions of a whole city are one.
   const RegionMesh& region(Region region);
   // Frees the region: it is not needed soon.
   void Forget(Region region);
@@ -90,7 +92,9 @@ class TileWorkspace {
   // Faces of kCoreRegion and of kSampleRegion, by ascending global id, and flags of both.
   const std::vector<uint32_t>& core_faces() const { return core_faces_; }
   const std::vector<uint32_t>& sample_faces() const { return sample_faces_; }
-  std::vector<uint8_t> measured() const;
+  const std::vector<uint8_t>& measured() const { return measured_; }
+  // Whether every face of the package is in the core and in all regions: the only tile of a job.
+  bool whole() const { return whole_; }
 
   // Puts the states together; without states, the start. `frozen`: tiles of `states` that an update does not change; if
   // all are frozen, the other vertices are at the start. DATA_LOSS if a face of `region` (Region bits; 0: none is
@@ -131,13 +135,15 @@ class TileWorkspace {
   TilePackage package_;
   ById faces_by_id_, vertices_by_id_;
   std::vector<uint32_t> core_faces_, core_vertices_, sample_faces_;
+  std::vector<uint8_t> measured_;
+  bool whole_ = true;
   std::map<uint8_t, RegionMesh> regions_;
-  std::unique_ptr<TileSight> sight_;
-  std::string sight_content_;
+  std::unique_ptr<TileImages> images_;
+  std::string images_content_;
   struct LabelledStepper {
     std::vector<int32_t> labels;
     std::vector<uint8_t> frozen;
-    Stepper stepper;
+    std::optional<Stepper> stepper;  // made in place
   };
   std::unique_ptr<LabelledStepper> stepper_;
 };

@@ -11,8 +11,8 @@
 #include "common/base/parallel.h"
 #include "tests/support/held_pixels.h"
 #include "tests/support/make_texels.h"
+#include "tests/support/refine_surface.h"
 #include "worker/refine/descent.h"
-#include "worker/refine/refine.h"
 #include "worker/refine/vertex_sums.h"
 
 namespace tessera {
@@ -273,7 +273,7 @@ TEST(ContourTerm, CurvatureIsPositiveAtContours) {
 TEST(ContourTerm, BallConvergesToItsSilhouette) {
   for (const double radius : {3.6, 2.5}) {
     const ContourBed bed;
-    RefineProblem problem;
+    SurfaceProblem problem;
     problem.mesh = bed.mesh;
     problem.gsd_m = 16 / kFocal_px;
     for (const double aside : {-8.0, -3.0, 2.0, 7.0}) {
@@ -282,19 +282,19 @@ TEST(ContourTerm, BallConvergesToItsSilhouette) {
       problem.views.push_back({camera, std::make_shared<HeldPixels>(photograph, Likelihoods(camera, radius))});
     }
     problem.pairs = {{0, 1}, {1, 2}, {2, 3}, {3, 2}};
-    RefineOptions options;
-    options.levels = {1, 0};
-    options.iterations = {6, 10};
-    options.contour = 0.5;
-    options.borders = Trusted();
-    options.thin_plate = 0.0005;  // without data, smoothness alone would shrink the ball
-    options.membrane = 0;
+    problem.levels = {1, 0};
+    problem.iterations = {6, 10};
+    TileRefineOptions options;
+    options.data.contour = 0.5;
+    options.data.borders = Trusted();
+    options.step.thin_plate = 0.0005;  // without data, smoothness alone would shrink the ball
+    options.step.membrane = 0;
     std::vector<Vector3d> refined, again;
     for (const int threads : {1, 3}) {
       const ThreadLimit limit(threads);
-      const StatusOr<RefineReport> report =
-          RefineGeometry(problem, threads == 1 ? &refined : &again, options, TaskControl());
-      ASSERT_TRUE(report.ok()) << report.status();
+      const StatusOr<SurfaceRefinement> result = RefineSurface(problem, options);
+      ASSERT_TRUE(result.ok()) << result.status();
+      (threads == 1 ? refined : again) = result->vertices;
     }
     EXPECT_EQ(refined, again);
     double mean = 0;

@@ -1,5 +1,4 @@
-#include "worker/refine/refine.h"
-
+// Whole runs of the geometry on photographs of hills.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +7,7 @@
 
 #include "common/base/parallel.h"
 #include "tests/support/held_pixels.h"
+#include "tests/support/refine_surface.h"
 #include "tests/support/relief_scene.h"
 #include "worker/refine/density.h"
 
@@ -21,8 +21,8 @@ double Hills(double x, double y) { return 0.5 * std::sin(0.9 * x) * std::cos(0.8
 
 // Photographs of hills and a start surface that is off by about two pixels, smooth and rough.
 struct Bed {
-  RefineProblem problem;
-  RefineOptions options;
+  SurfaceProblem problem;
+  TileRefineOptions options;
   bool at_truth = false;  // where the energy has nothing to fall by, and smoothness takes a little
 
   explicit Bed(double error_m = 0.2, uint64_t seed = 2) : at_truth(error_m == 0) {
@@ -38,29 +38,27 @@ struct Bed {
           {cameras[i], std::make_shared<HeldPixels>(Photograph(truth, cameras[i], 0.9 + 0.03 * i, 0.005, i))});
     }
     problem.gsd_m = 14.0 / (1.25 * 160);
-    options.levels = {1, 0};
-    options.iterations = {8, 8};
-    options.grid_gsd = 1e-9;  // which lies elsewhere after a motion
+    problem.levels = {1, 0};
+    problem.iterations = {8, 8};
+    options.step.grid_gsd = 1e-9;  // which lies elsewhere after a motion
   }
   static Bed ForAlike(bool accelerated, uint64_t seed = 2) {
     Bed bed(0.2, seed);
     if (accelerated) {
-      bed.options.iterations = {2, 2};
+      bed.problem.iterations = {2, 2};
     } else {
-      bed.options.acceleration = {};
+      bed.options.step.acceleration = {};
     }
     return bed;
   }
   Positions Refine() const {
-    Positions out;
-    const StatusOr<RefineReport> report = RefineGeometry(problem, &out, options, TaskControl());
-    EXPECT_TRUE(report.ok()) << report.status();
-    if (report.ok()) {
-      const std::vector<RefineIteration>& iterations = report->iterations;
-      const double before = iterations[iterations.size() - options.iterations.back()].energy;
-      EXPECT_LT(iterations.back().energy, (at_truth ? 1.05 : 1) * before);
-    }
-    return out;
+    const StatusOr<SurfaceRefinement> refined = RefineSurface(problem, options);
+    EXPECT_TRUE(refined.ok()) << refined.status();
+    if (!refined.ok()) return {};
+    const std::vector<IterationReport>& iterations = refined->tile.iterations;
+    const double before = iterations[iterations.size() - problem.iterations.back()].energy;
+    EXPECT_LT(iterations.back().energy, (at_truth ? 1.05 : 1) * before);
+    return refined->vertices;
   }
 };
 
@@ -125,8 +123,8 @@ struct Alike {
   double max_median_gsd;
 };
 
-// Sixteen steps magnify rounding in some beds until most vertices show it, so half of several beds must not. Steps that
-// gather way magnify it further each time, so of those there are four, two a level, in which it stays what it was.
+// Sixteen steps magnify rounding in some beds until most vertices show it, so half of several beds must not. Steps with
+// momentum magnify it further each time, so of those there are four, two a level, in which it stays what it was.
 template <class Body>
 void ExpectMostAlike(const Body& median_of_bed) {
   for (const Alike& alike : {Alike{false, 0.02, 2e-3}, Alike{true, 1e-3, 1e-4}}) {
@@ -180,7 +178,7 @@ TEST(Refine, CommutesWithTheOrderOfCameras) {
 
 TEST(Refine, StepsEndOnTheGrid) {
   Bed bed;
-  bed.options.grid_gsd = 0.01;
+  bed.options.step.grid_gsd = 0.01;
   const double grid_m = std::exp2(std::floor(std::log2(0.01 * bed.problem.gsd_m)));
   const Positions out = bed.Refine();
   int on_grid = 0;
@@ -188,10 +186,10 @@ TEST(Refine, StepsEndOnTheGrid) {
   EXPECT_GT(on_grid, 0.9 * static_cast<double>(out.size())) << "all but where faces would have folded";
 }
 
-TEST(Refine, FixedVerticesStay) {
+TEST(Refine, BoundaryVerticesStay) {
   Bed bed;
-  bed.problem.fixed_vertices.assign(bed.problem.mesh.vertices.size(), 0);
-  for (size_t v = 0; v < 300; ++v) bed.problem.fixed_vertices[v] = 1;
+  bed.problem.boundary.assign(bed.problem.mesh.vertices.size(), 0);
+  for (size_t v = 0; v < 300; ++v) bed.problem.boundary[v] = 1;
   const Positions out = bed.Refine();
   size_t moved = 0;
   for (size_t v = 0; v < out.size(); ++v) {
@@ -222,24 +220,10 @@ TEST(Refine, FarPartsDoNotSteerEachOther) {
   for (size_t v = 0; v < alone.size(); ++v) ASSERT_EQ(alone[v], together[v]);
 }
 
-TEST(Refine, RefusesWhatDoesNotFitTogether) {
-  Positions out;
-  Bed bed;
-  bed.problem.fixed_vertices = {1};
-  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}).status().code(), absl::StatusCode::kInvalidArgument);
-  bed = Bed();
-  bed.options.iterations = {1};
-  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}).status().code(), absl::StatusCode::kInvalidArgument);
-  bed = Bed();
-  bed.options.window_px = 4;
-  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}).status().code(), absl::StatusCode::kInvalidArgument);
-  bed = Bed();
-  bed.problem.pairs = {{0, 9}};
-  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, {}).status().code(), absl::StatusCode::kInvalidArgument);
-  bed = Bed();
+TEST(Refine, StopsWhenCancelled) {
+  const Bed bed;
   const TaskControl stop{nullptr, [] { return true; }};
-  EXPECT_EQ(RefineGeometry(bed.problem, &out, bed.options, stop).status().code(), absl::StatusCode::kCancelled);
-  EXPECT_TRUE(out.empty());
+  EXPECT_EQ(RefineSurface(bed.problem, bed.options, stop).status().code(), absl::StatusCode::kCancelled);
 }
 
 }  // namespace

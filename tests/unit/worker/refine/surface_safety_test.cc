@@ -9,11 +9,11 @@
 #include "common/base/parallel.h"
 #include "common/base/random.h"
 #include "tests/support/held_pixels.h"
+#include "tests/support/refine_surface.h"
 #include "tests/support/relief_scene.h"
 #include "tests/unit/worker/refine/cgal_pairs.h"
 #include "worker/refine/density.h"
 #include "worker/refine/descent.h"
-#include "worker/refine/refine.h"
 
 namespace tessera {
 namespace {
@@ -35,8 +35,8 @@ TriangleMesh BlockyOverhang() {
 enum class Photographs { kTrue, kExchanged, kNoise };
 
 struct SafetyScene {
-  RefineProblem problem;
-  RefineOptions options;
+  SurfaceProblem problem;
+  TileRefineOptions options;
 
   explicit SafetyScene(Photographs photographs) {
     const TriangleMesh truth = HeightField(90, 5, ReliefHeight);
@@ -53,18 +53,17 @@ struct SafetyScene {
     for (size_t i = 0; i < cameras.size(); ++i)
       problem.views.push_back({cameras[i], std::make_shared<HeldPixels>(images[i])});
     problem.gsd_m = 14.0 / (1.25 * 160);
-    options.levels = {2, 1, 0};
-    options.iterations = {8, 8, 8};
+    problem.levels = {2, 1, 0};
+    problem.iterations = {8, 8, 8};
   }
   Positions Refine() const {
-    Positions out;
-    const StatusOr<RefineReport> report = RefineGeometry(problem, &out, options, TaskControl());
-    EXPECT_TRUE(report.ok()) << report.status();
-    return out;
+    const StatusOr<SurfaceRefinement> refined = RefineSurface(problem, options);
+    EXPECT_TRUE(refined.ok()) << refined.status();
+    return refined.ok() ? refined->vertices : Positions();
   }
   MotionGuard Guard() const {
     MotionLimits limits;
-    limits.start_smoothing_steps = options.start_smoothing_steps;
+    limits.start_smoothing_steps = options.step.start_smoothing_steps;
     return MotionGuard(problem.mesh, {}, limits);
   }
 };
@@ -78,8 +77,8 @@ TEST_P(SurfaceSafety, NothingTurnsCutsOrFlies) {
   EXPECT_EQ(scene.Guard().TurnedFaces(end), 0);
   const std::vector<FacePair> before = PairsByCgal(scene.problem.mesh);
   EXPECT_EQ(NewPairs(before, PairsByCgal({end, scene.problem.mesh.faces, {}})), std::vector<FacePair>());
-  const double reach =
-      std::max(scene.options.max_normal_gsd, scene.options.max_tangent_gsd) * scene.problem.gsd_m * (1 + 1e-9);
+  const double reach = std::max(scene.options.step.max_normal_gsd, scene.options.step.max_tangent_gsd) *
+                       scene.problem.gsd_m * (1 + 1e-9);
   double moved = 0;
   for (size_t v = 0; v < end.size(); ++v) {
     EXPECT_LE((end[v] - start[v]).norm(), reach);
@@ -92,25 +91,20 @@ TEST_P(SurfaceSafety, NothingTurnsCutsOrFlies) {
 TEST_P(SurfaceSafety, RoundsKeepToTheFirstStart) {
   SafetyScene scene(GetParam());
   const MotionGuard guard = scene.Guard();
-  const Positions start = scene.problem.mesh.vertices;
   const std::vector<FacePair> before = PairsByCgal(scene.problem.mesh);
-  const auto rounds = [&](bool tell_start) {
-    SafetyScene again(GetParam());
-    for (int round = 0; round < 3; ++round) {
-      if (tell_start && round > 0) again.problem.start = start;
-      again.problem.mesh.vertices = again.Refine();
-    }
-    return again.problem.mesh;
-  };
-  const TriangleMesh end = rounds(true);
+  SafetyScene rounds(GetParam()), runs(GetParam());
+  rounds.problem.rounds = 3;
+  const TriangleMesh end = {rounds.Refine(), scene.problem.mesh.faces, {}};
   EXPECT_EQ(guard.TurnedFaces(end.vertices), 0);
   EXPECT_EQ(NewPairs(before, PairsByCgal(end)), std::vector<FacePair>());
-  EXPECT_GT(guard.TurnedFaces(rounds(false).vertices), 0);  // it makes the difference
+  // Three runs that each take the result before as their start turn faces.
+  for (int run = 0; run < 3; ++run) runs.problem.mesh.vertices = runs.Refine();
+  EXPECT_GT(guard.TurnedFaces(runs.problem.mesh.vertices), 0);
 }
 
 TEST_P(SurfaceSafety, ItIsTheLimitsThatHold) {
   SafetyScene scene(GetParam());
-  scene.options.min_start_cosine = -1;
+  scene.options.step.min_start_cosine = -1;
   EXPECT_GT(scene.Guard().TurnedFaces(scene.Refine()), 0);
 }
 

@@ -3,6 +3,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
+#include <string>
+#include <vector>
+
+#include "common/job/refine_steps.h"
+
 namespace tessera {
 namespace {
 
@@ -21,51 +27,63 @@ std::vector<SceneClass> TwoClasses() {
 }
 
 TileRefineOptions OptionsOf(const std::string& method, const MethodSettings& settings = {}, int rounds = 0) {
-  const auto options = MethodOptions({rounds, method, settings}, TwoClasses(), kLabelled);
+  const auto options = MethodOptions({rounds, method, settings}, TwoClasses());
   EXPECT_TRUE(options.ok()) << options.status();
   return options.ok() ? *options : TileRefineOptions();
+}
+
+bool LabelsFirst(const std::string& method, const MethodSettings& settings = {},
+                 const LabelTraits& traits = kLabelled) {
+  return LabelStepActs(RefineStep(), MethodRulesOf(method, 0, settings), traits);
+}
+
+// Level and round of each step.
+std::vector<std::array<int, 2>> StepsOf(const std::string& method, const MethodSettings& settings = {},
+                                        int rounds = 0) {
+  std::vector<std::array<int, 2>> steps;
+  for (const RefineStep& step : RefineStepsOf(method, rounds, settings)) steps.push_back({step.level, step.round});
+  return steps;
 }
 
 TEST(Methods, EachHasItsTerms) {
   const TileRefineOptions ours = OptionsOf("tessera"), baseline = OptionsOf("baseline"), paper = OptionsOf("paper");
   EXPECT_TRUE(ours.geometry_knows_labels);
-  EXPECT_TRUE(ours.labels_first);
-  EXPECT_EQ(ours.geometry.semantic, 0);
-  EXPECT_EQ(ours.geometry.inter, 0);
+  EXPECT_TRUE(LabelsFirst("tessera"));
+  EXPECT_EQ(ours.data.semantic, 0);
+  EXPECT_EQ(ours.step.inter, 0);
   EXPECT_EQ(ours.label.form, LabelOptions::Form::kTessera);
-  EXPECT_THAT(ours.geometry.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
-                                                 ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
+  EXPECT_THAT(ours.step.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
+                                             ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
 
-  EXPECT_THAT(ours.geometry.classes,
+  EXPECT_THAT(ours.step.classes,
               ElementsAre(::testing::Field(&ClassSmoothness::keep, 0.5), ::testing::Field(&ClassSmoothness::keep, 0)));
 
   EXPECT_FALSE(baseline.geometry_knows_labels);
-  EXPECT_EQ(baseline.rounds, 1);
-  EXPECT_EQ(baseline.geometry.semantic, 0);
-  EXPECT_EQ(baseline.geometry.inter, 0);
-  EXPECT_THAT(baseline.geometry.classes, IsEmpty());
+  EXPECT_EQ(MethodRulesOf("baseline", 0, {}).rounds, 1);
+  EXPECT_EQ(baseline.data.semantic, 0);
+  EXPECT_EQ(baseline.step.inter, 0);
+  EXPECT_THAT(baseline.step.classes, IsEmpty());
   EXPECT_EQ(baseline.label.form, ours.label.form);
 
   EXPECT_TRUE(paper.geometry_knows_labels);
-  EXPECT_EQ(paper.rounds, 5);
-  EXPECT_GT(paper.geometry.semantic, 0);
-  EXPECT_GT(paper.geometry.inter, 0);
-  EXPECT_EQ(paper.geometry.mixed, 0);
-  EXPECT_GT(ours.geometry.contour, 0);
-  EXPECT_EQ(baseline.geometry.contour, 0);
-  EXPECT_EQ(paper.geometry.contour, 0);
+  EXPECT_EQ(MethodRulesOf("paper", 0, {}).rounds, 5);
+  EXPECT_GT(paper.data.semantic, 0);
+  EXPECT_GT(paper.step.inter, 0);
+  EXPECT_EQ(paper.step.mixed, 0);
+  EXPECT_GT(ours.data.contour, 0);
+  EXPECT_EQ(baseline.data.contour, 0);
+  EXPECT_EQ(paper.data.contour, 0);
   EXPECT_EQ(paper.label.prior_weight, 0.35);
   EXPECT_EQ(paper.label.smoothness_weight, 0.5);
-  EXPECT_THAT(paper.geometry.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
-                                                  ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
+  EXPECT_THAT(paper.step.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
+                                              ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
   EXPECT_EQ(paper.label.form, LabelOptions::Form::kPaper);
 
   for (const TileRefineOptions* other : {&baseline, &paper}) {  // compared on even terms
-    EXPECT_EQ(other->geometry.levels, ours.geometry.levels);
-    EXPECT_EQ(other->geometry.window_px, ours.geometry.window_px);
-    EXPECT_EQ(other->geometry.max_step_px, ours.geometry.max_step_px);
-    EXPECT_EQ(other->geometry.partners, ours.geometry.partners);
+    EXPECT_EQ(other->data.window_px, ours.data.window_px);
+    EXPECT_EQ(other->step.max_step_px, ours.step.max_step_px);
   }
+  for (const char* method : {"baseline", "paper"}) EXPECT_EQ(StepsOf(method, {}, 2), StepsOf("tessera", {}, 2));
 }
 
 // What the help says is what happens without settings.
@@ -77,18 +95,16 @@ TEST(Methods, StandardsAreThoseOfTheMethod) {
   for (const ListSetting& setting : ListSettings()) standard.*setting.value = setting.standard;
   for (const BoolSetting& setting : BoolSettings()) standard.*setting.value = setting.standard;
   const TileRefineOptions same = OptionsOf("tessera", standard);
-  EXPECT_EQ(same.geometry.semantic, ours.geometry.semantic);
-  EXPECT_EQ(same.geometry.thin_plate, ours.geometry.thin_plate);
-  EXPECT_EQ(same.geometry.inter, ours.geometry.inter);
-  EXPECT_EQ(same.geometry.contour, ours.geometry.contour);
+  EXPECT_EQ(same.data.semantic, ours.data.semantic);
+  EXPECT_EQ(same.step.thin_plate, ours.step.thin_plate);
+  EXPECT_EQ(same.step.inter, ours.step.inter);
+  EXPECT_EQ(same.data.contour, ours.data.contour);
   EXPECT_EQ(same.label.prior_weight, ours.label.prior_weight);
   EXPECT_EQ(same.label.smoothness_weight, ours.label.smoothness_weight);
-  EXPECT_EQ(same.geometry.max_step_px, ours.geometry.max_step_px);
-  EXPECT_EQ(same.geometry.window_px, ours.geometry.window_px);
-  EXPECT_EQ(same.geometry.partners, ours.geometry.partners);
-  EXPECT_EQ(same.geometry.levels, ours.geometry.levels);
-  EXPECT_EQ(same.geometry.iterations, ours.geometry.iterations);
-  EXPECT_EQ(same.labels_first, ours.labels_first);
+  EXPECT_EQ(same.step.max_step_px, ours.step.max_step_px);
+  EXPECT_EQ(same.data.window_px, ours.data.window_px);
+  EXPECT_EQ(StepsOf("tessera", standard), StepsOf("tessera"));
+  EXPECT_EQ(LabelsFirst("tessera", standard), LabelsFirst("tessera"));
 }
 
 TEST(Methods, SettingsGoOverThem) {
@@ -101,30 +117,32 @@ TEST(Methods, SettingsGoOverThem) {
   settings.label_smoothness = 16;
   settings.max_step_px = 0.5;
   settings.window_px = 5;
-  settings.partners = 9;
   settings.labels_first = false;
   settings.levels = {1};
   settings.iterations = {7};
   const TileRefineOptions options = OptionsOf("paper", settings, 2);
-  EXPECT_EQ(options.rounds, 2);
-  EXPECT_FALSE(options.labels_first);
-  EXPECT_EQ(options.geometry.semantic, 11);
-  EXPECT_EQ(options.geometry.thin_plate, 12);
-  EXPECT_EQ(options.geometry.inter, 13);
-  EXPECT_EQ(options.geometry.contour, 14);
+  EXPECT_EQ(MethodRulesOf("paper", 2, settings).rounds, 2);
+  EXPECT_FALSE(LabelsFirst("paper", settings));
+  EXPECT_EQ(options.data.semantic, 11);
+  EXPECT_EQ(options.step.thin_plate, 12);
+  EXPECT_EQ(options.step.inter, 13);
+  EXPECT_EQ(options.data.contour, 14);
   EXPECT_EQ(options.label.prior_weight, 15);
   EXPECT_EQ(options.label.smoothness_weight, 16);
-  EXPECT_EQ(options.geometry.max_step_px, 0.5);
-  EXPECT_EQ(options.geometry.window_px, 5);
-  EXPECT_EQ(options.geometry.partners, 9);
-  EXPECT_THAT(options.geometry.levels, ElementsAre(1));
-  EXPECT_THAT(options.geometry.iterations, ElementsAre(7));
+  EXPECT_EQ(options.step.max_step_px, 0.5);
+  EXPECT_EQ(options.data.window_px, 5);
+  std::vector<std::array<int, 2>> steps = {{-1, -1}};
+  for (const int round : {0, 1}) {
+    steps.insert(steps.end(), 7, {1, round});
+    steps.push_back({-1, round});
+  }
+  EXPECT_EQ(StepsOf("paper", settings, 2), steps);
 }
 
 // Labels are solved before the geometry where the method wants it, or where its geometry needs them and there are none.
 TEST(Methods, LabelsComeFirstWhereTheyAreNeeded) {
   const auto first = [](const std::string& method, const LabelTraits& traits) {
-    return MethodOptions({0, method, {}}, TwoClasses(), traits)->labels_first;
+    return LabelsFirst(method, {}, traits);
   };
   const LabelTraits unlabelled = {.classes = 2, .has_likelihoods = true}, none = {.classes = 2, .has_labels = true};
   EXPECT_TRUE(first("tessera", kLabelled));
@@ -135,12 +153,19 @@ TEST(Methods, LabelsComeFirstWhereTheyAreNeeded) {
 }
 
 TEST(Methods, WrongOnesAreRefused) {
-  const Status unknown = MethodOptions({0, "magic", {}}, TwoClasses(), kLabelled).status();
+  const Status unknown = MethodOptions({0, "magic", {}}, TwoClasses()).status();
   EXPECT_EQ(unknown.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(unknown.message()), HasSubstr("tessera, baseline, paper"));
-  MethodSettings settings;
-  settings.window_px = 13;
-  EXPECT_FALSE(MethodOptions({0, "tessera", settings}, TwoClasses(), kLabelled).ok());
+  for (const int window_px : {4, 13}) {
+    MethodSettings settings;
+    settings.window_px = window_px;
+    EXPECT_EQ(MethodOptions({0, "tessera", settings}, TwoClasses()).status().code(),
+              absl::StatusCode::kInvalidArgument);
+  }
+  MethodSettings fewer;
+  fewer.levels = {1, 0};
+  fewer.iterations = {1};
+  EXPECT_EQ(MethodOptions({0, "tessera", fewer}, TwoClasses()).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 }  // namespace

@@ -10,7 +10,7 @@
 #include "worker/publish/job_summary.h"
 #include "worker/publish/merge_cores.h"
 #include "worker/refine/descent.h"
-#include "worker/tile/refine_tile.h"
+#include "worker/tile/solve_tile.h"
 #include "worker/tile/tile_workspace.h"
 
 namespace tessera {

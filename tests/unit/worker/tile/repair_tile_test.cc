@@ -1,4 +1,4 @@
-#include "worker/tile/repair_core.h"
+#include "worker/tile/repair_tile.h"
 
 #include <gtest/gtest.h>
 

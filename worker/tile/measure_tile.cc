@@ -1,0 +1,115 @@
+#include "worker/tile/measure_tile.h"
+
+#include "common/base/elapsed.h"
+#include "common/base/pick.h"
+#include "worker/visibility/rasterizer.h"
+#include "worker/visibility/visible_cells.h"
+
+namespace tessera {
+namespace {
+
+// Draws each view once and adds its likelihoods to the faces that it shows.
+StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileImages& images,
+                                         const std::vector<Eigen::Vector3d>& positions, const TaskControl& control) {
+  const TilePackage& package = work.package();
+  const std::vector<TileView>& views = images.views;
+  const ViewGroups& groups = images.data.groups;
+  const TriangleMesh mesh = {positions, package.mesh.faces, {}};
+  const CellBoxes boxes(mesh, &package.cells);
+  FaceLikelihoods sums(mesh.faces.size(), static_cast<int>(package.classes.size()));
+  Rasterizer rasterizer;
+  std::vector<FaceMap> maps;
+  CellSightProblem problem;
+  problem.boxes = boxes.boxes();
+  for (const TileView& view : views) problem.views.push_back(view.window);
+  problem.own = OwnCellsOfViews(package.cells, work.measured(), groups.looks, views.size());
+  const CellSight sight = FindCellSight(problem);
+  for (size_t v = 0; v < views.size(); ++v) {
+    if (sight.windows[v].empty()) continue;
+    TESSERA_RETURN_IF_ERROR(control.Check());
+    control.Report(static_cast<double>(v) / static_cast<double>(views.size()), "collecting likelihoods");
+    if (!views[v].pixels->has_likelihoods()) continue;
+    TESSERA_ASSIGN_OR_RETURN(const StoredTexels level, views[v].pixels->Level(0));
+    const FloatImage likelihoods = LikelihoodImage(level);
+    const CameraWindow window(views[v].window.camera, sight.windows[v]);
+    const MeshPart part = boxes.PartOf(sight.cells[v]);
+    rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
+    MarkNotLookedAt(groups, v, &maps[0]);
+    AddLikelihoods(maps[0], likelihoods, level.mapping, &sums);
+  }
+  return sums;
+}
+
+void AddContours(const TileWorkspace& work, const ContourSums& contours, ContourSums* core) {
+  std::vector<uint32_t> index(work.package().face_ids.size(), 0);
+  for (uint32_t i = 0; i < work.core_faces().size(); ++i) index[work.core_faces()[i]] = i;
+  for (FaceContour contour : contours.faces) {
+    if (!(work.package().regions[contour.face] & kCoreRegion)) continue;  // contours of the sample are not compared
+    contour.face = index[contour.face];
+    const auto begin = static_cast<uint32_t>(core->views.size());
+    core->views.insert(core->views.end(), contours.views.begin() + contour.views_begin,
+                       contours.views.begin() + contour.views_end);
+    contour.views_begin = begin;
+    contour.views_end = static_cast<uint32_t>(core->views.size());
+    core->faces.push_back(contour);
+  }
+}
+
+}  // namespace
+
+Status Measure(TileWorkspace& work, TileImages& images, const TileSnapshot& snapshot, const TileStep& at,
+               const TileRefineOptions& options, const TaskControl& control, const Clock& clock, StepSums* sums) {
+  const int64_t start_us = clock.MonotonicUs();
+  sums->energy = sums->semantic_energy = -1;
+  sums->warped_pixels = 0;
+  sums->seconds_loading = 0;
+  if (at.labels()) {
+    TESSERA_ASSIGN_OR_RETURN(sums->likelihoods, SumLikelihoods(work, images, snapshot.positions, control));
+    return absl::OkStatus();
+  }
+  const TilePackage& package = work.package();
+  if (!package.compares) return absl::OkStatus();
+  TESSERA_RETURN_IF_ERROR(images.data_term.EnterLevel(at.step.level));
+  sums->seconds_loading = SecondsSince(clock, start_us);
+  TriangleMesh mesh = {snapshot.positions, package.mesh.faces, {}};
+  if (GeometryKnowsLabels(package, options)) mesh.labels = snapshot.labels;
+  images.data_term.Evaluate(mesh, work.whole() ? std::vector<uint8_t>() : work.measured(), &clock, &sums->derivatives);
+  const PhotoSums& photo = sums->derivatives.photo;
+  if (photo.sums.weight > 0) sums->energy = photo.sums.energy / photo.sums.weight;
+  if (photo.sums.semantic_pixels > 0) {
+    sums->semantic_energy = photo.sums.semantic_energy / static_cast<double>(photo.sums.semantic_pixels);
+  }
+  sums->warped_pixels = photo.warped_pixels;
+  return absl::OkStatus();
+}
+
+TileSums CoreSums(const TileWorkspace& work, const StepSums& sums) {
+  const TilePackage& package = work.package();
+  TileSums out;
+  out.tile = package.tile;
+  out.face_ids = Pick(package.face_ids, work.core_faces());
+  out.sample.face_ids = Pick(package.face_ids, work.sample_faces());
+  out.energy = sums.energy;
+  out.semantic_energy = sums.semantic_energy;
+  out.warped_pixels = sums.warped_pixels;
+  if (!sums.derivatives.photo.faces.empty()) {
+    out.photo = Pick(sums.derivatives.photo.faces, work.core_faces());
+    out.sample.photo = Pick(sums.derivatives.photo.faces, work.sample_faces());
+    AddContours(work, sums.derivatives.contours, &out.contours);
+  }
+  const FaceLikelihoods& likelihoods = sums.likelihoods;
+  if (likelihoods.pixels.empty()) return out;
+  out.classes = likelihoods.classes;
+  const auto fill = [&](const std::vector<uint32_t>& faces, auto* to) {
+    to->pixels = Pick(likelihoods.pixels, faces);
+    for (const uint32_t f : faces) {
+      const float* of_face = &likelihoods.sum[static_cast<size_t>(f) * likelihoods.classes];
+      to->likelihoods.insert(to->likelihoods.end(), of_face, of_face + likelihoods.classes);
+    }
+  };
+  fill(work.core_faces(), &out);
+  fill(work.sample_faces(), &out.sample);
+  return out;
+}
+
+}  // namespace tessera

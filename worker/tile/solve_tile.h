@@ -1,0 +1,43 @@
+// The vertices or labels of a tile after one step, from the sums over the pixels.
+#ifndef TESSERA_WORKER_TILE_SOLVE_TILE_H_
+#define TESSERA_WORKER_TILE_SOLVE_TILE_H_
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "common/base/status.h"
+#include "worker/label/unary.h"
+#include "worker/tile/measure_tile.h"
+#include "worker/tile/tile_files.h"
+#include "worker/tile/tile_options.h"
+#include "worker/tile/tile_step.h"
+#include "worker/tile/tile_workspace.h"
+
+namespace tessera {
+
+// The sums of the faces of at.region(), from the tiles that have them. DATA_LOSS if a face has none.
+StatusOr<StepSums> AssembleSums(TileWorkspace& work, const std::vector<TileSums>& tiles, const TileStep& at,
+                                const TileSnapshot& snapshot);
+
+// Takes the step: moves the vertices of at.region() or solves its labels, and adds energies and counts to the report of
+// `snapshot`. `sums`: an entry for each face of the region, in its order. Right for the core. Vertices stay where no
+// pair of the city is compared, because smoothness would act alone. Keeps nothing of a step but the workspace's
+// stepper.
+void Solve(TileWorkspace& work, const TileStep& at, const StepSums& sums, const TileRefineOptions& options,
+           TileSnapshot* snapshot);
+
+// Labels of a region's faces. `positions`, `start` and `sums`: of the region, `start` its labels before. `confidence`
+// is 0 where no pixel shows the face. `frozen`: flags of faces that keep the label of `start`; empty: none.
+struct RegionLabels {
+  std::vector<int32_t> labels;
+  std::vector<float> confidence;
+};
+RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region,
+                         const std::vector<Eigen::Vector3d>& positions, const std::vector<int32_t>& start,
+                         const FaceLikelihoods& sums, const TileRefineOptions& options,
+                         const std::vector<uint8_t>& frozen = {});
+
+}  // namespace tessera
+
+#endif  // TESSERA_WORKER_TILE_SOLVE_TILE_H_
