@@ -84,7 +84,7 @@ Warnings SeamWarnings(int tile, const TileSnapshot& snapshot) {
 
 std::string FoldWarning(int tile, int64_t faces) {
   return absl::StrCat("about tile ", tile, ": ", faces,
-                      " faces cut each other or turned against the start, and stay so");
+                      " faces cut each other or turned against the start and could not be repaired");
 }
 
 StatusOr<std::vector<TileSums>> ReadSums(const TaskRequest& request, const StepParameters& parameters) {

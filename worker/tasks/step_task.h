@@ -22,21 +22,22 @@ struct StepTask {
   TileSnapshot snapshot;  // as TileWorkspace::Assemble gives it
 };
 
-// Reads the package and the states among the inputs, which must tell of a region: that of label steps or that of
-// iterations; 0: whatever is there. Errors as those of the files; INVALID_ARGUMENT for parameters that do not fit.
+// Reads the package and the states among the inputs. The states must cover a region of the package, `label_region` in
+// label steps and `iteration_region` in iterations; 0: nothing is required. Errors as those of the files;
+// INVALID_ARGUMENT for parameters that do not fit.
 StatusOr<StepTask> OpenStepTask(const TaskRequest& request, uint8_t label_region, uint8_t iteration_region);
 
-// Adds what Assemble compared to the report that the next state has.
+// Adds the differences that Assemble counted to the report of the snapshot.
 void CountSeams(TileSnapshot* snapshot);
 
 // Compares the tile's sample with what the faces' own tile measured, and adds it to what Assemble compared. `sums`: of
 // the tile and those that it reads.
 void CompareSample(const TilePackage& package, const std::vector<TileSums>& sums, TileSnapshot* snapshot);
 
-// What the user is told of a difference: vertices and faces that several tiles compute must be alike.
+// A warning if tiles differ: vertices and faces that several tiles compute must be equal.
 Warnings SeamWarnings(int tile, const TileSnapshot& snapshot);
 
-// Of faces about the tile that cut each other or turned against the start and could not be drawn back.
+// A warning for faces that cut each other or turned against the start and could not be repaired.
 std::string FoldWarning(int tile, int64_t faces);
 
 // Of parameters.sums.

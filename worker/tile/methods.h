@@ -1,4 +1,4 @@
-// The methods that a job may ask for, as options of the refinement.
+// The methods of a job as options of the refinement.
 #ifndef TESSERA_WORKER_TILE_METHODS_H_
 #define TESSERA_WORKER_TILE_METHODS_H_
 
@@ -12,15 +12,14 @@
 
 namespace tessera {
 
-// All methods share kernels, density, pairs, pyramid and iterations a round; what differs:
+// All methods share kernels, density, pairs, pyramid and iterations per round. They differ in:
 //   tessera   the whole energy, labels in units of the GSD, solved before the geometry too
 //   baseline  Vu et al. 2012: E_photo and one smoothness for all; the labels are solved once, at the end, as ours are
 //   paper     Bláha et al. 2017: all four terms, no smoothness but E_inter where labels mix, five rounds, the paper's
 //   label
 //             energy. What the paper leaves open (weights, steps, pairs) is as ours.
 // `classes` gives the smoothness a class where the method knows classes; `parameters.settings` goes over the method's
-// own values. INVALID_ARGUMENT for a method that there is not (it lists those that there are) and for settings out
-// of range.
+// own values. INVALID_ARGUMENT for an unknown method and for settings out of range.
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes);
 
 // The same for a tile's package, with the borders of its likelihoods.
