@@ -209,6 +209,9 @@ void PhotoTerm::ReleaseBuffers() {
   spare_ = {};
   drawn_ = {};
   workspaces_.clear();
+  normals_ = {};
+  plane_ = {};
+  offsets_ = {};
   gatherer_ = FaceGatherer();
   rasterizer_ = Rasterizer();
 }

@@ -65,6 +65,7 @@ StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, con
     Solve(work, at, sums, options, &snapshot);
     if (at.labels()) {
       out.seconds_labels += SecondsSince(clock, start_us);
+      sums = StepSums();
       continue;
     }
     const PhotoSums& photo = sums.derivatives.photo;

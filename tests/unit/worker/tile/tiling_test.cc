@@ -20,9 +20,9 @@ namespace {
 template <class Displace>
 TileState StateOf(const TilePackage& package, const Displace& displace) {
   TileWorkspace tile(package);
-  TileSnapshot known = *tile.Assemble({}, 0);
-  for (size_t v = 0; v < known.positions.size(); ++v) known.positions[v] += displace(package.vertex_ids[v]);
-  return tile.StateOf(known);
+  TileSnapshot snapshot = *tile.Assemble({}, 0);
+  for (size_t v = 0; v < snapshot.positions.size(); ++v) snapshot.positions[v] += displace(package.vertex_ids[v]);
+  return tile.StateOf(snapshot);
 }
 
 Eigen::Vector3d StandStill(uint32_t) { return Eigen::Vector3d::Zero(); }
