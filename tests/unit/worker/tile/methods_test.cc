@@ -55,8 +55,8 @@ TEST(Methods, EachHasItsTerms) {
   EXPECT_THAT(ours.step.classes, ElementsAre(::testing::Field(&ClassSmoothness::smoothness, 3),
                                              ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
 
-  EXPECT_THAT(ours.step.classes,
-              ElementsAre(::testing::Field(&ClassSmoothness::keep, 0.5), ::testing::Field(&ClassSmoothness::keep, 0)));
+  EXPECT_THAT(ours.step.classes, ElementsAre(::testing::Field(&ClassSmoothness::anchor, 0.5),
+                                             ::testing::Field(&ClassSmoothness::anchor, 0)));
 
   EXPECT_FALSE(baseline.geometry_knows_labels);
   EXPECT_EQ(MethodRulesOf("baseline", 0, {}).rounds, 1);
