@@ -300,7 +300,7 @@ TEST(Ply, BinaryFaults) {
   ASSERT_TRUE(ParsePly(header + OneFace(0, 3, 2), "good").ok());
   EXPECT_EQ(ErrorOf(header + OneFace(0, 3, 3)), start + "found vertex index 3, expected an index below 3");
   EXPECT_EQ(ErrorOf(header + OneFace(0, 3, -1)), start + "found vertex index -1, expected an index below 3");
-  EXPECT_EQ(ErrorOf(header + OneFace(0, 4, 2)), start + "found a face of 4 vertices, expected 3");
+  EXPECT_EQ(ErrorOf(header + OneFace(0, 4, 2)), start + "found a face of 4 vertices, expected 3 (triangles only)");
   EXPECT_THAT(ErrorOf(Replaced(header, "uchar int", "char int") + OneFace(0, 255, 2)),
               HasSubstr("(face 0): found a face of -1 vertices, expected 3"));
   for (const float bad : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()}) {
