@@ -10,7 +10,7 @@
 namespace tessera {
 
 // Row i is items[offsets[i]] to items[offsets[i + 1] - 1].
-struct IndexRows {
+struct CsrRows {
   std::vector<int64_t> offsets = {0};
   std::vector<uint32_t> items;
   size_t size() const { return offsets.size() - 1; }

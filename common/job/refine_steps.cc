@@ -31,7 +31,7 @@ MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSet
   MethodRules rules;
   if (method == "baseline") {
     rules.rounds = kBaselineRounds;
-    rules.geometry_knows_labels = rules.labels_first = rules.flips_edges = false;
+    rules.geometry_uses_labels = rules.labels_first = rules.flips_edges = false;
   }
   if (method == "paper") {
     rules.rounds = kPaperRounds;
@@ -39,7 +39,7 @@ MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSet
   }
   if (method == kLabelsMethod) {
     rules.rounds = 1;
-    rules.geometry_knows_labels = rules.labels_first = rules.moves = rules.flips_edges = false;
+    rules.geometry_uses_labels = rules.labels_first = rules.moves = rules.flips_edges = false;
   }
   if (rounds > 0) rules.rounds = rounds;
   if (settings.labels_first) rules.labels_first = *settings.labels_first;
@@ -50,7 +50,7 @@ MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSet
 bool LabelStepActs(const RefineStep& step, const MethodRules& rules, const LabelTraits& scene) {
   // With fewer than two classes labels cannot change.
   if (!scene.has_likelihoods || scene.classes < 2) return false;
-  return !step.first() || rules.labels_first || (rules.geometry_knows_labels && !scene.has_labels);
+  return !step.first() || rules.labels_first || (rules.geometry_uses_labels && !scene.has_labels);
 }
 
 std::vector<int> ActiveSteps(const std::vector<RefineStep>& steps, const MethodRules& rules, const LabelTraits& scene) {

@@ -34,10 +34,10 @@ std::vector<RefineStep> RefineStepsOf(const std::string& method, int rounds, con
 // The rules of a method for rounds, labels and flips, after applying the settings.
 struct MethodRules {
   int rounds = kTesseraRounds;
-  bool labels_first = true;           // solve the labels also before the first round
-  bool geometry_knows_labels = true;  // false: the geometry ignores labels
-  bool moves = true;                  // false: only labels are solved
-  bool flips_edges = true;            // flip edges of the published mesh
+  bool labels_first = true;          // solve the labels also before the first round
+  bool geometry_uses_labels = true;  // false: the geometry ignores labels
+  bool moves = true;                 // false: only labels are solved
+  bool flips_edges = true;           // flip edges of the published mesh
 };
 MethodRules MethodRulesOf(const std::string& method, int rounds, const MethodSettings& settings);
 

@@ -11,7 +11,7 @@ namespace tessera {
 // Returns the better of `best` (may be null) and `cell` as sample cell of the tile with this core. Folding it over all
 // cells of the survey, in any order, gives the first cell (by y, then x) that shares a side with the core and has
 // views; null if there is none. The planner uses its views, and the cut task adds its faces.
-inline const SurveyCell* BetterSample(const SurveyCell* best, const SurveyCell& cell, const CellRect& core) {
+inline const SurveyCell* BetterSampleCell(const SurveyCell* best, const SurveyCell& cell, const CellRect& core) {
   if (cell.views.empty() || core.Contains({cell.x, cell.y})) return best;
   const bool beside = core.Contains({cell.x - 1, cell.y}) || core.Contains({cell.x + 1, cell.y}) ||
                       core.Contains({cell.x, cell.y - 1}) || core.Contains({cell.x, cell.y + 1});

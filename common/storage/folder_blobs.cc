@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 using Kind = BlobEntry::Kind;
 
-constexpr char kQuarantine[] = "/set_aside", kPartial[] = "/partial";
+constexpr char kQuarantine[] = "/quarantine", kPartial[] = "/partial";
 constexpr int kQuarantinePart = BlobStore::kParts - 1, kPartialPart = BlobStore::kParts - 2;
 
 // Copies `from` to `to` and hashes what it wrote; durable on return.

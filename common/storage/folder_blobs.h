@@ -1,4 +1,4 @@
-// Blobs in a folder: ROOT/ab/abcd...: the blob of that SHA-256; ROOT/partial/: unfinished writes; ROOT/set_aside/:
+// Blobs in a folder: ROOT/ab/abcd...: the blob of that SHA-256; ROOT/partial/: unfinished writes; ROOT/quarantine/:
 // quarantined blobs.
 #ifndef TESSERA_COMMON_STORAGE_FOLDER_BLOBS_H_
 #define TESSERA_COMMON_STORAGE_FOLDER_BLOBS_H_

@@ -25,7 +25,7 @@ std::string Row(const std::array<std::string, 9>& words) {
 
 // Faces that tiles load beyond their core, relative to the core faces.
 double ExtraFacesShare(const Quote& quote) {
-  return quote.core_faces > 0 ? quote.sight_faces / quote.core_faces - 1 : 0;
+  return quote.core_faces > 0 ? quote.visible_faces / quote.core_faces - 1 : 0;
 }
 
 }  // namespace
@@ -37,7 +37,7 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
     const CellRect& c = tile.core;
     out +=
         Row({std::to_string(tile.tile), absl::StrCat(c.x1 - c.x0, " x ", c.y1 - c.y0),
-             RoundedThousands(tile.work.core_faces), RoundedThousands(tile.work.sight_faces),
+             RoundedThousands(tile.work.core_faces), RoundedThousands(tile.work.visible_faces),
              std::to_string(tile.work.seeing_views), RoundedThousands(1e-6 * tile.work.pixels),
              RoundedThousands(1e-6 * tile.work.pair_pixels),
              RoundedThousands(static_cast<double>(tile.peak_bytes()) / kMiB), RoundedThousands(tile.core_seconds())});
@@ -95,7 +95,7 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms) {
     Json json = {{"tile", tile.tile},
                  {"core", {tile.core.x0, tile.core.y0, tile.core.x1, tile.core.y1}},
                  {"core_faces", tile.work.core_faces},
-                 {"sight_faces", std::round(tile.work.sight_faces)},
+                 {"visible_faces", std::round(tile.work.visible_faces)},
                  {"cameras", tile.work.seeing_views},
                  {"pixels", tile.work.pixels},
                  {"pair_pixels", tile.work.pair_pixels},

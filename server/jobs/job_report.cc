@@ -152,7 +152,7 @@ std::string JobReport::Head() const {
   }
   if (!error_.empty()) json["error"] = error_;
   json["warnings"] = header_.warnings;
-  for (const auto& [tile, why] : quarantined_) json["set_aside"].push_back({{"tile", tile}, {"why", why}});
+  for (const auto& [tile, why] : quarantined_) json["quarantined"].push_back({{"tile", tile}, {"why", why}});
   json["totals"] = {{"seconds", Seconds(header_.create_us, end_us_)},
                     {"tasks", tasks_},
                     {"attempts", attempts_},

@@ -26,7 +26,7 @@ struct PendingStep {
   StatusOr<Digest> survey = absl::UnknownError("not read");
   std::vector<std::pair<int, StatusOr<Digest>>> reads;  // tiles that were cut, and the kReadsFile of each
   int tiles = 0;                                        // up to the last of which a cut was planned
-  std::vector<SetAsideTile> quarantined;
+  std::vector<FailedTile> quarantined;
   int replaces_from = -1;            // first task that the phase is planned in place of; -1: none
   int failed = -1;                   // task whose tile is quarantined
   JobState end = JobState::kFailed;  // of a job that ends

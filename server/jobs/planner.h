@@ -31,8 +31,8 @@ class Planner {
   virtual StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                                    const std::vector<std::string>& scene_files,
                                                    const std::vector<TileReads>& reads, const UpdateBase* base,
-                                                   const std::vector<SetAsideTile>& set_aside) {
-    return PlanSteps(settings, survey, scene_files, reads, base, set_aside);
+                                                   const std::vector<FailedTile>& quarantined) {
+    return PlanSteps(settings, survey, scene_files, reads, base, quarantined);
   }
 };
 

@@ -37,11 +37,11 @@ bool CanContinueWithout(const Job& job) {
   return quarantined.size() < cut.size();
 }
 
-std::vector<SetAsideTile> QuarantinedTiles(const Job& job) {
-  std::vector<SetAsideTile> tiles;
+std::vector<FailedTile> QuarantinedTiles(const Job& job) {
+  std::vector<FailedTile> tiles;
   for (const QuarantinedTile& each : job.quarantined) {
     const PlannedTask& failed = job.tasks[each.task].plan;
-    SetAsideTile tile = {each.tile, failed.kind};
+    FailedTile tile = {each.tile, failed.kind};
     if (const auto parameters = ParseStepParameters(failed.parameters); parameters.ok()) {
       tile.step = parameters->step;
       tile.before = parameters->before;

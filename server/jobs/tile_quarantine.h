@@ -16,7 +16,7 @@ namespace tessera {
 bool CanContinueWithout(const Job& job);
 
 // The quarantined tiles of the job, in the form that the planner takes.
-std::vector<SetAsideTile> QuarantinedTiles(const Job& job);
+std::vector<FailedTile> QuarantinedTiles(const Job& job);
 
 // "tile 3 was quarantined: 'solve tile 3 step 4' failed (poison): ...".
 std::string QuarantineText(const Job& job, const QuarantinedTile& tile);

@@ -30,7 +30,7 @@ struct GraphTile {
   TaskId cut, crop;
   std::optional<PlannedInput> sums, state;  // the latest
   bool redone = true;                       // else an update leaves it as it is in the base
-  // The stage (StageOf) from which on it was set aside and has no tasks; what it was before it stays.
+  // The stage (StageOf) from which on it was quarantined and has no tasks; what it was before it stays.
   int frozen_from = std::numeric_limits<int>::max();
   bool never_began() const { return frozen_from < 0; }
   bool gone() const { return parameters.core.empty(); }
@@ -74,7 +74,7 @@ class Graph {
   size_t tiles() const { return tiles_.size(); }
   bool goes_on() const { return goes_on_; }
   const Survey& survey() const { return survey_; }
-  // That are cut, cropped and stepped, as far as they are not set aside.
+  // That are cut, cropped and stepped, as far as they are not quarantined.
   std::vector<int> redone() const {
     std::vector<int> ids;
     for (const GraphTile& tile : tiles_) {
@@ -134,11 +134,11 @@ class Graph {
   }
 
   // FAILED_PRECONDITION if a tile has nothing that could stay.
-  Status SetAside(const std::vector<SetAsideTile>& tiles) {
+  Status Quarantine(const std::vector<FailedTile>& tiles) {
     const std::vector<int> good = StagesWithGoodStates(settings_, survey_, goes_on_);
-    for (const SetAsideTile& each : tiles) {
+    for (const FailedTile& each : tiles) {
       if (each.tile < 0 || each.tile >= static_cast<int>(tiles_.size()) || !tiles_[each.tile].redone) {
-        return absl::FailedPreconditionError(absl::StrCat("no tile ", each.tile, " to set aside"));
+        return absl::FailedPreconditionError(absl::StrCat("no tile ", each.tile, " to quarantine"));
       }
       GraphTile& tile = tiles_[each.tile];
       tile.frozen_from = FrozenFrom(each, good);
@@ -482,10 +482,10 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
                                              const std::vector<TileReads>& reads, const UpdateBase* base,
-                                             const std::vector<SetAsideTile>& set_aside) {
+                                             const std::vector<FailedTile>& quarantined) {
   TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
   if (base != nullptr) graph.SkipPlan();
-  TESSERA_RETURN_IF_ERROR(graph.SetAside(set_aside));
+  TESSERA_RETURN_IF_ERROR(graph.Quarantine(quarantined));
   TESSERA_RETURN_IF_ERROR(CheckReads(reads, graph.cut().size(), graph.tiles()));
   TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
   graph.AddCuts();

@@ -34,12 +34,12 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
                                              const UpdateBase* base = nullptr);
 
 // Phase 3, of more than one tile or an update, publish at the end. `reads`: of each tile that was cut, in order, as its
-// cut wrote it. `set_aside`: tiles that stay as they were with the last state without folds before the task that
+// cut wrote it. `quarantined`: tiles that stay as they were with the last state without folds before the task that
 // failed: what they did until then is planned as without this. FAILED_PRECONDITION if one has nothing that could stay.
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
                                              const std::vector<TileReads>& reads, const UpdateBase* base = nullptr,
-                                             const std::vector<SetAsideTile>& set_aside = {});
+                                             const std::vector<FailedTile>& quarantined = {});
 
 }  // namespace tessera
 

@@ -65,7 +65,7 @@ std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey&
   return stages;
 }
 
-int FrozenFrom(const SetAsideTile& tile, const std::vector<int>& good) {
+int FrozenFrom(const FailedTile& tile, const std::vector<int>& good) {
   if (tile.kind == kCutKind) return kNoCut;
   if (tile.kind == kCropKind) return kNoState;
   const auto next = std::lower_bound(good.begin(), good.end(), StageOf(tile.kind, tile.step, tile.before));

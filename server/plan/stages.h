@@ -1,4 +1,4 @@
-// The order of what the tiles of a job do together, and from where on one that was set aside stays as it is.
+// The order of what the tiles of a job do together, and from where on one that is quarantined stays as it is.
 #ifndef TESSERA_SERVER_PLAN_STAGES_H_
 #define TESSERA_SERVER_PLAN_STAGES_H_
 
@@ -14,12 +14,12 @@
 namespace tessera {
 
 // A tile that is left as it was because a task of it failed for good. Its neighbours hold what they share with it.
-struct SetAsideTile {
+struct FailedTile {
   int tile = -1;
   std::string kind;     // of the task: cut, crop, measure, solve or mend
   int step = -1;        // of the last three, as in StepParameters
   bool before = false;  // likewise
-  friend bool operator==(const SetAsideTile&, const SetAsideTile&) = default;
+  friend bool operator==(const FailedTile&, const FailedTile&) = default;
 };
 
 std::vector<RefineStep> StepsOf(const JobSettings& settings);
@@ -43,7 +43,7 @@ std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey&
 
 // The stage from which on the tile has no tasks: after the last of `good` (ascending) before the one that failed.
 // kNoState if there is none: it stays as it is at the job's start; kNoCut if it was not cut.
-int FrozenFrom(const SetAsideTile& tile, const std::vector<int>& good);
+int FrozenFrom(const FailedTile& tile, const std::vector<int>& good);
 
 }  // namespace tessera
 

@@ -39,7 +39,7 @@ constexpr double kLabelPixelBytes = 10;
 // By face: of the only tile, where one task does all steps; of measure, by face of the core, and by face in sight; of
 // solve; of mend.
 constexpr double kRefineBytesPerFace = 850;
-constexpr double kMeasureBytesPerFace = 400, kSightBytesPerFace = 250;
+constexpr double kMeasureBytesPerFace = 400, kVisibleBytesPerFace = 250;
 constexpr double kSolveBytesPerFace = 850, kMendBytesPerFace = 800;
 // Windows begin at multiples of 64 pixels and have padded rows.
 constexpr double kWindowShare = 1.15;
@@ -62,7 +62,7 @@ constexpr double kLabelFaceSeconds = 2e-6;  // a face and labelling
 constexpr double kDecodeSeconds = 24e-9;    // a pixel of a whole photograph
 // A pixel of a photograph that is classified, and a class of it; a face of what it may see.
 constexpr double kClassifySeconds = 0.6e-6, kClassifyClassSeconds = 0.11e-6, kClassifyFaceSeconds = 0.5e-6;
-constexpr double kClassifyPixelBytes = 140, kClassifyBytesPerFace = 250, kClassifySightShare = 2;
+constexpr double kClassifyPixelBytes = 140, kClassifyBytesPerFace = 250, kClassifyVisibleShare = 2;
 constexpr double kStoredClassified = 0.6;  // a pixel and class
 constexpr double kReadSeconds = 30e-9;     // a pixel and class of the crops
 
@@ -80,7 +80,7 @@ constexpr double kCompareSeconds = 0.3e-3, kCompareBytes = 200 * kMiB, kChangeCe
 constexpr double kStoredPixel = 8.0 / 3, kStoredPlanePixel = 4.0 / 3, kStoredCropShare = 1.08, kStoredRimShare = 1.8;
 // A face of the core and one that is only in sight, as cut; of the core a face as measured, and with it a pixel that is
 // compared, at half of the width half of it; labels, and a class; a state; with what moves on to the next iteration.
-constexpr double kStoredFace = 36, kStoredSightFace = 90, kStoredMeasuredFace = 32, kStoredPairPixel = 0.09;
+constexpr double kStoredFace = 36, kStoredVisibleFace = 90, kStoredMeasuredFace = 32, kStoredPairPixel = 0.09;
 constexpr double kStoredLabels = 8, kStoredClass = 4, kStoredState = 26.5, kStoredIteration = 44.5;
 // Of the city: a face and a view as surveyed; a face as published, whole and in tiles; a cell that was compared.
 constexpr double kStoredCityFace = 38.5, kStoredView = 2000, kStoredPublished = 40, kStoredInTiles = 36,
@@ -199,7 +199,7 @@ double PixelBytes(const TileWork& work, const RefineEffort& effort, const PixelC
          (costs.all * work.pixels + (costs.open + packed_planes) * work.open_pixels);
 }
 
-bool IsOnlyTile(const TileWork& work) { return work.sight_faces < work.core_faces + 1; }
+bool IsOnlyTile(const TileWork& work) { return work.visible_faces < work.core_faces + 1; }
 
 // Views drawn and pixels compared.
 double MeasureSeconds(const TileWork& work, const RefineEffort& effort) {
@@ -256,7 +256,7 @@ RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
 TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
   const Survey& survey = cells.survey();
   const double cell_m = survey.ground.cell_m, apron_m = kApronGsd * survey.gsd_m, solve_m = kSolveGsd * survey.gsd_m,
-               sight_m = kSightGsd * survey.gsd_m;
+               sight_m = kVisibleSetGsd * survey.gsd_m;
   TileWork work;
   std::vector<Box> boxes;
   std::set<int32_t> views;
@@ -264,12 +264,12 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
   const SurveyCell* sample = nullptr;
   cells.ForEachWithin(core, sight_m, [&](const SurveyCell& cell) {
     const double faces = static_cast<double>(cell.faces);
-    work.sight_faces += faces * ShareWithin(cell, core, sight_m, cell_m);
+    work.visible_faces += faces * ShareWithin(cell, core, sight_m, cell_m);
     work.solve_faces += faces * ShareWithin(cell, core, solve_m, cell_m);
     if (DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, core, cell_m) > apron_m) return;
     boxes.push_back(TilePart(cell, survey.ground, core, apron_m));
     views.insert(cell.views.begin(), cell.views.end());
-    sample = BetterSample(sample, cell, core);
+    sample = BetterSampleCell(sample, cell, core);
     if (!core.Contains({cell.x, cell.y})) return;
     work.core_faces += faces;
     measured.push_back(&cell);
@@ -352,12 +352,12 @@ Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
   const double pixel_bytes = effort.iterations > 0
                                  ? PixelBytes(work, effort, kMeasurePixels)
                                  : (kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop;
-  return {
-      tasks * (kTaskSeconds + kStateSeconds * work.sight_faces) + MeasureSeconds(work, effort),
-      Bytes(kFixedBytes + kMeasureBytesPerFace * work.core_faces + kSightBytesPerFace * work.sight_faces + pixel_bytes),
-      Bytes(effort.iterations * kStoredMeasuredFace * work.core_faces +
-            effort.widths * kStoredPairPixel * work.pair_pixels +
-            effort.labellings * (kStoredLabels + kStoredClass * work.likelihood_planes) * work.core_faces)};
+  return {tasks * (kTaskSeconds + kStateSeconds * work.visible_faces) + MeasureSeconds(work, effort),
+          Bytes(kFixedBytes + kMeasureBytesPerFace * work.core_faces + kVisibleBytesPerFace * work.visible_faces +
+                pixel_bytes),
+          Bytes(effort.iterations * kStoredMeasuredFace * work.core_faces +
+                effort.widths * kStoredPairPixel * work.pair_pixels +
+                effort.labellings * (kStoredLabels + kStoredClass * work.likelihood_planes) * work.core_faces)};
 }
 
 Prediction PredictSolve(const TileWork& work, const RefineEffort& effort) {
@@ -378,17 +378,18 @@ Prediction PredictCrop(const TileWork& work) {
   const double stored_pixels =
       IsOnlyTile(work) ? kStoredCropShare * work.pixels : std::min(kStoredRimShare * work.pixels, work.image_pixels);
   return {kTaskSeconds + kDecodeSeconds * work.image_pixels + kReadSeconds * planes * work.pixels,
-          Bytes(kFixedBytes + kLoadBytesPerFace * work.sight_faces + kCropBytes * (1 + planes) * work.largest_crop +
+          Bytes(kFixedBytes + kLoadBytesPerFace * work.visible_faces + kCropBytes * (1 + planes) * work.largest_crop +
                 work.largest_decoded),
           Bytes((kStoredPixel + kStoredPlanePixel * planes) * stored_pixels)};
 }
 
 Prediction PredictCut(const Survey& survey, const TileWork& work) {
   const double city = static_cast<double>(survey.faces);
-  return {kTaskSeconds + kCutSecondsPerCityFace * city +
-              (kCutSecondsPerFace + kCutSecondsPerFaceView * work.seeing_views) * work.sight_faces,
-          Bytes(kFixedBytes + CityBytes(kCutBytesPerCityFace, city) + kCutBytesPerFace * work.sight_faces),
-          Bytes(kStoredFace * work.core_faces + kStoredSightFace * std::max(0.0, work.sight_faces - work.core_faces))};
+  return {
+      kTaskSeconds + kCutSecondsPerCityFace * city +
+          (kCutSecondsPerFace + kCutSecondsPerFaceView * work.seeing_views) * work.visible_faces,
+      Bytes(kFixedBytes + CityBytes(kCutBytesPerCityFace, city) + kCutBytesPerFace * work.visible_faces),
+      Bytes(kStoredFace * work.core_faces + kStoredVisibleFace * std::max(0.0, work.visible_faces - work.core_faces))};
 }
 
 Prediction PredictIngest(const Survey& survey) {
@@ -424,7 +425,7 @@ std::vector<Prediction> PredictClassify(const Survey& survey) {
     const double pixels = static_cast<double>(camera.width) * camera.height;
     // One that is only compared with others sees about as much as they; all see beyond the cells that chose them.
     const double about = chosen[v] > 0 ? chosen[v] : by_any / static_cast<double>(chosen.size());
-    const double faces = std::min(kClassifySightShare * about, static_cast<double>(survey.faces));
+    const double faces = std::min(kClassifyVisibleShare * about, static_cast<double>(survey.faces));
     predictions.push_back(
         {kTaskSeconds + (kClassifySeconds + kClassifyClassSeconds * classes) * pixels + kClassifyFaceSeconds * faces,
          Bytes(kFixedBytes + kClassifyPixelBytes * pixels + kClassifyBytesPerFace * faces),

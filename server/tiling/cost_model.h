@@ -35,13 +35,13 @@ RefineEffort EffortOf(const JobSettings& settings, const Survey& survey);
 
 // Expected dependency radii outside a tile's core: of the visible set; of a solver step; of the image windows. The cut
 // task determines the exact ones on the mesh.
-inline constexpr double kSightGsd = 220, kSolveGsd = 160, kApronGsd = 32;
+inline constexpr double kVisibleSetGsd = 220, kSolveGsd = 160, kApronGsd = 32;
 
 // Quantities of a tile. Faces: after splitting. Pixels: at full resolution, of the core and its apron.
 struct TileWork {
   double core_faces = 0;
   double solve_faces = 0;      // of the core and kSolveGsd around it
-  double sight_faces = 0;      // of the core and kSightGsd around it
+  double visible_faces = 0;    // of the core and kVisibleSetGsd around it
   std::vector<int32_t> views;  // views that the tile's cells chose, ascending
   int seeing_views = 0;        // number of these whose image contains a part of the tile
   double pixels = 0;           // of all crops of the tile

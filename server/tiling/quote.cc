@@ -75,7 +75,7 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
       tile.mend = costs.Corrected(kMendKind, PredictMend(tile.work, options.effort));
     }
     quote.core_faces += tile.work.core_faces;
-    quote.sight_faces += tile.work.sight_faces;
+    quote.visible_faces += tile.work.visible_faces;
     quote.core_seconds += tile.core_seconds();
     quote.peak_bytes = std::max(quote.peak_bytes, tile.peak_bytes());
     quote.stored_bytes += tile.stored_bytes();

@@ -28,12 +28,12 @@ struct TileQuote {
 struct Quote {
   std::vector<TileQuote> tiles;
   Prediction ingest, publish;
-  Prediction classify;                     // of all views, if the job classifies; largest memory
-  double area_m2 = 0;                      // of the ground cells with faces
-  double core_faces = 0, sight_faces = 0;  // summed over tiles: core faces, and faces of the visible sets
-  double core_seconds = 0;                 // of all tasks
-  int64_t peak_bytes = 0;                  // largest of all tasks
-  int64_t stored_bytes = 0;                // of all tasks
+  Prediction classify;                       // of all views, if the job classifies; largest memory
+  double area_m2 = 0;                        // of the ground cells with faces
+  double core_faces = 0, visible_faces = 0;  // summed over tiles: core faces, and faces of the visible sets
+  double core_seconds = 0;                   // of all tasks
+  int64_t peak_bytes = 0;                    // largest of all tasks
+  int64_t stored_bytes = 0;                  // of all tasks
   // Prediction interval of a single task (90 % of the residuals of the model's fit), also used for the total. Errors do
   // not average out over the tasks of a job, because their causes (machine, load, texture of the scene) are common to
   // all of them.

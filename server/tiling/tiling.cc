@@ -117,7 +117,7 @@ class KdSplitter {
         "refine, "
         "and a tile cannot be smaller than a cell; tile memory: found %.2f GiB, expected at least that much "
         "(--tile-memory), or a finest level coarser than now (--levels)",
-        rect.x0, rect.y0, work.core_faces, work.sight_faces - work.core_faces, work.seeing_views, 1e-6 * work.pixels,
+        rect.x0, rect.y0, work.core_faces, work.visible_faces - work.core_faces, work.seeing_views, 1e-6 * work.pixels,
         bytes / kGiB, static_cast<double>(limit_bytes_) / kGiB));
   }
 
@@ -188,7 +188,7 @@ double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const Re
   const double side_px = survey.ground.cell_m / survey.gsd_m, views = static_cast<double>(cell.views.size());
   const double partners =
       survey.views.empty() ? 0 : static_cast<double>(survey.pairs.size()) / static_cast<double>(survey.views.size());
-  work.core_faces = work.solve_faces = work.sight_faces = static_cast<double>(cell.faces);
+  work.core_faces = work.solve_faces = work.visible_faces = static_cast<double>(cell.faces);
   work.drawn_faces = work.core_faces * views;
   work.pixels = views * side_px * side_px;
   work.pair_pixels = work.pixels * std::min(partners, std::max(0.0, views - 1));

@@ -90,7 +90,7 @@ Status Show(const std::string& run, std::map<std::string, Spread>* spreads) {
         "1f\t%."
         "3f\t%.1f\t%.0f\n",
         run.c_str(), kind.c_str(), tile, static_cast<double>(survey.faces), work.core_faces, work.solve_faces,
-        work.sight_faces, work.seeing_views, work.pixels, work.pair_pixels, work.drawn_faces, work.open_pixels,
+        work.visible_faces, work.seeing_views, work.pixels, work.pair_pixels, work.drawn_faces, work.open_pixels,
         work.image_pixels, work.largest_crop, work.likelihood_planes, effort.evaluations, effort.iterations,
         effort.labellings, survey.views.size(), threads, seconds, bytes / (1 << 20), prediction.core_seconds,
         static_cast<double>(prediction.peak_bytes) / (1 << 20),

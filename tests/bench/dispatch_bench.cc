@@ -44,7 +44,7 @@ class BarePlanner : public Planner {
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>& files, const std::vector<TileReads>& reads,
-                                           const UpdateBase*, const std::vector<SetAsideTile>&) override {
+                                           const UpdateBase*, const std::vector<FailedTile>&) override {
     return Bare(PlanSteps(settings, survey, files, reads));
   }
   StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& files) override {

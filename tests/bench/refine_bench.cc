@@ -81,8 +81,8 @@ void PrintFolds(const SurfaceProblem& problem, const std::vector<Eigen::Vector3d
   const std::vector<FacePair> after = IntersectingFacePairs({vertices, problem.mesh.faces, {}});
   const int64_t end_us = clock.MonotonicUs();
   std::printf("faces against the smoothed start: %ld at the start, %ld after\n",
-              static_cast<long>(guard.TurnedFaces(problem.mesh.vertices)),
-              static_cast<long>(guard.TurnedFaces(vertices)));
+              static_cast<long>(guard.InvertedFaces(problem.mesh.vertices)),
+              static_cast<long>(guard.InvertedFaces(vertices)));
   std::printf("intersecting pairs: %zu at the start, %zu after, %zu of them new (cpu %.2f, %.2f s)\n", before.size(),
               after.size(), NewPairs(before, after).size(), 1e-6 * static_cast<double>(between_us - begin_us),
               1e-6 * static_cast<double>(end_us - between_us));

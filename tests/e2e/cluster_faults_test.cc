@@ -217,7 +217,7 @@ TEST_F(ClusterFaultsTest, FailingTileIsQuarantinedAndCanBeRetried) {
   EXPECT_THAT(watched.output, HasSubstr("was quarantined: '" + lease.spec().title() + "' failed (memory): killed"));
   const std::string partial = cluster.Fetch(job);
   EXPECT_THAT(Content(partial + "/report.json"), HasSubstr("was quarantined"));
-  EXPECT_THAT(Content(partial + "/tiles/index.json"), HasSubstr("\"set_aside\": true"));
+  EXPECT_THAT(Content(partial + "/tiles/index.json"), HasSubstr("\"quarantined\": true"));
   EXPECT_FALSE(Content(partial + "/mesh.ply") == Content(UndisturbedMesh()));
   const Outcome again = tessera({"retry", job, "--watch"});
   EXPECT_EQ(again.exit_code, 0) << again.output;

@@ -156,8 +156,8 @@ TEST_F(LostLeaseTest, RandomKillsDoNotChangeTheResult) {
     const int from = changes(), wanted = 1 + static_cast<int>(random.Below(6));
     ASSERT_TRUE(WaitUntil([&] { return changes() >= from + wanted || ended(); }));
     const auto victim = static_cast<size_t>(random.Below(3));
-    // A task that loses three workers is set aside as what kills them: that is another promise. One that may have lost
-    // one is spared, in any state: between this look and the kill it may be lost, and leased, once more.
+    // A task that loses three workers is quarantined as what kills them: that is another promise. One that may have
+    // lost one is spared, in any state: between this look and the kill it may be lost, and leased, once more.
     bool may_have_lost = false;
     for (const v1::Task& task : cluster.Tasks(job)) {
       may_have_lost = may_have_lost || (task.state() != v1::TASK_STATE_SUCCEEDED && task.attempt() > 1);

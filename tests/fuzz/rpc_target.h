@@ -130,7 +130,7 @@ class FuzzedCoordinator {
     server_->Shutdown(0);
     coordinator_.reset();
     coordinator_ = *Coordinator::Open({&store_, blobs_.get(), &planner_, &clock_, /*on_change=*/{}}, {});
-    Require(store_.set_aside.empty(), "what was stored can be used");
+    Require(store_.quarantined.empty(), "what was stored can be used");
   }
 
  private:

@@ -68,7 +68,7 @@ class CheckingWorkerTest : public CoordinatorTest {
     std::vector<std::string> paths;
     const std::vector<std::string> names = *ListFiles(blobs_->root());
     for (const std::string& name : names) {
-      if (name.rfind("set_aside", 0) != 0 && name.rfind("partial", 0) != 0)
+      if (name.rfind("quarantined", 0) != 0 && name.rfind("partial", 0) != 0)
         paths.push_back(blobs_->root() + "/" + name);
     }
     std::stable_partition(paths.begin(), paths.end(), [](const std::string& path) {

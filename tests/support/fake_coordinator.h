@@ -40,13 +40,13 @@ class MemoryStore : public RecordStore {
     }
     int64_t number = 0;
     for (const std::string& record : stored) {
-      if (set_aside.contains(++number)) continue;
+      if (quarantined.contains(++number)) continue;
       visit({number, record == kDamaged ? StatusOr<std::string>(absl::DataLossError("damaged")) : record});
     }
     return absl::OkStatus();
   }
   Status Quarantine(int64_t number, const std::string& reason) override {
-    set_aside[number] = reason;
+    quarantined[number] = reason;
     return absl::OkStatus();
   }
   StatusOr<std::set<int>> DeletedJobs() override { return std::set<int>(); }
@@ -55,7 +55,7 @@ class MemoryStore : public RecordStore {
 
   static constexpr char kDamaged[] = "damaged";  // in place of a record
   std::vector<std::string> records;
-  std::map<int64_t, std::string> set_aside;  // reasons by number
+  std::map<int64_t, std::string> quarantined;  // reasons by number
   int64_t starts = 0;
   std::atomic<bool> fail = false;
 
@@ -65,7 +65,7 @@ class MemoryStore : public RecordStore {
 
 // ingest -> `tiles` refine tasks (tile t costs t + 1) -> publish. The survey's text enters the refine tasks'
 // parameters. Where tiles exchange: ingest; `tiles` cuts; refine tasks, each of which reads the cuts of the tiles that
-// its own cut named under `sight` (but of those that were set aside), and publish.
+// its own cut named under `sight` (but of those that are quarantined), and publish.
 class FakePlanner : public Planner {
  public:
   bool exchange = false;
@@ -96,9 +96,9 @@ class FakePlanner : public Planner {
   }
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string& survey,
                                            const std::vector<std::string>&, const std::vector<TileReads>& reads,
-                                           const UpdateBase*, const std::vector<SetAsideTile>& set_aside) override {
+                                           const UpdateBase*, const std::vector<FailedTile>& quarantined) override {
     std::set<int> not_cut;
-    for (const SetAsideTile& each : set_aside) not_cut.insert(each.tile);
+    for (const FailedTile& each : quarantined) not_cut.insert(each.tile);
     std::vector<PlannedTask> tasks;
     PlannedTask publish = Publish(settings.tiles, 0);
     auto of_tile = reads.begin();

@@ -44,7 +44,7 @@ StatusOr<LineTask> RunPlanned(const PlannedTask& planned, const SceneDescription
 
 StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std::string& work_dir,
                                         const JobSettings& settings, const TaskRunner& runner,
-                                        const std::vector<SetAsideTile>& set_aside) {
+                                        const std::vector<FailedTile>& quarantined) {
   Warnings warnings;
   SceneLoadOptions load;
   load.to_be_classified = Classifies(settings);
@@ -74,11 +74,12 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
     if (!is_cut(tasks[t])) continue;
     TESSERA_ASSIGN_OR_RETURN(const std::string json, ReadFile(tasks[t].output_dir + "/" + kReadsFile));
     TESSERA_ASSIGN_OR_RETURN(TileReads of_tile, ParseTileReads(json, tasks[t].planned.tile, cuts));
-    const SetAsideTile not_cut = {tasks[t].planned.tile, kCutKind};
-    if (std::find(set_aside.begin(), set_aside.end(), not_cut) == set_aside.end()) reads.push_back(std::move(of_tile));
+    const FailedTile not_cut = {tasks[t].planned.tile, kCutKind};
+    if (std::find(quarantined.begin(), quarantined.end(), not_cut) == quarantined.end())
+      reads.push_back(std::move(of_tile));
   }
   TESSERA_ASSIGN_OR_RETURN(const std::vector<PlannedTask> steps,
-                           PlanSteps(settings, survey, scene.files, reads, nullptr, set_aside));
+                           PlanSteps(settings, survey, scene.files, reads, nullptr, quarantined));
   TESSERA_RETURN_IF_ERROR(run(steps));
   return tasks;
 }

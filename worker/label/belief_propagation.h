@@ -29,8 +29,8 @@ struct Labelling {
 //   2. Faces switch from `start` to the messages' labels where that lowers the energy.
 //   3. Block coordinate descent: block by block, better connected parts and expansion moves (block_descent.h).
 // The energy is never above that of `start`. A label of -1 in `start` means: the messages' label, and the label of
-// least unary cost for start_energy. Deterministic for any number of threads. ReachOf (label_dependency.h) bounds
-// what a face's label and beliefs depend on.
+// least unary cost for start_energy. Deterministic for any number of threads. LabelDependencyRadiusOf
+// (label_dependency.h) bounds what a face's label and beliefs depend on.
 Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start, const SolverOptions& options);
 
 // Confidence in [0, 1] of each face's label: its softmax weight under -beliefs.

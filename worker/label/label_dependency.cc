@@ -71,13 +71,14 @@ void GrowByBlocks(const std::vector<std::array<uint32_t, 2>>& face_links, const 
 
 }  // namespace
 
-LabelReach ReachOf(const SolverOptions& options) {
+LabelDependencyRadius LabelDependencyRadiusOf(const SolverOptions& options) {
   const int message_rings = kDecideRounds + 1 + std::max(0, options.iterations);
   return {.odd_links = 3, .odd_rings = 1, .even_links = 4, .rings = message_rings + 1};
 }
 
-std::vector<uint8_t> FacesInReach(const std::vector<std::array<uint32_t, 2>>& face_links, const std::vector<Cell>& cell,
-                                  const std::vector<uint8_t>& core, const LabelReach& reach) {
+std::vector<uint8_t> FacesInDependencyRadius(const std::vector<std::array<uint32_t, 2>>& face_links,
+                                             const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
+                                             const LabelDependencyRadius& reach) {
   std::vector<uint8_t> faces = core;
   GrowByBlocks(face_links, cell, BlockGrid::kOdd, reach.odd_links, &faces);
   Grow(face_links, reach.odd_rings, &faces);

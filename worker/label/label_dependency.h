@@ -19,7 +19,7 @@ namespace tessera {
 //     the faces of the even blocks within `even_links` links of their blocks, dilated by `rings` rings.
 // SolveLabels therefore returns the same bytes for this face from every field that contains these faces, in the same
 // order and with the same edges between them in the same order.
-struct LabelReach {
+struct LabelDependencyRadius {
   int odd_links = 0, odd_rings = 0;
   int even_links = 0, rings = 0;
 };
@@ -33,12 +33,13 @@ struct LabelReach {
 //       these, which lie in blocks within 4 links.
 //     Label after the odd sweep: of those in odd blocks within 3 links, and 1 of that.
 // A belief is 2 of the messages' beliefs (FaceBeliefs), 1 of which is odd_rings, and depends on the face's own label.
-LabelReach ReachOf(const SolverOptions& options);
+LabelDependencyRadius LabelDependencyRadiusOf(const SolverOptions& options);
 
 // Flags the faces within the dependency radius of the faces flagged in `core`. `face_links`: pairs of faces that
 // share an edge, in any order; a superset of the field's edges. `cell`: as in LabelField.
-std::vector<uint8_t> FacesInReach(const std::vector<std::array<uint32_t, 2>>& face_links, const std::vector<Cell>& cell,
-                                  const std::vector<uint8_t>& core, const LabelReach& reach);
+std::vector<uint8_t> FacesInDependencyRadius(const std::vector<std::array<uint32_t, 2>>& face_links,
+                                             const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
+                                             const LabelDependencyRadius& reach);
 
 }  // namespace tessera
 

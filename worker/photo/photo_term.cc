@@ -118,7 +118,7 @@ void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& o
   const CellBoxes boxes(mesh, cells);
   parts_.clear();
   target_rects_.clear();
-  CellSightProblem problem;
+  VisibleCellsProblem problem;
   for (size_t v = 0; v < views_.size(); ++v) {
     const PixelRect all = views_[v].rect();
     problem.views.push_back({views_[v].camera, all});
@@ -132,11 +132,11 @@ void PhotoTerm::FindWork(const TriangleMesh& mesh, const std::vector<uint8_t>& o
     return;
   }
   problem.boxes = boxes.boxes();
-  problem.own = OwnCellsOfViews(*cells, own, groups_->looks, views_.size());
+  problem.own = OwnCellsOfViews(*cells, own, groups_->selected, views_.size());
   for (const ViewPair& pair : pairs_) problem.pairs.push_back({pair.reference, pair.other});
   problem.reference_margin_px = std::max(2 * options_.window.radius, options_.visitor_margin_px);
   problem.target_margin_px = 1;
-  const CellSight sight = FindCellSight(problem);
+  const VisibleCells sight = FindVisibleCells(problem);
   for (size_t v = 0; v < views_.size(); ++v) {
     parts_.push_back(boxes.PartOf(sight.cells[v]));
     if (!views_[v].stored) continue;
@@ -178,7 +178,7 @@ void PhotoTerm::Open(size_t step, const TriangleMesh& mesh, const std::vector<ui
   });
   for (size_t i = 0; i < open.size(); ++i) {
     const size_t view = open[i];
-    if (groups_ != nullptr) MarkNotLookedAt(*groups_, view, &drawn_[i]);
+    if (groups_ != nullptr) MarkNotSelected(*groups_, view, &drawn_[i]);
     SetWarpTarget(views_[view].texels, drawn_[i], views_[view].depths, &targets_[view]);
   }
   ParallelFor(static_cast<int64_t>(open.size()), 1, [&](int64_t begin, int64_t end) {

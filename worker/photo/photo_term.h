@@ -95,7 +95,7 @@ class PhotoTerm {
   // in each reference, and on the depths and texels where those pixels are warped to in the partners. (A pixel
   // belongs to windows up to `radius` away, which contain pixels up to `radius` further.)
   // `cells`, `clock` and `visit` may be null. With `cells`, which are then the groups, invisible cells are not drawn
-  // (FindCellSight).
+  // (FindVisibleCells).
   // A view is drawn when the first pair needs it and freed after the last one, so memory is bounded by the views open
   // at the same time: views of a pair should be close in the list.
   void Evaluate(const TriangleMesh& mesh, const std::vector<uint8_t>& own, const MeshCells* cells, const Clock* clock,

@@ -50,7 +50,7 @@ void SetWarpTarget(const Texels& texels, const FaceMap& map, const DepthRange& r
       for (int x = 0; x < map.width; ++x) {
         const float steps = std::clamp((depth[x] - minimum) * per_depth, -1.0f, 65534.0f);
         const int32_t code = 1 + static_cast<int32_t>(steps);
-        const uint32_t looked_at = face[x] == kNotLookedAt ? 0 : luminance[x];
+        const uint32_t looked_at = face[x] == kNotSelected ? 0 : luminance[x];
         out[x] = looked_at | static_cast<uint32_t>(code) << 16;
       }
       std::fill(out + map.width, out + texels.stride, 0u);

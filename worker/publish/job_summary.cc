@@ -91,7 +91,7 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
   for (const ReportedTile& tile : tiles) {
     tile_reports.push_back(json::parse(tile.report));
     tile_reports.back()["tile"] = tile.tile;
-    if (tile.quarantined) tile_reports.back()["set_aside"] = true;
+    if (tile.quarantined) tile_reports.back()["quarantined"] = true;
   }
   json class_names = json::array();
   for (const SceneClass& c : survey.classes) class_names.push_back(c.name);

@@ -82,7 +82,7 @@ StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir
     control.Report(static_cast<double>(t) / static_cast<double>(tiles.size()), "writing tiles");
     TESSERA_ASSIGN_OR_RETURN(json entry, WriteTileMesh(output_dir, city, survey, tiles[t].core, cores[t]));
     if (!outdated.empty()) entry["outdated_faces"] = CountShared(cores[t].face_ids, outdated);
-    if (std::binary_search(quarantined.begin(), quarantined.end(), tiles[t].tile)) entry["set_aside"] = true;
+    if (std::binary_search(quarantined.begin(), quarantined.end(), tiles[t].tile)) entry["quarantined"] = true;
     entries.push_back(std::move(entry));
     names.push_back(TileMeshName(tiles[t].core));
   }

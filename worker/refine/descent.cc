@@ -38,8 +38,8 @@ Vector3d BoundaryStep(const Vector3d& step, const Vector3d& normal, const Vector
 
 }  // namespace
 
-IndexRows FacesOfVertices(const TriangleMesh& mesh) {
-  IndexRows rows;
+CsrRows FacesOfVertices(const TriangleMesh& mesh) {
+  CsrRows rows;
   rows.offsets.assign(mesh.vertices.size() + 1, 0);
   for (const Triangle& face : mesh.faces) {
     for (uint32_t v : face) ++rows.offsets[v + 1];
@@ -53,7 +53,7 @@ IndexRows FacesOfVertices(const TriangleMesh& mesh) {
   return rows;
 }
 
-std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+std::vector<Vector3d> SmoothedPositions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                         const std::vector<uint8_t>& fixed, int steps) {
   // In a closed fan every neighbour is a corner of exactly two faces.
   std::vector<uint8_t> moves(mesh.vertices.size());
@@ -93,7 +93,7 @@ double MotionBound_m(const MotionLimits& limits) {
   return (1 + 1e-6) * std::max(limits.max_normal_m, limits.max_tangent_m);
 }
 
-std::vector<uint8_t> EitherFlag(std::vector<uint8_t> a, const std::vector<uint8_t>& b) {
+std::vector<uint8_t> UnionOfFlags(std::vector<uint8_t> a, const std::vector<uint8_t>& b) {
   if (a.empty()) return b;
   for (size_t v = 0; v < b.size(); ++v) a[v] |= b[v];
   return a;
@@ -102,7 +102,7 @@ std::vector<uint8_t> EitherFlag(std::vector<uint8_t> a, const std::vector<uint8_
 MotionGuard::MotionGuard(const TriangleMesh& start, const std::vector<uint8_t>& boundary, const MotionLimits& limits,
                          const std::vector<uint8_t>& frozen)
     : limits_(limits),
-      fixed_(EitherFlag(boundary, frozen)),
+      fixed_(UnionOfFlags(boundary, frozen)),
       faces_(start.faces),
       faces_of_vertex_(FacesOfVertices(start)),
       start_(start.vertices) {
@@ -143,7 +143,7 @@ void MotionGuard::LimitDisplacement(const Positions& at, Positions* step) const 
   ForEach(at.size(), [&](size_t v) { (*step)[v] = Braked(v, at[v], (*step)[v]); });
 }
 
-bool MotionGuard::KeepsFacing(uint32_t face, const Positions& from, const Positions& to) const {
+bool MotionGuard::KeepsOrientation(uint32_t face, const Positions& from, const Positions& to) const {
   const Vector3d normal = start_normals_[face].cast<double>();
   const Vector3d after = CrossAt(faces_[face], to);
   const double facing = after.dot(normal), length = after.norm();
@@ -152,7 +152,7 @@ bool MotionGuard::KeepsFacing(uint32_t face, const Positions& from, const Positi
   return facing * before.norm() >= (before.dot(normal) - 1e-9 * before.norm()) * length;
 }
 
-std::vector<Vector3d> MotionGuard::UnfoldedStart() const {
+std::vector<Vector3d> MotionGuard::RepairedStart() const {
   Positions out = start_;
   for (size_t f = 0; f < faces_.size(); ++f) {
     const Vector3d cross = CrossAt(faces_[f], start_);
@@ -162,7 +162,7 @@ std::vector<Vector3d> MotionGuard::UnfoldedStart() const {
   return out;
 }
 
-int64_t MotionGuard::TurnedFaces(const Positions& at) const {
+int64_t MotionGuard::InvertedFaces(const Positions& at) const {
   int64_t count = 0;
   for (size_t f = 0; f < faces_.size(); ++f) count += CrossAt(faces_[f], at).dot(start_normals_[f].cast<double>()) <= 0;
   return count;
@@ -243,8 +243,8 @@ void MotionGuard::LimitFolding(const TriangleMesh& mesh, double min_turn_cosine,
   }
 }
 
-StepReach StepReachOf(const StepOptions& options, const MotionLimits& limits) {
-  StepReach reach;
+StepDependencyRadius StepDependencyRadiusOf(const StepOptions& options, const MotionLimits& limits) {
+  StepDependencyRadius reach;
   reach.gradient = std::max(SmoothTerm::kGradientRings, InterTerm::kGradientRings);
   reach.sweeps = SmoothTerm::SolveRings(options.smoothing_sweeps);
   reach.start = limits.start_smoothing_steps + 1;

@@ -30,13 +30,13 @@ struct MotionLimits {
 };
 
 // Upper bound of a vertex's distance from its start after any number of steps that a MotionGuard passed, whole or in
-// part. Proof: the ellipsoid is centred at the start. Braked() and UnfoldedStart() end inside it; LimitFolding()
-// shortens or damps steps; ComputeStep() rounds to the grid only inside it; FoldRepair interpolates between two
+// part. Proof: the ellipsoid is centred at the start. Braked() and RepairedStart() end inside it; LimitFolding()
+// shortens or damps steps; ComputeStep() rounds to the grid only inside it; SurfaceRepair interpolates between two
 // positions inside it, and an ellipsoid is convex. The semi-axes are enlarged by a millionth for float rounding.
 double MotionBound_m(const MotionLimits& limits);
 
 // Element-wise union of vertex flags. Empty: no flags.
-std::vector<uint8_t> EitherFlag(std::vector<uint8_t> a, const std::vector<uint8_t>& b);
+std::vector<uint8_t> UnionOfFlags(std::vector<uint8_t> a, const std::vector<uint8_t>& b);
 
 // Limits steps relative to the start of the run. Thread-safe.
 class MotionGuard {
@@ -61,24 +61,24 @@ class MotionGuard {
   // Shortens or averages `step` at the corners of faces whose normal would turn by more than `min_turn_cosine`
   // allows, whose area would collapse, or that would be inverted against the smoothed start. No step becomes longer
   // than the longest one around it. In each pass a vertex depends only on its own faces, hence on kFoldingPasses
-  // rings in total. Faces that still fold afterwards are left; FoldRepair undoes the motion if they are inverted.
+  // rings in total. Faces that still fold afterwards are left; SurfaceRepair undoes the motion if they are inverted.
   void LimitFolding(const TriangleMesh& mesh, double min_turn_cosine, Positions* step) const;
 
   // Whether the face satisfies min_start_cosine in `to`, or did not in `from` and is no worse. Reads the face's
   // corners, and the start within start_smoothing_steps rings of them.
-  bool KeepsFacing(uint32_t face, const Positions& from, const Positions& to) const;
+  bool KeepsOrientation(uint32_t face, const Positions& from, const Positions& to) const;
 
   // The start, in which faces below min_start_cosine get their smoothed positions, as far as a step may lead there.
   // Without this, such slivers would never improve.
-  Positions UnfoldedStart() const;
+  Positions RepairedStart() const;
 
   // Whether `at` lies in the vertex's ellipsoid.
   bool Contains(size_t vertex, const Eigen::Vector3d& at) const;
 
   // Number of faces whose normals are opposite to the smoothed start's.
-  int64_t TurnedFaces(const Positions& at) const;
+  int64_t InvertedFaces(const Positions& at) const;
 
-  const IndexRows& faces_of_vertex() const { return faces_of_vertex_; }
+  const CsrRows& faces_of_vertex() const { return faces_of_vertex_; }
   const std::vector<Eigen::Vector3f>& start_normals() const { return start_normals_; }  // per face, smoothed
   Eigen::Vector3d start_normal(size_t vertex) const { return vertex_normals_[vertex].cast<double>(); }  // smoothed
 
@@ -90,23 +90,23 @@ class MotionGuard {
   MotionLimits limits_;
   std::vector<uint8_t> fixed_;  // boundary or frozen
   std::vector<Triangle> faces_;
-  IndexRows faces_of_vertex_;
+  CsrRows faces_of_vertex_;
   Positions start_, smoothed_;
   std::vector<Eigen::Vector3f> start_normals_;   // per face
   std::vector<Eigen::Vector3f> vertex_normals_;  // of the smoothed start
 };
 
 // The faces of each vertex, ascending.
-IndexRows FacesOfVertices(const TriangleMesh& mesh);
+CsrRows FacesOfVertices(const TriangleMesh& mesh);
 
 // Vertex positions after `steps` umbrella steps with factor ½, which smooth staircase artefacts. The mesh boundary
 // and vertices with a flag in `fixed` (may be empty) stay.
-std::vector<Eigen::Vector3d> SmoothedPositions(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+std::vector<Eigen::Vector3d> SmoothedPositions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                                const std::vector<uint8_t>& fixed, int steps);
 
 // Dependency radius of a vertex's step, in rings (edges): it depends on the positions, flags and start of the
 // vertices within the radius, and on the faces with a corner within one ring less, and their labels.
-struct StepReach {
+struct StepDependencyRadius {
   int gradient = 0;  // of the smooth and inter terms, including the diagonal blocks and edge weights
   int sweeps = 0;    // how far SolveStep propagates a right-hand side
   int start = 0;     // smoothed start's normal at a vertex, for boundaries and ellipsoids
@@ -139,14 +139,14 @@ struct StepOptions {
   double evidence = 0;  // per metre²: data curvature at which the acceleration has half its effect
 };
 
-StepReach StepReachOf(const StepOptions& options, const MotionLimits& limits);
+StepDependencyRadius StepDependencyRadiusOf(const StepOptions& options, const MotionLimits& limits);
 
 // The damped Gauss-Newton step of data and smoothness terms at `mesh`: solves (curvatures + A) step = -(gradients),
 // applies the acceleration with `last` (the previous iteration's step; empty: none), limits each vertex's length, and
 // applies `guard`. Boundaries of horizontal surfaces keep their position in plan. Zero at fixed vertices.
-// A vertex's step depends only on the rings given by StepReachOf, to the last bit. It depends on the order of
-// vertices and faces only through their relative order, so a submesh that keeps the order gives the same bytes as the
-// whole mesh.
+// A vertex's step depends only on the rings given by StepDependencyRadiusOf, to the last bit. It depends on the order
+// of vertices and faces only through their relative order, so a submesh that keeps the order gives the same bytes as
+// the whole mesh.
 std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDerivatives& photo,
                                          const SmoothTerm& smooth, const InterTerm& inter, const MotionGuard& guard,
                                          const StepOptions& options, const std::vector<Eigen::Vector3f>& last = {});

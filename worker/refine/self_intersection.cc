@@ -227,14 +227,13 @@ std::vector<FacePair> NewPairs(const std::vector<FacePair>& before, const std::v
   return out;
 }
 
-FoldRepair::FoldRepair(const TriangleMesh& start, const IndexRows& faces_of_vertex)
+SurfaceRepair::SurfaceRepair(const TriangleMesh& start, const CsrRows& faces_of_vertex)
     : start_{start.vertices, start.faces, {}}, faces_of_vertex_(faces_of_vertex), boxes_(start) {}
 
 // A motion from `good` to `proposed`, of which each vertex keeps a share in [0, 1].
-class FoldRepair::Motion {
+class SurfaceRepair::Motion {
  public:
-  Motion(const std::vector<Triangle>& faces, const IndexRows& faces_of_vertex, const Positions& good,
-         Positions proposed)
+  Motion(const std::vector<Triangle>& faces, const CsrRows& faces_of_vertex, const Positions& good, Positions proposed)
       : faces_of_vertex_(faces_of_vertex),
         good_(good),
         proposed_(std::move(proposed)),
@@ -317,7 +316,7 @@ class FoldRepair::Motion {
     moved->insert(moved->end(), faces_of_vertex_[v].begin(), faces_of_vertex_[v].end());
   }
 
-  const IndexRows& faces_of_vertex_;
+  const CsrRows& faces_of_vertex_;
   const Positions& good_;
   const Positions proposed_;
   std::vector<double> share_;
@@ -325,7 +324,7 @@ class FoldRepair::Motion {
   std::vector<int> rings_;  // distance from a defective face in the current pass; -1: not reached
 };
 
-FoldRepair::Result FoldRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) {
+SurfaceRepair::Result SurfaceRepair::Run(const Positions& good, const FaceTest& test, Positions* vertices) {
   Motion motion(start_.faces, faces_of_vertex_, good, *vertices);
   // Only faces that moved can have new defects.
   std::vector<uint32_t> active = motion.MovingFaces(), defective;

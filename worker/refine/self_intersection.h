@@ -48,7 +48,7 @@ std::vector<FacePair> NewPairs(const std::vector<FacePair>& before, const std::v
 
 // Undoes motion that made faces intersect or inverted them, as locally as possible, in a fixed number of passes. One
 // object serves all stages of a run.
-class FoldRepair {
+class SurfaceRepair {
  public:
   using Positions = std::vector<Eigen::Vector3d>;
   // Whether the position of a face in `to` is acceptable given its position in `from`. Must be true if both are
@@ -84,7 +84,7 @@ class FoldRepair {
   static constexpr int RingsOf(const Pass& pass) { return pass.rings - 1 + kSmoothingPasses; }
 
   // Pairs that intersect in `start` are accepted. `faces_of_vertex` must outlive the object.
-  FoldRepair(const TriangleMesh& start, const IndexRows& faces_of_vertex);
+  SurfaceRepair(const TriangleMesh& start, const CsrRows& faces_of_vertex);
 
   // `vertices`: positions that a stage produced from `good`. If the result is clean, no two faces intersect that did
   // not at the start, and every face passes `test` (may be null): vertices around defective faces are moved back
@@ -95,7 +95,7 @@ class FoldRepair {
   class Motion;
 
   const TriangleMesh start_;
-  const IndexRows& faces_of_vertex_;
+  const CsrRows& faces_of_vertex_;
   FaceBoxes boxes_;
 };
 

@@ -34,8 +34,8 @@ Stepper::Stepper(const TriangleMesh& start, const std::vector<uint8_t>& boundary
       gsd_m_(gsd_m),
       up_(up),
       start_{start.vertices, start.faces, {}},
-      smooth_(start_, EitherFlag(boundary, frozen), Grown(active, start.faces, MotionGuard::kFoldingPasses)),
-      inter_(start_, EitherFlag(boundary, frozen)),
+      smooth_(start_, UnionOfFlags(boundary, frozen), Grown(active, start.faces, MotionGuard::kFoldingPasses)),
+      inter_(start_, UnionOfFlags(boundary, frozen)),
       guard_(start_, boundary, MakeMotionLimits(options, gsd_m), frozen) {
   smooth_.SetLabels(start.labels, options.classes, options.mixed);
   if (options.inter > 0) inter_.SetLabels(start.labels);
@@ -57,10 +57,11 @@ std::vector<Eigen::Vector3d> Stepper::Step(const TriangleMesh& mesh, const Photo
   return ComputeStep(mesh, derivatives, smooth_, inter_, guard_, step, last);
 }
 
-FoldRepair::Result Stepper::Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions) {
+SurfaceRepair::Result Stepper::Repair(const std::vector<Eigen::Vector3d>& good,
+                                      std::vector<Eigen::Vector3d>* positions) {
   if (!repair_) repair_.emplace(start_, guard_.faces_of_vertex());
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
-    return guard_.KeepsFacing(face, from, to);
+    return guard_.KeepsOrientation(face, from, to);
   };
   return repair_->Run(good, keeps_facing, positions);
 }

@@ -42,7 +42,7 @@ struct StepperOptions {
 };
 
 // The steps of one mesh. No sum over the whole mesh affects a vertex, so results depend only on its neighbourhood
-// (StepReachOf) and not on the number of threads.
+// (StepDependencyRadiusOf) and not on the number of threads.
 class Stepper {
  public:
   // `start`: positions before the first round, with the current labels. Flags, one a vertex or empty for none:
@@ -60,7 +60,7 @@ class Stepper {
                                     int iteration, const std::vector<Eigen::Vector3f>& last);
 
   // Takes back the motion since `good` that turned faces or made them cut each other. Not thread-safe.
-  FoldRepair::Result Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions);
+  SurfaceRepair::Result Repair(const std::vector<Eigen::Vector3d>& good, std::vector<Eigen::Vector3d>* positions);
 
  private:
   const StepperOptions options_;
@@ -70,7 +70,7 @@ class Stepper {
   SmoothTerm smooth_;
   InterTerm inter_;
   MotionGuard guard_;
-  std::optional<FoldRepair> repair_;  // created on first use
+  std::optional<SurfaceRepair> repair_;  // created on first use
 };
 
 // The motion limits of a run.

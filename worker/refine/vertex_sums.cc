@@ -24,7 +24,7 @@ int CornerOf(const Triangle& face, size_t vertex) { return face[0] == vertex ? 0
 
 }  // namespace
 
-PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                 const std::vector<FaceSums>& sums, const ContourSums& contours) {
   std::vector<Vector3d> normals(mesh.faces.size());
   ForEach(normals.size(), [&](size_t f) { normals[f] = FaceNormal(mesh, f); });

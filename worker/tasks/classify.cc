@@ -24,7 +24,7 @@ static_assert(kReach_m >= MeshSurface::kGroundRadii_m.back() && kReach_m >= Mesh
 
 // The blocks of the city that the view may show up to this depth, with the radius above. Empty if it shows no part of
 // the city.
-StatusOr<TriangleMesh> MeshInSight(const CityReader& city, const PosedCamera& camera, double depth_m) {
+StatusOr<TriangleMesh> VisibleMesh(const CityReader& city, const PosedCamera& camera, double depth_m) {
   const Eigen::Vector3d reach = Eigen::Vector3d::Constant(kReach_m);
   TriangleMesh mesh;
   for (size_t b = 0; b < city.block_count(); ++b) {
@@ -85,7 +85,7 @@ StatusOr<TaskOutcome> RunClassify(const TaskRequest& request, const TaskControl&
   control.Report(0, "reading the city");
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
   SceneView& view = scene.views[0];
-  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, MeshInSight(city, view.camera, parameters.depth_m));
+  TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, VisibleMesh(city, view.camera, parameters.depth_m));
   TESSERA_RETURN_IF_ERROR(control.Check());
   // A partner view may show nothing of the city where its mesh was revised.
   std::optional<MeshSurface> surface;

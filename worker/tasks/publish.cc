@@ -26,7 +26,7 @@ StatusOr<TaskOutcome> RunPublish(const TaskRequest& request, const TaskControl& 
   survey.warnings = parameters.warnings;
   for (const int tile : parameters.quarantined) {
     survey.warnings.push_back(
-        absl::StrCat("tile ", tile, " was set aside: its refinement failed; its part of the result is not refined"));
+        absl::StrCat("tile ", tile, " is quarantined: its refinement failed; its part of the result is not refined"));
   }
   TESSERA_ASSIGN_OR_RETURN(const CityReader city, CityReader::Open(InputPath(request, kCityFile)));
 

@@ -41,7 +41,7 @@ struct LoadedBlocks {
   CollectedFaces faces;
   std::vector<CellAt> cell;      // per face
   std::vector<Cell> label_cell;  // per face
-  IndexRows faces_of_vertex;
+  CsrRows faces_of_vertex;
 };
 
 StatusOr<LoadedBlocks> Load(const CityReader& city, const Survey& survey, const std::vector<uint8_t>& blocks) {
@@ -219,10 +219,10 @@ CutOptions CutOptionsOf(int window_px, int coarsest_level, double gsd_m, const T
   StepOptions step;
   step.smoothing_sweeps = stepper.smoothing_sweeps;
   step.inter = 1;  // the largest radius of any method
-  out.reach.solve_rings = StepReachOf(step, limits).rings();
-  out.reach.repair = RepairReachOf(stepper);
+  out.reach.solve_rings = StepDependencyRadiusOf(step, limits).rings();
+  out.reach.repair = RepairDependencyRadiusOf(stepper);
   out.reach.contact_m = 2 * out.sight.motion_m;
-  out.reach.label = ReachOf(options.solver);
+  out.reach.label = LabelDependencyRadiusOf(options.solver);
   return out;
 }
 
@@ -230,7 +230,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
                             const CutOptions& options) {
   const GroundPlane& ground = survey.ground;
   const SurveyCell* sample = nullptr;
-  for (const SurveyCell& cell : survey.cells) sample = BetterSample(sample, cell, p.tile.core);
+  for (const SurveyCell& cell : survey.cells) sample = BetterSampleCell(sample, cell, p.tile.core);
   std::vector<uint8_t> measured_cells(survey.cells.size());  // cells of the core and of the sample
   std::set<int32_t> chosen;
   for (size_t c = 0; c < measured_cells.size(); ++c) {
@@ -253,7 +253,7 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
     return absl::InvalidArgumentError(absl::StrCat("tile ", p.tile.tile, ": found depths of ",
                                                    survey.view_depths.size(), " views of ", survey.views.size()));
   }
-  Sight sight = FindSight(survey, measured_cells, views, options.sight);
+  VisibleSet sight = FindVisibleSet(survey, measured_cells, views, options.sight);
   // Partners without needed pixels are dropped: they do not affect the tile.
   size_t kept = 0;
   for (size_t v = 0; v < views.size(); ++v) {

@@ -7,15 +7,15 @@
 #include "common/job/task_parameters.h"
 #include "worker/city/city_file.h"
 #include "worker/tile/regions.h"
-#include "worker/tile/sight.h"
 #include "worker/tile/tile_files.h"
 #include "worker/tile/tile_options.h"
+#include "worker/tile/visible_set.h"
 
 namespace tessera {
 
 struct CutOptions {
-  SightOptions sight;
-  RegionReach reach;
+  VisibleSetOptions sight;
+  RegionDependencyRadius reach;
 };
 
 // Margins and alignment for this window size and coarsest pyramid level.

@@ -19,11 +19,11 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
   FaceLikelihoods sums(mesh.faces.size(), static_cast<int>(package.classes.size()));
   Rasterizer rasterizer;
   std::vector<FaceMap> maps;
-  CellSightProblem problem;
+  VisibleCellsProblem problem;
   problem.boxes = boxes.boxes();
   for (const TileView& view : views) problem.views.push_back(view.window);
-  problem.own = OwnCellsOfViews(package.cells, work.measured(), groups.looks, views.size());
-  const CellSight sight = FindCellSight(problem);
+  problem.own = OwnCellsOfViews(package.cells, work.measured(), groups.selected, views.size());
+  const VisibleCells sight = FindVisibleCells(problem);
   for (size_t v = 0; v < views.size(); ++v) {
     if (sight.windows[v].empty()) continue;
     TESSERA_RETURN_IF_ERROR(control.Check());
@@ -34,7 +34,7 @@ StatusOr<FaceLikelihoods> SumLikelihoods(const TileWorkspace& work, const TileIm
     const CameraWindow window(views[v].window.camera, sight.windows[v]);
     const MeshPart part = boxes.PartOf(sight.cells[v]);
     rasterizer.DrawParts(mesh, {&part, 1}, {&window, 1}, &maps);
-    MarkNotLookedAt(groups, v, &maps[0]);
+    MarkNotSelected(groups, v, &maps[0]);
     AddLikelihoods(maps[0], likelihoods, level.mapping, &sums);
   }
   return sums;
@@ -72,7 +72,7 @@ Status Measure(TileWorkspace& work, TileImages& images, const TileSnapshot& snap
   TESSERA_RETURN_IF_ERROR(images.data_term.EnterLevel(at.step.level));
   sums->seconds_loading = SecondsSince(clock, start_us);
   TriangleMesh mesh = {snapshot.positions, package.mesh.faces, {}};
-  if (GeometryKnowsLabels(package, options)) mesh.labels = snapshot.labels;
+  if (GeometryUsesLabels(package, options)) mesh.labels = snapshot.labels;
   images.data_term.Evaluate(mesh, work.whole() ? std::vector<uint8_t>() : work.measured(), &clock, &sums->derivatives);
   const PhotoSums& photo = sums->derivatives.photo;
   if (photo.sums.weight > 0) sums->energy = photo.sums.energy / photo.sums.weight;

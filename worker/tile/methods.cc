@@ -37,9 +37,9 @@ void Apply(const MethodSettings& settings, TileRefineOptions* options) {
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes) {
   TESSERA_RETURN_IF_ERROR(CheckMethod(parameters.method, parameters.settings));
   TileRefineOptions options;
-  options.geometry_knows_labels =
-      MethodRulesOf(parameters.method, parameters.rounds, parameters.settings).geometry_knows_labels;
-  if (options.geometry_knows_labels) {
+  options.geometry_uses_labels =
+      MethodRulesOf(parameters.method, parameters.rounds, parameters.settings).geometry_uses_labels;
+  if (options.geometry_uses_labels) {
     options.data.contour = kContour;
     options.step.creases = kCreases;
     for (const SceneClass& c : classes) options.step.classes.push_back({c.smoothness, c.anchor_weight});

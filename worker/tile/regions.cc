@@ -79,10 +79,10 @@ std::vector<std::array<uint32_t, 2>> FaceLinks(const std::vector<Triangle>& face
 
 }  // namespace
 
-RepairReach RepairReachOf(const StepperOptions& options) {
-  RepairReach reach;
-  for (const FoldRepair::Pass& pass : FoldRepair::kPasses) {
-    reach.rings.insert(reach.rings.begin(), FoldRepair::RingsOf(pass));
+RepairDependencyRadius RepairDependencyRadiusOf(const StepperOptions& options) {
+  RepairDependencyRadius reach;
+  for (const SurfaceRepair::Pass& pass : SurfaceRepair::kPasses) {
+    reach.rings.insert(reach.rings.begin(), SurfaceRepair::RingsOf(pass));
   }
   reach.start_rings = options.start_smoothing_steps + 1;
   return reach;
@@ -111,7 +111,7 @@ PickedMesh PickFlagged(const TriangleMesh& mesh, const std::vector<uint8_t>& fac
   return out;
 }
 
-void GrowRings(const TriangleMesh& mesh, const IndexRows& faces_of_vertex, int rings, std::vector<uint8_t>* faces) {
+void GrowRings(const TriangleMesh& mesh, const CsrRows& faces_of_vertex, int rings, std::vector<uint8_t>* faces) {
   std::vector<uint8_t> touched(mesh.vertices.size(), 0);
   std::vector<uint32_t> front, next;
   for (uint32_t f = 0; f < faces->size(); ++f) {
@@ -134,8 +134,8 @@ void GrowRings(const TriangleMesh& mesh, const IndexRows& faces_of_vertex, int r
   }
 }
 
-std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
-                                    const std::vector<uint8_t>& core, const RepairReach& reach,
+std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
+                                    const std::vector<uint8_t>& core, const RepairDependencyRadius& reach,
                                     const std::vector<Eigen::AlignedBox3d>& boxes) {
   std::vector<uint8_t> faces = core;
   GrowRings(mesh, faces_of_vertex, 1, &faces);
@@ -147,9 +147,9 @@ std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const IndexRows& f
   return faces;
 }
 
-std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                  const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
-                                 const RegionReach& reach) {
+                                 const RegionDependencyRadius& reach) {
   // Converts vertex rings to face rings: a vertex at distance d has all its faces within d + 1 rings.
   std::vector<uint8_t> solve = core;
   GrowRings(mesh, faces_of_vertex, reach.solve_rings + 1, &solve);
@@ -160,7 +160,7 @@ std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const IndexRows& face
     boxes[f] = {boxes[f].min() - margin, boxes[f].max() + margin};
   }
   const std::vector<uint8_t> mend = FacesForRepair(mesh, faces_of_vertex, core, reach.repair, boxes);
-  const std::vector<uint8_t> label = FacesInReach(FaceLinks(mesh.faces), cell, core, reach.label);
+  const std::vector<uint8_t> label = FacesInDependencyRadius(FaceLinks(mesh.faces), cell, core, reach.label);
   std::vector<uint8_t> regions(core.size());
   for (size_t f = 0; f < regions.size(); ++f) {
     regions[f] = static_cast<uint8_t>((core[f] ? kCoreRegion : 0) | (solve[f] ? kSolveRegion : 0) |

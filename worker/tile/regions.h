@@ -16,17 +16,17 @@
 
 namespace tessera {
 
-struct RepairReach {
-  std::vector<int> rings;  // of FoldRepair's passes, the last first; one contact after each
+struct RepairDependencyRadius {
+  std::vector<int> rings;  // of SurfaceRepair's passes, the last first; one contact after each
   int start_rings = 0;     // of the smoothed start, around all faces found so far
 };
-RepairReach RepairReachOf(const StepperOptions& options);
+RepairDependencyRadius RepairDependencyRadiusOf(const StepperOptions& options);
 
-struct RegionReach {
-  int solve_rings = 0;  // StepReach
-  RepairReach repair;
+struct RegionDependencyRadius {
+  int solve_rings = 0;  // StepDependencyRadius
+  RepairDependencyRadius repair;
   double contact_m = 0;  // distance between the start boxes of faces that may ever touch
-  LabelReach label;
+  LabelDependencyRadius label;
 };
 
 // A submesh of some faces, with labels if the mesh has them, in the mesh's order.
@@ -38,12 +38,12 @@ struct PickedMesh {
 PickedMesh PickFlagged(const TriangleMesh& mesh, const std::vector<uint8_t>& faces);
 
 // Dilates flags of faces by rings: a ring adds all faces that share a vertex with a flagged one.
-void GrowRings(const TriangleMesh& mesh, const IndexRows& faces_of_vertex, int rings, std::vector<uint8_t>* faces);
+void GrowRings(const TriangleMesh& mesh, const CsrRows& faces_of_vertex, int rings, std::vector<uint8_t>* faces);
 
-// Flags the faces that FoldRepair and its face test read to compute the vertices of `core` exactly. `boxes`: per
+// Flags the faces that SurfaceRepair and its face test read to compute the vertices of `core` exactly. `boxes`: per
 // face, where it may be at any time. Contacts are tested in plan only, which is conservative.
-std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
-                                    const std::vector<uint8_t>& core, const RepairReach& reach,
+std::vector<uint8_t> FacesForRepair(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
+                                    const std::vector<uint8_t>& core, const RepairDependencyRadius& reach,
                                     const std::vector<Eigen::AlignedBox3d>& boxes);
 
 // The label solver's cell of a face, by its centroid in the start.
@@ -54,9 +54,9 @@ inline Cell LabelCellOf(const GroundPlane& ground, double gsd_m, const Eigen::Ve
 
 // Region bits kCoreRegion to kLabelRegion of every face. `mesh`: at the start; `cell`: LabelCellOf each face; `core`:
 // one flag per face. Exact if the mesh contains all faces adjacent to those found.
-std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const IndexRows& faces_of_vertex,
+std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const CsrRows& faces_of_vertex,
                                  const std::vector<Cell>& cell, const std::vector<uint8_t>& core,
-                                 const RegionReach& reach);
+                                 const RegionDependencyRadius& reach);
 
 }  // namespace tessera
 

@@ -27,7 +27,7 @@ std::vector<Eigen::AlignedBox3d> SweptBoxes(const std::vector<Triangle>& faces, 
 
 // Repair of the whole city, with the guard and the boxes that the stepper keeps from one level to the next.
 CoreRepair RepairAll(Stepper& stepper, const std::vector<Vector3d>& good, std::vector<Vector3d>* positions) {
-  const FoldRepair::Result repaired = stepper.Repair(good, positions);
+  const SurfaceRepair::Result repaired = stepper.Repair(good, positions);
   return {repaired.changed_vertices, static_cast<int64_t>(repaired.left.size())};
 }
 
@@ -44,9 +44,9 @@ StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRe
       if (snapshot->level_start.empty()) return absl::DataLossError("repair: the states have no level start");
       good = Pick(snapshot->level_start, region.vertices);
     } else {
-      good = work.whole() ? work.SolveStepper(*snapshot, options).guard().UnfoldedStart()
+      good = work.whole() ? work.SolveStepper(*snapshot, options).guard().RepairedStart()
                           : MotionGuard(region.mesh, region.boundary, MakeMotionLimits(options.step, package.gsd_m))
-                                .UnfoldedStart();
+                                .RepairedStart();
       // Frozen vertices stay where they are.
       const std::vector<uint8_t> frozen = Pick(snapshot->frozen_vertices, region.vertices);
       for (size_t v = 0; v < frozen.size(); ++v) {
@@ -74,9 +74,9 @@ CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core
                       const StepperOptions& options, const std::vector<Vector3d>& good,
                       std::vector<Vector3d>* positions) {
   const TriangleMesh& all = region.mesh;
-  const IndexRows faces_of_vertex = FacesOfVertices(all);
-  const std::vector<uint8_t> read =
-      FacesForRepair(all, faces_of_vertex, core, RepairReachOf(options), SweptBoxes(all.faces, good, *positions));
+  const CsrRows faces_of_vertex = FacesOfVertices(all);
+  const std::vector<uint8_t> read = FacesForRepair(all, faces_of_vertex, core, RepairDependencyRadiusOf(options),
+                                                   SweptBoxes(all.faces, good, *positions));
   const PickedMesh part = PickFlagged(all, read);
   std::vector<uint8_t> boundary;
   for (const uint32_t v : part.vertices) {
@@ -86,11 +86,11 @@ CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core
   }
   const MotionGuard guard(part.mesh, boundary, MakeMotionLimits(options, gsd_m));
   const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
-    return guard.KeepsFacing(face, from, to);
+    return guard.KeepsOrientation(face, from, to);
   };
   std::vector<Vector3d> moved = Pick(*positions, part.vertices);
-  const FoldRepair::Result repaired =
-      FoldRepair(part.mesh, guard.faces_of_vertex()).Run(Pick(good, part.vertices), keeps_facing, &moved);
+  const SurfaceRepair::Result repaired =
+      SurfaceRepair(part.mesh, guard.faces_of_vertex()).Run(Pick(good, part.vertices), keeps_facing, &moved);
   for (size_t v = 0; v < moved.size(); ++v) (*positions)[part.vertices[v]] = moved[v];
   CoreRepair out;
   out.changed_vertices = repaired.changed_vertices;

@@ -14,13 +14,13 @@
 namespace tessera {
 
 struct CoreRepair {
-  int64_t changed_vertices = 0;  // as FoldRepair::Result has them, some of other tiles among them
+  int64_t changed_vertices = 0;  // as SurfaceRepair::Result has them, some of other tiles among them
   int64_t left_faces = 0;        // of the core: still spoiled
 };
 
 // Which motion is repaired.
 enum class RepairStage {
-  kStart,         // before the first iteration: the start is unfolded (MotionGuard::UnfoldedStart)
+  kStart,         // before the first iteration: the start is unfolded (MotionGuard::RepairedStart)
   kRevisedStart,  // the same where an update has another mesh: the base's result counts as motion from the start
   kLevel,         // after the last iteration of a level: motion since the level's start
 };
@@ -31,8 +31,8 @@ enum class RepairStage {
 StatusOr<CoreRepair> Repair(TileWorkspace& work, RepairStage stage, const TileRefineOptions& options,
                             TileSnapshot* snapshot);
 
-// FoldRepair of `region`, of which `core` are flags of its faces: the core's `positions` become those that a repair of
-// the whole region gives. Reads only the faces that a pass can reach: those whose boxes about `good` and `positions`
+// SurfaceRepair of `region`, of which `core` are flags of its faces: the core's `positions` become those that a repair
+// of the whole region gives. Reads only the faces that a pass can reach: those whose boxes about `good` and `positions`
 // touch.
 CoreRepair RepairCore(const RegionMesh& region, const std::vector<uint8_t>& core, double gsd_m,
                       const StepperOptions& options, const std::vector<Eigen::Vector3d>& good,

@@ -55,7 +55,7 @@ struct TilePackage {
 
   std::vector<SceneView> views;                    // selected by the core's cells, and their partners
   std::vector<int32_t> view_ids;                   // their indices in the survey
-  std::vector<PixelRect> view_rects;               // per view: the window that its tasks may read (FindSight)
+  std::vector<PixelRect> view_rects;               // per view: the window that its tasks may read (FindVisibleSet)
   std::vector<std::array<int32_t, 2>> pairs;       // ordered pairs of indices into `views`
   std::vector<std::array<double, 2>> view_depths;  // nearest and farthest surface that the whole job matches, metres
 

@@ -11,7 +11,7 @@
 namespace tessera {
 
 struct TileRefineOptions {
-  bool geometry_knows_labels = true;  // false: iterations see a mesh without labels
+  bool geometry_uses_labels = true;  // false: iterations see a mesh without labels
   DataOptions data;
   StepperOptions step;
   LabelOptions label;
@@ -19,8 +19,8 @@ struct TileRefineOptions {
 };
 
 // Whether iterations use labels. With one class alone labels say nothing.
-inline bool GeometryKnowsLabels(const TilePackage& package, const TileRefineOptions& options) {
-  return options.geometry_knows_labels && package.classes.size() > 1;
+inline bool GeometryUsesLabels(const TilePackage& package, const TileRefineOptions& options) {
+  return options.geometry_uses_labels && package.classes.size() > 1;
 }
 
 }  // namespace tessera

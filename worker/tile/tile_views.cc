@@ -240,7 +240,7 @@ StatusOr<std::vector<TileView>> OpenTileViews(const TilePackage& package, const 
   return views;
 }
 
-TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool knows_labels) {
+TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool uses_labels) {
   TileData data;
   std::vector<int> loaded(package.views.size(), -1);
   for (size_t v = 0; v < views.size(); ++v) {
@@ -248,7 +248,7 @@ TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& v
     const auto& [near_m, far_m] = package.view_depths[views[v].view];
     data.views.push_back({views[v].window.camera,
                           views[v].pixels,
-                          knows_labels,
+                          uses_labels,
                           {static_cast<float>(near_m), static_cast<float>(far_m)},
                           package.view_ids[views[v].view]});
   }
@@ -260,9 +260,10 @@ TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& v
                                      package.cells.face_begin[c + 1] - package.cells.face_begin[c],
                                      static_cast<uint32_t>(c));
     const std::vector<int32_t>& looking = package.cell_views[c];
-    std::vector<uint8_t> looks;
-    for (const TileView& view : views) looks.push_back(std::binary_search(looking.begin(), looking.end(), view.view));
-    data.groups.looks.push_back(std::move(looks));
+    std::vector<uint8_t> selected;
+    for (const TileView& view : views)
+      selected.push_back(std::binary_search(looking.begin(), looking.end(), view.view));
+    data.groups.selected.push_back(std::move(selected));
   }
   return data;
 }

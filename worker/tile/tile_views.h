@@ -43,7 +43,7 @@ struct TileData {
   std::vector<ViewPair> pairs;
   ViewGroups groups;
 };
-TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool knows_labels);
+TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool uses_labels);
 
 }  // namespace tessera
 

@@ -102,7 +102,7 @@ StatusOr<TileImages*> TileWorkspace::Images(const std::string& views_path, const
 Stepper& TileWorkspace::SolveStepper(const TileSnapshot& snapshot, const TileRefineOptions& options) {
   const RegionMesh& part = region(kSolveRegion);
   std::vector<int32_t> labels;
-  if (GeometryKnowsLabels(package_, options)) labels = Pick(snapshot.labels, part.faces);
+  if (GeometryUsesLabels(package_, options)) labels = Pick(snapshot.labels, part.faces);
   std::vector<uint8_t> frozen = Pick(snapshot.frozen_vertices, part.vertices);
   if (stepper_ && stepper_->labels == labels && stepper_->frozen == frozen) return *stepper_->stepper;
   std::vector<uint8_t> active;

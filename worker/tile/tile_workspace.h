@@ -57,7 +57,7 @@ struct TileImages {
 
   TileImages(const TilePackage& package, std::vector<TileView> opened, const TileRefineOptions& options)
       : views(std::move(opened)),
-        data(MakeTileData(package, views, GeometryKnowsLabels(package, options))),
+        data(MakeTileData(package, views, GeometryUsesLabels(package, options))),
         data_term(data.views, data.pairs, data.groups, &package.cells, options.data) {}
 };
 

@@ -12,14 +12,14 @@ constexpr int64_t kPixelGrain = 1 << 16, kRowGrain = 64;
 
 }  // namespace
 
-void MarkNotLookedAt(const ViewGroups& groups, size_t view, FaceMap* map) {
-  std::vector<uint8_t> looks(groups.looks.size());
-  for (size_t g = 0; g < looks.size(); ++g) looks[g] = groups.looks[g][view];
-  if (groups.group_of_face.empty() || std::find(looks.begin(), looks.end(), 0) == looks.end()) return;
+void MarkNotSelected(const ViewGroups& groups, size_t view, FaceMap* map) {
+  std::vector<uint8_t> selected(groups.selected.size());
+  for (size_t g = 0; g < selected.size(); ++g) selected[g] = groups.selected[g][view];
+  if (groups.group_of_face.empty() || std::find(selected.begin(), selected.end(), 0) == selected.end()) return;
   ParallelFor(static_cast<int64_t>(map->face.size()), kPixelGrain, [&](int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
       int32_t& face = map->face[i];
-      if (face >= 0 && !looks[groups.group_of_face[face]]) face = kNotLookedAt;
+      if (face >= 0 && !selected[groups.group_of_face[face]]) face = kNotSelected;
     }
   });
 }

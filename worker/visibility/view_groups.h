@@ -14,15 +14,15 @@ namespace tessera {
 // Which views are selected for which faces. The selection is made per ground cell, so that every tile that contains a
 // face uses the same views for it.
 struct ViewGroups {
-  std::vector<uint32_t> group_of_face;      // empty: every view is selected for every face
-  std::vector<std::vector<uint8_t>> looks;  // per group: one flag per view, 1 if selected
+  std::vector<uint32_t> group_of_face;         // empty: every view is selected for every face
+  std::vector<std::vector<uint8_t>> selected;  // per group: one flag per view, 1 if selected
 };
 
 // FaceMap::face at pixels where a view sees a face for which it is not selected.
-inline constexpr int32_t kNotLookedAt = std::numeric_limits<int32_t>::min();
+inline constexpr int32_t kNotSelected = std::numeric_limits<int32_t>::min();
 
 // Marks such pixels in the map of `view`. Depths stay.
-void MarkNotLookedAt(const ViewGroups& groups, size_t view, FaceMap* map);
+void MarkNotSelected(const ViewGroups& groups, size_t view, FaceMap* map);
 
 // Sets FaceMap::face to -1 at every pixel that lies more than `margin_px` rows or columns from all pixels of faces
 // with a flag in `own`. Depths stay.

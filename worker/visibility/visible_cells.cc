@@ -85,19 +85,19 @@ PixelRect Widened(const PixelRect& r, int margin, const PixelRect& domain) {
 }  // namespace
 
 std::vector<std::vector<uint32_t>> OwnCellsOfViews(const MeshCells& cells, const std::vector<uint8_t>& own,
-                                                   const std::vector<std::vector<uint8_t>>& looks, size_t views) {
+                                                   const std::vector<std::vector<uint8_t>>& selected, size_t views) {
   std::vector<std::vector<uint32_t>> of_views(views);
   for (uint32_t c = 0; c < cells.size(); ++c) {
     const auto first = own.begin() + cells.face_begin[c], last = own.begin() + cells.face_begin[c + 1];
     if (std::find_if(first, last, [](uint8_t flag) { return flag != 0; }) == last) continue;
     for (size_t v = 0; v < views; ++v) {
-      if (looks[c][v]) of_views[v].push_back(c);
+      if (selected[c][v]) of_views[v].push_back(c);
     }
   }
   return of_views;
 }
 
-CellSight FindCellSight(const CellSightProblem& problem) {
+VisibleCells FindVisibleCells(const VisibleCellsProblem& problem) {
   const size_t views = problem.views.size(), cells = problem.boxes.size();
   std::vector<Eigen::AlignedBox3d> runs((cells + kRunCells - 1) / kRunCells);
   for (size_t c = 0; c < cells; ++c) runs[c / kRunCells].extend(problem.boxes[c]);
@@ -127,7 +127,7 @@ CellSight FindCellSight(const CellSightProblem& problem) {
   for (const auto& [reference, other] : problem.pairs) {
     lands[other].insert(lands[other].end(), shown[reference].begin(), shown[reference].end());
   }
-  CellSight sight;
+  VisibleCells sight;
   sight.cells.resize(views);
   sight.windows.resize(views);
   sight.own_windows.resize(views);

@@ -12,7 +12,7 @@
 
 namespace tessera {
 
-struct CellSightProblem {
+struct VisibleCellsProblem {
   std::vector<Eigen::AlignedBox3d> boxes;     // bounds of each cell's content; vertices may move inside them
   std::vector<CameraWindow> views;            // pixels outside these windows are ignored
   std::vector<std::vector<uint32_t>> own;     // per view: the cells whose pixels are evaluated there
@@ -20,7 +20,7 @@ struct CellSightProblem {
   int reference_margin_px = 0, target_margin_px = 0;
 };
 
-struct CellSight {
+struct VisibleCells {
   std::vector<std::vector<uint32_t>> cells;  // per view: cells that a needed pixel may show, ascending
   std::vector<PixelRect> windows;            // per view: smallest rectangle with all needed pixels; may be empty
   std::vector<PixelRect> own_windows;        // as `windows`, step 1 alone: what derivatives of own cells read
@@ -32,12 +32,12 @@ struct CellSight {
 //   2. Such a cell is warped into a partner view j, where pixels within target_margin_px of its projection are read.
 //   3. The nearest surface at these pixels of i and j is one of the cells whose boxes project to them.
 // Occlusion is not tested, so the result holds however the vertices move inside their boxes.
-CellSight FindCellSight(const CellSightProblem& problem);
+VisibleCells FindVisibleCells(const VisibleCellsProblem& problem);
 
-// CellSightProblem::own: per view, the cells that contain a face with a flag in `own` and for which the view is
-// selected. `looks`: ViewGroups::looks with one group per cell.
+// VisibleCellsProblem::own: per view, the cells that contain a face with a flag in `own` and for which the view is
+// selected. `selected`: ViewGroups::selected with one group per cell.
 std::vector<std::vector<uint32_t>> OwnCellsOfViews(const MeshCells& cells, const std::vector<uint8_t>& own,
-                                                   const std::vector<std::vector<uint8_t>>& looks, size_t views);
+                                                   const std::vector<std::vector<uint8_t>>& selected, size_t views);
 
 }  // namespace tessera
 

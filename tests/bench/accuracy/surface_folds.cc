@@ -14,7 +14,7 @@ StatusOr<SurfaceFolds> FoldCounter::Count(const TriangleMesh& mesh) const {
     return absl::InvalidArgumentError("folds: the mesh has not the start's topology");
   }
   TESSERA_ASSIGN_OR_RETURN(const std::vector<FacePair> pairs, SelfIntersections(mesh));
-  return SurfaceFolds{guard_.TurnedFaces(mesh.vertices), static_cast<int64_t>(NewPairs(start_pairs_, pairs).size())};
+  return SurfaceFolds{guard_.InvertedFaces(mesh.vertices), static_cast<int64_t>(NewPairs(start_pairs_, pairs).size())};
 }
 
 }  // namespace tessera

@@ -26,7 +26,7 @@ class QuarantinedTileTest : public testing::Test {
   static constexpr int kTile = 1;  // a tile with neighbours on both sides
 
   void SetUp() override {
-    folder_ = FreshTestFolder("set_aside");
+    folder_ = FreshTestFolder("quarantined");
     ASSERT_NO_FATAL_FAILURE(SynthesizeStrip(folder_ + "/scene", 4));
     settings_ = {.tiles = 3};
     settings_.method_settings.levels = {1, 0};
@@ -34,8 +34,8 @@ class QuarantinedTileTest : public testing::Test {
   }
   void TearDown() override { EXPECT_TRUE(RemoveTree(folder_).ok()); }
 
-  std::vector<LineTask> Run(const std::vector<SetAsideTile>& set_aside) {
-    auto tasks = RunLine(folder_ + "/scene", folder_ + "/" + std::to_string(runs_++), settings_, {}, set_aside);
+  std::vector<LineTask> Run(const std::vector<FailedTile>& quarantined) {
+    auto tasks = RunLine(folder_ + "/scene", folder_ + "/" + std::to_string(runs_++), settings_, {}, quarantined);
     EXPECT_TRUE(tasks.ok()) << tasks.status();  // publish compares all shared data of tiles, byte for byte
     return tasks.ok() ? *std::move(tasks) : std::vector<LineTask>();
   }
@@ -78,17 +78,17 @@ TEST_F(QuarantinedTileTest, CityHasNoCracksAroundATileFailedAtAnyStep) {
                              {kSolveKind, 2, false, "mend tile 1 before step 1"},
                              {kSolveKind, 4, false, "mend tile 1 step 3"}};
   for (const Case& each : kCases) {
-    const SetAsideTile failed = {kTile, each.kind, each.step, each.before};
+    const FailedTile failed = {kTile, each.kind, each.step, each.before};
     const std::string stays = each.stays;
     SCOPED_TRACE(failed.kind + " " + std::to_string(failed.step));
     const std::vector<LineTask> tasks = Run({failed});
     ASSERT_FALSE(tasks.empty());
     const json report = ReportOf(tasks, kReportFile), index = ReportOf(tasks, kTileIndexFile);
     EXPECT_EQ(report.at("seams").at("different"), 0) << report.at("seams").dump();
-    EXPECT_NE(report.at("warnings").dump().find("tile 1 was set aside"), std::string::npos);
+    EXPECT_NE(report.at("warnings").dump().find("tile 1 is quarantined"), std::string::npos);
     for (int tile = 0; tile < 3; ++tile) {
-      EXPECT_EQ(report.at("tiles")[tile].contains("set_aside"), tile == kTile);
-      EXPECT_EQ(index.at("tiles")[tile].contains("set_aside"), tile == kTile);
+      EXPECT_EQ(report.at("tiles")[tile].contains("quarantined"), tile == kTile);
+      EXPECT_EQ(index.at("tiles")[tile].contains("quarantined"), tile == kTile);
     }
     const TileState left = Published(tasks, kTile);
     if (stays.empty()) {

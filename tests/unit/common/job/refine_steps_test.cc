@@ -21,9 +21,9 @@ TEST(RefineSteps, SettingsOverrideTheMethodsRules) {
   EXPECT_TRUE(MethodRulesOf("tessera", 0, {}).labels_first);
   EXPECT_TRUE(MethodRulesOf("", 0, {}).labels_first);
   EXPECT_FALSE(MethodRulesOf("baseline", 0, {}).labels_first);
-  EXPECT_FALSE(MethodRulesOf("baseline", 0, {}).geometry_knows_labels);
+  EXPECT_FALSE(MethodRulesOf("baseline", 0, {}).geometry_uses_labels);
   EXPECT_FALSE(MethodRulesOf("paper", 0, {}).labels_first);
-  EXPECT_TRUE(MethodRulesOf("paper", 0, {}).geometry_knows_labels);
+  EXPECT_TRUE(MethodRulesOf("paper", 0, {}).geometry_uses_labels);
   EXPECT_EQ(MethodRulesOf("paper", 0, {}).rounds, kPaperRounds);
   EXPECT_EQ(MethodRulesOf("paper", 2, {}).rounds, 2);
   EXPECT_EQ(MethodRulesOf("tessera", 0, {}).rounds, kTesseraRounds);

@@ -93,7 +93,7 @@ TEST_F(FolderBlobsTest, ADamagedBlobIsMovedToTheQuarantineFolder) {
   EXPECT_FALSE(store_->Has(digest));
   EXPECT_EQ(store_->VerifyOrQuarantine(digest).code(), absl::StatusCode::kNotFound);
   const std::string where(status.message());
-  EXPECT_EQ(ReadFile(where.substr(where.find(store_->root() + "/set_aside/"))).value(), damaged) << where;
+  EXPECT_EQ(ReadFile(where.substr(where.find(store_->root() + "/quarantine/"))).value(), damaged) << where;
   EXPECT_EQ(*store_->CommittedBytes(digest), 0);
   ASSERT_TRUE(store_->Append(digest, 0, content_).ok());
   ASSERT_TRUE(store_->Complete(digest).ok());

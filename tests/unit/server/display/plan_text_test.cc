@@ -59,7 +59,7 @@ TEST(QuoteTest, TotalsAreThoseOfAllTasks) {
     }
     EXPECT_EQ(tile.refine.core_seconds, 0);
     faces += tile.work.core_faces;
-    EXPECT_GT(tile.work.sight_faces, tile.work.core_faces);
+    EXPECT_GT(tile.work.visible_faces, tile.work.core_faces);
     EXPECT_LE(tile.peak_bytes(), quote->peak_bytes);
   }
   EXPECT_DOUBLE_EQ(quote->core_seconds, seconds);
@@ -74,7 +74,7 @@ TEST(QuoteTest, TheOnlyTileIsRefinedByOneTask) {
   const TileQuote& tile = quote->tiles.at(0);
   EXPECT_GT(tile.refine.core_seconds, 0);
   EXPECT_EQ(tile.measure.core_seconds + tile.solve.core_seconds + tile.mend.core_seconds, 0);
-  EXPECT_EQ(tile.work.sight_faces, tile.work.core_faces);
+  EXPECT_EQ(tile.work.visible_faces, tile.work.core_faces);
 }
 
 TEST(QuoteTest, WallTimeUsesListScheduling) {

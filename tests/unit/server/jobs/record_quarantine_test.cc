@@ -16,7 +16,7 @@ using testing::IsEmpty;
 
 std::string Nested(size_t depth) { return std::string(depth, '[') + std::string(depth, ']'); }
 
-class SetAsideTest : public CoordinatorTest {
+class RecordQuarantineTest : public CoordinatorTest {
  protected:
   // As Restart; returns what was quarantined, "3: why".
   std::vector<std::string> RestartAndTell() {
@@ -45,7 +45,7 @@ class SetAsideTest : public CoordinatorTest {
   }
 };
 
-TEST_F(SetAsideTest, StatisticsAreBounded) {
+TEST_F(RecordQuarantineTest, StatisticsAreBounded) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   for (const std::string& stats : {Nested(30'000), std::string(100'000, ' ')}) {
@@ -65,7 +65,7 @@ TEST_F(SetAsideTest, StatisticsAreBounded) {
 }
 
 // A coordinator that did not look at them took them.
-TEST_F(SetAsideTest, StoredStatisticsOfAnyDepthEndNothing) {
+TEST_F(RecordQuarantineTest, StoredStatisticsOfAnyDepthAreAccepted) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
@@ -81,7 +81,7 @@ TEST_F(SetAsideTest, StoredStatisticsOfAnyDepthEndNothing) {
   EXPECT_TRUE(report["tasks"][0]["stats"].is_null());
 }
 
-TEST_F(SetAsideTest, ARecordThatDoesNotFollowFailsItsJobAlone) {
+TEST_F(RecordQuarantineTest, InvalidRecordFailsOnlyItsJob) {
   const std::string first = Create(AJob(1)), second = Create(AJob(1, "other"));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
@@ -100,7 +100,7 @@ TEST_F(SetAsideTest, ARecordThatDoesNotFollowFailsItsJobAlone) {
 }
 
 // Each record in turn is damaged, or is none: the coordinator starts, says so, and other jobs go on.
-TEST_F(SetAsideTest, AnyRecordMayBeLost) {
+TEST_F(RecordQuarantineTest, AnyRecordMayBeMissing) {
   const std::string worker = Worker();
   const std::string done = Create(AJob(1)), active = Create(AJob(2, "second"));
   for (int i = 0; i < 4; ++i) ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
@@ -111,7 +111,7 @@ TEST_F(SetAsideTest, AnyRecordMayBeLost) {
     for (const std::string found : {MemoryStore::kDamaged, "not a record"}) {
       SCOPED_TRACE("record " + std::to_string(lost + 1) + " is " + found);
       store_.records = all;
-      store_.set_aside.clear();
+      store_.quarantined.clear();
       store_.records[lost] = found;
       const std::vector<std::string> told = RestartAndTell();
       ASSERT_FALSE(told.empty());

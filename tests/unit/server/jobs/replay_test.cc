@@ -206,7 +206,7 @@ TEST_F(ReplayTest, WhatLibrariesSayOfFilesCanBeStored) {
   job.warnings = {"image\xff.jpg: odd"};
   const std::string name = Create(job);
   Restart();
-  EXPECT_TRUE(store_.set_aside.empty());
+  EXPECT_TRUE(store_.quarantined.empty());
   EXPECT_EQ(Job(name).header.state, JobState::kQueued);
   EXPECT_EQ(Job(name).header.warnings.at(0), "image\\xff.jpg: odd");
 }

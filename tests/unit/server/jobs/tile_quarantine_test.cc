@@ -20,7 +20,7 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// Tiles in a row that solve `steps` steps, each after what those beside it left. One that is set aside has no solves
+// Tiles in a row that solve `steps` steps, each after what those beside it left. One that is quarantined has no solves
 // from its failed one on; the others read what it had before.
 class RowPlanner : public FakePlanner {
  public:
@@ -29,10 +29,10 @@ class RowPlanner : public FakePlanner {
 
   StatusOr<std::vector<PlannedTask>> Steps(const JobSettings& settings, const std::string&,
                                            const std::vector<std::string>&, const std::vector<TileReads>&,
-                                           const UpdateBase*, const std::vector<SetAsideTile>& set_aside) override {
+                                           const UpdateBase*, const std::vector<FailedTile>& quarantined) override {
     const int tiles = settings.tiles, first = 1 + tiles;
     std::vector<int> ends(tiles, steps);
-    for (const SetAsideTile& each : set_aside) ends[each.tile] = std::max(0, each.step);
+    for (const FailedTile& each : quarantined) ends[each.tile] = std::max(0, each.step);
     std::vector<PlannedTask> tasks;
     std::vector<PlannedInput> states;
     for (int tile = 0; tile < tiles; ++tile) states.push_back({TaskId(0), "mesh", tile});
@@ -63,9 +63,9 @@ class RowPlanner : public FakePlanner {
   }
 };
 
-class SetAsideTileTest : public CoordinatorTest {
+class TileQuarantineTest : public CoordinatorTest {
  protected:
-  SetAsideTileTest() { Open(); }
+  TileQuarantineTest() { Open(); }
 
   void Open() {
     coordinator_.reset();
@@ -97,7 +97,7 @@ class SetAsideTileTest : public CoordinatorTest {
   RowPlanner row_;
 };
 
-TEST_F(SetAsideTileTest, TheOthersGoOnAndNothingThatCountsIsDoneTwice) {
+TEST_F(TileQuarantineTest, OtherTilesContinueWithoutRepeatedWork) {
   const std::string job = Create(AJob(5));
   const std::map<std::string, int> runs = WorkAll({"solve tile 0 step 1"});
   const JobStatus status = Job(job);
@@ -112,7 +112,7 @@ TEST_F(SetAsideTileTest, TheOthersGoOnAndNothingThatCountsIsDoneTwice) {
   ASSERT_EQ(status.header.artifacts.size(), 2u);
   const auto report = nlohmann::json::parse(*blobs_->Read(status.header.artifacts[1].digest));
   EXPECT_EQ(report["state"], "partial");
-  EXPECT_EQ(report["set_aside"][0]["tile"], 0);
+  EXPECT_EQ(report["quarantined"][0]["tile"], 0);
   // Beside it a step may have been done with what it did not come to; nobody else's work was.
   EXPECT_LE(runs.at("solve tile 1 step 1"), 2);
   EXPECT_EQ(runs.at("solve tile 1 step 0"), 1);
@@ -133,7 +133,7 @@ TEST_F(SetAsideTileTest, TheOthersGoOnAndNothingThatCountsIsDoneTwice) {
 }
 
 // Whatever was stored when the coordinator died.
-TEST_F(SetAsideTileTest, TheSameEndAfterAnyNumberOfRecords) {
+TEST_F(TileQuarantineTest, SameEndAfterReplayOfAnyPrefix) {
   const std::string job = Create(AJob(3));
   WorkAll({"solve tile 1 step 1"});
   ASSERT_EQ(Job(job).header.state, JobState::kPartial);
@@ -153,7 +153,7 @@ TEST_F(SetAsideTileTest, TheSameEndAfterAnyNumberOfRecords) {
   }
 }
 
-TEST_F(SetAsideTileTest, ATileThatCannotBeCutIsLeftOutFromTheStart) {
+TEST_F(TileQuarantineTest, TileWithFailedCutHasNoSteps) {
   const std::string job = Create(AJob(3));
   const std::map<std::string, int> runs = WorkAll({"cut tile 2"});
   EXPECT_EQ(Job(job).header.state, JobState::kPartial);
@@ -161,7 +161,7 @@ TEST_F(SetAsideTileTest, ATileThatCannotBeCutIsLeftOutFromTheStart) {
   EXPECT_TRUE(runs.contains("solve tile 1 step 2"));
 }
 
-TEST_F(SetAsideTileTest, WhatIsRunningForThePlanBeforeIsStopped) {
+TEST_F(TileQuarantineTest, AttemptsOfTheOldPlanAreStopped) {
   const std::string job = Create(AJob(3)), worker = Worker(), other = Worker();
   std::optional<GrantedLease> bad, beside;
   while (!bad || !beside) {
@@ -182,7 +182,7 @@ TEST_F(SetAsideTileTest, WhatIsRunningForThePlanBeforeIsStopped) {
   EXPECT_EQ(Job(job).header.state, JobState::kPartial);
 }
 
-TEST_F(SetAsideTileTest, WrongInputTheWholeCityAndTheLastTileFailTheJob) {
+TEST_F(TileQuarantineTest, InvalidInputCityTaskAndLastTileFailTheJob) {
   const std::string input = Create(AJob(3, "a"));
   WorkAll({"solve tile 1 step 1"}, ErrorClass::kInput);
   clock_.Advance(10);
@@ -196,7 +196,7 @@ TEST_F(SetAsideTileTest, WrongInputTheWholeCityAndTheLastTileFailTheJob) {
   EXPECT_EQ(Job(all).header.state, JobState::kFailed);
 }
 
-TEST_F(SetAsideTileTest, ARetryCountsAsAJobThatHasNotEnded) {
+TEST_F(TileQuarantineTest, RetriedJobCountsAsActive) {
   const std::string job = Create(AJob(4));
   WorkAll({"solve tile 0 step 1"});
   ASSERT_EQ(Job(job).header.state, JobState::kPartial);
@@ -212,7 +212,7 @@ TEST_F(SetAsideTileTest, ARetryCountsAsAJobThatHasNotEnded) {
   EXPECT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
 }
 
-TEST_F(SetAsideTileTest, RetriedItEndsAsIfNothingHadHappened) {
+TEST_F(TileQuarantineTest, RetriedJobEndsLikeAnUndisturbedOne) {
   const std::string job = Create(AJob(4));
   EXPECT_EQ(coordinator_->jobs().RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
   WorkAll({"solve tile 0 step 1", "cut tile 3"});
@@ -240,7 +240,7 @@ TEST_F(SetAsideTileTest, RetriedItEndsAsIfNothingHadHappened) {
   EXPECT_EQ(Published(again), published);
 }
 
-TEST_F(SetAsideTileTest, AFailedJobThatIsRetriedHasFreshAttempts) {
+TEST_F(TileQuarantineTest, RetryResetsAttempts) {
   const std::string job = Create(AJob(2)), worker = Worker();
   int attempt = 0;
   const auto fail = [&](int times) {
@@ -263,7 +263,7 @@ TEST_F(SetAsideTileTest, AFailedJobThatIsRetriedHasFreshAttempts) {
   EXPECT_EQ(coordinator_->jobs().RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
 }
 
-TEST_F(SetAsideTileTest, AJobKeepsItsPriorityWhenATileIsSetAside) {
+TEST_F(TileQuarantineTest, QuarantineKeepsThePriority) {
   const std::string older = Create(AJob(2, "older")), job = Create(AJob(2)), worker = Worker();
   ASSERT_TRUE(coordinator_->jobs().ChangeJob(job, {5, {}}).ok());
   for (int i = 0; i < 3; ++i) ASSERT_TRUE(SucceedAny(worker, *Lease(worker)).ok());  // the city and two cuts

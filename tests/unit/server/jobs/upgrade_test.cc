@@ -52,7 +52,7 @@ class UpgradeTest : public CheckingWorkerTest {
         sqlite_.get(), blobs_.get(), &base_planner_, &clock_,
         [this](const auto& record, const ChangedTask&) { told_.push_back(record.ShortDebugString()); }};
     environment.on_record_quarantined = [this](int64_t number, const std::string& why) {
-      set_aside_.push_back(std::to_string(number) + ": " + why);
+      quarantined_.push_back(std::to_string(number) + ": " + why);
     };
     auto coordinator = Coordinator::Open(environment, options_);
     ASSERT_TRUE(coordinator.ok()) << coordinator.status();
@@ -62,7 +62,7 @@ class UpgradeTest : public CheckingWorkerTest {
   const std::string path_ = folder_.path() + "/state.sqlite";
   std::map<int, int> kinds_;  // of records
   std::unique_ptr<SqliteStore> sqlite_;
-  std::vector<std::string> set_aside_, told_;
+  std::vector<std::string> quarantined_, told_;
 };
 
 TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
@@ -71,7 +71,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
     store_.records.clear();
     for (const char* const end : {"", ".v3", "-wal", "-shm"}) ASSERT_TRUE(RemoveTree(path_ + end).ok());
     coordinator_.reset();
-    set_aside_.clear(), told_.clear();
+    quarantined_.clear(), told_.clear();
     for (const std::string& path : Blobs()) std::filesystem::remove(path);
     Open(&base_planner_);
 
@@ -109,7 +109,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
     EXPECT_EQ(kinds_[v1::Record::kResultLost], 2 * (1 + leased));
     EXPECT_TRUE(FileExists(path_ + ".v3"));
     for (int start = 0; start < 2; ++start) {
-      EXPECT_THAT(set_aside_, IsEmpty());
+      EXPECT_THAT(quarantined_, IsEmpty());
       EXPECT_EQ(Mesh(base), mesh);
       EXPECT_EQ(Mesh(retried), retried_mesh);
       EXPECT_EQ(Job(failed).header.state, JobState::kFailed);

@@ -57,7 +57,7 @@ TEST_F(WaitingForTest, WorkersDelaysTasksPausesAndOtherJobs) {
   EXPECT_EQ(Why(second), "");
 }
 
-TEST_F(WaitingForTest, WorkersThatAreAllSetAside) {
+TEST_F(WaitingForTest, AllWorkersSuspended) {
   const std::string job = Create(AJob(1)), worker = WorkerWith(16);
   ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kScratch).ok());
   EXPECT_EQ(Why(job), "the only worker is suspended for now: it broke");

@@ -14,7 +14,7 @@ using testing::HasSubstr;
 
 class WorkerEvidenceTest : public CoordinatorTest {
  protected:
-  std::string SetAsideReason(const std::string& worker) {
+  std::string SuspendedReason(const std::string& worker) {
     for (const WorkerStatus& status : coordinator_->leases().ListWorkers()) {
       if (status.name == worker) return status.suspended_reason;
     }
@@ -43,14 +43,14 @@ TEST_F(WorkerEvidenceTest, AnUnusableScratchFolderSetsItsWorkerAside) {
     const auto lease = Lease(full);
     ASSERT_TRUE(lease) << i;
     ASSERT_TRUE(Fail(full, *lease, ErrorClass::kScratch).ok());
-    EXPECT_EQ(SetAsideReason(full), "it broke");
+    EXPECT_EQ(SuspendedReason(full), "it broke");
     clock_.Advance(wait_s - 0.1);
     EXPECT_FALSE(Lease(full));
     clock_.Advance(0.2);
     wait_s = std::min(600.0, 2 * wait_s);
   }
   EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "it says nothing about the task";
-  EXPECT_EQ(SetAsideReason(full), "");
+  EXPECT_EQ(SuspendedReason(full), "");
   const auto lease = Lease(full);  // there is room now
   ASSERT_TRUE(lease);
   ASSERT_TRUE(Succeed(full, *lease).ok());
@@ -62,7 +62,7 @@ TEST_F(WorkerEvidenceTest, AnUnusableScratchFolderSetsItsWorkerAside) {
   WorkAll(good);
 }
 
-TEST_F(WorkerEvidenceTest, AJobWaitsWhileAllWorkersAreSetAside) {
+TEST_F(WorkerEvidenceTest, JobWaitsWhileAllWorkersAreSuspended) {
   const std::string job = Create(AJob(1)), only = Worker();
   ASSERT_TRUE(Fail(only, *Lease(only), ErrorClass::kScratch).ok());
   EXPECT_FALSE(Lease(only));
@@ -72,7 +72,7 @@ TEST_F(WorkerEvidenceTest, AJobWaitsWhileAllWorkersAreSetAside) {
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
-TEST_F(WorkerEvidenceTest, OneThatFailsWhatOthersDoIsSetAside) {
+TEST_F(WorkerEvidenceTest, WorkerThatFailsTasksOthersCompleteIsSuspended) {
   for (const ErrorClass error_class : {ErrorClass::kInternal, ErrorClass::kInput, ErrorClass::kTransient}) {
     given_to_bad_ = 0;
     const std::string job = Create(AJob(6, "scene " + std::to_string(static_cast<int>(error_class))));
@@ -80,8 +80,8 @@ TEST_F(WorkerEvidenceTest, OneThatFailsWhatOthersDoIsSetAside) {
     WorkBoth(job, bad, error_class, good);
     EXPECT_EQ(Job(job).header.state, JobState::kSucceeded) << Job(job).header.error;
     EXPECT_LE(given_to_bad_, 4) << "of eight tasks";
-    EXPECT_THAT(SetAsideReason(bad), AllOf(HasSubstr("it failed tasks that others did"), HasSubstr("it broke")));
-    EXPECT_EQ(SetAsideReason(good), "");
+    EXPECT_THAT(SuspendedReason(bad), AllOf(HasSubstr("it failed tasks that others did"), HasSubstr("it broke")));
+    EXPECT_EQ(SuspendedReason(good), "");
     ASSERT_TRUE(UnregisterAndWait(*coordinator_, bad).ok());
     ASSERT_TRUE(UnregisterAndWait(*coordinator_, good).ok());
   }

@@ -286,14 +286,14 @@ TEST_F(BlobCollectorTest, WhatAnEndedJobMakesAgainMeanwhileStays) {
   EXPECT_THAT(*Reclaimer(coordinator_->core()).RemoveBlobs(listed), IsEmpty());
 }
 
-TEST_F(BlobCollectorTest, WhatWasSetAsideGoesAfterItsTimeOrForRoom) {
-  const auto set_aside = [&](const std::string& content) {
+TEST_F(BlobCollectorTest, QuarantinedBlobsExpireByAgeOrSpace) {
+  const auto quarantined = [&](const std::string& content) {
     const Digest digest = *blobs_->PutBytes(content);
     std::ofstream(*blobs_->LocalPath(digest), std::ios::in | std::ios::out) << "~";
     EXPECT_EQ(blobs_->VerifyOrQuarantine(digest).code(), absl::StatusCode::kDataLoss);
     return digest.sha256;
   };
-  set_aside("first");
+  quarantined("first");
   LookLong();
   LookLong();
   EXPECT_THAT(Stored(), SizeIs(1)) << "for ever, unless told otherwise";
@@ -302,8 +302,8 @@ TEST_F(BlobCollectorTest, WhatWasSetAsideGoesAfterItsTimeOrForRoom) {
   EXPECT_THAT(Stored(), SizeIs(1)) << "not before the clock has said so for long enough";
   Look();
   EXPECT_THAT(Stored(), IsEmpty());
-  set_aside("older");
-  const std::string newer = set_aside("newer");
+  quarantined("older");
+  const std::string newer = quarantined("newer");
   Limit(6);
   Look();
   EXPECT_THAT(Stored(), ElementsAre(HasSubstr(newer)));
@@ -408,9 +408,9 @@ TEST_F(BlobCollectorTest, VerifyingSaysWhatIsWrong) {
   EXPECT_THAT(Faults(),
               ElementsAre(HasSubstr("record " + std::to_string(store_.records.size()) + ": not a record"),
                           AllOf(HasSubstr(survey + "blob " + outputs[0].digest().sha256 + " was damaged (its 6"),
-                                HasSubstr(Sha256Hex("Xurvey") + ", expected 6"), HasSubstr("/set_aside/")),
+                                HasSubstr(Sha256Hex("Xurvey") + ", expected 6"), HasSubstr("/quarantine/")),
                           mesh_is_gone));
-  EXPECT_THAT(Faults(), ElementsAre(_, HasSubstr(survey + "no blob"), mesh_is_gone)) << "it was set aside";
+  EXPECT_THAT(Faults(), ElementsAre(_, HasSubstr(survey + "no blob"), mesh_is_gone)) << "it was quarantined";
 }
 
 }  // namespace

@@ -25,13 +25,13 @@ class DeleteJobTest : public CheckingWorkerTest {
     coordinator_.reset();
     sqlite_.reset();
     sqlite_ = *SqliteStore::Open(folder_.path() + "/state.sqlite", OwnerOfRecord);
-    set_aside_.clear();
+    quarantined_.clear();
     coordinator_ = *Coordinator::Open({sqlite_.get(),
                                        blobs_.get(),
                                        &planner_,
                                        &clock_,
                                        {},
-                                       [&](int64_t, const std::string& why) { set_aside_.push_back(why); }},
+                                       [&](int64_t, const std::string& why) { quarantined_.push_back(why); }},
                                       options_);
   }
   std::string Done(int tiles, const std::string& scene = "{}", const std::string& request = "") {
@@ -68,7 +68,7 @@ class DeleteJobTest : public CheckingWorkerTest {
   }
 
   std::unique_ptr<SqliteStore> sqlite_;
-  std::vector<std::string> set_aside_;
+  std::vector<std::string> quarantined_;
 };
 
 TEST_F(DeleteJobTest, IsGoneAndItsNumberIsNotGivenAgain) {
@@ -84,7 +84,7 @@ TEST_F(DeleteJobTest, IsGoneAndItsNumberIsNotGivenAgain) {
     EXPECT_THAT(std::string(gone.message()), HasSubstr("jobs/1 was deleted"));
     EXPECT_FALSE(coordinator_->jobs().ListTasks(job, 0, 10).ok());
     EXPECT_THAT(coordinator_->jobs().SceneFilesWith(AJob(1).scene_files[0].digest), IsEmpty());
-    EXPECT_THAT(set_aside_, IsEmpty());
+    EXPECT_THAT(quarantined_, IsEmpty());
     if (round == 0) RestartFromFile();  // nothing was freed yet
     if (round == 1) FreeAll(), RestartFromFile();
   }
@@ -105,7 +105,7 @@ TEST_F(DeleteJobTest, WhatOthersHaveStays) {
     ASSERT_TRUE(Delete(again).ok());
   }
   RestartFromFile();
-  EXPECT_THAT(set_aside_, IsEmpty());
+  EXPECT_THAT(quarantined_, IsEmpty());
   EXPECT_THAT(Names(), ElementsAre(second));
   EXPECT_TRUE(Task(Done(2), 1).task.reused);
 }
@@ -151,7 +151,7 @@ TEST_F(DeleteJobTest, AnyNumberMayGo) {
   RestartFromFile();
   FreeAll();
   RestartFromFile();
-  EXPECT_THAT(set_aside_, IsEmpty());
+  EXPECT_THAT(quarantined_, IsEmpty());
   EXPECT_THAT(Names(), ElementsAre(kept));
   EXPECT_EQ(Job(kept).header.state, JobState::kSucceeded);
 }
@@ -208,7 +208,7 @@ TEST_F(DeleteJobTest, WhatWasRemovedInPartIsRemovedWhole) {
   EXPECT_EQ(*sqlite_->RemoveRecords(1), 0) << "none is left";
   EXPECT_LT(StoredRecords(), records);
   RestartFromFile();
-  EXPECT_THAT(set_aside_, IsEmpty());
+  EXPECT_THAT(quarantined_, IsEmpty());
   EXPECT_THAT(Names(), ElementsAre(kept));
 }
 
@@ -231,7 +231,7 @@ TEST_F(DeleteJobTest, ItsNumberIsNotGivenAgainThoughNoRecordOfItIsLeft) {
   }
   RestartFromFile();
   EXPECT_THAT(Names(), ElementsAre("jobs/3", "jobs/1"));
-  EXPECT_THAT(set_aside_, ElementsAre(HasSubstr("no such job"), HasSubstr("not a job's name")));
+  EXPECT_THAT(quarantined_, ElementsAre(HasSubstr("no such job"), HasSubstr("not a job's name")));
 }
 
 // What was being made again of it has no worker any more, nor waits for one.
@@ -260,7 +260,7 @@ TEST_F(DeleteJobTest, WhatWasMadeAgainOfItEnds) {
     EXPECT_FALSE(Lease(Worker()));
     FreeAll();
     EXPECT_TRUE(coordinator_->Tick().ok());
-    EXPECT_THAT(set_aside_, IsEmpty());
+    EXPECT_THAT(quarantined_, IsEmpty());
   }
 }
 
@@ -316,7 +316,7 @@ TEST_F(DeleteJobTest, AJobOfAnotherVersionBeginsAnew) {
   }
   for (int round = 0; round < 2; ++round) {
     RestartFromFile();
-    EXPECT_THAT(set_aside_, IsEmpty());
+    EXPECT_THAT(quarantined_, IsEmpty());
     EXPECT_EQ(Job(active).header.state, JobState::kQueued);
     EXPECT_EQ(Job(active).header.algorithm_version, kAlgorithmVersion);
     EXPECT_THAT(Job(active).header.warnings, ElementsAre(HasSubstr("begun anew by version"))) << "once";

@@ -1,4 +1,4 @@
-// A record that is not what it was: said where, set aside, and never in the way of a start.
+// A record that is not what it was: said where, quarantined, and never in the way of a start.
 #include "server/retention/verify_state.h"
 
 #include <gmock/gmock.h>
@@ -26,7 +26,7 @@ class VerifyStateTest : public CoordinatorTest {
   DispatchEnvironment Environment() {
     sqlite_ = *SqliteStore::Open(path_, OwnerOfRecord);
     DispatchEnvironment environment{sqlite_.get(), blobs_.get(), &planner_, &clock_, {}};
-    environment.on_record_quarantined = [this](int64_t number, const std::string&) { set_aside_.push_back(number); };
+    environment.on_record_quarantined = [this](int64_t number, const std::string&) { quarantined_.push_back(number); };
     return environment;
   }
   void Close() {
@@ -64,10 +64,10 @@ class VerifyStateTest : public CoordinatorTest {
 
   const std::string path_ = folder_.path() + "/state.sqlite";
   std::unique_ptr<SqliteStore> sqlite_;
-  std::vector<int64_t> set_aside_;
+  std::vector<int64_t> quarantined_;
 };
 
-TEST_F(VerifyStateTest, ADamagedRecordIsSaidAndSetAside) {
+TEST_F(VerifyStateTest, DamagedRecordIsReportedAndQuarantined) {
   const std::string ended = Create(AJob(1)), worker = Worker();
   WorkAll(worker);
   const std::string active = Create(AJob(1, "{\"other\":1}"));
@@ -81,7 +81,7 @@ TEST_F(VerifyStateTest, ADamagedRecordIsSaidAndSetAside) {
   EXPECT_THAT(faults,
               ElementsAre(AllOf(HasSubstr("record " + number + ": row " + number + " of table records is damaged"),
                                 HasSubstr("bytes hash to "), HasSubstr(", expected "))));
-  EXPECT_THAT(set_aside_, ElementsAre(last));
+  EXPECT_THAT(quarantined_, ElementsAre(last));
   EXPECT_THAT(Verify(), IsEmpty()) << "once";
   OpenFile();
   EXPECT_EQ(Job(ended).header.state, JobState::kSucceeded);

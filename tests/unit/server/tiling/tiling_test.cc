@@ -169,13 +169,13 @@ TEST(CostModel, APartOfACellCountsForItsShare) {
   Survey survey = SeenFromAbove(40);
   for (SurveyCell& cell : survey.cells) cell.faces = 100;
   const CellIndex cells(survey);
-  const double sight_cells = kSightGsd * survey.gsd_m / survey.ground.cell_m;
+  const double visible_cells = kVisibleSetGsd * survey.gsd_m / survey.ground.cell_m;
   const double solve_cells = kSolveGsd * survey.gsd_m / survey.ground.cell_m;
   const TileWork work = MeasureTile(cells, {5, 5, 10, 10});
   EXPECT_EQ(work.core_faces, 2500);
   // Rounded corners: what lies farther than that along both axes does not count.
-  EXPECT_LE(work.sight_faces, 100 * std::pow(5 + 2 * sight_cells, 2) + 1e-6);
-  EXPECT_GE(work.sight_faces, 100 * (25 + 4 * 5 * sight_cells));
+  EXPECT_LE(work.visible_faces, 100 * std::pow(5 + 2 * visible_cells, 2) + 1e-6);
+  EXPECT_GE(work.visible_faces, 100 * (25 + 4 * 5 * visible_cells));
   EXPECT_LE(work.solve_faces, 100 * std::pow(5 + 2 * solve_cells, 2) + 1e-6);
   EXPECT_GE(work.solve_faces, 100 * (25 + 4 * 5 * solve_cells));
 }

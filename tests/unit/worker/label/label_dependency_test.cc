@@ -141,9 +141,9 @@ std::pair<std::vector<int32_t>, std::vector<float>> CoreOf(const Problem& p) {
 }
 
 // Whether labels and beliefs of the core stay the same when everything outside the radius changes.
-bool Holds(const Problem& p, const LabelReach& reach, uint64_t seed, int64_t* outside) {
+bool Holds(const Problem& p, const LabelDependencyRadius& reach, uint64_t seed, int64_t* outside) {
   Random random(seed ^ 0x5eed);
-  const std::vector<uint8_t> kept = FacesInReach(LinksOf(p.field), p.field.cell, p.core, reach);
+  const std::vector<uint8_t> kept = FacesInDependencyRadius(LinksOf(p.field), p.field.cell, p.core, reach);
   *outside += std::count(kept.begin(), kept.end(), 0);
   std::vector<uint32_t> faces;
   const auto whole = CoreOf(p);
@@ -154,7 +154,7 @@ TEST(LabelDependency, FacesOutsideTheRadiusDoNotMatterOnStrips) {
   int64_t outside = 0;
   for (uint64_t seed = 0; seed < 3000; ++seed) {
     const Problem p = RandomStrip(seed);
-    ASSERT_TRUE(Holds(p, ReachOf(p.options), seed, &outside)) << seed;
+    ASSERT_TRUE(Holds(p, LabelDependencyRadiusOf(p.options), seed, &outside)) << seed;
   }
   EXPECT_GT(outside, 3000 * 10);
 }
@@ -180,7 +180,7 @@ TEST(LabelDependency, FacesOutsideTheRadiusDoNotMatterOnMeshes) {
     }
     // A corner of the mesh.
     for (const Cell& cell : p.field.cell) p.core.push_back(cell[0] < 3 && cell[1] < 3);
-    EXPECT_TRUE(Holds(p, ReachOf(p.options), seed, &outside)) << seed;
+    EXPECT_TRUE(Holds(p, LabelDependencyRadiusOf(p.options), seed, &outside)) << seed;
   }
   EXPECT_GT(outside, 40 * 1000);
 }
@@ -217,14 +217,14 @@ TEST(LabelDependency, EveryBoundIsAttained) {
   for (const int iterations : {0, 1, 2, 7, 30}) {
     const Problem p = LongestChain(iterations);
     std::vector<uint32_t> faces;
-    const auto kept = [&](const LabelReach& reach) {
-      return FacesInReach(LinksOf(p.field), p.field.cell, p.core, reach);
+    const auto kept = [&](const LabelDependencyRadius& reach) {
+      return FacesInDependencyRadius(LinksOf(p.field), p.field.cell, p.core, reach);
     };
-    const LabelReach reach = ReachOf(p.options);
+    const LabelDependencyRadius reach = LabelDependencyRadiusOf(p.options);
     EXPECT_EQ(kept(reach)[0], 1);
-    for (int LabelReach::*number :
-         {&LabelReach::odd_links, &LabelReach::odd_rings, &LabelReach::even_links, &LabelReach::rings}) {
-      LabelReach less = reach;
+    for (int LabelDependencyRadius::*number : {&LabelDependencyRadius::odd_links, &LabelDependencyRadius::odd_rings,
+                                               &LabelDependencyRadius::even_links, &LabelDependencyRadius::rings}) {
+      LabelDependencyRadius less = reach;
       --(less.*number);
       EXPECT_EQ(kept(less)[0], 0);
       EXPECT_NE(CoreOf(CutDown(p, kept(less), &faces)).first, CoreOf(p).first) << iterations;
@@ -256,8 +256,8 @@ TEST(LabelDependency, FacesInRadiusGrowByBlocksThenByRings) {
   }
   std::vector<uint8_t> core(40, 0);
   core[20] = 1;
-  const auto range = [&](const LabelReach& reach) {
-    const std::vector<uint8_t> in = FacesInReach(links, cell, core, reach);
+  const auto range = [&](const LabelDependencyRadius& reach) {
+    const std::vector<uint8_t> in = FacesInDependencyRadius(links, cell, core, reach);
     const auto first = std::find(in.begin(), in.end(), 1);
     const auto last = std::find(first, in.end(), 0);
     EXPECT_EQ(std::count(last, in.end(), 1), 0);

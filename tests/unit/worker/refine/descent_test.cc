@@ -55,7 +55,7 @@ TEST(Stepper, GroundBoundaryStaysInPlanAndWallBoundaryMayMove) {
     return mesh.vertices;
   };
   const Positions after = moved(ground, Vector3d::Zero());
-  const IndexRows faces = FacesOfVertices(ground);
+  const CsrRows faces = FacesOfVertices(ground);
   const MotionGuard guard(ground, {}, MakeMotionLimits(options, 0.1));
   const SmoothTerm smooth(ground, {});
   int boundary = 0;
@@ -156,7 +156,7 @@ TEST(MotionGuard, FoldingStepsAreShortened) {
   EXPECT_EQ(step[8].z(), 0.1);
 }
 
-// Few faces fold after any step. FoldRepair undoes the motion of faces inverted against the start.
+// Few faces fold after any step. SurfaceRepair undoes the motion of faces inverted against the start.
 TEST(MotionGuard, FewFacesFoldAfterAnyStep) {
   for (uint64_t seed = 0; seed < 6; ++seed) {
     const TriangleMesh mesh = Stairs(30, 4);
@@ -171,7 +171,7 @@ TEST(MotionGuard, FewFacesFoldAfterAnyStep) {
       for (size_t f = 0; f < mesh.faces.size(); ++f) {
         count += FaceNormal(after, f).dot(FaceNormal(mesh, f)) < 0.4 - 1e-9 ||
                  FaceArea(after, f) < 0.1 * FaceArea(mesh, f) * (1 - 1e-9) ||
-                 !guard.KeepsFacing(static_cast<uint32_t>(f), mesh.vertices, at);
+                 !guard.KeepsOrientation(static_cast<uint32_t>(f), mesh.vertices, at);
       }
       return count;
     };
@@ -197,7 +197,7 @@ TEST(MotionGuard, SmallStepsNeverInvertAFace) {
       guard.LimitFolding(mesh, 0.4, &step);
       mesh.vertices = Added(mesh.vertices, step);
     }
-    return guard.TurnedFaces(mesh.vertices);
+    return guard.InvertedFaces(mesh.vertices);
   };
   EXPECT_GT(fold(-1), 0);
   EXPECT_EQ(fold(0.1), 0);
@@ -208,13 +208,13 @@ TEST(MotionGuard, InvertedFaceOfTheStartMayOnlyImprove) {
   TriangleMesh start = HeightField(10, 5, Flat);
   start.vertices[60] += Vector3d(1.6, 0.3, 0.8);
   const MotionGuard guard(start, {}, {});
-  ASSERT_GT(guard.TurnedFaces(start.vertices), 0);
+  ASSERT_GT(guard.InvertedFaces(start.vertices), 0);
   for (const double way : {1.0, -1.0}) {
     Positions step(start.vertices.size(), Vector3d::Zero());
     step[60] = way * Vector3d(-0.3, -0.06, 0.1);
     guard.LimitFolding(start, -1, &step);
     const Positions end = Added(start.vertices, step);
-    for (uint32_t f = 0; f < start.faces.size(); ++f) EXPECT_TRUE(guard.KeepsFacing(f, start.vertices, end));
+    for (uint32_t f = 0; f < start.faces.size(); ++f) EXPECT_TRUE(guard.KeepsOrientation(f, start.vertices, end));
     if (way > 0) {
       EXPECT_GT(step[60].norm(), 0.3);
     }
@@ -225,12 +225,12 @@ TEST(MotionGuard, RepairsInvertedFacesOfTheStart) {
   TriangleMesh start = HeightField(10, 5, Flat);
   start.vertices[60] += Vector3d(1.6, 0.3, 0.8);
   const MotionGuard guard(start, {}, {});
-  ASSERT_GT(guard.TurnedFaces(start.vertices), 0);
-  const Positions unfolded = guard.UnfoldedStart();
-  EXPECT_EQ(guard.TurnedFaces(unfolded), 0);
+  ASSERT_GT(guard.InvertedFaces(start.vertices), 0);
+  const Positions unfolded = guard.RepairedStart();
+  EXPECT_EQ(guard.InvertedFaces(unfolded), 0);
   for (size_t v = 0; v < 30; ++v) EXPECT_EQ(unfolded[v], start.vertices[v]);
   const TriangleMesh stairs = Stairs(20, 4);
-  EXPECT_EQ(MotionGuard(stairs, {}, {}).UnfoldedStart(), stairs.vertices);
+  EXPECT_EQ(MotionGuard(stairs, {}, {}).RepairedStart(), stairs.vertices);
 }
 
 TEST(MotionGuard, AveragingGivesFixedVerticesNoStep) {

@@ -62,7 +62,7 @@ inline TriangleMesh RandomRelief(Random& random, int longest) {
 }
 
 // Distance in edges from the flagged vertices; a large number if not connected.
-inline std::vector<int> RingsFrom(const std::vector<Triangle>& faces, const IndexRows& faces_of_vertex,
+inline std::vector<int> RingsFrom(const std::vector<Triangle>& faces, const CsrRows& faces_of_vertex,
                                   const std::vector<uint8_t>& from) {
   std::vector<int> rings(from.size(), std::numeric_limits<int>::max());
   std::vector<uint32_t> front;
@@ -104,7 +104,7 @@ inline std::vector<uint8_t> CornersOf(const std::vector<Triangle>& faces, const 
   return out;
 }
 
-inline std::vector<uint8_t> RandomCore(const TriangleMesh& mesh, const IndexRows& faces_of_vertex, Random& random) {
+inline std::vector<uint8_t> RandomCore(const TriangleMesh& mesh, const CsrRows& faces_of_vertex, Random& random) {
   std::vector<uint8_t> seed(mesh.vertices.size());
   seed[static_cast<size_t>(random.Below(static_cast<int64_t>(seed.size())))] = 1;
   const std::vector<int> rings = RingsFrom(mesh.faces, faces_of_vertex, seed);

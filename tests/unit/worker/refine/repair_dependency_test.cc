@@ -25,13 +25,13 @@ struct RepairInput {
   Positions good, proposed;
   MotionLimits limits;
 
-  FoldRepair::Result Run(Positions* out) const {
+  SurfaceRepair::Result Run(Positions* out) const {
     const MotionGuard guard(start, {}, limits);
     const auto keeps_facing = [&](uint32_t face, const auto& from, const auto& to) {
-      return guard.KeepsFacing(face, from, to);
+      return guard.KeepsOrientation(face, from, to);
     };
     *out = proposed;
-    return FoldRepair(start, guard.faces_of_vertex()).Run(good, keeps_facing, out);
+    return SurfaceRepair(start, guard.faces_of_vertex()).Run(good, keeps_facing, out);
   }
 };
 
@@ -66,11 +66,11 @@ RepairInput RandomRepair(Random& random) {
   return in;
 }
 
-// The faces within FoldRepair's dependency radius of the flagged vertices, as documented in its header, and those
+// The faces within SurfaceRepair's dependency radius of the flagged vertices, as documented in its header, and those
 // whose start positions the face test reads.
 std::vector<uint8_t> RepairDependency(const RepairInput& in, std::vector<uint8_t> needed, int contacts_less) {
   const std::vector<Triangle>& faces = in.start.faces;
-  const IndexRows faces_of_vertex = FacesOfVertices(in.start);
+  const CsrRows faces_of_vertex = FacesOfVertices(in.start);
   std::vector<Eigen::AlignedBox3d> box(faces.size());
   for (size_t f = 0; f < faces.size(); ++f) {
     for (uint32_t v : faces[f]) box[f].extend(in.good[v]).extend(in.proposed[v]);
@@ -84,8 +84,8 @@ std::vector<uint8_t> RepairDependency(const RepairInput& in, std::vector<uint8_t
   double widest = 0;
   for (const auto& b : box) widest = std::max(widest, b.sizes().x());
   std::vector<uint8_t> needed_faces(faces.size()), asked(faces.size());
-  for (size_t pass = FoldRepair::kPasses.size(); pass-- > 0;) {
-    const int rings = FoldRepair::RingsOf(FoldRepair::kPasses[pass]);
+  for (size_t pass = SurfaceRepair::kPasses.size(); pass-- > 0;) {
+    const int rings = SurfaceRepair::RingsOf(SurfaceRepair::kPasses[pass]);
     needed_faces = FacesWithin(faces, RingsFrom(faces, faces_of_vertex, needed), rings);
     if (static_cast<int>(pass) >= contacts_less) {
       const std::vector<uint8_t> before = needed_faces;
@@ -148,7 +148,7 @@ RepairRuns BeyondRepair(uint64_t seeds, int contacts_less) {
   return runs;
 }
 
-TEST(FoldRepair, DependsOnNothingOutsideTheRadius) {
+TEST(SurfaceRepair, DependsOnNothingOutsideTheRadius) {
   const RepairRuns runs = BeyondRepair(60, 0);
   EXPECT_EQ(runs.cut, 0);
   EXPECT_EQ(runs.changed, 0);
@@ -156,12 +156,12 @@ TEST(FoldRepair, DependsOnNothingOutsideTheRadius) {
   EXPECT_GT(runs.repaired, 20);
 }
 
-TEST(FoldRepair, ContactsArePartOfTheRadius) {
-  EXPECT_GT(BeyondRepair(20, static_cast<int>(FoldRepair::kPasses.size())).cut, 4);
+TEST(SurfaceRepair, ContactsArePartOfTheRadius) {
+  EXPECT_GT(BeyondRepair(20, static_cast<int>(SurfaceRepair::kPasses.size())).cut, 4);
 }
 
 // The number of rings per pass is attained: a spike through the sheet above, which one pass separates.
-TEST(FoldRepair, RadiusOfAPassIsAttained) {
+TEST(SurfaceRepair, RadiusOfAPassIsAttained) {
   RepairInput in;
   in.start = HeightField(40, 20, [](double, double) { return 0.0; });
   const size_t sheet = in.start.vertices.size();
@@ -176,10 +176,10 @@ TEST(FoldRepair, RadiusOfAPassIsAttained) {
   const size_t spike = 20 * 41 + 20;
   in.proposed[spike].z() = 1.3;
   Positions out;
-  const FoldRepair::Result result = in.Run(&out);
+  const SurfaceRepair::Result result = in.Run(&out);
   ASSERT_TRUE(result.clean());
   ASSERT_EQ(result.passes, 1);
-  const IndexRows faces_of_vertex = FacesOfVertices(in.start);
+  const CsrRows faces_of_vertex = FacesOfVertices(in.start);
   std::vector<uint8_t> corners(in.start.vertices.size());
   for (uint32_t f : faces_of_vertex[spike]) {
     for (uint32_t v : in.start.faces[f]) corners[v] = 1;
@@ -189,7 +189,7 @@ TEST(FoldRepair, RadiusOfAPassIsAttained) {
   for (size_t v = 0; v < sheet; ++v) {
     if (out[v] != in.proposed[v]) farthest = std::max(farthest, rings[v]);
   }
-  EXPECT_EQ(farthest, FoldRepair::kPasses[0].rings - 1);
+  EXPECT_EQ(farthest, SurfaceRepair::kPasses[0].rings - 1);
 }
 
 }  // namespace

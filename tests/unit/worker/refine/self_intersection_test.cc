@@ -125,21 +125,21 @@ TEST(FaceBoxes, ActiveFacesGiveTheSubsetOfAllPairs) {
 // A start, a motion, and the repaired positions.
 struct Repaired {
   TriangleMesh mesh;
-  FoldRepair::Result result;
+  SurfaceRepair::Result result;
 };
 Repaired Repair(const TriangleMesh& start, const Positions& moved, const MotionGuard* guard) {
-  const IndexRows faces_of_vertex = FacesOfVertices(start);
-  FoldRepair repair(start, faces_of_vertex);
+  const CsrRows faces_of_vertex = FacesOfVertices(start);
+  SurfaceRepair repair(start, faces_of_vertex);
   Repaired out{{moved, start.faces, {}}, {}};
-  FoldRepair::FaceTest test;
+  SurfaceRepair::FaceTest test;
   if (guard) {
-    test = [&](uint32_t face, const auto& from, const auto& to) { return guard->KeepsFacing(face, from, to); };
+    test = [&](uint32_t face, const auto& from, const auto& to) { return guard->KeepsOrientation(face, from, to); };
   }
   out.result = repair.Run(start.vertices, test, &out.mesh.vertices);
   return out;
 }
 
-TEST(FoldRepair, DoesNotChangeACleanMotion) {
+TEST(SurfaceRepair, DoesNotChangeACleanMotion) {
   const TriangleMesh start = Sheets(12, 3, 1);
   TriangleMesh moved = start;
   for (Vector3d& v : moved.vertices) v.z() += 0.3 * std::sin(v.x());
@@ -149,7 +149,7 @@ TEST(FoldRepair, DoesNotChangeACleanMotion) {
   EXPECT_EQ(out.result.changed_vertices, 0);
 }
 
-TEST(FoldRepair, SeparatesIntersectingSheets) {
+TEST(SurfaceRepair, SeparatesIntersectingSheets) {
   const TriangleMesh start = Sheets(40, 4, 0.3);
   TriangleMesh moved = start;
   const size_t half = start.vertices.size() / 2;
@@ -175,7 +175,7 @@ TEST(FoldRepair, SeparatesIntersectingSheets) {
   EXPECT_GT(kept, 0.15 * wanted);  // motion without intersections is partly kept
 }
 
-TEST(FoldRepair, KeepsThinWallsApart) {
+TEST(SurfaceRepair, KeepsThinWallsApart) {
   for (const double thickness : {0.3, 0.05, 0.002}) {
     const TriangleMesh start = ThinWall(40, thickness);
     ASSERT_TRUE(PairsByCgal(start).empty());
@@ -186,24 +186,24 @@ TEST(FoldRepair, KeepsThinWallsApart) {
     const Repaired out = Repair(start, moved.vertices, &guard);
     EXPECT_TRUE(out.result.clean());
     EXPECT_TRUE(PairsByCgal(out.mesh).empty()) << thickness;
-    EXPECT_EQ(guard.TurnedFaces(out.mesh.vertices), guard.TurnedFaces(start.vertices)) << thickness;
+    EXPECT_EQ(guard.InvertedFaces(out.mesh.vertices), guard.InvertedFaces(start.vertices)) << thickness;
   }
 }
 
-TEST(FoldRepair, UnfoldsFans) {
+TEST(SurfaceRepair, UnfoldsFans) {
   const TriangleMesh start = HeightField(12, 3, Level);
   TriangleMesh moved = start;
   moved.vertices[6 * 13 + 6] += Vector3d(1.2, 0.9, 0);  // beyond its ring, in the plane: overlap and inverted faces
   moved.vertices[3 * 13 + 3] += Vector3d(-0.8, 0.1, 0.02);
   const MotionGuard guard(start, {}, {});
-  ASSERT_GT(guard.TurnedFaces(moved.vertices), 0);
+  ASSERT_GT(guard.InvertedFaces(moved.vertices), 0);
   const Repaired out = Repair(start, moved.vertices, &guard);
-  EXPECT_EQ(guard.TurnedFaces(out.mesh.vertices), 0);
+  EXPECT_EQ(guard.InvertedFaces(out.mesh.vertices), 0);
   EXPECT_TRUE(PairsByCgal(out.mesh).empty());
   EXPECT_NE(out.mesh.vertices[6 * 13 + 6], start.vertices[6 * 13 + 6]);
 }
 
-TEST(FoldRepair, AcceptsIntersectionsOfTheStart) {
+TEST(SurfaceRepair, AcceptsIntersectionsOfTheStart) {
   TriangleMesh start = Sheets(20, 3, 0.1);
   start.vertices[21 * 10 + 10].z() = 0.3;  // the lower sheet pierces the upper one
   const std::vector<FacePair> before = PairsByCgal(start);
@@ -217,7 +217,7 @@ TEST(FoldRepair, AcceptsIntersectionsOfTheStart) {
   EXPECT_TRUE(NewPairs(before, PairsByCgal(out.mesh)).empty());
 }
 
-TEST(FoldRepair, TerminatesForAnyMotionIndependentOfThreads) {
+TEST(SurfaceRepair, TerminatesForAnyMotionIndependentOfThreads) {
   for (const double sigma : {0.05, 0.3, 2.0}) {
     const TriangleMesh start = Joined(ThinWall(20, 0.1), HeightField(20, 4, [](double, double) { return -0.2; }));
     ASSERT_TRUE(PairsByCgal(start).empty());
@@ -239,7 +239,7 @@ TEST(FoldRepair, TerminatesForAnyMotionIndependentOfThreads) {
   }
 }
 
-TEST(FoldRepair, DistantPartsAreIndependent) {
+TEST(SurfaceRepair, DistantPartsAreIndependent) {
   const TriangleMesh part = Sheets(20, 3, 0.1);
   TriangleMesh far = part;
   for (Vector3d& v : far.vertices) v.x() += 300;

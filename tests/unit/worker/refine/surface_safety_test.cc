@@ -74,7 +74,7 @@ TEST_P(SurfaceSafety, NothingTurnsCutsOrFlies) {
   const SafetyScene scene(GetParam());
   const Positions& start = scene.problem.mesh.vertices;
   const Positions end = scene.Refine();
-  EXPECT_EQ(scene.Guard().TurnedFaces(end), 0);
+  EXPECT_EQ(scene.Guard().InvertedFaces(end), 0);
   const std::vector<FacePair> before = PairsByCgal(scene.problem.mesh);
   EXPECT_EQ(NewPairs(before, PairsByCgal({end, scene.problem.mesh.faces, {}})), std::vector<FacePair>());
   const double reach = std::max(scene.options.step.max_normal_gsd, scene.options.step.max_tangent_gsd) *
@@ -95,17 +95,17 @@ TEST_P(SurfaceSafety, RoundsKeepToTheFirstStart) {
   SafetyScene rounds(GetParam()), runs(GetParam());
   rounds.problem.rounds = 3;
   const TriangleMesh end = {rounds.Refine(), scene.problem.mesh.faces, {}};
-  EXPECT_EQ(guard.TurnedFaces(end.vertices), 0);
+  EXPECT_EQ(guard.InvertedFaces(end.vertices), 0);
   EXPECT_EQ(NewPairs(before, PairsByCgal(end)), std::vector<FacePair>());
   // Three runs that each take the result before as their start turn faces.
   for (int run = 0; run < 3; ++run) runs.problem.mesh.vertices = runs.Refine();
-  EXPECT_GT(guard.TurnedFaces(runs.problem.mesh.vertices), 0);
+  EXPECT_GT(guard.InvertedFaces(runs.problem.mesh.vertices), 0);
 }
 
 TEST_P(SurfaceSafety, ItIsTheLimitsThatHold) {
   SafetyScene scene(GetParam());
   scene.options.step.min_start_cosine = -1;
-  EXPECT_GT(scene.Guard().TurnedFaces(scene.Refine()), 0);
+  EXPECT_GT(scene.Guard().InvertedFaces(scene.Refine()), 0);
 }
 
 TEST_P(SurfaceSafety, OneThreadIsAsManyByteForByte) {

@@ -96,9 +96,9 @@ TEST(CutTile, PackagesHaveCommonElementsInTheSameOrder) {
 TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
   const TinyCity tiny = MakeTinyCity();
   const TriangleMesh& mesh = tiny.mesh;
-  const IndexRows faces_of_vertex = FacesOfVertices(mesh);
+  const CsrRows faces_of_vertex = FacesOfVertices(mesh);
   const CutOptions options = ShortReach();
-  const RegionReach& reach = options.reach;
+  const RegionDependencyRadius& reach = options.reach;
   std::vector<AlignedBox3d> boxes(mesh.faces.size());
   for (size_t f = 0; f < boxes.size(); ++f) {
     for (const uint32_t v : mesh.faces[f]) boxes[f].extend(mesh.vertices[v]);
@@ -154,14 +154,14 @@ TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
     }
     GrowRings(mesh, faces_of_vertex, reach.repair.start_rings, &mend);
     ExpectHas(FacesWith(cut.package, kRepairRegion), mend, "mend");
-    ExpectHas(FacesWith(cut.package, kLabelRegion), FacesInReach(links, cell, core, reach.label), "label");
+    ExpectHas(FacesWith(cut.package, kLabelRegion), FacesInDependencyRadius(links, cell, core, reach.label), "label");
   });
 }
 
 TEST(CutTile, FlagsExactlyTheVerticesThatLackFaces) {
   const TinyCity tiny = MakeTinyCity();
   const TriangleMesh& mesh = tiny.mesh;
-  const IndexRows faces_of_vertex = FacesOfVertices(mesh);
+  const CsrRows faces_of_vertex = FacesOfVertices(mesh);
   int64_t cut_off = 0;
   ForTiles(tiny, ShortReach(), 4, [&](size_t, const std::vector<CellRect>&, const CutResult& cut) {
     const TilePackage& p = cut.package;
@@ -213,7 +213,7 @@ TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
     EXPECT_LE(sample.size(), 1u);
     sampled += sample.size();
     const std::set<int32_t> views(cut.package.view_ids.begin(), cut.package.view_ids.end());
-    // In sight are the core, the sample, and what FindSight says; the package has all of it.
+    // In sight are the core, the sample, and what FindVisibleSet says; the package has all of it.
     std::vector<uint8_t> measured;
     for (const SurveyCell& cell : survey.cells) {
       const bool in_sample = sample.contains({cell.x, cell.y});
@@ -223,7 +223,7 @@ TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
       EXPECT_EQ(DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, cores[t], 1), 0);
       EXPECT_TRUE(std::includes(views.begin(), views.end(), cell.views.begin(), cell.views.end()));
     }
-    const Sight sight = FindSight(survey, measured, cut.package.view_ids, options.sight);
+    const VisibleSet sight = FindVisibleSet(survey, measured, cut.package.view_ids, options.sight);
     std::set<std::array<int, 2>> in_sight;
     for (size_t c = 0; c < measured.size(); ++c) {
       if (sight.cells[c] || measured[c]) in_sight.insert({survey.cells[c].x, survey.cells[c].y});
@@ -235,7 +235,8 @@ TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
       const Eigen::Vector2i at = survey.ground.Cell(MeshSpans(tiny.mesh).Centroid(f));
       EXPECT_TRUE(held.contains(f) || !in_sight.contains({at.x(), at.y()}));
     }
-    for (const std::vector<int>* reads : {&cut.reads.label, &cut.reads.repair, &cut.reads.visibility, &cut.reads.solve}) {
+    for (const std::vector<int>* reads :
+         {&cut.reads.label, &cut.reads.repair, &cut.reads.visibility, &cut.reads.solve}) {
       EXPECT_TRUE(std::binary_search(reads->begin(), reads->end(), static_cast<int>(t)));
       unread += cores.size() - reads->size();
     }

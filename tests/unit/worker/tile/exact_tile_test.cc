@@ -18,11 +18,11 @@ using Eigen::Vector3d;
 constexpr int kWindow_px = 11, kLevel = 2;
 constexpr double kMotion_m = 2;
 
-SightOptions Bounds() {
+VisibleSetOptions Bounds() {
   return {kMotion_m, ReferenceMargin_px(kWindow_px, kLevel), TargetMargin_px(kLevel), 1 << kLevel};
 }
 
-TilePackage Cut(const TinyCity& tiny, const CellRect& core, const SightOptions& sight) {
+TilePackage Cut(const TinyCity& tiny, const CellRect& core, const VisibleSetOptions& sight) {
   CutOptions options;
   options.sight = sight;
   auto cut = CutTile(tiny.city, tiny.survey, {{0, core}, {core}}, options);
@@ -84,7 +84,7 @@ void Compare(const TinyCity& tiny, const TilePackage& city, const TilePackage& t
   for (size_t c = 0; c < city.cell_at.size(); ++c) {
     for (uint32_t f = city.cells.face_begin[c]; f < city.cells.face_begin[c + 1]; ++f) looking[f] = &city.cell_views[c];
   }
-  const SightOptions bounds = Bounds();
+  const VisibleSetOptions bounds = Bounds();
   std::vector<FaceMap> city_maps;
   std::vector<Mask> needed;
   for (size_t v = 0; v < tile.views.size(); ++v) {
@@ -144,7 +144,7 @@ void Compare(const TinyCity& tiny, const TilePackage& city, const TilePackage& t
   comparison->missing_faces += tiny.mesh.faces.size() - tile.face_ids.size();
 }
 
-Comparison CompareTiles(const SightOptions& sight, double motion_m, int cases) {
+Comparison CompareTiles(const VisibleSetOptions& sight, double motion_m, int cases) {
   TinySceneOptions options;
   options.finer = 4;
   const TinyCity tiny = MakeTinyCity(options);
@@ -172,11 +172,11 @@ TEST(ExactTile, MapsEqualThoseOfTheCityForAnyVertexMotion) {
 
 // The test above sees bounds that are too small.
 TEST(ExactTile, MapsDifferWithSmallerBounds) {
-  SightOptions still = Bounds();
+  VisibleSetOptions still = Bounds();
   still.motion_m = 0;
   EXPECT_GT(CompareTiles(still, kMotion_m, 6).different, 0);
   EXPECT_EQ(CompareTiles(still, 0, 6).different, 0);
-  SightOptions narrow = still;
+  VisibleSetOptions narrow = still;
   narrow.reference_margin_px = narrow.target_margin_px = 0;
   EXPECT_GT(CompareTiles(narrow, 0, 6).different, 0);
 }

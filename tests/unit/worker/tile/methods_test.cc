@@ -47,7 +47,7 @@ std::vector<std::array<int, 2>> StepsOf(const std::string& method, const MethodS
 
 TEST(Methods, EachHasItsTerms) {
   const TileRefineOptions ours = OptionsOf("tessera"), baseline = OptionsOf("baseline"), paper = OptionsOf("paper");
-  EXPECT_TRUE(ours.geometry_knows_labels);
+  EXPECT_TRUE(ours.geometry_uses_labels);
   EXPECT_TRUE(LabelsFirst("tessera"));
   EXPECT_EQ(ours.data.semantic, 0);
   EXPECT_EQ(ours.step.inter, 0);
@@ -58,14 +58,14 @@ TEST(Methods, EachHasItsTerms) {
   EXPECT_THAT(ours.step.classes, ElementsAre(::testing::Field(&ClassSmoothness::anchor, 0.5),
                                              ::testing::Field(&ClassSmoothness::anchor, 0)));
 
-  EXPECT_FALSE(baseline.geometry_knows_labels);
+  EXPECT_FALSE(baseline.geometry_uses_labels);
   EXPECT_EQ(MethodRulesOf("baseline", 0, {}).rounds, 1);
   EXPECT_EQ(baseline.data.semantic, 0);
   EXPECT_EQ(baseline.step.inter, 0);
   EXPECT_THAT(baseline.step.classes, IsEmpty());
   EXPECT_EQ(baseline.label.form, ours.label.form);
 
-  EXPECT_TRUE(paper.geometry_knows_labels);
+  EXPECT_TRUE(paper.geometry_uses_labels);
   EXPECT_EQ(MethodRulesOf("paper", 0, {}).rounds, 5);
   EXPECT_GT(paper.data.semantic, 0);
   EXPECT_GT(paper.step.inter, 0);

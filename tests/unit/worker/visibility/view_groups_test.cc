@@ -25,7 +25,7 @@ TEST(KeepNearOwn, KeepsExactlyThePixelsWithinTheMargin) {
     for (int i = 0; i < map.width * map.height; ++i) {
       const double kind = random.Uniform();
       map.face.push_back(kind < 0.1   ? -1
-                         : kind < 0.2 ? kNotLookedAt
+                         : kind < 0.2 ? kNotSelected
                                       : static_cast<int32_t>(1 + random.Below(faces - 1)));
       map.depth.push_back(1);
     }

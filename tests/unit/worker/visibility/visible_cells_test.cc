@@ -47,11 +47,11 @@ bool Has(const std::vector<uint32_t>& cells, uint32_t cell) {
 }
 
 // Checks the three steps documented in the header on random points of random boxes.
-TEST(FindCellSight, ContainsAllCellsThatOwnPixelsCanDependOn) {
+TEST(FindVisibleCells, ContainsAllCellsThatOwnPixelsCanDependOn) {
   int64_t own_pixels = 0, partners = 0, left_out = 0;
   for (uint64_t seed = 0; seed < 12; ++seed) {
     Random random(seed);
-    CellSightProblem problem;
+    VisibleCellsProblem problem;
     std::vector<Sample> samples;
     for (uint32_t c = 0; c < 60; ++c) {
       const Vector3d low(random.Uniform(0, 30), random.Uniform(0, 30), 0);
@@ -72,7 +72,7 @@ TEST(FindCellSight, ContainsAllCellsThatOwnPixelsCanDependOn) {
     }
     problem.reference_margin_px = 6;
     problem.target_margin_px = 1;
-    const CellSight sight = FindCellSight(problem);
+    const VisibleCells sight = FindVisibleCells(problem);
     const auto at = [&](int view, const Sample& s) { return problem.views[view].camera.Project(s.point); };
     const auto in_view = [&](int view, const Sample& s) {
       const Vector3d p = at(view, s);

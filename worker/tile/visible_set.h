@@ -1,6 +1,6 @@
 // Finds which ground cells of the city, and which part of each image, the pixels of a tile can depend on.
-#ifndef TESSERA_WORKER_TILE_SIGHT_H_
-#define TESSERA_WORKER_TILE_SIGHT_H_
+#ifndef TESSERA_WORKER_TILE_VISIBLE_SET_H_
+#define TESSERA_WORKER_TILE_VISIBLE_SET_H_
 
 #include <cstdint>
 #include <vector>
@@ -11,24 +11,24 @@
 
 namespace tessera {
 
-struct SightOptions {
+struct VisibleSetOptions {
   double motion_m = 0;          // bound of a vertex's distance from its start
   int reference_margin_px = 0;  // ReferenceMargin_px, TargetMargin_px of the job's windows and levels
   int target_margin_px = 0;
   int alignment_px = 1;  // corners of windows are multiples of this
 };
 
-struct Sight {
+struct VisibleSet {
   std::vector<uint8_t> cells;      // per survey cell: 1 if a needed pixel may show one of its faces
   std::vector<PixelRect> windows;  // per view of `views`: smallest window with all needed pixels; may be empty
 };
 
-// FindCellSight for the core's cells, each in the views selected for it. Boxes are enlarged by the motion, so the
+// FindVisibleCells for the core's cells, each in the views selected for it. Boxes are enlarged by the motion, so the
 // result holds for all positions of the vertices. `views`: survey indices, ascending; `core`: one flag per survey
 // cell.
-Sight FindSight(const Survey& survey, const std::vector<uint8_t>& core, const std::vector<int32_t>& views,
-                const SightOptions& options);
+VisibleSet FindVisibleSet(const Survey& survey, const std::vector<uint8_t>& core, const std::vector<int32_t>& views,
+                          const VisibleSetOptions& options);
 
 }  // namespace tessera
 
-#endif  // TESSERA_WORKER_TILE_SIGHT_H_
+#endif  // TESSERA_WORKER_TILE_VISIBLE_SET_H_

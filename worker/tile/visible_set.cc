@@ -1,4 +1,4 @@
-#include "worker/tile/sight.h"
+#include "worker/tile/visible_set.h"
 
 #include <algorithm>
 
@@ -6,11 +6,11 @@
 
 namespace tessera {
 
-Sight FindSight(const Survey& survey, const std::vector<uint8_t>& core, const std::vector<int32_t>& views,
-                const SightOptions& options) {
+VisibleSet FindVisibleSet(const Survey& survey, const std::vector<uint8_t>& core, const std::vector<int32_t>& views,
+                          const VisibleSetOptions& options) {
   const size_t cells = survey.cells.size();
   const Eigen::Vector3d motion = Eigen::Vector3d::Constant(options.motion_m);
-  CellSightProblem problem;
+  VisibleCellsProblem problem;
   for (const SurveyCell& cell : survey.cells) {
     problem.boxes.emplace_back(cell.box_min - motion, cell.box_max + motion);
   }
@@ -32,8 +32,8 @@ Sight FindSight(const Survey& survey, const std::vector<uint8_t>& core, const st
   }
   problem.reference_margin_px = options.reference_margin_px;
   problem.target_margin_px = options.target_margin_px;
-  const CellSight found = FindCellSight(problem);
-  Sight sight;
+  const VisibleCells found = FindVisibleCells(problem);
+  VisibleSet sight;
   sight.cells.assign(cells, 0);
   for (size_t v = 0; v < views.size(); ++v) {
     for (const uint32_t c : found.cells[v]) sight.cells[c] = 1;
