@@ -1,7 +1,6 @@
 // X.509 certificates for TLS: a private certificate authority, and the certificates that it signs for coordinators and
 // (with mutual TLS) for their clients. Keys are on the curve P-256.
-#ifndef TESSERA_COMMON_ACCESS_CERTIFICATES_H_
-#define TESSERA_COMMON_ACCESS_CERTIFICATES_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -32,5 +31,3 @@ StatusOr<Certificate> MakeAuthority(const CertificateTerms& terms);
 StatusOr<Certificate> MakeCertificate(const Certificate& authority, const CertificateTerms& terms);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_ACCESS_CERTIFICATES_H_

@@ -1,6 +1,5 @@
 // Secrets of processes: creation, comparison, and storage in files that only the owner can read.
-#ifndef TESSERA_COMMON_ACCESS_SECRETS_H_
-#define TESSERA_COMMON_ACCESS_SECRETS_H_
+#pragma once
 
 #include <string>
 
@@ -33,5 +32,3 @@ StatusOr<std::string> EnsureSecretFile(const std::string& path);
 void DisableCoreDumps();
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_ACCESS_SECRETS_H_

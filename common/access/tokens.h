@@ -1,7 +1,6 @@
 // Access tokens of a coordinator: a name, a role, the SHA-256 of the token and an expiry each. The file holds no token
 // itself.
-#ifndef TESSERA_COMMON_ACCESS_TOKENS_H_
-#define TESSERA_COMMON_ACCESS_TOKENS_H_
+#pragma once
 
 #include <cstdint>
 #include <optional>
@@ -54,5 +53,3 @@ class TokenTable {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_ACCESS_TOKENS_H_

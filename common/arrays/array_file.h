@@ -1,6 +1,5 @@
 // The container format of all intermediate files: named typed arrays and a JSON string.
-#ifndef TESSERA_COMMON_ARRAYS_ARRAY_FILE_H_
-#define TESSERA_COMMON_ARRAYS_ARRAY_FILE_H_
+#pragma once
 
 #include <cstdint>
 #include <map>
@@ -79,5 +78,3 @@ Status WriteArrayFile(const std::string& path, const ArrayFile& file);
 StatusOr<ArrayFile> ReadArrayFile(const std::string& path);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_ARRAYS_ARRAY_FILE_H_

@@ -1,6 +1,5 @@
 // Reading and writing of array files larger than memory.
-#ifndef TESSERA_COMMON_ARRAYS_MAPPED_ARRAYS_H_
-#define TESSERA_COMMON_ARRAYS_MAPPED_ARRAYS_H_
+#pragma once
 
 #include <cstdint>
 #include <memory>
@@ -90,5 +89,3 @@ class ArrayFileWriter {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_ARRAYS_MAPPED_ARRAYS_H_

@@ -1,7 +1,6 @@
 // Interface to the system's clocks. It is passed in, so that tests can use a fake clock; only main() makes a
 // SystemClock.
-#ifndef TESSERA_COMMON_BASE_CLOCK_H_
-#define TESSERA_COMMON_BASE_CLOCK_H_
+#pragma once
 
 #include <chrono>
 #include <cstdint>
@@ -32,5 +31,3 @@ class SystemClock : public Clock {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_CLOCK_H_

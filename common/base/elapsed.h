@@ -1,6 +1,5 @@
 // Elapsed time in seconds.
-#ifndef TESSERA_COMMON_BASE_ELAPSED_H_
-#define TESSERA_COMMON_BASE_ELAPSED_H_
+#pragma once
 
 #include <cstdint>
 
@@ -14,5 +13,3 @@ inline double SecondsSince(const Clock& clock, int64_t start_us) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_ELAPSED_H_

@@ -1,6 +1,5 @@
 // A histogram with fixed buckets, for metrics.
-#ifndef TESSERA_COMMON_BASE_HISTOGRAM_H_
-#define TESSERA_COMMON_BASE_HISTOGRAM_H_
+#pragma once
 
 #include <algorithm>
 #include <cstdint>
@@ -34,5 +33,3 @@ class Histogram {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_HISTOGRAM_H_

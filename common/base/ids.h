@@ -1,6 +1,5 @@
 // Strong integer ids: ids of different things, and ids and integers, do not convert to each other.
-#ifndef TESSERA_COMMON_BASE_IDS_H_
-#define TESSERA_COMMON_BASE_IDS_H_
+#pragma once
 
 #include <compare>
 #include <cstdint>
@@ -31,5 +30,3 @@ template <class Tag, class Value>
 struct std::hash<tessera::Id<Tag, Value>> {
   size_t operator()(tessera::Id<Tag, Value> id) const { return std::hash<Value>()(id.value()); }
 };
-
-#endif  // TESSERA_COMMON_BASE_IDS_H_

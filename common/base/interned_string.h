@@ -1,6 +1,5 @@
 // Interned strings, for values that are stored many times: task kinds, worker names, file names.
-#ifndef TESSERA_COMMON_BASE_INTERNED_STRING_H_
-#define TESSERA_COMMON_BASE_INTERNED_STRING_H_
+#pragma once
 
 #include <boost/flyweight.hpp>
 #include <concepts>
@@ -34,5 +33,3 @@ class InternedString {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_INTERNED_STRING_H_

@@ -1,7 +1,6 @@
 // A bound on the depth of JSON from outside. Check it before parsing: the JSON library recurses once per level when it
 // copies, writes or compares values, so deep input would overflow the stack.
-#ifndef TESSERA_COMMON_BASE_JSON_BOUNDS_H_
-#define TESSERA_COMMON_BASE_JSON_BOUNDS_H_
+#pragma once
 
 #include <string>
 #include <string_view>
@@ -17,5 +16,3 @@ inline constexpr int kMaxJsonDepth = 64;  // nested arrays and objects; files of
 Status CheckJsonDepth(const std::string& what, std::string_view text);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_JSON_BOUNDS_H_

@@ -1,6 +1,5 @@
 // Storage for members that most objects leave empty, such as lists of errors.
-#ifndef TESSERA_COMMON_BASE_LAZY_VALUE_H_
-#define TESSERA_COMMON_BASE_LAZY_VALUE_H_
+#pragma once
 
 #include <memory>
 #include <utility>
@@ -38,5 +37,3 @@ class LazyValue {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_LAZY_VALUE_H_

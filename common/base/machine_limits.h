@@ -1,7 +1,6 @@
 // Memory and cores that a process may use. Containers, batch systems and affinity masks allow less than the machine
 // has.
-#ifndef TESSERA_COMMON_BASE_MACHINE_LIMITS_H_
-#define TESSERA_COMMON_BASE_MACHINE_LIMITS_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -28,5 +27,3 @@ void SetMemoryLimit(int64_t bytes);
 int CoreLimit();
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_MACHINE_LIMITS_H_

@@ -1,6 +1,5 @@
 // Parallel loops over fixed chunks. Sums reduced chunk by chunk do not depend on the number of threads.
-#ifndef TESSERA_COMMON_BASE_PARALLEL_H_
-#define TESSERA_COMMON_BASE_PARALLEL_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -34,5 +33,3 @@ class ThreadLimit {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_PARALLEL_H_

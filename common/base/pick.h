@@ -1,6 +1,5 @@
 // Selection of elements by index.
-#ifndef TESSERA_COMMON_BASE_PICK_H_
-#define TESSERA_COMMON_BASE_PICK_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -18,5 +17,3 @@ std::vector<T> Pick(const std::vector<T>& values, const std::vector<uint32_t>& i
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_PICK_H_

@@ -1,7 +1,6 @@
 // Makes text from outside (names, messages, paths) safe to print: it cannot move the terminal's cursor, start a new
 // line or hide the text beside it.
-#ifndef TESSERA_COMMON_BASE_PRINTABLE_H_
-#define TESSERA_COMMON_BASE_PRINTABLE_H_
+#pragma once
 
 #include <string>
 #include <string_view>
@@ -28,5 +27,3 @@ std::string AsUtf8(const std::string& text);
 std::string_view Prefix(std::string_view text, size_t max_bytes);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_PRINTABLE_H_

@@ -1,6 +1,5 @@
 // Pseudo-random numbers that are equal on every machine: SplitMix64 (Steele, Lea, Flood 2014). Seeds are passed in.
-#ifndef TESSERA_COMMON_BASE_RANDOM_H_
-#define TESSERA_COMMON_BASE_RANDOM_H_
+#pragma once
 
 #include <cmath>
 #include <cstdint>
@@ -35,5 +34,3 @@ class Random {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_RANDOM_H_

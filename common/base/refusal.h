@@ -1,6 +1,5 @@
 // Machine-readable reasons of a coordinator's errors, for callers that act on them. A status code alone is ambiguous.
-#ifndef TESSERA_COMMON_BASE_REFUSAL_H_
-#define TESSERA_COMMON_BASE_REFUSAL_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -49,5 +48,3 @@ Status RetryAfter(Status error, double seconds);
 double RetryDelayOf(const Status& status);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_REFUSAL_H_

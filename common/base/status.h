@@ -1,6 +1,5 @@
 // Errors: absl::Status, with one wording for wrong input.
-#ifndef TESSERA_COMMON_BASE_STATUS_H_
-#define TESSERA_COMMON_BASE_STATUS_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -65,5 +64,3 @@ using Warnings = std::vector<std::string>;
   auto or_name = (expr);                                   \
   if (!or_name.ok()) return or_name.status();              \
   lhs = *std::move(or_name)
-
-#endif  // TESSERA_COMMON_BASE_STATUS_H_

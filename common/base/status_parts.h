@@ -1,6 +1,5 @@
 // Lists of strings that an error carries beside its message, as payloads of absl::Status.
-#ifndef TESSERA_COMMON_BASE_STATUS_PARTS_H_
-#define TESSERA_COMMON_BASE_STATUS_PARTS_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -15,5 +14,3 @@ void SetParts(Status& error, const std::string& kind, const std::vector<std::str
 std::vector<std::string> PartsOf(const Status& status, const std::string& kind);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_STATUS_PARTS_H_

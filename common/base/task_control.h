@@ -1,6 +1,5 @@
 // Progress reports and cancellation of long-running work.
-#ifndef TESSERA_COMMON_BASE_TASK_CONTROL_H_
-#define TESSERA_COMMON_BASE_TASK_CONTROL_H_
+#pragma once
 
 #include <functional>
 #include <string>
@@ -37,5 +36,3 @@ inline TaskControl PartOf(const TaskControl& control, double low, double high) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_TASK_CONTROL_H_

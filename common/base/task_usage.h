@@ -1,6 +1,5 @@
 // Measures the processor time and memory of a task.
-#ifndef TESSERA_COMMON_BASE_TASK_USAGE_H_
-#define TESSERA_COMMON_BASE_TASK_USAGE_H_
+#pragma once
 
 #include <chrono>
 #include <cstdint>
@@ -46,5 +45,3 @@ class PeakSampling {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_TASK_USAGE_H_

@@ -1,7 +1,6 @@
 // The version of the algorithms. Raise it with every change of a task's output bytes; earlier results are then computed
 // again.
-#ifndef TESSERA_COMMON_BASE_VERSION_H_
-#define TESSERA_COMMON_BASE_VERSION_H_
+#pragma once
 
 namespace tessera {
 
@@ -9,5 +8,3 @@ namespace tessera {
 inline constexpr char kAlgorithmVersion[] = "19";
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_BASE_VERSION_H_

@@ -1,6 +1,5 @@
 // Training labels: images in which people painted classes.
-#ifndef TESSERA_COMMON_CLASSIFY_ANNOTATIONS_H_
-#define TESSERA_COMMON_CLASSIFY_ANNOTATIONS_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -31,5 +30,3 @@ struct Annotations {
 StatusOr<Annotations> ReadAnnotations(const std::string& folder, const SceneDescription& scene, Warnings* warnings);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_ANNOTATIONS_H_

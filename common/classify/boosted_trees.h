@@ -1,7 +1,6 @@
 // Gradient-boosted oblivious trees for several classes (Friedman 2001; Prokhorenkova et al. 2018). All nodes at one
 // depth use the same test, so a tree is a table, and a row of pixels is evaluated without branches.
-#ifndef TESSERA_COMMON_CLASSIFY_BOOSTED_TREES_H_
-#define TESSERA_COMMON_CLASSIFY_BOOSTED_TREES_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -56,5 +55,3 @@ BoostedTrees TrainBoostedTrees(const TrainingSamples& samples, const std::vector
                                const BoostingOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_BOOSTED_TREES_H_

@@ -1,6 +1,5 @@
 // The output folder of `tessera classify`: a scene that contains the likelihoods and links to the other files.
-#ifndef TESSERA_COMMON_CLASSIFY_CLASSIFIED_SCENE_FILES_H_
-#define TESSERA_COMMON_CLASSIFY_CLASSIFIED_SCENE_FILES_H_
+#pragma once
 
 #include <string>
 
@@ -19,5 +18,3 @@ Status WriteClassifiedScene(const SceneDescription& scene, const std::string& sc
                             const std::string& source);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_CLASSIFIED_SCENE_FILES_H_

@@ -1,6 +1,5 @@
 // Reports of a classification, as text and as JSON.
-#ifndef TESSERA_COMMON_CLASSIFY_CLASSIFY_REPORT_H_
-#define TESSERA_COMMON_CLASSIFY_CLASSIFY_REPORT_H_
+#pragma once
 
 #include <optional>
 #include <string>
@@ -31,5 +30,3 @@ std::string ClassifyText(const ClassifyReport& report);  // ends with a newline
 std::string ClassifyJson(const ClassifyReport& report);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_CLASSIFY_REPORT_H_

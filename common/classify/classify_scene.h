@@ -1,6 +1,5 @@
 // Classification of the images of a scene: computes likelihoods.
-#ifndef TESSERA_COMMON_CLASSIFY_CLASSIFY_SCENE_H_
-#define TESSERA_COMMON_CLASSIFY_CLASSIFY_SCENE_H_
+#pragma once
 
 #include <array>
 #include <string>
@@ -55,5 +54,3 @@ StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const Mes
                                         const TaskControl& control);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_CLASSIFY_SCENE_H_

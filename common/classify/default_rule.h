@@ -1,6 +1,5 @@
 // Likelihoods without training, from geometry and greenness.
-#ifndef TESSERA_COMMON_CLASSIFY_DEFAULT_RULE_H_
-#define TESSERA_COMMON_CLASSIFY_DEFAULT_RULE_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -28,5 +27,3 @@ class DefaultRule {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_DEFAULT_RULE_H_

@@ -1,6 +1,5 @@
 // Classifier features of a pixel: colour and texture at several scales, and the start mesh along the pixel's ray.
-#ifndef TESSERA_COMMON_CLASSIFY_FEATURES_H_
-#define TESSERA_COMMON_CLASSIFY_FEATURES_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -44,5 +43,3 @@ class ImageFeatures {
 Eigen::Vector2d UndistortPosition(const LensModel& lens, const Eigen::Vector2d& distorted);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_FEATURES_H_

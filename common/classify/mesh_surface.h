@@ -1,6 +1,5 @@
 // Ray queries on the start mesh for classification: slope and relative height of the hit surface.
-#ifndef TESSERA_COMMON_CLASSIFY_MESH_SURFACE_H_
-#define TESSERA_COMMON_CLASSIFY_MESH_SURFACE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -51,5 +50,3 @@ class MeshSurface {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_MESH_SURFACE_H_

@@ -1,6 +1,5 @@
 // A trained classifier and its file format.
-#ifndef TESSERA_COMMON_CLASSIFY_MODEL_H_
-#define TESSERA_COMMON_CLASSIFY_MODEL_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -50,5 +49,3 @@ std::string GsdWarning(const ClassifierModel& model, double gsd_m, const std::st
 StatusOr<ClassifierModel> ReadModel(const std::string& path);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_MODEL_H_

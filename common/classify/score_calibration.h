@@ -1,6 +1,5 @@
 // Calibration of classifier scores, so that predicted probabilities equal observed frequencies.
-#ifndef TESSERA_COMMON_CLASSIFY_SCORE_CALIBRATION_H_
-#define TESSERA_COMMON_CLASSIFY_SCORE_CALIBRATION_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -31,5 +30,3 @@ double CalibrationError(const HeldOutScores& held_out, double temperature);
 void SoftmaxInPlace(float* scores, int classes, double temperature);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_SCORE_CALIBRATION_H_

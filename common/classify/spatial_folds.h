@@ -1,7 +1,6 @@
 // Spatial cross-validation folds. Images overlap, so pixels of different images may show the same ground; they must be
 // in the same fold, else a classifier would be tested on ground that it was trained on.
-#ifndef TESSERA_COMMON_CLASSIFY_SPATIAL_FOLDS_H_
-#define TESSERA_COMMON_CLASSIFY_SPATIAL_FOLDS_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -42,5 +41,3 @@ class SpatialFolds {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_SPATIAL_FOLDS_H_

@@ -1,6 +1,5 @@
 // Training of a classifier from annotated images, with spatial cross-validation.
-#ifndef TESSERA_COMMON_CLASSIFY_TRAINING_H_
-#define TESSERA_COMMON_CLASSIFY_TRAINING_H_
+#pragma once
 
 #include <array>
 #include <string>
@@ -47,5 +46,3 @@ StatusOr<TrainedClassifier> TrainClassifier(const SceneDescription& scene, const
                                             const TaskControl& control);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_CLASSIFY_TRAINING_H_

@@ -1,6 +1,5 @@
 // Boundary F-score of label images: the accuracy of class boundaries.
-#ifndef TESSERA_COMMON_EVALUATE_BOUNDARY_H_
-#define TESSERA_COMMON_EVALUATE_BOUNDARY_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -30,5 +29,3 @@ double BoundaryF(const BoundaryCounts& counts);
 double MeanBoundaryF(const std::vector<BoundaryCounts>& counts);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_EVALUATE_BOUNDARY_H_

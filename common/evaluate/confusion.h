@@ -1,6 +1,5 @@
 // Confusion matrix of labels, and the scores computed from it.
-#ifndef TESSERA_COMMON_EVALUATE_CONFUSION_H_
-#define TESSERA_COMMON_EVALUATE_CONFUSION_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -45,5 +44,3 @@ struct LabelScores {
 LabelScores ScoreLabels(const ConfusionMatrix& confusion);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_EVALUATE_CONFUSION_H_

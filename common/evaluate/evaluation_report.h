@@ -1,6 +1,5 @@
 // Evaluations as tables and as JSON.
-#ifndef TESSERA_COMMON_EVALUATE_EVALUATION_REPORT_H_
-#define TESSERA_COMMON_EVALUATE_EVALUATION_REPORT_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -37,5 +36,3 @@ std::string LikelihoodTable(const std::vector<NamedConfusion>& views, const std:
 std::string LikelihoodJson(const std::vector<NamedConfusion>& views, const std::vector<std::string>& classes);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_EVALUATE_EVALUATION_REPORT_H_

@@ -12,8 +12,7 @@
 // that
 //   image. Pixels with truth 255 are ignored; pixels where no label is rendered are errors. Bláha et al. 2017,
 //   section 4.
-#ifndef TESSERA_COMMON_EVALUATE_EVALUATOR_H_
-#define TESSERA_COMMON_EVALUATE_EVALUATOR_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <functional>
@@ -88,5 +87,3 @@ class Evaluator {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_EVALUATE_EVALUATOR_H_

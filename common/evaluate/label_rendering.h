@@ -1,6 +1,5 @@
 // Label images rendered from a labelled mesh, one ray per pixel.
-#ifndef TESSERA_COMMON_EVALUATE_LABEL_RENDERING_H_
-#define TESSERA_COMMON_EVALUATE_LABEL_RENDERING_H_
+#pragma once
 
 #include "common/geometry/mesh.h"
 #include "common/geometry/ray_caster.h"
@@ -18,5 +17,3 @@ LabelImage RenderLabels(const TriangleMesh& mesh, const RayCaster& caster, const
 LabelImage UndistortLabels(const LabelImage& labels, const LensModel& lens);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_EVALUATE_LABEL_RENDERING_H_

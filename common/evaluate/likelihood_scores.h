@@ -1,6 +1,5 @@
 // Accuracy of the likeliest class of each pixel and, for comparison, of the rendered labels of a mesh.
-#ifndef TESSERA_COMMON_EVALUATE_LIKELIHOOD_SCORES_H_
-#define TESSERA_COMMON_EVALUATE_LIKELIHOOD_SCORES_H_
+#pragma once
 
 #include <functional>
 #include <vector>
@@ -33,5 +32,3 @@ StatusOr<std::vector<LikelihoodConfusion>> ConfuseLikelihoods(const std::vector<
                                                               const LabelRendering& rendering = nullptr);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_EVALUATE_LIKELIHOOD_SCORES_H_

@@ -1,6 +1,5 @@
 // Random points on a surface, and their visibility in views.
-#ifndef TESSERA_COMMON_EVALUATE_SURFACE_SAMPLES_H_
-#define TESSERA_COMMON_EVALUATE_SURFACE_SAMPLES_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -30,5 +29,3 @@ std::vector<SurfaceSample> SeenSamples(const std::vector<SurfaceSample>& samples
                                        const std::vector<SceneView>& views, int min_views);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_EVALUATE_SURFACE_SAMPLES_H_

@@ -1,6 +1,5 @@
 // Scores of surface geometry: accuracy, completeness, F-score and normal consistency of measured points.
-#ifndef TESSERA_COMMON_EVALUATE_SURFACE_SCORES_H_
-#define TESSERA_COMMON_EVALUATE_SURFACE_SCORES_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -46,5 +45,3 @@ SurfaceScores ScoreSurface(const std::vector<MeasuredPoint>& on_result, const st
                            double cap_m, const std::vector<double>& f_distances_m, int truth_class = -1);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_EVALUATE_SURFACE_SCORES_H_

@@ -1,6 +1,5 @@
 // Coordinate systems of scenes, and the local metric frame of all computations. Uses GeographicLib.
-#ifndef TESSERA_COMMON_GEODESY_FRAME_H_
-#define TESSERA_COMMON_GEODESY_FRAME_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <string>
@@ -48,5 +47,3 @@ class Frame {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEODESY_FRAME_H_

@@ -1,6 +1,5 @@
 // Coarse approximation of a mesh that may be larger than memory.
-#ifndef TESSERA_COMMON_GEOMETRY_COARSE_MESH_H_
-#define TESSERA_COMMON_GEOMETRY_COARSE_MESH_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -22,5 +21,3 @@ struct CoarseMesh {
 StatusOr<CoarseMesh> CoarsenMesh(const MeshSpans& mesh, int64_t clusters, const std::string& scratch_folder);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEOMETRY_COARSE_MESH_H_

@@ -1,6 +1,5 @@
 // Rows of unequal length in two flat arrays (compressed sparse rows).
-#ifndef TESSERA_COMMON_GEOMETRY_CSR_ROWS_H_
-#define TESSERA_COMMON_GEOMETRY_CSR_ROWS_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -20,5 +19,3 @@ struct CsrRows {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEOMETRY_CSR_ROWS_H_

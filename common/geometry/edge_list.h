@@ -1,6 +1,5 @@
 // The edges of a triangle mesh, each once, with the faces on both sides.
-#ifndef TESSERA_COMMON_GEOMETRY_EDGE_LIST_H_
-#define TESSERA_COMMON_GEOMETRY_EDGE_LIST_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -22,5 +21,3 @@ struct MeshEdge {
 std::vector<MeshEdge> EdgeList(const std::vector<Triangle>& faces);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEOMETRY_EDGE_LIST_H_

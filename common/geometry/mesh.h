@@ -1,6 +1,5 @@
 // The triangle mesh as flat arrays.
-#ifndef TESSERA_COMMON_GEOMETRY_MESH_H_
-#define TESSERA_COMMON_GEOMETRY_MESH_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -50,5 +49,3 @@ inline Eigen::Vector3d FaceNormal(const MeshSpans& mesh, size_t face) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEOMETRY_MESH_H_

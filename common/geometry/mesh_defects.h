@@ -1,6 +1,5 @@
 // Defects by which a triangle mesh is not an oriented manifold.
-#ifndef TESSERA_COMMON_GEOMETRY_MESH_DEFECTS_H_
-#define TESSERA_COMMON_GEOMETRY_MESH_DEFECTS_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -55,5 +54,3 @@ StatusOr<MeshAnalysis> AnalyseMesh(const TriangleMesh& mesh);
 StatusOr<MeshAnalysis> AnalyseMeshPart(const TriangleMesh& mesh, size_t owned_begin, size_t owned_end);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEOMETRY_MESH_DEFECTS_H_

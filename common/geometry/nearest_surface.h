@@ -1,6 +1,5 @@
 // Exact nearest-point queries on a triangle mesh (Embree point queries).
-#ifndef TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_
-#define TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <memory>
@@ -43,5 +42,3 @@ class NearestSurface {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEOMETRY_NEAREST_SURFACE_H_

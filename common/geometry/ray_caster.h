@@ -1,6 +1,5 @@
 // Ray casting on a triangle mesh (Embree), for sparse queries: occlusion, coverage, evaluation, previews.
-#ifndef TESSERA_COMMON_GEOMETRY_RAY_CASTER_H_
-#define TESSERA_COMMON_GEOMETRY_RAY_CASTER_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <memory>
@@ -39,5 +38,3 @@ class RayCaster {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEOMETRY_RAY_CASTER_H_

@@ -1,6 +1,5 @@
 // Repair of triangle meshes: cuts a mesh into an oriented manifold.
-#ifndef TESSERA_COMMON_GEOMETRY_REPAIR_H_
-#define TESSERA_COMMON_GEOMETRY_REPAIR_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -31,5 +30,3 @@ StatusOr<RepairedMesh> RepairMesh(const TriangleMesh& mesh, Warnings* warnings);
 void WarnOfDefects(const MeshDefects& defects, Warnings* warnings);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_GEOMETRY_REPAIR_H_

@@ -1,6 +1,5 @@
 // Reliability of class borders in likelihoods, estimated from the intensity edges of the images.
-#ifndef TESSERA_COMMON_IMAGING_BORDER_TRUST_H_
-#define TESSERA_COMMON_IMAGING_BORDER_TRUST_H_
+#pragma once
 
 #include <array>
 #include <cstddef>
@@ -78,5 +77,3 @@ class BorderCounts {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_IMAGING_BORDER_TRUST_H_

@@ -1,6 +1,5 @@
 // Cameras: pinhole intrinsics, poses, and COLMAP's lens distortion models.
-#ifndef TESSERA_COMMON_IMAGING_CAMERA_H_
-#define TESSERA_COMMON_IMAGING_CAMERA_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <string>
@@ -66,5 +65,3 @@ struct LensModel {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_IMAGING_CAMERA_H_

@@ -1,6 +1,5 @@
 // Reading and writing of whole image files.
-#ifndef TESSERA_COMMON_IMAGING_FILE_BYTES_H_
-#define TESSERA_COMMON_IMAGING_FILE_BYTES_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -19,5 +18,3 @@ StatusOr<std::vector<uint8_t>> ReadFileStart(const std::string& path, int64_t si
 Status ReplaceFile(const std::string& path, const std::vector<uint8_t>& bytes);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_IMAGING_FILE_BYTES_H_

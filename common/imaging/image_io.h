@@ -1,6 +1,5 @@
 // Reading and writing of images, likelihoods and label images. OpenCV and libtiff are used in the .cc files only.
-#ifndef TESSERA_COMMON_IMAGING_IMAGE_IO_H_
-#define TESSERA_COMMON_IMAGING_IMAGE_IO_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -64,5 +63,3 @@ Status WriteJpeg(const std::string& path, const ByteImage& image, int quality);
 Status WriteLikelihoodTiff(const std::string& path, const ByteImage& pages);  // one page per channel, LZW
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_IMAGING_IMAGE_IO_H_

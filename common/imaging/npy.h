@@ -1,6 +1,5 @@
 // NumPy's NPY files, versions 1 to 3: https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html
-#ifndef TESSERA_COMMON_IMAGING_NPY_H_
-#define TESSERA_COMMON_IMAGING_NPY_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -29,5 +28,3 @@ FloatImage NpyPart(const NpyArray& array, const ImagePart& part);
 float FloatFromHalf(uint16_t half);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_IMAGING_NPY_H_

@@ -1,6 +1,5 @@
 // Images in memory.
-#ifndef TESSERA_COMMON_IMAGING_RASTER_H_
-#define TESSERA_COMMON_IMAGING_RASTER_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -51,5 +50,3 @@ struct PixelMapping {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_IMAGING_RASTER_H_

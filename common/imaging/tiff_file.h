@@ -1,6 +1,5 @@
 // Multi-page TIFF files. Uses libtiff.
-#ifndef TESSERA_COMMON_IMAGING_TIFF_FILE_H_
-#define TESSERA_COMMON_IMAGING_TIFF_FILE_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -30,5 +29,3 @@ StatusOr<FloatImage> ReadTiffPages(const std::string& path, const TiffSize& expe
 StatusOr<std::vector<uint8_t>> EncodeTiffPages(const ByteImage& pages);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_IMAGING_TIFF_FILE_H_

@@ -1,6 +1,5 @@
 // Undistortion of photographs and of likelihoods in their image frame.
-#ifndef TESSERA_COMMON_IMAGING_UNDISTORT_H_
-#define TESSERA_COMMON_IMAGING_UNDISTORT_H_
+#pragma once
 
 #include "common/imaging/camera.h"
 #include "common/imaging/raster.h"
@@ -18,5 +17,3 @@ FloatImage UndistortPart(FloatImage source, const ImagePart& source_part, const 
                          float outside);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_IMAGING_UNDISTORT_H_

@@ -1,6 +1,5 @@
 // The grid of cells in which changes between flights are measured. Plan and tasks use the same grid.
-#ifndef TESSERA_COMMON_JOB_CHANGE_CELLS_H_
-#define TESSERA_COMMON_JOB_CHANGE_CELLS_H_
+#pragma once
 
 #include <cmath>
 
@@ -16,5 +15,3 @@ inline constexpr int kBlockCells = 96;
 inline constexpr int kBlockMargin = 14;
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_CHANGE_CELLS_H_

@@ -1,6 +1,5 @@
 // Checked reading of integers from JSON. By default, nlohmann::json casts 1e30 or 4294967297 to int without an error.
-#ifndef TESSERA_COMMON_JOB_EXACT_NUMBERS_H_
-#define TESSERA_COMMON_JOB_EXACT_NUMBERS_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -35,5 +34,3 @@ struct ExactNumbers {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_EXACT_NUMBERS_H_

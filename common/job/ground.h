@@ -1,6 +1,5 @@
 // The ground plane with its grid of cells, in which tiles are planned.
-#ifndef TESSERA_COMMON_JOB_GROUND_H_
-#define TESSERA_COMMON_JOB_GROUND_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -64,5 +63,3 @@ inline double DistanceBetween(const CellRect& a, const CellRect& b, double cell_
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_GROUND_H_

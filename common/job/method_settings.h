@@ -1,6 +1,5 @@
 // The refinement method and its settings, with their limits, as users can set them.
-#ifndef TESSERA_COMMON_JOB_METHOD_SETTINGS_H_
-#define TESSERA_COMMON_JOB_METHOD_SETTINGS_H_
+#pragma once
 
 #include <array>
 #include <optional>
@@ -69,5 +68,3 @@ std::string ToJson(const MethodSettings& settings);
 StatusOr<MethodSettings> ParseMethodSettings(const std::string& json);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_METHOD_SETTINGS_H_

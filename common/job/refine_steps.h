@@ -1,6 +1,5 @@
 // The sequence of steps of a refinement, for the planner (tasks of tiles) and for jobs of one tile.
-#ifndef TESSERA_COMMON_JOB_REFINE_STEPS_H_
-#define TESSERA_COMMON_JOB_REFINE_STEPS_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -56,5 +55,3 @@ bool LabelStepActs(const RefineStep& step, const MethodRules& rules, const Label
 std::vector<int> ActiveSteps(const std::vector<RefineStep>& steps, const MethodRules& rules, const LabelTraits& scene);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_REFINE_STEPS_H_

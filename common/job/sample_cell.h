@@ -1,7 +1,6 @@
 // Selection of the sample cell of a tile: a cell of a neighbouring tile of which the tile also measures a few faces, so
 // that the results of both tiles can be compared.
-#ifndef TESSERA_COMMON_JOB_SAMPLE_CELL_H_
-#define TESSERA_COMMON_JOB_SAMPLE_CELL_H_
+#pragma once
 
 #include "common/job/ground.h"
 #include "common/job/survey.h"
@@ -21,5 +20,3 @@ inline const SurveyCell* BetterSampleCell(const SurveyCell* best, const SurveyCe
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_SAMPLE_CELL_H_

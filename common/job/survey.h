@@ -1,6 +1,5 @@
 // The survey: the properties of a scene that ingest determines, and that planning and cutting use.
-#ifndef TESSERA_COMMON_JOB_SURVEY_H_
-#define TESSERA_COMMON_JOB_SURVEY_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -91,5 +90,3 @@ std::string ClassesToJson(const std::vector<SceneClass>& classes);
 StatusOr<std::vector<SceneClass>> ParseClasses(const std::string& json);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_SURVEY_H_

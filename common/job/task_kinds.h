@@ -1,7 +1,6 @@
 // The table of task kinds. Planner, dispatcher, metrics and worker read it; a new kind is one row here and one function
 // in worker/tasks.
-#ifndef TESSERA_COMMON_JOB_TASK_KINDS_H_
-#define TESSERA_COMMON_JOB_TASK_KINDS_H_
+#pragma once
 
 #include <algorithm>
 #include <array>
@@ -101,5 +100,3 @@ constexpr TaskKind KindOf(std::string_view name) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_TASK_KINDS_H_

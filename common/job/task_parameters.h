@@ -1,6 +1,5 @@
 // Parameters of the tasks. The planner writes them as canonical JSON, which is part of the task's key.
-#ifndef TESSERA_COMMON_JOB_TASK_PARAMETERS_H_
-#define TESSERA_COMMON_JOB_TASK_PARAMETERS_H_
+#pragma once
 
 #include <cstdint>
 #include <limits>
@@ -204,5 +203,3 @@ std::string ToJson(const TileReads& reads);
 StatusOr<TileReads> ParseTileReads(const std::string& json, int tile, int tiles);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_JOB_TASK_PARAMETERS_H_

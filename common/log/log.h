@@ -5,8 +5,7 @@
 //
 // Common fields have the names job, tile, task, attempt, worker, peer and user. Values are escaped and quoted, so that
 // text from outside cannot start a new line or end its quotes.
-#ifndef TESSERA_COMMON_LOG_LOG_H_
-#define TESSERA_COMMON_LOG_LOG_H_
+#pragma once
 
 #include <string>
 #include <utility>
@@ -43,5 +42,3 @@ inline void LogError(const std::string& message, const LogFields& fields = {}) {
 std::string LogLine(const std::string& message, const LogFields& fields, bool json);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_LOG_LOG_H_

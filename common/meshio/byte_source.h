@@ -1,6 +1,5 @@
 // Sequential reading of a file or string through a window, so that files larger than memory can be parsed.
-#ifndef TESSERA_COMMON_MESHIO_BYTE_SOURCE_H_
-#define TESSERA_COMMON_MESHIO_BYTE_SOURCE_H_
+#pragma once
 
 #include <cstdint>
 #include <memory>
@@ -61,5 +60,3 @@ class ByteSource {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_MESHIO_BYTE_SOURCE_H_

@@ -1,6 +1,5 @@
 // A mesh as files hold it, whole or element by element.
-#ifndef TESSERA_COMMON_MESHIO_MESH_CONTENT_H_
-#define TESSERA_COMMON_MESHIO_MESH_CONTENT_H_
+#pragma once
 
 #include <cstdint>
 
@@ -25,5 +24,3 @@ class MeshSink {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_MESHIO_MESH_CONTENT_H_

@@ -1,7 +1,6 @@
 // Mesh files of any format: a table of readers and writers, one row a format. To add a format, write a file with its
 // reader and writer and add a row to kFormats in mesh_format.cc.
-#ifndef TESSERA_COMMON_MESHIO_MESH_FORMAT_H_
-#define TESSERA_COMMON_MESHIO_MESH_FORMAT_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -40,5 +39,3 @@ StatusOr<int64_t> CountMeshFaces(const std::string& path);
 Status WriteMesh(const std::string& path, const TriangleMesh& mesh);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_MESHIO_MESH_FORMAT_H_

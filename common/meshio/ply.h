@@ -1,6 +1,5 @@
 // Reading and writing of PLY files.
-#ifndef TESSERA_COMMON_MESHIO_PLY_H_
-#define TESSERA_COMMON_MESHIO_PLY_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -82,5 +81,3 @@ class PlyStream {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_MESHIO_PLY_H_

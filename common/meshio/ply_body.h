@@ -1,6 +1,5 @@
 // Readers of a PLY file's elements, after its header.
-#ifndef TESSERA_COMMON_MESHIO_PLY_BODY_H_
-#define TESSERA_COMMON_MESHIO_PLY_BODY_H_
+#pragma once
 
 #include <string>
 
@@ -21,5 +20,3 @@ Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::str
 void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh& mesh);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_MESHIO_PLY_BODY_H_

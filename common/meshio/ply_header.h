@@ -1,6 +1,5 @@
 // The header of a PLY file.
-#ifndef TESSERA_COMMON_MESHIO_PLY_HEADER_H_
-#define TESSERA_COMMON_MESHIO_PLY_HEADER_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -58,5 +57,3 @@ int64_t LeastElementBytes(const PlyElement& element, PlyFormat format);
 std::string Quoted(std::string_view text);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_MESHIO_PLY_HEADER_H_

@@ -1,6 +1,5 @@
 // Captions, legends and side-by-side images. All images are RGB; text is ASCII.
-#ifndef TESSERA_COMMON_RENDER_ANNOTATION_H_
-#define TESSERA_COMMON_RENDER_ANNOTATION_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -25,5 +24,3 @@ void DrawLegend(ByteImage* image, const std::vector<std::pair<std::string, std::
 void DrawDisplacementBar(ByteImage* image, double range_m);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_RENDER_ANNOTATION_H_

@@ -1,6 +1,5 @@
 // Colourings of surfaces: by class, displacement from another surface, wrong labels, normals.
-#ifndef TESSERA_COMMON_RENDER_COLORING_H_
-#define TESSERA_COMMON_RENDER_COLORING_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -42,5 +41,3 @@ SurfaceColor DisplacementColor(const TriangleMesh& reference, const NearestSurfa
 double DisplacementRange(const TriangleMesh& mesh, const NearestSurface& reference);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_RENDER_COLORING_H_

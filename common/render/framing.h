@@ -1,6 +1,5 @@
 // Cameras that show a whole mesh, and zoom into a part of an image.
-#ifndef TESSERA_COMMON_RENDER_FRAMING_H_
-#define TESSERA_COMMON_RENDER_FRAMING_H_
+#pragma once
 
 #include <Eigen/Core>
 
@@ -24,5 +23,3 @@ PosedCamera ObliqueCamera(const TriangleMesh& mesh, const Eigen::Vector3d& up, d
 PinholeCamera Zoomed(const PinholeCamera& camera, double x, double y, double share);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_RENDER_FRAMING_H_

@@ -1,6 +1,5 @@
 // Rendered images of meshes for people: ray casting (Embree), daylight and ambient occlusion.
-#ifndef TESSERA_COMMON_RENDER_RENDERER_H_
-#define TESSERA_COMMON_RENDER_RENDERER_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <functional>
@@ -33,5 +32,3 @@ ByteImage Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedC
                  const SurfaceColor& color, const RenderOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_RENDER_RENDERER_H_

@@ -1,6 +1,5 @@
 // Transfers blobs to and from a coordinator in checksummed chunks of 1 MiB. Interrupted transfers resume.
-#ifndef TESSERA_COMMON_RPC_BLOB_CLIENT_H_
-#define TESSERA_COMMON_RPC_BLOB_CLIENT_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -44,5 +43,3 @@ class BlobClient {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_RPC_BLOB_CLIENT_H_

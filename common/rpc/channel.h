@@ -1,6 +1,5 @@
 // gRPC channels to a coordinator: addresses, TLS, credentials, keepalive.
-#ifndef TESSERA_COMMON_RPC_CHANNEL_H_
-#define TESSERA_COMMON_RPC_CHANNEL_H_
+#pragma once
 
 #include <memory>
 #include <mutex>
@@ -95,5 +94,3 @@ Status WaitConnected(grpc::Channel& channel, const std::string& address, double 
 void SetDeadline(grpc::ClientContext& context, double seconds);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_RPC_CHANNEL_H_

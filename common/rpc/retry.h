@@ -1,6 +1,5 @@
 // Retries of calls after transient errors, with exponential back-off.
-#ifndef TESSERA_COMMON_RPC_RETRY_H_
-#define TESSERA_COMMON_RPC_RETRY_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -55,5 +54,3 @@ Status Retry(const RetryPolicy& policy, Idempotency idempotency, const Sleeper& 
              const std::function<Status()>& call);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_RPC_RETRY_H_

@@ -1,6 +1,5 @@
 // Conversion between absl::Status and grpc::Status; their codes have the same numbers.
-#ifndef TESSERA_COMMON_RPC_STATUS_CONVERSION_H_
-#define TESSERA_COMMON_RPC_STATUS_CONVERSION_H_
+#pragma once
 
 #include "common/base/status.h"
 
@@ -20,5 +19,3 @@ Status FromGrpc(const grpc::Status& status);
 grpc::Status ToGrpc(const Status& status);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_RPC_STATUS_CONVERSION_H_

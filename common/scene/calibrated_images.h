@@ -1,7 +1,6 @@
 // Cameras, poses and tie points of a set of images, as every reader of a camera format returns them. Views are built from
 // these.
-#ifndef TESSERA_COMMON_SCENE_CALIBRATED_IMAGES_H_
-#define TESSERA_COMMON_SCENE_CALIBRATED_IMAGES_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -45,5 +44,3 @@ struct CalibratedImages {
 enum class CalibrationContent { kCameras, kCamerasAndPoints };  // the second adds image points and 3D points
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SCENE_CALIBRATED_IMAGES_H_

@@ -1,6 +1,5 @@
 // Full validation of a scene, including pixels and mesh, and its summary for users (tessera check).
-#ifndef TESSERA_COMMON_SCENE_CHECK_H_
-#define TESSERA_COMMON_SCENE_CHECK_H_
+#pragma once
 
 #include <cstdint>
 #include <optional>
@@ -92,5 +91,3 @@ std::string SummaryToText(const SceneSummary& summary);
 std::string SummaryToJson(const SceneSummary& summary, const Warnings& warnings);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SCENE_CHECK_H_

@@ -1,6 +1,5 @@
 // COLMAP sparse models, text and binary: https://colmap.github.io/format.html
-#ifndef TESSERA_COMMON_SCENE_COLMAP_H_
-#define TESSERA_COMMON_SCENE_COLMAP_H_
+#pragma once
 
 #include <string>
 
@@ -25,5 +24,3 @@ void ParseColmapBinary(const std::string& cameras, const std::string& images, co
                        const std::string& folder, CalibrationContent content, CalibratedImages* model, Faults* faults);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SCENE_COLMAP_H_

@@ -1,6 +1,5 @@
 // Checks of COLMAP entries, shared by the text and the binary reader.
-#ifndef TESSERA_COMMON_SCENE_COLMAP_ENTRIES_H_
-#define TESSERA_COMMON_SCENE_COLMAP_ENTRIES_H_
+#pragma once
 
 #include <cstdint>
 #include <map>
@@ -57,5 +56,3 @@ class ColmapBuilder {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SCENE_COLMAP_ENTRIES_H_

@@ -1,6 +1,5 @@
 // Visibility of a mesh in the views of a scene.
-#ifndef TESSERA_COMMON_SCENE_COVERAGE_H_
-#define TESSERA_COMMON_SCENE_COVERAGE_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -27,5 +26,3 @@ StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const Triangle
                                    const TaskControl& control);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SCENE_COVERAGE_H_

@@ -1,6 +1,5 @@
 // Loading of partly invalid scenes, for callers that report all errors.
-#ifndef TESSERA_COMMON_SCENE_LOADING_H_
-#define TESSERA_COMMON_SCENE_LOADING_H_
+#pragma once
 
 #include <string>
 
@@ -15,5 +14,3 @@ SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOpt
                                      Faults* faults);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SCENE_LOADING_H_

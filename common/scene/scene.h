@@ -1,6 +1,5 @@
 // The scene: scene.json and the files that it names. common/scene/README.md describes the formats.
-#ifndef TESSERA_COMMON_SCENE_SCENE_H_
-#define TESSERA_COMMON_SCENE_SCENE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -92,5 +91,3 @@ StatusOr<TriangleMesh> LoadSceneMesh(const SceneDescription& scene, double gsd_m
 StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& mesh);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SCENE_SCENE_H_

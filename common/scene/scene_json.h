@@ -1,6 +1,5 @@
 // Parser of scene.json. It does not access the files that scene.json names.
-#ifndef TESSERA_COMMON_SCENE_SCENE_JSON_H_
-#define TESSERA_COMMON_SCENE_SCENE_JSON_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <optional>
@@ -47,5 +46,3 @@ const std::vector<SceneClass>& KnownClasses();
 SceneFile ParseSceneFile(const std::string& text, const std::string& file, Faults* faults);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SCENE_SCENE_JSON_H_

@@ -1,6 +1,5 @@
 // Files that others name: opened only if they lie where they may, and known by what was opened, not by their path.
-#ifndef TESSERA_COMMON_STORAGE_ALLOWED_FILES_H_
-#define TESSERA_COMMON_STORAGE_ALLOWED_FILES_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -83,5 +82,3 @@ class AllowedFiles {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_STORAGE_ALLOWED_FILES_H_

@@ -1,6 +1,5 @@
 // The interface of blob stores: contents that are named by their SHA-256.
-#ifndef TESSERA_COMMON_STORAGE_BLOB_STORE_H_
-#define TESSERA_COMMON_STORAGE_BLOB_STORE_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -104,5 +103,3 @@ class BlobStore {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_STORAGE_BLOB_STORE_H_

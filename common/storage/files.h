@@ -1,6 +1,5 @@
 // Files and folders, with durability where it matters: temporary name, sync, rename, sync of the folder.
-#ifndef TESSERA_COMMON_STORAGE_FILES_H_
-#define TESSERA_COMMON_STORAGE_FILES_H_
+#pragma once
 
 #include <sys/types.h>
 
@@ -97,5 +96,3 @@ class FileLock {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_STORAGE_FILES_H_

@@ -1,7 +1,6 @@
 // Blobs in a folder: ROOT/ab/abcd...: the blob of that SHA-256; ROOT/partial/: unfinished writes; ROOT/quarantine/:
 // quarantined blobs.
-#ifndef TESSERA_COMMON_STORAGE_FOLDER_BLOBS_H_
-#define TESSERA_COMMON_STORAGE_FOLDER_BLOBS_H_
+#pragma once
 
 #include <array>
 #include <memory>
@@ -62,5 +61,3 @@ class FolderBlobs final : public BlobStore {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_STORAGE_FOLDER_BLOBS_H_

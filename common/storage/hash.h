@@ -1,6 +1,5 @@
 // Content hashes: SHA-256 names content, XXH3 checks chunks on their way.
-#ifndef TESSERA_COMMON_STORAGE_HASH_H_
-#define TESSERA_COMMON_STORAGE_HASH_H_
+#pragma once
 
 #include <array>
 #include <cstddef>
@@ -95,5 +94,3 @@ class Xxh3Hasher {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_STORAGE_HASH_H_

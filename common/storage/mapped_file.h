@@ -1,7 +1,6 @@
 // Files as memory: what is larger than memory is read and written through the system's page cache, which gives pages
 // back when memory is short.
-#ifndef TESSERA_COMMON_STORAGE_MAPPED_FILE_H_
-#define TESSERA_COMMON_STORAGE_MAPPED_FILE_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -118,5 +117,3 @@ class ScratchList {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_STORAGE_MAPPED_FILE_H_

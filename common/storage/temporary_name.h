@@ -1,6 +1,5 @@
 // Names of files that are written first and renamed later.
-#ifndef TESSERA_COMMON_STORAGE_TEMPORARY_NAME_H_
-#define TESSERA_COMMON_STORAGE_TEMPORARY_NAME_H_
+#pragma once
 
 #include <string>
 
@@ -14,5 +13,3 @@ std::string UniqueName();
 inline std::string TemporaryBeside(const std::string& path) { return path + ".tmp-" + UniqueName(); }
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_STORAGE_TEMPORARY_NAME_H_

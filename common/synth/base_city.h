@@ -1,6 +1,5 @@
 // Reading of an existing synthetic city, from which a second epoch is made.
-#ifndef TESSERA_COMMON_SYNTH_BASE_CITY_H_
-#define TESSERA_COMMON_SYNTH_BASE_CITY_H_
+#pragma once
 
 #include <string>
 
@@ -32,5 +31,3 @@ struct ColmapText {
 StatusOr<ColmapText> ReadColmapText(const std::string& folder);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_BASE_CITY_H_

@@ -1,6 +1,5 @@
 // A part of the city prepared for ray casting: surface, textures, acceleration structure.
-#ifndef TESSERA_COMMON_SYNTH_CITY_SCENE_H_
-#define TESSERA_COMMON_SYNTH_CITY_SCENE_H_
+#pragma once
 
 #include <memory>
 #include <vector>
@@ -46,5 +45,3 @@ class CityScene {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_CITY_SCENE_H_

@@ -1,6 +1,5 @@
 // Changes of a second epoch of the city: buildings and trees added or removed, ground and roofs turned into vegetation.
-#ifndef TESSERA_COMMON_SYNTH_EPOCH_CHANGES_H_
-#define TESSERA_COMMON_SYNTH_EPOCH_CHANGES_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -47,5 +46,3 @@ ChangedCity ChangeCity(const CityPlan& plan, const Eigen::AlignedBox2d& part, ui
 Status WriteChanges(const std::string& path, const std::vector<CityChange>& changes);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_EPOCH_CHANGES_H_

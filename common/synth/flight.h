@@ -1,6 +1,5 @@
 // Flight plans: one nadir and four oblique views per station, forward overlap 80 %, side overlap 60 %.
-#ifndef TESSERA_COMMON_SYNTH_FLIGHT_H_
-#define TESSERA_COMMON_SYNTH_FLIGHT_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -30,5 +29,3 @@ std::vector<SynthView> PlanFlightOver(const CityPlan& plan, const Eigen::Aligned
                                       const std::string& prefix, int width_px, int height_px);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_FLIGHT_H_

@@ -1,6 +1,5 @@
 // Simulated errors of classifiers: correlated blobs, confusions between certain classes, blurred borders.
-#ifndef TESSERA_COMMON_SYNTH_LABEL_NOISE_H_
-#define TESSERA_COMMON_SYNTH_LABEL_NOISE_H_
+#pragma once
 
 #include <cstdint>
 
@@ -42,5 +41,3 @@ struct ArgmaxCount {
 ArgmaxCount CountArgmax(const RenderedView& view, const ByteImage& likelihoods);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_LABEL_NOISE_H_

@@ -1,6 +1,5 @@
 // A labelled mesh that is built in two temporary files, so that it may exceed memory.
-#ifndef TESSERA_COMMON_SYNTH_MESH_SPOOL_H_
-#define TESSERA_COMMON_SYNTH_MESH_SPOOL_H_
+#pragma once
 
 #include <cstdint>
 #include <cstdio>
@@ -47,5 +46,3 @@ Status WriteSpooledPly(const std::string& path, MeshSpool& spool);
 Status DropSmallComponents(MeshSpool& from, int64_t min_faces, MeshSpool& to);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_MESH_SPOOL_H_

@@ -1,6 +1,5 @@
 // Value noise on integer lattices: random values as a function of position, for textures, terrain and label errors.
-#ifndef TESSERA_COMMON_SYNTH_NOISE_H_
-#define TESSERA_COMMON_SYNTH_NOISE_H_
+#pragma once
 
 #include <cmath>
 #include <cstdint>
@@ -55,5 +54,3 @@ inline constexpr float kValueNoise2Deviation = 0.43f;
 inline constexpr float kValueNoise3Deviation = 0.37f;
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_NOISE_H_

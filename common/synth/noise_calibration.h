@@ -1,7 +1,6 @@
 // Calibration of label noise: finds the thresholds at which start labels and likelihoods have the target accuracy, so
 // that all cities are equally difficult.
-#ifndef TESSERA_COMMON_SYNTH_NOISE_CALIBRATION_H_
-#define TESSERA_COMMON_SYNTH_NOISE_CALIBRATION_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -54,5 +53,3 @@ double CalibrateLikelihoods(const CityScene& scene, const std::vector<const Synt
                             const std::vector<uint64_t>& seeds);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_NOISE_CALIBRATION_H_

@@ -1,6 +1,5 @@
 // The layout of the procedural city: streets, blocks, buildings, trees and terrain.
-#ifndef TESSERA_COMMON_SYNTH_PLAN_H_
-#define TESSERA_COMMON_SYNTH_PLAN_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -113,5 +112,3 @@ struct CityChanges {
 const Planting* PlantingAt(const CityPlan& plan, double x, double y);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_PLAN_H_

@@ -1,6 +1,5 @@
 // Simulated photographs of the city with typical image errors, and the true class and position of each pixel.
-#ifndef TESSERA_COMMON_SYNTH_RENDER_H_
-#define TESSERA_COMMON_SYNTH_RENDER_H_
+#pragma once
 
 #include "common/imaging/raster.h"
 #include "common/synth/city_scene.h"
@@ -20,5 +19,3 @@ struct RenderedView {
 RenderedView RenderView(const CityScene& scene, const SynthView& view, uint64_t seed, bool with_rgb);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_RENDER_H_

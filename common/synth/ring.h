@@ -1,6 +1,5 @@
 // Footprints as polygons.
-#ifndef TESSERA_COMMON_SYNTH_RING_H_
-#define TESSERA_COMMON_SYNTH_RING_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -28,5 +27,3 @@ Ring Widened(const Ring& ring, double by);
 std::optional<Ring> UnionOf(const Ring& a, const Ring& b);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_RING_H_

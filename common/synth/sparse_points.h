@@ -1,6 +1,5 @@
 // Sparse 3D points of the COLMAP model: surface points seen in several views, with noisy observations.
-#ifndef TESSERA_COMMON_SYNTH_SPARSE_POINTS_H_
-#define TESSERA_COMMON_SYNTH_SPARSE_POINTS_H_
+#pragma once
 
 #include <array>
 #include <vector>
@@ -27,5 +26,3 @@ std::vector<SparsePoint> MakeSparsePoints(const CityScene& scene, const std::vec
                                           const std::vector<int>& views, int count, uint64_t seed);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_SPARSE_POINTS_H_

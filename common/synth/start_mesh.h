@@ -1,6 +1,5 @@
 // The coarse start mesh, as from volumetric reconstruction: noisy occupancy on a voxel grid, then marching cubes.
-#ifndef TESSERA_COMMON_SYNTH_START_MESH_H_
-#define TESSERA_COMMON_SYNTH_START_MESH_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -39,5 +38,3 @@ class BlockSource {
 StartChunk ExtractStartChunk(const CityPlan& plan, const BlockSource& source, int column, int row);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_START_MESH_H_

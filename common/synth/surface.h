@@ -1,6 +1,5 @@
 // Labelled, textured triangle surfaces of the city, and the solids for the start mesh's occupancy.
-#ifndef TESSERA_COMMON_SYNTH_SURFACE_H_
-#define TESSERA_COMMON_SYNTH_SURFACE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -145,5 +144,3 @@ double CrownDistance(const TreeSpec& spec, const Eigen::Vector3d& p);
 BlockSolids BuildBlock(const CityPlan& plan, int column, int row);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_SURFACE_H_

@@ -1,7 +1,6 @@
 // `tessera synth`: generates a procedural city with ground truth as a scene (images, cameras, likelihoods, coarse start
 // mesh).
-#ifndef TESSERA_COMMON_SYNTH_SYNTH_H_
-#define TESSERA_COMMON_SYNTH_SYNTH_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -58,5 +57,3 @@ StatusOr<SynthReport> SynthesizeSecondEpoch(const SecondEpochOptions& options, c
                                             const TaskControl& control);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_SYNTH_H_

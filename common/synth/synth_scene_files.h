@@ -1,6 +1,5 @@
 // Writing of a synthetic scene's text files: COLMAP model, scene.json, synth.json.
-#ifndef TESSERA_COMMON_SYNTH_SYNTH_SCENE_FILES_H_
-#define TESSERA_COMMON_SYNTH_SYNTH_SCENE_FILES_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -32,5 +31,3 @@ Status WriteSceneJson(const std::string& folder, const std::string& name, const 
                       const SynthReport& report, const EpochFiles* epoch = nullptr);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_SYNTH_SCENE_FILES_H_

@@ -1,6 +1,5 @@
 // The ground as a height field on a tensor grid with lines along the kerbs.
-#ifndef TESSERA_COMMON_SYNTH_TERRAIN_GRID_H_
-#define TESSERA_COMMON_SYNTH_TERRAIN_GRID_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -29,5 +28,3 @@ int32_t GroundCellLabel(const CityPlan& plan, const GroundGrid& grid, size_t i, 
 TexturedSurface BuildGround(const CityPlan& plan, const GroundGrid& grid, int column, int row);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_TERRAIN_GRID_H_

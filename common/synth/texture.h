@@ -1,6 +1,5 @@
 // Procedural textures: the albedo as a function of the position in the city.
-#ifndef TESSERA_COMMON_SYNTH_TEXTURE_H_
-#define TESSERA_COMMON_SYNTH_TEXTURE_H_
+#pragma once
 
 #include <Eigen/Core>
 
@@ -14,5 +13,3 @@ namespace tessera {
 Eigen::Vector3f Albedo(const CityPlan& plan, const SurfacePatch& patch, const Eigen::Vector3d& p);
 
 }  // namespace tessera
-
-#endif  // TESSERA_COMMON_SYNTH_TEXTURE_H_

@@ -1,6 +1,5 @@
 // Admission of jobs: from a submission to a created job, for every way to submit one (gRPC, a page).
-#ifndef TESSERA_SERVER_ADMISSION_ADMISSION_H_
-#define TESSERA_SERVER_ADMISSION_ADMISSION_H_
+#pragma once
 
 #include <string>
 #include <utility>
@@ -65,5 +64,3 @@ class Admission {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_ADMISSION_ADMISSION_H_

@@ -1,6 +1,5 @@
 // Bounds of the strings that callers send.
-#ifndef TESSERA_SERVER_ADMISSION_FIELD_BOUNDS_H_
-#define TESSERA_SERVER_ADMISSION_FIELD_BOUNDS_H_
+#pragma once
 
 #include <cstddef>
 #include <string>
@@ -18,5 +17,3 @@ inline Status CheckSize(const std::string& field, size_t bytes, size_t most) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_ADMISSION_FIELD_BOUNDS_H_

@@ -1,6 +1,5 @@
 // Digests of a scene's files, cached while the files do not change.
-#ifndef TESSERA_SERVER_ADMISSION_SCENE_FILES_H_
-#define TESSERA_SERVER_ADMISSION_SCENE_FILES_H_
+#pragma once
 
 #include <functional>
 #include <string>
@@ -29,5 +28,3 @@ StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const std::string& folder, c
                                                     const Cancelled& cancelled = {});
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_ADMISSION_SCENE_FILES_H_

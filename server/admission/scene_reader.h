@@ -1,6 +1,5 @@
 // Reads the scene of a submission: its files, its faults and the classifier that its likelihoods come from.
-#ifndef TESSERA_SERVER_ADMISSION_SCENE_READER_H_
-#define TESSERA_SERVER_ADMISSION_SCENE_READER_H_
+#pragma once
 
 #include <functional>
 #include <string>
@@ -37,5 +36,3 @@ using SceneReader = std::function<StatusOr<SceneListing>(const std::string& path
                                                          const AllowedFiles& allowed)>;
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_ADMISSION_SCENE_READER_H_

@@ -1,6 +1,5 @@
 // Authentication and authorization: checks every call of every service before its message is read.
-#ifndef TESSERA_SERVER_AUTH_ACCESS_H_
-#define TESSERA_SERVER_AUTH_ACCESS_H_
+#pragma once
 
 #include <atomic>
 #include <map>
@@ -80,5 +79,3 @@ class Access {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_AUTH_ACCESS_H_

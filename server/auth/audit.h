@@ -1,6 +1,5 @@
 // Audit log: one line for each RPC that changes something, with its caller and outcome.
-#ifndef TESSERA_SERVER_AUTH_AUDIT_H_
-#define TESSERA_SERVER_AUTH_AUDIT_H_
+#pragma once
 
 #include <optional>
 #include <string>
@@ -29,5 +28,3 @@ void LogAudit(std::string_view method, const std::string& peer, const std::strin
               const std::string& error, const LogFields& what);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_AUTH_AUDIT_H_

@@ -1,7 +1,6 @@
 // Limits per client. A client is the name of a token or, without tokens, an address; all callers through Unix sockets
 // are one client.
-#ifndef TESSERA_SERVER_AUTH_CLIENT_LIMITS_H_
-#define TESSERA_SERVER_AUTH_CLIENT_LIMITS_H_
+#pragma once
 
 #include <chrono>
 #include <cstdint>
@@ -97,5 +96,3 @@ class ClientLimits {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_AUTH_CLIENT_LIMITS_H_

@@ -1,6 +1,5 @@
 // Options, requests and error reports that the job commands share.
-#ifndef TESSERA_SERVER_CLI_COMMAND_LINE_H_
-#define TESSERA_SERVER_CLI_COMMAND_LINE_H_
+#pragma once
 
 #include <cstdio>
 #include <string>
@@ -66,5 +65,3 @@ int ReportError(const std::string& command, const Status& status);
 int ExitCodeOfJob(const v1::Job& job, bool bad_input);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLI_COMMAND_LINE_H_

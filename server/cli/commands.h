@@ -1,6 +1,5 @@
 // The commands of `tessera`, one file each.
-#ifndef TESSERA_SERVER_CLI_COMMANDS_H_
-#define TESSERA_SERVER_CLI_COMMANDS_H_
+#pragma once
 
 namespace CLI {
 class App;
@@ -43,5 +42,3 @@ void AddUpdateCommand(CLI::App& app, int* exit_code);
 void AddWatchCommand(CLI::App& app, int* exit_code);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLI_COMMANDS_H_

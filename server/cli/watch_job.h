@@ -1,6 +1,5 @@
 // Watches a job of a coordinator until it has ended.
-#ifndef TESSERA_SERVER_CLI_WATCH_JOB_H_
-#define TESSERA_SERVER_CLI_WATCH_JOB_H_
+#pragma once
 
 #include <string>
 
@@ -15,5 +14,3 @@ int WatchJobWithProgress(Connection& connection, const std::string& job, const s
 int WatchJobAsJson(Connection& connection, const std::string& job, const std::string& command);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLI_WATCH_JOB_H_

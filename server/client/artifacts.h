@@ -1,6 +1,5 @@
 // Downloads the files that a job published.
-#ifndef TESSERA_SERVER_CLIENT_ARTIFACTS_H_
-#define TESSERA_SERVER_CLIENT_ARTIFACTS_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -17,5 +16,3 @@ StatusOr<std::vector<std::string>> FetchArtifacts(Connection& connection, const 
                                                   const std::string& staging, const TaskControl& control);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_ARTIFACTS_H_

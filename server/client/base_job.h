@@ -1,6 +1,5 @@
 // Resolves --base: the base job of an update, given as a job name or as the folder of an earlier run.
-#ifndef TESSERA_SERVER_CLIENT_BASE_JOB_H_
-#define TESSERA_SERVER_CLIENT_BASE_JOB_H_
+#pragma once
 
 #include <string>
 
@@ -22,5 +21,3 @@ Status WriteRunResult(const std::string& state_dir, const RunResult& result);
 StatusOr<RunResult> ResolveBaseJob(const std::string& base, const std::string& data_dir);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_BASE_JOB_H_

@@ -1,6 +1,5 @@
 // A child process.
-#ifndef TESSERA_SERVER_CLIENT_CHILD_PROCESS_H_
-#define TESSERA_SERVER_CLIENT_CHILD_PROCESS_H_
+#pragma once
 
 #include <sys/types.h>
 
@@ -51,5 +50,3 @@ std::string LastLines(const std::string& log, int count);
 StatusOr<std::string> ProgramFolder();
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_CHILD_PROCESS_H_

@@ -1,6 +1,5 @@
 // The client side of the coordinator's gRPC services.
-#ifndef TESSERA_SERVER_CLIENT_CONNECTION_H_
-#define TESSERA_SERVER_CLIENT_CONNECTION_H_
+#pragma once
 
 #include <functional>
 #include <memory>
@@ -67,5 +66,3 @@ class Connection {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_CONNECTION_H_

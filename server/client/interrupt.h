@@ -1,6 +1,5 @@
 // Counts interrupts (Ctrl-C) so that commands can stop in order.
-#ifndef TESSERA_SERVER_CLIENT_INTERRUPT_H_
-#define TESSERA_SERVER_CLIENT_INTERRUPT_H_
+#pragma once
 
 namespace tessera {
 
@@ -14,5 +13,3 @@ int Interrupts();
 bool SleepUnlessInterrupted(double seconds);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_INTERRUPT_H_

@@ -1,6 +1,5 @@
 // Names and text of jobs and tasks for people.
-#ifndef TESSERA_SERVER_CLIENT_JOB_TEXT_H_
-#define TESSERA_SERVER_CLIENT_JOB_TEXT_H_
+#pragma once
 
 #include <string>
 
@@ -31,5 +30,3 @@ std::string FormatDuration(double seconds);
 std::string FormatThousands(long long value);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_JOB_TEXT_H_

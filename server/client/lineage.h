@@ -1,6 +1,5 @@
 // Lineage of tiles: which job of a chain of updates refined each tile, and from which images.
-#ifndef TESSERA_SERVER_CLIENT_LINEAGE_H_
-#define TESSERA_SERVER_CLIENT_LINEAGE_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -76,5 +75,3 @@ StatusOr<Lineage> TraceTiles(std::vector<LineageJob> chain);
 Status FillImages(const std::function<StatusOr<std::string>(const Digest&)>& read, int tile, Lineage* lineage);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_LINEAGE_H_

@@ -1,6 +1,5 @@
 // A coordinator and workers on this machine, owned by one command.
-#ifndef TESSERA_SERVER_CLIENT_LOCAL_CLUSTER_H_
-#define TESSERA_SERVER_CLIENT_LOCAL_CLUSTER_H_
+#pragma once
 
 #include <memory>
 #include <optional>
@@ -71,5 +70,3 @@ class LocalCluster {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_LOCAL_CLUSTER_H_

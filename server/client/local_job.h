@@ -1,7 +1,6 @@
 // Runs one job from submission to the download of its files in its own thread, so that the thread that supervises the
 // processes never blocks on a call.
-#ifndef TESSERA_SERVER_CLIENT_LOCAL_JOB_H_
-#define TESSERA_SERVER_CLIENT_LOCAL_JOB_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -44,5 +43,3 @@ class LocalJob {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_LOCAL_JOB_H_

@@ -1,6 +1,5 @@
 // Tile meshes that differ between two jobs.
-#ifndef TESSERA_SERVER_CLIENT_TILE_CHANGES_H_
-#define TESSERA_SERVER_CLIENT_TILE_CHANGES_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -28,5 +27,3 @@ v1::Job OnlyChanged(const v1::Job& job, const std::vector<TileFileChange>& chang
 std::string ChangesJson(const v1::Job& base, const v1::Job& job, const std::vector<TileFileChange>& changes);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_TILE_CHANGES_H_

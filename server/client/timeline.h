@@ -1,6 +1,5 @@
 // Chrome trace of a job's attempts.
-#ifndef TESSERA_SERVER_CLIENT_TIMELINE_H_
-#define TESSERA_SERVER_CLIENT_TIMELINE_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -26,5 +25,3 @@ std::string TimelineJson(const v1::Job& job, std::vector<v1::Attempt> attempts, 
 Status WriteTimeline(Connection& connection, const std::string& job, const Clock& clock, const std::string& path);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_CLIENT_TIMELINE_H_

@@ -1,6 +1,5 @@
 // Lineage of tiles as text and as JSON.
-#ifndef TESSERA_SERVER_DISPLAY_LINEAGE_TEXT_H_
-#define TESSERA_SERVER_DISPLAY_LINEAGE_TEXT_H_
+#pragma once
 
 #include <string>
 
@@ -21,5 +20,3 @@ StatusOr<std::string> TileLineageText(const Lineage& lineage, int tile, bool wit
 StatusOr<std::string> LineageJson(const Lineage& lineage, int tile);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_DISPLAY_LINEAGE_TEXT_H_

@@ -1,6 +1,5 @@
 // A plan as a table, as JSON and as a map.
-#ifndef TESSERA_SERVER_DISPLAY_PLAN_TEXT_H_
-#define TESSERA_SERVER_DISPLAY_PLAN_TEXT_H_
+#pragma once
 
 #include <optional>
 #include <string>
@@ -26,5 +25,3 @@ std::string PlanJson(const Quote& quote, const PlanTerms& terms);
 std::string PlanMap(const Quote& quote, const Survey& survey);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_DISPLAY_PLAN_TEXT_H_

@@ -1,6 +1,5 @@
 // Progress of a job: a bar and the running tasks, redrawn on a terminal; plain lines elsewhere.
-#ifndef TESSERA_SERVER_DISPLAY_PROGRESS_DISPLAY_H_
-#define TESSERA_SERVER_DISPLAY_PROGRESS_DISPLAY_H_
+#pragma once
 
 #include <cstdio>
 #include <map>
@@ -45,5 +44,3 @@ class ProgressDisplay {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_DISPLAY_PROGRESS_DISPLAY_H_

@@ -1,6 +1,5 @@
 // Summary of a finished run.
-#ifndef TESSERA_SERVER_DISPLAY_RUN_SUMMARY_H_
-#define TESSERA_SERVER_DISPLAY_RUN_SUMMARY_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -12,5 +11,3 @@ namespace tessera {
 std::vector<std::string> RunSummary(const std::string& out);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_DISPLAY_RUN_SUMMARY_H_

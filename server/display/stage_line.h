@@ -1,6 +1,5 @@
 // Progress of a command's own computation, on a terminal.
-#ifndef TESSERA_SERVER_DISPLAY_STAGE_LINE_H_
-#define TESSERA_SERVER_DISPLAY_STAGE_LINE_H_
+#pragma once
 
 #include <chrono>
 #include <mutex>
@@ -24,5 +23,3 @@ class StageLine {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_DISPLAY_STAGE_LINE_H_

@@ -1,6 +1,5 @@
 // A map of tiles and cameras as SVG.
-#ifndef TESSERA_SERVER_DISPLAY_SVG_MAP_H_
-#define TESSERA_SERVER_DISPLAY_SVG_MAP_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -27,5 +26,3 @@ struct SvgMap {
 std::string ToSvg(const SvgMap& map);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_DISPLAY_SVG_MAP_H_

@@ -1,6 +1,5 @@
 // The plan of an update as a table and as a map.
-#ifndef TESSERA_SERVER_DISPLAY_UPDATE_TEXT_H_
-#define TESSERA_SERVER_DISPLAY_UPDATE_TEXT_H_
+#pragma once
 
 #include <string>
 
@@ -22,5 +21,3 @@ StatusOr<std::string> UpdateSummary(const std::string& json);
 StatusOr<std::string> UpdateMap(const std::string& json);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_DISPLAY_UPDATE_TEXT_H_

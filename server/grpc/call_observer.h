@@ -1,6 +1,5 @@
 // Interceptor of all calls: counts every call and audits those that change something.
-#ifndef TESSERA_SERVER_GRPC_CALL_OBSERVER_H_
-#define TESSERA_SERVER_GRPC_CALL_OBSERVER_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -24,5 +23,3 @@ std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCa
                                                                                     const Access* access);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_GRPC_CALL_OBSERVER_H_

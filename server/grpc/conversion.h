@@ -1,6 +1,5 @@
 // Conversions between the coordinator's value types and the messages of tessera.v1. Include in .cc files only.
-#ifndef TESSERA_SERVER_GRPC_CONVERSION_H_
-#define TESSERA_SERVER_GRPC_CONVERSION_H_
+#pragma once
 
 #include "server/jobs/job_status.h"
 #include "server/leases/leases.h"
@@ -20,5 +19,3 @@ void ToProto(const AttemptStatus& status, v1::Attempt* proto);
 void ToProto(const GrantedLease& lease, bool shared_paths, v1::Lease* proto);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_GRPC_CONVERSION_H_

@@ -1,6 +1,5 @@
 // The coordinator's gRPC server: the services of tessera.v1, health and, if enabled, reflection.
-#ifndef TESSERA_SERVER_GRPC_COORDINATOR_SERVER_H_
-#define TESSERA_SERVER_GRPC_COORDINATOR_SERVER_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -85,5 +84,3 @@ class CoordinatorServer {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_GRPC_COORDINATOR_SERVER_H_

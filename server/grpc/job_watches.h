@@ -1,6 +1,5 @@
 // Watches of jobs: thousands of streams without a thread each.
-#ifndef TESSERA_SERVER_GRPC_JOB_WATCHES_H_
-#define TESSERA_SERVER_GRPC_JOB_WATCHES_H_
+#pragma once
 
 #include <memory>
 
@@ -39,5 +38,3 @@ class JobWatches {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_GRPC_JOB_WATCHES_H_

@@ -1,6 +1,5 @@
 // Sizes of pages, for all services alike.
-#ifndef TESSERA_SERVER_GRPC_REQUEST_BOUNDS_H_
-#define TESSERA_SERVER_GRPC_REQUEST_BOUNDS_H_
+#pragma once
 
 #include <algorithm>
 #include <cstddef>
@@ -14,5 +13,3 @@ inline constexpr size_t kPageBytes = size_t{2} << 20;  // a page ends at this si
 inline int PageSize(int asked, int by_default) { return asked <= 0 ? by_default : std::min(asked, kMaxPage); }
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_GRPC_REQUEST_BOUNDS_H_

@@ -1,7 +1,6 @@
 // The gRPC services. Each method converts the request, calls the coordinator and converts the answer. Include in .cc
 // files only.
-#ifndef TESSERA_SERVER_GRPC_SERVICES_H_
-#define TESSERA_SERVER_GRPC_SERVICES_H_
+#pragma once
 
 #include <functional>
 #include <map>
@@ -141,5 +140,3 @@ class BlobsService final : public v1::Blobs::Service {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_GRPC_SERVICES_H_

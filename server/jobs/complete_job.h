@@ -1,6 +1,5 @@
 // A job as a user submits it, and what it takes over from its base job.
-#ifndef TESSERA_SERVER_JOBS_COMPLETE_JOB_H_
-#define TESSERA_SERVER_JOBS_COMPLETE_JOB_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -30,5 +29,3 @@ struct NewJob {
 StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_COMPLETE_JOB_H_

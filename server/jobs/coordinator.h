@@ -1,6 +1,5 @@
 // A coordinator: accepts jobs, leases their tasks to workers, and plans what follows from their results.
-#ifndef TESSERA_SERVER_JOBS_COORDINATOR_H_
-#define TESSERA_SERVER_JOBS_COORDINATOR_H_
+#pragma once
 
 #include <memory>
 
@@ -48,5 +47,3 @@ class Coordinator {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_COORDINATOR_H_

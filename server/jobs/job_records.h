@@ -1,6 +1,5 @@
 // Records that end or delete a job. Both functions need the core's mutex.
-#ifndef TESSERA_SERVER_JOBS_JOB_RECORDS_H_
-#define TESSERA_SERVER_JOBS_JOB_RECORDS_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -18,5 +17,3 @@ Status CommitEnd(DispatchCore& core, int job, JobState state, const std::string&
 Status CommitDeletion(DispatchCore& core, const std::string& name, const std::string& reason);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_JOB_RECORDS_H_

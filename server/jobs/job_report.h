@@ -1,6 +1,5 @@
 // job.json: the report of a job, for its user.
-#ifndef TESSERA_SERVER_JOBS_JOB_REPORT_H_
-#define TESSERA_SERVER_JOBS_JOB_REPORT_H_
+#pragma once
 
 #include <cstdint>
 #include <map>
@@ -35,5 +34,3 @@ class JobReport {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_JOB_REPORT_H_

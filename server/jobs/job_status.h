@@ -1,6 +1,5 @@
 // Jobs and tasks as they are shown: the ledger's state and the progress that workers report.
-#ifndef TESSERA_SERVER_JOBS_JOB_STATUS_H_
-#define TESSERA_SERVER_JOBS_JOB_STATUS_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -62,5 +61,3 @@ void TakeEndFrom(JobStatus& status);
 TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_JOB_STATUS_H_

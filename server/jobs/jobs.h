@@ -1,6 +1,5 @@
 // Jobs as users create, change and see them.
-#ifndef TESSERA_SERVER_JOBS_JOBS_H_
-#define TESSERA_SERVER_JOBS_JOBS_H_
+#pragma once
 
 #include <mutex>
 #include <optional>
@@ -82,5 +81,3 @@ class Jobs {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_JOBS_H_

@@ -1,6 +1,5 @@
 // The next step of a job that needs no worker: to plan a phase, to quarantine a tile, or to end.
-#ifndef TESSERA_SERVER_JOBS_PENDING_STEP_H_
-#define TESSERA_SERVER_JOBS_PENDING_STEP_H_
+#pragma once
 
 #include <map>
 #include <optional>
@@ -49,5 +48,3 @@ StatusOr<Digest> StoreReport(DispatchCore& core, const PendingStep& step);
 inline constexpr char kJobFile[] = "job.json";
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_PENDING_STEP_H_

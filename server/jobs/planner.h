@@ -1,6 +1,5 @@
 // What server/jobs calls of server/plan. Tests override it with planners of small graphs.
-#ifndef TESSERA_SERVER_JOBS_PLANNER_H_
-#define TESSERA_SERVER_JOBS_PLANNER_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -37,5 +36,3 @@ class Planner {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_PLANNER_H_

@@ -1,6 +1,5 @@
 // What the coordinator does by itself, without a worker: plan jobs, take known results, admit and end jobs.
-#ifndef TESSERA_SERVER_JOBS_PLANNING_LOOP_H_
-#define TESSERA_SERVER_JOBS_PLANNING_LOOP_H_
+#pragma once
 
 #include <atomic>
 #include <mutex>
@@ -53,5 +52,3 @@ class PlanningLoop {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_PLANNING_LOOP_H_

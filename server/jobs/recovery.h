@@ -1,6 +1,5 @@
 // Blobs that were lost or damaged: quarantined, and made again by the task that made them, as far back as needed.
-#ifndef TESSERA_SERVER_JOBS_RECOVERY_H_
-#define TESSERA_SERVER_JOBS_RECOVERY_H_
+#pragma once
 
 #include <mutex>
 #include <set>
@@ -58,5 +57,3 @@ class Recovery {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_RECOVERY_H_

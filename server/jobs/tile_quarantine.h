@@ -1,6 +1,5 @@
 // Jobs that continue without a tile whose refinement fails: the tile is quarantined.
-#ifndef TESSERA_SERVER_JOBS_TILE_QUARANTINE_H_
-#define TESSERA_SERVER_JOBS_TILE_QUARANTINE_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -37,5 +36,3 @@ PlanChange ChangePlan(int first, const std::vector<KnownTask>& known, std::vecto
 int FirstBehindCuts(const Job& job);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_TILE_QUARANTINE_H_

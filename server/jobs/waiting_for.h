@@ -1,6 +1,5 @@
 // Why a job makes no progress, as text.
-#ifndef TESSERA_SERVER_JOBS_WAITING_FOR_H_
-#define TESSERA_SERVER_JOBS_WAITING_FOR_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -25,5 +24,3 @@ std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, 
                        const Room& room, int64_t now_us);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_JOBS_WAITING_FOR_H_

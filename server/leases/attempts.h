@@ -1,6 +1,5 @@
 // What ends an attempt, and whether it is the current one. All functions need the core's mutex.
-#ifndef TESSERA_SERVER_LEASES_ATTEMPTS_H_
-#define TESSERA_SERVER_LEASES_ATTEMPTS_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -24,5 +23,3 @@ Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryVerdict& verdict, 
 void ReportSuspended(DispatchCore& core, const std::vector<SuspendedWorker>& workers);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_ATTEMPTS_H_

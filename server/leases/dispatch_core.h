@@ -1,6 +1,5 @@
 // The state that a coordinator's classes share: ledger, leases, waiting calls and journal, under one mutex.
-#ifndef TESSERA_SERVER_LEASES_DISPATCH_CORE_H_
-#define TESSERA_SERVER_LEASES_DISPATCH_CORE_H_
+#pragma once
 
 #include <atomic>
 #include <condition_variable>
@@ -125,5 +124,3 @@ class DispatchCore {
 void WakeWorkers(DispatchCore& core, int more, size_t first);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_DISPATCH_CORE_H_

@@ -1,6 +1,5 @@
 // How many jobs and workers a coordinator accepts.
-#ifndef TESSERA_SERVER_LEASES_JOB_LIMITS_H_
-#define TESSERA_SERVER_LEASES_JOB_LIMITS_H_
+#pragma once
 
 #include <string>
 
@@ -31,5 +30,3 @@ Status CheckJobLimits(const Ledger& ledger, const std::string& client, const Job
 Status CheckWorkerLimits(const LeaseTable& leases, const std::string& client, const WorkerLimits& limits);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_JOB_LIMITS_H_

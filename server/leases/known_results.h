@@ -1,6 +1,5 @@
 // Tasks whose result is known under their key: they succeed without a worker.
-#ifndef TESSERA_SERVER_LEASES_KNOWN_RESULTS_H_
-#define TESSERA_SERVER_LEASES_KNOWN_RESULTS_H_
+#pragma once
 
 #include "common/base/status.h"
 #include "server/leases/dispatch_core.h"
@@ -13,5 +12,3 @@ bool MayReuse(const Ledger& ledger, TaskRef ref);
 Status Reuse(DispatchCore& core, TaskRef ref);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_KNOWN_RESULTS_H_

@@ -1,6 +1,5 @@
 // A worker's call for a task, and what it is given.
-#ifndef TESSERA_SERVER_LEASES_LEASE_CALL_H_
-#define TESSERA_SERVER_LEASES_LEASE_CALL_H_
+#pragma once
 
 #include <chrono>
 #include <cstdint>
@@ -50,5 +49,3 @@ struct LeaseCall {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_LEASE_CALL_H_

@@ -1,6 +1,5 @@
 // Leases and registered workers: the state that is not stored.
-#ifndef TESSERA_SERVER_LEASES_LEASE_TABLE_H_
-#define TESSERA_SERVER_LEASES_LEASE_TABLE_H_
+#pragma once
 
 #include <cstdint>
 #include <limits>
@@ -124,5 +123,3 @@ class LeaseTable {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_LEASE_TABLE_H_

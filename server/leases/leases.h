@@ -1,6 +1,5 @@
 // Workers and their leases: a worker registers, leases tasks, sends heartbeats and reports.
-#ifndef TESSERA_SERVER_LEASES_LEASES_H_
-#define TESSERA_SERVER_LEASES_LEASES_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -131,5 +130,3 @@ class Leases {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_LEASES_H_

@@ -1,6 +1,5 @@
 // Which task a worker gets: one that fits its memory, of the first job, preferably of a tile that the worker has.
-#ifndef TESSERA_SERVER_LEASES_PLACEMENT_H_
-#define TESSERA_SERVER_LEASES_PLACEMENT_H_
+#pragma once
 
 #include <optional>
 #include <string>
@@ -20,5 +19,3 @@ struct Placement {
 Placement PlaceTask(Ledger& ledger, LeaseTable& leases, const std::string& worker, double waited_s, int64_t now_us);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_PLACEMENT_H_

@@ -6,8 +6,7 @@
 // - A worker that falls silent counts against its task if another worker on its machine (same host, same boot) called
 //   since: then the worker's process ended or hung. If the whole machine is silent, it does not count.
 // - A worker that has not called since the coordinator started does not count: its end was not observed.
-#ifndef TESSERA_SERVER_LEASES_RETRY_RULE_H_
-#define TESSERA_SERVER_LEASES_RETRY_RULE_H_
+#pragma once
 
 #include <functional>
 #include <string>
@@ -69,5 +68,3 @@ double StallLimit_s(const PlannedTask& plan, int threads, double stall_s);
 TaskFailure StallOf(const LeaseState& lease, double limit_s);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_RETRY_RULE_H_

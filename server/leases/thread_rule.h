@@ -1,6 +1,5 @@
 // How many threads a task may use.
-#ifndef TESSERA_SERVER_LEASES_THREAD_RULE_H_
-#define TESSERA_SERVER_LEASES_THREAD_RULE_H_
+#pragma once
 
 namespace tessera {
 
@@ -16,5 +15,3 @@ struct HostLoad {
 int ThreadsOfTask(const HostLoad& host, int ready, int most);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_THREAD_RULE_H_

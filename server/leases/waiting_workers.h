@@ -1,6 +1,5 @@
 // Calls of workers that wait for a task, and which of them is woken.
-#ifndef TESSERA_SERVER_LEASES_WAITING_WORKERS_H_
-#define TESSERA_SERVER_LEASES_WAITING_WORKERS_H_
+#pragma once
 
 #include <condition_variable>
 #include <cstdint>
@@ -66,5 +65,3 @@ class WaitingWorkers {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_WAITING_WORKERS_H_

@@ -1,6 +1,5 @@
 // A thread for work that its caller must not wait for.
-#ifndef TESSERA_SERVER_LEASES_WORK_THREAD_H_
-#define TESSERA_SERVER_LEASES_WORK_THREAD_H_
+#pragma once
 
 #include <condition_variable>
 #include <deque>
@@ -29,5 +28,3 @@ class WorkThread {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_WORK_THREAD_H_

@@ -3,8 +3,7 @@
 // A worker that reports an unusable scratch folder is suspended at once; so is one that fails tasks which other workers
 // then do. It gets a task again after some time. If that fails too, it is suspended for twice as long; a task that it
 // does ends this. Nothing of it is stored.
-#ifndef TESSERA_SERVER_LEASES_WORKER_EVIDENCE_H_
-#define TESSERA_SERVER_LEASES_WORKER_EVIDENCE_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -39,5 +38,3 @@ std::vector<SuspendedWorker> NoteSuccess(const JobTask& task, const std::string&
                                          int64_t now_us, LeaseTable& leases);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEASES_WORKER_EVIDENCE_H_

@@ -1,6 +1,5 @@
 // Which blobs the jobs that are kept refer to, and which they came to refer to lately.
-#ifndef TESSERA_SERVER_LEDGER_BLOB_REFERENCES_H_
-#define TESSERA_SERVER_LEDGER_BLOB_REFERENCES_H_
+#pragma once
 
 #include <cstdint>
 #include <optional>
@@ -71,5 +70,3 @@ struct BlobUse {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_BLOB_REFERENCES_H_

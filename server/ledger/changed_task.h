@@ -1,6 +1,5 @@
 // The task that a record is about, for logs.
-#ifndef TESSERA_SERVER_LEDGER_CHANGED_TASK_H_
-#define TESSERA_SERVER_LEDGER_CHANGED_TASK_H_
+#pragma once
 
 #include <deque>
 #include <mutex>
@@ -37,5 +36,3 @@ class ChangedTasks {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_CHANGED_TASK_H_

@@ -1,6 +1,5 @@
 // Contents as messages and records have them. Included by .cc files only.
-#ifndef TESSERA_SERVER_LEDGER_DIGEST_PROTO_H_
-#define TESSERA_SERVER_LEDGER_DIGEST_PROTO_H_
+#pragma once
 
 #include <vector>
 
@@ -37,5 +36,3 @@ void AddFiles(const Files& files, List* list) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_DIGEST_PROTO_H_

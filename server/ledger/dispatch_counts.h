@@ -1,6 +1,5 @@
 // Counts of a coordinator since it was started.
-#ifndef TESSERA_SERVER_LEDGER_DISPATCH_COUNTS_H_
-#define TESSERA_SERVER_LEDGER_DISPATCH_COUNTS_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -62,5 +61,3 @@ class DispatchCounts {
 std::optional<TaskRef> TaskOf(const v1::Record& record, const Ledger& ledger);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_DISPATCH_COUNTS_H_

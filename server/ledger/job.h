@@ -1,7 +1,6 @@
 // A job and its tasks as the coordinator knows them. Plain values; times are Unix time in microseconds, 0 for "not
 // yet".
-#ifndef TESSERA_SERVER_LEDGER_JOB_H_
-#define TESSERA_SERVER_LEDGER_JOB_H_
+#pragma once
 
 #include <cstdint>
 #include <deque>
@@ -224,5 +223,3 @@ StatusOr<TaskRef> ParseTaskName(const std::string& name);
 std::string ErrorClassName(ErrorClass error_class);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_JOB_H_

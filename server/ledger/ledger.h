@@ -1,7 +1,6 @@
 // The coordinator's durable state in memory: what all records so far add up to. A pure state machine without time,
 // files or threads.
-#ifndef TESSERA_SERVER_LEDGER_LEDGER_H_
-#define TESSERA_SERVER_LEDGER_LEDGER_H_
+#pragma once
 
 #include <set>
 #include <string>
@@ -214,5 +213,3 @@ class Ledger {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_LEDGER_H_

@@ -1,6 +1,5 @@
 // Stored records, read and parsed by a second thread ahead of the one that applies them.
-#ifndef TESSERA_SERVER_LEDGER_READ_RECORDS_H_
-#define TESSERA_SERVER_LEDGER_READ_RECORDS_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -21,5 +20,3 @@ Status ReadRecords(RecordStore& store,
                    const std::function<void(int64_t number, Status status, const v1::Record& record)>& visit);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_READ_RECORDS_H_

@@ -1,6 +1,5 @@
 // The tasks that could be leased now, in the order in which workers get them.
-#ifndef TESSERA_SERVER_LEDGER_READY_TASKS_H_
-#define TESSERA_SERVER_LEDGER_READY_TASKS_H_
+#pragma once
 
 #include <compare>
 #include <cstdint>
@@ -116,5 +115,3 @@ class ReadyTasks {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_READY_TASKS_H_

@@ -1,6 +1,5 @@
 // The job that a stored record belongs to.
-#ifndef TESSERA_SERVER_LEDGER_RECORD_OWNER_H_
-#define TESSERA_SERVER_LEDGER_RECORD_OWNER_H_
+#pragma once
 
 #include <string_view>
 
@@ -19,5 +18,3 @@ int JobOf(const v1::Record& record);
 RecordOwner OwnerOfRecord(std::string_view content);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_RECORD_OWNER_H_

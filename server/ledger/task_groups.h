@@ -1,6 +1,5 @@
 // Groups of tasks of one kind and one class of memory, for counting.
-#ifndef TESSERA_SERVER_LEDGER_TASK_GROUPS_H_
-#define TESSERA_SERVER_LEDGER_TASK_GROUPS_H_
+#pragma once
 
 #include <algorithm>
 #include <array>
@@ -29,5 +28,3 @@ struct TaskGroup {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_TASK_GROUPS_H_

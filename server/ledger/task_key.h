@@ -1,6 +1,5 @@
 // The name of a task's result: the hash of everything that the task reads.
-#ifndef TESSERA_SERVER_LEDGER_TASK_KEY_H_
-#define TESSERA_SERVER_LEDGER_TASK_KEY_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -14,5 +13,3 @@ std::string TaskKey(const std::string& algorithm_version, const std::string& kin
                     std::vector<NamedDigest> inputs);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_LEDGER_TASK_KEY_H_

@@ -1,6 +1,5 @@
 // The state of a coordinator in numbers, for its metrics.
-#ifndef TESSERA_SERVER_METRICS_DISPATCH_SNAPSHOT_H_
-#define TESSERA_SERVER_METRICS_DISPATCH_SNAPSHOT_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -34,5 +33,3 @@ struct DispatchSnapshot {
 DispatchSnapshot SnapshotOf(DispatchCore& core);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_METRICS_DISPATCH_SNAPSHOT_H_

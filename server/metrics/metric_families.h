@@ -1,6 +1,5 @@
 // Converts the coordinator's numbers to Prometheus metric families.
-#ifndef TESSERA_SERVER_METRICS_METRIC_FAMILIES_H_
-#define TESSERA_SERVER_METRICS_METRIC_FAMILIES_H_
+#pragma once
 
 #include <vector>
 
@@ -15,5 +14,3 @@ namespace tessera {
 std::vector<prometheus::MetricFamily> Families(const MetricSources& sources);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_METRICS_METRIC_FAMILIES_H_

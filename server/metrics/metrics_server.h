@@ -1,6 +1,5 @@
 // Serves the coordinator's metrics to Prometheus.
-#ifndef TESSERA_SERVER_METRICS_METRICS_SERVER_H_
-#define TESSERA_SERVER_METRICS_METRICS_SERVER_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -42,5 +41,3 @@ class MetricsServer {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_METRICS_METRICS_SERVER_H_

@@ -1,6 +1,5 @@
 // Counts RPCs by method, status code and duration.
-#ifndef TESSERA_SERVER_METRICS_RPC_COUNTS_H_
-#define TESSERA_SERVER_METRICS_RPC_COUNTS_H_
+#pragma once
 
 #include <array>
 #include <atomic>
@@ -52,5 +51,3 @@ class RpcCounts {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_METRICS_RPC_COUNTS_H_

@@ -1,6 +1,5 @@
 // The tasks of an update that find what changed on the ground.
-#ifndef TESSERA_SERVER_PLAN_CHANGE_TASKS_H_
-#define TESSERA_SERVER_PLAN_CHANGE_TASKS_H_
+#pragma once
 
 #include <cstddef>
 #include <optional>
@@ -33,5 +32,3 @@ struct ChangeWork {
 std::vector<PlannedTask> PlanChanges(const ChangeWork& work);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_CHANGE_TASKS_H_

@@ -1,6 +1,5 @@
 // Tasks of a job that computes likelihoods itself.
-#ifndef TESSERA_SERVER_PLAN_CLASSIFY_TASKS_H_
-#define TESSERA_SERVER_PLAN_CLASSIFY_TASKS_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -27,5 +26,3 @@ struct ClassifyWork {
 std::vector<PlannedTask> PlanClassify(const ClassifyWork& work);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_CLASSIFY_TASKS_H_

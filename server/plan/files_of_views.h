@@ -1,6 +1,5 @@
 // Which files of a scene its views are read from.
-#ifndef TESSERA_SERVER_PLAN_FILES_OF_VIEWS_H_
-#define TESSERA_SERVER_PLAN_FILES_OF_VIEWS_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -17,5 +16,3 @@ StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Sur
                                                                        const std::vector<std::string>& files);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_FILES_OF_VIEWS_H_

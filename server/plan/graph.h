@@ -1,7 +1,6 @@
 // The planner's entry points: from a job to its tasks, in phases. Phase 1 makes the survey; phase 2 is planned from the
 // survey and cuts every tile; phase 3 is planned from which tiles read each other and holds all remaining tasks.
-#ifndef TESSERA_SERVER_PLAN_GRAPH_H_
-#define TESSERA_SERVER_PLAN_GRAPH_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -42,5 +41,3 @@ StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const 
                                              const std::vector<FailedTile>& quarantined = {});
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_GRAPH_H_

@@ -1,6 +1,5 @@
 // The task as the planner makes it: its inputs, its parameters and its predicted cost.
-#ifndef TESSERA_SERVER_PLAN_PLANNED_TASK_H_
-#define TESSERA_SERVER_PLAN_PLANNED_TASK_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -63,5 +62,3 @@ struct PlannedTask {
 void SetCost(const Prediction& cost, PlannedTask* task);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_PLANNED_TASK_H_

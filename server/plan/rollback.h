@@ -1,6 +1,5 @@
 // Rollback: restores tiles of a job from an earlier job.
-#ifndef TESSERA_SERVER_PLAN_ROLLBACK_H_
-#define TESSERA_SERVER_PLAN_ROLLBACK_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -27,5 +26,3 @@ StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain,
 StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_ROLLBACK_H_

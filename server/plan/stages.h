@@ -1,6 +1,5 @@
 // The order of what the tiles of a job do together, and from where on one that is quarantined stays as it is.
-#ifndef TESSERA_SERVER_PLAN_STAGES_H_
-#define TESSERA_SERVER_PLAN_STAGES_H_
+#pragma once
 
 #include <limits>
 #include <string>
@@ -46,5 +45,3 @@ std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey&
 int FrozenFrom(const FailedTile& tile, const std::vector<int>& good);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_STAGES_H_

@@ -1,6 +1,5 @@
 // What an update takes from its base job, and the names of the base's scene files.
-#ifndef TESSERA_SERVER_PLAN_UPDATE_BASE_H_
-#define TESSERA_SERVER_PLAN_UPDATE_BASE_H_
+#pragma once
 
 #include <optional>
 #include <string>
@@ -39,5 +38,3 @@ bool LiesInScene(const std::string& name);
 CostScale CostsOf(const UpdateBase& base, const Survey& survey);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_UPDATE_BASE_H_

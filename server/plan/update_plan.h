@@ -1,6 +1,5 @@
 // What a new flight changes: which tiles of an earlier job are done anew, why, and what that takes.
-#ifndef TESSERA_SERVER_PLAN_UPDATE_PLAN_H_
-#define TESSERA_SERVER_PLAN_UPDATE_PLAN_H_
+#pragma once
 
 #include <cstdint>
 #include <set>
@@ -70,5 +69,3 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
                            const Prediction& publish, const Quote& full);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_PLAN_UPDATE_PLAN_H_

@@ -1,6 +1,5 @@
 // Removes blobs that no job refers to, quarantined blobs that have expired, and spare ones if the folder is too large.
-#ifndef TESSERA_SERVER_RETENTION_BLOB_COLLECTOR_H_
-#define TESSERA_SERVER_RETENTION_BLOB_COLLECTOR_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -58,5 +57,3 @@ class BlobCollector {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_RETENTION_BLOB_COLLECTOR_H_

@@ -1,6 +1,5 @@
 // The thread that deletes old jobs and removes memory, records and blobs that no job needs.
-#ifndef TESSERA_SERVER_RETENTION_KEEPER_H_
-#define TESSERA_SERVER_RETENTION_KEEPER_H_
+#pragma once
 
 #include <condition_variable>
 #include <functional>
@@ -41,5 +40,3 @@ class Keeper {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_RETENTION_KEEPER_H_

@@ -1,6 +1,5 @@
 // Deletes old jobs, and removes memory, records and blobs that no job needs.
-#ifndef TESSERA_SERVER_RETENTION_RECLAIMER_H_
-#define TESSERA_SERVER_RETENTION_RECLAIMER_H_
+#pragma once
 
 #include <mutex>
 #include <vector>
@@ -35,5 +34,3 @@ class Reclaimer {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_RETENTION_RECLAIMER_H_

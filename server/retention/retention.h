@@ -1,6 +1,5 @@
 // Which kept things have expired.
-#ifndef TESSERA_SERVER_RETENTION_RETENTION_H_
-#define TESSERA_SERVER_RETENTION_RETENTION_H_
+#pragma once
 
 #include <cstdint>
 #include <map>
@@ -32,5 +31,3 @@ class Retention {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_RETENTION_RETENTION_H_

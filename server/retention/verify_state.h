@@ -1,6 +1,5 @@
 // Checks all that a coordinator stored, without serving it.
-#ifndef TESSERA_SERVER_RETENTION_VERIFY_STATE_H_
-#define TESSERA_SERVER_RETENTION_VERIFY_STATE_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -27,5 +26,3 @@ StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool de
                                    const std::function<void(const std::string& fault)>& tell);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_RETENTION_VERIFY_STATE_H_

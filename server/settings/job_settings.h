@@ -1,6 +1,5 @@
 // Settings of a job, as the user requests them.
-#ifndef TESSERA_SERVER_SETTINGS_JOB_SETTINGS_H_
-#define TESSERA_SERVER_SETTINGS_JOB_SETTINGS_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -62,5 +61,3 @@ Status CheckJobSettings(const JobSettings& settings);
 StatusOr<JobSettings> SettingsOfUpdate(const JobSettings& asked, const JobSettings& base);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_SETTINGS_JOB_SETTINGS_H_

@@ -1,6 +1,5 @@
 // Converts job settings to and from the message of tessera.v1 that requests and stored records share.
-#ifndef TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_
-#define TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -21,5 +20,3 @@ void ToProto(const JobSettings& settings, v1::JobSettings* proto);
 std::vector<std::string> Differences(const JobSettings& found, const JobSettings& expected);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_SETTINGS_SETTINGS_PROTO_H_

@@ -1,6 +1,5 @@
 // Journal: stores records in a background thread. One sync stores all records that have arrived (group commit).
-#ifndef TESSERA_SERVER_STORE_JOURNAL_H_
-#define TESSERA_SERVER_STORE_JOURNAL_H_
+#pragma once
 
 #include <chrono>
 #include <condition_variable>
@@ -101,5 +100,3 @@ class Journal {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_STORE_JOURNAL_H_

@@ -1,6 +1,5 @@
 // The coordinator's storage interfaces: an append-only list of records, and a cache of file digests.
-#ifndef TESSERA_SERVER_STORE_RECORD_STORE_H_
-#define TESSERA_SERVER_STORE_RECORD_STORE_H_
+#pragma once
 
 #include <functional>
 #include <optional>
@@ -63,5 +62,3 @@ class DigestCache {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_STORE_RECORD_STORE_H_

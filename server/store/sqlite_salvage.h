@@ -1,6 +1,5 @@
 // Recovers the readable records of a damaged store.
-#ifndef TESSERA_SERVER_STORE_SQLITE_SALVAGE_H_
-#define TESSERA_SERVER_STORE_SQLITE_SALVAGE_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -21,5 +20,3 @@ struct Salvaged {
 StatusOr<Salvaged> Salvage(const std::string& path, const OwnerOf& owner_of);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_STORE_SQLITE_SALVAGE_H_

@@ -1,6 +1,5 @@
 // The tables of a store, their migration, and copies of the database.
-#ifndef TESSERA_SERVER_STORE_SQLITE_SCHEMA_H_
-#define TESSERA_SERVER_STORE_SQLITE_SCHEMA_H_
+#pragma once
 
 #include <string>
 
@@ -24,5 +23,3 @@ Status CheckIntegrity(sqlite3* db, const std::string& path);
 Status CopyDatabase(sqlite3* db, const std::string& path, const std::string& to, const std::string& change = "");
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_STORE_SQLITE_SCHEMA_H_

@@ -1,6 +1,5 @@
 // Wrappers of SQLite's C interface for this folder. Include in .cc files only.
-#ifndef TESSERA_SERVER_STORE_SQLITE_STATEMENT_H_
-#define TESSERA_SERVER_STORE_SQLITE_STATEMENT_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -49,5 +48,3 @@ class Statement {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_STORE_SQLITE_STATEMENT_H_

@@ -1,6 +1,5 @@
 // RecordStore and DigestCache in one SQLite file (write-ahead log; synced for Durability::kMachine).
-#ifndef TESSERA_SERVER_STORE_SQLITE_STORE_H_
-#define TESSERA_SERVER_STORE_SQLITE_STORE_H_
+#pragma once
 
 #include <memory>
 #include <set>
@@ -40,5 +39,3 @@ class SqliteStore : public RecordStore, public DigestCache {
 Status BackUp(const std::string& database, const std::string& to);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_STORE_SQLITE_STORE_H_

@@ -1,6 +1,5 @@
 // Log lines for changes of the coordinator's state (common/log).
-#ifndef TESSERA_SERVER_TESSERAD_LOGGING_H_
-#define TESSERA_SERVER_TESSERAD_LOGGING_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -29,5 +28,3 @@ void LogRecordQuarantined(int64_t number, const std::string& reason);
 void LogJournalStatus(const Status& trouble);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_TESSERAD_LOGGING_H_

@@ -1,6 +1,5 @@
 // Maintenance of a data folder: backup, verification and salvage. Results go to standard output.
-#ifndef TESSERA_SERVER_TESSERAD_MAINTENANCE_H_
-#define TESSERA_SERVER_TESSERAD_MAINTENANCE_H_
+#pragma once
 
 #include <string>
 
@@ -19,5 +18,3 @@ Status VerifyData(const std::string& data, bool deep);
 Status SalvageData(const std::string& data);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_TESSERAD_MAINTENANCE_H_

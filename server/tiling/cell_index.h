@@ -1,6 +1,5 @@
 // Spatial index of the cells of a survey.
-#ifndef TESSERA_SERVER_TILING_CELL_INDEX_H_
-#define TESSERA_SERVER_TILING_CELL_INDEX_H_
+#pragma once
 
 #include <cmath>
 #include <cstdint>
@@ -53,5 +52,3 @@ class CellIndex {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_TILING_CELL_INDEX_H_

@@ -3,8 +3,7 @@
 // The model is linear in a few quantities of a tile (TileWork). Its constants belong to the program's version and were
 // fitted to reported usage (tests/bench/cost_bench.cc refits them and prints the residuals). The tiling depends on the
 // model, so nothing that workers report at run time may enter it.
-#ifndef TESSERA_SERVER_TILING_COST_MODEL_H_
-#define TESSERA_SERVER_TILING_COST_MODEL_H_
+#pragma once
 
 #include <algorithm>
 #include <cstdint>
@@ -101,5 +100,3 @@ Interval RefineBytesInterval();
 Interval StoredBytesInterval();
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_TILING_COST_MODEL_H_

@@ -1,7 +1,6 @@
 // Corrects predictions by the usage of earlier jobs of the same city. The cost model's constants were fitted to some
 // scenes and machines; the ratio of used to predicted time of a task kind is nearly constant within a city.
-#ifndef TESSERA_SERVER_TILING_COST_SCALE_H_
-#define TESSERA_SERVER_TILING_COST_SCALE_H_
+#pragma once
 
 #include <map>
 #include <string>
@@ -40,5 +39,3 @@ class CostScale {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_TILING_COST_SCALE_H_

@@ -1,6 +1,5 @@
 // Predicted cost of a job, per tile and in total.
-#ifndef TESSERA_SERVER_TILING_QUOTE_H_
-#define TESSERA_SERVER_TILING_QUOTE_H_
+#pragma once
 
 #include <cstdint>
 #include <set>
@@ -55,5 +54,3 @@ Status CheckLimit(const JobSettings& settings, double core_seconds);
 Status CheckQuote(const JobSettings& settings, const Survey& survey);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_TILING_QUOTE_H_

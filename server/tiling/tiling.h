@@ -1,6 +1,5 @@
 // Tiling: partitions the cells of a survey into tiles.
-#ifndef TESSERA_SERVER_TILING_TILING_H_
-#define TESSERA_SERVER_TILING_TILING_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -38,5 +37,3 @@ StatusOr<std::vector<CellRect>> LayOutTiles(const CellIndex& cells, const Tiling
 double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const RefineEffort& effort);
 
 }  // namespace tessera
-
-#endif  // TESSERA_SERVER_TILING_TILING_H_

@@ -1,6 +1,5 @@
 // A coordinator in the bench's own process, on loopback.
-#ifndef TESSERA_TESTS_BENCH_BENCH_COORDINATOR_H_
-#define TESSERA_TESTS_BENCH_BENCH_COORDINATOR_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -87,5 +86,3 @@ class BenchCoordinator {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_BENCH_COORDINATOR_H_

@@ -1,6 +1,5 @@
 // What a coordinator bears: workers without work over gRPC on loopback.
-#ifndef TESSERA_TESTS_BENCH_DISPATCH_FLEET_H_
-#define TESSERA_TESTS_BENCH_DISPATCH_FLEET_H_
+#pragma once
 
 #include <string>
 
@@ -27,5 +26,3 @@ Status RunFleet(const FleetArguments& arguments, const std::string& folder);
 Status ReopenFleet(const std::string& folder);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_DISPATCH_FLEET_H_

@@ -1,6 +1,5 @@
 // A survey as ingest would write it for a city that is not there: for benchmarks and tests of planning.
-#ifndef TESSERA_TESTS_BENCH_SYNTHETIC_SURVEY_H_
-#define TESSERA_TESTS_BENCH_SYNTHETIC_SURVEY_H_
+#pragma once
 
 #include <cstdint>
 
@@ -21,5 +20,3 @@ struct SyntheticCity {
 Survey MakeSyntheticSurvey(const SyntheticCity& city);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_SYNTHETIC_SURVEY_H_

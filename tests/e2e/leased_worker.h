@@ -1,6 +1,5 @@
 // A registered worker with a lease, for calls that only such a worker may make.
-#ifndef TESSERA_TESTS_E2E_LEASED_WORKER_H_
-#define TESSERA_TESTS_E2E_LEASED_WORKER_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -18,5 +17,3 @@ namespace tessera::e2e {
 StatusOr<std::shared_ptr<grpc::Channel>> ConnectLeasedWorker(const std::string& address);
 
 }  // namespace tessera::e2e
-
-#endif  // TESSERA_TESTS_E2E_LEASED_WORKER_H_

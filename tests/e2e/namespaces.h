@@ -1,6 +1,5 @@
 // Mount and network namespaces for a test process and the programs that it starts.
-#ifndef TESSERA_TESTS_E2E_NAMESPACES_H_
-#define TESSERA_TESTS_E2E_NAMESPACES_H_
+#pragma once
 
 #include <cstdint>
 #include <string>
@@ -33,5 +32,3 @@ class FullDisk {
 };
 
 }  // namespace tessera::e2e
-
-#endif  // TESSERA_TESTS_E2E_NAMESPACES_H_

@@ -1,6 +1,5 @@
 // Runs the programs under test as processes, and provides their scenes.
-#ifndef TESSERA_TESTS_E2E_PROGRAMS_H_
-#define TESSERA_TESTS_E2E_PROGRAMS_H_
+#pragma once
 
 #include <functional>
 #include <map>
@@ -115,5 +114,3 @@ class Cluster {
 };
 
 }  // namespace tessera::e2e
-
-#endif  // TESSERA_TESTS_E2E_PROGRAMS_H_

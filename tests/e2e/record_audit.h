@@ -1,6 +1,5 @@
 // Checks the invariants of a coordinator's stored records, independently of the coordinator's code.
-#ifndef TESSERA_TESTS_E2E_RECORD_AUDIT_H_
-#define TESSERA_TESTS_E2E_RECORD_AUDIT_H_
+#pragma once
 
 #include <map>
 #include <string>
@@ -56,5 +55,3 @@ class RecordAudit {
 RecordAudit AuditRecords(const std::string& path);
 
 }  // namespace tessera::e2e
-
-#endif  // TESSERA_TESTS_E2E_RECORD_AUDIT_H_

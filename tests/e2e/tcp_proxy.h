@@ -1,6 +1,5 @@
 // A TCP proxy between a program and a coordinator that can delay, stall and reset connections.
-#ifndef TESSERA_TESTS_E2E_TCP_PROXY_H_
-#define TESSERA_TESTS_E2E_TCP_PROXY_H_
+#pragma once
 
 #include <atomic>
 #include <chrono>
@@ -70,5 +69,3 @@ class TcpProxy {
 };
 
 }  // namespace tessera::e2e
-
-#endif  // TESSERA_TESTS_E2E_TCP_PROXY_H_

@@ -1,6 +1,5 @@
 // Array files.
-#ifndef TESSERA_TESTS_FUZZ_ARRAY_FILE_TARGET_H_
-#define TESSERA_TESTS_FUZZ_ARRAY_FILE_TARGET_H_
+#pragma once
 
 #include <cstring>
 #include <string>
@@ -60,5 +59,3 @@ inline bool RunArrayFileTarget(const std::string& input) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_ARRAY_FILE_TARGET_H_

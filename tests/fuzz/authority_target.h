@@ -1,6 +1,5 @@
 // A certificate authority as its user keeps it: certificate and key in one PEM file.
-#ifndef TESSERA_TESTS_FUZZ_AUTHORITY_TARGET_H_
-#define TESSERA_TESTS_FUZZ_AUTHORITY_TARGET_H_
+#pragma once
 
 #include <string>
 
@@ -24,5 +23,3 @@ inline bool RunAuthorityTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_AUTHORITY_TARGET_H_

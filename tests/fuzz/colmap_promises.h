@@ -1,6 +1,5 @@
 // What both forms of COLMAP's models promise.
-#ifndef TESSERA_TESTS_FUZZ_COLMAP_PROMISES_H_
-#define TESSERA_TESTS_FUZZ_COLMAP_PROMISES_H_
+#pragma once
 
 #include <Eigen/LU>
 #include <cmath>
@@ -42,5 +41,3 @@ inline bool RunColmapTarget(const std::string& bytes, decltype(&ParseColmapText)
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_COLMAP_PROMISES_H_

@@ -1,6 +1,5 @@
 // Inputs of several frames: each has a byte for its kind, its length (u16, little-endian) and its bytes.
-#ifndef TESSERA_TESTS_FUZZ_FRAMES_H_
-#define TESSERA_TESTS_FUZZ_FRAMES_H_
+#pragma once
 
 #include <algorithm>
 #include <cstdint>
@@ -39,5 +38,3 @@ inline std::string JoinFrames(const std::vector<InputFrame>& frames) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_FRAMES_H_

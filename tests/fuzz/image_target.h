@@ -1,6 +1,5 @@
 // Photographs and label pictures: JPEG, PNG, TIFF.
-#ifndef TESSERA_TESTS_FUZZ_IMAGE_TARGET_H_
-#define TESSERA_TESTS_FUZZ_IMAGE_TARGET_H_
+#pragma once
 
 #include <string>
 
@@ -30,5 +29,3 @@ inline bool RunImageTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_IMAGE_TARGET_H_

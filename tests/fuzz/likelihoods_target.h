@@ -1,6 +1,5 @@
 // Likelihoods of a photograph of 16 x 12 pixels and three classes: TIFF, NPY or label PNG.
-#ifndef TESSERA_TESTS_FUZZ_LIKELIHOODS_TARGET_H_
-#define TESSERA_TESTS_FUZZ_LIKELIHOODS_TARGET_H_
+#pragma once
 
 #include <cmath>
 #include <string>
@@ -41,5 +40,3 @@ inline bool RunLikelihoodsTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_LIKELIHOODS_TARGET_H_

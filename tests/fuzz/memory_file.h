@@ -1,6 +1,5 @@
 // An in-memory file of an input, for readers that take a path.
-#ifndef TESSERA_TESTS_FUZZ_MEMORY_FILE_H_
-#define TESSERA_TESTS_FUZZ_MEMORY_FILE_H_
+#pragma once
 
 #include <sys/mman.h>
 #include <unistd.h>
@@ -28,5 +27,3 @@ class MemoryFile {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_MEMORY_FILE_H_

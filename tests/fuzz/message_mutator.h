@@ -1,6 +1,5 @@
 // Mutates frames as protobuf messages, because random bytes rarely parse.
-#ifndef TESSERA_TESTS_FUZZ_MESSAGE_MUTATOR_H_
-#define TESSERA_TESTS_FUZZ_MESSAGE_MUTATOR_H_
+#pragma once
 
 #include <google/protobuf/message.h>
 
@@ -16,5 +15,3 @@ size_t MutateFrames(uint8_t* data, size_t size, size_t max_size, unsigned seed, 
                     const std::function<const google::protobuf::Message*(uint8_t)>& prototype);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_MESSAGE_MUTATOR_H_

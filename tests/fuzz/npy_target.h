@@ -1,6 +1,5 @@
 // NumPy arrays.
-#ifndef TESSERA_TESTS_FUZZ_NPY_TARGET_H_
-#define TESSERA_TESTS_FUZZ_NPY_TARGET_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -25,5 +24,3 @@ inline bool RunNpyTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_NPY_TARGET_H_

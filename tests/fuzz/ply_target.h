@@ -1,6 +1,5 @@
 // PLY meshes.
-#ifndef TESSERA_TESTS_FUZZ_PLY_TARGET_H_
-#define TESSERA_TESTS_FUZZ_PLY_TARGET_H_
+#pragma once
 
 #include <string>
 
@@ -31,5 +30,3 @@ inline bool RunPlyTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_PLY_TARGET_H_

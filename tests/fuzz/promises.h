@@ -1,6 +1,5 @@
 // Invariants that fuzz targets check of the readers that they call.
-#ifndef TESSERA_TESTS_FUZZ_PROMISES_H_
-#define TESSERA_TESTS_FUZZ_PROMISES_H_
+#pragma once
 
 #include <cstdio>
 #include <cstdlib>
@@ -30,5 +29,3 @@ inline bool Accepted(const Faults& faults) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_PROMISES_H_

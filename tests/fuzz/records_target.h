@@ -1,6 +1,5 @@
 // Replays stored records, one per frame, into a ledger.
-#ifndef TESSERA_TESTS_FUZZ_RECORDS_TARGET_H_
-#define TESSERA_TESTS_FUZZ_RECORDS_TARGET_H_
+#pragma once
 
 #include <string>
 
@@ -68,5 +67,3 @@ inline bool RunRecordsTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_RECORDS_TARGET_H_

@@ -1,6 +1,5 @@
 // Calls of a coordinator's services, one per frame: the method and the bytes of its request.
-#ifndef TESSERA_TESTS_FUZZ_RPC_TARGET_H_
-#define TESSERA_TESTS_FUZZ_RPC_TARGET_H_
+#pragma once
 
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/message.h>
@@ -185,5 +184,3 @@ inline bool RunRpcTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_RPC_TARGET_H_

@@ -1,6 +1,5 @@
 // scene.json.
-#ifndef TESSERA_TESTS_FUZZ_SCENE_JSON_TARGET_H_
-#define TESSERA_TESTS_FUZZ_SCENE_JSON_TARGET_H_
+#pragma once
 
 #include <cmath>
 #include <string>
@@ -25,5 +24,3 @@ inline bool RunSceneJsonTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_SCENE_JSON_TARGET_H_

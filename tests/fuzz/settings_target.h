@@ -1,6 +1,5 @@
 // Job settings as messages: two frames, for an update and its base job.
-#ifndef TESSERA_TESTS_FUZZ_SETTINGS_TARGET_H_
-#define TESSERA_TESTS_FUZZ_SETTINGS_TARGET_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -40,5 +39,3 @@ inline bool RunSettingsTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_SETTINGS_TARGET_H_

@@ -1,6 +1,5 @@
 // survey.json, and the views and classes that tile packages hold.
-#ifndef TESSERA_TESTS_FUZZ_SURVEY_TARGET_H_
-#define TESSERA_TESTS_FUZZ_SURVEY_TARGET_H_
+#pragma once
 
 #include <string>
 
@@ -28,5 +27,3 @@ inline bool RunSurveyTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_SURVEY_TARGET_H_

@@ -1,6 +1,5 @@
 // Parameters of tasks, as JSON: the first byte says of which kind, a letter from 'a' on.
-#ifndef TESSERA_TESTS_FUZZ_TASK_PARAMETERS_TARGET_H_
-#define TESSERA_TESTS_FUZZ_TASK_PARAMETERS_TARGET_H_
+#pragma once
 
 #include <string>
 
@@ -57,5 +56,3 @@ inline bool RunTaskParametersTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_TASK_PARAMETERS_TARGET_H_

@@ -1,6 +1,5 @@
 // Multi-page TIFF files, whole and in part.
-#ifndef TESSERA_TESTS_FUZZ_TIFF_TARGET_H_
-#define TESSERA_TESTS_FUZZ_TIFF_TARGET_H_
+#pragma once
 
 #include <cstring>
 #include <string>
@@ -40,5 +39,3 @@ inline bool RunTiffTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_TIFF_TARGET_H_

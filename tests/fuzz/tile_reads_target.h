@@ -1,6 +1,5 @@
 // reads.json, which workers write and the coordinator plans by.
-#ifndef TESSERA_TESTS_FUZZ_TILE_READS_TARGET_H_
-#define TESSERA_TESTS_FUZZ_TILE_READS_TARGET_H_
+#pragma once
 
 #include <string>
 
@@ -21,5 +20,3 @@ inline bool RunTileReadsTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_TILE_READS_TARGET_H_

@@ -1,6 +1,5 @@
 // The token file.
-#ifndef TESSERA_TESTS_FUZZ_TOKENS_TARGET_H_
-#define TESSERA_TESTS_FUZZ_TOKENS_TARGET_H_
+#pragma once
 
 #include <string>
 
@@ -26,5 +25,3 @@ inline bool RunTokensTarget(const std::string& bytes) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_FUZZ_TOKENS_TARGET_H_

@@ -1,6 +1,5 @@
 // Random temporary faults of a cluster.
-#ifndef TESSERA_TESTS_SOAK_FAULTS_H_
-#define TESSERA_TESTS_SOAK_FAULTS_H_
+#pragma once
 
 #include <functional>
 #include <map>
@@ -56,5 +55,3 @@ class Faults {
 };
 
 }  // namespace tessera::soak
-
-#endif  // TESSERA_TESTS_SOAK_FAULTS_H_

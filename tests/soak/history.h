@@ -1,6 +1,5 @@
 // Ordered log of a soak, with its clock.
-#ifndef TESSERA_TESTS_SOAK_HISTORY_H_
-#define TESSERA_TESTS_SOAK_HISTORY_H_
+#pragma once
 
 #include <chrono>
 #include <cstdint>
@@ -51,5 +50,3 @@ class History {
 };
 
 }  // namespace tessera::soak
-
-#endif  // TESSERA_TESTS_SOAK_HISTORY_H_

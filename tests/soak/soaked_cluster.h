@@ -1,6 +1,5 @@
 // A coordinator and workers that are stopped, killed, disconnected and restarted.
-#ifndef TESSERA_TESTS_SOAK_SOAKED_CLUSTER_H_
-#define TESSERA_TESTS_SOAK_SOAKED_CLUSTER_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -78,5 +77,3 @@ class SoakedCluster {
 };
 
 }  // namespace tessera::soak
-
-#endif  // TESSERA_TESTS_SOAK_SOAKED_CLUSTER_H_

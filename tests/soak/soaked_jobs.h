@@ -1,6 +1,5 @@
 // Jobs that users submit to a soaked cluster, and the expected outcome of each.
-#ifndef TESSERA_TESTS_SOAK_SOAKED_JOBS_H_
-#define TESSERA_TESTS_SOAK_SOAKED_JOBS_H_
+#pragma once
 
 #include <functional>
 #include <list>
@@ -100,5 +99,3 @@ class SoakedJobs {
 };
 
 }  // namespace tessera::soak
-
-#endif  // TESSERA_TESTS_SOAK_SOAKED_JOBS_H_

@@ -1,6 +1,5 @@
 // An independent solver for label fields: CGAL's alpha expansion by graph cuts (Boykov et al. 2001).
-#ifndef TESSERA_TESTS_SUPPORT_ALPHA_EXPANSION_H_
-#define TESSERA_TESTS_SUPPORT_ALPHA_EXPANSION_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -14,5 +13,3 @@ namespace tessera {
 std::vector<int32_t> ExpandLabels(const LabelField& field, std::vector<int32_t> labels);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_ALPHA_EXPANSION_H_

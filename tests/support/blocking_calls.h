@@ -1,6 +1,5 @@
 // Calls of workers that wait for their answer and for what follows from them, for tests of one thread.
-#ifndef TESSERA_TESTS_SUPPORT_BLOCKING_CALLS_H_
-#define TESSERA_TESTS_SUPPORT_BLOCKING_CALLS_H_
+#pragma once
 
 #include <functional>
 #include <future>
@@ -44,5 +43,3 @@ inline Status UnregisterAndWait(Coordinator& coordinator, const std::string& wor
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_BLOCKING_CALLS_H_

@@ -1,6 +1,5 @@
 // Jobs that go on from others, and workers that hash what they read and tell what they cannot have.
-#ifndef TESSERA_TESTS_SUPPORT_CHECKING_WORKER_H_
-#define TESSERA_TESTS_SUPPORT_CHECKING_WORKER_H_
+#pragma once
 
 #include <algorithm>
 #include <filesystem>
@@ -135,5 +134,3 @@ class CheckingWorkerTest : public CoordinatorTest {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_CHECKING_WORKER_H_

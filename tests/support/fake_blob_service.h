@@ -1,6 +1,5 @@
 // An in-memory blob service with fault injection.
-#ifndef TESSERA_TESTS_SUPPORT_FAKE_BLOB_SERVICE_H_
-#define TESSERA_TESTS_SUPPORT_FAKE_BLOB_SERVICE_H_
+#pragma once
 
 #include <grpcpp/grpcpp.h>
 
@@ -168,5 +167,3 @@ class FakeBlobService : public v1::Blobs::Service {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_FAKE_BLOB_SERVICE_H_

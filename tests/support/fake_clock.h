@@ -1,6 +1,5 @@
 // A clock that moves only when advanced.
-#ifndef TESSERA_TESTS_SUPPORT_FAKE_CLOCK_H_
-#define TESSERA_TESTS_SUPPORT_FAKE_CLOCK_H_
+#pragma once
 
 #include <atomic>
 
@@ -21,5 +20,3 @@ class FakeClock : public Clock {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_FAKE_CLOCK_H_

@@ -1,7 +1,6 @@
 // Fake dependencies of a coordinator: records in a vector, blobs in a temporary folder, a planner of small graphs and a
 // clock that moves only when advanced.
-#ifndef TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_
-#define TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -219,5 +218,3 @@ class CoordinatorTest : public testing::Test {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_FAKE_COORDINATOR_H_

@@ -1,6 +1,5 @@
 // A fake workers service: leases the tasks that a test queues and records the calls.
-#ifndef TESSERA_TESTS_SUPPORT_FAKE_WORKERS_SERVICE_H_
-#define TESSERA_TESTS_SUPPORT_FAKE_WORKERS_SERVICE_H_
+#pragma once
 
 #include <grpcpp/grpcpp.h>
 
@@ -218,5 +217,3 @@ class FakeWorkersService : public v1::Workers::Service {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_FAKE_WORKERS_SERVICE_H_

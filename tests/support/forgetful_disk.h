@@ -1,6 +1,5 @@
 // A SQLite VFS that simulates machine failure: data that was not synced is lost.
-#ifndef TESSERA_TESTS_SUPPORT_FORGETFUL_DISK_H_
-#define TESSERA_TESTS_SUPPORT_FORGETFUL_DISK_H_
+#pragma once
 
 #include <cstdint>
 #include <map>
@@ -70,5 +69,3 @@ class ForgetfulDisk {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_FORGETFUL_DISK_H_

@@ -1,6 +1,5 @@
 // A view's pixels in memory.
-#ifndef TESSERA_TESTS_SUPPORT_HELD_PIXELS_H_
-#define TESSERA_TESTS_SUPPORT_HELD_PIXELS_H_
+#pragma once
 
 #include <list>
 #include <utility>
@@ -49,5 +48,3 @@ class HeldPixels : public ViewPixels {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_HELD_PIXELS_H_

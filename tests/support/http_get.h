@@ -1,6 +1,5 @@
 // Reads a page over HTTP.
-#ifndef TESSERA_TESTS_SUPPORT_HTTP_GET_H_
-#define TESSERA_TESTS_SUPPORT_HTTP_GET_H_
+#pragma once
 
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
@@ -33,5 +32,3 @@ inline std::string HttpGet(const std::string& address, const std::string& path) 
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_HTTP_GET_H_

@@ -1,6 +1,5 @@
 // Runs a whole job in one process, task after task, without coordinator and workers: for tests and benchmarks.
-#ifndef TESSERA_TESTS_SUPPORT_IN_PROCESS_LINE_H_
-#define TESSERA_TESTS_SUPPORT_IN_PROCESS_LINE_H_
+#pragma once
 
 #include <functional>
 #include <string>
@@ -29,5 +28,3 @@ StatusOr<std::vector<LineTask>> RunLine(const std::string& scene_dir, const std:
                                         const std::vector<FailedTile>& quarantined = {});
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_IN_PROCESS_LINE_H_

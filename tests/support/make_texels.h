@@ -1,6 +1,5 @@
 // Texels of images in memory.
-#ifndef TESSERA_TESTS_SUPPORT_MAKE_TEXELS_H_
-#define TESSERA_TESTS_SUPPORT_MAKE_TEXELS_H_
+#pragma once
 
 #include <algorithm>
 #include <cstdint>
@@ -41,5 +40,3 @@ inline PixelMapping ScaleToSize(const FloatImage& luminance, const FloatImage& l
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_MAKE_TEXELS_H_

@@ -1,6 +1,5 @@
 // Blobs in memory: a store without files, for tests of code that must not depend on them.
-#ifndef TESSERA_TESTS_SUPPORT_MEMORY_BLOBS_H_
-#define TESSERA_TESTS_SUPPORT_MEMORY_BLOBS_H_
+#pragma once
 
 #include <chrono>
 #include <cstdio>
@@ -185,5 +184,3 @@ class MemoryBlobs final : public BlobStore {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_MEMORY_BLOBS_H_

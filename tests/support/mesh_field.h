@@ -1,6 +1,5 @@
 // Label fields with the structure of a real mesh's, made at random.
-#ifndef TESSERA_TESTS_SUPPORT_MESH_FIELD_H_
-#define TESSERA_TESTS_SUPPORT_MESH_FIELD_H_
+#pragma once
 
 #include <cstdint>
 
@@ -27,5 +26,3 @@ struct MeshFieldOptions {
 LabelField MakeMeshField(const MeshFieldOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_MESH_FIELD_H_

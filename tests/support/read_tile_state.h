@@ -1,6 +1,5 @@
 // A tile's state file as a value.
-#ifndef TESSERA_TESTS_SUPPORT_READ_TILE_STATE_H_
-#define TESSERA_TESTS_SUPPORT_READ_TILE_STATE_H_
+#pragma once
 
 #include <span>
 #include <string>
@@ -32,5 +31,3 @@ inline StatusOr<TileState> ReadTileState(const std::string& path) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_READ_TILE_STATE_H_

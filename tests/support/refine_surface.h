@@ -1,6 +1,5 @@
 // The geometry of a mesh in memory, refined by the loop of a job's only tile, without a scene's files.
-#ifndef TESSERA_TESTS_SUPPORT_REFINE_SURFACE_H_
-#define TESSERA_TESTS_SUPPORT_REFINE_SURFACE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -41,5 +40,3 @@ StatusOr<SurfaceRefinement> RefineSurface(const SurfaceProblem& problem, const T
                                           const TaskControl& control = {}, const Clock& clock = SystemClock());
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_REFINE_SURFACE_H_

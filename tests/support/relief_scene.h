@@ -1,6 +1,5 @@
 // A small textured relief with a wall that hides part of it, and photographs of it, all made in code.
-#ifndef TESSERA_TESTS_SUPPORT_RELIEF_SCENE_H_
-#define TESSERA_TESTS_SUPPORT_RELIEF_SCENE_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -125,5 +124,3 @@ inline FloatImage PhotographClasses(const TriangleMesh& mesh, const PosedCamera&
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_RELIEF_SCENE_H_

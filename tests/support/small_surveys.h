@@ -1,6 +1,5 @@
 // Surveys of small cities for tests of planning.
-#ifndef TESSERA_TESTS_SUPPORT_SMALL_SURVEYS_H_
-#define TESSERA_TESTS_SUPPORT_SMALL_SURVEYS_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -87,5 +86,3 @@ inline Survey SeenFromAbove(int size) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_SMALL_SURVEYS_H_

@@ -1,7 +1,6 @@
 // A small valid scene on disk, for tests: a box on flat ground, photographed from five sides, with likelihoods and a
 // COLMAP text model whose 3D points and image points fit exactly.
-#ifndef TESSERA_TESTS_SUPPORT_TINY_SCENE_H_
-#define TESSERA_TESTS_SUPPORT_TINY_SCENE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <string>
@@ -56,5 +55,3 @@ void ReplaceInFile(const std::string& path, const std::string& from, const std::
 std::string AsciiPly(const TriangleMesh& mesh, const std::string& position_type);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_TINY_SCENE_H_

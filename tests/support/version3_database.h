@@ -1,6 +1,5 @@
 // A coordinator's database as written by releases with schema version 3.
-#ifndef TESSERA_TESTS_SUPPORT_VERSION3_DATABASE_H_
-#define TESSERA_TESTS_SUPPORT_VERSION3_DATABASE_H_
+#pragma once
 
 #include <gtest/gtest.h>
 #include <sqlite3.h>
@@ -42,5 +41,3 @@ inline void MakeVersion3Database(const std::string& path, const std::vector<std:
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_SUPPORT_VERSION3_DATABASE_H_

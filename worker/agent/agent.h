@@ -1,6 +1,5 @@
 // The worker's main loop: register, lease a task, fetch its inputs, run it, store its outputs, report, repeat.
-#ifndef TESSERA_WORKER_AGENT_AGENT_H_
-#define TESSERA_WORKER_AGENT_AGENT_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -55,5 +54,3 @@ class Agent {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_AGENT_AGENT_H_

@@ -1,6 +1,5 @@
 // State of the current attempt, shared by the task's thread and the heartbeat thread.
-#ifndef TESSERA_WORKER_AGENT_ATTEMPT_H_
-#define TESSERA_WORKER_AGENT_ATTEMPT_H_
+#pragma once
 
 #include <algorithm>
 #include <atomic>
@@ -44,5 +43,3 @@ class Attempt {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_AGENT_ATTEMPT_H_

@@ -1,6 +1,5 @@
 // The worker's own copies of blobs; new ones replace the least recently used.
-#ifndef TESSERA_WORKER_AGENT_BLOB_CACHE_H_
-#define TESSERA_WORKER_AGENT_BLOB_CACHE_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -60,5 +59,3 @@ class BlobCache {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_AGENT_BLOB_CACHE_H_

@@ -1,6 +1,5 @@
 // Client of the Workers service in the project's own types.
-#ifndef TESSERA_WORKER_AGENT_COORDINATOR_LINK_H_
-#define TESSERA_WORKER_AGENT_COORDINATOR_LINK_H_
+#pragma once
 
 #include <cstdint>
 #include <memory>
@@ -107,5 +106,3 @@ class CoordinatorLink {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_AGENT_COORDINATOR_LINK_H_

@@ -1,6 +1,5 @@
 // Failure of an attempt with its class, carried inside a Status whose code is irrelevant.
-#ifndef TESSERA_WORKER_AGENT_FAILURE_H_
-#define TESSERA_WORKER_AGENT_FAILURE_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -32,5 +31,3 @@ bool IsFailure(const Status& status);
 Failure FailureOf(const Status& status);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_AGENT_FAILURE_H_

@@ -1,6 +1,5 @@
 // The files of a task: links its inputs into its folder and stores its outputs as blobs.
-#ifndef TESSERA_WORKER_AGENT_TASK_FILES_H_
-#define TESSERA_WORKER_AGENT_TASK_FILES_H_
+#pragma once
 
 #include <map>
 #include <memory>
@@ -95,5 +94,3 @@ class TaskFiles {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_AGENT_TASK_FILES_H_

@@ -1,6 +1,5 @@
 // Class likelihoods of the new views, sampled on surfaces over the ground plane.
-#ifndef TESSERA_WORKER_CHANGES_BLOCK_LABELS_H_
-#define TESSERA_WORKER_CHANGES_BLOCK_LABELS_H_
+#pragma once
 
 #include <span>
 #include <vector>
@@ -41,5 +40,3 @@ class BlockLikelihoods {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_BLOCK_LABELS_H_

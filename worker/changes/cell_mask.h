@@ -1,6 +1,5 @@
 // Sets of cells of a raster: morphological filters and connected components.
-#ifndef TESSERA_WORKER_CHANGES_CELL_MASK_H_
-#define TESSERA_WORKER_CHANGES_CELL_MASK_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -28,5 +27,3 @@ CellMask WithoutSlivers(const CellMask& mask, int side);
 std::vector<std::vector<size_t>> ConnectedParts(const CellMask& mask, const CellMask& seeds);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_CELL_MASK_H_

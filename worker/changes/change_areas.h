@@ -1,6 +1,5 @@
 // Changed areas of a city: connected cells with outline and statistics.
-#ifndef TESSERA_WORKER_CHANGES_CHANGE_AREAS_H_
-#define TESSERA_WORKER_CHANGES_CHANGE_AREAS_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -82,5 +81,3 @@ ChangeRaster MergeRasters(std::span<const ChangeRaster> rasters);
 SurfaceRaster MergeSurfaces(std::span<const SurfaceRaster> rasters, const CellRect& cells, double cell_m);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_CHANGE_AREAS_H_

@@ -1,6 +1,5 @@
 // Rasters of the old and new surface over the ground plane's cells.
-#ifndef TESSERA_WORKER_CHANGES_CHANGE_RASTER_H_
-#define TESSERA_WORKER_CHANGES_CHANGE_RASTER_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -49,5 +48,3 @@ struct ChangeRaster {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_CHANGE_RASTER_H_

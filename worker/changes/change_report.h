@@ -34,8 +34,7 @@
 //
 // changes.png: plan of the area with an old surface, x to the right and y up. Old heights as grey relief, white where
 // unknown, areas in the colour of their kind.
-#ifndef TESSERA_WORKER_CHANGES_CHANGE_REPORT_H_
-#define TESSERA_WORKER_CHANGES_CHANGE_REPORT_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -68,5 +67,3 @@ ByteImage DrawChanges(const ChangeReport& report, int max_side_px = 1600);
 Status WriteChangeReport(const ChangeReport& report, const std::string& folder);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_CHANGE_REPORT_H_

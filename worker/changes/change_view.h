@@ -1,6 +1,5 @@
 // Views of the new flight as input of change measurement.
-#ifndef TESSERA_WORKER_CHANGES_CHANGE_VIEW_H_
-#define TESSERA_WORKER_CHANGES_CHANGE_VIEW_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <array>
@@ -45,5 +44,3 @@ ViewChoice ChooseViews(const std::vector<PosedCamera>& cameras, const GroundPlan
                        const Eigen::AlignedBox2d& block, double height_m, const BlockViewOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_CHANGE_VIEW_H_

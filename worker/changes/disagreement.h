@@ -1,6 +1,5 @@
 // Disagreement between epochs: the new images against the surface that earlier images produced.
-#ifndef TESSERA_WORKER_CHANGES_DISAGREEMENT_H_
-#define TESSERA_WORKER_CHANGES_DISAGREEMENT_H_
+#pragma once
 
 #include <optional>
 #include <span>
@@ -32,5 +31,3 @@ EpochDisagreement MeasureDisagreement(const ChangeRaster& raster, std::span<cons
                                       const ChangeAreaOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_DISAGREEMENT_H_

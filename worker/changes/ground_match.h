@@ -1,7 +1,6 @@
 // Photo-consistency of surface patches seen from above: windows of ground plane samples, lifted to a height each, are
 // projected into every view and compared by normalised cross-correlation.
-#ifndef TESSERA_WORKER_CHANGES_GROUND_MATCH_H_
-#define TESSERA_WORKER_CHANGES_GROUND_MATCH_H_
+#pragma once
 
 #include <array>
 #include <span>
@@ -62,5 +61,3 @@ class GroundMatcher {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_GROUND_MATCH_H_

@@ -6,8 +6,7 @@
 // views does no harm. The agreement of the class likelihoods is added. Semi-global aggregation (Hirschmüller 2008)
 // over the cells selects the heights. The old surface is an additional hypothesis, matched in its true shape and
 // given a small bonus, so that noise does not change unchanged ground.
-#ifndef TESSERA_WORKER_CHANGES_MEASURE_CHANGES_H_
-#define TESSERA_WORKER_CHANGES_MEASURE_CHANGES_H_
+#pragma once
 
 #include <span>
 #include <vector>
@@ -50,5 +49,3 @@ ChangeRaster MeasureChanges(const MeshSpans& old_mesh, const GroundPlane& ground
                             const MeasureOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_MEASURE_CHANGES_H_

@@ -1,6 +1,5 @@
 // Outlines of sets of cells as polygons.
-#ifndef TESSERA_WORKER_CHANGES_OUTLINE_H_
-#define TESSERA_WORKER_CHANGES_OUTLINE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <vector>
@@ -27,5 +26,3 @@ Outline TraceOutline(const std::vector<Eigen::Vector2i>& cells);
 Ring SimplifyRing(const Ring& ring, double tolerance);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_OUTLINE_H_

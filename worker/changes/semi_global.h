@@ -1,7 +1,6 @@
 // Semi-global aggregation: Hirschmüller, Stereo processing by semiglobal matching and mutual information, PAMI 2008,
 // section 2.3, with the cells of a raster as pixels and heights as disparities.
-#ifndef TESSERA_WORKER_CHANGES_SEMI_GLOBAL_H_
-#define TESSERA_WORKER_CHANGES_SEMI_GLOBAL_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -33,5 +32,3 @@ std::vector<int16_t> AggregateCosts(const CostVolume& volume, const std::vector<
                                     const SmoothPenalties& penalties);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_SEMI_GLOBAL_H_

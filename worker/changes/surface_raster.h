@@ -1,6 +1,5 @@
 // Rasterises a mesh from above: heights and labels over the ground plane.
-#ifndef TESSERA_WORKER_CHANGES_SURFACE_RASTER_H_
-#define TESSERA_WORKER_CHANGES_SURFACE_RASTER_H_
+#pragma once
 
 #include <span>
 #include <vector>
@@ -42,5 +41,3 @@ SurfaceRaster CellsOfSamples(std::span<const TopSurface::Point> samples, const C
                              int samples_per_cell);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_SURFACE_RASTER_H_

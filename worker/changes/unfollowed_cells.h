@@ -1,6 +1,5 @@
 // Cells of changed areas that the refined mesh does not follow.
-#ifndef TESSERA_WORKER_CHANGES_UNFOLLOWED_CELLS_H_
-#define TESSERA_WORKER_CHANGES_UNFOLLOWED_CELLS_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstddef>
@@ -32,5 +31,3 @@ class UnfollowedCells {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CHANGES_UNFOLLOWED_CELLS_H_

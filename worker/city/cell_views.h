@@ -1,6 +1,5 @@
 // Selects for each ground cell the views from which it is refined.
-#ifndef TESSERA_WORKER_CITY_CELL_VIEWS_H_
-#define TESSERA_WORKER_CITY_CELL_VIEWS_H_
+#pragma once
 
 #include <cstdint>
 #include <map>
@@ -52,5 +51,3 @@ Status ChooseViews(const MeshSpans& whole, const CityReader& city, const CellVie
                    const TaskControl& control, const std::string& scratch_folder, Survey* survey);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_CELL_VIEWS_H_

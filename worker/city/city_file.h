@@ -1,6 +1,5 @@
 // The output of ingest: the mesh of the whole city, stored on disk in blocks that can be read one at a time.
-#ifndef TESSERA_WORKER_CITY_CITY_FILE_H_
-#define TESSERA_WORKER_CITY_CITY_FILE_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <cstdint>
@@ -96,5 +95,3 @@ struct City {
 StatusOr<City> ReadCity(const std::string& path);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_CITY_FILE_H_

@@ -1,6 +1,5 @@
 // Collects faces from blocks of the city into one mesh.
-#ifndef TESSERA_WORKER_CITY_COLLECTED_FACES_H_
-#define TESSERA_WORKER_CITY_COLLECTED_FACES_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -41,5 +40,3 @@ class FaceCollector {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_COLLECTED_FACES_H_

@@ -1,6 +1,5 @@
 // Processes meshes larger than memory, from the scene's file to the city.
-#ifndef TESSERA_WORKER_CITY_DISK_MESH_H_
-#define TESSERA_WORKER_CITY_DISK_MESH_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -64,5 +63,3 @@ StatusOr<DiskMesh> SplitOnDisk(DiskMesh mesh, const std::vector<PosedCamera>& ca
                                const std::function<Status(double)>& progress);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_DISK_MESH_H_

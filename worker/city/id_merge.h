@@ -1,6 +1,5 @@
 // Merges many ascending lists of ids.
-#ifndef TESSERA_WORKER_CITY_ID_MERGE_H_
-#define TESSERA_WORKER_CITY_ID_MERGE_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -55,5 +54,3 @@ class IdMerge {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_ID_MERGE_H_

@@ -1,6 +1,5 @@
 // The grid to which positions are rounded on entry into the local frame.
-#ifndef TESSERA_WORKER_CITY_LOCAL_GRID_H_
-#define TESSERA_WORKER_CITY_LOCAL_GRID_H_
+#pragma once
 
 #include <Eigen/Core>
 
@@ -26,5 +25,3 @@ inline PosedCamera OnLocalGrid(PosedCamera camera) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_LOCAL_GRID_H_

@@ -1,6 +1,5 @@
 // Tests whether the city's surface occludes a point from a camera.
-#ifndef TESSERA_WORKER_CITY_OCCLUSION_TEST_H_
-#define TESSERA_WORKER_CITY_OCCLUSION_TEST_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <memory>
@@ -41,5 +40,3 @@ class OcclusionTest {
 StatusOr<TriangleMesh> FacesAround(const CityReader& city, const Eigen::AlignedBox3d& box, double radius_m);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_OCCLUSION_TEST_H_

@@ -1,6 +1,5 @@
 // Updates a city whose mesh changed in places: unchanged faces keep their ids.
-#ifndef TESSERA_WORKER_CITY_REVISE_CITY_H_
-#define TESSERA_WORKER_CITY_REVISE_CITY_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -46,5 +45,3 @@ StatusOr<RevisedCity> ReviseCity(const CityReader& city, const DiskMesh& base, c
                                  const TaskControl& control);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_REVISE_CITY_H_

@@ -1,6 +1,5 @@
 // Updates an earlier job's survey to more, fewer or other images.
-#ifndef TESSERA_WORKER_CITY_UPDATE_SURVEY_H_
-#define TESSERA_WORKER_CITY_UPDATE_SURVEY_H_
+#pragma once
 
 #include <cstdint>
 #include <map>
@@ -46,5 +45,3 @@ Status UpdateViewSelection(const CityReader& city, const ViewChanges& changes, b
                            Survey* survey);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_UPDATE_SURVEY_H_

@@ -1,6 +1,5 @@
 // Tests whether a view can show any part of a box.
-#ifndef TESSERA_WORKER_CITY_VIEW_BOX_H_
-#define TESSERA_WORKER_CITY_VIEW_BOX_H_
+#pragma once
 
 #include <Eigen/Geometry>
 
@@ -27,5 +26,3 @@ inline bool MayShow(const PosedCamera& camera, const Eigen::AlignedBox3d& box) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_VIEW_BOX_H_

@@ -1,6 +1,5 @@
 // View selection for a surface patch: high visibility and resolution, all directions, limited number.
-#ifndef TESSERA_WORKER_CITY_VIEW_CHOICE_H_
-#define TESSERA_WORKER_CITY_VIEW_CHOICE_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -40,5 +39,3 @@ std::vector<int32_t> ChooseBalanced(const std::vector<std::vector<SampleObservat
                                     const ViewChoiceOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_CITY_VIEW_CHOICE_H_

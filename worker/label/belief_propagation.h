@@ -1,6 +1,5 @@
 // Minimises a label field by loopy belief propagation (min-sum), as in Bláha et al. 2017, and expansion moves.
-#ifndef TESSERA_WORKER_LABEL_BELIEF_PROPAGATION_H_
-#define TESSERA_WORKER_LABEL_BELIEF_PROPAGATION_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -37,5 +36,3 @@ Labelling SolveLabels(const LabelField& field, const std::vector<int32_t>& start
 std::vector<float> LabelConfidence(int classes, const std::vector<float>& beliefs, const std::vector<int32_t>& labels);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_BELIEF_PROPAGATION_H_

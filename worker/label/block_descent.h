@@ -1,7 +1,6 @@
 // Block coordinate descent on a label field: each block of cells changes its labels with all other blocks fixed, so
 // that a change depends only on the blocks that are linked to it.
-#ifndef TESSERA_WORKER_LABEL_BLOCK_DESCENT_H_
-#define TESSERA_WORKER_LABEL_BLOCK_DESCENT_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -35,5 +34,3 @@ void SweepBlocks(const UndecidedField& field, const Blocks& blocks,
                  std::vector<int32_t>* labels);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_BLOCK_DESCENT_H_

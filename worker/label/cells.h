@@ -1,6 +1,5 @@
 // Ground cells of faces, and blocks of 2 x 2 cells for block coordinate descent.
-#ifndef TESSERA_WORKER_LABEL_CELLS_H_
-#define TESSERA_WORKER_LABEL_CELLS_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -29,5 +28,3 @@ struct CellGroups {
 CellGroups GroupByCell(const std::vector<Cell>& cell_of_item);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_CELLS_H_

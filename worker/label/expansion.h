@@ -1,6 +1,5 @@
 // Expansion moves (Boykov et al. 2001) within a block of cells.
-#ifndef TESSERA_WORKER_LABEL_EXPANSION_H_
-#define TESSERA_WORKER_LABEL_EXPANSION_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -44,5 +43,3 @@ class BlockExpansion {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_EXPANSION_H_

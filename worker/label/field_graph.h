@@ -1,6 +1,5 @@
 // Adjacency of a label field: the edges of each face.
-#ifndef TESSERA_WORKER_LABEL_FIELD_GRAPH_H_
-#define TESSERA_WORKER_LABEL_FIELD_GRAPH_H_
+#pragma once
 
 #include <cstdint>
 #include <span>
@@ -29,5 +28,3 @@ struct FieldGraph {
 FieldGraph MakeFieldGraph(const LabelField& field);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_FIELD_GRAPH_H_

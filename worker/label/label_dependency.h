@@ -1,7 +1,6 @@
 // Dependency radius of the label solver: which faces must be present for a face to get the same label as in the whole
 // field.
-#ifndef TESSERA_WORKER_LABEL_LABEL_DEPENDENCY_H_
-#define TESSERA_WORKER_LABEL_LABEL_DEPENDENCY_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -42,5 +41,3 @@ std::vector<uint8_t> FacesInDependencyRadius(const std::vector<std::array<uint32
                                              const LabelDependencyRadius& reach);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_LABEL_DEPENDENCY_H_

@@ -1,6 +1,5 @@
 // The Markov random field over a mesh's faces that labelling minimises.
-#ifndef TESSERA_WORKER_LABEL_LABEL_FIELD_H_
-#define TESSERA_WORKER_LABEL_LABEL_FIELD_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -57,5 +56,3 @@ LabelField BuildLabelField(const TriangleMesh& mesh, const std::vector<MeshEdge>
 double LabelEnergy(const LabelField& field, const std::vector<int32_t>& labels);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_LABEL_FIELD_H_

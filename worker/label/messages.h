@@ -1,6 +1,5 @@
 // Min-sum message passing on a label field.
-#ifndef TESSERA_WORKER_LABEL_MESSAGES_H_
-#define TESSERA_WORKER_LABEL_MESSAGES_H_
+#pragma once
 
 #include <vector>
 
@@ -26,5 +25,3 @@ std::vector<float> FaceBeliefs(const LabelField& field, const FieldGraph& graph,
                                const UndecidedField& undecided, const Messages& messages);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_MESSAGES_H_

@@ -1,6 +1,5 @@
 // Minimum cuts of small graphs.
-#ifndef TESSERA_WORKER_LABEL_MIN_CUT_H_
-#define TESSERA_WORKER_LABEL_MIN_CUT_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -40,5 +39,3 @@ class MinCut {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_MIN_CUT_H_

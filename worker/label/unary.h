@@ -1,6 +1,5 @@
 // Unary data of the label field: class likelihoods summed over the pixels that see each face.
-#ifndef TESSERA_WORKER_LABEL_UNARY_H_
-#define TESSERA_WORKER_LABEL_UNARY_H_
+#pragma once
 
 #include <cstddef>
 #include <vector>
@@ -27,5 +26,3 @@ void AddLikelihoods(const FaceMap& map, const FloatImage& likelihoods, const Pix
                     FaceLikelihoods* sums);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_UNARY_H_

@@ -1,6 +1,5 @@
 // Reduction of a label field to the faces whose label is not decided by their unary cost alone.
-#ifndef TESSERA_WORKER_LABEL_UNDECIDED_FIELD_H_
-#define TESSERA_WORKER_LABEL_UNDECIDED_FIELD_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -73,5 +72,3 @@ struct Blocks {
 Blocks MakeBlocks(const LabelField& field, const UndecidedField& undecided, BlockGrid grid);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_LABEL_UNDECIDED_FIELD_H_

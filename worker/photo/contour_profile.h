@@ -1,6 +1,5 @@
 // Locates an occluding contour on a line of pixels that crosses it.
-#ifndef TESSERA_WORKER_PHOTO_CONTOUR_PROFILE_H_
-#define TESSERA_WORKER_PHOTO_CONTOUR_PROFILE_H_
+#pragma once
 
 #include <array>
 
@@ -30,5 +29,3 @@ struct ContourMeasurement {
 ContourMeasurement MeasureContour(const ContourProfile& profile, const BorderTrust& trust, double scale);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_CONTOUR_PROFILE_H_

@@ -1,6 +1,5 @@
 // E_contour: pulls occluding contours towards the image edges selected by the class likelihoods.
-#ifndef TESSERA_WORKER_PHOTO_CONTOUR_TERM_H_
-#define TESSERA_WORKER_PHOTO_CONTOUR_TERM_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -55,5 +54,3 @@ std::vector<FaceContour> FindContours(const TriangleMesh& mesh, const std::vecto
 ContourSums AddContours(const std::vector<std::vector<FaceContour>>& views, const std::vector<int32_t>& view_ids);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_CONTOUR_TERM_H_

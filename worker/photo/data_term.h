@@ -1,6 +1,5 @@
 // The data terms at one pyramid level: loads the views' texels and evaluates E_photo, E_sem and E_contour per face.
-#ifndef TESSERA_WORKER_PHOTO_DATA_TERM_H_
-#define TESSERA_WORKER_PHOTO_DATA_TERM_H_
+#pragma once
 
 #include <cstdint>
 #include <memory>
@@ -95,5 +94,3 @@ class DataTerm {
 PhotoOptions MakePhotoOptions(const DataOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_DATA_TERM_H_

@@ -1,7 +1,6 @@
 // Reduces pixel derivatives to faces: sums over the pixels of a view that see a face, weighted by barycentric
 // coordinates.
-#ifndef TESSERA_WORKER_PHOTO_FACE_SUMS_H_
-#define TESSERA_WORKER_PHOTO_FACE_SUMS_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -68,5 +67,3 @@ class FaceGatherer {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_FACE_SUMS_H_

@@ -1,6 +1,5 @@
 // Selects pairs of views for matching.
-#ifndef TESSERA_WORKER_PHOTO_PAIRS_H_
-#define TESSERA_WORKER_PHOTO_PAIRS_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -39,5 +38,3 @@ std::vector<ViewPair> SelectPairs(const TriangleMesh& mesh, const std::vector<Po
 std::vector<int> OrderByPairs(int views, const std::vector<ViewPair>& pairs);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_PAIRS_H_

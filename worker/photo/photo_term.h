@@ -1,8 +1,7 @@
 // The data term E_photo + λ1 E_sem of all view pairs: 1 - ZNCC over windows, and half the squared differences of
 // class likelihoods per pixel. Gradient and Gauss-Newton curvature at the vertices as in Bláha et al. 2017, eq. 2-5,
 // but with the exact derivative of the windowed score instead of the pointwise approximation.
-#ifndef TESSERA_WORKER_PHOTO_PHOTO_TERM_H_
-#define TESSERA_WORKER_PHOTO_PHOTO_TERM_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -158,5 +157,3 @@ class PhotoTerm {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_PHOTO_TERM_H_

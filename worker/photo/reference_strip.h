@@ -1,6 +1,5 @@
 // The reference side of the data term: rows of one view, with what all its pairs have in common.
-#ifndef TESSERA_WORKER_PHOTO_REFERENCE_STRIP_H_
-#define TESSERA_WORKER_PHOTO_REFERENCE_STRIP_H_
+#pragma once
 
 #include "common/imaging/camera.h"
 #include "worker/photo/texels.h"
@@ -30,5 +29,3 @@ void FillStrip(const PinholeCamera& camera, const Texels& texels, const FaceMap&
                double min_cosine, ReferenceStrip* strip);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_REFERENCE_STRIP_H_

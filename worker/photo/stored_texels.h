@@ -1,6 +1,5 @@
 // Storage format of texels, without padding, and the pyramid levels of a view.
-#ifndef TESSERA_WORKER_PHOTO_STORED_TEXELS_H_
-#define TESSERA_WORKER_PHOTO_STORED_TEXELS_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -56,5 +55,3 @@ struct StoredTexels : TexelShape {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_STORED_TEXELS_H_

@@ -1,7 +1,6 @@
 // Pixel format of the data term's kernel: quantised, packed luminance and class likelihoods of one view at one
 // pyramid level. These quantised values define the image everywhere, including in finite difference tests.
-#ifndef TESSERA_WORKER_PHOTO_TEXELS_H_
-#define TESSERA_WORKER_PHOTO_TEXELS_H_
+#pragma once
 
 #include <algorithm>
 #include <cstddef>
@@ -84,5 +83,3 @@ uint16_t LuminanceCode(float luminance);
 uint8_t LikelihoodStep(float likelihood);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_TEXELS_H_

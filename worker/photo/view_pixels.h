@@ -1,6 +1,5 @@
 // Access to a view's pixels on demand: the pixels of all views of a tile do not fit in memory.
-#ifndef TESSERA_WORKER_PHOTO_VIEW_PIXELS_H_
-#define TESSERA_WORKER_PHOTO_VIEW_PIXELS_H_
+#pragma once
 
 #include "common/base/status.h"
 #include "worker/photo/stored_texels.h"
@@ -20,5 +19,3 @@ class ViewPixels {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_VIEW_PIXELS_H_

@@ -1,6 +1,5 @@
 // The target side of a pair: luminance and nearest depth of a view, interleaved.
-#ifndef TESSERA_WORKER_PHOTO_WARP_TARGET_H_
-#define TESSERA_WORKER_PHOTO_WARP_TARGET_H_
+#pragma once
 
 #include <cstdint>
 
@@ -37,5 +36,3 @@ struct WarpTarget {
 void SetWarpTarget(const Texels& texels, const FaceMap& map, const DepthRange& range, WarpTarget* target);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_WARP_TARGET_H_

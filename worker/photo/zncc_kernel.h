@@ -1,7 +1,6 @@
 // The kernel of the data term: warps one strip of an ordered image pair, and computes score and derivatives of
 // luminance and classes in one pass.
-#ifndef TESSERA_WORKER_PHOTO_ZNCC_KERNEL_H_
-#define TESSERA_WORKER_PHOTO_ZNCC_KERNEL_H_
+#pragma once
 
 #include <cstdint>
 #include <limits>
@@ -74,5 +73,3 @@ ZnccSums AccumulateZncc(const ZnccPair& pair, const ZnccWindow& window, const Se
                         ReferenceStrip* strip, ZnccScratch* scratch);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PHOTO_ZNCC_KERNEL_H_

@@ -1,6 +1,5 @@
 // Flips edges of the final mesh (FlipEdges) tile by tile, before publishing.
-#ifndef TESSERA_WORKER_PUBLISH_FLIPPED_FACES_H_
-#define TESSERA_WORKER_PUBLISH_FLIPPED_FACES_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -31,5 +30,3 @@ StatusOr<ScratchArray<FlippedFace>> FlipCores(const CityReader& city, const Grou
                                               const TaskControl& control, std::vector<CoreSpans>* cores);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PUBLISH_FLIPPED_FACES_H_

@@ -1,6 +1,5 @@
 // The job's report: settings, tiles and statistics of the result.
-#ifndef TESSERA_WORKER_PUBLISH_JOB_SUMMARY_H_
-#define TESSERA_WORKER_PUBLISH_JOB_SUMMARY_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -51,5 +50,3 @@ StatusOr<std::string> MakeReport(const Survey& survey, ResultStatistics statisti
 double NthSmallest(std::span<const double> values, size_t n);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PUBLISH_JOB_SUMMARY_H_

@@ -1,6 +1,5 @@
 // Merges the tiles' cores into the city's result by streaming, without loading the city.
-#ifndef TESSERA_WORKER_PUBLISH_MERGE_CORES_H_
-#define TESSERA_WORKER_PUBLISH_MERGE_CORES_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -89,5 +88,3 @@ class CoreMerger {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PUBLISH_MERGE_CORES_H_

@@ -1,7 +1,6 @@
 // Outdated faces: faces of an update's result that still show the old state because refinement could not follow the
 // new images.
-#ifndef TESSERA_WORKER_PUBLISH_OUTDATED_FACES_H_
-#define TESSERA_WORKER_PUBLISH_OUTDATED_FACES_H_
+#pragma once
 
 #include <cstdint>
 #include <span>
@@ -63,5 +62,3 @@ class OutdatedFaceFinder {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PUBLISH_OUTDATED_FACES_H_

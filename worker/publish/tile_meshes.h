@@ -1,6 +1,5 @@
 // Exports the result as one PLY per tile with an index.
-#ifndef TESSERA_WORKER_PUBLISH_TILE_MESHES_H_
-#define TESSERA_WORKER_PUBLISH_TILE_MESHES_H_
+#pragma once
 
 #include <cstdint>
 #include <span>
@@ -34,5 +33,3 @@ StatusOr<std::vector<std::string>> WriteTileMeshes(const std::string& output_dir
                                                    const std::vector<int>& quarantined, const TaskControl& control);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_PUBLISH_TILE_MESHES_H_

@@ -1,6 +1,5 @@
 // Splits faces that cover many pixels, so that the mesh can represent the detail of the images.
-#ifndef TESSERA_WORKER_REFINE_DENSITY_H_
-#define TESSERA_WORKER_REFINE_DENSITY_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -44,5 +43,3 @@ SplitMesh SplitLargeFaces(const TriangleMesh& mesh, const std::vector<PosedCamer
                           const DensityOptions& options, const EdgeRule& rule = {});
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_DENSITY_H_

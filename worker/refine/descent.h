@@ -1,6 +1,5 @@
 // One descent step: balances data and smoothness per vertex, limits the motion and prevents folds.
-#ifndef TESSERA_WORKER_REFINE_DESCENT_H_
-#define TESSERA_WORKER_REFINE_DESCENT_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -152,5 +151,3 @@ std::vector<Eigen::Vector3d> ComputeStep(const TriangleMesh& mesh, const PhotoDe
                                          const StepOptions& options, const std::vector<Eigen::Vector3f>& last = {});
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_DESCENT_H_

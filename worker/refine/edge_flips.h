@@ -1,8 +1,7 @@
 // Final mesh improvement: flips edges so that they run along creases instead of across them (Dyn, Hormann, Kim,
 // Levin: Optimizing 3D triangulations using discrete curvature analysis, 2001). Refinement moves vertices onto eaves
 // and the feet of walls, but faces with corners on both sides of a crease still cut it, which gives a sawtooth.
-#ifndef TESSERA_WORKER_REFINE_EDGE_FLIPS_H_
-#define TESSERA_WORKER_REFINE_EDGE_FLIPS_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -26,5 +25,3 @@ namespace tessera {
 std::vector<uint32_t> FlipEdges(const std::vector<uint64_t>& groups, TriangleMesh* mesh);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_EDGE_FLIPS_H_

@@ -1,7 +1,6 @@
 // E_inter: Σ (π - γ)² along label borders, which straightens them (Bláha et al. 2017, section 3.1, with the
 // derivative at all three vertices of a corner).
-#ifndef TESSERA_WORKER_REFINE_INTER_TERM_H_
-#define TESSERA_WORKER_REFINE_INTER_TERM_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -96,5 +95,3 @@ class InterTerm {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_INTER_TERM_H_

@@ -1,6 +1,5 @@
 // One-rings of a mesh in flat arrays: the topology used by the regularisers.
-#ifndef TESSERA_WORKER_REFINE_ONE_RINGS_H_
-#define TESSERA_WORKER_REFINE_ONE_RINGS_H_
+#pragma once
 
 #include <array>
 #include <cstdint>
@@ -27,5 +26,3 @@ struct OneRings {
 OneRings FindOneRings(const TriangleMesh& mesh);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_ONE_RINGS_H_

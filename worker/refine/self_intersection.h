@@ -1,6 +1,5 @@
 // Detects self-intersections of a mesh, and repairs those that a motion has caused.
-#ifndef TESSERA_WORKER_REFINE_SELF_INTERSECTION_H_
-#define TESSERA_WORKER_REFINE_SELF_INTERSECTION_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -100,5 +99,3 @@ class SurfaceRepair {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_SELF_INTERSECTION_H_

@@ -1,7 +1,6 @@
 // E_intra: thin-plate energy by the umbrella operator with one weight per class, and a membrane part (Bláha et al.
 // 2017, section 3.1).
-#ifndef TESSERA_WORKER_REFINE_SMOOTH_TERM_H_
-#define TESSERA_WORKER_REFINE_SMOOTH_TERM_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -133,5 +132,3 @@ class SmoothTerm {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_SMOOTH_TERM_H_

@@ -1,7 +1,6 @@
 // Moves the vertices after the data term is evaluated: step, guard and repair, with the data of the start that they
 // need.
-#ifndef TESSERA_WORKER_REFINE_STEPPER_H_
-#define TESSERA_WORKER_REFINE_STEPPER_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -77,5 +76,3 @@ class Stepper {
 MotionLimits MakeMotionLimits(const StepperOptions& options, double gsd_m);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_STEPPER_H_

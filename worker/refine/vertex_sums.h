@@ -1,6 +1,5 @@
 // Gathers the data terms' face derivatives at the vertices.
-#ifndef TESSERA_WORKER_REFINE_VERTEX_SUMS_H_
-#define TESSERA_WORKER_REFINE_VERTEX_SUMS_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <vector>
@@ -27,5 +26,3 @@ PhotoDerivatives GatherVertices(const TriangleMesh& mesh, const CsrRows& faces_o
                                 const std::vector<FaceSums>& sums, const ContourSums& contours);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_REFINE_VERTEX_SUMS_H_

@@ -1,6 +1,5 @@
 // Stores change rasters as files passed between tasks.
-#ifndef TESSERA_WORKER_TASKS_CHANGE_FILES_H_
-#define TESSERA_WORKER_TASKS_CHANGE_FILES_H_
+#pragma once
 
 #include <string>
 
@@ -13,5 +12,3 @@ Status WriteChangeRaster(const std::string& path, const ChangeRaster& raster);
 StatusOr<ChangeRaster> ReadChangeRaster(const std::string& path);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TASKS_CHANGE_FILES_H_

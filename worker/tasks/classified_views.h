@@ -1,6 +1,5 @@
 // Content keys of likelihoods that a job computes itself, before they exist.
-#ifndef TESSERA_WORKER_TASKS_CLASSIFIED_VIEWS_H_
-#define TESSERA_WORKER_TASKS_CLASSIFIED_VIEWS_H_
+#pragma once
 
 #include <set>
 #include <string>
@@ -25,5 +24,3 @@ Status FillClassifiedContents(const Survey& survey, const std::set<std::string>&
                               SceneDescription* scene);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TASKS_CLASSIFIED_VIEWS_H_

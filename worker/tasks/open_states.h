@@ -1,6 +1,5 @@
 // Opens tiles' states among a task's inputs.
-#ifndef TESSERA_WORKER_TASKS_OPEN_STATES_H_
-#define TESSERA_WORKER_TASKS_OPEN_STATES_H_
+#pragma once
 
 #include <vector>
 
@@ -14,5 +13,3 @@ namespace tessera {
 StatusOr<std::vector<MappedState>> OpenStates(const TaskRequest& request, const std::vector<int>& tiles);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TASKS_OPEN_STATES_H_

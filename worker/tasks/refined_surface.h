@@ -1,6 +1,5 @@
 // A part of the city's surface with the tiles' current states.
-#ifndef TESSERA_WORKER_TASKS_REFINED_SURFACE_H_
-#define TESSERA_WORKER_TASKS_REFINED_SURFACE_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <vector>
@@ -22,5 +21,3 @@ StatusOr<CollectedFaces> RefinedSurface(const CityReader& city, const GroundPlan
 Eigen::AlignedBox2d PlanOf(const CellRect& cells, double cell_m, int margin_cells);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TASKS_REFINED_SURFACE_H_

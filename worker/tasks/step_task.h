@@ -1,6 +1,5 @@
 // Inputs and warnings that the tasks of a step share: measure, solve and repair.
-#ifndef TESSERA_WORKER_TASKS_STEP_TASK_H_
-#define TESSERA_WORKER_TASKS_STEP_TASK_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -44,5 +43,3 @@ std::string FoldWarning(int tile, int64_t faces);
 StatusOr<std::vector<TileSums>> ReadSums(const TaskRequest& request, const StepParameters& parameters);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TASKS_STEP_TASK_H_

@@ -1,6 +1,5 @@
 // A task of a worker: a pure function from a folder of input files to a folder of output files.
-#ifndef TESSERA_WORKER_TASKS_TASK_H_
-#define TESSERA_WORKER_TASKS_TASK_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -30,5 +29,3 @@ struct TaskOutcome {
 StatusOr<TaskOutcome> RunTask(const TaskRequest& request, const TaskControl& control);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TASKS_TASK_H_

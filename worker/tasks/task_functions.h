@@ -1,7 +1,6 @@
 // The tasks in pipeline order, one file each. A task reads its inputs from request.input_dir and writes its outputs
 // to request.output_dir; errors and guarantees as RunTask.
-#ifndef TESSERA_WORKER_TASKS_TASK_FUNCTIONS_H_
-#define TESSERA_WORKER_TASKS_TASK_FUNCTIONS_H_
+#pragma once
 
 #include <string>
 
@@ -62,5 +61,3 @@ inline std::string OutputPath(const TaskRequest& request, const std::string& nam
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TASKS_TASK_FUNCTIONS_H_

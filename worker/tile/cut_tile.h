@@ -1,6 +1,5 @@
 // Cuts a tile's package out of the city.
-#ifndef TESSERA_WORKER_TILE_CUT_TILE_H_
-#define TESSERA_WORKER_TILE_CUT_TILE_H_
+#pragma once
 
 #include "common/base/status.h"
 #include "common/job/survey.h"
@@ -33,5 +32,3 @@ StatusOr<CutResult> CutTile(const CityReader& city, const Survey& survey, const 
                             const CutOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_CUT_TILE_H_

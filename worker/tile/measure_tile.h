@@ -1,6 +1,5 @@
 // What the pixels show of each face of a tile in one step.
-#ifndef TESSERA_WORKER_TILE_MEASURE_TILE_H_
-#define TESSERA_WORKER_TILE_MEASURE_TILE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -37,5 +36,3 @@ Status Measure(TileWorkspace& work, TileImages& images, const TileSnapshot& snap
 TileSums CoreSums(const TileWorkspace& work, const StepSums& sums);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_MEASURE_TILE_H_

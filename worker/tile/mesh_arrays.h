@@ -1,6 +1,5 @@
 // Stores meshes as arrays of a file: NAME.vertices (3 doubles each), NAME.faces (3 indices each), NAME.labels.
-#ifndef TESSERA_WORKER_TILE_MESH_ARRAYS_H_
-#define TESSERA_WORKER_TILE_MESH_ARRAYS_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <string>
@@ -21,5 +20,3 @@ void PutMesh(const TriangleMesh& mesh, const std::string& name, ArrayFile* file)
 StatusOr<TriangleMesh> TakeMesh(const std::string& name, ArrayFile* file);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_MESH_ARRAYS_H_

@@ -1,6 +1,5 @@
 // The methods of a job as options of the refinement.
-#ifndef TESSERA_WORKER_TILE_METHODS_H_
-#define TESSERA_WORKER_TILE_METHODS_H_
+#pragma once
 
 #include <vector>
 
@@ -29,5 +28,3 @@ StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, co
 std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_METHODS_H_

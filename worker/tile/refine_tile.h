@@ -1,6 +1,5 @@
 // All steps of a job's only tile, in memory.
-#ifndef TESSERA_WORKER_TILE_REFINE_TILE_H_
-#define TESSERA_WORKER_TILE_REFINE_TILE_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -38,5 +37,3 @@ StatusOr<TileRefinement> RefineTile(TileWorkspace& work, TileImages& images, con
                                     const TileRefineOptions& options, const TaskControl& control, const Clock& clock);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_REFINE_TILE_H_

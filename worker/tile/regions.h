@@ -1,7 +1,6 @@
 // Finds the faces that the operators read to compute a core's vertices and labels exactly, from their dependency
 // radii.
-#ifndef TESSERA_WORKER_TILE_REGIONS_H_
-#define TESSERA_WORKER_TILE_REGIONS_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -59,5 +58,3 @@ std::vector<uint8_t> FindRegions(const TriangleMesh& mesh, const CsrRows& faces_
                                  const RegionDependencyRadius& reach);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_REGIONS_H_

@@ -1,6 +1,5 @@
 // Taking back the motion of a tile's vertices where faces folded or cut each other.
-#ifndef TESSERA_WORKER_TILE_REPAIR_TILE_H_
-#define TESSERA_WORKER_TILE_REPAIR_TILE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -44,5 +43,3 @@ float CarriedConfidence(int classes, int32_t label);
 void FillConfidence(const TilePackage& package, TileSnapshot* snapshot);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_REPAIR_TILE_H_

@@ -1,6 +1,5 @@
 // The vertices or labels of a tile after one step, from the sums over the pixels.
-#ifndef TESSERA_WORKER_TILE_SOLVE_TILE_H_
-#define TESSERA_WORKER_TILE_SOLVE_TILE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -39,5 +38,3 @@ RegionLabels LabelRegion(const TilePackage& package, const RegionMesh& region,
                          const std::vector<uint8_t>& frozen = {});
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_SOLVE_TILE_H_

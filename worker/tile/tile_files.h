@@ -1,6 +1,5 @@
 // The files that the tasks of a tile exchange, as value types: package, sums of a step, state after a step.
-#ifndef TESSERA_WORKER_TILE_TILE_FILES_H_
-#define TESSERA_WORKER_TILE_TILE_FILES_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <array>
@@ -141,5 +140,3 @@ class MappedState {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_TILE_FILES_H_

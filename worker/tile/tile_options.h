@@ -1,6 +1,5 @@
 // The settings of a tile's refinement.
-#ifndef TESSERA_WORKER_TILE_TILE_OPTIONS_H_
-#define TESSERA_WORKER_TILE_TILE_OPTIONS_H_
+#pragma once
 
 #include "worker/label/belief_propagation.h"
 #include "worker/label/label_field.h"
@@ -24,5 +23,3 @@ inline bool GeometryUsesLabels(const TilePackage& package, const TileRefineOptio
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_TILE_OPTIONS_H_

@@ -1,6 +1,5 @@
 // A step of a tile's refinement with its position in its level.
-#ifndef TESSERA_WORKER_TILE_TILE_STEP_H_
-#define TESSERA_WORKER_TILE_TILE_STEP_H_
+#pragma once
 
 #include <vector>
 
@@ -23,5 +22,3 @@ struct TileStep {
 std::vector<TileStep> TileStepsOf(const std::vector<RefineStep>& steps);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_TILE_STEP_H_

@@ -1,6 +1,5 @@
 // The pixels of a tile's views: read, undistorted and cropped to the tile once, for all steps of its refinement.
-#ifndef TESSERA_WORKER_TILE_TILE_VIEWS_H_
-#define TESSERA_WORKER_TILE_TILE_VIEWS_H_
+#pragma once
 
 #include <memory>
 #include <string>
@@ -46,5 +45,3 @@ struct TileData {
 TileData MakeTileData(const TilePackage& package, const std::vector<TileView>& views, bool uses_labels);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_TILE_VIEWS_H_

@@ -1,6 +1,5 @@
 // A tile's package with what its tasks derive from it and use again, and the tiles' states and sums put together.
-#ifndef TESSERA_WORKER_TILE_TILE_WORKSPACE_H_
-#define TESSERA_WORKER_TILE_TILE_WORKSPACE_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <cstdint>
@@ -149,5 +148,3 @@ class TileWorkspace {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_TILE_WORKSPACE_H_

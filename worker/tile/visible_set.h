@@ -1,6 +1,5 @@
 // Finds which ground cells of the city, and which part of each image, the pixels of a tile can depend on.
-#ifndef TESSERA_WORKER_TILE_VISIBLE_SET_H_
-#define TESSERA_WORKER_TILE_VISIBLE_SET_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -30,5 +29,3 @@ VisibleSet FindVisibleSet(const Survey& survey, const std::vector<uint8_t>& core
                           const VisibleSetOptions& options);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_TILE_VISIBLE_SET_H_

@@ -1,6 +1,5 @@
 // A rectangular part of a camera's image, and the camera of a pyramid level.
-#ifndef TESSERA_WORKER_VISIBILITY_IMAGE_WINDOW_H_
-#define TESSERA_WORKER_VISIBILITY_IMAGE_WINDOW_H_
+#pragma once
 
 #include "common/imaging/camera.h"
 
@@ -32,5 +31,3 @@ struct CameraWindow {
 PosedCamera PyramidCamera(const PosedCamera& camera, int level);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_VISIBILITY_IMAGE_WINDOW_H_

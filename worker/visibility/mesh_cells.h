@@ -1,6 +1,5 @@
 // Spatial cells of a mesh with bounding boxes, to skip what a camera window cannot show.
-#ifndef TESSERA_WORKER_VISIBILITY_MESH_CELLS_H_
-#define TESSERA_WORKER_VISIBILITY_MESH_CELLS_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <array>
@@ -50,5 +49,3 @@ class CellBoxes {
 PixelRect PixelsOf(const CameraWindow& view, const Eigen::AlignedBox3d& box, double near_m, int margin_px);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_VISIBILITY_MESH_CELLS_H_

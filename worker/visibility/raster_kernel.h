@@ -1,7 +1,6 @@
 // Inner loops of the rasteriser: project vertices to a fixed-point grid, drop faces without pixel centres, draw the
 // rest. They use the widest instruction set of the machine and give the same bytes on each.
-#ifndef TESSERA_WORKER_VISIBILITY_RASTER_KERNEL_H_
-#define TESSERA_WORKER_VISIBILITY_RASTER_KERNEL_H_
+#pragma once
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -81,5 +80,3 @@ int64_t DrawFaces(const Triangle* faces, const uint32_t* list, int64_t count, co
                   const DrawTarget& target);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_VISIBILITY_RASTER_KERNEL_H_

@@ -1,6 +1,5 @@
 // Face and depth maps of a mesh seen from one camera, by scan conversion.
-#ifndef TESSERA_WORKER_VISIBILITY_RASTERIZER_H_
-#define TESSERA_WORKER_VISIBILITY_RASTERIZER_H_
+#pragma once
 
 #include <cstdint>
 #include <functional>
@@ -75,5 +74,3 @@ class Rasterizer {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_VISIBILITY_RASTERIZER_H_

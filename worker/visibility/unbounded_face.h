@@ -1,7 +1,6 @@
 // Draws the few faces that the kernel's fixed-point grid cannot represent: those that cross the near plane, reach far
 // beyond the image border, or span thousands of pixels. Uses double precision; speed does not matter here.
-#ifndef TESSERA_WORKER_VISIBILITY_UNBOUNDED_FACE_H_
-#define TESSERA_WORKER_VISIBILITY_UNBOUNDED_FACE_H_
+#pragma once
 
 #include "common/geometry/mesh.h"
 #include "common/imaging/camera.h"
@@ -15,5 +14,3 @@ void DrawUnboundedFace(const TriangleMesh& mesh, uint32_t f, const GridVertex* v
                        double near_m, int32_t id, const DrawTarget& target);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_VISIBILITY_UNBOUNDED_FACE_H_

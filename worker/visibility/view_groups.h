@@ -1,6 +1,5 @@
 // View selection per group of faces, and masks on face maps.
-#ifndef TESSERA_WORKER_VISIBILITY_VIEW_GROUPS_H_
-#define TESSERA_WORKER_VISIBILITY_VIEW_GROUPS_H_
+#pragma once
 
 #include <cstddef>
 #include <cstdint>
@@ -29,5 +28,3 @@ void MarkNotSelected(const ViewGroups& groups, size_t view, FaceMap* map);
 void KeepNearOwn(const std::vector<uint8_t>& own, int margin_px, FaceMap* map);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_VISIBILITY_VIEW_GROUPS_H_

@@ -1,6 +1,5 @@
 // Finds which cells of a mesh, and which part of each image, the pixels of given cells can depend on.
-#ifndef TESSERA_WORKER_VISIBILITY_VISIBLE_CELLS_H_
-#define TESSERA_WORKER_VISIBILITY_VISIBLE_CELLS_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <array>
@@ -40,5 +39,3 @@ std::vector<std::vector<uint32_t>> OwnCellsOfViews(const MeshCells& cells, const
                                                    const std::vector<std::vector<uint8_t>>& selected, size_t views);
 
 }  // namespace tessera
-
-#endif  // TESSERA_WORKER_VISIBILITY_VISIBLE_CELLS_H_

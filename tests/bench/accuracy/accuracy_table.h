@@ -1,6 +1,5 @@
 // What the accuracy bench prints.
-#ifndef TESSERA_TESTS_BENCH_ACCURACY_ACCURACY_TABLE_H_
-#define TESSERA_TESTS_BENCH_ACCURACY_ACCURACY_TABLE_H_
+#pragma once
 
 #include <optional>
 #include <string>
@@ -34,5 +33,3 @@ void Print(const AccuracyTable& table);
 void PrintRatios(const std::vector<AccuracyTable>& tables);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_ACCURACY_ACCURACY_TABLE_H_

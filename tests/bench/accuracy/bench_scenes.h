@@ -1,6 +1,5 @@
 // The scenes that the accuracy bench runs on: synthetic cities, and scenes changed for a question.
-#ifndef TESSERA_TESTS_BENCH_ACCURACY_BENCH_SCENES_H_
-#define TESSERA_TESTS_BENCH_ACCURACY_BENCH_SCENES_H_
+#pragma once
 
 #include <string>
 
@@ -23,5 +22,3 @@ Status StartFromTruth(const SceneDescription& scene, const std::string& folder);
 Status LeaveOutView(const SceneDescription& scene, size_t view, const std::string& folder);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_ACCURACY_BENCH_SCENES_H_

@@ -1,6 +1,5 @@
 // How well meshes carry their images over to a photograph that took no part in making them.
-#ifndef TESSERA_TESTS_BENCH_ACCURACY_LEFT_OUT_VIEW_H_
-#define TESSERA_TESTS_BENCH_ACCURACY_LEFT_OUT_VIEW_H_
+#pragma once
 
 #include <cstdint>
 #include <vector>
@@ -24,5 +23,3 @@ StatusOr<LeftOutScore> ScoreLeftOutView(const SceneDescription& scene, size_t le
                                         const std::vector<const TriangleMesh*>& meshes);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_ACCURACY_LEFT_OUT_VIEW_H_

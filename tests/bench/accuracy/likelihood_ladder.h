@@ -1,6 +1,5 @@
 // Scenes that differ in their likelihoods alone, from the truth's to worthless ones.
-#ifndef TESSERA_TESTS_BENCH_ACCURACY_LIKELIHOOD_LADDER_H_
-#define TESSERA_TESTS_BENCH_ACCURACY_LIKELIHOOD_LADDER_H_
+#pragma once
 
 #include <string>
 
@@ -23,5 +22,3 @@ namespace tessera {
 Status MakeRung(const SceneDescription& scene, const std::string& rung, const std::string& folder);
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_ACCURACY_LIKELIHOOD_LADDER_H_

@@ -1,6 +1,5 @@
 // Jobs on one scene, in this process, for the benches.
-#ifndef TESSERA_TESTS_BENCH_ACCURACY_SCENE_RUNNER_H_
-#define TESSERA_TESTS_BENCH_ACCURACY_SCENE_RUNNER_H_
+#pragma once
 
 #include <map>
 #include <string>
@@ -55,5 +54,3 @@ class SceneRunner {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_ACCURACY_SCENE_RUNNER_H_

@@ -1,6 +1,5 @@
 // Where refining broke a surface: faces that turned over, faces that cut through each other.
-#ifndef TESSERA_TESTS_BENCH_ACCURACY_SURFACE_FOLDS_H_
-#define TESSERA_TESTS_BENCH_ACCURACY_SURFACE_FOLDS_H_
+#pragma once
 
 #include <cstdint>
 #include <utility>
@@ -34,5 +33,3 @@ class FoldCounter {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_BENCH_ACCURACY_SURFACE_FOLDS_H_

@@ -1,6 +1,5 @@
 // Compares the results of two jobs byte for byte, and describes the first difference.
-#ifndef TESSERA_TESTS_PROPERTY_LINE_SAME_MESH_H_
-#define TESSERA_TESTS_PROPERTY_LINE_SAME_MESH_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -36,5 +35,3 @@ inline testing::AssertionResult SameMesh(const std::string& expected_path, const
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_PROPERTY_LINE_SAME_MESH_H_

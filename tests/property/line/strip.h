@@ -1,6 +1,5 @@
 // A row of blocks with small images, for tests with several tiles.
-#ifndef TESSERA_TESTS_PROPERTY_LINE_STRIP_H_
-#define TESSERA_TESTS_PROPERTY_LINE_STRIP_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -23,5 +22,3 @@ inline void SynthesizeStrip(const std::string& folder, int columns) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_PROPERTY_LINE_STRIP_H_

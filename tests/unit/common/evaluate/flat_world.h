@@ -1,6 +1,5 @@
 // A horizontal square with cameras above it, whose scores can be computed by hand.
-#ifndef TESSERA_TESTS_UNIT_COMMON_EVALUATE_FLAT_WORLD_H_
-#define TESSERA_TESTS_UNIT_COMMON_EVALUATE_FLAT_WORLD_H_
+#pragma once
 
 #include <string>
 #include <vector>
@@ -43,5 +42,3 @@ inline SceneView ViewFromAbove(const Eigen::Vector3d& position, double side_m, i
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_COMMON_EVALUATE_FLAT_WORLD_H_

@@ -1,6 +1,5 @@
 // Meshes for the tests of this folder.
-#ifndef TESSERA_TESTS_UNIT_COMMON_GEOMETRY_MESHES_H_
-#define TESSERA_TESTS_UNIT_COMMON_GEOMETRY_MESHES_H_
+#pragma once
 
 #include <algorithm>
 #include <cmath>
@@ -84,5 +83,3 @@ inline TriangleMesh DamagedTorus(uint64_t seed) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_COMMON_GEOMETRY_MESHES_H_

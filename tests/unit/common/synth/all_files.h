@@ -1,6 +1,5 @@
 // The contents of a folder, for comparison.
-#ifndef TESSERA_TESTS_UNIT_COMMON_SYNTH_ALL_FILES_H_
-#define TESSERA_TESTS_UNIT_COMMON_SYNTH_ALL_FILES_H_
+#pragma once
 
 #include <map>
 #include <string>
@@ -18,5 +17,3 @@ inline std::map<std::string, std::string> AllFiles(const std::string& folder) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_COMMON_SYNTH_ALL_FILES_H_

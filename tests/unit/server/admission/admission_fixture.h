@@ -1,6 +1,5 @@
 // A dispatcher with the fake planner and a folder that passes for a scene; no network.
-#ifndef TESSERA_TESTS_UNIT_SERVER_ADMISSION_ADMISSION_FIXTURE_H_
-#define TESSERA_TESTS_UNIT_SERVER_ADMISSION_ADMISSION_FIXTURE_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -30,5 +29,3 @@ class AdmissionFixture : public CoordinatorTest {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_SERVER_ADMISSION_ADMISSION_FIXTURE_H_

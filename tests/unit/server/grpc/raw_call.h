@@ -1,6 +1,5 @@
 // A call by its method's name and its message's bytes, for what no generated stub would send.
-#ifndef TESSERA_TESTS_UNIT_SERVER_GRPC_RAW_CALL_H_
-#define TESSERA_TESTS_UNIT_SERVER_GRPC_RAW_CALL_H_
+#pragma once
 
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
@@ -42,5 +41,3 @@ inline grpc::Status RawCall(const std::shared_ptr<grpc::Channel>& channel, const
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_SERVER_GRPC_RAW_CALL_H_

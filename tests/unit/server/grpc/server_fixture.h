@@ -1,6 +1,5 @@
 // A coordinator's services on loopback, with the fake planner behind them.
-#ifndef TESSERA_TESTS_UNIT_SERVER_GRPC_SERVER_FIXTURE_H_
-#define TESSERA_TESTS_UNIT_SERVER_GRPC_SERVER_FIXTURE_H_
+#pragma once
 
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
@@ -135,5 +134,3 @@ class ServerTest : public CoordinatorTest {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_SERVER_GRPC_SERVER_FIXTURE_H_

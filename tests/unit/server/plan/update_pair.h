@@ -1,6 +1,5 @@
 // A base and the survey of an update of it, for tests of planning.
-#ifndef TESSERA_TESTS_UNIT_SERVER_PLAN_UPDATE_PAIR_H_
-#define TESSERA_TESTS_UNIT_SERVER_PLAN_UPDATE_PAIR_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -87,5 +86,3 @@ struct Pair {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_SERVER_PLAN_UPDATE_PAIR_H_

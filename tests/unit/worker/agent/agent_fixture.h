@@ -1,6 +1,5 @@
 // An agent and its coordinator in one process.
-#ifndef TESSERA_TESTS_UNIT_WORKER_AGENT_AGENT_FIXTURE_H_
-#define TESSERA_TESTS_UNIT_WORKER_AGENT_AGENT_FIXTURE_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -94,5 +93,3 @@ class AgentTest : public testing::Test {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_AGENT_AGENT_FIXTURE_H_

@@ -1,6 +1,5 @@
 // Synthetic change rasters for tests.
-#ifndef TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_RASTER_H_
-#define TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_RASTER_H_
+#pragma once
 
 #include <vector>
 
@@ -41,5 +40,3 @@ inline void Paint(ChangeRaster* raster, const CellRect& part, float before_m, ui
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_RASTER_H_

@@ -1,6 +1,5 @@
 // A synthetic town for change detection: ground with boxes, rendered and classified from above.
-#ifndef TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_TOWN_H_
-#define TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_TOWN_H_
+#pragma once
 
 #include <cmath>
 #include <limits>
@@ -110,5 +109,3 @@ inline std::vector<ChangeView> Photographs(const TriangleMesh& mesh, const std::
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_CHANGES_PAINTED_TOWN_H_

@@ -1,6 +1,5 @@
 // A mesh in scratch files, for tests.
-#ifndef TESSERA_TESTS_UNIT_WORKER_CITY_TO_DISK_H_
-#define TESSERA_TESTS_UNIT_WORKER_CITY_TO_DISK_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -22,5 +21,3 @@ inline DiskMesh ToDisk(const TriangleMesh& mesh) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_CITY_TO_DISK_H_

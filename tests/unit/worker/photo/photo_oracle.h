@@ -1,7 +1,6 @@
 // Reference implementation of the data term of one ordered pair in double precision, itself verified by finite
 // differences. Visibility, masks, accepted windows and their weights are frozen at construction.
-#ifndef TESSERA_TESTS_UNIT_WORKER_PHOTO_PHOTO_ORACLE_H_
-#define TESSERA_TESTS_UNIT_WORKER_PHOTO_PHOTO_ORACLE_H_
+#pragma once
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -262,5 +261,3 @@ class PhotoOracle {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_PHOTO_PHOTO_ORACLE_H_

@@ -1,7 +1,6 @@
 // The kernel's computation in plain loops, one pixel at a time: in double precision as the reference, and in float
 // for the expected accuracy.
-#ifndef TESSERA_TESTS_UNIT_WORKER_PHOTO_ZNCC_ORACLE_H_
-#define TESSERA_TESTS_UNIT_WORKER_PHOTO_ZNCC_ORACLE_H_
+#pragma once
 
 #include <algorithm>
 #include <cmath>
@@ -172,5 +171,3 @@ class ZnccOracle {
 };
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_PHOTO_ZNCC_ORACLE_H_

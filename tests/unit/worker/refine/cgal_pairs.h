@@ -1,6 +1,5 @@
 // Self-intersections of a mesh computed by CGAL.
-#ifndef TESSERA_TESTS_UNIT_WORKER_REFINE_CGAL_PAIRS_H_
-#define TESSERA_TESTS_UNIT_WORKER_REFINE_CGAL_PAIRS_H_
+#pragma once
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Polygon_mesh_processing/self_intersections.h>
@@ -37,5 +36,3 @@ inline std::vector<FacePair> PairsByCgal(const TriangleMesh& mesh) {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_REFINE_CGAL_PAIRS_H_

@@ -1,6 +1,5 @@
 // Labelled meshes for tests of the regularisers, and a derivative check.
-#ifndef TESSERA_TESTS_UNIT_WORKER_REFINE_LABELLED_MESHES_H_
-#define TESSERA_TESTS_UNIT_WORKER_REFINE_LABELLED_MESHES_H_
+#pragma once
 
 #include <algorithm>
 #include <cmath>
@@ -85,5 +84,3 @@ inline double DerivativeError(const std::function<double(const Positions&)>& ene
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_REFINE_LABELLED_MESHES_H_

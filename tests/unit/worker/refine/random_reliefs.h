@@ -1,6 +1,5 @@
 // Random meshes, and submeshes within a dependency radius, for tests of what a vertex's result depends on.
-#ifndef TESSERA_TESTS_UNIT_WORKER_REFINE_RANDOM_RELIEFS_H_
-#define TESSERA_TESTS_UNIT_WORKER_REFINE_RANDOM_RELIEFS_H_
+#pragma once
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -163,5 +162,3 @@ inline int64_t Differences(const Positions& whole, const Positions& values, cons
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_REFINE_RANDOM_RELIEFS_H_

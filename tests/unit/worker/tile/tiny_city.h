@@ -1,6 +1,5 @@
 // The tiny scene as a city on disk in many blocks, with its survey and random tilings: for tests of the tasks.
-#ifndef TESSERA_TESTS_UNIT_WORKER_TILE_TINY_CITY_H_
-#define TESSERA_TESTS_UNIT_WORKER_TILE_TINY_CITY_H_
+#pragma once
 
 #include <gtest/gtest.h>
 
@@ -118,5 +117,3 @@ inline CutOptions ShortReach() {
 }
 
 }  // namespace tessera
-
-#endif  // TESSERA_TESTS_UNIT_WORKER_TILE_TINY_CITY_H_
