@@ -37,7 +37,7 @@ TEST(StatusConversionTest, FaultsLimitsAndRetryDelaysRoundTrip) {
   const std::vector<InputFault> parts = FaultsOf(told);
   ASSERT_EQ(parts.size(), 2u);
   EXPECT_EQ(parts[0].file, "mesh.ply");
-  EXPECT_EQ(parts[0].place, "line 12");
+  EXPECT_EQ(parts[0].location, "line 12");
   EXPECT_EQ(parts[0].found, "'x'");
   EXPECT_EQ(parts[0].expected, "a number");
   EXPECT_EQ(parts[1].file, "settings.tiles");
