@@ -84,8 +84,8 @@ TEST_F(PhasesTest, ReadsThatAreNoReadsEndTheJobAndNameTheTile) {
   for (const auto& [reads, words] : std::vector<std::pair<std::string, std::string>>{
            {"", "parse error"},
            {"{}", "label"},
-           {std::string(100000, '['), "nested 100000 deep"},
-           {std::string(2 << 20, ' '), "more than"},
+           {std::string(100000, '['), "nested 100000 levels deep"},
+           {std::string(2 << 20, ' '), "has 2097152 bytes, expected at most 1048576"},
            {fine + " ", "canonical"},
            {R"({"label":[0,1],"mend":[0,1.5],"sight":[0,1],"solve":[0,1]})", "expected an integer within range"},
            {R"({"label":[0,1],"mend":[0,1],"sight":[0,1,2],"solve":[0,1]})", "sight: found tile 2, expected 0 to 1"},

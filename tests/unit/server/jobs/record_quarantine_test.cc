@@ -55,7 +55,7 @@ TEST_F(RecordQuarantineTest, StatisticsAreBounded) {
     const Status refused = ReportSuccessAndWait(*coordinator_, worker, lease->task, lease->attempt, result);
     EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument);
     EXPECT_THAT(std::string(refused.message()),
-                testing::AnyOf(HasSubstr("statistics: found JSON nested 30000 deep, expected at most 64"),
+                testing::AnyOf(HasSubstr("statistics: found JSON nested 30000 levels deep, expected at most 64 levels"),
                                HasSubstr("statistics: found 100000 bytes, expected at most 65536")));
     EXPECT_EQ(Task(job, 0).task.error->message, refused.message()) << "the attempt has failed";
     clock_.Advance(3);
