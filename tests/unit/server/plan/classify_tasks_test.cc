@@ -9,6 +9,7 @@
 #include <set>
 
 #include "common/job/task_parameters.h"
+#include "server/plan/graph.h"
 #include "server/tiling/cost_model.h"
 #include "tests/unit/server/plan/update_pair.h"
 
