@@ -36,7 +36,7 @@ class DiskSink : public MeshSink {
       const int classes = static_cast<int>(scene_.classes.size());
       if (label_status_.ok() && (label < -1 || label >= classes)) {
         label_status_ = InputError(path_, absl::StrCat("face ", faces_), absl::StrCat("label ", label),
-                                   absl::StrCat("0 to ", classes - 1, " (index into classes), or -1 for none"));
+                                   absl::StrCat("0 to ", classes - 1, " (index into classes), or -1 for no label"));
       }
       mesh_.labels[faces_] = label;
     }

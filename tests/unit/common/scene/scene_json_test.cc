@@ -73,7 +73,7 @@ TEST(SceneJsonTest, SyntaxErrorsHaveLineAndColumn) {
 TEST(SceneJsonTest, NestingIsBounded) {
   const std::string deep(100'000, '['), end(100'000, ']');
   EXPECT_THAT(FaultsOf("{\"tessera_scene\": 1, \"name\": " + deep + end + "}"),
-              ElementsAre(HasSubstr("scene.json: found JSON nested 100001 deep, expected at most 64")));
+              ElementsAre(HasSubstr("scene.json: found JSON nested 100001 levels deep, expected at most 64 levels")));
 }
 
 TEST(SceneJsonTest, ReportsAllFaultsWithTheirKeys) {

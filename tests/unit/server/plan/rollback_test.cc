@@ -126,7 +126,7 @@ TEST(Rollback, WhatCannotBeIsRefused) {
   EXPECT_THAT(city.Refusal(0, {9}), HasSubstr("found 9, expected one of the 9 tiles of jobs/1"));
   EXPECT_THAT(city.Refusal(0, {-1}), HasSubstr("found -1"));
   city.jobs[0].city = ContentDigest("another");
-  EXPECT_THAT(city.Refusal(0, {0}), HasSubstr("another mesh in jobs/0 than in jobs/1"));
+  EXPECT_THAT(city.Refusal(0, {0}), HasSubstr("found different meshes in jobs/0 and jobs/1"));
 }
 
 TEST(Rollback, PlanOnlyPublishesGivenStates) {
