@@ -1,4 +1,4 @@
-// What a job that goes on from others finds in their records.
+// Results that an update takes from its base jobs.
 #include <utility>
 
 #include "common/job/task_parameters.h"
@@ -10,9 +10,10 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(name));
   const Job& job = jobs_[index];
   if (job.header.state != JobState::kSucceeded) {
-    return absl::FailedPreconditionError(name + " has not succeeded: an update needs a base that has");
+    return absl::FailedPreconditionError(name + " has not succeeded: the base of an update must have succeeded");
   }
-  TESSERA_RETURN_IF_ERROR(CheckVersion(index, "its results do not go together; run its scene anew, without a base"));
+  TESSERA_RETURN_IF_ERROR(
+      CheckVersion(index, "its results cannot be combined with new ones; submit its scene as a job without a base"));
   UpdateBase base;
   base.name = name;
   base.scene_files = job.scene_files;
@@ -39,7 +40,7 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
         TESSERA_ASSIGN_OR_RETURN(base.survey, InputDigest(job, {input.task, kSurveyFile}));
       } else if (as == kOutdatedFile) {
         base.outdated = digest;
-      } else {  // in the order of the tiles
+      } else {  // states, in the order of the tiles
         skip_gone();
         base.states.push_back(digest);
       }
@@ -47,7 +48,7 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
     skip_gone();
   }
   if (base.tiles.empty()) {
-    return absl::FailedPreconditionError(name + " has no result (it was a plan alone): name the job that it was for");
+    return absl::FailedPreconditionError(name + " has no result (it only planned): name its base job instead");
   }
   base.measured = MeasuredIn(job);
   return base;
@@ -70,9 +71,9 @@ StatusOr<std::vector<UpdateBase>> Ledger::ChainTo(const std::string& name, const
     if (chain.size() > 1) passed += (passed.empty() ? "" : ", ") + next;
     next = jobs_[*FindJob(next)].header.settings.update.base;
   }
-  return InputError("rollback", "", earlier,
-                    passed.empty() ? name + " to have a base: it is the first of its city"
-                                   : "a job that " + name + " goes on from: " + passed);
+  return InputError(
+      "rollback", "", earlier,
+      passed.empty() ? name + " to have a base job: it has none" : "a base job of " + name + ": " + passed);
 }
 
 MeasuredCosts Ledger::MeasuredIn(const Job& last) const {

@@ -53,7 +53,7 @@ void NewReferences::Note(const v1::Record& record, const Ledger& ledger) {
   for (const auto& file : record.job_accepted().scene_files()) {
     if (file.path() == kClassifierFile) noted_->blobs.insert(BlobReferences::IdOf(file.digest().sha256()));
   }
-  // A job that had ended runs again: its outputs are needed again.
+  // These records make an ended job run, and a running job needs all its outputs.
   const int job = record.has_job_retried() || record.has_result_lost() ? JobOf(record) : -1;
   if (job < 0 || !noted_->jobs.insert(job).second) return;
   for (const JobTask& task : ledger.jobs()[job].tasks) {

@@ -1,4 +1,4 @@
-// Which blobs the jobs that are kept refer to, and which they came to refer to lately.
+// The blobs that jobs refer to, and the references added since a collection started.
 #pragma once
 
 #include <cstdint>
@@ -20,21 +20,21 @@ class Record;
 }  // namespace v1
 class Ledger;
 
-// Keeps the first 64 bits of each digest, because a city has millions. A collision only keeps a blob that is not
-// needed. Not thread-safe.
+// The blobs that jobs refer to. Stores 64 bits of each digest, because a city has millions; a collision keeps a blob
+// that is not needed. Not thread-safe.
 class BlobReferences {
  public:
   static uint64_t IdOf(const std::string& sha256);
 
-  // What the job published, and the classifier that it was given.
+  // Adds the job's artifacts and its classifier.
   void AddJob(const Job& job);
-  // `runs`: whether tasks of the job may run: Ledger::Runs.
+  // Adds the outputs of a task. `runs`: Ledger::Runs of its job.
   void AddOutputs(const JobHeader& job, bool runs, absl::Span<const StoredFile> outputs);
 
-  // Whether a job that runs needs it, or it is an artifact or base data of a job that does not.
+  // Whether a running job refers to the blob, or it is an artifact or base data of an ended one.
   bool Needs(uint64_t id) const { return needed_.contains(id); }
-  // If only tasks of jobs that do not run read it: when the last of these jobs ended (Unix time, us), else -1. Such a
-  // blob can be made again.
+  // Unix time (us) at which the last job that refers to the blob ended, if only intermediate outputs of ended jobs do;
+  // else -1. Such a blob can be recomputed.
   int64_t SpareSince(uint64_t id) const;
 
  private:
@@ -42,13 +42,13 @@ class BlobReferences {
   absl::flat_hash_map<uint64_t, int64_t> spare_;
 };
 
-// Blobs that records, and jobs that run again, have come to refer to since Start. Not thread-safe.
+// Blobs to which new records, and ended jobs that run again, refer since Start. Not thread-safe.
 class NewReferences {
  public:
-  // Forgets what was noted before. Before the first call nothing is noted.
+  // Drops all notes. Note does nothing before the first call.
   void Start() { noted_.emplace(); }
   bool started() const { return noted_.has_value(); }
-  // `record`: applied to the ledger.
+  // `record`: already applied to the ledger.
   void Note(const v1::Record& record, const Ledger& ledger);
   bool Contains(const std::string& sha256) const {
     return noted_ && noted_->blobs.contains(BlobReferences::IdOf(sha256));
@@ -57,14 +57,14 @@ class NewReferences {
  private:
   struct Noted {
     absl::flat_hash_set<uint64_t> blobs;  // BlobReferences::IdOf
-    std::set<int> jobs;                   // whose outputs are all among these
+    std::set<int> jobs;                   // jobs of which all outputs are in `blobs`
   };
   std::optional<Noted> noted_;
 };
 
 struct BlobUse {
-  // Held shared while a change refers to blobs that may be stored already, exclusively while blobs are removed. Taken
-  // before the mutex of the ledger.
+  // Held shared while a change adds references to stored blobs, exclusively while blobs are removed. Lock order: before
+  // the mutex of the ledger.
   std::shared_mutex mutex;
   NewReferences since;  // guarded by the mutex of the ledger
 };

@@ -1,4 +1,4 @@
-// The task that a record is about, for logs.
+// The task that a record changes, for the log.
 #pragma once
 
 #include <deque>
@@ -8,21 +8,21 @@
 
 namespace tessera {
 
-// The task that a record is about; empty for records of jobs.
+// The task that a record changes; empty for records of jobs.
 struct ChangedTask {
   std::string kind = {};
   int tile = -1;            // -1: none
   std::string worker = {};  // of its last attempt
 };
 
-// Those of the records that are not stored yet, in their order. Thread-safe.
+// A queue of the tasks of records that are not stored yet, in the order of the records. Thread-safe.
 class ChangedTasks {
  public:
   void Push(ChangedTask task) {
     std::lock_guard lock(mutex_);
     tasks_.push_back(std::move(task));
   }
-  // The first, which must be there.
+  // Precondition: not empty.
   ChangedTask Pop() {
     std::lock_guard lock(mutex_);
     ChangedTask task = std::move(tasks_.front());

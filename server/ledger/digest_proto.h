@@ -1,4 +1,4 @@
-// Contents as messages and records have them. Included by .cc files only.
+// Conversion of digests to and from protobuf messages. Include it in .cc files only.
 #pragma once
 
 #include <vector>
@@ -8,7 +8,7 @@
 
 namespace tessera {
 
-// Not checked.
+// Does not check the digest.
 inline Digest FromProto(const v1::Digest& digest) { return {digest.sha256(), digest.size_bytes()}; }
 
 inline void ToProto(const Digest& digest, v1::Digest* proto) {
@@ -16,7 +16,7 @@ inline void ToProto(const Digest& digest, v1::Digest* proto) {
   proto->set_size_bytes(digest.size_bytes);
 }
 
-// `List`: of messages with a name and a digest.
+// `List`: repeated messages with a name and a digest.
 template <class List>
 std::vector<NamedDigest> NamedDigests(const List& files) {
   std::vector<NamedDigest> result;
@@ -24,7 +24,7 @@ std::vector<NamedDigest> NamedDigests(const List& files) {
   return result;
 }
 
-// `files`: NamedDigests, or what becomes one.
+// `files`: NamedDigest or a type that converts to it.
 template <class Files, class List>
 void AddFiles(const Files& files, List* list) {
   for (const auto& each : files) {

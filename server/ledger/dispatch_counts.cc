@@ -10,7 +10,7 @@ double SecondsOf(const Attempt& attempt) {
   return attempt.end_us > attempt.start_us ? static_cast<double>(attempt.end_us - attempt.start_us) / 1e6 : 0;
 }
 
-// A worker may tell anything; sums stay numbers.
+// A worker's report is untrusted: sums must stay finite.
 double Usable(double value) { return value > 0 && value < 1e12 ? value : 0; }
 
 void CountSucceeded(const v1::TaskSucceeded& change, const JobTask& task, KindCounts& counts) {

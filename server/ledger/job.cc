@@ -34,7 +34,7 @@ JobSums::Part& JobSums::PartOf(const std::string& kind) {
 }
 
 void JobSums::AddRun(const PlannedTask& plan, double cost, double seconds) {
-  if (&PartOf(plan.kind) == &ingest) return;  // tells nothing about how long tiles take
+  if (&PartOf(plan.kind) == &ingest) return;  // its speed predicts nothing about tiles
   timed_cost += cost;
   timed_s += seconds;
 }
@@ -75,7 +75,7 @@ void JobTotals::AddLost(int index, const JobTask& task) {
   if (task.plan.tile >= 0) sums_.unfinished_tiles += unfinished_of_tile_[task.plan.tile]++ == 0;
 }
 
-// People count jobs from 1; tasks keep their index, which the plan's inputs name too.
+// Job names count from 1. Task names are indices from 0, as in the inputs of a plan.
 std::string JobName(int job) { return kJobs + std::to_string(job + 1); }
 
 std::string TaskName(TaskRef ref) { return JobName(ref.job) + kTasks + std::to_string(ref.task); }

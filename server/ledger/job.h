@@ -1,5 +1,5 @@
-// A job and its tasks as the coordinator knows them. Plain values; times are Unix time in microseconds, 0 for "not
-// yet".
+// A job and its tasks in the coordinator's memory. Plain values, not thread-safe. Times are Unix time in microseconds;
+// 0: not yet.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@
 
 namespace tessera {
 
-// The numbers of these are those of tessera.v1.
+// The three enums have the numbers of tessera.v1.
 enum class JobState { kQueued = 1, kRunning = 2, kSucceeded = 3, kFailed = 4, kCancelled = 5, kPartial = 6 };
 enum class TaskState : int8_t { kWaiting = 1, kReady = 2, kLeased = 3, kSucceeded = 4, kFailed = 5, kCancelled = 6 };
 enum class ErrorClass {
@@ -43,11 +43,11 @@ inline bool HasEnded(JobState state) { return state >= JobState::kSucceeded; }
 struct TaskFailure {
   ErrorClass error_class = ErrorClass::kNone;
   std::string message;
-  std::vector<Digest> lost_inputs = {};  // of kLostInput, as the worker tells; not stored
+  std::vector<Digest> lost_inputs = {};  // of kLostInput, as reported by the worker; not stored
   friend bool operator==(const TaskFailure&, const TaskFailure&) = default;
 };
 
-// "jobs/J/tasks/T": which task, by its places in the ledger.
+// The task "jobs/J/tasks/T" by its indices in the ledger.
 struct TaskRef {
   int job = -1;
   int task = -1;
@@ -57,22 +57,22 @@ struct TaskRef {
 // One run of a task by one worker, under one lease.
 struct Attempt {
   InternedString worker;
-  InternedString machine;  // that the worker ran on; empty: not known
+  InternedString machine;  // host of the worker; empty: not known
   int64_t start_us = 0;
   int64_t end_us = 0;
-  LazyValue<TaskFailure> failure;  // kNone: it runs, has succeeded or was cancelled
+  LazyValue<TaskFailure> failure;  // kNone: running, succeeded or cancelled
   bool lease_expired = false;
-  bool cancelled = false;  // its job ended, or went on without the task
-  bool after_end = false;  // its job had ended: it makes again what was lost, and the job's report knows nothing of it
+  bool cancelled = false;  // its job ended, or a new plan dropped the task
+  bool after_end = false;  // recomputes a lost result of an ended job; not in the job's report
 };
 
-// A file as NamedDigest has it, in less memory.
+// NamedDigest in less memory.
 struct StoredFile {
   InternedString name;
   Sha256 sha256;
   int64_t size_bytes = 0;
 
-  // One whose digest was checked.
+  // Precondition: CheckDigest accepts the digest.
   StoredFile(const NamedDigest& file)  // NOLINT(google-explicit-constructor)
       : name(file.name), sha256(*Sha256::FromHex(file.digest.sha256)), size_bytes(file.digest.size_bytes) {}
   Digest digest() const { return {sha256.Hex(), size_bytes}; }
@@ -80,48 +80,48 @@ struct StoredFile {
   friend bool operator==(const StoredFile&, const StoredFile&) = default;
 };
 
-// Cities have millions, of all of which the coordinator holds what follows: `dispatch_bench` prints what one takes.
+// A task in memory. A city has millions: `dispatch_bench` prints the bytes of one.
 struct JobTask {
   PlannedTask plan;
-  absl::InlinedVector<int, 4> readers;  // tasks that take an output of this one, as often as they do, ascending
+  absl::InlinedVector<int, 4> readers;  // tasks that read outputs of this one, once per input, ascending
   int missing = 0;                      // inputs whose producers have not succeeded
-  int depth = 0;                        // longest way from here to a task without inputs
-  int forgiven = 0;                     // attempts before the job was retried, which count no more
-  int remakes = 0;            // how often its result was lost; `outputs` stay: what is made again must be the same
-  std::optional<Sha256> key;  // once all inputs are known
+  int depth = 0;                        // tasks on the longest path from a task without inputs
+  int forgiven = 0;                     // attempts before the last retry of the job; they no longer count
+  int remakes = 0;                      // losses of its result; `outputs` stay, as the new ones must be equal
+  std::optional<Sha256> key;            // set when all inputs are known
   TaskState state = TaskState::kWaiting;
-  bool superseded = false;                   // a later plan has another in its place, or does without
-  bool reused = false;                       // its result was found under its key; nothing ran
-  bool remaking = false;                     // its result is lost, and not there again yet
+  bool superseded = false;                   // a later plan replaced or dropped it
+  bool reused = false;                       // its result was found under its key
+  bool remaking = false;                     // its result is lost and not yet recomputed
   absl::InlinedVector<Attempt, 1> attempts;  // attempt number n is attempts[n - 1]
-  int64_t retry_delay_us = 0;                // not leased again before so much time has passed
-  LazyValue<TaskFailure> error;              // the last
+  int64_t retry_delay_us = 0;                // time to wait before the next lease
+  LazyValue<TaskFailure> error;              // of the last failure
   std::string stats;                         // JSON
-  TaskUsage usage;                           // of the attempt that succeeded; zeros if reused
+  TaskUsage usage;                           // of the successful attempt; zeros if reused
   absl::InlinedVector<StoredFile, 1> outputs;
   LazyValue<Warnings> warnings;
   int64_t start_us = 0;  // of the first attempt
   int64_t end_us = 0;
-  // While `remaking`: who waits for it in other jobs. Tasks whose given outputs it made, or (task -1) a plan.
+  // While `remaking`: the readers in other jobs, which are given tasks with its outputs or (task -1) a job's planning.
   LazyValue<std::vector<TaskRef>> awaited_by;
-  TaskRef older_with_key;  // of Ledger::tasks_of_key_
+  TaskRef older_with_key;  // list of tasks with equal keys, see Ledger::tasks_of_key_
 
   int attempt() const { return static_cast<int>(attempts.size()); }
   std::string worker() const { return attempts.empty() ? "" : attempts.back().worker.str(); }
   std::string key_hex() const { return key ? key->Hex() : ""; }
 };
 
-// What a user asked for, before anything is read or taken over from a base.
+// A job as submitted, before its scene or its base is read.
 struct JobRequest {
   std::string id;          // may be empty
-  std::string scene_path;  // empty if none is read
+  std::string scene_path;  // empty: no scene
   JobSettings settings;
 };
 
-// What a job is, without its tasks.
+// A job without its tasks.
 struct JobHeader {
   std::string name;                   // "jobs/J"
-  std::optional<JobRequest> request;  // one with an id; of jobs of earlier releases it is not known
+  std::optional<JobRequest> request;  // set if it has an id and the release stored it
   std::string display_name;
   std::string scene_path;  // absolute
   JobSettings settings;
@@ -133,93 +133,93 @@ struct JobHeader {
   int64_t end_us = 0;
   std::vector<NamedDigest> artifacts;
   Warnings warnings;
-  std::string client;   // who submitted it; empty: of an earlier release
-  int priority = 0;     // a waiting job of a higher one gets the next free worker
-  bool paused = false;  // nothing more is leased; what runs goes on to its end
+  std::string client;   // that submitted it; empty: submitted to an earlier release
+  int priority = 0;     // free workers take the tasks of the highest first
+  bool paused = false;  // no new leases; running attempts continue
 };
 
-inline constexpr int kMaxPriority = 100;  // and -kMaxPriority the least
-// INVALID_ARGUMENT with what was found and what was expected.
+inline constexpr int kMaxPriority = 100;  // the lowest is -kMaxPriority
+// INVALID_ARGUMENT if out of range.
 Status CheckPriority(int priority);
 
-// What a user changes of a job; what is not set stays.
+// A change of a job by a user; unset fields stay as they are.
 struct JobChange {
   std::optional<int> priority;
   std::optional<bool> paused;
 };
 
-// A tile that is left as it was, and its task that failed for good, by its place in the job's list.
+// A quarantined tile, which keeps its input surface, and the index of its task that failed permanently.
 struct QuarantinedTile {
   int tile = -1;
   int task = -1;
   friend bool operator==(const QuarantinedTile&, const QuarantinedTile&) = default;
 };
 
-// Costs of a job's tasks, and what of them is done.
+// Sums over a job's tasks, for its progress.
 struct JobSums {
   struct Part {
     double total = 0, done = 0;
     double share() const { return total > 0 ? done / total : 0; }
   };
   Part& PartOf(const std::string& kind);
-  // Adds a run of the task so far: where cost meets seconds.
+  // Adds `seconds` of run time for `cost`, from which the time left is estimated.
   void AddRun(const PlannedTask& plan, double cost, double seconds);
 
   int tasks = 0, tasks_done = 0;
   int tiles = 0, unfinished_tiles = 0;
-  int64_t bytes_to_store = 0;  // predicted, of what is not done
+  int64_t bytes_to_store = 0;  // predicted, of tasks not yet done
   Part ingest, cut, rest;
   double timed_cost = 0, timed_s = 0;
 };
 
-// What is shown of a job's tasks, kept up to date as they change: a city has millions.
+// Totals of a job's tasks, updated at each change because a city has millions. Not thread-safe.
 class JobTotals {
  public:
-  // A task that is given is not counted. It has not succeeded yet.
+  // Does not count a given task. Precondition: the task has not succeeded.
   void AddPlanned(const JobTask& task);
   void AddSucceeded(int index, const JobTask& task);
-  // A tile that stays unfinished whatever succeeds.
+  // A quarantined tile stays unfinished.
   void AddQuarantined(int tile);
-  // What it made is lost: it has not succeeded any more.
+  // The task's result is lost: it no longer counts as succeeded.
   void AddLost(int index, const JobTask& task);
   const JobSums& sums() const { return sums_; }
-  const std::set<int>& warned() const { return warned_; }  // succeeded tasks with warnings
+  const std::set<int>& warned() const { return warned_; }  // indices of succeeded tasks with warnings
 
  private:
   JobSums sums_;
   std::set<int> warned_;
-  std::map<int, int> unfinished_of_tile_;  // tasks
+  std::map<int, int> unfinished_of_tile_;  // unfinished tasks
 };
 
 struct Job {
   JobHeader header;
-  std::vector<NamedDigest> scene_files;  // sorted by name
-  std::deque<JobTask> tasks;             // the first phase's first; a vector that grows would need three times as much
-  int unfinished = 0;                    // tasks that have not succeeded, but for superseded ones
-  int failed = -1;                       // the first task that has for good; -1: none
-  bool planned_to_end = false;           // publish is among the tasks, or the plan is all that is asked for
-  std::vector<QuarantinedTile> quarantined;  // by tile
-  bool plans_anew = false;  // what is behind the cuts, because other tiles are quarantined than it was planned for
-  int open_plan = -1;       // first task of a plan whose last record has not come; -1: none
+  std::vector<NamedDigest> scene_files;      // sorted by name
+  std::deque<JobTask> tasks;                 // by phase; a growing vector would need three times the memory
+  int unfinished = 0;                        // tasks that have not succeeded, without superseded ones
+  int failed = -1;                           // first task that failed permanently; -1: none
+  bool planned_to_end = false;               // has a publish task, or only a plan was requested
+  std::vector<QuarantinedTile> quarantined;  // sorted by tile
+  bool plans_anew = false;                   // the phase after the cuts, since a tile was quarantined or retried
+  int open_plan = -1;                        // first task of a plan whose last record is missing; -1: none
   JobTotals totals;
-  int lost = 0;                 // results that it needs and that are being made again, here or elsewhere
-  std::string lost_error = {};  // why one that its plan reads could not be
-  bool deleted = false;         // nothing else is left of it, but tasks that are being freed
+  int lost = 0;                 // lost results that it waits for, its own and of other jobs
+  std::string lost_error = {};  // why an input of its plan could not be recomputed
+  bool deleted = false;         // only its name, state and tasks not yet freed remain
 };
 
-// The task as if it had been tried only since its job was last retried.
+// The task without the attempts before the last retry of its job.
 JobTask WithCountedAttempts(JobTask task);
 
-// Whether every tile was cut, but those that are quarantined.
+// Whether all tiles but the quarantined ones are cut.
 bool CutsAreDone(const Job& job);
 
 std::string JobName(int job);
 std::string TaskName(TaskRef ref);
-// INVALID_ARGUMENT unless the name has the form; whether it exists is the ledger's to say.
+// INVALID_ARGUMENT if the name is malformed. They do not check that the job or task exists.
 StatusOr<int> ParseJobName(const std::string& name);
 StatusOr<TaskRef> ParseTaskName(const std::string& name);
 
-// "transient", "lease expired", ...; for people.
+// For messages: "transient", "lost input", ...
 std::string ErrorClassName(ErrorClass error_class);
 
 }  // namespace tessera

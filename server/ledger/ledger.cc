@@ -43,7 +43,7 @@ StatusOr<int> Ledger::FindRequest(const JobRequest& request) const {
     differences.push_back("scene_path: found " + request.scene_path + ", expected " + header.request->scene_path);
   }
   if (differences.empty()) return it->second;
-  std::string message = "request " + request.id + " was used for " + header.name + ", and not for the same:";
+  std::string message = "request " + request.id + " was used for " + header.name + " with other values:";
   for (const std::string& difference : differences) message += "\n" + difference;
   return absl::AlreadyExistsError(message);
 }
@@ -140,13 +140,13 @@ Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
     return absl::FailedPreconditionError("the next job is " + JobName(next) + ", not " + change.job());
   }
   if (job_of_request_.contains(change.request_id())) {
-    return absl::AlreadyExistsError("request " + change.request_id() + " has a job already");
+    return absl::AlreadyExistsError("request " + change.request_id() + " already has a job");
   }
   TESSERA_RETURN_IF_ERROR(CheckPriority(change.priority()));
   std::set<std::string> names;
   for (const auto& file : change.scene_files()) {
     TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(file.digest())));
-    if (!names.insert(file.path()).second) return absl::InvalidArgumentError("scene file named twice: " + file.path());
+    if (!names.insert(file.path()).second) return absl::InvalidArgumentError("duplicate scene file: " + file.path());
   }
   return absl::OkStatus();
 }
@@ -168,9 +168,9 @@ Status Ledger::CheckSucceeded(const v1::TaskSucceeded& change) const {
   std::set<std::string> names;
   for (const auto& output : change.outputs()) {
     TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(output.digest())));
-    if (!names.insert(output.name()).second) return absl::InvalidArgumentError("two outputs named " + output.name());
+    if (!names.insert(output.name()).second) return absl::InvalidArgumentError("duplicate output: " + output.name());
   }
-  if (!Sha256::FromHex(change.key())) return absl::InvalidArgumentError("not a key: '" + change.key() + "'");
+  if (!Sha256::FromHex(change.key())) return absl::InvalidArgumentError("malformed key: '" + change.key() + "'");
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
   TESSERA_RETURN_IF_ERROR(CheckSameAsBefore(ref, NamedDigests(change.outputs())));
   if (!change.reused()) return CheckCurrentAttempt(change.task(), change.attempt()).status();
@@ -188,7 +188,7 @@ Status Ledger::CheckEnded(const v1::JobEnded& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
   const Job& job = jobs_[index];
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
-  if (!HasEnded(static_cast<JobState>(change.state()))) return absl::InvalidArgumentError("not an end of a job");
+  if (!HasEnded(static_cast<JobState>(change.state()))) return absl::InvalidArgumentError("not a final state of a job");
   if (change.state() == v1::JOB_STATE_SUCCEEDED || change.state() == v1::JOB_STATE_PARTIAL) {
     if (job.quarantined.empty() != (change.state() == v1::JOB_STATE_SUCCEEDED)) {
       return absl::FailedPreconditionError(change.job() + ": " + std::to_string(job.quarantined.size()) +
@@ -239,7 +239,7 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
 
 void Ledger::UpdateDue(int index) {
   const Job& job = jobs_[index];
-  // Also where the records of a plan broke off.
+  // open_plan: the coordinator stopped between the records of a plan.
   const bool asks =
       job.tasks.empty() || job.unfinished == 0 || job.open_plan >= 0 || (job.plans_anew && CutsAreDone(job));
   const bool due = (asks && job.lost == 0) || job.failed >= 0 || !job.lost_error.empty();
@@ -257,7 +257,7 @@ void Ledger::ReadyTask(TaskRef ref) {
   if (job.open_plan >= 0 && ref.task >= job.open_plan) return;
   StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
   if (!inputs.ok()) return;
-  inputs->resize(inputs->size() - waiting.plan.view_files->size());  // their content is told by others
+  inputs->resize(inputs->size() - waiting.plan.view_files->size());  // other inputs determine the view files
   waiting.state = TaskState::kReady;
   waiting.key = Sha256::FromHex(TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, *inputs));
   newly_ready_.push_back(ref);
@@ -290,7 +290,7 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
   target.state = TaskState::kSucceeded;
   --job.unfinished;
   if (!change.reused()) target.attempts.back().end_us = time_us;
-  if (!HasEnded(job.header.state)) {  // else made again for others: the job keeps what it had
+  if (!HasEnded(job.header.state)) {  // an ended job keeps its numbers
     target.key = Sha256::FromHex(change.key());
     target.reused = change.reused();
     const std::vector<NamedDigest> outputs = NamedDigests(change.outputs());
@@ -333,7 +333,7 @@ void Ledger::ApplyFailed(const v1::AttemptFailed& change, int64_t time_us) {
   } else if (change.final()) {
     target.end_us = time_us;
     job.failed = job.failed < 0 ? ref.task : std::min(job.failed, ref.task);
-    ready_.DropJob(ref.job);  // the job is about to end
+    ready_.DropJob(ref.job);  // the planning loop ends the job
     UpdateDue(ref.job);
   } else if (job.failed < 0 && target.state == TaskState::kReady) {
     ready_.Add(ref, target);

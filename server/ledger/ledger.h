@@ -1,5 +1,5 @@
-// The coordinator's durable state in memory: what all records so far add up to. A pure state machine without time,
-// files or threads.
+// The coordinator's durable state in memory: all jobs and tasks after applying all records. A pure state machine
+// without time, files or threads.
 #pragma once
 
 #include <set>
@@ -35,85 +35,86 @@ class JobRestarted;
 // thread-safe.
 class Ledger {
  public:
-  // `algorithm_version` enters the keys of tasks.
+  // `algorithm_version` is part of the keys of tasks.
   explicit Ledger(std::string algorithm_version) : algorithm_version_(std::move(algorithm_version)) {}
   Ledger(const Ledger&) = delete;
   Ledger& operator=(const Ledger&) = delete;
 
-  // Whether the record may follow: NOT_FOUND for what does not exist, FAILED_PRECONDITION for what is no longer or not
-  // yet so, INVALID_ARGUMENT for a malformed record.
+  // Whether the record may be applied. NOT_FOUND: its job or task does not exist; FAILED_PRECONDITION: the state does
+  // not allow it; INVALID_ARGUMENT: the record is malformed.
   Status Check(const v1::Record& record) const;
-  // The only way in which state changes. The record must have passed Check on this very state.
+  // The only function that changes recorded state. Precondition: Check accepts the record in the present state.
   void Apply(const v1::Record& record);
 
   const std::vector<Job>& jobs() const { return jobs_; }
   // Indices of the jobs that have not ended, oldest first.
   const std::vector<int>& active_jobs() const { return active_jobs_; }
-  // How many of these the client submitted.
+  // Number of active jobs of the client.
   int ActiveJobsOf(const std::string& client) const;
   // Jobs that were not deleted.
   int kept_jobs() const { return static_cast<int>(jobs_.size()) - deleted_jobs_; }
-  // Of the jobs that have not ended, those that wait for the coordinator: to be planned on, or to be ended.
+  // Active jobs on which the coordinator must act: plan the next phase or end the job.
   const std::set<int>& due_jobs() const { return due_jobs_; }
-  // The ready tasks of jobs of which no task has failed.
+  // The ready tasks of jobs without a failed task.
   const ReadyTasks& ready() const { return ready_; }
-  // Lets the tasks of a job run, which is held from each plan with predicted outputs on. Not recorded.
+  // Releases a job; each plan with predicted outputs holds it again. Not recorded.
   void Admit(int job) { ready_.Admit(job); }
-  // Tasks whose delay is over are found in ready() from now on; new delays begin. `now_us`: Clock::MonotonicUs.
+  // Moves tasks whose retry delay has elapsed into ready() and starts new delays. `now_us`: Clock::MonotonicUs.
   void PromoteRetries(int64_t now_us) { ready_.Promote(now_us); }
-  // Tasks that became ready since the last call, each once, in the order in which they did; some may have left since.
+  // Tasks that became ready since the last call, oldest first, each once. Some may no longer be ready.
   std::vector<TaskRef> TakeNewlyReady();
   const std::vector<TaskRef>& newly_ready() const { return newly_ready_; }
-  // Before the first record: jobs of which no record comes any more but that they were deleted.
+  // Call before the first record. `jobs`: deleted jobs, whose other records are no longer replayed.
   void ExpectDeleted(std::set<int> jobs) { expected_deleted_ = std::move(jobs); }
-  // After the last record: their numbers are not given again, though none may have come.
+  // Call after the last record. Reserves the numbers of deleted jobs without any record.
   void EndReplay();
-  // Whether there was such a job, and it was deleted.
+  // Whether the job existed and was deleted.
   bool WasDeleted(int job) const;
-  // FAILED_PRECONDITION with what to do first unless the job, which is there, may be deleted.
+  // FAILED_PRECONDITION with what to do first if the job may not be deleted. Precondition: the job exists.
   Status MayDelete(int job) const;
   // Frees the memory of at most so many tasks of deleted jobs. False if none is left.
   bool FreeDeleted(int max_tasks);
-  // FAILED_PRECONDITION with both versions, and `then`, what follows from that, if another one made the job.
+  // FAILED_PRECONDITION with both versions and `then` (the consequence) if the job is of another algorithm version.
   Status CheckVersion(int job, const std::string& then) const;
-  // Whether tasks of the job may run: it has not ended, or results of it are being made again.
+  // Whether tasks of the job may run: it is active, or lost results of it are being recomputed.
   bool Runs(int job) const;
-  // NOT_FOUND or INVALID_ARGUMENT with the name.
+  // NOT_FOUND or INVALID_ARGUMENT.
   StatusOr<int> FindJob(const std::string& name) const;
   StatusOr<TaskRef> FindTask(const std::string& name) const;
-  // Index of the job of this request; -1 if there is none, or the request has no id. ALREADY_EXISTS with what differs
-  // if the id was used for another request.
+  // Index of the job of this request; -1 if there is none or the request has no id. ALREADY_EXISTS with the differences
+  // if another request had the same id.
   StatusOr<int> FindRequest(const JobRequest& request) const;
   const JobTask& task(TaskRef ref) const { return jobs_[ref.job].tasks[ref.task]; }
 
-  // The input's content; NOT_FOUND while its producer has not succeeded.
+  // Digest of the input; NOT_FOUND while its producer has not succeeded.
   StatusOr<Digest> InputDigest(const Job& job, const PlannedInput& input) const;
-  // What the task reads, by the names under which it does: outputs of tasks in the order of task.inputs, then
-  // task.scene_files, then task.view_files. NOT_FOUND as InputDigest.
+  // Input files of the task under the names by which it reads them: task.inputs, then task.scene_files, then
+  // task.view_files. Errors as InputDigest.
   StatusOr<std::vector<NamedDigest>> InputsOf(const Job& job, const PlannedTask& task) const;
-  // What an update takes from this job, without the survey's content; FAILED_PRECONDITION with what to do unless the
-  // job has succeeded, made by this version.
+  // The job as base of an update; the survey is not read. FAILED_PRECONDITION with what to do if the job has not
+  // succeeded, published nothing or is of another algorithm version.
   StatusOr<UpdateBase> BaseOf(const std::string& job) const;
-  // The same for an update with these settings: of one that rolls tiles back, with the states that they go back to.
+  // The same for an update with these settings; tiles to roll back have the states of `update.rollback_to`.
   StatusOr<UpdateBase> BaseOf(const UpdateSettings& update) const;
-  // BaseOf `job`, its base, ... to `earlier`. INVALID_ARGUMENT with those that there are if that is not among them.
+  // BaseOf each job on the chain of bases from `job` to `earlier`. INVALID_ARGUMENT with the chain if it lacks
+  // `earlier`.
   StatusOr<std::vector<UpdateBase>> ChainTo(const std::string& job, const std::string& earlier) const;
-  // The task that made this content and can make it again: of the job, where `own`, or of those that it goes on from,
-  // the nearest first. NOT_FOUND if no task did.
+  // The task that can recompute this content: of the job itself (if `own`) or of its base jobs, nearest first.
+  // NOT_FOUND if no task made it.
   StatusOr<TaskRef> MakerOf(int job, const Digest& digest, bool own) const;
-  // Tasks of jobs that have ended whose results are being made again, for others.
+  // Tasks of ended jobs whose lost results are being recomputed for other jobs or a download.
   const std::set<TaskRef>& remakes_of_ended() const { return remakes_of_ended_; }
-  // FAILED_PRECONDITION with both digests if the task's result was lost, and what was made again is not what it was.
+  // FAILED_PRECONDITION with both digests if the task recomputed a lost result and the outputs differ.
   Status CheckSameAsBefore(TaskRef ref, const std::vector<NamedDigest>& outputs) const;
   // Outputs of an earlier task with this key; null if none is known.
   const absl::InlinedVector<StoredFile, 1>* FindResult(const Sha256& key) const;
-  // They are not stored any more.
+  // Call if the blobs of the result are no longer stored.
   void ForgetResult(const Sha256& key) { tasks_of_key_.erase(key); }
-  // Absolute paths at which scene files of jobs had this content when the jobs were accepted, the oldest job's first.
+  // Absolute paths of scene files that had this content when their jobs were accepted, oldest job first.
   std::vector<std::string> SceneFilesWith(const Digest& digest) const;
 
  private:
-  // What tasks that ran took, of this job and those that it goes on from, as UpdateBase::measured.
+  // Predicted and used cost of the tasks that ran in this job and its base jobs: UpdateBase::measured.
   MeasuredCosts MeasuredIn(const Job& last) const;
   Status CheckAccepted(const v1::JobAccepted& change) const;
   Status CheckPlanned(const v1::TasksPlanned& change) const;
@@ -139,53 +140,53 @@ class Ledger {
   void ApplyLost(const v1::ResultLost& change);
   void ApplyDeleted(const v1::JobDeleted& change);
   void ApplyRestarted(const v1::JobRestarted& change);
-  // Whether a job of this number may be next: not if more records would be lost than can be believed.
+  // Whether a new job may have this index. A gap of more than kMaxLostJobs lost records is an error.
   bool MayBeNext(int job) const;
   void CountActive(const std::string& client, int more);
-  // Jobs up to there of which no record came: deleted ones, and others whose acceptance is lost.
+  // Appends the jobs below this index without a record: deleted ones, and failed ones whose acceptance is lost.
   void FillJobsUpTo(int job);
   void DropRemakesOf(int job);
-  // Of a job whose tasks are going.
+  // Call before the tasks of the job are dropped.
   void DropReady(int job);
-  // A task that has succeeded is known by its key from now on.
+  // Adds a succeeded task to tasks_of_key_.
   void RememberTask(TaskRef ref);
-  // It is not any more; nothing if it was not.
+  // Removes it; no effect if it is absent.
   void ForgetTask(TaskRef ref);
   void ForgetSceneFiles(const Job& job);
-  // Checks that the task exists in an active job and that `attempt` is its current one under lease.
+  // The task, if it may run and `attempt` is its leased attempt; else NOT_FOUND or FAILED_PRECONDITION.
   StatusOr<TaskRef> CheckCurrentAttempt(const std::string& name, int attempt) const;
-  // Takes the tasks of a plan that was not stored to its end off the job's list.
+  // Removes the tasks of a plan whose last record was not stored.
   void DropOpenPlan(Job& job);
-  // A waiting task whose inputs are all there becomes ready and gets its key.
+  // Makes a waiting task ready and sets its key if all inputs exist.
   void ReadyTask(TaskRef ref);
-  // Whether its tasks may run: its job has not ended, or its result is needed by another job and lost.
+  // Whether the task may run: its job is active, or its lost result is being recomputed.
   bool MayRun(TaskRef ref) const { return !HasEnded(jobs_[ref.job].header.state) || task(ref).remaking; }
-  // A task that has succeeded has not, and its readers wait.
+  // Takes the success of a task back; its readers wait.
   void Unmake(TaskRef ref);
-  // The result is there again: who waits for it goes on. The task has succeeded.
+  // Releases all readers of a recomputed result. Precondition: the task has succeeded.
   void EndRemake(TaskRef ref);
-  // It cannot be made again: who waits for it fails. The task is of a job that has ended, and stays as it was.
+  // Fails all readers of a result that cannot be recomputed. The task is of an ended job and keeps its state.
   void GiveUpRemake(TaskRef ref, const TaskFailure& failure);
   void UpdateDue(int job);
-  // Of a task that is not superseded yet: takes it off what the job does.
+  // Removes the task from the job's work. Precondition: it is not superseded.
   void Supersede(TaskRef ref);
-  // Of a job whose tasks or tiles became other ones.
+  // Computes the totals of a job after its tasks or tiles changed.
   static void Recount(Job& job);
-  // The first task of the job that has failed for good; -1: none.
+  // The first task of the job that failed permanently; -1: none.
   static int FirstFailed(const Job& job);
 
   const std::string algorithm_version_;
   std::vector<Job> jobs_;
   std::vector<int> active_jobs_;
-  std::unordered_map<std::string, int> active_of_client_;  // none of 0
+  std::unordered_map<std::string, int> active_of_client_;  // counts above 0
   int deleted_jobs_ = 0;
   std::set<int> due_jobs_;
   std::set<TaskRef> remakes_of_ended_;
   ReadyTasks ready_;
   std::vector<TaskRef> newly_ready_;
   std::unordered_map<std::string, int> job_of_request_;
-  // Tasks that succeeded, found by their keys, which lie in the tasks. Of those with one key it has the last, and each
-  // of them knows the one before (JobTask::older_with_key). Those of deleted jobs stay until FreeDeleted comes to them.
+  // Succeeded tasks by key; the set stores indices because a city has millions of keys. It has the newest task of each
+  // key, and JobTask::older_with_key links the older ones. FreeDeleted removes tasks of deleted jobs.
   struct HashOfKey {
     using is_transparent = void;
     size_t operator()(const Sha256& key) const { return absl::Hash<Sha256>()(key); }
@@ -205,7 +206,7 @@ class Ledger {
   absl::flat_hash_set<TaskRef, HashOfKey, SameKey> tasks_of_key_{0, HashOfKey{this}, SameKey{this}};
   struct ScenePath {
     std::string path;
-    int jobs = 0;  // that have it
+    int jobs = 0;  // number of jobs with this path
   };
   std::unordered_map<std::string, std::vector<ScenePath>> scene_files_of_sha256_;
   std::set<int> expected_deleted_;

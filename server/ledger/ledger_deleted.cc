@@ -1,4 +1,4 @@
-// Jobs that are deleted, and jobs that begin anew: what is left of them, and what others keep.
+// Deletion and restart of jobs.
 #include <algorithm>
 #include <iterator>
 #include <utility>
@@ -9,7 +9,7 @@
 namespace tessera {
 namespace {
 
-// Jobs in a row of which it may be lost that they were accepted. Their numbers are not given again.
+// Most consecutive jobs whose acceptance records may be lost. Their numbers are not reused.
 constexpr int kMaxLostJobs = 1000;
 
 }  // namespace
@@ -28,8 +28,8 @@ bool Ledger::WasDeleted(int job) const {
 Status Ledger::CheckVersion(int job, const std::string& then) const {
   const JobHeader& header = jobs_[job].header;
   if (header.algorithm_version == algorithm_version_) return absl::OkStatus();
-  return absl::FailedPreconditionError(header.name + " was made by version " + header.algorithm_version +
-                                       " of the algorithms, and this is " + algorithm_version_ + ": " + then);
+  return absl::FailedPreconditionError(header.name + " was made by algorithm version " + header.algorithm_version +
+                                       ", and this coordinator has " + algorithm_version_ + ": " + then);
 }
 
 bool Ledger::Runs(int job) const {
@@ -66,8 +66,7 @@ Status Ledger::MayDelete(int index) const {
     readers += (readers.empty() ? "" : ", ") + other.header.name;
   }
   if (readers.empty()) return absl::OkStatus();
-  return absl::FailedPreconditionError(header.name + " is needed by what goes on from it: delete " + readers +
-                                       " first");
+  return absl::FailedPreconditionError(header.name + " is the base of other jobs: delete " + readers + " first");
 }
 
 Status Ledger::CheckDeleted(const v1::JobDeleted& change) const {
@@ -91,7 +90,7 @@ void Ledger::FillJobsUpTo(int index) {
     filled.deleted = expected_deleted_.contains(number);
     deleted_jobs_ += filled.deleted ? 1 : 0;
     filled.header.state = filled.deleted ? JobState::kCancelled : JobState::kFailed;
-    if (!filled.deleted) filled.header.error = "the record that it was accepted cannot be used; submit it again";
+    if (!filled.deleted) filled.header.error = "its acceptance record is unusable; submit the job again";
   }
 }
 
@@ -102,12 +101,12 @@ void Ledger::ApplyDeleted(const v1::JobDeleted& change) {
   if (job.deleted) return;
   std::erase_if(job_of_request_, [&](const auto& request) { return request.second == index; });
   ForgetSceneFiles(job);
-  DropReady(index);  // what was being made again
+  DropReady(index);  // tasks that recompute lost results
   DropRemakesOf(index);
   Job left;
   left.header.name = std::move(job.header.name);
   left.header.state = JobState::kCancelled;
-  left.tasks = std::move(job.tasks);  // a city has millions: FreeDeleted
+  left.tasks = std::move(job.tasks);  // FreeDeleted frees them in steps
   left.deleted = true;
   ++deleted_jobs_;
   if (!left.tasks.empty()) to_free_.push_back(index);
@@ -119,7 +118,7 @@ void Ledger::ApplyRestarted(const v1::JobRestarted& change) {
   Job& job = jobs_[index];
   for (int task = 0; task < static_cast<int>(job.tasks.size()); ++task) ForgetTask({index, task});
   DropReady(index);
-  // Nor does it wait any more for what others were to make again for it.
+  // The new plan may not read the results that the old one waited for.
   for (const TaskRef ref : remakes_of_ended_) {
     std::erase_if(jobs_[ref.job].tasks[ref.task].awaited_by.Edit(),
                   [&](TaskRef waiting) { return waiting.job == index; });
@@ -129,9 +128,9 @@ void Ledger::ApplyRestarted(const v1::JobRestarted& change) {
   anew.scene_files = std::move(job.scene_files);
   anew.header.state = JobState::kQueued;
   anew.header.start_us = 0;
-  anew.header.warnings.push_back("begun anew by version " + change.algorithm_version() +
-                                 " of the algorithms: what version " + anew.header.algorithm_version +
-                                 " had made of it does not go with that");
+  anew.header.warnings.push_back("restarted with algorithm version " + change.algorithm_version() +
+                                 ": results of version " + anew.header.algorithm_version +
+                                 " cannot be combined with its results");
   anew.header.algorithm_version = change.algorithm_version();
   job = std::move(anew);
   ready_.SetJob(index, job.header.priority, job.header.paused);

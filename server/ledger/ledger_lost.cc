@@ -1,4 +1,4 @@
-// Results that were there and are not any more: the tasks that made them run again, and who reads them waits.
+// Lost results: the tasks that made them run again, and their readers wait.
 #include <algorithm>
 #include <utility>
 
@@ -7,6 +7,8 @@
 
 namespace tessera {
 
+// Breadth first over the bases, because an update may have two (its base and a rollback target) that share ancestors.
+// A given task only passes a content on, so the search continues to the task that computed it.
 StatusOr<TaskRef> Ledger::MakerOf(int job, const Digest& digest, bool own) const {
   const auto sha256 = Sha256::FromHex(digest.sha256);
   std::vector<int> search = {job};
@@ -25,15 +27,15 @@ StatusOr<TaskRef> Ledger::MakerOf(int job, const Digest& digest, bool own) const
       if (base.ok() && std::find(search.begin(), search.end(), *base) == search.end()) search.push_back(*base);
     }
   }
-  return absl::NotFoundError("no task of " + JobName(job) + ", or of those that it goes on from, made " +
-                             digest.sha256);
+  return absl::NotFoundError("no task of " + JobName(job) + " or of its base jobs made " + digest.sha256);
 }
 
 Status Ledger::CheckLost(const v1::ResultLost& change) const {
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
   const JobTask& target = task(ref);
   const JobHeader& header = jobs_[ref.job].header;
-  if (!target.plan.given->empty()) return absl::FailedPreconditionError(change.task() + " never ran: it is given");
+  if (!target.plan.given->empty())
+    return absl::FailedPreconditionError(change.task() + " is given: its outputs come from a base job");
   if (target.state != TaskState::kSucceeded && !target.remaking) {
     return absl::FailedPreconditionError(change.task() + " has no result");
   }
@@ -44,7 +46,7 @@ Status Ledger::CheckLost(const v1::ResultLost& change) const {
     TESSERA_ASSIGN_OR_RETURN(const TaskRef reader, FindTask(name));
     const JobTask& given = task(reader);
     if (given.plan.given->empty() || HasEnded(jobs_[reader.job].header.state) || given.state == TaskState::kFailed) {
-      return absl::FailedPreconditionError(name + " waits for no other task's result");
+      return absl::FailedPreconditionError(name + " has no outputs of a base job, or has failed, or its job has ended");
     }
   }
   for (const std::string& name : change.needed_by_jobs()) {
@@ -62,7 +64,7 @@ Status Ledger::CheckSameAsBefore(TaskRef ref, const std::vector<NamedDigest>& ou
                                   [&](const NamedDigest& output) { return output.name == before.name; });
     if (now != outputs.end() && now->digest == before.digest()) continue;
     return absl::FailedPreconditionError(
-        "'" + target.plan.name + "' was made again, and is not what it was, which others have read: output " +
+        "'" + target.plan.name + "' was recomputed with another result, but the first was already read: output " +
         before.name.str() + ": found " + (now == outputs.end() ? "none" : now->digest.sha256) + ", expected " +
         before.sha256.Hex());
   }
@@ -141,9 +143,11 @@ void Ledger::EndRemake(TaskRef ref) {
   }
 }
 
+// Readers in the same ended job may be waiting to be recomputed too, and fail with it. So the loop follows readers
+// until it reaches the active jobs that asked for the result.
 void Ledger::GiveUpRemake(TaskRef first, const TaskFailure& failure) {
   std::vector<TaskRef> given_up = {first};
-  for (size_t at = 0; at < given_up.size(); ++at) {  // grows
+  for (size_t at = 0; at < given_up.size(); ++at) {  // the loop appends
     const TaskRef ref = given_up[at];
     Job& job = jobs_[ref.job];
     JobTask& target = job.tasks[ref.task];
@@ -161,8 +165,8 @@ void Ledger::GiveUpRemake(TaskRef first, const TaskFailure& failure) {
     for (const TaskRef waiting : std::exchange(target.awaited_by.Edit(), {})) {
       Job& other = jobs_[waiting.job];
       if (HasEnded(other.header.state)) continue;
-      const std::string error = job.header.name + ", '" + target.plan.name + "', whose result is lost and cannot be " +
-                                "made again: " + failure.message;
+      const std::string error = job.header.name + ", '" + target.plan.name + "': its lost result cannot be " +
+                                "recomputed: " + failure.message;
       if (waiting.task < 0) {
         other.lost_error = error;
       } else {
@@ -171,7 +175,7 @@ void Ledger::GiveUpRemake(TaskRef first, const TaskFailure& failure) {
         given.error = TaskFailure{failure.error_class, error};
         other.failed = other.failed < 0 ? waiting.task : std::min(other.failed, waiting.task);
       }
-      ready_.DropJob(waiting.job);  // the job is about to end
+      ready_.DropJob(waiting.job);  // the planning loop ends the job
       UpdateDue(waiting.job);
     }
   }

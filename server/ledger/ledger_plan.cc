@@ -1,4 +1,4 @@
-// The tasks of a job, phase by phase, as they are planned.
+// Adds the tasks of a plan to a job. A long plan is stored as several records; the last one makes its tasks ready.
 #include <algorithm>
 #include <set>
 #include <utility>
@@ -11,7 +11,7 @@
 namespace tessera {
 namespace {
 
-// A prediction beyond that is none; sums over millions of tasks stay numbers.
+// Limits of predictions, so that sums over millions of tasks do not overflow.
 constexpr int64_t kMaxPeakBytes = int64_t{1} << 46, kMaxStoredBytes = int64_t{1} << 40;
 constexpr double kMaxCost = 1e12;
 
@@ -42,7 +42,7 @@ Status Ledger::CheckPlanned(const v1::TasksPlanned& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
   const Job& job = jobs_[index];
   if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
-  if (change.tasks().empty()) return absl::InvalidArgumentError("a plan without tasks");
+  if (change.tasks().empty()) return absl::InvalidArgumentError("the plan has no tasks");
   int count = static_cast<int>(job.tasks.size());
   if (change.first_task() != count && (job.open_plan < 0 || change.first_task() != job.open_plan)) {
     return absl::FailedPreconditionError("plan of " + change.job() + " from task " +

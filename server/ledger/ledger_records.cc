@@ -1,17 +1,17 @@
-// Which change of the ledger a record is, and those that users ask for.
+// Check and Apply by kind of record, and changes of priority and pause.
 #include "server/ledger/ledger.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
 namespace {
 
-constexpr int64_t kLastTimeUs = 253'402'300'799'999'999;  // of the year 9999: what times differ by is a number too
+constexpr int64_t kLastTimeUs = 253'402'300'799'999'999;  // end of the year 9999: differences of times cannot overflow
 
 }  // namespace
 
 Status Ledger::Check(const v1::Record& record) const {
   if (record.time_us() < 0 || record.time_us() > kLastTimeUs) {
-    return absl::InvalidArgumentError("a record of the time " + std::to_string(record.time_us()) + " us");
+    return absl::InvalidArgumentError("time of the record out of range: " + std::to_string(record.time_us()) + " us");
   }
   switch (record.change_case()) {
     case v1::Record::kJobAccepted:
@@ -41,7 +41,7 @@ Status Ledger::Check(const v1::Record& record) const {
     case v1::Record::CHANGE_NOT_SET:
       break;
   }
-  return absl::InvalidArgumentError("a record of unknown kind");
+  return absl::InvalidArgumentError("unknown kind of record");
 }
 
 void Ledger::Apply(const v1::Record& record) {

@@ -1,5 +1,4 @@
-// What becomes of a job some of whose tasks have failed for good: tiles are left as they were, or all of it is tried
-// again.
+// Jobs with permanently failed tasks: quarantine of tiles, and retries by a user.
 #include <algorithm>
 #include <utility>
 
@@ -70,7 +69,7 @@ void Ledger::ApplyQuarantined(const v1::TileQuarantined& change) {
   job.plans_anew = job.planned_to_end;
   job.failed = FirstFailed(job);
   Recount(job);
-  if (job.failed < 0) {  // else it goes on failing
+  if (job.failed < 0) {  // else the job fails because of another task
     ready_.SetJob(index, job.header.priority, job.header.paused);
     for (int i = 0; i < static_cast<int>(job.tasks.size()); ++i) {
       if (job.tasks[i].state == TaskState::kReady) ready_.Add({index, i}, job.tasks[i]);
@@ -83,7 +82,7 @@ Status Ledger::CheckRetried(const v1::JobRetried& change) const {
   TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
   const Job& job = jobs_[index];
   if (job.header.state != JobState::kFailed && job.header.state != JobState::kPartial) {
-    return absl::FailedPreconditionError(change.job() + " has not failed: there is nothing to try again");
+    return absl::FailedPreconditionError(change.job() + " has not failed: nothing to retry");
   }
   if (!change.has_tile()) return absl::OkStatus();
   bool found = std::any_of(job.quarantined.begin(), job.quarantined.end(),
@@ -92,16 +91,18 @@ Status Ledger::CheckRetried(const v1::JobRetried& change) const {
     if (task.state != TaskState::kFailed || task.superseded) continue;
     if (task.plan.tile != change.tile()) {
       return absl::FailedPreconditionError(change.job() + ": '" + task.plan.name +
-                                           "' has failed too, which is not of tile " + std::to_string(change.tile()) +
+                                           "' has failed too and is not of tile " + std::to_string(change.tile()) +
                                            "; retry the whole job");
     }
     found = true;
   }
   if (found) return absl::OkStatus();
-  return absl::FailedPreconditionError(change.job() + ": nothing of tile " + std::to_string(change.tile()) +
+  return absl::FailedPreconditionError(change.job() + ": no task of tile " + std::to_string(change.tile()) +
                                        " has failed");
 }
 
+// Failed and cancelled tasks wait again with their attempts forgiven; succeeded ones stay. Jobs with quarantined tiles
+// are planned again, because the old plan lacks these tiles.
 void Ledger::ApplyRetried(const v1::JobRetried& change) {
   const int index = *FindJob(change.job());
   Job& job = jobs_[index];
@@ -119,11 +120,11 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
     }
     job.plans_anew = job.planned_to_end;
     JobTask& failed = job.tasks[each.task];
-    if (failed.plan.kind != kCutKind) continue;  // the new plan has another
+    if (failed.plan.kind != kCutKind) continue;  // the new plan has a new task for it
     failed.superseded = false;
     ++job.unfinished;
   }
-  // What was given may be asked for again, and be found lost again.
+  // Given tasks succeed again; if an output is still lost, its next reader reports it.
   for (JobTask& given : job.tasks) {
     if (given.plan.given->empty() || given.state == TaskState::kSucceeded) continue;
     given.state = TaskState::kSucceeded;
@@ -138,7 +139,7 @@ void Ledger::ApplyRetried(const v1::JobRetried& change) {
       std::count_if(job.tasks.begin(), job.tasks.end(), [](const JobTask& task) { return task.remaking; }));
   for (JobTask& task : job.tasks) {
     task.remakes = 0;
-    for (Attempt& attempt : task.attempts) attempt.after_end = false;  // the next report tells of all
+    for (Attempt& attempt : task.attempts) attempt.after_end = false;  // the next report covers all attempts
     if (task.superseded || (task.state != TaskState::kFailed && task.state != TaskState::kCancelled)) continue;
     task.state = TaskState::kWaiting;
     task.forgiven = task.attempt();

@@ -24,7 +24,7 @@ struct ReadRecord {
 
 Status ReadRecords(RecordStore& store,
                    const std::function<void(int64_t number, Status status, const v1::Record& record)>& visit) {
-  tbb::concurrent_bounded_queue<std::vector<ReadRecord>> batches;  // an empty one is the end
+  tbb::concurrent_bounded_queue<std::vector<ReadRecord>> batches;  // an empty batch ends the queue
   batches.set_capacity(kBatchesAhead);
   Status status;
   std::thread reader([&] {
@@ -37,7 +37,7 @@ Status ReadRecords(RecordStore& store,
       if (read.status.ok()) {
         bytes += stored.content->size();
         if (!read.record.ParseFromString(*stored.content)) {
-          read.status = absl::DataLossError("not a record");
+          read.status = absl::DataLossError("cannot parse the record");
           read.record.Clear();
         }
       }

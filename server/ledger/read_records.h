@@ -1,4 +1,4 @@
-// Stored records, read and parsed by a second thread ahead of the one that applies them.
+// Reads and parses stored records in a second thread, ahead of the thread that applies them.
 #pragma once
 
 #include <cstdint>
@@ -13,9 +13,9 @@ namespace v1 {
 class Record;
 }  // namespace v1
 
-// Calls `visit` for each record of RecordStore::Replay, in order and in this thread, while another reads and parses
-// those behind it: some MiB, however many there are. `status`: why there is none; DATA_LOSS if its bytes are no record.
-// `visit` must not use the store. Errors are the store's.
+// Calls `visit` in this thread for each record of RecordStore::Replay, in order; a second thread reads a few MiB ahead.
+// `status`: why the record is missing; DATA_LOSS if it cannot be parsed. `visit` must not use the store. Returns the
+// store's errors.
 Status ReadRecords(RecordStore& store,
                    const std::function<void(int64_t number, Status status, const v1::Record& record)>& visit);
 

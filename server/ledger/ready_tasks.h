@@ -1,4 +1,4 @@
-// The tasks that could be leased now, in the order in which workers get them.
+// The tasks that may be leased, in the order in which workers get them.
 #pragma once
 
 #include <compare>
@@ -15,50 +15,49 @@
 
 namespace tessera {
 
-// An index over a ledger's ready tasks: nothing that it holds is not in the ledger too. Jobs of a higher priority come
-// first, of these the older ones, those that are paused or held never; in a job the tasks that most others wait for
-// (those with the fewest steps behind them), of these the dearest, of these the first of the plan. A lookup takes
-// logarithmic time unless tasks are refused. Not thread-safe.
+// An index over a ledger's ready tasks. Jobs are ordered by priority, then age; paused and held jobs are skipped. Tasks
+// of a job are ordered by depth (lowest first), then cost (highest first), then index. A lookup takes logarithmic time
+// unless the filter refuses tasks. Not thread-safe.
 class ReadyTasks {
  public:
-  // A ready task. One with a delay is found when that has passed since the next Promote.
+  // Adds a ready task. Its retry delay, if any, starts at the next Promote.
   void Add(TaskRef ref, const JobTask& task);
-  // Nothing if it is not there.
+  // No effect if the task is absent.
   void Remove(TaskRef ref, const JobTask& task);
-  // What is ready of a job that ends, and its priority.
+  // Removes the tasks and settings of a job.
   void DropJob(int job);
-  // Without it a job has priority 0 and is not paused.
+  // The default is priority 0, not paused.
   void SetJob(int job, int priority, bool paused);
-  // Nothing of the job is found until it is admitted, as if it were paused.
+  // Skips the job, like a paused one, until it is admitted.
   void Hold(int job) { SetHeld(job, true); }
   void Admit(int job) { SetHeld(job, false); }
   bool IsHeld(int job) const { return StandingOf(job).held; }
-  // Those held, in the order in which they would come.
+  // Held jobs by priority, then age.
   std::vector<int> held() const;
 
-  // Ends the delays that are over. `now_us`: Clock::MonotonicUs.
+  // Starts new delays and lists tasks whose delay has elapsed. `now_us`: Clock::MonotonicUs.
   void Promote(int64_t now_us);
-  // Of all jobs that are neither paused nor held, promoted ones only.
+  // Number of tasks without a running delay, in jobs that are neither paused nor held.
   int count() const { return count_; }
 
-  // What is counted, by kind and memory.
+  // The tasks of count() by kind and memory.
   std::map<TaskGroup, int64_t> Groups() const;
-  // When that of these that has been there longest came, in the time of NoteTime; none if there is none.
+  // Time (NoteTime) at which the oldest task of count() was added.
   std::optional<int64_t> OldestSince() const;
-  // `now_us`: Unix time; tasks that come from now on came then.
+  // Sets the time of later additions. `now_us`: Unix time.
   void NoteTime(int64_t now_us) { now_us_ = now_us; }
   int64_t now_us() const { return now_us_; }
-  // Those with a delay, of all jobs.
+  // Number of delayed tasks of all jobs.
   int delayed_count() const { return static_cast<int>(delayed_.size()); }
 
-  // The job whose tasks come first.
+  // The first job in the order.
   std::optional<int> FirstJob() const;
-  // Of a job, paused or not, the first that has no delay.
+  // First task of the job without a delay, even if the job is paused or held.
   std::optional<TaskRef> FirstOfJob(int job) const;
-  // Of a job that which comes next of those with a delay, and when; whole delays of those that have not begun.
+  // The delayed task of the job that becomes ready first, and when. A delay that has not started counts from `now_us`.
   std::optional<std::pair<int64_t, TaskRef>> NextOfDelayed(int job, int64_t now_us) const;
 
-  // Whether a task may be given; asked in the order above until one may.
+  // Returns whether a task may be leased; called in order until it accepts one.
   using Filter = std::function<bool(TaskRef ref)>;
   std::optional<TaskRef> First(const Filter& filter) const;
   std::optional<TaskRef> FirstOfTile(int job, int tile, const Filter& filter) const;
@@ -71,10 +70,10 @@ class ReadyTasks {
     friend auto operator<=>(const Rank&, const Rank&) = default;
   };
   struct OfJob {
-    std::map<Rank, int64_t> all;  // when each came
+    std::map<Rank, int64_t> all;  // time of addition
     std::map<int, std::set<Rank>> of_tile;
-    std::map<TaskGroup, int64_t> of_group;           // how many
-    std::set<std::pair<int64_t, int>> by_time = {};  // when, task
+    std::map<TaskGroup, int64_t> of_group;           // number of tasks
+    std::set<std::pair<int64_t, int>> by_time = {};  // time of addition, task
   };
   struct Place {
     Rank rank;
@@ -84,7 +83,7 @@ class ReadyTasks {
   struct Delayed {
     Place place;
     int64_t delay_us = 0;
-    int64_t end_us = 0;  // 0: it has not begun
+    int64_t end_us = 0;  // 0: not started
   };
   struct Standing {
     int priority = 0;
@@ -98,18 +97,18 @@ class ReadyTasks {
   Standing StandingOf(int job) const;
   void SetStanding(int job, const Standing& standing);
   void SetHeld(int job, bool held);
-  // A job that has tasks now enters the order of jobs, or leaves it.
+  // Add the job to order_ if it has tasks and is listed, or remove it.
   void List(int job);
   void Unlist(int job);
   void Insert(TaskRef ref, const Place& place);
   void DropDelayed(TaskRef ref);
 
   std::map<int, OfJob> jobs_;
-  std::map<int, Standing> standings_;    // those that are not as they are without SetJob
-  std::set<std::pair<int, int>> order_;  // (-priority, job) of jobs_ that are listed
+  std::map<int, Standing> standings_;    // of jobs that differ from the default
+  std::set<std::pair<int, int>> order_;  // (-priority, job) of listed jobs with tasks
   std::map<TaskRef, Delayed> delayed_;
-  std::set<TaskRef> to_begin_;                    // of delayed_
-  std::set<std::pair<int64_t, TaskRef>> by_end_;  // of delayed_, those that have begun
+  std::set<TaskRef> to_begin_;                    // delays not started
+  std::set<std::pair<int64_t, TaskRef>> by_end_;  // delays started
   int count_ = 0;
   int64_t now_us_ = 0;
 };

@@ -11,10 +11,10 @@ namespace v1 {
 class Record;
 }  // namespace v1
 
-// Index of the job that a record is of; -1 if it names none.
+// Index of the record's job; -1: none.
 int JobOf(const v1::Record& record);
 
-// Of a record's bytes; no job if they are not a record. An OwnerOf.
+// The same of a serialized record; no job if it cannot be parsed. Matches OwnerOf.
 RecordOwner OwnerOfRecord(std::string_view content);
 
 }  // namespace tessera

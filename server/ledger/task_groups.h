@@ -1,4 +1,4 @@
-// Groups of tasks of one kind and one class of memory, for counting.
+// Groups of tasks by kind and class of memory, for metrics.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace tessera {
 
-// The largest memory of each class in GiB; one more is above all, and one is for tasks of which it is not predicted.
+// Upper bound of each class in GiB. Two more classes follow: larger tasks, and tasks without a prediction.
 inline constexpr std::array<int, 7> kMemoryClasses_GiB = {1, 2, 4, 8, 16, 32, 64};
 inline constexpr int kUnknownMemoryClass = static_cast<int>(kMemoryClasses_GiB.size()) + 1;
 

@@ -8,7 +8,7 @@ std::string TaskKey(const std::string& algorithm_version, const std::string& kin
                     std::vector<NamedDigest> inputs) {
   std::sort(inputs.begin(), inputs.end(), [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
   Sha256Hasher hasher;
-  // Every part is preceded by its length, so that no two lists of parts read alike.
+  // A length before each part makes the encoding unambiguous.
   const auto add = [&hasher](const std::string& part) { hasher.Update(std::to_string(part.size()) + ":" + part); };
   add("tessera-task");
   add(algorithm_version);

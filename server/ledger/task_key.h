@@ -1,4 +1,4 @@
-// The name of a task's result: the hash of everything that the task reads.
+// The key of a task's result: the hash of all that the result depends on.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 
 namespace tessera {
 
-// SHA-256 over the version of the algorithms, kind, parameters and the inputs' names and digests (in any order).
+// SHA-256 of the algorithm version, kind, parameters and the inputs' names and digests; their order does not matter.
 std::string TaskKey(const std::string& algorithm_version, const std::string& kind, const std::string& parameters,
                     std::vector<NamedDigest> inputs);
 

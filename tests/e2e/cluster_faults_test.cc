@@ -136,7 +136,7 @@ TEST_F(ClusterFaultsTest, UnusableRecordIsQuarantinedAtStart) {
   cluster.StartCoordinator();
   const std::string first = std::to_string(last + 1), second = std::to_string(last + 2);
   EXPECT_THAT(cluster.coordinator().Output(),
-              testing::AllOf(HasSubstr("record quarantined record=" + first + " reason=\"not a record\""),
+              testing::AllOf(HasSubstr("record quarantined record=" + first + " reason=\"cannot parse the record\""),
                              HasSubstr("record quarantined record=" + second + " reason=\"the next job is jobs/3")));
   const v1::Job job = cluster.Await(spoiled);
   EXPECT_EQ(job.state(), v1::JOB_STATE_FAILED);

@@ -99,8 +99,8 @@ TEST_F(RollbackTest, RollbackIsExactAcrossSharedVertices) {
     EXPECT_EQ(outcome.exit_code, 3);
     EXPECT_THAT(outcome.output, HasSubstr(words));
   };
-  expect({"rollback", "1", "--to", "3"}, "found jobs/3, expected jobs/1 to have a base");
-  expect({"rollback", "3", "--to", "7"}, "found jobs/7, expected a job that jobs/3 goes on from: jobs/2, jobs/1");
+  expect({"rollback", "1", "--to", "3"}, "found jobs/3, expected jobs/1 to have a base job");
+  expect({"rollback", "3", "--to", "7"}, "found jobs/7, expected a base job of jobs/3: jobs/2, jobs/1");
   expect({"rollback", "3", "--to", "1", "--tile", "8"}, "found 8, expected one of the 8 tiles");
   EXPECT_THAT(Run(At({"rollback", "3", "--to", "1", "--validate-only"})), HasSubstr("jobs/1 can be restored"));
   EXPECT_EQ(Try(At({"watch", "jobs/4"})).exit_code, 3) << "nothing was accepted";

@@ -346,7 +346,7 @@ TEST_F(CoordinatorTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
   const Status differs = coordinator_->jobs().CreateJob(other).status();
   EXPECT_EQ(differs.code(), absl::StatusCode::kAlreadyExists);
   EXPECT_EQ(std::string(differs.message()),
-            "request r was used for jobs/1, and not for the same:\n"
+            "request r was used for jobs/1 with other values:\n"
             "tiles: found 3, expected 1\n"
             "rounds: found 0, expected 2\n"
             "method_settings.semantic: found 0.5, expected not set\n"

@@ -108,7 +108,7 @@ TEST_F(RecordQuarantineTest, AnyRecordMayBeMissing) {
   ASSERT_EQ(Job(done).header.state, JobState::kSucceeded);
   const std::vector<std::string> all = store_.records;
   for (size_t lost = 0; lost < all.size(); ++lost) {
-    for (const std::string found : {MemoryStore::kDamaged, "not a record"}) {
+    for (const std::string found : {MemoryStore::kDamaged, "cannot parse the record"}) {
       SCOPED_TRACE("record " + std::to_string(lost + 1) + " is " + found);
       store_.records = all;
       store_.quarantined.clear();

@@ -163,7 +163,7 @@ TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
   }
   EXPECT_GT(remakes, 1);
   EXPECT_EQ(Job(update).header.state, JobState::kFailed);
-  EXPECT_THAT(Job(update).header.error, HasSubstr("cannot be made again"));
+  EXPECT_THAT(Job(update).header.error, HasSubstr("cannot be recomputed"));
   ASSERT_TRUE(coordinator_->jobs().RetryJob(update, {}).ok());
   Open(&base_planner_);  // the records tell the same
   EXPECT_EQ(Job(update).header.state, JobState::kRunning);
@@ -188,8 +188,8 @@ TEST_F(LostResultsTest, ARemakeWithOtherBytesIsToldAndRefused) {
     clock_.Advance(20);
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
-  EXPECT_THAT(Job(job).header.error, AllOf(HasSubstr("was made again, and is not what it was"),
-                                           HasSubstr("output mesh"), HasSubstr(Sha256Hex("other bytes"))));
+  EXPECT_THAT(Job(job).header.error, AllOf(HasSubstr("was recomputed with another result"), HasSubstr("output mesh"),
+                                           HasSubstr(Sha256Hex("other bytes"))));
 }
 
 TEST_F(LostResultsTest, AFolderThatEatsFilesFailsTheJobInTheEnd) {

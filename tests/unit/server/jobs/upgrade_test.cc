@@ -117,7 +117,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
       EXPECT_EQ(Job(paused).header.priority, 7);
       EXPECT_TRUE(Job(paused).header.paused);
       EXPECT_THAT(Job(paused).header.warnings,
-                  ElementsAre(AllOf(HasSubstr("begun anew by version"), HasSubstr("before"))));
+                  ElementsAre(AllOf(HasSubstr("restarted with algorithm version"), HasSubstr("before"))));
       EXPECT_FALSE(Lease(Worker())) << "nothing of the base is made again, for it would not be the same";
       EXPECT_THAT(std::string(coordinator_->jobs().RetryJob(failed, {}).status().message()),
                   AllOf(HasSubstr("was made by version before"), HasSubstr("submit its scene again")));

@@ -1,4 +1,4 @@
-// What jobs that go on from another find in the records of those before: states of tiles, and what tasks took.
+// Updates: states of tiles and measured costs from the records of the base jobs.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -18,7 +18,7 @@ constexpr int kTiles = 2;
 struct Made {
   std::string kind;
   int tile = -1;
-  std::vector<std::string> outputs;  // by name; their content is "job name of tile" and so on
+  std::vector<std::string> outputs;  // by name; content: "job name tile"
   double cost = 0, used = 0;         // used 0: reused
   double scale = 1;
 };
@@ -36,8 +36,8 @@ class BaseTest : public testing::Test {
     digest->set_size_bytes(1);
   }
 
-  // A job that takes tile t's state from tasks[state_of[t]] and has succeeded, its tasks in this order, publish behind
-  // them. The first has city and survey.
+  // Adds a succeeded job with these tasks and a publish task. Task 0 has city and survey; tile t's state comes from
+  // tasks[state_of[t]].
   std::string Finish(const UpdateSettings& update, const std::vector<Made>& tasks, const std::vector<int>& state_of) {
     const std::string name = JobName(static_cast<int>(ledger_.jobs().size()));
     v1::Record accepted;
@@ -105,7 +105,7 @@ class BaseTest : public testing::Test {
     return name;
   }
 
-  // Of two tiles, each with a step; then an update that redoes tile 1 and finds the other step done.
+  // A job of two tiles with a task each, then an update that computes tile 1 and reuses tile 0.
   void FinishTwo() {
     const std::vector<std::string> of_survey = {kCityFile, kSurveyFile, kPlainSurveyFile};
     first_ = Finish(
@@ -124,21 +124,21 @@ class BaseTest : public testing::Test {
   std::string first_, second_;
 };
 
-TEST_F(BaseTest, MeasuredIsWhatRanAgainstTheModelAlone) {
+TEST_F(BaseTest, MeasuredCostsAreOfTasksThatRanWithoutTheScale) {
   FinishTwo();
   const MeasuredCosts of_first = ledger_.BaseOf(first_)->measured;
   EXPECT_EQ(of_first.at("solve").predicted, 16);
   EXPECT_EQ(of_first.at("solve").used, 10);
   EXPECT_EQ(of_first.at(kIngestKind).used, 40);
-  EXPECT_FALSE(of_first.contains(kPublishKind)) << "planned without a scale: by the model of an earlier release";
+  EXPECT_FALSE(of_first.contains(kPublishKind)) << "planned without a scale, by the model of an earlier release";
   const MeasuredCosts of_second = ledger_.BaseOf(second_)->measured;
-  EXPECT_EQ(of_second.at("solve").predicted, 16 + 6) << "without the correction that halved it, and what was reused";
+  EXPECT_EQ(of_second.at("solve").predicted, 16 + 6) << "without the scale of 0.5 and without reused tasks";
   EXPECT_EQ(of_second.at("solve").used, 10 + 2);
-  EXPECT_FALSE(of_second.contains(kUpdateKind)) << "planned before the survey told what it takes";
-  EXPECT_FALSE(of_second.contains(kIngestKind)) << "of a survey that is not the base's";
+  EXPECT_FALSE(of_second.contains(kUpdateKind)) << "planned before the survey's cost is known";
+  EXPECT_FALSE(of_second.contains(kIngestKind)) << "not the survey of the base job";
 }
 
-TEST_F(BaseTest, TheChainGoesBackToTheFirstJob) {
+TEST_F(BaseTest, ChainEndsAtTheFirstJob) {
   FinishTwo();
   const auto chain = ledger_.ChainTo(second_, first_);
   ASSERT_TRUE(chain.ok()) << chain.status();
@@ -147,15 +147,15 @@ TEST_F(BaseTest, TheChainGoesBackToTheFirstJob) {
   EXPECT_EQ(chain->back().name, first_);
   const Status other = ledger_.ChainTo(second_, "jobs/9").status();
   EXPECT_EQ(other.code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_THAT(std::string(other.message()),
-              AllOf(HasSubstr("jobs/9"), HasSubstr(second_ + " goes on from: " + first_)));
-  EXPECT_THAT(std::string(ledger_.ChainTo(second_, second_).status().message()), HasSubstr("goes on from: " + first_));
-  EXPECT_THAT(std::string(ledger_.ChainTo(first_, second_).status().message()), HasSubstr("to have a base"));
+  EXPECT_THAT(std::string(other.message()), AllOf(HasSubstr("jobs/9"), HasSubstr(second_ + ": " + first_)));
+  EXPECT_THAT(std::string(ledger_.ChainTo(second_, second_).status().message()),
+              HasSubstr("a base job of jobs/2: " + first_));
+  EXPECT_THAT(std::string(ledger_.ChainTo(first_, second_).status().message()), HasSubstr("to have a base job"));
 }
 
-TEST_F(BaseTest, ARollbackTakesItsTilesFromTheEarlierJob) {
+TEST_F(BaseTest, RollbackTakesItsTilesFromTheEarlierJob) {
   FinishTwo();
-  EXPECT_TRUE(ledger_.BaseOf(first_)->flip_edges) << "as it published";
+  EXPECT_TRUE(ledger_.BaseOf(first_)->flip_edges) << "from the publish parameters";
   const std::vector<Digest> before = ledger_.BaseOf(first_)->states, after = ledger_.BaseOf(second_)->states;
   UpdateSettings update;
   update.base = second_;

@@ -24,7 +24,7 @@ JobTask Task(int depth, double cost, int tile, int64_t retry_delay_us = 0) {
   return task;
 }
 
-TEST(ReadyTasks, AreCountedByKindAndMemoryWithTheOldest) {
+TEST(ReadyTasks, CountsByKindAndMemoryAndFindsTheOldest) {
   ReadyTasks ready;
   const auto task = [](const char* kind, int64_t peak_bytes, int64_t delay_us = 0) {
     JobTask made = Task(1, 1, 0, delay_us);
@@ -58,7 +58,7 @@ TEST(ReadyTasks, AreCountedByKindAndMemoryWithTheOldest) {
   const TaskGroup others = {static_cast<int>(kTaskKinds.size()), kUnknownMemoryClass};
   EXPECT_EQ(ready.Groups(), (Groups{{cuts, 1}, {others, 1}}));
   ready.Remove({0, 1}, late);
-  EXPECT_EQ(ready.OldestSince(), 300) << "when its delay was over";
+  EXPECT_EQ(ready.OldestSince(), 300) << "the end of its delay";
   ready.SetJob(1, 0, /*paused=*/false);
   EXPECT_EQ(ready.OldestSince(), 100);
   ready.DropJob(1);
@@ -66,7 +66,7 @@ TEST(ReadyTasks, AreCountedByKindAndMemoryWithTheOldest) {
   EXPECT_EQ(ready.Groups(), Groups());
 }
 
-TEST(ReadyTasks, OlderJobsThenFewerStepsThenTheDearestThenTheFirst) {
+TEST(ReadyTasks, OrderIsJobAgeThenDepthThenCostThenIndex) {
   ReadyTasks ready;
   const std::vector<std::pair<TaskRef, JobTask>> in_order = {{{0, 7}, Task(1, 2, 0)},
                                                              {{0, 1}, Task(1, 1, 1)},
@@ -87,24 +87,24 @@ TEST(ReadyTasks, OlderJobsThenFewerStepsThenTheDearestThenTheFirst) {
   EXPECT_EQ(ready.count(), 0);
 }
 
-TEST(ReadyTasks, WhatBacksOffIsFoundWhenItsTimeHasCome) {
+TEST(ReadyTasks, DelayedTaskIsFoundAfterItsDelay) {
   ReadyTasks ready;
   ready.Add({0, 0}, Task(0, 1, 0, 100));
   ready.Add({0, 1}, Task(0, 1, 0, 50));
   EXPECT_EQ(ready.First(Any), std::nullopt);
-  ready.Promote(1000);  // both begin
+  ready.Promote(1000);  // both delays start
   EXPECT_EQ(ready.First(Any), std::nullopt);
   ready.Promote(1049);
   EXPECT_EQ(ready.First(Any), std::nullopt);
   ready.Promote(1050);
   EXPECT_EQ(ready.First(Any), (TaskRef{0, 1}));
   ready.Remove({0, 1}, Task(0, 1, 0, 50));
-  ready.Remove({0, 0}, Task(0, 1, 0, 100));  // while it backs off
+  ready.Remove({0, 0}, Task(0, 1, 0, 100));  // during its delay
   ready.Promote(2000);
   EXPECT_EQ(ready.First(Any), std::nullopt);
   ready.Add({1, 0}, Task(0, 1, 0, 100));
   ready.Promote(3000);
-  ready.Add({1, 2}, Task(0, 1, 0, 100));  // has not begun
+  ready.Add({1, 2}, Task(0, 1, 0, 100));  // delay not started
   ready.Add({1, 1}, Task(0, 1, 0));
   ready.DropJob(1);
   ready.Add({2, 0}, Task(0, 1, 0, 100));
@@ -113,8 +113,8 @@ TEST(ReadyTasks, WhatBacksOffIsFoundWhenItsTimeHasCome) {
   EXPECT_EQ(ready.count(), 0);
 }
 
-// Beside a plain list.
-TEST(ReadyTasks, RandomComingAndGoing) {
+// Compares with a plain list.
+TEST(ReadyTasks, RandomAddsAndRemovesMatchAList) {
   Random random(3);
   ReadyTasks ready;
   std::vector<std::pair<TaskRef, JobTask>> list;

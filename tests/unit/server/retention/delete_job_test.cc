@@ -319,7 +319,7 @@ TEST_F(DeleteJobTest, AJobOfAnotherVersionBeginsAnew) {
     EXPECT_THAT(quarantined_, IsEmpty());
     EXPECT_EQ(Job(active).header.state, JobState::kQueued);
     EXPECT_EQ(Job(active).header.algorithm_version, kAlgorithmVersion);
-    EXPECT_THAT(Job(active).header.warnings, ElementsAre(HasSubstr("begun anew by version"))) << "once";
+    EXPECT_THAT(Job(active).header.warnings, ElementsAre(HasSubstr("restarted with algorithm version"))) << "once";
     EXPECT_EQ(Job(ended).header.state, JobState::kSucceeded) << "what has ended stays";
     EXPECT_EQ(Job(ended).header.algorithm_version, "before");
   }
