@@ -25,7 +25,7 @@ namespace {
 
 constexpr int64_t kMaxFileBytes = int64_t{1} << 40;
 constexpr int64_t kSparseFromBytes = int64_t{1} << 30;
-constexpr int64_t kSparseShare = 16;  // a large file with less than this part of it on disk is sparse
+constexpr int64_t kSparseShare = 16;  // a large file is sparse if less than 1 / kSparseShare of it is on disk
 constexpr int64_t kMaxEntries = 1'000'000;
 constexpr int kMaxLinks = 40, kMaxDepth = 32;
 constexpr size_t kPieceBytes = size_t{1} << 20;
@@ -39,10 +39,10 @@ std::string KindOf(mode_t mode) {
   if (S_ISFIFO(mode)) return "a pipe";
   if (S_ISSOCK(mode)) return "a socket";
   if (S_ISCHR(mode) || S_ISBLK(mode)) return "a device";
-  return "no regular file";
+  return "a file of unknown type";
 }
 
-// Of the system's own files, which have no size and are no data of anybody's.
+// Whether the file is in a pseudo file system of the kernel.
 bool IsPseudo(int fd) {
   struct statfs info;
   if (::fstatfs(fd, &info) != 0) return true;
@@ -53,7 +53,7 @@ bool IsPseudo(int fd) {
   return std::find(std::begin(kinds), std::end(kinds), type) != std::end(kinds);
 }
 
-// A file system that stores zeros without blocks is asked for holes too, one that tells neither is believed.
+// Few blocks alone do not prove a sparse file: some file systems compress zeros. It must have a hole too.
 bool IsSparse(int fd, const struct stat& info) {
   if (info.st_size < kSparseFromBytes || info.st_blocks * 512 >= info.st_size / kSparseShare) return false;
   const off_t hole = ::lseek(fd, 0, SEEK_HOLE);
@@ -115,12 +115,13 @@ StatusOr<Digest> HeldFile::Hash(const std::function<bool()>& cancelled) const {
   Sha256Hasher hasher;
   Digest digest;
   while (true) {
-    if (cancelled && cancelled()) return absl::CancelledError("nobody waits for the hash of " + real_path_);
+    if (cancelled && cancelled()) return absl::CancelledError("cancelled while hashing " + real_path_);
     TESSERA_ASSIGN_OR_RETURN(const std::string piece, Read(digest.size_bytes, kPieceBytes));
     hasher.Update(piece);
     digest.size_bytes += static_cast<int64_t>(piece.size());
     if (piece.size() < kPieceBytes) break;
-    if (digest.size_bytes > kMaxFileBytes) return absl::ResourceExhaustedError(real_path_ + " grows without end");
+    if (digest.size_bytes > kMaxFileBytes)
+      return absl::ResourceExhaustedError(real_path_ + " grew beyond 1 TiB while it was read");
   }
   digest.sha256 = hasher.Finish();
   return digest;
@@ -131,7 +132,7 @@ StatusOr<AllowedFiles> AllowedFiles::Under(const std::vector<std::string>& folde
   for (const std::string& folder : folders) {
     std::error_code error;
     const std::string real = fs::canonical(folder, error).string();
-    if (error || !fs::is_directory(real, error)) return absl::NotFoundError("no folder " + folder);
+    if (error || !fs::is_directory(real, error)) return absl::NotFoundError("not a folder: " + folder);
     allowed.folders_.push_back(real);
     allowed.named_.push_back(fs::absolute(folder).lexically_normal().string());
   }
@@ -156,15 +157,15 @@ bool AllowedFiles::MayPass(const std::string& real_path) const {
 }
 
 Status AllowedFiles::Outside(const std::string& path) const {
-  return Fault(path, "a path that leads outside", "one that stays under " + absl::StrJoin(folders_, " or "));
+  return Fault(path, "a path outside the allowed folders", "a path in " + absl::StrJoin(folders_, " or "));
 }
 
 StatusOr<std::string> AllowedFiles::Resolve(const std::string& path) const {
   if (path.empty() || path[0] != '/' || path.size() >= PATH_MAX) {
-    return Fault(path.substr(0, PATH_MAX), "no absolute path", "one");
+    return Fault(path.substr(0, PATH_MAX), "a relative path or one above 4095 bytes", "an absolute path");
   }
   if (HasControlCharacters(path)) return Fault(path, "control characters in its name", "none");
-  // It could not be stored: messages are UTF-8.
+  // Protobuf messages cannot store other names.
   if (!IsUtf8(path)) return Fault(path, "a name that is not UTF-8", "UTF-8");
   std::deque<std::string> rest = absl::StrSplit(path, '/', absl::SkipEmpty());
   std::string real = "/";
@@ -187,7 +188,7 @@ StatusOr<std::string> AllowedFiles::Resolve(const std::string& path) const {
     }
     std::error_code error;
     const std::string target = fs::read_symlink(next, error).string();
-    if (error || ++links > kMaxLinks) return Fault(path, "links that lead nowhere", "a file");
+    if (error || ++links > kMaxLinks) return Fault(path, "a link that cannot be resolved", "a file");
     if (target.starts_with("/")) real = "/";
     const std::vector<std::string> names = absl::StrSplit(target, '/', absl::SkipEmpty());
     rest.insert(rest.begin(), names.begin(), names.end());
@@ -207,28 +208,29 @@ StatusOr<HeldFile> AllowedFiles::Open(const std::string& path) const {
   const int flags = O_RDONLY | O_NONBLOCK | O_CLOEXEC | O_NOCTTY | (restricted() ? O_NOFOLLOW : 0);
   HeldFile file(::open(real.c_str(), flags), path, real);
   if (file.fd_ < 0) {
-    if (errno == ELOOP) return Fault(path, "a link that changed meanwhile", "a file");
+    if (errno == ELOOP) return Fault(path, "a link that replaced the file", "a file");
     return FileError(errno, "cannot open " + absl::CEscape(path));
   }
-  // What was opened counts: any part of the path may have become another since it was looked at.
+  // Check the open file: any part of the path may have been replaced since Resolve.
   if (::fstat(file.fd_, &info) != 0) return FileError(errno, "cannot read " + absl::CEscape(path));
   if (!S_ISREG(info.st_mode)) return Fault(path, KindOf(info.st_mode), "a regular file");
   if (!restricted()) return file;
   file.path_ = absl::StrCat("/proc/self/fd/", file.fd_);
   file.real_path_ = RealPathOf(file.fd_);
-  if (file.real_path_.empty()) return absl::InternalError("cannot tell where " + path + " lies: no /proc?");
+  if (file.real_path_.empty()) return absl::InternalError("cannot resolve the path of " + path + " through /proc");
   if (!IsInside(file.real_path_)) return Outside(path);
   if (owner_ && info.st_uid != *owner_) {
-    return Fault(path, absl::StrCat("a file of user ", info.st_uid),
-                 absl::StrCat("one of user ", *owner_, ", who runs tesserad, or tesserad --scene-root FOLDER"));
+    return Fault(
+        path, absl::StrCat("a file of user ", info.st_uid),
+        absl::StrCat("a file of user ", *owner_, ", who runs tesserad; --scene-root FOLDER allows other owners"));
   }
-  if (IsPseudo(file.fd_)) return Fault(path, "a file of the system's own", "data");
+  if (IsPseudo(file.fd_)) return Fault(path, "a file of a pseudo file system", "a file on disk");
   if (info.st_size > kMaxFileBytes) {
     return Fault(path, absl::StrCat(info.st_size, " bytes"), absl::StrCat("at most ", kMaxFileBytes));
   }
   if (IsSparse(file.fd_, info)) {
     return Fault(path, absl::StrCat(info.st_size, " bytes of which ", info.st_blocks * 512, " are on disk"),
-                 "a file that is not all but empty");
+                 "a file that is not sparse");
   }
   return file;
 }
@@ -261,9 +263,9 @@ StatusOr<bool> AllowedFiles::IsFolder(const std::string& path) const {
 Status AllowedFiles::ListInto(const std::string& folder, const std::string& prefix, std::vector<std::string>& parents,
                               int64_t& entries, std::vector<std::string>& files) const {
   TESSERA_ASSIGN_OR_RETURN(const std::string real, Resolve(folder));
-  // A folder that leads back to itself has nothing new.
+  // A link to a parent folder adds no files.
   if (std::find(parents.begin(), parents.end(), real) != parents.end()) return absl::OkStatus();
-  if (parents.size() >= kMaxDepth) return Fault(folder, absl::StrCat(kMaxDepth, " folders in each other"), "fewer");
+  if (parents.size() >= kMaxDepth) return Fault(folder, absl::StrCat(kMaxDepth, " nested folders"), "fewer");
   parents.push_back(real);
   std::error_code error;
   fs::directory_iterator it(real, error);

@@ -26,7 +26,7 @@ Status SystemError(const std::string& what, const std::string& path, int error) 
   return FileError(error, message);
 }
 
-// An open file that closes itself.
+// Closes the file on destruction.
 class OpenFile {
  public:
   OpenFile(const std::string& path, int flags, mode_t mode = 0644)
@@ -67,7 +67,7 @@ std::string FolderOf(const std::string& path) {
 
 std::string UniqueName() {
   unsigned char random[16];
-  if (::getentropy(random, sizeof(random)) != 0) std::abort();  // only a kernel without random numbers refuses 16 bytes
+  if (::getentropy(random, sizeof(random)) != 0) std::abort();  // fails only if the kernel has no random numbers
   std::string name;
   for (const unsigned char byte : random) {
     constexpr char kDigits[] = "0123456789abcdef";
@@ -136,7 +136,7 @@ StatusOr<std::string> ReadFile(const std::string& path, int64_t max_bytes) {
 Status SyncPath(const std::string& path) {
   OpenFile file(path, O_RDONLY);
   if (!file.ok()) return SystemError("cannot open", path, file.error());
-  // Some file systems cannot sync a folder and say so.
+  // EINVAL: the file system cannot sync folders.
   if (::fsync(file.fd()) != 0 && errno != EINVAL) return SystemError("cannot sync", path, errno);
   return absl::OkStatus();
 }
@@ -200,8 +200,8 @@ Status EnsurePrivateFolder(const std::string& path) {
        it.increment(error)) {
     if (!it->is_symlink()) close(it->path());
   }
-  close(path);  // last: until then the next call begins anew
-  if (error) return SystemError("cannot keep others out of", path, error.value());
+  close(path);  // last, so that an interrupted call is repeated in full
+  if (error) return SystemError("cannot remove other users' access to", path, error.value());
   return absl::OkStatus();
 }
 
@@ -250,7 +250,7 @@ StatusOr<std::string> JoinInside(const std::string& folder, const std::string& n
 StatusOr<TempFolder> TempFolder::Create(const std::string& parent, const std::string& prefix) {
   std::error_code error;
   std::string base = parent.empty() ? fs::temp_directory_path(error).string() : parent;
-  if (error) return SystemError("no folder for temporary files", base, error.value());
+  if (error) return SystemError("cannot use folder for temporary files", base, error.value());
   TESSERA_RETURN_IF_ERROR(EnsureFolder(base));
   std::string path = (fs::path(base) / (prefix + "XXXXXX")).string();
   if (::mkdtemp(path.data()) == nullptr) return SystemError("cannot make folder", path, errno);

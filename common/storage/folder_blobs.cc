@@ -25,7 +25,7 @@ using Kind = BlobEntry::Kind;
 constexpr char kQuarantine[] = "/quarantine", kPartial[] = "/partial";
 constexpr int kQuarantinePart = BlobStore::kParts - 1, kPartialPart = BlobStore::kParts - 2;
 
-// Copies `from` to `to` and hashes what it wrote; durable on return.
+// Copies `from` to `to`, durably, and returns the digest of the written bytes.
 StatusOr<Digest> CopyAndHash(const std::string& from, const std::string& to) {
   TESSERA_RETURN_IF_ERROR(CopyFileDurably(from, to));
   return HashFile(to);
@@ -33,14 +33,14 @@ StatusOr<Digest> CopyAndHash(const std::string& from, const std::string& to) {
 
 int64_t Micros(const timespec& time) { return time.tv_sec * 1'000'000 + time.tv_nsec / 1000; }
 
-// A blob that is stored again is touched, not written: its time of access is the later one.
+// Storing an existing blob sets its access time only, so this may be later than the modification time.
 int64_t StoredSince(const struct stat& info) { return std::max(Micros(info.st_mtim), Micros(info.st_atim)); }
 
 Status NoBlob(const Digest& digest) { return absl::NotFoundError("no blob " + digest.sha256); }
 
 std::string HashesTo(const Digest& found, const Digest& expected) {
-  return "its " + std::to_string(found.size_bytes) + " bytes hash to " + found.sha256 + ", expected " +
-         std::to_string(expected.size_bytes) + " that hash to its name";
+  return "found " + std::to_string(found.size_bytes) + " bytes with SHA-256 " + found.sha256 + ", expected " +
+         std::to_string(expected.size_bytes) + " with its name as SHA-256";
 }
 
 // The folder of a part, and the kind of the files in it.
@@ -78,8 +78,8 @@ StatusOr<std::string> FolderBlobs::ReadRange(const Digest& digest, int64_t offse
 }
 
 bool FolderBlobs::TouchFile(const Digest& digest) const {
-  const timespec times[] = {{0, UTIME_NOW}, {0, UTIME_OMIT}};                            // of access, of writing
-  return ::utimensat(AT_FDCWD, Path(digest).c_str(), times, 0) == 0 || errno != ENOENT;  // it may be another user's
+  const timespec times[] = {{0, UTIME_NOW}, {0, UTIME_OMIT}};                            // access, modification
+  return ::utimensat(AT_FDCWD, Path(digest).c_str(), times, 0) == 0 || errno != ENOENT;  // EPERM: another user owns it
 }
 
 Status FolderBlobs::Touch(const Digest& digest) {
@@ -101,7 +101,7 @@ Status FolderBlobs::VerifyOrQuarantine(const Digest& digest) {
   if (!FileExists(path)) return NoBlob(digest);
   const auto found = HashFile(path);
   if (found.ok() && *found == digest) return absl::OkStatus();
-  // The file exists and cannot be opened: either that passes, or the next write reports it.
+  // The file exists but cannot be opened, perhaps for a moment.
   if (absl::IsNotFound(found.status())) return absl::UnavailableError("cannot open " + path);
   const std::string quarantine = root_ + kQuarantine, moved_to = quarantine + "/" + digest.sha256 + "-" + UniqueName();
   Status moved = EnsureFolder(quarantine);
@@ -128,7 +128,7 @@ Status FolderBlobs::MoveTo(const Digest& digest, const std::string& path) {
 Status FolderBlobs::Publish(const std::string& temporary, const Digest& digest) {
   const std::string folder = root_ + "/" + digest.sha256.substr(0, 2), path = Path(digest);
   Status status = EnsureFolder(folder);
-  // A file that exists is replaced only if it is damaged: a reader of an intact one must not see it change.
+  // Replace an existing file only if it is damaged: readers must not see an intact one change.
   if (status.ok() &&
       (::link(temporary.c_str(), path.c_str()) == 0 || (errno == EEXIST && TouchFile(digest) && Verify(digest).ok()))) {
     std::remove(temporary.c_str());
@@ -260,7 +260,7 @@ std::vector<BlobEntry> FolderBlobs::List(int part) const {
     struct stat info {};
     const std::string path = it->path().string(), file = it->path().filename().string();
     if (::lstat(path.c_str(), &info) != 0 || !S_ISREG(info.st_mode)) continue;
-    // Quarantine renames the file, which changes its time of change alone.
+    // The rename into quarantine sets only the inode change time.
     const int64_t since_us = kind_of_part == Kind::kQuarantined ? Micros(info.st_ctim) : StoredSince(info);
     BlobEntry entry{kind_of_part, folder.substr(1) + "/" + file, "", info.st_size, since_us};
     if (kind_of_part == Kind::kBlob && CheckDigest({file, entry.size_bytes}).ok()) {

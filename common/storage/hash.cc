@@ -17,7 +17,7 @@
 namespace tessera {
 namespace {
 
-// The values of lower-case hex digits; 16 for all else. A coordinator that starts reads digits by the hundred million.
+// Values of lower-case hex digits; 16 for other characters. A table, because a coordinator's start reads 10^8 digits.
 constexpr std::array<uint8_t, 256> kHexValues = [] {
   std::array<uint8_t, 256> values = {};
   values.fill(16);
@@ -39,9 +39,9 @@ bool IsSha256Hex(const std::string& text) {
 struct Sha256Hasher::Impl {
   EVP_MD_CTX* context = EVP_MD_CTX_new();
   Impl() {
-    // Looked up once: each time costs more than to hash a task's key.
+    // Fetch once: a fetch takes longer than hashing a task's key.
     static const EVP_MD* const sha256 = EVP_MD_fetch(nullptr, "SHA256", nullptr);
-    // Fails only without memory or with a broken OpenSSL: nothing can go on then.
+    // Fails only if memory is exhausted or OpenSSL is broken.
     if (context == nullptr || EVP_DigestInit_ex(context, sha256, nullptr) != 1) std::abort();
   }
   ~Impl() { EVP_MD_CTX_free(context); }
@@ -70,7 +70,7 @@ std::string Sha256Hex(const std::string& bytes) {
 }
 
 StatusOr<Digest> HashFile(const std::string& path) {
-  struct stat info;  // a pipe would be waited for
+  struct stat info;  // opening a pipe would block
   if (::stat(path.c_str(), &info) == 0 && !S_ISREG(info.st_mode)) return absl::NotFoundError("no file: " + path);
   std::ifstream file(path, std::ios::binary);
   if (!file) return absl::NotFoundError("cannot open " + path);
@@ -100,7 +100,7 @@ std::string Sha256::Hex() const { return absl::BytesToHexString({bytes_.data(), 
 
 Status CheckDigest(const Digest& digest) {
   if (IsSha256Hex(digest.sha256) && digest.size_bytes >= 0) return absl::OkStatus();
-  return absl::InvalidArgumentError("not a digest: sha256 '" + digest.sha256.substr(0, 80) + "', " +
+  return absl::InvalidArgumentError("malformed digest: sha256 '" + digest.sha256.substr(0, 80) + "', " +
                                     std::to_string(digest.size_bytes) + " bytes");
 }
 

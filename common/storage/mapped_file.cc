@@ -16,7 +16,7 @@ namespace {
 
 constexpr size_t kBufferBytes = size_t{1} << 18;
 
-// The descriptor of a new file in `folder` whose name is gone already; -1 and errno.
+// Descriptor of a new, unnamed file in `folder`, or -1 with errno.
 int OpenNameless(const std::string& folder) {
   std::string path = absl::StrCat(folder, "/scratch-XXXXXX");
   const int fd = mkostemp(path.data(), O_CLOEXEC);
@@ -57,7 +57,7 @@ StatusOr<MappedFile> MappedFile::Open(const std::string& path) {
 StatusOr<MappedFile> MappedFile::Scratch(const std::string& folder, size_t size_bytes) {
   const int fd = OpenNameless(folder);
   if (fd < 0) return FileError(errno, absl::StrCat("cannot make a scratch file in ", folder));
-  // Reserved now: a full disk would else end the process at the first write to a page.
+  // Reserve the space now: on a full disk, the first write to a page would end the process (SIGBUS).
   const int error = size_bytes > 0 ? posix_fallocate(fd, 0, static_cast<off_t>(size_bytes)) : 0;
   StatusOr<MappedFile> file =
       error == 0 ? Map(fd, size_bytes, true, folder)

@@ -110,7 +110,7 @@ TEST_F(AccessTest, JobRunsWithTlsTokensAndRootsWithoutLeakingSecrets) {
   for (const char* name : {"/etc/shadow", "/etc/no-such-file"}) {
     const Outcome outside = TesseraAs("anna", {"submit", Path("scenes/city"), "--classifier", name, "--validate-only"});
     EXPECT_EQ(outside.exit_code, 3);
-    EXPECT_THAT(outside.output, HasSubstr(std::string(name) + ": found a path that leads outside"));
+    EXPECT_THAT(outside.output, HasSubstr(std::string(name) + ": found a path outside the allowed folders"));
   }
 
   // A scene that leads out of the root, of which nothing is learnt.
@@ -123,7 +123,7 @@ TEST_F(AccessTest, JobRunsWithTlsTokensAndRootsWithoutLeakingSecrets) {
     const Outcome evil = TesseraAs("anna", {"submit", Path("scenes/evil")});
     EXPECT_EQ(evil.exit_code, 3) << evil.output;
     EXPECT_THAT(evil.output,
-                AllOf(HasSubstr("mesh.ply: found a path that leads outside"), Not(HasSubstr("others must"))));
+                AllOf(HasSubstr("mesh.ply: found a path outside the allowed folders"), Not(HasSubstr("others must"))));
   }
   const Outcome outside = TesseraAs("anna", {"submit", ToyCity()});
   EXPECT_EQ(outside.exit_code, 3) << outside.output;

@@ -24,7 +24,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::Not;
 
-// root/scene and other/ beside it, which is allowed too, and secret/, which is not.
+// Folders root/scene and other are allowed; secret is not.
 class AllowedFilesTest : public testing::Test {
  protected:
   AllowedFilesTest() {
@@ -50,7 +50,7 @@ class AllowedFilesTest : public testing::Test {
   }();
 };
 
-TEST_F(AllowedFilesTest, LinksAreFollowedAsLongAsTheyStay) {
+TEST_F(AllowedFilesTest, LinksBetweenAllowedFoldersAreFollowed) {
   Link("root/scene/inside", "image");
   Link("root/scene/elsewhere", Path("other/image"));
   Link("root/scene/up", "../../other/image");
@@ -63,7 +63,7 @@ TEST_F(AllowedFilesTest, LinksAreFollowedAsLongAsTheyStay) {
   EXPECT_EQ(allowed_.Open(Path("root/scene/none")).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(AllowedFilesTest, WhatLeadsOutsideIsRefusedWhetherItIsThereOrNot) {
+TEST_F(AllowedFilesTest, PathsOutsideAreRefusedWhetherTheyExistOrNot) {
   Link("root/scene/a", Path("secret/key"));
   Link("root/scene/b", Path("secret/none"));
   Link("root/scene/c", "../../secret/key");
@@ -72,19 +72,19 @@ TEST_F(AllowedFilesTest, WhatLeadsOutsideIsRefusedWhetherItIsThereOrNot) {
   Link("root/scene/f", "/proc/self/environ");
   Link("root/scene/g", "/");
   for (const char* name : {"a", "b", "c", "d/key", "d/none", "e", "f", "g/etc/passwd", "../../secret/key"}) {
-    ExpectRefused("root/scene/" + std::string(name), "a path that leads outside");
+    ExpectRefused("root/scene/" + std::string(name), "a path outside the allowed folders");
     EXPECT_TRUE(allowed_.Exists(Path("root/scene/" + std::string(name))));
   }
-  ExpectRefused("secret/key", "a path that leads outside");
-  ExpectRefused("secret/none", "a path that leads outside");
+  ExpectRefused("secret/key", "a path outside the allowed folders");
+  ExpectRefused("secret/none", "a path outside the allowed folders");
   EXPECT_EQ(allowed_.IsFolder(Path("root/scene/d")).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(allowed_.Open("image").status().code(), absl::StatusCode::kInvalidArgument) << "relative";
   Link("root/scene/x", "y");
   Link("root/scene/y", "x");
-  ExpectRefused("root/scene/x", "links that lead nowhere");
+  ExpectRefused("root/scene/x", "a link that cannot be resolved");
 }
 
-TEST_F(AllowedFilesTest, OnlyDataIsOpenedAndNobodyIsWaitedFor) {
+TEST_F(AllowedFilesTest, OnlyRegularFilesAreOpenedWithoutBlocking) {
   ASSERT_EQ(::mkfifo(Path("root/scene/pipe").c_str(), 0600), 0);
   ExpectRefused("root/scene/pipe", "a pipe");
   ExpectRefused("root/scene", "a folder");
@@ -92,11 +92,11 @@ TEST_F(AllowedFilesTest, OnlyDataIsOpenedAndNobodyIsWaitedFor) {
   EXPECT_THAT(std::string(allowed_.Open(Path("root/scene/two\nlines")).status().message()), Not(HasSubstr("\n")));
   const auto all = *AllowedFiles::Under({"/"});
   EXPECT_THAT(std::string(all.Open("/dev/null").status().message()), HasSubstr("a device"));
-  EXPECT_THAT(std::string(all.Open("/proc/self/environ").status().message()), HasSubstr("the system's own"));
+  EXPECT_THAT(std::string(all.Open("/proc/self/environ").status().message()), HasSubstr("a pseudo file system"));
   EXPECT_TRUE(all.Open(Path("secret/key")).ok());
 }
 
-TEST_F(AllowedFilesTest, WhatIsNoDataIsRefusedInsideTooAndWhoeverOwnsIt) {
+TEST_F(AllowedFilesTest, SpecialFilesAreRefusedInAllowedFoldersAndForTheirOwner) {
   const auto own = AllowedFiles::OwnedBy(::geteuid());
   const auto expect_refused = [&](const std::string& name, const std::string& found) {
     ExpectRefused(name, found);
@@ -127,17 +127,15 @@ TEST_F(AllowedFilesTest, WhatIsNoDataIsRefusedInsideTooAndWhoeverOwnsIt) {
   if (::mknod(Path("root/scene/zero").c_str(), S_IFCHR | 0600, ::makedev(1, 5)) == 0) {
     expect_refused("root/scene/zero", "a device");
   }
-  // What cannot be opened is listed, for its reader to be told of.
   Write("root/scene/two\nlines", "x");
   EXPECT_EQ(allowed_.List(Path("root/scene")).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-// Nobody waits for who writes to a pipe, whenever it took the file's place.
-TEST_F(AllowedFilesTest, APipeThatTakesAFilesPlaceIsNotWaitedFor) {
+TEST_F(AllowedFilesTest, OpenDoesNotBlockOnAPipeThatReplacesTheFile) {
   ASSERT_EQ(::mkfifo(Path("root/scene/pipe").c_str(), 0600), 0);
   const std::string image = Path("root/scene/image"), pipe = Path("root/scene/pipe");
   const auto swap = [&] { return ::renameat2(AT_FDCWD, image.c_str(), AT_FDCWD, pipe.c_str(), RENAME_EXCHANGE) == 0; };
-  if (!swap()) GTEST_SKIP() << "this file system exchanges no names";
+  if (!swap()) GTEST_SKIP() << "this file system does not support RENAME_EXCHANGE";
   std::atomic<bool> stop = false;
   std::thread swapper([&] {
     while (!stop) swap();
@@ -156,7 +154,7 @@ TEST_F(AllowedFilesTest, APipeThatTakesAFilesPlaceIsNotWaitedFor) {
   EXPECT_GT(refused, 0);
 }
 
-TEST_F(AllowedFilesTest, AHugeFileThatIsAllButEmptyIsRefused) {
+TEST_F(AllowedFilesTest, LargeSparseFileIsRefused) {
   Write("root/scene/sparse", "x");
   ASSERT_EQ(::truncate(Path("root/scene/sparse").c_str(), off_t{1} << 36), 0);
   ExpectRefused("root/scene/sparse", "are on disk");
@@ -168,15 +166,15 @@ TEST_F(AllowedFilesTest, AHugeFileThatIsAllButEmptyIsRefused) {
   EXPECT_TRUE(allowed_.Open(Path("root/scene/small")).ok());
 }
 
-TEST_F(AllowedFilesTest, WithoutFoldersTheOwnerCounts) {
+TEST_F(AllowedFilesTest, OwnedByAllowsOnlyFilesOfTheUser) {
   EXPECT_TRUE(AllowedFiles::OwnedBy(::geteuid()).Open(Path("secret/key")).ok());
   const Status others = AllowedFiles::OwnedBy(::geteuid() + 1).Open(Path("secret/key")).status();
   EXPECT_EQ(others.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(others.message()), HasSubstr("--scene-root"));
 }
 
-// What was opened is what is read, whatever becomes of its name.
-TEST_F(AllowedFilesTest, ALinkThatIsSwappedMeanwhileGivesNothingAway) {
+// An open file keeps its content when its path is replaced.
+TEST_F(AllowedFilesTest, SwappedLinkDoesNotExposeOutsideFiles) {
   const HeldFile held = *allowed_.Open(Path("root/scene/image"));
   fs::remove(Path("root/scene/image"));
   Link("root/scene/image", Path("secret/key"));
@@ -190,7 +188,7 @@ TEST_F(AllowedFilesTest, ALinkThatIsSwappedMeanwhileGivesNothingAway) {
   Link("root/scene/trap", Path("secret"));
   const std::string way = Path("root/scene/way"), trap = Path("root/scene/trap");
   const auto swap = [&] { return ::renameat2(AT_FDCWD, way.c_str(), AT_FDCWD, trap.c_str(), RENAME_EXCHANGE) == 0; };
-  if (!swap()) GTEST_SKIP() << "this file system exchanges no names";
+  if (!swap()) GTEST_SKIP() << "this file system does not support RENAME_EXCHANGE";
   std::atomic<bool> stop = false;
   std::thread swapper([&] {
     while (!stop) swap();
@@ -213,7 +211,7 @@ TEST_F(AllowedFilesTest, ALinkThatIsSwappedMeanwhileGivesNothingAway) {
   EXPECT_GT(refused, 0);
 }
 
-TEST_F(AllowedFilesTest, AListStaysInsideAndEnds) {
+TEST_F(AllowedFilesTest, ListFollowsCircularLinksOnceAndRefusesOutsideOnes) {
   fs::create_directories(Path("root/scene/sub/deeper"));
   Write("root/scene/sub/deeper/b", "b");
   Link("root/scene/sub/again", "..");
@@ -224,7 +222,7 @@ TEST_F(AllowedFilesTest, AListStaysInsideAndEnds) {
   EXPECT_EQ(allowed_.List(Path("root/scene")).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST_F(AllowedFilesTest, FoldersMayBeNamedByLinks) {
+TEST_F(AllowedFilesTest, AllowedFoldersMayBeLinks) {
   Link("short", Path("root"));
   const auto allowed = *AllowedFiles::Under({Path("short")});
   EXPECT_TRUE(allowed.Open(Path("short/scene/image")).ok());

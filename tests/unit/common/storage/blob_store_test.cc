@@ -1,4 +1,4 @@
-// What every BlobStore must do. A new implementation gets a case of its own here.
+// Contract tests of BlobStore. A new implementation adds its own parameter here.
 #include "common/storage/blob_store.h"
 
 #include <fcntl.h>
@@ -23,12 +23,12 @@ using Kind = BlobEntry::Kind;
 
 constexpr int64_t kHour_us = int64_t{3600} * 1'000'000;
 
-// A store, and what happens to it from outside.
+// A store and operations on it that bypass the interface.
 class StoreCase {
  public:
   virtual ~StoreCase() = default;
   virtual BlobStore& store() = 0;
-  // As another process opens it.
+  // Opens the store again, like another process.
   virtual void Reopen() {}
   // Replaces the stored bytes in place.
   virtual void Damage(const Digest& digest, const std::string& bytes) = 0;
@@ -102,7 +102,7 @@ class BlobStoreTest : public testing::TestWithParam<Implementation> {
   const std::string content_ = std::string(300000, 'x') + "end";
 };
 
-TEST_P(BlobStoreTest, AllWaysToStoreGiveTheSameBlob) {
+TEST_P(BlobStoreTest, AllPutMethodsStoreTheSameBlob) {
   const Digest digest = DigestOf(content_);
   EXPECT_EQ(store().Stat(digest).code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(*store().PutFile(File(content_)), digest);
@@ -133,7 +133,7 @@ TEST_P(BlobStoreTest, ReadsRanges) {
   EXPECT_EQ(store().Read(DigestOf("none")).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_P(BlobStoreTest, RefusesDigestsThatAreNone) {
+TEST_P(BlobStoreTest, MalformedDigestsAreRefused) {
   const Digest none = {"../../etc/passwd", 3};
   for (const Status& status :
        {store().Stat(none), store().ReadRange(none, 0, 1).status(), store().Read(none).status(), store().Verify(none),
@@ -143,7 +143,7 @@ TEST_P(BlobStoreTest, RefusesDigestsThatAreNone) {
   }
 }
 
-TEST_P(BlobStoreTest, DamageIsFoundAndReplaced) {
+TEST_P(BlobStoreTest, DamagedBlobIsDetectedAndReplaced) {
   const Digest digest = *store().PutFile(File(content_));
   EXPECT_TRUE(store().Verify(digest).ok());
   std::string damaged = content_;
@@ -167,14 +167,14 @@ TEST_P(BlobStoreTest, DamageIsFoundAndReplaced) {
   EXPECT_EQ(store().Read(digest).status().code(), absl::StatusCode::kDataLoss);
 }
 
-TEST_P(BlobStoreTest, ADamagedBlobIsQuarantinedAndCanBeStoredAgain) {
+TEST_P(BlobStoreTest, DamagedBlobIsQuarantinedAndCanBeStoredAgain) {
   const Digest digest = *store().PutFile(File(content_));
   EXPECT_TRUE(store().VerifyOrQuarantine(digest).ok());
   EXPECT_TRUE(store().Has(digest));
   std::string damaged = content_;
   damaged[5] ^= 1;
   case_->Damage(digest, damaged);
-  EXPECT_TRUE(store().Has(digest)) << "Stat does not read it";
+  EXPECT_TRUE(store().Has(digest)) << "Stat does not read the content";
   EXPECT_EQ(store().VerifyOrQuarantine(digest).code(), absl::StatusCode::kDataLoss);
   EXPECT_FALSE(store().Has(digest));
   EXPECT_EQ(store().VerifyOrQuarantine(digest).code(), absl::StatusCode::kNotFound);
@@ -185,7 +185,7 @@ TEST_P(BlobStoreTest, ADamagedBlobIsQuarantinedAndCanBeStoredAgain) {
   EXPECT_EQ(*store().Read(digest), content_);
 }
 
-TEST_P(BlobStoreTest, TheTimeOfAQuarantinedBlobIsThatOfItsQuarantine) {
+TEST_P(BlobStoreTest, QuarantinedBlobHasTheTimeOfItsQuarantine) {
   const Digest digest = *store().PutBytes("content");
   case_->Damage(digest, "damage!");
   const int64_t written_us = Old(digest).since_us;
@@ -195,7 +195,7 @@ TEST_P(BlobStoreTest, TheTimeOfAQuarantinedBlobIsThatOfItsQuarantine) {
   ASSERT_TRUE(store().Remove(entry).ok());
 }
 
-TEST_P(BlobStoreTest, AnUploadResumesAfterReopening) {
+TEST_P(BlobStoreTest, UploadResumesAfterReopening) {
   const Digest digest = DigestOf(content_);
   EXPECT_EQ(*store().CommittedBytes(digest), 0);
   EXPECT_EQ(*store().Append(digest, 0, content_.substr(0, 1000)), 1000);
@@ -213,7 +213,7 @@ TEST_P(BlobStoreTest, AnUploadResumesAfterReopening) {
   EXPECT_EQ(*store().CommittedBytes(digest), digest.size_bytes);
 }
 
-TEST_P(BlobStoreTest, WrongBytesLeaveNothing) {
+TEST_P(BlobStoreTest, UploadOfWrongBytesIsDropped) {
   const Digest digest = DigestOf(content_);
   std::string wrong = content_;
   wrong[7] = 'z';
@@ -243,7 +243,7 @@ TEST_P(BlobStoreTest, ConcurrentUploadsOfOneBlob) {
   EXPECT_EQ(*store().Read(digest), content_);
 }
 
-TEST_P(BlobStoreTest, ARemovedBlobIsALeftoverUntilItsBytesAreFreed) {
+TEST_P(BlobStoreTest, RemovedBlobIsALeftoverUntilItsBytesAreFreed) {
   const Digest digest = *store().PutBytes("content");
   const auto free_bytes = store().Remove(Old(digest));
   ASSERT_TRUE(free_bytes.ok()) << free_bytes.status();
@@ -256,7 +256,7 @@ TEST_P(BlobStoreTest, ARemovedBlobIsALeftoverUntilItsBytesAreFreed) {
   EXPECT_EQ(store().Remove(left).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_P(BlobStoreTest, ALeftoverCanBeRemoved) {
+TEST_P(BlobStoreTest, LeftoverCanBeRemoved) {
   ASSERT_TRUE(store().Append(DigestOf("content"), 0, "con").ok());
   const auto free_bytes = store().Remove(Only());
   ASSERT_TRUE(free_bytes.ok());
@@ -264,14 +264,14 @@ TEST_P(BlobStoreTest, ALeftoverCanBeRemoved) {
   EXPECT_TRUE(List().empty());
 }
 
-TEST_P(BlobStoreTest, RemovesABlobWhateverItsTimeWhereThatIsAsked) {
+TEST_P(BlobStoreTest, AnyTimeRemovesABlobRegardlessOfItsTime) {
   const Digest digest = *store().PutBytes("content");
   EXPECT_TRUE(store().Remove({Kind::kBlob, "", digest.sha256, digest.size_bytes, BlobEntry::kAnyTime}).ok());
   EXPECT_FALSE(store().Has(digest));
 }
 
-// The caller that stored it is about to refer to it.
-TEST_P(BlobStoreTest, ABlobThatIsStoredAgainIsNotRemoved) {
+// The second caller is about to refer to the blob.
+TEST_P(BlobStoreTest, BlobStoredAgainIsNotRemoved) {
   const Digest digest = *store().PutBytes("content");
   const std::string path = folder_.path() + "/file";
   const std::function<void()> ways[] = {
@@ -280,7 +280,7 @@ TEST_P(BlobStoreTest, ABlobThatIsStoredAgainIsNotRemoved) {
       [&] { EXPECT_TRUE(store().PutFile(path).ok()); },
       [&] { EXPECT_TRUE(store().MoveFile(path).ok()); },
       [&] { EXPECT_TRUE(store().Touch(digest).ok()); },
-      [&] { EXPECT_EQ(*store().CommittedBytes(digest), digest.size_bytes) << "an uploader asks first"; },
+      [&] { EXPECT_EQ(*store().CommittedBytes(digest), digest.size_bytes) << "an uploader queries first"; },
       [&] { EXPECT_EQ(*store().Append(digest, 0, "content"), digest.size_bytes); },
       [&] { EXPECT_TRUE(store().Complete(digest).ok()); },
   };
@@ -296,7 +296,7 @@ TEST_P(BlobStoreTest, ABlobThatIsStoredAgainIsNotRemoved) {
   EXPECT_EQ(store().Touch(DigestOf("none")).code(), absl::StatusCode::kNotFound);
 }
 
-TEST_P(BlobStoreTest, ALocalPathHasTheContent) {
+TEST_P(BlobStoreTest, LocalPathHasTheContent) {
   const Digest digest = *store().PutBytes("content");
   EXPECT_FALSE(store().Location().empty());
   const auto path = store().LocalPath(digest);

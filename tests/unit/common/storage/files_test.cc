@@ -30,7 +30,7 @@ TEST_F(FilesTest, WritesAtomicallyAndReplaces) {
   EXPECT_EQ(ReadFile(Path("a"), 2).status().code(), absl::StatusCode::kResourceExhausted);
 }
 
-TEST_F(FilesTest, TemporaryNamesAreBesideTheFileAndNobodyElses) {
+TEST_F(FilesTest, TemporaryNamesAreUniqueAndInTheSameFolder) {
   std::set<std::string> names;
   for (int i = 0; i < 1000; ++i) names.insert(TemporaryBeside("/f/a"));
   EXPECT_EQ(names.size(), 1000u);
@@ -38,7 +38,7 @@ TEST_F(FilesTest, TemporaryNamesAreBesideTheFileAndNobodyElses) {
   EXPECT_EQ(UniqueName().size(), 32u);
   ASSERT_TRUE(WriteFileAtomic(Path("a"), "one").ok());
   ASSERT_TRUE(WriteFileAtomic(Path("b"), "two").ok());
-  EXPECT_FALSE(CopyFileDurably(Path("a"), Path("b")).ok()) << "what is there stays";
+  EXPECT_FALSE(CopyFileDurably(Path("a"), Path("b")).ok()) << "an existing file is not replaced";
   EXPECT_EQ(*ReadFile(Path("b")), "two");
 }
 
@@ -69,7 +69,7 @@ TEST_F(FilesTest, JoinInsideKeepsNamesInTheFolder) {
   }
 }
 
-TEST_F(FilesTest, APrivateFolderIsClosedWithAllThatIsInIt) {
+TEST_F(FilesTest, PrivateFolderAndItsContentLosePermissionsOfOthers) {
   const auto mode = [&](const std::string& name) {
     return static_cast<unsigned>(std::filesystem::status(Path(name)).permissions());
   };

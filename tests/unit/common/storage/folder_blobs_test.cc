@@ -48,7 +48,7 @@ class FolderBlobsTest : public testing::Test {
   const std::string content_ = std::string(300000, 'x') + "end";
 };
 
-TEST_F(FolderBlobsTest, ABlobIsOneFile) {
+TEST_F(FolderBlobsTest, BlobIsOneFile) {
   const Digest digest = DigestOf(content_);
   EXPECT_FALSE(store_->Has(digest));
   EXPECT_EQ(*store_->PutFile(File(content_)), digest);
@@ -63,8 +63,8 @@ TEST_F(FolderBlobsTest, ABlobIsOneFile) {
   EXPECT_EQ(FileCount(), 1u);
 }
 
-// A reader of a blob must not see its file change because another process stores the same content.
-TEST_F(FolderBlobsTest, TheSameAgainLeavesTheFileAsItIs) {
+// Readers of a blob must not see its file change when another process stores the same content.
+TEST_F(FolderBlobsTest, StoringAnExistingBlobDoesNotReplaceItsFile) {
   const Digest digest = *store_->MoveFile(File(content_));
   const std::string path = *store_->LocalPath(digest);
   fs::last_write_time(path, fs::last_write_time(path) - std::chrono::hours(1));
@@ -79,15 +79,14 @@ TEST_F(FolderBlobsTest, TheSameAgainLeavesTheFileAsItIs) {
   EXPECT_EQ(FileCount(), 1u);
 }
 
-// The message names the file, and a process that has the damaged file open keeps it.
-TEST_F(FolderBlobsTest, ADamagedBlobIsMovedToTheQuarantineFolder) {
+TEST_F(FolderBlobsTest, DamagedBlobIsMovedToTheQuarantineFolder) {
   const Digest digest = *store_->PutFile(File(content_));
   EXPECT_TRUE(store_->VerifyOrQuarantine(digest).ok());
   EXPECT_TRUE(store_->Has(digest));
   std::string damaged = content_;
   damaged[5] ^= 1;
   std::ofstream(*store_->LocalPath(digest), std::ios::binary) << damaged;
-  EXPECT_TRUE(store_->Has(digest)) << "that does not read it";
+  EXPECT_TRUE(store_->Has(digest)) << "Has does not read the content";
   const Status status = store_->VerifyOrQuarantine(digest);
   EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
   EXPECT_FALSE(store_->Has(digest));
@@ -100,7 +99,7 @@ TEST_F(FolderBlobsTest, ADamagedBlobIsMovedToTheQuarantineFolder) {
   EXPECT_EQ(*store_->Read(digest), content_);
 }
 
-TEST_F(FolderBlobsTest, AFileThatCannotBeStoredStays) {
+TEST_F(FolderBlobsTest, FileThatCannotBeStoredIsKept) {
   const std::string file = File(content_);
   const Digest digest = DigestOf(content_);
   const std::string folder = folder_.path() + "/blobs/" + digest.sha256.substr(0, 2);
@@ -112,7 +111,7 @@ TEST_F(FolderBlobsTest, AFileThatCannotBeStoredStays) {
 }
 
 // As in containers that share the folder: each process is number 1 of a PID namespace of its own.
-TEST_F(FolderBlobsTest, ProcessesOfOneNumberDoNotMeet) {
+TEST_F(FolderBlobsTest, ProcessesWithEqualIdsDoNotCollide) {
   constexpr int kProcesses = 4, kBlobs = 60;
   const auto content = [](int process, int blob) {
     return std::string(200'000 + 1000 * process, static_cast<char>('a' + process)) + std::to_string(blob);

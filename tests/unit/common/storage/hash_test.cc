@@ -5,7 +5,7 @@
 namespace tessera {
 namespace {
 
-TEST(Sha256Test, BytesAreTheirDigitsAndNothingElseIsOne) {
+TEST(Sha256Test, HexRoundTripAndMalformedHexIsRejected) {
   const std::string hex = Sha256Hex("tile");
   const auto sha256 = Sha256::FromHex(hex);
   ASSERT_TRUE(sha256);

@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-TEST(MappedFile, ShowsTheFileAndSaysWhatIsMissing) {
+TEST(MappedFile, MapsTheFileAndNamesAMissingOne) {
   const std::string path = testing::TempDir() + "/mapped_file_test";
   ASSERT_TRUE(WriteFileAtomic(path, "seven b").ok());
   const auto file = MappedFile::Open(path);
@@ -18,7 +18,7 @@ TEST(MappedFile, ShowsTheFileAndSaysWhatIsMissing) {
   EXPECT_EQ(MappedFile::Open(path + "-not").status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST(Scratch, KeepsValuesAndLeavesNoFile) {
+TEST(Scratch, KeepsValuesAndIsDeleted) {
   const auto folder = TempFolder::Create(testing::TempDir());
   ASSERT_TRUE(folder.ok());
   auto array = ScratchArray<uint64_t>::Create(folder->path(), 100000);
@@ -42,7 +42,7 @@ TEST(Scratch, KeepsValuesAndLeavesNoFile) {
   EXPECT_TRUE(ListFiles(folder->path())->empty());
 }
 
-TEST(Scratch, MoreThanTheDiskHoldsIsResourceExhausted) {
+TEST(Scratch, MoreThanTheFreeDiskSpaceIsResourceExhausted) {
   const auto array = ScratchArray<uint8_t>::Create(testing::TempDir(), size_t{1} << 55);
   EXPECT_FALSE(array.ok());
 }
