@@ -14,11 +14,11 @@ namespace tessera {
 namespace {
 
 struct SeenBlock {
-  std::set<int32_t> views;  // new ones
-  double seen_m2 = 0;       // of its ground, at most
+  std::set<int32_t> views;  // new views
+  double seen_m2 = 0;       // upper bound of the ground area that they show
 };
 
-// Blocks by y, x.
+// By y, x of the block.
 using SeenBlocks = std::map<std::array<int, 2>, SeenBlock>;
 
 SeenBlocks BlocksThatNewViewsSee(const ChangeWork& work, double side_m) {

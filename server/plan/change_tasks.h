@@ -1,4 +1,4 @@
-// The tasks of an update that find what changed on the ground.
+// Tasks of an update that detect changes of the ground.
 #pragma once
 
 #include <cstddef>
@@ -10,24 +10,24 @@
 
 namespace tessera {
 
-// What the report of changes is made from.
+// Inputs of the change tasks.
 struct ChangeWork {
   struct Tile {
-    TileParameters parameters;          // of a removed tile: the base's
-    PlannedInput before;                // its kStateFile of the base
-    std::optional<PlannedInput> after;  // the last; none of a removed tile
+    TileParameters parameters;          // of the base for a removed tile
+    PlannedInput before;                // kStateFile of the base
+    std::optional<PlannedInput> after;  // final kStateFile; none for a removed tile
   };
   const Survey& survey;
   const std::vector<std::vector<PlannedTask::ViewFile>>& files_of_view;
-  const std::vector<std::optional<PlannedInput>>& classified;  // likelihoods of views that the job makes itself
-  size_t views_of_base = 0;                                    // those behind are new
-  TaskId base_from, city_from, survey_from;                    // whose kCityFile was before, and is now
+  const std::vector<std::optional<PlannedInput>>& classified;  // per view: likelihoods computed by the job
+  size_t views_of_base = 0;                                    // later views are new
+  TaskId base_from, city_from, survey_from;                    // tasks with the base's outputs, new city, new survey
   size_t first_task = 0;                                       // index of the first of these tasks in the job's list
   std::vector<Tile> tiles;
   std::optional<PlannedInput> outdated;  // the base's kOutdatedFile
 };
 
-// One task for each block of ground of which a cell chose a new view: it compares the block in the new views. The last
+// One task for each ground block with a cell that chose a new view; it compares the block with the new views. The last
 // task reports the changes of all blocks. Empty if no cell chose a new view.
 std::vector<PlannedTask> PlanChanges(const ChangeWork& work);
 

@@ -7,7 +7,7 @@
 namespace tessera {
 namespace {
 
-// Surfaces whose pixel size exceeds the survey's GSD by this factor are too far away to matter.
+// Ignore surfaces whose pixel size exceeds the survey's GSD by this factor.
 constexpr double kFarthestGsd = 16;
 
 }  // namespace

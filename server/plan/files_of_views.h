@@ -1,4 +1,4 @@
-// Which files of a scene its views are read from.
+// Files of a scene that contain the pixels of its views.
 #pragma once
 
 #include <string>
@@ -10,8 +10,8 @@
 
 namespace tessera {
 
-// Where the views' images and likelihoods are in the scene's list of files.
-// NOT_FOUND with the path of one that is missing.
+// Per view: its image and likelihoods, as indices in the scene's list of files. NOT_FOUND with the path of a missing
+// one.
 StatusOr<std::vector<std::vector<PlannedTask::ViewFile>>> FilesOfViews(const Survey& survey,
                                                                        const std::vector<std::string>& files);
 

@@ -23,20 +23,20 @@
 namespace tessera {
 namespace {
 
-// A tile with those of its tasks that others read, as far as they are planned.
+// A tile and its planned tasks that other tasks read.
 struct GraphTile {
   TileParameters parameters;
   TileWork work;
   TaskId cut, crop;
-  std::optional<PlannedInput> sums, state;  // the latest
-  bool redone = true;                       // else an update leaves it as it is in the base
-  // The stage (StageOf) from which on it was quarantined and has no tasks; what it was before it stays.
+  std::optional<PlannedInput> sums, state;  // latest outputs
+  bool redone = true;                       // false: an update keeps the base's state
+  // First stage (StageOf) without tasks, because the tile is quarantined; it keeps the state before.
   int frozen_from = std::numeric_limits<int>::max();
   bool never_began() const { return frozen_from < 0; }
   bool gone() const { return parameters.core.empty(); }
 };
 
-// The job's list of tasks as it grows.
+// Builds the job's list of tasks.
 class Graph {
  public:
   static StatusOr<Graph> Create(const JobSettings& settings, const std::string& survey_json,
@@ -46,7 +46,7 @@ class Graph {
       TESSERA_ASSIGN_OR_RETURN(PlannedTask ingest, PlanIngest(settings, scene_files));
       graph.city_from_ = graph.survey_from_ = graph.Add(std::move(ingest));
     } else {
-      graph.base_from_ = graph.city_from_ = graph.Add(PlannedTask());  // PlanUpdate's two
+      graph.base_from_ = graph.city_from_ = graph.Add(PlannedTask());  // the two tasks of PlanUpdate
       graph.survey_from_ = graph.Add(PlannedTask());
     }
     TESSERA_ASSIGN_OR_RETURN(graph.survey_, ParseSurvey(survey_json));
@@ -74,7 +74,7 @@ class Graph {
   size_t tiles() const { return tiles_.size(); }
   bool goes_on() const { return goes_on_; }
   const Survey& survey() const { return survey_; }
-  // That are cut, cropped and stepped, as far as they are not quarantined.
+  // Ids of the tiles that this job refines.
   std::vector<int> redone() const {
     std::vector<int> ids;
     for (const GraphTile& tile : tiles_) {
@@ -82,7 +82,7 @@ class Graph {
     }
     return ids;
   }
-  // Of these, those whose cut has succeeded.
+  // Those of redone() whose cut succeeded.
   std::vector<int> cut() const {
     std::vector<int> ids = redone();
     std::erase_if(ids, [&](int id) { return tiles_[id].frozen_from == kNoCut; });
@@ -94,12 +94,14 @@ class Graph {
     return std::move(tasks_);
   }
 
-  // The likelihoods of all views that tiles read, where the job makes them itself. Of a job on the whole city these are
-  // the same views for any tiles, and so is what is known of their borders, which an update takes over.
+  // Adds classify tasks for all views that tiles read, if the job computes likelihoods. In a job on the whole city
+  // these views, and so the statistics of class borders, do not depend on the tiling. An update inherits the
+  // statistics.
   Status AddClassifiers() {
     if (survey_.classifier.empty()) return absl::OkStatus();
     const bool by_default_rule = settings_.classifier == kDefaultClassifier, is_update = !tiles_of_base_.empty();
-    if (!by_default_rule && classifier_file_ < 0) return absl::NotFoundError("the job's files lack its classifier");
+    if (!by_default_rule && classifier_file_ < 0)
+      return absl::NotFoundError("the classifier is missing from the job's files");
     const std::set<int32_t> views = ViewsRead();
     int made = static_cast<int>(size());
     for (PlannedTask& task : PlanClassify({survey_, files_of_view_, views, by_default_rule ? -1 : classifier_file_,
@@ -133,18 +135,19 @@ class Graph {
     }
   }
 
-  // FAILED_PRECONDITION if a tile has nothing that could stay.
+  // FAILED_PRECONDITION if a tile has no state to keep.
   Status Quarantine(const std::vector<FailedTile>& tiles) {
     const std::vector<int> good = StagesWithGoodStates(settings_, survey_, goes_on_);
     for (const FailedTile& each : tiles) {
       if (each.tile < 0 || each.tile >= static_cast<int>(tiles_.size()) || !tiles_[each.tile].redone) {
-        return absl::FailedPreconditionError(absl::StrCat("no tile ", each.tile, " to quarantine"));
+        return absl::FailedPreconditionError(
+            absl::StrCat("cannot quarantine tile ", each.tile, ": the job does not refine it"));
       }
       GraphTile& tile = tiles_[each.tile];
       tile.frozen_from = FrozenFrom(each, good);
       if (!tile.never_began() || !goes_on_ || !survey_.revision) continue;
       return absl::FailedPreconditionError(
-          absl::StrCat("tile ", each.tile, " cannot stay as it is in the base: the mesh has changed"));
+          absl::StrCat("tile ", each.tile, " cannot keep the base job's state: the mesh has changed"));
     }
     return absl::OkStatus();
   }
@@ -164,7 +167,7 @@ class Graph {
     }
   }
 
-  // All steps of the only tile.
+  // Adds the task that runs all steps of an untiled job.
   void AddRefine() {
     GraphTile& tile = tiles_.front();
     PlannedTask task = TaskOf(tile, kRefineKind, PredictRefine(tile.work, effort_));
@@ -173,15 +176,15 @@ class Graph {
     tile.state = PlannedInput{Add(std::move(task)), kStateFile, 0};
   }
 
-  // The steps of several tiles, each of which reads what the steps before left of itself and others. `reads`: of each
-  // tile that is redone.
+  // Adds the steps of several tiles. Each step reads the previous states of its tile and of others. `of_redone`: one
+  // entry per tile of cut().
   void AddSteps(std::vector<TileReads> of_redone) {
     std::vector<TileReads> reads(tiles_.size());
     const std::vector<int> ids = cut();
     for (size_t i = 0; i < ids.size(); ++i) reads[ids[i]] = std::move(of_redone[i]);
     const std::vector<RefineStep> steps = StepsOf(settings_);
     const std::vector<int> taken = StepsTaken(settings_, survey_, goes_on_);
-    bool mended = goes_on_;  // the start
+    bool mended = goes_on_;  // the base's states are repaired
     if (goes_on_ && survey_.revision) AddMends(taken.empty() ? 0 : taken.front(), /*before=*/true, reads);
     for (const int s : taken) {
       const RefineStep& step = steps[s];
@@ -206,10 +209,10 @@ class Graph {
     return sum;
   }
 
-  // The place of what AddPlan added in an earlier phase.
+  // Reserves the index of the task that AddPlan added in an earlier phase.
   void SkipPlan() { Add(PlannedTask()); }
 
-  // An update's plan, as the user reads it.
+  // Adds the report of an update's plan (kUpdateFile).
   Status AddPlan(const UpdateBase& base) {
     TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_, costs_));
     const Prediction ingest = update_cost_, compare = CostOfChanges(),
@@ -256,7 +259,7 @@ class Graph {
       }
       task.inputs.push_back(*tile.state);
     }
-    if (redone().empty()) parameters.kept.clear();  // the base's result, under its key
+    if (redone().empty()) parameters.kept.clear();  // then the result, and so the key, is that of the base
     if (outdated_) task.inputs.push_back(*outdated_);
     parameters.outdated = outdated_.has_value();
     parameters.flip_edges = MethodRulesOf(MethodName(), settings_.rounds, settings_.method_settings).flips_edges;
@@ -282,7 +285,7 @@ class Graph {
     return views;
   }
 
-  // The base's tiles, with what an update does about them.
+  // Takes over the base's tiles and determines which ones the update refines.
   Status TakeTiles(const UpdateBase& base, const CellIndex& cells) {
     goes_on_ = !settings_.update.from_scratch;
     TESSERA_ASSIGN_OR_RETURN(const Survey base_survey, ParseSurvey(base.survey_json));
@@ -333,7 +336,7 @@ class Graph {
 
   using Latest = std::optional<PlannedInput> GraphTile::*;
 
-  // Makes the states of the tiles, or their sums, inputs of the task; gives the tiles that have some.
+  // Adds the latest states or sums of the tiles to the task's inputs. Returns the tiles that have one.
   std::vector<int> Read(Latest latest, const std::vector<int>& ids, PlannedTask* task) const {
     std::vector<int> read;
     for (const int id : ids) {
@@ -353,8 +356,8 @@ class Graph {
 
   static bool Works(const GraphTile& tile, int stage) { return tile.redone && stage < tile.frozen_from; }
 
-  // Adds a task for each tile that takes part in the stage; what they make takes the latest's place when all are there,
-  // since others of the same step must not read it yet. Sums of tiles that are left as they are are not read any more.
+  // Adds a task for each active tile of the stage. Their outputs become the latest only after all tasks are added,
+  // because tasks of one stage must not read each other. Tiles that are no longer active have no sums.
   template <class Make>
   void AddForEach(Latest latest, const char* file, int stage, const Make& make) {
     std::vector<std::pair<GraphTile*, TaskId>> made;
@@ -367,7 +370,7 @@ class Graph {
     for (const auto& [tile, task] : made) tile->*latest = PlannedInput{task, file, tile->parameters.tile};
   }
 
-  // A tile that never began enters as it is at the start, when the others get their first states.
+  // Adds start tasks: tiles quarantined before their first step get a state when the other tiles get their first.
   void BeginStates(int stage) {
     last_states_ = stage;
     for (GraphTile& tile : tiles_) {
@@ -386,7 +389,7 @@ class Graph {
       task.inputs.push_back({tile.crop, kViewsFile});
       StepParameters parameters = ParametersOf(tile, s);
       parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].visibility, &task);
-      parameters.frozen = Held(parameters.states, last_states_);  // else all states are of the same stage
+      parameters.frozen = Held(parameters.states, last_states_);  // all other states are of the same stage
       task.parameters = ToJson(parameters);
       return task;
     });
@@ -436,17 +439,17 @@ class Graph {
   std::vector<std::vector<PlannedTask::ViewFile>> files_of_view_;
   std::vector<GraphTile> tiles_;
   std::vector<PlannedTask> tasks_;
-  std::vector<std::optional<PlannedInput>> classified_;  // by view: its likelihoods, if the job makes them
-  std::optional<PlannedInput> borders_;                  // what is known of these
-  int classifier_file_ = -1;                             // among the scene's files
+  std::vector<std::optional<PlannedInput>> classified_;  // per view: likelihoods computed by the job
+  std::optional<PlannedInput> borders_;                  // statistics of their class borders
+  int classifier_file_ = -1;                             // index in the scene's files; -1: none
   TaskId base_from_, city_from_, survey_from_;
   std::vector<TileParameters> tiles_of_base_;
-  // Stage that made the latest of others than those left as they are.
+  // Stage of the latest states of active tiles.
   int last_states_ = std::numeric_limits<int>::min();
-  bool goes_on_ = false;             // from the base's states; tiles without a change stay as they are
+  bool goes_on_ = false;             // start from the base's states and refine only changed tiles
   std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;
-  std::optional<PlannedInput> outdated_;  // the base's list of faces, then that of the last task of AddChanges
+  std::optional<PlannedInput> outdated_;  // kOutdatedFile of the base; after AddChanges, of its last task
   Prediction update_cost_;
   CostScale costs_;
 };

@@ -1,5 +1,5 @@
-// The planner's entry points: from a job to its tasks, in phases. Phase 1 makes the survey; phase 2 is planned from the
-// survey and cuts every tile; phase 3 is planned from which tiles read each other and holds all remaining tasks.
+// Plans the tasks of a job in three phases. Phase 1 makes the survey. Phase 2 is planned from the survey and cuts the
+// tiles. Phase 3 is planned from the cuts' results (which tiles read each other) and contains the remaining tasks.
 #pragma once
 
 #include <string>
@@ -15,26 +15,26 @@
 
 namespace tessera {
 
-// Each gives the tasks of a phase, to be appended to those before. `scene_files`: every file of the scene, relative,
-// sorted; `survey`: content of ingest's kSurveyFile. Deterministic.
+// Each function returns the tasks of a phase, to be appended to the job's list. `scene_files`: all files of the scene,
+// relative, sorted; `survey`: content of kSurveyFile. Deterministic; thread-safe.
 
 // Phase 1: the first task of a job.
 StatusOr<PlannedTask> PlanIngest(const JobSettings& settings, const std::vector<std::string>& scene_files);
 
-// The same of an update: what it takes from its base (given), and the task that takes the survey on. `scene_files`:
-// sorted by name. Of one that goes back to an earlier job all tasks (PlanRollback).
+// Phase 1 of an update: a given task with the outputs of its base, and the task that updates the survey. `scene_files`:
+// sorted by name. A rollback has no further phases (PlanRollback).
 StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const std::vector<NamedDigest>& scene_files,
                                               const UpdateBase& base);
 
-// Phase 2: the cut of every tile, in order; of a single tile all that is left, publish at the end. Of an update
-// (`base` not null): its plan (given), and the cuts of the tiles that are redone; publish, if there are none.
+// Phase 2: one cut per tile, in order; for an untiled job all remaining tasks, publish last. For an update (`base` not
+// null): a given task with its plan, and the cuts of the redone tiles, or publish if there are none.
 StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
                                              const UpdateBase* base = nullptr);
 
-// Phase 3, of more than one tile or an update, publish at the end. `reads`: of each tile that was cut, in order, as its
-// cut wrote it. `quarantined`: tiles that stay as they were with the last state without folds before the task that
-// failed: what they did until then is planned as without this. FAILED_PRECONDITION if one has nothing that could stay.
+// Phase 3 of a tiled job or an update, publish last. `reads`: kReadsFile of each tile that was cut, in order.
+// `quarantined`: tiles that keep their last repaired state before the failed task. Their tasks up to that state do not
+// change. FAILED_PRECONDITION if one of them has no state to keep.
 StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const std::string& survey,
                                              const std::vector<std::string>& scene_files,
                                              const std::vector<TileReads>& reads, const UpdateBase* base = nullptr,

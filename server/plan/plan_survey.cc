@@ -13,7 +13,7 @@
 namespace tessera {
 namespace {
 
-// Predicted time of ingest for a file of the scene; there is no survey yet to predict from.
+// Predicted time of ingest per scene file; the cost model needs a survey, which does not exist yet.
 constexpr double kIngestSecondsPerFile = 0.1;
 
 IngestParameters IngestParametersOf(const JobSettings& settings) {
@@ -41,13 +41,14 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(settings));
   if (!settings.update.rollback_to.empty()) return PlanRollback(base);
   if (base.tiles.size() != base.states.size() || base.tiles.empty()) {
-    return absl::InvalidArgumentError(base.name + ": found no states of its tiles, expected a job that has succeeded");
+    return absl::InvalidArgumentError(base.name +
+                                      ": found no final states of its tiles, expected a succeeded job as base");
   }
   TESSERA_ASSIGN_OR_RETURN(const Survey survey, ParseSurvey(base.survey_json));
-  std::map<std::string, std::string> name_of_content;  // in the job's list
+  std::map<std::string, std::string> name_of_content;  // in `scene_files`
   for (const NamedDigest& file : scene_files) name_of_content.emplace(file.digest.sha256, file.name);
   std::map<std::string, std::string> content_of_path;  // of images and likelihoods of the base
-  std::map<std::string, std::string> classified;       // of images, where the base made the likelihoods
+  std::map<std::string, std::string> classified;       // of images, if the base computed likelihoods
   for (const SceneView& view : survey.views) {
     if (!survey.classifier.empty()) classified[view.image_path] = view.likelihood_content;
     if (!view.image_path.empty()) content_of_path[view.image_path] = view.image_content;
@@ -57,13 +58,14 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   std::map<std::string, UpdateFiles::Known> known_of_content;
   for (const NamedDigest& file : base.scene_files) {
     const auto pixels = content_of_path.find(file.name);
-    if (pixels == content_of_path.end() && file.name != survey.mesh_path) continue;  // cameras and the like
+    if (pixels == content_of_path.end() && file.name != survey.mesh_path) continue;  // such as cameras
     UpdateFiles::Known& known = known_of_content[file.digest.sha256];
     known.mesh = pixels == content_of_path.end();
     if (!known.mesh) known.content = pixels->second;
     if (const auto of = classified.find(file.name); of != classified.end()) known.classified = of->second;
     const auto name = name_of_content.find(file.digest.sha256);
-    if (name == name_of_content.end()) return absl::InternalError(base.name + ": " + file.name + " is not carried on");
+    if (name == name_of_content.end())
+      return absl::InternalError(base.name + ": " + file.name + " is missing from the update's files");
     files.carried[file.name] = name->second;
   }
   PlannedTask taken, update;
@@ -76,7 +78,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
   }
   if (base.outdated) taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
   if (base.borders) taken.given.Edit().push_back({kBordersFile, *base.borders});
-  bool other_mesh = false;  // there may be one
+  bool other_mesh = false;  // the scene may have a new mesh
   update.kind = update.name = kUpdateKind;
   update.parameters =
       ToJson(UpdateParameters{IngestParametersOf(settings), settings.update.withdraw, settings.update.all_epochs});
@@ -90,7 +92,7 @@ StatusOr<std::vector<PlannedTask>> PlanUpdate(const JobSettings& settings, const
       other_mesh |= absl::EndsWithIgnoreCase(scene_files[i].name, ".ply");
     }
   }
-  if (other_mesh) {  // is compared with the base's
+  if (other_mesh) {  // the update compares it with the base's mesh
     const auto mesh = std::find_if(scene_files.begin(), scene_files.end(), [&](const NamedDigest& file) {
       return file.name == files.carried[survey.mesh_path];
     });

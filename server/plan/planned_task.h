@@ -1,4 +1,4 @@
-// The task as the planner makes it: its inputs, its parameters and its predicted cost.
+// A task with its inputs, parameters and predicted cost, as the planner returns it.
 #pragma once
 
 #include <cstdint>
@@ -20,12 +20,12 @@ namespace tessera {
 // Index of a task in its job's list of tasks. A task comes after all tasks whose outputs it reads.
 using TaskId = Id<struct TaskTag>;
 
-// An output of an earlier task that a task reads. Cities have hundreds of thousands.
+// An input of a task: an output of an earlier task. Cities have hundreds of thousands.
 struct PlannedInput {
   PlannedInput(TaskId made_by, InternedString name, int of_tile = -1)
       : task(made_by), tile(of_tile), output(std::move(name)) {}
   TaskId task;            // the producer
-  int tile;               // the reader finds it at TileInputName(tile, output); -1: under its own name
+  int tile;               // the input's name is TileInputName(tile, output); -1: `output`
   InternedString output;  // its name among the producer's outputs
 };
 
@@ -34,16 +34,16 @@ std::string InputName(const PlannedInput& input);
 
 struct PlannedTask {
   InternedString kind;     // a name in kTaskKinds
-  std::string name;        // unique in the job, for people: "measure tile 3 step 7"
+  std::string name;        // for display, unique in the job: "measure tile 3 step 7"
   int tile = -1;           // -1: the whole job
   std::string parameters;  // canonical JSON (sorted keys, no spaces)
-  double cost = 1;         // predicted core-seconds; for progress, ETA, order and quotes
+  double cost = 1;         // predicted core-seconds, for progress, ETA, task order and quotes
   absl::InlinedVector<PlannedInput, 1> inputs;
   int64_t peak_bytes = 0;  // predicted peak of a worker's resident memory; 0: not predicted
-  // The scene's files that it reads, as ascending indices in the scene's sorted list: cities have millions of such
-  // inputs. The task finds each at its path below kSceneFolder.
+  // The scene's files that it reads, as ascending indices in the scene's sorted list (cities have millions). The task
+  // finds each at its path below kSceneFolder.
   LazyValue<std::vector<int>> scene_files = {};
-  // Files of views, found under ViewFileName. They are not in the task's key: other inputs hold their digests.
+  // Files of views, named ViewFileName. Not in the task's key, because other inputs contain their digests.
   struct ViewFile {
     int file = 0;  // index in the scene's list
     int32_t view = 0;
@@ -51,14 +51,13 @@ struct PlannedTask {
     friend bool operator==(const ViewFile&, const ViewFile&) = default;
   };
   LazyValue<std::vector<ViewFile>> view_files = {};
-  // Not empty: the outputs are known when the task is planned, and nothing runs. Contents are stored at planning.
+  // Outputs that are known at planning: if not empty, the task is not run. Contents are stored at planning.
   LazyValue<std::vector<NamedDigest>> given = {};
   LazyValue<std::vector<std::pair<std::string, std::string>>> given_contents = {};  // name, content; not recorded
   double scale = 1;          // factor of CostScale that `cost` contains; 0: not known
   int64_t stored_bytes = 0;  // predicted size of its outputs; 0: not predicted
 };
 
-// Sets what is predicted of a task.
 void SetCost(const Prediction& cost, PlannedTask* task);
 
 }  // namespace tessera

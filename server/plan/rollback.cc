@@ -12,7 +12,7 @@
 namespace tessera {
 namespace {
 
-// Largest distance of a face's corner from the core of its tile.
+// Per tile: largest distance of a corner of its faces from its core.
 std::vector<double> Reaches(const std::vector<TileParameters>& tiles, const Survey& survey) {
   const CellIndex cells(survey);
   std::vector<double> reaches_m;
@@ -73,12 +73,12 @@ StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain,
   if (all.size() == chosen.size()) return std::vector<int>(chosen.begin(), chosen.end());
   std::vector<int> missing;
   std::set_difference(all.begin(), all.end(), chosen.begin(), chosen.end(), std::back_inserter(missing));
-  return absl::InvalidArgumentError(absl::StrCat(missing.size() == 1 ? "tile " : "tiles ", absl::StrJoin(missing, ", "),
-                                                 " must go along: they share vertices with the given tiles and were "
-                                                 "refined by the same job; restore all of them:\n  tessera "
-                                                 "rollback ",
-                                                 job.name, " --to ", earlier.name, " --tile ",
-                                                 absl::StrJoin(all, " --tile ")));
+  return absl::InvalidArgumentError(
+      absl::StrCat(missing.size() == 1 ? "tile " : "tiles ", absl::StrJoin(missing, ", "),
+                   " must be restored too: they share vertices with the given tiles and were "
+                   "refined by the same job; restore all of them:\n  tessera "
+                   "rollback ",
+                   job.name, " --to ", earlier.name, " --tile ", absl::StrJoin(all, " --tile ")));
 }
 
 StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
@@ -106,7 +106,7 @@ StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base) {
     taken.given.Edit().push_back({kOutdatedFile, *base.outdated});
     publish.inputs.push_back({TaskId(0), kOutdatedFile});
   }
-  if (base.borders) taken.given.Edit().push_back({kBordersFile, *base.borders});  // for updates of it
+  if (base.borders) taken.given.Edit().push_back({kBordersFile, *base.borders});  // for a later update of this job
   parameters.outdated = base.outdated.has_value();
   publish.parameters = ToJson(parameters);
   return std::vector<PlannedTask>{std::move(taken), std::move(publish)};

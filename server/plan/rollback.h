@@ -21,8 +21,8 @@ namespace tessera {
 StatusOr<std::vector<int>> TilesToRollBack(const std::vector<UpdateBase>& chain, const Survey& survey,
                                            const std::vector<int>& named);
 
-// All tasks of a job that goes back. `base`: the job that it goes on from, with the states of the tiles that go back
-// taken from the earlier one.
+// All tasks of a rollback. `base`: the base job, with the states of the restored tiles replaced by those of the earlier
+// job.
 StatusOr<std::vector<PlannedTask>> PlanRollback(const UpdateBase& base);
 
 }  // namespace tessera

@@ -29,21 +29,21 @@ std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, b
 
 Status CheckSteps(const JobSettings& settings, const Survey& survey, bool goes_on) {
   if (!StepsTaken(settings, survey, goes_on).empty()) return absl::OkStatus();
-  return InputError(survey.scene_name, "likelihoods", "none of two classes or more",
-                    absl::StrCat("some: labels are all that the method \"", settings.method,
-                                 "\" solves, and tessera classify makes likelihoods"));
+  return InputError(survey.scene_name, "likelihoods", "no likelihoods of two or more classes",
+                    absl::StrCat("likelihoods, because the method \"", settings.method,
+                                 "\" solves labels only; `tessera classify` computes them"));
 }
 
 Status CheckReads(const std::vector<TileReads>& reads, size_t cut, size_t tiles) {
   if (cut != reads.size()) {
     return absl::FailedPreconditionError(
-        absl::StrCat("the job was cut in ", reads.size(), " tiles, expected ", cut, ", as this version lays them out"));
+        absl::StrCat("cut results: found ", reads.size(), " tiles, expected ", cut, ", as this version plans them"));
   }
   for (const TileReads& of_tile : reads) {
     for (const std::vector<int>* ids : {&of_tile.label, &of_tile.repair, &of_tile.visibility, &of_tile.solve}) {
       for (const int id : *ids) {
         if (id >= 0 && id < static_cast<int>(tiles)) continue;
-        return absl::InvalidArgumentError(absl::StrCat("reads: found tile ", id, " of ", tiles));
+        return absl::InvalidArgumentError(absl::StrCat("reads: found tile ", id, ", expected an id below ", tiles));
       }
     }
   }

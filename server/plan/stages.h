@@ -1,4 +1,4 @@
-// The order of what the tiles of a job do together, and from where on one that is quarantined stays as it is.
+// Stages of a tiled job in order, and the stage from which on a quarantined tile is frozen.
 #pragma once
 
 #include <limits>
@@ -12,36 +12,37 @@
 
 namespace tessera {
 
-// A tile that is left as it was because a task of it failed for good. Its neighbours hold what they share with it.
+// A tile that is quarantined because one of its tasks failed permanently. Its neighbours freeze the vertices that they
+// share with it.
 struct FailedTile {
   int tile = -1;
-  std::string kind;     // of the task: cut, crop, measure, solve or mend
-  int step = -1;        // of the last three, as in StepParameters
-  bool before = false;  // likewise
+  std::string kind;     // of the failed task: cut, crop, measure, solve or mend
+  int step = -1;        // as in StepParameters; -1 for cut and crop
+  bool before = false;  // as in StepParameters
   friend bool operator==(const FailedTile&, const FailedTile&) = default;
 };
 
 std::vector<RefineStep> StepsOf(const JobSettings& settings);
-// Indices of those that a job of several tiles takes, ascending. `goes_on`: from the states of an update's base.
+// Indices of the active steps of a tiled job, ascending. `goes_on`: it starts from the states of an update's base.
 std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool goes_on);
 
-// Publish needs a state of each tile: some step has to be taken.
+// INVALID_ARGUMENT if no step is active: publish needs a state of each tile.
 Status CheckSteps(const JobSettings& settings, const Survey& survey, bool goes_on);
-// One for each tile that was cut, and of tiles that there are.
+// FAILED_PRECONDITION unless there are `cut` entries; INVALID_ARGUMENT if one names a tile that does not exist.
 Status CheckReads(const std::vector<TileReads>& reads, size_t cut, size_t tiles);
 
-// Of a tile that was not even cut, and of one that was but took part in no stage. Every stage is later.
+// "Stage" of a tile that was not cut, and of one that was cut but has no state. Smaller than all stages.
 inline constexpr int kNoCut = std::numeric_limits<int>::min(), kNoState = -1;
 
-// Place of a task among the stages of a job, from 0: for each step mend (before it), measure, solve, mend.
+// Index of a task's stage. Each step has four: mend before it, measure, solve, mend.
 int StageOf(const std::string& kind, int step, bool before = false);
 
-// Those that leave a tile as it may stay, ascending: its folds are mended, and nothing but labels changed since. As
-// PlanSteps plans them.
+// Stages after which a tile may be frozen, ascending: its folds are repaired and only labels have changed since.
+// Matches PlanSteps.
 std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool goes_on);
 
-// The stage from which on the tile has no tasks: after the last of `good` (ascending) before the one that failed.
-// kNoState if there is none: it stays as it is at the job's start; kNoCut if it was not cut.
+// First stage without tasks of the tile: after the last of `good` (ascending) before the failed one. kNoState if there
+// is none, so that the tile keeps its start; kNoCut if it was not cut.
 int FrozenFrom(const FailedTile& tile, const std::vector<int>& good);
 
 }  // namespace tessera

@@ -11,7 +11,7 @@ constexpr char kCarriedPrefix[] = ".base/";
 }  // namespace
 
 std::string CarriedName(const NamedDigest& file) {
-  // One that the base carries itself keeps its name.
+  // A file that the base carried keeps its name.
   return IsCarried(file.name) ? file.name
                               : absl::StrCat(kCarriedPrefix, file.digest.sha256.substr(0, 16), "/", file.name);
 }
@@ -22,7 +22,7 @@ bool LiesInScene(const std::string& name) { return !IsCarried(name) && name != k
 
 CostScale CostsOf(const UpdateBase& base, const Survey& survey) {
   MeasuredCosts measured = base.measured;
-  // It was planned before the survey told what the model takes for it.
+  // Ingest was planned without a survey: predict it from the survey now.
   const auto ingest = measured.find(kIngestKind);
   if (ingest != measured.end()) ingest->second.predicted = PredictIngest(survey).core_seconds;
   return CostScale(measured);

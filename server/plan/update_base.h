@@ -1,4 +1,4 @@
-// What an update takes from its base job, and the names of the base's scene files.
+// The data that an update inherits from its base job, and the names of the base's scene files.
 #pragma once
 
 #include <optional>
@@ -12,23 +12,23 @@
 
 namespace tessera {
 
-// What an update takes from its base job.
+// The data that an update inherits from its base job.
 struct UpdateBase {
   std::string name;            // "jobs/J"
   Digest survey, plain, city;  // its kSurveyFile, kPlainSurveyFile and kCityFile
   std::string survey_json;     // content of `survey`
   std::vector<TileParameters> tiles;
-  std::vector<Digest> states;            // the last of each tile; Digest() of a tile that was removed
+  std::vector<Digest> states;            // final state of each tile; Digest() for a removed tile
   std::optional<Digest> outdated;        // its kOutdatedFile
-  std::optional<Digest> borders;         // its kBordersFile, if it made its likelihoods itself
-  bool flip_edges = false;               // in what it published
-  std::vector<NamedDigest> scene_files;  // those of the base, sorted by name
-  // Of the base and of its own bases; of ingest, that of the base alone.
+  std::optional<Digest> borders;         // its kBordersFile, if it computed likelihoods
+  bool flip_edges = false;               // it published flipped edges
+  std::vector<NamedDigest> scene_files;  // sorted by name
+  // Summed over the base and its own bases; ingest: the base only.
   MeasuredCosts measured;
 };
 
-// An update's list of scene files holds those of its own scene and, under names made of their digests, those of its
-// base that its own scene lacks. The latter lie in the base's scene.
+// An update's list of scene files contains its own files and those of its base that its scene lacks. The latter stay in
+// the base's scene and get names made of their digests: CarriedName.
 std::string CarriedName(const NamedDigest& file_of_base);
 bool IsCarried(const std::string& name);
 // Whether the file lies in the scene's folder: neither carried nor kClassifierFile, which is a blob.

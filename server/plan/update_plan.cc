@@ -16,11 +16,11 @@ namespace {
 
 using nlohmann::json;
 
-// Levels that tiles take which go on from a result, finest first. With one, houses that went stay; with all, what did
-// not change loses what the base knew of it.
+// Number of finest levels of an update. One level cannot remove demolished houses; all levels lose the base's accuracy
+// in unchanged places.
 constexpr size_t kUpdateLevels = 2;
 
-// What is new about a view that a cell has chosen before, and chooses still.
+// Changes of a view that a cell chose before and still chooses.
 std::vector<ChangeReason> ChangesOf(const SceneView& before, const SceneView& now) {
   std::vector<ChangeReason> changes;
   if (!(before.camera == now.camera && before.lens == now.lens)) changes.push_back(ChangeReason::kPoseMoved);
@@ -49,7 +49,7 @@ void FindReasons(const Survey& base, const Survey& survey, const SurveyCell& bef
   }
 }
 
-// Points into a survey.
+// Cells of a survey by position. The survey must outlive it.
 class CellsByPlace {
  public:
   explicit CellsByPlace(const Survey& survey) {
@@ -89,7 +89,7 @@ std::string ReasonWords(ChangeReason reason) {
     case ChangeReason::kMeshChanged:
       return "mesh changed";
     case ChangeReason::kChosenAnew:
-      return "image chosen anew";
+      return "image newly chosen";
   }
   return "unknown";
 }
@@ -99,9 +99,9 @@ std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) 
   const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
   const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
   std::vector<int> chosen = ActiveSteps(steps, rules, traits);
-  // Later rounds are at the finest level alone, so the first one is among them.
+  // Later rounds have the finest level only, so the first round is needed for the others.
   std::erase_if(chosen, [&](int s) { return steps[s].round != 0 && steps[s].round != steps.back().round; });
-  if (survey.revision) return chosen;  // new faces lie at the start
+  if (survey.revision) return chosen;  // new faces have not been refined
   std::set<int> levels;
   for (const int s : chosen) {
     if (!steps[s].labels()) levels.insert(steps[s].level);
@@ -123,7 +123,7 @@ std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, con
     if (!IsRevised(survey, cell.x, cell.y)) continue;
     const auto has = [&](const TileParameters& tile) { return tile.core.Contains({cell.x, cell.y}); };
     if (std::any_of(tiles.begin(), tiles.end(), has)) continue;
-    // The tile that grows least for it.
+    // Grow the tile that needs the fewest additional cells.
     TileParameters* best = nullptr;
     CellRect grown;
     int64_t least = 0;
@@ -171,7 +171,7 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
   }
   if (survey.revision) part.faces = base.faces + survey.faces;  // both meshes are read
   Prediction prediction = PredictIngest(part);
-  prediction.stored_bytes = PredictIngest(survey).stored_bytes;  // at most: the mesh only if it changed
+  prediction.stored_bytes = PredictIngest(survey).stored_bytes;  // upper bound: the mesh is stored only if it changed
   return prediction;
 }
 
@@ -190,7 +190,7 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
                                                    const CostScale& costs) {
   if (survey.views.size() < base.views.size()) {
-    return absl::InvalidArgumentError("update: the survey has fewer views than the base's");
+    return absl::InvalidArgumentError("update: found fewer views in the survey than in that of the base job");
   }
   const CellsByPlace before(base), after(survey);
   const auto all_in = [&](const std::vector<SurveyCell>& cells, const CellsByPlace& others) {
@@ -199,7 +199,7 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
     });
   };
   if (!all_in(survey.cells, before) || !all_in(base.cells, after)) {
-    return absl::InvalidArgumentError("update: the survey's cells are not those of the base");
+    return absl::InvalidArgumentError("update: found other cells in the survey than in that of the base job");
   }
   const RefineEffort effort = settings.update.from_scratch
                                   ? EffortOf(settings, survey)
@@ -240,7 +240,7 @@ std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t vi
                            const std::vector<TileParameters>& tiles_of_base, const std::vector<TileChange>& changes,
                            const Survey& survey, const Prediction& ingest, const Prediction& compare,
                            const Prediction& publish, const Quote& full) {
-  double core_seconds = from_scratch ? full.core_seconds  // at most
+  double core_seconds = from_scratch ? full.core_seconds  // upper bound
                                      : ingest.core_seconds + compare.core_seconds + publish.core_seconds;
   int64_t stored_bytes =
       from_scratch ? full.stored_bytes : ingest.stored_bytes + compare.stored_bytes + publish.stored_bytes;

@@ -1,4 +1,4 @@
-// What a new flight changes: which tiles of an earlier job are done anew, why, and what that takes.
+// Plan of an update: which tiles of the base job are refined again, why, and at what cost.
 #pragma once
 
 #include <cstdint>
@@ -15,15 +15,15 @@
 
 namespace tessera {
 
-// Why a tile is done anew.
+// Why a tile is refined again.
 enum class ChangeReason {
   kImageSeen,        // a cell of its core chose a view that the base does not have
-  kImageSuperseded,  // a view of the base gave its place to others
+  kImageSuperseded,  // a cell no longer chooses a view of the base
   kImageWithdrawn,
-  kImageChanged,  // other pixels or likelihoods under a camera of the base
-  kPoseMoved,
-  kMeshChanged,  // over a cell of its core
-  kChosenAnew,   // a view of the base that the cell had not chosen before
+  kImageChanged,  // pixels or likelihoods of a view changed
+  kPoseMoved,     // pose or calibration of a view changed
+  kMeshChanged,   // in a cell of its core
+  kChosenAnew,    // a cell chose a view of the base that it had not chosen before
 };
 std::string ReasonWords(ChangeReason reason);
 
@@ -33,36 +33,34 @@ struct TileChange {
     std::vector<int32_t> views;  // ascending
   };
   TileParameters tile;
-  std::vector<Why> why;  // empty: the tile stays as it is
-  // Of all tasks of the tile, where it is redone: seconds summed, memory of the hungriest.
+  std::vector<Why> why;  // empty: the tile is kept
+  // Of all tasks of a redone tile: sums, but the largest memory.
   Prediction predicted;
 };
 
-// The base's tiles, grown where the survey has cells beyond them; a tile of its own for a cell that none can grow to
-// without meeting another. A tile of which no cell is left is gone: it keeps its number, which is never given again,
-// and has an empty core.
+// The base's tiles, grown to contain the survey's new cells. A cell that no tile can contain without overlapping
+// another becomes a new tile. A tile without cells is removed: it gets an empty core, and its number is not reused.
 std::vector<TileParameters> TilesOfUpdate(std::vector<TileParameters> tiles, const Survey& survey);
 
-// What an update does. `survey` took the base's on: the same ground cells unless the mesh changed, views under the same
-// numbers, new ones behind them. A tile is redone if one of its cells has another mesh or chooses other views than in
-// the base, or one of those that it chooses changed. `tiles`: TilesOfUpdate. INVALID_ARGUMENT if the surveys do not fit
-// together.
+// The changes of each tile. A tile is redone if, in one of its cells, the mesh, the selected views or one of those
+// views changed. `survey`: the updated survey of `base`; it has the same cells unless the mesh changed, and the base's
+// views come first. `tiles`: TilesOfUpdate. INVALID_ARGUMENT if the surveys do not match.
 StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, const Survey& base,
                                                    const Survey& survey, const std::vector<TileParameters>& tiles,
                                                    const CostScale& costs);
 
-// Of the task that took the base's survey on: what is new is read, and cells that it may show choose their views.
+// Cost of the task that updates the survey: it reads new files and selects the views of the affected cells.
 Prediction PredictUpdateIngest(const Survey& base, const Survey& survey);
 
-// Of these views, those whose likelihoods the base has not made, where jobs make them.
+// Views of `read` to classify: those whose likelihoods the base has not computed.
 std::set<int32_t> ViewsToClassify(const Survey& base, const Survey& survey, std::set<int32_t> read);
 
-// The steps that tiles take which begin at a refined state: of the first round and the last labels and the two finest
-// levels; all levels if the mesh changed. Indices in RefineStepsOf.
+// Steps of tiles that start from the base's states: in the first and the last round, the label steps and the two finest
+// levels, or all levels if the mesh changed. Indices in RefineStepsOf.
 std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey);
 
-// kUpdateFile. Of `tiles_of_base` it names those that are gone. `full`: what a job on all images is predicted to take,
-// and one from scratch at most: which tiles it redoes beside the changed ones shows as it goes ("redone": null).
+// Content of kUpdateFile. `tiles_of_base`: to list removed tiles. `full`: cost of a job on all images, and upper bound
+// of an update from scratch, whose redone tiles are not known beforehand ("redone": null).
 std::string UpdatePlanJson(const std::string& base, bool from_scratch, size_t views_of_base,
                            const std::vector<TileParameters>& tiles_of_base, const std::vector<TileChange>& changes,
                            const Survey& survey, const Prediction& ingest, const Prediction& compare,

@@ -108,7 +108,7 @@ TEST_F(RollbackTest, RollbackIsExactAcrossSharedVertices) {
   // One tile, and those that the refusal names: a part of all that differ.
   const Outcome refused = Try(At({"rollback", "3", "--to", "1", "--tile", std::to_string(*differ.begin())}));
   EXPECT_EQ(refused.exit_code, 3);
-  ASSERT_THAT(refused.output, HasSubstr("must go along"));
+  ASSERT_THAT(refused.output, HasSubstr("must be restored too"));
   std::vector<std::string> command = CommandIn(refused.output);
   const std::string back = Finished(command), out = cluster_->Fetch(back);
   const json rollback = json::parse(Content(out + "/job.json"))["rollback"];

@@ -16,13 +16,13 @@
 namespace tessera {
 namespace {
 
-// A job that makes its likelihoods makes those of the same views, from the same, whatever its tiles; who reads a view's
-// pixels reads them, and cut what they all say of borders.
+// Classify tasks do not depend on the tiling. Tasks that read a view's pixels read its likelihoods; cuts read the
+// statistics of class borders.
 TEST(ClassifyTasks, TasksDoNotDependOnTiles) {
   Survey survey = RandomSurvey(12, 12, 0.8, 5);
   survey.classifier = "0123";
   for (SceneView& view : survey.views) view.likelihood_path.clear();
-  std::set<int32_t> read;  // by any tile: what a cell chose, and what that is compared with
+  std::set<int32_t> read;  // views that a cell chose, and their partners
   for (const SurveyCell& cell : survey.cells) read.insert(cell.views.begin(), cell.views.end());
   const std::set<int32_t> chosen = read;
   for (const auto& [reference, other] : survey.pairs) {
@@ -55,7 +55,7 @@ TEST(ClassifyTasks, TasksDoNotDependOnTiles) {
         EXPECT_EQ(files[task.scene_files->front()], kClassifierFile);
         ASSERT_EQ(task.view_files->size(), 1u);
         EXPECT_EQ(files[task.view_files->front().file], survey.views[parameters.view].image_path);
-        EXPECT_EQ(ParseViews(parameters.view_json)->front().name, "") << "names change no key";
+        EXPECT_EQ(ParseViews(parameters.view_json)->front().name, "") << "keys do not depend on file names";
       } else if (task.kind == kBordersKind) {
         EXPECT_EQ(task.inputs.size(), made.size());
       } else if (task.kind == kCutKind) {
@@ -79,8 +79,7 @@ TEST(ClassifyTasks, TasksDoNotDependOnTiles) {
             absl::StatusCode::kNotFound);
 }
 
-// An update of a job that made its likelihoods makes those that it reads, as its base did, and takes over what the base
-// knew of their borders.
+// An update classifies the views that it reads and inherits the base's statistics of class borders.
 TEST(ClassifyTasks, UpdateReusesTasksOfItsBase) {
   Pair pair(4);
   const auto classify = [](Survey* survey) {
@@ -116,7 +115,7 @@ TEST(ClassifyTasks, UpdateReusesTasksOfItsBase) {
   const CellRect& redone = pair.base.tiles[pair.TileOf(3)].core;
   const CellIndex cells(pair.now);
   EXPECT_EQ(count[kClassifyKind], static_cast<int>(MeasureTile(cells, redone).views.size()));
-  // Of images that it knows, by what its base read, whatever else looks how far: their results are found.
+  // Tasks of the base's images have the base's keys, so their results are reused.
   std::set<std::string> of_base;
   JobSettings settings_of_base = settings;
   settings_of_base.tiles = 4;
@@ -143,7 +142,7 @@ TEST(ClassifyTasks, UpdateReusesTasksOfItsBase) {
 
   const PlannedTask& cut = tiles->back();
   EXPECT_EQ(InputName(cut.inputs.back()), kBordersFile);
-  EXPECT_EQ(cut.inputs.back().task, TaskId(0)) << "the base's, which is given";
+  EXPECT_EQ(cut.inputs.back().task, TaskId(0)) << "given, from the base";
   std::vector<NamedDigest> digests;
   for (const std::string& file : files) digests.push_back({file, DigestOf(file)});
   for (NamedDigest& file : digests) {
@@ -162,7 +161,7 @@ TEST(ClassifyTasks, UpdateReusesTasksOfItsBase) {
     if (task.kind != "compare") continue;
     for (const PlannedInput& input : task.inputs) compared += InputName(input) == ViewFileName(view, true);
   }
-  EXPECT_GT(compared, 0) << "new images are looked at with their likelihoods";
+  EXPECT_GT(compared, 0) << "new images are compared with their likelihoods";
 }
 
 }  // namespace

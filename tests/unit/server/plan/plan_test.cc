@@ -16,7 +16,7 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// Each tile reads itself and those around it, other numbers of them for each operator.
+// Each tile reads itself and its neighbours; how many depends on the operator.
 std::vector<TileReads> RandomReads(int tiles, Random& random) {
   const auto some = [&](int tile) {
     std::vector<int> ids;
@@ -30,7 +30,7 @@ std::vector<TileReads> RandomReads(int tiles, Random& random) {
   return reads;
 }
 
-// All tasks of a job, those of ingest first.
+// All tasks of a job.
 std::vector<PlannedTask> PlanOf(const Survey& survey, const JobSettings& settings,
                                 const std::vector<TileReads>& reads) {
   const std::vector<std::string> files = FilesOf(survey);
@@ -50,7 +50,7 @@ std::vector<PlannedTask> PlanOf(const Survey& survey, int tiles) {
   return PlanOf(survey, {.tiles = tiles}, RandomReads(count, random));
 }
 
-// "crop tile 0: tile.arrays of cut tile 0": a task and what it reads.
+// A task and its inputs: "crop tile 0: tile.arrays of cut tile 0".
 std::string Line(const std::vector<PlannedTask>& tasks, const PlannedTask& task) {
   std::string line = task.name;
   const char* before = ": ";
@@ -68,7 +68,7 @@ std::vector<std::string> Lines(const std::vector<PlannedTask>& tasks) {
   return lines;
 }
 
-TEST(Plan, ProducersComeFirstAndEveryInputIsMade) {
+TEST(Plan, EveryInputIsAnOutputOfAnEarlierTask) {
   static const std::map<std::string, std::set<std::string>> kOutputs = {
       {"ingest", {kCityFile, kSurveyFile, kPlainSurveyFile}},
       {"cut", {kTileFile, kReadsFile}},
@@ -108,7 +108,7 @@ TEST(Plan, OneTileIsRefinedByOneTask) {
                           "publish: city.arrays of ingest, plain.json of ingest, 0000/state.arrays of refine tile 0"));
 }
 
-// Labels, two iterations of one level, labels; tile 0 alone, 1 to 3 in a row.
+// Steps: labels, two iterations of one level, labels. Tile 0 has no neighbours; 1 to 3 are in a row.
 TEST(Plan, FourTilesExchangeAtEveryStep) {
   Survey survey = SeenFromAbove(20);
   survey.has_labels = true;
@@ -170,7 +170,7 @@ TEST(Plan, FourTilesExchangeAtEveryStep) {
             "0001/state.arrays of solve tile 1 step 3, 0002/state.arrays of solve tile 2 step 3, "
             "0003/state.arrays of solve tile 3 step 3");
 
-  // Parameters name what is among the inputs.
+  // The parameters list the tiles whose states and sums are inputs.
   for (const PlannedTask& task : tasks) {
     if (task.kind != "measure" && task.kind != "solve" && task.kind != "mend") continue;
     const auto parameters = ParseStepParameters(task.parameters);
@@ -187,7 +187,7 @@ TEST(Plan, FourTilesExchangeAtEveryStep) {
   }
 }
 
-// How many tasks of a kind a plan has for each tile.
+// Number of tasks per kind and tile.
 std::map<std::string, int> CountsOf(const Survey& survey, const JobSettings& settings) {
   Random random(1);
   std::map<std::string, int> counts;
@@ -197,7 +197,7 @@ std::map<std::string, int> CountsOf(const Survey& survey, const JobSettings& set
   return counts;
 }
 
-TEST(Plan, OnlyStepsThatActAreTasks) {
+TEST(Plan, OnlyActiveStepsHaveTasks) {
   Survey survey = SeenFromAbove(20);
   survey.has_labels = true;
   JobSettings settings = {.tiles = 4};
@@ -212,7 +212,7 @@ TEST(Plan, OnlyStepsThatActAreTasks) {
   expect(3, 2);
   settings.method_settings.labels_first = false;
   expect(2, 2);
-  survey.has_labels = false;  // the geometry asks for some
+  survey.has_labels = false;  // the geometry needs labels
   expect(3, 2);
   settings.method = "baseline";
   settings.method_settings = {};
@@ -233,7 +233,7 @@ TEST(Plan, OnlyStepsThatActAreTasks) {
   expect(0, 2);
 }
 
-TEST(Plan, ReadsThatDoNotFitAreRefused) {
+TEST(Plan, InconsistentReadsAreRefused) {
   const Survey survey = RandomSurvey(20, 20, 0.8, 3);
   const auto plan = [&](const std::vector<TileReads>& reads) {
     return PlanSteps({.tiles = 2}, SurveyToJson(survey), FilesOf(survey), reads).status();
@@ -256,7 +256,7 @@ TEST(Plan, CutKnowsEveryTilesCore) {
   }
 }
 
-TEST(Plan, CropReadsThePixelsOfEveryViewOfItsCells) {
+TEST(Plan, CropReadsAllViewsOfItsCells) {
   const Survey survey = RandomSurvey(12, 12, 0.8, 5);
   const std::vector<std::string> all = FilesOf(survey);
   for (const PlannedTask& task : PlanOf(survey, 5)) {
@@ -276,14 +276,14 @@ TEST(Plan, CropReadsThePixelsOfEveryViewOfItsCells) {
   }
 }
 
-TEST(Plan, AViewWhoseFileTheSceneLacksIsNamed) {
+TEST(Plan, MissingFileOfAViewIsNamed) {
   const Survey survey = RandomSurvey(3, 3, 1, 1);
   const auto refused = PlanTiles({.tiles = 1}, SurveyToJson(survey), {"images/0.jpg", "scene.json"});
   EXPECT_EQ(refused.status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(refused.status().message(), "the scene has no file likelihoods/0.tif");
 }
 
-TEST(Plan, SameSurveySamePlan) {
+TEST(Plan, EqualSurveysGiveEqualPlans) {
   const Survey survey = RandomSurvey(20, 20, 0.8, 3);
   const auto a = PlanOf(survey, 7), b = PlanOf(survey, 7);
   ASSERT_EQ(a.size(), b.size());
@@ -293,7 +293,7 @@ TEST(Plan, SameSurveySamePlan) {
   }
 }
 
-TEST(Plan, SettingsAreRefusedAllAtOnce) {
+TEST(Plan, AllInvalidSettingsAreReported) {
   const auto refused = PlanIngest({.tiles = -1, .rounds = 1000, .method = "magic"}, {"scene.json"});
   EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
   const std::string message(refused.status().message());
@@ -304,7 +304,7 @@ TEST(Plan, SettingsAreRefusedAllAtOnce) {
   EXPECT_FALSE(PlanTiles({}, "not json", {"scene.json"}).ok());
 }
 
-// The parameters of the job's first task of a kind.
+// Parameters of the first task of a kind.
 std::string ParametersOf(JobSettings settings, const std::string& kind) {
   const Survey survey = RandomSurvey(6, 6, 1, 1);
   settings.tiles = kind == "refine" ? 1 : 2;
@@ -315,7 +315,7 @@ std::string ParametersOf(JobSettings settings, const std::string& kind) {
   return "";
 }
 
-TEST(Plan, RefinementKnowsMethodAndSettings) {
+TEST(Plan, RefineParametersContainMethodAndSettings) {
   for (const std::string kind : {"refine", "measure", "solve", "mend"}) {
     std::set<std::string> seen;
     for (const std::string method : kMethods) {
@@ -346,7 +346,7 @@ TEST(Plan, RefinementKnowsMethodAndSettings) {
   }
 }
 
-TEST(Plan, LabelsAloneHaveOneStepAndNothingToMend) {
+TEST(Plan, LabelsOnlyMethodHasOneStepAndNoRepair) {
   JobSettings settings = {.tiles = 2};
   settings.method = kLabelsMethod;
   Survey survey = RandomSurvey(6, 6, 1, 1);
@@ -369,7 +369,7 @@ TEST(Plan, LabelsAloneHaveOneStepAndNothingToMend) {
   EXPECT_NE(refused.find("method settings: found settings of the geometry"), std::string::npos) << refused;
 }
 
-TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {
+TEST(Plan, IngestReadsTheWholeSceneAndNothingElse) {
   JobSettings one, other, more_pairs, fewer_views;
   one.tiles = 1;
   other.tiles = 9;
@@ -383,10 +383,10 @@ TEST(Plan, IngestReadsTheWholeSceneAndDependsOnNothingElse) {
   const auto c = PlanIngest(more_pairs, {"images/a.jpg", "scene.json"});
   const auto d = PlanIngest(fewer_views, {"images/a.jpg", "scene.json"});
   ASSERT_TRUE(a.ok() && b.ok() && c.ok() && d.ok());
-  EXPECT_NE(a->parameters, c->parameters) << "ingest chooses the pairs";
-  EXPECT_NE(a->parameters, d->parameters) << "and the views of cells";
+  EXPECT_NE(a->parameters, c->parameters) << "ingest selects pairs";
+  EXPECT_NE(a->parameters, d->parameters) << "ingest selects the views of cells";
   EXPECT_EQ(*a->scene_files, (std::vector<int>{0, 1}));
-  EXPECT_EQ(a->parameters, b->parameters) << "so that it is done once for all tilings";
+  EXPECT_EQ(a->parameters, b->parameters) << "ingest does not depend on the tiling";
 }
 
 }  // namespace

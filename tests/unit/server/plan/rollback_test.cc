@@ -10,11 +10,11 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-constexpr int kSide = 3, kCells = 2;  // tiles in a row and column, cells of a tile
+constexpr int kSide = 3, kCells = 2;  // tiles per side of the city, cells per side of a tile
 
 Digest ContentDigest(const std::string& content) { return {Sha256Hex(content), static_cast<int64_t>(content.size())}; }
 
-// Nine tiles, 0 1 2 from the first row on, and what a chain of jobs left of them; jobs/0 made all.
+// 3 x 3 tiles, row by row, and their states after each of a chain of jobs. jobs/0 refined all tiles.
 struct City {
   Survey survey;
   std::vector<UpdateBase> jobs;  // oldest first
@@ -40,7 +40,7 @@ struct City {
     }
   }
 
-  // A job on the last one that makes these tiles anew.
+  // Adds a job that refines these tiles, based on the last job.
   void Redo(const std::vector<int>& tiles) {
     UpdateBase job = jobs.back();
     job.name = "jobs/" + std::to_string(jobs.size());
@@ -48,7 +48,7 @@ struct City {
     jobs.push_back(std::move(job));
   }
 
-  // A job that takes tiles back to what an earlier one left.
+  // Adds a job that restores these tiles from an earlier job.
   void GoBack(const std::vector<int>& tiles, size_t to) {
     Redo({});
     for (const int t : tiles) jobs.back().states[t] = jobs[to].states[t];
@@ -73,21 +73,21 @@ TEST(Rollback, NeighboursRefinedByOneJobAreRestoredTogether) {
   City city;
   city.Redo({0, 1, 5, 8});  // 1 and 5 touch at a corner
   EXPECT_THAT(city.MustBack(0, {0, 1, 5, 8}), ElementsAre(0, 1, 5, 8));
-  EXPECT_THAT(city.Refusal(0, {8, 0}), AllOf(HasSubstr("tiles 1, 5 must go along"),
+  EXPECT_THAT(city.Refusal(0, {8, 0}), AllOf(HasSubstr("tiles 1, 5 must be restored too"),
                                              HasSubstr("tessera rollback jobs/1 --to jobs/0 --tile 0 --tile 1 --tile 5 "
                                                        "--tile 8")));
   city.Redo({7});
   EXPECT_THAT(city.MustBack(1, {7}), ElementsAre(7));
-  EXPECT_THAT(city.MustBack(0, {7}), ElementsAre(7)) << "held by all about it when it was made anew";
+  EXPECT_THAT(city.MustBack(0, {7}), ElementsAre(7)) << "its shared vertices were frozen when it was refined";
 }
 
 TEST(Rollback, SeparateTilesAreRestoredAlone) {
   City city;
   city.Redo({0, 2, 6});
   EXPECT_THAT(city.MustBack(0, {2}), ElementsAre(2));
-  // Unless their faces reach so far.
+  // Tiles whose faces extend to each other are not separate.
   for (SurveyCell& cell : city.survey.cells) cell.reach_m = 10;
-  EXPECT_THAT(city.Refusal(0, {2}), HasSubstr("tiles 0, 6 must go along"));
+  EXPECT_THAT(city.Refusal(0, {2}), HasSubstr("tiles 0, 6 must be restored too"));
 }
 
 TEST(Rollback, NeighboursOfDifferentJobsAreRestoredAlone) {
@@ -97,7 +97,7 @@ TEST(Rollback, NeighboursOfDifferentJobsAreRestoredAlone) {
   EXPECT_THAT(city.MustBack(0, {3}), ElementsAre(3));
   EXPECT_THAT(city.MustBack(1, {4}), ElementsAre(4));
   city.Redo({3, 4});
-  EXPECT_THAT(city.Refusal(0, {3}), HasSubstr("tile 4 must go along"));
+  EXPECT_THAT(city.Refusal(0, {3}), HasSubstr("tile 4 must be restored too"));
 }
 
 TEST(Rollback, EqualTilesAreNotCoupled) {
@@ -107,7 +107,7 @@ TEST(Rollback, EqualTilesAreNotCoupled) {
   city.Redo({0});
   EXPECT_THAT(city.MustBack(0, {0, 1}), ElementsAre(0));
   EXPECT_THAT(city.Refusal(0, {1}), HasSubstr("those named are the same in jobs/3 and jobs/0"));
-  EXPECT_THAT(city.Refusal(1, {0}), HasSubstr("tile 1 must go along")) << "they went back together";
+  EXPECT_THAT(city.Refusal(1, {0}), HasSubstr("tile 1 must be restored too")) << "one job restored both";
 }
 
 TEST(Rollback, DefaultIsAllTilesThatDiffer) {
@@ -120,7 +120,7 @@ TEST(Rollback, DefaultIsAllTilesThatDiffer) {
   EXPECT_THAT(city.Refusal(2, {}), HasSubstr("all are the same"));
 }
 
-TEST(Rollback, WhatCannotBeIsRefused) {
+TEST(Rollback, InvalidRollbacksAreRefused) {
   City city;
   city.Redo({0});
   EXPECT_THAT(city.Refusal(0, {9}), HasSubstr("found 9, expected one of the 9 tiles of jobs/1"));
@@ -160,7 +160,7 @@ TEST(Rollback, OutdatedFacesStayFlagged) {
   EXPECT_EQ((*tasks)[0].given->back().digest, *base.outdated);
   EXPECT_EQ((*tasks)[1].inputs.back().output, kOutdatedFile);
   EXPECT_TRUE(ParsePublishParameters((*tasks)[1].parameters)->outdated);
-  EXPECT_TRUE(ParsePublishParameters((*tasks)[1].parameters)->flip_edges) << "as the base published";
+  EXPECT_TRUE(ParsePublishParameters((*tasks)[1].parameters)->flip_edges) << "as in the base";
 }
 
 }  // namespace

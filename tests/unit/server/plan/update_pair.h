@@ -1,4 +1,4 @@
-// A base and the survey of an update of it, for tests of planning.
+// A base job and the survey of its update, for tests of planning.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@ inline Digest DigestOf(const std::string& content) {
   return {Sha256Hex(content), static_cast<int64_t>(content.size())};
 }
 
-// A base of so many tiles, and the survey that an update goes on with: the same, for the test to change.
+// A base job with this number of tiles, and the survey of an update: a copy of the base's for tests to change.
 struct Pair {
   Survey before, now;
   UpdateBase base;
@@ -46,7 +46,7 @@ struct Pair {
     std::sort(files.begin(), files.end());
     return files;
   }
-  // A new view that the cell chooses beside its others.
+  // Adds a new view, which the cell chooses in addition.
   int32_t AddView(size_t cell) {
     const auto view = static_cast<int32_t>(now.views.size());
     now.views.push_back(now.views[0]);
@@ -58,7 +58,7 @@ struct Pair {
     FillViewDepths(&now);
     return view;
   }
-  // Another mesh has no face there.
+  // Removes the tile's cells, as if a new mesh had no faces there.
   void RemoveCellsOf(int tile) {
     if (!now.revision) now.revision.emplace();
     std::erase_if(now.cells, [&](const SurveyCell& cell) {

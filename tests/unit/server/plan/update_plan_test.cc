@@ -1,4 +1,4 @@
-// Updates: which tiles they refine, what they inherit from their base job, what their tasks read.
+// Updates: which tiles they refine, what they inherit from their base, which inputs their tasks have.
 #include "server/plan/update_plan.h"
 
 #include <gmock/gmock.h>
@@ -19,7 +19,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-TEST(UpdatePlan, TilesAreRedoneForWhatTheirOwnCellsChoose) {
+TEST(UpdatePlan, TilesAreRedoneIfTheViewsOfTheirCellsChange) {
   Pair pair(9);
   EXPECT_THAT(pair.Redone(), IsEmpty());
   const size_t cell = 17;
@@ -64,26 +64,26 @@ TEST(UpdatePlan, EachReasonIsReported) {
             Reasons{ChangeReason::kPoseMoved});
   EXPECT_EQ(reason([](Pair* pair, SurveyCell* cell) { pair->now.views[cell->views[0]].lens.coefficients[0] = 0.1; }),
             Reasons{ChangeReason::kPoseMoved})
-      << "a lens that was calibrated anew";
+      << "a recalibrated lens";
   EXPECT_EQ(reason([](Pair* pair, SurveyCell*) {
               pair->now.scene_name = "another";
               for (SceneView& view : pair->now.views) view.name += "x";
               for (SceneView& view : pair->now.views) view.image_path = "elsewhere/" + view.image_path;
             }),
             Reasons{})
-      << "names are none";
+      << "a new name is no change";
   EXPECT_EQ(reason([](Pair* pair, SurveyCell* cell) {
               pair->now.revision = {1000, {{cell->x, cell->y}}};
             }),
             Reasons{ChangeReason::kMeshChanged});
 }
 
-TEST(UpdatePlan, TheFirstPhaseGivesWhatTheBaseMadeAndReadsWhatIsNew) {
+TEST(UpdatePlan, FirstPhaseGivesOutputsOfTheBaseAndReadsNewFiles) {
   Pair pair(4);
   std::vector<NamedDigest> files;
   for (const NamedDigest& file : pair.base.scene_files) {
     if (file.name == "images/1.jpg") {
-      files.push_back({CarriedName(file), file.digest});  // the scene lacks it
+      files.push_back({CarriedName(file), file.digest});  // missing in the scene
     } else if (file.name == "images/2.jpg") {
       files.push_back({"renamed.jpg", file.digest});
     } else {
@@ -114,7 +114,7 @@ TEST(UpdatePlan, TheFirstPhaseGivesWhatTheBaseMadeAndReadsWhatIsNew) {
   EXPECT_EQ(read, (std::set<std::string>{"new.jpg", "scene.json"})) << "no image of the base, no mesh";
 }
 
-TEST(UpdatePlan, WithoutAChangeOnlyPublishIsLeftUnderTheBasesKey) {
+TEST(UpdatePlan, WithoutChangesOnlyPublishIsPlannedWithTheBasesKey) {
   const Pair pair(4);
   const auto tasks = PlanTiles({}, SurveyToJson(pair.now), pair.Files(), &pair.base);
   ASSERT_TRUE(tasks.ok()) << tasks.status();
@@ -152,7 +152,7 @@ TEST(UpdatePlan, StepsFreezeKeptTiles) {
     EXPECT_EQ(parameters->frozen, held);
     EXPECT_EQ(parameters->states, all);
     if (task.kind != "solve") continue;
-    EXPECT_THAT(parameters->sums, ElementsAre(redone)) << "the others have none";
+    EXPECT_THAT(parameters->sums, ElementsAre(redone)) << "kept tiles have no sums";
     EXPECT_EQ(parameters->continues_base, solves == 0);
     levels.insert(refine[parameters->step].level);
     ++solves;
@@ -169,7 +169,7 @@ TEST(UpdatePlan, StepsFreezeKeptTiles) {
   EXPECT_EQ(changes.kind, kChangesKind);
   EXPECT_EQ(InputName(steps->back().inputs.back()), kOutdatedFile);
   EXPECT_EQ(steps->back().inputs.back().task, TaskId(static_cast<int>(2 + tiles->size() + steps->size() - 2)));
-  EXPECT_FALSE(ParseChangesParameters(changes.parameters)->outdated) << "the base has none";
+  EXPECT_FALSE(ParseChangesParameters(changes.parameters)->outdated) << "the base has no outdated faces";
 }
 
 TEST(UpdatePlan, OutdatedFacesOfTheBaseAreInherited) {
@@ -179,7 +179,7 @@ TEST(UpdatePlan, OutdatedFacesOfTheBaseAreInherited) {
   ASSERT_TRUE(same.ok()) << same.status();
   EXPECT_TRUE(ParsePublishParameters(same->back().parameters)->outdated);
   EXPECT_EQ(InputName(same->back().inputs.back()), kOutdatedFile);
-  EXPECT_EQ(same->back().inputs.back().task, TaskId(0)) << "the base's, which is given";
+  EXPECT_EQ(same->back().inputs.back().task, TaskId(0)) << "given, from the base";
   pair.AddView(3);
   const std::string survey = SurveyToJson(pair.now);
   const std::vector<int> all = {0, 1, 2, 3};
@@ -190,10 +190,10 @@ TEST(UpdatePlan, OutdatedFacesOfTheBaseAreInherited) {
   EXPECT_EQ(InputName(changes.inputs.back()), kOutdatedFile);
   EXPECT_EQ(changes.inputs.back().task, TaskId(0));
   EXPECT_EQ(InputName(steps->back().inputs.back()), kOutdatedFile);
-  EXPECT_GT(steps->back().inputs.back().task.value(), 0) << "the update's own";
+  EXPECT_GT(steps->back().inputs.back().task.value(), 0) << "from the update";
 }
 
-TEST(UpdatePlan, AnotherMeshIsTakenFromTheUpdate) {
+TEST(UpdatePlan, ChangedMeshIsReadFromTheUpdate) {
   Pair pair(4);
   const SurveyCell& cell = pair.now.cells[3];
   pair.now.revision = {1000, {{cell.x, cell.y}}};
@@ -215,7 +215,7 @@ TEST(UpdatePlan, AnotherMeshIsTakenFromTheUpdate) {
           EXPECT_EQ(input.task.value(), 1) << task.name;
         }
         if (input.output == TileInputName(redone, kStateFile)) {
-          EXPECT_EQ(task.kind, "mend") << "whose states have the new faces";
+          EXPECT_EQ(task.kind, "mend") << "only mend may read states without the new faces";
         }
       }
       if (task.kind != "solve" && task.kind != "mend") continue;
@@ -231,7 +231,7 @@ TEST(UpdatePlan, AnotherMeshIsTakenFromTheUpdate) {
   EXPECT_EQ(levels, (std::set<int>{-1, 0, 1, 2}));
 }
 
-TEST(UpdatePlan, TheBasesMeshIsReadWhereTheSceneMayHaveAnother) {
+TEST(UpdatePlan, MeshOfTheBaseIsReadIfTheSceneMayHaveAnother) {
   Pair pair(4);
   for (const bool other : {false, true}) {
     std::vector<NamedDigest> files;
@@ -314,20 +314,20 @@ TEST(UpdatePlan, RemovedTileHasNoTasksAndNoState) {
     const bool compares = task.kind == "compare";
     for (const PlannedInput& input : task.inputs) {
       const bool of_gone = InputName(input) == TileInputName(kGone, kStateFile);
-      EXPECT_TRUE(!of_gone || compares) << task.name << " reads what is gone";
+      EXPECT_TRUE(!of_gone || compares) << task.name << " reads the removed tile";
       before += of_gone;
     }
   }
-  EXPECT_GT(before, 0) << "what stood there is compared with what the images show";
+  EXPECT_GT(before, 0) << "the old surface is compared with the new images";
   const auto publish = ParsePublishParameters(steps->back().parameters);
   ASSERT_TRUE(publish.ok());
-  ASSERT_EQ(publish->tiles.size(), 9u) << "numbers stay";
+  ASSERT_EQ(publish->tiles.size(), 9u) << "tiles keep their numbers";
   for (int t = 0; t < 9; ++t) {
     EXPECT_EQ(publish->tiles[t].tile, t);
     EXPECT_EQ(publish->tiles[t].core.empty(), t == kGone);
   }
   EXPECT_EQ(publish->kept, kept);
-  // What goes on from that knows of the tile no more than its number.
+  // An update of this update knows only the tile's number.
   pair.before = pair.now;
   pair.now.revision.reset();
   pair.base.survey_json = SurveyToJson(pair.before);
@@ -353,14 +353,14 @@ TEST(UpdatePlan, FromScratchRefinesAllTilesAndFreezesNone) {
   ASSERT_TRUE(tiles.ok()) << tiles.status();
   EXPECT_EQ(tiles->size(), 5u) << "the plan and all cuts";
   const auto plan = nlohmann::json::parse((*tiles)[0].given_contents->front().second);
-  EXPECT_EQ(plan["predicted"]["core_seconds"], plan["predicted"]["core_seconds_in_full"]) << "at most";
-  EXPECT_EQ(plan["predicted"]["stored_bytes"], plan["predicted"]["stored_bytes_in_full"]) << "at most";
+  EXPECT_EQ(plan["predicted"]["core_seconds"], plan["predicted"]["core_seconds_in_full"]) << "upper bound";
+  EXPECT_EQ(plan["predicted"]["stored_bytes"], plan["predicted"]["stored_bytes_in_full"]) << "upper bound";
   EXPECT_GT(plan["predicted"]["stored_bytes"], 0);
   for (const auto& tile : plan["tiles"]) {
     if (tile["tile"] == pair.TileOf(3)) {
       EXPECT_EQ(tile["redone"], true);
     } else {
-      EXPECT_TRUE(tile["redone"].is_null()) << "whether it is kept is not known beforehand";
+      EXPECT_TRUE(tile["redone"].is_null()) << "not known before the cuts";
     }
   }
 }
@@ -378,7 +378,7 @@ TEST(UpdatePlan, MeasuredCostsCorrectPredictionsOnly) {
   };
   const std::vector<PlannedTask> before = plan();
   pair.base.measured = {{"measure", {100, 50}}, {"mend", {10, 20}}, {kIngestKind, {1000, 30}}};
-  // Of ingest the model's prediction counts, not what was known before there was a survey.
+  // For ingest, use the model's prediction from the survey instead of the planned cost.
   const double ingest = 30 / PredictIngest(pair.before).core_seconds;
   const double others = 100 / (110 + PredictIngest(pair.before).core_seconds);
   const std::vector<PlannedTask> after = plan();
@@ -390,7 +390,7 @@ TEST(UpdatePlan, MeasuredCostsCorrectPredictionsOnly) {
     EXPECT_NEAR(after[t].cost, factor * before[t].cost, 1e-9 * before[t].cost) << after[t].name;
     EXPECT_EQ(after[t].scale, factor) << after[t].name;
     EXPECT_EQ(after[t].peak_bytes, before[t].peak_bytes);
-    EXPECT_EQ(after[t].parameters, before[t].parameters) << "keys do not depend on what is predicted";
+    EXPECT_EQ(after[t].parameters, before[t].parameters) << "keys do not depend on predictions";
   }
   EXPECT_TRUE(kinds.contains("measure") && kinds.contains("mend") && kinds.contains("compare"));
   const auto was = nlohmann::json::parse(before[0].given_contents->front().second)["predicted"];
@@ -400,7 +400,7 @@ TEST(UpdatePlan, MeasuredCostsCorrectPredictionsOnly) {
   EXPECT_NEAR(now["publish"]["core_seconds"], was["publish"]["core_seconds"].get<double>() * others, 1e-9);
   double sum = now["ingest"]["core_seconds"];
   for (size_t t = 1; t < after.size(); ++t) sum += after[t].cost;
-  EXPECT_NEAR(now["core_seconds"], sum, 1e-6 * sum) << "the plan tells what its tasks sum to";
+  EXPECT_NEAR(now["core_seconds"], sum, 1e-6 * sum) << "the plan contains the sum over its tasks";
 }
 
 TEST(UpdatePlan, JobAboveThePriceLimitIsRefused) {
@@ -415,7 +415,7 @@ TEST(UpdatePlan, JobAboveThePriceLimitIsRefused) {
   }
 }
 
-TEST(UpdatePlan, ASurveyOfOtherCellsIsRefused) {
+TEST(UpdatePlan, SurveyWithOtherCellsIsRefused) {
   Pair pair(4);
   pair.now.cells.pop_back();
   EXPECT_FALSE(FindChangedTiles({}, pair.before, pair.now, pair.base.tiles, {}).ok());
