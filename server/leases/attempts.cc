@@ -10,8 +10,7 @@ namespace tessera {
 Status MarkSeen(DispatchCore& core, const std::string& worker) {
   WorkerState* const known = core.lease_table().FindWorker(worker);
   if (known == nullptr) {
-    return Refuse(Refusal::kUnknownWorker,
-                  absl::NotFoundError("no such worker: '" + worker + "'; it has to register again"));
+    return Refuse(Refusal::kUnknownWorker, absl::NotFoundError("no such worker: '" + worker + "'; register again"));
   }
   known->last_seen_us = core.environment().clock->MonotonicUs();
   known->heard = true;
@@ -53,7 +52,7 @@ Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryVerdict& verdict, 
   failed.set_lease_expired(lease_expired);
   failed.set_retry_delay_us(Micros(verdict.delay_s));
   TESSERA_RETURN_IF_ERROR(core.Commit(record));
-  core.ledger().PromoteRetries(core.environment().clock->MonotonicUs());  // the delay begins
+  core.ledger().PromoteRetries(core.environment().clock->MonotonicUs());  // starts the delay
   core.lease_table().Release(ref);
   return absl::OkStatus();
 }

@@ -1,4 +1,4 @@
-// What ends an attempt, and whether it is the current one. All functions need the core's mutex.
+// Checks and ends attempts. All functions need the core's mutex.
 #pragma once
 
 #include <string>
@@ -9,15 +9,15 @@
 
 namespace tessera {
 
-// Notes that the worker called. Refusal::kUnknownWorker if it is not registered.
+// Records the time of the worker's call. Refusal::kUnknownWorker if it is not registered.
 Status MarkSeen(DispatchCore& core, const std::string& worker);
-// Errors with Refusal::kNotCurrent.
+// The reported task, and whether the attempt is the current one. Both fail with Refusal::kNotCurrent.
 StatusOr<TaskRef> FindReported(DispatchCore& core, const std::string& task);
 Status CheckCurrent(DispatchCore& core, TaskRef ref, const std::string& worker, int attempt);
 
-// Ends the current attempt. The retry rule decides whether the task is tried again, and whether a worker is suspended.
+// Ends the current attempt as failed. The retry rule decides on a retry and on suspending workers.
 Status FailAttempt(DispatchCore& core, TaskRef ref, const TaskFailure& failure);
-// The same with a verdict that is known.
+// Ends the current attempt with this verdict.
 Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryVerdict& verdict, bool lease_expired);
 // Counts suspended workers and calls on_worker_suspended.
 void ReportSuspended(DispatchCore& core, const std::vector<SuspendedWorker>& workers);

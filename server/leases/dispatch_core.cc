@@ -89,7 +89,7 @@ void WakeWorkers(DispatchCore& core, int more, size_t first) {
     const TaskRef ref = ledger.newly_ready()[i];
     const std::string& keeper = core.lease_table().KeeperOf({ref.job, ledger.task(ref).plan.tile});
     waiting.Wake(keeper);
-    more -= keeper.empty() ? 0 : 1;  // that worker takes it, or wakes others that do
+    more -= keeper.empty() ? 0 : 1;  // that worker takes it or wakes another one
   }
   while (more-- > 0 && waiting.WakeNext()) {
   }

@@ -1,4 +1,4 @@
-// The state that a coordinator's classes share: ledger, leases, waiting calls and journal, under one mutex.
+// The state shared by the coordinator's classes: ledger, leases, waiting calls and journal, under one mutex.
 #pragma once
 
 #include <atomic>
@@ -30,40 +30,39 @@ namespace tessera {
 class Planner;
 
 struct DispatchOptions {
-  double lease_s = 30;  // a lease ends that long after its last heartbeat
-  // If leases are not checked for longer than this, the coordinator itself stood still (a suspended machine). That time
-  // does not count as silence of any worker. Tesserad checks a few times per lease.
+  double lease_s = 30;  // a lease expires this long after its last heartbeat
+  // A longer gap between two checks of leases means that the coordinator was suspended. Such a gap does not count as
+  // silence of a worker. Tesserad checks a few times per lease.
   double stood_still_s = std::numeric_limits<double>::infinity();
-  double forget_worker_s = 90;  // a silent worker without a task is forgotten after that
-  double stall_s = 600;         // an attempt without progress for so long is ended; longer for tasks that take long
-  double durable_wait_s = 20;   // a call whose change is not durable after that is answered with UNAVAILABLE
+  double forget_worker_s = 90;  // a silent worker without a task is removed after this
+  double stall_s = 600;         // an attempt without progress is ended after this; see StallLimit_s
+  double durable_wait_s = 20;   // a call returns UNAVAILABLE if its change is not durable after this
   RetryOptions retry;
   JobLimits limits;
   WorkerLimits worker_limits;
 };
 
-// What a coordinator uses. All of it must outlive the coordinator. Callbacks may be empty.
+// Dependencies of a coordinator. All must outlive it. Callbacks may be empty.
 struct DispatchEnvironment {
   RecordStore* store = nullptr;
   BlobStore* blobs = nullptr;
   Planner* planner = nullptr;
   Clock* clock = nullptr;
-  // Called for every change once it is stored, in order, by one thread. For logs. Must be quick and not call back.
+  // Called by one thread for each stored change, in order, for the log. Must be quick and not call the coordinator.
   std::function<void(const v1::Record&, const ChangedTask&)> on_change;
-  // Called for every stored record that Open quarantines.
+  // Called for each record that Open quarantines.
   std::function<void(int64_t number, const std::string& reason)> on_record_quarantined = {};
-  // Called when the journal fails to write, with the reason; with OK when it writes again.
+  // Called with the reason when writing the journal fails, and with OK when it works again.
   std::function<void(const Status& trouble)> on_trouble = {};
-  // Called for every worker that is suspended. As on_change.
+  // Called for each suspended worker. Same rules as on_change.
   std::function<void(const SuspendedWorker& worker)> on_worker_suspended = {};
 };
 
-// A change is checked and applied in memory under the mutex; the journal stores it in batches. No file is read or
-// written, nothing hashed and nothing planned under the mutex. Leases alone survive no failure of the machine: reports
-// of their workers are refused then, and the tasks are leased again.
+// A change is checked and applied in memory under the mutex; the journal stores it in batches. File access, hashing and
+// planning happen outside the mutex. Leases may be lost if the machine fails: reports of their workers are then
+// refused, and the tasks are leased again.
 //
-// Order of locks: PlanningLoop's, blob_use().mutex, mutex(). What is marked (M) needs mutex() held; all else is
-// thread-safe.
+// Lock order: PlanningLoop's, blob_use().mutex, mutex(). Members marked (M) need mutex(); all others are thread-safe.
 class DispatchCore {
  public:
   DispatchCore(const DispatchEnvironment& environment, const DispatchOptions& options);
@@ -73,7 +72,7 @@ class DispatchCore {
   const DispatchEnvironment& environment() const { return environment_; }
   const DispatchOptions& options() const { return options_; }
   std::mutex& mutex() { return mutex_; }
-  // Its mutex is held shared while a change comes to refer to blobs that may be stored already.
+  // Hold its mutex shared while a change adds references to stored blobs.
   BlobUse& blob_use() { return blob_use_; }
   Ledger& ledger() { return ledger_; }                // (M)
   LeaseTable& lease_table() { return lease_table_; }  // (M)
@@ -81,24 +80,24 @@ class DispatchCore {
   DispatchCounts& counts() { return counts_; }        // (M)
   Journal& journal() { return journal_; }
 
-  // (M) Checks the record, applies it, queues it for the journal, and wakes workers for tasks that became ready. Errors
-  // are those of the check: nothing changed then. Sets the record's time unless it has one.
+  // (M) Checks the record, applies it, queues it for the journal, and wakes workers for new ready tasks. Sets the
+  // record's time unless it has one. On an error of Ledger::Check nothing changes.
   Status Commit(v1::Record& record, Durability durability = Durability::kMachine);
-  // (M) False if the job's last end is not durable yet.
+  // (M) Whether the job's last end is durable, or it never ended.
   bool EndIsStored(int job) const;
-  // Waits until all changes so far are durable. UNAVAILABLE if that takes too long: the changes stand.
+  // Waits until all changes so far are durable. UNAVAILABLE after durable_wait_s; the changes stay applied.
   Status Durable() const { return journal_.Wait(journal_.last()); }
 
-  // (M) Something that is shown has changed: ends WaitForChange.
+  // (M) Call after a change of displayed state: ends WaitForChange.
   void Changed();
-  // Waits until the version is above `seen`, Stop is called or `seconds` of real time have passed. Returns the version,
-  // which starts at 1 and grows with every change of what is shown.
+  // Waits until the version of the displayed state exceeds `seen`, Stop is called or `seconds` of real time pass.
+  // Returns the version, which starts at 1 and grows with every change.
   int64_t WaitForChange(int64_t seen, double seconds) const;
 
-  // From now on no job is accepted and nothing is leased: UNAVAILABLE, Refusal::kDraining. Leased tasks continue.
+  // Refuses new jobs and leases from now on (UNAVAILABLE, Refusal::kDraining). Leased tasks continue.
   void Drain();
   bool draining() const { return draining_; }
-  // Ends all waits, now and later.
+  // Ends all present and future waits.
   void Stop();
   bool stopped() const { return stopped_; }
 
@@ -113,14 +112,14 @@ class DispatchCore {
   Ledger ledger_;
   LeaseTable lease_table_;
   DispatchCounts counts_;
-  std::map<int, int64_t> end_records_;  // of jobs that ended: the record's number in the journal
+  std::map<int, int64_t> end_records_;  // by ended job: number of its record in the journal
   std::atomic<bool> draining_ = false, stopped_ = false;
-  ChangedTasks changed_tasks_;  // of what the journal has yet to store
-  Journal journal_;             // ends first
+  ChangedTasks changed_tasks_;  // of records not yet stored
+  Journal journal_;             // last: destroyed first
 };
 
-// Wakes waiting workers for `more` ready tasks: for those in newly_ready() from index `first` on, the worker that has
-// the task's tile in memory. Needs the core's mutex.
+// Wakes waiting workers for `more` new ready tasks. A task in newly_ready() from index `first` on wakes the worker that
+// has its tile in memory. Needs the core's mutex.
 void WakeWorkers(DispatchCore& core, int more, size_t first);
 
 }  // namespace tessera

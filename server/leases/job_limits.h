@@ -1,4 +1,4 @@
-// How many jobs and workers a coordinator accepts.
+// Limits on the number of jobs and workers.
 #pragma once
 
 #include <string>
@@ -11,18 +11,18 @@ class LeaseTable;
 class Ledger;
 
 struct JobLimits {
-  int of_client = 1000;  // that have not ended, of one client
-  int in_all = 10'000;   // that have not ended
-  int kept = 100'000;    // ended ones too, until they are deleted
+  int of_client = 1000;  // active jobs of one client
+  int in_all = 10'000;   // active jobs
+  int kept = 100'000;    // active and ended jobs, until deleted
 };
 
-// Workers that are registered and were not forgotten.
+// Limits on registered workers.
 struct WorkerLimits {
   int of_client = 10'000;
   int in_all = 20'000;
 };
 
-// OK if one more ended job of the client may be retried, else RESOURCE_EXHAUSTED with the limit (Refusal::kLimit).
+// Whether the client may have one more active job; else RESOURCE_EXHAUSTED with the limit (Refusal::kLimit).
 Status CheckActiveJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits);
 // The same for a new job.
 Status CheckJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits);

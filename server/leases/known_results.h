@@ -1,4 +1,4 @@
-// Tasks whose result is known under their key: they succeed without a worker.
+// Reuse of results: a task whose key has a known result succeeds without a worker.
 #pragma once
 
 #include "common/base/status.h"
@@ -6,9 +6,9 @@
 
 namespace tessera {
 
-// Whether the task is ready and its result is known. The result may not be stored any more. Needs the core's mutex.
+// Whether the task is ready and has a known result, whose blobs may be lost. Needs the core's mutex.
 bool MayReuse(const Ledger& ledger, TaskRef ref);
-// Succeeds such a task, or forgets the result if it is not stored any more. Not under the core's mutex.
+// Completes such a task, or forgets the result if its blobs are lost. Call without the core's mutex.
 Status Reuse(DispatchCore& core, TaskRef ref);
 
 }  // namespace tessera

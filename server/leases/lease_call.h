@@ -1,4 +1,4 @@
-// A worker's call for a task, and what it is given.
+// A worker's request for a task, and the lease granted to it.
 #pragma once
 
 #include <chrono>
@@ -16,20 +16,20 @@ namespace tessera {
 
 struct LeasedInput {
   NamedDigest file;
-  std::string path;  // where the coordinator has it
+  std::string path;  // local path on the coordinator, or empty
 };
 
 // A task given to a worker.
 struct GrantedLease {
   std::string task;
   int attempt = 0;  // the fencing token
-  int threads = 0;  // that the task may use
+  int threads = 0;  // thread limit of the task
   PlannedTask plan;
   std::vector<LeasedInput> inputs;
   std::string key;
 };
 
-// None: there was no task for it.
+// None: no task for this worker.
 using LeaseAnswer = StatusOr<std::optional<GrantedLease>>;
 
 struct LeaseCall {
@@ -37,14 +37,14 @@ struct LeaseCall {
 
   std::string worker;
   double wait_s = 0;  // longest wait for a task
-  // Above 0: the number of the call. A repeated call of the same number is given the same lease again.
+  // Number of the call if above 0. Repeating a number returns the same lease.
   int64_t call = 0;
-  // Whether the caller has gone. Must be quick and not call back; not called after `done`. May be
+  // Whether the caller has disconnected. Must be quick and not call the coordinator; not called after `done`. May be
   // empty.
   std::function<bool()> gone = {};
-  // Called once, without a lock, from any thread, also from the one that calls.
+  // Called once, without a lock, from any thread, including the calling one.
   std::function<void(LeaseAnswer answer)> done = {};
-  bool comes_with_report = false;  // the call came with a report: it does not wait, and is placed like a waiting one
+  bool comes_with_report = false;  // part of a report: does not wait, but leaves tiles to their workers
   Time asked = {}, until = {};     // set by Leases
 };
 

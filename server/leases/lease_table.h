@@ -1,4 +1,4 @@
-// Leases and registered workers: the state that is not stored.
+// Leases and registered workers. This state is not stored.
 #pragma once
 
 #include <cstdint>
@@ -16,11 +16,11 @@ namespace tessera {
 struct WorkerInfo {
   std::string host;
   int pid = 0;
-  int threads = 0;  // that its tasks may use at most
+  int threads = 0;  // thread limit of its tasks
   int64_t memory_bytes = 0;
-  int cores = 0;             // of the host; 0: not known
-  std::string machine = {};  // host and boot; empty: not known
-  std::string client = {};   // who registered it
+  int cores = 0;             // of the host; 0: unknown
+  std::string machine = {};  // host and boot; empty: unknown
+  std::string client = {};   // that registered it
 };
 
 // A tile of a job.
@@ -32,7 +32,7 @@ struct TileRef {
 
 inline int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
 
-// Expiry of a lease that is not durable yet: never, because its worker was not given it.
+// Expiry of a lease that is not durable yet: it is not sent to the worker, so it cannot expire.
 inline constexpr int64_t kUntold_us = std::numeric_limits<int64_t>::max();
 
 // Times are Clock::MonotonicUs.
@@ -41,8 +41,8 @@ struct LeaseState {
   int attempt = 0;
   int64_t start_us = 0;
   int64_t expires_us = 0;  // or kUntold_us
-  int64_t moved_us = 0;    // when progress or stage last changed, or kUntold_us
-  int threads = 1;         // that the task may use
+  int64_t moved_us = 0;    // time of the last change of progress or stage, or kUntold_us
+  int threads = 1;         // thread limit of the task
   double progress = 0;
   std::string stage = {};
 };
@@ -50,74 +50,74 @@ struct LeaseState {
 struct WorkerState {
   WorkerInfo info;
   int64_t last_seen_us = 0;
-  bool heard = true;                       // false: not since the coordinator started; known from records
-  std::vector<TileRef> recent_tiles = {};  // of the tasks that it was given, the last first: they may be in its memory
-  std::set<TaskRef> tasks = {};            // that it holds leases of
-  // Its last call that was given a lease (0: none), and that lease.
+  bool heard = true;                       // called since the coordinator started; false: only in records
+  std::vector<TileRef> recent_tiles = {};  // tiles of its tasks, latest first; it may have them in memory
+  std::set<TaskRef> tasks = {};            // leased to it
+  // The last call that got a lease (0: none), and that lease.
   int64_t call = 0;
   TaskRef granted = {};
   int granted_attempt = 0;
-  // worker_evidence.h.
-  int strikes = 0;  // tasks that it failed and other workers did, since its last success
+  // See worker_evidence.h.
+  int strikes = 0;  // tasks failed here and completed by others, since its last success
   int times_suspended = 0;
   int64_t suspended_until_us = 0;
   std::string suspended_reason = {};
 };
 
-// A task that fits no worker waits for a larger worker, for this time after the largest was registered.
+// A task too large for all workers waits this long, after the largest worker registered, for a larger one.
 inline constexpr double kLargerWorkerWait_s = 60;
 
 struct LargestWorker {
-  int64_t memory_bytes = 0;  // 0: no worker, or not known
+  int64_t memory_bytes = 0;  // 0: no worker, or unknown
   int64_t since_us = 0;
 };
 
-// Not thread-safe.
+// All leases and registered workers. Not thread-safe.
 class LeaseTable {
  public:
   const std::map<TaskRef, LeaseState>& leases() const { return leases_; }
   const std::map<std::string, WorkerState>& workers() const { return workers_; }
 
   int WorkersOf(const std::string& client) const;
-  // Null if there is no such worker.
+  // Null if not registered.
   WorkerState* FindWorker(const std::string& worker);
   void AddWorker(const std::string& worker, const WorkerInfo& info, int64_t now_us);
-  // The worker must hold no lease. Does nothing if it is not registered.
+  // Precondition: the worker has no lease. No effect if it is not registered.
   void RemoveWorker(const std::string& worker);
 
-  // To the worker that the lease names.
+  // Leases the task to lease.worker.
   LeaseState& Grant(TaskRef ref, LeaseState lease);
-  // Does nothing if the task is not leased.
+  // No effect if the task is not leased.
   void Release(TaskRef ref);
   // Null if the task is not leased.
   const LeaseState* Find(TaskRef ref) const;
-  // The lease of this attempt by this worker; null if it is not current.
+  // The lease of this attempt by this worker; null if it is not the current one.
   LeaseState* FindCurrent(TaskRef ref, const std::string& worker, int attempt);
-  // Leaves `time_us` before `now_us` out of all times of leases (which last `lease_us`) and workers.
+  // Shifts all times by `time_us`, for which the coordinator was suspended. No lease gets more than `lease_us` left.
   void LeaveOut(int64_t time_us, int64_t now_us, int64_t lease_us);
-  // Leases that ran out before `now_us`.
+  // Tasks whose leases expired before `now_us`.
   std::vector<TaskRef> Expired(int64_t now_us) const;
-  // Leases of tasks of the job.
+  // Leased tasks of the job.
   std::vector<TaskRef> OfJob(int job) const;
-  // Notes that the worker was given a task of the tile. Does nothing if it is not registered.
+  // Notes that the worker got a task of the tile. No effect if it is not registered.
   void NoteTile(const std::string& worker, TileRef tile);
-  // Whether a worker on the machine was seen since `since_us`.
+  // Whether a worker on the machine called since `since_us`.
   bool Lives(const std::string& machine, int64_t since_us) const;
-  // Of the registered workers. `since_us`: when the first of that size was registered.
+  // Of the registered workers. `since_us`: when the first worker of that size registered.
   LargestWorker Largest() const;
-  // The worker that was last given a task of the tile; empty if no registered worker was.
+  // The worker with the latest task of the tile, if still registered; else empty.
   const std::string& KeeperOf(TileRef tile) const;
-  // The worker's host with its load. `cores`: as the worker reports; else the largest thread limit of its workers.
+  // Load of the worker's host. Unknown cores are replaced by the largest thread limit of its workers.
   HostLoad LoadOf(const std::string& worker) const;
   void DropJob(int job);
-  // Forgets workers without a lease that were not seen since `before_us`.
+  // Removes workers without a lease whose last call was before `before_us`.
   void ForgetSilentWorkers(int64_t before_us);
 
  private:
   std::map<TaskRef, LeaseState> leases_;
   std::map<std::string, WorkerState> workers_;
   std::map<std::string, std::set<std::string>> workers_of_host_;
-  std::map<std::string, int> workers_of_client_;  // none of 0
+  std::map<std::string, int> workers_of_client_;  // counts above 0
   std::map<TileRef, std::string> keepers_;
   int64_t largest_since_us_ = 0;
 };

@@ -1,4 +1,4 @@
-// How a worker gets a task.
+// Grants leases to calling and waiting workers.
 #include <algorithm>
 #include <chrono>
 #include <limits>
@@ -16,10 +16,10 @@ namespace tessera {
 namespace {
 constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
-constexpr std::chrono::milliseconds kLookAgain{500};  // of a call that waits
-constexpr size_t kServedAtOnce = 16;                  // calls, under the mutex
+constexpr std::chrono::milliseconds kLookAgain{500};  // interval of retries for a waiting call
+constexpr size_t kServedAtOnce = 16;                  // calls served per hold of the mutex
 
-// What the task's worker is given, without threads. Needs the core's mutex.
+// The lease of the task, without its number of threads. Needs the core's mutex.
 StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
   const Ledger& ledger = core.ledger();
   const Job& job = ledger.jobs()[ref.job];
@@ -41,7 +41,7 @@ StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
       path = job.header.scene_path + "/" + file.name;
       if (IsCarried(file.name)) {
         const std::vector<std::string> paths = ledger.SceneFilesWith(file.digest);
-        path = paths.empty() ? "" : paths.front();  // if it changed, the blob service tries the others
+        path = paths.empty() ? "" : paths.front();  // the blob service tries the others if it changed
       }
     }
     granted.inputs.push_back({std::move(inputs[i]), std::move(path)});
@@ -81,15 +81,17 @@ StatusOr<std::optional<GrantedLease>> Leases::GrantedBeforeLocked(const std::str
   return granted;
 }
 
-// What is to become of a call.
+// The outcome of one try to serve a call.
 struct Leases::Look {
-  bool waits = false;            // there is nothing for it now
-  std::optional<TaskRef> reuse;  // there is once this task, whose result is known, has succeeded
+  bool waits = false;            // no task for it now
+  std::optional<TaskRef> reuse;  // task with a known result, to complete before the next try
   LeaseAnswer answer = std::nullopt;
-  TaskRef granted = {};  // what the answer gives; task -1: nothing
-  bool anew = false;     // the call began its attempt, and was not only told of it again
+  TaskRef granted = {};  // the leased task; task -1: none
+  bool anew = false;     // the call started the attempt; false: it repeats an earlier lease
 };
 
+// Each return that leaves a ready task to others wakes the next waiting call: one ready task wakes one call, and a call
+// that does not take it would otherwise leave it unleased.
 Leases::Look Leases::LookLocked(const LeaseCall& call) {
   Look look;
   if (Status seen = MarkSeen(core_, call.worker); !seen.ok()) {
@@ -97,14 +99,14 @@ Leases::Look Leases::LookLocked(const LeaseCall& call) {
     return look;
   }
   if (core_.stopped() || (call.gone && call.gone())) {
-    waiting_.WakeNext();  // what it was woken for is another's
+    waiting_.WakeNext();  // passes the task on
     return look;
   }
   if (Status expired = ExpireLocked(); !expired.ok()) {
     look.answer = std::move(expired);
     return look;
   }
-  // Also while the call waits: the one before, whose answer nobody takes, may be given a lease now.
+  // Needed for waiting calls too: an abandoned earlier call with this number may have got the lease.
   look.answer = GrantedBeforeLocked(call.worker, call.call);
   if (!look.answer.ok() || *look.answer) {
     if (look.answer.ok()) look.granted = leases_.FindWorker(call.worker)->granted;
@@ -120,7 +122,7 @@ Leases::Look Leases::LookLocked(const LeaseCall& call) {
                           : now < call.until     ? std::chrono::duration<double>(now - call.asked).count()
                                                  : kForever_s;
   Placement placement;
-  // Nothing is leased that could not be stored: the worker would be thought dead if it never learns of it.
+  // No leases while the journal fails: the worker would not get the lease and would count as silent.
   if (journal_.trouble().ok()) {
     placement = PlaceTask(ledger_, leases_, call.worker, waited_s, environment_.clock->MonotonicUs());
   }
@@ -155,9 +157,9 @@ void Leases::Answer(LeaseCall call, Look look) {
       LeaseState* const lease = leases_.FindCurrent(given.granted, of_worker.worker, attempt);
       if (lease != nullptr && !durable.ok() && given.anew) {
         const Status failed =
-            FailAttempt(core_, given.granted, {ErrorClass::kPreempted, "its lease could not be stored"});
+            FailAttempt(core_, given.granted, {ErrorClass::kPreempted, "the journal could not store its lease"});
         if (!failed.ok()) given.answer = failed;
-      } else if (lease != nullptr) {  // from now on the worker can be silent
+      } else if (lease != nullptr) {  // the worker gets the lease now, so it can expire
         const int64_t now_us = environment_.clock->MonotonicUs();
         lease->expires_us = now_us + Micros(options_.lease_s);
         if (given.anew) lease->moved_us = now_us;
@@ -179,7 +181,7 @@ void Leases::LeaseTask(LeaseCall call) {
     if (look.waits) waiting_.Add(call, look.reuse ? call.asked : std::min(call.until, call.asked + kLookAgain));
     waiting_.Notify();
   }
-  if (earlier) earlier->done(absl::AbortedError("a later call of " + call.worker + " for a task has come"));
+  if (earlier) earlier->done(absl::AbortedError("replaced by a later call of " + call.worker + " for a task"));
   if (!look.waits) Answer(std::move(call), std::move(look));
 }
 
@@ -200,7 +202,7 @@ void Leases::ServeWaiting() {
       Look look = LookLocked(*call);
       reuse = look.reuse;
       if (look.waits) {
-        // In short slices: a back-off may end, a lease expire.
+        // Short intervals, because a retry delay may end or a lease expire.
         const auto look_again = reuse ? now : std::min(call->until, now + kLookAgain);
         waiting_.Add(*std::move(call), look_again);
       } else {
@@ -212,7 +214,7 @@ void Leases::ServeWaiting() {
     const bool reused = !reuse || Reuse(core_, *reuse).ok();
     if (reuse) events_.advance_soon();
     lock.lock();
-    if (!reused) ledger_.ForgetResult(*ledger_.task(*reuse).key);  // then it is made again
+    if (!reused) ledger_.ForgetResult(*ledger_.task(*reuse).key);  // a worker computes it
   }
 }
 

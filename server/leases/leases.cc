@@ -13,10 +13,10 @@
 namespace tessera {
 namespace {
 
-constexpr int64_t kExpiryInterval_us = 100'000;   // between two checks of leases
-constexpr size_t kMaxStatisticsBytes = 64 << 10;  // ours have some hundred a round
+constexpr int64_t kExpiryInterval_us = 100'000;   // between checks of leases
+constexpr size_t kMaxStatisticsBytes = 64 << 10;  // a worker writes some hundred per round
 
-// Every task's go into job.json.
+// Limits the statistics, because job.json contains those of all tasks.
 Status CheckStatistics(const std::string& stats) {
   if (stats.size() > kMaxStatisticsBytes) {
     return InputError("statistics", "", std::to_string(stats.size()) + " bytes",
@@ -25,7 +25,7 @@ Status CheckStatistics(const std::string& stats) {
   return CheckJsonDepth("statistics", stats);
 }
 
-// An output that some later task reads but `outputs` lacks, as a message; empty if all are there.
+// A message about an output that a reader needs and `outputs` lacks; empty if complete.
 std::string MissingOutput(const Job& job, int task, const std::vector<NamedDigest>& outputs) {
   for (const int index : job.tasks[task].readers) {
     const JobTask& reader = job.tasks[index];
@@ -56,7 +56,7 @@ Leases::~Leases() {
 StatusOr<std::string> Leases::RegisterWorker(const WorkerInfo& info) {
   std::lock_guard lock(mutex_);
   TESSERA_RETURN_IF_ERROR(CheckWorkerLimits(leases_, info.client, options_.worker_limits));
-  // The store's start count keeps a worker of before a restart from sharing its name with a new one.
+  // The start count of the store makes names unique across restarts.
   const std::string name =
       "workers/" + std::to_string(environment_.store->StartCount()) + "-" + std::to_string(next_worker_++);
   leases_.AddWorker(name, info, environment_.clock->MonotonicUs());
@@ -78,7 +78,7 @@ StatusOr<std::vector<std::string>> Leases::Heartbeat(const std::string& worker,
     }
     const int64_t now_us = environment_.clock->MonotonicUs();
     lease->expires_us = now_us + Micros(options_.lease_s);
-    // NaN and the like become 0.
+    // NaN becomes 0.
     const double progress = reported.progress >= 0 ? std::min(1.0, reported.progress) : 0.0;
     if (progress != lease->progress || reported.stage != lease->stage) lease->moved_us = now_us;
     lease->progress = progress;
@@ -96,7 +96,7 @@ Status Leases::ExpireLocked() {
   if (static_cast<double>(gap_us) * 1e-6 > options_.stood_still_s) {
     leases_.LeaveOut(gap_us, now_us, Micros(options_.lease_s));
   }
-  // Later than anything that was heard from a worker whose lease expires now.
+  // Later than the last call of a worker whose lease expires now.
   const int64_t since_us = now_us - Micros(options_.lease_s / 2);
   const auto lives = [&](const std::string& machine) { return leases_.Lives(machine, since_us); };
   for (const TaskRef ref : leases_.Expired(now_us)) {
@@ -134,12 +134,12 @@ Status Leases::HandleSuccess(const std::string& worker, const std::string& task,
   }
   {
     std::lock_guard lock(mutex_);
-    MarkSeen(core_, worker).IgnoreError();  // the attempt number is what counts
+    MarkSeen(core_, worker).IgnoreError();  // the attempt number decides
     TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindReported(core_, task));
     const JobTask& target = ledger_.task(ref);
     if (target.state == TaskState::kSucceeded && !target.reused && target.attempt() == attempt &&
         target.worker() == worker) {
-      return absl::OkStatus();  // said twice: the first answer was lost
+      return absl::OkStatus();  // repeated report: the first reply was lost
     }
     TESSERA_RETURN_IF_ERROR(CheckCurrent(core_, ref, worker, attempt));
     if (const Status status = CheckStatistics(result.stats); !status.ok()) {
@@ -192,11 +192,11 @@ Status Leases::HandleUnregister(const std::string& worker) {
   TESSERA_RETURN_IF_ERROR(MarkSeen(core_, worker));
   const std::set<TaskRef> held = leases_.FindWorker(worker)->tasks;
   for (const TaskRef ref : held) {
-    TESSERA_RETURN_IF_ERROR(FailAttempt(core_, ref, {ErrorClass::kPreempted, worker + " has left"}));
+    TESSERA_RETURN_IF_ERROR(FailAttempt(core_, ref, {ErrorClass::kPreempted, worker + " unregistered"}));
   }
   leases_.RemoveWorker(worker);
   core_.Changed();
-  if (waiting_.Wake(worker)) waiting_.Notify();  // its call ends with an error: the worker is unknown
+  if (waiting_.Wake(worker)) waiting_.Notify();  // its waiting call ends with an error
   return absl::OkStatus();
 }
 
@@ -270,7 +270,7 @@ std::set<std::string> Leases::InputsOfLeases(const std::string& worker) const {
   if (known == leases_.workers().end()) return inputs;
   for (const TaskRef ref : known->second.tasks) {
     const auto read = ledger_.InputsOf(ledger_.jobs()[ref.job], ledger_.task(ref).plan);
-    if (!read.ok()) continue;  // it cannot be read now
+    if (!read.ok()) continue;  // an input is being recomputed
     for (const NamedDigest& input : *read) inputs.insert(input.digest.sha256);
   }
   return inputs;

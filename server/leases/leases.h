@@ -1,4 +1,4 @@
-// Workers and their leases: a worker registers, leases tasks, sends heartbeats and reports.
+// Calls of workers: register, lease tasks, send heartbeats, report.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@ struct ReportedProgress {
 };
 
 struct ReportedResult {
-  std::vector<NamedDigest> outputs;  // stored as blobs already
+  std::vector<NamedDigest> outputs;  // already stored as blobs
   std::string stats;
   Warnings warnings;
   TaskUsage usage;
@@ -36,25 +36,24 @@ struct WorkerStatus {
   std::string name;
   WorkerInfo info;
   std::vector<std::string> tasks;
-  double last_seen_s = 0;             // ago
+  double last_seen_s = 0;             // seconds since its last call
   std::string suspended_reason = {};  // empty: not suspended
-  double suspended_s = 0;             // until it is given tasks again
+  double suspended_s = 0;             // until the suspension ends
 };
 
-// What leases need of the rooms above.
+// Callbacks into server/jobs.
 struct LeaseEvents {
-  // Ends an attempt whose worker could not read inputs: those that are lost are made again. Hashes files: may take
-  // long.
+  // Ends an attempt whose worker could not read inputs, and has lost ones recomputed. Hashes files: may take long.
   std::function<Status(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure)>
       lost_inputs;
-  // Has jobs planned and ended, and known results taken, by another thread.
+  // Starts PlanningLoop::Advance in another thread.
   std::function<void()> advance_soon;
 };
 
-// Thread-safe. Calls that thousands of workers may make at once take a completion, `done`: it is called once, also
-// after the core is stopped, without a lock, from any thread, with OK once the change is durable or UNAVAILABLE if that
-// takes too long: the change stands, and the call may be repeated. It must be quick and not wait for the coordinator.
-// On other errors nothing changed.
+// Thread-safe. Calls of workers take a completion, `done`, so that thousands can wait without a thread each. It is
+// called once, without a lock, from any thread, also after the core has stopped: with OK when the change is durable,
+// with UNAVAILABLE if that takes too long (the change stays; repeat the call), or with another error and no change. It
+// must be quick and not wait for the coordinator.
 class Leases {
  public:
   using Done = Journal::Done;
@@ -64,54 +63,54 @@ class Leases {
   // Stops the core and ends all waiting calls first.
   ~Leases();
 
-  // RESOURCE_EXHAUSTED with the limit (Refusal::kLimit) if there are too many workers.
+  // Returns the worker's name. RESOURCE_EXHAUSTED (Refusal::kLimit) if there are too many workers.
   StatusOr<std::string> RegisterWorker(const WorkerInfo& info);
-  // Waits for a task; none if there was none in time. Refusal::kUnknownWorker for a worker that is not registered (it
-  // was forgotten). A worker waits once: a later call ends the earlier one with ABORTED.
+  // Waits for a task; none after wait_s. Refusal::kUnknownWorker if the worker is not registered (any more). A later
+  // call of the same worker ends the earlier one with ABORTED.
   void LeaseTask(LeaseCall call);
-  // If a call of the worker waits, asks it whether its caller has gone.
+  // Ends the worker's waiting call if its caller has disconnected.
   void CheckWaitingCall(const std::string& worker);
-  // Renews leases. Returns the tasks that the worker must stop.
+  // Renews the leases. Returns the tasks that the worker must stop.
   StatusOr<std::vector<std::string>> Heartbeat(const std::string& worker, const std::vector<ReportedProgress>& tasks);
 
-  // Refusal::kNotCurrent if the attempt is not the current one. The same report again is OK. Statistics that are too
-  // large or too deep are refused (INVALID_ARGUMENT) and end the attempt as failed.
+  // Refusal::kNotCurrent if the attempt is not the current one; a repeated report is OK. Statistics that are too large
+  // or too deep give INVALID_ARGUMENT and end the attempt as failed.
   void ReportSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result,
                      Done done);
   void ReportFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure,
                      Done done);
-  // The worker's tasks return to the queue at once.
+  // The worker's tasks become ready at once.
   void UnregisterWorker(const std::string& worker, Done done);
-  // The changes of these calls alone. They are not durable yet, and what follows from them is left to the caller.
+  // The same without waiting for durability and without planning.
   Status HandleSuccess(const std::string& worker, const std::string& task, int attempt, const ReportedResult& result);
   Status HandleFailure(const std::string& worker, const std::string& task, int attempt, const TaskFailure& failure);
   Status HandleUnregister(const std::string& worker);
 
-  // Ends leases that expired and attempts that stall, and forgets workers that are silent.
+  // Ends expired leases and stalled attempts, and removes silent workers.
   Status Expire();
 
   std::vector<WorkerStatus> ListWorkers() const;
-  // Task and attempt of each of the worker's leases. While the list stays the same, so do the inputs.
+  // Task and attempt of each lease of the worker. The inputs are constant while this list is.
   std::vector<std::pair<std::string, int>> LeasesOf(const std::string& worker) const;
-  // SHA-256 of all inputs of the tasks that the worker has leases of.
+  // SHA-256 of all inputs of the tasks leased to the worker.
   std::set<std::string> InputsOfLeases(const std::string& worker) const;
 
  private:
   // The outcome of one try to serve a waiting call.
   struct Look;
 
-  // Those named ...Locked need the core's mutex.
+  // Functions named ...Locked need the core's mutex.
   Status ExpireLocked();
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
-  // The lease that this call was given before, if it is still current.
+  // The lease that an earlier call with this number got, if it is current.
   StatusOr<std::optional<GrantedLease>> GrantedBeforeLocked(const std::string& worker, int64_t call);
   Look LookLocked(const LeaseCall& call);
-  // Not under the mutex.
+  // Call without the mutex.
   void Answer(LeaseCall call, Look look);
-  void ServeWaiting();  // the waiting thread
-  // Calls `done` once `handled` is durable, and has what follows done if anything does.
+  void ServeWaiting();  // body of waiting_thread_
+  // Calls `done` when `handled` is durable, and starts planning if a job needs it.
   void Finish(const Status& handled, Done done);
-  // Whether a job is to be planned or ended, or a known result to be taken.
+  // Whether a job must be planned or ended, or a ready task has a known result.
   bool AdvanceIsDueLocked();
 
   DispatchCore& core_;
@@ -123,9 +122,9 @@ class Leases {
   LeaseTable& leases_ = core_.lease_table();
   WaitingWorkers& waiting_ = core_.waiting();
   Journal& journal_ = core_.journal();
-  int64_t last_expiry_us_ = 0;  // when leases were last checked; 0: never
+  int64_t last_expiry_us_ = 0;  // last check of leases; 0: never
   int next_worker_ = 1;
-  WorkThread examine_thread_;  // hashes inputs that are reported lost
+  WorkThread examine_thread_;  // hashes inputs that were reported lost
   std::thread waiting_thread_;
 };
 

@@ -4,19 +4,19 @@
 
 namespace tessera {
 namespace {
-// Ready tasks of tiles that other workers have had which are passed over for one of a tile that nobody has.
+// Most ready tasks of other workers' tiles that are skipped in search of a tile without a worker.
 constexpr int kStrangersSeen = 256;
 
-// A worker without a tile of its own waits that long and as long as the task takes before it takes one of a tile that
-// another has in memory: to read the tile anew takes longer (delay scheduling, Zaharia et al., EuroSys 2010).
+// A worker waits this long plus the task's predicted time before it takes a task of another worker's tile, because
+// reading the tile again takes longer (delay scheduling, Zaharia et al., EuroSys 2010).
 constexpr double kPatience_s = 1;
 
-// Whether the worker has memory enough for the task, or no worker has and this one is among the largest.
+// Whether the task fits the worker's memory, or fits no worker and this one is among the largest.
 bool Fits(const Ledger& ledger, TaskRef ref, const LeaseTable& leases, const std::string& worker, int64_t now_us) {
   const int64_t needed_bytes = ledger.task(ref).plan.peak_bytes;
   const auto self = leases.workers().find(worker);
   const int64_t has_bytes = self == leases.workers().end() ? 0 : self->second.info.memory_bytes;
-  if (has_bytes == 0 || needed_bytes <= has_bytes) return true;  // 0: not known
+  if (has_bytes == 0 || needed_bytes <= has_bytes) return true;  // 0: unknown
   const LargestWorker largest = leases.Largest();
   return needed_bytes > largest.memory_bytes && has_bytes == largest.memory_bytes &&
          now_us - largest.since_us >= Micros(kLargerWorkerWait_s);
@@ -34,8 +34,8 @@ Placement PlaceTask(Ledger& ledger, LeaseTable& leases, const std::string& worke
   };
   const std::optional<TaskRef> first = ready.First(may_run);
   if (!first || self == nullptr) return {first};
-  // Of the same job rather one of a tile that this worker has had, and may have in memory; else none that another has
-  // had, for some time. Only an order of preference: whatever is ready goes to whoever goes on asking.
+  // Prefer a tile in this worker's memory, then a tile of no other worker. After the wait any task will do, so no
+  // ready task stays unleased.
   for (const TileRef tile : self->recent_tiles) {
     if (tile.job != first->job) continue;
     if (const auto own = ready.FirstOfTile(tile.job, tile.tile, may_run)) return {own};

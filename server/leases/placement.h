@@ -1,4 +1,4 @@
-// Which task a worker gets: one that fits its memory, of the first job, preferably of a tile that the worker has.
+// Selects a worker's task: one that fits its memory, of the first job, preferably of a tile in its memory.
 #pragma once
 
 #include <optional>
@@ -11,11 +11,11 @@ namespace tessera {
 
 struct Placement {
   std::optional<TaskRef> task;
-  // There are tasks, but other workers have their tiles, and this one has not waited long enough to take one of them.
+  // All suitable tasks are of tiles of other workers, and this worker has not waited long enough to take one.
   bool left_to_keepers = false;
 };
 
-// `waited_s`: how long the worker has asked already. `now_us`: Clock::MonotonicUs. Begins and ends delays of retries.
+// `waited_s`: how long the worker has waited. `now_us`: Clock::MonotonicUs. Starts and ends retry delays.
 Placement PlaceTask(Ledger& ledger, LeaseTable& leases, const std::string& worker, double waited_s, int64_t now_us);
 
 }  // namespace tessera

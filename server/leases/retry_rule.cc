@@ -21,7 +21,7 @@ RetryRule RuleOf(ErrorClass error_class, const RetryOptions& options) {
       return {Blame::kTask, options.max_transient, true, true};
     case ErrorClass::kPreempted:
       return {Blame::kNobody, 0, false, false};
-    case ErrorClass::kLostInput:  // not confirmed: whoever confirms it makes the input again instead
+    case ErrorClass::kLostInput:  // not confirmed; Recovery handles confirmed losses
       return {Blame::kWorker, 0, true, true};
     case ErrorClass::kScratch:
       return {Blame::kWorker, 0, false, false};
@@ -40,9 +40,9 @@ RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const
   if (failure.error_class == ErrorClass::kNone) verdict.failure.error_class = ErrorClass::kInternal;
   const bool is_input = failure.error_class == ErrorClass::kInput;
   const RetryRule rule = RuleOf(verdict.failure.error_class, options);
-  // Stalls and faults of workers have one limit, for either may be the other's symptom.
+  // Stalls and internal errors share one limit, because the same fault can cause both.
   const auto kind = [](ErrorClass of) { return of == ErrorClass::kTransient ? ErrorClass::kInternal : of; };
-  int times = 1, counted = 1;  // this time included
+  int times = 1, counted = 1;  // with this one
   std::set<std::string> workers = {task.worker()};
   for (const Attempt& attempt : task.attempts) {
     if (&attempt == &task.attempts.back() || attempt.lease_expired) continue;
@@ -66,7 +66,7 @@ RetryVerdict JudgeSilence(const JobTask& task, bool heard, const std::function<b
   RetryVerdict verdict;
   if (!heard) {
     verdict.failure = {ErrorClass::kPreempted,
-                       "lease expired: " + task.worker() + " was not heard of since the coordinator began anew"};
+                       "lease expired: " + task.worker() + " did not call since the coordinator restarted"};
     return verdict;
   }
   const auto speaks = [&, current = &task.attempts.back()](const Attempt& attempt) {
@@ -78,8 +78,8 @@ RetryVerdict JudgeSilence(const JobTask& task, bool heard, const std::function<b
   verdict.failure = {verdict.final ? ErrorClass::kPoison : ErrorClass::kTransient,
                      "lease expired: " + task.worker() + " fell silent"};
   if (verdict.final) {
-    verdict.failure.message += " over '" + task.plan.name + "', one of " + std::to_string(deaths) +
-                               " workers that did while their machines live on";
+    verdict.failure.message +=
+        " during '" + task.plan.name + "': the task lost " + std::to_string(deaths) + " workers on live machines";
   }
   return verdict;
 }

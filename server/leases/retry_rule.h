@@ -1,11 +1,11 @@
-// What follows from a failed attempt: a retry after a delay, or the end of the task.
+// Decides after a failed attempt: retry after a delay, or permanent failure of the task.
 //
 // The error class decides whether a failure counts against the task, the worker or storage (RuleOf).
-// - Failures of a worker whose tasks other workers then did do not count against tasks (worker_evidence.h).
-// - An attempt that stalls counts against its task. A worker that leaves or drains does not.
-// - A worker that falls silent counts against its task if another worker on its machine (same host, same boot) called
-//   since: then the worker's process ended or hung. If the whole machine is silent, it does not count.
-// - A worker that has not called since the coordinator started does not count: its end was not observed.
+// - Failures of a worker do not count against tasks if others completed its failed tasks (worker_evidence.h).
+// - A stalled attempt counts against its task. A worker that unregisters or drains does not.
+// - A worker that falls silent counts against its task if another worker on its machine (same host and boot) called
+//   since, because then only the process ended or hung. A silent machine does not count.
+// - A worker that has not called since the coordinator started does not count.
 #pragma once
 
 #include <functional>
@@ -17,54 +17,54 @@
 namespace tessera {
 
 struct RetryOptions {
-  int max_transient = 4;       // attempts that may fail by a fault of workers, or stall
-  int max_memory = 2;          // attempts that may run out of memory, each on another worker where there is one
-  int max_input = 2;           // workers that report wrong input; of a single worker, its attempts
-  int max_expired_leases = 3;  // workers that may fall silent on live machines; then the task counts as poison
-  int max_remakes = 5;         // times that a task's result may be lost and made again
-  double first_delay_s = 1;    // back-off: doubles with every failure of the kind
+  int max_transient = 4;       // failed or stalled attempts
+  int max_memory = 2;          // attempts out of memory, on different workers if possible
+  int max_input = 2;           // workers that report wrong input; attempts if there is one worker
+  int max_expired_leases = 3;  // workers that fall silent on live machines; then the task is poison
+  int max_remakes = 5;         // times that a lost result is recomputed
+  double first_delay_s = 1;    // doubles with every failure of the same kind
   double max_delay_s = 60;
-  int max_strikes = 2;   // tasks that a worker failed and other workers did, until it is suspended
-  double suspend_s = 5;  // for how long, the first time; doubles
+  int max_strikes = 2;   // tasks failed here and completed by others before suspension
+  double suspend_s = 5;  // first suspension; doubles each time
   double max_suspend_s = 600;
 };
 
-// What a failure counts against.
+// What a failure counts against. kNobody: nothing.
 enum class Blame { kNobody, kTask, kWorker, kStorage };
 
 struct RetryRule {
   Blame blame = Blame::kTask;
-  int limit = 0;         // attempts that may fail so before the task has failed; 0: any number
-  bool delays = false;   // the next attempt waits, longer every time
-  bool strikes = false;  // if another worker then does the task, this one was wrong
+  int limit = 0;         // failures of this class that end the task; 0: no limit
+  bool delays = false;   // the next attempt waits, twice as long each time
+  bool strikes = false;  // counts against the worker if another one completes the task
 };
 
 RetryRule RuleOf(ErrorClass error_class, const RetryOptions& options);
 
-// What is known about the workers that failed a task.
+// Evidence about the workers that failed a task.
 struct Witnesses {
-  std::function<bool(const std::string& worker)> doubted = {};  // its failures do not count; may be empty: none is
-  bool alone = true;                                            // no other worker is there that could do the task
+  std::function<bool(const std::string& worker)> doubted = {};  // whether its failures are ignored; may be empty
+  bool alone = true;                                            // no other worker can run the task
 };
 
 struct RetryVerdict {
-  bool final = false;   // the task has failed
-  double delay_s = 0;   // else: not again before
-  TaskFailure failure;  // as it is to be recorded
+  bool final = false;   // the task failed permanently
+  double delay_s = 0;   // else: delay of the next attempt
+  TaskFailure failure;  // to be recorded
 };
 
-// `task`: its attempts, of which the last has just ended with `failure`.
+// `failure`: of the last attempt of `task`.
 RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
                           const Witnesses& witnesses = {});
-// The same for one that ended in silence. `heard`: whether its worker was, in the coordinator's present life. `lives`:
-// whether a worker on that machine is there now.
+// The same for an expired lease. `heard`: whether the worker called since the coordinator started. `lives`: whether a
+// worker on that machine is active now.
 RetryVerdict JudgeSilence(const JobTask& task, bool heard, const std::function<bool(const std::string& machine)>& lives,
                           const RetryOptions& options);
 
-// How long a task on `threads` may show no progress before its attempt is ended, though its worker's heartbeats go on:
-// `stall_s`, or ten times what it is predicted to take.
+// Time without progress after which an attempt is ended despite heartbeats: `stall_s` or ten times the predicted time
+// on `threads`, whichever is longer.
 double StallLimit_s(const PlannedTask& plan, int threads, double stall_s);
-// The failure of an attempt that showed none for longer than `limit_s`.
+// The failure of an attempt without progress for `limit_s`.
 TaskFailure StallOf(const LeaseState& lease, double limit_s);
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// Calls of workers that wait for a task, and which of them is woken.
+// The calls of workers that wait for a task, and the order in which they are woken.
 #pragma once
 
 #include <condition_variable>
@@ -15,32 +15,32 @@
 
 namespace tessera {
 
-// At most one call per worker; a call holds no thread. Each ready task wakes one call. A worker that leaves a task to
-// others wakes the next call, until all have been offered the ready tasks. The owner takes out calls that were woken or
-// are due, and adds those again that continue to wait. Not thread-safe.
+// At most one call per worker; a call holds no thread. Each ready task wakes one call. A worker that does not take the
+// task wakes the next call, until all have tried. The owner takes out woken and due calls, and adds those again that
+// continue to wait. Not thread-safe.
 class WaitingWorkers {
  public:
   using Time = LeaseCall::Time;
 
-  // The call waits until it is woken, or `due`. No other call of its worker may wait.
+  // The call waits until woken or `due`. Precondition: no other call of its worker waits.
   void Add(LeaseCall call, Time due);
-  // There are ready tasks that the waiting calls have not been offered.
+  // Call for new ready tasks: WakeNext may wake every waiting call once more.
   void ReadyHasGrown() { ++generation_; }
-  // False if this worker does not wait, or is woken already.
+  // False if the worker does not wait or is already woken.
   bool Wake(const std::string& worker);
-  // Wakes the call that has waited longest, unless it was offered the ready tasks already. False if all were.
+  // Wakes the longest waiting call that has not tried the ready tasks. False if all have.
   bool WakeNext();
   void WakeAll();
-  // When TakeDue will return a call: in the past if now; none if no call waits.
+  // Time at which TakeDue has a call (in the past: now); none if no call waits.
   std::optional<Time> NextDue() const;
-  // A call that was woken or is due.
+  // Removes and returns a woken or due call.
   std::optional<LeaseCall> TakeDue(Time now);
   std::optional<LeaseCall> Take(const std::string& worker);
 
-  // Sleeps until TakeDue has a call, and returns the time to pass to it; none once End was called and no worker waits.
-  // `lock`: of the mutex that guards this. One thread may call it.
+  // Sleeps until TakeDue has a call and returns the time to pass to it; none after End if no call waits. `lock`: of the
+  // mutex that guards this object. Call from one thread only.
   std::optional<Time> AwaitDue(std::unique_lock<std::mutex>& lock);
-  // Ends AwaitDue's sleep if a call is due before that would end. To be called after all else that may make one due.
+  // Wakes AwaitDue if a call is due earlier than it sleeps. Call after every change that can make a call due.
   void Notify();
   void End();
 
@@ -55,12 +55,12 @@ class WaitingWorkers {
   void WakeOne(Waiter& waiter);
 
   std::condition_variable due_changed_;
-  Time sleeps_until_ = Time::min();  // AwaitDue; min: it does not sleep
+  Time sleeps_until_ = Time::min();  // of AwaitDue; min: not sleeping
   bool ends_ = false;
   int64_t generation_ = 0;
   std::map<std::string, Waiter> of_worker_;
-  std::list<Waiter*> waiting_;                 // not woken yet, the longest first: so ascending in `seen`
-  std::list<Waiter*> woken_;                   // the first woken first
+  std::list<Waiter*> waiting_;                 // not woken, longest wait first, so ascending in `seen`
+  std::list<Waiter*> woken_;                   // in the order of waking
   std::set<std::pair<Time, Waiter*>> by_due_;  // not woken
 };
 

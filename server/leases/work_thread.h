@@ -1,4 +1,4 @@
-// A thread for work that its caller must not wait for.
+// A thread that runs work in the background.
 #pragma once
 
 #include <condition_variable>
@@ -9,11 +9,11 @@
 
 namespace tessera {
 
-// Runs its work items one after the other. Thread-safe.
+// Runs work items one at a time, in order. Thread-safe.
 class WorkThread {
  public:
   WorkThread() : thread_([this] { Run(); }) {}
-  // Runs all items first.
+  // Runs all queued items first.
   ~WorkThread();
   void Do(std::function<void()> work);
 

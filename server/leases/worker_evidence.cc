@@ -7,14 +7,14 @@
 namespace tessera {
 namespace {
 
-// Ended as it did by the task or the worker, and not by what is about them.
+// Whether the task or the worker caused the failure, not storage or the network.
 bool Failed(const Attempt& attempt) {
   if (attempt.lease_expired || attempt.failure->error_class == ErrorClass::kNone) return false;
   const RetryRule rule = RuleOf(attempt.failure->error_class, {});
   return rule.blame == Blame::kTask || rule.strikes;
 }
 
-// A worker that works, or asks for work, is heard of every second.
+// Workers call about every second, both while running a task and while waiting.
 constexpr int64_t kHeardLately_us = 15'000'000;
 
 bool IsThere(const WorkerState& worker, int64_t now_us) {
@@ -64,7 +64,7 @@ std::vector<SuspendedWorker> NoteFailure(const JobTask& task, const TaskFailure&
   if (failure.error_class == ErrorClass::kScratch) {
     return {Suspend(task.worker(), failure.message, options, now_us, *worker)};
   }
-  // It was let try again, and goes on as before.
+  // It failed again after a suspension.
   if (rule.strikes && worker->strikes >= options.max_strikes) {
     return {Suspend(task.worker(), worker->suspended_reason, options, now_us, *worker)};
   }
@@ -86,10 +86,10 @@ std::vector<SuspendedWorker> NoteSuccess(const JobTask& task, const std::string&
     WorkerState* const other = leases.FindWorker(attempt.worker);
     if (other == nullptr || !struck.insert(attempt.worker).second) continue;
     if (++other->strikes < options.max_strikes || IsSuspended(*other, now_us)) continue;
-    suspended.push_back(
-        Suspend(attempt.worker,
-                "it failed tasks that others did, the last '" + task.plan.name + "': " + attempt.failure->message,
-                options, now_us, *other));
+    suspended.push_back(Suspend(
+        attempt.worker,
+        "it failed tasks that other workers completed, the last '" + task.plan.name + "': " + attempt.failure->message,
+        options, now_us, *other));
   }
   return suspended;
 }

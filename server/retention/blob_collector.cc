@@ -7,13 +7,15 @@
 namespace tessera {
 namespace {
 
-// Age at which the files of unfinished writes are deleted.
+// Age at which files of unfinished writes are deleted.
 constexpr double kLeftover_s = 86400;
 
 }  // namespace
 
 using Kind = BlobEntry::Kind;
 
+// A blob is written before any record refers to it, so a blob without reference may be a new one. So both its file and
+// the time for which passes found it unreferenced must exceed the grace period.
 StatusOr<Collected> BlobCollector::Pass(const std::function<bool()>& stop) {
   struct Spare {
     int64_t since_us = 0;

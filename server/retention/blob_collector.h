@@ -1,4 +1,4 @@
-// Removes blobs that no job refers to, quarantined blobs that have expired, and spare ones if the folder is too large.
+// Removes unreferenced blobs, expired quarantined blobs, and recomputable ones if the folder is too large.
 #pragma once
 
 #include <cstdint>
@@ -16,12 +16,12 @@
 namespace tessera {
 
 struct CollectorOptions {
-  // A blob is removed if no job referred to it in any pass during this running time, and its file is that old: a blob
-  // is stored before the report that names it.
+  // A blob is removed if no pass during this running time found a reference to it and its file is as old. A blob is
+  // stored before the report that refers to it.
   double grace_s = 3600;
-  double keep_quarantined_s = 0;  // quarantined blobs, which are kept for inspection; 0: for ever
-  // If the folder has more bytes, quarantined blobs are removed, the oldest first, then blobs that only tasks of ended
-  // jobs read, of the oldest jobs first; 0: no limit.
+  double keep_quarantined_s = 0;  // how long quarantined blobs are kept for inspection; 0: for ever
+  // Above this size quarantined blobs are removed, oldest first, then intermediate results of ended jobs, oldest job
+  // first; 0: no limit.
   int64_t limit_bytes = 0;
 };
 
@@ -31,21 +31,21 @@ struct Collected {
   int64_t bytes_left = 0;
 };
 
-// Marks and sweeps; the coordinator's other work does not wait for it. Not thread-safe: one thread calls Pass.
+// Mark and sweep beside the coordinator's other work. Not thread-safe: call Pass from one thread.
 class BlobCollector {
  public:
-  // All must outlive the collector.
+  // All pointers must outlive the collector.
   BlobCollector(Reclaimer* reclaimer, const BlobStore* blobs, const Clock* clock, const CollectorOptions& options)
       : reclaimer_(reclaimer),
         blobs_(blobs),
         clock_(clock),
         options_(options),
         quarantine_retention_(options.keep_quarantined_s) {}
-  // One pass over all files. Ends early if `stop` returns true.
+  // One pass over all files. Ends early if `stop` returns true. Returns the errors of removal.
   StatusOr<Collected> Pass(const std::function<bool()>& stop = {});
 
  private:
-  // Takes those that have expired off the list.
+  // Removes the expired blobs from the list and returns them.
   std::vector<BlobEntry> TakeExpired(std::vector<BlobEntry>& quarantined);
 
   Reclaimer* const reclaimer_;

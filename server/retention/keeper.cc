@@ -11,7 +11,7 @@ namespace {
 using Steady = std::chrono::steady_clock;
 
 constexpr std::chrono::seconds kFreeInterval{1}, kJobsInterval{60}, kBlobsInterval{600};
-constexpr std::chrono::milliseconds kFreePause{5};  // between two steps, for others
+constexpr std::chrono::milliseconds kFreePause{5};  // pause between steps, for other threads
 
 }  // namespace
 
@@ -42,7 +42,7 @@ void Keeper::Run() {
     const StatusOr<bool> more = reclaimer_.FreeDeleted();
     const std::string error = more.ok() ? "" : std::string(more.status().message());
     if (!error.empty() && error != last_error) {
-      LogEvent(LogLevel::kWarning, "records of deleted jobs are not removed yet", {{"reason", error}});
+      LogEvent(LogLevel::kWarning, "cannot remove records of deleted jobs, will retry", {{"reason", error}});
     }
     last_error = error;
     if (Steady::now() >= next_jobs) LookAtJobs(), next_jobs = Steady::now() + kJobsInterval;
@@ -56,13 +56,14 @@ void Keeper::Run() {
 void Keeper::LookAtJobs() {
   const StatusOr<int> deleted = reclaimer_.DeleteExpired(retention_);
   if (deleted.ok()) return;
-  LogEvent(LogLevel::kWarning, "old jobs are not deleted yet", {{"reason", std::string(deleted.status().message())}});
+  LogEvent(LogLevel::kWarning, "cannot delete expired jobs, will retry",
+           {{"reason", std::string(deleted.status().message())}});
 }
 
 void Keeper::LookAtBlobs() {
   const StatusOr<Collected> collected = collector_.Pass([this] { return stopped(); });
   if (!collected.ok()) {
-    LogEvent(LogLevel::kWarning, "blobs are not collected yet",
+    LogEvent(LogLevel::kWarning, "cannot collect blobs, will retry",
              {{"reason", std::string(collected.status().message())}});
   } else if (collected->files > 0) {
     LogEvent(LogLevel::kInfo, "blobs collected",

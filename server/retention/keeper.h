@@ -13,14 +13,14 @@
 namespace tessera {
 
 struct KeeperOptions {
-  double keep_s = 0;  // of jobs that have ended; 0: for ever
+  double keep_s = 0;  // how long ended jobs are kept; 0: for ever
   CollectorOptions collector;
 };
 
-// Runs from construction to destruction. Failures are logged, and the work is tried again.
+// Runs from construction to destruction. Logs errors and retries.
 class Keeper {
  public:
-  // All must outlive the keeper.
+  // All arguments must outlive the keeper.
   Keeper(DispatchCore& core, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options);
   ~Keeper();
 
@@ -36,7 +36,7 @@ class Keeper {
   std::mutex mutex_;
   std::condition_variable stop_;
   bool stopped_ = false;
-  std::thread thread_;  // last
+  std::thread thread_;  // last: uses all others
 };
 
 }  // namespace tessera

@@ -10,19 +10,21 @@
 namespace tessera {
 namespace {
 
-constexpr int kTasksAtOnce = 256;                          // under the mutex
-constexpr size_t kRemovedAtOnce = 64;                      // files, while reports wait
-constexpr int kFreedTasks = 1000, kRemovedRecords = 1000;  // at once: others wait for that long
+constexpr int kTasksAtOnce = 256;                          // per hold of the mutex
+constexpr size_t kRemovedAtOnce = 64;                      // files per hold of BlobUse::mutex
+constexpr int kFreedTasks = 1000, kRemovedRecords = 1000;  // per step
 
 }  // namespace
 
+// Releases the mutex after a few tasks, because a city has millions. References that change between two holds are in
+// BlobUse::since, which RemoveBlobs checks.
 BlobReferences Reclaimer::CollectReferences() {
   BlobReferences references;
   {
     std::lock_guard lock(mutex_);
     core_.blob_use().since.Start();
   }
-  // What is referred to from now on is noted, so that jobs may change while they are gone through.
+  // New references are noted from now on, so jobs may change between the steps.
   for (int job = 0, task = 0;; ++job, task = 0) {
     for (bool more = true; more;) {
       std::lock_guard lock(mutex_);
@@ -85,14 +87,14 @@ StatusOr<int> Reclaimer::DeleteExpired(Retention& retention) {
   const std::vector<int> expired =
       retention.Expired(ended, environment_.clock->UnixTimeUs(), environment_.clock->MonotonicUs());
   int deleted = 0;
-  // The newest first: what goes on from a job is newer.
+  // Newest first: an update is newer than its base.
   for (auto place = expired.rbegin(); place != expired.rend(); ++place) {
     const auto& [name, end_us] = ended[*place];
     std::lock_guard lock(mutex_);
     const auto job = ledger_.FindJob(name);
-    if (!job.ok() || ledger_.jobs()[*job].header.end_us != end_us) continue;  // it goes on
-    const Status status = CommitDeletion(core_, name, "kept for long enough");
-    if (absl::IsFailedPrecondition(status)) continue;  // another needs it
+    if (!job.ok() || ledger_.jobs()[*job].header.end_us != end_us) continue;  // retried
+    const Status status = CommitDeletion(core_, name, "its retention time is over");
+    if (absl::IsFailedPrecondition(status)) continue;  // base of another job
     TESSERA_RETURN_IF_ERROR(status);
     ++deleted;
   }

@@ -11,19 +11,20 @@
 
 namespace tessera {
 
-// Each call holds the core's mutex for short times only. Thread-safe, but for one collection of blobs at a time.
+// Holds the core's mutex for short times only. Thread-safe, except that only one collection of blobs may run at a time.
+// Errors are those of the stores.
 class Reclaimer {
  public:
   // `core` must outlive this.
   explicit Reclaimer(DispatchCore& core) : core_(core) {}
 
-  // Deletes the jobs that have expired and that no other needs. Returns how many.
+  // Deletes expired jobs that are not the base of another job. Returns their number.
   StatusOr<int> DeleteExpired(Retention& retention);
-  // Frees a part of the memory and of the stored records of deleted jobs. False if nothing is left.
+  // Frees some memory and stored records of deleted jobs. False if nothing is left.
   StatusOr<bool> FreeDeleted();
-  // Blobs that jobs refer to. References that are added later are noted, until the next call.
+  // All blobs that jobs refer to. Later references are noted until the next call.
   BlobReferences CollectReferences();
-  // Removes those of the files that no job has come to refer to since CollectReferences. Returns those that it removed.
+  // Removes the files without a new reference since CollectReferences. Returns the removed ones.
   StatusOr<std::vector<BlobEntry>> RemoveBlobs(const std::vector<BlobEntry>& files);
 
  private:

@@ -1,4 +1,4 @@
-// Which kept things have expired.
+// Decides which jobs and quarantined blobs have expired.
 #pragma once
 
 #include <cstdint>
@@ -10,19 +10,19 @@ namespace tessera {
 
 struct KeptThing {
   std::string name;
-  int64_t since_us = 0;  // Unix time; 0: not known
+  int64_t since_us = 0;  // Unix time; 0: unknown
 };
 
-// A thing expires once every call during kConfirm_s of running time found it older than `keep_s`. So a wrong clock
-// deletes nothing if it is corrected within that time. A restart restarts the confirmation. Not thread-safe.
+// A thing expires if every call during kConfirm_s of running time found it older than `keep_s`. So a wrong clock
+// deletes nothing if corrected within that time. A restart begins the confirmation again. Not thread-safe.
 class Retention {
  public:
   static constexpr double kConfirm_s = 6 * 3600;
 
-  // `keep_s`: 0: for ever.
+  // `keep_s`: 0 means for ever.
   explicit Retention(double keep_s) : keep_s_(keep_s) {}
 
-  // `things`: all that are kept. Returns the indices of those that have expired. Those of unknown age stay.
+  // `things`: all kept things. Returns the indices of expired ones; those of unknown age never expire.
   std::vector<int> Expired(const std::vector<KeptThing>& things, int64_t unix_us, int64_t monotonic_us);
 
  private:

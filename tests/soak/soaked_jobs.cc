@@ -39,7 +39,7 @@ std::string ResultOf(int errand) {
 
 // What may fail a task when workers and files are lost again and again.
 bool IsBySoak(const std::string& error) {
-  return error.find("(poison") != std::string::npos || error.find("workers that did while") != std::string::npos ||
+  return error.find("(poison") != std::string::npos || error.find("workers on live machines") != std::string::npos ||
          error.find("and lost every time") != std::string::npos;
 }
 

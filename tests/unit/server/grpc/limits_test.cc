@@ -88,7 +88,7 @@ TEST_F(LimitsTest, JobsOfAClientAndOfAll) {
   ASSERT_TRUE(Submit(&job, "a").ok());
   ASSERT_TRUE(Submit(&job).ok());
   const Status refused = Submit(&job);
-  ExpectLimit(refused, "jobs of 'ipv4:127.0.0.1' that have not ended", 2, "--max-jobs-of-client");
+  ExpectLimit(refused, "jobs of 'ipv4:127.0.0.1' that are active", 2, "--max-jobs-of-client");
   EXPECT_EQ(RetryDelayOf(refused), 0) << "nobody knows when";
   EXPECT_TRUE(Submit(&job, "a").ok()) << "it is there already";
   EXPECT_TRUE(CreateJob(&job, "", /*validate_only=*/true).ok());
@@ -98,10 +98,10 @@ TEST_F(LimitsTest, JobsOfAClientAndOfAll) {
   ASSERT_TRUE(coordinator_->jobs().CancelJob("jobs/1").ok());
   ASSERT_TRUE(Submit(&job).ok());
   ASSERT_TRUE(coordinator_->jobs().CancelJob("jobs/2").ok());
-  ExpectLimit(Submit(&job), "jobs that are kept", 4, "--max-kept-jobs");
+  ExpectLimit(Submit(&job), "stored jobs", 4, "--max-kept-jobs");
   ASSERT_TRUE(coordinator_->jobs().DeleteJob("jobs/1", "").ok());
   ASSERT_TRUE(Submit(&job).ok());
-  ExpectLimit(coordinator_->jobs().CreateJob(AJob(1)).status(), "jobs that have not ended", 3, "--max-jobs");
+  ExpectLimit(coordinator_->jobs().CreateJob(AJob(1)).status(), "active jobs", 3, "--max-jobs");
 }
 
 TEST_F(LimitsTest, SubmitLimitIsPerClient) {

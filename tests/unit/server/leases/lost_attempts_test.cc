@@ -1,4 +1,4 @@
-// Attempts that end before their task has: who is to blame, and when the next one begins.
+// Attempts that end early: what they count against, and when the next one starts.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -15,8 +15,8 @@ using testing::IsEmpty;
 
 using LostAttemptsTest = CoordinatorTest;
 
-// The machine's time may be set; what was to be waited for stays what it was.
-TEST_F(LostAttemptsTest, DelaysDoNotFollowTheClockOnTheWall) {
+// A change of the system time does not change delays.
+TEST_F(LostAttemptsTest, DelaysDoNotFollowTheSystemClock) {
   Create(AJob(1));
   const std::string worker = Worker();
   ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kTransient).ok());
@@ -29,7 +29,7 @@ TEST_F(LostAttemptsTest, DelaysDoNotFollowTheClockOnTheWall) {
   ASSERT_TRUE(Fail(worker, *second, ErrorClass::kTransient).ok());
   clock_.SetBy(+7200);
   EXPECT_FALSE(Lease(worker)) << "2 s have not passed";
-  // After a restart the whole delay once more, at most.
+  // A restart starts the delay again.
   clock_.Advance(1.5);
   Restart();
   clock_.SetBy(-7200);
@@ -40,7 +40,7 @@ TEST_F(LostAttemptsTest, DelaysDoNotFollowTheClockOnTheWall) {
   EXPECT_TRUE(Lease(other));
 }
 
-TEST_F(LostAttemptsTest, DelaysOfEarlierRecordsAreUnderstood) {
+TEST_F(LostAttemptsTest, DelaysOfEarlierReleasesAreRead) {
   Create(AJob(1));
   const std::string worker = Worker();
   ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kTransient).ok());
@@ -58,8 +58,8 @@ TEST_F(LostAttemptsTest, DelaysOfEarlierRecordsAreUnderstood) {
   EXPECT_TRUE(Lease(other));
 }
 
-// A tile that kills its workers: the machine is there, and starts them again.
-TEST_F(LostAttemptsTest, ThreeWorkersThatDieOnMachinesThatLiveMakeATaskPoison) {
+// A tile that kills its workers: their machines stay alive and restart them.
+TEST_F(LostAttemptsTest, ThreeDeadWorkersOnLiveMachinesMakeATaskPoison) {
   const std::string job = Create(AJob(1));
   for (int i = 0; i < 3; ++i) {
     ASSERT_EQ(Job(job).header.state, i == 0 ? JobState::kQueued : JobState::kRunning);
@@ -70,22 +70,22 @@ TEST_F(LostAttemptsTest, ThreeWorkersThatDieOnMachinesThatLiveMakeATaskPoison) {
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPoison);
-  EXPECT_THAT(Job(job).header.error, HasSubstr("fell silent over 'read the scene', one of 3 workers that did while"));
+  EXPECT_THAT(Job(job).header.error, HasSubstr("fell silent during 'read the scene': the task lost 3 workers on live"));
 }
 
-// A coordinator that begins anew again and again over one task, each time for too short for its worker to find it.
-TEST_F(LostAttemptsTest, WorkersThatARestartLosesSayNothingAboutTheTask) {
+// A coordinator that restarts repeatedly during one task, before the task's worker can call it.
+TEST_F(LostAttemptsTest, WorkersLostInRestartsDoNotCountAgainstTheTask) {
   const std::string job = Create(AJob(1));
   for (int i = 0; i < 5; ++i) {
     ASSERT_TRUE(Lease(Worker())) << i;
     Restart();
     clock_.Advance(31);
-    Worker();  // the machine lives
+    Worker();  // the machine is alive
     ASSERT_TRUE(coordinator_->Tick().ok());
     EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady);
     EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPreempted);
   }
-  // One that is heard of and then falls silent is what it was.
+  // A worker that calls and then falls silent counts.
   for (int i = 0; i < 3; ++i) {
     ASSERT_EQ(Job(job).header.state, JobState::kRunning);
     const std::string worker = Worker();
@@ -100,8 +100,8 @@ TEST_F(LostAttemptsTest, WorkersThatARestartLosesSayNothingAboutTheTask) {
   EXPECT_EQ(Task(job, 0).task.error->error_class, ErrorClass::kPoison);
 }
 
-// A suspended machine, a debugger: nobody could be heard. After it the lease is what it was before.
-TEST_F(LostAttemptsTest, TimeInWhichTheCoordinatorStoodStillIsNoSilence) {
+// A suspended coordinator receives no calls. Afterwards the lease has as much time left as before.
+TEST_F(LostAttemptsTest, SuspensionOfTheCoordinatorDoesNotCountAsSilence) {
   options_.stood_still_s = 15;
   Restart();
   const std::string job = Create(AJob(1));
@@ -113,14 +113,14 @@ TEST_F(LostAttemptsTest, TimeInWhichTheCoordinatorStoodStillIsNoSilence) {
   ASSERT_TRUE(coordinator_->Tick().ok());
   clock_.Advance(14);
   ASSERT_TRUE(coordinator_->Tick().ok());
-  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased) << "24 s of 30 were listened to";
+  EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased) << "24 s of 30 have passed";
   clock_.Advance(7);
   ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kReady) << "31 s of silence";
 }
 
-// Spot machines: some vanish, others say that they go, one comes back as another boot; over one task, for a night.
-TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
+// Spot machines: some vanish, some unregister, one comes back after a reboot, all during one task.
+TEST_F(LostAttemptsTest, VanishedMachinesDoNotCountAgainstTheTask) {
   const std::string job = Create(AJob(1));
   for (int i = 0; i < 30; ++i) {
     const std::string worker = Worker("spot/" + std::to_string(i));
@@ -131,7 +131,7 @@ TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
     } else if (i % 3 == 1) {
       ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kPreempted).ok());
     } else {
-      // Two workers of one machine, of which the other was heard last.
+      // Two workers of one machine; the other one called last.
       const std::string other = Worker("spot/" + std::to_string(i));
       clock_.Advance(1);
       ASSERT_TRUE(coordinator_->leases().Heartbeat(other, {}).ok());
@@ -145,7 +145,7 @@ TEST_F(LostAttemptsTest, MachinesThatAreTakenAwaySayNothingAboutTheTask) {
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
-TEST_F(LostAttemptsTest, AnAttemptWithoutProgressIsEndedThoughItsWorkerLives) {
+TEST_F(LostAttemptsTest, StalledAttemptEndsDespiteHeartbeats) {
   const std::string job = Create(AJob(1));
   const std::string hung = Worker();
   const auto lease = Lease(hung);
@@ -155,7 +155,7 @@ TEST_F(LostAttemptsTest, AnAttemptWithoutProgressIsEndedThoughItsWorkerLives) {
     EXPECT_TRUE(coordinator_->Tick().ok());
     return *coordinator_->leases().Heartbeat(hung, {{lease->task, 1, progress, stage}});
   };
-  for (int i = 0; i < 60; ++i) ASSERT_THAT(beat(0.01 * (i / 20), "reading"), IsEmpty()) << "every 400 s it moves";
+  for (int i = 0; i < 60; ++i) ASSERT_THAT(beat(0.01 * (i / 20), "reading"), IsEmpty()) << "progress every 400 s";
   for (int i = 0; i < 20; ++i) ASSERT_THAT(beat(0.02, "checking " + std::to_string(i / 10)), IsEmpty());
   for (int i = 0; i < 21; ++i) ASSERT_THAT(beat(0.02, "checking 1"), IsEmpty());
   const std::string other = Worker();

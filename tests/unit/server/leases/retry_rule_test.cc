@@ -8,7 +8,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// A task whose last attempt has just ended; those before it as given.
+// A task with these earlier attempts and a last one that has just ended.
 JobTask After(std::vector<Attempt> attempts, const std::string& machine = "m") {
   JobTask task;
   task.plan.name = "refine tile 3";
@@ -25,7 +25,7 @@ Attempt Silent(const std::string& machine) {
 bool AllLive(const std::string&) { return true; }
 bool NoneLives(const std::string&) { return false; }
 
-TEST(RetryRule, ReportsOfFailureCountByTheirKind) {
+TEST(RetryRule, FailuresCountByClass) {
   const RetryOptions options;
   const auto judge = [&](std::vector<Attempt> before, ErrorClass now) {
     return JudgeFailure(After(std::move(before)), {now, "it broke"}, options);
@@ -41,8 +41,8 @@ TEST(RetryRule, ReportsOfFailureCountByTheirKind) {
   EXPECT_EQ(judge({}, ErrorClass::kNone).failure.error_class, ErrorClass::kInternal);
 }
 
-// Neither the worker's scratch, nor storage, nor the way there, nor an input that is whole, say anything about a task.
-TEST(RetryRule, WhatIsAboutATaskNeverFailsIt) {
+// Failures of scratch folders, storage and the network, and unconfirmed lost inputs, do not count against a task.
+TEST(RetryRule, CausesOutsideTheTaskNeverFailIt) {
   for (const ErrorClass error_class : {ErrorClass::kScratch, ErrorClass::kStorage, ErrorClass::kPeer,
                                        ErrorClass::kLostInput, ErrorClass::kPreempted}) {
     const RetryVerdict verdict =
@@ -53,7 +53,7 @@ TEST(RetryRule, WhatIsAboutATaskNeverFailsIt) {
   }
 }
 
-TEST(RetryRule, AnInputIsWrongOnTheWordOfTwo) {
+TEST(RetryRule, InputIsWrongIfTwoWorkersReportIt) {
   Witnesses several;
   several.alone = false;
   const Attempt by_one = Failed(ErrorClass::kInput);  // workers/1-1; After adds workers/1-9
@@ -69,10 +69,10 @@ TEST(RetryRule, AnInputIsWrongOnTheWordOfTwo) {
   EXPECT_EQ(judge({}, {}).delay_s, 1);
   EXPECT_TRUE(judge({same}, {}).final);
   several.doubted = [](const std::string& worker) { return worker == "workers/1-1"; };
-  EXPECT_FALSE(judge({by_one}, several).final) << "who was wrong before";
+  EXPECT_FALSE(judge({by_one}, several).final) << "the first worker is not trusted";
 }
 
-TEST(RetryRule, WhoLeavesSaysNothingAboutTheTask) {
+TEST(RetryRule, UnregisteringDoesNotCountAgainstTheTask) {
   const std::vector<Attempt> left(100, Failed(ErrorClass::kPreempted));
   const RetryVerdict verdict = JudgeFailure(After(left), {ErrorClass::kPreempted, "it has left"}, {});
   EXPECT_FALSE(verdict.final);
@@ -80,20 +80,20 @@ TEST(RetryRule, WhoLeavesSaysNothingAboutTheTask) {
   EXPECT_EQ(JudgeFailure(After(left), {ErrorClass::kTransient, ""}, {}).delay_s, 1);
 }
 
-TEST(RetryRule, SilenceCountsWhereTheMachineLivesOn) {
+TEST(RetryRule, SilenceCountsIfTheMachineIsAlive) {
   EXPECT_FALSE(JudgeSilence(After({Silent("m")}), true, AllLive, {}).final);
   const RetryVerdict third =
       JudgeSilence(After({Silent("m"), Failed(ErrorClass::kPreempted), Silent("n")}), true, AllLive, {});
   EXPECT_TRUE(third.final);
   EXPECT_EQ(third.failure.error_class, ErrorClass::kPoison);
-  EXPECT_THAT(third.failure.message, HasSubstr("workers/1-9 fell silent over 'refine tile 3', one of 3"));
+  EXPECT_THAT(third.failure.message, HasSubstr("workers/1-9 fell silent during 'refine tile 3': the task lost 3"));
   EXPECT_FALSE(JudgeSilence(After(std::vector<Attempt>(50, Silent("gone"))), true, NoneLives, {}).final);
-  // One that came back later counts then.
+  // A machine that comes back later makes the silence count.
   const auto lives = [](const std::string& machine) { return machine != "gone"; };
   EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("gone")}), true, lives, {}).final);
   EXPECT_TRUE(JudgeSilence(After({Silent("a"), Silent("gone"), Silent("b")}), true, lives, {}).final);
   EXPECT_FALSE(JudgeSilence(After({Silent("a"), Silent("b")}, "gone"), true, lives, {}).final);
-  // Of a worker that was not heard of since the coordinator began anew nobody knows when it fell silent, and why.
+  // A worker that has not called since the coordinator restarted does not count.
   const RetryVerdict unheard = JudgeSilence(After({Silent("a"), Silent("b")}), false, AllLive, {});
   EXPECT_FALSE(unheard.final);
   EXPECT_EQ(unheard.failure.error_class, ErrorClass::kPreempted);
@@ -103,7 +103,7 @@ TEST(RetryRule, SilenceCountsWhereTheMachineLivesOn) {
   EXPECT_TRUE(JudgeSilence(After({Silent("a"), before, Silent("b")}), true, AllLive, {}).final);
 }
 
-TEST(RetryRule, AnAttemptMayStandStillForTenTimesItsTask) {
+TEST(RetryRule, StallLimitIsTenTimesThePredictedTime) {
   PlannedTask plan;
   plan.cost = 100;
   EXPECT_EQ(StallLimit_s(plan, 2, 600), 600);

@@ -1,4 +1,4 @@
-// Calls that wait, for a task or until what they told is stored, without a thread for each.
+// Calls that wait for a task or for durability, without a thread each.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,10 +20,10 @@ using testing::Pair;
 
 class WaitingCallsTest : public CoordinatorTest {
  protected:
-  // Ends the calls that wait: they tell this object.
+  // Ends the waiting calls, which call into this object.
   ~WaitingCallsTest() override { coordinator_.reset(); }
 
-  // Who was answered, and what: the title of a task, "-" for none, or a status.
+  // Worker and reply of each answered call: the title of a task, "-" for none, or a status.
   using Answers = std::vector<std::pair<std::string, std::string>>;
 
   void Ask(const std::string& worker, double wait_s, const std::function<bool()>& gone = {}, int64_t call = 0) {
@@ -41,7 +41,7 @@ class WaitingCallsTest : public CoordinatorTest {
     };
   }
   void Note(Coordinator& at, const std::string& who, const std::string& what) {
-    at.core().WaitForChange(0, 0);  // takes the core's mutex: no completion is called under it
+    at.core().WaitForChange(0, 0);  // takes the core's mutex, which no completion may be called under
     std::lock_guard lock(mutex_);
     answers_.emplace_back(who, what);
     changed_.notify_all();
@@ -58,7 +58,7 @@ class WaitingCallsTest : public CoordinatorTest {
   Answers answers_;
 };
 
-TEST_F(WaitingCallsTest, ATaskThatComesIsGivenToOneThatWaits) {
+TEST_F(WaitingCallsTest, NewTaskGoesToAWaitingWorker) {
   const std::string first = Worker(), second = Worker();
   Ask(first, 3600);
   Ask(second, 3600);
@@ -69,8 +69,8 @@ TEST_F(WaitingCallsTest, ATaskThatComesIsGivenToOneThatWaits) {
   EXPECT_THAT(Await(2), ElementsAre(_, Pair(second, "-")));
 }
 
-// What follows from a report is planned though nobody waits for it.
-TEST_F(WaitingCallsTest, EachOfManyIsGivenOne) {
+// A report starts planning even if no worker waits.
+TEST_F(WaitingCallsTest, EachWaitingWorkerGetsOneTask) {
   constexpr int kCount = 300;
   const std::string planner = Worker();
   Create(AJob(kCount));
@@ -88,14 +88,14 @@ TEST_F(WaitingCallsTest, EachOfManyIsGivenOne) {
   EXPECT_TRUE(what.contains("OK") && !what.contains("-"));
 }
 
-TEST_F(WaitingCallsTest, ACallEndsInTime) {
+TEST_F(WaitingCallsTest, CallEndsAfterItsWait) {
   const std::string first = Worker(), second = Worker();
   Ask(first, 0.05);
   Ask(second, 0);
   EXPECT_THAT(Await(2), ElementsAre(Pair(second, "-"), Pair(first, "-")));
 }
 
-TEST_F(WaitingCallsTest, ACallThatIsGoneIsGivenNothing) {
+TEST_F(WaitingCallsTest, DisconnectedCallGetsNoTask) {
   const std::string first = Worker(), second = Worker(), other = Worker();
   std::atomic<bool> gone = false;
   Ask(first, 3600, [&] { return gone.load(); });
@@ -107,8 +107,8 @@ TEST_F(WaitingCallsTest, ACallThatIsGoneIsGivenNothing) {
   EXPECT_EQ(lease->attempt, 1);
   ASSERT_TRUE(Fail(other, *lease, ErrorClass::kPreempted).ok());
   Ask(first, 3600, [] { return true; });
-  EXPECT_THAT(Await(2), ElementsAre(_, Pair(first, "-"))) << "and at once";
-  // Who is told that it is gone looks.
+  EXPECT_THAT(Await(2), ElementsAre(_, Pair(first, "-"))) << "immediately";
+  // CheckWaitingCall ends a disconnected call.
   ASSERT_TRUE(Lease(other));
   gone = false;
   Ask(second, 3600, [&] { return gone.load(); });
@@ -118,27 +118,27 @@ TEST_F(WaitingCallsTest, ACallThatIsGoneIsGivenNothing) {
   EXPECT_THAT(Await(3), ElementsAre(_, _, Pair(second, "-")));
 }
 
-// A worker that repeats its call has the task; nothing is given to the call whose answer it does not take.
-TEST_F(WaitingCallsTest, ALaterCallOfAWorkerEndsTheEarlierOne) {
+// A worker that repeats its call gets the task; its abandoned call gets none.
+TEST_F(WaitingCallsTest, LaterCallOfAWorkerEndsTheEarlierOne) {
   const std::string worker = Worker();
   for (int i = 0; i < 3; ++i) Ask(worker, 3600, {}, 1);
   EXPECT_THAT(Await(2), ElementsAre(Pair(worker, "ABORTED"), Pair(worker, "ABORTED")));
   Create(AJob(1));
   EXPECT_THAT(Await(3), ElementsAre(_, _, Pair(worker, "read the scene")));
-  Ask(worker, 3600, {}, 1);  // once more: the same
+  Ask(worker, 3600, {}, 1);  // repeats the call
   EXPECT_THAT(Await(4), ElementsAre(_, _, _, Pair(worker, "read the scene")));
   Ask("workers/unknown", 3600);
   EXPECT_THAT(Await(5), ElementsAre(_, _, _, _, Pair("workers/unknown", "NOT_FOUND")));
 }
 
-TEST_F(WaitingCallsTest, AWorkerThatLeavesWaitsNoLonger) {
+TEST_F(WaitingCallsTest, UnregisteringEndsTheWaitingCall) {
   const std::string worker = Worker();
   Ask(worker, 3600);
   coordinator_->leases().UnregisterWorker(worker, Noting("left"));
   EXPECT_THAT(Await(2), testing::UnorderedElementsAre(Pair("left", "OK"), Pair(worker, "NOT_FOUND")));
 }
 
-TEST_F(WaitingCallsTest, StopEndsAllWaitsOnceAndSoDoesTheEnd) {
+TEST_F(WaitingCallsTest, StopAndDestructionEndEachWaitOnce) {
   for (int i = 0; i < 100; ++i) Ask(Worker(), 3600);
   coordinator_->core().Stop();
   Ask(Worker(), 3600);
@@ -151,8 +151,8 @@ TEST_F(WaitingCallsTest, StopEndsAllWaitsOnceAndSoDoesTheEnd) {
   for (const auto& [who, what] : answers) EXPECT_EQ(what, "-") << who;
 }
 
-// A lease that could not be stored is not given, nor lost; a report is refused until it is stored.
-TEST_F(WaitingCallsTest, WhatIsNotStoredInTimeIsToldSo) {
+// A lease that is not stored is neither granted nor lost; a report is refused until it is stored.
+TEST_F(WaitingCallsTest, CallsFailIfTheirChangeIsNotStoredInTime) {
   options_.durable_wait_s = 0.3;
   Restart();
   Create(AJob(2));
@@ -170,15 +170,15 @@ TEST_F(WaitingCallsTest, WhatIsNotStoredInTimeIsToldSo) {
                                        Noting("otherwise"));
   EXPECT_THAT(Await(3), ElementsAre(_, Pair("again", "OK"), Pair("otherwise", "FAILED_PRECONDITION")));
   store_.fail = true;
-  Ask(worker, 0);  // before it is seen that nothing can be stored
+  Ask(worker, 0);  // before the journal reports the failure
   EXPECT_THAT(Await(4), ElementsAre(_, _, _, Pair(worker, "UNAVAILABLE")));
   store_.fail = false;
   std::optional<GrantedLease> lease;
   while (!lease) lease = Lease(worker);
-  EXPECT_EQ(lease->attempt, 2) << "the first is over";
+  EXPECT_EQ(lease->attempt, 2) << "the first attempt has ended";
 }
 
-TEST_F(WaitingCallsTest, InputsThatAWorkerLacksAreExaminedBesideOtherCalls) {
+TEST_F(WaitingCallsTest, LostInputsAreExaminedBesideOtherCalls) {
   const std::string job = Create(AJob(1)), worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
   const auto refine = Lease(worker);
@@ -193,8 +193,8 @@ TEST_F(WaitingCallsTest, InputsThatAWorkerLacksAreExaminedBesideOtherCalls) {
   EXPECT_EQ(again->plan.kind, "ingest");
 }
 
-// A task of a tile that a worker has in memory is that worker's: it does not make all look that wait in vain.
-TEST_F(WaitingCallsTest, ATaskOfATileThatAnotherHasWakesItsKeeperAlone) {
+// A task of a tile in a worker's memory wakes only that worker.
+TEST_F(WaitingCallsTest, TaskWakesOnlyTheWorkerWithItsTile) {
   constexpr int kCount = 30;
   planner_.exchange = true;
   const std::string keeper = Worker();
@@ -208,22 +208,22 @@ TEST_F(WaitingCallsTest, ATaskOfATileThatAnotherHasWakesItsKeeperAlone) {
   const auto start = std::chrono::steady_clock::now();
   for (int i = 0; i < kCount; ++i) Ask(Worker(), 3600, [&] { return ++looks < 0; });
   for (const GrantedLease& cut : cuts) ASSERT_TRUE(Succeed(keeper, cut).ok());
-  ASSERT_TRUE(Lease(keeper));  // and leaves some
+  ASSERT_TRUE(Lease(keeper));  // and leaves other tasks
   const int at_last = looks;
-  // Now and then they look anyway.
+  // The others try from time to time.
   const int times = static_cast<int>((std::chrono::steady_clock::now() - start) / std::chrono::milliseconds(500));
   EXPECT_LT(at_last, kCount * (1 + times) + kCount / 2);
 }
 
-// Another job was given the same task meanwhile.
-TEST_F(WaitingCallsTest, ATaskWhoseResultIsKnownByThenIsNotGiven) {
+// Another job runs the same task meanwhile.
+TEST_F(WaitingCallsTest, TaskWithAResultFoundMeanwhileIsNotLeased) {
   Create(AJob(1));
   const std::string first = Worker(), second = Worker();
   const auto ingest = Lease(first);
   ASSERT_TRUE(ingest);
   const std::string job = Create(AJob(1));
   ASSERT_TRUE(Succeed(first, *ingest).ok());
-  ASSERT_TRUE(Lease(first));  // the first job's next
+  ASSERT_TRUE(Lease(first));  // the first job's next task
   Ask(second, 3600);
   EXPECT_THAT(Await(1), ElementsAre(Pair(second, "refine tile 0")));
   EXPECT_TRUE(Task(job, 0).task.reused);

@@ -24,22 +24,22 @@ class WaitingWorkersTest : public testing::Test {
   WaitingWorkers waiting_;
 };
 
-TEST_F(WaitingWorkersTest, OneIsWokenForEachTask) {
+TEST_F(WaitingWorkersTest, EachTaskWakesOneCall) {
   for (const char* worker : {"a", "b", "c"}) Add(worker);
-  EXPECT_FALSE(waiting_.WakeNext()) << "there is nothing that they have not seen";
+  EXPECT_FALSE(waiting_.WakeNext()) << "no new ready tasks";
   waiting_.ReadyHasGrown();
   EXPECT_TRUE(waiting_.Wake("b"));
   EXPECT_FALSE(waiting_.Wake("b"));
   EXPECT_FALSE(waiting_.Wake("unknown"));
   EXPECT_THAT(TakeAll(0), ElementsAre("b"));
-  Add("b");  // has seen it, and left it
+  Add("b");  // tried and did not take the task
   EXPECT_TRUE(waiting_.WakeNext());
   EXPECT_TRUE(waiting_.WakeNext());
-  EXPECT_FALSE(waiting_.WakeNext()) << "all have seen it";
+  EXPECT_FALSE(waiting_.WakeNext()) << "all have tried";
   EXPECT_THAT(TakeAll(0), ElementsAre("a", "c"));
 }
 
-TEST_F(WaitingWorkersTest, WhoIsNotWokenIsDueInTime) {
+TEST_F(WaitingWorkersTest, CallThatIsNotWokenBecomesDue) {
   EXPECT_FALSE(waiting_.NextDue());
   Add("late", 30);
   Add("soon", 10);
@@ -54,7 +54,7 @@ TEST_F(WaitingWorkersTest, WhoIsNotWokenIsDueInTime) {
   EXPECT_FALSE(waiting_.NextDue());
 }
 
-TEST_F(WaitingWorkersTest, ACallThatIsTakenIsNoLongerWoken) {
+TEST_F(WaitingWorkersTest, TakenCallIsNotWoken) {
   for (const char* worker : {"a", "b"}) Add(worker);
   waiting_.ReadyHasGrown();
   ASSERT_TRUE(waiting_.Wake("a"));

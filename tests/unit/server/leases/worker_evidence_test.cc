@@ -1,4 +1,4 @@
-// Workers that fail what others can do, or cannot work at all, stop nobody else.
+// Suspension of workers that fail tasks which other workers complete, or that cannot work at all.
 #include "server/leases/worker_evidence.h"
 
 #include <gmock/gmock.h>
@@ -20,7 +20,7 @@ class WorkerEvidenceTest : public CoordinatorTest {
     }
     return "not there";
   }
-  // Both ask in turn; `bad` fails whatever it gets.
+  // Both call in turn; `bad` fails each task.
   void WorkBoth(const std::string& job, const std::string& bad, ErrorClass error_class, const std::string& good) {
     for (int i = 0; i < 200 && !HasEnded(Job(job).header.state); ++i) {
       if (const auto lease = Lease(bad)) {
@@ -36,7 +36,7 @@ class WorkerEvidenceTest : public CoordinatorTest {
   int given_to_bad_ = 0;
 };
 
-TEST_F(WorkerEvidenceTest, AnUnusableScratchFolderSetsItsWorkerAside) {
+TEST_F(WorkerEvidenceTest, UnusableScratchFolderSuspendsItsWorker) {
   const std::string job = Create(AJob(3)), full = Worker(), good = Worker();
   double wait_s = 5;
   for (int i = 0; i < 9; ++i) {
@@ -49,16 +49,16 @@ TEST_F(WorkerEvidenceTest, AnUnusableScratchFolderSetsItsWorkerAside) {
     clock_.Advance(0.2);
     wait_s = std::min(600.0, 2 * wait_s);
   }
-  EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "it says nothing about the task";
+  EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "does not count against the task";
   EXPECT_EQ(SuspendedReason(full), "");
-  const auto lease = Lease(full);  // there is room now
+  const auto lease = Lease(full);  // the disk has space again
   ASSERT_TRUE(lease);
   ASSERT_TRUE(Succeed(full, *lease).ok());
   const auto next = Lease(full);
   ASSERT_TRUE(next);
   ASSERT_TRUE(Fail(full, *next, ErrorClass::kScratch).ok());
   clock_.Advance(5.1);
-  EXPECT_TRUE(Lease(full)) << "begins small again";
+  EXPECT_TRUE(Lease(full)) << "the delay is short again";
   WorkAll(good);
 }
 
@@ -80,23 +80,24 @@ TEST_F(WorkerEvidenceTest, WorkerThatFailsTasksOthersCompleteIsSuspended) {
     WorkBoth(job, bad, error_class, good);
     EXPECT_EQ(Job(job).header.state, JobState::kSucceeded) << Job(job).header.error;
     EXPECT_LE(given_to_bad_, 4) << "of eight tasks";
-    EXPECT_THAT(SuspendedReason(bad), AllOf(HasSubstr("it failed tasks that others did"), HasSubstr("it broke")));
+    EXPECT_THAT(SuspendedReason(bad),
+                AllOf(HasSubstr("it failed tasks that other workers completed"), HasSubstr("it broke")));
     EXPECT_EQ(SuspendedReason(good), "");
     ASSERT_TRUE(UnregisterAndWait(*coordinator_, bad).ok());
     ASSERT_TRUE(UnregisterAndWait(*coordinator_, good).ok());
   }
 }
 
-TEST_F(WorkerEvidenceTest, AnInputIsWrongWhenTwoWorkersSaySo) {
+TEST_F(WorkerEvidenceTest, InputIsWrongIfTwoWorkersReportIt) {
   const std::string job = Create(AJob(1)), first = Worker(), second = Worker();
   ASSERT_TRUE(Fail(first, *Lease(first), ErrorClass::kInput).ok());
   EXPECT_EQ(Job(job).header.state, JobState::kRunning);
-  EXPECT_FALSE(Lease(first)) << "the other is to try it";
+  EXPECT_FALSE(Lease(first)) << "the other worker must try it";
   ASSERT_TRUE(Fail(second, *Lease(second), ErrorClass::kInput).ok());
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
 }
 
-TEST_F(WorkerEvidenceTest, AWorkerThatIsAloneSaysSoTwice) {
+TEST_F(WorkerEvidenceTest, SingleWorkerMustReportWrongInputTwice) {
   const std::string job = Create(AJob(1)), only = Worker();
   ASSERT_TRUE(Fail(only, *Lease(only), ErrorClass::kInput).ok());
   EXPECT_EQ(Job(job).header.state, JobState::kRunning);
@@ -105,8 +106,8 @@ TEST_F(WorkerEvidenceTest, AWorkerThatIsAloneSaysSoTwice) {
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
 }
 
-// For an hour no output can be stored, and nobody can reach the coordinator for transfers.
-TEST_F(WorkerEvidenceTest, FullStorageIsWaitedFor) {
+// For an hour no output can be stored and no transfer succeeds.
+TEST_F(WorkerEvidenceTest, TasksWaitForFullStorage) {
   const std::string job = Create(AJob(2)), worker = Worker();
   int attempts = 0;
   for (int second = 0; second < 3600; ++second) {
@@ -117,7 +118,7 @@ TEST_F(WorkerEvidenceTest, FullStorageIsWaitedFor) {
   }
   EXPECT_EQ(Job(job).header.state, JobState::kRunning);
   EXPECT_GT(attempts, 20);
-  EXPECT_LT(attempts, 200) << "it waits longer and longer";
+  EXPECT_LT(attempts, 200) << "the delay grows";
   clock_.Advance(61);
   WorkAll(worker);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);

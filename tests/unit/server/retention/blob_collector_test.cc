@@ -1,4 +1,4 @@
-// What jobs refer to is never collected, whatever happens meanwhile; what they do not goes.
+// The collector removes unreferenced blobs and never a referenced one, even if jobs change during a pass.
 #include "server/retention/blob_collector.h"
 
 #include <gmock/gmock.h>
@@ -30,7 +30,7 @@ class BlobCollectorTest : public CheckingWorkerTest {
   BlobCollectorTest() {
     planner_.exchange = true;
     options_.lease_s = options_.stall_s = options_.forget_worker_s = 1e9;
-    clock_.SetBy(kYears_s);  // every file looks old
+    clock_.SetBy(kYears_s);  // every file is old
     Restart();
     reclaimer_ = std::make_unique<Reclaimer>(coordinator_->core());
     collector_ = std::make_unique<BlobCollector>(reclaimer_.get(), blobs_.get(), &clock_, CollectorOptions());
@@ -60,10 +60,10 @@ class BlobCollectorTest : public CheckingWorkerTest {
     EXPECT_TRUE(names.ok()) << names.status();
     return {names->begin(), names->end()};
   }
-  // What is wrong with what is stored, of jobs that are kept.
+  // Faults in the stored state.
   std::vector<std::string> Faults() {
     std::vector<std::string> faults;
-    // What is in the store from here on goes with all that was collected, whatever is added meanwhile.
+    // VerifyState reads the store, so all records must be durable.
     EXPECT_TRUE(coordinator_->core().Durable().ok());
     EXPECT_TRUE(VerifyState(store_, *blobs_, true, [&](const std::string& fault) { faults.push_back(fault); }).ok());
     std::erase_if(faults, [&](const std::string& fault) {
@@ -73,7 +73,7 @@ class BlobCollectorTest : public CheckingWorkerTest {
     });
     return faults;
   }
-  // Outputs of jobs that have not ended, that are not stored.
+  // Outputs of active jobs that are not stored.
   std::set<std::string> MissingOfActive() {
     std::set<std::string> missing;
     for (const JobStatus& job : coordinator_->jobs().ListJobs(-1, 1000)) {
@@ -89,12 +89,12 @@ class BlobCollectorTest : public CheckingWorkerTest {
   }
 
   int64_t limit_bytes_ = 0;
-  std::set<std::string> spared_;  // what jobs lacked when they were tried again
+  std::set<std::string> spared_;  // blobs missing when their jobs were retried
   std::unique_ptr<Reclaimer> reclaimer_;
   std::unique_ptr<BlobCollector> collector_;
 };
 
-TEST_F(BlobCollectorTest, WhatADeletedJobHadGoesAndWhatOthersHaveStays) {
+TEST_F(BlobCollectorTest, RemovesBlobsOfADeletedJobButNotSharedOnes) {
   const std::string first = Create(AJob(2));
   WorkAll(Worker());
   const std::string second = Create(AJob(2, "{\"other\":1}"));
@@ -105,7 +105,7 @@ TEST_F(BlobCollectorTest, WhatADeletedJobHadGoesAndWhatOthersHaveStays) {
   ASSERT_TRUE(coordinator_->jobs().DeleteJob(first, "").ok());
   Look();
   Look();
-  EXPECT_EQ(Stored(), before) << "not before it was seen unneeded for long enough";
+  EXPECT_EQ(Stored(), before) << "the grace period has not passed";
   LookLong();
   EXPECT_LT(Stored().size(), before.size());
   EXPECT_THAT(Faults(), IsEmpty());
@@ -114,7 +114,7 @@ TEST_F(BlobCollectorTest, WhatADeletedJobHadGoesAndWhatOthersHaveStays) {
   EXPECT_THAT(Stored(), IsEmpty());
 }
 
-TEST_F(BlobCollectorTest, AClassifierStaysAsLongAsItsJob) {
+TEST_F(BlobCollectorTest, ClassifierStaysAsLongAsItsJob) {
   NewJob job = AJob(2);
   job.classifier = "what was learnt";
   job.settings.classifier = "/models/city.model";
@@ -122,7 +122,7 @@ TEST_F(BlobCollectorTest, AClassifierStaysAsLongAsItsJob) {
   job.scene_files.push_back({kClassifierFile, digest});
   const std::string name = Create(job);
   LookLong();
-  EXPECT_TRUE(blobs_->Has(digest)) << "before any task read it";
+  EXPECT_TRUE(blobs_->Has(digest)) << "before any task reads it";
   RestartAll();
   WorkAll(Worker());
   LookLong();
@@ -135,7 +135,7 @@ TEST_F(BlobCollectorTest, AClassifierStaysAsLongAsItsJob) {
   EXPECT_THAT(Stored(), IsEmpty());
 }
 
-TEST_F(BlobCollectorTest, LeftoversGoAfterADayAndWhatIsNotOursStays) {
+TEST_F(BlobCollectorTest, RemovesLeftoversAfterADayButNoForeignFiles) {
   const std::string folder = blobs_->root() + "/ab/";
   ASSERT_TRUE(EnsureFolder(folder).ok());
   for (const std::string& path : {folder + std::string(64, 'a') + ".tmp-1", blobs_->root() + "/partial/put-1",
@@ -148,8 +148,8 @@ TEST_F(BlobCollectorTest, LeftoversGoAfterADayAndWhatIsNotOursStays) {
   EXPECT_THAT(Stored(), ElementsAre("ab/notes", "probe"));
 }
 
-// A clock that is right, and files that are fresh: nothing goes, though it was seen unneeded for long.
-TEST_F(BlobCollectorTest, AFreshFileStays) {
+// A new file stays, even if passes found it unneeded for long.
+TEST_F(BlobCollectorTest, NewFileStays) {
   clock_.SetBy(-kYears_s);
   clock_.SetBy(static_cast<double>(SystemClock().UnixTimeUs() - clock_.UnixTimeUs()) / 1e6);
   ASSERT_TRUE(blobs_->PutBytes("uploaded").ok());
@@ -160,7 +160,7 @@ TEST_F(BlobCollectorTest, AFreshFileStays) {
   EXPECT_THAT(Stored(), SizeIs(1));
 }
 
-TEST_F(BlobCollectorTest, AboveTheLimitWhatCanBeMadeAgainGoesOldestJobsFirst) {
+TEST_F(BlobCollectorTest, AboveTheLimitRemovesRecomputableBlobsOldestJobsFirst) {
   const std::string first = Create(AJob(2));
   WorkAll(Worker());
   clock_.Advance(10);
@@ -186,18 +186,18 @@ TEST_F(BlobCollectorTest, AboveTheLimitWhatCanBeMadeAgainGoesOldestJobsFirst) {
   EXPECT_EQ(has_tiles(first), 0);
   EXPECT_EQ(has_tiles(second), 0);
   EXPECT_THAT(Faults(), IsEmpty());
-  // What is gone is made again when somebody needs it.
+  // Removed blobs are recomputed when needed.
   const std::string again = Create(AJob(2));
   EXPECT_GT(WorkAll(Worker()), 0);
   EXPECT_EQ(Job(again).header.state, JobState::kSucceeded);
 }
 
-// Between what the collector has seen and what it removes a job may come to need a blob that nobody needed.
-TEST_F(BlobCollectorTest, WhatIsReferredToMeanwhileStays) {
+// Between marking and removal a job may add a reference to an unneeded blob.
+TEST_F(BlobCollectorTest, BlobWithANewReferenceStays) {
   const std::string first = Create(AJob(1));
   const std::string worker = Worker();
   const auto lease = Lease(worker);
-  const ReportedResult result = Result(*lease);  // stored, and told only later
+  const ReportedResult result = Result(*lease);  // stored, and reported later
   std::vector<BlobEntry> doomed;
   const BlobReferences references = Reclaimer(coordinator_->core()).CollectReferences();
   for (int part = 0; part < BlobStore::kParts; ++part) {
@@ -212,7 +212,7 @@ TEST_F(BlobCollectorTest, WhatIsReferredToMeanwhileStays) {
   EXPECT_THAT(Faults(), IsEmpty());
 }
 
-TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainNeedsStays) {
+TEST_F(BlobCollectorTest, BlobsOfARetriedJobStay) {
   fails_ = "refine";
   const std::string job = Create(Scene(2));
   Work(job);
@@ -224,7 +224,7 @@ TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainNeedsStays) {
       if (references.SpareSince(BlobReferences::IdOf(file.sha256)) >= 0) spare.push_back(file);
     }
   }
-  ASSERT_EQ(spare.size(), 2u) << "what was cut of both tiles";
+  ASSERT_EQ(spare.size(), 2u) << "the cuts of both tiles";
   ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
   EXPECT_THAT(*Reclaimer(coordinator_->core()).RemoveBlobs(spare), IsEmpty());
   fails_ = "";
@@ -233,8 +233,8 @@ TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainNeedsStays) {
   EXPECT_EQ(Task(job, 1).task.remakes, 0);
 }
 
-// More often than the same result may be lost to a bad disk.
-TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainLacksIsMadeAgain) {
+// More rounds than max_remakes allows for a bad disk.
+TEST_F(BlobCollectorTest, RetriedJobRecomputesMissingResults) {
   Limit(1);
   fails_ = "refine";
   const std::string job = Create(Scene(2));
@@ -251,8 +251,8 @@ TEST_F(BlobCollectorTest, WhatAJobThatIsTriedAgainLacksIsMadeAgain) {
   EXPECT_THAT(Faults(), IsEmpty());
 }
 
-// A job that has ended keeps what it makes again for others, though it could be spared, until nothing is made any more.
-TEST_F(BlobCollectorTest, WhatIsMadeAgainStaysUntilItWasRead) {
+// An ended job that recomputes results for others needs all its blobs until it has finished.
+TEST_F(BlobCollectorTest, RecomputedResultStaysUntilItIsRead) {
   const std::string job = Create(Scene(2)), worker = Worker();
   Work(job);
   Limit(1);
@@ -269,8 +269,8 @@ TEST_F(BlobCollectorTest, WhatIsMadeAgainStaysUntilItWasRead) {
   EXPECT_FALSE(blobs_->Has(tile));
 }
 
-// Between what a pass has seen and what it removes, a job that has ended may be asked for what it made.
-TEST_F(BlobCollectorTest, WhatAnEndedJobMakesAgainMeanwhileStays) {
+// Between marking and removal an ended job may be asked to recompute a result.
+TEST_F(BlobCollectorTest, ResultThatAnEndedJobRecomputesStays) {
   const std::string job = Create(Scene(2)), worker = Worker();
   Work(job);
   const Digest mesh = Mesh(job), tile = Task(job, 1).task.outputs[0].digest();
@@ -296,10 +296,10 @@ TEST_F(BlobCollectorTest, QuarantinedBlobsExpireByAgeOrSpace) {
   quarantined("first");
   LookLong();
   LookLong();
-  EXPECT_THAT(Stored(), SizeIs(1)) << "for ever, unless told otherwise";
+  EXPECT_THAT(Stored(), SizeIs(1)) << "kept for ever by default";
   Limit(0, 86400);
   for (double passed_s = 0; passed_s < Retention::kConfirm_s; passed_s += kLook_s) Look();
-  EXPECT_THAT(Stored(), SizeIs(1)) << "not before the clock has said so for long enough";
+  EXPECT_THAT(Stored(), SizeIs(1)) << "expiry is not confirmed yet";
   Look();
   EXPECT_THAT(Stored(), IsEmpty());
   quarantined("older");
@@ -310,8 +310,8 @@ TEST_F(BlobCollectorTest, QuarantinedBlobsExpireByAgeOrSpace) {
 }
 
 // Random steps of jobs, workers, restarts and the collector.
-TEST_F(BlobCollectorTest, NothingThatIsNeededEverGoes) {
-  options_.retry.max_input = 1;  // jobs fail at once
+TEST_F(BlobCollectorTest, RandomStepsNeverRemoveANeededBlob) {
+  options_.retry.max_input = 1;  // jobs fail immediately
   int retried = 0;
   for (const int seed : {1, 2, 3}) {
     SCOPED_TRACE(seed);
@@ -347,7 +347,7 @@ TEST_F(BlobCollectorTest, NothingThatIsNeededEverGoes) {
             for (const LeasedInput& input : lease.inputs) {
               if (refines && !blobs_->Has(input.file.digest)) lost.lost_inputs.push_back(input.file.digest);
             }
-            // Of a job that was cancelled or deleted all of it is refused.
+            // Refused for a cancelled or deleted job.
             if (!lost.lost_inputs.empty()) {
               ReportFailureAndWait(*coordinator_, worker, lease.task, lease.attempt, lost).IgnoreError();
             } else if (refines && random() % 4 == 0) {
@@ -392,7 +392,7 @@ TEST_F(BlobCollectorTest, NothingThatIsNeededEverGoes) {
   EXPECT_GT(retried, 5);
 }
 
-TEST_F(BlobCollectorTest, VerifyingSaysWhatIsWrong) {
+TEST_F(BlobCollectorTest, VerifyStateReportsFaults) {
   Create(AJob(1));
   WorkAll(Worker());
   EXPECT_THAT(Faults(), IsEmpty());
@@ -401,7 +401,7 @@ TEST_F(BlobCollectorTest, VerifyingSaysWhatIsWrong) {
   ASSERT_TRUE(RemoveTree(*blobs_->LocalPath(outputs[1].digest())).ok());
   store_.records.push_back("no record");
   const auto shallow = VerifyState(store_, *blobs_, false, [](const std::string&) {});
-  EXPECT_EQ(shallow->faults, 2) << "no content is read";
+  EXPECT_EQ(shallow->faults, 2) << "does not read contents";
   EXPECT_EQ(shallow->jobs, 1);
   const std::string survey = "jobs/1, 'read the scene', survey.json: ";
   const auto mesh_is_gone = HasSubstr("jobs/1, 'read the scene', mesh: no blob");
@@ -410,7 +410,7 @@ TEST_F(BlobCollectorTest, VerifyingSaysWhatIsWrong) {
                           AllOf(HasSubstr(survey + "blob " + outputs[0].digest().sha256 + " was damaged (its 6"),
                                 HasSubstr(Sha256Hex("Xurvey") + ", expected 6"), HasSubstr("/quarantine/")),
                           mesh_is_gone));
-  EXPECT_THAT(Faults(), ElementsAre(_, HasSubstr(survey + "no blob"), mesh_is_gone)) << "it was quarantined";
+  EXPECT_THAT(Faults(), ElementsAre(_, HasSubstr(survey + "no blob"), mesh_is_gone)) << "quarantined";
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Jobs that are deleted leave nothing that others do not need; jobs of another version begin anew.
+// Deletion of jobs, and restart of jobs of another version.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -20,7 +20,7 @@ using testing::SizeIs;
 class DeleteJobTest : public CheckingWorkerTest {
  protected:
   DeleteJobTest() { RestartFromFile(); }
-  // As Restart, but on a real store.
+  // Restarts on a SQLite store.
   void RestartFromFile() {
     coordinator_.reset();
     sqlite_.reset();
@@ -42,7 +42,7 @@ class DeleteJobTest : public CheckingWorkerTest {
     EXPECT_EQ(Job(name).header.state, JobState::kSucceeded);
     return name;
   }
-  // So many seconds with a look at what has expired every half hour. Gives how many were deleted.
+  // Passes the time with a check every half hour. Returns the number of deleted jobs.
   int Pass(Retention& retention, double seconds) {
     int deleted = 0;
     for (; seconds > 0; seconds -= 1800) {
@@ -71,12 +71,12 @@ class DeleteJobTest : public CheckingWorkerTest {
   std::vector<std::string> quarantined_;
 };
 
-TEST_F(DeleteJobTest, IsGoneAndItsNumberIsNotGivenAgain) {
+TEST_F(DeleteJobTest, DeletedJobIsGoneAndItsNumberIsNotReused) {
   const std::string job = Done(2, "{}", "asked");
   const int records = StoredRecords();
   EXPECT_GT(records, 8);
   ASSERT_TRUE(Delete(job).ok());
-  EXPECT_TRUE(Delete(job).ok()) << "said twice: the first answer was lost";
+  EXPECT_TRUE(Delete(job).ok()) << "a repeated call: the first reply was lost";
   for (int round = 0; round < 3; ++round) {
     EXPECT_THAT(Names(), IsEmpty());
     const Status gone = coordinator_->jobs().GetJob(job).status();
@@ -85,18 +85,18 @@ TEST_F(DeleteJobTest, IsGoneAndItsNumberIsNotGivenAgain) {
     EXPECT_FALSE(coordinator_->jobs().ListTasks(job, 0, 10).ok());
     EXPECT_THAT(coordinator_->jobs().SceneFilesWith(AJob(1).scene_files[0].digest), IsEmpty());
     EXPECT_THAT(quarantined_, IsEmpty());
-    if (round == 0) RestartFromFile();  // nothing was freed yet
+    if (round == 0) RestartFromFile();  // before anything is freed
     if (round == 1) FreeAll(), RestartFromFile();
   }
-  EXPECT_EQ(StoredRecords(), 1) << "that it was deleted";
-  EXPECT_EQ(Done(2, "{}", "asked"), "jobs/2") << "the request may be used again";
-  EXPECT_FALSE(Task("jobs/2", 0).task.reused) << "nothing is known of its results";
+  EXPECT_EQ(StoredRecords(), 1) << "the deletion record";
+  EXPECT_EQ(Done(2, "{}", "asked"), "jobs/2") << "the request id may be reused";
+  EXPECT_FALSE(Task("jobs/2", 0).task.reused) << "its results are not reused";
 }
 
-TEST_F(DeleteJobTest, WhatOthersHaveStays) {
+TEST_F(DeleteJobTest, ResultsOfOtherJobsStay) {
   const std::string first = Done(2), second = Done(2), third = Done(2);
   EXPECT_TRUE(Task(second, 0).task.reused);
-  for (const std::string& job : {third, first}) {  // the last that knew the results, and the one that made them
+  for (const std::string& job : {third, first}) {  // the newest with the results, and the one that made them
     ASSERT_TRUE(Delete(job).ok());
     FreeAll();
     EXPECT_THAT(coordinator_->jobs().SceneFilesWith(AJob(1).scene_files[0].digest), SizeIs(1));
@@ -110,11 +110,11 @@ TEST_F(DeleteJobTest, WhatOthersHaveStays) {
   EXPECT_TRUE(Task(Done(2), 1).task.reused);
 }
 
-TEST_F(DeleteJobTest, OnlyWhatHasEndedAndNobodyGoesOnFrom) {
+TEST_F(DeleteJobTest, RefusesActiveJobsAndBasesOfOtherJobs) {
   const std::string base = Done(1);
   NewJob update = AJob(1, "{\"new\":1}");
   update.settings.update.base = base;
-  v1::Record record;  // an update needs more of its base than the fake planner makes
+  v1::Record record;  // the fake planner makes too little for the base of an update
   record.mutable_job_accepted()->set_job("jobs/2");
   record.mutable_job_accepted()->mutable_settings()->mutable_update()->set_base(base);
   record.mutable_job_accepted()->set_algorithm_version(kAlgorithmVersion);
@@ -131,8 +131,8 @@ TEST_F(DeleteJobTest, OnlyWhatHasEndedAndNobodyGoesOnFrom) {
   EXPECT_EQ(Delete("jobs").code(), absl::StatusCode::kInvalidArgument);
 }
 
-// More in a row than may be lost of accepted jobs.
-TEST_F(DeleteJobTest, AnyNumberMayGo) {
+// More consecutive jobs than kMaxLostJobs.
+TEST_F(DeleteJobTest, AnyNumberOfJobsMayBeDeleted) {
   v1::Record record;
   std::vector<std::string> records;
   for (int job = 1; job <= 1500; ++job) {
@@ -156,7 +156,7 @@ TEST_F(DeleteJobTest, AnyNumberMayGo) {
   EXPECT_EQ(Job(kept).header.state, JobState::kSucceeded);
 }
 
-TEST_F(DeleteJobTest, RetentionDeletesWhatWasKeptForLongEnough) {
+TEST_F(DeleteJobTest, DeletesExpiredJobs) {
   constexpr double kDay_s = 86400;
   Retention retention(10 * kDay_s);
   const auto pass = [&](double seconds) { return Pass(retention, seconds); };
@@ -165,7 +165,7 @@ TEST_F(DeleteJobTest, RetentionDeletesWhatWasKeptForLongEnough) {
   const std::string second = Done(2);
   const std::string active = Create(AJob(3));
   EXPECT_EQ(pass(8.9 * kDay_s), 0);
-  clock_.SetBy(365 * kDay_s);  // and set right again, in time
+  clock_.SetBy(365 * kDay_s);  // corrected before expiry is confirmed
   EXPECT_EQ(pass(Retention::kConfirm_s - 3600), 0);
   clock_.SetBy(-365 * kDay_s);
   EXPECT_EQ(pass(kDay_s / 2), 1);
@@ -176,7 +176,7 @@ TEST_F(DeleteJobTest, RetentionDeletesWhatWasKeptForLongEnough) {
   EXPECT_THAT(for_ever.Expired({{"a thing", 1}}, int64_t{1} << 60, 0), IsEmpty());
 }
 
-TEST_F(DeleteJobTest, AJobThatIsTriedAgainIsKeptFromItsNewEndOn) {
+TEST_F(DeleteJobTest, RetentionOfARetriedJobStartsAtItsNewEnd) {
   constexpr double kDay_s = 86400;
   options_.lease_s = options_.stall_s = options_.forget_worker_s = 1e9;
   RestartFromFile();
@@ -188,7 +188,7 @@ TEST_F(DeleteJobTest, AJobThatIsTriedAgainIsKeptFromItsNewEndOn) {
   ASSERT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(pass(10 * kDay_s + Retention::kConfirm_s / 2), 0);
   ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
-  EXPECT_EQ(pass(20 * kDay_s), 0) << "it has not ended";
+  EXPECT_EQ(pass(20 * kDay_s), 0) << "the job is active";
   fails_ = "";
   Work(job);
   Mesh(job);
@@ -196,8 +196,8 @@ TEST_F(DeleteJobTest, AJobThatIsTriedAgainIsKeptFromItsNewEndOn) {
   EXPECT_EQ(pass(kDay_s), 1);
 }
 
-// A coordinator that ends while it removes: the next one goes on with that.
-TEST_F(DeleteJobTest, WhatWasRemovedInPartIsRemovedWhole) {
+// After a stop during removal the next start continues it.
+TEST_F(DeleteJobTest, InterruptedRemovalIsCompleted) {
   const std::string kept = Done(1), job = Done(2);
   const int records = StoredRecords();
   ASSERT_TRUE(Delete(job).ok());
@@ -205,15 +205,15 @@ TEST_F(DeleteJobTest, WhatWasRemovedInPartIsRemovedWhole) {
   RestartFromFile();
   EXPECT_THAT(Names(), ElementsAre(kept));
   FreeAll();
-  EXPECT_EQ(*sqlite_->RemoveRecords(1), 0) << "none is left";
+  EXPECT_EQ(*sqlite_->RemoveRecords(1), 0) << "no records left";
   EXPECT_LT(StoredRecords(), records);
   RestartFromFile();
   EXPECT_THAT(quarantined_, IsEmpty());
   EXPECT_THAT(Names(), ElementsAre(kept));
 }
 
-// Else the records of the next job would be taken for those of the deleted one.
-TEST_F(DeleteJobTest, ItsNumberIsNotGivenAgainThoughNoRecordOfItIsLeft) {
+// A reused number would mix the records of the new job with those of the deleted one.
+TEST_F(DeleteJobTest, NumberIsNotReusedWithoutRemainingRecords) {
   Done(1);
   const std::string job = Done(2);
   ASSERT_TRUE(Delete(job).ok());
@@ -221,10 +221,10 @@ TEST_F(DeleteJobTest, ItsNumberIsNotGivenAgainThoughNoRecordOfItIsLeft) {
   coordinator_.reset();
   std::vector<int64_t> last;
   ASSERT_TRUE(sqlite_->Replay([&](const StoredRecord& stored) { last = {stored.number}; }).ok());
-  ASSERT_TRUE(sqlite_->Quarantine(last.at(0), "that it was deleted").ok());
+  ASSERT_TRUE(sqlite_->Quarantine(last.at(0), "the deletion record").ok());
   RestartFromFile();
   EXPECT_EQ(Done(1, "{\"other\":1}"), "jobs/3");
-  for (const char* const never_given : {"jobs/999999999", "jobs/2000000000"}) {  // the second is no job's name at all
+  for (const char* const never_given : {"jobs/999999999", "jobs/2000000000"}) {  // the second is not a valid name
     v1::Record far;
     far.mutable_job_deleted()->set_job(never_given);
     ASSERT_TRUE(sqlite_->Append({far.SerializeAsString()}, Durability::kMachine).ok());
@@ -234,8 +234,8 @@ TEST_F(DeleteJobTest, ItsNumberIsNotGivenAgainThoughNoRecordOfItIsLeft) {
   EXPECT_THAT(quarantined_, ElementsAre(HasSubstr("no such job"), HasSubstr("not a job's name")));
 }
 
-// What was being made again of it has no worker any more, nor waits for one.
-TEST_F(DeleteJobTest, WhatWasMadeAgainOfItEnds) {
+// Tasks of the job that recompute results lose their leases and are not leased again.
+TEST_F(DeleteJobTest, DeletionEndsRecomputation) {
   for (const bool leased : {false, true}) {
     const std::string job = Create(Scene(1));
     Work(job);
@@ -264,8 +264,8 @@ TEST_F(DeleteJobTest, WhatWasMadeAgainOfItEnds) {
   }
 }
 
-// A planner that is asked while somebody deletes the base: no job may come of it.
-TEST_F(DeleteJobTest, NoJobGoesOnFromOneThatGoesMeanwhile) {
+// The base is deleted during the submission of an update: no job is created.
+TEST_F(DeleteJobTest, UpdateOfAJobDeletedMeanwhileIsRefused) {
   struct DeletingPlanner : BasePlanner {
     std::function<void()> meanwhile;
     StatusOr<PlannedTask> Ingest(const JobSettings& settings, const std::vector<std::string>& files) override {
@@ -286,8 +286,8 @@ TEST_F(DeleteJobTest, NoJobGoesOnFromOneThatGoesMeanwhile) {
   coordinator_.reset();
 }
 
-// A state that a coordinator of another version left.
-TEST_F(DeleteJobTest, AJobOfAnotherVersionBeginsAnew) {
+// The state of a coordinator with another algorithm version.
+TEST_F(DeleteJobTest, JobOfAnotherVersionRestarts) {
   const std::string ended = Done(1), active = Create(AJob(2, "{\"other\":1}"));
   const std::string urgent = Create(AJob(1, "{\"urgent\":1}")), paused = Create(AJob(1, "{\"paused\":1}"));
   std::string worker = Worker();
@@ -320,16 +320,16 @@ TEST_F(DeleteJobTest, AJobOfAnotherVersionBeginsAnew) {
     EXPECT_EQ(Job(active).header.state, JobState::kQueued);
     EXPECT_EQ(Job(active).header.algorithm_version, kAlgorithmVersion);
     EXPECT_THAT(Job(active).header.warnings, ElementsAre(HasSubstr("restarted with algorithm version"))) << "once";
-    EXPECT_EQ(Job(ended).header.state, JobState::kSucceeded) << "what has ended stays";
+    EXPECT_EQ(Job(ended).header.state, JobState::kSucceeded) << "ended jobs stay";
     EXPECT_EQ(Job(ended).header.algorithm_version, "before");
   }
-  EXPECT_EQ(Succeed(worker, *held).code(), absl::StatusCode::kNotFound) << "the plan that it was of is gone";
+  EXPECT_EQ(Succeed(worker, *held).code(), absl::StatusCode::kNotFound) << "its plan was dropped";
   ASSERT_TRUE(coordinator_->Tick().ok());
   const auto first = Lease(worker = Worker());
   ASSERT_TRUE(first);
   EXPECT_EQ(first->task, urgent + "/tasks/0") << "it keeps its priority";
   ASSERT_TRUE(Succeed(worker, *first).ok());
-  EXPECT_EQ(WorkAll(worker), 2 + 4) << "nothing that another version made is used";
+  EXPECT_EQ(WorkAll(worker), 2 + 4) << "results of other versions are not used";
   EXPECT_EQ(Job(active).header.state, JobState::kSucceeded);
   EXPECT_EQ(Job(paused).header.state, JobState::kQueued) << "it stays paused";
 }

@@ -1,4 +1,4 @@
-// A record that is not what it was: said where, quarantined, and never in the way of a start.
+// Damaged records: reported with their location and quarantined; the coordinator still starts.
 #include "server/retention/verify_state.h"
 
 #include <gmock/gmock.h>
@@ -39,7 +39,7 @@ class VerifyStateTest : public CoordinatorTest {
     ASSERT_TRUE(coordinator.ok()) << coordinator.status();
     coordinator_ = *std::move(coordinator);
   }
-  // As `tesserad --verify-state`.
+  // Same as `tesserad --verify-state`.
   std::vector<std::string> Verify() {
     Close();
     std::vector<std::string> faults;
@@ -48,7 +48,7 @@ class VerifyStateTest : public CoordinatorTest {
     EXPECT_TRUE(Coordinator::QuarantineUnusable(environment).ok());
     return faults;
   }
-  // Flips a byte of a stored record, whose checksum stays.
+  // Flips a byte of a stored record but not its checksum.
   void FlipByte(int64_t number) {
     Close();
     sqlite3* db = nullptr;
@@ -90,8 +90,8 @@ TEST_F(VerifyStateTest, DamagedRecordIsReportedAndQuarantined) {
   EXPECT_EQ(Job(active).header.state, JobState::kSucceeded) << "it was planned again";
 }
 
-// What cannot be known without the record is told too, and the job fails with that.
-TEST_F(VerifyStateTest, TheJobThatNeedsItFails) {
+// The faults that follow from the lost record are reported too, and the job fails with the reason.
+TEST_F(VerifyStateTest, JobThatNeedsTheRecordFails) {
   const std::string job = Create(AJob(2)), worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
   ASSERT_TRUE(coordinator_->core().Durable().ok());
