@@ -72,8 +72,8 @@ StatusOr<NewJob> Admission::MakeJob(const Submission& submission, const Cancelle
   TESSERA_RETURN_IF_ERROR(CheckJobSettings(job.settings));
   TESSERA_RETURN_IF_ERROR(CheckPriority(job.priority));
   if (ReadsScene(submission)) TESSERA_RETURN_IF_ERROR(AddScene(submission, cancelled, job));
-  // A caller that is gone would never get the job's name.
-  if (cancelled && cancelled()) return absl::CancelledError("the caller has gone");
+  // A disconnected caller would not learn the job's name.
+  if (cancelled && cancelled()) return absl::CancelledError("cancelled: the caller has disconnected");
   return job;
 }
 
@@ -83,7 +83,7 @@ Status Admission::AddScene(const Submission& submission, const Cancelled& cancel
   }
   if (!environment_.scenes_over_network && !submission.is_local) {
     return absl::FailedPreconditionError(
-        "this coordinator reads no scenes for callers from the network: start tesserad with --scene-root FOLDER");
+        "scenes cannot be submitted over the network; start tesserad with --scene-root FOLDER to allow it");
   }
   SceneRequest request = {job.settings.update.base.empty(), job.settings.classifier};
   if (!request.needs_mesh) {

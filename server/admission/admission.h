@@ -18,13 +18,13 @@ namespace tessera {
 
 // What a caller asks for.
 struct Submission {
-  std::string request_id;    // a submission with the same id gives the same job; empty: each gives a new one
+  std::string request_id;    // submissions with the same id create one job; empty: always a new job
   std::string scene_path;    // absolute; a rollback uses its base's scene and ignores this
   std::string display_name;  // empty: the scene's name
   JobSettings settings;      // settings.update.base: the base job
   int priority = 0;
   std::string client;     // the caller, for limits and the job's header
-  bool is_local = false;  // the caller came through a socket of this machine
+  bool is_local = false;  // the caller used a Unix socket
 };
 
 // All must outlive the admission.
@@ -41,18 +41,18 @@ struct AdmissionEnvironment {
 // Validates a submission, reads its scene, hashes the scene's files and creates the job. Thread-safe: submissions are
 // read side by side, each counts as a transfer of its client (ClientLimits).
 //
-// Errors are the caller's to read. INVALID_ARGUMENT lists all faults of the step that failed: fields, settings, scene.
+// INVALID_ARGUMENT lists all faults of the step that failed: fields, settings, scene.
 // FAILED_PRECONDITION: the scene may not be read over the network, or a file changed while it was read. NOT_FOUND: no
 // such base job or classifier. ALREADY_EXISTS: the id was used for another submission. RESOURCE_EXHAUSTED: a limit of
-// the client. UNAVAILABLE: the coordinator drains, or makes what the base needs again. CANCELLED: `cancelled` is true.
+// the client. UNAVAILABLE: the coordinator drains, or recomputes lost results of the base. CANCELLED: by `cancelled`.
 class Admission {
  public:
   explicit Admission(AdmissionEnvironment environment) : environment_(std::move(environment)) {}
 
-  // Creates the job. Nothing is read for an id that has a job already, or for a client that may have no more jobs.
+  // Creates the job. Reads nothing if the id has a job or the client has reached its limit of jobs.
   StatusOr<JobStatus> Submit(const Submission& submission, const Cancelled& cancelled = {}) const;
-  // All checks of Submit but those of the id and of the number of jobs. Creates nothing: of the result only the
-  // header's name for display, scene path, settings and warnings are set.
+  // All checks of Submit except those of the id and the number of jobs. Creates nothing; of the result, only the
+  // header's display name, scene path, settings and warnings are set.
   StatusOr<JobStatus> Validate(const Submission& submission, const Cancelled& cancelled = {}) const;
 
  private:

@@ -13,16 +13,16 @@
 
 namespace tessera {
 
-// Whether the caller waits no longer for the answer. May be empty.
+// Returns true once the caller has cancelled. May be empty.
 using Cancelled = std::function<bool()>;
 
-// Digest of the open file: from the cache while its size and time of change are the same, else computed.
-// FAILED_PRECONDITION if it changes while it is read; CANCELLED. Thread-safe.
+// Digest of the open file: cached if its size and change time are unchanged, else computed. FAILED_PRECONDITION if it
+// changes while it is read; CANCELLED by `cancelled`. Thread-safe.
 StatusOr<Digest> DigestOfFile(const HeldFile& file, DigestCache& cache, const Clock& clock,
                               const Cancelled& cancelled = {});
 
-// Digests of `files`, paths relative to `folder`, in their order; several are read at a time. INVALID_ARGUMENT lists
-// every file that cannot be read or is not allowed. Thread-safe.
+// Digests of `files` (paths relative to `folder`), in the same order. Reads several files concurrently.
+// INVALID_ARGUMENT lists every file that cannot be read or is not allowed. Thread-safe.
 StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const std::string& folder, const std::vector<std::string>& files,
                                                     const AllowedFiles& allowed, DigestCache& cache, const Clock& clock,
                                                     const Cancelled& cancelled = {});

@@ -24,7 +24,7 @@ StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneD
   const StatusOr<ClassifierModel> model =
       bytes.ok() ? ParseModel(*bytes, classifier) : StatusOr<ClassifierModel>(bytes.status());
   if (!model.ok() && !absl::IsNotFound(model.status())) {
-    return absl::InvalidArgumentError(model.status().message());  // an error of the caller's, whatever its code
+    return absl::InvalidArgumentError(model.status().message());  // any fault of the file is the caller's error
   }
   TESSERA_RETURN_IF_ERROR(model.status());
   TESSERA_RETURN_IF_ERROR(ModelClassesOf(*model, classes, classifier).status());

@@ -1,4 +1,4 @@
-// Reads the scene of a submission: its files, its faults and the classifier that its likelihoods come from.
+// Reads and validates the scene of a submission and selects its classifier.
 #pragma once
 
 #include <functional>
@@ -13,7 +13,7 @@ namespace tessera {
 struct SceneRequest {
   bool needs_mesh = true;        // false: the scene adds images to a base job's
   std::string classifier;        // as in JobSettings
-  bool base_classifies = false;  // the base job makes likelihoods from images: those of the scene are not read
+  bool base_classifies = false;  // the base job computes likelihoods, so those of the scene are not read
 };
 
 struct SceneListing {
@@ -21,7 +21,7 @@ struct SceneListing {
   std::string name;
   std::vector<std::string> files;  // relative to folder, sorted
   Warnings warnings;
-  // As in JobSettings. Where the request has none: the default classifier if the scene needs one and has its classes.
+  // As in JobSettings. If the request has none: the default classifier, if the scene needs one and has its classes.
   std::string classifier = {};
   std::string classifier_content = {};  // of a trained classifier
 };
@@ -31,7 +31,7 @@ struct SceneListing {
 // Thread-safe.
 StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& request, const AllowedFiles& allowed);
 
-// ReadScene, or what tests put in its place.
+// ReadScene, or a replacement in tests.
 using SceneReader = std::function<StatusOr<SceneListing>(const std::string& path, const SceneRequest& request,
                                                          const AllowedFiles& allowed)>;
 

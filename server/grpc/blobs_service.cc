@@ -13,16 +13,16 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kChunkBytes = int64_t{1} << 20;
-constexpr double kAwaitRemakeS = 20;  // at most, of a ReadBlob call
-constexpr int kMaxDigests = 1000;     // of a StatBlobs call
+constexpr double kAwaitRemakeS = 20;  // longest wait of a ReadBlob call
+constexpr int kMaxDigests = 1000;     // per StatBlobs call
 constexpr size_t kMaxWorkersKept = 10'000;
 constexpr char kNotYours[] =
     "permission denied: a worker may read the inputs of its leases, other callers what jobs published";
 
-// A fault of our own disk is not the caller's and may pass: RESOURCE_EXHAUSTED, which means nothing else here.
+// An error of the coordinator's disk may be transient: report it as RESOURCE_EXHAUSTED, so that callers retry.
 Status StorageStatus(const Status& status) {
   if (!IsFileError(status)) return status;
-  return absl::ResourceExhaustedError("the coordinator cannot store it: " + std::string(status.message()));
+  return absl::ResourceExhaustedError("the coordinator cannot store the blob: " + std::string(status.message()));
 }
 
 }  // namespace
@@ -95,7 +95,7 @@ Status BlobsService::AwaitRemake(const Digest& digest, const grpc::ServerContext
 }
 
 Status BlobsService::Damaged(const Digest& digest, const std::string& what) const {
-  // If a job published it, it is made again; a worker that reads it as an input reports that itself.
+  // Published files are made again. Workers report lost inputs themselves.
   recovery_.RemakeArtifact(digest).IgnoreError();
   return absl::DataLossError(what);
 }
@@ -136,9 +136,9 @@ grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::Read
   int64_t offset = request->offset();
   while (offset < digest.size_bytes && !context->IsCancelled()) {
     const auto bytes = source->read(offset, std::min(kChunkBytes, digest.size_bytes - offset));
-    if (absl::IsNotFound(bytes.status())) return ToGrpc(Damaged(digest, source->name + " was removed"));
+    if (absl::IsNotFound(bytes.status())) return ToGrpc(Damaged(digest, source->name + " was deleted"));
     if (!bytes.ok()) return ToGrpc(bytes.status());
-    if (bytes->empty()) return ToGrpc(Damaged(digest, source->name + " has become shorter"));
+    if (bytes->empty()) return ToGrpc(Damaged(digest, source->name + " was truncated"));
     hasher.Update(*bytes);
     const bool last = offset + static_cast<int64_t>(bytes->size()) == digest.size_bytes;
     if (last && request->offset() == 0 && hasher.Finish() != digest.sha256) {
@@ -180,7 +180,7 @@ grpc::Status BlobsService::WriteBlob(grpc::ServerContext* context, grpc::ServerR
     if (!committed.ok()) return ToGrpc(StorageStatus(committed.status()));
     response->set_committed_bytes(*committed);
   }
-  if (first) return ToGrpc(absl::InvalidArgumentError("the upload names no blob"));
+  if (first) return ToGrpc(absl::InvalidArgumentError("upload: found no message, expected a digest and bytes"));
   // A stream that ended early keeps its bytes; the writer resumes from there.
   if (response->committed_bytes() < digest.size_bytes) return grpc::Status::OK;
   const Status complete = environment_.blobs->Complete(digest);

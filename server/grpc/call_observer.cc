@@ -51,7 +51,7 @@ class CallObserver final : public grpc::experimental::Interceptor {
     if (message == nullptr) return;
     if (audited_ && !asked_) {
       asked_ = AuditedRequest(method_, *message);
-      if (!asked_) audited_ = false;  // it changes nothing
+      if (!asked_) audited_ = false;  // a query changes nothing
     }
     if (!writes_blob_) return;
     if (const auto* write = dynamic_cast<const v1::WriteBlobRequest*>(message)) {

@@ -8,7 +8,7 @@ namespace {
 constexpr size_t kMaxAttemptMessageBytes = 4 << 10;  // a page has a thousand of them
 // Limits of reported values, which are stored as long as their jobs.
 constexpr size_t kMaxErrorBytes = 256 << 10, kMaxWarningBytes = 4 << 10;
-constexpr int kMaxWarnings = 1000;  // of a task, and shown of a job
+constexpr int kMaxWarnings = 1000;  // per task, and per job in answers
 constexpr int kMaxLostInputs = 1000;
 
 std::string Cut(const std::string& text, size_t max_bytes) { return std::string(Prefix(text, max_bytes)); }

@@ -23,10 +23,10 @@ struct ServerEnvironment {
   BlobStore* blobs = nullptr;
   DigestCache* digests = nullptr;
   const Clock* clock = nullptr;
-  const Access* access = nullptr;  // null: one of the server's own, which asks nobody who he is
+  const Access* access = nullptr;  // null: every caller has all rights
   SceneReader read_scene = ReadScene;
   AllowedFiles scene_files = AllowedFiles::All();  // files that scenes may have
-  // False: scenes are read only for callers that come through a socket.
+  // False: only callers through a socket may submit scenes.
   bool scenes_over_network = true;
   // Empty: workers transfer all data through the blob service. Else a worker that reads `shared_probe_content` at
   // `shared_probe_path` reads and stores blobs in the folder `shared_blob_dir`, which is that of `blobs`.

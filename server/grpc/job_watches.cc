@@ -47,7 +47,7 @@ Status Stops() { return RetryAfter(absl::UnavailableError("unavailable: the coor
 
 // A serialized state of a job, shared by all its watchers.
 struct Update {
-  int64_t number = 0;  // grows
+  int64_t number = 0;  // ascending
   std::string etag;
   grpc::ByteBuffer bytes;
   bool last = false;  // the job has ended
@@ -341,7 +341,7 @@ void JobWatches::Watching::Run() {
         callers_checked = Steady::now();
       }
     }
-    // Limits the message rate, and this thread to half of a core.
+    // Limits the message rate, and this thread's use to half of a core.
     const double round_s = std::max(kInterval_s, 2 * (CpuSecondsOfThread() - begun_cpu_s));
     std::unique_lock lock(mutex_);
     if (end_.wait_until(lock,

@@ -13,7 +13,7 @@ namespace {
 StatusOr<int> ParseToken(const std::string& token, int by_default) {
   if (token.empty()) return by_default;
   if (token.size() > 9 || !std::all_of(token.begin(), token.end(), [](char c) { return c >= '0' && c <= '9'; })) {
-    return absl::InvalidArgumentError("not a page token: '" + token + "'");
+    return absl::InvalidArgumentError("malformed page token: '" + token + "'");
   }
   return std::stoi(token);
 }
@@ -92,7 +92,7 @@ grpc::Status JobsService::RetryJob(grpc::ServerContext*, const v1::RetryJobReque
 }
 
 grpc::Status JobsService::DeleteJob(grpc::ServerContext*, const v1::DeleteJobRequest* request, v1::DeleteJobResponse*) {
-  return ToGrpc(jobs_.DeleteJob(request->name(), "asked for"));
+  return ToGrpc(jobs_.DeleteJob(request->name(), "requested by a caller"));
 }
 
 grpc::Status JobsService::ListTasks(grpc::ServerContext*, const v1::ListTasksRequest* request,
@@ -123,7 +123,7 @@ grpc::Status JobsService::ListAttempts(grpc::ServerContext*, const v1::ListAttem
   const auto task = ParseToken(token.substr(0, dot), 0);
   const auto number = ParseToken(token.substr(std::min(dot + 1, token.size())), 1);
   for (const auto* part : {&task, &number}) {
-    if (!part->ok()) return ToGrpc(absl::InvalidArgumentError("not a page token: '" + token + "'"));
+    if (!part->ok()) return ToGrpc(absl::InvalidArgumentError("malformed page token: '" + token + "'"));
   }
   const auto page = jobs_.ListAttempts(request->parent(), *task, *number, PageSize(request->page_size(), 1000));
   if (!page.ok()) return ToGrpc(page.status());

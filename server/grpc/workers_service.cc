@@ -62,7 +62,7 @@ class ReportReactor final : public grpc::ServerUnaryReactor {
     lease_ = std::move(lease);
     EndIfDue();
   }
-  // Whether Reported has been told of an error. Until both are told.
+  // Whether Reported got an error. Call before both Reported and Leased were called.
   bool refused() const { return refused_; }
 
  private:

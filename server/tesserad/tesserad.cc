@@ -143,7 +143,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   if (!flags.no_shared_storage) {
     environment.shared_blob_dir = blobs->root();
     environment.shared_probe_path = blobs->root() + "/probe";
-    environment.shared_probe_content = RandomSecret();  // that no other machine's folder has
+    environment.shared_probe_content = RandomSecret();  // identifies this folder
     TESSERA_RETURN_IF_ERROR(WriteFileAtomic(environment.shared_probe_path, environment.shared_probe_content));
   }
   TESSERA_ASSIGN_OR_RETURN(const auto server, CoordinatorServer::Start(listen, environment));

@@ -16,51 +16,49 @@ namespace {
 
 using Eigen::Vector3d;
 
-// How the refine task crops images (worker/tile/tile_views.cc).
+// As in worker/tile/tile_views.cc.
 constexpr double kCropMargin_px = 32, kCropAlignment_px = 16;
-// How far pixels are read around those of a reference: two windows' radii (PhotoTerm).
+// Margin of a reference's pixels: two window radii (PhotoTerm).
 constexpr double kReferenceMargin_px = 6;
 constexpr double kNear_m = 1e-3;
 
-// --- Constants of the version ---
+// --- Fitted constants ---
 
 constexpr double kMiB = 1 << 20;
 
-// What a worker holds before it begins.
+// An idle worker.
 constexpr double kFixedBytes = 68 * kMiB;
-// By pixel of all crops, contours and the like; by pixel of views that are open together, whole or as far as the core
-// needs them: face map, warp target and luminance (likelihoods beside it); by pixel of the view whose likelihoods are
-// summed: map and luminance.
+// Bytes per pixel. `all`: of every crop (contours). `open`: of the crops in memory at once (face map, warp target,
+// luminance; PixelBytes adds likelihoods). kLabelPixelBytes: of the crop of a label step (face map, luminance).
 struct PixelCosts {
   double all = 0, open = 0;
 };
 constexpr PixelCosts kRefinePixels = {2, 35}, kMeasurePixels = {4, 15};
 constexpr double kLabelPixelBytes = 10;
-// By face: of the only tile, where one task does all steps; of measure, by face of the core, and by face in sight; of
-// solve; of mend.
+// Bytes per face. Refine, solve and mend: of the task's region. Measure: of the core; of the visible set.
 constexpr double kRefineBytesPerFace = 850;
 constexpr double kMeasureBytesPerFace = 400, kVisibleBytesPerFace = 250;
 constexpr double kSolveBytesPerFace = 850, kMendBytesPerFace = 800;
 // Windows begin at multiples of 64 pixels and have padded rows.
 constexpr double kWindowShare = 1.15;
-// While reading, one image at a time: three bytes a pixel of the whole photograph and its compressed bytes. Of
-// likelihoods only an array lies in memory as a whole (at most a float a class), a label picture as a byte a pixel;
-// TIFFs do not. A pixel of a crop, and one of a class, as floats, before and after undistortion, and as stored.
+// Crop, one image at a time. Bytes per pixel of the whole file: photograph (RGB and compressed); .npy array, per class;
+// .png labels. TIFFs are not held whole. kCropBytes: per pixel and plane of the crop (floats before and after
+// undistortion, and as stored).
 constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
-constexpr double kTaskSeconds = 0.01;      // of any task: to bring and store its files
+constexpr double kTaskSeconds = 0.01;      // a task: transfer of its files
 constexpr double kFaceSeconds = 4e-6;      // a face, before the first step
-constexpr double kStateSeconds = 0.15e-6;  // a face whose state or sums a task of one step reads
+constexpr double kStateSeconds = 0.15e-6;  // a face whose state or sums a step's task reads
 constexpr double kWarpSeconds = 16e-9;     // a reference pixel, partner and evaluation
-constexpr double kDrawSeconds = 10.5e-9;   // a face, view that is drawn and step, on whatever level
+constexpr double kDrawSeconds = 10.5e-9;   // a rendered face, view and iteration, at any level
 constexpr double kMapSeconds = 27e-9;      // a pixel of the crops and evaluation
-// A tile among others draws what may hide its faces too, and mends as far as a fold may reach.
+// In a tiled job, tasks also render occluders and repair around the core.
 constexpr double kTileDrawShare = 1.9, kTileMendShare = 2.7;
 constexpr double kSolveSeconds = 0.9e-6;    // a face and iteration
 constexpr double kMendSeconds = 1.1e-6;     // a face and repair
 constexpr double kLabelSeconds = 50e-9;     // a pixel of the crops and labelling
 constexpr double kLabelFaceSeconds = 2e-6;  // a face and labelling
 constexpr double kDecodeSeconds = 24e-9;    // a pixel of a whole photograph
-// A pixel of a photograph that is classified, and a class of it; a face of what it may see.
+// Classify: a pixel of the photograph; a pixel and class; a visible face.
 constexpr double kClassifySeconds = 0.6e-6, kClassifyClassSeconds = 0.11e-6, kClassifyFaceSeconds = 0.5e-6;
 constexpr double kClassifyPixelBytes = 140, kClassifyBytesPerFace = 250, kClassifyVisibleShare = 2;
 constexpr double kStoredClassified = 0.6;  // a pixel and class
@@ -70,24 +68,24 @@ constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
 constexpr double kIngestBytesPerFace = 330, kIngestSecondsPerFaceView = 0.2e-6;
 constexpr double kPublishBytesPerFace = 90, kPublishSecondsPerFace = 2.6e-6;
-constexpr double kFlipBytesPerFace = 110;  // of a tile; counted as if the city were one, up to kResidentFaces
+constexpr double kFlipBytesPerFace = 110;  // of a tile; assumes one tile of up to kResidentFaces
 
-// A cell that new images are compared over, at all heights; two blocks at a time in memory. A cell of the report.
+// Compare: per cell, at all heights; two blocks in memory. Report: per cell.
 constexpr double kCompareSeconds = 0.3e-3, kCompareBytes = 200 * kMiB, kChangeCellSeconds = 5e-6, kChangeCellBytes = 60;
 
-// Bytes that are stored. A pixel of a crop and its likelihoods a class, with all levels of their pyramids; the crops of
-// a tile among others hold so much more than the core and its apron, as far as the images go.
+// Stored bytes. Per crop pixel: photograph; likelihoods per class, both with their pyramids. Shares: size of the crops
+// / predicted pixels, in an untiled and in a tiled job (at most the whole images).
 constexpr double kStoredPixel = 8.0 / 3, kStoredPlanePixel = 4.0 / 3, kStoredCropShare = 1.08, kStoredRimShare = 1.8;
-// A face of the core and one that is only in sight, as cut; of the core a face as measured, and with it a pixel that is
-// compared, at half of the width half of it; labels, and a class; a state; with what moves on to the next iteration.
+// Per face: package, in the core and outside; sums of measure (and per compared pixel, times the level's relative
+// width); label sums, and per class; state between levels; state within a level.
 constexpr double kStoredFace = 36, kStoredVisibleFace = 90, kStoredMeasuredFace = 32, kStoredPairPixel = 0.09;
 constexpr double kStoredLabels = 8, kStoredClass = 4, kStoredState = 26.5, kStoredIteration = 44.5;
-// Of the city: a face and a view as surveyed; a face as published, whole and in tiles; a cell that was compared.
+// City: per face and per view of the survey; per published face, in one mesh and in tiles; per compared cell.
 constexpr double kStoredCityFace = 38.5, kStoredView = 2000, kStoredPublished = 40, kStoredInTiles = 36,
                  kStoredChangeCell = 50;
 
-// Most of what tasks hold of the city are pages of mapped files, which the system takes back when memory is short; of
-// a large city more of them may be resident than counts here. The second is what city_bench's tasks needed (README).
+// Tasks mostly map the city's files, and the system evicts these pages when memory is short. So only kResidentFaces
+// count in full; the rate for the others is what city_bench's tasks needed (README).
 constexpr double kResidentFaces = 4 << 20, kBytesPerFaceBeyond = 12;
 
 double CityBytes(double bytes_per_face, double faces) {
@@ -98,7 +96,7 @@ struct Box {
   Vector3d min, max;
 };
 
-// The part of a cell's box that can hold faces of a tile: those whose centroid lies at most `margin_m` from the core.
+// The part of a cell's box that may contain faces with a centroid at most `margin_m` from the core.
 Box TilePart(const SurveyCell& cell, const GroundPlane& ground, const CellRect& core, double margin_m) {
   Box box = {cell.box_min, cell.box_max};
   if (ground.axis_x != Vector3d::UnitX() || ground.axis_y != Vector3d::UnitY()) return box;
@@ -120,12 +118,11 @@ double ShareWithin(const SurveyCell& cell, const CellRect& core, double margin_m
   return std::clamp(w, 0.0, 1.0) * std::clamp(h, 0.0, 1.0);
 }
 
-// Pixels of the rectangle around what the camera sees of the boxes; 0 if it sees nothing.
+// Pixels of the bounding rectangle of the boxes in the image; 0 if they are outside.
 double CropPixels(const std::vector<Box>& boxes, const PosedCamera& camera, double margin_px) {
   const double width = camera.intrinsics.width, height = camera.intrinsics.height;
   double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
   for (const Box& box : boxes) {
-    // Off the image on one side: no corner widens the crop there beyond its edge, but one may within.
     for (int k = 0; k < 8; ++k) {
       const Vector3d corner(k & 1 ? box.max.x() : box.min.x(), k & 2 ? box.max.y() : box.min.y(),
                             k & 4 ? box.max.z() : box.min.z());
@@ -155,10 +152,10 @@ void Include(const CellRect& cells, CellRect* rect) {
   rect->y1 = std::max(rect->y1, cells.y1);
 }
 
-// With the cells about it.
+// Grown by one cell on each side.
 CellRect Grown(const CellRect& rect) { return {rect.x0 - 1, rect.y0 - 1, rect.x1 + 1, rect.y1 + 1}; }
 
-// Faces of rectangles of cells (Crow 1984).
+// Number of faces in rectangles of cells: summed-area table (Crow 1984).
 class FaceTable {
  public:
   // For rectangles within `all`.
@@ -176,7 +173,7 @@ class FaceTable {
   }
 
  private:
-  // Of all cells left of x and below y.
+  // Sum over all cells left of x and below y.
   double& At(int x, int y) {
     return sums_[static_cast<size_t>(y - all_.y0) * columns_ + static_cast<size_t>(x - all_.x0)];
   }
@@ -186,13 +183,13 @@ class FaceTable {
   std::vector<double> sums_;
 };
 
-// A pixel of the whole image, while the file is read.
+// Bytes per pixel of the whole file while it is read.
 double DecodedLikelihoodBytes(const std::string& path, int planes) {
   if (path.ends_with(".npy")) return kArrayBytes * planes;
   return path.ends_with(".png") ? kLabelBytes : 0;
 }
 
-// What views are held for.
+// Memory of the views.
 double PixelBytes(const TileWork& work, const RefineEffort& effort, const PixelCosts& costs) {
   const double packed_planes = 4.0 * ((work.likelihood_planes + 3) / 4);
   return effort.finest_share * kWindowShare *
@@ -201,7 +198,7 @@ double PixelBytes(const TileWork& work, const RefineEffort& effort, const PixelC
 
 bool IsOnlyTile(const TileWork& work) { return work.visible_faces < work.core_faces + 1; }
 
-// Views drawn and pixels compared.
+// Rendering and comparison of views.
 double MeasureSeconds(const TileWork& work, const RefineEffort& effort) {
   const double draw =
       kDrawSeconds * work.drawn_faces * effort.iterations + kMapSeconds * work.pixels * effort.evaluations;
@@ -249,7 +246,7 @@ RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
   const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
   const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
   RefineEffort sum = EffortOf(steps, ActiveSteps(steps, rules, traits));
-  sum.mends += 1;  // of the start
+  sum.mends += 1;  // repair of the start
   return sum;
 }
 
@@ -260,7 +257,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
   TileWork work;
   std::vector<Box> boxes;
   std::set<int32_t> views;
-  std::vector<const SurveyCell*> measured;  // whose faces the tile measures
+  std::vector<const SurveyCell*> measured;  // cells whose faces the tile measures
   const SurveyCell* sample = nullptr;
   cells.ForEachWithin(core, sight_m, [&](const SurveyCell& cell) {
     const double faces = static_cast<double>(cell.faces);
@@ -276,7 +273,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
   });
   if (sample != nullptr) measured.push_back(sample);
   std::map<int32_t, std::vector<Box>> chosen;  // boxes of the cells that chose the view
-  std::map<int32_t, CellRect> drawn;           // about the cells that chose the view, or one that is compared with it
+  std::map<int32_t, CellRect> drawn;           // bounds of the cells that chose the view or a partner of it
   for (const SurveyCell* cell : measured) {
     for (const int32_t v : cell->views) {
       chosen[v].push_back({cell->box_min, cell->box_max});
@@ -306,7 +303,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
     work.largest_decoded = std::max(work.largest_decoded, whole * std::max(kImageBytes, likelihoods));
   }
   work.seeing_views = static_cast<int>(crop.size());
-  std::map<int32_t, double> compared;  // pixels of a reference
+  std::map<int32_t, double> compared;  // pixels per reference
   for (const auto& [v, of_view] : chosen) {
     compared[v] = CropPixels(of_view, survey.views[v].camera, kReferenceMargin_px);
   }
@@ -317,7 +314,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
   for (const auto& [v, rect] : drawn) {
     if (crop.contains(v)) work.drawn_faces += faces.In(Grown(rect));
   }
-  std::map<int32_t, std::pair<int32_t, int32_t>> open;  // first and last step of each view
+  std::map<int32_t, std::pair<int32_t, int32_t>> open;  // per view: first and last step that needs it
   for (const auto& [v, pixels] : crop) open[v] = {v, v};
   for (const auto& [reference, other] : survey.pairs) {
     if (!crop.contains(reference) || !crop.contains(other)) continue;
@@ -326,7 +323,7 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
     first = std::min(first, reference);
     last = std::max(last, reference);
   }
-  std::map<int32_t, double> change;  // of what is open, by step
+  std::map<int32_t, double> change;  // of the open pixels, by step
   for (const auto& [v, steps] : open) {
     change[steps.first] += crop[v];
     change[steps.second + 1] -= crop[v];
@@ -348,7 +345,7 @@ Prediction PredictRefine(const TileWork& work, const RefineEffort& effort) {
 
 Prediction PredictMeasure(const TileWork& work, const RefineEffort& effort) {
   const double tasks = effort.iterations + effort.labellings;
-  // Label steps look at one view after the other.
+  // Label steps load one view at a time.
   const double pixel_bytes = effort.iterations > 0
                                  ? PixelBytes(work, effort, kMeasurePixels)
                                  : (kLabelPixelBytes + 4 * work.likelihood_planes) * work.largest_crop;
@@ -397,11 +394,11 @@ Prediction PredictIngest(const Survey& survey) {
   for (const SurveyCell& cell : survey.cells) {
     face_views += static_cast<double>(cell.faces) * static_cast<double>(cell.views.size());
   }
-  // Of likelihoods that the job makes it reads none, but the photographs' colours.
+  // If the job classifies, ingest reads no likelihoods, but the colours of the photographs.
   const double planes = !survey.classifier.empty() ? 1
                         : survey.has_likelihoods   ? static_cast<double>(survey.classes.size())
                                                    : 0;
-  double pixels = 0;  // all are checked
+  double pixels = 0;  // of all views: ingest checks each file
   for (const SceneView& view : survey.views) {
     pixels += static_cast<double>(view.camera.intrinsics.width) * view.camera.intrinsics.height;
   }
@@ -423,7 +420,7 @@ std::vector<Prediction> PredictClassify(const Survey& survey) {
   for (size_t v = 0; v < chosen.size(); ++v) {
     const PinholeCamera& camera = survey.views[v].camera.intrinsics;
     const double pixels = static_cast<double>(camera.width) * camera.height;
-    // One that is only compared with others sees about as much as they; all see beyond the cells that chose them.
+    // A view that no cell chose is assumed to show an average number of faces.
     const double about = chosen[v] > 0 ? chosen[v] : by_any / static_cast<double>(chosen.size());
     const double faces = std::min(kClassifyVisibleShare * about, static_cast<double>(survey.faces));
     predictions.push_back(

@@ -32,8 +32,8 @@ RefineEffort EffortOf(const RefineStep& step);
 RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<int>& which);
 RefineEffort EffortOf(const JobSettings& settings, const Survey& survey);
 
-// Expected dependency radii outside a tile's core: of the visible set; of a solver step; of the image windows. The cut
-// task determines the exact ones on the mesh.
+// Expected dependency radii around a tile's core in GSD: visible set; solver step; image windows. The cut task
+// determines the exact ones on the mesh.
 inline constexpr double kVisibleSetGsd = 220, kSolveGsd = 160, kApronGsd = 32;
 
 // Quantities of a tile. Faces: after splitting. Pixels: at full resolution, of the core and its apron.

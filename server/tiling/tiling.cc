@@ -112,20 +112,21 @@ class KdSplitter {
     const double bytes = PredictBytes(rect, work);
     if (bytes <= static_cast<double>(limit_bytes_)) return absl::OkStatus();
     constexpr double kGiB = 1 << 30;
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "the ground cell at (%d, %d) (%.0f faces, %.0f more in sight, %d views, %.1f megapixels) takes %.2f GiB to "
-        "refine, "
-        "and a tile cannot be smaller than a cell; tile memory: found %.2f GiB, expected at least that much "
-        "(--tile-memory), or a finest level coarser than now (--levels)",
-        rect.x0, rect.y0, work.core_faces, work.visible_faces - work.core_faces, work.seeing_views, 1e-6 * work.pixels,
-        bytes / kGiB, static_cast<double>(limit_bytes_) / kGiB));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("ground cell at (%d, %d): %.0f faces, %.0f more in its visible set, %d views, %.1f megapixels "
+                        "need %.2f GiB, and "
+                        "a tile has at least one cell; tile memory: found %.2f GiB, expected at least that much; raise "
+                        "--tile-memory or "
+                        "drop the finest of --levels",
+                        rect.x0, rect.y0, work.core_faces, work.visible_faces - work.core_faces, work.seeing_views,
+                        1e-6 * work.pixels, bytes / kGiB, static_cast<double>(limit_bytes_) / kGiB));
   }
 
   struct Cut {
     bool along_x = true;
     int at = 0;
     int low_parts = 1;
-    double excess = std::numeric_limits<double>::infinity();  // of the heavier side over an even share
+    double excess = std::numeric_limits<double>::infinity();  // work of the larger side / an even share
   };
 
   static std::pair<CellRect, CellRect> Halves(const CellRect& rect, const Cut& cut) {
@@ -192,7 +193,7 @@ double PredictCellSeconds(const SurveyCell& cell, const Survey& survey, const Re
   work.drawn_faces = work.core_faces * views;
   work.pixels = views * side_px * side_px;
   work.pair_pixels = work.pixels * std::min(partners, std::max(0.0, views - 1));
-  // Without views, count the faces: folds are searched in every tile.
+  // Cells without views have work too: fold repair.
   return PredictCrop(work).core_seconds + PredictRefine(work, effort).core_seconds;
 }
 

@@ -1,4 +1,4 @@
-// A dispatcher with the fake planner and a folder that passes for a scene; no network.
+// A coordinator with the fake planner and a fake scene; no network.
 #pragma once
 
 #include <gtest/gtest.h>

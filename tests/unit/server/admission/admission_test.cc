@@ -50,7 +50,7 @@ class AdmissionTest : public AdmissionFixture {
   int reads_ = 0;
 };
 
-TEST_F(AdmissionTest, MakesAJobOfASubmission) {
+TEST_F(AdmissionTest, SubmissionCreatesAJob) {
   Submission submission = ASubmission();
   submission.priority = 3;
   const auto job = Submit(submission);
@@ -62,12 +62,12 @@ TEST_F(AdmissionTest, MakesAJobOfASubmission) {
   EXPECT_THAT(job->header.warnings, ElementsAre("a warning"));
   EXPECT_EQ(Job("jobs/1").header.priority, 3);
   EXPECT_TRUE(request_.needs_mesh);
-  EXPECT_EQ(limits_.transfers(), 0) << "it counts while it reads";
+  EXPECT_EQ(limits_.transfers(), 0) << "the transfer has ended";
   submission.display_name = "mine";
   EXPECT_EQ(Submit(submission)->header.display_name, "mine");
 }
 
-TEST_F(AdmissionTest, ARepeatedSubmissionGivesItsJobAndReadsNothing) {
+TEST_F(AdmissionTest, RepeatedSubmissionReturnsItsJobAndReadsNothing) {
   ASSERT_TRUE(Submit(ASubmission("id")).ok());
   Submission again = ASubmission("id");
   again.scene_path += "/./";
@@ -92,7 +92,7 @@ TEST_F(AdmissionTest, ValidateCreatesNothing) {
   EXPECT_EQ(Admission(environment_).Validate(missing).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST_F(AdmissionTest, FieldsAreBoundedAndAllAreNamed) {
+TEST_F(AdmissionTest, AllOversizedFieldsAreReported) {
   Submission submission = ASubmission(std::string(257, 'r'));
   submission.display_name = std::string(257, 'd');
   submission.scene_path = "/" + std::string(4096, 's');
@@ -105,7 +105,7 @@ TEST_F(AdmissionTest, FieldsAreBoundedAndAllAreNamed) {
   EXPECT_EQ(reads_, 0);
 }
 
-TEST_F(AdmissionTest, RefusesBeforeItReadsTheScene) {
+TEST_F(AdmissionTest, InvalidSubmissionsAreRefusedBeforeTheSceneIsRead) {
   Submission relative = ASubmission();
   relative.scene_path = "relative";
   EXPECT_EQ(Submit(relative).status().code(), absl::StatusCode::kInvalidArgument);
@@ -123,13 +123,13 @@ TEST_F(AdmissionTest, RefusesBeforeItReadsTheScene) {
   EXPECT_TRUE(Submit(local).ok());
 }
 
-TEST_F(AdmissionTest, AClientWithTooManyJobsOrTransfersIsRefusedBeforeTheSceneIsRead) {
+TEST_F(AdmissionTest, LimitsAreCheckedBeforeTheSceneIsRead) {
   options_.limits.of_client = 1;
   Restart();
   environment_.jobs = &coordinator_->jobs();
   ASSERT_TRUE(Submit(ASubmission("id")).ok());
   EXPECT_EQ(Submit(ASubmission()).status().code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_TRUE(Submit(ASubmission("id")).ok()) << "that job exists";
+  EXPECT_TRUE(Submit(ASubmission("id")).ok()) << "the id has a job";
   Submission other = ASubmission();
   other.client = "other";
   ClientLimitOptions options;
@@ -141,7 +141,7 @@ TEST_F(AdmissionTest, AClientWithTooManyJobsOrTransfersIsRefusedBeforeTheSceneIs
   EXPECT_EQ(reads_, 1);
 }
 
-TEST_F(AdmissionTest, ATrainedClassifierIsStoredWithTheJob) {
+TEST_F(AdmissionTest, TrainedClassifierIsStoredWithTheJob) {
   classifier_content_ = "a model";
   Submission submission = ASubmission();
   submission.settings.classifier = "/model.json";
@@ -150,14 +150,14 @@ TEST_F(AdmissionTest, ATrainedClassifierIsStoredWithTheJob) {
   EXPECT_TRUE(blobs_->Has({Sha256Hex("a model"), 7}));
 }
 
-TEST_F(AdmissionTest, TheNameOfTheClassifiersFileIsReserved) {
+TEST_F(AdmissionTest, NameOfTheClassifierFileIsReserved) {
   WriteScene(kClassifierFile, "not one");
   const auto refused = Submit(ASubmission());
   EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(refused.status().message()), HasSubstr("it is reserved"));
 }
 
-TEST_F(AdmissionTest, ACallerThatIsGoneGetsNoJob) {
+TEST_F(AdmissionTest, CancelledSubmissionCreatesNoJob) {
   EXPECT_EQ(Submit(ASubmission(), [] { return true; }).status().code(), absl::StatusCode::kCancelled);
   environment_.read_scene = [](const std::string& path, const SceneRequest&, const AllowedFiles&) {
     return SceneListing{path, "no files to hash", {}, {}};

@@ -11,17 +11,17 @@ namespace {
 
 using testing::HasSubstr;
 
-// Times of change are the machine's: nobody can set them.
+// Change times come from the machine's clock; tests cannot set them.
 class SceneFilesTest : public AdmissionFixture {
  protected:
   SceneFilesTest() { clock_.SetBy(static_cast<double>(SystemClock().UnixTimeUs() - clock_.UnixTimeUs()) / 1e6); }
   HeldFile Hold(const std::string& name) { return *AllowedFiles::All().Open(scene_ + "/" + name); }
 };
 
-TEST_F(SceneFilesTest, DigestsAreRememberedOnceAFileHasSettled) {
+TEST_F(SceneFilesTest, DigestsOfRecentlyChangedFilesAreNotCached) {
   const HeldFile file = Hold("image");
   ASSERT_TRUE(DigestOfFile(file, *cache_, clock_).ok());
-  EXPECT_FALSE(cache_->Find(file.real_path(), *file.Stamp()).has_value()) << "it is too fresh";
+  EXPECT_FALSE(cache_->Find(file.real_path(), *file.Stamp()).has_value()) << "the file changed too recently";
   clock_.Advance(3600);
   const Digest digest = *DigestOfFile(file, *cache_, clock_);
   EXPECT_EQ(cache_->Find(file.real_path(), *file.Stamp()), digest);
@@ -29,7 +29,7 @@ TEST_F(SceneFilesTest, DigestsAreRememberedOnceAFileHasSettled) {
   EXPECT_THAT(std::string(missing.status().message()), testing::AllOf(HasSubstr("none1"), HasSubstr("none2")));
 }
 
-TEST_F(SceneFilesTest, AFileThatIsGivenAnotherContentAndItsOldTimeIsHashedAgain) {
+TEST_F(SceneFilesTest, FileWithNewContentAndItsOldModificationTimeIsHashedAgain) {
   clock_.Advance(3600);
   const std::string path = scene_ + "/image";
   const auto written = std::filesystem::last_write_time(path);
@@ -41,7 +41,7 @@ TEST_F(SceneFilesTest, AFileThatIsGivenAnotherContentAndItsOldTimeIsHashedAgain)
   EXPECT_EQ(other.size_bytes, digest.size_bytes);
 }
 
-TEST_F(SceneFilesTest, StopsHashingWhenTheCallerIsGone) {
+TEST_F(SceneFilesTest, CancellationStopsHashing) {
   EXPECT_EQ(DigestOfFile(Hold("image"), *cache_, clock_, [] { return true; }).status().code(),
             absl::StatusCode::kCancelled);
   EXPECT_EQ(
@@ -49,7 +49,7 @@ TEST_F(SceneFilesTest, StopsHashingWhenTheCallerIsGone) {
       absl::StatusCode::kCancelled);
 }
 
-TEST_F(SceneFilesTest, ADigestThatCannotBeRememberedIsADigestAllTheSame) {
+TEST_F(SceneFilesTest, CacheErrorsAreIgnored) {
   struct FullCache : DigestCache {
     std::optional<Digest> Find(const std::string&, const FileStamp&) override { return std::nullopt; }
     Status Remember(const std::string&, const FileStamp&, const Digest&) override {

@@ -37,11 +37,11 @@ TEST_F(SceneReaderTest, ListsTheFilesOfAScene) {
   EXPECT_EQ(scene->folder, scene_);
   EXPECT_THAT(scene->files, Not(IsEmpty()));
   for (const std::string& file : scene->files) EXPECT_TRUE(FileExists(scene_ + "/" + file)) << file;
-  EXPECT_EQ(scene->classifier, "") << "it has likelihoods";
+  EXPECT_EQ(scene->classifier, "") << "the scene has likelihoods";
   EXPECT_EQ(scene->classifier_content, "");
 }
 
-TEST_F(SceneReaderTest, ASceneWithoutClassesOfItsOwnGetsTheDefaultClassifier) {
+TEST_F(SceneReaderTest, SceneWithoutLikelihoodsGetsTheDefaultClassifier) {
   Write(TinySceneOptions::Likelihoods::kNone, false);
   const auto scene = Read();
   ASSERT_TRUE(scene.ok()) << scene.status();

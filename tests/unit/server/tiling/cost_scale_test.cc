@@ -13,15 +13,15 @@ TEST(CostScale, WithoutMeasurementsNothingIsCorrected) {
   EXPECT_EQ(same.peak_bytes, 5);
 }
 
-TEST(CostScale, EachKindHasItsOwnRatioAndOthersThatOfAll) {
+TEST(CostScale, MeasuredKindsHaveTheirRatioAndOthersTheTotalRatio) {
   const CostScale scale({{"measure", {100, 50}}, {"solve", {20, 25}}, {"cut", {40, 5}}});
   EXPECT_EQ(scale.Of("measure"), 0.5);
   EXPECT_EQ(scale.Of("solve"), 1.25);
   EXPECT_EQ(scale.Of("cut"), 0.125);
-  EXPECT_EQ(scale.Of("compare"), 0.5) << "80 of 160";
+  EXPECT_EQ(scale.Of("compare"), 0.5) << "80 / 160";
   const Prediction corrected = scale.Corrected("solve", {8, 1000});
   EXPECT_EQ(corrected.core_seconds, 10);
-  EXPECT_EQ(corrected.peak_bytes, 1000) << "the tiling rests on memory";
+  EXPECT_EQ(corrected.peak_bytes, 1000) << "the tiling depends on memory";
 }
 
 TEST(CostScale, RatiosStayWithinLimits) {
@@ -32,9 +32,9 @@ TEST(CostScale, RatiosStayWithinLimits) {
 
 TEST(CostScale, ShortTasksAreNotMeasured) {
   const CostScale scale({{"measure", {100, 50}}, {"publish", {0.1, 0.9}}, {"crop", {0, 4}}});
-  EXPECT_NEAR(scale.Of("publish"), 0.55, 0.01) << "that of all";
-  EXPECT_EQ(scale.Of("crop"), scale.Of("publish")) << "nothing was predicted to hold it against";
-  EXPECT_EQ(CostScale({{"publish", {0.1, 0.9}}}).Of("publish"), 1) << "all together are too little";
+  EXPECT_NEAR(scale.Of("publish"), 0.55, 0.01) << "ratio of all kinds";
+  EXPECT_EQ(scale.Of("crop"), scale.Of("publish")) << "no prediction to compare with";
+  EXPECT_EQ(CostScale({{"publish", {0.1, 0.9}}}).Of("publish"), 1) << "all kinds together are too short";
 }
 
 }  // namespace

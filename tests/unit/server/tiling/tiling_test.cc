@@ -15,7 +15,7 @@
 namespace tessera {
 namespace {
 
-TEST(Tiling, EveryCellIsInExactlyOneCoreAndNoneIsEmpty) {
+TEST(Tiling, EveryCellIsInExactlyOneCoreAndNoCoreIsEmpty) {
   Random random(4);
   for (uint64_t seed = 0; seed < 60; ++seed) {
     const Survey survey =
@@ -36,7 +36,7 @@ TEST(Tiling, EveryCellIsInExactlyOneCoreAndNoneIsEmpty) {
   }
 }
 
-TEST(Tiling, AsManyTilesAsAskedFor) {
+TEST(Tiling, GivesTheRequestedNumberOfTiles) {
   const Survey survey = RandomSurvey(30, 20, 1, 1);
   for (int tiles = 1; tiles <= 40; ++tiles) {
     EXPECT_EQ(Cores(survey, tiles).size(), static_cast<size_t>(tiles));
@@ -50,7 +50,7 @@ TEST(Tiling, FollowsTheCitysShape) {
   for (const CellRect& rect : along_y) EXPECT_EQ(rect.x1 - rect.x0, 4);
 }
 
-// Predicted core-seconds of refining each core, without what it reads around it.
+// Predicted core-seconds of refining each core, without its halo.
 std::vector<double> SecondsOf(const Survey& survey, const std::vector<CellRect>& cores) {
   std::vector<double> seconds(cores.size(), 0.0);
   for (const SurveyCell& cell : survey.cells) {
@@ -61,9 +61,9 @@ std::vector<double> SecondsOf(const Survey& survey, const std::vector<CellRect>&
   return seconds;
 }
 
-TEST(Tiling, TilesHaveLikeSharesOfTheWork) {
+TEST(Tiling, TilesHaveSimilarWork) {
   Survey survey = RandomSurvey(60, 60, 1, 1);
-  for (SurveyCell& cell : survey.cells) {  // a town in the plain
+  for (SurveyCell& cell : survey.cells) {  // a town in sparse surroundings
     if (std::hypot(cell.x - 10, cell.y - 20) < 12) cell.faces *= 20;
   }
   for (const int tiles : {2, 3, 9, 16, 50}) {
@@ -80,7 +80,7 @@ TilingOptions WithMemory(int64_t bytes, const Survey& survey) {
   return options;
 }
 
-TEST(Tiling, EveryTileFitsTheMemoryAndNoneIsFarTooSmall) {
+TEST(Tiling, EveryTileFitsTheMemoryLimitAndUsesMuchOfIt) {
   const Survey survey = SeenFromAbove(40);
   const CellIndex cells(survey);
   size_t before = 0;
@@ -107,7 +107,7 @@ TEST(Tiling, EveryTileFitsTheMemoryAndNoneIsFarTooSmall) {
   EXPECT_GT(before, 1u);
 }
 
-TEST(Tiling, ANumberOfTilesIsKeptUnlessMemoryIsLimitedToo) {
+TEST(Tiling, RequestedNumberIsExceededOnlyForAMemoryLimit) {
   const Survey survey = SeenFromAbove(40);
   EXPECT_EQ(Cores(survey, 1).size(), 1u);
   TilingOptions options = WithMemory(int64_t{512} << 20, survey);
@@ -127,23 +127,23 @@ TEST(Tiling, CellThatDoesNotFitIsRefusedWithAdvice) {
   EXPECT_TRUE(PlanTiles({.tile_memory_bytes = int64_t{8} << 30}, SurveyToJson(survey), FilesOf(survey)).ok());
 }
 
-TEST(CostModel, CropsAreWhatTheTileCovers) {
+TEST(CostModel, CropsCoverTheTileAndItsApron) {
   const Survey survey = SeenFromAbove(40);
   const CellIndex cells(survey);
-  // 10 pixels a metre at height 0, a little more at the boxes' tops, and the crops' margin.
+  // 10 pixels per metre at height 0, slightly more at the top of the boxes, plus the margin of the crops.
   const TileWork work = MeasureTile(cells, {0, 0, 10, 5});
   EXPECT_EQ(work.views.size(), 6u);
   EXPECT_EQ(work.seeing_views, 6);
-  const double apron_px = kApronGsd;  // of faces, whose corners may lie 2 m outside their cells
+  const double apron_px = kApronGsd;  // plus corners of faces up to 2 m outside their cells
   EXPECT_GT(work.pixels, 6 * (800.0 + 2 * apron_px) * (400.0 + 2 * apron_px));
   EXPECT_LT(work.pixels, 6 * (950.0 + 2.1 * apron_px) * (530.0 + 2.1 * apron_px));
-  EXPECT_LT(work.pair_pixels, 5 * work.pixels) << "without the apron";
+  EXPECT_LT(work.pair_pixels, 5 * work.pixels) << "pairs do not include the apron";
   EXPECT_GT(work.pair_pixels, 5 * 6 * 600.0 * 300.0);
   EXPECT_EQ(work.image_pixels, 6 * 64e6);
 }
 
-// Where views and cells were chosen by few, as where an update's images end.
-TEST(CostModel, ViewsCostWhatChoseThem) {
+// Few cells chose a view, as at the border of an update's images.
+TEST(CostModel, CostOfAViewDependsOnTheCellsThatChoseIt) {
   Survey survey = SeenFromAbove(40);
   const auto measure = [&](const auto& chooses) {
     for (SurveyCell& cell : survey.cells) {
@@ -156,16 +156,16 @@ TEST(CostModel, ViewsCostWhatChoseThem) {
   const TileWork all = measure([](const SurveyCell&) { return true; });
   const TileWork one = measure([](const SurveyCell& cell) { return cell.x == 4 && cell.y == 2; });
   const TileWork beside = measure([](const SurveyCell& cell) { return cell.x > 20; });
-  EXPECT_NEAR(one.pair_pixels, 5 * 100 * 100, 5 * 50 * 150) << "a cell of 80 pixels, each way";
+  EXPECT_NEAR(one.pair_pixels, 5 * 100 * 100, 5 * 50 * 150) << "a cell has 80 x 80 pixels";
   EXPECT_GT(all.pair_pixels, 20 * one.pair_pixels);
-  EXPECT_EQ(one.drawn_faces, 6 * 900) << "the view and its partners, of the cell and those about it";
+  EXPECT_EQ(one.drawn_faces, 6 * 900) << "6 views, 3 x 3 cells";
   EXPECT_GE(all.drawn_faces, 6 * 100 * 12 * 7);
-  EXPECT_LE(all.drawn_faces, 6 * 100 * 13 * 8) << "with the sample";
+  EXPECT_LE(all.drawn_faces, 6 * 100 * 13 * 8) << "including the sample cell";
   EXPECT_EQ(beside.pair_pixels, 0);
   EXPECT_EQ(beside.drawn_faces, 0);
 }
 
-TEST(CostModel, APartOfACellCountsForItsShare) {
+TEST(CostModel, PartialCellsCountByTheirShare) {
   Survey survey = SeenFromAbove(40);
   for (SurveyCell& cell : survey.cells) cell.faces = 100;
   const CellIndex cells(survey);
@@ -173,14 +173,14 @@ TEST(CostModel, APartOfACellCountsForItsShare) {
   const double solve_cells = kSolveGsd * survey.gsd_m / survey.ground.cell_m;
   const TileWork work = MeasureTile(cells, {5, 5, 10, 10});
   EXPECT_EQ(work.core_faces, 2500);
-  // Rounded corners: what lies farther than that along both axes does not count.
+  // The margin has rounded corners.
   EXPECT_LE(work.visible_faces, 100 * std::pow(5 + 2 * visible_cells, 2) + 1e-6);
   EXPECT_GE(work.visible_faces, 100 * (25 + 4 * 5 * visible_cells));
   EXPECT_LE(work.solve_faces, 100 * std::pow(5 + 2 * solve_cells, 2) + 1e-6);
   EXPECT_GE(work.solve_faces, 100 * (25 + 4 * 5 * solve_cells));
 }
 
-TEST(CostModel, CoarserLevelsTakeLess) {
+TEST(CostModel, CoarserLevelsCostLess) {
   JobSettings coarse, twice;
   coarse.method_settings.levels = {2, 1};
   coarse.method_settings.iterations = {3, 10};
@@ -199,8 +199,7 @@ TEST(CostModel, CoarserLevelsTakeLess) {
   compare(PredictMend);
 }
 
-// The parts of a job are its whole.
-TEST(CostModel, StepsSumUp) {
+TEST(CostModel, EffortOfAJobIsTheSumOfItsSteps) {
   const Survey survey = SeenFromAbove(20);
   const TileWork work = MeasureTile(CellIndex(survey), {0, 0, 9, 9});
   const std::vector<RefineStep> steps = RefineStepsOf("tessera", 0, {});
