@@ -62,8 +62,9 @@ TEST(FullDiskTest, JobSurvivesFullDisksOfStateBlobsAndScratch) {
   full.emplace(blobs);
   ASSERT_TRUE(WaitUntil([&] {
     const std::vector<v1::Task> tasks = cluster.Tasks(job);
-    return std::any_of(tasks.begin(), tasks.end(),
-                       [](const v1::Task& task) { return task.stage().find("waiting for room") != std::string::npos; });
+    return std::any_of(tasks.begin(), tasks.end(), [](const v1::Task& task) {
+      return task.stage().find("waiting for storage space") != std::string::npos;
+    });
   }));
   full.reset();
   ASSERT_TRUE(goes_on());

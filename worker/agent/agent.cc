@@ -185,7 +185,7 @@ class Agent::Impl {
     return !changed_.wait_for(lock, std::chrono::duration<double>(seconds), [&] { return draining_ || ended_; });
   }
 
-  // Runs `call` with the worker's name. Registers and retries if the coordinator does not know the worker.
+  // Runs `call` with the worker's name. If the coordinator does not have the worker, registers and retries.
   Status CallAs(const std::function<Status(const std::string& worker)>& call) {
     for (int forgotten = 0;; ++forgotten) {
       const std::string name = worker();
@@ -397,9 +397,9 @@ class Agent::Impl {
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   Registration registration_;           // guarded by mutex_
-  bool to_probe_ = false;               // guarded by mutex_: files_ has not seen this registration
+  bool to_probe_ = false;               // guarded by mutex_: files_ must probe this registration
   std::shared_ptr<Attempt> attempt_;    // guarded by mutex_
-  bool ended_ = false;                  // guarded by mutex_: no further lease will come
+  bool ended_ = false;                  // guarded by mutex_: no further lease follows
   std::atomic<bool> draining_{false};   // written under mutex_
   std::atomic<bool> last_task_{false};  // written under mutex_: lease no task after the current one
 

@@ -41,7 +41,7 @@ StatusOr<std::string> BlobCache::Get(const Digest& digest, const Fetcher& fetch)
     Insert(digest);
   }
   entries_[digest.sha256].last_use = ++uses_;
-  if (!in_use) store_->Touch(digest).IgnoreError();  // the time only orders the blobs for the next process
+  if (!in_use) store_->Touch(digest).IgnoreError();  // the time gives the next process the order of use
   entries_[digest.sha256].stamp = StampOf(PathOf(digest)).value_or(FileStamp());
   return PathOf(digest);
 }
@@ -60,7 +60,7 @@ void BlobCache::Release() {
   MakeRoom(0);
 }
 
-// The worker's own folder: its tasks read the files themselves.
+// Tasks read the files directly.
 std::string BlobCache::PathOf(const Digest& digest) const { return *store_->LocalPath(digest); }
 
 void BlobCache::Insert(const Digest& digest) {
@@ -71,7 +71,7 @@ void BlobCache::Insert(const Digest& digest) {
 void BlobCache::Remove(const std::string& sha256) {
   const auto entry = entries_.find(sha256);
   if (entry == entries_.end()) return;
-  // A blob that cannot be removed is found again by the next process.
+  // The next process finds a blob that could not be removed.
   const auto removed =
       store_->Remove({BlobEntry::Kind::kBlob, "", sha256, entry->second.size_bytes, BlobEntry::kAnyTime});
   if (removed.ok()) (*removed)();

@@ -1,4 +1,4 @@
-// The worker's own copies of blobs; new ones replace the least recently used.
+// The worker's local cache of blobs, with least-recently-used eviction.
 #pragma once
 
 #include <cstdint>
@@ -14,23 +14,23 @@
 
 namespace tessera {
 
-// A folder of at most `max_bytes` of blobs; the inputs of a running task may exceed that until the task ends. The
-// content survives restarts. A blob that an earlier process left, or that changed, is verified before its next use. Not
-// thread-safe; one process a folder.
+// A folder with at most `max_bytes` of blobs; the inputs of a running task may exceed the limit until it ends. The
+// content survives restarts. A blob of an earlier process, or with a changed file, is verified before its next use. Not
+// thread-safe; one process per folder.
 class BlobCache {
  public:
   static StatusOr<std::unique_ptr<BlobCache>> Open(const std::string& root, int64_t max_bytes);
 
-  // Brings the bytes of `digest` into the store given.
+  // Stores the blob `digest` in `store`.
   using Fetcher = std::function<Status(const Digest& digest, BlobStore& store)>;
 
-  // Path of the blob, which is fetched if it is missing or damaged. The blob is in use, and stays, until Release.
+  // Path of the blob. Fetches it if it is missing or damaged. The blob is in use, and not evicted, until Release.
   StatusOr<std::string> Get(const Digest& digest, const Fetcher& fetch);
 
   // Moves a file into the cache. The caller has verified that it hashes to `digest`.
   Status Adopt(const std::string& path, const Digest& digest);
 
-  // No blob is in use any more: shrinks to the bound.
+  // Marks all blobs as unused and evicts down to the limit.
   void Release();
 
   int64_t size_bytes() const { return size_bytes_; }
@@ -40,7 +40,7 @@ class BlobCache {
   struct Entry {
     int64_t size_bytes = 0;
     int64_t last_use = 0;  // order of use
-    FileStamp stamp = {};  // when this process last verified or wrote it; none: not yet
+    FileStamp stamp = {};  // at its last verification or write by this process; default: none
   };
 
   BlobCache(std::unique_ptr<FolderBlobs> store, int64_t max_bytes) : store_(std::move(store)), max_bytes_(max_bytes) {}

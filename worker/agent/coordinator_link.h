@@ -35,8 +35,8 @@ struct Registration {
   std::string secret;  // sent with every later call
   double lease_s = 0;
   double heartbeat_s = 0;
-  // A worker that finds `shared_probe_content` in the file `shared_probe_path` shares the coordinator's storage and
-  // may write blobs to `shared_blob_dir`; empty: no shared storage.
+  // A worker that reads `shared_probe_content` from `shared_probe_path` may read and write blobs in `shared_blob_dir`;
+  // empty: no shared storage.
   std::string shared_blob_dir;
   std::string shared_probe_path;
   std::string shared_probe_content;

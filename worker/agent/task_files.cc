@@ -72,7 +72,7 @@ bool TaskFiles::ReadableAt(const std::string& path, const Digest& digest) {
     const auto found = HashFile(path);
     if (!found.ok()) return false;
     const auto after = StampOf(path);
-    if (!after.ok() || !(*after == *stamp)) return false;  // it changed while it was read
+    if (!after.ok() || !(*after == *stamp)) return false;  // changed while it was read
     verified_[path] = {*stamp, *found};
   }
   if (verified_[path].digest != digest) return false;
@@ -122,7 +122,7 @@ Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::s
     TESSERA_RETURN_IF_ERROR(control.Check());
     const auto link = JoinInside(input_dir, input.name);
     if (!link.ok()) return AsStatus(FailureClass::kInput, MessageOf(link.status()));
-    const TaskControl moving = Moving(control, 0, "bringing " + input.name);
+    const TaskControl moving = Moving(control, 0, "fetching " + input.name);
     moving.Report(0, "");
     const StatusOr<std::string> file = Locate(input, moving);
     if (const Failure failure = FailureOf(file.status()); failure.failure_class == FailureClass::kLostInput) {
@@ -132,7 +132,7 @@ Status TaskFiles::BringInputs(const std::vector<TaskInput>& inputs, const std::s
     }
     if (!file.ok()) return file.status();
     if (!links.insert(*link).second) {
-      return AsStatus(FailureClass::kInput, "two inputs of the task are named " + input.name);
+      return AsStatus(FailureClass::kInput, "found two inputs of the same name: " + input.name);
     }
     const std::string folder = std::filesystem::path(*link).parent_path().string();
     if (folders.insert(folder).second) {
@@ -187,8 +187,8 @@ StatusOr<Digest> TaskFiles::StoreOutput(const std::string& path, const TaskContr
     waited_s += delay_s;
     char seconds[32];
     std::snprintf(seconds, sizeof(seconds), "%.0f", waited_s);
-    control.Report(1, "waiting for room since " + std::string(seconds) + " s: " + MessageOf(stored.status()));
-    if (!storage_wait_.sleeper(delay_s)) return absl::CancelledError("cancelled while waiting for room");
+    control.Report(1, "waiting for storage space since " + std::string(seconds) + " s: " + MessageOf(stored.status()));
+    if (!storage_wait_.sleeper(delay_s)) return absl::CancelledError("cancelled while waiting for storage space");
   }
 }
 
@@ -199,7 +199,7 @@ StatusOr<std::vector<NamedDigest>> TaskFiles::StoreOutputs(const std::vector<std
     TESSERA_RETURN_IF_ERROR(control.Check());
     const auto path = JoinInside(output_dir, name);
     if (!path.ok() || !FileExists(*path)) {
-      return AsStatus(FailureClass::kInternal, "the task named an output that is not there: " + name);
+      return AsStatus(FailureClass::kInternal, "the task did not write the output that it reported: " + name);
     }
     const TaskControl moving = Moving(control, 1, "storing " + name);
     moving.Report(0, "");

@@ -21,10 +21,10 @@ namespace tessera {
 // The status's text without its code.
 std::string MessageOf(const Status& status);
 
-// An input is a link to the shared file, if that is readable and has the right content (hashed once for each path, size
-// and time of change), else to the cache, which the blob service fills. Blobs get hard links where the file system has
-// them: a task has dozens of inputs, and symbolic links would create and delete as many files. The user's scene files
-// get symbolic links. Outputs are moved to the shared blob folder if there is one, else sent. Not thread-safe.
+// An input is a link to the shared file, if that is readable and has the right content (hashed once per path, size and
+// change time), else to the cache, which is filled from the blob service. Blobs get hard links if possible, which are
+// faster than symbolic links; scene files get symbolic links. Outputs are moved to the shared blob folder if there is
+// one, else uploaded. Not thread-safe.
 class TaskFiles {
  public:
   struct StorageWait {
@@ -33,8 +33,8 @@ class TaskFiles {
     Sleeper sleeper = RealSleeper();
   };
 
-  // `use_shared_storage` false: shared paths are never touched.
-  // `storage_wait`: between attempts to store an output in a full store; the sleeper returns false to cancel.
+  // `use_shared_storage` false: shared paths are never accessed.
+  // `storage_wait`: delays between attempts to store an output in a full store; the sleeper returns false to cancel.
   TaskFiles(BlobClient blobs, std::unique_ptr<BlobCache> cache, bool use_shared_storage,
             const StorageWait& storage_wait)
       : blobs_(std::move(blobs)),
@@ -45,22 +45,22 @@ class TaskFiles {
   // Tests whether this worker shares the blob folder that the registration names. True if it does.
   bool Probe(const Registration& registration);
 
-  // Errors of the calls below are Failures (failure.h), or CANCELLED by `control`.
+  // The calls below return Failures (failure.h), or CANCELLED by `control`.
 
-  // Makes the link `input_dir`/NAME for every input. The folder must hold no files. kInput for names that leave the
-  // folder; kLostInput with all inputs that the coordinator lacks or has damaged; kScratch if there is no space here.
+  // Makes the link `input_dir`/NAME for every input; the folder must contain no files. kInput for names outside it;
+  // kLostInput with all inputs that the coordinator lacks or that are damaged; kScratch if there is no local space.
   Status BringInputs(const std::vector<TaskInput>& inputs, const std::string& input_dir, const TaskControl& control);
 
-  // kLostInput with the inputs that changed since BringInputs: the outputs may be wrong. `read`: hashes all of them
-  // again, whatever their times of change.
+  // kLostInput with the inputs that changed since BringInputs: the outputs may be wrong. `read`: hash all inputs again
+  // instead of comparing size and change time.
   Status CheckInputs(bool read);
 
-  // Moves the named files of `output_dir` to the store. Digests in the order of `names`. Waits while the store is full,
-  // as `storage_wait` says, and reports that as the stage; then kStorage.
+  // Moves the named files of `output_dir` to the store. Returns digests in the order of `names`. While the store is
+  // full, reports the wait as the stage and retries within `storage_wait`, then returns kStorage.
   StatusOr<std::vector<NamedDigest>> StoreOutputs(const std::vector<std::string>& names, const std::string& output_dir,
                                                   const TaskControl& control);
 
-  // The task has ended: removes the links of its inputs (subfolders stay for the next task). The cache may drop them.
+  // Call after the task: removes the links of its inputs (subfolders stay for the next task) and releases the cache.
   void Release();
 
  private:
@@ -89,8 +89,8 @@ class TaskFiles {
   const StorageWait storage_wait_;
   std::unique_ptr<BlobStore> shared_blobs_;       // null: blob service only
   std::map<std::string, VerifiedFile> verified_;  // shared files, by path
-  std::vector<UsedFile> in_use_;                  // inputs of the running task, where they are
-  std::vector<std::string> links_;                // and where it reads them
+  std::vector<UsedFile> in_use_;                  // inputs of the running task
+  std::vector<std::string> links_;                // links to them
 };
 
 }  // namespace tessera

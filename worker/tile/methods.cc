@@ -5,13 +5,13 @@
 namespace tessera {
 namespace {
 
-// Of the terms where labels take part; the paper gives none of its weights. E_sem believes likelihoods to the pixel,
-// and what a classifier gets wrong it presses into the shape; E_inter gains on synthetic cities and loses on helsinki,
-// with the truth's labels too: ours goes without both. accuracy_bench --rungs and --sweep show it.
+// Weight of E_contour; the paper gives no weights. We use neither E_sem, which moves the surface where the classifier
+// is wrong, nor E_inter, which improves synthetic cities but worsens helsinki even with true labels (accuracy_bench
+// --rungs,
+// --sweep).
 constexpr double kContour = 0.5;
-// Tuned on campus and helsinki (README): less for `bend` gives completeness for accuracy, more for `flat` takes both.
-// `rough` is what lets pure noise pass for flat; four times less or more is the same within what chance does. Some
-// accuracy in crowns, where all bends, for some sharpness of edges that cut across faces.
+// Tuned on campus and helsinki (README). A smaller `bend` improves completeness and worsens accuracy; a larger `flat`
+// worsens both; a factor of 4 in `rough` makes no significant difference. The cost is some accuracy in tree crowns.
 constexpr CreaseWeights kCreases = {0.12, 1.3, 4};
 constexpr double kPaperSemantic = 0.1, kPaperInter = 0.1;
 constexpr double kPaperLabelSmoothness = 0.5;  // μ2 of the paper

@@ -1,4 +1,4 @@
-// The methods of a job as options of the refinement.
+// Refinement options of the methods.
 #pragma once
 
 #include <vector>
@@ -12,19 +12,18 @@
 namespace tessera {
 
 // All methods share kernels, density, pairs, pyramid and iterations per round. They differ in:
-//   tessera   the whole energy, labels in units of the GSD, solved before the geometry too
-//   baseline  Vu et al. 2012: E_photo and one smoothness for all; the labels are solved once, at the end, as ours are
-//   paper     Bláha et al. 2017: all four terms, no smoothness but E_inter where labels mix, five rounds, the paper's
-//   label
-//             energy. What the paper leaves open (weights, steps, pairs) is as ours.
-// `classes` gives the smoothness a class where the method knows classes; `parameters.settings` goes over the method's
-// own values. INVALID_ARGUMENT for an unknown method and for settings out of range.
+// - tessera: E_photo, E_contour, smoothness per class that spares creases; labels are also solved before the geometry.
+// - baseline: Vu et al. 2012. E_photo and one smoothness for all faces; labels are solved once, at the end.
+// - paper: Bláha et al. 2017. All four terms, no smoothness except E_inter, five rounds, the paper's label energy.
+//   Weights, steps and pairs are those of tessera, because the paper does not give them.
+// `classes`: smoothness per class, for methods that use labels. `parameters.settings` override the method's values.
+// INVALID_ARGUMENT for an unknown method and for settings out of range.
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const std::vector<SceneClass>& classes);
 
-// The same for a tile's package, with the borders of its likelihoods.
+// The same for a tile's package, including its statistics of class borders.
 StatusOr<TileRefineOptions> MethodOptions(const RefineParameters& parameters, const TilePackage& package);
 
-// The steps of a job that act on this package (ActiveSteps). Settings as CheckMethod accepts them.
+// The active steps of a job for this package (ActiveSteps). Settings must pass CheckMethod.
 std::vector<TileStep> ActiveTileSteps(const RefineParameters& parameters, const TilePackage& package);
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// The files that the tasks of a tile exchange, as value types: package, sums of a step, state after a step.
+// Files exchanged by the tasks of a tile: its package, sums of a step, state after a step. Functions are thread-safe.
 #pragma once
 
 #include <Eigen/Core>
@@ -30,8 +30,8 @@ enum Region : uint8_t {
   kSampleRegion = 16,  // some faces of a neighbour's core that this tile measures as well, to compare the results
 };
 
-// The cells by which a package is sorted: small, so that few faces are drawn per window; this many per side of a
-// ground cell.
+// Number of package cells per side of a ground cell. A package is sorted by these cells; they are small, so that few
+// faces are rendered per window.
 inline constexpr int kPackageCellsAcross = 4;
 inline GroundPlane PackageCells(GroundPlane ground) {
   ground.cell_m /= kPackageCellsAcross;
@@ -103,7 +103,7 @@ struct TileState {
   int tile = 0;
   std::vector<uint32_t> vertex_ids;
   std::vector<Eigen::Vector3d> positions;
-  // Positions at the begin of the current level, and the step of its last iteration; empty between levels.
+  // Positions at the start of the current level, and the step of its last iteration; empty between levels.
   std::vector<Eigen::Vector3d> level_start;
   std::vector<Eigen::Vector3f> last_step;
   std::vector<uint32_t> face_ids;

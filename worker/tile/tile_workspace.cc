@@ -22,7 +22,7 @@ namespace {
 
 constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
 
-// Bytes a face: of a package, of a region, and of its stepper.
+// Approximate bytes per face.
 constexpr size_t kPackageBytes = 100, kRegionBytes = 60, kStepperBytes = 300;
 
 // Bound on the bytes of all idle workspaces.
@@ -31,7 +31,7 @@ size_t KeptLimit_bytes() {
   return limit;
 }
 
-// Workspaces of recent tasks, so that the next step of their tile need not read the package again.
+// Idle workspaces of recent tasks, so that the next step of a tile need not read its package again. Thread-safe.
 class KeptTiles {
  public:
   std::unique_ptr<TileWorkspace> Take(const std::string& key) {
@@ -59,7 +59,7 @@ class KeptTiles {
     std::unique_ptr<TileWorkspace> work;
   };
   std::mutex mutex_;
-  std::list<Kept> kept_;  // the last used first
+  std::list<Kept> kept_;  // most recently used first
 };
 
 KeptTiles& Kept() {
@@ -67,7 +67,7 @@ KeptTiles& Kept() {
   return *kept;
 }
 
-// Identifies the content of the file at `path`, links followed: blobs are never changed in place.
+// Identifies the content of a file (links are followed). Blobs are never changed in place.
 StatusOr<std::string> ContentKey(const std::string& path) {
   struct stat file = {};
   if (stat(path.c_str(), &file) != 0) return absl::NotFoundError(path + ": " + std::strerror(errno));
@@ -209,11 +209,11 @@ StatusOr<TileSnapshot> TileWorkspace::Assemble(const std::vector<StateSpans>& st
   }
   for (const StateSpans& state : states) {
     const bool of_frozen = is_frozen(state);
-    // Frozen vertices are where the level started.
+    // Frozen vertices have not moved since the level's start.
     const std::span<const Eigen::Vector3d> level_start = of_frozen ? state.positions : state.level_start;
     if (in_level && (level_start.empty() || (!of_frozen && state.last_step.empty()))) {
       return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": the state of tile ", state.tile,
-                                              " has no level start, but that of other tiles has"));
+                                              " lacks the level's start, which other states have"));
     }
     vertices_by_id_.ForShared(state.vertex_ids, [&](size_t i, uint32_t v) {
       if (of_frozen) snapshot.frozen_vertices[v] = 1;
@@ -241,7 +241,6 @@ StatusOr<TileSnapshot> TileWorkspace::Assemble(const std::vector<StateSpans>& st
     });
     if (state.tile == package_.tile) snapshot.report = state.report;
   }
-  // The tiles that were read cover the region.
   for (size_t f = 0; region != 0 && !others_begin && f < has_face.size(); ++f) {
     if (!(package_.regions[f] & region)) continue;
     if (first_new_face >= 0 && package_.face_ids[f] >= first_new_face) continue;
@@ -249,7 +248,7 @@ StatusOr<TileSnapshot> TileWorkspace::Assemble(const std::vector<StateSpans>& st
     if (has_face[f] && has_vertex[face[0]] && has_vertex[face[1]] && has_vertex[face[2]]) continue;
     return absl::DataLossError(absl::StrCat("tile ", package_.tile, ": no state has face ", package_.face_ids[f]));
   }
-  if (others_begin) snapshot.confidence.clear();  // the core's faces have none yet
+  if (others_begin) snapshot.confidence.clear();  // the core's faces have no confidence yet
   return snapshot;
 }
 

@@ -1,4 +1,4 @@
-// A tile's package with what its tasks derive from it and use again, and the tiles' states and sums put together.
+// A tile's package with data that its tasks derive and reuse; assembles the states and sums of tiles.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,26 +25,26 @@
 
 namespace tessera {
 
-// The faces of one region as a mesh of their own, in the package's order.
+// The faces of a region as a mesh, in the package's order.
 struct RegionMesh {
   TriangleMesh mesh;                      // at the start, with the start's labels
   std::vector<uint32_t> vertices, faces;  // indices in the package
-  std::vector<uint8_t> boundary;          // flags of vertices of which some faces are missing
-  std::vector<Cell> cell;                 // LabelCellOf each face
+  std::vector<uint8_t> boundary;          // flags of vertices that have faces outside the region
+  std::vector<Cell> cell;                 // LabelCellOf, per face
 };
 
 // The state of all vertices and faces of a package between two steps.
 struct TileSnapshot {
-  // One entry a vertex of the package. `level_start` and `last_step` are empty between levels.
+  // Per vertex of the package. `level_start` and `last_step` are empty between levels.
   std::vector<Eigen::Vector3d> positions, level_start;
   std::vector<Eigen::Vector3f> last_step;
-  std::vector<int32_t> labels;  // one a face, as `confidence`
+  std::vector<int32_t> labels;  // per face, like `confidence`
   std::vector<float> confidence;
   // Flags of vertices and faces that an update does not change; empty: none.
   std::vector<uint8_t> frozen_vertices, frozen_faces;
-  std::string report = "{}";            // JSON of the tile itself
-  int64_t compared = 0, different = 0;  // vertices and faces that several tiles have, and of them those that differ
-  double farthest_m = 0;                // greatest distance of two different positions
+  std::string report = "{}";            // the tile's own report, JSON
+  int64_t compared = 0, different = 0;  // elements that several tiles have; those that differ
+  double farthest_m = 0;                // largest distance between different positions of a vertex
   Eigen::Vector3d farthest_at = Eigen::Vector3d::Zero();
 };
 
@@ -60,31 +60,31 @@ struct TileImages {
         data_term(data.views, data.pairs, data.groups, &package.cells, options.data) {}
 };
 
-// Not thread-safe. Not movable: parts refer to others.
+// Not thread-safe. Not movable: members refer to each other.
 class TileWorkspace {
  public:
   explicit TileWorkspace(TilePackage package);
   TileWorkspace(const TileWorkspace&) = delete;
   TileWorkspace& operator=(const TileWorkspace&) = delete;
 
-  // Of the package at `path`. Takes the workspace that an earlier task of this process left for the same content and
-  // `options_key`, if it is still there. The caller owns it exclusively; when the pointer is dropped, it is kept for
-  // the next task.
+  // The workspace of the package at `path`. Reuses that of an earlier task of this process with the same content and
+  // `options_key`, if it is still in memory. The caller owns it exclusively; its release returns it for later tasks.
+  // Thread-safe. Errors as ReadTilePackage.
   static StatusOr<std::shared_ptr<TileWorkspace>> Open(const std::string& path, const std::string& options_key);
 
   const TilePackage& package() const { return package_; }
 
-  // The views in the crops at `views_path`, opened at the first call. Errors as OpenTileViews.
+  // The views of the crops at `views_path`, opened at the first call. Errors as OpenTileViews.
   StatusOr<TileImages*> Images(const std::string& views_path, const TileRefineOptions& options);
-  // Stepper of the solve region for steps of the core's vertices, with the labels and frozen vertices of `snapshot`.
-  // Made again only when they change.
+  // Stepper of the solve region that moves the core's vertices, with the labels and frozen vertices of `snapshot`. Made
+  // again only if these change.
   Stepper& SolveStepper(const TileSnapshot& snapshot, const TileRefineOptions& options);
-  // Frees the stepper and the buffers of the data term: no iteration comes soon.
+  // Frees the stepper and the buffers of the data term. Call if no iteration follows soon.
   void EndIterations();
 
-  // Made at the first call. All regions of a whole city are one.
+  // Made at the first call. If whole(), all regions are the same mesh.
   const RegionMesh& region(Region region);
-  // Frees the region: it is not needed soon.
+  // Frees the region's mesh.
   void Forget(Region region);
   // Approximate memory.
   size_t bytes() const;
@@ -95,12 +95,12 @@ class TileWorkspace {
   // Whether every face of the package is in the core and in all regions: the only tile of a job.
   bool whole() const { return whole_; }
 
-  // Puts the states together; without states, the start. `frozen`: tiles of `states` that an update does not change; if
-  // all are frozen, the other vertices are at the start. DATA_LOSS if a face of `region` (Region bits; 0: none is
-  // required) or one of its corners is in no state, but for faces from id `first_new_face` on (-1: none).
+  // Combines the states; without states, the start. `frozen`: tiles of `states` that do not change; if all of them are
+  // frozen, the other vertices are at the start. DATA_LOSS if a face of `region` (Region bits; 0: none) or one of its
+  // corners is in no state, except faces with ids from `first_new_face` (-1: none).
   StatusOr<TileSnapshot> Assemble(const std::vector<StateSpans>& states, uint8_t region,
                                   const std::vector<int>& frozen = {}, int64_t first_new_face = -1);
-  // Sums of the region's faces, from all tiles. DATA_LOSS if a face is missing that is not frozen
+  // Sums of the region's faces, from all tiles. DATA_LOSS if a face is in no sums, unless it is flagged in `frozen`
   // (TileSnapshot::frozen_faces).
   StatusOr<std::vector<FaceSums>> AssemblePhoto(const std::vector<TileSums>& sums, Region region,
                                                 const std::vector<uint8_t>& frozen = {});
@@ -108,7 +108,7 @@ class TileWorkspace {
   StatusOr<FaceLikelihoods> AssembleLikelihoods(const std::vector<TileSums>& sums, Region region,
                                                 const std::vector<uint8_t>& frozen = {});
 
-  // The core's part of `snapshot`.
+  // The part of `snapshot` in the core.
   TileState StateOf(const TileSnapshot& snapshot) const;
 
  private:
@@ -116,7 +116,7 @@ class TileWorkspace {
   struct ById {
     std::vector<uint32_t> ids, places;
     explicit ById(const std::vector<uint32_t>& ids_of_places);
-    // Calls found(i, place) for each of `others` (ascending) that is among the ids.
+    // Calls found(i, place) for each id others[i] (ascending) that the package has.
     template <class Found>
     void ForShared(std::span<const uint32_t> others, const Found& found) const {
       size_t at = 0;
@@ -128,7 +128,7 @@ class TileWorkspace {
     }
   };
 
-  // The index in the region of each face of the package; kNone beyond it.
+  // Per face of the package: its index in the region, or kNone.
   std::vector<uint32_t> PlacesIn(const RegionMesh& part) const;
 
   TilePackage package_;

@@ -174,7 +174,7 @@ TEST_F(AgentFailuresTest, FailedLeaseCallsDoNotEndTheWorker) {
     StartAgent(Concatenate);
     EXPECT_TRUE(WaitForReport().has_success()) << code;
     const std::vector<int64_t>& calls = coordinator_.lease_calls;
-    EXPECT_EQ(std::count(calls.begin(), calls.end(), calls.front()), 6) << "the same until it is answered";
+    EXPECT_EQ(std::count(calls.begin(), calls.end(), calls.front()), 6) << "the number changes only after an answer";
     EXPECT_GT(calls.front(), 0);
   }
 }

@@ -201,7 +201,7 @@ TEST_F(AgentTest, LostLeaseStopsTheTaskWithoutAReport) {
     coordinator_.Void("jobs/1/tasks/1");
     while (control.Check().ok()) std::this_thread::yield();
     stopped = true;
-    return Concatenate(request, control);  // succeeds anyway
+    return Concatenate(request, control);  // succeeds although the lease is lost
   });
   v1::Lease second = NewLease("jobs/1/tasks/2");
   second.mutable_spec()->set_parameters_json("second");
@@ -211,7 +211,7 @@ TEST_F(AgentTest, LostLeaseStopsTheTaskWithoutAReport) {
   EXPECT_EQ(coordinator_.reports.size(), 1u);
 }
 
-// A lease also ends when its report is accepted: a worker that did not receive the answer asks once more.
+// A lease also ends when its report is accepted: a worker that did not receive the answer reports once more.
 TEST_F(AgentTest, ReportIsRepeatedOnceIfItsAnswerWasLost) {
   coordinator_.LoseAnswersOf("jobs/1/tasks/1");
   coordinator_.Queue(NewLease("jobs/1/tasks/1"));
@@ -304,7 +304,7 @@ TEST_F(AgentTest, StopLeasingEndsAfterTheCurrentTask) {
   coordinator_.Queue(NewLease("jobs/1/tasks/2"));
   StartAgent([&](const TaskRequest& request, const TaskControl& control) {
     agent_->StopLeasing();
-    EXPECT_TRUE(control.Check().ok()) << "it goes on";
+    EXPECT_TRUE(control.Check().ok()) << "the task continues";
     return Concatenate(request, control);
   });
   thread_.join();

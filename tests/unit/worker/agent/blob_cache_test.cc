@@ -19,7 +19,7 @@ class BlobCacheTest : public testing::Test {
   }
   static std::string Content(char name) { return std::string(400, name); }
   static Digest DigestOf(char name) { return {Sha256Hex(Content(name)), 400}; }
-  // Fetches the content called `name`, and releases it at once if told to.
+  // Gets the content called `name`. `release`: releases it at once.
   std::string Get(char name, bool release = true) {
     const auto path = cache_->Get(DigestOf(name), [&](const Digest& digest, BlobStore& store) {
       ++fetches_;
@@ -42,7 +42,7 @@ TEST_F(BlobCacheTest, FetchesOnceAndDropsTheLeastRecentlyUsed) {
   Get('b');
   Get('a');
   EXPECT_EQ(fetches_, 2);
-  Get('c');  // b was used longest ago
+  Get('c');  // b is the least recently used
   EXPECT_TRUE(cache_->Holds(DigestOf('a')));
   EXPECT_FALSE(cache_->Holds(DigestOf('b')));
   EXPECT_TRUE(cache_->Holds(DigestOf('c')));

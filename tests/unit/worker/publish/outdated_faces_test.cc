@@ -46,7 +46,7 @@ class OutdatedFacesTest : public testing::Test {
   GroundPlane ground_ = MakeGroundPlane(Eigen::Vector3d::UnitZ(), 1);
   ChangeRaster measured_;
   std::vector<ChangeArea> areas_;
-  std::vector<bool> asked_;  // the right block, the left one
+  std::vector<bool> asked_;  // results of Asks for the right and the left block
 };
 
 TEST_F(OutdatedFacesTest, FacesOfUnfollowedAreasAreFoundOnce) {

@@ -1,4 +1,4 @@
-// What a package holds, and whose states and sums its tile reads.
+// Content of packages, and the tiles whose states and sums a tile reads.
 #include "worker/tile/cut_tile.h"
 
 #include <gtest/gtest.h>
@@ -26,7 +26,7 @@ std::vector<uint8_t> InCore(const TinyCity& tiny, const CellRect& core) {
   return flags;
 }
 
-// Calls body(tile, its core, its cut) for the tiles of some random tilings.
+// Calls body(tile, cores, its cut) for each tile of random tilings.
 template <class Body>
 void ForTiles(const TinyCity& tiny, const CutOptions& options, int tilings, const Body& body) {
   for (int seed = 0; seed < tilings; ++seed) {
@@ -37,7 +37,7 @@ void ForTiles(const TinyCity& tiny, const CutOptions& options, int tilings, cons
   }
 }
 
-// Global ids of the package's faces with a bit.
+// Global ids of the package's faces in a region.
 std::set<uint32_t> FacesWith(const TilePackage& package, uint8_t bit) {
   std::set<uint32_t> faces;
   for (size_t f = 0; f < package.face_ids.size(); ++f) {
@@ -89,10 +89,10 @@ TEST(CutTile, PackagesHaveCommonElementsInTheSameOrder) {
       }
     }
   });
-  EXPECT_GT(smaller, 0u) << "or every tile holds the whole city";
+  EXPECT_GT(smaller, 0u) << "no package is smaller than the city";
 }
 
-// Found again on the whole city, a step at a time.
+// Compares with regions computed step by step on the whole city.
 TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
   const TinyCity tiny = MakeTinyCity();
   const TriangleMesh& mesh = tiny.mesh;
@@ -127,7 +127,7 @@ TEST(CutTile, RegionsContainAllFacesThatTheOperatorsRead) {
     const std::set<uint32_t> own = FacesWith(cut.package, kCoreRegion);
     EXPECT_EQ(own.size(), static_cast<size_t>(std::count(core.begin(), core.end(), 1)));
     ExpectHas(own, core, "core");
-    // Vertices of the core and `solve_rings` edges about them, with all their faces.
+    // Vertices at most `solve_rings` edges from the core, with all their faces.
     std::vector<uint8_t> vertices(mesh.vertices.size(), 0);
     for (size_t f = 0; f < core.size(); ++f) {
       for (const uint32_t v : mesh.faces[f]) vertices[v] |= core[f];
@@ -208,12 +208,12 @@ TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
     EXPECT_EQ(cut.reads.solve, tiles_of(cells_of(kSolveRegion)));
     EXPECT_EQ(cut.reads.repair, tiles_of(cells_of(kRepairRegion)));
     EXPECT_EQ(cut.reads.label, tiles_of(cells_of(kLabelRegion)));
-    // The sample is of one cell beside the core, with all its views.
+    // The sample is one cell adjacent to the core, with all its views.
     const std::set<std::array<int, 2>> sample = cells_of(kSampleRegion);
     EXPECT_LE(sample.size(), 1u);
     sampled += sample.size();
     const std::set<int32_t> views(cut.package.view_ids.begin(), cut.package.view_ids.end());
-    // In sight are the core, the sample, and what FindVisibleSet says; the package has all of it.
+    // The package contains the core, the sample and the visible set.
     std::vector<uint8_t> measured;
     for (const SurveyCell& cell : survey.cells) {
       const bool in_sample = sample.contains({cell.x, cell.y});
@@ -241,16 +241,16 @@ TEST(CutTile, ReadsAllTilesWhoseCellsItNeeds) {
       unread += cores.size() - reads->size();
     }
   });
-  EXPECT_GT(unread, 0u) << "or every tile reads every other";
+  EXPECT_GT(unread, 0u) << "every tile reads all others";
   EXPECT_GT(sampled, 0u);
 }
 
-// A cut reads the survey of the whole city; what changed out of its tile's sight must end with it, or crops and steps
-// of tiles that stay would run anew.
+// A cut reads the survey of the whole city. Changes outside the tile's visible set must not change its outputs, or an
+// update would also repeat the crops and steps of unchanged tiles.
 TEST(CutTile, ChangesOutsideTheVisibleCellsHaveNoEffect) {
   const TinyCity tiny = MakeTinyCity();
   TinyCity other = MakeTinyCity();
-  // Another flight over one corner, which the cell there chose beside its others.
+  // A new flight over one corner, whose views that cell chooses in addition.
   SurveyCell& changed = other.survey.cells.front();
   ASSERT_FALSE(changed.views.empty());
   const auto first_new = static_cast<int32_t>(other.survey.views.size());
@@ -278,11 +278,11 @@ TEST(CutTile, ChangesOutsideTheVisibleCellsHaveNoEffect) {
       EXPECT_EQ(bytes(before[t]) == bytes(now[t]), !touched) << "seed " << seed << ", tile " << t;
     }
   }
-  EXPECT_GT(same, 0) << "or all tiles have the corner";
+  EXPECT_GT(same, 0) << "all tiles contain the corner";
   EXPECT_GT(different, 0);
 }
 
-TEST(CutTile, RejectsACoreWithoutFaces) {
+TEST(CutTile, CoreWithoutFacesIsRejected) {
   const TinyCity tiny = MakeTinyCity();
   const CellRect far = {1000, 1000, 1001, 1001};
   const auto cut = CutTile(tiny.city, tiny.survey, {{0, far}, {far}}, ShortReach());

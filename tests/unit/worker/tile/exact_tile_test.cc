@@ -1,5 +1,5 @@
-// A tile sees what the whole city sees, to the last bit, wherever the derivatives of its core look, whatever its
-// vertices do within their bound.
+// A tile's face maps equal those of the whole city at all pixels that the core's derivatives read, for any vertex
+// motion within the bound.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -35,16 +35,16 @@ struct Mask {
   int width, height;
   std::vector<uint8_t> flags;
   Mask(int w, int h) : width(w), height(h), flags(static_cast<size_t>(w) * h, 0) {}
-  // Flags all within `margin` rows and columns of those that have one.
+  // Dilates the mask by `margin` rows and columns.
   Mask Grown(int margin) const { return GrownAlong(1, width, margin).GrownAlong(width, height, margin); }
 
  private:
-  // Along lines of `count` pixels that lie `stride` apart.
+  // Dilates along lines of `count` pixels with this stride.
   Mask GrownAlong(int stride, int count, int margin) const {
     Mask grown(width, height);
     for (size_t line = 0; line < flags.size() / count; ++line) {
       const size_t first = stride == 1 ? line * count : line;
-      int last = -margin - 1;  // flag before or at the pixel that is `margin` ahead
+      int last = -margin - 1;  // last flag up to the pixel that is `margin` ahead
       for (int i = -margin; i < count; ++i) {
         const int ahead = i + margin;
         if (ahead < count && flags[first + static_cast<size_t>(ahead) * stride]) last = ahead;
@@ -57,18 +57,17 @@ struct Mask {
 
 struct Comparison {
   int64_t same = 0, different = 0;
-  size_t missing_faces = 0;  // of the city, in the tile
+  size_t missing_faces = 0;  // of the city, not in the tile
 };
 
-// Moves every vertex at random, `motion_m` at most, and compares what the tile's views show with what they show of the
-// whole city: where the pixels of the core's faces are, the margin about them, and where all of these land in the
-// partners.
+// Moves every vertex randomly by at most `motion_m` and compares the tile's face maps with those of the whole city: at
+// the pixels of the core's faces, in the margin around them, and where these are warped to in the partner views.
 void Compare(const TinyCity& tiny, const TilePackage& city, const TilePackage& tile, double motion_m, Random* random,
              Comparison* comparison) {
   std::map<uint32_t, Vector3d> moved;
   for (size_t v = 0; v < city.vertex_ids.size(); ++v) {
     const Vector3d direction = Vector3d(random->Normal(), random->Normal(), random->Normal()).normalized();
-    // As far as it may more often than not.
+    // Half of the vertices move by the maximum.
     moved[city.vertex_ids[v]] = city.mesh.vertices[v] + std::min(1.0, random->Uniform(0, 2)) * motion_m * direction;
   }
   const auto displaced = [&](const TilePackage& package) {
@@ -79,7 +78,7 @@ void Compare(const TinyCity& tiny, const TilePackage& city, const TilePackage& t
   const TriangleMesh city_mesh = displaced(city), tile_mesh = displaced(tile);
   std::map<uint32_t, uint8_t> regions;
   for (size_t f = 0; f < tile.face_ids.size(); ++f) regions[tile.face_ids[f]] = tile.regions[f];
-  // Views that look at each of the city's faces.
+  // Views selected for each face of the city.
   std::vector<const std::vector<int32_t>*> looking(city.face_ids.size());
   for (size_t c = 0; c < city.cell_at.size(); ++c) {
     for (uint32_t f = city.cells.face_begin[c]; f < city.cells.face_begin[c + 1]; ++f) looking[f] = &city.cell_views[c];
@@ -153,7 +152,7 @@ Comparison CompareTiles(const VisibleSetOptions& sight, double motion_m, int cas
   Comparison comparison;
   for (int seed = 0; seed < cases; ++seed) {
     Random random(static_cast<uint64_t>(seed));
-    // Small cores, so that the tile does not hold all of the toy.
+    // Small cores, so that the tile does not contain the whole test city.
     const CellRect all = AllCells(tiny.survey);
     const int x = all.x0 + static_cast<int>(random.Below(all.x1 - all.x0 - 1));
     const int y = all.y0 + static_cast<int>(random.Below(all.y1 - all.y0 - 1));
@@ -167,10 +166,10 @@ TEST(ExactTile, MapsEqualThoseOfTheCityForAnyVertexMotion) {
   const Comparison comparison = CompareTiles(Bounds(), kMotion_m, 12);
   EXPECT_EQ(comparison.different, 0);
   EXPECT_GT(comparison.same, 10000);
-  EXPECT_GT(comparison.missing_faces, 0u) << "or every tile holds the whole city";
+  EXPECT_GT(comparison.missing_faces, 0u) << "every tile contains the whole city";
 }
 
-// The test above sees bounds that are too small.
+// The test above fails for bounds that are too small.
 TEST(ExactTile, MapsDifferWithSmallerBounds) {
   VisibleSetOptions still = Bounds();
   still.motion_m = 0;

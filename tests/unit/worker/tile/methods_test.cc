@@ -45,7 +45,7 @@ std::vector<std::array<int, 2>> StepsOf(const std::string& method, const MethodS
   return steps;
 }
 
-TEST(Methods, EachHasItsTerms) {
+TEST(Methods, EachMethodHasItsTerms) {
   const TileRefineOptions ours = OptionsOf("tessera"), baseline = OptionsOf("baseline"), paper = OptionsOf("paper");
   EXPECT_TRUE(ours.geometry_uses_labels);
   EXPECT_TRUE(LabelsFirst("tessera"));
@@ -79,15 +79,15 @@ TEST(Methods, EachHasItsTerms) {
                                               ::testing::Field(&ClassSmoothness::smoothness, 0.25)));
   EXPECT_EQ(paper.label.form, LabelOptions::Form::kPaper);
 
-  for (const TileRefineOptions* other : {&baseline, &paper}) {  // compared on even terms
+  for (const TileRefineOptions* other : {&baseline, &paper}) {  // same settings for a fair comparison
     EXPECT_EQ(other->data.window_px, ours.data.window_px);
     EXPECT_EQ(other->step.max_step_px, ours.step.max_step_px);
   }
   for (const char* method : {"baseline", "paper"}) EXPECT_EQ(StepsOf(method, {}, 2), StepsOf("tessera", {}, 2));
 }
 
-// What the help says is what happens without settings.
-TEST(Methods, StandardsAreThoseOfTheMethod) {
+// The help prints these standards.
+TEST(Methods, StandardSettingsEqualTheMethodsDefaults) {
   const TileRefineOptions ours = OptionsOf("tessera");
   MethodSettings standard;
   for (const auto& setting : RealSettings()) standard.*setting.value = setting.standard;
@@ -107,7 +107,7 @@ TEST(Methods, StandardsAreThoseOfTheMethod) {
   EXPECT_EQ(LabelsFirst("tessera", standard), LabelsFirst("tessera"));
 }
 
-TEST(Methods, SettingsGoOverThem) {
+TEST(Methods, SettingsOverrideTheMethod) {
   MethodSettings settings;
   settings.semantic = 11;
   settings.thin_plate = 12;
@@ -139,8 +139,8 @@ TEST(Methods, SettingsGoOverThem) {
   EXPECT_EQ(StepsOf("paper", settings, 2), steps);
 }
 
-// Labels are solved before the geometry where the method wants it, or where its geometry needs them and there are none.
-TEST(Methods, LabelsComeFirstWhereTheyAreNeeded) {
+// Labels are solved first if the method requires it, or if its geometry needs labels and the scene has none.
+TEST(Methods, LabelsAreSolvedFirstIfNeeded) {
   const auto first = [](const std::string& method, const LabelTraits& traits) {
     return LabelsFirst(method, {}, traits);
   };
@@ -149,10 +149,10 @@ TEST(Methods, LabelsComeFirstWhereTheyAreNeeded) {
   EXPECT_FALSE(first("paper", kLabelled));
   EXPECT_TRUE(first("paper", unlabelled));
   EXPECT_FALSE(first("baseline", unlabelled));
-  for (const char* method : kMethods) EXPECT_FALSE(first(method, none)) << "nothing to learn labels from";
+  for (const char* method : kMethods) EXPECT_FALSE(first(method, none)) << "no likelihoods, so no labels";
 }
 
-TEST(Methods, WrongOnesAreRefused) {
+TEST(Methods, InvalidMethodsAndSettingsAreRefused) {
   const Status unknown = MethodOptions({0, "magic", {}}, TwoClasses()).status();
   EXPECT_EQ(unknown.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(unknown.message()), HasSubstr("tessera, baseline, paper"));

@@ -11,7 +11,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Two long sheets, one over the other.
+// Two long sheets, one above the other.
 TriangleMesh Sheets(int nx, int ny, double gap_m, Random& random) {
   TriangleMesh mesh;
   for (int sheet = 0; sheet < 2; ++sheet) {
@@ -32,7 +32,7 @@ TriangleMesh Sheets(int nx, int ny, double gap_m, Random& random) {
   return mesh;
 }
 
-// The core's end of a strip, as the repair of all of the strip has it.
+// Repair of a strip's end equals the repair of the whole strip.
 TEST(RepairCore, GivesTheCoreTheBytesOfTheWholeRegion) {
   int64_t changed = 0, elsewhere = 0;
   for (uint64_t seed = 0; seed < 8; ++seed) {
@@ -48,7 +48,7 @@ TEST(RepairCore, GivesTheCoreTheBytesOfTheWholeRegion) {
       const double push = random.Uniform() < 0.06 ? random.Uniform(-0.8, 0.8) : 0;
       proposed.push_back(good.back() + Vector3d(0.1 * push, 0.1 * push, push));
     }
-    // Of the lower sheet: the upper one is known by its contacts alone.
+    // The core is in the lower sheet; only contacts connect it to the upper one.
     std::vector<uint8_t> core;
     for (const Triangle& face : mesh.faces) {
       core.push_back(core.size() < mesh.faces.size() / 2 && mesh.vertices[face[0]].x() < 40);
@@ -71,7 +71,7 @@ TEST(RepairCore, GivesTheCoreTheBytesOfTheWholeRegion) {
     }
   }
   EXPECT_GT(changed, 50);
-  EXPECT_GT(elsewhere, 100) << "or it does all of the work";
+  EXPECT_GT(elsewhere, 100) << "the core is the whole region";
 }
 
 }  // namespace

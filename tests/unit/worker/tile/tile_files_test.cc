@@ -26,7 +26,7 @@ TriangleMesh OneFace() {
   return mesh;
 }
 
-// Writes `bytes` damaged in each of some places, and expects `read` to find it.
+// Damages single bytes of the file and truncates it; expects DATA_LOSS from `read`.
 template <class Read>
 void ExpectDamageFound(const std::string& path, const Read& read) {
   const std::string bytes = *ReadFile(path);
@@ -179,10 +179,10 @@ TEST(TileFiles, SumsRoundTrip) {
 
   labels.likelihoods.pop_back();
   ASSERT_TRUE(WriteTileSums(path, labels).ok());
-  EXPECT_EQ(ReadTileSums(path).status().code(), absl::StatusCode::kDataLoss) << "not one a class and face";
+  EXPECT_EQ(ReadTileSums(path).status().code(), absl::StatusCode::kDataLoss) << "one likelihood is missing";
   s.contours.faces[0].face = 2;
   ASSERT_TRUE(WriteTileSums(path, s).ok());
-  EXPECT_EQ(ReadTileSums(path).status().code(), absl::StatusCode::kDataLoss) << "of no face";
+  EXPECT_EQ(ReadTileSums(path).status().code(), absl::StatusCode::kDataLoss) << "a contour of an unknown face";
 }
 
 TEST(TileFiles, StateRoundTrip) {
@@ -215,7 +215,7 @@ TEST(TileFiles, StateRoundTrip) {
   ExpectDamageFound(path, ReadTileState);
   s.positions.pop_back();
   ASSERT_TRUE(WriteTileState(path, s).ok());
-  EXPECT_FALSE(ReadTileState(path).ok()) << "a vertex without position";
+  EXPECT_FALSE(ReadTileState(path).ok()) << "a vertex without a position";
 }
 
 TEST(RunTask, UnknownKindAndWrongParametersAreInvalidArguments) {

@@ -1,4 +1,4 @@
-// What a tile makes of the other tiles' states and sums.
+// Assembly of the states and sums of several tiles.
 #include "worker/tile/tile_workspace.h"
 
 #include <gtest/gtest.h>
@@ -8,13 +8,13 @@
 namespace tessera {
 namespace {
 
-// Four tiles of the toy, and the states of all where every vertex has moved by what its id says.
 std::vector<StateSpans> SpansOf(const std::vector<TileState>& states) {
   std::vector<StateSpans> spans;
   for (const TileState& state : states) spans.emplace_back(state);
   return spans;
 }
 
+// Four tiles and their states and sums, whose values depend on vertex and face ids.
 class TileWorkspaceTest : public testing::Test {
  protected:
   TileWorkspaceTest() : tiny_(MakeTinyCity()) {
@@ -65,7 +65,7 @@ class TileWorkspaceTest : public testing::Test {
   std::vector<TileSums> sums_;
 };
 
-TEST_F(TileWorkspaceTest, WithoutStatesItIsTheStart) {
+TEST_F(TileWorkspaceTest, WithoutStatesAssembleReturnsTheStart) {
   TileWorkspace tile(cuts_[0].package);
   const auto snapshot = tile.Assemble({}, kSolveRegion);
   ASSERT_TRUE(snapshot.ok()) << snapshot.status();
@@ -73,7 +73,7 @@ TEST_F(TileWorkspaceTest, WithoutStatesItIsTheStart) {
   EXPECT_EQ(snapshot->labels, cuts_[0].package.mesh.labels);
 }
 
-TEST_F(TileWorkspaceTest, StatesSayWhereEverythingIs) {
+TEST_F(TileWorkspaceTest, StatesDeterminePositionsAndLabels) {
   for (size_t t = 0; t < cuts_.size(); ++t) {
     TileWorkspace tile(cuts_[t].package);
     const auto snapshot = tile.Assemble(SpansOf(states_), kSolveRegion | kRepairRegion | kLabelRegion);
@@ -94,11 +94,13 @@ TEST_F(TileWorkspaceTest, StatesSayWhereEverythingIs) {
   }
 }
 
-TEST_F(TileWorkspaceTest, AMissingNeighbourIsFound) {
+TEST_F(TileWorkspaceTest, MissingNeighbourIsDataLoss) {
   TileWorkspace tile(cuts_[0].package);
   for (const Region region : {kSolveRegion, kRepairRegion, kLabelRegion}) {
     const TileReads& all = cuts_[0].reads;
-    const std::vector<int>& reads = region == kSolveRegion ? all.solve : region == kRepairRegion ? all.repair : all.label;
+    const std::vector<int>& reads = region == kSolveRegion    ? all.solve
+                                    : region == kRepairRegion ? all.repair
+                                                              : all.label;
     ASSERT_GT(reads.size(), 1u);
     for (const int missing : reads) {
       std::vector<TileState> states;
@@ -107,14 +109,14 @@ TEST_F(TileWorkspaceTest, AMissingNeighbourIsFound) {
       }
       EXPECT_EQ(tile.Assemble(SpansOf(states), region).status().code(), absl::StatusCode::kDataLoss) << missing;
       states.push_back(states_[missing]);
-      EXPECT_TRUE(tile.Assemble(SpansOf(states), region).ok()) << "all that it reads is enough";
+      EXPECT_TRUE(tile.Assemble(SpansOf(states), region).ok()) << "has all tiles";
     }
   }
 }
 
-TEST_F(TileWorkspaceTest, TilesThatDisagreeAreCounted) {
+TEST_F(TileWorkspaceTest, DifferencesBetweenTilesAreCounted) {
   TileWorkspace tile(cuts_[0].package);
-  // A vertex that tiles 0 and 1 alone share.
+  // Change a vertex that only tiles 0 and 1 share.
   const auto has = [&](size_t t, uint32_t id) {
     return std::binary_search(states_[t].vertex_ids.begin(), states_[t].vertex_ids.end(), id);
   };
@@ -128,15 +130,15 @@ TEST_F(TileWorkspaceTest, TilesThatDisagreeAreCounted) {
     ASSERT_TRUE(before.ok() && snapshot.ok());
     EXPECT_EQ(snapshot->compared, before->compared);
     EXPECT_EQ(before->different, 0);
-    EXPECT_EQ(snapshot->different, 1) << "in the last bit";
+    EXPECT_EQ(snapshot->different, 1) << "differs in the last bit";
     EXPECT_GT(snapshot->farthest_m, 0);
     EXPECT_LT(snapshot->farthest_m, 1e-9);
     return;
   }
-  FAIL() << "no vertex is shared by tiles 0 and 1 alone";
+  FAIL() << "no vertex is shared by exactly tiles 0 and 1";
 }
 
-TEST_F(TileWorkspaceTest, ALevelsStartIsKeptWhereAllHaveIt) {
+TEST_F(TileWorkspaceTest, LevelStartIsAssembledIfAllStatesHaveIt) {
   TileWorkspace tile(cuts_[0].package);
   for (TileState& state : states_) {
     for (const uint32_t v : state.vertex_ids) {
@@ -155,7 +157,7 @@ TEST_F(TileWorkspaceTest, ALevelsStartIsKeptWhereAllHaveIt) {
   EXPECT_EQ(tile.Assemble(SpansOf(states_), kSolveRegion).status().code(), absl::StatusCode::kDataLoss);
 }
 
-TEST_F(TileWorkspaceTest, SumsAreThoseOfTheRegionsFaces) {
+TEST_F(TileWorkspaceTest, SumsAreAssembledForTheRegionsFaces) {
   const TilePackage& package = cuts_[0].package;
   TileWorkspace tile(package);
   const RegionMesh& solve = tile.region(kSolveRegion);
@@ -186,7 +188,7 @@ TEST_F(TileWorkspaceTest, SumsAreThoseOfTheRegionsFaces) {
   }
 }
 
-TEST_F(TileWorkspaceTest, MissingSumsAreFound) {
+TEST_F(TileWorkspaceTest, MissingSumsAreDataLoss) {
   TileWorkspace tile(cuts_[0].package);
   const std::vector<TileSums> own(sums_.begin(), sums_.begin() + 1);
   EXPECT_EQ(tile.AssemblePhoto(own, kSolveRegion).status().code(), absl::StatusCode::kDataLoss);

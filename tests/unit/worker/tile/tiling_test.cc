@@ -1,4 +1,4 @@
-// Cutting a city into tiles and putting it together again.
+// Cutting a city into tiles and merging it.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -16,7 +16,7 @@
 namespace tessera {
 namespace {
 
-// What a tile hands on if `displace` moves the vertices, by their global ids.
+// State of a tile whose vertices are moved by `displace`, a function of global ids.
 template <class Displace>
 TileState StateOf(const TilePackage& package, const Displace& displace) {
   TileWorkspace tile(package);
@@ -57,7 +57,7 @@ bool SameBytes(const TriangleMesh& a, const TriangleMesh& b) {
          std::memcmp(a.vertices.data(), b.vertices.data(), a.vertices.size() * sizeof(Eigen::Vector3d)) == 0;
 }
 
-TEST(Tiling, EveryFaceIsInExactlyOneCoreAndStandingStillChangesNoByte) {
+TEST(Tiling, EveryFaceIsInExactlyOneCoreAndUnmovedTilesMergeToTheSameBytes) {
   const TinyCity tiny = MakeTinyCity();
   for (uint64_t seed = 0; seed < 12; ++seed) {
     Random random(seed);
@@ -66,7 +66,7 @@ TEST(Tiling, EveryFaceIsInExactlyOneCoreAndStandingStillChangesNoByte) {
   }
 }
 
-TEST(Tiling, WhatTheTilesAgreeOnIsTheResultInAnyOrder) {
+TEST(Tiling, MergedResultDoesNotDependOnTheOrderOfTiles) {
   const TinyCity tiny = MakeTinyCity();
   for (uint64_t seed = 0; seed < 12; ++seed) {
     Random random(seed);
@@ -86,7 +86,7 @@ TEST(Tiling, WhatTheTilesAgreeOnIsTheResultInAnyOrder) {
   }
 }
 
-TEST(Tiling, FacesThatNoViewShowsHaveNoConfidence) {
+TEST(Tiling, UnseenFacesHaveZeroConfidence) {
   const TinyCity tiny = MakeTinyCity();
   const CellRect all = AllCells(tiny.survey);
   TileWorkspace tile(CutAll(tiny, {all}, ShortReach())[0].package);
@@ -103,7 +103,7 @@ TEST(Tiling, FacesThatNoViewShowsHaveNoConfidence) {
   for (size_t f = 0; f < region.faces.size(); ++f) EXPECT_EQ(labelled.confidence[f] == 0, f == unseen) << f;
 }
 
-TEST(Tiling, FrozenFacesKeepTheirLabelsAgainstAllEvidence) {
+TEST(Tiling, FrozenFacesKeepTheirLabels) {
   const TinyCity tiny = MakeTinyCity();
   TileWorkspace tile(CutAll(tiny, {AllCells(tiny.survey)}, ShortReach())[0].package);
   const RegionMesh& region = tile.region(kCoreRegion);
@@ -113,7 +113,7 @@ TEST(Tiling, FrozenFacesKeepTheirLabelsAgainstAllEvidence) {
   for (size_t f = 0; f < region.faces.size(); ++f) {
     frozen[f] = f % 3 == 0;
     sums.pixels[f] = 1000;
-    sums.sum[3 * f] = 1000;  // all of them say 0
+    sums.sum[3 * f] = 1000;  // evidence for class 0
   }
   const auto label = [&](const std::vector<uint8_t>& flags) {
     return LabelRegion(tile.package(), region, region.mesh.vertices, start, sums, {}, flags).labels;
@@ -126,10 +126,10 @@ TEST(Tiling, FrozenFacesKeepTheirLabelsAgainstAllEvidence) {
     }
     zeros += frozen[f] && without[f] == 0;
   }
-  EXPECT_GT(zeros, 0) << "which they would not keep by themselves";
+  EXPECT_GT(zeros, 0) << "if not frozen, they would change";
 }
 
-TEST(Tiling, MergerRefusesGapsOverlapsAndCracks) {
+TEST(Tiling, MergerRejectsGapsOverlapsAndCracks) {
   const TinyCity tiny = MakeTinyCity();
   Random random(5);
   const std::vector<TileState> cores = StatesOf(CutAll(tiny, RandomCores(tiny.survey, &random), ShortReach()));
@@ -149,7 +149,7 @@ TEST(Tiling, MergerRefusesGapsOverlapsAndCracks) {
   EXPECT_EQ(MergeInto(tiny.city, stranger, &unused).code(), absl::StatusCode::kDataLoss);
 }
 
-TEST(CityFile, BlocksGiveTheMeshBackWhateverTheirSize) {
+TEST(CityFile, BlocksOfAnySizeRestoreTheMesh) {
   const TinyScene scene = MakeTinyScene();
   std::vector<uint32_t> input_face(scene.mesh.faces.size());
   std::iota(input_face.begin(), input_face.end(), 5u);
@@ -183,7 +183,7 @@ TEST(CityFile, BlocksGiveTheMeshBackWhateverTheirSize) {
   EXPECT_EQ(blocks, cells.size());
 }
 
-TEST(CityFile, DamageIsFoundWhereItIs) {
+TEST(CityFile, DamageIsDetectedInItsBlock) {
   const TinyCity tiny = MakeTinyCity();
   const std::string path = FreshTestFolder("damage") + "/city.arrays";
   std::vector<uint32_t> input_face(tiny.mesh.faces.size());
@@ -202,7 +202,7 @@ TEST(CityFile, DamageIsFoundWhereItIs) {
   EXPECT_EQ(CityReader::Open(path).status().code(), absl::StatusCode::kDataLoss);
 }
 
-TEST(Report, NthSmallestIsThatOfTheSortedValues) {
+TEST(Report, NthSmallestEqualsSorting) {
   Random random(4);
   std::vector<double> values = {0, 0, 1e-300, 1e300};
   for (int i = 0; i < 1000; ++i) values.push_back(std::abs(random.Normal()) * std::pow(10, random.Below(5)));
@@ -212,7 +212,7 @@ TEST(Report, NthSmallestIsThatOfTheSortedValues) {
   EXPECT_EQ(NthSmallest(values, values.size() - 1), 1e300);
 }
 
-TEST(CellViews, FacesAreCountedOnceAndFacadesKeepTheirOwnViews) {
+TEST(CellViews, FacesAreCountedOnceAndEveryViewIsChosen) {
   const TinyCity tiny = MakeTinyCity();
   int64_t faces = 0;
   for (const SurveyCell& cell : tiny.survey.cells) {
@@ -220,7 +220,7 @@ TEST(CellViews, FacesAreCountedOnceAndFacadesKeepTheirOwnViews) {
     EXPECT_TRUE(std::is_sorted(cell.views.begin(), cell.views.end()));
   }
   EXPECT_EQ(faces, tiny.survey.faces);
-  // Every view sees its side of the box, so every view is some cell's.
+  // Every view shows a side of the box, so some cell chooses it.
   std::vector<int> used(tiny.survey.views.size(), 0);
   for (const SurveyCell& cell : tiny.survey.cells) {
     for (const int32_t v : cell.views) used[v] = 1;
@@ -228,7 +228,7 @@ TEST(CellViews, FacesAreCountedOnceAndFacadesKeepTheirOwnViews) {
   EXPECT_EQ(std::count(used.begin(), used.end(), 1), static_cast<int64_t>(used.size()));
 }
 
-// A city that is too large for one tree of rays: coarse far away, in full nearby.
+// The city exceeds one ray tracing tree: the mesh is coarse far away and full nearby.
 TEST(CellViews, LargeCitiesChooseTheSameViews) {
   const TinyCity tiny = MakeTinyCity();
   Survey survey = tiny.survey;

@@ -1,4 +1,4 @@
-// The tiny scene as a city on disk in many blocks, with its survey and random tilings: for tests of the tasks.
+// The tiny scene as a city file of many blocks, with its survey and random tilings.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@
 
 namespace tessera {
 
-inline constexpr int64_t kTinyBlockFaces = 60;  // so that the toy has many blocks
+inline constexpr int64_t kTinyBlockFaces = 60;  // so that the city has many blocks
 
 struct TinyCity {
   TriangleMesh mesh;  // of the whole city
@@ -42,7 +42,7 @@ inline TinyCity MakeTinyCity(const TinySceneOptions& options = {}) {
     view.lens.pinhole = view.camera.intrinsics;
     s.views.push_back(view);
     for (size_t w = 0; w < scene.cameras.size(); ++w) {
-      // One partner a view, so that a tile does not have all views for their partners' sake.
+      // One partner per view, so that a tile does not contain all views as partners.
       if (w == (v ^ 1)) s.pairs.push_back({static_cast<int32_t>(v), static_cast<int32_t>(w)});
     }
   }
@@ -70,7 +70,7 @@ inline CellRect AllCells(const Survey& survey) {
   return all;
 }
 
-// Random cuts of the plane into columns and rows of cells; every core has faces.
+// Cores between random rows and columns of cells; every core has faces.
 inline std::vector<CellRect> RandomCores(const Survey& survey, Random* random) {
   const CellRect all = AllCells(survey);
   const auto cuts = [random](int low, int high) {
@@ -105,7 +105,7 @@ inline std::vector<CutResult> CutAll(const TinyCity& tiny, const std::vector<Cel
   return cuts;
 }
 
-// Operators that read little, so that tiles of the toy do not all hold all of it.
+// Small dependency radii, so that not every tile contains the whole city.
 inline CutOptions ShortReach() {
   CutOptions options;
   options.sight = {0.2, 3, 2, 1};
