@@ -1,4 +1,4 @@
-// Access control: every call of every service by every caller that may not make it.
+// Access control: calls every method with every role and with invalid credentials.
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
 #include <sys/un.h>
@@ -22,7 +22,7 @@ using Metadata = CallMetadata;
 
 constexpr const char* kRoleNames[] = {"viewer", "submitter", "worker", "admin"};
 
-// Who may call what: what is served and has no row here fails the test.
+// Roles that may call each method. A served method without a row fails the test.
 const std::map<std::string, std::set<std::string>> kMayCall = {
     {"/tessera.v1.Jobs/CreateJob", {"submitter", "admin"}},
     {"/tessera.v1.Jobs/GetJob", {"viewer", "submitter", "admin"}},
@@ -82,7 +82,7 @@ class AccessControlTest : public ServerTest {
     environment_.coordinator = coordinator_.get();
     Start();
   }
-  // Its processors hold on to access_.
+  // The server uses access_.
   ~AccessControlTest() override { server_.reset(); }
 
   static Metadata Token(const std::string& token) { return {{"authorization", "Bearer " + token}}; }
@@ -93,7 +93,7 @@ class AccessControlTest : public ServerTest {
     metadata.emplace_back(kWorkerSecretMetadata, secret);
     return metadata;
   }
-  // One message there; the last answer's bytes, if one came, in *answer.
+  // Calls the method with one message. *answer: bytes of the last answer, if any.
   static Status CallOn(const std::shared_ptr<grpc::Channel>& channel, const std::string& method,
                        const std::string& request, const Metadata& metadata, std::string* answer = nullptr) {
     return FromGrpc(RawCall(channel, method, request, metadata, answer));
@@ -154,7 +154,7 @@ TEST_F(AccessControlTest, CallsOutsideTheRoleAreDeniedWithoutInformation) {
   const auto victim = RegisterOverRpc();
   const v1::Lease lease = LeaseAs(victim);
   const auto before = store_.records;
-  // What would do harm if it were let through.
+  // Valid for several methods, which would change state.
   v1::GetJobRequest named;
   named.set_name(job);
   const std::string request = named.SerializeAsString();
@@ -189,10 +189,10 @@ TEST_F(AccessControlTest, CallsOutsideTheRoleAreDeniedWithoutInformation) {
       tells_nothing(status);
     }
   }
-  EXPECT_EQ(store_.records, before) << "something was done";
+  EXPECT_EQ(store_.records, before) << "a refused call changed state";
   EXPECT_EQ(coordinator_->leases().ListWorkers().size(), 1u);
   EXPECT_EQ(coordinator_->leases().ListWorkers()[0].tasks.size(), 1u);
-  // Who may is let in.
+  // Calls within the role are accepted.
   EXPECT_TRUE(Call("/tessera.v1.Jobs/GetJob", request, TokenOf("viewer")).ok());
   EXPECT_TRUE(Call("/grpc.health.v1.Health/Check", "", TokenOf("worker")).ok());
   EXPECT_TRUE(Call("/tessera.v1.Jobs/CancelJob", request, TokenOf("submitter")).ok());
@@ -256,13 +256,13 @@ TEST_F(AccessControlTest, WorkerCannotImpersonateAnother) {
     for (const auto& [who, metadata] : thieves) {
       const Status status = Call(method, request, metadata);
       EXPECT_EQ(status.code(), absl::StatusCode::kPermissionDenied) << method << ", " << who;
-      EXPECT_EQ(RefusalOf(status), Refusal::kUnknownWorker) << "an honest worker would not register again";
+      EXPECT_EQ(RefusalOf(status), Refusal::kUnknownWorker) << "the worker would not register again";
     }
   }
   EXPECT_EQ(store_.records, before);
   const Metadata own = WorkerCall(victim.worker(), victim.secret());
   ASSERT_TRUE(Call("/tessera.v1.Workers/ReportTask", calls.at("/tessera.v1.Workers/ReportTask"), own).ok());
-  // The same call again, as somebody recorded it: of an attempt that is over, or of a worker that has gone.
+  // Replayed calls: of an ended attempt, and of an unregistered worker.
   LeaseAs(victim);
   EXPECT_EQ(RefusalOf(Call("/tessera.v1.Workers/ReportTask", calls.at("/tessera.v1.Workers/ReportTask"), own)),
             Refusal::kNotCurrent);
@@ -289,7 +289,7 @@ TEST_F(AccessControlTest, BlobReadsAreAuthorizedPerCaller) {
     v1::StatBlobsResponse response;
     EXPECT_TRUE(response.ParseFromString(held));
     Status status = Call("/tessera.v1.Blobs/ReadBlob", request.SerializeAsString(), metadata);
-    // A stream that ends without a message: let through.
+    // A stream that ends without a message was accepted.
     if (!absl::IsPermissionDenied(status) && !absl::IsNotFound(status)) status = absl::OkStatus();
     EXPECT_EQ(response.stored(0), status.ok());
     return status;
@@ -306,12 +306,12 @@ TEST_F(AccessControlTest, BlobReadsAreAuthorizedPerCaller) {
     const Status refused = read(nowhere, metadata);
     EXPECT_EQ(refused.code(), absl::StatusCode::kPermissionDenied) << who;
     for (const Digest& digest : {scene_file, unpublished}) {
-      EXPECT_EQ(read(digest, metadata), refused) << who << " learns that it is there";
+      EXPECT_EQ(read(digest, metadata), refused) << who << " learns that the blob exists";
     }
   }
   EXPECT_EQ(read(unpublished, leased).code(), absl::StatusCode::kPermissionDenied);
   EXPECT_TRUE(read(unpublished, TokenOf("admin")).ok());
-  EXPECT_EQ(read(scene_file, TokenOf("admin")).code(), absl::StatusCode::kNotFound) << "no result";
+  EXPECT_EQ(read(scene_file, TokenOf("admin")).code(), absl::StatusCode::kNotFound) << "not a result";
   v1::QueryWriteRequest query;
   query.mutable_digest()->set_sha256(unpublished.sha256);
   query.mutable_digest()->set_size_bytes(unpublished.size_bytes);
@@ -320,7 +320,7 @@ TEST_F(AccessControlTest, BlobReadsAreAuthorizedPerCaller) {
   for (const char* method : {"/tessera.v1.Blobs/QueryWrite", "/tessera.v1.Blobs/WriteBlob"}) {
     EXPECT_EQ(Call(method, asked, free).code(), absl::StatusCode::kPermissionDenied) << method;
   }
-  // What a job published, its readers have.
+  // Viewers may read published results.
   Metadata nobody;
   for (const auto& status : coordinator_->leases().ListWorkers())
     EXPECT_TRUE(UnregisterAndWait(*coordinator_, status.name).ok());
@@ -359,17 +359,17 @@ TEST_F(AccessControlTest, TokenFileChangesTakeEffect) {
   EXPECT_EQ(Call(list, "", TokenOf("viewer")).code(), absl::StatusCode::kUnauthenticated);
   while (updates->Read(&update)) {
   }
-  EXPECT_EQ(updates->Finish().error_code(), grpc::StatusCode::UNAUTHENTICATED) << "who watches is asked again";
+  EXPECT_EQ(updates->Finish().error_code(), grpc::StatusCode::UNAUTHENTICATED) << "watches check their token again";
   EXPECT_TRUE(Call(list, "", TokenOf("admin")).ok());
   ASSERT_TRUE(WriteSecretFile(token_file_, "a-viewer viewer " + tokens_["viewer"] + " never\n").ok());
   const Status faulty = access_->Refresh();
   EXPECT_THAT(std::string(faulty.message()),
               testing::AllOf(HasSubstr(token_file_), HasSubstr("line 1"), Not(HasSubstr(tokens_["viewer"]))));
-  EXPECT_TRUE(Call(list, "", TokenOf("admin")).ok()) << "the tokens of before stay";
+  EXPECT_TRUE(Call(list, "", TokenOf("admin")).ok()) << "the earlier tokens stay valid";
   ASSERT_TRUE(RemoveTree(token_file_).ok());
   EXPECT_FALSE(access_->Refresh().ok());
   EXPECT_TRUE(Call(list, "", TokenOf("admin")).ok());
-  EXPECT_FALSE(Access::Open("key", token_file_, &clock_).ok()) << "at the start it is needed";
+  EXPECT_FALSE(Access::Open("key", token_file_, &clock_).ok()) << "the file is required at the start";
 }
 
 TEST_F(AccessControlTest, ClientCertificatesAreRequiredBesideTokens) {
@@ -413,7 +413,8 @@ TEST_F(AccessControlTest, ClientCertificatesAreRequiredBesideTokens) {
   EXPECT_EQ(call("ca.pem", "").code(), absl::StatusCode::kUnavailable) << "no certificate";
   EXPECT_EQ(call("ca.pem", "expired").code(), absl::StatusCode::kUnavailable);
   EXPECT_EQ(call("ca.pem", "foreign").code(), absl::StatusCode::kUnavailable);
-  EXPECT_EQ(call("foreign-ca.pem", "good").code(), absl::StatusCode::kUnavailable) << "not whom the caller trusts";
+  EXPECT_EQ(call("foreign-ca.pem", "good").code(), absl::StatusCode::kUnavailable)
+      << "the caller does not trust the server's authority";
   Endpoint endpoint("127.0.0.1" + port);
   EXPECT_EQ(CallOn(MakeChannel(endpoint.address), "/tessera.v1.Jobs/ListJobs", "", TokenOf("admin")).code(),
             absl::StatusCode::kUnavailable)
@@ -423,7 +424,7 @@ TEST_F(AccessControlTest, ClientCertificatesAreRequiredBesideTokens) {
   endpoint.tls_key = file("good.key");
   EXPECT_EQ(CallOn(*OpenChannel(endpoint, nullptr), "/tessera.v1.Jobs/ListJobs", "", {}).code(),
             absl::StatusCode::kUnauthenticated)
-      << "a certificate alone is not enough either";
+      << "a certificate without a token";
 }
 
 TEST_F(AccessControlTest, InsecureNetworkListenersAreRefused) {
@@ -433,7 +434,7 @@ TEST_F(AccessControlTest, InsecureNetworkListenersAreRefused) {
   EXPECT_THAT(std::string(CheckListenOptions(options, true).message()), HasSubstr("--tls-cert"));
   options.insecure = true;
   EXPECT_TRUE(CheckListenOptions(options, false).ok());
-  EXPECT_FALSE(CheckListenOptions(options, true).ok()) << "tokens that everybody could read";
+  EXPECT_FALSE(CheckListenOptions(options, true).ok()) << "tokens without TLS";
   options.insecure = false;
   options.tls_cert = options.tls_key = "file";
   EXPECT_TRUE(CheckListenOptions(options, true).ok());
@@ -467,7 +468,7 @@ TEST_F(AccessControlTest, SocketNeedsNoToken) {
   environment_.coordinator = coordinator_.get();
   server_ = *CoordinatorServer::Start(options, environment_);
   EXPECT_EQ(CoordinatorServer::Start(options, environment_).status().code(), absl::StatusCode::kUnavailable)
-      << "the socket would be taken away";
+      << "the socket is in use";
   const auto socket = MakeChannel(server_->addresses()[0]), tcp = MakeChannel(server_->addresses()[1]);
   EXPECT_TRUE(CallOn(socket, "/tessera.v1.Jobs/ListJobs", "", {}).ok());
   EXPECT_EQ(CallOn(tcp, "/tessera.v1.Jobs/ListJobs", "", {}).code(), absl::StatusCode::kUnauthenticated);

@@ -1,4 +1,4 @@
-// Answers are bounded: each call whose answer could grow has a row here and is made with more data than fits.
+// Limits of answers: each method with an unbounded answer has a row here and is called with more data than fits.
 #include <gmock/gmock.h>
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/message.h>
@@ -25,12 +25,12 @@ using google::protobuf::MethodDescriptor;
 using google::protobuf::Reflection;
 
 struct Bound {
-  int64_t entries = 0;  // of a message, in its list
-  int64_t bytes = 0;    // of a message
+  int64_t entries = 0;  // per message, in its list
+  int64_t bytes = 0;    // per message
   bool pages = false;
 };
 constexpr int64_t kMiB = 1 << 20;
-// Of a job its files and the first 1,000 warnings; of a task the files that it made. Pages end at 2 MiB.
+// A job has its files and 1,000 warnings, a task its outputs. Pages end at 2 MiB.
 constexpr Bound kOneJob = {100'000, 16 * kMiB}, kPages = {1000, 3 * kMiB, true};
 
 const std::map<std::string, Bound> kBounds = {
@@ -40,14 +40,14 @@ const std::map<std::string, Bound> kBounds = {
     {"Jobs/CancelJob", kOneJob},
     {"Jobs/ChangeJob", kOneJob},
     {"Jobs/RetryJob", kOneJob},
-    {"Jobs/WatchJob", {1000, kOneJob.bytes + (64 << 10)}},  // tasks that run, as far as they fit 64 KiB
+    {"Jobs/WatchJob", {1000, kOneJob.bytes + (64 << 10)}},  // running tasks, at most 64 KiB
     {"Jobs/ListTasks", kPages},
     {"Jobs/ListAttempts", kPages},
-    {"Workers/LeaseTask", {0, 64 * kMiB}},    // one task, whose inputs a plan names
+    {"Workers/LeaseTask", {0, 64 * kMiB}},    // one task with its inputs
     {"Workers/ReportTask", {0, 64 * kMiB}},   // the next task
-    {"Workers/Heartbeat", {3000, 4 * kMiB}},  // those that were asked about
+    {"Workers/Heartbeat", {3000, 4 * kMiB}},  // those of the request
     {"Workers/ListWorkers", kPages},
-    {"Blobs/StatBlobs", {1000, 4 * kMiB}},  // those that were asked about
+    {"Blobs/StatBlobs", {1000, 4 * kMiB}},  // those of the request
     {"Blobs/ReadBlob", {0, kMiB + 100}},    // a chunk
     {"Blobs/WriteBlob", {0, 100}},
 };
@@ -66,7 +66,7 @@ std::vector<const MethodDescriptor*> MethodsOfServices() {
 
 std::string NameOfCall(const MethodDescriptor& method) { return method.service()->name() + "/" + method.name(); }
 
-// Whether a message of this type holds any number of values, or of bytes.
+// Whether messages of this type have unbounded size.
 bool Grows(const Descriptor& type, std::set<const Descriptor*>& seen) {
   if (!seen.insert(&type).second) return false;
   for (int i = 0; i < type.field_count(); ++i) {
@@ -96,17 +96,18 @@ TEST(Bounds, EveryUnboundedAnswerHasALimit) {
     EXPECT_EQ(method->output_type()->FindFieldByName("next_page_token") != nullptr, pages) << name;
     EXPECT_EQ(method->name().starts_with("List"), pages) << name;
   }
-  for (const auto& [name, bound] : kBounds) EXPECT_TRUE(needed.contains(name)) << name << " is no such call";
+  for (const auto& [name, bound] : kBounds)
+    EXPECT_TRUE(needed.contains(name)) << name << " has no method with an unbounded answer";
 }
 
-// More of everything than a page has.
+// A coordinator with more objects of each kind than a page holds.
 class BoundsTest : public ServerTest {
  protected:
   static constexpr int kMany = 1300;
   BoundsTest() {
     for (int i = 1; i < kMany; ++i) {
       NewJob job = AJob(1);
-      job.client = std::to_string(i % 2);  // one may have a thousand
+      job.client = std::to_string(i % 2);  // a client may have a thousand
       EXPECT_TRUE(coordinator_->jobs().CreateJob(job).ok());
     }
     big_ = Create(AJob(kMany + 100));
@@ -123,7 +124,7 @@ class BoundsTest : public ServerTest {
     published_ = *blobs_->PutBytes(content_);
   }
 
-  // Asks for as much as can be asked for.
+  // A request for the largest possible answer.
   std::string Request(const MethodDescriptor& method) {
     const std::unique_ptr<Message> request(
         MessageFactory::generated_factory()->GetPrototype(method.input_type())->New());
@@ -156,7 +157,7 @@ class BoundsTest : public ServerTest {
     proto->set_sha256(digest.sha256);
     proto->set_size_bytes(digest.size_bytes);
   }
-  // The first answers of the call, at most four.
+  // Up to four answers of the call.
   std::vector<std::string> Ask(const MethodDescriptor& method) {
     grpc::GenericStub stub(channel_);
     grpc::ClientContext context;
@@ -182,7 +183,7 @@ class BoundsTest : public ServerTest {
       grpc::Slice whole;
       EXPECT_TRUE(received.DumpToSingleSlice(&whole).ok());
       answers.emplace_back(reinterpret_cast<const char*>(whole.begin()), whole.size());
-      if (method.name() == "WatchJob") break;  // more come when something changes
+      if (method.name() == "WatchJob") break;  // further answers follow changes
     }
     context.TryCancel();
     grpc::Status status;
@@ -213,7 +214,7 @@ TEST_F(BoundsTest, AnswersStayBelowTheSizeLimit) {
       }
       if (!bound->second.pages) continue;
       const FieldDescriptor* const next = method->output_type()->FindFieldByName("next_page_token");
-      EXPECT_NE(message->GetReflection()->GetString(*message, next), "") << "there was less than a page";
+      EXPECT_NE(message->GetReflection()->GetString(*message, next), "") << "all data fitted in one page";
     }
     const std::set<std::string> refused = {"Jobs/RetryJob", "Blobs/WriteBlob", "Workers/ReportTask"};
     EXPECT_EQ(answers.empty(), refused.contains(bound->first));

@@ -71,7 +71,7 @@ TEST_F(ServerTest, ConcurrentRepeatedRequestsGiveOneJob) {
   EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).size(), 1u);
 }
 
-TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
+TEST_F(ServerTest, WorkerRunsAJobOverRpc) {
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
   const auto registration = Register();
@@ -125,7 +125,6 @@ TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
   watcher.join();
   EXPECT_EQ(states.back(), "JOB_STATE_SUCCEEDED");
 
-  // Tasks in pages.
   grpc::ClientContext first_context, second_context;
   v1::ListTasksRequest request;
   request.set_parent(job.name());
@@ -140,8 +139,8 @@ TEST_F(ServerTest, AWorkerRunsAJobOverTheWire) {
   EXPECT_EQ(page.next_page_token(), "");
 }
 
-// One call does for a report and the next lease. An answer that was lost loses nothing: the call again, or one for a
-// lease under the same number, is given the same.
+// One call reports and leases the next task. If its answer is lost, the repeated call, or a lease call with the same
+// number, returns the same lease.
 TEST_F(ServerTest, ReportAnswerCarriesTheNextLease) {
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
@@ -169,7 +168,7 @@ TEST_F(ServerTest, ReportAnswerCarriesTheNextLease) {
 
   v1::ReportTaskResponse ingested, first, again, stale, none;
   ASSERT_TRUE(report(LeaseOverRpc(worker).lease(), 0, &ingested).ok());
-  EXPECT_FALSE(ingested.has_lease()) << "not asked for";
+  EXPECT_FALSE(ingested.has_lease()) << "not requested";
   const v1::Lease tile = LeaseOverRpc(worker).lease();
   ASSERT_TRUE(report(tile, 7, &first).ok());
   EXPECT_EQ(std::set({tile.spec().title(), first.lease().spec().title()}),
@@ -191,9 +190,9 @@ TEST_F(ServerTest, ReportAnswerCarriesTheNextLease) {
   late.set_attempt(9);
   EXPECT_EQ(RefusalOf(report(late, 8, &stale)), Refusal::kNotCurrent);
   EXPECT_FALSE(stale.has_lease());
-  EXPECT_THAT(leased_tasks(), ElementsAre(first.lease().spec().task())) << "who is refused gets nothing";
+  EXPECT_THAT(leased_tasks(), ElementsAre(first.lease().spec().task())) << "a refused report gets no lease";
 
-  // Nothing is waited for: the report of the last task before publish is answered whatever comes after it.
+  // The report of the last task before publish is answered at once.
   ASSERT_TRUE(report(first.lease(), 8, &none).ok());
 }
 
@@ -226,7 +225,7 @@ TEST_F(ServerTest, ErrorsKeepTheirCodes) {
   EXPECT_EQ(CoordinatorServer::Start(server_->address(), environment_).status().code(), absl::StatusCode::kUnavailable);
 }
 
-// What a worker does about an error does not depend on its code.
+// Workers handle errors by their reason, not by their code.
 TEST_F(ServerTest, RefusalsCarryTheirReason) {
   grpc::ClientContext lease_context, version_context, report_context, job_context;
   v1::LeaseTaskRequest lease;
@@ -285,7 +284,7 @@ TEST_F(ServerTest, ChangedSceneFilesAreNotServed) {
   const Status changed = Fetch(DigestOf(content), *other, worker);
   EXPECT_EQ(changed.code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(changed.message()), HasSubstr("was changed after its job was submitted"));
-  // Changed without a trace in size and time of writing: the inode has another.
+  // Changed with the same size and modification time: the change time differs.
   WriteScene("image", std::string(2'500'000, 'k') + "end");
   EXPECT_EQ(Fetch(DigestOf(content), *other, worker).code(), absl::StatusCode::kFailedPrecondition);
   EXPECT_FALSE(other->Has(DigestOf(content)));
@@ -293,7 +292,7 @@ TEST_F(ServerTest, ChangedSceneFilesAreNotServed) {
 
 TEST_F(ServerTest, JobReadsItsOwnSceneWhenACopyIsRemoved) {
   const std::string copy = folder_.path() + "/copy", content = std::string(2'500'000, 'i') + "end";
-  // The copy is submitted after the scene itself, then before another job on it.
+  // Submit the copy after and before the scene itself.
   for (const auto& scenes : {std::vector<std::string>{scene_, copy}, std::vector<std::string>{copy, scene_}}) {
     std::filesystem::copy(scene_, copy, std::filesystem::copy_options::recursive);
     for (const std::string& scene : scenes) {
@@ -308,7 +307,7 @@ TEST_F(ServerTest, JobReadsItsOwnSceneWhenACopyIsRemoved) {
     const std::string worker = Register().worker();
     ASSERT_TRUE(LeaseOverRpc(worker).has_lease());
     EXPECT_TRUE(Fetch(DigestOf(content), *store, worker).ok());
-    // A ledger of its own for each order.
+    // Start each order with an empty ledger.
     server_->Shutdown(1);
     store_.records.clear();
     Restart();
@@ -344,7 +343,7 @@ TEST_F(ServerTest, BlobsAreUploadedInCheckedChunksWithResume) {
   };
   EXPECT_EQ(write({{0, content.substr(0, 1000)}}, true).error_code(), grpc::StatusCode::DATA_LOSS);
   EXPECT_EQ(*blobs_->CommittedBytes(digest), 0);
-  EXPECT_TRUE(write({{0, content.substr(0, 1000)}}, false).ok());  // broken off
+  EXPECT_TRUE(write({{0, content.substr(0, 1000)}}, false).ok());  // interrupted
   EXPECT_FALSE(blobs_->Has(digest));
   EXPECT_EQ(write({{2000, "gap"}}, false).error_code(), grpc::StatusCode::FAILED_PRECONDITION);
   std::ofstream(folder_.path() + "/upload", std::ios::binary) << content;
@@ -368,7 +367,7 @@ TEST_F(ServerTest, ShutdownEndsWaitingCalls) {
     EXPECT_FALSE(response.has_lease());
   });
   while (coordinator_->leases().ListWorkers().at(0).last_seen_s > 0)
-    std::this_thread::yield();  // until the call has come
+    std::this_thread::yield();  // until the call has arrived
   server_->Shutdown(20);
   waiter.join();
 }
@@ -386,16 +385,16 @@ TEST_F(ServerTest, CancelledCallGetsNoLease) {
     EXPECT_EQ(workers_->LeaseTask(&context, request, &response).error_code(), grpc::StatusCode::CANCELLED);
   });
   while (coordinator_->leases().ListWorkers().at(0).last_seen_s > 0)
-    std::this_thread::yield();  // until the call has come
+    std::this_thread::yield();  // until the call has arrived
   context.TryCancel();
   waiter.join();
-  for (int i = 0; i < 3; ++i) Register();  // the same connection: the server knows by then
+  for (int i = 0; i < 3; ++i) Register();  // on the same connection: the server has seen the cancellation then
   v1::Job job;
   ASSERT_TRUE(CreateJob(&job).ok());
   EXPECT_EQ(LeaseOverRpc(other.worker()).lease().attempt(), 1);
 }
 
-// More than there are threads, and than calls that a connection may have under way, beside calls that do not wait.
+// More waiting calls than threads and than a connection's limit of concurrent calls.
 TEST_F(ServerTest, HundredsOfCallsWaitConcurrently) {
   constexpr int kWorkers = 300;
   struct Call {
@@ -424,7 +423,7 @@ TEST_F(ServerTest, HundredsOfCallsWaitConcurrently) {
   answered.wait();
   const auto given =
       std::count_if(calls.begin(), calls.end(), [](const Call& call) { return call.response.has_lease(); });
-  EXPECT_EQ(given, 1) << "the job's first task";
+  EXPECT_EQ(given, 1) << "the only task that is ready";
 }
 
 TEST_F(ServerTest, NumberOfDigestsPerCallIsLimited) {

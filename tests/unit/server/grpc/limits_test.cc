@@ -22,7 +22,7 @@ using testing::HasSubstr;
 
 class LimitsTest : public ServerTest {
  protected:
-  // With other options_ or environment_.
+  // Restarts with the changed options_ or environment_.
   void StartAgain() {
     server_->Shutdown(1);
     Restart();
@@ -56,7 +56,7 @@ class LimitsTest : public ServerTest {
       return FromGrpc(writer->Finish());
     }
   };
-  // Of a worker that has a lease.
+  // For a worker that has a lease.
   std::unique_ptr<Upload> Begin() {
     if (worker_.empty()) {
       v1::Job job;
@@ -70,7 +70,7 @@ class LimitsTest : public ServerTest {
     upload->writer = blob_service_->WriteBlob(&upload->context, &upload->response);
     return upload;
   }
-  // So many of its bytes.
+  // Sends this number of its bytes.
   Status Send(const std::string& content, size_t bytes) {
     const auto upload = Begin();
     upload->Write(content, bytes);
@@ -81,7 +81,7 @@ class LimitsTest : public ServerTest {
   std::string worker_;
 };
 
-TEST_F(LimitsTest, JobsOfAClientAndOfAll) {
+TEST_F(LimitsTest, JobLimitsPerClientAndInTotal) {
   options_.limits = {2, 3, 4};
   StartAgain();
   v1::Job job;
@@ -89,12 +89,12 @@ TEST_F(LimitsTest, JobsOfAClientAndOfAll) {
   ASSERT_TRUE(Submit(&job).ok());
   const Status refused = Submit(&job);
   ExpectLimit(refused, "jobs of 'ipv4:127.0.0.1' that are active", 2, "--max-jobs-of-client");
-  EXPECT_EQ(RetryDelayOf(refused), 0) << "nobody knows when";
-  EXPECT_TRUE(Submit(&job, "a").ok()) << "it is there already";
+  EXPECT_EQ(RetryDelayOf(refused), 0) << "the time is unknown";
+  EXPECT_TRUE(Submit(&job, "a").ok()) << "the job exists";
   EXPECT_TRUE(CreateJob(&job, "", /*validate_only=*/true).ok());
   StartAgain();
-  EXPECT_EQ(Submit(&job).code(), absl::StatusCode::kResourceExhausted) << "also after a restart";
-  ASSERT_NE(Create(AJob(1)), "");  // another's
+  EXPECT_EQ(Submit(&job).code(), absl::StatusCode::kResourceExhausted) << "the limit holds after a restart";
+  ASSERT_NE(Create(AJob(1)), "");  // of another client
   ASSERT_TRUE(coordinator_->jobs().CancelJob("jobs/1").ok());
   ASSERT_TRUE(Submit(&job).ok());
   ASSERT_TRUE(coordinator_->jobs().CancelJob("jobs/2").ok());
@@ -145,8 +145,8 @@ TEST_F(LimitsTest, StoredSizeOfASubmissionIsLimited) {
             grpc::StatusCode::INVALID_ARGUMENT);
 }
 
-// Of one client and of all; one that leaves makes room.
-TEST_F(LimitsTest, RegisteredWorkers) {
+// Limits per client and in total; unregistering makes room.
+TEST_F(LimitsTest, RegisteredWorkersAreLimited) {
   options_.worker_limits.of_client = 2;
   StartAgain();
   const auto try_register = [&] {
@@ -170,7 +170,7 @@ TEST_F(LimitsTest, RegisteredWorkers) {
   ExpectLimit(try_register(), "workers", 3, "--max-workers");
 }
 
-TEST_F(LimitsTest, TransfersAtOnce) {
+TEST_F(LimitsTest, ConcurrentTransfersAreLimited) {
   environment_.limits.transfers = 2;
   StartAgain();
   const std::string content(1000, 'x');
@@ -182,12 +182,12 @@ TEST_F(LimitsTest, TransfersAtOnce) {
   ExpectLimit(refused, "transfers at once of '" + worker_ + "'", 2, "--max-transfers");
   EXPECT_GT(RetryDelayOf(refused), 0);
   v1::Job job;
-  EXPECT_TRUE(CreateJob(&job).ok()) << "others are served";
+  EXPECT_TRUE(CreateJob(&job).ok()) << "other clients are served";
   EXPECT_TRUE(one->End().ok());
   EXPECT_TRUE(Send("3" + content, 10).ok());
 }
 
-TEST_F(LimitsTest, UnfinishedUploadsAndTheirBytes) {
+TEST_F(LimitsTest, UnfinishedUploadsAndTheirBytesAreLimited) {
   environment_.limits.uploads = 2;
   environment_.limits.upload_bytes = 10'000;
   StartAgain();
@@ -196,11 +196,11 @@ TEST_F(LimitsTest, UnfinishedUploadsAndTheirBytes) {
   ExpectLimit(Send(large, 10), "bytes of unfinished uploads of 'ipv4:127.0.0.1'", 10'000, "--max-upload-gib");
   ASSERT_TRUE(Send(b, 10).ok());
   ExpectLimit(Send(c, 10), "unfinished uploads of 'ipv4:127.0.0.1'", 2, "--max-uploads");
-  EXPECT_EQ(Held(c), 0) << "nothing of it is stored";
-  EXPECT_TRUE(Send(a, 20).ok()) << "what was begun goes on";
+  EXPECT_EQ(Held(c), 0) << "no part is stored";
+  EXPECT_TRUE(Send(a, 20).ok()) << "existing uploads continue";
   EXPECT_TRUE(Send(a, 1000).ok());
   EXPECT_TRUE(blobs_->Has(DigestOf(a)));
-  EXPECT_TRUE(Send(c, 10).ok()) << "one is finished";
+  EXPECT_TRUE(Send(c, 10).ok()) << "an upload is finished";
 }
 
 TEST_F(LimitsTest, SweptUploadsAreNotCounted) {
@@ -211,7 +211,7 @@ TEST_F(LimitsTest, SweptUploadsAreNotCounted) {
   ASSERT_TRUE(blobs_->Append(first, 0, "fir").ok());
   ASSERT_TRUE(limits.BeginUpload("a", first).ok());
   EXPECT_FALSE(limits.BeginUpload("a", second).ok());
-  EXPECT_TRUE(limits.BeginUpload("b", second).ok()) << "another's";
+  EXPECT_TRUE(limits.BeginUpload("b", second).ok()) << "another client";
   ClientLimits later(options, blobs_.get());
   ASSERT_TRUE(later.BeginUpload("a", first).ok());
   ASSERT_TRUE(RemoveTree(blobs_->root() + "/partial/" + first.sha256).ok());
@@ -224,14 +224,14 @@ TEST_F(LimitsTest, SilentTransferIsAborted) {
   ClientLimits limits(options, blobs_.get());
   int broken = 0;
   auto ticket = limits.Transfer("a", [&] { ++broken; });
-  auto reading = limits.Transfer("a", {});  // may take its time
+  auto reading = limits.Transfer("a", {});  // has no time limit
   const auto now = ClientLimits::Clock::now();
   limits.BreakOffSilent(now + std::chrono::seconds(50));
   EXPECT_EQ(broken, 0);
   limits.BreakOffSilent(now + std::chrono::seconds(70));
   EXPECT_EQ(broken, 1);
   limits.BreakOffSilent(now + std::chrono::seconds(200));
-  EXPECT_EQ(broken, 1) << "once";
+  EXPECT_EQ(broken, 1) << "aborted once";
   EXPECT_EQ(limits.transfers(), 2);
   *ticket = {};
   EXPECT_EQ(limits.transfers(), 1);
@@ -276,8 +276,8 @@ TEST_F(LimitsTest, PagesOfJobsAreLimitedInSize) {
   StartAgain();
   v1::Job job;
   for (int i = 0; i < 10; ++i) ASSERT_TRUE(CreateJob(&job).ok());
-  const auto bare =
-      v1::Jobs::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));  // takes 4 MiB
+  const auto bare = v1::Jobs::NewStub(
+      grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));  // default limit of 4 MiB
   std::vector<std::string> names;
   v1::ListJobsRequest request;
   do {
@@ -292,7 +292,7 @@ TEST_F(LimitsTest, PagesOfJobsAreLimitedInSize) {
   EXPECT_EQ(std::set<std::string>(names.begin(), names.end()).size(), 10u);
 }
 
-// A cache that notes what was hashed to its end.
+// A cache that counts completely hashed files.
 class NotingCache final : public DigestCache {
  public:
   std::optional<Digest> Find(const std::string&, const FileStamp&) override { return std::nullopt; }
@@ -305,7 +305,7 @@ class NotingCache final : public DigestCache {
 
 TEST_F(LimitsTest, ExpiredCallStopsHashing) {
   NotingCache cache;
-  clock_.Advance(3e9);  // what was written now has lain there for long, and its digest is worth to be remembered
+  clock_.Advance(3e9);  // the files are old enough for the cache
   std::latch reading(1), go_on(1);
   const SceneReader list = environment_.read_scene;
   environment_.digests = &cache;
@@ -325,14 +325,14 @@ TEST_F(LimitsTest, ExpiredCallStopsHashing) {
   });
   reading.wait();
   caller.join();
-  for (int i = 0; i < 3; ++i) Register();  // the same connection: the server knows by then
+  for (int i = 0; i < 3; ++i) Register();  // on the same connection: the server has seen the deadline then
   go_on.count_down();
   while (server_->IsBusy()) std::this_thread::yield();
   EXPECT_EQ(cache.hashed, 0);
   EXPECT_TRUE(coordinator_->jobs().ListJobs(-1, 10).empty());
   v1::Job job;
   EXPECT_TRUE(CreateJob(&job).ok());
-  EXPECT_GT(cache.hashed, 0) << "for who waits it is";
+  EXPECT_GT(cache.hashed, 0) << "waiting callers get a digest";
 }
 
 TEST_F(LimitsTest, DrainingCoordinatorRefusesNewJobsAndLeases) {
@@ -363,13 +363,13 @@ TEST_F(LimitsTest, DrainingCoordinatorRefusesNewJobsAndLeases) {
   const Status refused = Submit(&job);
   EXPECT_EQ(refused.code(), absl::StatusCode::kUnavailable);
   EXPECT_EQ(RefusalOf(refused), Refusal::kDraining);
-  EXPECT_TRUE(Submit(&job, "a").ok()) << "it was accepted before";
+  EXPECT_TRUE(Submit(&job, "a").ok()) << "the job exists";
   EXPECT_TRUE(FromGrpc(upload->writer->WritesDone() ? upload->writer->Finish() : grpc::Status::CANCELLED).ok());
-  EXPECT_TRUE(Succeed(busy, *lease).ok()) << "what was leased goes on";
+  EXPECT_TRUE(Succeed(busy, *lease).ok()) << "leased tasks continue";
   while (server_->IsBusy()) std::this_thread::yield();
 }
 
-// Reflection, as grpcurl asks for it: the names of the services.
+// Lists the services as grpcurl does.
 TEST_F(LimitsTest, ReflectionIsServedOnlyIfEnabled) {
   const auto ask = [&](std::string* answer) {
     const std::string list_services("\x3a\x00", 2);
@@ -391,7 +391,7 @@ TEST_F(LimitsTest, ReflectionIsServedOnlyIfEnabled) {
   EXPECT_THAT(answer, HasSubstr("tessera.v1.Jobs"));
 }
 
-// "JOB_STATE" of JobState.
+// Prefix of an enum's values: "JOB_STATE" for JobState.
 std::string PrefixOf(const google::protobuf::EnumDescriptor* type) {
   std::string prefix;
   for (const char c : type->name()) {
@@ -401,7 +401,7 @@ std::string PrefixOf(const google::protobuf::EnumDescriptor* type) {
   return prefix;
 }
 
-TEST(ProtoStyleTest, ValuesSayTheirType) {
+TEST(ProtoStyleTest, EnumValuesHaveTheTypeAsPrefix) {
   std::vector<const google::protobuf::EnumDescriptor*> enums;
   for (const google::protobuf::FileDescriptor* file :
        {v1::Job::descriptor()->file(), v1::Task::descriptor()->file(), v1::Worker::descriptor()->file()}) {
@@ -417,7 +417,7 @@ TEST(ProtoStyleTest, ValuesSayTheirType) {
   }
 }
 
-// Stored records have the numbers.
+// Stored records contain the numbers.
 TEST(ProtoStyleTest, NumbersAreThoseOfEarlierReleases) {
   const auto all = [](const google::protobuf::EnumDescriptor* type) {
     std::string text;

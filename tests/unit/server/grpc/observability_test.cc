@@ -65,7 +65,7 @@ class ObservabilityTest : public CoordinatorTest {
     jobs_ = v1::Jobs::NewStub(channel_);
     workers_ = v1::Workers::NewStub(channel_);
   }
-  // What health.proto's Check answers, read by hand: Debian installs no message classes of it.
+  // Status that Health.Check returns. Parsed by hand, because Debian installs no message classes.
   int Health(const std::string& service) {
     std::string asked, answer;
     if (!service.empty()) asked = "\x0a" + std::string(1, static_cast<char>(service.size())) + service;
@@ -75,7 +75,7 @@ class ObservabilityTest : public CoordinatorTest {
   }
   static constexpr int kServing = 1, kNotServing = 2;
 
-  // The lines that a call logs, the last first to come included, with `json`.
+  // Log lines of `call`.
   template <class Call>
   std::vector<std::string> Logged(const Call& call) {
     testing::internal::CaptureStderr();
@@ -107,7 +107,7 @@ class ObservabilityTest : public CoordinatorTest {
       const grpc::Status status = jobs_->ListAttempts(&context, request, &page);
       EXPECT_TRUE(status.ok()) << status.error_message();
       EXPECT_LE(page.attempts_size(), page_size);
-      EXPECT_LT(page.ByteSizeLong(), 4u << 20) << "what gRPC takes by default";
+      EXPECT_LT(page.ByteSizeLong(), 4u << 20) << "gRPC's default limit";
       attempts.insert(attempts.end(), page.attempts().begin(), page.attempts().end());
       request.set_page_token(page.next_page_token());
       ++*pages;
@@ -119,7 +119,7 @@ class ObservabilityTest : public CoordinatorTest {
   std::unique_ptr<SqliteStore> cache_;
   ServerEnvironment environment_;
   std::unique_ptr<CoordinatorServer> server_;
-  const std::shared_ptr<CallIdentity> identity_ = std::make_shared<CallIdentity>();  // of all calls
+  const std::shared_ptr<CallIdentity> identity_ = std::make_shared<CallIdentity>();  // used by all calls
   std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<v1::Jobs::Stub> jobs_;
   std::unique_ptr<v1::Workers::Stub> workers_;
@@ -139,7 +139,7 @@ TEST_F(ObservabilityTest, HealthReflectsJournalState) {
   EXPECT_EQ(Health(""), kNotServing);
   EXPECT_EQ(Health("tessera.v1.Jobs"), kNotServing);
   store_.fail = false;
-  while (!coordinator_->core().Durable().ok()) {  // the journal tries again after a while
+  while (!coordinator_->core().Durable().ok()) {  // the journal retries after a delay
   }
   server_->Tick();
   EXPECT_EQ(Health(""), kServing);
@@ -149,7 +149,7 @@ TEST_F(ObservabilityTest, HealthReflectsJournalState) {
 TEST_F(ObservabilityTest, ChangingCallsAreAudited) {
   v1::Job job;
   std::vector<std::string> lines = Logged([&] { ASSERT_TRUE(CreateJob(kForged, &job).ok()); });
-  ASSERT_EQ(lines.size(), 1u) << "a name begins no line";
+  ASSERT_EQ(lines.size(), 1u) << "a name cannot start a log line";
   EXPECT_THAT(lines[0], AllOf(HasSubstr(" info audit action=CreateJob outcome=OK peer=ipv4:127.0.0.1:"),
                               HasSubstr(" job=jobs/1 scene=" + scene_ + " name=\"a\\n2026-"), Not(HasSubstr("\x1b"))));
   const auto call = [&](const auto& method, const auto& request, auto response) {
@@ -218,7 +218,7 @@ TEST_F(ObservabilityTest, ReadingCallsAreNotAudited) {
                 ASSERT_TRUE(jobs_->ListJobs(&context, v1::ListJobsRequest(), &jobs).ok());
               }),
               IsEmpty());
-  // Each method is either audited, or one of these.
+  // All other methods are audited.
   const std::set<std::string> others = {"GetJob",       "ListJobs",  "WatchJob",  "ListTasks",
                                         "ListAttempts", "LeaseTask", "Heartbeat", "ReportTask",
                                         "ListWorkers",  "StatBlobs", "ReadBlob",  "QueryWrite"};
@@ -275,7 +275,7 @@ TEST_F(ObservabilityTest, EveryAttemptIsListedWithItsOutcome) {
   ASSERT_TRUE(CreateJob("a", &job).ok());
   const std::string one = Worker(), two = Worker("other/boot");
   const auto ingest = Lease(one);
-  clock_.Advance(31);  // it falls silent
+  clock_.Advance(31);  // its lease expires
   ASSERT_TRUE(coordinator_->Tick().ok());
   clock_.Advance(100);
   const std::string three = Worker("third/boot");
@@ -331,7 +331,7 @@ TEST_F(ObservabilityTest, EveryAttemptIsListedWithItsOutcome) {
   }
 }
 
-// A page holds what its messages leave room for.
+// Long messages make pages shorter.
 TEST_F(ObservabilityTest, PagesOfAttemptsAreLimited) {
   v1::Job job;
   ASSERT_TRUE(CreateJob("a", &job).ok());
@@ -350,7 +350,7 @@ TEST_F(ObservabilityTest, PagesOfAttemptsAreLimited) {
   EXPECT_GT(pages, 1);
 }
 
-// Records tell job, tile, task, attempt and worker, under these names.
+// Log lines of records contain job, tile, task, attempt and worker.
 TEST_F(ObservabilityTest, TaskLogLinesCarryAllFields) {
   v1::Record record;
   record.mutable_attempt_failed()->set_task("jobs/3/tasks/12");
@@ -360,7 +360,7 @@ TEST_F(ObservabilityTest, TaskLogLinesCarryAllFields) {
   const auto lines = Logged([&] { LogRecord(record, {"solve", 7, "workers/1-4"}); });
   EXPECT_THAT(lines, ElementsAre(HasSubstr(" warning attempt failed job=jobs/3 tile=7 task=jobs/3/tasks/12 attempt=2 "
                                            "worker=workers/1-4 kind=solve class=MEMORY error=\"it took\\nmore\"")));
-  // What the coordinator logs with them.
+  // The coordinator passes these fields.
   std::vector<std::string> told;
   server_.reset();
   coordinator_.reset();

@@ -1,4 +1,4 @@
-// A call by its method's name and its message's bytes, for what no generated stub would send.
+// Calls a method by name with serialized messages, for requests that generated stubs cannot send.
 #pragma once
 
 #include <grpcpp/generic/generic_stub.h>
@@ -15,7 +15,7 @@ namespace tessera {
 
 using CallMetadata = std::vector<std::pair<std::string, std::string>>;
 
-// One message there; the bytes of the answer, if one came, go behind those of *answer (may be null).
+// Sends one message. Appends the bytes of an answer, if any, to *answer, which may be null.
 inline grpc::Status RawCall(const std::shared_ptr<grpc::Channel>& channel, const std::string& method,
                             const std::string& request, const CallMetadata& metadata, std::string* answer) {
   grpc::GenericStub stub(channel);

@@ -1,4 +1,4 @@
-// A coordinator's services on loopback, with the fake planner behind them.
+// A coordinator's gRPC server on loopback with the fake planner.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
@@ -23,7 +23,7 @@
 
 namespace tessera {
 
-// A coordinator on loopback with the fake planner; a scene is any folder with a scene.json.
+// Any folder with a scene.json is a scene.
 class ServerTest : public CoordinatorTest {
  protected:
   ServerTest() {
@@ -62,7 +62,7 @@ class ServerTest : public CoordinatorTest {
     blob_service_ = v1::Blobs::NewStub(channel_);
   }
 
-  // With a time of change well before the fake clock's, as of a file that has lain there for long.
+  // The file's change time is long before the fake clock's time.
   void WriteScene(const std::string& name, const std::string& content, int age_hours = 1) {
     const std::string path = scene_ + "/" + name;
     std::ofstream(path, std::ios::binary) << content;
@@ -90,7 +90,7 @@ class ServerTest : public CoordinatorTest {
     secrets_[response.worker()] = response.secret();
     return response;
   }
-  // The call is the worker's.
+  // Makes the call as the worker.
   void As(grpc::ClientContext& context, const std::string& worker) {
     context.AddMetadata(kWorkerMetadata, worker);
     context.AddMetadata(kWorkerSecretMetadata, secrets_[worker]);
@@ -100,7 +100,7 @@ class ServerTest : public CoordinatorTest {
     As(context, worker);
     v1::LeaseTaskRequest request;
     request.set_worker(worker);
-    request.set_wait_s(20);  // what is planned is so soon
+    request.set_wait_s(20);  // planning is faster
     v1::LeaseTaskResponse response;
     EXPECT_TRUE(workers_->LeaseTask(&context, request, &response).ok());
     return response;
@@ -108,13 +108,13 @@ class ServerTest : public CoordinatorTest {
   static Digest DigestOf(const std::string& content) {
     return {Sha256Hex(content), static_cast<int64_t>(content.size())};
   }
-  // A channel of which every call is the worker's.
+  // A channel whose calls are made as the worker.
   std::shared_ptr<grpc::Channel> ChannelOf(const std::string& worker) {
     const auto identity = std::make_shared<CallIdentity>();
     identity->SetWorker(worker, secrets_[worker]);
     return MakeChannel(server_->address(), identity);
   }
-  // As the worker; empty: as nobody in particular.
+  // `worker`: makes the call as this worker; empty: without a worker.
   Status Fetch(const Digest& digest, BlobStore& store, const std::string& worker = "") {
     RetryPolicy once;
     once.max_attempts = 1;

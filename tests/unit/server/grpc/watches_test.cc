@@ -1,4 +1,4 @@
-// Watches: many, slow, silent and resumed ones.
+// Watches of jobs: many, slow, idle and resumed ones.
 #include <gmock/gmock.h>
 
 #include <condition_variable>
@@ -15,7 +15,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// A watch that is read by gRPC's own threads, and notes what came.
+// A watch that is read by gRPC's threads and records the updates.
 class Reader final : public grpc::ClientReadReactor<v1::WatchJobResponse> {
  public:
   Reader(v1::Jobs::Stub& stub, const std::string& job) {
@@ -45,7 +45,7 @@ class Reader final : public grpc::ClientReadReactor<v1::WatchJobResponse> {
     done_ = true;
     changed_.notify_all();
   }
-  // With the watch's lock.
+  // Calls `condition` with the lock held.
   bool Wait(const std::function<bool(const Reader&)>& condition) {
     std::unique_lock lock(mutex_);
     return changed_.wait_for(lock, std::chrono::seconds(60), [&] { return condition(*this); });
@@ -102,7 +102,7 @@ class WatchesTest : public ServerTest {
     const auto tasks = std::filesystem::directory_iterator("/proc/self/task");
     return static_cast<int>(std::distance(begin(tasks), end(tasks)));
   }
-  // Another coordinator on what this one stored.
+  // Starts another coordinator with the same records.
   void StartAgain() {
     server_->Shutdown(1);
     Restart();
@@ -132,7 +132,7 @@ TEST_F(WatchesTest, ManyWatchesShareThreadsAndAllAreUpdated) {
   for (const auto& reader : readers) EXPECT_TRUE(reader->AwaitEnd().ok());
 }
 
-// A message that is larger than what a stream takes whose reader does nothing.
+// The messages are larger than the flow control window of a stream that is not read.
 TEST_F(WatchesTest, SlowWatcherGetsTheNewestState) {
   environment_.read_scene = [](const std::string& path, const SceneRequest&,
                                const AllowedFiles&) -> StatusOr<SceneListing> {
@@ -147,7 +147,7 @@ TEST_F(WatchesTest, SlowWatcherGetsTheNewestState) {
       grpc::CreateCustomChannel(server_->address(), grpc::InsecureChannelCredentials(), small_window));
   const auto slow = Watch(job);
   v1::WatchJobResponse update;
-  ASSERT_TRUE(slow->reader->Read(&update));  // it is there, and reads no more
+  ASSERT_TRUE(slow->reader->Read(&update));  // then stop reading
   Reader fast(*v1::Jobs::NewStub(MakeChannel(server_->address())), job);
   constexpr int kChanges = 6;
   for (int priority = 1; priority <= kChanges; ++priority) {
@@ -161,7 +161,7 @@ TEST_F(WatchesTest, SlowWatcherGetsTheNewestState) {
   }
   ASSERT_FALSE(seen.empty());
   EXPECT_EQ(seen.back(), kChanges);
-  EXPECT_LE(seen.size(), 3u) << "what was under way, and the newest";
+  EXPECT_LE(seen.size(), 3u) << "the messages in flight and the newest";
   EXPECT_TRUE(std::is_sorted(seen.begin(), seen.end()));
   ASSERT_TRUE(coordinator_->jobs().CancelJob(job).ok());
   while (slow->reader->Read(&update)) {
@@ -180,11 +180,11 @@ TEST_F(WatchesTest, StreamResumesFromEtag) {
   first->context.TryCancel();
 
   const auto second = Watch(job, etag);
-  Reader another(*jobs_, job);  // told at once: the one before it was not
+  Reader another(*jobs_, job);  // gets an update at once, `second` does not
   ASSERT_TRUE(another.AwaitPriority(0));
   SetPriority(job, 3);
   ASSERT_TRUE(second->reader->Read(&update));
-  EXPECT_EQ(update.job().priority(), 3) << "the first that it did not know";
+  EXPECT_EQ(update.job().priority(), 3) << "the first change since `etag`";
   EXPECT_NE(update.etag(), etag);
 
   StartAgain();
@@ -197,19 +197,19 @@ TEST_F(WatchesTest, StreamResumesFromEtag) {
   ASSERT_TRUE(witness.AwaitPriority(3));
   SetPriority(job, 4);
   ASSERT_TRUE(third->reader->Read(&update));
-  EXPECT_EQ(update.job().priority(), 4) << "also with a coordinator that was started anew";
+  EXPECT_EQ(update.job().priority(), 4) << "also after a restart of the coordinator";
 
   ASSERT_TRUE(coordinator_->jobs().CancelJob(job).ok());
   ASSERT_TRUE(third->reader->Read(&update));
   EXPECT_EQ(update.job().state(), v1::JOB_STATE_CANCELLED);
-  EXPECT_FALSE(third->reader->Read(&update)) << "the end is the last";
+  EXPECT_FALSE(third->reader->Read(&update)) << "no update follows the end";
   EXPECT_TRUE(third->reader->Finish().ok());
   const std::string end = update.etag();
   const auto fourth = Watch(job, end);
-  EXPECT_FALSE(fourth->reader->Read(&update)) << "the end is known already";
+  EXPECT_FALSE(fourth->reader->Read(&update)) << "the caller has the final state";
   EXPECT_TRUE(fourth->reader->Finish().ok());
   const auto fifth = Watch(job, etag);
-  EXPECT_TRUE(fifth->reader->Read(&update)) << "here it is not";
+  EXPECT_TRUE(fifth->reader->Read(&update)) << "the caller does not have the final state";
   EXPECT_EQ(update.etag(), end);
 }
 
@@ -221,7 +221,7 @@ TEST_F(WatchesTest, JobEndIsSentOnlyWhenDurable) {
   ASSERT_TRUE(reader.AwaitPriority(0));
   store_.fail = true;
   EXPECT_FALSE(coordinator_->jobs().CancelJob(job).ok());
-  EXPECT_TRUE(reader.Wait([](const Reader& r) { return r.updates() >= 2; })) << "that its end is not stored yet";
+  EXPECT_TRUE(reader.Wait([](const Reader& r) { return r.updates() >= 2; })) << "the end is not stored yet";
   EXPECT_NE(reader.state(), v1::JOB_STATE_CANCELLED);
   store_.fail = false;
   EXPECT_TRUE(reader.AwaitEnd().ok());
@@ -251,7 +251,7 @@ TEST_F(WatchesTest, WatchesPerClientAreLimited) {
   held[0]->context.TryCancel();
   EXPECT_FALSE(held[0]->reader->Read(&update));
   held[0]->reader->Finish();
-  for (bool let_in = false; !let_in;) let_in = Watch(job)->reader->Read(&update);  // once the server knows
+  for (bool let_in = false; !let_in;) let_in = Watch(job)->reader->Read(&update);  // after the cancellation
 }
 
 TEST_F(WatchesTest, WatchOfDeletedOrUnknownJobEndsWithReason) {
