@@ -1,4 +1,4 @@
-// A job begins when the disk has room for what it is predicted to store.
+// A job starts when the disk has space for its predicted output.
 #include <limits>
 #include <optional>
 #include <utility>
@@ -8,9 +8,9 @@
 
 namespace tessera {
 
-// Held are jobs from the plan of each phase on (Ledger::ApplyPlanned), so that nothing is leased of one before this has
-// looked; results that are known have been taken by then and need no room. Once it has begun, a job goes on: what it
-// writes where there is no room after all waits for it.
+// Ledger::ApplyPlanned holds a job at each plan, so none of its tasks is leased before this check. Known results are
+// reused before the check and need no space. An admitted job is not held again if the prediction was too low: its tasks
+// then wait for space.
 void PlanningLoop::AdmitHeld() {
   {
     std::lock_guard lock(mutex_);
@@ -26,7 +26,7 @@ void PlanningLoop::AdmitHeld() {
   const int ready_before = ledger_.ready().count();
   for (const int job : held) {
     const int64_t needed_bytes = ledger_.jobs()[job].totals.sums().bytes_to_store;
-    if (ledger_.jobs()[job].open_plan >= 0) continue;  // more of it comes
+    if (ledger_.jobs()[job].open_plan >= 0) continue;  // the plan is not complete
     if (needed_bytes > room.free_bytes - room.promised_bytes) continue;
     ledger_.Admit(job);
     room.promised_bytes += needed_bytes;

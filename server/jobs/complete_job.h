@@ -1,4 +1,4 @@
-// A job as a user submits it, and what it takes over from its base job.
+// Completes a submitted job with the settings and files of its base job.
 #pragma once
 
 #include <string>
@@ -18,14 +18,14 @@ struct NewJob {
   std::vector<NamedDigest> scene_files;
   Warnings warnings;
   int priority = 0;
-  std::string client;  // who submits it
-  // Content of the kClassifierFile among scene_files, which is stored with the job; of an update it may be empty.
+  std::string client;  // that submits it
+  // Content of kClassifierFile in scene_files, stored with the job. May be empty for an update.
   std::string classifier = {};
 };
 
-// The job as it would be accepted: an update with its base's settings and with the files of the base that its scene
-// lacks; a rollback with its base's scene and, if it names no tiles, all tiles that differ. Errors, for the user, if
-// its settings and scene cannot be planned; UNAVAILABLE while the base's survey is made again.
+// The job as it would be accepted. An update gets the settings of its base and the base's files that its scene lacks; a
+// rollback gets the base's scene and, if it names no tiles, all tiles that differ. Fails with an error for the user if
+// the job cannot be planned; UNAVAILABLE while the base's survey is recomputed. Call without the core's mutex.
 StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job);
 
 }  // namespace tessera

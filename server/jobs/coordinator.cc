@@ -1,4 +1,4 @@
-// How a coordinator starts: the state from its records, whatever has become of some of them.
+// Start of a coordinator: restores the state from the records and handles unusable ones.
 #include "server/jobs/coordinator.h"
 
 #include <map>
@@ -18,10 +18,10 @@ namespace tessera {
 namespace {
 
 Status EndSpoiledJob(DispatchCore& core, int job, const std::string& error) {
-  if (job >= static_cast<int>(core.ledger().jobs().size())) {  // what is lost is that it was accepted
+  if (job >= static_cast<int>(core.ledger().jobs().size())) {  // its acceptance record is lost
     v1::Record record;
     record.mutable_job_accepted()->set_job(JobName(job));
-    if (!core.ledger().Check(record).ok()) return absl::OkStatus();  // no number that was ever given
+    if (!core.ledger().Check(record).ok()) return absl::OkStatus();  // the job number is not plausible
     TESSERA_RETURN_IF_ERROR(core.Commit(record));
   }
   if (HasEnded(core.ledger().jobs()[job].header.state)) return absl::OkStatus();
@@ -30,7 +30,7 @@ Status EndSpoiledJob(DispatchCore& core, int job, const std::string& error) {
 
 Status Replay(DispatchCore& core) {
   std::vector<std::pair<int64_t, std::string>> unusable;
-  std::map<int, std::string> spoiled;  // jobs, and why
+  std::map<int, std::string> spoiled;  // reason by job
   TESSERA_ASSIGN_OR_RETURN(std::set<int> deleted, core.environment().store->DeletedJobs());
   core.ledger().ExpectDeleted(std::move(deleted));
   TESSERA_RETURN_IF_ERROR(
@@ -44,9 +44,9 @@ Status Replay(DispatchCore& core) {
         }
       }));
   core.ledger().EndReplay();
-  core.ledger().PromoteRetries(core.environment().clock->MonotonicUs());  // whole delays begin again
+  core.ledger().PromoteRetries(core.environment().clock->MonotonicUs());  // starts retry delays again
   for (const auto& [job, error] : spoiled) TESSERA_RETURN_IF_ERROR(EndSpoiledJob(core, job, error));
-  // Last: if this start is cut off, the next one finds the same.
+  // Quarantine last, so that an interrupted start repeats the same steps.
   TESSERA_RETURN_IF_ERROR(core.Durable());
   for (const auto& [number, reason] : unusable) {
     TESSERA_RETURN_IF_ERROR(core.environment().store->Quarantine(number, reason));
@@ -55,7 +55,7 @@ Status Replay(DispatchCore& core) {
   return absl::OkStatus();
 }
 
-// Restarts active jobs that another version planned, and gives up results of that version that were being made again.
+// Restarts active jobs of other algorithm versions, and gives up recomputing results of these versions.
 Status RestartJobsOfOtherVersions(DispatchCore& core) {
   const auto of_another = [&](int job) { return !core.ledger().CheckVersion(job, "").ok(); };
   const std::vector<int> active = core.ledger().active_jobs();
@@ -66,7 +66,7 @@ Status RestartJobsOfOtherVersions(DispatchCore& core) {
     record.mutable_job_restarted()->set_algorithm_version(kAlgorithmVersion);
     TESSERA_RETURN_IF_ERROR(core.Commit(record));
   }
-  // Nobody waits any more for what ended jobs of another version were asked to make again, and this one cannot.
+  // Ended jobs of other versions cannot recompute results with this version, so these tasks fail.
   const std::set<TaskRef> remakes = core.ledger().remakes_of_ended();
   for (const TaskRef ref : remakes) {
     const JobTask& task = core.ledger().task(ref);
@@ -77,15 +77,15 @@ Status RestartJobsOfOtherVersions(DispatchCore& core) {
       record.mutable_attempt_started()->set_attempt(task.attempt() + 1);
       TESSERA_RETURN_IF_ERROR(core.Commit(record));
     }
-    if (task.state != TaskState::kLeased) continue;  // it waits for another of these
-    const Status reason = core.ledger().CheckVersion(ref.job, "it cannot be made again");
+    if (task.state != TaskState::kLeased) continue;  // it fails with the task that it waits for
+    const Status reason = core.ledger().CheckVersion(ref.job, "it cannot be recomputed");
     TESSERA_RETURN_IF_ERROR(
         EndAttempt(core, ref, {true, 0, {ErrorClass::kStorage, std::string(reason.message())}}, false));
   }
   return absl::OkStatus();
 }
 
-// Gives tasks that are leased their lease for a full term.
+// Gives each leased task a lease of full term.
 void RestoreLeases(DispatchCore& core) {
   const Ledger& ledger = core.ledger();
   const int64_t now_us = core.environment().clock->MonotonicUs();

@@ -1,4 +1,4 @@
-// A coordinator: accepts jobs, leases their tasks to workers, and plans what follows from their results.
+// The coordinator: accepts jobs, leases their tasks to workers, and plans the next phase from their results.
 #pragma once
 
 #include <memory>
@@ -16,14 +16,14 @@ namespace tessera {
 // Owns the shared core, the four classes over it and their threads. Thread-safe.
 class Coordinator {
  public:
-  // Restores the state that the store's records describe. Tasks that are leased keep their lease for a full term, so
-  // that their workers can continue. A record that cannot be used is quarantined; its job fails, unless it has ended,
-  // and so does a job that later needs the content of an unreadable record.
+  // Restores the state from the stored records. Leased tasks get a full lease term, so that their workers can continue.
+  // Quarantines unusable records; an active job with such a record fails, and so does a job that needs its content
+  // later. Returns errors of the store.
   static StatusOr<std::unique_ptr<Coordinator>> Open(const DispatchEnvironment& environment,
                                                      const DispatchOptions& options);
-  // Only quarantines unusable records, as Open does.
+  // Quarantines unusable records like Open, without serving.
   static Status QuarantineUnusable(const DispatchEnvironment& environment);
-  // Ends all waits first.
+  // First ends all waits.
   ~Coordinator() { core_.Stop(); }
 
   DispatchCore& core() { return core_; }
@@ -32,8 +32,7 @@ class Coordinator {
   PlanningLoop& planning() { return planning_; }
   Recovery& recovery() { return recovery_; }
 
-  // Ends expired leases and attempts that stall, and takes steps of jobs that could not be taken before. To be called
-  // about once a second.
+  // Ends expired leases and stalled attempts, and retries pending steps of jobs. Call about once a second.
   Status Tick();
 
  private:

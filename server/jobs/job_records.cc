@@ -13,10 +13,10 @@ Status CommitEnd(DispatchCore& core, int job, JobState state, const std::string&
   v1::JobEnded& ended = *record.mutable_job_ended();
   ended.set_job(core.ledger().jobs()[job].header.name);
   ended.set_state(static_cast<v1::JobState>(state));
-  ended.set_error(AsUtf8(error));  // messages of libraries may be of any bytes
+  ended.set_error(AsUtf8(error));  // messages of libraries may not be UTF-8
   AddFiles(artifacts, ended.mutable_artifacts());
   TESSERA_RETURN_IF_ERROR(core.Commit(record));
-  core.lease_table().DropJob(job);  // the workers stop after their next heartbeats
+  core.lease_table().DropJob(job);  // workers stop after their next heartbeat
   return absl::OkStatus();
 }
 
@@ -27,7 +27,7 @@ Status CommitDeletion(DispatchCore& core, const std::string& name, const std::st
   record.mutable_job_deleted()->set_job(name);
   record.mutable_job_deleted()->set_reason(reason);
   TESSERA_RETURN_IF_ERROR(core.Commit(record));
-  core.lease_table().DropJob(job);  // of results that were being made again
+  core.lease_table().DropJob(job);  // leases of tasks that recompute results
   return absl::OkStatus();
 }
 

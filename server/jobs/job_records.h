@@ -1,4 +1,4 @@
-// Records that end or delete a job. Both functions need the core's mutex.
+// Commits records that end or delete a job. Both functions need the core's mutex.
 #pragma once
 
 #include <cstdint>
@@ -10,10 +10,10 @@
 
 namespace tessera {
 
-// Ends the job and its leases. `time_us`: of the end, which the job's report names; 0: now.
+// Ends the job and its leases. `time_us`: the end as in the job's report; 0: now.
 Status CommitEnd(DispatchCore& core, int job, JobState state, const std::string& error,
                  const std::vector<NamedDigest>& artifacts, int64_t time_us = 0);
-// OK if the job was deleted before. `reason`: for the log.
+// OK if the job was already deleted. `reason`: for the log.
 Status CommitDeletion(DispatchCore& core, const std::string& name, const std::string& reason);
 
 }  // namespace tessera

@@ -39,7 +39,7 @@ const char* Name(JobState end) {
   return end == JobState::kSucceeded ? "succeeded" : end == JobState::kPartial ? "partial" : "failed";
 }
 
-// Null if it is none. Statistics that an earlier coordinator took may be of any depth.
+// Null if the text is no JSON or too deep: earlier releases did not limit the depth.
 Json ParseStored(const std::string& text) {
   if (!CheckJsonDepth("", text).ok()) return nullptr;
   Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
@@ -83,7 +83,7 @@ Json TaskJson(const JobTask& task, int64_t end_us) {
   return json;
 }
 
-// Adds where a task's time went: what it says of itself, and the rest of the time that it was leased for.
+// Adds the seconds of each stage from the task's statistics, and the rest of the lease as "dispatch".
 void AddStages(const JobTask& task, std::map<std::string, double>* seconds_of_stage) {
   if (task.state != TaskState::kSucceeded || task.reused) return;
   const Json stats = ParseStored(task.stats);
@@ -100,7 +100,7 @@ void AddStages(const JobTask& task, std::map<std::string, double>* seconds_of_st
   (*seconds_of_stage)["dispatch"] += std::max(0.0, Seconds(last.start_us, last.end_us) - own->get<double>());
 }
 
-// Names may hold bytes that are not UTF-8.
+// File names may not be UTF-8.
 std::string Dump(const Json& json, int indent = 1) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
@@ -163,7 +163,7 @@ std::string JobReport::Head() const {
                     {"seconds_of_stage", seconds_of_stage_},
                     {"seconds_of_worker", seconds_of_worker_}};
   std::string text = Dump(json);
-  text.pop_back();  // the closing brace, and the line's end before it
+  text.pop_back();  // removes the newline and the closing brace
   text.pop_back();
   return text + ",\n \"tasks\": [";
 }

@@ -1,4 +1,4 @@
-// job.json: the report of a job, for its user.
+// Writes job.json, the report of a job for its user.
 #pragma once
 
 #include <cstdint>
@@ -9,12 +9,11 @@
 
 namespace tessera {
 
-// JSON with the job, its settings, totals and every task (attempts, workers, seconds, key, what it reported). Tasks
-// are passed one by one, twice, because a city has millions: Count all, then Head, then Line for each, then Tail. Not
-// thread-safe.
+// JSON with the job, its settings, totals and every task (attempts, workers, seconds, key, statistics). Tasks are
+// passed one at a time, because a city has millions: call Count for all, Head, Line for each, Tail. Not thread-safe.
 class JobReport {
  public:
-  // `end_us`: when it ended (Unix time), `end`: how; `error`: empty if it succeeded; `quarantined`: why, by tile.
+  // `end`: final state; `error`: empty if it succeeded; `quarantined`: reason by tile; `end_us`: Unix time of the end.
   JobReport(JobHeader header, JobState end, std::string error, std::map<int, std::string> quarantined, int64_t end_us);
   void Count(const JobTask& task);
   std::string Head() const;

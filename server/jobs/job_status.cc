@@ -8,8 +8,7 @@
 namespace tessera {
 namespace {
 
-// Shares of the progress bar that reading the scene and cutting it get: before either has ended, the rest of the work
-// is not known.
+// Shares of the progress for reading and cutting the scene. The other costs are unknown until each has ended.
 constexpr double kIngestShare = 0.02, kCutShare = 0.03;
 
 }  // namespace
@@ -61,7 +60,7 @@ void TakeEndFrom(JobStatus& status) {
   status.header.end_us = 0;
   status.header.error.clear();
   status.header.artifacts.clear();
-  status.waiting_for = "its end is not stored yet";
+  status.waiting_for = "the end of the job is not stored yet";
 }
 
 TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases) {

@@ -1,4 +1,4 @@
-// Jobs and tasks as they are shown: the ledger's state and the progress that workers report.
+// Jobs and tasks for display: the ledger's state with the progress that workers report. Plain values.
 #pragma once
 
 #include <string>
@@ -10,13 +10,13 @@
 namespace tessera {
 
 struct JobStatus {
-  JobHeader header;     // its warnings followed by the tasks' own
-  int tasks_total = 0;  // known so far
+  JobHeader header;     // with the warnings of the job and its tasks
+  int tasks_total = 0;  // planned so far
   int tasks_done = 0;
   int tiles_total = 0;
   int tiles_done = 0;       // refined
-  double progress = 0;      // in [0, 1], by predicted cost; never goes back
-  double eta_s = -1;        // negative: not known
+  double progress = 0;      // in [0, 1], by predicted cost; never decreases
+  double eta_s = -1;        // negative: unknown
   std::string waiting_for;  // why it makes no progress (WaitingFor)
 };
 
@@ -27,18 +27,18 @@ struct TaskStatus {
   std::string stage;
 };
 
-// A job as its watchers see it.
+// A job with its running tasks.
 struct WatchedJob {
   JobStatus job;
   std::vector<TaskStatus> running;
-  bool end_waits = false;  // it has ended, but the end is not durable and not shown yet
+  bool end_waits = false;  // the job has ended, but its end is not durable and not shown
 };
 
-// The numbers of these are those of tessera.v1.
+// Has the numbers of tessera.v1.
 enum class AttemptOutcome { kRunning = 1, kSucceeded = 2, kFailed = 3, kLeaseExpired = 4, kCancelled = 5 };
 AttemptOutcome OutcomeOf(const Attempt& attempt);
 
-// One attempt, and the identity of its task.
+// An attempt and its task.
 struct AttemptStatus {
   TaskRef task;
   int number = 0;  // counted from 1
@@ -50,13 +50,13 @@ struct AttemptStatus {
 // Attempts in the order of tasks, then of their numbers.
 struct AttemptPage {
   std::vector<AttemptStatus> attempts;
-  int next_task = -1;   // where the next page starts; -1: there is none
-  int next_number = 1;  // its attempt
+  int next_task = -1;   // first task of the next page; -1: none
+  int next_number = 1;  // its first attempt on that page
 };
 
-// `now_us`: Clock::MonotonicUs.
+// The functions below need the core's mutex. `now_us`: Clock::MonotonicUs.
 JobStatus StatusOfJob(const Job& job, int job_index, const LeaseTable& leases, int64_t now_us);
-// Shows a job that has ended as it was before, because its end is not durable yet.
+// Undoes the end of a job in its status, because the end is not durable yet.
 void TakeEndFrom(JobStatus& status);
 TaskStatus StatusOfTask(const Job& job, TaskRef ref, const LeaseTable& leases);
 

@@ -20,7 +20,7 @@ JobStatus Jobs::JobStatusLocked(int job) const {
   const int64_t now_us = environment_.clock->MonotonicUs();
   JobStatus status = StatusOfJob(ledger_.jobs()[job], job, leases_, now_us);
   status.waiting_for = WaitingFor(ledger_, job, leases_, core_.journal().trouble(), planning_.room(), now_us);
-  // What an attempt had done is lost with it, but the bar does not go back.
+  // A failed attempt loses its progress, but the displayed progress must not decrease.
   if (shown_progress_.size() < ledger_.jobs().size()) shown_progress_.resize(ledger_.jobs().size());
   status.progress = shown_progress_[job] = std::max(status.progress, shown_progress_[job]);
   return status;
@@ -77,7 +77,7 @@ StatusOr<JobStatus> Jobs::CreateJob(const NewJob& asked) {
   }
   TESSERA_RETURN_IF_ERROR(core_.Durable());
   if (known) return *std::move(known);
-  // The job is accepted whatever comes of this; Tick tries again and tells.
+  // The job is accepted even if this fails; Tick retries and reports the error.
   planning_.Advance().IgnoreError();
   std::lock_guard lock(mutex_);
   return JobStatusLocked(index);
@@ -89,7 +89,7 @@ StatusOr<std::optional<JobStatus>> Jobs::FindRequest(const JobRequest& request) 
     std::lock_guard lock(mutex_);
     TESSERA_ASSIGN_OR_RETURN(known, FindRequestLocked(request));
   }
-  if (known) TESSERA_RETURN_IF_ERROR(core_.Durable());  // the call that made it may still wait for that
+  if (known) TESSERA_RETURN_IF_ERROR(core_.Durable());  // the creating call may still wait for durability
   return known;
 }
 
@@ -140,7 +140,7 @@ StatusOr<JobStatus> Jobs::RetryJob(const std::string& name, std::optional<int> t
     if (job < static_cast<int>(shown_progress_.size())) shown_progress_[job] = 0;
   }
   TESSERA_RETURN_IF_ERROR(core_.Durable());
-  planning_.Advance().IgnoreError();  // Tick tries again and tells
+  planning_.Advance().IgnoreError();  // Tick retries and reports the error
   return GetJob(name);
 }
 

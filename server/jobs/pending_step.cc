@@ -11,11 +11,13 @@
 namespace tessera {
 namespace {
 
-constexpr int kReportedAtOnce = 256;                  // tasks
+constexpr int kReportedAtOnce = 256;                  // tasks per hold of the mutex
 constexpr int64_t kMaxReadsBytes = int64_t{1} << 20;  // of a tile's kReadsFile
 
 }  // namespace
 
+// Derives the step from the state alone, so a restart continues where the records end. The order is: failures, lost
+// inputs, unfinished or outdated plans, then the end of the job.
 std::optional<PendingStep> NextStep(const Ledger& ledger) {
   if (ledger.due_jobs().empty()) return std::nullopt;
   const int index = *ledger.due_jobs().begin();
@@ -62,7 +64,7 @@ std::optional<PendingStep> NextStep(const Ledger& ledger) {
     for (const JobTask& task : job.tasks) {
       if (task.superseded || !KindOf(task.plan.kind.str()).makes_artifacts) continue;
       for (const StoredFile& file : task.outputs) {
-        if (file.name != kOutdatedFile) step.artifacts.push_back(file);  // that one is publish's input
+        if (file.name != kOutdatedFile) step.artifacts.push_back(file);  // an input of publish, not a result
       }
     }
     step.end = job.quarantined.empty() ? JobState::kSucceeded : JobState::kPartial;
@@ -96,7 +98,7 @@ StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environm
   const UpdateBase* const goes_on_from = base ? &*base : nullptr;
   if (step.kind == PendingStep::Kind::kPlanTiles) return planner.Tiles(step.settings, survey, names, goes_on_from);
   std::vector<TileReads> reads;
-  // An update has its base's tiles, and may have more behind them, which are cut.
+  // An update has its base's tiles and may cut new ones after them.
   const int tiles = std::max(step.tiles, static_cast<int>(base ? base->tiles.size() : 0));
   const auto read = [&](int tile, const StatusOr<Digest>& digest) -> StatusOr<TileReads> {
     TESSERA_RETURN_IF_ERROR(digest.status());
@@ -114,7 +116,7 @@ StatusOr<std::vector<PlannedTask>> PlanPhase(const DispatchEnvironment& environm
   return planner.Steps(step.settings, survey, names, reads, goes_on_from, step.quarantined);
 }
 
-// Under the mutex tasks are only copied, a few at once.
+// Copies a few tasks per hold of the mutex.
 std::vector<KnownTask> TasksFrom(DispatchCore& core, const PendingStep& step) {
   std::vector<KnownTask> known;
   for (int first = step.replaces_from; first < step.tasks; first += kReportedAtOnce) {
@@ -127,7 +129,7 @@ std::vector<KnownTask> TasksFrom(DispatchCore& core, const PendingStep& step) {
 }
 
 StatusOr<Digest> StoreReport(DispatchCore& core, const PendingStep& step) {
-  // Under the mutex tasks are only copied, a few at once.
+  // Copies a few tasks per hold of the mutex.
   const auto visit = [&](const std::function<void(const JobTask&)>& visitor) {
     for (int first = 0; first < step.tasks; first += kReportedAtOnce) {
       std::vector<JobTask> tasks;

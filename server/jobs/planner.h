@@ -1,4 +1,4 @@
-// What server/jobs calls of server/plan. Tests override it with planners of small graphs.
+// The interface of server/plan for server/jobs. Tests override it with small graphs.
 #pragma once
 
 #include <string>
@@ -21,7 +21,7 @@ class Planner {
                                                     const UpdateBase& base) {
     return PlanUpdate(settings, scene_files, base);
   }
-  // `base`: null but for updates.
+  // `base`: null if the job is no update.
   virtual StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
                                                    const std::vector<std::string>& scene_files,
                                                    const UpdateBase* base) {

@@ -15,8 +15,8 @@
 namespace tessera {
 namespace {
 
-constexpr size_t kMaxPlanBytes = 512 << 10;  // of the tasks in one record, which is applied at once
-constexpr int64_t kRecordsAhead = 8;         // of a plan, that are not stored yet
+constexpr size_t kMaxPlanBytes = 512 << 10;  // of one record, which is applied under one hold of the mutex
+constexpr int64_t kRecordsAhead = 8;         // records of a plan that wait to be stored
 
 void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
   record->set_kind(task.kind);
@@ -48,7 +48,7 @@ void ToProto(const PlannedTask& task, v1::PlannedTaskRecord* record) {
 Status PlanningLoop::Advance() {
   advance_wanted_ = true;
   while (advance_wanted_) {
-    // Whoever is at it now sees to what is wanted.
+    // The thread inside sees advance_wanted_ and continues.
     const std::unique_lock one_at_a_time(advance_mutex_, std::try_to_lock);
     if (!one_at_a_time) return absl::OkStatus();
     advance_wanted_ = false;
@@ -73,17 +73,19 @@ void PlanningLoop::AdvanceSoon() {
   if (advance_soon_.exchange(true)) return;
   advance_thread_.Do([this] {
     advance_soon_ = false;
-    Advance().IgnoreError();  // Tick tries again and tells
+    Advance().IgnoreError();  // Tick retries and reports the error
   });
 }
 
+// Plans without the mutex, so the job may end or lose a tile meanwhile; such a plan is dropped at the next record. A
+// large plan is several records, because applying one holds the mutex.
 Status PlanningLoop::PlanJob(const PendingStep& step) {
   StatusOr<std::vector<PlannedTask>> tasks = PlanPhase(environment_, step);
   if (!tasks.ok()) {
     const StatusOr<bool> waits = recovery_.RemakeForPlan(step);
     if (waits.ok() && *waits) return absl::OkStatus();
     const bool for_good = absl::IsFailedPrecondition(waits.status()) || absl::IsNotFound(waits.status());
-    if (!waits.ok() && !for_good) return waits.status();  // Tick tries again and tells
+    if (!waits.ok() && !for_good) return waits.status();  // Tick retries and reports the error
     if (!waits.ok()) tasks = waits.status();
   }
   if (tasks.ok() && tasks->empty()) tasks = absl::InternalError("the plan has no tasks");
@@ -108,12 +110,12 @@ Status PlanningLoop::PlanJob(const PendingStep& step) {
     planned.set_job(JobName(step.job));
     planned.set_first_task(first_task);
     for (size_t bytes = 0; next < tasks->size() && bytes < kMaxPlanBytes; ++next) {
-      const PlannedTask task = std::move((*tasks)[next]);  // plans are large: it goes here
+      const PlannedTask task = std::move((*tasks)[next]);  // frees the memory of the plan step by step
       ToProto(task, planned.add_tasks());
       bytes += planned.tasks(planned.tasks_size() - 1).ByteSizeLong();
     }
     planned.set_more(next < tasks->size());
-    // A plan is made faster than it is stored, and not all of its records need wait in memory.
+    // Planning is faster than storing: limit the records in memory.
     journal_.Wait(journal_.last() - kRecordsAhead).IgnoreError();
     if (!planned.more()) planned.mutable_superseded()->Add(superseded.begin(), superseded.end());
     std::lock_guard lock(mutex_);
@@ -124,7 +126,7 @@ Status PlanningLoop::PlanJob(const PendingStep& step) {
     first_task += planned.tasks_size();
     fault = core_.Commit(record);
     if (!fault.ok() || planned.more()) continue;
-    for (const int task : superseded) leases_.Release({step.job, task});  // their next heartbeats tell the workers
+    for (const int task : superseded) leases_.Release({step.job, task});  // workers stop at their next heartbeat
   }
   if (fault.ok()) return absl::OkStatus();
   std::lock_guard lock(mutex_);
@@ -159,7 +161,7 @@ Status PlanningLoop::QuarantineTile(const PendingStep& step) {
 }
 
 Status PlanningLoop::ReuseReady() {
-  // Each reuse may make readers ready, which come into the list again: a chain of known results is followed to its end.
+  // A reuse may make readers ready, so repeat until no known result is left.
   while (true) {
     std::vector<TaskRef> known;
     {

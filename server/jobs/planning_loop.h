@@ -1,4 +1,4 @@
-// What the coordinator does by itself, without a worker: plan jobs, take known results, admit and end jobs.
+// The planning loop: plans and ends jobs, reuses known results, and admits held jobs.
 #pragma once
 
 #include <atomic>
@@ -13,28 +13,28 @@
 
 namespace tessera {
 
-// Thread-safe.
+// Takes the pending steps of all jobs. Thread-safe.
 class PlanningLoop {
  public:
   // Both must outlive this.
   PlanningLoop(DispatchCore& core, Recovery& recovery) : core_(core), recovery_(recovery) {}
 
-  // Takes all steps that are pending. If another thread is in here, that thread takes them, and this returns at once.
-  // Errors are those of the planner's inputs or of storage; the next call tries again.
+  // Takes all pending steps. If another thread is in this function, that thread takes them and this call returns at
+  // once. Errors of storage; the next call retries.
   Status Advance();
-  // Advance, by a thread of its own.
+  // Calls Advance in a background thread.
   void AdvanceSoon();
-  // The room on the disk as it was last found. Needs the core's mutex.
+  // Disk space at the last check. Needs the core's mutex.
   const Room& room() const { return room_; }
 
  private:
   Status PlanJob(const PendingStep& step);
   Status QuarantineTile(const PendingStep& step);
   Status EndJob(PendingStep step);
-  // Takes known results of tasks that became ready.
+  // Completes new ready tasks that have a known result.
   Status ReuseReady();
   // --- admit_held.cc ---
-  // Held jobs begin as soon as what they are predicted to store fits the disk, beside what others store.
+  // Admits held jobs whose predicted output fits the disk beside that of running jobs.
   void AdmitHeld();
 
   DispatchCore& core_;
@@ -45,10 +45,10 @@ class PlanningLoop {
   LeaseTable& leases_ = core_.lease_table();
   Journal& journal_ = core_.journal();
   std::atomic<bool> advance_wanted_ = false;
-  std::mutex advance_mutex_;  // one Advance at a time; taken before the core's
+  std::mutex advance_mutex_;  // one Advance at a time; lock order: before the core's
   Room room_;
   std::atomic<bool> advance_soon_ = false;
-  WorkThread advance_thread_;  // ends first
+  WorkThread advance_thread_;  // last: destroyed first
 };
 
 }  // namespace tessera

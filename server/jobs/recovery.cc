@@ -12,17 +12,17 @@ namespace {
 
 std::string MessageOf(const Status& status) { return std::string(status.message()); }
 
-// Whether VerifyOrQuarantine found that the blob has to be made again.
+// Whether VerifyOrQuarantine found the blob missing or damaged.
 bool IsLost(const Status& status) { return absl::IsNotFound(status) || absl::IsDataLoss(status); }
 
 }  // namespace
 
 struct Recovery::Lost {
   Digest digest;
-  std::string name;                // of the input, or of the scene's file
-  TaskRef producer = {};           // task -1: a file of the scene, or nobody of this job
-  int remakes = 0;                 // of the producer, when it was asked for
-  std::vector<std::string> paths;  // of a file of a scene: where it may be
+  std::string name;                // of the input or scene file
+  TaskRef producer = {};           // task -1: scene file
+  int remakes = 0;                 // JobTask::remakes of the producer before hashing
+  std::vector<std::string> paths;  // possible paths of a scene file
 };
 
 std::vector<Recovery::Lost> Recovery::LostInputsLocked(TaskRef ref, const std::set<std::string>& sha256) const {
@@ -42,7 +42,7 @@ std::vector<Recovery::Lost> Recovery::LostInputsLocked(TaskRef ref, const std::s
     if (!sha256.contains(file.digest.sha256)) continue;
     Lost& added = lost.emplace_back(Lost{file.digest, file.name, {}, 0, ledger_.SceneFilesWith(file.digest)});
     if (LiesInScene(file.name)) added.paths.insert(added.paths.begin(), job.header.scene_path + "/" + file.name);
-    if (file.name == kClassifierFile) added.paths.clear();  // the job's own, a blob
+    if (file.name == kClassifierFile) added.paths.clear();  // stored as a blob
   }
   return lost;
 }
@@ -61,10 +61,12 @@ Status Recovery::Examine(Lost& lost) const {
     faults += (faults.empty() ? "" : "; ") +
               (found.ok() ? path + " was changed after the job was submitted" : MessageOf(found.status()));
   }
-  return absl::InvalidArgumentError("the scene's file " + lost.name + " is not what it was: " + faults +
-                                    "; put it back and submit again, or submit the scene as it is now");
+  return absl::InvalidArgumentError("scene file " + lost.name + " has changed: " + faults +
+                                    "; restore it and submit again, or submit the scene as it is now");
 }
 
+// Hashes the inputs without the mutex, because they may be large, and then checks the attempt again. The coordinator's
+// own finding decides: a worker's report alone never reruns a task.
 Status Recovery::ReportLostInputs(const std::string& worker, const std::string& task, int attempt,
                                   TaskFailure failure) {
   const auto find = [&]() -> StatusOr<TaskRef> {
@@ -95,10 +97,10 @@ Status Recovery::ReportLostInputs(const std::string& worker, const std::string& 
   const std::shared_lock refers(core_.blob_use().mutex);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, find());
-  if (absl::IsInvalidArgument(fault)) {  // seen by the coordinator too: no other worker need try
+  if (absl::IsInvalidArgument(fault)) {  // confirmed here: no other worker needs to try
     return EndAttempt(core_, ref, {true, 0, {ErrorClass::kInput, MessageOf(fault)}}, false);
   }
-  // Of those that somebody else has told meanwhile, some may be there again.
+  // Results that were reported lost by another attempt meanwhile may already be recomputed.
   const bool any_lost = !lost.empty();
   const std::string first_reason = any_lost ? lost.front().second : "";
   std::erase_if(lost,
@@ -106,7 +108,7 @@ Status Recovery::ReportLostInputs(const std::string& worker, const std::string& 
   for (const auto& [input, reason] : lost) {
     const JobTask& producer = ledger_.task(input->producer);
     if (producer.plan.given->empty() && producer.state != TaskState::kSucceeded)
-      continue;  // for another of its outputs
+      continue;  // already runs again for another output
     TaskRef maker = input->producer, needed_by = {};
     Status made_again;
     if (!producer.plan.given->empty()) {
@@ -121,21 +123,20 @@ Status Recovery::ReportLostInputs(const std::string& worker, const std::string& 
     }
     TESSERA_RETURN_IF_ERROR(made_again);
   }
-  // Storage's fault, and once it is made again there is nothing to wait for.
+  // Counts against storage. The task needs no delay, because it waits for its inputs.
   if (any_lost) return EndAttempt(core_, ref, {false, 0, {ErrorClass::kStorage, first_reason}}, false);
   if (!fault.ok()) failure = {ErrorClass::kStorage, failure.message + "; " + MessageOf(fault)};
-  return FailAttempt(core_, ref, failure);  // it is whole here: the worker's own view is at fault
+  return FailAttempt(core_, ref, failure);  // the input is intact here, so this counts against the worker
 }
 
 Status Recovery::RemakeLocked(TaskRef maker, const std::string& reason, TaskRef needed_by) {
   const JobTask& made = ledger_.task(maker);
   if (!made.remaking && made.remakes >= options_.retry.max_remakes) {
-    return absl::FailedPreconditionError("it was made again " + std::to_string(made.remakes) + " times by '" +
+    return absl::FailedPreconditionError("it was recomputed " + std::to_string(made.remakes) + " times by '" +
                                          made.plan.name + "' of " + ledger_.jobs()[maker.job].header.name +
-                                         " and lost every time: look after the disk under " +
-                                         environment_.blobs->Location());
+                                         " and lost every time: check the disk of " + environment_.blobs->Location());
   }
-  TESSERA_RETURN_IF_ERROR(ledger_.CheckVersion(maker.job, "it cannot be made again; run its scene anew"));
+  TESSERA_RETURN_IF_ERROR(ledger_.CheckVersion(maker.job, "it cannot be recomputed; submit its scene as a new job"));
   v1::Record record;
   v1::ResultLost& lost = *record.mutable_result_lost();
   lost.set_task(TaskName(maker));
@@ -149,7 +150,7 @@ Status Recovery::RemakeLocked(TaskRef maker, const std::string& reason, TaskRef 
 }
 
 StatusOr<bool> Recovery::RemakeForPlan(const PendingStep& step) {
-  std::vector<std::pair<Digest, bool>> reads;  // whether a task of the job itself made it
+  std::vector<std::pair<Digest, bool>> reads;  // second: made by a task of this job
   if (step.survey.ok()) reads.emplace_back(*step.survey, true);
   for (const auto& [tile, digest] : step.reads) {
     if (digest.ok()) reads.emplace_back(*digest, true);
@@ -164,7 +165,7 @@ StatusOr<bool> Recovery::RemakeForPlan(const PendingStep& step) {
     std::lock_guard lock(mutex_);
     if (HasEnded(ledger_.jobs()[step.job].header.state)) return true;
     TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(step.job, digest, own));
-    // A task of the job itself holds the plan up by not having succeeded.
+    // A task of this job delays the plan by itself, because it no longer counts as succeeded.
     const TaskRef needed_by = maker.job == step.job ? TaskRef() : TaskRef{step.job, -1};
     if (!ledger_.task(maker).remaking || needed_by.job >= 0) {
       TESSERA_RETURN_IF_ERROR(
@@ -185,8 +186,8 @@ StatusOr<std::string> Recovery::ReadSurveyOf(const UpdateBase& base) {
   TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(base.name));
   TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, base.survey, true));
   if (!ledger_.task(maker).remaking) TESSERA_RETURN_IF_ERROR(RemakeLocked(maker, MessageOf(status), {}));
-  return absl::UnavailableError(base.name + ": its survey was lost and is being made again by '" +
-                                ledger_.task(maker).plan.name + "'; submit again when a worker has done that");
+  return absl::UnavailableError(base.name + ": its lost survey is being recomputed by '" +
+                                ledger_.task(maker).plan.name + "'; submit again when that task has succeeded");
 }
 
 Status Recovery::RemakeArtifact(const Digest& digest) {
@@ -215,6 +216,8 @@ Status Recovery::RemakeArtifact(const Digest& digest) {
   return ledger_.task(maker).remaking ? absl::OkStatus() : RemakeLocked(maker, MessageOf(status), {});
 }
 
+// Files in PlannedTask::given_contents have no task that could recompute them. The planner is deterministic, so
+// planning the same phase again gives the same bytes.
 Status Recovery::RestorePlanned(int index, const Digest& digest) {
   PendingStep step;
   {
@@ -224,7 +227,7 @@ Status Recovery::RestorePlanned(int index, const Digest& digest) {
       return std::any_of(task.plan.given->begin(), task.plan.given->end(),
                          [&](const NamedDigest& output) { return output.digest == digest; });
     });
-    if (!given || ledger_.MakerOf(index, digest, false).ok()) return absl::NotFoundError("not the coordinator's own");
+    if (!given || ledger_.MakerOf(index, digest, false).ok()) return absl::NotFoundError("not made by the planner");
     step.job = index;
     step.settings = job.header.settings;
     step.scene_files = job.scene_files;
@@ -245,7 +248,7 @@ Status Recovery::RestorePlanned(int index, const Digest& digest) {
       }
     }
   }
-  return absl::NotFoundError("not in the plan");
+  return absl::NotFoundError("no file of the plan has this content");
 }
 
 Status Recovery::RestoreReport(int index, const Digest& digest) {
@@ -259,7 +262,7 @@ Status Recovery::RestoreReport(int index, const Digest& digest) {
       return absl::NotFoundError("not the report of " + job.header.name);
     }
     if (job.lost > 0)
-      return absl::UnavailableError("results of " + job.header.name + " are being made again; ask later");
+      return absl::UnavailableError("results of " + job.header.name + " are being recomputed; try again later");
     step.job = index;
     step.header = job.header;
     step.end = job.header.state;
@@ -271,7 +274,7 @@ Status Recovery::RestoreReport(int index, const Digest& digest) {
   TESSERA_ASSIGN_OR_RETURN(const Digest again, StoreReport(core_, step));
   if (again == digest) return absl::OkStatus();
   return absl::FailedPreconditionError(std::string(kJobFile) + " of " + step.header.name +
-                                       " is lost, and would have other bytes now: an earlier release wrote it");
+                                       " is lost and cannot be reproduced: an earlier release wrote it");
 }
 
 }  // namespace tessera

@@ -1,4 +1,4 @@
-// Blobs that were lost or damaged: quarantined, and made again by the task that made them, as far back as needed.
+// Recovery of lost or damaged blobs: quarantines them and reruns the tasks that made them, as far back as needed.
 #pragma once
 
 #include <mutex>
@@ -12,41 +12,40 @@
 
 namespace tessera {
 
-// Thread-safe. Tasks and plans that need a lost result wait until it is there again. Calls hash files and may take
-// long.
+// Tasks and plans that need a lost result wait until it is recomputed. Thread-safe. Calls hash files and may take long.
 class Recovery {
  public:
   // `core` must outlive this.
   explicit Recovery(DispatchCore& core) : core_(core) {}
 
-  // Ends an attempt whose worker could not read its inputs (failure.lost_inputs). Those that are lost or damaged here
-  // too are made again. Refusal::kNotCurrent if the attempt is not the current one.
+  // Ends an attempt whose worker could not read its inputs (failure.lost_inputs). Has inputs recomputed that are also
+  // lost or damaged here. Refusal::kNotCurrent if the attempt is not the current one.
   Status ReportLostInputs(const std::string& worker, const std::string& task, int attempt, TaskFailure failure);
-  // Has lost blobs that the step's plan reads made again; true if some are, and the job has to wait.
-  // FAILED_PRECONDITION or NOT_FOUND if one cannot be made again.
+  // Has lost blobs recomputed that planning the step needs. Returns whether the job must wait for some.
+  // FAILED_PRECONDITION or NOT_FOUND if one cannot be recomputed.
   StatusOr<bool> RemakeForPlan(const PendingStep& step);
-  // The survey of a base job. UNAVAILABLE while it is made again.
+  // The survey of a base job. UNAVAILABLE while it is recomputed.
   StatusOr<std::string> ReadSurveyOf(const UpdateBase& base);
-  // Has a file that a job published, and that is lost or damaged, made again. NOT_FOUND if no job published it; an
-  // error with the reason if it cannot be made again. May be called again while it is made.
+  // Has a lost or damaged artifact of a job recomputed. NOT_FOUND if no job published it; another error with the reason
+  // if it cannot be recomputed. May be called repeatedly meanwhile.
   Status RemakeArtifact(const Digest& digest);
 
  private:
   // A blob that a worker could not read.
   struct Lost;
 
-  // Those named ...Locked need the core's mutex.
+  // Functions named ...Locked need the core's mutex.
   std::vector<Lost> LostInputsLocked(TaskRef ref, const std::set<std::string>& sha256) const;
-  // Hashes the blob, and quarantines it if its content has changed.
+  // Hashes the input; quarantines a blob whose content has changed.
   Status Examine(Lost& lost) const;
-  // The task `maker` is to run again, and `needed_by` is to wait: a task whose given output it made; with task -1 the
-  // plan of the job; none (job -1): nobody. FAILED_PRECONDITION if it cannot be made again. Needs blob_use().mutex too,
-  // shared, for the job may need all its outputs again.
+  // Commits that `maker` runs again and that `needed_by` waits for it: a given task with its outputs, or (task -1) the
+  // plan of a job, or (job -1) none. FAILED_PRECONDITION if it cannot be recomputed. Also needs blob_use().mutex,
+  // shared, because the job may need all its outputs again.
   Status RemakeLocked(TaskRef maker, const std::string& reason, TaskRef needed_by);
-  // Stores again what the coordinator itself put into the job's plan. NOT_FOUND if it did not.
+  // Stores again a file that the planner itself made for the job. NOT_FOUND if it is no such file.
   Status RestorePlanned(int job, const Digest& digest);
-  // Stores the report of a job that has ended again. NOT_FOUND if the digest is not that report's, UNAVAILABLE while
-  // results are made again, FAILED_PRECONDITION if an earlier release wrote it.
+  // Stores again the report of an ended job. NOT_FOUND if the digest is not that of the report; UNAVAILABLE while
+  // results are recomputed; FAILED_PRECONDITION if an earlier release wrote it.
   Status RestoreReport(int job, const Digest& digest);
 
   DispatchCore& core_;

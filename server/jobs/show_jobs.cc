@@ -1,4 +1,4 @@
-// How jobs, tasks and attempts are shown.
+// Queries of jobs, tasks and attempts.
 #include <algorithm>
 
 #include "server/jobs/jobs.h"
@@ -6,13 +6,13 @@
 namespace tessera {
 namespace {
 
-constexpr int kMaxTasksSeen = 10'000;  // under the mutex
+constexpr int kMaxTasksSeen = 10'000;  // tasks visited per hold of the mutex
 
 bool IsAmong(const std::vector<NamedDigest>& files, const Digest& digest) {
   return std::any_of(files.begin(), files.end(), [&](const NamedDigest& file) { return file.digest == digest; });
 }
 
-// Surveys are made before all cuts, and behind those there may be a million tasks.
+// Whether the blob is the survey of the job. Stops at the first cut: surveys come earlier, and millions of tasks later.
 bool MadeSurvey(const Job& job, const Digest& digest) {
   for (const JobTask& task : job.tasks) {
     const TaskPhase phase = KindOf(task.plan.kind.str()).phase;
@@ -40,7 +40,7 @@ StatusOr<JobStatus> Jobs::GetJob(const std::string& name) const {
     TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(name));
     status = JobStatusLocked(job);
   }
-  if (HasEnded(status.header.state)) TESSERA_RETURN_IF_ERROR(core_.Durable());  // no end is told that might not last
+  if (HasEnded(status.header.state)) TESSERA_RETURN_IF_ERROR(core_.Durable());  // an end is shown only when durable
   return status;
 }
 

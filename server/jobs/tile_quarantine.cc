@@ -57,6 +57,8 @@ std::string QuarantineText(const Job& job, const QuarantinedTile& tile) {
          ErrorClassName(failed.error->error_class) + "): " + failed.error->message;
 }
 
+// A task stays if name, kind, parameters, files and inputs are equal. Inputs are first renumbered to the tasks that
+// stay, so equality propagates through the graph.
 PlanChange ChangePlan(int first, const std::vector<KnownTask>& known, std::vector<PlannedTask> tasks) {
   const int end = first + static_cast<int>(known.size());
   std::unordered_map<std::string_view, int> place_of_name;
@@ -65,7 +67,7 @@ PlanChange ChangePlan(int first, const std::vector<KnownTask>& known, std::vecto
   }
   PlanChange change;
   std::vector<uint8_t> stays(known.size(), 0);
-  std::vector<int> place;  // of each of `tasks` in the job's list
+  std::vector<int> place;  // index of each of `tasks` in the job's tasks
   for (PlannedTask& task : tasks) {
     for (PlannedInput& input : task.inputs) {
       if (input.task.value() >= first) input.task = TaskId(place[input.task.value() - first]);

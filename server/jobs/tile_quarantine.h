@@ -1,4 +1,4 @@
-// Jobs that continue without a tile whose refinement fails: the tile is quarantined.
+// Quarantine of tiles: a job continues without a tile whose refinement fails.
 #pragma once
 
 #include <string>
@@ -10,29 +10,29 @@
 
 namespace tessera {
 
-// Whether the job can continue without the tile of its task that has failed for good (Job::failed): a step of one of
-// several tiles, for another reason than wrong input, which the user has to correct. A job whose tiles all fail fails.
+// Whether the job can continue without the tile of its failed task (Job::failed). Not if the task is no step of a tile,
+// if the input is wrong (the user must correct it), if storage failed, or if no tile would be left.
 bool CanContinueWithout(const Job& job);
 
-// The quarantined tiles of the job, in the form that the planner takes.
+// The quarantined tiles of the job, for the planner.
 std::vector<FailedTile> QuarantinedTiles(const Job& job);
 
 // "tile 3 was quarantined: 'solve tile 3 step 4' failed (poison): ...".
 std::string QuarantineText(const Job& job, const QuarantinedTile& tile);
 
-// What a plan made anew changes: what is in both stays, with all that was done for it.
+// Changes from the old plan to the new one. Tasks in both stay with their state.
 struct PlanChange {
-  std::vector<PlannedTask> added;  // to the end of the job's list
-  std::vector<int> superseded;     // of the job's list, ascending
+  std::vector<PlannedTask> added;  // appended to the job's tasks
+  std::vector<int> superseded;     // indices in the job's tasks, ascending
 };
 struct KnownTask {
   PlannedTask plan;
   bool superseded = false;
 };
-// `known`: the job's tasks from `first` on; `tasks`: what is to be in place of them, with inputs as if it stood there.
+// `known`: the job's tasks from index `first`; `tasks`: their replacement, with inputs numbered from `first`.
 PlanChange ChangePlan(int first, const std::vector<KnownTask>& known, std::vector<PlannedTask> tasks);
 
-// The first task behind the job's cuts.
+// Index of the first task after the job's cuts.
 int FirstBehindCuts(const Job& job);
 
 }  // namespace tessera

@@ -26,38 +26,38 @@ std::string Gib(int64_t bytes) {
 
 std::string Quoted(const JobTask& task) { return "'" + task.plan.name + "'"; }
 
-// The first line, not too much of it.
+// The first line, at most kMost characters.
 std::string Short(const std::string& message) {
   constexpr size_t kMost = 200;
   const std::string line = message.substr(0, message.find('\n'));
   return line.size() <= kMost ? line : line.substr(0, kMost) + "...";
 }
 
-// Why nobody is given a task that is ready; empty if somebody is about to be.
+// Why a ready task is not leased; empty if it is about to be.
 std::string WhyNotLeased(const Ledger& ledger, TaskRef ref, const LeaseTable& leases, int64_t now_us) {
   if (leases.workers().empty()) return "no worker is registered";
   const auto trusted = std::find_if(leases.workers().begin(), leases.workers().end(),
                                     [&](const auto& worker) { return !IsSuspended(worker.second, now_us); });
   if (trusted == leases.workers().end()) {
     const WorkerState& first = leases.workers().begin()->second;
-    return (leases.workers().size() == 1 ? "the only worker is" : "all workers are") +
-           std::string(" suspended for now: ") + Short(first.suspended_reason);
+    return (leases.workers().size() == 1 ? "the only worker is" : "all workers are") + std::string(" suspended: ") +
+           Short(first.suspended_reason);
   }
   const JobTask& task = ledger.task(ref);
   const LargestWorker largest = leases.Largest();
   if (largest.memory_bytes > 0 && task.plan.peak_bytes > largest.memory_bytes) {
-    std::string words = "no worker with " + Gib(task.plan.peak_bytes) + " for " + Quoted(task) + ": the largest has " +
+    std::string words = "no worker has " + Gib(task.plan.peak_bytes) + " for " + Quoted(task) + ": the largest has " +
                         Gib(largest.memory_bytes);
     const int64_t left_us = largest.since_us + Micros(kLargerWorkerWait_s) - now_us;
-    if (left_us > 0) words += ", which tries in " + Duration(left_us) + " unless a larger one comes";
+    if (left_us > 0) words += ", and gets it in " + Duration(left_us) + " unless a larger one registers";
     return words;
   }
   const std::optional<int> first = ledger.ready().FirstJob();
   if (first && *first != ref.job) {
     const JobHeader& before = ledger.jobs()[*first].header;
     const bool higher = before.priority > ledger.jobs()[ref.job].header.priority;
-    return before.name + (higher ? ", of priority " + std::to_string(before.priority) : ", which is older") +
-           ", comes first";
+    return before.name + (higher ? ", of priority " + std::to_string(before.priority) : ", an older job") +
+           ", goes first";
   }
   const bool any_idle = std::any_of(leases.workers().begin(), leases.workers().end(),
                                     [](const auto& worker) { return worker.second.tasks.empty(); });
@@ -75,18 +75,17 @@ std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, 
   const JobHeader& header = ledger.jobs()[job].header;
   if (HasEnded(header.state)) return "";
   if (!storage_trouble.ok()) {
-    return "the coordinator cannot store its records, and nothing is given out until it can: " +
-           Short(std::string(storage_trouble.message()));
+    return "journal write failed, leasing suspended: " + Short(std::string(storage_trouble.message()));
   }
   const std::vector<TaskRef> running = leases.OfJob(job);
   if (header.paused) {
-    return running.empty() ? "paused" : "paused; " + std::to_string(running.size()) + " tasks run to their end";
+    return running.empty() ? "paused" : "paused; " + std::to_string(running.size()) + " tasks are still running";
   }
   if (running.empty() && ledger.ready().IsHeld(job) && !room.folder.empty()) {
-    return "no room for the " + Gib(ledger.jobs()[job].totals.sums().bytes_to_store) +
-           " that it will store: " + Gib(room.free_bytes) + " are free for " + room.folder +
-           (room.promised_bytes > 0 ? ", of which jobs that have begun will take " + Gib(room.promised_bytes) : "") +
-           "; it begins when there is enough";
+    return "not enough disk space for the " + Gib(ledger.jobs()[job].totals.sums().bytes_to_store) +
+           " of its results: " + Gib(room.free_bytes) + " are free in " + room.folder +
+           (room.promised_bytes > 0 ? ", of which running jobs need " + Gib(room.promised_bytes) : "") +
+           "; it starts when there is enough";
   }
   if (const std::optional<TaskRef> ready = ledger.ready().FirstOfJob(job)) {
     return running.empty() ? WhyNotLeased(ledger, *ready, leases, now_us) : "";
@@ -104,10 +103,10 @@ std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, 
   }
   if (const auto delayed = ledger.ready().NextOfDelayed(job, now_us)) {
     const JobTask& task = ledger.task(delayed->second);
-    return Quoted(task) + " is tried again in " + Duration(delayed->first - now_us) +
+    return Quoted(task) + " is retried in " + Duration(delayed->first - now_us) +
            ", after: " + Short(task.error->message);
   }
-  return "the coordinator is planning it";
+  return "the coordinator plans its tasks";
 }
 
 }  // namespace tessera

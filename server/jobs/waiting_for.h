@@ -1,4 +1,4 @@
-// Why a job makes no progress, as text.
+// Text for users: why a job makes no progress.
 #pragma once
 
 #include <cstdint>
@@ -10,16 +10,15 @@
 
 namespace tessera {
 
-// Free disk space for jobs that are to begin, as last measured.
+// Disk space for new jobs, as last measured.
 struct Room {
   std::string folder;
   int64_t free_bytes = 0;
-  int64_t promised_bytes = 0;  // of these, to jobs that have begun
+  int64_t promised_bytes = 0;  // of these: predicted output of admitted jobs
 };
 
-// What the job waits for: to be resumed, disk space, a worker, a worker with more memory, a job of higher rank, the end
-// of a retry delay, a running task, the journal. Empty if it has ended, or all its ready tasks run. `now_us`:
-// Clock::MonotonicUs.
+// The reason: pause, disk space, no worker, too little memory, another job first, a retry delay, a running task or the
+// journal. Empty if the job has ended or makes progress. `now_us`: Clock::MonotonicUs. Needs the core's mutex.
 std::string WaitingFor(const Ledger& ledger, int job, const LeaseTable& leases, const Status& storage_trouble,
                        const Room& room, int64_t now_us);
 

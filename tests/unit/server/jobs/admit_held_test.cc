@@ -1,4 +1,4 @@
-// Jobs begin when there is room for what they will store.
+// A job starts when the disk has space for its results.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// Each tile's refinement stores so much, of the job's tiles.
+// Each refinement task is predicted to store `bytes`.
 class StoringPlanner : public FakePlanner {
  public:
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
@@ -43,15 +43,15 @@ class AdmitHeldTest : public CoordinatorTest {
   StoringPlanner storing_;
 };
 
-TEST_F(AdmitHeldTest, NothingIsLeasedOfAJobForWhichThereIsNoRoom) {
+TEST_F(AdmitHeldTest, JobWithoutDiskSpaceIsNotLeased) {
   storing_.bytes = kTooMuch / 2;
   const std::string worker = Worker(), job = CreateSurveyed("{}", worker);
   EXPECT_FALSE(Lease(worker));
-  EXPECT_THAT(Job(job).waiting_for, HasSubstr("no room for the 2048.0 GiB that it will store"));
-  EXPECT_THAT(Job(job).waiting_for, HasSubstr("free for " + folder_.path() + "/blobs; it begins when"));
+  EXPECT_THAT(Job(job).waiting_for, HasSubstr("not enough disk space for the 2048.0 GiB of its results"));
+  EXPECT_THAT(Job(job).waiting_for, HasSubstr("free in " + folder_.path() + "/blobs; it starts when"));
   Reopen();
-  EXPECT_FALSE(Lease(Worker())) << "nor after a restart";
-  // Others that fit do not wait behind it, and it keeps its place through a change.
+  EXPECT_FALSE(Lease(Worker())) << "after a restart";
+  // Smaller jobs overtake it, and a change of priority does not admit it.
   ASSERT_TRUE(coordinator_->jobs().ChangeJob(job, {5, {}}).ok());
   storing_.bytes = 1;
   const std::string other_worker = Worker(), other = CreateSurveyed("{\"other\":1}", other_worker);
@@ -61,8 +61,8 @@ TEST_F(AdmitHeldTest, NothingIsLeasedOfAJobForWhichThereIsNoRoom) {
   EXPECT_TRUE(coordinator_->jobs().CancelJob(job).ok());
 }
 
-TEST_F(AdmitHeldTest, AJobThatHasBegunHasItsRoomAndTheNextBeginsOnceItHasEnded) {
-  storing_.bytes = *blobs_->FreeSpace() / 10 * 3;  // two of which fit, and not four
+TEST_F(AdmitHeldTest, AdmittedJobKeepsItsSpaceUntilItEnds) {
+  storing_.bytes = *blobs_->FreeSpace() / 10 * 3;  // space for two, not for four
   const std::string worker = Worker(), first = CreateSurveyed("{}", worker);
   const auto lease = Lease(worker);
   ASSERT_TRUE(lease);
@@ -73,7 +73,7 @@ TEST_F(AdmitHeldTest, AJobThatHasBegunHasItsRoomAndTheNextBeginsOnceItHasEnded) 
   ASSERT_TRUE(ingest);
   ASSERT_TRUE(Succeed(worker, *ingest).ok());
   EXPECT_FALSE(Lease(worker));
-  EXPECT_THAT(Job(second).waiting_for, HasSubstr("of which jobs that have begun will take"));
+  EXPECT_THAT(Job(second).waiting_for, HasSubstr("of which running jobs need"));
   ASSERT_TRUE(Succeed(worker, *lease).ok());
   ASSERT_TRUE(Succeed(other, *refine).ok());
   WorkAll(worker);
@@ -81,7 +81,7 @@ TEST_F(AdmitHeldTest, AJobThatHasBegunHasItsRoomAndTheNextBeginsOnceItHasEnded) 
   EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);
 }
 
-TEST_F(AdmitHeldTest, WhatIsKnownNeedsNoRoom) {
+TEST_F(AdmitHeldTest, KnownResultsNeedNoSpace) {
   storing_.bytes = 1;
   const std::string worker = Worker(), job = CreateSurveyed("{}", worker);
   WorkAll(worker);

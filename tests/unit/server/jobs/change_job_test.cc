@@ -1,4 +1,4 @@
-// What users change of a job while it goes on: priority and pauses.
+// Changes of active jobs: priority and pause.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@ using testing::HasSubstr;
 
 class ChangeJobTest : public CoordinatorTest {
  protected:
-  // The job of the task that the worker is given; empty: none.
+  // The job of the worker's next task; empty: none.
   std::string JobOfLease(const std::string& worker) {
     const auto lease = Lease(worker);
     return lease ? JobName(ParseTaskName(lease->task)->job) : "";
@@ -26,7 +26,7 @@ class ChangeJobTest : public CoordinatorTest {
   }
 };
 
-TEST_F(ChangeJobTest, TheNextFreeWorkerGetsTheJobOfTheHighestPriority) {
+TEST_F(ChangeJobTest, FreeWorkerGetsTheJobOfHighestPriority) {
   const std::string low = CreateWith(-1), first = CreateWith(5), high = CreateWith(6);
   ASSERT_TRUE(Change(first, {7, {}}).ok());
   Restart();
@@ -36,10 +36,10 @@ TEST_F(ChangeJobTest, TheNextFreeWorkerGetsTheJobOfTheHighestPriority) {
   ASSERT_TRUE(Change(low, {100, {}}).ok());
   EXPECT_EQ(JobOfLease(worker), low);
   EXPECT_EQ(JobOfLease(worker), high);
-  EXPECT_EQ(Task(first, 0).task.state, TaskState::kLeased) << "what runs is not interrupted";
+  EXPECT_EQ(Task(first, 0).task.state, TaskState::kLeased) << "running tasks are not interrupted";
 }
 
-TEST_F(ChangeJobTest, APausedJobsTasksEndAndNoMoreAreLeased) {
+TEST_F(ChangeJobTest, PausedJobFinishesRunningTasksOnly) {
   const std::string job = Create(AJob(2));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
@@ -54,14 +54,14 @@ TEST_F(ChangeJobTest, APausedJobsTasksEndAndNoMoreAreLeased) {
   EXPECT_TRUE(Job(job).header.paused);
   const std::string other = Worker();
   EXPECT_FALSE(Lease(other));
-  ASSERT_TRUE(Change(job, {3, {}}).ok()) << "which leaves it paused";
+  ASSERT_TRUE(Change(job, {3, {}}).ok()) << "the job stays paused";
   EXPECT_FALSE(Lease(other));
   ASSERT_TRUE(Change(job, {{}, false}).ok());
   EXPECT_EQ(WorkAll(other), 2);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
-TEST_F(ChangeJobTest, WhatCannotBeChangedIsRefused) {
+TEST_F(ChangeJobTest, InvalidChangesAreRefused) {
   const std::string job = Create(AJob(2));
   const Status status = Change(job, {101, {}});
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);

@@ -29,13 +29,13 @@ TEST_F(CoordinatorTest, RunsAJobToItsEnd) {
   ASSERT_EQ(ingest->inputs.size(), 1u);
   EXPECT_EQ(ingest->inputs[0].path, "/scene/scene.json");
   EXPECT_EQ(Job(job).header.state, JobState::kRunning);
-  EXPECT_FALSE(Lease(worker));  // nothing else is known yet
+  EXPECT_FALSE(Lease(worker));  // no other task is planned yet
   clock_.Advance(2);
   ASSERT_TRUE(Succeed(worker, *ingest).ok());
   EXPECT_EQ(Job(job).tasks_total, 4);
   EXPECT_EQ(Job(job).tiles_total, 2);
 
-  // The dearest first.
+  // Highest cost first.
   const auto tile1 = Lease(worker);
   ASSERT_TRUE(tile1);
   EXPECT_EQ(tile1->plan.name, "refine tile 1");
@@ -58,7 +58,7 @@ TEST_F(CoordinatorTest, RunsAJobToItsEnd) {
   EXPECT_EQ(report["totals"]["core_seconds_of_kind"]["refine"], 2 * 7.5);
   EXPECT_EQ(report["totals"]["seconds_of_stage"]["data"], 4 * 0.75);
   EXPECT_EQ(report["totals"]["seconds_of_stage"]["loading"], 4 * 0.25);
-  EXPECT_EQ(report["totals"]["seconds_of_stage"]["dispatch"], (2 - 1) + (10 - 1)) << "the others took no time";
+  EXPECT_EQ(report["totals"]["seconds_of_stage"]["dispatch"], (2 - 1) + (10 - 1)) << "the other tasks took no time";
   EXPECT_EQ(report["tasks"][2]["title"], "refine tile 1");
   EXPECT_EQ(report["tasks"][2]["attempts"], 1);
   EXPECT_EQ(report["tasks"][2]["seconds"], 10.0);
@@ -68,7 +68,7 @@ TEST_F(CoordinatorTest, RunsAJobToItsEnd) {
   EXPECT_EQ(report["tasks"][2]["predicted"]["core_seconds"], 2.0);
 }
 
-TEST_F(CoordinatorTest, ExpiredLeaseGoesToAnotherAndTheLateReportIsRefused) {
+TEST_F(CoordinatorTest, ExpiredTaskIsLeasedAgainAndTheLateReportIsRefused) {
   const std::string job = Create(AJob(1));
   const std::string first = Worker(), second = Worker();
   const auto lost = Lease(first);
@@ -86,7 +86,7 @@ TEST_F(CoordinatorTest, ExpiredLeaseGoesToAnotherAndTheLateReportIsRefused) {
   EXPECT_THAT(*coordinator_->leases().Heartbeat(first, {{lost->task, 1, 0.5, ""}}), ElementsAre(lost->task));
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
   EXPECT_TRUE(Succeed(second, *again).ok());
-  EXPECT_TRUE(Succeed(second, *again).ok());  // said twice
+  EXPECT_TRUE(Succeed(second, *again).ok());  // repeated report
   EXPECT_EQ(Succeed(first, *again).code(), absl::StatusCode::kFailedPrecondition);
 }
 
@@ -106,7 +106,7 @@ TEST_F(CoordinatorTest, HeartbeatsKeepALease) {
   EXPECT_TRUE(Succeed(worker, *lease).ok());
 }
 
-TEST_F(CoordinatorTest, TransientErrorsBackOffAndEndTheTask) {
+TEST_F(CoordinatorTest, TransientErrorsDelayAndThenFailTheTask) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const double delays_s[] = {1, 2, 4};
@@ -127,7 +127,7 @@ TEST_F(CoordinatorTest, TransientErrorsBackOffAndEndTheTask) {
   EXPECT_EQ(Job(job).header.artifacts.at(0).name, "job.json");
 }
 
-TEST_F(CoordinatorTest, AnInputErrorThatIsEvidentFailsTheJobAndStopsTheRest) {
+TEST_F(CoordinatorTest, ConfirmedInputErrorFailsTheJob) {
   const std::string job = Create(AJob(2));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
@@ -157,7 +157,7 @@ TEST_F(CoordinatorTest, MemoryErrorGoesToAnotherWorkerThenFails) {
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
 }
 
-TEST_F(CoordinatorTest, LeavingReturnsTheTaskAtOnce) {
+TEST_F(CoordinatorTest, UnregisteringReturnsTheTask) {
   Create(AJob(1));
   const std::string first = Worker(), second = Worker();
   ASSERT_TRUE(Lease(first));
@@ -178,33 +178,33 @@ TEST_F(CoordinatorTest, AbortedAttemptIsLeasedAgainAtOnce) {
   EXPECT_EQ(lease->attempt, 2);
 }
 
-// Who has a tile in memory gets its tasks; others only when they have waited for it.
-TEST_F(CoordinatorTest, ATileStaysWithItsWorkerUnlessThatOneIsSlow) {
+// A worker with the tile in memory gets its tasks; other workers only after a wait.
+TEST_F(CoordinatorTest, TileStaysWithItsWorkerUnlessThatOneIsSlow) {
   Create(AJob(1));
   const std::string keeper = Worker(), other = Worker();
   ASSERT_TRUE(Succeed(keeper, *Lease(keeper)).ok());
   ASSERT_TRUE(Fail(keeper, *Lease(keeper), ErrorClass::kPreempted).ok());
   std::atomic<bool> gone = false;
   std::thread waiting([&] { EXPECT_FALSE(*LeaseAndWait(*coordinator_, other, 60, [&] { return gone.load(); })); });
-  std::this_thread::sleep_for(std::chrono::milliseconds(100));  // less than its patience
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));  // less than the wait
   const auto lease = Lease(keeper);
   gone = true;
   waiting.join();
   ASSERT_TRUE(lease);
   EXPECT_EQ(lease->plan.kind, "refine");
   ASSERT_TRUE(Fail(keeper, *lease, ErrorClass::kPreempted).ok());
-  // A call that comes with a report waits for nothing, and yet does not take it from its keeper.
+  // A call with a report does not wait, but leaves the tile to its worker.
   std::promise<bool> brought;
   LeaseCall with_report = {.worker = other,
                            .done = [&](LeaseAnswer answer) { brought.set_value(answer->has_value()); }};
   with_report.comes_with_report = true;
   coordinator_->leases().LeaseTask(std::move(with_report));
   EXPECT_FALSE(brought.get_future().get());
-  // It waits no longer than it would for any task.
+  // It waits at most as long as for any task.
   const auto taken = LeaseAndWait(*coordinator_, other, 0.2, {});
   ASSERT_TRUE(taken.ok() && *taken);
   EXPECT_EQ((*taken)->plan.kind, "refine");
-  // Of a worker that is gone nobody waits.
+  // No wait for the tile of an unregistered worker.
   ASSERT_TRUE(Fail(other, **taken, ErrorClass::kPreempted).ok());
   ASSERT_TRUE(UnregisterAndWait(*coordinator_, other).ok());
   EXPECT_TRUE(*LeaseAndWait(*coordinator_, keeper, 3600, {}));
@@ -218,26 +218,26 @@ TEST_F(CoordinatorTest, SilentWorkersAreForgotten) {
   EXPECT_EQ(coordinator_->leases().Heartbeat(worker, {}).status().code(), absl::StatusCode::kNotFound);
 }
 
-TEST_F(CoordinatorTest, NothingIsDoneTwice) {
+TEST_F(CoordinatorTest, KnownResultsAreReused) {
   const std::string worker = Worker();
   const std::string first = Create(AJob(2));
   EXPECT_EQ(WorkAll(worker), 4);
-  // The same again: no task runs, not even for a moment.
+  // The same job again runs no task.
   const std::string second = Create(AJob(2));
   EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);
   EXPECT_EQ(Job(second).header.artifacts[0], Job(first).header.artifacts[0]);
   EXPECT_TRUE(Task(second, 1).task.reused);
   EXPECT_EQ(Task(second, 1).task.attempt(), 0);
-  // Another number of tiles shares what it can: ingest and the first two tiles.
+  // Another number of tiles reuses ingest and the first two tiles.
   const std::string third = Create(AJob(3));
   EXPECT_EQ(WorkAll(worker), 2);
   EXPECT_EQ(Job(third).header.state, JobState::kSucceeded);
-  // Another content shares nothing.
+  // Another content reuses nothing.
   Create(AJob(2, "{\"other\":1}"));
   EXPECT_EQ(WorkAll(worker), 4);
 }
 
-TEST_F(CoordinatorTest, LostBlobsAreMadeAnew) {
+TEST_F(CoordinatorTest, LostBlobsAreRecomputed) {
   const std::string worker = Worker();
   const std::string first = Create(AJob(1));
   WorkAll(worker);
@@ -248,7 +248,7 @@ TEST_F(CoordinatorTest, LostBlobsAreMadeAnew) {
   EXPECT_FALSE(Task(second, 1).task.reused);
 }
 
-TEST_F(CoordinatorTest, OutputsMustBeThere) {
+TEST_F(CoordinatorTest, MissingOutputsFailTheAttempt) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const auto ingest = Lease(worker);
@@ -269,7 +269,7 @@ TEST_F(CoordinatorTest, OutputsMustBeThere) {
   EXPECT_THAT(Job(job).header.error, HasSubstr("no output refined, which 'publish' reads"));
 }
 
-TEST_F(CoordinatorTest, PlanFaultsFailTheJob) {
+TEST_F(CoordinatorTest, PlanErrorsFailTheJob) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const auto ingest = Lease(worker);
@@ -280,18 +280,18 @@ TEST_F(CoordinatorTest, PlanFaultsFailTheJob) {
   EXPECT_EQ(coordinator_->jobs().CreateJob(unknown).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST_F(CoordinatorTest, ThreadsFollowTheWorkAtHand) {
+TEST_F(CoordinatorTest, ThreadsFollowTheNumberOfTasks) {
   const auto worker = [&](const char* host, int threads) {
     return *coordinator_->leases().RegisterWorker({host, 1, threads, 1000, 8});
   };
   const std::string a = worker("one", 8), b = worker("one", 8), narrow = worker("other", 3);
   Create(AJob(4));
   const auto ingest = Lease(a);
-  EXPECT_EQ(ingest->threads, 8) << "nothing else is known yet";
+  EXPECT_EQ(ingest->threads, 8) << "no other task is planned yet";
   ASSERT_TRUE(Succeed(a, *ingest).ok());
   const auto first = Lease(a), second = Lease(narrow), third = Lease(b);
-  EXPECT_EQ(first->threads, 4) << "three more wait, for two workers";
-  EXPECT_EQ(second->threads, 3) << "as many as it may, on a host of its own";
+  EXPECT_EQ(first->threads, 4) << "three more tasks for two workers";
+  EXPECT_EQ(second->threads, 3) << "its limit, on its own host";
   EXPECT_EQ(third->threads, 4);
   ASSERT_TRUE(Succeed(narrow, *second).ok());
   ASSERT_TRUE(Succeed(a, *first).ok());
@@ -299,7 +299,7 @@ TEST_F(CoordinatorTest, ThreadsFollowTheWorkAtHand) {
   EXPECT_EQ(fourth->threads, 4) << "b still runs";
   ASSERT_TRUE(Succeed(a, *fourth).ok());
   ASSERT_TRUE(Succeed(b, *third).ok());
-  EXPECT_EQ(Lease(b)->threads, 8) << "publish, alone";
+  EXPECT_EQ(Lease(b)->threads, 8) << "publish is the only task";
 }
 
 TEST_F(CoordinatorTest, CancelStopsAndIsFinal) {
@@ -315,7 +315,7 @@ TEST_F(CoordinatorTest, CancelStopsAndIsFinal) {
   EXPECT_EQ(coordinator_->jobs().GetJob("nonsense").status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST_F(CoordinatorTest, OlderJobsFirstAndRequestsOnce) {
+TEST_F(CoordinatorTest, OlderJobsFirstAndOneJobPerRequest) {
   NewJob job = AJob(1, "a");
   job.request = {"r", "/scene", job.settings};
   const std::string first = Create(job);
@@ -330,7 +330,7 @@ TEST_F(CoordinatorTest, OlderJobsFirstAndRequestsOnce) {
   EXPECT_EQ(coordinator_->jobs().ListJobs(1, 10).at(0).header.name, first);
 }
 
-TEST_F(CoordinatorTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
+TEST_F(CoordinatorTest, ReusedRequestIdReportsTheDifferences) {
   NewJob job = AJob(1);
   job.settings.rounds = 2;
   job.request = {"r", "/scene", job.settings};
@@ -353,7 +353,7 @@ TEST_F(CoordinatorTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
             "method_settings.levels: found 2, 1, expected not set\n"
             "scene_path: found /other, expected /scene");
   EXPECT_EQ(coordinator_->jobs().FindRequest(other.request).status(), differs);
-  // An update and a rollback are known by what they name.
+  // Updates and rollbacks differ by their settings.
   other = job;
   other.request.settings.update.base = "jobs/1";
   EXPECT_THAT(std::string(coordinator_->jobs().FindRequest(other.request).status().message()),
@@ -366,20 +366,20 @@ TEST_F(CoordinatorTest, ARequestUsedAgainForAnotherJobIsToldWhatDiffers) {
   EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).size(), 1u);
 }
 
-TEST_F(CoordinatorTest, WorkersGoOnAfterARestart) {
+TEST_F(CoordinatorTest, WorkersContinueAfterARestart) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
   const auto lease = Lease(worker);
   clock_.Advance(25);
   Restart();
-  // A new worker never gets an old one's name, and the lease has a full term from now on.
+  // A new worker gets a new name; the old lease has a full term from now on.
   EXPECT_NE(Worker(), worker);
   clock_.Advance(25);
   EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {{lease->task, lease->attempt, 0.5, ""}}), IsEmpty());
   ASSERT_TRUE(Succeed(worker, *lease).ok());
   WorkAll(worker);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
-  // Who does not come back loses the task; numbers go on.
+  // A worker that does not call loses the task; attempt numbers continue.
   Create(AJob(1, "other"));
   ASSERT_TRUE(Lease(worker));
   Restart();
@@ -389,7 +389,7 @@ TEST_F(CoordinatorTest, WorkersGoOnAfterARestart) {
   EXPECT_EQ(again->attempt, 2);
 }
 
-TEST_F(CoordinatorTest, ProgressDoesNotGoBackWithALostLease) {
+TEST_F(CoordinatorTest, ProgressDoesNotDecreaseWithALostLease) {
   const std::string job = Create(AJob(1)), worker = Worker();
   const auto lease = Lease(worker);
   ASSERT_TRUE(coordinator_->leases().Heartbeat(worker, {{lease->task, 1, 0.5, ""}}).ok());
@@ -398,7 +398,7 @@ TEST_F(CoordinatorTest, ProgressDoesNotGoBackWithALostLease) {
   EXPECT_NEAR(Job(job).progress, 0.5 * 0.02, 1e-12);
 }
 
-TEST_F(CoordinatorTest, ALeaseWhoseAnswerWasLostIsGivenAgain) {
+TEST_F(CoordinatorTest, LeaseWithALostReplyIsGrantedAgain) {
   Create(AJob(2));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
@@ -411,13 +411,13 @@ TEST_F(CoordinatorTest, ALeaseWhoseAnswerWasLostIsGivenAgain) {
   EXPECT_EQ(again->attempt, first->attempt);
   EXPECT_EQ(again->threads, first->threads);
   EXPECT_EQ(again->inputs.size(), first->inputs.size());
-  clock_.Advance(20);  // a whole lease from when it was given again
+  clock_.Advance(20);  // the repeated grant starts a full term
   const auto second = *LeaseAndWait(*coordinator_, worker, 0, {}, 8);
   ASSERT_TRUE(second);
   EXPECT_NE(second->task, first->task);
   EXPECT_TRUE(Succeed(worker, *again).ok());
   EXPECT_TRUE(Succeed(worker, *second).ok());
-  // What it was given is over: the call is like a new one.
+  // The lease has ended: the same number is a new call.
   EXPECT_EQ((*LeaseAndWait(*coordinator_, worker, 0, {}, 8))->plan.kind, "publish");
 }
 

@@ -1,5 +1,5 @@
-// A job whose coordinator is killed, or its machine stops, at any step of what it writes: what was told is kept, and
-// the job ends as if nothing had happened.
+// The coordinator is killed, or its machine stops, at any step of its writes: acknowledged changes are kept and the job
+// ends with the same result.
 #include <gtest/gtest.h>
 
 #include <optional>
@@ -16,10 +16,10 @@ using Left = ForgetfulDisk::Left;
 
 class MachineFailureTest : public CoordinatorTest {
  protected:
-  // What the coordinator told somebody.
+  // The changes that the coordinator acknowledged.
   struct Told {
     bool accepted = false;
-    std::set<std::string> done;  // tasks whose results it took
+    std::set<std::string> done;  // tasks with acknowledged results
   };
 
   MachineFailureTest() {
@@ -28,7 +28,7 @@ class MachineFailureTest : public CoordinatorTest {
     job_.request.id = "night";
   }
 
-  // False if the machine stopped at it. `durable_wait_s`: before a call that is not stored is answered so.
+  // False if the machine stopped meanwhile. `durable_wait_s`: DispatchOptions::durable_wait_s.
   bool Start(double durable_wait_s) {
     options_.durable_wait_s = durable_wait_s;
     auto store = SqliteStore::Open(path_);
@@ -50,13 +50,13 @@ class MachineFailureTest : public CoordinatorTest {
     sqlite_.reset();
   }
 
-  // Repeats a call that a slow disk keeps waiting, until the disk stops. Whether it was answered with OK.
+  // Repeats a call while it is UNAVAILABLE, until the disk stops. Returns whether it returned OK.
   static bool IsTold(const ForgetfulDisk& disk, const std::function<Status()>& call) {
     Status status = call();
     while (absl::IsUnavailable(status) && !disk.stopped()) status = call();
     return status.ok();
   }
-  // From the submission to the end, or until the machine stops.
+  // Runs the job to its end, or until the machine stops.
   Told Live(const ForgetfulDisk& disk) {
     Told told;
     if (!IsTold(disk, [&] { return coordinator_->jobs().CreateJob(job_).status(); })) return told;
@@ -71,7 +71,7 @@ class MachineFailureTest : public CoordinatorTest {
       if (!IsTold(disk, ask)) return told;
       if (!lease) {
         if (disk.stopped() || HasEnded(Job("jobs/1").header.state)) return told;
-        clock_.Advance(10);  // one whose lease was not stored in time is tried again
+        clock_.Advance(10);  // a task whose lease was not stored in time is retried
         coordinator_->Tick().IgnoreError();
         continue;
       }
@@ -80,7 +80,7 @@ class MachineFailureTest : public CoordinatorTest {
     }
   }
 
-  // One life with a stop, and the next, to the job's end. False if all was done before that step.
+  // Stops at the step, restarts and runs the job to its end. False if the job ended before that step.
   bool StopsAt(int64_t step, Left left) {
     SCOPED_TRACE(testing::Message() << "stopped at step " << step << ", left: " << static_cast<int>(left));
     ForgetfulDisk disk;
@@ -106,13 +106,13 @@ class MachineFailureTest : public CoordinatorTest {
     for (const std::string& task : told.done) {
       const auto tasks = coordinator_->jobs().ListTasks("jobs/1", ParseTaskName(task)->task, 1);
       ASSERT_TRUE(tasks.ok() && !tasks->empty()) << task;
-      EXPECT_EQ(tasks->at(0).task.state, TaskState::kSucceeded) << task << " was told to be done";
+      EXPECT_EQ(tasks->at(0).task.state, TaskState::kSucceeded) << task << " was acknowledged";
     }
   }
   void GoOn() {
-    // The user asks again, as after an answer that never came.
+    // The user submits again, as after a lost reply.
     ASSERT_EQ(Create(job_), "jobs/1");
-    clock_.Advance(31);  // whoever had a lease is gone
+    clock_.Advance(31);  // all leases expire
     ASSERT_TRUE(coordinator_->Tick().ok());
     WorkAll(Worker());
     const JobStatus ended = Job("jobs/1");
@@ -123,13 +123,13 @@ class MachineFailureTest : public CoordinatorTest {
 
   Random random_{1};
   NewJob job_;
-  std::optional<Digest> mesh_;  // of the first life
+  std::optional<Digest> mesh_;  // of the first run
   int lives_ = 0;
   std::string path_;
   std::unique_ptr<SqliteStore> sqlite_;
 };
 
-TEST_F(MachineFailureTest, AtAnyStepLosesNothingThatWasTold) {
+TEST_F(MachineFailureTest, NoStepLosesAcknowledgedChanges) {
   for (const Left left : {Left::kNothing, Left::kFirst, Left::kAnything, Left::kAll}) {
     int64_t step = 1;
     while (StopsAt(step, left) && !HasFailure()) ++step;

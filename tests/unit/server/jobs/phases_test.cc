@@ -1,4 +1,4 @@
-// Jobs of tiles that exchange: planned in phases, worked off by workers that keep to their tiles.
+// Jobs with exchange between tiles: phases of planning and placement of tasks on workers.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -14,12 +14,12 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// Tiles that exchange: the rest of the plan comes when every cut has told what it reads.
+// A planner with exchange: the last phase is planned from the reads of all cuts.
 class PhasesTest : public CoordinatorTest {
  protected:
   PhasesTest() { planner_.exchange = true; }
   std::string ReadsOf(int tile) override { return tile == bad_tile_ ? bad_reads_ : CoordinatorTest::ReadsOf(tile); }
-  // Succeeds all tasks of a kind that are leased next. Gives their number.
+  // Completes all leased tasks of the kind. Returns their number.
   int WorkOff(const std::string& worker, const std::string& kind) {
     int attempts = 0;
     while (true) {
@@ -44,7 +44,7 @@ class PhasesTest : public CoordinatorTest {
   std::string bad_reads_;
 };
 
-TEST_F(PhasesTest, TheRestIsPlannedWhenAllCutsHaveSucceeded) {
+TEST_F(PhasesTest, LastPhaseIsPlannedAfterAllCuts) {
   const std::string job = Create(AJob(3)), worker = Worker();
   EXPECT_THAT(Names(job), ElementsAre("read the scene"));
   EXPECT_EQ(WorkOff(worker, "ingest"), 1);
@@ -64,7 +64,7 @@ TEST_F(PhasesTest, TheRestIsPlannedWhenAllCutsHaveSucceeded) {
   EXPECT_GE(Job(job).progress, progress);
   EXPECT_THAT(Names(job), ElementsAre("read the scene", "cut tile 0", "cut tile 1", "cut tile 2", "refine tile 0",
                                       "refine tile 1", "refine tile 2", "publish"));
-  // Each reads what its cut named, under the name of the tile.
+  // Each task reads the tiles that its cut listed.
   const auto refine = Lease(worker);
   ASSERT_TRUE(refine);
   EXPECT_EQ(refine->plan.name, "refine tile 2");
@@ -78,7 +78,7 @@ TEST_F(PhasesTest, TheRestIsPlannedWhenAllCutsHaveSucceeded) {
   EXPECT_EQ(Job(job).progress, 1);
 }
 
-TEST_F(PhasesTest, ReadsThatAreNoReadsEndTheJobAndNameTheTile) {
+TEST_F(PhasesTest, MalformedReadsFailTheJobAndNameTheTile) {
   const std::string worker = Worker();
   const std::string fine = CoordinatorTest::ReadsOf(1);
   for (const auto& [reads, words] : std::vector<std::pair<std::string, std::string>>{
@@ -101,7 +101,7 @@ TEST_F(PhasesTest, ReadsThatAreNoReadsEndTheJobAndNameTheTile) {
   }
 }
 
-TEST_F(PhasesTest, ACutWithoutReadsEndsTheJob) {
+TEST_F(PhasesTest, CutWithoutReadsFailsTheJob) {
   const std::string job = Create(AJob(1)), worker = Worker();
   WorkOff(worker, "ingest");
   const auto cut = Lease(worker);
@@ -117,8 +117,8 @@ TEST_F(PhasesTest, ResultsAreReusedAcrossPhases) {
   Create(AJob(3));
   EXPECT_EQ(WorkAll(worker), 8);
   const std::string again = Create(AJob(3));
-  EXPECT_EQ(Job(again).header.state, JobState::kSucceeded) << "through all phases, without a worker";
-  // A new tile reads the one before it; the rest is as it was but for publish.
+  EXPECT_EQ(Job(again).header.state, JobState::kSucceeded) << "all phases, without a worker";
+  // Only the new tile and publish run.
   const std::string more = Create(AJob(4));
   EXPECT_EQ(WorkAll(worker), 3);
   EXPECT_EQ(Job(more).header.state, JobState::kSucceeded);
@@ -144,7 +144,7 @@ TEST_F(PhasesTest, RestartedBetweenPhases) {
   ASSERT_TRUE(Succeed(worker, *first).ok());
   ASSERT_TRUE(Succeed(worker, *last).ok());
   coordinator_.reset();
-  store_.records.pop_back();  // the report is stored, the plan that follows from it is not
+  store_.records.pop_back();  // the report is stored, the plan is not
   Restart();
   EXPECT_EQ(Job(job).tasks_total, 3);
   ASSERT_TRUE(coordinator_->Tick().ok());
@@ -153,9 +153,8 @@ TEST_F(PhasesTest, RestartedBetweenPhases) {
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
-// The first tasks of a plan in several records, of which the last never came: nothing of it is leased, and the plan is
-// made anew.
-TEST_F(PhasesTest, APlanWhoseLastRecordIsMissingIsMadeAnew) {
+// A plan in several records without its last one: none of its tasks is leased, and the job is planned again.
+TEST_F(PhasesTest, PlanWithoutItsLastRecordIsRepeated) {
   const std::string job = Create(AJob(2)), worker = Worker();
   WorkOff(worker, "ingest");
   WorkOff(worker, "cut");
@@ -181,26 +180,26 @@ TEST_F(PhasesTest, APlanWhoseLastRecordIsMissingIsMadeAnew) {
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
-TEST_F(PhasesTest, AWorkerGoesOnWithTheTileThatItHas) {
+TEST_F(PhasesTest, WorkerGetsTasksOfItsTile) {
   const std::string a = Worker(), b = Worker();
   Create(AJob(4));
   WorkOff(a, "ingest");
-  // The cuts, dealt out in the plan's order: 0 and 2 to one, 1 and 3 to the other.
+  // Cuts 0 and 2 go to a, 1 and 3 to b.
   for (int tile = 0; tile < 4; ++tile) {
     const auto cut = Lease(tile % 2 == 0 ? a : b);
     ASSERT_TRUE(cut);
     EXPECT_EQ(cut->plan.tile, tile);
     ASSERT_TRUE(Succeed(tile % 2 == 0 ? a : b, *cut).ok());
   }
-  // Tile 3 is the dearest, but b has it; a takes the one that it had last.
+  // Tile 3 has the highest cost, but b has it; a gets its last tile.
   EXPECT_EQ(Lease(a)->plan.name, "refine tile 2");
   EXPECT_EQ(Lease(a)->plan.name, "refine tile 0");
-  // Who is idle gets what there is.
+  // An idle worker gets any task.
   EXPECT_EQ(Lease(a)->plan.name, "refine tile 3");
   EXPECT_EQ(Lease(b)->plan.name, "refine tile 1");
 }
 
-TEST_F(PhasesTest, ATileWhoseWorkerHasGoneIsAnybodys) {
+TEST_F(PhasesTest, TileOfAnUnregisteredWorkerGoesToAnyWorker) {
   const std::string a = Worker(), b = Worker();
   Create(AJob(2));
   WorkOff(a, "ingest");
@@ -213,7 +212,7 @@ TEST_F(PhasesTest, ATileWhoseWorkerHasGoneIsAnybodys) {
   EXPECT_EQ(Lease(c)->plan.name, "refine tile 0");
 }
 
-TEST_F(PhasesTest, StrangersNeverKeepAWorkerIdle) {
+TEST_F(PhasesTest, TilesOfOtherWorkersNeverKeepAWorkerIdle) {
   const std::string a = Worker(), b = Worker();
   Create(AJob(60));
   WorkOff(a, "ingest");

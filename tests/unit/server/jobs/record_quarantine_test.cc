@@ -1,4 +1,4 @@
-// What cannot be used of the records costs the jobs that it is of, and nothing else.
+// Unusable records fail their own jobs and nothing else.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -18,7 +18,7 @@ std::string Nested(size_t depth) { return std::string(depth, '[') + std::string(
 
 class RecordQuarantineTest : public CoordinatorTest {
  protected:
-  // As Restart; returns what was quarantined, "3: why".
+  // Restarts; returns the quarantined records as "3: reason".
   std::vector<std::string> RestartAndTell() {
     std::vector<std::string> told;
     coordinator_.reset();
@@ -34,7 +34,7 @@ class RecordQuarantineTest : public CoordinatorTest {
     coordinator_ = *std::move(coordinator);
     return told;
   }
-  // Place of the n-th record of a kind, from 0.
+  // Index of the n-th record of a kind, from 0.
   size_t Find(v1::Record::ChangeCase kind, int n = 0) {
     v1::Record record;
     for (size_t i = 0; i < store_.records.size(); ++i) {
@@ -57,14 +57,14 @@ TEST_F(RecordQuarantineTest, StatisticsAreBounded) {
     EXPECT_THAT(std::string(refused.message()),
                 testing::AnyOf(HasSubstr("statistics: found JSON nested 30000 levels deep, expected at most 64 levels"),
                                HasSubstr("statistics: found 100000 bytes, expected at most 65536")));
-    EXPECT_EQ(Task(job, 0).task.error->message, refused.message()) << "the attempt has failed";
+    EXPECT_EQ(Task(job, 0).task.error->message, refused.message()) << "the attempt failed";
     clock_.Advance(3);
   }
   WorkAll(worker);
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
-// A coordinator that did not look at them took them.
+// Earlier releases did not limit the depth.
 TEST_F(RecordQuarantineTest, StoredStatisticsOfAnyDepthAreAccepted) {
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();
@@ -85,12 +85,12 @@ TEST_F(RecordQuarantineTest, InvalidRecordFailsOnlyItsJob) {
   const std::string first = Create(AJob(1)), second = Create(AJob(1, "other"));
   const std::string worker = Worker();
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
-  store_.records.push_back(store_.records[Find(v1::Record::kTaskSucceeded)]);  // of the first, once more
+  store_.records.push_back(store_.records[Find(v1::Record::kTaskSucceeded)]);  // of the first job, again
   const std::string number = std::to_string(store_.records.size());
   EXPECT_THAT(RestartAndTell(), ElementsAre(HasSubstr(number + ": jobs/1/tasks/0: attempt 1 is not the current one")));
   EXPECT_EQ(Job(first).header.state, JobState::kFailed);
   EXPECT_THAT(Job(first).header.error, HasSubstr("stored record " + number + " cannot be used: jobs/1/tasks/0"));
-  // Told once, and the state is the same ever after.
+  // Reported once; later starts give the same state.
   EXPECT_THAT(RestartAndTell(), IsEmpty());
   EXPECT_EQ(Job(first).header.state, JobState::kFailed);
   EXPECT_EQ(Create(AJob(2)), "jobs/3");
@@ -99,7 +99,7 @@ TEST_F(RecordQuarantineTest, InvalidRecordFailsOnlyItsJob) {
   EXPECT_EQ(Job("jobs/3").header.state, JobState::kSucceeded);
 }
 
-// Each record in turn is damaged, or is none: the coordinator starts, says so, and other jobs go on.
+// Each record in turn is damaged or unparsable: the coordinator starts, reports it, and other jobs continue.
 TEST_F(RecordQuarantineTest, AnyRecordMayBeMissing) {
   const std::string worker = Worker();
   const std::string done = Create(AJob(1)), active = Create(AJob(2, "second"));
@@ -116,12 +116,12 @@ TEST_F(RecordQuarantineTest, AnyRecordMayBeMissing) {
       const std::vector<std::string> told = RestartAndTell();
       ASSERT_FALSE(told.empty());
       EXPECT_THAT(told[0], HasSubstr(std::to_string(lost + 1) + ": "));
-      EXPECT_EQ(store_.records[lost], found) << "kept";
+      EXPECT_EQ(store_.records[lost], found) << "the record is kept";
       ASSERT_TRUE(coordinator_->Tick().ok());
-      clock_.Advance(31);  // whoever had a lease is gone
+      clock_.Advance(31);  // all leases expire
       ASSERT_TRUE(coordinator_->Tick().ok());
       WorkAll(Worker());
-      // Each job has ended: as it would have, or, one at most, failed with the reason.
+      // Each job ends as usual, except that at most one fails with the reason.
       int failed = 0;
       for (const std::string& name : {done, active, other}) {
         if (Job(name).header.state == JobState::kSucceeded) continue;

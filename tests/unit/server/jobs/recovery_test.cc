@@ -1,4 +1,4 @@
-// Stored results that rot, are cut or vanish: made again where somebody needs them, in the same job, to the same bytes.
+// Stored results that are damaged, truncated or deleted: recomputed with the same bytes when needed.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -34,9 +34,9 @@ class LostResultsTest : public CheckingWorkerTest {
   }
 };
 
-// Each stored file in turn, in each way, after each number of tasks; in half of all cases the coordinator is killed
-// right after it.
-TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
+// Damages each stored file in each way after each number of tasks; in half of the cases the coordinator is killed right
+// after.
+TEST_F(LostResultsTest, AnyLossAtAnyTimeGivesTheSameBytes) {
   planner_.exchange = true;
   Digest expected;
   int cases = 0, remade = 0;
@@ -60,11 +60,11 @@ TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
         const Digest mesh = Mesh(job);
         if (expected.sha256.empty()) expected = mesh;
         ASSERT_EQ(mesh, expected) << turns << " " << blobs[file];
-        // The same scene again finds what is left, and has the rest made.
+        // The same scene again reuses the intact results and computes the others.
         const std::string again = Create(Scene(2));
         Work(again);
         ASSERT_EQ(Mesh(again), expected) << turns << " " << blobs[file];
-        // What is fetched is made again as well.
+        // A fetched artifact is recomputed too.
         if (!blobs_->Verify(mesh).ok()) {
           ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(mesh).ok());
           const std::string other = Worker();
@@ -82,19 +82,19 @@ TEST_F(LostResultsTest, WhateverIsLostWheneverTheJobEndsWithTheSameBytes) {
   EXPECT_GT(remade, 0);
 }
 
-TEST_F(LostResultsTest, TheReportOfAJobIsWrittenAgainAsItWas) {
+TEST_F(LostResultsTest, LostReportIsWrittenWithTheSameBytes) {
   const std::string job = Create(Scene(2));
   Work(job);
   const std::vector<NamedDigest> artifacts = Job(job).header.artifacts;
   ASSERT_EQ(artifacts.back().name, "job.json");
   const Digest report = artifacts.back().digest;
-  clock_.SetBy(-3600);  // it has no part in what the report tells
-  // What is made again later has attempts that it does not tell of.
+  clock_.SetBy(-3600);  // the report does not depend on it
+  // The report omits attempts of recomputation.
   fs::remove(*blobs_->LocalPath(Mesh(job)));
   ASSERT_TRUE(coordinator_->recovery().RemakeArtifact(Mesh(job)).ok());
   fs::remove(*blobs_->LocalPath(report));
   EXPECT_EQ(coordinator_->recovery().RemakeArtifact(report).code(), absl::StatusCode::kUnavailable)
-      << "not while that goes on";
+      << "not during recomputation";
   const std::string worker = Worker();
   while (Turn(worker)) {
   }
@@ -107,7 +107,7 @@ TEST_F(LostResultsTest, TheReportOfAJobIsWrittenAgainAsItWas) {
   }
 }
 
-TEST_F(LostResultsTest, AnUpdateHasTheResultsOfItsBaseMadeAgain) {
+TEST_F(LostResultsTest, UpdateHasResultsOfItsBaseRecomputed) {
   based_ = true;
   Digest expected;
   for (const int turns : {0, 1, 2}) {
@@ -141,7 +141,7 @@ TEST_F(LostResultsTest, AnUpdateHasTheResultsOfItsBaseMadeAgain) {
   }
 }
 
-TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
+TEST_F(LostResultsTest, ReaderWaitsForRecomputationByTheBaseAndMayBeRetried) {
   based_ = true;
   Open(&base_planner_);
   const std::string base = Create(Scene(1));
@@ -149,13 +149,13 @@ TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
   const std::string update = Create(Scene(1, base)), workers[] = {Worker(), Worker()};
   ASSERT_TRUE(Turn(workers[0]));
   fs::remove(*blobs_->LocalPath(Task(base, 1).task.outputs.at(0).digest()));
-  ASSERT_TRUE(Turn(workers[0]));  // tells that it is lost
+  ASSERT_TRUE(Turn(workers[0]));  // reports the loss
   int remakes = 0;
   for (int turn = 0; turn < 20 && !HasEnded(Job(update).header.state); ++turn, clock_.Advance(20)) {
     const auto lease = Lease(workers[turn % 2]);
     if (!lease) continue;
     ASSERT_EQ(lease->task, base + "/tasks/1");
-    EXPECT_FALSE(Lease(workers[1 - turn % 2])) << "who reads it waits";
+    EXPECT_FALSE(Lease(workers[1 - turn % 2])) << "its reader waits";
     ReportedResult result = Made(*lease);
     result.outputs[0].digest = *blobs_->PutBytes("other bytes");
     ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, workers[turn % 2], lease->task, lease->attempt, result).ok());
@@ -165,14 +165,14 @@ TEST_F(LostResultsTest, WhoReadsWhatItsBaseMakesAgainWaitsAndMayBeTriedAgain) {
   EXPECT_EQ(Job(update).header.state, JobState::kFailed);
   EXPECT_THAT(Job(update).header.error, HasSubstr("cannot be recomputed"));
   ASSERT_TRUE(coordinator_->jobs().RetryJob(update, {}).ok());
-  Open(&base_planner_);  // the records tell the same
+  Open(&base_planner_);  // replay gives the same state
   EXPECT_EQ(Job(update).header.state, JobState::kRunning);
   Work(update);
   EXPECT_EQ(Job(update).header.state, JobState::kSucceeded) << Job(update).header.error;
   EXPECT_EQ(Job(update).tasks_done, Job(update).tasks_total);
 }
 
-TEST_F(LostResultsTest, ARemakeWithOtherBytesIsToldAndRefused) {
+TEST_F(LostResultsTest, RecomputedResultWithOtherBytesIsRefused) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(Turn(worker));
   fs::remove(*blobs_->LocalPath(Task(job, 0).task.outputs[1].digest()));
@@ -180,7 +180,7 @@ TEST_F(LostResultsTest, ARemakeWithOtherBytesIsToldAndRefused) {
   for (int i = 0; i < 10 && !HasEnded(Job(job).header.state); ++i) {
     const auto lease = Lease(worker);
     if (lease) {
-      ASSERT_EQ(lease->plan.kind, "ingest") << "who reads it waits";
+      ASSERT_EQ(lease->plan.kind, "ingest") << "its reader waits";
       ReportedResult result = Result(*lease);
       result.outputs[1].digest = *blobs_->PutBytes("other bytes");
       ASSERT_TRUE(ReportSuccessAndWait(*coordinator_, worker, lease->task, lease->attempt, result).ok());
@@ -192,7 +192,7 @@ TEST_F(LostResultsTest, ARemakeWithOtherBytesIsToldAndRefused) {
                                            HasSubstr(Sha256Hex("other bytes"))));
 }
 
-TEST_F(LostResultsTest, AFolderThatEatsFilesFailsTheJobInTheEnd) {
+TEST_F(LostResultsTest, RepeatedLossFailsTheJob) {
   const std::string job = Create(Scene(1)), worker = Worker();
   int turns = 0;
   for (; turns < 100 && !HasEnded(Job(job).header.state); ++turns) {
@@ -203,25 +203,25 @@ TEST_F(LostResultsTest, AFolderThatEatsFilesFailsTheJobInTheEnd) {
   }
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
   EXPECT_EQ(Task(job, 0).task.remakes, 5);
-  EXPECT_THAT(Job(job).header.error, AllOf(HasSubstr("made again 5 times by 'read the scene' of jobs/1 and lost every"),
+  EXPECT_THAT(Job(job).header.error, AllOf(HasSubstr("recomputed 5 times by 'read the scene' of jobs/1 and lost every"),
                                            HasSubstr(blobs_->root())));
 }
 
-TEST_F(LostResultsTest, ASceneFileThatChangedIsNamed) {
+TEST_F(LostResultsTest, ChangedSceneFileIsNamed) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(WriteFileAtomic(folder_.path() + "/scene.json", "[]").ok());
   ASSERT_TRUE(Turn(worker));
   EXPECT_EQ(Job(job).header.state, JobState::kFailed);
-  EXPECT_THAT(Job(job).header.error, AllOf(HasSubstr("the scene's file scene.json is not what it was"),
+  EXPECT_THAT(Job(job).header.error, AllOf(HasSubstr("scene file scene.json has changed"),
                                            HasSubstr(folder_.path() + "/scene.json was changed after")));
 }
 
-// A worker whose view of the files is wrong, or who says what is not so, has nothing made again.
-TEST_F(LostResultsTest, WhatIsWholeIsNotMadeAgain) {
+// A wrong report of lost inputs does not rerun a task.
+TEST_F(LostResultsTest, IntactResultsAreNotRecomputed) {
   const std::string job = Create(Scene(1)), worker = Worker();
   ASSERT_TRUE(Turn(worker));
   const Digest mesh = Task(job, 0).task.outputs[1].digest(), survey = Task(job, 0).task.outputs[0].digest();
-  fs::remove(*blobs_->LocalPath(survey));  // is no input of the task
+  fs::remove(*blobs_->LocalPath(survey));  // not an input of the task
   for (int i = 0; i < 10; ++i) {
     const auto lease = Lease(worker);
     ASSERT_TRUE(lease) << i;
@@ -229,10 +229,10 @@ TEST_F(LostResultsTest, WhatIsWholeIsNotMadeAgain) {
                                      {ErrorClass::kLostInput, "not there", {mesh, survey}})
                     .ok());
     EXPECT_EQ(Task(job, 0).task.remakes, 0);
-    EXPECT_FALSE(Lease(worker)) << "it waits";
+    EXPECT_FALSE(Lease(worker)) << "retry delay";
     clock_.Advance(61);
   }
-  EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "it says nothing about the task";
+  EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "does not count against the task";
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Whatever happens, the records alone bring back the state.
+// Replaying the records restores the state exactly.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -25,7 +25,7 @@ std::string Text(const Files& files) {
   return text;
 }
 
-// Everything that a ledger holds of its jobs.
+// The ledger's jobs as text.
 std::string Text(const Ledger& ledger) {
   std::ostringstream out;
   for (const Job& job : ledger.jobs()) {
@@ -51,7 +51,7 @@ std::string Text(const Ledger& ledger) {
 
 class ReplayTest : public CoordinatorTest {
  protected:
-  // One random thing that a worker or user may do.
+  // A random action of a worker or user.
   void RandomStep(Random& random, std::vector<std::string>& workers,
                   std::vector<std::pair<std::string, GrantedLease>>& leases) {
     switch (random.Below(12)) {
@@ -93,7 +93,7 @@ class ReplayTest : public CoordinatorTest {
         Succeed(worker, lease).IgnoreError();
         break;
       }
-      case 7: {  // an input of a task is found lost
+      case 7: {  // a worker reports a lost input
         if (leases.empty()) break;
         const auto& [worker, lease] =
             leases[leases.size() - 1 -
@@ -117,8 +117,8 @@ class ReplayTest : public CoordinatorTest {
   }
 };
 
-TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
-  std::map<std::string, int> attempts;  // of each task: numbers only ever grow by one
+TEST_F(ReplayTest, EveryPrefixOfTheRecordsGivesItsState) {
+  std::map<std::string, int> attempts;  // by task: numbers grow by one
   Ledger live(kAlgorithmVersion);
   std::vector<std::string> states = {Text(live)};
   coordinator_.reset();
@@ -136,7 +136,7 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   int succeeded = 0;
   for (int restart = 0; restart < 12; ++restart) {
     planner_.exchange = restart % 2 == 1;
-    coordinator_.reset();  // it stores what it has yet to
+    coordinator_.reset();  // stores the remaining records
     auto coordinator = Coordinator::Open({&store_, blobs_.get(), &planner_, &clock_, observe}, DispatchOptions());
     ASSERT_TRUE(coordinator.ok()) << coordinator.status();
     coordinator_ = *std::move(coordinator);
@@ -145,8 +145,8 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   for (const JobStatus& job : coordinator_->jobs().ListJobs(-1, 1000)) {
     if (job.header.state == JobState::kSucceeded) ++succeeded;
   }
-  EXPECT_GT(succeeded, 3);  // the walk got somewhere
-  coordinator_.reset();     // all is stored then
+  EXPECT_GT(succeeded, 3);  // the random walk made progress
+  coordinator_.reset();     // stores the remaining records
   ASSERT_EQ(states.size(), store_.records.size() + 1);
   ASSERT_GT(store_.records.size(), 100u);
 
@@ -160,7 +160,7 @@ TEST_F(ReplayTest, EveryPrefixOfTheRecordsIsItsState) {
   }
 }
 
-// Cut anywhere, the history can be gone on with to the same result.
+// A job continues from any prefix of the records to the same result.
 TEST_F(ReplayTest, AnyPrefixCanBeFinished) {
   planner_.exchange = true;
   const std::string job = Create(AJob(2));
@@ -171,7 +171,7 @@ TEST_F(ReplayTest, AnyPrefixCanBeFinished) {
     store_.records.assign(all.begin(), all.begin() + static_cast<int64_t>(size));
     Restart();
     ASSERT_TRUE(coordinator_->Tick().ok());
-    clock_.Advance(31);  // whoever had a lease is gone
+    clock_.Advance(31);  // all leases expire
     ASSERT_TRUE(coordinator_->Tick().ok());
     WorkAll(Worker());
     EXPECT_EQ(Job(job).header.state, JobState::kSucceeded) << "after " << size << " records";
@@ -179,7 +179,7 @@ TEST_F(ReplayTest, AnyPrefixCanBeFinished) {
   }
 }
 
-TEST(TaskKeyTest, DependsOnAllItReadsAndNotOnOrder) {
+TEST(TaskKeyTest, DependsOnAllInputsButNotOnTheirOrder) {
   const NamedDigest a{"a", {std::string(64, '1'), 1}}, b{"b", {std::string(64, '2'), 2}};
   const std::string key = TaskKey("1", "cut", "{}", {a, b});
   EXPECT_EQ(key, TaskKey("1", "cut", "{}", {b, a}));
@@ -190,7 +190,7 @@ TEST(TaskKeyTest, DependsOnAllItReadsAndNotOnOrder) {
   EXPECT_NE(key, TaskKey("1", "cut", "{}", {{"a", b.digest}, {"b", a.digest}}));
 }
 
-TEST(NamesTest, RoundTripAndRefuseOthers) {
+TEST(NamesTest, RoundTripAndRefuseMalformedNames) {
   EXPECT_EQ(*ParseTaskName(TaskName({4, 12})), (TaskRef{4, 12}));
   EXPECT_EQ(*ParseJobName(JobName(0)), 0);
   for (const char* name :
@@ -200,8 +200,8 @@ TEST(NamesTest, RoundTripAndRefuseOthers) {
   }
 }
 
-// protobuf writes strings that are not UTF-8, and does not read them again.
-TEST_F(ReplayTest, WhatLibrariesSayOfFilesCanBeStored) {
+// protobuf writes strings that are not UTF-8, but refuses to read them.
+TEST_F(ReplayTest, MessagesWithInvalidUtf8CanBeStored) {
   NewJob job = AJob(1);
   job.warnings = {"image\xff.jpg: odd"};
   const std::string name = Create(job);

@@ -1,4 +1,4 @@
-// A coordinator that cannot store its records for a while.
+// A coordinator that temporarily cannot store records.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -16,8 +16,8 @@ using testing::IsEmpty;
 
 class StorageTroubleTest : public CoordinatorTest {};
 
-// A full disk, a database that a backup holds: nobody is told OK, nothing more is leased, and all goes on afterwards.
-TEST_F(StorageTroubleTest, WhatCannotBeStoredIsNotToldAndNotForgotten) {
+// While the disk is full or a backup locks the database, no call returns OK and leasing is suspended.
+TEST_F(StorageTroubleTest, UnstoredChangesAreNotAcknowledgedAndNotLost) {
   options_.durable_wait_s = 0.3;
   Restart();
   const std::string job = Create(AJob(2));
@@ -36,7 +36,7 @@ TEST_F(StorageTroubleTest, WhatCannotBeStoredIsNotToldAndNotForgotten) {
   EXPECT_FALSE(Lease(worker));
   EXPECT_THAT(*coordinator_->leases().Heartbeat(worker, {}), IsEmpty());
   store_.fail = false;
-  while (!Succeed(worker, *lease).ok()) {  // said again until it is taken
+  while (!Succeed(worker, *lease).ok()) {  // repeats the report until it is accepted
   }
   EXPECT_EQ(coordinator_->jobs().CreateJob(second)->header.name, "jobs/2");
   EXPECT_TRUE(coordinator_->core().journal().trouble().ok());
@@ -46,8 +46,8 @@ TEST_F(StorageTroubleTest, WhatCannotBeStoredIsNotToldAndNotForgotten) {
   EXPECT_EQ(WorkAll(Worker()), 3 + 3);
 }
 
-// What a coordinator took in that never reached the disk is as if it had not been said.
-TEST_F(StorageTroubleTest, WhatNobodyWasToldMayBeLost) {
+// A change that never reached the disk has no effect after a restart.
+TEST_F(StorageTroubleTest, UnacknowledgedChangesMayBeLost) {
   options_.durable_wait_s = 0.05;
   Restart();
   const std::string job = Create(AJob(1));
@@ -63,8 +63,8 @@ TEST_F(StorageTroubleTest, WhatNobodyWasToldMayBeLost) {
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
 }
 
-// Between the first record that cannot be stored and the word of it a lease may be given, which waits with all others.
-TEST_F(StorageTroubleTest, ALeaseThatWaitsToBeStoredDoesNotRunOut) {
+// Before the journal reports a failure, a lease may be committed; it waits to be stored like all records.
+TEST_F(StorageTroubleTest, UnstoredLeaseDoesNotExpire) {
   const std::string job = Create(AJob(1)), worker = Worker();
   std::promise<LeaseAnswer> told;
   const auto ask = [&](std::promise<LeaseAnswer>& answer) {
@@ -74,7 +74,7 @@ TEST_F(StorageTroubleTest, ALeaseThatWaitsToBeStoredDoesNotRunOut) {
   store_.fail = true;
   ask(told);
   ASSERT_EQ(Task(job, 0).task.state, TaskState::kLeased);
-  clock_.Advance(3600);  // more than a lease, and than a task may stand still
+  clock_.Advance(3600);  // longer than a lease and than the stall limit
   ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
   store_.fail = false;
@@ -83,7 +83,7 @@ TEST_F(StorageTroubleTest, ALeaseThatWaitsToBeStoredDoesNotRunOut) {
   clock_.Advance(29);
   ASSERT_TRUE(coordinator_->Tick().ok());
   EXPECT_EQ(Task(job, 0).task.state, TaskState::kLeased);
-  // Told again it begins anew, and from then on it does run out.
+  // The repeated call starts the term of the lease, which then expires.
   std::promise<LeaseAnswer> again;
   ask(again);
   EXPECT_EQ((*again.get_future().get())->attempt, 1);
@@ -95,8 +95,8 @@ TEST_F(StorageTroubleTest, ALeaseThatWaitsToBeStoredDoesNotRunOut) {
   EXPECT_NE(Task(job, 0).task.state, TaskState::kLeased);
 }
 
-// A list of jobs is given whatever the disk does, and nothing in it is taken back.
-TEST_F(StorageTroubleTest, AnEndThatIsNotStoredIsInNoList) {
+// Lists of jobs do not wait for the disk and show no state that may be lost.
+TEST_F(StorageTroubleTest, UnstoredEndIsNotListed) {
   options_.durable_wait_s = 0.05;
   Restart();
   const std::string cancelled = Create(AJob(1)), done = Create(AJob(1, "other"));
@@ -115,9 +115,9 @@ TEST_F(StorageTroubleTest, AnEndThatIsNotStoredIsInNoList) {
   };
   EXPECT_THAT(states(), ElementsAre(JobState::kRunning, JobState::kQueued));
   EXPECT_THAT(coordinator_->jobs().ListJobs(-1, 10).at(0).header.artifacts, IsEmpty());
-  EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).at(1).waiting_for, "its end is not stored yet");
+  EXPECT_EQ(coordinator_->jobs().ListJobs(-1, 10).at(1).waiting_for, "the end of the job is not stored yet");
   store_.fail = false;
-  while (!coordinator_->core().Durable().ok()) {  // which waits for 0.05 s
+  while (!coordinator_->core().Durable().ok()) {  // waits for 0.05 s
   }
   EXPECT_THAT(states(), ElementsAre(JobState::kSucceeded, JobState::kCancelled));
   EXPECT_EQ(Job(done).header.state, JobState::kSucceeded);

@@ -1,4 +1,4 @@
-// Jobs that go on without a tile whose refinement fails, and those that are tried again.
+// Quarantine of tiles whose refinement fails, and retries.
 #include "server/jobs/tile_quarantine.h"
 
 #include <gmock/gmock.h>
@@ -20,8 +20,8 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// Tiles in a row that solve `steps` steps, each after what those beside it left. One that is quarantined has no solves
-// from its failed one on; the others read what it had before.
+// A row of tiles with `steps` solve tasks each, which read the last states of the adjacent tiles. A quarantined tile
+// has no tasks from its failed one on; the others read its last state.
 class RowPlanner : public FakePlanner {
  public:
   RowPlanner() { exchange = true; }
@@ -77,8 +77,8 @@ class TileQuarantineTest : public CoordinatorTest {
     result.outputs.push_back({kStateFile, *blobs_->PutBytes("state " + lease.key)});
     return ReportSuccessAndWait(*coordinator_, worker, lease.task, lease.attempt, result);
   }
-  // Works all there is, and fails what is named in `bad`, with `error_class`, until it is not tried any more. What ran,
-  // and how often.
+  // Runs all tasks, failing those in `bad` with `error_class` until they are no longer retried. Returns the runs by
+  // name.
   std::map<std::string, int> WorkAll(const std::vector<std::string>& bad,
                                      ErrorClass error_class = ErrorClass::kPoison) {
     std::map<std::string, int> runs;
@@ -91,7 +91,7 @@ class TileQuarantineTest : public CoordinatorTest {
       EXPECT_TRUE((is_bad ? Fail(worker, *lease, error_class) : SucceedAny(worker, *lease)).ok());
     }
   }
-  // What the tiles' states are that were published, as hashes.
+  // Hashes of the published states of the tiles.
   std::string Published(const std::string& job) { return Job(job).header.artifacts.at(0).digest.sha256; }
 
   RowPlanner row_;
@@ -113,7 +113,7 @@ TEST_F(TileQuarantineTest, OtherTilesContinueWithoutRepeatedWork) {
   const auto report = nlohmann::json::parse(*blobs_->Read(status.header.artifacts[1].digest));
   EXPECT_EQ(report["state"], "partial");
   EXPECT_EQ(report["quarantined"][0]["tile"], 0);
-  // Beside it a step may have been done with what it did not come to; nobody else's work was.
+  // Only tasks of adjacent tiles may run again.
   EXPECT_LE(runs.at("solve tile 1 step 1"), 2);
   EXPECT_EQ(runs.at("solve tile 1 step 0"), 1);
   for (const int tile : {2, 3, 4}) EXPECT_EQ(runs.at("solve tile " + std::to_string(tile) + " step 1"), 1);
@@ -129,22 +129,22 @@ TEST_F(TileQuarantineTest, OtherTilesContinueWithoutRepeatedWork) {
                 .status()
                 .code(),
             absl::StatusCode::kFailedPrecondition)
-      << "no base for an update";
+      << "a partial job is no base of an update";
 }
 
-// Whatever was stored when the coordinator died.
+// For any number of stored records.
 TEST_F(TileQuarantineTest, SameEndAfterReplayOfAnyPrefix) {
   const std::string job = Create(AJob(3));
   WorkAll({"solve tile 1 step 1"});
   ASSERT_EQ(Job(job).header.state, JobState::kPartial);
   const std::string published = Published(job);
-  coordinator_.reset();  // which stores what it has not yet
+  coordinator_.reset();  // stores the remaining records
   const std::vector<std::string> all = store_.records;
   for (size_t size = 1; size < all.size(); ++size) {
     coordinator_.reset();
     store_.records.assign(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(size));
     Open();
-    clock_.Advance(31);  // what was leased is lost
+    clock_.Advance(31);  // all leases expire
     ASSERT_TRUE(coordinator_->Tick().ok());
     clock_.Advance(10);
     WorkAll({"solve tile 1 step 1"});
@@ -186,7 +186,7 @@ TEST_F(TileQuarantineTest, InvalidInputCityTaskAndLastTileFailTheJob) {
   const std::string input = Create(AJob(3, "a"));
   WorkAll({"solve tile 1 step 1"}, ErrorClass::kInput);
   clock_.Advance(10);
-  WorkAll({"solve tile 1 step 1"}, ErrorClass::kInput);  // says so again
+  WorkAll({"solve tile 1 step 1"}, ErrorClass::kInput);  // second report
   EXPECT_EQ(Job(input).header.state, JobState::kFailed);
   const std::string publish = Create(AJob(3, "b"));
   WorkAll({"publish"});
@@ -207,7 +207,7 @@ TEST_F(TileQuarantineTest, RetriedJobCountsAsActive) {
   EXPECT_EQ(LimitOf(refused).flag, "--max-jobs-of-client") << refused;
   EXPECT_EQ(Job(job).header.state, JobState::kPartial);
   EXPECT_EQ(coordinator_->jobs().RetryJob(other, {}).status().code(), absl::StatusCode::kFailedPrecondition)
-      << "not what limits are about";
+      << "limits do not count ended jobs";
   ASSERT_TRUE(coordinator_->jobs().CancelJob(other).ok());
   EXPECT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
 }
@@ -225,16 +225,16 @@ TEST_F(TileQuarantineTest, RetriedJobEndsLikeAnUndisturbedOne) {
   Open();
   std::map<std::string, int> runs = WorkAll({});
   EXPECT_EQ(runs.at("cut tile 3"), 1);
-  EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "without tile 0";
+  EXPECT_EQ(Job(job).header.state, JobState::kPartial) << "tile 0 is quarantined";
   EXPECT_EQ(Job(job).tiles_done, 3);
   ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
   runs = WorkAll({});
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
   EXPECT_TRUE(Job(job).header.warnings.empty());
   EXPECT_EQ(Job(job).tiles_done, 4);
-  EXPECT_FALSE(runs.contains("solve tile 3 step 0")) << "which was not beside tile 0";
+  EXPECT_FALSE(runs.contains("solve tile 3 step 0")) << "not adjacent to tile 0";
   const std::string published = Published(job);
-  // An undisturbed job of the same scene has the same result, and nothing left to do.
+  // A job of the same scene without failures has the same result and reuses all tasks.
   const std::string again = Create(AJob(4));
   EXPECT_TRUE(WorkAll({}).empty());
   EXPECT_EQ(Published(again), published);
@@ -257,7 +257,7 @@ TEST_F(TileQuarantineTest, RetryResetsAttempts) {
   EXPECT_EQ(coordinator_->jobs().RetryJob(job, 0).status().code(), absl::StatusCode::kFailedPrecondition);
   ASSERT_TRUE(coordinator_->jobs().RetryJob(job, {}).ok());
   fail(3);
-  EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "one more may fail so";
+  EXPECT_EQ(Job(job).header.state, JobState::kRunning) << "one more failure is allowed";
   WorkAll({});
   EXPECT_EQ(Job(job).header.state, JobState::kSucceeded);
   EXPECT_EQ(coordinator_->jobs().RetryJob(job, {}).status().code(), absl::StatusCode::kFailedPrecondition);
@@ -278,7 +278,7 @@ TEST_F(TileQuarantineTest, QuarantineKeepsThePriority) {
   }
   const auto next = Lease(worker);
   ASSERT_TRUE(next);
-  EXPECT_EQ(next->task.substr(0, job.size()), job) << "and not " << older;
+  EXPECT_EQ(next->task.substr(0, job.size()), job) << "not " << older;
 }
 
 }  // namespace

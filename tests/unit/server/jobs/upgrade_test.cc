@@ -1,4 +1,4 @@
-// A data folder that a release before this one left, with another version of the algorithms.
+// Upgrade of a data folder from an earlier release with another algorithm version.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -28,7 +28,7 @@ class UpgradeTest : public CheckingWorkerTest {
     EXPECT_TRUE(EnsureFolder(folder_.path() + "/other").ok());
     EXPECT_TRUE(WriteFileAtomic(folder_.path() + "/other/scene.json", "[]").ok());
   }
-  // All that was stored so far becomes a folder of version 3, whose jobs version "before" of the algorithms made.
+  // Converts the stored state to schema version 3 with jobs of algorithm version "before".
   void Upgrade() {
     coordinator_->core().Durable().IgnoreError();
     std::vector<std::string> records;
@@ -65,7 +65,7 @@ class UpgradeTest : public CheckingWorkerTest {
   std::vector<std::string> quarantined_, told_;
 };
 
-TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
+TEST_F(UpgradeTest, EndedJobsStayAndActiveOnesRestartOrFail) {
   for (const bool leased : {false, true}) {
     SCOPED_TRACE(leased);
     store_.records.clear();
@@ -86,7 +86,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
     ASSERT_TRUE(coordinator_->jobs().RetryJob(retried, {}).ok());
     Work(retried);
     const Digest retried_mesh = Mesh(retried);
-    // One that waits for what it lost itself, has a priority and is paused.
+    // A paused job with a priority that waits for its own lost result.
     NewJob other = Scene(4);
     other.scene_path += "/other";
     other.scene_files[0].digest = {Sha256Hex("[]"), 2};
@@ -96,7 +96,7 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
     std::filesystem::remove(*blobs_->LocalPath(Task(paused, 0).task.outputs.at(2).digest()));
     ASSERT_TRUE(Turn(worker));
     ASSERT_TRUE(coordinator_->jobs().ChangeJob(paused, {7, true}).ok());
-    // One that waits for what its base makes again.
+    // An update that waits for its base to recompute a result.
     const std::string update = Create(Scene(1, base));
     ASSERT_TRUE(Turn(worker));
     std::filesystem::remove(*blobs_->LocalPath(Task(base, 1).task.outputs.at(0).digest()));
@@ -118,21 +118,21 @@ TEST_F(UpgradeTest, WhatHasEndedStaysAndTheRestBeginsAnewOrSaysWhyNot) {
       EXPECT_TRUE(Job(paused).header.paused);
       EXPECT_THAT(Job(paused).header.warnings,
                   ElementsAre(AllOf(HasSubstr("restarted with algorithm version"), HasSubstr("before"))));
-      EXPECT_FALSE(Lease(Worker())) << "nothing of the base is made again, for it would not be the same";
+      EXPECT_FALSE(Lease(Worker())) << "the base must not recompute results with another version";
       EXPECT_THAT(std::string(coordinator_->jobs().RetryJob(failed, {}).status().message()),
-                  AllOf(HasSubstr("was made by version before"), HasSubstr("submit its scene again")));
+                  AllOf(HasSubstr("was made by algorithm version before"), HasSubstr("submit its scene again")));
       if (start == 0) OpenUpgraded();
     }
     ASSERT_TRUE(coordinator_->core().Durable().ok());
     EXPECT_THAT(told_, Contains(AllOf(HasSubstr("job_restarted"), HasSubstr(paused))));
     ASSERT_TRUE(coordinator_->Tick().ok());
     EXPECT_EQ(Job(update).header.state, JobState::kFailed);
-    EXPECT_THAT(Job(update).header.error, AllOf(HasSubstr(base + " was made by version before"),
-                                                HasSubstr("run its scene anew, without a base")));
+    EXPECT_THAT(Job(update).header.error, AllOf(HasSubstr(base + " was made by algorithm version before"),
+                                                HasSubstr("submit its scene as a job without a base")));
     ASSERT_TRUE(coordinator_->jobs().ChangeJob(paused, {{}, false}).ok());
     Work(paused);
     Mesh(paused);
-    EXPECT_EQ(Job(base).header.state, JobState::kSucceeded) << "still";
+    EXPECT_EQ(Job(base).header.state, JobState::kSucceeded) << "unchanged";
   }
 }
 

@@ -1,4 +1,4 @@
-// "Why is it not moving", and which tasks fit which workers.
+// The reason why a job makes no progress, and placement of tasks by memory.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@ namespace {
 
 constexpr int64_t kGiB = int64_t{1} << 30;
 
-// Its tiles' refinement takes 12 GiB.
+// Refinement tasks need 12 GiB.
 class LargePlanner : public FakePlanner {
  public:
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,
@@ -30,7 +30,7 @@ class WaitingForTest : public CoordinatorTest {
   LargePlanner large_;
 };
 
-TEST_F(WaitingForTest, WorkersDelaysTasksPausesAndOtherJobs) {
+TEST_F(WaitingForTest, NamesWorkersDelaysTasksPausesAndOtherJobs) {
   const std::string job = Create(AJob(1));
   EXPECT_EQ(Why(job), "no worker is registered");
   const std::string worker = WorkerWith(16);
@@ -42,14 +42,14 @@ TEST_F(WaitingForTest, WorkersDelaysTasksPausesAndOtherJobs) {
   EXPECT_EQ(Why(second), "the only worker is busy");
   ASSERT_TRUE(Fail(worker, *lease, ErrorClass::kTransient).ok());
   clock_.Advance(0.1);
-  EXPECT_EQ(Why(job), "'read the scene' is tried again in 1 s, after: it broke");
+  EXPECT_EQ(Why(job), "'read the scene' is retried in 1 s, after: it broke");
   clock_.Advance(1);
-  LeaseAndWait(*coordinator_, WorkerWith(1), 0, {}).status().IgnoreError();  // who looks ends the delay
+  LeaseAndWait(*coordinator_, WorkerWith(1), 0, {}).status().IgnoreError();  // the call ends the delay
   EXPECT_EQ(Why(second), "");
   const std::string third = Create(AJob(1, "third"));
-  EXPECT_EQ(Why(third), second + ", which is older, comes first");
+  EXPECT_EQ(Why(third), second + ", an older job, goes first");
   ASSERT_TRUE(coordinator_->jobs().ChangeJob(third, {7, {}}).ok());
-  EXPECT_EQ(Why(second), third + ", of priority 7, comes first");
+  EXPECT_EQ(Why(second), third + ", of priority 7, goes first");
   ASSERT_TRUE(coordinator_->jobs().ChangeJob(third, {{}, true}).ok());
   EXPECT_EQ(Why(third), "paused");
   EXPECT_EQ(Why(second), "");
@@ -60,33 +60,33 @@ TEST_F(WaitingForTest, WorkersDelaysTasksPausesAndOtherJobs) {
 TEST_F(WaitingForTest, AllWorkersSuspended) {
   const std::string job = Create(AJob(1)), worker = WorkerWith(16);
   ASSERT_TRUE(Fail(worker, *Lease(worker), ErrorClass::kScratch).ok());
-  EXPECT_EQ(Why(job), "the only worker is suspended for now: it broke");
+  EXPECT_EQ(Why(job), "the only worker is suspended: it broke");
   clock_.Advance(options_.retry.suspend_s + 1);
   EXPECT_EQ(Why(job), "");
 }
 
-TEST_F(WaitingForTest, ATaskThatFitsNoWorkerIsToldAndTriedOnTheLargestInTheEnd) {
+TEST_F(WaitingForTest, TaskTooLargeForAllWorkersFinallyRunsOnTheLargest) {
   const std::string job = Create(AJob(2));
   const std::string small = WorkerWith(4), larger = WorkerWith(8);
   ASSERT_TRUE(Succeed(small, *Lease(small)).ok());
   EXPECT_FALSE(Lease(small));
   EXPECT_FALSE(Lease(larger));
   EXPECT_EQ(Why(job),
-            "no worker with 12.0 GiB for 'refine tile 1': the largest has 8.0 GiB, which tries in 60 s unless a larger "
-            "one comes");
+            "no worker has 12.0 GiB for 'refine tile 1': the largest has 8.0 GiB, and gets it in 60 s unless a larger "
+            "one registers");
   clock_.Advance(61);
-  EXPECT_FALSE(Lease(small)) << "not the largest";
+  EXPECT_FALSE(Lease(small)) << "not the largest worker";
   const auto tried = Lease(larger);
   ASSERT_TRUE(tried);
   EXPECT_EQ(tried->plan.name, "refine tile 1");
   const std::string enough = WorkerWith(12);
-  EXPECT_FALSE(Lease(larger)) << "there is one that has enough now";
+  EXPECT_FALSE(Lease(larger)) << "a worker with enough memory is registered";
   const auto lease = Lease(enough);
   ASSERT_TRUE(lease);
   EXPECT_EQ(lease->plan.name, "refine tile 0");
 }
 
-TEST_F(WaitingForTest, OthersGoOnBesideATaskThatWaitsForALargerWorker) {
+TEST_F(WaitingForTest, OtherTasksRunWhileOneWaitsForALargerWorker) {
   const std::string large = Create(AJob(1)), worker = WorkerWith(8);
   ASSERT_TRUE(Succeed(worker, *Lease(worker)).ok());
   EXPECT_FALSE(Lease(worker));
