@@ -222,7 +222,7 @@ StatusOr<HeldFile> AllowedFiles::Open(const std::string& path) const {
   if (owner_ && info.st_uid != *owner_) {
     return Fault(
         path, absl::StrCat("a file of user ", info.st_uid),
-        absl::StrCat("a file of user ", *owner_, ", who runs tesserad; --scene-root FOLDER allows other owners"));
+        absl::StrCat("a file of user ", *owner_, ", the user of tesserad; --scene-root FOLDER allows other owners"));
   }
   if (IsPseudo(file.fd_)) return Fault(path, "a file of a pseudo file system", "a file on disk");
   if (info.st_size > kMaxFileBytes) {

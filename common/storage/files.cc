@@ -182,7 +182,7 @@ Status CopyFileDurably(const std::string& from, const std::string& to) {
 Status EnsureFolder(const std::string& path) {
   std::error_code error;
   fs::create_directories(path, error);
-  if (error) return SystemError("cannot make folder", path, error.value());
+  if (error) return SystemError("cannot create folder", path, error.value());
   if (!fs::is_directory(path, error)) return absl::InternalError("not a folder: " + path);
   return absl::OkStatus();
 }
@@ -253,7 +253,7 @@ StatusOr<TempFolder> TempFolder::Create(const std::string& parent, const std::st
   if (error) return SystemError("cannot use folder for temporary files", base, error.value());
   TESSERA_RETURN_IF_ERROR(EnsureFolder(base));
   std::string path = (fs::path(base) / (prefix + "XXXXXX")).string();
-  if (::mkdtemp(path.data()) == nullptr) return SystemError("cannot make folder", path, errno);
+  if (::mkdtemp(path.data()) == nullptr) return SystemError("cannot create folder", path, errno);
   return TempFolder(std::move(path));
 }
 

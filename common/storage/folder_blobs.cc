@@ -210,8 +210,8 @@ StatusOr<int64_t> FolderBlobs::Append(const Digest& digest, int64_t offset, cons
   TESSERA_RETURN_IF_ERROR(CheckDigest(digest));
   const int64_t end = offset + static_cast<int64_t>(bytes.size());
   if (offset < 0 || end > digest.size_bytes) {
-    return absl::InvalidArgumentError("bytes " + std::to_string(offset) + " to " + std::to_string(end) +
-                                      " of a blob of " + std::to_string(digest.size_bytes));
+    return absl::InvalidArgumentError("upload: found bytes " + std::to_string(offset) + " to " + std::to_string(end) +
+                                      ", expected at most " + std::to_string(digest.size_bytes));
   }
   std::lock_guard lock(UploadMutex(digest));
   if (Has(digest) && TouchFile(digest)) return digest.size_bytes;

@@ -56,7 +56,7 @@ StatusOr<MappedFile> MappedFile::Open(const std::string& path) {
 
 StatusOr<MappedFile> MappedFile::Scratch(const std::string& folder, size_t size_bytes) {
   const int fd = OpenNameless(folder);
-  if (fd < 0) return FileError(errno, absl::StrCat("cannot make a scratch file in ", folder));
+  if (fd < 0) return FileError(errno, absl::StrCat("cannot create a scratch file in ", folder));
   // Reserve the space now: on a full disk, the first write to a page would end the process (SIGBUS).
   const int error = size_bytes > 0 ? posix_fallocate(fd, 0, static_cast<off_t>(size_bytes)) : 0;
   StatusOr<MappedFile> file =
@@ -77,7 +77,7 @@ ScratchBytes::ScratchBytes(int fd, std::string folder) : fd_(fd), folder_(std::m
 
 StatusOr<std::unique_ptr<ScratchBytes>> ScratchBytes::Create(const std::string& folder) {
   const int fd = OpenNameless(folder);
-  if (fd < 0) return FileError(errno, absl::StrCat("cannot make a scratch file in ", folder));
+  if (fd < 0) return FileError(errno, absl::StrCat("cannot create a scratch file in ", folder));
   return std::unique_ptr<ScratchBytes>(new ScratchBytes(fd, folder));
 }
 

@@ -16,7 +16,7 @@
 
 namespace tessera {
 
-// What a caller asks for.
+// A request to create a job.
 struct Submission {
   std::string request_id;    // submissions with the same id create one job; empty: always a new job
   std::string scene_path;    // absolute; a rollback uses its base's scene and ignores this

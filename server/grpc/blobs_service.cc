@@ -17,7 +17,7 @@ constexpr double kAwaitRemakeS = 20;  // longest wait of a ReadBlob call
 constexpr int kMaxDigests = 1000;     // per StatBlobs call
 constexpr size_t kMaxWorkersKept = 10'000;
 constexpr char kNotYours[] =
-    "permission denied: a worker may read the inputs of its leases, other callers what jobs published";
+    "permission denied: workers may read the inputs of their leases, other callers published results";
 
 // An error of the coordinator's disk may be transient: report it as RESOURCE_EXHAUSTED, so that callers retry.
 Status StorageStatus(const Status& status) {
@@ -88,14 +88,14 @@ Status BlobsService::AwaitRemake(const Digest& digest, const grpc::ServerContext
     TESSERA_RETURN_IF_ERROR(recovery_.RemakeArtifact(digest));
     if (environment_.blobs->Has(digest)) return absl::OkStatus();
     if (context.IsCancelled() || core_.stopped() || std::chrono::steady_clock::now() > until) {
-      return absl::UnavailableError("blob " + digest.sha256 + " was lost and is being made again; try again later");
+      return absl::UnavailableError("blob " + digest.sha256 + " was lost and is being recomputed; try again later");
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(500));
   }
 }
 
 Status BlobsService::Damaged(const Digest& digest, const std::string& what) const {
-  // Published files are made again. Workers report lost inputs themselves.
+  // Published files are recomputed. Workers report lost inputs themselves.
   recovery_.RemakeArtifact(digest).IgnoreError();
   return absl::DataLossError(what);
 }
@@ -128,10 +128,10 @@ grpc::Status BlobsService::ReadBlob(grpc::ServerContext* context, const v1::Read
   }
   if (!source.ok()) return ToGrpc(source.status());
   if (request->offset() < 0 || request->offset() > digest.size_bytes) {
-    return ToGrpc(absl::InvalidArgumentError("offset " + std::to_string(request->offset()) + " of a blob of " +
+    return ToGrpc(absl::InvalidArgumentError("offset: found " + std::to_string(request->offset()) + ", expected 0 to " +
                                              std::to_string(digest.size_bytes) + " bytes"));
   }
-  // A stream from the start is hashed, which tells damage of the stored bytes from damage of the transfer.
+  // Hash streams from the start, to distinguish stored damage from damage in transit.
   Sha256Hasher hasher;
   int64_t offset = request->offset();
   while (offset < digest.size_bytes && !context->IsCancelled()) {
@@ -181,7 +181,7 @@ grpc::Status BlobsService::WriteBlob(grpc::ServerContext* context, grpc::ServerR
     response->set_committed_bytes(*committed);
   }
   if (first) return ToGrpc(absl::InvalidArgumentError("upload: found no message, expected a digest and bytes"));
-  // A stream that ended early keeps its bytes; the writer resumes from there.
+  // After an interrupted stream, the writer resumes at committed_bytes.
   if (response->committed_bytes() < digest.size_bytes) return grpc::Status::OK;
   const Status complete = environment_.blobs->Complete(digest);
   if (complete.ok() || absl::IsDataLoss(complete)) limits_.EndUpload(digest);

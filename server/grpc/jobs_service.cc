@@ -99,7 +99,7 @@ grpc::Status JobsService::ListTasks(grpc::ServerContext*, const v1::ListTasksReq
                                     v1::ListTasksResponse* response) {
   const auto first = ParseToken(request->page_token(), 0);
   if (!first.ok()) return ToGrpc(first.status());
-  // One task more than the page has: whether there is a next page.
+  // Request one task more than a page, to detect whether a next page exists.
   const int page_size = PageSize(request->page_size(), 1000);
   const auto tasks = jobs_.ListTasks(request->parent(), *first, page_size + 1);
   if (!tasks.ok()) return ToGrpc(tasks.status());

@@ -58,7 +58,7 @@ class JobsService final : public v1::Jobs::WithRawCallbackMethod_WatchJob<v1::Jo
   JobWatches watches_;
 };
 
-// Calls that wait for a task or for durability hold no thread.
+// Calls that wait for a task or for durability use no thread.
 class WorkersService final : public v1::Workers::CallbackService {
  public:
   using Context = grpc::CallbackServerContext;
@@ -105,28 +105,28 @@ class BlobsService final : public v1::Blobs::Service {
                           v1::QueryWriteResponse* response) override;
 
  private:
-  // Contents that a worker may read; kept while its leases stay the same.
+  // Blobs that a worker may read; cached while its leases do not change.
   struct Inputs {
     std::vector<std::pair<std::string, int>> leases;
     std::set<std::string> sha256;
   };
 
-  // Blob authorization: a worker reads the inputs of its leases, viewers and submitters what jobs published, admins
-  // everything. PERMISSION_DENIED, whether the content exists or not.
+  // Blob authorization: workers read the inputs of their leases, viewers and submitters published results, admins
+  // everything. PERMISSION_DENIED, whether or not the blob exists.
   Status MayRead(const Caller& caller, const Digest& digest) const;
   bool IsInput(const std::string& worker, const Digest& digest) const;
   // OK for a worker that has a lease.
   Status MayWrite(const Caller& caller) const;
-  // Bytes of a content, wherever it is stored.
+  // Access to a blob's bytes, in the blob store or in a scene.
   struct Source {
     std::string name;  // for messages
     std::function<StatusOr<std::string>(int64_t offset_bytes, int64_t size_bytes)> read;
   };
-  // The blob of this content, or, for a worker, a scene's own file that still has it.
+  // The blob or, for workers, a scene file with this content.
   StatusOr<Source> Locate(const Caller& caller, const Digest& digest) const;
-  // Waits until a published file is made again. NOT_FOUND if no job published it, UNAVAILABLE if that takes long.
+  // Waits until a published file is recomputed. NOT_FOUND if no job published it; UNAVAILABLE after kAwaitRemakeS.
   Status AwaitRemake(const Digest& digest, const grpc::ServerContext& context) const;
-  // DATA_LOSS with the message `what`. If a job published the content, it is made again.
+  // DATA_LOSS with the message `what`. Recomputes the blob if a job published it.
   Status Damaged(const Digest& digest, const std::string& what) const;
 
   const ServerEnvironment& environment_;

@@ -1,4 +1,4 @@
-// Stages of a tiled job in order, and the stage from which on a quarantined tile is frozen.
+// Stages of a tiled job, and the stage from which on a quarantined tile is frozen. All functions are pure.
 #pragma once
 
 #include <limits>

@@ -31,7 +31,7 @@ struct UpdateBase {
 // the base's scene and get names made of their digests: CarriedName.
 std::string CarriedName(const NamedDigest& file_of_base);
 bool IsCarried(const std::string& name);
-// Whether the file lies in the scene's folder: neither carried nor kClassifierFile, which is a blob.
+// Whether the file is in the scene's folder. Carried files and kClassifierFile, which is a blob, are not.
 bool LiesInScene(const std::string& name);
 
 // The measured correction of the cost model's seconds. `survey`: the base's.

@@ -1,4 +1,4 @@
-// Plan of an update: which tiles of the base job are refined again, why, and at what cost.
+// Plan of an update: which tiles of the base job are refined again, why, and at what cost. Functions are pure.
 #pragma once
 
 #include <cstdint>

@@ -94,7 +94,7 @@ void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& 
   }
 }
 
-// Serves until a signal of `stop_signals` comes.
+// Serves until one of `stop_signals` arrives.
 Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   if (flags.data.empty())
     return absl::InvalidArgumentError("found neither --data nor a home folder, expected --data FOLDER");

@@ -1,4 +1,4 @@
-// Predicted cost of a job, per tile and in total.
+// Predicted cost of a job, per tile and in total. All functions are thread-safe.
 #pragma once
 
 #include <cstdint>
@@ -42,7 +42,7 @@ struct Quote {
 // Classification of these views; zero if the job does not classify. Largest memory.
 Prediction PredictViews(const Survey& survey, const std::set<int32_t>& views, const CostScale& costs);
 
-// Predictions for the tiles that PlanTiles gives for these settings, corrected by `costs`. Errors of PlanTiles.
+// Predictions for the tiles that PlanTiles gives for these settings, corrected by `costs`. Errors as PlanTiles.
 StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, const CostScale& costs = {});
 
 // Predicted duration with `workers` workers of `threads` cores each, seconds: stages one after another, list scheduling

@@ -1,4 +1,4 @@
-// Tiling: partitions the cells of a survey into tiles.
+// Tiling: partitions the cells of a survey into tiles. All functions are thread-safe.
 #pragma once
 
 #include <cstdint>

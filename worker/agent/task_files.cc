@@ -108,7 +108,7 @@ Status TaskFiles::Link(const std::string& file, const std::string& link, bool is
     error.clear();
     std::filesystem::create_symlink(target, link, error);
   }
-  if (error) return AsStatus(FailureClass::kScratch, "cannot make " + link + ": " + error.message());
+  if (error) return AsStatus(FailureClass::kScratch, "cannot create link " + link + ": " + error.message());
   links_.push_back(link);
   return absl::OkStatus();
 }

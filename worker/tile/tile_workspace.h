@@ -142,7 +142,7 @@ class TileWorkspace {
   struct LabelledStepper {
     std::vector<int32_t> labels;
     std::vector<uint8_t> frozen;
-    std::optional<Stepper> stepper;  // made in place
+    std::optional<Stepper> stepper;  // constructed in place
   };
   std::unique_ptr<LabelledStepper> stepper_;
 };

@@ -110,7 +110,7 @@ TEST_F(FolderBlobsTest, FileThatCannotBeStoredIsKept) {
   EXPECT_EQ(*store_->MoveFile(file), digest);
 }
 
-// As in containers that share the folder: each process is number 1 of a PID namespace of its own.
+// Like containers that share the folder: each process has id 1 in its own PID namespace.
 TEST_F(FolderBlobsTest, ProcessesWithEqualIdsDoNotCollide) {
   constexpr int kProcesses = 4, kBlobs = 60;
   const auto content = [](int process, int blob) {

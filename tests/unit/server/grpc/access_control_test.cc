@@ -160,7 +160,7 @@ TEST_F(AccessControlTest, CallsOutsideTheRoleAreDeniedWithoutInformation) {
   const std::string request = named.SerializeAsString();
   const std::map<std::string, Metadata> strangers = {
       {"no token", {}},
-      {"a token of nobody's", Token(RandomSecret())},
+      {"an unknown token", Token(RandomSecret())},
       {"an expired token", TokenOf("expired")},
       {"an empty token", Token("")},
       {"the hash of a token", Token(Sha256Hex(tokens_["admin"]))},

@@ -244,7 +244,7 @@ TEST(Plan, InconsistentReadsAreRefused) {
   EXPECT_EQ(plan({both, {{0, 1}, {1}, {1, 2}, {1}}}).code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(Plan, CutKnowsEveryTilesCore) {
+TEST(Plan, CutParametersContainAllCores) {
   const Survey survey = RandomSurvey(20, 20, 0.8, 3);
   const auto cores = Cores(survey, 6);
   for (const PlannedTask& task : PlanOf(survey, 6)) {

@@ -327,7 +327,7 @@ TEST(UpdatePlan, RemovedTileHasNoTasksAndNoState) {
     EXPECT_EQ(publish->tiles[t].core.empty(), t == kGone);
   }
   EXPECT_EQ(publish->kept, kept);
-  // An update of this update knows only the tile's number.
+  // An update of this update only has the tile's number.
   pair.before = pair.now;
   pair.now.revision.reset();
   pair.base.survey_json = SurveyToJson(pair.before);
