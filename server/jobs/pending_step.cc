@@ -129,7 +129,6 @@ std::vector<KnownTask> TasksFrom(DispatchCore& core, const PendingStep& step) {
 }
 
 StatusOr<Digest> StoreReport(DispatchCore& core, const PendingStep& step) {
-  // Copies a few tasks per hold of the mutex.
   const auto visit = [&](const std::function<void(const JobTask&)>& visitor) {
     for (int first = 0; first < step.tasks; first += kReportedAtOnce) {
       std::vector<JobTask> tasks;

@@ -16,7 +16,6 @@ struct JobLimits {
   int kept = 100'000;    // active and ended jobs, until deleted
 };
 
-// Limits on registered workers.
 struct WorkerLimits {
   int of_client = 10'000;
   int in_all = 20'000;

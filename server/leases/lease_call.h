@@ -39,7 +39,7 @@ struct LeaseCall {
   double wait_s = 0;  // longest wait for a task
   // Number of the call if above 0. Repeating a number returns the same lease.
   int64_t call = 0;
-  // Whether the caller has disconnected. Must be quick and not call the coordinator; not called after `done`. May be
+  // Whether the caller has disconnected. Must be quick, not call the coordinator. Not called after `done`. May be
   // empty.
   std::function<bool()> gone = {};
   // Called once, without a lock, from any thread, including the calling one.

@@ -23,7 +23,6 @@ struct WorkerInfo {
   std::string client = {};   // that registered it
 };
 
-// A tile of a job.
 struct TileRef {
   int job = -1;
   int tile = -1;

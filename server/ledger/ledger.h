@@ -49,7 +49,6 @@ class Ledger {
   const std::vector<Job>& jobs() const { return jobs_; }
   // Indices of the jobs that have not ended, oldest first.
   const std::vector<int>& active_jobs() const { return active_jobs_; }
-  // Number of active jobs of the client.
   int ActiveJobsOf(const std::string& client) const;
   // Jobs that were not deleted.
   int kept_jobs() const { return static_cast<int>(jobs_.size()) - deleted_jobs_; }
@@ -68,7 +67,6 @@ class Ledger {
   void ExpectDeleted(std::set<int> jobs) { expected_deleted_ = std::move(jobs); }
   // Call after the last record. Reserves the numbers of deleted jobs without any record.
   void EndReplay();
-  // Whether the job existed and was deleted.
   bool WasDeleted(int job) const;
   // FAILED_PRECONDITION with what to do first if the job may not be deleted. Precondition: the job exists.
   Status MayDelete(int job) const;

@@ -11,8 +11,7 @@
 
 namespace tessera {
 
-// Holds the core's mutex for short times only. Thread-safe, except that only one collection of blobs may run at a time.
-// Errors are those of the stores.
+// Holds the core's mutex only briefly. Thread-safe, except for one collection of blobs at a time. Errors of the stores.
 class Reclaimer {
  public:
   // `core` must outlive this.

@@ -222,7 +222,6 @@ TEST_F(CoordinatorTest, KnownResultsAreReused) {
   const std::string worker = Worker();
   const std::string first = Create(AJob(2));
   EXPECT_EQ(WorkAll(worker), 4);
-  // The same job again runs no task.
   const std::string second = Create(AJob(2));
   EXPECT_EQ(Job(second).header.state, JobState::kSucceeded);
   EXPECT_EQ(Job(second).header.artifacts[0], Job(first).header.artifacts[0]);
@@ -353,7 +352,6 @@ TEST_F(CoordinatorTest, ReusedRequestIdReportsTheDifferences) {
             "method_settings.levels: found 2, 1, expected not set\n"
             "scene_path: found /other, expected /scene");
   EXPECT_EQ(coordinator_->jobs().FindRequest(other.request).status(), differs);
-  // Updates and rollbacks differ by their settings.
   other = job;
   other.request.settings.update.base = "jobs/1";
   EXPECT_THAT(std::string(coordinator_->jobs().FindRequest(other.request).status().message()),

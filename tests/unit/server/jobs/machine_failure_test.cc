@@ -110,7 +110,6 @@ class MachineFailureTest : public CoordinatorTest {
     }
   }
   void GoOn() {
-    // The user submits again, as after a lost reply.
     ASSERT_EQ(Create(job_), "jobs/1");
     clock_.Advance(31);  // all leases expire
     ASSERT_TRUE(coordinator_->Tick().ok());

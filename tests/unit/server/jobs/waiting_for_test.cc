@@ -9,7 +9,6 @@ namespace {
 
 constexpr int64_t kGiB = int64_t{1} << 30;
 
-// Refinement tasks need 12 GiB.
 class LargePlanner : public FakePlanner {
  public:
   StatusOr<std::vector<PlannedTask>> Tiles(const JobSettings& settings, const std::string& survey,

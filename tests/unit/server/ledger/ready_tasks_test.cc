@@ -113,7 +113,6 @@ TEST(ReadyTasks, DelayedTaskIsFoundAfterItsDelay) {
   EXPECT_EQ(ready.count(), 0);
 }
 
-// Compares with a plain list.
 TEST(ReadyTasks, RandomAddsAndRemovesMatchAList) {
   Random random(3);
   ReadyTasks ready;
