@@ -80,8 +80,7 @@ StatusOr<std::shared_ptr<grpc::ServerCredentials>> CredentialsFor(const std::str
   } else if (IsLocalAddress(address)) {
     credentials = grpc::experimental::LocalServerCredentials(LOCAL_TCP);  // refuses callers of other machines
   } else {
-    return grpc::InsecureServerCredentials();  // no authentication: CheckListenOptions has checked that this is
-                                               // intended
+    return grpc::InsecureServerCredentials();  // CheckListenOptions has checked that this is intended
   }
   credentials->SetAuthMetadataProcessor(access.Processor(IsSocketAddress(address)));
   return credentials;

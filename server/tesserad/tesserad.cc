@@ -120,7 +120,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
-  options.stood_still_s = flags.lease_s / 2;  // a heartbeat comes every third of a lease, a look every fourth or second
+  options.stood_still_s = flags.lease_s / 2;  // at least two ticks
   options.stall_s = flags.stall_s;
   options.limits = flags.jobs;
   options.worker_limits = flags.workers;

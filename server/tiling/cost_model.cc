@@ -22,7 +22,7 @@ constexpr double kCropMargin_px = 32, kCropAlignment_px = 16;
 constexpr double kReferenceMargin_px = 6;
 constexpr double kNear_m = 1e-3;
 
-// --- Fitted constants ---
+// --- Fitted constants (tests/bench/cost_bench.cc) ---
 
 constexpr double kMiB = 1 << 20;
 
@@ -45,24 +45,24 @@ constexpr double kWindowShare = 1.15;
 // .png labels. TIFFs are not held whole. kCropBytes: per pixel and plane of the crop (floats before and after
 // undistortion, and as stored).
 constexpr double kLoadBytesPerFace = 200, kImageBytes = 4, kArrayBytes = 4, kLabelBytes = 2, kCropBytes = 8;
-constexpr double kTaskSeconds = 0.01;      // a task: transfer of its files
-constexpr double kFaceSeconds = 4e-6;      // a face, before the first step
-constexpr double kStateSeconds = 0.15e-6;  // a face whose state or sums a step's task reads
-constexpr double kWarpSeconds = 16e-9;     // a reference pixel, partner and evaluation
-constexpr double kDrawSeconds = 10.5e-9;   // a rendered face, view and iteration, at any level
-constexpr double kMapSeconds = 27e-9;      // a pixel of the crops and evaluation
+constexpr double kTaskSeconds = 0.01;      // per task: transfer of its files
+constexpr double kFaceSeconds = 4e-6;      // per face, before the first step
+constexpr double kStateSeconds = 0.15e-6;  // per face whose state or sums a step's task reads
+constexpr double kWarpSeconds = 16e-9;     // per reference pixel, partner and evaluation
+constexpr double kDrawSeconds = 10.5e-9;   // per rendered face, view and iteration, at any level
+constexpr double kMapSeconds = 27e-9;      // per crop pixel and evaluation
 // In a tiled job, tasks also render occluders and repair around the core.
 constexpr double kTileDrawShare = 1.9, kTileMendShare = 2.7;
-constexpr double kSolveSeconds = 0.9e-6;    // a face and iteration
-constexpr double kMendSeconds = 1.1e-6;     // a face and repair
-constexpr double kLabelSeconds = 50e-9;     // a pixel of the crops and labelling
-constexpr double kLabelFaceSeconds = 2e-6;  // a face and labelling
-constexpr double kDecodeSeconds = 24e-9;    // a pixel of a whole photograph
-// Classify: a pixel of the photograph; a pixel and class; a visible face.
+constexpr double kSolveSeconds = 0.9e-6;    // per face and iteration
+constexpr double kMendSeconds = 1.1e-6;     // per face and repair
+constexpr double kLabelSeconds = 50e-9;     // per crop pixel and label step
+constexpr double kLabelFaceSeconds = 2e-6;  // per face and label step
+constexpr double kDecodeSeconds = 24e-9;    // per pixel of a whole photograph
+// Classify, per pixel of the photograph; pixel and class; visible face.
 constexpr double kClassifySeconds = 0.6e-6, kClassifyClassSeconds = 0.11e-6, kClassifyFaceSeconds = 0.5e-6;
 constexpr double kClassifyPixelBytes = 140, kClassifyBytesPerFace = 250, kClassifyVisibleShare = 2;
-constexpr double kStoredClassified = 0.6;  // a pixel and class
-constexpr double kReadSeconds = 30e-9;     // a pixel and class of the crops
+constexpr double kStoredClassified = 0.6;  // per pixel and class
+constexpr double kReadSeconds = 30e-9;     // per crop pixel and class
 
 constexpr double kCutBytesPerCityFace = 230, kCutBytesPerFace = 147;
 constexpr double kCutSecondsPerCityFace = 0.29e-6, kCutSecondsPerFace = 2e-6, kCutSecondsPerFaceView = 30e-9;
