@@ -80,7 +80,7 @@ TEST_F(VerifyStateTest, DamagedRecordIsReportedAndQuarantined) {
   const std::string number = std::to_string(last);
   EXPECT_THAT(faults,
               ElementsAre(AllOf(HasSubstr("record " + number + ": row " + number + " of table records is damaged"),
-                                HasSubstr("bytes with SHA-256 "), HasSubstr(", expected "))));
+                                HasSubstr("bytes hash to "), HasSubstr(", expected "))));
   EXPECT_THAT(quarantined_, ElementsAre(last));
   EXPECT_THAT(Verify(), IsEmpty()) << "once";
   OpenFile();
