@@ -8,7 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "common/arrays/array_file.h"
 #include "common/job/survey.h"
-#include "worker/tile/mesh_arrays.h"
+#include "worker/city/mesh_arrays.h"
 
 namespace tessera {
 namespace {

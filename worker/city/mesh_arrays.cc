@@ -1,4 +1,4 @@
-#include "worker/tile/mesh_arrays.h"
+#include "worker/city/mesh_arrays.h"
 
 #include <cstring>
 
