@@ -1,4 +1,4 @@
-// Files that others name: opened only if they lie where they may, and known by what was opened, not by their path.
+// Opens files at paths that users supply, if the files are in allowed folders or have an allowed owner.
 #pragma once
 
 #include <cstdint>
@@ -13,21 +13,21 @@
 
 namespace tessera {
 
-// An open regular file. Movable; const members are thread-safe.
+// An open regular file. Keeps its content if the path is replaced. Movable; const members are thread-safe.
 class HeldFile {
  public:
   HeldFile(HeldFile&& other) noexcept;
   HeldFile& operator=(HeldFile&& other) noexcept;
   ~HeldFile();
 
-  // A path that opens this very file again, whatever its name leads to by now; for as long as this object lives.
+  // A path that opens the same file again, even if its name was replaced. Valid as long as this object.
   const std::string& path() const { return path_; }
-  // Where it was when it was opened, without links.
+  // The path at the time of opening, with links resolved.
   const std::string& real_path() const { return real_path_; }
-  // Its size and when its inode was last changed, which unlike the time of writing nobody can set.
+  // Size and inode change time. Users cannot set the latter, unlike the modification time.
   StatusOr<FileStamp> Stamp() const;
   StatusOr<std::string> Read(int64_t offset_bytes, int64_t size_bytes) const;
-  // CANCELLED once `cancelled` says so; it may be empty.
+  // CANCELLED if `cancelled` returns true. It may be empty.
   StatusOr<Digest> Hash(const std::function<bool()>& cancelled) const;
 
  private:
@@ -38,46 +38,46 @@ class HeldFile {
   std::string path_, real_path_;
 };
 
-// Which files may be read. A plain value; thread-safe.
+// The set of files that may be read. Thread-safe.
 class AllowedFiles {
  public:
-  // All regular files that the process may read, for who reads what is his own.
+  // All regular files that the process can read. For programs that a user runs on their own files.
   static AllowedFiles All() { return AllowedFiles(); }
-  // Those whose real path is under one of the folders, links between them included. NOT_FOUND for a folder that is not
-  // there.
+  // Files whose real path is in one of the folders. Links from one folder to another are followed. NOT_FOUND for a
+  // missing folder.
   static StatusOr<AllowedFiles> Under(const std::vector<std::string>& folders);
-  // Those that belong to the user.
+  // Files that the user owns.
   static AllowedFiles OwnedBy(uid_t user);
 
-  // Opens the file at an absolute path. INVALID_ARGUMENT, with what was found, for what is not allowed: another place
-  // or owner, no regular file, a file of a pseudo file system, one above 1 TiB, a large one that is all but empty
-  // (sparse), a name with control characters or that is not UTF-8. Nothing outside is touched, so that the answer does
-  // not tell whether there is anything. NOT_FOUND if inside there is none. Never waits for who writes to a pipe.
+  // Opens the file at an absolute path. NOT_FOUND for a missing file in an allowed folder. INVALID_ARGUMENT for a file
+  // outside the allowed folders or of another owner, one that is not regular, in a pseudo file system, above 1 TiB or
+  // sparse (and large), and for a name with control characters or invalid UTF-8. Errors do not reveal whether a file
+  // outside exists. Does not block on pipes.
   StatusOr<HeldFile> Open(const std::string& path) const;
   // The whole content; RESOURCE_EXHAUSTED above `max_bytes`.
   StatusOr<std::string> ReadWhole(const std::string& path, int64_t max_bytes) const;
-  // False if there is nothing of that name; true also where it leads outside.
+  // Whether the name exists. Also true if it leads outside the allowed folders.
   bool Exists(const std::string& path) const;
-  // Whether the path is a folder's; an error if it leads outside.
+  // Whether the path is a folder. INVALID_ARGUMENT if it leads outside the allowed folders.
   StatusOr<bool> IsFolder(const std::string& path) const;
-  // Every regular file under the folder, relative to it, sorted; links followed as far as they lead inside.
-  // RESOURCE_EXHAUSTED above a million entries.
+  // All files in the folder and its subfolders, relative to it, sorted. Follows links; INVALID_ARGUMENT for one that
+  // leads outside the allowed folders. RESOURCE_EXHAUSTED above a million entries.
   StatusOr<std::vector<std::string>> List(const std::string& folder) const;
 
  private:
   AllowedFiles() = default;
   bool restricted() const { return !folders_.empty() || owner_.has_value(); }
   bool IsInside(const std::string& real_path) const;
-  // Whether the path is inside, or one passes through it on the way there.
+  // Whether the path is in an allowed folder or is a parent of one.
   bool MayPass(const std::string& real_path) const;
   Status Outside(const std::string& path) const;
-  // The path without links. Errors as Open's.
+  // The path with links resolved. Errors as Open.
   StatusOr<std::string> Resolve(const std::string& path) const;
   Status ListInto(const std::string& folder, const std::string& prefix, std::vector<std::string>& parents,
                   int64_t& entries, std::vector<std::string>& files) const;
 
   std::vector<std::string> folders_;  // real paths
-  std::vector<std::string> named_;    // as they were given, by way of links perhaps
+  std::vector<std::string> named_;    // as given to Under; may contain links
   std::optional<uid_t> owner_;
 };
 

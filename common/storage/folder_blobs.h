@@ -1,5 +1,5 @@
-// Blobs in a folder: ROOT/ab/abcd...: the blob of that SHA-256; ROOT/partial/: unfinished writes; ROOT/quarantine/:
-// quarantined blobs.
+// A blob store in a folder. ROOT/ab/abcd...: blob with this SHA-256; ROOT/partial/: unfinished writes;
+// ROOT/quarantine/: quarantined blobs.
 #pragma once
 
 #include <array>
@@ -14,15 +14,15 @@
 
 namespace tessera {
 
-// A blob's time is the later one of its file's times of access and of writing. Errors of the file system are marked
-// (IsFileError).
+// A blob's time is the later one of its file's access and modification times. IsFileError accepts errors of the file
+// system.
 class FolderBlobs final : public BlobStore {
  public:
   // Creates the folder if it is missing.
   static StatusOr<std::unique_ptr<FolderBlobs>> Open(const std::string& root);
 
   const std::string& root() const { return root_; }
-  // Moves the blob out of the store to `path`, on the same file system, and replaces what is there.
+  // Moves the blob out of the store to `path` on the same file system. Replaces an existing file.
   Status MoveTo(const Digest& digest, const std::string& path);
 
   Status Stat(const Digest& digest) const override;
@@ -30,7 +30,7 @@ class FolderBlobs final : public BlobStore {
   Status Verify(const Digest& digest) const override;
   Status VerifyOrQuarantine(const Digest& digest) override;
   StatusOr<Digest> PutFile(const std::string& path) override;
-  // A rename where the file is on the same file system.
+  // A rename if the file is on the same file system.
   StatusOr<Digest> MoveFile(const std::string& path) override;
   StatusOr<Digest> PutBytes(const std::string& bytes) override;
   StatusOr<Digest> PutParts(const std::function<void(const Writer& write)>& give) override;
@@ -46,13 +46,13 @@ class FolderBlobs final : public BlobStore {
 
  private:
   explicit FolderBlobs(std::string root) : root_(std::move(root)) {}
-  // Of a digest that CheckDigest accepts.
+  // The digest must pass CheckDigest.
   std::string Path(const Digest& digest) const;
   std::string PartialPath(const Digest& digest) const;
-  std::string NewTemporary() const;  // a path that no other process has
-  // Sets the time of access of the blob's file. False if there is none.
+  std::string NewTemporary() const;  // a unique path
+  // Sets the access time of the blob's file. False if the file does not exist.
   bool TouchFile(const Digest& digest) const;
-  // Makes a file of the store a blob. On error `temporary` stays.
+  // Renames `temporary` to the blob's path. On error `temporary` stays.
   Status Publish(const std::string& temporary, const Digest& digest);
   std::mutex& UploadMutex(const Digest& digest) const { return upload_mutexes_[digest.sha256[0] & 15]; }
 

@@ -1,4 +1,4 @@
-// Content hashes: SHA-256 names content, XXH3 checks chunks on their way.
+// Content hashes: SHA-256 names content; XXH3 detects damage in transit.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace tessera {
 
-// Name of a content.
+// Name of a blob.
 struct Digest {
   std::string sha256;  // 64 lower-case hex digits
   int64_t size_bytes = 0;
@@ -27,11 +27,11 @@ struct NamedDigest {
   friend bool operator==(const NamedDigest&, const NamedDigest&) = default;
 };
 
-// The bytes that 64 hex digits stand for, where there are millions of them.
+// A SHA-256 in 32 bytes, for collections of millions.
 class Sha256 {
  public:
   Sha256() = default;  // zeros
-  // None but for 64 lower-case hex digits.
+  // Nullopt unless `hex` consists of 64 lower-case hex digits.
   static std::optional<Sha256> FromHex(const std::string& hex);
   std::string Hex() const;
   friend bool operator==(const Sha256&, const Sha256&) = default;
@@ -44,7 +44,7 @@ class Sha256 {
   std::array<char, 32> bytes_ = {};
 };
 
-// SHA-256 of bytes that come in pieces. Not thread-safe.
+// Incremental SHA-256. Not thread-safe.
 class Sha256Hasher {
  public:
   Sha256Hasher();
@@ -53,7 +53,7 @@ class Sha256Hasher {
   Sha256Hasher& operator=(Sha256Hasher&&) noexcept;
   void Update(const void* data, size_t size);
   void Update(const std::string& bytes) { Update(bytes.data(), bytes.size()); }
-  // The digest of all bytes so far, in hex. Ends the hasher: nothing may be called after it.
+  // SHA-256 of all bytes, in hex. No call may follow.
   std::string Finish();
 
  private:
@@ -64,21 +64,21 @@ class Sha256Hasher {
 // SHA-256 in lower-case hex.
 std::string Sha256Hex(const std::string& bytes);
 
-// Digest of a file, read once in pieces.
+// Digest of a regular file. NOT_FOUND if it does not exist or cannot be opened.
 StatusOr<Digest> HashFile(const std::string& path);
 
-// INVALID_ARGUMENT unless the digest has 64 lower-case hex digits and a size of at least 0; a checked digest is safe
-// in a path.
+// INVALID_ARGUMENT unless the digest has 64 lower-case hex digits and a size of at least 0. Check digests before their
+// use in a path.
 Status CheckDigest(const Digest& digest);
 
 // XXH3-64.
 uint64_t Xxh3(const void* data, size_t size);
 inline uint64_t Xxh3(const std::string& bytes) { return Xxh3(bytes.data(), bytes.size()); }
 
-// XXH3-128, as 32 lower-case hex digits: for content that nobody forges.
+// XXH3-128 as 32 lower-case hex digits. Not secure against forged content.
 std::string Xxh3Hex(const void* data, size_t size);
 
-// XXH3-64 of bytes that come in pieces. Not thread-safe.
+// Incremental XXH3-64. Not thread-safe.
 class Xxh3Hasher {
  public:
   Xxh3Hasher();

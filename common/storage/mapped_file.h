@@ -1,5 +1,5 @@
-// Files as memory: what is larger than memory is read and written through the system's page cache, which gives pages
-// back when memory is short.
+// Memory-mapped files and scratch arrays on disk, for data larger than memory. The system evicts their pages from the
+// page cache when memory is short.
 #pragma once
 
 #include <cstddef>
@@ -14,15 +14,15 @@
 
 namespace tessera {
 
-// Bytes of a file in the address space. Movable; const members are thread-safe. A file that is cut off while it is
-// mapped ends the process (SIGBUS): outputs of tasks are never changed in place.
+// A mapped file. Movable; const members are thread-safe. Truncating a mapped file ends the process (SIGBUS), so files
+// must not be changed in place.
 class MappedFile {
  public:
   MappedFile() = default;  // empty
-  // Read-only. Errors as ReadFile's.
+  // Read-only. Errors as ReadFile.
   static StatusOr<MappedFile> Open(const std::string& path);
-  // A new writable file of `size_bytes` zeros in `folder` that has no name and is gone with this object. Its room on
-  // disk is reserved: RESOURCE_EXHAUSTED if there is too little.
+  // A new writable, unnamed file of `size_bytes` zeros in `folder`, deleted with this object. Reserves its disk space:
+  // RESOURCE_EXHAUSTED if there is too little.
   static StatusOr<MappedFile> Scratch(const std::string& folder, size_t size_bytes);
   MappedFile(MappedFile&& other) noexcept { *this = std::move(other); }
   MappedFile& operator=(MappedFile&& other) noexcept {
@@ -33,10 +33,10 @@ class MappedFile {
   ~MappedFile();
 
   const char* data() const { return data_; }
-  char* mutable_data() { return data_; }  // of scratch files only
+  char* mutable_data() { return data_; }  // for scratch files only
   size_t size_bytes() const { return size_bytes_; }
-  // Takes whole pages of the range out of this process's memory; of scratch files, what was written stays. Reading
-  // brings them back.
+  // Removes whole pages of the range from this process's memory. The next access maps them again; data written to a
+  // scratch file is kept.
   void Release(size_t offset, size_t size_bytes) const;
 
  private:
@@ -46,7 +46,7 @@ class MappedFile {
   size_t size_bytes_ = 0;
 };
 
-// A fixed number of values on disk, zeros at first. Reads and writes go to the page cache. Movable.
+// A fixed number of values on disk, initially zero. Movable.
 template <class T>
 class ScratchArray {
   static_assert(alignof(T) <= 4096 && std::is_trivially_destructible_v<T>);
@@ -70,7 +70,7 @@ class ScratchArray {
   MappedFile file_;
 };
 
-// Bytes that are appended to a file without a name and mapped at the end. Not thread-safe.
+// Appends bytes to an unnamed file and maps it at the end. Not thread-safe.
 class ScratchBytes {
  public:
   static StatusOr<std::unique_ptr<ScratchBytes>> Create(const std::string& folder);
@@ -78,10 +78,10 @@ class ScratchBytes {
   ScratchBytes(const ScratchBytes&) = delete;
   ScratchBytes& operator=(const ScratchBytes&) = delete;
 
-  // A fault of the disk is kept for Finish.
+  // Finish returns the error of a failed write.
   void Append(const void* data, size_t size_bytes);
   int64_t size_bytes() const { return size_bytes_; }
-  // All that was appended, writable. Nothing may be appended after it.
+  // All appended bytes, writable. Append must not be called afterwards.
   StatusOr<MappedFile> Finish();
 
  private:
@@ -95,7 +95,7 @@ class ScratchBytes {
   Status status_;
 };
 
-// The same for values.
+// ScratchBytes for values of one type.
 template <class T>
 class ScratchList {
  public:

@@ -1,15 +1,15 @@
-// Names of files that are written first and renamed later.
+// Unique names of temporary files.
 #pragma once
 
 #include <string>
 
 namespace tessera {
 
-// 128 random bits of the system's in hexadecimal: a name that no other process has, on this machine or another,
-// whatever its number. (In containers every process is number 1.) Still to be opened with O_EXCL. Thread-safe.
+// 128 random bits in hexadecimal, unique across processes and machines. (Process ids are not: in containers every
+// process may have id 1.) Open the file with O_EXCL anyway. Thread-safe.
 std::string UniqueName();
 
-// A name in the folder of `path`, for what is to be renamed to `path`.
+// A temporary name in the folder of `path`, for a later rename to `path`.
 inline std::string TemporaryBeside(const std::string& path) { return path + ".tmp-" + UniqueName(); }
 
 }  // namespace tessera
