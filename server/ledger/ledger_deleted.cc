@@ -90,7 +90,7 @@ void Ledger::FillJobsUpTo(int index) {
     filled.deleted = expected_deleted_.contains(number);
     deleted_jobs_ += filled.deleted ? 1 : 0;
     filled.header.state = filled.deleted ? JobState::kCancelled : JobState::kFailed;
-    if (!filled.deleted) filled.header.error = "its acceptance record is unusable; submit the job again";
+    if (!filled.deleted) filled.header.error = "its acceptance record cannot be used; submit the job again";
   }
 }
 

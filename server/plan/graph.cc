@@ -36,7 +36,6 @@ struct GraphTile {
   bool gone() const { return parameters.core.empty(); }
 };
 
-// Builds the job's list of tasks.
 class Graph {
  public:
   static StatusOr<Graph> Create(const JobSettings& settings, const std::string& survey_json,
@@ -82,7 +81,6 @@ class Graph {
     }
     return ids;
   }
-  // Those of redone() whose cut succeeded.
   std::vector<int> cut() const {
     std::vector<int> ids = redone();
     std::erase_if(ids, [&](int id) { return tiles_[id].frozen_from == kNoCut; });
@@ -167,7 +165,6 @@ class Graph {
     }
   }
 
-  // Adds the task that runs all steps of an untiled job.
   void AddRefine() {
     GraphTile& tile = tiles_.front();
     PlannedTask task = TaskOf(tile, kRefineKind, PredictRefine(tile.work, effort_));
@@ -212,7 +209,6 @@ class Graph {
   // Reserves the index of the task that AddPlan added in an earlier phase.
   void SkipPlan() { Add(PlannedTask()); }
 
-  // Adds the report of an update's plan (kUpdateFile).
   Status AddPlan(const UpdateBase& base) {
     TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_, costs_));
     const Prediction ingest = update_cost_, compare = CostOfChanges(),

@@ -240,7 +240,7 @@ TEST(Plan, InconsistentReadsAreRefused) {
   };
   const TileReads both = {{0, 1}, {0, 1}, {0, 1}, {0, 1}};
   EXPECT_TRUE(plan({both, both}).ok());
-  EXPECT_THAT(std::string(plan({both}).message()), HasSubstr("cut in 1 tiles, expected 2"));
+  EXPECT_THAT(std::string(plan({both}).message()), HasSubstr("found 1 tiles, expected 2"));
   EXPECT_EQ(plan({both, {{0, 1}, {1}, {1, 2}, {1}}}).code(), absl::StatusCode::kInvalidArgument);
 }
 

@@ -407,7 +407,7 @@ TEST_F(BlobCollectorTest, VerifyStateReportsFaults) {
   const auto mesh_is_gone = HasSubstr("jobs/1, 'read the scene', mesh: no blob");
   EXPECT_THAT(Faults(),
               ElementsAre(HasSubstr("record " + std::to_string(store_.records.size()) + ": cannot parse the record"),
-                          AllOf(HasSubstr(survey + "blob " + outputs[0].digest().sha256 + " was damaged (its 6"),
+                          AllOf(HasSubstr(survey + "blob " + outputs[0].digest().sha256 + " was damaged (found 6"),
                                 HasSubstr(Sha256Hex("Xurvey") + ", expected 6"), HasSubstr("/quarantine/")),
                           mesh_is_gone));
   EXPECT_THAT(Faults(), ElementsAre(_, HasSubstr(survey + "no blob"), mesh_is_gone)) << "quarantined";
