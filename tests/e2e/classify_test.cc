@@ -173,7 +173,7 @@ TEST_F(ClassifyTest, BadInputIsReported) {
   const std::string out = folder_.path() + "/out";
   Outcome outcome = Run({"classify", ToyCity(), "--train", folder_.path() + "/none", "--out", out});
   EXPECT_EQ(outcome.exit_code, 3);
-  EXPECT_THAT(outcome.output, HasSubstr("no such folder, expected the annotations"));
+  EXPECT_THAT(outcome.output, HasSubstr("no such folder, expected a folder of annotations"));
   outcome = Run({"classify", ToyCity(), "--model", ToyCity() + "/mesh.ply", "--out", out});
   EXPECT_EQ(outcome.exit_code, 3) << outcome.output;
   outcome = Run({"classify", ToyCity(), "--out", painted_});

@@ -87,7 +87,7 @@ TEST_F(ClusterFaultsTest, DeeplyNestedReportIsRefused) {
   const v1::Lease first = worker.Lease();
   const grpc::Status refused = worker.Report(first, deep);
   EXPECT_EQ(refused.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
-  EXPECT_THAT(refused.error_message(), HasSubstr("found JSON nested 30000 deep, expected at most 64"));
+  EXPECT_THAT(refused.error_message(), HasSubstr("found JSON nested 30000 levels deep, expected at most 64 levels"));
   broken.mutable_failure()->set_error_class(v1::ERROR_CLASS_INPUT);
   for (const int attempt : {2, 3}) {  // it is alone: its word counts when it says so twice
     const v1::Lease lease = worker.Lease();
@@ -216,7 +216,7 @@ TEST_F(ClusterFaultsTest, FailingTileIsQuarantinedAndCanBeRetried) {
   EXPECT_EQ(watched.exit_code, 5) << watched.output;
   EXPECT_THAT(watched.output, HasSubstr("was quarantined: '" + lease.spec().title() + "' failed (memory): killed"));
   const std::string partial = cluster.Fetch(job);
-  EXPECT_THAT(Content(partial + "/report.json"), HasSubstr("was quarantined"));
+  EXPECT_THAT(Content(partial + "/report.json"), HasSubstr("is quarantined"));
   EXPECT_THAT(Content(partial + "/tiles/index.json"), HasSubstr("\"quarantined\": true"));
   EXPECT_FALSE(Content(partial + "/mesh.ply") == Content(UndisturbedMesh()));
   const Outcome again = tessera({"retry", job, "--watch"});
