@@ -85,7 +85,7 @@ constexpr double kStoredCityFace = 38.5, kStoredView = 2000, kStoredPublished = 
                  kStoredChangeCell = 50;
 
 // Tasks mostly map the city's files, and the system evicts these pages when memory is short. So only kResidentFaces
-// count in full; the rate for the others is what city_bench's tasks needed (README).
+// count in full; the rate for the others is what city_bench's tasks needed (tests/bench/scaling.md).
 constexpr double kResidentFaces = 4 << 20, kBytesPerFaceBeyond = 12;
 
 double CityBytes(double bytes_per_face, double faces) {
