@@ -10,8 +10,9 @@ namespace {
 // --rungs,
 // --sweep).
 constexpr double kContour = 0.5;
-// Tuned on campus and helsinki (worker/README.md). A smaller `bend` improves completeness and worsens accuracy; a larger `flat`
-// worsens both; a factor of 4 in `rough` makes no significant difference. The cost is some accuracy in tree crowns.
+// Tuned on campus and helsinki (worker/README.md). A smaller `bend` improves completeness and worsens accuracy; a
+// larger `flat` worsens both; a factor of 4 in `rough` makes no significant difference. The cost is some accuracy in
+// tree crowns.
 constexpr CreaseWeights kCreases = {0.12, 1.3, 4};
 constexpr double kPaperSemantic = 0.1, kPaperInter = 0.1;
 constexpr double kPaperLabelSmoothness = 0.5;  // μ2 of the paper
