@@ -28,7 +28,7 @@ void PlanningLoop::AdmitHeld() {
     const int64_t needed_bytes = ledger_.jobs()[job].totals.sums().bytes_to_store;
     if (ledger_.jobs()[job].open_plan >= 0) continue;  // the plan is not complete
     if (needed_bytes > room.free_bytes - room.promised_bytes) continue;
-    ledger_.Admit(job);
+    ledger_.ready().Admit(job);
     room.promised_bytes += needed_bytes;
   }
   const bool first_look = room_.folder.empty();

@@ -8,6 +8,7 @@
 
 #include "common/job/survey.h"
 #include "server/jobs/planner.h"
+#include "server/ledger/base_of.h"
 #include "server/plan/rollback.h"
 
 namespace tessera {
@@ -18,7 +19,7 @@ StatusOr<NewJob> CompleteRollback(DispatchCore& core, Recovery& recovery, NewJob
   std::vector<UpdateBase> chain;
   {
     std::lock_guard lock(core.mutex());
-    TESSERA_ASSIGN_OR_RETURN(chain, core.ledger().ChainTo(update.base, update.rollback_to));
+    TESSERA_ASSIGN_OR_RETURN(chain, ChainTo(core.ledger(), update.base, update.rollback_to));
     TESSERA_ASSIGN_OR_RETURN(const int index, core.ledger().FindJob(update.base));
     const JobHeader& base = core.ledger().jobs()[index].header;
     TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, base.settings));
@@ -43,7 +44,7 @@ StatusOr<NewJob> CompleteJob(DispatchCore& core, Recovery& recovery, NewJob job)
   }
   if (!job.settings.update.base.empty()) {
     std::lock_guard lock(core.mutex());
-    TESSERA_ASSIGN_OR_RETURN(const UpdateBase base, core.ledger().BaseOf(job.settings.update.base));
+    TESSERA_ASSIGN_OR_RETURN(const UpdateBase base, BaseOf(core.ledger(), job.settings.update.base));
     TESSERA_ASSIGN_OR_RETURN(const int index, core.ledger().FindJob(base.name));
     TESSERA_ASSIGN_OR_RETURN(job.settings, SettingsOfUpdate(job.settings, core.ledger().jobs()[index].header.settings));
     std::set<std::string> contents;

@@ -10,8 +10,9 @@
 #include "common/base/version.h"
 #include "server/jobs/job_records.h"
 #include "server/leases/attempts.h"
-#include "server/ledger/read_records.h"
+#include "server/ledger/check_record.h"
 #include "server/ledger/record_owner.h"
+#include "server/ledger/restore_ledger.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -21,7 +22,7 @@ Status EndSpoiledJob(DispatchCore& core, int job, const std::string& error) {
   if (job >= static_cast<int>(core.ledger().jobs().size())) {  // its acceptance record is lost
     v1::Record record;
     record.mutable_job_accepted()->set_job(JobName(job));
-    if (!core.ledger().Check(record).ok()) return absl::OkStatus();  // the job number is not plausible
+    if (!CheckRecord(core.ledger(), record).ok()) return absl::OkStatus();  // the job number is not plausible
     TESSERA_RETURN_IF_ERROR(core.Commit(record));
   }
   if (HasEnded(core.ledger().jobs()[job].header.state)) return absl::OkStatus();
@@ -31,20 +32,17 @@ Status EndSpoiledJob(DispatchCore& core, int job, const std::string& error) {
 Status Replay(DispatchCore& core) {
   std::vector<std::pair<int64_t, std::string>> unusable;
   std::map<int, std::string> spoiled;  // reason by job
-  TESSERA_ASSIGN_OR_RETURN(std::set<int> deleted, core.environment().store->DeletedJobs());
-  core.ledger().ExpectDeleted(std::move(deleted));
-  TESSERA_RETURN_IF_ERROR(
-      ReadRecords(*core.environment().store, [&](int64_t number, Status status, const v1::Record& record) {
-        if (status.ok()) status = core.ledger().Check(record);
-        if (status.ok()) return core.ledger().Apply(record);
-        const std::string reason(status.message());
-        unusable.emplace_back(number, reason);
-        if (const int job = JobOf(record); job >= 0) {
-          spoiled.emplace(job, "stored record " + std::to_string(number) + " cannot be used: " + reason);
-        }
-      }));
-  core.ledger().EndReplay();
-  core.ledger().PromoteRetries(core.environment().clock->MonotonicUs());  // starts retry delays again
+  TESSERA_RETURN_IF_ERROR(RestoreLedger(*core.environment().store, core.ledger(),
+                                        [&](int64_t number, const Status& status, const v1::Record& record) {
+                                          const std::string reason(status.message());
+                                          unusable.emplace_back(number, reason);
+                                          const int job = JobOf(record);
+                                          if (job < 0) return;
+                                          spoiled.emplace(job, "stored record " + std::to_string(number) +
+                                                                   " cannot be used: " + reason);
+                                        })
+                              .status());
+  core.ledger().ready().Promote(core.environment().clock->MonotonicUs());  // starts retry delays again
   for (const auto& [job, error] : spoiled) TESSERA_RETURN_IF_ERROR(EndSpoiledJob(core, job, error));
   // Quarantine last, so that an interrupted start repeats the same steps.
   TESSERA_RETURN_IF_ERROR(core.Durable());

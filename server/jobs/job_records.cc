@@ -22,7 +22,8 @@ Status CommitEnd(DispatchCore& core, int job, JobState state, const std::string&
 
 Status CommitDeletion(DispatchCore& core, const std::string& name, const std::string& reason) {
   TESSERA_ASSIGN_OR_RETURN(const int job, ParseJobName(name));
-  if (core.ledger().WasDeleted(job)) return absl::OkStatus();
+  const std::vector<Job>& jobs = core.ledger().jobs();
+  if (job < static_cast<int>(jobs.size()) && jobs[job].deleted) return absl::OkStatus();
   v1::Record record;
   record.mutable_job_deleted()->set_job(name);
   record.mutable_job_deleted()->set_reason(reason);

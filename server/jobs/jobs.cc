@@ -10,11 +10,28 @@
 #include "server/jobs/job_records.h"
 #include "server/jobs/waiting_for.h"
 #include "server/leases/job_limits.h"
+#include "server/ledger/check_record.h"
 #include "server/ledger/digest_proto.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
+namespace {
+
+// ALREADY_EXISTS with the differences if the job of the same request id was submitted with other values.
+Status CheckSameRequest(const JobRequest& request, const JobHeader& job) {
+  if (!job.request) return absl::OkStatus();
+  std::vector<std::string> differences = Differences(request.settings, job.request->settings);
+  if (request.scene_path != job.request->scene_path) {
+    differences.push_back("scene_path: found " + request.scene_path + ", expected " + job.request->scene_path);
+  }
+  if (differences.empty()) return absl::OkStatus();
+  std::string message = "request " + request.id + " was used for " + job.name + " with other values:";
+  for (const std::string& difference : differences) message += "\n" + difference;
+  return absl::AlreadyExistsError(message);
+}
+
+}  // namespace
 
 JobStatus Jobs::JobStatusLocked(int job) const {
   const int64_t now_us = environment_.clock->MonotonicUs();
@@ -94,9 +111,10 @@ StatusOr<std::optional<JobStatus>> Jobs::FindRequest(const JobRequest& request) 
 }
 
 StatusOr<std::optional<JobStatus>> Jobs::FindRequestLocked(const JobRequest& request) const {
-  TESSERA_ASSIGN_OR_RETURN(const int index, ledger_.FindRequest(request));
-  if (index < 0) return std::nullopt;
-  return JobStatusLocked(index);
+  const auto found = ledger_.job_of_request().find(request.id);
+  if (found == ledger_.job_of_request().end()) return std::nullopt;
+  TESSERA_RETURN_IF_ERROR(CheckSameRequest(request, ledger_.jobs()[found->second].header));
+  return JobStatusLocked(found->second);
 }
 
 StatusOr<JobStatus> Jobs::CancelJob(const std::string& name) {
@@ -134,7 +152,7 @@ StatusOr<JobStatus> Jobs::RetryJob(const std::string& name, std::optional<int> t
     v1::Record record;
     record.mutable_job_retried()->set_job(name);
     if (tile) record.mutable_job_retried()->set_tile(*tile);
-    TESSERA_RETURN_IF_ERROR(ledger_.Check(record));
+    TESSERA_RETURN_IF_ERROR(CheckRecord(ledger_, record));
     TESSERA_RETURN_IF_ERROR(CheckActiveJobLimits(ledger_, ledger_.jobs()[job].header.client, options_.limits));
     TESSERA_RETURN_IF_ERROR(core_.Commit(record));
     if (job < static_cast<int>(shown_progress_.size())) shown_progress_[job] = 0;

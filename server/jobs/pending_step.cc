@@ -7,6 +7,8 @@
 #include "common/job/task_parameters.h"
 #include "server/jobs/job_report.h"
 #include "server/jobs/planner.h"
+#include "server/ledger/base_of.h"
+#include "server/ledger/task_inputs.h"
 
 namespace tessera {
 namespace {
@@ -38,24 +40,24 @@ std::optional<PendingStep> NextStep(const Ledger& ledger) {
     }
   } else if (!job.lost_error.empty()) {
     step.error = job.lost_error;
-  } else if (job.open_plan >= 0 || !job.planned_to_end || (job.plans_anew && CutsAreDone(job))) {
+  } else if (job.open_plan >= 0 || !job.planned_to_end || (job.needs_replan && CutsAreDone(job))) {
     step.quarantined = QuarantinedTiles(job);
-    if (job.plans_anew) step.replaces_from = FirstBehindCuts(job);
+    if (job.needs_replan) step.replaces_from = FirstBehindCuts(job);
     step.settings = job.header.settings;
     step.scene_files = job.scene_files;
     step.tasks = job.open_plan >= 0 ? job.open_plan : static_cast<int>(job.tasks.size());
     const std::string& base = step.settings.update.base;
-    if (!base.empty()) step.base = ledger.BaseOf(step.settings.update);
+    if (!base.empty()) step.base = BaseOf(ledger, step.settings.update);
     for (int task = 0; task < step.tasks; ++task) {
       const TaskPhase phase = KindOf(job.tasks[task].plan.kind.str()).phase;
       if (phase == TaskPhase::kSurvey) {
-        step.survey = ledger.InputDigest(job, {TaskId(task), kSurveyFile});
+        step.survey = InputDigest(job, {TaskId(task), kSurveyFile});
         step.kind = PendingStep::Kind::kPlanTiles;
       } else if (phase == TaskPhase::kCut) {
         step.tiles = std::max(step.tiles, job.tasks[task].plan.tile + 1);
         step.kind = PendingStep::Kind::kPlanSteps;
         if (job.tasks[task].superseded) continue;
-        step.reads.emplace_back(job.tasks[task].plan.tile, ledger.InputDigest(job, {TaskId(task), kReadsFile}));
+        step.reads.emplace_back(job.tasks[task].plan.tile, InputDigest(job, {TaskId(task), kReadsFile}));
       }
     }
     if (step.tasks == 0) step.kind = base.empty() ? PendingStep::Kind::kPlanIngest : PendingStep::Kind::kPlanUpdate;

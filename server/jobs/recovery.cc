@@ -5,6 +5,8 @@
 #include <utility>
 
 #include "server/leases/attempts.h"
+#include "server/ledger/base_of.h"
+#include "server/ledger/task_inputs.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -30,7 +32,7 @@ std::vector<Recovery::Lost> Recovery::LostInputsLocked(TaskRef ref, const std::s
   const PlannedTask& plan = ledger_.task(ref).plan;
   std::vector<Lost> lost;
   for (const PlannedInput& input : plan.inputs) {
-    const auto digest = ledger_.InputDigest(job, input);
+    const auto digest = InputDigest(job, input);
     if (!digest.ok() || !sha256.contains(digest->sha256)) continue;
     const TaskRef producer = {ref.job, input.task.value()};
     lost.push_back({*digest, InputName(input), producer, ledger_.task(producer).remakes, {}});
@@ -40,7 +42,7 @@ std::vector<Recovery::Lost> Recovery::LostInputsLocked(TaskRef ref, const std::s
   for (const int index : files) {
     const NamedDigest& file = job.scene_files[index];
     if (!sha256.contains(file.digest.sha256)) continue;
-    Lost& added = lost.emplace_back(Lost{file.digest, file.name, {}, 0, ledger_.SceneFilesWith(file.digest)});
+    Lost& added = lost.emplace_back(Lost{file.digest, file.name, {}, 0, ledger_.scene_files().PathsOf(file.digest)});
     if (LiesInScene(file.name)) added.paths.insert(added.paths.begin(), job.header.scene_path + "/" + file.name);
     if (file.name == kClassifierFile) added.paths.clear();  // stored as a blob
   }
@@ -112,7 +114,7 @@ Status Recovery::ReportLostInputs(const std::string& worker, const std::string& 
     TaskRef maker = input->producer, needed_by = {};
     Status made_again;
     if (!producer.plan.given->empty()) {
-      const auto elsewhere = ledger_.MakerOf(ref.job, input->digest, false);
+      const auto elsewhere = MakerOf(ledger_, ref.job, input->digest, false);
       made_again = elsewhere.status();
       if (elsewhere.ok()) maker = *elsewhere;
       needed_by = input->producer;
@@ -164,7 +166,7 @@ StatusOr<bool> Recovery::RemakeForPlan(const PendingStep& step) {
     const std::shared_lock refers(core_.blob_use().mutex);
     std::lock_guard lock(mutex_);
     if (HasEnded(ledger_.jobs()[step.job].header.state)) return true;
-    TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(step.job, digest, own));
+    TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, MakerOf(ledger_, step.job, digest, own));
     // A task of this job delays the plan by itself, because it no longer counts as succeeded.
     const TaskRef needed_by = maker.job == step.job ? TaskRef() : TaskRef{step.job, -1};
     if (!ledger_.task(maker).remaking || needed_by.job >= 0) {
@@ -184,7 +186,7 @@ StatusOr<std::string> Recovery::ReadSurveyOf(const UpdateBase& base) {
   const std::shared_lock refers(core_.blob_use().mutex);
   std::lock_guard lock(mutex_);
   TESSERA_ASSIGN_OR_RETURN(const int job, ledger_.FindJob(base.name));
-  TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, base.survey, true));
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, MakerOf(ledger_, job, base.survey, true));
   if (!ledger_.task(maker).remaking) TESSERA_RETURN_IF_ERROR(RemakeLocked(maker, MessageOf(status), {}));
   return absl::UnavailableError(base.name + ": its lost survey is being recomputed by '" +
                                 ledger_.task(maker).plan.name + "'; submit again when that task has succeeded");
@@ -212,7 +214,7 @@ Status Recovery::RemakeArtifact(const Digest& digest) {
   if (const Status report = RestoreReport(job, digest); !absl::IsNotFound(report)) return report;
   const std::shared_lock refers(core_.blob_use().mutex);
   std::lock_guard lock(mutex_);
-  TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, ledger_.MakerOf(job, digest, true));
+  TESSERA_ASSIGN_OR_RETURN(const TaskRef maker, MakerOf(ledger_, job, digest, true));
   return ledger_.task(maker).remaking ? absl::OkStatus() : RemakeLocked(maker, MessageOf(status), {});
 }
 
@@ -227,14 +229,14 @@ Status Recovery::RestorePlanned(int index, const Digest& digest) {
       return std::any_of(task.plan.given->begin(), task.plan.given->end(),
                          [&](const NamedDigest& output) { return output.digest == digest; });
     });
-    if (!given || ledger_.MakerOf(index, digest, false).ok()) return absl::NotFoundError("not made by the planner");
+    if (!given || MakerOf(ledger_, index, digest, false).ok()) return absl::NotFoundError("not made by the planner");
     step.job = index;
     step.settings = job.header.settings;
     step.scene_files = job.scene_files;
-    step.base = ledger_.BaseOf(step.settings.update);
+    step.base = BaseOf(ledger_, step.settings.update);
     for (size_t task = 0; task < job.tasks.size(); ++task) {
       if (KindOf(job.tasks[task].plan.kind.str()).phase != TaskPhase::kSurvey) continue;
-      step.survey = ledger_.InputDigest(job, {TaskId(static_cast<int>(task)), kSurveyFile});
+      step.survey = InputDigest(job, {TaskId(static_cast<int>(task)), kSurveyFile});
     }
   }
   for (const auto kind : {PendingStep::Kind::kPlanUpdate, PendingStep::Kind::kPlanTiles}) {

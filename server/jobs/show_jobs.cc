@@ -50,7 +50,7 @@ std::vector<JobStatus> Jobs::ListJobs(int before, int count) const {
   const int size = static_cast<int>(ledger_.jobs().size());
   int index = before < 0 || before > size ? size : before;
   while (--index >= 0 && static_cast<int>(jobs.size()) < count) {
-    if (ledger_.WasDeleted(index)) continue;
+    if (ledger_.jobs()[index].deleted) continue;
     jobs.push_back(StoredStatusLocked(index));
   }
   return jobs;
@@ -119,7 +119,7 @@ bool Jobs::IsPublished(const Digest& digest) const {
 
 std::vector<std::string> Jobs::SceneFilesWith(const Digest& digest) const {
   std::lock_guard lock(mutex_);
-  return ledger_.SceneFilesWith(digest);
+  return ledger_.scene_files().PathsOf(digest);
 }
 
 }  // namespace tessera

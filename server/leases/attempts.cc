@@ -52,7 +52,7 @@ Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryVerdict& verdict, 
   failed.set_lease_expired(lease_expired);
   failed.set_retry_delay_us(Micros(verdict.delay_s));
   TESSERA_RETURN_IF_ERROR(core.Commit(record));
-  core.ledger().PromoteRetries(core.environment().clock->MonotonicUs());  // starts the delay
+  core.ledger().ready().Promote(core.environment().clock->MonotonicUs());  // starts the delay
   core.lease_table().Release(ref);
   return absl::OkStatus();
 }

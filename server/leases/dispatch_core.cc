@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "common/base/version.h"
+#include "server/ledger/check_record.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -31,7 +32,7 @@ DispatchCore::DispatchCore(const DispatchEnvironment& environment, const Dispatc
 
 Status DispatchCore::Commit(v1::Record& record, Durability durability) {
   if (record.time_us() == 0) record.set_time_us(environment_.clock->UnixTimeUs());
-  TESSERA_RETURN_IF_ERROR(ledger_.Check(record));
+  TESSERA_RETURN_IF_ERROR(CheckRecord(ledger_, record));
   const int ready_before = ledger_.ready().count();
   const size_t newly_ready_before = ledger_.newly_ready().size();
   ledger_.Apply(record);

@@ -81,7 +81,7 @@ class DispatchCore {
   Journal& journal() { return journal_; }
 
   // (M) Checks the record, applies it, queues it for the journal, and wakes workers for new ready tasks. Sets the
-  // record's time unless it has one. On an error of Ledger::Check nothing changes.
+  // record's time unless it has one. On an error of CheckRecord nothing changes.
   Status Commit(v1::Record& record, Durability durability = Durability::kMachine);
   // (M) Whether the job's last end is durable, or it never ended.
   bool EndIsStored(int job) const;

@@ -1,5 +1,8 @@
 #include "server/leases/job_limits.h"
 
+#include <algorithm>
+#include <vector>
+
 #include "common/base/refusal.h"
 #include "server/leases/lease_table.h"
 #include "server/ledger/ledger.h"
@@ -8,10 +11,12 @@ namespace tessera {
 
 Status CheckActiveJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits) {
   constexpr char kWait[] = "wait until some end, or cancel some";
-  if (ledger.ActiveJobsOf(client) >= limits.of_client) {
+  const std::vector<int>& active = ledger.active_jobs();
+  if (std::count_if(active.begin(), active.end(),
+                    [&](int job) { return ledger.jobs()[job].header.client == client; }) >= limits.of_client) {
     return LimitError({"jobs of '" + client + "' that are active", limits.of_client, "--max-jobs-of-client"}, kWait);
   }
-  if (static_cast<int>(ledger.active_jobs().size()) >= limits.in_all) {
+  if (static_cast<int>(active.size()) >= limits.in_all) {
     return LimitError({"active jobs", limits.in_all, "--max-jobs"}, kWait);
   }
   return absl::OkStatus();
@@ -19,7 +24,8 @@ Status CheckActiveJobLimits(const Ledger& ledger, const std::string& client, con
 
 Status CheckJobLimits(const Ledger& ledger, const std::string& client, const JobLimits& limits) {
   TESSERA_RETURN_IF_ERROR(CheckActiveJobLimits(ledger, client, limits));
-  if (ledger.kept_jobs() >= limits.kept) {
+  if (std::count_if(ledger.jobs().begin(), ledger.jobs().end(), [](const Job& job) { return !job.deleted; }) >=
+      limits.kept) {
     return LimitError({"stored jobs", limits.kept, "--max-kept-jobs"}, "delete some, or set --keep-days");
   }
   return absl::OkStatus();

@@ -9,11 +9,11 @@
 
 namespace tessera {
 
-bool MayReuse(const Ledger& ledger, TaskRef ref) {
-  if (ledger.WasDeleted(ref.job)) return false;
+bool MayReuse(Ledger& ledger, TaskRef ref) {
+  if (ledger.jobs()[ref.job].deleted) return false;
   const JobTask& task = ledger.task(ref);
   if (task.state != TaskState::kReady || task.attempt() > 0) return false;
-  const auto* outputs = ledger.FindResult(*task.key);
+  const auto* outputs = ledger.results().Find(*task.key);
   return outputs != nullptr && (!task.remaking || *outputs == task.outputs);
 }
 
@@ -25,7 +25,7 @@ Status Reuse(DispatchCore& core, TaskRef ref) {
     std::lock_guard lock(core.mutex());
     if (!MayReuse(core.ledger(), ref)) return absl::OkStatus();
     key = *core.ledger().task(ref).key;
-    outputs = *core.ledger().FindResult(key);
+    outputs = *core.ledger().results().Find(key);
   }
   const bool stored = std::all_of(outputs.begin(), outputs.end(), [&](const StoredFile& output) {
     return core.environment().blobs->Has(output.digest());
@@ -33,7 +33,7 @@ Status Reuse(DispatchCore& core, TaskRef ref) {
   std::lock_guard lock(core.mutex());
   if (!MayReuse(core.ledger(), ref)) return absl::OkStatus();
   if (!stored) {
-    core.ledger().ForgetResult(key);
+    core.ledger().results().Forget(key);
     return absl::OkStatus();
   }
   v1::Record record;

@@ -7,7 +7,7 @@
 namespace tessera {
 
 // Whether the task is ready and has a known result, whose blobs may be lost. Needs the core's mutex.
-bool MayReuse(const Ledger& ledger, TaskRef ref);
+bool MayReuse(Ledger& ledger, TaskRef ref);
 // Completes such a task, or forgets the result if its blobs are lost. Call without the core's mutex.
 Status Reuse(DispatchCore& core, TaskRef ref);
 

@@ -10,6 +10,7 @@
 #include "server/leases/known_results.h"
 #include "server/leases/leases.h"
 #include "server/leases/placement.h"
+#include "server/ledger/task_inputs.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -28,7 +29,7 @@ StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
   granted.attempt = attempt;
   granted.plan = ledger.task(ref).plan;
   granted.key = ledger.task(ref).key_hex();
-  TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, ledger.InputsOf(job, granted.plan));
+  TESSERA_ASSIGN_OR_RETURN(std::vector<NamedDigest> inputs, InputsOf(job, granted.plan));
   std::vector<int> files = *granted.plan.scene_files;
   for (const PlannedTask::ViewFile& file : *granted.plan.view_files) files.push_back(file.file);
   const size_t from_tasks = granted.plan.inputs.size();
@@ -40,7 +41,7 @@ StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
       const NamedDigest& file = job.scene_files[files[i - from_tasks]];
       path = job.header.scene_path + "/" + file.name;
       if (IsCarried(file.name)) {
-        const std::vector<std::string> paths = ledger.SceneFilesWith(file.digest);
+        const std::vector<std::string> paths = ledger.scene_files().PathsOf(file.digest);
         path = paths.empty() ? "" : paths.front();  // the blob service tries the others if it changed
       }
     }
@@ -214,7 +215,7 @@ void Leases::ServeWaiting() {
     const bool reused = !reuse || Reuse(core_, *reuse).ok();
     if (reuse) events_.advance_soon();
     lock.lock();
-    if (!reused) ledger_.ForgetResult(*ledger_.task(*reuse).key);  // a worker computes it
+    if (!reused) ledger_.results().Forget(*ledger_.task(*reuse).key);  // a worker computes it
   }
 }
 

@@ -7,7 +7,9 @@
 #include "common/base/json_bounds.h"
 #include "server/leases/attempts.h"
 #include "server/leases/known_results.h"
+#include "server/ledger/check_record.h"
 #include "server/ledger/digest_proto.h"
+#include "server/ledger/task_inputs.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -162,7 +164,7 @@ Status Leases::HandleSuccess(const std::string& worker, const std::string& task,
         !missing.empty()) {
       failure = {ErrorClass::kInternal, missing};
     }
-    if (const Status same = ledger_.CheckSameAsBefore(ref, result.outputs); !same.ok()) {
+    if (const Status same = CheckSameAsBefore(ledger_.task(ref), result.outputs); !same.ok()) {
       failure = {ErrorClass::kInternal, std::string(same.message())};
     }
     if (failure.error_class != ErrorClass::kNone) {
@@ -269,7 +271,7 @@ std::set<std::string> Leases::InputsOfLeases(const std::string& worker) const {
   const auto known = leases_.workers().find(worker);
   if (known == leases_.workers().end()) return inputs;
   for (const TaskRef ref : known->second.tasks) {
-    const auto read = ledger_.InputsOf(ledger_.jobs()[ref.job], ledger_.task(ref).plan);
+    const auto read = InputsOf(ledger_.jobs()[ref.job], ledger_.task(ref).plan);
     if (!read.ok()) continue;  // an input is being recomputed
     for (const NamedDigest& input : *read) inputs.insert(input.digest.sha256);
   }

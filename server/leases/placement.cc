@@ -25,7 +25,7 @@ bool Fits(const Ledger& ledger, TaskRef ref, const LeaseTable& leases, const std
 }  // namespace
 
 Placement PlaceTask(Ledger& ledger, LeaseTable& leases, const std::string& worker, double waited_s, int64_t now_us) {
-  ledger.PromoteRetries(now_us);
+  ledger.ready().Promote(now_us);
   const WorkerState* const self = leases.FindWorker(worker);
   if (self != nullptr && IsSuspended(*self, now_us)) return {};
   const ReadyTasks& ready = ledger.ready();

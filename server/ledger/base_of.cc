@@ -1,19 +1,43 @@
-// Results that an update takes from its base jobs.
+#include "server/ledger/base_of.h"
+
 #include <utility>
 
 #include "common/job/task_parameters.h"
 #include "server/ledger/ledger.h"
+#include "server/ledger/task_inputs.h"
 
 namespace tessera {
+namespace {
 
-StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
-  TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(name));
-  const Job& job = jobs_[index];
+// Predicted and used cost of the tasks that ran in this job and its base jobs: UpdateBase::measured.
+MeasuredCosts MeasuredIn(const Ledger& ledger, const Job& last) {
+  MeasuredCosts measured;
+  for (const Job* job = &last; job != nullptr;) {
+    for (const JobTask& task : job->tasks) {
+      const std::string& kind = task.plan.kind;
+      if (task.state != TaskState::kSucceeded || task.reused) continue;
+      if (kind == kUpdateKind || (kind == kIngestKind && job != &last)) continue;
+      if (task.plan.scale == 0) continue;  // predicted by the model of an earlier release
+      MeasuredCost& of_kind = measured[kind];
+      of_kind.predicted += task.plan.cost / task.plan.scale;
+      of_kind.used += task.usage.core_seconds;
+    }
+    const StatusOr<int> base = ledger.FindJob(job->header.settings.update.base);
+    job = base.ok() ? &ledger.jobs()[*base] : nullptr;
+  }
+  return measured;
+}
+
+}  // namespace
+
+StatusOr<UpdateBase> BaseOf(const Ledger& ledger, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(const int index, ledger.FindJob(name));
+  const Job& job = ledger.jobs()[index];
   if (job.header.state != JobState::kSucceeded) {
     return absl::FailedPreconditionError(name + " has not succeeded: the base of an update must have succeeded");
   }
-  TESSERA_RETURN_IF_ERROR(
-      CheckVersion(index, "its results cannot be combined with new ones; submit its scene as a job without a base"));
+  TESSERA_RETURN_IF_ERROR(ledger.CheckVersion(
+      index, "its results cannot be combined with new ones; submit its scene as a job without a base"));
   UpdateBase base;
   base.name = name;
   base.scene_files = job.scene_files;
@@ -50,48 +74,30 @@ StatusOr<UpdateBase> Ledger::BaseOf(const std::string& name) const {
   if (base.tiles.empty()) {
     return absl::FailedPreconditionError(name + " has no result (it only planned): name its base job instead");
   }
-  base.measured = MeasuredIn(job);
+  base.measured = MeasuredIn(ledger, job);
   return base;
 }
 
-StatusOr<UpdateBase> Ledger::BaseOf(const UpdateSettings& update) const {
-  TESSERA_ASSIGN_OR_RETURN(UpdateBase base, BaseOf(update.base));
+StatusOr<UpdateBase> BaseOf(const Ledger& ledger, const UpdateSettings& update) {
+  TESSERA_ASSIGN_OR_RETURN(UpdateBase base, BaseOf(ledger, update.base));
   if (update.rollback_to.empty()) return base;
-  TESSERA_ASSIGN_OR_RETURN(const UpdateBase earlier, BaseOf(update.rollback_to));
+  TESSERA_ASSIGN_OR_RETURN(const UpdateBase earlier, BaseOf(ledger, update.rollback_to));
   for (const int tile : update.rollback_tiles) base.states[tile] = earlier.states[tile];
   return base;
 }
 
-StatusOr<std::vector<UpdateBase>> Ledger::ChainTo(const std::string& name, const std::string& earlier) const {
+StatusOr<std::vector<UpdateBase>> ChainTo(const Ledger& ledger, const std::string& name, const std::string& earlier) {
   std::vector<UpdateBase> chain;
   std::string passed;
   for (std::string next = name; !next.empty();) {
-    TESSERA_ASSIGN_OR_RETURN(chain.emplace_back(), BaseOf(next));
+    TESSERA_ASSIGN_OR_RETURN(chain.emplace_back(), BaseOf(ledger, next));
     if (next == earlier && chain.size() > 1) return chain;
     if (chain.size() > 1) passed += (passed.empty() ? "" : ", ") + next;
-    next = jobs_[*FindJob(next)].header.settings.update.base;
+    next = ledger.jobs()[*ledger.FindJob(next)].header.settings.update.base;
   }
   return InputError(
       "rollback", "", earlier,
       passed.empty() ? name + " to have a base job: it has none" : "a base job of " + name + ": " + passed);
-}
-
-MeasuredCosts Ledger::MeasuredIn(const Job& last) const {
-  MeasuredCosts measured;
-  for (const Job* job = &last; job != nullptr;) {
-    for (const JobTask& task : job->tasks) {
-      const std::string& kind = task.plan.kind;
-      if (task.state != TaskState::kSucceeded || task.reused) continue;
-      if (kind == kUpdateKind || (kind == kIngestKind && job != &last)) continue;
-      if (task.plan.scale == 0) continue;  // predicted by the model of an earlier release
-      MeasuredCost& of_kind = measured[kind];
-      of_kind.predicted += task.plan.cost / task.plan.scale;
-      of_kind.used += task.usage.core_seconds;
-    }
-    const StatusOr<int> base = FindJob(job->header.settings.update.base);
-    job = base.ok() ? &jobs_[*base] : nullptr;
-  }
-  return measured;
 }
 
 }  // namespace tessera

@@ -42,6 +42,12 @@ int64_t BlobReferences::SpareSince(uint64_t id) const {
   return it == spare_.end() || Needs(id) ? -1 : it->second;
 }
 
+bool HasTasksToRun(const Ledger& ledger, int job) {
+  if (!HasEnded(ledger.jobs()[job].header.state)) return true;
+  const auto remake = ledger.remakes_of_ended().lower_bound({job, -1});
+  return remake != ledger.remakes_of_ended().end() && remake->job == job;
+}
+
 void NewReferences::Note(const v1::Record& record, const Ledger& ledger) {
   if (!noted_) return;
   const auto note = [&](const auto& files) {

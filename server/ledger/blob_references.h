@@ -28,7 +28,7 @@ class BlobReferences {
 
   // Adds the job's artifacts and its classifier.
   void AddJob(const Job& job);
-  // Adds the outputs of a task. `runs`: Ledger::Runs of its job.
+  // Adds the outputs of a task. `runs`: HasTasksToRun of its job.
   void AddOutputs(const JobHeader& job, bool runs, absl::Span<const StoredFile> outputs);
 
   // Whether a running job refers to the blob, or it is an artifact or base data of an ended one.
@@ -41,6 +41,9 @@ class BlobReferences {
   absl::flat_hash_set<uint64_t> needed_;
   absl::flat_hash_map<uint64_t, int64_t> spare_;
 };
+
+// Whether the job is active, or lost results of it are being recomputed.
+bool HasTasksToRun(const Ledger& ledger, int job);
 
 // Blobs to which new records, and ended jobs that run again, refer since Start. Not thread-safe.
 class NewReferences {

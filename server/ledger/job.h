@@ -104,7 +104,7 @@ struct JobTask {
   int64_t end_us = 0;
   // While `remaking`: the readers in other jobs, which are given tasks with its outputs or (task -1) a job's planning.
   LazyValue<std::vector<TaskRef>> awaited_by;
-  TaskRef older_with_key;  // list of tasks with equal keys, see Ledger::tasks_of_key_
+  TaskRef older_with_key;  // list of tasks with equal keys, see ResultIndex
 
   int attempt() const { return static_cast<int>(attempts.size()); }
   std::string worker() const { return attempts.empty() ? "" : attempts.back().worker.str(); }
@@ -199,7 +199,7 @@ struct Job {
   int failed = -1;                           // first task that failed permanently; -1: none
   bool planned_to_end = false;               // has a publish task, or only a plan was requested
   std::vector<QuarantinedTile> quarantined;  // sorted by tile
-  bool plans_anew = false;                   // the phase after the cuts, since a tile was quarantined or retried
+  bool needs_replan = false;                 // the phase after the cuts, since a tile was quarantined or retried
   int open_plan = -1;                        // first task of a plan whose last record is missing; -1: none
   JobTotals totals;
   int lost = 0;                 // lost results that it waits for, its own and of other jobs

@@ -1,11 +1,11 @@
 #include "server/ledger/ledger.h"
 
 #include <algorithm>
-#include <set>
 #include <utility>
 
 #include "common/job/task_parameters.h"
 #include "server/ledger/digest_proto.h"
+#include "server/ledger/task_inputs.h"
 #include "server/ledger/task_key.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/records.pb.h"
@@ -14,193 +14,86 @@ namespace tessera {
 namespace {
 
 constexpr int64_t kMaxRetryDelayUs = int64_t{86'400'000'000} * 365;
+// Limits of predictions, so that sums over millions of tasks do not overflow.
+constexpr int64_t kMaxPeakBytes = int64_t{1} << 46, kMaxStoredBytes = int64_t{1} << 40;
+constexpr double kMaxCost = 1e12;
+
+PlannedTask FromProto(const v1::PlannedTaskRecord& record) {
+  PlannedTask task;
+  task.kind = record.kind();
+  task.name = record.title();
+  task.tile = record.tile();
+  task.parameters = record.parameters_json();
+  task.cost = std::min(record.cost(), kMaxCost);
+  task.scale = record.scale();
+  task.peak_bytes = std::clamp(record.peak_bytes(), int64_t{0}, kMaxPeakBytes);
+  task.stored_bytes = std::clamp(record.stored_bytes(), int64_t{0}, kMaxStoredBytes);
+  task.scene_files = std::vector<int>(record.scene_files().begin(), record.scene_files().end());
+  for (const auto& file : record.view_files()) {
+    task.view_files.Edit().push_back({file.file(), file.view(), file.likelihoods()});
+  }
+  for (const auto& input : record.inputs()) {
+    task.inputs.push_back({TaskId(input.task()), input.output(), input.has_tile() ? input.tile() : -1});
+  }
+  task.given = NamedDigests(record.given());
+  return task;
+}
 
 }  // namespace
 
 StatusOr<int> Ledger::FindJob(const std::string& name) const {
   TESSERA_ASSIGN_OR_RETURN(const int job, ParseJobName(name));
   if (job >= static_cast<int>(jobs_.size())) return absl::NotFoundError("no such job: " + name);
-  if (WasDeleted(job)) return absl::NotFoundError(name + " was deleted");
+  if (jobs_[job].deleted) return absl::NotFoundError(name + " was deleted");
   return job;
 }
 
 StatusOr<TaskRef> Ledger::FindTask(const std::string& name) const {
   TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, ParseTaskName(name));
-  if (ref.job >= static_cast<int>(jobs_.size()) || WasDeleted(ref.job) ||
+  if (ref.job >= static_cast<int>(jobs_.size()) || jobs_[ref.job].deleted ||
       ref.task >= static_cast<int>(jobs_[ref.job].tasks.size())) {
     return absl::NotFoundError("no such task: " + name);
   }
   return ref;
 }
 
-StatusOr<int> Ledger::FindRequest(const JobRequest& request) const {
-  const auto it = job_of_request_.find(request.id);
-  if (it == job_of_request_.end()) return -1;
-  const JobHeader& header = jobs_[it->second].header;
-  if (!header.request) return it->second;
-  std::vector<std::string> differences = Differences(request.settings, header.request->settings);
-  if (request.scene_path != header.request->scene_path) {
-    differences.push_back("scene_path: found " + request.scene_path + ", expected " + header.request->scene_path);
-  }
-  if (differences.empty()) return it->second;
-  std::string message = "request " + request.id + " was used for " + header.name + " with other values:";
-  for (const std::string& difference : differences) message += "\n" + difference;
-  return absl::AlreadyExistsError(message);
+Status Ledger::CheckVersion(int job, const std::string& then) const {
+  const JobHeader& header = jobs_[job].header;
+  if (header.algorithm_version == algorithm_version_) return absl::OkStatus();
+  return absl::FailedPreconditionError(header.name + " was made by algorithm version " + header.algorithm_version +
+                                       ", and this coordinator has " + algorithm_version_ + ": " + then);
 }
 
-StatusOr<Digest> Ledger::InputDigest(const Job& job, const PlannedInput& input) const {
-  const JobTask& producer = job.tasks[input.task.value()];
-  for (const StoredFile& output : producer.outputs) {
-    if (output.name == input.output) return output.digest();
+void Ledger::Apply(const v1::Record& record) {
+  ready_.NoteTime(record.time_us());
+  switch (record.change_case()) {
+    case v1::Record::kJobAccepted:
+      return ApplyAccepted(record.job_accepted(), record.time_us());
+    case v1::Record::kTasksPlanned:
+      return ApplyPlanned(record.tasks_planned());
+    case v1::Record::kAttemptStarted:
+      return ApplyStarted(record.attempt_started(), record.time_us());
+    case v1::Record::kTaskSucceeded:
+      return ApplySucceeded(record.task_succeeded(), record.time_us());
+    case v1::Record::kAttemptFailed:
+      return ApplyFailed(record.attempt_failed(), record.time_us());
+    case v1::Record::kJobEnded:
+      return ApplyEnded(record.job_ended(), record.time_us());
+    case v1::Record::kJobChanged:
+      return ApplyChanged(record.job_changed());
+    case v1::Record::kTileQuarantined:
+      return ApplyQuarantined(record.tile_quarantined());
+    case v1::Record::kJobRetried:
+      return ApplyRetried(record.job_retried());
+    case v1::Record::kResultLost:
+      return ApplyLost(record.result_lost());
+    case v1::Record::kJobDeleted:
+      return ApplyDeleted(record.job_deleted());
+    case v1::Record::kJobRestarted:
+      return ApplyRestarted(record.job_restarted());
+    case v1::Record::CHANGE_NOT_SET:
+      return;
   }
-  return absl::NotFoundError("no output " + input.output.str() + " of '" + producer.plan.name + "' yet");
-}
-
-StatusOr<std::vector<NamedDigest>> Ledger::InputsOf(const Job& job, const PlannedTask& task) const {
-  std::vector<NamedDigest> inputs;
-  inputs.reserve(task.inputs.size() + task.scene_files->size() + task.view_files->size());
-  for (const PlannedInput& input : task.inputs) {
-    TESSERA_ASSIGN_OR_RETURN(const Digest digest, InputDigest(job, input));
-    inputs.push_back({InputName(input), digest});
-  }
-  for (const int file : *task.scene_files) {
-    const NamedDigest& found = job.scene_files[file];
-    inputs.push_back({std::string(kSceneFolder) + "/" + found.name, found.digest});
-  }
-  for (const PlannedTask::ViewFile& file : *task.view_files) {
-    inputs.push_back({ViewFileName(file.view, file.likelihoods), job.scene_files[file.file].digest});
-  }
-  return inputs;
-}
-
-const absl::InlinedVector<StoredFile, 1>* Ledger::FindResult(const Sha256& key) const {
-  const auto it = tasks_of_key_.find(key);
-  for (TaskRef ref = it == tasks_of_key_.end() ? TaskRef() : *it; ref.job >= 0; ref = task(ref).older_with_key) {
-    if (!WasDeleted(ref.job)) return &task(ref).outputs;
-  }
-  return nullptr;
-}
-
-void Ledger::RememberTask(TaskRef ref) {
-  TaskRef& older = jobs_[ref.job].tasks[ref.task].older_with_key;
-  older = {};
-  if (const auto last = tasks_of_key_.find(ref); last != tasks_of_key_.end()) {
-    older = *last;
-    tasks_of_key_.erase(last);
-  }
-  tasks_of_key_.insert(ref);
-}
-
-void Ledger::ForgetTask(TaskRef ref) {
-  const JobTask& forgotten = task(ref);
-  const auto last = forgotten.key ? tasks_of_key_.find(ref) : tasks_of_key_.end();
-  if (last == tasks_of_key_.end()) return;
-  if (*last == ref) {
-    tasks_of_key_.erase(last);
-    if (forgotten.older_with_key.job >= 0) tasks_of_key_.insert(forgotten.older_with_key);
-    return;
-  }
-  for (TaskRef newer = *last; newer.job >= 0; newer = task(newer).older_with_key) {
-    TaskRef& older = jobs_[newer.job].tasks[newer.task].older_with_key;
-    if (older != ref) continue;
-    older = forgotten.older_with_key;
-    return;
-  }
-}
-
-StatusOr<TaskRef> Ledger::CheckCurrentAttempt(const std::string& name, int attempt) const {
-  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(name));
-  const JobTask& target = task(ref);
-  if (!MayRun(ref)) {
-    return absl::FailedPreconditionError(name + ": its job has ended");
-  }
-  if (target.state != TaskState::kLeased || target.attempt() != attempt) {
-    return absl::FailedPreconditionError(name + ": attempt " + std::to_string(attempt) + " is not the current one (" +
-                                         std::to_string(target.attempt()) +
-                                         (target.state == TaskState::kLeased ? ")" : ", not leased)"));
-  }
-  return ref;
-}
-
-int Ledger::ActiveJobsOf(const std::string& client) const {
-  const auto found = active_of_client_.find(client);
-  return found == active_of_client_.end() ? 0 : found->second;
-}
-
-void Ledger::CountActive(const std::string& client, int more) {
-  const auto counted = active_of_client_.try_emplace(client, 0).first;
-  counted->second += more;
-  if (counted->second == 0) active_of_client_.erase(counted);
-}
-
-Status Ledger::CheckAccepted(const v1::JobAccepted& change) const {
-  TESSERA_ASSIGN_OR_RETURN(const int index, ParseJobName(change.job()));
-  if (!MayBeNext(index)) {
-    const int next = static_cast<int>(jobs_.size());
-    return absl::FailedPreconditionError("the next job is " + JobName(next) + ", not " + change.job());
-  }
-  if (job_of_request_.contains(change.request_id())) {
-    return absl::AlreadyExistsError("request " + change.request_id() + " already has a job");
-  }
-  TESSERA_RETURN_IF_ERROR(CheckPriority(change.priority()));
-  std::set<std::string> names;
-  for (const auto& file : change.scene_files()) {
-    TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(file.digest())));
-    if (!names.insert(file.path()).second) return absl::InvalidArgumentError("duplicate scene file: " + file.path());
-  }
-  return absl::OkStatus();
-}
-
-Status Ledger::CheckStarted(const v1::AttemptStarted& change) const {
-  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
-  const JobTask& target = task(ref);
-  if (!MayRun(ref) || target.state != TaskState::kReady) {
-    return absl::FailedPreconditionError(change.task() + " is not ready");
-  }
-  if (change.attempt() != target.attempt() + 1) {
-    return absl::FailedPreconditionError(change.task() + ": the next attempt is " +
-                                         std::to_string(target.attempt() + 1));
-  }
-  return absl::OkStatus();
-}
-
-Status Ledger::CheckSucceeded(const v1::TaskSucceeded& change) const {
-  std::set<std::string> names;
-  for (const auto& output : change.outputs()) {
-    TESSERA_RETURN_IF_ERROR(CheckDigest(FromProto(output.digest())));
-    if (!names.insert(output.name()).second) return absl::InvalidArgumentError("duplicate output: " + output.name());
-  }
-  if (!Sha256::FromHex(change.key())) return absl::InvalidArgumentError("malformed key: '" + change.key() + "'");
-  TESSERA_ASSIGN_OR_RETURN(const TaskRef ref, FindTask(change.task()));
-  TESSERA_RETURN_IF_ERROR(CheckSameAsBefore(ref, NamedDigests(change.outputs())));
-  if (!change.reused()) return CheckCurrentAttempt(change.task(), change.attempt()).status();
-  if (!MayRun(ref) || task(ref).state != TaskState::kReady) {
-    return absl::FailedPreconditionError(change.task() + " is not ready");
-  }
-  return absl::OkStatus();
-}
-
-Status Ledger::CheckFailed(const v1::AttemptFailed& change) const {
-  return CheckCurrentAttempt(change.task(), change.attempt()).status();
-}
-
-Status Ledger::CheckEnded(const v1::JobEnded& change) const {
-  TESSERA_ASSIGN_OR_RETURN(const int index, FindJob(change.job()));
-  const Job& job = jobs_[index];
-  if (HasEnded(job.header.state)) return absl::FailedPreconditionError(change.job() + " has ended");
-  if (!HasEnded(static_cast<JobState>(change.state()))) return absl::InvalidArgumentError("not a final state of a job");
-  if (change.state() == v1::JOB_STATE_SUCCEEDED || change.state() == v1::JOB_STATE_PARTIAL) {
-    if (job.quarantined.empty() != (change.state() == v1::JOB_STATE_SUCCEEDED)) {
-      return absl::FailedPreconditionError(change.job() + ": " + std::to_string(job.quarantined.size()) +
-                                           " tiles are quarantined");
-    }
-    for (const JobTask& each : job.tasks) {
-      if (!each.superseded && each.state != TaskState::kSucceeded) {
-        return absl::FailedPreconditionError(change.job() + ": '" + each.plan.name + "' has not succeeded");
-      }
-    }
-  }
-  return absl::OkStatus();
 }
 
 void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
@@ -217,54 +110,71 @@ void Ledger::ApplyAccepted(const v1::JobAccepted& change, int64_t time_us) {
   job.header.priority = change.priority();
   job.header.client = change.client();
   job.header.warnings.assign(change.warnings().begin(), change.warnings().end());
-  for (const auto& file : change.scene_files()) {
-    job.scene_files.push_back({file.path(), FromProto(file.digest())});
-    if (!LiesInScene(file.path())) continue;
-    std::vector<ScenePath>& paths = scene_files_of_sha256_[file.digest().sha256()];
-    const std::string path = change.scene_path() + "/" + file.path();
-    const auto known = std::find_if(paths.begin(), paths.end(), [&](const auto& each) { return each.path == path; });
-    ++(known != paths.end() ? *known : paths.emplace_back(ScenePath{path})).jobs;
-  }
+  for (const auto& file : change.scene_files()) job.scene_files.push_back({file.path(), FromProto(file.digest())});
   std::sort(job.scene_files.begin(), job.scene_files.end(),
             [](const NamedDigest& a, const NamedDigest& b) { return a.name < b.name; });
   const int index = *ParseJobName(change.job());
   FillJobsUpTo(index);
   if (!change.request_id().empty()) job_of_request_[change.request_id()] = index;
+  scene_files_.Add(job);
   jobs_.push_back(std::move(job));
   active_jobs_.push_back(index);
-  CountActive(change.client(), 1);
   ready_.SetJob(index, change.priority(), /*paused=*/false);
   UpdateDue(index);
 }
 
-void Ledger::UpdateDue(int index) {
-  const Job& job = jobs_[index];
-  // open_plan: the coordinator stopped between the records of a plan.
-  const bool asks =
-      job.tasks.empty() || job.unfinished == 0 || job.open_plan >= 0 || (job.plans_anew && CutsAreDone(job));
-  const bool due = (asks && job.lost == 0) || job.failed >= 0 || !job.lost_error.empty();
-  if (due && !HasEnded(job.header.state)) {
-    due_jobs_.insert(index);
-  } else {
-    due_jobs_.erase(index);
+// Adds the tasks of a plan to a job. A long plan is stored as several records; the last one makes its tasks ready.
+void Ledger::ApplyPlanned(const v1::TasksPlanned& change) {
+  const int index = *FindJob(change.job());
+  Job& job = jobs_[index];
+  if (job.open_plan >= 0 && change.first_task() == job.open_plan) DropOpenPlan(job);
+  if (job.open_plan < 0) job.open_plan = change.first_task();
+  for (const auto& planned : change.tasks()) {
+    JobTask added;
+    added.plan = FromProto(planned);
+    for (const PlannedInput& input : added.plan.inputs) {
+      JobTask& producer = job.tasks[input.task.value()];
+      producer.readers.push_back(static_cast<int>(job.tasks.size()));
+      added.missing += producer.state != TaskState::kSucceeded;
+      added.depth = std::max(added.depth, producer.depth + 1);
+    }
+    job.planned_to_end = job.planned_to_end || added.plan.kind == kPublishKind ||
+                         (added.plan.kind == kPlanKind && job.header.settings.update.plan_only);
+    if (!added.plan.given->empty()) {
+      added.state = TaskState::kSucceeded;
+      added.reused = true;
+      added.outputs.assign(added.plan.given->begin(), added.plan.given->end());
+    } else {
+      ++job.unfinished;
+    }
+    if (added.plan.stored_bytes > 0) ready_.Hold(index);
+    job.totals.AddPlanned(added);
+    job.tasks.push_back(std::move(added));
   }
+  if (!change.more()) {
+    for (const int task : change.superseded()) Supersede({index, task});
+    if (!change.superseded().empty()) Recount(job);
+    job.needs_replan = false;
+    const int first = std::exchange(job.open_plan, -1);
+    for (int task = first; task < static_cast<int>(job.tasks.size()); ++task) ReadyTask({index, task});
+  }
+  UpdateDue(index);
 }
 
-void Ledger::ReadyTask(TaskRef ref) {
-  const Job& job = jobs_[ref.job];
-  JobTask& waiting = jobs_[ref.job].tasks[ref.task];
-  if (waiting.state != TaskState::kWaiting || waiting.missing > 0 || !waiting.plan.given->empty()) return;
-  if (job.open_plan >= 0 && ref.task >= job.open_plan) return;
-  StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
-  if (!inputs.ok()) return;
-  inputs->resize(inputs->size() - waiting.plan.view_files->size());  // other inputs determine the view files
-  waiting.state = TaskState::kReady;
-  waiting.key = Sha256::FromHex(TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, *inputs));
-  newly_ready_.push_back(ref);
-  if (job.failed < 0) ready_.Add(ref, waiting);
+void Ledger::DropOpenPlan(Job& job) {
+  const auto first = static_cast<size_t>(job.open_plan);
+  for (size_t task = first; task < job.tasks.size(); ++task) {
+    for (const PlannedInput& input : job.tasks[task].plan.inputs) {
+      auto& readers = job.tasks[input.task.value()].readers;
+      while (!readers.empty() && readers.back() >= job.open_plan) readers.pop_back();
+    }
+  }
+  for (size_t task = first; task < job.tasks.size(); ++task) job.unfinished -= job.tasks[task].plan.given->empty();
+  job.tasks.resize(first);
+  Recount(job);
+  job.planned_to_end = job.needs_replan;
+  job.open_plan = -1;
 }
-
-std::vector<TaskRef> Ledger::TakeNewlyReady() { return std::exchange(newly_ready_, {}); }
 
 void Ledger::ApplyStarted(const v1::AttemptStarted& change, int64_t time_us) {
   const TaskRef ref = *FindTask(change.task());
@@ -286,7 +196,7 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
   Job& job = jobs_[ref.job];
   JobTask& target = job.tasks[ref.task];
   if (target.state == TaskState::kReady) ready_.Remove(ref, target);  // reused
-  ForgetTask(ref);
+  results_.Remove(ref);
   target.state = TaskState::kSucceeded;
   --job.unfinished;
   if (!change.reused()) target.attempts.back().end_us = time_us;
@@ -306,7 +216,7 @@ void Ledger::ApplySucceeded(const v1::TaskSucceeded& change, int64_t time_us) {
     job.header.state = JobState::kRunning;
     job.header.start_us = time_us;
   }
-  RememberTask(ref);
+  results_.Add(ref);
   for (const int reader : target.readers) {
     --job.tasks[reader].missing;
     ReadyTask({ref.job, reader});
@@ -357,9 +267,43 @@ void Ledger::ApplyEnded(const v1::JobEnded& change, int64_t time_us) {
     each.end_us = time_us;
   }
   active_jobs_.erase(std::find(active_jobs_.begin(), active_jobs_.end(), index));
-  CountActive(job.header.client, -1);
   ready_.DropJob(index);
   UpdateDue(index);
+}
+
+void Ledger::ApplyChanged(const v1::JobChanged& change) {
+  const int index = *FindJob(change.job());
+  JobHeader& header = jobs_[index].header;
+  if (change.has_priority()) header.priority = change.priority();
+  if (change.has_paused()) header.paused = change.paused();
+  ready_.SetJob(index, header.priority, header.paused);
+}
+
+void Ledger::UpdateDue(int index) {
+  const Job& job = jobs_[index];
+  // open_plan: the coordinator stopped between the records of a plan.
+  const bool asks =
+      job.tasks.empty() || job.unfinished == 0 || job.open_plan >= 0 || (job.needs_replan && CutsAreDone(job));
+  const bool due = (asks && job.lost == 0) || job.failed >= 0 || !job.lost_error.empty();
+  if (due && !HasEnded(job.header.state)) {
+    due_jobs_.insert(index);
+  } else {
+    due_jobs_.erase(index);
+  }
+}
+
+void Ledger::ReadyTask(TaskRef ref) {
+  const Job& job = jobs_[ref.job];
+  JobTask& waiting = jobs_[ref.job].tasks[ref.task];
+  if (waiting.state != TaskState::kWaiting || waiting.missing > 0 || !waiting.plan.given->empty()) return;
+  if (job.open_plan >= 0 && ref.task >= job.open_plan) return;
+  StatusOr<std::vector<NamedDigest>> inputs = InputsOf(job, waiting.plan);
+  if (!inputs.ok()) return;
+  inputs->resize(inputs->size() - waiting.plan.view_files->size());  // other inputs determine the view files
+  waiting.state = TaskState::kReady;
+  waiting.key = Sha256::FromHex(TaskKey(algorithm_version_, waiting.plan.kind, waiting.plan.parameters, *inputs));
+  newly_ready_.push_back(ref);
+  if (job.failed < 0) ready_.Add(ref, waiting);
 }
 
 }  // namespace tessera

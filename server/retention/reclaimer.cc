@@ -33,7 +33,7 @@ BlobReferences Reclaimer::CollectReferences() {
       if (of.deleted) break;
       if (task == 0) references.AddJob(of);
       const int end = std::min(task + kTasksAtOnce, static_cast<int>(of.tasks.size()));
-      for (; task < end; ++task) references.AddOutputs(of.header, ledger_.Runs(job), of.tasks[task].outputs);
+      for (; task < end; ++task) references.AddOutputs(of.header, HasTasksToRun(ledger_, job), of.tasks[task].outputs);
       more = task < static_cast<int>(of.tasks.size());
     }
   }
@@ -81,7 +81,7 @@ StatusOr<int> Reclaimer::DeleteExpired(Retention& retention) {
     std::lock_guard lock(mutex_);
     for (int job = 0; job < static_cast<int>(ledger_.jobs().size()); ++job) {
       const JobHeader& header = ledger_.jobs()[job].header;
-      if (!ledger_.WasDeleted(job) && HasEnded(header.state)) ended.push_back({header.name, header.end_us});
+      if (!ledger_.jobs()[job].deleted && HasEnded(header.state)) ended.push_back({header.name, header.end_us});
     }
   }
   const std::vector<int> expired =

@@ -6,7 +6,7 @@
 #include "common/base/version.h"
 #include "server/ledger/blob_references.h"
 #include "server/ledger/ledger.h"
-#include "server/ledger/read_records.h"
+#include "server/ledger/restore_ledger.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -19,25 +19,18 @@ StatusOr<StateSummary> VerifyState(RecordStore& store, BlobStore& blobs, bool de
     tell(what);
   };
   Ledger ledger(kAlgorithmVersion);
-  TESSERA_ASSIGN_OR_RETURN(std::set<int> deleted, store.DeletedJobs());
-  ledger.ExpectDeleted(std::move(deleted));
-  TESSERA_RETURN_IF_ERROR(ReadRecords(store, [&](int64_t number, Status status, const v1::Record& record) {
-    if (status.ok()) status = ledger.Check(record);
-    if (!status.ok()) {
-      return fault("record " + std::to_string(number) + ": " + std::string(status.message()) +
-                   " (the jobs that need it fail)");
-    }
-    ledger.Apply(record);
-    ++summary.records;
-  }));
-  ledger.EndReplay();
+  TESSERA_ASSIGN_OR_RETURN(summary.records,
+                           RestoreLedger(store, ledger, [&](int64_t number, const Status& reason, const v1::Record&) {
+                             fault("record " + std::to_string(number) + ": " + std::string(reason.message()) +
+                                   " (the jobs that need it fail)");
+                           }));
   BlobReferences references;
   for (int index = 0; index < static_cast<int>(ledger.jobs().size()); ++index) {
     const Job& job = ledger.jobs()[index];
     if (job.deleted) continue;
     ++summary.jobs;
     references.AddJob(job);
-    for (const JobTask& task : job.tasks) references.AddOutputs(job.header, ledger.Runs(index), task.outputs);
+    for (const JobTask& task : job.tasks) references.AddOutputs(job.header, HasTasksToRun(ledger, index), task.outputs);
   }
   absl::flat_hash_set<uint64_t> seen;
   const auto check = [&](const std::string& whose, const NamedDigest& file, bool remaking) {

@@ -311,7 +311,7 @@ TEST(Line, LabelsOnlyRequiresLikelihoods) {
     settings.method = "labels";
     const Status status = RunLine(folder, folder + "/work" + std::to_string(tiles), settings).status();
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << tiles;
-    EXPECT_NE(std::string(status.message()).find("likelihoods: found none"), std::string::npos) << status;
+    EXPECT_NE(std::string(status.message()).find("found no likelihoods of two or more classes"), std::string::npos) << status;
   }
 }
 

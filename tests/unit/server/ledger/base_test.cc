@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include "common/job/task_parameters.h"
+#include "server/ledger/base_of.h"
+#include "server/ledger/check_record.h"
 #include "server/ledger/ledger.h"
 #include "tessera/v1/records.pb.h"
 
@@ -26,7 +28,7 @@ struct Made {
 class BaseTest : public testing::Test {
  protected:
   void Apply(const v1::Record& record) {
-    const Status status = ledger_.Check(record);
+    const Status status = CheckRecord(ledger_, record);
     ASSERT_TRUE(status.ok()) << status;
     ledger_.Apply(record);
   }
@@ -126,12 +128,12 @@ class BaseTest : public testing::Test {
 
 TEST_F(BaseTest, MeasuredCostsAreOfTasksThatRanWithoutTheScale) {
   FinishTwo();
-  const MeasuredCosts of_first = ledger_.BaseOf(first_)->measured;
+  const MeasuredCosts of_first = BaseOf(ledger_, first_)->measured;
   EXPECT_EQ(of_first.at("solve").predicted, 16);
   EXPECT_EQ(of_first.at("solve").used, 10);
   EXPECT_EQ(of_first.at(kIngestKind).used, 40);
   EXPECT_FALSE(of_first.contains(kPublishKind)) << "planned without a scale, by the model of an earlier release";
-  const MeasuredCosts of_second = ledger_.BaseOf(second_)->measured;
+  const MeasuredCosts of_second = BaseOf(ledger_, second_)->measured;
   EXPECT_EQ(of_second.at("solve").predicted, 16 + 6) << "without the scale of 0.5 and without reused tasks";
   EXPECT_EQ(of_second.at("solve").used, 10 + 2);
   EXPECT_FALSE(of_second.contains(kUpdateKind)) << "planned before the survey's cost is known";
@@ -140,28 +142,28 @@ TEST_F(BaseTest, MeasuredCostsAreOfTasksThatRanWithoutTheScale) {
 
 TEST_F(BaseTest, ChainEndsAtTheFirstJob) {
   FinishTwo();
-  const auto chain = ledger_.ChainTo(second_, first_);
+  const auto chain = ChainTo(ledger_, second_, first_);
   ASSERT_TRUE(chain.ok()) << chain.status();
   ASSERT_EQ(chain->size(), 2u);
   EXPECT_EQ(chain->front().name, second_);
   EXPECT_EQ(chain->back().name, first_);
-  const Status other = ledger_.ChainTo(second_, "jobs/9").status();
+  const Status other = ChainTo(ledger_, second_, "jobs/9").status();
   EXPECT_EQ(other.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_THAT(std::string(other.message()), AllOf(HasSubstr("jobs/9"), HasSubstr(second_ + ": " + first_)));
-  EXPECT_THAT(std::string(ledger_.ChainTo(second_, second_).status().message()),
+  EXPECT_THAT(std::string(ChainTo(ledger_, second_, second_).status().message()),
               HasSubstr("a base job of jobs/2: " + first_));
-  EXPECT_THAT(std::string(ledger_.ChainTo(first_, second_).status().message()), HasSubstr("to have a base job"));
+  EXPECT_THAT(std::string(ChainTo(ledger_, first_, second_).status().message()), HasSubstr("to have a base job"));
 }
 
 TEST_F(BaseTest, RollbackTakesItsTilesFromTheEarlierJob) {
   FinishTwo();
-  EXPECT_TRUE(ledger_.BaseOf(first_)->flip_edges) << "from the publish parameters";
-  const std::vector<Digest> before = ledger_.BaseOf(first_)->states, after = ledger_.BaseOf(second_)->states;
+  EXPECT_TRUE(BaseOf(ledger_, first_)->flip_edges) << "from the publish parameters";
+  const std::vector<Digest> before = BaseOf(ledger_, first_)->states, after = BaseOf(ledger_, second_)->states;
   UpdateSettings update;
   update.base = second_;
   update.rollback_to = first_;
   update.rollback_tiles = {1};
-  const auto base = ledger_.BaseOf(update);
+  const auto base = BaseOf(ledger_, update);
   ASSERT_TRUE(base.ok()) << base.status();
   EXPECT_EQ(base->name, second_);
   EXPECT_THAT(base->states, ElementsAre(after[0], before[1]));

@@ -1,11 +1,13 @@
-#include "server/ledger/read_records.h"
+#include "server/ledger/restore_ledger.h"
 
 #include <tbb/concurrent_queue.h>
 
+#include <set>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "server/ledger/check_record.h"
 #include "tessera/v1/records.pb.h"
 
 namespace tessera {
@@ -20,8 +22,7 @@ struct ReadRecord {
   v1::Record record;
 };
 
-}  // namespace
-
+// Calls `visit` in this thread for each record, in order; a second thread reads ahead. `status`: why it is missing.
 Status ReadRecords(RecordStore& store,
                    const std::function<void(int64_t number, Status status, const v1::Record& record)>& visit) {
   tbb::concurrent_bounded_queue<std::vector<ReadRecord>> batches;  // an empty batch ends the queue
@@ -53,6 +54,30 @@ Status ReadRecords(RecordStore& store,
   }
   reader.join();
   return status;
+}
+
+}  // namespace
+
+StatusOr<int64_t> RestoreLedger(
+    RecordStore& store, Ledger& ledger,
+    const std::function<void(int64_t number, const Status& reason, const v1::Record& record)>& on_unusable) {
+  TESSERA_ASSIGN_OR_RETURN(const std::set<int> deleted, store.DeletedJobs());
+  ledger.ExpectDeleted(deleted);
+  int64_t applied = 0;
+  TESSERA_RETURN_IF_ERROR(ReadRecords(store, [&](int64_t number, Status status, const v1::Record& record) {
+    if (status.ok()) status = CheckRecord(ledger, record);
+    if (!status.ok()) return on_unusable(number, status, record);
+    ledger.Apply(record);
+    ++applied;
+  }));
+  for (const int job : deleted) {
+    if (job < static_cast<int>(ledger.jobs().size())) continue;
+    v1::Record record;
+    record.set_time_us(ledger.ready().now_us());
+    record.mutable_job_deleted()->set_job(JobName(job));
+    if (CheckRecord(ledger, record).ok()) ledger.Apply(record);
+  }
+  return applied;
 }
 
 }  // namespace tessera
