@@ -94,7 +94,7 @@ void RestoreLeases(DispatchCore& core) {
       WorkerInfo info;
       info.machine = task.attempts.back().machine;
       core.lease_table().AddWorker(task.worker(), info, now_us);
-      core.lease_table().FindWorker(task.worker())->heard = false;
+      core.lease_table().FindWorker(task.worker())->has_called = false;
     }
     core.lease_table().Grant(ref,
                              {task.worker(), task.attempt(), now_us, now_us + Micros(core.options().lease_s), now_us});

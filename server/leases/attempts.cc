@@ -13,7 +13,7 @@ Status MarkSeen(DispatchCore& core, const std::string& worker) {
     return Refuse(Refusal::kUnknownWorker, absl::NotFoundError("no such worker: '" + worker + "'; register again"));
   }
   known->last_seen_us = core.environment().clock->MonotonicUs();
-  known->heard = true;
+  known->has_called = true;
   return absl::OkStatus();
 }
 
@@ -34,23 +34,23 @@ Status FailAttempt(DispatchCore& core, TaskRef ref, const TaskFailure& failure) 
   const int64_t now_us = core.environment().clock->MonotonicUs();
   const JobTask& task = core.ledger().task(ref);
   const JobTask counted = WithCountedAttempts(task);
-  const Witnesses witnesses = WitnessesOf(counted, core.lease_table(), core.options().retry, now_us);
+  const OtherWorkers others = OtherWorkersOf(counted, core.lease_table(), core.options().retry, now_us);
   TESSERA_RETURN_IF_ERROR(
-      EndAttempt(core, ref, JudgeFailure(counted, failure, core.options().retry, witnesses), false));
+      EndAttempt(core, ref, DecideAfterFailure(counted, failure, core.options().retry, others), false));
   ReportSuspended(core, NoteFailure(task, failure, core.options().retry, now_us, core.lease_table()));
   return absl::OkStatus();
 }
 
-Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryVerdict& verdict, bool lease_expired) {
+Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryDecision& decision, bool lease_expired) {
   v1::Record record;
   v1::AttemptFailed& failed = *record.mutable_attempt_failed();
   failed.set_task(TaskName(ref));
   failed.set_attempt(core.ledger().task(ref).attempt());
-  failed.mutable_error()->set_error_class(static_cast<v1::ErrorClass>(verdict.failure.error_class));
-  failed.mutable_error()->set_message(verdict.failure.message);
-  failed.set_final(verdict.final);
+  failed.mutable_error()->set_error_class(static_cast<v1::ErrorClass>(decision.failure.error_class));
+  failed.mutable_error()->set_message(decision.failure.message);
+  failed.set_final(decision.final);
   failed.set_lease_expired(lease_expired);
-  failed.set_retry_delay_us(Micros(verdict.delay_s));
+  failed.set_retry_delay_us(Micros(decision.delay_s));
   TESSERA_RETURN_IF_ERROR(core.Commit(record));
   core.ledger().ready().Promote(core.environment().clock->MonotonicUs());  // starts the delay
   core.lease_table().Release(ref);

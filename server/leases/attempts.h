@@ -17,8 +17,8 @@ Status CheckCurrent(DispatchCore& core, TaskRef ref, const std::string& worker, 
 
 // Ends the current attempt as failed. The retry rule decides on a retry and on suspending workers.
 Status FailAttempt(DispatchCore& core, TaskRef ref, const TaskFailure& failure);
-// Ends the current attempt with this verdict.
-Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryVerdict& verdict, bool lease_expired);
+// Ends the current attempt with this decision.
+Status EndAttempt(DispatchCore& core, TaskRef ref, const RetryDecision& decision, bool lease_expired);
 // Counts suspended workers and calls on_worker_suspended.
 void ReportSuspended(DispatchCore& core, const std::vector<SuspendedWorker>& workers);
 

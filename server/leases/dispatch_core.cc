@@ -88,9 +88,9 @@ void WakeWorkers(DispatchCore& core, int more, size_t first) {
   waiting.ReadyHasGrown();
   for (size_t i = first; i < ledger.newly_ready().size(); ++i) {
     const TaskRef ref = ledger.newly_ready()[i];
-    const std::string& keeper = core.lease_table().KeeperOf({ref.job, ledger.task(ref).plan.tile});
-    waiting.Wake(keeper);
-    more -= keeper.empty() ? 0 : 1;  // that worker takes it or wakes another one
+    const std::string& last_worker = core.lease_table().LastWorkerOf({ref.job, ledger.task(ref).plan.tile});
+    waiting.Wake(last_worker);
+    more -= last_worker.empty() ? 0 : 1;  // that worker takes it or wakes another one
   }
   while (more-- > 0 && waiting.WakeNext()) {
   }

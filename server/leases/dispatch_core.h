@@ -31,9 +31,9 @@ class Planner;
 
 struct DispatchOptions {
   double lease_s = 30;  // a lease expires this long after its last heartbeat
-  // A longer gap between two checks of leases means that the coordinator was suspended. Such a gap does not count as
-  // silence of a worker. Tesserad checks a few times per lease.
-  double stood_still_s = std::numeric_limits<double>::infinity();
+  // A longer gap between two checks of leases means that the system did not run the coordinator (a suspended machine).
+  // Such a gap does not count as silence of a worker. Tesserad checks a few times per lease.
+  double max_check_gap_s = std::numeric_limits<double>::infinity();
   double forget_worker_s = 90;  // a silent worker without a task is removed after this
   double stall_s = 600;         // an attempt without progress is ended after this; see StallLimit_s
   double durable_wait_s = 20;   // a call returns UNAVAILABLE if its change is not durable after this
@@ -83,7 +83,7 @@ class DispatchCore {
   // (M) Checks the record, applies it, queues it for the journal, and wakes workers for new ready tasks. Sets the
   // record's time unless it has one. On an error of CheckRecord nothing changes.
   Status Commit(v1::Record& record, Durability durability = Durability::kMachine);
-  // (M) Whether the job's last end is durable, or it never ended.
+  // (M) False only while the record of the job's latest end is not durable.
   bool EndIsStored(int job) const;
   // Waits until all changes so far are durable. UNAVAILABLE after durable_wait_s; the changes stay applied.
   Status Durable() const { return journal_.Wait(journal_.last()); }

@@ -21,11 +21,11 @@ LeaseState* LeaseTable::FindCurrent(TaskRef ref, const std::string& worker, int 
   return &it->second;
 }
 
-void LeaseTable::LeaveOut(int64_t time_us, int64_t now_us, int64_t lease_us) {
+void LeaseTable::ShiftTimes(int64_t time_us, int64_t now_us, int64_t lease_us) {
   for (auto& [ref, lease] : leases_) {
-    if (lease.expires_us == kUntold_us) continue;
+    if (lease.expires_us == kNotSent_us) continue;
     lease.expires_us = std::min(lease.expires_us + time_us, now_us + lease_us);
-    lease.moved_us = std::min(lease.moved_us + time_us, now_us);
+    lease.progressed_us = std::min(lease.progressed_us + time_us, now_us);
   }
   for (auto& [name, worker] : workers_) worker.last_seen_us = std::min(worker.last_seen_us + time_us, now_us);
 }
@@ -100,7 +100,7 @@ void LeaseTable::NoteTile(const std::string& worker, TileRef tile) {
   recent.erase(std::remove(recent.begin(), recent.end(), tile), recent.end());
   recent.insert(recent.begin(), tile);
   if (recent.size() > kRecentTiles) recent.pop_back();
-  keepers_[tile] = worker;
+  last_workers_[tile] = worker;
 }
 
 LargestWorker LeaseTable::Largest() const {
@@ -111,10 +111,10 @@ LargestWorker LeaseTable::Largest() const {
   return largest;
 }
 
-const std::string& LeaseTable::KeeperOf(TileRef tile) const {
-  static const std::string kNobody;
-  const auto found = keepers_.find(tile);
-  return found == keepers_.end() || !workers_.contains(found->second) ? kNobody : found->second;
+const std::string& LeaseTable::LastWorkerOf(TileRef tile) const {
+  static const std::string kNothing;
+  const auto found = last_workers_.find(tile);
+  return found == last_workers_.end() || !workers_.contains(found->second) ? kNothing : found->second;
 }
 
 HostLoad LeaseTable::LoadOf(const std::string& worker) const {
@@ -134,7 +134,7 @@ HostLoad LeaseTable::LoadOf(const std::string& worker) const {
 }
 
 void LeaseTable::DropJob(int job) {
-  std::erase_if(keepers_, [job](const auto& entry) { return entry.first.job == job; });
+  std::erase_if(last_workers_, [job](const auto& entry) { return entry.first.job == job; });
   for (const TaskRef ref : OfJob(job)) Release(ref);
 }
 

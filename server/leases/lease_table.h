@@ -32,16 +32,16 @@ struct TileRef {
 inline int64_t Micros(double seconds) { return static_cast<int64_t>(seconds * 1e6); }
 
 // Expiry of a lease that is not durable yet: it is not sent to the worker, so it cannot expire.
-inline constexpr int64_t kUntold_us = std::numeric_limits<int64_t>::max();
+inline constexpr int64_t kNotSent_us = std::numeric_limits<int64_t>::max();
 
 // Times are Clock::MonotonicUs.
 struct LeaseState {
   std::string worker;
   int attempt = 0;
   int64_t start_us = 0;
-  int64_t expires_us = 0;  // or kUntold_us
-  int64_t moved_us = 0;    // time of the last change of progress or stage, or kUntold_us
-  int threads = 1;         // thread limit of the task
+  int64_t expires_us = 0;     // or kNotSent_us
+  int64_t progressed_us = 0;  // time of the last change of progress or stage, or kNotSent_us
+  int threads = 1;            // thread limit of the task
   double progress = 0;
   std::string stage = {};
 };
@@ -49,7 +49,7 @@ struct LeaseState {
 struct WorkerState {
   WorkerInfo info;
   int64_t last_seen_us = 0;
-  bool heard = true;                       // called since the coordinator started; false: only in records
+  bool has_called = true;                  // called since the coordinator started; false: only in records
   std::vector<TileRef> recent_tiles = {};  // tiles of its tasks, latest first; it may have them in memory
   std::set<TaskRef> tasks = {};            // leased to it
   // The last call that got a lease (0: none), and that lease.
@@ -92,8 +92,8 @@ class LeaseTable {
   const LeaseState* Find(TaskRef ref) const;
   // The lease of this attempt by this worker; null if it is not the current one.
   LeaseState* FindCurrent(TaskRef ref, const std::string& worker, int attempt);
-  // Shifts all times by `time_us`, for which the coordinator was suspended. No lease gets more than `lease_us` left.
-  void LeaveOut(int64_t time_us, int64_t now_us, int64_t lease_us);
+  // Shifts all times by `time_us`, for which the coordinator did not run. No lease gets more than `lease_us` left.
+  void ShiftTimes(int64_t time_us, int64_t now_us, int64_t lease_us);
   // Tasks whose leases expired before `now_us`.
   std::vector<TaskRef> Expired(int64_t now_us) const;
   // Leased tasks of the job.
@@ -105,7 +105,7 @@ class LeaseTable {
   // Of the registered workers. `since_us`: when the first worker of that size registered.
   LargestWorker Largest() const;
   // The worker with the latest task of the tile, if still registered; else empty.
-  const std::string& KeeperOf(TileRef tile) const;
+  const std::string& LastWorkerOf(TileRef tile) const;
   // Load of the worker's host. Unknown cores are replaced by the largest thread limit of its workers.
   HostLoad LoadOf(const std::string& worker) const;
   void DropJob(int job);
@@ -117,7 +117,7 @@ class LeaseTable {
   std::map<std::string, WorkerState> workers_;
   std::map<std::string, std::set<std::string>> workers_of_host_;
   std::map<std::string, int> workers_of_client_;  // counts above 0
-  std::map<TileRef, std::string> keepers_;
+  std::map<TileRef, std::string> last_workers_;
   int64_t largest_since_us_ = 0;
 };
 

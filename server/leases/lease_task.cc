@@ -17,8 +17,8 @@ namespace tessera {
 namespace {
 constexpr double kForever_s = std::numeric_limits<double>::infinity();
 
-constexpr std::chrono::milliseconds kLookAgain{500};  // interval of retries for a waiting call
-constexpr size_t kServedAtOnce = 16;                  // calls served per hold of the mutex
+constexpr std::chrono::milliseconds kRetryInterval{500};  // interval of retries for a waiting call
+constexpr size_t kServedAtOnce = 16;                      // calls served per hold of the mutex
 
 // The lease of the task, without its number of threads. Needs the core's mutex.
 StatusOr<GrantedLease> Describe(DispatchCore& core, TaskRef ref, int attempt) {
@@ -62,7 +62,7 @@ StatusOr<GrantedLease> Leases::GrantLocked(TaskRef ref, const std::string& worke
   if (self != nullptr) record.mutable_attempt_started()->set_machine(self->info.machine);
   TESSERA_RETURN_IF_ERROR(core_.Commit(record, Durability::kProcess));
   const int64_t now_us = environment_.clock->MonotonicUs();
-  LeaseState& lease = leases_.Grant(ref, {worker, granted.attempt, now_us, kUntold_us, kUntold_us});
+  LeaseState& lease = leases_.Grant(ref, {worker, granted.attempt, now_us, kNotSent_us, kNotSent_us});
   leases_.NoteTile(worker, {ref.job, granted.plan.tile});
   if (self != nullptr) {
     granted.threads = ThreadsOfTask(leases_.LoadOf(worker), ledger_.ready().count(), self->info.threads);
@@ -78,45 +78,45 @@ StatusOr<std::optional<GrantedLease>> Leases::GrantedBeforeLocked(const std::str
   if (lease == nullptr) return std::nullopt;
   TESSERA_ASSIGN_OR_RETURN(GrantedLease granted, Describe(core_, self->granted, self->granted_attempt));
   granted.threads = lease->threads;
-  lease->expires_us = kUntold_us;
+  lease->expires_us = kNotSent_us;
   return granted;
 }
 
 // The outcome of one try to serve a call.
-struct Leases::Look {
+struct Leases::Try {
   bool waits = false;            // no task for it now
   std::optional<TaskRef> reuse;  // task with a known result, to complete before the next try
   LeaseAnswer answer = std::nullopt;
   TaskRef granted = {};  // the leased task; task -1: none
-  bool anew = false;     // the call started the attempt; false: it repeats an earlier lease
+  bool is_new = false;   // the call started the attempt; false: it repeats an earlier lease
 };
 
 // Each return that leaves a ready task to others wakes the next waiting call: one ready task wakes one call, and a call
 // that does not take it would otherwise leave it unleased.
-Leases::Look Leases::LookLocked(const LeaseCall& call) {
-  Look look;
+Leases::Try Leases::TryLocked(const LeaseCall& call) {
+  Try tried;
   if (Status seen = MarkSeen(core_, call.worker); !seen.ok()) {
-    look.answer = std::move(seen);
-    return look;
+    tried.answer = std::move(seen);
+    return tried;
   }
   if (core_.stopped() || (call.gone && call.gone())) {
     waiting_.WakeNext();  // passes the task on
-    return look;
+    return tried;
   }
   if (Status expired = ExpireLocked(); !expired.ok()) {
-    look.answer = std::move(expired);
-    return look;
+    tried.answer = std::move(expired);
+    return tried;
   }
   // Needed for waiting calls too: an abandoned earlier call with this number may have got the lease.
-  look.answer = GrantedBeforeLocked(call.worker, call.call);
-  if (!look.answer.ok() || *look.answer) {
-    if (look.answer.ok()) look.granted = leases_.FindWorker(call.worker)->granted;
+  tried.answer = GrantedBeforeLocked(call.worker, call.call);
+  if (!tried.answer.ok() || *tried.answer) {
+    if (tried.answer.ok()) tried.granted = leases_.FindWorker(call.worker)->granted;
     waiting_.WakeNext();
-    return look;
+    return tried;
   }
   if (core_.draining()) {
-    look.answer = DrainingError("grants no leases");
-    return look;
+    tried.answer = DrainingError("grants no leases");
+    return tried;
   }
   const auto now = std::chrono::steady_clock::now();
   const double waited_s = call.comes_with_report ? 0.0
@@ -128,42 +128,42 @@ Leases::Look Leases::LookLocked(const LeaseCall& call) {
     placement = PlaceTask(ledger_, leases_, call.worker, waited_s, environment_.clock->MonotonicUs());
   }
   const std::optional<TaskRef> ref = placement.task;
-  if (!placement.left_to_keepers && ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
+  if (!placement.left_to_others && ledger_.ready().count() > (ref ? 1 : 0)) waiting_.WakeNext();
   if (!ref || MayReuse(ledger_, *ref)) {
-    look.reuse = ref;
-    look.waits = ref || now < call.until;
-    return look;
+    tried.reuse = ref;
+    tried.waits = ref || now < call.until;
+    return tried;
   }
   auto granted = GrantLocked(*ref, call.worker);
   if (WorkerState* const self = leases_.FindWorker(call.worker); granted.ok() && self != nullptr) {
     self->call = call.call;
     self->granted = *ref;
     self->granted_attempt = granted->attempt;
-    look.granted = *ref;
-    look.anew = true;
+    tried.granted = *ref;
+    tried.is_new = true;
   }
-  look.answer = std::move(granted);
-  return look;
+  tried.answer = std::move(granted);
+  return tried;
 }
 
-void Leases::Answer(LeaseCall call, Look look) {
-  if (!look.answer.ok() || !*look.answer) return call.done(std::move(look.answer));
-  auto told = std::make_shared<std::pair<LeaseCall, Look>>(std::move(call), std::move(look));
-  journal_.WhenStored([this, told](const Status& durable) {
-    auto& [of_worker, given] = *told;
+void Leases::Answer(LeaseCall call, Try tried) {
+  if (!tried.answer.ok() || !*tried.answer) return call.done(std::move(tried.answer));
+  auto ended = std::make_shared<std::pair<LeaseCall, Try>>(std::move(call), std::move(tried));
+  journal_.WhenStored([this, ended](const Status& durable) {
+    auto& [of_worker, given] = *ended;
     const int attempt = (*given.answer)->attempt;
     if (!durable.ok()) given.answer = durable;
     {
       std::lock_guard lock(mutex_);
       LeaseState* const lease = leases_.FindCurrent(given.granted, of_worker.worker, attempt);
-      if (lease != nullptr && !durable.ok() && given.anew) {
+      if (lease != nullptr && !durable.ok() && given.is_new) {
         const Status failed =
             FailAttempt(core_, given.granted, {ErrorClass::kPreempted, "the journal could not store its lease"});
         if (!failed.ok()) given.answer = failed;
       } else if (lease != nullptr) {  // the worker gets the lease now, so it can expire
         const int64_t now_us = environment_.clock->MonotonicUs();
         lease->expires_us = now_us + Micros(options_.lease_s);
-        if (given.anew) lease->moved_us = now_us;
+        if (given.is_new) lease->progressed_us = now_us;
       }
     }
     of_worker.done(std::move(given.answer));
@@ -174,16 +174,16 @@ void Leases::LeaseTask(LeaseCall call) {
   call.asked = std::chrono::steady_clock::now();
   call.until = call.asked + std::chrono::microseconds(Micros(call.wait_s));
   std::optional<LeaseCall> earlier;
-  Look look;
+  Try tried;
   {
     std::lock_guard lock(mutex_);
     earlier = waiting_.Take(call.worker);
-    look = LookLocked(call);
-    if (look.waits) waiting_.Add(call, look.reuse ? call.asked : std::min(call.until, call.asked + kLookAgain));
+    tried = TryLocked(call);
+    if (tried.waits) waiting_.Add(call, tried.reuse ? call.asked : std::min(call.until, call.asked + kRetryInterval));
     waiting_.Notify();
   }
   if (earlier) earlier->done(absl::AbortedError("replaced by a later call of " + call.worker + " for a task"));
-  if (!look.waits) Answer(std::move(call), std::move(look));
+  if (!tried.waits) Answer(std::move(call), std::move(tried));
 }
 
 void Leases::CheckWaitingCall(const std::string& worker) {
@@ -195,23 +195,23 @@ void Leases::ServeWaiting() {
   std::unique_lock lock(mutex_);
   while (const std::optional<LeaseCall::Time> due = waiting_.AwaitDue(lock)) {
     const LeaseCall::Time now = *due;
-    std::vector<std::pair<LeaseCall, Look>> ends;
+    std::vector<std::pair<LeaseCall, Try>> ends;
     std::optional<TaskRef> reuse;
     while (!reuse && ends.size() < kServedAtOnce) {
       std::optional<LeaseCall> call = waiting_.TakeDue(now);
       if (!call) break;
-      Look look = LookLocked(*call);
-      reuse = look.reuse;
-      if (look.waits) {
+      Try tried = TryLocked(*call);
+      reuse = tried.reuse;
+      if (tried.waits) {
         // Short intervals, because a retry delay may end or a lease expire.
-        const auto look_again = reuse ? now : std::min(call->until, now + kLookAgain);
-        waiting_.Add(*std::move(call), look_again);
+        const auto next_try = reuse ? now : std::min(call->until, now + kRetryInterval);
+        waiting_.Add(*std::move(call), next_try);
       } else {
-        ends.emplace_back(*std::move(call), std::move(look));
+        ends.emplace_back(*std::move(call), std::move(tried));
       }
     }
     lock.unlock();
-    for (auto& [call, look] : ends) Answer(std::move(call), std::move(look));
+    for (auto& [call, tried] : ends) Answer(std::move(call), std::move(tried));
     const bool reused = !reuse || Reuse(core_, *reuse).ok();
     if (reuse) events_.advance_soon();
     lock.lock();

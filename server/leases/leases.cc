@@ -82,7 +82,7 @@ StatusOr<std::vector<std::string>> Leases::Heartbeat(const std::string& worker,
     lease->expires_us = now_us + Micros(options_.lease_s);
     // NaN becomes 0.
     const double progress = reported.progress >= 0 ? std::min(1.0, reported.progress) : 0.0;
-    if (progress != lease->progress || reported.stage != lease->stage) lease->moved_us = now_us;
+    if (progress != lease->progress || reported.stage != lease->stage) lease->progressed_us = now_us;
     lease->progress = progress;
     lease->stage = reported.stage;
   }
@@ -95,8 +95,8 @@ Status Leases::ExpireLocked() {
   const int64_t gap_us = last_expiry_us_ == 0 ? kExpiryInterval_us : now_us - last_expiry_us_;
   if (gap_us < kExpiryInterval_us) return absl::OkStatus();
   last_expiry_us_ = now_us;
-  if (static_cast<double>(gap_us) * 1e-6 > options_.stood_still_s) {
-    leases_.LeaveOut(gap_us, now_us, Micros(options_.lease_s));
+  if (static_cast<double>(gap_us) * 1e-6 > options_.max_check_gap_s) {
+    leases_.ShiftTimes(gap_us, now_us, Micros(options_.lease_s));
   }
   // Later than the last call of a worker whose lease expires now.
   const int64_t since_us = now_us - Micros(options_.lease_s / 2);
@@ -104,14 +104,14 @@ Status Leases::ExpireLocked() {
   for (const TaskRef ref : leases_.Expired(now_us)) {
     const JobTask& task = ledger_.task(ref);
     const WorkerState* const worker = leases_.FindWorker(task.worker());
-    const bool heard = worker == nullptr || worker->heard;
+    const bool has_called = worker == nullptr || worker->has_called;
     TESSERA_RETURN_IF_ERROR(
-        EndAttempt(core_, ref, JudgeSilence(WithCountedAttempts(task), heard, lives, options_.retry), true));
+        EndAttempt(core_, ref, DecideAfterExpiry(WithCountedAttempts(task), has_called, lives, options_.retry), true));
   }
   std::vector<std::pair<TaskRef, TaskFailure>> stalled;
   for (const auto& [ref, lease] : leases_.leases()) {
     const double limit_s = StallLimit_s(ledger_.task(ref).plan, lease.threads, options_.stall_s);
-    if (now_us - lease.moved_us <= Micros(limit_s)) continue;
+    if (now_us - lease.progressed_us <= Micros(limit_s)) continue;
     stalled.emplace_back(ref, StallOf(lease, limit_s));
   }
   for (const auto& [ref, failure] : stalled) TESSERA_RETURN_IF_ERROR(FailAttempt(core_, ref, failure));

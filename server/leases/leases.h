@@ -97,16 +97,16 @@ class Leases {
 
  private:
   // The outcome of one try to serve a waiting call.
-  struct Look;
+  struct Try;
 
   // Functions named ...Locked need the core's mutex.
   Status ExpireLocked();
   StatusOr<GrantedLease> GrantLocked(TaskRef ref, const std::string& worker);
   // The lease that an earlier call with this number got, if it is current.
   StatusOr<std::optional<GrantedLease>> GrantedBeforeLocked(const std::string& worker, int64_t call);
-  Look LookLocked(const LeaseCall& call);
+  Try TryLocked(const LeaseCall& call);
   // Call without the mutex.
-  void Answer(LeaseCall call, Look look);
+  void Answer(LeaseCall call, Try tried);
   void ServeWaiting();  // body of waiting_thread_
   // Calls `done` when `handled` is durable, and starts planning if a job needs it.
   void Finish(const Status& handled, Done done);

@@ -43,12 +43,12 @@ Placement PlaceTask(Ledger& ledger, LeaseTable& leases, const std::string& worke
   int seen = 0;
   const auto nobodys = ready.First([&](TaskRef ref) {
     if (ref.job != first->job || ++seen > kStrangersSeen) return true;
-    const std::string& keeper = leases.KeeperOf({ref.job, ledger.task(ref).plan.tile});
-    return (keeper.empty() || keeper == worker) && may_run(ref);
+    const std::string& last_worker = leases.LastWorkerOf({ref.job, ledger.task(ref).plan.tile});
+    return (last_worker.empty() || last_worker == worker) && may_run(ref);
   });
   if (nobodys && nobodys->job == first->job && seen <= kStrangersSeen) return {nobodys};
-  const bool left_to_keepers = seen <= kStrangersSeen && waited_s < kPatience_s + ledger.task(*first).plan.cost;
-  return {left_to_keepers ? std::nullopt : first, left_to_keepers};
+  const bool left_to_others = seen <= kStrangersSeen && waited_s < kPatience_s + ledger.task(*first).plan.cost;
+  return {left_to_others ? std::nullopt : first, left_to_others};
 }
 
 }  // namespace tessera

@@ -12,7 +12,7 @@ namespace tessera {
 struct Placement {
   std::optional<TaskRef> task;
   // All suitable tasks are of tiles of other workers, and this worker has not waited long enough to take one.
-  bool left_to_keepers = false;
+  bool left_to_others = false;
 };
 
 // `waited_s`: how long the worker has waited. `now_us`: Clock::MonotonicUs. Starts and ends retry delays.

@@ -29,11 +29,11 @@ struct RetryOptions {
   double max_suspend_s = 600;
 };
 
-// What a failure counts against. kNobody: nothing.
-enum class Blame { kNobody, kTask, kWorker, kStorage };
+// What a failure counts against. kNothing: nothing.
+enum class CountsAgainst { kNothing, kTask, kWorker, kStorage };
 
 struct RetryRule {
-  Blame blame = Blame::kTask;
+  CountsAgainst counts_against = CountsAgainst::kTask;
   int limit = 0;         // failures of this class that end the task; 0: no limit
   bool delays = false;   // the next attempt waits, twice as long each time
   bool strikes = false;  // counts against the worker if another one completes the task
@@ -42,24 +42,25 @@ struct RetryRule {
 RetryRule RuleOf(ErrorClass error_class, const RetryOptions& options);
 
 // Evidence about the workers that failed a task.
-struct Witnesses {
-  std::function<bool(const std::string& worker)> doubted = {};  // whether its failures are ignored; may be empty
+struct OtherWorkers {
+  std::function<bool(const std::string& worker)> ignored = {};  // whether its failures are ignored; may be empty
   bool alone = true;                                            // no other worker can run the task
 };
 
-struct RetryVerdict {
+struct RetryDecision {
   bool final = false;   // the task failed permanently
   double delay_s = 0;   // else: delay of the next attempt
   TaskFailure failure;  // to be recorded
 };
 
 // `failure`: of the last attempt of `task`.
-RetryVerdict JudgeFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
-                          const Witnesses& witnesses = {});
-// The same for an expired lease. `heard`: whether the worker called since the coordinator started. `lives`: whether a
-// worker on that machine is active now.
-RetryVerdict JudgeSilence(const JobTask& task, bool heard, const std::function<bool(const std::string& machine)>& lives,
-                          const RetryOptions& options);
+RetryDecision DecideAfterFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,
+                                 const OtherWorkers& others = {});
+// The same for an expired lease. `has_called`: whether the worker called since the coordinator started. `lives`:
+// whether a worker on that machine is active now.
+RetryDecision DecideAfterExpiry(const JobTask& task, bool has_called,
+                                const std::function<bool(const std::string& machine)>& lives,
+                                const RetryOptions& options);
 
 // Time without progress after which an attempt is ended despite heartbeats: `stall_s` or ten times the predicted time
 // on `threads`, whichever is longer.

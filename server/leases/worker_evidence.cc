@@ -11,7 +11,7 @@ namespace {
 bool Failed(const Attempt& attempt) {
   if (attempt.lease_expired || attempt.failure->error_class == ErrorClass::kNone) return false;
   const RetryRule rule = RuleOf(attempt.failure->error_class, {});
-  return rule.blame == Blame::kTask || rule.strikes;
+  return rule.counts_against == CountsAgainst::kTask || rule.strikes;
 }
 
 // Workers call about every second, both while running a task and while waiting.
@@ -44,16 +44,17 @@ bool MayTry(const JobTask& task, const std::string& worker, const LeaseTable& le
   });
 }
 
-Witnesses WitnessesOf(const JobTask& task, const LeaseTable& leases, const RetryOptions& options, int64_t now_us) {
-  Witnesses witnesses;
-  witnesses.doubted = [&leases, &options](const std::string& name) {
+OtherWorkers OtherWorkersOf(const JobTask& task, const LeaseTable& leases, const RetryOptions& options,
+                            int64_t now_us) {
+  OtherWorkers others;
+  others.ignored = [&leases, &options](const std::string& name) {
     const auto found = leases.workers().find(name);
     return found != leases.workers().end() && found->second.strikes >= options.max_strikes;
   };
-  witnesses.alone = std::none_of(leases.workers().begin(), leases.workers().end(), [&](const auto& other) {
+  others.alone = std::none_of(leases.workers().begin(), leases.workers().end(), [&](const auto& other) {
     return other.first != task.worker() && IsThere(other.second, now_us);
   });
-  return witnesses;
+  return others;
 }
 
 std::vector<SuspendedWorker> NoteFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,

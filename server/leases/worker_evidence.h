@@ -27,8 +27,8 @@ bool IsSuspended(const WorkerState& worker, int64_t now_us);
 // failed it.
 bool MayTry(const JobTask& task, const std::string& worker, const LeaseTable& leases, int64_t now_us);
 
-// Evidence for JudgeFailure about the workers of `task`, whose last attempt has just ended.
-Witnesses WitnessesOf(const JobTask& task, const LeaseTable& leases, const RetryOptions& options, int64_t now_us);
+// Evidence for DecideAfterFailure about the workers of `task`, whose last attempt has just ended.
+OtherWorkers OtherWorkersOf(const JobTask& task, const LeaseTable& leases, const RetryOptions& options, int64_t now_us);
 
 // Record the end of the task's last attempt. Return the workers suspended for it.
 std::vector<SuspendedWorker> NoteFailure(const JobTask& task, const TaskFailure& failure, const RetryOptions& options,

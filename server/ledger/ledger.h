@@ -31,8 +31,8 @@ class JobDeleted;
 class JobRestarted;
 }  // namespace v1
 
-// Change of state: CheckRecord (may fail) → store the record → Apply (cannot fail). Equal records give equal ledgers.
-// Not thread-safe.
+// Change of state: CheckRecord (may fail) → Apply (cannot fail) → Journal::Add (stores it). Equal records give equal
+// ledgers. Not thread-safe.
 class Ledger {
  public:
   // `algorithm_version` is part of the keys of tasks.

@@ -23,7 +23,7 @@
 #include "server/jobs/coordinator.h"
 #include "server/ledger/record_owner.h"
 #include "server/metrics/metrics_server.h"
-#include "server/retention/keeper.h"
+#include "server/retention/retention_loop.h"
 #include "server/store/sqlite_store.h"
 #include "server/tesserad/logging.h"
 #include "server/tesserad/maintenance.h"
@@ -120,7 +120,7 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   Planner planner;
   DispatchOptions options;
   options.lease_s = flags.lease_s;
-  options.stood_still_s = flags.lease_s / 2;  // at least two ticks
+  options.max_check_gap_s = flags.lease_s / 2;  // at least two ticks
   options.stall_s = flags.stall_s;
   options.limits = flags.jobs;
   options.worker_limits = flags.workers;
@@ -161,12 +161,12 @@ Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   LogEvent(LogLevel::kInfo, "coordinator started",
            {{"address", server->address()}, {"data", data}, {"start", std::to_string(store->StartCount())}});
 
-  KeeperOptions keeping;
+  RetentionOptions keeping;
   keeping.keep_s = flags.keep_days * 86400;
   keeping.collector.keep_quarantined_s = keeping.keep_s;
   keeping.collector.limit_bytes = static_cast<int64_t>(flags.blob_gib * (int64_t{1} << 30));
   keeping.collector.grace_s = std::max(keeping.collector.grace_s, 2 * flags.lease_s);
-  const Keeper keeper(coordinator->core(), blobs.get(), &clock, keeping);
+  const RetentionLoop retention(coordinator->core(), blobs.get(), &clock, keeping);
 
   const double tick_s = std::clamp(flags.lease_s / 4, 0.05, 1.0);
   const timespec tick = {static_cast<time_t>(tick_s), static_cast<long>((tick_s - static_cast<time_t>(tick_s)) * 1e9)};

@@ -173,10 +173,10 @@ void SoakedJobs::Supervise() {
     commands_.erase(command++);
     done(outcome);
   }
-  LookAtJobs();
+  DeleteJobs();
 }
 
-void SoakedJobs::LookAtJobs() {
+void SoakedJobs::DeleteJobs() {
   if (looking_ || history_.Now_s() < look_s_) return;
   looking_ = true;
   const double start_s = history_.Now_s();

@@ -82,7 +82,7 @@ class SoakedJobs {
   // As it was asked for at `asked_s`.
   void TakeList(const nlohmann::json& list, double asked_s);
   void TakeState(Job& job, const nlohmann::json& told, double asked_s);
-  void LookAtJobs();
+  void DeleteJobs();
   // Some known job; null if there is none.
   Job* Any();
 

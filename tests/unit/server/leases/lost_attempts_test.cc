@@ -102,7 +102,7 @@ TEST_F(LostAttemptsTest, WorkersLostInRestartsDoNotCountAgainstTheTask) {
 
 // A suspended coordinator receives no calls. Afterwards the lease has as much time left as before.
 TEST_F(LostAttemptsTest, SuspensionOfTheCoordinatorDoesNotCountAsSilence) {
-  options_.stood_still_s = 15;
+  options_.max_check_gap_s = 15;
   Restart();
   const std::string job = Create(AJob(1));
   const std::string worker = Worker();

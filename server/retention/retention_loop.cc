@@ -1,4 +1,4 @@
-#include "server/retention/keeper.h"
+#include "server/retention/retention_loop.h"
 
 #include <chrono>
 #include <string>
@@ -15,13 +15,14 @@ constexpr std::chrono::milliseconds kFreePause{5};  // pause between steps, for 
 
 }  // namespace
 
-Keeper::Keeper(DispatchCore& core, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options)
+RetentionLoop::RetentionLoop(DispatchCore& core, const BlobStore* blobs, const Clock* clock,
+                             const RetentionOptions& options)
     : reclaimer_(core),
       retention_(options.keep_s),
       collector_(&reclaimer_, blobs, clock, options.collector),
       thread_([this] { Run(); }) {}
 
-Keeper::~Keeper() {
+RetentionLoop::~RetentionLoop() {
   {
     std::lock_guard lock(mutex_);
     stopped_ = true;
@@ -30,12 +31,12 @@ Keeper::~Keeper() {
   thread_.join();
 }
 
-bool Keeper::stopped() {
+bool RetentionLoop::stopped() {
   std::lock_guard lock(mutex_);
   return stopped_;
 }
 
-void Keeper::Run() {
+void RetentionLoop::Run() {
   auto next_jobs = Steady::now(), next_blobs = next_jobs;
   std::string last_error;
   while (!stopped()) {
@@ -45,22 +46,22 @@ void Keeper::Run() {
       LogEvent(LogLevel::kWarning, "cannot remove records of deleted jobs, will retry", {{"reason", error}});
     }
     last_error = error;
-    if (Steady::now() >= next_jobs) LookAtJobs(), next_jobs = Steady::now() + kJobsInterval;
-    if (Steady::now() >= next_blobs) LookAtBlobs(), next_blobs = Steady::now() + kBlobsInterval;
+    if (Steady::now() >= next_jobs) DeleteJobs(), next_jobs = Steady::now() + kJobsInterval;
+    if (Steady::now() >= next_blobs) CollectBlobs(), next_blobs = Steady::now() + kBlobsInterval;
     std::unique_lock lock(mutex_);
     const std::chrono::milliseconds pause = more.ok() && *more ? kFreePause : kFreeInterval;
     stop_.wait_for(lock, pause, [&] { return stopped_; });
   }
 }
 
-void Keeper::LookAtJobs() {
+void RetentionLoop::DeleteJobs() {
   const StatusOr<int> deleted = reclaimer_.DeleteExpired(retention_);
   if (deleted.ok()) return;
   LogEvent(LogLevel::kWarning, "cannot delete expired jobs, will retry",
            {{"reason", std::string(deleted.status().message())}});
 }
 
-void Keeper::LookAtBlobs() {
+void RetentionLoop::CollectBlobs() {
   const StatusOr<Collected> collected = collector_.Pass([this] { return stopped(); });
   if (!collected.ok()) {
     LogEvent(LogLevel::kWarning, "cannot collect blobs, will retry",

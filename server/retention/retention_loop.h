@@ -12,22 +12,22 @@
 
 namespace tessera {
 
-struct KeeperOptions {
+struct RetentionOptions {
   double keep_s = 0;  // how long ended jobs are kept; 0: for ever
   CollectorOptions collector;
 };
 
 // Runs from construction to destruction. Logs errors and retries.
-class Keeper {
+class RetentionLoop {
  public:
-  // All arguments must outlive the keeper.
-  Keeper(DispatchCore& core, const BlobStore* blobs, const Clock* clock, const KeeperOptions& options);
-  ~Keeper();
+  // All arguments must outlive the loop.
+  RetentionLoop(DispatchCore& core, const BlobStore* blobs, const Clock* clock, const RetentionOptions& options);
+  ~RetentionLoop();
 
  private:
   void Run();
-  void LookAtJobs();
-  void LookAtBlobs();
+  void DeleteJobs();
+  void CollectBlobs();
   bool stopped();
 
   Reclaimer reclaimer_;
