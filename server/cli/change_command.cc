@@ -81,7 +81,7 @@ void AddRetryCommand(CLI::App& app, int* exit_code) {
   auto flags = std::make_shared<RetryFlags>();
   CLI::App* command = AddCommand(app, "retry", "Retry the failed tasks of a job", flags.get());
   command->footer(
-      "The job must have failed or have ended without some tiles. Results of tasks that succeeded are kept.\n"
+      "The job must have failed or ended with quarantined tiles. Results of tasks that succeeded are kept.\n"
       "Examples:\n"
       "  tessera retry jobs/7 --watch\n"
       "  tessera retry jobs/7 --tile 12");

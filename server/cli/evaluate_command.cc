@@ -246,8 +246,8 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
                       "Folder of mesh.ply and IMAGE_label.png, in the scene's coordinates (default SCENE/truth)");
   command->add_option(
       "--likelihoods", arguments->likelihoods,
-      "Folder of likelihoods to measure by their most likely class per pixel; with a mesh, measured together with its "
-      "labels where both the mesh and the start mesh have a surface");
+      "Folder of likelihoods to score by their most likely class per pixel; with a mesh, both are scored on the pixels "
+      "that the mesh and the start mesh cover");
   command
       ->add_option("--except-views", arguments->except_views,
                    "Images to leave out of the label figures, such as annotated ones: 0000,0007")

@@ -142,7 +142,8 @@ void AddLineageCommand(CLI::App& app, int* exit_code) {
       "  tessera lineage out --json > lineage.json");
   AddCoordinatorOption(*command, &flags->coordinator);
   command
-      ->add_option("JOB", flags->job, "Name or number of a job of the coordinator, or OUT of a run, with its .tessera")
+      ->add_option("JOB", flags->job,
+                   "Name or number of a job of the coordinator, or the --out folder of a run (with its .tessera)")
       ->required();
   CLI::Option* const tile = command->add_option("--tile", flags->tile, "Show only this tile, with its history")
                                 ->check(CLI::NonNegativeNumber);

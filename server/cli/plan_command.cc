@@ -228,7 +228,8 @@ void AddPlanCommand(CLI::App& app, int* exit_code) {
   command->footer(
       "Surveys the scene on this machine as a job's first task does (no refinement), computes the tiles that `run` or\n"
       "`submit` would use with the same options, and predicts memory and time of each with this version's cost model.\n"
-      "The range after a total holds 90 % of the tasks that the cost model was fitted to; other machines shift it.\n"
+      "The range after a total is the 90 % interval of prediction errors of single tasks that the model was fitted "
+      "to.\n"
       "With --out, `tessera run --out` of the same folder reuses the survey.\n"
       "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 130 interrupted.\n"
       "Examples:\n"
@@ -237,9 +238,10 @@ void AddPlanCommand(CLI::App& app, int* exit_code) {
       "  tessera plan city --out out && tessera run city --out out\n"
       "  tessera plan flight-2027 --base out --map update.svg");
   AddJobOptions(*command, &flags->job);
-  AddUpdateOptions(*command,
-                   "OUT of an earlier run, with its .tessera; with --coordinator one of its jobs, such as jobs/3",
-                   &flags->job);
+  AddUpdateOptions(
+      *command,
+      "The --out folder of an earlier run (with its .tessera); with --coordinator one of its jobs, such as jobs/3",
+      &flags->job);
   command->add_option("--coordinator", flags->coordinator.address,
                       "With --base: address of the coordinator of the base job, HOST:PORT or unix:PATH; it reads the "
                       "scene and plans");

@@ -179,13 +179,15 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
       "the logs: a run that is interrupted or repeated does not compute a task twice. It may be deleted unless a "
       "later\n"
       "run is to use this one as its base job (--base).\n"
-      "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 5 some tiles failed, 130 interrupted.\n"
+      "Exit code: 0 succeeded, 1 failed, 2 wrong arguments, 3 wrong input, 5 some tiles are quarantined, 130 "
+      "interrupted.\n"
       "Examples:\n"
       "  tessera run city --workers 2 --tiles 4 --out out\n"
       "  tessera run city --classifier city.model --out out      likelihoods from a trained model\n"
       "  tessera run flight-2027 --base out --out out-2027");
   AddJobOptions(*command, &flags->job);
-  AddUpdateOptions(*command, "OUT of an earlier run, with its .tessera, or jobs/J of --data", &flags->job);
+  AddUpdateOptions(*command, "The --out folder of an earlier run (with its .tessera), or jobs/J of --data",
+                   &flags->job);
   AddPriceLimit(*command, &flags->job);
   command->add_option("--out", flags->out, "Folder for the results")->required();
   command->add_option("--data", flags->data, "Folder for the coordinator's state (default OUT/.tessera/data)");

@@ -71,14 +71,15 @@ Status CheckPlanned(const Ledger& ledger, const v1::TasksPlanned& change) {
   int count = static_cast<int>(job.tasks.size());
   if (change.first_task() != count && (job.open_plan < 0 || change.first_task() != job.open_plan)) {
     return absl::FailedPreconditionError("plan of " + change.job() + " from task " +
-                                         std::to_string(change.first_task()) + ", the next is " +
+                                         std::to_string(change.first_task()) + ", expected from task " +
                                          std::to_string(count));
   }
   count = change.first_task();
   std::set<int> superseded;
   for (const int task : change.superseded()) {
     if (task < 0 || task >= count || job.tasks[task].superseded || !superseded.insert(task).second) {
-      return absl::InvalidArgumentError("plan of " + change.job() + ": supersedes task " + std::to_string(task));
+      return absl::InvalidArgumentError("plan of " + change.job() + ": supersedes task " + std::to_string(task) +
+                                        ", which is missing, listed twice or superseded already");
     }
   }
   for (const auto& planned : change.tasks()) {
@@ -220,7 +221,7 @@ Status CheckLost(const Ledger& ledger, const v1::ResultLost& change) {
   const JobTask& target = ledger.task(ref);
   const JobHeader& header = ledger.jobs()[ref.job].header;
   if (!target.plan.given->empty())
-    return absl::FailedPreconditionError(change.task() + " is given: its outputs come from a base job");
+    return absl::FailedPreconditionError(change.task() + " did not run in this job: its outputs come from a base job");
   if (target.state != TaskState::kSucceeded && !target.remaking) {
     return absl::FailedPreconditionError(change.task() + " has no result");
   }
@@ -230,9 +231,10 @@ Status CheckLost(const Ledger& ledger, const v1::ResultLost& change) {
   for (const std::string& name : change.needed_by_tasks()) {
     TESSERA_ASSIGN_OR_RETURN(const TaskRef reader, ledger.FindTask(name));
     const JobTask& given = ledger.task(reader);
-    if (given.plan.given->empty() || HasEnded(ledger.jobs()[reader.job].header.state) ||
-        given.state == TaskState::kFailed) {
-      return absl::FailedPreconditionError(name + " has no outputs of a base job, or has failed, or its job has ended");
+    if (given.plan.given->empty()) return absl::FailedPreconditionError(name + " has no outputs of a base job");
+    if (given.state == TaskState::kFailed) return absl::FailedPreconditionError(name + " has failed");
+    if (HasEnded(ledger.jobs()[reader.job].header.state)) {
+      return absl::FailedPreconditionError(name + ": its job has ended");
     }
   }
   for (const std::string& name : change.needed_by_jobs()) {

@@ -256,8 +256,8 @@ int Main(int argc, char** argv) {
                "Allow network addresses without TLS or tokens: every caller that reaches them has all rights");
   app.add_option(
          "--scene-root", flags.scene_roots,
-         "Folders whose scenes may be read; links must stay inside them. Without it, only jobs submitted through a "
-         "socket, with files owned by this user")
+         "Folders whose scenes may be read; links may lead only into these folders. Without it, only jobs submitted "
+         "through a Unix socket, with files owned by this user")
       ->type_name("FOLDER");
   app.add_option("--port-file", flags.port_file, "Write the bound HOST:PORT to this file");
   app.add_option("--metrics-listen", flags.listen.metrics,
@@ -268,14 +268,14 @@ int Main(int argc, char** argv) {
                  "Return a task to the queue if its worker sends no heartbeat for this time, seconds")
       ->check(CLI::Range(0.2, 86400.0))
       ->capture_default_str();
-  app.add_option("--stall-s", flags.stall_s,
-                 "End an attempt without progress for this time, seconds, and for ten times its predicted duration")
+  app.add_option(
+         "--stall-s", flags.stall_s,
+         "End an attempt without progress for this time, seconds, or ten times its predicted duration, if longer")
       ->check(CLI::Range(0.2, 1e9))
       ->capture_default_str();
   app.add_option(
          "--keep-days", flags.keep_days,
-         "Delete jobs this many days after they ended, unless they are the base of another job, and quarantined blobs; "
-         "0: never")
+         "Delete ended jobs and quarantined blobs after this many days; the base of another job is kept; 0: never")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str();
   app.add_option("--blob-gib", flags.blob_gib,

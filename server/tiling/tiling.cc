@@ -112,14 +112,12 @@ class KdSplitter {
     const double bytes = PredictBytes(rect, work);
     if (bytes <= static_cast<double>(limit_bytes_)) return absl::OkStatus();
     constexpr double kGiB = 1 << 30;
-    return absl::InvalidArgumentError(
-        absl::StrFormat("ground cell at (%d, %d): %.0f faces, %.0f more in its visible set, %d views, %.1f megapixels "
-                        "need %.2f GiB, and "
-                        "a tile has at least one cell; tile memory: found %.2f GiB, expected at least that much; raise "
-                        "--tile-memory or "
-                        "drop the finest of --levels",
-                        rect.x0, rect.y0, work.core_faces, work.visible_faces - work.core_faces, work.seeing_views,
-                        1e-6 * work.pixels, bytes / kGiB, static_cast<double>(limit_bytes_) / kGiB));
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "tile memory: found %.2f GiB, expected at least %.2f GiB for the ground cell at (%d, %d) alone: "
+        "%.0f faces, %.0f more in its visible set, %d views, %.1f megapixels; raise --tile-memory or "
+        "drop the finest of --levels",
+        static_cast<double>(limit_bytes_) / kGiB, bytes / kGiB, rect.x0, rect.y0, work.core_faces,
+        work.visible_faces - work.core_faces, work.seeing_views, 1e-6 * work.pixels));
   }
 
   struct Cut {
