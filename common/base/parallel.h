@@ -12,6 +12,14 @@ namespace tessera {
 // of the process. The chunks are the same for every number of threads. `body` must not throw.
 void ParallelFor(int64_t count, int64_t grain, const std::function<void(int64_t begin, int64_t end)>& body);
 
+// Calls body(i) for every i of [0, count), in the same chunks; within a chunk in ascending order.
+template <class Index, class Body>
+void ParallelForEach(Index count, int64_t grain, const Body& body) {
+  ParallelFor(static_cast<int64_t>(count), grain, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) body(static_cast<Index>(i));
+  });
+}
+
 // Sum of body(begin, end) over the same chunks, added in the order of the chunks: bit-identical for every number of
 // threads.
 double ParallelSum(int64_t count, int64_t grain, const std::function<double(int64_t begin, int64_t end)>& body);

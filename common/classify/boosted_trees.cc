@@ -69,7 +69,7 @@ class Trainer {
   void Bin() {
     cuts_.resize(samples_.feature_count);
     bins_.resize(samples_.feature_count);
-    ParallelFor(samples_.feature_count, 1, [&](int64_t f, int64_t) {
+    ParallelForEach(samples_.feature_count, 1, [&](int64_t f) {
       const float* column = samples_.column(static_cast<int>(f));
       cuts_[f] = Cuts(column, rows_);
       bins_[f].resize(rows_.size());
@@ -162,7 +162,7 @@ class Trainer {
         int bin = 0;
       };
       std::vector<Best> best(candidates);
-      ParallelFor(candidates, 1, [&](int64_t k, int64_t) {
+      ParallelForEach(candidates, 1, [&](int64_t k) {
         std::vector<float> sums;
         std::vector<double> gains;
         Gains(features[k], 1 << depth, &sums, &gains);

@@ -55,12 +55,10 @@ class ViewClassifier {
     }
     const int parts = (rgb.height + kRows - 1) / kRows;
     std::vector<RowsResult> of_parts(parts);
-    ParallelFor(parts, 1, [&](int64_t begin, int64_t end) {
-      for (int64_t part = begin; part < end; ++part) {
-        const int y = static_cast<int>(part) * kRows;
-        of_parts[part] = ClassifyRows(features, annotation, first_output, static_cast<uint32_t>(view), y,
-                                      std::min(y + kRows, rgb.height), rgb.width, &result.likelihoods);
-      }
+    ParallelForEach(parts, 1, [&](int part) {
+      const int y = part * kRows;
+      of_parts[part] = ClassifyRows(features, annotation, first_output, static_cast<uint32_t>(view), y,
+                                    std::min(y + kRows, rgb.height), rgb.width, &result.likelihoods);
     });
     RowsResult sum;
     for (const RowsResult& part : of_parts) {
@@ -196,7 +194,7 @@ StatusOr<ClassifiedScene> ClassifyScene(const SceneDescription& scene, const Mes
   ClassifiedScene classified;
   classified.views.resize(views);
   std::atomic<int64_t> done = 0;
-  ParallelFor(static_cast<int64_t>(views), 1, [&](int64_t v, int64_t) {
+  ParallelForEach(views, 1, [&](size_t v) {
     failed[v] = control.Check();
     if (!failed[v].ok()) return;
     StatusOr<ViewResult> result = of_views.Classify(v, Evidence::kAppearance);

@@ -45,13 +45,11 @@ MeshSurface::MeshSurface(const TriangleMesh& mesh, const Eigen::Vector3d& up, do
   constexpr float kNone = std::numeric_limits<float>::max();
   FloatImage top(width, height, 1, -kNone);
   const double above = box.max().z() + 1;
-  ParallelFor(height, 16, [&](int64_t begin, int64_t end) {
-    for (int y = static_cast<int>(begin); y < end; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const Eigen::Vector3d from(low_m_.x() + (x + 0.5) * cell_m_, low_m_.y() + (y + 0.5) * cell_m_, above);
-        const RayHit hit = caster_.Cast(axes_.transpose() * from, -up);
-        if (hit.hit()) top.at(x, y) = static_cast<float>(above - hit.distance);
-      }
+  ParallelForEach(height, 16, [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      const Eigen::Vector3d from(low_m_.x() + (x + 0.5) * cell_m_, low_m_.y() + (y + 0.5) * cell_m_, above);
+      const RayHit hit = caster_.Cast(axes_.transpose() * from, -up);
+      if (hit.hit()) top.at(x, y) = static_cast<float>(above - hit.distance);
     }
   });
   FloatImage top_or_high = top;

@@ -70,7 +70,7 @@ StatusOr<Samples> DrawAll(const SceneDescription& scene, const Annotations& anno
   const std::vector<double> chances = DrawChances(annotations, options.samples);
   const size_t images = annotations.images.size();
   std::vector<StatusOr<DrawnPixels>> drawn(images, absl::InternalError("not drawn"));
-  ParallelFor(static_cast<int64_t>(images), 1, [&](int64_t i, int64_t) {
+  ParallelForEach(images, 1, [&](size_t i) {
     if (!control.Check().ok()) return;
     drawn[i] = Draw(scene, annotations.images[i], surface, chances, options.seed);
   });

@@ -64,14 +64,12 @@ Measured Measure(const std::vector<SurfaceSample>& samples, const TriangleMesh& 
   Measured measured;
   measured.points.resize(samples.size());
   measured.nearest_face.resize(samples.size());
-  ParallelFor(static_cast<int64_t>(samples.size()), 256, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      const NearestPoint nearest = other_surface.Find(samples[i].point);
-      measured.nearest_face[i] = nearest.face;
-      measured.points[i].distance_m = nearest.distance_m;
-      measured.points[i].normal_agreement =
-          std::abs(FaceNormal(mesh, samples[i].face).dot(FaceNormal(other, nearest.face)));
-    }
+  ParallelForEach(samples.size(), 256, [&](size_t i) {
+    const NearestPoint nearest = other_surface.Find(samples[i].point);
+    measured.nearest_face[i] = nearest.face;
+    measured.points[i].distance_m = nearest.distance_m;
+    measured.points[i].normal_agreement =
+        std::abs(FaceNormal(mesh, samples[i].face).dot(FaceNormal(other, nearest.face)));
   });
   return measured;
 }

@@ -11,14 +11,12 @@ LabelImage RenderLabels(const TriangleMesh& mesh, const RayCaster& caster, const
   LabelImage image(camera.intrinsics.width, camera.intrinsics.height, 1, 255);
   if (mesh.labels.empty()) return image;
   const Eigen::Vector3d centre = camera.Centre();
-  ParallelFor(image.height, 8, [&](int64_t begin, int64_t end) {
-    for (int y = static_cast<int>(begin); y < end; ++y) {
-      for (int x = 0; x < image.width; ++x) {
-        const RayHit hit = caster.Cast(centre, camera.Ray(x + 0.5, y + 0.5));
-        if (!hit.hit()) continue;
-        const int32_t label = mesh.labels[hit.face];
-        if (label >= 0 && label < 255) image.at(x, y) = static_cast<uint8_t>(label);
-      }
+  ParallelForEach(image.height, 8, [&](int y) {
+    for (int x = 0; x < image.width; ++x) {
+      const RayHit hit = caster.Cast(centre, camera.Ray(x + 0.5, y + 0.5));
+      if (!hit.hit()) continue;
+      const int32_t label = mesh.labels[hit.face];
+      if (label >= 0 && label < 255) image.at(x, y) = static_cast<uint8_t>(label);
     }
   });
   return image;

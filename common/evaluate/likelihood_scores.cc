@@ -41,9 +41,8 @@ StatusOr<std::vector<LikelihoodConfusion>> ConfuseLikelihoods(const std::vector<
                                                               const LikelihoodSource& likelihoods,
                                                               const LabelRendering& rendering) {
   std::vector<StatusOr<LikelihoodConfusion>> found(lenses.size(), absl::InternalError("not compared"));
-  ParallelFor(static_cast<int64_t>(lenses.size()), 1, [&](int64_t v, int64_t) {
-    found[v] = ConfuseView(v, lenses[v], classes, truth, likelihoods, rendering);
-  });
+  ParallelForEach(lenses.size(), 1,
+                  [&](size_t v) { found[v] = ConfuseView(v, lenses[v], classes, truth, likelihoods, rendering); });
   std::vector<LikelihoodConfusion> confusions;
   for (StatusOr<LikelihoodConfusion>& confusion : found) {
     TESSERA_RETURN_IF_ERROR(confusion.status());

@@ -50,9 +50,7 @@ std::vector<SurfaceSample> SampleByArea(const TriangleMesh& mesh, int64_t count,
 std::vector<SurfaceSample> SeenSamples(const std::vector<SurfaceSample>& samples, const RayCaster& caster,
                                        const std::vector<SceneView>& views, int min_views) {
   std::vector<uint8_t> seen(samples.size());
-  ParallelFor(static_cast<int64_t>(samples.size()), 256, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) seen[i] = IsSeen(samples[i].point, caster, views, min_views);
-  });
+  ParallelForEach(samples.size(), 256, [&](size_t i) { seen[i] = IsSeen(samples[i].point, caster, views, min_views); });
   std::vector<SurfaceSample> kept;
   for (size_t i = 0; i < samples.size(); ++i) {
     if (seen[i]) kept.push_back(samples[i]);

@@ -71,10 +71,8 @@ Buckets<Item> SortIntoBuckets(const TriangleMesh& mesh, const Emit& emit) {
   for (size_t f = 0; f < mesh.faces.size(); ++f) {
     emit(f, [&](uint32_t v, const Item& item) { out.items[static_cast<size_t>(next[v]++)] = item; });
   }
-  ParallelFor(static_cast<int64_t>(mesh.vertices.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t v = begin; v < end; ++v) {
-      std::sort(out.items.begin() + out.offsets[v], out.items.begin() + out.offsets[v + 1]);
-    }
+  ParallelForEach(mesh.vertices.size(), kGrain, [&](size_t v) {
+    std::sort(out.items.begin() + out.offsets[v], out.items.begin() + out.offsets[v + 1]);
   });
   return out;
 }
@@ -88,14 +86,12 @@ void FindDegenerateFaces(const TriangleMesh& mesh, const Owned& owned, MeshAnaly
   enum : uint8_t { kGood, kRepeated, kZeroArea, kDuplicate };
   std::vector<uint8_t>& kind = out.is_degenerate;
   kind.assign(mesh.faces.size(), kGood);
-  ParallelFor(static_cast<int64_t>(mesh.faces.size()), kGrain, [&](int64_t begin, int64_t end) {
-    for (auto f = static_cast<size_t>(begin); f < static_cast<size_t>(end); ++f) {
-      const auto [a, b, c] = mesh.faces[f];
-      if (a == b || b == c || c == a) {
-        kind[f] = kRepeated;
-      } else if (IsCollinear(mesh, f)) {
-        kind[f] = kZeroArea;
-      }
+  ParallelForEach(mesh.faces.size(), kGrain, [&](size_t f) {
+    const auto [a, b, c] = mesh.faces[f];
+    if (a == b || b == c || c == a) {
+      kind[f] = kRepeated;
+    } else if (IsCollinear(mesh, f)) {
+      kind[f] = kZeroArea;
     }
   });
   struct Others {

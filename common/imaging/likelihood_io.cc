@@ -59,14 +59,12 @@ Status Normalise(const std::string& path, const char* plane_name, int first_plan
                         std::isnan(plane[i]) ? "NaN" : absl::StrCat(plane[i]), "a finite likelihood of at least 0");
     }
   }
-  ParallelFor(static_cast<int64_t>(image.plane_size()), 1 << 16, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      double sum = 0;
-      for (int c = 0; c < image.channels; ++c) sum += image.plane(c)[i];
-      for (int c = 0; c < image.channels; ++c) {
-        float& value = image.plane(c)[i];
-        value = static_cast<float>(sum > 0 ? value / sum : 1.0 / image.channels);
-      }
+  ParallelForEach(image.plane_size(), 1 << 16, [&](size_t i) {
+    double sum = 0;
+    for (int c = 0; c < image.channels; ++c) sum += image.plane(c)[i];
+    for (int c = 0; c < image.channels; ++c) {
+      float& value = image.plane(c)[i];
+      value = static_cast<float>(sum > 0 ? value / sum : 1.0 / image.channels);
     }
   });
   return absl::OkStatus();

@@ -57,15 +57,13 @@ ImagePart SourcePart(const LensModel& lens, const ImagePart& part) {
   if (lens.kind == LensModel::Kind::kPinhole) return part;
   const double r2_end = LargestGrowingRadius2(lens);
   std::vector<ImagePart> rows(std::max(part.height(), 0), {INT_MAX, INT_MAX, 0, 0});
-  ParallelFor(part.height(), 16, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      ImagePart& row = rows[i];
-      const int y = part.y0 + static_cast<int>(i);
-      ForEachSampledPixel(lens, r2_end, part, y, y + 1, [&](int, int, const Eigen::Vector2d& p) {
-        const int x0 = static_cast<int>(p.x()), y0 = static_cast<int>(p.y());
-        row = {std::min(row.x0, x0), std::min(row.y0, y0), std::max(row.x1, x0), std::max(row.y1, y0)};
-      });
-    }
+  ParallelForEach(part.height(), 16, [&](int64_t i) {
+    ImagePart& row = rows[i];
+    const int y = part.y0 + static_cast<int>(i);
+    ForEachSampledPixel(lens, r2_end, part, y, y + 1, [&](int, int, const Eigen::Vector2d& p) {
+      const int x0 = static_cast<int>(p.x()), y0 = static_cast<int>(p.y());
+      row = {std::min(row.x0, x0), std::min(row.y0, y0), std::max(row.x1, x0), std::max(row.y1, y0)};
+    });
   });
   ImagePart all = {INT_MAX, INT_MAX, 0, 0};
   for (const ImagePart& row : rows) {
@@ -77,8 +75,8 @@ ImagePart SourcePart(const LensModel& lens, const ImagePart& part) {
           std::min(all.y1 + 2, lens.pinhole.height)};
 }
 
-// All positions are computed in the coordinates of the whole image and only then shifted into the part, so that a part is
-// bit-identical to the same part of the whole image.
+// All positions are computed in the coordinates of the whole image and only then shifted into the part, so that a part
+// is bit-identical to the same part of the whole image.
 FloatImage UndistortPart(FloatImage source, const ImagePart& source_part, const LensModel& lens, const ImagePart& part,
                          float outside) {
   if (lens.kind == LensModel::Kind::kPinhole && source_part == part) return source;

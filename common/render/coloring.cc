@@ -66,11 +66,9 @@ SurfaceColor DisplacementColor(const TriangleMesh& reference, const NearestSurfa
 
 double DisplacementRange(const TriangleMesh& mesh, const NearestSurface& reference) {
   std::vector<std::pair<double, double>> distance_and_area(mesh.faces.size());
-  ParallelFor(static_cast<int64_t>(mesh.faces.size()), 1024, [&](int64_t begin, int64_t end) {
-    for (int64_t f = begin; f < end; ++f) {
-      const Eigen::Vector3d centre = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
-      distance_and_area[f] = {reference.Find(centre).distance_m, FaceArea(mesh, f)};
-    }
+  ParallelForEach(mesh.faces.size(), 1024, [&](size_t f) {
+    const Eigen::Vector3d centre = (mesh.Corner(f, 0) + mesh.Corner(f, 1) + mesh.Corner(f, 2)) / 3;
+    distance_and_area[f] = {reference.Find(centre).distance_m, FaceArea(mesh, f)};
   });
   std::sort(distance_and_area.begin(), distance_and_area.end());
   double total = 0, passed = 0, quantile_m = 0;

@@ -89,17 +89,15 @@ ByteImage Render(const TriangleMesh& mesh, const RayCaster& caster, const PosedC
     return surface * (sky + sun + fill);
   };
 
-  ParallelFor(image.height, 4, [&](int64_t begin, int64_t end) {
-    for (int y = static_cast<int>(begin); y < end; ++y) {
-      for (int x = 0; x < image.width; ++x) {
-        Random random(static_cast<uint64_t>(y) * static_cast<uint64_t>(image.width) + static_cast<uint64_t>(x));
-        Color sum = Color::Zero();
-        for (int s = 0; s < side * side; ++s) {
-          sum += sample(x + (s % side + 0.5) / side, y + (s / side + 0.5) / side, &random).cwiseMin(1.f).cwiseMax(0.f);
-        }
-        sum *= 255.f / static_cast<float>(side * side);
-        for (int c = 0; c < 3; ++c) image.at(x, y, c) = static_cast<uint8_t>(std::lround(sum[c]));
+  ParallelForEach(image.height, 4, [&](int y) {
+    for (int x = 0; x < image.width; ++x) {
+      Random random(static_cast<uint64_t>(y) * static_cast<uint64_t>(image.width) + static_cast<uint64_t>(x));
+      Color sum = Color::Zero();
+      for (int s = 0; s < side * side; ++s) {
+        sum += sample(x + (s % side + 0.5) / side, y + (s / side + 0.5) / side, &random).cwiseMin(1.f).cwiseMax(0.f);
       }
+      sum *= 255.f / static_cast<float>(side * side);
+      for (int c = 0; c < 3; ++c) image.at(x, y, c) = static_cast<uint8_t>(std::lround(sum[c]));
     }
   });
   return image;

@@ -92,7 +92,7 @@ class SceneChecker {
     BorderCounts borders(classes);
     std::mutex borders_mutex;
     std::atomic<int64_t> done = 0;
-    ParallelFor(views, 1, [&](int64_t i, int64_t) {
+    ParallelForEach(views, 1, [&](int64_t i) {
       if (!control_.Check().ok()) return;
       BorderCounts of_view(classes);
       contents[i] = ReadPixelContent(scene_.folder, scene_.views[i], classes, &of_view);

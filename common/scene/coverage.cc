@@ -50,7 +50,7 @@ StatusOr<Coverage> MeasureCoverage(const SceneDescription& scene, const Triangle
   const RayCaster caster(mesh);
   const int64_t views = static_cast<int64_t>(scene.views.size());
   coverage.views.assign(views, ViewVisibility::kGood);
-  ParallelFor(views, 1, [&](int64_t i, int64_t) {
+  ParallelForEach(views, 1, [&](int64_t i) {
     if (control.Check().ok()) coverage.views[i] = VisibilityOf(scene.views[i], mesh, caster);
   });
   const int64_t faces = static_cast<int64_t>(mesh.faces.size());

@@ -122,7 +122,7 @@ class SceneLoader {
   // Reads image headers in parallel; reports faults in the order of the views.
   void FindImages() {
     std::vector<Status> found(scene_.views.size());
-    ParallelFor(static_cast<int64_t>(scene_.views.size()), 1, [&](int64_t i, int64_t) {
+    ParallelForEach(scene_.views.size(), 1, [&](size_t i) {
       SceneView& view = scene_.views[i];
       const StatusOr<std::string> inside = JoinInside(json_.images.path, view.name);
       if (!inside.ok()) {

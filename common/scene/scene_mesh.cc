@@ -56,17 +56,15 @@ StatusOr<double> MedianGsd(const SceneDescription& scene, const TriangleMesh& me
   const int64_t samples = std::min(faces, kSamples);
   constexpr int64_t kGrain = 64;
   std::vector<std::vector<double>> chunks((samples + kGrain - 1) / kGrain);
-  ParallelFor(samples, kGrain, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      const int64_t face = i * faces / samples;
-      const Eigen::Vector3d centroid = (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
-      const Eigen::Vector3d normal = FaceCross(mesh, face);
-      for (const SceneView& view : scene.views) {
-        const Eigen::Vector3d projected = view.camera.Project(centroid);
-        if (!view.camera.InImage(projected) || normal.dot(centroid - view.camera.Centre()) >= 0) continue;
-        const PinholeCamera& camera = view.camera.intrinsics;
-        chunks[begin / kGrain].push_back(projected.z() / std::sqrt(camera.fx * camera.fy));
-      }
+  ParallelForEach(samples, kGrain, [&](int64_t i) {
+    const int64_t face = i * faces / samples;
+    const Eigen::Vector3d centroid = (mesh.Corner(face, 0) + mesh.Corner(face, 1) + mesh.Corner(face, 2)) / 3;
+    const Eigen::Vector3d normal = FaceCross(mesh, face);
+    for (const SceneView& view : scene.views) {
+      const Eigen::Vector3d projected = view.camera.Project(centroid);
+      if (!view.camera.InImage(projected) || normal.dot(centroid - view.camera.Centre()) >= 0) continue;
+      const PinholeCamera& camera = view.camera.intrinsics;
+      chunks[i / kGrain].push_back(projected.z() / std::sqrt(camera.fx * camera.fy));
     }
   });
   std::vector<double> gsds;

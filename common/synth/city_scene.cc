@@ -17,13 +17,11 @@ BlockRange BlockRange::Grown(const CityPlan& plan, int margin) const {
 CityScene::CityScene(const CityPlan& plan, const GroundGrid& grid, const BlockRange& range) : plan_(plan) {
   const int columns = range.column_high - range.column_low, rows = range.row_high - range.row_low;
   std::vector<TexturedSurface> parts(static_cast<size_t>(columns) * rows);
-  ParallelFor(static_cast<int64_t>(parts.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t k = begin; k < end; ++k) {
-      const int column = range.column_low + static_cast<int>(k) % columns,
-                row = range.row_low + static_cast<int>(k) / columns;
-      parts[k] = BuildGround(plan, grid, column, row);
-      parts[k].Append(BuildBlock(plan, column, row).surface);
-    }
+  ParallelForEach(parts.size(), 1, [&](size_t k) {
+    const int column = range.column_low + static_cast<int>(k) % columns,
+              row = range.row_low + static_cast<int>(k) / columns;
+    parts[k] = BuildGround(plan, grid, column, row);
+    parts[k].Append(BuildBlock(plan, column, row).surface);
   });
   for (const TexturedSurface& part : parts) surface_.Append(part);
   normals_.resize(surface_.mesh.faces.size());

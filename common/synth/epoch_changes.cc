@@ -64,9 +64,7 @@ class ChangePlanner {
     for (auto& [key, block] : changed_->blocks) RemoveMarked(key, block);
     CityPlan plan = plan_;
     plan.changes = changed_;
-    ParallelFor(static_cast<int64_t>(changes_.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t k = begin; k < end; ++k) MeasureHeight(plan, changes_[k]);
-    });
+    ParallelForEach(changes_.size(), 1, [&](size_t k) { MeasureHeight(plan, changes_[k]); });
     return {plan, std::move(changes_)};
   }
 
@@ -86,16 +84,14 @@ class ChangePlanner {
       for (int column = low.first; column <= high.first; ++column) keys.push_back({column, row});
     }
     std::vector<std::vector<Standing>> found(keys.size());
-    ParallelFor(static_cast<int64_t>(keys.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t k = begin; k < end; ++k) {
-        const BlockPlan block = PlanBlock(plan_, keys[k].first, keys[k].second);
-        const auto add = [&](bool is_tree, size_t index, Ring outline) {
-          const AlignedBox2d box = BoxOf(outline);
-          found[k].push_back({keys[k], is_tree, index, std::move(outline), box});
-        };
-        for (size_t i = 0; i < block.buildings.size(); ++i) add(false, i, RoofOutline(block.buildings[i]));
-        for (size_t i = 0; i < block.trees.size(); ++i) add(true, i, CrownOutline(block.trees[i]));
-      }
+    ParallelForEach(keys.size(), 1, [&](size_t k) {
+      const BlockPlan block = PlanBlock(plan_, keys[k].first, keys[k].second);
+      const auto add = [&](bool is_tree, size_t index, Ring outline) {
+        const AlignedBox2d box = BoxOf(outline);
+        found[k].push_back({keys[k], is_tree, index, std::move(outline), box});
+      };
+      for (size_t i = 0; i < block.buildings.size(); ++i) add(false, i, RoofOutline(block.buildings[i]));
+      for (size_t i = 0; i < block.trees.size(); ++i) add(true, i, CrownOutline(block.trees[i]));
     });
     for (auto& of_block : found) {
       for (Standing& s : of_block) standing_.push_back(std::move(s));

@@ -60,20 +60,18 @@ ViewDoubt PixelDoubt(const CityPlan& plan, const RenderedView& view, uint64_t vi
   const uint32_t shared = static_cast<uint32_t>(MixBits(plan.seed ^ 0x736861726564ull));
   const float own_weight = std::sqrt(1 - kSharedDeviation * kSharedDeviation) / (1.09f * kValueNoise2Deviation);
   const double unit = std::max(0.35, width / 1000.0);  // blobs scale with the image
-  ParallelFor(height, 8, [&](int64_t begin, int64_t end) {
-    for (int y = static_cast<int>(begin); y < end; ++y) {
-      for (int x = 0; x < width; ++x) {
-        if (view.labels.at(x, y) == 255) continue;
-        const Eigen::Vector3d p(view.position.at(x, y, 0), view.position.at(x, y, 1), view.position.at(x, y, 2));
-        const LabelDoubt common = SurfaceDoubt(p, 1.1, shared);
-        const double u = x / unit, v = y / unit;
-        const float noise = 0.5f * ValueNoise2(u / 7, v / 7, own) + 0.75f * ValueNoise2(u / 19, v / 19, own + 1) +
-                            0.62f * ValueNoise2(u / 55, v / 55, own + 2);
-        out.doubt.at(x, y) = own_weight * noise + kSharedDeviation * common.doubt;
-        const float choice = 0.5f * common.choice + 0.5f * (0.5f + 0.7f * ValueNoise2(u / 40, v / 40, own + 3));
-        // The mean of two uniform values concentrates around 0.5, so stretch it.
-        out.choice.at(x, y) = std::clamp(0.5f + 1.6f * (choice - 0.5f), 0.f, 0.999f);
-      }
+  ParallelForEach(height, 8, [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      if (view.labels.at(x, y) == 255) continue;
+      const Eigen::Vector3d p(view.position.at(x, y, 0), view.position.at(x, y, 1), view.position.at(x, y, 2));
+      const LabelDoubt common = SurfaceDoubt(p, 1.1, shared);
+      const double u = x / unit, v = y / unit;
+      const float noise = 0.5f * ValueNoise2(u / 7, v / 7, own) + 0.75f * ValueNoise2(u / 19, v / 19, own + 1) +
+                          0.62f * ValueNoise2(u / 55, v / 55, own + 2);
+      out.doubt.at(x, y) = own_weight * noise + kSharedDeviation * common.doubt;
+      const float choice = 0.5f * common.choice + 0.5f * (0.5f + 0.7f * ValueNoise2(u / 40, v / 40, own + 3));
+      // The mean of two uniform values concentrates around 0.5, so stretch it.
+      out.choice.at(x, y) = std::clamp(0.5f + 1.6f * (choice - 0.5f), 0.f, 0.999f);
     }
   });
   return out;
@@ -96,18 +94,14 @@ ByteImage MakeLikelihoods(const RenderedView& view, const ViewDoubt& doubt, doub
     }
   }
   const int radius = std::max(1, static_cast<int>(std::lround(2.0 * width / 1000.0)));
-  ParallelFor(kCityClasses, 1, [&](int64_t begin, int64_t end) {
-    for (int64_t c = begin; c < end; ++c) BlurPlane(belief.plane(static_cast<int>(c)), width, height, radius);
-  });
+  ParallelForEach(kCityClasses, 1, [&](int c) { BlurPlane(belief.plane(c), width, height, radius); });
   ByteImage out(width, height, kCityClasses);
-  ParallelFor(height, 16, [&](int64_t begin, int64_t end) {
-    for (int y = static_cast<int>(begin); y < end; ++y) {
-      for (int x = 0; x < width; ++x) {
-        for (int c = 0; c < kCityClasses; ++c) {
-          // At most 0.84, so that no class is certain. 64 steps suffice and keep the files small.
-          const float p = 0.04f + 0.8f * belief.at(x, y, c);
-          out.at(x, y, c) = static_cast<uint8_t>(4 * std::lround(63.f * std::clamp(p, 0.f, 1.f)));
-        }
+  ParallelForEach(height, 16, [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      for (int c = 0; c < kCityClasses; ++c) {
+        // At most 0.84, so that no class is certain. 64 steps suffice and keep the files small.
+        const float p = 0.04f + 0.8f * belief.at(x, y, c);
+        out.at(x, y, c) = static_cast<uint8_t>(4 * std::lround(63.f * std::clamp(p, 0.f, 1.f)));
       }
     }
   });

@@ -38,30 +38,28 @@ std::vector<StartLabelSample> SampleStartLabels(const CityScene& scene, const st
   const RayCaster start_caster(start);
   const CityPlan& plan = scene.plan();
   std::vector<std::vector<StartLabelSample>> found(views.size());
-  ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t k = begin; k < end; ++k) {
-      const PosedCamera& camera = views[k]->camera;
-      const Eigen::Vector3d centre = camera.Centre();
-      const int width = camera.intrinsics.width, height = camera.intrinsics.height;
-      const int step =
-          std::max(1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(width) * height / rays_per_view))));
-      for (int y = step / 2; y < height; y += step) {
-        for (int x = step / 2; x < width; x += step) {
-          const Eigen::Vector3d ray = camera.Ray(x + 0.5, y + 0.5);
-          const RayHit truth = scene.caster().Cast(centre, ray);
-          if (!truth.hit()) continue;
-          const Eigen::Vector3d p = centre + truth.distance * ray;
-          const int column =
-              std::clamp(static_cast<int>(std::floor((p.x() - plan.MinX()) / CityPlan::kPitch)), 0, plan.columns - 1);
-          const int row =
-              std::clamp(static_cast<int>(std::floor((p.y() - plan.MinY()) / CityPlan::kPitch)), 0, plan.rows - 1);
-          if (!range.Contains(column, row)) continue;
-          const RayHit start_hit = start_caster.Cast(centre, ray);
-          StartLabelSample sample{0, StartLabelSample::kNoFace,
-                                  static_cast<uint8_t>(scene.surface().mesh.labels[truth.face])};
-          if (start_hit.hit()) std::tie(sample.chunk, sample.face) = origin_of_face[start_hit.face];
-          found[k].push_back(sample);
-        }
+  ParallelForEach(views.size(), 1, [&](size_t k) {
+    const PosedCamera& camera = views[k]->camera;
+    const Eigen::Vector3d centre = camera.Centre();
+    const int width = camera.intrinsics.width, height = camera.intrinsics.height;
+    const int step =
+        std::max(1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(width) * height / rays_per_view))));
+    for (int y = step / 2; y < height; y += step) {
+      for (int x = step / 2; x < width; x += step) {
+        const Eigen::Vector3d ray = camera.Ray(x + 0.5, y + 0.5);
+        const RayHit truth = scene.caster().Cast(centre, ray);
+        if (!truth.hit()) continue;
+        const Eigen::Vector3d p = centre + truth.distance * ray;
+        const int column =
+            std::clamp(static_cast<int>(std::floor((p.x() - plan.MinX()) / CityPlan::kPitch)), 0, plan.columns - 1);
+        const int row =
+            std::clamp(static_cast<int>(std::floor((p.y() - plan.MinY()) / CityPlan::kPitch)), 0, plan.rows - 1);
+        if (!range.Contains(column, row)) continue;
+        const RayHit start_hit = start_caster.Cast(centre, ray);
+        StartLabelSample sample{0, StartLabelSample::kNoFace,
+                                static_cast<uint8_t>(scene.surface().mesh.labels[truth.face])};
+        if (start_hit.hit()) std::tie(sample.chunk, sample.face) = origin_of_face[start_hit.face];
+        found[k].push_back(sample);
       }
     }
   });
@@ -113,11 +111,9 @@ double CalibrateLikelihoods(const CityScene& scene, const std::vector<const Synt
                             const std::vector<uint64_t>& seeds) {
   std::vector<RenderedView> rendered(views.size());
   std::vector<ViewDoubt> doubts(views.size());
-  ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t k = begin; k < end; ++k) {
-      rendered[k] = RenderView(scene, *views[k], seeds[k], false);
-      doubts[k] = PixelDoubt(scene.plan(), rendered[k], seeds[k]);
-    }
+  ParallelForEach(views.size(), 1, [&](size_t k) {
+    rendered[k] = RenderView(scene, *views[k], seeds[k], false);
+    doubts[k] = PixelDoubt(scene.plan(), rendered[k], seeds[k]);
   });
   std::vector<float> ordered;
   for (size_t k = 0; k < views.size(); ++k) {
@@ -133,9 +129,8 @@ double CalibrateLikelihoods(const CityScene& scene, const std::vector<const Synt
     threshold =
         ordered[static_cast<size_t>(std::clamp(quantile, 0.3, 0.9999) * static_cast<double>(ordered.size() - 1))];
     std::vector<ArgmaxCount> counts(views.size());
-    ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t k = begin; k < end; ++k)
-        counts[k] = CountArgmax(rendered[k], MakeLikelihoods(rendered[k], doubts[k], threshold));
+    ParallelForEach(views.size(), 1, [&](size_t k) {
+      counts[k] = CountArgmax(rendered[k], MakeLikelihoods(rendered[k], doubts[k], threshold));
     });
     int64_t right = 0, all = 0;
     for (const ArgmaxCount& count : counts) {

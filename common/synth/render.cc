@@ -39,34 +39,31 @@ RenderedView RenderView(const CityScene& scene, const SynthView& view, uint64_t 
   for (float& b : balance) b = static_cast<float>(random.Uniform(0.97, 1.03));
   const Eigen::Vector3f haze(0.5f, 0.56f, 0.62f);
   const double half_diagonal = 0.5 * std::hypot(width, height);
-  ParallelFor(height, 4, [&](int64_t begin, int64_t end) {
-    for (int y = static_cast<int>(begin); y < end; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const Eigen::Vector3d middle = camera.Ray(x + 0.5, y + 0.5);
-        const RayHit hit = scene.caster().Cast(centre, middle);
-        if (hit.hit()) {
-          out.labels.at(x, y) = static_cast<uint8_t>(scene.surface().mesh.labels[hit.face]);
-          const Eigen::Vector3d p = centre + hit.distance * middle;
-          for (int k = 0; k < 3; ++k) out.position.at(x, y, k) = static_cast<float>(p[k]);
-        }
-        if (!with_rgb) continue;
-        Eigen::Vector3f sum = hit.hit() ? scene.Radiance(hit, centre, middle) : haze;
-        // Three more rays on a randomly rotated circle around the centre, which sample the pixel evenly.
-        const double turn = LatticeUniform(x, y, 99, noise_seed) * 6.283185307179586;
-        for (int k = 1; k < kSamples; ++k) {
-          const double angle = turn + (k - 1) * 2.0943951023931953, radius = 0.4;
-          const Eigen::Vector3d ray =
-              camera.Ray(x + 0.5 + radius * std::cos(angle), y + 0.5 + radius * std::sin(angle));
-          const RayHit sample = scene.caster().Cast(centre, ray);
-          sum += sample.hit() ? scene.Radiance(sample, centre, ray) : haze;
-        }
-        const double r = std::hypot(x + 0.5 - camera.intrinsics.cx, y + 0.5 - camera.intrinsics.cy) / half_diagonal;
-        const float gain = exposure * (1.f - kVignetting * static_cast<float>(r * r)) / kSamples;
-        for (int k = 0; k < 3; ++k) {
-          const float value = Encode(sum[k] * gain * balance[k]);
-          const float noise = kNoise * std::sqrt(0.4f + value / 210.f) * PixelNoise(x, y, k, noise_seed);
-          out.rgb.at(x, y, k) = static_cast<uint8_t>(std::lround(std::min(255.f, std::max(0.f, value + noise))));
-        }
+  ParallelForEach(height, 4, [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      const Eigen::Vector3d middle = camera.Ray(x + 0.5, y + 0.5);
+      const RayHit hit = scene.caster().Cast(centre, middle);
+      if (hit.hit()) {
+        out.labels.at(x, y) = static_cast<uint8_t>(scene.surface().mesh.labels[hit.face]);
+        const Eigen::Vector3d p = centre + hit.distance * middle;
+        for (int k = 0; k < 3; ++k) out.position.at(x, y, k) = static_cast<float>(p[k]);
+      }
+      if (!with_rgb) continue;
+      Eigen::Vector3f sum = hit.hit() ? scene.Radiance(hit, centre, middle) : haze;
+      // Three more rays on a randomly rotated circle around the centre, which sample the pixel evenly.
+      const double turn = LatticeUniform(x, y, 99, noise_seed) * 6.283185307179586;
+      for (int k = 1; k < kSamples; ++k) {
+        const double angle = turn + (k - 1) * 2.0943951023931953, radius = 0.4;
+        const Eigen::Vector3d ray = camera.Ray(x + 0.5 + radius * std::cos(angle), y + 0.5 + radius * std::sin(angle));
+        const RayHit sample = scene.caster().Cast(centre, ray);
+        sum += sample.hit() ? scene.Radiance(sample, centre, ray) : haze;
+      }
+      const double r = std::hypot(x + 0.5 - camera.intrinsics.cx, y + 0.5 - camera.intrinsics.cy) / half_diagonal;
+      const float gain = exposure * (1.f - kVignetting * static_cast<float>(r * r)) / kSamples;
+      for (int k = 0; k < 3; ++k) {
+        const float value = Encode(sum[k] * gain * balance[k]);
+        const float noise = kNoise * std::sqrt(0.4f + value / 210.f) * PixelNoise(x, y, k, noise_seed);
+        out.rgb.at(x, y, k) = static_cast<uint8_t>(std::lround(std::min(255.f, std::max(0.f, value + noise))));
       }
     }
   });

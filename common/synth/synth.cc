@@ -204,9 +204,7 @@ class CitySynthesizer {
       control_.Report(0.03 * row / plan_.rows, "true surface");
       TESSERA_RETURN_IF_ERROR(control_.Check());
       std::vector<TriangleMesh> meshes(plan_.columns);
-      ParallelFor(plan_.columns, 1, [&](int64_t begin, int64_t end) {
-        for (int64_t c = begin; c < end; ++c) meshes[c] = BuildBlock(plan_, static_cast<int>(c), row).surface.mesh;
-      });
+      ParallelForEach(plan_.columns, 1, [&](int c) { meshes[c] = BuildBlock(plan_, c, row).surface.mesh; });
       for (const TriangleMesh& mesh : meshes) {
         const uint32_t first = static_cast<uint32_t>(spool.vertex_count());
         for (const Eigen::Vector3d& p : mesh.vertices) spool.AddVertex(p);
@@ -291,9 +289,8 @@ class CitySynthesizer {
       for (int column = range.column_low; column < range.column_high; ++column) block_indices.push_back({row, column});
     }
     std::vector<StartChunk> chunks(block_indices.size());
-    ParallelFor(static_cast<int64_t>(block_indices.size()), 1, [&](int64_t begin, int64_t end) {
-      for (int64_t k = begin; k < end; ++k)
-        chunks[k] = ExtractStartChunk(plan_, blocks_, block_indices[k].second, block_indices[k].first);
+    ParallelForEach(block_indices.size(), 1, [&](size_t k) {
+      chunks[k] = ExtractStartChunk(plan_, blocks_, block_indices[k].second, block_indices[k].first);
     });
     std::vector<const StartChunk*> pointers;
     for (const StartChunk& chunk : chunks) pointers.push_back(&chunk);
@@ -340,12 +337,9 @@ class CitySynthesizer {
       TESSERA_RETURN_IF_ERROR(control_.Check());
       blocks_.ForgetRowsBefore(row - 1);
       std::vector<StartChunk> chunks(plan_.columns);
-      ParallelFor(plan_.columns, 1, [&](int64_t begin, int64_t end) {
-        for (int64_t c = begin; c < end; ++c) {
-          const auto ready = ready_chunks_.find({row, static_cast<int>(c)});
-          chunks[c] = ready != ready_chunks_.end() ? std::move(ready->second)
-                                                   : ExtractStartChunk(plan_, blocks_, static_cast<int>(c), row);
-        }
+      ParallelForEach(plan_.columns, 1, [&](int c) {
+        const auto ready = ready_chunks_.find({row, c});
+        chunks[c] = ready != ready_chunks_.end() ? std::move(ready->second) : ExtractStartChunk(plan_, blocks_, c, row);
       });
       for (const StartChunk& chunk : chunks) {
         AddByArea(chunk, start_threshold_, by_area);
@@ -397,14 +391,12 @@ class CitySynthesizer {
         std::vector<ArgmaxCount> counts(views.size());
         std::vector<Status> statuses(views.size());
         std::mutex mutex;
-        ParallelFor(static_cast<int64_t>(views.size()), 1, [&](int64_t begin, int64_t end) {
-          for (int64_t k = begin; k < end; ++k) {
-            statuses[k] = control_.Check();
-            if (statuses[k].ok()) statuses[k] = WriteView(*scene, views[k], &counts[k]);
-            std::lock_guard<std::mutex> lock(mutex);
-            ++done;
-            control_.Report(0.18 + 0.8 * static_cast<double>(done) / static_cast<double>(flight_.size()), "images");
-          }
+        ParallelForEach(views.size(), 1, [&](size_t k) {
+          statuses[k] = control_.Check();
+          if (statuses[k].ok()) statuses[k] = WriteView(*scene, views[k], &counts[k]);
+          std::lock_guard<std::mutex> lock(mutex);
+          ++done;
+          control_.Report(0.18 + 0.8 * static_cast<double>(done) / static_cast<double>(flight_.size()), "images");
         });
         for (size_t k = 0; k < views.size(); ++k) {
           TESSERA_RETURN_IF_ERROR(statuses[k]);

@@ -31,13 +31,11 @@ StatusOr<std::vector<NamedDigest>> DigestSceneFiles(const std::string& folder, c
                                                     const Cancelled& cancelled) {
   std::vector<NamedDigest> digests(files.size());
   std::vector<Status> statuses(files.size());
-  ParallelFor(static_cast<int64_t>(files.size()), 1, [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      const auto file = allowed.Open(folder + "/" + files[i]);
-      const auto digest = file.ok() ? DigestOfFile(*file, cache, clock, cancelled) : file.status();
-      statuses[i] = digest.status();
-      if (digest.ok()) digests[i] = {files[i], *digest};
-    }
+  ParallelForEach(files.size(), 1, [&](size_t i) {
+    const auto file = allowed.Open(folder + "/" + files[i]);
+    const auto digest = file.ok() ? DigestOfFile(*file, cache, clock, cancelled) : file.status();
+    statuses[i] = digest.status();
+    if (digest.ok()) digests[i] = {files[i], *digest};
   });
   Faults faults;
   for (const Status& status : statuses) {
