@@ -19,11 +19,6 @@ class Id {
   Value value_ = -1;
 };
 
-// Index of a view in SceneDescription::views.
-using ViewId = Id<struct ViewTag>;
-// Index of a tile in a job's plan.
-using TileId = Id<struct TileTag>;
-
 }  // namespace tessera
 
 template <class Tag, class Value>

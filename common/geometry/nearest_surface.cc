@@ -37,23 +37,6 @@ struct NearestSurface::Impl {
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
 
-  // Upper bound of the float rounding in the tree near `p`.
-  double SlackAt(const Eigen::Vector3d& p) const {
-    return 8 * std::numeric_limits<float>::epsilon() * (extent_m + (p - centre).cwiseAbs().maxCoeff());
-  }
-
-  void Query(const Eigen::Vector3d& p, float radius, RTCPointQueryFunction visit, void* user) const {
-    const Eigen::Vector3d centred = p - centre;
-    RTCPointQuery query{};
-    query.x = static_cast<float>(centred.x());
-    query.y = static_cast<float>(centred.y());
-    query.z = static_cast<float>(centred.z());
-    query.radius = radius;
-    RTCPointQueryContext context;
-    rtcInitPointQueryContext(&context);
-    rtcPointQuery(scene, &query, &context, visit, user);
-  }
-
   ~Impl() {
     if (scene) rtcReleaseScene(scene);
     if (device) rtcReleaseDevice(device);
@@ -85,36 +68,15 @@ bool Visit(RTCPointQueryFunctionArguments* args) {
   return true;
 }
 
-struct Proximity {
-  const TriangleMesh* mesh;
-  Eigen::Vector3d query;
-  double squared;
-  bool found = false;
-};
-
-bool VisitUntilNear(RTCPointQueryFunctionArguments* args) {
-  Proximity& proximity = *static_cast<Proximity*>(args->userPtr);
-  const TriangleMesh& mesh = *proximity.mesh;
-  const Eigen::Vector3d point = NearestPointOfTriangle(proximity.query, mesh.Corner(args->primID, 0),
-                                                       mesh.Corner(args->primID, 1), mesh.Corner(args->primID, 2));
-  if (proximity.found || (point - proximity.query).squaredNorm() > proximity.squared) return false;
-  proximity.found = true;
-  args->query->radius = 0;  // ends the query
-  return true;
-}
-
 }  // namespace
 
 NearestSurface::NearestSurface(const TriangleMesh& mesh) : impl_(std::make_unique<Impl>()) {
   impl_->mesh = &mesh;
   if (mesh.faces.empty()) return;
-  Eigen::Vector3d low = mesh.vertices.front(), high = low;
-  for (const Eigen::Vector3d& v : mesh.vertices) {
-    low = low.cwiseMin(v);
-    high = high.cwiseMax(v);
-  }
-  impl_->centre = 0.5 * (low + high);
-  impl_->extent_m = 0.5 * (high - low).maxCoeff();
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& v : mesh.vertices) box.extend(v);
+  impl_->centre = box.center();
+  impl_->extent_m = 0.5 * box.sizes().maxCoeff();
   impl_->device = rtcNewDevice(nullptr);
   impl_->scene = rtcNewScene(impl_->device);
   rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
@@ -139,17 +101,18 @@ NearestSurface& NearestSurface::operator=(NearestSurface&&) noexcept = default;
 
 NearestPoint NearestSurface::Find(const Eigen::Vector3d& p) const {
   if (!impl_->scene) return {};
-  Search search{impl_->mesh, p, impl_->SlackAt(p)};
-  impl_->Query(p, std::numeric_limits<float>::infinity(), Visit, &search);
+  const Eigen::Vector3d centred = p - impl_->centre;
+  Search search{impl_->mesh, p,
+                8 * std::numeric_limits<float>::epsilon() * (impl_->extent_m + centred.cwiseAbs().maxCoeff())};
+  RTCPointQuery query{};
+  query.x = static_cast<float>(centred.x());
+  query.y = static_cast<float>(centred.y());
+  query.z = static_cast<float>(centred.z());
+  query.radius = std::numeric_limits<float>::infinity();
+  RTCPointQueryContext context;
+  rtcInitPointQueryContext(&context);
+  rtcPointQuery(impl_->scene, &query, &context, Visit, &search);
   return {search.face, search.point, std::sqrt(search.best_squared)};
-}
-
-bool NearestSurface::IsWithin(const Eigen::Vector3d& p, double distance_m) const {
-  if (!impl_->scene) return false;
-  Proximity proximity{impl_->mesh, p, distance_m * distance_m};
-  const double radius_m = distance_m * (1 + 1e-6) + impl_->SlackAt(p);
-  impl_->Query(p, static_cast<float>(radius_m), VisitUntilNear, &proximity);
-  return proximity.found;
 }
 
 }  // namespace tessera

@@ -33,9 +33,6 @@ class NearestSurface {
   // `p`: metres, frame of the mesh.
   NearestPoint Find(const Eigen::Vector3d& p) const;
 
-  // Whether the distance of `p` from the mesh is at most `distance_m`; faster than Find.
-  bool IsWithin(const Eigen::Vector3d& p, double distance_m) const;
-
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

@@ -1,7 +1,7 @@
 #include "common/imaging/npy.h"
 
+#include <Eigen/Core>
 #include <cctype>
-#include <cmath>
 #include <cstring>
 #include <optional>
 
@@ -90,14 +90,6 @@ class HeaderParser {
 
 }  // namespace
 
-float FloatFromHalf(uint16_t half) {
-  const int exponent = (half >> 10) & 31, mantissa = half & 1023;
-  const float sign = half & 0x8000 ? -1.0f : 1.0f;
-  if (exponent == 31) return mantissa ? NAN : sign * INFINITY;
-  if (exponent == 0) return sign * std::ldexp(static_cast<float>(mantissa), -24);
-  return sign * std::ldexp(static_cast<float>(mantissa + 1024), exponent - 25);
-}
-
 StatusOr<NpyArray> FindNpyArray(const std::vector<uint8_t>& bytes, const std::string& name) {
   if (bytes.size() < 10 || std::memcmp(bytes.data(), "\x93NUMPY", 6) != 0) {
     return InputError(name, "byte 0", "no NPY signature", "an NPY file");
@@ -160,7 +152,8 @@ FloatImage NpyPart(const NpyArray& array, const ImagePart& part) {
         if (array.value_bytes == 1) {
           *out++ = *value;
         } else if (array.value_bytes == 2) {
-          *out++ = FloatFromHalf(static_cast<uint16_t>(value[0] + 256 * value[1]));
+          *out++ = static_cast<float>(
+              Eigen::half_impl::raw_uint16_to_half(static_cast<uint16_t>(value[0] + 256 * value[1])));
         } else {
           std::memcpy(out++, value, 4);
         }
@@ -168,11 +161,6 @@ FloatImage NpyPart(const NpyArray& array, const ImagePart& part) {
     }
   }
   return image;
-}
-
-StatusOr<FloatImage> ParseNpy(const std::vector<uint8_t>& bytes, const std::string& name) {
-  TESSERA_ASSIGN_OR_RETURN(const NpyArray array, FindNpyArray(bytes, name));
-  return NpyPart(array, {0, 0, array.width, array.height});
 }
 
 }  // namespace tessera

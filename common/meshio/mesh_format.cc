@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <memory>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "common/meshio/byte_source.h"
 #include "common/meshio/ply.h"
@@ -12,8 +11,7 @@ namespace tessera {
 namespace {
 
 constexpr MeshFormat kFormats[] = {
-    {"PLY", ".ply", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyFaceCount,
-     [](const std::string& path, const TriangleMesh& mesh) { return WritePly(path, mesh); }},
+    {"PLY", IsPly, PlyHasLabels, ReadPly, StreamPly, PlyFaceCount},
 };
 
 constexpr int64_t kHeadBytes = 256;
@@ -60,13 +58,6 @@ Status StreamMesh(const std::string& path, MeshSink* sink) {
 StatusOr<int64_t> CountMeshFaces(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const MeshFormat* const format, FormatOfFile(path));
   return format->count_faces(path);
-}
-
-Status WriteMesh(const std::string& path, const TriangleMesh& mesh) {
-  for (const MeshFormat& format : kFormats) {
-    if (absl::EndsWithIgnoreCase(path, std::string(format.extension))) return format.write(path, mesh);
-  }
-  return InputError(path, "extension", "no known mesh format", absl::StrCat("a mesh file (", Names(), ")"));
 }
 
 }  // namespace tessera

@@ -1,5 +1,5 @@
-// Mesh files of any format: a table of readers and writers, one row a format. To add a format, write a file with its
-// reader and writer and add a row to kFormats in mesh_format.cc.
+// Mesh files of any format: a table of readers, one row a format. To add a format, write a file with its reader and add
+// a row to kFormats in mesh_format.cc.
 #pragma once
 
 #include <cstdint>
@@ -13,13 +13,11 @@ namespace tessera {
 
 struct MeshFormat {
   std::string_view name;                      // for messages
-  std::string_view extension;                 // of files to write
   bool (*matches)(std::string_view head);     // whether a file that begins with `head` has this format
   bool (*has_labels)(std::string_view head);  // whether faces have labels, as far as `head` tells
   StatusOr<MeshContent> (*read)(const std::string& path);
   Status (*stream)(const std::string& path, MeshSink* sink);
   StatusOr<int64_t> (*count_faces)(const std::string& path);
-  Status (*write)(const std::string& path, const TriangleMesh& mesh);
 };
 
 // Reads a mesh file; the format is detected from its first bytes. INVALID_ARGUMENT if no format matches, NOT_FOUND if
@@ -34,8 +32,5 @@ Status StreamMesh(const std::string& path, MeshSink* sink);
 
 // The number of faces that the file declares.
 StatusOr<int64_t> CountMeshFaces(const std::string& path);
-
-// Writes a mesh file atomically; the path's extension selects the format. INVALID_ARGUMENT for an unknown extension.
-Status WriteMesh(const std::string& path, const TriangleMesh& mesh);
 
 }  // namespace tessera

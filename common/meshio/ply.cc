@@ -13,9 +13,7 @@ namespace tessera {
 namespace {
 
 Status Stream(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink) {
-  int64_t faces = 0;
-  for (const PlyElement& element : header.elements) faces += element.kind == PlyElementKind::kFace ? element.count : 0;
-  TESSERA_RETURN_IF_ERROR(sink.Begin(header.vertex_count, faces, header.has_label, header.float_positions));
+  TESSERA_RETURN_IF_ERROR(sink.Begin(header.vertex_count, header.face_count, header.has_label, header.float_positions));
   return header.format == PlyFormat::kAscii ? ReadPlyText(source, header, name, sink)
                                             : ReadPlyBinary(source, header, name, sink);
 }
@@ -39,21 +37,7 @@ class ContentSink : public MeshSink {
   bool has_labels_ = false;
 };
 
-StatusOr<MeshContent> Parse(ByteSource& source, const std::string& name) {
-  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name));
-  MeshContent content;
-  try {
-    ReserveMesh(source, header, content.mesh);
-    ContentSink sink(content);
-    TESSERA_RETURN_IF_ERROR(Stream(source, header, name, sink));
-  } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError(absl::StrCat(name, ": not enough memory for the mesh"));
-  }
-  return content;
-}
-
-}  // namespace
-
+// Reserves memory for the declared vertices and faces, limited by the size of `source`.
 void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh& mesh) {
   const int64_t available = source.size_bytes() - source.offset_bytes();
   for (const PlyElement& element : header.elements) {
@@ -73,6 +57,21 @@ void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh
     }
   }
 }
+
+StatusOr<MeshContent> Parse(ByteSource& source, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(source, name));
+  MeshContent content;
+  try {
+    ReserveMesh(source, header, content.mesh);
+    ContentSink sink(content);
+    TESSERA_RETURN_IF_ERROR(Stream(source, header, name, sink));
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError(absl::StrCat(name, ": not enough memory for the mesh"));
+  }
+  return content;
+}
+
+}  // namespace
 
 bool IsPly(std::string_view head) { return head.starts_with("ply\n") || head.starts_with("ply\r\n"); }
 
@@ -102,9 +101,7 @@ Status StreamPly(const std::string& path, MeshSink* sink) {
 StatusOr<int64_t> PlyFaceCount(const std::string& path) {
   TESSERA_ASSIGN_OR_RETURN(const std::unique_ptr<ByteSource> source, ByteSource::Open(path));
   TESSERA_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(*source, path));
-  int64_t faces = 0;
-  for (const PlyElement& element : header.elements) faces += element.kind == PlyElementKind::kFace ? element.count : 0;
-  return faces;
+  return header.face_count;
 }
 
 StatusOr<MeshContent> ParsePly(const std::string& bytes, const std::string& name) {

@@ -4,7 +4,6 @@
 #include <string>
 
 #include "common/base/status.h"
-#include "common/geometry/mesh.h"
 #include "common/meshio/byte_source.h"
 #include "common/meshio/ply.h"
 #include "common/meshio/ply_header.h"
@@ -15,8 +14,5 @@ namespace tessera {
 // INVALID_ARGUMENT with the line or byte offset; also for data after the last element.
 Status ReadPlyText(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink);
 Status ReadPlyBinary(ByteSource& source, const PlyHeader& header, const std::string& name, MeshSink& sink);
-
-// Reserves memory for the declared vertices and faces, limited by the size of `source`.
-void ReserveMesh(const ByteSource& source, const PlyHeader& header, TriangleMesh& mesh);
 
 }  // namespace tessera

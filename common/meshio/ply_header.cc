@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "common/base/printable.h"
 
 namespace tessera {
 namespace {
@@ -159,6 +160,7 @@ class HeaderParser {
       header_.vertex_count = element.count;
     } else if (element.name == "face") {
       element.kind = PlyElementKind::kFace;
+      header_.face_count = element.count;
     }
     header_.elements.push_back(std::move(element));
     return absl::OkStatus();
@@ -277,21 +279,8 @@ class HeaderParser {
 }  // namespace
 
 int PlyTypeBytes(PlyType type) {
-  switch (type) {
-    case PlyType::kInt8:
-    case PlyType::kUint8:
-      return 1;
-    case PlyType::kInt16:
-    case PlyType::kUint16:
-      return 2;
-    case PlyType::kInt32:
-    case PlyType::kUint32:
-    case PlyType::kFloat32:
-      return 4;
-    case PlyType::kFloat64:
-      return 8;
-  }
-  return 0;
+  constexpr int kBytes[] = {1, 1, 2, 2, 4, 4, 4, 8};  // in the order of PlyType
+  return kBytes[static_cast<int>(type)];
 }
 
 bool IsInteger(PlyType type) { return type != PlyType::kFloat32 && type != PlyType::kFloat64; }
@@ -306,18 +295,7 @@ int64_t LeastElementBytes(const PlyElement& element, PlyFormat format) {
 }
 
 std::string Quoted(std::string_view text) {
-  std::string out = "'";
-  for (const char c : text.substr(0, 40)) {
-    if (c >= 0x20 && c < 0x7f) {
-      out += c;
-    } else {
-      char escaped[5];
-      std::snprintf(escaped, sizeof(escaped), "\\x%02x", static_cast<unsigned char>(c));
-      out += escaped;
-    }
-  }
-  if (text.size() > 40) out += "...";
-  return out + "'";
+  return absl::StrCat("'", Printable(Prefix(text, 40)), text.size() > 40 ? "..." : "", "'");
 }
 
 StatusOr<PlyHeader> ReadPlyHeader(ByteSource& source, const std::string& name) {

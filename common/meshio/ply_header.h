@@ -41,7 +41,7 @@ struct PlyHeader {
   PlyFormat format = PlyFormat::kAscii;
   std::vector<PlyElement> elements;
   int64_t lines = 0;  // number of header lines
-  int64_t vertex_count = 0;
+  int64_t vertex_count = 0, face_count = 0;
   bool has_label = false;
   bool float_positions = false;
 };

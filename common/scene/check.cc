@@ -17,7 +17,6 @@
 #include "common/meshio/mesh_format.h"
 #include "common/scene/colmap.h"
 #include "common/scene/coverage.h"
-#include "common/scene/loading.h"
 #include "common/storage/hash.h"
 
 namespace tessera {
@@ -289,18 +288,6 @@ class SceneChecker {
   SceneSummary summary_;
 };
 
-constexpr int64_t kNoFaceLimit = std::numeric_limits<int64_t>::max();
-
-StatusOr<SceneSummary> CheckAndReport(const SceneDescription& scene, int64_t max_mesh_faces, Warnings* warnings,
-                                      Faults* faults, const TaskControl& control) {
-  Warnings unused;
-  TESSERA_ASSIGN_OR_RETURN(
-      SceneSummary summary,
-      SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, faults, control).Check());
-  TESSERA_RETURN_IF_ERROR(faults->ToStatus());
-  return summary;
-}
-
 }  // namespace
 
 StatusOr<PixelContent> ReadPixelContent(const std::string& folder, const SceneView& view, int classes,
@@ -342,13 +329,8 @@ Status ViewVisibilityError(const std::string& mesh_path, const SceneView& view, 
   return absl::OkStatus();
 }
 
-StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warnings, const TaskControl& control) {
-  Faults faults;
-  return CheckAndReport(scene, kNoFaceLimit, warnings, &faults, control);
-}
-
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control) {
-  return CheckSceneFolder(path, SceneLoadOptions(), kNoFaceLimit, warnings, control);
+  return CheckSceneFolder(path, SceneLoadOptions(), std::numeric_limits<int64_t>::max(), warnings, control);
 }
 
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoadOptions& load, int64_t max_mesh_faces,
@@ -356,7 +338,12 @@ StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, const SceneLoad
   Faults faults;
   const SceneDescription scene = LoadSceneCollecting(path, load, warnings, &faults);
   if (scene.files.empty()) return faults.ToStatus();  // no scene.json
-  return CheckAndReport(scene, max_mesh_faces, warnings, &faults, control);
+  Warnings unused;
+  TESSERA_ASSIGN_OR_RETURN(
+      SceneSummary summary,
+      SceneChecker(scene, max_mesh_faces, warnings == nullptr ? &unused : warnings, &faults, control).Check());
+  TESSERA_RETURN_IF_ERROR(faults.ToStatus());
+  return summary;
 }
 
 }  // namespace tessera

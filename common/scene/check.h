@@ -68,12 +68,10 @@ struct SceneSummary {
   std::optional<Reprojection> reprojection;  // none if the model has no 3D points
 };
 
-// Reads all files of the scene. INVALID_ARGUMENT lists all errors, one per line, each with its file and location in it.
-// Adds unusual but usable input to `warnings`. CANCELLED by `control`. Uses all threads; memory is bounded by the mesh
-// plus one image with its likelihoods per thread.
-StatusOr<SceneSummary> CheckScene(const SceneDescription& scene, Warnings* warnings, const TaskControl& control);
-
-// LoadScene and CheckScene in one call. Reports the errors of both, and continues with a partly readable scene.
+// Loads the scene (LoadScene) and reads all its files. INVALID_ARGUMENT lists all errors, one per line, each with its
+// file and location in it; continues with a partly readable scene. Adds unusual but usable input to `warnings`.
+// CANCELLED by `control`. Uses all threads; memory is bounded by the mesh plus one image with its likelihoods per
+// thread.
 StatusOr<SceneSummary> CheckSceneFolder(const std::string& path, Warnings* warnings, const TaskControl& control);
 
 // The same with load options. A mesh of more than `max_mesh_faces` faces is not read; the caller streams it.

@@ -12,7 +12,6 @@
 #include "common/imaging/image_io.h"
 #include "common/meshio/mesh_format.h"
 #include "common/scene/colmap.h"
-#include "common/scene/loading.h"
 #include "common/scene/scene_json.h"
 #include "common/storage/files.h"
 

@@ -80,6 +80,10 @@ struct SceneLoadOptions {
 // INVALID_ARGUMENT lists all errors that can be found without reading pixels or the mesh, one per line.
 StatusOr<SceneDescription> LoadScene(const std::string& path, Warnings* warnings,
                                      const SceneLoadOptions& options = SceneLoadOptions());
+// Like LoadScene, but adds all errors to `faults` and returns the readable part. image_path is empty if the image is
+// missing or has a wrong size, likelihood_path if likelihoods are missing, mesh_path if there is no mesh file.
+SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOptions& options, Warnings* warnings,
+                                     Faults* faults);
 
 // The start mesh in the local frame, not repaired. INVALID_ARGUMENT for a PLY with float coordinates whose rounding
 // error exceeds gsd_m / 100 (pass 0 to skip that test).

@@ -13,7 +13,7 @@
 #include "common/base/parallel.h"
 #include "common/geometry/repair.h"
 #include "common/imaging/image_io.h"
-#include "common/meshio/mesh_format.h"
+#include "common/meshio/ply.h"
 #include "common/scene/scene.h"
 #include "tests/support/held_pixels.h"
 #include "tests/support/refine_surface.h"
@@ -144,7 +144,7 @@ Status Bench(Arguments& a) {
   if (a.out.empty()) return absl::OkStatus();
   problem.mesh.vertices = vertices;
   for (Eigen::Vector3d& v : problem.mesh.vertices) v = scene.frame.SceneFromLocal(v);
-  return WriteMesh(a.out, problem.mesh);
+  return WritePly(a.out, problem.mesh);
 }
 
 }  // namespace

@@ -92,21 +92,5 @@ TEST(NearestSurface, TiesReturnTheLowestFace) {
 
 TEST(NearestSurface, EmptyMeshHasNoNearestFace) { EXPECT_EQ(NearestSurface(TriangleMesh()).Find({0, 0, 0}).face, -1); }
 
-TEST(NearestSurface, IsWithinAgreesWithFind) {
-  for (const Eigen::Vector3d& origin : {Eigen::Vector3d(0, 0, 0), Eigen::Vector3d(5e5, 5e6, 100)}) {
-    const TriangleMesh mesh = RandomTriangles(300, origin, 11);
-    const NearestSurface surface(mesh);
-    Random random(12);
-    for (int i = 0; i < 500; ++i) {
-      const Eigen::Vector3d p =
-          origin + Eigen::Vector3d(random.Uniform(-60, 60), random.Uniform(-60, 60), random.Uniform(-5, 25));
-      const double distance_m = surface.Find(p).distance_m;
-      EXPECT_TRUE(surface.IsWithin(p, distance_m * (1 + 1e-9)));
-      EXPECT_FALSE(surface.IsWithin(p, distance_m * (1 - 1e-9)));
-    }
-  }
-  EXPECT_FALSE(NearestSurface(TriangleMesh()).IsWithin({0, 0, 0}, 1e9));
-}
-
 }  // namespace
 }  // namespace tessera

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "common/base/random.h"
 #include "common/imaging/npy.h"
@@ -14,7 +15,9 @@
 namespace tessera {
 namespace {
 
+using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::IsNan;
 
 LensModel PinholeOf(int width, int height) {
   LensModel lens;
@@ -36,6 +39,11 @@ std::string Npy(const std::string& header, const std::string& values) {
   return npy + header + values;
 }
 std::vector<uint8_t> Bytes(const std::string& text) { return {text.begin(), text.end()}; }
+
+StatusOr<FloatImage> ParseNpy(const std::vector<uint8_t>& bytes, const std::string& name) {
+  TESSERA_ASSIGN_OR_RETURN(const NpyArray array, FindNpyArray(bytes, name));
+  return NpyPart(array, {0, 0, array.width, array.height});
+}
 
 TEST(ImageIoTest, PngRoundTrip) {
   const std::string path = FreshTestFolder("f") + "/a.png";
@@ -195,17 +203,12 @@ TEST(LikelihoodTest, NanAndNegativeNpyValuesNameThePixel) {
 }
 
 TEST(NpyTest, ReadsHalfAndByte) {
-  EXPECT_EQ(FloatFromHalf(0x3c00), 1.0f);
-  EXPECT_EQ(FloatFromHalf(0xc000), -2.0f);
-  EXPECT_EQ(FloatFromHalf(0x3555), 0.333251953125f);
-  EXPECT_EQ(FloatFromHalf(0x0001), std::ldexp(1.0f, -24));
-  EXPECT_TRUE(std::isinf(FloatFromHalf(0x7c00)));
-  EXPECT_TRUE(std::isnan(FloatFromHalf(0x7e00)));
-  const auto half = ParseNpy(
-      Bytes(Npy("{'descr': '<f2', 'fortran_order': False, 'shape': (1, 1, 2), }", std::string("\x00\x3c\x00\xc0", 4))),
-      "a");
+  const auto half = ParseNpy(Bytes(Npy("{'descr': '<f2', 'fortran_order': False, 'shape': (1, 1, 6), }",
+                                       std::string("\x00\x3c\x00\xc0\x55\x35\x01\x00\x00\x7c\x00\x7e", 12))),
+                             "a");
   ASSERT_TRUE(half.ok()) << half.status();
-  EXPECT_EQ(half->data, (std::vector<float>{1, -2}));
+  EXPECT_THAT(half->data, ElementsAre(1, -2, 0.333251953125f, std::ldexp(1.0f, -24),
+                                      std::numeric_limits<float>::infinity(), IsNan()));
   const auto byte =
       ParseNpy(Bytes(Npy("{'shape': (2, 1, 1), 'fortran_order': False, 'descr': '|u1'}", "\x07\x09")), "a");
   ASSERT_TRUE(byte.ok()) << byte.status();
