@@ -21,10 +21,22 @@ using Labels = std::vector<ClientMetric::Label>;
 // Builds a list of metric families with their values.
 class FamilyList {
  public:
-  // Each begins a family; the following Add calls add its values.
-  void Counter(const std::string& name, const std::string& help) { Begin(name, help, MetricType::Counter); }
-  void Gauge(const std::string& name, const std::string& help) { Begin(name, help, MetricType::Gauge); }
-  void Buckets(const std::string& name, const std::string& help) { Begin(name, help, MetricType::Histogram); }
+  // Each begins a family with the value, if given; the following Add calls add further values.
+  template <class... Value>
+  void Counter(const std::string& name, const std::string& help, const Value&... value) {
+    Begin(name, help, MetricType::Counter);
+    (Add(value), ...);
+  }
+  template <class... Value>
+  void Gauge(const std::string& name, const std::string& help, const Value&... value) {
+    Begin(name, help, MetricType::Gauge);
+    (Add(value), ...);
+  }
+  template <class... Value>
+  void Buckets(const std::string& name, const std::string& help, const Value&... value) {
+    Begin(name, help, MetricType::Histogram);
+    (Add(value), ...);
+  }
 
   void Add(double value, Labels labels = {}) {
     ClientMetric metric;
@@ -82,12 +94,10 @@ void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
                {{"kind", std::string(KindName(kind))}, {"memory", MemoryName(memory_class)}});
     }
   }
-  list.Gauge("oldest_ready_task_age_seconds", "Time since the oldest task of tasks_ready became ready, seconds");
-  list.Add(now.oldest_ready_s);
-  list.Gauge("tasks_delayed", "Tasks that wait for their retry after a failed attempt");
-  list.Add(now.delayed);
-  list.Gauge("tasks_unfinished", "Planned tasks that have not succeeded, of jobs that have not ended");
-  list.Add(now.unfinished);
+  list.Gauge("oldest_ready_task_age_seconds", "Time since the oldest task of tasks_ready became ready, seconds",
+             now.oldest_ready_s);
+  list.Gauge("tasks_delayed", "Tasks that wait for their retry after a failed attempt", now.delayed);
+  list.Gauge("tasks_unfinished", "Planned tasks that have not succeeded, of jobs that have not ended", now.unfinished);
   list.Gauge("leases", "Tasks that are leased to workers, by kind");
   for (size_t kind = 0; kind < kTaskKindSlots; ++kind)
     list.Add(now.leases[kind], {{"kind", std::string(KindName(kind))}});
@@ -102,18 +112,21 @@ void AddQueue(const DispatchSnapshot& now, FamilyList& list) {
   list.Add(now.jobs_queued, {{"state", "queued"}});
   list.Add(now.jobs_running, {{"state", "running"}});
   list.Add(now.jobs_paused, {{"state", "paused"}});
-  list.Gauge("jobs_held", "Jobs that wait because the disk has no room for their results");
-  list.Add(now.jobs_held);
+  list.Gauge("jobs_held", "Jobs that wait because the disk has no room for their results", now.jobs_held);
 }
 
 void AddWork(const DispatchCounts& counts, FamilyList& list) {
-  const auto of_kinds = [&](const auto& value) {
+  // Adds the values of all kinds.
+  const auto of_kinds = [&](auto value) {
     for (size_t kind = 0; kind < kTaskKindSlots; ++kind) {
-      list.Add(value(counts.kinds()[kind]), {{"kind", std::string(KindName(kind))}});
+      list.Add(counts.kinds()[kind].*value, {{"kind", std::string(KindName(kind))}});
     }
   };
-  list.Counter("attempts_started_total", "Leases granted");
-  of_kinds([](const KindCounts& kind) { return kind.attempts; });
+  const auto count_kinds = [&](const char* name, const char* help, auto value) {
+    list.Counter(name, help);
+    of_kinds(value);
+  };
+  count_kinds("attempts_started_total", "Leases granted", &KindCounts::attempts);
   list.Counter("attempts_failed_total", "Attempts that failed, by class of the error or because the lease expired");
   for (int i = static_cast<int>(ErrorClass::kInput); i <= static_cast<int>(ErrorClass::kInternal); ++i) {
     const auto found = counts.failures().find(static_cast<ErrorClass>(i));
@@ -121,26 +134,20 @@ void AddWork(const DispatchCounts& counts, FamilyList& list) {
              {{"class", ClassName(static_cast<ErrorClass>(i))}});
   }
   list.Add(counts.leases_expired(), {{"class", "lease_expired"}});
-  list.Counter("attempt_seconds_total", "Time between lease and end of the attempts that succeeded or failed");
-  of_kinds([](const KindCounts& kind) { return kind.attempt_s; });
-  list.Counter("tasks_succeeded_total", "Tasks that ran and succeeded");
-  of_kinds([](const KindCounts& kind) { return kind.succeeded; });
-  list.Counter("tasks_reused_total", "Tasks whose stored result was reused");
-  of_kinds([](const KindCounts& kind) { return kind.reused; });
-  list.Counter("tasks_failed_total", "Tasks that failed permanently");
-  of_kinds([](const KindCounts& kind) { return kind.failed; });
-  list.Counter("task_core_seconds_total", "Processor time of the tasks that ran and succeeded");
-  of_kinds([](const KindCounts& kind) { return kind.core_s; });
-  list.Counter("task_predicted_core_seconds_total", "Predicted processor time of the same tasks");
-  of_kinds([](const KindCounts& kind) { return kind.predicted_core_s; });
-  list.Counter("task_output_bytes_total", "Sizes of the outputs of the same tasks");
-  of_kinds([](const KindCounts& kind) { return kind.output_bytes; });
+  count_kinds("attempt_seconds_total", "Time between lease and end of the attempts that succeeded or failed",
+              &KindCounts::attempt_s);
+  count_kinds("tasks_succeeded_total", "Tasks that ran and succeeded", &KindCounts::succeeded);
+  count_kinds("tasks_reused_total", "Tasks whose stored result was reused", &KindCounts::reused);
+  count_kinds("tasks_failed_total", "Tasks that failed permanently", &KindCounts::failed);
+  count_kinds("task_core_seconds_total", "Processor time of the tasks that ran and succeeded", &KindCounts::core_s);
+  count_kinds("task_predicted_core_seconds_total", "Predicted processor time of the same tasks",
+              &KindCounts::predicted_core_s);
+  count_kinds("task_output_bytes_total", "Sizes of the outputs of the same tasks", &KindCounts::output_bytes);
   list.Buckets("task_core_seconds_ratio", "Ratio of used to predicted processor time of tasks");
-  of_kinds([](const KindCounts& kind) -> const Histogram& { return kind.core_ratio; });
+  of_kinds(&KindCounts::core_ratio);
   list.Buckets("task_memory_ratio", "Ratio of used to predicted peak memory of tasks");
-  of_kinds([](const KindCounts& kind) -> const Histogram& { return kind.memory_ratio; });
-  list.Counter("jobs_accepted_total", "Jobs accepted");
-  list.Add(counts.jobs_accepted());
+  of_kinds(&KindCounts::memory_ratio);
+  list.Counter("jobs_accepted_total", "Jobs accepted", counts.jobs_accepted());
   list.Counter("jobs_ended_total", "Jobs that ended, by final state");
   constexpr std::pair<JobState, const char*> kEnds[] = {{JobState::kSucceeded, "succeeded"},
                                                         {JobState::kPartial, "partial"},
@@ -150,31 +157,23 @@ void AddWork(const DispatchCounts& counts, FamilyList& list) {
     const auto found = counts.jobs_ended().find(state);
     list.Add(found == counts.jobs_ended().end() ? int64_t{0} : found->second, {{"state", name}});
   }
-  list.Counter("tiles_quarantined_total", "Tiles that were quarantined because one of their tasks failed permanently");
-  list.Add(counts.tiles_quarantined());
-  list.Counter("workers_suspended_total", "Suspensions of workers");
-  list.Add(counts.workers_suspended());
-  list.Counter("results_lost_total", "Stored results that were found lost or damaged and are computed again");
-  list.Add(counts.results_lost());
+  list.Counter("tiles_quarantined_total", "Tiles that were quarantined because one of their tasks failed permanently",
+               counts.tiles_quarantined());
+  list.Counter("workers_suspended_total", "Suspensions of workers", counts.workers_suspended());
+  list.Counter("results_lost_total", "Stored results that were found lost or damaged and are computed again",
+               counts.results_lost());
 }
 
 void AddStorage(const MetricSources& sources, const DispatchSnapshot& now, FamilyList& list) {
-  list.Gauge("storage_ok", "1 while the journal accepts records; 0 while writes fail and leasing is suspended");
-  list.Add(int64_t{now.can_store ? 1 : 0});
-  list.Counter("journal_batches_total", "Batches of records stored");
-  list.Add(now.journal.batches);
-  list.Counter("journal_syncs_total", "Batches that were synced to the disk");
-  list.Add(now.journal.syncs);
-  list.Counter("journal_records_total", "Records stored");
-  list.Add(now.journal.records);
-  list.Counter("journal_failures_total", "Failed attempts to store a batch");
-  list.Add(now.journal.failed);
-  list.Gauge("journal_waiting_records", "Records that are not stored yet");
-  list.Add(now.journal.waiting);
-  list.Buckets("journal_batch_seconds", "Time to store a batch, including the sync");
-  list.Add(now.journal.seconds);
-  list.Buckets("journal_batch_records", "Number of records per batch");
-  list.Add(now.journal.batch_records);
+  list.Gauge("storage_ok", "1 while the journal accepts records; 0 while writes fail and leasing is suspended",
+             int64_t{now.can_store ? 1 : 0});
+  list.Counter("journal_batches_total", "Batches of records stored", now.journal.batches);
+  list.Counter("journal_syncs_total", "Batches that were synced to the disk", now.journal.syncs);
+  list.Counter("journal_records_total", "Records stored", now.journal.records);
+  list.Counter("journal_failures_total", "Failed attempts to store a batch", now.journal.failed);
+  list.Gauge("journal_waiting_records", "Records that are not stored yet", now.journal.waiting);
+  list.Buckets("journal_batch_seconds", "Time to store a batch, including the sync", now.journal.seconds);
+  list.Buckets("journal_batch_records", "Number of records per batch", now.journal.batch_records);
   list.Gauge("disk_free_bytes", "Free space on the disk that holds the results");
   if (const auto free_bytes = sources.free_bytes ? sources.free_bytes() : std::nullopt) list.Add(*free_bytes);
 }

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "absl/status/status.h"
+
 namespace tessera {
 
 RpcCounts::RpcCounts(const std::vector<std::string>& methods) : names_(methods) {
@@ -28,26 +30,8 @@ void RpcCounts::Count(OfMethod& method, int code, double seconds) {
   method.seconds.fetch_add(seconds, std::memory_order_relaxed);
 }
 
-const char* RpcCounts::CodeName(int code) {
-  static constexpr std::array<const char*, kCodes> kNames = {"OK",
-                                                             "CANCELLED",
-                                                             "UNKNOWN",
-                                                             "INVALID_ARGUMENT",
-                                                             "DEADLINE_EXCEEDED",
-                                                             "NOT_FOUND",
-                                                             "ALREADY_EXISTS",
-                                                             "PERMISSION_DENIED",
-                                                             "RESOURCE_EXHAUSTED",
-                                                             "FAILED_PRECONDITION",
-                                                             "ABORTED",
-                                                             "OUT_OF_RANGE",
-                                                             "UNIMPLEMENTED",
-                                                             "INTERNAL",
-                                                             "UNAVAILABLE",
-                                                             "DATA_LOSS",
-                                                             "UNAUTHENTICATED",
-                                                             "other"};
-  return kNames[std::clamp(code, 0, kCodes - 1)];
+std::string RpcCounts::CodeName(int code) {
+  return code >= 0 && code < kCodes - 1 ? absl::StatusCodeToString(static_cast<absl::StatusCode>(code)) : "other";
 }
 
 }  // namespace tessera

@@ -41,7 +41,7 @@ class RpcCounts {
   int64_t blob_bytes_written() const { return blob_bytes_written_; }
 
   // "OK", "INVALID_ARGUMENT", ...; "other" for the last.
-  static const char* CodeName(int code);
+  static std::string CodeName(int code);
 
  private:
   std::vector<std::string> names_;  // as gRPC names them

@@ -84,10 +84,10 @@ void Journal::EndWaits() {
   std::unique_lock lock(mutex_);
   while (true) {
     const auto now = std::chrono::steady_clock::now();
-    const auto goes_on = [&](const Waiter& waiter) {
+    const auto is_waiting = [&](const Waiter& waiter) {
       return waiter.number > last_stored_ && waiter.until > now && !ended_;
     };
-    const auto over = std::stable_partition(waiters_.begin(), waiters_.end(), goes_on);
+    const auto over = std::stable_partition(waiters_.begin(), waiters_.end(), is_waiting);
     if (over == waiters_.end()) {
       if (ended_) return;
       if (waiters_.empty()) {

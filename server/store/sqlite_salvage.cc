@@ -18,16 +18,6 @@ namespace {
 
 constexpr int64_t kNoRecord = std::numeric_limits<int64_t>::max();
 
-using Database = std::unique_ptr<sqlite3, int (*)(sqlite3*)>;
-
-StatusOr<Database> OpenDatabase(const std::string& path, int flags) {
-  sqlite3* opened = nullptr;
-  const int code = sqlite3_open_v2(path.c_str(), &opened, flags, nullptr);
-  Database db(opened, sqlite3_close_v2);
-  if (code != SQLITE_OK) return SqliteError(path, opened, code, "cannot open");
-  return db;
-}
-
 // Copies records from a damaged file to a new one. Records are looked up by number, so that only those on an unreadable
 // page are lost.
 class Reader {

@@ -37,10 +37,6 @@ constexpr char kQuarantined[] = "CREATE TABLE IF NOT EXISTS set_aside (id INTEGE
 
 std::string SetVersion() { return "PRAGMA user_version=" + std::to_string(kSchemaVersion) + ";"; }
 
-struct Closer {
-  void operator()(sqlite3* db) const { sqlite3_close_v2(db); }
-};
-
 // The SQL function job_of(content).
 void JobOf(sqlite3_context* context, int, sqlite3_value** values) {
   const auto& owner_of = *static_cast<const OwnerOf*>(sqlite3_user_data(context));
@@ -61,6 +57,18 @@ Status Migrate(sqlite3* db, const std::string& path, int64_t version, const Owne
   if (!status.ok() && sqlite3_get_autocommit(db) == 0) RunSql(db, path, "ROLLBACK").IgnoreError();
   sqlite3_create_function(db, "job_of", 1, SQLITE_UTF8, nullptr, nullptr, nullptr, nullptr);
   return status;
+}
+
+// DATA_LOSS with the result of SQLite's integrity check, and what to do.
+Status CheckIntegrity(sqlite3* db, const std::string& path) {
+  Statement check(db, "PRAGMA quick_check(1)");
+  const int step = check.Step();
+  if (step != SQLITE_ROW) return SqliteError(path, db, step, "integrity check");
+  if (const std::string found = check.Bytes(0); found != "ok") {
+    return absl::DataLossError(path + " is damaged: " + found +
+                               "; restore a backup, or recover the readable records with tesserad --salvage");
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -88,22 +96,11 @@ Status PrepareSchema(sqlite3* db, const std::string& path, const OwnerOf& owner_
   return RunSql(db, path, kQuarantined);
 }
 
-Status CheckIntegrity(sqlite3* db, const std::string& path) {
-  Statement check(db, "PRAGMA quick_check(1)");
-  const int step = check.Step();
-  if (step != SQLITE_ROW) return SqliteError(path, db, step, "integrity check");
-  if (const std::string found = check.Bytes(0); found != "ok") {
-    return absl::DataLossError(path + " is damaged: " + found +
-                               "; restore a backup, or recover the readable records with tesserad --salvage");
-  }
-  return absl::OkStatus();
-}
-
 Status CopyDatabase(sqlite3* db, const std::string& path, const std::string& to, const std::string& change) {
   const std::string temporary = TemporaryBeside(to);
   sqlite3* opened = nullptr;
   int code = sqlite3_open_v2(temporary.c_str(), &opened, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, nullptr);
-  std::unique_ptr<sqlite3, Closer> copy(opened);
+  Database copy(opened, sqlite3_close_v2);
   Status status = code == SQLITE_OK ? absl::OkStatus() : SqliteError(to, opened, code, "cannot create a copy");
   // Hold one read transaction for all steps: without it, every concurrent write restarts the copy.
   if (status.ok()) status = RunSql(db, path, "BEGIN; SELECT count(*) FROM sqlite_master");

@@ -15,9 +15,6 @@ namespace tessera {
 // then. `owner_of` may be empty.
 Status PrepareSchema(sqlite3* db, const std::string& path, const OwnerOf& owner_of);
 
-// DATA_LOSS with the result of SQLite's integrity check, and what to do.
-Status CheckIntegrity(sqlite3* db, const std::string& path);
-
 // Copies a snapshot of the database to `to`, atomically; replaces an existing file. Concurrent writes are not blocked
 // and are not in the copy. `change`: SQL to run on the copy.
 Status CopyDatabase(sqlite3* db, const std::string& path, const std::string& to, const std::string& change = "");

@@ -21,6 +21,15 @@ Status SqliteError(const std::string& path, sqlite3* db, int code, const std::st
   }
 }
 
+StatusOr<Database> OpenDatabase(const std::string& path, int flags) {
+  sqlite3* opened = nullptr;
+  const int code = sqlite3_open_v2(path.c_str(), &opened, flags, nullptr);
+  Database db(opened, sqlite3_close_v2);
+  if (code != SQLITE_OK) return SqliteError(path, opened, code, "cannot open");
+  sqlite3_busy_timeout(opened, 2000);
+  return db;
+}
+
 Status RunSql(sqlite3* db, const std::string& path, const std::string& sql) {
   const int code = sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr);
   return code == SQLITE_OK ? absl::OkStatus() : SqliteError(path, db, code, sql.substr(0, 60));

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <string_view>
 
@@ -15,6 +16,11 @@ namespace tessera {
 // DATA_LOSS if the file is damaged or no database, RESOURCE_EXHAUSTED if the disk is full, FAILED_PRECONDITION if the
 // file is locked, else INTERNAL; with SQLite's message. `db` may be null.
 Status SqliteError(const std::string& path, sqlite3* db, int code, const std::string& what);
+
+// An open connection, closed on destruction.
+using Database = std::unique_ptr<sqlite3, int (*)(sqlite3*)>;
+// `flags`: of sqlite3_open_v2. Waits up to 2 s for a locked file.
+StatusOr<Database> OpenDatabase(const std::string& path, int flags);
 
 // Runs statements without results.
 Status RunSql(sqlite3* db, const std::string& path, const std::string& sql);

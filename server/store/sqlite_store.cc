@@ -15,18 +15,14 @@ namespace tessera {
 
 struct SqliteStore::Impl {
   std::string path;
-  sqlite3* db = nullptr;
+  Database database{nullptr, sqlite3_close_v2};
+  sqlite3* db = nullptr;  // `database`
   OwnerOf owner_of;
   int64_t start_count = 0;
   int64_t next_id = 1;  // of the next record
   std::mutex mutex;
   std::unique_ptr<Statement> insert;  // of records; prepared at first use
   Durability durability = Durability::kMachine;
-
-  ~Impl() {
-    insert.reset();
-    sqlite3_close_v2(db);
-  }
 
   Status Error(int code, const std::string& what) const { return SqliteError(path, db, code, what); }
 
@@ -103,10 +99,9 @@ StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::string& path
   auto impl = std::make_unique<Impl>();
   impl->path = path;
   impl->owner_of = std::move(owner_of);
-  const int code = sqlite3_open_v2(path.c_str(), &impl->db,
-                                   SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX, nullptr);
-  if (code != SQLITE_OK) return impl->Error(code, "cannot open");
-  sqlite3_busy_timeout(impl->db, 2000);
+  TESSERA_ASSIGN_OR_RETURN(impl->database,
+                           OpenDatabase(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX));
+  impl->db = impl->database.get();
   TESSERA_RETURN_IF_ERROR(PrepareSchema(impl->db, path, impl->owner_of));
   TESSERA_ASSIGN_OR_RETURN(impl->next_id, ReadNumber(impl->db, path,
                                                      "SELECT 1 + max(ifnull((SELECT max(id) FROM records), 0),"
@@ -230,14 +225,10 @@ Status SqliteStore::Remember(const std::string& path, const FileStamp& stamp, co
 }
 
 Status BackUp(const std::string& database, const std::string& to) {
-  sqlite3* opened = nullptr;
-  const int code = sqlite3_open_v2(database.c_str(), &opened, SQLITE_OPEN_READWRITE, nullptr);
-  const std::unique_ptr<sqlite3, int (*)(sqlite3*)> db(opened, sqlite3_close_v2);
-  if (code != SQLITE_OK) return SqliteError(database, opened, code, "cannot open");
-  sqlite3_busy_timeout(opened, 2000);
+  TESSERA_ASSIGN_OR_RETURN(const Database db, OpenDatabase(database, SQLITE_OPEN_READWRITE));
   // Worker names contain the start count. Workers of the original may still be alive when a coordinator starts from the
   // copy, so the copy must never reach a start count of the original or of another copy.
-  return CopyDatabase(opened, database, to, "UPDATE starts SET count = count + 1048576 + (random() & 1099511627775)");
+  return CopyDatabase(db.get(), database, to, "UPDATE starts SET count = count + 1048576 + (random() & 1099511627775)");
 }
 
 }  // namespace tessera
