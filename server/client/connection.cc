@@ -31,7 +31,6 @@ RetryPolicy ShortRetry() {
 }  // namespace
 
 struct Connection::Impl {
-  std::string address;
   std::shared_ptr<grpc::Channel> channel;
   std::unique_ptr<v1::Jobs::Stub> jobs;
   std::unique_ptr<v1::Workers::Stub> workers;
@@ -42,13 +41,31 @@ struct Connection::Impl {
   bool stopped = false;
   grpc::ClientContext* watching = nullptr;
 
-  // Makes a call with a fresh context each time.
-  Status Call(Idempotency idempotency, double seconds, const std::function<grpc::Status(grpc::ClientContext*)>& call) {
+  // Makes a call of `stub` with a fresh context each time.
+  template <class Stub, class Request, class Response>
+  Status Call(Stub& stub, grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+              const Request& request, Response* response, Idempotency idempotency = Idempotency::kIdempotent,
+              double seconds = kCallSeconds) {
     return Retry(ShortRetry(), idempotency, RealSleeper(), [&] {
       grpc::ClientContext context;
       SetDeadline(context, seconds);
-      return FromGrpc(call(&context));
+      response->Clear();
+      return FromGrpc((stub.*method)(&context, request, response));
     });
+  }
+
+  // Calls a list method until it has returned all pages, and adds them to `all`.
+  template <class Stub, class Request, class Response>
+  Status List(Stub& stub, grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+              Request request, Response* all) {
+    Response page;
+    do {
+      TESSERA_RETURN_IF_ERROR(Call(stub, method, request, &page));
+      request.set_page_token(page.next_page_token());
+      page.clear_next_page_token();
+      all->MergeFrom(page);
+    } while (!request.page_token().empty());
+    return absl::OkStatus();
   }
 
   // Sleeps; returns false after StopWatching.
@@ -63,7 +80,6 @@ Connection::~Connection() = default;
 
 StatusOr<std::unique_ptr<Connection>> Connection::Open(const Endpoint& endpoint, double seconds) {
   auto impl = std::make_unique<Impl>();
-  impl->address = endpoint.address;
   TESSERA_ASSIGN_OR_RETURN(impl->channel, OpenChannel(endpoint, std::make_shared<CallIdentity>(endpoint.token_file)));
   TESSERA_RETURN_IF_ERROR(WaitConnected(*impl->channel, endpoint.address, seconds));
   impl->jobs = v1::Jobs::NewStub(impl->channel);
@@ -72,45 +88,39 @@ StatusOr<std::unique_ptr<Connection>> Connection::Open(const Endpoint& endpoint,
   return std::unique_ptr<Connection>(new Connection(std::move(impl)));
 }
 
-const std::string& Connection::address() const { return impl_->address; }
 BlobClient& Connection::blobs() { return *impl_->blobs; }
 
 Status Connection::CreateJob(const v1::CreateJobRequest& request, v1::Job* job) {
   const bool repeatable = !request.request_id().empty() || request.validate_only();
-  return impl_->Call(repeatable ? Idempotency::kIdempotent : Idempotency::kOnce, kCreateSeconds,
-                     [&](grpc::ClientContext* context) { return impl_->jobs->CreateJob(context, request, job); });
+  return impl_->Call(*impl_->jobs, &v1::Jobs::Stub::CreateJob, request, job,
+                     repeatable ? Idempotency::kIdempotent : Idempotency::kOnce, kCreateSeconds);
 }
 
 Status Connection::GetJob(const std::string& name, v1::Job* job) {
   v1::GetJobRequest request;
   request.set_name(name);
-  return impl_->Call(Idempotency::kIdempotent, kCallSeconds,
-                     [&](grpc::ClientContext* context) { return impl_->jobs->GetJob(context, request, job); });
+  return impl_->Call(*impl_->jobs, &v1::Jobs::Stub::GetJob, request, job);
 }
 
 Status Connection::CancelJob(const std::string& name, v1::Job* job) {
   v1::CancelJobRequest request;
   request.set_name(name);
-  return impl_->Call(Idempotency::kIdempotent, kCallSeconds,
-                     [&](grpc::ClientContext* context) { return impl_->jobs->CancelJob(context, request, job); });
+  return impl_->Call(*impl_->jobs, &v1::Jobs::Stub::CancelJob, request, job);
 }
 
 Status Connection::ChangeJob(const v1::ChangeJobRequest& request, v1::Job* job) {
-  return impl_->Call(Idempotency::kIdempotent, kCallSeconds,
-                     [&](grpc::ClientContext* context) { return impl_->jobs->ChangeJob(context, request, job); });
+  return impl_->Call(*impl_->jobs, &v1::Jobs::Stub::ChangeJob, request, job);
 }
 
 Status Connection::RetryJob(const v1::RetryJobRequest& request, v1::Job* job) {
-  return impl_->Call(Idempotency::kOnce, kCallSeconds,
-                     [&](grpc::ClientContext* context) { return impl_->jobs->RetryJob(context, request, job); });
+  return impl_->Call(*impl_->jobs, &v1::Jobs::Stub::RetryJob, request, job, Idempotency::kOnce);
 }
 
 Status Connection::DeleteJob(const std::string& name) {
   v1::DeleteJobRequest request;
   request.set_name(name);
   v1::DeleteJobResponse response;
-  return impl_->Call(Idempotency::kIdempotent, kCallSeconds,
-                     [&](grpc::ClientContext* context) { return impl_->jobs->DeleteJob(context, request, &response); });
+  return impl_->Call(*impl_->jobs, &v1::Jobs::Stub::DeleteJob, request, &response);
 }
 
 Status Connection::ListJobs(int count, v1::ListJobsResponse* jobs) {
@@ -118,11 +128,8 @@ Status Connection::ListJobs(int count, v1::ListJobsResponse* jobs) {
   do {
     request.set_page_size(std::min(1000, count - jobs->jobs_size()));
     v1::ListJobsResponse page;
-    TESSERA_RETURN_IF_ERROR(impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
-      page.Clear();
-      return impl_->jobs->ListJobs(context, request, &page);
-    }));
-    for (v1::Job& job : *page.mutable_jobs()) jobs->add_jobs()->Swap(&job);
+    TESSERA_RETURN_IF_ERROR(impl_->Call(*impl_->jobs, &v1::Jobs::Stub::ListJobs, request, &page));
+    jobs->mutable_jobs()->MergeFrom(page.jobs());
     request.set_page_token(page.next_page_token());
   } while (!request.page_token().empty() && jobs->jobs_size() < count);
   return absl::OkStatus();
@@ -131,31 +138,17 @@ Status Connection::ListJobs(int count, v1::ListJobsResponse* jobs) {
 Status Connection::ListTasks(const std::string& job, v1::ListTasksResponse* tasks) {
   v1::ListTasksRequest request;
   request.set_parent(job);
-  do {
-    v1::ListTasksResponse page;
-    TESSERA_RETURN_IF_ERROR(impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
-      page.Clear();
-      return impl_->jobs->ListTasks(context, request, &page);
-    }));
-    for (v1::Task& task : *page.mutable_tasks()) tasks->add_tasks()->Swap(&task);
-    request.set_page_token(page.next_page_token());
-  } while (!request.page_token().empty());
-  return absl::OkStatus();
+  return impl_->List(*impl_->jobs, &v1::Jobs::Stub::ListTasks, std::move(request), tasks);
 }
 
-Status Connection::ListAttempts(const std::string& job, std::vector<v1::Attempt>* attempts) {
+Status Connection::ListAttempts(const std::string& job, v1::ListAttemptsResponse* attempts) {
   v1::ListAttemptsRequest request;
   request.set_parent(job);
-  do {
-    v1::ListAttemptsResponse page;
-    TESSERA_RETURN_IF_ERROR(impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
-      page.Clear();
-      return impl_->jobs->ListAttempts(context, request, &page);
-    }));
-    for (v1::Attempt& attempt : *page.mutable_attempts()) attempts->emplace_back().Swap(&attempt);
-    request.set_page_token(page.next_page_token());
-  } while (!request.page_token().empty());
-  return absl::OkStatus();
+  return impl_->List(*impl_->jobs, &v1::Jobs::Stub::ListAttempts, std::move(request), attempts);
+}
+
+Status Connection::ListWorkers(v1::ListWorkersResponse* workers) {
+  return impl_->List(*impl_->workers, &v1::Workers::Stub::ListWorkers, v1::ListWorkersRequest(), workers);
 }
 
 bool Connection::FailedForInput(const std::string& job) {
@@ -164,20 +157,6 @@ bool Connection::FailedForInput(const std::string& job) {
   return std::any_of(tasks.tasks().begin(), tasks.tasks().end(), [](const v1::Task& task) {
     return task.state() == v1::TASK_STATE_FAILED && task.error().error_class() == v1::ERROR_CLASS_INPUT;
   });
-}
-
-Status Connection::ListWorkers(v1::ListWorkersResponse* workers) {
-  v1::ListWorkersRequest request;
-  do {
-    v1::ListWorkersResponse page;
-    TESSERA_RETURN_IF_ERROR(impl_->Call(Idempotency::kIdempotent, kCallSeconds, [&](grpc::ClientContext* context) {
-      page.Clear();
-      return impl_->workers->ListWorkers(context, request, &page);
-    }));
-    for (v1::Worker& worker : *page.mutable_workers()) workers->add_workers()->Swap(&worker);
-    request.set_page_token(page.next_page_token());
-  } while (!request.page_token().empty());
-  return absl::OkStatus();
 }
 
 Status Connection::WatchJob(const std::string& name,

@@ -13,10 +13,10 @@
 namespace tessera {
 
 namespace v1 {
-class Attempt;
 class ChangeJobRequest;
 class CreateJobRequest;
 class Job;
+class ListAttemptsResponse;
 class ListJobsResponse;
 class ListTasksResponse;
 class ListWorkersResponse;
@@ -31,8 +31,6 @@ class Connection {
   static StatusOr<std::unique_ptr<Connection>> Open(const Endpoint& endpoint, double seconds = 5);
   ~Connection();
 
-  const std::string& address() const;
-
   // Retried only if the request has a request_id or is validate_only.
   Status CreateJob(const v1::CreateJobRequest& request, v1::Job* job);
   Status GetJob(const std::string& name, v1::Job* job);
@@ -46,7 +44,7 @@ class Connection {
   // All tasks of a job.
   Status ListTasks(const std::string& job, v1::ListTasksResponse* tasks);
   // All attempts of the tasks of a job.
-  Status ListAttempts(const std::string& job, std::vector<v1::Attempt>* attempts);
+  Status ListAttempts(const std::string& job, v1::ListAttemptsResponse* attempts);
   Status ListWorkers(v1::ListWorkersResponse* workers);
   // Whether a task of the job failed permanently because its input is wrong; false if the tasks cannot be listed.
   bool FailedForInput(const std::string& job);

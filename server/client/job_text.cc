@@ -3,27 +3,20 @@
 #include <algorithm>
 #include <cmath>
 
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_replace.h"
+#include "absl/strings/strip.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
 
+std::string EnumWords(const std::string& name, const std::string& type) {
+  const std::string words = absl::StrReplaceAll(absl::AsciiStrToLower(absl::StripPrefix(name, type)), {{"_", " "}});
+  return words.empty() ? "unknown" : words;
+}
+
 std::string JobStateName(int state) {
-  switch (state) {
-    case v1::JOB_STATE_QUEUED:
-      return "queued";
-    case v1::JOB_STATE_RUNNING:
-      return "running";
-    case v1::JOB_STATE_SUCCEEDED:
-      return "succeeded";
-    case v1::JOB_STATE_FAILED:
-      return "failed";
-    case v1::JOB_STATE_PARTIAL:
-      return "partial";
-    case v1::JOB_STATE_CANCELLED:
-      return "cancelled";
-    default:
-      return "unknown";
-  }
+  return EnumWords(v1::JobState_Name(static_cast<v1::JobState>(state)), "JOB_STATE_");
 }
 
 std::string JobStatusName(const v1::Job& job) {

@@ -9,6 +9,9 @@ namespace v1 {
 class Job;
 }  // namespace v1
 
+// An enum value's name without its type, in lower case: "lost input" for ERROR_CLASS_LOST_INPUT.
+std::string EnumWords(const std::string& name, const std::string& type);
+
 // `state`: a v1::JobState. "running", "succeeded", ...
 std::string JobStateName(int state);
 

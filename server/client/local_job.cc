@@ -28,7 +28,7 @@ struct LocalJob::Impl {
   std::thread thread;
 
   template <class Change>
-  void Tell(const Change& change) {
+  void Update(const Change& change) {
     {
       std::lock_guard lock(mutex);
       change(state);
@@ -51,20 +51,20 @@ struct LocalJob::Impl {
     TESSERA_RETURN_IF_ERROR(CancelOldJobs());
     v1::Job job;
     TESSERA_RETURN_IF_ERROR(connection->CreateJob(request, &job));
-    Tell([&](LocalJobState& to) {
+    Update([&](LocalJobState& to) {
       to.accepted = true;
       to.job = std::make_shared<v1::Job>(job);
     });
     TESSERA_RETURN_IF_ERROR(connection->WatchJob(job.name(), [&](const v1::WatchJobResponse& update) {
       job = update.job();
-      Tell([&](LocalJobState& to) {
+      Update([&](LocalJobState& to) {
         to.job = std::make_shared<v1::Job>(job);
         to.update = std::make_shared<v1::WatchJobResponse>(update);
       });
     }));
     if (job.state() == v1::JOB_STATE_FAILED) {
       const bool for_input = connection->FailedForInput(job.name());
-      Tell([&](LocalJobState& to) { to.failed_for_input = for_input; });
+      Update([&](LocalJobState& to) { to.failed_for_input = for_input; });
     }
     if (!timeline.empty()) {
       TESSERA_RETURN_IF_ERROR(WriteTimeline(*connection, job.name(), SystemClock(), timeline));
@@ -74,7 +74,7 @@ struct LocalJob::Impl {
     control.cancelled = [this] { return broken_off.load(); };
     TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> written,
                              FetchArtifacts(*connection, job, out, staging, control));
-    Tell([&](LocalJobState& to) { to.written = written; });
+    Update([&](LocalJobState& to) { to.written = written; });
     return absl::OkStatus();
   }
 };
@@ -89,7 +89,7 @@ LocalJob::LocalJob(std::unique_ptr<Connection> connection, const v1::CreateJobRe
   impl_->timeline = timeline;
   impl_->thread = std::thread([impl = impl_.get()] {
     const Status status = impl->Run();
-    impl->Tell([&](LocalJobState& to) {
+    impl->Update([&](LocalJobState& to) {
       to.status = status;
       to.ended = true;
     });
