@@ -1,13 +1,13 @@
 #include "server/display/lineage_text.h"
 
 #include <algorithm>
-#include <ctime>
 #include <nlohmann/json.hpp>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/time/time.h"
 #include "common/base/printable.h"
 
 namespace tessera {
@@ -16,13 +16,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 std::string UtcTime(int64_t unix_s, const char* format) {
-  if (unix_s <= 0) return "-";
-  const time_t time = unix_s;
-  tm utc = {};
-  gmtime_r(&time, &utc);
-  char text[32];
-  std::strftime(text, sizeof(text), format, &utc);
-  return text;
+  return unix_s > 0 ? absl::FormatTime(format, absl::FromUnixSeconds(unix_s), absl::UTCTimeZone()) : "-";
 }
 
 std::string OrDash(const std::string& text) { return text.empty() ? "-" : text; }
@@ -64,14 +58,9 @@ TileAction ActionOf(const LineageJob& job, int tile) {
 }
 
 std::string ReasonsText(const std::vector<RedoReason>& reasons) {
-  std::vector<std::string> words;
-  for (const RedoReason& reason : reasons) {
-    words.push_back(reason.images.empty()
-                        ? reason.reason
-                        : absl::StrFormat("%s: %d (%s%s)", reason.reason, reason.images.size(), reason.images.front(),
-                                          reason.images.size() > 1 ? ", ..." : ""));
-  }
-  return absl::StrJoin(words, "; ");
+  return absl::StrJoin(reasons, "; ", [](std::string* out, const RedoReason& reason) {
+    absl::StrAppend(out, ReasonText(reason.reason, reason.images));
+  });
 }
 
 std::string ActionText(const LineageJob& job, int tile) {
@@ -128,6 +117,11 @@ StatusOr<const TileLineage*> FindTile(const Lineage& lineage, int tile) {
 }
 
 }  // namespace
+
+std::string ReasonText(const std::string& reason, const std::vector<std::string>& images) {
+  if (images.empty()) return reason;
+  return absl::StrCat(reason, ": ", images.size(), " (", images.front(), images.size() > 1 ? ", ..." : "", ")");
+}
 
 std::string LineageTable(const Lineage& lineage) {
   using Row = std::vector<std::string>;

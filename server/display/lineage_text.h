@@ -2,11 +2,15 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "common/base/status.h"
 #include "server/client/lineage.h"
 
 namespace tessera {
+
+// Why a tile was refined again: "image seen: 4 (new/0001.jpg, ...)".
+std::string ReasonText(const std::string& reason, const std::vector<std::string>& images);
 
 // One line per tile. Dates are UTC.
 std::string LineageTable(const Lineage& lineage);

@@ -32,18 +32,18 @@ double ExtraFacesShare(const Quote& quote) {
 
 std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
   std::string out =
-      Row({"tile", "cells", "faces", "in sight", "cameras", "megapixels", "pair MP", "peak MiB", "core-s"});
+      Row({"tile", "cells", "faces", "visible", "cameras", "megapixels", "pair MP", "peak MiB", "core-s"});
   for (const TileQuote& tile : quote.tiles) {
     const CellRect& c = tile.core;
-    out +=
-        Row({std::to_string(tile.tile), absl::StrCat(c.x1 - c.x0, " x ", c.y1 - c.y0),
-             RoundedThousands(tile.work.core_faces), RoundedThousands(tile.work.visible_faces),
-             std::to_string(tile.work.seeing_views), RoundedThousands(1e-6 * tile.work.pixels),
-             RoundedThousands(1e-6 * tile.work.pair_pixels),
-             RoundedThousands(static_cast<double>(tile.peak_bytes()) / kMiB), RoundedThousands(tile.core_seconds())});
+    out += Row({std::to_string(tile.tile), absl::StrCat(c.x1 - c.x0, " x ", c.y1 - c.y0),
+                RoundedThousands(tile.work.core_faces), RoundedThousands(tile.work.visible_faces),
+                std::to_string(tile.work.seeing_views), RoundedThousands(1e-6 * tile.work.pixels),
+                RoundedThousands(1e-6 * tile.work.pair_pixels),
+                RoundedThousands(static_cast<double>(tile.Total().peak_bytes) / kMiB),
+                RoundedThousands(tile.Total().core_seconds)});
   }
   double most = 0;
-  for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.core_seconds());
+  for (const TileQuote& tile : quote.tiles) most = std::max(most, tile.Total().core_seconds);
   const double mean =
       (quote.core_seconds - quote.ingest.core_seconds - quote.classify.core_seconds - quote.publish.core_seconds) /
       static_cast<double>(std::max<size_t>(1, quote.tiles.size()));
@@ -55,7 +55,7 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
                         absl::StrFormat(*absl::ParsedFormat<'f'>::New(format), i.low * value), " to ",
                         absl::StrFormat(*absl::ParsedFormat<'f'>::New(format), i.high * value), ")");
   };
-  absl::StrAppendFormat(&out, "tiles: %d, %.0f %% more faces in sight, heaviest / mean tile %.2f\n",
+  absl::StrAppendFormat(&out, "tiles: %d, %.0f %% more faces in the visible sets, heaviest / mean tile %.2f\n",
                         static_cast<int>(quote.tiles.size()), 100 * ExtraFacesShare(quote),
                         mean > 0 ? most / mean : 1.0);
   absl::StrAppendFormat(&out, "ingest: %.0f core-s, %.0f MiB; publish: %.0f core-s, %.0f MiB\n",
@@ -66,10 +66,9 @@ std::string PlanTable(const Quote& quote, const PlanTerms& terms) {
                           static_cast<double>(quote.classify.peak_bytes) / kMiB);
   }
   absl::StrAppendFormat(&out, "memory of a worker: %.0f MiB at most\n", static_cast<double>(quote.peak_bytes) / kMiB);
-  const Interval stored = StoredBytesInterval();
   const double stored_gib = static_cast<double>(quote.stored_bytes) / kGiB;
-  absl::StrAppendFormat(&out, "disk: %.2f GiB (%.2f to %.2f)\n", stored_gib, stored.low * stored_gib,
-                        stored.high * stored_gib);
+  absl::StrAppendFormat(&out, "disk: %.2f GiB (%.2f to %.2f)\n", stored_gib, kStoredBytesInterval.low * stored_gib,
+                        kStoredBytesInterval.high * stored_gib);
   absl::StrAppend(&out, "core-hours: ", range(quote.core_seconds / kHour, "%.3f"), "\n");
   absl::StrAppendFormat(&out, "area: %.4f km2", km2);
   if (km2 > 0) absl::StrAppend(&out, ", core-hours a km2: ", range(quote.core_seconds / kHour / km2, "%.2f"));
@@ -135,20 +134,21 @@ std::string PlanMap(const Quote& quote, const Survey& survey) {
   const double cell_m = survey.ground.cell_m;
   double least = 1e300, most = 0;
   for (const TileQuote& tile : quote.tiles) {
-    least = std::min(least, tile.core_seconds());
-    most = std::max(most, tile.core_seconds());
+    least = std::min(least, tile.Total().core_seconds);
+    most = std::max(most, tile.Total().core_seconds);
   }
   SvgMap map;
   for (const TileQuote& tile : quote.tiles) {
     // From pale to dark red.
-    const double t = most > least ? (tile.core_seconds() - least) / (most - least) : 0;
+    const double t = most > least ? (tile.Total().core_seconds - least) / (most - least) : 0;
     const CellRect& c = tile.core;
-    map.tiles.push_back({c.x0 * cell_m, c.y0 * cell_m, c.x1 * cell_m, c.y1 * cell_m,
-                         absl::StrFormat("rgb(%d,%d,%d)", static_cast<int>(255 - 102 * t),
-                                         static_cast<int>(240 - 220 * t), static_cast<int>(217 - 200 * t)),
-                         absl::StrFormat("tile %d: %s faces, %d cameras, %.0f MiB, %.0f core-seconds", tile.tile,
-                                         RoundedThousands(tile.work.core_faces), tile.work.seeing_views,
-                                         static_cast<double>(tile.peak_bytes()) / kMiB, tile.core_seconds())});
+    map.tiles.push_back(
+        {c.x0 * cell_m, c.y0 * cell_m, c.x1 * cell_m, c.y1 * cell_m,
+         absl::StrFormat("rgb(%d,%d,%d)", static_cast<int>(255 - 102 * t), static_cast<int>(240 - 220 * t),
+                         static_cast<int>(217 - 200 * t)),
+         absl::StrFormat("tile %d: %s faces, %d cameras, %.0f MiB, %.0f core-seconds", tile.tile,
+                         RoundedThousands(tile.work.core_faces), tile.work.seeing_views,
+                         static_cast<double>(tile.Total().peak_bytes) / kMiB, tile.Total().core_seconds)});
   }
   for (const SceneView& view : survey.views) {
     const Eigen::Vector2d at = survey.ground.Coordinates(view.camera.Centre());

@@ -1,5 +1,6 @@
 #include "server/display/svg_map.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
@@ -8,18 +9,13 @@
 namespace tessera {
 
 std::string ToSvg(const SvgMap& map) {
-  double x0 = 1e300, y0 = 1e300, x1 = -1e300, y1 = -1e300;
-  const auto include = [&](double x, double y) {
-    x0 = std::min(x0, x);
-    x1 = std::max(x1, x);
-    y0 = std::min(y0, y);
-    y1 = std::max(y1, y);
-  };
+  Eigen::AlignedBox2d box;
   for (const SvgMap::Tile& tile : map.tiles) {
-    include(tile.x0, tile.y0);
-    include(tile.x1, tile.y1);
+    box.extend(Eigen::Vector2d(tile.x0, tile.y0));
+    box.extend(Eigen::Vector2d(tile.x1, tile.y1));
   }
-  for (const SvgMap::Camera& camera : map.cameras) include(camera.x, camera.y);
+  for (const SvgMap::Camera& camera : map.cameras) box.extend(Eigen::Vector2d(camera.x, camera.y));
+  const double x0 = box.min().x(), y0 = box.min().y(), x1 = box.max().x(), y1 = box.max().y();
   const double size = std::max({x1 - x0, y1 - y0, 1e-9}), margin = 0.03 * size, line = size / 600, letter = size / 45;
   // SVG's y axis points down.
   std::string out = absl::StrFormat(

@@ -8,6 +8,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "common/job/task_parameters.h"
+#include "server/display/lineage_text.h"
 #include "server/display/svg_map.h"
 
 namespace tessera {
@@ -44,18 +45,9 @@ std::string SummaryLine(const json& plan) {
                          tiles - redone, without);
 }
 
-// "image seen: 4 images (new/0001.jpg, ...)".
 std::string Reasons(const json& tile) {
   std::vector<std::string> reasons;
-  for (const json& why : tile.at("why")) {
-    const json& images = why.at("images");
-    if (images.empty()) {
-      reasons.push_back(why.at("reason"));
-      continue;
-    }
-    reasons.push_back(absl::StrFormat("%s: %d (%s%s)", why.at("reason").get<std::string>(), images.size(),
-                                      images.front().get<std::string>(), images.size() > 1 ? ", ..." : ""));
-  }
+  for (const json& why : tile.at("why")) reasons.push_back(ReasonText(why.at("reason"), why.at("images")));
   return absl::StrJoin(reasons, "; ");
 }
 

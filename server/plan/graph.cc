@@ -32,7 +32,7 @@ struct GraphTile {
   bool redone = true;                       // false: an update keeps the base's state
   // First stage (StageOf) without tasks, because the tile is quarantined; it keeps the state before.
   int frozen_from = std::numeric_limits<int>::max();
-  bool never_began() const { return frozen_from < 0; }
+  bool never_started() const { return frozen_from < 0; }
   bool gone() const { return parameters.core.empty(); }
 };
 
@@ -71,7 +71,7 @@ class Graph {
   }
 
   size_t tiles() const { return tiles_.size(); }
-  bool goes_on() const { return goes_on_; }
+  bool continues_base() const { return continues_base_; }
   const Survey& survey() const { return survey_; }
   // Ids of the tiles that this job refines.
   std::vector<int> redone() const {
@@ -135,7 +135,7 @@ class Graph {
 
   // FAILED_PRECONDITION if a tile has no state to keep.
   Status Quarantine(const std::vector<FailedTile>& tiles) {
-    const std::vector<int> good = StagesWithGoodStates(settings_, survey_, goes_on_);
+    const std::vector<int> good = StagesWithGoodStates(settings_, survey_, continues_base_);
     for (const FailedTile& each : tiles) {
       if (each.tile < 0 || each.tile >= static_cast<int>(tiles_.size()) || !tiles_[each.tile].redone) {
         return absl::FailedPreconditionError(
@@ -143,7 +143,7 @@ class Graph {
       }
       GraphTile& tile = tiles_[each.tile];
       tile.frozen_from = FrozenFrom(each, good);
-      if (!tile.never_began() || !goes_on_ || !survey_.revision) continue;
+      if (!tile.never_started() || !continues_base_ || !survey_.revision) continue;
       return absl::FailedPreconditionError(
           absl::StrCat("tile ", each.tile, " cannot keep the base job's state: the mesh has changed"));
     }
@@ -152,7 +152,7 @@ class Graph {
 
   void AddCrops() {
     for (GraphTile& tile : tiles_) {
-      if (!tile.redone || tile.never_began()) continue;
+      if (!tile.redone || tile.never_started()) continue;
       PlannedTask task = TaskOf(tile, kCropKind, PredictCrop(tile.work));
       task.parameters = "{}";
       task.inputs = {{tile.cut, kTileFile}};
@@ -180,9 +180,9 @@ class Graph {
     const std::vector<int> ids = cut();
     for (size_t i = 0; i < ids.size(); ++i) reads[ids[i]] = std::move(of_redone[i]);
     const std::vector<RefineStep> steps = StepsOf(settings_);
-    const std::vector<int> taken = StepsTaken(settings_, survey_, goes_on_);
-    bool mended = goes_on_;  // the base's states are repaired
-    if (goes_on_ && survey_.revision) AddMends(taken.empty() ? 0 : taken.front(), /*before=*/true, reads);
+    const std::vector<int> taken = StepsTaken(settings_, survey_, continues_base_);
+    bool mended = continues_base_;  // the base's states are repaired
+    if (continues_base_ && survey_.revision) AddMends(taken.empty() ? 0 : taken.front(), /*before=*/true, reads);
     for (const int s : taken) {
       const RefineStep& step = steps[s];
       if (!step.labels() && !mended) {
@@ -207,7 +207,7 @@ class Graph {
   }
 
   // Reserves the index of the task that AddPlan added in an earlier phase.
-  void SkipPlan() { Add(PlannedTask()); }
+  void ReservePlan() { Add(PlannedTask()); }
 
   Status AddPlan(const UpdateBase& base) {
     TESSERA_ASSIGN_OR_RETURN(const Quote full, MakeQuote(settings_, survey_, costs_));
@@ -215,11 +215,11 @@ class Graph {
                      publish = costs_.Corrected(kPublishKind, PredictPublish(survey_));
     double core_seconds = ingest.core_seconds + publish.core_seconds + compare.core_seconds;
     for (const TileChange& change : changes_) core_seconds += change.predicted.core_seconds;
-    TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, goes_on_ ? core_seconds : full.core_seconds));
+    TESSERA_RETURN_IF_ERROR(CheckLimit(settings_, continues_base_ ? core_seconds : full.core_seconds));
     PlannedTask task;
     task.kind = task.name = kPlanKind;
     task.given_contents.Edit().emplace_back(
-        kUpdateFile, UpdatePlanJson(base.name, !goes_on_, views_of_base_, base.tiles, changes_, survey_, ingest,
+        kUpdateFile, UpdatePlanJson(base.name, !continues_base_, views_of_base_, base.tiles, changes_, survey_, ingest,
                                     compare, publish, full));
     Add(std::move(task));
     return absl::OkStatus();
@@ -283,7 +283,7 @@ class Graph {
 
   // Takes over the base's tiles and determines which ones the update refines.
   Status TakeTiles(const UpdateBase& base, const CellIndex& cells) {
-    goes_on_ = !settings_.update.from_scratch;
+    continues_base_ = !settings_.update.from_scratch;
     TESSERA_ASSIGN_OR_RETURN(const Survey base_survey, ParseSurvey(base.survey_json));
     if (survey_.revision) city_from_ = survey_from_;
     tiles_of_base_ = base.tiles;
@@ -297,9 +297,9 @@ class Graph {
     for (const TileChange& change : changes_) {
       GraphTile tile;
       tile.parameters = change.tile;
-      tile.redone = !tile.gone() && (!goes_on_ || !change.why.empty());
+      tile.redone = !tile.gone() && (!continues_base_ || !change.why.empty());
       if (tile.redone) tile.work = MeasureTile(cells, change.tile.core);
-      if (goes_on_ && !tile.gone() && static_cast<size_t>(change.tile.tile) < tiles_of_base_.size()) {
+      if (continues_base_ && !tile.gone() && static_cast<size_t>(change.tile.tile) < tiles_of_base_.size()) {
         tile.state = PlannedInput{base_from_, TileInputName(change.tile.tile, kStateFile)};
       }
       tiles_.push_back(std::move(tile));
@@ -344,10 +344,10 @@ class Graph {
     return read;
   }
 
-  std::vector<int> Held(const std::vector<int>& ids, int stage) const {
-    std::vector<int> held;
-    std::copy_if(ids.begin(), ids.end(), std::back_inserter(held), [&](int id) { return !Works(tiles_[id], stage); });
-    return held;
+  std::vector<int> Frozen(const std::vector<int>& ids, int stage) const {
+    std::vector<int> frozen;
+    std::copy_if(ids.begin(), ids.end(), std::back_inserter(frozen), [&](int id) { return !Works(tiles_[id], stage); });
+    return frozen;
   }
 
   static bool Works(const GraphTile& tile, int stage) { return tile.redone && stage < tile.frozen_from; }
@@ -367,10 +367,10 @@ class Graph {
   }
 
   // Adds start tasks: tiles quarantined before their first step get a state when the other tiles get their first.
-  void BeginStates(int stage) {
+  void AddStarts(int stage) {
     last_states_ = stage;
     for (GraphTile& tile : tiles_) {
-      if (!tile.redone || !tile.never_began() || tile.state) continue;
+      if (!tile.redone || !tile.never_started() || tile.state) continue;
       PlannedTask task = TaskOf(tile, kStartKind, PredictCut(survey_, tile.work));
       task.parameters = ToJson(StartParameters{tile.parameters});
       task.inputs = {{city_from_, kCityFile}, {survey_from_, kPlainSurveyFile}};
@@ -385,7 +385,7 @@ class Graph {
       task.inputs.push_back({tile.crop, kViewsFile});
       StepParameters parameters = ParametersOf(tile, s);
       parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].visibility, &task);
-      parameters.frozen = Held(parameters.states, last_states_);  // all other states are of the same stage
+      parameters.frozen = Frozen(parameters.states, last_states_);  // all other states are of the same stage
       task.parameters = ToJson(parameters);
       return task;
     });
@@ -393,7 +393,7 @@ class Graph {
 
   void AddSolves(int s, const RefineStep& step, const std::vector<TileReads>& reads) {
     const int stage = StageOf(kSolveKind, s);
-    BeginStates(stage);
+    AddStarts(stage);
     AddForEach(&GraphTile::state, kStateFile, stage, [&](const GraphTile& tile) {
       PlannedTask task = StepTask(tile, kSolveKind, PredictSolve(tile.work, EffortOf(step)), s);
       const TileReads& of_tile = reads[tile.parameters.tile];
@@ -401,8 +401,8 @@ class Graph {
       StepParameters parameters = ParametersOf(tile, s);
       parameters.sums = Read(&GraphTile::sums, ids, &task);
       parameters.states = Read(&GraphTile::state, ids, &task);
-      parameters.frozen = Held(parameters.states, stage);
-      parameters.continues_base = goes_on_ && !survey_.revision && s == UpdateSteps(settings_, survey_).front();
+      parameters.frozen = Frozen(parameters.states, stage);
+      parameters.continues_base = continues_base_ && !survey_.revision && s == UpdateSteps(settings_, survey_).front();
       task.parameters = ToJson(parameters);
       return task;
     });
@@ -412,15 +412,15 @@ class Graph {
     RefineEffort effort;
     effort.mends = 1;
     const int stage = StageOf(kMendKind, s, before);
-    BeginStates(stage);
+    AddStarts(stage);
     AddForEach(&GraphTile::state, kStateFile, stage, [&](const GraphTile& tile) {
       PlannedTask task = StepTask(tile, kMendKind, PredictMend(tile.work, effort), s);
       if (before) task.name = absl::StrCat("mend tile ", task.tile, " before step ", s);
       StepParameters parameters = ParametersOf(tile, s);
       parameters.before = before;
       parameters.states = Read(&GraphTile::state, reads[tile.parameters.tile].repair, &task);
-      parameters.frozen = Held(parameters.states, stage);
-      if (before && goes_on_) {
+      parameters.frozen = Frozen(parameters.states, stage);
+      if (before && continues_base_) {
         parameters.continues_base = true;
         parameters.first_new_face = survey_.revision->first_new_face;
       }
@@ -442,7 +442,7 @@ class Graph {
   std::vector<TileParameters> tiles_of_base_;
   // Stage of the latest states of active tiles.
   int last_states_ = std::numeric_limits<int>::min();
-  bool goes_on_ = false;             // start from the base's states and refine only changed tiles
+  bool continues_base_ = false;      // start from the base's states and refine only changed tiles
   std::vector<TileChange> changes_;  // of an update
   size_t views_of_base_ = 0;
   std::optional<PlannedInput> outdated_;  // kOutdatedFile of the base; after AddChanges, of its last task
@@ -466,10 +466,10 @@ StatusOr<std::vector<PlannedTask>> PlanTiles(const JobSettings& settings, const 
   } else {
     TESSERA_RETURN_IF_ERROR(CheckQuote(settings, graph.survey()));
   }
-  TESSERA_RETURN_IF_ERROR(CheckSteps(settings, graph.survey(), graph.goes_on()));
+  TESSERA_RETURN_IF_ERROR(CheckSteps(settings, graph.survey(), graph.continues_base()));
   TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());
   graph.AddCuts();
-  if (graph.tiles() == 1 && !graph.goes_on()) {
+  if (graph.tiles() == 1 && !graph.continues_base()) {
     graph.AddCrops();
     graph.AddRefine();
     if (base != nullptr) graph.AddChanges();
@@ -483,7 +483,7 @@ StatusOr<std::vector<PlannedTask>> PlanSteps(const JobSettings& settings, const 
                                              const std::vector<TileReads>& reads, const UpdateBase* base,
                                              const std::vector<FailedTile>& quarantined) {
   TESSERA_ASSIGN_OR_RETURN(Graph graph, Graph::Create(settings, survey, scene_files, base));
-  if (base != nullptr) graph.SkipPlan();
+  if (base != nullptr) graph.ReservePlan();
   TESSERA_RETURN_IF_ERROR(graph.Quarantine(quarantined));
   TESSERA_RETURN_IF_ERROR(CheckReads(reads, graph.cut().size(), graph.tiles()));
   TESSERA_RETURN_IF_ERROR(graph.AddClassifiers());

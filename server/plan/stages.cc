@@ -16,19 +16,12 @@ int StageOf(const std::string& kind, int step, bool before) {
   return before ? first : first + 3;  // mend
 }
 
-std::vector<RefineStep> StepsOf(const JobSettings& settings) {
-  return RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
+std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool continues_base) {
+  return continues_base ? UpdateSteps(settings, survey) : ActiveStepsOf(settings, survey);
 }
 
-std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool goes_on) {
-  if (goes_on) return UpdateSteps(settings, survey);
-  const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
-  return ActiveSteps(StepsOf(settings), MethodRulesOf(settings.method, settings.rounds, settings.method_settings),
-                     traits);
-}
-
-Status CheckSteps(const JobSettings& settings, const Survey& survey, bool goes_on) {
-  if (!StepsTaken(settings, survey, goes_on).empty()) return absl::OkStatus();
+Status CheckSteps(const JobSettings& settings, const Survey& survey, bool continues_base) {
+  if (!StepsTaken(settings, survey, continues_base).empty()) return absl::OkStatus();
   return InputError(survey.scene_name, "likelihoods", "no likelihoods of two or more classes",
                     absl::StrCat("likelihoods, because the method \"", settings.method,
                                  "\" solves labels only; `tessera classify` computes them"));
@@ -50,12 +43,12 @@ Status CheckReads(const std::vector<TileReads>& reads, size_t cut, size_t tiles)
   return absl::OkStatus();
 }
 
-std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool goes_on) {
+std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool continues_base) {
   std::vector<int> stages;
   const std::vector<RefineStep> steps = StepsOf(settings);
-  bool mended = goes_on && !survey.revision;
-  for (const int s : StepsTaken(settings, survey, goes_on)) {
-    if (!mended && (goes_on || !steps[s].labels())) {
+  bool mended = continues_base && !survey.revision;
+  for (const int s : StepsTaken(settings, survey, continues_base)) {
+    if (!mended && (continues_base || !steps[s].labels())) {
       stages.push_back(StageOf(kMendKind, s, /*before=*/true));
       mended = true;
     }

@@ -22,12 +22,12 @@ struct FailedTile {
   friend bool operator==(const FailedTile&, const FailedTile&) = default;
 };
 
-std::vector<RefineStep> StepsOf(const JobSettings& settings);
-// Indices of the active steps of a tiled job, ascending. `goes_on`: it starts from the states of an update's base.
-std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool goes_on);
+// Indices of the active steps of a tiled job, ascending. `continues_base`: it starts from the states of an update's
+// base.
+std::vector<int> StepsTaken(const JobSettings& settings, const Survey& survey, bool continues_base);
 
 // INVALID_ARGUMENT if no step is active: publish needs a state of each tile.
-Status CheckSteps(const JobSettings& settings, const Survey& survey, bool goes_on);
+Status CheckSteps(const JobSettings& settings, const Survey& survey, bool continues_base);
 // FAILED_PRECONDITION unless there are `cut` entries; INVALID_ARGUMENT if one names a tile that does not exist.
 Status CheckReads(const std::vector<TileReads>& reads, size_t cut, size_t tiles);
 
@@ -39,7 +39,7 @@ int StageOf(const std::string& kind, int step, bool before = false);
 
 // Stages after which a tile may be frozen, ascending: its folds are repaired and only labels have changed since.
 // Matches PlanSteps.
-std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool goes_on);
+std::vector<int> StagesWithGoodStates(const JobSettings& settings, const Survey& survey, bool continues_base);
 
 // First stage without tasks of the tile: after the last of `good` (ascending) before the failed one. kNoState if there
 // is none, so that the tile keeps its start; kNoCut if it was not cut.

@@ -43,16 +43,16 @@ void FindReasons(const Survey& base, const Survey& survey, const SurveyCell& bef
     (*why)[survey.views[v].withdrawn ? ChangeReason::kImageWithdrawn : ChangeReason::kImageSuperseded].insert(v);
   }
   const auto known = static_cast<int32_t>(base.views.size());
-  for (const int32_t v : came) (*why)[v < known ? ChangeReason::kChosenAnew : ChangeReason::kImageSeen].insert(v);
+  for (const int32_t v : came) (*why)[v < known ? ChangeReason::kNewlyChosen : ChangeReason::kImageSeen].insert(v);
   for (const int32_t v : stayed) {
     for (const ChangeReason change : ChangesOf(base.views[v], survey.views[v])) (*why)[change].insert(v);
   }
 }
 
 // Cells of a survey by position. The survey must outlive it.
-class CellsByPlace {
+class CellsByPosition {
  public:
-  explicit CellsByPlace(const Survey& survey) {
+  explicit CellsByPosition(const Survey& survey) {
     for (const SurveyCell& cell : survey.cells) cells_[{cell.x, cell.y}] = &cell;
   }
   const SurveyCell* Find(const SurveyCell& cell) const {
@@ -88,17 +88,15 @@ std::string ReasonWords(ChangeReason reason) {
       return "pose moved";
     case ChangeReason::kMeshChanged:
       return "mesh changed";
-    case ChangeReason::kChosenAnew:
+    case ChangeReason::kNewlyChosen:
       return "image newly chosen";
   }
   return "unknown";
 }
 
 std::vector<int> UpdateSteps(const JobSettings& settings, const Survey& survey) {
-  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
-  const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
-  const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
-  std::vector<int> chosen = ActiveSteps(steps, rules, traits);
+  const std::vector<RefineStep> steps = StepsOf(settings);
+  std::vector<int> chosen = ActiveStepsOf(settings, survey);
   // Later rounds have the finest level only, so the first round is needed for the others.
   std::erase_if(chosen, [&](int s) { return steps[s].round != 0 && steps[s].round != steps.back().round; });
   if (survey.revision) return chosen;  // new faces have not been refined
@@ -162,7 +160,7 @@ Prediction PredictUpdateIngest(const Survey& base, const Survey& survey) {
       part.views.push_back(survey.views[v]);
     }
   }
-  const CellsByPlace before(base);
+  const CellsByPosition before(base);
   for (const SurveyCell& cell : survey.cells) {
     const SurveyCell* known = before.Find(cell);
     if (known != nullptr && known->views == cell.views && !IsRevised(survey, cell.x, cell.y)) continue;
@@ -192,8 +190,8 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
   if (survey.views.size() < base.views.size()) {
     return absl::InvalidArgumentError("update: found fewer views in the survey than in that of the base job");
   }
-  const CellsByPlace before(base), after(survey);
-  const auto all_in = [&](const std::vector<SurveyCell>& cells, const CellsByPlace& others) {
+  const CellsByPosition before(base), after(survey);
+  const auto all_in = [&](const std::vector<SurveyCell>& cells, const CellsByPosition& others) {
     return std::all_of(cells.begin(), cells.end(), [&](const SurveyCell& cell) {
       return others.Find(cell) != nullptr || IsRevised(survey, cell.x, cell.y);
     });
@@ -201,10 +199,8 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
   if (!all_in(survey.cells, before) || !all_in(base.cells, after)) {
     return absl::InvalidArgumentError("update: found other cells in the survey than in that of the base job");
   }
-  const RefineEffort effort = settings.update.from_scratch
-                                  ? EffortOf(settings, survey)
-                                  : EffortOf(RefineStepsOf(settings.method, settings.rounds, settings.method_settings),
-                                             UpdateSteps(settings, survey));
+  const RefineEffort effort = settings.update.from_scratch ? EffortOf(settings, survey)
+                                                           : EffortOf(StepsOf(settings), UpdateSteps(settings, survey));
   const CellIndex cells(survey);
   std::vector<TileChange> changes;
   for (const TileParameters& tile : tiles) {
@@ -228,9 +224,7 @@ StatusOr<std::vector<TileChange>> FindChangedTiles(const JobSettings& settings, 
           costs.Corrected(kMeasureKind, PredictMeasure(work, effort)),
           costs.Corrected(kSolveKind, PredictSolve(work, effort)),
           costs.Corrected(kMendKind, PredictMend(work, effort))}) {
-      change.predicted.core_seconds += part.core_seconds;
-      change.predicted.peak_bytes = std::max(change.predicted.peak_bytes, part.peak_bytes);
-      change.predicted.stored_bytes += part.stored_bytes;
+      change.predicted += part;
     }
   }
   return changes;

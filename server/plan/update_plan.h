@@ -23,7 +23,7 @@ enum class ChangeReason {
   kImageChanged,  // pixels or likelihoods of a view changed
   kPoseMoved,     // pose or calibration of a view changed
   kMeshChanged,   // in a cell of its core
-  kChosenAnew,    // a cell chose a view of the base that it had not chosen before
+  kNewlyChosen,   // a cell chose a view of the base that it had not chosen before
 };
 std::string ReasonWords(ChangeReason reason);
 

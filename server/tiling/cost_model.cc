@@ -241,11 +241,18 @@ RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<in
   return sum;
 }
 
-RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
-  const std::vector<RefineStep> steps = RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
-  const MethodRules rules = MethodRulesOf(settings.method, settings.rounds, settings.method_settings);
+std::vector<RefineStep> StepsOf(const JobSettings& settings) {
+  return RefineStepsOf(settings.method, settings.rounds, settings.method_settings);
+}
+
+std::vector<int> ActiveStepsOf(const JobSettings& settings, const Survey& survey) {
   const LabelTraits traits = {static_cast<int>(survey.classes.size()), survey.has_likelihoods, survey.has_labels};
-  RefineEffort sum = EffortOf(steps, ActiveSteps(steps, rules, traits));
+  return ActiveSteps(StepsOf(settings), MethodRulesOf(settings.method, settings.rounds, settings.method_settings),
+                     traits);
+}
+
+RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
+  RefineEffort sum = EffortOf(StepsOf(settings), ActiveStepsOf(settings, survey));
   sum.mends += 1;  // repair of the start
   return sum;
 }
@@ -253,15 +260,15 @@ RefineEffort EffortOf(const JobSettings& settings, const Survey& survey) {
 TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
   const Survey& survey = cells.survey();
   const double cell_m = survey.ground.cell_m, apron_m = kApronGsd * survey.gsd_m, solve_m = kSolveGsd * survey.gsd_m,
-               sight_m = kVisibleSetGsd * survey.gsd_m;
+               visible_m = kVisibleSetGsd * survey.gsd_m;
   TileWork work;
   std::vector<Box> boxes;
   std::set<int32_t> views;
   std::vector<const SurveyCell*> measured;  // cells whose faces the tile measures
   const SurveyCell* sample = nullptr;
-  cells.ForEachWithin(core, sight_m, [&](const SurveyCell& cell) {
+  cells.ForEachWithin(core, visible_m, [&](const SurveyCell& cell) {
     const double faces = static_cast<double>(cell.faces);
-    work.visible_faces += faces * ShareWithin(cell, core, sight_m, cell_m);
+    work.visible_faces += faces * ShareWithin(cell, core, visible_m, cell_m);
     work.solve_faces += faces * ShareWithin(cell, core, solve_m, cell_m);
     if (DistanceBetween({cell.x, cell.y, cell.x + 1, cell.y + 1}, core, cell_m) > apron_m) return;
     boxes.push_back(TilePart(cell, survey.ground, core, apron_m));
@@ -280,10 +287,10 @@ TileWork MeasureTile(const CellIndex& cells, const CellRect& core) {
       Include({cell->x, cell->y, cell->x + 1, cell->y + 1}, &drawn.try_emplace(v, kNoCells).first->second);
     }
   }
-  const std::map<int32_t, CellRect> looked_at = drawn;
+  const std::map<int32_t, CellRect> of_references = drawn;
   for (const auto& [reference, other] : survey.pairs) {
-    const auto found = looked_at.find(reference);
-    if (found == looked_at.end()) continue;
+    const auto found = of_references.find(reference);
+    if (found == of_references.end()) continue;
     views.insert(other);
     Include(found->second, &drawn.try_emplace(other, kNoCells).first->second);
   }
@@ -454,9 +461,5 @@ Prediction PredictChanges(const Survey& survey, double blocks) {
 }
 
 int64_t LeastTileBytes(double faces) { return Bytes(kFixedBytes + kSolveBytesPerFace * faces); }
-
-Interval RefineSecondsInterval() { return {0.7, 1.5}; }
-Interval RefineBytesInterval() { return {0.65, 1.1}; }
-Interval StoredBytesInterval() { return {0.85, 1.15}; }
 
 }  // namespace tessera

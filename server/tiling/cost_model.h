@@ -32,6 +32,10 @@ RefineEffort EffortOf(const RefineStep& step);
 RefineEffort EffortOf(const std::vector<RefineStep>& steps, const std::vector<int>& which);
 RefineEffort EffortOf(const JobSettings& settings, const Survey& survey);
 
+// The steps of a job, and the indices of the active ones of a job that does not start from a base job's states.
+std::vector<RefineStep> StepsOf(const JobSettings& settings);
+std::vector<int> ActiveStepsOf(const JobSettings& settings, const Survey& survey);
+
 // Expected dependency radii around a tile's core in GSD: visible set; solver step; image windows. The cut task
 // determines the exact ones on the mesh.
 inline constexpr double kVisibleSetGsd = 220, kSolveGsd = 160, kApronGsd = 32;
@@ -95,8 +99,7 @@ int64_t LeastTileBytes(double faces);
 struct Interval {
   double low = 1, high = 1;
 };
-Interval RefineSecondsInterval();
-Interval RefineBytesInterval();
-Interval StoredBytesInterval();
+inline constexpr Interval kRefineSecondsInterval = {0.7, 1.5}, kRefineBytesInterval = {0.65, 1.1},
+                          kStoredBytesInterval = {0.85, 1.15};
 
 }  // namespace tessera

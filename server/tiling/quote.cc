@@ -24,19 +24,10 @@ double Makespan(std::vector<double> seconds, int workers) {
 
 }  // namespace
 
-double TileQuote::core_seconds() const {
-  return cut.core_seconds + crop.core_seconds + measure.core_seconds + solve.core_seconds + mend.core_seconds +
-         refine.core_seconds;
-}
-
-int64_t TileQuote::peak_bytes() const {
-  return std::max(
-      {cut.peak_bytes, crop.peak_bytes, measure.peak_bytes, solve.peak_bytes, mend.peak_bytes, refine.peak_bytes});
-}
-
-int64_t TileQuote::stored_bytes() const {
-  return cut.stored_bytes + crop.stored_bytes + measure.stored_bytes + solve.stored_bytes + mend.stored_bytes +
-         refine.stored_bytes;
+Prediction TileQuote::Total() const {
+  Prediction sum;
+  for (const Prediction& part : {cut, crop, measure, solve, mend, refine}) sum += part;
+  return sum;
 }
 
 Prediction PredictViews(const Survey& survey, const std::set<int32_t>& views, const CostScale& costs) {
@@ -55,11 +46,10 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
   TESSERA_ASSIGN_OR_RETURN(const std::vector<CellRect> cores, LayOutTiles(cells, options));
   quote.ingest = costs.Corrected(kIngestKind, PredictIngest(survey));
   quote.publish = costs.Corrected(kPublishKind, PredictPublish(survey));
-  quote.interval = RefineSecondsInterval();
+  quote.interval = kRefineSecondsInterval;
   quote.area_m2 = static_cast<double>(survey.cells.size()) * survey.ground.cell_m * survey.ground.cell_m;
-  quote.core_seconds = quote.ingest.core_seconds + quote.publish.core_seconds;
-  quote.peak_bytes = std::max(quote.ingest.peak_bytes, quote.publish.peak_bytes);
-  quote.stored_bytes = quote.ingest.stored_bytes + quote.publish.stored_bytes;
+  quote += quote.ingest;
+  quote += quote.publish;
   for (const CellRect& core : cores) {
     TileQuote tile;
     tile.tile = static_cast<int>(quote.tiles.size());
@@ -76,17 +66,13 @@ StatusOr<Quote> MakeQuote(const JobSettings& settings, const Survey& survey, con
     }
     quote.core_faces += tile.work.core_faces;
     quote.visible_faces += tile.work.visible_faces;
-    quote.core_seconds += tile.core_seconds();
-    quote.peak_bytes = std::max(quote.peak_bytes, tile.peak_bytes());
-    quote.stored_bytes += tile.stored_bytes();
+    quote += tile.Total();
     quote.tiles.push_back(std::move(tile));
   }
   std::set<int32_t> views;
   for (const TileQuote& tile : quote.tiles) views.insert(tile.work.views.begin(), tile.work.views.end());
   quote.classify = PredictViews(survey, views, costs);
-  quote.core_seconds += quote.classify.core_seconds;
-  quote.stored_bytes += quote.classify.stored_bytes;
-  quote.peak_bytes = std::max(quote.peak_bytes, quote.classify.peak_bytes);
+  quote += quote.classify;
   return quote;
 }
 

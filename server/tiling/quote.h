@@ -19,20 +19,16 @@ struct TileQuote {
   Prediction cut, crop;
   Prediction measure, solve, mend;  // of all steps: sums, but the largest memory
   Prediction refine;                // of an untiled job, instead of these
-  double core_seconds() const;
-  int64_t peak_bytes() const;    // largest of its tasks
-  int64_t stored_bytes() const;  // of all its tasks
+  Prediction Total() const;
 };
 
-struct Quote {
+// The sums are of all tasks, the memory is the largest.
+struct Quote : Prediction {
   std::vector<TileQuote> tiles;
   Prediction ingest, publish;
   Prediction classify;                       // of all views, if the job classifies; largest memory
   double area_m2 = 0;                        // of the ground cells with faces
   double core_faces = 0, visible_faces = 0;  // summed over tiles: core faces, and faces of the visible sets
-  double core_seconds = 0;                   // of all tasks
-  int64_t peak_bytes = 0;                    // largest of all tasks
-  int64_t stored_bytes = 0;                  // of all tasks
   // Prediction interval of a single task (90 % of the residuals of the model's fit), also used for the total. Errors do
   // not average out over the tasks of a job, because their causes (machine, load, texture of the scene) are common to
   // all of them.

@@ -94,7 +94,7 @@ class KdSplitter {
 
   // At the upper end of the prediction interval.
   double PredictBytes(const CellRect& rect, const TileWork& work) const {
-    return RefineBytesInterval().high *
+    return kRefineBytesInterval.high *
            static_cast<double>(PredictTileBytes(work, options_.effort, rect == cells_.bounds()));
   }
 

@@ -60,7 +60,7 @@ TEST(QuoteTest, TotalsAreThoseOfAllTasks) {
     EXPECT_EQ(tile.refine.core_seconds, 0);
     faces += tile.work.core_faces;
     EXPECT_GT(tile.work.visible_faces, tile.work.core_faces);
-    EXPECT_LE(tile.peak_bytes(), quote->peak_bytes);
+    EXPECT_LE(tile.Total().peak_bytes, quote->peak_bytes);
   }
   EXPECT_DOUBLE_EQ(quote->core_seconds, seconds);
   EXPECT_EQ(quote->stored_bytes, stored);

@@ -93,7 +93,7 @@ TEST(Tiling, EveryTileFitsTheMemoryLimitAndUsesMuchOfIt) {
     double faces = 0, filled = 0;
     for (const CellRect& core : *cores) {
       const TileWork work = MeasureTile(cells, core);
-      const double bytes = RefineBytesInterval().high *
+      const double bytes = kRefineBytesInterval.high *
                            static_cast<double>(PredictTileBytes(work, options.effort, /*only=*/cores->size() == 1));
       EXPECT_LE(bytes, static_cast<double>(options.tile_bytes));
       faces += work.core_faces;
