@@ -113,7 +113,7 @@ std::string ClassifyJson(const ClassifyReport& report) {
   const SceneDescription& scene = *report.scene;
   OrderedJson json = {{"scene", scene.name}, {"source", report.source}, {"gsd_m", report.gsd_m}};
   if (report.model_gsd_m) json["model_gsd_m"] = *report.model_gsd_m;
-  for (const SceneClass& c : scene.classes) json["classes"].push_back(c.name);
+  json["classes"] = ClassNames(scene);
   if (report.trained != nullptr) {
     for (const Annotation& a : report.annotations->images) json["annotated"].push_back(scene.views[a.view].name);
     json["annotated_pixels"] = report.annotations->pixels;

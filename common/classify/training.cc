@@ -133,7 +133,7 @@ StatusOr<TrainedClassifier> TrainClassifier(const SceneDescription& scene, const
   std::vector<int> fold_of_sample;
   for (const PixelLocation& location : samples.locations)
     fold_of_sample.push_back(trained.spatial_folds.FoldOf(location));
-  for (const SceneClass& c : scene.classes) trained.model.classes.push_back(c.name);
+  trained.model.classes = ClassNames(scene);
   trained.model.features = FeatureNames();
   trained.model.gsd_m = gsd_m;
   trained.folds.resize(folds);

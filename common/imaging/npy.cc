@@ -152,7 +152,7 @@ FloatImage NpyPart(const NpyArray& array, const ImagePart& part) {
         if (array.value_bytes == 1) {
           *out++ = *value;
         } else if (array.value_bytes == 2) {
-          *out++ = static_cast<float>(
+          *out++ = Eigen::half_impl::half_to_float(
               Eigen::half_impl::raw_uint16_to_half(static_cast<uint16_t>(value[0] + 256 * value[1])));
         } else {
           std::memcpy(out++, value, 4);

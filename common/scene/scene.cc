@@ -23,7 +23,7 @@ namespace fs = std::filesystem;
 std::string WithoutExtension(const std::string& name) { return fs::path(name).replace_extension().generic_string(); }
 
 // Replaces the file's internal path by the path that the user knows in a library's message.
-Status Named(const Status& status, const HeldFile& file, const std::string& path) {
+Status Named(const Status& status, const AllowedFile& file, const std::string& path) {
   if (status.ok() || file.path() == path) return status;
   return Status(status.code(), absl::StrReplaceAll(status.message(), {{file.path(), path}}));
 }
@@ -134,7 +134,7 @@ class SceneLoader {
         return;
       }
       const std::string path = Full(*inside);
-      const StatusOr<HeldFile> file = options_.allowed.Open(path);
+      const StatusOr<AllowedFile> file = options_.allowed.Open(path);
       if (!file.ok()) {
         found[i] =
             absl::IsNotFound(file.status())
@@ -231,7 +231,7 @@ class SceneLoader {
       faults_.Add(InputError(Full(json_.mesh.path), "", "no such file", "the start mesh"));
       return;
     }
-    const StatusOr<HeldFile> file = options_.allowed.Open(Full(json_.mesh.path));
+    const StatusOr<AllowedFile> file = options_.allowed.Open(Full(json_.mesh.path));
     if (!file.ok()) return faults_.Add(file.status());
     scene_.mesh_path = json_.mesh.path;
     scene_.files.push_back(json_.mesh.path);
@@ -293,6 +293,12 @@ class SceneLoader {
 };
 
 }  // namespace
+
+std::vector<std::string> ClassNames(const SceneDescription& scene) {
+  std::vector<std::string> names;
+  for (const SceneClass& c : scene.classes) names.push_back(c.name);
+  return names;
+}
 
 SceneDescription LoadSceneCollecting(const std::string& path, const SceneLoadOptions& options, Warnings* warnings,
                                      Faults* faults) {

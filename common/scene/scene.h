@@ -62,6 +62,9 @@ struct SceneDescription {
   std::vector<std::string> files;  // every file of the scene that a job reads, relative to folder, sorted
 };
 
+// The names of the scene's classes, in order.
+std::vector<std::string> ClassNames(const SceneDescription& scene);
+
 // Options for scenes of updates, which continue a base job.
 struct SceneLoadOptions {
   // Paths of files that are stored elsewhere and already validated: they need not exist in the folder.

@@ -76,27 +76,27 @@ std::string RealPathOf(int fd) {
 
 }  // namespace
 
-HeldFile::HeldFile(HeldFile&& other) noexcept
+AllowedFile::AllowedFile(AllowedFile&& other) noexcept
     : fd_(std::exchange(other.fd_, -1)), path_(std::move(other.path_)), real_path_(std::move(other.real_path_)) {}
 
-HeldFile& HeldFile::operator=(HeldFile&& other) noexcept {
+AllowedFile& AllowedFile::operator=(AllowedFile&& other) noexcept {
   std::swap(fd_, other.fd_);
   std::swap(path_, other.path_);
   std::swap(real_path_, other.real_path_);
   return *this;
 }
 
-HeldFile::~HeldFile() {
+AllowedFile::~AllowedFile() {
   if (fd_ >= 0) ::close(fd_);
 }
 
-StatusOr<FileStamp> HeldFile::Stamp() const {
+StatusOr<FileStamp> AllowedFile::Stamp() const {
   struct stat info;
   if (::fstat(fd_, &info) != 0) return FileError(errno, "cannot read " + real_path_);
   return FileStamp{info.st_size, int64_t{info.st_ctim.tv_sec} * 1'000'000'000 + info.st_ctim.tv_nsec};
 }
 
-StatusOr<std::string> HeldFile::Read(int64_t offset_bytes, int64_t size_bytes) const {
+StatusOr<std::string> AllowedFile::Read(int64_t offset_bytes, int64_t size_bytes) const {
   std::string content(static_cast<size_t>(size_bytes), '\0');
   size_t filled = 0;
   while (filled < content.size()) {
@@ -111,7 +111,7 @@ StatusOr<std::string> HeldFile::Read(int64_t offset_bytes, int64_t size_bytes) c
   return content;
 }
 
-StatusOr<Digest> HeldFile::Hash(const std::function<bool()>& cancelled) const {
+StatusOr<Digest> AllowedFile::Hash(const std::function<bool()>& cancelled) const {
   Sha256Hasher hasher;
   Digest digest;
   while (true) {
@@ -197,7 +197,7 @@ StatusOr<std::string> AllowedFiles::Resolve(const std::string& path) const {
   return real;
 }
 
-StatusOr<HeldFile> AllowedFiles::Open(const std::string& path) const {
+StatusOr<AllowedFile> AllowedFiles::Open(const std::string& path) const {
   std::string real = path;
   if (restricted()) {
     TESSERA_ASSIGN_OR_RETURN(real, Resolve(path));
@@ -206,7 +206,7 @@ StatusOr<HeldFile> AllowedFiles::Open(const std::string& path) const {
   if (::stat(real.c_str(), &info) != 0) return FileError(errno, "cannot read " + absl::CEscape(path));
   if (!S_ISREG(info.st_mode)) return Fault(path, KindOf(info.st_mode), "a regular file");
   const int flags = O_RDONLY | O_NONBLOCK | O_CLOEXEC | O_NOCTTY | (restricted() ? O_NOFOLLOW : 0);
-  HeldFile file(::open(real.c_str(), flags), path, real);
+  AllowedFile file(::open(real.c_str(), flags), path, real);
   if (file.fd_ < 0) {
     if (errno == ELOOP) return Fault(path, "a link that replaced the file", "a file");
     return FileError(errno, "cannot open " + absl::CEscape(path));
@@ -236,7 +236,7 @@ StatusOr<HeldFile> AllowedFiles::Open(const std::string& path) const {
 }
 
 StatusOr<std::string> AllowedFiles::ReadWhole(const std::string& path, int64_t max_bytes) const {
-  TESSERA_ASSIGN_OR_RETURN(const HeldFile file, Open(path));
+  TESSERA_ASSIGN_OR_RETURN(const AllowedFile file, Open(path));
   TESSERA_ASSIGN_OR_RETURN(const FileStamp stamp, file.Stamp());
   if (stamp.size_bytes > max_bytes) {
     return absl::ResourceExhaustedError(absl::StrCat(path, " has ", stamp.size_bytes, " bytes, more than ", max_bytes));

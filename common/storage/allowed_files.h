@@ -14,11 +14,11 @@
 namespace tessera {
 
 // An open regular file. Keeps its content if the path is replaced. Movable; const members are thread-safe.
-class HeldFile {
+class AllowedFile {
  public:
-  HeldFile(HeldFile&& other) noexcept;
-  HeldFile& operator=(HeldFile&& other) noexcept;
-  ~HeldFile();
+  AllowedFile(AllowedFile&& other) noexcept;
+  AllowedFile& operator=(AllowedFile&& other) noexcept;
+  ~AllowedFile();
 
   // A path that opens the same file again, even if its name was replaced. Valid as long as this object.
   const std::string& path() const { return path_; }
@@ -32,7 +32,7 @@ class HeldFile {
 
  private:
   friend class AllowedFiles;
-  HeldFile(int fd, std::string path, std::string real_path)
+  AllowedFile(int fd, std::string path, std::string real_path)
       : fd_(fd), path_(std::move(path)), real_path_(std::move(real_path)) {}
   int fd_;
   std::string path_, real_path_;
@@ -53,7 +53,7 @@ class AllowedFiles {
   // outside the allowed folders or of another owner, one that is not regular, in a pseudo file system, above 1 TiB or
   // sparse (and large), and for a name with control characters or invalid UTF-8. Errors do not reveal whether a file
   // outside exists. Does not block on pipes.
-  StatusOr<HeldFile> Open(const std::string& path) const;
+  StatusOr<AllowedFile> Open(const std::string& path) const;
   // The whole content; RESOURCE_EXHAUSTED above `max_bytes`.
   StatusOr<std::string> ReadWhole(const std::string& path, int64_t max_bytes) const;
   // Whether the name exists. Also true if it leads outside the allowed folders.

@@ -179,6 +179,14 @@ Status CopyFileDurably(const std::string& from, const std::string& to) {
   return absl::OkStatus();
 }
 
+std::string AbsolutePath(const std::string& path) {
+  std::error_code error;
+  const fs::path absolute = fs::absolute(path, error);
+  std::string normal = (error ? fs::path(path) : absolute).lexically_normal().string();
+  while (normal.size() > 1 && normal.back() == '/') normal.pop_back();
+  return normal;
+}
+
 Status EnsureFolder(const std::string& path) {
   std::error_code error;
   fs::create_directories(path, error);

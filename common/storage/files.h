@@ -38,6 +38,8 @@ Status RenameDurably(const std::string& from, const std::string& to);
 // Calls fsync on a file (its bytes become durable) or a folder (its names become durable).
 Status SyncPath(const std::string& path);
 
+// The absolute path in its shortest form: "/a/./b/" becomes "/a/b". Does not resolve links.
+std::string AbsolutePath(const std::string& path);
 // Creates the folder and its parents if they are missing.
 Status EnsureFolder(const std::string& path);
 

@@ -15,13 +15,6 @@ constexpr size_t kMaxSettingsBytes = 64 << 10;
 
 bool ReadsScene(const Submission& submission) { return submission.settings.update.rollback_to.empty(); }
 
-// The shortest form of the path: "/a/./b/" becomes "/a/b".
-std::string Normal(const std::string& path) {
-  std::string normal = std::filesystem::path(path).lexically_normal().string();
-  while (normal.size() > 1 && normal.back() == '/') normal.pop_back();
-  return normal;
-}
-
 // All these fields are stored as long as the job.
 Status CheckSizes(const Submission& submission) {
   v1::JobSettings settings;
@@ -35,7 +28,8 @@ Status CheckSizes(const Submission& submission) {
 }
 
 JobRequest RequestOf(const Submission& submission) {
-  return {submission.request_id, ReadsScene(submission) ? Normal(submission.scene_path) : "", submission.settings};
+  return {submission.request_id, ReadsScene(submission) ? AbsolutePath(submission.scene_path) : "",
+          submission.settings};
 }
 
 }  // namespace

@@ -10,7 +10,7 @@ constexpr int64_t kSettledNs = 2'000'000'000;
 
 }  // namespace
 
-StatusOr<Digest> DigestOfFile(const HeldFile& file, DigestCache& cache, const Clock& clock,
+StatusOr<Digest> DigestOfFile(const AllowedFile& file, DigestCache& cache, const Clock& clock,
                               const Cancelled& cancelled) {
   const std::string& path = file.real_path();
   TESSERA_ASSIGN_OR_RETURN(const FileStamp before, file.Stamp());

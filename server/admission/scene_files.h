@@ -18,7 +18,7 @@ using Cancelled = std::function<bool()>;
 
 // Digest of the open file: cached if its size and change time are unchanged, else computed. FAILED_PRECONDITION if it
 // changes while it is read; CANCELLED by `cancelled`. Thread-safe.
-StatusOr<Digest> DigestOfFile(const HeldFile& file, DigestCache& cache, const Clock& clock,
+StatusOr<Digest> DigestOfFile(const AllowedFile& file, DigestCache& cache, const Clock& clock,
                               const Cancelled& cancelled = {});
 
 // Digests of `files` (paths relative to `folder`), in the same order. Reads several files concurrently.

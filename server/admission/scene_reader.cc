@@ -1,6 +1,5 @@
 #include "server/admission/scene_reader.h"
 
-#include <filesystem>
 #include <utility>
 
 #include "common/classify/default_rule.h"
@@ -14,8 +13,7 @@ namespace {
 // Content of a trained classifier that has the scene's classes; empty for the default classifier.
 StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneDescription& scene,
                                      const AllowedFiles& allowed) {
-  std::vector<std::string> classes;
-  for (const SceneClass& c : scene.classes) classes.push_back(c.name);
+  const std::vector<std::string> classes = ClassNames(scene);
   if (classifier == kDefaultClassifier) {
     TESSERA_RETURN_IF_ERROR(DefaultRule::Of(classes, scene.folder + "/scene.json").status());
     return std::string();
@@ -29,11 +27,6 @@ StatusOr<std::string> ReadClassifier(const std::string& classifier, const SceneD
   TESSERA_RETURN_IF_ERROR(model.status());
   TESSERA_RETURN_IF_ERROR(ModelClassesOf(*model, classes, classifier).status());
   return bytes;
-}
-
-std::string WithoutSlash(std::string path) {
-  while (path.size() > 1 && path.back() == '/') path.pop_back();
-  return path;
 }
 
 }  // namespace
@@ -67,7 +60,7 @@ StatusOr<SceneListing> ReadScene(const std::string& path, const SceneRequest& re
       listing = unclassified;
     }
   }
-  listing.folder = WithoutSlash(std::filesystem::absolute(scene.folder).lexically_normal().string());
+  listing.folder = AbsolutePath(scene.folder);
   listing.name = scene.name;
   listing.files = scene.files;
   return listing;

@@ -1,15 +1,13 @@
 // `tessera check SCENE`: checks that a scene is ready for a job.
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
-#include <mutex>
 
 #include "common/scene/check.h"
 #include "common/storage/files.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
+#include "server/display/stage_line.h"
 
 namespace tessera {
 namespace {
@@ -19,37 +17,15 @@ struct CheckOptions {
   std::string json_file;
 };
 
-// One line on a terminal, redrawn in place; prints nothing elsewhere.
-class ProgressLine {
- public:
-  explicit ProgressLine(const char* what) : what_(what), on_terminal_(isatty(STDERR_FILENO) != 0) {}
-  ~ProgressLine() { Clear(); }
-  void Show(double fraction, const std::string& stage) {
-    if (!on_terminal_) return;
-    const std::lock_guard<std::mutex> lock(mutex_);
-    std::fprintf(stderr, "\r\033[K%s %3.0f %% %s", what_, 100 * fraction, stage.c_str());
-    shown_ = true;
-  }
-  void Clear() {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (shown_) std::fputs("\r\033[K", stderr);
-    shown_ = false;
-  }
-
- private:
-  const char* what_;
-  bool on_terminal_;
-  bool shown_ = false;
-  std::mutex mutex_;
-};
-
 int RunCheck(const CheckOptions& options) {
   Warnings warnings;
-  ProgressLine progress("checking");
-  TaskControl control;
-  control.report = [&](double fraction, const std::string& stage) { progress.Show(fraction, stage); };
-  const StatusOr<SceneSummary> summary = CheckSceneFolder(options.scene, &warnings, control);
-  progress.Clear();
+  StatusOr<SceneSummary> summary = absl::InternalError("not checked");
+  {
+    StageLine line(/*enabled=*/true);
+    TaskControl control;
+    control.report = [&](double fraction, const std::string& stage) { line.Show(fraction, stage); };
+    summary = CheckSceneFolder(options.scene, &warnings, control);
+  }
   PrintWarnings(warnings);
   if (!summary.ok()) {
     std::fprintf(stderr, "%s\n", PrintableLines(std::string(summary.status().message())).c_str());

@@ -1,7 +1,6 @@
 // `tessera classify`: computes class likelihoods of a scene's images from annotations, a trained model or a default
 // rule.
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <filesystem>
 #include <iostream>
 #include <memory>
@@ -42,12 +41,6 @@ std::string SceneFileOf(const std::string& path) {
   return fs::is_directory(path) ? (fs::path(path) / "scene.json").string() : path;
 }
 
-Status WriteOutput(const std::string& path, const std::string& content) {
-  const Status written = WriteFileAtomic(path, content);
-  // A write error is no error of the input.
-  return written.ok() ? written : absl::InternalError(written.message());
-}
-
 Status Classify(const ClassifyArguments& arguments, const TaskControl& control, std::string* text) {
   const ThreadLimit limit(arguments.threads);
   TESSERA_RETURN_IF_ERROR(CheckClassifiedFolder(arguments.out));
@@ -70,8 +63,7 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
   ClassifierModel model;
   std::optional<DefaultRule> rule;
   ClassifierSelection use;
-  std::vector<std::string> names;
-  for (const SceneClass& c : scene.classes) names.push_back(c.name);
+  const std::vector<std::string> names = ClassNames(scene);
   if (!arguments.train.empty()) {
     report.source = "annotations";
     TESSERA_ASSIGN_OR_RETURN(annotations, ReadAnnotations(arguments.train, scene, &report.warnings));
@@ -95,14 +87,9 @@ Status Classify(const ClassifyArguments& arguments, const TaskControl& control, 
   if (annotations) {
     const TaskUsageMeter meter;
     const TaskControl part = PartOf(control, 0.02, 0.5);
-    TESSERA_ASSIGN_OR_RETURN(trained, TrainClassifier(
-                                          scene, *annotations, surface, report.gsd_m,
-                                          [&] {
-                                            TrainingOptions options;
-                                            options.seed = arguments.seed;
-                                            return options;
-                                          }(),
-                                          part));
+    TrainingOptions options;
+    options.seed = arguments.seed;
+    TESSERA_ASSIGN_OR_RETURN(trained, TrainClassifier(scene, *annotations, surface, report.gsd_m, options, part));
     report.train_cpu_s = meter.Read().core_seconds;
     use.model = &trained->model;
     use.trained = report.trained = &*trained;
@@ -172,13 +159,9 @@ void AddClassifyCommand(CLI::App& app, int* exit_code) {
       if (!arguments->quiet) std::cout << text << std::flush;
       return;
     }
-    std::cerr << "tessera classify: " << PrintableLines(std::string(status.message())) << "\n";
-    *exit_code = absl::IsCancelled(status)       ? kExitCancelled
-                 : absl::IsAlreadyExists(status) ? kExitUsage
-                 : absl::IsInvalidArgument(status) || absl::IsNotFound(status) || absl::IsFailedPrecondition(status) ||
-                         absl::IsDataLoss(status)
-                     ? kExitBadInput
-                     : kExitFailed;
+    *exit_code = ReportError("classify", status);
+    if (absl::IsAlreadyExists(status)) *exit_code = kExitUsage;
+    if (absl::IsFailedPrecondition(status) || absl::IsDataLoss(status)) *exit_code = kExitBadInput;
   });
 }
 

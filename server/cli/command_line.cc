@@ -1,26 +1,28 @@
 #include "server/cli/command_line.h"
 
+#include <google/protobuf/util/json_util.h>
+
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cstdio>
-#include <filesystem>
-#include <random>
+#include <tuple>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
+#include "common/base/clock.h"
+#include "common/storage/files.h"
 #include "server/cli/commands.h"
+#include "server/client/connection.h"
+#include "server/client/interrupt.h"
 #include "server/client/job_text.h"
+#include "server/client/local_cluster.h"
+#include "server/display/progress_display.h"
 #include "server/settings/settings_proto.h"
 #include "tessera/v1/jobs.pb.h"
 
 namespace tessera {
 namespace {
-
-// "thin_plate" on the command line.
-std::string FlagOf(std::string name) {
-  std::replace(name.begin(), name.end(), '_', '-');
-  return "--" + name;
-}
 
 void AddMethodOptions(CLI::App& command, JobSettings* settings) {
   const char* const group = "Method";
@@ -37,30 +39,23 @@ void AddMethodOptions(CLI::App& command, JobSettings* settings) {
                                "; rounds after the first use the finest level only; 0: the method's default"))
       ->capture_default_str()
       ->group(group);
-  const auto add_number = [&](const auto& setting) {
-    command
-        .add_option(FlagOf(setting.name), settings->method_settings.*setting.value,
-                    absl::StrCat(setting.meaning, " (default ", setting.standard, ")"))
-        ->type_name(absl::StrCat(setting.low, "..", setting.high))
+  const auto add = [&](const auto& setting, const std::string& standard, const std::string& type) {
+    return command
+        .add_option("--" + absl::StrReplaceAll(setting.name, {{"_", "-"}}), settings->method_settings.*setting.value,
+                    absl::StrCat(setting.meaning, " (default ", standard, ")"))
+        ->type_name(type)
         ->group(group);
   };
-  for (const auto& setting : RealSettings()) add_number(setting);
-  for (const auto& setting : WholeSettings()) add_number(setting);
+  const auto range = [](const auto& setting) { return absl::StrCat(setting.low, "..", setting.high); };
+  for (const auto& setting : RealSettings()) add(setting, absl::StrCat(setting.standard), range(setting));
+  for (const auto& setting : WholeSettings()) add(setting, absl::StrCat(setting.standard), range(setting));
   for (const ListSetting& setting : ListSettings()) {
-    command
-        .add_option(FlagOf(setting.name), settings->method_settings.*setting.value,
-                    absl::StrCat(setting.meaning, " (default ", absl::StrJoin(setting.standard, ","), ")"))
-        ->type_name(absl::StrCat(setting.low, "..", setting.high, ",..."))
+    add(setting, absl::StrJoin(setting.standard, ","), range(setting) + ",...")
         ->delimiter(',')
-        ->allow_extra_args(false)
-        ->group(group);
+        ->allow_extra_args(false);
   }
   for (const BoolSetting& setting : BoolSettings()) {
-    command
-        .add_option(FlagOf(setting.name), settings->method_settings.*setting.value,
-                    absl::StrCat(setting.meaning, " (default ", setting.standard ? "true" : "false", ")"))
-        ->type_name("true|false")
-        ->group(group);
+    add(setting, setting.standard ? "true" : "false", "true|false");
   }
 }
 
@@ -75,25 +70,16 @@ void AddCoordinatorOption(CLI::App& command, Endpoint* endpoint) {
 }
 
 void AddTlsOptions(CLI::App& command, Endpoint* endpoint) {
-  const char* const group = "Authentication";
-  command
-      .add_option("--tls-ca", endpoint->tls_ca,
-                  "Certificate authority of the coordinator, PEM; without it the connection does not use TLS")
-      ->envname("TESSERA_TLS_CA")
-      ->type_name("FILE")
-      ->group(group);
-  command.add_option("--tls-cert", endpoint->tls_cert, "Client certificate, PEM, if the coordinator requires one")
-      ->envname("TESSERA_TLS_CERT")
-      ->type_name("FILE")
-      ->group(group);
-  command.add_option("--tls-key", endpoint->tls_key, "Key of the client certificate, PEM")
-      ->envname("TESSERA_TLS_KEY")
-      ->type_name("FILE")
-      ->group(group);
-  command.add_option("--token-file", endpoint->token_file, "File with the token that the calls carry")
-      ->envname("TESSERA_TOKEN_FILE")
-      ->type_name("FILE")
-      ->group(group);
+  const std::tuple<const char*, const char*, std::string*, const char*> options[] = {
+      {"--tls-ca", "TESSERA_TLS_CA", &endpoint->tls_ca,
+       "Certificate authority of the coordinator, PEM; without it the connection does not use TLS"},
+      {"--tls-cert", "TESSERA_TLS_CERT", &endpoint->tls_cert,
+       "Client certificate, PEM, if the coordinator requires one"},
+      {"--tls-key", "TESSERA_TLS_KEY", &endpoint->tls_key, "Key of the client certificate, PEM"},
+      {"--token-file", "TESSERA_TOKEN_FILE", &endpoint->token_file, "File with the token that the calls carry"}};
+  for (const auto& [name, variable, value, help] : options) {
+    command.add_option(name, *value, help)->envname(variable)->type_name("FILE")->group("Authentication");
+  }
 }
 
 void AddJobOptions(CLI::App& command, JobFlags* flags) {
@@ -114,10 +100,8 @@ void AddJobOptions(CLI::App& command, JobFlags* flags) {
                   "greenness); none (the scene's own likelihoods). If not given: default when the scene has neither "
                   "likelihoods nor labels, else none")
       ->transform([](const std::string& given) {
-        if (given == kDefaultClassifier || given == kNoClassifier || given.empty()) return given;
-        std::error_code error;
-        const std::filesystem::path path = std::filesystem::absolute(given, error).lexically_normal();
-        return error ? given : path.string();
+        const bool is_path = given != kDefaultClassifier && given != kNoClassifier && !given.empty();
+        return is_path ? AbsolutePath(given) : given;
       })
       ->type_name("MODEL|default|none");
   AddMethodOptions(command, &flags->settings);
@@ -178,24 +162,71 @@ void AddPriceLimit(CLI::App& command, JobFlags* flags) {
       ->needs(price);
 }
 
-Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request) {
-  std::error_code error;
-  const std::filesystem::path path = std::filesystem::absolute(flags.scene, error).lexically_normal();
-  if (error) return absl::InvalidArgumentError(flags.scene + ": " + error.message());
-  request->set_scene_path(path.string());
+v1::CreateJobRequest MakeRequest(const JobFlags& flags) {
+  v1::CreateJobRequest request;
+  request.set_scene_path(AbsolutePath(flags.scene));
   JobSettings settings = flags.settings;
   settings.update.all_epochs = flags.epochs == "all";
   constexpr double kHour = 3600;
   if (flags.max_price > 0) settings.max_core_seconds = flags.max_price / flags.price_per_core_hour * kHour;
-  ToProto(settings, request->mutable_settings());
-  return absl::OkStatus();
+  ToProto(settings, request.mutable_settings());
+  return request;
 }
 
-std::string NewRequestId() {
-  std::random_device random;
-  char text[40];
-  std::snprintf(text, sizeof(text), "%08x%08x%08x%08x", random(), random(), random(), random());
+Status CheckSceneExists(const v1::CreateJobRequest& request) {
+  if (FileExists(request.scene_path())) return absl::OkStatus();
+  return absl::InvalidArgumentError(request.scene_path() + ": no such folder, expected a folder with scene.json");
+}
+
+StatusOr<std::string> ProtoJson(const google::protobuf::Message& message, bool indented) {
+  google::protobuf::util::JsonPrintOptions options;
+  options.preserve_proto_field_names = true;
+  options.always_print_primitive_fields = true;
+  options.add_whitespace = indented;
+  std::string text;
+  const auto status = google::protobuf::util::MessageToJsonString(message, &text, options);
+  if (!status.ok()) return absl::InternalError(status.ToString());
   return text;
+}
+
+Status WriteOutput(const std::string& path, const std::string& content) {
+  const Status written = WriteFileAtomic(path, content);
+  return written.ok() ? written : absl::InternalError(written.message());
+}
+
+void SetAction(CLI::App* command, int* exit_code, std::function<StatusOr<int>()> run) {
+  command->callback([command, exit_code, run = std::move(run)] {
+    const StatusOr<int> code = run();
+    *exit_code = code.ok() ? *code : ReportError(command->get_name(), code.status());
+  });
+}
+
+Status WithLocalCluster(const LocalClusterOptions& options,
+                        const std::function<Status(LocalCluster&, Connection&)>& use) {
+  const SystemClock clock;
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, InterruptibleSleep(1)));
+  Status status;
+  {
+    const auto connection = Connection::Open(cluster->address());
+    status = connection.ok() ? use(*cluster, **connection) : connection.status();
+  }
+  cluster->Stop(LocalCluster::kStopSeconds, InterruptibleSleep(2));
+  return status;
+}
+
+StatusOr<int> WatchJob(Connection& connection, const std::string& name,
+                       const std::function<void(const v1::WatchJobResponse&)>& show) {
+  v1::Job job;
+  TESSERA_RETURN_IF_ERROR(connection.WatchJob(name, [&](const v1::WatchJobResponse& update) {
+    job = update.job();
+    show(update);
+  }));
+  return ExitCodeOfJob(job, job.state() == v1::JOB_STATE_FAILED && connection.FailedForInput(name));
+}
+
+StatusOr<int> WatchJobWithProgress(Connection& connection, const std::string& job) {
+  ProgressDisplay display(stderr);
+  return WatchJob(connection, job, [&](const v1::WatchJobResponse& update) { display.Show(update); });
 }
 
 int ReportError(const std::string& command, const Status& status) {

@@ -1,7 +1,8 @@
-// Options, requests and error reports that the job commands share.
+// Options, requests, actions and error reports that commands share.
 #pragma once
 
 #include <cstdio>
+#include <functional>
 #include <string>
 
 #include "common/base/printable.h"
@@ -14,12 +15,21 @@ class App;
 class Option;
 }  // namespace CLI
 
+namespace google::protobuf {
+class Message;
+}
+
 namespace tessera {
 
 namespace v1 {
 class CreateJobRequest;
 class Job;
+class WatchJobResponse;
 }  // namespace v1
+
+class Connection;
+class LocalCluster;
+struct LocalClusterOptions;
 
 // Adds --coordinator, --tls-ca, --tls-cert, --tls-key and --token-file. Each falls back to its environment variable
 // (TESSERA_COORDINATOR, ...). Without either, the address is the socket of the user's own coordinator.
@@ -45,11 +55,30 @@ void AddUpdateOptions(CLI::App& command, const std::string& base_values, JobFlag
 // Adds --max-price and --price-per-core-hour.
 void AddPriceLimit(CLI::App& command, JobFlags* flags);
 
-// The request for these flags; its scene is an absolute path. INVALID_ARGUMENT if the path cannot be made absolute.
-Status MakeRequest(const JobFlags& flags, v1::CreateJobRequest* request);
+// The request for these flags; its scene is an absolute path.
+v1::CreateJobRequest MakeRequest(const JobFlags& flags);
+// INVALID_ARGUMENT if the request's scene does not exist on this machine.
+Status CheckSceneExists(const v1::CreateJobRequest& request);
 
-// A random request_id. It lets the client repeat a submission whose answer was lost.
-std::string NewRequestId();
+// The message as JSON with all its fields.
+StatusOr<std::string> ProtoJson(const google::protobuf::Message& message, bool indented);
+
+// Replaces the file atomically. The error is INTERNAL, because it is none of the input.
+Status WriteOutput(const std::string& path, const std::string& content);
+
+// Makes `command` call `run` and store its exit code. An error of `run` is printed (ReportError).
+void SetAction(CLI::App* command, int* exit_code, std::function<StatusOr<int>()> run);
+
+// Starts a cluster on this machine, calls `use` with a connection to it, and stops it. The first interrupt aborts the
+// start, the second the orderly stop.
+Status WithLocalCluster(const LocalClusterOptions& options,
+                        const std::function<Status(LocalCluster&, Connection&)>& use);
+
+// Watches a job of a coordinator until it has ended, and returns its exit code. Calls `show` with each change.
+StatusOr<int> WatchJob(Connection& connection, const std::string& job,
+                       const std::function<void(const v1::WatchJobResponse&)>& show);
+// Shows progress on standard error.
+StatusOr<int> WatchJobWithProgress(Connection& connection, const std::string& job);
 
 // Prints "warning: ..." on standard error for each.
 template <class Warnings>

@@ -65,12 +65,6 @@ std::string TruthImagePath(const std::string& truth_folder, const SceneView& vie
   return (fs::path(truth_folder) / name.parent_path() / (name.stem().string() + "_label.png")).string();
 }
 
-std::vector<std::string> ClassNames(const SceneDescription& scene) {
-  std::vector<std::string> names;
-  for (const SceneClass& c : scene.classes) names.push_back(c.name);
-  return names;
-}
-
 // For each view, whether --except-views names it. INVALID_ARGUMENT if a name is no view of the scene.
 StatusOr<std::vector<bool>> LeftOut(const std::vector<std::string>& names, const SceneDescription& scene) {
   std::vector<bool> left_out(scene.views.size());
@@ -160,8 +154,7 @@ Status EvaluateLikelihoods(const EvaluateArguments& arguments, const SceneDescri
   }
   std::cout << LikelihoodTable(named, ClassNames(scene)) << std::flush;
   if (arguments.json.empty()) return absl::OkStatus();
-  const Status written = WriteFileAtomic(arguments.json, LikelihoodJson(named, ClassNames(scene)));
-  return written.ok() ? written : absl::InternalError(written.message());
+  return WriteOutput(arguments.json, LikelihoodJson(named, ClassNames(scene)));
 }
 
 Status Evaluate(EvaluateArguments arguments) {
@@ -218,9 +211,7 @@ Status Evaluate(EvaluateArguments arguments) {
   evaluations.push_back({"result", std::move(evaluation)});
   std::cout << EvaluationTable(evaluations, ClassNames(scene), options) << std::flush;
   if (arguments.json.empty()) return absl::OkStatus();
-  const Status written = WriteFileAtomic(arguments.json, EvaluationJson(evaluations, ClassNames(scene), options));
-  // A write error is no error of the input.
-  return written.ok() ? written : absl::InternalError(written.message());
+  return WriteOutput(arguments.json, EvaluationJson(evaluations, ClassNames(scene), options));
 }
 
 }  // namespace
@@ -283,10 +274,8 @@ void AddEvaluateCommand(CLI::App& app, int* exit_code) {
   command->callback([arguments, exit_code] {
     const Status status = Evaluate(*arguments);
     if (status.ok()) return;
-    std::cerr << "tessera evaluate: " << PrintableLines(std::string(status.message())) << "\n";
-    const bool input =
-        absl::IsInvalidArgument(status) || absl::IsNotFound(status) || absl::IsFailedPrecondition(status);
-    *exit_code = input ? kExitBadInput : kExitFailed;
+    const int code = ReportError("evaluate", status);
+    *exit_code = absl::IsFailedPrecondition(status) ? kExitBadInput : code;
   });
 }
 

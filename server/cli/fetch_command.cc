@@ -2,10 +2,10 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
-#include <filesystem>
 #include <memory>
 #include <vector>
 
+#include "common/base/clock.h"
 #include "common/storage/files.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
@@ -43,44 +43,31 @@ StatusOr<std::vector<TileFileChange>> RemoveUnchanged(const v1::Job& base, v1::J
   return changes;
 }
 
-int FetchResults(Connection& connection, const FetchFlags& flags) {
+StatusOr<int> FetchResults(Connection& connection, const FetchFlags& flags) {
   v1::Job job, base;
-  if (const Status status = connection.GetJob(FullJobName(flags.job), &job); !status.ok()) {
-    return ReportError("fetch", status);
-  }
+  TESSERA_RETURN_IF_ERROR(connection.GetJob(FullJobName(flags.job), &job));
   if (!HasEnded(job.state())) {
-    std::fprintf(stderr, "tessera fetch: %s is %s and has no result yet; wait for it with: tessera watch %s\n",
-                 job.name().c_str(), JobStateName(job.state()).c_str(), job.name().c_str());
-    return kExitFailed;
+    return absl::FailedPreconditionError(job.name() + " is " + JobStateName(job.state()) +
+                                         " and has no result yet; wait for it with: tessera watch " + job.name());
   }
   if (job.artifacts_size() == 0) {
-    std::fprintf(stderr, "tessera fetch: %s is %s and has no result\n", job.name().c_str(),
-                 JobStateName(job.state()).c_str());
-    return kExitFailed;
+    return absl::FailedPreconditionError(job.name() + " is " + JobStateName(job.state()) + " and has no result");
   }
   std::vector<TileFileChange> changes;
   if (!flags.changed_since.empty()) {
-    if (const Status status = connection.GetJob(FullJobName(flags.changed_since), &base); !status.ok()) {
-      return ReportError("fetch", status);
-    }
-    auto found = RemoveUnchanged(base, &job);
-    if (!found.ok()) return ReportError("fetch", found.status());
-    changes = *std::move(found);
+    TESSERA_RETURN_IF_ERROR(connection.GetJob(FullJobName(flags.changed_since), &base));
+    TESSERA_ASSIGN_OR_RETURN(changes, RemoveUnchanged(base, &job));
   }
-  const std::string out = std::filesystem::absolute(flags.out).lexically_normal().string();
-  if (const Status status = EnsureFolder(out); !status.ok()) return ReportError("fetch", status);
+  const std::string out = AbsolutePath(flags.out);
+  TESSERA_RETURN_IF_ERROR(EnsureFolder(out));
   const std::string changes_path = out + "/changed.json";
-  if (!flags.changed_since.empty()) {
-    // Remove the file of an earlier fetch: changed.json is present only when all files that it lists are.
-    if (const Status status = RemoveTree(changes_path); !status.ok()) return ReportError("fetch", status);
-  }
-  const auto written = FetchArtifacts(connection, job, out, out + "/.fetch", {});
-  if (!written.ok()) return ReportError("fetch", written.status());
-  for (const std::string& path : *written) std::printf("%s\n", path.c_str());
+  // Remove the file of an earlier fetch: changed.json is present only when all files that it lists are.
+  if (!flags.changed_since.empty()) TESSERA_RETURN_IF_ERROR(RemoveTree(changes_path));
+  TESSERA_ASSIGN_OR_RETURN(const std::vector<std::string> written,
+                           FetchArtifacts(connection, job, out, out + "/.fetch", {}));
+  for (const std::string& path : written) std::printf("%s\n", path.c_str());
   if (flags.changed_since.empty()) return kExitOk;
-  if (const Status status = WriteFileAtomic(changes_path, ChangesJson(base, job, changes)); !status.ok()) {
-    return ReportError("fetch", status);
-  }
+  TESSERA_RETURN_IF_ERROR(WriteFileAtomic(changes_path, ChangesJson(base, job, changes)));
   const auto changed =
       std::count_if(changes.begin(), changes.end(), [](const auto& change) { return change.changed(); });
   std::printf("%s\n%td of %zu tile meshes changed since %s\n", changes_path.c_str(), changed, changes.size(),
@@ -88,15 +75,13 @@ int FetchResults(Connection& connection, const FetchFlags& flags) {
   return kExitOk;
 }
 
-int Fetch(const FetchFlags& flags) {
-  const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return ReportError("fetch", connection.status());
+StatusOr<int> Fetch(const FetchFlags& flags) {
+  TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
   if (!flags.timeline.empty()) {
-    const Status status = WriteTimeline(**connection, FullJobName(flags.job), SystemClock(), flags.timeline);
-    if (!status.ok()) return ReportError("fetch", status);
+    TESSERA_RETURN_IF_ERROR(WriteTimeline(*connection, FullJobName(flags.job), SystemClock(), flags.timeline));
     std::printf("%s\n", flags.timeline.c_str());
   }
-  return flags.out.empty() ? kExitOk : FetchResults(**connection, flags);
+  return flags.out.empty() ? kExitOk : FetchResults(*connection, flags);
 }
 
 }  // namespace
@@ -130,7 +115,7 @@ void AddFetchCommand(CLI::App& app, int* exit_code) {
     if (flags->out.empty() && flags->timeline.empty())
       throw CLI::ValidationError("found neither --out nor --timeline, expected at least one of them");
   });
-  command->callback([flags, exit_code] { *exit_code = Fetch(*flags); });
+  SetAction(command, exit_code, [flags] { return Fetch(*flags); });
 }
 
 }  // namespace tessera

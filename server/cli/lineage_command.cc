@@ -2,12 +2,9 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
-#include <chrono>
 #include <cstdio>
 #include <memory>
-#include <thread>
 
-#include "common/base/clock.h"
 #include "common/base/printable.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
@@ -87,18 +84,12 @@ StatusOr<Lineage> ReadLineage(Connection& connection, const std::string& job, in
 StatusOr<Lineage> LineageOfRun(const LineageFlags& flags) {
   TESSERA_ASSIGN_OR_RETURN(const RunResult result, ResolveBaseJob(flags.job, ""));
   TESSERA_ASSIGN_OR_RETURN(const TempFolder state, TempFolder::Create("", "tessera-lineage-"));
-  const SystemClock clock;
-  LocalClusterOptions options;
-  options.state_dir = state.path();
-  options.data_dir = result.data_dir;
-  options.workers = 0;
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, SleepUnlessInterrupted));
-  StatusOr<Lineage> lineage = absl::UnknownError("");
-  {
-    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
-    lineage = ReadLineage(*connection, result.job, flags.tile);
-  }
-  cluster->Stop(LocalCluster::kStopSeconds, SleepUnlessInterrupted);
+  Lineage lineage;
+  const auto read = [&](LocalCluster&, Connection& connection) -> Status {
+    TESSERA_ASSIGN_OR_RETURN(lineage, ReadLineage(connection, result.job, flags.tile));
+    return absl::OkStatus();
+  };
+  TESSERA_RETURN_IF_ERROR(WithLocalCluster({state.path(), result.data_dir, /*workers=*/0}, read));
   return lineage;
 }
 
@@ -107,22 +98,21 @@ bool IsJobName(const std::string& given) {
          std::all_of(given.begin(), given.end(), [](unsigned char c) { return std::isdigit(c) != 0; });
 }
 
-Status PrintLineage(const LineageFlags& flags) {
+StatusOr<Lineage> FindLineage(const LineageFlags& flags) {
+  if (!IsJobName(flags.job)) return LineageOfRun(flags);
+  TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
+  return ReadLineage(*connection, FullJobName(flags.job), flags.tile);
+}
+
+StatusOr<int> PrintLineage(const LineageFlags& flags) {
   InstallInterruptCounter();
-  StatusOr<Lineage> lineage = absl::UnknownError("");
-  if (IsJobName(flags.job)) {
-    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
-    lineage = ReadLineage(*connection, FullJobName(flags.job), flags.tile);
-  } else {
-    lineage = LineageOfRun(flags);
-  }
-  TESSERA_RETURN_IF_ERROR(lineage.status());
-  StatusOr<std::string> text = flags.json        ? LineageJson(*lineage, flags.tile)
-                               : flags.tile >= 0 ? TileLineageText(*lineage, flags.tile, flags.images)
-                                                 : LineageTable(*lineage);
-  TESSERA_RETURN_IF_ERROR(text.status());
-  std::fputs(PrintableLines(*text).c_str(), stdout);
-  return absl::OkStatus();
+  TESSERA_ASSIGN_OR_RETURN(const Lineage lineage, FindLineage(flags));
+  TESSERA_ASSIGN_OR_RETURN(const std::string text, flags.json ? LineageJson(lineage, flags.tile)
+                                                   : flags.tile >= 0
+                                                       ? TileLineageText(lineage, flags.tile, flags.images)
+                                                       : LineageTable(lineage));
+  std::fputs(PrintableLines(text).c_str(), stdout);
+  return kExitOk;
 }
 
 }  // namespace
@@ -149,10 +139,7 @@ void AddLineageCommand(CLI::App& app, int* exit_code) {
                                 ->check(CLI::NonNegativeNumber);
   command->add_flag("--images", flags->images, "Also list the images that the tile was refined from")->needs(tile);
   command->add_flag("--json", flags->json, "Print JSON, with all image names");
-  command->callback([flags, exit_code] {
-    const Status status = PrintLineage(*flags);
-    *exit_code = status.ok() ? kExitOk : ReportError("lineage", status);
-  });
+  SetAction(command, exit_code, [flags] { return PrintLineage(*flags); });
 }
 
 }  // namespace tessera

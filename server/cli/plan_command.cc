@@ -1,19 +1,16 @@
 // `tessera plan`: predicts tiles, memory, time and price of a job.
 #include <CLI/CLI.hpp>
-#include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <optional>
-#include <thread>
 
-#include "common/base/clock.h"
 #include "common/base/machine_limits.h"
 #include "common/job/survey.h"
 #include "common/job/task_parameters.h"
 #include "common/storage/files.h"
 #include "common/storage/folder_blobs.h"
+#include "common/storage/temporary_name.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
 #include "server/client/artifacts.h"
@@ -49,33 +46,25 @@ StatusOr<std::string> FetchSurvey(Connection& connection, const v1::Task& ingest
   return absl::InternalError("the ingest task has no survey among its outputs");
 }
 
-// Submits the job, waits until its first task (the survey) has ended, and cancels the job. A later run with the same
-// state reuses that task.
-StatusOr<std::string> SurveyWithJob(Connection& connection, LocalCluster& cluster, const v1::CreateJobRequest& request,
-                                    const std::string& staging, ProgressDisplay& display) {
-  v1::Job job;
-  TESSERA_RETURN_IF_ERROR(connection.CreateJob(request, &job));
-  StatusOr<std::string> survey = absl::CancelledError("interrupted");
+// The error of a failed job.
+Status ErrorOf(Connection& connection, const v1::Job& job) {
+  const bool input = connection.FailedForInput(job.name());
+  return Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, job.error());
+}
+
+// Waits until the first task of the job (the survey) has ended.
+StatusOr<std::string> AwaitSurvey(Connection& connection, LocalCluster& cluster, const std::string& job,
+                                  const std::string& staging, ProgressDisplay& display) {
+  const Sleeper sleep = InterruptibleSleep(1);
   while (true) {
     v1::ListTasksResponse tasks;
-    if (Status status = connection.ListTasks(job.name(), &tasks); !status.ok()) {
-      survey = status;
-      break;
-    }
+    TESSERA_RETURN_IF_ERROR(connection.ListTasks(job, &tasks));
     if (tasks.tasks_size() > 0 && tasks.tasks(0).state() == v1::TASK_STATE_SUCCEEDED) {
-      survey = FetchSurvey(connection, tasks.tasks(0), staging);
-      break;
+      return FetchSurvey(connection, tasks.tasks(0), staging);
     }
     v1::WatchJobResponse update;
-    if (Status status = connection.GetJob(job.name(), update.mutable_job()); !status.ok()) {
-      survey = status;
-      break;
-    }
-    if (update.job().state() == v1::JOB_STATE_FAILED) {
-      const bool input = connection.FailedForInput(job.name());
-      survey = Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, update.job().error());
-      return survey;
-    }
+    TESSERA_RETURN_IF_ERROR(connection.GetJob(job, update.mutable_job()));
+    if (update.job().state() == v1::JOB_STATE_FAILED) return ErrorOf(connection, update.job());
     for (const v1::Task& task : tasks.tasks()) {
       if (task.state() == v1::TASK_STATE_LEASED) *update.add_running() = task;
     }
@@ -83,21 +72,16 @@ StatusOr<std::string> SurveyWithJob(Connection& connection, LocalCluster& cluste
     std::vector<std::string> notes;
     const Status alive = cluster.Supervise(&notes);
     for (const std::string& note : notes) display.Note(note);
-    if (!alive.ok()) return alive;
-    if (!SleepUnlessInterrupted(kPlanPollSeconds)) break;
+    TESSERA_RETURN_IF_ERROR(alive);
+    if (!sleep(kPlanPollSeconds)) return absl::CancelledError("interrupted");
   }
-  connection.CancelJob(job.name(), &job).IgnoreError();
-  return survey;
 }
 
+// Submits the job and cancels it after its first task. A later run with the same state reuses that task.
 StatusOr<std::string> ComputeSurvey(const PlanFlags& flags) {
-  v1::CreateJobRequest request;
-  TESSERA_RETURN_IF_ERROR(MakeRequest(flags.job, &request));
-  std::error_code error;
-  if (!std::filesystem::exists(request.scene_path(), error)) {
-    return absl::InvalidArgumentError(request.scene_path() + ": no such folder, expected a folder with scene.json");
-  }
-  request.set_request_id(NewRequestId());
+  v1::CreateJobRequest request = MakeRequest(flags.job);
+  TESSERA_RETURN_IF_ERROR(CheckSceneExists(request));
+  request.set_request_id(UniqueName());
   InstallInterruptCounter();
   std::optional<TempFolder> own_folder;
   std::string state;
@@ -105,25 +89,22 @@ StatusOr<std::string> ComputeSurvey(const PlanFlags& flags) {
     TESSERA_ASSIGN_OR_RETURN(own_folder, TempFolder::Create("", "tessera-plan-"));
     state = own_folder->path() + "/state";
   } else {
-    state = std::filesystem::absolute(flags.out).lexically_normal().string() + "/.tessera";
+    state = AbsolutePath(flags.out) + "/.tessera";
   }
-  const SystemClock clock;
-  LocalClusterOptions options;
-  options.state_dir = state;
-  options.data_dir = state + "/data";
-  options.workers = 1;
-  options.threads_per_worker = CoreLimit();
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, SleepUnlessInterrupted));
-  TESSERA_ASSIGN_OR_RETURN(auto connection, Connection::Open(cluster->address()));
-  ProgressDisplay display(stderr);
-  StatusOr<std::string> survey = SurveyWithJob(*connection, *cluster, request, state + "/fetch", display);
-  display.Finish();
-  connection.reset();
-  cluster->Stop(LocalCluster::kStopSeconds, [](double seconds) {
-    std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
-    return Interrupts() < 2;
+  std::string survey;
+  const LocalClusterOptions options = {state, state + "/data", /*workers=*/1, /*threads_per_worker=*/CoreLimit()};
+  const Status status = WithLocalCluster(options, [&](LocalCluster& cluster, Connection& connection) -> Status {
+    v1::Job job;
+    TESSERA_RETURN_IF_ERROR(connection.CreateJob(request, &job));
+    ProgressDisplay display(stderr);
+    auto found = AwaitSurvey(connection, cluster, job.name(), state + "/fetch", display);
+    display.Finish();
+    connection.CancelJob(job.name(), &job).IgnoreError();
+    TESSERA_ASSIGN_OR_RETURN(survey, std::move(found));
+    return absl::OkStatus();
   });
   RemoveTree(state + "/fetch").IgnoreError();
+  TESSERA_RETURN_IF_ERROR(status);
   return survey;
 }
 
@@ -152,14 +133,12 @@ StatusOr<std::string> FetchUpdatePlan(Connection& connection, const v1::CreateJo
   }
   PrintWarnings(job.warnings());
   if (job.state() == v1::JOB_STATE_SUCCEEDED) return FetchFile(connection, job, kUpdateFile);
-  const bool input = connection.FailedForInput(job.name());
-  return Status(input ? absl::StatusCode::kInvalidArgument : absl::StatusCode::kInternal, job.error());
+  return ErrorOf(connection, job);
 }
 
 StatusOr<std::string> ComputeUpdatePlan(const PlanFlags& flags) {
-  v1::CreateJobRequest request;
-  TESSERA_RETURN_IF_ERROR(MakeRequest(flags.job, &request));
-  request.set_request_id(NewRequestId());
+  v1::CreateJobRequest request = MakeRequest(flags.job);
+  request.set_request_id(UniqueName());
   v1::UpdateSettings& update = *request.mutable_settings()->mutable_update();
   update.set_plan_only(true);
   InstallInterruptCounter();
@@ -170,26 +149,16 @@ StatusOr<std::string> ComputeUpdatePlan(const PlanFlags& flags) {
   TESSERA_ASSIGN_OR_RETURN(const RunResult base, ResolveBaseJob(update.base(), flags.data));
   update.set_base(base.job);
   TESSERA_ASSIGN_OR_RETURN(const TempFolder state, TempFolder::Create("", "tessera-plan-"));
-  const SystemClock clock;
-  LocalClusterOptions options;
-  options.state_dir = state.path() + "/state";
-  options.data_dir = base.data_dir;
-  options.workers = 1;
-  options.threads_per_worker = CoreLimit();
-  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, SleepUnlessInterrupted));
-  StatusOr<std::string> plan = absl::UnknownError("");
-  {
-    TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(cluster->address()));
-    plan = FetchUpdatePlan(*connection, request);
-  }
-  cluster->Stop(LocalCluster::kStopSeconds, [](double seconds) {
-    std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
-    return Interrupts() < 2;
-  });
+  std::string plan;
+  const auto fetch = [&](LocalCluster&, Connection& connection) -> Status {
+    TESSERA_ASSIGN_OR_RETURN(plan, FetchUpdatePlan(connection, request));
+    return absl::OkStatus();
+  };
+  TESSERA_RETURN_IF_ERROR(WithLocalCluster({state.path() + "/state", base.data_dir, 1, CoreLimit()}, fetch));
   return plan;
 }
 
-Status PrintUpdatePlan(const PlanFlags& flags) {
+StatusOr<int> PrintUpdatePlan(const PlanFlags& flags) {
   TESSERA_ASSIGN_OR_RETURN(const std::string plan, ComputeUpdatePlan(flags));
   TESSERA_ASSIGN_OR_RETURN(const std::string table, UpdateTable(plan, flags.terms));
   if (!flags.map.empty()) {
@@ -198,10 +167,10 @@ Status PrintUpdatePlan(const PlanFlags& flags) {
   }
   if (!flags.json.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.json, plan));
   std::fputs(table.c_str(), stdout);
-  return absl::OkStatus();
+  return kExitOk;
 }
 
-Status Plan(const PlanFlags& flags) {
+StatusOr<int> Plan(const PlanFlags& flags) {
   if (!flags.job.settings.update.base.empty()) return PrintUpdatePlan(flags);
   StatusOr<std::string> survey_json = absl::NotFoundError("");
   if (!flags.survey.empty() && std::filesystem::exists(flags.survey)) {
@@ -217,7 +186,7 @@ Status Plan(const PlanFlags& flags) {
   if (!flags.json.empty()) TESSERA_RETURN_IF_ERROR(WriteFileAtomic(flags.json, PlanJson(quote, flags.terms)));
   PrintWarnings(survey.warnings);
   std::fputs(PlanTable(quote, flags.terms).c_str(), stdout);
-  return absl::OkStatus();
+  return kExitOk;
 }
 
 }  // namespace
@@ -262,10 +231,7 @@ void AddPlanCommand(CLI::App& app, int* exit_code) {
       ->check(CLI::NonNegativeNumber);
   command->add_option("--map", flags->map, "Draw tiles and cameras to this SVG file");
   command->add_option("--json", flags->json, "Also write the plan to this file, as JSON");
-  command->callback([flags, exit_code] {
-    const Status status = Plan(*flags);
-    *exit_code = status.ok() ? kExitOk : ReportError("plan", status);
-  });
+  SetAction(command, exit_code, [flags] { return Plan(*flags); });
 }
 
 }  // namespace tessera

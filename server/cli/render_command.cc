@@ -5,7 +5,6 @@
 #include <array>
 #include <cstdio>
 #include <filesystem>
-#include <iostream>
 #include <memory>
 #include <numbers>
 #include <optional>
@@ -23,6 +22,7 @@
 #include "common/render/framing.h"
 #include "common/render/renderer.h"
 #include "common/scene/scene.h"
+#include "server/cli/command_line.h"
 #include "server/cli/commands.h"
 
 namespace tessera {
@@ -198,7 +198,7 @@ SurfaceColor ColorFor(Mode mode, const TriangleMesh& mesh, const Reference& refe
   return UniformColor(Color(0.86f, 0.85f, 0.82f));
 }
 
-Status RenderPicture(const RenderArguments& arguments) {
+StatusOr<int> RenderPicture(const RenderArguments& arguments) {
   const ThreadLimit limit(arguments.threads);
   TESSERA_ASSIGN_OR_RETURN(const World world, LoadWorld(arguments.scene));
   TESSERA_ASSIGN_OR_RETURN(const TriangleMesh mesh, ReadMeshInWorld(arguments.mesh, world));
@@ -246,7 +246,8 @@ Status RenderPicture(const RenderArguments& arguments) {
     for (const SceneClass& c : world.classes) entries.emplace_back(c.name, c.color_rgb);
     DrawLegend(&picture, entries);
   }
-  return WritePng(arguments.out, picture);
+  TESSERA_RETURN_IF_ERROR(WritePng(arguments.out, picture));
+  return kExitOk;
 }
 
 }  // namespace
@@ -313,13 +314,10 @@ void AddRenderCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str();
   command->add_option("--threads", arguments->threads, "Number of threads; 0: one per core")
       ->check(CLI::NonNegativeNumber);
-  command->callback([arguments, exit_code] {
+  SetAction(command, exit_code, [arguments] {
     const auto name = std::find(kModeNames.begin(), kModeNames.end(), arguments->mode_name);
     arguments->mode = static_cast<Mode>(name - kModeNames.begin());
-    const Status status = RenderPicture(*arguments);
-    if (status.ok()) return;
-    std::cerr << "tessera render: " << PrintableLines(std::string(status.message())) << "\n";
-    *exit_code = absl::IsInvalidArgument(status) || absl::IsNotFound(status) ? kExitBadInput : kExitFailed;
+    return RenderPicture(*arguments);
   });
 }
 

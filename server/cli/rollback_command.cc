@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "common/storage/temporary_name.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
-#include "server/cli/watch_job.h"
 #include "server/client/connection.h"
 #include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
@@ -23,20 +23,18 @@ struct RollbackFlags {
   bool validate_only = false, watch = false;
 };
 
-int Rollback(const RollbackFlags& flags) {
+StatusOr<int> Rollback(const RollbackFlags& flags) {
   v1::CreateJobRequest request;
   v1::UpdateSettings& update = *request.mutable_settings()->mutable_update();
   update.set_base(FullJobName(flags.job));
   update.set_rollback_to(FullJobName(flags.to));
   update.mutable_rollback_tiles()->Add(flags.tiles.begin(), flags.tiles.end());
   request.set_display_name(flags.name);
-  request.set_request_id(flags.request_id.empty() ? NewRequestId() : flags.request_id);
+  request.set_request_id(flags.request_id.empty() ? UniqueName() : flags.request_id);
   request.set_validate_only(flags.validate_only);
-  const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return ReportError("rollback", connection.status());
+  TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
   v1::Job job;
-  if (const Status status = (*connection)->CreateJob(request, &job); !status.ok())
-    return ReportError("rollback", status);
+  TESSERA_RETURN_IF_ERROR(connection->CreateJob(request, &job));
   if (flags.validate_only) {
     std::printf("%s: %s can be restored, %d tiles\n", update.base().c_str(), update.rollback_to().c_str(),
                 job.settings().update().rollback_tiles_size());
@@ -44,7 +42,7 @@ int Rollback(const RollbackFlags& flags) {
   }
   std::printf("%s\n", job.name().c_str());
   std::fflush(stdout);
-  return flags.watch ? WatchJobWithProgress(**connection, job.name(), "rollback") : kExitOk;
+  return flags.watch ? WatchJobWithProgress(*connection, job.name()) : kExitOk;
 }
 
 }  // namespace
@@ -73,7 +71,7 @@ void AddRollbackCommand(CLI::App& app, int* exit_code) {
                       "Id of this submission: a repeated call with the same id returns the same job");
   command->add_flag("--validate-only", flags->validate_only, "Only check whether these tiles can be restored");
   command->add_flag("--watch", flags->watch, "Show progress until the job has ended");
-  command->callback([flags, exit_code] { *exit_code = Rollback(*flags); });
+  SetAction(command, exit_code, [flags] { return Rollback(*flags); });
 }
 
 }  // namespace tessera

@@ -1,17 +1,16 @@
 // `tessera run`: runs one job on this machine with its own coordinator and workers.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <optional>
-#include <thread>
 
 #include "common/base/clock.h"
 #include "common/base/machine_limits.h"
 #include "common/base/printable.h"
 #include "common/storage/files.h"
+#include "common/storage/temporary_name.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
 #include "server/client/base_job.h"
@@ -47,8 +46,7 @@ struct Folders {
   bool state_is_new = false;
 
   explicit Folders(const std::string& out_flag) {
-    out = std::filesystem::absolute(out_flag).lexically_normal().string();
-    while (out.size() > 1 && out.back() == '/') out.pop_back();
+    out = AbsolutePath(out_flag);
     state = out + "/.tessera";
     out_is_new = !std::filesystem::exists(out);
     state_is_new = !std::filesystem::exists(state);
@@ -107,22 +105,15 @@ int ReportOutcome(const RunOutcome& outcome, const Folders& folders, double seco
   return code;
 }
 
-int Run(const RunFlags& flags) {
-  v1::CreateJobRequest request;
-  if (const Status status = MakeRequest(flags.job, &request); !status.ok()) return ReportError("run", status);
-  std::error_code error;
-  if (!std::filesystem::exists(request.scene_path(), error)) {
-    return ReportError("run", absl::InvalidArgumentError(request.scene_path() +
-                                                         ": no such folder, expected a folder with scene.json"));
-  }
-  request.set_request_id(NewRequestId());
-  std::string data_dir;
-  if (!flags.data.empty()) data_dir = std::filesystem::absolute(flags.data).lexically_normal().string();
+StatusOr<int> Run(const RunFlags& flags) {
+  v1::CreateJobRequest request = MakeRequest(flags.job);
+  TESSERA_RETURN_IF_ERROR(CheckSceneExists(request));
+  request.set_request_id(UniqueName());
+  std::string data_dir = flags.data.empty() ? "" : AbsolutePath(flags.data);
   if (v1::UpdateSettings& update = *request.mutable_settings()->mutable_update(); !update.base().empty()) {
-    const auto base = ResolveBaseJob(update.base(), data_dir);
-    if (!base.ok()) return ReportError("run", base.status());
-    data_dir = base->data_dir;
-    update.set_base(base->job);
+    TESSERA_ASSIGN_OR_RETURN(const RunResult base, ResolveBaseJob(update.base(), data_dir));
+    data_dir = base.data_dir;
+    update.set_base(base.job);
   }
 
   InstallInterruptCounter();
@@ -137,21 +128,13 @@ int Run(const RunFlags& flags) {
   options.threads_per_worker = flags.threads_per_worker > 0 ? flags.threads_per_worker : cores;
   options.shared_storage = !flags.no_shared_storage;
   // The first interrupt aborts the start; the second aborts the orderly stop.
-  const auto until = [](int interrupts) {
-    return [interrupts](double seconds) {
-      std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
-      return Interrupts() < interrupts;
-    };
-  };
-  const auto cluster = LocalCluster::Start(options, clock, until(1));
-  if (!cluster.ok()) return ReportError("run", cluster.status());
-  auto connection = Connection::Open((*cluster)->address());
-  if (!connection.ok()) return ReportError("run", connection.status());
+  TESSERA_ASSIGN_OR_RETURN(const auto cluster, LocalCluster::Start(options, clock, InterruptibleSleep(1)));
+  TESSERA_ASSIGN_OR_RETURN(auto connection, Connection::Open(cluster->address()));
 
   ProgressDisplay display(stderr);
-  auto job = std::make_unique<LocalJob>(*std::move(connection), request, folders.out, folders.state + "/fetch",
-                                        flags.timeline);
-  const RunOutcome outcome = WaitForJob(**cluster, *job, display);
+  auto job =
+      std::make_unique<LocalJob>(std::move(connection), request, folders.out, folders.state + "/fetch", flags.timeline);
+  const RunOutcome outcome = WaitForJob(*cluster, *job, display);
   display.Finish();
   // Close the connection before the coordinator stops, which otherwise waits for it. If a call hangs, the coordinator's
   // end terminates it.
@@ -159,11 +142,10 @@ int Run(const RunFlags& flags) {
   while (Interrupts() < 2 && clock.MonotonicUs() < patience_us && !job->Wait(kRunPollSeconds).ended) {
   }
   if (job->Wait(0).ended) job.reset();
-  (*cluster)->Stop(LocalCluster::kStopSeconds, until(2));
+  cluster->Stop(LocalCluster::kStopSeconds, InterruptibleSleep(2));
   job.reset();
   if (outcome.state && outcome.state->job && outcome.state->job->state() == v1::JOB_STATE_SUCCEEDED) {
-    const Status status = WriteRunResult(folders.state, {options.data_dir, outcome.state->job->name()});
-    if (!status.ok()) return ReportError("run", status);
+    TESSERA_RETURN_IF_ERROR(WriteRunResult(folders.state, {options.data_dir, outcome.state->job->name()}));
   }
   return ReportOutcome(outcome, folders, static_cast<double>(clock.MonotonicUs() - start_us) / 1e6);
 }
@@ -203,7 +185,7 @@ void AddRunCommand(CLI::App& app, int* exit_code) {
       ->capture_default_str();
   command->add_flag("--no-shared-storage", flags->no_shared_storage,
                     "Transfer all data through the blob service, as workers on other machines do");
-  command->callback([flags, exit_code] { *exit_code = Run(*flags); });
+  SetAction(command, exit_code, [flags] { return Run(*flags); });
 }
 
 }  // namespace tessera

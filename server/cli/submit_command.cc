@@ -3,9 +3,9 @@
 #include <cstdio>
 #include <memory>
 
+#include "common/storage/temporary_name.h"
 #include "server/cli/command_line.h"
 #include "server/cli/commands.h"
-#include "server/cli/watch_job.h"
 #include "server/client/connection.h"
 #include "server/client/job_text.h"
 #include "tessera/v1/jobs.pb.h"
@@ -23,20 +23,18 @@ struct SubmitFlags {
   bool watch = false;
 };
 
-int Submit(const SubmitFlags& flags) {
-  v1::CreateJobRequest request;
-  if (const Status status = MakeRequest(flags.job, &request); !status.ok()) return ReportError("submit", status);
+StatusOr<int> Submit(const SubmitFlags& flags) {
+  v1::CreateJobRequest request = MakeRequest(flags.job);
   if (v1::UpdateSettings& update = *request.mutable_settings()->mutable_update(); !update.base().empty()) {
     update.set_base(FullJobName(update.base()));
   }
   request.set_display_name(flags.name);
   request.set_priority(flags.priority);
-  request.set_request_id(flags.request_id.empty() ? NewRequestId() : flags.request_id);
+  request.set_request_id(flags.request_id.empty() ? UniqueName() : flags.request_id);
   request.set_validate_only(flags.validate_only);
-  const auto connection = Connection::Open(flags.coordinator);
-  if (!connection.ok()) return ReportError("submit", connection.status());
+  TESSERA_ASSIGN_OR_RETURN(const auto connection, Connection::Open(flags.coordinator));
   v1::Job job;
-  if (const Status status = (*connection)->CreateJob(request, &job); !status.ok()) return ReportError("submit", status);
+  TESSERA_RETURN_IF_ERROR(connection->CreateJob(request, &job));
   PrintWarnings(job.warnings());
   if (flags.validate_only) {
     std::printf("%s: valid\n", request.scene_path().c_str());
@@ -44,7 +42,7 @@ int Submit(const SubmitFlags& flags) {
   }
   std::printf("%s\n", job.name().c_str());
   std::fflush(stdout);
-  return flags.watch ? WatchJobWithProgress(**connection, job.name(), "submit") : kExitOk;
+  return flags.watch ? WatchJobWithProgress(*connection, job.name()) : kExitOk;
 }
 
 constexpr char kBaseValues[] = "a job of the coordinator, such as jobs/3";
@@ -77,7 +75,7 @@ void AddSubmitCommand(CLI::App& app, int* exit_code) {
       "  job=$(tessera submit city --tiles 16 --coordinator city-server:7575)\n"
       "  tessera watch $job && tessera fetch $job --out result");
   AddOptions(*command, flags.get());
-  command->callback([flags, exit_code] { *exit_code = Submit(*flags); });
+  SetAction(command, exit_code, [flags] { return Submit(*flags); });
 }
 
 void AddUpdateCommand(CLI::App& app, int* exit_code) {
@@ -90,7 +88,7 @@ void AddUpdateCommand(CLI::App& app, int* exit_code) {
       "  tessera update flight-2027 --base jobs/1 --watch && tessera fetch jobs/2 --out city-2027");
   AddOptions(*command, flags.get());
   command->get_option("--base")->required();
-  command->callback([flags, exit_code] { *exit_code = Submit(*flags); });
+  SetAction(command, exit_code, [flags] { return Submit(*flags); });
 }
 
 }  // namespace tessera

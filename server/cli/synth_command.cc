@@ -1,14 +1,19 @@
 // `tessera synth`: makes a procedural city with exact truth.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstdio>
 #include <memory>
 #include <string>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "common/base/clock.h"
+#include "common/base/elapsed.h"
 #include "common/base/parallel.h"
-#include "common/base/printable.h"
+#include "common/synth/epoch_changes.h"
 #include "common/synth/synth.h"
+#include "server/cli/command_line.h"
 #include "server/cli/commands.h"
 #include "server/display/stage_line.h"
 
@@ -19,11 +24,11 @@ struct SynthArguments {
   std::string folder;
   std::string blocks;
   std::string image_size;
-  uint64_t seed = 1;
+  std::string part;
   double gsd_m = 0;
-  std::string change, part;
-  uint64_t change_seed = 1;
-  bool whole = false, new_mesh = false, unchanged = false;
+  SynthOptions city;
+  SecondEpochOptions later;
+  bool unchanged = false;
   bool toy = false, no_images = false, force = false, quiet = false;
   int threads = 0;
 };
@@ -34,57 +39,49 @@ bool ParsePair(const std::string& text, int* a, int* b) {
   return std::sscanf(text.c_str(), "%dx%d%c", a, b, &rest) == 2 && *a > 0 && *b > 0;
 }
 
-double Seconds(std::chrono::steady_clock::time_point since) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
-}
-
 // "A,B,C,D" as four numbers.
 bool ParseFour(const std::string& text, std::array<double, 4>* four) {
   char rest = 0;
   return std::sscanf(text.c_str(), "%lf,%lf,%lf,%lf%c", &(*four)[0], &(*four)[1], &(*four)[2], &(*four)[3], &rest) == 4;
 }
 
-void PrintReport(const SynthOptions& options, const SynthReport& r, double seconds) {
-  std::printf("blocks                          %d x %d, %.2f ha\n", options.columns, options.rows, r.area_m2 / 1e4);
-  std::printf("images                          %lld of %d x %d px\n", static_cast<long long>(r.images),
-              options.image_width_px, options.image_height_px);
-  std::printf("GSD                             %.3f m\n", r.gsd_m);
-  std::printf("sparse points                   %lld\n", static_cast<long long>(r.sparse_points));
-  std::printf("faces, truth                    %lld\n", static_cast<long long>(r.truth_faces));
-  std::printf("faces, start                    %lld\n", static_cast<long long>(r.start_faces));
-  std::printf("difficulty (the same for every city)\n");
-  std::printf("  voxel                         %.2f m = %.0f GSD\n", r.voxel_m, r.voxel_m / r.gsd_m);
-  std::printf("  start labels, average accuracy  %.3f by area (.82-.86)", r.start_accuracy_by_area);
-  if (r.images > 0) {
-    std::printf(", %.3f by pixels, displaced surfaces included\n", r.start_accuracy_by_pixels);
-    std::printf("  likelihoods, argmax accuracy    %.3f (.85-.90)\n", r.likelihood_accuracy);
-  } else {
-    std::printf("\n");
+void PrintRow(const std::string& name, const std::string& value) { absl::PrintF("%-32s%s\n", name, value); }
+
+void PrintReport(const SynthOptions& options, const SynthReport& r) {
+  PrintRow("blocks", absl::StrFormat("%d x %d, %.2f ha", options.columns, options.rows, r.area_m2 / 1e4));
+  PrintRow("images", absl::StrFormat("%d of %d x %d px", r.images, options.image_width_px, options.image_height_px));
+  PrintRow("GSD", absl::StrFormat("%.3f m", r.gsd_m));
+  PrintRow("sparse points", absl::StrCat(r.sparse_points));
+  PrintRow("faces, truth", absl::StrCat(r.truth_faces));
+  PrintRow("faces, start", absl::StrCat(r.start_faces));
+  absl::PrintF("difficulty (the same for every city)\n");
+  PrintRow("  voxel", absl::StrFormat("%.2f m = %.0f GSD", r.voxel_m, r.voxel_m / r.gsd_m));
+  absl::PrintF("  start labels, average accuracy  %.3f by area (.82-.86)", r.start_accuracy_by_area);
+  if (r.images == 0) {
+    absl::PrintF("\n");
+    return;
   }
-  std::printf("seconds                         %.1f\n", seconds);
+  absl::PrintF(", %.3f by pixels, displaced surfaces included\n", r.start_accuracy_by_pixels);
+  PrintRow("  likelihoods, argmax accuracy", absl::StrFormat("  %.3f (.85-.90)", r.likelihood_accuracy));
 }
 
-void PrintChanges(const SynthReport& r, double seconds) {
-  std::printf("images                          %lld\n", static_cast<long long>(r.images));
-  std::printf("GSD                             %.3f m\n", r.gsd_m);
-  std::printf("sparse points                   %lld\n", static_cast<long long>(r.sparse_points));
-  std::printf("faces, truth                    %lld\n", static_cast<long long>(r.truth_faces));
-  if (r.start_faces > 0) std::printf("faces, start                    %lld\n", static_cast<long long>(r.start_faces));
-  static constexpr const char* kKinds[] = {"built", "demolished", "grown", "felled", "label"};
-  std::printf("changes\n");
+void PrintChanges(const SynthReport& r) {
+  PrintRow("images", absl::StrCat(r.images));
+  PrintRow("GSD", absl::StrFormat("%.3f m", r.gsd_m));
+  PrintRow("sparse points", absl::StrCat(r.sparse_points));
+  PrintRow("faces, truth", absl::StrCat(r.truth_faces));
+  if (r.start_faces > 0) PrintRow("faces, start", absl::StrCat(r.start_faces));
+  absl::PrintF("changes\n");
   for (size_t k = 0; k < r.changes.size(); ++k) {
-    std::printf("  %-30s%lld\n", kKinds[k], static_cast<long long>(r.changes[k]));
+    PrintRow(absl::StrCat("  ", ChangeName(static_cast<ChangeKind>(k))), absl::StrCat(r.changes[k]));
   }
-  std::printf("likelihoods, argmax accuracy    %.3f (.85-.90)\n", r.likelihood_accuracy);
-  std::printf("seconds                         %.1f\n", seconds);
+  PrintRow("likelihoods, argmax accuracy", absl::StrFormat("%.3f (.85-.90)", r.likelihood_accuracy));
 }
 
 int RunSynth(const SynthArguments& arguments) {
-  SynthOptions options;
-  options.seed = arguments.seed;
+  SynthOptions options = arguments.city;
   options.with_images = !arguments.no_images;
   options.overwrite = arguments.force;
-  std::string blocks = arguments.blocks, size = arguments.image_size;
   if (arguments.toy) {
     options.columns = options.rows = 1;
     options.gsd_m = 0.3;
@@ -92,29 +89,27 @@ int RunSynth(const SynthArguments& arguments) {
     options.image_height_px = 240;
   }
   if (arguments.gsd_m > 0) options.gsd_m = arguments.gsd_m;
-  if (!blocks.empty() && !ParsePair(blocks, &options.columns, &options.rows)) {
-    std::fprintf(stderr, "--blocks: found '%s', expected COLUMNSxROWS as in 2x2\n", blocks.c_str());
+  const auto fault = [](const char* name, const std::string& found, const char* expected) {
+    std::fprintf(stderr, "%s: found '%s', expected %s\n", name, found.c_str(), expected);
     return kExitUsage;
+  };
+  const std::string &blocks = arguments.blocks, &size = arguments.image_size;
+  if (!blocks.empty() && !ParsePair(blocks, &options.columns, &options.rows)) {
+    return fault("--blocks", blocks, "COLUMNSxROWS as in 2x2");
   }
   if (!size.empty() && !ParsePair(size, &options.image_width_px, &options.image_height_px)) {
-    std::fprintf(stderr, "--image-size: found '%s', expected WIDTHxHEIGHT as in 1000x750\n", size.c_str());
-    return kExitUsage;
+    return fault("--image-size", size, "WIDTHxHEIGHT as in 1000x750");
   }
-  SecondEpochOptions later;
-  later.base_folder = arguments.change;
-  later.seed = arguments.change_seed;
+  SecondEpochOptions later = arguments.later;
   later.changes = !arguments.unchanged;
-  later.whole = arguments.whole;
-  later.new_mesh = arguments.new_mesh;
   later.overwrite = arguments.force;
   if (!arguments.part.empty() && !ParseFour(arguments.part, &later.part)) {
-    std::fprintf(stderr, "--part: found '%s', expected X0,Y0,X1,Y1 as in 0.3,0.3,0.7,0.7\n", arguments.part.c_str());
-    return kExitUsage;
+    return fault("--part", arguments.part, "X0,Y0,X1,Y1 as in 0.3,0.3,0.7,0.7");
   }
-  const bool is_later = !arguments.change.empty();
-  std::unique_ptr<ThreadLimit> limit;
-  if (arguments.threads > 0) limit = std::make_unique<ThreadLimit>(arguments.threads);
-  const auto start = std::chrono::steady_clock::now();
+  const bool is_later = !later.base_folder.empty();
+  const ThreadLimit limit(std::max(0, arguments.threads));
+  const SystemClock clock;
+  const int64_t start_us = clock.MonotonicUs();
   StatusOr<SynthReport> report = absl::InternalError("not run");
   {
     StageLine line(!arguments.quiet);
@@ -124,15 +119,16 @@ int RunSynth(const SynthArguments& arguments) {
                       : SynthesizeCity(options, arguments.folder, control);
   }
   if (!report.ok()) {
-    std::fprintf(stderr, "tessera synth: %s\n", PrintableLines(std::string(report.status().message())).c_str());
-    return report.status().code() == absl::StatusCode::kInvalidArgument ? kExitUsage : kExitFailed;
+    ReportError("synth", report.status());
+    return absl::IsInvalidArgument(report.status()) ? kExitUsage : kExitFailed;
   }
   if (arguments.quiet) return kExitOk;
   if (is_later) {
-    PrintChanges(*report, Seconds(start));
+    PrintChanges(*report);
   } else {
-    PrintReport(options, *report, Seconds(start));
+    PrintReport(options, *report);
   }
+  PrintRow("seconds", absl::StrFormat("%.1f", SecondsSince(clock, start_us)));
   return kExitOk;
 }
 
@@ -143,25 +139,25 @@ void AddSynthCommand(CLI::App& app, int* exit_code) {
   auto arguments = std::make_shared<SynthArguments>();
   command->add_option("CITY", arguments->folder, "Folder to write the scene into")->required();
   CLI::App* epoch = command->add_option_group("Later epoch", "Make a later epoch of an existing city");
-  CLI::Option* change = epoch->add_option("--change", arguments->change,
+  CLI::Option* change = epoch->add_option("--change", arguments->later.base_folder,
                                           "Base city: make it one year later, with changed objects and new images");
   epoch
       ->add_option("--part", arguments->part,
                    "Covered rectangle X0,Y0,X1,Y1 as fractions of the extent (default 0.3,0.3,0.7,0.7)")
       ->needs(change);
-  epoch->add_option("--change-seed", arguments->change_seed, "Seed of the changes (default 1)")->needs(change);
+  epoch->add_option("--change-seed", arguments->later.seed, "Seed of the changes (default 1)")->needs(change);
   epoch
       ->add_flag("--unchanged", arguments->unchanged,
                  "Make new images without changes; --change-seed then varies the flight")
       ->needs(change);
-  epoch->add_flag("--whole", arguments->whole, "Include the base city's images and start mesh")->needs(change);
+  epoch->add_flag("--whole", arguments->later.whole, "Include the base city's images and start mesh")->needs(change);
   epoch
-      ->add_flag("--new-mesh", arguments->new_mesh,
+      ->add_flag("--new-mesh", arguments->later.new_mesh,
                  "Include the base city's images and a start mesh of the changed city")
       ->needs(change);
   command->add_option("--blocks", arguments->blocks, "Number of blocks of 44 m, COLUMNSxROWS (default 2x2)")
       ->excludes(change);
-  command->add_option("--seed", arguments->seed, "Random seed; the same seed gives the same bytes")
+  command->add_option("--seed", arguments->city.seed, "Random seed; the same seed gives the same bytes")
       ->capture_default_str()
       ->excludes(change);
   command->add_option("--gsd", arguments->gsd_m, "Ground sampling distance in metres (default 0.12)")->excludes(change);

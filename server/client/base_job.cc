@@ -1,7 +1,5 @@
 #include "server/client/base_job.h"
 
-#include <filesystem>
-
 #include "common/storage/files.h"
 
 namespace tessera {
@@ -21,14 +19,14 @@ StatusOr<RunResult> ResolveBaseJob(const std::string& base, const std::string& d
     return InputError("--base", "", "'" + base + "'",
                       "the folder with an earlier run's results, or --data with the state folder of this job");
   }
-  const std::string folder = std::filesystem::absolute(base).lexically_normal().string();
+  const std::string folder = AbsolutePath(base);
   const StatusOr<std::string> text = ReadFile(folder + "/.tessera" + kResultFile, 1 << 16);
   const size_t end = text.ok() ? text->find('\n') : std::string::npos;
   if (end == std::string::npos) {
     return InputError(folder, "", "no result of a run with its state (.tessera)",
                       "a folder that `tessera run --out` wrote, or a job name such as jobs/1");
   }
-  RunResult result = {text->substr(0, end), text->substr(end + 1)};
+  RunResult result = {AbsolutePath(text->substr(0, end)), text->substr(end + 1)};
   while (!result.job.empty() && result.job.back() == '\n') result.job.pop_back();
   if (!data_dir.empty() && data_dir != result.data_dir) {
     return InputError(folder, "", "a result whose state folder is " + result.data_dir,

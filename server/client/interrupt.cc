@@ -26,9 +26,11 @@ void InstallInterruptCounter() {
 
 int Interrupts() { return interrupts; }
 
-bool SleepUnlessInterrupted(double seconds) {
-  std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
-  return Interrupts() == 0;
+Sleeper InterruptibleSleep(int signals) {
+  return [signals](double seconds) {
+    std::this_thread::sleep_for(std::chrono::duration<double>(seconds));
+    return Interrupts() < signals;
+  };
 }
 
 }  // namespace tessera

@@ -1,6 +1,8 @@
 // Counts interrupts (Ctrl-C) so that commands can stop in order.
 #pragma once
 
+#include "common/rpc/retry.h"
+
 namespace tessera {
 
 // From this call on, SIGINT, SIGTERM and SIGHUP are counted and do not end the process.
@@ -9,7 +11,7 @@ void InstallInterruptCounter();
 // Number of signals so far. May be called from any thread.
 int Interrupts();
 
-// Sleeps; returns whether no signal has come.
-bool SleepUnlessInterrupted(double seconds);
+// A sleeper that is cancelled from the given number of signals on.
+Sleeper InterruptibleSleep(int signals);
 
 }  // namespace tessera

@@ -70,7 +70,7 @@ StatusOr<BlobsService::Source> BlobsService::Locate(const Caller& caller, const 
     const auto found =
         file.ok() ? DigestOfFile(*file, *environment_.digests, *environment_.clock) : StatusOr<Digest>(file.status());
     if (found.ok() && *found == digest) {
-      const auto held = std::make_shared<HeldFile>(*std::move(file));
+      const auto held = std::make_shared<AllowedFile>(*std::move(file));
       return Source{held->real_path(),
                     [held](int64_t offset_bytes, int64_t size_bytes) { return held->Read(offset_bytes, size_bytes); }};
     }

@@ -8,7 +8,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <string>
@@ -69,8 +68,6 @@ void RaiseOpenFileLimit() {
   ::setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-std::string DataFolder(const Flags& flags) { return std::filesystem::absolute(flags.data).lexically_normal().string(); }
-
 // Warns about addresses that accept calls without a token.
 void WarnOfOpenAddresses(const CoordinatorServer& server, const Access& access) {
   if (access.asks_for_tokens()) return;
@@ -98,7 +95,7 @@ void AwaitIdle(const CoordinatorServer& server, double seconds, const sigset_t& 
 Status Serve(const Flags& flags, const sigset_t& stop_signals) {
   if (flags.data.empty())
     return absl::InvalidArgumentError("found neither --data nor a home folder, expected --data FOLDER");
-  const std::string data = DataFolder(flags);
+  const std::string data = AbsolutePath(flags.data);
   ListenOptions listen = flags.listen;
   if (listen.addresses.empty()) listen.addresses = {"unix:" + data + "/socket"};
   TESSERA_RETURN_IF_ERROR(CheckListenOptions(listen, !flags.token_file.empty()));
@@ -319,7 +316,7 @@ int Main(int argc, char** argv) {
   }
   Status status;
   if (!flags.backup.empty() || flags.verify_state || flags.salvage) {
-    const std::string data = DataFolder(flags);
+    const std::string data = AbsolutePath(flags.data);
     if (!flags.backup.empty()) status = BackUpData(data, flags.backup);
     if (status.ok() && flags.salvage) status = SalvageData(data);
     if (status.ok() && flags.verify_state) status = VerifyData(data, flags.deep);

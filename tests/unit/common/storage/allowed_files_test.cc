@@ -175,7 +175,7 @@ TEST_F(AllowedFilesTest, OwnedByAllowsOnlyFilesOfTheUser) {
 
 // An open file keeps its content when its path is replaced.
 TEST_F(AllowedFilesTest, SwappedLinkDoesNotExposeOutsideFiles) {
-  const HeldFile held = *allowed_.Open(Path("root/scene/image"));
+  const AllowedFile held = *allowed_.Open(Path("root/scene/image"));
   fs::remove(Path("root/scene/image"));
   Link("root/scene/image", Path("secret/key"));
   EXPECT_EQ(*held.Read(0, 100), "an image");

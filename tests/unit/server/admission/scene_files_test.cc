@@ -15,11 +15,11 @@ using testing::HasSubstr;
 class SceneFilesTest : public AdmissionFixture {
  protected:
   SceneFilesTest() { clock_.SetBy(static_cast<double>(SystemClock().UnixTimeUs() - clock_.UnixTimeUs()) / 1e6); }
-  HeldFile Hold(const std::string& name) { return *AllowedFiles::All().Open(scene_ + "/" + name); }
+  AllowedFile Hold(const std::string& name) { return *AllowedFiles::All().Open(scene_ + "/" + name); }
 };
 
 TEST_F(SceneFilesTest, DigestsOfRecentlyChangedFilesAreNotCached) {
-  const HeldFile file = Hold("image");
+  const AllowedFile file = Hold("image");
   ASSERT_TRUE(DigestOfFile(file, *cache_, clock_).ok());
   EXPECT_FALSE(cache_->Find(file.real_path(), *file.Stamp()).has_value()) << "the file changed too recently";
   clock_.Advance(3600);
